@@ -1,6 +1,7 @@
-"""How kernels are compiled: `njit` of numba, with what all kernels want."""
+"""How kernels are compiled: `njit` of numba with what all kernels want, and `inlined` for parts of kernels."""
 
-from functools import partial
+from collections.abc import Callable
+from functools import partial, update_wrapper
 from typing import Any
 
 import numba
@@ -8,3 +9,37 @@ import numba
 # Kept in files. Without numba's wrapper for callers in C, which took a seventh of the time of compiling: no kernel has
 # such a caller; late_call.py makes C functions of its own.
 njit: Any = partial(numba.njit, cache=True, no_cfunc_wrapper=True)
+
+
+class Inlined:
+    """A compiled function that is inlined into each kernel that calls it, and that Python cannot call.
+
+    numba's wrapper for callers in Python would hold the function once more. Without, all kernels are compiled in seven
+    eighths of the time. numba takes this object for the compiled function.
+
+    dispatcher: what `numba.njit` made of the function. py_func: the function.
+    """
+
+    def __init__(self, dispatcher: Any) -> None:
+        update_wrapper(self, dispatcher.py_func)
+        self.dispatcher, self.py_func = dispatcher, dispatcher.py_func
+        self._numba_type_ = dispatcher._numba_type_
+
+    def __call__(self, *arguments: Any, **named: Any) -> Any:
+        """Raise TypeError: there is no code that Python could call."""
+        raise TypeError(
+            f"{self.py_func.__module__}.{self.py_func.__qualname__} is a part of kernels and has no code for Python; "
+            "call it in a compiled function, or compile it with njit(forceinline=True)"
+        )
+
+
+def inlined(function: Callable[..., Any] | None = None, /, **options: Any) -> Any:
+    """Compile a function as a part of the kernels that call it. As a decorator, with options of `numba.njit` or none.
+
+    With NUMBA_DISABLE_JIT it stays the function that it is.
+    """
+    if function is None:
+        return partial(inlined, **options)
+    if numba.config.DISABLE_JIT:  # type: ignore[attr-defined]
+        return function
+    return Inlined(njit(forceinline=True, no_cpython_wrapper=True, **options)(function))

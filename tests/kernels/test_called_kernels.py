@@ -15,6 +15,7 @@ import pytest
 from numba.core.dispatcher import Dispatcher
 
 import fieldmap.kernels
+from fieldmap.kernels.compilation import Inlined, inlined
 
 pytestmark = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="nothing is compiled")
 REORDERED = {"fast", "reassoc"}
@@ -27,10 +28,15 @@ def kernels_of(package):
     """Names and compiled functions of all modules of a package, those that functions of them made left aside."""
     found = {}
     for info in pkgutil.walk_packages(package.__path__, package.__name__ + "."):
-        for value in vars(importlib.import_module(info.name)).values():
-            if isinstance(value, Dispatcher):
-                found[f"{value.py_func.__module__}.{value.py_func.__qualname__}"] = value
+        for value in compiled(vars(importlib.import_module(info.name)).values()):
+            found[f"{value.py_func.__module__}.{value.py_func.__qualname__}"] = value
     return found
+
+
+def compiled(values):
+    """Compiled functions among values."""
+    values = [value.dispatcher if isinstance(value, Inlined) else value for value in values]
+    return [value for value in values if isinstance(value, Dispatcher)]
 
 
 def called_by(kernel):
@@ -40,7 +46,7 @@ def called_by(kernel):
     values = [*names.globals.values(), *names.nonlocals.values()]
     modules = [value for value in values if isinstance(value, types.ModuleType)]
     values += [getattr(module, name) for module in modules for name in names.unbound if hasattr(module, name)]
-    return [value for value in values if isinstance(value, Dispatcher)]
+    return compiled(values)
 
 
 def is_inlined(kernel):
@@ -85,3 +91,26 @@ def test_one_that_does_not_is_found():
         return middle(values)
 
     assert wrongly_called({"outer": outer, "middle": middle}) == {"outer calls middle"}
+
+
+def test_an_inlined_function_is_a_part_of_kernels_alone():
+    """Python finds no code of it, and is told so: numba without its wrapper would call address 0."""
+
+    @inlined(error_model="numpy", cache=False)
+    def reciprocal(value):
+        """One over a value."""
+        return 1.0 / value
+
+    @numba.njit(error_model="numpy")
+    def twice(value):
+        return 2.0 * reciprocal(value)
+
+    assert twice(4.0) == 0.5
+    assert twice(0.0) == float("inf")
+    assert reciprocal.__doc__ == "One over a value."
+    (made,) = reciprocal.dispatcher.overloads.values()
+    code = made.library.get_llvm_str()
+    assert made.fndesc.llvm_func_name in code
+    assert made.fndesc.llvm_cpython_wrapper_name not in code
+    with pytest.raises(TypeError, match="reciprocal"):
+        reciprocal(4.0)

@@ -11,7 +11,7 @@ import math
 from fieldmap.kernels.coils.elementary import exp
 from fieldmap.kernels.coils.quadrature import even_points, graded_points, section_distance
 from fieldmap.kernels.coils.slice import arc_slice, arc_slice_gradient
-from fieldmap.kernels.compilation import njit
+from fieldmap.kernels.compilation import inlined, njit
 from fieldmap.kernels.gauss import GAUSS_NODES, GAUSS_WEIGHTS, gauss_start
 from fieldmap.typing import Array
 
@@ -115,7 +115,7 @@ def arc_azimuths(
     return graded_panel(azimuths, 0, low, high, kappa, cosine, sine, limits)
 
 
-@njit(error_model="numpy", fastmath={"reassoc"}, forceinline=True)
+@inlined(error_model="numpy", fastmath={"reassoc"})
 def arc_sum(
     azimuths: Array, n: int, px: float, py: float, r1: float, r2: float, h1: float, h2: float
 ) -> tuple[float, float, float]:
@@ -130,7 +130,7 @@ def arc_sum(
     return bx, by, bz
 
 
-@njit(error_model="numpy", fastmath={"reassoc"}, forceinline=True)
+@inlined(error_model="numpy", fastmath={"reassoc"})
 def arc_sum_gradient(
     azimuths: Array, n: int, px: float, py: float, r1: float, r2: float, h1: float, h2: float
 ) -> tuple[float, float, float, float, float, float, float, float, float]:

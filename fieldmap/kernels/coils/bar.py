@@ -11,7 +11,7 @@ import math
 from fieldmap.kernels.coils.elementary import log
 from fieldmap.kernels.coils.quadrature import even_points, section_distance
 from fieldmap.kernels.coils.slice import angle_difference, bar_slice, bar_slice_gradient, log_ratio
-from fieldmap.kernels.compilation import njit
+from fieldmap.kernels.compilation import inlined, njit
 from fieldmap.kernels.gauss import GAUSS_NODES, GAUSS_WEIGHTS, gauss_start
 from fieldmap.typing import Array
 
@@ -68,7 +68,7 @@ def bar_closed_form(
     return outward, axial, v_at_u2 - v_at_u1, u_at_v1 - u_at_v2, dz
 
 
-@njit(error_model="numpy", fastmath={"reassoc"}, forceinline=True)
+@inlined(error_model="numpy", fastmath={"reassoc"})
 def bar_integrals(
     v1: float, v2: float, X: float, r1: float, r2: float, h1: float, h2: float, limits: Array
 ) -> tuple[float, float]:
@@ -88,7 +88,7 @@ def bar_integrals(
     return outward, axial
 
 
-@njit(error_model="numpy", fastmath={"reassoc"}, forceinline=True)
+@inlined(error_model="numpy", fastmath={"reassoc"})
 def bar_integrals_gradient(
     v1: float, v2: float, X: float, r1: float, r2: float, h1: float, h2: float, limits: Array
 ) -> tuple[float, float, float, float, float]:

@@ -6,7 +6,7 @@ of the sixteen digits; filaments lose nothing. Names and frames as in `slice` an
 
 import math
 
-from fieldmap.kernels.compilation import njit
+from fieldmap.kernels.compilation import inlined, njit
 from fieldmap.kernels.gauss import GAUSS_NODES, GAUSS_WEIGHTS, MOST_POINTS, gauss_start
 from fieldmap.typing import Array
 
@@ -42,7 +42,7 @@ def filament_slice(X: float, v: float, r: float, h: float) -> tuple[float, float
     return h * inverse3, u * inverse3, steep * u, -steep * v, inverse3 - steep * h
 
 
-@njit(error_model="numpy", fastmath={"reassoc"}, forceinline=True)
+@inlined(error_model="numpy", fastmath={"reassoc"})
 def far_arc(
     azimuths: Array,
     n: int,
@@ -83,7 +83,7 @@ def far_arc(
     return bx, by, bz, g00, g01, g02, g10, g11, g12
 
 
-@njit(error_model="numpy", fastmath={"reassoc"}, forceinline=True)
+@inlined(error_model="numpy", fastmath={"reassoc"})
 def far_bar(
     n: int,
     v1: float,

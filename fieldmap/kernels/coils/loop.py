@@ -10,13 +10,13 @@ import numpy as np
 
 from fieldmap.kernels.coils.elliptic import complete_integrals
 from fieldmap.kernels.coils.meridian import BLOCK, set_field, set_gradient, to_meridian
-from fieldmap.kernels.compilation import njit
+from fieldmap.kernels.compilation import inlined, njit
 from fieldmap.kernels.constants import MU0_OVER_2PI
 from fieldmap.kernels.in_threads import over_rows
 from fieldmap.typing import Array
 
 
-@njit(error_model="numpy", forceinline=True)
+@inlined(error_model="numpy")
 def loop_meridian(a: float, rho: float, z: float) -> tuple[float, float]:
     """(B_rho / rho, B_z) of a loop of radius a at (rho, z), T/A and T/(m A)."""
     a2, rho2, z2 = a * a, rho * rho, z * z
@@ -32,7 +32,7 @@ def loop_meridian(a: float, rho: float, z: float) -> tuple[float, float]:
     return radial, axial
 
 
-@njit(error_model="numpy", forceinline=True)
+@inlined(error_model="numpy")
 def loop_meridian_gradient(a: float, rho: float, z: float) -> tuple[float, float, float, float]:
     """(B_rho / rho, B_z, dB_z/dz, dB_z/drho) of a loop of radius a at (rho, z)."""
     a2, rho2, z2 = a * a, rho * rho, z * z

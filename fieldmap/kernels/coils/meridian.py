@@ -2,13 +2,13 @@
 
 import math
 
-from fieldmap.kernels.compilation import njit
+from fieldmap.kernels.compilation import inlined, njit
 from fieldmap.typing import Array
 
 BLOCK = 64  # points whose meridian fields are evaluated in one vector loop
 
 
-@njit(error_model="numpy", forceinline=True)
+@inlined(error_model="numpy")
 def set_field(out: Array, x: float, y: float, radial: float, axial: float) -> None:
     """Write the field given by B_rho / rho and B_z to out (3,)."""
     out[0] = x * radial
@@ -16,7 +16,7 @@ def set_field(out: Array, x: float, y: float, radial: float, axial: float) -> No
     out[2] = axial
 
 
-@njit(error_model="numpy", forceinline=True)
+@inlined(error_model="numpy")
 def set_gradient(out: Array, x: float, y: float, radial: float, dz: float, drho: float, curl: float) -> None:
     """Write the gradient of an axisymmetric field to out (3, 3), eq. (2).
 

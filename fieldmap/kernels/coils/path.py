@@ -14,7 +14,7 @@ from fieldmap.kernels.coils.bar import bar_integrals, bar_integrals_gradient, ba
 from fieldmap.kernels.coils.filament import far_arc, far_bar, far_distance
 from fieldmap.kernels.coils.pieces import Arc, Bar
 from fieldmap.kernels.coils.quadrature import rule_limits
-from fieldmap.kernels.compilation import njit
+from fieldmap.kernels.compilation import inlined, njit
 from fieldmap.kernels.constants import MU0_OVER_4PI
 from fieldmap.kernels.in_threads import over_rows
 from fieldmap.typing import Array
@@ -33,7 +33,7 @@ def _bar(rows: Array, k: int) -> Bar:
     return Bar(rows[k, 0], rows[k, 1], rows[k, 2], rows[k, 3], rows[k, 4])
 
 
-@njit(error_model="numpy", forceinline=True)
+@inlined(error_model="numpy")
 def add_arc(
     B: Array,
     arc: Arc,
@@ -56,7 +56,7 @@ def add_arc(
     B[2] += arc.sense * bz
 
 
-@njit(error_model="numpy", forceinline=True)
+@inlined(error_model="numpy")
 def add_bar(
     B: Array, bar: Bar, half_thickness: float, x: float, y: float, h1: float, h2: float, limits: Array
 ) -> None:
@@ -88,7 +88,7 @@ def add_in_plane_gradient(
     G[1, 2] += y2
 
 
-@njit(error_model="numpy", forceinline=True)
+@inlined(error_model="numpy")
 def add_arc_gradient(
     B: Array,
     G: Array,
@@ -114,7 +114,7 @@ def add_arc_gradient(
     add_in_plane_gradient(G, mx, my, s * r[3], s * r[4], s * r[5], s * r[6], s * r[7], s * r[8])
 
 
-@njit(error_model="numpy", forceinline=True)
+@inlined(error_model="numpy")
 def add_bar_gradient(
     B: Array,
     G: Array,
@@ -179,7 +179,7 @@ def extent(arcs: Array, bars: Array, thickness: float, height: float) -> tuple[f
     return 0.5 * (low_x + high_x), 0.5 * (low_y + high_y), size, 0.25 * width * depth
 
 
-@njit(error_model="numpy", forceinline=True)
+@inlined(error_model="numpy")
 def add_far(
     B: Array,
     G: Array,

@@ -14,7 +14,7 @@ import numpy as np
 from fieldmap.kernels.coils.elliptic import complete_integrals_three
 from fieldmap.kernels.coils.loop import loop_meridian_gradient
 from fieldmap.kernels.coils.meridian import BLOCK, set_field, set_gradient, to_meridian
-from fieldmap.kernels.compilation import njit
+from fieldmap.kernels.compilation import inlined, njit
 from fieldmap.kernels.constants import MU0_OVER_2PI
 from fieldmap.kernels.gauss import GAUSS_NODES, GAUSS_WEIGHTS, gauss_start
 from fieldmap.kernels.in_threads import over_rows
@@ -23,7 +23,7 @@ from fieldmap.typing import Array
 _LOST = 2e3  # rounding errors that closed form may lose by cancellation
 
 
-@njit(error_model="numpy", forceinline=True)
+@inlined(error_model="numpy")
 def _end(a: float, rho: float, z: float) -> tuple[float, float, float, float]:
     """Of the loop at one end: A_phi/rho, the axial term of eq. (12), and the loop's B_rho/rho and B_z."""
     a2, rho2, z2 = a * a, rho * rho, z * z
@@ -40,7 +40,7 @@ def _end(a: float, rho: float, z: float) -> tuple[float, float, float, float]:
     return potential, third, radial, axial
 
 
-@njit(error_model="numpy", forceinline=True)
+@inlined(error_model="numpy")
 def sheet_meridian(a: float, half: float, rho: float, z: float) -> tuple[float, float]:
     """(B_rho / rho, B_z) of a sheet of radius a and half height `half` at (rho, z), closed form."""
     upper_potential, upper_third, _, _ = _end(a, rho, z - half)
@@ -49,7 +49,7 @@ def sheet_meridian(a: float, half: float, rho: float, z: float) -> tuple[float, 
     return density * (upper_potential - lower_potential), density * (lower_third - upper_third)
 
 
-@njit(error_model="numpy", forceinline=True)
+@inlined(error_model="numpy")
 def sheet_meridian_gradient(a: float, half: float, rho: float, z: float) -> tuple[float, float, float, float]:
     """(B_rho / rho, B_z, dB_z/dz, dB_z/drho) of the sheet at (rho, z), closed form."""
     upper_potential, upper_third, upper_radial, upper_axial = _end(a, rho, z - half)
@@ -63,7 +63,7 @@ def sheet_meridian_gradient(a: float, half: float, rho: float, z: float) -> tupl
     )
 
 
-@njit(error_model="numpy", forceinline=True)
+@inlined(error_model="numpy")
 def far_points(a: float, half: float, rho: float, z: float) -> int:
     """Gauss-Legendre points in z to use instead of closed form, or 0 where that loses no more than it may."""
     r2 = rho * rho + z * z
@@ -72,7 +72,7 @@ def far_points(a: float, half: float, rho: float, z: float) -> int:
     return 16 if r2 < 36.0 * half * half else 8
 
 
-@njit(error_model="numpy", fastmath={"reassoc"}, forceinline=True)
+@inlined(error_model="numpy", fastmath={"reassoc"})
 def far_sheet(a: float, half: float, rho: float, z: float, n: int) -> tuple[float, float, float, float]:
     """As `sheet_meridian_gradient`, by n loops."""
     radial, axial, dz, drho = 0.0, 0.0, 0.0, 0.0

@@ -12,10 +12,10 @@ No branches and no library calls, so that the compiler evaluates several slices 
 import math
 
 from fieldmap.kernels.coils.elementary import atan2, log
-from fieldmap.kernels.compilation import njit
+from fieldmap.kernels.compilation import inlined, njit
 
 
-@njit(error_model="numpy", forceinline=True)
+@inlined(error_model="numpy")
 def log_ratio(t1: float, R1: float, t2: float, R2: float, rest: float) -> float:
     """(t2 + R2) / (t1 + R1) for t1 < t2 and R_i^2 = t_i^2 + rest, without cancellation."""
     a1, a2 = R1 + abs(t1), R2 + abs(t2)
@@ -24,7 +24,7 @@ def log_ratio(t1: float, R1: float, t2: float, R2: float, rest: float) -> float:
     return numerator / denominator
 
 
-@njit(error_model="numpy", forceinline=True)
+@inlined(error_model="numpy")
 def steepness(t1: float, R1: float, t2: float, R2: float, rest: float) -> tuple[float, float]:
     """t_i / (R_i rest) for i = 1, 2, both less the same constant where that avoids cancellation."""
     one_side = t1 > 0.0 or t2 < 0.0
@@ -34,7 +34,7 @@ def steepness(t1: float, R1: float, t2: float, R2: float, rest: float) -> tuple[
     return n1 / (R1 * d1), n2 / (R2 * d2)
 
 
-@njit(error_model="numpy", forceinline=True)
+@inlined(error_model="numpy")
 def angle_difference(n1: float, d1: float, n2: float, d2: float) -> float:
     """atan(n2 / d2) - atan(n1 / d1) for d1, d2 >= 0."""
     return atan2(n2 * d1 - n1 * d2, d1 * d2 + n1 * n2)

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from fieldmap.kernels.compilation import njit
+from fieldmap.kernels.compilation import inlined, njit
 from fieldmap.kernels.copy_vector import copy_vector
 from fieldmap.kernels.map.map_block import PLAIN, PLAIN_INLINED, WHOLE
 
@@ -49,7 +49,7 @@ def place_in(nodes, count, v):
     return lower, at - lower
 
 
-@njit(**PLAIN_INLINED)
+@inlined(**PLAIN_INLINED)
 def _entry(stack, node, share, i, j):
     if share == 0.0:
         return stack[node, i, j]

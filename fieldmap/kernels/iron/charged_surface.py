@@ -10,18 +10,18 @@ from typing import Any
 
 import numpy as np
 
-from fieldmap.kernels.compilation import njit
+from fieldmap.kernels.compilation import inlined, njit
 from fieldmap.kernels.iron.charged_triangle import triangle_field, triangle_field_and_gradient
 
 _INVERSE_4PI = 1.0 / (4.0 * math.pi)
 # Triangles of a block: its rows stay in the processor's first two caches.
 _BLOCK = 512
 # Without counts of references, which threads would fight for (as in `fieldmap.kernels.map.map_block`).
-_PLAIN: dict[str, Any] = {"cache": True, "error_model": "numpy", "_nrt": False}
+_PLAIN: dict[str, Any] = {"error_model": "numpy", "_nrt": False}
 _FAST: dict[str, Any] = {**_PLAIN, "fastmath": True}
 
 
-@njit(**_FAST, forceinline=True)
+@inlined(**_FAST)
 def _inverse_distances(x, y, z, px, py, pz, out):
     """1/|x - p| in single precision, which costs a fraction, and one step of Newton's method."""
     for j in range(out.size):
@@ -32,37 +32,37 @@ def _inverse_distances(x, y, z, px, py, pz, out):
         out[j] = guess * (1.5 - 0.5 * square * guess * guess)
 
 
-@njit(**_FAST, forceinline=True)
+@inlined(**_FAST)
 def _strengths(inverse, third, out):
     for j in range(out.size):
         out[j] = third[j] * inverse[j] * inverse[j] * inverse[j]
 
 
-@njit(**_FAST, forceinline=True)
+@inlined(**_FAST)
 def _slopes(inverse, strength, out):
     for j in range(out.size):
         out[j] = 3.0 * strength[j] * inverse[j] * inverse[j]
 
 
-@njit(**_FAST, forceinline=True)
+@inlined(**_FAST)
 def _add_field(x, px, strength, out):
     for j in range(out.size):
         out[j] += strength[j] * (x - px[j])
 
 
-@njit(**_FAST, forceinline=True)
+@inlined(**_FAST)
 def _add_own_slope(x, px, strength, slope, out):
     for j in range(out.size):
         out[j] += strength[j] - slope[j] * (x - px[j]) * (x - px[j])
 
 
-@njit(**_FAST, forceinline=True)
+@inlined(**_FAST)
 def _add_other_slope(x, y, px, py, slope, out):
     for j in range(out.size):
         out[j] -= slope[j] * (x - px[j]) * (y - py[j])
 
 
-@njit(**_FAST, forceinline=True)
+@inlined(**_FAST)
 def _squares_beyond(x, y, z, cx, cy, cz, limit, out):
     """What the squared distances of the centres exceed their limits by."""
     for j in range(out.size):
@@ -76,7 +76,7 @@ def _zero(out):
         out[j] = 0.0
 
 
-@njit(**_PLAIN, forceinline=True)
+@inlined(**_PLAIN)
 def _fill_rows(x, y, z, far, first, last, gradient, work, rows):
     """rows: ex, ey, ez, gxx, gxy, gxz, gyy, gyz, each (b,), of the triangles `first` to `last` as point charges;
     without the gradient three of them. far (14, m); work: scratch (b,)."""
@@ -111,7 +111,7 @@ def _fill_rows(x, y, z, far, first, last, gradient, work, rows):
             _add_other_slope(y, z, py, pz, slope, yz)
 
 
-@njit(**_FAST, forceinline=True)
+@inlined(**_FAST)
 def _add_field_sums(rows, size, density, sums):
     ex, ey, ez = rows[0], rows[1], rows[2]
     a = b = c = 0.0
@@ -125,7 +125,7 @@ def _add_field_sums(rows, size, density, sums):
     sums[2] += c
 
 
-@njit(**_FAST, forceinline=True)
+@inlined(**_FAST)
 def _add_gradient_sums(rows, size, density, sums):
     gxx, gxy, gxz, gyy, gyz = rows[3], rows[4], rows[5], rows[6], rows[7]
     a = b = c = d = e = 0.0
@@ -143,7 +143,7 @@ def _add_gradient_sums(rows, size, density, sums):
     sums[7] += e
 
 
-@njit(**_PLAIN, forceinline=True)
+@inlined(**_PLAIN)
 def _replace(x, y, z, corners, normal, gradient, rows, j):
     """Entry j of the rows by the closed form of one triangle."""
     if not gradient:
@@ -162,7 +162,7 @@ def _rows():
     return (a, b, c, d, e, f, g, h), (np.empty(_BLOCK), np.empty(_BLOCK), np.empty(_BLOCK))
 
 
-@njit(**_PLAIN, forceinline=True)
+@inlined(**_PLAIN)
 def _add_sums(x, y, z, corners, normals, far, density, gradient, work, rows, sums):
     """Add to sums (c, 3 or 8) what `_fill_rows` gives for all triangles, times the densities (c, m). work, rows:
     scratch."""

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from fieldmap.kernels.compilation import njit
+from fieldmap.kernels.compilation import inlined, njit
 from fieldmap.kernels.copy_vector import copy_vector
 from fieldmap.kernels.iron.charged_triangle import triangle_field_and_gradient
 
@@ -13,7 +13,7 @@ _INVERSE_4PI = 1.0 / (4.0 * math.pi)
 _STEP = 1e-5
 
 
-@njit(error_model="numpy", forceinline=True)
+@inlined(error_model="numpy")
 def _closed_form(x, y, z, p, out):
     """out (8,): ex, ey, ez, gxx, gxy, gxz, gyy, gyz at a point, of a triangle p (3, 3) with unit charge."""
     ax, ay, az = p[1, 0] - p[0, 0], p[1, 1] - p[0, 1], p[1, 2] - p[0, 2]

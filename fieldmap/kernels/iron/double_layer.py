@@ -15,7 +15,7 @@ import math
 
 import numpy as np
 
-from fieldmap.kernels.compilation import njit
+from fieldmap.kernels.compilation import inlined, njit
 from fieldmap.kernels.iron.charged_triangle import solid_angle
 from fieldmap.kernels.iron.mutual_potential import separation
 
@@ -58,7 +58,7 @@ def _share(k, x, y, z, sx, sy, sz, p, n, area, height, omega):
     return here * omega - height * (gx * sx + gy * sy + gz * sz)
 
 
-@njit(error_model="numpy", fastmath=True, forceinline=True)
+@inlined(error_model="numpy", fastmath=True)
 def _close(points, weights, corners, normal, area, radius, out):
     """out (3,): weighted means over points (q, 3) of `linear_double_layer`."""
     out[:] = 0.0
@@ -77,7 +77,7 @@ def _close(points, weights, corners, normal, area, radius, out):
         out[2] += weights[q] * c
 
 
-@njit(error_model="numpy", fastmath=True, forceinline=True)
+@inlined(error_model="numpy", fastmath=True)
 def _far_row(i, far, normals, sums):
     """sums (3 n,): of n . (x - y) / |x - y|^3 over the three points x of triangle i, for the points y of all; normals
     (3, 3 n): those of the points' triangles. No branches (a division that may raise is one): it becomes vector code."""

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from fieldmap.kernels.compilation import njit
+from fieldmap.kernels.compilation import inlined, njit
 from fieldmap.kernels.iron.charged_triangle import triangle_potential
 
 _INVERSE_4PI = 1.0 / (4.0 * math.pi)
@@ -29,7 +29,7 @@ def _inverse_distance(dx, dy, dz):
     return guess * (1.5 - 0.5 * square * guess * guess)
 
 
-@njit(error_model="numpy", fastmath=True, forceinline=True)
+@inlined(error_model="numpy", fastmath=True)
 def _far_row(i, far, other_far, sums):
     """Fill sums (m,) with the sum of 1/|p - q| over the three points p of triangle i, for the first m points q of the
     other set's triangles. No branches (a division that may raise is one) over contiguous arrays: the compiler turns it
@@ -47,7 +47,7 @@ def _far_row(i, far, other_far, sums):
         )
 
 
-@njit(error_model="numpy", fastmath=True, forceinline=True)
+@inlined(error_model="numpy", fastmath=True)
 def row_beyond(i, one, other, reach, beyond):
     """Fill beyond (m,) with what the squared distances of triangle i from the first m of the other set exceed those of
     `reach` summed radii by; one, other (4, n): centres and radii."""
@@ -68,7 +68,7 @@ def separation(i, j, one, other):
     return x * x + y * y + z * z, radii[i] + other_radii[j]
 
 
-@njit(error_model="numpy", fastmath=True, forceinline=True)
+@inlined(error_model="numpy", fastmath=True)
 def close_pair(i, j, apart, one, other):
     """Mean potential between close triangles, times 4 pi. `apart`: their circles do not overlap, and the outer rule
     belongs to the smaller one, over which the potential of the other varies less."""
@@ -84,7 +84,7 @@ def close_pair(i, j, apart, one, other):
     return _mean_potential(other_near[j], near_weights, corners[i], normals[i]) / areas[i]
 
 
-@njit(error_model="numpy", fastmath=True, forceinline=True)
+@inlined(error_model="numpy", fastmath=True)
 def _fill_row(i, one, other, sums, beyond, row):
     """row (m,) of W from the point sums of `_far_row`, and closed forms where beyond (m,) < 0."""
     for j in range(row.size):
@@ -126,7 +126,7 @@ def copy_lower(begin, end, w):
             w[i, j] = w[j, i]
 
 
-@njit(error_model="numpy", fastmath=True, forceinline=True)
+@inlined(error_model="numpy", fastmath=True)
 def _far_pair(i, j, x, y, z):
     """Sum of 1/|p - q| over the three points of each triangle; x, y, z (3, n)."""
     total = 0.0
@@ -157,7 +157,7 @@ def fill_near_blocks(begin, end, blocks, offset, number, faces, x, y, z, reach, 
                 place += 1
 
 
-@njit(error_model="numpy", fastmath=True, forceinline=True)
+@inlined(error_model="numpy", fastmath=True)
 def entry(i, j, leaf, start, block_of_leaves, offset, data, x, y, z):
     """W_ij from the stored near blocks, by the far rule where there is none.
 

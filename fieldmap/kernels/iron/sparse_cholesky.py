@@ -14,7 +14,7 @@ import math
 
 import numpy as np
 
-from fieldmap.kernels.compilation import njit
+from fieldmap.kernels.compilation import inlined, njit
 
 # Rows eliminated one by one before the others follow.
 _UNROLLED = 4
@@ -185,28 +185,28 @@ def relative_rows(start, rows, row_start, parent):
 # few enough pieces to ask whether they overlap.
 
 
-@njit(nogil=True, fastmath=_FAST, forceinline=True)
+@inlined(nogil=True, fastmath=_FAST)
 def _scale(factor, x):
     """x *= factor."""
     for j in range(x.size):
         x[j] *= factor
 
 
-@njit(nogil=True, fastmath=_FAST, forceinline=True)
+@inlined(nogil=True, fastmath=_FAST)
 def _add(factor, x, y):
     """y += factor x."""
     for j in range(x.size):
         y[j] += factor * x[j]
 
 
-@njit(nogil=True, fastmath=_FAST, forceinline=True)
+@inlined(nogil=True, fastmath=_FAST)
 def _add_four(a, w, b, x, c, y, d, z, out):
     """out -= a w + b x + c y + d z."""
     for j in range(out.size):
         out[j] -= a * w[j] + b * x[j] + c * y[j] + d * z[j]
 
 
-@njit(nogil=True, forceinline=True)
+@inlined(nogil=True)
 def _subtract_rows(front, size, to, begin):
     """front[to, to:] -= the sum over the `_UNROLLED` rows k from `begin` on of front[k, to] front[k, to:]."""
     p, rest = begin * size + to, size - to
@@ -215,7 +215,7 @@ def _subtract_rows(front, size, to, begin):
     _add_four(w[0], w, x[0], x, y[0], y, z[0], z, front[row : row + rest])
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@inlined(nogil=True, error_model="numpy")
 def _eliminate(front, size, width):
     """Replace the first `width` rows of the symmetric front (size, size), of which the upper triangle counts, by those
     of its factor L^T, and the rest by what is left to the parent. False if a pivot is not positive."""

@@ -3,13 +3,13 @@
 BLAS reads the whole matrix for several columns, or half of it for each, and its wrappers keep the interpreter's lock.
 """
 
-from fieldmap.kernels.compilation import njit
+from fieldmap.kernels.compilation import inlined, njit
 
 # Rows whose sums are carried at the same time.
 _ROWS = 4
 
 
-@njit(nogil=True, fastmath={"nsz", "arcp", "contract", "afn", "reassoc"}, forceinline=True)
+@inlined(nogil=True, fastmath={"nsz", "arcp", "contract", "afn", "reassoc"})
 def _beyond(a, b, c, d, x, y, own):
     """The four sums over j of the rows a, b, c, d times x, and y[j] += a[j] own[0] + ... + d[j] own[3]."""
     p, q, r, s = own[0], own[1], own[2], own[3]

@@ -32,7 +32,7 @@ def keep_field(block, weights, count):
     return block, weights, places, np.empty((count, _cell_size(block, ())))
 
 
-@njit(**PLAIN_INLINED)
+@njit(**PLAIN_INLINED, forceinline=True)
 def forget(field):
     """The weights have changed."""
     places = field[2]
@@ -49,7 +49,7 @@ def kept_in(kernels: Sequence[InterpolantKernels]) -> Callable[..., Any]:
     def superpose_all(block, weights, i, j, k, out):
         gather(block, (weights, i, j, k, out))
 
-    @njit(**{**PLAIN_INLINED, "cache": False})
+    @njit(**{**PLAIN_INLINED, "cache": False}, forceinline=True)
     def kept(field, p, x, y, z):
         block, weights, places, numbers = field
         status, i, j, k, tx, ty, tz = locate(block, x, y, z)

@@ -18,7 +18,7 @@ from numba import carray, types
 from numba.core import cgutils
 from numba.extending import intrinsic, overload
 
-from fieldmap.kernels.compilation import njit
+from fieldmap.kernels.compilation import inlined, njit
 from fieldmap.kernels.map import solid_harmonics
 from fieldmap.kernels.map.map_block import (
     HEADER,
@@ -37,7 +37,7 @@ DEGREE = 5
 SIZE = (DEGREE + 1) * (DEGREE + 1)
 
 
-@njit(**INLINED)
+@njit(**INLINED, forceinline=True)
 def field_and_gradient(c, x, y, z):
     """Bx, By, Bz, Gxx, Gxy, Gxz, Gyy, Gyz, Gzz: first and second derivatives of the polynomial c (36,)."""
     # Harmonics of degree 1 to 3: p for the real, q for the imaginary parts.
@@ -147,14 +147,14 @@ def _cell_scratch() -> Any:
     return lambda: carray(_on_stack(), (SIZE,))  # type: ignore[call-arg]
 
 
-@njit(**INLINED)
+@inlined(**INLINED)
 def of_cell(block, c, tx, ty, tz):
     """The twelve results from the polynomial c (36,) of a cell, at coordinates 0..1 in it."""
     x, y, z = local(block, tx, ty, tz)
     return in_si(block, field_and_gradient(c, x, y, z))
 
 
-@njit(**INLINED)
+@inlined(**INLINED)
 def _contracted(block, i, j, k, tx, ty, tz):
     first = HEADER + cell_number(block, i, j, k) * SIZE
     return of_cell(block, block[first : first + SIZE], tx, ty, tz)
@@ -168,13 +168,13 @@ def _superposed(block, weights, i, j, k, tx, ty, tz):
     return of_cell(block, c, tx, ty, tz)
 
 
-@njit(**INLINED)
+@inlined(**INLINED)
 def _unit(block, s, i, j, k, tx, ty, tz):
     first = HEADER + (cell_number(block, i, j, k) * int(block[SETS]) + s) * SIZE
     return of_cell(block, block[first : first + SIZE], tx, ty, tz)
 
 
-@njit(**INLINED)
+@inlined(**INLINED)
 def _cell_size(block):
     return SIZE
 

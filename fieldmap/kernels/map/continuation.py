@@ -7,7 +7,7 @@ import numpy as np
 from fieldmap.kernels.compilation import njit
 
 # Without counts of references (map_block.PLAIN).
-_PLAIN: dict[str, Any] = {"cache": True, "_nrt": False}
+_PLAIN: dict[str, Any] = {"_nrt": False}
 # How many of the last steps an extrapolation reaches forward, and how far behind the last but one a third state must
 # lie, in those steps.
 _REACH, _APART = 2.0, 0.25

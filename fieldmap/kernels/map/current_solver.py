@@ -13,7 +13,7 @@ import numpy as np
 from numba import types
 from numpy.typing import NDArray
 
-from fieldmap.kernels.compilation import njit
+from fieldmap.kernels.compilation import inlined, njit
 from fieldmap.kernels.late_call import LateFunctions, array_at
 from fieldmap.kernels.map.continuation import continued
 from fieldmap.kernels.map.lift_and_directions import signals
@@ -51,9 +51,9 @@ _FOR_SLOPES = 0.01
 _CORRECTED, _CORRECTIONS = 1e-9, 3
 _SINGLE, _TINY = 1e-6, 1e-14
 # Without counts of references (map_block.PLAIN).
-_PLAIN: dict[str, Any] = {"cache": True, "_nrt": False, "error_model": "numpy"}
+_PLAIN: dict[str, Any] = {"_nrt": False, "error_model": "numpy"}
 _FAST: dict[str, Any] = {**_PLAIN, "fastmath": True}
-_LATE: dict[str, Any] = {"cache": True, "error_model": "numpy"}
+_LATE: dict[str, Any] = {"error_model": "numpy"}
 
 
 class SignalDomain(NamedTuple):
@@ -164,7 +164,7 @@ def signals_of(domain, currents, out):
     return inside
 
 
-@njit(**_FAST, forceinline=True)
+@inlined(**_FAST)
 def _polynomials(values, lower, upper, out):
     """out (d, n): Chebyshev polynomials of the signals (d,), each scaled to -1..1 and taken to the nearest there."""
     for j in range(values.size):
@@ -196,7 +196,7 @@ def products_of_terms(terms, values, domain):
     return out
 
 
-@njit(**_FAST, forceinline=True)
+@inlined(**_FAST)
 def _sum_terms(products, expansion, total):
     """total (r,), single precision: the terms' values times their coefficients (t, r)."""
     for m in range(total.size):
@@ -207,7 +207,7 @@ def _sum_terms(products, expansion, total):
             total[m] += share * row[m]
 
 
-@njit(forceinline=True)
+@inlined
 def expanded(model, values, out):
     """out (r,): the amplitudes that the expansion gives at signals (d,), taken to the nearest of the domain."""
     total = np.empty(out.size, np.float32)
@@ -216,7 +216,7 @@ def expanded(model, values, out):
         out[m] = total[m]
 
 
-@njit(forceinline=True, **_PLAIN)
+@inlined(**_PLAIN)
 def _law(p, h, tables, piece):
     """b and db/dh at point p; piece: where the law was last found, renewed."""
     _, law, offset, knots, c = tables
@@ -239,7 +239,7 @@ def _law(p, h, tables, piece):
     return ((c0 * t + c1) * t + c2) * t + c3, (3.0 * c0 * t + 2.0 * c1) * t + c2
 
 
-@njit(forceinline=True, **_PLAIN)
+@inlined(**_PLAIN)
 def _magnetised(p, x, y, z, tables, piece):
     """w m(|h|) of point p."""
     size = math.sqrt(x * x + y * y + z * z) + _TINY
@@ -361,7 +361,7 @@ def _magnetise(h, tables, piece, isotropic, along):
         along[p] = weights[p] * (slope - b / size) / (size * size)
 
 
-@njit(**_FAST, forceinline=True)
+@inlined(**_FAST)
 def _times(matrix, vector, out):
     """out (n,) = matrix (n, m) @ vector (m,)."""
     for i in range(out.size):

@@ -8,7 +8,7 @@ with the slopes of the weights by the six currents: docs/theory/current_dependen
 
 import numpy as np
 
-from fieldmap.kernels.compilation import njit
+from fieldmap.kernels.compilation import inlined, njit
 from fieldmap.kernels.map.lift_and_directions import divide, signals
 from fieldmap.kernels.map.lookup import at_currents
 from fieldmap.kernels.map.map_block import PLAIN, PLAIN_INLINED
@@ -16,7 +16,7 @@ from fieldmap.kernels.map.map_block import PLAIN, PLAIN_INLINED
 FOUND, NOT_A_DIVISION, BEYOND = 0, 1, 2
 
 
-@njit(**PLAIN_INLINED)
+@inlined(**PLAIN_INLINED)
 def _basis(knots, v):
     """First of the four cubic basis functions that are not zero at a value, and their values."""
     count = knots.size - 4
@@ -31,7 +31,7 @@ def _basis(knots, v):
     return span - 3, ((t4 - v) * a, (v - t1) * a + (t5 - v) * b, (v - t2) * b + (t6 - v) * c, (v - t3) * c)
 
 
-@njit(**PLAIN_INLINED)
+@inlined(**PLAIN_INLINED)
 def _sum(coefficients, knots, u, x, y, out):
     """out (k,): 64 coefficients of every weight times the three bases."""
     i, in_u = _basis(knots[0], u)
@@ -47,7 +47,7 @@ def _sum(coefficients, knots, u, x, y, out):
                 out[k] += p * rows[m, k] + q * rows[m + 1, k] + r * rows[m + 2, k] + s * rows[m + 3, k]
 
 
-@njit(**PLAIN_INLINED)
+@inlined(**PLAIN_INLINED)
 def _cell(nodes, value):
     """The cell of nodes that a value lies in, and the shares of its two ends."""
     i = 0

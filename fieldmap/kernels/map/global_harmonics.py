@@ -10,7 +10,7 @@ the coefficients of Bx, By, Bz, Gxx, Gxy, Gxz, Gyy, Gyz.
 
 import numpy as np
 
-from fieldmap.kernels.compilation import njit
+from fieldmap.kernels.compilation import inlined, njit
 from fieldmap.kernels.map import solid_harmonics
 from fieldmap.kernels.map.map_block import (
     DEGREE,
@@ -48,7 +48,7 @@ def expand(c, degree, table):
         differentiate(rows[3], degree - 1, i, rows[7 + i])
 
 
-@njit(**INLINED)
+@inlined(**INLINED)
 def _harmonics(up, down, degree, x, y, z, out):
     """out (degree^2,): the harmonics of degree 0 to degree - 1, each degree from the two below it."""
     r2 = x * x + y * y + z * z
@@ -71,7 +71,7 @@ def _harmonics(up, down, degree, x, y, z, out):
 
 
 # "reassoc" lets the sum run in several lanes; unlike the rest of fast-math it assumes nothing about NaN.
-@njit(forceinline=True, error_model="numpy", fastmath={"contract", "reassoc"})
+@inlined(error_model="numpy", fastmath={"contract", "reassoc"})
 def _dot(row, harmonics, n):
     total = 0.0
     for i in range(n):
@@ -79,7 +79,7 @@ def _dot(row, harmonics, n):
     return total
 
 
-@njit(**INLINED)
+@njit(**INLINED, forceinline=True)
 def field_and_gradient(table, degree, x, y, z, work):
     """Bx, By, Bz, Gxx, Gxy, Gxz, Gyy, Gyz, Gzz of the polynomial behind a table; work (degree^2,)."""
     n = degree * degree
@@ -97,7 +97,7 @@ def field_and_gradient(table, degree, x, y, z, work):
     return bx, by, bz, xx, xy, xz, yy, yz, -xx - yy
 
 
-@njit(**INLINED)
+@inlined(**INLINED)
 def of_table(block, table, work, tx, ty, tz):
     """The twelve results from the table of the polynomial of the whole box; work (degree^2,)."""
     x, y, z = local(block, tx, ty, tz)
@@ -105,19 +105,19 @@ def of_table(block, table, work, tx, ty, tz):
     return in_si(block, field_and_gradient(table, degree, x, y, z, work))
 
 
-@njit(**INLINED)
+@inlined(**INLINED)
 def _work(block):
     return np.empty(int(block[DEGREE]) ** 2)
 
 
 # A block of a single set carries the table behind its coefficients.
-@njit(**INLINED)
+@inlined(**INLINED)
 def _contracted(block, i, j, k, tx, ty, tz):
     first = HEADER + (int(block[DEGREE]) + 1) ** 2
     return of_table(block, block[first:], _work(block), tx, ty, tz)
 
 
-@njit(**INLINED)
+@inlined(**INLINED)
 def _superposed(block, weights, i, j, k, tx, ty, tz):
     degree = int(block[DEGREE])
     table = np.empty(ROWS * degree * degree)
@@ -125,7 +125,7 @@ def _superposed(block, weights, i, j, k, tx, ty, tz):
     return of_table(block, table, _work(block), tx, ty, tz)
 
 
-@njit(**INLINED)
+@inlined(**INLINED)
 def _unit(block, s, i, j, k, tx, ty, tz):
     degree = int(block[DEGREE])
     size = (degree + 1) ** 2
@@ -134,7 +134,7 @@ def _unit(block, s, i, j, k, tx, ty, tz):
     return of_table(block, table, _work(block), tx, ty, tz)
 
 
-@njit(**INLINED)
+@inlined(**INLINED)
 def _cell_size(block):
     return ROWS * int(block[DEGREE]) ** 2 + (int(block[DEGREE]) + 1) ** 2
 
@@ -148,7 +148,7 @@ def _gather(block, weights, i, j, k, out):
     expand(out[table:], degree, out[:table])
 
 
-@njit(**INLINED)
+@inlined(**INLINED)
 def _gathered(block, numbers, tx, ty, tz):
     table = ROWS * int(block[DEGREE]) ** 2
     return of_table(block, numbers[:table], numbers[table:], tx, ty, tz)

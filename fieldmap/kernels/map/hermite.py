@@ -14,16 +14,16 @@ order a, b, c (0 or 1) in x, y, z times spacing_x^a spacing_y^b spacing_z^c. Arr
 Arguments are not checked here; a checked function stands in front.
 """
 
-from typing import Any
-
 import numpy as np
 
-from fieldmap.kernels.compilation import njit
-from fieldmap.kernels.map import map_block
+from fieldmap.kernels.compilation import inlined, njit
 from fieldmap.kernels.map.map_block import (
     CELLS,
     HEADER,
+    INLINED,
+    INLINED_EARLY,
     LOCAL,
+    OUTER,
     SETS,
     WHOLE,
     InterpolantKernels,
@@ -38,17 +38,8 @@ NODE = 24  # numbers of one set at a node: three components of eight
 # A point this far outside, in cells, still counts as inside: the rounding of upper = lower + (n - 1) spacing.
 EDGE = 1e-9
 
-# Forced inlining and fused multiply-add halve the time per point. No more of fast-math: NaN must stay NaN.
-INLINED: dict[str, Any] = {
-    "cache": True,
-    "inline": "always",
-    "error_model": "numpy",
-    "fastmath": {"contract"},
-}
-OUTER: dict[str, Any] = {"cache": True, "nogil": True, "error_model": "numpy", "fastmath": {"contract"}}
 
-
-@njit(**INLINED)
+@njit(**INLINED_EARLY)
 def locate(point, lower, spacing, shape):
     """Cell (i, j, k) of a point and its coordinates (tx, ty, tz) in it, each 0..1.
 
@@ -68,14 +59,14 @@ def locate(point, lower, spacing, shape):
     return i, j, k, ux - i, uy - j, uz - k
 
 
-@njit(**INLINED)
+@njit(**INLINED_EARLY)
 def basis(t):
     """h_00, h_10, h_01, h_11 at t."""
     s = 1.0 - t
     return (1.0 + 2.0 * t) * s * s, t * s * s, t * t * (3.0 - 2.0 * t), -t * t * s
 
 
-@njit(**INLINED)
+@njit(**INLINED_EARLY)
 def basis_slope(t, spacing):
     """First derivatives of the basis by position."""
     s = 1.0 - t
@@ -83,21 +74,21 @@ def basis_slope(t, spacing):
     return -6.0 * t * s * i, s * (1.0 - 3.0 * t) * i, 6.0 * t * s * i, t * (3.0 * t - 2.0) * i
 
 
-@njit(**INLINED)
+@njit(**INLINED_EARLY)
 def basis_bend(t, spacing):
     """Second derivatives of the basis by position."""
     i = 1.0 / (spacing * spacing)
     return (12.0 * t - 6.0) * i, (6.0 * t - 4.0) * i, (6.0 - 12.0 * t) * i, (6.0 * t - 2.0) * i
 
 
-@njit(**INLINED)
+@njit(**INLINED_EARLY)
 def _dot(w, near, far, m):
     """Combination along z of both ends of one cell edge; m: index of the derivative order in x and y."""
     n = m + np.uint64(1)
     return w[0] * near[m] + w[1] * near[n] + w[2] * far[m] + w[3] * far[n]
 
 
-@njit(**INLINED)
+@njit(**INLINED_EARLY)
 def value(coefficients, i, j, k, c, wx, wy, wz):
     """The interpolant of channel c in cell (i, j, k), from the basis along each axis."""
     value = 0.0
@@ -111,7 +102,7 @@ def value(coefficients, i, j, k, c, wx, wy, wz):
     return value
 
 
-@njit(**INLINED)
+@njit(**INLINED_EARLY)
 def value_and_slopes(coefficients, i, j, k, c, wx, wy, wz, dx, dy, dz):
     """f, f_x, f_y, f_z of channel c: sums over z, then y, then x, each partial sum used for all it enters."""
     f, fx, fy, fz = 0.0, 0.0, 0.0, 0.0
@@ -134,7 +125,7 @@ def value_and_slopes(coefficients, i, j, k, c, wx, wy, wz, dx, dy, dz):
     return f, fx, fy, fz
 
 
-@njit(**INLINED)
+@njit(**INLINED_EARLY)
 def bends(coefficients, i, j, k, c, x, y, z):
     """f_xx, f_yy, f_zz, f_xy, f_xz, f_yz of channel c; x, y, z: (basis, slopes, bends) along each axis."""
     xx, yy, zz, xy, xz, yz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
@@ -179,7 +170,7 @@ def field_and_gradient(coefficients, lower, spacing, points, values, gradient):
     return outside
 
 
-@njit(**map_block.INLINED)
+@inlined(**INLINED)
 def of_nodes(block, nodes, i, j, k, first, tx, ty, tz):
     """Hermite form: channels first, first + 1, first + 2 of the nodes' coefficients (nx, ny, nz, channels, 8)."""
     wx, wy, wz = basis(tx), basis(ty), basis(tz)
@@ -192,14 +183,14 @@ def of_nodes(block, nodes, i, j, k, first, tx, ty, tz):
     return bx, by, bz, xx, xy, xz, yx, yy, yz, zx, zy, zz
 
 
-@njit(**map_block.INLINED)
+@inlined(**INLINED)
 def _nodes(block, channels):
     """The coefficients of a Hermite block as (nx, ny, nz, channels, 8)."""
     nx, ny, nz = int(block[CELLS]) + 1, int(block[CELLS + 1]) + 1, int(block[CELLS + 2]) + 1
     return block[HEADER:].reshape((nx, ny, nz, channels, 8))
 
 
-@njit(**map_block.INLINED)
+@inlined(**INLINED)
 def _corners(block, i, j, k, size, currents):
     """Coefficients (2, 2, 2, size / 8, 8) of a cell's corners, superposed."""
     corners = np.empty((8, size))
@@ -209,7 +200,7 @@ def _corners(block, i, j, k, size, currents):
     return corners.reshape((2, 2, 2, size // 8, 8))
 
 
-@njit(**map_block.INLINED)
+@inlined(**INLINED)
 def _bends(block, corners, tx, ty, tz, second):
     """second (3, 3, 3): second derivatives of the Hermite form."""
     sx, sy, sz = block[LOCAL], block[LOCAL + 1], block[LOCAL + 2]
@@ -224,35 +215,35 @@ def _bends(block, corners, tx, ty, tz, second):
         second[c, 1, 2], second[c, 2, 1] = yz, yz
 
 
-@njit(**map_block.INLINED)
+@inlined(**INLINED)
 def _contracted(block, i, j, k, tx, ty, tz):
     return of_nodes(block, _nodes(block, 3), i, j, k, _ZERO, tx, ty, tz)
 
 
-@njit(**map_block.INLINED)
+@inlined(**INLINED)
 def _superposed(block, weights, i, j, k, tx, ty, tz):
     corners = _corners(block, i, j, k, NODE, weights)
     return of_nodes(block, corners, _ZERO, _ZERO, _ZERO, _ZERO, tx, ty, tz)
 
 
-@njit(**map_block.INLINED)
+@inlined(**INLINED)
 def _unit(block, s, i, j, k, tx, ty, tz):
     return of_nodes(block, _nodes(block, 3 * int(block[SETS])), i, j, k, 3 * s, tx, ty, tz)
 
 
-@njit(**map_block.INLINED)
+@inlined(**INLINED)
 def _second_gradient(block, weights, i, j, k, tx, ty, tz, work, out):
     _bends(block, _corners(block, i, j, k, NODE, weights), tx, ty, tz, out)
 
 
 # A block of the potential has eight numbers a node.
-@njit(**map_block.INLINED)
+@inlined(**INLINED)
 def _potential(block, weights, i, j, k, tx, ty, tz, work):
     corners = _corners(block, i, j, k, 8, weights)
     return -value(corners, 0, 0, 0, 0, basis(tx), basis(ty), basis(tz))
 
 
-@njit(**map_block.INLINED)
+@inlined(**INLINED)
 def _cell_size(block):
     return 8 * NODE
 
@@ -264,7 +255,7 @@ def _gather(block, weights, i, j, k, out):
         superpose(block, node, NODE, weights, out[corner * NODE : (corner + 1) * NODE])
 
 
-@njit(**map_block.INLINED)
+@inlined(**INLINED)
 def _gathered(block, numbers, tx, ty, tz):
     return of_nodes(block, numbers.reshape((2, 2, 2, 3, 8)), _ZERO, _ZERO, _ZERO, _ZERO, tx, ty, tz)
 

@@ -22,7 +22,7 @@ import math
 
 import numpy as np
 
-from fieldmap.kernels.compilation import njit
+from fieldmap.kernels.compilation import inlined, njit
 from fieldmap.kernels.map.map_block import OUTER, PLAIN, PLAIN_INLINED
 
 POINT, AXES, FACTORS, VOLUME, RELUCTANCE, LAW, KNOTS, SIZE = 0, 3, 12, 15, 16, 17, 18, 19
@@ -32,7 +32,7 @@ MOST_STEPS = 60
 _ROUNDING = 4e-16
 
 
-@njit(**PLAIN_INLINED)
+@inlined(**PLAIN_INLINED)
 def _level(soft, row, a, b, c, s, j):
     """(sum_i b0_i^2 / (s + N_i J)^2)^-1/2, below 1 where s is too small; a, b, c: the squares of b0."""
     x, y, z = s + soft[row + FACTORS] * j, s + soft[row + FACTORS + 1] * j, s + soft[row + FACTORS + 2] * j
@@ -41,7 +41,7 @@ def _level(soft, row, a, b, c, s, j):
     return 1.0 / math.sqrt(a / (x * x) + b / (y * y) + c / (z * z))
 
 
-@njit(**PLAIN_INLINED)
+@inlined(**PLAIN_INLINED)
 def _level_slope(soft, row, a, b, c, s, j, slope, level):
     """Its derivative by s."""
     n1, n2, n3 = soft[row + FACTORS], soft[row + FACTORS + 1], soft[row + FACTORS + 2]
@@ -52,7 +52,7 @@ def _level_slope(soft, row, a, b, c, s, j, slope, level):
     return level * level * level * part
 
 
-@njit(**PLAIN_INLINED)
+@inlined(**PLAIN_INLINED)
 def _law(soft, law, n, k, s):
     """J, dJ/dh and the integral of J dh at s, on the piece that begins at knot k; constant past the last knot."""
     t = s - soft[law + k]
@@ -107,7 +107,7 @@ def inner_field(soft, base, row, bx, by, bz):
     return s, j, slope, work
 
 
-@njit(**PLAIN_INLINED)
+@inlined(**PLAIN_INLINED)
 def _to_piece(soft, row, x, y, z):
     at = row + AXES
     return (
@@ -117,7 +117,7 @@ def _to_piece(soft, row, x, y, z):
     )
 
 
-@njit(**PLAIN_INLINED)
+@inlined(**PLAIN_INLINED)
 def _from_piece(soft, row, x, y, z):
     at = row + AXES
     return (
@@ -127,7 +127,7 @@ def _from_piece(soft, row, x, y, z):
     )
 
 
-@njit(**PLAIN_INLINED)
+@inlined(**PLAIN_INLINED)
 def _susceptibilities(soft, base, row, x, y, z):
     """J_i / b0_i along the axes, and s, J, dJ/dh, integral of J dh."""
     n1, n2, n3 = soft[row + FACTORS], soft[row + FACTORS + 1], soft[row + FACTORS + 2]

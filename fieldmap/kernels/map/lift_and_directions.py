@@ -6,7 +6,7 @@ from fieldmap.kernels.compilation import njit
 from fieldmap.kernels.map.map_block import PLAIN_INLINED
 
 
-@njit(**PLAIN_INLINED)
+@njit(**PLAIN_INLINED, forceinline=True)
 def divide(u, x, y, n):
     """The six currents of a lift u and directions x, y; n: how much more the coils on the x axis follow x."""
     left, right, below, above = 1.0 - x, 1.0 + x, 1.0 - y, 1.0 + y
@@ -15,7 +15,7 @@ def divide(u, x, y, n):
     return a, half * (1.0 - n * x), c, d, half * (1.0 + n * x), f
 
 
-@njit(**PLAIN_INLINED)
+@njit(**PLAIN_INLINED, forceinline=True)
 def signals(i, n):
     """(u, x, y, mismatch): the signals whose currents are nearest to i (6,), and by what share of u these are off.
     Currents without a mean have none: (0, 0, 0, infinity)."""

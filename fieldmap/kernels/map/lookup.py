@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from fieldmap.kernels.compilation import njit
+from fieldmap.kernels.compilation import inlined, njit
 from fieldmap.kernels.map import cell_harmonics, global_harmonics, hermite
 from fieldmap.kernels.map.map_block import (
     DEGREE,
@@ -87,7 +87,7 @@ _contracted, _superposed, _unit = of_kind("contracted"), _superposed_of_kind(), 
 _second_gradient, _potential = of_kind("second_gradient"), of_kind("potential")
 
 
-@njit(**INLINED)
+@inlined(**INLINED)
 def contracted_at(block, x, y, z):
     """(status, the three of the field, the nine of its gradient) from a block at given currents."""
     status, i, j, k, tx, ty, tz = locate(block, x, y, z)
@@ -105,7 +105,7 @@ def superposed_at(block, currents, x, y, z):
     return status, _superposed(block, currents, i, j, k, tx, ty, tz)
 
 
-@njit(**INLINED)
+@inlined(**INLINED)
 def _store(values, flux, slope):
     """Write the three and, unless slope is empty, the nine."""
     flux[0], flux[1], flux[2] = values[0], values[1], values[2]

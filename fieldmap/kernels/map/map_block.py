@@ -25,7 +25,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from fieldmap.kernels.compilation import njit
+from fieldmap.kernels.compilation import inlined, njit
 
 KIND, RULE, SETS, DEGREE = 0, 1, 2, 3
 LOWER, INVERSE, CELLS, LOCAL = 4, 7, 10, 13
@@ -41,20 +41,10 @@ _ONE, _TWO, _THREE, _FOUR = (np.uint64(n) for n in range(1, 5))
 EDGE = 1e-9
 
 # Fused multiply-add only. The rest of fast-math would let the compiler assume that there is no NaN.
-INLINED: dict[str, Any] = {
-    "cache": True,
-    "forceinline": True,
-    "error_model": "numpy",
-    "fastmath": {"contract"},
-}
+INLINED: dict[str, Any] = {"error_model": "numpy", "fastmath": {"contract"}}
 # Inlined before types are known, not as a function that was optimised by itself: what takes memory on the stack.
-INLINED_EARLY: dict[str, Any] = {
-    "cache": True,
-    "inline": "always",
-    "error_model": "numpy",
-    "fastmath": {"contract"},
-}
-OUTER: dict[str, Any] = {"cache": True, "nogil": True, "error_model": "numpy", "fastmath": {"contract"}}
+INLINED_EARLY: dict[str, Any] = {**INLINED, "inline": "always"}
+OUTER: dict[str, Any] = {**INLINED, "nogil": True}
 # Without counts of references, for functions that neither make arrays nor copy slices: a count is an atomic operation,
 # and a loop over small functions spends half of its time on them. A function takes this from the first that calls it
 # unless it says for itself, as WHOLE does.
@@ -63,7 +53,7 @@ PLAIN_INLINED: dict[str, Any] = {**INLINED, "_nrt": False}
 WHOLE: dict[str, Any] = {**OUTER, "_nrt": True}
 
 
-@njit(**INLINED)
+@inlined(**INLINED)
 def locate(block, x, y, z):
     """Status, cell (i, j, k) of a point, and its coordinates 0..1 in the cell.
 
@@ -86,19 +76,19 @@ def locate(block, x, y, z):
     return INSIDE, i, j, k, ux - i, uy - j, uz - k
 
 
-@njit(**INLINED)
+@inlined(**INLINED)
 def cell_number(block, i, j, k):
     """Position of cell (i, j, k) in C order."""
     return (i * int(block[CELLS + 1]) + j) * int(block[CELLS + 2]) + k
 
 
-@njit(**INLINED)
+@inlined(**INLINED)
 def node_number(block, i, j, k):
     """Position of node (i, j, k) in C order."""
     return (i * (int(block[CELLS + 1]) + 1) + j) * (int(block[CELLS + 2]) + 1) + k
 
 
-@njit(**INLINED)
+@inlined(**INLINED)
 def superpose(block, place, size, currents, out):
     """out (size,) = sum over the sets of current times the set's numbers at a cell or node."""
     # Four numbers at a time, whose sums stay in a register. Positions are unsigned: numba asks of others whether they
@@ -141,13 +131,13 @@ def contract(block, size, currents, out):
         superpose(block, place, size, currents, out[HEADER + place * size : HEADER + (place + 1) * size])
 
 
-@njit(**INLINED)
+@inlined(**INLINED)
 def local(block, tx, ty, tz):
     """Coordinates from the middle of the cell, in LENGTHs."""
     return (tx - 0.5) * block[LOCAL], (ty - 0.5) * block[LOCAL + 1], (tz - 0.5) * block[LOCAL + 2]
 
 
-@njit(**INLINED)
+@inlined(**INLINED)
 def in_si(block, nine):
     """The twelve results from field and the six different entries of the gradient, in SI."""
     bx, by, bz, xx, xy, xz, yy, yz, zz = nine

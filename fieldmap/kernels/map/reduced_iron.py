@@ -11,14 +11,14 @@ from typing import Any
 
 import numpy as np
 
-from fieldmap.kernels.compilation import njit
+from fieldmap.kernels.compilation import inlined, njit
 from fieldmap.kernels.iron.magnetisation_law import flux_density
 from fieldmap.kernels.map.matrix_vector import times, times_transposed
 
 PAIRS = 12
 
 
-@njit(error_model="numpy", fastmath=True, forceinline=True)
+@inlined(error_model="numpy", fastmath=True)
 def solve_factored(factor, right, out):
     """out (r,) = (L L^T)^-1 right, with L the lower triangle of factor (r, r)."""
     count = right.size
@@ -41,7 +41,7 @@ def _add_times(factor, vector, total):
         total[i] += factor * vector[i]
 
 
-@njit(error_model="numpy", fastmath=True, forceinline=True)
+@inlined(error_model="numpy", fastmath=True)
 def direction(factor, residual, changes, responses, count, out):
     """out (r,): the step that the factor and the first `count` pairs of changes and responses (PAIRS, r) propose."""
     left, shares = residual.copy(), np.empty(count)
@@ -72,7 +72,7 @@ def keep_pair(change, response, changes, responses, count):
 
 
 # Without counts of references (map_block.PLAIN).
-_PLAIN: dict[str, Any] = {"cache": True, "_nrt": False}
+_PLAIN: dict[str, Any] = {"_nrt": False}
 _FAST: dict[str, Any] = {**_PLAIN, "fastmath": True}
 _TINY, _ROUNDING = 1e-14, 1e-7
 # Numbers in a vector register, single precision.
@@ -85,7 +85,7 @@ _NEAR, _GAIN = 0.1, 0.6
 _SINGLE = 1e-6
 
 
-@njit(forceinline=True, **_PLAIN)
+@inlined(**_PLAIN)
 def _magnetise_point(p, h, weights, law, offset, knots, coefficients, vector, isotropic, along):
     x, y, z = h[3 * p], h[3 * p + 1], h[3 * p + 2]
     size = math.sqrt(x * x + y * y + z * z) + _TINY
@@ -103,7 +103,7 @@ def _magnetise(h, weights, law, offset, knots, coefficients, vector, isotropic, 
         _magnetise_point(p, h, weights, law, offset, knots, coefficients, vector, isotropic, along)
 
 
-@njit(**_FAST, forceinline=True)
+@inlined(**_FAST)
 def _evaluate(source, gradients, a, tables, h, vector, isotropic, along, out):
     """out (r,) = G^T (w m h) at h = s - G a, and what `_magnetise` makes of h: in one pass over G."""
     weights, law, offset, knots, coefficients = tables
@@ -122,7 +122,7 @@ def _evaluate(source, gradients, a, tables, h, vector, isotropic, along, out):
             out[j] += x * gx[j] + y * gy[j] + z * gz[j]
 
 
-@njit(**_FAST, forceinline=True)
+@inlined(**_FAST)
 def _material_row(p, h, single, isotropic, along, radial, out_x, out_y, out_z):
     """Three rows (r,) of w (db/dh - 1) G, those of point p."""
     x, y, z = np.float32(h[3 * p]), np.float32(h[3 * p + 1]), np.float32(h[3 * p + 2])
@@ -139,7 +139,7 @@ def _material_row(p, h, single, isotropic, along, radial, out_x, out_y, out_z):
         out_z[j] = m * gz[j] + z * radial[j]
 
 
-@njit(**_FAST, forceinline=True)
+@inlined(**_FAST)
 def _spread(row, at, place):
     """Registers of a row (wide,) to their places in `at`, where those of the rows of `_POINTS` points take turns."""
     for block in range(row.size // _WIDTH):
@@ -148,7 +148,7 @@ def _spread(row, at, place):
             at[to + t] = row[first + t]
 
 
-@njit(**_FAST, forceinline=True)
+@inlined(**_FAST)
 def _add_points(factors, at, total, whole):
     """total (n, wide) += factors^T (rows in `at`), factors (12, n), the lower triangle unless `whole`: twelve products
     for one sum that is fetched and stored, a register at a time."""
@@ -168,7 +168,7 @@ def _add_points(factors, at, total, whole):
                 k += 1
 
 
-@njit(fastmath=True, forceinline=True)
+@inlined(fastmath=True)
 def material_tangent(h, single, isotropic, along, unit):
     """Lower triangle of G^T w (db/dh - 1) G (r, r or more), in single precision; what lies above it is not complete.
     And G^T w (db/dh - 1) s (c, r or more) for the coils' fields per ampere `unit` (3 p, c)."""
@@ -200,7 +200,7 @@ def material_tangent(h, single, isotropic, along, unit):
     return total, sides[:, :count]
 
 
-@njit(error_model="numpy", fastmath=True, forceinline=True)
+@inlined(error_model="numpy", fastmath=True)
 def fill_tangent_factor(h, single, isotropic, along, air, factor, unit):
     """factor (r, r), lower: that of Cholesky of K. Returns what `material_tangent` does of the coils' fields per
     ampere `unit` (3 p, c)."""
@@ -216,7 +216,7 @@ def fill_tangent_factor(h, single, isotropic, along, air, factor, unit):
     return sides
 
 
-@njit(fastmath=True, forceinline=True)
+@inlined(fastmath=True)
 def energy_of(factor, amplitude):
     """a . K a."""
     product = np.zeros(amplitude.size)
@@ -315,7 +315,7 @@ def newton(
     return a, limit, decrement
 
 
-@njit(forceinline=True)
+@inlined
 def _step_length(h, step, rest, start, tables, trial, vector, isotropic, along):
     """Where the functional is least along a step: trial = h - t `step`, t in (0, 1].
 

@@ -14,7 +14,7 @@ A real harmonic polynomial of degree L is sum_l [a_l0 R_l^0 + sum_(m > 0) (a_lm 
 
 import numpy as np
 
-from fieldmap.kernels.compilation import njit
+from fieldmap.kernels.compilation import inlined, njit
 from fieldmap.kernels.map.map_block import (
     DEGREE,
     INLINED,
@@ -27,7 +27,7 @@ from fieldmap.kernels.map.map_block import (
 )
 
 
-@njit(**INLINED)
+@inlined(**INLINED)
 def regular(degree, x, y, z, out):
     """out ((degree + 1)^2,): Re R_l^m and Im R_l^m at (x, y, z), in the order of the coefficients."""
     r2 = x * x + y * y + z * z
@@ -54,12 +54,12 @@ def regular(degree, x, y, z, out):
         )
 
 
-@njit(**INLINED)
+@inlined(**INLINED)
 def _cosine(c, l, m):
     return c[l * l + 2 * m - 1] if m > 0 else c[l * l]
 
 
-@njit(**INLINED)
+@inlined(**INLINED)
 def _sine(c, l, m):
     return c[l * l + 2 * m] if m > 0 else 0.0
 
@@ -117,7 +117,7 @@ def regular_table(degree, points):
     return table
 
 
-@njit(**INLINED)
+@inlined(**INLINED)
 def potential_sum(c, degree, x, y, z, work):
     """Value of the polynomial; work ((degree + 1)^2,)."""
     regular(degree, x, y, z, work)
@@ -127,7 +127,7 @@ def potential_sum(c, degree, x, y, z, work):
     return total
 
 
-@njit(**INLINED)
+@njit(**INLINED, forceinline=True)
 def third_derivatives(c, degree, x, y, z, work, out):
     """out (3, 3, 3) = all third derivatives of the polynomial; work (4 (degree + 1)^2,), degree at least 3."""
     n = (degree + 1) * (degree + 1)
@@ -147,7 +147,7 @@ def third_derivatives(c, degree, x, y, z, work, out):
                 out[j, k, i] = out[k, i, j] = out[k, j, i] = total
 
 
-@njit(**INLINED)
+@inlined(**INLINED)
 def polynomial(block, i, j, k, weights):
     """Coefficients of the harmonic polynomial of a cell, superposed."""
     size = (int(block[DEGREE]) + 1) ** 2
@@ -156,7 +156,7 @@ def polynomial(block, i, j, k, weights):
     return c
 
 
-@njit(**INLINED)
+@inlined(**INLINED)
 def second_gradient(block, weights, i, j, k, tx, ty, tz, work, out):
     """See `fieldmap.kernels.map.map_block.InterpolantKernels`: of a block of harmonic polynomials."""
     x, y, z = local(block, tx, ty, tz)
@@ -168,7 +168,7 @@ def second_gradient(block, weights, i, j, k, tx, ty, tz, work, out):
                 out[a, b, c] *= scale
 
 
-@njit(**INLINED)
+@inlined(**INLINED)
 def potential(block, weights, i, j, k, tx, ty, tz, work):
     """See `fieldmap.kernels.map.map_block.InterpolantKernels`: of a block of harmonic polynomials."""
     x, y, z = local(block, tx, ty, tz)

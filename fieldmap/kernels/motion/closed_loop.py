@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from fieldmap.kernels.compilation import njit
+from fieldmap.kernels.compilation import inlined, njit
 from fieldmap.kernels.control.block import SIGNALS, control
 from fieldmap.kernels.control.function import DONE, GIVEN, NO_FUNCTION, call_function
 from fieldmap.kernels.control.instruments import LOWER as LOWER_LIMIT
@@ -239,7 +239,7 @@ def _sample(sample, time, plant, law, signals, memory, room, waiting, progress):
     return NOTHING, held or limited
 
 
-@njit(**PLAIN_INLINED)
+@inlined(**PLAIN_INLINED)
 def _move_currents(plant, field, commands, currents, watch):
     """One step of the currents, and the weights if any moved; whether a supply held one back, and whether any moved."""
     superposition = plant.superposition

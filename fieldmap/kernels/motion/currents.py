@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 from numba import types
 
-from fieldmap.kernels.compilation import njit
+from fieldmap.kernels.compilation import inlined, njit
 from fieldmap.kernels.late_call import LateFunctions, array_at
 from fieldmap.kernels.map.current_table import BEYOND, table_weights
 from fieldmap.kernels.map.iron_block import ADDRESS, OUTSIDE, call_weights
@@ -46,7 +46,7 @@ def allocate(allocation, outputs, voltages):
 WINDING, AMPLIFIER, HIGHEST, LOWEST = 0, 1, 2, 3
 
 
-@njit(**PLAIN_INLINED)
+@inlined(**PLAIN_INLINED)
 def advance_currents(coils, commands, currents):
     """Advance currents (n,) by one step towards commands (n,); whether a supply limit held one back, and whether any
     changed.

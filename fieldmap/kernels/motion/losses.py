@@ -6,7 +6,7 @@ at PLATE of a body's array.
 
 import math
 
-from fieldmap.kernels.compilation import njit
+from fieldmap.kernels.compilation import inlined, njit
 from fieldmap.kernels.constants import MU0
 from fieldmap.kernels.map.map_block import PLAIN_INLINED
 from fieldmap.kernels.motion.layout import (
@@ -25,7 +25,7 @@ from fieldmap.kernels.motion.layout import (
 from fieldmap.kernels.motion.rotation import cross, to_body, to_map
 
 
-@njit(**PLAIN_INLINED)
+@inlined(**PLAIN_INLINED)
 def layer_integrals(height, thickness):
     """Integrals over the depth of the plate of 3 / (8 s^4), 1 / (4 s^3), 1 / (4 s^2): (14), (15)."""
     near, far = 1.0 / height, 1.0 / (height + thickness)
@@ -36,7 +36,7 @@ def layer_integrals(height, thickness):
     )
 
 
-@njit(**PLAIN_INLINED)
+@njit(**PLAIN_INLINED, forceinline=True)
 def plate_force(numbers, at, x, y, z, m, v, rate):
     """Force (3) on a dipole m (3) at a place, moving at v (3), and g (3), so that the torque is m x g: (16), (17).
 
@@ -82,12 +82,12 @@ def plate_force(numbers, at, x, y, z, m, v, rate):
     return force, turning
 
 
-@njit(**PLAIN_INLINED)
+@inlined(**PLAIN_INLINED)
 def _resist(linear, quadratic, speed):
     return -(linear + quadratic * abs(speed)) * speed
 
 
-@njit(**PLAIN_INLINED)
+@njit(**PLAIN_INLINED, forceinline=True)
 def losses(body, state, r, velocity, rate):
     """Force (3) in the frame of the map, torque (3) in that of the body, at a velocity (3) and angular velocity (3).
 
@@ -119,7 +119,7 @@ def losses(body, state, r, velocity, rate):
     return force, torque
 
 
-@njit(**PLAIN_INLINED)
+@inlined(**PLAIN_INLINED)
 def _eddies(body, state, r, velocity, rate):
     m = to_map(r, body[DIPOLE], body[DIPOLE + 1], body[DIPOLE + 2])
     arm = to_map(r, body[DIPOLE + 3], body[DIPOLE + 4], body[DIPOLE + 5])
@@ -132,13 +132,13 @@ def _eddies(body, state, r, velocity, rate):
     return force, to_body(r, a[0] + b[0], a[1] + b[1], a[2] + b[2])
 
 
-@njit(**PLAIN_INLINED)
+@inlined(**PLAIN_INLINED)
 def velocity_of(state):
     """Velocity (3) of the centre of mass."""
     return state[VELOCITY], state[VELOCITY + 1], state[VELOCITY + 2]
 
 
-@njit(**PLAIN_INLINED)
+@inlined(**PLAIN_INLINED)
 def angular_velocity_of(state):
     """Angular velocity (3) in the frame of the body."""
     return state[ANGULAR_VELOCITY], state[ANGULAR_VELOCITY + 1], state[ANGULAR_VELOCITY + 2]

@@ -10,7 +10,7 @@ from typing import Any
 from numba import types
 from numba.extending import overload
 
-from fieldmap.kernels.compilation import njit
+from fieldmap.kernels.compilation import inlined, njit
 from fieldmap.kernels.late_call import LateFunctions, array_at
 from fieldmap.kernels.map.cached_field import kept_at, kept_in
 from fieldmap.kernels.map.induced_moment import POINT, SIZE, induced_moment
@@ -27,13 +27,13 @@ from fieldmap.kernels.motion.layout import FIRST, MAGNETS, POSITION, SKIN, SOFT,
 from fieldmap.kernels.motion.rotation import to_body, to_map, turn_matrix
 
 
-@njit(**PLAIN_INLINED)
+@njit(**PLAIN_INLINED, forceinline=True)
 def field_points(body):
     """At how many points the field acts on a body."""
     return int(body[MAGNETS] + body[SOFT])
 
 
-@njit(**PLAIN_INLINED)
+@inlined(**PLAIN_INLINED)
 def _first_soft(body):
     """Where the array of the soft pieces begins."""
     return FIRST + 6 * int(body[MAGNETS]) + 3 * int(body[SKIN])

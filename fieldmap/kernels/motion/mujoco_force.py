@@ -13,7 +13,7 @@ from numba.core import cgutils
 from numba.extending import intrinsic
 
 from fieldmap.kernels.addresses import reals, words
-from fieldmap.kernels.compilation import njit
+from fieldmap.kernels.compilation import inlined, njit
 from fieldmap.kernels.constants import MU0_OVER_4PI
 from fieldmap.kernels.map import induced_moment as iron
 from fieldmap.kernels.map.lookup import superposed_at
@@ -59,7 +59,7 @@ def _applied(
 _apply: Any = intrinsic(_applied)
 
 
-@njit(**PLAIN_INLINED)
+@inlined(**PLAIN_INLINED)
 def _turned(turn, x, y, z):
     """A vector of the body in the world; turn (9,)."""
     return (

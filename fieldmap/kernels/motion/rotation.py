@@ -9,12 +9,12 @@ J. Chem. Phys. 107, 5840 (1997), with the part that commutes taken out.
 
 import math
 
-from fieldmap.kernels.compilation import njit
+from fieldmap.kernels.compilation import inlined, njit
 from fieldmap.kernels.map.map_block import PLAIN_INLINED
 from fieldmap.kernels.motion.layout import ANGULAR_VELOCITY, INERTIA, TURN
 
 
-@njit(**PLAIN_INLINED)
+@njit(**PLAIN_INLINED, forceinline=True)
 def turn_matrix(state):
     """The nine entries, row by row, of the matrix that takes vectors from the body to the map."""
     w, x, y, z = state[TURN], state[TURN + 1], state[TURN + 2], state[TURN + 3]
@@ -24,7 +24,7 @@ def turn_matrix(state):
     return 1.0 - yy - zz, xy - wz, xz + wy, xy + wz, 1.0 - xx - zz, yz - wx, xz - wy, yz + wx, 1.0 - xx - yy
 
 
-@njit(**PLAIN_INLINED)
+@njit(**PLAIN_INLINED, forceinline=True)
 def to_map(r, x, y, z):
     """A vector of the body in the frame of the map; r: nine entries of `turn_matrix`."""
     return (
@@ -34,7 +34,7 @@ def to_map(r, x, y, z):
     )
 
 
-@njit(**PLAIN_INLINED)
+@njit(**PLAIN_INLINED, forceinline=True)
 def to_body(r, x, y, z):
     """A vector of the map in the frame of the body; r: nine entries of `turn_matrix`."""
     return (
@@ -44,13 +44,13 @@ def to_body(r, x, y, z):
     )
 
 
-@njit(**PLAIN_INLINED)
+@inlined(**PLAIN_INLINED)
 def cross(a, b):
     """a x b of two triples."""
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
-@njit(**PLAIN_INLINED)
+@inlined(**PLAIN_INLINED)
 def _turn_by(state, w, x, y, z):
     """state's quaternion times (w, x, y, z): a rotation about axes of the body."""
     a, b, c, d = state[TURN], state[TURN + 1], state[TURN + 2], state[TURN + 3]
@@ -60,7 +60,7 @@ def _turn_by(state, w, x, y, z):
     state[TURN + 3] = a * z + b * y - c * x + d * w
 
 
-@njit(**PLAIN_INLINED)
+@inlined(**PLAIN_INLINED)
 def _about_momentum(state, px, py, pz, h):
     """The body turns about its momentum, given over I1, for a time h."""
     rate = math.sqrt(px * px + py * py + pz * pz)
@@ -70,7 +70,7 @@ def _about_momentum(state, px, py, pz, h):
     _turn_by(state, math.cos(half), share * px, share * py, share * pz)
 
 
-@njit(**PLAIN_INLINED)
+@njit(**PLAIN_INLINED, forceinline=True)
 def free_turn(state, body, h):
     """Advance quaternion and angular velocity by a time h without torque."""
     i1, i2, i3 = body[INERTIA], body[INERTIA + 1], body[INERTIA + 2]
@@ -98,7 +98,7 @@ def free_turn(state, body, h):
     )
 
 
-@njit(**PLAIN_INLINED)
+@inlined(**PLAIN_INLINED)
 def _about_second(state, p1, p2, p3, factor):
     """A turn about the body's second axis by factor p2; the momentum's other two components after it."""
     angle = factor * p2
@@ -108,7 +108,7 @@ def _about_second(state, p1, p2, p3, factor):
     return cosine * p1 - sine * p3, cosine * p3 + sine * p1
 
 
-@njit(**PLAIN_INLINED)
+@njit(**PLAIN_INLINED, forceinline=True)
 def normalise(state):
     """Take what rounding did to the quaternion's length back: one step of Newton's method for 1 / length."""
     a, b, c, d = state[TURN], state[TURN + 1], state[TURN + 2], state[TURN + 3]

@@ -11,7 +11,7 @@ place, kept from step to step.
 
 import numpy as np
 
-from fieldmap.kernels.compilation import njit
+from fieldmap.kernels.compilation import inlined, njit
 from fieldmap.kernels.copy_vector import copy_vector
 from fieldmap.kernels.map.map_block import INSIDE, PLAIN, PLAIN_INLINED, WHOLE
 from fieldmap.kernels.motion.contact import add_contact
@@ -52,7 +52,7 @@ def find_load(field, body, state, load):
     return status, touched
 
 
-@njit(**PLAIN_INLINED)
+@inlined(**PLAIN_INLINED)
 def _changes(body, state, r, v, s, load):
     """Rates of velocity (3) and angular velocity (3) at v and s, without the gyroscopic part."""
     force, torque = losses(body, state, r, v, s)
@@ -67,7 +67,7 @@ def _changes(body, state, r, v, s, load):
     )
 
 
-@njit(**PLAIN_INLINED)
+@inlined(**PLAIN_INLINED)
 def _moved(v, a, h):
     return v[0] + h * a[0], v[1] + h * a[1], v[2] + h * a[2]
 
@@ -96,7 +96,7 @@ def kick(body, state, load, h, order):
         state[ANGULAR_VELOCITY + k] += h * b2[k]
 
 
-@njit(**PLAIN_INLINED)
+@inlined(**PLAIN_INLINED)
 def fly(body, state, h):
     """Free motion for a time h."""
     for k in range(3):
@@ -105,7 +105,7 @@ def fly(body, state, h):
     normalise(state)
 
 
-@njit(**PLAIN_INLINED)
+@inlined(**PLAIN_INLINED)
 def step_of_two(field, body, state, load, h):
     """One step of second order; `load` goes in as that at the beginning, comes out as that at the end.
 
