@@ -29,7 +29,7 @@ style: $(STAMP)
 
 # As Python, an index out of range is an error.
 kernels: style
-	NUMBA_DISABLE_JIT=1 $(BIN)/pytest -q tests/kernels
+	NUMBA_DISABLE_JIT=1 $(BIN)/pytest -q -m "not slow" tests/kernels
 
 tests: $(STAMP)
 	$(BIN)/pytest -q -n 2 --dist loadfile --no-loadscope-reorder --doctest-modules -m "not slow" fieldmap tests

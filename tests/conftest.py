@@ -48,13 +48,14 @@ def pytest_collection_finish():
     gc.enable()
 
 
-# Begun together, one in each process: the first compiles for a minute what most tests call, the second the same in
-# another order, then the loop of simulations and the wrench on a body. Of what both reach at the same time, each would
-# compile a copy.
+# Begun together, one in each process: the first compiles for a minute what most tests call, then the loop of
+# simulations, the second the solver for currents and other kernels alone, then the wrench on a body. Of what both reach
+# at the same time, each would compile a copy.
 FIRST = (
     "tests/test_records.py",
-    "tests/kernels/",
+    "tests/kernels/test_current_solver.py",
     "tests/dynamics/test_scenarios.py",
+    "tests/kernels/",
     "tests/dynamics/test_rigid_body.py",
 )
 SLOW = Path(__file__).parent / "slow.txt"

@@ -8,7 +8,7 @@ from fieldmap.kernels.compilation import njit
 from fieldmap.typing import Array
 
 
-@njit(error_model="numpy", forceinline=True)
+@njit(forceinline=True)
 def copy_vector(values: Array, to: Array) -> None:
     """Fill to (n,) with the first n of values."""
     for i in range(to.shape[0]):

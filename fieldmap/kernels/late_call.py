@@ -33,7 +33,7 @@ class LateFunctions:
     of the C function. returns, arguments: types of numba; an array stands for the address of its first number, and
     must be contiguous, and one that may be written to unless the type is of those that may not; a tuple travels as it
     is, with the arrays in it, which the function is lent, and whose types must be the same. options: those of
-    `numba.cfunc`; what is compiled is kept in files unless they say otherwise.
+    `numba.cfunc`; unless they say otherwise, what is compiled is kept in files, and divides as kernels do.
 
     `call(number, (...))`: for compiled code, with the arguments in a tuple. Raises IndexError for a number that no
     function has, RuntimeError if the function could not be compiled.
@@ -51,7 +51,7 @@ class LateFunctions:
         self._arguments = arguments
         places = [types.CPointer(t.dtype) if isinstance(t, types.Array) else t for t in arguments]
         self._signature = returns(*places)
-        self._compile = cfunc(self._signature, **{"cache": True, **options})
+        self._compile = cfunc(self._signature, **{"cache": True, "error_model": "numpy", **options})
         self._compiled: dict[int, Any] = {}
         self._lock = RLock()
         self._cells = (ctypes.c_void_p * len(self.functions))()

@@ -20,7 +20,7 @@ MOST_AZIMUTHS = 128  # two panels of the longest rule
 _NEAREST = 1e-9  # of the outer radius: a point on the very surface is treated as that far from it
 
 
-@njit(error_model="numpy")
+@njit
 def even_azimuths(span: float, table: Array) -> None:
     """Fill table (3, 25): cosine, sine, weight of the rules with 8 and 16 points on |azimuth| <= span.
 
@@ -35,7 +35,7 @@ def even_azimuths(span: float, table: Array) -> None:
             table[2, first + k] = span * GAUSS_WEIGHTS[start + k]
 
 
-@njit(error_model="numpy")
+@njit
 def _arc_ellipse(cp: float, cm: float, nearness2: float, chords: float) -> float:
     """(|z-1| + |z+1|)/2 of the integrand's singularity, z in units of the half angle, eq. (22).
 
@@ -47,7 +47,7 @@ def _arc_ellipse(cp: float, cm: float, nearness2: float, chords: float) -> float
     return ends / chords
 
 
-@njit(error_model="numpy")
+@njit
 def graded_panel(
     azimuths: Array, first: int, t1: float, t2: float, kappa: float, cosine: float, sine: float, limits: Array
 ) -> int:
@@ -71,7 +71,7 @@ def graded_panel(
     return first + n
 
 
-@njit(error_model="numpy")
+@njit
 def arc_azimuths(
     px: float,
     py: float,
@@ -115,7 +115,7 @@ def arc_azimuths(
     return graded_panel(azimuths, 0, low, high, kappa, cosine, sine, limits)
 
 
-@inlined(error_model="numpy", fastmath={"reassoc"})
+@inlined(fastmath={"reassoc"})
 def arc_sum(
     azimuths: Array, n: int, px: float, py: float, r1: float, r2: float, h1: float, h2: float
 ) -> tuple[float, float, float]:
@@ -130,7 +130,7 @@ def arc_sum(
     return bx, by, bz
 
 
-@inlined(error_model="numpy", fastmath={"reassoc"})
+@inlined(fastmath={"reassoc"})
 def arc_sum_gradient(
     azimuths: Array, n: int, px: float, py: float, r1: float, r2: float, h1: float, h2: float
 ) -> tuple[float, float, float, float, float, float, float, float, float]:

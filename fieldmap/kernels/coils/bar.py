@@ -18,7 +18,7 @@ from fieldmap.typing import Array
 _MOST_SLICES = 24  # in slices; the closed form costs about as much
 
 
-@njit(error_model="numpy")
+@njit
 def bar_points(
     v1: float, v2: float, X: float, r1: float, r2: float, h1: float, h2: float, limits: Array
 ) -> int:
@@ -30,7 +30,7 @@ def bar_points(
     return even_points(ends / (v2 - v1), limits, _MOST_SLICES)
 
 
-@njit(error_model="numpy")
+@njit
 def _plane(a: float, b1: float, b2: float, c1: float, c2: float) -> tuple[float, float, float]:
     """Sums over the corners (b, c) of the plane at distance a, high minus low in b and in c: of ln(b + R),
     of ln(c + R), and of atan(b c / (|a| R))."""
@@ -47,7 +47,7 @@ def _plane(a: float, b1: float, b2: float, c1: float, c2: float) -> tuple[float,
     return of_b, of_c, angle
 
 
-@njit(error_model="numpy")
+@njit
 def bar_closed_form(
     v1: float, v2: float, u1: float, u2: float, h1: float, h2: float
 ) -> tuple[float, float, float, float, float]:
@@ -68,7 +68,7 @@ def bar_closed_form(
     return outward, axial, v_at_u2 - v_at_u1, u_at_v1 - u_at_v2, dz
 
 
-@inlined(error_model="numpy", fastmath={"reassoc"})
+@inlined(fastmath={"reassoc"})
 def bar_integrals(
     v1: float, v2: float, X: float, r1: float, r2: float, h1: float, h2: float, limits: Array
 ) -> tuple[float, float]:
@@ -88,7 +88,7 @@ def bar_integrals(
     return outward, axial
 
 
-@inlined(error_model="numpy", fastmath={"reassoc"})
+@inlined(fastmath={"reassoc"})
 def bar_integrals_gradient(
     v1: float, v2: float, X: float, r1: float, r2: float, h1: float, h2: float, limits: Array
 ) -> tuple[float, float, float, float, float]:

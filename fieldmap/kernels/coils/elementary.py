@@ -19,7 +19,7 @@ _SQRT_HALF_BITS = 0x3FE6A09E667F3BCD
 _TAN_PI_8 = 0.41421356237309503
 
 
-@njit(error_model="numpy", forceinline=True)
+@njit(forceinline=True)
 def log(x: float) -> float:
     """Natural logarithm of x >= 0: mantissa to [sqrt(1/2), sqrt(2)), then the series of 2 atanh."""
     bits = np.float64(x).view(np.int64)
@@ -37,7 +37,7 @@ def log(x: float) -> float:
     return np.float64(exponent) * _LN2 + (s * q * p + 2.0 * s)
 
 
-@njit(error_model="numpy", forceinline=True)
+@njit(forceinline=True)
 def exp(x: float) -> float:
     """Exponential for |x| < 700: a power of two times the series on [-ln(2)/2, ln(2)/2]."""
     n = np.int64(x * _LOG2_E + (0.5 if x >= 0.0 else -0.5))
@@ -59,7 +59,7 @@ def exp(x: float) -> float:
     return p * np.int64((n + np.int64(1023)) << np.int64(52)).view(np.float64)
 
 
-@njit(error_model="numpy", forceinline=True)
+@njit(forceinline=True)
 def atan2(y: float, x: float) -> float:
     """Angle of the point (x, y) in (-pi, pi]; 0 at the origin."""
     a, b = abs(y), abs(x)

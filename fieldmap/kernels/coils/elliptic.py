@@ -11,7 +11,7 @@ from fieldmap.kernels.compilation import njit
 STEPS = 7
 
 
-@njit(error_model="numpy", forceinline=True)
+@njit(forceinline=True)
 def complete_integrals(m: float, kc: float) -> tuple[float, float]:
     """K(m) and s(m) = (1 - m/2 - E(m)/K(m)) / m**2, both to rounding, also as m -> 0 where s -> 1/16.
 
@@ -35,7 +35,7 @@ def complete_integrals(m: float, kc: float) -> tuple[float, float]:
     return 0.5 * math.pi / a, scale * scale * total
 
 
-@njit(error_model="numpy", forceinline=True)
+@njit(forceinline=True)
 def complete_integrals_three(m: float, kc: float, g: float) -> tuple[float, float, float]:
     """K(m), s(m) as above and Bulirsch's cel(kc, g^2, 1, g) for -1 < g <= 1.
 

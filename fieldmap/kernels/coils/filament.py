@@ -14,7 +14,7 @@ _NEAREST = 2.5  # extents of the winding: nearer, filaments converge too slowly
 _ROUNDING = 2.5e-15  # of the exact section's corner terms
 
 
-@njit(error_model="numpy")
+@njit
 def far_distance(size: float, volume: float, digits: float) -> float:
     """Distance from the middle of a winding beyond which filaments are used, eq. (28).
 
@@ -25,14 +25,14 @@ def far_distance(size: float, volume: float, digits: float) -> float:
     return max(_NEAREST * size, (kept * volume) ** 0.25)
 
 
-@njit(error_model="numpy")
+@njit
 def section_points(half: float, gap: float, digits: float) -> int:
     """Gauss-Legendre points over an extent of +-half of a winding at least `gap` away."""
     q = 1.0 + gap / half
     return min(MOST_POINTS, int((digits + 2.0) / (2.0 * math.log10(q + math.sqrt(q * q - 1.0)))) + 2)
 
 
-@njit(error_model="numpy", forceinline=True)
+@njit(forceinline=True)
 def filament_slice(X: float, v: float, r: float, h: float) -> tuple[float, float, float, float, float]:
     """(outward, axial), d(outward)/dX, /dv, /dz per unit area of section at (r, h)."""
     u = r - X
@@ -42,7 +42,7 @@ def filament_slice(X: float, v: float, r: float, h: float) -> tuple[float, float
     return h * inverse3, u * inverse3, steep * u, -steep * v, inverse3 - steep * h
 
 
-@inlined(error_model="numpy", fastmath={"reassoc"})
+@inlined(fastmath={"reassoc"})
 def far_arc(
     azimuths: Array,
     n: int,
@@ -83,7 +83,7 @@ def far_arc(
     return bx, by, bz, g00, g01, g02, g10, g11, g12
 
 
-@inlined(error_model="numpy", fastmath={"reassoc"})
+@inlined(fastmath={"reassoc"})
 def far_bar(
     n: int,
     v1: float,

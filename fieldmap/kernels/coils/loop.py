@@ -16,7 +16,7 @@ from fieldmap.kernels.in_threads import over_rows
 from fieldmap.typing import Array
 
 
-@inlined(error_model="numpy")
+@inlined
 def loop_meridian(a: float, rho: float, z: float) -> tuple[float, float]:
     """(B_rho / rho, B_z) of a loop of radius a at (rho, z), T/A and T/(m A)."""
     a2, rho2, z2 = a * a, rho * rho, z * z
@@ -32,7 +32,7 @@ def loop_meridian(a: float, rho: float, z: float) -> tuple[float, float]:
     return radial, axial
 
 
-@inlined(error_model="numpy")
+@inlined
 def loop_meridian_gradient(a: float, rho: float, z: float) -> tuple[float, float, float, float]:
     """(B_rho / rho, B_z, dB_z/dz, dB_z/drho) of a loop of radius a at (rho, z)."""
     a2, rho2, z2 = a * a, rho * rho, z * z
@@ -54,13 +54,13 @@ def loop_meridian_gradient(a: float, rho: float, z: float) -> tuple[float, float
     return radial, axial, dz, drho
 
 
-@njit(error_model="numpy")
+@njit
 def _loop_block(a: float, rho: Array, z: Array, radial: Array, axial: Array) -> None:
     for i in range(len(rho)):
         radial[i], axial[i] = loop_meridian(a, rho[i], z[i])
 
 
-@njit(error_model="numpy")
+@njit
 def _loop_gradient_block(
     a: float, rho: Array, z: Array, radial: Array, axial: Array, dz: Array, drho: Array
 ) -> None:
@@ -68,7 +68,7 @@ def _loop_gradient_block(
         radial[i], axial[i], dz[i], drho[i] = loop_meridian_gradient(a, rho[i], z[i])
 
 
-@njit(nogil=True, error_model="numpy")
+@njit(nogil=True)
 def _loop_flux_density_rows(begin, end, points, radius, field):
     count = len(points)
     for block in range(begin, end):
@@ -90,7 +90,7 @@ def loop_flux_density(points: Array, radius: float) -> Array:
     return field
 
 
-@njit(nogil=True, error_model="numpy")
+@njit(nogil=True)
 def _loop_flux_density_and_gradient_rows(begin, end, points, radius, field, gradient):
     count = len(points)
     for block in range(begin, end):

@@ -8,7 +8,7 @@ from fieldmap.typing import Array
 BLOCK = 64  # points whose meridian fields are evaluated in one vector loop
 
 
-@inlined(error_model="numpy")
+@inlined
 def set_field(out: Array, x: float, y: float, radial: float, axial: float) -> None:
     """Write the field given by B_rho / rho and B_z to out (3,)."""
     out[0] = x * radial
@@ -16,7 +16,7 @@ def set_field(out: Array, x: float, y: float, radial: float, axial: float) -> No
     out[2] = axial
 
 
-@inlined(error_model="numpy")
+@inlined
 def set_gradient(out: Array, x: float, y: float, radial: float, dz: float, drho: float, curl: float) -> None:
     """Write the gradient of an axisymmetric field to out (3, 3), eq. (2).
 
@@ -38,7 +38,7 @@ def set_gradient(out: Array, x: float, y: float, radial: float, dz: float, drho:
     out[2, 2] = dz
 
 
-@njit(error_model="numpy")
+@njit
 def to_meridian(points: Array, rho: Array, z: Array) -> None:
     """Distance from the axis and height of points (n, 3), written to rho and z."""
     for i in range(len(points)):

@@ -6,7 +6,7 @@ from fieldmap.kernels.compilation import njit
 from fieldmap.typing import Array
 
 
-@njit(error_model="numpy", nogil=True, fastmath={"reassoc", "contract"})
+@njit(nogil=True, fastmath={"reassoc", "contract"})
 def neumann_sum(points: Array, vectors: Array, others: Array, of_others: Array) -> float:
     """Double sum of v . w / |p - q| over elements v at points p (3, n) and w at q (3, m), in m for vectors in m.
 

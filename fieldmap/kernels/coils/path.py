@@ -23,17 +23,17 @@ _WORK = 400.0  # of one point: some microseconds
 _SEAM = 1e-9  # overlap of the pieces, so that no point inside the winding falls between two of them
 
 
-@njit(error_model="numpy", inline="always")
+@njit(inline="always")
 def _arc(rows: Array, k: int) -> Arc:
     return Arc(rows[k, 0], rows[k, 1], rows[k, 2], rows[k, 3], rows[k, 4], rows[k, 5], rows[k, 6], rows[k, 7])
 
 
-@njit(error_model="numpy", inline="always")
+@njit(inline="always")
 def _bar(rows: Array, k: int) -> Bar:
     return Bar(rows[k, 0], rows[k, 1], rows[k, 2], rows[k, 3], rows[k, 4])
 
 
-@inlined(error_model="numpy")
+@inlined
 def add_arc(
     B: Array,
     arc: Arc,
@@ -56,7 +56,7 @@ def add_arc(
     B[2] += arc.sense * bz
 
 
-@inlined(error_model="numpy")
+@inlined
 def add_bar(
     B: Array, bar: Bar, half_thickness: float, x: float, y: float, h1: float, h2: float, limits: Array
 ) -> None:
@@ -72,7 +72,7 @@ def add_bar(
     B[2] += axial
 
 
-@njit(error_model="numpy")
+@njit
 def add_in_plane_gradient(
     G: Array, ax: float, ay: float, g00: float, g01: float, g02: float, g10: float, g11: float, g12: float
 ) -> None:
@@ -88,7 +88,7 @@ def add_in_plane_gradient(
     G[1, 2] += y2
 
 
-@inlined(error_model="numpy")
+@inlined
 def add_arc_gradient(
     B: Array,
     G: Array,
@@ -114,7 +114,7 @@ def add_arc_gradient(
     add_in_plane_gradient(G, mx, my, s * r[3], s * r[4], s * r[5], s * r[6], s * r[7], s * r[8])
 
 
-@inlined(error_model="numpy")
+@inlined
 def add_bar_gradient(
     B: Array,
     G: Array,
@@ -139,7 +139,7 @@ def add_bar_gradient(
     add_in_plane_gradient(G, ty, -tx, r[2], r[3], r[4], 0.0, 0.0, 0.0)
 
 
-@njit(error_model="numpy")
+@njit
 def current_direction(
     arcs: Array, bars: Array, half_thickness: float, x: float, y: float
 ) -> tuple[float, float]:
@@ -160,7 +160,7 @@ def current_direction(
     return 0.0, 0.0
 
 
-@njit(error_model="numpy")
+@njit
 def extent(arcs: Array, bars: Array, thickness: float, height: float) -> tuple[float, float, float, float]:
     """Of the bounding box of the path's pieces: middle x, y; half diagonal; a quarter of its area in the plane."""
     low_x, high_x, low_y, high_y = math.inf, -math.inf, math.inf, -math.inf
@@ -179,7 +179,7 @@ def extent(arcs: Array, bars: Array, thickness: float, height: float) -> tuple[f
     return 0.5 * (low_x + high_x), 0.5 * (low_y + high_y), size, 0.25 * width * depth
 
 
-@inlined(error_model="numpy")
+@inlined
 def add_far(
     B: Array,
     G: Array,
@@ -223,7 +223,7 @@ def add_far(
         add_in_plane_gradient(G, ty, -tx, q[2], q[3], q[4], 0.0, 0.0, 0.0)
 
 
-@njit(error_model="numpy")
+@njit
 def _even_tables(arcs: Array) -> Array:
     tables = np.empty((len(arcs), 3, 25))
     for k in range(len(arcs)):
@@ -231,7 +231,7 @@ def _even_tables(arcs: Array) -> Array:
     return tables
 
 
-@njit(error_model="numpy")
+@njit
 def _close_gradient(
     G: Array, arcs: Array, bars: Array, half_thickness: float, x: float, y: float, h1: float, h2: float
 ) -> None:
@@ -245,13 +245,13 @@ def _close_gradient(
 
 
 # As `vector *= factor`, which takes two seconds to compile: numba makes its message about shapes by the way.
-@njit(error_model="numpy", inline="always")
+@njit(inline="always")
 def _scale(vector: Array, factor: float) -> None:
     for k in range(3):
         vector[k] *= factor
 
 
-@njit(nogil=True, error_model="numpy")
+@njit(nogil=True)
 def _path_flux_density_rows(begin, end, points, arcs, bars, thickness, height, digits, field):
     factor = MU0_OVER_4PI / (thickness * height)
     limits, even = rule_limits(digits), _even_tables(arcs)
@@ -301,7 +301,7 @@ def path_flux_density(
     return field
 
 
-@njit(nogil=True, error_model="numpy")
+@njit(nogil=True)
 def _path_flux_density_and_gradient_rows(
     begin, end, points, arcs, bars, thickness, height, digits, field, gradient
 ):

@@ -19,7 +19,7 @@ RULES = 8  # 8, 16, ... 64 points
 MARGIN = 1.5  # decimal digits on top of those asked for: cancellation between opposite sides of a coil
 
 
-@njit(error_model="numpy")
+@njit
 def rule_limits(digits: float) -> Array:
     """limits (2, RULES): the smallest half sum of the axes' ratio (row 0: |z-1| + |z+1| over 2) and the largest
     half width of w (row 1) for which 8, 16, ... points give `digits` correct decimal digits."""
@@ -31,7 +31,7 @@ def rule_limits(digits: float) -> Array:
     return limits
 
 
-@njit(error_model="numpy")
+@njit
 def even_points(ellipse: float, limits: Array, most: int) -> int:
     """Evenly spread points for a singularity at (|z-1| + |z+1|)/2 = ellipse, or 0 if more than `most`."""
     for k in range(most // STEP):
@@ -40,7 +40,7 @@ def even_points(ellipse: float, limits: Array, most: int) -> int:
     return 0
 
 
-@njit(error_model="numpy")
+@njit
 def graded_points(half: float, limits: Array) -> int:
     """Points for the sinh substitution on |w| <= half."""
     for k in range(RULES):
@@ -49,7 +49,7 @@ def graded_points(half: float, limits: Array) -> int:
     return STEP * RULES
 
 
-@njit(error_model="numpy")
+@njit
 def section_distance(X: float, r1: float, r2: float, h1: float, h2: float) -> tuple[float, bool]:
     """Distance of a point from the boundary of a section and whether it is inside; h1 > h2 as in `slice`."""
     across = max(r1 - X, X - r2)

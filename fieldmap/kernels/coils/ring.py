@@ -25,7 +25,7 @@ _NEAREST = 1e-9  # of the outer radius
 _MOST_EQUAL = 24
 
 
-@njit(error_model="numpy")
+@njit
 def _equal_tables() -> Array:
     """tables (3, 3, 24): cosine, sine and weight of 8, 16, 24 equal steps of half a circle."""
     tables = np.empty((3, 3, _MOST_EQUAL))
@@ -39,7 +39,7 @@ def _equal_tables() -> Array:
     return tables
 
 
-@njit(error_model="numpy")
+@njit
 def _equal_points(nearness2: float, digits: float) -> int:
     """Equal steps whose error exp(-2 n depth), sinh(depth/2) = sqrt(nearness2), is small enough; 0: too many."""
     for k in range(_MOST_EQUAL // STEP):
@@ -50,7 +50,7 @@ def _equal_points(nearness2: float, digits: float) -> int:
     return 0
 
 
-@njit(error_model="numpy")
+@njit
 def _opposite_panel(azimuths: Array, first: int, digits: float) -> int:
     """Gauss-Legendre points on the half of the azimuths away from the point."""
     n = 8 if digits < 10.1 else 16
@@ -63,7 +63,7 @@ def _opposite_panel(azimuths: Array, first: int, digits: float) -> int:
     return first + n
 
 
-@njit(error_model="numpy")
+@njit
 def ring_azimuths(
     rho: float,
     r1: float,
@@ -89,7 +89,7 @@ def ring_azimuths(
     return _opposite_panel(azimuths, n, digits)
 
 
-@njit(nogil=True, error_model="numpy")
+@njit(nogil=True)
 def _ring_flux_density_rows(begin, end, points, inner, outer, height, digits, field):
     half = 0.5 * height
     factor = 2.0 * MU0_OVER_4PI / ((outer - inner) * height)
@@ -120,7 +120,7 @@ def ring_flux_density(points: Array, inner: float, outer: float, height: float, 
     return field
 
 
-@njit(nogil=True, error_model="numpy")
+@njit(nogil=True)
 def _ring_flux_density_and_gradient_rows(begin, end, points, inner, outer, height, digits, field, gradient):
     half = 0.5 * height
     factor = 2.0 * MU0_OVER_4PI / ((outer - inner) * height)

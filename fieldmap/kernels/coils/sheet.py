@@ -23,7 +23,7 @@ from fieldmap.typing import Array
 _LOST = 2e3  # rounding errors that closed form may lose by cancellation
 
 
-@inlined(error_model="numpy")
+@inlined
 def _end(a: float, rho: float, z: float) -> tuple[float, float, float, float]:
     """Of the loop at one end: A_phi/rho, the axial term of eq. (12), and the loop's B_rho/rho and B_z."""
     a2, rho2, z2 = a * a, rho * rho, z * z
@@ -40,7 +40,7 @@ def _end(a: float, rho: float, z: float) -> tuple[float, float, float, float]:
     return potential, third, radial, axial
 
 
-@inlined(error_model="numpy")
+@inlined
 def sheet_meridian(a: float, half: float, rho: float, z: float) -> tuple[float, float]:
     """(B_rho / rho, B_z) of a sheet of radius a and half height `half` at (rho, z), closed form."""
     upper_potential, upper_third, _, _ = _end(a, rho, z - half)
@@ -49,7 +49,7 @@ def sheet_meridian(a: float, half: float, rho: float, z: float) -> tuple[float, 
     return density * (upper_potential - lower_potential), density * (lower_third - upper_third)
 
 
-@inlined(error_model="numpy")
+@inlined
 def sheet_meridian_gradient(a: float, half: float, rho: float, z: float) -> tuple[float, float, float, float]:
     """(B_rho / rho, B_z, dB_z/dz, dB_z/drho) of the sheet at (rho, z), closed form."""
     upper_potential, upper_third, upper_radial, upper_axial = _end(a, rho, z - half)
@@ -63,7 +63,7 @@ def sheet_meridian_gradient(a: float, half: float, rho: float, z: float) -> tupl
     )
 
 
-@inlined(error_model="numpy")
+@inlined
 def far_points(a: float, half: float, rho: float, z: float) -> int:
     """Gauss-Legendre points in z to use instead of closed form, or 0 where that loses no more than it may."""
     r2 = rho * rho + z * z
@@ -72,7 +72,7 @@ def far_points(a: float, half: float, rho: float, z: float) -> int:
     return 16 if r2 < 36.0 * half * half else 8
 
 
-@inlined(error_model="numpy", fastmath={"reassoc"})
+@inlined(fastmath={"reassoc"})
 def far_sheet(a: float, half: float, rho: float, z: float, n: int) -> tuple[float, float, float, float]:
     """As `sheet_meridian_gradient`, by n loops."""
     radial, axial, dz, drho = 0.0, 0.0, 0.0, 0.0
@@ -87,13 +87,13 @@ def far_sheet(a: float, half: float, rho: float, z: float, n: int) -> tuple[floa
     return radial, axial, dz, drho
 
 
-@njit(error_model="numpy")
+@njit
 def _sheet_block(a: float, half: float, rho: Array, z: Array, radial: Array, axial: Array) -> None:
     for i in range(len(rho)):
         radial[i], axial[i] = sheet_meridian(a, half, rho[i], z[i])
 
 
-@njit(error_model="numpy")
+@njit
 def _sheet_gradient_block(
     a: float, half: float, rho: Array, z: Array, radial: Array, axial: Array, dz: Array, drho: Array
 ) -> None:
@@ -101,7 +101,7 @@ def _sheet_gradient_block(
         radial[i], axial[i], dz[i], drho[i] = sheet_meridian_gradient(a, half, rho[i], z[i])
 
 
-@njit(nogil=True, error_model="numpy")
+@njit(nogil=True)
 def _sheet_flux_density_rows(begin, end, points, radius, height, field):
     count, half = len(points), 0.5 * height
     for block in range(begin, end):
@@ -135,7 +135,7 @@ def sheet_flux_density(points: Array, radius: float, height: float) -> Array:
     return field
 
 
-@njit(nogil=True, error_model="numpy")
+@njit(nogil=True)
 def _sheet_flux_density_and_gradient_rows(begin, end, points, radius, height, field, gradient):
     count, half = len(points), 0.5 * height
     for block in range(begin, end):

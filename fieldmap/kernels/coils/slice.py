@@ -15,7 +15,7 @@ from fieldmap.kernels.coils.elementary import atan2, log
 from fieldmap.kernels.compilation import inlined, njit
 
 
-@inlined(error_model="numpy")
+@inlined
 def log_ratio(t1: float, R1: float, t2: float, R2: float, rest: float) -> float:
     """(t2 + R2) / (t1 + R1) for t1 < t2 and R_i^2 = t_i^2 + rest, without cancellation."""
     a1, a2 = R1 + abs(t1), R2 + abs(t2)
@@ -24,7 +24,7 @@ def log_ratio(t1: float, R1: float, t2: float, R2: float, rest: float) -> float:
     return numerator / denominator
 
 
-@inlined(error_model="numpy")
+@inlined
 def steepness(t1: float, R1: float, t2: float, R2: float, rest: float) -> tuple[float, float]:
     """t_i / (R_i rest) for i = 1, 2, both less the same constant where that avoids cancellation."""
     one_side = t1 > 0.0 or t2 < 0.0
@@ -34,13 +34,13 @@ def steepness(t1: float, R1: float, t2: float, R2: float, rest: float) -> tuple[
     return n1 / (R1 * d1), n2 / (R2 * d2)
 
 
-@inlined(error_model="numpy")
+@inlined
 def angle_difference(n1: float, d1: float, n2: float, d2: float) -> float:
     """atan(n2 / d2) - atan(n1 / d1) for d1, d2 >= 0."""
     return atan2(n2 * d1 - n1 * d2, d1 * d2 + n1 * n2)
 
 
-@njit(error_model="numpy", forceinline=True)
+@njit(forceinline=True)
 def arc_slice(X: float, v: float, r1: float, r2: float, h1: float, h2: float) -> tuple[float, float]:
     """(outward, axial) field integral of an arc's slice, eqs. (17) and (18)."""
     u1, u2 = r1 - X, r2 - X
@@ -59,7 +59,7 @@ def arc_slice(X: float, v: float, r1: float, r2: float, h1: float, h2: float) ->
     return outward, X * Z - h2 * L2 + h1 * L1 + q * T
 
 
-@njit(error_model="numpy", forceinline=True)
+@njit(forceinline=True)
 def arc_slice_gradient(
     X: float, v: float, r1: float, r2: float, h1: float, h2: float
 ) -> tuple[float, float, float, float, float]:
@@ -88,7 +88,7 @@ def arc_slice_gradient(
     return outward, axial, along, v * (upper - lower), h2 * upper - h1 * lower
 
 
-@njit(error_model="numpy", forceinline=True)
+@njit(forceinline=True)
 def bar_slice(X: float, v: float, r1: float, r2: float, h1: float, h2: float) -> tuple[float, float]:
     """(outward, axial) field integral of a bar's slice, eq. (20)."""
     u1, u2 = r1 - X, r2 - X
@@ -101,7 +101,7 @@ def bar_slice(X: float, v: float, r1: float, r2: float, h1: float, h2: float) ->
     return L, Z
 
 
-@njit(error_model="numpy", forceinline=True)
+@njit(forceinline=True)
 def bar_slice_gradient(
     X: float, v: float, r1: float, r2: float, h1: float, h2: float
 ) -> tuple[float, float, float, float, float]:

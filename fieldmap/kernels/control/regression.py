@@ -24,7 +24,7 @@ class Structure(NamedTuple):
     first: int
 
 
-@njit(nogil=True, error_model="numpy")
+@njit(nogil=True)
 def rotate_in(row, triangle):
     """Add a row (m,) to an upper triangle (m, m) so that triangle.T triangle grows by row.T row. Spoils row."""
     m = row.shape[0]
@@ -39,7 +39,7 @@ def rotate_in(row, triangle):
                 row[k] = cosine * row[k] - sine * kept
 
 
-@njit(nogil=True, error_model="numpy")
+@njit(nogil=True)
 def fill_regressor(y, u, n, poles, terms, delay, row):
     """Past outputs, negative, and inputs of sample n."""
     for i in range(poles):
@@ -48,7 +48,7 @@ def fill_regressor(y, u, n, poles, terms, delay, row):
         row[poles + i] = u[n - delay - i]
 
 
-@njit(nogil=True, error_model="numpy")
+@njit(nogil=True)
 def triangles(y, u, poles, terms, delay, first, out):
     """out (runs, p + 1, p + 1), p = poles + terms: the triangle of regressors and output over samples first...;
     y, u (runs, samples)."""
@@ -62,7 +62,7 @@ def triangles(y, u, poles, terms, delay, first, out):
             rotate_in(row, out[run])
 
 
-@njit(nogil=True, error_model="numpy")
+@njit(nogil=True)
 def recursive(y, u, structure, forgetting, theta, covariance, history):
     """Recursive (extended) least squares from the given theta (p,) and covariance (p, p), both updated.
 

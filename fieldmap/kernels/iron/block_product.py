@@ -9,7 +9,7 @@ import numpy as np
 from fieldmap.kernels.compilation import inlined, njit
 
 
-@inlined(error_model="numpy", fastmath=True)
+@inlined(fastmath=True)
 def _sum_rows(row, x, first):
     """sum_i row[i] x[first + i, :] of x (n, 4)."""
     a = b = c = d = 0.0
@@ -22,7 +22,7 @@ def _sum_rows(row, x, first):
     return a, b, c, d
 
 
-@inlined(error_model="numpy", fastmath=True)
+@inlined(fastmath=True)
 def _add_rows(row, a, b, c, d, y, first):
     """y[first + i, :] += row[i] (a, b, c, d)."""
     for i in range(row.size):
@@ -33,7 +33,7 @@ def _add_rows(row, a, b, c, d, y, first):
         y[first + i, 3] += v * d
 
 
-@inlined(error_model="numpy", fastmath=True)
+@inlined(fastmath=True)
 def _low_rank(left, right, r0, c0, x, y):
     for k in range(left.shape[0]):
         a, b, c, d = _sum_rows(right[k], x, c0)
@@ -42,7 +42,7 @@ def _low_rank(left, right, r0, c0, x, y):
         _add_rows(right[k], a, b, c, d, y, c0)
 
 
-@inlined(error_model="numpy", fastmath=True)
+@inlined(fastmath=True)
 def _dense(values, r0, c0, x, y):
     """A block on the diagonal is stored whole and used once."""
     for i in range(values.shape[0]):

@@ -17,7 +17,7 @@ _INVERSE_4PI = 1.0 / (4.0 * math.pi)
 # Triangles of a block: its rows stay in the processor's first two caches.
 _BLOCK = 512
 # Without counts of references, which threads would fight for (as in `fieldmap.kernels.map.map_block`).
-_PLAIN: dict[str, Any] = {"error_model": "numpy", "_nrt": False}
+_PLAIN: dict[str, Any] = {"_nrt": False}
 _FAST: dict[str, Any] = {**_PLAIN, "fastmath": True}
 
 
@@ -154,7 +154,7 @@ def _replace(x, y, z, corners, normal, gradient, rows, j):
     rows[3][j], rows[4][j], rows[5][j], rows[6][j], rows[7][j] = g[3], g[4], g[5], g[6], g[7]
 
 
-@njit(error_model="numpy")
+@njit
 def _rows():
     """Eight rows of a block and three for scratch: arrays of their own, which do not overlap."""
     a, b, c, d = np.empty(_BLOCK), np.empty(_BLOCK), np.empty(_BLOCK), np.empty(_BLOCK)
@@ -183,7 +183,7 @@ def _add_sums(x, y, z, corners, normals, far, density, gradient, work, rows, sum
                 _add_gradient_sums(rows, last - first, of_block, sums[k])
 
 
-@njit(nogil=True, error_model="numpy")
+@njit(nogil=True)
 def surface_field(begin, end, points, corners, normals, far, density, out):
     """Fill out (c, n, 3) with the field at points (n, 3) of triangles corners (m, 3, 3), normals (m, 3), for c
     densities (c, m).
@@ -203,7 +203,7 @@ def surface_field(begin, end, points, corners, normals, far, density, out):
                 out[k, i, a] = _INVERSE_4PI * sums[k, a]
 
 
-@njit(nogil=True, error_model="numpy")
+@njit(nogil=True)
 def surface_field_and_gradient(begin, end, points, corners, normals, far, density, field, gradient):
     """Fill field (c, n, 3) and gradient (c, n, 3, 3), symmetric and free of trace; otherwise as `surface_field`."""
     c = density.shape[0]

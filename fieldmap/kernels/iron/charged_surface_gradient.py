@@ -13,7 +13,7 @@ _INVERSE_4PI = 1.0 / (4.0 * math.pi)
 _STEP = 1e-5
 
 
-@inlined(error_model="numpy")
+@inlined
 def _closed_form(x, y, z, p, out):
     """out (8,): ex, ey, ez, gxx, gxy, gxz, gyy, gyz at a point, of a triangle p (3, 3) with unit charge."""
     ax, ay, az = p[1, 0] - p[0, 0], p[1, 1] - p[0, 1], p[1, 2] - p[0, 2]
@@ -29,7 +29,7 @@ def _closed_form(x, y, z, p, out):
         out[a] *= 2.0 / twice
 
 
-@njit(error_model="numpy")
+@njit
 def _add_far(x, y, z, w, far, j, shapes, strength, out):
     """Add to out (3, 3) what three charges, a third of `strength` each, make of weights w (8,) at a point, by the
     corners; shapes (3, 3) of these at the charges."""
@@ -53,7 +53,7 @@ def _add_far(x, y, z, w, far, j, shapes, strength, out):
             out[c, 2] -= shapes[q, c] * gz
 
 
-@njit(nogil=True, error_model="numpy")
+@njit(nogil=True)
 def surface_gradient(begin, end, points, corners, far, shapes, charge, moving, weights, out):
     """Add to out (m, k, 3, 3) the derivatives by the corners (m, 3, 3) of the triangles that are moving (m,), of k sums
     over points (n, 3) with weights (k, n, 8), as in `fieldmap.kernels.iron.charged_surface_weights`, for charges (m,).

@@ -11,7 +11,7 @@ from fieldmap.kernels.iron.charged_triangle import triangle_field_and_gradient
 _INVERSE_4PI = 1.0 / (4.0 * math.pi)
 
 
-@njit(error_model="numpy", fastmath=True, inline="always")
+@njit(fastmath=True, inline="always")
 def _far(x, y, z, far, j, out):
     """out (8,): ex, ey, ez, gxx, gxy, gxz, gyy, gyz at a point, of triangle j as three charges."""
     out[:] = 0.0
@@ -31,7 +31,7 @@ def _far(x, y, z, far, j, out):
         out[7] -= slope * dy * dz
 
 
-@njit(nogil=True, error_model="numpy")
+@njit(nogil=True)
 def surface_weights(begin, end, points, corners, normals, far, weights, out):
     """Add to out (k, m) the share of a unit density on every triangle in k sums over points (n, 3): sum of weights
     (k, n, 8) times Bx, By, Bz, dBx/dx, dBx/dy, dBx/dz, dBy/dy, dBy/dz. The other arguments as for

@@ -21,7 +21,7 @@ from fieldmap.kernels.compilation import njit
 _TINY = 1e-300
 
 
-@njit(error_model="numpy", fastmath=True, inline="always")
+@njit(fastmath=True, inline="always")
 def solid_angle(x, y, z, p):
     """Solid angle of the triangle p (3, 3) seen from (x, y, z); positive on the side its normal points to.
 
@@ -40,7 +40,7 @@ def solid_angle(x, y, z, p):
     return -2.0 * math.atan2(triple, a * b * c + ab * c + ac * b + bc * a)
 
 
-@njit(error_model="numpy", fastmath=True, inline="always")
+@njit(fastmath=True, inline="always")
 def triangle_potential(x, y, z, p, n):
     """Potential at (x, y, z) of the triangle p (3, 3) with unit normal n (3,). Finite everywhere."""
     potential = 0.0
@@ -60,7 +60,7 @@ def triangle_potential(x, y, z, p, n):
     return potential - height * solid_angle(x, y, z, p)
 
 
-@njit(error_model="numpy", fastmath=True, inline="always")
+@njit(fastmath=True, inline="always")
 def triangle_field(x, y, z, p, n):
     """Field (three numbers) at (x, y, z) of the triangle p (3, 3) with unit normal n (3,)."""
     ex = ey = ez = 0.0
@@ -79,7 +79,7 @@ def triangle_field(x, y, z, p, n):
     return ex + n[0] * omega, ey + n[1] * omega, ez + n[2] * omega
 
 
-@njit(error_model="numpy", fastmath=True, inline="always")
+@njit(fastmath=True, inline="always")
 def triangle_field_and_gradient(x, y, z, p, n):
     """Field and gradient at (x, y, z): ex, ey, ez, gxx, gxy, gxz, gyy, gyz, gzz (symmetric, trace-free).
 

@@ -14,7 +14,7 @@ from fieldmap.kernels.compilation import inlined, njit
 _INVERSE_36PI = 1.0 / (36.0 * math.pi)
 
 
-@inlined(error_model="numpy", fastmath=True)
+@inlined(fastmath=True)
 def far_values(i, first, last, x, y, z, out):
     """out[j - first] = W_ij for faces j from `first` to `last`, all far from face i; x, y, z (3, n): points of the
     degree-2 rule. Loops over contiguous arrays without branches, for the compiler to turn into vector code."""
@@ -29,7 +29,7 @@ def far_values(i, first, last, x, y, z, out):
         out[j] *= _INVERSE_36PI
 
 
-@inlined(error_model="numpy", fastmath=True)
+@inlined(fastmath=True)
 def _subtract(known, weights, rank, out):
     """out -= sum of the first `rank` rows of known (r, m), each times its weight."""
     for k in range(rank):
@@ -38,7 +38,7 @@ def _subtract(known, weights, rank, out):
             out[i] -= w * known[k, i]
 
 
-@inlined(error_model="numpy", fastmath=True)
+@inlined(fastmath=True)
 def _largest(values, used):
     """Index of the largest magnitude among those not used; -1 if all are."""
     best, place = -1.0, -1
@@ -48,7 +48,7 @@ def _largest(values, used):
     return place
 
 
-@inlined(error_model="numpy", fastmath=True)
+@inlined(fastmath=True)
 def _dot(a, b):
     total = 0.0
     for i in range(a.size):
@@ -90,7 +90,7 @@ def cross(block, x, y, z, tolerance, left, right):
     return -1
 
 
-@inlined(error_model="numpy", fastmath=True)
+@inlined(fastmath=True)
 def _orthonormalise(rows, rank, triangle):
     """Gram-Schmidt, twice: rows (r, m) become q, orthonormal, with rows_before = triangle (r, r) q."""
     triangle[:rank, :rank] = 0.0
@@ -112,7 +112,7 @@ def _orthonormalise(rows, rank, triangle):
             rows[k, i] *= 1.0 / length if length > 0.0 else 0.0
 
 
-@inlined(error_model="numpy", fastmath=True)
+@inlined(fastmath=True)
 def _combine(rows, rank, mix, count):
     """rows[a] = sum_k mix[k, a] rows[k] for a < count, in place."""
     total = np.empty(count)

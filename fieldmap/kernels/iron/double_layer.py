@@ -24,7 +24,7 @@ _INVERSE_4PI = 1.0 / (4.0 * math.pi)
 _IN_PLANE = 1e-12
 
 
-@njit(error_model="numpy", fastmath=True, inline="always")
+@njit(fastmath=True, inline="always")
 def linear_double_layer(x, y, z, p, n, area):
     """Three numbers: 4 pi times the potentials at (x, y, z) of the densities lambda_0, lambda_1, lambda_2 on the
     triangle p (3, 3) with unit normal n (3,)."""
@@ -47,7 +47,7 @@ def linear_double_layer(x, y, z, p, n, area):
     return a, b, omega - a - b
 
 
-@njit(error_model="numpy", fastmath=True, inline="always")
+@njit(fastmath=True, inline="always")
 def _share(k, x, y, z, sx, sy, sz, p, n, area, height, omega):
     a, b = (k + 1) % 3, (k + 2) % 3
     ex, ey, ez = p[b, 0] - p[a, 0], p[b, 1] - p[a, 1], p[b, 2] - p[a, 2]
@@ -58,7 +58,7 @@ def _share(k, x, y, z, sx, sy, sz, p, n, area, height, omega):
     return here * omega - height * (gx * sx + gy * sy + gz * sz)
 
 
-@inlined(error_model="numpy", fastmath=True)
+@inlined(fastmath=True)
 def _close(points, weights, corners, normal, area, radius, out):
     """out (3,): weighted means over points (q, 3) of `linear_double_layer`."""
     out[:] = 0.0
@@ -77,7 +77,7 @@ def _close(points, weights, corners, normal, area, radius, out):
         out[2] += weights[q] * c
 
 
-@inlined(error_model="numpy", fastmath=True)
+@inlined(fastmath=True)
 def _far_row(i, far, normals, sums):
     """sums (3 n,): of n . (x - y) / |x - y|^3 over the three points x of triangle i, for the points y of all; normals
     (3, 3 n): those of the points' triangles. No branches (a division that may raise is one): it becomes vector code."""
@@ -93,7 +93,7 @@ def _far_row(i, far, normals, sums):
             sums[q] += (dx * nx[q] + dy * ny[q] + dz * nz[q]) * inverse * inverse * inverse
 
 
-@njit(nogil=True, error_model="numpy", fastmath=True)
+@njit(nogil=True, fastmath=True)
 def double_layer(begin, end, faces, nodes, far, of_points, reach, out):
     """Add to rows begin to end of out (n, v), without unit: row i is the mean over triangle i of the potential of the
     double layer that is 1 at node k and linear on the triangles around it,

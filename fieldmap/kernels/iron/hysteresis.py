@@ -203,7 +203,7 @@ def _moved(h, p, kappa, law, offset, knots, coefficients, r):
     return mu
 
 
-@njit(error_model="numpy")
+@njit
 def _respond(h, previous, pinning, weights, law, offset, knots, coefficients, polarisation, tangent, r):
     """Add up one point: polarisation (3,), tangent (6,) = dj/dh in the order xx, xy, xz, yy, yz, zz."""
     polarisation[:] = 0.0

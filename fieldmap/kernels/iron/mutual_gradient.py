@@ -20,7 +20,7 @@ from fieldmap.kernels.iron.mutual_potential import row_beyond, separation
 _INVERSE_4PI = 1.0 / (4.0 * math.pi)
 
 
-@inlined(error_model="numpy", fastmath=True)
+@inlined(fastmath=True)
 def corner_gradient(x, y, z, p, n, area, field, by_corner):
     """Potential at (x, y, z) of the triangle p (3, 3) with unit normal n (3,) and an area; fills its field (3,) there
     and the potential's derivative by the corners (3, 3)."""
@@ -73,7 +73,7 @@ def corner_gradient(x, y, z, p, n, area, field, by_corner):
     return potential - height * omega
 
 
-@inlined(error_model="numpy", fastmath=True)
+@inlined(fastmath=True)
 def _add_mean(share, points, weights, shapes, p, n, area, by_outer, by_inner, field, by_corner):
     """Add `share` times the derivative of the mean over points (q, 3) of an outer triangle, of shapes (q, 3) at them,
     of the potential of the triangle p with unit charge: by the outer and the inner triangle's corners (3, 3)."""
@@ -95,7 +95,7 @@ def _add_mean(share, points, weights, shapes, p, n, area, by_outer, by_inner, fi
         by_inner[k, 2] -= half * (n[0] * ty - n[1] * tx)
 
 
-@inlined(error_model="numpy", fastmath=True)
+@inlined(fastmath=True)
 def _close_pair(i, j, apart, faces, near_shapes, touch_shapes, by_one, by_other, field, by_corner):
     """Derivative of `fieldmap.kernels.iron.mutual_potential.close_pair` by the corners (3, 3) of both triangles."""
     corners, normals, areas, _, _, near, near_weights, touch, touch_weights = faces
@@ -158,7 +158,7 @@ def _close_pair(i, j, apart, faces, near_shapes, touch_shapes, by_one, by_other,
         )
 
 
-@inlined(error_model="numpy", fastmath=True)
+@inlined(fastmath=True)
 def _add_turned(share, matrix, by_corner, corners, places, out):
     """Add to out (p, k, 3) shares (k,) of a derivative by corners (3, 3), turned by a matrix, at their places."""
     for c in range(3):
@@ -170,7 +170,7 @@ def _add_turned(share, matrix, by_corner, corners, places, out):
                 out[at, k, a] += share[k] * turned
 
 
-@njit(nogil=True, error_model="numpy", fastmath=True)
+@njit(nogil=True, fastmath=True)
 def close_gradient(
     begin,
     end,
@@ -230,7 +230,7 @@ def close_gradient(
                     _add_turned(share, matrices[a], by_other, nodes[j], places[a], parts[t])
 
 
-@inlined(error_model="numpy", fastmath=True)
+@inlined(fastmath=True)
 def _pulls(px, py, pz, x, y, z, beyond, gx, gy, gz):
     """Sums (n,) of (q - p)/|q - p|^3 over the points q of each triangle, x, y, z (3, n), for one point p; 0 where
     beyond (n,) <= 0. No branches: the compiler turns it into vector code."""
@@ -249,7 +249,7 @@ def _pulls(px, py, pz, x, y, z, beyond, gx, gy, gz):
         gx[j], gy[j], gz[j] = far * sx, far * sy, far * sz
 
 
-@njit(nogil=True, error_model="numpy", fastmath=True)
+@njit(nogil=True, fastmath=True)
 def far_pulls(begin, end, chosen, far, spheres, reach, out):
     """Fill out (c, 3, 3, n) with the sums of (q - p)/|q - p|^3 over the three points q of each of n triangles, for the
     three points p of c chosen ones, and x, y and z; 0 for close pairs. far (3, 3, n): x, y and z of the points;

@@ -11,7 +11,7 @@ _INVERSE_4PI = 1.0 / (4.0 * math.pi)
 _INVERSE_36PI = _INVERSE_4PI / 9.0
 
 
-@njit(error_model="numpy", fastmath=True, inline="always")
+@njit(fastmath=True, inline="always")
 def _mean_potential(points, weights, corners, normal):
     """Weighted mean over points (q, 3) of the potential of one triangle, by closed form."""
     total = 0.0
@@ -20,7 +20,7 @@ def _mean_potential(points, weights, corners, normal):
     return total
 
 
-@njit(error_model="numpy", fastmath=True, inline="always")
+@njit(fastmath=True, inline="always")
 def _inverse_distance(dx, dy, dz):
     """1/sqrt of a sum of squares: in single precision, which costs a fraction, and one step of Newton's method."""
     # A triangle meets itself, or is its own image; its pair is near, the sum is not used.
@@ -29,7 +29,7 @@ def _inverse_distance(dx, dy, dz):
     return guess * (1.5 - 0.5 * square * guess * guess)
 
 
-@inlined(error_model="numpy", fastmath=True)
+@inlined(fastmath=True)
 def _far_row(i, far, other_far, sums):
     """Fill sums (m,) with the sum of 1/|p - q| over the three points p of triangle i, for the first m points q of the
     other set's triangles. No branches (a division that may raise is one) over contiguous arrays: the compiler turns it
@@ -47,7 +47,7 @@ def _far_row(i, far, other_far, sums):
         )
 
 
-@inlined(error_model="numpy", fastmath=True)
+@inlined(fastmath=True)
 def row_beyond(i, one, other, reach, beyond):
     """Fill beyond (m,) with what the squared distances of triangle i from the first m of the other set exceed those of
     `reach` summed radii by; one, other (4, n): centres and radii."""
@@ -58,7 +58,7 @@ def row_beyond(i, one, other, reach, beyond):
         beyond[j] = dx * dx + dy * dy + dz * dz - size * size
 
 
-@njit(error_model="numpy", fastmath=True, inline="always")
+@njit(fastmath=True, inline="always")
 def separation(i, j, one, other):
     """Squared distance of the centres of two triangles, and the sum of their radii."""
     centres, radii, other_centres, other_radii = one[3], one[4], other[3], other[4]
@@ -68,7 +68,7 @@ def separation(i, j, one, other):
     return x * x + y * y + z * z, radii[i] + other_radii[j]
 
 
-@inlined(error_model="numpy", fastmath=True)
+@inlined(fastmath=True)
 def close_pair(i, j, apart, one, other):
     """Mean potential between close triangles, times 4 pi. `apart`: their circles do not overlap, and the outer rule
     belongs to the smaller one, over which the potential of the other varies less."""
@@ -84,7 +84,7 @@ def close_pair(i, j, apart, one, other):
     return _mean_potential(other_near[j], near_weights, corners[i], normals[i]) / areas[i]
 
 
-@inlined(error_model="numpy", fastmath=True)
+@inlined(fastmath=True)
 def _fill_row(i, one, other, sums, beyond, row):
     """row (m,) of W from the point sums of `_far_row`, and closed forms where beyond (m,) < 0."""
     for j in range(row.size):
@@ -95,7 +95,7 @@ def _fill_row(i, one, other, sums, beyond, row):
             row[j] = close_pair(i, j, distance2 > size * size, one, other) * _INVERSE_4PI
 
 
-@njit(nogil=True, error_model="numpy", fastmath=True)
+@njit(nogil=True, fastmath=True)
 def mutual_potential(begin, end, one, far, other, other_far, reach, symmetric, w):
     """Fill rows k and n - 1 - k of w (n, n), 1/m, for k from begin to end, at most (n + 1)/2, with
     W_ij = 1/(4 pi A_i A_j) int_i int_j dS dS' / R, the mean potential on triangle i of the one set of unit charge on
@@ -126,7 +126,7 @@ def copy_lower(begin, end, w):
             w[i, j] = w[j, i]
 
 
-@inlined(error_model="numpy", fastmath=True)
+@inlined(fastmath=True)
 def _far_pair(i, j, x, y, z):
     """Sum of 1/|p - q| over the three points of each triangle; x, y, z (3, n)."""
     total = 0.0
@@ -137,7 +137,7 @@ def _far_pair(i, j, x, y, z):
     return total
 
 
-@njit(nogil=True, error_model="numpy", fastmath=True)
+@njit(nogil=True, fastmath=True)
 def fill_near_blocks(begin, end, blocks, offset, number, faces, x, y, z, reach, data):
     """data[offset[k] + ...] = block k (rows, columns) of W in 1/m. blocks (b, 4): first and last + 1 of rows and
     columns; number (n,): of the faces in the whole matrix, which then has the same entries; x, y, z (3, n): points of
@@ -157,7 +157,7 @@ def fill_near_blocks(begin, end, blocks, offset, number, faces, x, y, z, reach, 
                 place += 1
 
 
-@inlined(error_model="numpy", fastmath=True)
+@inlined(fastmath=True)
 def entry(i, j, leaf, start, block_of_leaves, offset, data, x, y, z):
     """W_ij from the stored near blocks, by the far rule where there is none.
 

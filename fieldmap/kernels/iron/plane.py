@@ -18,7 +18,7 @@ _FAR = 4.0  # of the longer segment: from this distance on, Gauss points along o
 _POINTS = 4
 
 
-@njit(error_model="numpy")
+@njit
 def _log(d: complex, turn: complex) -> complex:
     """log d, its branch cut opposite to conj(turn); 0 at 0, where only products with d are wanted."""
     if d == 0:
@@ -26,7 +26,7 @@ def _log(d: complex, turn: complex) -> complex:
     return np.log(d * turn)
 
 
-@njit(error_model="numpy")
+@njit
 def _near(p1: complex, p2: complex, q1: complex, q2: complex) -> tuple[float, float, float]:
     """Both integrals in closed form: (log, hat at q1, hat at q2), docs/theory/planar.md (10)-(12)."""
     length_p, length_q = abs(p2 - p1), abs(q2 - q1)
@@ -48,7 +48,7 @@ def _near(p1: complex, p2: complex, q1: complex, q2: complex) -> tuple[float, fl
     return double.real, mean - at_first.imag, at_last.imag - mean
 
 
-@njit(error_model="numpy")
+@njit
 def _distant(p1: complex, p2: complex, q1: complex, q2: complex) -> tuple[float, float, float]:
     """The same with Gauss points along p."""
     length_p, length_q = abs(p2 - p1), abs(q2 - q1)
@@ -72,7 +72,7 @@ def _distant(p1: complex, p2: complex, q1: complex, q2: complex) -> tuple[float,
     return total, first, last
 
 
-@njit(error_model="numpy")
+@njit
 def mutual_segments(p1: Complex, p2: Complex, q1: Complex, q2: Complex) -> tuple[Array, Array, Array]:
     """Potentials of segments q (m,) averaged over segments p (n,); two may touch or be the same, but not cross.
 
@@ -97,7 +97,7 @@ def mutual_segments(p1: Complex, p2: Complex, q1: Complex, q2: Complex) -> tuple
     return single, first, last
 
 
-@njit(error_model="numpy")
+@njit
 def segment_derivatives(points: Complex, starts: Complex, ends: Complex, densities: Complex) -> Complex:
     """First three derivatives (3, n) of 1/(2 pi) sum of density * integral of log(point - w) over each segment.
 
@@ -115,7 +115,7 @@ def segment_derivatives(points: Complex, starts: Complex, ends: Complex, densiti
     return out
 
 
-@njit(error_model="numpy")
+@njit
 def polygon_derivatives(points: Complex, corners: Complex) -> Complex:
     """First three derivatives (3, n) of the integral of log(point - w) over the area of a counter-clockwise polygon.
 

@@ -215,7 +215,7 @@ def _subtract_rows(front, size, to, begin):
     _add_four(w[0], w, x[0], x, y[0], y, z[0], z, front[row : row + rest])
 
 
-@inlined(nogil=True, error_model="numpy")
+@inlined(nogil=True)
 def _eliminate(front, size, width):
     """Replace the first `width` rows of the symmetric front (size, size), of which the upper triangle counts, by those
     of its factor L^T, and the rest by what is left to the parent. False if a pivot is not positive."""
@@ -312,7 +312,7 @@ def largest_work(start, row_start, parent):
     return most
 
 
-@njit(nogil=True, error_model="numpy", fastmath=_FAST)
+@njit(nogil=True, fastmath=_FAST)
 def solve(start, rows, row_start, panel_start, panels, x):
     """Replace x (c, n) by the solutions of L L^T x = right, with the factor of `factorise`."""
     nodes, columns = start.size - 1, x.shape[0]

@@ -149,7 +149,7 @@ def sum_wrench(data, currents, place, turn, wrench, slopes):
     return inside
 
 
-@njit(error_model="numpy")
+@njit
 def _live(state, addresses):
     """A state by the addresses (7,) of its arrays. Of a state that numba has compiled into a function as a constant the
     arrays are copies that may not be written to; their addresses stay right."""
@@ -164,7 +164,7 @@ def _live(state, addresses):
     )
 
 
-@njit(nogil=True, error_model="numpy")
+@njit(nogil=True)
 def model_wrench(data, currents, place, turn, wrench, slopes):
     """`sum_wrench` of a map of saturating iron; False and NaN also where its model has no solution. data:
     `InModel`."""

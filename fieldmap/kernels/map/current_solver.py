@@ -51,9 +51,8 @@ _FOR_SLOPES = 0.01
 _CORRECTED, _CORRECTIONS = 1e-9, 3
 _SINGLE, _TINY = 1e-6, 1e-14
 # Without counts of references (map_block.PLAIN).
-_PLAIN: dict[str, Any] = {"_nrt": False, "error_model": "numpy"}
+_PLAIN: dict[str, Any] = {"_nrt": False}
 _FAST: dict[str, Any] = {**_PLAIN, "fastmath": True}
-_LATE: dict[str, Any] = {"error_model": "numpy"}
 
 
 class SignalDomain(NamedTuple):
@@ -136,7 +135,7 @@ MODEL = types.NamedTuple(
 STATE = types.NamedTuple((_MATRIX, _MATRIX, _MATRIX, _VECTOR, _WORDS, _VECTOR, _VECTOR), SolverState)
 
 
-@njit(error_model="numpy")
+@njit
 def signals_of(domain, currents, out):
     """Fill out (d,) with the nearest signals of currents (c,); whether they are in the domain."""
     largest = 0.0
@@ -384,7 +383,7 @@ def _tables(model):
     return model.weights, model.law, model.offset, model.knots, model.coefficients
 
 
-@njit(error_model="numpy", inline="always")
+@njit(inline="always")
 def _tangent(model, h, piece, factor, isotropic, along, unit):
     """Fill factor (r, r), lower, with that of Cholesky of the tangent at h (3 p,), and what `_magnetise` fills; the
     right-hand sides of the fields `unit` (3 p, c)."""
@@ -402,7 +401,7 @@ def _applied(model, currents):
     return out
 
 
-@njit(error_model="numpy", inline="always")
+@njit(inline="always")
 def _begin(model, state, currents, values, a):
     """Fill a (r,) with amplitudes to begin with; whether they come from the states behind."""
     d, count = model.domain, int(state.numbers[COUNT])
@@ -544,12 +543,11 @@ SOLVER = LateFunctions(
     types.intp,
     (MODEL, STATE, _READ, types.intp, types.float64),
     [_late_solve],
-    **_LATE,
 )
 _solve = SOLVER.called_or_linked()
 
 
-@njit(nogil=True, error_model="numpy")
+@njit(nogil=True)
 def solve(model, state, currents, tolerance):
     """Amplitudes at currents (c,), left in state; FOUND, BEYOND the domain, NOT_CONVERGED or NOT_FINITE.
 
@@ -559,14 +557,14 @@ def solve(model, state, currents, tolerance):
     return _solve(model, state, currents, currents.size, tolerance)
 
 
-@njit(nogil=True, error_model="numpy")
+@njit(nogil=True)
 def current_weights(model, state, currents, out):
     """Fill out (f,) with the weights of a map's fields at currents (c,): the currents, then those of the iron's fields,
     then 1 for a background if there is any. Status as of `solve`; NaN unless FOUND."""
     return _weights(model, state, currents, model.tolerance, out)
 
 
-@njit(error_model="numpy")
+@njit
 def _weights(model, state, currents, tolerance, out):
     status = solve(model, state, currents, tolerance)
     for f in range(out.size):
@@ -637,12 +635,11 @@ SLOPES = LateFunctions(
     types.intp,
     (MODEL, STATE, _READ, _VECTOR, _MATRIX, types.intp, types.intp, types.UniTuple(types.intp, 2)),
     [_late_slopes],
-    **_LATE,
 )
 _slopes = SLOPES.called_or_linked()
 
 
-@njit(nogil=True, error_model="numpy")
+@njit(nogil=True)
 def current_slopes(model, state, currents, out, slopes):
     """`current_weights`, and slopes (f, c): their derivatives by the currents, 1/A, of the model itself. Both are as
     exact as a hundredth of the tolerance makes them: slopes follow the state to first order. The tangent is summed in
@@ -650,7 +647,7 @@ def current_slopes(model, state, currents, out, slopes):
     return _slopes(model, state, currents, out, slopes, currents.size, out.size, slopes.shape)
 
 
-@njit(nogil=True, error_model="numpy")
+@njit(nogil=True)
 def solved_at_currents(data, currents, x, y, z):
     """B, G as of `fieldmap.kernels.map.lookup.at_currents`; data: (block, CompiledModel, SolverState). NaN where there
     is no solution."""

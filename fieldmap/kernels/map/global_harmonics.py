@@ -71,7 +71,7 @@ def _harmonics(up, down, degree, x, y, z, out):
 
 
 # "reassoc" lets the sum run in several lanes; unlike the rest of fast-math it assumes nothing about NaN.
-@inlined(error_model="numpy", fastmath={"contract", "reassoc"})
+@inlined(fastmath={"contract", "reassoc"})
 def _dot(row, harmonics, n):
     total = 0.0
     for i in range(n):

@@ -41,7 +41,7 @@ _ONE, _TWO, _THREE, _FOUR = (np.uint64(n) for n in range(1, 5))
 EDGE = 1e-9
 
 # Fused multiply-add only. The rest of fast-math would let the compiler assume that there is no NaN.
-INLINED: dict[str, Any] = {"error_model": "numpy", "fastmath": {"contract"}}
+INLINED: dict[str, Any] = {"fastmath": {"contract"}}
 # Inlined before types are known, not as a function that was optimised by itself: what takes memory on the stack.
 INLINED_EARLY: dict[str, Any] = {**INLINED, "inline": "always"}
 OUTER: dict[str, Any] = {**INLINED, "nogil": True}

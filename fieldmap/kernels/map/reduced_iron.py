@@ -18,7 +18,7 @@ from fieldmap.kernels.map.matrix_vector import times, times_transposed
 PAIRS = 12
 
 
-@inlined(error_model="numpy", fastmath=True)
+@inlined(fastmath=True)
 def solve_factored(factor, right, out):
     """out (r,) = (L L^T)^-1 right, with L the lower triangle of factor (r, r)."""
     count = right.size
@@ -34,14 +34,14 @@ def solve_factored(factor, right, out):
 
 
 # Spelled out: an expression of arrays takes seconds to compile, most of them for its message about shapes.
-@njit(error_model="numpy", inline="always")
+@njit(inline="always")
 def _add_times(factor, vector, total):
     """total (n,) += factor times vector (n,)."""
     for i in range(total.size):
         total[i] += factor * vector[i]
 
 
-@inlined(error_model="numpy", fastmath=True)
+@inlined(fastmath=True)
 def direction(factor, residual, changes, responses, count, out):
     """out (r,): the step that the factor and the first `count` pairs of changes and responses (PAIRS, r) propose."""
     left, shares = residual.copy(), np.empty(count)
@@ -200,7 +200,7 @@ def material_tangent(h, single, isotropic, along, unit):
     return total, sides[:, :count]
 
 
-@inlined(error_model="numpy", fastmath=True)
+@inlined(fastmath=True)
 def fill_tangent_factor(h, single, isotropic, along, air, factor, unit):
     """factor (r, r), lower: that of Cholesky of K. Returns what `material_tangent` does of the coils' fields per
     ampere `unit` (3 p, c)."""
@@ -226,7 +226,7 @@ def energy_of(factor, amplitude):
     return np.dot(product, product)
 
 
-@njit(error_model="numpy", inline="always")
+@njit(inline="always")
 def add_rest(constant, air, residual):
     """residual (r,) += constant - air."""
     for i in range(residual.size):
