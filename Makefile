@@ -31,8 +31,12 @@ style: $(STAMP)
 kernels: style
 	NUMBA_DISABLE_JIT=1 $(BIN)/pytest -q -m "not slow" tests/kernels
 
+# Without the values in failed assertions, for which each process would rewrite all tests, and without catching what is
+# logged; what fails runs once more, with both.
 tests: $(STAMP)
-	$(BIN)/pytest -q -n 2 --dist loadfile --no-loadscope-reorder --doctest-modules -m "not slow" fieldmap tests
+	$(BIN)/pytest -q -n 2 --dist loadfile --no-loadscope-reorder --doctest-modules -m "not slow" \
+	    --assert=plain -p no:logging fieldmap tests \
+	    || { $(BIN)/pytest -q --doctest-modules --last-failed --last-failed-no-failures none fieldmap tests; exit 1; }
 
 bench: $(VENV)/.installed-bench
 	$(BIN)/python scripts/benchmark.py

@@ -9,8 +9,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fieldmap.iron.mesh.mesher import FOLDER
-
 DEVICES = Path(__file__).parent / "devices"
 SCENARIOS = Path(__file__).parent / "scenarios"
 
@@ -25,9 +23,10 @@ def valid_text() -> str:
 def pytest_configure(config):
     """One folder of meshes for all processes of a run: of the same iron a mesh is made once. None from another run, so
     what is tested is the mesher as it is."""
-    if FOLDER not in os.environ:
+    # By its name: the process that hands out the tests has no use for the package.
+    if "FIELDMAP_MESHES" not in os.environ:
         folder = tempfile.TemporaryDirectory(prefix="fieldmap_meshes_")
-        os.environ[FOLDER] = folder.name
+        os.environ["FIELDMAP_MESHES"] = folder.name
         config.add_cleanup(folder.cleanup)
     # The colours of texts about overloads that do not fit: numba makes thousands while it compiles, and shows none.
     os.environ.setdefault("NUMBA_DISABLE_ERROR_MESSAGE_HIGHLIGHTING", "1")

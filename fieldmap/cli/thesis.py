@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 
 LONG = 20.0
 """Seconds from which on a command says first what it needs."""
+MOVED_EVERY = 1.0
+"""Seconds after which progress moves while a part is at work."""
 TOLD_EVERY = 10.0
 """Seconds after which the time that a part has taken is told anew."""
 
@@ -162,7 +164,7 @@ def moving(
         progress(part, share)
 
     def ticks() -> None:
-        while not stopped.wait(1.0):
+        while not stopped.wait(MOVED_EVERY):
             for part, share, since in tuple(at_work):
                 took, usual = time.monotonic() - since, expected[part]
                 inside = usual * (1.0 - math.exp(-took / usual)) / whole

@@ -1,6 +1,8 @@
 """Meshes that were made before: the same bits as those made afresh, and of nothing but the same solids."""
 
+import os
 from dataclasses import fields, replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -54,6 +56,11 @@ def same_bits(one, other):
 
 
 @pytest.mark.parametrize("generate", [generate_mesh, generate_surface])
+def test_all_processes_of_a_test_run_share_one_folder():
+    """`tests/conftest.py` writes the name of the variable out."""
+    assert Path(os.environ[FOLDER]).is_dir()
+
+
 def test_the_same_bits_from_memory_and_from_the_folder(made, device, generate, tmp_path, monkeypatch):
     fresh = generate(device, COARSE)
     assert same_bits(fresh, generate(device, COARSE))

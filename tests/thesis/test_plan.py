@@ -141,12 +141,13 @@ def test_the_page_is_there_before_the_first_part_and_grows(tmp_path, monkeypatch
 
 
 def test_progress_moves_while_a_part_is_at_work(monkeypatch):
-    """Every second or so, never backwards, and never beyond the part."""
-    monkeypatch.setattr("fieldmap.cli.thesis.TOLD_EVERY", 0.5)
+    """Every moment or so, never backwards, and never beyond the part."""
+    monkeypatch.setattr("fieldmap.cli.thesis.MOVED_EVERY", 0.1)
+    monkeypatch.setattr("fieldmap.cli.thesis.TOLD_EVERY", 0.05)
     seen = []
-    with moving(lambda message, share: seen.append(share), {"A": 3.0, "B": 1.0}) as begins:
+    with moving(lambda message, share: seen.append(share), {"A": 0.6, "B": 0.2}) as begins:
         begins("A", 0.0)
-        time.sleep(3.3)
+        time.sleep(0.7)
     assert len(set(seen)) >= 3
     assert seen == sorted(seen)
     assert max(seen) < 0.75
