@@ -55,12 +55,12 @@ def same_bits(one, other):
     )
 
 
-@pytest.mark.parametrize("generate", [generate_mesh, generate_surface])
 def test_all_processes_of_a_test_run_share_one_folder():
     """`tests/conftest.py` writes the name of the variable out."""
     assert Path(os.environ[FOLDER]).is_dir()
 
 
+@pytest.mark.parametrize("generate", [generate_mesh, generate_surface])
 def test_the_same_bits_from_memory_and_from_the_folder(made, device, generate, tmp_path, monkeypatch):
     fresh = generate(device, COARSE)
     assert same_bits(fresh, generate(device, COARSE))

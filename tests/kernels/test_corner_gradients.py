@@ -13,7 +13,7 @@ from fieldmap.kernels.iron.mutual_gradient import close_gradient
 
 STEP = 1e-6
 # On a ball. Without compilation the pairs of so many triangles take seconds.
-NODES, NODES_OF_SIX = (7, 6) if config.DISABLE_JIT else (40, 20)
+NODES, NODES_OF_SIX = (5, 5) if config.DISABLE_JIT else (40, 20)
 BETWEEN_RULES = 1e-5 if config.DISABLE_JIT else 1e-6
 
 
