@@ -48,13 +48,14 @@ def pytest_collection_finish():
 
 
 # Begun together, one in each process: the first compiles for a minute what most tests call, then the loop of
-# simulations, the second the solver for currents and other kernels alone, then the wrench on a body. Of what both reach
-# at the same time, each would compile a copy.
+# simulations, the second the solver for currents and other kernels alone, then lookups and the wrench on a body. Of
+# what both reach at the same time, each would compile a copy.
 FIRST = (
     "tests/test_records.py",
     "tests/kernels/test_current_solver.py",
     "tests/dynamics/test_scenarios.py",
     "tests/kernels/",
+    "tests/kernels/test_lookup.py",
     "tests/dynamics/test_rigid_body.py",
 )
 SLOW = Path(__file__).parent / "slow.txt"
@@ -96,7 +97,9 @@ def pytest_collection_modifyitems(config, items):
 
 
 def turn_of(file):
-    return next((k for k, start in enumerate(FIRST) if file.startswith(start)), len(FIRST))
+    """That of the longest of FIRST with which the name begins."""
+    turns = [k for k, start in enumerate(FIRST) if file.startswith(start)]
+    return max(turns, key=lambda k: len(FIRST[k]), default=len(FIRST))
 
 
 def file_of(item):

@@ -15,7 +15,7 @@ from fieldmap.typing import Array
 def field_matrix(degree: int, points: Array) -> Array:
     """(n, 3, (degree + 1)^2): first derivatives at local points (n, 3)."""
     table = regular_table(degree - 1, np.ascontiguousarray(points))
-    return np.stack([table @ derivative_matrix(degree, i) for i in range(3)], axis=1)
+    return np.stack([table @ _first(degree, i) for i in range(3)], axis=1)
 
 
 def gradient_matrix(degree: int, points: Array) -> Array:
@@ -23,9 +23,20 @@ def gradient_matrix(degree: int, points: Array) -> Array:
     table = regular_table(degree - 2, np.ascontiguousarray(points))
     rows = np.empty((len(points), 3, 3, (degree + 1) ** 2))
     for i, j in combinations_with_replacement(range(3), 2):
-        rows[:, i, j] = table @ (derivative_matrix(degree - 1, j) @ derivative_matrix(degree, i))
+        rows[:, i, j] = table @ _second(degree, i, j)
         rows[:, j, i] = rows[:, i, j]
     return rows
+
+
+# A derivative of a harmonic is a sum of two others at most: of a column nearly all is zero.
+@cache
+def _first(degree: int, i: int) -> csr_array:
+    return csr_array(derivative_matrix(degree, i))
+
+
+@cache
+def _second(degree: int, i: int, j: int) -> csr_array:
+    return _first(degree - 1, j) @ _first(degree, i)
 
 
 @cache
@@ -36,7 +47,7 @@ def _unit_shift(degree: int, axis: int) -> tuple[csr_array, NDArray[np.intp]]:
     Taylor's series, which ends: p(x + s) = sum_k (s d/dx)^k p(x) / k!. All degrees that the polynomials have are kept.
     """
     terms = (degree + 1) ** 2
-    derivative = csr_array(derivative_matrix(degree, axis))
+    derivative = _first(degree, axis).copy()
     derivative.resize((terms, terms))
     total = term = eye_array(terms, format="csr")
     for k in range(1, degree + 1):
