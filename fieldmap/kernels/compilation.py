@@ -15,8 +15,8 @@ njit: Any = partial(numba.njit, cache=True, no_cfunc_wrapper=True, error_model="
 class Inlined:
     """A compiled function that is inlined into each kernel that calls it, and that Python cannot call.
 
-    numba's wrapper for callers in Python would hold the function once more. Without, all kernels are compiled in seven
-    eighths of the time. numba takes this object for the compiled function.
+    numba's wrapper for callers in Python would hold the function once more, to be optimised and to be made machine code
+    of. numba takes this object for the compiled function.
 
     dispatcher: what `numba.njit` made of the function. py_func: the function.
     """

@@ -35,7 +35,7 @@ def even_azimuths(span: float, table: Array) -> None:
             table[2, first + k] = span * GAUSS_WEIGHTS[start + k]
 
 
-@njit
+@inlined
 def _arc_ellipse(cp: float, cm: float, nearness2: float, chords: float) -> float:
     """(|z-1| + |z+1|)/2 of the integrand's singularity, z in units of the half angle, eq. (22).
 
@@ -47,7 +47,7 @@ def _arc_ellipse(cp: float, cm: float, nearness2: float, chords: float) -> float
     return ends / chords
 
 
-@njit
+@inlined
 def graded_panel(
     azimuths: Array, first: int, t1: float, t2: float, kappa: float, cosine: float, sine: float, limits: Array
 ) -> int:
@@ -71,7 +71,7 @@ def graded_panel(
     return first + n
 
 
-@njit
+@inlined
 def arc_azimuths(
     px: float,
     py: float,

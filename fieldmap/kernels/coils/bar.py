@@ -18,7 +18,7 @@ from fieldmap.typing import Array
 _MOST_SLICES = 24  # in slices; the closed form costs about as much
 
 
-@njit
+@inlined
 def bar_points(
     v1: float, v2: float, X: float, r1: float, r2: float, h1: float, h2: float, limits: Array
 ) -> int:
@@ -30,7 +30,7 @@ def bar_points(
     return even_points(ends / (v2 - v1), limits, _MOST_SLICES)
 
 
-@njit
+@inlined
 def _plane(a: float, b1: float, b2: float, c1: float, c2: float) -> tuple[float, float, float]:
     """Sums over the corners (b, c) of the plane at distance a, high minus low in b and in c: of ln(b + R),
     of ln(c + R), and of atan(b c / (|a| R))."""

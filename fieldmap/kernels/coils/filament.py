@@ -25,7 +25,7 @@ def far_distance(size: float, volume: float, digits: float) -> float:
     return max(_NEAREST * size, (kept * volume) ** 0.25)
 
 
-@njit
+@inlined
 def section_points(half: float, gap: float, digits: float) -> int:
     """Gauss-Legendre points over an extent of +-half of a winding at least `gap` away."""
     q = 1.0 + gap / half

@@ -72,7 +72,7 @@ def add_bar(
     B[2] += axial
 
 
-@njit
+@inlined
 def add_in_plane_gradient(
     G: Array, ax: float, ay: float, g00: float, g01: float, g02: float, g10: float, g11: float, g12: float
 ) -> None:

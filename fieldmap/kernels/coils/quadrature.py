@@ -11,7 +11,7 @@ import math
 
 import numpy as np
 
-from fieldmap.kernels.compilation import njit
+from fieldmap.kernels.compilation import inlined, njit
 from fieldmap.typing import Array
 
 STEP = 8
@@ -31,7 +31,7 @@ def rule_limits(digits: float) -> Array:
     return limits
 
 
-@njit
+@inlined
 def even_points(ellipse: float, limits: Array, most: int) -> int:
     """Evenly spread points for a singularity at (|z-1| + |z+1|)/2 = ellipse, or 0 if more than `most`."""
     for k in range(most // STEP):
@@ -40,7 +40,7 @@ def even_points(ellipse: float, limits: Array, most: int) -> int:
     return 0
 
 
-@njit
+@inlined
 def graded_points(half: float, limits: Array) -> int:
     """Points for the sinh substitution on |w| <= half."""
     for k in range(RULES):
@@ -49,7 +49,7 @@ def graded_points(half: float, limits: Array) -> int:
     return STEP * RULES
 
 
-@njit
+@inlined
 def section_distance(X: float, r1: float, r2: float, h1: float, h2: float) -> tuple[float, bool]:
     """Distance of a point from the boundary of a section and whether it is inside; h1 > h2 as in `slice`."""
     across = max(r1 - X, X - r2)

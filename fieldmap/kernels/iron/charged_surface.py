@@ -70,7 +70,7 @@ def _squares_beyond(x, y, z, cx, cy, cz, limit, out):
         out[j] = dx * dx + dy * dy + dz * dz - limit[j]
 
 
-@njit(**_PLAIN)
+@inlined(**_PLAIN)
 def _zero(out):
     for j in range(out.size):
         out[j] = 0.0

@@ -174,7 +174,7 @@ def _polynomials(values, lower, upper, out):
             out[j, n] = 2.0 * x * out[j, n - 1] - out[j, n - 2]
 
 
-@njit(**_PLAIN)
+@inlined(**_PLAIN)
 def _multiply(terms, polynomials, out):
     """out (t,): the value of every term."""
     out[0] = 1.0
