@@ -64,8 +64,8 @@ def cases() -> Iterator[Case]:
     for device in ("loop_and_sphere", "single_electromagnet", "disk_six_cores"):
         yield Case(f"solve_{device}", ("solve", device, "--json"))
     saturated = ("--nonlinear", "--currents", "1.5,1.2,1.5,1.5,1.8,1.5", "--refinement", "0.6")
-    forces = ("--at", "0", "0", "-0.09", "--force", "disk")
-    yield Case("solve_drive_unit", ("solve", "drive_unit", *saturated, *forces, "--json"))
+    below = ("--at", "0", "0", "-0.09")
+    yield Case("solve_drive_unit", ("solve", "drive_unit", *saturated, *below, "--json"))
     for name in sorted(path.stem for path in (ROOT / "maps/scenarios").glob("*.toml")):
         recipe = "linear" if name == "hold" else "division"
         words = ("simulate", before(name), "--map", f"{recipe}.h5", "-o", f"{before(name)}.h5", "--json")
