@@ -45,11 +45,11 @@ def kept_in(kernels: Sequence[InterpolantKernels]) -> Callable[..., Any]:
     gather, gathered = of_kind("gather", kernels), of_kind("gathered", kernels)
 
     # Without caches of their own: they are compiled into what calls them.
-    @njit(**{**WHOLE, "cache": False})
+    @njit(**WHOLE, cache=False)
     def superpose_all(block, weights, i, j, k, out):
         gather(block, (weights, i, j, k, out))
 
-    @njit(**{**PLAIN_INLINED, "cache": False}, forceinline=True)
+    @njit(**PLAIN_INLINED, cache=False, forceinline=True)
     def kept(field, p, x, y, z):
         block, weights, places, numbers = field
         status, i, j, k, tx, ty, tz = locate(block, x, y, z)

@@ -45,7 +45,7 @@ def of_kind(name: str, among: Sequence[InterpolantKernels] = KERNELS) -> Callabl
 
 def _first_kind(kernel: Callable[..., Any]) -> Callable[..., Any]:
     # Without a cache of its own: it is compiled into what calls it.
-    @njit(**{**INLINED_EARLY, "cache": False})
+    @njit(**INLINED_EARLY, cache=False)
     def chosen(block, given):
         return kernel(block, *given)
 
@@ -53,7 +53,7 @@ def _first_kind(kernel: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def _if_kind(kind: int, kernel: Callable[..., Any], other: Callable[..., Any]) -> Callable[..., Any]:
-    @njit(**{**INLINED_EARLY, "cache": False})
+    @njit(**INLINED_EARLY, cache=False)
     def chosen(block, given):
         if block[KIND] == kind:
             return kernel(block, *given)
@@ -74,7 +74,7 @@ def _superposed_of_kind() -> Callable[..., Any]:
 def _if_kind_superposed(
     kind: int, kernel: Callable[..., Any], other: Callable[..., Any]
 ) -> Callable[..., Any]:
-    @njit(**{**INLINED_EARLY, "cache": False})
+    @njit(**INLINED_EARLY, cache=False)
     def chosen(block, weights, i, j, k, tx, ty, tz):
         if block[KIND] == kind:
             return kernel(block, weights, i, j, k, tx, ty, tz)

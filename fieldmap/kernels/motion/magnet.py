@@ -44,7 +44,7 @@ def _wrench_in(kernels: InterpolantKernels) -> Callable[..., Any]:
     kept_at = kept_in((kernels,))
 
     # Without caches of their own: they are compiled into the late function.
-    @njit(**{**PLAIN, "cache": False})
+    @njit(**PLAIN, cache=False)
     def soft_wrench(field, body, r, state):
         """Status of the map; force and torque (6) on the soft pieces about the centre of mass, frame of the map."""
         base, dipoles = _first_soft(body), int(body[MAGNETS])
@@ -68,7 +68,7 @@ def _wrench_in(kernels: InterpolantKernels) -> Callable[..., Any]:
             tz += mx * v[1] - my * v[0] + ax * gy - ay * gx
         return INSIDE, (fx, fy, fz, tx, ty, tz)
 
-    @njit(**{**INLINED_EARLY, "cache": False})
+    @njit(**INLINED_EARLY, cache=False)
     def wrench(field, body, state, load):
         r = turn_matrix(state)
         fx, fy, fz, tx, ty, tz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
