@@ -146,7 +146,7 @@ def pieces_of_iron(state: SolvedState) -> tuple[tuple[str, ...], ...]:
 
 
 def _force(state: SolvedState, names: tuple[str, ...]) -> GroupForce:
-    return GroupForce(names, *state._force_and_torque_on(names, np.zeros(3)))
+    return GroupForce(names, *state.force_and_torque_on(names, np.zeros(3)))
 
 
 def _winding(

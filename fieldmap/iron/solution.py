@@ -134,7 +134,7 @@ class SolvedState(BaseFieldAtCurrents):
         Bodies that touch have a force only together: name them all. Raises InputError otherwise and for unknown
         names.
         """
-        return self._force_and_torque_on(name, np.zeros(3))[0]
+        return self.force_and_torque_on(name, np.zeros(3))[0]
 
     @property
     def pieces_of_iron(self) -> tuple[tuple[str, ...], ...]:
@@ -146,10 +146,10 @@ class SolvedState(BaseFieldAtCurrents):
 
     def torque_on(self, name: str | Sequence[str], about: ArrayLike) -> Array:
         """Torque (3,) in N m about a point (3,) in m; otherwise as `force_on`."""
-        return self._force_and_torque_on(name, about)[1]
+        return self.force_and_torque_on(name, about)[1]
 
-    def _force_and_torque_on(self, name: str | Sequence[str], about: ArrayLike) -> tuple[Array, Array]:
-        """Both `force_on` and `torque_on`, in the time of one."""
+    def force_and_torque_on(self, name: str | Sequence[str], about: ArrayLike) -> tuple[Array, Array]:
+        """`force_on` and `torque_on` (about a point (3,) in m) in the time of one."""
         return force_and_torque(self._magnetised, name, about)
 
     def flux_linkage(self) -> Array:

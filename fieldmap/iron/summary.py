@@ -136,7 +136,7 @@ def summarise_solution(
         points=_points(state, wanted),
         bodies=body_fluxes(state) if nonlinear else (),
         forces=tuple(
-            GroupForce(tuple(group), *state._force_and_torque_on(group, np.zeros(3))) for group in groups
+            GroupForce(tuple(group), *state.force_and_torque_on(group, np.zeros(3))) for group in groups
         ),
         sections=tuple(
             _section_mean(state, section) for section in (device.sections if sections is None else sections)

@@ -6,10 +6,13 @@ from typing import Any
 
 import numba
 
-# Kept in files. Without numba's wrapper for callers in C, which took a seventh of the time of compiling: no kernel has
-# such a caller; late_call.py makes C functions of its own. A division by zero gives what IEEE 754 says, as in numpy: to
-# raise an error, as Python does, numba adds a branch to each division and the way out to all callers.
-njit: Any = partial(numba.njit, cache=True, no_cfunc_wrapper=True, error_model="numpy")
+# Kept in files. A function takes what it does not say from the kernel that calls it first, and its last digits with it:
+# all say whether sums may be reordered and whether they are inlined. Without numba's wrapper for callers in C, which
+# took a seventh of the time of compiling: no kernel has such a caller; late_call.py makes C functions of its own. A
+# division by zero gives what IEEE 754 says, as in numpy: to raise an error, as Python does, numba adds a branch to each
+# division and the way out to all callers.
+_SAID = {"fastmath": False, "forceinline": False, "error_model": "numpy"}
+njit: Any = partial(numba.njit, cache=True, no_cfunc_wrapper=True, **_SAID)
 
 
 class Inlined:

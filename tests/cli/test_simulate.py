@@ -232,6 +232,16 @@ def test_a_log_that_does_not_fit_is_bad_input(command, written, tmp_path, text, 
     assert where in err
 
 
+@pytest.mark.parametrize(("step", "samples"), [(0.01, 2), (0.018, 2), (0.019, 0)])
+def test_a_log_needs_two_samples_within_the_run(command, written, tmp_path, step, samples):
+    (tmp_path / "rig.csv").write_text(f"t (s),depth (mm)\n0,13\n{step},13\n")
+    words = ("--set", "duration_s=0.02", "--measured", tmp_path / "rig.csv", "--begins", 0.0, "--json")
+    code, out, _ = command("simulate", written(), *words)
+    assert code == (0 if samples else 2)
+    if samples:
+        assert json.loads(out)["log"]["samples"] == samples
+
+
 def test_a_log_in_the_frame_of_the_map_is_what_simulate_writes(command, written, tmp_path):
     path, short = written(), ("--set", "duration_s=0.1")
     assert command("simulate", path, *short, "-o", tmp_path / "run.csv")[0] == 0

@@ -248,3 +248,13 @@ def test_schedules_that_do_not_fit_are_named(machine, change, where):
     with pytest.raises(InputError) as error:
         run(machine, **change)
     assert error.value.problems[0].where.startswith(where)
+
+
+@pytest.mark.parametrize("currents", [[], [2.0, 0.0], [[2.0]]])
+def test_there_is_one_current_at_the_start_for_each_coil(machine, currents):
+    schedule = Schedule(references(1e-5, 10), PERIOD, step=1e-4)
+    with pytest.raises(InputError) as error:
+        simulate_closed_loop(machine, controller(), schedule, state_of([0, 0, 0]), currents)
+    (problem,) = error.value.problems
+    assert problem.where == "simulate_closed_loop(currents)"
+    assert problem.received == str(np.shape(currents))

@@ -50,7 +50,10 @@ def test_nothing_is_said_of_what_hardly_falls():
 def test_time_goes_with_the_power_that_was_measured():
     known = expected_cost(steps(1.0, 1000.0, 2000.0), 8000.0, 1.0, 1.0)
     assert known.seconds == pytest.approx(2.0 * 8.0**1.5, rel=1e-9)
-    # Of one mesh alone the square.
+    # Of one mesh alone the square, and where the first took no time that a clock could tell.
+    first, second = steps(1.0, 1000.0, 3000.0)
+    first.seconds, second.seconds = 0.0, 2.0
+    assert expected_cost([first, second], 9000.0, 1.0, 1.0).seconds == pytest.approx(18.0, rel=1e-9)
     assert expected_cost(steps(1.0, 1000.0), 3000.0, 1.0, 1.0).seconds == pytest.approx(18.0, rel=1e-9)
 
 

@@ -132,3 +132,28 @@ def test_kernels_divide_as_numpy_does_whoever_calls_them_first():
         return kernel(value), part(value)
 
     assert caller(0.0) == (np.inf, -np.inf)
+
+
+@pytest.mark.parametrize("compiled_by", [njit, inlined])
+def test_kernels_keep_the_order_of_sums_whoever_calls_them_first(compiled_by):
+    """A caller that may reorder would pass that on: the last digits would depend on which was compiled first."""
+
+    @compiled_by(cache=False)
+    def part(a, b, c):
+        return a + b + c - a
+
+    @njit(cache=False, fastmath=True)
+    def caller(a, b, c):
+        return part(a, b, c)
+
+    # Reordered it would be b + c.
+    assert caller(1e16, 1.0, 1.0) == 0.0
+
+
+def test_all_kernels_say_what_they_would_take_from_a_caller():
+    kernels = kernels_of(fieldmap.kernels)
+    assert not {
+        name
+        for name, kernel in kernels.items()
+        if not {"fastmath", "forceinline", "error_model"} <= kernel.targetoptions.keys()
+    }

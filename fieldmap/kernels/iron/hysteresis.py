@@ -9,7 +9,7 @@ import numpy as np
 
 from fieldmap.kernels.compilation import njit
 from fieldmap.kernels.iron.magnetisation_law import flux_density
-from fieldmap.kernels.iron.quadratic_potential import _shape_gradients
+from fieldmap.kernels.iron.quadratic_potential import shape_gradients
 
 
 @njit(nogil=True)
@@ -21,7 +21,7 @@ def tested_vectors(begin, end, values, gradients, volume, out):
     d = np.empty((10, 3))
     for e in range(begin, end):
         for q in range(4):
-            _shape_gradients(q, gradients[e], d)
+            shape_gradients(q, gradients[e], d)
             w = 0.25 * volume[e]
             x, y, z = w * values[e, q, 0], w * values[e, q, 1], w * values[e, q, 2]
             for i in range(10):
@@ -38,7 +38,7 @@ def tested_matrices(begin, end, values, gradients, volume, out):
     d, image = np.empty((10, 3)), np.empty((10, 3))
     for e in range(begin, end):
         for q in range(4):
-            _shape_gradients(q, gradients[e], d)
+            shape_gradients(q, gradients[e], d)
             w = 0.25 * volume[e]
             xx, xy, xz = w * values[e, q, 0], w * values[e, q, 1], w * values[e, q, 2]
             yy, yz, zz = w * values[e, q, 3], w * values[e, q, 4], w * values[e, q, 5]

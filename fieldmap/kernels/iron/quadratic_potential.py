@@ -19,7 +19,7 @@ _SECOND = np.array([1, 2, 3, 2, 3, 3])
 
 
 @njit(inline="always")
-def _shape_gradients(q, g, d):
+def shape_gradients(q, g, d):
     """Fill d (10, 3) with the gradients of the shape functions at point q (the one near corner q)."""
     for i in range(4):
         factor = 4.0 * (_A if i == q else _B) - 1.0
@@ -34,7 +34,7 @@ def _shape_gradients(q, g, d):
 
 
 @njit(inline="always")
-def _gradient(values, nodes, d, out):
+def potential_gradient(values, nodes, d, out):
     """out (3,) = gradient of the nodal values (n,) for shape gradients d."""
     out[0] = out[1] = out[2] = 0.0
     for i in range(10):
@@ -84,9 +84,9 @@ def residual(
     h, g = np.empty(3), np.empty(3)
     for e in range(begin, end):
         for q in range(4):
-            _shape_gradients(q, gradients[e], d)
+            shape_gradients(q, gradients[e], d)
             size = _strength(potential, bubble, nodes[e], source[e], d, h)
-            _gradient(potential, nodes[e], d, g)
+            potential_gradient(potential, nodes[e], d, g)
             b, slope = flux_density(size, law[e], offset, knots, coefficients)
             # b(h) - t = (b / |h| - 1) h - grad potential
             m = (b / size if size > 1e-30 else slope) - 1.0
@@ -111,7 +111,7 @@ def tangent(
     h = np.empty(3)
     for e in range(begin, end):
         for q in range(4):
-            _shape_gradients(q, gradients[e], d)
+            shape_gradients(q, gradients[e], d)
             size = _strength(potential, bubble, nodes[e], source[e], d, h)
             b, slope = flux_density(size, law[e], offset, knots, coefficients)
             m = b / size if size > 1e-30 else slope
@@ -152,11 +152,11 @@ def source_response(
     h, t = np.empty(3), np.empty(3)
     for e in range(begin, end):
         for q in range(4):
-            _shape_gradients(q, gradients[e], d)
+            shape_gradients(q, gradients[e], d)
             size = _strength(potential, bubble, nodes[e], source[e], d, h)
             b, slope = flux_density(size, law[e], offset, knots, coefficients)
             m = b / size if size > 1e-30 else slope
-            _gradient(by_bubble, nodes[e], d, t)
+            potential_gradient(by_bubble, nodes[e], d, t)
             for k in range(3):
                 t[k] += by_source[e, k]
             w = 0.25 * volume[e]
@@ -195,7 +195,7 @@ def mean_fields(
     h = np.empty(3)
     for e in range(begin, end):
         for q in range(4):
-            _shape_gradients(q, gradients[e], d)
+            shape_gradients(q, gradients[e], d)
             size = _strength(potential, bubble, nodes[e], source[e], d, h)
             b, slope = flux_density(size, law[e], offset, knots, coefficients)
             m = b / size if size > 1e-30 else slope

@@ -7,7 +7,7 @@ import numpy as np
 
 from fieldmap.kernels.compilation import njit
 from fieldmap.kernels.iron.magnetisation_law import flux_density
-from fieldmap.kernels.iron.quadratic_potential import _gradient, _shape_gradients
+from fieldmap.kernels.iron.quadratic_potential import potential_gradient, shape_gradients
 
 
 @njit(nogil=True)
@@ -22,9 +22,9 @@ def sample_gradients(begin, end, values, nodes, gradients, out):
     one = np.empty(3)
     for e in range(begin, end):
         for q in range(4):
-            _shape_gradients(q, gradients[e], d)
+            shape_gradients(q, gradients[e], d)
             for j in range(functions):
-                _gradient(values[:, j], nodes[e], d, one)
+                potential_gradient(values[:, j], nodes[e], d, one)
                 out[e, q, 0, j], out[e, q, 1, j], out[e, q, 2, j] = one[0], one[1], one[2]
 
 

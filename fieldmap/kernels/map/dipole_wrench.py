@@ -10,11 +10,10 @@ import numpy as np
 
 from fieldmap.kernels.compilation import njit
 from fieldmap.kernels.map.lookup import contracted_at, superposed_at
-from fieldmap.kernels.map.map_block import INLINED, OUTER, SETS, WRONG_SHAPE
+from fieldmap.kernels.map.map_block import OUTER, SETS, WRONG_SHAPE
 
-# Without contraction of products and sums: the same bits as the array code of fieldmap.field.dipole_wrench. It says so,
-# as a function takes what it does not say from the first that calls it.
-_EXACT: dict[str, Any] = {**INLINED, "fastmath": False, "_nrt": False}
+# Without contraction of products and sums: the same bits as the array code of fieldmap.field.dipole_wrench.
+_EXACT: dict[str, Any] = {"_nrt": False}
 # The interpreter's lock is kept, as in `fieldmap.kernels.map.lookup.evaluate_one`.
 _ALONE: dict[str, Any] = {**OUTER, "nogil": False}
 

@@ -28,7 +28,7 @@ from fieldmap.kernels.map.solid_harmonics import differentiate, polynomial
 ROWS = 10
 
 
-@njit
+@njit(**INLINED)
 def expand(c, degree, table):
     """table (10 degree^2,) from the coefficients c ((degree + 1)^2,) of the potential."""
     n = degree * degree

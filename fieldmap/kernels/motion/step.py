@@ -37,7 +37,7 @@ X1 = 1.3512071919596578  # 1 / (2 - 2^(1/3))
 X0 = 1.0 - 2.0 * X1
 
 
-@njit(**PLAIN)
+@njit(**PLAIN, forceinline=True)
 def find_load(field, body, state, load):
     """Fill load (6,) at the state; the status of the map, and what is touched."""
     status = magnet_wrench(field, body, state, load)
@@ -72,7 +72,7 @@ def _moved(v, a, h):
     return v[0] + h * a[0], v[1] + h * a[1], v[2] + h * a[2]
 
 
-@njit(**PLAIN)
+@njit(**PLAIN, forceinline=True)
 def kick(body, state, load, h, order):
     """Velocities after a time h at rest in place and turn; with losses by a Runge-Kutta rule of `order`."""
     if body[LOSSY] == 0.0 and body[PLATE + CONDUCTIVITY] == 0.0:

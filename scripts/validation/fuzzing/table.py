@@ -41,16 +41,21 @@ def figures(kind: str, count: int, seed: int, first: int = 0) -> Figures:
 def _some(kind: str, first: int, count: int, seed: int, found: Figures) -> int | None:
     """Cases until the process ends: the number of the case that ended it; None where it reached its end."""
     command = [sys.executable, "-P", str(PROGRAM), kind, str(first), str(count), str(seed)]
-    current, change, done = first, "before the first case", True
+    current, change, done, silent = first, "before the first case", True, []
+
+    def end() -> None:
+        silent.append(True)
+        process.kill()
+
     with (
         tempfile.TemporaryFile("w+") as errors,
         subprocess.Popen(command, stdout=subprocess.PIPE, stderr=errors, text=True) as process,
     ):
-        watchdog = [threading.Timer(SILENT_S, process.kill)]
+        watchdog = [threading.Timer(SILENT_S, end)]
         watchdog[0].start()
         for line in process.stdout or ():
             watchdog[0].cancel()
-            watchdog[0] = threading.Timer(SILENT_S, process.kill)
+            watchdog[0] = threading.Timer(SILENT_S, end)
             watchdog[0].start()
             told = json.loads(line)
             done = "result" in told
@@ -70,8 +75,11 @@ def _some(kind: str, first: int, count: int, seed: int, found: Figures) -> int |
         return None
     if done and current == first:
         raise RuntimeError(f"{kind}: {error[-2000:]}")
-    found.counts["crash"] += 1
-    found.faults.append(f"crash ({process.returncode}), case {current}, {change}: {error[-200:]}")
+    what, why = (
+        ("slow", f"silent for {SILENT_S} s") if silent else ("crash", f"exit code {process.returncode}")
+    )
+    found.counts[what] += 1
+    found.faults.append(f"{what}, {why}, case {current}, {change}: {error[-200:]}")
     return current
 
 

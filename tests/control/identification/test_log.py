@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from fieldmap.control.identification import make_log, read_log, write_log
+from fieldmap.control.identification import make_log, read_log, recognise_log, write_log
 from fieldmap.errors import InputError
 
 GOOD = "# rig 1\ntime (ms),position (mm),drive current (mA)\n0,8.0,1500\n2,8.5,1400\n4,9.0,1450\n"
@@ -17,6 +17,28 @@ def test_units_become_si(tmp_path):
     assert log.units == {"position": "m", "drive current": "A"}
     np.testing.assert_allclose(log.deviations(rest=2)["position"], [-0.25e-3, 0.25e-3, 0.75e-3])
     np.testing.assert_allclose(log.time, [0, 2e-3, 4e-3])
+
+
+@pytest.mark.parametrize("rest", [0, 3])
+def test_a_rest_is_shorter_than_the_log(rest):
+    log = make_log(1e-3, {"x": [1.0, 2.0, 3.0]}, {"x": "m"})
+    with pytest.raises(InputError) as error:
+        log.deviations(rest=rest)
+    assert "1 to 2 " in error.value.problems[0].must_hold
+    assert error.value.problems[0].received == str(rest)
+
+
+@pytest.mark.parametrize(("wrong", "told"), [(1, 1), (4, 4), (5, 5), (6, 6), (20, 6)])
+def test_of_many_wrong_lines_five_are_told_and_the_rest_counted(wrong, told, tmp_path):
+    rows = [f"{0.001 * k:.3f},{'x' if k < wrong else k}" for k in range(30)]
+    (tmp_path / "log.csv").write_text("\n".join(["time (s),position (mm)", *rows]))
+    with pytest.raises(InputError) as error:
+        recognise_log(tmp_path / "log.csv", {"position": ["position"]})
+    problems = error.value.problems
+    assert len(problems) == told
+    assert [p.where.rsplit(":", 1)[-1] for p in problems[:5]] == [str(2 + k) for k in range(min(wrong, 5))]
+    if wrong > 5:
+        assert problems[-1].received.split()[0] == str(wrong)
 
 
 def test_what_is_written_is_read(tmp_path):
