@@ -5,9 +5,10 @@
 
 `make test` leaves the tests of that file out, `make slow` runs them. A test is on the list if it takes more than
 --seconds of processor time and each line that it runs is run by a test that stays, or by --tests of them if so many
-did. The longest are looked at first. What the lines do not tell is left alone: tests that start other processes, and
-tests that run no line of the package. Of a function whose quickest case takes less than --case, that one stays; of
-those in tests/physics, which compare with closed forms, always.
+did. The longest are looked at first. What the lines do not tell is left alone: tests that start other processes, those
+that run no line of the package, and those that hold definitions, such as signatures and the keys of files. Of a
+function whose quickest case takes less than --case, that one stays; of those in tests/physics, which compare with
+closed forms, always.
 
 A line that a test runs may be wrong without its notice: `make mutants` counts how many errors the tests that stay see.
 Of lines of compiled kernels only the calls are seen here. The extra `mutants` has what it takes.
@@ -58,7 +59,10 @@ def main() -> None:
         for path in sorted(folder.glob("*.json"))
         for name, one in json.loads(path.read_text(encoding="utf-8")).items()
     }
-    lines = lines_of(folder / "lines.coverage", set(tests))
+    from tests_of_lines import reads_definitions
+
+    held = {file for file in {name.split("::")[0] for name in tests} if reads_definitions(ROOT / file)}
+    lines = lines_of(folder / "lines.coverage", {name for name in tests if name.split("::")[0] not in held})
     left_out = chosen(tests, lines, given.seconds, given.case, given.tests)
     COVERED.write_text(HEADER + "\n".join(shortened(left_out, tests)) + "\n", encoding="utf-8")
     saved = sum(tests[name].seconds for name in left_out)

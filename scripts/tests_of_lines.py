@@ -57,7 +57,7 @@ class TestsOfLines:
             data.read()
             self._data.append(data)
         self._lines: dict[str, dict[int, set[str]]] = {}
-        walking = {file for file in files if "walk_packages" in (checkout / file).read_text(encoding="utf-8")}
+        walking = {file for file in files if reads_definitions(checkout / file)}
         self._of_all_modules = {name for name in self.seconds if name.split("::")[0] in walking}
 
     def of(self, file: str, line: int, package: str) -> list[str]:
@@ -69,7 +69,7 @@ class TestsOfLines:
         else:
             found = set().union(*(lines.get(k, set()) for k in self._statement(file, line)))
             if "" in found:
-                # Run while the module is imported: it shows wherever the module is used, and to tests of all modules.
+                # Run while the module is imported: it shows wherever the module is used, and to tests of definitions.
                 found = set().union(*lines.values()) | self._of_all_modules
         running = {name for name in found if name in self.seconds}
         module = file.removesuffix(".py").replace("/", ".")
@@ -139,6 +139,13 @@ class TestsOfLines:
             if node.lineno <= line <= max(last, node.lineno):
                 best = range(node.lineno, max(last, node.lineno) + 1)
         return best
+
+
+def reads_definitions(file: Path) -> bool:
+    """Whether a file of tests holds what modules define, such as signatures and the keys of files with their bounds,
+    to pages and schemas. Lines do not tell that: definitions run while a module is imported, in whichever test."""
+    text = file.read_text(encoding="utf-8")
+    return any(word in text for word in ("walk_packages", "api_signatures", "key_pages", "schema_files"))
 
 
 def with_coverage(folder: Path, marks: str) -> list[str]:

@@ -102,6 +102,8 @@ def test_what_is_not_reached_is_infinite():
     assert metrics.rise_time == np.inf
     assert metrics.settling_time == np.inf
     assert metrics.overshoot == 0.0
+    # Two moments are enough: what lies between is on a straight line.
+    assert step_metrics([0.0, 2.0], [0.0, 1.25]).rise_time == pytest.approx(0.8 / 1.25 * 2.0)
 
 
 def test_steady_error():

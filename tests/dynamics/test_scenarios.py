@@ -1,5 +1,6 @@
 """Scenario files: what is read, what is refused, what runs, what is written."""
 
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -7,10 +8,12 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+import fieldmap as fm
 from fieldmap.dynamics import prepare, read_scenario, run_metrics, simulate
 from fieldmap.dynamics.motion import state_of
 from fieldmap.dynamics.scenario import find_scenario, reading_mm, start
 from fieldmap.dynamics.scenario.experiment import _start
+from fieldmap.dynamics.scenario.machine import body_of
 from fieldmap.dynamics.scenario.metrics import _step
 from fieldmap.dynamics.scenario.references import references
 from fieldmap.errors import Infeasible, InputError, ScenarioError
@@ -42,6 +45,24 @@ def test_all_mistakes_of_a_file_are_told_at_once_with_their_lines(written):
         number = next(n for n, line in enumerate(lines, 1) if line.startswith(key))
         assert any(words in text and f":{number}: " in text for text in told), (words, told)
     assert any("depth_mm" in problem.remedy for problem in caught.value.problems)
+
+
+def test_a_finite_magnet_fills_its_cylinder_and_needs_one():
+    """Dipoles about the magnet's centre: their moments add up, and their mean square along the axis is that of the
+    cylinder, a twelfth of its height's."""
+    finite = read_scenario("hold", {"body.finite_magnet": True})
+    device, opened = fm.read_device("drive_unit"), fm.open_map("sample")
+    payload = device.payload
+    magnet = body_of(finite, device, opened).magnet
+    assert len(magnet.points) > 1
+    np.testing.assert_allclose(magnet.moments.sum(axis=0), [0.0, 0.0, payload.moment], atol=1e-12)
+    share = magnet.moments[:, 2] / payload.moment
+    assert share @ magnet.points[:, 2] ** 2 == pytest.approx(payload.magnet.height**2 / 12, rel=1e-9)
+    assert len(body_of(read_scenario("hold"), device, opened).magnet.points) == 1
+    bare = replace(device, payload=replace(payload, magnet=None))
+    with pytest.raises(ScenarioError) as caught:
+        body_of(finite, bare, opened)
+    assert caught.value.problems[0].where.endswith("body.finite_magnet")
 
 
 def test_a_start_shifts_moves_and_leans_what_may_be_turned_already(written):

@@ -15,6 +15,7 @@ from fieldmap.iron.operators.compressed import (
     spectrum,
     steps_needed,
 )
+from fieldmap.iron.operators.compressed import _quarters as quarters
 from fieldmap.iron.operators.surface import NEAR_RADII, ChargedFaces
 
 
@@ -46,6 +47,14 @@ def dense(faces):
 @pytest.fixture(scope="module")
 def compressed(faces):
     return CompressedMutualPotential(faces)
+
+
+def test_quarters_cover_their_blocks_once():
+    seen = np.zeros((9, 12), int)
+    for r0, r1, c0, c1 in quarters(np.array([[0, 9, 0, 5], [0, 2, 5, 12], [2, 9, 5, 12]])):
+        assert max(r1 - r0, c1 - c0) <= 5
+        seen[r0:r1, c0:c1] += 1
+    assert (seen == 1).all()
 
 
 def test_blocks_cover_every_pair_once(faces):

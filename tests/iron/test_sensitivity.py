@@ -24,6 +24,7 @@ from fieldmap.iron import (
 )
 from fieldmap.iron.sensitivity.changes import Parameters
 from fieldmap.iron.sensitivity.derivatives import Derivatives
+from fieldmap.iron.sensitivity.quantities import Quantity, Samples
 from fieldmap.lookup.payload import magnetic_body
 from fieldmap.sources import CoilSet
 from tests.conftest import DEVICES
@@ -37,6 +38,22 @@ POINTS = np.array([[0.0, 0.001, -0.02], [0.01, 0.003, 0.033]])
 def lowest_size(field):
     """A function that is not linear in the field."""
     return np.linalg.norm(field.field(POINTS), axis=1).min() + 1e-3 * field.gradient(POINTS[0])[2, 2] ** 2
+
+
+def test_slopes_of_a_function_of_nothing():
+    """Of a field that is zero, where no share of the largest value is a step; the sine has the slope 1 there."""
+    samples = Samples(np.zeros((1, 3)), np.zeros((1, 3, 3)), np.zeros(1), ("coil",))
+
+    class Sines(FluxDensityAt):
+        uses = ("field", "gradient", "linkage")
+
+        def of(self, at):
+            return [np.sin(1e3 * at.field).sum(), np.sin(at.gradient).sum(), np.sin(1e3 * at.linkage).sum()]
+
+    found = Quantity.weights(Sines(POINTS[:1]), samples)
+    for part, row, slope in ((found.field, 0, 1e3), (found.gradient, 1, 1.0), (found.linkage, 2, 1e3)):
+        assert np.ravel(part[row]) == pytest.approx(slope, rel=1e-6)
+        assert np.abs(np.delete(part, row, axis=0)).max() < 1e-9
 
 
 QUANTITIES = {

@@ -1,6 +1,11 @@
 """Which slow tests are left out: those of which others run every line."""
 
+from pathlib import Path
+
 from scripts.slow_tests import Measured, chosen, shortened
+from scripts.tests_of_lines import reads_definitions
+
+TESTS = Path(__file__).parents[1]
 
 SECONDS = {
     "tests/a.py::long": 9.0,
@@ -50,3 +55,9 @@ def test_of_a_function_whose_cases_are_long_none_may_stay():
 def test_a_function_is_named_once_where_all_its_cases_are_left_out():
     assert shortened(left_out(), SECONDS) == ["tests/a.py::case[1]", "tests/a.py::long"]
     assert shortened(left_out(case=0.1), SECONDS) == ["tests/a.py::case", "tests/a.py::long"]
+
+
+def test_tests_of_definitions_are_known_by_what_they_read():
+    names = {path.name for path in TESTS.rglob("test_*.py") if reads_definitions(path)}
+    assert {"test_keys.py", "test_api_signatures.py", "test_json_schema.py", "test_data_classes.py"} <= names
+    assert len(names) < 20
