@@ -89,8 +89,10 @@ def test_tracking_time_is_that_of_an_exponential():
     assert running._state[0] - 1.0 == pytest.approx(10.0 / np.e, rel=0.02)
 
 
-def test_from_rest_without_integral_the_pole_at_one_is_gone():
-    numerator, denominator = pid_transfer_function(2.0, np.inf, 0.004, TS)
+@pytest.mark.parametrize("infinite", [np.inf, float("inf"), np.float64("inf")])
+def test_from_rest_without_integral_the_pole_at_one_is_gone(infinite):
+    numerator, denominator = pid_transfer_function(2.0, infinite, 0.004, TS)
+    assert len(denominator) == 2
     np.testing.assert_allclose(np.polyval(numerator, 1.0) / np.polyval(denominator, 1.0), 2.0)
 
 

@@ -17,7 +17,7 @@ from fieldmap.errors import InputError
 from fieldmap.field import BaseField
 from fieldmap.iron import NonlinearSolver
 from fieldmap.levitation import SearchedSet, reachable
-from fieldmap.levitation.searched_set import searched_set
+from fieldmap.levitation.searched_set import even_directions, searched_set
 from fieldmap.lookup import magnetic_body
 from tests.dynamics.conftest import saturating_map
 from tests.iron.test_differential_inductance import device as core_beside_magnet
@@ -222,3 +222,15 @@ def test_a_set_is_data(within):
     with pytest.raises(AttributeError):
         found.volume = 0.0
     assert replace(found, volume=0.0).volume == 0.0
+
+
+@pytest.mark.parametrize("count", [26, 128])
+def test_directions_are_unit_vectors_that_cover_the_sphere_evenly(count):
+    """The mean of n n^T over a sphere is a third; each direction has a cap of its own, 4 pi / count in area."""
+    directions = even_directions(count)
+    np.testing.assert_allclose(np.linalg.norm(directions, axis=1), 1.0, rtol=1e-12)
+    np.testing.assert_array_equal(directions[:6], np.concatenate([np.eye(3), -np.eye(3)]))
+    spiral = directions[6:]
+    np.testing.assert_allclose(spiral.T @ spiral / count, np.eye(3) / 3, atol=0.3 / count)
+    nearest = np.sort(spiral @ spiral.T, axis=1)[:, -2]
+    assert np.arccos(nearest).min() > 0.7 * np.sqrt(4 * np.pi / count)

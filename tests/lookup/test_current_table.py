@@ -100,6 +100,17 @@ def test_corners_of_the_table_belong_to_it():
             assert table_weights(made, divide_currents(*beyond, N), out) == BEYOND
 
 
+def test_the_limit_of_a_division_is_that_of_its_table():
+    axes = [np.linspace(low, high, 5) for low, high in zip(LOWER, UPPER, strict=True)]
+    currents, nothing = (
+        divide_currents(1.63, 0.117, -0.212, N),
+        (np.zeros((5, 5, 5, 3)), np.zeros((5, 5, 5, 6, 3))),
+    )
+    for share, status in ((1.0001, FOUND), (0.9999, BEYOND)):
+        divided = LiftAndDirections(N, limit=share * currents.max())
+        assert table_weights(tables.spline_table(axes, divided, *nothing), currents, np.empty(9)) == status
+
+
 def test_a_coil_above_the_limit_is_beyond_the_table(table):
     currents = divide_currents(1.63, 0.117, -0.212, N)
     out, limited = np.empty(9), np.empty(9)

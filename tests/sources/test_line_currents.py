@@ -9,7 +9,7 @@ import fieldmap as fm
 from fieldmap.device.air_sources import AirSource
 from fieldmap.errors import InputError
 from fieldmap.sources.inductance import background_linkage, bare_inductance
-from fieldmap.sources.line_currents import flux_elements_of_lines, vector_potential
+from fieldmap.sources.line_currents import flux_elements_of_lines, line_elements, vector_potential
 from fieldmap.sources.winding_rules import current_elements
 
 RADIUS, WIRE = 0.02, 2e-5
@@ -86,6 +86,19 @@ def test_mutual_inductance_with_a_winding_and_a_square():
     for other, number in ((winding, 0), (lines[1], 2)):
         field = fm.open_field(fm.Device("d", "", (other,))).field(rule.points, [1.0])
         assert matrix[1, number] == pytest.approx(np.sum(field * rule.vectors), rel=2e-4)
+
+
+@pytest.mark.parametrize(("source", "length"), [(circle(current=2.0), np.pi), (square(2 * RADIUS), 4.0)])
+def test_elements_of_a_line_are_its_length_and_moment(source, length):
+    """They close, and half the sum of r x dl is the area times the current, along the normal."""
+    rule = line_elements(coil(source, turns=3.0).moved([0.1, 0.2, -0.3]))
+    amperes = 3.0 * source.amperes
+    assert np.abs(rule.vectors.sum(axis=0)).max() < 1e-12
+    assert np.linalg.norm(rule.vectors, axis=1).sum() == pytest.approx(
+        2 * length * RADIUS * amperes, rel=1e-9
+    )
+    moment = 0.5 * np.cross(rule.points, rule.vectors).sum(axis=0)
+    assert moment == pytest.approx([0.0, 0.0, length * RADIUS**2 * amperes], abs=1e-12)
 
 
 def test_the_potential_on_a_straight_wire_stays_finite():
