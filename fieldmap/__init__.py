@@ -1,7 +1,7 @@
 """Magnetic fields, gradients and forces of coils with soft iron. Only the iron is meshed, never the air.
 
-The public functions are imported on first use. A simulation that only opens a map therefore
-never loads the mesher or magpylib.
+The public functions and the packages, such as fieldmap.iron, are imported on first use. A simulation that only opens a
+map therefore never loads the mesher or magpylib.
 """
 
 from importlib import import_module
@@ -9,9 +9,24 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from fieldmap import control as control
+    from fieldmap import currents as currents
+    from fieldmap import device as device
     from fieldmap import dynamics as dynamics
+    from fieldmap import errors as errors
+    from fieldmap import field as field
     from fieldmap import instruments as instruments
     from fieldmap import interop as interop
+    from fieldmap import io as io
+    from fieldmap import iron as iron
+    from fieldmap import levitation as levitation
+    from fieldmap import lookup as lookup
+    from fieldmap import maps as maps
+    from fieldmap import planar as planar
+    from fieldmap import plot as plot
+    from fieldmap import sources as sources
+    from fieldmap import store as store
+    from fieldmap import studies as studies
+    from fieldmap import thesis as thesis
     from fieldmap.device import material as material
     from fieldmap.device import read_device as read_device
     from fieldmap.device.model import Arctangent as Arctangent
@@ -129,8 +144,29 @@ _PUBLIC = {
     "optimise": "fieldmap.studies",
     "__version__": "fieldmap.provenance",
 }
-_PACKAGES = ("control", "dynamics", "instruments", "interop")
-__all__ = [*_PUBLIC, *_PACKAGES]
+_PACKAGES = (
+    "control",
+    "currents",
+    "device",
+    "dynamics",
+    "errors",
+    "field",
+    "instruments",
+    "interop",
+    "io",
+    "iron",
+    "levitation",
+    "lookup",
+    "maps",
+    "planar",
+    "plot",
+    "sources",
+    "store",
+    "studies",
+    "thesis",
+)
+# `from fieldmap import *` is not to load all of them.
+__all__ = [*_PUBLIC, "control", "dynamics", "instruments", "interop"]
 
 
 def __getattr__(name: str) -> Any:
@@ -142,4 +178,4 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    return sorted(__all__)
+    return sorted({*__all__, *_PACKAGES})

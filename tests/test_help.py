@@ -1,7 +1,9 @@
 """What `help` and editors show of the public functions: names of arguments and types as people write them."""
 
 import inspect
+import pkgutil
 from dataclasses import fields, is_dataclass
+from importlib import import_module
 
 import pytest
 
@@ -40,3 +42,21 @@ def test_a_part_of_a_machine_shows_its_dimensions(name):
     one = getattr(fm, name)
     if not inspect.isabstract(one):
         assert list(inspect.signature(one).parameters) == [field.name for field in fields(one) if field.init]
+
+
+OWN = {"cli", "inputs", "interpolants", "kernels", "parallel"}
+"""Packages that a user has no need to name."""
+
+
+@pytest.mark.parametrize(
+    "name", sorted({info.name for info in pkgutil.iter_modules(fm.__path__) if info.ispkg} - OWN | {"errors"})
+)
+def test_packages_are_attributes_before_anybody_has_imported_them(name):
+    assert fm.__getattr__(name) is import_module(f"fieldmap.{name}")
+    assert name in dir(fm)
+
+
+def test_other_names_are_no_attributes():
+    assert not hasattr(fm, "kernel")
+    with pytest.raises(AttributeError):
+        fm.__getattr__("utils")

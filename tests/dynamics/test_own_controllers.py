@@ -628,6 +628,23 @@ def test_a_scenario_that_leaves_its_controller_to_the_caller_says_so(written):
         assert error.value.problems[0].where.endswith("control.coupled")
 
 
+@pytest.mark.parametrize(("gives", "fits"), [("signals", True), ("voltages", False), ("currents", False)])
+def test_signals_of_a_scenario_stand_beside_signals_alone(written, gives, fits):
+    def steady(time, measured, reference, state):
+        return (5.0, 0.0, 0.0) if gives == "signals" else (1.0,) * 6
+
+    text = TEXT + '\n[[signal]]\noutput = "x"\nat_s = 0.1\nby = 0.01\n'
+    scenario = read_scenario(written(text))
+    controller = FunctionController(steady, gives=gives)
+    if fits:
+        assert prepare(scenario, controller=controller)
+    else:
+        with pytest.raises(ScenarioError) as error:
+            prepare(scenario, controller=controller)
+        assert error.value.problems[0].where.endswith("signal")
+        assert error.value.problems[0].received == gives
+
+
 def test_currents_of_six_coils_at_a_period_of_its_own(written):
     """Currents of rest, put in as they are, hold still as long as nothing shakes."""
     path, quiet = written(), {"noise.off": True, "reference.0.by_mm": 0.0, "duration_s": 0.1}

@@ -187,3 +187,11 @@ def test_a_given_inertia_counts_and_a_dipole_has_none():
 def test_a_body_that_cannot_be_is_named(axial, inertia, words):
     with pytest.raises(InputError, match=words):
         RigidBody(0.01, inertia, axial.dipole(1.0))
+
+
+def test_a_flat_body_is_one_to_rounding(axial):
+    """Of a plate the largest moment of inertia is the sum of the others."""
+    flat = np.array([0.1e-6, 0.2e-6, (0.1e-6 + 0.2e-6) * (1.0 + 5e-10)])
+    assert RigidBody(0.01, flat, axial.dipole(1.0)).inertia.tolist() == flat.tolist()
+    with pytest.raises(InputError):
+        RigidBody(0.01, flat * [1.0, 1.0, 1.0 + 2e-9], axial.dipole(1.0))

@@ -173,6 +173,16 @@ def test_the_metrics_of_a_step_end_where_the_next_begins(steps, written):
     assert found.overshoot == 0.0
 
 
+def test_a_step_is_measured_from_where_the_body_was(written):
+    """It lies 0.2 mm low, lower before, and comes to the reference: 10 % to 90 % of these 0.7 mm take T ln 9."""
+    scenario = read_scenario(written())
+    time, slow = np.arange(0.0, 1.0, 1e-3), 0.03
+    true = 9.8 - 0.3 * (time < 0.1) + 0.7 * (1.0 - np.exp(-np.maximum(time - 0.2, 0.0) / slow))
+    found = _step(scenario, time, true, 10.0 + 0.5 * (time >= 0.2 - 1e-9), "depth")
+    assert found.rise_time == pytest.approx(slow * np.log(9.0), rel=0.02)
+    assert found.settling_time == pytest.approx(slow * np.log(50.0), rel=0.02)
+
+
 def wanted_by(written, pieces, **changes):
     cut = TEXT[: TEXT.index("[[reference]]")]
     scenario = read_scenario(written(cut + pieces), changes)

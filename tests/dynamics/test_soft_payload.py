@@ -150,6 +150,21 @@ def test_a_bead_is_held_and_moved_by_the_shipped_regulator(five, tmp_path):
     assert "soft iron" in text
 
 
+@pytest.mark.parametrize("scale", [0.8, 1.25])
+def test_a_scaled_field_carries_a_bead_with_currents_scaled_the_other_way(five, tmp_path, scale):
+    device, field = five
+    (tmp_path / "bead.toml").write_text(SCENARIO)
+    plain, scaled = (
+        prepare(read_scenario(tmp_path / "bead.toml", {"field.scale": s}), field, device)
+        for s in (1.0, scale)
+    )
+    currents = scaled.operating_point.currents
+    load = field.wrench(scaled.operating_point.state[:3], magnetic_body(device.payload), scale * currents)
+    np.testing.assert_allclose(load[:3], [0.0, 0.0, 0.263e-3 * 9.80665], atol=1e-6 * 2.6e-3)
+    least = plain.operating_point.currents
+    assert currents @ currents == pytest.approx(least @ least / scale**2, rel=0.05)
+
+
 def test_inertia_and_surface_of_a_bead(five):
     device, _ = five
     body = body_of_payload(device.payload)

@@ -50,6 +50,14 @@ def test_a_path_with_an_inward_corner_has_section_times_middle_line():
         assert winding_solid(coil).mass == pytest.approx(length * 4 * 10, rel=1e-9)
 
 
+def test_a_winding_of_half_a_millimetre_keeps_all_its_edges():
+    small = 1e-2
+    corners = small * np.array([[0, 0], [40, 0], [40, 20], [20, 20], [20, 40], [0, 40]])
+    coil = square_path(corners, small * 0.004, small * 0.004, small * 0.01)
+    length = 160 - 6 * 2 * 4 + 6 * np.pi / 2 * 4
+    assert winding_solid(coil).mass == pytest.approx(length * 4 * 10 * small**3, rel=1e-9)
+
+
 def test_corners_as_tight_as_the_winding_is_wide_close_to_a_point_inside():
     # corner_radius = thickness / 2: the inner outline is a plain rectangle.
     coil = RoundedRectangleCoil("c", 0.02, 0.01, 0.002, 0.004, 0.005, 10)

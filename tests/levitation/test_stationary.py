@@ -133,6 +133,27 @@ def test_a_branch_is_followed_round_its_folds(pushed):
     np.testing.assert_allclose(found.at_stops[1].position[0], roots.real.min(), atol=1e-9)
 
 
+@pytest.mark.parametrize("way", [-1.0, 1.0])
+@pytest.mark.parametrize("axis", [0, 1])
+def test_a_branch_ends_at_each_edge_of_the_box(polynomial_field, vertical_part, axis, way):
+    """A spring in the plane, and a push that grows: the branch leaves the box where the spring balances it."""
+    spring, push = np.zeros((3, 3)), np.zeros((2, 2, 2))
+    spring[2, 0] = spring[0, 2] = -20.0
+    push[(1, 0)[axis], (0, 1)[axis], 1] = way * 1e-3
+    springy = polynomial_field([vertical_part(spring), push, lifting()])
+    edge = 0.02 * 2.0 * 20.0 / 1e-3
+
+    def path(value, level):
+        return np.array([1.0, value, 1.0]), 0.0
+
+    found = follow_equilibrium(springy, PAYLOAD, path, [0.0, 0.0], [0.0, 0.5 * edge, 2.0 * edge], level=1.0)
+    assert found.ended == "edge"
+    assert len(found.at_stops) == 2
+    middle = np.zeros(2)
+    middle[axis] = way * 0.01
+    np.testing.assert_allclose(found.at_stops[1].position[:2], middle, atol=1e-9)
+
+
 def test_behind_a_fold_there_is_one_point_left(pushed):
     before, behind = (
         stationary_points(pushed, [1.0, factor * FOLD_PUSH, 1.0], PAYLOAD, 0.0) for factor in (0.98, 1.02)

@@ -222,6 +222,19 @@ def test_materials_by_label_curves_and_saturation():
     assert table.initial_mu_r == pytest.approx(0.5 / (magpylib.mu_0 * 200.0))
 
 
+def test_bodies_of_one_permeability_share_a_material():
+    def cube(k, susceptibility):
+        made = magnet.Cuboid(polarization=(0, 0, 0), dimension=(0.01,) * 3, position=(0.02 * k, 0, 0))
+        made.susceptibility = susceptibility
+        return made
+
+    device = fm.Device.from_magpylib([cube(k, value) for k, value in enumerate((99.0, 999.0, 99.0))])
+    names = [body.material for body in device.bodies]
+    assert [device.materials[name].initial_mu_r for name in names] == [100.0, 1000.0, 100.0]
+    assert names[0] == names[2] != names[1]
+    assert len(device.materials) == 2
+
+
 def test_coils_of_collections_and_one_source():
     pair = magpylib.Collection(
         *(current.Circle(current=2.0, diameter=0.04, position=(0, 0, z)) for z in (0.0, 0.02))

@@ -128,3 +128,17 @@ def test_wrong_units_and_names(tmp_path):
 def test_a_log_that_cannot_be(Ts, signals, says):
     with pytest.raises(InputError, match=says):
         make_log(Ts, signals, dict.fromkeys(signals, "m"))
+
+
+def test_a_number_behind_a_name_is_no_unit(tmp_path):
+    """u_1 and y_1 are channels; only in brackets does a 1 say that a column has no unit."""
+    (tmp_path / "log.csv").write_text("time_s,u_1,y_mm,v (1)\n0,1,2,3\n0.1,2,3,4\n")
+    found = recognise_log(
+        tmp_path / "log.csv", {"u": ["u_1"], "y": ["y"], "v": ["v"]}, units={"u_1": "V"}, whole_names=True
+    )
+    assert {role: (column.name, column.unit) for role, column in found.columns.items()} == {
+        "time": ("time", "s"),
+        "u": ("u_1", "V"),
+        "y": ("y", "mm"),
+        "v": ("v", "1"),
+    }
