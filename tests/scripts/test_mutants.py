@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from scripts.tests_of_lines import TestsOfLines as Known
+
 ROOT = Path(__file__).parents[2]
 ERRORS = tomllib.loads((ROOT / "scripts" / "planted_errors.toml").read_text(encoding="utf-8"))["error"]
 EQUIVALENT = tomllib.loads((ROOT / "scripts" / "equivalent_mutants.toml").read_text(encoding="utf-8"))[
@@ -30,3 +32,16 @@ def test_a_mutant_that_changes_nothing_stands_for_a_line_that_is_there(mutant):
     assert mutant["before"] in {line.strip() for line in lines}
     assert mutant["before"] not in mutant["after"]
     assert len(mutant["why"].split()) > 5
+
+
+def test_a_file_of_tests_is_run_anew_where_another_of_its_tests_is_left_out(tmp_path):
+    tests = tmp_path / "tests"
+    tests.mkdir()
+    (tests / "test_a.py").write_text("def test_one(): pass")
+    known = Known.__new__(Known)
+    known._checkout = tmp_path
+    hashes = []
+    for left_out in ("", "tests/test_b.py::test_one", "tests/test_a.py::test_one"):
+        (tests / "slow_covered.txt").write_text(left_out)
+        hashes.append(known._hash("tests/test_a.py"))
+    assert hashes[0] == hashes[1] != hashes[2]
