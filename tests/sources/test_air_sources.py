@@ -85,6 +85,21 @@ def test_flux_density_is_that_of_magpylib(thing, everywhere):
         assert error.max() < 1e-9
 
 
+def test_beside_the_edge_of_a_sheet_the_field_grows_as_the_logarithm():
+    """In its plane B_z is mu0 K / 2 pi times the logarithm of the distance, K along the edge, which magpylib 6.1 gives
+    with the other sign at 1 nm. On the sheet, where the field jumps, it is told as 0."""
+    corners = np.array([[0, 0, 0], [0.01, 0, 0], [0, 0.01, 0]])
+    sheet = current.TriangleSheet(current_densities=[(0, 100, 0)], vertices=corners, faces=[[0, 1, 2]])
+    one = background_of(sheet).sources[0]
+    near, far = (np.array([[-d, 0.004, 0], [0.004, -d, 0], [0.005 + d, 0.005 + d, 0]]) for d in (1e-9, 1e-6))
+    np.testing.assert_allclose(flux_density(one, far), sheet.getB(far), rtol=1e-6, atol=1e-12)
+    along = np.array([100.0, 0.0, -100.0 / np.sqrt(2)])
+    growth = flux_density(one, near) - flux_density(one, far)
+    np.testing.assert_allclose(growth[:, 2], 2e-7 * along * np.log(1e3), rtol=1e-3, atol=1e-8)
+    on = np.array([[0.002, 0.003, 0], [1e-9, 0.004, 0], [0.004, 1e-9, 0]])
+    assert (flux_density(one, on) == 0).all()
+
+
 def test_inside_a_flat_and_oblique_magnet_is_what_its_corners_surround():
     """B jumps by J there: points by their barycentric coordinates."""
     rng = np.random.default_rng(4)
