@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import scipy.constants
 from scipy.optimize import minimize
+from scipy.spatial.transform import Rotation
 
 import fieldmap as fm
 from fieldmap.currents import divide_currents
@@ -17,8 +18,8 @@ from fieldmap.errors import InputError
 from fieldmap.field import BaseField
 from fieldmap.iron import NonlinearSolver
 from fieldmap.levitation import SearchedSet, reachable
-from fieldmap.levitation.searched_set import even_directions, searched_set
-from fieldmap.lookup import magnetic_body
+from fieldmap.levitation.searched_set import even_directions, quantity_of, searched_set
+from fieldmap.lookup import MagneticBody, magnetic_body
 from tests.dynamics.conftest import saturating_map
 from tests.iron.test_differential_inductance import device as core_beside_magnet
 
@@ -53,6 +54,18 @@ def test_the_exact_set_where_all_is_linear(linear, moment):
         assert value @ direction == pytest.approx(exact.largest_along(direction), rel=1e-6)
     # The hull of 134 of its corners.
     assert 0.8 * exact.volume < found.volume <= exact.volume * (1 + 1e-9)
+
+
+def test_the_force_on_a_turned_body_is_that_on_its_dipoles_where_they_are(linear):
+    position, currents = np.array([0.002, -0.003, -0.1]), np.array([1.0, 1.5, 0.5, 2.0, 1.0, 0.7])
+    turn = Rotation.from_rotvec([0.3, -0.8, 0.4]).as_matrix()
+    points = np.array([[3e-3, 0.0, 0.0], [0.0, -2e-3, 4e-3]])
+    moments = np.array([[0.1, 0.0, 0.5], [0.0, 0.2, 0.3]])
+    force, slopes = quantity_of(linear, position, MagneticBody(points, moments), turn)(currents)
+    each = zip(position + points @ turn.T, moments @ turn.T, strict=True)
+    expected = sum(linear.wrench(at, moment, currents)[:3] for at, moment in each)
+    np.testing.assert_allclose(force, expected, rtol=1e-9)
+    np.testing.assert_allclose(slopes @ currents, expected, rtol=1e-9)
 
 
 SPHERE, BEAD_AT = SoftSphere(4e-4, mu_r=50.0), np.array([0.004, -0.003, -0.1])

@@ -123,7 +123,15 @@ def test_bodies_are_magpylibs_solids(model, device):
 
 @pytest.mark.parametrize(
     ("inner", "first", "last"),
-    [(0, 30, 140), (0.005, 100, 112), (0.002, -150, 200), (0.004, 80, 260), (0, -90, 270), (0.003, 0, 360)],
+    [
+        (0, 30, 140),
+        (0.005, 100, 112),
+        (0.002, -150, -60),
+        (0.002, -150, 200),
+        (0.004, 80, 260),
+        (0, -90, 270),
+        (0.003, 0, 360),
+    ],
 )
 def test_sectors_of_cylinders_and_rings_have_their_volume_and_centroid(inner, first, last):
     """Closed forms: area A = phi (b^2 - a^2) / 2, centroid (2 / 3) (b^3 - a^3) sin(phi / 2) / A off the axis."""
