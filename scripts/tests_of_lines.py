@@ -68,7 +68,7 @@ class TestsOfLines:
             found = set().union(*lines.values()) if lines else set()
         else:
             found = set().union(*(lines.get(k, set()) for k in self._statement(file, line)))
-            if "" in found:
+            if "" in found or self._defines(file, line):
                 # Run while the module is imported: it shows wherever the module is used, and to tests of definitions.
                 found = set().union(*lines.values()) | self._of_all_modules
         running = {name for name in found if name in self.seconds}
@@ -132,6 +132,12 @@ class TestsOfLines:
                     lines.setdefault(line, set()).update(context.rpartition("|")[0] for context in contexts)
             self._lines[file] = lines
         return self._lines[file]
+
+    def _defines(self, file: str, line: int) -> bool:
+        """Whether a line is in no body of a function: it runs while the module is imported, be that by a test."""
+        tree = ast.parse((self._checkout / file).read_text(encoding="utf-8"))
+        functions = (one for one in ast.walk(tree) if isinstance(one, ast.FunctionDef | ast.AsyncFunctionDef))
+        return not any(one.body[0].lineno <= line <= (one.end_lineno or line) for one in functions)
 
     def _statement(self, file: str, line: int) -> range:
         """Lines of the innermost statement at a line; of one with a body, those before it."""

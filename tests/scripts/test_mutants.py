@@ -45,3 +45,19 @@ def test_a_file_of_tests_is_run_anew_where_another_of_its_tests_is_left_out(tmp_
         (tests / "slow_covered.txt").write_text(left_out)
         hashes.append(known._hash("tests/test_a.py"))
     assert hashes[0] == hashes[1] != hashes[2]
+
+
+def test_definitions_are_told_from_what_functions_do(tmp_path):
+    lines = [
+        "LIMIT = 3",
+        "class A:",
+        "    n: int = 2",
+        "    def f(",
+        "        self, x=1,",
+        "    ):",
+        "        return x",
+    ]
+    (tmp_path / "a.py").write_text("\n".join(lines))
+    known = Known.__new__(Known)
+    known._checkout = tmp_path
+    assert [k for k in range(1, 8) if known._defines("a.py", k)] == [1, 2, 3, 4, 5, 6]
