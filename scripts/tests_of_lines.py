@@ -63,12 +63,12 @@ class TestsOfLines:
     def of(self, file: str, line: int, package: str) -> list[str]:
         """Names of tests that run the statement at a line, the quickest first, then others of their files, which may
         read what those made and kept; at most `LIMIT` s of them. Empty if none runs it."""
-        lines = self._lines_of(file)
+        lines, defining = self._lines_of(file), self._defines(file, line)
         if self._package.get(file) != self._hash(file):
             found = set().union(*lines.values()) if lines else set()
         else:
             found = set().union(*(lines.get(k, set()) for k in self._statement(file, line)))
-            if "" in found or self._defines(file, line):
+            if "" in found or defining:
                 # Run while the module is imported: it shows wherever the module is used, and to tests of definitions.
                 found = set().union(*lines.values()) | self._of_all_modules
         running = {name for name in found if name in self.seconds}
@@ -81,6 +81,8 @@ class TestsOfLines:
         }
 
         def cost(name: str) -> float:
+            if defining and name in self._of_all_modules:
+                return 0.0
             return (self.seconds[name] + 0.02) * (1.0 if name.split("::")[0] in near else 3.0)
 
         beside = [name for name in self.seconds if name.split("::")[0] in near and name not in running]
