@@ -14,8 +14,6 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
-from coverage import CoverageData
-
 # Processor time that the tests of one error may take by what they took before, s. Beyond it the least telling are left
 # out: most errors are caught within a few seconds, and a survivor costs all of it.
 LIMIT = 60.0
@@ -47,6 +45,9 @@ class TestsOfLines:
                 name = path.relative_to(checkout).as_posix()
                 known["package"].setdefault(name, self._hash(name))
             kept.write_text(json.dumps(known), encoding="utf-8")
+        # Here: the extra `mutants` brings it, and tests of this program do without.
+        from coverage import CoverageData
+
         self._package = known["package"]
         self.seconds: dict[str, float] = {}
         for file in files:
