@@ -110,7 +110,9 @@ def lay_over(
     time = log.time + (0.0 if begins is None else begins - log.start)
     within = (time >= -1e-9) & (time <= (run.time[-1] if len(run.time) else 0.0) + 1e-9)
     if within.sum() < 2:
-        must = f"must have two samples or more within the run, 0 to {run.time[-1] if len(run.time) else 0:g} s"
+        must = (
+            f"must have two samples or more within the run, 0 to {run.time[-1] if len(run.time) else 0:g} s"
+        )
         received = f"{time[0]:g} to {time[-1]:g} s"
         raise InputError(Problem("lay_over(begins)", must, received, "say when the log begins in the run"))
     now, truth = time[within], reading_mm(scenario, run.sensed)
