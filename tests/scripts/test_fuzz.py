@@ -10,6 +10,7 @@ import pytest
 SCRIPTS = Path(__file__).parents[2] / "scripts"
 PLANTED = """
 import os
+import signal
 import time
 from pathlib import Path
 
@@ -31,6 +32,10 @@ def idle():
         pass
     return 1.0
 
+def fall_silent():
+    signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGALRM])
+    time.sleep(600)
+
 def prepare(folder):
     secret = decoys(folder) / "secret.toml"
     ways = [
@@ -47,6 +52,7 @@ def prepare(folder):
         ("reached out", lambda: exec(compile("pass", str(folder / "a.py"), "exec")) or 1.0),
         ("reached out", lambda: os.system("true") + 1),
         ("crash", os.abort),
+        ("slow", fall_silent),
         ("read", lambda: 1.0),
     ]
 
@@ -66,10 +72,12 @@ def test_planted_faults_are_counted(tmp_path, monkeypatch):
     table = importlib.import_module("validation.fuzzing.table")
     (tmp_path / "planted.py").write_text(PLANTED)
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(tmp_path), str(SCRIPTS.parent)]))
-    found = table.figures("planted:KIND", 14, 0)
+    monkeypatch.setattr(table, "SILENT_S", 5)
+    found = table.figures("planted:KIND", 15, 0)
     told = [fault.partition(",")[0].partition(" (")[0] for fault in found.faults]
-    planted = ["wrong", *["traceback"] * 3, *["memory"] * 2, "slow", *["reached out"] * 3, "crash"]
+    planted = ["wrong", *["traceback"] * 3, *["memory"] * 2, "slow", *["reached out"] * 3, "crash", "slow"]
     assert told == planted, found.faults
+    assert "fall_silent" in found.faults[-1]
     assert (found.counts["read"], found.counts["refused"]) == (2, 1)
 
 

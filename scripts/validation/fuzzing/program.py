@@ -7,6 +7,7 @@ seconds and megabytes. `fuzzing.table` starts it, and starts it again behind a m
 """
 
 import contextlib
+import faulthandler
 import io
 import json
 import os
@@ -105,6 +106,8 @@ def run(kind: Kind, first: int, count: int, seed: int) -> None:
     quiet = os.open(os.devnull, os.O_WRONLY)
     os.dup2(quiet, 1)
     signal.signal(signal.SIGALRM, late)
+    # A crash says where it was, and so does a process that `fuzzing.table` ends because it says nothing.
+    faulthandler.enable()
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)
         # What a file leads to is looked for beside it, too.

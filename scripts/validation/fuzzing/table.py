@@ -1,6 +1,9 @@
 """Run the cases of each kind in a process of its own, and count what came of them."""
 
 import json
+import os
+import re
+import signal
 import subprocess
 import sys
 import tempfile
@@ -11,7 +14,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 PROGRAM = Path(__file__).with_name("program.py")
-SILENT_S = 120
+SILENT_S, START_S = 120, 600
+_FRAME = re.compile(r'File "([^"]+)", line (\d+) in (\S+)')
 GOOD = ("read", "refused")
 
 
@@ -45,13 +49,14 @@ def _some(kind: str, first: int, count: int, seed: int, found: Figures) -> int |
 
     def end() -> None:
         silent.append(True)
-        process.kill()
+        # The process says where it is, if it can still be ended.
+        process.send_signal(signal.SIGABRT) if os.name == "posix" else process.kill()
 
     with (
         tempfile.TemporaryFile("w+") as errors,
         subprocess.Popen(command, stdout=subprocess.PIPE, stderr=errors, text=True) as process,
     ):
-        watchdog = [threading.Timer(SILENT_S, end)]
+        watchdog = [threading.Timer(START_S, end)]
         watchdog[0].start()
         for line in process.stdout or ():
             watchdog[0].cancel()
@@ -79,8 +84,14 @@ def _some(kind: str, first: int, count: int, seed: int, found: Figures) -> int |
         ("slow", f"silent for {SILENT_S} s") if silent else ("crash", f"exit code {process.returncode}")
     )
     found.counts[what] += 1
-    found.faults.append(f"{what}, {why}, case {current}, {change}: {error[-200:]}")
+    found.faults.append(f"{what}, {why}, case {current}, {change}: {_place(error) or error[-200:]}")
     return current
+
+
+def _place(error: str) -> str:
+    """The innermost calls of what faulthandler has printed, if anything."""
+    calls = _FRAME.findall(error)[:4]
+    return " in ".join(f"{Path(path).name}:{line} {name}" for path, line, name in calls)
 
 
 if __name__ == "__main__":
