@@ -88,7 +88,8 @@ def _derivatives(opened: Any, trial: Trial, solver: NonlinearSolver, domain: Cur
     """Largest differences of derivatives at states drawn at random, over the largest value of the same derivative."""
     of, points = domain.parametrisation, trial._points
     span = domain.upper - domain.lower
-    signals = domain.lower + np.random.default_rng(SEED).random((STATES, len(span))) * span
+    shares = np.random.default_rng(SEED).random((STATES, len(span)))
+    signals = of.within(domain.lower, domain.upper, shares)
     off = []
     for values in signals:
         currents = of.currents(values[None])[0]

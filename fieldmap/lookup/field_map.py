@@ -523,8 +523,8 @@ class FieldMap(BaseField, own_shapes=ONE_POINT):
 
         Of a map that superposes the derivatives are `unit_field` and `unit_gradient`, whatever the currents; of
         saturating iron those of its model, which the map's stated error is not about: of the shipped drive unit within
-        7 % of the solver's along the signals of its division, as a rule 1 %. A map made for divided currents knows no
-        state of a single coil: derivatives by each are off by up to 35 %, as a rule 5 %
+        3 % of the solver's along the signals of its division, as a rule 1 %. A map made for divided currents knows no
+        state of a single coil: derivatives by each are off by up to 42 %, as a rule 5 %
         (docs/theory/current_dependence.md).
         """
         amperes = self._amperes(currents)

@@ -80,6 +80,15 @@ def test_fewer_modes_and_points_give_the_field_at_other_currents(free):
     assert np.median(changes) < 0.5
 
 
+def test_modes_do_not_depend_on_the_numbers_of_modes_tried_before(free):
+    currents = free.domain.at(np.random.default_rng(3).random((60, 3)))
+    amplitudes = np.array([free.model.solve(values, np.zeros(free.model.modes))[0] for values in currents])
+    states = condensation._States(free.model, currents, amplitudes, free.fields)
+    first = states.combined(16, free.off)[1]
+    states.combined(24, free.off)
+    np.testing.assert_array_equal(states.combined(16, free.off)[1], first)
+
+
 def test_a_choice_that_leaves_nothing_at_once_is_taken(free, monkeypatch):
     """Four places, thirty points at each: once all four are there, what is left drops to rounding in one step."""
     monkeypatch.setattr(condensation, "_STATES", 100)
