@@ -38,7 +38,7 @@ $ python scripts/validation_page.py report/numbers.csv validate.json
 
 Made on {date} with fieldmap {version}, Python {python}, {libraries}, on {machine}. Errors are the largest over the
 points, relative to the largest value of the same quantity there, unless a line says otherwise. Bounds are those that
-the program fails on; those of seconds are for two quiet cores, and this edition was made beside other work.
+the program fails on; those of seconds are for two quiet cores{beside}.
 """
 THESIS = """## The thesis
 
@@ -116,8 +116,8 @@ def _left_out(rows: list[dict[str, Any]]) -> str:
     )
 
 
-def page(numbers: Path, paths: list[Path]) -> str:
-    """The whole page."""
+def page(numbers: Path, paths: list[Path], busy: bool = False) -> str:
+    """The whole page. busy: the rows were made beside other work."""
     rows = rows_of(paths)
     passed = sum(row["verdict"] == "pass" for row in rows)
     judged = sum(row["bound"] is not None for row in rows)
@@ -127,6 +127,7 @@ def page(numbers: Path, paths: list[Path]) -> str:
         python=platform.python_version(),
         libraries=", ".join(f"{name} {version(name)}" for name in LIBRARIES),
         machine=f"{platform.system()} {platform.machine()}",
+        beside=", and this edition was made beside other work" if busy else "",
     )
     return "\n".join(
         (
@@ -153,8 +154,9 @@ def main() -> None:
     parser.add_argument("numbers", type=Path, help="numbers.csv of `fieldmap thesis --report`")
     parser.add_argument("rows", type=Path, nargs="+", help="what scripts/validate.py --json printed")
     parser.add_argument("-o", "--output", type=Path, default=PAGE)
+    parser.add_argument("--busy", action="store_true", help="the rows were made beside other work")
     options = parser.parse_args()
-    options.output.write_text(page(options.numbers, options.rows), encoding="utf-8")
+    options.output.write_text(page(options.numbers, options.rows, options.busy), encoding="utf-8")
     print(options.output)
 
 

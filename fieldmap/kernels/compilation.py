@@ -1,4 +1,4 @@
-"""How kernels are compiled: `njit` of numba with what all kernels want, and `inlined` for parts of kernels."""
+"""How kernels are compiled: `njit` and `cfunc` of numba with what all want, and `inlined` for parts of kernels."""
 
 from collections.abc import Callable
 from functools import partial, update_wrapper
@@ -11,8 +11,9 @@ import numba
 # took a seventh of the time of compiling: no kernel has such a caller; late_call.py makes C functions of its own. A
 # division by zero gives what IEEE 754 says, as in numpy: to raise an error, as Python does, numba adds a branch to each
 # division and the way out to all callers.
-_SAID = {"fastmath": False, "forceinline": False, "error_model": "numpy"}
-njit: Any = partial(numba.njit, cache=True, no_cfunc_wrapper=True, **_SAID)
+_KEPT = {"cache": True, "error_model": "numpy"}
+njit: Any = partial(numba.njit, no_cfunc_wrapper=True, fastmath=False, forceinline=False, **_KEPT)
+cfunc: Any = partial(numba.cfunc, **_KEPT)
 
 
 class Inlined:

@@ -14,13 +14,13 @@ from typing import Any
 
 import llvmlite.binding as llvm
 from llvmlite import ir
-from numba import cfunc, config, types
+from numba import config, types
 from numba.core import cgutils
 from numba.core.imputils import impl_ret_borrowed
 from numba.extending import intrinsic, overload
 from numba.np.arrayobj import populate_array
 
-from fieldmap.kernels.compilation import njit
+from fieldmap.kernels.compilation import cfunc, njit
 
 _NAMED: list[Any] = []
 """What symbols stand for: all lives as long as the process, as they do."""
@@ -51,7 +51,7 @@ class LateFunctions:
         self._arguments = arguments
         places = [types.CPointer(t.dtype) if isinstance(t, types.Array) else t for t in arguments]
         self._signature = returns(*places)
-        self._compile = cfunc(self._signature, **{"cache": True, "error_model": "numpy", **options})
+        self._compile = cfunc(self._signature, **options)
         self._compiled: dict[int, Any] = {}
         self._lock = RLock()
         self._cells = (ctypes.c_void_p * len(self.functions))()

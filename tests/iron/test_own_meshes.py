@@ -243,7 +243,7 @@ def test_no_mesh_file(name, tmp_path, monkeypatch):
     for data in (b"\0" * 90, b"", b"solid nothing"):
         (tmp_path / name).write_bytes(data)
         assert problem_of(lambda: read_mesh(tmp_path / name)).where == str(tmp_path / name)
-        monkeypatch.setattr(mesh_files, "try_to_read", lambda *_: None)
+        monkeypatch.setattr(mesh_files, "read_by_another", lambda *_: None)
     assert problem_of(lambda: read_mesh(tmp_path / "none.vtu")).where == str(tmp_path / "none.vtu")
 
 

@@ -16,7 +16,7 @@ import numpy as np
 from fieldmap.device.tetrahedra import tetrahedra_fault
 from fieldmap.errors import FieldmapError, InputError, Problem
 from fieldmap.extras import needs, require
-from fieldmap.iron.geometry.trial import try_to_read
+from fieldmap.iron.geometry.another_process import read_by_another
 from fieldmap.records import Record
 from fieldmap.typing import Array, Index
 
@@ -118,7 +118,7 @@ def _cells(path: Path, changed: int, size: int) -> _Cells:
         try:
             if path.suffix not in _VTK:
                 return _of_meshio(path)
-            try_to_read(path, _TRIAL)
+            read_by_another(path, _TRIAL)
             return _of_vtk(path)
         except FieldmapError:
             raise

@@ -3,21 +3,27 @@
 from __future__ import annotations
 
 import re
+import tempfile
 from pathlib import Path
 
 import numpy as np
 
+from fieldmap.iron.geometry.another_process import read_by_another
 from fieldmap.iron.geometry.cad_kernel import occ
-from fieldmap.iron.geometry.trial import try_to_read
 
 _SI_LENGTH = re.compile(r"SI_UNIT\s*\(\s*([$.\w]+)\s*,\s*\.METRE\.")
 _SI_PREFIX = {"$": 1.0, ".MILLI.": 1e-3, ".CENTI.": 1e-2, ".DECI.": 1e-1, ".MICRO.": 1e-6, ".KILO.": 1e3}
-_TRIAL = """
+# The kernel's own format, of which its reader reads whatever it has written.
+_TO_BREP = """
 from netgen import occ
 limit()
 pieces = list(occ.OCCGeometry(path).shape.solids)
 if len(pieces) > 1:
-    occ.Fuse(pieces).UnifySameDomain()
+    pieces = [occ.Fuse(pieces).UnifySameDomain()]
+for solid in pieces:
+    solid.WriteBrep(out, withTriangles=False)
+if not pieces:
+    open(out, "w").close()
 """
 _CONVERTED = re.compile(r"CONVERSION_BASED_UNIT\s*\(\s*'\s*(\w+)")
 _CONVERTED_UNIT = {"INCH": 0.0254, "FOOT": 0.3048}
@@ -55,23 +61,27 @@ def solid_of_step_file(path: Path, scale: float) -> occ.TopoDS_Shape:
     """The solid of a STEP file, mm: numbers in the file times `scale` are metres. Several solids are joined.
 
     The device file's scale decides; the kernel's own conversion from the unit that the STEP file declares is undone.
-    Another process reads the file first: on a damaged one the kernel's reader may end the process that it runs in.
-    Raises ValueError where the file cannot be read or holds no solid.
+    Another process reads the file and hands the solid over: on a damaged one the kernel's reader may end the process
+    that it runs in. Raises ValueError where the file cannot be read or holds no solid.
     """
     if not (np.isfinite(scale) and scale > 0.0):
         raise ValueError(f"the scale of a STEP file must be above zero, not {scale}")
     unit = declared_step_unit(path)
     if not _is_whole(path):  # asked first, because the kernel's reader prints its complaints
         raise ValueError(f"{path} is not a whole STEP file (from ISO-10303-21 to END-ISO-10303-21)")
-    try_to_read(path, _TRIAL)
-    try:
-        shape = occ.OCCGeometry(str(path)).shape
-    except Exception as error:  # the reader's exception type is not exported
-        raise ValueError(f"the STEP file {path} cannot be read") from error
-    pieces = list(shape.solids)
-    if not pieces:
-        raise ValueError(f"the STEP file {path} holds no solid (surfaces and curves have no volume)")
-    solid = pieces[0] if len(pieces) == 1 else occ.Fuse(pieces).UnifySameDomain()
+    solid = _solid_of_brep(read_by_another(path, _TO_BREP), path)
     # The kernel has turned the declared unit into mm, and takes numbers without a unit as mm.
     factor = scale / (1e-3 if unit is None else unit)
     return solid if abs(factor - 1.0) < 1e-12 else solid.Scale(occ.Pnt(0.0, 0.0, 0.0), factor)
+
+
+def _solid_of_brep(brep: bytes | None, path: Path) -> occ.TopoDS_Shape:
+    """A new solid of its own for each call; path: of the file it was read from."""
+    if brep is None:
+        raise ValueError(f"the STEP file {path} cannot be read")
+    if not brep:
+        raise ValueError(f"the STEP file {path} holds no solid (surfaces and curves have no volume)")
+    with tempfile.TemporaryDirectory() as folder:
+        copy = Path(folder) / "solid.brep"
+        copy.write_bytes(brep)
+        return occ.OCCGeometry(str(copy)).shape

@@ -13,10 +13,10 @@ from typing import Any
 
 import numpy as np
 from llvmlite import ir
-from numba import carray, cfunc, types
+from numba import carray, types
 from numba.extending import intrinsic
 
-from fieldmap.kernels.compilation import njit
+from fieldmap.kernels.compilation import cfunc, njit
 from fieldmap.kernels.map.current_solver import (
     FOUND,
     NOT_CONVERGED,
@@ -152,8 +152,7 @@ def _weights(head, amperes, found):
 @functools.cache
 def address_of_weights() -> int:
     """Of the function above, compiled when it is first asked for."""
-    compiled: Any = cfunc(_SIGNATURE, cache=True, error_model="numpy")(_weights)
-    return int(compiled.address)
+    return int(cfunc(_SIGNATURE)(_weights).address)
 
 
 @intrinsic

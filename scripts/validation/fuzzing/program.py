@@ -110,6 +110,7 @@ def run(kind: Kind, first: int, count: int, seed: int) -> None:
     faulthandler.enable()
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)
+        tempfile.tempdir = place
         # What a file leads to is looked for beside it, too.
         os.chdir(folder)
         sys.stdin = open(os.devnull)  # noqa: SIM115 - as long as the process
