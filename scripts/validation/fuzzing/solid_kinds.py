@@ -12,6 +12,7 @@ import fieldmap as fm
 from fieldmap.device.surfaces import enclosed_volume, read_stl, surface_fault
 from fieldmap.errors import InputError, Problem
 from fieldmap.iron.geometry.cad_kernel import occ
+from fieldmap.iron.geometry.checks import check_geometry
 from fieldmap.iron.geometry.mesh_files import read_mesh
 from fieldmap.iron.geometry.solids import body_solid
 from validation.fuzzing.case import Case, Generator, Kind, not_finite
@@ -185,8 +186,10 @@ def steps(folder: Path) -> Callable[[Generator, int], Case]:
     data = sound.index(b"DATA;")
 
     def read() -> Any:
-        part = fm.Part(fm.StepFile(path, 1e-3))
-        solid = body_solid(fm.Body("b", "steel", (part,), mesh_size=1e-3))
+        body = fm.Body("b", "steel", (fm.Part(fm.StepFile(path, 1e-3)),), mesh_size=1e-3)
+        # As before every solve: a surface that is inside out or open is a solid of the kernel's all the same.
+        check_geometry(fm.Device.unchecked(name="d", coils=(), bodies=(body,)))
+        solid = body_solid(body)
         return [solid.mass, *(list(point) for point in solid.bounding_box)]
 
     def make(rng: Generator, number: int) -> Case:
