@@ -90,6 +90,7 @@ def _derivatives(opened: Any, trial: Trial, solver: NonlinearSolver, domain: Cur
     span = domain.upper - domain.lower
     shares = np.random.default_rng(SEED).random((STATES, len(span)))
     signals = of.within(domain.lower, domain.upper, shares)
+    bare = [unit_flux_density_and_gradient(coil, points) for coil in solver.device.coils]
     off = []
     for values in signals:
         currents = of.currents(values[None])[0]
@@ -97,15 +98,14 @@ def _derivatives(opened: Any, trial: Trial, solver: NonlinearSolver, domain: Cur
         potential = solver.solve(currents, 1e-5).state.potential[:, 0]
         change = solver.sensitivities(currents, potential, directions, 1e-5)
         iron = trial.fields(solver.charge_density(change))
-        bare = [unit_flux_density_and_gradient(coil, points) for coil in solver.device.coils]
         ours = opened.by_currents(points, currents)[2:]
         rows = []
         for j in range(2):
             own = np.array([pair[j] for pair in bare])
             theirs = iron[j] + np.tensordot(directions.T, own, 1)
             mine = np.tensordot(directions.T, np.moveaxis(ours[j], 1, 0), 1)
-            rows.append(_largest(mine - theirs) / _largest(theirs))
-            rows.append(_largest(mine - theirs) / _largest(theirs)[len(span) :].max())
+            away, sizes = _largest(mine - theirs), _largest(theirs)
+            rows += [away / sizes, away / sizes[len(span) :].max()]
         off.append(rows)
     shares, of_largest = 100 * np.array(off)[:, ::2], 100 * np.array(off)[:, 1::2]
     print(

@@ -76,6 +76,15 @@ def test_the_kernel_reads_no_step_file_here(tmp_path, monkeypatch):
     assert read_here
 
 
+def test_a_solid_that_cannot_be_taken_over_is_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr(step_files, "read_by_another", lambda *_: b"no solid of the kernel")
+    path = tmp_path / "a.step"
+    path.write_text("ISO-10303-21;\nDATA;\nENDSEC;\nEND-ISO-10303-21;\n")
+    with pytest.raises(GeometryError) as caught:
+        body_solid(fm.Body("b", "steel", fm.StepFile(path, 1e-3), mesh_size=1e-3))
+    assert str(path) in str(caught.value)
+
+
 @pytest.mark.parametrize("module", ["step_files", "mesh_files"])
 def test_a_damaged_file_is_told_at_its_place(tmp_path, monkeypatch, module):
     """As if the readers of this machine crashed on it; what they crash on differs by version."""

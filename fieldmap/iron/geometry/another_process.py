@@ -45,7 +45,7 @@ def read_by_another(path: Path, program: str) -> bytes | None:
     return written
 
 
-@functools.lru_cache(maxsize=8)
+@functools.lru_cache(maxsize=32)
 def _read(path: Path, program: str, changed: int, size: int) -> tuple[str, bytes | None]:
     longest = LONGEST_S + size / SIZE_OF_A_SECOND
     with tempfile.TemporaryDirectory() as folder:

@@ -13,16 +13,16 @@ from fieldmap.iron.geometry.cad_kernel import occ
 
 _SI_LENGTH = re.compile(r"SI_UNIT\s*\(\s*([$.\w]+)\s*,\s*\.METRE\.")
 _SI_PREFIX = {"$": 1.0, ".MILLI.": 1e-3, ".CENTI.": 1e-2, ".DECI.": 1e-1, ".MICRO.": 1e-6, ".KILO.": 1e3}
-# The kernel's own format, of which its reader reads whatever it has written.
+# In the kernel's own format, or an empty file where there is no solid.
 _TO_BREP = """
 from netgen import occ
 limit()
 pieces = list(occ.OCCGeometry(path).shape.solids)
 if len(pieces) > 1:
     pieces = [occ.Fuse(pieces).UnifySameDomain()]
-for solid in pieces:
-    solid.WriteBrep(out, withTriangles=False)
-if not pieces:
+if pieces:
+    pieces[0].WriteBrep(out, withTriangles=False)
+else:
     open(out, "w").close()
 """
 _CONVERTED = re.compile(r"CONVERSION_BASED_UNIT\s*\(\s*'\s*(\w+)")
@@ -84,4 +84,7 @@ def _solid_of_brep(brep: bytes | None, path: Path) -> occ.TopoDS_Shape:
     with tempfile.TemporaryDirectory() as folder:
         copy = Path(folder) / "solid.brep"
         copy.write_bytes(brep)
-        return occ.OCCGeometry(str(copy)).shape
+        try:
+            return occ.OCCGeometry(str(copy)).shape
+        except Exception as error:  # the reader's exception type is not exported
+            raise ValueError(f"the STEP file {path} cannot be read") from error
