@@ -110,6 +110,25 @@ class ToleranceNotReached(NotConverged):
         self.solution = solution
 
 
+class MapErrorTooLarge(NotConverged):
+    """A map would be off by more than twice what its recipe asks for, and is not written under its name.
+
+    reached: the errors and what was asked for (`fieldmap.store.MissedAccuracy`); part: which part of the current model
+    falls short, "states", "modes", "points", "fields" or "condensation", or "" where that is not known.
+    """
+
+    def __init__(
+        self, *problems: Problem, residuals: tuple[float, ...] = (), reached: Any = None, part: str = ""
+    ) -> None:
+        super().__init__(*problems, residuals=residuals)
+        self.reached = reached
+        self.part = part
+
+
+class MapAccuracyWarning(UserWarning):
+    """A map that is opened is off by more than twice what its recipe asks for."""
+
+
 class NoEquilibrium(FieldmapError):  # noqa: N818 - reads as the outcome it is
     """No point with balanced forces was found; `problems` says where it was looked for."""
 

@@ -249,6 +249,7 @@ def _keep_log(path: Path | None) -> None:
 
 
 def _common(
+    context: typer.Context,
     version: Annotated[
         bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version.")
     ] = False,
@@ -264,3 +265,7 @@ def _common(
     ] = None,
 ) -> None:
     """Fields, gradients and forces of coils with soft iron. Only the iron is meshed, never the air."""
+    from fieldmap.cli.map_warnings import map_warnings_as_lines
+
+    # After the options: a log takes over all warnings.
+    context.with_resource(map_warnings_as_lines())

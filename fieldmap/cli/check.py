@@ -36,10 +36,12 @@ def check(
 
     settings = changes_of_device(changes)
     if is_map_file(source):
-        from fieldmap.store import check_map
+        from fieldmap.store import check_map, warn_of_missed_accuracy
 
         refuse_iron_of_map(IronOptions(), settings)
-        print_result(check_map(existing_map(source)), partial(_map_page, source), json, map=source)
+        checked = check_map(existing_map(source))
+        warn_of_missed_accuracy(source, checked.info.provenance.solver_report)
+        print_result(checked, partial(_map_page, source), json, map=source)
     else:
         from fieldmap.iron.contents import device_contents
 
@@ -134,7 +136,12 @@ def _map_page(name: str, checked: "MapCheck") -> Iterator["Section"]:
     yield facts(_map_facts(checked))
     yield facts([("note", text) for text in checked.notes]) if checked.notes else None
     sets = count_of(checked.data_sets, "data set", "data sets")
-    yield f"{sets}, {checked.bytes / 1e6:.2f} MB: no problem found."
+    found = (
+        "no problem found"
+        if checked.missed_accuracy is None
+        else "undamaged, but less accurate than asked for"
+    )
+    yield f"{sets}, {checked.bytes / 1e6:.2f} MB: {found}."
 
 
 def _map_facts(checked: "MapCheck") -> Iterator[tuple[str, str]]:

@@ -19,6 +19,10 @@ if TYPE_CHECKING:
     from fieldmap.typing import Array
 
 
+TRAINED_ON = "trained on"
+"""The kind of the states that a current model was trained on, among those at which it was tried."""
+
+
 def info(
     source: MapArgument,
     json: Json = False,
@@ -150,8 +154,12 @@ def _interpolation(summary: "MapSummary") -> str:
     """The bound of the form that `open_map` takes; where there is none, what was sampled of the other form."""
     of, reference = summary.accuracy, _reference(summary)
     if of.bound is not None:
-        currents = f"up to {reference}" if summary.domain is None else "at all currents"
-        return f"certified: within {_sizes(of.bound)} of the solver in the box, {currents}"
+        if summary.domain is None:
+            return f"certified: lookups within {_sizes(of.bound)} of the solver in the box, up to {reference}"
+        return (
+            f"certified for the interpolation alone: lookups within {_sizes(of.bound)} of the fields that the map "
+            "interpolates, at all currents"
+        )
     if of.interpolation is not None:
         found = _sizes(of.interpolation)
         return f"largest found {found}, at sampled points in the Hermite form with {reference}"
@@ -175,9 +183,10 @@ def _current_model(summary: "MapSummary") -> str:
             f"{one.states} {one.kind}, {'all' if one.solved == one.states else one.solved} solved"
             for one in of.tried
         )
+        # Maps of earlier versions were not tried on the states that they were trained on.
+        at = "solved states" if any(one.kind == TRAINED_ON for one in of.tried) else "states not trained on"
         text = (
-            f"largest found {_shares(of.current_model)} of the state's largest{in_units}, at states not trained on "
-            f"({tried})"
+            f"largest found {_shares(of.current_model)} of the state's largest{in_units}, at {at} ({tried})"
         )
     solved, count = solver["states_trained_on_solved"], solver["states_trained_on"]
     held, before = (
@@ -188,7 +197,8 @@ def _current_model(summary: "MapSummary") -> str:
         held += f", condensed from {before['modes']} and {before['points']},"
     trained = [f"{held} from {solved} solved states"]
     if solver["corners_trained_on"]:
-        trained.append(f"{solver['corners_trained_on']} of them corners of the domain")
+        which = "extremes of the currents" if solver.get("extremes") else "corners of the domain"
+        trained.append(f"{solver['corners_trained_on']} of them {which}")
     if count > solved:
         trained.append(f"{count} with mirror images")
     return "\n".join([text, *_missed(summary), *_corners(solver), ", ".join(trained)])
@@ -196,18 +206,25 @@ def _current_model(summary: "MapSummary") -> str:
 
 def _missed(summary: "MapSummary") -> "Iterator[str]":
     """What the recipe asked for, where the model is less accurate; files of before do not say."""
-    asked = summary.info.provenance.solver_report.get("held_out_within")
-    found = summary.accuracy.current_model
-    if asked is not None and found is not None and found.flux_density > asked:
+    from fieldmap.store.stated_accuracy import GRADIENT, HELD_OUT, percent
+
+    missed = summary.missed_accuracy
+    if missed is not None:
+        within = HELD_OUT * missed.asked
         yield (
-            f"the recipe asks for {100 * asked:.2g} % of B at these, which its states, modes and points do not reach: "
-            "more of them under [currents], or a smaller domain"
+            f"the recipe asks for {percent(within)} of B and {percent(GRADIENT * within)} of the gradient at these, "
+            "which its states, modes and points do not reach: more of them under [currents], or a smaller domain"
         )
 
 
 def _corners(solver: "Mapping[str, Any]") -> "Iterator[str]":
-    """How the corners of the domain were chosen, where not all of them were solved."""
-    corners = solver.get("corners")
+    """At which extremes of the currents the model was tried. Of a map of an earlier version that they were not
+    searched, and how the corners of the domain were chosen, where not all of them were solved."""
+    extremes, corners = solver.get("extremes"), solver.get("corners")
+    if extremes:
+        yield _extremes(extremes)
+        return
+    yield "extremes of the currents were not searched: the map is of an earlier version"
     if corners and corners["solved"] < corners["different"]:
         alike = (
             ""
@@ -218,6 +235,21 @@ def _corners(solver: "Mapping[str, Any]") -> "Iterator[str]":
             f"of {corners['in_all']} corners the model's residual was looked at in {corners['looked_at']}{alike}: "
             f"{corners['solved']} solved, the worst and some at random"
         )
+
+
+def _extremes(extremes: "Mapping[str, Any]") -> str:
+    looked, different, searched = (extremes[name] for name in ("looked_at", "different", "searched"))
+    text = f"{looked} extremes of the currents looked at (corners, single coils, equal and opposed currents)"
+    if different < looked:
+        text += f", {different} but for symmetry"
+    text += f", {extremes['solved']} solved"
+    if extremes["by_residual"]:
+        text += ", the worst by the model's residual and some at random"
+    return (
+        f"{text}; the worst of {searched} further currents searched by the model's residual"
+        if searched
+        else text
+    )
 
 
 def _solver_words(solver: "Mapping[str, object]") -> list[str]:

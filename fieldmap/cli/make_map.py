@@ -35,6 +35,13 @@ def make_map(
             help="Draw the map in two pictures beside it, NAME.png and NAME_3d.png. Default: with --summary.",
         ),
     ] = None,
+    accept_error: Annotated[
+        bool,
+        typer.Option(
+            "--accept-error",
+            help="Write the map even if its current model is off by more than twice what the recipe asks for.",
+        ),
+    ] = False,
     workers: NumberOfWorkers = 1,
     scheduler: Scheduler = None,
 ) -> None:
@@ -49,11 +56,20 @@ def make_map(
     with compiled_ahead():
         try:
             with Progress("map") as progress:
-                path = generate(recipe, output, resume, progress, workers, scheduler, changes=settings)
+                path = generate(
+                    recipe,
+                    output,
+                    resume,
+                    progress,
+                    workers,
+                    scheduler,
+                    changes=settings,
+                    accept_error=accept_error,
+                )
         except KeyboardInterrupt:
             print("the same command goes on from here; --fresh begins anew", file=sys.stderr)
             raise
-        _tell_failed_states(path)
+        _tell_what_is_missing(path)
         if summary or json or pictures:
             from fieldmap.cli.info import print_summary
 
@@ -62,8 +78,11 @@ def make_map(
             print(path)
 
 
-def _tell_failed_states(path: Path) -> None:
-    from fieldmap.store import read_info
+def _tell_what_is_missing(path: Path) -> None:
+    """States that failed, and an accuracy that is not reached."""
+    from fieldmap.store import read_info, warn_of_missed_accuracy
 
-    for number, reason in read_info(path).provenance.solver_report.get("states_failed", {}).items():
+    report = read_info(path).provenance.solver_report
+    for number, reason in report.get("states_failed", {}).items():
         print(f"state {number} could not be solved and was left out: {reason}", file=sys.stderr)
+    warn_of_missed_accuracy(path, report)

@@ -29,12 +29,14 @@ def print_problems(error: FieldmapError) -> None:
 
 def print_as_json(error: FieldmapError) -> None:
     """Print an error on stdout for programs, where they look for the result: its name, exit code and problems, and what
-    can be had in the place of what was asked for, where that is known (`fieldmap.errors.Infeasible`)."""
+    can be had in the place of what was asked for, where that is known (`fieldmap.errors.Infeasible`), or what was
+    reached (`fieldmap.errors.MapErrorTooLarge`)."""
     # Not by `fieldmap.cli.printing`: the error may be that rich is missing.
     from fieldmap.plain import plain
 
     about = {"error": type(error).__name__, "message": str(error), "exit_code": error.exit_code}
-    had = {name: getattr(error, name) for name in ("reachable", "share", "binding") if hasattr(error, name)}
+    names = ("reachable", "share", "binding", "reached", "part")
+    had = {name: getattr(error, name) for name in names if hasattr(error, name)}
     print(dumps(plain(about | {"problems": error.problems} | had), indent=2, allow_nan=False))
 
 

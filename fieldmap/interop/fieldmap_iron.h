@@ -575,7 +575,12 @@ static inline void fieldmap_iron_tangent(const fieldmap_iron *map, fieldmap_iron
             const double *other = s->factor + (size_t)j * (size_t)r;
             double value = (double)s->total[(size_t)i * (size_t)w + (size_t)j] + map->air[(size_t)i * (size_t)r + (size_t)j];
             value -= fieldmap_iron_product(row, other, j);
-            row[j] = i == j ? sqrt(fmax(value, 1e-7 * whole)) : value / other[j];
+            if (i == j && value < 1e-7 * whole) {
+                /* Rounding alone: the factor has this mode by itself. */
+                value = whole;
+                memset(row, 0, (size_t)i * sizeof *row);
+            }
+            row[j] = i == j ? sqrt(value) : value / other[j];
         }
     }
 }

@@ -28,7 +28,7 @@ from fieldmap.levitation.comparison import (
 from fieldmap.lookup import FieldMap, open_map
 from fieldmap.plain import Plain, plain_fields, plain_items
 from fieldmap.records import Record
-from fieldmap.store import FieldError, MapInfo
+from fieldmap.store import FieldError, MapInfo, MissedAccuracy, missed_accuracy
 from fieldmap.typing import Array
 
 NO_SATURATION = (
@@ -59,7 +59,7 @@ class ErrorShares(Record):
 
 @dataclass(frozen=True, repr=False)
 class TriedStates(Record):
-    """Solved states of one kind, not trained on, at which a current model was tried: so many, so many of them solved
+    """Solved states of one kind at which a current model was tried: so many, so many of them solved
     (the others are mirror images), and the largest errors found."""
 
     kind: str
@@ -133,6 +133,11 @@ class MapSummary(Record):
         return NO_SATURATION if self.domain is None and _saturates(self.info.provenance.device_text) else ""
 
     @property
+    def missed_accuracy(self) -> MissedAccuracy | None:
+        """How far the current model is off, if by more than was asked for."""
+        return missed_accuracy(self.info.provenance.solver_report)
+
+    @property
     def accuracy(self) -> MapAccuracy:
         """As the file has it."""
         info, report = self.info, self.info.provenance.solver_report
@@ -180,6 +185,7 @@ class MapSummary(Record):
             error_bounds=info.error_bounds,
             current_error=info.current_error,
             accuracy=self.accuracy.to_dict(),
+            missed_accuracy=self.missed_accuracy,
             current_domain=self._domain_items(),
             current_limit=self.current_limit,
             middle=self.middle,

@@ -31,7 +31,8 @@ coils.path _path_flux_density_rows i i d2 d2 d2 d d d d2
 coils.path _path_flux_density_and_gradient_rows i i d2 d2 d2 d d d d2 d3
 map.reduced_iron newton d1 d2 f2 d1 i1 i1 d1 d2 d2 d1 d1 d2 d i
 iron.charged_surface surface_field_and_gradient i i d2 d3 d2 d2 d2 d3 d4
-map.reduced_iron tangent_factor d1 d2 f2 d1 i1 i1 d1 d2 d2 d1
+iron.sample_gradients root_of_susceptibility d1 d1 i1 i1 d1 d2 d3
+iron.sample_gradients magnetise_states d2 d1 i1 i1 d1 d2
 growing_cholesky append d2 i d1 d
 growing_cholesky solve_lower d2 i d1
 growing_cholesky solve_upper d2 i d1

@@ -50,7 +50,7 @@ from fieldmap.lookup.inverse import checked_weight, currents_of_model, currents_
 from fieldmap.lookup.inverse_on_body import currents_on_body, wrench_demand
 from fieldmap.lookup.magnetic_body import MagneticBody
 from fieldmap.records import card, count_of
-from fieldmap.store import FieldError, MapData, MapInfo, read_map
+from fieldmap.store import FieldError, MapData, MapInfo, read_map, warn_of_missed_accuracy
 from fieldmap.typing import Array
 
 if TYPE_CHECKING:
@@ -632,9 +632,7 @@ class FieldMap(BaseField, own_shapes=ONE_POINT):
             "without currents": ", ".join(self.fixed_sources) or "no field",
             "box": " to ".join(corners) + " mm",
             "size": f"{self.info.grid.size} nodes, {self.nbytes / 1e6:.1f} MB of coefficients",
-            "error": "not certified"
-            if bound is None
-            else f"at most {bound.flux_density:.2g} T and {bound.gradient:.2g} T/m against the solver",
+            **_errors_in_words(bound, self.current_error),
         }
         return card(f"FieldMap, {self.kind}", rows)
 
@@ -645,6 +643,17 @@ class FieldMap(BaseField, own_shapes=ONE_POINT):
         size = self._info.grid.size
         coils = count_of(len(self.coil_names), "coil", "coils")
         return f"FieldMap({self.kind}, {coils}, box {corners} mm, {size} nodes)"
+
+
+def _errors_in_words(bound: FieldError | None, of_model: FieldError | None) -> dict[str, str]:
+    """What is certified, which of saturating iron is the interpolation alone, and what the current model is off."""
+    certified = "not certified"
+    if bound is not None:
+        certified = f"at most {bound.flux_density:.2g} T and {bound.gradient:.2g} T/m"
+    if of_model is None:
+        return {"error": certified if bound is None else f"{certified} against the solver"}
+    found = f"up to {of_model.flux_density:.2g} T and {of_model.gradient:.2g} T/m found at solved states"
+    return {"error of the interpolation": certified, "error of the current model": found}
 
 
 def _never(*_: object) -> int:
@@ -672,7 +681,8 @@ def open_map(
     division, tabulate the model once, which takes seconds; any change of the currents then costs microseconds, also
     from compiled code, and `current_table.error` says how far the table is from the model. Raises MapFileError if the
     file is no complete, undamaged map and InputError for an unknown kind or outside rule, if no single polynomial
-    holds the map ("global"), or if there is nothing to tabulate.
+    holds the map ("global"), or if there is nothing to tabulate. Warns (MapAccuracyWarning) of a map whose current
+    model is off by more than twice what its recipe asks for.
 
     >>> m = open_map("maps/out/workspace.h5")                                     # doctest: +SKIP
     >>> m.field([0, 0, -0.09], currents=[1, 1, 1, 1, 1, 1])                       # doctest: +SKIP
@@ -681,7 +691,9 @@ def open_map(
         raise InputError(_no_path(path))
     check_choices(kind, outside, outside_currents)
     rules = outside_currents, follow_currents, tabulate_currents
-    return interpolate(read_map(path), kind, outside, threads, *rules)
+    data = read_map(path)
+    warn_of_missed_accuracy(path, data.provenance.solver_report, stacklevel=2)
+    return interpolate(data, kind, outside, threads, *rules)
 
 
 def _no_path(given: object) -> Problem:

@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 from fieldmap.device.model import Device, WorkspaceBox
 from fieldmap.errors import FieldmapError, MapFileError, Problem, RecipeError
 from fieldmap.iron import LinearSolution, SolverReport, check_geometry
+from fieldmap.maps.acceptance import assumption_of_acceptance, record_of_acceptance, require_accuracy
 from fieldmap.maps.error_bound import SOLVER_POINTS, certified_bounds, interpolation_error
 from fieldmap.maps.forecast import Forecast
 from fieldmap.maps.linear_fields import linear_fields
@@ -29,7 +30,7 @@ from fieldmap.maps.recipe import (
     recipe_for,
     with_box,
 )
-from fieldmap.maps.saturating_fields import SaturatingFields, Stopwatch, trained_map
+from fieldmap.maps.saturating_fields import SPENT, SaturatingFields, Stopwatch, trained_map
 from fieldmap.maps.training.expected import STAGES, expect_training
 from fieldmap.maps.training.states import corners
 from fieldmap.parallel import Common, Workers, same_arithmetic
@@ -106,6 +107,7 @@ def generate(
     iron: Mapping[str, Any] | None = None,
     reference_current: float | None = None,
     changes: Mapping[str, Any] | None = None,
+    accept_error: bool = False,
 ) -> Path:
     """Make the map that a recipe asks for, or a map of a device, and return the path of its file.
 
@@ -120,10 +122,15 @@ def generate(
     processes of this machine solve and evaluate, 1 for this one alone; scheduler: address of a dask scheduler whose
     workers do it (docs/cluster.md). The numbers are the same bit for bit, whoever computes them.
 
+    accept_error: write a map of saturating iron whose largest error found, at any state at which its current model was
+    tried, is more than twice the accuracy that its recipe asks for. The error is then among its assumptions, and
+    opening it warns (MapAccuracyWarning). Without it MapErrorTooLarge is raised, as soon as the error is known: nothing
+    is written, what was solved is kept, and the same call with accept_error=True goes on.
+
     The file appears under its name only when it is complete. Raises RecipeError, DeviceFileError,
     GeometryError (a box that cuts iron or a winding) or InputError (an output that cannot be written) before
     any long work and without leaving a file; InputError for workers that cannot be had; NotConverged if the solver
-    fails, or where iron saturates at more than half of the states.
+    fails, or where iron saturates at more than half of the states; MapErrorTooLarge as above.
 
     >>> import fieldmap as fm
     >>> fm.generate("quick")                                                      # doctest: +SKIP
@@ -140,7 +147,7 @@ def generate(
         "reference_current": reference_current,
     }
     with shown_or_silent("map", progress) as say:
-        return _generate(recipe, output, resume, say, workers, scheduler, said, changes)
+        return _generate(recipe, output, resume, say, workers, scheduler, said, changes, accept_error)
 
 
 def _generate(
@@ -152,6 +159,7 @@ def _generate(
     scheduler: str | None,
     said: Mapping[str, Any],
     changes: Mapping[str, Any] | None,
+    accept_error: bool,
 ) -> Path:
     """As `generate`; said: what a recipe would say, None where it is not said."""
     say("checking recipe, device and geometry", 0.0)
@@ -161,7 +169,8 @@ def _generate(
     info = _describe(order, device)
     placed = with_box(device, info.grid)
     check_geometry(placed)
-    if resume and _is_done(target, info):
+    if resume and (report := _finished(target, info)) is not None:
+        require_accuracy(report, order, target, accept_error)
         say("complete already", 1.0)
         return target
     with (
@@ -175,7 +184,9 @@ def _generate(
             if order.currents is None:
                 _generate_linear(order, placed, info, target, checkpoint, team, say)
             else:
-                _generate_saturating(order, order.currents, placed, info, target, checkpoint, team, say)
+                _generate_saturating(
+                    order, order.currents, placed, info, target, checkpoint, team, say, accept_error
+                )
         except FieldmapError:
             if not len(checkpoint):
                 checkpoint.remove()
@@ -246,6 +257,7 @@ def _generate_saturating(
     checkpoint: Checkpoint,
     workers: Workers,
     say: Progress,
+    accept_error: bool,
 ) -> None:
     forecast = Forecast(say, dict.fromkeys((*STAGES, "nodes", "certificate"), 0.0))
 
@@ -265,10 +277,16 @@ def _generate_saturating(
         assembling,
         forecast,
     )
+    found = {**trained.about, **dict(zip(SPENT, trained.spent, strict=True))}
+    accepted = require_accuracy(found, recipe, target, accept_error)
     spent = Stopwatch(workers, *trained.spent)
     info = replace(info, reduced_model=trained.model, current_error=trained.error)
     writer, fields = MapWriter(target, info, checkpoint), DividedFields(trained.fields, workers)
-    _fill(writer, fields, trained.largest_weights, lambda: {**trained.about, **spent.read()}, forecast)
+
+    def about() -> dict[str, Any]:
+        return {**trained.about, **spent.read()} | record_of_acceptance(accepted)
+
+    _fill(writer, fields, trained.largest_weights, about, forecast, assumption_of_acceptance(accepted))
 
 
 def _fill(
@@ -277,8 +295,10 @@ def _fill(
     largest_weights: Array,
     about: Callable[[], Mapping[str, Any]],
     forecast: Forecast,
+    assumes: tuple[str, ...] = (),
 ) -> None:
-    """Fields at the nodes, their error, and the file; about(): what its report says beside the solver's."""
+    """Fields at the nodes, their error, and the file; about(): what its report says beside the solver's; assumes: what
+    the map rests on beside what the solver assumes."""
     if writer.resumed:
         forecast.note(f"resumed with {writer.resumed} of {len(writer.chunks)} parts")
     _evaluate(fields, writer, forecast)
@@ -288,7 +308,7 @@ def _fill(
     error = interpolation_error(read, fields.unit_fields)
     bounds = certified_bounds(read, fields.unit_fields, largest_weights)
     report: dict[str, Any] = asdict(fields.report) | dict(about()) | _finished_by(fields.workers)
-    assumptions = tuple(report.pop("assumptions"))
+    assumptions = (*report.pop("assumptions"), *assumes)
     writer.finish(report, assumptions, error, bounds, data)
 
 
@@ -352,13 +372,15 @@ def _target(recipe: Recipe, output: PathLike | None) -> Path:
     raise RecipeError(problem)
 
 
-def _is_done(target: Path, info: MapInfo) -> bool:
+def _finished(target: Path, info: MapInfo) -> Mapping[str, Any] | None:
+    """The report of the map that is there already, if it would come out the same."""
     if not target.is_file():
-        return False
+        return None
     try:
-        return read_info(target).provenance.fingerprint == info.provenance.fingerprint
+        there = read_info(target).provenance
     except MapFileError:
-        return False
+        return None
+    return there.solver_report if there.fingerprint == info.provenance.fingerprint else None
 
 
 def _expect_fields(forecast: Forecast, solving: float) -> None:

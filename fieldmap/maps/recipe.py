@@ -161,16 +161,18 @@ class CurrentKeys(Table):
         description="relative error of B at new states at which training stops; twice that of the gradient",
     )
     modes: Annotated[int, Field(ge=2, le=200)] = Field(
-        default=60, description="most amplitudes of the iron that are trained"
+        default=60,
+        description="amplitudes of the iron that are trained at most, unless a state falls short",
     )
     points: Annotated[int, Field(ge=20, le=5000)] = Field(
-        default=800, description="most points of the iron at which the law is evaluated in training"
+        default=800,
+        description="points of the iron for the law in training at most, unless a state falls short",
     )
     fields: Annotated[int, Field(ge=1, le=100)] = Field(
         default=20, description="most fields of the iron in the map"
     )
     held_out: Annotated[int, Field(ge=1, le=1000)] = Field(
-        default=12, description="states at random solved to measure the error; corners of the domain are too"
+        default=12, description="states at random solved to measure the error; extremes of the domain are too"
     )
 
     @model_validator(mode="after")

@@ -15,12 +15,13 @@ from fieldmap.iron.operators.surface import ChargedFaces
 from fieldmap.maps.forecast import Forecast
 from fieldmap.maps.recipe import CurrentPlan
 from fieldmap.maps.training.states import SolvedStates
-from fieldmap.maps.training.training import HELD_OUT, Trained, train
+from fieldmap.maps.training.training import Trained, train
 from fieldmap.parallel import Common, Workers
 from fieldmap.records import Record
 from fieldmap.sources import unit_flux_density_and_gradient
 from fieldmap.store import Checkpoint, FieldError, Grid, ReducedModel
 from fieldmap.store.reduced_model import ARRAYS
+from fieldmap.store.stated_accuracy import HELD_OUT
 from fieldmap.typing import Array, Progress
 
 # Nodes along each edge of the box at whose surface the fields are compared: they are harmonic, so largest there.
@@ -159,8 +160,9 @@ def _about(trained: Trained, states: SolvedStates, report: SolverReport) -> dict
         "states_solved": states.count,
         "states_trained_on": len(trained.model.known_currents),
         "states_trained_on_solved": trained.snapshots.solved,
-        "corners_trained_on": trained.corners.trained_on,
-        "corners": asdict(trained.corners),
+        "corners_trained_on": trained.extremes.trained_on,
+        "extremes": asdict(trained.extremes),
+        "error_parts": asdict(trained.parts),
         "states_failed": {str(number): reason for number, reason in states.failed.items()},
         "states_tried": {name: asdict(errors) for name, errors in trained.errors.items()},
         "rounds": [asdict(found) for found in trained.rounds],

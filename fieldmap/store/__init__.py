@@ -17,6 +17,7 @@ from fieldmap.store.map_writer import MapWriter, open_writer, write_map
 from fieldmap.store.reduced_model import ReducedModel
 from fieldmap.store.run_file import RunRecord, is_run_file, read_runs, write_runs
 from fieldmap.store.seal import seal_map
+from fieldmap.store.stated_accuracy import MissedAccuracy, missed_accuracy, warn_of_missed_accuracy
 from fieldmap.store.whole_files import whole_file, write_whole
 
 __all__ = [
@@ -29,6 +30,7 @@ __all__ = [
     "MapData",
     "MapInfo",
     "MapWriter",
+    "MissedAccuracy",
     "Piece",
     "Provenance",
     "ReducedModel",
@@ -38,11 +40,13 @@ __all__ = [
     "checkpoint_path",
     "is_run_file",
     "map_path",
+    "missed_accuracy",
     "open_writer",
     "read_info",
     "read_map",
     "read_runs",
     "seal_map",
+    "warn_of_missed_accuracy",
     "whole_file",
     "write_map",
     "write_runs",

@@ -27,6 +27,7 @@ from fieldmap.store.map_reader import (
 )
 from fieldmap.store.openpmd import TESLA, TESLA_PER_METRE
 from fieldmap.store.seal import REMAKE
+from fieldmap.store.stated_accuracy import MissedAccuracy, missed_accuracy
 
 DIVERGENCE_AND_CURL = 1e-4
 """Largest divergence, and largest curl, of a stored gradient at a node, of the largest gradient of that field."""
@@ -55,6 +56,11 @@ class MapCheck(Record):
     total: float
     notes: tuple[str, ...] = ()
 
+    @property
+    def missed_accuracy(self) -> MissedAccuracy | None:
+        """How far the current model is off, if by more than was asked for."""
+        return missed_accuracy(self.info.provenance.solver_report)
+
     def to_dict(self) -> dict[str, Plain]:
         """What was verified, with what the file says of itself, as plain Python."""
         info = self.info
@@ -75,6 +81,7 @@ class MapCheck(Record):
             interpolation_error=info.interpolation_error,
             error_bounds=info.error_bounds,
             current_error=info.current_error,
+            missed_accuracy=self.missed_accuracy,
             notes=self.notes,
         )
 
@@ -155,7 +162,7 @@ def _result(info: MapInfo, size: int, findings: _Findings) -> MapCheck:
 
 
 def _notes(info: MapInfo) -> tuple[str, ...]:
-    source = info.provenance
+    source, missed = info.provenance, missed_accuracy(info.provenance.solver_report)
     missing = {
         "no fingerprint: what decided its numbers is not recorded": not source.fingerprint,
         "no versions of the libraries that made it": not source.versions,
@@ -165,7 +172,8 @@ def _notes(info: MapInfo) -> tuple[str, ...]:
             info.interpolation_error is None and not info.error_bounds
         ),
     }
-    return tuple(text for text, is_missing in missing.items() if is_missing)
+    notes = tuple(text for text, is_missing in missing.items() if is_missing)
+    return notes if missed is None else (*notes, missed.text)
 
 
 def _check_completion(file: h5py.File, info: MapInfo) -> None:

@@ -95,7 +95,7 @@ if __name__ == "__main__":
     def tell(text, share):
         print(f"{time.time() - begin:.3f} {text}", flush=True)
 
-    generate(sys.argv[1], sys.argv[2], progress=tell, **json.loads(sys.argv[4]))
+    generate(sys.argv[1], sys.argv[2], progress=tell, accept_error=True, **json.loads(sys.argv[4]))
 """
 
 

@@ -141,8 +141,17 @@ def test_info_beside_what_was_measured(printed, golden):
 
 
 def summary_of(domain, names, measured=False):
-    """A made-up summary of a map over currents; measured: beside what was measured on its machine."""
+    """A made-up summary of a map over currents; measured: beside what was measured on its machine, of an earlier
+    version, and less accurate than was asked for."""
     tried = {"flux_density_share": 0.0012, "gradient_share": 0.0034, "states": 56, "solved": 7}
+    extremes = {
+        "corners": 4,
+        "looked_at": 37,
+        "different": 19,
+        "solved": 12,
+        "trained_on": 8,
+        "searched": 512,
+    }
     report = {
         "form": "potential",
         "tetrahedra": 12345,
@@ -159,6 +168,17 @@ def summary_of(domain, names, measured=False):
         "states_failed": {"5": "no convergence"},
         "seconds": {"solve": 12.3},
     }
+    if measured:
+        report["held_out_within"] = 1e-3
+    else:
+        report["held_out_within"] = 2e-3
+        report["extremes"] = extremes | {"by_residual": True}
+        found = {"flux_density_share": 0.0009, "gradient_share": 0.0021, "states": 11, "solved": 11}
+        report["states_tried"] |= {
+            "at extremes": found,
+            "searched for": found | {"states": 4, "solved": 4},
+            "trained on": found | {"states": 16, "solved": 16},
+        }
     record = Provenance(
         title="A map over currents",
         device_name="rig",

@@ -87,13 +87,15 @@ def write_few_states(folder):
 
 @pytest.fixture
 def few_states(tmp_path):
-    """Recipe file of a quick map of the two cores: ten states for training, two held out, four corners."""
+    """Recipe file of a quick map of the two cores: ten states for training, two held out, four corners. They do not
+    reach what it asks for."""
     return write_few_states(tmp_path)
 
 
 @pytest.fixture(scope="session")
 def few_states_map(tmp_path_factory):
-    """The map of that recipe, to be read only: path, and the fields that its certificate asked for at points."""
+    """The map of that recipe, its error accepted, to be read only: path, and the fields that its certificate asked for
+    at points."""
     asked, folder = [], tmp_path_factory.mktemp("few_states")
 
     def keep(data, fields, weights):
@@ -104,6 +106,6 @@ def few_states_map(tmp_path_factory):
         patch.setattr(generation, "certified_bounds", keep)
         # How well the workspace is seen by fewer modes is another test's claim.
         patch.setattr(condensation, "_STATES", 60)
-        path = generate(write_few_states(folder), folder / "map.h5")
+        path = generate(write_few_states(folder), folder / "map.h5", accept_error=True)
     (fields,) = asked
     return SimpleNamespace(path=path, fields=fields)

@@ -115,6 +115,7 @@ def test_a_map_that_is_wrong_everywhere_by_one_percent_is_caught(rig_map):
     assert bounds["harmonic"].flux_density > 0.009 * largest
 
 
+@pytest.mark.filterwarnings("ignore::fieldmap.errors.MapAccuracyWarning")
 def test_of_saturating_iron_it_holds_for_all_currents_of_the_domain(few_states_map):
     """Against the fields that the weights add up, wherever the solver is asked: not the map's own nodes."""
     points = dense_points(open_map(few_states_map.path), 500)

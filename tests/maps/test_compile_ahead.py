@@ -18,6 +18,7 @@ pytestmark = pytest.mark.skipif(
 )
 
 
+@pytest.mark.filterwarnings("ignore::fieldmap.errors.MapAccuracyWarning")
 def test_what_is_listed_is_what_a_map_calls(request):
     """Types that no run asks for would be compiled in vain, and those that it asks for by the run itself."""
     entries = [entry for entry in listed() if entry.arguments]

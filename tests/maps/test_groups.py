@@ -12,6 +12,7 @@ from fieldmap.maps.training import condensation
 from fieldmap.store import read_map
 
 
+@pytest.mark.filterwarnings("ignore::fieldmap.errors.MapAccuracyWarning")
 def test_two_coils_moved_together(few_states, monkeypatch):
     """The field is the solver's at equal currents; others are outside the map."""
     # How well the workspace is seen by fewer modes, and the certificate, are other tests' claims.
@@ -24,7 +25,7 @@ def test_two_coils_moved_together(few_states, monkeypatch):
     groups = ["lower_A = 0.5", "upper_A = 2.0", 'groups = [["left", "right"]]']
     recipe = few_states.with_name("groups.toml")
     recipe.write_text("\n".join([*lines[:at], *groups, *lines[at:]]))
-    made = fm.generate(recipe, few_states.with_name("map.h5"))
+    made = fm.generate(recipe, few_states.with_name("map.h5"), accept_error=True)
 
     model, opened = read_map(made).reduced_model, fm.open_map(made)
     assert model.parametrisation == CoilGroups(((0, 1),))

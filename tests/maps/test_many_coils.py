@@ -111,18 +111,20 @@ def at_all_corners(data, folder):
 
 
 def test_the_stated_error_holds_in_corners_that_nobody_solved(data, at_all_corners):
-    """The worst of all 64: what is stated is the largest of half of them, found by the residual. The nodes are other
-    places than those at which errors are stated."""
+    """The worst of all 64: what is stated is the largest at some extremes, found by the residual, and at other states.
+    The nodes are other places than those at which errors are stated."""
     report = data.provenance.solver_report
-    corners, stated = report["corners"], report["states_tried"]["in corners"]
-    assert corners["in_all"] == corners["different"] == 64
-    assert corners["by_residual"]
-    assert corners["solved"] <= 40
+    extremes, tried = report["extremes"], report["states_tried"].values()
+    assert extremes["corners"] == 64
+    assert extremes["different"] == extremes["looked_at"] == 64 + 6 * 6 + 3 + 60
+    assert extremes["by_residual"]
+    assert extremes["solved"] <= 64 < extremes["different"]
     largest = at_all_corners.max(axis=0)
-    assert largest[0] <= 1.03 * stated["flux_density_share"]
-    assert largest[1] <= 1.03 * stated["gradient_share"]
-    # And the accuracy that the recipe asks for holds, without being a hundred times better.
-    assert 1e-2 * ACCURACY < largest[0] < ACCURACY
+    for found, name in zip(largest, ("flux_density_share", "gradient_share"), strict=True):
+        assert found <= 1.03 * max(of[name] for of in tried)
+    # And what the recipe asks for holds, within the factor of two that is promised, without being a hundred times
+    # better.
+    assert 1e-2 * ACCURACY < largest[0] < 1.5 * ACCURACY
     assert largest[1] < 2 * ACCURACY
 
 
@@ -140,9 +142,9 @@ def test_the_cost_follows_the_accuracy(data, folder):
     assert max(errors["flux_density_share"] for errors in fine["states_tried"].values()) < 0.5 * ACCURACY
 
 
-def test_a_run_that_stops_among_the_corners_gives_the_same_bits(data, folder):
+def test_a_run_that_stops_among_the_extremes_gives_the_same_bits(data, folder):
     def stop(text, fraction):
-        if "state 6 of" in text and "in corners" in text:
+        if "state 6 of" in text and "at extremes" in text:
             raise KeyboardInterrupt
 
     target = folder / f"map_{ACCURACY}.h5"
@@ -153,7 +155,7 @@ def test_a_run_that_stops_among_the_corners_gives_the_same_bits(data, folder):
     resumed, before = make(folder, ACCURACY), read_map(whole)
     assert (resumed.flux_density == before.flux_density).all()
     assert (resumed.reduced_model.weights == before.reduced_model.weights).all()
-    assert resumed.provenance.solver_report["corners"] == before.provenance.solver_report["corners"]
+    assert resumed.provenance.solver_report["extremes"] == before.provenance.solver_report["extremes"]
 
 
 def test_corrections_are_the_error_of_iron_that_hardly_saturates(folder):

@@ -10,10 +10,10 @@ from fieldmap.currents import (
     LiftAndDirections,
     parametrisation_from_json,
 )
-from fieldmap.maps.training.cubature import Contributions, empirical_cubature
-from fieldmap.maps.training.least_squares import nonnegative_path, sparse_nonnegative
+from fieldmap.maps.training.cubature import Contributions, Cubature, TangentRoots, candidates
+from fieldmap.maps.training.least_squares import nonnegative_path
 from fieldmap.maps.training.modes import output_fields, pivots, proper_modes
-from fieldmap.maps.training.states import corners, held_out, sequence
+from fieldmap.maps.training.states import corners, extreme_signals, held_out, sequence
 
 
 @pytest.fixture
@@ -90,13 +90,26 @@ def of_points(part):
     )
 
 
+def add(cubature, parts):
+    """States with these parts (p, r)."""
+    cubature.add([of_points(part) for part in parts], [part.sum(axis=0) for part in parts])
+
+
+def chosen(parts, most, tolerance):
+    """Points and factors of a cubature of states with these parts (p, r)."""
+    cubature = Cubature(len(parts[0]), np.arange(len(parts[0])))
+    add(cubature, parts)
+    factors, _ = cubature.factors(tolerance, most)
+    points = np.flatnonzero(factors)
+    return points, factors[points]
+
+
 def test_cubature_integrates_what_it_was_made_for_with_few_positive_weights():
     x = (np.arange(3000) + 0.5) / 1500 - 1
     volume = np.full(x.size, 2 / 3000)
     # Two "states" of six "residuals" each, all polynomials of degree 9 at most.
     powers = np.array([x**k for k in range(10)]).T * volume[:, None]
-    parts = [of_points(powers[:, :6]), of_points(powers[:, 4:])]
-    points, factors = empirical_cubature(parts, 10, 1e-9)
+    points, factors = chosen([powers[:, :6], powers[:, 4:]], 10, 1e-9)
     assert len(points) <= 10
     assert (factors > 0).all()
     for k in range(10):
@@ -112,7 +125,7 @@ def test_fewer_points_serve_a_coarser_tolerance_and_what_they_leave_is_the_state
     parts = [shape @ random.standard_normal((80, 40)) * volume[:, None] + volume[:, None] for _ in range(10)]
     numbers = []
     for tolerance in (3e-3, 3e-4, 3e-5):
-        points, factors = empirical_cubature([of_points(part) for part in parts], 200, tolerance)
+        points, factors = chosen(parts, 200, tolerance)
         left = [part.sum(axis=0) - factors @ part[points] for part in parts]
         error = np.sqrt(np.mean([(off**2).sum() for off in left]))
         assert error <= 1.01 * tolerance
@@ -126,11 +139,76 @@ def test_what_is_left_is_that_of_all_residuals_however_few_the_points():
     random = np.random.default_rng(8)
     parts = [1.0 + 0.02 * random.standard_normal((2000, 60)) for _ in range(20)]
     for tolerance in (20.0, 10.0):
-        points, factors = empirical_cubature([of_points(part) for part in parts], 600, tolerance)
+        points, factors = chosen(parts, 600, tolerance)
         left = [part.sum(axis=0) - factors @ part[points] for part in parts]
         error = np.sqrt(np.mean([(off**2).sum() for off in left]))
         assert len(points) < 600
         assert 0.8 * tolerance < error <= tolerance
+
+
+def test_states_that_are_added_are_met_by_the_next_choice_which_begins_with_the_points_of_the_last():
+    random = np.random.default_rng(9)
+    volume = np.full(800, 1 / 800)
+    shape = random.standard_normal((800, 60)) * np.geomspace(1.0, 1e-5, 60)
+    parts = [shape @ random.standard_normal((60, 20)) * volume[:, None] + volume[:, None] for _ in range(6)]
+    together = Cubature(800, np.arange(800))
+    add(together, parts)
+    growing = Cubature(800, np.arange(800))
+    add(growing, parts[:4])
+    first, _ = growing.factors(1e-4, 300)
+    add(growing, parts[4:])
+    for factors, left in (together.factors(1e-4, 300), growing.factors(1e-4, 300)):
+        error = [np.linalg.norm(part.sum(axis=0) - factors @ part) for part in parts]
+        assert left <= 1.0
+        assert np.sqrt(np.mean(np.square(error))) <= 1.01e-4
+    without = [np.linalg.norm(part.sum(axis=0) - first @ part) for part in parts[4:]]
+    assert min(without) > 1.5e-4
+
+
+def test_tangents_are_met_where_residuals_ask_for_a_point_alone():
+    """States that are all alike: one point gives their residual, and a tangent that is zero in all other directions."""
+    random = np.random.default_rng(10)
+    rows = random.standard_normal((500, 3, 60)) / np.sqrt(1500.0)
+    whole = np.einsum("pij,pik->jk", rows, rows)
+    part = np.full((500, 1), 1 / 500)
+    found = {}
+    for kind in ("residuals", "tangents"):
+        cubature = Cubature(500, np.arange(500))
+        add(cubature, [part])
+        if kind == "tangents":
+            cubature.add_tangent(TangentRoots(whole, lambda points: rows[points]))
+        factors, left = cubature.factors(1e-4, 500)
+        assert left <= 1.0
+        assert factors @ part == pytest.approx(1.0, abs=1e-3)
+        ratio = np.linalg.solve(whole, np.einsum("p,pij,pik->jk", factors, rows, rows))
+        found[kind] = np.linalg.eigvals(ratio).real.min()
+    assert found["residuals"] < 1e-6
+    assert found["tangents"] > 0.5
+
+
+def test_points_to_choose_from_are_drawn_by_what_they_add():
+    importance = np.where(np.arange(1000) < 100, 1.0, 1e-3)
+    drawn = candidates(importance, 200)
+    assert len(drawn) == len(np.unique(drawn)) == 200
+    assert (drawn < 100).sum() > 70
+    np.testing.assert_array_equal(candidates(importance, 2000), np.arange(1000))
+
+
+def test_extremes_are_single_coils_equal_and_opposite_currents_and_corners():
+    box = CurrentDomain(IndependentCurrents(3), np.full(3, -2.0), np.full(3, 4.0))
+    found = {tuple(row) for row in box.parametrisation.currents(extreme_signals(box)).round(9)}
+    assert {(4.0, 0.0, 0.0), (0.0, -2.0, 0.0), (4.0, 4.0, 4.0), (-2.0, 0.0, 4.0), (2.0, 0.0, 0.0)} <= found
+    assert {tuple(row) for row in corners(box)} <= found
+    assert (0.0, 0.0, 0.0) not in found
+    # The tip of a division is no corner: u ends later where x and y are zero.
+    domain = CurrentDomain(
+        LiftAndDirections(1.25, limit=3.55), np.array([0.3, -0.4, -0.4]), np.array([3.55, 0.4, 0.4])
+    )
+    signals = extreme_signals(domain)
+    assert (signals == [3.55, 0.0, 0.0]).all(axis=1).any()
+    assert all(domain.holds(values) for values in domain.parametrisation.currents(signals))
+    many = CurrentDomain(IndependentCurrents(20), np.full(20, -1.0), np.full(20, 1.0))
+    assert len(extreme_signals(many)) <= 20 * 6 + 3 + 128 + 256
 
 
 def test_the_states_fill_the_box_and_the_held_out_ones_are_others():
@@ -199,6 +277,13 @@ def test_the_limit_of_the_currents_ends_the_domain():
     )
     again = parametrisation_from_json(domain.parametrisation.to_json())
     assert again == domain.parametrisation
+
+
+def sparse_nonnegative(matrix, wanted, tolerance):
+    """The first unknowns on the way that leave at most this share, or the last."""
+    size = float(np.linalg.norm(wanted))
+    path = list(nonnegative_path(matrix.T @ matrix, wanted @ matrix, size, len(matrix)))
+    return next((x for x, left in path if left <= max(tolerance, 1e-7)), path[-1][0])
 
 
 def test_sparse_least_squares_are_those_of_lawson_and_hanson():

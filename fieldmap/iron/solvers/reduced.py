@@ -9,19 +9,24 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import qr, solve_triangular
+from scipy.linalg import cho_solve, cholesky, qr, solve_triangular
 
 from fieldmap.iron.elements.bh_law import LawTables
 from fieldmap.iron.elements.nodal_elements import CoilField
 from fieldmap.iron.elements.potential_form import Magnetisation, PotentialForm
 from fieldmap.kernels.in_threads import over_rows
-from fieldmap.kernels.iron.sample_gradients import point_moments
-from fieldmap.kernels.map.reduced_iron import newton, tangent_factor
+from fieldmap.kernels.iron.sample_gradients import magnetise_states, point_moments, root_of_susceptibility
+from fieldmap.kernels.map.reduced_iron import newton
+from fieldmap.parallel import in_threads, threads_of_kernels
 from fieldmap.records import Record
 from fieldmap.typing import Array
 
 # Points by which the energy norm is taken.
 _FEW = 20_000
+# Points whose parts of the residuals of many states are summed at a time.
+_BLOCK = 4096
+# Steps with the tangent of another model, and what each must leave at most of the step before; how many states at once.
+_STEPS, _SLOW, _AT_ONCE = 25, 0.9, 32
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -72,11 +77,82 @@ class GalerkinModel(Record):
         )
         return amplitude, steps
 
+    def solutions(self, currents: Array, starts: Array, near: "GalerkinModel", tolerance: float) -> Array:
+        """Amplitudes (s, r) at many currents (s, c), from starts (s, r): all states in one pass over the points, with
+        the tangents of a model that has fewer of them. Where these do not lead there, Newton's method with its own."""
+        parts = [slice(first, first + _AT_ONCE) for first in range(0, len(currents), _AT_ONCE)]
+        found = [self._solutions(currents[part], starts[part], near, tolerance) for part in parts]
+        return np.concatenate(found) if found else starts.copy()
+
+    def _solutions(self, currents: Array, starts: Array, near: "GalerkinModel", tolerance: float) -> Array:
+        found, last = starts.copy(), np.full(len(starts), np.inf)
+        pairs = list(zip(currents, starts, strict=True))
+        factors = np.array(
+            [
+                part.result()
+                for part in in_threads(lambda pair: near.tangent_factor(*pair), pairs, threads_of_kernels())
+            ]
+        )
+        left, slow = np.arange(len(starts)), []
+        for _ in range(_STEPS):
+            residuals = self.residuals(currents[left], found[left])
+            steps = np.array(
+                [cho_solve((factors[k], True), row) for k, row in zip(left, residuals, strict=True)]
+            )
+            energy = np.array([np.sum((found[k] @ factors[k]) ** 2) for k in left])
+            decrement = np.sqrt(np.maximum((residuals * steps).sum(axis=1), 0.0) / np.maximum(energy, 1e-300))
+            worse = decrement > _SLOW * last[left]
+            found[left[~worse]] += steps[~worse]
+            last[left] = decrement
+            slow += left[worse].tolist()
+            left = left[~worse & (decrement > tolerance)]
+            if not left.size:
+                break
+        for k in [*slow, *left]:
+            found[k] = self.solve(currents[k], found[k], tolerance)[0]
+        return found
+
+    def residuals(self, currents: Array, amplitudes: Array) -> Array:
+        """Residuals (s, r) of the projected equation at currents (s, c) and amplitudes (s, r)."""
+
+        def of(first: int) -> Array:
+            points = slice(first, first + _BLOCK)
+            rows = slice(3 * first, 3 * (first + _BLOCK))
+            h = self.source[rows] @ currents.T - self.gradients[rows] @ amplitudes.T
+            if self.fixed is not None:
+                h += self.fixed[rows, None]
+            magnetise_states(h, self.weights[points], self.law[points], *self.tables.arrays)
+            return np.asarray(h.T @ self.gradients[rows])
+
+        total = self.constant - amplitudes @ self.air
+        for part in in_threads(of, range(0, len(self.weights), _BLOCK), threads_of_kernels()):
+            total += part.result()
+        return np.asarray(total)
+
+    def roots_of_tangent(self, currents: Array, amplitude: Array, factor: Array) -> Array:
+        """Rows H (p, 3, r), so that the sum over the points of H^T H is the share of the law in the tangent K = L L^T
+        at currents (c,) and amplitudes (r,), in coordinates in which K is the unit matrix; factor: L."""
+        of = np.ascontiguousarray(solve_triangular(factor, self.gradients.T, lower=True).T)
+        return self._roots(0, currents, amplitude, of)
+
     def tangent_factor(self, currents: Array, amplitude: Array) -> Array:
         """Cholesky factor (r, r), lower, of the tangent at currents (c,) and amplitudes (r,)."""
-        laws = (self.weights, self.law, *self.tables.arrays)
-        source = self.applied(currents)
-        return tangent_factor(source, self.gradients, self._single, *laws, self.air, amplitude)
+        tangent = self.air.copy()
+        for first in range(0, len(self.weights), _BLOCK):
+            rows = slice(3 * first, 3 * (first + _BLOCK))
+            part = self._roots(first, currents, amplitude, self.gradients[rows]).reshape(-1, self.modes)
+            tangent += part.T @ part
+        return cholesky(tangent, lower=True)
+
+    def _roots(self, first: int, currents: Array, amplitude: Array, of: Array) -> Array:
+        """Functions `of` (3 p, r) at points from number `first` on, times the root of w (db/dh - 1): (p, 3, r)."""
+        points, rows = slice(first, first + len(of) // 3), slice(3 * first, 3 * first + len(of))
+        h = self.source[rows] @ currents - self.gradients[rows] @ amplitude
+        if self.fixed is not None:
+            h += self.fixed[rows]
+        out = of.reshape(-1, 3, self.modes).copy()
+        root_of_susceptibility(h, self.weights[points], self.law[points], *self.tables.arrays, out)
+        return out
 
     @cached_property
     def _few(self) -> "GalerkinModel":

@@ -46,3 +46,33 @@ def point_moments(begin, end, source, gradients, weights, law, offset, knots, co
         b, _ = flux_density(h, law[p], offset, knots, coefficients)
         m = weights[p] * (b / h - 1.0)
         out[p, 0], out[p, 1], out[p, 2] = m * x, m * y, m * z
+
+
+@njit(nogil=True)
+def magnetise_states(h, weights, law, offset, knots, coefficients):
+    """h (3 p, s) of s states becomes w (b/h - 1) h, as in `point_moments`."""
+    for p in range(weights.size):
+        for k in range(h.shape[1]):
+            x, y, z = h[3 * p, k], h[3 * p + 1, k], h[3 * p + 2, k]
+            size = math.sqrt(x * x + y * y + z * z) + 1e-14
+            b, _ = flux_density(size, law[p], offset, knots, coefficients)
+            m = weights[p] * (b / size - 1.0)
+            h[3 * p, k], h[3 * p + 1, k], h[3 * p + 2, k] = m * x, m * y, m * z
+
+
+@njit(nogil=True)
+def root_of_susceptibility(h, weights, law, offset, knots, coefficients, rows):
+    """rows (p, 3, r) of each point are multiplied by the square root of w (db/dh - 1), a symmetric matrix (3, 3) whose
+    one axis is h (3 p,)."""
+    for p in range(weights.size):
+        x, y, z = h[3 * p], h[3 * p + 1], h[3 * p + 2]
+        size = math.sqrt(x * x + y * y + z * z) + 1e-14
+        b, slope = flux_density(size, law[p], offset, knots, coefficients)
+        across = math.sqrt(weights[p] * max(b / size - 1.0, 0.0))
+        along = math.sqrt(weights[p] * max(slope - 1.0, 0.0)) - across
+        x, y, z = x / size, y / size, z / size
+        for j in range(rows.shape[2]):
+            part = along * (x * rows[p, 0, j] + y * rows[p, 1, j] + z * rows[p, 2, j])
+            rows[p, 0, j] = across * rows[p, 0, j] + x * part
+            rows[p, 1, j] = across * rows[p, 1, j] + y * part
+            rows[p, 2, j] = across * rows[p, 2, j] + z * part

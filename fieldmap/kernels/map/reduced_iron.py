@@ -211,8 +211,16 @@ def fill_tangent_factor(h, single, isotropic, along, air, factor, unit):
             value = np.float64(tangent[i, j]) + air[i, j]
             for k in range(j):
                 value -= factor[i, k] * factor[j, k]
-            # Rounding must not make a pivot negative.
-            factor[i, j] = math.sqrt(max(value, _ROUNDING * whole)) if i == j else value / factor[j, j]
+            if i > j:
+                factor[i, j] = value / factor[j, j]
+                continue
+            if value < _ROUNDING * whole:
+                # What is left is rounding, and what would be divided by its root would grow from row to row: the
+                # factor then has this mode by itself.
+                value = whole
+                for k in range(i):
+                    factor[i, k] = 0.0
+            factor[i, i] = math.sqrt(value)
     return sides
 
 
@@ -342,17 +350,6 @@ def _step_length(h, step, rest, start, tables, trial, vector, isotropic, along):
         if attempt < 11:
             t = low + (high - low) * min(max(low_value / (low_value - high_value), 0.1), 0.9)
     return t
-
-
-@njit(nogil=True)
-def tangent_factor(source, gradients, single, weights, law, offset, knots, coefficients, air, amplitude):
-    """Cholesky factor (r, r), lower, of K at amplitudes (r,) and the coils' field `source` (3 p,); see `newton`."""
-    h = source - times(gradients, amplitude)
-    vector, isotropic, along = np.empty_like(h), np.empty(weights.size), np.empty(weights.size)
-    _magnetise(h, weights, law, offset, knots, coefficients, vector, isotropic, along)
-    factor = np.zeros_like(air)
-    fill_tangent_factor(h, single, isotropic, along, air, factor, np.empty((0, 0)))
-    return factor
 
 
 @njit

@@ -20,15 +20,15 @@ from scipy.linalg import cho_solve, eigh
 from fieldmap.currents import CurrentDomain
 from fieldmap.iron.solvers.reduced import GalerkinModel
 from fieldmap.maps.training.least_squares import nonnegative_path
-from fieldmap.maps.training.states import corner_signals, sequence
+from fieldmap.maps.training.states import drawn, extreme_signals, sequence
 from fieldmap.parallel import in_threads, threads_of_kernels
 from fieldmap.records import Record
 from fieldmap.typing import Array
 
-# States to choose by, and others to try the choice on, each with so many corners of the domain. Where signals do not
-# reach all currents, as many states beside the domain are chosen by: coils do not follow their signals at once. Each
-# current of these is off by up to this share of the largest.
-_STATES, _TRIED, _CORNERS, _BESIDE, _SEED = 400, 200, 64, 0.05, 20262
+# States to choose by, and others to try the choice on, each with half of the extremes of the domain, so many at most.
+# Where signals do not reach all currents, as many states beside the domain are chosen by: coils do not follow their
+# signals at once. Each current of these is off by up to this share of the largest.
+_STATES, _TRIED, _EXTREMES, _BESIDE, _SEED = 400, 200, 64, 0.05, 20262
 # Modes come in whole vector registers.
 _STEP = 8
 # What fewer modes, and in the end fewer points too, may change of any state's field, over the accuracy. Where modes
@@ -189,9 +189,11 @@ class _States:
 def _currents(domain: CurrentDomain) -> tuple[Array, Array]:
     """Currents (s, c) of the states to choose by, and of those to try the choice on."""
     of, random = domain.parametrisation, np.random.default_rng(_SEED)
-    edges = of.currents(corner_signals(domain))
-    by = np.concatenate([of.currents(sequence(domain, 0, _STATES)), edges[:_CORNERS]])
-    tried = np.concatenate([domain.at(random.random((_TRIED, of.signal_count))), edges[-_CORNERS:]])
+    edges = of.currents(extreme_signals(domain))
+    edges = edges[random.permutation(len(edges))]
+    fill = of.currents(sequence(domain, 0, _STATES // 2))
+    by = np.concatenate([fill, drawn(domain, _STATES // 2, random), edges[0::2][:_EXTREMES]])
+    tried = np.concatenate([drawn(domain, _TRIED, random), edges[1::2][:_EXTREMES]])
     if of.signal_count < of.coil_count:
         largest = np.abs(by).max(axis=1, keepdims=True)
         by = np.concatenate([by, by + _BESIDE * largest * random.uniform(-1.0, 1.0, by.shape)])

@@ -17,37 +17,28 @@ from fieldmap.typing import Array
 # Unknowns that enter at a time: those of the steepest gradient, and not less steep than this share of it.
 _AT_ONCE, _STEEP = 12, 0.5
 _ROUNDING = 1e-13
-# What the normal equations cannot tell from zero, of what is wanted.
-_LEAST = 1e-7
 # Columns whose products with others are formed at a time.
 _COLUMNS = 512
 
 
-def sparse_nonnegative(matrix: Array, wanted: Array, tolerance: float, most: int | None = None) -> Array:
-    """x (n,) >= 0 with |matrix x - wanted| <= tolerance |wanted|, or the least there is; matrix (m, n), wanted (m,).
-
-    At most `most` of the unknowns differ from zero, m if left out. A tolerance below 1e-7 is one of 1e-7.
-    """
-    most = len(matrix) if most is None else min(most, len(matrix))
-    path = nonnegative_path(_products(matrix), wanted @ matrix, float(np.linalg.norm(wanted)), most)
-    x = np.zeros(matrix.shape[1])
-    for found, left in path:
-        x = found
-        if left <= max(tolerance, _LEAST):
-            break
-    return x
-
-
 def nonnegative_path(
-    products: Array, with_wanted: Array, size: float, most: int | None = None
+    products: Array,
+    with_wanted: Array,
+    size: float,
+    most: int | None = None,
+    begin: NDArray[np.int64] | None = None,
 ) -> Iterator[tuple[Array, float]]:
     """x (n,) >= 0 on the way to the least error, and what each leaves, |matrix x - wanted| / |wanted|.
 
     products (n, n) of the columns of the matrix, theirs (n,) with what is wanted, and its length `size`. The first x is
-    zero; each that follows leaves less. At most `most` of the unknowns differ from zero.
+    zero, or the least squares of the unknowns `begin`; each that follows leaves less. At most `most` of the unknowns
+    differ from zero.
     """
     most = len(products) if most is None else min(most, len(products))
     passive = _Passive(products, with_wanted, most)
+    if begin is not None and begin.size:
+        passive.enter(begin[:most])
+        passive.solve()
     last = np.inf
     barred: list[int] = []
     for _ in range(20 * len(products)):
@@ -74,7 +65,7 @@ def nonnegative_path(
         passive.solve()
 
 
-def _products(matrix: Array) -> Array:
+def products_of_columns(matrix: Array) -> Array:
     """matrix^T matrix (n, n), in blocks that do not depend on the number of threads."""
     count = matrix.shape[1]
     edges = [slice(first, min(first + _COLUMNS, count)) for first in range(0, count, _COLUMNS)]

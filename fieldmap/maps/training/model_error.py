@@ -10,7 +10,8 @@ from fieldmap.records import Record
 from fieldmap.sources import unit_flux_density_and_gradient
 from fieldmap.typing import Array
 
-# A state whose field is a smaller share of the largest of all has none to compare with.
+# A state whose field is a smaller share of what the coils make at their largest currents, without iron, has none to
+# compare with: its errors are shares of that.
 _NO_FIELD = 1e-3
 # Numbers of the fields of several states that are summed at a time.
 _AT_A_TIME = 2**17
@@ -21,7 +22,8 @@ class Errors(Record):
     """Largest of `states` states, `solved` of them solved and the others images of these.
 
     flux_density, gradient: difference from the solver, T and T/m; flux_density_share, gradient_share: the same
-    divided by the largest norm of that state's whole field in the workspace; largest_flux_density, largest_gradient:
+    divided by the largest norm of that state's whole field in the workspace, or, of a state without a field, by a
+    thousandth of what the coils make at their largest currents; largest_flux_density, largest_gradient:
     of all states, T and T/m.
     """
 
@@ -36,12 +38,16 @@ class Errors(Record):
 
 
 class Trial:
-    """The solver's surface and the places (n, 3) in the air at which fields are compared."""
+    """The solver's surface and the places (n, 3) in the air at which fields are compared; largest (c,): currents, A."""
 
-    def __init__(self, solver: NonlinearSolver, points: Array) -> None:
+    def __init__(self, solver: NonlinearSolver, points: Array, largest: Array) -> None:
         self._solver, self._points = solver, points
         bare = [unit_flux_density_and_gradient(coil, points) for coil in solver.device.coils]
         self._bare = [np.array([pair[j] for pair in bare]) for j in range(2)]
+        self._least = [
+            _NO_FIELD * max((i * _largest(one) for i, one in zip(largest, part, strict=True)), default=0.0)
+            for part in self._bare
+        ]
         background = solver.device.background
         self._constant = (0.0, 0.0) if background is None else background.field_and_gradient(points)
 
@@ -53,20 +59,20 @@ class Trial:
         for k, values in enumerate(currents):
             for j in range(2):
                 largest = _largest(whole[j][k] + self._without_iron(values, j))
-                rows[k, j] = _largest(changed[j][k]) / largest
+                rows[k, j] = _largest(changed[j][k]) / max(largest, self._least[j])
         return rows
 
     def shares_of_sums(
         self, currents: Array, fields: tuple[Array, Array], weights: Array, changes: Array
     ) -> Array:
         """The same of changes (s, k) of weights (s, k) of fields of the iron, flux densities (k, n, 3) and gradients
-        (k, n, 3, 3); of states without a field, as shares of a thousandth of the largest."""
+        (k, n, 3, 3)."""
         rows = np.empty((len(currents), 2))
         for j, each in enumerate(fields):
             whole = np.concatenate([each, self._bare[j]])
             largest = _largest_of_sums(np.concatenate([weights, currents], axis=1), whole, self._constant[j])
             rows[:, j] = _largest_of_sums(changes, each)
-            rows[:, j] /= np.maximum(largest, _NO_FIELD * largest.max())
+            rows[:, j] /= np.maximum(largest, self._least[j])
         return rows
 
     def errors(self, weights: Array, charge: Array, tried: Snapshots) -> Errors:
@@ -82,7 +88,7 @@ class Trial:
                 rows[k, 2 * j] = _largest(np.tensordot(weights[k], ours[j], 1) - theirs[j][k])
                 rows[k, 2 * j + 1] = _largest(truth)
         worst = rows.max(axis=0).tolist()
-        shares = (rows[:, [0, 2]] / rows[:, [1, 3]]).max(axis=0).tolist()
+        shares = (rows[:, [0, 2]] / np.maximum(rows[:, [1, 3]], self._least)).max(axis=0).tolist()
         return Errors(
             len(currents), tried.solved, worst[0], worst[2], shares[0], shares[1], worst[1], worst[3]
         )

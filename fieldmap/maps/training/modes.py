@@ -2,6 +2,7 @@
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import eigh
 
 from fieldmap.iron import NonlinearSolver
 from fieldmap.iron.solvers.reduced import GalerkinModel
@@ -20,8 +21,9 @@ def proper_modes(states: Array, applied: Array, most: int, tolerance: float = 0.
     Sirovich, Quart. Appl. Math. 45 (1987) 561: the method of snapshots.
     """
     gram = states.T @ applied
-    values, vectors = np.linalg.eigh(0.5 * (gram + gram.T))
-    order = np.argsort(values)[::-1][:most]
+    last = len(gram) - 1
+    values, vectors = eigh(0.5 * (gram + gram.T), subset_by_index=(max(last + 1 - most, 0), last))
+    order = np.argsort(values)[::-1]
     order = order[values[order] > _NEGLIGIBLE * values[order[0]]]
     order = order[: _enough(vectors[:, order] * np.sqrt(values[order]), tolerance)]
     return np.asarray(vectors[:, order] / np.sqrt(values[order]))
@@ -94,10 +96,10 @@ class SolvedModes:
         self.amplitudes = snapshots.potentials.T @ (applied @ combined)
         self._solver, self._first = solver, found[0].potential
 
-    def amplitude(self, currents: Array) -> Array:
+    def amplitude(self, currents: Array, tolerance: float = _TOLERANCE) -> Array:
         """Amplitudes (r,) at currents (c,)."""
         near = int(np.argmin(np.linalg.norm(self.currents - currents, axis=1)))
-        return self.model.solve(currents, self.amplitudes[near], _TOLERANCE)[0]
+        return self.model.solve(currents, self.amplitudes[near], tolerance)[0]
 
     def missing(self, tried: Snapshots, accuracy: float) -> NDArray[np.int64]:
         """Which of some solved states these modes need, so that they hold all within `accuracy` in the energy.

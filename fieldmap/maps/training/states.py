@@ -18,6 +18,8 @@ from fieldmap.typing import Array
 
 # Of more corners so many are looked at, at random.
 MOST_CORNERS = 256
+# Of more pairs of signals at their ends so many are looked at, at random.
+_MOST_PAIRS = 128
 # Share of a signal's range that a tangent stands for.
 REACH = 0.125
 # Of the states to train on, one in so many is its own image.
@@ -75,6 +77,49 @@ def reaches(domain: CurrentDomain, signals: Array) -> Array:
 def corners(domain: CurrentDomain) -> Array:
     """Currents (m, c) of `corner_signals`."""
     return domain.parametrisation.currents(corner_signals(domain))
+
+
+def extreme_signals(domain: CurrentDomain) -> Array:
+    """Signals (m, d) where a model is likely to be worst: lines of one signal alone, the others at rest (`at_rest`), at
+    both ends, half way and a fiftieth of the way; all signals at equal shares of their ranges; two signals at their
+    ends, with the others at rest, which holds opposite coils and edges; and the corners. In this order; of more than
+    128 pairs and 256 corners as many at random."""
+    d = domain.parametrisation.signal_count
+    span = domain.upper - domain.lower
+    neutral = at_rest(domain)
+    rows = []
+    for k, way, end in itertools.product(range(d), (1.0, 0.5, 0.02), (0.0, 1.0)):
+        rows.append(np.where(np.arange(d) == k, neutral + way * (end - neutral), neutral))
+    rows += [np.full(d, share) for share in (0.25, 0.5, 0.75)]
+    pairs = []
+    for ends in itertools.product(itertools.combinations(range(d), 2), (0.0, 1.0), (0.0, 1.0)):
+        row = neutral.copy()
+        row[list(ends[0])] = ends[1:]
+        pairs.append(row)
+    order = np.random.default_rng(_ORDER_SEED).permutation(len(pairs))[:_MOST_PAIRS]
+    rows += [pairs[k] for k in order]
+    signals = domain.parametrisation.within(domain.lower, domain.upper, np.array(rows).reshape(-1, d))
+    signals = np.concatenate([signals, corner_signals(domain)])
+    # Each once, and none without any currents, whose field is that of magnets and background alone.
+    shares = (signals - domain.lower) / span
+    _, first = np.unique(shares.round(9), axis=0, return_index=True)
+    kept = np.sort(first)
+    moving = np.abs(domain.parametrisation.currents(signals[kept])).max(axis=1) > 0.0
+    return np.asarray(signals[kept[moving]])
+
+
+def at_rest(domain: CurrentDomain) -> Array:
+    """Shares (d,) of the ranges where the signals are zero, or half where they do not reach it."""
+    inside = (domain.lower <= 0.0) & (domain.upper >= 0.0)
+    return np.where(inside, -domain.lower / (domain.upper - domain.lower), 0.5)
+
+
+def drawn(domain: CurrentDomain, count: int, random: np.random.Generator) -> Array:
+    """Currents (count, c) drawn at random, every second one nearer to rest, by up to a factor of a hundred: iron has
+    another permeability in weak fields, and what is small in most states is all there is in these."""
+    shares, rest = random.random((count, len(domain.lower))), at_rest(domain)
+    nearer = np.where(np.arange(count) % 2 == 1, 10.0 ** (-2.0 * random.random(count)), 1.0)
+    return domain.at(rest + nearer[:, None] * (shares - rest))
 
 
 def corner_signals(domain: CurrentDomain) -> Array:
@@ -162,6 +207,14 @@ class Snapshots:
     def empty(self, admits: Callable[[Array], bool]) -> "Snapshots":
         """No states yet, of the same solver."""
         return Snapshots(self._solver, admits)
+
+    def solved_ones(self) -> "Snapshots":
+        """Those that are no images."""
+        found = self.empty(nothing)
+        for currents, state, own in zip(self._currents, self._states, self._own, strict=True):
+            if own:
+                found.put(currents, state, True)
+        return found
 
     def number(self, currents: Array) -> int | None:
         """Which state has these currents (c,)."""

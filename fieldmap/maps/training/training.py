@@ -2,10 +2,8 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fieldmap.currents import CurrentDomain
 from fieldmap.errors import NotConverged, Problem
@@ -14,17 +12,18 @@ from fieldmap.iron.solvers.reduced import GalerkinModel, same_lengths
 from fieldmap.maps.forecast import Forecast
 from fieldmap.maps.recipe import Plan
 from fieldmap.maps.training.condensation import Condensed, condensed
-from fieldmap.maps.training.cubature import Contributions, empirical_cubature
 from fieldmap.maps.training.expected import expect_modes, expect_points, expect_tried, states_needed
 from fieldmap.maps.training.model_error import Errors, Trial
 from fieldmap.maps.training.modes import SolvedModes, output_fields
+from fieldmap.maps.training.sampling import Sampled, sampled
 from fieldmap.maps.training.states import (
     REACH,
     Snapshots,
     Solved,
     SolvedStates,
     Wanted,
-    corner_signals,
+    drawn,
+    extreme_signals,
     held_out,
     is_among,
     nothing,
@@ -33,44 +32,48 @@ from fieldmap.maps.training.states import (
     sequence,
     training_signals,
 )
+from fieldmap.parallel import in_threads, threads_of_kernels
 from fieldmap.records import Record
-from fieldmap.store.reduced_model import ReducedModel
+from fieldmap.store import ReducedModel
+from fieldmap.store.stated_accuracy import GRADIENT, HELD_OUT
 from fieldmap.typing import Array
 
 # States to begin with, of a sequence that fills the domain; then so many at once.
 _FIRST, _AT_ONCE = 3, 4
-HELD_OUT = 2.0
-"""States held out may be off by so many times the accuracy: the rounds try the modes with the law at all points, these
-what sample points and the fields of the map make of them, and they are five times as many."""
 # States are solved so much better than they are wanted; the tolerance of the solver is a thousand times its residual.
 _SOLVED_BETTER = 10.0
-# What the modes may leave of a state and the sample points change it by, its energy's root as a share, and what the
-# fields of the map may leave of a state's field, over the accuracy.
-_MODES, _CUBATURE, _FIELDS = 0.2, 0.4, 0.05
-# How much the energy of the error counts that sample points cause, beside its field in the workspace. Without it points
-# are chosen that keep the fields of the states that are known, and no others.
-_ENERGY = 0.3
-# Random projections that tell how much a point adds.
-_PROJECTIONS = 8
-# The same of the sample points where they say which corners fall short: a state more costs more than some points, and
-# the residual tells which corners are worst only where it is the modes that are off there.
-_CUBATURE_OF_CORNERS = 0.015
-# So many corners, images apart, are all solved. Of more, those that look worst and some at random, then those that may
+# What the modes may leave of a state, its energy's root as a share, and what the fields of the map may leave of a
+# state's field, over the accuracy.
+_MODES, _FIELDS = 0.2, 0.05
+# How exactly a state with the law at all points is solved, over the accuracy, where its error is asked.
+_EXACT = 0.01
+# So many extremes, images apart, are all solved. Of more, those that look worst and some at random, then those that may
 # be worse than these; if any of them falls short, as many as there may be, and once the model knows what it lacked,
 # again those of the others that look worst.
-_FEW_CORNERS, _WORST, _RANDOM, _MOST_SOLVED = 16, 8, 4, 64
+_FEW_EXTREMES, _WORST, _RANDOM, _MOST_SOLVED = 32, 8, 4, 64
 _RANDOM_SEED = 11
-# Corners whose residuals are computed at a time: so many nodal potentials are in memory.
+# The search for the worst currents: extremes and random currents to begin with, from how many of the worst it goes on,
+# to how many neighbours each, how far away as a share of the ranges, and how many of those found are solved.
+_SEARCHED_EXTREMES, _SEARCHED_RANDOM, _STARTS, _NEIGHBOURS, _SEARCHED_SOLVED = 32, 64, 10, 3, 4
+_WIDTHS = (0.15, 0.05)
+_SEARCH_SEED = 20264
+_SEARCHED = "searched for"
+# At how many random currents the search of what fewer modes and points change looks, beside all extremes, and how many
+# of those found are solved.
+_SEARCHED_CONDENSED, _SOLVED_CONDENSED = 200, 8
+# How often at most a model is made anew of states that fell short there.
+_AGAIN = 8
+# Number of the first state that a search of the condensed model solves.
+_BEHIND_ALL = 1_000_000
+# What fewer modes and points may change, over what they may at first: less where a solved state falls short by it.
+_CONDENSED = (1.0, 0.5, 0.2)
+# Extremes whose residuals are computed at a time: so many nodal potentials are in memory.
 _RANKED = 64
-# A gradient may be off by so much more than a flux density, each as a share of its largest.
-_GRADIENT = 2.0
-# At how many currents of the domain the weights of the iron's fields are looked at, and how much larger they may be in
-# between. They are smooth and largest at the rim, where the sequence is densest and the corners are.
+# At how many extremes of the domain, and other currents, the weights of the iron's fields are looked at, and
+# how much larger they may be in between. They are smooth and largest at the rim, where both are.
 _WEIGHED, _MARGIN = 128, 1.1
 # Of second-order tetrahedra with four points each.
 _POINTS_PER_UNKNOWN = 2.75
-# What of the time for the sample points goes into their choice, after the contributions of the states.
-_CHOICE = 0.4
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -122,14 +125,14 @@ class TrainingSequence:
     """The states to train on, of a sequence that fills the domain, solved as far as they are needed.
 
     training: those that are solved, with their images, and what is added to them. rounds: how well each four were
-    predicted by those before.
+    predicted by those before. solving: what solves them, with the plan that may have come to allow more modes.
     """
 
     def __init__(self, solving: Solving, domain: CurrentDomain) -> None:
         plan = solving.plan
         self.training = Snapshots(solving.solver, domain.holds)
         self.rounds: list[Round] = []
-        self._solving, self._domain = solving, domain
+        self.solving, self._domain = solving, domain
         self._off = bool(solving.solver.device.fixed_sources)
         self._signals = training_signals(domain, plan.states, solving.solver.images, self._off)
         self._currents = domain.parametrisation.currents(self._signals)
@@ -140,12 +143,16 @@ class TrainingSequence:
     @property
     def at_its_end(self) -> bool:
         """Whether no more states may be solved."""
-        return self._done >= self._solving.plan.states or not self.training.solved
+        return self._done >= self.solving.plan.states or not self.training.solved
+
+    def allow_modes(self, most: int) -> None:
+        """Train on more modes from now on: the recipe's were too few."""
+        self.solving = replace(self.solving, plan=replace(self.solving.plan, modes=most))
 
     def go_on(self) -> None:
         """Solve states until the model has predicted the last of them as accurately as planned, or at the end. They
         were not among those that it knew, so that they say how good it is."""
-        plan = self._solving.plan
+        plan = self.solving.plan
         while not self.at_its_end:
             count = min(_AT_ONCE, plan.states - self._done)
             needed = states_needed(
@@ -156,7 +163,7 @@ class TrainingSequence:
                 needed = min(max(needed, self._done) + _AT_ONCE, plan.states)
             new = slice(self._done, self._done + count)
             found = _round(
-                self._solving, self.training, self._currents[new], self._directions[new], self._done, needed
+                self.solving, self.training, self._currents[new], self._directions[new], self._done, needed
             )
             self._done += count
             if found is not None:
@@ -166,9 +173,9 @@ class TrainingSequence:
 
     def _begin(self) -> None:
         """Solve the state in the middle, and the two that begin from it and follow its tangents."""
-        plan, currents, signals = self._solving.plan, self._currents, self._signals
+        plan, currents, signals = self.solving.plan, self._currents, self._signals
         needed = states_needed([], [], plan)
-        first = self._solving.training([Wanted(0, currents[0], None, self._directions[0])], needed)[0]
+        first = self.solving.training([Wanted(0, currents[0], None, self._directions[0])], needed)[0]
         if first is not None:
             self.training.add(currents[0], first)
         span = self._domain.upper - self._domain.lower
@@ -181,7 +188,7 @@ class TrainingSequence:
             return np.asarray(first.potential + first.tangents @ steps)
 
         others = [Wanted(k, currents[k], begin(k), self._directions[k]) for k in range(1, self._done)]
-        for state, solved in zip(others, self._solving.training(others, needed), strict=True):
+        for state, solved in zip(others, self.solving.training(others, needed), strict=True):
             if solved is not None:
                 self.training.add(state.currents, solved)
 
@@ -214,12 +221,12 @@ def _round(
 
 
 def _share(errors: Errors) -> float:
-    return max(errors.flux_density_share, errors.gradient_share / _GRADIENT)
+    return max(errors.flux_density_share, errors.gradient_share / GRADIENT)
 
 
 def _shares(of_both: Array) -> Array:
     """(s,) of shares (s, 2) of flux density and gradient."""
-    return np.asarray(np.maximum(of_both[:, 0], of_both[:, 1] / _GRADIENT))
+    return np.asarray(np.maximum(of_both[:, 0], of_both[:, 1] / GRADIENT))
 
 
 def solve_tried(
@@ -296,16 +303,21 @@ def add_missing(modes: SolvedModes, training: Snapshots, tried: Snapshots, accur
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Reduction(Record):
-    """The iron on modes of solved states, with the law at all points (`modes`) and at sample points (`sampled`);
+    """The iron on modes of solved states, with the law at all points (`modes`) and at sample `points`;
     charge (r, faces): density of the modes on the solver's surface faces, T; flux (r, n, 3) and gradient (r, n, 3, 3):
     of the modes in the workspace, T and T/m."""
 
     solver: NonlinearSolver
     modes: SolvedModes
-    sampled: GalerkinModel
+    points: Sampled
     charge: Array
     flux: Array
     gradient: Array
+
+    @property
+    def sampled(self) -> GalerkinModel:
+        """The model at the sample points."""
+        return self.points.model
 
     @property
     def fields(self) -> Array:
@@ -315,13 +327,21 @@ class Reduction(Record):
     def amplitudes(self, currents: Array) -> Array:
         """Amplitudes (s, r) at currents (s, c), by the sample points."""
         known, start = self.modes.currents, self.modes.amplitudes
-        near = [int(np.argmin(np.linalg.norm(known - values, axis=1))) for values in currents]
-        pairs = zip(currents, near, strict=True)
-        return np.array([self.sampled.solve(values, start[k])[0] for values, k in pairs])
+
+        def solve(values: Array) -> Array:
+            near = int(np.argmin(np.linalg.norm(known - values, axis=1)))
+            return self.sampled.solve(values, start[near])[0]
+
+        found = in_threads(solve, list(currents), threads_of_kernels())
+        return np.array([one.result() for one in found]).reshape(len(currents), -1)
 
     def potential(self, currents: Array) -> Array:
         """Nodal potential (n,) at currents (c,)."""
         return np.asarray(self.modes.basis @ self.amplitudes(currents[None])[0])
+
+    def shares(self, trial: Trial, currents: Array, amplitudes: Array, changes: Array) -> Array:
+        """What changes (s, r) of the amplitudes (s, r) change of the fields at currents (s, c), as `_share`."""
+        return _shares(trial.shares_of_sums(currents, (self.flux, self.gradient), amplitudes, changes))
 
     def shortfall(self, trial: Trial, currents: Array) -> Array:
         """How far the model looks to be off at currents (s, c), as `_share`: by the correction that its residual, with
@@ -336,81 +356,60 @@ class Reduction(Record):
         return np.concatenate(parts)
 
 
-def _reduce(solving: Solving, modes: SolvedModes, share: float) -> Reduction:
-    """Choose the sample points. share: of the accuracy, what they may change a state by."""
+def _reduce(solving: Solving, modes: SolvedModes, domain: CurrentDomain, extremes: Array) -> Reduction:
+    """Choose the sample points. extremes (m, c): currents that they are tried at, beside others."""
     plan, solver = solving.plan, solving.solver
     charge = solver.charge_density(modes.basis)
-    of_modes = solving.trial.fields(charge)
-    lengths = same_lengths(_same_size(*of_modes))
-    pairs = zip(modes.currents, modes.amplitudes, strict=True)
-    states = [_contributions(modes.model, values, amplitude, lengths) for values, amplitude in pairs]
+    flux, gradient = solving.trial.fields(charge)
+    lengths = same_lengths(_same_size(flux, gradient))
 
-    def tell(done: int) -> None:
-        message = f"sample points, from state {done + 1} of {len(states)}"
-        if done == len(states):
-            message = "sample points, their choice"
-        solving.forecast.at("points", message, (1.0 - _CHOICE) * done, len(states))
+    def off(currents: Array, amplitudes: Array, changes: Array) -> Array:
+        return _shares(solving.trial.shares_of_sums(currents, (flux, gradient), amplitudes, changes))
 
-    tell(0)
-    chosen, factors = empirical_cubature(states, plan.points, share * plan.accuracy, tell=tell)
-    sampled = modes.model.sampled(chosen, factors * modes.model.weights[chosen])
-    return Reduction(solver, modes, sampled, charge, *of_modes)
+    def tell(message: str, share: float) -> None:
+        solving.forecast.at("points", message, share)
 
-
-def _contributions(model: GalerkinModel, currents: Array, amplitude: Array, fields: Array) -> Contributions:
-    """Of the points to a state's residual, counted by the error that they cause in its fields (r, m) and energy."""
-    # Lengths are told by some random projections (Drineas, Magdon-Ismail, Mahoney and Woodruff, J. Mach. Learn. Res. 13
-    # (2012) 3475).
-    mixing = np.random.default_rng(0).standard_normal((model.modes, _PROJECTIONS))
-
-    @cache
-    def coordinates() -> Array:
-        return model.error_coordinates(currents, amplitude, fields, _ENERGY)
-
-    def summed() -> tuple[Array, Array]:
-        moments, combine = model.moments(currents, amplitude), coordinates()
-        mixed = combine @ mixing
-        lengths = np.linalg.norm(model.contributions(moments, mixed), axis=1)
-        return model.residual(moments) @ combine, lengths
-
-    def of(points: NDArray[np.int64]) -> Array:
-        some = model.sampled(points, model.weights[points])
-        return some.contributions(some.moments(currents, amplitude), coordinates())
-
-    return Contributions(summed, of)
+    known = modes.currents, modes.amplitudes
+    found = sampled(modes.model, known, extremes, domain, lengths, off, plan.accuracy, plan.points, tell)
+    return Reduction(solver, modes, found, charge, flux, gradient)
 
 
 @dataclass(frozen=True)
-class CornersTried(Record):
-    """What was done about the corners of the domain: how many it has; of how many the model was looked at; how many of
-    these are no images of each other; how many of them were solved, and how many of these trained on. by_residual:
-    whether those solved were chosen by the residual: the worst, some at random, and all that may be worse still."""
+class ExtremesTried(Record):
+    """What was done about the extremes of the domain: how many corners it has; at how many extremes, corners among
+    them, the model was looked at; how many of these are no images of each other; how many of them were solved, and how
+    many of these trained on. by_residual: whether those solved were chosen by the residual: the worst, some at random,
+    and all that may be worse still. searched: currents at which a search for the worst looked at the residual."""
 
-    in_all: int
+    corners: int
     looked_at: int
     different: int
     solved: int
     trained_on: int
     by_residual: bool
+    searched: int = 0
 
-    def and_again(self, later: "CornersTried") -> "CornersTried":
+    def and_again(self, later: "ExtremesTried") -> "ExtremesTried":
         """What was done in both, the later one with a model that knew more states."""
         return replace(
-            later, solved=max(self.solved, later.solved), trained_on=self.trained_on + later.trained_on
+            later,
+            solved=max(self.solved, later.solved),
+            trained_on=self.trained_on + later.trained_on,
+            searched=self.searched + later.searched,
         )
 
 
-def try_corners(
+def try_extremes(
     solving: Solving, domain: CurrentDomain, training: Snapshots
-) -> tuple[Reduction, Snapshots, CornersTried]:
-    """Solve corners of the domain, train on those that the model lacks, and reduce: the model, and the solved corners
+) -> tuple[Reduction, Snapshots, ExtremesTried]:
+    """Solve extremes of the domain, train on those that the model lacks, and reduce: the model, and the solved extremes
     that are left to measure its error."""
     solver, plan, before = solving.solver, solving.plan, training.solved
-    signals = corner_signals(domain)
+    signals = extreme_signals(domain)
     currents = domain.parametrisation.currents(signals)
     directions = [reaches(domain, values) for values in signals]
     different = different_states(solver, currents, range(len(currents)))
-    few = len(different) <= _FEW_CORNERS
+    few = len(different) <= _FEW_EXTREMES
     solved = 0
 
     def solve(
@@ -418,18 +417,20 @@ def try_corners(
     ) -> Snapshots:
         nonlocal solved
         solved += len(numbers)
-        about = (plan.states, "corners", "in corners", directions)
+        about = (plan.states, "extremes", "at extremes", directions)
         return solve_tried(solving, predict, currents, *about, numbers, found)
 
+    # What is trained on already tells nothing of the error.
+    unknown = [k for k in different if training.number(currents[k]) is None]
     modes = _modes(solving, training)
     if few:
-        tried = solve(lambda values: modes.basis @ modes.amplitude(values), different, None)
+        tried = solve(lambda values: modes.basis @ modes.amplitude(values), unknown, None)
         left = add_missing(modes, training, tried, plan.accuracy)
         modes = modes if training.solved == before else _modes(solving, training)
-        reduction = _reduce(solving, modes, _CUBATURE)
+        reduction = _reduce(solving, modes, domain, currents)
     else:
-        reduction = _reduce(solving, modes, _CUBATURE_OF_CORNERS)
-        order, looks = _worst_first(solving.trial, reduction, currents, different)
+        reduction = _reduce(solving, modes, domain, currents)
+        order, looks = _worst_first(solving.trial, reduction, currents, unknown)
         others = np.random.default_rng(_RANDOM_SEED).permutation(order[_WORST:])
         chosen = [*order[:_WORST], *others[:_RANDOM].tolist()]
         left = solve(reduction.potential, chosen, None)
@@ -442,18 +443,107 @@ def try_corners(
             chosen = [*chosen, *worse]
             left = solve(reduction.potential, worse, left)
         if off.max(initial=0.0) > plan.accuracy:
-            # Many corners fall short where one does: they are solved to train on.
+            # Many extremes fall short where one does: they are solved to train on.
             more, rest = rest[: _MOST_SOLVED - len(chosen)], rest[_MOST_SOLVED - len(chosen) :]
             left = solve(reduction.potential, more, left)
             left = add_missing(reduction.modes, training, left, plan.accuracy)
         if training.solved > before:
-            reduction = _reduce(solving, _modes(solving, training), _CUBATURE_OF_CORNERS)
+            reduction = _reduce(solving, _modes(solving, training), domain, currents)
             if rest:
                 worst = _worst_first(solving.trial, reduction, currents, rest)[0][:_WORST]
                 left = solve(reduction.potential, worst, left)
-    in_all, trained = 2 ** len(domain.lower), training.solved - before
-    about = CornersTried(in_all, len(currents), len(different), solved, trained, not few)
+    trained = training.solved - before
+    of_domain = 2 ** len(domain.lower)
+    about = ExtremesTried(of_domain, len(currents), len(different), solved, trained, not few)
     return reduction, left, about
+
+
+def search_worst(
+    solving: Solving,
+    domain: CurrentDomain,
+    reduction: Reduction,
+    training: Snapshots,
+    number: int,
+    before: Snapshots | None = None,
+) -> tuple[Snapshots, int]:
+    """Solve the states of currents at which the model's residual is largest, numbered from `number`: those states, with
+    those of the search before that were not trained on, and at how many currents the residual was looked at.
+
+    The worst of extremes and of currents drawn at random; from the ten worst the search goes on to random neighbours,
+    nearer each time.
+    """
+    random = np.random.default_rng(_SEARCH_SEED + number)
+    span = domain.upper - domain.lower
+    of_extremes = (random.permutation(extreme_signals(domain))[:_SEARCHED_EXTREMES] - domain.lower) / span
+    shares = np.concatenate([of_extremes, random.random((_SEARCHED_RANDOM, len(domain.lower)))])
+    looks = reduction.shortfall(solving.trial, domain.at(shares))
+    looked_at = len(shares)
+    best = np.argsort(-looks, kind="stable")[:_STARTS]
+    shares, looks = shares[best], looks[best]
+    for width in _WIDTHS:
+        near = np.repeat(shares, _NEIGHBOURS, axis=0)
+        near = np.clip(near + width * random.standard_normal(near.shape), 0.0, 1.0)
+        found = reduction.shortfall(solving.trial, domain.at(near))
+        looked_at += len(near)
+        for k in range(len(shares)):
+            own = slice(k * _NEIGHBOURS, (k + 1) * _NEIGHBOURS)
+            worst = own.start + int(found[own].argmax())
+            if found[worst] > looks[k]:
+                shares[k], looks[k] = near[worst], found[worst]
+    order = np.argsort(-looks, kind="stable")
+    currents = domain.at(shares[order])
+    chosen = [
+        k
+        for k in different_states(solving.solver, currents, range(len(currents)))
+        if training.number(currents[k]) is None
+    ][:_SEARCHED_SOLVED]
+    signals = domain.parametrisation.within(domain.lower, domain.upper, shares[order])
+    directions = [reaches(domain, values) for values in signals]
+    about = (number, "random", "of the largest residual", directions, chosen)
+    solved = solve_tried(solving, reduction.potential, currents, *about)
+    return together(before, solved, training), looked_at
+
+
+def search_condensed(
+    solving: Solving,
+    domain: CurrentDomain,
+    reduction: Reduction,
+    few: Condensed,
+    training: Snapshots,
+    attempt: int,
+) -> Snapshots:
+    """Solve the states whose field fewer modes and points change most, of all extremes and of currents at random."""
+    random = np.random.default_rng(_SEARCH_SEED - 1 - attempt)
+    extremes = domain.parametrisation.currents(extreme_signals(domain))
+    currents = np.concatenate([extremes, drawn(domain, _SEARCHED_CONDENSED, random)])
+    amplitudes = reduction.amplitudes(currents)
+    pairs = list(zip(currents, amplitudes @ few.basis, strict=True))
+    found = in_threads(lambda pair: few.model.solve(*pair)[0], pairs, threads_of_kernels())
+    changes = np.array([one.result() for one in found]) @ few.basis.T - amplitudes
+    looks = reduction.shares(solving.trial, currents, amplitudes, changes)
+    order = np.argsort(-looks, kind="stable")[: _STARTS * _SOLVED_CONDENSED]
+    currents = currents[order]
+    chosen = [
+        k
+        for k in different_states(solving.solver, currents, range(len(currents)))
+        if training.number(currents[k]) is None
+    ][:_SOLVED_CONDENSED]
+    # Behind all numbers of other searches.
+    first = _BEHIND_ALL + attempt * len(order)
+    return solve_tried(
+        solving, reduction.potential, currents, first, "random", "that fewer modes change most", None, chosen
+    )
+
+
+def together(before: Snapshots | None, found: Snapshots, training: Snapshots | None = None) -> Snapshots:
+    """States found, and those before that are no images, but for those that were trained on meanwhile."""
+    both = found.empty(nothing)
+    for some in (found, before) if before is not None else (found,):
+        for values, state, own in zip(some.currents, some.states, some.own, strict=True):
+            known = training is not None and training.number(values) is not None
+            if not known and both.number(values) is None and (own or some is found):
+                both.put(values, state, own)
+    return both
 
 
 def _modes(solving: Solving, training: Snapshots) -> SolvedModes:
@@ -491,10 +581,11 @@ def _off(trial: Trial, reduction: Reduction, tried: Snapshots) -> Array:
     return _shares(trial.shares(tried.currents, charge + change, change))
 
 
-def _off_of_modes(solving: Solving, training: Snapshots, tried: Snapshots, number: int) -> float:
-    """Error at one of the tried states, as `_share`, of the modes of what is known, with the law at all points."""
-    solver, modes = solving.solver, _modes(solving, training)
-    potential = modes.basis @ modes.amplitude(tried.currents[number])
+def _off_of_modes(solving: Solving, modes: SolvedModes, tried: Snapshots, number: int) -> float:
+    """Error at one of the tried states, as `_share`, of modes, with the law at all points."""
+    solver = solving.solver
+    amplitude = modes.amplitude(tried.currents[number], _EXACT * solving.plan.accuracy)
+    potential = modes.basis @ amplitude
     charge = solver.charge_density(np.column_stack([potential, tried.potentials[:, number] - potential]))
     share = solving.trial.shares(tried.currents[number][None], charge.sum(axis=0)[None], charge[1][None])
     return float(_shares(share)[0])
@@ -513,18 +604,19 @@ class Condensation(Record):
 @dataclass(frozen=True, eq=False, repr=False)
 class Trained(Record):
     """A reduced model; charge (k, s): density of its iron fields on the solver's surface faces, T; what it was
-    trained on, what was done about the corners of the domain, and how the other states were chosen; what it was
-    condensed from; its errors on states that it was not trained on, by their kind; and the largest weights (c + k,) of
-    the map's fields over the domain."""
+    trained on, what was done about the extremes of the domain, and how the other states were chosen; what it was
+    condensed from; its errors on states that it was not trained on, by their kind; the largest weights (c + k,) of the
+    map's fields over the domain; and what its error is made of."""
 
     model: ReducedModel
     charge: Array
     snapshots: Snapshots
-    corners: CornersTried
+    extremes: ExtremesTried
     rounds: tuple[Round, ...]
     condensation: Condensation
     errors: Mapping[str, Errors]
     largest_weights: Array
+    parts: "ErrorParts"
 
 
 def train(
@@ -539,60 +631,139 @@ def train(
     """Solve, reduce and try. points (n, 3): where the field matters, in the air; reference (c,): the currents at which
     the map states its total field; states: keeps what was solved, so that a stopped run goes on. Raises NotConverged
     if no state at all could be solved."""
-    trial = Trial(solver, points)
-    solving = Solving(solver, states, trial, plan, forecast)
-    sequence = TrainingSequence(solving, domain)
-    at_random = held_out(domain, plan.held_out)
-    of_corners: CornersTried | None = None
-    tried: dict[str, Snapshots] = {}
-    worst = -1
-    while True:
-        sequence.go_on()
-        require_states(states)
-        # Sample points are dear: they are not chosen again before the modes hold the state that was worst.
-        while (
-            tried
-            and not sequence.at_its_end
-            and _off_of_modes(solving, sequence.training, tried["at random"], worst)
-            > HELD_OUT * plan.accuracy
-        ):
-            sequence.go_on()
-        reduction, in_corners, corners = try_corners(solving, domain, sequence.training)
-        expect_modes(forecast, len(reduction.sampled.weights), reduction.sampled.modes)
-        of_corners = corners if of_corners is None else of_corners.and_again(corners)
-        tried["in corners"] = in_corners
-        tried["at random"] = solve_tried(
-            solving, reduction.potential, at_random, plan.states + corners.looked_at, "random", "at random"
-        )
-        # Four states that happen to be predicted well do not tell that all are: where one of those at random is not,
-        # the sequence goes on. They are never trained on.
-        off = _off(trial, reduction, tried["at random"])
-        if sequence.at_its_end or off.max(initial=0.0) <= HELD_OUT * plan.accuracy:
-            break
-        worst = int(off.argmax())
+    trial = Trial(solver, points, domain.largest)
+    sequence = TrainingSequence(Solving(solver, states, trial, plan, forecast), domain)
+    reduction, tried, extremes = _trained_and_tried(sequence, domain)
     modes, snapshots = reduction.modes, sequence.training
     require_states(states)
     require_some(tried, states)
     forecast.at("modes", "fields of the modes")
-    combination, output = output_fields(
-        modes.amplitudes, reduction.fields, plan.fields, _FIELDS * plan.accuracy
-    )
+    # States that are not solved need fields that those solved do not.
+    amplitudes = np.concatenate([modes.amplitudes, reduction.amplitudes(_places(domain, _WEIGHED))])
+    combination, output = output_fields(amplitudes, reduction.fields, plan.fields, _FIELDS * plan.accuracy)
     forecast.at("modes", "modes and points that the workspace sees")
-    few = _condensed(trial, reduction, domain, combination, output, plan.accuracy)
-    reduced, output = few.model, output @ few.basis
-    forecast.at("modes", "error on states not trained on", 0.95)
-    model = _model(reduced, output, modes.currents, modes.amplitudes @ few.basis, domain, reference)
     charge = combination @ reduction.charge
-    errors = {
-        name: trial.errors(_weights(reduced, output, found.currents), charge, found)
-        for name, found in tried.items()
-        if found.solved
-    }
-    all_corners = domain.parametrisation.currents(corner_signals(domain))
-    largest = _largest_weights(domain, reduced, output, np.concatenate([modes.currents, all_corners]))
+    # What is trained on may be off as well, by points and by what is condensed.
+    all_tried = tried | {"trained on": snapshots.solved_ones()}
+    for number, share in enumerate(_CONDENSED):
+        few = _condensed(trial, reduction, domain, combination, output, share * plan.accuracy)
+        found = search_condensed(sequence.solving, domain, reduction, few, snapshots, number)
+        all_tried[_SEARCHED] = together(all_tried.get(_SEARCHED), found)
+        forecast.at("modes", "error on solved states", 0.95)
+        reduced, of_few = few.model, output @ few.basis
+        errors = {
+            name: trial.errors(_weights(reduced, of_few, some.currents), charge, some)
+            for name, some in all_tried.items()
+            if some.solved
+        }
+        if max(map(_share, errors.values())) <= HELD_OUT * plan.accuracy:
+            break
+    output = of_few
+    model = _model(reduced, output, modes.currents, modes.amplitudes @ few.basis, domain, reference)
+    places = np.concatenate([modes.currents, _places(domain, _WEIGHED)])
+    largest = _largest_weights(domain, reduced, output, places)
     rounds = tuple(sequence.rounds)
     condensation = Condensation(reduction.sampled.modes, len(reduction.sampled.weights), few.changed)
-    return Trained(model, charge, snapshots, of_corners, rounds, condensation, errors, largest)
+    parts = _error_parts(sequence, reduction, tried, share * few.changed * plan.accuracy, len(output))
+    return Trained(model, charge, snapshots, extremes, rounds, condensation, errors, largest, parts)
+
+
+def _trained_and_tried(
+    sequence: TrainingSequence, domain: CurrentDomain
+) -> tuple[Reduction, dict[str, Snapshots], ExtremesTried]:
+    """Train until no state that is tried falls short, or no more may be solved: the model, the states tried that it was
+    not trained on, by their kind, and what was done about the extremes."""
+    tried: dict[str, Snapshots] = {}
+    of_extremes: ExtremesTried | None = None
+    more, worst, again = True, -1, 0
+    while True:
+        solving = sequence.solving
+        plan, allowed = solving.plan, HELD_OUT * solving.plan.accuracy
+        if more:
+            sequence.go_on()
+        require_states(solving.states)
+        # Sample points are dear: they are not chosen again before the modes hold the state that was worst.
+        while (
+            more
+            and tried
+            and not sequence.at_its_end
+            and _off_of_modes(solving, _modes(solving, sequence.training), tried["at random"], worst)
+            > allowed
+        ):
+            sequence.go_on()
+        reduction, tried["at extremes"], extremes = try_extremes(solving, domain, sequence.training)
+        expect_modes(solving.forecast, len(reduction.sampled.weights), reduction.sampled.modes)
+        first, random = plan.states + extremes.looked_at, held_out(domain, plan.held_out)
+        tried["at random"] = solve_tried(solving, reduction.potential, random, first, "random", "at random")
+        # Four states that happen to be predicted well do not tell that all are: where one of those at random is not,
+        # the sequence goes on. They are never trained on.
+        off = _off(solving.trial, reduction, tried["at random"])
+        more, worst = bool(off.max(initial=0.0) > allowed), int(off.argmax()) if len(off) else -1
+        short: list[tuple[Array, Solved]] = []
+        # The search is for errors of which neither tells.
+        if not more:
+            before = tried.get(_SEARCHED)
+            number = first + len(random) + again * _STARTS
+            tried[_SEARCHED], looked_at = search_worst(
+                solving, domain, reduction, sequence.training, number, before
+            )
+            extremes = replace(extremes, searched=looked_at)
+            short = _fall_short(solving.trial, reduction, [tried["at extremes"], tried[_SEARCHED]], allowed)
+            again += 1
+        of_extremes = extremes if of_extremes is None else of_extremes.and_again(extremes)
+        if (more and sequence.at_its_end) or not (more or short) or again >= _AGAIN:
+            return reduction, tried, of_extremes
+        if reduction.sampled.modes >= plan.modes:
+            sequence.allow_modes(plan.modes + plan.modes // 2)
+        for currents, state in short:
+            sequence.training.add(currents, state)
+
+
+def _fall_short(
+    trial: Trial, reduction: Reduction, tried: Sequence[Snapshots], allowed: float
+) -> list[tuple[Array, Solved]]:
+    """Of solved states, images left out, those that are off by more than is allowed, with their currents."""
+    found = []
+    for some in tried:
+        off = _off(trial, reduction, some)
+        found += [(some.currents[k], some.states[k]) for k in np.flatnonzero(off > allowed) if some.own[k]]
+    return found
+
+
+@dataclass(frozen=True, repr=False)
+class ErrorParts(Record):
+    """What the error of a map's model is made of, as shares of B: states, what solved states and their modes leave of
+    the worst states tried, with the law at all points; points, the largest change by sample points, and condensation
+    that by fewer modes and points. limits: of the keys states, modes, points and fields of the recipe those that were
+    used up."""
+
+    states: float
+    points: float
+    condensation: float
+    limits: tuple[str, ...]
+
+
+def _error_parts(
+    sequence: TrainingSequence,
+    reduction: Reduction,
+    tried: Mapping[str, Snapshots],
+    condensation: float,
+    fields: int,
+) -> ErrorParts:
+    solving, worst = sequence.solving, 0.0
+    plan = solving.plan
+    for some in tried.values():
+        if some.solved:
+            number = int(_off(solving.trial, reduction, some).argmax())
+            worst = max(worst, _off_of_modes(solving, reduction.modes, some, number))
+    used_up = {
+        "states": sequence.at_its_end,
+        "modes": reduction.sampled.modes >= plan.modes,
+        "points": not reduction.points.enough,
+        "fields": fields >= plan.fields,
+    }
+    limits = tuple(name for name, used in used_up.items() if used)
+    return ErrorParts(worst, reduction.points.changed, condensation, limits)
 
 
 def _condensed(
@@ -623,11 +794,16 @@ def _same_size(flux: Array, gradient: Array) -> Array:
 
 
 def _largest_weights(domain: CurrentDomain, reduced: GalerkinModel, output: Array, currents: Array) -> Array:
-    """Largest currents (c,) of the domain, exactly, and largest weights (k,) of the iron's fields: those found at the
-    currents (s, c) and at a sequence that fills the domain, and a margin for the places between."""
-    places = np.concatenate([currents, domain.parametrisation.currents(sequence(domain, 0, _WEIGHED))])
-    iron = np.abs(_weights(reduced, output, places)).max(axis=0)
+    """Largest currents (c,) of the domain, exactly, and largest weights (k,) of the iron's fields: those found at
+    currents (s, c) all over it, and a margin for the places between."""
+    iron = np.abs(_weights(reduced, output, currents)).max(axis=0)
     return np.concatenate([domain.largest, _MARGIN * iron])
+
+
+def _places(domain: CurrentDomain, count: int) -> Array:
+    """Currents (s, c): extremes of the domain, in a random order and at most `count`, and as many that fill it."""
+    extremes = np.random.default_rng(_RANDOM_SEED).permutation(extreme_signals(domain))[:count]
+    return domain.parametrisation.currents(np.concatenate([extremes, sequence(domain, 0, count)]))
 
 
 def _weights(reduced: GalerkinModel, output: Array, currents: Array) -> Array:

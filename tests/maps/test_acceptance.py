@@ -1,0 +1,309 @@
+"""A map that is less accurate than its recipe asks is written only if that is accepted, and says so ever after."""
+
+import io
+import json
+import pickle
+import re
+import subprocess
+import sys
+import warnings
+from contextlib import redirect_stderr, redirect_stdout
+from dataclasses import replace
+from types import SimpleNamespace
+
+import pytest
+
+import fieldmap as fm
+from fieldmap.cli import main
+from fieldmap.errors import MapAccuracyWarning, MapErrorTooLarge, Problem
+from fieldmap.io.map_summary import summarise_map
+from fieldmap.iron import NonlinearSolver
+from fieldmap.maps import generation
+from fieldmap.maps.acceptance import shortfall
+from fieldmap.maps.recipe import Plan
+from fieldmap.maps.training import condensation
+from fieldmap.store import MissedAccuracy, check_map, checkpoint_path, missed_accuracy, read_map, write_map
+from tests.maps.conftest import write_few_states
+
+ASKED = 1e-9
+PLAN = Plan(states=40, accuracy=1e-3, modes=30, points=200, fields=10, held_out=12, tolerance=1e-3)
+
+
+def ran(*words):
+    """Exit code, stdout and stderr of a command."""
+    out, err = io.StringIO(), io.StringIO()
+    with redirect_stdout(out), redirect_stderr(err):
+        code = main([str(word) for word in words])
+    return SimpleNamespace(code=code, out=out.getvalue(), err=err.getvalue())
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory):
+    """The same command without --accept-error, with it, without it and with it; what was there after each."""
+    folder = tmp_path_factory.mktemp("accepted")
+    recipe, target = write_few_states(folder), folder / "map.h5"
+    solves, solve = [], NonlinearSolver.solve
+
+    def counted(*arguments, **named):
+        solves.append(arguments)
+        return solve(*arguments, **named)
+
+    def run(*words):
+        solves.clear()
+        done = ran("map", recipe, "-o", target, "--json", *words)
+        done.solves, done.error = len(solves), json.loads(done.out) if done.code else None
+        done.bytes = target.read_bytes() if target.exists() else None
+        done.kept = checkpoint_path(target).exists()
+        return done
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(NonlinearSolver, "solve", counted)
+        patch.setattr(condensation, "_STATES", 60)
+        patch.setattr(generation, "certified_bounds", lambda *_: {})
+        made = [run(), run("--accept-error"), run(), run("--accept-error")]
+    return SimpleNamespace(recipe=recipe, target=target, made=made)
+
+
+@pytest.fixture(scope="module")
+def data(runs):
+    return read_map(runs.target)
+
+
+def largest(report):
+    tried = report["states_tried"].values()
+    return [max(found[name] for found in tried) for name in ("flux_density_share", "gradient_share")]
+
+
+def test_it_is_not_written_and_what_was_solved_is_kept(runs, data):
+    first = runs.made[0]
+    assert (first.code, first.bytes, first.kept) == (1, None, True)
+    assert first.solves > 10
+    error = first.error
+    assert (error["error"], error["exit_code"]) == ("MapErrorTooLarge", 1)
+    # All of them are used up here; which of them leaves most is the training's to say.
+    assert error["part"] in ("states", "modes", "points", "fields")
+    (problem,) = error["problems"]
+    line = runs.recipe.read_text().splitlines().index("accuracy = 1e-9") + 1
+    assert problem["where"] == f"{runs.recipe}:{line}: currents.accuracy"
+    # What would reach it and what writes it as it is.
+    assert re.search(rf"currents\.{error['part']} from \d+ to \d+", problem["remedy"])
+    assert "--accept-error" in problem["remedy"]
+    reached, report = error["reached"], data.provenance.solver_report
+    assert [reached["flux_density_share"], reached["gradient_share"]] == largest(report)
+    assert reached["asked"] == pytest.approx(ASKED)
+    assert reached["states"] == sum(found["states"] for found in report["states_tried"].values())
+
+
+def test_accepted_it_is_written_without_solving_again(runs, data):
+    second = runs.made[1]
+    assert (second.code, second.solves, second.kept) == (0, 0, False)
+    report = data.provenance.solver_report
+    flux, gradient = largest(report)
+    assert flux > 2 * ASKED
+    assert report["accepted_error"] == {
+        "flux_density_share": flux,
+        "gradient_share": gradient,
+        "asked": pytest.approx(ASKED),
+    }
+    assert missed_accuracy(report).text in data.provenance.assumptions[-1]
+    assert data.provenance.assumptions[-1] in json.loads(second.out)["assumptions"]
+    # One line, although the summary opens it too.
+    lines = [line for line in second.err.splitlines() if line.startswith("warning: ")]
+    assert len(lines) == 1
+
+
+def test_without_the_option_it_goes_on_to_fail_and_the_map_stays(runs):
+    _, second, third, last = runs.made
+    assert (third.code, third.solves, third.kept) == (1, 0, False)
+    assert third.error["reached"] == runs.made[0].error["reached"]
+    assert (last.code, last.solves) == (0, 0)
+    assert second.bytes == third.bytes == last.bytes
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("info", "MAP"),
+        ("check", "MAP"),
+        ("probe", "MAP", "--at-mm", "0 0 -11", "--currents", "1"),
+        ("currents", "MAP", "--at-mm", "0 0 -11", "--field", "nan nan 1e-3", "--limit", "2"),
+        ("export", "MAP", "--to", "csv", "--currents", "1", "-o", "CSV"),
+        ("export", "MAP", "--to", "csv", "--currents", "1", "-o", "CSV", "--log", "LOG"),
+    ],
+    ids=lambda words: " ".join((words[0], *words[-2:-1])),
+)
+def test_every_command_that_opens_it_says_so_in_one_line(runs, tmp_path, words):
+    named = {"MAP": runs.target, "CSV": tmp_path / "map.csv", "LOG": tmp_path / "run.log"}
+    # As with -W error: a warning of a map ends no command.
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        done = ran(*(named.get(word, word) for word in words))
+    assert done.code == 0, done.err
+    told = [line for line in done.err.splitlines() if line.startswith("warning: ")]
+    assert len(told) == 1
+    assert str(runs.target) in told[0] or runs.target.name in told[0]
+    if "LOG" in words:
+        assert told[0].removeprefix("warning: ") in named["LOG"].read_text()
+
+
+def test_check_does_not_call_it_free_of_problems(runs, data):
+    assert "no problem found" not in ran("check", runs.target).out
+    checked = check_map(runs.target)
+    assert checked.missed_accuracy == missed_accuracy(data.provenance.solver_report)
+    assert checked.notes[-1] == checked.missed_accuracy.text
+    assert json.loads(ran("check", runs.target, "--json").out)["missed_accuracy"]["states"] > 0
+
+
+def test_opening_it_warns_each_time(runs):
+    """By the rules of Python as they are without a test around: in a process of its own."""
+    code = "import sys, fieldmap as fm\nfor _ in range(3): fm.open_map(sys.argv[1])"
+    done = subprocess.run(
+        [sys.executable, "-c", code, runs.target], capture_output=True, text=True, check=True
+    )
+    assert done.stderr.count("MapAccuracyWarning") == 3
+    with pytest.warns(MapAccuracyWarning) as caught:
+        fm.open_map(runs.target)
+    # At the line that opens it.
+    assert caught[0].filename == __file__
+
+
+def rewritten(data, path, **changes):
+    """The map with other entries in its report; None takes one out."""
+    report = {**data.provenance.solver_report, **changes}
+    report = {name: value for name, value in report.items() if value is not None}
+    return write_map(path, replace(data, provenance=replace(data.provenance, solver_report=report)))
+
+
+def test_maps_of_earlier_versions_warn_and_say_that_extremes_were_not_searched(data, tmp_path):
+    old = rewritten(data, tmp_path / "old.h5", accepted_error=None, extremes=None)
+    with pytest.warns(MapAccuracyWarning, match=r"old\.h5"):
+        summary = summarise_map(old)
+    assert (summary.missed_accuracy.flux_density_share, summary.missed_accuracy.gradient_share) == tuple(
+        largest(data.provenance.solver_report)
+    )
+    # Of before there was anything to miss: nothing is known to be wrong.
+    older = rewritten(data, tmp_path / "older.h5", held_out_within=None, extremes=None)
+    fm.open_map(older)
+    for path in (old, older):
+        assert "extremes of the currents were not searched" in " ".join(ran("info", path).out.split())
+    extremes = {
+        "corners": 4,
+        "looked_at": 77,
+        "different": 33,
+        "solved": 21,
+        "trained_on": 5,
+        "searched": 4321,
+        "by_residual": True,
+    }
+    new = rewritten(data, tmp_path / "new.h5", extremes=extremes)
+    text = " ".join(ran("info", new).out.split())
+    assert "not searched" not in text
+    assert all(f" {count} " in text for count in (77, 33, 21, 4321))
+
+
+def test_a_map_within_its_accuracy_is_written_and_opened_without_a_word(data, tmp_path):
+    flux, gradient = largest(data.provenance.solver_report)
+    within = rewritten(data, tmp_path / "good.h5", held_out_within=1.001 * max(flux, gradient / 2))
+    fm.open_map(within)
+    done = ran("check", within)
+    assert (done.code, done.err) == (0, "")
+    assert "no problem found" in done.out
+    assert check_map(within).missed_accuracy is None
+    fm.open_map("sample")
+
+
+def test_what_is_asked_of_the_accuracy():
+    """B within twice what was asked for, the gradient within twice that, at states of every kind."""
+
+    def report(*errors, **more):
+        names = ("flux_density_share", "gradient_share", "states")
+        kinds = ("at random", "at extremes", "searched for")
+        tried = {kind: dict(zip(names, one, strict=True)) for kind, one in zip(kinds, errors, strict=False)}
+        return {"held_out_within": 2e-3, "states_tried": tried, **more}
+
+    assert missed_accuracy(report((2e-3, 4e-3, 12))) is None
+    found = missed_accuracy(report((1e-3, 1e-3, 12), (2.1e-3, 1e-3, 20), (1e-3, 3e-3, 4)))
+    assert found == MissedAccuracy(2.1e-3, 3e-3, 1e-3, 36)
+    assert missed_accuracy(report((1e-3, 4.1e-3, 12))) == MissedAccuracy(1e-3, 4.1e-3, 1e-3, 12)
+    assert missed_accuracy({"states_tried": report((1.0, 1.0, 3))["states_tried"]}) is None
+    assert missed_accuracy({"held_out_within": 2e-3, "states_tried": {}}) is None
+    assert missed_accuracy({}) is None
+    # A file may say anything.
+    for tried in (
+        [],
+        "none",
+        {"at random": 3},
+        {"at random": {}},
+        {"at random": {"flux_density_share": "big"}},
+    ):
+        assert missed_accuracy({"held_out_within": 2e-3, "states_tried": tried}) is None
+
+
+def rounds(*shares):
+    """Errors that states after 3, 7, 11, ... others had."""
+    errors = ({"flux_density_share": share, "gradient_share": share} for share in shares)
+    return [{"solved": 3 + 4 * k, "errors": one} for k, one in enumerate(errors)]
+
+
+@pytest.mark.parametrize(
+    ("parts", "part", "raised"),
+    [
+        ((0.1, 0.002, 0.001, ["states"]), "states", {"states": 80}),
+        ((0.1, 0.002, 0.001, ["states", "modes"]), "states", {"states": 80, "modes": 60}),
+        ((0.1, 0.002, 0.001, ["modes", "points"]), "modes", {"modes": 60}),
+        ((0.1, 0.002, 0.001, ["points"]), "states", {}),
+        ((0.001, 0.2, 0.001, ["states", "points"]), "points", {"points": 400}),
+        ((0.001, 0.2, 0.001, []), "points", {}),
+        ((0.001, 0.002, 0.01, ["points"]), "condensation", {}),
+    ],
+)
+def test_what_falls_short_is_the_largest_part_and_what_was_used_up_is_raised(parts, part, raised):
+    error_parts = dict(zip(("states", "points", "condensation", "limits"), parts, strict=True))
+    found = shortfall({"error_parts": error_parts}, PLAN)
+    assert (found.part, dict(found.raised), found.seconds) == (part, raised, None)
+
+
+@pytest.mark.parametrize(("reached", "part"), [(0.02, "fields"), (0.006, "states")])
+def test_what_no_other_part_accounts_for_is_left_to_the_fields(reached, part):
+    tried = {"at random": {"flux_density_share": 0.001, "gradient_share": 2.0 * reached, "states": 3}}
+    shares = {"states": 0.003, "points": 0.001, "condensation": 0.0, "limits": ["fields"]}
+    found = shortfall({"held_out_within": 2e-3, "states_tried": tried, "error_parts": shares}, PLAN)
+    assert (found.part, found.raised) == (part, {"fields": 20} if part == "fields" else {})
+
+
+@pytest.mark.parametrize(
+    ("about", "part", "raised"),
+    [
+        ({"states_trained_on_solved": 44, "corners_trained_on": 4}, "states", {"states": 80}),
+        ({"states_trained_on_solved": 43, "corners_trained_on": 4}, "", {}),
+        ({"condensed_from": {"modes": 30, "points": 150}}, "modes", {"modes": 60}),
+        ({"condensed_from": {"modes": 20, "points": 200}}, "points", {"points": 400}),
+    ],
+)
+def test_without_parts_it_is_what_was_used_up(about, part, raised):
+    found = shortfall(about, PLAN)
+    assert (found.part, dict(found.raised)) == (part, raised)
+
+
+def test_the_states_that_are_needed_follow_from_the_rounds_and_cost_what_states_cost():
+    used = {"error_parts": {"states": 0.1, "points": 0.0, "condensation": 0.0, "limits": ["states"]}}
+    # A tenth for 16 states more: 0.1 after 3 of them, 1e-3 after 35.
+    few = Plan(**{**vars(PLAN), "states": 15})
+    about = used | {"rounds": rounds(*(0.1 * 10 ** (-k / 4) for k in range(3)))}
+    found = shortfall(about | {"states_solved": 50, "generation_seconds": 100.0}, few)
+    assert found.raised == {"states": 35}
+    assert found.seconds == pytest.approx(100.0 * (50 + 20) / 50)
+    # Rounds that lead nowhere, and those that were good enough where other states are not: twice as many.
+    for shares in ((0.1, 0.1, 0.2), (0.1, 1e-4), (0.1,)):
+        assert shortfall(used | {"rounds": rounds(*shares)}, few).raised == {"states": 30}
+    # No recipe holds more.
+    most = Plan(**{**vars(PLAN), "states": 4096})
+    assert shortfall(used, most).raised == {}
+
+
+def test_the_error_travels_between_processes():
+    error = MapErrorTooLarge(
+        Problem("a", "b", "c", "d"), reached=MissedAccuracy(0.1, 0.2, 1e-3, 5), part="modes"
+    )
+    copied = pickle.loads(pickle.dumps(error))
+    assert (copied.problems, copied.reached, copied.part) == (error.problems, error.reached, "modes")
