@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 _LOG = logging.getLogger("fieldmap")
 _LINE_EVERY_SECONDS = 10.0
 _LINE_EVERY_FRACTION = 0.25
+# A share that falls to less than this part of itself is that of another piece of work.
+_SAME_RUN = 0.4
 _ENTERED: "list[Progress]" = []
 """One within the other."""
 
@@ -71,9 +73,12 @@ class Progress:
         if not self.shown or self in _ENTERED[:-1]:
             return
         now = time.monotonic()
-        if fraction < self._fraction:
+        if fraction < _SAME_RUN * self._fraction:
             # Another state or another solve: of the first all is told, of the others a line now and then.
             self.started, self._fraction, self._again = now, -1.0, True
+        elif fraction < self._fraction:
+            # There is more to do than it seemed.
+            self._fraction, self._told = -1.0, fraction
         rested = now >= self._printed + _LINE_EVERY_SECONDS
         further = not self._again and fraction >= self._told + _LINE_EVERY_FRACTION
         if (rested or further) and fraction > self._fraction:

@@ -18,7 +18,8 @@ _MORE = 0.1
 class Forecast:
     """Tells a run's progress: stages one after the other, each of pieces that take about the same time.
 
-    stages: seconds expected of each, in their order. The share that is told never falls.
+    stages: seconds expected of each, in their order. The share that is told never falls, unless the run goes back to
+    an earlier stage: what comes after that is to be done again.
     """
 
     def __init__(self, say: Progress, stages: Mapping[str, float]) -> None:
@@ -45,12 +46,14 @@ class Forecast:
     def at(self, stage: str, message: str, done: float = 0.0, count: float = 1.0) -> None:
         """Tell that `done` of about `count` pieces of a stage are done; stages before it are over."""
         now = _working()
+        names = list(self._expected)
         if stage != self._stage:
+            if self._stage and names.index(stage) < names.index(self._stage):
+                self._told = 0.0
             self._stage, self._stage_began, self._pieces = stage, now, [(0.0, now)]
         taken = now - self._stage_began
         if done > 0:
             self._expected[stage] = taken + (max(count, done) - done) * self._per_piece(done, now)
-        names = list(self._expected)
         later = sum(self._expected[name] for name in names[names.index(stage) + 1 :])
         own = self._expected[stage] - taken
         left = later + (own if done > 0 else max(own, _MORE * taken))

@@ -57,6 +57,20 @@ def test_the_share_never_falls_though_more_is_to_do_than_was_expected(clock):
     assert late[:, 1] == pytest.approx(late[:, 0] / 210.0, rel=0.05)
 
 
+def test_a_run_that_goes_back_tells_the_time_of_what_comes_again(clock):
+    """Two stages, and both once more: after the return the share is that of the whole run."""
+    told = []
+    tell = Forecast(lambda message, share: told.append((clock.now - 100.0, share)), {"a": 40.0, "b": 10.0})
+    for name, pieces in (("a", 8), ("b", 2), ("a", 8), ("b", 2)):
+        for k in range(pieces):
+            tell.at(name, "", k, pieces)
+            clock.now += 5.0
+    told = np.array(told)
+    before, after = told[told[:, 0] < 50.0], told[told[:, 0] > 50.0]
+    assert before[:, 1] == pytest.approx(before[:, 0] / 50.0)
+    assert after[:, 1] == pytest.approx(after[:, 0] / 100.0)
+
+
 def test_a_first_piece_that_waits_says_nothing_of_the_later_ones(clock):
     """Once half of the pieces that are done are others."""
     told = []

@@ -9,7 +9,7 @@ import numpy as np
 from fieldmap.maps.forecast import Forecast
 from fieldmap.maps.recipe import Plan
 
-STAGES = ("assembling", "training", "extremes", "points", "random", "modes")
+STAGES = ("assembling", "training", "extremes", "points", "random", "search", "modes")
 # One state, and the fields of the modes, over the assembly of the solver.
 _STATE, _MODES = 0.17, 0.7
 # Of the states that a plan allows, how many it is expected to take until the errors of some rounds tell.
@@ -19,8 +19,9 @@ _TRIED = 0.3
 # Points times states times twice the square of the modes that the whole choice does in one second, and how many states
 # of the trained model the choice of fewer modes and points takes, solved several times each.
 _PRODUCTS, _CONDENSED = 1e10, 5000
-# Extremes that are to be solved, of those that there may be: the others are images.
-_EXTREMES = 12
+# Extremes that are to be solved, of those that there may be: the others are images. What the search for the worst
+# currents costs, as so many states to try.
+_EXTREMES, _SEARCH = 25, 30
 
 
 def expect_training(forecast: Forecast, plan: Plan) -> None:
@@ -36,6 +37,7 @@ def expect_tried(forecast: Forecast, plan: Plan, state: float) -> None:
     """States to try the model on, by the seconds that one takes to train on."""
     forecast.expect("extremes", _TRIED * state * _EXTREMES)
     forecast.expect("random", _TRIED * state * plan.held_out)
+    forecast.expect("search", _TRIED * state * _SEARCH)
 
 
 def expect_points(forecast: Forecast, points: int, modes: int, states: int) -> None:

@@ -44,9 +44,10 @@ _EXTREMES, _RANDOM, _WORST, _SEED = 64, 96, 24, 20263
 _EXACT = 0.02
 # Rounds of the choice; those without more candidates, points or a finer fit end earlier.
 _ROUNDS = 12
-# What of the time for the sample points goes into their choice, after the contributions of the states, and what each
-# round leaves of that.
-_CHOICE, _EACH = 0.6, 0.6
+OF_STATES = 0.1
+"""What of the time for the sample points goes into what the states tell of them, before their choice."""
+# What the conditions, and then each round, leave of the rest.
+_EACH = 0.6
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -88,7 +89,7 @@ def sampled(
     fresh = extremes[:_EXTREMES]
     least: tuple[float, GalerkinModel] = np.inf, full
     for number in range(_ROUNDS):
-        tell(f"sample points, choice {number + 1}", 1.0 - _CHOICE * _EACH**number)
+        tell(f"sample points, choice {number + 1}", 1.0 - (1.0 - OF_STATES) * _EACH ** (number + 1))
         model, left = choice.model(tolerance * accuracy)
         drawn = tried.draw(model, np.concatenate([fresh, tried.random(_RANDOM)]))
         looked_at += drawn
@@ -128,10 +129,11 @@ class _Choice:
 
         def of_states(done: int) -> None:
             if done < count:
-                tell(f"sample points, from state {done + 1} of {count}", (1.0 - _CHOICE) * done / count)
+                tell(f"sample points, from state {done + 1} of {count}", OF_STATES * done / count)
 
         of_states(0)
         self._totals, self._importance = summed(self._contributions, of_states)
+        tell("sample points, conditions of their choice", OF_STATES)
         self._taken = 0
         wanted = max(_FEWEST_CANDIDATES, _CANDIDATES_PER_MODE * full.modes)
         self._count = min(wanted, max(_FEWEST_CANDIDATES, _CANDIDATES_PER_POINT * most))

@@ -15,7 +15,7 @@ from fieldmap.maps.training.condensation import Condensed, condensed
 from fieldmap.maps.training.expected import expect_modes, expect_points, expect_tried, states_needed
 from fieldmap.maps.training.model_error import Errors, Trial
 from fieldmap.maps.training.modes import SolvedModes, output_fields
-from fieldmap.maps.training.sampling import Sampled, sampled
+from fieldmap.maps.training.sampling import OF_STATES, Sampled, sampled
 from fieldmap.maps.training.states import (
     REACH,
     Snapshots,
@@ -56,6 +56,8 @@ _RANDOM_SEED = 11
 # to how many neighbours each, how far away as a share of the ranges, and how many of those found are solved.
 _SEARCHED_EXTREMES, _SEARCHED_RANDOM, _STARTS, _NEIGHBOURS, _SEARCHED_SOLVED = 32, 64, 10, 3, 4
 _WIDTHS = (0.15, 0.05)
+# What of the time for the search goes into these solves.
+_OF_SOLVES = 0.4
 _SEARCH_SEED = 20264
 _SEARCHED = "searched for"
 # At how many random currents the search of what fewer modes and points change looks, beside all extremes, and how many
@@ -234,15 +236,18 @@ def solve_tried(
     predict: Callable[[Array], Array],
     currents: Array,
     first: int,
-    stage: str,
+    stage: str | None,
     text: str,
     directions: Sequence[Array] | None = None,
     numbers: Sequence[int] | None = None,
     found: Snapshots | None = None,
 ) -> Snapshots:
     """The states of currents (s, c), numbered from `first`; images are taken where both are among them.
-    predict(currents (c,)): nodal potential (n,) to begin from. stage, text: what is told. directions: of each, where
-    they may be trained on. numbers: which of them, all if left out; found: those that are there already, to add to."""
+
+    predict(currents (c,)): nodal potential (n,) to begin from. stage, text: what is told; without a stage the text
+    alone. directions: of each, where they may be trained on. numbers: which of them, all if left out; found: those that
+    are there already, to add to.
+    """
     found = Snapshots(solving.solver, one_of(currents)) if found is None else found
     left, gone = list(range(len(currents)) if numbers is None else numbers), 0
     count = len(left)
@@ -251,7 +256,10 @@ def solve_tried(
     def tell(done: int) -> None:
         computed = solving.states.computed - before
         message = f"state {gone + done + 1} of {count} {text}"
-        solving.forecast.at(stage, message, computed, computed + len(batch) - done)
+        if stage is None:
+            solving.forecast.note(message)
+        else:
+            solving.forecast.at(stage, message, computed, computed + len(batch) - done)
 
     while left:
         batch = different_states(solving.solver, currents, left)
@@ -367,7 +375,8 @@ def _reduce(solving: Solving, modes: SolvedModes, domain: CurrentDomain, extreme
         return _shares(solving.trial.shares_of_sums(currents, (flux, gradient), amplitudes, changes))
 
     def tell(message: str, share: float) -> None:
-        solving.forecast.at("points", message, share)
+        # The first states say nothing of the whole: until they are done, what was expected counts.
+        solving.forecast.at("points", message, share if share >= OF_STATES else 0.0)
 
     known = modes.currents, modes.amplitudes
     found = sampled(modes.model, known, extremes, domain, lengths, off, plan.accuracy, plan.points, tell)
@@ -476,11 +485,17 @@ def search_worst(
     span = domain.upper - domain.lower
     of_extremes = (random.permutation(extreme_signals(domain))[:_SEARCHED_EXTREMES] - domain.lower) / span
     shares = np.concatenate([of_extremes, random.random((_SEARCHED_RANDOM, len(domain.lower)))])
+
+    def tell(share: float) -> None:
+        solving.forecast.at("search", "the worst currents, by the model's residual", share)
+
+    tell(0.0)
     looks = reduction.shortfall(solving.trial, domain.at(shares))
     looked_at = len(shares)
     best = np.argsort(-looks, kind="stable")[:_STARTS]
     shares, looks = shares[best], looks[best]
-    for width in _WIDTHS:
+    for round_number, width in enumerate(_WIDTHS):
+        tell((1.0 - _OF_SOLVES) * (round_number + 1) / (len(_WIDTHS) + 1))
         near = np.repeat(shares, _NEIGHBOURS, axis=0)
         near = np.clip(near + width * random.standard_normal(near.shape), 0.0, 1.0)
         found = reduction.shortfall(solving.trial, domain.at(near))
@@ -499,7 +514,8 @@ def search_worst(
     ][:_SEARCHED_SOLVED]
     signals = domain.parametrisation.within(domain.lower, domain.upper, shares[order])
     directions = [reaches(domain, values) for values in signals]
-    about = (number, "random", "of the largest residual", directions, chosen)
+    about = (number, None, "of the largest residual", directions, chosen)
+    tell(1.0 - _OF_SOLVES)
     solved = solve_tried(solving, reduction.potential, currents, *about)
     return together(before, solved, training), looked_at
 
@@ -531,7 +547,7 @@ def search_condensed(
     # Behind all numbers of other searches.
     first = _BEHIND_ALL + attempt * len(order)
     return solve_tried(
-        solving, reduction.potential, currents, first, "random", "that fewer modes change most", None, chosen
+        solving, reduction.potential, currents, first, None, "that fewer modes change most", None, chosen
     )
 
 
