@@ -189,11 +189,11 @@ class _Choice:
         ]
         ratio = np.array(moments) / (np.array(fields) * some.weights + 1e-300)
         logarithm = np.log1p(np.maximum(ratio, 0.0))
-        chosen = [0]
+        chosen: list[int] = []
         away = np.full(len(logarithm), np.inf)
         while len(chosen) < min(_TANGENTS, len(logarithm)):
-            away = np.minimum(away, np.linalg.norm(logarithm - logarithm[chosen[-1]], axis=1))
             chosen.append(int(away.argmax()))
+            away = np.minimum(away, np.linalg.norm(logarithm - logarithm[chosen[-1]], axis=1))
         return chosen
 
 
