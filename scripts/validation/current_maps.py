@@ -33,10 +33,10 @@ def eight_coils() -> Iterator[Row]:
         errors = {name: _errors(opened, solver, states) for name, states in _states().items()}
     tried = report["states_tried"].values()
     stated = [max(of[name] for of in tried) for name in ("flux_density_share", "gradient_share")]
-    corners = report["corners"]
+    extremes = report["extremes"]
     found = (
         f"{report['states_solved']} states solved, {report['states_trained_on_solved']} of them to train on, "
-        f"{corners['solved']} of {corners['in_all']} corners; {report['modes']} modes, "
+        f"{extremes['solved']} of {extremes['looked_at']} extremes; {report['modes']} modes, "
         f"{report['sample_points']} points"
     )
     cost = (report["surface_faces"], 0, wall, cpu)

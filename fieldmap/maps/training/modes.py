@@ -67,7 +67,8 @@ _TOLERANCE = 1e-3
 class SolvedModes:
     """The iron on the modes of the solved states and their tangents, with the law at all points.
 
-    most: modes; tolerance: no more of them than leave at most this share of any state or tangent.
+    most: modes; tolerance: no more of them than leave at most this share of any state or tangent. left: the largest
+    share that they leave, in the norm of the energy.
     """
 
     def __init__(
@@ -92,6 +93,9 @@ class SolvedModes:
         applied = np.concatenate(applied_to, axis=1)
         combined = proper_modes(vectors, applied, most, tolerance)
         self.basis, self.air = vectors @ combined, of_air @ combined
+        energy = np.einsum("ns,ns->s", vectors, applied)
+        rest = energy - ((applied.T @ self.basis) ** 2).sum(axis=1)
+        self.left = float(np.sqrt(max(rest.max(), 0.0)))
         self.model: GalerkinModel = solver.project(self.basis, self.air)
         self.amplitudes = snapshots.potentials.T @ (applied @ combined)
         self._solver, self._first = solver, found[0].potential

@@ -40,10 +40,12 @@ _FITTED, _TRIED, _FINER, _FINEST = 0.4, 0.5, 0.7, 0.05
 # Extremes and random states that are tried first, and random ones in each further round; of those that fall short so
 # many become conditions.
 _EXTREMES, _RANDOM, _WORST, _SEED = 64, 96, 24, 20263
+# Known states that a choice begins with: of more, where symmetry makes many of one, so many at random.
+_MOST_STATES = 200
 # States with the law at all points are solved to this share of the accuracy.
 _EXACT = 0.02
-# Rounds of the choice; those without more candidates, points or a finer fit end earlier.
-_ROUNDS = 12
+ROUNDS = 12
+"""Of the choice of sample points; without more candidates or points it ends earlier."""
 OF_STATES = 0.1
 """What of the time for the sample points goes into what the states tell of them, before their choice."""
 # What the conditions, and then each round, leave of the rest.
@@ -74,6 +76,7 @@ def sampled(
     accuracy: float,
     most: int,
     tell: Callable[[str, float], None] = lambda message, share: None,
+    rounds: int = ROUNDS,
 ) -> Sampled:
     """Choose points of the law, and weights on them.
 
@@ -81,14 +84,14 @@ def sampled(
     fields (r, k): numbers of the modes whose lengths tell how large a field is; off(currents (s, c),
     amplitudes (s, r), changes (s, r)): what changes of the amplitudes change of the fields, as a share. accuracy: share
     of the field; most: points to be chosen, and more only where so many do not do. tell(message,
-    share) is called on the way, with how much of it is done, about.
+    share) is called on the way, with how much of it is done, about. rounds: how often points are chosen at most.
     """
     choice = _Choice(full, known, fields, most, tell)
     tried = _Tried(full, known, domain, off, _EXACT * accuracy)
     tolerance, looked_at = _FITTED, 0
     fresh = extremes[:_EXTREMES]
     least: tuple[float, GalerkinModel] = np.inf, full
-    for number in range(_ROUNDS):
+    for number in range(rounds):
         tell(f"sample points, choice {number + 1}", 1.0 - (1.0 - OF_STATES) * _EACH ** (number + 1))
         model, left = choice.model(tolerance * accuracy)
         drawn = tried.draw(model, np.concatenate([fresh, tried.random(_RANDOM)]))
@@ -99,7 +102,7 @@ def sampled(
             least = worst, model
         if worst <= _TRIED * accuracy:
             return Sampled(model, worst, looked_at, True)
-        if number == _ROUNDS - 1:
+        if number == rounds - 1:
             break
         choice.add(*tried.take(changed, _TRIED * accuracy, _WORST))
         fresh = extremes[:0]
@@ -124,6 +127,10 @@ class _Choice:
     ) -> None:
         self._full, self._fields, self._most = full, fields, most
         self._states = list(zip(*known, strict=True))
+        if len(self._states) > _MOST_STATES:
+            # Those that are tried tell what the others would have.
+            kept = np.random.default_rng(_SEED).choice(len(self._states), _MOST_STATES, replace=False)
+            self._states = [self._states[k] for k in np.sort(kept)]
         self._contributions = [self._of(*state) for state in self._states]
         count = len(self._states)
 

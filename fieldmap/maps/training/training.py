@@ -15,7 +15,7 @@ from fieldmap.maps.training.condensation import Condensed, condensed
 from fieldmap.maps.training.expected import expect_modes, expect_points, expect_tried, states_needed
 from fieldmap.maps.training.model_error import Errors, Trial
 from fieldmap.maps.training.modes import SolvedModes, output_fields
-from fieldmap.maps.training.sampling import OF_STATES, Sampled, sampled
+from fieldmap.maps.training.sampling import OF_STATES, ROUNDS, Sampled, sampled
 from fieldmap.maps.training.states import (
     REACH,
     Snapshots,
@@ -45,6 +45,15 @@ _SOLVED_BETTER = 10.0
 # What the modes may leave of a state, its energy's root as a share, and what the fields of the map may leave of a
 # state's field, over the accuracy.
 _MODES, _FIELDS = 0.2, 0.05
+# What the fields of the map may leave where the recipe names fewer than that takes, and as many as there may be.
+_FIELDS_AT_MOST, _MOST_FIELDS = 0.3, 100
+# Fields that make less of any state are rough, and worse for the nodes of the map than for its error.
+_ROUGH_FIELDS = 1e-4
+# What the recipe's modes may grow to where they leave more of a state that they are made of than the accuracy.
+_MOST_MODES = 200
+# Where as many modes leave more than so many times the accuracy, no states or points help: the map is refused, and what
+# it would be off is found with as many rounds of the choice of sample points.
+_TOO_FEW_MODES, _ROUNDS_IN_VAIN = 4.0, 2
 # How exactly a state with the law at all points is solved, over the accuracy, where its error is asked.
 _EXACT = 0.01
 # So many extremes, images apart, are all solved. Of more, those that look worst and some at random, then those that may
@@ -147,9 +156,12 @@ class TrainingSequence:
         """Whether no more states may be solved."""
         return self._done >= self.solving.plan.states or not self.training.solved
 
-    def allow_modes(self, most: int) -> None:
-        """Train on more modes from now on: the recipe's were too few."""
+    def more_modes(self) -> bool:
+        """Train on as many modes as there may be from now on, the recipe's are too few; whether these are more."""
+        now = self.solving.plan.modes
+        most = max(now, _MOST_MODES)
         self.solving = replace(self.solving, plan=replace(self.solving.plan, modes=most))
+        return most > now
 
     def go_on(self) -> None:
         """Solve states until the model has predicted the last of them as accurately as planned, or at the end. They
@@ -379,8 +391,17 @@ def _reduce(solving: Solving, modes: SolvedModes, domain: CurrentDomain, extreme
         solving.forecast.at("points", message, share if share >= OF_STATES else 0.0)
 
     known = modes.currents, modes.amplitudes
-    found = sampled(modes.model, known, extremes, domain, lengths, off, plan.accuracy, plan.points, tell)
+    rounds = _ROUNDS_IN_VAIN if _in_vain(solving, modes) else ROUNDS
+    found = sampled(
+        modes.model, known, extremes, domain, lengths, off, plan.accuracy, plan.points, tell, rounds
+    )
     return Reduction(solver, modes, found, charge, flux, gradient)
+
+
+def _in_vain(solving: Solving, modes: SolvedModes) -> bool:
+    """Whether as many modes as there may be are too few."""
+    plan = solving.plan
+    return plan.modes >= _MOST_MODES and modes.left > _TOO_FEW_MODES * plan.accuracy
 
 
 @dataclass(frozen=True)
@@ -409,10 +430,11 @@ class ExtremesTried(Record):
 
 
 def try_extremes(
-    solving: Solving, domain: CurrentDomain, training: Snapshots
+    sequence: TrainingSequence, domain: CurrentDomain
 ) -> tuple[Reduction, Snapshots, ExtremesTried]:
     """Solve extremes of the domain, train on those that the model lacks, and reduce: the model, and the solved extremes
     that are left to measure its error."""
+    solving, training = sequence.solving, sequence.training
     solver, plan, before = solving.solver, solving.plan, training.solved
     signals = extreme_signals(domain)
     currents = domain.parametrisation.currents(signals)
@@ -436,7 +458,9 @@ def try_extremes(
         tried = solve(lambda values: modes.basis @ modes.amplitude(values), unknown, None)
         left = add_missing(modes, training, tried, plan.accuracy)
         modes = modes if training.solved == before else _modes(solving, training)
-        reduction = _reduce(solving, modes, domain, currents)
+        if modes.left > plan.accuracy and sequence.more_modes():
+            modes = _modes(sequence.solving, training)
+        reduction = _reduce(sequence.solving, modes, domain, currents)
     else:
         reduction = _reduce(solving, modes, domain, currents)
         order, looks = _worst_first(solving.trial, reduction, currents, unknown)
@@ -657,10 +681,17 @@ def train(
     # States that are not solved need fields that those solved do not.
     amplitudes = np.concatenate([modes.amplitudes, reduction.amplitudes(_places(domain, _WEIGHED))])
     combination, output = output_fields(amplitudes, reduction.fields, plan.fields, _FIELDS * plan.accuracy)
+    if len(output) == plan.fields:
+        # More than the recipe names where these leave a part of the error that counts.
+        leave = max(_FIELDS_AT_MOST * plan.accuracy, _ROUGH_FIELDS)
+        more = output_fields(amplitudes, reduction.fields, _MOST_FIELDS, leave)
+        combination, output = max((combination, output), more, key=lambda both: len(both[1]))
     forecast.at("modes", "modes and points that the workspace sees")
     charge = combination @ reduction.charge
     # What is trained on may be off as well, by points and by what is condensed.
     all_tried = tried | {"trained on": snapshots.solved_ones()}
+    allowed = HELD_OUT * plan.accuracy
+    of_trained = max(float(_off(trial, reduction, some).max(initial=0.0)) for some in tried.values())
     for number, share in enumerate(_CONDENSED):
         few = _condensed(trial, reduction, domain, combination, output, share * plan.accuracy)
         found = search_condensed(sequence.solving, domain, reduction, few, snapshots, number)
@@ -672,7 +703,8 @@ def train(
             for name, some in all_tried.items()
             if some.solved
         }
-        if max(map(_share, errors.values())) <= HELD_OUT * plan.accuracy:
+        # Where the trained model is off by more itself, no other choice helps.
+        if of_trained > allowed or max(map(_share, errors.values())) <= allowed:
             break
     output = of_few
     model = _model(reduced, output, modes.currents, modes.amplitudes @ few.basis, domain, reference)
@@ -707,7 +739,7 @@ def _trained_and_tried(
             > allowed
         ):
             sequence.go_on()
-        reduction, tried["at extremes"], extremes = try_extremes(solving, domain, sequence.training)
+        reduction, tried["at extremes"], extremes = try_extremes(sequence, domain)
         expect_modes(solving.forecast, len(reduction.sampled.weights), reduction.sampled.modes)
         first, random = plan.states + extremes.looked_at, held_out(domain, plan.held_out)
         tried["at random"] = solve_tried(solving, reduction.potential, random, first, "random", "at random")
@@ -727,10 +759,11 @@ def _trained_and_tried(
             short = _fall_short(solving.trial, reduction, [tried["at extremes"], tried[_SEARCHED]], allowed)
             again += 1
         of_extremes = extremes if of_extremes is None else of_extremes.and_again(extremes)
-        if (more and sequence.at_its_end) or not (more or short) or again >= _AGAIN:
+        in_vain = _in_vain(sequence.solving, reduction.modes)
+        if in_vain or (more and sequence.at_its_end) or not (more or short) or again >= _AGAIN:
             return reduction, tried, of_extremes
         if reduction.sampled.modes >= plan.modes:
-            sequence.allow_modes(plan.modes + plan.modes // 2)
+            sequence.more_modes()
         for currents, state in short:
             sequence.training.add(currents, state)
 
@@ -766,12 +799,15 @@ def _error_parts(
     condensation: float,
     fields: int,
 ) -> ErrorParts:
-    solving, worst = sequence.solving, 0.0
+    solving, of_states, of_points = sequence.solving, 0.0, reduction.points.changed
     plan = solving.plan
     for some in tried.values():
         if some.solved:
-            number = int(_off(solving.trial, reduction, some).argmax())
-            worst = max(worst, _off_of_modes(solving, reduction.modes, some, number))
+            off = _off(solving.trial, reduction, some)
+            number = int(off.argmax())
+            own = _off_of_modes(solving, reduction.modes, some, number)
+            # What the law at all points would not leave of the worst state is due to the points.
+            of_states, of_points = max(of_states, own), max(of_points, float(off[number]) - own)
     used_up = {
         "states": sequence.at_its_end,
         "modes": reduction.sampled.modes >= plan.modes,
@@ -779,7 +815,7 @@ def _error_parts(
         "fields": fields >= plan.fields,
     }
     limits = tuple(name for name, used in used_up.items() if used)
-    return ErrorParts(worst, reduction.points.changed, condensation, limits)
+    return ErrorParts(of_states, of_points, condensation, limits)
 
 
 def _condensed(
