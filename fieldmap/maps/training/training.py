@@ -49,11 +49,10 @@ _MODES, _FIELDS = 0.2, 0.05
 _FIELDS_AT_MOST, _MOST_FIELDS = 0.3, 100
 # Fields that make less of any state are rough, and worse for the nodes of the map than for its error.
 _ROUGH_FIELDS = 1e-4
-# What the recipe's modes may grow to where they leave more of a state that they are made of than the accuracy.
-_MOST_MODES = 200
-# Where as many modes leave more than so many times the accuracy, no states or points help: the map is refused, and what
-# it would be off is found with as many rounds of the choice of sample points.
-_TOO_FEW_MODES, _ROUNDS_IN_VAIN = 4.0, 2
+# What the recipe's modes may grow to where they leave so many times the accuracy of a state that they are made of, in
+# the norm of the energy. Where these leave as much, no states or points help: the map is refused, and what it would be
+# off is found with as many rounds of the choice of sample points.
+_MOST_MODES, _TOO_FEW_MODES, _ROUNDS_IN_VAIN = 200, 4.0, 2
 # How exactly a state with the law at all points is solved, over the accuracy, where its error is asked.
 _EXACT = 0.01
 # So many extremes, images apart, are all solved. Of more, those that look worst and some at random, then those that may
@@ -458,7 +457,7 @@ def try_extremes(
         tried = solve(lambda values: modes.basis @ modes.amplitude(values), unknown, None)
         left = add_missing(modes, training, tried, plan.accuracy)
         modes = modes if training.solved == before else _modes(solving, training)
-        if modes.left > plan.accuracy and sequence.more_modes():
+        if modes.left > _TOO_FEW_MODES * plan.accuracy and sequence.more_modes():
             modes = _modes(sequence.solving, training)
         reduction = _reduce(sequence.solving, modes, domain, currents)
     else:
