@@ -261,7 +261,7 @@ class FieldMap(BaseField, own_shapes=ONE_POINT):
     @property
     def current_error(self) -> FieldError | None:
         """Saturating iron: largest difference, T and T/m, between the model of the currents and the solver on states
-        not used to train it. None where the field is linear in the currents."""
+        tried, which maps of earlier versions were not trained on. None where the field is linear in the currents."""
         return self._info.current_error
 
     @property

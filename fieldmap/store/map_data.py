@@ -56,7 +56,7 @@ class MapInfo(Record):
     bounds by kind of lookup, empty for a map that is not certified.
     reduced_model: where iron saturates, what turns currents into the weights of the iron's fields; None where the
     field is linear in the currents. current_error: largest difference between that model and the solver on
-    states that were not used to train it.
+    solved states that it was tried at; files of earlier versions: that it was not trained on.
     fixed_sources: names of what makes a field that no current drives, such as bodies that are magnets and "background".
     constant_field: whether the last field is one of weight 1 whatever the currents: that of these sources, iron
     included; with a reduced model, whose fields hold the iron and its magnets, that of the background alone.

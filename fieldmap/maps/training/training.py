@@ -644,7 +644,7 @@ class Condensation(Record):
 class Trained(Record):
     """A reduced model; charge (k, s): density of its iron fields on the solver's surface faces, T; what it was
     trained on, what was done about the extremes of the domain, and how the other states were chosen; what it was
-    condensed from; its errors on states that it was not trained on, by their kind; the largest weights (c + k,) of the
+    condensed from; its errors at solved states, by their kind; the largest weights (c + k,) of the
     map's fields over the domain; and what its error is made of."""
 
     model: ReducedModel
