@@ -53,6 +53,7 @@ STUDIES: dict[str, tuple[Callable[[], Iterator[Row]], float]] = {
     "unit_other_form": (drive_units.unit_other_form, 30),
     "unit_saturated": (drive_units.unit_saturated, 220),
     "eight_coils": (current_maps.eight_coils, 150),
+    "shipped_maps": (current_maps.shipped_maps, 2400),
     "saturating_machines": (saturating_machines.saturating_machines, 900),
     "mesh": (convergence.mesh, 40),
     "spacing": (convergence.spacing, 2),

@@ -15,8 +15,8 @@ from fieldmap.maps.training.expected import states_needed
 from fieldmap.records import Record
 from fieldmap.store.stated_accuracy import GRADIENT, HELD_OUT, MissedAccuracy, missed_accuracy, percent
 
-# The most that a recipe can ask for (`fieldmap.maps.recipe.CurrentKeys`).
-_MOST = {"states": 4096, "modes": 200, "points": 5000, "fields": 100}
+# The most states that a recipe can ask for (`fieldmap.maps.recipe.CurrentKeys`).
+_MOST_STATES = 4096
 # Where the rounds do not tell how many states are needed: so many times as many. They are believed up to so many times.
 _MORE, _BELIEVED = 2, 8
 # What each part of the error is called.
@@ -34,8 +34,14 @@ _SHORT = {
     "fields": "the fields of the map fall short",
     "": "no part is known to fall short",
 }
-# Keys of a recipe that lessen each part.
-_KEYS = {"states": ("states", "modes"), "points": ("points",), "condensation": (), "fields": ("fields",)}
+# What lessens each part. Of these the training takes as many as it needs, but for states: these the recipe limits.
+_LESSENED_BY = {
+    "states": ("states", "modes"),
+    "points": ("points",),
+    "condensation": (),
+    "fields": ("fields",),
+    "": (),
+}
 
 
 @dataclass(frozen=True, repr=False)
@@ -43,13 +49,14 @@ class Shortfall(Record):
     """Why a current model is less accurate than was asked for.
 
     part: "states", "modes", "points", "fields" or "condensation", "" where that is not known; text: that in words, with
-    what each part leaves, and what was used up; raised: keys of [currents] that would have to be raised, and to what;
-    seconds: what making the map would take then, by the states solved so far, None where that is not known.
+    what each part leaves, and what was used up; states: as many as the recipe would have to allow, None where more of
+    them do not help; seconds: what making the map would take then, by the states solved so far, None where that is not
+    known.
     """
 
     part: str
     text: str
-    raised: Mapping[str, int]
+    states: int | None
     seconds: float | None
 
 
@@ -97,76 +104,59 @@ def _error_too_large(
 
 
 def shortfall(about: Mapping[str, Any], plan: Plan) -> Shortfall:
-    """Which part of a current model falls short, by what was found in training: `error_parts`, where they are there,
-    with the errors that states, points and condensation leave and the keys of the plan that were used up; otherwise by
-    what was used up."""
+    """Which part of a current model falls short, by what was found in training: `error_parts`, where they are there."""
     parts: Mapping[str, Any] = about.get("error_parts") or {}
     shares = {name: float(parts[name]) for name in _LEFT if name in parts}
-    used = tuple(parts["limits"]) if "limits" in parts else _used_up(about, plan)
+    limits, taken = parts.get("limits", ()), parts.get("taken", {})
     reached = missed_accuracy(about)
-    if shares and reached is not None and "fields" in used:
+    if shares and reached is not None and "fields" in limits:
         # What none of the others accounts for.
         rest = reached.largest_share - sum(shares.values())
         shares |= {"fields": rest} if rest > 0.0 else {}
     largest = max(shares, key=lambda name: shares[name]) if shares else ""
-    # Without shares what was used up first is the likeliest.
-    keys = [key for key in _KEYS.get(largest, _MOST) if key in used][: None if shares else 1]
-    part = keys[0] if keys else largest
-    enough = {key: _enough(key, about, plan) for key in keys}
-    raised = {key: value for key, value in enough.items() if value > getattr(plan, key)}
-    words = [_SHORT[part], *(f"{_LEFT[name]} {percent(share)}" for name, share in shares.items())]
-    if used:
-        words.append("used up: " + ", ".join(f"all {getattr(plan, key)} {key}" for key in used))
-    return Shortfall(part, ", ".join(words), raised, _seconds(about, plan, raised))
+    used = [key for key in _LESSENED_BY[largest] if key in limits]
+    part = "modes" if parts.get("in_vain") else used[0] if used else largest
+    states = _states(about, plan) if part == "states" and used else None
+    words = [_SHORT[part]]
+    if part == "modes":
+        words.append(
+            f"the solved states differ so much that modes leave {percent(parts['modes_leave'])} of one"
+        )
+    words += [f"{_LEFT[name]} {percent(share)}" for name, share in shares.items()]
+    if limits:
+        words.append("used up: " + ", ".join(f"all {taken[key]} {key}" for key in limits))
+    return Shortfall(part, ", ".join(words), states, _seconds(about, plan, states))
 
 
-def _used_up(about: Mapping[str, Any], plan: Plan) -> tuple[str, ...]:
-    """Keys of a plan of which a training took all that they allow, for reports that do not say."""
-    in_sequence = about.get("states_trained_on_solved", 0) - about.get("corners_trained_on", 0)
-    before: Mapping[str, int] = about.get("condensed_from") or {}
-    taken = {
-        "states": in_sequence + len(about.get("states_failed", {})),
-        "modes": before.get("modes", 0),
-        "points": before.get("points", 0),
-    }
-    return tuple(key for key, count in taken.items() if count >= getattr(plan, key))
-
-
-def _enough(key: str, about: Mapping[str, Any], plan: Plan) -> int:
-    """How many states, modes or points to try next: of states as many as the errors of the rounds lead to, if they do;
-    otherwise twice as many."""
-    now = getattr(plan, key)
-    wanted, rounds = _MORE * now, about.get("rounds", ())
-    if key == "states" and len(rounds) > 1:
+def _states(about: Mapping[str, Any], plan: Plan) -> int | None:
+    """How many states to try next: as many as the errors of the rounds lead to, if they do; otherwise twice as many."""
+    wanted, rounds = _MORE * plan.states, about.get("rounds", ())
+    if len(rounds) > 1:
         errors = [found["errors"] for found in rounds]
         shares = [max(e["flux_density_share"], e["gradient_share"] / GRADIENT) for e in errors]
-        believed = replace(plan, states=_BELIEVED * now)
+        believed = replace(plan, states=_BELIEVED * plan.states)
         needed = states_needed(shares, [found["solved"] for found in rounds], believed)
-        wanted = needed if now < needed < believed.states else wanted
-    return int(min(wanted, _MOST[key]))
+        wanted = needed if plan.states < needed < believed.states else wanted
+    return min(wanted, _MOST_STATES) if plan.states < _MOST_STATES else None
 
 
-def _seconds(about: Mapping[str, Any], plan: Plan, raised: Mapping[str, int]) -> float | None:
+def _seconds(about: Mapping[str, Any], plan: Plan, states: int | None) -> float | None:
     """What making the map would take, by the seconds of a state: another recipe begins from nothing."""
     solved, seconds = about.get("states_solved"), about.get("generation_seconds")
     if not solved or seconds is None:
         return None
-    return float(seconds * (1.0 + (raised.get("states", plan.states) - plan.states) / solved))
+    return float(seconds * (1.0 + ((states or plan.states) - plan.states) / solved))
 
 
 def _remedy(found: Shortfall, missed: MissedAccuracy, plan: Plan) -> str:
     smaller = "make the range of the currents smaller"
-    if not found.raised:
+    if found.states is None:
         reached = _rounded_up(missed.largest_share / HELD_OUT)
         return f"ask for less, accuracy = {reached:g}, or {smaller}" if reached < 1.0 else smaller
-    keys = [f"currents.{key} from {getattr(plan, key)} to {value}" for key, value in found.raised.items()]
-    costs = []
+    cost = "all states are solved anew"
     if found.seconds is not None:
-        costs.append(f"about {_duration(found.seconds)}, as all states are solved anew")
-    if found.raised.keys() & {"modes", "points", "fields"}:
-        costs.append("lookups at new currents take longer")
-    cost = f" ({'; '.join(costs)})" if costs else ""
-    return f"raise {' and '.join(keys)}{cost}, or {smaller}"
+        cost = f"about {_duration(found.seconds)}, as {cost}"
+    return f"raise currents.states from {plan.states} to {found.states} ({cost}), or {smaller}"
 
 
 def _acceptance(target: Path, written: bool) -> str:

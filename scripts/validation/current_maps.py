@@ -2,17 +2,27 @@
 
 import tempfile
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
 import fieldmap as fm
+from fieldmap.currents import CurrentDomain
 from fieldmap.iron import NonlinearSolver
 from fieldmap.lookup import FieldMap
 from fieldmap.maps import read_recipe
 from fieldmap.parallel import same_arithmetic
-from fieldmap.store import read_info
+from fieldmap.store import read_info, read_map
 from validation.row import Array, Row, largest_error, timed
+from validation.saturating.trial import (
+    STATED_BOUND,
+    Difference,
+    equal_shares,
+    extreme_shares,
+    stated_errors,
+    with_currents,
+)
 
 STATES = 20
 LARGEST = 10.0
@@ -20,6 +30,8 @@ LARGEST = 10.0
 TOLERANCE = 1e-4
 ACCURACY, TIMES_BETTER = 1e-3, 100.0
 SECONDS = 120.0
+SHIPPED = ("workspace", "division", "division_quick", "saturating", "eight_coils", "eight_coils_bead")
+_SEED = 43
 
 
 def eight_coils() -> Iterator[Row]:
@@ -51,6 +63,48 @@ def eight_coils() -> Iterator[Row]:
     better = ACCURACY / true[0]
     yield Row(case, "accuracy asked for by true error", better, TIMES_BETTER, "solved states", *cost, found)
     yield Row(case, "seconds of the whole map", wall, SECONDS, "two quiet cores", *cost, found)
+
+
+def shipped_maps() -> Iterator[Row]:
+    """Every shipped map of saturating iron, in maps/out, made if it is not there: states solved anew on the line of
+    equal currents, at random and at extremes."""
+    for name in SHIPPED:
+        recipe, path = read_recipe(name), fm.generate(name)
+        data = read_map(path)
+        assert data.reduced_model is not None
+        domain = data.reduced_model.domain
+        difference = Difference(fm.read_device(recipe.device), recipe.refinement, data)
+        stated = stated_errors(data)
+        for kind, currents in _of_domain(domain).items():
+            errors, wall, cpu = timed(partial(_differences, difference, currents))
+            cost = (data.provenance.solver_report["surface_faces"], 0, wall, cpu)
+            case, worst = f"{name}, {len(currents)} {kind}", currents[int(errors[:, 0].argmax())]
+            note = f"worst at {', '.join(f'{current:.3g}' for current in worst)} A"
+            for what, true, own in zip(("B", "gradient"), errors.max(axis=0), stated, strict=True):
+                yield Row(case, f"true error of {what}", true, None, "solved states", *cost, note)
+                ratio = true / own
+                yield Row(
+                    case, f"true by stated error of {what}", ratio, STATED_BOUND, "solved states", *cost
+                )
+
+
+def _differences(difference: Difference, currents: Array) -> Array:
+    with same_arithmetic():
+        return np.array([difference(values) for values in currents])
+
+
+def _of_domain(domain: CurrentDomain) -> dict[str, Array]:
+    """Currents (s, c) by kind, none of them without any."""
+    line, draw = with_currents(domain, equal_shares(domain, 24)), np.random.default_rng(_SEED)
+    random = draw.random((200, len(domain.lower)))
+    corners = draw.integers(0, 2, (80, len(domain.lower))).astype(float)
+    # Every second one somewhere on an edge between two corners.
+    edges = np.arange(1, len(corners), 2)
+    corners[edges, draw.integers(0, len(domain.lower), len(edges))] = draw.random(len(edges))
+    extremes = np.concatenate([extreme_shares(domain), with_currents(domain, corners)])
+    first = np.sort(np.unique(extremes, axis=0, return_index=True)[1])
+    kinds = {"of equal currents": line, "at random": random, "at extremes": extremes[first][:40]}
+    return {kind: domain.at(shares) for kind, shares in kinds.items()}
 
 
 def _states() -> dict[str, Array]:

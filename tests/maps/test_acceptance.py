@@ -21,7 +21,7 @@ from fieldmap.iron import NonlinearSolver
 from fieldmap.maps import generation
 from fieldmap.maps.acceptance import shortfall
 from fieldmap.maps.recipe import Plan
-from fieldmap.maps.training import condensation
+from fieldmap.maps.training import condensation, sampling, training
 from fieldmap.store import MissedAccuracy, check_map, checkpoint_path, missed_accuracy, read_map, write_map
 from tests.maps.conftest import write_few_states
 
@@ -245,60 +245,86 @@ def rounds(*shares):
     return [{"solved": 3 + 4 * k, "errors": one} for k, one in enumerate(errors)]
 
 
+def parts(states, points, condensation, limits, in_vain=False):
+    """What a training says of the parts of its error, and that it took these of its limits."""
+    return {
+        "states": states,
+        "points": points,
+        "condensation": condensation,
+        "taken": {"states": 41, "modes": 201, "points": 431, "fields": 101},
+        "limits": limits,
+        "modes_leave": 0.0123,
+        "in_vain": in_vain,
+    }
+
+
 @pytest.mark.parametrize(
-    ("parts", "part", "raised"),
+    ("found", "part", "states"),
     [
-        ((0.1, 0.002, 0.001, ["states"]), "states", {"states": 80}),
-        ((0.1, 0.002, 0.001, ["states", "modes"]), "states", {"states": 80, "modes": 60}),
-        ((0.1, 0.002, 0.001, ["modes", "points"]), "modes", {"modes": 60}),
-        ((0.1, 0.002, 0.001, ["points"]), "states", {}),
-        ((0.001, 0.2, 0.001, ["states", "points"]), "points", {"points": 400}),
-        ((0.001, 0.2, 0.001, []), "points", {}),
-        ((0.001, 0.002, 0.01, ["points"]), "condensation", {}),
+        (parts(0.1, 0.002, 0.001, ["states"]), "states", 80),
+        (parts(0.1, 0.002, 0.001, ["states", "modes"]), "states", 80),
+        (parts(0.1, 0.002, 0.001, ["modes", "points"]), "modes", None),
+        (parts(0.1, 0.002, 0.001, ["points"]), "states", None),
+        (parts(0.001, 0.2, 0.001, ["states", "points"]), "points", None),
+        (parts(0.001, 0.2, 0.001, []), "points", None),
+        (parts(0.001, 0.002, 0.01, ["points"]), "condensation", None),
+        (parts(0.001, 0.2, 0.001, ["states", "modes"], in_vain=True), "modes", None),
     ],
 )
-def test_what_falls_short_is_the_largest_part_and_what_was_used_up_is_raised(parts, part, raised):
-    error_parts = dict(zip(("states", "points", "condensation", "limits"), parts, strict=True))
-    found = shortfall({"error_parts": error_parts}, PLAN)
-    assert (found.part, dict(found.raised), found.seconds) == (part, raised, None)
+def test_what_falls_short_is_the_largest_part_and_only_states_can_be_raised(found, part, states):
+    short = shortfall({"error_parts": found}, PLAN)
+    assert (short.part, short.states, short.seconds) == (part, states, None)
+    for key, taken in found["taken"].items():
+        assert (f"{taken} {key}" in short.text) == (key in found["limits"])
+    assert ("1.2 %" in short.text) == (part == "modes")
 
 
 @pytest.mark.parametrize(("reached", "part"), [(0.02, "fields"), (0.006, "states")])
 def test_what_no_other_part_accounts_for_is_left_to_the_fields(reached, part):
     tried = {"at random": {"flux_density_share": 0.001, "gradient_share": 2.0 * reached, "states": 3}}
-    shares = {"states": 0.003, "points": 0.001, "condensation": 0.0, "limits": ["fields"]}
+    shares = parts(0.003, 0.001, 0.0, ["fields"])
     found = shortfall({"held_out_within": 2e-3, "states_tried": tried, "error_parts": shares}, PLAN)
-    assert (found.part, found.raised) == (part, {"fields": 20} if part == "fields" else {})
+    assert (found.part, found.states) == (part, None)
 
 
-@pytest.mark.parametrize(
-    ("about", "part", "raised"),
-    [
-        ({"states_trained_on_solved": 44, "corners_trained_on": 4}, "states", {"states": 80}),
-        ({"states_trained_on_solved": 43, "corners_trained_on": 4}, "", {}),
-        ({"condensed_from": {"modes": 30, "points": 150}}, "modes", {"modes": 60}),
-        ({"condensed_from": {"modes": 20, "points": 200}}, "points", {"points": 400}),
-    ],
-)
-def test_without_parts_it_is_what_was_used_up(about, part, raised):
-    found = shortfall(about, PLAN)
-    assert (found.part, dict(found.raised)) == (part, raised)
+def test_without_parts_no_part_is_known():
+    assert (shortfall({}, PLAN).part, shortfall({}, PLAN).states) == ("", None)
+
+
+def test_where_modes_cannot_hold_the_states_points_are_not_tried_in_vain(tmp_path, monkeypatch):
+    """Six modes of ten states and their tangents, where two hundred would hold all of these."""
+    monkeypatch.setattr(training, "_MOST_MODES", 6)
+    monkeypatch.setattr(condensation, "_STATES", 60)
+    chosen = []
+
+    def counted(*arguments):
+        chosen.append(arguments[-1])
+        return sampling.sampled(*arguments)
+
+    monkeypatch.setattr(training, "sampled", counted)
+    recipe = write_few_states(tmp_path)
+    recipe.write_text(recipe.read_text().replace("modes = 12", "modes = 6").replace("1e-9", "1e-5"))
+    with pytest.raises(MapErrorTooLarge) as raised:
+        fm.generate(recipe, tmp_path / "map.h5")
+    assert raised.value.part == "modes"
+    assert max(chosen) < sampling.ROUNDS
+    assert not (tmp_path / "map.h5").exists()
 
 
 def test_the_states_that_are_needed_follow_from_the_rounds_and_cost_what_states_cost():
-    used = {"error_parts": {"states": 0.1, "points": 0.0, "condensation": 0.0, "limits": ["states"]}}
+    used = {"error_parts": parts(0.1, 0.0, 0.0, ["states"])}
     # A tenth for 16 states more: 0.1 after 3 of them, 1e-3 after 35.
     few = Plan(**{**vars(PLAN), "states": 15})
     about = used | {"rounds": rounds(*(0.1 * 10 ** (-k / 4) for k in range(3)))}
     found = shortfall(about | {"states_solved": 50, "generation_seconds": 100.0}, few)
-    assert found.raised == {"states": 35}
+    assert found.states == 35
     assert found.seconds == pytest.approx(100.0 * (50 + 20) / 50)
     # Rounds that lead nowhere, and those that were good enough where other states are not: twice as many.
     for shares in ((0.1, 0.1, 0.2), (0.1, 1e-4), (0.1,)):
-        assert shortfall(used | {"rounds": rounds(*shares)}, few).raised == {"states": 30}
+        assert shortfall(used | {"rounds": rounds(*shares)}, few).states == 30
     # No recipe holds more.
     most = Plan(**{**vars(PLAN), "states": 4096})
-    assert shortfall(used, most).raised == {}
+    assert shortfall(used, most).states is None
 
 
 def test_the_error_travels_between_processes():

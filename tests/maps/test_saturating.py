@@ -287,7 +287,7 @@ def test_modes_hold_the_states_and_their_tangents(solver):
         known.add(values, Solved(potential, tangents, solver.air(np.column_stack([potential, tangents]))))
     modes = SolvedModes(solver, known, 20)
     assert modes.basis.shape[1] == 6
-    energy = solver.energy_operator(known.currents[0], known.states[0].potential)
+    energy = solver.energy_operator(known.currents[0], known.state(0).potential)
     np.testing.assert_allclose(modes.basis.T @ energy(modes.basis), np.eye(6), atol=1e-5)
     for state in known.states:
         vectors = np.column_stack([state.potential, state.tangents])

@@ -6,17 +6,16 @@ from scipy.linalg import eigh
 
 from fieldmap.iron import NonlinearSolver
 from fieldmap.iron.solvers.reduced import GalerkinModel
-from fieldmap.maps.training.states import Snapshots
+from fieldmap.maps.training.states import Snapshots, Solved
 from fieldmap.typing import Array
 
 # Directions whose share of the energy is below rounding.
 _NEGLIGIBLE = 1e-13
 
 
-def proper_modes(states: Array, applied: Array, most: int, tolerance: float = 0.0) -> Array:
+def proper_modes(states: Array, applied: Array, most: int) -> Array:
     """Combinations (s, r) of `states` (n, s) that are orthonormal modes, at most `most`, with the largest shares of the
-    energy of all; applied (n, s): the symmetric positive operator of the energy on the states. tolerance: no more of
-    them than leave at most this of any state, in the norm of the energy.
+    energy of all, the largest first; applied (n, s): the symmetric positive operator of the energy on the states.
 
     Sirovich, Quart. Appl. Math. 45 (1987) 561: the method of snapshots.
     """
@@ -25,11 +24,10 @@ def proper_modes(states: Array, applied: Array, most: int, tolerance: float = 0.
     values, vectors = eigh(0.5 * (gram + gram.T), subset_by_index=(max(last + 1 - most, 0), last))
     order = np.argsort(values)[::-1]
     order = order[values[order] > _NEGLIGIBLE * values[order[0]]]
-    order = order[: _enough(vectors[:, order] * np.sqrt(values[order]), tolerance)]
     return np.asarray(vectors[:, order] / np.sqrt(values[order]))
 
 
-def _enough(coordinates: Array, tolerance: float) -> int:
+def enough(coordinates: Array, tolerance: float) -> int:
     """How many of the orthonormal directions leave at most `tolerance` of every row of coordinates (s, r), one at
     least."""
     left = np.cumsum(coordinates[:, ::-1] ** 2, axis=1)[:, ::-1].max(axis=0)
@@ -53,7 +51,7 @@ def output_fields(amplitudes: Array, fields: Array, most: int, tolerance: float 
     k = min(most, modes, int((singular > 1e-12 * singular[0]).sum()))
     own = amplitudes @ inverse @ left * singular
     size = np.linalg.norm(own, axis=1, keepdims=True)
-    k = min(k, _enough(own / np.where(size > 0.0, size, 1.0), tolerance))
+    k = min(k, enough(own / np.where(size > 0.0, size, 1.0), tolerance))
     combination = (left[:, :k] / singular[:k]).T @ root
     weights = (inverse @ left[:, :k] * singular[:k]).T
     scale = np.abs(amplitudes @ weights.T).max(axis=0)
@@ -62,6 +60,9 @@ def output_fields(amplitudes: Array, fields: Array, most: int, tolerance: float 
 
 # Amplitudes need only be as good as the modes; the last step of Newton's method goes past this.
 _TOLERANCE = 1e-3
+# Of more columns than there may be modes and so many more, the modes are sought in as many combinations of them, which
+# so many passes over all columns turn towards the largest shares of the energy.
+_MORE, _PASSES, _SEED = 40, 3, 20265
 
 
 class SolvedModes:
@@ -74,31 +75,20 @@ class SolvedModes:
     def __init__(
         self, solver: NonlinearSolver, snapshots: Snapshots, most: int, tolerance: float = 0.0
     ) -> None:
-        self.currents, found = snapshots.currents, snapshots.states
-        # The energy is that of the tangent at the first state.
-        tangent = solver.tangent(self.currents[0], found[0].potential)
-        columns, air, applied_to = [], [], []
-        for state in found:
-            vectors = np.column_stack([state.potential, state.tangents])
-            # Every state counts alike, whatever its currents: errors are stated as shares of a state's own field. One
-            # without currents counts by the largest of its tangents.
-            product = tangent @ vectors + state.air
-            energy = np.einsum("nk,nk->k", vectors, product)
-            largest = energy.max(initial=0.0)
-            size = np.sqrt(energy[0] if energy[0] > _NEGLIGIBLE * largest else largest) or 1.0
-            columns.append(vectors / size)
-            air.append(state.air / size)
-            applied_to.append(product / size)
-        vectors, of_air = np.concatenate(columns, axis=1), np.concatenate(air, axis=1)
-        applied = np.concatenate(applied_to, axis=1)
-        combined = proper_modes(vectors, applied, most, tolerance)
-        self.basis, self.air = vectors @ combined, of_air @ combined
-        energy = np.einsum("ns,ns->s", vectors, applied)
-        rest = energy - ((applied.T @ self.basis) ** 2).sum(axis=1)
+        self.currents = snapshots.currents
+        self._solver, self._first = solver, snapshots.state(0).potential
+        columns = _Columns(solver, snapshots)
+        block, air = columns.block(most + _MORE)
+        combined = proper_modes(block, columns.tangent @ block + air, most)
+        basis, of_air = block @ combined, air @ combined
+        coordinates = columns.products(columns.tangent @ basis + of_air)
+        few = enough(coordinates, tolerance)
+        self.basis, self.air = basis[:, :few].copy(), of_air[:, :few].copy()
+        coordinates = coordinates[:, :few]
+        rest = columns.energies - (coordinates**2).sum(axis=1)
         self.left = float(np.sqrt(max(rest.max(), 0.0)))
         self.model: GalerkinModel = solver.project(self.basis, self.air)
-        self.amplitudes = snapshots.potentials.T @ (applied @ combined)
-        self._solver, self._first = solver, found[0].potential
+        self.amplitudes = coordinates[columns.first] * columns.sizes[:, None]
 
     def amplitude(self, currents: Array, tolerance: float = _TOLERANCE) -> Array:
         """Amplitudes (r,) at currents (c,)."""
@@ -116,6 +106,68 @@ class SolvedModes:
         applied = energy(states)
         left = states - self.basis @ (self.basis.T @ applied)
         return pivots(left.T @ energy(left), left.shape[1], accuracy**2)
+
+
+class _Columns:
+    """Solved states and their tangents as columns, each state's by its own size; they are passed over state by state,
+    since images need not be in memory all at once.
+
+    tangent: the energy's share of the iron, that of the tangent at the first state; energies: of each column, of states
+    one; first: which columns are states; sizes: of these.
+    """
+
+    def __init__(self, solver: NonlinearSolver, snapshots: Snapshots) -> None:
+        self._snapshots = snapshots
+        self.tangent = solver.tangent(snapshots.currents[0], snapshots.state(0).potential)
+        sizes, energies = [], []
+        for state in snapshots.states:
+            vectors = _vectors(state)
+            energy = np.einsum("nk,nk->k", vectors, self.tangent @ vectors + state.air)
+            largest = energy.max(initial=0.0)
+            # Every state counts alike, whatever its currents: errors are stated as shares of a state's own field. One
+            # without currents counts by the largest of its tangents.
+            sizes.append(np.sqrt(energy[0] if energy[0] > _NEGLIGIBLE * largest else largest) or 1.0)
+            energies.append(energy / sizes[-1] ** 2)
+        self.sizes, self.energies = np.array(sizes), np.concatenate(energies)
+        ends = np.cumsum([len(energy) for energy in energies])
+        self.first = np.concatenate([[0], ends[:-1]])
+        self._places = [slice(*ends_of) for ends_of in zip(self.first, ends, strict=True)]
+
+    def block(self, most: int) -> tuple[Array, Array]:
+        """Columns (n, b) with nearly all of the energy of all, and the air's share S of them: all columns, or at most
+        `most` combinations of them.
+
+        N. Halko, P.-G. Martinsson, J. A. Tropp, SIAM Review 53 (2011) 217, algorithm 4.4.
+        """
+        count = len(self.energies)
+        if count <= most:
+            return self._combined(np.eye(count))
+        factors = np.random.default_rng(_SEED).standard_normal((count, most))
+        for _ in range(_PASSES):
+            vectors, air = self._combined(factors)
+            factors = np.linalg.qr(self.products(self.tangent @ vectors + air))[0]
+        return self._combined(factors)
+
+    def products(self, applied: Array) -> Array:
+        """Scalar products (s, k) of all columns with (n, k)."""
+        return np.concatenate(
+            [
+                _vectors(state).T @ applied / size
+                for state, size in zip(self._snapshots.states, self.sizes, strict=True)
+            ]
+        )
+
+    def _combined(self, factors: Array) -> tuple[Array, Array]:
+        """All columns times factors (s, k), and the air's share of these."""
+        vectors, air = np.zeros((2, self.tangent.shape[0], factors.shape[1]))
+        for state, place, size in zip(self._snapshots.states, self._places, self.sizes, strict=True):
+            vectors += _vectors(state) @ (factors[place] / size)
+            air += state.air @ (factors[place] / size)
+        return vectors, air
+
+
+def _vectors(state: Solved) -> Array:
+    return np.column_stack([state.potential, state.tangents])
 
 
 def pivots(product: Array, count: int, least: float = 0.0) -> NDArray[np.int64]:

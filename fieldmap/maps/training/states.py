@@ -1,7 +1,7 @@
 """The solved states that train a reduced model: their currents, their solution, their images under the symmetry."""
 
 import itertools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, fields
 from time import monotonic
 
@@ -154,7 +154,8 @@ class Solved(Record):
 
 
 class Snapshots:
-    """Currents and solved states, in the order in which they came; an image costs no solve.
+    """Currents and solved states, in the order in which they came; an image costs no solve, and no memory but that of
+    its currents: it is made anew each time it is asked for.
 
     admits(currents (c,)): whether an image is wanted.
     """
@@ -162,7 +163,7 @@ class Snapshots:
     def __init__(self, solver: NonlinearSolver, admits: Callable[[Array], bool]) -> None:
         self._solver, self._images, self._admits = solver, solver.images, admits
         self._currents: list[Array] = []
-        self._states: list[Solved] = []
+        self._states: list[tuple[Solved, StateImage | None]] = []
         self._own: list[bool] = []
 
     @property
@@ -183,12 +184,19 @@ class Snapshots:
     @property
     def potentials(self) -> Array:
         """Nodal potentials (n, s)."""
-        return np.array([state.potential for state in self._states]).T
+        return np.array(
+            [of.potential if image is None else image.potential(of.potential) for of, image in self._states]
+        ).T
 
     @property
-    def states(self) -> tuple[Solved, ...]:
-        """All of them, images too."""
-        return tuple(self._states)
+    def states(self) -> Iterator[Solved]:
+        """All of them, images too, one at a time."""
+        return (self.state(k) for k in range(len(self._states)))
+
+    def state(self, number: int) -> Solved:
+        """One of them."""
+        of, image = self._states[number]
+        return of if image is None else of.image(image)
 
     def add(self, currents: Array, state: Solved) -> None:
         """A solved state of currents (c,), and its images."""
@@ -196,12 +204,12 @@ class Snapshots:
         for image in self._images:
             values = image.currents(currents)
             if self.number(values) is None and self._admits(values):
-                self.put(values, state.image(image), False)
+                self.put(values, state, False, image)
 
-    def put(self, currents: Array, state: Solved, own: bool) -> None:
-        """One state of currents (c,) without its images; own: it is no image itself."""
+    def put(self, currents: Array, state: Solved, own: bool, image: StateImage | None = None) -> None:
+        """One state of currents (c,), or its image, without other images; own: it is no image itself."""
         self._currents.append(currents)
-        self._states.append(state)
+        self._states.append((state, image))
         self._own.append(own)
 
     def empty(self, admits: Callable[[Array], bool]) -> "Snapshots":
@@ -211,9 +219,9 @@ class Snapshots:
     def solved_ones(self) -> "Snapshots":
         """Those that are no images."""
         found = self.empty(nothing)
-        for currents, state, own in zip(self._currents, self._states, self._own, strict=True):
+        for currents, (state, image), own in zip(self._currents, self._states, self._own, strict=True):
             if own:
-                found.put(currents, state, True)
+                found.put(currents, state, True, image)
         return found
 
     def number(self, currents: Array) -> int | None:
@@ -229,7 +237,7 @@ class Snapshots:
             return None
         away = np.linalg.norm(self.currents - currents, axis=1)
         best = int(np.where(np.abs(self.currents).max(axis=1) > 0, away, np.inf).argmin())
-        return self._states[best].potential if self._currents[best].any() else None
+        return self.state(best).potential if self._currents[best].any() else None
 
 
 def is_among(currents: Array, states: Array) -> NDArray[np.bool_]:

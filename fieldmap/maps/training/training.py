@@ -151,6 +151,11 @@ class TrainingSequence:
         self._begin()
 
     @property
+    def taken(self) -> int:
+        """How many states of the sequence were asked for."""
+        return self._done
+
+    @property
     def at_its_end(self) -> bool:
         """Whether no more states may be solved."""
         return self._done >= self.solving.plan.states or not self.training.solved
@@ -313,7 +318,7 @@ def add_missing(modes: SolvedModes, training: Snapshots, tried: Snapshots, accur
     for k in modes.missing(tried, accuracy) if tried.solved else ():
         # It may be the image of one that was just added.
         if training.number(tried.currents[k]) is None:
-            training.add(tried.currents[k], tried.states[k])
+            training.add(tried.currents[k], tried.state(int(k)))
     for currents, state, own in zip(tried.currents, tried.states, tried.own, strict=True):
         if training.number(currents) is None:
             left.put(currents, state, own)
@@ -400,7 +405,8 @@ def _reduce(solving: Solving, modes: SolvedModes, domain: CurrentDomain, extreme
 def _in_vain(solving: Solving, modes: SolvedModes) -> bool:
     """Whether as many modes as there may be are too few."""
     plan = solving.plan
-    return plan.modes >= _MOST_MODES and modes.left > _TOO_FEW_MODES * plan.accuracy
+    all_taken = modes.model.modes >= plan.modes >= _MOST_MODES
+    return all_taken and modes.left > _TOO_FEW_MODES * plan.accuracy
 
 
 @dataclass(frozen=True)
@@ -691,8 +697,13 @@ def train(
     all_tried = tried | {"trained on": snapshots.solved_ones()}
     allowed = HELD_OUT * plan.accuracy
     of_trained = max(float(_off(trial, reduction, some).max(initial=0.0)) for some in tried.values())
+    in_vain = _in_vain(sequence.solving, modes)
     for number, share in enumerate(_CONDENSED):
-        few = _condensed(trial, reduction, domain, combination, output, share * plan.accuracy)
+        few = (
+            Condensed(reduction.sampled, np.eye(reduction.sampled.modes), 0.0)
+            if in_vain
+            else _condensed(trial, reduction, domain, combination, output, share * plan.accuracy)
+        )
         found = search_condensed(sequence.solving, domain, reduction, few, snapshots, number)
         all_tried[_SEARCHED] = together(all_tried.get(_SEARCHED), found)
         forecast.at("modes", "error on solved states", 0.95)
@@ -774,7 +785,9 @@ def _fall_short(
     found = []
     for some in tried:
         off = _off(trial, reduction, some)
-        found += [(some.currents[k], some.states[k]) for k in np.flatnonzero(off > allowed) if some.own[k]]
+        found += [
+            (some.currents[k], some.state(int(k))) for k in np.flatnonzero(off > allowed) if some.own[k]
+        ]
     return found
 
 
@@ -782,13 +795,20 @@ def _fall_short(
 class ErrorParts(Record):
     """What the error of a map's model is made of, as shares of B: states, what solved states and their modes leave of
     the worst states tried, with the law at all points; points, the largest change by sample points, and condensation
-    that by fewer modes and points. limits: of the keys states, modes, points and fields of the recipe those that were
-    used up."""
+    that by fewer modes and points.
+
+    taken: how many states, modes, points and fields were trained; limits: of which of them there could not be more.
+    modes_leave: of the energy's root of a solved state; in_vain: whether that is too much for any choice of points, so
+    that few were tried.
+    """
 
     states: float
     points: float
     condensation: float
+    taken: Mapping[str, int]
     limits: tuple[str, ...]
+    modes_leave: float
+    in_vain: bool
 
 
 def _error_parts(
@@ -799,7 +819,6 @@ def _error_parts(
     fields: int,
 ) -> ErrorParts:
     solving, of_states, of_points = sequence.solving, 0.0, reduction.points.changed
-    plan = solving.plan
     for some in tried.values():
         if some.solved:
             off = _off(solving.trial, reduction, some)
@@ -807,14 +826,21 @@ def _error_parts(
             own = _off_of_modes(solving, reduction.modes, some, number)
             # What the law at all points would not leave of the worst state is due to the points.
             of_states, of_points = max(of_states, own), max(of_points, float(off[number]) - own)
-    used_up = {
-        "states": sequence.at_its_end,
-        "modes": reduction.sampled.modes >= plan.modes,
-        "points": not reduction.points.enough,
-        "fields": fields >= plan.fields,
+    modes, in_vain = reduction.sampled.modes, _in_vain(solving, reduction.modes)
+    taken = {
+        "states": sequence.taken,
+        "modes": modes,
+        "points": len(reduction.sampled.weights),
+        "fields": fields,
     }
-    limits = tuple(name for name, used in used_up.items() if used)
-    return ErrorParts(of_states, of_points, condensation, limits)
+    at_limit = {
+        "states": sequence.at_its_end,
+        "modes": modes >= max(solving.plan.modes, _MOST_MODES),
+        "points": not (reduction.points.enough or in_vain),
+        "fields": fields >= _MOST_FIELDS,
+    }
+    limits = tuple(name for name, reached in at_limit.items() if reached)
+    return ErrorParts(of_states, of_points, condensation, taken, limits, reduction.modes.left, in_vain)
 
 
 def _condensed(

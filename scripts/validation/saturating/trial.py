@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from fieldmap.currents import CurrentDomain, LiftAndDirections
+from fieldmap.device import Device
 from fieldmap.errors import NotConverged
 from fieldmap.iron import NonlinearSolver
 from fieldmap.lookup.current_model import CurrentModel
@@ -78,9 +79,7 @@ def tried(combination: Combination, random: int = 12, extremes: int = 12, search
             return Trial(combination, wall, cpu, refusal=str(made))
         data = read_map(made)
         true, worst, states = _true_errors(combination, data, (random, extremes, searched))
-        report = data.provenance.solver_report
-    errors = report["states_tried"].values()
-    stated = [max(of[name] for of in errors) for name in ("flux_density_share", "gradient_share")]
+        report, stated = data.provenance.solver_report, stated_errors(data)
     size = (
         f"{report['states_solved']} states solved, {report['states_trained_on_solved']} of them to train on; "
         f"{report['modes']} modes, {report['sample_points']} points"
@@ -90,12 +89,18 @@ def tried(combination: Combination, random: int = 12, extremes: int = 12, search
         wall,
         cpu,
         true=tuple(true),
-        stated=tuple(stated),
+        stated=stated,
         worst=worst,
         states=states,
         size=size,
         faces=report["surface_faces"],
     )
+
+
+def stated_errors(data: MapData) -> tuple[float, float]:
+    """Of flux density and gradient by the map's own report."""
+    errors = data.provenance.solver_report["states_tried"].values()
+    return max(of["flux_density_share"] for of in errors), max(of["gradient_share"] for of in errors)
 
 
 def _made(combination: Combination, path: Path) -> Path | NotConverged:
@@ -112,7 +117,7 @@ def _true_errors(
     states were tried."""
     domain = data.reduced_model.domain
     random, extremes, searched = counts
-    difference = Difference(combination, data)
+    difference = Difference(combination.device(), combination.refinement, data)
     extreme = extreme_shares(domain)[:extremes]
     kinds = [("at random", one) for one in np.random.default_rng(_SEED).random((random, len(domain.lower)))]
     kinds += [("extreme", one) for one in extreme]
@@ -129,7 +134,7 @@ def _true_errors(
 class Difference:
     """Of a map's fields from those of solved states, at the nodes on the surface of its box."""
 
-    def __init__(self, combination: Combination, data: MapData) -> None:
+    def __init__(self, device: Device, refinement: float, data: MapData) -> None:
         points = data.grid.points()
         outer = ((points == points.min(axis=0)) | (points == points.max(axis=0))).any(axis=1)
         self._points = points[outer]
@@ -138,7 +143,7 @@ class Difference:
             for values in (data.flux_density, data.gradient)
         ]
         self._model = CurrentModel(data.reduced_model, data.coil_names)
-        self._solver = NonlinearSolver(combination.device(), combination.refinement)
+        self._solver = NonlinearSolver(device, refinement)
 
     def __call__(self, currents: Array) -> tuple[float, float]:
         """Of flux density and gradient at currents (c,), each as a share of the largest of this state."""
@@ -160,6 +165,15 @@ def between(worst: Array, extremes: Array) -> Array:
 def with_currents(domain: CurrentDomain, shares: Array) -> Array:
     """Those of shares (m, d) that are no state without currents, of whose field nothing is a share."""
     return shares[[bool(domain.at(one).any()) for one in shares]]
+
+
+def equal_shares(domain: CurrentDomain, count: int) -> Array:
+    """Shares (count, d) all along the line of equal currents of all coils, both ends with it."""
+    along = np.linspace(0.0, 1.0, count)[:, None]
+    if isinstance(domain.parametrisation, LiftAndDirections):
+        return np.column_stack([along, np.tile(_without(domain)[1:], (count, 1))])
+    lower, upper = domain.lower.max(), domain.upper.min()
+    return (lower + along * (upper - lower) - domain.lower) / (domain.upper - domain.lower)
 
 
 def extreme_shares(domain: CurrentDomain) -> Array:
