@@ -83,16 +83,23 @@ def _facts(summary: "MapSummary") -> "Iterator[tuple[str, str]]":
     spacing = " x ".join(f"{1e3 * step:g}" for step in steps)
     corners = f"{_mm(grid.lower)} to {_mm(grid.upper)} mm"
     yield "grid", f"{shape} nodes, {spacing} mm apart, from {corners}"
-    made = f"{summary.size / 1e6:.2f} MB, made {record.created}"
     if summary.domain is not None:
         yield "field", _middle(summary)
-        made += (
-            f", {solver['states_solved']} states in {solver['generation_seconds'] / 60:.1f} minutes, "
-            f"{solver['generation_processor_seconds'] / 60:.1f} of processor time"
-        )
-    yield "file", made
+    yield "file", f"{summary.size / 1e6:.2f} MB, made {record.created}"
+    if summary.domain is not None:
+        yield "cost", _cost(solver)
     for number, reason in solver.get("states_failed", {}).items():
         yield f"state {number}", f"not solved: {reason}"
+
+
+def _cost(solver: "Mapping[str, Any]") -> str:
+    words = (
+        f"{solver['states_solved']} states in {solver['generation_seconds'] / 60:.1f} minutes, "
+        f"{solver['generation_processor_seconds'] / 60:.1f} of processor time"
+    )
+    # Maps of before, and of Windows, do not say.
+    peak = solver.get("generation_peak_memory_bytes")
+    return words if peak is None else f"{words}, {peak / 1e9:.1f} GB of memory"
 
 
 def _currents(summary: "MapSummary") -> str:

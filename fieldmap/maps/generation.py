@@ -30,7 +30,7 @@ from fieldmap.maps.recipe import (
     recipe_for,
     with_box,
 )
-from fieldmap.maps.saturating_fields import SPENT, SaturatingFields, Stopwatch, trained_map
+from fieldmap.maps.saturating_fields import SPENT, SaturatingFields, Stopwatch, peak_memory, trained_map
 from fieldmap.maps.training.expected import STAGES, expect_training
 from fieldmap.maps.training.states import corners
 from fieldmap.parallel import Common, Workers, same_arithmetic
@@ -284,7 +284,7 @@ def _generate_saturating(
     writer, fields = MapWriter(target, info, checkpoint), DividedFields(trained.fields, workers)
 
     def about() -> dict[str, Any]:
-        return {**trained.about, **spent.read()} | record_of_acceptance(accepted)
+        return {**trained.about, **spent.read(), **peak_memory()} | record_of_acceptance(accepted)
 
     _fill(writer, fields, trained.largest_weights, about, forecast, assumption_of_acceptance(accepted))
 

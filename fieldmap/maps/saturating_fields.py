@@ -1,6 +1,7 @@
 """The map of a device whose iron saturates: train a reduced model of the currents, then evaluate its fields."""
 
 import itertools
+import sys
 from collections.abc import Collection, Mapping
 from dataclasses import asdict, dataclass, fields
 from time import monotonic, process_time
@@ -31,6 +32,17 @@ _TRAINED = "trained model"
 _FACES = [field.name for field in fields(ChargedFaces)]
 # Names under which a map's report states what it cost.
 SPENT = ("generation_seconds", "generation_processor_seconds")
+
+
+def peak_memory() -> dict[str, int]:
+    """The most memory, in bytes, that this process has had so far, as a map's report has it; nothing on Windows."""
+    try:
+        import resource
+    except ImportError:
+        return {}
+    most = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    # In kibibytes but for macOS.
+    return {"generation_peak_memory_bytes": most if sys.platform == "darwin" else 1024 * most}
 
 
 class Stopwatch:

@@ -165,6 +165,7 @@ def summary_of(domain, names, measured=False):
         "states_solved": 23,
         "generation_seconds": 754.0,
         "generation_processor_seconds": 2345.0,
+        "generation_peak_memory_bytes": 3_210_000_000,
         "states_failed": {"5": "no convergence"},
         "seconds": {"solve": 12.3},
     }

@@ -105,6 +105,7 @@ def test_accepted_it_is_written_without_solving_again(runs, data):
         "gradient_share": gradient,
         "asked": pytest.approx(ASKED),
     }
+    assert 5e7 < report["generation_peak_memory_bytes"] < 1e11
     assert missed_accuracy(report).text in data.provenance.assumptions[-1]
     assert data.provenance.assumptions[-1] in json.loads(second.out)["assumptions"]
     # One line, although the summary opens it too.

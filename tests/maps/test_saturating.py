@@ -22,6 +22,7 @@ from fieldmap.iron import NonlinearSolver
 from fieldmap.iron.solvers import reduced
 from fieldmap.lookup.current_model import CurrentModel
 from fieldmap.maps import generation
+from fieldmap.maps.training import modes as modes_of
 from fieldmap.maps.training import training
 from fieldmap.maps.training.model_error import Trial
 from fieldmap.maps.training.modes import SolvedModes, proper_modes
@@ -300,6 +301,33 @@ def test_modes_hold_the_states_and_their_tangents(solver):
     ours = modes.basis @ modes.amplitude(between)
     truth = potential_at(solver, between)
     assert np.ptp(ours - truth) < 0.02 * np.ptp(truth)
+
+
+def test_modes_of_many_columns_leave_no_more_than_the_best_there_are(solver, monkeypatch):
+    """Sought in ten combinations of eighteen columns and their images, they hold as much of their energy as modes of
+    the same number can (Eckart and Young)."""
+    monkeypatch.setattr(modes_of, "_MORE", 4)
+    known = Snapshots(solver, lambda currents: True)
+    for currents in ([1.0, 0.5], [1.6, 1.4], [0.7, 1.9], [2.0, 0.2], [0.4, 1.0], [1.9, 1.7]):
+        values = np.array(currents)
+        potential = potential_at(solver, values)
+        tangents = solver.sensitivities(values, potential, 0.2 * np.eye(2))
+        known.add(values, Solved(potential, tangents, solver.air(np.column_stack([potential, tangents]))))
+    energy = solver.energy_operator(known.currents[0], known.state(0).potential)
+    columns = []
+    for state in known.states:
+        vectors = np.column_stack([state.potential, state.tangents])
+        columns.append(vectors / np.sqrt(state.potential @ energy(vectors[:, :1])[:, 0]))
+    columns = np.concatenate(columns, axis=1)
+    assert columns.shape[1] > 2 * len(known.currents) > 20
+    products = columns.T @ energy(columns)
+    best = np.linalg.eigvalsh(0.5 * (products + products.T))[:-6].sum()
+    modes = SolvedModes(solver, known, 6)
+    left = columns - modes.basis @ (modes.basis.T @ energy(columns))
+    of_each = np.einsum("ns,ns->s", left, energy(left))
+    assert best * (1 - 1e-6) < of_each.sum() < 1.01 * best
+    assert modes.left == pytest.approx(np.sqrt(of_each.max()), rel=1e-6)
+    assert modes.amplitudes == pytest.approx(known.potentials.T @ energy(modes.basis), rel=1e-6, abs=1e-9)
 
 
 def test_a_part_of_the_points_tells_the_energy(solver, monkeypatch):

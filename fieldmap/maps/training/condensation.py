@@ -20,7 +20,7 @@ from scipy.linalg import cho_solve, eigh
 from fieldmap.currents import CurrentDomain
 from fieldmap.iron.solvers.reduced import GalerkinModel
 from fieldmap.maps.training.least_squares import nonnegative_path
-from fieldmap.maps.training.states import drawn, extreme_signals, sequence
+from fieldmap.maps.training.states import drawn, extreme_signals, nearest_of, sequence
 from fieldmap.parallel import in_threads, threads_of_kernels
 from fieldmap.records import Record
 from fieldmap.typing import Array
@@ -78,8 +78,7 @@ def condensed(
     """
 
     def solve(currents: Array) -> Array:
-        start = known[1][int(np.linalg.norm(known[0] - currents, axis=1).argmin())]
-        return trained.solve(currents, start, _EXACT)[0]
+        return trained.solve(currents, known[1][nearest_of(currents, known[0])], _EXACT)[0]
 
     by, tried = _currents(domain)
     states = _States(trained, by, np.array(list(_each(solve, list(by)))), fields)

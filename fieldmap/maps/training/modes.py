@@ -6,7 +6,7 @@ from scipy.linalg import eigh
 
 from fieldmap.iron import NonlinearSolver
 from fieldmap.iron.solvers.reduced import GalerkinModel
-from fieldmap.maps.training.states import Snapshots, Solved
+from fieldmap.maps.training.states import Snapshots, Solved, nearest_of
 from fieldmap.typing import Array
 
 # Directions whose share of the energy is below rounding.
@@ -92,8 +92,8 @@ class SolvedModes:
 
     def amplitude(self, currents: Array, tolerance: float = _TOLERANCE) -> Array:
         """Amplitudes (r,) at currents (c,)."""
-        near = int(np.argmin(np.linalg.norm(self.currents - currents, axis=1)))
-        return self.model.solve(currents, self.amplitudes[near], tolerance)[0]
+        start = self.amplitudes[nearest_of(currents, self.currents)]
+        return self.model.solve(currents, start, tolerance)[0]
 
     def missing(self, tried: Snapshots, accuracy: float) -> NDArray[np.int64]:
         """Which of some solved states these modes need, so that they hold all within `accuracy` in the energy.

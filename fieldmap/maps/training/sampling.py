@@ -16,7 +16,7 @@ from scipy.linalg import solve_triangular
 from fieldmap.currents import CurrentDomain
 from fieldmap.iron.solvers.reduced import GalerkinModel
 from fieldmap.maps.training.cubature import Contributions, Cubature, TangentRoots, candidates, summed
-from fieldmap.maps.training.states import drawn
+from fieldmap.maps.training.states import drawn, nearest_of
 from fieldmap.records import Record
 from fieldmap.typing import Array
 
@@ -94,8 +94,7 @@ def sampled(
     for number in range(rounds):
         tell(f"sample points, choice {number + 1}", 1.0 - (1.0 - OF_STATES) * _EACH ** (number + 1))
         model, left = choice.model(tolerance * accuracy)
-        drawn = tried.draw(model, np.concatenate([fresh, tried.random(_RANDOM)]))
-        looked_at += drawn
+        looked_at += tried.draw(model, np.concatenate([fresh, tried.random(_RANDOM)]))
         changed = tried.changed(model)
         worst = float(changed.max(initial=0.0))
         if worst < least[0]:
@@ -225,7 +224,7 @@ class _Tried:
 
     def draw(self, model: GalerkinModel, currents: Array) -> int:
         """Solve states at more currents (s, c), from those of the model; how many."""
-        near = [int(np.linalg.norm(self._known[0] - values, axis=1).argmin()) for values in currents]
+        near = [nearest_of(values, self._known[0]) for values in currents]
         starts = _solved(model, currents, self._known[1][near])
         amplitudes = self._full.solutions(currents, starts, model, self._tolerance)
         self._currents = np.concatenate([self._currents, currents])

@@ -240,6 +240,11 @@ class Snapshots:
         return self.state(best).potential if self._currents[best].any() else None
 
 
+def nearest_of(currents: Array, states: Array) -> int:
+    """Which of the states' currents (s, c) are nearest to currents (c,)."""
+    return int(np.linalg.norm(states - currents, axis=1).argmin())
+
+
 def is_among(currents: Array, states: Array) -> NDArray[np.bool_]:
     """Which of the states' currents (s, c) are currents (c,), up to rounding."""
     return np.asarray(np.abs(states - currents).max(axis=1) <= _SAME * np.abs(states).max(initial=0.0))

@@ -26,6 +26,7 @@ from fieldmap.maps.training.states import (
     extreme_signals,
     held_out,
     is_among,
+    nearest_of,
     nothing,
     one_of,
     reaches,
@@ -353,8 +354,7 @@ class Reduction(Record):
         known, start = self.modes.currents, self.modes.amplitudes
 
         def solve(values: Array) -> Array:
-            near = int(np.argmin(np.linalg.norm(known - values, axis=1)))
-            return self.sampled.solve(values, start[near])[0]
+            return self.sampled.solve(values, start[nearest_of(values, known)])[0]
 
         found = in_threads(solve, list(currents), threads_of_kernels())
         return np.array([one.result() for one in found]).reshape(len(currents), -1)
@@ -457,7 +457,7 @@ def try_extremes(
         return solve_tried(solving, predict, currents, *about, numbers, found)
 
     # What is trained on already tells nothing of the error.
-    unknown = [k for k in different if training.number(currents[k]) is None]
+    unknown = _unknown(solving, training, currents)
     modes = _modes(solving, training)
     if few:
         tried = solve(lambda values: modes.basis @ modes.amplitude(values), unknown, None)
@@ -536,11 +536,7 @@ def search_worst(
                 shares[k], looks[k] = near[worst], found[worst]
     order = np.argsort(-looks, kind="stable")
     currents = domain.at(shares[order])
-    chosen = [
-        k
-        for k in different_states(solving.solver, currents, range(len(currents)))
-        if training.number(currents[k]) is None
-    ][:_SEARCHED_SOLVED]
+    chosen = _unknown(solving, training, currents)[:_SEARCHED_SOLVED]
     signals = domain.parametrisation.within(domain.lower, domain.upper, shares[order])
     directions = [reaches(domain, values) for values in signals]
     about = (number, None, "of the largest residual", directions, chosen)
@@ -568,16 +564,18 @@ def search_condensed(
     looks = reduction.shares(solving.trial, currents, amplitudes, changes)
     order = np.argsort(-looks, kind="stable")[: _STARTS * _SOLVED_CONDENSED]
     currents = currents[order]
-    chosen = [
-        k
-        for k in different_states(solving.solver, currents, range(len(currents)))
-        if training.number(currents[k]) is None
-    ][:_SOLVED_CONDENSED]
+    chosen = _unknown(solving, training, currents)[:_SOLVED_CONDENSED]
     # Behind all numbers of other searches.
     first = _BEHIND_ALL + attempt * len(order)
     return solve_tried(
         solving, reduction.potential, currents, first, None, "that fewer modes change most", None, chosen
     )
+
+
+def _unknown(solving: Solving, training: Snapshots, currents: Array) -> list[int]:
+    """Numbers of the currents (s, c) that are not trained on, without images of those before them."""
+    different = different_states(solving.solver, currents, range(len(currents)))
+    return [k for k in different if training.number(currents[k]) is None]
 
 
 def together(before: Snapshots | None, found: Snapshots, training: Snapshots | None = None) -> Snapshots:
