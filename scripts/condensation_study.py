@@ -54,7 +54,9 @@ def main(recipe: str) -> None:
         tempfile.TemporaryDirectory() as folder,
         noting("_condensed", note_condensed),
         noting("solve_tried", note_tried),
-        noting("try_extremes", lambda given, found: known.update(domain=given[1], solver=given[0].solver)),
+        noting(
+            "try_extremes", lambda given, found: known.update(domain=given[1], solver=given[0].solving.solver)
+        ),
     ):
         opened = fm.open_map(fm.generate(recipe, Path(folder) / "studied.h5"))
         print("| model | modes, points | at random: B, gradient | median: B, gradient |\n|---|---|---|---|")

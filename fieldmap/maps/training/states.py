@@ -115,11 +115,23 @@ def at_rest(domain: CurrentDomain) -> Array:
 
 
 def drawn(domain: CurrentDomain, count: int, random: np.random.Generator) -> Array:
-    """Currents (count, c) drawn at random, every second one nearer to rest, by up to a factor of a hundred: iron has
-    another permeability in weak fields, and what is small in most states is all there is in these."""
+    """Currents (count, c) drawn at random, every second one nearer to rest: see `drawn_shares`."""
+    return domain.at(drawn_shares(domain, count, random))
+
+
+def drawn_shares(domain: CurrentDomain, count: int, random: np.random.Generator) -> Array:
+    """Shares (count, d) of the ranges, drawn at random, every second one nearer to rest, by up to a factor of a
+    hundred: iron has another permeability in weak fields, and what is small in most states is all there is in these."""
     shares, rest = random.random((count, len(domain.lower))), at_rest(domain)
     nearer = np.where(np.arange(count) % 2 == 1, 10.0 ** (-2.0 * random.random(count)), 1.0)
-    return domain.at(rest + nearer[:, None] * (shares - rest))
+    return np.asarray(rest + nearer[:, None] * (shares - rest))
+
+
+def edge_shares(domain: CurrentDomain, count: int, random: np.random.Generator) -> Array:
+    """Shares (count, d) of the ranges at random places on edges: all signals but one at an end of their range."""
+    shares = random.integers(0, 2, (count, len(domain.lower))).astype(float)
+    shares[np.arange(count), random.integers(0, shares.shape[1], count)] = random.random(count)
+    return shares
 
 
 def corner_signals(domain: CurrentDomain) -> Array:

@@ -22,7 +22,8 @@ from fieldmap.maps.training.states import (
     Solved,
     SolvedStates,
     Wanted,
-    drawn,
+    drawn_shares,
+    edge_shares,
     extreme_signals,
     held_out,
     is_among,
@@ -61,16 +62,17 @@ _EXACT = 0.01
 # again those of the others that look worst.
 _FEW_EXTREMES, _WORST, _RANDOM, _MOST_SOLVED = 32, 8, 4, 64
 _RANDOM_SEED = 11
-# The search for the worst currents: extremes and random currents to begin with, from how many of the worst it goes on,
-# to how many neighbours each, how far away as a share of the ranges, and how many of those found are solved.
-_SEARCHED_EXTREMES, _SEARCHED_RANDOM, _STARTS, _NEIGHBOURS, _SEARCHED_SOLVED = 32, 64, 10, 3, 4
+# The search for the worst currents: extremes, currents at random, and as many on edges, to begin with; from how many of
+# the worst it goes on, to how many neighbours each, how far away as a share of the ranges, and how many of those found
+# are solved.
+_SEARCHED_EXTREMES, _SEARCHED_RANDOM, _STARTS, _NEIGHBOURS, _SEARCHED_SOLVED = 32, 32, 10, 3, 4
 _WIDTHS = (0.15, 0.05)
 # What of the time for the search goes into these solves.
 _OF_SOLVES = 0.4
 _SEARCH_SEED = 20264
 _SEARCHED = "searched for"
-# At how many random currents the search of what fewer modes and points change looks, beside all extremes, and how many
-# of those found are solved.
+# From how many random currents, and as many on edges, the search of what fewer modes and points change begins, beside
+# all extremes, and how many of those found are solved.
 _SEARCHED_CONDENSED, _SOLVED_CONDENSED = 200, 8
 # How often at most a model is made anew of states that fell short there.
 _AGAIN = 8
@@ -507,40 +509,34 @@ def search_worst(
     """Solve the states of currents at which the model's residual is largest, numbered from `number`: those states, with
     those of the search before that were not trained on, and at how many currents the residual was looked at.
 
-    The worst of extremes and of currents drawn at random; from the ten worst the search goes on to random neighbours,
-    nearer each time.
+    The worst of extremes and of currents drawn at random, inside the domain and on its edges; from the ten worst the
+    search goes on to random neighbours, nearer each time.
     """
     random = np.random.default_rng(_SEARCH_SEED + number)
-    span = domain.upper - domain.lower
-    of_extremes = (random.permutation(extreme_signals(domain))[:_SEARCHED_EXTREMES] - domain.lower) / span
-    shares = np.concatenate([of_extremes, random.random((_SEARCHED_RANDOM, len(domain.lower)))])
 
     def tell(share: float) -> None:
-        solving.forecast.at("search", "the worst currents, by the model's residual", share)
+        solving.forecast.at(
+            "search", "the worst currents, by the model's residual", (1.0 - _OF_SOLVES) * share
+        )
 
-    tell(0.0)
-    looks = reduction.shortfall(solving.trial, domain.at(shares))
-    looked_at = len(shares)
-    best = np.argsort(-looks, kind="stable")[:_STARTS]
-    shares, looks = shares[best], looks[best]
-    for round_number, width in enumerate(_WIDTHS):
-        tell((1.0 - _OF_SOLVES) * (round_number + 1) / (len(_WIDTHS) + 1))
-        near = np.repeat(shares, _NEIGHBOURS, axis=0)
-        near = np.clip(near + width * random.standard_normal(near.shape), 0.0, 1.0)
-        found = reduction.shortfall(solving.trial, domain.at(near))
-        looked_at += len(near)
-        for k in range(len(shares)):
-            own = slice(k * _NEIGHBOURS, (k + 1) * _NEIGHBOURS)
-            worst = own.start + int(found[own].argmax())
-            if found[worst] > looks[k]:
-                shares[k], looks[k] = near[worst], found[worst]
-    order = np.argsort(-looks, kind="stable")
-    currents = domain.at(shares[order])
+    shares, looked_at = _climbed(
+        lambda currents: reduction.shortfall(solving.trial, currents),
+        domain,
+        np.concatenate(
+            [
+                random.permutation(_shares_of_extremes(domain))[:_SEARCHED_EXTREMES],
+                random.random((_SEARCHED_RANDOM, len(domain.lower))),
+                edge_shares(domain, _SEARCHED_RANDOM, random),
+            ]
+        ),
+        random,
+        tell,
+    )
+    currents = domain.at(shares)
     chosen = _unknown(solving, training, currents)[:_SEARCHED_SOLVED]
-    signals = domain.parametrisation.within(domain.lower, domain.upper, shares[order])
+    signals = domain.parametrisation.within(domain.lower, domain.upper, shares)
     directions = [reaches(domain, values) for values in signals]
     about = (number, None, "of the largest residual", directions, chosen)
-    tell(1.0 - _OF_SOLVES)
     solved = solve_tried(solving, reduction.potential, currents, *about)
     return together(before, solved, training), looked_at
 
@@ -553,23 +549,60 @@ def search_condensed(
     training: Snapshots,
     attempt: int,
 ) -> Snapshots:
-    """Solve the states whose field fewer modes and points change most, of all extremes and of currents at random."""
+    """Solve the states whose field fewer modes and points change most, sought as in `search_worst`, from more currents:
+    a state of these models costs a thousandth of one of the solver."""
     random = np.random.default_rng(_SEARCH_SEED - 1 - attempt)
-    extremes = domain.parametrisation.currents(extreme_signals(domain))
-    currents = np.concatenate([extremes, drawn(domain, _SEARCHED_CONDENSED, random)])
-    amplitudes = reduction.amplitudes(currents)
-    pairs = list(zip(currents, amplitudes @ few.basis, strict=True))
-    found = in_threads(lambda pair: few.model.solve(*pair)[0], pairs, threads_of_kernels())
-    changes = np.array([one.result() for one in found]) @ few.basis.T - amplitudes
-    looks = reduction.shares(solving.trial, currents, amplitudes, changes)
-    order = np.argsort(-looks, kind="stable")[: _STARTS * _SOLVED_CONDENSED]
-    currents = currents[order]
+
+    def change(currents: Array) -> Array:
+        amplitudes = reduction.amplitudes(currents)
+        pairs = list(zip(currents, amplitudes @ few.basis, strict=True))
+        found = in_threads(lambda pair: few.model.solve(*pair)[0], pairs, threads_of_kernels())
+        changes = np.array([one.result() for one in found]) @ few.basis.T - amplitudes
+        return reduction.shares(solving.trial, currents, amplitudes, changes)
+
+    begin = [
+        _shares_of_extremes(domain),
+        drawn_shares(domain, _SEARCHED_CONDENSED, random),
+        edge_shares(domain, _SEARCHED_CONDENSED, random),
+    ]
+    currents = domain.at(_climbed(change, domain, np.concatenate(begin), random)[0])
     chosen = _unknown(solving, training, currents)[:_SOLVED_CONDENSED]
     # Behind all numbers of other searches.
-    first = _BEHIND_ALL + attempt * len(order)
+    first = _BEHIND_ALL + attempt * len(currents)
     return solve_tried(
         solving, reduction.potential, currents, first, None, "that fewer modes change most", None, chosen
     )
+
+
+def _climbed(
+    looks: Callable[[Array], Array],
+    domain: CurrentDomain,
+    shares: Array,
+    random: np.random.Generator,
+    tell: Callable[[float], None] = lambda share: None,
+) -> tuple[Array, int]:
+    """Shares (m, d) of the ranges at which looks(currents (s, c)) (s,) is largest, the largest first: from the worst of
+    `shares` (s, d) on to random neighbours, nearer each time; and at how many it was looked at."""
+    tell(0.0)
+    found, looked_at = looks(domain.at(shares)), len(shares)
+    best = np.argsort(-found, kind="stable")[:_STARTS]
+    shares, largest = shares[best], found[best]
+    for round_number, width in enumerate(_WIDTHS):
+        tell((round_number + 1) / (len(_WIDTHS) + 1))
+        near = np.repeat(shares, _NEIGHBOURS, axis=0)
+        near = np.clip(near + width * random.standard_normal(near.shape), 0.0, 1.0)
+        found, looked_at = looks(domain.at(near)), looked_at + len(near)
+        for k in range(len(shares)):
+            own = slice(k * _NEIGHBOURS, (k + 1) * _NEIGHBOURS)
+            worst = own.start + int(found[own].argmax())
+            if found[worst] > largest[k]:
+                shares[k], largest[k] = near[worst], found[worst]
+    tell(1.0)
+    return shares[np.argsort(-largest, kind="stable")], looked_at
+
+
+def _shares_of_extremes(domain: CurrentDomain) -> Array:
+    return np.asarray((extreme_signals(domain) - domain.lower) / (domain.upper - domain.lower))
 
 
 def _unknown(solving: Solving, training: Snapshots, currents: Array) -> list[int]:
