@@ -60,9 +60,10 @@ def output_fields(amplitudes: Array, fields: Array, most: int, tolerance: float 
 
 # Amplitudes need only be as good as the modes; the last step of Newton's method goes past this.
 _TOLERANCE = 1e-3
-# Of more columns than there may be modes and so many more, the modes are sought in as many combinations of them, which
-# so many passes over all columns turn towards the largest shares of the energy.
-_MORE, _PASSES, _SEED = 40, 3, 20265
+# Of many columns the modes are sought in fewer combinations of them, so many more than modes, which so many passes over
+# all columns turn towards the largest shares of the energy. Up to so many times as many columns are taken as they are:
+# the passes would take as long.
+_MORE, _PASSES, _SEED, _AS_THEY_ARE = 40, 3, 20265, 4
 
 
 class SolvedModes:
@@ -134,14 +135,16 @@ class _Columns:
         self._places = [slice(*ends_of) for ends_of in zip(self.first, ends, strict=True)]
 
     def block(self, most: int) -> tuple[Array, Array]:
-        """Columns (n, b) with nearly all of the energy of all, and the air's share S of them: all columns, or at most
-        `most` combinations of them.
+        """Columns (n, b) with nearly all of the energy of all, and the air's share S of them: all columns, or of many
+        `most` combinations.
 
         N. Halko, P.-G. Martinsson, J. A. Tropp, SIAM Review 53 (2011) 217, algorithm 4.4.
         """
         count = len(self.energies)
-        if count <= most:
-            return self._combined(np.eye(count))
+        if count <= _AS_THEY_ARE * most:
+            pairs = list(zip(self._snapshots.states, self.sizes, strict=True))
+            vectors = np.concatenate([_vectors(state) / size for state, size in pairs], axis=1)
+            return vectors, np.concatenate([state.air / size for state, size in pairs], axis=1)
         factors = np.random.default_rng(_SEED).standard_normal((count, most))
         for _ in range(_PASSES):
             vectors, air = self._combined(factors)
