@@ -97,7 +97,7 @@ def _cost(solver: "Mapping[str, Any]") -> str:
         f"{solver['states_solved']} states in {solver['generation_seconds'] / 60:.1f} minutes, "
         f"{solver['generation_processor_seconds'] / 60:.1f} of processor time"
     )
-    # Maps of before, and of Windows, do not say.
+    # Maps of earlier versions, and those made on Windows, do not say.
     peak = solver.get("generation_peak_memory_bytes")
     return words if peak is None else f"{words}, {peak / 1e9:.1f} GB of memory"
 

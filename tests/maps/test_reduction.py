@@ -13,7 +13,8 @@ from fieldmap.currents import (
 from fieldmap.maps.training.cubature import Contributions, Cubature, TangentRoots, candidates
 from fieldmap.maps.training.least_squares import nonnegative_path
 from fieldmap.maps.training.modes import enough, output_fields, pivots, proper_modes
-from fieldmap.maps.training.states import corners, extreme_signals, held_out, sequence
+from fieldmap.maps.training.states import corners, edge_shares, extreme_signals, held_out, sequence
+from fieldmap.maps.training.training import climbed
 
 
 @pytest.fixture
@@ -366,3 +367,42 @@ def test_a_division_gives_the_currents_of_the_thesis():
     assert (means <= 2.2).all()
     assert len(corners(family)) == 8
     assert family.middle == pytest.approx(np.full(6, 1.6))
+
+
+CUBE = CurrentDomain(IndependentCurrents(3), np.array([-1.0, 0.0, 2.0]), np.array([1.0, 4.0, 3.0]))
+
+
+def test_edges_are_where_all_signals_but_one_are_at_their_ends():
+    shares = edge_shares(CUBE, 400, np.random.default_rng(4))
+    at_ends = (shares == 0.0) | (shares == 1.0)
+    assert (at_ends.sum(axis=1) == 2).all()
+    # All twelve edges of a cube, and places all along them.
+    assert len({(*np.where(row, one, -1.0),) for row, one in zip(at_ends, shares, strict=True)}) == 12
+    assert np.ptp(shares[~at_ends]) > 0.95
+
+
+def test_the_search_climbs_towards_a_peak_on_an_edge():
+    """Of a peak a fifth of the ranges wide the currents that it begins from see less than half, in the mean."""
+    peak, width = np.array([1.0, 0.37, 0.0]), 0.2
+    asked = []
+
+    def looks(currents):
+        shares = (currents - CUBE.lower) / (CUBE.upper - CUBE.lower)
+        assert ((shares > -1e-12) & (shares < 1.0 + 1e-12)).all()
+        asked.append(len(shares))
+        return 1.0 / (1.0 + ((shares - peak) ** 2).sum(axis=1) / width**2)
+
+    begun, ended = [], []
+    for seed in range(12):
+        random = np.random.default_rng(seed)
+        begin = random.random((64, 3))
+        begun.append(looks(CUBE.at(begin)).max())
+        asked.clear()
+        shares, looked_at = climbed(looks, CUBE, begin, random)
+        assert looked_at == sum(asked)
+        found = looks(CUBE.at(shares))
+        assert (np.diff(found) <= 1e-12).all()
+        assert found[0] >= begun[-1]
+        ended.append(found[0])
+    assert np.mean(begun) < 0.5
+    assert np.mean(ended) > 0.75

@@ -61,8 +61,7 @@ def output_fields(amplitudes: Array, fields: Array, most: int, tolerance: float 
 # Amplitudes need only be as good as the modes; the last step of Newton's method goes past this.
 _TOLERANCE = 1e-3
 # Of many columns the modes are sought in fewer combinations of them, so many more than modes, which so many passes over
-# all columns turn towards the largest shares of the energy. Up to so many times as many columns are taken as they are:
-# the passes would take as long.
+# all columns turn towards the largest shares of the energy. Up to so many times as many columns are taken as they are.
 _MORE, _PASSES, _SEED, _AS_THEY_ARE = 40, 3, 20265, 4
 
 

@@ -459,7 +459,7 @@ def try_extremes(
         return solve_tried(solving, predict, currents, *about, numbers, found)
 
     # What is trained on already tells nothing of the error.
-    unknown = _unknown(solving, training, currents)
+    unknown = [k for k in different if training.number(currents[k]) is None]
     modes = _modes(solving, training)
     if few:
         tried = solve(lambda values: modes.basis @ modes.amplitude(values), unknown, None)
@@ -519,7 +519,7 @@ def search_worst(
             "search", "the worst currents, by the model's residual", (1.0 - _OF_SOLVES) * share
         )
 
-    shares, looked_at = _climbed(
+    shares, looked_at = climbed(
         lambda currents: reduction.shortfall(solving.trial, currents),
         domain,
         np.concatenate(
@@ -549,8 +549,8 @@ def search_condensed(
     training: Snapshots,
     attempt: int,
 ) -> Snapshots:
-    """Solve the states whose field fewer modes and points change most, sought as in `search_worst`, from more currents:
-    a state of these models costs a thousandth of one of the solver."""
+    """Solve the states whose field fewer modes and points change most, sought as in `search_worst`, but from more
+    currents, since no state of the solver is needed to look."""
     random = np.random.default_rng(_SEARCH_SEED - 1 - attempt)
 
     def change(currents: Array) -> Array:
@@ -565,7 +565,7 @@ def search_condensed(
         drawn_shares(domain, _SEARCHED_CONDENSED, random),
         edge_shares(domain, _SEARCHED_CONDENSED, random),
     ]
-    currents = domain.at(_climbed(change, domain, np.concatenate(begin), random)[0])
+    currents = domain.at(climbed(change, domain, np.concatenate(begin), random)[0])
     chosen = _unknown(solving, training, currents)[:_SOLVED_CONDENSED]
     # Behind all numbers of other searches.
     first = _BEHIND_ALL + attempt * len(currents)
@@ -574,7 +574,7 @@ def search_condensed(
     )
 
 
-def _climbed(
+def climbed(
     looks: Callable[[Array], Array],
     domain: CurrentDomain,
     shares: Array,
@@ -727,7 +727,6 @@ def train(
     # What is trained on may be off as well, by points and by what is condensed.
     all_tried = tried | {"trained on": snapshots.solved_ones()}
     allowed = HELD_OUT * plan.accuracy
-    of_trained = max(float(_off(trial, reduction, some).max(initial=0.0)) for some in tried.values())
     in_vain = _in_vain(sequence.solving, modes)
     for number, share in enumerate(_CONDENSED):
         few = (
@@ -737,6 +736,7 @@ def train(
         )
         found = search_condensed(sequence.solving, domain, reduction, few, snapshots, number)
         all_tried[_SEARCHED] = together(all_tried.get(_SEARCHED), found)
+        of_trained = max(float(_off(trial, reduction, some).max(initial=0.0)) for some in all_tried.values())
         forecast.at("modes", "error on solved states", 0.95)
         reduced, of_few = few.model, output @ few.basis
         errors = {
@@ -753,7 +753,7 @@ def train(
     largest = _largest_weights(domain, reduced, output, places)
     rounds = tuple(sequence.rounds)
     condensation = Condensation(reduction.sampled.modes, len(reduction.sampled.weights), few.changed)
-    parts = _error_parts(sequence, reduction, tried, share * few.changed * plan.accuracy, len(output))
+    parts = _error_parts(sequence, reduction, all_tried, share * few.changed * plan.accuracy, len(output))
     return Trained(model, charge, snapshots, extremes, rounds, condensation, errors, largest, parts)
 
 
