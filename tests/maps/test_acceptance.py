@@ -22,6 +22,7 @@ from fieldmap.maps import generation
 from fieldmap.maps.acceptance import shortfall
 from fieldmap.maps.recipe import Plan
 from fieldmap.maps.training import condensation, sampling, training
+from fieldmap.maps.training.states import is_among
 from fieldmap.store import MissedAccuracy, check_map, checkpoint_path, missed_accuracy, read_map, write_map
 from tests.maps.conftest import write_few_states
 
@@ -310,6 +311,44 @@ def test_where_modes_cannot_hold_the_states_points_are_not_tried_in_vain(tmp_pat
     assert raised.value.part == "modes"
     assert max(chosen) < sampling.ROUNDS
     assert not (tmp_path / "map.h5").exists()
+
+
+def test_what_the_search_of_the_condensed_model_finds_is_trained_on_and_counted(tmp_path, monkeypatch):
+    """One of its states is said to fall short, once; and of those of the last search the modes to leave a quarter."""
+    monkeypatch.setattr(condensation, "_STATES", 60)
+    condense, measure = training._condensed_and_tried, training._error_parts
+    searches, trained_on, measured = [], [], []
+
+    def condensed(sequence, *about):
+        found = condense(sequence, *about)
+        searches.append(found.tried["searched for"].currents)
+        return found
+
+    def fall_short(solving, reduction, tried):
+        if searches and not trained_on:
+            trained_on.append((tried[0].currents[0], tried[0].state(0)))
+            return trained_on
+        return []
+
+    def of_modes(solving, modes, tried, number):
+        return 0.25 if is_among(tried.currents[0], searches[-1]).any() else 0.0
+
+    def error_parts(sequence, *about):
+        measured.append((sequence.training, measure(sequence, *about)))
+        return measured[0][1]
+
+    monkeypatch.setattr(training, "_condensed_and_tried", condensed)
+    monkeypatch.setattr(training, "_fall_short", fall_short)
+    monkeypatch.setattr(training, "_off_of_modes", of_modes)
+    monkeypatch.setattr(training, "_error_parts", error_parts)
+    recipe = write_few_states(tmp_path)
+    recipe.write_text(recipe.read_text().replace("1e-9", "3e-2"))
+    fm.generate(recipe, tmp_path / "map.h5")
+    assert len(searches) == 2
+    (currents, _), (snapshots, parts_of_it) = trained_on[0], measured[0]
+    assert snapshots.own[snapshots.number(currents)]
+    assert not is_among(currents, searches[1]).any()
+    assert parts_of_it.states == 0.25
 
 
 def test_the_states_that_are_needed_follow_from_the_rounds_and_cost_what_states_cost():

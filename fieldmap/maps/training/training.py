@@ -22,6 +22,7 @@ from fieldmap.maps.training.states import (
     Solved,
     SolvedStates,
     Wanted,
+    at_rest,
     drawn_shares,
     edge_shares,
     extreme_signals,
@@ -74,8 +75,9 @@ _SEARCHED = "searched for"
 # From how many random currents, and as many on edges, the search of what fewer modes and points change begins, beside
 # all extremes, and how many of those found are solved.
 _SEARCHED_CONDENSED, _SOLVED_CONDENSED = 200, 8
-# How often at most a model is made anew of states that fell short there.
-_AGAIN = 8
+# How often at most a model is made anew of states of the search for the worst currents that fell short, and how often
+# of those of the search of the condensed model.
+_AGAIN, _AGAIN_CONDENSED = 8, 2
 # Number of the first state that a search of the condensed model solves.
 _BEHIND_ALL = 1_000_000
 # What fewer modes and points may change, over what they may at first: less where a solved state falls short by it.
@@ -525,19 +527,19 @@ def search_worst(
         np.concatenate(
             [
                 random.permutation(_shares_of_extremes(domain))[:_SEARCHED_EXTREMES],
-                random.random((_SEARCHED_RANDOM, len(domain.lower))),
+                drawn_shares(domain, _SEARCHED_RANDOM, random),
                 edge_shares(domain, _SEARCHED_RANDOM, random),
             ]
         ),
         random,
         tell,
     )
-    currents = domain.at(shares)
-    chosen = _unknown(solving, training, currents)[:_SEARCHED_SOLVED]
-    signals = domain.parametrisation.within(domain.lower, domain.upper, shares)
-    directions = [reaches(domain, values) for values in signals]
-    about = (number, None, "of the largest residual", directions, chosen)
-    solved = solve_tried(solving, reduction.potential, currents, *about)
+    text = "of the largest residual"
+    about = (solving, domain, reduction, training, shares, number, text)
+    solved = _solve_found(*about, _SEARCHED_SOLVED)
+    if _off(solving.trial, reduction, solved).max(initial=0.0) > _allowed(solving):
+        # Many fall short where one does: they are solved to train on.
+        solved = _solve_found(*about, len(shares))
     return together(before, solved, training), looked_at
 
 
@@ -565,13 +567,30 @@ def search_condensed(
         drawn_shares(domain, _SEARCHED_CONDENSED, random),
         edge_shares(domain, _SEARCHED_CONDENSED, random),
     ]
-    currents = domain.at(climbed(change, domain, np.concatenate(begin), random)[0])
-    chosen = _unknown(solving, training, currents)[:_SOLVED_CONDENSED]
+    shares, _ = climbed(change, domain, np.concatenate(begin), random)
     # Behind all numbers of other searches.
-    first = _BEHIND_ALL + attempt * len(currents)
-    return solve_tried(
-        solving, reduction.potential, currents, first, None, "that fewer modes change most", None, chosen
-    )
+    first = _BEHIND_ALL + attempt * len(shares)
+    text, most = "that fewer modes change most", _SOLVED_CONDENSED
+    return _solve_found(solving, domain, reduction, training, shares, first, text, most)
+
+
+def _solve_found(
+    solving: Solving,
+    domain: CurrentDomain,
+    reduction: Reduction,
+    training: Snapshots,
+    shares: Array,
+    first: int,
+    text: str,
+    most: int,
+) -> Snapshots:
+    """Solve the first of those at shares (s, d) of the ranges that are not trained on, `most` of them, with what it
+    takes to train on them; numbers and text: see `solve_tried`."""
+    currents = domain.at(shares)
+    chosen = _unknown(solving, training, currents)[:most]
+    signals = domain.parametrisation.within(domain.lower, domain.upper, shares)
+    directions = [reaches(domain, values) for values in signals]
+    return solve_tried(solving, reduction.potential, currents, first, None, text, directions, chosen)
 
 
 def climbed(
@@ -582,7 +601,10 @@ def climbed(
     tell: Callable[[float], None] = lambda share: None,
 ) -> tuple[Array, int]:
     """Shares (m, d) of the ranges at which looks(currents (s, c)) (s,) is largest, the largest first: from the worst of
-    `shares` (s, d) on to random neighbours, nearer each time; and at how many it was looked at."""
+    `shares` (s, d) on to random neighbours, nearer each time, and nearer in weak currents, where little changes much;
+    and at how many it was looked at."""
+    rest = at_rest(domain)
+    farthest = np.maximum(rest, 1.0 - rest)
     tell(0.0)
     found, looked_at = looks(domain.at(shares)), len(shares)
     best = np.argsort(-found, kind="stable")[:_STARTS]
@@ -590,7 +612,8 @@ def climbed(
     for round_number, width in enumerate(_WIDTHS):
         tell((round_number + 1) / (len(_WIDTHS) + 1))
         near = np.repeat(shares, _NEIGHBOURS, axis=0)
-        near = np.clip(near + width * random.standard_normal(near.shape), 0.0, 1.0)
+        strength = (np.abs(near - rest) / farthest).max(axis=1, keepdims=True)
+        near = np.clip(near + width * strength * random.standard_normal(near.shape), 0.0, 1.0)
         found, looked_at = looks(domain.at(near)), looked_at + len(near)
         for k in range(len(shares)):
             own = slice(k * _NEIGHBOURS, (k + 1) * _NEIGHBOURS)
@@ -707,67 +730,63 @@ def train(
     """Solve, reduce and try. points (n, 3): where the field matters, in the air; reference (c,): the currents at which
     the map states its total field; states: keeps what was solved, so that a stopped run goes on. Raises NotConverged
     if no state at all could be solved."""
-    trial = Trial(solver, points, domain.largest)
-    sequence = TrainingSequence(Solving(solver, states, trial, plan, forecast), domain)
-    reduction, tried, extremes = _trained_and_tried(sequence, domain)
-    modes, snapshots = reduction.modes, sequence.training
-    require_states(states)
-    require_some(tried, states)
-    forecast.at("modes", "fields of the modes")
-    # States that are not solved need fields that those solved do not.
-    amplitudes = np.concatenate([modes.amplitudes, reduction.amplitudes(_places(domain, _WEIGHED))])
-    combination, output = output_fields(amplitudes, reduction.fields, plan.fields, _FIELDS * plan.accuracy)
-    if len(output) == plan.fields:
-        # More than the recipe names where these leave a part of the error that counts.
-        leave = max(_FIELDS_AT_MOST * plan.accuracy, _ROUGH_FIELDS)
-        more = output_fields(amplitudes, reduction.fields, _MOST_FIELDS, leave)
-        combination, output = max((combination, output), more, key=lambda both: len(both[1]))
-    forecast.at("modes", "modes and points that the workspace sees")
-    charge = combination @ reduction.charge
-    # What is trained on may be off as well, by points and by what is condensed.
-    all_tried = tried | {"trained on": snapshots.solved_ones()}
-    allowed = HELD_OUT * plan.accuracy
-    in_vain = _in_vain(sequence.solving, modes)
-    for number, share in enumerate(_CONDENSED):
-        few = (
-            Condensed(reduction.sampled, np.eye(reduction.sampled.modes), 0.0)
-            if in_vain
-            else _condensed(trial, reduction, domain, combination, output, share * plan.accuracy)
-        )
-        found = search_condensed(sequence.solving, domain, reduction, few, snapshots, number)
-        all_tried[_SEARCHED] = together(all_tried.get(_SEARCHED), found)
-        of_trained = max(float(_off(trial, reduction, some).max(initial=0.0)) for some in all_tried.values())
-        forecast.at("modes", "error on solved states", 0.95)
-        reduced, of_few = few.model, output @ few.basis
-        errors = {
-            name: trial.errors(_weights(reduced, of_few, some.currents), charge, some)
-            for name, some in all_tried.items()
-            if some.solved
-        }
-        # Where the trained model is off by more itself, no other choice helps.
-        if of_trained > allowed or max(map(_share, errors.values())) <= allowed:
+    sequence = TrainingSequence(
+        Solving(solver, states, Trial(solver, points, domain.largest), plan, forecast), domain
+    )
+    tries = Tries()
+    while True:
+        reduction = _trained_and_tried(sequence, domain, tries)
+        require_some(tries.found, states)
+        found = _condensed_and_tried(sequence, domain, reduction, tries)
+        # Where states at random fall short, or too many others do, more of these do not help.
+        again = tries.none_short and tries.condensed < _AGAIN_CONDENSED
+        short = _fall_short(sequence.solving, reduction, [found.tried[_SEARCHED]]) if again else []
+        if not short:
             break
-    output = of_few
-    model = _model(reduced, output, modes.currents, modes.amplitudes @ few.basis, domain, reference)
+        _train_on(sequence, reduction, short)
+        tries.found[_SEARCHED] = found.tried[_SEARCHED]
+        tries.condensed += 1
+    modes, reduced = reduction.modes, found.few.model
+    amplitudes = modes.amplitudes @ found.few.basis
+    model = _model(reduced, found.output, modes.currents, amplitudes, domain, reference)
     places = np.concatenate([modes.currents, _places(domain, _WEIGHED)])
-    largest = _largest_weights(domain, reduced, output, places)
-    rounds = tuple(sequence.rounds)
-    condensation = Condensation(reduction.sampled.modes, len(reduction.sampled.weights), few.changed)
-    parts = _error_parts(sequence, reduction, all_tried, share * few.changed * plan.accuracy, len(output))
-    return Trained(model, charge, snapshots, extremes, rounds, condensation, errors, largest, parts)
+    assert tries.extremes is not None
+    return Trained(
+        model,
+        found.charge,
+        sequence.training,
+        tries.extremes,
+        tuple(sequence.rounds),
+        Condensation(reduction.sampled.modes, len(reduction.sampled.weights), found.few.changed),
+        found.errors,
+        _largest_weights(domain, reduced, found.output, places),
+        _error_parts(sequence, reduction, found),
+    )
 
 
-def _trained_and_tried(
-    sequence: TrainingSequence, domain: CurrentDomain
-) -> tuple[Reduction, dict[str, Snapshots], ExtremesTried]:
-    """Train until no state that is tried falls short, or no more may be solved: the model, the states tried that it was
-    not trained on, by their kind, and what was done about the extremes."""
-    tried: dict[str, Snapshots] = {}
-    of_extremes: ExtremesTried | None = None
-    more, worst, again = True, -1, 0
+class Tries:
+    """What a model was tried on while it was trained.
+
+    found: states that it was not trained on, by their kind; extremes: what was done about the extremes; none_short:
+    whether all of them came out as they must; searches: how often the worst currents were searched for, and condensed:
+    how often states that the search of the condensed model found were trained on.
+    """
+
+    def __init__(self) -> None:
+        self.found: dict[str, Snapshots] = {}
+        self.extremes: ExtremesTried | None = None
+        self.none_short = False
+        self.searches = self.condensed = 0
+
+
+def _trained_and_tried(sequence: TrainingSequence, domain: CurrentDomain, tries: Tries) -> Reduction:
+    """Train until no state that is tried falls short, or no more may be solved."""
+    tried = tries.found
+    # States at random fall short, which worst.
+    more, worst = not tried, -1
     while True:
         solving = sequence.solving
-        plan, allowed = solving.plan, HELD_OUT * solving.plan.accuracy
+        plan, allowed = solving.plan, _allowed(solving)
         if more:
             sequence.go_on()
         require_states(solving.states)
@@ -791,34 +810,112 @@ def _trained_and_tried(
         short: list[tuple[Array, Solved]] = []
         # The search is for errors of which neither tells.
         if not more:
-            before = tried.get(_SEARCHED)
-            number = first + len(random) + again * _STARTS
+            number = first + len(random) + tries.searches * _STARTS
             tried[_SEARCHED], looked_at = search_worst(
-                solving, domain, reduction, sequence.training, number, before
+                solving, domain, reduction, sequence.training, number, tried.get(_SEARCHED)
             )
             extremes = replace(extremes, searched=looked_at)
-            short = _fall_short(solving.trial, reduction, [tried["at extremes"], tried[_SEARCHED]], allowed)
-            again += 1
-        of_extremes = extremes if of_extremes is None else of_extremes.and_again(extremes)
+            short = _fall_short(solving, reduction, [tried["at extremes"], tried[_SEARCHED]])
+            tries.searches += 1
+        tries.extremes = extremes if tries.extremes is None else tries.extremes.and_again(extremes)
+        tries.none_short = not (more or short)
         in_vain = _in_vain(sequence.solving, reduction.modes)
-        if in_vain or (more and sequence.at_its_end) or not (more or short) or again >= _AGAIN:
-            return reduction, tried, of_extremes
-        if reduction.sampled.modes >= plan.modes:
-            sequence.more_modes()
-        for currents, state in short:
-            sequence.training.add(currents, state)
+        at_the_end = in_vain or (more and sequence.at_its_end) or tries.searches >= _AGAIN
+        if tries.none_short or at_the_end:
+            return reduction
+        _train_on(sequence, reduction, short)
+
+
+def _allowed(solving: Solving) -> float:
+    """The largest error at a state that a model was not trained on."""
+    return HELD_OUT * solving.plan.accuracy
+
+
+def _train_on(
+    sequence: TrainingSequence, reduction: Reduction, short: Sequence[tuple[Array, Solved]]
+) -> None:
+    """Train on states that a model lacked, on more modes if it has as many as there may be."""
+    if reduction.sampled.modes >= sequence.solving.plan.modes:
+        sequence.more_modes()
+    for currents, state in short:
+        sequence.training.add(currents, state)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class CondensedAndTried(Record):
+    """A condensed model; output (k, q): the map's fields by its modes; charge (k, s): densities of these fields on the
+    surface faces; changed: what condensation changes of a state's field at most, as a share; all states that were
+    tried, by their kind, and the errors there."""
+
+    few: Condensed
+    output: Array
+    charge: Array
+    changed: float
+    tried: Mapping[str, Snapshots]
+    errors: Mapping[str, Errors]
+
+
+def _condensed_and_tried(
+    sequence: TrainingSequence, domain: CurrentDomain, reduction: Reduction, tries: Tries
+) -> CondensedAndTried:
+    """Condense a model until the states that it changes most come out as they must, or the fault is the model's own."""
+    solving, snapshots = sequence.solving, sequence.training
+    plan, trial, forecast = solving.plan, solving.trial, solving.forecast
+    forecast.at("modes", "fields of the modes")
+    combination, of_modes = _fields_of_map(reduction, domain, plan)
+    charge = combination @ reduction.charge
+    forecast.at("modes", "modes and points that the workspace sees")
+    # What is trained on may be off as well, by points and by what is condensed.
+    tried = tries.found | {"trained on": snapshots.solved_ones()}
+    for number, share in enumerate(_CONDENSED):
+        accuracy = share * plan.accuracy
+        if _in_vain(solving, reduction.modes):
+            few = Condensed(reduction.sampled, np.eye(reduction.sampled.modes), 0.0)
+        else:
+            few = _condensed(trial, reduction, domain, combination, of_modes, accuracy)
+        attempt = tries.condensed * len(_CONDENSED) + number
+        found = search_condensed(solving, domain, reduction, few, snapshots, attempt)
+        tried[_SEARCHED] = together(tried.get(_SEARCHED), found)
+        of_trained = max(float(_off(trial, reduction, some).max(initial=0.0)) for some in tried.values())
+        forecast.at("modes", "error on solved states", 0.95)
+        output = of_modes @ few.basis
+        errors = {
+            name: trial.errors(_weights(few.model, output, some.currents), charge, some)
+            for name, some in tried.items()
+            if some.solved
+        }
+        # Where the trained model is off by more itself, no other choice helps.
+        if of_trained > _allowed(solving) or max(map(_share, errors.values())) <= _allowed(solving):
+            break
+    return CondensedAndTried(few, output, charge, accuracy * few.changed, tried, errors)
+
+
+def _fields_of_map(reduction: Reduction, domain: CurrentDomain, plan: Plan) -> tuple[Array, Array]:
+    """The iron's fields that the map keeps, as combinations (k, r) of those of the modes, and their weights by those
+    of the modes (k, r)."""
+    # States that are not solved need fields that those solved do not.
+    amplitudes = np.concatenate([reduction.modes.amplitudes, reduction.amplitudes(_places(domain, _WEIGHED))])
+    combination, output = output_fields(amplitudes, reduction.fields, plan.fields, _FIELDS * plan.accuracy)
+    if len(output) == plan.fields:
+        # More than the recipe names where these leave a part of the error that counts.
+        leave = max(_FIELDS_AT_MOST * plan.accuracy, _ROUGH_FIELDS)
+        more = output_fields(amplitudes, reduction.fields, _MOST_FIELDS, leave)
+        combination, output = max((combination, output), more, key=lambda both: len(both[1]))
+    return combination, output
 
 
 def _fall_short(
-    trial: Trial, reduction: Reduction, tried: Sequence[Snapshots], allowed: float
+    solving: Solving, reduction: Reduction, tried: Sequence[Snapshots]
 ) -> list[tuple[Array, Solved]]:
-    """Of solved states, images left out, those that are off by more than is allowed, with their currents."""
+    """Solved states, images left out, that a model is to be trained on, with their currents: if any is off by more than
+    is allowed, all that are off by more than the accuracy."""
+    off = [_off(solving.trial, reduction, some) for some in tried]
+    if max(of_some.max(initial=0.0) for of_some in off) <= _allowed(solving):
+        return []
     found = []
-    for some in tried:
-        off = _off(trial, reduction, some)
-        found += [
-            (some.currents[k], some.state(int(k))) for k in np.flatnonzero(off > allowed) if some.own[k]
-        ]
+    for some, of_some in zip(tried, off, strict=True):
+        lacking = np.flatnonzero(of_some > solving.plan.accuracy)
+        found += [(some.currents[k], some.state(int(k))) for k in lacking if some.own[k]]
     return found
 
 
@@ -843,20 +940,17 @@ class ErrorParts(Record):
 
 
 def _error_parts(
-    sequence: TrainingSequence,
-    reduction: Reduction,
-    tried: Mapping[str, Snapshots],
-    condensation: float,
-    fields: int,
+    sequence: TrainingSequence, reduction: Reduction, condensed: CondensedAndTried
 ) -> ErrorParts:
     solving, of_states, of_points = sequence.solving, 0.0, reduction.points.changed
-    for some in tried.values():
+    for some in condensed.tried.values():
         if some.solved:
             off = _off(solving.trial, reduction, some)
             number = int(off.argmax())
             own = _off_of_modes(solving, reduction.modes, some, number)
             # What the law at all points would not leave of the worst state is due to the points.
             of_states, of_points = max(of_states, own), max(of_points, float(off[number]) - own)
+    fields = len(condensed.output)
     modes, in_vain = reduction.sampled.modes, _in_vain(solving, reduction.modes)
     taken = {
         "states": sequence.taken,
@@ -871,7 +965,8 @@ def _error_parts(
         "fields": fields >= _MOST_FIELDS,
     }
     limits = tuple(name for name, reached in at_limit.items() if reached)
-    return ErrorParts(of_states, of_points, condensation, taken, limits, reduction.modes.left, in_vain)
+    left = reduction.modes.left
+    return ErrorParts(of_states, of_points, condensed.changed, taken, limits, left, in_vain)
 
 
 def _condensed(
