@@ -60,7 +60,8 @@ release-check:
 docs: $(VENV)/.installed-docs
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
 
-$(STAMP): pyproject.toml constraints.txt
+# What is compiled is compiled anew.
+$(STAMP): pyproject.toml constraints.txt $(wildcard fieldmap/core/*.h fieldmap/core/*.c)
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e ".[test]"
 	touch $@

@@ -146,6 +146,7 @@ _PUBLIC = {
 }
 _PACKAGES = (
     "control",
+    "core",
     "currents",
     "device",
     "dynamics",

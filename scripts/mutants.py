@@ -248,18 +248,29 @@ def _tried(
     for one in compiled:
         (aside / one.relative_to(copy)).parent.mkdir(parents=True, exist_ok=True)
         shutil.move(one, aside / one.relative_to(copy))
+    in_c = file.endswith((".h", ".c"))
     try:
         path.write_text(text, encoding="utf-8")
+        if in_c:
+            _compile_core(copy)
         failed = _failed(copy, file, tests, limit)
     finally:
         path.write_text(original, encoding="utf-8")
         os.utime(path, ns=(times.st_atime_ns, times.st_mtime_ns))
+        if in_c:
+            _compile_core(copy)
         if compiled:
             for one in (copy / "fieldmap").rglob("*.nb?"):
                 one.unlink(missing_ok=True)
             for one in compiled:
                 shutil.move(aside / one.relative_to(copy), one)
     return Trial(file, *told, bool(failed), round(time.monotonic() - begin, 1), failed)
+
+
+def _compile_core(copy: Path) -> None:
+    environment = {"CC": "cc", **os.environ}
+    command = [sys.executable, str(copy / "fieldmap" / "core" / "compile.py")]
+    subprocess.run(command, env=environment, check=True, capture_output=True)
 
 
 def _failed(copy: Path, file: str, tests: list[str], limit: float) -> str:

@@ -439,9 +439,13 @@ class JaxEvaluator:
         """See `fieldmap.lookup.Evaluator`."""
         return self if self._fixed is not None else JaxEvaluator(self._form, np.array(weights))
 
-    def one_point(self) -> tuple[Callable[..., int], Any]:
-        """See `fieldmap.lookup.Evaluator`: none that is quicker."""
-        return (lambda *_: map_block.WRONG_SHAPE), None
+    def field_at(self, point: Any, weights: Any) -> tuple[Array, Array] | None:
+        """See `fieldmap.lookup.Evaluator`: no quicker."""
+        return None
+
+    def dipole_wrench_at(self, point: Any, moment: Any, weights: Any) -> Array | None:
+        """See `fieldmap.lookup.Evaluator`: no quicker."""
+        return None
 
     def compiled(self) -> tuple[Any, Any]:
         """See `fieldmap.lookup.Evaluator`: raises InputError."""

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fieldmap.arguments import check_choice, check_not_negative, check_positive, check_signal
+from fieldmap.core import CoreMap
 from fieldmap.currents import CurrentDomain, IndependentCurrents
 from fieldmap.dynamics import (
     CoilDrive,
@@ -38,7 +39,6 @@ from fieldmap.instruments import Amplifier
 from fieldmap.kernels.coils.loop import loop_flux_density_and_gradient
 from fieldmap.kernels.map.cached_field import keep_field
 from fieldmap.kernels.map.iron_block import OUTSIDE, UNSOLVED
-from fieldmap.kernels.map.lookup import evaluate_with
 from fieldmap.kernels.map.map_block import INSIDE, SETS
 from fieldmap.kernels.motion.control_period import advance_period
 from fieldmap.kernels.motion.currents import MODELLED, allocate, find_weights
@@ -294,13 +294,10 @@ def _variables(field: FieldMap, rest: Array) -> _Currents:
 
 def _force_per_ampere(block: Array, place: Array, moment: Array, n: int) -> Array:
     """(3, n), N/A, of an upright magnet at a place of the map."""
-    weights, out = np.zeros((n, int(block[SETS]))), np.empty((3, n))
-    weights[:, :n] = np.eye(n)
-    flux, slope = np.empty((1, 3)), np.empty((1, 3, 3))
-    for k, weight in enumerate(weights):
-        evaluate_with(block, weight[None], place[None], flux, slope)
-        out[:, k] = slope[0].T @ moment
-    return out
+    sets = int(block[SETS])
+    flux, slope = np.empty((1, sets, 3)), np.empty((1, sets, 3, 3))
+    CoreMap(block).each_field(np.ascontiguousarray(place[None]), flux, slope)
+    return np.asarray((moment @ slope[0, :n]).T)
 
 
 def _rig(

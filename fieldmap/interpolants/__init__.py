@@ -5,7 +5,15 @@ interpolants to certify a map against the solver, those that use maps to look it
 """
 
 from fieldmap.interpolants import global_polynomial, harmonic_cells, hermite
-from fieldmap.interpolants.form import OUTSIDE_RULES, Form, Interpolant, Jump, contract, kernels_of, set_size
+from fieldmap.interpolants.form import (
+    OUTSIDE_RULES,
+    Form,
+    Interpolant,
+    Jump,
+    contract,
+    kernels_of,
+    set_size,
+)
 from fieldmap.interpolants.global_polynomial import global_form
 from fieldmap.interpolants.harmonic_cells import cell_form, jump_between_cells
 from fieldmap.interpolants.hermite import hermite_form

@@ -1,7 +1,7 @@
 """A map made ready for evaluation: one block of coefficients per ampere, and what an interpolant must tell of itself.
 
-Who makes a block does not evaluate it; who evaluates it (`fieldmap.lookup.Evaluator`, kernels that numba compiles) does
-not ask where it came from.
+Who makes a block does not evaluate it; who evaluates it (`fieldmap.lookup.Evaluator`, the C core) does not ask where it
+came from.
 """
 
 from collections.abc import Callable
@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from fieldmap.core import CoreMap
 from fieldmap.kernels.map import map_block
 from fieldmap.kernels.map.lookup import KERNELS
 from fieldmap.kernels.map.map_block import InterpolantKernels
@@ -28,12 +29,14 @@ class Form(Record):
     coil per ampere, of saturating iron at weight 1. potential_unit: the same for the potential, if the block above
     does not hold it. misfit: largest difference between form and map at the nodes, T and T/m, summed over the
     fields, coils at their reference currents; None for a form that passes through the nodes.
+    constant: whether the last field has weight 1, because no current drives it.
     """
 
     kind: str
     unit: Array
     potential_unit: Array
     misfit: FieldError | None
+    constant: bool = False
 
     @property
     def n_coils(self) -> int:
@@ -118,13 +121,21 @@ def kernels_of(block: Array) -> InterpolantKernels:
 def contract(block: Array, currents: Array, size: int) -> Array:
     """The block of one set at currents (n_coils,): what is done once per change of the currents."""
     places = (len(block) - map_block.HEADER) // (size * len(currents))
-    count = map_block.HEADER + places * size
-    degree, kernels = int(block[map_block.DEGREE]), kernels_of(block)
-    out = np.empty(count + kernels.behind(degree))
-    map_block.contract(block, size, currents, out[:count])
-    if len(out) > count:
-        kernels.complete(out[map_block.HEADER : count], degree, out[count:])
+    out = np.empty(map_block.HEADER + places * size)
+    out[: map_block.HEADER] = block[: map_block.HEADER]
+    out[map_block.SETS] = 1.0
+    CoreMap(block, components=size // 8).sum_sets(currents, out[map_block.HEADER :])
     return out
+
+
+def completed(block: Array) -> Array:
+    """A block of one set with what kernels that numba compiles want behind its coefficients."""
+    degree, kernels = int(block[map_block.DEGREE]), kernels_of(block)
+    behind = np.empty(kernels.behind(degree))
+    if not len(behind):
+        return block
+    kernels.complete(block[map_block.HEADER :], degree, behind)
+    return np.concatenate([block, behind])
 
 
 def node_potential(data: MapData) -> Array:

@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
+from fieldmap.core import CoreMap
 from fieldmap.errors import InputError, Problem
-from fieldmap.interpolants.form import Form, Interpolant, contract, header, set_size
+from fieldmap.interpolants.form import Form, Interpolant, header
 from fieldmap.interpolants.harmonic_matrix import field_matrix, gradient_matrix
-from fieldmap.kernels.map import lookup as kernels
 from fieldmap.kernels.map.global_harmonics import KERNELS
 from fieldmap.store import FieldError, Grid, MapData
 from fieldmap.typing import Array
@@ -149,8 +149,9 @@ def _checked_misfit(data: MapData, unit: Array) -> FieldError:
     n, n_coils = len(points), len(data.field_names)
     flux, slope = np.empty((n, 3)), np.empty((n, 3, 3))
     of_flux, of_slope, size = np.zeros(n), np.zeros(n), np.zeros(n)
+    core = CoreMap(unit)
     for c, scale in enumerate(data.field_scale):
-        kernels.evaluate(contract(unit, np.eye(n_coils)[c], set_size(unit)), points, flux, slope)
+        core.fields(points, np.eye(n_coils)[c : c + 1], flux, slope)
         exact = data.flux_density[c].reshape(n, 3)
         of_flux += scale * np.linalg.norm(flux - exact, axis=1)
         of_slope += scale * np.linalg.norm(slope - data.gradient[c].reshape(n, 3, 3), axis=(1, 2))

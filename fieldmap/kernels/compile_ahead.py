@@ -38,17 +38,13 @@ growing_cholesky solve_lower d2 i d1
 growing_cholesky solve_upper d2 i d1
 growing_cholesky remove d2 i i
 iron.sample_gradients point_moments i i d1 d2 d1 i1 i1 d1 d2 d1 d2
-map.map_block contract d1 i d1 d1
-map.lookup evaluate d1 d2 d2 d3
 map.solid_harmonics regular_table i d2
 map.solid_harmonics derivative_matrix i i
 map.global_harmonics expand d1 i d1
-map.lookup evaluate_with d1 d2 d2 d2 d3
 map.current_solver SOLVER
 map.current_solver solve model state d1 d
 map.current_solver signals_of domain d1 d1
 map.current_solver products_of_terms i2 d1 domain
-map.lookup second_gradient d1 d2 d2 d4
 """
 
 _NUMBERS = {"d": types.float64, "f": types.float32, "i": types.int64}

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fieldmap.arguments import checked_vectors
+from fieldmap.core import CoreMap
 from fieldmap.errors import InputError, OutsideMapError, Problem
 from fieldmap.field import (
     Bounds,
@@ -29,11 +30,9 @@ from fieldmap.field import (
     refuse_orientations,
 )
 from fieldmap.interpolants import Form, contract, set_size
+from fieldmap.interpolants.form import completed
 from fieldmap.kernels.in_threads import in_pieces
 from fieldmap.kernels.map import lookup as kernels
-from fieldmap.kernels.map.constant_field import evaluate_one_beside_constant
-from fieldmap.kernels.map.dipole_wrench import sum_wrench_at, wrench_at
-from fieldmap.kernels.map.map_block import WRONG_SHAPE
 from fieldmap.records import Record, short, shortened
 from fieldmap.typing import Array
 
@@ -45,7 +44,6 @@ CHUNK = 16384
 # What takes points of any leading shape by itself, so that nothing stands before it where one point is asked for.
 ONE_POINT = ("field", "gradient", "field_and_gradient", "wrench")
 _ONE = np.ones((1, 1))
-_empty = np.empty
 
 
 class Evaluator(Protocol):
@@ -76,83 +74,76 @@ class Evaluator(Protocol):
     def at(self, weights: Array) -> Evaluator:
         """The sum of the fields at weights (n_fields,), an evaluator of one field whose weight is 1."""
 
-    def one_point(self) -> tuple[Callable[..., int], Any]:
-        """(function, data) with function(data, weights, point, flux, slope) for one point (3,), 0 if it was inside and
-        all arguments fit. Functions of one field are called without weights."""
+    def field_at(self, point: Any, weights: Any) -> tuple[Array, Array] | None:
+        """B (3,), T, and gradient (3, 3), T/m, at one point (3,) for weights (n_fields,), or None where this is no
+        quicker, what is given does not fit, or the point lies outside. Evaluators of one field are given None for
+        weights, those of a form with a constant field the currents of the coils."""
+
+    def dipole_wrench_at(self, point: Any, moment: Any, weights: Any) -> Array | None:
+        """Force, N, and torque, N m, (6,), on a dipole of moment (3,), A m^2; otherwise as `field_at`."""
 
     def compiled(self) -> tuple[Any, Any]:
         """(function, data) for code that numba compiles: see `FieldMap.compiled`. Raises InputError without one."""
 
 
 class CompiledEvaluator:
-    """Kernels that numba compiles: fieldmap.kernels.map.lookup on one block of coefficients."""
+    """The C core on the coefficients of a form."""
 
     def __init__(self, form: Form) -> None:
-        self._unit, self._potential_unit, self.places = form.unit, form.potential_unit, form.places
+        self._block, self._potential_block, self.places = form.unit, form.potential_unit, form.places
+        self._core = CoreMap(form.unit, 3, form.constant)
+        self._of_potential = _potential_core(self._core, form.unit, form.potential_unit)
+        self.field_at, self.dipole_wrench_at = self._core.field_at, self._core.dipole_wrench_at
 
     def field_and_gradient(self, points: Array, weights: Array, flux: Array, slope: Array) -> int:
         """See `Evaluator`."""
-        return int(kernels.evaluate_with(self._unit, weights, points, flux, slope))
+        return self._core.fields(points, weights, flux, slope if slope.shape[-1] else None)
 
     def second_gradient(self, points: Array, weights: Array, second: Array) -> int:
         """See `Evaluator`."""
-        return int(kernels.second_gradient(self._unit, weights, points, second))
+        return self._core.second_gradients(points, weights, second)
 
     def potential(self, points: Array, weights: Array, values: Array) -> int:
         """See `Evaluator`."""
-        return int(kernels.potential(self._potential_unit, weights, points, values))
+        return self._of_potential.potentials(points, weights, values)
 
     def each_field(self, points: Array, flux: Array, slope: Array) -> int:
         """See `Evaluator`."""
-        return int(kernels.evaluate_units(self._unit, points, flux, slope))
+        return self._core.each_field(points, flux, slope if slope.shape[-1] else None)
 
     def at(self, weights: Array) -> ContractedEvaluator:
         """See `Evaluator`."""
-        block = contract(self._unit, weights, set_size(self._unit))
-        own = self._potential_unit is self._unit
-        return ContractedEvaluator(block, block if own else contract(self._potential_unit, weights, 8))
-
-    def one_point(self) -> tuple[Callable[..., int], Any]:
-        """See `Evaluator`."""
-        n_fields = int(self._unit[kernels.SETS])
-        example = self._unit, np.zeros(n_fields), np.zeros(3), np.empty(3), np.empty((3, 3))
-        return closed_to_new_types(kernels.evaluate_one_with, *example), self._unit
-
-    def one_point_beside_constant(self) -> tuple[Callable[..., int], Any]:
-        """As `one_point`, for the currents of the coils where the last field is one that no current drives."""
-        coils = int(self._unit[kernels.SETS]) - 1
-        example = self._unit, np.zeros(coils), np.zeros(3), np.empty(3), np.empty((3, 3))
-        return closed_to_new_types(evaluate_one_beside_constant, *example), self._unit
-
-    def one_wrench(self) -> Callable[..., int]:
-        """`fieldmap.kernels.map.dipole_wrench.wrench_at`, for the block of `one_point`."""
-        three = np.zeros(3)
-        return closed_to_new_types(wrench_at, self._unit, np.empty(0), three, three, three, np.empty(6))
+        block = contract(self._block, weights, set_size(self._block))
+        own = self._potential_block is self._block
+        return ContractedEvaluator(block, block if own else contract(self._potential_block, weights, 8))
 
     def compiled(self) -> tuple[Any, Any]:
         """See `Evaluator`."""
-        return kernels.at_currents, self._unit
+        return kernels.at_currents, self._block
 
 
 class ContractedEvaluator:
-    """The same kernels on a block that holds the sum of the fields."""
+    """The same on a block that holds the sum of the fields."""
 
     places = 1
 
     def __init__(self, block: Array, potential_block: Array) -> None:
-        self._block, self._potential_block = block, potential_block
+        self._block = block
+        self._core = CoreMap(block)
+        self._of_potential = _potential_core(self._core, block, potential_block)
+        self.field_at, self.dipole_wrench_at = self._core.field_at, self._core.dipole_wrench_at
 
     def field_and_gradient(self, points: Array, weights: Array, flux: Array, slope: Array) -> int:
         """See `Evaluator`."""
-        return int(kernels.evaluate(self._block, points, flux, slope))
+        return self._core.fields(points, None, flux, slope if slope.shape[-1] else None)
 
     def second_gradient(self, points: Array, weights: Array, second: Array) -> int:
         """See `Evaluator`."""
-        return int(kernels.second_gradient(self._block, weights, points, second))
+        return self._core.second_gradients(points, None, second)
 
     def potential(self, points: Array, weights: Array, values: Array) -> int:
         """See `Evaluator`."""
-        return int(kernels.potential(self._potential_block, weights, points, values))
+        return self._of_potential.potentials(points, None, values)
 
     def each_field(self, points: Array, flux: Array, slope: Array) -> int:
         """See `Evaluator`."""
@@ -162,37 +153,14 @@ class ContractedEvaluator:
         """See `Evaluator`: there is nothing left to sum."""
         return self
 
-    def one_point(self) -> tuple[Callable[..., int], Any]:
-        """See `Evaluator`."""
-        example = self._block, np.zeros(3), np.empty(3), np.empty((3, 3))
-        return closed_to_new_types(kernels.evaluate_one, *example), self._block
-
-    def one_wrench(self) -> Callable[..., int]:
-        """`fieldmap.kernels.map.dipole_wrench.sum_wrench_at`, for the block of `one_point`."""
-        return closed_to_new_types(sum_wrench_at, self._block, np.zeros(3), np.zeros(3), np.empty(6))
-
     def compiled(self) -> tuple[Any, Any]:
         """See `Evaluator`."""
-        return kernels.at, self._block
+        return kernels.at, completed(self._block)
 
 
-def closed_to_new_types(kernel: Callable[..., Any], *example: object) -> Callable[..., Any]:
-    """The kernel, compiled for arguments like the example and for no others.
-
-    Other types then raise TypeError at once instead of costing seconds of compilation, whoever called the kernel
-    before. Without a just-in-time compiler (NUMBA_DISABLE_JIT) there is nothing to do.
-    """
-    if hasattr(kernel, "disable_compile"):
-        kernel(*example)
-        kernel.disable_compile()
-    return kernel
-
-
-def wrench_kernel(evaluator: Evaluator) -> Callable[..., int]:
-    """The kernel for the wrench at one point; for an evaluator that has none, one that leaves every point to others."""
-    if isinstance(evaluator, CompiledEvaluator | ContractedEvaluator):
-        return evaluator.one_wrench()
-    return lambda *_: WRONG_SHAPE
+def _potential_core(core: CoreMap, block: Array, potential_block: Array) -> CoreMap:
+    """What evaluates the potential: its own block, unless that of the field holds it."""
+    return core if potential_block is block else CoreMap(potential_block, components=1)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -275,16 +243,6 @@ class MapAtCurrents(TakesPoints, own_shapes=ONE_POINT):
     ) -> None:
         self._evaluator, self._box = evaluator, box
         self.coil_names, self.currents, self.assumptions = coil_names, currents, assumptions
-        self._start()
-
-    def _start(self) -> None:
-        self._one, self._data = self._evaluator.one_point()
-        self._one_wrench: Callable[..., int] = self._first_wrench
-
-    def _first_wrench(self, *given: Any) -> int:
-        """Not when the currents are set: the kernel may have to be compiled."""
-        self._one_wrench = wrench_kernel(self._evaluator)
-        return self._one_wrench(*given)
 
     def __repr__(self) -> str:
         return shortened(f"{type(self).__name__}({len(self.coil_names)} coils at {short(self.currents)} A)")
@@ -330,13 +288,9 @@ class MapAtCurrents(TakesPoints, own_shapes=ONE_POINT):
         self, points: ArrayLike, out: tuple[Array, Array] | None = None
     ) -> tuple[Array, Array]:
         """B (n, 3) in T and G (n, 3, 3) in T/m in one pass."""
-        try:
-            if points.ndim == 1:  # type: ignore[union-attr]
-                flux, slope = (_empty(3), _empty((3, 3))) if out is None else out
-                if self._one(self._data, points, flux, slope) == 0:
-                    return flux, slope
-        except (TypeError, AttributeError, ValueError):
-            pass  # a list, not float64, not contiguous, no pair: what follows sorts it out
+        found = self._evaluator.field_at(points, None)
+        if found is not None:
+            return found if out is None else written(found, out)
         if has_leading_shape(points):
             return over_points(self.field_and_gradient, points, out)
         where, single = checked_vectors("points", points)
@@ -378,13 +332,10 @@ class MapAtCurrents(TakesPoints, own_shapes=ONE_POINT):
     ) -> Array:
         """Force (N) and torque (N m) on point dipoles or a body, (n, 6), about their own positions: see
         `FieldMap.wrench`."""
-        try:
-            if positions.ndim == moments.ndim == 1 and orientations is None:  # type: ignore[union-attr]
-                load = _empty(6)
-                if self._one_wrench(self._data, positions, moments, load) == 0:
-                    return load
-        except (TypeError, AttributeError, ValueError):
-            pass  # as in `field_and_gradient`
+        if orientations is None:
+            load = self._evaluator.dipole_wrench_at(positions, moments, None)
+            if load is not None:
+                return load
         return np.asarray(self._wrench(positions, moments, orientations))
 
     @partial(of_any_shape, first="positions")
@@ -404,12 +355,13 @@ class MapAtCurrents(TakesPoints, own_shapes=ONE_POINT):
     def _fill(self, evaluate: Callable[..., int], points: Array, *results: Array) -> None:
         in_chunks(lambda p, *r: evaluate(p, _ONE, *r), points, results, self._box)
 
-    def __getstate__(self) -> dict[str, object]:
-        return {k: v for k, v in self.__dict__.items() if k not in ("_one", "_data", "_one_wrench")}
 
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        self.__dict__.update(state)
-        self._start()
+def written(found: tuple[Array, Array], out: tuple[Array, Array]) -> tuple[Array, Array]:
+    """What was found at one point, in the arrays given for it. Raises InputError if they do not fit."""
+    pairs = [(result_array(to, of.shape), of) for to, of in zip(out, found, strict=True)]
+    for to, of in pairs:
+        to[...] = of
+    return pairs[0][0], pairs[1][0]
 
 
 def single_row(result: Array, out: Array | None) -> Array:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cached_property, partial
 from os import PathLike
 from typing import TYPE_CHECKING, Any
@@ -44,7 +45,7 @@ from fieldmap.lookup.evaluation import (
     in_chunks,
     result_array,
     single_row,
-    wrench_kernel,
+    written,
 )
 from fieldmap.lookup.inverse import checked_weight, currents_of_model, currents_of_sum, demand_of
 from fieldmap.lookup.inverse_on_body import currents_on_body, wrench_demand
@@ -75,9 +76,6 @@ def check_choices(kind: str, outside: str, outside_currents: str) -> None:
             )
     if problems:
         raise InputError(*problems)
-
-
-_empty = np.empty
 
 
 class FieldMap(BaseField, own_shapes=ONE_POINT):
@@ -125,7 +123,9 @@ class FieldMap(BaseField, own_shapes=ONE_POINT):
         self._info = MapInfo(**{name: getattr(data, name) for name in MapInfo.__dataclass_fields__})
         lower, upper = np.array(data.grid.lower), np.array(data.grid.upper)
         self._box = Box(lower, upper, outside, default_threads() if threads is None else max(1, int(threads)))
-        self._form: Form = INTERPOLANTS[kind].form(data, outside)
+        # A field of weight 1 behind the coils'; with a model of the iron its weights include that.
+        self._constant = data.constant_field and data.reduced_model is None
+        self._form: Form = replace(INTERPOLANTS[kind].form(data, outside), constant=self._constant)
         self._evaluator: Evaluator = (evaluator or INTERPOLANTS[kind].evaluator or CompiledEvaluator)(
             self._form
         )
@@ -138,25 +138,10 @@ class FieldMap(BaseField, own_shapes=ONE_POINT):
         self._start()
 
     def _start(self) -> None:
-        # A field of weight 1 behind the coils'; with a model of the iron its weights include that.
-        self._constant = self._info.constant_field and self._model is None
-        self._block = self._form.unit
         # Largest number of points for which superposing at each point is cheaper than contracting the block.
         self._few = max(self._evaluator.places // 4, 1)
         self._last: tuple[bytes, MapAtCurrents | None] = (b"", None)
         self._last_weights: tuple[bytes, Array] = (b"", np.empty(0))
-        # New currents that need a model of the iron take the general path.
-        self._one: Callable[..., int] = _never if self._model is None else self._one_of_model
-        self._of_weights: Callable[..., int] | None = None
-        self._of_block: Any = None
-        self._unit: Any = None
-        self._one_wrench: Callable[..., int] = self._first_wrench
-        # Of a model no currents are known yet.
-        self._known = np.ones(int(self._constant)) if self._model is None else np.full(2, np.nan)
-        if self._model is None and not self._constant:
-            self._one, self._unit = self._evaluator.one_point()
-        elif self._constant and isinstance(self._evaluator, CompiledEvaluator):
-            self._one, self._unit = self._evaluator.one_point_beside_constant()
 
     @property
     def info(self) -> MapInfo:
@@ -360,14 +345,10 @@ class FieldMap(BaseField, own_shapes=ONE_POINT):
         self, points: ArrayLike, currents: Any, out: tuple[Array, Array] | None = None
     ) -> tuple[Array, Array]:
         """B (n, 3) in T and G (n, 3, 3) in T/m in one pass."""
-        # One point with as little Python as can be: a third of its time is this method, the rest the call below.
-        try:
-            if points.ndim == 1:  # type: ignore[union-attr]
-                flux, slope = (_empty(3), _empty((3, 3))) if out is None else out
-                if self._one(self._unit, currents, points, flux, slope) == 0:
-                    return flux, slope
-        except (TypeError, AttributeError, ValueError):
-            pass  # a list, not float64, not contiguous, no pair: what follows sorts it out
+        weights = currents if self._model is None else self._known_weights(currents)
+        found = None if weights is None else self._evaluator.field_at(points, weights)
+        if found is not None:
+            return found if out is None else written(found, out)
         if has_leading_shape(points):
             return over_points(self.field_and_gradient, points, currents, out)
         where, single, rows = self._arguments(points, currents)
@@ -419,14 +400,11 @@ class FieldMap(BaseField, own_shapes=ONE_POINT):
         `MagneticBody` of soft iron, of several magnets or of one of finite size, with orientations (3, 3) or
         (n, 3, 3), columns its axes; upright without: (5)..(10) there.
         """
-        # As in `field_and_gradient`.
-        try:
-            if positions.ndim == moments.ndim == 1 and orientations is None:  # type: ignore[union-attr]
-                load = _empty(6)
-                if self._one_wrench(self._block, self._known, currents, positions, moments, load) == 0:
-                    return load
-        except (TypeError, AttributeError, ValueError):
-            pass
+        if orientations is None:
+            weights = currents if self._model is None else self._known_weights(currents)
+            load = None if weights is None else self._evaluator.dipole_wrench_at(positions, moments, weights)
+            if load is not None:
+                return load
         return np.asarray(self._wrench(positions, moments, currents, orientations))
 
     def actuation(
@@ -595,27 +573,19 @@ class FieldMap(BaseField, own_shapes=ONE_POINT):
         if known != key:
             weights = model.weights(currents)
             self._last_weights = (key, weights)
-            self._known = np.concatenate([currents, weights])
         return weights
 
-    def _one_of_model(self, _: None, currents: Array, point: Array, flux: Array, slope: Array) -> int:
-        """As of `Evaluator.one_point`, of saturating iron at the currents of the last call; 1 for any others."""
+    def _known_weights(self, currents: Any) -> Array | None:
+        """Of saturating iron: the weights at the currents of the last call, None for any others."""
         known, weights = self._last_weights
-        if currents.ndim != 1 or currents.dtype != np.float64 or currents.tobytes() != known:
-            return 1
-        if self._of_weights is None:
-            # Not when the map is opened: it may have to be compiled.
-            self._of_weights, self._of_block = self._evaluator.one_point()
-        return self._of_weights(self._of_block, weights, point, flux, slope)
-
-    def _first_wrench(self, *given: Any) -> int:
-        """Not when the map is opened: the kernel may have to be compiled."""
-        self._one_wrench = wrench_kernel(self._evaluator)
-        return self._one_wrench(*given)
+        if isinstance(currents, np.ndarray) and currents.dtype == np.float64 and currents.tobytes() == known:
+            return weights
+        return None
 
     def __getstate__(self) -> dict[str, object]:
         return {
-            name: self.__dict__[name] for name in ("_info", "_box", "_form", "_evaluator", "_model", "_table")
+            name: self.__dict__[name]
+            for name in ("_info", "_box", "_form", "_constant", "_evaluator", "_model", "_table")
         }
 
     def __setstate__(self, state: dict[str, object]) -> None:
@@ -654,10 +624,6 @@ def _errors_in_words(bound: FieldError | None, of_model: FieldError | None) -> d
         return {"error": certified if bound is None else f"{certified} against the solver"}
     found = f"up to {of_model.flux_density:.2g} T and {of_model.gradient:.2g} T/m found at solved states"
     return {"error of the interpolation": certified, "error of the current model": found}
-
-
-def _never(*_: object) -> int:
-    return 1
 
 
 def open_map(

@@ -14,15 +14,15 @@ from typing import TypeAlias
 import numpy as np
 from scipy.sparse import csr_array, vstack
 
+from fieldmap.core import CoreMap
 from fieldmap.errors import InputError
-from fieldmap.interpolants import Form, cell_form, contract, global_form, hermite_form, set_size
+from fieldmap.interpolants import Form, cell_form, global_form, hermite_form, set_size
 from fieldmap.interpolants.harmonic_matrix import (
     field_matrix,
     gradient_matrix,
     largest_on_sphere,
     shift_matrix,
 )
-from fieldmap.kernels.map import lookup as kernels
 from fieldmap.kernels.map.map_block import DEGREE, HEADER, LENGTH
 from fieldmap.kernels.map.solid_harmonics import derivative_matrix
 from fieldmap.parallel import in_threads, threads_of_kernels
@@ -77,9 +77,10 @@ def difference_to_solver(form: Form, scale: Array, points: Array, unit_fields: U
 
 def _by_field(form: Form, points: Array) -> Iterator[tuple[Array, Array]]:
     """Field (n, 3) and gradient (n, 3, 3) of one coil after the other, per ampere."""
+    core = CoreMap(form.unit)
     for one in np.eye(form.n_coils):
         flux, slope = np.empty((len(points), 3)), np.empty((len(points), 3, 3))
-        kernels.evaluate(contract(form.unit, one, set_size(form.unit)), points, flux, slope)
+        core.fields(points, one[None], flux, slope)
         yield flux, slope
 
 

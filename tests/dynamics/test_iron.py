@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
+from fieldmap.core import CoreMap
 from fieldmap.currents import divide_currents
 from fieldmap.dynamics import linearised, superposed, tabled
 from fieldmap.errors import InputError
-from fieldmap.kernels.map.lookup import evaluate_with
 from fieldmap.kernels.motion.currents import find_weights
 from fieldmap.lookup import iron_weights
 
@@ -19,7 +19,7 @@ def field(of, currents):
     weights = np.empty(sets)
     assert find_weights(*of.numbers, np.asarray(currents, float), weights)
     flux, slope = np.empty((len(POINTS), 3)), np.empty((len(POINTS), 3, 3))
-    evaluate_with(of.block, weights[None], POINTS, flux, slope)
+    CoreMap(of.block).fields(POINTS, weights[None], flux, slope)
     return flux, slope
 
 

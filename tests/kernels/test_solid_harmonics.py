@@ -88,12 +88,3 @@ def test_the_table_of_any_degree(degree):
     work = np.empty(degree**2)
     ours = [global_harmonics.field_and_gradient(rows, degree, *point, work) for point in POINTS]
     np.testing.assert_allclose(ours, nine(c, degree, POINTS), rtol=1e-11, atol=1e-12)
-
-
-def test_third_derivatives():
-    c, degree = coefficients(5), 5
-    work, out = np.empty(4 * 36), np.empty((3, 3, 3))
-    solid_harmonics.third_derivatives(c, degree, *POINTS[0], work, out)
-    for i, j, k in np.ndindex(3, 3, 3):
-        expected = value_of(c, degree, [i, j, k], POINTS[:1])[0]
-        assert out[i, j, k] == pytest.approx(expected, rel=1e-12, abs=1e-12)

@@ -58,8 +58,11 @@ class ReferenceEvaluator:
     def at(self, weights):
         return ReferenceEvaluator(self.form, weights)
 
-    def one_point(self):
-        return lambda *_: 1, None
+    def field_at(self, point, weights):
+        return None
+
+    def dipole_wrench_at(self, point, moment, weights):
+        return None
 
     def compiled(self):
         raise InputError(Problem("compiled", "an evaluator that numba compiles", "numpy", "take another"))

@@ -22,7 +22,8 @@ def test_a_planted_error_can_be_planted(error):
     assert text.count(error["before"]) == 1
     planted = text.replace(error["before"], error["after"])
     assert planted != text
-    ast.parse(planted)
+    if error["file"].endswith(".py"):
+        ast.parse(planted)
     assert (ROOT / error["tests"].split()[0]).is_file()
 
 

@@ -188,8 +188,6 @@ KERNELS = InterpolantKernels(
     _contracted,
     _superposed,
     _unit,
-    solid_harmonics.second_gradient,
-    solid_harmonics.potential,
     _cell_size,
     _gather,
     of_cell,

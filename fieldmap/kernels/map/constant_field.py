@@ -1,4 +1,4 @@
-"""Lookups in a block whose last set is a field that no current drives: its weight is 1."""
+"""Lookups by compiled callers in a block whose last set is a field that no current drives: its weight is 1."""
 
 from collections.abc import Callable
 from functools import cache
@@ -8,21 +8,6 @@ import numpy as np
 
 from fieldmap.kernels.compilation import njit
 from fieldmap.kernels.copy_vector import copy_vector
-from fieldmap.kernels.map.lookup import evaluate_one_with
-from fieldmap.kernels.map.map_block import OUTER, SETS, WRONG_SHAPE
-
-
-@njit(**{**OUTER, "nogil": False})
-def evaluate_one_beside_constant(block, currents, point, flux, slope):
-    """As `fieldmap.kernels.map.lookup.evaluate_one_with`, for the currents of the coils (n_coils,)."""
-    coils = currents.shape[0]
-    if coils + 1 != int(block[SETS]):
-        return WRONG_SHAPE
-    weights = np.empty(coils + 1)
-    for k in range(coils):
-        weights[k] = currents[k]
-    weights[coils] = 1.0
-    return evaluate_one_with(block, weights, point, flux, slope)
 
 
 @cache

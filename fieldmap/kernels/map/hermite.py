@@ -23,7 +23,6 @@ from fieldmap.kernels.map.map_block import (
     INLINED,
     INLINED_EARLY,
     LOCAL,
-    OUTER,
     SETS,
     WHOLE,
     InterpolantKernels,
@@ -34,29 +33,6 @@ from fieldmap.kernels.map.map_block import (
 # Of a 0 in the call itself numba makes another type than of a number, and compiles what is called once for each.
 _ZERO = np.int64(0)
 NODE = 24  # numbers of one set at a node: three components of eight
-
-# A point this far outside, in cells, still counts as inside: the rounding of upper = lower + (n - 1) spacing.
-EDGE = 1e-9
-
-
-@njit(**INLINED_EARLY)
-def locate(point, lower, spacing, shape):
-    """Cell (i, j, k) of a point and its coordinates (tx, ty, tz) in it, each 0..1.
-
-    i is -1 outside the grid, -2 if a coordinate is NaN; then the other five mean nothing.
-    """
-    ux = (point[0] - lower[0]) / spacing[0]
-    uy = (point[1] - lower[1]) / spacing[1]
-    uz = (point[2] - lower[2]) / spacing[2]
-    if np.isnan(ux) or np.isnan(uy) or np.isnan(uz):
-        return -2, 0, 0, 0.0, 0.0, 0.0
-    beyond = max(ux - (shape[0] - 1), uy - (shape[1] - 1), uz - (shape[2] - 1))
-    if max(-ux, -uy, -uz, beyond) > EDGE:
-        return -1, 0, 0, 0.0, 0.0, 0.0
-    i = min(int(ux), shape[0] - 2)
-    j = min(int(uy), shape[1] - 2)
-    k = min(int(uz), shape[2] - 2)
-    return i, j, k, ux - i, uy - j, uz - k
 
 
 @njit(**INLINED_EARLY)
@@ -75,31 +51,10 @@ def basis_slope(t, spacing):
 
 
 @njit(**INLINED_EARLY)
-def basis_bend(t, spacing):
-    """Second derivatives of the basis by position."""
-    i = 1.0 / (spacing * spacing)
-    return (12.0 * t - 6.0) * i, (6.0 * t - 4.0) * i, (6.0 - 12.0 * t) * i, (6.0 * t - 2.0) * i
-
-
-@njit(**INLINED_EARLY)
 def _dot(w, near, far, m):
     """Combination along z of both ends of one cell edge; m: index of the derivative order in x and y."""
     n = m + np.uint64(1)
     return w[0] * near[m] + w[1] * near[n] + w[2] * far[m] + w[3] * far[n]
-
-
-@njit(**INLINED_EARLY)
-def value(coefficients, i, j, k, c, wx, wy, wz):
-    """The interpolant of channel c in cell (i, j, k), from the basis along each axis."""
-    value = 0.0
-    for a in range(2):
-        for b in range(2):
-            near = coefficients[np.uint64(i + a), np.uint64(j + b), np.uint64(k), np.uint64(c)]
-            far = coefficients[np.uint64(i + a), np.uint64(j + b), np.uint64(k + 1), np.uint64(c)]
-            for d in range(2):
-                for e in range(2):
-                    value += wx[2 * a + d] * wy[2 * b + e] * _dot(wz, near, far, np.uint64(4 * d + 2 * e))
-    return value
 
 
 @njit(**INLINED_EARLY)
@@ -123,51 +78,6 @@ def value_and_slopes(coefficients, i, j, k, c, wx, wy, wz, dx, dy, dz):
             fy += wx[2 * a + d] * sy
             fz += wx[2 * a + d] * sz
     return f, fx, fy, fz
-
-
-@njit(**INLINED_EARLY)
-def bends(coefficients, i, j, k, c, x, y, z):
-    """f_xx, f_yy, f_zz, f_xy, f_xz, f_yz of channel c; x, y, z: (basis, slopes, bends) along each axis."""
-    xx, yy, zz, xy, xz, yz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    for a in range(2):
-        for b in range(2):
-            near = coefficients[np.uint64(i + a), np.uint64(j + b), np.uint64(k), np.uint64(c)]
-            far = coefficients[np.uint64(i + a), np.uint64(j + b), np.uint64(k + 1), np.uint64(c)]
-            for d in range(2):
-                for e in range(2):
-                    m = np.uint64(4 * d + 2 * e)
-                    p, q = 2 * a + d, 2 * b + e
-                    v = _dot(z[0], near, far, m)
-                    vz = _dot(z[1], near, far, m)
-                    xx += x[2][p] * y[0][q] * v
-                    yy += x[0][p] * y[2][q] * v
-                    zz += x[0][p] * y[0][q] * _dot(z[2], near, far, m)
-                    xy += x[1][p] * y[1][q] * v
-                    xz += x[1][p] * y[0][q] * vz
-                    yz += x[0][p] * y[1][q] * vz
-    return xx, yy, zz, xy, xz, yz
-
-
-@njit(**OUTER)
-def field_and_gradient(coefficients, lower, spacing, points, values, gradient):
-    """values (n, n_channels) and gradient (n, n_channels, 3): the interpolant and its exact derivative."""
-    outside = 0
-    for p in range(points.shape[0]):
-        i, j, k, tx, ty, tz = locate(points[p], lower, spacing, coefficients.shape)
-        if i < 0:
-            values[p] = np.nan
-            gradient[p] = np.nan
-            outside += i == -1
-            continue
-        wx, wy, wz = basis(tx), basis(ty), basis(tz)
-        dx, dy, dz = basis_slope(tx, spacing[0]), basis_slope(ty, spacing[1]), basis_slope(tz, spacing[2])
-        for c in range(values.shape[1]):
-            f, fx, fy, fz = value_and_slopes(coefficients, i, j, k, c, wx, wy, wz, dx, dy, dz)
-            values[p, c] = f
-            gradient[p, c, 0] = fx
-            gradient[p, c, 1] = fy
-            gradient[p, c, 2] = fz
-    return outside
 
 
 @inlined(**INLINED)
@@ -201,21 +111,6 @@ def _corners(block, i, j, k, size, currents):
 
 
 @inlined(**INLINED)
-def _bends(block, corners, tx, ty, tz, second):
-    """second (3, 3, 3): second derivatives of the Hermite form."""
-    sx, sy, sz = block[LOCAL], block[LOCAL + 1], block[LOCAL + 2]
-    x = (basis(tx), basis_slope(tx, sx), basis_bend(tx, sx))
-    y = (basis(ty), basis_slope(ty, sy), basis_bend(ty, sy))
-    z = (basis(tz), basis_slope(tz, sz), basis_bend(tz, sz))
-    for c in range(3):
-        xx, yy, zz, xy, xz, yz = bends(corners, 0, 0, 0, c, x, y, z)
-        second[c, 0, 0], second[c, 1, 1], second[c, 2, 2] = xx, yy, zz
-        second[c, 0, 1], second[c, 1, 0] = xy, xy
-        second[c, 0, 2], second[c, 2, 0] = xz, xz
-        second[c, 1, 2], second[c, 2, 1] = yz, yz
-
-
-@inlined(**INLINED)
 def _contracted(block, i, j, k, tx, ty, tz):
     return of_nodes(block, _nodes(block, 3), i, j, k, _ZERO, tx, ty, tz)
 
@@ -229,18 +124,6 @@ def _superposed(block, weights, i, j, k, tx, ty, tz):
 @inlined(**INLINED)
 def _unit(block, s, i, j, k, tx, ty, tz):
     return of_nodes(block, _nodes(block, 3 * int(block[SETS])), i, j, k, 3 * s, tx, ty, tz)
-
-
-@inlined(**INLINED)
-def _second_gradient(block, weights, i, j, k, tx, ty, tz, work, out):
-    _bends(block, _corners(block, i, j, k, NODE, weights), tx, ty, tz, out)
-
-
-# A block of the potential has eight numbers a node.
-@inlined(**INLINED)
-def _potential(block, weights, i, j, k, tx, ty, tz, work):
-    corners = _corners(block, i, j, k, 8, weights)
-    return -value(corners, 0, 0, 0, 0, basis(tx), basis(ty), basis(tz))
 
 
 @inlined(**INLINED)
@@ -264,8 +147,6 @@ KERNELS = InterpolantKernels(
     _contracted,
     _superposed,
     _unit,
-    _second_gradient,
-    _potential,
     _cell_size,
     _gather,
     _gathered,

@@ -13,15 +13,12 @@ import numpy as np
 from fieldmap.kernels.compilation import inlined, njit
 from fieldmap.kernels.map import cell_harmonics, global_harmonics, hermite
 from fieldmap.kernels.map.map_block import (
-    DEGREE,
     INLINED,
     INLINED_EARLY,
     INSIDE,
     KIND,
     OUTER,
     OUTSIDE,
-    SETS,
-    WRONG_SHAPE,
     InterpolantKernels,
     locate,
 )
@@ -84,7 +81,6 @@ def _if_kind_superposed(
 
 
 _contracted, _superposed, _unit = of_kind("contracted"), _superposed_of_kind(), of_kind("unit")
-_second_gradient, _potential = of_kind("second_gradient"), of_kind("potential")
 
 
 @inlined(**INLINED)
@@ -116,52 +112,6 @@ def _store(values, flux, slope):
 
 
 @njit(**OUTER)
-def evaluate(block, points, flux, slope):
-    """flux (n, 3) and slope (n, 3, 3), or (n, 0, 0) for the field alone. Returns how many points lie outside."""
-    outside = 0
-    for p in range(points.shape[0]):
-        status, values = contracted_at(block, points[p, 0], points[p, 1], points[p, 2])
-        outside += status == OUTSIDE
-        _store(values, flux[p], slope[p])
-    return outside
-
-
-@njit(**OUTER)
-def evaluate_with(block, currents, points, flux, slope):
-    """As `evaluate`, with currents (n, n_coils) or (1, n_coils) superposed at every point."""
-    outside = 0
-    for p in range(points.shape[0]):
-        row = currents[p if currents.shape[0] > 1 else 0]
-        status, values = superposed_at(block, row, points[p, 0], points[p, 1], points[p, 2])
-        outside += status == OUTSIDE
-        _store(values, flux[p], slope[p])
-    return outside
-
-
-# To release the interpreter's lock and take it back costs more than others could do in the meantime.
-@njit(**{**OUTER, "nogil": False})
-def evaluate_one(block, point, flux, slope):
-    """Field and gradient at one point (3,); the status."""
-    if point.shape[0] != 3 or flux.shape[0] != 3 or slope.shape != (3, 3):
-        return WRONG_SHAPE
-    status, values = contracted_at(block, point[0], point[1], point[2])
-    _store(values, flux, slope)
-    return status
-
-
-@njit(**{**OUTER, "nogil": False})
-def evaluate_one_with(block, currents, point, flux, slope):
-    """Field and gradient at one point (3,) and currents (n_coils,); the status."""
-    if point.shape[0] != 3 or flux.shape[0] != 3 or slope.shape != (3, 3):
-        return WRONG_SHAPE
-    if currents.shape[0] != int(block[SETS]):
-        return WRONG_SHAPE
-    status, values = superposed_at(block, currents, point[0], point[1], point[2])
-    _store(values, flux, slope)
-    return status
-
-
-@njit(**OUTER)
 def evaluate_units(block, points, flux, slope):
     """flux (n, n_coils, 3) and slope (n, n_coils, 3, 3) of every set by itself. Returns how many lie outside."""
     outside = 0
@@ -174,37 +124,6 @@ def evaluate_units(block, points, flux, slope):
             continue
         for s in range(flux.shape[1]):
             _store(_unit(block, (s, i, j, k, tx, ty, tz)), flux[p, s], slope[p, s])
-    return outside
-
-
-@njit(**OUTER)
-def second_gradient(block, currents, points, second):
-    """second (n, 3, 3, 3), currents as for `evaluate_with`. Returns how many points lie outside."""
-    outside = 0
-    work = np.empty(4 * (int(block[DEGREE]) + 1) ** 2)
-    for p in range(points.shape[0]):
-        row = currents[p if currents.shape[0] > 1 else 0]
-        status, i, j, k, tx, ty, tz = locate(block, points[p, 0], points[p, 1], points[p, 2])
-        outside += status == OUTSIDE
-        if status != INSIDE:
-            for a in range(3):
-                for b in range(3):
-                    second[p, a, b, 0] = second[p, a, b, 1] = second[p, a, b, 2] = NAN
-        else:
-            _second_gradient(block, (row, i, j, k, tx, ty, tz, work, second[p]))
-    return outside
-
-
-@njit(**OUTER)
-def potential(block, currents, points, values):
-    """values (n,): U with B = -grad U, from a block that holds it. Returns how many points lie outside."""
-    outside = 0
-    work = np.empty((int(block[DEGREE]) + 1) ** 2)
-    for p in range(points.shape[0]):
-        row = currents[p if currents.shape[0] > 1 else 0]
-        status, i, j, k, tx, ty, tz = locate(block, points[p, 0], points[p, 1], points[p, 2])
-        outside += status == OUTSIDE
-        values[p] = _potential(block, (row, i, j, k, tx, ty, tz, work)) if status == INSIDE else NAN
     return outside
 
 

@@ -25,7 +25,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from fieldmap.kernels.compilation import inlined, njit
+from fieldmap.kernels.compilation import inlined
 
 KIND, RULE, SETS, DEGREE = 0, 1, 2, 3
 LOWER, INVERSE, CELLS, LOCAL = 4, 7, 10, 13
@@ -33,7 +33,7 @@ LENGTH, PER_LENGTH = 16, 17
 HEADER = 24
 
 NAN_OUTSIDE, CLAMP = 0, 1
-INSIDE, OUTSIDE, NOT_FINITE, WRONG_SHAPE = 0, 1, 2, 3
+INSIDE, OUTSIDE, NOT_FINITE = 0, 1, 2
 
 _ONE, _TWO, _THREE, _FOUR = (np.uint64(n) for n in range(1, 5))
 
@@ -118,19 +118,6 @@ def superpose(block, place, size, currents, out):
         m += _ONE
 
 
-@njit(**OUTER)
-def contract(block, size, currents, out):
-    """The block `out` of one set: header of `block` with SETS = 1, and every place superposed at currents.
-
-    size: numbers of one set at one place. `block` has as many sets as there are currents.
-    """
-    for m in range(HEADER):
-        out[m] = block[m]
-    out[SETS] = 1.0
-    for place in range((block.shape[0] - HEADER) // (size * currents.shape[0])):
-        superpose(block, place, size, currents, out[HEADER + place * size : HEADER + (place + 1) * size])
-
-
 @inlined(**INLINED)
 def local(block, tx, ty, tz):
     """Coordinates from the middle of the cell, in LENGTHs."""
@@ -154,8 +141,6 @@ class InterpolantKernels(NamedTuple):
     contracted(block, i, j, k, tx, ty, tz): the twelve from a block of a single set.
     superposed(block, weights, i, j, k, tx, ty, tz): the twelve from a block of several.
     unit(block, s, i, j, k, tx, ty, tz): the twelve of set s by itself.
-    second_gradient(block, weights, i, j, k, tx, ty, tz, work, out): out (3, 3, 3); work (4 (DEGREE + 1)^2,).
-    potential(block, weights, i, j, k, tx, ty, tz, work): U with B = -grad U; work ((DEGREE + 1)^2,).
     cell_size(block): how many numbers a cell takes when they are kept; gather(block, weights, i, j, k, out): them, out
     (cell_size,); gathered(block, numbers, tx, ty, tz): the twelve from them.
     set_size(degree), for Python: how many numbers a set has at a place. behind(degree): how many numbers a block of a
@@ -165,8 +150,6 @@ class InterpolantKernels(NamedTuple):
     contracted: Callable[..., Any]
     superposed: Callable[..., Any]
     unit: Callable[..., Any]
-    second_gradient: Callable[..., Any]
-    potential: Callable[..., Any]
     cell_size: Callable[..., Any]
     gather: Callable[..., Any]
     gathered: Callable[..., Any]

@@ -18,11 +18,8 @@ from fieldmap.kernels.compilation import inlined, njit
 from fieldmap.kernels.map.map_block import (
     DEGREE,
     INLINED,
-    LENGTH,
     OUTER,
-    PER_LENGTH,
     cell_number,
-    local,
     superpose,
 )
 
@@ -118,62 +115,12 @@ def regular_table(degree, points):
 
 
 @inlined(**INLINED)
-def potential_sum(c, degree, x, y, z, work):
-    """Value of the polynomial; work ((degree + 1)^2,)."""
-    regular(degree, x, y, z, work)
-    total = 0.0
-    for i in range((degree + 1) * (degree + 1)):
-        total += c[i] * work[i]
-    return total
-
-
-@njit(**INLINED, forceinline=True)
-def third_derivatives(c, degree, x, y, z, work, out):
-    """out (3, 3, 3) = all third derivatives of the polynomial; work (4 (degree + 1)^2,), degree at least 3."""
-    n = (degree + 1) * (degree + 1)
-    first, second, third, harmonics = work[:n], work[n : 2 * n], work[2 * n : 3 * n], work[3 * n : 4 * n]
-    size = (degree - 2) * (degree - 2)
-    regular(degree - 3, x, y, z, harmonics)
-    for i in range(3):
-        differentiate(c, degree, i, first)
-        for j in range(i, 3):
-            differentiate(first, degree - 1, j, second)
-            for k in range(j, 3):
-                differentiate(second, degree - 2, k, third)
-                total = 0.0
-                for s in range(size):
-                    total += third[s] * harmonics[s]
-                out[i, j, k] = out[i, k, j] = out[j, i, k] = total
-                out[j, k, i] = out[k, i, j] = out[k, j, i] = total
-
-
-@inlined(**INLINED)
 def polynomial(block, i, j, k, weights):
     """Coefficients of the harmonic polynomial of a cell, superposed."""
     size = (int(block[DEGREE]) + 1) ** 2
     c = np.empty(size)
     superpose(block, cell_number(block, i, j, k), size, weights, c)
     return c
-
-
-@inlined(**INLINED)
-def second_gradient(block, weights, i, j, k, tx, ty, tz, work, out):
-    """See `fieldmap.kernels.map.map_block.InterpolantKernels`: of a block of harmonic polynomials."""
-    x, y, z = local(block, tx, ty, tz)
-    third_derivatives(polynomial(block, i, j, k, weights), int(block[DEGREE]), x, y, z, work, out)
-    scale = block[PER_LENGTH] * block[PER_LENGTH]
-    for a in range(3):
-        for b in range(3):
-            for c in range(3):
-                out[a, b, c] *= scale
-
-
-@inlined(**INLINED)
-def potential(block, weights, i, j, k, tx, ty, tz, work):
-    """See `fieldmap.kernels.map.map_block.InterpolantKernels`: of a block of harmonic polynomials."""
-    x, y, z = local(block, tx, ty, tz)
-    c = polynomial(block, i, j, k, weights)
-    return -block[LENGTH] * potential_sum(c, int(block[DEGREE]), x, y, z, work)
 
 
 def coefficient_count(degree: int) -> int:

@@ -1,0 +1,31 @@
+"""The compiled run time: a module in C (python.c), loaded for the newest processor that this machine is."""
+
+import sys
+from importlib.machinery import ExtensionFileLoader
+from importlib.util import module_from_spec, spec_from_loader
+from pathlib import Path
+from typing import Any
+
+from fieldmap.core.compile import libraries, machine
+
+
+def loaded(path: Path) -> Any:
+    """The module in a file."""
+    loader = ExtensionFileLoader(f"{__name__.rpartition('.')[0]}.library", str(path))
+    spec = spec_from_loader(loader.name, loader)
+    assert spec is not None
+    module = module_from_spec(spec)
+    loader.exec_module(module)
+    return module
+
+
+def _for_this_machine() -> Any:
+    oldest, *newer = libraries(machine(), sys.platform).values()
+    if not oldest.exists():
+        must = "install the package, or compile it with `python -m fieldmap.core.compile`"
+        raise ImportError(f"{oldest.name} is not there: {must}")
+    module = loaded(oldest)
+    return loaded(newer[-1]) if newer and module.is_for_newer() else module
+
+
+LIBRARY = _for_this_machine()

@@ -1,0 +1,55 @@
+"""A map's coefficients as the C core evaluates them."""
+
+from typing import Any
+
+from fieldmap.core.library import LIBRARY
+from fieldmap.typing import Array
+
+
+class CoreMap:
+    """The block of a map (fieldmap/core/block.h), ready for the functions of the core.
+
+    components: of the Hermite form, 3, or 1 of the potential. constant: whether the last set is a field that no current
+    drives. Arrays are float64 and in C order; others raise TypeError. points (n, 3), m; weights (n, sets) or (1, sets),
+    or None for a block of one set. Results are written to the arrays given for them, NaN where a point is not finite or
+    lies outside a box whose rule is not to clamp. Methods return how many points lie outside. Several threads may call
+    them at once.
+    """
+
+    def __init__(self, block: Array, components: int = 3, constant: bool = False) -> None:
+        self._given = block, components, constant
+        self._map = LIBRARY.map_of_block(*self._given)
+
+    def fields(self, points: Array, weights: Array | None, flux: Array, gradient: Array | None) -> int:
+        """flux (n, 3), T, and gradient (n, 3, 3), T/m."""
+        return int(LIBRARY.fields(self._map, points, weights, flux, gradient))
+
+    def second_gradients(self, points: Array, weights: Array | None, second: Array) -> int:
+        """second (n, 3, 3, 3), T/m^2."""
+        return int(LIBRARY.second_gradients(self._map, points, weights, second))
+
+    def potentials(self, points: Array, weights: Array | None, values: Array) -> int:
+        """values (n,), T m: U with B = -grad U."""
+        return int(LIBRARY.potentials(self._map, points, weights, values))
+
+    def each_field(self, points: Array, flux: Array, gradient: Array | None) -> int:
+        """flux (n, sets, 3) and gradient (n, sets, 3, 3) of every set at weight 1."""
+        return int(LIBRARY.each_field(self._map, points, flux, gradient))
+
+    def sum_sets(self, weights: Array, out: Array) -> None:
+        """out (places * size,): the sets of every place, summed at weights (sets,)."""
+        LIBRARY.sum_sets(self._map, weights, out)
+
+    def field_at(self, point: Any, weights: Any) -> tuple[Array, Array] | None:
+        """B (3,) and gradient (3, 3) at a point (3,), or None where it or the weights (sets,) do not fit, or it lies
+        outside. With a constant field the weights are the currents of the coils."""
+        found: tuple[Array, Array] | None = LIBRARY.field_at(self._map, point, weights)
+        return found
+
+    def dipole_wrench_at(self, point: Any, moment: Any, weights: Any) -> Array | None:
+        """Force, N, and torque, N m, (6,), on a dipole of moment (3,), A m^2; otherwise as `field_at`."""
+        found: Array | None = LIBRARY.dipole_wrench_at(self._map, point, moment, weights)
+        return found
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return CoreMap, self._given

@@ -1,0 +1,361 @@
+/* python.c: the run time as a module of Python, fieldmap.core.library.
+ *
+ * Arrays are float64, in C order and aligned; others, and sizes that do not fit, raise TypeError. Functions of a single
+ * point answer None instead, also for points outside: their callers then ask on another way, which says what is wrong.
+ * Functions of many points give back the interpreter's lock.
+ *
+ * BSD-3-Clause, the fieldmap developers.
+ */
+#define Py_LIMITED_API 0x030B0000
+#define PY_SSIZE_T_CLEAN
+#include <Python.h>
+#define NPY_NO_DEPRECATED_API NPY_2_0_API_VERSION
+#define NPY_TARGET_VERSION NPY_2_0_API_VERSION
+#include <numpy/arrayobject.h>
+#if defined(__x86_64__) && defined(__GNUC__)
+#include <cpuid.h>
+#endif
+
+#include "block.h"
+#include "map.h"
+#include "wrench.h"
+
+/* A map and the array in which it lies. */
+typedef struct held_map {
+    fieldmap map;
+    PyObject *block;
+} held_map;
+
+static const char *const MAP = "fieldmap.core.map";
+/* Weights that a call has room for. */
+enum { MOST_WEIGHTS = 256 };
+
+static void release_map(PyObject *capsule)
+{
+    held_map *held = (held_map *)PyCapsule_GetPointer(capsule, MAP);
+    if (held == NULL) return;
+    Py_XDECREF(held->block);
+    PyMem_Free(held);
+}
+
+static const fieldmap *map_in(PyObject *capsule)
+{
+    const held_map *held = (const held_map *)PyCapsule_GetPointer(capsule, MAP);
+    return held == NULL ? NULL : &held->map;
+}
+
+/* The numbers of an array with `count` of them and this many dimensions, or NULL. */
+static double *numbers_of(PyObject *given, int dimensions, npy_intp count)
+{
+    PyArrayObject *array = (PyArrayObject *)given;
+    if (!PyArray_Check(given) || PyArray_NDIM(array) != dimensions || PyArray_TYPE(array) != NPY_DOUBLE) return NULL;
+    if (!PyArray_IS_C_CONTIGUOUS(array) || !PyArray_ISBEHAVED_RO(array)) return NULL;
+    return PyArray_SIZE(array) == count ? (double *)PyArray_DATA(array) : NULL;
+}
+
+/* The same for numbers to fill; raises TypeError. */
+static double *numbers_to_fill(PyObject *given, npy_intp count, const char *name)
+{
+    PyArrayObject *array = (PyArrayObject *)given;
+    if (PyArray_Check(given) && PyArray_TYPE(array) == NPY_DOUBLE && PyArray_ISCARRAY(array)
+        && PyArray_SIZE(array) == count)
+        return (double *)PyArray_DATA(array);
+    PyErr_Format(PyExc_TypeError, "%s must be a writeable float64 array in C order of %zd numbers", name, (Py_ssize_t)count);
+    return NULL;
+}
+
+/* Points (n, 3) and weights (n or 1, sets), or None for a map of one set. Raises TypeError. */
+typedef struct asked {
+    const fieldmap *map;
+    const double *points, *weights;
+    npy_intp count;
+    size_t step;
+} asked;
+
+static int read_asked(PyObject *const *args, asked *found)
+{
+    PyArrayObject *points = (PyArrayObject *)args[1], *weights = (PyArrayObject *)args[2];
+    npy_intp rows, sets;
+    found->map = map_in(args[0]);
+    if (found->map == NULL) return 0;
+    if (!PyArray_Check(args[1]) || PyArray_NDIM(points) != 2 || PyArray_DIM(points, 1) != 3) {
+        PyErr_SetString(PyExc_TypeError, "points must be an array (n, 3)");
+        return 0;
+    }
+    found->count = PyArray_DIM(points, 0);
+    found->points = numbers_of(args[1], 2, 3 * found->count);
+    found->weights = NULL;
+    found->step = 0;
+    sets = fieldmap_sets(found->map);
+    if (args[2] != Py_None) {
+        rows = PyArray_Check(args[2]) && PyArray_NDIM(weights) == 2 ? PyArray_DIM(weights, 0) : 0;
+        found->weights = rows == 1 || rows == found->count ? numbers_of(args[2], 2, rows * sets) : NULL;
+        found->step = rows > 1 ? (size_t)sets : 0;
+    }
+    if (found->points == NULL || (found->weights == NULL && (args[2] != Py_None || sets != 1))) {
+        PyErr_Format(PyExc_TypeError, "points and weights must be float64 arrays in C order, (n, 3) and (n or 1, %zd)",
+                     (Py_ssize_t)sets);
+        return 0;
+    }
+    return 1;
+}
+
+static int has_arguments(Py_ssize_t given, Py_ssize_t wanted)
+{
+    if (given == wanted) return 1;
+    PyErr_Format(PyExc_TypeError, "%zd arguments are needed, %zd were given", wanted, given);
+    return 0;
+}
+
+/* is_for_newer(): whether this processor, and the system, run what is compiled for x86-64-v3. */
+static PyObject *is_for_newer(PyObject *self, PyObject *const *args, Py_ssize_t given)
+{
+    int newer = 0;
+    (void)self, (void)args, (void)given;
+#if defined(__x86_64__) && defined(__GNUC__)
+    {
+        /* FMA, AVX and that the system saves registers; then AVX2, BMI1 and BMI2: Intel's manual, CPUID. */
+        const unsigned first = 1u << 12 | 1u << 27 | 1u << 28, second = 1u << 3 | 1u << 5 | 1u << 8;
+        unsigned a, b, c, d, saved = 0;
+        newer = __get_cpuid(1, &a, &b, &c, &d) && (c & first) == first;
+        newer = newer && __get_cpuid_count(7, 0, &a, &b, &c, &d) && (b & second) == second;
+        if (newer) __asm__("xgetbv" : "=a"(saved) : "c"(0) : "edx");
+        newer = newer && (saved & 6u) == 6u;
+    }
+#endif
+    return PyBool_FromLong(newer);
+}
+
+/* map_of_block(block, components, constant): see fieldmap.core.map. */
+static PyObject *map_of_block(PyObject *self, PyObject *const *args, Py_ssize_t given)
+{
+    held_map *held;
+    PyObject *capsule;
+    npy_intp count;
+    double *numbers;
+    int status;
+    (void)self;
+    if (!has_arguments(given, 3)) return NULL;
+    count = PyArray_Check(args[0]) ? PyArray_SIZE((PyArrayObject *)args[0]) : 0;
+    numbers = count > 0 ? numbers_of(args[0], 1, count) : NULL;
+    if (numbers == NULL) {
+        PyErr_SetString(PyExc_TypeError, "block must be a float64 vector in C order");
+        return NULL;
+    }
+    held = (held_map *)PyMem_Calloc(1, sizeof *held);
+    if (held == NULL) return PyErr_NoMemory();
+    status = fieldmap_of_block(&held->map, numbers, (uint64_t)count, (int)PyLong_AsLong(args[1]));
+    held->map.constant = PyObject_IsTrue(args[2]) == 1;
+    held->map.n_coils -= held->map.constant;
+    if (status != FIELDMAP_OK) {
+        PyMem_Free(held);
+        PyErr_SetString(PyExc_ValueError, "block is not that of a map");
+        return NULL;
+    }
+    capsule = PyCapsule_New(held, MAP, release_map);
+    if (capsule == NULL) {
+        PyMem_Free(held);
+        return NULL;
+    }
+    Py_INCREF(args[0]);
+    held->block = args[0];
+    return capsule;
+}
+
+/* fields(map, points, weights, flux, gradient): see fieldmap.core.map. */
+static PyObject *fields(PyObject *self, PyObject *const *args, Py_ssize_t given)
+{
+    asked of;
+    double *flux, *gradient = NULL;
+    size_t outside;
+    (void)self;
+    if (!has_arguments(given, 5) || !read_asked(args, &of)) return NULL;
+    flux = numbers_to_fill(args[3], 3 * of.count, "flux");
+    if (flux == NULL) return NULL;
+    if (args[4] != Py_None && (gradient = numbers_to_fill(args[4], 9 * of.count, "gradient")) == NULL) return NULL;
+    Py_BEGIN_ALLOW_THREADS
+    outside = fieldmap_fields(of.map, of.weights, of.step, of.points, (size_t)of.count, flux, gradient);
+    Py_END_ALLOW_THREADS
+    return PyLong_FromSize_t(outside);
+}
+
+/* second_gradients(map, points, weights, second) */
+static PyObject *second_gradients(PyObject *self, PyObject *const *args, Py_ssize_t given)
+{
+    asked of;
+    double *second;
+    size_t outside = 0, p;
+    (void)self;
+    if (!has_arguments(given, 4) || !read_asked(args, &of)) return NULL;
+    second = numbers_to_fill(args[3], 27 * of.count, "second");
+    if (second == NULL) return NULL;
+    Py_BEGIN_ALLOW_THREADS
+    for (p = 0; p < (size_t)of.count; p++) {
+        const double *weights = of.weights == NULL ? NULL : of.weights + p * of.step;
+        outside += fieldmap_second_gradient_of_weights(of.map, weights, of.points + 3 * p, second + 27 * p)
+            == FIELDMAP_OUTSIDE;
+    }
+    Py_END_ALLOW_THREADS
+    return PyLong_FromSize_t(outside);
+}
+
+/* potentials(map, points, weights, values) */
+static PyObject *potentials(PyObject *self, PyObject *const *args, Py_ssize_t given)
+{
+    asked of;
+    double *values;
+    size_t outside = 0, p;
+    (void)self;
+    if (!has_arguments(given, 4) || !read_asked(args, &of)) return NULL;
+    values = numbers_to_fill(args[3], of.count, "values");
+    if (values == NULL) return NULL;
+    Py_BEGIN_ALLOW_THREADS
+    for (p = 0; p < (size_t)of.count; p++) {
+        const double *weights = of.weights == NULL ? NULL : of.weights + p * of.step;
+        outside += fieldmap_potential_of_weights(of.map, weights, of.points + 3 * p, values + p) == FIELDMAP_OUTSIDE;
+    }
+    Py_END_ALLOW_THREADS
+    return PyLong_FromSize_t(outside);
+}
+
+/* each_field(map, points, flux, gradient) */
+static PyObject *each_field(PyObject *self, PyObject *const *args, Py_ssize_t given)
+{
+    const fieldmap *map;
+    double *flux, *gradient = NULL;
+    const double *points;
+    npy_intp count, sets;
+    size_t outside = 0, p;
+    (void)self;
+    if (!has_arguments(given, 4) || (map = map_in(args[0])) == NULL) return NULL;
+    count = PyArray_Check(args[1]) ? PyArray_SIZE((PyArrayObject *)args[1]) / 3 : 0;
+    points = numbers_of(args[1], 2, 3 * count);
+    sets = fieldmap_sets(map);
+    if (points == NULL) {
+        PyErr_SetString(PyExc_TypeError, "points must be a float64 array (n, 3) in C order");
+        return NULL;
+    }
+    flux = numbers_to_fill(args[2], 3 * sets * count, "flux");
+    if (flux == NULL) return NULL;
+    if (args[3] != Py_None && (gradient = numbers_to_fill(args[3], 9 * sets * count, "gradient")) == NULL) return NULL;
+    Py_BEGIN_ALLOW_THREADS
+    for (p = 0; p < (size_t)count; p++) {
+        double *slope = gradient == NULL ? NULL : gradient + 9 * (size_t)sets * p;
+        outside += fieldmap_each_field(map, points + 3 * p, flux + 3 * (size_t)sets * p, slope) == FIELDMAP_OUTSIDE;
+    }
+    Py_END_ALLOW_THREADS
+    return PyLong_FromSize_t(outside);
+}
+
+/* sum_sets(map, weights, out) */
+static PyObject *sum_sets(PyObject *self, PyObject *const *args, Py_ssize_t given)
+{
+    const fieldmap *map;
+    const double *weights;
+    double *out;
+    size_t places = 1, n, size, sets;
+    int axis;
+    (void)self;
+    if (!has_arguments(given, 3) || (map = map_in(args[0])) == NULL) return NULL;
+    size = (size_t)map->size, sets = (size_t)fieldmap_sets(map);
+    for (axis = 0; axis < 3; axis++) places *= (size_t)(map->cells[axis] + (map->kind == FIELDMAP_HERMITE));
+    weights = numbers_of(args[1], 1, (npy_intp)sets);
+    if (weights == NULL) {
+        PyErr_Format(PyExc_TypeError, "weights must be a float64 vector of %zu", sets);
+        return NULL;
+    }
+    out = numbers_to_fill(args[2], (npy_intp)(places * size), "out");
+    if (out == NULL) return NULL;
+    Py_BEGIN_ALLOW_THREADS
+    for (n = 0; n < places; n++)
+        fieldmap_sum_sets(map->coefficients + n * sets * size, (int)sets, map->size, weights, out + n * size);
+    Py_END_ALLOW_THREADS
+    Py_RETURN_NONE;
+}
+
+/* The weights of all sets from those given: of a map with a constant field from the currents of its coils, of a map of
+ * one set NULL from None. found: whether they fit. */
+static const double *weights_at_point(const fieldmap *map, PyObject *given, double *room, int *found)
+{
+    const int sets = fieldmap_sets(map);
+    const double *weights;
+    int k;
+    *found = given == Py_None && sets == 1;
+    if (given == Py_None) return NULL;
+    weights = numbers_of(given, 1, map->n_coils);
+    *found = weights != NULL && (!map->constant || sets <= MOST_WEIGHTS);
+    if (!*found || !map->constant) return weights;
+    for (k = 0; k < map->n_coils; k++) room[k] = weights[k];
+    room[map->n_coils] = 1.0;
+    return room;
+}
+
+/* field_at(map, point, weights): (B (3,), gradient (3, 3)), or None. */
+static PyObject *field_at(PyObject *self, PyObject *const *args, Py_ssize_t given)
+{
+    static const npy_intp shape[2] = {3, 3};
+    double room[MOST_WEIGHTS];
+    const double *point, *weights;
+    const fieldmap *map;
+    fieldmap_spot spot;
+    PyObject *flux, *gradient, *both;
+    int fits;
+    (void)self;
+    if (!has_arguments(given, 3) || (map = map_in(args[0])) == NULL) return NULL;
+    point = numbers_of(args[1], 1, 3);
+    weights = weights_at_point(map, args[2], room, &fits);
+    if (point == NULL || !fits || fieldmap_locate(map, point, &spot) != FIELDMAP_OK) Py_RETURN_NONE;
+    flux = PyArray_SimpleNew(1, shape, NPY_DOUBLE);
+    gradient = PyArray_SimpleNew(2, shape, NPY_DOUBLE);
+    both = flux == NULL || gradient == NULL ? NULL : PyTuple_Pack(2, flux, gradient);
+    if (both != NULL)
+        fieldmap_field_at(map, weights, &spot, (double *)PyArray_DATA((PyArrayObject *)flux),
+                          (double *)PyArray_DATA((PyArrayObject *)gradient));
+    Py_XDECREF(flux);
+    Py_XDECREF(gradient);
+    return both;
+}
+
+/* dipole_wrench_at(map, point, moment, weights): wrench (6,), or None. */
+static PyObject *dipole_wrench_at(PyObject *self, PyObject *const *args, Py_ssize_t given)
+{
+    static const npy_intp six = 6;
+    double room[MOST_WEIGHTS], flux[3], gradient[9];
+    const double *point, *moment, *weights;
+    const fieldmap *map;
+    PyObject *wrench;
+    int fits;
+    (void)self;
+    if (!has_arguments(given, 4) || (map = map_in(args[0])) == NULL) return NULL;
+    point = numbers_of(args[1], 1, 3);
+    moment = numbers_of(args[2], 1, 3);
+    weights = weights_at_point(map, args[3], room, &fits);
+    if (point == NULL || moment == NULL || !fits) Py_RETURN_NONE;
+    if (fieldmap_field_of_weights(map, weights, point, flux, gradient) != FIELDMAP_OK) Py_RETURN_NONE;
+    wrench = PyArray_SimpleNew(1, &six, NPY_DOUBLE);
+    if (wrench != NULL)
+        fieldmap_dipole_wrench(flux, gradient, moment, (double *)PyArray_DATA((PyArrayObject *)wrench));
+    return wrench;
+}
+
+#define FUNCTION(name) {#name, (PyCFunction)(void (*)(void))name, METH_FASTCALL, NULL}
+
+static PyMethodDef functions[] = {
+    FUNCTION(is_for_newer), FUNCTION(map_of_block), FUNCTION(fields), FUNCTION(second_gradients), FUNCTION(potentials),
+    FUNCTION(each_field), FUNCTION(sum_sets), FUNCTION(field_at), FUNCTION(dipole_wrench_at), {NULL, NULL, 0, NULL}};
+
+static int start(PyObject *module)
+{
+    (void)module;
+    return PyArray_ImportNumPyAPI();
+}
+
+static PyModuleDef_Slot slots[] = {{Py_mod_exec, (void *)start}, {0, NULL}};
+
+static struct PyModuleDef definition = {
+    PyModuleDef_HEAD_INIT, "library", "The compiled run time.", 0, functions, slots, NULL, NULL, NULL};
+
+PyMODINIT_FUNC PyInit_library(void)
+{
+    return PyModuleDef_Init(&definition);
+}
