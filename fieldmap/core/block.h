@@ -54,10 +54,10 @@ static inline int fieldmap_of_block(fieldmap *map, const double *block, uint64_t
         if (!(inverse > 0.0 && local > 0.0 && inverse - inverse == 0.0 && lower - lower == 0.0)) return FIELDMAP_DAMAGED;
         if (kind == FIELDMAP_GLOBAL && cells != 1) return FIELDMAP_DAMAGED;
         map->cells[axis] = (int)cells;
-        map->lower[axis] = (real)lower;
-        map->upper[axis] = (real)(lower + (double)cells / inverse);
-        map->inverse[axis] = (real)inverse;
-        map->local[axis] = (real)local;
+        map->lower[axis] = (fm_real)lower;
+        map->upper[axis] = (fm_real)(lower + (double)cells / inverse);
+        map->inverse[axis] = (fm_real)inverse;
+        map->local[axis] = (fm_real)local;
     }
     map->kind = (int)kind;
     map->clamps = block[FIELDMAP_CLAMPS] == 1.0;
@@ -65,9 +65,9 @@ static inline int fieldmap_of_block(fieldmap *map, const double *block, uint64_t
     map->size = (int)size;
     map->n_coils = (int)sets;
     map->constant = 0;
-    map->per_length = (real)block[FIELDMAP_PER_LENGTH];
+    map->per_length = (fm_real)block[FIELDMAP_PER_LENGTH];
     /* A build in another `real` has its coefficients in constants. */
-    if (sizeof(real) == sizeof(double)) map->coefficients = (const real *)(const void *)(block + FIELDMAP_HEADER);
+    if (sizeof(fm_real) == sizeof(double)) map->coefficients = (const fm_real *)(const void *)(block + FIELDMAP_HEADER);
     return left == 1 && map->coefficients != NULL ? FIELDMAP_OK : FIELDMAP_DAMAGED;
 }
 

@@ -28,69 +28,69 @@ enum { FIELDMAP_MAX_SIZE = (FIELDMAP_MAX_DEGREE + 1) * (FIELDMAP_MAX_DEGREE + 1)
  * The field follows by Euler's theorem on homogeneous functions: B = B(0) + sum_l [second derivatives of degree l] x / (l
  * + 1). Some 230 operations, and 36 numbers to fetch. */
 FIELDMAP_INLINE void fieldmap_polynomial_5(
-    const real *restrict c, size_t step, real x, real y, real z, real *restrict nine)
+    const fm_real *FIELDMAP_RESTRICT c, size_t step, fm_real x, fm_real y, fm_real z, fm_real *FIELDMAP_RESTRICT nine)
 {
-    const real rho2 = x * x + y * y, r2 = rho2 + z * z, third = R(1.0 / 3.0);
+    const fm_real rho2 = x * x + y * y, r2 = rho2 + z * z, third = FM(1.0 / 3.0);
     /* Harmonics: p the real, q the imaginary parts. */
-    const real p11 = R(0.5) * x, q11 = R(0.5) * y;
-    const real p20 = R(0.5) * z * z - R(0.25) * rho2, p21 = z * p11, q21 = z * q11;
-    const real p22 = R(0.25) * (p11 * x - q11 * y), q22 = R(0.25) * (p11 * y + q11 * x);
-    const real p30 = z * (R(5) * p20 - r2) * R(1.0 / 9.0);
-    const real p31 = R(0.125) * (R(5) * z * p21 - r2 * p11), q31 = R(0.125) * (R(5) * z * q21 - r2 * q11);
-    const real p32 = z * p22, q32 = z * q22;
-    const real p33 = R(1.0 / 6.0) * (p22 * x - q22 * y), q33 = R(1.0 / 6.0) * (p22 * y + q22 * x);
+    const fm_real p11 = FM(0.5) * x, q11 = FM(0.5) * y;
+    const fm_real p20 = FM(0.5) * z * z - FM(0.25) * rho2, p21 = z * p11, q21 = z * q11;
+    const fm_real p22 = FM(0.25) * (p11 * x - q11 * y), q22 = FM(0.25) * (p11 * y + q11 * x);
+    const fm_real p30 = z * (FM(5) * p20 - r2) * FM(1.0 / 9.0);
+    const fm_real p31 = FM(0.125) * (FM(5) * z * p21 - r2 * p11), q31 = FM(0.125) * (FM(5) * z * q21 - r2 * q11);
+    const fm_real p32 = z * p22, q32 = z * q22;
+    const fm_real p33 = FM(1.0 / 6.0) * (p22 * x - q22 * y), q33 = FM(1.0 / 6.0) * (p22 * y + q22 * x);
     /* zz, 2 xz, 2 yz, 2 (xx - yy), 4 xy; and Euler's sums of the same, over l + 1. */
-    real zz = c[4 * step], xz = c[5 * step], yz = c[6 * step], dd = c[7 * step], xy = c[8 * step];
-    real ezz = zz, exz = xz, eyz = yz, edd = dd, exy = xy, s, xx, yy, exx, eyy;
-    real a0 = c[9 * step], a1 = c[10 * step], b1 = c[11 * step], a2 = c[12 * step], b2 = c[13 * step];
-    real a3 = c[14 * step], b3 = c[15 * step], a4, b4, a5, b5;
+    fm_real zz = c[4 * step], xz = c[5 * step], yz = c[6 * step], dd = c[7 * step], xy = c[8 * step];
+    fm_real ezz = zz, exz = xz, eyz = yz, edd = dd, exy = xy, s, xx, yy, exx, eyy;
+    fm_real a0 = c[9 * step], a1 = c[10 * step], b1 = c[11 * step], a2 = c[12 * step], b2 = c[13 * step];
+    fm_real a3 = c[14 * step], b3 = c[15 * step], a4, b4, a5, b5;
 
     s = a0 * z + a1 * p11 + b1 * q11;
-    zz += s, ezz += R(0.5) * s;
-    s = a1 * z + (a2 - R(2) * a0) * p11 + b2 * q11;
-    xz += s, exz += R(0.5) * s;
-    s = b1 * z + b2 * p11 - (a2 + R(2) * a0) * q11;
-    yz += s, eyz += R(0.5) * s;
+    zz += s, ezz += FM(0.5) * s;
+    s = a1 * z + (a2 - FM(2) * a0) * p11 + b2 * q11;
+    xz += s, exz += FM(0.5) * s;
+    s = b1 * z + b2 * p11 - (a2 + FM(2) * a0) * q11;
+    yz += s, eyz += FM(0.5) * s;
     s = a2 * z + (a3 - a1) * p11 + (b3 + b1) * q11;
-    dd += s, edd += R(0.5) * s;
+    dd += s, edd += FM(0.5) * s;
     s = b2 * z + (b3 - b1) * p11 - (a3 + a1) * q11;
-    xy += s, exy += R(0.5) * s;
+    xy += s, exy += FM(0.5) * s;
 
     a0 = c[16 * step], a1 = c[17 * step], b1 = c[18 * step], a2 = c[19 * step], b2 = c[20 * step];
     a3 = c[21 * step], b3 = c[22 * step], a4 = c[23 * step], b4 = c[24 * step];
     s = a0 * p20 + a1 * p21 + b1 * q21 + a2 * p22 + b2 * q22;
     zz += s, ezz += third * s;
-    s = a1 * p20 + (a2 - R(2) * a0) * p21 + b2 * q21 + (a3 - a1) * p22 + (b3 - b1) * q22;
+    s = a1 * p20 + (a2 - FM(2) * a0) * p21 + b2 * q21 + (a3 - a1) * p22 + (b3 - b1) * q22;
     xz += s, exz += third * s;
-    s = b1 * p20 + b2 * p21 - (a2 + R(2) * a0) * q21 + (b3 + b1) * p22 - (a3 + a1) * q22;
+    s = b1 * p20 + b2 * p21 - (a2 + FM(2) * a0) * q21 + (b3 + b1) * p22 - (a3 + a1) * q22;
     yz += s, eyz += third * s;
-    s = a2 * p20 + (a3 - a1) * p21 + (b3 + b1) * q21 + (a4 + R(2) * a0) * p22 + b4 * q22;
+    s = a2 * p20 + (a3 - a1) * p21 + (b3 + b1) * q21 + (a4 + FM(2) * a0) * p22 + b4 * q22;
     dd += s, edd += third * s;
-    s = b2 * p20 + (b3 - b1) * p21 - (a3 + a1) * q21 + b4 * p22 - (a4 - R(2) * a0) * q22;
+    s = b2 * p20 + (b3 - b1) * p21 - (a3 + a1) * q21 + b4 * p22 - (a4 - FM(2) * a0) * q22;
     xy += s, exy += third * s;
 
     a0 = c[25 * step], a1 = c[26 * step], b1 = c[27 * step], a2 = c[28 * step], b2 = c[29 * step];
     a3 = c[30 * step], b3 = c[31 * step], a4 = c[32 * step], b4 = c[33 * step], a5 = c[34 * step], b5 = c[35 * step];
     s = a0 * p30 + a1 * p31 + b1 * q31 + a2 * p32 + b2 * q32 + a3 * p33 + b3 * q33;
-    zz += s, ezz += R(0.25) * s;
-    s = a1 * p30 + (a2 - R(2) * a0) * p31 + b2 * q31 + (a3 - a1) * p32 + (b3 - b1) * q32 + (a4 - a2) * p33
+    zz += s, ezz += FM(0.25) * s;
+    s = a1 * p30 + (a2 - FM(2) * a0) * p31 + b2 * q31 + (a3 - a1) * p32 + (b3 - b1) * q32 + (a4 - a2) * p33
         + (b4 - b2) * q33;
-    xz += s, exz += R(0.25) * s;
-    s = b1 * p30 + b2 * p31 - (a2 + R(2) * a0) * q31 + (b3 + b1) * p32 - (a3 + a1) * q32 + (b4 + b2) * p33
+    xz += s, exz += FM(0.25) * s;
+    s = b1 * p30 + b2 * p31 - (a2 + FM(2) * a0) * q31 + (b3 + b1) * p32 - (a3 + a1) * q32 + (b4 + b2) * p33
         - (a4 + a2) * q33;
-    yz += s, eyz += R(0.25) * s;
-    s = a2 * p30 + (a3 - a1) * p31 + (b3 + b1) * q31 + (a4 + R(2) * a0) * p32 + b4 * q32 + (a5 + a1) * p33
+    yz += s, eyz += FM(0.25) * s;
+    s = a2 * p30 + (a3 - a1) * p31 + (b3 + b1) * q31 + (a4 + FM(2) * a0) * p32 + b4 * q32 + (a5 + a1) * p33
         + (b5 + b1) * q33;
-    dd += s, edd += R(0.25) * s;
-    s = b2 * p30 + (b3 - b1) * p31 - (a3 + a1) * q31 + b4 * p32 - (a4 - R(2) * a0) * q32 + (b5 - b1) * p33
+    dd += s, edd += FM(0.25) * s;
+    s = b2 * p30 + (b3 - b1) * p31 - (a3 + a1) * q31 + b4 * p32 - (a4 - FM(2) * a0) * q32 + (b5 - b1) * p33
         - (a5 - a1) * q33;
-    xy += s, exy += R(0.25) * s;
+    xy += s, exy += FM(0.25) * s;
 
-    xz *= R(0.5), yz *= R(0.5), xy *= R(0.25), exz *= R(0.5), eyz *= R(0.5), exy *= R(0.25);
-    xx = R(0.25) * dd - R(0.5) * zz, exx = R(0.25) * edd - R(0.5) * ezz;
+    xz *= FM(0.5), yz *= FM(0.5), xy *= FM(0.25), exz *= FM(0.5), eyz *= FM(0.5), exy *= FM(0.25);
+    xx = FM(0.25) * dd - FM(0.5) * zz, exx = FM(0.25) * edd - FM(0.5) * ezz;
     yy = -zz - xx, eyy = -ezz - exx;
-    nine[0] = R(0.5) * c[2 * step] + exx * x + exy * y + exz * z;
-    nine[step] = R(0.5) * c[3 * step] + exy * x + eyy * y + eyz * z;
+    nine[0] = FM(0.5) * c[2 * step] + exx * x + exy * y + exz * z;
+    nine[step] = FM(0.5) * c[3 * step] + exy * x + eyy * y + eyz * z;
     nine[2 * step] = c[step] + exz * x + eyz * y + ezz * z;
     nine[3 * step] = xx, nine[4 * step] = xy, nine[5 * step] = xz;
     nine[6 * step] = yy, nine[7 * step] = yz, nine[8 * step] = zz;
@@ -104,26 +104,26 @@ static inline int fieldmap_place(int l, int m)
 
 /* Regular solid harmonics of degree 0 to `degree` at `lanes` points: out[place * lanes + lane]. */
 FIELDMAP_INLINE void fieldmap_harmonics(
-    int degree, int lanes, const real *restrict x, const real *restrict y, const real *restrict z, real *restrict out)
+    int degree, int lanes, const fm_real *FIELDMAP_RESTRICT x, const fm_real *FIELDMAP_RESTRICT y, const fm_real *FIELDMAP_RESTRICT z, fm_real *FIELDMAP_RESTRICT out)
 {
-    real r2[FIELDMAP_LANES], sector[FIELDMAP_LANES], sector_b[FIELDMAP_LANES];
-    real here[FIELDMAP_LANES], here_b[FIELDMAP_LANES], before[FIELDMAP_LANES], before_b[FIELDMAP_LANES];
+    fm_real r2[FIELDMAP_LANES], sector[FIELDMAP_LANES], sector_b[FIELDMAP_LANES];
+    fm_real here[FIELDMAP_LANES], here_b[FIELDMAP_LANES], before[FIELDMAP_LANES], before_b[FIELDMAP_LANES];
     int l, m, i;
     for (i = 0; i < lanes; i++) {
         r2[i] = x[i] * x[i] + y[i] * y[i] + z[i] * z[i];
-        sector[i] = R(1), sector_b[i] = R(0);
+        sector[i] = FM(1), sector_b[i] = FM(0);
     }
     for (m = 0; m <= degree; m++) {
-        const real half = R(0.5) / (real)(m + 1);
+        const fm_real half = FM(0.5) / (fm_real)(m + 1);
         for (i = 0; i < lanes; i++) {
             here[i] = sector[i], here_b[i] = sector_b[i];
-            before[i] = before_b[i] = R(0);
+            before[i] = before_b[i] = FM(0);
         }
         for (l = m; l <= degree; l++) {
-            const real scale = R(1) / (real)((l + 1) * (l + 1) - m * m), up = (real)(2 * l + 1) * scale;
-            real *to = out + fieldmap_place(l, m) * lanes;
+            const fm_real scale = FM(1) / (fm_real)((l + 1) * (l + 1) - m * m), up = (fm_real)(2 * l + 1) * scale;
+            fm_real *to = out + fieldmap_place(l, m) * lanes;
             for (i = 0; i < lanes; i++) {
-                const real next = up * z[i] * here[i] - scale * r2[i] * before[i];
+                const fm_real next = up * z[i] * here[i] - scale * r2[i] * before[i];
                 to[i] = here[i];
                 before[i] = here[i];
                 here[i] = next;
@@ -131,14 +131,14 @@ FIELDMAP_INLINE void fieldmap_harmonics(
             if (m == 0) continue;
             to += lanes;
             for (i = 0; i < lanes; i++) {
-                const real next = up * z[i] * here_b[i] - scale * r2[i] * before_b[i];
+                const fm_real next = up * z[i] * here_b[i] - scale * r2[i] * before_b[i];
                 to[i] = here_b[i];
                 before_b[i] = here_b[i];
                 here_b[i] = next;
             }
         }
         for (i = 0; i < lanes; i++) {
-            const real a = half * (x[i] * sector[i] - y[i] * sector_b[i]);
+            const fm_real a = half * (x[i] * sector[i] - y[i] * sector_b[i]);
             sector_b[i] = half * (x[i] * sector_b[i] + y[i] * sector[i]);
             sector[i] = a;
         }
@@ -150,31 +150,31 @@ FIELDMAP_INLINE void fieldmap_harmonics(
  * a[m + 2] and b[m + 2]: coefficients of one degree for m = -2 to degree + 2, with R^(-m) = (-1)^m conj R^m; a[2] is
  * doubled, and what belongs to m = 0 is halved. */
 FIELDMAP_INLINE void fieldmap_polynomial(
-    const real *restrict c, int degree, int lanes, const real *restrict x, const real *restrict y,
-    const real *restrict z, real *restrict nine)
+    const fm_real *FIELDMAP_RESTRICT c, int degree, int lanes, const fm_real *FIELDMAP_RESTRICT x, const fm_real *FIELDMAP_RESTRICT y,
+    const fm_real *FIELDMAP_RESTRICT z, fm_real *FIELDMAP_RESTRICT nine)
 {
-    real harmonics[(FIELDMAP_MAX_DEGREE - 1) * (FIELDMAP_MAX_DEGREE - 1) * FIELDMAP_LANES];
-    real sum[5 * FIELDMAP_LANES], euler[5 * FIELDMAP_LANES];
+    fm_real harmonics[(FIELDMAP_MAX_DEGREE - 1) * (FIELDMAP_MAX_DEGREE - 1) * FIELDMAP_LANES];
+    fm_real sum[5 * FIELDMAP_LANES], euler[5 * FIELDMAP_LANES];
     int l, m, i, k;
-    for (i = 0; i < 5 * lanes; i++) sum[i] = euler[i] = R(0);
+    for (i = 0; i < 5 * lanes; i++) sum[i] = euler[i] = FM(0);
     fieldmap_harmonics(degree - 2, lanes, x, y, z, harmonics);
     for (l = 0; l <= degree - 2; l++) {
-        const real *row = c + (l + 2) * (l + 2), share = R(1) / (real)(l + 1);
-        real a[FIELDMAP_MAX_DEGREE + 5], b[FIELDMAP_MAX_DEGREE + 5], part[5 * FIELDMAP_LANES];
-        a[2] = R(2) * row[0];
-        b[2] = R(0);
+        const fm_real *row = c + (l + 2) * (l + 2), share = FM(1) / (fm_real)(l + 1);
+        fm_real a[FIELDMAP_MAX_DEGREE + 5], b[FIELDMAP_MAX_DEGREE + 5], part[5 * FIELDMAP_LANES];
+        a[2] = FM(2) * row[0];
+        b[2] = FM(0);
         for (m = 1; m <= l + 2; m++) {
             a[m + 2] = row[2 * m - 1];
             b[m + 2] = row[2 * m];
         }
         a[1] = -a[3], b[1] = b[3], a[0] = a[4], b[0] = -b[4];
-        for (i = 0; i < 5 * lanes; i++) part[i] = R(0);
+        for (i = 0; i < 5 * lanes; i++) part[i] = FM(0);
         for (m = 0; m <= l; m++) {
-            const real *here = harmonics + fieldmap_place(l, m) * lanes;
-            const real half = m > 0 ? R(1) : R(0.5);
-            const real of_p[5] = {half * a[m + 2], half * (a[m + 3] - a[m + 1]), half * (b[m + 3] + b[m + 1]),
+            const fm_real *here = harmonics + fieldmap_place(l, m) * lanes;
+            const fm_real half = m > 0 ? FM(1) : FM(0.5);
+            const fm_real of_p[5] = {half * a[m + 2], half * (a[m + 3] - a[m + 1]), half * (b[m + 3] + b[m + 1]),
                                   half * (a[m + 4] + a[m]), half * (b[m + 4] - b[m])};
-            const real of_q[5] = {b[m + 2], b[m + 3] - b[m + 1], -a[m + 3] - a[m + 1], b[m + 4] + b[m], a[m] - a[m + 4]};
+            const fm_real of_q[5] = {b[m + 2], b[m + 3] - b[m + 1], -a[m + 3] - a[m + 1], b[m + 4] + b[m], a[m] - a[m + 4]};
             for (k = 0; k < 5; k++)
                 for (i = 0; i < lanes; i++) part[k * lanes + i] += of_p[k] * here[i];
             if (m == 0) continue;
@@ -187,37 +187,37 @@ FIELDMAP_INLINE void fieldmap_polynomial(
         }
     }
     for (i = 0; i < lanes; i++) {
-        const real ezz = euler[i], exz = R(0.5) * euler[lanes + i], eyz = R(0.5) * euler[2 * lanes + i];
-        const real exy = R(0.25) * euler[4 * lanes + i], exx = R(0.25) * euler[3 * lanes + i] - R(0.5) * ezz;
-        const real zz = sum[i], xx = R(0.25) * sum[3 * lanes + i] - R(0.5) * zz;
-        nine[i] = R(0.5) * c[2] + exx * x[i] + exy * y[i] + exz * z[i];
-        nine[lanes + i] = R(0.5) * c[3] + exy * x[i] - (ezz + exx) * y[i] + eyz * z[i];
+        const fm_real ezz = euler[i], exz = FM(0.5) * euler[lanes + i], eyz = FM(0.5) * euler[2 * lanes + i];
+        const fm_real exy = FM(0.25) * euler[4 * lanes + i], exx = FM(0.25) * euler[3 * lanes + i] - FM(0.5) * ezz;
+        const fm_real zz = sum[i], xx = FM(0.25) * sum[3 * lanes + i] - FM(0.5) * zz;
+        nine[i] = FM(0.5) * c[2] + exx * x[i] + exy * y[i] + exz * z[i];
+        nine[lanes + i] = FM(0.5) * c[3] + exy * x[i] - (ezz + exx) * y[i] + eyz * z[i];
         nine[2 * lanes + i] = c[1] + exz * x[i] + eyz * y[i] + ezz * z[i];
         nine[3 * lanes + i] = xx;
-        nine[4 * lanes + i] = R(0.25) * sum[4 * lanes + i];
-        nine[5 * lanes + i] = R(0.5) * sum[lanes + i];
+        nine[4 * lanes + i] = FM(0.25) * sum[4 * lanes + i];
+        nine[5 * lanes + i] = FM(0.5) * sum[lanes + i];
         nine[6 * lanes + i] = -zz - xx;
-        nine[7 * lanes + i] = R(0.5) * sum[2 * lanes + i];
+        nine[7 * lanes + i] = FM(0.5) * sum[2 * lanes + i];
         nine[8 * lanes + i] = zz;
     }
 }
 
 /* out (degree^2 numbers): coefficients of the derivative along an axis of the polynomial c. */
-static inline void fieldmap_differentiate(const real *c, int degree, int axis, real *out)
+static inline void fieldmap_differentiate(const fm_real *c, int degree, int axis, fm_real *out)
 {
     int l, m;
     for (l = 0; l < degree; l++) {
-        const real *row = c + (l + 1) * (l + 1);
+        const fm_real *row = c + (l + 1) * (l + 1);
         for (m = 0; m <= l; m++) {
             const int at = fieldmap_place(l, m);
             /* m = 1 receives from m = 0 twice: R^(-1) is minus the conjugate of R^1. */
-            const real fold = m == 1 ? R(1) : R(0.5);
-            real a = row[m > 0 ? 2 * m - 1 : 0], b = m > 0 ? row[2 * m] : R(0);
+            const fm_real fold = m == 1 ? FM(1) : FM(0.5);
+            fm_real a = row[m > 0 ? 2 * m - 1 : 0], b = m > 0 ? row[2 * m] : FM(0);
             if (axis != 2) {
-                const real below = m > 0 ? fold * row[m > 1 ? 2 * m - 3 : 0] : R(0);
-                const real below_b = m > 1 ? fold * row[2 * m - 2] : R(0);
-                a = axis == 0 ? R(0.5) * row[2 * m + 1] - below : R(0.5) * row[2 * m + 2] + below_b;
-                b = axis == 0 ? R(0.5) * row[2 * m + 2] - below_b : R(-0.5) * row[2 * m + 1] - below;
+                const fm_real below = m > 0 ? fold * row[m > 1 ? 2 * m - 3 : 0] : FM(0);
+                const fm_real below_b = m > 1 ? fold * row[2 * m - 2] : FM(0);
+                a = axis == 0 ? FM(0.5) * row[2 * m + 1] - below : FM(0.5) * row[2 * m + 2] + below_b;
+                b = axis == 0 ? FM(0.5) * row[2 * m + 2] - below_b : FM(-0.5) * row[2 * m + 1] - below;
             }
             out[at] = a;
             if (m > 0) out[at + 1] = b;
@@ -226,9 +226,9 @@ static inline void fieldmap_differentiate(const real *c, int degree, int axis, r
 }
 
 /* Value of the polynomial c at a point. */
-static inline real fieldmap_value(const real *c, int degree, const real *point)
+static inline fm_real fieldmap_value(const fm_real *c, int degree, const fm_real *point)
 {
-    real harmonics[FIELDMAP_MAX_SIZE], total = R(0);
+    fm_real harmonics[FIELDMAP_MAX_SIZE], total = FM(0);
     int i;
     fieldmap_harmonics(degree, 1, point, point + 1, point + 2, harmonics);
     for (i = 0; i < (degree + 1) * (degree + 1); i++) total += c[i] * harmonics[i];
@@ -236,9 +236,9 @@ static inline real fieldmap_value(const real *c, int degree, const real *point)
 }
 
 /* third[9 * i + 3 * j + k]: the third derivatives of the polynomial c, of degree 3 at least, at a point. */
-static inline void fieldmap_third_derivatives(const real *c, int degree, const real *point, real *third)
+static inline void fieldmap_third_derivatives(const fm_real *c, int degree, const fm_real *point, fm_real *third)
 {
-    real one[FIELDMAP_MAX_SIZE], two[FIELDMAP_MAX_SIZE], three[FIELDMAP_MAX_SIZE], harmonics[FIELDMAP_MAX_SIZE];
+    fm_real one[FIELDMAP_MAX_SIZE], two[FIELDMAP_MAX_SIZE], three[FIELDMAP_MAX_SIZE], harmonics[FIELDMAP_MAX_SIZE];
     const int size = (degree - 2) * (degree - 2);
     int i, j, k, s;
     fieldmap_harmonics(degree - 3, 1, point, point + 1, point + 2, harmonics);
@@ -247,7 +247,7 @@ static inline void fieldmap_third_derivatives(const real *c, int degree, const r
         for (j = i; j < 3; j++) {
             fieldmap_differentiate(one, degree - 1, j, two);
             for (k = j; k < 3; k++) {
-                real total = R(0);
+                fm_real total = FM(0);
                 fieldmap_differentiate(two, degree - 2, k, three);
                 for (s = 0; s < size; s++) total += three[s] * harmonics[s];
                 third[9 * i + 3 * j + k] = third[9 * i + 3 * k + j] = third[9 * j + 3 * i + k] = total;

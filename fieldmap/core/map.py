@@ -10,10 +10,10 @@ class CoreMap:
     """The block of a map (fieldmap/core/block.h), ready for the functions of the core.
 
     components: of the Hermite form, 3, or 1 of the potential. constant: whether the last set is a field that no current
-    drives. Arrays are float64 and in C order; others raise TypeError. points (n, 3), m; weights (n, sets) or (1, sets),
-    or None for a block of one set. Results are written to the arrays given for them, NaN where a point is not finite or
-    lies outside a box whose rule is not to clamp. Methods return how many points lie outside. Several threads may call
-    them at once.
+    drives, whose weight is 1. Arrays are float64 and in C order; others raise TypeError. points (n, 3), m; weights
+    (n, sets) or (1, sets) of the other sets, or None for a block of one set. Results are written to the arrays given
+    for them, NaN where a point is not finite or lies outside a box whose rule is not to clamp. Methods return how many
+    points lie outside. Several threads may call them at once.
     """
 
     def __init__(self, block: Array, components: int = 3, constant: bool = False) -> None:
@@ -33,7 +33,7 @@ class CoreMap:
         return int(LIBRARY.potentials(self._map, points, weights, values))
 
     def each_field(self, points: Array, flux: Array, gradient: Array | None) -> int:
-        """flux (n, sets, 3) and gradient (n, sets, 3, 3) of every set at weight 1."""
+        """flux (n, sets, 3) and gradient (n, sets, 3, 3) of every set at weight 1, the constant one too."""
         return int(LIBRARY.each_field(self._map, points, flux, gradient))
 
     def sum_sets(self, weights: Array, out: Array) -> None:
@@ -42,7 +42,7 @@ class CoreMap:
 
     def field_at(self, point: Any, weights: Any) -> tuple[Array, Array] | None:
         """B (3,) and gradient (3, 3) at a point (3,), or None where it or the weights (sets,) do not fit, or it lies
-        outside. With a constant field the weights are the currents of the coils."""
+        outside."""
         found: tuple[Array, Array] | None = LIBRARY.field_at(self._map, point, weights)
         return found
 

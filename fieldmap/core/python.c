@@ -27,8 +27,6 @@ typedef struct held_map {
 } held_map;
 
 static const char *const MAP = "fieldmap.core.map";
-/* Weights that a call has room for. */
-enum { MOST_WEIGHTS = 256 };
 
 static void release_map(PyObject *capsule)
 {
@@ -64,7 +62,7 @@ static double *numbers_to_fill(PyObject *given, npy_intp count, const char *name
     return NULL;
 }
 
-/* Points (n, 3) and weights (n or 1, sets), or None for a map of one set. Raises TypeError. */
+/* Points (n, 3) and weights (n or 1, n_coils), or None for a map of one set. Raises TypeError. */
 typedef struct asked {
     const fieldmap *map;
     const double *points, *weights;
@@ -75,7 +73,7 @@ typedef struct asked {
 static int read_asked(PyObject *const *args, asked *found)
 {
     PyArrayObject *points = (PyArrayObject *)args[1], *weights = (PyArrayObject *)args[2];
-    npy_intp rows, sets;
+    npy_intp rows, coils;
     found->map = map_in(args[0]);
     if (found->map == NULL) return 0;
     if (!PyArray_Check(args[1]) || PyArray_NDIM(points) != 2 || PyArray_DIM(points, 1) != 3) {
@@ -86,15 +84,15 @@ static int read_asked(PyObject *const *args, asked *found)
     found->points = numbers_of(args[1], 2, 3 * found->count);
     found->weights = NULL;
     found->step = 0;
-    sets = fieldmap_sets(found->map);
+    coils = found->map->n_coils;
     if (args[2] != Py_None) {
         rows = PyArray_Check(args[2]) && PyArray_NDIM(weights) == 2 ? PyArray_DIM(weights, 0) : 0;
-        found->weights = rows == 1 || rows == found->count ? numbers_of(args[2], 2, rows * sets) : NULL;
-        found->step = rows > 1 ? (size_t)sets : 0;
+        found->weights = rows == 1 || rows == found->count ? numbers_of(args[2], 2, rows * coils) : NULL;
+        found->step = rows > 1 ? (size_t)coils : 0;
     }
-    if (found->points == NULL || (found->weights == NULL && (args[2] != Py_None || sets != 1))) {
+    if (found->points == NULL || (found->weights == NULL && (args[2] != Py_None || fieldmap_sets(found->map) != 1))) {
         PyErr_Format(PyExc_TypeError, "points and weights must be float64 arrays in C order, (n, 3) and (n or 1, %zd)",
-                     (Py_ssize_t)sets);
+                     (Py_ssize_t)coils);
         return 0;
     }
     return 1;
@@ -259,42 +257,32 @@ static PyObject *sum_sets(PyObject *self, PyObject *const *args, Py_ssize_t give
     if (!has_arguments(given, 3) || (map = map_in(args[0])) == NULL) return NULL;
     size = (size_t)map->size, sets = (size_t)fieldmap_sets(map);
     for (axis = 0; axis < 3; axis++) places *= (size_t)(map->cells[axis] + (map->kind == FIELDMAP_HERMITE));
-    weights = numbers_of(args[1], 1, (npy_intp)sets);
+    weights = numbers_of(args[1], 1, map->n_coils);
     if (weights == NULL) {
-        PyErr_Format(PyExc_TypeError, "weights must be a float64 vector of %zu", sets);
+        PyErr_Format(PyExc_TypeError, "weights must be a float64 vector of %d", map->n_coils);
         return NULL;
     }
     out = numbers_to_fill(args[2], (npy_intp)(places * size), "out");
     if (out == NULL) return NULL;
     Py_BEGIN_ALLOW_THREADS
     for (n = 0; n < places; n++)
-        fieldmap_sum_sets(map->coefficients + n * sets * size, (int)sets, map->size, weights, out + n * size);
+        fieldmap_sum_sets(map, map->coefficients + n * sets * size, weights, out + n * size);
     Py_END_ALLOW_THREADS
     Py_RETURN_NONE;
 }
 
-/* The weights of all sets from those given: of a map with a constant field from the currents of its coils, of a map of
- * one set NULL from None. found: whether they fit. */
-static const double *weights_at_point(const fieldmap *map, PyObject *given, double *room, int *found)
+/* Weights of a single point; None for a map of one set. fit: whether they fit. */
+static const double *weights_at_point(const fieldmap *map, PyObject *given, int *fit)
 {
-    const int sets = fieldmap_sets(map);
-    const double *weights;
-    int k;
-    *found = given == Py_None && sets == 1;
-    if (given == Py_None) return NULL;
-    weights = numbers_of(given, 1, map->n_coils);
-    *found = weights != NULL && (!map->constant || sets <= MOST_WEIGHTS);
-    if (!*found || !map->constant) return weights;
-    for (k = 0; k < map->n_coils; k++) room[k] = weights[k];
-    room[map->n_coils] = 1.0;
-    return room;
+    const double *weights = given == Py_None ? NULL : numbers_of(given, 1, map->n_coils);
+    *fit = weights != NULL || (given == Py_None && fieldmap_sets(map) == 1);
+    return weights;
 }
 
 /* field_at(map, point, weights): (B (3,), gradient (3, 3)), or None. */
 static PyObject *field_at(PyObject *self, PyObject *const *args, Py_ssize_t given)
 {
     static const npy_intp shape[2] = {3, 3};
-    double room[MOST_WEIGHTS];
     const double *point, *weights;
     const fieldmap *map;
     fieldmap_spot spot;
@@ -303,7 +291,7 @@ static PyObject *field_at(PyObject *self, PyObject *const *args, Py_ssize_t give
     (void)self;
     if (!has_arguments(given, 3) || (map = map_in(args[0])) == NULL) return NULL;
     point = numbers_of(args[1], 1, 3);
-    weights = weights_at_point(map, args[2], room, &fits);
+    weights = weights_at_point(map, args[2], &fits);
     if (point == NULL || !fits || fieldmap_locate(map, point, &spot) != FIELDMAP_OK) Py_RETURN_NONE;
     flux = PyArray_SimpleNew(1, shape, NPY_DOUBLE);
     gradient = PyArray_SimpleNew(2, shape, NPY_DOUBLE);
@@ -320,7 +308,7 @@ static PyObject *field_at(PyObject *self, PyObject *const *args, Py_ssize_t give
 static PyObject *dipole_wrench_at(PyObject *self, PyObject *const *args, Py_ssize_t given)
 {
     static const npy_intp six = 6;
-    double room[MOST_WEIGHTS], flux[3], gradient[9];
+    double flux[3], gradient[9];
     const double *point, *moment, *weights;
     const fieldmap *map;
     PyObject *wrench;
@@ -329,7 +317,7 @@ static PyObject *dipole_wrench_at(PyObject *self, PyObject *const *args, Py_ssiz
     if (!has_arguments(given, 4) || (map = map_in(args[0])) == NULL) return NULL;
     point = numbers_of(args[1], 1, 3);
     moment = numbers_of(args[2], 1, 3);
-    weights = weights_at_point(map, args[3], room, &fits);
+    weights = weights_at_point(map, args[3], &fits);
     if (point == NULL || moment == NULL || !fits) Py_RETURN_NONE;
     if (fieldmap_field_of_weights(map, weights, point, flux, gradient) != FIELDMAP_OK) Py_RETURN_NONE;
     wrench = PyArray_SimpleNew(1, &six, NPY_DOUBLE);

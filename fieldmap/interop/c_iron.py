@@ -1,6 +1,6 @@
 """A map of saturating iron as one flat file for C programs, at any currents.
 
-fieldmap_iron.h, beside this module, reads it.
+fieldmap_iron.h of the C core reads it.
 
 Layout, in the byte order of the machine that writes:
 
@@ -30,6 +30,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from fieldmap.core.headers import FOLDER, in_one
 from fieldmap.errors import InputError, Problem
 from fieldmap.interop.c_map import c_header, check_harmonic, map_bytes, plain_block
 from fieldmap.kernels.map.current_solver import CompiledModel
@@ -44,7 +45,7 @@ _LANES, _SIZES = 16, 20
 
 def c_iron_header() -> Path:
     """The header for C programs, as it lies in the package; it needs `fieldmap.interop.c_header()` beside it."""
-    return Path(__file__).with_name("fieldmap_iron.h")
+    return FOLDER / "fieldmap_iron.h"
 
 
 def write_c_iron_map(field: FieldMap, path: str | PathLike[str]) -> Path:
@@ -78,8 +79,8 @@ def write_c_iron_files(field: FieldMap, path: str | PathLike[str]) -> tuple[Path
     """`write_c_iron_map`, and the two headers that read it beside it."""
     written = write_c_iron_map(field, path)
     headers = [written.with_name(header.name) for header in (c_iron_header(), c_header())]
-    for beside, header in zip(headers, (c_iron_header(), c_header()), strict=True):
-        write_whole(beside, header.read_bytes())
+    write_whole(headers[0], in_one(headers[0].name, without=frozenset({headers[1].name})).encode())
+    write_whole(headers[1], in_one(headers[1].name).encode())
     return written, headers[0], headers[1]
 
 

@@ -1,4 +1,4 @@
-"""A map as one flat file for C programs (fieldmap.h, which lies beside this module, reads it).
+"""A map as one flat file for C programs (fieldmap.h of the C core reads it).
 
 Layout, in the byte order of the machine that writes:
 
@@ -23,6 +23,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from fieldmap.core.headers import FOLDER, in_one
 from fieldmap.errors import InputError, Problem
 from fieldmap.field import require_affine
 from fieldmap.interpolants import INTERPOLANTS, kernels_of
@@ -37,8 +38,8 @@ _CONSTANT = 18
 
 
 def c_header() -> Path:
-    """The header for C and C++ programs, as it lies in the package."""
-    return Path(__file__).with_name("fieldmap.h")
+    """The header for C and C++ programs, as it lies in the package, with those that it includes beside it."""
+    return FOLDER / "fieldmap.h"
 
 
 def write_c_map(field: FieldMap | MapAtCurrents, path: str | PathLike[str]) -> Path:
@@ -71,10 +72,10 @@ def _contents(field: FieldMap | MapAtCurrents) -> tuple[NDArray[np.float64], tup
 
 
 def write_c_files(field: FieldMap | MapAtCurrents, path: str | PathLike[str]) -> tuple[Path, Path]:
-    """`write_c_map`, and the header that reads the map beside it."""
+    """`write_c_map`, and the header that reads the map beside it, in one piece."""
     written = write_c_map(field, path)
     header = written.with_name(c_header().name)
-    write_whole(header, c_header().read_bytes())
+    write_whole(header, in_one(header.name).encode())
     return written, header
 
 
@@ -95,7 +96,7 @@ def write_c32_files(field: FieldMap | MapAtCurrents, path: str | PathLike[str]) 
         must_hold = f"must have at most {_MOST_CONSTANTS} coefficients"
         remedy = 'open it with kind="global", or write_c_map for a file'
         raise InputError(Problem(where, must_hold, f"{count}", remedy))
-    header = c_header().with_name("fieldmap32.h")
+    header = Path(__file__).with_name("fieldmap32.h")
     write_whole(target, _constants(plain, names, target.stem, constant).encode())
     beside = target.with_name(header.name)
     write_whole(beside, header.read_bytes())

@@ -1,7 +1,8 @@
 """A map as a functional mock-up unit (FMI 2.0 or 3.0), by itself or with a rigid body in its field.
 
-The unit is the C source fmu.c and fieldmap.h, which lie beside this module, compiled with a header of numbers, and the
-map's flat file as its resource: no Python at run time. Value references are positions in one array, see fmu.c.
+The unit is the C source fmu.c, which lies beside this module, and fieldmap.h of the C core, compiled with a header of
+numbers, and the map's flat file as its resource: no Python at run time. Value references are positions in one array,
+see fmu.c.
 """
 
 from __future__ import annotations
@@ -26,8 +27,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fieldmap.arguments import check_choice, check_signal
+from fieldmap.core.headers import in_one
 from fieldmap.errors import FieldmapError, InputError, Problem
-from fieldmap.interop.c_map import c_header, write_c_map
+from fieldmap.interop.c_map import write_c_map
 from fieldmap.kernels.motion.layout import INERTIA
 from fieldmap.lookup import FieldMap, MagneticBody, MapAtCurrents
 from fieldmap.store.whole_files import write_whole
@@ -128,8 +130,8 @@ def write_fmu(
     with tempfile.TemporaryDirectory() as folder:
         work = Path(folder)
         flat = write_c_map(field, work / "map.fmap")
-        for source in (_source(), c_header()):
-            shutil.copy(source, work)
+        shutil.copy(_source(), work)
+        (work / "fieldmap.h").write_text(in_one("fieldmap.h"), encoding="utf-8")
         numbers = _numbers_header(version, len(coils), carried, seat, body, variables)
         # The same map and magnet have the same token.
         token = str(uuid.uuid5(uuid.NAMESPACE_URL, numbers + sha256(flat.read_bytes()).hexdigest()))

@@ -91,9 +91,10 @@ class CompiledEvaluator:
 
     def __init__(self, form: Form) -> None:
         self._block, self._potential_block, self.places = form.unit, form.potential_unit, form.places
-        self._core = CoreMap(form.unit, 3, form.constant)
+        self._core = CoreMap(form.unit)
         self._of_potential = _potential_core(self._core, form.unit, form.potential_unit)
-        self.field_at, self.dipole_wrench_at = self._core.field_at, self._core.dipole_wrench_at
+        of_currents = CoreMap(form.unit, constant=True) if form.constant else self._core
+        self.field_at, self.dipole_wrench_at = of_currents.field_at, of_currents.dipole_wrench_at
 
     def field_and_gradient(self, points: Array, weights: Array, flux: Array, slope: Array) -> int:
         """See `Evaluator`."""

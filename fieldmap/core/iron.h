@@ -1,25 +1,25 @@
-/* fieldmap_iron.h: field, gradient, wrench and actuation of coils with saturating iron at any currents, in C99.
+/* iron.h: the weights of the fields of saturating iron at any currents, and their derivatives.
  *
- * The map is a file that `fieldmap export MAP --to c -o iron.fmap` writes of a map of saturating iron; docs/c.md has an
- * example. It holds the fields of the coils and of the iron, as fieldmap.h reads them, and the model that turns currents
- * into their weights (docs/theory/current_dependence.md). What a solve remembers and works with lies in memory of the
- * caller, fieldmap_iron_memory() bytes for each thread: nothing here takes memory but fieldmap_iron_open. A solve takes
- * FIELDMAP_IRON_STEPS steps at most. Equal currents one after the other are solved once.
- *
- * Every function returns FIELDMAP_OK or the reason why not, and NaN with it: of fieldmap.h, or one of those below.
+ * A reduced model of the iron is solved by Newton's method (docs/theory/current_dependence.md). What a solve remembers and
+ * works with lies in memory of the caller, fieldmap_iron_memory() bytes for each thread: nothing here allocates. A solve
+ * takes FIELDMAP_IRON_STEPS steps at most. Equal currents one after the other are solved once. In double precision, with
+ * sums in single precision where these are corrected.
  *
  * BSD-3-Clause, the fieldmap developers.
  */
-#ifndef FIELDMAP_IRON_H
-#define FIELDMAP_IRON_H
+#ifndef FIELDMAP_REDUCED_IRON_H
+#define FIELDMAP_REDUCED_IRON_H
 
-#include "fieldmap.h"
+#include <math.h>
+#include <string.h>
+
+#include "block.h"
 
 enum { FIELDMAP_IRON_BEYOND = 32, FIELDMAP_IRON_NOT_CONVERGED = 33, FIELDMAP_IRON_MEMORY = 34 };
 
 enum {
     FIELDMAP_IRON_STEPS = 60, FIELDMAP_IRON_PAIRS = 12, FIELDMAP_IRON_PASSED = 3, FIELDMAP_IRON_LANES = 16, FIELDMAP_IRON_POINTS = 3,
-    FIELDMAP_IRON_SIZES = 20, FIELDMAP_IRON_NAMES = 32, FIELDMAP_IRON_MAX_SIGNALS = 64, FIELDMAP_IRON_MAX_DEGREE = 30
+    FIELDMAP_IRON_SIZES = 20, FIELDMAP_IRON_MAX_SIGNALS = 64, FIELDMAP_IRON_MAX_DEGREE = 30
 };
 
 /* A map of saturating iron: treat as read-only. fields: those of the coils, the iron and a background, of whose weights
@@ -45,17 +45,6 @@ typedef struct fieldmap_iron_state {
     float *single, *single_change, *total, *sides, *rows;
     int *piece;
 } fieldmap_iron_state;
-
-/* What a status means. */
-static inline const char *fieldmap_iron_message(int status)
-{
-    switch (status) {
-    case FIELDMAP_IRON_BEYOND: return "currents outside the domain that the map was made for";
-    case FIELDMAP_IRON_NOT_CONVERGED: return "Newton's method did not converge";
-    case FIELDMAP_IRON_MEMORY: return "memory of the state is too small, or not at a multiple of 64";
-    default: return fieldmap_message(status);
-    }
-}
 
 /* The next `count` numbers of a file of which `left` are not taken yet, or NULL if there are not as many. */
 static inline const double *fieldmap_iron_take(const double **at, uint64_t *left, uint64_t count)
@@ -119,34 +108,14 @@ static inline int fieldmap_iron_arrays(fieldmap_iron *map, const double *at, uin
     return FIELDMAP_OK;
 }
 
-/* A map in memory (in flash, say), used where it lies: `bytes`, at an address that is a multiple of 8, must outlive the
- * map. No memory is taken. */
-static inline int fieldmap_iron_view(fieldmap_iron *map, const void *bytes, size_t size)
+/* A model that lies in `count` numbers, which must outlive it: sizes, and the arrays behind them. */
+static inline int fieldmap_iron_of_numbers(fieldmap_iron *map, const double *numbers, uint64_t count)
 {
     static const long most[13] = {1000000, 4096, 4096 + 16, 256, 4096, 1, 4096, 1000000, 100000,
                                   FIELDMAP_IRON_MAX_SIGNALS, 1, 1, 4096 + 257};
-    const unsigned char *raw = (const unsigned char *)bytes;
-    const double *numbers;
     long sizes[13];
-    uint32_t order, version, crc;
-    uint64_t total, count, i;
-    int status;
-    if (map == NULL || bytes == NULL) return FIELDMAP_ARGUMENT;
-    memset(map, 0, sizeof *map);
-    if ((uintptr_t)bytes % 8 != 0) return FIELDMAP_ALIGNMENT;
-    if (size < 8 || memcmp(raw, "fmapiron", 8) != 0) return FIELDMAP_NOT_A_MAP;
-    if (size < 40 + 8 * FIELDMAP_IRON_SIZES) return FIELDMAP_TRUNCATED;
-    memcpy(&order, raw + 8, 4);
-    memcpy(&version, raw + 12, 4);
-    memcpy(&total, raw + 16, 8);
-    memcpy(&crc, raw + 24, 4);
-    memcpy(&count, raw + 32, 8);
-    if (order != 0x01020304u) return FIELDMAP_BYTE_ORDER;
-    if (version != 1u) return FIELDMAP_VERSION;
-    if (total > size) return FIELDMAP_TRUNCATED;
-    if (total < size || count < FIELDMAP_IRON_SIZES || count > (size - 40) / 8) return FIELDMAP_DAMAGED;
-    if (crc != fieldmap_checksum(raw + 28, size - 28)) return FIELDMAP_DAMAGED;
-    numbers = (const double *)(const void *)(raw + 40);
+    int i;
+    if (count < FIELDMAP_IRON_SIZES) return FIELDMAP_DAMAGED;
     for (i = 0; i < 13; i++) {
         sizes[i] = fieldmap_whole(numbers[i], 0, most[i]);
         if (sizes[i] < 0) return FIELDMAP_DAMAGED;
@@ -159,51 +128,9 @@ static inline int fieldmap_iron_view(fieldmap_iron *map, const void *bytes, size
     if (map->p < 1 || map->r < 1 || map->n_coils < 1 || map->n_laws < 1 || map->n_knots < 1 || map->n_terms < 1
         || map->n_signals < 1 || map->wide < map->r || map->wide % FIELDMAP_IRON_LANES != 0
         || map->n_fields != map->n_coils + map->k + map->has_fixed
-        || (map->division && (map->n_coils != 6 || map->n_signals != 3)) || !(map->tolerance > 0.0)) {
-        memset(map, 0, sizeof *map);
+        || (map->division && (map->n_coils != 6 || map->n_signals != 3)) || !(map->tolerance > 0.0))
         return FIELDMAP_DAMAGED;
-    }
-    status = fieldmap_iron_arrays(map, numbers + FIELDMAP_IRON_SIZES, count - FIELDMAP_IRON_SIZES);
-    if (status == FIELDMAP_OK) status = fieldmap_view(&map->fields, raw + 40 + 8 * count, size - 40 - 8 * (size_t)count);
-    if (status == FIELDMAP_OK && (map->fields.n_coils != map->n_fields || map->fields.constant)) status = FIELDMAP_DAMAGED;
-    if (status != FIELDMAP_OK) memset(map, 0, sizeof *map);
-    return status;
-}
-
-/* Give back what fieldmap_iron_open took. */
-static inline void fieldmap_iron_close(fieldmap_iron *map)
-{
-    if (map != NULL) {
-        free(map->owned);
-        memset(map, 0, sizeof *map);
-    }
-}
-
-/* Read a file whole. */
-static inline int fieldmap_iron_open(fieldmap_iron *map, const char *path)
-{
-    FILE *file;
-    long size;
-    void *bytes;
-    int status;
-    if (map == NULL || path == NULL) return FIELDMAP_ARGUMENT;
-    memset(map, 0, sizeof *map);
-    file = fopen(path, "rb");
-    if (file == NULL) return FIELDMAP_NO_FILE;
-    if (fseek(file, 0, SEEK_END) != 0 || (size = ftell(file)) < 0 || fseek(file, 0, SEEK_SET) != 0) {
-        fclose(file);
-        return FIELDMAP_NO_FILE;
-    }
-    bytes = malloc(size > 0 ? (size_t)size : 1);
-    status = bytes == NULL ? FIELDMAP_NO_MEMORY : FIELDMAP_OK;
-    if (bytes != NULL && fread(bytes, 1, (size_t)size, file) != (size_t)size) status = FIELDMAP_NO_FILE;
-    fclose(file);
-    if (status == FIELDMAP_OK) status = fieldmap_iron_view(map, bytes, (size_t)size);
-    if (status == FIELDMAP_OK)
-        map->owned = bytes;
-    else
-        free(bytes);
-    return status;
+    return fieldmap_iron_arrays(map, numbers + FIELDMAP_IRON_SIZES, count - FIELDMAP_IRON_SIZES);
 }
 
 /* Where the next array of `count` things of `size` bytes begins, in steps of 64 bytes. */
@@ -885,31 +812,6 @@ static inline int fieldmap_iron_slopes(
         for (f = 0; f < map->k; f++)
             slopes[(coils + f) * coils + c] = fieldmap_iron_product(map->output + (size_t)f * (size_t)r, state->change, r);
     }
-    return status;
-}
-
-/* flux[3] and, unless NULL, gradient[9] at point[3] for currents[n_coils]. */
-static inline int fieldmap_iron_field(
-    fieldmap_iron_state *state, const double *currents, const double *point, double *flux, double *gradient)
-{
-    int i, status;
-    if (state == NULL || state->map == NULL || currents == NULL || flux == NULL) return FIELDMAP_ARGUMENT;
-    status = fieldmap_iron_solve_at(state, currents, state->tolerance);
-    if (status == FIELDMAP_OK) return fieldmap_field(&state->map->fields, state->solution, point, flux, gradient);
-    for (i = 0; i < 3; i++) flux[i] = (double)NAN;
-    for (i = 0; i < 9 && gradient != NULL; i++) gradient[i] = (double)NAN;
-    return status;
-}
-
-/* wrench[6] on a dipole of moment[3] at point[3]. */
-static inline int fieldmap_iron_wrench(
-    fieldmap_iron_state *state, const double *currents, const double *point, const double *moment, double *wrench)
-{
-    int i, status;
-    if (state == NULL || state->map == NULL || currents == NULL || wrench == NULL) return FIELDMAP_ARGUMENT;
-    status = fieldmap_iron_solve_at(state, currents, state->tolerance);
-    if (status == FIELDMAP_OK) return fieldmap_wrench(&state->map->fields, state->solution, point, moment, wrench);
-    for (i = 0; i < 6; i++) wrench[i] = (double)NAN;
     return status;
 }
 

@@ -1,0 +1,123 @@
+/* fieldmap_iron.h: field, gradient, wrench and actuation of coils with saturating iron at any currents, in C99.
+ *
+ * The map is a file that `fieldmap export MAP --to c -o iron.fmap` writes of a map of saturating iron; docs/c.md has an
+ * example. It holds the fields of the coils and of the iron, as fieldmap.h reads them, and the model that turns currents
+ * into their weights (docs/theory/current_dependence.md). What a solve remembers and works with lies in memory of the
+ * caller, fieldmap_iron_memory() bytes for each thread: nothing here takes memory but fieldmap_iron_open. A solve takes
+ * FIELDMAP_IRON_STEPS steps at most. Equal currents one after the other are solved once.
+ *
+ * Every function returns FIELDMAP_OK or the reason why not, and NaN with it: of fieldmap.h, or one of those below.
+ *
+ * BSD-3-Clause, the fieldmap developers.
+ */
+#ifndef FIELDMAP_IRON_H
+#define FIELDMAP_IRON_H
+
+#include "fieldmap.h"
+#include "iron.h"
+
+/* What a status means. */
+static inline const char *fieldmap_iron_message(int status)
+{
+    switch (status) {
+    case FIELDMAP_IRON_BEYOND: return "currents outside the domain that the map was made for";
+    case FIELDMAP_IRON_NOT_CONVERGED: return "Newton's method did not converge";
+    case FIELDMAP_IRON_MEMORY: return "memory of the state is too small, or not at a multiple of 64";
+    default: return fieldmap_message(status);
+    }
+}
+
+/* A map in memory (in flash, say), used where it lies: `bytes`, at an address that is a multiple of 8, must outlive the
+ * map. No memory is taken. */
+static inline int fieldmap_iron_view(fieldmap_iron *map, const void *bytes, size_t size)
+{
+    const unsigned char *raw = (const unsigned char *)bytes;
+    const double *numbers;
+    uint32_t order, version, crc;
+    uint64_t total, count;
+    int status;
+    if (map == NULL || bytes == NULL) return FIELDMAP_ARGUMENT;
+    memset(map, 0, sizeof *map);
+    if ((uintptr_t)bytes % 8 != 0) return FIELDMAP_ALIGNMENT;
+    if (size < 8 || memcmp(raw, "fmapiron", 8) != 0) return FIELDMAP_NOT_A_MAP;
+    if (size < 40 + 8 * FIELDMAP_IRON_SIZES) return FIELDMAP_TRUNCATED;
+    memcpy(&order, raw + 8, 4);
+    memcpy(&version, raw + 12, 4);
+    memcpy(&total, raw + 16, 8);
+    memcpy(&crc, raw + 24, 4);
+    memcpy(&count, raw + 32, 8);
+    if (order != 0x01020304u) return FIELDMAP_BYTE_ORDER;
+    if (version != 1u) return FIELDMAP_VERSION;
+    if (total > size) return FIELDMAP_TRUNCATED;
+    if (total < size || count < FIELDMAP_IRON_SIZES || count > (size - 40) / 8) return FIELDMAP_DAMAGED;
+    if (crc != fieldmap_checksum(raw + 28, size - 28)) return FIELDMAP_DAMAGED;
+    numbers = (const double *)(const void *)(raw + 40);
+    status = fieldmap_iron_of_numbers(map, numbers, count);
+    if (status == FIELDMAP_OK) status = fieldmap_view(&map->fields, raw + 40 + 8 * count, size - 40 - 8 * (size_t)count);
+    if (status == FIELDMAP_OK && (map->fields.n_coils != map->n_fields || map->fields.constant)) status = FIELDMAP_DAMAGED;
+    if (status != FIELDMAP_OK) memset(map, 0, sizeof *map);
+    return status;
+}
+
+/* Give back what fieldmap_iron_open took. */
+static inline void fieldmap_iron_close(fieldmap_iron *map)
+{
+    if (map != NULL) {
+        free(map->owned);
+        memset(map, 0, sizeof *map);
+    }
+}
+
+/* Read a file whole. */
+static inline int fieldmap_iron_open(fieldmap_iron *map, const char *path)
+{
+    FILE *file;
+    long size;
+    void *bytes;
+    int status;
+    if (map == NULL || path == NULL) return FIELDMAP_ARGUMENT;
+    memset(map, 0, sizeof *map);
+    file = fopen(path, "rb");
+    if (file == NULL) return FIELDMAP_NO_FILE;
+    if (fseek(file, 0, SEEK_END) != 0 || (size = ftell(file)) < 0 || fseek(file, 0, SEEK_SET) != 0) {
+        fclose(file);
+        return FIELDMAP_NO_FILE;
+    }
+    bytes = malloc(size > 0 ? (size_t)size : 1);
+    status = bytes == NULL ? FIELDMAP_NO_MEMORY : FIELDMAP_OK;
+    if (bytes != NULL && fread(bytes, 1, (size_t)size, file) != (size_t)size) status = FIELDMAP_NO_FILE;
+    fclose(file);
+    if (status == FIELDMAP_OK) status = fieldmap_iron_view(map, bytes, (size_t)size);
+    if (status == FIELDMAP_OK)
+        map->owned = bytes;
+    else
+        free(bytes);
+    return status;
+}
+
+/* flux[3] and, unless NULL, gradient[9] at point[3] for currents[n_coils]. */
+static inline int fieldmap_iron_field(
+    fieldmap_iron_state *state, const double *currents, const double *point, double *flux, double *gradient)
+{
+    int i, status;
+    if (state == NULL || state->map == NULL || currents == NULL || flux == NULL) return FIELDMAP_ARGUMENT;
+    status = fieldmap_iron_solve_at(state, currents, state->tolerance);
+    if (status == FIELDMAP_OK) return fieldmap_field(&state->map->fields, state->solution, point, flux, gradient);
+    for (i = 0; i < 3; i++) flux[i] = (double)NAN;
+    for (i = 0; i < 9 && gradient != NULL; i++) gradient[i] = (double)NAN;
+    return status;
+}
+
+/* wrench[6] on a dipole of moment[3] at point[3]. */
+static inline int fieldmap_iron_wrench(
+    fieldmap_iron_state *state, const double *currents, const double *point, const double *moment, double *wrench)
+{
+    int i, status;
+    if (state == NULL || state->map == NULL || currents == NULL || wrench == NULL) return FIELDMAP_ARGUMENT;
+    status = fieldmap_iron_solve_at(state, currents, state->tolerance);
+    if (status == FIELDMAP_OK) return fieldmap_wrench(&state->map->fields, state->solution, point, moment, wrench);
+    for (i = 0; i < 6; i++) wrench[i] = (double)NAN;
+    return status;
+}
+
+#endif

@@ -1,0 +1,156 @@
+/* map_file.h: a map in a file or in memory, opened and checked; in double precision.
+ *
+ * fieldmap.interop.c_map writes such files and says how they are made.
+ *
+ * BSD-3-Clause, the fieldmap developers.
+ */
+#ifndef FIELDMAP_MAP_FILE_H
+#define FIELDMAP_MAP_FILE_H
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "block.h"
+
+/* Bytes before the names. */
+enum { FIELDMAP_NAMES = 40 };
+
+/* What a status means. */
+static inline const char *fieldmap_message(int status)
+{
+    static const char *const texts[] = {
+        "done", "point outside the map's box", "point or current is NaN or infinite",
+        "file cannot be opened or read", "file is shorter than it says", "not a map for C (fieldmap export --to c)",
+        "written by a newer version", "written for the other byte order", "damaged: sizes or checksum do not fit",
+        "no memory", "address is not a multiple of 8", "argument missing"};
+    return status >= 0 && status <= FIELDMAP_ARGUMENT ? texts[status] : "unknown status";
+}
+
+/* CRC-32 of zlib and PNG, four bits at a time. */
+static inline uint32_t fieldmap_checksum(const unsigned char *bytes, size_t size)
+{
+    static const uint32_t table[16] = {
+        0x00000000u, 0x1db71064u, 0x3b6e20c8u, 0x26d930acu, 0x76dc4190u, 0x6b6b51f4u, 0x4db26158u, 0x5005713cu,
+        0xedb88320u, 0xf00f9344u, 0xd6d6a3e8u, 0xcb61b38cu, 0x9b64c2b0u, 0x86d3d2d4u, 0xa00ae278u, 0xbdbdf21cu};
+    uint32_t crc = 0xffffffffu;
+    size_t i;
+    for (i = 0; i < size; i++) {
+        crc = table[(crc ^ bytes[i]) & 15u] ^ (crc >> 4);
+        crc = table[(crc ^ ((uint32_t)bytes[i] >> 4)) & 15u] ^ (crc >> 4);
+    }
+    return crc ^ 0xffffffffu;
+}
+
+/* A map in memory (in flash, say), used where it lies: `bytes`, at an address that is a multiple of 8, must outlive
+ * the map. No memory is taken. */
+static inline int fieldmap_view(fieldmap *map, const void *bytes, size_t size)
+{
+    const unsigned char *raw = (const unsigned char *)bytes;
+    const double *block;
+    uint32_t order, version, crc, name_bytes;
+    uint64_t total, count;
+    size_t i, ended = 0;
+    int status;
+    if (map == NULL || bytes == NULL) return FIELDMAP_ARGUMENT;
+    memset(map, 0, sizeof *map);
+    if ((uintptr_t)bytes % 8 != 0) return FIELDMAP_ALIGNMENT;
+    if (size < 8 || memcmp(raw, "fieldmap", 8) != 0) return FIELDMAP_NOT_A_MAP;
+    if (size < FIELDMAP_NAMES) return FIELDMAP_TRUNCATED;
+    memcpy(&order, raw + 8, 4);
+    memcpy(&version, raw + 12, 4);
+    memcpy(&total, raw + 16, 8);
+    memcpy(&crc, raw + 24, 4);
+    memcpy(&name_bytes, raw + 28, 4);
+    memcpy(&count, raw + 32, 8);
+    if (order != 0x01020304u) return FIELDMAP_BYTE_ORDER;
+    if (version != 1u && version != 2u) return FIELDMAP_VERSION;
+    if (total > size) return FIELDMAP_TRUNCATED;
+    if (total < size || name_bytes % 8u != 0 || name_bytes > size - FIELDMAP_NAMES) return FIELDMAP_DAMAGED;
+    if (count > (size - FIELDMAP_NAMES - name_bytes) / 8 || count * 8 != size - FIELDMAP_NAMES - name_bytes)
+        return FIELDMAP_DAMAGED;
+    if (crc != fieldmap_checksum(raw + 28, size - 28)) return FIELDMAP_DAMAGED;
+    block = (const double *)(const void *)(raw + FIELDMAP_NAMES + name_bytes);
+    status = fieldmap_of_block(map, block, count, 3);
+    if (status == FIELDMAP_OK && map->kind == FIELDMAP_HERMITE) status = FIELDMAP_DAMAGED;
+    /* What the version says stands under the checksum as well. */
+    if (status == FIELDMAP_OK && block[FIELDMAP_CONSTANT] != (version == 2u ? 1.0 : 0.0)) status = FIELDMAP_DAMAGED;
+    if (status == FIELDMAP_OK && version == 2u) {
+        map->constant = 1;
+        map->n_coils -= 1;
+        if (map->n_coils < 1) status = FIELDMAP_DAMAGED;
+    }
+    for (i = 0; i < name_bytes; i++) ended += raw[FIELDMAP_NAMES + i] == 0;
+    if (status == FIELDMAP_OK && ended < (size_t)map->n_coils) status = FIELDMAP_DAMAGED;
+    map->names = (const char *)(raw + FIELDMAP_NAMES);
+    if (status != FIELDMAP_OK) memset(map, 0, sizeof *map);
+    return status;
+}
+
+/* Give back what fieldmap_open or fieldmap_at took. Safe on a map that was never opened but zeroed. */
+static inline void fieldmap_close(fieldmap *map)
+{
+    if (map != NULL) {
+        free(map->owned);
+        memset(map, 0, sizeof *map);
+    }
+}
+
+/* Read a file whole. */
+static inline int fieldmap_open(fieldmap *map, const char *path)
+{
+    FILE *file;
+    long size;
+    void *bytes;
+    int status;
+    if (map == NULL || path == NULL) return FIELDMAP_ARGUMENT;
+    memset(map, 0, sizeof *map);
+    file = fopen(path, "rb");
+    if (file == NULL) return FIELDMAP_NO_FILE;
+    if (fseek(file, 0, SEEK_END) != 0 || (size = ftell(file)) < 0 || fseek(file, 0, SEEK_SET) != 0) {
+        fclose(file);
+        return FIELDMAP_NO_FILE;
+    }
+    bytes = malloc(size > 0 ? (size_t)size : 1);
+    status = bytes == NULL ? FIELDMAP_NO_MEMORY : FIELDMAP_OK;
+    if (bytes != NULL && fread(bytes, 1, (size_t)size, file) != (size_t)size) status = FIELDMAP_NO_FILE;
+    fclose(file);
+    if (status == FIELDMAP_OK) status = fieldmap_view(map, bytes, (size_t)size);
+    if (status == FIELDMAP_OK)
+        map->owned = bytes;
+    else
+        free(bytes);
+    return status;
+}
+
+/* Name of coil k, or NULL. */
+static inline const char *fieldmap_coil_name(const fieldmap *map, int k)
+{
+    const char *name;
+    if (map == NULL || map->names == NULL || k < 0 || k >= map->n_coils) return NULL;
+    for (name = map->names; k > 0; k--) name += strlen(name) + 1;
+    return name;
+}
+
+/* The map at fixed currents, asked with currents = NULL from then on: a copy, to be closed. `map` may be closed. */
+static inline int fieldmap_at(const fieldmap *map, const double *currents, fieldmap *fixed)
+{
+    size_t size, places, n, sets;
+    double *sums;
+    if (map == NULL || map->coefficients == NULL || currents == NULL || fixed == NULL) return FIELDMAP_ARGUMENT;
+    size = (size_t)map->size, sets = (size_t)fieldmap_sets(map);
+    places = (size_t)map->cells[0] * (size_t)map->cells[1] * (size_t)map->cells[2];
+    sums = (double *)malloc(places * size * sizeof(double));
+    if (sums == NULL) return FIELDMAP_NO_MEMORY;
+    for (n = 0; n < places; n++)
+        fieldmap_sum_sets(map, map->coefficients + n * sets * size, currents, sums + n * size);
+    *fixed = *map;
+    fixed->n_coils = 1;
+    fixed->constant = 0;
+    fixed->names = NULL;
+    fixed->coefficients = sums;
+    fixed->owned = sums;
+    return FIELDMAP_OK;
+}
+
+#endif
