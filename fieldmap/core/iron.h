@@ -18,8 +18,9 @@
 enum { FIELDMAP_IRON_BEYOND = 32, FIELDMAP_IRON_NOT_CONVERGED = 33, FIELDMAP_IRON_MEMORY = 34 };
 
 enum {
-    FIELDMAP_IRON_STEPS = 60, FIELDMAP_IRON_PAIRS = 12, FIELDMAP_IRON_PASSED = 3, FIELDMAP_IRON_LANES = 16, FIELDMAP_IRON_POINTS = 3,
-    FIELDMAP_IRON_SIZES = 20, FIELDMAP_IRON_MAX_SIGNALS = 64, FIELDMAP_IRON_MAX_DEGREE = 30
+    FIELDMAP_IRON_STEPS = 60, FIELDMAP_IRON_PAIRS = 12, FIELDMAP_IRON_PASSED = 3, FIELDMAP_IRON_LANES = 16,
+    FIELDMAP_IRON_TILE = 4, FIELDMAP_IRON_POINTS = 16, FIELDMAP_IRON_SIZES = 20,
+    FIELDMAP_IRON_MAX_SIGNALS = 64, FIELDMAP_IRON_MAX_DEGREE = 30
 };
 
 /* A map of saturating iron: treat as read-only. fields: those of the coils, the iron and a background, of whose weights
@@ -35,10 +36,11 @@ typedef struct fieldmap_iron {
 } fieldmap_iron;
 
 /* What solves remember and work with; one for each thread. steps, left_over: of the last solve, its number of steps and
- * what they left of the state, estimated, in the norm of the energy. tolerance: what they may leave; may be set. */
+ * what they left of the state, estimated, in the norm of the energy. tolerance: what they may leave; checked: whether
+ * currents outside the domain are refused; both may be set. */
 typedef struct fieldmap_iron_state {
     const fieldmap_iron *map;
-    int count, steps;
+    int count, steps, checked;
     double left_over, tolerance;
     double *currents, *amplitudes, *factor, *h, *solution, *applied, *vector, *moved, *step_h, *residual, *response;
     double *change, *rest, *left, *changes, *responses, *isotropic, *along, *products;
@@ -133,6 +135,12 @@ static inline int fieldmap_iron_of_numbers(fieldmap_iron *map, const double *num
     return fieldmap_iron_arrays(map, numbers + FIELDMAP_IRON_SIZES, count - FIELDMAP_IRON_SIZES);
 }
 
+/* As many rows as whole tiles have. */
+static inline int fieldmap_iron_tiles(int rows)
+{
+    return (rows + FIELDMAP_IRON_TILE - 1) / FIELDMAP_IRON_TILE * FIELDMAP_IRON_TILE;
+}
+
 /* Where the next array of `count` things of `size` bytes begins, in steps of 64 bytes. */
 static inline void *fieldmap_iron_place(unsigned char *memory, size_t *used, size_t count, size_t size)
 {
@@ -168,9 +176,9 @@ static inline size_t fieldmap_iron_lay_out(const fieldmap_iron *map, fieldmap_ir
     s->products = (double *)fieldmap_iron_place(memory, &used, (size_t)map->n_terms, d);
     s->single = (float *)fieldmap_iron_place(memory, &used, w, f);
     s->single_change = (float *)fieldmap_iron_place(memory, &used, w, f);
-    s->total = (float *)fieldmap_iron_place(memory, &used, r * w, f);
-    s->sides = (float *)fieldmap_iron_place(memory, &used, c * w, f);
-    s->rows = (float *)fieldmap_iron_place(memory, &used, (1 + 3 * FIELDMAP_IRON_POINTS) * w, f);
+    s->total = (float *)fieldmap_iron_place(memory, &used, (size_t)fieldmap_iron_tiles(map->r) * w, f);
+    s->sides = (float *)fieldmap_iron_place(memory, &used, (size_t)fieldmap_iron_tiles(map->n_coils) * w, f);
+    s->rows = (float *)fieldmap_iron_place(memory, &used, 3 * FIELDMAP_IRON_POINTS * w, f);
     s->piece = (int *)fieldmap_iron_place(memory, &used, p, sizeof(int));
     return used;
 }
@@ -194,24 +202,36 @@ static inline int fieldmap_iron_start(
     fieldmap_iron_lay_out(map, state, (unsigned char *)memory);
     state->map = map;
     state->tolerance = map->tolerance;
+    state->checked = map->checked;
     for (i = 0; i < map->p; i++) state->piece[i] = (int)map->offset[(int)map->law[i]];
     return FIELDMAP_OK;
 }
 
-/* Sums of `wide` products, in lanes that a compiler makes vectors of. */
-static inline float fieldmap_iron_dot(const float *a, const float *b, int wide)
+/* Sums of lanes, by halves, which are vectors too. */
+FIELDMAP_INLINE float fieldmap_iron_sum(float *FIELDMAP_RESTRICT lanes)
 {
-    float lanes[FIELDMAP_IRON_LANES] = {0};
-    int i, j;
-    for (i = 0; i < wide; i += FIELDMAP_IRON_LANES)
-        for (j = 0; j < FIELDMAP_IRON_LANES; j++) lanes[j] += a[i + j] * b[i + j];
-    /* By halves, which are vectors too. */
+    int j;
     for (j = 0; j < 8; j++) lanes[j] += lanes[j + 8];
     for (j = 0; j < 4; j++) lanes[j] += lanes[j + 4];
     return (lanes[0] + lanes[2]) + (lanes[1] + lanes[3]);
 }
 
-static inline double fieldmap_iron_mixed_dot(const float *a, const double *b, int wide)
+/* Sums of `wide` products of each of the three rows of a point with b, in lanes that a compiler makes vectors of. */
+FIELDMAP_INLINE void fieldmap_iron_dots(
+    const float *FIELDMAP_RESTRICT g, const float *FIELDMAP_RESTRICT b, int wide, float out[3])
+{
+    float x[FIELDMAP_IRON_LANES] = {0}, y[FIELDMAP_IRON_LANES] = {0}, z[FIELDMAP_IRON_LANES] = {0};
+    int i, j;
+    for (i = 0; i < wide; i += FIELDMAP_IRON_LANES)
+        for (j = 0; j < FIELDMAP_IRON_LANES; j++) {
+            x[j] += g[i + j] * b[i + j];
+            y[j] += g[wide + i + j] * b[i + j];
+            z[j] += g[2 * wide + i + j] * b[i + j];
+        }
+    out[0] = fieldmap_iron_sum(x), out[1] = fieldmap_iron_sum(y), out[2] = fieldmap_iron_sum(z);
+}
+
+FIELDMAP_INLINE double fieldmap_iron_mixed_dot(const float *a, const double *b, int wide)
 {
     double lanes[8] = {0};
     int i, j;
@@ -360,6 +380,15 @@ static inline void fieldmap_iron_evaluate(const fieldmap_iron *map, fieldmap_iro
         s->residual[i] += map->constant[i] - fieldmap_iron_product(map->air + (size_t)i * (size_t)r, a, r);
 }
 
+/* out (wide numbers) += the three rows of a point, each times its share. */
+FIELDMAP_INLINE void fieldmap_iron_add_rows(
+    const float *FIELDMAP_RESTRICT g, int w, const float share[3], float *FIELDMAP_RESTRICT out)
+{
+    const float x = share[0], y = share[1], z = share[2];
+    int j;
+    for (j = 0; j < w; j++) out[j] += x * g[j] + y * g[w + j] + z * g[2 * w + j];
+}
+
 /* step_h = G change, moved = w m h at h - step_h, single = G^T (moved - vector), in one pass; the law's slopes along the
  * step before and behind it. */
 static inline void fieldmap_iron_pass(const fieldmap_iron *map, fieldmap_iron_state *s, double *before, double *behind)
@@ -372,9 +401,10 @@ static inline void fieldmap_iron_pass(const fieldmap_iron *map, fieldmap_iron_st
         const float *g = map->gradients + 3 * (size_t)p * (size_t)w;
         const size_t at = 3 * (size_t)p;
         double h[3], m;
-        float d[3];
+        float d[3], step[3];
+        fieldmap_iron_dots(g, s->single_change, w, step);
         for (i = 0; i < 3; i++) {
-            s->step_h[at + (size_t)i] = (double)fieldmap_iron_dot(g + i * w, s->single_change, w);
+            s->step_h[at + (size_t)i] = (double)step[i];
             h[i] = s->h[at + (size_t)i] - s->step_h[at + (size_t)i];
         }
         m = fieldmap_iron_magnetised(map, s->piece, p, h);
@@ -385,7 +415,7 @@ static inline void fieldmap_iron_pass(const fieldmap_iron *map, fieldmap_iron_st
             *behind += s->moved[k] * s->step_h[k];
             d[i] = (float)(s->moved[k] - s->vector[k]);
         }
-        for (j = 0; j < w; j++) s->single[j] += d[0] * g[j] + d[1] * g[w + j] + d[2] * g[2 * w + j];
+        fieldmap_iron_add_rows(g, w, d, s->single);
     }
 }
 
@@ -428,38 +458,78 @@ static inline double fieldmap_iron_shorter(
 }
 
 /* out: one row (wide numbers) each of w (db/dh - 1) G for the three components of point p. */
-static inline void fieldmap_iron_rows(const fieldmap_iron *map, fieldmap_iron_state *s, int p, float *out)
+FIELDMAP_INLINE void fieldmap_iron_rows(
+    const float *FIELDMAP_RESTRICT g, int w, const double *h, double isotropic, double along, float *FIELDMAP_RESTRICT out)
 {
-    const int w = map->wide;
-    const float *g = map->gradients + 3 * (size_t)p * (size_t)w;
-    const double *h = s->h + 3 * (size_t)p;
-    const float x = (float)h[0], y = (float)h[1], z = (float)h[2], m = (float)s->isotropic[p], e = (float)s->along[p];
-    float *radial = s->rows;
+    const float x = (float)h[0], y = (float)h[1], z = (float)h[2], m = (float)isotropic, e = (float)along;
     int j;
-    for (j = 0; j < w; j++) radial[j] = e * (x * g[j] + y * g[w + j] + z * g[2 * w + j]);
-    for (j = 0; j < w; j++) out[j] = m * g[j] + x * radial[j];
-    for (j = 0; j < w; j++) out[w + j] = m * g[w + j] + y * radial[j];
-    for (j = 0; j < w; j++) out[2 * w + j] = m * g[2 * w + j] + z * radial[j];
+    for (j = 0; j < w; j++) {
+        const float radial = e * (x * g[j] + y * g[w + j] + z * g[2 * w + j]);
+        out[j] = m * g[j] + x * radial;
+        out[w + j] = m * g[w + j] + y * radial;
+        out[2 * w + j] = m * g[2 * w + j] + z * radial;
+    }
 }
 
-/* The first `end` numbers of a row += rows of points times a factor for each: nine products for one sum that is fetched
- * and stored, and no more rows than a compiler compares the places of. */
-static inline void fieldmap_iron_add(
-    const float f[3 * FIELDMAP_IRON_POINTS], const float *points, int w, int end, float *row)
+/* out[i * w + j] += sum over k of left[k * step + i] right[k * w + j] for FIELDMAP_IRON_TILE numbers i and one register of
+ * numbers j: the sums stay in registers. */
+FIELDMAP_INLINE void fieldmap_iron_add_tile(const float *FIELDMAP_RESTRICT left, int step,
+    const float *FIELDMAP_RESTRICT right, int w, int count, float *FIELDMAP_RESTRICT out)
 {
-    const float a = f[0], b = f[1], c = f[2], d = f[3], e = f[4], g = f[5], k = f[6], l = f[7], m = f[8];
+    float sums[FIELDMAP_IRON_TILE][FIELDMAP_IRON_LANES];
+    int i, j, k;
+    for (i = 0; i < FIELDMAP_IRON_TILE; i++)
+        for (j = 0; j < FIELDMAP_IRON_LANES; j++) sums[i][j] = out[i * w + j];
+    for (k = 0; k < count; k++)
+        for (i = 0; i < FIELDMAP_IRON_TILE; i++)
+            for (j = 0; j < FIELDMAP_IRON_LANES; j++) sums[i][j] += left[k * step + i] * right[k * w + j];
+    for (i = 0; i < FIELDMAP_IRON_TILE; i++)
+        for (j = 0; j < FIELDMAP_IRON_LANES; j++) out[i * w + j] = sums[i][j];
+}
+
+/* out (count numbers) -= share times a row. */
+FIELDMAP_INLINE void fieldmap_iron_subtract(
+    double share, const double *FIELDMAP_RESTRICT row, int count, double *FIELDMAP_RESTRICT out)
+{
     int j;
-    for (j = 0; j < end; j++)
-        row[j] += (a * points[j] + b * points[w + j] + c * points[2 * w + j])
-            + (d * points[3 * w + j] + e * points[4 * w + j] + g * points[5 * w + j])
-            + (k * points[6 * w + j] + l * points[7 * w + j] + m * points[8 * w + j]);
+    for (j = 0; j < count; j++) out[j] -= share * row[j];
+}
+
+/* Row i of the tangent, from the diagonal on. */
+FIELDMAP_INLINE void fieldmap_iron_tangent_row(const fieldmap_iron *map, const fieldmap_iron_state *s, int i, double *row)
+{
+    const float *of_law = s->total + (size_t)i * (size_t)map->wide;
+    const double *of_air = map->air + (size_t)i * (size_t)map->r;
+    int j;
+    for (j = i; j < map->r; j++) row[j] = (double)of_law[j] + of_air[j];
+}
+
+/* The factor U of Cholesky, K = U^T U, row by row: what is left of K behind a row is made smaller by it. */
+static inline void fieldmap_iron_factorise(const fieldmap_iron *map, fieldmap_iron_state *s)
+{
+    const int r = map->r;
+    int i, j, k;
+    for (i = 0; i < r; i++) fieldmap_iron_tangent_row(map, s, i, s->factor + (size_t)i * (size_t)r);
+    for (i = 0; i < r; i++) {
+        double *row = s->factor + (size_t)i * (size_t)r, pivot;
+        const double whole = (double)s->total[(size_t)i * (size_t)map->wide + (size_t)i] + map->air[(size_t)i * (size_t)r + (size_t)i];
+        if (row[i] < 1e-7 * whole) {
+            /* Rounding alone: the factor has this mode by itself. */
+            for (k = 0; k < i; k++) s->factor[(size_t)k * (size_t)r + (size_t)i] = 0.0;
+            fieldmap_iron_tangent_row(map, s, i, row);
+        }
+        pivot = 1.0 / sqrt(row[i]);
+        for (j = i; j < r; j++) row[j] *= pivot;
+        for (k = i + 1; k < r; k++)
+            fieldmap_iron_subtract(row[k], row + k, r - k, s->factor + (size_t)k * (size_t)r + k);
+    }
 }
 
 /* The factor of Cholesky of the tangent at h, and the right-hand sides of the first `coils` coils' fields per ampere. */
 static inline void fieldmap_iron_tangent(const fieldmap_iron *map, fieldmap_iron_state *s, int coils)
 {
     const int w = map->wide, r = map->r;
-    int i, j, k, p;
+    int i, j, k, p, first;
     for (p = 0; p < map->p; p++) {
         const double *h = s->h + 3 * (size_t)p;
         double size = sqrt(h[0] * h[0] + h[1] * h[1] + h[2] * h[2]) + 1e-14, slope, b;
@@ -467,64 +537,47 @@ static inline void fieldmap_iron_tangent(const fieldmap_iron *map, fieldmap_iron
         s->isotropic[p] = map->weights[p] * (b / size - 1.0);
         s->along[p] = map->weights[p] * (slope - b / size) / (size * size);
     }
-    for (j = 0; j < r * w; j++) s->total[j] = 0.0f;
-    for (j = 0; j < coils * w; j++) s->sides[j] = 0.0f;
-    for (p = 0; p < map->p; p += FIELDMAP_IRON_POINTS) {
-        const float *g[FIELDMAP_IRON_POINTS], *points = s->rows + w;
-        const double *unit[FIELDMAP_IRON_POINTS];
-        float f[3 * FIELDMAP_IRON_POINTS];
-        for (i = 0; i < FIELDMAP_IRON_POINTS; i++) {
-            /* Behind the last point rows of zeros. */
-            const int there = p + i < map->p;
-            float *rows = s->rows + (1 + 3 * i) * w;
-            g[i] = map->gradients + 3 * (size_t)(there ? p + i : p) * (size_t)w;
-            unit[i] = map->source + 3 * (size_t)(there ? p + i : p) * (size_t)map->n_coils;
-            if (there)
-                fieldmap_iron_rows(map, s, p + i, rows);
-            else
-                for (j = 0; j < 3 * w; j++) rows[j] = 0.0f;
+    for (j = 0; j < fieldmap_iron_tiles(r) * w; j++) s->total[j] = 0.0f;
+    for (j = 0; j < fieldmap_iron_tiles(coils) * w; j++) s->sides[j] = 0.0f;
+    for (first = 0; first < map->p; first += FIELDMAP_IRON_POINTS) {
+        const int points = map->p - first < FIELDMAP_IRON_POINTS ? map->p - first : FIELDMAP_IRON_POINTS;
+        const float *g = map->gradients + 3 * (size_t)first * (size_t)w;
+        for (p = 0; p < points; p++) {
+            const double *h = s->h + 3 * (size_t)(first + p);
+            fieldmap_iron_rows(g + 3 * p * w, w, h, s->isotropic[first + p], s->along[first + p], s->rows + 3 * p * w);
         }
-        for (i = 0; i < r; i++) {
-            for (k = 0; k < 3 * FIELDMAP_IRON_POINTS; k++) f[k] = g[k / 3][k % 3 * w + i];
-            /* To the diagonal, in whole vectors. */
-            j = (i / FIELDMAP_IRON_LANES + 1) * FIELDMAP_IRON_LANES;
-            fieldmap_iron_add(f, points, w, j, s->total + (size_t)i * (size_t)w);
-        }
-        for (i = 0; i < coils; i++) {
-            for (k = 0; k < 3 * FIELDMAP_IRON_POINTS; k++) f[k] = (float)unit[k / 3][k % 3 * map->n_coils + i];
-            fieldmap_iron_add(f, points, w, w, s->sides + (size_t)i * (size_t)w);
+        for (i = 0; i < r; i += FIELDMAP_IRON_TILE)
+            /* From the diagonal on. */
+            for (j = i / FIELDMAP_IRON_LANES * FIELDMAP_IRON_LANES; j < w; j += FIELDMAP_IRON_LANES)
+                fieldmap_iron_add_tile(g + i, w, s->rows + j, w, 3 * points, s->total + (size_t)i * (size_t)w + j);
+        for (i = 0; i < coils; i += FIELDMAP_IRON_TILE) {
+            float unit[3 * FIELDMAP_IRON_POINTS * FIELDMAP_IRON_TILE];
+            for (k = 0; k < 3 * points; k++)
+                for (j = 0; j < FIELDMAP_IRON_TILE; j++) {
+                    const double *of = map->source + ((size_t)k + 3 * (size_t)first) * (size_t)map->n_coils;
+                    unit[k * FIELDMAP_IRON_TILE + j] = i + j < coils ? (float)of[i + j] : 0.0f;
+                }
+            for (j = 0; j < w; j += FIELDMAP_IRON_LANES)
+                fieldmap_iron_add_tile(
+                    unit, FIELDMAP_IRON_TILE, s->rows + j, w, 3 * points, s->sides + (size_t)i * (size_t)w + j);
         }
     }
-    for (i = 0; i < r; i++) {
-        double *row = s->factor + (size_t)i * (size_t)r;
-        const double whole = (double)s->total[(size_t)i * (size_t)w + (size_t)i] + map->air[(size_t)i * (size_t)r + (size_t)i];
-        for (j = 0; j <= i; j++) {
-            const double *other = s->factor + (size_t)j * (size_t)r;
-            double value = (double)s->total[(size_t)i * (size_t)w + (size_t)j] + map->air[(size_t)i * (size_t)r + (size_t)j];
-            value -= fieldmap_iron_product(row, other, j);
-            if (i == j && value < 1e-7 * whole) {
-                /* Rounding alone: the factor has this mode by itself. */
-                value = whole;
-                memset(row, 0, (size_t)i * sizeof *row);
-            }
-            row[j] = i == j ? sqrt(value) : value / other[j];
-        }
-    }
+    fieldmap_iron_factorise(map, s);
 }
 
-/* out = (L L^T)^-1 right. */
-static inline void fieldmap_iron_solve(const fieldmap_iron_state *s, const double *right, double *out)
+/* out = (U^T U)^-1 right; right is lost. */
+static inline void fieldmap_iron_solve(const fieldmap_iron_state *s, double *right, double *out)
 {
     const int r = s->map->r;
-    int i, k;
+    int i;
     for (i = 0; i < r; i++) {
-        const double *row = s->factor + (size_t)i * (size_t)r;
-        out[i] = (right[i] - fieldmap_iron_product(row, out, i)) / row[i];
+        const double *row = s->factor + (size_t)i * (size_t)r + i;
+        out[i] = right[i] / row[0];
+        fieldmap_iron_subtract(out[i], row + 1, r - i - 1, right + i + 1);
     }
     for (i = r - 1; i >= 0; i--) {
-        const double *row = s->factor + (size_t)i * (size_t)r;
-        out[i] /= row[i];
-        for (k = 0; k < i; k++) out[k] -= row[k] * out[i];
+        const double *row = s->factor + (size_t)i * (size_t)r + i;
+        out[i] = (out[i] - fieldmap_iron_product(row + 1, out + i + 1, r - i - 1)) / row[0];
     }
 }
 
@@ -564,14 +617,16 @@ static inline int fieldmap_iron_keep(fieldmap_iron_state *s, int pairs)
 }
 
 /* a . K a. */
-static inline double fieldmap_iron_energy(fieldmap_iron_state *s, const double *a)
+static inline double fieldmap_iron_energy(const fieldmap_iron_state *s, const double *a)
 {
     const int r = s->map->r;
-    int i, k;
-    for (i = 0; i < r; i++) s->left[i] = 0.0;
-    for (i = 0; i < r; i++)
-        for (k = 0; k <= i; k++) s->left[k] += s->factor[(size_t)i * (size_t)r + (size_t)k] * a[i];
-    return fieldmap_iron_product(s->left, s->left, r);
+    double total = 0.0;
+    int i;
+    for (i = 0; i < r; i++) {
+        const double part = fieldmap_iron_product(s->factor + (size_t)i * (size_t)r + i, a + i, r - i);
+        total += part * part;
+    }
+    return total;
 }
 
 /* How far a place lies from the newest currents along the last step, times that step's length. */
@@ -672,7 +727,7 @@ static inline int fieldmap_iron_solve_at(fieldmap_iron_state *s, const double *c
     int same, near, known, found = 0, pairs = 0, steps = 0, attempt, i, k;
     for (k = 0; k < c; k++)
         if (!isfinite(currents[k])) return FIELDMAP_NOT_FINITE;
-    if (!fieldmap_iron_signals(map, currents, values) && map->checked) return FIELDMAP_IRON_BEYOND;
+    if (!fieldmap_iron_signals(map, currents, values) && s->checked) return FIELDMAP_IRON_BEYOND;
     same = s->count > 0 && s->left_over < tolerance;
     for (k = 0; k < c; k++) same = same && last[k] == currents[k];
     if (same) return FIELDMAP_OK;

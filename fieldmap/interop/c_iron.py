@@ -27,20 +27,14 @@ import zlib
 from os import PathLike
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
-
 from fieldmap.core.headers import FOLDER, in_one
 from fieldmap.errors import InputError, Problem
 from fieldmap.interop.c_map import c_header, check_harmonic, map_bytes, plain_block
-from fieldmap.kernels.map.current_solver import CompiledModel
-from fieldmap.kernels.map.parametrisation import LIFT_AND_DIRECTIONS
 from fieldmap.lookup import FieldMap, compiled_currents, unit_block
+from fieldmap.lookup.current_solver import core_numbers
 from fieldmap.store.whole_files import write_whole
-from fieldmap.typing import Array
 
 VERSION = 1
-_LANES, _SIZES = 16, 20
 
 
 def c_iron_header() -> Path:
@@ -67,7 +61,7 @@ def write_c_iron_map(field: FieldMap, path: str | PathLike[str]) -> Path:
     target = Path(path)
     names = (*field.coil_names, *(f"iron {k + 1}" for k in range(len(model.output))))
     names += ("background",) if model.fixed.size else ()
-    numbers = _numbers(model)
+    numbers = core_numbers(model)
     behind = map_bytes(plain_block(block), names, constant=False)
     tail = struct.pack("=IQ", 0, len(numbers)) + numbers.tobytes() + behind
     head = struct.pack("=8sIIQ", b"fmapiron", 0x01020304, VERSION, 28 + len(tail))
@@ -82,56 +76,3 @@ def write_c_iron_files(field: FieldMap, path: str | PathLike[str]) -> tuple[Path
     write_whole(headers[0], in_one(headers[0].name, without=frozenset({headers[1].name})).encode())
     write_whole(headers[1], in_one(headers[1].name).encode())
     return written, headers[0], headers[1]
-
-
-def _numbers(model: CompiledModel) -> Array:
-    """Sizes and arrays of a model, behind one another."""
-    domain, modes = model.domain, len(model.constant)
-    wide = _LANES * -(-modes // _LANES)
-    division = domain.kind == LIFT_AND_DIRECTIONS
-    sizes = np.zeros(_SIZES)
-    sizes[:17] = (
-        len(model.weights),
-        modes,
-        wide,
-        model.source.shape[1],
-        len(model.output),
-        model.fixed.size > 0,
-        len(model.offset) - 1,
-        len(model.knots),
-        len(model.terms),
-        len(domain.lower),
-        division,
-        domain.checked,
-        model.source.shape[1] + len(model.output) + (model.fixed.size > 0),
-        domain.exponent,
-        domain.limit,
-        domain.tolerance,
-        model.tolerance,
-    )
-    arrays = (
-        model.source,
-        model.fixed,
-        model.weights,
-        model.law,
-        model.offset,
-        model.knots,
-        model.coefficients,
-        model.air,
-        model.constant,
-        model.output,
-        model.terms,
-        domain.matrix,
-        domain.inverse,
-        domain.lower,
-        domain.upper,
-    )
-    doubles = [sizes, *(np.asarray(each, dtype=np.float64).ravel() for each in arrays)]
-    singles = [_widened(each, wide).view(np.float64).ravel() for each in (model.gradients, model.expansion)]
-    return np.concatenate([*doubles, *singles])
-
-
-def _widened(rows: NDArray[np.float32], wide: int) -> NDArray[np.float32]:
-    out = np.zeros((len(rows), wide), np.float32)
-    out[:, : rows.shape[1]] = rows
-    return out

@@ -41,10 +41,6 @@ iron.sample_gradients point_moments i i d1 d2 d1 i1 i1 d1 d2 d1 d2
 map.solid_harmonics regular_table i d2
 map.solid_harmonics derivative_matrix i i
 map.global_harmonics expand d1 i d1
-map.current_solver SOLVER
-map.current_solver solve model state d1 d
-map.current_solver signals_of domain d1 d1
-map.current_solver products_of_terms i2 d1 domain
 """
 
 _NUMBERS = {"d": types.float64, "f": types.float32, "i": types.int64}

@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 
+from fieldmap.core.iron import BEYOND, FOUND, NOT_CONVERGED, CoreIron, IronState
 from fieldmap.currents import ROUNDING, TOLERANCE, IndependentCurrents
 from fieldmap.errors import OutsideMapError, Problem
-from fieldmap.kernels.map import current_solver as kernels
-from fieldmap.kernels.map.current_solver import CompiledModel, SolverState
+from fieldmap.kernels.map.current_solver import CompiledModel
 from fieldmap.kernels.map.reduced_iron import sensitivities
-from fieldmap.lookup.current_solver import compiled_model, new_state, not_converged
+from fieldmap.lookup.current_solver import compiled_model, core_numbers, not_converged
 from fieldmap.store import ReducedModel
 from fieldmap.typing import Array
 
@@ -28,42 +27,32 @@ _AT_ONCE = 256
 _REMEDY = 'make a map with a wider [currents], or open this one with outside_currents="evaluate"'
 
 
-def _fill_weights(model: CompiledModel, state: SolverState, currents: Array, out: Array) -> int:
-    """As `kernels.current_weights`, which programs that never call it from compiled code need not compile."""
-    status: int = kernels.solve(model, state, currents, model.tolerance)
-    out[:] = state.weights if status == kernels.FOUND else np.nan
-    return status
-
-
 class CurrentSearch:
     """The model from point to point of a search: each solve begins from the last, wherever the currents lie, and is
     exact enough to meet a demand to 1e-9."""
 
-    def __init__(self, model: CompiledModel, state: SolverState) -> None:
-        domain = model.domain._replace(checked=False)
-        self._model = model._replace(tolerance=_OF_SEARCH, domain=domain)
-        # `current_slopes` solves to a hundredth of its tolerance: as exactly, then.
-        self._of_slopes = self._model._replace(tolerance=100.0 * _OF_SEARCH)
-        self._state = state
-        state.numbers[kernels.COUNT] = 0.0
+    def __init__(self, state: IronState, field_count: int) -> None:
+        self._state, self._count, self._fresh = state, field_count, True
 
     def weights(self, currents: Array) -> Array:
         """Weights (n_fields,) at currents (c,)."""
-        weights = np.empty(len(self._state.weights))
-        self._check(_fill_weights(self._model, self._state, currents, weights), currents)
+        weights = np.empty(self._count)
+        self._solve(currents, weights, None, _OF_SEARCH)
         return weights
 
     def slopes(self, currents: Array) -> Array:
         """Their derivatives (n_fields, c) by the currents, 1/A."""
-        weights = np.empty(len(self._state.weights))
-        slopes = np.empty((len(weights), len(currents)))
-        status = kernels.current_slopes(self._of_slopes, self._state, currents, weights, slopes)
-        self._check(status, currents)
+        slopes = np.empty((self._count, len(currents)))
+        # The state is found to a hundredth of the tolerance: as exactly, then.
+        self._solve(currents, np.empty(self._count), slopes, 100.0 * _OF_SEARCH)
         return slopes
 
-    def _check(self, status: int, currents: Array) -> None:
-        if status != kernels.FOUND:
-            raise not_converged(currents, self._state.numbers[kernels.LEFT])
+    def _solve(self, currents: Array, weights: Array, slopes: Array | None, tolerance: float) -> None:
+        amperes = np.array(currents, dtype=np.float64)
+        status = self._state.solve(amperes, weights, slopes, tolerance=tolerance, fresh=self._fresh)
+        self._fresh = False
+        if status != FOUND:
+            raise not_converged(currents, self._state.left)
 
 
 class CurrentModel:
@@ -128,19 +117,19 @@ class CurrentModel:
         rows = currents.reshape(-1, currents.shape[-1])
         result = np.empty((len(rows), rows.shape[1] + self.fields_beside_coils))
         for row, out in zip(np.array(rows, order="C"), result, strict=True):
-            self._fill(row, out)
+            self._solve(row, out)
         return result.reshape(*currents.shape[:-1], -1)
 
     def weights_and_slopes(self, currents: Array) -> tuple[Array, Array]:
         """`weights` of one set of currents (c,), and their derivatives (n_fields, c) by the currents, 1/A."""
         weights = np.empty(len(currents) + self.fields_beside_coils)
         slopes = np.empty((len(weights), len(currents)))
-        self._solved(kernels.current_slopes, np.array(currents), weights, slopes)
+        self._solve(np.array(currents), weights, slopes)
         return weights, slopes
 
     def search(self) -> CurrentSearch:
         """Weights and slopes for a search from currents to currents; the one before it in this thread ends."""
-        return CurrentSearch(self.compiled, self._state("search"))
+        return CurrentSearch(self._state("search"), self.model.coil_count + self.fields_beside_coils)
 
     def slopes_at(self, currents: Array) -> Array:
         """The slopes of a search at currents (c,): (n_fields, c). The last ones are cached."""
@@ -153,12 +142,11 @@ class CurrentModel:
 
     def amplitudes(self, currents: Array) -> Array:
         """Amplitudes (r,) of the modes at currents (c,), wherever they lie, more exactly than for a lookup."""
-        state = self._state("tight")
-        state.numbers[kernels.COUNT] = 0.0
-        status = kernels.solve(self._tight, state, np.array(currents, dtype=np.float64), _TIGHT)
-        if status != kernels.FOUND:
-            raise not_converged(currents, state.numbers[kernels.LEFT])
-        return state.amplitudes[-1].copy()
+        state, amperes = self._state("tight"), np.array(currents, dtype=np.float64)
+        weights = np.empty(len(amperes) + self.fields_beside_coils)
+        if state.solve(amperes, weights, tolerance=_TIGHT, fresh=True) != FOUND:
+            raise not_converged(currents, state.left)
+        return state.amplitudes
 
     def slopes(self, currents: Array, amplitudes: Array) -> Array:
         """Derivatives (s, f, c) of the weights of the fields behind the coils' by the currents, at currents (s, c) and
@@ -172,20 +160,15 @@ class CurrentModel:
         return np.concatenate([found, np.zeros((len(found), 1, found.shape[2]))], axis=1)
 
     @cached_property
-    def _of_lookups(self) -> CompiledModel:
-        return self.compiled._replace(tolerance=_OF_LOOKUPS)
+    def _core(self) -> CoreIron:
+        return CoreIron(core_numbers(self.compiled))
 
-    @cached_property
-    def _tight(self) -> CompiledModel:
-        domain = self.compiled.domain._replace(checked=False)
-        return self.compiled._replace(tolerance=_TIGHT, domain=domain)
-
-    def _state(self, name: str) -> SolverState:
+    def _state(self, name: str) -> IronState:
         """What solves of this name remember in this thread."""
         known = self._own.__dict__
         if name not in known:
-            known[name] = new_state(self.compiled)
-        state: SolverState = known[name]
+            known[name] = self._core.state()
+        state: IronState = known[name]
         return state
 
     def _sensitivities(self, currents: Array, amplitudes: Array) -> tuple[Array, Array]:
@@ -195,27 +178,24 @@ class CurrentModel:
         slopes, factors = sensitivities(sources, *self._iron, np.array(amplitudes), self._source)
         return slopes, factors
 
-    def _fill(self, currents: Array, out: Array) -> None:
-        self._solved(_fill_weights, currents, out)
-
-    def _solved(self, kernel: Callable[..., int], currents: Array, *results: Array) -> None:
-        """Let the kernel fill the results at currents (c,); raise, or leave NaN, where they lie outside."""
-        state = self._state("lookups")
-        if not self._follow:
-            state.numbers[kernels.COUNT] = 0.0
-        status = kernel(self._of_lookups, state, currents, *results)
-        if status == kernels.NOT_CONVERGED and self._follow:
-            status = kernel(self._of_lookups, state, currents, *results)
-        if status == kernels.BEYOND and self._outside == "raise":
+    def _solve(self, currents: Array, weights: Array, slopes: Array | None = None) -> None:
+        """Fill weights and slopes at currents (c,); raise, or leave NaN, where they lie outside."""
+        state, fresh = self._state("lookups"), not self._follow
+        solve = partial(state.solve, currents, weights, slopes)
+        checked = self._outside != "evaluate"
+        status = solve(tolerance=_OF_LOOKUPS, checked=checked, fresh=fresh)
+        if status == NOT_CONVERGED and self._follow:
+            status = solve(tolerance=_OF_LOOKUPS, checked=checked)
+        if status == BEYOND and self._outside == "raise":
             problem = self._outside_domain(currents)
             if problem is not None:
                 raise OutsideMapError(problem)
             # Beyond the margin of one rule and within that of the other, which counts.
-            status = kernel(self._tight, state, currents, *results)
-        if status == kernels.NOT_CONVERGED:
-            raise not_converged(currents, state.numbers[kernels.LEFT])
-        if status != kernels.FOUND:
-            results[0][: len(currents)] = currents
+            status = solve(tolerance=_TIGHT)
+        if status == NOT_CONVERGED:
+            raise not_converged(currents, state.left)
+        if status != FOUND:
+            weights[: len(currents)] = currents
 
     def __getstate__(self) -> dict[str, object]:
         return {name: value for name, value in self.__dict__.items() if name != "_own"}

@@ -5,13 +5,16 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from numpy.polynomial.chebyshev import chebvander
 from numpy.typing import NDArray
 
+from fieldmap.core.iron import FOUND, CoreIron
 from fieldmap.currents import ROUNDING, TOLERANCE, CurrentDomain
 from fieldmap.errors import NotConverged, Problem
 from fieldmap.kernels.map import current_solver as kernels
 from fieldmap.kernels.map import iron_block as blocks
 from fieldmap.kernels.map.current_solver import CompiledModel, SignalDomain, SolverState
+from fieldmap.kernels.map.parametrisation import LIFT_AND_DIRECTIONS
 from fieldmap.store import ReducedModel
 from fieldmap.typing import Array
 
@@ -22,6 +25,8 @@ of what such models are, or less: docs/theory/current_dependence.md."""
 # these are solved.
 _MOST_TERMS, _MOST_OF_LOW_DEGREE, _LOW_DEGREE = 170, 460, 12
 _STATES_PER_TERM, _TOLERANCE = 2, 1e-4
+# Rows of single precision are whole vector registers; sizes before the arrays (FIELDMAP_IRON_LANES and _SIZES).
+_LANES, _SIZES = 16, 20
 # The solve from nothing, in the middle of the domain.
 _TOLERANCE_OF_MIDDLE = 1e-6
 
@@ -33,7 +38,6 @@ def compiled_model(model: ReducedModel, checked: bool) -> CompiledModel:
     checked: whether currents beyond the domain are refused. Raises NotConverged where Newton's method fails in the
     domain.
     """
-    kernels.SOLVER.find()
     free = CompiledModel(
         _own(model.source),
         _own(model.fixed),
@@ -54,16 +58,16 @@ def compiled_model(model: ReducedModel, checked: bool) -> CompiledModel:
     # Here: opening any other map would take a third of a second longer.
     from scipy.stats import qmc
 
-    domain, middle = model.domain, model.domain.middle
-    state = new_state(free)
-    _check(kernels.solve(free, state, middle, free.tolerance), middle)
-    known = free._replace(expansion=state.amplitudes[-1:].astype(np.float32), tolerance=_TOLERANCE)
+    domain, weights = model.domain, np.empty(_field_count(free))
+    state = CoreIron(core_numbers(free)).state()
+    _check(state.solve(domain.middle, weights, tolerance=_TOLERANCE_OF_MIDDLE), domain.middle)
+    known = free._replace(expansion=state.amplitudes[None].astype(np.float32))
     terms = expansion_terms(domain.parametrisation.signal_count)
     shares = qmc.Halton(len(model.lower), scramble=False).random(_STATES_PER_TERM * len(terms))
-    currents = domain.at(shares)
+    signals = domain.parametrisation.within(domain.lower, domain.upper, shares)
     return known._replace(
         terms=terms,
-        expansion=_fitted(known, terms, currents),
+        expansion=_fitted(known, terms, domain.parametrisation.currents(signals), signals),
         domain=compiled_domain(domain, checked),
         tolerance=COMPILED_TOLERANCE,
     )
@@ -167,23 +171,93 @@ def _of_degree(signals: int, degree: int) -> list[tuple[int, ...]]:
     return [(n, *rest) for n in range(degree + 1) for rest in _of_degree(signals - 1, degree - n)]
 
 
-def _fitted(model: CompiledModel, terms: NDArray[np.int64], currents: Array) -> NDArray[np.float32]:
-    """Coefficients (t, r) of the expansion nearest to the solutions at currents (s, c)."""
-    state, amplitudes, products = new_state(model), [], []
-    values = np.empty(len(model.domain.lower))
+def _fitted(
+    model: CompiledModel, terms: NDArray[np.int64], currents: Array, signals: Array
+) -> NDArray[np.float32]:
+    """Coefficients (t, r) of the expansion nearest to the solutions at currents (s, c), which signals (s, d) make."""
+    state, weights, amplitudes = CoreIron(core_numbers(model)).state(), np.empty(_field_count(model)), []
     for row in np.ascontiguousarray(currents):
         # Each from the middle: the states are the same in any order.
-        state.numbers[kernels.COUNT] = 0.0
-        _check(kernels.solve(model, state, row, model.tolerance), row)
-        amplitudes.append(state.amplitudes[-1].copy())
-        kernels.signals_of(model.domain, row, values)
-        products.append(kernels.products_of_terms(terms, values, model.domain))
-    found = np.linalg.lstsq(np.array(products), np.array(amplitudes), rcond=None)[0]
-    return np.ascontiguousarray(found, dtype=np.float32)
+        _check(state.solve(row, weights, tolerance=_TOLERANCE, fresh=True), row)
+        amplitudes.append(state.amplitudes)
+    products = products_of_terms(terms, signals, model.domain)
+    return np.ascontiguousarray(
+        np.linalg.lstsq(products, np.array(amplitudes), rcond=None)[0], dtype=np.float32
+    )
+
+
+def products_of_terms(terms: NDArray[np.int64], signals: Array, domain: SignalDomain) -> Array:
+    """The values (s, t) of terms (t, 3), as in `CompiledModel`, at signals (s, d) of the domain."""
+    width = domain.upper - domain.lower
+    scaled = (
+        np.divide(2.0 * (signals - domain.lower), width, out=np.ones_like(signals), where=width > 0.0) - 1.0
+    )
+    polynomials = chebvander(np.clip(scaled, -1.0, 1.0), int(terms[:, 2].max()))
+    products = np.ones((len(signals), len(terms)))
+    for k, (before, signal, degree) in enumerate(terms[1:], start=1):
+        products[:, k] = products[:, before] * polynomials[:, signal, degree]
+    return products
+
+
+def _field_count(model: CompiledModel) -> int:
+    """Of all fields: the coils', the iron's and that of a background."""
+    return int(model.source.shape[1] + len(model.output) + (model.fixed.size > 0))
+
+
+def core_numbers(model: CompiledModel) -> Array:
+    """Sizes and arrays of a model, behind one another, as the C core takes them: fieldmap/core/iron.h."""
+    domain, modes = model.domain, len(model.constant)
+    wide = _LANES * -(-modes // _LANES)
+    sizes = np.zeros(_SIZES)
+    sizes[:17] = (
+        len(model.weights),
+        modes,
+        wide,
+        model.source.shape[1],
+        len(model.output),
+        model.fixed.size > 0,
+        len(model.offset) - 1,
+        len(model.knots),
+        len(model.terms),
+        len(domain.lower),
+        domain.kind == LIFT_AND_DIRECTIONS,
+        domain.checked,
+        _field_count(model),
+        domain.exponent,
+        domain.limit,
+        domain.tolerance,
+        model.tolerance,
+    )
+    arrays = (
+        model.source,
+        model.fixed,
+        model.weights,
+        model.law,
+        model.offset,
+        model.knots,
+        model.coefficients,
+        model.air,
+        model.constant,
+        model.output,
+        model.terms,
+        domain.matrix,
+        domain.inverse,
+        domain.lower,
+        domain.upper,
+    )
+    doubles = [sizes, *(np.asarray(each, dtype=np.float64).ravel() for each in arrays)]
+    singles = [_widened(each, wide).view(np.float64).ravel() for each in (model.gradients, model.expansion)]
+    return np.concatenate([*doubles, *singles])
+
+
+def _widened(rows: NDArray[np.float32], wide: int) -> NDArray[np.float32]:
+    out = np.zeros((len(rows), wide), np.float32)
+    out[:, : rows.shape[1]] = rows
+    return out
 
 
 def _check(status: int, currents: Array) -> None:
-    if status != kernels.FOUND:
+    if status != FOUND:
         raise not_converged(currents, np.nan)
 
 

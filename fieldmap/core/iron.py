@@ -1,0 +1,60 @@
+"""A reduced model of saturating iron as the C core solves it: from currents to the weights of a map's fields."""
+
+from typing import Any
+
+from fieldmap.core.library import LIBRARY
+from fieldmap.typing import Array
+
+FOUND, NOT_FINITE, BEYOND, NOT_CONVERGED = 0, 2, 32, 33
+"""What a solve says: it was found; a current is no number; currents beyond the domain; too many steps."""
+
+
+class CoreIron:
+    """A model that lies in `numbers` (fieldmap/core/iron.h). Never written to: any number of states may use it."""
+
+    def __init__(self, numbers: Array) -> None:
+        self.numbers = numbers
+        self._model = LIBRARY.iron_of_numbers(numbers)
+
+    def state(self) -> "IronState":
+        """What the solves of one thread remember, nothing yet."""
+        return IronState(LIBRARY.iron_state(self._model))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return CoreIron, (self.numbers,)
+
+
+class IronState:
+    """What solves remember: the last states, from which one near them begins. For one thread at a time."""
+
+    def __init__(self, state: Any) -> None:
+        self._state = state
+
+    def solve(
+        self,
+        currents: Array,
+        weights: Array,
+        slopes: Array | None = None,
+        *,
+        tolerance: float,
+        checked: bool = False,
+        fresh: bool = False,
+    ) -> int:
+        """Fill weights (n_fields,) at currents (c,), and slopes (n_fields, c), their derivatives, 1/A; the status. NaN
+        unless it is FOUND.
+
+        tolerance: what the solve may leave of the state, in the norm of the energy; for slopes a hundredth of it.
+        checked: whether currents beyond the domain are refused. fresh: begin from nothing.
+        """
+        return int(LIBRARY.iron_solve(self._state, currents, tolerance, checked, fresh, weights, slopes))
+
+    @property
+    def amplitudes(self) -> Array:
+        """Of the modes (r,) in the last state."""
+        amplitudes: Array = LIBRARY.iron_amplitudes(self._state)[0]
+        return amplitudes
+
+    @property
+    def left(self) -> float:
+        """What the last solve left of the state, estimated."""
+        return float(LIBRARY.iron_amplitudes(self._state)[1])
