@@ -63,6 +63,16 @@ static double *numbers_to_fill(PyObject *given, npy_intp count, const char *name
     return NULL;
 }
 
+/* The numbers of an array (n, 3), or NULL, and n. */
+static const double *points_of(PyObject *given, npy_intp *count)
+{
+    PyArrayObject *array = (PyArrayObject *)given;
+    *count = 0;
+    if (!PyArray_Check(given) || PyArray_NDIM(array) != 2 || PyArray_DIM(array, 1) != 3) return NULL;
+    *count = PyArray_DIM(array, 0);
+    return numbers_of(given, 2, 3 * *count);
+}
+
 /* Points (n, 3) and weights (n or 1, n_coils), or None for a map of one set. Raises TypeError. */
 typedef struct asked {
     const fieldmap *map;
@@ -73,16 +83,11 @@ typedef struct asked {
 
 static int read_asked(PyObject *const *args, asked *found)
 {
-    PyArrayObject *points = (PyArrayObject *)args[1], *weights = (PyArrayObject *)args[2];
+    PyArrayObject *weights = (PyArrayObject *)args[2];
     npy_intp rows, coils;
     found->map = map_in(args[0]);
     if (found->map == NULL) return 0;
-    if (!PyArray_Check(args[1]) || PyArray_NDIM(points) != 2 || PyArray_DIM(points, 1) != 3) {
-        PyErr_SetString(PyExc_TypeError, "points must be an array (n, 3)");
-        return 0;
-    }
-    found->count = PyArray_DIM(points, 0);
-    found->points = numbers_of(args[1], 2, 3 * found->count);
+    found->points = points_of(args[1], &found->count);
     found->weights = NULL;
     found->step = 0;
     coils = found->map->n_coils;
@@ -227,8 +232,7 @@ static PyObject *each_field(PyObject *self, PyObject *const *args, Py_ssize_t gi
     size_t outside = 0, p;
     (void)self;
     if (!has_arguments(given, 4) || (map = map_in(args[0])) == NULL) return NULL;
-    count = PyArray_Check(args[1]) ? PyArray_SIZE((PyArrayObject *)args[1]) / 3 : 0;
-    points = numbers_of(args[1], 2, 3 * count);
+    points = points_of(args[1], &count);
     sets = fieldmap_sets(map);
     if (points == NULL) {
         PyErr_SetString(PyExc_TypeError, "points must be a float64 array (n, 3) in C order");
@@ -325,6 +329,68 @@ static PyObject *dipole_wrench_at(PyObject *self, PyObject *const *args, Py_ssiz
     if (wrench != NULL)
         fieldmap_dipole_wrench(flux, gradient, moment, (double *)PyArray_DATA((PyArrayObject *)wrench));
     return wrench;
+}
+
+/* harmonics(degree, points): (n, (degree + 1)^2) regular solid harmonics at points (n, 3). */
+static PyObject *harmonics(PyObject *self, PyObject *const *args, Py_ssize_t given)
+{
+    PyObject *table;
+    const double *points;
+    npy_intp shape[2], p;
+    long degree;
+    double *out;
+    (void)self;
+    if (!has_arguments(given, 2)) return NULL;
+    degree = PyLong_AsLong(args[0]);
+    if (PyErr_Occurred()) return NULL;
+    points = points_of(args[1], shape);
+    if (points == NULL || degree < 0) {
+        PyErr_SetString(PyExc_TypeError, "a degree and a float64 array of points (n, 3) in C order are needed");
+        return NULL;
+    }
+    shape[1] = (degree + 1) * (degree + 1);
+    table = PyArray_SimpleNew(2, shape, NPY_DOUBLE);
+    if (table == NULL) return NULL;
+    out = (double *)PyArray_DATA((PyArrayObject *)table);
+    for (p = 0; p < shape[0]; p++)
+        fieldmap_harmonics((int)degree, 1, points + 3 * p, points + 3 * p + 1, points + 3 * p + 2, out + p * shape[1]);
+    return table;
+}
+
+/* derivative_matrix(degree, axis): (degree^2, (degree + 1)^2), from coefficients to those of the derivative. */
+static PyObject *derivative_matrix(PyObject *self, PyObject *const *args, Py_ssize_t given)
+{
+    PyObject *matrix;
+    npy_intp shape[2], i, k;
+    long degree, axis;
+    double *out, *unit, *column;
+    (void)self;
+    if (!has_arguments(given, 2)) return NULL;
+    degree = PyLong_AsLong(args[0]);
+    axis = PyLong_AsLong(args[1]);
+    if (PyErr_Occurred()) return NULL;
+    if (degree < 1 || axis < 0 || axis > 2) {
+        PyErr_SetString(PyExc_ValueError, "degree must be 1 or more, and axis 0, 1 or 2");
+        return NULL;
+    }
+    shape[0] = degree * degree, shape[1] = (degree + 1) * (degree + 1);
+    matrix = PyArray_SimpleNew(2, shape, NPY_DOUBLE);
+    unit = (double *)PyMem_Calloc((size_t)(shape[0] + shape[1]), sizeof(double));
+    if (matrix == NULL || unit == NULL) {
+        Py_XDECREF(matrix);
+        PyMem_Free(unit);
+        return PyErr_NoMemory();
+    }
+    column = unit + shape[1];
+    out = (double *)PyArray_DATA((PyArrayObject *)matrix);
+    for (i = 0; i < shape[1]; i++) {
+        unit[i] = 1.0;
+        fieldmap_differentiate(unit, (int)degree, (int)axis, column);
+        for (k = 0; k < shape[0]; k++) out[k * shape[1] + i] = column[k];
+        unit[i] = 0.0;
+    }
+    PyMem_Free(unit);
+    return matrix;
 }
 
 /* A model of iron and the array in which it lies; and what solves of one thread remember, in memory of its own. */
@@ -477,7 +543,7 @@ static PyObject *iron_amplitudes(PyObject *self, PyObject *const *args, Py_ssize
 static PyMethodDef functions[] = {
     FUNCTION(is_for_newer), FUNCTION(map_of_block), FUNCTION(fields), FUNCTION(second_gradients), FUNCTION(potentials),
     FUNCTION(each_field), FUNCTION(sum_sets), FUNCTION(field_at), FUNCTION(dipole_wrench_at),
-    FUNCTION(iron_of_numbers), FUNCTION(iron_state), FUNCTION(iron_solve), FUNCTION(iron_amplitudes), {NULL, NULL, 0, NULL}};
+    FUNCTION(harmonics), FUNCTION(derivative_matrix), FUNCTION(iron_of_numbers), FUNCTION(iron_state), FUNCTION(iron_solve), FUNCTION(iron_amplitudes), {NULL, NULL, 0, NULL}};
 
 static int start(PyObject *module)
 {

@@ -13,12 +13,12 @@ from typing import Any
 
 import numpy as np
 
+from fieldmap.core.harmonics import derivative_matrix
 from fieldmap.errors import InputError, Problem
 from fieldmap.extras import require
 from fieldmap.interop.c_map import check_harmonic, plain_block
 from fieldmap.interpolants import Form
 from fieldmap.kernels.map import cell_harmonics, map_block
-from fieldmap.kernels.map.solid_harmonics import derivative_matrix
 from fieldmap.lookup import FieldMap, MapAtCurrents, saturates, unit_block
 from fieldmap.store import ReducedModel
 from fieldmap.typing import Array

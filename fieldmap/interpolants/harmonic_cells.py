@@ -9,11 +9,11 @@ from itertools import pairwise
 
 import numpy as np
 
+from fieldmap.core.harmonics import regular_table
 from fieldmap.interpolants.form import Form, Interpolant, Jump, header, node_potential
 from fieldmap.interpolants.harmonic_matrix import field_matrix, gradient_matrix
 from fieldmap.kernels.map import map_block
 from fieldmap.kernels.map.cell_harmonics import DEGREE, KERNELS, SIZE
-from fieldmap.kernels.map.solid_harmonics import regular_table
 from fieldmap.store import FieldError, MapData, MapInfo
 from fieldmap.typing import Array
 

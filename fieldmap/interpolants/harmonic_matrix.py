@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array, eye_array
 
-from fieldmap.kernels.map.solid_harmonics import derivative_matrix, regular_table
+from fieldmap.core.harmonics import derivative_matrix, regular_table
 from fieldmap.typing import Array
 
 

@@ -38,9 +38,6 @@ growing_cholesky solve_lower d2 i d1
 growing_cholesky solve_upper d2 i d1
 growing_cholesky remove d2 i i
 iron.sample_gradients point_moments i i d1 d2 d1 i1 i1 d1 d2 d1 d2
-map.solid_harmonics regular_table i d2
-map.solid_harmonics derivative_matrix i i
-map.global_harmonics expand d1 i d1
 """
 
 _NUMBERS = {"d": types.float64, "f": types.float32, "i": types.int64}

@@ -15,6 +15,7 @@ import numpy as np
 from scipy.sparse import csr_array, vstack
 
 from fieldmap.core import CoreMap
+from fieldmap.core.harmonics import derivative_matrix
 from fieldmap.errors import InputError
 from fieldmap.interpolants import Form, cell_form, global_form, hermite_form, set_size
 from fieldmap.interpolants.harmonic_matrix import (
@@ -24,7 +25,6 @@ from fieldmap.interpolants.harmonic_matrix import (
     shift_matrix,
 )
 from fieldmap.kernels.map.map_block import DEGREE, HEADER, LENGTH
-from fieldmap.kernels.map.solid_harmonics import derivative_matrix
 from fieldmap.parallel import in_threads, threads_of_kernels
 from fieldmap.store import FieldError, Grid, MapData
 from fieldmap.typing import Array, Index

@@ -11,7 +11,7 @@ import numpy as np
 from fieldmap.errors import InputError, Problem
 from fieldmap.interpolants.harmonic_matrix import field_matrix, gradient_matrix
 from fieldmap.kernels.map import map_block as at
-from fieldmap.kernels.map.solid_harmonics import derivative_matrix, regular_table
+from tests.core.harmonics_in_numpy import derivative_matrix, regular_table
 
 # Cubic Hermite basis h_00, h_10, h_01, h_11 in powers of t.
 BASIS = np.array([[1, 0, -3, 2], [0, 1, -2, 1], [0, 0, 3, -2], [0, 0, -1, 1]], dtype=float)

@@ -6,10 +6,10 @@ import pytest
 from fieldmap.errors import InputError
 from fieldmap.interpolants import INTERPOLANTS
 from fieldmap.interpolants.global_polynomial import DEGREE, _degree
-from fieldmap.kernels.map.solid_harmonics import derivative_matrix, regular_table
 from fieldmap.lookup import interpolate
 from fieldmap.lookup.evaluation import CompiledEvaluator
 from fieldmap.store import Grid, MapData
+from tests.core.harmonics_in_numpy import derivative_matrix, regular_table
 from tests.lookup.reference_evaluator import ReferenceEvaluator
 
 KINDS = list(INTERPOLANTS)

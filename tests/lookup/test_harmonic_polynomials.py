@@ -10,8 +10,8 @@ from fieldmap.interpolants.harmonic_matrix import (
     largest_on_sphere,
     shift_matrix,
 )
-from fieldmap.kernels.map.solid_harmonics import regular_table
 from fieldmap.store import Grid, MapData
+from tests.core.harmonics_in_numpy import regular_table
 
 DEGREE = 7
 

@@ -25,33 +25,6 @@ from fieldmap.kernels.map.map_block import (
 
 
 @inlined(**INLINED)
-def regular(degree, x, y, z, out):
-    """out ((degree + 1)^2,): Re R_l^m and Im R_l^m at (x, y, z), in the order of the coefficients."""
-    r2 = x * x + y * y + z * z
-    sector, sector_imaginary = 1.0, 0.0
-    for m in range(degree + 1):
-        before, before_imaginary = 0.0, 0.0
-        here, here_imaginary = sector, sector_imaginary
-        for l in range(m, degree + 1):
-            at = l * l + 2 * m - 1 if m > 0 else l * l
-            out[at] = here
-            if m > 0:
-                out[at + 1] = here_imaginary
-            scale = 1.0 / ((l + 1) * (l + 1) - m * m)
-            up, down = (2 * l + 1) * z * scale, r2 * scale
-            before, here = here, up * here - down * before
-            before_imaginary, here_imaginary = (
-                here_imaginary,
-                up * here_imaginary - down * before_imaginary,
-            )
-        half = 0.5 / (m + 1)
-        sector, sector_imaginary = (
-            half * (x * sector - y * sector_imaginary),
-            half * (x * sector_imaginary + y * sector),
-        )
-
-
-@inlined(**INLINED)
 def _cosine(c, l, m):
     return c[l * l + 2 * m - 1] if m > 0 else c[l * l]
 
@@ -88,30 +61,6 @@ def differentiate(c, degree, axis, out):
             out[at] = first
             if m > 0:
                 out[at + 1] = second
-
-
-@njit
-def derivative_matrix(degree, axis):
-    """Matrix (degree^2, (degree + 1)^2) that takes coefficients to those of the derivative."""
-    n = (degree + 1) * (degree + 1)
-    matrix = np.empty((degree * degree, n))
-    unit, column = np.zeros(n), np.empty(degree * degree)
-    for i in range(n):
-        unit[i] = 1.0
-        differentiate(unit, degree, axis, column)
-        for k in range(column.size):
-            matrix[k, i] = column[k]
-        unit[i] = 0.0
-    return matrix
-
-
-@njit
-def regular_table(degree, points):
-    """(n, (degree + 1)^2): the harmonics at points (n, 3)."""
-    table = np.empty((points.shape[0], (degree + 1) * (degree + 1)))
-    for p in range(points.shape[0]):
-        regular(degree, points[p, 0], points[p, 1], points[p, 2], table[p])
-    return table
 
 
 @inlined(**INLINED)
