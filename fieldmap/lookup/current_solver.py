@@ -55,15 +55,12 @@ def compiled_model(model: ReducedModel, checked: bool) -> CompiledModel:
         compiled_domain(model.domain, False),
         _TOLERANCE_OF_MIDDLE,
     )
-    # Here: opening any other map would take a third of a second longer.
-    from scipy.stats import qmc
-
     domain, weights = model.domain, np.empty(_field_count(free))
     state = CoreIron(core_numbers(free)).state()
     _check(state.solve(domain.middle, weights, tolerance=_TOLERANCE_OF_MIDDLE), domain.middle)
     known = free._replace(expansion=state.amplitudes[None].astype(np.float32))
     terms = expansion_terms(domain.parametrisation.signal_count)
-    shares = qmc.Halton(len(model.lower), scramble=False).random(_STATES_PER_TERM * len(terms))
+    shares = _spread(_STATES_PER_TERM * len(terms), len(model.lower))
     signals = domain.parametrisation.within(domain.lower, domain.upper, shares)
     return known._replace(
         terms=terms,
@@ -71,6 +68,15 @@ def compiled_model(model: ReducedModel, checked: bool) -> CompiledModel:
         domain=compiled_domain(domain, checked),
         tolerance=COMPILED_TOLERANCE,
     )
+
+
+def _spread(count: int, dimensions: int) -> Array:
+    """Shares (count, dimensions) that fill a box evenly: multiples of the powers of 1 / x modulo 1, where x^(d + 1) is
+    x + 1 (M. Roberts's extension of the golden ratio). scipy has such sequences, but takes a second to load."""
+    x = 2.0
+    for _ in range(60):
+        x = (1.0 + x) ** (1.0 / (dimensions + 1))
+    return np.asarray((np.arange(1, count + 1)[:, None] * x ** -np.arange(1.0, dimensions + 1)) % 1.0)
 
 
 def _own(values: NDArray[Any], kind: type | None = None) -> NDArray[Any]:
