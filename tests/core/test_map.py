@@ -182,8 +182,10 @@ def test_contraction_is_the_weighted_sum():
     assert out[map_block.SETS] == 1
 
 
-def test_one_point_answers_what_fits_and_nothing_else():
-    block, _ = block_of("harmonic")
+@pytest.mark.parametrize("kind", list(KINDS))
+def test_one_point_answers_what_fits_and_nothing_else(kind):
+    """Random numbers at the nodes of the Hermite form: there rows and columns of the gradient differ."""
+    block, _ = block_of(kind)
     core, place, moment = CoreMap(block), ODD[6], np.array([0.3, -0.7, 1.1])
     flux, slope, _ = evaluated(block, place[None], CURRENTS)
     wanted = np.concatenate([moment @ slope[0], np.cross(moment, flux[0])])
