@@ -1,6 +1,6 @@
 """Compiles the run time: the C files beside this module become modules of Python beside them.
 
-    python -m fieldmap.core.compile
+    python fieldmap/core/compile.py
 
 The compiler is the one that the environment variable CC names, with any options of its own, or the one of the wheel
 `ziglang`, which needs nothing else on the machine. An installation runs this once. Nothing of the package is imported
@@ -57,14 +57,15 @@ def compile_libraries(machine: str, system: str, compiler: str | None) -> list[P
     written, include = [], [sysconfig.get_path("include"), numpy.get_include()]
     headers = [word for folder in include for word in ("-isystem", folder)]
     for processor, path in libraries(machine, system).items():
+        newer = [] if processor == machine else [processor]
         if compiler is None:
             target = f"{machine}-{_SYSTEMS[system][0]}"
             chosen = [sys.executable, "-m", "ziglang", "cc", "-target", target]
-            newer = [f"-mcpu={processor.replace('-', '_')}"]
+            chosen += [f"-mcpu={name.replace('-', '_')}" for name in newer]
         else:
-            chosen, newer = shlex.split(compiler), [f"-march={processor}"]
-        if processor != machine:
-            chosen += newer
+            # The user's own options come behind, and win.
+            first, *others = shlex.split(compiler)
+            chosen = [first, *(f"-march={name}" for name in newer), *others]
         position = [] if system == "win32" else ["-fPIC"]
         # In its place only when it is whole: another process may be loading the old one.
         new = path.with_name(f"{path.name}.new")

@@ -6,7 +6,7 @@ from importlib.util import module_from_spec, spec_from_loader
 from pathlib import Path
 from typing import Any
 
-from fieldmap.core.compile import libraries, machine
+from fieldmap.core.compile import FOLDER, libraries, machine
 
 
 def loaded(path: Path) -> Any:
@@ -22,7 +22,7 @@ def loaded(path: Path) -> Any:
 def _for_this_machine() -> Any:
     oldest, *newer = libraries(machine(), sys.platform).values()
     if not oldest.exists():
-        must = "install the package, or compile it with `python -m fieldmap.core.compile`"
+        must = f"install the package, or compile it with `python {FOLDER / 'compile.py'}`"
         raise ImportError(f"{oldest.name} is not there: {must}")
     module = loaded(oldest)
     return loaded(newer[-1]) if newer and module.is_for_newer() else module
