@@ -19,13 +19,13 @@ from fieldmap.control.blocks import Controller
 from fieldmap.control.function_controller import FunctionController
 from fieldmap.control.function_failure import BoundFunction, failure, written_beside
 from fieldmap.control.guarded import guarded
+from fieldmap.core.iron import NEWTON_STEPS, OUTSIDE, SOLVES, UNSOLVED
 from fieldmap.dynamics.allocation import MatrixAllocation
 from fieldmap.dynamics.field_of_currents import EXACT
 from fieldmap.dynamics.loop_run import IronUse, LevitationRun, event_of
 from fieldmap.dynamics.machine import CONTACTS, Machine
 from fieldmap.errors import ControllerError, InputError, NotConverged, Problem
 from fieldmap.kernels.control.function import NO_FUNCTION
-from fieldmap.kernels.map.iron_block import NEWTON_STEPS, OUTSIDE, SOLVES, UNSOLVED
 from fieldmap.kernels.motion import closed_loop as kernel
 from fieldmap.kernels.motion.closed_loop import ControlLaw, Moving, Signals, Timing, closed_loop
 from fieldmap.kernels.motion.currents import MODELLED

@@ -12,11 +12,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fieldmap.arguments import check_positive
+from fieldmap.core.iron import TOLERANCE, CoreIron, begun
 from fieldmap.errors import InputError, Problem
 from fieldmap.field import Field, require_affine, require_bounds
 from fieldmap.kernels.motion.currents import MODELLED, SUPERPOSED, TABLED, Superposition
 from fieldmap.lookup import FieldMap, interpolate, saturates, table_of_currents, tangent_block, unit_block
-from fieldmap.lookup.current_solver import COMPILED_TOLERANCE, iron_block, with_address
+from fieldmap.lookup.current_solver import COMPILED_TOLERANCE, core_numbers
 from fieldmap.lookup.current_table import no_table
 from fieldmap.lookup.iron_response import compiled_currents
 from fieldmap.records import Record
@@ -46,7 +47,10 @@ class FieldOfCurrents(Record):
         the state that its solves may leave, in the norm of the energy; 1e-4 unless given."""
         if self.numbers.kind != MODELLED:
             return self.numbers
-        return self.numbers._replace(iron=with_address(self.numbers.iron, tolerance))
+        own = begun(self.numbers.iron)
+        if tolerance is not None:
+            own[TOLERANCE] = tolerance
+        return self.numbers._replace(iron=own)
 
 
 def sampled_field(field: Field, spacing: float = SPACING) -> FieldMap:
@@ -128,12 +132,13 @@ def modelled(field_map: FieldMap, scale: float = 1.0) -> FieldOfCurrents:
     check_positive("modelled", scale=scale)
     if not saturates(field_map):
         return superposed(field_map, scale)
-    block, constant = iron_block(compiled_currents(field_map)), bool(field_map.fixed_sources)
+    array = CoreIron(core_numbers(compiled_currents(field_map))).array(COMPILED_TOLERANCE)
+    constant = bool(field_map.fixed_sources)
     note = (
         f"saturating iron by the map's model, solved at every step at which currents change, to {COMPILED_TOLERANCE:g} "
         "of its state"
     )
-    numbers = Superposition(MODELLED, float(scale), no_table(), block)
+    numbers = Superposition(MODELLED, float(scale), no_table(), array)
     return FieldOfCurrents(unit_block(field_map), numbers, (note, *_calibration(scale)), constant, "model")
 
 

@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike
 
 from fieldmap.arguments import check_choice, check_not_negative, check_positive, check_signal
 from fieldmap.core import CoreMap
+from fieldmap.core.iron import OUTSIDE, UNSOLVED
 from fieldmap.currents import CurrentDomain, IndependentCurrents
 from fieldmap.dynamics import (
     CoilDrive,
@@ -38,7 +39,6 @@ from fieldmap.field import as_field
 from fieldmap.instruments import Amplifier
 from fieldmap.kernels.coils.loop import loop_flux_density_and_gradient
 from fieldmap.kernels.map.cached_field import keep_field
-from fieldmap.kernels.map.iron_block import OUTSIDE, UNSOLVED
 from fieldmap.kernels.map.map_block import INSIDE, SETS
 from fieldmap.kernels.motion.control_period import advance_period
 from fieldmap.kernels.motion.currents import MODELLED, allocate, find_weights

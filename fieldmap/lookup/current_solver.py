@@ -12,7 +12,6 @@ from fieldmap.core.iron import FOUND, CoreIron
 from fieldmap.currents import ROUNDING, TOLERANCE, CurrentDomain
 from fieldmap.errors import NotConverged, Problem
 from fieldmap.kernels.map import current_solver as kernels
-from fieldmap.kernels.map import iron_block as blocks
 from fieldmap.kernels.map.current_solver import CompiledModel, SignalDomain, SolverState
 from fieldmap.kernels.map.parametrisation import LIFT_AND_DIRECTIONS
 from fieldmap.store import ReducedModel
@@ -114,43 +113,6 @@ def new_state(model: CompiledModel) -> SolverState:
         np.zeros(kernels.NUMBERS),
         np.zeros(coils + len(model.output) + (1 if model.fixed.size else 0)),
     )
-
-
-def iron_block(model: CompiledModel) -> Array:
-    """The model and a new state in one array, as `fieldmap.kernels.map.iron_block` takes them; without the address of
-    the function there, which holds in one process only: `with_address`."""
-    domain, state = model.domain, new_state(model)
-    arrays = [getattr(model, name) for name in blocks.MODEL]
-    arrays += [getattr(domain, name) for name in blocks.DOMAIN]
-    arrays += [getattr(state, name) for name in blocks.STATE]
-    # Terms are whole numbers in a vector.
-    arrays[blocks.MODEL.index("terms")] = model.terms.ravel()
-    head = np.zeros(blocks.HEAD + blocks.PER_ARRAY * len(arrays))
-    head[blocks.TOLERANCE] = model.tolerance
-    head[blocks.KIND], head[blocks.EXPONENT] = domain.kind, domain.exponent
-    head[blocks.LIMIT], head[blocks.MISMATCH] = domain.limit, domain.tolerance
-    parts, first = [head], len(head)
-    for number, array in enumerate(arrays):
-        at = blocks.HEAD + blocks.PER_ARRAY * number
-        head[at], head[at + 1] = first, array.shape[0]
-        head[at + 2] = array.shape[1] if array.ndim == 2 else 0
-        content = np.ravel(array)
-        if content.dtype == np.float32 and content.size % 2:
-            content = np.append(content, np.float32(0.0))
-        parts.append(np.ascontiguousarray(content).view(np.float64))
-        first += len(parts[-1])
-    head[blocks.LENGTH] = first
-    return np.concatenate(parts)
-
-
-def with_address(block: Array, tolerance: float | None = None) -> Array:
-    """A copy of an `iron_block` for a run of its own: what remembers nothing, and names its function. tolerance: of its
-    solves, that of the model unless given."""
-    fresh = block.copy()
-    fresh[blocks.ADDRESS] = blocks.address_of_weights()
-    if tolerance is not None:
-        fresh[blocks.TOLERANCE] = tolerance
-    return fresh
 
 
 def expansion_terms(signals: int) -> NDArray[np.int64]:

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from fieldmap.core.iron import TOLERANCE
 from fieldmap.dynamics import (
     CoilDrive,
     Machine,
@@ -29,7 +30,6 @@ from fieldmap.dynamics import (
 )
 from fieldmap.errors import InputError, NotConverged
 from fieldmap.instruments import Amplifier
-from fieldmap.kernels.map.iron_block import TOLERANCE
 from fieldmap.kernels.motion.currents import find_weights
 from fieldmap.lookup import MagneticBody, compiled_wrench, iron_weights
 
@@ -83,7 +83,8 @@ def free(saturating):
 
 
 def test_a_run_is_the_loop_by_hand_with_the_maps_own_function(free):
-    """The same solves in the same order: equal to rounding. The supply holds currents back at first."""
+    """The same solves in the same order, one in the C core and one in numba: equal to what rounding of sums in single
+    precision leaves. The supply holds currents back at first."""
     function, data = free.compiled()
 
     def force(currents, place):
@@ -92,7 +93,7 @@ def test_a_run_is_the_loop_by_hand_with_the_maps_own_function(free):
     run, wanted = run_of(modelled(free)), by_hand(force)
     assert run.event is None
     np.testing.assert_allclose(run.currents, wanted[:, 3:], rtol=0, atol=1e-13)
-    np.testing.assert_allclose(run.position, wanted[:, :3], rtol=0, atol=1e-12 * np.ptp(wanted[:, :3]))
+    np.testing.assert_allclose(run.position, wanted[:, :3], rtol=0, atol=1e-10 * np.ptp(wanted[:, :3]))
     assert np.ptp(run.currents, axis=0).min() > 0.1
 
 

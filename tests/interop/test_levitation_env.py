@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from fieldmap.core.iron import TOLERANCE
 from fieldmap.dynamics import (
     CoilDrive,
     Drag,
@@ -21,7 +22,6 @@ from fieldmap.dynamics import (
 from fieldmap.errors import Infeasible, InputError, OutsideMapError
 from fieldmap.instruments import Amplifier
 from fieldmap.kernels.coils.loop import loop_flux_density_and_gradient
-from fieldmap.kernels.map.iron_block import TOLERANCE
 from fieldmap.lookup import FiniteMagnet, interpolate
 from fieldmap.store import Grid, MapData
 

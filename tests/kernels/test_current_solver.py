@@ -4,15 +4,13 @@ from functools import cache
 
 import numpy as np
 import pytest
-from numba import typeof
 from numba.core import config
 from scipy.optimize import root
 
 from fieldmap.kernels.map import current_solver as kernels
 from fieldmap.kernels.map.current_solver import current_slopes, current_weights
-from fieldmap.kernels.map.iron_block import model_in, state_in
 from fieldmap.lookup import current_solver as expansion
-from fieldmap.lookup.current_solver import compiled_model, expansion_terms, iron_block, new_state
+from fieldmap.lookup.current_solver import compiled_model, expansion_terms, new_state
 from tests.core.iron_cases import CASES, DRAWN, drawn, residual
 
 
@@ -49,17 +47,6 @@ def test_the_equation_holds(case):
         assert np.abs(found - exact).max() < 1e-11 * np.abs(exact).max()
         expected = [*currents, *(of.output @ found), *([1.0] if of.fixed.size else [])]
         np.testing.assert_allclose(out, expected, rtol=1e-12, atol=1e-14 * np.abs(out).max())
-
-
-def test_all_solve_with_arrays_of_the_types_that_are_compiled_once(case):
-    """Others would be served, too, each caller with a solver of its own."""
-    _, compiled = case
-    used = [(compiled, new_state(compiled))]
-    if config.DISABLE_JIT:
-        # Compiled it says the same, after seconds.
-        used.append((model_in(iron_block(compiled)), state_in(iron_block(compiled))))
-    for model, state in used:
-        assert (typeof(model), typeof(state)) == (kernels.MODEL, kernels.STATE)
 
 
 def test_lookups_are_as_exact_as_their_tolerance(case):

@@ -75,7 +75,7 @@ class Superposition(NamedTuple):
     kind SUPERPOSED: a field per coil, and one of weight 1 behind them if the block has one more: linear iron, or
     saturating iron linearised about currents. TABLED: saturating iron by a table over the current division, which is
     what fieldmap.kernels.map.current_table takes. MODELLED: saturating iron by its model, solved at these currents:
-    iron, an array of fieldmap.kernels.map.iron_block, which every run has for itself.
+    iron, an array of the C core (fieldmap/core/iron_array.h), which every run has for itself.
     """
 
     kind: int
