@@ -32,28 +32,17 @@ static inline const char *fieldmap_iron_message(int status)
 static inline int fieldmap_iron_view(fieldmap_iron *map, const void *bytes, size_t size)
 {
     const unsigned char *raw = (const unsigned char *)bytes;
-    const double *numbers;
-    uint32_t order, version, crc;
-    uint64_t total, count;
+    uint32_t version;
+    uint64_t count;
     int status;
     if (map == NULL || bytes == NULL) return FIELDMAP_ARGUMENT;
     memset(map, 0, sizeof *map);
-    if ((uintptr_t)bytes % 8 != 0) return FIELDMAP_ALIGNMENT;
-    if (size < 8 || memcmp(raw, "fmapiron", 8) != 0) return FIELDMAP_NOT_A_MAP;
-    if (size < 40 + 8 * FIELDMAP_IRON_SIZES) return FIELDMAP_TRUNCATED;
-    memcpy(&order, raw + 8, 4);
-    memcpy(&version, raw + 12, 4);
-    memcpy(&total, raw + 16, 8);
-    memcpy(&crc, raw + 24, 4);
+    status = fieldmap_check_file(bytes, size, "fmapiron", FIELDMAP_NAMES + 8 * FIELDMAP_IRON_SIZES, 1u, &version);
+    if (status != FIELDMAP_OK) return status;
     memcpy(&count, raw + 32, 8);
-    if (order != 0x01020304u) return FIELDMAP_BYTE_ORDER;
-    if (version != 1u) return FIELDMAP_VERSION;
-    if (total > size) return FIELDMAP_TRUNCATED;
-    if (total < size || count < FIELDMAP_IRON_SIZES || count > (size - 40) / 8) return FIELDMAP_DAMAGED;
-    if (crc != fieldmap_checksum(raw + 28, size - 28)) return FIELDMAP_DAMAGED;
-    numbers = (const double *)(const void *)(raw + 40);
-    status = fieldmap_iron_of_numbers(map, numbers, count);
-    if (status == FIELDMAP_OK) status = fieldmap_view(&map->fields, raw + 40 + 8 * count, size - 40 - 8 * (size_t)count);
+    if (count > (size - FIELDMAP_NAMES) / 8) return FIELDMAP_DAMAGED;
+    status = fieldmap_iron_of_numbers(map, (const double *)(const void *)(raw + FIELDMAP_NAMES), count);
+    if (status == FIELDMAP_OK) status = fieldmap_view(&map->fields, raw + FIELDMAP_NAMES + 8 * count, size - FIELDMAP_NAMES - 8 * (size_t)count);
     if (status == FIELDMAP_OK && (map->fields.n_coils != map->n_fields || map->fields.constant)) status = FIELDMAP_DAMAGED;
     if (status != FIELDMAP_OK) memset(map, 0, sizeof *map);
     return status;
@@ -68,26 +57,16 @@ static inline void fieldmap_iron_close(fieldmap_iron *map)
     }
 }
 
-/* Read a file whole. */
+/* A map from a file. */
 static inline int fieldmap_iron_open(fieldmap_iron *map, const char *path)
 {
-    FILE *file;
-    long size;
     void *bytes;
+    size_t size = 0;
     int status;
     if (map == NULL || path == NULL) return FIELDMAP_ARGUMENT;
     memset(map, 0, sizeof *map);
-    file = fopen(path, "rb");
-    if (file == NULL) return FIELDMAP_NO_FILE;
-    if (fseek(file, 0, SEEK_END) != 0 || (size = ftell(file)) < 0 || fseek(file, 0, SEEK_SET) != 0) {
-        fclose(file);
-        return FIELDMAP_NO_FILE;
-    }
-    bytes = malloc(size > 0 ? (size_t)size : 1);
-    status = bytes == NULL ? FIELDMAP_NO_MEMORY : FIELDMAP_OK;
-    if (bytes != NULL && fread(bytes, 1, (size_t)size, file) != (size_t)size) status = FIELDMAP_NO_FILE;
-    fclose(file);
-    if (status == FIELDMAP_OK) status = fieldmap_iron_view(map, bytes, (size_t)size);
+    status = fieldmap_read_file(path, &bytes, &size);
+    if (status == FIELDMAP_OK) status = fieldmap_iron_view(map, bytes, size);
     if (status == FIELDMAP_OK)
         map->owned = bytes;
     else

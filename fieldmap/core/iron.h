@@ -471,20 +471,28 @@ FIELDMAP_INLINE void fieldmap_iron_rows(
     }
 }
 
-/* out[i * w + j] += sum over k of left[k * step + i] right[k * w + j] for FIELDMAP_IRON_TILE numbers i and one register of
- * numbers j: the sums stay in registers. */
+/* out[i * w + j] += sum over k of left[k * step + i] right[k * w + j] for FIELDMAP_IRON_TILE numbers i and
+ * FIELDMAP_IRON_LANES numbers j, over the three k of each of so many points: a compiler keeps the sums in registers. */
 FIELDMAP_INLINE void fieldmap_iron_add_tile(const float *FIELDMAP_RESTRICT left, int step,
-    const float *FIELDMAP_RESTRICT right, int w, int count, float *FIELDMAP_RESTRICT out)
+    const float *FIELDMAP_RESTRICT right, int w, int points, float *FIELDMAP_RESTRICT out)
 {
-    float sums[FIELDMAP_IRON_TILE][FIELDMAP_IRON_LANES];
-    int i, j, k;
-    for (i = 0; i < FIELDMAP_IRON_TILE; i++)
-        for (j = 0; j < FIELDMAP_IRON_LANES; j++) sums[i][j] = out[i * w + j];
-    for (k = 0; k < count; k++)
-        for (i = 0; i < FIELDMAP_IRON_TILE; i++)
-            for (j = 0; j < FIELDMAP_IRON_LANES; j++) sums[i][j] += left[k * step + i] * right[k * w + j];
-    for (i = 0; i < FIELDMAP_IRON_TILE; i++)
-        for (j = 0; j < FIELDMAP_IRON_LANES; j++) out[i * w + j] = sums[i][j];
+    float a[FIELDMAP_IRON_LANES], b[FIELDMAP_IRON_LANES], c[FIELDMAP_IRON_LANES], d[FIELDMAP_IRON_LANES];
+    int j, p;
+    for (j = 0; j < FIELDMAP_IRON_LANES; j++)
+        a[j] = out[j], b[j] = out[w + j], c[j] = out[2 * w + j], d[j] = out[3 * w + j];
+    for (p = 0; p < points; p++) {
+        const float *x = left, *y = left + step, *z = left + 2 * step;
+        for (j = 0; j < FIELDMAP_IRON_LANES; j++) {
+            const float rx = right[j], ry = right[w + j], rz = right[2 * w + j];
+            a[j] += x[0] * rx, a[j] += y[0] * ry, a[j] += z[0] * rz;
+            b[j] += x[1] * rx, b[j] += y[1] * ry, b[j] += z[1] * rz;
+            c[j] += x[2] * rx, c[j] += y[2] * ry, c[j] += z[2] * rz;
+            d[j] += x[3] * rx, d[j] += y[3] * ry, d[j] += z[3] * rz;
+        }
+        left += 3 * step, right += 3 * w;
+    }
+    for (j = 0; j < FIELDMAP_IRON_LANES; j++)
+        out[j] = a[j], out[w + j] = b[j], out[2 * w + j] = c[j], out[3 * w + j] = d[j];
 }
 
 /* out (count numbers) -= share times a row. */
@@ -549,7 +557,7 @@ static inline void fieldmap_iron_tangent(const fieldmap_iron *map, fieldmap_iron
         for (i = 0; i < r; i += FIELDMAP_IRON_TILE)
             /* From the diagonal on. */
             for (j = i / FIELDMAP_IRON_LANES * FIELDMAP_IRON_LANES; j < w; j += FIELDMAP_IRON_LANES)
-                fieldmap_iron_add_tile(g + i, w, s->rows + j, w, 3 * points, s->total + (size_t)i * (size_t)w + j);
+                fieldmap_iron_add_tile(g + i, w, s->rows + j, w, points, s->total + (size_t)i * (size_t)w + j);
         for (i = 0; i < coils; i += FIELDMAP_IRON_TILE) {
             float unit[3 * FIELDMAP_IRON_POINTS * FIELDMAP_IRON_TILE];
             for (k = 0; k < 3 * points; k++)
@@ -559,7 +567,7 @@ static inline void fieldmap_iron_tangent(const fieldmap_iron *map, fieldmap_iron
                 }
             for (j = 0; j < w; j += FIELDMAP_IRON_LANES)
                 fieldmap_iron_add_tile(
-                    unit, FIELDMAP_IRON_TILE, s->rows + j, w, 3 * points, s->sides + (size_t)i * (size_t)w + j);
+                    unit, FIELDMAP_IRON_TILE, s->rows + j, w, points, s->sides + (size_t)i * (size_t)w + j);
         }
     }
     fieldmap_iron_factorise(map, s);

@@ -3,7 +3,7 @@
  *
  * The head of the array holds counts of what was done, which callers may read. Behind it lie the numbers of the model
  * (iron.h), and behind these room for the structures and the memory of a state. They hold addresses: a copy of the array
- * begins anew by fieldmap_iron_array_begin.
+ * remembers nothing.
  *
  * BSD-3-Clause, the fieldmap developers.
  */
@@ -62,7 +62,10 @@ static inline int fieldmap_iron_array_weights(double *array, const double *curre
     fieldmap_iron_pair *pair = fieldmap_iron_array_pair(array);
     fieldmap_iron_state *state = &pair->state;
     double signals[FIELDMAP_IRON_MAX_SIGNALS], zero = 0.0;
-    int status = fieldmap_iron_solve_at(state, currents, array[FIELDMAP_ARRAY_TOLERANCE]), f;
+    int status, f;
+    /* In a copy the addresses are those of the array that it was copied from. */
+    if (state->map != &pair->model && (status = fieldmap_iron_array_begin(array)) != FIELDMAP_OK) return status;
+    status = fieldmap_iron_solve_at(state, currents, array[FIELDMAP_ARRAY_TOLERANCE]);
     array[FIELDMAP_ARRAY_SOLVES] += 1.0;
     array[FIELDMAP_ARRAY_NEWTON_STEPS] += state->steps;
     if (status == FIELDMAP_IRON_NOT_CONVERGED) {

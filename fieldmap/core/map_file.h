@@ -42,34 +42,67 @@ static inline uint32_t fieldmap_checksum(const unsigned char *bytes, size_t size
     return crc ^ 0xffffffffu;
 }
 
+/* Whether `size` bytes are a file of fieldmap that begins with eight letters: at an address that is a multiple of 8, at
+ * least `least` bytes, in this byte order, of version 1 to `newest`, whole, and as its checksum says. version: which. */
+static inline int fieldmap_check_file(
+    const void *bytes, size_t size, const char *letters, size_t least, uint32_t newest, uint32_t *version)
+{
+    const unsigned char *raw = (const unsigned char *)bytes;
+    uint32_t order, crc;
+    uint64_t total;
+    if ((uintptr_t)bytes % 8 != 0) return FIELDMAP_ALIGNMENT;
+    if (size < 8 || memcmp(raw, letters, 8) != 0) return FIELDMAP_NOT_A_MAP;
+    if (size < least) return FIELDMAP_TRUNCATED;
+    memcpy(&order, raw + 8, 4);
+    memcpy(version, raw + 12, 4);
+    memcpy(&total, raw + 16, 8);
+    memcpy(&crc, raw + 24, 4);
+    if (order != 0x01020304u) return FIELDMAP_BYTE_ORDER;
+    if (*version < 1u || *version > newest) return FIELDMAP_VERSION;
+    if (total > size) return FIELDMAP_TRUNCATED;
+    return total == size && crc == fieldmap_checksum(raw + 28, size - 28) ? FIELDMAP_OK : FIELDMAP_DAMAGED;
+}
+
+/* Read a file whole, into memory that the caller gives back by free. */
+static inline int fieldmap_read_file(const char *path, void **bytes, size_t *size)
+{
+    FILE *file = fopen(path, "rb");
+    long length = -1;
+    int status = FIELDMAP_NO_FILE;
+    *bytes = NULL;
+    if (file == NULL) return FIELDMAP_NO_FILE;
+    if (fseek(file, 0, SEEK_END) == 0) length = ftell(file);
+    if (length >= 0 && fseek(file, 0, SEEK_SET) == 0) {
+        *size = (size_t)length;
+        *bytes = malloc(length > 0 ? *size : 1);
+        if (*bytes == NULL)
+            status = FIELDMAP_NO_MEMORY;
+        else if (fread(*bytes, 1, *size, file) == *size)
+            status = FIELDMAP_OK;
+    }
+    fclose(file);
+    return status;
+}
+
 /* A map in memory (in flash, say), used where it lies: `bytes`, at an address that is a multiple of 8, must outlive
  * the map. No memory is taken. */
 static inline int fieldmap_view(fieldmap *map, const void *bytes, size_t size)
 {
     const unsigned char *raw = (const unsigned char *)bytes;
     const double *block;
-    uint32_t order, version, crc, name_bytes;
-    uint64_t total, count;
+    uint32_t version, name_bytes;
+    uint64_t count;
     size_t i, ended = 0;
     int status;
     if (map == NULL || bytes == NULL) return FIELDMAP_ARGUMENT;
     memset(map, 0, sizeof *map);
-    if ((uintptr_t)bytes % 8 != 0) return FIELDMAP_ALIGNMENT;
-    if (size < 8 || memcmp(raw, "fieldmap", 8) != 0) return FIELDMAP_NOT_A_MAP;
-    if (size < FIELDMAP_NAMES) return FIELDMAP_TRUNCATED;
-    memcpy(&order, raw + 8, 4);
-    memcpy(&version, raw + 12, 4);
-    memcpy(&total, raw + 16, 8);
-    memcpy(&crc, raw + 24, 4);
+    status = fieldmap_check_file(bytes, size, "fieldmap", FIELDMAP_NAMES, 2u, &version);
+    if (status != FIELDMAP_OK) return status;
     memcpy(&name_bytes, raw + 28, 4);
     memcpy(&count, raw + 32, 8);
-    if (order != 0x01020304u) return FIELDMAP_BYTE_ORDER;
-    if (version != 1u && version != 2u) return FIELDMAP_VERSION;
-    if (total > size) return FIELDMAP_TRUNCATED;
-    if (total < size || name_bytes % 8u != 0 || name_bytes > size - FIELDMAP_NAMES) return FIELDMAP_DAMAGED;
+    if (name_bytes % 8u != 0 || name_bytes > size - FIELDMAP_NAMES) return FIELDMAP_DAMAGED;
     if (count > (size - FIELDMAP_NAMES - name_bytes) / 8 || count * 8 != size - FIELDMAP_NAMES - name_bytes)
         return FIELDMAP_DAMAGED;
-    if (crc != fieldmap_checksum(raw + 28, size - 28)) return FIELDMAP_DAMAGED;
     block = (const double *)(const void *)(raw + FIELDMAP_NAMES + name_bytes);
     status = fieldmap_of_block(map, block, count, 3);
     if (status == FIELDMAP_OK && map->kind == FIELDMAP_HERMITE) status = FIELDMAP_DAMAGED;
@@ -96,26 +129,16 @@ static inline void fieldmap_close(fieldmap *map)
     }
 }
 
-/* Read a file whole. */
+/* A map from a file. */
 static inline int fieldmap_open(fieldmap *map, const char *path)
 {
-    FILE *file;
-    long size;
     void *bytes;
+    size_t size = 0;
     int status;
     if (map == NULL || path == NULL) return FIELDMAP_ARGUMENT;
     memset(map, 0, sizeof *map);
-    file = fopen(path, "rb");
-    if (file == NULL) return FIELDMAP_NO_FILE;
-    if (fseek(file, 0, SEEK_END) != 0 || (size = ftell(file)) < 0 || fseek(file, 0, SEEK_SET) != 0) {
-        fclose(file);
-        return FIELDMAP_NO_FILE;
-    }
-    bytes = malloc(size > 0 ? (size_t)size : 1);
-    status = bytes == NULL ? FIELDMAP_NO_MEMORY : FIELDMAP_OK;
-    if (bytes != NULL && fread(bytes, 1, (size_t)size, file) != (size_t)size) status = FIELDMAP_NO_FILE;
-    fclose(file);
-    if (status == FIELDMAP_OK) status = fieldmap_view(map, bytes, (size_t)size);
+    status = fieldmap_read_file(path, &bytes, &size);
+    if (status == FIELDMAP_OK) status = fieldmap_view(map, bytes, size);
     if (status == FIELDMAP_OK)
         map->owned = bytes;
     else

@@ -64,6 +64,16 @@ static double *numbers_to_fill(PyObject *given, npy_intp count, const char *name
     return NULL;
 }
 
+/* The numbers of a vector, and how many; raises TypeError. */
+static double *vector_of(PyObject *given, npy_intp *count, const char *name)
+{
+    double *numbers = NULL;
+    *count = PyArray_Check(given) ? PyArray_SIZE((PyArrayObject *)given) : 0;
+    if (*count > 0) numbers = numbers_of(given, 1, *count);
+    if (numbers == NULL) PyErr_Format(PyExc_TypeError, "%s must be a float64 vector in C order", name);
+    return numbers;
+}
+
 /* The numbers of an array (n, 3), or NULL, and n. */
 static const double *points_of(PyObject *given, npy_intp *count)
 {
@@ -141,12 +151,8 @@ static PyObject *map_of_block(PyObject *self, PyObject *const *args, Py_ssize_t 
     int status;
     (void)self;
     if (!has_arguments(given, 3)) return NULL;
-    count = PyArray_Check(args[0]) ? PyArray_SIZE((PyArrayObject *)args[0]) : 0;
-    numbers = count > 0 ? numbers_of(args[0], 1, count) : NULL;
-    if (numbers == NULL) {
-        PyErr_SetString(PyExc_TypeError, "block must be a float64 vector in C order");
-        return NULL;
-    }
+    numbers = vector_of(args[0], &count, "block");
+    if (numbers == NULL) return NULL;
     held = (held_map *)PyMem_Calloc(1, sizeof *held);
     if (held == NULL) return PyErr_NoMemory();
     status = fieldmap_of_block(&held->map, numbers, (uint64_t)count, (int)PyLong_AsLong(args[1]));
@@ -435,12 +441,8 @@ static PyObject *iron_of_numbers(PyObject *self, PyObject *const *args, Py_ssize
     npy_intp count;
     (void)self;
     if (!has_arguments(given, 1)) return NULL;
-    count = PyArray_Check(args[0]) ? PyArray_SIZE((PyArrayObject *)args[0]) : 0;
-    numbers = count > 0 ? numbers_of(args[0], 1, count) : NULL;
-    if (numbers == NULL) {
-        PyErr_SetString(PyExc_TypeError, "numbers must be a float64 vector in C order");
-        return NULL;
-    }
+    numbers = vector_of(args[0], &count, "numbers");
+    if (numbers == NULL) return NULL;
     held = (held_iron *)PyMem_Calloc(1, sizeof *held);
     if (held == NULL) return PyErr_NoMemory();
     if (fieldmap_iron_of_numbers(&held->model, numbers, (uint64_t)count) != FIELDMAP_OK) {

@@ -20,12 +20,8 @@ import numba
 from numba import types
 from numba.core.caching import FunctionCache
 
-from fieldmap.kernels.late_call import LateFunctions
-from fieldmap.kernels.map.current_solver import DOMAIN, MODEL, STATE
-
 # Module, kernel, and the types of its arguments: d, f, i for float64, float32 and int64; with a number, an array of
-# that many dimensions in C order; domain, model, state: those of `fieldmap.kernels.map.current_solver`. Without
-# arguments: a function that kernels call late. In the order in which they are compiled.
+# that many dimensions in C order. In the order in which they are compiled.
 KERNELS = """
 coils.path _path_flux_density_rows i i d2 d2 d2 d d d d2
 coils.path _path_flux_density_and_gradient_rows i i d2 d2 d2 d d d d2 d3
@@ -41,7 +37,6 @@ iron.sample_gradients point_moments i i d1 d2 d1 i1 i1 d1 d2 d1 d2
 """
 
 _NUMBERS = {"d": types.float64, "f": types.float32, "i": types.int64}
-_TUPLES = {"domain": DOMAIN, "model": MODEL, "state": STATE}
 _PATIENCE = 10  # added to the niceness of the process: the run itself comes first
 
 
@@ -54,17 +49,13 @@ class Entry(NamedTuple):
     @property
     def is_cached(self) -> bool:
         """Whether a file says that it has been compiled, by this version of the source or an earlier one."""
-        late = isinstance(self.kernel, LateFunctions)
-        function = self.kernel.functions[0] if late else self.kernel.py_func
+        function = self.kernel.py_func
         stem = f"{function.__module__.rpartition('.')[2]}.{function.__qualname__}-"
         return any(Path(FunctionCache(function).cache_path).glob(f"{stem}*.nbi"))
 
     def compile(self) -> None:
         """Compile it, and leave its file."""
-        if isinstance(self.kernel, LateFunctions):
-            self.kernel.find()
-        else:
-            self.kernel.compile(self.arguments)
+        self.kernel.compile(self.arguments)
 
 
 def listed() -> Iterator[Entry]:
@@ -76,8 +67,6 @@ def listed() -> Iterator[Entry]:
 
 
 def _type_of(text: str) -> Any:
-    if text in _TUPLES:
-        return _TUPLES[text]
     number = _NUMBERS[text[0]]
     return number if len(text) == 1 else types.Array(number, int(text[1]), "C")
 

@@ -2,15 +2,12 @@
 
 import ctypes
 import pickle
-import sys
 from functools import cache
 
 import numpy as np
 import pytest
 from scipy.optimize import root
 
-from fieldmap.core import iron as core_iron
-from fieldmap.core.compile import libraries, machine
 from fieldmap.core.iron import (
     ADDRESS,
     BEYOND,
@@ -25,20 +22,8 @@ from fieldmap.core.iron import (
     CoreIron,
     begun,
 )
-from fieldmap.core.library import loaded
 from fieldmap.lookup.current_solver import compiled_model, core_numbers
 from tests.core.iron_cases import CASES, drawn, residual
-
-LIBRARIES = list(libraries(machine(), sys.platform).values())
-
-
-@pytest.fixture(params=LIBRARIES, ids=lambda path: path.name.split(".")[1], autouse=True)
-def library(request, monkeypatch):
-    """Each library that this machine can run."""
-    found = loaded(request.param)
-    if request.param is not LIBRARIES[0] and not found.is_for_newer():
-        pytest.skip("not for this processor")
-    monkeypatch.setattr(core_iron, "LIBRARY", found)
 
 
 @cache
@@ -191,6 +176,14 @@ def test_an_array_for_loops_gives_the_weights_by_its_address_and_counts(case):
     np.testing.assert_array_equal(weights[of.coil_count :], before)
     assert asked(own, 5.0 * of.domain.largest) == FOUND
     assert own[[SOLVES, UNSOLVED, OUTSIDE]].tolist() == [7, 0, 1]
+    # A copy of what has begun begins anew by itself, also where what it was copied from is gone.
+    moved = np.concatenate([[0.0], own])[1:]
+    expected = weights_of(of, core.state(), inside[2])[1]
+    own[12:] = np.nan
+    assert asked(moved, inside[2]) == FOUND
+    np.testing.assert_allclose(weights, expected, rtol=1e-7, atol=1e-9)
+    own = moved
+    assert asked(own, inside[-1]) == FOUND
     # Where no solve succeeds the iron stays as it was.
     held = weights[of.coil_count :].copy()
     own[TOLERANCE] = 0.0

@@ -1,54 +1,16 @@
 """Maps in the C core, in all forms: nothing is read beyond a block, odd points, superposition, lanes and single points,
 what is refused; every library that was compiled, against the same polynomials in numpy."""
 
-import math
 import pickle
-import sys
 
 import numpy as np
 import pytest
 
 from fieldmap.core import CoreMap
-from fieldmap.core import map as core_map
-from fieldmap.core.compile import libraries, machine
-from fieldmap.core.library import loaded
-from fieldmap.interpolants.form import Form, contract, header
-from fieldmap.kernels.map import cell_harmonics, global_harmonics, hermite, map_block
-from fieldmap.store import Grid
+from fieldmap.interpolants.form import Form, contract
+from fieldmap.kernels.map import map_block
+from tests.core.map_cases import CURRENTS, GRID, KINDS, block_of
 from tests.lookup.reference_evaluator import ReferenceEvaluator
-
-GRID = Grid([-0.3, 0.2, 1.0], [0.11, 0.07, 0.13], (3, 2, 4))
-KINDS = {
-    "hermite": hermite.KERNELS,
-    "harmonic": cell_harmonics.KERNELS,
-    "global": global_harmonics.KERNELS,
-}
-CURRENTS = np.array([0.7, -1.3])
-LIBRARIES = list(libraries(machine(), sys.platform).values())
-
-
-@pytest.fixture(params=LIBRARIES, ids=lambda path: path.name.split(".")[1], autouse=True)
-def library(request, monkeypatch):
-    """Each library that this machine can run."""
-    found = loaded(request.param)
-    if request.param is not LIBRARIES[0] and not found.is_for_newer():
-        pytest.skip("not for this processor")
-    monkeypatch.setattr(core_map, "LIBRARY", found)
-    return found
-
-
-def block_of(kind, outside="nan", degree=5):
-    """A block of random coefficients with two sets, and the size of a set; NaN lies on both sides of it."""
-    box = Grid(GRID.lower, GRID.upper - GRID.lower, (2, 2, 2)) if kind == "global" else GRID
-    start = header(
-        KINDS[kind], box, 2, outside, 0 if kind == "hermite" else degree, 1.0 if kind == "hermite" else 0.2
-    )
-    size = hermite.NODE if kind == "hermite" else (degree + 1) ** 2
-    places = math.prod(box.shape) if kind == "hermite" else math.prod(n - 1 for n in box.shape)
-    numbers = np.random.default_rng(3).normal(size=places * 2 * size)
-    nothing = np.full(1000, np.nan)
-    whole = np.concatenate([nothing, start, numbers, nothing])
-    return whole[1000:-1000], size
 
 
 def evaluated(block, points, currents=None):

@@ -1,27 +1,20 @@
-"""The compiled model of saturating iron against equations in numpy, and its derivative by Taylor's theorem."""
+"""The compiled model of saturating iron against the C core."""
 
 from functools import cache
 
 import numpy as np
 import pytest
-from numba.core import config
-from scipy.optimize import root
 
+from fieldmap.core.iron import CoreIron
 from fieldmap.kernels.map import current_solver as kernels
 from fieldmap.kernels.map.current_solver import current_slopes, current_weights
-from fieldmap.lookup import current_solver as expansion
-from fieldmap.lookup.current_solver import compiled_model, expansion_terms, new_state
-from tests.core.iron_cases import CASES, DRAWN, drawn, residual
+from fieldmap.lookup.current_solver import compiled_model, core_numbers, expansion_terms, new_state
+from tests.core.iron_cases import CASES, DRAWN, drawn
 
 
 @cache
 def compiled_case(name):
-    with pytest.MonkeyPatch.context() as patch:
-        if config.DISABLE_JIT:
-            # A full expansion is fitted to thousands of states.
-            patch.setattr(expansion, "_MOST_OF_LOW_DEGREE", 100)
-            patch.setattr(expansion, "_MOST_TERMS", 100)
-        return compiled_model(CASES[name], checked=True)
+    return compiled_model(CASES[name], checked=True)
 
 
 @pytest.fixture(params=CASES)
@@ -36,17 +29,22 @@ def weights_of(compiled, state, currents, tolerance=None):
     return current_weights(used, state, currents, out), out
 
 
-def test_the_equation_holds(case):
+def test_weights_and_slopes_are_those_of_the_core(case):
+    """Which meets the equation and Taylor's theorem: tests/core/test_iron.py."""
     of, compiled = case
-    state = new_state(compiled)
+    exact, state = compiled._replace(tolerance=1e-13), new_state(compiled)
+    core = CoreIron(core_numbers(compiled)).state()
+    shape = len(state.weights), of.coil_count
+    (ours, core_slopes), (weights, slopes) = ((np.empty(shape[0]), np.empty(shape)) for _ in range(2))
     for currents in drawn(of, DRAWN):
-        status, out = weights_of(compiled, state, currents, 1e-13)
-        assert status == kernels.FOUND
-        found = state.amplitudes[-1]
-        exact = root(lambda a, i=currents: residual(of, a, i), found, tol=1e-15).x
-        assert np.abs(found - exact).max() < 1e-11 * np.abs(exact).max()
-        expected = [*currents, *(of.output @ found), *([1.0] if of.fixed.size else [])]
-        np.testing.assert_allclose(out, expected, rtol=1e-12, atol=1e-14 * np.abs(out).max())
+        assert core.solve(currents, ours, core_slopes, tolerance=1e-13) == kernels.FOUND
+        assert current_slopes(exact, state, currents, weights, slopes) == kernels.FOUND
+        np.testing.assert_allclose(weights, ours, rtol=1e-11, atol=1e-12 * np.abs(ours).max())
+        np.testing.assert_allclose(slopes, core_slopes, rtol=1e-9, atol=1e-10 * np.abs(slopes).max())
+        assert (
+            np.abs(weights_of(exact, new_state(compiled), currents)[1] - ours).max()
+            < 1e-11 * np.abs(ours).max()
+        )
 
 
 def test_lookups_are_as_exact_as_their_tolerance(case):
@@ -72,22 +70,6 @@ def test_near_the_last_currents_fewer_steps_are_needed(case):
         steps.append((follower.numbers[kernels.STEPS], cold.numbers[kernels.STEPS]))
     followed, begun = np.mean(steps[3:], axis=0)
     assert followed < 0.8 * begun
-
-
-def test_slopes_are_the_derivative_to_second_order(case):
-    of, compiled = case
-    exact = compiled._replace(tolerance=1e-12, domain=compiled.domain._replace(checked=False))
-    (currents,), direction = drawn(of, 1, 8), np.random.default_rng(1).standard_normal(of.coil_count)
-    state = new_state(exact)
-    here, slopes = np.empty(len(state.weights)), np.empty((len(state.weights), of.coil_count))
-    assert current_slopes(exact, state, currents, here, slopes) == kernels.FOUND
-    steps = 0.02 * 0.5 ** np.arange(4)
-    left = [
-        np.linalg.norm(weights_of(exact, state, currents + t * direction)[1] - here - t * slopes @ direction)
-        for t in steps
-    ]
-    orders = np.log2(np.array(left[:-1]) / left[1:])
-    assert np.all(np.abs(orders - 2.0) < 0.25)
 
 
 def test_what_has_no_solution_says_so(case):

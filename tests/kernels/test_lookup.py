@@ -3,34 +3,13 @@
 Small, because these tests run without compilation as well: there an index out of range raises.
 """
 
-import math
-
 import numpy as np
 import pytest
 
 from fieldmap.core import CoreMap
-from fieldmap.interpolants.form import completed, contract, header
-from fieldmap.kernels.map import cell_harmonics, global_harmonics, hermite, lookup
-from fieldmap.store import Grid
-
-GRID = Grid([-0.3, 0.2, 1.0], [0.11, 0.07, 0.13], (3, 2, 4))
-KINDS = {
-    "hermite": hermite.KERNELS,
-    "harmonic": cell_harmonics.KERNELS,
-    "global": global_harmonics.KERNELS,
-}
-CURRENTS = np.array([0.7, -1.3])
-
-
-def block_of(kind, outside="nan"):
-    """A block of random coefficients with two sets, and the size of a set."""
-    box = Grid(GRID.lower, GRID.upper - GRID.lower, (2, 2, 2)) if kind == "global" else GRID
-    degree = 0 if kind == "hermite" else 5
-    start = header(KINDS[kind], box, 2, outside, degree, 1.0 if kind == "hermite" else 0.2)
-    size = hermite.NODE if kind == "hermite" else 36
-    places = math.prod(box.shape) if kind == "hermite" else math.prod(n - 1 for n in box.shape)
-    return np.concatenate([start, np.random.default_rng(3).normal(size=places * 2 * size)]), size
-
+from fieldmap.interpolants.form import completed, contract
+from fieldmap.kernels.map import lookup
+from tests.core.map_cases import CURRENTS, KINDS, block_of
 
 POINT = np.array([-0.2, 0.25, 1.1])
 
