@@ -153,32 +153,70 @@ static inline void fieldmap_unknown(fm_real *out, int count)
     for (i = 0; i < count; i++) out[i] = zero / zero;
 }
 
+/* The coefficients of a spot, summed at weights, in `row`: those of its polynomial, or of the eight corners of its cell. */
+static inline void fieldmap_gather(const fieldmap *map, const fm_real *weights, const fieldmap_spot *spot, fm_real *row)
+{
+    const fm_real *corners[8];
+    if (map->kind == FIELDMAP_HERMITE) fieldmap_corners(map, weights, spot, row, corners);
+    else fieldmap_coefficients(map, weights, spot, 0, row);
+}
+
+/* flux[3] and, unless NULL, gradient[9] at a spot in Hermite form. */
+static inline void fieldmap_field_of_corners(
+    const fieldmap *map, const fm_real *corners[8], const fieldmap_spot *spot, fm_real *flux, fm_real *gradient)
+{
+    fm_real four[4];
+    fieldmap_basis axes[3];
+    int i, j;
+    fieldmap_bases(map, spot, axes);
+    for (i = 0; i < 3; i++) {
+        fieldmap_hermite_slopes(corners, axes, four);
+        flux[i] = four[0];
+        for (j = 0; j < 3 && gradient != NULL; j++) gradient[3 * i + j] = four[1 + j];
+        for (j = 0; j < 8; j++) corners[j] += FIELDMAP_CORNER;
+    }
+}
+
+/* flux[3] and, unless NULL, gradient[9] at a spot from the coefficients of its polynomial. */
+static inline void fieldmap_field_of_polynomial(
+    const fieldmap *map, const fm_real *c, const fieldmap_spot *spot, fm_real *flux, fm_real *gradient)
+{
+    fm_real local[3], nine[FIELDMAP_NINE];
+    fieldmap_from_middle(map, spot, local);
+    if (map->degree == 5)
+        fieldmap_polynomial_5(c, 1, local[0], local[1], local[2], nine);
+    else
+        fieldmap_polynomial(c, map->degree, 1, local, local + 1, local + 2, nine);
+    fieldmap_store(map->per_length, nine, 1, flux, gradient);
+}
+
+/* flux[3] and, unless NULL, gradient[9] at a spot from a row of fieldmap_gather. */
+static inline void fieldmap_field_of_row(
+    const fieldmap *map, const fm_real *row, const fieldmap_spot *spot, fm_real *flux, fm_real *gradient)
+{
+    if (map->kind == FIELDMAP_HERMITE) {
+        const fm_real *corners[8];
+        int j;
+        for (j = 0; j < 8; j++) corners[j] = row + j * FIELDMAP_NODE;
+        fieldmap_field_of_corners(map, corners, spot, flux, gradient);
+    } else {
+        fieldmap_field_of_polynomial(map, row, spot, flux, gradient);
+    }
+}
+
 /* flux[3] and, unless NULL, gradient[9] at a spot. */
 static inline void fieldmap_field_at(
     const fieldmap *map, const fm_real *weights, const fieldmap_spot *spot, fm_real *flux, fm_real *gradient)
 {
     if (map->kind == FIELDMAP_HERMITE) {
-        fm_real room[8 * FIELDMAP_NODE], four[4];
+        fm_real room[8 * FIELDMAP_NODE];
         const fm_real *corners[8];
-        fieldmap_basis axes[3];
-        int i, j;
         fieldmap_corners(map, weights, spot, room, corners);
-        fieldmap_bases(map, spot, axes);
-        for (i = 0; i < 3; i++) {
-            fieldmap_hermite_slopes(corners, axes, four);
-            flux[i] = four[0];
-            for (j = 0; j < 3 && gradient != NULL; j++) gradient[3 * i + j] = four[1 + j];
-            for (j = 0; j < 8; j++) corners[j] += FIELDMAP_CORNER;
-        }
+        fieldmap_field_of_corners(map, corners, spot, flux, gradient);
     } else {
-        fm_real room[FIELDMAP_MAX_SIZE], local[3], nine[FIELDMAP_NINE];
+        fm_real room[FIELDMAP_MAX_SIZE];
         const fm_real *c = fieldmap_coefficients(map, weights, spot, 0, room);
-        fieldmap_from_middle(map, spot, local);
-        if (map->degree == 5)
-            fieldmap_polynomial_5(c, 1, local[0], local[1], local[2], nine);
-        else
-            fieldmap_polynomial(c, map->degree, 1, local, local + 1, local + 2, nine);
-        fieldmap_store(map->per_length, nine, 1, flux, gradient);
+        fieldmap_field_of_polynomial(map, c, spot, flux, gradient);
     }
 }
 

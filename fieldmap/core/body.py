@@ -1,0 +1,50 @@
+"""A magnetic body as the C core takes it: dipoles of fixed moment, and pieces of soft iron."""
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+from fieldmap.core.library import LIBRARY
+from fieldmap.typing import Array
+
+
+class Soft(NamedTuple):
+    """A piece of soft iron as fieldmap/core/soft_iron.h has it. centre (3,), m; axes (3, 3), columns its own axes in the
+    body; factors (3,): demagnetising factors; volume: over mu0; reluctance: 1 / (mu_r - 1) of a constant permeability;
+    law (4, knots): h, J, dJ/dh, T, and the integral of J dh, T^2, at knots; (4, 0) of a constant permeability."""
+
+    centre: Array
+    axes: Array
+    factors: Array
+    volume: float
+    reluctance: float
+    law: Array
+
+
+class CoreBody:
+    """dipoles (q, 6): point, m, and moment, A m^2, of each, frame of the body; soft: its pieces of soft iron.
+
+    Arrays are float64 and in C order; others raise TypeError. Several threads may use a body at once. turn (3, 3):
+    columns the axes of the body.
+    """
+
+    def __init__(self, dipoles: Array, soft: Sequence[Soft] = ()) -> None:
+        self._given = dipoles, tuple(soft)
+        self.body = LIBRARY.magnetic_body(*self._given)
+
+    def wrench_slopes(
+        self, turn: Array, weights: Array, flux: Array, gradient: Array, wrench: Array, slopes: Array
+    ) -> None:
+        """Fill wrench (6,), N and N m about the origin of the body, and slopes (6, k), its derivatives by weights (k,).
+        flux (points, k, 3), T, gradient (points, k, 3, 3), T/m: of k fields at weight 1, at the dipoles and the pieces
+        of soft iron."""
+        LIBRARY.body_wrench_slopes(self.body, turn, weights, flux, gradient, wrench, slopes)
+
+    def induced_moments(
+        self, turns: Array, flux: Array, moments: Array, energies: Array, slopes: Array | None
+    ) -> None:
+        """Of s pieces of soft iron at n poses, turns (n, 3, 3), in flux (n, s, 3), T: fill moments (n, s, 3), A m^2,
+        energies (n, s), J, and slopes (n, s, 3, 3), dm_i/dB_k, frame of the map."""
+        LIBRARY.induced_moments(self.body, turns, flux, moments, energies, slopes)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return CoreBody, self._given

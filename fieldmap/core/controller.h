@@ -1,0 +1,139 @@
+/* controller.h: a sampled controller of any kind as one linear block with limits (docs/theory/dynamics.md (29)).
+ *
+ *     u = C xi + D v + f     s = u within its limits     xi <- A xi + B v + E (s - f) + F f
+ *
+ * v[7]: reference[3] and measured position[3] of the sensed point, both m in the frame of the map, and 1. xi: memory; f:
+ * feed-forward. An observer is fed with what was applied by E and F; an integral that tracks its limit by E. In double
+ * precision.
+ *
+ * BSD-3-Clause, the fieldmap developers.
+ */
+#ifndef FIELDMAP_CONTROLLER_H
+#define FIELDMAP_CONTROLLER_H
+
+#include <math.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include "instruments.h"
+
+enum { FIELDMAP_SIGNALS = 7 };
+
+/* A, F and E, C and so on: one matrix each, row by row, or one for each of `nodes` equal steps of a signal, one behind the
+ * other, between which they are linear. lower, upper: limits of the outputs. hold: for an integral that stops while it would
+ * drive an output further past a limit, the number of that output; -1 elsewhere. first, step, signal: the value of v[signal]
+ * at the first node, and from node to node. */
+typedef struct fieldmap_controller {
+    int nodes, states, outputs, signal;
+    double first, step;
+    const double *A, *B, *C, *D, *E, *F, *lower, *upper;
+    const int64_t *hold;
+} fieldmap_controller;
+
+/* Between which nodes a signal lies: the lower one, and the share of the upper one. */
+typedef struct fieldmap_between {
+    int node;
+    double share;
+} fieldmap_between;
+
+static inline fieldmap_between fieldmap_node(const fieldmap_controller *of, const double *v)
+{
+    fieldmap_between found = {0, 0.0};
+    if (of->nodes > 1) {
+        const double at = fieldmap_within((v[of->signal] - of->first) / of->step, 0.0, of->nodes - 1.0);
+        found.node = (int)at < of->nodes - 2 ? (int)at : of->nodes - 2;
+        found.share = at - found.node;
+    }
+    return found;
+}
+
+/* Row i of a matrix (rows, columns) at nodes, times a vector. */
+static inline double fieldmap_row_times(
+    const double *stack, fieldmap_between at, int rows, int columns, int i, const double *vector)
+{
+    const size_t matrix = (size_t)rows * (size_t)columns;
+    const double *row = stack + (size_t)at.node * matrix + (size_t)i * (size_t)columns;
+    double sum = 0.0;
+    int k;
+    if (at.share == 0.0) {
+        for (k = 0; k < columns; k++) sum += row[k] * vector[k];
+    } else {
+        for (k = 0; k < columns; k++) sum += ((1.0 - at.share) * row[k] + at.share * row[matrix + (size_t)k]) * vector[k];
+    }
+    return sum;
+}
+
+/* Output j before feed-forward and limits. */
+static inline double fieldmap_wanted_output(
+    const fieldmap_controller *of, fieldmap_between at, int j, const double *memory, const double *v)
+{
+    return fieldmap_row_times(of->C, at, of->outputs, of->states, j, memory)
+        + fieldmap_row_times(of->D, at, of->outputs, FIELDMAP_SIGNALS, j, v);
+}
+
+/* Number i of the memory after this sample. without[outputs]: the outputs as they left, less the feed-forward. */
+static inline double fieldmap_next_memory(const fieldmap_controller *of, fieldmap_between at, int i, const double *memory,
+                                          const double *v, const double *without, const double *feedforward)
+{
+    return fieldmap_row_times(of->A, at, of->states, of->states, i, memory)
+        + fieldmap_row_times(of->B, at, of->states, FIELDMAP_SIGNALS, i, v)
+        + fieldmap_row_times(of->E, at, of->states, of->outputs, i, without)
+        + fieldmap_row_times(of->F, at, of->states, of->outputs, i, feedforward);
+}
+
+/* How many numbers of scratch a sample takes. */
+static inline int fieldmap_controller_scratch(const fieldmap_controller *of)
+{
+    return of->states + 2 * of->outputs;
+}
+
+/* Fill outputs[], feed-forward included, and advance memory[]; whether a limit held an output back. */
+static inline int fieldmap_control(const fieldmap_controller *of, const double *v, const double *feedforward, double *memory,
+                                   double *scratch, double *outputs)
+{
+    const int n = of->states, m = of->outputs;
+    const fieldmap_between at = fieldmap_node(of, v);
+    double *without = scratch + n, *beyond = without + m;
+    int i, j, held = 0;
+    for (j = 0; j < m; j++) {
+        const double wanted = fieldmap_wanted_output(of, at, j, memory, v) + feedforward[j];
+        outputs[j] = fieldmap_within(wanted, of->lower[j], of->upper[j]);
+        without[j] = outputs[j] - feedforward[j];
+        beyond[j] = wanted - outputs[j];
+        held |= wanted != outputs[j];
+    }
+    for (i = 0; i < n; i++) scratch[i] = fieldmap_next_memory(of, at, i, memory, v, without, feedforward);
+    for (i = 0; i < n; i++) {
+        const int64_t output = of->hold[i];
+        if (output >= 0) {
+            /* How much this number of the memory drives its output. */
+            const double *by_memory = of->C + ((size_t)at.node * (size_t)m + (size_t)output) * (size_t)n + (size_t)i;
+            double drives = by_memory[0];
+            if (at.share != 0.0) drives = (1.0 - at.share) * drives + at.share * by_memory[(size_t)m * (size_t)n];
+            if (beyond[output] * drives * (scratch[i] - memory[i]) > 0.0) continue;
+        }
+        memory[i] = scratch[i];
+    }
+    return held;
+}
+
+/* Fill feedforward[], with which a controller gives the outputs wanted[] where the sensed point is at its reference[3]: what
+ * is wanted less what it would say by itself; and advance memory[]. */
+static inline void fieldmap_quiet_feedforward(const fieldmap_controller *of, const double *reference, const double *wanted,
+                                              double *memory, double *scratch, double *feedforward)
+{
+    double v[FIELDMAP_SIGNALS] = {0.0}, *without = scratch + of->states;
+    fieldmap_between at;
+    int i, j;
+    for (i = 0; i < 3; i++) v[i] = v[3 + i] = reference[i];
+    v[6] = 1.0;
+    at = fieldmap_node(of, v);
+    for (j = 0; j < of->outputs; j++) {
+        feedforward[j] = wanted[j] - fieldmap_wanted_output(of, at, j, memory, v);
+        without[j] = wanted[j] - feedforward[j];
+    }
+    for (i = 0; i < of->states; i++) scratch[i] = fieldmap_next_memory(of, at, i, memory, v, without, feedforward);
+    for (i = 0; i < of->states; i++) memory[i] = scratch[i];
+}
+
+#endif

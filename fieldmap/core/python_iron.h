@@ -1,0 +1,196 @@
+/* python_iron.h: models of saturating iron, for Python: see fieldmap.core.iron.
+ *
+ * BSD-3-Clause, the fieldmap developers.
+ */
+#ifndef FIELDMAP_PYTHON_IRON_H
+#define FIELDMAP_PYTHON_IRON_H
+
+#include "iron.h"
+#include "iron_array.h"
+#include "python_arrays.h"
+
+/* A model of iron and the array in which it lies; and what solves of one thread remember, in memory of its own. */
+typedef struct held_iron {
+    fieldmap_iron model;
+    PyObject *numbers;
+} held_iron;
+
+typedef struct held_state {
+    fieldmap_iron_state state;
+    PyObject *iron;
+    void *memory;
+} held_state;
+
+static const char *const IRON = "fieldmap.core.iron";
+static const char *const STATE = "fieldmap.core.iron_state";
+
+static void release_iron(PyObject *capsule)
+{
+    held_iron *held = (held_iron *)PyCapsule_GetPointer(capsule, IRON);
+    if (held == NULL) return;
+    Py_XDECREF(held->numbers);
+    PyMem_Free(held);
+}
+
+static void release_state(PyObject *capsule)
+{
+    held_state *held = (held_state *)PyCapsule_GetPointer(capsule, STATE);
+    if (held == NULL) return;
+    Py_XDECREF(held->iron);
+    PyMem_Free(held->memory);
+    PyMem_Free(held);
+}
+
+/* iron_of_numbers(numbers): see fieldmap.core.iron. */
+static PyObject *iron_of_numbers(PyObject *self, PyObject *const *args, Py_ssize_t given)
+{
+    held_iron *held;
+    PyObject *capsule;
+    const double *numbers;
+    npy_intp count;
+    (void)self;
+    if (!has_arguments(given, 1)) return NULL;
+    numbers = vector_of(args[0], &count, "numbers");
+    if (numbers == NULL) return NULL;
+    held = (held_iron *)PyMem_Calloc(1, sizeof *held);
+    if (held == NULL) return PyErr_NoMemory();
+    if (fieldmap_iron_of_numbers(&held->model, numbers, (uint64_t)count) != FIELDMAP_OK) {
+        PyMem_Free(held);
+        PyErr_SetString(PyExc_ValueError, "numbers are not those of a model of iron");
+        return NULL;
+    }
+    capsule = PyCapsule_New(held, IRON, release_iron);
+    if (capsule == NULL) {
+        PyMem_Free(held);
+        return NULL;
+    }
+    Py_INCREF(args[0]);
+    held->numbers = args[0];
+    return capsule;
+}
+
+/* iron_state(iron) */
+static PyObject *iron_state(PyObject *self, PyObject *const *args, Py_ssize_t given)
+{
+    const held_iron *iron;
+    held_state *held;
+    PyObject *capsule;
+    size_t size;
+    (void)self;
+    if (!has_arguments(given, 1)) return NULL;
+    iron = (const held_iron *)PyCapsule_GetPointer(args[0], IRON);
+    if (iron == NULL) return NULL;
+    size = fieldmap_iron_memory(&iron->model);
+    held = (held_state *)PyMem_Calloc(1, sizeof *held);
+    if (held == NULL) return PyErr_NoMemory();
+    held->memory = PyMem_Malloc(size + 64);
+    capsule = held->memory == NULL ? NULL : PyCapsule_New(held, STATE, release_state);
+    if (capsule == NULL) {
+        PyMem_Free(held->memory);
+        PyMem_Free(held);
+        return PyErr_Occurred() ? NULL : PyErr_NoMemory();
+    }
+    fieldmap_iron_start(&held->state, &iron->model, (void *)(((uintptr_t)held->memory + 63) / 64 * 64), size);
+    Py_INCREF(args[0]);
+    held->iron = args[0];
+    return capsule;
+}
+
+/* iron_solve(state, currents, tolerance, checked, fresh, weights, slopes): the status. */
+static PyObject *iron_solve(PyObject *self, PyObject *const *args, Py_ssize_t given)
+{
+    held_state *held;
+    const fieldmap_iron *model;
+    const double *currents;
+    double *weights, *slopes = NULL;
+    int status;
+    (void)self;
+    if (!has_arguments(given, 7)) return NULL;
+    held = (held_state *)PyCapsule_GetPointer(args[0], STATE);
+    if (held == NULL) return NULL;
+    model = held->state.map;
+    currents = numbers_of(args[1], 1, model->n_coils);
+    if (currents == NULL) {
+        PyErr_Format(PyExc_TypeError, "currents must be a float64 vector of %d", model->n_coils);
+        return NULL;
+    }
+    weights = numbers_to_fill(args[5], model->n_fields, "weights");
+    if (weights == NULL) return NULL;
+    if (args[6] != Py_None) {
+        slopes = numbers_to_fill(args[6], (npy_intp)model->n_fields * model->n_coils, "slopes");
+        if (slopes == NULL) return NULL;
+    }
+    held->state.tolerance = PyFloat_AsDouble(args[2]);
+    if (PyErr_Occurred()) return NULL;
+    held->state.checked = PyObject_IsTrue(args[3]) == 1;
+    if (PyObject_IsTrue(args[4]) == 1) held->state.count = 0;
+    Py_BEGIN_ALLOW_THREADS
+    status = slopes == NULL ? fieldmap_iron_weights(&held->state, currents, weights)
+                            : fieldmap_iron_slopes(&held->state, currents, weights, slopes);
+    Py_END_ALLOW_THREADS
+    return PyLong_FromLong(status);
+}
+
+/* iron_amplitudes(state): those of the last state (r,), and what the solve left of it. */
+static PyObject *iron_amplitudes(PyObject *self, PyObject *const *args, Py_ssize_t given)
+{
+    const held_state *held;
+    PyObject *amplitudes, *both;
+    npy_intp modes;
+    (void)self;
+    if (!has_arguments(given, 1)) return NULL;
+    held = (const held_state *)PyCapsule_GetPointer(args[0], STATE);
+    if (held == NULL) return NULL;
+    modes = held->state.map->r;
+    amplitudes = PyArray_SimpleNew(1, &modes, NPY_DOUBLE);
+    if (amplitudes == NULL) return NULL;
+    memcpy(PyArray_DATA((PyArrayObject *)amplitudes), held->state.amplitudes + (FIELDMAP_IRON_PASSED - 1) * modes,
+           (size_t)modes * sizeof(double));
+    both = Py_BuildValue("(Nd)", amplitudes, held->state.left_over);
+    return both;
+}
+
+/* iron_array_length(iron): of the array of a model (iron_array.h). */
+static PyObject *iron_array_length(PyObject *self, PyObject *const *args, Py_ssize_t given)
+{
+    const held_iron *iron;
+    (void)self;
+    if (!has_arguments(given, 1)) return NULL;
+    iron = (const held_iron *)PyCapsule_GetPointer(args[0], IRON);
+    if (iron == NULL) return NULL;
+    return PyLong_FromSize_t(
+        fieldmap_iron_array_length(&iron->model, (size_t)PyArray_SIZE((PyArrayObject *)iron->numbers)));
+}
+
+/* iron_array_begin(array): fill in addresses, and that nothing is remembered yet. */
+static PyObject *iron_array_begin(PyObject *self, PyObject *const *args, Py_ssize_t given)
+{
+    fieldmap_iron model;
+    npy_intp length, count;
+    double *array;
+    int sound;
+    (void)self;
+    if (!has_arguments(given, 1)) return NULL;
+    length = PyArray_Check(args[0]) ? PyArray_SIZE((PyArrayObject *)args[0]) : 0;
+    array = numbers_to_fill(args[0], length, "array");
+    if (array == NULL) return NULL;
+    /* Nothing is written before the length is what the numbers promise. */
+    memset(&model, 0, sizeof model);
+    count = length < FIELDMAP_ARRAY_HEAD ? -1 : (npy_intp)fieldmap_whole(array[FIELDMAP_ARRAY_COUNT], 1, (long)length);
+    sound = count > 0 && count <= length - FIELDMAP_ARRAY_HEAD
+        && fieldmap_iron_of_numbers(&model, array + FIELDMAP_ARRAY_HEAD, (uint64_t)count) == FIELDMAP_OK
+        && fieldmap_iron_array_length(&model, (size_t)count) == (size_t)length;
+    if (!sound || fieldmap_iron_array_begin(array) != FIELDMAP_OK) {
+        PyErr_SetString(PyExc_ValueError, "array is not that of a model of iron");
+        return NULL;
+    }
+    /* Addresses have 57 bits at most, of which the last are zero. */
+    array[FIELDMAP_ARRAY_ADDRESS] = (double)(uintptr_t)fieldmap_iron_array_weights;
+    Py_RETURN_NONE;
+}
+
+#define IRON_FUNCTIONS \
+    FUNCTION(iron_of_numbers), FUNCTION(iron_state), FUNCTION(iron_solve), FUNCTION(iron_amplitudes), \
+    FUNCTION(iron_array_length), FUNCTION(iron_array_begin)
+
+#endif
