@@ -61,7 +61,7 @@ static void ask(const fieldmap_iron *map, long step, uint64_t *seed, double *sig
         if (leap) share = 1.0 - share;
         signals[j] = map->lower[j] + share * (map->upper[j] - map->lower[j]);
     }
-    if (map->division) fieldmap_iron_divide(signals[0], signals[1], signals[2], map->exponent, currents);
+    if (map->division) fieldmap_divide(signals[0], signals[1], signals[2], map->exponent, currents);
     else
         for (int k = 0; k < map->n_coils; k++) {
             currents[k] = 0.0;

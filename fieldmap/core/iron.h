@@ -14,6 +14,7 @@
 #include <string.h>
 
 #include "block.h"
+#include "division.h"
 
 enum { FIELDMAP_IRON_BEYOND = 32, FIELDMAP_IRON_NOT_CONVERGED = 33, FIELDMAP_IRON_MEMORY = 34 };
 
@@ -252,37 +253,14 @@ static inline double fieldmap_iron_product(const double *a, const double *b, int
     return total + ((lanes[0] + lanes[2]) + (lanes[1] + lanes[3]));
 }
 
-/* The six currents of a lift u and directions x, y, as fieldmap.currents.LiftAndDirections. */
-static inline void fieldmap_iron_divide(double u, double x, double y, double n, double *i)
-{
-    double half;
-    i[0] = u * (1.0 - x) * (1.0 - y), i[2] = u * (1.0 - x) * (1.0 + y);
-    i[3] = u * (1.0 + x) * (1.0 - y), i[5] = u * (1.0 + x) * (1.0 + y);
-    half = 3.0 * u - 0.5 * (i[0] + i[2] + i[3] + i[5]);
-    i[1] = half * (1.0 - n * x), i[4] = half * (1.0 + n * x);
-}
-
 /* The signals nearest to currents; whether they lie in the domain. */
 static inline int fieldmap_iron_signals(const fieldmap_iron *map, const double *currents, double *out)
 {
-    double largest = 0.0, worst = 0.0, n = map->exponent, u = 0.0, near[6];
+    double largest = 0.0, worst = 0.0;
     int inside, j, k;
     for (k = 0; k < map->n_coils; k++) largest = fmax(largest, fabs(currents[k]));
     if (map->division) {
-        for (k = 0; k < 6; k++) u += currents[k];
-        u /= 6.0;
-        out[0] = out[1] = out[2] = 0.0;
-        if (u == 0.0) {
-            worst = (double)INFINITY;
-        } else {
-            out[0] = u;
-            out[1] = currents[3] + currents[5] - currents[0] - currents[2] + n * (currents[4] - currents[1]);
-            out[1] /= (4.0 + 2.0 * n * n) * u;
-            out[2] = (currents[2] + currents[5] - currents[0] - currents[3]) / (4.0 * u);
-            fieldmap_iron_divide(u, out[1], out[2], n, near);
-            for (k = 0; k < 6; k++) worst = fmax(worst, fabs(near[k] - currents[k]));
-            worst /= fabs(u);
-        }
+        worst = fieldmap_division_signals(currents, map->exponent, out);
     } else {
         for (j = 0; j < map->n_signals; j++)
             out[j] = fieldmap_iron_product(map->inverse + (size_t)j * (size_t)map->n_coils, currents, map->n_coils);

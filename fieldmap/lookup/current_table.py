@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
+from fieldmap.core.current_table import FOUND, CoreTable, Table
 from fieldmap.currents import ROUNDING, TOLERANCE, LiftAndDirections
 from fieldmap.errors import InputError, Problem
-from fieldmap.kernels.map.current_table import FOUND, table_weights
 from fieldmap.lookup.current_model import CurrentModel
 from fieldmap.lookup.evaluation import Evaluator
 from fieldmap.records import Record
@@ -28,15 +28,19 @@ _STATES, _BALANCED, _SEED = 200, 100, 11
 class CurrentTable(Record):
     """The weights that a `CurrentModel` gives, by cubic splines between tabulated currents.
 
-    arrays: what `fieldmap.kernels.map.current_table.table_weights` takes; nodes: of u, x and y; error: largest
-    difference from the model in the map's box at 300 states between the nodes, a third of them nearly balanced, T
-    and T/m.
+    core: the table itself; nodes: of u, x and y; error: largest difference from the model in the map's box at 300
+    states between the nodes, a third of them nearly balanced, T and T/m.
     """
 
     model: CurrentModel
-    arrays: tuple[Any, ...]
+    core: CoreTable
     nodes: tuple[int, int, int]
     error: FieldError
+
+    @property
+    def arrays(self) -> tuple[Any, ...]:
+        """What `fieldmap.kernels.map.current_table.table_weights` takes."""
+        return kernel_table(self.core.numbers)
 
     def weights(self, currents: Array) -> Array:
         """Weights (..., n_fields) of currents (..., 6), as `CurrentModel.weights`.
@@ -46,7 +50,7 @@ class CurrentTable(Record):
         rows = np.ascontiguousarray(currents.reshape(-1, currents.shape[-1]))
         result = np.empty((len(rows), 6 + self.model.fields_beside_coils))
         for row, out in zip(rows, result, strict=True):
-            if table_weights(self.arrays, row, out) != FOUND:
+            if self.core.weights(row, out) != FOUND:
                 out[:] = self.model.weights(row)
         return result.reshape(*currents.shape[:-1], -1)
 
@@ -79,19 +83,19 @@ def tabulate(
         axes, every, amplitudes = _solved(model, divided, size)
         values = model.of_amplitudes(amplitudes).reshape(*size, -1)
         # In the table the slopes are not read: they are found once, for the nodes that are kept.
-        arrays = spline_table(axes, divided, values, np.zeros((0, 0, 0, 0, 0)))
-        found = np.array([_weights(arrays, currents) for currents in states])
+        numbers = spline_table(axes, divided, values, np.zeros((0, 0, 0, 0, 0)))
+        found = _weights(CoreTable(numbers), states)
         error = FieldError(*(_largest(found - truth, of_field) for of_field in fields))
         if wanted is None or _within(error, wanted):
             break
     slopes = model.slopes(every, amplitudes).swapaxes(1, 2).reshape(*size, 6, -1)
-    return CurrentTable(model, (*arrays[:-1], np.array(slopes, order="C")), size, error)
+    return CurrentTable(model, CoreTable(numbers._replace(slopes=np.array(slopes, order="C"))), size, error)
 
 
 def spline_table(
     axes: list[Array], divided: LiftAndDirections, values: Array, slopes: Array, margin: float = ROUNDING
-) -> tuple[Any, ...]:
-    """What `table_weights` takes, of weights (nu, nx, ny, k) at nodes of u, x and y, and their slopes by the currents
+) -> Table:
+    """A table of weights (nu, nx, ny, k) at nodes of u, x and y, and their slopes by the currents
     (nu, nx, ny, 6, k). margin: share of the range by which currents may lie outside, for rounding."""
     # Here: opening a map without a table would take longer.
     from scipy.interpolate import make_interp_spline
@@ -103,16 +107,23 @@ def spline_table(
         knots.append(np.array(spline.t))
     lower, upper = np.array([nodes[0] for nodes in axes]), np.array([nodes[-1] for nodes in axes])
     beside = margin * (upper - lower)
-    return (
-        np.array([divided.n, np.inf if divided.limit is None else divided.limit * (1.0 + ROUNDING)]),
-        np.array([TOLERANCE]),
-        lower - beside,
-        upper + beside,
-        tuple(knots),
-        np.array(coefficients, order="C"),
-        tuple(np.array(nodes) for nodes in axes),
-        np.array(slopes, order="C"),
+    return Table(
+        exponent=divided.n,
+        limit=np.inf if divided.limit is None else divided.limit * (1.0 + ROUNDING),
+        mismatch=TOLERANCE,
+        lower=lower - beside,
+        upper=upper + beside,
+        knots=(knots[0], knots[1], knots[2]),
+        nodes=(np.array(axes[0]), np.array(axes[1]), np.array(axes[2])),
+        coefficients=np.array(coefficients, order="C"),
+        slopes=np.array(slopes, order="C"),
     )
+
+
+def kernel_table(of: Table) -> tuple[Any, ...]:
+    """A table as `fieldmap.kernels.map.current_table.table_weights` takes it."""
+    ends = np.array([of.exponent, of.limit]), np.array([of.mismatch]), of.lower, of.upper
+    return (*ends, of.knots, of.coefficients, of.nodes, of.slopes)
 
 
 def no_table() -> tuple[Any, ...]:
@@ -125,10 +136,12 @@ def _within(error: FieldError, wanted: FieldError) -> bool:
     return error.flux_density <= _GOOD * wanted.flux_density and error.gradient <= _GOOD * wanted.gradient
 
 
-def _weights(arrays: tuple[Any, ...], currents: Array) -> Array:
-    out = np.empty(6 + arrays[5].shape[-1])
-    table_weights(arrays, currents, out)
-    return out[6:]
+def _weights(table: CoreTable, states: Array) -> Array:
+    """Of the fields behind the coils' (s, k) at currents (s, 6)."""
+    found = np.empty((len(states), 6 + table.numbers.coefficients.shape[-1]))
+    for currents, out in zip(np.ascontiguousarray(states), found, strict=True):
+        table.weights(currents, out)
+    return found[:, 6:]
 
 
 def _solved(

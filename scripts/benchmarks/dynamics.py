@@ -39,7 +39,7 @@ from fieldmap.dynamics.field_of_currents import FieldOfCurrents
 from fieldmap.instruments import SensorFrame
 from fieldmap.kernels.motion.currents import TABLED, Superposition
 from fieldmap.lookup import FieldMap, interpolate, unit_block, volume_rule
-from fieldmap.lookup.current_table import spline_table
+from fieldmap.lookup.current_table import kernel_table, spline_table
 from fieldmap.store import Grid, MapData
 
 LOWER, UPPER = np.array([-0.02, -0.02, -0.14]), np.array([0.02, 0.02, -0.076])
@@ -96,7 +96,10 @@ def fields() -> dict[str, FieldOfCurrents]:
     currents = divide_currents(*np.meshgrid(*axes, indexing="ij"), 1.25)
     slopes = np.broadcast_to(share.T, (5, 17, 17, 6, 20))
     numbers = Superposition(
-        TABLED, 1.0, spline_table(axes, LiftAndDirections(1.25), currents @ share.T, slopes), np.zeros(0)
+        TABLED,
+        1.0,
+        kernel_table(spline_table(axes, LiftAndDirections(1.25), currents @ share.T, slopes)),
+        np.zeros(0),
     )
     return {"linear": linear, "table": FieldOfCurrents(unit_block(both), numbers, ())}
 

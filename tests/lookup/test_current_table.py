@@ -1,132 +1,20 @@
 """The table of a map over a current division, against the model that it is made from and a law known in closed form."""
 
 import pickle
-from itertools import product
 from types import SimpleNamespace
 
 import numba
 import numpy as np
 import pytest
-from scipy.interpolate import BSpline, RegularGridInterpolator
 
 import fieldmap.lookup.current_table as tables
-from fieldmap.currents import IndependentCurrents, LiftAndDirections, divide_currents, undivide_currents
+from fieldmap.currents import IndependentCurrents, LiftAndDirections, divide_currents
 from fieldmap.errors import InputError, OutsideMapError
-from fieldmap.kernels.map.current_table import (
-    BEYOND,
-    FOUND,
-    NOT_A_DIVISION,
-    table_weights,
-    tabulated_at_currents,
-)
-from fieldmap.kernels.map.lift_and_directions import divide, signals
 from fieldmap.lookup import interpolate
 from fieldmap.store import FieldError, Grid, MapData, ReducedModel
 
 LOWER, UPPER, N = np.array([1.0, -0.4, -0.3]), np.array([2.2, 0.4, 0.3]), 1.25
 INSIDE = divide_currents(1.63, 0.117, -0.212, N)
-
-
-def test_signals_of_currents_are_those_of_the_checked_function():
-    rng = np.random.default_rng(1)
-    for currents in (*divide_currents(*(LOWER + rng.random((20, 3)) * (UPPER - LOWER)).T, N), rng.random(6)):
-        found = undivide_currents(currents, N)
-        expected = (found.u, found.x, found.y, found.mismatch)
-        np.testing.assert_allclose(signals(currents, N), expected, rtol=1e-12, atol=1e-14)
-        np.testing.assert_allclose(divide(*expected[:3], N), divide_currents(*expected[:3], N), rtol=1e-13)
-    assert signals(np.array([1.0, -1, 2, -2, 3, -3]), N) == (0.0, 0.0, 0.0, np.inf)
-
-
-@pytest.fixture(scope="module")
-def table():
-    """Uneven knots, four at each end; anything at nodes as uneven."""
-    rng = np.random.default_rng(2)
-    inner = (np.array([1.3, 1.4, 1.9]), np.array([-0.1, 0.0, 0.02]), np.array([0.1]))
-    pairs = list(zip(LOWER, inner, UPPER, strict=True))
-    knots = tuple(np.concatenate([[low] * 4, between, [high] * 4]) for low, between, high in pairs)
-    nodes = tuple(np.concatenate([[low], between, [high]]) for low, between, high in pairs)
-    coefficients = rng.standard_normal((7, 7, 5, 3))
-    slopes = rng.standard_normal((5, 5, 3, 6, 3))
-    return (np.array([N, np.inf]), np.array([1e-9]), LOWER, UPPER, knots, coefficients, nodes, slopes)
-
-
-def test_the_kernel_evaluates_the_tensor_product_of_b_splines(table):
-    rng = np.random.default_rng(3)
-    knots, coefficients = table[4:6]
-    corners = [(LOWER[0], LOWER[1], LOWER[2]), (UPPER[0], LOWER[1], UPPER[2]), (1.4, 0.0, 0.1)]
-    for values in (*corners, *(LOWER + rng.random((20, 3)) * (UPPER - LOWER))):
-        bases = [BSpline(t, np.eye(len(t) - 4), 3)(v) for t, v in zip(knots, values, strict=True)]
-        expected = np.einsum("a,b,c,abck->k", *bases, coefficients)
-        out = np.empty(9)
-        currents = divide_currents(*values, N)
-        # Rounding may put the signals of a corner just outside.
-        wide = (*table[:2], LOWER - 1e-9, UPPER + 1e-9, *table[4:])
-        assert table_weights(wide, currents, out) == FOUND
-        np.testing.assert_array_equal(out[:6], currents)
-        np.testing.assert_allclose(out[6:], expected, rtol=1e-6, atol=1e-6)
-
-
-def test_beside_and_beyond_it_the_slopes_go_on_from_the_nearest_division(table):
-    nodes, slopes = table[6:]
-    out, near = np.empty(9), np.empty(9)
-    aside = 0.01 * np.array([1, -1, 1, -1, 1, -1])
-    for signal, to, status in (
-        ((1.63, 0.117, -0.212), aside, NOT_A_DIVISION),
-        ((2.3, 0.05, 0.05), 0.0, BEYOND),
-        ((1.5, -0.41, 0.25), aside, BEYOND),
-    ):
-        currents = divide_currents(*signal, N) + to
-        found = undivide_currents(currents, N)
-        place = np.clip([found.u, found.x, found.y], LOWER, UPPER)
-        division = divide_currents(*place, N)
-        wide = (table[0], np.array([1.0]), LOWER - 1e-9, UPPER + 1e-9, *table[4:])
-        assert table_weights(wide, division, near) == FOUND
-        assert table_weights(table, currents, out) == status
-        slope = RegularGridInterpolator(nodes, slopes)(place)[0]
-        np.testing.assert_allclose(out[6:], near[6:] + (currents - division) @ slope, rtol=1e-7, atol=1e-9)
-        np.testing.assert_array_equal(out[:6], currents)
-
-
-def test_corners_of_the_table_belong_to_it():
-    """Their signals are found from currents, to rounding; a millionth of the range beyond is outside."""
-    axes = [np.linspace(low, high, 5) for low, high in zip(LOWER, UPPER, strict=True)]
-    nothing = np.zeros((5, 5, 5, 3)), np.zeros((5, 5, 5, 6, 3))
-    made = tables.spline_table(axes, LiftAndDirections(N), *nothing)
-    out = np.empty(9)
-    for shares in product((0.0, 1.0), repeat=3):
-        corner = LOWER + shares * (UPPER - LOWER)
-        assert table_weights(made, divide_currents(*corner, N), out) == FOUND
-        for beyond in corner + 1e-6 * np.diag((2 * np.array(shares) - 1) * (UPPER - LOWER)):
-            assert table_weights(made, divide_currents(*beyond, N), out) == BEYOND
-
-
-def test_the_limit_of_a_division_is_that_of_its_table():
-    axes = [np.linspace(low, high, 5) for low, high in zip(LOWER, UPPER, strict=True)]
-    currents, nothing = (
-        divide_currents(1.63, 0.117, -0.212, N),
-        (np.zeros((5, 5, 5, 3)), np.zeros((5, 5, 5, 6, 3))),
-    )
-    for share, status in ((1.0001, FOUND), (0.9999, BEYOND)):
-        divided = LiftAndDirections(N, limit=share * currents.max())
-        assert table_weights(tables.spline_table(axes, divided, *nothing), currents, np.empty(9)) == status
-
-
-def test_a_coil_above_the_limit_is_beyond_the_table(table):
-    currents = divide_currents(1.63, 0.117, -0.212, N)
-    out, limited = np.empty(9), np.empty(9)
-    assert table_weights(table, currents, out) == FOUND
-    for limit, status in ((1.0001, FOUND), (0.9999, BEYOND)):
-        narrow = (np.array([N, limit * currents.max()]), *table[1:])
-        assert table_weights(narrow, currents, limited) == status
-        np.testing.assert_allclose(limited, out, rtol=1e-9)
-
-
-def test_no_currents_and_not_a_number_do_no_harm(table):
-    out = np.empty(9)
-    assert table_weights(table, np.zeros(6), out) == BEYOND
-    assert np.isfinite(out).all()
-    assert table_weights(table, np.full(6, np.nan), out) == BEYOND
-    assert np.isnan(out).all()
 
 
 @pytest.fixture(scope="module")
@@ -217,7 +105,6 @@ def weak(model):
 def test_compiled_code_changes_the_currents_too(pair):
     _, table = pair
     function, held = table.compiled()
-    assert function is tabulated_at_currents
 
     @numba.njit
     def sum_along(function, held, currents):
