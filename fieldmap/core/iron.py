@@ -2,25 +2,11 @@
 
 from typing import Any
 
-import numpy as np
-
 from fieldmap.core.library import LIBRARY
 from fieldmap.typing import Array
 
 FOUND, NOT_FINITE, BEYOND, NOT_CONVERGED = 0, 2, 32, 33
 """What a solve says: it was found; a current is no number; currents beyond the domain; too many steps."""
-
-
-# Positions in an array for loops; before a run begins the first is 0.
-ADDRESS, SOLVES, NEWTON_STEPS, UNSOLVED, OUTSIDE, TOLERANCE = 0, 2, 3, 4, 5, 6
-_COUNT, _HEAD = 7, 12
-
-
-def begun(array: Array) -> Array:
-    """A copy of a model's `array` for a run of its own: it remembers nothing, and names the function to call."""
-    copy = array.copy()
-    LIBRARY.iron_array_begin(copy)
-    return copy
 
 
 class CoreIron:
@@ -34,15 +20,6 @@ class CoreIron:
         """What the solves of one thread remember, nothing yet."""
         return IronState(LIBRARY.iron_state(self._model))
 
-    def array(self, tolerance: float) -> Array:
-        """The model and a state of its own in one array, for compiled loops: see fieldmap/core/iron_array.h. Currents
-        beyond the domain are solved, too. What it remembers, and the address that loops call, are those of this array
-        alone: `begun` for a copy."""
-        array = np.zeros(LIBRARY.iron_array_length(self._model))
-        array[TOLERANCE], array[_COUNT] = tolerance, self.numbers.size
-        array[_HEAD : _HEAD + self.numbers.size] = self.numbers
-        return array
-
     def __reduce__(self) -> tuple[Any, ...]:
         return CoreIron, (self.numbers,)
 
@@ -51,7 +28,7 @@ class IronState:
     """What solves remember: the last states, from which one near them begins. For one thread at a time."""
 
     def __init__(self, state: Any) -> None:
-        self._state = state
+        self.state = state
 
     def solve(
         self,
@@ -69,15 +46,15 @@ class IronState:
         tolerance: what the solve may leave of the state, in the norm of the energy; for slopes a hundredth of it.
         checked: whether currents beyond the domain are refused. fresh: begin from nothing.
         """
-        return int(LIBRARY.iron_solve(self._state, currents, tolerance, checked, fresh, weights, slopes))
+        return int(LIBRARY.iron_solve(self.state, currents, tolerance, checked, fresh, weights, slopes))
 
     @property
     def amplitudes(self) -> Array:
         """Of the modes (r,) in the last state."""
-        amplitudes: Array = LIBRARY.iron_amplitudes(self._state)[0]
+        amplitudes: Array = LIBRARY.iron_amplitudes(self.state)[0]
         return amplitudes
 
     @property
     def left(self) -> float:
         """What the last solve left of the state, estimated."""
-        return float(LIBRARY.iron_amplitudes(self._state)[1])
+        return float(LIBRARY.iron_amplitudes(self.state)[1])

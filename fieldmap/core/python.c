@@ -9,6 +9,7 @@
 #include "python_body.h"
 #include "python_controller.h"
 #include "python_iron.h"
+#include "python_machine.h"
 #include "python_map.h"
 #include "python_table.h"
 #if defined(__x86_64__) && defined(__GNUC__)
@@ -38,11 +39,21 @@ static PyObject *is_for_newer(PyObject *self, PyObject *const *args, Py_ssize_t 
 
 static PyMethodDef functions[] = {
     FUNCTION(is_for_newer), MAP_FUNCTIONS, BODY_FUNCTIONS, CONTROLLER_FUNCTIONS, IRON_FUNCTIONS, TABLE_FUNCTIONS,
-    {NULL, NULL, 0, NULL}};
+    MACHINE_FUNCTIONS, {NULL, NULL, 0, NULL}};
+
+#define CONSTANT(name) {#name, FIELDMAP_##name}
+
+/* Numbers that the core's enumerations give to names. */
+static const struct {
+    const char *name;
+    long value;
+} constants[] = {MACHINE_CONSTANTS};
 
 static int start(PyObject *module)
 {
-    (void)module;
+    size_t k;
+    for (k = 0; k < sizeof constants / sizeof *constants; k++)
+        if (PyModule_AddIntConstant(module, constants[k].name, constants[k].value) != 0) return -1;
     return PyArray_ImportNumPyAPI();
 }
 

@@ -34,18 +34,6 @@ static const fieldmap_controller *controller_in(PyObject *capsule)
     return held == NULL ? NULL : &held->controller;
 }
 
-/* The numbers of an attribute of `count` numbers, which `arrays` keeps alive; NULL and an error where it does not fit. */
-static const double *kept_attribute(PyObject *of, const char *name, int dimensions, npy_intp count, PyObject *arrays)
-{
-    PyArrayObject *array = array_attribute(of, name, dimensions);
-    const double *numbers = NULL;
-    if (array == NULL) return NULL;
-    if (PyArray_SIZE(array) != count) PyErr_Format(PyExc_TypeError, "%s must hold %zd numbers", name, (Py_ssize_t)count);
-    else if (PyList_Append(arrays, (PyObject *)array) == 0) numbers = (const double *)PyArray_DATA(array);
-    Py_DECREF(array);
-    return numbers;
-}
-
 /* Read the sizes from D (nodes, outputs, 7) and A (nodes, states, states). */
 static int read_sizes(PyObject *given, fieldmap_controller *out)
 {

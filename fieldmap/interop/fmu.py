@@ -30,7 +30,6 @@ from fieldmap.arguments import check_choice, check_signal
 from fieldmap.core.headers import in_one
 from fieldmap.errors import FieldmapError, InputError, Problem
 from fieldmap.interop.c_map import write_c_map
-from fieldmap.kernels.motion.layout import INERTIA
 from fieldmap.lookup import FieldMap, MagneticBody, MapAtCurrents
 from fieldmap.store.whole_files import write_whole
 from fieldmap.typing import Array
@@ -222,7 +221,7 @@ def _of_body(vector: Callable[..., list[_Variable]], body: RigidBody) -> list[_V
     found += vector(_TWIST, "twist", "input", "N.m", "torque that disturbs, frame of the map", zero)
     found.append(_Variable(_MASS, "mass", "parameter", "kg", "of the body", body.mass))
     # Of an upright body what the simulator takes for it.
-    inertia = body.numbers()[INERTIA : INERTIA + 3]
+    inertia = body.numbers().inertia
     found += vector(_INERTIA, "inertia", "parameter", "kg.m2", "principal moments", inertia)
     found.append(_Variable(_GRAVITY, "gravity", "parameter", "m/s2", "downward", body.gravity))
     about = "longest step of the integrator inside, co-simulation only"

@@ -129,7 +129,7 @@ class ContractedEvaluator:
     places = 1
 
     def __init__(self, block: Array, potential_block: Array) -> None:
-        self._block = block
+        self.block = block
         self._core = CoreMap(block)
         self._of_potential = _potential_core(self._core, block, potential_block)
         self.field_at, self.dipole_wrench_at = self._core.field_at, self._core.dipole_wrench_at
@@ -156,7 +156,7 @@ class ContractedEvaluator:
 
     def compiled(self) -> tuple[Any, Any]:
         """See `Evaluator`."""
-        return kernels.at, completed(self._block)
+        return kernels.at, completed(self.block)
 
 
 def _potential_core(core: CoreMap, block: Array, potential_block: Array) -> CoreMap:
@@ -352,6 +352,14 @@ class MapAtCurrents(TakesPoints, own_shapes=ONE_POINT):
     def compiled(self) -> tuple[Any, Any]:
         """(function, data) for numba functions: see `FieldMap.compiled`."""
         return self._evaluator.compiled()
+
+    @property
+    def block(self) -> Array:
+        """The coefficients as the C core takes them. Raises InputError where another evaluator answers."""
+        if isinstance(self._evaluator, ContractedEvaluator):
+            return self._evaluator.block
+        must_hold, remedy = "must be one that the C core evaluates", "open the map with another kind"
+        raise InputError(Problem("the map's interpolant", must_hold, type(self._evaluator).__name__, remedy))
 
     def _fill(self, evaluate: Callable[..., int], points: Array, *results: Array) -> None:
         in_chunks(lambda p, *r: evaluate(p, _ONE, *r), points, results, self._box)

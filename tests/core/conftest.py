@@ -4,11 +4,12 @@ import sys
 
 import pytest
 
-from fieldmap.core import body, controller, current_table, harmonics, iron, map
-from fieldmap.core.compile import libraries, machine
+from fieldmap.core import body, closed_loop, controller, current_table, harmonics, iron, machine, map
+from fieldmap.core.compile import libraries
+from fieldmap.core.compile import machine as architecture
 from fieldmap.core.library import loaded
 
-OLDEST, *NEWER = libraries(machine(), sys.platform).values()
+OLDEST, *NEWER = libraries(architecture(), sys.platform).values()
 
 
 @pytest.fixture(params=[OLDEST, *NEWER], ids=lambda path: path.name.split(".")[1], autouse=True)
@@ -17,6 +18,6 @@ def library(request, monkeypatch):
     found = loaded(request.param)
     if request.param != OLDEST and not found.is_for_newer():
         pytest.skip("not for this processor")
-    for module in (body, controller, current_table, harmonics, iron, map):
+    for module in (body, closed_loop, controller, current_table, harmonics, iron, machine, map):
         monkeypatch.setattr(module, "LIBRARY", found)
     return found

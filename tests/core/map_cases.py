@@ -17,15 +17,15 @@ KINDS = {
 CURRENTS = np.array([0.7, -1.3])
 
 
-def block_of(kind, outside="nan", degree=5):
-    """A block of random coefficients with two sets, and the size of a set; NaN lies on both sides of it."""
+def block_of(kind, outside="nan", degree=5, sets=2):
+    """A block of random coefficients with so many sets, and the size of a set; NaN lies on both sides of it."""
     box = Grid(GRID.lower, GRID.upper - GRID.lower, (2, 2, 2)) if kind == "global" else GRID
     start = header(
-        KINDS[kind], box, 2, outside, 0 if kind == "hermite" else degree, 1.0 if kind == "hermite" else 0.2
+        KINDS[kind], box, sets, outside, 0 if kind == "hermite" else degree, 1.0 if kind == "hermite" else 0.2
     )
     size = hermite.NODE if kind == "hermite" else (degree + 1) ** 2
     places = math.prod(box.shape) if kind == "hermite" else math.prod(n - 1 for n in box.shape)
-    numbers = np.random.default_rng(3).normal(size=places * 2 * size)
+    numbers = np.random.default_rng(3).normal(size=places * sets * size)
     nothing = np.full(1000, np.nan)
     whole = np.concatenate([nothing, start, numbers, nothing])
     return whole[1000:-1000], size

@@ -9,6 +9,7 @@ import numpy as np
 
 from fieldmap.control.blocks import Controller, stacked
 from fieldmap.control.function_controller import FunctionController, as_controller
+from fieldmap.core.machine import POSITION, TURN, VELOCITY
 from fieldmap.deprecated import warn_renamed
 from fieldmap.device import Device
 from fieldmap.dynamics.allocation import ParametrisedAllocation
@@ -29,7 +30,6 @@ from fieldmap.dynamics.scenario.references import disturbances, open_loop_signal
 from fieldmap.dynamics.scenario.start import magnet_at, operating_point_at, starting_currents, with_depth
 from fieldmap.errors import NoEquilibrium
 from fieldmap.field import Field
-from fieldmap.kernels.motion.layout import POSITION, TURN, VELOCITY
 from fieldmap.lookup import FieldMap, division_domain, saturates
 from fieldmap.records import Record
 from fieldmap.typing import Array
