@@ -28,7 +28,7 @@ typedef struct fieldmap_moving_dipole {
 } fieldmap_moving_dipole;
 
 /* The part of a vector along n, of length 1, and in `plane` the rest. */
-static inline double fieldmap_split(const double *vector, const double *n, double *plane)
+FIELDMAP_INLINE double fieldmap_split(const double *vector, const double *n, double *plane)
 {
     const double along = fieldmap_dot(vector, n);
     int i;
@@ -38,7 +38,7 @@ static inline double fieldmap_split(const double *vector, const double *n, doubl
 
 /* Force[3] of eddy currents on a dipole, and turning[3], so that the torque is moment x turning: (16), (17). On or behind
  * the face the formula has no meaning and gives NaN. */
-static inline void fieldmap_plate_force(
+FIELDMAP_INLINE void fieldmap_plate_force(
     const fieldmap_plate *plate, const fieldmap_moving_dipole *dipole, double *force, double *turning)
 {
     const double mu0 = 1.25663706127e-6, pi = 3.14159265358979323846, *n = plate->normal;
@@ -65,14 +65,14 @@ static inline void fieldmap_plate_force(
     }
 }
 
-static inline double fieldmap_resist(double linear, double quadratic, double speed)
+FIELDMAP_INLINE double fieldmap_resist(double linear, double quadratic, double speed)
 {
     return -(linear + quadratic * fabs(speed)) * speed;
 }
 
 /* Add the force of drag on a body that is turned by r[9], frame of the map, and its torque, frame of the body. velocity[3]:
  * frame of the map; angular_velocity[3]: frame of the body. */
-static inline void fieldmap_add_drag(const fieldmap_drag *drag, const double *r, const double *velocity,
+FIELDMAP_INLINE void fieldmap_add_drag(const fieldmap_drag *drag, const double *r, const double *velocity,
                                      const double *angular_velocity, double *force, double *torque)
 {
     double own[3], along[3], in_map[3];
@@ -87,7 +87,7 @@ static inline void fieldmap_add_drag(const fieldmap_drag *drag, const double *r,
 }
 
 /* The same of eddy currents in a plate. position[3]: of the body; seen: the dipole for which the plate takes its magnets. */
-static inline void fieldmap_add_eddies(const fieldmap_plate *plate, const fieldmap_dipole *seen, const double *position,
+FIELDMAP_INLINE void fieldmap_add_eddies(const fieldmap_plate *plate, const fieldmap_dipole *seen, const double *position,
                                        const double *r, const double *velocity, const double *angular_velocity,
                                        double *force, double *torque)
 {

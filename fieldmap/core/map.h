@@ -55,7 +55,7 @@ typedef struct fieldmap_spot {
 
 /* FIELDMAP_OK where the field is known; FIELDMAP_OUTSIDE, with the nearest spot of the box; or FIELDMAP_NOT_FINITE, with
  * any spot. A point that rounding puts outside lies inside. */
-static inline int fieldmap_locate(const fieldmap *map, const fm_real *point, fieldmap_spot *spot)
+FIELDMAP_INLINE int fieldmap_locate(const fieldmap *map, const fm_real *point, fieldmap_spot *spot)
 {
     const fm_real edge = sizeof(fm_real) < 8 ? FM(1e-5) : FM(1e-9);
     int axis, inside = 1, finite = 1;
@@ -126,14 +126,14 @@ static inline void fieldmap_bases(const fieldmap *map, const fieldmap_spot *spot
 }
 
 /* The spot in the coordinates of its polynomial: from the middle of the cell, in its unit of length. */
-static inline void fieldmap_from_middle(const fieldmap *map, const fieldmap_spot *spot, fm_real local[3])
+FIELDMAP_INLINE void fieldmap_from_middle(const fieldmap *map, const fieldmap_spot *spot, fm_real local[3])
 {
     int axis;
     for (axis = 0; axis < 3; axis++) local[axis] = (spot->t[axis] - FM(0.5)) * map->local[axis];
 }
 
 /* flux[3] and, unless NULL, gradient[9] from the nine of harmonics.h. */
-static inline void fieldmap_store(fm_real per_length, const fm_real *nine, size_t step, fm_real *flux, fm_real *gradient)
+FIELDMAP_INLINE void fieldmap_store(fm_real per_length, const fm_real *nine, size_t step, fm_real *flux, fm_real *gradient)
 {
     flux[0] = nine[0], flux[1] = nine[step], flux[2] = nine[2 * step];
     if (gradient == NULL) return;
@@ -178,7 +178,7 @@ static inline void fieldmap_field_of_corners(
 }
 
 /* flux[3] and, unless NULL, gradient[9] at a spot from the coefficients of its polynomial. */
-static inline void fieldmap_field_of_polynomial(
+FIELDMAP_INLINE void fieldmap_field_of_polynomial(
     const fieldmap *map, const fm_real *c, const fieldmap_spot *spot, fm_real *flux, fm_real *gradient)
 {
     fm_real local[3], nine[FIELDMAP_NINE];
@@ -191,7 +191,7 @@ static inline void fieldmap_field_of_polynomial(
 }
 
 /* flux[3] and, unless NULL, gradient[9] at a spot from a row of fieldmap_gather. */
-static inline void fieldmap_field_of_row(
+FIELDMAP_INLINE void fieldmap_field_of_row(
     const fieldmap *map, const fm_real *row, const fieldmap_spot *spot, fm_real *flux, fm_real *gradient)
 {
     if (map->kind == FIELDMAP_HERMITE) {

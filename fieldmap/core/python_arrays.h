@@ -104,7 +104,7 @@ static int numbers_attribute(PyObject *of, const char *name, int dimensions, npy
     fits = PyArray_SIZE(array) == count;
     if (fits) memcpy(out, PyArray_DATA(array), (size_t)count * sizeof(double));
     else PyErr_Format(PyExc_TypeError, "%s must hold %zd numbers", name, (Py_ssize_t)count);
-    Py_DECREF(array);
+    Py_DECREF((PyObject *)array);
     return fits;
 }
 
@@ -119,7 +119,7 @@ static double *kept_attribute(PyObject *of, const char *name, int dimensions, np
         PyErr_Format(PyExc_TypeError, "%s must hold %zd numbers", name, (Py_ssize_t)count);
     else if (PyList_Append(kept, (PyObject *)array) == 0)
         numbers = (double *)PyArray_DATA(array);
-    Py_DECREF(array);
+    Py_DECREF((PyObject *)array);
     return numbers;
 }
 

@@ -48,7 +48,7 @@ static int read_soft(PyObject *given, fieldmap_soft *piece)
     sound = PyArray_DIM(law, 0) == 4 && PyArray_DIM(law, 1) < 1000000;
     piece->knots = (int)PyArray_DIM(law, 1);
     if (!sound) PyErr_SetString(PyExc_TypeError, "law must be (4, knots)");
-    Py_DECREF(law);
+    Py_DECREF((PyObject *)law);
     return sound;
 }
 

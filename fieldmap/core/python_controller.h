@@ -45,8 +45,8 @@ static int read_sizes(PyObject *given, fieldmap_controller *out)
             && PyArray_DIM(A, 0) == out->nodes;
         if (!sound) PyErr_SetString(PyExc_TypeError, "A must be (nodes, states, states) and D (nodes, outputs, 7)");
     }
-    Py_XDECREF(A);
-    Py_XDECREF(D);
+    Py_XDECREF((PyObject *)A);
+    Py_XDECREF((PyObject *)D);
     return sound;
 }
 
@@ -62,7 +62,7 @@ static int read_hold(PyObject *given, fieldmap_controller *out, PyObject *arrays
     for (i = 0; i < out->states && sound; i++) sound = out->hold[i] >= -1 && out->hold[i] < out->outputs;
     if (!sound) PyErr_SetString(PyExc_TypeError, "hold must be int64 (states,), each the number of an output or -1");
     sound = sound && PyList_Append(arrays, (PyObject *)array) == 0;
-    Py_DECREF(array);
+    Py_DECREF((PyObject *)array);
     return sound;
 }
 

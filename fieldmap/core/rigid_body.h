@@ -57,7 +57,7 @@ static inline int fieldmap_load(const fieldmap_path *field, const fieldmap_rigid
 }
 
 /* What a body loses at velocities, at rest in place and turn: force[3], frame of the map, torque[3], frame of the body. */
-static inline void fieldmap_losses(const fieldmap_rigid_body *body, const double *position, const double *r,
+FIELDMAP_INLINE void fieldmap_losses(const fieldmap_rigid_body *body, const double *position, const double *r,
                                    const double *velocity, const double *angular_velocity, double *force, double *torque)
 {
     int i;
@@ -67,30 +67,39 @@ static inline void fieldmap_losses(const fieldmap_rigid_body *body, const double
         fieldmap_add_eddies(&body->plate, &body->seen_by_plate, position, r, velocity, angular_velocity, force, torque);
 }
 
+/* How much velocity and angular velocity change by a unit of load. */
+FIELDMAP_INLINE void fieldmap_mobility(const fieldmap_rigid_body *body, double *per)
+{
+    int i;
+    per[0] = per[1] = per[2] = 1.0 / body->mass;
+    for (i = 0; i < 3; i++) per[3 + i] = 1.0 / body->inertia[i];
+}
+
 /* Rates of velocity and angular velocity, the latter without its gyroscopic part, at velocities[6], both behind each
- * other. */
-static inline void fieldmap_changes(const fieldmap_rigid_body *body, const double *position, const double *r,
-                                    const double *load, const double *velocities, double *rates)
+ * other. per: of fieldmap_mobility. */
+FIELDMAP_INLINE void fieldmap_changes(const fieldmap_rigid_body *body, const double *per, const double *position,
+                                      const double *r, const double *load, const double *velocities, double *rates)
 {
     double force[3], torque[3];
     int i;
     fieldmap_losses(body, position, r, velocities, velocities + 3, force, torque);
     for (i = 0; i < 3; i++) {
-        rates[i] = (load[i] + force[i]) / body->mass;
-        rates[3 + i] = (load[3 + i] + torque[i]) / body->inertia[i];
+        rates[i] = (load[i] + force[i]) * per[i];
+        rates[3 + i] = (load[3 + i] + torque[i]) * per[3 + i];
     }
 }
 
 /* Velocities after a time h at rest in place and turn; with losses by a Runge-Kutta rule of second or fourth order. */
-static inline void fieldmap_kick(
+FIELDMAP_INLINE void fieldmap_kick(
     const fieldmap_rigid_body *body, fieldmap_state *state, const double *load, double h, int order)
 {
-    double r[9], from[6], at[6], k[4][6];
+    double r[9], per[6], from[6], at[6], k[4][6];
     int i, stage;
+    fieldmap_mobility(body, per);
     if (!body->lossy && !(body->plate.conductivity > 0.0)) {
         for (i = 0; i < 3; i++) {
-            state->velocity[i] += h * load[i] / body->mass;
-            state->angular_velocity[i] += h * load[3 + i] / body->inertia[i];
+            state->velocity[i] += h * load[i] * per[i];
+            state->angular_velocity[i] += h * load[3 + i] * per[3 + i];
         }
         return;
     }
@@ -98,7 +107,7 @@ static inline void fieldmap_kick(
     for (i = 0; i < 3; i++) from[i] = state->velocity[i], from[3 + i] = state->angular_velocity[i];
     for (i = 0; i < 6; i++) at[i] = from[i];
     for (stage = 0; stage < order; stage++) {
-        fieldmap_changes(body, state->position, r, load, at, k[stage]);
+        fieldmap_changes(body, per, state->position, r, load, at, k[stage]);
         for (i = 0; i < 6; i++) at[i] = from[i] + (stage < 2 ? 0.5 * h : h) * k[stage][i];
     }
     for (i = 0; i < 6; i++) {
@@ -109,7 +118,7 @@ static inline void fieldmap_kick(
 }
 
 /* Free motion for a time h. */
-static inline void fieldmap_fly(const fieldmap_rigid_body *body, fieldmap_state *state, double h)
+FIELDMAP_INLINE void fieldmap_fly(const fieldmap_rigid_body *body, fieldmap_state *state, double h)
 {
     int i;
     for (i = 0; i < 3; i++) state->position[i] += h * state->velocity[i];
@@ -119,7 +128,7 @@ static inline void fieldmap_fly(const fieldmap_rigid_body *body, fieldmap_state 
 
 /* A step of second order, with kicks by a rule of `order`. load[6] goes in as that at the beginning and comes out as that at
  * the end; the field has the weights at the end. The status of the map, and what is touched, at the end. */
-static inline int fieldmap_symmetric_step(const fieldmap_path *field, const fieldmap_rigid_body *body, fieldmap_state *state,
+FIELDMAP_INLINE int fieldmap_symmetric_step(const fieldmap_path *field, const fieldmap_rigid_body *body, fieldmap_state *state,
                                           double *load, double h, int order, int *touched)
 {
     int status;
@@ -147,12 +156,13 @@ static inline int fieldmap_rates(
     const fieldmap_path *field, const fieldmap_rigid_body *body, const fieldmap_state *state, fieldmap_state *out)
 {
     const double *q = state->turn, *s = state->angular_velocity, *inertia = body->inertia;
-    double r[9], load[6], velocities[6], changes[6];
+    double r[9], per[6], load[6], velocities[6], changes[6];
     int i, touched, status = fieldmap_load(field, body, state, load, &touched);
     if (status != FIELDMAP_OK) return status;
     fieldmap_rotation(q, r);
     for (i = 0; i < 3; i++) velocities[i] = state->velocity[i], velocities[3 + i] = s[i];
-    fieldmap_changes(body, state->position, r, load, velocities, changes);
+    fieldmap_mobility(body, per);
+    fieldmap_changes(body, per, state->position, r, load, velocities, changes);
     out->turn[0] = -0.5 * (q[1] * s[0] + q[2] * s[1] + q[3] * s[2]);
     out->turn[1] = 0.5 * (q[0] * s[0] + q[2] * s[2] - q[3] * s[1]);
     out->turn[2] = 0.5 * (q[0] * s[1] + q[3] * s[0] - q[1] * s[2]);
