@@ -96,11 +96,10 @@ def write_c32_files(field: FieldMap | MapAtCurrents, path: str | PathLike[str]) 
         must_hold = f"must have at most {_MOST_CONSTANTS} coefficients"
         remedy = 'open it with kind="global", or write_c_map for a file'
         raise InputError(Problem(where, must_hold, f"{count}", remedy))
-    header = Path(__file__).with_name("fieldmap32.h")
+    header = target.with_name("fieldmap32.h")
     write_whole(target, _constants(plain, names, target.stem, constant).encode())
-    beside = target.with_name(header.name)
-    write_whole(beside, header.read_bytes())
-    return target, beside
+    write_whole(header, in_one(header.name).encode())
+    return target, header
 
 
 def _constants(block: NDArray[np.float64], names: tuple[str, ...], stem: str, constant: bool) -> str:
@@ -126,7 +125,7 @@ def _constants(block: NDArray[np.float64], names: tuple[str, ...], stem: str, co
 #endif
 #include "fieldmap32.h"
 {needed if constant else ""}
-static const float {name}_coefficients[{len(numbers)}] = {{
+static const fm32_real {name}_coefficients[{len(numbers)}] = {{
 {rows}
 }};
 
