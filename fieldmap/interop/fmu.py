@@ -1,6 +1,6 @@
 """A map as a functional mock-up unit (FMI 2.0 or 3.0), by itself or with a rigid body in its field.
 
-The unit is the C source fmu.c, which lies beside this module, and fieldmap.h of the C core, compiled with a header of
+The unit is the C source fmu.c, which lies beside this module, and fieldmap_body.h of the C core, compiled with a header of
 numbers, and the map's flat file as its resource: no Python at run time. Value references are positions in one array,
 see fmu.c.
 """
@@ -130,7 +130,7 @@ def write_fmu(
         work = Path(folder)
         flat = write_c_map(field, work / "map.fmap")
         shutil.copy(_source(), work)
-        (work / "fieldmap.h").write_text(in_one("fieldmap.h"), encoding="utf-8")
+        (work / "fieldmap_body.h").write_text(in_one("fieldmap_body.h"), encoding="utf-8")
         numbers = _numbers_header(version, len(coils), carried, seat, body, variables)
         # The same map and magnet have the same token.
         token = str(uuid.uuid5(uuid.NAMESPACE_URL, numbers + sha256(flat.read_bytes()).hexdigest()))
@@ -142,7 +142,7 @@ def write_fmu(
         if binary:
             library = _compiled(work, identifier)
             files[f"binaries/{_folder(version)}/{library.name}"] = library.read_bytes()
-        for name in ("fmu.c", "fieldmap.h", "fmu_model.h"):
+        for name in ("fmu.c", "fieldmap_body.h", "fmu_model.h"):
             files[f"sources/{name}"] = (work / name).read_bytes()
         if version == 3:
             files["sources/buildDescription.xml"] = _build_description(identifier).encode()
