@@ -47,7 +47,7 @@ static PyMethodDef functions[] = {
 static const struct {
     const char *name;
     long value;
-} constants[] = {MACHINE_CONSTANTS};
+} constants[] = {MAP_CONSTANTS, MACHINE_CONSTANTS};
 
 static int start(PyObject *module)
 {

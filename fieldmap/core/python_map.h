@@ -335,4 +335,9 @@ static PyObject *derivative_matrix(PyObject *self, PyObject *const *args, Py_ssi
     FUNCTION(map_of_block), FUNCTION(map_sets), FUNCTION(fields), FUNCTION(second_gradients), FUNCTION(potentials), FUNCTION(each_field), \
     FUNCTION(sum_sets), FUNCTION(field_at), FUNCTION(dipole_wrench_at), FUNCTION(harmonics), FUNCTION(derivative_matrix)
 
+#define MAP_CONSTANTS \
+    CONSTANT(KIND), CONSTANT(CLAMPS), CONSTANT(SETS), CONSTANT(DEGREE), CONSTANT(LOWER), CONSTANT(INVERSE), CONSTANT(CELLS), \
+    CONSTANT(LOCAL), CONSTANT(LENGTH), CONSTANT(PER_LENGTH), CONSTANT(HEADER), CONSTANT(HERMITE), CONSTANT(HARMONIC), \
+    CONSTANT(GLOBAL), CONSTANT(NODE)
+
 #endif

@@ -1,7 +1,7 @@
 """A map as a functional mock-up unit (FMI 2.0 or 3.0), by itself or with a rigid body in its field.
 
-The unit is the C source fmu.c, which lies beside this module, and fieldmap_body.h of the C core, compiled with a header of
-numbers, and the map's flat file as its resource: no Python at run time. Value references are positions in one array,
+The unit is the C source fmu.c, which lies beside this module, and fieldmap_body.h of the C core, compiled with a header
+of numbers, and the map's flat file as its resource: no Python at run time. Value references are positions in one array,
 see fmu.c.
 """
 

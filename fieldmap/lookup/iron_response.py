@@ -13,11 +13,11 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import ArrayLike
 
+from fieldmap.core import block as map_block
 from fieldmap.currents import LiftAndDirections
 from fieldmap.errors import InputError, Problem
 from fieldmap.field import coil_currents
 from fieldmap.interpolants import INTERPOLANTS, set_size
-from fieldmap.kernels.map import map_block
 from fieldmap.kernels.map.current_solver import CompiledModel
 from fieldmap.lookup.current_model import CurrentModel
 from fieldmap.lookup.current_table import CurrentTable, tabulate
@@ -33,8 +33,8 @@ def unit_block(field_map: FieldMap) -> Array:
 
     Raises InputError for an interpolant without kernels, which compiled loops cannot evaluate.
     """
-    if INTERPOLANTS[field_map.kind].kernels is None:
-        must_hold = "an interpolant that compiled loops evaluate (fieldmap.kernels.map.lookup.KERNELS)"
+    if INTERPOLANTS[field_map.kind].kind is None:
+        must_hold = "an interpolant that the C core evaluates"
         raise InputError(
             Problem("unit_block(field_map)", must_hold, field_map.kind, "open the map with another kind")
         )

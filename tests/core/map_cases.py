@@ -4,16 +4,12 @@ import math
 
 import numpy as np
 
+from fieldmap.core.block import GLOBAL, HARMONIC, HERMITE, set_size
 from fieldmap.interpolants.form import header
-from fieldmap.kernels.map import cell_harmonics, global_harmonics, hermite
 from fieldmap.store import Grid
 
 GRID = Grid([-0.3, 0.2, 1.0], [0.11, 0.07, 0.13], (3, 2, 4))
-KINDS = {
-    "hermite": hermite.KERNELS,
-    "harmonic": cell_harmonics.KERNELS,
-    "global": global_harmonics.KERNELS,
-}
+KINDS = {"hermite": HERMITE, "harmonic": HARMONIC, "global": GLOBAL}
 CURRENTS = np.array([0.7, -1.3])
 
 
@@ -23,7 +19,7 @@ def block_of(kind, outside="nan", degree=5, sets=2):
     start = header(
         KINDS[kind], box, sets, outside, 0 if kind == "hermite" else degree, 1.0 if kind == "hermite" else 0.2
     )
-    size = hermite.NODE if kind == "hermite" else (degree + 1) ** 2
+    size = set_size(start)
     places = math.prod(box.shape) if kind == "hermite" else math.prod(n - 1 for n in box.shape)
     numbers = np.random.default_rng(3).normal(size=places * sets * size)
     nothing = np.full(1000, np.nan)
