@@ -51,7 +51,7 @@ class IronState:
     """What solves remember: the last states, from which one near them begins. For one thread at a time."""
 
     def __init__(self, state: Any) -> None:
-        self._state = state
+        self.state = state
 
     def solve(
         self,
@@ -69,15 +69,15 @@ class IronState:
         tolerance: what the solve may leave of the state, in the norm of the energy; for slopes a hundredth of it.
         checked: whether currents beyond the domain are refused. fresh: begin from nothing.
         """
-        return int(LIBRARY.iron_solve(self._state, currents, tolerance, checked, fresh, weights, slopes))
+        return int(LIBRARY.iron_solve(self.state, currents, tolerance, checked, fresh, weights, slopes))
 
     @property
     def amplitudes(self) -> Array:
         """Of the modes (r,) in the last state."""
-        amplitudes: Array = LIBRARY.iron_amplitudes(self._state)[0]
+        amplitudes: Array = LIBRARY.iron_amplitudes(self.state)[0]
         return amplitudes
 
     @property
     def left(self) -> float:
         """What the last solve left of the state, estimated."""
-        return float(LIBRARY.iron_amplitudes(self._state)[1])
+        return float(LIBRARY.iron_amplitudes(self.state)[1])

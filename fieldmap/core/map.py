@@ -18,37 +18,42 @@ class CoreMap:
 
     def __init__(self, block: Array, components: int = 3, constant: bool = False) -> None:
         self._given = block, components, constant
-        self._map = LIBRARY.map_of_block(*self._given)
+        self.map = LIBRARY.map_of_block(*self._given)
+
+    @property
+    def block(self) -> Array:
+        """The array in which its coefficients lie."""
+        return self._given[0]
 
     def fields(self, points: Array, weights: Array | None, flux: Array, gradient: Array | None) -> int:
         """flux (n, 3), T, and gradient (n, 3, 3), T/m."""
-        return int(LIBRARY.fields(self._map, points, weights, flux, gradient))
+        return int(LIBRARY.fields(self.map, points, weights, flux, gradient))
 
     def second_gradients(self, points: Array, weights: Array | None, second: Array) -> int:
         """second (n, 3, 3, 3), T/m^2."""
-        return int(LIBRARY.second_gradients(self._map, points, weights, second))
+        return int(LIBRARY.second_gradients(self.map, points, weights, second))
 
     def potentials(self, points: Array, weights: Array | None, values: Array) -> int:
         """values (n,), T m: U with B = -grad U."""
-        return int(LIBRARY.potentials(self._map, points, weights, values))
+        return int(LIBRARY.potentials(self.map, points, weights, values))
 
     def each_field(self, points: Array, flux: Array, gradient: Array | None) -> int:
         """flux (n, sets, 3) and gradient (n, sets, 3, 3) of every set at weight 1, the constant one too."""
-        return int(LIBRARY.each_field(self._map, points, flux, gradient))
+        return int(LIBRARY.each_field(self.map, points, flux, gradient))
 
     def sum_sets(self, weights: Array, out: Array) -> None:
         """out (places * size,): the sets of every place, summed at weights (sets,)."""
-        LIBRARY.sum_sets(self._map, weights, out)
+        LIBRARY.sum_sets(self.map, weights, out)
 
     def field_at(self, point: Any, weights: Any) -> tuple[Array, Array] | None:
         """B (3,) and gradient (3, 3) at a point (3,), or None where it or the weights (sets,) do not fit, or it lies
         outside."""
-        found: tuple[Array, Array] | None = LIBRARY.field_at(self._map, point, weights)
+        found: tuple[Array, Array] | None = LIBRARY.field_at(self.map, point, weights)
         return found
 
     def dipole_wrench_at(self, point: Any, moment: Any, weights: Any) -> Array | None:
         """Force, N, and torque, N m, (6,), on a dipole of moment (3,), A m^2; otherwise as `field_at`."""
-        found: Array | None = LIBRARY.dipole_wrench_at(self._map, point, moment, weights)
+        found: Array | None = LIBRARY.dipole_wrench_at(self.map, point, moment, weights)
         return found
 
     def __reduce__(self) -> tuple[Any, ...]:

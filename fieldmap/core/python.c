@@ -7,6 +7,7 @@
  * BSD-3-Clause, the fieldmap developers.
  */
 #include "python_body.h"
+#include "python_caller.h"
 #include "python_controller.h"
 #include "python_iron.h"
 #include "python_map.h"
@@ -37,12 +38,13 @@ static PyObject *is_for_newer(PyObject *self, PyObject *const *args, Py_ssize_t 
 #define FUNCTION(name) {#name, (PyCFunction)(void (*)(void))name, METH_FASTCALL, NULL}
 
 static PyMethodDef functions[] = {
-    FUNCTION(is_for_newer), MAP_FUNCTIONS, BODY_FUNCTIONS, CONTROLLER_FUNCTIONS, IRON_FUNCTIONS, TABLE_FUNCTIONS,
-    {NULL, NULL, 0, NULL}};
+    FUNCTION(is_for_newer), MAP_FUNCTIONS, BODY_FUNCTIONS, CALLER_FUNCTIONS, CONTROLLER_FUNCTIONS, IRON_FUNCTIONS,
+    TABLE_FUNCTIONS, {NULL, NULL, 0, NULL}};
 
 static int start(PyObject *module)
 {
     (void)module;
+    mark_process();
     return PyArray_ImportNumPyAPI();
 }
 

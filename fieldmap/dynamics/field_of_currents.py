@@ -104,7 +104,7 @@ def superposed(field_map: FieldMap, scale: float = 1.0) -> FieldOfCurrents:
     """
     check_positive("superposed", scale=scale)
     require_affine(field_map, "superposed")
-    _, block = field_map.compiled()
+    block = unit_block(field_map)
     return FieldOfCurrents(block, _superposed(scale), _calibration(scale), bool(field_map.fixed_sources))
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,17 +19,11 @@ from fieldmap.kernels.map.map_block import INSIDE
 from fieldmap.kernels.motion.layout import ANGULAR_VELOCITY, STATE, TURN, VELOCITY
 from fieldmap.kernels.motion.magnet import magnet_energy
 from fieldmap.kernels.motion.step import fixed_currents, rates
+from fieldmap.lookup import MapAtCurrents, unit_block
 from fieldmap.records import Record
 from fieldmap.typing import Array
 
 ORDERS = {"second": 2, "fourth": 4}
-
-
-class Fixed(Protocol):
-    """A field at given currents that compiled code can evaluate: `FieldMap.at(currents)`."""
-
-    def compiled(self) -> tuple[Any, Array]:
-        """(function, block)."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -68,7 +62,7 @@ def state_of(
 
 
 def move(
-    field: Fixed,
+    field: MapAtCurrents,
     body: RigidBody,
     state: ArrayLike,
     duration: float,
@@ -99,7 +93,7 @@ def move(
 
 
 def move_adaptively(
-    field: Fixed,
+    field: MapAtCurrents,
     body: RigidBody,
     state: ArrayLike,
     times: ArrayLike,
@@ -130,7 +124,7 @@ def move_adaptively(
     return np.ascontiguousarray(found.y.T)
 
 
-def energy(field: Fixed, body: RigidBody, states: ArrayLike) -> Array:
+def energy(field: MapAtCurrents, body: RigidBody, states: ArrayLike) -> Array:
     """Kinetic energy, interaction -m . B and weight of states (n, 13), J: constant without losses, dynamics.md (8)."""
     rows = np.atleast_2d(check_signal("energy(states)", states, columns=STATE))
     cached, numbers = _cached(field, body), body.numbers()
@@ -149,9 +143,9 @@ def angular_momentum(body: RigidBody, states: ArrayLike) -> Array:
     return p + w[:, None] * twice + np.cross(u, twice)
 
 
-def _cached(field: Fixed, body: RigidBody) -> tuple[Any, ...]:
+def _cached(field: MapAtCurrents, body: RigidBody) -> tuple[Any, ...]:
     """The field as compiled steps take it: one set of coefficients, of weight 1."""
-    return tuple(keep_field(field.compiled()[1], np.ones(1), body.magnet.count))
+    return tuple(keep_field(unit_block(field), np.ones(1), body.magnet.count))
 
 
 def _checked(where: str, state: ArrayLike) -> Array:

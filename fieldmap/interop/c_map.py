@@ -28,7 +28,7 @@ from fieldmap.errors import InputError, Problem
 from fieldmap.field import require_affine
 from fieldmap.interpolants import INTERPOLANTS, kernels_of
 from fieldmap.kernels.map import map_block
-from fieldmap.lookup import FieldMap, MapAtCurrents
+from fieldmap.lookup import FieldMap, MapAtCurrents, unit_block
 from fieldmap.store.whole_files import write_whole
 
 VERSION, WITH_CONSTANT = 1, 2
@@ -65,7 +65,7 @@ def _contents(field: FieldMap | MapAtCurrents) -> tuple[NDArray[np.float64], tup
     source = field.at(0.0) if isinstance(field, FieldMap) and not field.coil_names else field
     if isinstance(source, FieldMap):
         require_affine(source, "map for C")
-    _, block = source.compiled()
+    block = unit_block(source)
     if isinstance(source, FieldMap):
         return block, source.coil_names, not source.proportional
     return block, ("fixed currents",), False

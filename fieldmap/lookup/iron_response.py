@@ -21,18 +21,21 @@ from fieldmap.kernels.map import map_block
 from fieldmap.kernels.map.current_solver import CompiledModel
 from fieldmap.lookup.current_model import CurrentModel
 from fieldmap.lookup.current_table import CurrentTable, tabulate
+from fieldmap.lookup.evaluation import MapAtCurrents
 from fieldmap.lookup.field_map import FieldMap
 from fieldmap.typing import Array
 
 _made: WeakKeyDictionary[FieldMap, dict[tuple[int, int, int] | None, CurrentTable]] = WeakKeyDictionary()
 
 
-def unit_block(field_map: FieldMap) -> Array:
+def unit_block(field_map: FieldMap | MapAtCurrents) -> Array:
     """The coefficients of all of a map's fields: of the coils per ampere, then of saturating iron at weight 1, then of
-    what no current drives.
+    what no current drives. Of a map at given currents: those of their sum.
 
     Raises InputError for an interpolant without kernels, which compiled loops cannot evaluate.
     """
+    if isinstance(field_map, MapAtCurrents):
+        return field_map._evaluator.core().block
     if INTERPOLANTS[field_map.kind].kernels is None:
         must_hold = "an interpolant that compiled loops evaluate (fieldmap.kernels.map.lookup.KERNELS)"
         raise InputError(

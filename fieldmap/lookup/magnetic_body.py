@@ -16,11 +16,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fieldmap.arguments import checked_vectors
+from fieldmap.core.body import CoreBody
 from fieldmap.errors import InputError, Problem
 from fieldmap.field import AnyField, as_field, coil_currents
-from fieldmap.kernels.map.body_wrench import wrench_and_slopes
-from fieldmap.kernels.map.induced_moment import induced_moments
-from fieldmap.lookup.soft_body import ASSUMPTION, SoftPiece, soft_numbers
+from fieldmap.lookup.soft_body import ASSUMPTION, SoftPiece, core_piece
 from fieldmap.records import Record
 from fieldmap.typing import Array
 
@@ -55,9 +54,10 @@ class MagneticBody(Record):
         return len(self.points) + len(self.soft)
 
     @cached_property
-    def soft_numbers(self) -> Array:
-        """Its soft pieces as compiled code takes them (fieldmap.kernels.map.induced_moment)."""
-        return soft_numbers(self.soft)
+    def core(self) -> CoreBody:
+        """The body as the C core takes it."""
+        dipoles = np.concatenate([self.points, self.moments], axis=1, dtype=np.float64)
+        return CoreBody(np.ascontiguousarray(dipoles), [core_piece(piece) for piece in self.soft])
 
     @cached_property
     def all_points(self) -> Array:
@@ -130,30 +130,26 @@ class MagneticBody(Record):
         flux (count, k, 3), T, and slope (count, k, 3, 3), T/m: of these fields at weight 1, at the points of the body;
         orientation (3, 3): columns its axes. A soft piece's moment follows the weights, dm/dw = (dm/dB) dB/dw.
         """
-        turn = np.array(orientation, dtype=np.float64)
-        arms, dipoles = self.all_points @ turn.T, self.moments @ turn.T
-        soft, k = self.soft_numbers, flux.shape[1]
+        turn, k = np.array(orientation, dtype=np.float64, order="C"), flux.shape[1]
         flux, slope = np.ascontiguousarray(flux), np.ascontiguousarray(slope)
 
         def load(weights: Array) -> tuple[Array, Array]:
             wrench, slopes = np.empty(6), np.empty((6, k))
-            wrench_and_slopes(dipoles, arms, soft, turn, flux, slope, weights, wrench, slopes)
+            self.core.wrench_slopes(turn, np.ascontiguousarray(weights), flux, slope, wrench, slopes)
             return wrench, slopes
 
         return load
 
     def _moments(self, turn: Array, flux: Array, slopes: bool = False) -> tuple[Array, Array, Array]:
         """Moments (n, count, 3) in the frame of the field; of the soft pieces the energies (n, s) and dm/dB
-        (n, s, 3, 3), empty unless asked for."""
-        n, s, size = len(flux), len(self.soft), 3 if slopes else 0
+        (n, s, 3, 3), zero unless asked for."""
+        n, s = len(flux), len(self.soft)
         fixed = np.einsum("nij,qj->nqi", turn, self.moments)
+        induced, energies, by_field = np.empty((n, s, 3)), np.empty((n, s)), np.zeros((n, s, 3, 3))
         if not s:
-            return fixed, np.zeros((n, 0)), np.zeros((n, 0, 3, 3))
-        induced, energies, by_field = np.empty((n, s, 3)), np.empty((n, s)), np.empty((n, s, size, size))
-        at = np.ascontiguousarray(flux[:, len(self.points) :])
-        # A copy of turns that must not be written to, for which the kernel would be compiled as well.
-        turns = np.require(turn, requirements=("C_CONTIGUOUS", "WRITEABLE"))
-        induced_moments(self.soft_numbers, turns, at, induced, energies, by_field)
+            return fixed, energies, by_field
+        at, turns = np.ascontiguousarray(flux[:, len(self.points) :]), np.ascontiguousarray(turn)
+        self.core.induced_moments(turns, at, induced, energies, by_field if slopes else None)
         return np.concatenate([fixed, induced], axis=1), energies, by_field
 
     def _asked(

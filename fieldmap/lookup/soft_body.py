@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import elliprd
 
+from fieldmap.core.body import Soft
 from fieldmap.device.materials import Material, SaturatingMaterial
 from fieldmap.device.payload import SoftBody, shape_text
 from fieldmap.device.placement import Placement
@@ -110,6 +111,17 @@ def knots_of(material: SaturatingMaterial) -> tuple[Array, Array, Array, Array]:
     width = np.diff(h)
     pieces = width * (j[1:] + j[:-1]) / 2.0 + width**2 * (slope[:-1] - slope[1:]) / 12.0
     return h, j, slope, np.concatenate([[0.0], np.cumsum(pieces)])
+
+
+def core_piece(piece: SoftPiece) -> Soft:
+    """The piece as the C core takes it."""
+    centre, axes, factors, law = (
+        np.array(part, dtype=np.float64, order="C")
+        for part in (piece.centre, piece.axes, piece.factors, piece.law)
+    )
+    # Of a piece with a law the core takes no permeability.
+    reluctance = 0.0 if law.size else 1.0 / (piece.mu_r - 1.0)
+    return Soft(centre, axes, factors, float(piece.volume / MU0), reluctance, law)
 
 
 def soft_numbers(pieces: Sequence[SoftPiece], shift: ArrayLike = (0.0, 0.0, 0.0)) -> Array:

@@ -28,7 +28,7 @@ def states(count=6):
 
 def wrench_of(field, body, state, fixed):
     load = np.empty(6)
-    block = field.at(CURRENTS).compiled()[1] if fixed else unit_block(field)
+    block = unit_block(field.at(CURRENTS) if fixed else field)
     weights = np.ones(1) if fixed else CURRENTS
     kept = keep_field(block, weights, len(MAGNET.points))
     numbers = body.numbers()
@@ -62,7 +62,7 @@ def test_the_load_is_minus_the_slope_of_the_energy(axial):
     for state in states(3):
         load = np.empty(6)
         magnet_wrench(
-            keep_field(field.compiled()[1], np.ones(1), len(MAGNET.points)), body.numbers(), state, load
+            keep_field(unit_block(field), np.ones(1), len(MAGNET.points)), body.numbers(), state, load
         )
         slope = np.empty(6)
         for k in range(6):

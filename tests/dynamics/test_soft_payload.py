@@ -9,7 +9,7 @@ import fieldmap as fm
 from fieldmap.dynamics import body_of_payload, prepare, read_scenario, sampled_field, state_of
 from fieldmap.kernels.map.cached_field import keep_field
 from fieldmap.kernels.motion.magnet import field_points, magnet_energy, magnet_wrench
-from fieldmap.lookup import magnetic_body
+from fieldmap.lookup import magnetic_body, unit_block
 from fieldmap.sources import CoilSet
 
 COILS = """
@@ -114,7 +114,7 @@ def test_compiled_force_and_energy_are_those_of_the_body(five):
     body, currents = body_of_payload(payload, centre_of_mass=1e-3), np.array([3.0, -2.0, 5.0, 1.0, 9.0])
     numbers, load = body.numbers(), np.empty(6)
     assert field_points(numbers) == 3
-    kept = keep_field(field.compiled()[1], currents, 3)
+    kept = keep_field(unit_block(field), currents, 3)
     for quaternion in ([1.0, 0.0, 0.0, 0.0], [0.8, 0.3, -0.4, 0.2]):
         state = state_of([0.0021, 0.0012, -0.0157], quaternion=quaternion)
         w, x, y, z = state[6:10]
