@@ -11,6 +11,7 @@
 #include "python_controller.h"
 #include "python_iron.h"
 #include "python_map.h"
+#include "python_mujoco.h"
 #include "python_table.h"
 #if defined(__x86_64__) && defined(__GNUC__)
 #include <cpuid.h>
@@ -39,7 +40,7 @@ static PyObject *is_for_newer(PyObject *self, PyObject *const *args, Py_ssize_t 
 
 static PyMethodDef functions[] = {
     FUNCTION(is_for_newer), MAP_FUNCTIONS, BODY_FUNCTIONS, CALLER_FUNCTIONS, CONTROLLER_FUNCTIONS, IRON_FUNCTIONS,
-    TABLE_FUNCTIONS, {NULL, NULL, 0, NULL}};
+    MUJOCO_FUNCTIONS, TABLE_FUNCTIONS, {NULL, NULL, 0, NULL}};
 
 static int start(PyObject *module)
 {

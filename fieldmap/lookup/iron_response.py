@@ -13,6 +13,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import ArrayLike
 
+from fieldmap.core import CoreMap
 from fieldmap.currents import LiftAndDirections
 from fieldmap.errors import InputError, Problem
 from fieldmap.field import coil_currents
@@ -28,6 +29,12 @@ from fieldmap.typing import Array
 _made: WeakKeyDictionary[FieldMap, dict[tuple[int, int, int] | None, CurrentTable]] = WeakKeyDictionary()
 
 
+def core_map(field_map: FieldMap | MapAtCurrents) -> CoreMap:
+    """The map as the C core takes it: of all fields that `unit_block` has. Of a map with linear iron its weights are
+    the currents of the coils. Raises InputError for a map whose evaluator is not the C core."""
+    return field_map._evaluator.core()
+
+
 def unit_block(field_map: FieldMap | MapAtCurrents) -> Array:
     """The coefficients of all of a map's fields: of the coils per ampere, then of saturating iron at weight 1, then of
     what no current drives. Of a map at given currents: those of their sum.
@@ -35,7 +42,7 @@ def unit_block(field_map: FieldMap | MapAtCurrents) -> Array:
     Raises InputError for an interpolant without kernels, which compiled loops cannot evaluate.
     """
     if isinstance(field_map, MapAtCurrents):
-        return field_map._evaluator.core().block
+        return core_map(field_map).block
     if INTERPOLANTS[field_map.kind].kernels is None:
         must_hold = "an interpolant that compiled loops evaluate (fieldmap.kernels.map.lookup.KERNELS)"
         raise InputError(

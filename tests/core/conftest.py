@@ -4,7 +4,7 @@ import sys
 
 import pytest
 
-from fieldmap.core import body, caller, controller, current_table, harmonics, iron, map
+from fieldmap.core import body, caller, controller, current_table, harmonics, iron, map, mujoco
 from fieldmap.core.compile import libraries, machine
 from fieldmap.core.library import loaded
 
@@ -17,6 +17,6 @@ def library(request, monkeypatch):
     found = loaded(request.param)
     if request.param != OLDEST and not found.is_for_newer():
         pytest.skip("not for this processor")
-    for module in (body, caller, controller, current_table, harmonics, iron, map):
+    for module in (body, caller, controller, current_table, harmonics, iron, map, mujoco):
         monkeypatch.setattr(module, "LIBRARY", found)
     return found
