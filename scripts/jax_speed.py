@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from fieldmap.core import block as map_block
 from fieldmap.interop import jax_field
 from fieldmap.interop.cell_polynomial import SIZE, field_and_gradient
-from fieldmap.lookup import FieldMap, open_map
+from fieldmap.lookup import FieldMap, open_map, unit_block
 
 POINTS, PIECE, ROUNDS = 1_000_000, 1024, 5
 
@@ -46,7 +46,7 @@ def by_numpy(
     m: FieldMap, currents: NDArray[np.float64]
 ) -> Callable[[NDArray[np.float64]], NDArray[np.float64]]:
     """points (n, 3) to (n, 9), a piece at a time."""
-    block, of_cell = m.at(currents).block, formula_for_numpy()
+    block, of_cell = unit_block(m.at(currents)), formula_for_numpy()
     c = block[map_block.HEADER :].reshape(-1, SIZE)
     lower, inverse, cells, local = (
         block[first : first + 3]

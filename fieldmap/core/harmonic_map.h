@@ -82,7 +82,10 @@ static inline void fieldmap_sum_sets(const fieldmap *map, const fm_real *sets, c
 {
     const int size = map->size;
     int m, s;
-    for (m = 0; m < size; m++) out[m] = weights[0] * sets[m];
+    if (map->n_coils > 0)
+        for (m = 0; m < size; m++) out[m] = weights[0] * sets[m];
+    else
+        for (m = 0; m < size; m++) out[m] = FM(0);
     for (s = 1; s < map->n_coils; s++) {
         const fm_real *set = sets + (size_t)s * (size_t)size, weight = weights[s];
         for (m = 0; m < size; m++) out[m] += weight * set[m];

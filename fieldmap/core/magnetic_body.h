@@ -13,6 +13,9 @@
 #include "soft_iron.h"
 #include "wrench.h"
 
+/* T m/A: fieldmap.kernels.constants. */
+#define FIELDMAP_MU0_OVER_4PI (1.25663706127e-6 / (4.0 * 3.14159265358979323846))
+
 /* A dipole of fixed moment, A m^2, at a point, m; frame of the body. */
 typedef struct fieldmap_dipole {
     double point[3], moment[3];
@@ -61,6 +64,20 @@ FIELDMAP_INLINE void fieldmap_add_wrench(
     fieldmap_dipole_wrench(flux, gradient, moment, own);
     fieldmap_add_cross(arm, own, own + 3);
     for (k = 0; k < 6; k++) wrench[k] += own[k];
+}
+
+/* Add to flux[3] the field of a dipole `source` at r[3] from it, and to force[3] what it does to a dipole `moment` there. */
+static inline void fieldmap_add_dipole(
+    const double *r, const double *source, const double *moment, double *flux, double *force)
+{
+    const double square = fieldmap_dot(r, r), a = fieldmap_dot(source, r), b = fieldmap_dot(moment, r);
+    const double scale = FIELDMAP_MU0_OVER_4PI / (square * square * sqrt(square));
+    const double both = fieldmap_dot(source, moment) - 5.0 * a * b / square;
+    int k;
+    for (k = 0; k < 3; k++) {
+        flux[k] += scale * (3.0 * a * r[k] - square * source[k]);
+        force[k] += 3.0 * scale * (a * moment[k] + b * source[k] + both * r[k]);
+    }
 }
 
 /* wrench[6] on a body at a place, turned by r[9], about its origin, all in the frame of the map. The status of the first

@@ -25,6 +25,11 @@ class CoreMap:
         """How many fields the block holds."""
         return int(LIBRARY.map_sets(self.map))
 
+    @property
+    def block(self) -> Array:
+        """The array in which its coefficients lie."""
+        return self._given[0]
+
     def fields(self, points: Array, weights: Array | None, flux: Array, gradient: Array | None) -> int:
         """flux (n, 3), T, and gradient (n, 3, 3), T/m."""
         return int(LIBRARY.fields(self.map, points, weights, flux, gradient))

@@ -40,6 +40,12 @@ static void release_state(PyObject *capsule)
     PyMem_Free(held);
 }
 
+static fieldmap_iron_state *state_in(PyObject *capsule)
+{
+    held_state *held = (held_state *)PyCapsule_GetPointer(capsule, STATE);
+    return held == NULL ? NULL : &held->state;
+}
+
 /* iron_of_numbers(numbers): see fieldmap.core.iron. */
 static PyObject *iron_of_numbers(PyObject *self, PyObject *const *args, Py_ssize_t given)
 {

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -25,18 +24,11 @@ from fieldmap.deprecated import warn_renamed
 from fieldmap.dynamics.rigid_body import RigidBody
 from fieldmap.dynamics.surroundings import Drag, Plate, Walls
 from fieldmap.errors import InputError, NotConverged, Problem
+from fieldmap.lookup import MapAtCurrents, unit_block
 from fieldmap.records import Record
 from fieldmap.typing import Array
 
 ORDERS = {"second": 2, "fourth": 4}
-
-
-class Fixed(Protocol):
-    """A field at given currents that the C core can evaluate: `FieldMap.at(currents)`."""
-
-    @property
-    def block(self) -> Array:
-        """Its coefficients."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -75,7 +67,7 @@ def state_of(
 
 
 def move(
-    field: Fixed,
+    field: MapAtCurrents,
     body: RigidBody,
     state: ArrayLike,
     duration: float,
@@ -108,7 +100,7 @@ def move(
 
 
 def move_adaptively(
-    field: Fixed,
+    field: MapAtCurrents,
     body: RigidBody,
     state: ArrayLike,
     times: ArrayLike,
@@ -139,7 +131,7 @@ def move_adaptively(
     return np.ascontiguousarray(found.y.T)
 
 
-def energy(field: Fixed, body: RigidBody, states: ArrayLike) -> Array:
+def energy(field: MapAtCurrents, body: RigidBody, states: ArrayLike) -> Array:
     """Kinetic energy, interaction -m . B and weight of states (n, 13), J: constant without losses, dynamics.md (8)."""
     rows = np.atleast_2d(check_signal("energy(states)", states, columns=STATE))
     machine = _in_field(field, body.numbers())
@@ -158,10 +150,10 @@ def angular_momentum(body: RigidBody, states: ArrayLike) -> Array:
     return p + w[:, None] * twice + np.cross(u, twice)
 
 
-def _in_field(field: Fixed, body: BodyNumbers) -> CoreMachine:
+def _in_field(field: MapAtCurrents, body: BodyNumbers) -> CoreMachine:
     """A body in a field of one set of coefficients, of weight 1, without coils."""
     none = np.zeros((0, 4)), np.zeros((0, 7))
-    return CoreMachine(Plant(CoreMap(field.block).map, body, np.zeros(3), 1.0, None, 1.0, None, *none))
+    return CoreMachine(Plant(CoreMap(unit_block(field)).map, body, np.zeros(3), 1.0, None, 1.0, None, *none))
 
 
 def _checked(where: str, state: ArrayLike) -> Array:

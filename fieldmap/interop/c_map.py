@@ -65,8 +65,10 @@ def _contents(field: FieldMap | MapAtCurrents) -> tuple[NDArray[np.float64], tup
     source = field.at(0.0) if isinstance(field, FieldMap) and not field.coil_names else field
     if isinstance(source, FieldMap):
         require_affine(source, "map for C")
-        return unit_block(source), source.coil_names, not source.proportional
-    return source.block, ("fixed currents",), False
+    block = unit_block(source)
+    if isinstance(source, FieldMap):
+        return block, source.coil_names, not source.proportional
+    return block, ("fixed currents",), False
 
 
 def write_c_files(field: FieldMap | MapAtCurrents, path: str | PathLike[str]) -> tuple[Path, Path]:

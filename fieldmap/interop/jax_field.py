@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from fieldmap.core import CoreMap
 from fieldmap.core import block as map_block
 from fieldmap.core.harmonics import derivative_matrix
 from fieldmap.errors import InputError, Problem
@@ -43,7 +44,7 @@ def jax_field(field: FieldMap | MapAtCurrents) -> JaxField:
     """
     jax = require("jax", "jax", "jax_field")
     if isinstance(field, MapAtCurrents):
-        return JaxField(jax, _Polynomials(jax, field.block), None, fixed=True)
+        return JaxField(jax, _Polynomials(jax, unit_block(field)), None, fixed=True)
     weights: Callable[[Any], Any] | None = None
     if saturates(field):
         assert field.info.reduced_model is not None
@@ -444,9 +445,7 @@ class JaxEvaluator:
         """See `fieldmap.lookup.Evaluator`: no quicker."""
         return None
 
-    def compiled(self) -> tuple[Any, Any]:
+    def core(self) -> CoreMap:
         """See `fieldmap.lookup.Evaluator`: raises InputError."""
-        problem = Problem(
-            "compiled", "must be a map of the compiled kernels", "one of JAX", "open it without"
-        )
+        problem = Problem("compiled", "must be a map of the C core", "one of JAX", "open it without")
         raise InputError(problem)

@@ -15,15 +15,14 @@ from types import ModuleType, TracebackType
 from typing import Any
 
 import numpy as np
-from numba import cfunc, types
 from numpy.typing import ArrayLike
 
+from fieldmap.core import CoreMap
+from fieldmap.core.mujoco import Layout, Magnet, Task, callback
 from fieldmap.errors import InputError, Problem
 from fieldmap.extras import require
 from fieldmap.field import coil_currents
-from fieldmap.kernels.map.map_block import INSIDE
-from fieldmap.kernels.motion import mujoco_force as at
-from fieldmap.lookup import FieldMap, MagneticBody
+from fieldmap.lookup import FieldMap, MagneticBody, core_map
 from fieldmap.lookup.evaluation import outside_error
 from fieldmap.typing import Array
 
@@ -31,8 +30,6 @@ _CALLBACK = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p)
 _LIBRARIES = ("libmujoco.so*", "libmujoco*.dylib", "mujoco.dll")
 # Bytes of MuJoCo's data in which its pointers are looked for; in version 3.17 they lie near 160 000.
 _DATA_SIZE = 1 << 20
-# Address of the task that the callback works on.
-_active = np.zeros(1, np.int64)
 
 
 class MagnetForces:
@@ -45,8 +42,8 @@ class MagnetForces:
     iron feels the map's field alone. Raises InputError for a body that does not exist, FieldmapError without MuJoCo.
 
     `compiled` says whether MuJoCo calls machine code; that is so unless the map is of saturating iron, or one that an
-    evaluator other than the compiled kernels answers. compiled=False asks for Python. Compiling takes some seconds,
-    once. A callback serves any number of data and threads of the model; `currents` are those of all of them.
+    evaluator other than the C core answers. compiled=False asks for Python. A callback serves any number of data and
+    threads of the model; `currents` are those of all of them.
 
     A magnet that leaves the box feels nothing from there on, and `check`, or the end of the context, raises the
     OutsideMapError: an exception cannot pass through MuJoCo. With outside="clamp" it feels the field of the edge.
@@ -71,10 +68,7 @@ class MagnetForces:
     ) -> None:
         mujoco = require("mujoco", "mujoco", "MagnetForces")
         self._mujoco, self._field = mujoco, field
-        amperes = np.array(coil_currents(currents, field.coil_names), dtype=np.float64)
-        # What the kernel takes: the currents, and 1 for a field that no current drives.
-        self._weights = np.append(amperes, np.ones(int(not field.proportional)))
-        self._currents = self._weights[: len(amperes)]
+        self._currents = np.array(coil_currents(currents, field.coil_names), dtype=np.float64)
         self._offset = np.array(offset, dtype=np.float64)
         self._bodies: list[tuple[int, MagneticBody | Array]] = []
         for name, magnet in magnets.items():
@@ -88,10 +82,9 @@ class MagnetForces:
         self._before: Any = None
         self._error: Exception | None = None
         self._mutual, self._compiled = mutual, None
-        block = _kernel_block(field) if compiled else None
-        library = _library(mujoco)
-        if block is not None and library is not None:
-            self._compiled = _Compiled(mujoco, model, library, block, self)
+        core, library = _core_map(field) if compiled else None, _library(mujoco)
+        if core is not None and library is not None:
+            self._compiled = _Compiled(mujoco, model, library, core, self)
         elif mutual:
             raise InputError(
                 Problem(
@@ -160,68 +153,37 @@ class MagnetForces:
 
 
 class _Compiled:
-    """The arrays of a task (fieldmap.kernels.motion.mujoco_force), and the callback that knows where they lie."""
+    """A task of the C core, and the callback that works on it."""
 
     def __init__(
-        self, mujoco: ModuleType, model: Any, library: ctypes.CDLL, block: Array, magnets: MagnetForces
+        self, mujoco: ModuleType, model: Any, library: ctypes.CDLL, core: CoreMap, magnets: MagnetForces
     ) -> None:
         self._mujoco, self._model = mujoco, model
-        rows: list[list[int]] = []
-        dipoles: list[list[float]] = []
-        soft: list[Array] = []
+        data, known = mujoco.MjData(model), []
         for body, magnet in magnets._bodies:
             if not isinstance(magnet, MagneticBody):
                 magnet = MagneticBody(np.zeros((1, 3)), magnet.reshape(1, 3))
-            points, moments, first = magnet.points, magnet.moments, -1
-            if magnet.soft:
-                first = sum(map(len, soft))
-                soft.append(magnet.soft_numbers)
-            free = _free_joint(mujoco, model, body)
-            rows.append([body, len(dipoles), len(dipoles) + len(points), free, first])
-            dipoles += np.hstack([points, moments]).tolist()
-        # Kept here because the task holds nothing but addresses.
-        self._block = np.ascontiguousarray(block)
-        self._dipoles, self._rows = np.reshape(np.array(dipoles, float), (-1, 6)), np.array(rows, np.int64)
-        self._soft = np.concatenate([*soft, np.zeros(1)])
-        self._place, self._origin, self._weights = np.zeros(3), magnets._offset.copy(), magnets._weights
-        task = self._task = np.zeros(at.SIZE, np.int64)
-        task[at.APPLY] = ctypes.cast(library.mj_applyFT, ctypes.c_void_p).value or 0
-        data = mujoco.MjData(model)
-        for where, array in ((at.XPOS, data.xpos), (at.XMAT, data.xmat), (at.PASSIVE, data.qfrc_passive)):
-            task[where] = _offset_of(data, array)
-        for where, array in (
-            (at.BLOCK, self._block),
-            (at.CURRENTS, self._weights),
-            (at.DIPOLES, self._dipoles),
-            (at.BODIES, self._rows),
-            (at.PLACE, self._place),
-            (at.ORIGIN, self._origin),
-            (at.SOFT, self._soft),
-        ):
-            task[where] = array.ctypes.data
-        task[at.BLOCK_SIZE], task[at.COILS] = len(self._block), len(self._weights)
-        task[at.DIPOLE_COUNT], task[at.BODY_COUNT] = len(self._dipoles), len(self._rows)
-        task[at.SOFT_SIZE] = len(self._soft)
-        task[at.MUTUAL] = int(magnets._mutual)
-        self._before = 0
-        _callback()
+            known.append(Magnet(magnet.core, body, _free_joint(mujoco, model, body)))
+        layout = Layout(
+            ctypes.cast(library.mj_applyFT, ctypes.c_void_p).value or 0,
+            *(_offset_of(data, array) for array in (data.xpos, data.xmat, data.qfrc_passive)),
+        )
+        self._task = Task(core, magnets._currents, known, layout, magnets._offset, magnets._mutual)
 
     def begin(self) -> None:
         """Set the callback, and let it know its model."""
-        self._task[at.STATUS], self._task[at.MODEL] = INSIDE, 0
-        self._before, _active[0] = int(_active[0]), self._task.ctypes.data
-        self._mujoco.set_mjcb_passive(_callback()[1])
+        self._task.enter()
+        self._mujoco.set_mjcb_passive(_callback())
         self._mujoco.mj_forward(self._model, self._mujoco.MjData(self._model))
 
     def end(self) -> None:
         """The task of before."""
-        _active[0] = self._before
+        self._task.leave()
 
     def error(self, field: FieldMap) -> Exception | None:
         """Of the first magnet that left the map."""
-        if self._task[at.STATUS] == INSIDE:
-            return None
-        return outside_error(self._place[None].copy(), 1, field.lower, field.upper)
+        fault = self._task.fault()
+        return None if fault is None else outside_error(fault[1][None], 1, field.lower, field.upper)
 
 
 def _free_joint(mujoco: ModuleType, model: Any, body: int) -> int:
@@ -234,23 +196,16 @@ def _free_joint(mujoco: ModuleType, model: Any, body: int) -> int:
 
 @cache
 def _callback() -> Any:
-    """The callback, a few instructions that hand the address of the task to a kernel that is cached: compiled once,
-    because MuJoCo has one at a time."""
-    kernel, active = at.add_forces, _active.ctypes.data
-
-    @cfunc(types.void(types.intp, types.intp))
-    def passive(model: int, data: int) -> None:
-        kernel(active, model, data)
-
-    return passive, _CALLBACK(int(passive.address or 0))
+    """The callback: one object, because MuJoCo has one at a time."""
+    return _CALLBACK(callback())
 
 
-def _kernel_block(field: FieldMap) -> Array | None:
-    """Coefficients for the compiled kernels, or None where these do not give the field."""
+def _core_map(field: FieldMap) -> CoreMap | None:
+    """The map for the C core, or None where that does not give the field for the weights of its coils."""
     if not field.affine:
         return None
     try:
-        return np.asarray(field.compiled()[1])
+        return core_map(field)
     except InputError:
         return None
 

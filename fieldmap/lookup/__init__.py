@@ -16,6 +16,7 @@ from fieldmap.lookup.finite_magnet import FiniteMagnet, finite_magnet, volume_ru
 from fieldmap.lookup.inverse_of_field import currents_for
 from fieldmap.lookup.iron_response import (
     compiled_currents,
+    core_map,
     division_domain,
     iron_weights,
     saturates,
@@ -40,6 +41,7 @@ __all__ = [
     "capability",
     "compiled_currents",
     "compiled_wrench",
+    "core_map",
     "currents_for",
     "demagnetising_factors",
     "division_domain",

@@ -163,6 +163,10 @@ class CurrentModel:
     def _core(self) -> CoreIron:
         return CoreIron(core_numbers(self.compiled))
 
+    def state_of_caller(self) -> IronState:
+        """What the solves of one compiled caller remember, nothing yet. Raises NotConverged as `compiled`."""
+        return self._core.state()
+
     def _state(self, name: str) -> IronState:
         """What solves of this name remember in this thread."""
         known = self._own.__dict__

@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 
 from fieldmap.arguments import checked_vectors
 from fieldmap.core import CoreMap
+from fieldmap.core.caller import caller
 from fieldmap.errors import InputError, OutsideMapError, Problem
 from fieldmap.field import (
     Bounds,
@@ -30,9 +31,7 @@ from fieldmap.field import (
     refuse_orientations,
 )
 from fieldmap.interpolants import Form, contract, set_size
-from fieldmap.interpolants.form import completed
 from fieldmap.kernels.in_threads import in_pieces
-from fieldmap.kernels.map import lookup as kernels
 from fieldmap.records import Record, short, shortened
 from fieldmap.typing import Array
 
@@ -82,8 +81,9 @@ class Evaluator(Protocol):
     def dipole_wrench_at(self, point: Any, moment: Any, weights: Any) -> Array | None:
         """Force, N, and torque, N m, (6,), on a dipole of moment (3,), A m^2; otherwise as `field_at`."""
 
-    def compiled(self) -> tuple[Any, Any]:
-        """(function, data) for code that numba compiles: see `FieldMap.compiled`. Raises InputError without one."""
+    def core(self) -> CoreMap:
+        """The map as the C core takes it, for compiled callers; of a form with a constant field, one that takes the
+        currents of the coils. Raises InputError without one."""
 
 
 class CompiledEvaluator:
@@ -93,8 +93,9 @@ class CompiledEvaluator:
         self._block, self._potential_block, self.places = form.unit, form.potential_unit, form.places
         self._core = CoreMap(form.unit)
         self._of_potential = _potential_core(self._core, form.unit, form.potential_unit)
-        of_currents = CoreMap(form.unit, constant=True) if form.constant else self._core
-        self.field_at, self.dipole_wrench_at = of_currents.field_at, of_currents.dipole_wrench_at
+        self._of_currents = CoreMap(form.unit, constant=True) if form.constant else self._core
+        self.field_at = self._of_currents.field_at
+        self.dipole_wrench_at = self._of_currents.dipole_wrench_at
 
     def field_and_gradient(self, points: Array, weights: Array, flux: Array, slope: Array) -> int:
         """See `Evaluator`."""
@@ -118,9 +119,9 @@ class CompiledEvaluator:
         own = self._potential_block is self._block
         return ContractedEvaluator(block, block if own else contract(self._potential_block, weights, 8))
 
-    def compiled(self) -> tuple[Any, Any]:
+    def core(self) -> CoreMap:
         """See `Evaluator`."""
-        return kernels.at_currents, self._block
+        return self._of_currents
 
 
 class ContractedEvaluator:
@@ -129,7 +130,6 @@ class ContractedEvaluator:
     places = 1
 
     def __init__(self, block: Array, potential_block: Array) -> None:
-        self.block = block
         self._core = CoreMap(block)
         self._of_potential = _potential_core(self._core, block, potential_block)
         self.field_at, self.dipole_wrench_at = self._core.field_at, self._core.dipole_wrench_at
@@ -154,9 +154,9 @@ class ContractedEvaluator:
         """See `Evaluator`: there is nothing left to sum."""
         return self
 
-    def compiled(self) -> tuple[Any, Any]:
+    def core(self) -> CoreMap:
         """See `Evaluator`."""
-        return kernels.at, completed(self.block)
+        return self._core
 
 
 def _potential_core(core: CoreMap, block: Array, potential_block: Array) -> CoreMap:
@@ -351,15 +351,11 @@ class MapAtCurrents(TakesPoints, own_shapes=ONE_POINT):
 
     def compiled(self) -> tuple[Any, Any]:
         """(function, data) for numba functions: see `FieldMap.compiled`."""
-        return self._evaluator.compiled()
+        words = caller(self._evaluator.core())
+        # Only who compiles functions of their own needs numba.
+        from fieldmap.lookup.compiled import at
 
-    @property
-    def block(self) -> Array:
-        """The coefficients as the C core takes them. Raises InputError where another evaluator answers."""
-        if isinstance(self._evaluator, ContractedEvaluator):
-            return self._evaluator.block
-        must_hold, remedy = "must be one that the C core evaluates", "open the map with another kind"
-        raise InputError(Problem("the map's interpolant", must_hold, type(self._evaluator).__name__, remedy))
+        return at, words
 
     def _fill(self, evaluate: Callable[..., int], points: Array, *results: Array) -> None:
         in_chunks(lambda p, *r: evaluate(p, _ONE, *r), points, results, self._box)

@@ -12,6 +12,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fieldmap.arguments import checked_vectors
+from fieldmap.core.caller import caller
+from fieldmap.core.current_table import CoreTable
+from fieldmap.core.iron import IronState
 from fieldmap.currents import CurrentParametrisation
 from fieldmap.errors import InputError, Problem
 from fieldmap.field import (
@@ -28,12 +31,8 @@ from fieldmap.field import (
     require_affine,
 )
 from fieldmap.interpolants import INTERPOLANTS, OUTSIDE_RULES, Form, Jump
-from fieldmap.kernels.map.constant_field import with_constant
-from fieldmap.kernels.map.current_solver import SLOPES, solved_at_currents
-from fieldmap.kernels.map.current_table import tabulated_at_currents
 from fieldmap.lookup.actuation import Actuation, Limits, actuation
 from fieldmap.lookup.current_model import OUTSIDE_CURRENTS, CurrentModel
-from fieldmap.lookup.current_solver import new_state
 from fieldmap.lookup.current_table import CurrentTable, tabulate
 from fieldmap.lookup.evaluation import (
     ONE_POINT,
@@ -297,23 +296,26 @@ class FieldMap(BaseField, own_shapes=ONE_POINT):
         of three rows, `G[i][j]` = dB_i/dx_j in T/m. Outside the box: NaN, or the nearest point with
         outside="clamp"; a compiled function cannot raise OutsideMapError.
 
-        Of saturating iron without currents, `data` remembers the last currents, from which the next solve begins: ask
-        for one in each thread. Results are off by a fifth of `current_error` or less, more than those of `field`.
-        Currents beyond the domain give NaN, unless outside_currents="evaluate". With tabulate_currents it remembers
-        nothing, and only currents in the table do not give NaN. Its second and third part are what
-        `fieldmap.kernels.map.current_solver.current_weights` and `current_slopes` take.
+        `data` leads to the map by an address, and keeps it alive. Keep it as long as the function that uses it. It
+        holds for this process alone: elsewhere it gives NaN, as in a function with a cache of which it is a global. Of
+        saturating iron without currents it remembers the last currents, from which the next solve begins: ask for one
+        in each thread. Results are off by a fifth of `current_error` or less, more than those of `field`. Currents
+        beyond the domain give NaN, unless outside_currents="evaluate". With tabulate_currents it remembers nothing, and
+        only currents in the table do not give NaN. Raises InputError for a map whose evaluator is not the C core.
         """
-        if currents is None and self._table is not None:
-            return tabulated_at_currents, (self._form.unit, self._table.arrays)
-        if currents is None and self._model is not None:
-            (_, block), model = self._evaluator.compiled(), self._model.compiled
-            # Not by the caller: it may be a thread of a loop that holds the interpreter's lock until all are done.
-            SLOPES.find()
-            return solved_at_currents, (block, model, new_state(model))
-        if currents is None:
-            function, data = self._evaluator.compiled()
-            return (with_constant(function), data) if self._constant else (function, data)
-        return self.at(currents).compiled()
+        if currents is not None:
+            return self.at(currents).compiled()
+        words = caller(self._evaluator.core(), self._weights_of_callers())
+        # Only who compiles functions of their own needs numba.
+        from fieldmap.lookup.compiled import at_currents
+
+        return at_currents, words
+
+    def _weights_of_callers(self) -> IronState | CoreTable | None:
+        """What gives compiled callers the weights of the fields from the currents; None where these are the weights."""
+        if self._table is not None:
+            return self._table.core
+        return None if self._model is None else self._model.state_of_caller()
 
     def field(self, points: ArrayLike, currents: Any, out: Array | None = None) -> Array:
         """Flux density B (n, 3), T."""

@@ -13,6 +13,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import ArrayLike
 
+from fieldmap.core import CoreMap
 from fieldmap.core import block as map_block
 from fieldmap.currents import LiftAndDirections
 from fieldmap.errors import InputError, Problem
@@ -21,18 +22,27 @@ from fieldmap.interpolants import INTERPOLANTS, set_size
 from fieldmap.kernels.map.current_solver import CompiledModel
 from fieldmap.lookup.current_model import CurrentModel
 from fieldmap.lookup.current_table import CurrentTable, tabulate
+from fieldmap.lookup.evaluation import MapAtCurrents
 from fieldmap.lookup.field_map import FieldMap
 from fieldmap.typing import Array
 
 _made: WeakKeyDictionary[FieldMap, dict[tuple[int, int, int] | None, CurrentTable]] = WeakKeyDictionary()
 
 
-def unit_block(field_map: FieldMap) -> Array:
+def core_map(field_map: FieldMap | MapAtCurrents) -> CoreMap:
+    """The map as the C core takes it: of all fields that `unit_block` has. Of a map with linear iron its weights are
+    the currents of the coils. Raises InputError for a map whose evaluator is not the C core."""
+    return field_map._evaluator.core()
+
+
+def unit_block(field_map: FieldMap | MapAtCurrents) -> Array:
     """The coefficients of all of a map's fields: of the coils per ampere, then of saturating iron at weight 1, then of
-    what no current drives.
+    what no current drives. Of a map at given currents: those of their sum.
 
     Raises InputError for an interpolant without kernels, which compiled loops cannot evaluate.
     """
+    if isinstance(field_map, MapAtCurrents):
+        return core_map(field_map).block
     if INTERPOLANTS[field_map.kind].kind is None:
         must_hold = "an interpolant that the C core evaluates"
         raise InputError(

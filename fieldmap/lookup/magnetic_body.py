@@ -19,7 +19,7 @@ from fieldmap.arguments import checked_vectors
 from fieldmap.core.body import CoreBody
 from fieldmap.errors import InputError, Problem
 from fieldmap.field import AnyField, as_field, coil_currents
-from fieldmap.lookup.soft_body import ASSUMPTION, SoftPiece, core_piece, soft_numbers
+from fieldmap.lookup.soft_body import ASSUMPTION, SoftPiece, core_piece
 from fieldmap.records import Record
 from fieldmap.typing import Array
 
@@ -58,10 +58,6 @@ class MagneticBody(Record):
         """The body as the C core takes it."""
         dipoles = np.concatenate([self.points, self.moments], axis=1, dtype=np.float64)
         return CoreBody(np.ascontiguousarray(dipoles), [core_piece(piece) for piece in self.soft])
-
-    @cached_property
-    def soft_numbers(self) -> Array:
-        return soft_numbers(self.soft)
 
     @cached_property
     def all_points(self) -> Array:

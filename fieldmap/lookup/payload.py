@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
+from fieldmap.core.caller import caller
 from fieldmap.device.payload import Magnet, Payload, SoftBody
 from fieldmap.errors import InputError, Problem
 from fieldmap.field import AnyField
-from fieldmap.kernels.map.body_wrench import Body, InModel, InSum, model_wrench, sum_wrench
 from fieldmap.lookup.field_map import FieldMap
 from fieldmap.lookup.finite_magnet import FiniteMagnet, finite_magnet, volume_rule
 from fieldmap.lookup.magnetic_body import MagneticBody
@@ -59,22 +59,21 @@ def compiled_wrench(field_map: FieldMap, body: MagneticBody) -> tuple[Any, Any]:
 
     inside = function(data, currents, place, turn, wrench, slopes) with float64 arrays: currents (n_coils,), A; place
     (3,), m, of the body's centre; turn (3, 3), columns its axes; it fills wrench (6,), N and N m, and slopes (6,
-    n_coils), N/A and N m/A, and is False, and they are NaN, where the body leaves the box. data is an argument or a
-    global of your function. Of a map of saturating iron it remembers the last currents: keep it as long as the function
-    that uses it, do not copy or pickle it, and ask for one in each thread. Raises InputError for a map with a table of
-    currents, which has no slopes.
+    n_coils), N/A and N m/A, and is False, and they are NaN, where the body leaves the box or the iron has no solution.
+    data is as that of `FieldMap.compiled`: an argument or a global of your function, for this process alone, and of a
+    map of saturating iron one for each thread. Raises InputError for a map with a table of currents, which has no
+    slopes.
 
     >>> function, data = compiled_wrench(m, magnetic_body(device.payload))                       # doctest: +SKIP
     """
     if field_map.current_table is not None:
         must_hold, remedy = "a map without a table of currents", "open it with tabulate_currents=False"
         raise InputError(Problem("compiled_wrench, field_map", must_hold, "one with a table", remedy))
-    _, data = field_map.compiled()
-    parts = Body(body.all_points.copy(), body.moments.copy(), body.soft_numbers.copy())
-    if field_map.affine:
-        return sum_wrench, InSum(data, parts)
-    block, model, state = data
-    return model_wrench, InModel(block, model, state, parts, np.array([a.ctypes.data for a in state]))
+    words = caller(field_map._evaluator.core(), field_map._weights_of_callers(), body.core)
+    # Only who compiles functions of their own needs numba.
+    from fieldmap.lookup.compiled import wrench_at
+
+    return wrench_at, words
 
 
 def _as_measured(magnet: FiniteMagnet, moment: float) -> FiniteMagnet:

@@ -4,7 +4,18 @@ import sys
 
 import pytest
 
-from fieldmap.core import body, closed_loop, controller, current_table, harmonics, iron, machine, map
+from fieldmap.core import (
+    body,
+    caller,
+    closed_loop,
+    controller,
+    current_table,
+    harmonics,
+    iron,
+    machine,
+    map,
+    mujoco,
+)
 from fieldmap.core.compile import libraries
 from fieldmap.core.compile import machine as architecture
 from fieldmap.core.library import loaded
@@ -18,6 +29,18 @@ def library(request, monkeypatch):
     found = loaded(request.param)
     if request.param != OLDEST and not found.is_for_newer():
         pytest.skip("not for this processor")
-    for module in (body, closed_loop, controller, current_table, harmonics, iron, machine, map):
+    modules = (
+        body,
+        caller,
+        closed_loop,
+        controller,
+        current_table,
+        harmonics,
+        iron,
+        machine,
+        map,
+        mujoco,
+    )
+    for module in modules:
         monkeypatch.setattr(module, "LIBRARY", found)
     return found

@@ -227,3 +227,13 @@ def test_a_map_can_be_pickled_and_outlives_the_name_of_its_block():
     core = CoreMap(block_of("harmonic")[0])
     again = pickle.loads(pickle.dumps(core))
     np.testing.assert_array_equal(again.field_at(ODD[6], CURRENTS)[1], core.field_at(ODD[6], CURRENTS)[1])
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_of_a_field_that_no_current_drives_alone_no_weight_is_read(kind):
+    block, size = block_of(kind)
+    core, point = CoreMap(contract(block, CURRENTS, size), constant=True), np.array([-0.2, 0.25, 1.1])
+    flux, slope = core.field_at(point, np.full(1, np.nan)[:0])
+    wanted = CoreMap(block).field_at(point, CURRENTS)
+    np.testing.assert_allclose(flux, wanted[0], rtol=1e-12)
+    np.testing.assert_allclose(slope, wanted[1], rtol=1e-11)

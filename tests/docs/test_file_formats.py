@@ -12,7 +12,7 @@ import pytest
 from fieldmap.dynamics.loop_run import recorded
 from fieldmap.dynamics.scenario.batches import simulate_batches, write_simulation
 from fieldmap.interop import write_c_map
-from fieldmap.lookup import open_map
+from fieldmap.lookup import open_map, unit_block
 from fieldmap.store import read_map, read_runs
 
 ROOT = Path(__file__).parents[2]
@@ -136,7 +136,7 @@ def test_c_reads_a_map_for_c(run, six_coils, tmp_path, kind):
     assert words[: len(field.coil_names)] == [f"coil {name}" for name in field.coil_names]
     box = np.array([line.split()[1:] for line in words[6:9]], float)
     np.testing.assert_allclose(box, np.column_stack([field.lower, field.upper]), rtol=1e-12)
-    _, block = field.compiled()
+    block = unit_block(field)
     coefficients = np.array(words[9:-1], float)
     assert len(coefficients) == (int(block[3]) + 1) ** 2
     np.testing.assert_array_equal(coefficients, block[24 : 24 + len(coefficients)])

@@ -7,7 +7,7 @@ from fieldmap.core import CoreMap
 from fieldmap.core.machine import CoreMachine, Plant, rotation
 from fieldmap.device.model import MagnetCylinder
 from fieldmap.dynamics import RigidBody, energy, state_of, superposed
-from fieldmap.lookup import MagneticBody, volume_rule
+from fieldmap.lookup import MagneticBody, unit_block, volume_rule
 from tests.dynamics.machines import machine_in
 
 MAGNET = volume_rule(MagnetCylinder(0.01, 0.01, 1.3), 2)
@@ -30,7 +30,7 @@ def at_fixed_currents(field, body):
     """A body in one field, whose weight is 1, without coils."""
     none = np.zeros((0, 4)), np.zeros((0, 7))
     return CoreMachine(
-        Plant(CoreMap(field.block).map, body.numbers(), np.zeros(3), 1.0, None, 1.0, None, *none)
+        Plant(CoreMap(unit_block(field)).map, body.numbers(), np.zeros(3), 1.0, None, 1.0, None, *none)
     )
 
 

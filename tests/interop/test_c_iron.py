@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from fieldmap.core.iron import FOUND, CoreIron
 from fieldmap.currents import CoilGroups, IndependentCurrents, LiftAndDirections
 from fieldmap.errors import InputError
 from fieldmap.interop import c_header, c_iron_header, write_c_iron_files, write_c_iron_map
-from fieldmap.kernels.map.current_solver import current_slopes
-from fieldmap.lookup import interpolate
-from fieldmap.lookup.current_solver import new_state
+from fieldmap.lookup import compiled_currents, interpolate
+from fieldmap.lookup.current_solver import core_numbers
 from fieldmap.store import MapData, ReducedModel
 
 HERE = Path(__file__).parent / "c"
@@ -94,7 +94,7 @@ def ask(program, m, questions, folder, tolerance):
         capture_output=True,
     )
     coils = questions[0].shape[1]
-    fields = len(new_state(m.compiled()[1][1]).weights)
+    fields = len(m.coil_names) + m._model.fields_beside_coils
     answers = np.fromfile(folder / "answers").reshape(len(questions[0]), -1)
     return np.split(answers, np.cumsum([fields, fields * coils, 3, 9, 6]), axis=1)
 
@@ -114,11 +114,10 @@ def test_c_gives_the_numbers_of_python_and_takes_no_memory(program, ring, tmp_pa
         program, m, (currents, points, moments), tmp_path, 1e-13
     )
     assert not status.any()
-    exact = m.compiled()[1][1]._replace(tolerance=1e-13)
-    state = new_state(exact)
+    state = CoreIron(core_numbers(compiled_currents(m))).state()
     for k, row in enumerate(currents):
         ours, ours_slopes = np.empty(weights.shape[1]), np.empty((weights.shape[1], len(row)))
-        assert current_slopes(exact, state, row, ours, ours_slopes) == 0
+        assert state.solve(row, ours, ours_slopes, tolerance=1e-13) == FOUND
         assert np.abs(weights[k] - ours).max() < 1e-12 * np.abs(ours).max()
         assert np.abs(slopes[k] - ours_slopes.ravel()).max() < 1e-12 * np.abs(ours_slopes).max()
     expected = [m.field(p, i) for p, i in zip(points, currents, strict=True)]

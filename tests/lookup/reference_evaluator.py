@@ -64,8 +64,8 @@ class ReferenceEvaluator:
     def dipole_wrench_at(self, point, moment, weights):
         return None
 
-    def compiled(self):
-        raise InputError(Problem("compiled", "an evaluator that numba compiles", "numpy", "take another"))
+    def core(self):
+        raise InputError(Problem("compiled", "an evaluator of the C core", "numpy", "take another"))
 
     def _rows(self, weights, count):
         chosen = weights if self.weights is None else self.weights[None]

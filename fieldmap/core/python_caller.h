@@ -1,0 +1,142 @@
+/* python_caller.h: callers with an address alone, for Python: see fieldmap.core.caller.
+ *
+ * Code that numba compiles knows a caller by four words: its address, a mark of this process, how many currents it takes,
+ * and how many numbers a wrench works with. Words of another process, as code kept in files or a pickle may have them, give
+ * NaN.
+ *
+ * BSD-3-Clause, the fieldmap developers.
+ */
+#ifndef FIELDMAP_PYTHON_CALLER_H
+#define FIELDMAP_PYTHON_CALLER_H
+
+#include <time.h>
+
+#include "caller.h"
+#include "python_body.h"
+#include "python_iron.h"
+#include "python_map.h"
+#include "python_table.h"
+
+enum { CALLER_ADDRESS, CALLER_MARK, CALLER_COILS, CALLER_ROOM, CALLER_WORDS };
+
+static const char *const CALLER = "fieldmap.core.caller";
+
+/* A caller, its words, and a tuple of what it uses. */
+typedef struct held_caller {
+    fieldmap_caller caller;
+    int64_t words[CALLER_WORDS];
+    PyObject *used;
+} held_caller;
+
+/* Of this process, and of no other. */
+static int64_t caller_mark = 0;
+
+static void mark_process(void)
+{
+    caller_mark = (int64_t)time(NULL) * 1000003 ^ (int64_t)clock() * 8191 ^ (int64_t)(uintptr_t)&caller_mark;
+}
+
+static void release_caller(PyObject *capsule)
+{
+    held_caller *held = (held_caller *)PyCapsule_GetPointer(capsule, CALLER);
+    if (held == NULL) return;
+    Py_XDECREF(held->used);
+    PyMem_Free(held);
+}
+
+static const fieldmap_caller *caller_of(const int64_t *words)
+{
+    return words[CALLER_MARK] == caller_mark ? (const fieldmap_caller *)(uintptr_t)words[CALLER_ADDRESS] : NULL;
+}
+
+/* Field and gradient of the last call of this thread: memory for them would cost a third of an answer. */
+static __thread double twelve[12];
+
+/* The twelve numbers of field and gradient at a point for currents, until the next call of this thread. */
+static double *call_field_of(const int64_t *words, const double *currents, double x, double y, double z)
+{
+    const fieldmap_caller *of = caller_of(words);
+    const double point[3] = {x, y, z};
+    if (of == NULL) fieldmap_unknown(twelve, 12);
+    else fieldmap_caller_field(of, currents, point, twelve, twelve + 3);
+    return twelve;
+}
+
+/* The same of a map at fixed currents. In one piece, for the sake of loops that do little else. */
+__attribute__((flatten)) static double *call_field(const int64_t *words, double x, double y, double z)
+{
+    const fieldmap_caller *of = caller_of(words);
+    const double point[3] = {x, y, z};
+    if (of == NULL || fieldmap_sets(of->map) != 1) fieldmap_unknown(twelve, 12);
+    else fieldmap_field_of_weights(of->map, NULL, point, twelve, twelve + 3);
+    return twelve;
+}
+
+/* The status of a wrench. numbers: currents, place and rotation, behind them room for wrench and slopes, and for the work. */
+static int call_wrench(const int64_t *words, double *numbers)
+{
+    const fieldmap_caller *of = caller_of(words);
+    const int64_t coils = words[CALLER_COILS];
+    double *place = numbers + coils, *r = place + 3, *wrench = r + 9, *slopes = wrench + 6, *room = slopes + 6 * coils;
+    if (of != NULL) return fieldmap_caller_wrench(of, numbers, place, r, room, wrench, slopes);
+    fieldmap_unknown(wrench, 6 + 6 * (int)coils);
+    return FIELDMAP_ARGUMENT;
+}
+
+/* caller(map, iron state or table or None, body or None): its words (4,), an array that keeps all of it alive. */
+static PyObject *caller(PyObject *self, PyObject *const *args, Py_ssize_t given)
+{
+    const npy_intp count = CALLER_WORDS;
+    held_caller *held;
+    PyObject *capsule, *array;
+    int sound;
+    (void)self;
+    if (!has_arguments(given, 3)) return NULL;
+    held = (held_caller *)PyMem_Calloc(1, sizeof *held);
+    if (held == NULL) return PyErr_NoMemory();
+    sound = (held->caller.map = map_in(args[0])) != NULL;
+    if (sound && PyCapsule_IsValid(args[1], STATE)) held->caller.iron = state_in(args[1]);
+    else if (sound && args[1] != Py_None) sound = (held->caller.table = table_in(args[1])) != NULL;
+    if (sound && args[2] != Py_None) sound = (held->caller.body = body_in(args[2])) != NULL;
+    if (sound) {
+        const fieldmap_caller *of = &held->caller;
+        int weights = fieldmap_sets(of->map);
+        if (of->iron != NULL) weights = of->iron->map->n_fields;
+        if (of->table != NULL) weights = of->table->fields > FIELDMAP_CALLER_FIELDS ? -1 : 6 + of->table->fields;
+        sound = weights == fieldmap_sets(of->map);
+        if (!sound) PyErr_SetString(PyExc_ValueError, "the map must have a field for each weight");
+    }
+    held->used = sound ? PyTuple_Pack(3, args[0], args[1], args[2]) : NULL;
+    capsule = held->used == NULL ? NULL : PyCapsule_New(held, CALLER, release_caller);
+    if (capsule == NULL) {
+        Py_XDECREF(held->used);
+        PyMem_Free(held);
+        return NULL;
+    }
+    held->words[CALLER_ADDRESS] = (int64_t)(uintptr_t)&held->caller;
+    held->words[CALLER_MARK] = caller_mark;
+    held->words[CALLER_COILS] = fieldmap_caller_coils(&held->caller);
+    held->words[CALLER_ROOM] = 18 + 7 * held->words[CALLER_COILS] + (int64_t)fieldmap_caller_room(&held->caller);
+    array = PyArray_SimpleNewFromData(1, &count, NPY_INT64, held->words);
+    if (array == NULL || PyArray_SetBaseObject((PyArrayObject *)array, capsule) != 0) {
+        if (array == NULL) Py_DECREF(capsule);
+        Py_XDECREF(array);
+        return NULL;
+    }
+    PyArray_CLEARFLAGS((PyArrayObject *)array, NPY_ARRAY_WRITEABLE);
+    return array;
+}
+
+/* caller_functions(): the addresses of the functions above, by name. */
+static PyObject *caller_functions(PyObject *self, PyObject *const *args, Py_ssize_t given)
+{
+    (void)self, (void)args;
+    if (!has_arguments(given, 0)) return NULL;
+    return Py_BuildValue("{s:K,s:K,s:K}", "call_field", (unsigned long long)(uintptr_t)call_field, "call_field_of",
+                         (unsigned long long)(uintptr_t)call_field_of, "call_wrench",
+                         (unsigned long long)(uintptr_t)call_wrench);
+}
+
+#define CALLER_FUNCTIONS FUNCTION(caller), FUNCTION(caller_functions)
+
+#endif
