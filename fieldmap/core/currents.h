@@ -82,17 +82,15 @@ typedef struct fieldmap_superposition {
     int64_t solves, newton_steps, unsolved, outside;
 } fieldmap_superposition;
 
-/* Weights by the model; whether the currents lie in its domain. A solve that begins from the last states and fails begins
- * anew; where that fails too, the iron stays as it was. NaN for currents that are not finite. */
+/* Weights by the model; whether the currents lie in its domain. Where a solve fails the iron stays as it was. NaN for
+ * currents that are not finite. */
 static inline int fieldmap_follow_iron(fieldmap_superposition *of, const double *currents, double *weights)
 {
     fieldmap_iron_state *state = of->iron;
     double signals[FIELDMAP_IRON_MAX_SIGNALS];
-    int attempt, f, inside, status = FIELDMAP_IRON_NOT_CONVERGED;
-    for (attempt = 0; attempt < 2 && status == FIELDMAP_IRON_NOT_CONVERGED; attempt++) {
-        status = fieldmap_iron_solve_at(state, currents, state->tolerance);
-        of->newton_steps += state->steps;
-    }
+    const int status = fieldmap_iron_follow(state, currents);
+    int f, inside;
+    of->newton_steps += state->steps;
     of->solves++;
     of->unsolved += status != FIELDMAP_OK;
     inside = fieldmap_iron_signals(state->map, currents, signals);

@@ -51,7 +51,7 @@ _STRENGTH, _MASS, _INERTIA, _GRAVITY, _STEP, _FIELD, _GRADIENT, _FORCE, _TORQUE 
     55,
 )
 _CURRENTS = 58
-_LARGEST_STEP = 1e-4
+_LARGEST_STEP = 5e-5
 _COMPILERS = ("cc", "gcc", "clang")
 _FLAGS = ("-std=c99", "-O2", "-fPIC", "-shared", "-fvisibility=hidden")
 VERSIONS = {2: "2.0", 3: "3.0"}
