@@ -1,6 +1,6 @@
 """The surface form beside both volume forms: error over processor time on open, closed and shielding cases.
 
-    OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 NUMBA_NUM_THREADS=1 python scripts/surface_form.py [CASE ...]
+    OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 python scripts/surface_form.py [CASE ...]
 
 Cases: sphere, pair, shell, cube, disk, spool, window, barrier, unit. With one thread processor seconds mean something
 on a busy machine; they hold everything from the device to a solution, the mesh included. Each form is solved once on a

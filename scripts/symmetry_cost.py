@@ -1,6 +1,6 @@
 """What the symmetry of the iron saves: processor seconds and memory with and without it, in one run.
 
-    OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 NUMBA_NUM_THREADS=1 python scripts/symmetry_cost.py [DEVICE ...]
+    OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 python scripts/symmetry_cost.py [DEVICE ...]
 
 With one thread processor seconds mean something on a busy machine.
 """

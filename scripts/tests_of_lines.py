@@ -177,5 +177,5 @@ def environment_of(checkout: Path) -> dict[str, str]:
     others = [path for path in os.environ.get("PYTHONPATH", "").split(os.pathsep) if path]
     # Paths of another checkout would hide that of errors; what holds no package of this name stays.
     others = [path for path in others if not (Path(path) / "fieldmap").is_dir()]
-    one = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"), "1")
+    one = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")
     return os.environ | one | {"PYTHONPATH": os.pathsep.join([str(checkout), *others]), "PYTHONSAFEPATH": "1"}

@@ -32,7 +32,7 @@ def pytest_configure(config):
     os.environ.setdefault("NUMBA_DISABLE_ERROR_MESSAGE_HIGHLIGHTING", "1")
     if workers := getattr(config.option, "numprocesses", None):
         # Processes that share the processors, each with threads for all of them, wait for each other most of the time.
-        for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"):
+        for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
             os.environ.setdefault(name, str(max(1, (os.cpu_count() or 1) // workers)))
 
 

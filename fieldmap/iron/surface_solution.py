@@ -26,10 +26,10 @@ from fieldmap.iron.quantities.forces import Magnetised
 from fieldmap.iron.quantities.sections import SNAP, SectionFlux, check_section, named_section, no_iron_at
 from fieldmap.iron.solution import FluxDensitySamples, LinearSolution, LinearState
 from fieldmap.kernels.constants import MU0
-from fieldmap.kernels.in_threads import over_rows
 from fieldmap.kernels.iron.containment import solid_angle_sums
 from fieldmap.records import Record
 from fieldmap.sources import unit_flux_densities
+from fieldmap.threads import over_rows
 from fieldmap.typing import Array, Index
 
 

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any, Protocol
 
-import numba
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -31,8 +30,8 @@ from fieldmap.field import (
     refuse_orientations,
 )
 from fieldmap.interpolants import Form, contract, set_size
-from fieldmap.kernels.in_threads import in_pieces
 from fieldmap.records import Record, short, shortened
+from fieldmap.threads import in_pieces, most_threads
 from fieldmap.typing import Array
 
 if TYPE_CHECKING:
@@ -180,8 +179,8 @@ class Box(Record):
 
 
 def default_threads() -> int:
-    """One per processor that this process may use, or NUMBA_NUM_THREADS."""
-    return int(numba.config.NUMBA_NUM_THREADS)  # type: ignore[attr-defined]
+    """One per processor that this process may use, or OMP_NUM_THREADS."""
+    return most_threads()
 
 
 def result_array(out: Array | None, shape: tuple[int, ...]) -> Array:

@@ -9,10 +9,10 @@ from dataclasses import replace
 from typing import Any, TypeVar
 
 import distributed
-import numba
 
 from fieldmap.errors import InputError, Problem
 from fieldmap.parallel.work import Common, Outcome, WorkerDied, attempt
+from fieldmap.threads import use_threads
 
 R = TypeVar("R")
 # A scheduler that is there answers sooner.
@@ -131,7 +131,7 @@ def _make(common: Common[Any], threads: int | None) -> None:
 def _set_threads(threads: int | None) -> None:
     """As many as we have for each of our own processes, or as a worker of somebody else's scheduler was given."""
     wanted = distributed.get_worker().state.nthreads if threads is None else threads
-    numba.set_num_threads(min(wanted, numba.config.NUMBA_NUM_THREADS))  # type: ignore[attr-defined]
+    use_threads(wanted)
 
 
 def _client_of(scheduler: str) -> distributed.Client:

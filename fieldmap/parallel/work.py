@@ -15,11 +15,11 @@ from dataclasses import dataclass
 from time import monotonic, process_time, thread_time
 from typing import Any, Generic, TypeVar, cast
 
-import numba
 from threadpoolctl import ThreadpoolController
 
 from fieldmap.errors import FieldmapError
 from fieldmap.records import Record
+from fieldmap.threads import thread_count, use_threads
 
 
 @contextmanager
@@ -144,7 +144,7 @@ def in_threads(
         return
     with (
         same_arithmetic(),
-        ThreadPoolExecutor(count, initializer=numba.set_num_threads, initargs=(1,)) as executor,
+        ThreadPoolExecutor(count, initializer=use_threads, initargs=(1,)) as executor,
     ):
         tasks = (
             executor.submit(_attempt, index, function, (*shared, item), thread_time)
@@ -166,20 +166,20 @@ def _in_this_thread(
     function: Callable[..., R], items: Sequence[Any], shared: tuple[Any, ...]
 ) -> Iterator[Outcome[R]]:
     for index, item in enumerate(items):
-        threads = numba.get_num_threads()
-        numba.set_num_threads(1)
+        threads = thread_count()
+        use_threads(1)
         try:
             outcome = _attempt(index, function, (*shared, item), thread_time)
         finally:
             # Whoever takes the outcome has all of its threads again.
-            numba.set_num_threads(threads)
+            use_threads(threads)
         yield outcome
 
 
 def threads_of_kernels() -> int:
     """How many threads may call kernels at the same time: the processors of this process, or what
-    `numba.set_num_threads` has left of them."""
-    return int(numba.get_num_threads())
+    `fieldmap.threads.use_threads` has left of them."""
+    return thread_count()
 
 
 def threads_of_linear_algebra() -> int:

@@ -14,7 +14,6 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 from rich.console import Console
@@ -25,6 +24,7 @@ from fieldmap.device.model import Device, WorkspaceCylinder
 from fieldmap.sources import unit_flux_densities, unit_flux_density_and_gradient
 from fieldmap.sources.magpylib_objects import magpylib_coil
 from fieldmap.store import Grid, MapData, write_map
+from fieldmap.threads import thread_count, use_threads
 
 Array = NDArray[np.float64]
 WANTED = 10.0
@@ -118,12 +118,12 @@ def map_rows(name: str, refinement: float, points: int, repetitions: int) -> lis
 def measure(quick: bool) -> dict[str, Any]:
     """All rows; the machine's other threads are given back."""
     points, fewer, repetitions = (100, 20, 1) if quick else (20_000, 1000, 3)
-    threads = numba.get_num_threads()
-    numba.set_num_threads(1)
+    threads = thread_count()
+    use_threads(1)
     device = fm.read_device("drive_unit")
     rows = coil_rows(device, nodes(device, points).points(), repetitions, fewer)
     rows += map_rows("disk_six_cores", 0.4 if quick else 0.7, points, repetitions)
-    numba.set_num_threads(threads)
+    use_threads(threads)
     return {"repetitions": repetitions, "rows": [asdict(row) for row in rows]}
 
 

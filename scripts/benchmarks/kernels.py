@@ -11,7 +11,6 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import magpylib
-import numba
 import numpy as np
 from numpy.typing import NDArray
 from rich.console import Console
@@ -24,6 +23,7 @@ from fieldmap.kernels.constants import MU0
 from fieldmap.kernels.iron.charged_triangle import triangles_field, triangles_field_and_gradient
 from fieldmap.sources import unit_flux_density, unit_flux_density_and_gradient
 from fieldmap.sources.magpylib_objects import magpylib_coil
+from fieldmap.threads import thread_count, use_threads
 
 Array = NDArray[np.float64]
 Function = Callable[[Array], object]
@@ -144,10 +144,10 @@ def measured(case: Case, repetitions: int) -> Row:
 def measure(quick: bool) -> dict[str, Any]:
     """All rows; the machine's other threads are given back."""
     points, repetitions = (300, 1) if quick else (50_000, 9)
-    threads = numba.get_num_threads()
-    numba.set_num_threads(1)
+    threads = thread_count()
+    use_threads(1)
     rows = [asdict(measured(case, repetitions)) for case in cases(points)]
-    numba.set_num_threads(threads)
+    use_threads(threads)
     return {"points": points, "repetitions": repetitions, "rows": rows}
 
 

@@ -19,9 +19,9 @@ from fieldmap.iron.mesh.distinct_rows import distinct_rows
 from fieldmap.iron.mesh.topology import Faces
 from fieldmap.iron.operators.element_sums import ElementSums
 from fieldmap.iron.operators.sparse_cholesky import nested_dissection
-from fieldmap.kernels.in_threads import over_rows
 from fieldmap.kernels.iron import linear_flux as kernel
 from fieldmap.records import Record
+from fieldmap.threads import over_rows
 from fieldmap.typing import Array, Index
 
 _WORK = 80.0  # of one element, as `over_rows` counts it

@@ -14,9 +14,9 @@ from fieldmap.iron.elements.nodal_elements import WORK, CoilField, NodalElements
 from fieldmap.iron.elements.potential_form import ConvexForm
 from fieldmap.iron.elements.state import ElementField, LinearField
 from fieldmap.iron.operators.assembled import AssembledIron
-from fieldmap.kernels.in_threads import over_rows
 from fieldmap.kernels.iron import hysteresis as law_kernel
 from fieldmap.kernels.iron.hysteresis import tested_matrices, tested_vectors
+from fieldmap.threads import over_rows
 from fieldmap.typing import Array
 
 _UNIT = np.array([1.0, 0.0, 0.0, 1.0, 0.0, 1.0])

@@ -21,11 +21,11 @@ from fieldmap.iron.mesh.mesh import IronMesh, volumes
 from fieldmap.iron.mesh.topology import Faces
 from fieldmap.iron.operators.element_sums import ElementSums
 from fieldmap.iron.operators.sparse_cholesky import nested_dissection
-from fieldmap.kernels.in_threads import over_rows
 from fieldmap.kernels.iron import quadratic_potential as kernel
 from fieldmap.kernels.iron.sample_gradients import sample_gradients
 from fieldmap.kernels.simplex_rules import tetrahedron_rule
 from fieldmap.records import Record
+from fieldmap.threads import over_rows
 from fieldmap.typing import Array, Index
 
 _PAIRS = np.array([[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]])

@@ -23,9 +23,9 @@ from scipy.sparse import csr_matrix
 
 from fieldmap.iron.operators.mutual import DenseMutualPotential
 from fieldmap.iron.operators.surface import NEAR_RADII, ChargedFaces
-from fieldmap.kernels.in_threads import over_rows
 from fieldmap.kernels.iron.double_layer import double_layer
 from fieldmap.records import Record
+from fieldmap.threads import over_rows
 from fieldmap.typing import Array, Index
 
 # Of the inverse of W, from single precision: twelve digits.

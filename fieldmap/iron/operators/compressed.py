@@ -7,7 +7,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numba import get_num_threads
 from numpy.typing import NDArray
 from scipy.linalg import eigvalsh_tridiagonal
 from scipy.sparse import csr_matrix
@@ -15,11 +14,11 @@ from scipy.spatial import cKDTree
 
 from fieldmap.iron.operators.clusters import BlockPartition, Clusters
 from fieldmap.iron.operators.surface import NEAR_RADII, ChargedFaces
-from fieldmap.kernels.in_threads import over_rows
 from fieldmap.kernels.iron.block_product import add_far_product, add_near_product
 from fieldmap.kernels.iron.cross_approximation import approximate_far_blocks, pack_factors
 from fieldmap.kernels.iron.mutual_potential import fill_near_blocks
 from fieldmap.kernels.iron.sparse_inverse import farthest_first, inverse_rows
+from fieldmap.threads import over_rows, thread_count
 from fieldmap.typing import Array, Index
 
 _LANCZOS_STEPS = 16
@@ -243,7 +242,7 @@ class CompressedMutualPotential:
         padded = np.zeros((count, 4 * groups))
         padded[:, :columns] = charge
         x = np.ascontiguousarray(padded.reshape(count, groups, 4).swapaxes(0, 1))
-        y = np.zeros((get_num_threads(), *x.shape))
+        y = np.zeros((thread_count(), *x.shape))
         # A part of every stored number: four columns at once.
         work = self._near_data.size * groups / len(y)
         over_rows(add_near_product, len(y), self._near, self._near_offset, self._near_data, x, y, work=work)
@@ -318,7 +317,7 @@ def _approximated(blocks: Index, points: Coordinates, tolerance: float) -> tuple
     rows, columns = _sides(blocks)
     place = np.concatenate([[0], np.cumsum(_RANK_LIMIT * (rows + columns))])
     scratch = np.empty(place[-1])
-    slots, ranks = 8 * get_num_threads(), np.zeros(len(blocks), np.int64)
+    slots, ranks = 8 * thread_count(), np.zeros(len(blocks), np.int64)
     given = (blocks, place, _RANK_LIMIT, *points, tolerance, slots, scratch, ranks)
     over_rows(approximate_far_blocks, slots, *given, work=len(scratch) / slots)
     good = ranks >= 0

@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from fieldmap.iron.mesh.chamber import MeshSymmetry
 from fieldmap.iron.operators.surface import NEAR_DEGREE, NEAR_RADII, TOUCH_DEGREE, ChargedFaces
 from fieldmap.iron.operators.symmetric_mutual import face_images
-from fieldmap.kernels.in_threads import over_rows
 from fieldmap.kernels.iron.mutual_gradient import close_gradient, far_pulls
 from fieldmap.kernels.simplex_rules import triangle_rule
+from fieldmap.threads import over_rows
 from fieldmap.typing import Array, Index
 
 # Into which the close pairs are divided for threads.

@@ -6,13 +6,13 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from fieldmap.kernels.in_threads import over_rows
 from fieldmap.kernels.iron.charged_surface import surface_field, surface_field_and_gradient
 from fieldmap.kernels.iron.charged_surface_gradient import surface_gradient
 from fieldmap.kernels.iron.charged_surface_weights import surface_weights
 from fieldmap.kernels.iron.mutual_potential import copy_lower, mutual_potential
 from fieldmap.kernels.simplex_rules import triangle_rule
 from fieldmap.records import Record
+from fieldmap.threads import over_rows
 from fieldmap.typing import Array
 
 # Farther than this many radii from its centre a triangle is three point charges (measured: 1e-6 of the field).

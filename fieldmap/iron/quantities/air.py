@@ -10,8 +10,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from fieldmap.errors import InputError, Problem
 from fieldmap.iron.mesh.mesh import IronMesh, volumes
-from fieldmap.kernels.in_threads import over_rows
 from fieldmap.kernels.iron.containment import find_tetrahedron
+from fieldmap.threads import over_rows
 from fieldmap.typing import Array
 
 

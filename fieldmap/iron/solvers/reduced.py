@@ -14,11 +14,11 @@ from scipy.linalg import cho_solve, cholesky, qr, solve_triangular
 from fieldmap.iron.elements.bh_law import LawTables
 from fieldmap.iron.elements.nodal_elements import CoilField
 from fieldmap.iron.elements.potential_form import Magnetisation, PotentialForm
-from fieldmap.kernels.in_threads import over_rows
 from fieldmap.kernels.iron.sample_gradients import magnetise_states, point_moments, root_of_susceptibility
 from fieldmap.kernels.map.reduced_iron import newton
 from fieldmap.parallel import in_threads, threads_of_kernels
 from fieldmap.records import Record
+from fieldmap.threads import over_rows
 from fieldmap.typing import Array
 
 # Points by which the energy norm is taken.

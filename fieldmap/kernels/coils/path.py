@@ -16,7 +16,7 @@ from fieldmap.kernels.coils.pieces import Arc, Bar
 from fieldmap.kernels.coils.quadrature import rule_limits
 from fieldmap.kernels.compilation import inlined, njit
 from fieldmap.kernels.constants import MU0_OVER_4PI
-from fieldmap.kernels.in_threads import over_rows
+from fieldmap.threads import over_rows
 from fieldmap.typing import Array
 
 _WORK = 400.0  # of one point: some microseconds

@@ -17,7 +17,7 @@ from fieldmap.kernels.compilation import njit
 from fieldmap.kernels.constants import MU0_OVER_4PI
 from fieldmap.kernels.copy_vector import copy_vector
 from fieldmap.kernels.gauss import GAUSS_NODES, GAUSS_WEIGHTS, gauss_start
-from fieldmap.kernels.in_threads import over_rows
+from fieldmap.threads import over_rows
 from fieldmap.typing import Array
 
 _WORK = 400.0  # of one point: some microseconds

@@ -17,7 +17,7 @@ from fieldmap.kernels.coils.meridian import BLOCK, set_field, set_gradient, to_m
 from fieldmap.kernels.compilation import inlined, njit
 from fieldmap.kernels.constants import MU0_OVER_2PI
 from fieldmap.kernels.gauss import GAUSS_NODES, GAUSS_WEIGHTS, gauss_start
-from fieldmap.kernels.in_threads import over_rows
+from fieldmap.threads import over_rows
 from fieldmap.typing import Array
 
 _LOST = 2e3  # rounding errors that closed form may lose by cancellation

@@ -1,16 +1,16 @@
 """Rows of results, filled by several threads."""
 
+import os
 import sys
 import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
 
-import numba
 import numpy as np
 import pytest
 
-from fieldmap.kernels import in_threads
-from fieldmap.kernels.in_threads import in_pieces, over_rows
+from fieldmap import threads
+from fieldmap.threads import in_pieces, over_rows
 
 
 def add_one(begin, end, out):
@@ -42,9 +42,8 @@ def test_pieces_are_no_smaller_than_asked(two_threads):
     assert len(sizes) == 8
 
 
-@pytest.mark.skipif(bool(numba.config.DISABLE_JIT), reason="one thread does it all")
 def test_few_rows_of_little_work_stay_in_the_thread_of_the_caller(monkeypatch):
-    monkeypatch.setattr(numba, "get_num_threads", lambda: 2)
+    monkeypatch.setattr(threads, "thread_count", lambda: 2)
 
     def names(rows, work):
         found = []
@@ -70,7 +69,7 @@ def test_no_more_threads_than_allowed(monkeypatch):
             inside[0] -= 1
 
     with ThreadPoolExecutor(8) as pool:
-        monkeypatch.setattr(in_threads, "_pool", lambda: pool)
+        monkeypatch.setattr(threads, "_pool", lambda: pool)
         in_pieces(part, 64, 1, 3)
     assert most[0] == 3
 
@@ -111,3 +110,22 @@ def test_several_callers_at_once(two_threads):
         caller.join(60)
     for out in outs:
         np.testing.assert_array_equal(out, 20.0 * np.arange(500))
+
+
+def test_a_thread_counts_for_itself_and_takes_no_more_than_there_are(monkeypatch):
+    monkeypatch.setenv("OMP_NUM_THREADS", "3")
+    found = []
+
+    def other():
+        threads.use_threads(1)
+        found.append(threads.thread_count())
+
+    one = threading.Thread(target=other)
+    one.start()
+    one.join()
+    assert found == [1]
+    assert threads.thread_count() == 3
+    with ThreadPoolExecutor(1, initializer=threads.use_threads, initargs=(99,)) as pool:
+        assert pool.submit(threads.thread_count).result() == 3
+    monkeypatch.setenv("OMP_NUM_THREADS", "many")
+    assert threads.most_threads() == len(os.sched_getaffinity(0))

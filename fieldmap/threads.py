@@ -1,36 +1,51 @@
-"""Kernels that fill rows of their results, in several threads.
+"""Compiled functions that fill rows of their results, in several threads.
 
-numba divides loops among threads itself (`parallel=True`), but compiles each of them twice for it, and some of its
-layers may not be entered from two threads at once or after a fork. A kernel here is a serial one that lets go of the
-interpreter's lock: it takes the first row and the last + 1 before its other arguments, and writes to no other rows.
+Such a function is a serial one that lets go of the interpreter's lock. It takes the first row and the last + 1 before
+its other arguments, and writes to no other rows.
 """
 
 import os
+import threading
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 from itertools import pairwise
 from typing import Any
 
-import numba
-
+_own = threading.local()
 _LEAST_WORK = 20_000
 """Units of work, some five nanoseconds each, for which it pays to wake a thread."""
-# More pieces than threads, which each takes when it has done one: who is held up leaves the rest to the others.
+# More pieces than threads: a thread that is slow leaves the remaining pieces to the others.
 _PIECES_PER_THREAD = 4
 
 
+def most_threads() -> int:
+    """One for each processor that this process may use, or as many as OMP_NUM_THREADS says."""
+    asked = os.environ.get("OMP_NUM_THREADS", "")
+    if asked.isdigit() and int(asked) > 0:
+        return int(asked)
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def thread_count() -> int:
+    """How many threads a call from this thread takes: `most_threads`, unless `use_threads` was told otherwise here."""
+    return int(getattr(_own, "count", None) or most_threads())
+
+
+def use_threads(count: int) -> None:
+    """Calls from this thread take so many threads from now on, and no more than `most_threads`."""
+    _own.count = min(count, most_threads())
+
+
 def over_rows(kernel: Callable[..., Any], rows: int, *arguments: Any, work: float = 1.0) -> None:
-    """kernel(first, last + 1, *arguments) for all of `rows` rows, in as many threads as `numba.get_num_threads` says.
+    """kernel(first, last + 1, *arguments) for all of `rows` rows, in as many threads as `thread_count` says.
 
     work: of one row, in units of some five nanoseconds (one pair of far triangles): few rows of little work are done
     in one thread. A row must not depend on the piece that it lies in: then the number of threads changes no bit of
     the results.
     """
     least = max(1, round(_LEAST_WORK / max(work, 1.0)))
-    # Not compiled, a kernel holds the lock.
-    threads = 1 if numba.config.DISABLE_JIT else numba.get_num_threads()  # type: ignore[attr-defined]
-    in_pieces(lambda start, stop: kernel(start, stop, *arguments), rows, least, threads)
+    in_pieces(lambda start, stop: kernel(start, stop, *arguments), rows, least, thread_count())
 
 
 def in_pieces(part: Callable[[int, int], Any], count: int, least: int, threads: int) -> list[Any]:
