@@ -10,6 +10,8 @@ from fieldmap.typing import Array
 FOUND, NOT_FINITE, BEYOND, NOT_CONVERGED = 0, 2, 32, 33
 """What a solve says: it was found; a current is no number; currents beyond the domain; too many steps."""
 
+MOST_STEPS = 60
+"""After which a solve gives up."""
 
 # Positions in an array for loops; before a run begins the first is 0.
 ADDRESS, SOLVES, NEWTON_STEPS, UNSOLVED, OUTSIDE, TOLERANCE = 0, 2, 3, 4, 5, 6
@@ -81,3 +83,15 @@ class IronState:
     def left(self) -> float:
         """What the last solve left of the state, estimated."""
         return float(LIBRARY.iron_amplitudes(self.state)[1])
+
+    @property
+    def steps(self) -> int:
+        """How many steps the last solve took."""
+        return int(LIBRARY.iron_amplitudes(self.state)[2])
+
+
+def continued(aim: Array, passed: Array, amplitudes: Array) -> Array:
+    """The amplitudes (r,) with which a solve at currents `aim` (c,) begins behind n states passed, 3 at most: their
+    currents (n, c) and amplitudes (n, r), newest last."""
+    found: Array = LIBRARY.iron_continued(aim, passed, amplitudes)
+    return found

@@ -128,16 +128,6 @@ def contract(block: Array, currents: Array, size: int) -> Array:
     return out
 
 
-def completed(block: Array) -> Array:
-    """A block of one set with what kernels that numba compiles want behind its coefficients."""
-    degree, kernels = int(block[map_block.DEGREE]), kernels_of(block)
-    behind = np.empty(kernels.behind(degree))
-    if not len(behind):
-        return block
-    kernels.complete(block[map_block.HEADER :], degree, behind)
-    return np.concatenate([block, behind])
-
-
 def node_potential(data: MapData) -> Array:
     """V (n_coils, nx, ny, nz) in T m/A with grad V = B, zero at the middle node.
 

@@ -66,5 +66,5 @@ def kept_in(kernels: Sequence[InterpolantKernels]) -> Callable[..., Any]:
 
 
 kept_at = kept_in(KERNELS)
-"""`kept_at(field, p, x, y, z)`: (status, the three of the field, the nine of its gradient), as
-`fieldmap.kernels.map.lookup.superposed_at`, for point number p at x, y, z, of any interpolant."""
+"""`kept_at(field, p, x, y, z)`: (status, the three of the field, the nine of its gradient), for point number p at x, y,
+z, of any interpolant."""
