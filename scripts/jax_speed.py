@@ -8,7 +8,6 @@ Times of field and gradient at one set of currents, s; numpy for kind="harmonic"
 import ast
 import inspect
 import sys
-import textwrap
 import time
 from collections.abc import Callable
 
@@ -16,8 +15,9 @@ import jax
 import numpy as np
 from numpy.typing import NDArray
 
+from fieldmap.core import block as map_block
 from fieldmap.interop import jax_field
-from fieldmap.kernels.map import cell_harmonics, map_block
+from fieldmap.interop.cell_polynomial import SIZE, field_and_gradient
 from fieldmap.lookup import FieldMap, open_map, unit_block
 
 POINTS, PIECE, ROUNDS = 1_000_000, 1024, 5
@@ -34,8 +34,7 @@ class _NewNames(ast.NodeTransformer):
 
 def formula_for_numpy() -> Callable[..., tuple[NDArray[np.float64], ...]]:
     """The kernel's formula, for arrays."""
-    kernel = cell_harmonics.field_and_gradient
-    source = textwrap.dedent(inspect.getsource(getattr(kernel, "py_func", kernel)))
+    source = inspect.getsource(field_and_gradient)
     tree = ast.fix_missing_locations(_NewNames().visit(ast.parse(source)))
     tree.body[0].decorator_list = []
     names: dict[str, Callable[..., tuple[NDArray[np.float64], ...]]] = {}
@@ -48,7 +47,7 @@ def by_numpy(
 ) -> Callable[[NDArray[np.float64]], NDArray[np.float64]]:
     """points (n, 3) to (n, 9), a piece at a time."""
     block, of_cell = unit_block(m.at(currents)), formula_for_numpy()
-    c = block[map_block.HEADER :].reshape(-1, cell_harmonics.SIZE)
+    c = block[map_block.HEADER :].reshape(-1, SIZE)
     lower, inverse, cells, local = (
         block[first : first + 3]
         for first in (map_block.LOWER, map_block.INVERSE, map_block.CELLS, map_block.LOCAL)

@@ -20,8 +20,8 @@ from scipy.linalg import block_diag
 from fieldmap.arguments import check_choice, check_matrix, check_numbers, check_ordered, check_signal
 from fieldmap.control.pid import PID
 from fieldmap.control.regulator import Regulator
+from fieldmap.core.controller import SIGNALS, Block
 from fieldmap.errors import InputError, Problem
-from fieldmap.kernels.control.block import SIGNALS, Block
 from fieldmap.records import Record
 from fieldmap.typing import Array
 
@@ -77,7 +77,7 @@ class Controller(Protocol):
 
     def inverse(self, state: Array) -> Any:
         """None for a controller whose outputs go to the coils as they are; for one whose outputs are forces the
-        `fieldmap.kernels.motion.inverse.Inverse` of a run that begins at a state (13,)."""
+        `fieldmap.core.machine.InverseMap` of a run that begins at a state (13,), without its machine."""
 
     def at(self, sensed: Array, stiffness: ArrayLike, per_output: ArrayLike) -> ControllerBlock:
         """The one block, from what is seen to outputs, that it is about an operating point. sensed (3,), m: the sensed

@@ -24,11 +24,11 @@ from numba.extending import is_jitted
 from numpy.typing import ArrayLike
 
 from fieldmap.arguments import check_choice, check_numbers, check_ordered, check_positive
-from fieldmap.control.blocks import arrays_of, constant_block
+from fieldmap.control.blocks import arrays_of, constant_block, stacked
 from fieldmap.control.function_failure import CALL, BoundFunction, reason, wrong_outputs
 from fieldmap.control.guarded import guarded
+from fieldmap.core.controller import Block
 from fieldmap.errors import InputError, Problem
-from fieldmap.kernels.control.block import Block
 from fieldmap.kernels.control.function import (
     C_SIGNATURE,
     DONE,
@@ -134,7 +134,9 @@ class FunctionController(Record):
                 where = f"FunctionController({name})"
                 raise InputError(Problem(where, must, f"{size} numbers", "give one for each output"))
         low, high = (np.broadcast_to(np.asarray(v, float), outputs).copy() for v in (self.lower, self.upper))
-        return arrays_of((constant_block(0.0),), (0.0, 1.0, 0.0))._replace(lower=low, upper=high)
+        return arrays_of((stacked(*[constant_block(0.0)] * outputs),), (0.0, 1.0, 0.0))._replace(
+            lower=low, upper=high
+        )
 
     def bound(self, names: Sequence[str]) -> BoundFunction:
         """The function for one run, with outputs of these names. Raises InputError where it cannot give them."""

@@ -34,13 +34,10 @@ static inline int fieldmap_caller_coils(const fieldmap_caller *of)
     return of->table != NULL ? 6 : of->map->n_coils;
 }
 
-/* The weights of the fields at currents, which lie in the state until the next solve. A solve that begins from the last
- * states and fails begins anew. NULL: none. */
+/* The weights of the fields at currents, which lie in the state until the next solve. NULL: none. */
 static inline const double *fieldmap_caller_solved(fieldmap_iron_state *state, const double *currents)
 {
-    int status = fieldmap_iron_solve_at(state, currents, state->tolerance);
-    if (status == FIELDMAP_IRON_NOT_CONVERGED) status = fieldmap_iron_solve_at(state, currents, state->tolerance);
-    return status == FIELDMAP_OK ? state->solution : NULL;
+    return fieldmap_iron_follow(state, currents) == FIELDMAP_OK ? state->solution : NULL;
 }
 
 static inline int fieldmap_caller_tabled(

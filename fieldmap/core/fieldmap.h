@@ -14,6 +14,10 @@
 #ifndef FIELDMAP_H
 #define FIELDMAP_H
 
+#ifdef FIELDMAP32_H
+#error "a source file includes fieldmap.h or fieldmap32.h, not both"
+#endif
+
 #include <math.h>
 
 #include "map_file.h"

@@ -108,6 +108,7 @@ FIELDMAP_INLINE void fieldmap_harmonics(
 {
     fm_real r2[FIELDMAP_LANES], sector[FIELDMAP_LANES], sector_b[FIELDMAP_LANES];
     fm_real here[FIELDMAP_LANES], here_b[FIELDMAP_LANES], before[FIELDMAP_LANES], before_b[FIELDMAP_LANES];
+    fm_real rise[FIELDMAP_LANES], fall[FIELDMAP_LANES];
     int l, m, i;
     for (i = 0; i < lanes; i++) {
         r2[i] = x[i] * x[i] + y[i] * y[i] + z[i] * z[i];
@@ -123,7 +124,9 @@ FIELDMAP_INLINE void fieldmap_harmonics(
             const fm_real scale = FM(1) / (fm_real)((l + 1) * (l + 1) - m * m), up = (fm_real)(2 * l + 1) * scale;
             fm_real *to = out + fieldmap_place(l, m) * lanes;
             for (i = 0; i < lanes; i++) {
-                const fm_real next = up * z[i] * here[i] - scale * r2[i] * before[i];
+                fm_real next;
+                rise[i] = up * z[i], fall[i] = scale * r2[i];
+                next = rise[i] * here[i] - fall[i] * before[i];
                 to[i] = here[i];
                 before[i] = here[i];
                 here[i] = next;
@@ -131,7 +134,7 @@ FIELDMAP_INLINE void fieldmap_harmonics(
             if (m == 0) continue;
             to += lanes;
             for (i = 0; i < lanes; i++) {
-                const fm_real next = up * z[i] * here_b[i] - scale * r2[i] * before_b[i];
+                const fm_real next = rise[i] * here_b[i] - fall[i] * before_b[i];
                 to[i] = here_b[i];
                 before_b[i] = here_b[i];
                 here_b[i] = next;
@@ -145,6 +148,19 @@ FIELDMAP_INLINE void fieldmap_harmonics(
     }
 }
 
+/* To five sums at `lanes` points: a harmonic times its coefficient in each. */
+FIELDMAP_INLINE void fieldmap_add_harmonic(
+    int lanes, const fm_real *FIELDMAP_RESTRICT harmonic, fm_real zz, fm_real xz, fm_real yz, fm_real dd, fm_real xy,
+    fm_real *FIELDMAP_RESTRICT sums)
+{
+    int i;
+    for (i = 0; i < lanes; i++) sums[i] += zz * harmonic[i];
+    for (i = 0; i < lanes; i++) sums[lanes + i] += xz * harmonic[i];
+    for (i = 0; i < lanes; i++) sums[2 * lanes + i] += yz * harmonic[i];
+    for (i = 0; i < lanes; i++) sums[3 * lanes + i] += dd * harmonic[i];
+    for (i = 0; i < lanes; i++) sums[4 * lanes + i] += xy * harmonic[i];
+}
+
 /* The nine of one polynomial c at `lanes` points side by side: see fieldmap_polynomial_5.
  *
  * a[m + 2] and b[m + 2]: coefficients of one degree for m = -2 to degree + 2, with R^(-m) = (-1)^m conj R^m; a[2] is
@@ -155,7 +171,7 @@ FIELDMAP_INLINE void fieldmap_polynomial(
 {
     fm_real harmonics[(FIELDMAP_MAX_DEGREE - 1) * (FIELDMAP_MAX_DEGREE - 1) * FIELDMAP_LANES];
     fm_real sum[5 * FIELDMAP_LANES], euler[5 * FIELDMAP_LANES];
-    int l, m, i, k;
+    int l, m, i;
     for (i = 0; i < 5 * lanes; i++) sum[i] = euler[i] = FM(0);
     fieldmap_harmonics(degree - 2, lanes, x, y, z, harmonics);
     for (l = 0; l <= degree - 2; l++) {
@@ -169,17 +185,14 @@ FIELDMAP_INLINE void fieldmap_polynomial(
         }
         a[1] = -a[3], b[1] = b[3], a[0] = a[4], b[0] = -b[4];
         for (i = 0; i < 5 * lanes; i++) part[i] = FM(0);
-        for (m = 0; m <= l; m++) {
+        /* Half of what the loop would add for m = 0. */
+        fieldmap_add_harmonic(lanes, harmonics + l * l * lanes, row[0], a[3], b[3], a[4], b[4], part);
+        for (m = 1; m <= l; m++) {
             const fm_real *here = harmonics + fieldmap_place(l, m) * lanes;
-            const fm_real half = m > 0 ? FM(1) : FM(0.5);
-            const fm_real of_p[5] = {half * a[m + 2], half * (a[m + 3] - a[m + 1]), half * (b[m + 3] + b[m + 1]),
-                                  half * (a[m + 4] + a[m]), half * (b[m + 4] - b[m])};
-            const fm_real of_q[5] = {b[m + 2], b[m + 3] - b[m + 1], -a[m + 3] - a[m + 1], b[m + 4] + b[m], a[m] - a[m + 4]};
-            for (k = 0; k < 5; k++)
-                for (i = 0; i < lanes; i++) part[k * lanes + i] += of_p[k] * here[i];
-            if (m == 0) continue;
-            for (k = 0; k < 5; k++)
-                for (i = 0; i < lanes; i++) part[k * lanes + i] += of_q[k] * here[lanes + i];
+            fieldmap_add_harmonic(
+                lanes, here, a[m + 2], a[m + 3] - a[m + 1], b[m + 3] + b[m + 1], a[m + 4] + a[m], b[m + 4] - b[m], part);
+            fieldmap_add_harmonic(
+                lanes, here + lanes, b[m + 2], b[m + 3] - b[m + 1], -a[m + 3] - a[m + 1], b[m + 4] + b[m], a[m] - a[m + 4], part);
         }
         for (i = 0; i < 5 * lanes; i++) {
             sum[i] += part[i];

@@ -798,6 +798,17 @@ static inline int fieldmap_iron_solve_at(fieldmap_iron_state *s, const double *c
     return FIELDMAP_OK;
 }
 
+/* For currents that change little by little: a solve that begins from the last states and fails begins anew. */
+static inline int fieldmap_iron_follow(fieldmap_iron_state *state, const double *currents)
+{
+    const int status = fieldmap_iron_solve_at(state, currents, state->tolerance), steps = state->steps;
+    int again;
+    if (status != FIELDMAP_IRON_NOT_CONVERGED) return status;
+    again = fieldmap_iron_solve_at(state, currents, state->tolerance);
+    state->steps += steps;
+    return again;
+}
+
 /* weights[n_fields] of the map's fields at currents[n_coils]: the currents, then those of the iron's fields, then 1 for a
  * background if there is any. */
 static inline int fieldmap_iron_weights(fieldmap_iron_state *state, const double *currents, double *weights)

@@ -2,8 +2,6 @@
 
 from typing import Any
 
-import numpy as np
-
 from fieldmap.core.library import LIBRARY
 from fieldmap.typing import Array
 
@@ -12,18 +10,6 @@ FOUND, NOT_FINITE, BEYOND, NOT_CONVERGED = 0, 2, 32, 33
 
 MOST_STEPS = 60
 """After which a solve gives up."""
-
-# Positions in an array for loops; before a run begins the first is 0.
-ADDRESS, SOLVES, NEWTON_STEPS, UNSOLVED, OUTSIDE, TOLERANCE = 0, 2, 3, 4, 5, 6
-_COUNT, _HEAD = 7, 12
-
-
-def begun(array: Array) -> Array:
-    """A copy of a model's `array` for a run of its own: it remembers nothing, and names the function to call."""
-    copy = array.copy()
-    LIBRARY.iron_array_begin(copy)
-    return copy
-
 
 class CoreIron:
     """A model that lies in `numbers` (fieldmap/core/iron.h). Never written to: any number of states may use it."""
@@ -35,15 +21,6 @@ class CoreIron:
     def state(self) -> "IronState":
         """What the solves of one thread remember, nothing yet."""
         return IronState(LIBRARY.iron_state(self._model))
-
-    def array(self, tolerance: float) -> Array:
-        """The model and a state of its own in one array, for compiled loops: see fieldmap/core/iron_array.h. Currents
-        beyond the domain are solved, too. What it remembers, and the address that loops call, are those of this array
-        alone: `begun` for a copy."""
-        array = np.zeros(LIBRARY.iron_array_length(self._model))
-        array[TOLERANCE], array[_COUNT] = tolerance, self.numbers.size
-        array[_HEAD : _HEAD + self.numbers.size] = self.numbers
-        return array
 
     def __reduce__(self) -> tuple[Any, ...]:
         return CoreIron, (self.numbers,)

@@ -34,14 +34,14 @@ static inline int fieldmap_body_points(const fieldmap_magnetic_body *body)
 }
 
 /* Point p of a body that is turned by r[9], from its origin, frame of the map. */
-static inline void fieldmap_body_arm(const fieldmap_magnetic_body *body, int p, const double *r, double *arm)
+FIELDMAP_INLINE void fieldmap_body_arm(const fieldmap_magnetic_body *body, int p, const double *r, double *arm)
 {
     fieldmap_to_map(r, p < body->n_dipoles ? body->dipoles[p].point : body->soft[p - body->n_dipoles].centre, arm);
 }
 
 /* moment[3] of point p in flux[3], both in the frame of the map; its energy, J: -m . B of a dipole, -integral of m dB of
  * soft iron. */
-static inline double fieldmap_body_moment(
+FIELDMAP_INLINE double fieldmap_body_moment(
     const fieldmap_magnetic_body *body, int p, const double *r, const double *flux, double *moment)
 {
     double inside[3], induced[3], energy;
@@ -56,7 +56,7 @@ static inline double fieldmap_body_moment(
 }
 
 /* Add to wrench[6] what a field does to a moment at an arm from the origin. */
-static inline void fieldmap_add_wrench(
+FIELDMAP_INLINE void fieldmap_add_wrench(
     const double *flux, const double *gradient, const double *moment, const double *arm, double *wrench)
 {
     double own[6];

@@ -1,10 +1,7 @@
 /* map.h: flux density, its derivatives and the scalar potential from the coefficients of a map.
  *
  * SI units, z up: points in m, currents in A, B in T, gradient[3 * i + j] = dB_i/dx_j in T/m, second[9 * i + 3 * j + k] =
- * d2B_i/dx_j dx_k in T/m^2. A map holds sets of coefficients at places: at the cells of a grid (polynomials of degree 5
- * that solve Laplace's equation), at its nodes (Hermite form), or one polynomial for the whole box. Set s of place n
- * begins at (n * sets + s) * size. The field is the sum of the sets, each times its weight, such as the current of its
- * coil. Where `constant` is 1, there is one more set, a field that no current drives, and its weight is 1.
+ * d2B_i/dx_j dx_k in T/m^2. What a map holds: harmonic_map.h.
  *
  * Nothing is allocated, and a map is never written to: any number of threads may use it.
  *
@@ -13,105 +10,12 @@
 #ifndef FIELDMAP_MAP_H
 #define FIELDMAP_MAP_H
 
-#include "harmonics.h"
+#include "harmonic_map.h"
 #include "hermite.h"
 #include "wrench.h"
 
-enum {
-    FIELDMAP_OK, FIELDMAP_OUTSIDE, FIELDMAP_NOT_FINITE, FIELDMAP_NO_FILE, FIELDMAP_TRUNCATED, FIELDMAP_NOT_A_MAP,
-    FIELDMAP_VERSION, FIELDMAP_BYTE_ORDER, FIELDMAP_DAMAGED, FIELDMAP_NO_MEMORY, FIELDMAP_ALIGNMENT, FIELDMAP_ARGUMENT
-};
-
-/* What the coefficients are of. The numbers stand in files. */
-enum { FIELDMAP_HERMITE, FIELDMAP_HARMONIC, FIELDMAP_GLOBAL };
-
 /* Numbers of a node in Hermite form: three components of eight. A map of the potential has one component. */
 enum { FIELDMAP_NODE = 24, FIELDMAP_CORNER = 8 };
-
-/* A map: treat as read-only. cells: along each axis; inverse: 1 / spacing, 1/m; local: spacing over the unit of length
- * of the polynomials, and per_length its inverse, 1/m; clamps: whether a point outside gets the value at the nearest
- * point of the box, not NaN. names: of the coils, each ended by a zero byte, one behind the other; owned: what
- * fieldmap_open took. */
-typedef struct fieldmap {
-    int n_coils, constant, degree, kind, clamps, size;
-    int cells[3];
-    fm_real lower[3], upper[3], inverse[3], local[3], per_length;
-    const fm_real *coefficients;
-    const char *names;
-    void *owned;
-} fieldmap;
-
-/* How many sets of coefficients a map has. */
-static inline int fieldmap_sets(const fieldmap *map)
-{
-    return map->n_coils + map->constant;
-}
-
-/* Where a point lies: cell (i, j, k), and coordinates 0 to 1 there. */
-typedef struct fieldmap_spot {
-    int cell[3];
-    fm_real t[3];
-} fieldmap_spot;
-
-/* FIELDMAP_OK where the field is known; FIELDMAP_OUTSIDE, with the nearest spot of the box; or FIELDMAP_NOT_FINITE, with
- * any spot. A point that rounding puts outside lies inside. */
-static inline int fieldmap_locate(const fieldmap *map, const fm_real *point, fieldmap_spot *spot)
-{
-    const fm_real edge = sizeof(fm_real) < 8 ? FM(1e-5) : FM(1e-9);
-    int axis, inside = 1, finite = 1;
-    for (axis = 0; axis < 3; axis++) {
-        const fm_real cells = (fm_real)map->cells[axis], last = cells - FM(1);
-        const fm_real u = (point[axis] - map->lower[axis]) * map->inverse[axis];
-        /* NaN fails every comparison. */
-        const fm_real above = u > FM(0) ? u : FM(0), in = above < cells ? above : cells;
-        const int index = (int)(in < last ? in : last);
-        inside &= (u >= -edge) & (u <= cells + edge);
-        finite &= fieldmap_finite(point[axis]);
-        spot->cell[axis] = index;
-        spot->t[axis] = in - (fm_real)index;
-    }
-    return !finite ? FIELDMAP_NOT_FINITE : inside || map->clamps ? FIELDMAP_OK : FIELDMAP_OUTSIDE;
-}
-
-/* Where the sets of cell `spot`, or of the node of its corner 4 i + 2 j + k, begin. */
-static inline const fm_real *fieldmap_sets_at(const fieldmap *map, const fieldmap_spot *spot, int corner)
-{
-    const int nodes = map->kind == FIELDMAP_HERMITE;
-    size_t place = (size_t)(spot->cell[0] + (corner >> 2 & 1));
-    place = place * (size_t)(map->cells[1] + nodes) + (size_t)(spot->cell[1] + (corner >> 1 & 1));
-    place = place * (size_t)(map->cells[2] + nodes) + (size_t)(spot->cell[2] + (corner & 1));
-    return map->coefficients + place * (size_t)fieldmap_sets(map) * (size_t)map->size;
-}
-
-/* out (size numbers): the sum at weights[n_coils] of the sets of a place, one behind the other. */
-static inline void fieldmap_sum_sets(const fieldmap *map, const fm_real *sets, const fm_real *weights, fm_real *out)
-{
-    const int size = map->size;
-    int m, s;
-    if (map->n_coils > 0)
-        for (m = 0; m < size; m++) out[m] = weights[0] * sets[m];
-    else
-        for (m = 0; m < size; m++) out[m] = FM(0);
-    for (s = 1; s < map->n_coils; s++) {
-        const fm_real *set = sets + (size_t)s * (size_t)size, weight = weights[s];
-        for (m = 0; m < size; m++) out[m] += weight * set[m];
-    }
-    if (map->constant) {
-        const fm_real *set = sets + (size_t)map->n_coils * (size_t)size;
-        for (m = 0; m < size; m++) out[m] += set[m];
-    }
-}
-
-/* The coefficients at a spot: those of the sum at weights, written to `room`, or those of a map of one set where weights
- * is NULL. */
-static inline const fm_real *fieldmap_coefficients(
-    const fieldmap *map, const fm_real *weights, const fieldmap_spot *spot, int corner, fm_real *room)
-{
-    const fm_real *sets = fieldmap_sets_at(map, spot, corner);
-    if (weights == NULL) return sets;
-    fieldmap_sum_sets(map, sets, weights, room);
-    return room;
-}
 
 /* The corners of a cell in Hermite form, in `room`, 8 * FIELDMAP_NODE numbers, or in the map. */
 static inline void fieldmap_corners(
@@ -126,26 +30,6 @@ static inline void fieldmap_bases(const fieldmap *map, const fieldmap_spot *spot
 {
     int axis;
     for (axis = 0; axis < 3; axis++) fieldmap_hermite_basis(spot->t[axis], map->local[axis], axes + axis);
-}
-
-/* The spot in the coordinates of its polynomial: from the middle of the cell, in its unit of length. */
-static inline void fieldmap_from_middle(const fieldmap *map, const fieldmap_spot *spot, fm_real local[3])
-{
-    int axis;
-    for (axis = 0; axis < 3; axis++) local[axis] = (spot->t[axis] - FM(0.5)) * map->local[axis];
-}
-
-/* flux[3] and, unless NULL, gradient[9] from the nine of harmonics.h. */
-static inline void fieldmap_store(fm_real per_length, const fm_real *nine, size_t step, fm_real *flux, fm_real *gradient)
-{
-    flux[0] = nine[0], flux[1] = nine[step], flux[2] = nine[2 * step];
-    if (gradient == NULL) return;
-    gradient[0] = per_length * nine[3 * step];
-    gradient[1] = gradient[3] = per_length * nine[4 * step];
-    gradient[2] = gradient[6] = per_length * nine[5 * step];
-    gradient[4] = per_length * nine[6 * step];
-    gradient[5] = gradient[7] = per_length * nine[7 * step];
-    gradient[8] = per_length * nine[8 * step];
 }
 
 /* What a point has where the field is not known. */
@@ -180,21 +64,8 @@ static inline void fieldmap_field_of_corners(
     }
 }
 
-/* flux[3] and, unless NULL, gradient[9] at a spot from the coefficients of its polynomial. */
-static inline void fieldmap_field_of_polynomial(
-    const fieldmap *map, const fm_real *c, const fieldmap_spot *spot, fm_real *flux, fm_real *gradient)
-{
-    fm_real local[3], nine[FIELDMAP_NINE];
-    fieldmap_from_middle(map, spot, local);
-    if (map->degree == 5)
-        fieldmap_polynomial_5(c, 1, local[0], local[1], local[2], nine);
-    else
-        fieldmap_polynomial(c, map->degree, 1, local, local + 1, local + 2, nine);
-    fieldmap_store(map->per_length, nine, 1, flux, gradient);
-}
-
 /* flux[3] and, unless NULL, gradient[9] at a spot from a row of fieldmap_gather. */
-static inline void fieldmap_field_of_row(
+FIELDMAP_INLINE void fieldmap_field_of_row(
     const fieldmap *map, const fm_real *row, const fieldmap_spot *spot, fm_real *flux, fm_real *gradient)
 {
     if (map->kind == FIELDMAP_HERMITE) {
@@ -203,7 +74,9 @@ static inline void fieldmap_field_of_row(
         for (j = 0; j < 8; j++) corners[j] = row + j * FIELDMAP_NODE;
         fieldmap_field_of_corners(map, corners, spot, flux, gradient);
     } else {
-        fieldmap_field_of_polynomial(map, row, spot, flux, gradient);
+        fm_real local[3];
+        fieldmap_from_middle(map, spot, local);
+        fieldmap_field_of_polynomial(row, map->degree, map->per_length, local, flux, gradient);
     }
 }
 
@@ -217,9 +90,10 @@ static inline void fieldmap_field_at(
         fieldmap_corners(map, weights, spot, room, corners);
         fieldmap_field_of_corners(map, corners, spot, flux, gradient);
     } else {
-        fm_real room[FIELDMAP_MAX_SIZE];
+        fm_real room[FIELDMAP_MAX_SIZE], local[3];
         const fm_real *c = fieldmap_coefficients(map, weights, spot, 0, room);
-        fieldmap_field_of_polynomial(map, c, spot, flux, gradient);
+        fieldmap_from_middle(map, spot, local);
+        fieldmap_field_of_polynomial(c, map->degree, map->per_length, local, flux, gradient);
     }
 }
 
@@ -380,17 +254,6 @@ static inline int fieldmap_potential_of_weights(
 }
 
 /* What follows is for callers who do not know what they were given. */
-
-/* FIELDMAP_OK if a map can be asked at these currents, which may be NULL for a map of fixed currents. */
-static inline int fieldmap_check(const fieldmap *map, const fm_real *currents, const fm_real *point)
-{
-    int k;
-    if (map == NULL || map->coefficients == NULL || point == NULL) return FIELDMAP_ARGUMENT;
-    if (currents == NULL && fieldmap_sets(map) != 1) return FIELDMAP_ARGUMENT;
-    for (k = 0; currents != NULL && k < map->n_coils; k++)
-        if (!fieldmap_finite(currents[k])) return FIELDMAP_NOT_FINITE;
-    return FIELDMAP_OK;
-}
 
 /* flux[3] and, unless NULL, gradient[9] at point[3] for currents[n_coils]. */
 static inline int fieldmap_field(

@@ -21,6 +21,11 @@ class CoreMap:
         self.map = LIBRARY.map_of_block(*self._given)
 
     @property
+    def sets(self) -> int:
+        """How many fields the block holds."""
+        return int(LIBRARY.map_sets(self.map))
+
+    @property
     def block(self) -> Array:
         """The array in which its coefficients lie."""
         return self._given[0]

@@ -33,7 +33,7 @@ static inline void fieldmap_path_forget(const fieldmap_path *path)
 }
 
 /* flux[3] and gradient[9] for point number p at a place. */
-static inline int fieldmap_path_field(const fieldmap_path *path, int p, const fm_real *point, fm_real *flux, fm_real *gradient)
+FIELDMAP_INLINE int fieldmap_path_field(const fieldmap_path *path, int p, const fm_real *point, fm_real *flux, fm_real *gradient)
 {
     const fieldmap *map = path->map;
     fieldmap_spot spot;

@@ -10,6 +10,7 @@
 #include "python_caller.h"
 #include "python_controller.h"
 #include "python_iron.h"
+#include "python_machine.h"
 #include "python_map.h"
 #include "python_mujoco.h"
 #include "python_table.h"
@@ -40,12 +41,22 @@ static PyObject *is_for_newer(PyObject *self, PyObject *const *args, Py_ssize_t 
 
 static PyMethodDef functions[] = {
     FUNCTION(is_for_newer), MAP_FUNCTIONS, BODY_FUNCTIONS, CALLER_FUNCTIONS, CONTROLLER_FUNCTIONS, IRON_FUNCTIONS,
-    MUJOCO_FUNCTIONS, TABLE_FUNCTIONS, {NULL, NULL, 0, NULL}};
+    MACHINE_FUNCTIONS, MUJOCO_FUNCTIONS, TABLE_FUNCTIONS, {NULL, NULL, 0, NULL}};
+
+#define CONSTANT(name) {#name, FIELDMAP_##name}
+
+/* Numbers that the core's enumerations give to names. */
+static const struct {
+    const char *name;
+    long value;
+} constants[] = {MAP_CONSTANTS, MACHINE_CONSTANTS};
 
 static int start(PyObject *module)
 {
-    (void)module;
+    size_t k;
     mark_process();
+    for (k = 0; k < sizeof constants / sizeof *constants; k++)
+        if (PyModule_AddIntConstant(module, constants[k].name, constants[k].value) != 0) return -1;
     return PyArray_ImportNumPyAPI();
 }
 

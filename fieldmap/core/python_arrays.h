@@ -104,8 +104,55 @@ static int numbers_attribute(PyObject *of, const char *name, int dimensions, npy
     fits = PyArray_SIZE(array) == count;
     if (fits) memcpy(out, PyArray_DATA(array), (size_t)count * sizeof(double));
     else PyErr_Format(PyExc_TypeError, "%s must hold %zd numbers", name, (Py_ssize_t)count);
-    Py_DECREF(array);
+    Py_DECREF((PyObject *)array);
     return fits;
+}
+
+/* The numbers of an attribute of `count` numbers, any count where it is negative, which the list `kept` keeps alive; NULL and
+ * an error where it does not fit. */
+static double *kept_attribute(PyObject *of, const char *name, int dimensions, npy_intp count, PyObject *kept)
+{
+    PyArrayObject *array = array_attribute(of, name, dimensions);
+    double *numbers = NULL;
+    if (array == NULL) return NULL;
+    if (count >= 0 && PyArray_SIZE(array) != count)
+        PyErr_Format(PyExc_TypeError, "%s must hold %zd numbers", name, (Py_ssize_t)count);
+    else if (PyList_Append(kept, (PyObject *)array) == 0)
+        numbers = (double *)PyArray_DATA(array);
+    Py_DECREF((PyObject *)array);
+    return numbers;
+}
+
+/* The same of an array to which is written. */
+static double *filled_attribute(PyObject *of, const char *name, int dimensions, npy_intp count, PyObject *kept)
+{
+    double *numbers = kept_attribute(of, name, dimensions, count, kept);
+    PyObject *array = numbers == NULL ? NULL : PyList_GetItem(kept, PyList_Size(kept) - 1);
+    if (array == NULL) return NULL;
+    if (PyArray_ISWRITEABLE((PyArrayObject *)array)) return numbers;
+    PyErr_Format(PyExc_TypeError, "%s must be writable", name);
+    return NULL;
+}
+
+/* How many rows an attribute of two dimensions has, or -1 and an error. */
+static npy_intp rows_of_attribute(PyObject *of, const char *name)
+{
+    PyArrayObject *array = array_attribute(of, name, 2);
+    npy_intp rows = array == NULL ? -1 : PyArray_DIM(array, 0);
+    Py_XDECREF((PyObject *)array);
+    return rows;
+}
+
+/* What a capsule of this name points to, which `kept` keeps alive; NULL without an error for None. */
+static void *capsule_attribute(PyObject *of, const char *name, const char *kind, PyObject *kept)
+{
+    PyObject *given = PyObject_GetAttrString(of, name);
+    void *found = NULL;
+    if (given == NULL) return NULL;
+    if (given != Py_None && (found = PyCapsule_GetPointer(given, kind)) != NULL && PyList_Append(kept, given) != 0)
+        found = NULL;
+    Py_DECREF(given);
+    return found;
 }
 
 #endif

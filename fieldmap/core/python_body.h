@@ -48,7 +48,7 @@ static int read_soft(PyObject *given, fieldmap_soft *piece)
     sound = PyArray_DIM(law, 0) == 4 && PyArray_DIM(law, 1) < 1000000;
     piece->knots = (int)PyArray_DIM(law, 1);
     if (!sound) PyErr_SetString(PyExc_TypeError, "law must be (4, knots)");
-    Py_DECREF(law);
+    Py_DECREF((PyObject *)law);
     return sound;
 }
 
@@ -72,7 +72,7 @@ static int copy_laws(PyObject *pieces, held_body *held, double *to)
  * centre, axes, factors, volume (over mu0), reluctance and law as fieldmap_soft has them. */
 static PyObject *magnetic_body(PyObject *self, PyObject *const *args, Py_ssize_t given)
 {
-    PyArrayObject *dipoles = (PyArrayObject *)args[0];
+    PyArrayObject *dipoles;
     Py_ssize_t pieces;
     PyObject *capsule = NULL;
     held_body *held;
@@ -80,6 +80,7 @@ static PyObject *magnetic_body(PyObject *self, PyObject *const *args, Py_ssize_t
     int sound = 1, p;
     (void)self;
     if (!has_arguments(given, 2)) return NULL;
+    dipoles = (PyArrayObject *)args[0];
     count = PyArray_Check(args[0]) ? PyArray_SIZE(dipoles) : 0;
     pieces = PySequence_Size(args[1]);
     if (pieces < 0) return NULL;

@@ -34,18 +34,6 @@ static const fieldmap_controller *controller_in(PyObject *capsule)
     return held == NULL ? NULL : &held->controller;
 }
 
-/* The numbers of an attribute of `count` numbers, which `arrays` keeps alive; NULL and an error where it does not fit. */
-static const double *kept_attribute(PyObject *of, const char *name, int dimensions, npy_intp count, PyObject *arrays)
-{
-    PyArrayObject *array = array_attribute(of, name, dimensions);
-    const double *numbers = NULL;
-    if (array == NULL) return NULL;
-    if (PyArray_SIZE(array) != count) PyErr_Format(PyExc_TypeError, "%s must hold %zd numbers", name, (Py_ssize_t)count);
-    else if (PyList_Append(arrays, (PyObject *)array) == 0) numbers = (const double *)PyArray_DATA(array);
-    Py_DECREF(array);
-    return numbers;
-}
-
 /* Read the sizes from D (nodes, outputs, 7) and A (nodes, states, states). */
 static int read_sizes(PyObject *given, fieldmap_controller *out)
 {
@@ -57,8 +45,8 @@ static int read_sizes(PyObject *given, fieldmap_controller *out)
             && PyArray_DIM(A, 0) == out->nodes;
         if (!sound) PyErr_SetString(PyExc_TypeError, "A must be (nodes, states, states) and D (nodes, outputs, 7)");
     }
-    Py_XDECREF(A);
-    Py_XDECREF(D);
+    Py_XDECREF((PyObject *)A);
+    Py_XDECREF((PyObject *)D);
     return sound;
 }
 
@@ -74,7 +62,7 @@ static int read_hold(PyObject *given, fieldmap_controller *out, PyObject *arrays
     for (i = 0; i < out->states && sound; i++) sound = out->hold[i] >= -1 && out->hold[i] < out->outputs;
     if (!sound) PyErr_SetString(PyExc_TypeError, "hold must be int64 (states,), each the number of an output or -1");
     sound = sound && PyList_Append(arrays, (PyObject *)array) == 0;
-    Py_DECREF(array);
+    Py_DECREF((PyObject *)array);
     return sound;
 }
 

@@ -6,7 +6,6 @@
 #define FIELDMAP_PYTHON_IRON_H
 
 #include "iron.h"
-#include "iron_array.h"
 #include "python_arrays.h"
 
 /* A model of iron and the array in which it lies; and what solves of one thread remember, in memory of its own. */
@@ -188,47 +187,7 @@ static PyObject *iron_continued(PyObject *self, PyObject *const *args, Py_ssize_
     return found;
 }
 
-/* iron_array_length(iron): of the array of a model (iron_array.h). */
-static PyObject *iron_array_length(PyObject *self, PyObject *const *args, Py_ssize_t given)
-{
-    const held_iron *iron;
-    (void)self;
-    if (!has_arguments(given, 1)) return NULL;
-    iron = (const held_iron *)PyCapsule_GetPointer(args[0], IRON);
-    if (iron == NULL) return NULL;
-    return PyLong_FromSize_t(
-        fieldmap_iron_array_length(&iron->model, (size_t)PyArray_SIZE((PyArrayObject *)iron->numbers)));
-}
-
-/* iron_array_begin(array): fill in addresses, and that nothing is remembered yet. */
-static PyObject *iron_array_begin(PyObject *self, PyObject *const *args, Py_ssize_t given)
-{
-    fieldmap_iron model;
-    npy_intp length, count;
-    double *array;
-    int sound;
-    (void)self;
-    if (!has_arguments(given, 1)) return NULL;
-    length = PyArray_Check(args[0]) ? PyArray_SIZE((PyArrayObject *)args[0]) : 0;
-    array = numbers_to_fill(args[0], length, "array");
-    if (array == NULL) return NULL;
-    /* Nothing is written before the length is what the numbers promise. */
-    memset(&model, 0, sizeof model);
-    count = length < FIELDMAP_ARRAY_HEAD ? -1 : (npy_intp)fieldmap_whole(array[FIELDMAP_ARRAY_COUNT], 1, (long)length);
-    sound = count > 0 && count <= length - FIELDMAP_ARRAY_HEAD
-        && fieldmap_iron_of_numbers(&model, array + FIELDMAP_ARRAY_HEAD, (uint64_t)count) == FIELDMAP_OK
-        && fieldmap_iron_array_length(&model, (size_t)count) == (size_t)length;
-    if (!sound || fieldmap_iron_array_begin(array) != FIELDMAP_OK) {
-        PyErr_SetString(PyExc_ValueError, "array is not that of a model of iron");
-        return NULL;
-    }
-    /* Addresses have 57 bits at most, of which the last are zero. */
-    array[FIELDMAP_ARRAY_ADDRESS] = (double)(uintptr_t)fieldmap_iron_array_weights;
-    Py_RETURN_NONE;
-}
-
 #define IRON_FUNCTIONS \
-    FUNCTION(iron_of_numbers), FUNCTION(iron_state), FUNCTION(iron_solve), FUNCTION(iron_amplitudes), FUNCTION(iron_continued), \
-    FUNCTION(iron_array_length), FUNCTION(iron_array_begin)
+    FUNCTION(iron_of_numbers), FUNCTION(iron_state), FUNCTION(iron_solve), FUNCTION(iron_amplitudes), FUNCTION(iron_continued)
 
 #endif

@@ -95,6 +95,15 @@ static PyObject *map_of_block(PyObject *self, PyObject *const *args, Py_ssize_t 
     return capsule;
 }
 
+/* map_sets(map): how many sets of coefficients. */
+static PyObject *map_sets(PyObject *self, PyObject *const *args, Py_ssize_t given)
+{
+    const fieldmap *map;
+    (void)self;
+    if (!has_arguments(given, 1) || (map = map_in(args[0])) == NULL) return NULL;
+    return PyLong_FromLong(fieldmap_sets(map));
+}
+
 /* fields(map, points, weights, flux, gradient): see fieldmap.core.map. */
 static PyObject *fields(PyObject *self, PyObject *const *args, Py_ssize_t given)
 {
@@ -323,7 +332,12 @@ static PyObject *derivative_matrix(PyObject *self, PyObject *const *args, Py_ssi
 }
 
 #define MAP_FUNCTIONS \
-    FUNCTION(map_of_block), FUNCTION(fields), FUNCTION(second_gradients), FUNCTION(potentials), FUNCTION(each_field), \
+    FUNCTION(map_of_block), FUNCTION(map_sets), FUNCTION(fields), FUNCTION(second_gradients), FUNCTION(potentials), FUNCTION(each_field), \
     FUNCTION(sum_sets), FUNCTION(field_at), FUNCTION(dipole_wrench_at), FUNCTION(harmonics), FUNCTION(derivative_matrix)
+
+#define MAP_CONSTANTS \
+    CONSTANT(KIND), CONSTANT(CLAMPS), CONSTANT(SETS), CONSTANT(DEGREE), CONSTANT(LOWER), CONSTANT(INVERSE), CONSTANT(CELLS), \
+    CONSTANT(LOCAL), CONSTANT(LENGTH), CONSTANT(PER_LENGTH), CONSTANT(HEADER), CONSTANT(HERMITE), CONSTANT(HARMONIC), \
+    CONSTANT(GLOBAL), CONSTANT(NODE)
 
 #endif

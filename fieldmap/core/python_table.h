@@ -64,7 +64,7 @@ static int read_table(PyObject *given, fieldmap_current_table *out, PyObject *ar
         out->coefficients = (const double *)PyArray_DATA(coefficients);
         sound = PyList_Append(arrays, (PyObject *)coefficients) == 0;
     }
-    Py_XDECREF(coefficients);
+    Py_XDECREF((PyObject *)coefficients);
     if (!sound) {
         if (!PyErr_Occurred()) PyErr_SetString(PyExc_TypeError, "coefficients must have four nodes of u, x and y at least");
         return 0;

@@ -10,25 +10,27 @@
 
 #include <math.h>
 
-static inline double fieldmap_dot(const double *a, const double *b)
+#include "real.h"
+
+FIELDMAP_INLINE double fieldmap_dot(const double *a, const double *b)
 {
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
 }
 
 /* out = a x b; another array than both. */
-static inline void fieldmap_cross(const double *a, const double *b, double *out)
+FIELDMAP_INLINE void fieldmap_cross(const double *a, const double *b, double *out)
 {
     out[0] = a[1] * b[2] - a[2] * b[1];
     out[1] = a[2] * b[0] - a[0] * b[2];
     out[2] = a[0] * b[1] - a[1] * b[0];
 }
 
-static inline void fieldmap_add(const double *a, double *sum)
+FIELDMAP_INLINE void fieldmap_add(const double *a, double *sum)
 {
     sum[0] += a[0], sum[1] += a[1], sum[2] += a[2];
 }
 
-static inline void fieldmap_add_cross(const double *a, const double *b, double *sum)
+FIELDMAP_INLINE void fieldmap_add_cross(const double *a, const double *b, double *sum)
 {
     double product[3];
     fieldmap_cross(a, b, product);
@@ -36,21 +38,21 @@ static inline void fieldmap_add_cross(const double *a, const double *b, double *
 }
 
 /* A vector of the body in the frame of the map; out is another array. */
-static inline void fieldmap_to_map(const double *r, const double *v, double *out)
+FIELDMAP_INLINE void fieldmap_to_map(const double *r, const double *v, double *out)
 {
     int i;
     for (i = 0; i < 3; i++) out[i] = fieldmap_dot(r + 3 * i, v);
 }
 
 /* A vector of the map in the frame of the body; out is another array. */
-static inline void fieldmap_to_body(const double *r, const double *v, double *out)
+FIELDMAP_INLINE void fieldmap_to_body(const double *r, const double *v, double *out)
 {
     int i;
     for (i = 0; i < 3; i++) out[i] = r[i] * v[0] + r[3 + i] * v[1] + r[6 + i] * v[2];
 }
 
 /* r[9] of a quaternion of length 1. */
-static inline void fieldmap_rotation(const double *turn, double *r)
+FIELDMAP_INLINE void fieldmap_rotation(const double *turn, double *r)
 {
     const double w = turn[0], x = turn[1], y = turn[2], z = turn[3];
     const double xx = 2.0 * x * x, yy = 2.0 * y * y, zz = 2.0 * z * z;
@@ -62,7 +64,7 @@ static inline void fieldmap_rotation(const double *turn, double *r)
 }
 
 /* The quaternion times (w, x, y, z), which turns about axes of the body. */
-static inline void fieldmap_turn_by(double *turn, double w, double x, double y, double z)
+FIELDMAP_INLINE void fieldmap_turn_by(double *turn, double w, double x, double y, double z)
 {
     const double a = turn[0], b = turn[1], c = turn[2], d = turn[3];
     turn[0] = a * w - b * x - c * y - d * z;
@@ -72,7 +74,7 @@ static inline void fieldmap_turn_by(double *turn, double w, double x, double y, 
 }
 
 /* One step of Newton's method for 1 / length takes back what rounding did to the length of a quaternion. */
-static inline void fieldmap_normalise(double *turn)
+FIELDMAP_INLINE void fieldmap_normalise(double *turn)
 {
     int k;
     const double square = turn[0] * turn[0] + turn[1] * turn[1] + turn[2] * turn[2] + turn[3] * turn[3];
@@ -80,7 +82,7 @@ static inline void fieldmap_normalise(double *turn)
 }
 
 /* A turn about the second axis of the body by the angle factor * momentum[1]; the momentum in the body turns back. */
-static inline void fieldmap_turn_about_second(double *turn, double *momentum, double factor)
+FIELDMAP_INLINE void fieldmap_turn_about_second(double *turn, double *momentum, double factor)
 {
     const double angle = factor * momentum[1], s = sin(0.5 * angle), c = cos(0.5 * angle);
     const double sine = 2.0 * s * c, cosine = c * c - s * s, first = momentum[0], third = momentum[2];
@@ -97,26 +99,26 @@ static inline void fieldmap_turn_about_second(double *turn, double *momentum, do
  * the second is absent and the step is exact. Otherwise it is of second order, symmetric in time and symplectic; L keeps
  * its length and its direction in space to rounding. After Dullweber, Leimkuhler and McLachlan, J. Chem. Phys. 107, 5840
  * (1997), with the part that commutes taken out. */
-static inline void fieldmap_free_turn(double *turn, double *angular_velocity, const double *inertia, double h)
+FIELDMAP_INLINE void fieldmap_free_turn(double *turn, double *angular_velocity, const double *inertia, double h)
 {
-    const double i1 = inertia[0], i2 = inertia[1], i3 = inertia[2];
+    const double per[3] = {1.0 / inertia[0], 1.0 / inertia[1], 1.0 / inertia[2]};
     double p[3], about[3], rate, share;
     int k;
-    for (k = 0; k < 3; k++) p[k] = inertia[k] * angular_velocity[k], about[k] = p[k] / i1;
+    for (k = 0; k < 3; k++) p[k] = inertia[k] * angular_velocity[k], about[k] = p[k] * per[0];
     rate = sqrt(fieldmap_dot(about, about));
     /* sin(h rate / 2) / rate, also where the rate vanishes. */
     share = rate > 1e-150 ? sin(0.5 * h * rate) / rate : 0.5 * h;
     fieldmap_turn_by(turn, cos(0.5 * h * rate), share * about[0], share * about[1], share * about[2]);
-    if (i1 != i2) fieldmap_turn_about_second(turn, p, 0.5 * h * (1.0 / i2 - 1.0 / i1));
-    if (i1 != i3) {
-        const double angle = h * p[2] * (1.0 / i3 - 1.0 / i1), s = sin(0.5 * angle), c = cos(0.5 * angle);
+    if (inertia[0] != inertia[1]) fieldmap_turn_about_second(turn, p, 0.5 * h * (per[1] - per[0]));
+    if (inertia[0] != inertia[2]) {
+        const double angle = h * p[2] * (per[2] - per[0]), s = sin(0.5 * angle), c = cos(0.5 * angle);
         const double sine = 2.0 * s * c, cosine = c * c - s * s, first = p[0], second = p[1];
         fieldmap_turn_by(turn, c, 0.0, 0.0, s);
         p[0] = cosine * first + sine * second;
         p[1] = cosine * second - sine * first;
     }
-    if (i1 != i2) fieldmap_turn_about_second(turn, p, 0.5 * h * (1.0 / i2 - 1.0 / i1));
-    for (k = 0; k < 3; k++) angular_velocity[k] = p[k] / inertia[k];
+    if (inertia[0] != inertia[1]) fieldmap_turn_about_second(turn, p, 0.5 * h * (per[1] - per[0]));
+    for (k = 0; k < 3; k++) angular_velocity[k] = p[k] * per[k];
 }
 
 #endif

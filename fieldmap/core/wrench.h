@@ -10,7 +10,7 @@
 #include "real.h"
 
 /* wrench[6] on a dipole of moment[3], A m^2, about its place: F_j = m_i dB_i/dx_j, T = m x B. */
-static inline void fieldmap_dipole_wrench(const fm_real *flux, const fm_real *gradient, const fm_real *moment, fm_real *wrench)
+FIELDMAP_INLINE void fieldmap_dipole_wrench(const fm_real *flux, const fm_real *gradient, const fm_real *moment, fm_real *wrench)
 {
     int j;
     for (j = 0; j < 3; j++)

@@ -13,10 +13,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fieldmap.arguments import check_positive, check_signal
+from fieldmap.core.machine import Allocation
 from fieldmap.currents import ASSUMED_N, CurrentParametrisation, LiftAndDirections
 from fieldmap.errors import Infeasible, InputError, Problem
-from fieldmap.kernels.map.parametrisation import MATRIX
-from fieldmap.kernels.motion.currents import Allocation
+from fieldmap.kernels.map.parametrisation import LIFT_AND_DIRECTIONS
 from fieldmap.levitation.least_power import push_shares
 from fieldmap.records import Record
 from fieldmap.typing import Array
@@ -92,7 +92,8 @@ class ParametrisedAllocation(Record, ControlAllocation):
     def numbers(self) -> Allocation:
         """As compiled loops take it."""
         kernel = self.parametrisation.kernel()
-        return Allocation(kernel.kind, kernel.exponent, kernel.matrix, np.zeros(self.coils))
+        division = int(kernel.kind == LIFT_AND_DIRECTIONS)
+        return Allocation(division, kernel.exponent, kernel.matrix, np.zeros(self.coils))
 
 
 def lift_and_directions(n: float = ASSUMED_N) -> ParametrisedAllocation:
@@ -134,9 +135,8 @@ class MatrixAllocation(Record, ControlAllocation):
 
     def numbers(self) -> Allocation:
         """As compiled loops take it."""
-        # Of its own and so writable: otherwise the loop would be compiled once more.
         constant = np.array(np.broadcast_to(self.constant, (self.coils,)), float)
-        return Allocation(MATRIX, 1.0, np.ascontiguousarray(self.matrix, float), constant)
+        return Allocation(0, 1.0, np.ascontiguousarray(self.matrix, float), constant)
 
 
 def least_power_allocation(force_per_ampere: ArrayLike, shares: ArrayLike, volts: float) -> MatrixAllocation:

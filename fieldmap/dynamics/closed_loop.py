@@ -9,27 +9,33 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from fieldmap.arguments import check_count, check_positive, check_signal
 from fieldmap.control.blocks import Controller
 from fieldmap.control.function_controller import FunctionController
 from fieldmap.control.function_failure import BoundFunction, failure, written_beside
 from fieldmap.control.guarded import guarded
-from fieldmap.core.iron import NEWTON_STEPS, OUTSIDE, SOLVES, UNSOLVED
+from fieldmap.core.closed_loop import (
+    GOES_ON,
+    NO_FUNCTION,
+    ControlLaw,
+    Loop,
+    Progress,
+    Signals,
+    Timing,
+)
+from fieldmap.core.controller import SIGNALS, CoreController
+from fieldmap.core.library import LIBRARY
+from fieldmap.core.machine import STATE, CoreMachine
 from fieldmap.dynamics.allocation import MatrixAllocation
 from fieldmap.dynamics.field_of_currents import EXACT
 from fieldmap.dynamics.loop_run import IronUse, LevitationRun, event_of
 from fieldmap.dynamics.machine import CONTACTS, Machine
 from fieldmap.errors import ControllerError, InputError, NotConverged, Problem
-from fieldmap.kernels.control.function import NO_FUNCTION
-from fieldmap.kernels.motion import closed_loop as kernel
-from fieldmap.kernels.motion.closed_loop import ControlLaw, Moving, Signals, Timing, closed_loop
-from fieldmap.kernels.motion.currents import MODELLED
-from fieldmap.kernels.motion.layout import STATE, Plant
 from fieldmap.records import Record
 from fieldmap.typing import Array
 
@@ -81,31 +87,15 @@ class Schedule(Record):
         return len(self.references) * self.period
 
 
-class Loop(NamedTuple):
-    """The arguments of the compiled loop, all of which it advances in place."""
+@dataclass(frozen=True, eq=False, repr=False)
+class Begun(Record):
+    """A run at its beginning. loop: as the C core advances it, of machine; search: the machine of its own in which an
+    inverse map searches, or None; event: what has ended it already, or GOES_ON."""
 
-    timing: Timing
-    plant: Any
-    sensing: Any
-    law: ControlLaw
-    ending: Any
-    signals: Signals
-    moving: Moving
-    room: Any
-    progress: NDArray[np.int64]
-    rows: Array
-
-    def __repr__(self) -> str:
-        return f"Loop({len(self.signals.references)} samples)"
-
-    def go_on(self) -> int:
-        """Run to the end, an event or a pause; which of them."""
-        return int(closed_loop(*self))
-
-    @property
-    def time(self) -> float:
-        """Of the mechanics, s."""
-        return float(self.progress[kernel.STEPS] * self.timing.step)
+    loop: Loop
+    machine: CoreMachine
+    search: CoreMachine | None
+    event: int
 
 
 def simulate_closed_loop(
@@ -135,21 +125,21 @@ def simulate_closed_loop(
         inverse = controller.inverse(np.array(check_signal("simulate_closed_loop(state)", state)))
         law = ControlLaw(
             NO_FUNCTION,
-            controller.arrays,
+            CoreController(controller.arrays).controller,
             machine.allocation.numbers(),
             inverse if inverse is not None and inverse.rounds > 0 else None,
         )
-    loop, event = start_loop(machine, law, controller.memory, schedule, state, currents, seed)
-    if event == kernel.NOTHING:
+    begun = start_loop(machine, law, controller.memory, schedule, state, currents, seed)
+    loop, event = begun.loop, begun.event
+    if event == GOES_ON:
         event = loop.go_on()
-    run = run_of(machine, schedule, loop, event)
+    run = run_of(machine, schedule, begun, event)
     if isinstance(controller, FunctionController) and bound is not None:
         run = replace(run, assumptions=(*run.assumptions, controller.assumption))
-        room = loop.room
-        problem = written_beside(loop.time, loop.moving.memory, room.signals, room.outputs)
+        problem = written_beside(loop.time, loop.memory, loop.seen, loop.outputs)
         if problem is not None:
             raise ControllerError(problem, time=loop.time, run=run)
-        if event in (kernel.CONTROLLER_FAILED, kernel.OUTPUTS_NOT_FINITE):
+        if event in (LIBRARY.CONTROLLER_FAILED, LIBRARY.OUTPUTS_NOT_FINITE):
             raise controller_error(bound, names, loop, run)
     return run
 
@@ -167,8 +157,8 @@ def machine_for(machine: Machine, gives: str) -> Machine:
 
 def function_law(machine: Machine, address: int, controller: FunctionController) -> ControlLaw:
     """The control law of a function at an address, or of outputs that are given."""
-    limits = controller.limits(len(machine.allocation.output_names))
-    return ControlLaw(address, limits, machine.allocation.numbers(), None)
+    limits = CoreController(controller.limits(len(machine.allocation.output_names)))
+    return ControlLaw(address, limits.controller, machine.allocation.numbers(), None)
 
 
 def start_loop(
@@ -179,52 +169,68 @@ def start_loop(
     state: ArrayLike,
     currents: ArrayLike,
     seed: int | np.random.SeedSequence | np.random.Generator | None,
-) -> tuple[Loop, int]:
+) -> Begun:
     """The loop at its beginning, and an event, if it has one already. Raises InputError."""
     begin = np.array(check_signal("simulate_closed_loop(state)", state, columns=STATE))
     amperes = np.array(check_signal("simulate_closed_loop(currents)", currents))
     n, m = machine.drive.coils, len(machine.allocation.output_names)
     _check_coils(machine, amperes)
-    # A search for outputs takes slopes by differences, for which the solves of a run are too coarse.
-    plant = machine.plant(schedule.step, None if law.inverse is None else EXACT)
-    timing, sensing = schedule.clock, machine.sensors.numbers
-    signals = draw_signals(machine, schedule, seed)
-    moving = Moving(begin, amperes, guarded(memory), np.empty(6))
-    room, event = kernel.begin(timing, plant, sensing, signals, moving, m)
-    # What functions write to; compiled ones may miss it.
-    room = room._replace(signals=guarded(room.signals), outputs=guarded(room.outputs))
-    if iron_use(machine, plant).unsolved:
+    core, search = machine.core(schedule.step), None
+    if law.inverse is not None:
+        # A search for outputs takes slopes by differences, for which the solves of a run are too coarse.
+        search = machine.core(schedule.step, EXACT)
+        law = law._replace(inverse=law.inverse._replace(machine=search.machine))
+    loop = Loop(
+        machine=core.machine,
+        timing=schedule.clock,
+        sensing=machine.sensors.numbers,
+        law=law,
+        ending=machine.end_numbers(schedule.period),
+        signals=draw_signals(machine, schedule, seed),
+        state=begin,
+        currents=amperes,
+        # What functions write to; compiled ones may miss it.
+        memory=guarded(memory),
+        load=np.zeros(6),
+        progress=np.zeros(len(Progress._fields), np.int64),
+        commands=amperes.copy(),
+        waiting=amperes.copy(),
+        late=amperes.copy(),
+        seen=guarded(np.ones(SIGNALS)),
+        outputs=guarded(np.zeros(m)),
+        scratch=np.zeros(len(memory) + 2 * m),
+        voltages=np.zeros(n),
+        rows=np.empty((-(-len(schedule.references) // schedule.every), STATE + 2 * n + 3 + m)),
+    )
+    event = loop.begin()
+    if core.solves.unsolved:
         raise _unsolved(amperes)
-    rows = np.empty((-(-len(schedule.references) // schedule.every), STATE + 2 * n + 3 + m))
-    progress = np.zeros(kernel.PROGRESS, np.int64)
-    ending = machine.end_numbers(schedule.period)
-    return Loop(timing, plant, sensing, law, ending, signals, moving, room, progress, rows), int(event)
+    return Begun(loop, core, search, event)
 
 
-def run_of(machine: Machine, schedule: Schedule, loop: Loop, event: int) -> LevitationRun:
+def run_of(machine: Machine, schedule: Schedule, begun: Begun, event: int) -> LevitationRun:
     """What a loop has recorded by now."""
-    filled, touched = int(loop.progress[kernel.ROWS]), int(loop.room.watch[kernel.EVER])
+    loop = begun.loop
+    done = loop.done
     return LevitationRun(
-        time=np.asarray(schedule.period * schedule.every * np.arange(filled), np.float64),
-        rows=loop.rows[:filled],
+        time=np.asarray(schedule.period * schedule.every * np.arange(done.rows), np.float64),
+        rows=loop.rows[: done.rows],
         coils=machine.drive.coils,
         seen_at=machine.body.seen_at,
-        references=schedule.references[:: schedule.every][:filled],
-        event=event_of(event, loop.time, loop.moving.state, loop.moving.currents),
-        touched=tuple(name for name, bit in CONTACTS.items() if touched & bit),
+        references=schedule.references[:: schedule.every][: done.rows],
+        event=event_of(event, loop.time, loop.state, loop.currents),
+        touched=tuple(name for name, bit in CONTACTS.items() if done.touched & bit),
         assumptions=machine.assumptions,
         forces=loop.law.inverse is not None,
         output_names=machine.allocation.output_names,
-        iron=iron_use(machine, loop.plant),
+        iron=iron_use(machine, begun),
     )
 
 
-def iron_use(machine: Machine, plant: Plant) -> IronUse:
-    """What a run takes for the iron, and how its solves went so far."""
-    if plant.superposition.kind != MODELLED:
-        return IronUse(machine.magnetic.iron)
-    done = plant.superposition.iron[[SOLVES, NEWTON_STEPS, UNSOLVED, OUTSIDE]]
-    return IronUse(machine.magnetic.iron, *(int(number) for number in done))
+def iron_use(machine: Machine, begun: Begun) -> IronUse:
+    """What a run takes for the iron, and how its solves went so far, those of a search among them."""
+    machines = [each for each in (begun.machine, begun.search) if each is not None]
+    return IronUse(machine.magnetic.iron, *map(sum, zip(*(each.solves for each in machines), strict=True)))
 
 
 def _unsolved(currents: Array) -> NotConverged:
@@ -236,9 +242,9 @@ def controller_error(
     bound: BoundFunction, names: Sequence[str], loop: Loop, run: LevitationRun
 ) -> BaseException:
     """Of a function that failed at the sample at which the loop stands, with the run up to there."""
-    room, memory = loop.room, loop.moving.memory
-    given = loop.time, room.signals[3:6].copy(), room.signals[:3].copy(), room.scratch[: len(memory)].copy()
-    problem, cause = failure(bound, names, int(loop.progress[kernel.ANSWER]), room.outputs, given)
+    state = loop.scratch[: len(loop.memory)].copy()
+    given = loop.time, loop.seen[3:6].copy(), loop.seen[:3].copy(), state
+    problem, cause = failure(bound, names, loop.done.answer, loop.outputs, given)
     if cause is not None and not isinstance(cause, Exception):
         return cause
     error = ControllerError(problem, time=loop.time, run=run)

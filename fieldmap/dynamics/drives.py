@@ -50,7 +50,7 @@ class CoilDrive(Record):
 
     @property
     def drives(self) -> Array:
-        """(n, 7), in the order of fieldmap.kernels.control.instruments."""
+        """(n, 7), in the order of fieldmap_drive (fieldmap/core/instruments.h)."""
         a, c = self.amplifier, self.converter
         step, widest = (0.0, np.inf) if c is None else (c.resolution, c.range)
         lower, upper = max(a.lower, -widest), min(a.upper, widest)
@@ -68,7 +68,7 @@ class CoilDrive(Record):
         return np.maximum(low, self.supply[0] / R), np.minimum(high, self.supply[1] / R)
 
     def numbers(self, step: float) -> Array:
-        """(n, 4) for a length of step, s, in the order of fieldmap.kernels.motion.currents."""
+        """(n, 4) for a length of step, s, in the order of fieldmap_winding (fieldmap/core/currents.h)."""
         numbers = np.zeros((self.coils, 4))
         numbers[:, 1] = np.exp(-step / self.time_constant) if self.time_constant else 0.0
         if self.resistance is None or self.inductance is None:

@@ -7,18 +7,20 @@ parametrisation, or linearised about currents.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from fieldmap.arguments import check_positive
-from fieldmap.core.iron import TOLERANCE, CoreIron, begun
+from fieldmap.core import CoreMap
+from fieldmap.core.current_table import CoreTable
+from fieldmap.core.iron import CoreIron
+from fieldmap.core.machine import BodyNumbers, Plant
 from fieldmap.errors import InputError, Problem
 from fieldmap.field import Field, require_affine, require_bounds
-from fieldmap.kernels.motion.currents import MODELLED, SUPERPOSED, TABLED, Superposition
 from fieldmap.lookup import FieldMap, interpolate, saturates, table_of_currents, tangent_block, unit_block
 from fieldmap.lookup.current_solver import COMPILED_TOLERANCE, core_numbers
-from fieldmap.lookup.current_table import no_table
 from fieldmap.lookup.iron_response import compiled_currents
 from fieldmap.records import Record
 from fieldmap.store import Grid, MapData, Provenance
@@ -28,29 +30,51 @@ SPACING = 5e-3
 """Distance of the nodes at which a field that is no map is sampled, m."""
 FEWEST_CELLS = 4
 EXACT = 1e-9
-"""Tolerance of `FieldOfCurrents.begin` for searches, and for slopes by differences."""
+"""Tolerance of `FieldOfCurrents.plant` for searches, and for slopes by differences."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class FieldOfCurrents(Record):
-    """block: coefficients of the fields; numbers: how their weights follow the currents; assumptions; constant: whether
-    something that no current drives makes a field, too; iron: "linear", "linearised", "table" or "model"."""
+    """block: coefficients of the fields. Their weights follow the currents, times `scale`, a calibration: by the
+    `model` of saturating iron, by a `table`, or, without both, in proportion. assumptions; tolerance: share of the
+    state that solves of the model may leave, in the norm of the energy; constant: whether something that no current
+    drives makes a field, too; iron: "linear", "linearised", "table" or "model"."""
 
     block: Array
-    numbers: Superposition
     assumptions: tuple[str, ...]
+    scale: float = 1.0
+    model: CoreIron | None = None
+    table: CoreTable | None = None
+    tolerance: float = COMPILED_TOLERANCE
     constant: bool = False
     iron: str = "linear"
 
-    def begin(self, tolerance: float | None = None) -> Superposition:
-        """`numbers` for one run or search: a model of the iron that remembers nothing of others. tolerance: share of
-        the state that its solves may leave, in the norm of the energy; 1e-4 unless given."""
-        if self.numbers.kind != MODELLED:
-            return self.numbers
-        own = begun(self.numbers.iron)
-        if tolerance is not None:
-            own[TOLERANCE] = tolerance
-        return self.numbers._replace(iron=own)
+    @cached_property
+    def map(self) -> CoreMap:
+        """The fields as the C core takes them, all of which have weights."""
+        return CoreMap(self.block)
+
+    def plant(
+        self,
+        body: BodyNumbers,
+        seen_at: Array,
+        windings: Array,
+        drives: Array,
+        tolerance: float | None = None,
+    ) -> Plant:
+        """Body and coils in this field, with a model of the iron that remembers nothing of others. tolerance: another
+        than that of the field."""
+        return Plant(
+            map=self.map.map,
+            body=body,
+            seen_at=seen_at,
+            scale=self.scale,
+            iron=None if self.model is None else self.model.state().state,
+            tolerance=self.tolerance if tolerance is None else tolerance,
+            table=None if self.table is None else self.table.table,
+            windings=windings,
+            drives=drives,
+        )
 
 
 def sampled_field(field: Field, spacing: float = SPACING) -> FieldMap:
@@ -105,7 +129,7 @@ def superposed(field_map: FieldMap, scale: float = 1.0) -> FieldOfCurrents:
     check_positive("superposed", scale=scale)
     require_affine(field_map, "superposed")
     block = unit_block(field_map)
-    return FieldOfCurrents(block, _superposed(scale), _calibration(scale), bool(field_map.fixed_sources))
+    return FieldOfCurrents(block, _calibration(scale), scale, constant=bool(field_map.fixed_sources))
 
 
 def linearised(field_map: FieldMap, currents: ArrayLike, scale: float = 1.0) -> FieldOfCurrents:
@@ -118,8 +142,13 @@ def linearised(field_map: FieldMap, currents: ArrayLike, scale: float = 1.0) -> 
     block = tangent_block(field_map, amperes)
     about = ", ".join(f"{value:.3g}" for value in amperes)
     note = f"saturating iron, linearised about the currents {about} A"
-    constant = bool(field_map.fixed_sources)
-    return FieldOfCurrents(block, _superposed(scale), (note, *_calibration(scale)), constant, "linearised")
+    return FieldOfCurrents(
+        block,
+        (note, *_calibration(scale)),
+        scale,
+        constant=bool(field_map.fixed_sources),
+        iron="linearised",
+    )
 
 
 def modelled(field_map: FieldMap, scale: float = 1.0) -> FieldOfCurrents:
@@ -132,14 +161,19 @@ def modelled(field_map: FieldMap, scale: float = 1.0) -> FieldOfCurrents:
     check_positive("modelled", scale=scale)
     if not saturates(field_map):
         return superposed(field_map, scale)
-    array = CoreIron(core_numbers(compiled_currents(field_map))).array(COMPILED_TOLERANCE)
-    constant = bool(field_map.fixed_sources)
+    model = CoreIron(core_numbers(compiled_currents(field_map)))
     note = (
         f"saturating iron by the map's model, solved at every step at which currents change, to {COMPILED_TOLERANCE:g} "
         "of its state"
     )
-    numbers = Superposition(MODELLED, float(scale), no_table(), array)
-    return FieldOfCurrents(unit_block(field_map), numbers, (note, *_calibration(scale)), constant, "model")
+    return FieldOfCurrents(
+        unit_block(field_map),
+        (note, *_calibration(scale)),
+        scale,
+        model=model,
+        constant=bool(field_map.fixed_sources),
+        iron="model",
+    )
 
 
 def tabled(
@@ -153,13 +187,14 @@ def tabled(
     states = " x ".join(map(str, table.nodes))
     off = f"{1e6 * table.error.flux_density:.2g} uT and {1e3 * table.error.gradient:.2g} mT/m"
     note = f"saturating iron by a table of {states} states of the division, within {off} of the map's model"
-    numbers = Superposition(TABLED, float(scale), table.arrays, np.zeros(0))
-    constant = bool(field_map.fixed_sources)
-    return FieldOfCurrents(unit_block(field_map), numbers, (note, *_calibration(scale)), constant, "table")
-
-
-def _superposed(scale: float) -> Superposition:
-    return Superposition(SUPERPOSED, float(scale), no_table(), np.zeros(0))
+    return FieldOfCurrents(
+        unit_block(field_map),
+        (note, *_calibration(scale)),
+        scale,
+        table=table.core,
+        constant=bool(field_map.fixed_sources),
+        iron="table",
+    )
 
 
 def _calibration(scale: float) -> tuple[str, ...]:

@@ -7,25 +7,26 @@ from dataclasses import asdict, dataclass, field
 import numpy as np
 
 from fieldmap.control.loop import LoopRun
+from fieldmap.core.closed_loop import GOES_ON
+from fieldmap.core.library import LIBRARY
+from fieldmap.core.machine import ANGULAR_VELOCITY, POSITION, STATE, TURN, VELOCITY
 from fieldmap.deprecated import warn_renamed
-from fieldmap.kernels.motion import closed_loop as events
-from fieldmap.kernels.motion.layout import ANGULAR_VELOCITY, POSITION, STATE, TURN, VELOCITY
 from fieldmap.records import Record
 from fieldmap.store import RunRecord
 from fieldmap.typing import Array
 
 EVENTS = {
-    events.FELL_OUT: ("fell out", "the magnet fell through the bottom of the map"),
-    events.LEFT_ABOVE: ("hit the pole", "the magnet left the map upward, to the pole"),
-    events.LEFT_SIDEWAYS: ("left the map", "the magnet left the map sideways"),
-    events.NOT_A_NUMBER: ("not finite", "the state is not finite"),
-    events.HIT_FLOOR: ("hit the floor", "the body touched the floor"),
-    events.HIT_POLE: ("hit the pole", "the body touched the ceiling below the pole"),
-    events.HIT_TUBE: ("hit the tube", "the body touched the wall of the tube"),
-    events.SATURATED: ("current saturates", "a limit of outputs, amplifiers or supply held without a break"),
-    events.BEYOND_CURRENTS: ("beyond the map's currents", "the currents left the domain of the map"),
-    events.CONTROLLER_FAILED: ("controller failed", "the function that is the controller failed"),
-    events.OUTPUTS_NOT_FINITE: ("controller failed", "outputs of the controller were not finite"),
+    LIBRARY.FELL_OUT: ("fell out", "the magnet fell through the bottom of the map"),
+    LIBRARY.LEFT_ABOVE: ("hit the pole", "the magnet left the map upward, to the pole"),
+    LIBRARY.LEFT_SIDEWAYS: ("left the map", "the magnet left the map sideways"),
+    LIBRARY.NOT_A_NUMBER: ("not finite", "the state is not finite"),
+    LIBRARY.HIT_FLOOR: ("hit the floor", "the body touched the floor"),
+    LIBRARY.HIT_POLE: ("hit the pole", "the body touched the ceiling below the pole"),
+    LIBRARY.HIT_TUBE: ("hit the tube", "the body touched the wall of the tube"),
+    LIBRARY.SATURATED: ("current saturates", "a limit of outputs, amplifiers or supply held without a break"),
+    LIBRARY.BEYOND_CURRENTS: ("beyond the map's currents", "the currents left the domain of the map"),
+    LIBRARY.CONTROLLER_FAILED: ("controller failed", "the function that is the controller failed"),
+    LIBRARY.OUTPUTS_NOT_FINITE: ("controller failed", "outputs of the controller were not finite"),
 }
 
 
@@ -146,7 +147,7 @@ class LevitationRun(LoopRun):
 
 def event_of(number: int, time: float, state: Array, currents: Array) -> Event | None:
     """The event behind a kernel's number; None for a run that went to its end."""
-    if number == events.NOTHING:
+    if number == GOES_ON:
         return None
     name, about = EVENTS[number]
     return Event(name, about, time, state, currents)

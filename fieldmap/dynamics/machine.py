@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from fieldmap.core.closed_loop import Ending
+from fieldmap.core.library import LIBRARY
+from fieldmap.core.machine import CoreMachine
 from fieldmap.dynamics.allocation import ControlAllocation, lift_and_directions
 from fieldmap.dynamics.drives import CoilDrive
 from fieldmap.dynamics.field_of_currents import FieldOfCurrents
@@ -11,12 +14,14 @@ from fieldmap.dynamics.rigid_body import RigidBody
 from fieldmap.dynamics.sensors import Sensors
 from fieldmap.dynamics.surroundings import Drag, Plate, Walls
 from fieldmap.errors import InputError, Problem
-from fieldmap.kernels.motion.closed_loop import BEYOND, Ending
-from fieldmap.kernels.motion.contact import ON_CEILING, ON_FLOOR, ON_WALL
-from fieldmap.kernels.motion.layout import Plant
 from fieldmap.records import Record
 
-CONTACTS = {"floor": ON_FLOOR, "ceiling": ON_CEILING, "tube": ON_WALL, "currents": BEYOND}
+CONTACTS = {
+    "floor": LIBRARY.ON_FLOOR,
+    "ceiling": LIBRARY.ON_CEILING,
+    "tube": LIBRARY.ON_WALL,
+    "currents": LIBRARY.BEYOND,
+}
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -55,16 +60,14 @@ class Machine(Record):
             sum(CONTACTS[name] for name in self.ending), max(longest, int(self.longest_saturation > 0))
         )
 
-    def plant(self, step: float, tolerance: float | None = None) -> Plant:
-        """Everything that moves, as compiled loops of this step, s, take it; new arrays at every call. tolerance: of
-        `FieldOfCurrents.begin`."""
-        return Plant(
-            self.magnetic.block,
-            self.body.numbers(self.drag, self.plate, self.walls),
-            self.body.seen_at,
-            self.magnetic.begin(tolerance),
-            self.drive.numbers(step),
-            self.drive.drives,
+    def core(self, step: float, tolerance: float | None = None) -> CoreMachine:
+        """Everything that moves, as the C core takes it for steps of this length, s; a new one at every call.
+        tolerance: of `FieldOfCurrents.plant`."""
+        body = self.body.numbers(self.drag, self.plate, self.walls)
+        return CoreMachine(
+            self.magnetic.plant(
+                body, self.body.seen_at, self.drive.numbers(step), self.drive.drives, tolerance
+            )
         )
 
     @property

@@ -3,22 +3,27 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.integrate import solve_ivp
 
 from fieldmap.arguments import check_choice, check_count, check_positive, check_signal
+from fieldmap.core import CoreMap
+from fieldmap.core.machine import (
+    ANGULAR_VELOCITY,
+    INSIDE,
+    STATE,
+    TURN,
+    VELOCITY,
+    BodyNumbers,
+    CoreMachine,
+    Plant,
+)
 from fieldmap.deprecated import warn_renamed
 from fieldmap.dynamics.rigid_body import RigidBody
 from fieldmap.dynamics.surroundings import Drag, Plate, Walls
 from fieldmap.errors import InputError, NotConverged, Problem
-from fieldmap.kernels.map.cached_field import keep_field
-from fieldmap.kernels.map.map_block import INSIDE
-from fieldmap.kernels.motion.layout import ANGULAR_VELOCITY, STATE, TURN, VELOCITY
-from fieldmap.kernels.motion.magnet import magnet_energy
-from fieldmap.kernels.motion.step import fixed_currents, rates
 from fieldmap.lookup import MapAtCurrents, unit_block
 from fieldmap.records import Record
 from fieldmap.typing import Array
@@ -86,10 +91,12 @@ def move(
     start = _checked("move(state)", state)
     rows = round(duration / (step * every)) + 1
     states = np.empty((rows, STATE))
-    numbers = body.numbers(drag, plate, walls)
-    filled, status, touched = fixed_currents(_cached(field, body), numbers, start, step, every, rule, states)
+    machine = _in_field(field, body.numbers(drag, plate, walls))
+    filled, status, touched = machine.move(start, step, every, rule, states)
     time = step * every * np.arange(filled)
-    return FixedCurrentsRun(time, states[:filled], bool(status == INSIDE), bool(touched))
+    return FixedCurrentsRun(
+        np.asarray(time, np.float64), states[:filled], bool(status == INSIDE), bool(touched)
+    )
 
 
 def move_adaptively(
@@ -109,11 +116,11 @@ def move_adaptively(
     """
     moments = np.atleast_1d(check_signal("move_adaptively(times)", times))
     start = _checked("move_adaptively(state)", state)
-    cached, numbers, load = _cached(field, body), body.numbers(drag, plate), np.empty(6)
+    machine = _in_field(field, body.numbers(drag, plate))
 
     def slope(_: float, y: Array) -> Array:
         out = np.empty(STATE)
-        return out if rates(cached, numbers, y, load, out) == INSIDE else np.full(STATE, np.nan)
+        return out if machine.rates(np.ascontiguousarray(y), out) == INSIDE else np.full(STATE, np.nan)
 
     atol = tolerance * np.maximum(np.abs(start), 1e-3)
     ends = (moments[0], moments[-1])
@@ -127,11 +134,11 @@ def move_adaptively(
 def energy(field: MapAtCurrents, body: RigidBody, states: ArrayLike) -> Array:
     """Kinetic energy, interaction -m . B and weight of states (n, 13), J: constant without losses, dynamics.md (8)."""
     rows = np.atleast_2d(check_signal("energy(states)", states, columns=STATE))
-    cached, numbers = _cached(field, body), body.numbers()
-    magnetic = [magnet_energy(cached, numbers, row) for row in rows]
+    machine = _in_field(field, body.numbers())
+    magnetic = [machine.energy(row) for row in np.array(rows)]
     kinetic = 0.5 * body.mass * (rows[:, VELOCITY : VELOCITY + 3] ** 2).sum(axis=1)
     turning = 0.5 * (rows[:, ANGULAR_VELOCITY : ANGULAR_VELOCITY + 3] ** 2) @ body.inertia
-    return kinetic + turning + np.array(magnetic) + body.mass * body.gravity * rows[:, 2]
+    return kinetic + turning + np.array(magnetic, float) + body.mass * body.gravity * rows[:, 2]
 
 
 def angular_momentum(body: RigidBody, states: ArrayLike) -> Array:
@@ -143,9 +150,10 @@ def angular_momentum(body: RigidBody, states: ArrayLike) -> Array:
     return p + w[:, None] * twice + np.cross(u, twice)
 
 
-def _cached(field: MapAtCurrents, body: RigidBody) -> tuple[Any, ...]:
-    """The field as compiled steps take it: one set of coefficients, of weight 1."""
-    return tuple(keep_field(unit_block(field), np.ones(1), body.magnet.count))
+def _in_field(field: MapAtCurrents, body: BodyNumbers) -> CoreMachine:
+    """A body in a field of one set of coefficients, of weight 1, without coils."""
+    none = np.zeros((0, 4)), np.zeros((0, 7))
+    return CoreMachine(Plant(CoreMap(unit_block(field)).map, body, np.zeros(3), 1.0, None, 1.0, None, *none))
 
 
 def _checked(where: str, state: ArrayLike) -> Array:

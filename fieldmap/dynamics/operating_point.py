@@ -11,16 +11,11 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import root
 
 from fieldmap.arguments import check_signal
+from fieldmap.core.machine import INSIDE, POSITION, TURN, CoreMachine, sensed_point
 from fieldmap.dynamics.field_of_currents import EXACT
 from fieldmap.dynamics.machine import Machine
 from fieldmap.dynamics.motion import state_of
 from fieldmap.errors import InputError, NoEquilibrium, Problem
-from fieldmap.kernels.map.cached_field import forget, keep_field
-from fieldmap.kernels.map.map_block import INSIDE, SETS
-from fieldmap.kernels.motion.currents import find_weights
-from fieldmap.kernels.motion.layout import POSITION, TURN
-from fieldmap.kernels.motion.sensing import sensed_point
-from fieldmap.kernels.motion.step import find_load
 from fieldmap.records import Record
 from fieldmap.typing import Array
 
@@ -118,13 +113,14 @@ class _Balance:
     ) -> None:
         self.machine, self.place, self.start = machine, place, start
         self.free_place, self.free_output = free_place, free_output
-        self.numbers = machine.body.numbers(None, None, None)
+        drive = machine.drive
+        self.core = CoreMachine(
+            machine.magnetic.plant(
+                machine.body.numbers(), machine.body.seen_at, drive.numbers(1.0), drive.drives, EXACT
+            )
+        )
         self.weight = machine.body.mass * machine.body.gravity
         self.upright = np.zeros(0 if machine.body.upright else 2)
-        block = machine.magnetic.block
-        self.weights = np.empty(int(block[SETS]))
-        self.field = keep_field(block, self.weights, machine.body.magnet.count)
-        self.superposition = machine.magnetic.begin(EXACT)
 
     def starts(self) -> Iterator[Array]:
         """Where to begin: in the middle of the axis, upright, at the guessed outputs and some beside them."""
@@ -144,9 +140,7 @@ class _Balance:
         angle = float(np.linalg.norm(lean))
         half = np.sinc(angle / 2 / np.pi) / 2
         state = state_of([0, 0, 0], quaternion=[np.cos(angle / 2), *(half * lean), 0.0])
-        seen = np.empty(3)
-        sensed_point(state, self.machine.body.seen_at, seen)
-        state[POSITION : POSITION + 3] = place - seen
+        state[POSITION : POSITION + 3] = place - sensed_point(state, self.machine.body.seen_at)
         return state
 
     def currents(self, outputs: Array) -> Array:
@@ -158,9 +152,8 @@ class _Balance:
         """Forces over the weight, torques about x and y over the weight times 10 mm; steep outside of the map."""
         state, currents, _ = self._parts(unknown)
         load = np.empty(6)
-        inside = find_weights(*self.superposition, currents, self.weights)
-        forget(self.field)
-        if not inside or find_load(self.field, self.numbers, state, load)[0] != INSIDE:
+        inside = self.core.follow(np.ascontiguousarray(currents))
+        if not inside or self.core.load(state, load)[0] != INSIDE:
             return np.full(len(unknown), 10.0 + float(np.abs(unknown).sum()))
         both = np.concatenate([load[:3] / self.weight, load[3:5] / (self.weight * _LEVER)])
         return both[: len(unknown)]
@@ -168,7 +161,6 @@ class _Balance:
     def result(self, unknown: Array, worst: float) -> OperatingPoint:
         """As found."""
         state, currents, outputs = self._parts(unknown)
-        seen = np.empty(3)
-        sensed_point(state, self.machine.body.seen_at, seen)
+        seen = sensed_point(state, self.machine.body.seen_at)
         state[TURN : TURN + 4] /= np.linalg.norm(state[TURN : TURN + 4])
         return OperatingPoint(state, currents, outputs, seen, worst)

@@ -3,33 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from fieldmap.arguments import check_not_negative, check_positive, check_signal
+from fieldmap.core.body import CoreBody
+from fieldmap.core.machine import BodyNumbers
 from fieldmap.device.payload import Magnet, MagnetBlock, MagnetCylinder, MagnetSphere, Payload, SoftBody
 from fieldmap.dynamics.surroundings import Drag, Plate, Walls
 from fieldmap.errors import InputError, Problem
 from fieldmap.kernels.constants import GRAVITY as FREE_FALL
-from fieldmap.kernels.motion.layout import (
-    CONTACT,
-    DIPOLE,
-    DRAG,
-    FIRST,
-    FORCE,
-    GRAVITY,
-    INERTIA,
-    LOSSY,
-    MAGNETS,
-    MASS,
-    PLATE,
-    SKIN,
-    SOFT,
-    TORQUE,
-)
 from fieldmap.lookup import MagneticBody, magnetic_body
-from fieldmap.lookup.soft_body import soft_numbers
 from fieldmap.records import Record, count_of
 from fieldmap.typing import Array
 
@@ -84,25 +70,29 @@ class RigidBody(Record):
         walls: Walls | None = None,
         force: ArrayLike = (0, 0, 0),
         torque: ArrayLike = (0, 0, 0),
-    ) -> Array:
-        """Everything about the body and its surroundings, in the order of fieldmap.kernels.motion.layout."""
-        skin = _nowhere() if walls is None else self.skin
-        numbers = np.zeros(FIRST)
-        numbers[MASS] = self.mass
-        numbers[INERTIA : INERTIA + 3] = _RIGID if self.upright else self.inertia
-        numbers[GRAVITY + 2] = -self.gravity
-        numbers[FORCE : FORCE + 3], numbers[TORQUE : TORQUE + 3] = force, torque
-        resistance = (drag or Drag()).numbers
-        numbers[DRAG : DRAG + 15], numbers[LOSSY] = resistance.ravel(), float(resistance.any())
-        if plate is not None:
-            numbers[PLATE : PLATE + 8] = plate.numbers
-        numbers[DIPOLE : DIPOLE + 6] = *self.magnet.moments.sum(axis=0), *self.magnet_at
-        numbers[CONTACT : CONTACT + 9] = (walls or Walls()).numbers(self.mass)
-        numbers[MAGNETS], numbers[SKIN] = len(self.magnet.points), len(skin)
-        numbers[SOFT] = len(self.magnet.soft)
-        dipoles = np.hstack([self.magnet.points + self.magnet_at, self.magnet.moments])
-        soft = soft_numbers(self.magnet.soft, self.magnet_at) if self.magnet.soft else ()
-        return np.concatenate([numbers, dipoles.ravel(), np.ravel(skin), soft])
+    ) -> BodyNumbers:
+        """Everything about the body and its surroundings, as the C core takes it. force (3,), N, and torque (3,), N m,
+        disturb it, both in the frame of the map."""
+        return BodyNumbers(
+            mass=float(self.mass),
+            inertia=np.full(3, _RIGID) if self.upright else self.inertia,
+            gravity=np.array([0.0, 0.0, -self.gravity]),
+            force=np.array(force, float),
+            torque=np.array(torque, float),
+            drag=(drag or Drag()).numbers,
+            plate=np.zeros(8) if plate is None else plate.numbers,
+            seen_by_plate=np.concatenate([self.magnet_at, self.magnet.moments.sum(axis=0)]),
+            walls=(walls or Walls()).numbers(self.mass),
+            skin=np.zeros((0, 3)) if walls is None else self.skin,
+            magnetic=self.placed_magnet.body,
+        )
+
+    @cached_property
+    def placed_magnet(self) -> CoreBody:
+        """The magnet at its place in the body, as the C core takes it."""
+        magnet, at = self.magnet, self.magnet_at
+        soft = tuple(replace(piece, centre=piece.centre + at) for piece in magnet.soft)
+        return replace(magnet, points=magnet.points + at, soft=soft).core
 
 
 def body_of_payload(

@@ -8,6 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fieldmap.control.function_controller import FunctionController
+from fieldmap.core.closed_loop import GIVEN, GOES_ON, PAUSED, Signals
+from fieldmap.core.machine import ANGULAR_VELOCITY, POSITION, TURN, VELOCITY, sensed_point
 from fieldmap.dynamics.closed_loop import (
     Schedule,
     draw_signals,
@@ -20,10 +22,6 @@ from fieldmap.dynamics.loop_run import Event, LevitationRun, event_of
 from fieldmap.dynamics.machine import Machine
 from fieldmap.dynamics.operating_point import OperatingPoint
 from fieldmap.errors import InputError, Problem
-from fieldmap.kernels.control.function import GIVEN
-from fieldmap.kernels.motion import closed_loop as kernel
-from fieldmap.kernels.motion.layout import ANGULAR_VELOCITY, POSITION, TURN, VELOCITY
-from fieldmap.kernels.motion.sensing import sensed_point
 from fieldmap.typing import Array
 
 _WHERE = "RunningMachine.step"
@@ -64,16 +62,17 @@ class RunningMachine:
         """Back to the start, with the noise of this seed, or of the last one: what is measured there (3,)."""
         self._seed = self._seed if seed is None else seed
         self._generator = None if self._seed is None else np.random.Generator(np.random.PCG64(self._seed))
-        loop, event = start_loop(
+        self._begun = start_loop(
             self.machine, self._law, np.zeros(0), self.schedule, *self._start, self._generator
         )
+        loop = self._begun.loop
         # Rows that `_renew` writes must not be those of the schedule.
         copies = {name: getattr(loop.signals, name).copy() for name in ("references", "feedforward", "loads")}
         self._loop = loop._replace(signals=loop.signals._replace(**copies))
         self._times: list[float] = []
         self._asked: list[Array] = []
         self._even = True
-        self._advance(event)
+        self._advance(self._begun.event)
         return self.measured
 
     def step(self, outputs: ArrayLike, dt: float | None = None) -> Array:
@@ -89,28 +88,28 @@ class RunningMachine:
             must = f"must be {len(names)} finite numbers: {', '.join(names)}"
             received = f"{given.tolist()}" if fits else f"an array {given.shape}"
             raise InputError(Problem(f"{_WHERE}(outputs)", must, received, "give one number for each"))
-        if self._event != kernel.PAUSED:
+        if self._event != PAUSED:
             event = self.event
             received = "an event" if event is None else f"{event.name} at {event.time:g} s"
             remedy = "look at `event`, and call reset() to begin again"
             raise InputError(Problem(_WHERE, "must be called before the run has ended", received, remedy))
         steps = self._steps(dt)
-        sample = int(loop.progress[kernel.SAMPLES])
+        sample = loop.done.samples
         if sample + 1 >= len(loop.signals.references):
             self._extend()
         self._even = self._even and steps == self._clock.per_period
         if not self._even:
             self._renew(sample, steps)
             self._loop = self._loop._replace(timing=self._clock._replace(per_period=steps))
-        self._loop.room.outputs[:] = given
+        self._loop.outputs[:] = given
         if sample % self.schedule.every == 0:
             self._times.append(self.time)
             self._asked.append(self.reference)
-        self._advance(kernel.NOTHING)
+        self._advance(GOES_ON)
         return self.measured
 
     def _advance(self, event: int) -> None:
-        self._event = self._loop.go_on() if event == kernel.NOTHING else event
+        self._event = self._loop.go_on() if event == GOES_ON else event
 
     def _steps(self, dt: float | None) -> int:
         """Mechanical steps until the next sample."""
@@ -140,12 +139,12 @@ class RunningMachine:
         if len(old.loads) > 1:
             longer["loads"] = np.concatenate([old.loads, np.tile(old.loads[-1], (count, 1))])
         rows = np.concatenate([loop.rows, np.empty((count, loop.rows.shape[1]))])
-        self._loop = loop._replace(signals=kernel.Signals(**longer), rows=rows)
+        self._loop = loop._replace(signals=Signals(**longer), rows=rows)
 
     def _renew(self, sample: int, steps: int) -> None:
         """Rows of the samples at uneven times: those of the schedule's periods in which they lie."""
         clock, signals = self._clock, self._loop.signals
-        done = int(self._loop.progress[kernel.STEPS])
+        done = self._loop.done.steps
         given = {"references": self.schedule.references, "feedforward": self.schedule.feedforward}
         given["loads"] = None if len(signals.loads) == 1 else self.schedule.loads
         for name, rows in given.items():
@@ -168,22 +167,22 @@ class RunningMachine:
     @property
     def measured(self) -> Array:
         """What the sensors say now of the sensed point (3,), m, frame of the map."""
-        return np.array(self._loop.room.signals[3:6])
+        return np.array(self._loop.seen[3:6])
 
     @property
     def reference(self) -> Array:
         """Of the sensed point (3,), m."""
-        return np.array(self._loop.room.signals[:3])
+        return np.array(self._loop.seen[:3])
 
     @property
     def outputs(self) -> Array:
         """The last that were put in, within their limits (m,)."""
-        return np.array(self._loop.room.outputs)
+        return np.array(self._loop.outputs)
 
     @property
     def state(self) -> Array:
         """Place, velocity, quaternion, angular velocity (13,), as they are."""
-        return np.array(self._loop.moving.state)
+        return np.array(self._loop.state)
 
     @property
     def position(self) -> Array:
@@ -208,26 +207,24 @@ class RunningMachine:
     @property
     def sensed(self) -> Array:
         """The sensed point (3,), m, as it is."""
-        point = np.empty(3)
-        sensed_point(self._loop.moving.state, self._loop.plant.seen_at, point)
-        return point
+        return sensed_point(self._loop.state, self.machine.body.seen_at)
 
     @property
     def currents(self) -> Array:
         """(n,), A."""
-        return np.array(self._loop.moving.currents)
+        return np.array(self._loop.currents)
 
     @property
     def event(self) -> Event | None:
         """What has ended the run, if anything has."""
-        number = kernel.NOTHING if self._event == kernel.PAUSED else self._event
+        number = GOES_ON if self._event == PAUSED else self._event
         return event_of(number, self.time, self.state, self.currents)
 
     @property
     def run(self) -> LevitationRun:
         """What was recorded so far: one row for each step."""
         loop = self._loop._replace(rows=self._loop.rows.copy())
-        run = run_of(self.machine, self.schedule, loop, kernel.NOTHING)
+        run = run_of(self.machine, self.schedule, replace(self._begun, loop=loop), GOES_ON)
         references = np.array(self._asked).reshape(-1, 3)
         return replace(run, time=np.array(self._times), references=references, event=self.event)
 

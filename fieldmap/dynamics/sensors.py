@@ -6,9 +6,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from fieldmap.arguments import check_count, check_not_negative, check_numbers
+from fieldmap.core.closed_loop import Sensing
 from fieldmap.deprecated import REMOVAL
 from fieldmap.instruments import Rig, SensorFrame
-from fieldmap.kernels.motion.sensing import Sensing
 from fieldmap.records import Record
 from fieldmap.typing import Array
 

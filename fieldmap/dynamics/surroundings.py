@@ -5,9 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from fieldmap.arguments import check_not_negative, check_numbers, check_positive, check_signal
+from fieldmap.core.machine import plate_force
 from fieldmap.errors import InputError, Problem
 from fieldmap.kernels.constants import MU0
-from fieldmap.kernels.motion.losses import plate_force
 from fieldmap.records import Record
 from fieldmap.typing import Array
 
@@ -39,7 +39,7 @@ class Drag(Record):
 
     @property
     def numbers(self) -> Array:
-        """(5, 3), in the order of fieldmap.kernels.motion.losses."""
+        """(5, 3), in the order of fieldmap_drag (fieldmap/core/losses.h)."""
         return np.array(
             [self.linear, self.body_linear, self.body_quadratic, self.turning, self.turning_quadratic], float
         )
@@ -90,7 +90,7 @@ class Plate(Record):
 
     @property
     def numbers(self) -> Array:
-        """In the order of fieldmap.kernels.motion.losses."""
+        """(8,), in the order of fieldmap_plate (fieldmap/core/losses.h)."""
         n = np.asarray(self.normal, float)
         return np.array([self.conductivity, self.thickness, *self.face, *(n / np.linalg.norm(n))])
 
@@ -105,7 +105,7 @@ class Plate(Record):
         """
         numbers = self.numbers
         where, dipole = (
-            check_signal(f"Plate.damping({name})", value, columns=3)
+            np.array(check_signal(f"Plate.damping({name})", value, columns=3))
             for name, value in (("position", position), ("moment", moment))
         )
         if not (where - self.face) @ numbers[5:] > 0.0:
@@ -113,9 +113,7 @@ class Plate(Record):
                 "Plate.damping(position)", "must lie in front of the face", f"{position}", "turn the normal"
             )
             raise InputError(problem)
-        columns = [
-            plate_force(numbers, 0, *where, tuple(dipole), tuple(v), (0.0, 0.0, 0.0))[0] for v in np.eye(3)
-        ]
+        columns = [plate_force(numbers, where, dipole, v, np.zeros(3))[0] for v in np.eye(3)]
         return -np.array(columns).T
 
     @property
@@ -159,7 +157,7 @@ class Walls(Record):
             raise InputError(problem)
 
     def numbers(self, mass: float) -> Array:
-        """For a body of this mass, in the order of fieldmap.kernels.motion.contact."""
+        """For a body of this mass, in the order of fieldmap_walls (fieldmap/core/contact.h)."""
         share = -np.log(self.restitution) / np.pi
         stiffness = mass * (np.pi / self.contact_time) ** 2 * (1.0 + share**2)
         damping = 2.0 * mass * share * np.pi / self.contact_time

@@ -29,7 +29,7 @@ from pathlib import Path
 
 from fieldmap.core.headers import FOLDER, in_one
 from fieldmap.errors import InputError, Problem
-from fieldmap.interop.c_map import c_header, check_harmonic, map_bytes, plain_block
+from fieldmap.interop.c_map import c_header, check_harmonic, map_bytes
 from fieldmap.lookup import FieldMap, compiled_currents, unit_block
 from fieldmap.lookup.current_solver import core_numbers
 from fieldmap.store.whole_files import write_whole
@@ -62,7 +62,7 @@ def write_c_iron_map(field: FieldMap, path: str | PathLike[str]) -> Path:
     names = (*field.coil_names, *(f"iron {k + 1}" for k in range(len(model.output))))
     names += ("background",) if model.fixed.size else ()
     numbers = core_numbers(model)
-    behind = map_bytes(plain_block(block), names, constant=False)
+    behind = map_bytes(block, names, constant=False)
     tail = struct.pack("=IQ", 0, len(numbers)) + numbers.tobytes() + behind
     head = struct.pack("=8sIIQ", b"fmapiron", 0x01020304, VERSION, 28 + len(tail))
     write_whole(target, head + struct.pack("=I", zlib.crc32(tail)) + tail)

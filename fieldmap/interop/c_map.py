@@ -10,7 +10,7 @@ Layout, in the byte order of the machine that writes:
     28  uint32    size of the names
     32  uint64    number of float64 numbers
     40  names     UTF-8, each ended by a zero byte; zeros up to a multiple of 8
-        float64   the block of fieldmap.kernels.map.map_block; number 18 is 1 in version 2, 0 in version 1
+        float64   the block of fieldmap.core.block; number 18 is 1 in version 2, 0 in version 1
 """
 
 from __future__ import annotations
@@ -23,11 +23,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from fieldmap.core import block as map_block
 from fieldmap.core.headers import FOLDER, in_one
 from fieldmap.errors import InputError, Problem
 from fieldmap.field import require_affine
-from fieldmap.interpolants import INTERPOLANTS, kernels_of
-from fieldmap.kernels.map import map_block
+from fieldmap.interpolants import INTERPOLANTS
 from fieldmap.lookup import FieldMap, MapAtCurrents, unit_block
 from fieldmap.store.whole_files import write_whole
 
@@ -56,7 +56,7 @@ def write_c_map(field: FieldMap | MapAtCurrents, path: str | PathLike[str]) -> P
     block, names, constant = _contents(field)
     check_harmonic(block, "write_c_map, field")
     target = Path(path)
-    write_whole(target, map_bytes(plain_block(block), names, constant))
+    write_whole(target, map_bytes(block, names, constant))
     return target
 
 
@@ -90,17 +90,15 @@ def write_c32_files(field: FieldMap | MapAtCurrents, path: str | PathLike[str]) 
     block, names, constant = _contents(field)
     where = "write_c32_files, field"
     check_harmonic(block, where)
-    plain, target = plain_block(block), Path(path)
-    count = len(plain) - map_block.HEADER
+    target, count = Path(path), len(block) - map_block.HEADER
     if count > _MOST_CONSTANTS:
         must_hold = f"must have at most {_MOST_CONSTANTS} coefficients"
         remedy = 'open it with kind="global", or write_c_map for a file'
         raise InputError(Problem(where, must_hold, f"{count}", remedy))
-    header = Path(__file__).with_name("fieldmap32.h")
-    write_whole(target, _constants(plain, names, target.stem, constant).encode())
-    beside = target.with_name(header.name)
-    write_whole(beside, header.read_bytes())
-    return target, beside
+    header = target.with_name("fieldmap32.h")
+    write_whole(target, _constants(block, names, target.stem, constant).encode())
+    write_whole(header, in_one(header.name).encode())
+    return target, header
 
 
 def _constants(block: NDArray[np.float64], names: tuple[str, ...], stem: str, constant: bool) -> str:
@@ -126,7 +124,7 @@ def _constants(block: NDArray[np.float64], names: tuple[str, ...], stem: str, co
 #endif
 #include "fieldmap32.h"
 {needed if constant else ""}
-static const float {name}_coefficients[{len(numbers)}] = {{
+static const fm32_real {name}_coefficients[{len(numbers)}] = {{
 {rows}
 }};
 
@@ -156,20 +154,13 @@ def c_identifier(text: str) -> str:
 
 def check_harmonic(block: NDArray[np.float64], where: str) -> None:
     """Raise InputError at `where` unless the block holds harmonic polynomials, which other programs evaluate."""
-    kernels = kernels_of(block)
-    if not any(each.kernels is kernels and each.in_c for each in INTERPOLANTS.values()):
+    kind = int(block[map_block.KIND])
+    if not any(each.kind == kind and each.in_c for each in INTERPOLANTS.values()):
         readable = " or ".join(f'kind="{each.name}"' for each in INTERPOLANTS.values() if each.in_c)
-        received = " or ".join(each.name for each in INTERPOLANTS.values() if each.kernels is kernels)
+        received = " or ".join(each.name for each in INTERPOLANTS.values() if each.kind == kind)
         raise InputError(
             Problem(where, f"must be harmonic polynomials: {readable}", received, "open the map so")
         )
-
-
-def plain_block(block: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The block without the table that a global form carries for evaluation (map_block)."""
-    cells = int(np.prod(block[map_block.CELLS : map_block.CELLS + 3]))
-    size = (int(block[map_block.DEGREE]) + 1) ** 2
-    return block[: map_block.HEADER + cells * int(block[map_block.SETS]) * size]
 
 
 def map_bytes(block: NDArray[np.float64], names: tuple[str, ...], constant: bool) -> bytes:

@@ -6,7 +6,7 @@
  */
 #include <stdbool.h>
 
-#include "fieldmap.h"
+#include "fieldmap_body.h"
 #include "fmu_model.h"
 
 #if defined(_WIN32)
@@ -38,100 +38,70 @@ static const double dipoles[FMU_DIPOLES][6] = FMU_MAGNET; /* place from the body
 static const double seat[3] = FMU_SEAT;                   /* the magnet's centre */
 static const double starts[CURRENTS] = FMU_STARTS;
 
-/* r[9]: from the body to the map; a quaternion of any length but zero. */
-static void turn_matrix(const double *q, double *r)
+/* The body of a model in the field of its currents, with the magnets at their strength in `magnet`. */
+static void body_of(const model *m, fieldmap_dipole *magnet, fieldmap_rigid_body *body, fieldmap_path *field)
 {
-    double w = q[0], x = q[1], y = q[2], z = q[3], s = 2.0 / (w * w + x * x + y * y + z * z);
-    r[0] = 1.0 - s * (y * y + z * z), r[1] = s * (x * y - w * z), r[2] = s * (x * z + w * y);
-    r[3] = s * (x * y + w * z), r[4] = 1.0 - s * (x * x + z * z), r[5] = s * (y * z - w * x);
-    r[6] = s * (x * z - w * y), r[7] = s * (y * z + w * x), r[8] = 1.0 - s * (x * x + y * y);
-}
-
-static void to_map(const double *r, const double *v, double *out)
-{
-    int i;
-    for (i = 0; i < 3; i++) out[i] = r[3 * i] * v[0] + r[3 * i + 1] * v[1] + r[3 * i + 2] * v[2];
-}
-
-static void to_body(const double *r, const double *v, double *out)
-{
-    int i;
-    for (i = 0; i < 3; i++) out[i] = r[i] * v[0] + r[3 + i] * v[1] + r[6 + i] * v[2];
-}
-
-static void add_cross(const double *a, const double *b, double *out)
-{
-    out[0] += a[1] * b[2] - a[2] * b[1];
-    out[1] += a[2] * b[0] - a[0] * b[2];
-    out[2] += a[0] * b[1] - a[1] * b[0];
-}
-
-/* Force and torque about the body's centre on all dipoles, frame of the map. */
-static int wrench(const model *m, const double *position, const double *r, double *force, double *torque)
-{
-    const double *currents = FMU_COILS ? m->values + CURRENTS : NULL;
+    const double *v = m->values;
     int k, i;
-    for (i = 0; i < 3; i++) force[i] = torque[i] = 0.0;
-    for (k = 0; k < FMU_DIPOLES; k++) {
-        double arm[3], moment[3], place[3], both[6];
-        int status;
-        to_map(r, dipoles[k], arm);
-        to_map(r, dipoles[k] + 3, moment);
-        for (i = 0; i < 3; i++) {
-            place[i] = position[i] + arm[i];
-            moment[i] *= m->values[STRENGTH];
-        }
-        status = fieldmap_wrench(&m->map, currents, place, moment, both);
-        if (status != FIELDMAP_OK) return status;
-        for (i = 0; i < 3; i++) {
-            force[i] += both[i];
-            torque[i] += both[3 + i];
-        }
-        add_cross(arm, both, torque);
+    memset(body, 0, sizeof *body);
+    memset(field, 0, sizeof *field);
+    for (k = 0; k < FMU_DIPOLES; k++)
+        for (i = 0; i < 3; i++)
+            magnet[k].point[i] = dipoles[k][i], magnet[k].moment[i] = v[STRENGTH] * dipoles[k][3 + i];
+    body->magnetic.n_dipoles = FMU_DIPOLES, body->magnetic.dipoles = magnet;
+    body->mass = v[MASS], body->gravity[2] = -v[GRAVITY];
+    for (i = 0; i < 3; i++) {
+        body->inertia[i] = v[INERTIA + i];
+        body->force[i] = v[PUSH + i], body->torque[i] = v[TWIST + i];
     }
-    return FIELDMAP_OK;
+    field->map = &m->map, field->weights = FMU_COILS ? v + CURRENTS : NULL;
 }
 
-/* Time derivative[13] of a state: place, velocity, quaternion, angular velocity in the frame of the body. */
-static int rates(const model *m, const double *state, double *out)
+/* The state with a quaternion of length 1; the length that it had. */
+static double state_of(const model *m, fieldmap_state *state)
 {
-    const double *v = m->values, *q = state + 6, *s = state + 10, *inertia = v + INERTIA;
-    double r[9], force[3], torque[3], turning[3];
+    double length = 0.0;
+    int k;
+    memcpy(state, m->values + POSITION, sizeof *state);
+    for (k = 0; k < 4; k++) length += state->turn[k] * state->turn[k];
+    length = sqrt(length);
+    for (k = 0; k < 4; k++) state->turn[k] /= length;
+    return length;
+}
+
+/* Field at the magnet's centre, force and torque about the body's, and the derivatives of the state. */
+static int outputs(model *m)
+{
+    fieldmap_dipole magnet[FMU_DIPOLES];
+    fieldmap_rigid_body body;
+    fieldmap_path field;
+    fieldmap_state state, rates;
+    double *v = m->values, r[9], arm[3], place[3];
+    const double length = state_of(m, &state);
     int i, status;
-    turn_matrix(q, r);
-    status = wrench(m, state, r, force, torque);
-    if (status != FIELDMAP_OK) return status;
-    for (i = 0; i < 3; i++) {
-        out[i] = state[3 + i];
-        out[3 + i] = (force[i] + v[PUSH + i]) / v[MASS];
-        torque[i] += v[TWIST + i];
-    }
-    out[5] -= v[GRAVITY];
-    out[6] = -0.5 * (q[1] * s[0] + q[2] * s[1] + q[3] * s[2]);
-    out[7] = 0.5 * (q[0] * s[0] + q[2] * s[2] - q[3] * s[1]);
-    out[8] = 0.5 * (q[0] * s[1] + q[3] * s[0] - q[1] * s[2]);
-    out[9] = 0.5 * (q[0] * s[2] + q[1] * s[1] - q[2] * s[0]);
-    to_body(r, torque, turning);
-    for (i = 0; i < 3; i++) {
-        int j = (i + 1) % 3, k = (i + 2) % 3;
-        out[10 + i] = (turning[i] + (inertia[j] - inertia[k]) * s[j] * s[k]) / inertia[i];
-    }
-    return FIELDMAP_OK;
+    body_of(m, magnet, &body, &field);
+    fieldmap_rotation(state.turn, r);
+    fieldmap_to_map(r, seat, arm);
+    for (i = 0; i < 3; i++) place[i] = state.position[i] + arm[i];
+    status = fieldmap_field(&m->map, field.weights, place, v + FIELD, v + GRADIENT);
+    if (status == FIELDMAP_OK)
+        status = fieldmap_body_wrench(&field, &body.magnetic, state.position, r, v + FORCE, NULL);
+    if (status != FIELDMAP_OK || !FMU_BODY) return status;
+    status = fieldmap_rates(&field, &body, &state, &rates);
+    /* That of a quaternion of any length is in proportion to it. */
+    for (i = 0; i < 4; i++) rates.turn[i] *= length;
+    memcpy(v + DERIVATIVES, &rates, sizeof rates);
+    return status;
 }
 
 /* Outputs and derivatives, where the inputs have changed. */
 static int refresh(model *m)
 {
-    double *v = m->values, r[9], arm[3], place[3];
+    double *v = m->values;
     int i, status;
     if (!m->stale) return m->status;
     m->stale = 0;
-    turn_matrix(v + TURN, r);
-    to_map(r, seat, arm);
-    for (i = 0; i < 3; i++) place[i] = v[POSITION + i] + arm[i];
-    status = fieldmap_field(&m->map, FMU_COILS ? v + CURRENTS : NULL, place, v + FIELD, v + GRADIENT);
-    if (status == FIELDMAP_OK) status = wrench(m, v + POSITION, r, v + FORCE, v + TORQUE);
-    if (status == FIELDMAP_OK && FMU_BODY) status = rates(m, v + POSITION, v + DERIVATIVES);
+    status = outputs(m);
     if (status != FIELDMAP_OK) {
         for (i = FIELD; i < CURRENTS; i++) v[i] = (double)NAN;
         for (i = 0; i < 13; i++) v[DERIVATIVES + i] = (double)NAN;
@@ -140,12 +110,16 @@ static int refresh(model *m)
     return m->status = status == FIELDMAP_OK ? OK : DISCARD;
 }
 
-/* Classical Runge-Kutta steps of equal length, no longer than values[STEP]; inputs do not change meanwhile. */
+/* Steps of fourth order and equal length, no longer than values[STEP]; inputs do not change meanwhile. */
 static int advance(model *m, double duration)
 {
-    double *state = m->values + POSITION, h;
+    fieldmap_dipole magnet[FMU_DIPOLES];
+    fieldmap_rigid_body body;
+    fieldmap_path field;
+    fieldmap_state state;
+    double load[6], h;
     long n, steps;
-    int i;
+    int status, touched;
     if (!(duration >= 0.0)) return ERROR;
     if (!FMU_BODY) return OK; /* outputs follow inputs at once */
     if (!(m->values[STEP] > 0.0)) return ERROR;
@@ -153,30 +127,18 @@ static int advance(model *m, double duration)
     steps = (long)ceil(duration / m->values[STEP] * (1.0 - 1e-9));
     h = steps > 0 ? duration / (double)steps : 0.0;
     m->stale = 1;
-    for (n = 0; n < steps; n++) {
-        double k1[13], k2[13], k3[13], k4[13], at[13], length = 0.0;
-        int status = rates(m, state, k1);
-        for (i = 0; i < 13; i++) at[i] = state[i] + 0.5 * h * k1[i];
-        if (status == FIELDMAP_OK) status = rates(m, at, k2);
-        if (status == FIELDMAP_OK) {
-            for (i = 0; i < 13; i++) at[i] = state[i] + 0.5 * h * k2[i];
-            status = rates(m, at, k3);
-        }
-        if (status == FIELDMAP_OK) {
-            for (i = 0; i < 13; i++) at[i] = state[i] + h * k3[i];
-            status = rates(m, at, k4);
-        }
-        if (status != FIELDMAP_OK) {
-            m->say(m, DISCARD, fieldmap_message(status));
-            return DISCARD;
-        }
-        for (i = 0; i < 13; i++) state[i] += h / 6.0 * (k1[i] + 2.0 * k2[i] + 2.0 * k3[i] + k4[i]);
-        for (i = 6; i < 10; i++) length += state[i] * state[i];
-        length = 1.0 / sqrt(length);
-        for (i = 6; i < 10; i++) state[i] *= length;
+    state_of(m, &state);
+    body_of(m, magnet, &body, &field);
+    status = fieldmap_load(&field, &body, &state, load, &touched);
+    for (n = 0; n < steps && status == FIELDMAP_OK; n++) {
+        status = fieldmap_step(&field, &body, &state, load, h, 4, &touched);
+        if (status != FIELDMAP_OK) break;
+        memcpy(m->values + POSITION, &state, sizeof state);
         m->values[TIME] += h;
     }
-    return OK;
+    if (status == FIELDMAP_OK) return OK;
+    m->say(m, DISCARD, fieldmap_message(status));
+    return DISCARD;
 }
 
 static void reset(model *m)

@@ -1,7 +1,7 @@
 """A map as a functional mock-up unit (FMI 2.0 or 3.0), by itself or with a rigid body in its field.
 
-The unit is the C source fmu.c, which lies beside this module, and fieldmap.h of the C core, compiled with a header of
-numbers, and the map's flat file as its resource: no Python at run time. Value references are positions in one array,
+The unit is the C source fmu.c, which lies beside this module, and fieldmap_body.h of the C core, compiled with a header
+of numbers, and the map's flat file as its resource: no Python at run time. Value references are positions in one array,
 see fmu.c.
 """
 
@@ -30,7 +30,6 @@ from fieldmap.arguments import check_choice, check_signal
 from fieldmap.core.headers import in_one
 from fieldmap.errors import FieldmapError, InputError, Problem
 from fieldmap.interop.c_map import write_c_map
-from fieldmap.kernels.motion.layout import INERTIA
 from fieldmap.lookup import FieldMap, MagneticBody, MapAtCurrents
 from fieldmap.store.whole_files import write_whole
 from fieldmap.typing import Array
@@ -52,7 +51,7 @@ _STRENGTH, _MASS, _INERTIA, _GRAVITY, _STEP, _FIELD, _GRADIENT, _FORCE, _TORQUE 
     55,
 )
 _CURRENTS = 58
-_LARGEST_STEP = 1e-4
+_LARGEST_STEP = 5e-5
 _COMPILERS = ("cc", "gcc", "clang")
 _FLAGS = ("-std=c99", "-O2", "-fPIC", "-shared", "-fvisibility=hidden")
 VERSIONS = {2: "2.0", 3: "3.0"}
@@ -131,7 +130,7 @@ def write_fmu(
         work = Path(folder)
         flat = write_c_map(field, work / "map.fmap")
         shutil.copy(_source(), work)
-        (work / "fieldmap.h").write_text(in_one("fieldmap.h"), encoding="utf-8")
+        (work / "fieldmap_body.h").write_text(in_one("fieldmap_body.h"), encoding="utf-8")
         numbers = _numbers_header(version, len(coils), carried, seat, body, variables)
         # The same map and magnet have the same token.
         token = str(uuid.uuid5(uuid.NAMESPACE_URL, numbers + sha256(flat.read_bytes()).hexdigest()))
@@ -143,7 +142,7 @@ def write_fmu(
         if binary:
             library = _compiled(work, identifier)
             files[f"binaries/{_folder(version)}/{library.name}"] = library.read_bytes()
-        for name in ("fmu.c", "fieldmap.h", "fmu_model.h"):
+        for name in ("fmu.c", "fieldmap_body.h", "fmu_model.h"):
             files[f"sources/{name}"] = (work / name).read_bytes()
         if version == 3:
             files["sources/buildDescription.xml"] = _build_description(identifier).encode()
@@ -222,7 +221,7 @@ def _of_body(vector: Callable[..., list[_Variable]], body: RigidBody) -> list[_V
     found += vector(_TWIST, "twist", "input", "N.m", "torque that disturbs, frame of the map", zero)
     found.append(_Variable(_MASS, "mass", "parameter", "kg", "of the body", body.mass))
     # Of an upright body what the simulator takes for it.
-    inertia = body.numbers()[INERTIA : INERTIA + 3]
+    inertia = body.numbers().inertia
     found += vector(_INERTIA, "inertia", "parameter", "kg.m2", "principal moments", inertia)
     found.append(_Variable(_GRAVITY, "gravity", "parameter", "m/s2", "downward", body.gravity))
     about = "longest step of the integrator inside, co-simulation only"

@@ -1,7 +1,7 @@
 """Maps for JAX: pure functions of points and currents under jit, vmap and grad (pip install "fieldmap[jax]").
 
-The formulas are those of the compiled kernels: `fieldmap.kernels.map.cell_harmonics` for one polynomial per cell, the
-recurrence of `fieldmap.kernels.map.solid_harmonics` for one polynomial of the whole box.
+They are a second form of what the C core computes, which tests hold them to: `fieldmap.interop.cell_polynomial` for one
+polynomial per cell, a recurrence for one polynomial of the whole box.
 """
 
 from __future__ import annotations
@@ -14,12 +14,13 @@ from typing import Any
 import numpy as np
 
 from fieldmap.core import CoreMap
+from fieldmap.core import block as map_block
 from fieldmap.core.harmonics import derivative_matrix
 from fieldmap.errors import InputError, Problem
 from fieldmap.extras import require
-from fieldmap.interop.c_map import check_harmonic, plain_block
+from fieldmap.interop.c_map import check_harmonic
+from fieldmap.interop.cell_polynomial import DEGREE, field_and_gradient
 from fieldmap.interpolants import Form
-from fieldmap.kernels.map import cell_harmonics, map_block
 from fieldmap.lookup import FieldMap, MapAtCurrents, saturates, unit_block
 from fieldmap.store import ReducedModel
 from fieldmap.typing import Array
@@ -29,10 +30,6 @@ PIECE = 1024
 # Steps of Newton's method, and the shares of one that are tried.
 _STEPS = 60
 _SHARES = (1.0, 0.6, 0.35, 0.2, 0.1, 0.03, 0.01)
-# The formula of the kernel, in Python: it only adds and multiplies, so it takes traced arrays as well.
-_of_cell: Callable[..., Any] = getattr(
-    cell_harmonics.field_and_gradient, "py_func", cell_harmonics.field_and_gradient
-)
 
 
 def jax_field(field: FieldMap | MapAtCurrents) -> JaxField:
@@ -145,12 +142,12 @@ class JaxField:
 
 
 class _Polynomials:
-    """A block of harmonic polynomials (fieldmap.kernels.map.map_block), evaluated by JAX."""
+    """A block of harmonic polynomials (`fieldmap.core.block`), evaluated by JAX."""
 
     def __init__(self, jax: ModuleType, block: Array) -> None:
         check_harmonic(block, "jax_field(field)")
-        self._jax, self._jnp, plain = jax, jax.numpy, plain_block(block)
-        header = plain[: map_block.HEADER]
+        self._jax, self._jnp = jax, jax.numpy
+        header = block[: map_block.HEADER]
         self.degree, self._clamps = int(header[map_block.DEGREE]), header[map_block.RULE] == map_block.CLAMP
         self._lower = header[map_block.LOWER : map_block.LOWER + 3]
         self._inverse = header[map_block.INVERSE : map_block.INVERSE + 3]
@@ -159,7 +156,7 @@ class _Polynomials:
         self._per_length = float(header[map_block.PER_LENGTH])
         self.length = float(header[map_block.LENGTH])
         shape = (int(np.prod(self._cells)), int(header[map_block.SETS]), -1)
-        self._sets = plain[map_block.HEADER :].reshape(shape)
+        self._sets = block[map_block.HEADER :].reshape(shape)
         self._converted: dict[str, Any] = {}
 
     def coefficients(self) -> Any:
@@ -176,9 +173,9 @@ class _Polynomials:
         jnp = self._jnp
         good, cell, local = self._locate(points)
         c = self._superposed(sets, cell, weights)
-        if self.degree == cell_harmonics.DEGREE:
+        if self.degree == DEGREE:
             x, y, z = (local[..., axis] for axis in range(3))
-            bx, by, bz, xx, xy, xz, yy, yz, zz = _of_cell(jnp.moveaxis(c, -1, 0), x, y, z)
+            bx, by, bz, xx, xy, xz, yy, yz, zz = field_and_gradient(jnp.moveaxis(c, -1, 0), x, y, z)
         else:
             flux = self._derivatives(c, local, 1)
             bx, by, bz = (flux[..., i] for i in range(3))
@@ -283,7 +280,7 @@ def _derivative(degree: int, axes: tuple[int, ...]) -> Array:
 class _ReducedIron:
     """The model of a map of saturating iron (`fieldmap.store.ReducedModel`): weights of its fields at currents.
 
-    The equations are those of fieldmap.kernels.map.reduced_iron, solved by Newton's method to rounding; the derivatives
+    The equations are those of docs/theory/current_dependence.md, solved by Newton's method to rounding; the derivatives
     by the currents follow from the implicit function theorem.
     """
 

@@ -19,13 +19,12 @@ from numpy.typing import ArrayLike
 
 from fieldmap.arguments import check_choice, check_not_negative, check_positive, check_signal
 from fieldmap.core import CoreMap
-from fieldmap.core.iron import OUTSIDE, UNSOLVED
+from fieldmap.core.machine import INSIDE, CoreMachine
 from fieldmap.currents import CurrentDomain, IndependentCurrents
 from fieldmap.dynamics import (
     CoilDrive,
     Drag,
     FieldOfCurrents,
-    ParametrisedAllocation,
     RigidBody,
     linearised,
     modelled,
@@ -38,11 +37,6 @@ from fieldmap.extras import require
 from fieldmap.field import as_field
 from fieldmap.instruments import Amplifier
 from fieldmap.kernels.coils.loop import loop_flux_density_and_gradient
-from fieldmap.kernels.map.cached_field import keep_field
-from fieldmap.kernels.map.map_block import INSIDE, SETS
-from fieldmap.kernels.motion.control_period import advance_period
-from fieldmap.kernels.motion.currents import MODELLED, allocate, find_weights
-from fieldmap.kernels.motion.step import find_load
 from fieldmap.lookup import FieldMap, FiniteMagnet, interpolate, open_map
 from fieldmap.store import Grid, MapData
 from fieldmap.typing import Array
@@ -152,12 +146,9 @@ class LevitationEnv(Env):
             share = 0.5 if span is None else float(span)
             by_currents = _force_per_ampere(linearised(field, self.rest).block, place, moment, n)
             self._from_action = share * weight[2] * self._variables.for_force(by_currents)
-        self._coils = drive.numbers(self._step)
-        self._at_once = bool((self._coils[:, :2] == 0.0).all())
         self._limits = drive.steady
-        self._numbers = body.numbers(Drag(linear=(1e-3,) * 3, turning=(1e-8,) * 3) if drag is None else drag)
-        block = self._known.block
-        self._kept = keep_field(block, np.empty(int(block[SETS])), body.magnet.count)
+        air = Drag(linear=(1e-3,) * 3, turning=(1e-8,) * 3) if drag is None else drag
+        self._parts = body.numbers(air), body.seen_at, drive.numbers(self._step), drive.drives
         self._begin()
         self._state, self._currents, self._load = np.empty(13), np.empty(n), np.empty(6)
         self.action_space = _gymnasium.spaces.Box(-1.0, 1.0, (self._from_action.shape[1],), np.float64)
@@ -176,9 +167,8 @@ class LevitationEnv(Env):
         self._state[:] = check_signal("LevitationEnv.reset(state)", begin, columns=13)
         self._currents[:] = self.rest
         self._begin()
-        find_weights(*self._superposition, self._currents, self._kept[1])
-        self._kept[2][:] = -1
-        status, _ = find_load(self._kept, self._numbers, self._state, self._load)
+        self._machine.follow(self._currents)
+        status, _ = self._machine.load(self._state, self._load)
         if status != INSIDE:
             problem = Problem(
                 "LevitationEnv.reset", "the magnet must begin in the map", f"{self._state[:3]}", "move it"
@@ -191,18 +181,8 @@ class LevitationEnv(Env):
         given = np.minimum(np.maximum(action, -1.0), 1.0)
         wanted = self._variables.currents(self._from_action @ given)
         commands = np.minimum(np.maximum(wanted, self._limits[0]), self._limits[1])
-        status = advance_period(
-            self._step,
-            self._steps,
-            self._at_once,
-            *self._superposition,
-            self._coils,
-            self._numbers,
-            self._kept,
-            commands,
-            self._state,
-            self._currents,
-            self._load,
+        status = self._machine.advance(
+            self._step, self._steps, commands, self._state, self._currents, self._load
         )
         off = self._state[:3] - self.target
         share = float(off @ off) / self._limit**2
@@ -223,16 +203,14 @@ class LevitationEnv(Env):
 
     def _begin(self) -> None:
         """A model of the iron that remembers nothing: equal seeds give equal episodes."""
-        self._superposition = self._known.begin()
-        modelled_iron = self._superposition.kind == MODELLED
-        self._counts = self._superposition.iron[UNSOLVED : OUTSIDE + 1] if modelled_iron else np.zeros(2)
-        self._counted = (0.0, 0.0)
+        self._machine = CoreMachine(self._known.plant(*self._parts))
+        self._counted = self._machine.solves
 
     def _solves(self) -> dict[str, int]:
         """See the class: of the time since the last call."""
-        before, self._counted = self._counted, tuple(self._counts.tolist())
-        unsolved, outside = self._counted
-        return {"unsolved": int(unsolved - before[0]), "outside": int(outside - before[1])}
+        before, now = self._counted, self._machine.solves
+        self._counted = now
+        return {"unsolved": now.unsolved - before.unsolved, "outside": now.outside - before.outside}
 
     def _observed(self) -> Array:
         out, state, q = np.empty(12 + len(self._currents)), self._state, self._state[6:10]
@@ -270,15 +248,13 @@ class _Signals(_Currents):
 
     def __init__(self, rest: Array, domain: CurrentDomain) -> None:
         made, self.lower, self.upper = domain.parametrisation, domain.lower, domain.upper
-        self.rest, self.span = made.nearest(rest).values, 1.0
+        self.made, self.rest, self.span = made, made.nearest(rest).values, 1.0
         self.reach, self.by_signals = np.diag(0.5 * (self.upper - self.lower)), made.derivative(self.rest)
-        self.allocation = ParametrisedAllocation(made).numbers()
 
     def currents(self, change: Array) -> Array:
         """See `_Currents`."""
-        signals, currents = self.rest + change, np.empty(len(self.by_signals))
-        allocate(self.allocation, np.minimum(np.maximum(signals, self.lower), self.upper), currents)
-        return currents
+        signals = self.rest + change
+        return self.made.currents(np.minimum(np.maximum(signals, self.lower), self.upper))
 
     def for_force(self, by_currents: Array) -> Array:
         """See `_Currents`: least in shares of the ranges."""
@@ -294,9 +270,9 @@ def _variables(field: FieldMap, rest: Array) -> _Currents:
 
 def _force_per_ampere(block: Array, place: Array, moment: Array, n: int) -> Array:
     """(3, n), N/A, of an upright magnet at a place of the map."""
-    sets = int(block[SETS])
-    flux, slope = np.empty((1, sets, 3)), np.empty((1, sets, 3, 3))
-    CoreMap(block).each_field(np.ascontiguousarray(place[None]), flux, slope)
+    core = CoreMap(block)
+    flux, slope = np.empty((1, core.sets, 3)), np.empty((1, core.sets, 3, 3))
+    core.each_field(np.ascontiguousarray(place[None]), flux, slope)
     return np.asarray((moment @ slope[0, :n]).T)
 
 

@@ -11,7 +11,6 @@ from fieldmap.interpolants.form import (
     Interpolant,
     Jump,
     contract,
-    kernels_of,
     set_size,
 )
 from fieldmap.interpolants.global_polynomial import global_form
@@ -39,6 +38,5 @@ __all__ = [
     "global_form",
     "hermite_form",
     "jump_between_cells",
-    "kernels_of",
     "set_size",
 ]

@@ -11,9 +11,8 @@ from typing import Any
 import numpy as np
 
 from fieldmap.core import CoreMap
-from fieldmap.kernels.map import map_block
-from fieldmap.kernels.map.lookup import KERNELS
-from fieldmap.kernels.map.map_block import InterpolantKernels
+from fieldmap.core import block as map_block
+from fieldmap.core.block import set_size
 from fieldmap.records import Record
 from fieldmap.store import FieldError, Grid, MapData, MapInfo
 from fieldmap.typing import Array
@@ -78,8 +77,8 @@ class Interpolant(Record):
     """One way to find a field between the nodes of a map.
 
     name: for `open_map(kind=...)`. summary: one line, for help and messages. form: the coefficients of a map, by what a
-    point outside gives (a key of OUTSIDE_RULES), as a `Form`. kernels: its line of
-    `fieldmap.kernels.map.lookup.KERNELS`, with which it works in compiled loops too; without it `evaluator` is asked.
+    point outside gives (a key of OUTSIDE_RULES), as a `Form`. kind: of its
+    blocks (`fieldmap.core.block`), which the C core evaluates; without it `evaluator` is asked.
     evaluator: makes the `fieldmap.lookup.Evaluator` of a form; the package's own unless given. jump: how far field and
     gradient step from cell to cell; None where both are continuous. in_c: whether fieldmap.h reads its blocks.
     """
@@ -87,18 +86,16 @@ class Interpolant(Record):
     name: str
     summary: str
     form: Callable[[MapData, str], Form]
-    kernels: InterpolantKernels | None = None
+    kind: int | None = None
     evaluator: Callable[[Form], Any] | None = None
     jump: Callable[[Form, MapInfo], Jump] | None = None
     in_c: bool = False
 
 
-def header(
-    kernels: InterpolantKernels, grid: Grid, n_coils: int, outside: str, degree: int = 0, length: float = 1.0
-) -> Array:
-    """Header of a block over the cells of a grid (fieldmap.kernels.map.map_block says what is where)."""
+def header(kind: int, grid: Grid, n_coils: int, outside: str, degree: int = 0, length: float = 1.0) -> Array:
+    """Header of a block over the cells of a grid (`fieldmap.core.block` says what is where)."""
     block = np.zeros(map_block.HEADER)
-    block[map_block.KIND], block[map_block.RULE] = KERNELS.index(kernels), OUTSIDE_RULES[outside]
+    block[map_block.KIND], block[map_block.RULE] = kind, OUTSIDE_RULES[outside]
     block[map_block.SETS], block[map_block.DEGREE] = n_coils, degree
     block[map_block.LOWER : map_block.LOWER + 3] = grid.lower
     block[map_block.INVERSE : map_block.INVERSE + 3] = 1 / np.array(grid.spacing)
@@ -106,16 +103,6 @@ def header(
     block[map_block.LOCAL : map_block.LOCAL + 3] = np.array(grid.spacing) / length
     block[map_block.LENGTH], block[map_block.PER_LENGTH] = length, 1 / length
     return block
-
-
-def set_size(block: Array) -> int:
-    """How many numbers one set has at one cell or node."""
-    return kernels_of(block).set_size(int(block[map_block.DEGREE]))
-
-
-def kernels_of(block: Array) -> InterpolantKernels:
-    """What evaluates a block."""
-    return KERNELS[int(block[map_block.KIND])]
 
 
 def contract(block: Array, currents: Array, size: int) -> Array:

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
 from fieldmap.core import CoreMap
+from fieldmap.core.block import GLOBAL
 from fieldmap.errors import InputError, Problem
 from fieldmap.interpolants.form import Form, Interpolant, header
 from fieldmap.interpolants.harmonic_matrix import field_matrix, gradient_matrix
-from fieldmap.kernels.map.global_harmonics import KERNELS
 from fieldmap.store import FieldError, Grid, MapData
 from fieldmap.typing import Array
 
@@ -36,7 +36,7 @@ def global_form(data: MapData, outside: str) -> Form:
     chosen = [_spread(n) for n in grid.shape]
     degree = _degree(int(np.prod([len(axis) for axis in chosen])))
     coefficients = _fit(data, chosen, degree, length)
-    start = header(KERNELS, box, n_coils, outside, degree, length)
+    start = header(GLOBAL, box, n_coils, outside, degree, length)
     unit = np.concatenate([start, coefficients.ravel()])
     return Form(NAME, unit, unit, _checked_misfit(data, unit))
 
@@ -168,4 +168,4 @@ def _checked_misfit(data: MapData, unit: Array) -> FieldError:
     return FieldError(float(of_flux.max()), float(of_slope.max()))
 
 
-INTERPOLANT = Interpolant(NAME, "one polynomial for the whole box", global_form, KERNELS, in_c=True)
+INTERPOLANT = Interpolant(NAME, "one polynomial for the whole box", global_form, GLOBAL, in_c=True)

@@ -9,14 +9,16 @@ from itertools import pairwise
 
 import numpy as np
 
+from fieldmap.core import block as map_block
+from fieldmap.core.block import HARMONIC
 from fieldmap.core.harmonics import regular_table
 from fieldmap.interpolants.form import Form, Interpolant, Jump, header, node_potential
 from fieldmap.interpolants.harmonic_matrix import field_matrix, gradient_matrix
-from fieldmap.kernels.map import map_block
-from fieldmap.kernels.map.cell_harmonics import DEGREE, KERNELS, SIZE
 from fieldmap.store import FieldError, MapData, MapInfo
 from fieldmap.typing import Array
 
+DEGREE = 5
+SIZE = (DEGREE + 1) ** 2
 NAME = "harmonic"
 CORNERS = np.array(list(itertools.product((0, 1), repeat=3)))
 
@@ -44,7 +46,7 @@ def cell_form(data: MapData, outside: str) -> Form:
         coefficients[i, ..., 1:] = values @ solve.T
         worst = np.maximum(worst, _misfit(values - coefficients[i, ..., 1:] @ design[:, 1:].T, data))
     coefficients[..., 0] = _constants(data, coefficients, corners, length)
-    start = header(KERNELS, grid, n_coils, outside, DEGREE, length)
+    start = header(HARMONIC, grid, n_coils, outside, DEGREE, length)
     unit = np.concatenate([start, coefficients.ravel()])
     return Form(NAME, unit, unit, FieldError(float(worst[0]), float(worst[1]) / length))
 
@@ -131,7 +133,7 @@ INTERPOLANT = Interpolant(
     NAME,
     "one harmonic polynomial per cell",
     cell_form,
-    KERNELS,
+    HARMONIC,
     jump=jump_between_cells,
     in_c=True,
 )

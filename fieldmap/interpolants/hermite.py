@@ -2,8 +2,8 @@
 
 import numpy as np
 
+from fieldmap.core.block import HERMITE
 from fieldmap.interpolants.form import Form, Interpolant, header, node_potential
-from fieldmap.kernels.map.hermite import KERNELS
 from fieldmap.store import MapData
 from fieldmap.typing import Array
 
@@ -13,7 +13,7 @@ STENCIL = 5
 
 def hermite_form(data: MapData, outside: str) -> Form:
     """Coefficients of the field (three channels a coil) and of the potential (one), at every node."""
-    start = header(KERNELS, data.grid, len(data.field_names), outside)
+    start = header(HERMITE, data.grid, len(data.field_names), outside)
     field = _coefficients(data, data.flux_density, data.gradient)
     potential = _coefficients(data, node_potential(data)[..., None], data.flux_density[..., None, :])
     return Form(
@@ -35,7 +35,7 @@ def _coefficients(data: MapData, values: Array, slopes: Array) -> Array:
 
 def nodal_coefficients(values: Array, gradient: Array, spacing: Array) -> Array:
     """Coefficients (nx, ny, nz, n_channels, 8) from values (nx, ny, nz, n_channels) and their exact gradient
-    (nx, ny, nz, n_channels, 3); layout: `fieldmap.kernels.map.hermite`.
+    (nx, ny, nz, n_channels, 3); layout: fieldmap/core/hermite.h.
 
     Only mixed derivatives are estimated: f_xy is the mean of the differences of f_x along y and of f_y
     along x, and so on; f_xyz is the mean of the differences of the mixed second derivatives. Their error,
@@ -77,4 +77,4 @@ def difference_weights(n_nodes: int) -> Array:
     return weights
 
 
-INTERPOLANT = Interpolant(NAME, "tricubic Hermite, continuous from cell to cell", hermite_form, KERNELS)
+INTERPOLANT = Interpolant(NAME, "tricubic Hermite, continuous from cell to cell", hermite_form, HERMITE)

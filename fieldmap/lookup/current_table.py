@@ -126,12 +126,6 @@ def kernel_table(of: Table) -> tuple[Any, ...]:
     return (*ends, of.knots, of.coefficients, of.nodes, of.slopes)
 
 
-def no_table() -> tuple[Any, ...]:
-    """Something of the types of a table, for compiled code that will not read it."""
-    none, three = np.zeros(0), (np.zeros(0), np.zeros(0), np.zeros(0))
-    return none, none, none, none, three, np.zeros((0, 0, 0, 0)), three, np.zeros((0, 0, 0, 0, 0))
-
-
 def _within(error: FieldError, wanted: FieldError) -> bool:
     return error.flux_density <= _GOOD * wanted.flux_density and error.gradient <= _GOOD * wanted.gradient
 

@@ -130,7 +130,6 @@ class ContractedEvaluator:
     places = 1
 
     def __init__(self, block: Array, potential_block: Array) -> None:
-        self._block = block
         self._core = CoreMap(block)
         self._of_potential = _potential_core(self._core, block, potential_block)
         self.field_at, self.dipole_wrench_at = self._core.field_at, self._core.dipole_wrench_at

@@ -14,11 +14,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fieldmap.core import CoreMap
+from fieldmap.core import block as map_block
 from fieldmap.currents import LiftAndDirections
 from fieldmap.errors import InputError, Problem
 from fieldmap.field import coil_currents
 from fieldmap.interpolants import INTERPOLANTS, set_size
-from fieldmap.kernels.map import map_block
 from fieldmap.lookup.current_model import CurrentModel
 from fieldmap.lookup.current_solver import CompiledModel
 from fieldmap.lookup.current_table import CurrentTable, tabulate
@@ -43,8 +43,8 @@ def unit_block(field_map: FieldMap | MapAtCurrents) -> Array:
     """
     if isinstance(field_map, MapAtCurrents):
         return core_map(field_map).block
-    if INTERPOLANTS[field_map.kind].kernels is None:
-        must_hold = "an interpolant that compiled loops evaluate (fieldmap.kernels.map.lookup.KERNELS)"
+    if INTERPOLANTS[field_map.kind].kind is None:
+        must_hold = "an interpolant that the C core evaluates"
         raise InputError(
             Problem("unit_block(field_map)", must_hold, field_map.kind, "open the map with another kind")
         )

@@ -15,6 +15,7 @@ import numpy as np
 from scipy.sparse import csr_array, vstack
 
 from fieldmap.core import CoreMap
+from fieldmap.core.block import DEGREE, HEADER, LENGTH
 from fieldmap.core.harmonics import derivative_matrix
 from fieldmap.errors import InputError
 from fieldmap.interpolants import Form, cell_form, global_form, hermite_form, set_size
@@ -24,7 +25,6 @@ from fieldmap.interpolants.harmonic_matrix import (
     largest_on_sphere,
     shift_matrix,
 )
-from fieldmap.kernels.map.map_block import DEGREE, HEADER, LENGTH
 from fieldmap.parallel import in_threads, threads_of_kernels
 from fieldmap.store import FieldError, Grid, MapData
 from fieldmap.typing import Array, Index

@@ -15,6 +15,7 @@ from rich.console import Console
 from rich.table import Table
 
 from fieldmap.control import PID
+from fieldmap.core.current_table import CoreTable
 from fieldmap.currents import LiftAndDirections, divide_currents
 from fieldmap.device import read_device
 from fieldmap.dynamics import (
@@ -37,9 +38,8 @@ from fieldmap.dynamics import (
 )
 from fieldmap.dynamics.field_of_currents import FieldOfCurrents
 from fieldmap.instruments import SensorFrame
-from fieldmap.kernels.motion.currents import TABLED, Superposition
 from fieldmap.lookup import FieldMap, interpolate, unit_block, volume_rule
-from fieldmap.lookup.current_table import kernel_table, spline_table
+from fieldmap.lookup.current_table import spline_table
 from fieldmap.store import Grid, MapData
 
 LOWER, UPPER = np.array([-0.02, -0.02, -0.14]), np.array([0.02, 0.02, -0.076])
@@ -95,13 +95,8 @@ def fields() -> dict[str, FieldOfCurrents]:
     axes = [np.linspace(0.5, 2.9, 5), np.linspace(-0.4, 0.4, 17), np.linspace(-0.3, 0.3, 17)]
     currents = divide_currents(*np.meshgrid(*axes, indexing="ij"), 1.25)
     slopes = np.broadcast_to(share.T, (5, 17, 17, 6, 20))
-    numbers = Superposition(
-        TABLED,
-        1.0,
-        kernel_table(spline_table(axes, LiftAndDirections(1.25), currents @ share.T, slopes)),
-        np.zeros(0),
-    )
-    return {"linear": linear, "table": FieldOfCurrents(unit_block(both), numbers, ())}
+    table = CoreTable(spline_table(axes, LiftAndDirections(1.25), currents @ share.T, slopes))
+    return {"linear": linear, "table": FieldOfCurrents(unit_block(both), (), table=table, iron="table")}
 
 
 def machines() -> dict[str, Machine]:

@@ -50,6 +50,7 @@ def test_constants_in_single_precision(machine, tmp_path, capsys):
     arguments = ["--to", "c32", "-o", str(target), "--kind", "global", "--outside", "clamp"]
     assert main(["export", machine.map, *arguments]) == 0
     assert capsys.readouterr().out.split() == [str(target), str(tmp_path / "fieldmap32.h")]
+    assert (tmp_path / "fieldmap32.h").read_text() == in_one("fieldmap32.h")
     opened = open_map(machine.map, "global", "clamp")
     (tmp_path / "again").mkdir()
     again, _ = write_c32_files(opened, tmp_path / "again" / "loop.h")

@@ -4,11 +4,23 @@ import sys
 
 import pytest
 
-from fieldmap.core import body, caller, controller, current_table, harmonics, iron, map, mujoco
-from fieldmap.core.compile import libraries, machine
+from fieldmap.core import (
+    body,
+    caller,
+    closed_loop,
+    controller,
+    current_table,
+    harmonics,
+    iron,
+    machine,
+    map,
+    mujoco,
+)
+from fieldmap.core.compile import libraries
+from fieldmap.core.compile import machine as architecture
 from fieldmap.core.library import loaded
 
-OLDEST, *NEWER = libraries(machine(), sys.platform).values()
+OLDEST, *NEWER = libraries(architecture(), sys.platform).values()
 
 
 @pytest.fixture(params=[OLDEST, *NEWER], ids=lambda path: path.name.split(".")[1], autouse=True)
@@ -17,6 +29,18 @@ def library(request, monkeypatch):
     found = loaded(request.param)
     if request.param != OLDEST and not found.is_for_newer():
         pytest.skip("not for this processor")
-    for module in (body, caller, controller, current_table, harmonics, iron, map, mujoco):
+    modules = (
+        body,
+        caller,
+        closed_loop,
+        controller,
+        current_table,
+        harmonics,
+        iron,
+        machine,
+        map,
+        mujoco,
+    )
+    for module in modules:
         monkeypatch.setattr(module, "LIBRARY", found)
     return found

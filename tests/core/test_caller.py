@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 from fieldmap.core import CoreMap
+from fieldmap.core.block import HARMONIC
 from fieldmap.core.body import CoreBody
 from fieldmap.core.caller import COILS, ROOM, caller, functions
 from fieldmap.core.current_table import CoreTable, Table
 from fieldmap.core.iron import CoreIron
 from fieldmap.currents import divide_currents
 from fieldmap.interpolants.form import contract, header
-from fieldmap.kernels.map import cell_harmonics
 from fieldmap.lookup.current_solver import compiled_model, core_numbers
 from tests.core.iron_cases import CASES
 from tests.core.map_cases import CURRENTS, GRID, KINDS, block_of
@@ -49,7 +49,7 @@ def field_of(call, words, currents, point=POINT):
 
 def block_with(sets):
     """A block of harmonic cells with this many sets."""
-    start = header(cell_harmonics.KERNELS, GRID, sets, "nan", 5, 0.2)
+    start = header(HARMONIC, GRID, sets, "nan", 5, 0.2)
     return np.concatenate([start, np.random.default_rng(sets).normal(size=6 * 36 * sets)])
 
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from fieldmap.core import CoreMap
+from fieldmap.core.block import HERMITE
 from fieldmap.interpolants.form import header
 from fieldmap.interpolants.hermite import difference_weights, nodal_coefficients
-from fieldmap.kernels.map.hermite import KERNELS
 from fieldmap.store import Grid
 
 LOWER = np.array([-0.3, 0.2, 1.0])
@@ -32,7 +32,7 @@ def evaluated(coefficients, points, lower=LOWER, spacing=SPACING):
     """Values (n, c), gradient (n, c, 3), second gradient (n, c, 3, 3) and the count of points outside: channels as the
     components of a field, and the first as a potential, too."""
     n, channels, shape = len(points), coefficients.shape[3], coefficients.shape[:3]
-    start = header(KERNELS, Grid(lower, spacing, shape), 1, "nan")
+    start = header(HERMITE, Grid(lower, spacing, shape), 1, "nan")
     field = np.zeros((*shape, 3, 8))
     field[..., :channels, :] = coefficients
     of_field = CoreMap(np.concatenate([start, field.ravel()]))

@@ -1,6 +1,5 @@
 """Saturating iron in the C core against its equation in numpy, and its derivative by Taylor's theorem."""
 
-import ctypes
 import pickle
 from functools import cache
 
@@ -8,20 +7,7 @@ import numpy as np
 import pytest
 from scipy.optimize import root
 
-from fieldmap.core.iron import (
-    ADDRESS,
-    BEYOND,
-    FOUND,
-    NEWTON_STEPS,
-    NOT_CONVERGED,
-    NOT_FINITE,
-    OUTSIDE,
-    SOLVES,
-    TOLERANCE,
-    UNSOLVED,
-    CoreIron,
-    begun,
-)
+from fieldmap.core.iron import BEYOND, FOUND, NOT_FINITE, CoreIron
 from fieldmap.lookup.current_solver import compiled_model, core_numbers, expansion_terms
 from tests.core.iron_cases import CASES, drawn, residual
 
@@ -172,64 +158,3 @@ def test_a_model_can_be_pickled(case):
     np.testing.assert_array_equal(
         weights_of(of, again.state(), middle)[1], weights_of(of, core.state(), middle)[1]
     )
-
-
-def test_an_array_for_loops_gives_the_weights_by_its_address_and_counts(case):
-    of, core = case
-    array = core.array(1e-10)
-    assert array[ADDRESS] == 0.0
-    own, other = begun(array), begun(array)
-    assert array[ADDRESS] == 0.0
-    address = int(own[ADDRESS])
-    call = ctypes.CFUNCTYPE(ctypes.c_int, *3 * [ctypes.POINTER(ctypes.c_double)])(address)
-    weights = np.empty(count_of(of))
-
-    def asked(of_array, currents):
-        pointers = (
-            each.ctypes.data_as(ctypes.POINTER(ctypes.c_double)) for each in (of_array, currents, weights)
-        )
-        return call(*pointers)
-
-    inside = drawn(of, 5, 9)
-    for currents in inside:
-        assert asked(own, currents) == FOUND
-        np.testing.assert_allclose(weights, weights_of(of, core.state(), currents)[1], rtol=1e-7, atol=1e-9)
-    assert own[[SOLVES, UNSOLVED, OUTSIDE]].tolist() == [5, 0, 0]
-    assert own[NEWTON_STEPS] >= 5
-    before = weights[of.coil_count :].copy()
-    # A copy, begun anew, remembers nothing, and the other is not disturbed.
-    assert other[SOLVES] == 0
-    assert asked(other, inside[0]) == FOUND
-    assert asked(own, inside[-1]) == FOUND
-    np.testing.assert_array_equal(weights[of.coil_count :], before)
-    assert asked(own, 5.0 * of.domain.largest) == FOUND
-    assert own[[SOLVES, UNSOLVED, OUTSIDE]].tolist() == [7, 0, 1]
-    # A copy of what has begun begins anew by itself, also where what it was copied from is gone.
-    moved = np.concatenate([[0.0], own])[1:]
-    expected = weights_of(of, core.state(), inside[2])[1]
-    own[12:] = np.nan
-    assert asked(moved, inside[2]) == FOUND
-    np.testing.assert_allclose(weights, expected, rtol=1e-7, atol=1e-9)
-    own = moved
-    assert asked(own, inside[-1]) == FOUND
-    # Where no solve succeeds the iron stays as it was.
-    held = weights[of.coil_count :].copy()
-    own[TOLERANCE] = 0.0
-    assert asked(own, inside[1]) == NOT_CONVERGED
-    np.testing.assert_array_equal(weights[: of.coil_count], inside[1])
-    np.testing.assert_array_equal(weights[of.coil_count :], held)
-    assert asked(own, np.nan * inside[1]) == NOT_FINITE
-    assert np.isnan(weights).all()
-    assert own[UNSOLVED] == 2
-
-
-def test_an_array_that_was_cut_does_not_begin(case):
-    array = case[1].array(1e-4)
-    for place, value in ((7, 1e9), (7, 3.0), (7, array[7] + 1.0), (7, np.nan), (12, -1.0)):
-        damaged = array.copy()
-        damaged[place] = value
-        with pytest.raises(ValueError, match="model"):
-            begun(damaged)
-    for cut in (array[:-1], array[:8], np.append(array, 0.0)):
-        with pytest.raises(ValueError, match="model"):
-            begun(cut)

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from fieldmap.core import CoreMap
+from fieldmap.core import block as map_block
 from fieldmap.interpolants.form import Form, contract
-from fieldmap.kernels.map import map_block
 from tests.core.map_cases import CURRENTS, GRID, KINDS, block_of
 from tests.lookup.reference_evaluator import ReferenceEvaluator
 

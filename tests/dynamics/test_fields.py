@@ -186,7 +186,6 @@ def test_a_table_of_saturating_iron_has_the_background(saturating):
 
     from fieldmap.currents import divide_currents
     from fieldmap.dynamics.field_of_currents import tabled
-    from fieldmap.kernels.motion.currents import find_weights
     from fieldmap.lookup import interpolate
     from fieldmap.store import MapData
 
@@ -221,9 +220,8 @@ def test_a_table_of_saturating_iron_has_the_background(saturating):
         currents = divide_currents(np.array([u]), np.array([x]), np.array([y]), 1.25)[0]
         b = exact.field(inside, currents)
         assert opened.field(inside, currents) == pytest.approx(b, abs=2e-3 * np.abs(b).max())
-        field = tabled(opened)
         weights = np.empty(10)
-        find_weights(*field.numbers, currents, weights)
+        tabled(opened).table.weights(currents, weights)
         assert weights[9] == pytest.approx(1.0, abs=1e-13)
     # The background magnetises the iron as well: the iron's weights are others than without.
     currents = divide_currents(np.array([1.5]), np.array([0.0]), np.array([0.0]), 1.25)[0]

@@ -7,17 +7,17 @@ from fieldmap.core import CoreMap
 from fieldmap.currents import divide_currents
 from fieldmap.dynamics import linearised, superposed, tabled
 from fieldmap.errors import InputError
-from fieldmap.kernels.motion.currents import find_weights
 from fieldmap.lookup import iron_weights
+from tests.dynamics.machines import machine_in
 
 POINTS = np.random.default_rng(0).uniform(-0.015, 0.015, (20, 3))
 
 
 def field(of, currents):
     """Field and gradient at POINTS as the loop would superpose them."""
-    sets = int(of.block[2])
-    weights = np.empty(sets)
-    assert find_weights(*of.numbers, np.asarray(currents, float), weights)
+    core = machine_in(of, len(currents))
+    assert core.follow(np.asarray(currents, float))
+    weights = core.weights
     flux, slope = np.empty((len(POINTS), 3)), np.empty((len(POINTS), 3, 3))
     CoreMap(of.block).fields(POINTS, weights[None], flux, slope)
     return flux, slope
@@ -66,20 +66,18 @@ def test_scale_is_a_named_calibration(axial):
 def test_beyond_a_table_its_slopes_go_on(saturating):
     """Noticed, without a step at the edge, and of any currents, none among them."""
     m = saturating("harmonic")
-    of = tabled(m, (4, 5, 5))
-    weights = np.empty(int(of.block[2]))
+    core = machine_in(tabled(m, (4, 5, 5)), 6)
     ends = []
     for u in (2.2, 2.2 + 1e-6, 2.25):
-        inside = find_weights(*of.numbers, divide_currents(u, 0.1, 0.1, 1.25), weights)
-        assert inside == (u == 2.2)
-        ends.append(weights.copy())
+        assert core.follow(divide_currents(u, 0.1, 0.1, 1.25)) == (u == 2.2)
+        ends.append(core.weights)
     slope = (ends[1] - ends[0]) / 1e-6
     np.testing.assert_allclose(ends[2] - ends[0], 0.05 * slope, rtol=1e-4)
     exact = iron_weights(m, divide_currents(2.25, 0.1, 0.1, 1.25))[0][0]
-    np.testing.assert_allclose(weights[6:], exact, atol=0.02 * np.abs(exact).max())
+    np.testing.assert_allclose(ends[2][6:], exact, atol=0.02 * np.abs(exact).max())
     for currents in (np.zeros(6), np.array([1.0, -1, 1, -1, 1, -1]), -np.ones(6)):
-        assert not find_weights(*of.numbers, currents, weights)
-        assert np.isfinite(weights).all()
+        assert not core.follow(currents)
+        assert np.isfinite(core.weights).all()
 
 
 def test_tables_need_a_division_and_nodes(axial, saturating):

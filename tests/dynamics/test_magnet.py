@@ -3,16 +3,16 @@
 import numpy as np
 import pytest
 
+from fieldmap.core import CoreMap
+from fieldmap.core.machine import CoreMachine, Plant, rotation
 from fieldmap.device.model import MagnetCylinder
-from fieldmap.dynamics import RigidBody, energy, state_of
-from fieldmap.kernels.map.cached_field import forget, keep_field, kept_at
-from fieldmap.kernels.map.map_block import INSIDE, OUTSIDE
-from fieldmap.kernels.motion.magnet import magnet_wrench
-from fieldmap.kernels.motion.rotation import turn_matrix
-from fieldmap.lookup import unit_block, volume_rule
+from fieldmap.dynamics import RigidBody, energy, state_of, superposed
+from fieldmap.lookup import MagneticBody, unit_block, volume_rule
+from tests.dynamics.machines import machine_in
 
 MAGNET = volume_rule(MagnetCylinder(0.01, 0.01, 1.3), 2)
 CURRENTS = np.array([1.3, -0.4, 0.7])
+OUTSIDE = 1
 
 
 @pytest.fixture(params=["harmonic", "hermite", "global"])
@@ -26,16 +26,23 @@ def states(count=6):
         yield state_of(rng.uniform(-0.006, 0.006, 3), quaternion=rng.normal(size=4))
 
 
+def at_fixed_currents(field, body):
+    """A body in one field, whose weight is 1, without coils."""
+    none = np.zeros((0, 4)), np.zeros((0, 7))
+    return CoreMachine(
+        Plant(CoreMap(unit_block(field)).map, body.numbers(), np.zeros(3), 1.0, None, 1.0, None, *none)
+    )
+
+
 def wrench_of(field, body, state, fixed):
+    machine = at_fixed_currents(field.at(CURRENTS), body) if fixed else machine_in(superposed(field), 3, body)
+    if not fixed:
+        assert machine.follow(CURRENTS)
     load = np.empty(6)
-    block = unit_block(field.at(CURRENTS) if fixed else field)
-    weights = np.ones(1) if fixed else CURRENTS
-    kept = keep_field(block, weights, len(MAGNET.points))
-    numbers = body.numbers()
-    assert magnet_wrench(kept, numbers, state, load) == INSIDE
+    assert machine.load(state, load) == (0, 0)
     # From the coefficients that it has kept: the same bits.
     again = np.empty(6)
-    assert magnet_wrench(kept, numbers, state, again) == INSIDE
+    assert machine.load(state, again) == (0, 0)
     np.testing.assert_array_equal(again, load)
     return load
 
@@ -44,9 +51,9 @@ def wrench_of(field, body, state, fixed):
 def test_force_and_torque_are_those_of_the_lookup_room(field, fixed):
     """The torque about the magnet's centre and the lever of the force, turned into the body."""
     arm = np.array([1e-3, -2e-3, 3e-3])
-    body = RigidBody(0.01, [1e-6] * 3, MAGNET, magnet_at=arm)
+    body = RigidBody(0.01, [1e-6] * 3, MAGNET, magnet_at=arm, gravity=0.0)
     for state in states():
-        turn = np.array(turn_matrix(state)).reshape(3, 3)
+        turn = rotation(state)
         centre = state[:3] + turn @ arm
         wanted = MAGNET.wrench(field, centre, CURRENTS, turn)
         torque = turn.T @ (wanted[3:] + np.cross(turn @ arm, wanted[:3]))
@@ -59,11 +66,10 @@ def test_the_load_is_minus_the_slope_of_the_energy(axial):
     """By place, and by turning about the axes of the body: central differences."""
     field = axial.map((0.02, -0.1, 0.5), (0.01, 0.2, -1.0), (-0.01, 0.05, 2.0)).at(CURRENTS)
     body = RigidBody(0.01, [1e-6] * 3, MAGNET, magnet_at=[1e-3, -2e-3, 3e-3], gravity=0.0)
+    machine = at_fixed_currents(field, body)
     for state in states(3):
         load = np.empty(6)
-        magnet_wrench(
-            keep_field(unit_block(field), np.ones(1), len(MAGNET.points)), body.numbers(), state, load
-        )
+        assert machine.load(state, load) == (0, 0)
         slope = np.empty(6)
         for k in range(6):
             moved = []
@@ -85,21 +91,27 @@ def test_the_load_is_minus_the_slope_of_the_energy(axial):
 def test_a_magnet_that_reaches_out_of_the_map_is_noticed(field, axial):
     load = np.empty(6)
     body = RigidBody(0.01, [1e-6] * 3, MAGNET)
-    kept = keep_field(unit_block(field), CURRENTS, len(MAGNET.points))
-    assert magnet_wrench(kept, body.numbers(), state_of([0.018, 0, 0]), load) == OUTSIDE
+    machine = machine_in(superposed(field), 3, body)
+    assert machine.load(state_of([0.018, 0, 0]), load)[0] == OUTSIDE
 
 
 def test_a_kept_field_is_that_of_the_place_and_of_the_currents(field):
     """Along a path through many cells and back, and after the currents have changed."""
-    currents = CURRENTS.copy()
-    kept = keep_field(unit_block(field), currents, 1)
+    currents, load = CURRENTS.copy(), np.empty(6)
+    moments = np.eye(3)
+    bodies = [
+        RigidBody(0.01, [1e-6] * 3, MagneticBody(np.zeros((1, 3)), m[None]), gravity=0.0) for m in moments
+    ]
+    machines = [machine_in(superposed(field), 3, body) for body in bodies]
     path = 0.018 * np.sin(np.arange(60)[:, None] * [0.11, 0.17, 0.23])
     for step, point in enumerate(path):
         if step % 20 == 0:
             currents *= -1.5
-            forget(kept)
-        status, found = kept_at(kept, 0, *point)
-        assert status == INSIDE
+            for machine in machines:
+                machine.follow(currents)
         flux, slope = field.field_and_gradient(point, currents)
-        np.testing.assert_allclose(found, np.concatenate([flux, slope.ravel()]), rtol=1e-12, atol=1e-14)
-    assert kept_at(kept, 0, 0.03, 0.0, 0.0)[0] == OUTSIDE
+        for machine, moment, row in zip(machines, moments, slope, strict=True):
+            assert machine.load(state_of(point), load) == (0, 0)
+            wanted = np.concatenate([row, np.cross(moment, flux)])
+            np.testing.assert_allclose(load, wanted, rtol=1e-12, atol=1e-14)
+    assert machines[0].load(state_of([0.03, 0.0, 0.0]), load)[0] == OUTSIDE

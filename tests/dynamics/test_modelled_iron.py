@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fieldmap.core.iron import TOLERANCE
+from fieldmap.core.iron import IronState
 from fieldmap.dynamics import (
     CoilDrive,
     Machine,
@@ -30,8 +30,8 @@ from fieldmap.dynamics import (
 )
 from fieldmap.errors import InputError, NotConverged
 from fieldmap.instruments import Amplifier
-from fieldmap.kernels.motion.currents import find_weights
 from fieldmap.lookup import MagneticBody, compiled_wrench, iron_weights
+from tests.dynamics.machines import machine_in
 
 RNG = np.random.default_rng(3)
 MASS, MOMENT, GRAVITY, STEP, PERIOD = 0.01, np.array([0.0, 0.0, 0.4]), 9.80665, 1e-4, 1e-3
@@ -113,22 +113,20 @@ def test_a_run_is_the_loop_by_hand_with_compiled_wrench(free):
     assert off < 2e-5
     straight = np.abs(run_of(linearised(free, START)).position - wanted).max() / travel
     assert straight > 5e-3
-    exact = replace(modelled(free))
-    exact.numbers.iron[TOLERANCE] = 1e-10
+    exact = replace(modelled(free), tolerance=1e-10)
     assert np.abs(run_of(exact).position - wanted).max() / travel < 2e-8
 
 
 def test_weights_are_those_of_lookups_at_any_currents(free):
-    field = modelled(free, scale=1.5)
-    numbers, weights = field.begin(1e-9), np.empty(9)
+    machine = machine_in(replace(modelled(free, scale=1.5), tolerance=1e-9), 6)
     for currents in RNG.uniform(-3.0, 3.0, (20, 6)):
-        assert find_weights(*numbers, currents, weights)
+        assert machine.follow(currents)
         iron = iron_weights(free, currents)[0][0]
-        np.testing.assert_allclose(weights, 1.5 * np.concatenate([currents, iron]), rtol=0, atol=1e-5)
-    assert not find_weights(*numbers, np.full(6, 3.1), weights)
-    assert np.isfinite(weights).all()
-    find_weights(*numbers, np.full(6, np.nan), weights)
-    assert np.isnan(weights).all()
+        np.testing.assert_allclose(machine.weights, 1.5 * np.concatenate([currents, iron]), rtol=0, atol=1e-5)
+    assert not machine.follow(np.full(6, 3.1))
+    assert np.isfinite(machine.weights).all()
+    machine.follow(np.full(6, np.nan))
+    assert np.isnan(machine.weights).all()
 
 
 def test_a_run_says_what_it_took_for_the_iron(free, saturating, axial):
@@ -165,27 +163,28 @@ def test_currents_beyond_the_maps_are_noted_and_may_end_a_run(free):
 
 def test_steps_that_do_not_converge_are_counted_and_keep_the_iron(free):
     """With a tolerance of zero no solve converges: at the start that is an error, later the run goes on and says so."""
-    hopeless = modelled(free)
-    hopeless.numbers.iron[TOLERANCE] = 0.0
     with pytest.raises(NotConverged):
-        run_of(hopeless)
+        run_of(replace(modelled(free), tolerance=0.0))
     hand = RunningMachine(machine_of(modelled(free)), PLAN, state_of([0, 0, 0]), START, None)
     hand.step(ASKED)
-    superposition = hand._loop.plant.superposition
-    superposition.iron[TOLERANCE] = 0.0
-    weights = hand._loop.room.field[1]
-    before = weights.copy()
+    machine = hand._begun.machine
+    iron, room = IronState(machine.plant.iron), np.empty(9)
+    # The tolerance of a solve is that of the next ones, too.
+    iron.solve(hand.currents, room, tolerance=0.0)
+    before = machine.weights
     hand.step(ASKED)
     hand.step(ASKED)
     assert hand.run.iron.unsolved == 20
     assert hand.run.iron.solves == 31
-    np.testing.assert_array_equal(weights[6:], before[6:])
-    np.testing.assert_array_equal(weights[:6], hand.currents)
+    np.testing.assert_array_equal(machine.weights[6:], before[6:])
+    np.testing.assert_array_equal(machine.weights[:6], hand.currents)
     # From anew it finds its way back.
-    superposition.iron[TOLERANCE] = 1e-10
+    iron.solve(hand.currents, room, tolerance=1e-10)
     hand.step(ASKED)
     assert hand.run.iron.unsolved == 20
-    np.testing.assert_allclose(weights[6:], iron_weights(free, hand.currents)[0][0], rtol=0, atol=1e-7)
+    np.testing.assert_allclose(
+        machine.weights[6:], iron_weights(free, hand.currents)[0][0], rtol=0, atol=1e-7
+    )
 
 
 def test_runs_on_threads_and_copies_of_a_machine_have_the_same_bits(free):
@@ -199,7 +198,6 @@ def test_runs_on_threads_and_copies_of_a_machine_have_the_same_bits(free):
     found = [run.rows for run in simulate_many(4, lambda seed: one(machine, seed), seed=1, threads=3)]
     np.testing.assert_array_equal(found, wanted)
     for other in (copy.deepcopy(machine), pickle.loads(pickle.dumps(machine))):
-        assert other.magnetic.numbers.iron[0] == 0.0
         again = [run.rows for run in simulate_many(4, lambda seed, other=other: one(other, seed), seed=1)]
         np.testing.assert_array_equal(again, wanted)
 

@@ -6,11 +6,10 @@ import numpy as np
 import pytest
 
 import fieldmap as fm
-from fieldmap.dynamics import body_of_payload, prepare, read_scenario, sampled_field, state_of
-from fieldmap.kernels.map.cached_field import keep_field
-from fieldmap.kernels.motion.magnet import field_points, magnet_energy, magnet_wrench
-from fieldmap.lookup import magnetic_body, unit_block
+from fieldmap.dynamics import body_of_payload, prepare, read_scenario, sampled_field, state_of, superposed
+from fieldmap.lookup import magnetic_body
 from fieldmap.sources import CoilSet
+from tests.dynamics.machines import machine_in
 
 COILS = """
 format = 1
@@ -112,22 +111,22 @@ def test_compiled_force_and_energy_are_those_of_the_body(five):
         inertia=(1e-9, 1e-9, 1e-9),
     )
     body, currents = body_of_payload(payload, centre_of_mass=1e-3), np.array([3.0, -2.0, 5.0, 1.0, 9.0])
-    numbers, load = body.numbers(), np.empty(6)
-    assert field_points(numbers) == 3
-    kept = keep_field(unit_block(field), currents, 3)
+    machine = machine_in(superposed(field), 5, replace(body, gravity=0.0))
+    assert machine.follow(currents)
+    load = np.empty(6)
     for quaternion in ([1.0, 0.0, 0.0, 0.0], [0.8, 0.3, -0.4, 0.2]):
         state = state_of([0.0021, 0.0012, -0.0157], quaternion=quaternion)
         w, x, y, z = state[6:10]
         cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
         turn = np.eye(3) + 2 * w * cross + 2 * cross @ cross
-        assert magnet_wrench(kept, numbers, state, load) == 0
+        assert machine.load(state, load) == (0, 0)
         centre = state[:3] + turn @ body.magnet_at
         expected = body.magnet.wrench(field, centre, currents, turn)
         np.testing.assert_allclose(load[:3], expected[:3], rtol=1e-10)
         torque = expected[3:] + np.cross(turn @ body.magnet_at, expected[:3])
         np.testing.assert_allclose(turn @ load[3:], torque, rtol=1e-9)
         whole = body.magnet.energy(field, centre, currents, turn)
-        assert magnet_energy(kept, numbers, state) == pytest.approx(whole, rel=1e-10)
+        assert machine.energy(state) == pytest.approx(whole, rel=1e-10)
 
 
 def test_a_bead_is_held_and_moved_by_the_shipped_regulator(five, tmp_path):
@@ -172,4 +171,4 @@ def test_inertia_and_surface_of_a_bead(five):
     np.testing.assert_allclose(np.linalg.norm(body.skin, axis=1), 2e-3)
     mirrored = body_of_payload(device.payload, direction=-1.0)
     assert mirrored.magnet.soft == body.magnet.soft or len(mirrored.magnet.soft) == 1
-    assert replace(body, upright=True).numbers()[1] > 1.0
+    assert replace(body, upright=True).numbers().inertia.min() > 1.0

@@ -5,10 +5,10 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from fieldmap.core.machine import plate_force
 from fieldmap.dynamics import Drag, Plate, RigidBody, Walls, move, state_of
 from fieldmap.errors import InputError
 from fieldmap.kernels.constants import MU0
-from fieldmap.kernels.motion.losses import plate_force
 
 MOMENT, HEIGHT, SIGMA = 0.8, 0.02, 3.5e7
 
@@ -109,9 +109,7 @@ def test_a_tube_keeps_a_body_and_a_ceiling_too(axial):
 def rayleigh(plate, place, m, v, spin):
     """Force and torque of a plate on a dipole, from the kernel."""
     rate = np.cross(spin, m)
-    force, turning = plate_force(
-        plate.numbers, 0, *map(float, place), *(tuple(map(float, a)) for a in (m, v, rate))
-    )
+    force, turning = plate_force(plate.numbers, *(np.array(a, float) for a in (place, m, v, rate)))
     return np.concatenate([force, np.cross(m, turning)])
 
 

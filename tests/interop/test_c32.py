@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from fieldmap.core.headers import in_one
 from fieldmap.errors import InputError
 from fieldmap.interop import write_c32_files
 from fieldmap.lookup import interpolate
@@ -101,29 +102,45 @@ def test_operations_and_stack_are_those_of_the_page(ring, tmp_path, kind):
     counted = tuple(map(int, ask(tmp_path, header, rows, "-DCOUNT").split()))
     *expected, stack = numbers_of_the_page()[kind]
     assert counted == tuple(expected)
+    compiler = ["gcc", "-std=c99", *STRICT, "-Os", "-ffreestanding", "-fno-builtin", "-fstack-usage"]
+    # Of a map that the compiler knows, and of any.
+    for parameter, asked in (("", "&lift"), ("const fm32_map *map, ", "map")):
+        one = f"int32_t one({parameter}const float *i, const float *p, float *b, float *g)"
+        (tmp_path / "one.c").write_text(
+            f'#include "lift.h"\n{one};\n{one} {{ return fm32_field({asked}, i, p, b, g); }}\n'
+        )
+        # A pointer leaves the constants unused.
+        command = [*compiler, "-Wno-unused-const-variable", "-c", "one.c"]
+        subprocess.run(command, cwd=tmp_path, check=True, capture_output=True)
+        used = [int(line.split("\t")[1]) for line in (tmp_path / "one.su").read_text().splitlines()]
+        assert sum(used) <= stack
+        wanted = subprocess.run(
+            ["nm", "-u", "one.o"], cwd=tmp_path, check=True, capture_output=True, text=True
+        ).stdout
+        # What a freestanding compiler may always ask for.
+        assert set(wanted.split()) - {"U", "w", "memset", "memcpy", "_GLOBAL_OFFSET_TABLE_"} == set()
+
+
+@pytest.mark.parametrize("degree", [3, 5, 20])
+def test_it_is_compiled_for_any_degree(tmp_path, degree):
+    (tmp_path / "fieldmap32.h").write_text(in_one("fieldmap32.h"))
+    asked = "(const fm32_map *map, const float *i, const float *p, const float *m, float *w)"
     (tmp_path / "one.c").write_text(
-        '#include "lift.h"\nint32_t one(const float *i, const float *p, float *b, float *g);\n'
-        "int32_t one(const float *i, const float *p, float *b, float *g) { return fm32_field(&lift, i, p, b, g); }\n"
+        f'#include "fieldmap32.h"\nint32_t one{asked};\nint32_t one{asked} {{ return fm32_wrench(map, i, p, m, w); }}\n'
     )
-    freestanding = [
-        "gcc",
-        "-std=c99",
-        *STRICT,
-        "-Os",
-        "-ffreestanding",
-        "-fno-builtin",
-        "-fstack-usage",
-        "-c",
-        "one.c",
-    ]
-    subprocess.run(freestanding, cwd=tmp_path, check=True, capture_output=True)
-    used = sum(int(line.split("\t")[1]) for line in (tmp_path / "one.su").read_text().splitlines())
-    assert used <= stack
-    wanted = subprocess.run(
-        ["nm", "-u", "one.o"], cwd=tmp_path, check=True, capture_output=True, text=True
-    ).stdout
-    # What a freestanding compiler may always ask for.
-    assert set(wanted.split()) - {"U", "w", "memset", "memcpy", "_GLOBAL_OFFSET_TABLE_"} == set()
+    command = ["gcc", "-std=c99", *STRICT, f"-DFM32_MAX_DEGREE={degree}", "-O2", "-c", "one.c"]
+    subprocess.run(command, cwd=tmp_path, check=True, capture_output=True)
+
+
+@pytest.mark.parametrize("headers", [("fieldmap.h", "fieldmap32.h"), ("fieldmap32.h", "fieldmap.h")])
+def test_a_source_file_takes_one_precision(tmp_path, headers):
+    for name in headers:
+        (tmp_path / name).write_text(in_one(name))
+    (tmp_path / "two.c").write_text("".join(f'#include "{name}"\n' for name in headers))
+    command = ["gcc", "-std=c99", "-fsyntax-only", "two.c"]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.returncode == 1
+    assert "a source file includes fieldmap.h or fieldmap32.h, not both" in done.stderr
 
 
 def test_too_many_numbers_and_a_hermite_form_are_refused(ring, tmp_path, monkeypatch):

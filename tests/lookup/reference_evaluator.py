@@ -1,16 +1,16 @@
 """A second implementation of map evaluation, in plain numpy: slow, and independent of the compiled kernels.
 
 Harmonic forms by one matrix per place and derivative, the Hermite form as a tensor product of one-dimensional bases.
-Layout of a block: fieldmap.kernels.map.map_block.
+Layout of a block: fieldmap.core.block.
 """
 
 import itertools
 
 import numpy as np
 
+from fieldmap.core import block as at
 from fieldmap.errors import InputError, Problem
 from fieldmap.interpolants.harmonic_matrix import field_matrix, gradient_matrix
-from fieldmap.kernels.map import map_block as at
 from tests.core.harmonics_in_numpy import derivative_matrix, regular_table
 
 # Cubic Hermite basis h_00, h_10, h_01, h_11 in powers of t.

@@ -24,10 +24,10 @@ from fieldmap.device.model import (
 )
 from fieldmap.dynamics.field_of_currents import sampled_field, superposed
 from fieldmap.errors import Infeasible, InputError, MapFileError
-from fieldmap.kernels.motion.currents import find_weights
 from fieldmap.lookup import capability, field_actuation, gradient_actuation, wrench_actuation
 from fieldmap.store import MapData, check_map, read_info, read_map, seal_map, write_map
 from fieldmap.store.map_format import write_text
+from tests.dynamics.machines import machine_in
 
 LOWER, UPPER = np.array([-6e-3, -6e-3, -22e-3]), np.array([6e-3, 6e-3, -12e-3])
 POINTS = np.random.default_rng(2).uniform(LOWER, UPPER, (30, 3))
@@ -221,9 +221,9 @@ def test_a_solution_is_sampled_with_its_constant_field(unit, path):
 
 def test_compiled_loops_give_the_constant_field_weight_1(path):
     field = superposed(fm.open_map(path), scale=1.5)
-    weights = np.empty(3)
-    assert find_weights(*field.numbers, np.array(CURRENTS), weights)
-    assert weights.tolist() == [4.5, -3.0, 1.5]
+    machine = machine_in(field, 2)
+    assert machine.follow(np.array(CURRENTS))
+    assert machine.weights.tolist() == [4.5, -3.0, 1.5]
 
 
 def test_data_set_has_the_constant_field(path):

@@ -14,11 +14,11 @@ from fieldmap.field import CompletedField
 from fieldmap.interop import write_c_map
 from fieldmap.iron import NonlinearSolver
 from fieldmap.kernels.constants import GRAVITY
-from fieldmap.kernels.motion.currents import find_weights
 from fieldmap.levitation import lift_current
 from fieldmap.lookup import iron_weights, tangent_block
 from fieldmap.maps.training.states import training_signals
 from fieldmap.store import MapData, check_map, read_map, write_map
+from tests.dynamics.machines import machine_in
 from tests.interop.test_c_map import STRICT, ask, build
 
 POINTS = np.random.default_rng(5).uniform([-5e-3, -5e-3, -56e-3], [5e-3, 5e-3, -36e-3], (30, 3))
@@ -114,8 +114,9 @@ def test_tangents_and_weights_have_the_background(m):
     assert values[:, -1].tolist() == [1.0, 1.0]
     assert not slopes[:, -1].any()
     block = linearised(m, [1.0])
-    weights = np.empty(2)
-    assert find_weights(*block.numbers, np.array([1.0]), weights)
+    machine = machine_in(block, 1)
+    assert machine.follow(np.array([1.0]))
+    weights = machine.weights
     assert weights.tolist() == [1.0, 1.0]
     assert block.constant
     flux, slope = np.empty((30, 3)), np.empty((30, 3, 3))

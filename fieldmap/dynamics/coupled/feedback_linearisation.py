@@ -8,13 +8,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fieldmap.control.blocks import ControllerBlock
+from fieldmap.core.controller import Block
+from fieldmap.core.machine import InverseMap
 from fieldmap.deprecated import renamed_argument
 from fieldmap.dynamics.coupled.lqg import LqgWeights, lqg_block
 from fieldmap.dynamics.linearisation import VELOCITIES, LinearMachine
 from fieldmap.dynamics.machine import Machine
 from fieldmap.dynamics.operating_point import OperatingPoint
-from fieldmap.kernels.control.block import Block
-from fieldmap.kernels.motion.inverse import Inverse
 from fieldmap.records import Record
 from fieldmap.typing import Array
 
@@ -49,10 +49,10 @@ class ForceController(Record):
         """As compiled loops take it."""
         return self.block.arrays
 
-    def inverse(self, state: Array) -> Inverse:
-        """For a run that begins at a state (13,)."""
+    def inverse(self, state: Array) -> InverseMap:
+        """For a run that begins at a state (13,), without its machine."""
         limits = np.array([self.lower, self.upper], float)
-        return Inverse(self.rounds, limits, np.array(self.signals, float), np.array(state, float))
+        return InverseMap(None, self.rounds, limits, np.array(self.signals, float), np.array(state, float))
 
     def at(self, sensed: Array, stiffness: ArrayLike, per_output: ArrayLike) -> ControllerBlock:
         """From what is seen to outputs, about an operating point: u = u0 + (dF/du)^-1 (F - F0 + K (y - y0))."""

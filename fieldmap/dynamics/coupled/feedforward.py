@@ -5,6 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from fieldmap.control.blocks import Controller
+from fieldmap.core.controller import CoreController
+from fieldmap.core.machine import VELOCITY, InverseMap, inverse_along
 from fieldmap.deprecated import renamed_argument
 from fieldmap.dynamics.closed_loop import Schedule
 from fieldmap.dynamics.coupled.feedback_linearisation import ForceController
@@ -12,11 +14,6 @@ from fieldmap.dynamics.field_of_currents import EXACT
 from fieldmap.dynamics.machine import Machine
 from fieldmap.dynamics.operating_point import OperatingPoint
 from fieldmap.errors import Infeasible, InputError, Problem
-from fieldmap.kernels.control.block import quiet_feedforward
-from fieldmap.kernels.motion.inverse import Inverse, signals_along
-from fieldmap.kernels.motion.layout import VELOCITY
-from fieldmap.kernels.motion.losses import losses
-from fieldmap.kernels.motion.rotation import turn_matrix
 from fieldmap.records import Record
 from fieldmap.typing import Array
 
@@ -58,13 +55,13 @@ def trajectory(
     velocity, acceleration = _motion(path, period, fastest, largest)
     arm = operating_point.sensed - operating_point.state[:3]
     body = machine.body
-    numbers = body.numbers(machine.drag, machine.plate, None)
+    core = machine.core(1.0)
     forces = body.mass * acceleration
     forces[:, 2] += body.mass * body.gravity
-    state, turn = operating_point.state.copy(), turn_matrix(operating_point.state)
+    state = operating_point.state.copy()
     for row in np.flatnonzero(np.abs(velocity).max(axis=1)):
         state[:3], state[VELOCITY : VELOCITY + 3] = path[row] - arm, velocity[row]
-        forces[row] -= losses(numbers, state, turn, tuple(velocity[row]), (0.0, 0.0, 0.0))[0]
+        forces[row] -= core.losses(state)[0]
     outputs, left = outputs_for(machine, operating_point, path - arm, forces, lower, upper)
     return Trajectory(forces, outputs, left)
 
@@ -90,7 +87,9 @@ def outputs_for(
         )
         raise InputError(problem)
     found, left = np.empty((len(positions), 3)), np.empty(len(positions))
-    inverse = Inverse(
+    core = machine.core(1.0, EXACT)
+    inverse = InverseMap(
+        core.machine,
         _ROUNDS,
         np.array([lower, upper], float),
         operating_point.outputs.copy(),
@@ -98,7 +97,7 @@ def outputs_for(
     )
     numbers = machine.allocation.numbers()
     places, wanted = np.ascontiguousarray(positions, float), np.ascontiguousarray(forces, float)
-    signals_along(machine.plant(1.0, EXACT), numbers, inverse, places, wanted, found, left)
+    inverse_along(inverse, numbers, places, wanted, found, left)
     if np.isnan(left).any():
         where = positions[int(np.flatnonzero(np.isnan(left))[0])]
         problem = Problem(
@@ -114,8 +113,8 @@ def feedforward(controller: Controller, schedule: Schedule, path: Trajectory) ->
     wanted = path.forces if isinstance(controller, ForceController) else path.outputs
     added = np.empty_like(wanted)
     references = schedule.references
-    quiet_feedforward(
-        controller.arrays, references, np.ascontiguousarray(wanted), controller.memory.copy(), added
+    CoreController(controller.arrays).quiet_feedforward(
+        references, np.ascontiguousarray(wanted), controller.memory.copy(), added
     )
     return added
 

@@ -8,9 +8,9 @@ import scipy.linalg
 from fieldmap.arguments import check_positive, check_signal
 from fieldmap.control import zero_order_hold
 from fieldmap.control.blocks import ControllerBlock
+from fieldmap.core.controller import SIGNALS
 from fieldmap.dynamics.linearisation import ABOUT_Z, LinearMachine, sampled_machine
 from fieldmap.errors import InputError, Problem
-from fieldmap.kernels.control.block import SIGNALS
 from fieldmap.records import Record
 from fieldmap.typing import Array
 

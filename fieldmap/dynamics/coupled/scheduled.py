@@ -9,8 +9,8 @@ from numpy.typing import ArrayLike
 
 from fieldmap.arguments import check_positive
 from fieldmap.control.blocks import ControllerBlock, arrays_of
+from fieldmap.core.controller import Block
 from fieldmap.errors import InputError, Problem
-from fieldmap.kernels.control.block import Block
 from fieldmap.records import Record
 from fieldmap.typing import Array
 

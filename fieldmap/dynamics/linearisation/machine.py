@@ -11,18 +11,22 @@ from numpy.typing import ArrayLike
 
 from fieldmap.arguments import check_signal
 from fieldmap.control import StateSpace
+from fieldmap.core.machine import (
+    ANGULAR_VELOCITY,
+    INSIDE,
+    POSITION,
+    STATE,
+    TURN,
+    VELOCITY,
+    CoreMachine,
+    rotation,
+)
 from fieldmap.deprecated import renamed_argument, warn_renamed
 from fieldmap.dynamics.field_of_currents import EXACT
 from fieldmap.dynamics.machine import Machine
 from fieldmap.dynamics.motion import state_of
 from fieldmap.dynamics.operating_point import OperatingPoint
 from fieldmap.errors import InputError, OutsideMapError, Problem
-from fieldmap.kernels.map.cached_field import forget, keep_field
-from fieldmap.kernels.map.map_block import INSIDE, SETS
-from fieldmap.kernels.motion.currents import find_weights
-from fieldmap.kernels.motion.layout import ANGULAR_VELOCITY, POSITION, STATE, TURN, VELOCITY
-from fieldmap.kernels.motion.rotation import turn_matrix
-from fieldmap.kernels.motion.step import rates
 from fieldmap.records import Record
 from fieldmap.typing import Array
 
@@ -189,11 +193,11 @@ class _Slope:
 
     def __init__(self, machine: Machine, operating_point: OperatingPoint) -> None:
         self.machine, self.operating_point = machine, operating_point
-        self.numbers = machine.body.numbers(machine.drag, machine.plate, None)
-        block = machine.magnetic.block
-        self.weights = np.empty(int(block[SETS]))
-        self.field = keep_field(block, self.weights, machine.body.magnet.count)
-        self.superposition = machine.magnetic.begin(EXACT)
+        body, drive = machine.body, machine.drive
+        numbers = body.numbers(machine.drag, machine.plate)
+        self.core = CoreMachine(
+            machine.magnetic.plant(numbers, body.seen_at, drive.numbers(1.0), drive.drives, EXACT)
+        )
 
     def by_state(self, number: int, step: float, free: bool) -> Array:
         """Derivative (12,) by one of twelve coordinates."""
@@ -221,10 +225,9 @@ class _Slope:
         return found
 
     def _rates(self, state: Array, currents: Array) -> Array:
-        load, out = np.empty(6), np.empty(STATE)
-        find_weights(*self.superposition, currents, self.weights)
-        forget(self.field)
-        if rates(self.field, self.numbers, state, load, out) != INSIDE:
+        out = np.empty(STATE)
+        self.core.follow(currents)
+        if self.core.rates(state, out) != INSIDE:
             problem = Problem(
                 "linearise(operating_point)",
                 "must lie inside the map, 0.4 mm from its edge",
@@ -279,16 +282,12 @@ def moved_state(linear: LinearMachine, deviation: ArrayLike) -> Array:
     return _moved(linear.operating_point.state, twelve)
 
 
-def _turn(state: Array) -> Array:
-    return np.reshape(np.array(turn_matrix(state)), (3, 3))
-
-
 def _sensed_slopes(machine: Machine, operating_point: OperatingPoint, n: int) -> Array:
     C = np.zeros((3, n))
     C[:, :3] = np.eye(3)
     if not machine.body.upright:
         # d(R a) = R (turn x a).
-        R, arm = _turn(operating_point.state), machine.body.seen_at
+        R, arm = rotation(operating_point.state), machine.body.seen_at
         C[:, 3:6] = np.column_stack([R @ np.cross(axis, arm) for axis in np.eye(3)])
     return C
 
@@ -300,5 +299,5 @@ def _load_slopes(machine: Machine, operating_point: OperatingPoint, n: int) -> A
         G[3:6, :3] = np.eye(3) / body.mass
         return G
     G[6:9, :3] = np.eye(3) / body.mass
-    G[9:12, 3:] = _turn(operating_point.state).T / body.inertia[:, None]
+    G[9:12, 3:] = rotation(operating_point.state).T / body.inertia[:, None]
     return G

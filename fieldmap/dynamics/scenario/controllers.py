@@ -190,4 +190,4 @@ def fed_forward(
 
 def _scaled(field: FieldOfCurrents, factor: float) -> FieldOfCurrents:
     """The same field times a factor."""
-    return replace(field, numbers=field.numbers._replace(scale=field.numbers.scale * factor))
+    return replace(field, scale=field.scale * factor)

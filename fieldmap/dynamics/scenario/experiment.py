@@ -9,6 +9,7 @@ import numpy as np
 
 from fieldmap.control.blocks import Controller, stacked
 from fieldmap.control.function_controller import FunctionController, as_controller
+from fieldmap.core.machine import POSITION, TURN, VELOCITY
 from fieldmap.deprecated import warn_renamed
 from fieldmap.device import Device
 from fieldmap.dynamics.allocation import ParametrisedAllocation
@@ -29,8 +30,7 @@ from fieldmap.dynamics.scenario.references import disturbances, open_loop_signal
 from fieldmap.dynamics.scenario.start import magnet_at, operating_point_at, starting_currents, with_depth
 from fieldmap.errors import NoEquilibrium
 from fieldmap.field import Field
-from fieldmap.kernels.motion.layout import POSITION, TURN, VELOCITY
-from fieldmap.lookup import FieldMap, division_domain, saturates
+from fieldmap.lookup import FieldMap, saturates
 from fieldmap.records import Record
 from fieldmap.typing import Array
 
@@ -213,10 +213,10 @@ def _field_of(scenario: Scenario, opened: FieldMap) -> FieldOfCurrents:
     keys = scenario.contents.field
     if not saturates(opened):
         return superposed(opened, keys.scale)
-    if keys.iron == "model" or (keys.iron == "auto" and division_domain(opened) is None):
-        return modelled(opened, keys.scale)
-    nodes = None if keys.table is None else (keys.table[0], keys.table[1], keys.table[2])
-    return tabled(opened, nodes, keys.scale)
+    if keys.iron == "table" or (keys.iron == "auto" and keys.table is not None):
+        nodes = None if keys.table is None else (keys.table[0], keys.table[1], keys.table[2])
+        return tabled(opened, nodes, keys.scale)
+    return modelled(opened, keys.scale)
 
 
 def _first_point(scenario: Scenario, machine: Machine, opened: FieldMap, currents: Array) -> OperatingPoint:

@@ -7,12 +7,11 @@ from typing import Any
 import numpy as np
 
 from fieldmap.control import StepMetrics, step_metrics
+from fieldmap.core.machine import STATE, VELOCITY, sensed_point
 from fieldmap.dynamics.loop_run import IronUse, LevitationRun
 from fieldmap.dynamics.scenario.reading import Scenario
 from fieldmap.dynamics.scenario.references import AXES
 from fieldmap.dynamics.scenario.schema import StepKeys
-from fieldmap.kernels.motion.layout import STATE, VELOCITY
-from fieldmap.kernels.motion.sensing import sensed_point
 from fieldmap.records import Record
 from fieldmap.typing import Array
 
@@ -121,8 +120,7 @@ def _end(scenario: Scenario, run: LevitationRun) -> tuple[Any, Any, tuple[float,
         state, currents = run.rows[-1, :STATE], run.currents[-1]
     else:
         return (0.0,) * 3, (0.0,) * 3, ()
-    point = np.empty(3)
-    sensed_point(np.ascontiguousarray(state), run.seen_at, point)
+    point = sensed_point(np.ascontiguousarray(state), run.seen_at)
     speed = state[VELOCITY : VELOCITY + 3] * [1e3, 1e3, -1e3]
     return tuple(reading_mm(scenario, point).tolist()), tuple(speed.tolist()), tuple(currents.tolist())
 

@@ -37,9 +37,9 @@ class FieldKeys(Table):
     scale: Positive = Field(default=1.0, description="calibration: the map's field is multiplied by it")
     iron: Literal["auto", "linearised", "model", "table"] = Field(
         default="auto",
-        description="of saturating iron: a table over its current parametrisation, its model solved whenever currents "
-        "change, or linearised about the currents of the operating point; auto: the table where the map has one, else "
-        "the model",
+        description="of saturating iron: its model solved whenever currents change, a table over a current division, "
+        "which takes seconds to make and pays in hundreds of runs, or linearised about the currents of the operating "
+        "point; auto: the model, or the table if its nodes are given",
     )
     table: Annotated[list[Annotated[int, Field(ge=4)]], Field(min_length=3, max_length=3)] | None = Field(
         default=None,

@@ -8,10 +8,13 @@ struct counted {
     float value;
     static long sums, products, quotients;
     counted() = default;
-    explicit counted(float x) : value(x) {}
-    explicit operator float() const { return value; }
+    constexpr counted(float x) : value(x) {}
+    explicit constexpr counted(double x) : value(float(x)) {}
+    explicit counted(int x) : value(float(x)) {}
+    explicit operator int() const { return int(value); }
     counted operator-() const { return counted(-value); }
     counted &operator+=(counted b) { sums++; value += b.value; return *this; }
+    counted &operator*=(counted b) { products++; value *= b.value; return *this; }
 };
 long counted::sums = 0, counted::products = 0, counted::quotients = 0;
 static inline counted operator+(counted a, counted b) { counted::sums++; return counted(a.value + b.value); }
@@ -20,6 +23,7 @@ static inline counted operator*(counted a, counted b) { counted::products++; ret
 static inline counted operator/(counted a, counted b) { counted::quotients++; return counted(a.value / b.value); }
 static inline bool operator<(counted a, counted b) { return a.value < b.value; }
 static inline bool operator>(counted a, counted b) { return a.value > b.value; }
+static inline bool operator<=(counted a, counted b) { return a.value <= b.value; }
 static inline bool operator>=(counted a, counted b) { return a.value >= b.value; }
 static inline bool operator==(counted a, counted b) { return a.value == b.value; }
 #define FM32_REAL counted

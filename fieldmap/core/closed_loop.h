@@ -1,0 +1,304 @@
+/* closed_loop.h: a levitated magnet in closed loop, from sensor to current to motion and back, at two rates
+ * (docs/theory/dynamics.md (30)).
+ *
+ * Every control period: sense, compute, allocate, convert. `delay` mechanical steps later the new currents are asked for.
+ * Every mechanical step: currents move, then the body. A run can stop between sensing and computing, where somebody else
+ * gives the outputs, and go on from there: loops that are written by hand, sample by sample, pass through the same code as
+ * whole runs. In double precision.
+ *
+ * BSD-3-Clause, the fieldmap developers.
+ */
+#ifndef FIELDMAP_CLOSED_LOOP_H
+#define FIELDMAP_CLOSED_LOOP_H
+
+#include "controller.h"
+#include "inverse.h"
+
+/* What ends a run. FIELDMAP_PAUSED is no end: the outputs of the next sample are to be given. */
+enum {
+    FIELDMAP_GOES_ON, FIELDMAP_FELL_OUT, FIELDMAP_LEFT_ABOVE, FIELDMAP_LEFT_SIDEWAYS, FIELDMAP_NOT_A_NUMBER,
+    FIELDMAP_HIT_FLOOR, FIELDMAP_HIT_POLE, FIELDMAP_HIT_TUBE, FIELDMAP_SATURATED, FIELDMAP_BEYOND_CURRENTS,
+    FIELDMAP_CONTROLLER_FAILED, FIELDMAP_OUTPUTS_NOT_FINITE, FIELDMAP_PAUSED
+};
+
+/* Beside what is touched: the currents lay where it is not known how the field follows them. */
+enum { FIELDMAP_BEYOND = 8 };
+
+/* A controller of one's own. It fills the outputs, may change its state, and returns 0; any other number ends the run. */
+typedef int fieldmap_control_function(
+    double time, const double *measured, const double *reference, double *state, double *outputs);
+
+/* Three sensors. An ideal one reads into p + shift; chains: what becomes of a reading; back: the inverse of `into`.
+ * scan_time: s from scan to scan, 0 for sensors that show what is at the moment of sampling; latency: scans by which a mean
+ * comes late; averages: scans whose mean each shows. */
+typedef struct fieldmap_sensing {
+    double into[9], shift[3], back[9], scan_time;
+    int latency, averages[3];
+    fieldmap_chain chains[3];
+} fieldmap_sensing;
+
+/* What a run has done so far: samples, mechanical steps, rows; periods that a limit has held without a break; whether the
+ * next sample is sensed; what its controller returned; the number of the next scan; what was ever touched; whether the
+ * currents lie where it is known how the field follows them. */
+typedef struct fieldmap_progress {
+    int64_t samples, steps, rows, held, sensed, answer, scan, touched, within;
+} fieldmap_progress;
+
+/* A run. step: s; steps of a period and of the delay; periods from row to row; contacts: the sum of those that end it;
+ * longest_saturation: in periods, 0 for any.
+ *
+ * The outputs are those of `function` unless NULL, or are given from outside where `given` is 1, in both cases within the
+ * limits of `controller`; else they are those of the controller. They go to the allocation, or are forces of `inverse`
+ * unless NULL.
+ *
+ * By sample: references[3], feedforward[outputs], disturbances[6], of `disturbed` samples, 1 for all the same, noise[3] of
+ * the position, voltage_noise[3] of the input converters, current_noise[n_coils]. scans[3 * n_scans]: hold their noise.
+ *
+ * state, currents, memory, load: are advanced. commands now, the last and those before; signals: as a controller takes them,
+ * reference and what is seen first; scratch: of the memory's length and twice the outputs'; voltages. rows: at most
+ * max_rows of state, currents, commands, what is seen, and outputs. */
+typedef struct fieldmap_loop {
+    fieldmap_machine *machine;
+    double step;
+    int64_t per_period, delay, every, contacts, longest_saturation;
+    fieldmap_sensing sensing;
+    const fieldmap_controller *controller;
+    fieldmap_control_function *function;
+    int given, memory_size;
+    fieldmap_allocation allocation;
+    const fieldmap_inverse_map *inverse;
+    int64_t samples, disturbed, n_scans, max_rows;
+    const double *references, *feedforward, *disturbances, *noise, *voltage_noise, *current_noise;
+    double *scans, *currents, *memory, *load, *commands, *waiting, *late, *signals, *outputs, *scratch, *voltages, *rows;
+    fieldmap_state *state;
+    fieldmap_progress *progress;
+} fieldmap_loop;
+
+/* How a body left the map. */
+static inline int fieldmap_way_out(const fieldmap *map, int status, double z)
+{
+    if (status == FIELDMAP_NOT_FINITE || z != z) return FIELDMAP_NOT_A_NUMBER;
+    if (z < map->lower[2]) return FIELDMAP_FELL_OUT;
+    return z > map->lower[2] + map->cells[2] / map->inverse[2] ? FIELDMAP_LEFT_ABOVE : FIELDMAP_LEFT_SIDEWAYS;
+}
+
+/* The event of what is touched, if it is among those that end a run. */
+static inline int fieldmap_hit(int64_t ends)
+{
+    if (ends & FIELDMAP_ON_FLOOR) return FIELDMAP_HIT_FLOOR;
+    if (ends & FIELDMAP_ON_CEILING) return FIELDMAP_HIT_POLE;
+    return ends & FIELDMAP_ON_WALL ? FIELDMAP_HIT_TUBE : FIELDMAP_GOES_ON;
+}
+
+/* Add to the scans what sensors see between start and start + h, when the sensed point goes from before[3] to after[3].
+ * Scan k is taken at k * scan_time. */
+static inline void fieldmap_add_scans(fieldmap_loop *loop, const double *before, const double *after, double start, double h)
+{
+    const fieldmap_sensing *sensing = &loop->sensing;
+    int64_t k = loop->progress->scan;
+    int i, j;
+    for (; k < loop->n_scans && (double)k * sensing->scan_time <= start + h + 1e-12; k++) {
+        const double share = ((double)k * sensing->scan_time - start) / h;
+        for (i = 0; i < 3; i++) {
+            double value = sensing->shift[i];
+            for (j = 0; j < 3; j++) value += sensing->into[3 * i + j] * (before[j] + share * (after[j] - before[j]));
+            loop->scans[3 * k + i] += value;
+        }
+    }
+    loop->progress->scan = k;
+}
+
+/* Fill what is seen at a sample, and the signals of the controller. */
+static inline void fieldmap_sense(fieldmap_loop *loop, int64_t sample, double time)
+{
+    const fieldmap_sensing *sensing = &loop->sensing;
+    double point[3], read[3], seen[3];
+    int i;
+    fieldmap_sensed_point(loop->machine, loop->state, point);
+    for (i = 0; i < 3; i++) {
+        double value = sensing->shift[i] + loop->noise[3 * sample + i] + fieldmap_dot(sensing->into + 3 * i, point);
+        if (sensing->scan_time > 0.0)
+            value = fieldmap_held_scan(loop->scans + i, (long)loop->n_scans, 3, time / sensing->scan_time,
+                                       sensing->averages[i], sensing->latency);
+        read[i] = fieldmap_measure(sensing->chains + i, value, loop->voltage_noise[3 * sample + i]) - sensing->shift[i];
+    }
+    fieldmap_to_map(sensing->back, read, seen);
+    for (i = 0; i < 3; i++) loop->signals[i] = loop->references[3 * sample + i], loop->signals[3 + i] = seen[i];
+}
+
+/* Outputs of a function, or those that are given, with the feed-forward and within the limits: an event. */
+static inline int fieldmap_own_outputs(fieldmap_loop *loop, double time, const double *feedforward, int *held)
+{
+    const fieldmap_controller *limits = loop->controller;
+    int j;
+    if (loop->function != NULL) {
+        /* What it is called with, should it fail. */
+        for (j = 0; j < loop->memory_size; j++) loop->scratch[j] = loop->memory[j];
+        loop->progress->answer = loop->function(time, loop->signals + 3, loop->signals, loop->memory, loop->outputs);
+        if (loop->progress->answer != 0) return FIELDMAP_CONTROLLER_FAILED;
+    }
+    for (j = 0; j < limits->outputs; j++) {
+        const double wanted = loop->outputs[j] + feedforward[j];
+        if (!isfinite(loop->outputs[j])) return FIELDMAP_OUTPUTS_NOT_FINITE;
+        loop->outputs[j] = fieldmap_within(wanted, limits->lower[j], limits->upper[j]);
+        *held |= wanted != loop->outputs[j];
+    }
+    return FIELDMAP_GOES_ON;
+}
+
+/* Voltages of the coils: from the outputs, or from the forces that they are at the place that is seen. */
+static inline void fieldmap_to_coils(const fieldmap_loop *loop)
+{
+    const fieldmap_inverse_map *inverse = loop->inverse;
+    double point[3];
+    int k;
+    if (inverse == NULL) {
+        fieldmap_allocate(&loop->allocation, loop->outputs, loop->voltages);
+        return;
+    }
+    fieldmap_sensed_point(loop->machine, inverse->believed, point);
+    for (k = 0; k < 3; k++) inverse->believed->position[k] += loop->signals[3 + k] - point[k];
+    fieldmap_find_signals(inverse, loop->outputs);
+    fieldmap_allocate(&loop->allocation, inverse->signals, loop->voltages);
+}
+
+/* Compute, allocate, convert: fill what waits to be commanded; an event, and whether a limit held anything back. */
+static inline int fieldmap_compute(fieldmap_loop *loop, int64_t sample, double time, int *held)
+{
+    const fieldmap_machine *machine = loop->machine;
+    const double *feedforward = loop->feedforward + sample * loop->controller->outputs;
+    const double *noise = loop->current_noise + sample * machine->n_coils;
+    int k, event = FIELDMAP_GOES_ON;
+    *held = 0;
+    if (loop->function != NULL || loop->given)
+        event = fieldmap_own_outputs(loop, time, feedforward, held);
+    else
+        *held = fieldmap_control(loop->controller, loop->signals, feedforward, loop->memory, loop->scratch, loop->outputs);
+    if (event != FIELDMAP_GOES_ON) return event;
+    fieldmap_to_coils(loop);
+    for (k = 0; k < machine->n_coils; k++) {
+        const fieldmap_drive *drive = machine->drives + k;
+        *held |= loop->voltages[k] > drive->upper || loop->voltages[k] < drive->lower;
+        loop->waiting[k] = fieldmap_driven(drive, loop->voltages[k], noise[k]);
+    }
+    return event;
+}
+
+static inline void fieldmap_record(fieldmap_loop *loop)
+{
+    const double *state = (const double *)loop->state;
+    const int n = loop->machine->n_coils, m = loop->controller->outputs;
+    double *row = loop->rows + loop->progress->rows * (FIELDMAP_STATE + 2 * n + 3 + m);
+    int k;
+    for (k = 0; k < FIELDMAP_STATE; k++) *row++ = state[k];
+    for (k = 0; k < n; k++) *row++ = loop->currents[k];
+    for (k = 0; k < n; k++) *row++ = loop->commands[k];
+    for (k = 0; k < 3; k++) *row++ = loop->signals[3 + k];
+    for (k = 0; k < m; k++) *row++ = loop->outputs[k];
+    loop->progress->rows++;
+}
+
+/* One step of the currents, and the weights if any moved; whether any moved, and whether a supply held one back. */
+static inline int fieldmap_move_currents(fieldmap_loop *loop, int *held)
+{
+    fieldmap_machine *machine = loop->machine;
+    int held_now, moved;
+    fieldmap_advance_currents(machine->windings, machine->n_coils, loop->commands, loop->currents, &held_now, &moved);
+    if (moved) loop->progress->within = fieldmap_machine_follow(machine, loop->currents);
+    *held |= held_now;
+    return moved;
+}
+
+static inline int fieldmap_load_now(fieldmap_loop *loop, int *touched)
+{
+    return fieldmap_load(&loop->machine->field, &loop->machine->body, loop->state, loop->load, touched);
+}
+
+/* One mechanical step, of number `first` + `number`, in a period: an event, and whether a supply held a current back. */
+static inline int fieldmap_mechanical_step(fieldmap_loop *loop, int64_t first, int64_t number, int at_once, int *held)
+{
+    const int scanning = loop->sensing.scan_time > 0.0;
+    fieldmap_machine *machine = loop->machine;
+    fieldmap_progress *progress = loop->progress;
+    double before[3], after[3];
+    int k, touched, ignored = 0, status, event;
+    if (number == loop->delay || (number == 0 && loop->delay == loop->per_period)) {
+        const double *now = loop->delay == loop->per_period ? loop->late : loop->waiting;
+        for (k = 0; k < machine->n_coils; k++) loop->commands[k] = now[k];
+        if (at_once && fieldmap_move_currents(loop, &ignored)) fieldmap_load_now(loop, &touched);
+    }
+    fieldmap_move_currents(loop, held);
+    if (!progress->within) {
+        progress->touched |= FIELDMAP_BEYOND;
+        if (loop->contacts & FIELDMAP_BEYOND) return FIELDMAP_BEYOND_CURRENTS;
+    }
+    if (scanning) fieldmap_sensed_point(machine, loop->state, before);
+    status = fieldmap_step(&machine->field, &machine->body, loop->state, loop->load, loop->step, 2, &touched);
+    progress->touched |= touched;
+    progress->steps++;
+    if (status != FIELDMAP_OK) return fieldmap_way_out(machine->field.map, status, loop->state->position[2]);
+    event = fieldmap_hit(touched & loop->contacts);
+    if (event != FIELDMAP_GOES_ON) return event;
+    if (scanning) {
+        fieldmap_sensed_point(machine, loop->state, after);
+        fieldmap_add_scans(loop, before, after, (double)(first + number) * loop->step, loop->step);
+    }
+    return FIELDMAP_GOES_ON;
+}
+
+/* The beginning of a run: the load of the state, and the first scan; an event, if there is one already. */
+static inline int fieldmap_loop_begin(fieldmap_loop *loop)
+{
+    fieldmap_machine *machine = loop->machine;
+    double point[3];
+    int i, touched, status;
+    for (i = 0; i < 3; i++)
+        machine->body.force[i] = loop->disturbances[i], machine->body.torque[i] = loop->disturbances[3 + i];
+    if (loop->sensing.scan_time > 0.0) {
+        fieldmap_sensed_point(machine, loop->state, point);
+        fieldmap_add_scans(loop, point, point, 0.0, 1e-9 * loop->step);
+    }
+    loop->progress->within = fieldmap_machine_follow(machine, loop->currents);
+    status = fieldmap_load_now(loop, &touched);
+    return status == FIELDMAP_OK ? FIELDMAP_GOES_ON
+                                 : fieldmap_way_out(machine->field.map, status, loop->state->position[2]);
+}
+
+/* Run from where the last call ended until the end or an event, which is returned; with outputs that are given until they
+ * are asked for. The body is left with the disturbances of the last sample. */
+static inline int fieldmap_loop_run(fieldmap_loop *loop)
+{
+    fieldmap_machine *machine = loop->machine;
+    fieldmap_progress *progress = loop->progress;
+    const int at_once = fieldmap_at_once(machine->windings, machine->n_coils);
+    int k, held, event, touched;
+    while (progress->samples < loop->samples) {
+        const int64_t sample = progress->samples, first = progress->steps;
+        const double time = (double)first * loop->step;
+        int64_t number;
+        if (!progress->sensed) {
+            fieldmap_sense(loop, sample, time);
+            progress->sensed = 1;
+            if (loop->given) return FIELDMAP_PAUSED;
+        }
+        for (k = 0; k < machine->n_coils; k++) loop->late[k] = loop->waiting[k];
+        event = fieldmap_compute(loop, sample, time, &held);
+        if (event != FIELDMAP_GOES_ON) return event;
+        if (loop->disturbed > 1 && sample > 0) {
+            const double *load = loop->disturbances + 6 * sample;
+            for (k = 0; k < 3; k++) machine->body.force[k] = load[k], machine->body.torque[k] = load[3 + k];
+            fieldmap_load_now(loop, &touched);
+        }
+        if (sample % loop->every == 0 && progress->rows < loop->max_rows) fieldmap_record(loop);
+        for (number = 0; number < loop->per_period; number++) {
+            event = fieldmap_mechanical_step(loop, first, number, at_once, &held);
+            if (event != FIELDMAP_GOES_ON) return event;
+        }
+        progress->samples = sample + 1, progress->sensed = 0;
+        progress->held = held ? progress->held + 1 : 0;
+        if (loop->longest_saturation > 0 && progress->held >= loop->longest_saturation) return FIELDMAP_SATURATED;
+    }
+    return FIELDMAP_GOES_ON;
+}
+
+#endif

@@ -1,0 +1,74 @@
+/* inverse.h: the outputs of a controller that put a wanted force on the magnets, by Newton's method (docs/theory/dynamics.md
+ * (38)).
+ *
+ * In double precision.
+ *
+ * BSD-3-Clause, the fieldmap developers.
+ */
+#ifndef FIELDMAP_INVERSE_H
+#define FIELDMAP_INVERSE_H
+
+#include "machine.h"
+
+/* machine: in whose field the search goes on, another than one in motion. rounds: how many a sample is given; limits of the
+ * outputs; signals: those of the last sample, where the search begins and what it leaves behind; believed: the state whose
+ * turn is taken for the body's, its place filled in. */
+typedef struct fieldmap_inverse_map {
+    fieldmap_machine *machine;
+    const fieldmap_allocation *allocation;
+    int rounds;
+    double lower[3], upper[3], *signals;
+    fieldmap_state *believed;
+} fieldmap_inverse_map;
+
+/* The force[3] of the field on the magnets at signals; 0 outside the map. */
+static inline int fieldmap_force_of_signals(const fieldmap_inverse_map *inverse, const double *signals, double *force)
+{
+    fieldmap_machine *machine = inverse->machine;
+    const fieldmap_state *state = inverse->believed;
+    double r[9], wrench[6], *currents = machine->scratch;
+    int k, status;
+    fieldmap_allocate(inverse->allocation, signals, currents);
+    for (k = 0; k < machine->n_coils; k++)
+        currents[k] = machine->drives[k].gain * currents[k] + machine->drives[k].offset;
+    fieldmap_machine_follow(machine, currents);
+    fieldmap_rotation(state->turn, r);
+    status = fieldmap_body_wrench(&machine->field, &machine->body.magnetic, state->position, r, wrench, NULL);
+    for (k = 0; k < 3; k++) force[k] = wrench[k];
+    return status == FIELDMAP_OK;
+}
+
+static inline double fieldmap_largest(const double *v)
+{
+    return fmax(fmax(fabs(v[0]), fabs(v[1])), fabs(v[2]));
+}
+
+/* Change the signals so that the magnets at `believed` feel the force wanted[3], N; what is left of it, N.
+ *
+ * Every round takes the slopes anew, by one-sided differences of 1e-4 of the span of the limits. Signals stay within their
+ * limits; where those do not give the force, what is left says so. NaN outside the map. */
+static inline double fieldmap_find_signals(const fieldmap_inverse_map *inverse, const double *wanted)
+{
+    double *signals = inverse->signals, force[3], left[3] = {0.0}, J[9], solved[9], step[3];
+    int round, i, j;
+    for (round = 0; round <= inverse->rounds; round++) {
+        if (!fieldmap_force_of_signals(inverse, signals, force)) return NAN;
+        for (i = 0; i < 3; i++) left[i] = wanted[i] - force[i];
+        if (round == inverse->rounds || fieldmap_largest(left) < 1e-12) break;
+        for (j = 0; j < 3; j++) {
+            const double ds = 1e-4 * (inverse->upper[j] - inverse->lower[j]);
+            double moved[3] = {signals[0], signals[1], signals[2]};
+            moved[j] += ds;
+            fieldmap_force_of_signals(inverse, moved, force);
+            for (i = 0; i < 3; i++) J[3 * i + j] = (force[i] - wanted[i] + left[i]) / ds;
+        }
+        fieldmap_inverse(J, solved);
+        fieldmap_to_map(solved, left, step);
+        /* Without an inverse, the signals stay. */
+        if (!isfinite(step[0] + step[1] + step[2])) break;
+        for (j = 0; j < 3; j++) signals[j] = fieldmap_within(signals[j] + step[j], inverse->lower[j], inverse->upper[j]);
+    }
+    return fieldmap_largest(left);
+}
+
+#endif

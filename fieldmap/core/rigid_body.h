@@ -1,0 +1,178 @@
+/* rigid_body.h: the motion of a rigid body with magnets in a field, by steps (docs/theory/dynamics.md (21) to (24)).
+ *
+ * A step is Strang's splitting into kick and free flight. In a kick velocities change at rest in place and turn, under
+ * magnets, walls, weight and losses; in a flight the body moves freely. Kick half, flight, kick half is of second order and
+ * symmetric in time; without losses it is symplectic. Three such steps of x1, x0, x1 times the length make one of fourth
+ * order (Yoshida, Phys. Lett. A 150, 262, 1990). In double precision.
+ *
+ * BSD-3-Clause, the fieldmap developers.
+ */
+#ifndef FIELDMAP_RIGID_BODY_H
+#define FIELDMAP_RIGID_BODY_H
+
+#include "contact.h"
+#include "losses.h"
+
+/* Position and velocity of the centre of mass, frame of the map; quaternion from the body to the map; angular velocity,
+ * frame of the body. Thirteen numbers in this order. */
+typedef struct fieldmap_state {
+    double position[3], velocity[3], turn[4], angular_velocity[3];
+} fieldmap_state;
+
+enum { FIELDMAP_STATE = 13 };
+
+/* The origin of its frame is the centre of mass, and its axes are principal axes of inertia. inertia: principal moments, kg
+ * m^2; gravity: acceleration, m/s^2; force, N, and torque, N m: what disturbs it, frame of the map. seen_by_plate: the dipole
+ * for which a plate takes its magnets. skin: n_skin points of the surface that can touch walls. lossy: whether there is
+ * drag. */
+typedef struct fieldmap_rigid_body {
+    double mass, inertia[3], gravity[3], force[3], torque[3];
+    int lossy, n_skin;
+    fieldmap_drag drag;
+    fieldmap_plate plate;
+    fieldmap_dipole seen_by_plate;
+    fieldmap_walls walls;
+    const double *skin;
+    fieldmap_magnetic_body magnetic;
+} fieldmap_rigid_body;
+
+/* Load[6] at a state: force, frame of the map, and torque about the centre of mass, frame of the body, of all but losses.
+ * The status of the map, and what is touched. The load stays as it is where the field is not known. */
+static inline int fieldmap_load(const fieldmap_path *field, const fieldmap_rigid_body *body, const fieldmap_state *state,
+                                double *load, int *touched)
+{
+    double r[9], wrench[6];
+    int i, status;
+    *touched = FIELDMAP_FREE;
+    fieldmap_rotation(state->turn, r);
+    status = fieldmap_body_wrench(field, &body->magnetic, state->position, r, wrench, NULL);
+    if (status != FIELDMAP_OK) return status;
+    fieldmap_add(body->torque, wrench + 3);
+    for (i = 0; i < 3; i++) load[i] = wrench[i] + body->mass * body->gravity[i] + body->force[i];
+    fieldmap_to_body(r, wrench + 3, load + 3);
+    if (body->n_skin > 0)
+        *touched = fieldmap_add_contact(&body->walls, body->n_skin, body->skin, state->position, r, state->velocity,
+                                        state->angular_velocity, load);
+    return FIELDMAP_OK;
+}
+
+/* What a body loses at velocities, at rest in place and turn: force[3], frame of the map, torque[3], frame of the body. */
+FIELDMAP_INLINE void fieldmap_losses(const fieldmap_rigid_body *body, const double *position, const double *r,
+                                   const double *velocity, const double *angular_velocity, double *force, double *torque)
+{
+    int i;
+    for (i = 0; i < 3; i++) force[i] = torque[i] = 0.0;
+    if (body->lossy) fieldmap_add_drag(&body->drag, r, velocity, angular_velocity, force, torque);
+    if (body->plate.conductivity > 0.0)
+        fieldmap_add_eddies(&body->plate, &body->seen_by_plate, position, r, velocity, angular_velocity, force, torque);
+}
+
+/* How much velocity and angular velocity change by a unit of load. */
+FIELDMAP_INLINE void fieldmap_mobility(const fieldmap_rigid_body *body, double *per)
+{
+    int i;
+    per[0] = per[1] = per[2] = 1.0 / body->mass;
+    for (i = 0; i < 3; i++) per[3 + i] = 1.0 / body->inertia[i];
+}
+
+/* Rates of velocity and angular velocity, the latter without its gyroscopic part, at velocities[6], both behind each
+ * other. per: of fieldmap_mobility. */
+FIELDMAP_INLINE void fieldmap_changes(const fieldmap_rigid_body *body, const double *per, const double *position,
+                                      const double *r, const double *load, const double *velocities, double *rates)
+{
+    double force[3], torque[3];
+    int i;
+    fieldmap_losses(body, position, r, velocities, velocities + 3, force, torque);
+    for (i = 0; i < 3; i++) {
+        rates[i] = (load[i] + force[i]) * per[i];
+        rates[3 + i] = (load[3 + i] + torque[i]) * per[3 + i];
+    }
+}
+
+/* Velocities after a time h at rest in place and turn; with losses by a Runge-Kutta rule of second or fourth order. */
+FIELDMAP_INLINE void fieldmap_kick(
+    const fieldmap_rigid_body *body, fieldmap_state *state, const double *load, double h, int order)
+{
+    double r[9], per[6], from[6], at[6], k[4][6];
+    int i, stage;
+    fieldmap_mobility(body, per);
+    if (!body->lossy && !(body->plate.conductivity > 0.0)) {
+        for (i = 0; i < 3; i++) {
+            state->velocity[i] += h * load[i] * per[i];
+            state->angular_velocity[i] += h * load[3 + i] * per[3 + i];
+        }
+        return;
+    }
+    fieldmap_rotation(state->turn, r);
+    for (i = 0; i < 3; i++) from[i] = state->velocity[i], from[3 + i] = state->angular_velocity[i];
+    for (i = 0; i < 6; i++) at[i] = from[i];
+    for (stage = 0; stage < order; stage++) {
+        fieldmap_changes(body, per, state->position, r, load, at, k[stage]);
+        for (i = 0; i < 6; i++) at[i] = from[i] + (stage < 2 ? 0.5 * h : h) * k[stage][i];
+    }
+    for (i = 0; i < 6; i++) {
+        if (order == 4) from[i] += h / 6.0 * (k[0][i] + 2.0 * k[1][i] + 2.0 * k[2][i] + k[3][i]);
+        else from[i] += h * k[1][i];
+    }
+    for (i = 0; i < 3; i++) state->velocity[i] = from[i], state->angular_velocity[i] = from[3 + i];
+}
+
+/* Free motion for a time h. */
+FIELDMAP_INLINE void fieldmap_fly(const fieldmap_rigid_body *body, fieldmap_state *state, double h)
+{
+    int i;
+    for (i = 0; i < 3; i++) state->position[i] += h * state->velocity[i];
+    fieldmap_free_turn(state->turn, state->angular_velocity, body->inertia, h);
+    fieldmap_normalise(state->turn);
+}
+
+/* A step of second order, with kicks by a rule of `order`. load[6] goes in as that at the beginning and comes out as that at
+ * the end; the field has the weights at the end. The status of the map, and what is touched, at the end. */
+FIELDMAP_INLINE int fieldmap_symmetric_step(const fieldmap_path *field, const fieldmap_rigid_body *body, fieldmap_state *state,
+                                          double *load, double h, int order, int *touched)
+{
+    int status;
+    fieldmap_kick(body, state, load, 0.5 * h, order);
+    fieldmap_fly(body, state, h);
+    status = fieldmap_load(field, body, state, load, touched);
+    if (status == FIELDMAP_OK) fieldmap_kick(body, state, load, 0.5 * h, order);
+    return status;
+}
+
+/* A step of second or fourth order, the latter at weights that do not change. */
+static inline int fieldmap_step(const fieldmap_path *field, const fieldmap_rigid_body *body, fieldmap_state *state,
+                                double *load, double h, int order, int *touched)
+{
+    const double x1 = 1.3512071919596578, lengths[3] = {x1, 1.0 - 2.0 * x1, x1}; /* x1 = 1 / (2 - 2^(1/3)) */
+    int part, status = FIELDMAP_OK;
+    if (order == 2) return fieldmap_symmetric_step(field, body, state, load, h, 2, touched);
+    for (part = 0; part < 3 && status == FIELDMAP_OK; part++)
+        status = fieldmap_symmetric_step(field, body, state, load, lengths[part] * h, 4, touched);
+    return status;
+}
+
+/* The time derivative of a state: the right-hand side for an integrator of another kind. */
+static inline int fieldmap_rates(
+    const fieldmap_path *field, const fieldmap_rigid_body *body, const fieldmap_state *state, fieldmap_state *out)
+{
+    const double *q = state->turn, *s = state->angular_velocity, *inertia = body->inertia;
+    double r[9], per[6], load[6], velocities[6], changes[6];
+    int i, touched, status = fieldmap_load(field, body, state, load, &touched);
+    if (status != FIELDMAP_OK) return status;
+    fieldmap_rotation(q, r);
+    for (i = 0; i < 3; i++) velocities[i] = state->velocity[i], velocities[3 + i] = s[i];
+    fieldmap_mobility(body, per);
+    fieldmap_changes(body, per, state->position, r, load, velocities, changes);
+    out->turn[0] = -0.5 * (q[1] * s[0] + q[2] * s[1] + q[3] * s[2]);
+    out->turn[1] = 0.5 * (q[0] * s[0] + q[2] * s[2] - q[3] * s[1]);
+    out->turn[2] = 0.5 * (q[0] * s[1] + q[3] * s[0] - q[1] * s[2]);
+    out->turn[3] = 0.5 * (q[0] * s[2] + q[1] * s[1] - q[2] * s[0]);
+    for (i = 0; i < 3; i++) {
+        const int j = (i + 1) % 3, k = (i + 2) % 3;
+        out->position[i] = state->velocity[i], out->velocity[i] = changes[i];
+        out->angular_velocity[i] = changes[3 + i] + (inertia[j] - inertia[k]) / inertia[i] * s[j] * s[k];
+    }
+    return FIELDMAP_OK;
+}
+
+#endif
