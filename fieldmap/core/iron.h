@@ -637,7 +637,10 @@ static inline void fieldmap_iron_lagrange(const double *nodes, int count, double
     }
 }
 
-/* Amplitudes where the states passed lead to: fieldmap.kernels.map.continuation. */
+/* Amplitudes a[r] where the states passed lead to at the currents aimed at. Of the polynomials through the last one, two and
+ * three states, over how far the currents went along the last step, the one that predicts the currents themselves best: on
+ * a smooth path the highest, after a leap or among noise a lower one. It reaches two of the last steps forward, and a third
+ * state must lie a quarter of a step behind the last but one. Misses that differ by 1e-9 of the step are equal. */
 static inline void fieldmap_iron_continue(const fieldmap_iron *map, fieldmap_iron_state *s, const double *aim, double *a)
 {
     const int c = map->n_coils, r = map->r, count = s->count, last = s->count - 1;
@@ -702,7 +705,11 @@ static inline void fieldmap_iron_remember(
     if (map->has_fixed) s->solution[c + (size_t)map->k] = 1.0;
 }
 
-/* Newton's method: fieldmap.kernels.map.current_solver.solve. */
+/* Newton's method: the amplitudes at currents[n_coils], left in the state. tolerance: share of the state that the solve may
+ * leave, in the norm of the energy. A state that was not found forgets what it passed. Currents as those of before, solved as
+ * exactly, cost nothing. The tangent is kept below a decrement of 0.1, as long as a step leaves less than 0.6 of it; what it
+ * misses is learned from the steps. Near the last currents, within a tenth of the range of the signals, a solve begins from
+ * the states behind. */
 static inline int fieldmap_iron_solve_at(fieldmap_iron_state *s, const double *currents, double tolerance)
 {
     const fieldmap_iron *map = s->map;

@@ -8,6 +8,8 @@ from fieldmap.typing import Array
 FOUND, NOT_FINITE, BEYOND, NOT_CONVERGED = 0, 2, 32, 33
 """What a solve says: it was found; a current is no number; currents beyond the domain; too many steps."""
 
+MOST_STEPS = 60
+"""After which a solve gives up."""
 
 class CoreIron:
     """A model that lies in `numbers` (fieldmap/core/iron.h). Never written to: any number of states may use it."""
@@ -58,3 +60,15 @@ class IronState:
     def left(self) -> float:
         """What the last solve left of the state, estimated."""
         return float(LIBRARY.iron_amplitudes(self.state)[1])
+
+    @property
+    def steps(self) -> int:
+        """How many steps the last solve took."""
+        return int(LIBRARY.iron_amplitudes(self.state)[2])
+
+
+def continued(aim: Array, passed: Array, amplitudes: Array) -> Array:
+    """The amplitudes (r,) with which a solve at currents `aim` (c,) begins behind n states passed, 3 at most: their
+    currents (n, c) and amplitudes (n, r), newest last."""
+    found: Array = LIBRARY.iron_continued(aim, passed, amplitudes)
+    return found

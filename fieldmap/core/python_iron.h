@@ -136,11 +136,11 @@ static PyObject *iron_solve(PyObject *self, PyObject *const *args, Py_ssize_t gi
     return PyLong_FromLong(status);
 }
 
-/* iron_amplitudes(state): those of the last state (r,), and what the solve left of it. */
+/* iron_amplitudes(state): those of the last state (r,), what the solve left of it, and its steps. */
 static PyObject *iron_amplitudes(PyObject *self, PyObject *const *args, Py_ssize_t given)
 {
     const held_state *held;
-    PyObject *amplitudes, *both;
+    PyObject *amplitudes;
     npy_intp modes;
     (void)self;
     if (!has_arguments(given, 1)) return NULL;
@@ -151,11 +151,43 @@ static PyObject *iron_amplitudes(PyObject *self, PyObject *const *args, Py_ssize
     if (amplitudes == NULL) return NULL;
     memcpy(PyArray_DATA((PyArrayObject *)amplitudes), held->state.amplitudes + (FIELDMAP_IRON_PASSED - 1) * modes,
            (size_t)modes * sizeof(double));
-    both = Py_BuildValue("(Nd)", amplitudes, held->state.left_over);
-    return both;
+    return Py_BuildValue("(Ndi)", amplitudes, held->state.left_over, held->state.steps);
+}
+
+/* iron_continued(aim, passed, amplitudes): those with which a solve begins behind n states. */
+static PyObject *iron_continued(PyObject *self, PyObject *const *args, Py_ssize_t given)
+{
+    fieldmap_iron model = {0};
+    fieldmap_iron_state state = {0};
+    npy_intp coils, modes, n = 0;
+    const double *aim, *passed, *amplitudes;
+    PyObject *found;
+    double *room;
+    (void)self;
+    if (!has_arguments(given, 3) || (aim = vector_of(args[0], &coils, "aim")) == NULL) return NULL;
+    if (PyArray_Check(args[2]) && PyArray_NDIM((PyArrayObject *)args[2]) == 2) n = PyArray_DIM((PyArrayObject *)args[2], 0);
+    passed = numbers_of(args[1], 2, n * coils);
+    modes = n > 0 ? PyArray_DIM((PyArrayObject *)args[2], 1) : 0;
+    amplitudes = numbers_of(args[2], 2, n * modes);
+    if (passed == NULL || amplitudes == NULL || n < 1 || n > FIELDMAP_IRON_PASSED) {
+        PyErr_SetString(PyExc_TypeError, "passed (n, c) and amplitudes (n, r) must be float64 arrays of 1 to 3 states");
+        return NULL;
+    }
+    room = (double *)PyMem_Calloc((size_t)(FIELDMAP_IRON_PASSED * (coils + modes)), sizeof(double));
+    found = room == NULL ? PyErr_NoMemory() : PyArray_SimpleNew(1, &modes, NPY_DOUBLE);
+    if (found != NULL) {
+        model.n_coils = (int)coils, model.r = (int)modes, state.count = (int)n;
+        state.currents = room, state.amplitudes = room + FIELDMAP_IRON_PASSED * coils;
+        memcpy(state.currents + (FIELDMAP_IRON_PASSED - n) * coils, passed, (size_t)(n * coils) * sizeof(double));
+        memcpy(state.amplitudes + (FIELDMAP_IRON_PASSED - n) * modes, amplitudes, (size_t)(n * modes) * sizeof(double));
+        state.map = &model;
+        fieldmap_iron_continue(&model, &state, aim, (double *)PyArray_DATA((PyArrayObject *)found));
+    }
+    PyMem_Free(room);
+    return found;
 }
 
 #define IRON_FUNCTIONS \
-    FUNCTION(iron_of_numbers), FUNCTION(iron_state), FUNCTION(iron_solve), FUNCTION(iron_amplitudes)
+    FUNCTION(iron_of_numbers), FUNCTION(iron_state), FUNCTION(iron_solve), FUNCTION(iron_amplitudes), FUNCTION(iron_continued)
 
 #endif

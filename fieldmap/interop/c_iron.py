@@ -15,7 +15,7 @@ Layout, in the byte order of the machine that writes:
                   there is a background, laws, knots, terms, signals, whether the currents are a lift and directions,
                   whether currents outside are refused, all fields; exponent, limit of a current, tolerance of currents
                   off the parametrisation, tolerance of a solve; three zeros
-        float64   the arrays of `fieldmap.kernels.map.current_solver.CompiledModel`
+        float64   the arrays of `fieldmap.lookup.current_solver.CompiledModel`
         float32   gradients and expansion, rows filled with zeros to a multiple of 16
         bytes     the fields of coils, iron and background as a map of `fieldmap.interop.c_map`
 """

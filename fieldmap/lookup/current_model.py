@@ -10,9 +10,8 @@ import numpy as np
 from fieldmap.core.iron import BEYOND, FOUND, NOT_CONVERGED, CoreIron, IronState
 from fieldmap.currents import ROUNDING, TOLERANCE, IndependentCurrents
 from fieldmap.errors import OutsideMapError, Problem
-from fieldmap.kernels.map.current_solver import CompiledModel
 from fieldmap.kernels.map.reduced_iron import sensitivities
-from fieldmap.lookup.current_solver import compiled_model, core_numbers, not_converged
+from fieldmap.lookup.current_solver import CompiledModel, compiled_model, core_numbers, not_converged
 from fieldmap.store import ReducedModel
 from fieldmap.typing import Array
 
@@ -84,7 +83,7 @@ class CurrentModel:
 
     @cached_property
     def compiled(self) -> CompiledModel:
-        """What `fieldmap.kernels.map.current_solver` takes; made when it is first asked for, in a second or less.
+        """What solves take; made when it is first asked for, in a second or less.
 
         Currents outside the domain get no weights there, unless the model evaluates them. Raises NotConverged.
         """

@@ -1,18 +1,16 @@
-"""The model of a map of saturating iron for compiled code: arrays, an expansion to begin with, states of callers."""
+"""The model of a map of saturating iron for the C core: its arrays, and an expansion to begin with."""
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.polynomial.chebyshev import chebvander
 from numpy.typing import NDArray
 
-from fieldmap.core.iron import FOUND, CoreIron
+from fieldmap.core.iron import FOUND, MOST_STEPS, CoreIron
 from fieldmap.currents import ROUNDING, TOLERANCE, CurrentDomain
 from fieldmap.errors import NotConverged, Problem
-from fieldmap.kernels.map import current_solver as kernels
-from fieldmap.kernels.map.current_solver import CompiledModel, SignalDomain, SolverState
 from fieldmap.kernels.map.parametrisation import LIFT_AND_DIRECTIONS
 from fieldmap.store import ReducedModel
 from fieldmap.typing import Array
@@ -28,6 +26,49 @@ _STATES_PER_TERM, _TOLERANCE = 2, 1e-4
 _LANES, _SIZES = 16, 20
 # The solve from nothing, in the middle of the domain.
 _TOLERANCE_OF_MIDDLE = 1e-6
+
+
+class SignalDomain(NamedTuple):
+    """The currents that a model is for. kind, exponent: as `fieldmap.kernels.map.parametrisation`; matrix (c, d):
+    currents of signals, inverse (d, c) its pseudo-inverse, both empty for LIFT_AND_DIRECTIONS; lower, upper (d,), with
+    a margin of rounding; limit of every current, A, or infinity; tolerance of currents that are not of the
+    parametrisation; checked: whether currents beyond are refused."""
+
+    kind: int
+    exponent: float
+    matrix: NDArray[np.float64]
+    inverse: NDArray[np.float64]
+    lower: NDArray[np.float64]
+    upper: NDArray[np.float64]
+    limit: float
+    tolerance: float
+    checked: bool
+
+
+class CompiledModel(NamedTuple):
+    """The arrays of a `fieldmap.store.ReducedModel` for `core_numbers`: p points, r modes, c coils, k fields.
+
+    gradients (3 p, r), single precision; fixed (3 p,) or (0,); the others as there. terms (t, 3) and expansion (t, r),
+    single precision: amplitudes as a sum over products of Chebyshev polynomials of the signals, each scaled to -1..1; a
+    term is another term before it (column 0) times the polynomial of signal (1) and degree (2); the first is 1.
+    tolerance: share of the state that a solve may leave, in the norm of the energy.
+    """
+
+    source: NDArray[np.float64]
+    fixed: NDArray[np.float64]
+    gradients: NDArray[np.float32]
+    weights: NDArray[np.float64]
+    law: NDArray[np.int64]
+    offset: NDArray[np.int64]
+    knots: NDArray[np.float64]
+    coefficients: NDArray[np.float64]
+    air: NDArray[np.float64]
+    constant: NDArray[np.float64]
+    output: NDArray[np.float64]
+    terms: NDArray[np.int64]
+    expansion: NDArray[np.float32]
+    domain: SignalDomain
+    tolerance: float
 
 
 def compiled_model(model: ReducedModel, checked: bool) -> CompiledModel:
@@ -98,20 +139,6 @@ def compiled_domain(domain: CurrentDomain, checked: bool) -> SignalDomain:
         np.inf if limit is None else float(limit) * (1.0 + ROUNDING),
         TOLERANCE,
         checked,
-    )
-
-
-def new_state(model: CompiledModel) -> SolverState:
-    """What one caller's solves remember, empty."""
-    coils, r, n = model.source.shape[1], len(model.constant), len(model.source)
-    return SolverState(
-        np.zeros((kernels.PASSED, coils)),
-        np.zeros((kernels.PASSED, r)),
-        np.zeros((r, r)),
-        np.zeros(n),
-        np.array(model.offset[model.law]),
-        np.zeros(kernels.NUMBERS),
-        np.zeros(coils + len(model.output) + (1 if model.fixed.size else 0)),
     )
 
 
@@ -234,7 +261,7 @@ def not_converged(currents: Array, decrement: float) -> NotConverged:
     return NotConverged(
         Problem(
             "reduced model of the iron",
-            f"Newton's method must end within {kernels.MOST_STEPS} steps",
+            f"Newton's method must end within {MOST_STEPS} steps",
             f"a relative step of {decrement:.1e} at {currents.tolist()} A",
             "stay within the currents that the map was made for",
         ),

@@ -19,8 +19,8 @@ from fieldmap.currents import LiftAndDirections
 from fieldmap.errors import InputError, Problem
 from fieldmap.field import coil_currents
 from fieldmap.interpolants import INTERPOLANTS, set_size
-from fieldmap.kernels.map.current_solver import CompiledModel
 from fieldmap.lookup.current_model import CurrentModel
+from fieldmap.lookup.current_solver import CompiledModel
 from fieldmap.lookup.current_table import CurrentTable, tabulate
 from fieldmap.lookup.evaluation import MapAtCurrents
 from fieldmap.lookup.field_map import FieldMap
@@ -80,7 +80,7 @@ def iron_weights(field_map: FieldMap, currents: ArrayLike) -> tuple[Array, Array
 
 
 def compiled_currents(field_map: FieldMap) -> CompiledModel:
-    """What `fieldmap.kernels.map.current_solver` takes of a map of saturating iron, for its currents without a table.
+    """The model of a map of saturating iron, from which the C core gets the weights of its fields at any currents.
 
     Raises InputError for a map that superposes.
     """

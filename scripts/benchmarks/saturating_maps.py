@@ -19,14 +19,14 @@ from rich.console import Console
 from rich.table import Table
 
 import fieldmap as fm
+from fieldmap.core.iron import CoreIron
 from fieldmap.currents import IndependentCurrents
 from fieldmap.errors import Infeasible
 from fieldmap.field import dipole_wrench
-from fieldmap.kernels.map.current_solver import COUNT, current_slopes, current_weights
 from fieldmap.kernels.map.matrix_vector import times
 from fieldmap.kernels.map.reduced_iron import newton, sensitivities
 from fieldmap.lookup import FieldMap, compiled_currents
-from fieldmap.lookup.current_solver import new_state
+from fieldmap.lookup.current_solver import core_numbers
 
 FOLDER, MAPS = Path("maps/out"), ("eight_coils", "workspace")
 MOMENT = np.array([0.0, 0.0, 0.8])
@@ -89,34 +89,36 @@ class Older:
 
 
 class Now:
-    """The same by the compiled model."""
+    """The same by the C core, to the tolerance of compiled callers."""
 
     def __init__(self, field: FieldMap) -> None:
-        self.model = compiled_currents(field)
-        self.state = new_state(self.model)
-        self.coils, self.fields = self.model.source.shape[1], len(self.model.output)
-        self.weights = np.empty(len(self.state.weights))
+        model = compiled_currents(field)
+        self.state, self.tolerance = CoreIron(core_numbers(model)).state(), model.tolerance
+        self.coils, self.fields = model.source.shape[1], len(model.output)
+        self.weights = np.empty(self.coils + self.fields + (model.fixed.size > 0))
         self.slopes = np.empty((len(self.weights), self.coils))
 
     def anew(self, currents: np.ndarray) -> np.ndarray:
         """From nothing."""
-        self.state.numbers[COUNT] = 0.0
-        return self.next(currents)
+        return self._solved(currents, None, True)[self.coils : self.coils + self.fields]
 
     def next(self, currents: np.ndarray) -> np.ndarray:
         """From the ones before."""
-        current_weights(self.model, self.state, currents, self.weights)
-        return self.weights[self.coils : self.coils + self.fields]
+        return self._solved(currents, None, False)[self.coils : self.coils + self.fields]
 
     def slopes_anew(self, currents: np.ndarray) -> np.ndarray:
         """From nothing, with derivatives."""
-        self.state.numbers[COUNT] = 0.0
-        return self.slopes_next(currents)
+        self._solved(currents, self.slopes, True)
+        return self.slopes[self.coils : self.coils + self.fields]
 
     def slopes_next(self, currents: np.ndarray) -> np.ndarray:
         """From the ones before, with derivatives."""
-        current_slopes(self.model, self.state, currents, self.weights, self.slopes)
+        self._solved(currents, self.slopes, False)
         return self.slopes[self.coils : self.coils + self.fields]
+
+    def _solved(self, currents: np.ndarray, slopes: np.ndarray | None, fresh: bool) -> np.ndarray:
+        self.state.solve(currents, self.weights, slopes, tolerance=self.tolerance, fresh=fresh)
+        return self.weights
 
 
 def timed(

@@ -8,7 +8,7 @@ import pytest
 from scipy.optimize import root
 
 from fieldmap.core.iron import BEYOND, FOUND, NOT_FINITE, CoreIron
-from fieldmap.lookup.current_solver import compiled_model, core_numbers
+from fieldmap.lookup.current_solver import compiled_model, core_numbers, expansion_terms
 from tests.core.iron_cases import CASES, drawn, residual
 
 
@@ -54,6 +54,34 @@ def test_lookups_are_as_exact_as_their_tolerance_and_begin_from_nothing_where_as
         assert np.abs(cold - exact).max() < 1e-3 * np.abs(exact).max()
         # What a state remembers changes nothing then.
         np.testing.assert_array_equal(weights_of(of, used, currents, 1e-4, fresh=True)[1], cold)
+
+
+def test_near_the_last_currents_fewer_steps_are_needed(case):
+    of, core = case
+    shares = 0.5 + 0.3 * np.sin(np.arange(60)[:, None] / 60 + np.arange(len(of.lower)))
+    follower, cold, steps = core.state(), core.state(), []
+    for currents in of.domain.at(shares):
+        exact = weights_of(of, core.state(), currents, 1e-10)[1]
+        found = weights_of(of, follower, currents, 1e-4)[1]
+        assert np.abs(found - exact).max() < 1e-3 * np.abs(exact).max()
+        weights_of(of, cold, currents, 1e-4, fresh=True)
+        steps.append((follower.steps, cold.steps))
+    followed, begun_anew = np.mean(steps[3:], axis=0)
+    assert followed < 0.8 * begun_anew
+
+
+def test_terms_are_products_of_terms_before_them():
+    terms = expansion_terms(4)
+    assert (terms[1:, 0] < np.arange(1, len(terms))).all()
+    powers = np.zeros((len(terms), 4), int)
+    for k, (parent, signal, degree) in enumerate(terms[1:], 1):
+        powers[k] = powers[parent]
+        powers[k, signal] += degree
+    assert len(np.unique(powers, axis=0)) == len(terms)
+    assert np.bincount(powers.sum(axis=1)).tolist() == [1, 4, 10, 20, 35, 56, 84, 120]
+    # As many as a solve may evaluate in a microsecond or two, and no degree so high that few signals overfit.
+    counts = {signals: len(expansion_terms(signals)) for signals in (1, 2, 3, 6, 8)}
+    assert counts == {1: 31, 2: 153, 3: 455, 6: 210, 8: 165}
 
 
 def test_slopes_are_the_derivative_to_second_order(case):

@@ -10,21 +10,10 @@ About 230 operations for field and gradient, and 36 numbers to fetch. Any other 
 monomials of three components, one table of eight sums a cell) needs more of one or the other.
 """
 
-from typing import Any
-
-import numpy as np
-from llvmlite import ir
-from numba import carray, types
-from numba.core import cgutils
-from numba.extending import intrinsic, overload
-
 from fieldmap.kernels.compilation import inlined, njit
 from fieldmap.kernels.map import solid_harmonics
 from fieldmap.kernels.map.map_block import (
-    HEADER,
     INLINED,
-    INLINED_EARLY,
-    SETS,
     WHOLE,
     InterpolantKernels,
     cell_number,
@@ -123,55 +112,11 @@ def field_and_gradient(c, x, y, z):
     return bx, by, bz, xx, xy, xz, yy, yz, zz
 
 
-# Room for the coefficients of one cell on the stack: an array from the heap costs 50 ns, a third of what a lookup at
-# one point computes. Numba has no arrays on the stack, so this takes the memory with LLVM's alloca and looks at it as
-# an array. It lives as long as the function that called `cell_scratch`; both decorators make sure that this is the
-# caller and not a function in between.
-@intrinsic
-def _on_stack(_: Any) -> Any:
-    signature = types.CPointer(types.float64)()
-
-    def generate(_context: Any, builder: Any, _signature: Any, _arguments: Any) -> Any:
-        return cgutils.alloca_once(builder, ir.DoubleType(), size=SIZE)
-
-    return signature, generate
-
-
-def cell_scratch() -> Any:
-    """An array (36,) of anything, not to be returned."""
-    return np.empty(SIZE)
-
-
-@overload(cell_scratch, inline="always")
-def _cell_scratch() -> Any:
-    return lambda: carray(_on_stack(), (SIZE,))  # type: ignore[call-arg]
-
-
 @inlined(**INLINED)
 def of_cell(block, c, tx, ty, tz):
     """The twelve results from the polynomial c (36,) of a cell, at coordinates 0..1 in it."""
     x, y, z = local(block, tx, ty, tz)
     return in_si(block, field_and_gradient(c, x, y, z))
-
-
-@inlined(**INLINED)
-def _contracted(block, i, j, k, tx, ty, tz):
-    first = HEADER + cell_number(block, i, j, k) * SIZE
-    return of_cell(block, block[first : first + SIZE], tx, ty, tz)
-
-
-# As a function of its own this multiplies and adds in another order, and results differ in their last bit.
-@njit(**INLINED_EARLY)
-def _superposed(block, weights, i, j, k, tx, ty, tz):
-    c = cell_scratch()
-    superpose(block, cell_number(block, i, j, k), SIZE, weights, c)
-    return of_cell(block, c, tx, ty, tz)
-
-
-@inlined(**INLINED)
-def _unit(block, s, i, j, k, tx, ty, tz):
-    first = HEADER + (cell_number(block, i, j, k) * int(block[SETS]) + s) * SIZE
-    return of_cell(block, block[first : first + SIZE], tx, ty, tz)
 
 
 @inlined(**INLINED)
@@ -185,9 +130,6 @@ def _gather(block, weights, i, j, k, out):
 
 
 KERNELS = InterpolantKernels(
-    _contracted,
-    _superposed,
-    _unit,
     _cell_size,
     _gather,
     of_cell,

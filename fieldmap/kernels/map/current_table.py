@@ -6,11 +6,8 @@ Splines, Springer 1978, X (4)). Currents off the division, or beyond the table, 
 with the slopes of the weights by the six currents: docs/theory/current_dependence.md (7).
 """
 
-import numpy as np
-
 from fieldmap.kernels.compilation import inlined, njit
 from fieldmap.kernels.map.lift_and_directions import divide, signals
-from fieldmap.kernels.map.lookup import at_currents
 from fieldmap.kernels.map.map_block import PLAIN, PLAIN_INLINED
 
 FOUND, NOT_A_DIVISION, BEYOND = 0, 1, 2
@@ -116,14 +113,3 @@ def table_weights(table, currents, out):
         )
         _add_slopes(nodes, slopes, a, b, c, off, iron)
     return status
-
-
-@njit
-def tabulated_at_currents(data, currents, x, y, z):
-    """B, G as of `fieldmap.kernels.map.lookup.at_currents`, with the weights of a table; data: (block, table). NaN
-    unless the currents are a division in the table."""
-    block, table = data
-    weights = np.empty(currents.size + table[5].shape[3])
-    if table_weights(table, currents, weights) != FOUND:
-        weights[:] = np.nan
-    return at_currents(block, weights, x, y, z)

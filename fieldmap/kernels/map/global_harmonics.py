@@ -8,13 +8,10 @@ Table of 10 rows, degree^2 numbers each, in the order of solid_harmonics: two ro
 the coefficients of Bx, By, Bz, Gxx, Gxy, Gxz, Gyy, Gyz.
 """
 
-import numpy as np
-
 from fieldmap.kernels.compilation import inlined, njit
 from fieldmap.kernels.map import solid_harmonics
 from fieldmap.kernels.map.map_block import (
     DEGREE,
-    HEADER,
     INLINED,
     WHOLE,
     InterpolantKernels,
@@ -23,7 +20,7 @@ from fieldmap.kernels.map.map_block import (
     local,
     superpose,
 )
-from fieldmap.kernels.map.solid_harmonics import differentiate, polynomial
+from fieldmap.kernels.map.solid_harmonics import differentiate
 
 ROWS = 10
 
@@ -106,35 +103,6 @@ def of_table(block, table, work, tx, ty, tz):
 
 
 @inlined(**INLINED)
-def _work(block):
-    return np.empty(int(block[DEGREE]) ** 2)
-
-
-# A block of a single set carries the table behind its coefficients.
-@inlined(**INLINED)
-def _contracted(block, i, j, k, tx, ty, tz):
-    first = HEADER + (int(block[DEGREE]) + 1) ** 2
-    return of_table(block, block[first:], _work(block), tx, ty, tz)
-
-
-@inlined(**INLINED)
-def _superposed(block, weights, i, j, k, tx, ty, tz):
-    degree = int(block[DEGREE])
-    table = np.empty(ROWS * degree * degree)
-    expand(polynomial(block, i, j, k, weights), degree, table)
-    return of_table(block, table, _work(block), tx, ty, tz)
-
-
-@inlined(**INLINED)
-def _unit(block, s, i, j, k, tx, ty, tz):
-    degree = int(block[DEGREE])
-    size = (degree + 1) ** 2
-    table = np.empty(ROWS * degree * degree)
-    expand(block[HEADER + s * size : HEADER + (s + 1) * size], degree, table)
-    return of_table(block, table, _work(block), tx, ty, tz)
-
-
-@inlined(**INLINED)
 def _cell_size(block):
     return ROWS * int(block[DEGREE]) ** 2 + (int(block[DEGREE]) + 1) ** 2
 
@@ -155,13 +123,8 @@ def _gathered(block, numbers, tx, ty, tz):
 
 
 KERNELS = InterpolantKernels(
-    _contracted,
-    _superposed,
-    _unit,
     _cell_size,
     _gather,
     _gathered,
     solid_harmonics.coefficient_count,
-    behind=lambda degree: ROWS * degree**2,
-    complete=expand,
 )

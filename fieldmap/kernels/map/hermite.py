@@ -18,12 +18,9 @@ import numpy as np
 
 from fieldmap.kernels.compilation import inlined, njit
 from fieldmap.kernels.map.map_block import (
-    CELLS,
-    HEADER,
     INLINED,
     INLINED_EARLY,
     LOCAL,
-    SETS,
     WHOLE,
     InterpolantKernels,
     node_number,
@@ -94,39 +91,6 @@ def of_nodes(block, nodes, i, j, k, first, tx, ty, tz):
 
 
 @inlined(**INLINED)
-def _nodes(block, channels):
-    """The coefficients of a Hermite block as (nx, ny, nz, channels, 8)."""
-    nx, ny, nz = int(block[CELLS]) + 1, int(block[CELLS + 1]) + 1, int(block[CELLS + 2]) + 1
-    return block[HEADER:].reshape((nx, ny, nz, channels, 8))
-
-
-@inlined(**INLINED)
-def _corners(block, i, j, k, size, currents):
-    """Coefficients (2, 2, 2, size / 8, 8) of a cell's corners, superposed."""
-    corners = np.empty((8, size))
-    for corner in range(8):
-        node = node_number(block, i + corner // 4, j + corner // 2 % 2, k + corner % 2)
-        superpose(block, node, size, currents, corners[corner])
-    return corners.reshape((2, 2, 2, size // 8, 8))
-
-
-@inlined(**INLINED)
-def _contracted(block, i, j, k, tx, ty, tz):
-    return of_nodes(block, _nodes(block, 3), i, j, k, _ZERO, tx, ty, tz)
-
-
-@inlined(**INLINED)
-def _superposed(block, weights, i, j, k, tx, ty, tz):
-    corners = _corners(block, i, j, k, NODE, weights)
-    return of_nodes(block, corners, _ZERO, _ZERO, _ZERO, _ZERO, tx, ty, tz)
-
-
-@inlined(**INLINED)
-def _unit(block, s, i, j, k, tx, ty, tz):
-    return of_nodes(block, _nodes(block, 3 * int(block[SETS])), i, j, k, 3 * s, tx, ty, tz)
-
-
-@inlined(**INLINED)
 def _cell_size(block):
     return 8 * NODE
 
@@ -144,9 +108,6 @@ def _gathered(block, numbers, tx, ty, tz):
 
 
 KERNELS = InterpolantKernels(
-    _contracted,
-    _superposed,
-    _unit,
     _cell_size,
     _gather,
     _gathered,

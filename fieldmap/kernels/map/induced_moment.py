@@ -20,14 +20,10 @@ soft: a flat array. soft[base] is the number of pieces; rows of SIZE numbers fol
 
 import math
 
-import numpy as np
-
 from fieldmap.kernels.compilation import inlined, njit
-from fieldmap.kernels.map.map_block import OUTER, PLAIN, PLAIN_INLINED
+from fieldmap.kernels.map.map_block import PLAIN, PLAIN_INLINED
 
 POINT, AXES, FACTORS, VOLUME, RELUCTANCE, LAW, KNOTS, SIZE = 0, 3, 12, 15, 16, 17, 18, 19
-# The base of an array of soft pieces alone. Not a plain 0: numba would compile what is called for it once more.
-ALONE = np.int64(0)
 MOST_STEPS = 60
 _ROUNDING = 4e-16
 
@@ -164,95 +160,3 @@ def induced_moment(soft, base, p, bx, by, bz):
         energy = -size * (work + 0.5 * (n1 * jx * jx + n2 * jy * jy + n3 * jz * jz))
     mx, my, mz = _from_piece(soft, row, size * jx, size * jy, size * jz)
     return mx, my, mz, energy
-
-
-@njit(**PLAIN)
-def _inverse(A, out):
-    """out (3, 3) = A^-1."""
-    out[0, 0] = A[1, 1] * A[2, 2] - A[1, 2] * A[2, 1]
-    out[0, 1] = A[0, 2] * A[2, 1] - A[0, 1] * A[2, 2]
-    out[0, 2] = A[0, 1] * A[1, 2] - A[0, 2] * A[1, 1]
-    out[1, 0] = A[1, 2] * A[2, 0] - A[1, 0] * A[2, 2]
-    out[1, 1] = A[0, 0] * A[2, 2] - A[0, 2] * A[2, 0]
-    out[1, 2] = A[0, 2] * A[1, 0] - A[0, 0] * A[1, 2]
-    out[2, 0] = A[1, 0] * A[2, 1] - A[1, 1] * A[2, 0]
-    out[2, 1] = A[0, 1] * A[2, 0] - A[0, 0] * A[2, 1]
-    out[2, 2] = A[0, 0] * A[1, 1] - A[0, 1] * A[1, 0]
-    determinant = A[0, 0] * out[0, 0] + A[0, 1] * out[1, 0] + A[0, 2] * out[2, 0]
-    for i in range(3):
-        for k in range(3):
-            out[i, k] /= determinant
-
-
-@njit(**PLAIN)
-def moment_slope(soft, base, p, bx, by, bz, work, out):
-    """out (3, 3): dm_i/db0_k, A m^2/T, symmetric, in the body's frame. work (3, 3, 3): scratch.
-
-    From h + N J(h) = b0: dJ/db0 = D (1 + N D)^-1 with D = dJ/dh = chi (1 - u u) + dJ/ds u u, u = h/s.
-    """
-    row = base + 1 + SIZE * p
-    x, y, z = _to_piece(soft, row, bx, by, bz)
-    k1, k2, k3, s, j, slope, _ = _susceptibilities(soft, base, row, x, y, z)
-    D, A, inverse = work[0], work[1], work[2]
-    for i in range(3):
-        for k in range(3):
-            D[i, k] = 0.0
-    D[0, 0], D[1, 1], D[2, 2] = k1, k2, k3
-    if s > 0.0:
-        n1, n2, n3 = soft[row + FACTORS], soft[row + FACTORS + 1], soft[row + FACTORS + 2]
-        chi = j / s
-        u1, u2, u3 = x / (s + n1 * j), y / (s + n2 * j), z / (s + n3 * j)
-        turned = slope - chi
-        D[0, 0], D[0, 1], D[0, 2] = chi + turned * u1 * u1, turned * u1 * u2, turned * u1 * u3
-        D[1, 0], D[1, 1], D[1, 2] = D[0, 1], chi + turned * u2 * u2, turned * u2 * u3
-        D[2, 0], D[2, 1], D[2, 2] = D[0, 2], D[1, 2], chi + turned * u3 * u3
-        for k in range(3):
-            A[0, k], A[1, k], A[2, k] = n1 * D[0, k], n2 * D[1, k], n3 * D[2, k]
-            A[k, k] += 1.0
-        _inverse(A, inverse)
-        # D (1 + N D)^-1, kept in A.
-        for i in range(3):
-            for k in range(3):
-                A[i, k] = D[i, 0] * inverse[0, k] + D[i, 1] * inverse[1, k] + D[i, 2] * inverse[2, k]
-        for i in range(3):
-            for k in range(3):
-                D[i, k] = 0.5 * (A[i, k] + A[k, i])
-    size, at = soft[row + VOLUME], row + AXES
-    for i in range(3):
-        for k in range(3):
-            total = 0.0
-            for a in range(3):
-                for b in range(3):
-                    total += soft[at + 3 * i + a] * D[a, b] * soft[at + 3 * k + b]
-            out[i, k] = size * total
-
-
-@njit(**OUTER)
-def induced_moments(soft, turns, flux, moments, energies, slopes):
-    """Of a body at n poses: turns (n, 3, 3), columns its axes in the map; flux (n, s, 3), T, at its s soft pieces.
-
-    Fills moments (n, s, 3), A m^2, and energies (n, s), J; slopes (n, s, 3, 3), dm_i/dB_k, or (n, s, 0, 0) for none.
-    All in the frame of the map.
-    """
-    work, own = np.empty((3, 3, 3)), np.empty((3, 3))
-    for n in range(flux.shape[0]):
-        r = turns[n]
-        for p in range(flux.shape[1]):
-            b = flux[n, p]
-            x = r[0, 0] * b[0] + r[1, 0] * b[1] + r[2, 0] * b[2]
-            y = r[0, 1] * b[0] + r[1, 1] * b[1] + r[2, 1] * b[2]
-            z = r[0, 2] * b[0] + r[1, 2] * b[1] + r[2, 2] * b[2]
-            mx, my, mz, energy = induced_moment(soft, ALONE, p, x, y, z)
-            energies[n, p] = energy
-            for i in range(3):
-                moments[n, p, i] = r[i, 0] * mx + r[i, 1] * my + r[i, 2] * mz
-            if slopes.shape[2] == 0:
-                continue
-            moment_slope(soft, ALONE, p, x, y, z, work, own)
-            for i in range(3):
-                for k in range(3):
-                    total = 0.0
-                    for c in range(3):
-                        for d in range(3):
-                            total += r[i, c] * own[c, d] * r[k, d]
-                    slopes[n, p, i, k] = total

@@ -15,8 +15,7 @@ one object, and no kernel knows a class. The header (positions below, whole numb
     PER_LENGTH 1 / LENGTH, 1/m
 
 Behind it lie the coefficients: set s of place n at HEADER + (n SETS + s) size, places in C order of x, y, z. The
-interpolant decides what a place is, a cell or a node, how many numbers a set has there, and what a block of a single
-set carries behind them (`InterpolantKernels`).
+interpolant decides what a place is, a cell or a node, and how many numbers a set has there (`InterpolantKernels`).
 """
 
 import math
@@ -134,25 +133,14 @@ def in_si(block, nine):
 
 
 class InterpolantKernels(NamedTuple):
-    """Compiled evaluation of one kind of block. All are called for a point inside, in cell (i, j, k) at tx, ty, tz.
+    """Compiled evaluation of one kind of block, for a point inside, in cell (i, j, k) at tx, ty, tz.
 
-    The twelve are the three of the field and the nine of its gradient, in SI; weights (n,) are those of the sets.
-
-    contracted(block, i, j, k, tx, ty, tz): the twelve from a block of a single set.
-    superposed(block, weights, i, j, k, tx, ty, tz): the twelve from a block of several.
-    unit(block, s, i, j, k, tx, ty, tz): the twelve of set s by itself.
     cell_size(block): how many numbers a cell takes when they are kept; gather(block, weights, i, j, k, out): them, out
-    (cell_size,); gathered(block, numbers, tx, ty, tz): the twelve from them.
-    set_size(degree), for Python: how many numbers a set has at a place. behind(degree): how many numbers a block of a
-    single set carries behind its coefficients, and complete(coefficients, degree, out) writes them.
+    (cell_size,), of the sum of the sets at weights (n,); gathered(block, numbers, tx, ty, tz): from them the three of
+    the field and the nine of its gradient, in SI. set_size(degree), for Python: how many numbers a set has at a place.
     """
 
-    contracted: Callable[..., Any]
-    superposed: Callable[..., Any]
-    unit: Callable[..., Any]
     cell_size: Callable[..., Any]
     gather: Callable[..., Any]
     gathered: Callable[..., Any]
     set_size: Callable[[int], int]
-    behind: Callable[[int], int] = lambda degree: 0
-    complete: Callable[..., Any] = lambda coefficients, degree, out: None

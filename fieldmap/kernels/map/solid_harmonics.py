@@ -12,15 +12,10 @@ A real harmonic polynomial of degree L is sum_l [a_l0 R_l^0 + sum_(m > 0) (a_lm 
 (l^2 for m = 0), b_lm one further.
 """
 
-import numpy as np
-
 from fieldmap.kernels.compilation import inlined, njit
 from fieldmap.kernels.map.map_block import (
-    DEGREE,
     INLINED,
     OUTER,
-    cell_number,
-    superpose,
 )
 
 
@@ -61,15 +56,6 @@ def differentiate(c, degree, axis, out):
             out[at] = first
             if m > 0:
                 out[at + 1] = second
-
-
-@inlined(**INLINED)
-def polynomial(block, i, j, k, weights):
-    """Coefficients of the harmonic polynomial of a cell, superposed."""
-    size = (int(block[DEGREE]) + 1) ** 2
-    c = np.empty(size)
-    superpose(block, cell_number(block, i, j, k), size, weights, c)
-    return c
 
 
 def coefficient_count(degree: int) -> int:
