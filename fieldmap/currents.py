@@ -8,7 +8,7 @@ a `CurrentDomain`, a box of signals, and stores its parametrisation by name and 
 coils. `LiftAndDirections`: six coils in two rows of three, driven by one lift and two direction signals. One more is a
 class that derives from `CurrentParametrisation` and is decorated with `register`.
 
-Depends on: errors, arguments, kernels, numpy.
+Depends on: errors, arguments, numpy.
 """
 
 from __future__ import annotations
@@ -25,7 +25,6 @@ from numpy.typing import ArrayLike
 
 from fieldmap.arguments import check_count, check_positive, check_signal
 from fieldmap.errors import InputError, Problem
-from fieldmap.kernels.map.parametrisation import LIFT_AND_DIRECTIONS, MATRIX, CompiledParametrisation
 from fieldmap.plain import Plain, plain_items
 from fieldmap.records import Record, tuple_line
 from fieldmap.typing import Array
@@ -54,6 +53,15 @@ class NearestSignals(NamedTuple):
     def to_dict(self) -> dict[str, Plain]:
         """The arrays by their names, as plain Python."""
         return plain_items(**self._asdict())
+
+
+class CompiledParametrisation(NamedTuple):
+    """division: six currents of a lift and two directions, with this exponent; else currents = matrix (n_coils,
+    n_signals) @ signals. What is not needed is zero or empty."""
+
+    division: bool
+    exponent: float
+    matrix: Array
 
 
 class CurrentParametrisation(ABC):
@@ -100,7 +108,7 @@ class CurrentParametrisation(ABC):
 
     @abstractmethod
     def kernel(self) -> CompiledParametrisation:
-        """What compiled code takes."""
+        """As the C core takes it."""
 
     def within(self, lower: Array, upper: Array, shares: Array) -> Array:
         """Signals (..., n_signals) of a domain from lower to upper at shares (..., n_signals) from 0 to 1, which fill
@@ -213,7 +221,7 @@ class IndependentCurrents(CurrentParametrisation, Record):
 
     def kernel(self) -> CompiledParametrisation:
         """The unit matrix."""
-        return CompiledParametrisation(MATRIX, 0.0, np.eye(self.coils))
+        return CompiledParametrisation(False, 0.0, np.eye(self.coils))
 
 
 @register
@@ -280,7 +288,7 @@ class CoilGroups(CurrentParametrisation, Record):
 
     def kernel(self) -> CompiledParametrisation:
         """`matrix`."""
-        return CompiledParametrisation(MATRIX, 0.0, self.matrix)
+        return CompiledParametrisation(False, 0.0, self.matrix)
 
     @property
     def _group_of(self) -> list[int]:
@@ -393,7 +401,7 @@ class LiftAndDirections(CurrentParametrisation, Record):
 
     def kernel(self) -> CompiledParametrisation:
         """The exponent n."""
-        return CompiledParametrisation(LIFT_AND_DIRECTIONS, float(self.n), np.zeros((0, 0)))
+        return CompiledParametrisation(True, float(self.n), np.zeros((0, 0)))
 
     def _divided(self, u: Array, x: Array, y: Array) -> Array:
         """Currents (..., 6) of signals (..., 1)."""

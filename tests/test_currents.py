@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from fieldmap.control import divide_currents, division_slopes, undivide_currents
+from fieldmap.core import current_table
 from fieldmap.currents import (
     CoilGroups,
     CurrentDomain,
@@ -16,8 +17,6 @@ from fieldmap.currents import (
     register,
 )
 from fieldmap.errors import InputError
-from fieldmap.kernels.map.lift_and_directions import divide
-from fieldmap.kernels.map.parametrisation import LIFT_AND_DIRECTIONS, MATRIX
 
 GROUPS = CoilGroups(((0, 2), (1, 3), (4,)))
 ALL = [IndependentCurrents(4), GROUPS, LiftAndDirections(1.25)]
@@ -142,14 +141,14 @@ def test_name_and_parameters_make_it_again(of):
 
 
 @pytest.mark.parametrize("of", ALL)
-def test_compiled_code_gives_the_same_currents(of):
+def test_the_core_takes_the_same_currents(of):
     kernel, signals = of.kernel(), signals_of(of)
-    if kernel.kind == MATRIX:
-        currents = kernel.matrix @ signals
+    if kernel.division:
+        *found, mismatch = current_table.signals_of(of.currents(signals), kernel.exponent)
+        np.testing.assert_allclose(found, signals, rtol=1e-13)
+        assert mismatch < 1e-14
     else:
-        assert kernel.kind == LIFT_AND_DIRECTIONS
-        currents = divide(*signals, kernel.exponent)
-    np.testing.assert_allclose(currents, of.currents(signals), rtol=1e-13)
+        np.testing.assert_allclose(kernel.matrix @ signals, of.currents(signals), rtol=1e-13)
 
 
 def test_currents_without_signals_give_nan_and_say_by_how_much():

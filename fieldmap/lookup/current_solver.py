@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from fieldmap.core.iron import FOUND, MOST_STEPS, CoreIron
 from fieldmap.currents import ROUNDING, TOLERANCE, CurrentDomain
 from fieldmap.errors import NotConverged, Problem
-from fieldmap.kernels.map.parametrisation import LIFT_AND_DIRECTIONS
 from fieldmap.store import ReducedModel
 from fieldmap.typing import Array
 
@@ -29,12 +28,12 @@ _TOLERANCE_OF_MIDDLE = 1e-6
 
 
 class SignalDomain(NamedTuple):
-    """The currents that a model is for. kind, exponent: as `fieldmap.kernels.map.parametrisation`; matrix (c, d):
-    currents of signals, inverse (d, c) its pseudo-inverse, both empty for LIFT_AND_DIRECTIONS; lower, upper (d,), with
+    """The currents that a model is for. division, exponent: as `fieldmap.currents.CompiledParametrisation`; matrix (c,
+    d): currents of signals, inverse (d, c) its pseudo-inverse, both empty of a division; lower, upper (d,), with
     a margin of rounding; limit of every current, A, or infinity; tolerance of currents that are not of the
     parametrisation; checked: whether currents beyond are refused."""
 
-    kind: int
+    division: bool
     exponent: float
     matrix: NDArray[np.float64]
     inverse: NDArray[np.float64]
@@ -126,11 +125,11 @@ def _own(values: NDArray[Any], kind: type | None = None) -> NDArray[Any]:
 
 def compiled_domain(domain: CurrentDomain, checked: bool) -> SignalDomain:
     """The domain as compiled code takes it; checked: whether it refuses currents outside."""
-    kind, exponent, matrix = domain.parametrisation.kernel()
+    division, exponent, matrix = domain.parametrisation.kernel()
     beside = ROUNDING * (domain.upper - domain.lower)
     limit = getattr(domain.parametrisation, "limit", None)
     return SignalDomain(
-        int(kind),
+        division,
         float(exponent),
         np.array(matrix, order="C"),
         np.array(np.linalg.pinv(matrix) if matrix.size else matrix.T, float, order="C"),
@@ -215,7 +214,7 @@ def core_numbers(model: CompiledModel) -> Array:
         len(model.knots),
         len(model.terms),
         len(domain.lower),
-        domain.kind == LIFT_AND_DIRECTIONS,
+        domain.division,
         domain.checked,
         _field_count(model),
         domain.exponent,

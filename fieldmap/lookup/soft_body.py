@@ -3,13 +3,11 @@ of constant permeability that answers its gradient, too, (4)."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.special import elliprd
 
 from fieldmap.core.body import Soft
 from fieldmap.device.materials import Material, SaturatingMaterial
@@ -18,7 +16,6 @@ from fieldmap.device.placement import Placement
 from fieldmap.errors import InputError, Problem
 from fieldmap.field import AnyField, as_field
 from fieldmap.kernels.constants import MU0
-from fieldmap.kernels.map.induced_moment import SIZE
 from fieldmap.records import Record
 from fieldmap.typing import Array
 
@@ -58,6 +55,9 @@ def demagnetising_factors(axes: ArrayLike) -> Array:
         raise InputError(
             Problem("demagnetising_factors(axes)", must_hold, f"{size.tolist()}", "give the axes")
         )
+    # Here: to open a map would take longer.
+    from scipy.special import elliprd
+
     a = size / np.cbrt(size.prod())  # their product is 1
     x, y, z = a * a
     return np.array([elliprd(y, z, x), elliprd(x, z, y), elliprd(x, y, z)]) / 3.0
@@ -122,21 +122,6 @@ def core_piece(piece: SoftPiece) -> Soft:
     # Of a piece with a law the core takes no permeability.
     reluctance = 0.0 if law.size else 1.0 / (piece.mu_r - 1.0)
     return Soft(centre, axes, factors, float(piece.volume / MU0), reluctance, law)
-
-
-def soft_numbers(pieces: Sequence[SoftPiece], shift: ArrayLike = (0.0, 0.0, 0.0)) -> Array:
-    """Soft pieces as compiled code takes them (fieldmap.kernels.map.induced_moment), moved by shift (3,), m."""
-    rows: list[float] = []
-    laws: list[Array] = []
-    at = 1 + SIZE * len(pieces)
-    for piece in pieces:
-        knots = len(piece.law[0])
-        reluctance = -1.0 if knots else 1.0 / (piece.mu_r - 1.0)
-        rows += [*(piece.centre + np.asarray(shift, float)), *piece.axes.ravel(), *piece.factors]
-        rows += [piece.volume / MU0, reluctance, at, knots]
-        laws += piece.law
-        at += 4 * knots
-    return np.concatenate([[len(pieces)], rows, *laws])
 
 
 def soft_sphere_force(

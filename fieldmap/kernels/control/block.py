@@ -17,9 +17,11 @@ import numpy as np
 
 from fieldmap.kernels.compilation import inlined, njit
 from fieldmap.kernels.copy_vector import copy_vector
-from fieldmap.kernels.map.map_block import PLAIN, PLAIN_INLINED, WHOLE
 
 SIGNALS = 7
+PLAIN = {"fastmath": {"contract"}, "nogil": True, "_nrt": False}
+PLAIN_INLINED = {"fastmath": {"contract"}, "_nrt": False}
+WHOLE = {"fastmath": {"contract"}, "nogil": True, "_nrt": True}
 
 
 class Block(NamedTuple):

@@ -14,7 +14,6 @@ import numpy as np
 
 from fieldmap.kernels.compilation import njit
 from fieldmap.kernels.copy_vector import copy_vector
-from fieldmap.kernels.map.map_block import OUTER
 
 FOUND, OUT_OF_RANGE, BEYOND_LIMITS, NO_END = 0, 1, 2, 3
 
@@ -25,6 +24,8 @@ RANGE = 1e-9  # a demand off the range of A by this share of its length is out o
 ROUNDING = 1e-11  # limits may be missed by this share of the longest, and are then met by clipping
 
 # Loops in the place of array expressions: compiled in half the time, and three times as fast on vectors this short.
+
+OUTER = {"fastmath": {"contract"}, "nogil": True}
 
 
 @njit
