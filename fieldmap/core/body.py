@@ -8,9 +8,10 @@ from fieldmap.typing import Array
 
 
 class Soft(NamedTuple):
-    """A piece of soft iron as fieldmap/core/soft_iron.h has it. centre (3,), m; axes (3, 3), columns its own axes in the
-    body; factors (3,): demagnetising factors; volume: over mu0; reluctance: 1 / (mu_r - 1) of a constant permeability;
-    law (4, knots): h, J, dJ/dh, T, and the integral of J dh, T^2, at knots; (4, 0) of a constant permeability."""
+    """A piece of soft iron as fieldmap/core/soft_iron.h has it. centre (3,), m; axes (3, 3), columns its own axes in
+    the body; factors (3,): demagnetising factors; volume: over mu0; reluctance: 1 / (mu_r - 1) of a constant
+    permeability; law (4, knots): h, J, dJ/dh, T, and the integral of J dh, T^2, at knots; (4, 0) of a constant
+    permeability."""
 
     centre: Array
     axes: Array

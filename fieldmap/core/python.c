@@ -8,8 +8,10 @@
  */
 #include "python_body.h"
 #include "python_controller.h"
+#include "python_instruments.h"
 #include "python_iron.h"
 #include "python_map.h"
+#include "python_sampled_loop.h"
 #if defined(__x86_64__) && defined(__GNUC__)
 #include <cpuid.h>
 #endif
@@ -35,7 +37,9 @@ static PyObject *is_for_newer(PyObject *self, PyObject *const *args, Py_ssize_t 
 
 #define FUNCTION(name) {#name, (PyCFunction)(void (*)(void))name, METH_FASTCALL, NULL}
 
-static PyMethodDef functions[] = {FUNCTION(is_for_newer), MAP_FUNCTIONS, BODY_FUNCTIONS, CONTROLLER_FUNCTIONS, IRON_FUNCTIONS, {NULL, NULL, 0, NULL}};
+static PyMethodDef functions[] = {
+    FUNCTION(is_for_newer), MAP_FUNCTIONS, BODY_FUNCTIONS, CONTROLLER_FUNCTIONS, INSTRUMENT_FUNCTIONS,
+    SAMPLED_LOOP_FUNCTIONS, IRON_FUNCTIONS, {NULL, NULL, 0, NULL}};
 
 static int start(PyObject *module)
 {

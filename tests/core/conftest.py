@@ -4,7 +4,7 @@ import sys
 
 import pytest
 
-from fieldmap.core import harmonics, iron, map
+from fieldmap.core import controller, harmonics, instruments, iron, map, sampled_loop
 from fieldmap.core.compile import libraries, machine
 from fieldmap.core.library import loaded
 
@@ -17,6 +17,6 @@ def library(request, monkeypatch):
     found = loaded(request.param)
     if request.param != OLDEST and not found.is_for_newer():
         pytest.skip("not for this processor")
-    for module in (harmonics, iron, map):
+    for module in (controller, harmonics, instruments, iron, map, sampled_loop):
         monkeypatch.setattr(module, "LIBRARY", found)
     return found
