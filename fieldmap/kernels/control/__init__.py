@@ -1,1 +1,1 @@
-"""Compiled controllers, instruments and identification, sample by sample."""
+"""Controllers and instruments for compiled loops of numba, sample by sample."""

@@ -11,7 +11,7 @@ output; -1 elsewhere.
 """
 
 import math
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -22,21 +22,23 @@ from fieldmap.kernels.map.map_block import PLAIN, PLAIN_INLINED, WHOLE
 SIGNALS = 7
 
 
-class Block(NamedTuple):
-    """A (k, n, n), B (k, n, 7), C (k, m, n), D (k, m, 7), E, F (k, n, m): one of each, or k at equal steps of one
-    signal, between which they are linear; lower, upper (m,): limits of the outputs; hold (n,); nodes (3,): first
-    value, step, number of that signal in v."""
+if TYPE_CHECKING:
+    from fieldmap.core.controller import Block as Block
+else:
+    # Kernels may not import the core, and take its blocks for these: a compiled loop takes a block apart by its places.
+    class Block(NamedTuple):
+        """As that of fieldmap.core.controller."""
 
-    A: Any
-    B: Any
-    C: Any
-    D: Any
-    E: Any
-    F: Any
-    lower: Any
-    upper: Any
-    hold: Any
-    nodes: Any
+        A: Any
+        B: Any
+        C: Any
+        D: Any
+        E: Any
+        F: Any
+        lower: Any
+        upper: Any
+        hold: Any
+        nodes: Any
 
 
 @njit(**PLAIN)

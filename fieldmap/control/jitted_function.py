@@ -1,0 +1,160 @@
+"""Functions jitted by numba, and C functions that numba compiled, as controllers: docs/own_controller.md.
+
+Nothing else of this package needs numba for a controller, so it is imported only where numba has been.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+from numba import carray, cfunc, jit, literal_unroll, types
+from numba.core.ccallback import CFunc as CFunc
+from numba.core.errors import NumbaError
+from numba.extending import is_jitted as is_jitted
+
+from fieldmap.control.function_failure import CALL, WHERE, reason, wrong_outputs
+from fieldmap.control.guarded import guarded
+from fieldmap.core.controller import DONE, FAILED, WRONG_LENGTH
+from fieldmap.errors import InputError, Problem
+from fieldmap.typing import Array
+
+_POINTER = types.CPointer(types.float64)
+C_SIGNATURE = types.intc(types.float64, _POINTER, _POINTER, _POINTER, _POINTER)
+"""Of a C function that is a controller, as `numba.cfunc` takes it."""
+_VECTOR = types.Array(types.float64, 1, "C")
+ARGUMENTS = (types.float64, _VECTOR, _VECTOR, _VECTOR)
+"""What a jitted function is called with: time, measured (3,), reference (3,), state (n,)."""
+
+
+class JittedFunction:
+    """A function jitted by numba with its indices checked, compiled for the loop. Raises InputError where it does not
+    compile, or does not give outputs of these names."""
+
+    def __init__(self, function: Any, names: Sequence[str], states: int) -> None:
+        self._function = with_checked_indices(function)
+        self._entry = _compiled(self._function, names, states)
+
+    @property
+    def address(self) -> int:
+        return int(self._entry.address)
+
+    def cause(self, time: float, measured: Array, reference: Array, state: Array) -> BaseException | None:
+        """Compiled code cannot keep an exception: the function is called once more, to see it, and then its Python
+        source, which knows its line and the index."""
+        given = (measured, reference, state)
+        compiled = _raised_by(self._function, time, *given)
+        if compiled is None:
+            return None
+        source = _raised_by(self._function.py_func, time, *given)
+        return source if type(source) is type(compiled) else compiled
+
+    def shape(self, time: float, measured: Array, reference: Array, state: Array) -> str:
+        found = self._function(time, guarded(measured), guarded(reference), guarded(state))
+        return f"an array {np.shape(found)}"
+
+
+def _raised_by(
+    function: Callable[..., Any], time: float, measured: Array, reference: Array, state: Array
+) -> Exception | None:
+    try:
+        with np.errstate(all="ignore"):
+            function(time, guarded(measured), guarded(reference), guarded(state))
+    except Exception as error:
+        return error
+    return None
+
+
+def _compiled(function: Any, names: Sequence[str], states: int) -> Any:
+    """A jitted function as a C function."""
+    try:
+        returned = returned_type(function)
+    except (NumbaError, RuntimeError) as error:
+        must = f"must compile as {CALL}: a float and three arrays of float64"
+        remedy = "mend what numba says there, or give the function without numba; decorate it with @numba.njit alone"
+        raise InputError(Problem(WHERE, must, reason(error), remedy)) from error
+    number = number_of(returned)
+    if number is not None and number != len(names):
+        raise InputError(wrong_outputs(WHERE, names, f"{returned}"))
+    return compiled_function(function, len(names), states)
+
+
+def with_checked_indices(function: Any) -> Any:
+    """A jitted function compiled anew from its Python source, with an IndexError for an index out of range; itself if
+    it says by `boundscheck` what it wants. What it calls is compiled as it was."""
+    options = dict(function.targetoptions)
+    if options.pop("boundscheck", None) is not None:
+        return function
+    # Of a function with signatures of its own no others are compiled.
+    signatures = None if function._can_compile else function.nopython_signatures
+    return jit(signatures, boundscheck=True, locals=function.locals, **options)(function.py_func)
+
+
+def returned_type(function: Any) -> types.Type:
+    """What a jitted function returns for `ARGUMENTS`. Raises numba's own errors where it does not compile for them."""
+    if ARGUMENTS not in function.overloads:
+        function.compile(ARGUMENTS)
+    return function.overloads[ARGUMENTS].signature.return_type
+
+
+def number_of(returned: types.Type) -> int | None:
+    """How many outputs a type holds: None for an array, of any length; 0 for what holds none."""
+    number = (types.Float, types.Integer)
+    if isinstance(returned, types.Array) and returned.ndim == 1 and isinstance(returned.dtype, number):
+        return None
+    if isinstance(returned, types.BaseTuple):
+        members: Any = returned
+        return len(members) if all(isinstance(each, number) for each in members) else 0
+    return 1 if isinstance(returned, number) else 0
+
+
+def compiled_function(function: Any, outputs: int, states: int) -> Any:
+    """The C function (`numba.core.ccallback.CFunc`) of a jitted one that returns so many outputs."""
+    returned = returned_type(function)
+    if isinstance(returned, types.Array):
+
+        @cfunc(C_SIGNATURE)
+        def entry(time, measured, reference, state, out):
+            answer = FAILED
+            try:
+                found = function(time, carray(measured, 3), carray(reference, 3), carray(state, states))
+                answer = DONE
+                if found.size != outputs:
+                    answer = WRONG_LENGTH
+                else:
+                    for k in range(outputs):
+                        out[k] = found[k]
+            except Exception:
+                answer = FAILED
+            return answer
+
+    elif isinstance(returned, types.BaseTuple):
+
+        @cfunc(C_SIGNATURE)
+        def entry(time, measured, reference, state, out):
+            answer = FAILED
+            try:
+                found = function(time, carray(measured, 3), carray(reference, 3), carray(state, states))
+                k = 0
+                for value in literal_unroll(found):
+                    out[k] = value
+                    k += 1  # noqa: SIM113 - numba unrolls no enumerate
+                answer = DONE
+            except Exception:
+                answer = FAILED
+            return answer
+
+    else:
+
+        @cfunc(C_SIGNATURE)
+        def entry(time, measured, reference, state, out):
+            answer = FAILED
+            try:
+                out[0] = function(time, carray(measured, 3), carray(reference, 3), carray(state, states))
+                answer = DONE
+            except Exception:
+                answer = FAILED
+            return answer
+
+    return entry
