@@ -11,6 +11,7 @@ FOUND, NOT_FINITE, BEYOND, NOT_CONVERGED = 0, 2, 32, 33
 MOST_STEPS = 60
 """After which a solve gives up."""
 
+
 class CoreIron:
     """A model that lies in `numbers` (fieldmap/core/iron.h). Never written to: any number of states may use it."""
 
