@@ -25,7 +25,6 @@ from numpy.typing import ArrayLike
 
 from fieldmap.arguments import check_count, check_positive, check_signal
 from fieldmap.errors import InputError, Problem
-from fieldmap.kernels.map.parametrisation import LIFT_AND_DIRECTIONS, MATRIX, CompiledParametrisation
 from fieldmap.plain import Plain, plain_items
 from fieldmap.records import Record, tuple_line
 from fieldmap.typing import Array
@@ -36,6 +35,21 @@ ROUNDING = 1e-9
 """Signals lie in a domain if they are beyond it by no more than this share of its range."""
 ASSUMED_N = 1.25
 """n of `LiftAndDirections` where six coils are divided and nothing says how: an assumption, of one rig."""
+
+
+LIFT_AND_DIRECTIONS, MATRIX = 0, 1
+
+
+class CompiledParametrisation(NamedTuple):
+    """A parametrisation as the C core takes it. LIFT_AND_DIRECTIONS: six currents by fieldmap/core/division.h with this
+    exponent. MATRIX: currents = matrix (n_coils, n_signals) @ signals. What a kind does not need is zero or empty."""
+
+    kind: int
+    exponent: float
+    matrix: Array
+
+    def __repr__(self) -> str:
+        return tuple_line(self)
 
 
 class NearestSignals(NamedTuple):
@@ -100,7 +114,7 @@ class CurrentParametrisation(ABC):
 
     @abstractmethod
     def kernel(self) -> CompiledParametrisation:
-        """What compiled code takes."""
+        """What the C core takes."""
 
     def within(self, lower: Array, upper: Array, shares: Array) -> Array:
         """Signals (..., n_signals) of a domain from lower to upper at shares (..., n_signals) from 0 to 1, which fill

@@ -80,7 +80,9 @@ def under_valgrind(folder: Path) -> int:
 
 def main() -> int:
     """All of them."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--quick", action="store_true", help="tests/core under the sanitizers alone")
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as name:

@@ -14,9 +14,8 @@ from numpy.typing import ArrayLike
 
 from fieldmap.arguments import check_positive, check_signal
 from fieldmap.core.machine import Allocation
-from fieldmap.currents import ASSUMED_N, CurrentParametrisation, LiftAndDirections
+from fieldmap.currents import ASSUMED_N, LIFT_AND_DIRECTIONS, CurrentParametrisation, LiftAndDirections
 from fieldmap.errors import Infeasible, InputError, Problem
-from fieldmap.kernels.map.parametrisation import LIFT_AND_DIRECTIONS
 from fieldmap.levitation.least_power import push_shares
 from fieldmap.records import Record
 from fieldmap.typing import Array

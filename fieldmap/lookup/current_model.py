@@ -10,7 +10,6 @@ import numpy as np
 from fieldmap.core.iron import BEYOND, FOUND, NOT_CONVERGED, CoreIron, IronState
 from fieldmap.currents import ROUNDING, TOLERANCE, IndependentCurrents
 from fieldmap.errors import OutsideMapError, Problem
-from fieldmap.kernels.map.reduced_iron import sensitivities
 from fieldmap.lookup.current_solver import CompiledModel, compiled_model, core_numbers, not_converged
 from fieldmap.store import ReducedModel
 from fieldmap.typing import Array
@@ -21,8 +20,6 @@ _TIGHT, _OF_SEARCH = 1e-8, 1e-10
 # Of lookups from Python, which cost more by themselves than the step that this takes: two solves of the same currents,
 # from other starts, then agree within 1e-6.
 _OF_LOOKUPS = 5e-7
-# States whose tangents are kept at a time.
-_AT_ONCE = 256
 _REMEDY = 'make a map with a wider [currents], or open this one with outside_currents="evaluate"'
 
 
@@ -70,14 +67,6 @@ class CurrentModel:
         self._follow = follow
         self._names = coil_names
         self._outside = outside
-        # Copies that may be written to, as those of a pickled model: compiled for another kind of array, the kernels
-        # would round otherwise.
-        weights, law, offset, knots, coefficients = map(np.array, (model.weights, model.law, *model.laws))
-        gradients, air = np.array(model.gradients), np.array(model.air)
-        single = gradients.astype(np.float32)
-        self._iron = (gradients, single, weights, law, offset, knots, coefficients, air)
-        self._source = np.array(model.source)
-        self._fixed = np.array(model.fixed) if model.fixed.size else None
         self._own = threading.local()
         self._last_slopes: tuple[bytes, Array] = (b"", np.empty(0))
 
@@ -92,20 +81,20 @@ class CurrentModel:
     @property
     def fields_beside_coils(self) -> int:
         """How many fields a map has behind those of its coils: the iron's, and that of the background if any."""
-        return self.model.field_count + (self._fixed is not None)
+        return self.model.field_count + (self.model.fixed.size > 0)
 
     def of_amplitudes(self, amplitudes: Array) -> Array:
         """Weights (..., f) of the fields behind the coils' for amplitudes (..., r): the iron's, then 1 for the
         background if there is any."""
         iron = amplitudes @ self.model.output.T
-        if self._fixed is None:
+        if not self.model.fixed.size:
             return iron
         return np.concatenate([iron, np.ones((*iron.shape[:-1], 1))], axis=-1)
 
     def of_state(self, amplitudes: Array) -> Array:
         """`of_amplitudes` of one state (r,)."""
         iron = np.asarray(self.model.output @ amplitudes)
-        return iron if self._fixed is None else np.append(iron, 1.0)
+        return iron if not self.model.fixed.size else np.append(iron, 1.0)
 
     def weights(self, currents: Array) -> Array:
         """Weights (..., n_fields): the currents (..., c) in A, then those of the fields behind them.
@@ -147,16 +136,17 @@ class CurrentModel:
             raise not_converged(currents, state.left)
         return state.amplitudes
 
-    def slopes(self, currents: Array, amplitudes: Array) -> Array:
-        """Derivatives (s, f, c) of the weights of the fields behind the coils' by the currents, at currents (s, c) and
-        their amplitudes (s, r)."""
-        rows = max(len(currents) // _AT_ONCE, 1)
-        parts = zip(np.array_split(currents, rows), np.array_split(amplitudes, rows), strict=True)
-        slopes = np.concatenate([self._sensitivities(*part)[0] for part in parts])
-        found = np.asarray(np.einsum("fr,src->sfc", self.model.output, slopes, optimize=True))
-        if self._fixed is None:
-            return found
-        return np.concatenate([found, np.zeros((len(found), 1, found.shape[2]))], axis=1)
+    def slopes(self, currents: Array) -> Array:
+        """Derivatives (s, f, c) of the weights of the fields behind the coils' by the currents, at currents (s, c),
+        wherever they lie."""
+        rows, coils = np.array(currents, dtype=np.float64, order="C"), currents.shape[1]
+        state, weights = self._state("tight"), np.empty(coils + self.fields_beside_coils)
+        slopes = np.empty((len(rows), len(weights), coils))
+        for row, out in zip(rows, slopes, strict=True):
+            # The state is found to a hundredth of the tolerance.
+            if state.solve(row, weights, out, tolerance=100.0 * _TIGHT, fresh=True) != FOUND:
+                raise not_converged(row, state.left)
+        return slopes[:, coils:]
 
     @cached_property
     def _core(self) -> CoreIron:
@@ -173,13 +163,6 @@ class CurrentModel:
             known[name] = self._core.state()
         state: IronState = known[name]
         return state
-
-    def _sensitivities(self, currents: Array, amplitudes: Array) -> tuple[Array, Array]:
-        sources = np.ascontiguousarray(self._source @ currents.T)
-        if self._fixed is not None:
-            sources += self._fixed[:, None]
-        slopes, factors = sensitivities(sources, *self._iron, np.array(amplitudes), self._source)
-        return slopes, factors
 
     def _solve(self, currents: Array, weights: Array, slopes: Array | None = None) -> None:
         """Fill weights and slopes at currents (c,); raise, or leave NaN, where they lie outside."""

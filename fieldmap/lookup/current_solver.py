@@ -9,9 +9,9 @@ from numpy.polynomial.chebyshev import chebvander
 from numpy.typing import NDArray
 
 from fieldmap.core.iron import FOUND, MOST_STEPS, CoreIron
-from fieldmap.currents import ROUNDING, TOLERANCE, CurrentDomain
+from fieldmap.currents import LIFT_AND_DIRECTIONS, ROUNDING, TOLERANCE, CurrentDomain
 from fieldmap.errors import NotConverged, Problem
-from fieldmap.kernels.map.parametrisation import LIFT_AND_DIRECTIONS
+from fieldmap.records import tuple_line
 from fieldmap.store import ReducedModel
 from fieldmap.typing import Array
 
@@ -29,7 +29,7 @@ _TOLERANCE_OF_MIDDLE = 1e-6
 
 
 class SignalDomain(NamedTuple):
-    """The currents that a model is for. kind, exponent: as `fieldmap.kernels.map.parametrisation`; matrix (c, d):
+    """The currents that a model is for. kind, exponent: as `fieldmap.currents.CompiledParametrisation`; matrix (c, d):
     currents of signals, inverse (d, c) its pseudo-inverse, both empty for LIFT_AND_DIRECTIONS; lower, upper (d,), with
     a margin of rounding; limit of every current, A, or infinity; tolerance of currents that are not of the
     parametrisation; checked: whether currents beyond are refused."""
@@ -43,6 +43,9 @@ class SignalDomain(NamedTuple):
     limit: float
     tolerance: float
     checked: bool
+
+    def __repr__(self) -> str:
+        return tuple_line(self)
 
 
 class CompiledModel(NamedTuple):
@@ -69,6 +72,9 @@ class CompiledModel(NamedTuple):
     expansion: NDArray[np.float32]
     domain: SignalDomain
     tolerance: float
+
+    def __repr__(self) -> str:
+        return tuple_line(self)
 
 
 def compiled_model(model: ReducedModel, checked: bool) -> CompiledModel:

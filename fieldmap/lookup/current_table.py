@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -36,11 +35,6 @@ class CurrentTable(Record):
     core: CoreTable
     nodes: tuple[int, int, int]
     error: FieldError
-
-    @property
-    def arrays(self) -> tuple[Any, ...]:
-        """What `fieldmap.kernels.map.current_table.table_weights` takes."""
-        return kernel_table(self.core.numbers)
 
     def weights(self, currents: Array) -> Array:
         """Weights (..., n_fields) of currents (..., 6), as `CurrentModel.weights`.
@@ -88,7 +82,7 @@ def tabulate(
         error = FieldError(*(_largest(found - truth, of_field) for of_field in fields))
         if wanted is None or _within(error, wanted):
             break
-    slopes = model.slopes(every, amplitudes).swapaxes(1, 2).reshape(*size, 6, -1)
+    slopes = model.slopes(every).swapaxes(1, 2).reshape(*size, 6, -1)
     return CurrentTable(model, CoreTable(numbers._replace(slopes=np.array(slopes, order="C"))), size, error)
 
 
@@ -118,12 +112,6 @@ def spline_table(
         coefficients=np.array(coefficients, order="C"),
         slopes=np.array(slopes, order="C"),
     )
-
-
-def kernel_table(of: Table) -> tuple[Any, ...]:
-    """A table as `fieldmap.kernels.map.current_table.table_weights` takes it."""
-    ends = np.array([of.exponent, of.limit]), np.array([of.mismatch]), of.lower, of.upper
-    return (*ends, of.knots, of.coefficients, of.nodes, of.slopes)
 
 
 def _within(error: FieldError, wanted: FieldError) -> bool:

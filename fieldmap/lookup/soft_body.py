@@ -3,7 +3,6 @@ of constant permeability that answers its gradient, too, (4)."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,7 +17,6 @@ from fieldmap.device.placement import Placement
 from fieldmap.errors import InputError, Problem
 from fieldmap.field import AnyField, as_field
 from fieldmap.kernels.constants import MU0
-from fieldmap.kernels.map.induced_moment import SIZE
 from fieldmap.records import Record
 from fieldmap.typing import Array
 
@@ -122,21 +120,6 @@ def core_piece(piece: SoftPiece) -> Soft:
     # Of a piece with a law the core takes no permeability.
     reluctance = 0.0 if law.size else 1.0 / (piece.mu_r - 1.0)
     return Soft(centre, axes, factors, float(piece.volume / MU0), reluctance, law)
-
-
-def soft_numbers(pieces: Sequence[SoftPiece], shift: ArrayLike = (0.0, 0.0, 0.0)) -> Array:
-    """Soft pieces as compiled code takes them (fieldmap.kernels.map.induced_moment), moved by shift (3,), m."""
-    rows: list[float] = []
-    laws: list[Array] = []
-    at = 1 + SIZE * len(pieces)
-    for piece in pieces:
-        knots = len(piece.law[0])
-        reluctance = -1.0 if knots else 1.0 / (piece.mu_r - 1.0)
-        rows += [*(piece.centre + np.asarray(shift, float)), *piece.axes.ravel(), *piece.factors]
-        rows += [piece.volume / MU0, reluctance, at, knots]
-        laws += piece.law
-        at += 4 * knots
-    return np.concatenate([[len(pieces)], rows, *laws])
 
 
 def soft_sphere_force(

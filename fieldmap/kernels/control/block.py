@@ -15,9 +15,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from fieldmap.kernels.compilation import inlined, njit
+from fieldmap.kernels.compilation import PLAIN, PLAIN_INLINED, WHOLE, inlined, njit
 from fieldmap.kernels.copy_vector import copy_vector
-from fieldmap.kernels.map.map_block import PLAIN, PLAIN_INLINED, WHOLE
 
 SIGNALS = 7
 

@@ -1,1 +1,1 @@
-"""Compiled evaluation of maps: interpolants, the current model, and the inverse."""
+"""Reduced models of saturating iron, solved while they are trained."""
