@@ -63,6 +63,9 @@ class CompiledParametrisation(NamedTuple):
     exponent: float
     matrix: Array
 
+    def __repr__(self) -> str:
+        return tuple_line(self)
+
 
 class CurrentParametrisation(ABC):
     """Signals (..., n_signals) to currents (..., n_coils), A. Frozen; equal if name and parameters are equal."""

@@ -11,6 +11,7 @@
 #include "python_controller.h"
 #include "python_instruments.h"
 #include "python_iron.h"
+#include "python_least_power.h"
 #include "python_machine.h"
 #include "python_map.h"
 #include "python_mujoco.h"
@@ -43,7 +44,8 @@ static PyObject *is_for_newer(PyObject *self, PyObject *const *args, Py_ssize_t 
 
 static PyMethodDef functions[] = {
     FUNCTION(is_for_newer), MAP_FUNCTIONS, BODY_FUNCTIONS, CALLER_FUNCTIONS, CONTROLLER_FUNCTIONS, INSTRUMENT_FUNCTIONS,
-    IRON_FUNCTIONS, MACHINE_FUNCTIONS, MUJOCO_FUNCTIONS, SAMPLED_LOOP_FUNCTIONS, TABLE_FUNCTIONS, {NULL, NULL, 0, NULL}};
+    IRON_FUNCTIONS, LEAST_POWER_FUNCTIONS, MACHINE_FUNCTIONS, MUJOCO_FUNCTIONS, SAMPLED_LOOP_FUNCTIONS, TABLE_FUNCTIONS,
+    {NULL, NULL, 0, NULL}};
 
 #define CONSTANT(name) {#name, FIELDMAP_##name}
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from fieldmap.core.iron import FOUND, MOST_STEPS, CoreIron
 from fieldmap.currents import ROUNDING, TOLERANCE, CurrentDomain
 from fieldmap.errors import NotConverged, Problem
+from fieldmap.records import tuple_line
 from fieldmap.store import ReducedModel
 from fieldmap.typing import Array
 
@@ -43,6 +44,9 @@ class SignalDomain(NamedTuple):
     tolerance: float
     checked: bool
 
+    def __repr__(self) -> str:
+        return tuple_line(self)
+
 
 class CompiledModel(NamedTuple):
     """The arrays of a `fieldmap.store.ReducedModel` for `core_numbers`: p points, r modes, c coils, k fields.
@@ -68,6 +72,9 @@ class CompiledModel(NamedTuple):
     expansion: NDArray[np.float32]
     domain: SignalDomain
     tolerance: float
+
+    def __repr__(self) -> str:
+        return tuple_line(self)
 
 
 def compiled_model(model: ReducedModel, checked: bool) -> CompiledModel:

@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from fieldmap.arguments import checked_vectors, remedy_of_moment
+from fieldmap.core.least_power import BEYOND_LIMITS, FOUND, NO_END, OUT_OF_RANGE, least_power
 from fieldmap.currents import TOLERANCE, CurrentParametrisation, IndependentCurrents
 from fieldmap.errors import FieldmapError, Infeasible, InputError, NotConverged, OutsideMapError, Problem
 from fieldmap.field import coil_currents
-from fieldmap.kernels.map import least_power as kernels
 from fieldmap.lookup.actuation import (
     FIELD_ROWS,
     FORCE_ROWS,
@@ -145,8 +145,8 @@ def currents_of_sum(
         wanted[np.abs(wanted) <= _ROUNDING * np.abs(given)] = 0.0
     low, high = checked_limits(limits, n)
     currents, active = np.empty(n), np.empty(n, np.int64)
-    status = kernels.least_power(matrix, wanted, low, high, weight, currents, active)
-    if status != kernels.FOUND:
+    status = least_power(matrix, wanted, low, high, weight, currents, active)
+    if status != FOUND:
         raise refusal(status, matrix, demand, low, high, active, coil_names, given)
     return currents
 
@@ -197,11 +197,11 @@ def refusal(
     """The error for a demand that was not met: which limits bind, and what can be had. given (rows,): what is there
     without currents."""
     constant = np.zeros(len(matrix)) if given is None else given
-    if status == kernels.NO_END:
+    if status == NO_END:
         what = "the active-set method must end"
         return NotConverged(Problem("currents_for", what, demand.text(demand.values), "report this case"))
     received = demand.text(demand.values)
-    if status == kernels.OUT_OF_RANGE:
+    if status == OUT_OF_RANGE:
         nearest = matrix @ np.linalg.lstsq(matrix, demand.values - constant, rcond=1e-11)[0] + constant
         must_hold = "a demand that some currents give, whatever their limits"
         remedy = f"nearest that they give: {demand.text(nearest)}"
@@ -458,10 +458,10 @@ class Search:
         share = 1.0
         while True:
             part = here + share * missing
-            status = kernels.least_power(slope, part, self.low, self.high, self.weight, found, active)
-            if status == kernels.FOUND:
+            status = least_power(slope, part, self.low, self.high, self.weight, found, active)
+            if status == FOUND:
                 return found, (1.0 - share) * off
-            if status != kernels.BEYOND_LIMITS:
+            if status != BEYOND_LIMITS:
                 raise self._refused(status, slope, part, active)
             share *= 0.5
             if share < _NO_PROGRESS:
@@ -476,7 +476,7 @@ class Search:
                 return currents
             slope, missing = self.goal.slope(currents), self.demand.values - self.goal.given(currents)
             low, high = self.low - currents, self.high - currents
-            if kernels.least_power(slope, missing, low, high, self.weight, change, active) != kernels.FOUND:
+            if least_power(slope, missing, low, high, self.weight, change, active) != FOUND:
                 return None
             currents = np.clip(currents + change, self.low, self.high)
         return None

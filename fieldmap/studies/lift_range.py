@@ -3,11 +3,11 @@
 import numpy as np
 from scipy.optimize import brentq
 
+from fieldmap.core.least_power import FOUND, least_power
 from fieldmap.device.model import Payload
 from fieldmap.errors import Infeasible, Problem
 from fieldmap.field import Field, require_bounds
 from fieldmap.iron import LinearSolution
-from fieldmap.kernels.map import least_power
 from fieldmap.levitation import GRAVITY
 from fieldmap.levitation.balance import check_payload, upright_force
 from fieldmap.typing import Array
@@ -81,6 +81,6 @@ def _holds(matrix: Array, constant: Array, weight: float, limit: float) -> bool:
         wanted = np.array([0.0, 0.0, weight]) - sign * constant
         rows = np.ascontiguousarray(sign * matrix)
         currents, active = np.empty(coils), np.empty(coils, np.int64)
-        if least_power.least_power(rows, wanted, low, high, weights, currents, active) == least_power.FOUND:
+        if least_power(rows, wanted, low, high, weights, currents, active) == FOUND:
             return True
     return False

@@ -11,7 +11,6 @@ from fieldmap.device.model import Arctangent
 from fieldmap.device.payload import SoftSphere
 from fieldmap.errors import Infeasible, InputError, OutsideMapError
 from fieldmap.iron import NonlinearSolver
-from fieldmap.kernels.map.least_power import least_power
 from fieldmap.lookup import MagneticBody, currents_for, interpolate, magnetic_body
 from fieldmap.lookup.inverse import Search, currents_of_model, demand_of
 from fieldmap.store import Grid, MapData
@@ -211,8 +210,6 @@ def test_a_force_by_the_signals_of_a_division(divided):
                 made = divided.wrench(POSITION, moment, found)[:3]
                 np.testing.assert_allclose(made, force, rtol=0, atol=1e-6 * np.abs(force).max())
                 assert domain.holds(found)
-    # Of signals as of currents: one kernel.
-    assert len(least_power.signatures) == 1
     most = np.abs(found).max()
     np.testing.assert_array_equal(
         divided.currents_for(POSITION, force, body, 1.01 * most, start=known), found

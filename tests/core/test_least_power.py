@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.optimize import linprog, nnls
 
-from fieldmap.kernels.map import least_power as kernels
+from fieldmap.core import least_power as core
 
 
 def test_non_negative_least_squares_is_scipys():
@@ -14,7 +14,7 @@ def test_non_negative_least_squares_is_scipys():
         columns = rng.normal(size=(rows, n))
         columns /= np.linalg.norm(columns, axis=0)
         target, ours = rng.normal(size=rows), np.empty(n)
-        assert kernels.non_negative_least_squares(np.ascontiguousarray(columns.T), target, ours)
+        assert core.non_negative_least_squares(np.ascontiguousarray(columns.T), target, ours)
         _, residual = nnls(columns, target)
         assert np.all(ours >= 0)
         assert np.linalg.norm(columns @ ours - target) == pytest.approx(residual, rel=1e-9, abs=1e-11)
@@ -40,11 +40,11 @@ def test_linear_programs_agree_on_what_is_feasible_and_what_is_least():
         inner = low + rng.random(n) * (np.minimum(high, 2.0) - low)
         demand = matrix @ inner * rng.choice([1.0, 1.5, 3.0])
         currents, active = np.empty(n), np.empty(n, np.int64)
-        status = kernels.least_power(matrix, demand, low, high, weight, currents, active)
+        status = core.least_power(matrix, demand, low, high, weight, currents, active)
         bounds = np.stack([low, high], axis=1)
         judge = linprog(2 * weight * currents, A_eq=matrix, b_eq=demand, bounds=bounds)
         possible = judge.status == 0 or judge.status == 3
-        assert (status == kernels.FOUND) == possible
+        assert (status == core.FOUND) == possible
         counts[possible] += 1
         if not possible:
             continue
@@ -65,12 +65,12 @@ def test_demands_on_the_edge_of_what_is_possible():
         corner = np.sign(rng.normal(size=3) @ matrix)
         demand, currents, active = matrix @ corner, np.empty(n), np.empty(n, np.int64)
         ones = np.ones(n)
-        inside = kernels.least_power(matrix, demand * (1 - 1e-8), -ones, ones, ones, currents, active)
-        assert inside == kernels.FOUND
+        inside = core.least_power(matrix, demand * (1 - 1e-8), -ones, ones, ones, currents, active)
+        assert inside == core.FOUND
         np.testing.assert_allclose(matrix @ currents, demand * (1 - 1e-8), rtol=1e-9, atol=1e-9)
         np.testing.assert_allclose(currents, corner, atol=1e-5)
-        outside = kernels.least_power(matrix, demand * (1 + 1e-8), -ones, ones, ones, currents, active)
-        assert outside == kernels.BEYOND_LIMITS
+        outside = core.least_power(matrix, demand * (1 + 1e-8), -ones, ones, ones, currents, active)
+        assert outside == core.BEYOND_LIMITS
 
 
 def test_rows_of_rounding_do_not_command():
@@ -78,5 +78,46 @@ def test_rows_of_rounding_do_not_command():
     matrix = np.array([[1e-18, -2e-18, 1e-18], [0.0, 1e-19, 1e-18], [0.3, 0.3, 0.4]])
     currents, active, limit = np.empty(3), np.empty(3, np.int64), np.full(3, 9.0)
     demand = np.array([0.0, 0.0, 1.0])
-    assert kernels.least_power(matrix, demand, -limit, limit, np.ones(3), currents, active) == kernels.FOUND
+    assert core.least_power(matrix, demand, -limit, limit, np.ones(3), currents, active) == core.FOUND
     np.testing.assert_allclose(currents, matrix[2] / (matrix[2] @ matrix[2]), rtol=1e-9)
+
+
+def test_many_coils_take_more_room():
+    """With as many rows, and more, than coils: the shortest solution."""
+    rng = np.random.default_rng(4)
+    for rows, coils in ((3, 40), (12, 12), (30, 12)):
+        matrix, known = rng.normal(size=(rows, coils)), rng.normal(size=coils)
+        free, currents, active = np.full(coils, np.inf), np.empty(coils), np.empty(coils, np.int64)
+        demand = matrix @ known
+        assert core.least_power(matrix, demand, -free, free, np.ones(coils), currents, active) == core.FOUND
+        np.testing.assert_allclose(currents, np.linalg.lstsq(matrix, demand, rcond=None)[0], atol=1e-9)
+        assert not active.any()
+        limit = np.full(coils, 0.9 * np.abs(currents).max())
+        status = core.least_power(matrix, demand, -limit, limit, np.ones(coils), currents, active)
+        assert status == (core.FOUND if rows < coils else core.BEYOND_LIMITS)
+        assert active.any()
+        off = matrix @ (known + 1.0) + rng.normal(size=rows)
+        status = core.least_power(matrix, off, -free, free, np.ones(coils), currents, active)
+        assert status == (core.OUT_OF_RANGE if rows > coils else core.FOUND)
+
+
+def test_arrays_that_do_not_fit_are_refused():
+    good = (
+        np.ones((2, 3)),
+        np.ones(2),
+        -np.ones(3),
+        np.ones(3),
+        np.ones(3),
+        np.empty(3),
+        np.empty(3, np.int64),
+    )
+    assert core.least_power(*good) == core.FOUND
+    for place, wrong in (
+        (0, np.ones((3, 2))), (0, np.ones((3, 2)).T), (1, np.ones(2, np.float32)), (2, np.ones(2)),
+        (3, [1.0, 1.0, 1.0]), (4, np.ones((3, 1))), (5, np.empty(2)), (6, np.empty(3)), (6, np.empty(2, np.int64)),
+    ):  # fmt: skip
+        with pytest.raises(TypeError):
+            core.least_power(*good[:place], wrong, *good[place + 1 :])
+    for wrong in ((np.ones((3, 2)), np.ones(2), np.empty(2)), (np.ones((2, 3)), np.ones(2), np.empty(3))):
+        with pytest.raises(TypeError):
+            core.non_negative_least_squares(*wrong)

@@ -1,0 +1,34 @@
+"""Least-power currents within limits that give a linear demand: fieldmap/core/least_power.h."""
+
+from typing import Any
+
+from numpy.typing import NDArray
+
+from fieldmap.core.library import LIBRARY
+from fieldmap.typing import Array
+
+FOUND, OUT_OF_RANGE, BEYOND_LIMITS, NO_END = 0, 1, 2, 3
+"""What `least_power` says: found; no currents give the demand; none within the limits do; the method did not end."""
+
+
+def least_power(
+    matrix: Array,
+    demand: Array,
+    lower: Array,
+    upper: Array,
+    weight: Array,
+    currents: Array,
+    active: NDArray[Any],
+) -> int:
+    """Fill currents (n,) and which limits they lie on, active (n,), int64: -1 lower, 1 upper; the status.
+
+    matrix (m, n), demand (m,), lower, upper, weight (n,), weight > 0; limits may be infinite. Where the status is
+    BEYOND_LIMITS, active names the limits that together rule the demand out, and currents are those of no limits.
+    """
+    return int(LIBRARY.least_power(matrix, demand, lower, upper, weight, currents, active))
+
+
+def non_negative_least_squares(columns: Array, target: Array, u: Array) -> bool:
+    """Fill u (n,) >= 0 of min |sum_j u_j columns[j] - target|: Lawson and Hanson's NNLS; columns (n, size) of length 1.
+    False where it comes to no end."""
+    return bool(LIBRARY.non_negative_least_squares(columns, target, u))

@@ -1,1 +1,0 @@
-"""Compiled evaluation of maps: interpolants, the current model, and the inverse."""
