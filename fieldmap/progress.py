@@ -32,15 +32,15 @@ class Progress:
         solve_linear(device, progress=progress)
 
     Nothing is shown while `shown` is False (`fieldmap --quiet`). Of several, one within the other, the innermost prints
-    lines: a search tells how far it is, not each solve in it. kernels: the folder of fieldmap/kernels whose compilation
-    a first run waits for.
+    lines: a search tells how far it is, not each solve in it. compiles: whether a first run waits for kernels to be
+    compiled.
     """
 
     shown = True
 
-    def __init__(self, title: str, kernels: str = "") -> None:
+    def __init__(self, title: str, compiles: bool = False) -> None:
         self.title = title
-        self._kernels = kernels
+        self._compiles = compiles
         self._logged = ""
         self.started = time.monotonic()
         self._bar: RichProgress | None = None
@@ -51,7 +51,7 @@ class Progress:
 
     def __enter__(self) -> "Progress":
         _ENTERED.append(self)
-        if self.shown and must_compile(self._kernels):
+        if self.shown and self._compiles and must_compile():
             print("first run: kernels are compiled on the way; later runs start at once", file=sys.stderr)
         if self.shown and sys.stderr.isatty():
             try:
@@ -139,12 +139,12 @@ def _bar() -> "RichProgress":
     )
 
 
-def must_compile(kernels: str = "") -> bool:
-    """Whether nothing in this folder of fieldmap/kernels has been compiled yet, so that a first run has to wait.
+def must_compile() -> bool:
+    """Whether no kernel has been compiled yet, so that a first run has to wait.
 
     False where compiled kernels lie elsewhere: NUMBA_CACHE_DIR is set, or the package's folder cannot be written.
     """
-    folder = Path(__file__).parent / "kernels" / kernels
+    folder = Path(__file__).parent / "kernels"
     if os.environ.get("NUMBA_CACHE_DIR") or not os.access(folder, os.W_OK):
         return False
     return next(folder.rglob("*.nbi"), None) is None

@@ -47,35 +47,33 @@ def make_map(
 ) -> None:
     """Compute the map that a recipe describes. A stopped run continues where it was."""
     from fieldmap.io import refuse_directory
-    from fieldmap.kernels.compile_ahead import compiled_ahead
     from fieldmap.maps import generate
     from fieldmap.progress import Progress
 
     refuse_directory(recipe)
     settings = changes_of_device(changes)
-    with compiled_ahead():
-        try:
-            with Progress("map") as progress:
-                path = generate(
-                    recipe,
-                    output,
-                    resume,
-                    progress,
-                    workers,
-                    scheduler,
-                    changes=settings,
-                    accept_error=accept_error,
-                )
-        except KeyboardInterrupt:
-            print("the same command goes on from here; --fresh begins anew", file=sys.stderr)
-            raise
-        _tell_what_is_missing(path)
-        if summary or json or pictures:
-            from fieldmap.cli.info import print_summary
+    try:
+        with Progress("map", compiles=True) as progress:
+            path = generate(
+                recipe,
+                output,
+                resume,
+                progress,
+                workers,
+                scheduler,
+                changes=settings,
+                accept_error=accept_error,
+            )
+    except KeyboardInterrupt:
+        print("the same command goes on from here; --fresh begins anew", file=sys.stderr)
+        raise
+    _tell_what_is_missing(path)
+    if summary or json or pictures:
+        from fieldmap.cli.info import print_summary
 
-            print_summary(path, json, (summary and not json) if pictures is None else pictures)
-        else:
-            print(path)
+        print_summary(path, json, (summary and not json) if pictures is None else pictures)
+    else:
+        print(path)
 
 
 def _tell_what_is_missing(path: Path) -> None:

@@ -58,7 +58,7 @@ def optimise(
     problem = read_design_problem(file)
     target = output_file(STUDY.find(file), output)
     try:
-        with Progress("optimise") as progress:
+        with Progress("optimise", compiles=True) as progress:
             found = solve_problem(problem, target, resume, workers, progress, scheduler)
     except KeyboardInterrupt:
         print("the same command goes on from here; --fresh begins anew", file=sys.stderr)

@@ -103,7 +103,7 @@ def simulate(
     varied = None if vary is None else parse_variation(vary, "--vary")
     own = None if controller is None else _function_in(controller)
     kept = output is not None or save is not None or log is not None
-    with Progress("simulate", kernels="motion") as progress:
+    with Progress("simulate") as progress:
         simulation = simulate_batches(
             scenario,
             field_opener(map_file),

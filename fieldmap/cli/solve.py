@@ -113,7 +113,7 @@ def solve(
     groups = [[name.strip() for name in text.split(",") if name.strip()] for text in force or []]
     checked_groups(machine, groups, "--force")
     sections = named_sections(machine, section, "--section") if section else None
-    with Progress("solving") as progress:
+    with Progress("solving", compiles=True) as progress:
         solved = solve_device(machine, options, progress)
         if design:
             assert amperes is not None

@@ -53,7 +53,7 @@ def study(
 
     refuse_directory(file)
     try:
-        with Progress("study") as progress:
+        with Progress("study", compiles=True) as progress:
             run = run_study(file, output, resume, retry, workers, progress, scheduler)
     except KeyboardInterrupt:
         print("the same command goes on from here; --fresh begins anew", file=sys.stderr)

@@ -5,7 +5,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -90,7 +90,7 @@ def thesis(
         plan = planned(parts, maps, make_maps, report, must_compile())
         if Progress.shown and (report is not None or plan.seconds > LONG):
             print(plan.text, file=sys.stderr)
-        with Progress("thesis") as progress:
+        with Progress("thesis", compiles=True) as progress:
             if report is not None:
                 results = reported(plan, report, computed(plan, cached_parts(report, maps), progress))
             else:
@@ -117,28 +117,18 @@ def computed(
     from fieldmap.thesis.computation import attempt_parts
 
     begun = 0.0
-    with _compiling(plan.compiles and plan.whole > LONG):
-        for stage in plan.stages:
-            what = f"map {stage.recipe}: " if stage.recipe else ""
-            share = partial(_told, progress, what, begun / plan.whole, stage.seconds / plan.whole)
-            if stage.recipe:
-                from fieldmap.maps import generate
+    for stage in plan.stages:
+        what = f"map {stage.recipe}: " if stage.recipe else ""
+        share = partial(_told, progress, what, begun / plan.whole, stage.seconds / plan.whole)
+        if stage.recipe:
+            from fieldmap.maps import generate
 
-                stage.target.parent.mkdir(parents=True, exist_ok=True)
-                generate(stage.recipe, stage.target, progress=share)
-            else:
-                with moving(share, stage.expected) as moved:
-                    yield from attempt_parts(list(stage.expected), moved, attempt)
-            begun += stage.seconds
-
-
-def _compiling(wanted: bool) -> AbstractContextManager[None]:
-    """Kernels of maps are compiled by another process meanwhile."""
-    if not wanted:
-        return nullcontext()
-    from fieldmap.kernels.compile_ahead import compiled_ahead
-
-    return compiled_ahead()
+            stage.target.parent.mkdir(parents=True, exist_ok=True)
+            generate(stage.recipe, stage.target, progress=share)
+        else:
+            with moving(share, stage.expected) as moved:
+                yield from attempt_parts(list(stage.expected), moved, attempt)
+        begun += stage.seconds
 
 
 def _told(progress: "Progress", what: str, begun: float, of: float, message: str, fraction: float) -> None:

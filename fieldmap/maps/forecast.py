@@ -2,13 +2,11 @@
 
 A share of the states, or of the points, is no measure: how many there are, and how long one takes, shows only on the
 way. Each stage of a run has the seconds expected of it, first from what is known before, then from its own pieces.
-What is compiled is compiled once: pieces are timed by a clock that stands still meanwhile.
 """
 
 from collections.abc import Mapping
 from time import monotonic
 
-from fieldmap.kernels.compile_time import seconds_compiling
 from fieldmap.typing import Progress
 
 # Of a stage without pieces that takes longer than was expected of it, this share of what it has taken is still to come.
@@ -26,7 +24,7 @@ class Forecast:
         self._say = say
         self._expected = dict(stages)
         self._began = monotonic()
-        self._stage_began = _working()
+        self._stage_began = monotonic()
         self._stage, self._told = "", 0.0
         # Pieces of the stage that were done, and when.
         self._pieces: list[tuple[float, float]] = []
@@ -40,12 +38,12 @@ class Forecast:
         return self._expected[stage]
 
     def taken(self) -> float:
-        """Seconds since the stage began, without those of compilation."""
-        return _working() - self._stage_began
+        """Seconds since the stage began."""
+        return monotonic() - self._stage_began
 
     def at(self, stage: str, message: str, done: float = 0.0, count: float = 1.0) -> None:
         """Tell that `done` of about `count` pieces of a stage are done; stages before it are over."""
-        now = _working()
+        now = monotonic()
         names = list(self._expected)
         if stage != self._stage:
             if self._stage and names.index(stage) < names.index(self._stage):
@@ -72,8 +70,3 @@ class Forecast:
     def note(self, message: str) -> None:
         """Tell something that is no progress."""
         self._say(message, self._told)
-
-
-def _working() -> float:
-    """A clock that stands still while this process compiles."""
-    return monotonic() - seconds_compiling()

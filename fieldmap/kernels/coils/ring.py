@@ -15,7 +15,6 @@ from fieldmap.kernels.coils.meridian import set_field, set_gradient
 from fieldmap.kernels.coils.quadrature import MARGIN, STEP, rule_limits, section_distance
 from fieldmap.kernels.compilation import njit
 from fieldmap.kernels.constants import MU0_OVER_4PI
-from fieldmap.kernels.copy_vector import copy_vector
 from fieldmap.kernels.gauss import GAUSS_NODES, GAUSS_WEIGHTS, gauss_start
 from fieldmap.threads import over_rows
 from fieldmap.typing import Array
@@ -82,7 +81,7 @@ def ring_azimuths(
     n = 0 if inside else _equal_points(nearness2, digits)
     if n > 0:
         for row in range(3):
-            copy_vector(tables[n // STEP - 1, row], azimuths[row, :n])
+            azimuths[row, :n] = tables[n // STEP - 1, row, :n]
         return n
     kappa = math.sqrt(nearness2 / (1.0 + nearness2))
     n = graded_panel(azimuths, 0, 0.0, 1.0, kappa, 1.0, 0.0, limits)

@@ -5,7 +5,6 @@ import math
 import numpy as np
 
 from fieldmap.kernels.compilation import inlined, njit
-from fieldmap.kernels.copy_vector import copy_vector
 from fieldmap.kernels.iron.charged_triangle import triangle_field_and_gradient
 
 _INVERSE_4PI = 1.0 / (4.0 * math.pi)
@@ -75,7 +74,7 @@ def surface_gradient(begin, end, points, corners, far, shapes, charge, moving, w
                     _add_far(x, y, z, weights[k, i], far, j, shapes, _INVERSE_4PI * charge[j], out[j, k])
                 continue
             for c in range(3):
-                copy_vector(corners[j, c], moved[c])
+                moved[c] = corners[j, c]
             for c in range(3):
                 for a in range(3):
                     moved[c, a] = corners[j, c, a] + step
