@@ -8,7 +8,7 @@ a `CurrentDomain`, a box of signals, and stores its parametrisation by name and 
 coils. `LiftAndDirections`: six coils in two rows of three, driven by one lift and two direction signals. One more is a
 class that derives from `CurrentParametrisation` and is decorated with `register`.
 
-Depends on: errors, arguments, kernels, numpy.
+Depends on: errors, arguments, numpy.
 """
 
 from __future__ import annotations
@@ -37,21 +37,6 @@ ASSUMED_N = 1.25
 """n of `LiftAndDirections` where six coils are divided and nothing says how: an assumption, of one rig."""
 
 
-LIFT_AND_DIRECTIONS, MATRIX = 0, 1
-
-
-class CompiledParametrisation(NamedTuple):
-    """A parametrisation as the C core takes it. LIFT_AND_DIRECTIONS: six currents by fieldmap/core/division.h with this
-    exponent. MATRIX: currents = matrix (n_coils, n_signals) @ signals. What a kind does not need is zero or empty."""
-
-    kind: int
-    exponent: float
-    matrix: Array
-
-    def __repr__(self) -> str:
-        return tuple_line(self)
-
-
 class NearestSignals(NamedTuple):
     """Signals (..., n_signals) whose currents are nearest to given ones, and by what share (...) these are off.
 
@@ -68,6 +53,18 @@ class NearestSignals(NamedTuple):
     def to_dict(self) -> dict[str, Plain]:
         """The arrays by their names, as plain Python."""
         return plain_items(**self._asdict())
+
+
+class CompiledParametrisation(NamedTuple):
+    """division: six currents of a lift and two directions, with this exponent; else currents = matrix (n_coils,
+    n_signals) @ signals. What is not needed is zero or empty."""
+
+    division: bool
+    exponent: float
+    matrix: Array
+
+    def __repr__(self) -> str:
+        return tuple_line(self)
 
 
 class CurrentParametrisation(ABC):
@@ -114,7 +111,7 @@ class CurrentParametrisation(ABC):
 
     @abstractmethod
     def kernel(self) -> CompiledParametrisation:
-        """What the C core takes."""
+        """As the C core takes it."""
 
     def within(self, lower: Array, upper: Array, shares: Array) -> Array:
         """Signals (..., n_signals) of a domain from lower to upper at shares (..., n_signals) from 0 to 1, which fill
@@ -227,7 +224,7 @@ class IndependentCurrents(CurrentParametrisation, Record):
 
     def kernel(self) -> CompiledParametrisation:
         """The unit matrix."""
-        return CompiledParametrisation(MATRIX, 0.0, np.eye(self.coils))
+        return CompiledParametrisation(False, 0.0, np.eye(self.coils))
 
 
 @register
@@ -294,7 +291,7 @@ class CoilGroups(CurrentParametrisation, Record):
 
     def kernel(self) -> CompiledParametrisation:
         """`matrix`."""
-        return CompiledParametrisation(MATRIX, 0.0, self.matrix)
+        return CompiledParametrisation(False, 0.0, self.matrix)
 
     @property
     def _group_of(self) -> list[int]:
@@ -407,7 +404,7 @@ class LiftAndDirections(CurrentParametrisation, Record):
 
     def kernel(self) -> CompiledParametrisation:
         """The exponent n."""
-        return CompiledParametrisation(LIFT_AND_DIRECTIONS, float(self.n), np.zeros((0, 0)))
+        return CompiledParametrisation(True, float(self.n), np.zeros((0, 0)))
 
     def _divided(self, u: Array, x: Array, y: Array) -> Array:
         """Currents (..., 6) of signals (..., 1)."""

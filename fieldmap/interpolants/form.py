@@ -78,8 +78,9 @@ class Interpolant(Record):
 
     name: for `open_map(kind=...)`. summary: one line, for help and messages. form: the coefficients of a map, by what a
     point outside gives (a key of OUTSIDE_RULES), as a `Form`. kind: of its blocks (`fieldmap.core.block`), which the C
-    core evaluates; without it `evaluator` is asked. evaluator: makes the `fieldmap.lookup.Evaluator` of a form; the package's own unless given. jump: how far field and
-    gradient step from cell to cell; None where both are continuous. in_c: whether fieldmap.h reads its blocks.
+    core evaluates; without it `evaluator` is asked. evaluator: makes the `fieldmap.lookup.Evaluator` of a form; the
+    package's own unless given. jump: how far field and gradient step from cell to cell; None where both are continuous.
+    in_c: whether fieldmap.h reads its blocks.
     """
 
     name: str

@@ -9,7 +9,7 @@ from numpy.polynomial.chebyshev import chebvander
 from numpy.typing import NDArray
 
 from fieldmap.core.iron import FOUND, MOST_STEPS, CoreIron
-from fieldmap.currents import LIFT_AND_DIRECTIONS, ROUNDING, TOLERANCE, CurrentDomain
+from fieldmap.currents import ROUNDING, TOLERANCE, CurrentDomain
 from fieldmap.errors import NotConverged, Problem
 from fieldmap.records import tuple_line
 from fieldmap.store import ReducedModel
@@ -29,12 +29,12 @@ _TOLERANCE_OF_MIDDLE = 1e-6
 
 
 class SignalDomain(NamedTuple):
-    """The currents that a model is for. kind, exponent: as `fieldmap.currents.CompiledParametrisation`; matrix (c, d):
-    currents of signals, inverse (d, c) its pseudo-inverse, both empty for LIFT_AND_DIRECTIONS; lower, upper (d,), with
+    """The currents that a model is for. division, exponent: as `fieldmap.currents.CompiledParametrisation`; matrix (c,
+    d): currents of signals, inverse (d, c) its pseudo-inverse, both empty of a division; lower, upper (d,), with
     a margin of rounding; limit of every current, A, or infinity; tolerance of currents that are not of the
     parametrisation; checked: whether currents beyond are refused."""
 
-    kind: int
+    division: bool
     exponent: float
     matrix: NDArray[np.float64]
     inverse: NDArray[np.float64]
@@ -132,11 +132,11 @@ def _own(values: NDArray[Any], kind: type | None = None) -> NDArray[Any]:
 
 def compiled_domain(domain: CurrentDomain, checked: bool) -> SignalDomain:
     """The domain as compiled code takes it; checked: whether it refuses currents outside."""
-    kind, exponent, matrix = domain.parametrisation.kernel()
+    division, exponent, matrix = domain.parametrisation.kernel()
     beside = ROUNDING * (domain.upper - domain.lower)
     limit = getattr(domain.parametrisation, "limit", None)
     return SignalDomain(
-        int(kind),
+        division,
         float(exponent),
         np.array(matrix, order="C"),
         np.array(np.linalg.pinv(matrix) if matrix.size else matrix.T, float, order="C"),
@@ -221,7 +221,7 @@ def core_numbers(model: CompiledModel) -> Array:
         len(model.knots),
         len(model.terms),
         len(domain.lower),
-        domain.kind == LIFT_AND_DIRECTIONS,
+        domain.division,
         domain.checked,
         _field_count(model),
         domain.exponent,

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.special import elliprd
 
 from fieldmap.core.body import Soft
 from fieldmap.device.materials import Material, SaturatingMaterial
@@ -56,6 +55,9 @@ def demagnetising_factors(axes: ArrayLike) -> Array:
         raise InputError(
             Problem("demagnetising_factors(axes)", must_hold, f"{size.tolist()}", "give the axes")
         )
+    # Here: to open a map would take longer.
+    from scipy.special import elliprd
+
     a = size / np.cbrt(size.prod())  # their product is 1
     x, y, z = a * a
     return np.array([elliprd(y, z, x), elliprd(x, z, y), elliprd(x, y, z)]) / 3.0

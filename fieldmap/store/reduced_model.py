@@ -21,7 +21,7 @@ class ReducedModel(Record):
 
     gradients (3 p, r) and source (3 p, c): gradients of the modes and the coils' field per ampere at the sample
     points, T; weights (p,), m^3; law (p,) and law_offset, law_knots, law_coefficients: B(H) there, as in
-    `fieldmap.kernels.iron.magnetisation_law`; air (r, r) and constant (r,), see `fieldmap.kernels.map.reduced_iron`;
+    `fieldmap.kernels.iron.magnetisation_law`; air (r, r) and constant (r,), see `fieldmap.kernels.iron.reduced_iron`;
     output (k, r): weights of the map's iron fields per amplitude; known_currents (s, c) and known_amplitudes (s, r): of
     the states that trained it, from the nearest of which Newton's method starts; lower and upper (d,): the domain, of
     the signals of `parametrisation`; reference_weights (k,): of the iron fields at the map's reference currents; fixed

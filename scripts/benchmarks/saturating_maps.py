@@ -2,7 +2,7 @@
 
 On the maps `eight_coils` and `workspace` (the drive unit) in maps/out. New currents anywhere in the domain, each from
 nothing, and along a path of which 400 steps go round the domain once. Beside them the older way, as releases before had
-it: Newton's method of the training (`fieldmap.kernels.map.reduced_iron.newton`), from the nearest of the solved states
+it: Newton's method of the training (`fieldmap.kernels.iron.reduced_iron.newton`), from the nearest of the solved states
 that the map remembers or from the step before, to 1e-6, and derivatives from scratch; a wrench at one point by way of
 the arrays; currents for a force without a start. Microseconds of one processor, the least of several runs in which both
 take turns.
@@ -23,8 +23,8 @@ from fieldmap.core.iron import CoreIron
 from fieldmap.currents import IndependentCurrents
 from fieldmap.errors import Infeasible
 from fieldmap.field import dipole_wrench
-from fieldmap.kernels.map.matrix_vector import times
-from fieldmap.kernels.map.reduced_iron import newton, sensitivities
+from fieldmap.kernels.iron.matrix_vector import times
+from fieldmap.kernels.iron.reduced_iron import newton, sensitivities
 from fieldmap.lookup import FieldMap, compiled_currents
 from fieldmap.lookup.current_solver import core_numbers
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from fieldmap.kernels.map.matrix_vector import times, times_transposed
+from fieldmap.kernels.iron.matrix_vector import times, times_transposed
 
 
 @pytest.mark.parametrize(("kind", "accuracy"), [(np.float64, 1e-14), (np.float32, 1e-6)])

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from fieldmap.kernels.iron.reduced_iron import newton, sensitivities
 from fieldmap.kernels.iron.sample_gradients import sample_gradients
-from fieldmap.kernels.map.reduced_iron import newton, sensitivities
 
 POINTS, MODES = 30, 4
 # b = 2000 h up to 1 mT, then slope 1: as one table.

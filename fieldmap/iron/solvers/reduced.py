@@ -14,8 +14,8 @@ from scipy.linalg import cho_solve, cholesky, qr, solve_triangular
 from fieldmap.iron.elements.bh_law import LawTables
 from fieldmap.iron.elements.nodal_elements import CoilField
 from fieldmap.iron.elements.potential_form import Magnetisation, PotentialForm
+from fieldmap.kernels.iron.reduced_iron import newton
 from fieldmap.kernels.iron.sample_gradients import magnetise_states, point_moments, root_of_susceptibility
-from fieldmap.kernels.map.reduced_iron import newton
 from fieldmap.parallel import in_threads, threads_of_kernels
 from fieldmap.records import Record
 from fieldmap.threads import over_rows
@@ -35,7 +35,7 @@ class GalerkinModel(Record):
 
     gradients (3 p, r) and source (3 p, c): gradients of the modes and the coils' field per ampere at the points, in
     T; weights (p,) in m^3; law (p,) and tables: the material there; air (r, r) and constant (r,), see
-    `fieldmap.kernels.map.reduced_iron`; fixed (3 p,): field of the background at the points, T, None without one.
+    `fieldmap.kernels.iron.reduced_iron`; fixed (3 p,): field of the background at the points, T, None without one.
     """
 
     gradients: Array

@@ -15,10 +15,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from fieldmap.kernels.compilation import PLAIN, PLAIN_INLINED, WHOLE, inlined, njit
+from fieldmap.kernels.compilation import inlined, njit
 from fieldmap.kernels.copy_vector import copy_vector
 
 SIGNALS = 7
+PLAIN = {"fastmath": {"contract"}, "nogil": True, "_nrt": False}
+PLAIN_INLINED = {"fastmath": {"contract"}, "_nrt": False}
+WHOLE = {"fastmath": {"contract"}, "nogil": True, "_nrt": True}
 
 
 class Block(NamedTuple):

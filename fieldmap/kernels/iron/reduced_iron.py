@@ -13,7 +13,7 @@ import numpy as np
 
 from fieldmap.kernels.compilation import inlined, njit
 from fieldmap.kernels.iron.magnetisation_law import flux_density
-from fieldmap.kernels.map.matrix_vector import times, times_transposed
+from fieldmap.kernels.iron.matrix_vector import times, times_transposed
 
 PAIRS = 12
 

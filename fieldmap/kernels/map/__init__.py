@@ -1,1 +1,0 @@
-"""Reduced models of saturating iron, solved while they are trained."""
