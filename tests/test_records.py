@@ -160,9 +160,9 @@ NOT_RECORDS = {"Problem", "Choice", "DeviceData", "Balance", "RigidBalance", "Bo
 
 
 def public_classes():
-    """Every class of the package without an underscore, but for kernels, which have none, and commands."""
+    """Every class of the package without an underscore, but for what compiled code takes, and commands."""
     for found in pkgutil.walk_packages(fm.__path__, "fieldmap."):
-        if not found.name.endswith("__main__") and found.name.split(".")[1] not in ("kernels", "cli"):
+        if not found.name.endswith("__main__") and found.name.split(".")[1] not in ("core", "kernels", "cli"):
             module = importlib.import_module(found.name)
             for name, one in vars(module).items():
                 if isinstance(one, type) and one.__module__ == module.__name__ and not name.startswith("_"):
