@@ -1,8 +1,11 @@
 """Controllers: as their samples run, and as the transfer functions and matrices they are designed with.
 
-Depends on: errors, arguments, kernels, device (payload, current division), levitation (forces of a map), scipy.
+Depends on: errors, arguments, core, device (payload, current division), levitation (forces of a map), scipy; numba for
+functions that it compiled.
 Models are plain arrays, so that they go into scipy.signal and python-control as they are.
 """
+
+from typing import TYPE_CHECKING, Any
 
 from fieldmap.control.blocks import (
     AxisReading,
@@ -32,7 +35,7 @@ from fieldmap.control.linear_models import (
     zero_order_hold,
 )
 from fieldmap.control.loop import LinearLoopRun, LoopInstruments, LoopRun, simulate_loop
-from fieldmap.control.pid import PID, RunningPID, pid_transfer_function, run_pid
+from fieldmap.control.pid import PID, pid_transfer_function
 from fieldmap.control.plants import (
     LumpedMagnet,
     MapPlant,
@@ -40,7 +43,8 @@ from fieldmap.control.plants import (
     lumped_magnet_from_lift_currents,
     plant_from_map,
 )
-from fieldmap.control.regulator import Regulator, RunningRegulator, run_regulator
+from fieldmap.control.regulator import Regulator
+from fieldmap.control.running import RunningPID, RunningRegulator, run_pid, run_regulator
 from fieldmap.control.sampled_optimum import Estimator, kalmd, lqrd
 from fieldmap.control.step_metrics import StepMetrics, step_metrics
 from fieldmap.currents import (
@@ -49,7 +53,9 @@ from fieldmap.currents import (
     division_slopes,
     undivide_currents,
 )
-from fieldmap.kernels.control.function import C_SIGNATURE
+
+if TYPE_CHECKING:
+    from fieldmap.control.jitted_function import C_SIGNATURE as C_SIGNATURE
 
 __all__ = [
     "C_SIGNATURE",
@@ -103,3 +109,12 @@ __all__ = [
     "with_output_integral",
     "zero_order_hold",
 ]
+
+
+def __getattr__(name: str) -> Any:
+    # It is numba's, which nothing else here imports.
+    if name == "C_SIGNATURE":
+        from fieldmap.control.jitted_function import C_SIGNATURE
+
+        return C_SIGNATURE
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -137,7 +137,7 @@ def arrays_of(blocks: Sequence[ControllerBlock], nodes: tuple[float, float, floa
         F=np.ascontiguousarray(forward, float),
         lower=np.ascontiguousarray(first.lower, float),
         upper=np.ascontiguousarray(first.upper, float),
-        hold=np.asarray(first.hold, np.int64),
+        hold=np.ascontiguousarray(first.hold, np.int64),
         nodes=np.array(nodes),
     )
 
@@ -162,7 +162,7 @@ def pid_block(
     A, B, E = np.zeros((3, 3)), np.zeros((3, SIGNALS)), np.zeros((3, 1))
     A[0, :2], B[0], B[1], B[2] = (1.0, ki * before), ki * now * error, error, slope
     if controller.anti_windup == "track":
-        share = controller.options.tracking
+        share = controller.tracking
         A[0], B[0], E[0, 0] = A[0] - share * C[0], B[0] - share * D[0], share
     memory = np.zeros(3)
     if at is not None:
@@ -178,30 +178,29 @@ def pid_block(
 def regulator_block(regulator: Regulator, reading: AxisReading) -> ControllerBlock:
     """A regulator with its estimator on one axis, from its equilibrium: docs/theory/control.md (8), (9)."""
     a, b, cx, dx = regulator.matrices
-    settings = regulator.settings
     n = len(a)
     reference, measured = reading.reference, reading.measured
     deviation = measured - reference
-    equilibrium = settings.slope * (measured if settings.at_measured else reference)
-    equilibrium = equilibrium + settings.intercept * np.eye(SIGNALS)[-1]
+    intercept, slope = regulator.equilibrium
+    equilibrium = slope * (measured if regulator.equilibrium_at == "measured" else reference)
+    equilibrium[-1] += intercept
     # Memory: predicted states, delayed filtered states, integral.
-    filtered, of_deviation = np.hstack([cx, np.zeros((n, n + 1))]), dx
-    gain, divisor = regulator.k, settings.divisor
-    fed = {
-        0: (np.eye(n, 2 * n + 1), 0.0 * dx),
-        1: (filtered, of_deviation),
-        2: (np.eye(n, 2 * n + 1, n), 0.0 * dx),
-    }
-    states, direct = fed[int(settings.estimate)]
+    filtered = np.hstack([cx, np.zeros((n, n + 1))])
+    states, direct = {
+        "predicted": (np.eye(n, 2 * n + 1), np.zeros(n)),
+        "filtered": (filtered, dx),
+        "delayed": (np.eye(n, 2 * n + 1, n), np.zeros(n)),
+    }[regulator.estimate]
+    gain, divisor = regulator.k, regulator.divisor
     C = -(gain[:n] @ states)[None] / divisor
     C[0, -1] -= gain[n] / divisor
     D = (equilibrium - (gain[:n] @ direct) * deviation / divisor)[None]
     A, B, E = np.zeros((2 * n + 1, 2 * n + 1)), np.zeros((2 * n + 1, SIGNALS)), np.zeros((2 * n + 1, 1))
     A[:n, :n], E[:n, 0] = a, b[:, 0]
     B[:n] = np.outer(b[:, 1], deviation) - np.outer(b[:, 0], equilibrium)
-    A[n : 2 * n], B[n : 2 * n] = filtered, np.outer(of_deviation, deviation)
-    A[-1, -1], B[-1] = 1.0, settings.Ts * deviation
-    limits = np.array([settings.lower]), np.array([settings.upper])
+    A[n : 2 * n], B[n : 2 * n] = filtered, np.outer(dx, deviation)
+    A[-1, -1], B[-1] = 1.0, regulator.Ts * deviation
+    limits = np.array([regulator.lower]), np.array([regulator.upper])
     return ControllerBlock(A, B, C, D, E, *limits, np.full(2 * n + 1, -1), np.zeros(2 * n + 1))
 
 

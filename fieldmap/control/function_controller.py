@@ -13,32 +13,20 @@ from __future__ import annotations
 import ctypes
 import inspect
 import os
+import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from importlib import import_module
 from typing import Any
 
 import numpy as np
-from numba.core.ccallback import CFunc
-from numba.core.errors import NumbaError
-from numba.extending import is_jitted
 from numpy.typing import ArrayLike
 
 from fieldmap.arguments import check_choice, check_numbers, check_ordered, check_positive
 from fieldmap.control.blocks import arrays_of, constant_block, stacked
-from fieldmap.control.function_failure import CALL, BoundFunction, reason, wrong_outputs
-from fieldmap.control.guarded import guarded
-from fieldmap.core.controller import Block
+from fieldmap.control.function_failure import CALL, WHERE, BoundFunction
+from fieldmap.core.controller import DONE, FAILED, WRONG_LENGTH, Block
 from fieldmap.errors import InputError, Problem
-from fieldmap.kernels.control.function import (
-    C_SIGNATURE,
-    DONE,
-    FAILED,
-    WRONG_LENGTH,
-    compiled_function,
-    number_of,
-    returned_type,
-    with_checked_indices,
-)
 from fieldmap.records import Record, count_of
 from fieldmap.typing import Array
 
@@ -50,7 +38,6 @@ ControlFunction = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_double, _real, _real, 
 """The C signature for ctypes: `ControlFunction(("control", library))`, or set restype and argtypes."""
 # As the callback of a Python function takes it: addresses, of which arrays are made once.
 _Entry = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_double, *[ctypes.c_void_p] * 4)
-_WHERE = "FunctionController(function)"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -145,10 +132,9 @@ class FunctionController(Record):
         if self.form == "numba":
             key = len(names)
             if key not in self._compiled:  # type: ignore[attr-defined]
-                checked = with_checked_indices(self.function)
-                found = checked, _compiled(checked, names, len(self.memory))
+                found = _about_numba().JittedFunction(self.function, names, len(self.memory))
                 self._compiled[key] = found  # type: ignore[attr-defined]
-            return _JittedFunction(*self._compiled[key])  # type: ignore[attr-defined]
+            return self._compiled[key]  # type: ignore[attr-defined]
         return _ForeignFunction(self.function)
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -161,32 +147,39 @@ def as_controller(given: Any) -> Any:
     return given if known else FunctionController(given)
 
 
+def _about_numba() -> Any:
+    """The module about numba's functions; None where nobody has imported numba: then there are none."""
+    return import_module("fieldmap.control.jitted_function") if "numba" in sys.modules else None
+
+
 def _form(function: Any) -> str:
     """python, numba or c. Raises InputError for what has another signature, or cannot be called."""
-    if isinstance(function, CFunc):
-        given = function._sig  # type: ignore[attr-defined]
-        if (given.return_type, given.args) != (C_SIGNATURE.return_type, C_SIGNATURE.args):
+    jitted = _about_numba()
+    if jitted and isinstance(function, jitted.CFunc):
+        wanted, signature = jitted.C_SIGNATURE, function._sig
+        if (signature.return_type, signature.args) != (wanted.return_type, wanted.args):
             remedy = "compile it with @numba.cfunc(fieldmap.control.C_SIGNATURE)"
-            raise InputError(Problem(_WHERE, f"must be {C_CALL}", str(given), remedy))
+            raise InputError(Problem(WHERE, f"must be {C_CALL}", str(signature), remedy))
         return "c"
     if isinstance(function, _CPointer):
         _check_ctypes(function)
         return "c"
     if isinstance(function, (int, np.integer)) and not isinstance(function, bool):
         if function <= 0:
-            raise InputError(Problem(_WHERE, f"must be the address of {C_CALL}", f"{function}", "give it"))
+            raise InputError(Problem(WHERE, f"must be the address of {C_CALL}", f"{function}", "give it"))
         return "c"
     if not callable(function):
-        raise InputError(Problem(_WHERE, f"must be {CALL}", type(function).__name__, "give a function"))
-    python = function.py_func if is_jitted(function) else function
+        raise InputError(Problem(WHERE, f"must be {CALL}", type(function).__name__, "give a function"))
+    is_jitted = bool(jitted) and jitted.is_jitted(function)
+    python = function.py_func if is_jitted else function
     try:
         inspect.signature(python).bind(0.0, None, None, None)
     except TypeError as error:
         received = f"{getattr(python, '__name__', type(python).__name__)}{inspect.signature(python)}: {error}"
-        raise InputError(Problem(_WHERE, f"must be {CALL}", received, "take these four arguments")) from None
+        raise InputError(Problem(WHERE, f"must be {CALL}", received, "take these four arguments")) from None
     except ValueError:
         pass  # a builtin that does not say what it takes
-    return "numba" if is_jitted(function) else "python"
+    return "numba" if is_jitted else "python"
 
 
 def _check_ctypes(function: Any) -> None:
@@ -199,21 +192,7 @@ def _check_ctypes(function: Any) -> None:
     if not fits:
         names = [getattr(each, "__name__", str(each)) for each in (function.restype, *(declared or ()))]
         remedy = "set restype to ctypes.c_int and argtypes as fieldmap.control.ControlFunction has them"
-        raise InputError(Problem(_WHERE, f"must be {C_CALL}", ", ".join(names), remedy))
-
-
-def _compiled(function: Any, names: Sequence[str], states: int) -> Any:
-    """A jitted function as a C function."""
-    try:
-        returned = returned_type(function)
-    except (NumbaError, RuntimeError) as error:
-        must = f"must compile as {CALL}: a float and three arrays of float64"
-        remedy = "mend what numba says there, or give the function without numba; decorate it with @numba.njit alone"
-        raise InputError(Problem(_WHERE, must, reason(error), remedy)) from error
-    number = number_of(returned)
-    if number is not None and number != len(names):
-        raise InputError(wrong_outputs(_WHERE, names, f"{returned}"))
-    return compiled_function(function, len(names), states)
+        raise InputError(Problem(WHERE, f"must be {C_CALL}", ", ".join(names), remedy))
 
 
 class _PythonFunction:
@@ -275,42 +254,6 @@ def _array_at(address: int | None, size: int) -> Array:
     return np.ctypeslib.as_array((ctypes.c_double * size).from_address(address))
 
 
-class _JittedFunction:
-    """A function jitted by numba with its indices checked, compiled for the loop."""
-
-    def __init__(self, function: Any, entry: Any) -> None:
-        self._function, self._entry = function, entry
-
-    @property
-    def address(self) -> int:
-        return int(self._entry.address)
-
-    def cause(self, time: float, measured: Array, reference: Array, state: Array) -> BaseException | None:
-        """Compiled code cannot keep an exception: the function is called once more, to see it, and then its Python
-        source, which knows its line and the index."""
-        given = (measured, reference, state)
-        compiled = _raised_by(self._function, time, *given)
-        if compiled is None:
-            return None
-        source = _raised_by(self._function.py_func, time, *given)
-        return source if type(source) is type(compiled) else compiled
-
-    def shape(self, time: float, measured: Array, reference: Array, state: Array) -> str:
-        found = self._function(time, guarded(measured), guarded(reference), guarded(state))
-        return f"an array {np.shape(found)}"
-
-
-def _raised_by(
-    function: Callable[..., Any], time: float, measured: Array, reference: Array, state: Array
-) -> Exception | None:
-    try:
-        with np.errstate(all="ignore"):
-            function(time, guarded(measured), guarded(reference), guarded(state))
-    except Exception as error:
-        return error
-    return None
-
-
 class _ForeignFunction:
     """A C function."""
 
@@ -319,11 +262,10 @@ class _ForeignFunction:
 
     @property
     def address(self) -> int:
-        if isinstance(self._function, CFunc):
-            return int(self._function.address or 0)
         if isinstance(self._function, _CPointer):
             return ctypes.cast(self._function, ctypes.c_void_p).value or 0
-        return int(self._function)
+        # One that numba compiled says its address.
+        return int(getattr(self._function, "address", self._function))
 
     def cause(self, time: float, measured: Array, reference: Array, state: Array) -> BaseException | None:
         return None

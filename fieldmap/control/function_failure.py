@@ -10,11 +10,12 @@ from collections.abc import Sequence
 from typing import Protocol
 
 from fieldmap.control.guarded import overrun
+from fieldmap.core.controller import DONE, WRONG_LENGTH
 from fieldmap.errors import Problem
-from fieldmap.kernels.control.function import DONE, WRONG_LENGTH
 from fieldmap.records import count_of
 from fieldmap.typing import Array
 
+WHERE = "FunctionController(function)"
 CALL = "function(time, measured, reference, state) -> outputs"
 _HERE = os.path.dirname(__file__)
 

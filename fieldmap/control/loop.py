@@ -3,7 +3,7 @@
 The loop of a magnet on a map is `fieldmap.dynamics.simulate_closed_loop`. Both take the same controllers and
 instruments, and both return a `LoopRun`. Their compiled loops stay apart: this one advances a state by one matrix
 product a sample, for many runs at once; the other one integrates a rigid body in an interpolated field between the
-samples and ends at events.
+samples and ends at events. Every controller is a block there, PID controllers and regulators too.
 """
 
 from __future__ import annotations
@@ -15,42 +15,31 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fieldmap.arguments import check_count, check_positive, check_signal
-from fieldmap.control.blocks import Controller
+from fieldmap.control.blocks import Controller, pid_block, regulator_block
 from fieldmap.control.linear_models import StateSpace, check_model, controller_form
 from fieldmap.control.pid import PID
 from fieldmap.control.regulator import Regulator
+from fieldmap.control.running import ALONE
+from fieldmap.core.controller import CoreController
+from fieldmap.core.instruments import Chain, Drive
+from fieldmap.core.sampled_loop import Instruments, Plant, Signals, simulate
 from fieldmap.errors import InputError, Problem
-from fieldmap.kernels.control.sampled_loop import (
-    LoopChain,
-    LoopSignals,
-    SampledPlant,
-    block_loop,
-    pid_loop,
-    regulator_loop,
-)
 from fieldmap.records import Record
 from fieldmap.typing import Array
-
-
-def _ideal_chain() -> Array:
-    return np.array([0.0, 1.0, 0.0, -np.inf, np.inf, 0.0, 0.0, 0.0, -np.inf, np.inf])
-
-
-def _ideal_drive() -> Array:
-    return np.array([0.0, -np.inf, np.inf, 1.0, 0.0, -np.inf, np.inf])
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class LoopInstruments(Record):
     """The numbers of sensor, converters and amplifier as compiled loops take them; ideal unless given.
 
-    chain (10,), drive (7,): see fieldmap.kernels.control.instruments, and fieldmap.instruments, which makes them of
-    data sheets. position, output: the operating point, in the units of plant and controller, about which the loop's
-    signals are deviations: where steps and limits of the instruments lie depends on it.
+    chain (10,), drive (7,): `Chain` and `Drive` of fieldmap.core.instruments, or arrays in their order;
+    fieldmap.instruments makes them of data sheets. position, output: the operating point, in the units of plant and
+    controller, about which the loop's signals are deviations: where steps and limits of the instruments lie depends
+    on it.
     """
 
-    chain: Array = field(default_factory=_ideal_chain)
-    drive: Array = field(default_factory=_ideal_drive)
+    chain: Chain | Array = field(default_factory=Chain)
+    drive: Drive | Array = field(default_factory=Drive)
     position: float = 0.0
     output: float = 0.0
 
@@ -145,24 +134,20 @@ def simulate_loop(
     shape = (runs, target.size)
     noises = (position_noise, voltage_noise, current_noise, disturbance)
     names = ("position_noise", "voltage_noise", "current_noise", "disturbance")
-    filled = [_filled(name, noise, shape) for name, noise in zip(names, noises, strict=True)]
+    signals = [_fitting(name, noise, shape) for name, noise in zip(names, noises, strict=True)]
     at = instruments or LoopInstruments()
-    numbers = LoopChain(
-        np.ascontiguousarray(at.chain, dtype=float),
-        np.ascontiguousarray(at.drive, dtype=float),
-        float(at.position),
-    )
+    numbers = Instruments(np.array(at.chain, float), np.array(at.drive, float), at.position, at.output)
     y, u = np.empty(shape), np.empty(shape)
-    signals = (SampledPlant(*model, float(at.output)), target, LoopSignals(*filled), numbers)
-    period = _sampling_time(controller, Ts)
-    if isinstance(controller, PID):
-        slope_of_error = int(controller.derivative == "error")
-        pid_loop(*signals, controller.sign, slope_of_error, controller.gains, controller.options, y, u)
-    elif isinstance(controller, Regulator):
-        regulator_loop(*signals, controller.matrices, controller.k, controller.settings, y, u)
-    else:
-        block_loop(*signals, controller.arrays, np.array(controller.memory, float), y, u)
+    period, block = _sampling_time(controller, Ts), _as_block(controller)
+    memory = np.array(block.memory, float)
+    simulate(model, CoreController(block.arrays), numbers, Signals(target[None], *signals), memory, y, u)
     return LinearLoopRun(period * np.arange(target.size, dtype=np.float64), target, y, u)
+
+
+def _as_block(controller: PID | Regulator | Controller) -> Controller:
+    if isinstance(controller, PID):
+        return pid_block(controller, ALONE)
+    return regulator_block(controller, ALONE) if isinstance(controller, Regulator) else controller
 
 
 def _sampling_time(controller: PID | Regulator | Controller, given: float | None) -> float:
@@ -182,8 +167,8 @@ def _sampling_time(controller: PID | Regulator | Controller, given: float | None
     return given
 
 
-def _strictly_proper(plant: tuple) -> tuple[Array, Array, Array]:
-    """A, B (n,), C (n,) of a plant with one input and one output whose output does not wait for its input."""
+def _strictly_proper(plant: tuple) -> Plant:
+    """Of one input and one output, whose output does not wait for its input."""
     if len(plant) not in (2, 4):
         raise InputError(
             Problem(
@@ -204,15 +189,16 @@ def _strictly_proper(plant: tuple) -> tuple[Array, Array, Array]:
                 "a sampled plant answers one sample later; take the numerator's degree below the denominator's",
             )
         )
-    return np.ascontiguousarray(A), np.ascontiguousarray(B[:, 0]), np.ascontiguousarray(C[0])
+    return Plant(*(np.array(part, order="C") for part in (A, B[:, 0], C[0])))
 
 
-def _filled(name: str, values: ArrayLike, shape: tuple[int, int]) -> Array:
+def _fitting(name: str, values: ArrayLike, shape: tuple[int, int]) -> Array:
+    """A signal (runs or 1, samples or 1)."""
     signal = check_signal(f"simulate_loop({name})", values)
-    try:
-        # Of its own and so writable: the loop would be compiled anew for every other mixture.
-        return np.array(np.broadcast_to(signal, shape), float)
-    except ValueError:
+    fits = signal.ndim <= 2 and all(
+        given in (1, wanted) for given, wanted in zip(signal.shape[::-1], shape[::-1], strict=False)
+    )
+    if not fits:
         raise InputError(
             Problem(
                 f"simulate_loop({name})",
@@ -220,4 +206,5 @@ def _filled(name: str, values: ArrayLike, shape: tuple[int, int]) -> Array:
                 f"shape {signal.shape}",
                 "give one value per sample of the reference, and one row per run",
             )
-        ) from None
+        )
+    return np.atleast_2d(np.require(signal, requirements=["C", "A"]))

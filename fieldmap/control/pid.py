@@ -1,24 +1,14 @@
-"""The sampled PID controller as it runs, and as a transfer function."""
+"""The sampled PID controller, and its transfer function."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from fieldmap.arguments import (
-    check_choice,
-    check_not_negative,
-    check_numbers,
-    check_ordered,
-    check_positive,
-    check_signal,
-)
+from fieldmap.arguments import check_choice, check_not_negative, check_numbers, check_ordered, check_positive
 from fieldmap.control.linear_models import TransferFunction, transfer_function
-from fieldmap.kernels.control.pid import PidGains, PidOptions, pid_run, pid_sample
 from fieldmap.records import Record
-from fieldmap.typing import Array
 
 INTEGRATION = ("rectangular", "trapezoidal")
 ANTI_WINDUP = ("none", "hold", "track")
@@ -66,66 +56,17 @@ class PID(Record):
         return -1.0 if self.acts_on_minus_error else 1.0
 
     @property
-    def gains(self) -> PidGains:
-        """Proportional, integral per sample, derivative per sample."""
-        return PidGains(
-            float(self.Kc), float(self.Kc * self.Ts / self.Ti), float(self.Kc * self.Td / self.Ts)
-        )
+    def gains(self) -> tuple[float, float, float]:
+        """Kc, and per sample Kc Ts / Ti and Kc Td / Ts."""
+        return float(self.Kc), float(self.Kc * self.Ts / self.Ti), float(self.Kc * self.Td / self.Ts)
 
     @property
-    def options(self) -> PidOptions:
-        """Limits, anti-windup and integration as numbers."""
-        tracking = self.tracking_time
-        if tracking is None:
-            tracking = np.sqrt(self.Ti * self.Td) if self.Td else self.Ti
-        share = min(1.0, self.Ts / tracking)
-        kind = float(ANTI_WINDUP.index(self.anti_windup))
-        trapezoidal = float(self.integration == "trapezoidal")
-        return PidOptions(float(self.lower), float(self.upper), kind, float(share), trapezoidal)
-
-
-class RunningPID:
-    """A PID controller with its memory, for a loop of your own: one call a sample.
-
-    >>> running = RunningPID(PID(Kc=2.0, Ti=0.1, Td=0.0, Ts=0.01))
-    >>> [round(running.step(reference=1.0, measured=y), 3) for y in (0.0, 0.5)]
-    [2.2, 1.3]
-    """
-
-    def __init__(self, controller: PID) -> None:
-        self.controller = controller
-        self.reset()
-
-    def reset(self, integral: float = 0.0) -> None:
-        """Forget the past; the integral part of the output begins at `integral`."""
-        check_numbers("RunningPID.reset", integral=integral)
-        self._numbers = np.array([*self.controller.gains, *self.controller.options])
-        self._state = np.array([integral, 0.0, 0.0])
-
-    def step(self, reference: float, measured: float) -> float:
-        """The output at this sample. Raises InputError for numbers that are not finite, before they do harm."""
-        check_numbers("RunningPID.step", reference=reference, measured=measured)
-        sign = self.controller.sign
-        error = sign * (reference - measured)
-        slope = error if self.controller.derivative == "error" else -sign * measured
-        return float(pid_sample(error, slope, self._numbers, self._state))
-
-
-def run_pid(controller: PID, reference: ArrayLike, measured: ArrayLike) -> Array:
-    """Outputs (n,) of a controller that starts from rest, for given measurements (n,); open loop.
-
-    reference: (n,) or one number. Raises InputError for signals that are not finite or of different length.
-
-    >>> run_pid(PID(0.5, 0.007, 0.001, 2e-3), 1.0, [0.0, 0.0]).round(5).tolist()
-    [0.89286, 0.78571]
-    """
-    seen = np.atleast_1d(check_signal("run_pid(measured)", measured))
-    target = np.broadcast_to(check_signal("run_pid(reference)", reference), seen.shape)
-    error = controller.sign * (target - seen)
-    slope = error if controller.derivative == "error" else -controller.sign * seen
-    outputs = np.empty(seen.size)
-    pid_run(error, slope, controller.gains, controller.options, np.zeros(3), outputs)
-    return outputs
+    def tracking(self) -> float:
+        """Share Ts / Tt of what a limit cuts off by which an integral that tracks follows in a sample."""
+        time = self.tracking_time
+        if time is None:
+            time = float(np.sqrt(self.Ti * self.Td)) if self.Td else self.Ti
+        return min(1.0, self.Ts / time)
 
 
 def pid_transfer_function(

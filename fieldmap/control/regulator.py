@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from fieldmap.arguments import (
     check_choice,
@@ -17,7 +16,6 @@ from fieldmap.arguments import (
 )
 from fieldmap.control.sampled_optimum import Estimator
 from fieldmap.errors import InputError, Problem
-from fieldmap.kernels.control.regulator import EstimatorRows, RegulatorSettings, regulator_run, regulator_step
 from fieldmap.records import Record
 from fieldmap.typing import Array
 
@@ -86,64 +84,8 @@ class Regulator(Record):
             check_positive("Regulator", divisor=self.divisor)
 
     @property
-    def matrices(self) -> EstimatorRows:
-        """A_est, B_est, and the rows of C_est and of D_est's last column that give the filtered states."""
-        A, B, C, D = (np.ascontiguousarray(matrix, dtype=float) for matrix in self.estimator)
-        return EstimatorRows(A, B, np.ascontiguousarray(C[1:]), np.ascontiguousarray(D[1:, 1]))
-
-    @property
-    def settings(self) -> RegulatorSettings:
-        """The other numbers."""
-        which = float(ESTIMATES.index(self.estimate))
-        measured = float(EQUILIBRIUM_AT.index(self.equilibrium_at))
-        numbers = (self.Ts, self.divisor, self.lower, self.upper, which, *self.equilibrium, measured)
-        return RegulatorSettings(*(float(number) for number in numbers))
-
-
-class RunningRegulator:
-    """A regulator with its memory, for a loop of your own: one call a sample."""
-
-    def __init__(self, regulator: Regulator) -> None:
-        self.regulator = regulator
-        self._matrices, self._settings = regulator.matrices, regulator.settings
-        self.reset()
-
-    def reset(self) -> None:
-        """Forget the past: all states at the equilibrium."""
-        order = self._matrices.a.shape[0]
-        self._state, self._filtered = np.zeros(2 * order + 1), np.zeros(order)
-
-    @property
-    def states(self) -> Array:
-        """The filtered states x[n|n] of the last sample."""
-        return self._filtered.copy()
-
-    def step(self, reference: float, measured: float) -> float:
-        """The output at this sample. Raises InputError for numbers that are not finite, before they do harm."""
-        check_numbers("RunningRegulator.step", reference=reference, measured=measured)
-        return float(
-            regulator_step(
-                reference,
-                measured,
-                self._matrices,
-                self.regulator.k,
-                self._settings,
-                self._state,
-                self._filtered,
-            )
-        )
-
-
-def run_regulator(regulator: Regulator, reference: ArrayLike, measured: ArrayLike) -> tuple[Array, Array]:
-    """Outputs (n,) and filtered states (n, order) of a regulator that starts at the equilibrium; open loop.
-
-    measured: (n,); reference: (n,) or one number. Raises InputError for signals that are not finite or do not fit.
-    """
-    seen = np.atleast_1d(check_signal("run_regulator(measured)", measured))
-    target = np.array(np.broadcast_to(check_signal("run_regulator(reference)", reference), seen.shape))
-    matrices = regulator.matrices
-    order = matrices.a.shape[0]
-    outputs, states = np.empty(seen.size), np.empty((seen.size, order))
-    state = np.zeros(2 * order + 1)
-    regulator_run(target, seen, matrices, regulator.k, regulator.settings, state, outputs, states)
-    return outputs, states
+    def matrices(self) -> tuple[Array, Array, Array, Array]:
+        """Of the prediction a (n, n) and b (n, 2), whose inputs are control, then output; of the filtered states cx
+        (n, n) and dx (n,)."""
+        A, B, C, D = (np.asarray(matrix, dtype=float) for matrix in self.estimator)
+        return A, B, C[1:], D[1:, 1]

@@ -9,6 +9,9 @@ from fieldmap.typing import Array
 
 SIGNALS = 7
 """Reference (3) and measured position (3), m, frame of the map, and 1."""
+DONE, FAILED, WRONG_LENGTH = 0, 1, 2
+"""What a controller that is a C function returns; any number but DONE ends the run. An exception, and outputs of
+another number, are reported by numbers of their own."""
 
 
 class Block(NamedTuple):
@@ -33,9 +36,26 @@ class CoreController:
     """A block, ready for the functions of the core. Its arrays must not change while it is used."""
 
     def __init__(self, block: Block) -> None:
+        self._block = block
         self.controller = LIBRARY.controller(block)
+
+    def control(
+        self,
+        signals: Array,
+        feedforward: Array | None,
+        memory: Array,
+        outputs: Array,
+        memories: Array | None = None,
+    ) -> int:
+        """Fill outputs (p, m) of p samples, signals (p, 7), one after the other, and advance memory (n,); at how many
+        of them a limit held an output back. feedforward (p, m), or None for none. memories (p, n): memory after
+        each."""
+        return int(LIBRARY.control(self.controller, signals, feedforward, memory, outputs, memories))
 
     def quiet_feedforward(self, references: Array, wanted: Array, memory: Array, feedforward: Array) -> None:
         """Fill feedforward (p, m), with which it gives the outputs wanted (p, m) where the sensed point is at its
         references (p, 3). memory (n,) is advanced."""
         LIBRARY.quiet_feedforward(self.controller, references, wanted, memory, feedforward)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return CoreController, (self._block,)

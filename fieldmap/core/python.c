@@ -9,11 +9,13 @@
 #include "python_body.h"
 #include "python_caller.h"
 #include "python_controller.h"
+#include "python_instruments.h"
 #include "python_iron.h"
 #include "python_least_power.h"
 #include "python_machine.h"
 #include "python_map.h"
 #include "python_mujoco.h"
+#include "python_sampled_loop.h"
 #include "python_table.h"
 #if defined(__x86_64__) && defined(__GNUC__)
 #include <cpuid.h>
@@ -41,8 +43,9 @@ static PyObject *is_for_newer(PyObject *self, PyObject *const *args, Py_ssize_t 
 #define FUNCTION(name) {#name, (PyCFunction)(void (*)(void))name, METH_FASTCALL, NULL}
 
 static PyMethodDef functions[] = {
-    FUNCTION(is_for_newer), MAP_FUNCTIONS, BODY_FUNCTIONS, CALLER_FUNCTIONS, CONTROLLER_FUNCTIONS, IRON_FUNCTIONS,
-    LEAST_POWER_FUNCTIONS, MACHINE_FUNCTIONS, MUJOCO_FUNCTIONS, TABLE_FUNCTIONS, {NULL, NULL, 0, NULL}};
+    FUNCTION(is_for_newer), MAP_FUNCTIONS, BODY_FUNCTIONS, CALLER_FUNCTIONS, CONTROLLER_FUNCTIONS, INSTRUMENT_FUNCTIONS,
+    IRON_FUNCTIONS, LEAST_POWER_FUNCTIONS, MACHINE_FUNCTIONS, MUJOCO_FUNCTIONS, SAMPLED_LOOP_FUNCTIONS, TABLE_FUNCTIONS,
+    {NULL, NULL, 0, NULL}};
 
 #define CONSTANT(name) {#name, FIELDMAP_##name}
 

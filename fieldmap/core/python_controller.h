@@ -130,6 +130,41 @@ static PyObject *quiet_feedforward(PyObject *self, PyObject *const *args, Py_ssi
     Py_RETURN_NONE;
 }
 
-#define CONTROLLER_FUNCTIONS FUNCTION(controller), FUNCTION(quiet_feedforward)
+/* control(controller, signals (p, 7), feedforward (p, m) or None, memory (n,), outputs (p, m), memories (p, n) or None): sample
+ * by sample; at how many of them a limit held an output back. memories: the memory after each. */
+static PyObject *control(PyObject *self, PyObject *const *args, Py_ssize_t given)
+{
+    const fieldmap_controller *of;
+    const double *signals, *ahead = NULL, *nothing;
+    double *memory, *outputs, *memories = NULL, *scratch;
+    npy_intp count, n, m, p;
+    long held = 0;
+    (void)self;
+    if (!has_arguments(given, 6) || (of = controller_in(args[0])) == NULL) return NULL;
+    n = of->states, m = of->outputs;
+    count = PyArray_Check(args[1]) ? PyArray_SIZE((PyArrayObject *)args[1]) / FIELDMAP_SIGNALS : 0;
+    signals = numbers_of(args[1], 2, FIELDMAP_SIGNALS * count);
+    if (args[2] != Py_None) ahead = numbers_of(args[2], 2, count * m);
+    if (signals == NULL || PyArray_DIM((PyArrayObject *)args[1], 1) != FIELDMAP_SIGNALS
+        || (ahead == NULL) != (args[2] == Py_None)) {
+        PyErr_SetString(PyExc_TypeError, "signals (p, 7) and feedforward (p, outputs) must be float64 arrays in C order");
+        return NULL;
+    }
+    if ((memory = numbers_to_fill(args[3], n, "memory")) == NULL) return NULL;
+    if ((outputs = numbers_to_fill(args[4], count * m, "outputs")) == NULL) return NULL;
+    if (args[5] != Py_None && (memories = numbers_to_fill(args[5], count * n, "memories")) == NULL) return NULL;
+    scratch = (double *)PyMem_Calloc((size_t)(fieldmap_controller_scratch(of) + of->outputs) + 1, sizeof(double));
+    if (scratch == NULL) return PyErr_NoMemory();
+    nothing = scratch + fieldmap_controller_scratch(of);
+    for (p = 0; p < count; p++) {
+        const double *forward = ahead == NULL ? nothing : ahead + p * m;
+        held += fieldmap_control(of, signals + FIELDMAP_SIGNALS * p, forward, memory, scratch, outputs + p * m);
+        if (memories != NULL) memcpy(memories + p * n, memory, (size_t)n * sizeof(double));
+    }
+    PyMem_Free(scratch);
+    return PyLong_FromLong(held);
+}
+
+#define CONTROLLER_FUNCTIONS FUNCTION(controller), FUNCTION(control), FUNCTION(quiet_feedforward)
 
 #endif

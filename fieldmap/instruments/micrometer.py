@@ -16,10 +16,10 @@ from fieldmap.arguments import (
     check_positive,
     check_signal,
 )
+from fieldmap.core.instruments import held_scans
 from fieldmap.deprecated import REMOVAL
 from fieldmap.errors import InputError, Problem
 from fieldmap.instruments.amplifier import USUAL_RANGE
-from fieldmap.kernels.control.instruments import held_scans
 from fieldmap.records import Record
 from fieldmap.typing import Array
 

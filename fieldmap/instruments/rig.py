@@ -9,10 +9,10 @@ from numpy.typing import ArrayLike
 
 from fieldmap.arguments import check_numbers, check_signal
 from fieldmap.control.loop import LoopInstruments
+from fieldmap.core.instruments import Chain, Drive, drive_all, measure_all
 from fieldmap.instruments.amplifier import Amplifier
 from fieldmap.instruments.converter import Converter
 from fieldmap.instruments.micrometer import Micrometer
-from fieldmap.kernels.control.instruments import drive_all, measure_all
 from fieldmap.records import Record
 from fieldmap.typing import Array
 
@@ -36,19 +36,18 @@ class Rig(Record):
         check_numbers("Rig", gain_error=self.gain_error, offset_error=self.offset_error)
 
     @property
-    def chain(self) -> Array:
-        """The measuring chain in the order of fieldmap.kernels.control.instruments."""
+    def chain(self) -> Chain:
+        """From a position to what the controller reads, as the C core simulates it."""
         m, c = self.micrometer, self.input
-        sensor = [m.zero, m.scale, m.voltage_step, m.lower, m.upper]
-        return np.array([*sensor, self.gain_error, self.offset_error, c.resolution, -c.range, c.range])
+        sensor = (m.zero, m.scale, m.voltage_step, m.lower, m.upper)
+        return Chain(*sensor, self.gain_error, self.offset_error, c.resolution, -c.range, c.range)
 
     @property
-    def drive(self) -> Array:
-        """The driving chain in the order of fieldmap.kernels.control.instruments."""
+    def drive(self) -> Drive:
+        """From the controller's voltage to the current, as the C core simulates it."""
         a, c = self.amplifier, self.output
         lower, upper = max(a.lower, -c.range), min(a.upper, c.range)
-        limits = [a.current_lower, a.current_upper]
-        return np.array([c.resolution, lower, upper, a.gain, a.offset, *limits])
+        return Drive(c.resolution, lower, upper, a.gain, a.offset, a.current_lower, a.current_upper)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -73,7 +72,7 @@ def measured_positions(rig: Rig, positions: ArrayLike, generator: np.random.Gene
     for positions that are not finite.
     """
     given = check_signal("measured_positions(positions)", positions)
-    flat = given.ravel()
+    flat = np.array(given).ravel()
     voltage_noise = np.zeros(flat.size)
     if generator is not None:
         noise = draw_noise(rig, generator, flat.shape)
@@ -86,7 +85,7 @@ def measured_positions(rig: Rig, positions: ArrayLike, generator: np.random.Gene
 def driven_currents(rig: Rig, voltages: ArrayLike, generator: np.random.Generator | None = None) -> Array:
     """The currents, A, that flow for voltages of the controller, V, of any shape: converter, limits, gain, noise."""
     given = check_signal("driven_currents(voltages)", voltages)
-    flat = np.ascontiguousarray(given.ravel())
+    flat = np.array(given).ravel()
     noise = np.zeros(flat.size) if generator is None else draw_noise(rig, generator, flat.shape).current
     out = np.empty(flat.size)
     drive_all(flat, noise, rig.drive, out)

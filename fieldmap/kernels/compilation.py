@@ -1,4 +1,4 @@
-"""How kernels are compiled: `njit` and `cfunc` of numba with what all want, and `inlined` for parts of kernels."""
+"""How kernels are compiled: `njit` of numba with what all want, and `inlined` for parts of kernels."""
 
 from collections.abc import Callable
 from functools import partial, update_wrapper
@@ -12,7 +12,6 @@ import numba
 # in numpy: to raise an error, as Python does, numba adds a branch to each division and the way out to all callers.
 _KEPT = {"cache": True, "error_model": "numpy"}
 njit: Any = partial(numba.njit, no_cfunc_wrapper=True, fastmath=False, forceinline=False, **_KEPT)
-cfunc: Any = partial(numba.cfunc, **_KEPT)
 
 
 class Inlined:

@@ -67,7 +67,6 @@ class CurrentModel:
         self._follow = follow
         self._names = coil_names
         self._outside = outside
-        self._fixed = model.fixed if model.fixed.size else None
         self._own = threading.local()
         self._last_slopes: tuple[bytes, Array] = (b"", np.empty(0))
 
@@ -82,20 +81,20 @@ class CurrentModel:
     @property
     def fields_beside_coils(self) -> int:
         """How many fields a map has behind those of its coils: the iron's, and that of the background if any."""
-        return self.model.field_count + (self._fixed is not None)
+        return self.model.field_count + (self.model.fixed.size > 0)
 
     def of_amplitudes(self, amplitudes: Array) -> Array:
         """Weights (..., f) of the fields behind the coils' for amplitudes (..., r): the iron's, then 1 for the
         background if there is any."""
         iron = amplitudes @ self.model.output.T
-        if self._fixed is None:
+        if not self.model.fixed.size:
             return iron
         return np.concatenate([iron, np.ones((*iron.shape[:-1], 1))], axis=-1)
 
     def of_state(self, amplitudes: Array) -> Array:
         """`of_amplitudes` of one state (r,)."""
         iron = np.asarray(self.model.output @ amplitudes)
-        return iron if self._fixed is None else np.append(iron, 1.0)
+        return iron if not self.model.fixed.size else np.append(iron, 1.0)
 
     def weights(self, currents: Array) -> Array:
         """Weights (..., n_fields): the currents (..., c) in A, then those of the fields behind them.
@@ -138,15 +137,16 @@ class CurrentModel:
         return state.amplitudes
 
     def slopes(self, currents: Array) -> Array:
-        """Derivatives (s, f, c) of the weights of the fields behind the coils' by the currents, 1/A, at currents
-        (s, c), wherever they lie."""
-        count, coils = currents.shape
+        """Derivatives (s, f, c) of the weights of the fields behind the coils' by the currents, at currents (s, c),
+        wherever they lie."""
+        rows, coils = np.array(currents, dtype=np.float64, order="C"), currents.shape[1]
         state, weights = self._state("tight"), np.empty(coils + self.fields_beside_coils)
-        found = np.empty((count, len(weights), coils))
-        for row, out in zip(np.ascontiguousarray(currents), found, strict=True):
-            if state.solve(row, weights, out, tolerance=_TIGHT) != FOUND:
+        slopes = np.empty((len(rows), len(weights), coils))
+        for row, out in zip(rows, slopes, strict=True):
+            # The state is found to a hundredth of the tolerance.
+            if state.solve(row, weights, out, tolerance=100.0 * _TIGHT, fresh=True) != FOUND:
                 raise not_converged(row, state.left)
-        return found[:, coils:]
+        return slopes[:, coils:]
 
     @cached_property
     def _core(self) -> CoreIron:

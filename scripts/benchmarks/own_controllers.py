@@ -1,9 +1,8 @@
 """How many samples a second a controller of one's own takes: Python, numba and C beside the shipped PID, and by hand.
 
 The machine of `benchmarks.dynamics`, linear iron, six coils, noise and windings; one PID on the height in all forms.
-Twice: mechanics of 0.1 ms at a period of 2 ms, where the mechanics takes the time, and one mechanical step a sample;
-then what one call of the function takes in a compiled loop of nothing else. Seconds are processor seconds, the least of
-several runs, in which the forms take turns.
+Twice: mechanics of 0.1 ms at a period of 2 ms, where the mechanics takes the time, and one mechanical step a sample.
+Seconds are processor seconds, the least of several runs, in which the forms take turns.
 """
 
 import ctypes
@@ -33,20 +32,17 @@ from fieldmap.dynamics import (
     simulate_closed_loop,
     stacked,
 )
-from fieldmap.kernels.control.function import call_function
 
 KC, TI, TD = 0.334, 0.42, 0.06
 
 
 @dataclass(frozen=True)
 class Row:
-    """One form of the controller: samples per second at 20 mechanical steps a sample and at one, ns of a call (NaN for
-    what is no function)."""
+    """One form of the controller: samples per second at 20 mechanical steps a sample and at one."""
 
     what: str
     samples_per_second: float
     of_one_step: float
-    call_ns: float
 
 
 def pid(output: float, ts: float) -> Callable[..., Any]:
@@ -128,28 +124,6 @@ def seconds_per_sample(
     return best
 
 
-@numba.njit(nogil=True)
-def call_often(address, times, measured, reference, state, outputs):  # type: ignore[no-untyped-def]
-    """A compiled loop of nothing but calls."""
-    total = 0
-    for k in range(times):
-        total += call_function(address, 1e-4 * k, measured, reference, state, outputs)
-    return total
-
-
-def call_ns(controller: Any, sensed: np.ndarray) -> float:
-    """Of one call, the least of several loops."""
-    if not isinstance(controller, FunctionController):
-        return NAN
-    bound, times = controller.bound(("lift", "x", "y")), 20_000
-    spent = []
-    for _ in range(8):
-        begin = time.process_time()
-        call_often(bound.address, times, sensed, sensed, np.zeros(2), np.zeros(3))
-        spent.append(time.process_time() - begin)
-    return 1e9 * min(spent) / times
-
-
 def measure(quick: bool) -> dict[str, Any]:
     """Rows of all forms."""
     machine = machines()["linear or linearised iron"]
@@ -158,23 +132,17 @@ def measure(quick: bool) -> dict[str, Any]:
     with tempfile.TemporaryDirectory() as folder:
         slow = seconds_per_sample(machine, rest, 2e-3, count, repeats, Path(folder))
         fast = seconds_per_sample(machine, rest, 1e-4, count, repeats, Path(folder))
-        at = np.concatenate([rest.sensed, rest.sensed, [1.0]])
-        calls = {
-            name: call_ns(controller, rest.sensed)
-            for name, controller in forms(float(rest.outputs[0]), at, 1e-4, Path(folder)).items()
-        }
-    rows = [Row(name, 1 / slow[name], 1 / fast[name], calls[name]) for name in slow]
+    rows = [Row(name, 1 / slow[name], 1 / fast[name]) for name in slow]
     return {"rows": [asdict(row) for row in rows]}
 
 
 def show(result: dict[str, Any], console: Console) -> None:
     """Print the rows."""
-    table = Table("controller", "samples/s, 20 steps each", "samples/s, 1 step each", "ns a call")
+    table = Table("controller", "samples/s, 20 steps each", "samples/s, 1 step each")
     for row in result["rows"]:
         table.add_row(
             row["what"],
             f"{row['samples_per_second']:,.0f}",
             f"{row['of_one_step']:,.0f}",
-            f"{row['call_ns']:.0f}" if np.isfinite(row["call_ns"]) else "",
         )
     console.print(table)

@@ -41,6 +41,40 @@ def test_the_two_rules_differ_by_half_a_sample_of_the_integral():
     np.testing.assert_allclose(rectangular - trapezoidal, 0.5 * 0.5 * TS / 0.007 * ERRORS, atol=1e-12)
 
 
+def written_out(pid, references, measured):
+    """(1) and (2) of docs/theory/control.md, sample by sample."""
+    sign = -1.0 if pid.acts_on_minus_error else 1.0
+    time = pid.tracking_time or (np.sqrt(pid.Ti * pid.Td) if pid.Td else pid.Ti)
+    integral = error = slope = 0.0
+    outputs = []
+    for reference, seen in zip(references, measured, strict=True):
+        before, error = error, sign * (reference - seen)
+        steep, slope = slope, error if pid.derivative == "error" else -sign * seen
+        added = pid.Kc * TS / pid.Ti * ((error + before) / 2 if pid.integration == "trapezoidal" else error)
+        wanted = pid.Kc * error + integral + added + pid.Kc * pid.Td / TS * (slope - steep)
+        outputs.append(np.clip(wanted, pid.lower, pid.upper))
+        beyond = wanted - outputs[-1]
+        if pid.anti_windup != "hold" or beyond * added <= 0:
+            integral += added
+        if pid.anti_windup == "track":
+            integral -= min(1.0, TS / time) * beyond
+    return outputs
+
+
+@pytest.mark.parametrize("integration", ["rectangular", "trapezoidal"])
+@pytest.mark.parametrize("anti_windup", ["none", "hold", "track"])
+@pytest.mark.parametrize("derivative", ["error", "measurement"])
+@pytest.mark.parametrize("minus", [True, False])
+@pytest.mark.parametrize(("Td", "tracking"), [(0.004, None), (0.0, None), (0.004, 0.03), (0.004, 1e-9)])
+def test_the_law_written_out(integration, anti_windup, derivative, minus, Td, tracking):
+    """To 1e-12 of the largest term, with limits that it is at for a part of the time."""
+    pid = PID(0.5, 0.05, Td, TS, -1.0, 1.5, integration, anti_windup, tracking, derivative, minus)
+    references, measured = 0.3 * ERRORS[::-1], np.cumsum(ERRORS) / 4
+    expected = written_out(pid, references, measured)
+    np.testing.assert_allclose(run_pid(pid, references, measured), expected, rtol=0, atol=2e-12)
+    assert 10 < np.sum(np.isin(expected, [-1.0, 1.5])) < 195
+
+
 def test_one_call_a_sample_is_the_same():
     pid = PID(0.5, 0.007, 0.001, TS, lower=-1.0, upper=1.5, anti_windup="track", acts_on_minus_error=True)
     running = RunningPID(pid)
@@ -86,7 +120,8 @@ def test_tracking_time_is_that_of_an_exponential():
     running.reset(integral=11.0)
     for _ in range(50):
         running.step(0.0, 0.0)
-    assert running._state[0] - 1.0 == pytest.approx(10.0 / np.e, rel=0.02)
+    # Of an error of -5 the output is the integral less 5, within its limit again.
+    assert running.step(-5.0, 0.0) + 5.0 - 1.0 == pytest.approx(10.0 / np.e, rel=0.02)
 
 
 @pytest.mark.parametrize("infinite", [np.inf, float("inf"), np.float64("inf")])

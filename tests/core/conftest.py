@@ -4,24 +4,10 @@ import sys
 
 import pytest
 
-from fieldmap.core import (
-    body,
-    caller,
-    closed_loop,
-    controller,
-    current_table,
-    harmonics,
-    iron,
-    least_power,
-    machine,
-    map,
-    mujoco,
-)
-from fieldmap.core.compile import libraries
-from fieldmap.core.compile import machine as architecture
+from fieldmap.core.compile import libraries, machine
 from fieldmap.core.library import loaded
 
-OLDEST, *NEWER = libraries(architecture(), sys.platform).values()
+OLDEST, *NEWER = libraries(machine(), sys.platform).values()
 
 
 @pytest.fixture(params=[OLDEST, *NEWER], ids=lambda path: path.name.split(".")[1], autouse=True)
@@ -30,19 +16,7 @@ def library(request, monkeypatch):
     found = loaded(request.param)
     if request.param != OLDEST and not found.is_for_newer():
         pytest.skip("not for this processor")
-    modules = (
-        body,
-        caller,
-        closed_loop,
-        controller,
-        current_table,
-        harmonics,
-        iron,
-        least_power,
-        machine,
-        map,
-        mujoco,
-    )
-    for module in modules:
-        monkeypatch.setattr(module, "LIBRARY", found)
+    for name, module in tuple(sys.modules.items()):
+        if name.startswith("fieldmap.core.") and hasattr(module, "LIBRARY"):
+            monkeypatch.setattr(module, "LIBRARY", found)
     return found

@@ -2,27 +2,18 @@
 
 import numpy as np
 import pytest
-from numba import njit
 
 from fieldmap.control import PID, Regulator, RunningPID, RunningRegulator, kalmd
+from fieldmap.core.controller import CoreController
 from fieldmap.dynamics import AxisReading, constant_block, pid_block, regulator_block, stacked, state_block
 from fieldmap.errors import InputError
-from fieldmap.kernels.control.block import control
 
 DEPTH = AxisReading("z", -1e3, -77.0)
 
 
-@njit
-def run_block(controller, signals, forward, memory, outputs):
-    scratch = np.empty(memory.shape[0] + outputs.shape[1])
-    for n in range(signals.shape[0]):
-        control(controller, signals[n], forward[n], memory, scratch, outputs[n])
-
-
 def outputs_of(block, signals, forward=None):
     outputs = np.empty((len(signals), block.outputs))
-    ahead = np.zeros_like(outputs) if forward is None else forward
-    run_block(block.arrays, signals, ahead, block.memory.copy(), outputs)
+    CoreController(block.arrays).control(signals, forward, block.memory.copy(), outputs)
     return outputs
 
 

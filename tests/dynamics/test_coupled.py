@@ -5,6 +5,7 @@ import pytest
 import scipy.linalg
 
 from fieldmap.control import PID, divide_currents, lqrd
+from fieldmap.core.controller import CoreController
 from fieldmap.dynamics import (
     AxisReading,
     Schedule,
@@ -25,7 +26,6 @@ from fieldmap.dynamics.coupled import (
     trajectory,
 )
 from fieldmap.errors import Infeasible, InputError, ScenarioError
-from fieldmap.kernels.control.block import control
 from fieldmap.lookup import open_map
 
 LOW, HIGH = np.array([0.0, -0.4, -0.3]), np.array([10.0, 0.4, 0.3])
@@ -143,10 +143,9 @@ def test_one_design_is_the_same_as_many_alike(still):
     v = np.array([1e-3, 0.0, -0.0893, 2e-3, 1e-3, -0.09, 1.0])
     answers = []
     for controller in (block, many):
-        memory, out = controller.memory.copy(), np.zeros(3)
-        for _ in range(3):
-            control(controller.arrays, v, np.zeros(3), memory, np.empty(len(memory) + 3), out)
-        answers.append(np.concatenate([out, memory]))
+        memory, out = controller.memory.copy(), np.zeros((3, 3))
+        CoreController(controller.arrays).control(np.tile(v, (3, 1)), None, memory, out)
+        answers.append(np.concatenate([out[-1], memory]))
     np.testing.assert_allclose(*answers, rtol=1e-12)
 
 
@@ -156,9 +155,9 @@ def test_between_designs_outputs_are_between(still):
     both = ScheduledController((low, high), -0.1, 0.01)
     said = []
     for z in (-0.2, -0.1, -0.0975, -0.09, 0.0):
-        v, out = np.array([1e-3, 0, z, 0, 0, 0, 1.0]), np.zeros(1)
-        control(both.arrays, v, np.zeros(1), both.memory.copy(), np.empty(4), out)
-        said.append(out[0])
+        v, out = np.array([[1e-3, 0, z, 0, 0, 0, 1.0]]), np.zeros((1, 1))
+        CoreController(both.arrays).control(v, None, both.memory.copy(), out)
+        said.append(out[0, 0])
     np.testing.assert_allclose(said, [1.0, 1.0, 1.5, 3.0, 3.0])
     with pytest.raises(InputError) as error:
         ScheduledController(

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from fieldmap.control import C_SIGNATURE, PID, ControlFunction, FunctionController
+from fieldmap.core.controller import CoreController
 from fieldmap.currents import divide_currents
 from fieldmap.dynamics import (
     AxisReading,
@@ -44,7 +45,6 @@ from fieldmap.dynamics.loop_run import recorded
 from fieldmap.dynamics.scenario import simulate_batches
 from fieldmap.errors import ControllerError, InputError, ScenarioError
 from fieldmap.instruments import Amplifier, Converter
-from fieldmap.kernels.control.block import control
 
 TEXT = (Path(__file__).parents[1] / "scenarios" / "step.toml").read_text()
 MASS, MOMENT, PERIOD, GAIN = 0.01, 0.8, 2e-3, 0.4
@@ -179,17 +179,15 @@ def test_pid_in_python_numba_and_c_has_the_bits_of_one_another_and_the_path_of_t
     assert [own(f).form for f in functions] == ["python", "numba", "c", "c", "c"]
 
 
-def test_the_kernel_of_the_shipped_block_as_a_function_has_its_bits(plain):
+def test_the_shipped_block_as_a_function_has_its_bits(plain):
     """Between sensors and limits, delay, converter and winding nothing is lost or added."""
     block = shipped()
-    arrays = block.arrays
+    core = CoreController(block.arrays)
 
-    @numba.njit
     def same(time, measured, reference, state):
-        v, outputs = np.ones(7), np.empty(1)
-        v[:3], v[3:6] = reference, measured
-        control(arrays, v, np.zeros(1), state, np.empty(4), outputs)
-        return outputs
+        outputs = np.empty((1, 1))
+        core.control(np.concatenate([reference, measured, [1.0]])[None], None, state, outputs)
+        return outputs[0]
 
     np.testing.assert_array_equal(run(plain, own(same, state=block.memory)).rows, run(plain, block).rows)
 

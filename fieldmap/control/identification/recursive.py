@@ -1,4 +1,4 @@
-"""Recursive least squares: an estimate after every sample, in compiled code."""
+"""Recursive least squares, an estimate after every sample: Ljung, System Identification, 2nd ed., 11.2 and 11.5."""
 
 from __future__ import annotations
 
@@ -9,10 +9,9 @@ from numpy.typing import ArrayLike
 
 from fieldmap.arguments import check_positive
 from fieldmap.control.identification.estimate import Orders
-from fieldmap.control.identification.regression import check_records, polynomials, to_model
+from fieldmap.control.identification.regression import check_records, columns_of, polynomials, to_model
 from fieldmap.control.linear_models import TransferFunction
 from fieldmap.errors import InputError, Problem
-from fieldmap.kernels.control.regression import Structure, recursive
 from fieldmap.records import Record
 from fieldmap.typing import Array
 
@@ -53,18 +52,18 @@ def recursive_least_squares(
                 "0.99 or more is usual; 1 forgets nothing",
             )
         )
-    y, u = (x[0] for x in check_records(where, orders, outputs=outputs, inputs=inputs))
+    y, u = check_records(where, orders, outputs=outputs, inputs=inputs)
     p = orders.parameters + noise_order
-    structure = Structure(orders.poles, orders.zeros + 1, orders.delay, noise_order, orders.first)
-    history = np.empty((y.size, p))
-    recursive(
-        np.ascontiguousarray(y),
-        np.ascontiguousarray(u),
-        structure,
-        forgetting,
-        np.zeros(p),
-        start_variance * np.eye(p),
-        history,
-    )
+    theta, covariance, past = np.zeros(p), start_variance * np.eye(p), np.zeros(noise_order)
+    history = np.zeros((y.shape[1], p))
+    for n, known in enumerate(columns_of(y, u, orders)[0], orders.first):
+        row = np.concatenate([known, past])
+        gain = covariance @ row
+        scale = forgetting + row @ gain
+        theta = theta + gain * (y[0, n] - row @ theta) / scale
+        covariance = (covariance - np.outer(gain, gain) / scale) / forgetting
+        # Errors after the update: extended least squares.
+        past = np.concatenate([[y[0, n] - row @ theta], past])[:noise_order]
+        history[n] = theta
     a, b = polynomials(history[-1:], orders)
     return RecursiveRun(history, to_model(a[0], b[0], orders))

@@ -4,8 +4,8 @@ The model in the delay operator is (1) of docs/theory/identification.md,
 
     y[n] = -a_1 y[n-1] - ... - a_p y[n-p] + b_0 u[n-d] + ... + b_z u[n-d-z] + error,
 
-solved by rotations of the columns beside y: no normal equations, whose condition would be the square of one that is
-large already for poles near q = 1. Arrays are (runs, samples).
+solved by the triangle of the columns beside y (QR): no normal equations, whose condition would be the square of one
+that is large already for poles near q = 1. Arrays are (runs, samples).
 """
 
 from __future__ import annotations
@@ -19,13 +19,17 @@ from fieldmap.arguments import check_signal
 from fieldmap.control.identification.estimate import Orders
 from fieldmap.control.linear_models import TransferFunction, filter_response
 from fieldmap.errors import InputError, Problem
-from fieldmap.kernels.control.regression import triangles
 from fieldmap.plain import Plain, plain_items
 from fieldmap.records import tuple_line
 from fieldmap.typing import Array
 
 # Beyond this condition of the columns, each scaled to length one, rounding decides about the coefficients.
 LARGEST_CONDITION = 1e12
+# How many numbers columns are made of at once: 32 MB, with copies a few times as much.
+_AT_ONCE = 4_000_000
+# And how many LAPACK decomposes at once: too few for threads of its own, with which small matrices take up to a hundred
+# times as long and round otherwise.
+_BLOCK = 32_768
 
 
 class Solution(NamedTuple):
@@ -56,17 +60,35 @@ def columns_of(y: Array, u: Array, orders: Orders) -> Array:
 
 def solve(y: Array, u: Array, orders: Orders, where: str) -> Solution:
     """Least squares over y and u (runs, samples). Raises InputError if the columns depend on each other."""
-    p = orders.parameters
-    r = np.empty((y.shape[0], p + 1, p + 1))
-    y, u = np.ascontiguousarray(y), np.ascontiguousarray(u)
-    triangles(y, u, orders.poles, orders.zeros + 1, orders.delay, orders.first, r)
-    return solve_triangle(r, y.shape[1] - orders.first, where)
+    samples = y.shape[1] - orders.first
+    runs = max(1, _AT_ONCE // (samples * (orders.parameters + 1)))
+    parts = [slice(at, at + runs) for at in range(0, len(y), runs)]
+    r = np.concatenate(
+        [_triangles(columns_of(y[part], u[part], orders), y[part, orders.first :]) for part in parts]
+    )
+    return solve_triangle(r, samples, where)
 
 
 def solve_columns(columns: Array, target: Array, where: str) -> Solution:
     """Least squares of target (m,) over columns (m, p)."""
-    r = np.asarray(np.linalg.qr(np.concatenate([columns, target[:, None]], axis=1), mode="r"))
-    return solve_triangle(r.reshape(1, *r.shape), target.size, where)
+    return solve_triangle(_triangles(columns[None], target[None]), target.size, where)
+
+
+def _triangles(columns: Array, targets: Array) -> Array:
+    """Upper triangles r (runs, p + 1, p + 1) with r.T r the products of columns (runs, m, p) and, beside them, targets
+    (runs, m); signs of rows are any."""
+    both = np.concatenate([columns, targets[..., None]], axis=-1)
+    runs, rows, width = both.shape
+    blocks = 0
+    while blocks != 1:
+        # The triangle of triangles of blocks below each other is that of all; rows of zeros add nothing.
+        blocks = -(-rows // max(4 * width, _BLOCK // width))
+        each = max(-(-rows // blocks), width)
+        padded = np.pad(both, ((0, 0), (0, blocks * each - rows), (0, 0)))
+        rows = blocks * width
+        triangles = np.asarray(np.linalg.qr(padded.reshape(-1, each, width), mode="r"))
+        both = triangles.reshape(runs, rows, width)
+    return both
 
 
 def solve_triangle(r: Array, samples: int, where: str) -> Solution:
@@ -155,5 +177,4 @@ def check_records(
                 "record longer, or ask for fewer poles and zeros",
             )
         )
-    # Of their own and so writable: the kernels would be compiled anew for every other mixture.
-    return [np.array(np.broadcast_to(x, (runs, samples))) for x in arrays]
+    return [np.broadcast_to(x, (runs, samples)) for x in arrays]

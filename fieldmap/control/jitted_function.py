@@ -1,50 +1,83 @@
-"""A controller that is a C function, called from compiled loops by its address.
+"""Functions jitted by numba, and C functions that numba compiled, as controllers: docs/own_controller.md.
 
-    int control(double time, const double measured[3], const double reference[3], double *state, double *outputs)
-
-It fills the outputs, may change its state, and returns 0; any other number ends the run.
+Nothing else of this package needs numba for a controller, so it is imported only where numba has been.
 """
 
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
 from typing import Any
 
-from llvmlite import ir
+import numpy as np
 from numba import carray, cfunc, jit, literal_unroll, types
-from numba.extending import intrinsic
+from numba.core.ccallback import CFunc as CFunc
+from numba.core.errors import NumbaError
+from numba.extending import is_jitted as is_jitted
 
-NO_FUNCTION, GIVEN = 0, -1
-"""In the place of an address: the controller is a block; outputs are given from outside, sample by sample."""
-DONE, FAILED, WRONG_LENGTH = 0, 1, 2
-"""What a function returns: an exception, and outputs of another number, are reported by numbers of their own."""
+from fieldmap.control.function_failure import CALL, WHERE, reason, wrong_outputs
+from fieldmap.control.guarded import guarded
+from fieldmap.core.controller import DONE, FAILED, WRONG_LENGTH
+from fieldmap.errors import InputError, Problem
+from fieldmap.typing import Array
 
 _POINTER = types.CPointer(types.float64)
 C_SIGNATURE = types.intc(types.float64, _POINTER, _POINTER, _POINTER, _POINTER)
-"""Of the function above, as `numba.cfunc` takes it."""
+"""Of a C function that is a controller, as `numba.cfunc` takes it."""
 _VECTOR = types.Array(types.float64, 1, "C")
 ARGUMENTS = (types.float64, _VECTOR, _VECTOR, _VECTOR)
 """What a jitted function is called with: time, measured (3,), reference (3,), state (n,)."""
 
 
-@intrinsic
-def _call_function(context, address, time, measured, reference, state, outputs):
-    """What the function at an address returns; measured, reference (3,), state (n,), outputs (m,): contiguous."""
-    arrays = (measured, reference, state, outputs)
-    signature = types.intc(address, time, *arrays)
+class JittedFunction:
+    """A function jitted by numba with its indices checked, compiled for the loop. Raises InputError where it does not
+    compile, or does not give outputs of these names."""
 
-    def generate(target, builder, signature, arguments):
-        real = ir.DoubleType()
-        kind = ir.FunctionType(ir.IntType(32), [real] + [real.as_pointer()] * len(arrays))
-        function = builder.inttoptr(arguments[0], kind.as_pointer())
-        places = [
-            target.make_array(array)(target, builder, value=value).data
-            for array, value in zip(arrays, arguments[2:], strict=True)
-        ]
-        return builder.call(function, [arguments[1], *places])
+    def __init__(self, function: Any, names: Sequence[str], states: int) -> None:
+        self._function = with_checked_indices(function)
+        self._entry = _compiled(self._function, names, states)
 
-    return signature, generate
+    @property
+    def address(self) -> int:
+        return int(self._entry.address)
+
+    def cause(self, time: float, measured: Array, reference: Array, state: Array) -> BaseException | None:
+        """Compiled code cannot keep an exception: the function is called once more, to see it, and then its Python
+        source, which knows its line and the index."""
+        given = (measured, reference, state)
+        compiled = _raised_by(self._function, time, *given)
+        if compiled is None:
+            return None
+        source = _raised_by(self._function.py_func, time, *given)
+        return source if type(source) is type(compiled) else compiled
+
+    def shape(self, time: float, measured: Array, reference: Array, state: Array) -> str:
+        found = self._function(time, guarded(measured), guarded(reference), guarded(state))
+        return f"an array {np.shape(found)}"
 
 
-call_function: Any = _call_function
-"""As above: `call_function(address, time, measured, reference, state, outputs)`, in compiled code only."""
+def _raised_by(
+    function: Callable[..., Any], time: float, measured: Array, reference: Array, state: Array
+) -> Exception | None:
+    try:
+        with np.errstate(all="ignore"):
+            function(time, guarded(measured), guarded(reference), guarded(state))
+    except Exception as error:
+        return error
+    return None
+
+
+def _compiled(function: Any, names: Sequence[str], states: int) -> Any:
+    """A jitted function as a C function."""
+    try:
+        returned = returned_type(function)
+    except (NumbaError, RuntimeError) as error:
+        must = f"must compile as {CALL}: a float and three arrays of float64"
+        remedy = "mend what numba says there, or give the function without numba; decorate it with @numba.njit alone"
+        raise InputError(Problem(WHERE, must, reason(error), remedy)) from error
+    number = number_of(returned)
+    if number is not None and number != len(names):
+        raise InputError(wrong_outputs(WHERE, names, f"{returned}"))
+    return compiled_function(function, len(names), states)
 
 
 def with_checked_indices(function: Any) -> Any:

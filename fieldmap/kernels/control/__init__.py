@@ -1,1 +1,0 @@
-"""Compiled controllers, instruments and identification, sample by sample."""
