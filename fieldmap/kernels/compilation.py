@@ -1,4 +1,4 @@
-"""How kernels are compiled: `njit` and `cfunc` of numba with what all want, and `inlined` for parts of kernels."""
+"""How kernels are compiled: `njit` of numba with what all want, and `inlined` for parts of kernels."""
 
 from collections.abc import Callable
 from functools import partial, update_wrapper
@@ -8,19 +8,10 @@ import numba
 
 # Kept in files. A function takes what it does not say from the kernel that calls it first, and its last digits with it:
 # all say whether sums may be reordered and whether they are inlined. Without numba's wrapper for callers in C, which
-# took a seventh of the time of compiling: no kernel has such a caller. A division by zero gives what IEEE 754 says, as in
-# numpy: to raise an error, as Python does, numba adds a branch to each division and the way out to all callers.
+# took a seventh of the time of compiling: no kernel has such a caller. A division by zero gives what IEEE 754 says, as
+# in numpy: to raise an error, as Python does, numba adds a branch to each division and the way out to all callers.
 _KEPT = {"cache": True, "error_model": "numpy"}
 njit: Any = partial(numba.njit, no_cfunc_wrapper=True, fastmath=False, forceinline=False, **_KEPT)
-cfunc: Any = partial(numba.cfunc, **_KEPT)
-
-# Fused multiply-add only: the rest of fast-math would let the compiler assume that there is no NaN. Without counts of
-# references, for functions that neither make arrays nor copy slices: a count is an atomic operation, and a loop over
-# small functions spends half of its time on them. A function takes this from the first that calls it unless it says
-# for itself, as WHOLE does.
-PLAIN: dict[str, Any] = {"fastmath": {"contract"}, "nogil": True, "_nrt": False}
-PLAIN_INLINED: dict[str, Any] = {"fastmath": {"contract"}, "_nrt": False}
-WHOLE: dict[str, Any] = {**PLAIN, "_nrt": True}
 
 
 class Inlined:

@@ -5,18 +5,12 @@ import sys
 from pathlib import Path
 
 TEXT = """
-import sys, types
+import sys
 class Refused:
     def find_spec(self, name, path=None, target=None):
         if name in ("numba", "llvmlite"):
             raise ImportError(f"{name} is asked for")
 sys.meta_path.insert(0, Refused())
-# Plants ask maps, by fieldmap.lookup, which still has kernels of numba.
-plants = types.ModuleType("fieldmap.control.plants")
-for name in ("LumpedMagnet", "MapPlant", "levitated_plant", "lumped_magnet_from_lift_currents", "plant_from_map"):
-    setattr(plants, name, None)
-sys.modules[plants.__name__] = plants
-
 import numpy as np
 from fieldmap import control, instruments
 from fieldmap.control import identification

@@ -16,7 +16,7 @@ from fieldmap.kernels.iron.charged_triangle import triangle_field, triangle_fiel
 _INVERSE_4PI = 1.0 / (4.0 * math.pi)
 # Triangles of a block: its rows stay in the processor's first two caches.
 _BLOCK = 512
-# Without counts of references, which threads would fight for (as in `fieldmap.kernels.compilation`).
+# Without counts of references, which threads would fight for.
 _PLAIN: dict[str, Any] = {"_nrt": False}
 _FAST: dict[str, Any] = {**_PLAIN, "fastmath": True}
 
