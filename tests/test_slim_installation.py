@@ -13,7 +13,7 @@ import pytest
 from tests.only_these import PROJECT, distributions, name_of
 
 ROOT = Path(__file__).parents[1]
-CORE = {"numpy", "scipy", "numba", "h5py", "pydantic", "threadpoolctl"}
+CORE = {"numpy", "scipy", "h5py", "pydantic", "threadpoolctl"}
 
 USE = """
 import fieldmap as fm
@@ -68,7 +68,7 @@ ENTRIES = {
     "as_magpylib": ("make", lambda: fm.open_map("sample").as_magpylib(1.0)),
     "fieldmap.plot": ("plot", drawn),
     "fieldmap.plot.runs": ("plot", figure),
-    "a .vtu file": ("plot", vtk),
+    "a .vtu file": ("make", vtk),
     "pages of the thesis": ("cli", figures),
 }
 answer = {}
@@ -113,6 +113,8 @@ def test_the_core_is_five_libraries_and_what_pins_their_threads():
     assert {name_of(one) for one in PROJECT["dependencies"]} == CORE
     brought = distributions()
     heavy = {
+        "numba",
+        "llvmlite",
         "vtk",
         "pyvista",
         "matplotlib",

@@ -8,7 +8,6 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import solve_triangular
 
 from fieldmap.core import CoreMap
 from fieldmap.core.block import GLOBAL
@@ -102,6 +101,9 @@ def _least_squares(design: Array, values: Array) -> Array:
     # The triangle alone, of matrix and values together: a third of the work of an orthogonal matrix of all rows.
     triangle = np.asarray(np.linalg.qr(np.concatenate([design / scale, values], axis=1), mode="r"))
     unknowns = len(scale)
+    # Here: to open a map would take longer.
+    from scipy.linalg import solve_triangular
+
     return solve_triangular(triangle[:unknowns, :unknowns], triangle[:unknowns, unknowns:]) / scale[:, None]
 
 

@@ -1,21 +1,26 @@
 """What a harmonic polynomial gives at points, as a matrix on its coefficients."""
 
+from __future__ import annotations
+
 from functools import cache
 from itertools import combinations_with_replacement
 from math import factorial
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csr_array, eye_array
 
 from fieldmap.core.harmonics import derivative_matrix, regular_table
 from fieldmap.typing import Array
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
 
 
 def field_matrix(degree: int, points: Array) -> Array:
     """(n, 3, (degree + 1)^2): first derivatives at local points (n, 3)."""
     table = regular_table(degree - 1, np.ascontiguousarray(points))
-    return np.stack([table @ _first(degree, i) for i in range(3)], axis=1)
+    return np.stack([_derived(table, degree, i) for i in range(3)], axis=1)
 
 
 def gradient_matrix(degree: int, points: Array) -> Array:
@@ -23,20 +28,23 @@ def gradient_matrix(degree: int, points: Array) -> Array:
     table = regular_table(degree - 2, np.ascontiguousarray(points))
     rows = np.empty((len(points), 3, 3, (degree + 1) ** 2))
     for i, j in combinations_with_replacement(range(3), 2):
-        rows[:, i, j] = table @ _second(degree, i, j)
+        rows[:, i, j] = _derived(_derived(table, degree - 1, j), degree, i)
         rows[:, j, i] = rows[:, i, j]
     return rows
 
 
-# A derivative of a harmonic is a sum of two others at most: of a column nearly all is zero.
-@cache
-def _first(degree: int, i: int) -> csr_array:
-    return csr_array(derivative_matrix(degree, i))
+def _derived(table: Array, degree: int, i: int) -> Array:
+    """table (n, degree^2) @ derivative_matrix(degree, i), of whose columns nearly all is zero."""
+    (one, other), (share, more) = _two_harmonics(degree, i)
+    return np.asarray(share * table[:, one] + more * table[:, other])
 
 
 @cache
-def _second(degree: int, i: int, j: int) -> csr_array:
-    return _first(degree - 1, j) @ _first(degree, i)
+def _two_harmonics(degree: int, i: int) -> tuple[NDArray[np.intp], Array]:
+    """The two harmonics (2, (degree + 1)^2) that a derivative of each is a sum of at most, and their shares."""
+    matrix = derivative_matrix(degree, i)
+    rows = np.sort(np.argsort(-np.abs(matrix), axis=0, kind="stable")[:2], axis=0)
+    return rows, np.take_along_axis(matrix, rows, axis=0)
 
 
 @cache
@@ -46,8 +54,11 @@ def _unit_shift(degree: int, axis: int) -> tuple[csr_array, NDArray[np.intp]]:
 
     Taylor's series, which ends: p(x + s) = sum_k (s d/dx)^k p(x) / k!. All degrees that the polynomials have are kept.
     """
+    # Here: to open a map would take longer.
+    from scipy.sparse import csr_array, eye_array
+
     terms = (degree + 1) ** 2
-    derivative = _first(degree, axis).copy()
+    derivative = csr_array(derivative_matrix(degree, axis))
     derivative.resize((terms, terms))
     total = term = eye_array(terms, format="csr")
     for k in range(1, degree + 1):
@@ -61,6 +72,8 @@ def _unit_shift(degree: int, axis: int) -> tuple[csr_array, NDArray[np.intp]]:
 def shift_matrix(degree: int, axis: int, shift: float) -> csr_array:
     """Matrix ((degree + 1)^2, (degree + 1)^2) of coefficients to those of the same polynomials about an origin `shift`
     further along an axis."""
+    from scipy.sparse import csr_array
+
     unit, powers = _unit_shift(degree, axis)
     data = unit.data * (shift ** np.arange(degree + 1))[powers]
     return csr_array((data, unit.indices, unit.indptr), shape=unit.shape)

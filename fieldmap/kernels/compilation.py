@@ -4,7 +4,10 @@ from collections.abc import Callable
 from functools import partial, update_wrapper
 from typing import Any
 
-import numba
+from fieldmap.extras import needs
+
+with needs("make", "the field of coils and iron", module="numba"):
+    import numba
 
 # Kept in files. A function takes what it does not say from the kernel that calls it first, and its last digits with it:
 # all say whether sums may be reordered and whether they are inlined. Without numba's wrapper for callers in C, which

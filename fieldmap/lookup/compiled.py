@@ -7,12 +7,15 @@ from __future__ import annotations
 
 from typing import Any
 
-import numba
 import numpy as np
-from llvmlite.binding import add_symbol
-from numba import types
 
 from fieldmap.core.caller import COILS, ROOM, functions
+from fieldmap.extras import needs
+
+with needs("make", "compiled()", module="numba"):
+    import numba
+    from llvmlite.binding import add_symbol
+    from numba import types
 
 for _name, _address in functions().items():
     add_symbol(f"fieldmap_{_name}", _address)

@@ -17,10 +17,9 @@ from fieldmap.field import BaseFieldAtCurrents, FieldAtCurrents, as_field
 from fieldmap.inputs.tables import is_number
 from fieldmap.io import FieldSource
 from fieldmap.io.answers import require_box
-from fieldmap.iron import SolvedState, generate_mesh
 from fieldmap.kernels.constants import GRAVITY
 from fieldmap.levitation import ReachableSet, SearchedSet, equilibrium_surface, find_equilibrium, reachable
-from fieldmap.lookup import MagneticBody, magnetic_body
+from fieldmap.lookup import MagneticBody, MapAtCurrents, magnetic_body
 from fieldmap.plot.colours import fitting_prefix
 from fieldmap.plot.shown import Shown, ShownRun
 from fieldmap.progress import Progress
@@ -47,6 +46,8 @@ def shown_mesh(device: Device, refinement: float = 1.0) -> Shown:
         raise InputError(
             Problem(device.name, "must have iron to mesh", "no bodies", "name a device with iron")
         )
+    from fieldmap.iron import generate_mesh
+
     mesh = generate_mesh(device, refinement)
     return Shown(f"{device.name}: {len(mesh.tets)} tetrahedra", device, mesh=mesh)
 
@@ -90,7 +91,7 @@ def shown_field(
 
 def _with_field(source: FieldSource, about: Shown, currents: Array, what: str) -> Shown:
     state = source.field.at(currents)
-    iron = state if isinstance(state, SolvedState) else None
+    iron = None if isinstance(state, MapAtCurrents) else _solved(state)
     found = find_equilibrium(source.field, currents, source.payload) if what == "equilibrium" else None
     return Shown(
         about.title,
@@ -106,6 +107,14 @@ def _with_field(source: FieldSource, about: Shown, currents: Array, what: str) -
         equilibrium=None if found is None else found.position,
         assumptions=_told(source, currents),
     )
+
+
+def _solved(state: Any) -> Any:
+    """A state of solved iron; None for another field."""
+    # Here: maps are shown without what solves iron.
+    from fieldmap.iron import SolvedState
+
+    return state if isinstance(state, SolvedState) else None
 
 
 def _reachable(

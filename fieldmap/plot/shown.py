@@ -1,6 +1,9 @@
 """What a scene shows: a device, a field at given currents in a box, what was found in it, or a recorded run."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -8,11 +11,13 @@ from scipy.spatial.transform import Rotation
 from fieldmap.device.model import Device, Payload
 from fieldmap.errors import InputError, Problem
 from fieldmap.field import AnyField, FieldAtCurrents, as_field
-from fieldmap.iron import IronMesh
 from fieldmap.levitation import EquilibriumSurface, ReachableSet, SearchedSet
 from fieldmap.plain import Plain, plain_items
 from fieldmap.records import Record
 from fieldmap.typing import Array
+
+if TYPE_CHECKING:
+    from fieldmap.iron import IronMesh
 
 
 @dataclass(frozen=True, eq=False, repr=False)
