@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fieldmap.arguments import check_choice, check_matrix, check_not_negative, check_positive, check_signal
+from fieldmap.constants import GRAVITY
 from fieldmap.control.linear_models import StateSpace
 from fieldmap.deprecated import renamed_argument
 from fieldmap.device.model import Payload
 from fieldmap.errors import InputError, Problem
 from fieldmap.field import AnyField, Field, require_bounds, resolve_currents
-from fieldmap.kernels.constants import GRAVITY
 from fieldmap.levitation.balance import Balance, check_payload, check_position
 from fieldmap.levitation.equilibrium import assumptions
 from fieldmap.levitation.lift import direction_of_lift

@@ -56,6 +56,7 @@ def compile_libraries(machine: str, system: str, compiler: str | None) -> list[P
     RuntimeError with what the compiler said."""
     written, include = [], [sysconfig.get_path("include"), numpy.get_include()]
     headers = [word for folder in include for word in ("-isystem", folder)]
+    own: list[str] = []
     for processor, path in libraries(machine, system).items():
         newer = [] if processor == machine else [processor]
         if compiler is None:
@@ -63,13 +64,13 @@ def compile_libraries(machine: str, system: str, compiler: str | None) -> list[P
             chosen = [sys.executable, "-m", "ziglang", "cc", "-target", target]
             chosen += [f"-mcpu={name.replace('-', '_')}" for name in newer]
         else:
-            # The user's own options come behind, and win.
-            first, *others = shlex.split(compiler)
-            chosen = [first, *(f"-march={name}" for name in newer), *others]
+            first, *own = shlex.split(compiler)
+            chosen = [first, *(f"-march={name}" for name in newer)]
         position = [] if system == "win32" else ["-fPIC"]
         # In its place only when it is whole: another process may be loading the old one.
         new = path.with_name(f"{path.name}.new")
-        command = [*chosen, *_OPTIONS, *position, *headers, "-o", str(new), str(FOLDER / "python.c")]
+        # The user's own options come behind, and win.
+        command = [*chosen, *_OPTIONS, *own, *position, *headers, "-o", str(new), str(FOLDER / "python.c")]
         done = subprocess.run(command, capture_output=True, text=True, check=False)
         if done.returncode:
             raise RuntimeError(f"{shlex.join(command)}\n{done.stderr}")

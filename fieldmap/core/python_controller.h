@@ -1,4 +1,4 @@
-/* python_controller.h: controllers and instruments, for Python: see fieldmap.core.controller.
+/* python_controller.h: controllers, for Python: see fieldmap.core.controller.
  *
  * BSD-3-Clause, the fieldmap developers.
  */

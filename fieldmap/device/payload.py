@@ -9,10 +9,10 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from fieldmap.constants import MU0
 from fieldmap.device.made import Made
 from fieldmap.device.materials import Material
 from fieldmap.device.placement import Placement
-from fieldmap.kernels.constants import MU0
 from fieldmap.typing import Array
 
 

@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fieldmap.arguments import check_not_negative, check_positive, check_signal
+from fieldmap.constants import GRAVITY as FREE_FALL
 from fieldmap.core.body import CoreBody
 from fieldmap.core.machine import BodyNumbers
 from fieldmap.device.payload import Magnet, MagnetBlock, MagnetCylinder, MagnetSphere, Payload, SoftBody
 from fieldmap.dynamics.surroundings import Drag, Plate, Walls
 from fieldmap.errors import InputError, Problem
-from fieldmap.kernels.constants import GRAVITY as FREE_FALL
 from fieldmap.lookup import MagneticBody, magnetic_body
 from fieldmap.records import Record, count_of
 from fieldmap.typing import Array

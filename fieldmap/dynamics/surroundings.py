@@ -5,9 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from fieldmap.arguments import check_not_negative, check_numbers, check_positive, check_signal
+from fieldmap.constants import MU0
 from fieldmap.core.machine import plate_force
 from fieldmap.errors import InputError, Problem
-from fieldmap.kernels.constants import MU0
 from fieldmap.records import Record
 from fieldmap.typing import Array
 

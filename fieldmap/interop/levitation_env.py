@@ -36,7 +36,6 @@ from fieldmap.errors import InputError, OutsideMapError, Problem
 from fieldmap.extras import require
 from fieldmap.field import as_field
 from fieldmap.instruments import Amplifier
-from fieldmap.kernels.coils.loop import loop_flux_density_and_gradient
 from fieldmap.lookup import FieldMap, FiniteMagnet, interpolate, open_map
 from fieldmap.store import Grid, MapData
 from fieldmap.typing import Array
@@ -299,6 +298,9 @@ def _made_up_body() -> RigidBody:
 
 
 def _six_loops() -> FieldMap:
+    # Here: on a map of one's own nothing is compiled.
+    from fieldmap.kernels.coils.loop import loop_flux_density_and_gradient
+
     grid = Grid(np.array([-0.02, -0.02, -0.12]), np.full(3, 0.005), (9, 9, 13))
     angles = np.arange(6) * np.pi / 3
     centres = np.stack([_RING * np.cos(angles), _RING * np.sin(angles), np.full(6, _ABOVE)], axis=1)

@@ -14,6 +14,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from fieldmap.constants import MU0
 from fieldmap.device.drawing import Outline, source_outline, winding_outline
 from fieldmap.device.model import Section
 from fieldmap.errors import InputError, Problem
@@ -25,7 +26,6 @@ from fieldmap.iron.quantities.air import checked_points
 from fieldmap.iron.quantities.forces import Magnetised
 from fieldmap.iron.quantities.sections import SNAP, SectionFlux, check_section, named_section, no_iron_at
 from fieldmap.iron.solution import FluxDensitySamples, LinearSolution, LinearState
-from fieldmap.kernels.constants import MU0
 from fieldmap.kernels.iron.containment import solid_angle_sums
 from fieldmap.records import Record
 from fieldmap.sources import unit_flux_densities

@@ -5,8 +5,8 @@ the field must have a box. Depends on device (payload) and lookup (magnets of fi
 make maps.
 """
 
+from fieldmap.constants import GRAVITY
 from fieldmap.deprecated import renamed
-from fieldmap.kernels.constants import GRAVITY
 from fieldmap.levitation.balance import (
     MODELS,
     MagnetModel,

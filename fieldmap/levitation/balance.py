@@ -13,10 +13,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fieldmap.arguments import check_choice
+from fieldmap.constants import GRAVITY
 from fieldmap.device.model import Payload
 from fieldmap.errors import InputError, NotConverged, OutsideMapError, Problem
 from fieldmap.field import AnyField, Bounds, Field, as_field
-from fieldmap.kernels.constants import GRAVITY
 from fieldmap.lookup.finite_magnet import FiniteMagnet, volume_rule
 from fieldmap.lookup.magnetic_body import MagneticBody
 from fieldmap.lookup.payload import magnetic_body

@@ -10,12 +10,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from fieldmap.constants import GRAVITY
 from fieldmap.currents import CurrentParametrisation, LiftAndDirections
 from fieldmap.device.measured import MeasuredMachine, MeasuredShift
 from fieldmap.device.model import Payload
 from fieldmap.errors import Infeasible, NoEquilibrium, OutsideMapError
 from fieldmap.field import Field, require_bounds
-from fieldmap.kernels.constants import GRAVITY
 from fieldmap.levitation.balance import upright_force
 from fieldmap.levitation.lift import lift_current
 from fieldmap.levitation.signal_surface import equilibrium_surface

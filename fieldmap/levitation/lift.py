@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from fieldmap.constants import GRAVITY
 from fieldmap.deprecated import renamed_argument
 from fieldmap.device.model import Payload
 from fieldmap.errors import Infeasible, InputError, NotConverged, OutsideMapError, Problem
 from fieldmap.field import AnyField, Field, as_field, coil_currents, require_bounds
-from fieldmap.kernels.constants import GRAVITY
 from fieldmap.levitation.balance import (
     Balance,
     body_balance,

@@ -11,12 +11,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from fieldmap.arguments import check_positive, check_signal
+from fieldmap.constants import GRAVITY
 from fieldmap.currents import ASSUMED_N, LiftAndDirections, divide_currents
 from fieldmap.deprecated import renamed_argument
 from fieldmap.device.model import Payload
 from fieldmap.errors import Infeasible, NoEquilibrium, OutsideMapError
 from fieldmap.field import AnyField, Field, as_field, coil_currents, require_bounds
-from fieldmap.kernels.constants import GRAVITY
 from fieldmap.levitation.balance import check_payload, check_position
 from fieldmap.levitation.branches import equilibrium_at
 from fieldmap.levitation.least_power import force_per_ampere, push_shares

@@ -13,10 +13,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fieldmap.constants import MU0
 from fieldmap.device.payload import MagnetBlock, MagnetCylinder, MagnetSphere
 from fieldmap.errors import InputError, NotConverged, Problem
 from fieldmap.field import AnyField, StateField, as_field, require_bounds
-from fieldmap.kernels.constants import MU0
 from fieldmap.lookup.magnetic_body import MagneticBody
 from fieldmap.typing import Array
 

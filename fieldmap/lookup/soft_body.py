@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from fieldmap.constants import MU0
 from fieldmap.core.body import Soft
 from fieldmap.device.materials import Material, SaturatingMaterial
 from fieldmap.device.payload import SoftBody, shape_text
 from fieldmap.device.placement import Placement
 from fieldmap.errors import InputError, Problem
 from fieldmap.field import AnyField, as_field
-from fieldmap.kernels.constants import MU0
 from fieldmap.records import Record
 from fieldmap.typing import Array
 

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from fieldmap.kernels.constants import MU0_OVER_2PI
+from fieldmap.constants import MU0_OVER_2PI
 from fieldmap.kernels.iron.plane import polygon_derivatives
 from fieldmap.planar.model import PlanarCoil, RectangularWire, RoundWire
 from fieldmap.typing import Array

@@ -3,7 +3,7 @@
 import numpy as np
 import pyvista as pv
 
-from fieldmap.kernels.constants import GRAVITY
+from fieldmap.constants import GRAVITY
 from fieldmap.levitation.balance import dipole_force, upright_force
 from fieldmap.plot.colours import colour_bar, fitting_prefix
 from fieldmap.plot.device_drawing import COLOUR_MAP, MM, add_payload

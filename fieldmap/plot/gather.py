@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from fieldmap.constants import GRAVITY
 from fieldmap.device import read_device, recorded_device
 from fieldmap.device.model import Device, Payload
 from fieldmap.errors import InputError, NoEquilibrium, Problem
@@ -17,7 +18,6 @@ from fieldmap.field import BaseFieldAtCurrents, FieldAtCurrents, as_field
 from fieldmap.inputs.tables import is_number
 from fieldmap.io import FieldSource
 from fieldmap.io.answers import require_box
-from fieldmap.kernels.constants import GRAVITY
 from fieldmap.levitation import ReachableSet, SearchedSet, equilibrium_surface, find_equilibrium, reachable
 from fieldmap.lookup import MagneticBody, MapAtCurrents, magnetic_body
 from fieldmap.plot.colours import fitting_prefix

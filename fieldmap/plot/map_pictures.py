@@ -12,12 +12,12 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
+from fieldmap.constants import GRAVITY
 from fieldmap.curves import Curves, Series, percent
 from fieldmap.device import recorded_device
 from fieldmap.device.model import MagnetCylinder, Payload
 from fieldmap.errors import FieldmapError, InputError, Problem
 from fieldmap.io.map_summary import MapSummary
-from fieldmap.kernels.constants import GRAVITY
 from fieldmap.levitation import ShiftBesideMeasured, equilibrium_surface
 from fieldmap.lookup import FieldMap, open_map
 from fieldmap.plot.colours import fitting_prefix

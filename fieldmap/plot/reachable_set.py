@@ -3,8 +3,8 @@
 import numpy as np
 import pyvista as pv
 
+from fieldmap.constants import GRAVITY
 from fieldmap.errors import InputError, Problem
-from fieldmap.kernels.constants import GRAVITY
 from fieldmap.levitation import ReachableSet, SearchedSet
 from fieldmap.plot.colours import fitting_prefix
 from fieldmap.plot.device_drawing import MAGNET

@@ -5,12 +5,12 @@ from pathlib import Path
 import numpy as np
 import pyvista as pv
 
+from fieldmap.constants import MU0
 from fieldmap.device.model import Device
 from fieldmap.errors import InputError, Problem
 from fieldmap.extras import require
 from fieldmap.iron import IronMesh, SolvedState
 from fieldmap.iron.elements.state import IronState
-from fieldmap.kernels.constants import MU0
 from fieldmap.store.whole_files import whole_file
 from fieldmap.typing import Array, PathLike
 

@@ -20,12 +20,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from fieldmap.constants import MU0
 from fieldmap.device.air_sources import OTHER, AirSource
 from fieldmap.errors import InputError, Problem
 from fieldmap.extras import needs
 from fieldmap.kernels.coils.loop import loop_flux_density, loop_flux_density_and_gradient
 from fieldmap.kernels.coils.sheet import sheet_flux_density, sheet_flux_density_and_gradient
-from fieldmap.kernels.constants import MU0
 from fieldmap.kernels.iron.charged_triangle import triangles_field, triangles_field_and_gradient
 from fieldmap.kernels.simplex_rules import triangle_rule
 from fieldmap.typing import Array, Index

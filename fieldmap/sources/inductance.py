@@ -4,10 +4,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from fieldmap.constants import MU0
 from fieldmap.device.background import Background
 from fieldmap.device.coils import Coil
 from fieldmap.kernels.coils.neumann import neumann_sum
-from fieldmap.kernels.constants import MU0
 from fieldmap.sources.coils import unit_flux_density
 from fieldmap.sources.line_currents import (
     flux_elements_of_lines,

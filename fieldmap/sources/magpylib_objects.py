@@ -6,11 +6,11 @@ from functools import singledispatch
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from fieldmap.constants import MU0
 from fieldmap.device.coils import Coil, WindingPath
 from fieldmap.device.coils.rounded_rectangle import RoundedRectangleCoil
 from fieldmap.errors import InputError, Problem
 from fieldmap.extras import needs
-from fieldmap.kernels.constants import MU0
 from fieldmap.typing import Array
 
 with needs("make", "models of magpylib"):

@@ -4,9 +4,9 @@ from typing import Any
 
 import numpy as np
 
+from fieldmap.constants import MU0
 from fieldmap.control import lumped_magnet_from_lift_currents
 from fieldmap.device import read_device
-from fieldmap.kernels.constants import MU0
 
 
 def sphere_and_microrobot(inputs: dict[str, Any]) -> dict[str, Any]:

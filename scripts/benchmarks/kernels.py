@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table
 
+from fieldmap.constants import MU0
 from fieldmap.device.model import CircularCoil, RoundedRectangleCoil
 from fieldmap.kernels.coils.loop import loop_flux_density, loop_flux_density_and_gradient
 from fieldmap.kernels.coils.sheet import sheet_flux_density, sheet_flux_density_and_gradient
-from fieldmap.kernels.constants import MU0
 from fieldmap.kernels.iron.charged_triangle import triangles_field, triangles_field_and_gradient
 from fieldmap.sources import unit_flux_density, unit_flux_density_and_gradient
 from fieldmap.sources.magpylib_objects import magpylib_coil

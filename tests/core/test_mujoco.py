@@ -5,10 +5,10 @@ import ctypes
 import numpy as np
 import pytest
 
+from fieldmap.constants import MU0
 from fieldmap.core import CoreMap
 from fieldmap.core.body import CoreBody
 from fieldmap.core.mujoco import Layout, Magnet, Task, callback
-from fieldmap.kernels.constants import MU0
 from tests.core.map_cases import CURRENTS, block_of
 from tests.core.test_soft_iron import DIPOLES, POSE, pieces
 

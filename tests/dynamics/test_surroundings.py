@@ -5,10 +5,10 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from fieldmap.constants import MU0
 from fieldmap.core.machine import plate_force
 from fieldmap.dynamics import Drag, Plate, RigidBody, Walls, move, state_of
 from fieldmap.errors import InputError
-from fieldmap.kernels.constants import MU0
 
 MOMENT, HEIGHT, SIGMA = 0.8, 0.02, 3.5e7
 

@@ -8,9 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from fieldmap.core.headers import FOLDER
 from fieldmap.errors import InputError
 from fieldmap.interop import c_header, write_c_map
-from fieldmap.lookup import interpolate
+from fieldmap.lookup import interpolate, open_map
 from fieldmap.store import Grid, MapData
 
 HERE = Path(__file__).parent / "c"
@@ -220,3 +221,18 @@ def test_the_example_of_the_documentation(tmp_path):
     assert done.stdout == "Bz -0.3 T, dBz/dz 3 T/m\nFz 2.4 N\n"
     failed = subprocess.run([tmp_path / "lift", tmp_path / "none"], capture_output=True, text=True)
     assert (failed.returncode, failed.stderr) == (3, "file cannot be opened or read\n")
+
+
+def test_the_body_and_the_controller_of_the_documentation(tmp_path):
+    page = (Path(__file__).parents[2] / "docs" / "c.md").read_text()
+    example, printed = re.search(
+        r"^```c\n(#include <stdio.h>\n#include \"controller.h\"\n.*?)^```$.*?^```text\n(.*?)^```$",
+        page,
+        re.DOTALL | re.MULTILINE,
+    ).groups()
+    (tmp_path / "hold.c").write_text(example)
+    command = ["gcc", *STRICT, "-I", FOLDER, tmp_path / "hold.c", "-o", tmp_path / "hold", "-lm"]
+    subprocess.run(command, check=True, capture_output=True)
+    write_c_map(open_map("sample"), tmp_path / "sample.fmap")
+    done = subprocess.run([tmp_path / "hold"], cwd=tmp_path, capture_output=True, text=True, check=True)
+    assert done.stdout == printed

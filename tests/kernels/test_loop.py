@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
+from fieldmap.constants import MU0
 from fieldmap.kernels.coils.loop import loop_flux_density, loop_flux_density_and_gradient
-from fieldmap.kernels.constants import MU0
 
 RADIUS = 0.02
 

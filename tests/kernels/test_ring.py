@@ -3,10 +3,10 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from fieldmap.constants import MU0
 from fieldmap.kernels.coils.loop import loop_flux_density_and_gradient
 from fieldmap.kernels.coils.ring import ring_flux_density, ring_flux_density_and_gradient
 from fieldmap.kernels.coils.sheet import sheet_flux_density_and_gradient
-from fieldmap.kernels.constants import MU0
 
 INNER, OUTER, HEIGHT = 0.011, 0.021, 0.039
 

@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
+from fieldmap.constants import MU0
 from fieldmap.kernels.coils.loop import loop_flux_density_and_gradient
 from fieldmap.kernels.coils.sheet import sheet_flux_density, sheet_flux_density_and_gradient
-from fieldmap.kernels.constants import MU0
 
 RADIUS, HEIGHT = 0.02, 0.05
 

@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 
 import fieldmap as fm
+from fieldmap.constants import GRAVITY
 from fieldmap.core import CoreMap
 from fieldmap.dynamics.field_of_currents import linearised
 from fieldmap.errors import InputError
 from fieldmap.field import CompletedField
 from fieldmap.interop import write_c_map
 from fieldmap.iron import NonlinearSolver
-from fieldmap.kernels.constants import GRAVITY
 from fieldmap.levitation import lift_current
 from fieldmap.lookup import iron_weights, tangent_block
 from fieldmap.maps.training.states import training_signals

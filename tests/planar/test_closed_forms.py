@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from fieldmap.constants import MU0_OVER_2PI
 from fieldmap.device.model import FluxBarrier, LinearMaterial
-from fieldmap.kernels.constants import MU0_OVER_2PI
 from fieldmap.planar import RectangularWire, RoundWire, solve_planar
 
 POINTS = np.array([[0.15, 0.02], [-0.12, 0.2], [0.02, -0.3], [0.3, 0.3]])

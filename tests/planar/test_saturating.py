@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
+from fieldmap.constants import MU0_OVER_2PI
 from fieldmap.device import read_device
 from fieldmap.device.model import Arctangent, FluxBarrier, Froehlich, LinearMaterial
 from fieldmap.errors import GeometryError, InputError, NotConverged
 from fieldmap.iron.elements.bh_law import law_tables, law_values
-from fieldmap.kernels.constants import MU0_OVER_2PI
 from fieldmap.planar import read_planar_device, solve_planar, solve_planar_state, stationary_points
 from fieldmap.planar.mesh import make_outline, triangulate
 from fieldmap.planar.saturating import field_strength, iron_triangles

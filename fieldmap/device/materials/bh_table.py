@@ -9,6 +9,7 @@ import numpy as np
 from pydantic import Field, ValidationInfo, field_validator
 from pydantic_core import PydanticCustomError
 
+from fieldmap.constants import MU0
 from fieldmap.device.materials.base import (
     SAMPLES,
     Curves,
@@ -19,7 +20,6 @@ from fieldmap.device.materials.base import (
     SaturatingMaterial,
 )
 from fieldmap.inputs.tables import Positive, Table, Text, broken, read_only
-from fieldmap.kernels.constants import MU0
 from fieldmap.typing import Array
 
 # Rounding of printed tables may put a saturated slope a little below mu0; more than this is unphysical.

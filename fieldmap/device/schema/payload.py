@@ -4,6 +4,7 @@ from typing import Annotated, Any, Literal, Protocol
 
 from pydantic import Field, Tag, ValidationInfo, field_validator
 
+from fieldmap.constants import MU0
 from fieldmap.device import payload as model
 from fieldmap.device.parts import Driver
 from fieldmap.device.placement import Placement, PlacementKeys
@@ -20,7 +21,6 @@ from fieldmap.inputs.tables import (
     chosen_by,
     chosen_with,
 )
-from fieldmap.kernels.constants import MU0
 
 GRAM_SQUARE_MILLIMETRE = 1e-9
 Inertia = Annotated[list[Positive], Field(min_length=3, max_length=3)]

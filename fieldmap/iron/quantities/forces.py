@@ -11,12 +11,12 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
+from fieldmap.constants import MU0
 from fieldmap.device.model import Background, Coil
 from fieldmap.errors import InputError, Problem
 from fieldmap.iron.mesh.mesh import IronMesh
 from fieldmap.iron.mesh.surface_mesh import IronSurface
 from fieldmap.iron.operators.surface import ChargedFaces
-from fieldmap.kernels.constants import MU0
 from fieldmap.records import Record
 from fieldmap.sources import unit_flux_density
 from fieldmap.sources.winding_rules import current_elements

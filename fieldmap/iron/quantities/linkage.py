@@ -2,11 +2,11 @@
 
 import numpy as np
 
+from fieldmap.constants import MU0
 from fieldmap.iron.elements.bh_law import Magnetisation, law_slopes, law_values
 from fieldmap.iron.elements.nodal_elements import CoilField
 from fieldmap.iron.elements.potential_form import PotentialForm
 from fieldmap.iron.elements.state import PotentialField, shape_gradients
-from fieldmap.kernels.constants import MU0
 from fieldmap.kernels.simplex_rules import tetrahedron_rule
 from fieldmap.typing import Array
 

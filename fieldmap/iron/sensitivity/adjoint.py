@@ -24,6 +24,7 @@ from functools import cached_property
 
 import numpy as np
 
+from fieldmap.constants import MU0
 from fieldmap.device.model import Device
 from fieldmap.errors import InputError, Problem
 from fieldmap.iron.elements.bh_law import LawTables, Magnetisation, law_slopes, law_values
@@ -37,7 +38,6 @@ from fieldmap.iron.sensitivity.derivatives import Derivatives
 from fieldmap.iron.sensitivity.moved_bodies import MovedBodies
 from fieldmap.iron.sensitivity.quantities import Quantity, Samples, Weights
 from fieldmap.iron.solution import SolvedState
-from fieldmap.kernels.constants import MU0
 from fieldmap.records import Record
 from fieldmap.sources import bare_inductance, unit_flux_density, unit_flux_density_and_gradient
 from fieldmap.sources.inductance import background_linkage, mutual_inductance

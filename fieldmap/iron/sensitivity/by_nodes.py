@@ -29,12 +29,12 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from fieldmap.constants import MU0
 from fieldmap.device.coils import Coil
 from fieldmap.device.model import Device
 from fieldmap.iron.elements.potential_form import PotentialForm
 from fieldmap.iron.operators.mutual_gradient import mutual_gradient
 from fieldmap.iron.sensitivity.quantities import Weights
-from fieldmap.kernels.constants import MU0
 from fieldmap.records import Record
 from fieldmap.sources import unit_flux_densities, unit_flux_density_and_gradient
 from fieldmap.typing import Array, Index

@@ -8,6 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from fieldmap.arguments import check_count, check_not_negative
+from fieldmap.constants import MU0
 from fieldmap.deprecated import warn_renamed
 from fieldmap.device.materials import SaturatingMaterial
 from fieldmap.device.model import Device
@@ -22,7 +23,6 @@ from fieldmap.iron.mesh.mesh import generate_mesh
 from fieldmap.iron.operators.assembled import assemble
 from fieldmap.iron.report import report_of
 from fieldmap.iron.solution import PotentialSolution
-from fieldmap.kernels.constants import MU0
 from fieldmap.records import Record
 from fieldmap.sources import unit_flux_densities
 from fieldmap.typing import Array

@@ -8,10 +8,10 @@ import math
 
 import numpy as np
 
+from fieldmap.constants import MU0_OVER_2PI
 from fieldmap.kernels.coils.elliptic import complete_integrals
 from fieldmap.kernels.coils.meridian import BLOCK, set_field, set_gradient, to_meridian
 from fieldmap.kernels.compilation import inlined, njit
-from fieldmap.kernels.constants import MU0_OVER_2PI
 from fieldmap.threads import over_rows
 from fieldmap.typing import Array
 

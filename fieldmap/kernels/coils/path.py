@@ -9,13 +9,13 @@ import math
 
 import numpy as np
 
+from fieldmap.constants import MU0_OVER_4PI
 from fieldmap.kernels.coils.arc import MOST_AZIMUTHS, arc_azimuths, arc_sum, arc_sum_gradient, even_azimuths
 from fieldmap.kernels.coils.bar import bar_integrals, bar_integrals_gradient, bar_points
 from fieldmap.kernels.coils.filament import far_arc, far_bar, far_distance
 from fieldmap.kernels.coils.pieces import Arc, Bar
 from fieldmap.kernels.coils.quadrature import rule_limits
 from fieldmap.kernels.compilation import inlined, njit
-from fieldmap.kernels.constants import MU0_OVER_4PI
 from fieldmap.threads import over_rows
 from fieldmap.typing import Array
 

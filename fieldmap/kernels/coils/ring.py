@@ -9,12 +9,12 @@ import math
 
 import numpy as np
 
+from fieldmap.constants import MU0_OVER_4PI
 from fieldmap.kernels.coils.arc import MOST_AZIMUTHS, arc_sum, arc_sum_gradient, graded_panel
 from fieldmap.kernels.coils.filament import far_arc, far_distance
 from fieldmap.kernels.coils.meridian import set_field, set_gradient
 from fieldmap.kernels.coils.quadrature import MARGIN, STEP, rule_limits, section_distance
 from fieldmap.kernels.compilation import njit
-from fieldmap.kernels.constants import MU0_OVER_4PI
 from fieldmap.kernels.gauss import GAUSS_NODES, GAUSS_WEIGHTS, gauss_start
 from fieldmap.threads import over_rows
 from fieldmap.typing import Array

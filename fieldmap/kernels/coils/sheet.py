@@ -11,11 +11,11 @@ import math
 
 import numpy as np
 
+from fieldmap.constants import MU0_OVER_2PI
 from fieldmap.kernels.coils.elliptic import complete_integrals_three
 from fieldmap.kernels.coils.loop import loop_meridian_gradient
 from fieldmap.kernels.coils.meridian import BLOCK, set_field, set_gradient, to_meridian
 from fieldmap.kernels.compilation import inlined, njit
-from fieldmap.kernels.constants import MU0_OVER_2PI
 from fieldmap.kernels.gauss import GAUSS_NODES, GAUSS_WEIGHTS, gauss_start
 from fieldmap.threads import over_rows
 from fieldmap.typing import Array

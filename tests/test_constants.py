@@ -5,7 +5,7 @@ import math
 import pytest
 import scipy.constants
 
-from fieldmap.kernels.constants import GRAVITY, MU0, MU0_OVER_2PI, MU0_OVER_4PI
+from fieldmap.constants import GRAVITY, MU0, MU0_OVER_2PI, MU0_OVER_4PI
 
 
 def test_permeability_of_the_vacuum():
