@@ -22,6 +22,8 @@ of what such models are, or less: docs/theory/current_dependence.md."""
 # these are solved.
 _MOST_TERMS, _MOST_OF_LOW_DEGREE, _LOW_DEGREE = 170, 460, 12
 _STATES_PER_TERM, _TOLERANCE = 2, 1e-4
+# Total degrees of the expansions from which the states of the next are solved.
+_FIRST_DEGREES = (1, 3, 6)
 # Rows of single precision are whole vector registers; sizes before the arrays (FIELDMAP_IRON_LANES and _SIZES).
 _LANES, _SIZES = 16, 20
 # The solve from nothing, in the middle of the domain.
@@ -78,7 +80,7 @@ class CompiledModel(NamedTuple):
 
 
 def compiled_model(model: ReducedModel, checked: bool) -> CompiledModel:
-    """The arrays of a model, with an expansion fitted to its solutions: some hundreds of solves, a
+    """The arrays of a model, with an expansion fitted to its solutions: some hundreds of solves, half a
     second at most.
 
     checked: whether currents beyond the domain are refused. Raises NotConverged where Newton's method fails in the
@@ -106,14 +108,14 @@ def compiled_model(model: ReducedModel, checked: bool) -> CompiledModel:
     _check(state.solve(domain.middle, weights, tolerance=_TOLERANCE_OF_MIDDLE), domain.middle)
     known = free._replace(expansion=state.amplitudes[None].astype(np.float32))
     terms = expansion_terms(domain.parametrisation.signal_count)
-    shares = _spread(_STATES_PER_TERM * len(terms), len(model.lower))
-    signals = domain.parametrisation.within(domain.lower, domain.upper, shares)
-    return known._replace(
-        terms=terms,
-        expansion=_fitted(known, terms, domain.parametrisation.currents(signals), signals),
-        domain=compiled_domain(domain, checked),
-        tolerance=COMPILED_TOLERANCE,
-    )
+    for degree in (*_FIRST_DEGREES, np.inf):
+        # Where an expansion of low degree begins, the states for the next one take fewer steps.
+        some = terms[degrees_of(terms) <= degree]
+        shares = _spread(_STATES_PER_TERM * len(some), len(model.lower))
+        signals = domain.parametrisation.within(domain.lower, domain.upper, shares)
+        fitted = _fitted(known, some, domain.parametrisation.currents(signals), signals)
+        known = known._replace(terms=some, expansion=fitted)
+    return known._replace(domain=compiled_domain(domain, checked), tolerance=COMPILED_TOLERANCE)
 
 
 def _spread(count: int, dimensions: int) -> Array:
@@ -165,6 +167,14 @@ def expansion_terms(signals: int) -> NDArray[np.int64]:
     return np.array(terms, dtype=np.int64)
 
 
+def degrees_of(terms: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Total degree (t,) of each term."""
+    found = np.zeros(len(terms), np.int64)
+    for k, (before, _, degree) in enumerate(terms[1:], start=1):
+        found[k] = found[before] + degree
+    return found
+
+
 def _of_degree(signals: int, degree: int) -> list[tuple[int, ...]]:
     """The powers of all products of this total degree."""
     if signals == 1:
@@ -178,7 +188,7 @@ def _fitted(
     """Coefficients (t, r) of the expansion nearest to the solutions at currents (s, c), which signals (s, d) make."""
     state, weights, amplitudes = CoreIron(core_numbers(model)).state(), np.empty(_field_count(model)), []
     for row in np.ascontiguousarray(currents):
-        # Each from the middle: the states are the same in any order.
+        # Each from the expansion of before: the states are the same in any order.
         _check(state.solve(row, weights, tolerance=_TOLERANCE, fresh=True), row)
         amplitudes.append(state.amplitudes)
     products = products_of_terms(terms, signals, model.domain)

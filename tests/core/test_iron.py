@@ -8,7 +8,7 @@ import pytest
 from scipy.optimize import root
 
 from fieldmap.core.iron import BEYOND, FOUND, NOT_FINITE, CoreIron
-from fieldmap.lookup.current_solver import compiled_model, core_numbers, expansion_terms
+from fieldmap.lookup.current_solver import compiled_model, core_numbers, degrees_of, expansion_terms
 from tests.core.iron_cases import CASES, drawn, residual
 
 
@@ -79,6 +79,7 @@ def test_terms_are_products_of_terms_before_them():
         powers[k, signal] += degree
     assert len(np.unique(powers, axis=0)) == len(terms)
     assert np.bincount(powers.sum(axis=1)).tolist() == [1, 4, 10, 20, 35, 56, 84, 120]
+    np.testing.assert_array_equal(degrees_of(terms), powers.sum(axis=1))
     # As many as a solve may evaluate in a microsecond or two, and no degree so high that few signals overfit.
     counts = {signals: len(expansion_terms(signals)) for signals in (1, 2, 3, 6, 8)}
     assert counts == {1: 31, 2: 153, 3: 455, 6: 210, 8: 165}
