@@ -124,6 +124,20 @@ def test_the_disturbance_is_added_in_the_frames_of_the_load():
     np.testing.assert_allclose(disturbed - load, change, atol=1e-12)
 
 
+def test_a_wall_pushes_in_proportion_to_depth_and_speed_and_never_pulls():
+    """Of a skin of one point in the centre: stiffness times depth less damping times the speed outward, or nothing."""
+    still = CoreMachine(plant(0, 1))
+    walls = np.array([1e3, 10.0, 0.0, 1e-3, MIDDLE[2] + 0.01, np.inf, np.inf, 0.0, 0.0])
+    machine = CoreMachine(plant(0, 1, body_numbers(walls=walls, skin=np.zeros((1, 3)))))
+    free, load = np.empty(6), np.empty(6)
+    state = state_at(MIDDLE)
+    still.load(state, free)
+    for outward, push in ((0.0, 10.0), (-0.5, 15.0), (0.5, 5.0), (1.0, 0.0), (3.0, 0.0)):
+        state[5] = outward
+        assert machine.load(state, load) == (0, 1)
+        np.testing.assert_allclose(load - free, [0.0, 0.0, push, 0.0, 0.0, 0.0], atol=1e-9)
+
+
 def test_outside_the_map_a_load_stays_and_an_energy_is_unknown():
     machine, load = CoreMachine(plant(0, 1)), np.full(6, 7.0)
     assert machine.load(state_at(GRID.upper + 1.0), load)[0] == 1
