@@ -14,8 +14,8 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy.linalg import block_diag
 
 from fieldmap.arguments import check_choice, check_matrix, check_numbers, check_ordered, check_signal
 from fieldmap.control.pid import PID
@@ -263,14 +263,16 @@ def stacked(*blocks: ControllerBlock) -> ControllerBlock:
     first = np.cumsum([0, *[block.outputs for block in blocks[:-1]]])
     hold = [np.where(block.hold >= 0, block.hold + at, -1) for block, at in zip(blocks, first, strict=True)]
     return ControllerBlock(
-        block_diag(*[block.A for block in blocks]),
+        scipy.linalg.block_diag(*[block.A for block in blocks]),
         np.vstack([block.B for block in blocks]),
-        block_diag(*[block.C for block in blocks]),
+        scipy.linalg.block_diag(*[block.C for block in blocks]),
         np.vstack([block.D for block in blocks]),
-        block_diag(*[block.E for block in blocks]),
+        scipy.linalg.block_diag(*[block.E for block in blocks]),
         np.concatenate([block.lower for block in blocks]),
         np.concatenate([block.upper for block in blocks]),
         np.concatenate(hold),
         np.concatenate([block.memory for block in blocks]),
-        block_diag(*[np.zeros_like(block.E) if block.F is None else block.F for block in blocks]),
+        scipy.linalg.block_diag(
+            *[np.zeros_like(block.E) if block.F is None else block.F for block in blocks]
+        ),
     )

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy.integrate import solve_ivp
 
 from fieldmap.arguments import check_choice, check_count, check_positive, check_signal
 from fieldmap.core import CoreMap
@@ -124,7 +124,9 @@ def move_adaptively(
 
     atol = tolerance * np.maximum(np.abs(start), 1e-3)
     ends = (moments[0], moments[-1])
-    found = solve_ivp(slope, ends, start, method="DOP853", t_eval=moments, rtol=tolerance, atol=atol)
+    found = scipy.integrate.solve_ivp(
+        slope, ends, start, method="DOP853", t_eval=moments, rtol=tolerance, atol=atol
+    )
     if not found.success or not np.isfinite(found.y).all():
         must, remedy = "the integrator must reach the end", "keep the motion in the map"
         raise NotConverged(Problem("move_adaptively", must, found.message, remedy))

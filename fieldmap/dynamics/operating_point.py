@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy.optimize import root
 
 from fieldmap.arguments import check_signal
 from fieldmap.core.machine import INSIDE, POSITION, TURN, CoreMachine, sensed_point
@@ -67,7 +67,7 @@ def find_operating_point(
     balance = _Balance(machine, place, start, free_place, free_output)
     best = None
     for first in balance.starts():
-        found = root(balance.residual, first, method="hybr", tol=1e-12)
+        found = scipy.optimize.root(balance.residual, first, method="hybr", tol=1e-12)
         if best is None or np.abs(found.fun).max() < np.abs(best.fun).max():
             best = found
         if np.abs(best.fun).max() < _ACCURACY:

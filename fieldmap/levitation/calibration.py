@@ -10,8 +10,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy.optimize import least_squares
 
 from fieldmap.arguments import check_matrix, check_ordered, check_positive, check_signal
 from fieldmap.deprecated import renamed_argument
@@ -217,7 +217,7 @@ def calibrate(
     bounds = _bounds(names, require_bounds(source), lift, positions, limits or {}) / scale
     begin = np.array([start[name] for name in names]) / scale
     begin = np.clip(begin, *(bounds + np.outer([1e-6, -1e-6], bounds[1] - bounds[0])))
-    answer = least_squares(
+    answer = scipy.optimize.least_squares(
         residual, begin, x_scale="jac", diff_step=1e-4, xtol=1e-10, ftol=1e-12, bounds=tuple(bounds)
     )
     values = values_at(answer.x)

@@ -10,8 +10,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy.optimize import brentq
 
 from fieldmap.errors import NotConverged, OutsideMapError, Problem
 from fieldmap.records import Record
@@ -195,7 +195,9 @@ class _Walk:
             at = _corrected(self.problem, v, tangent, length)
             return float(_tangent(self.problem, new if at is None else at, tangent)[-1])
 
-        length = brentq(rise, 0.0, whole, xtol=1e-9) if rise(whole) * tangent[-1] < 0 else whole
+        length = (
+            scipy.optimize.brentq(rise, 0.0, whole, xtol=1e-9) if rise(whole) * tangent[-1] < 0 else whole
+        )
         at = _corrected(self.problem, v, tangent, length) if length > 0 else v
         w = (new if at is None else at) * self.problem.scale
         self.folds.append(Fold(float(w[-1]), w[:-1]))

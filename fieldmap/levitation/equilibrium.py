@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy.optimize import OptimizeResult, least_squares
 
 from fieldmap.deprecated import renamed_argument
 from fieldmap.device.model import Payload
@@ -300,7 +300,7 @@ def roots(balance: Balance | BodyBalance, box: Bounds, starts: Array) -> list[Ar
     lower, upper = box
     inset = 1e-9 * (upper - lower)
     answers = [
-        least_squares(
+        scipy.optimize.least_squares(
             lambda x: balance.residual(x[None, :])[0] / balance.weight,
             np.clip(start, lower + inset, upper - inset),
             jac=lambda x: -balance.stiffness(x) / balance.weight,
@@ -317,7 +317,7 @@ def roots(balance: Balance | BodyBalance, box: Bounds, starts: Array) -> list[Ar
     return _distinct(answers, TOLERANCE, apart) or _distinct(answers, largest_step(balance), apart)
 
 
-def _distinct(answers: list[OptimizeResult], unbalance: float, apart: float) -> list[Array]:
+def _distinct(answers: list[scipy.optimize.OptimizeResult], unbalance: float, apart: float) -> list[Array]:
     """Where the answers lie that leave no more force than `unbalance` weights, each place once."""
     found: list[Array] = []
     for answer in answers:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.spatial import ConvexHull
+import scipy
 
 from fieldmap.typing import Array, Index
 
@@ -19,7 +19,7 @@ def hull_of(points: Array) -> tuple[Index, Index, float]:
     if len(size) < 3 or size[2] <= _THIN * size[0]:
         kept = np.unique(points, axis=0, return_index=True)[1]
         return kept, np.empty((0, 3), dtype=np.int64), 0.0
-    hull = ConvexHull(points)
+    hull = scipy.spatial.ConvexHull(points)
     kept = hull.vertices
     number = np.full(len(points), -1)
     number[kept] = np.arange(len(kept))

@@ -14,8 +14,8 @@ from itertools import combinations, product
 from typing import ClassVar
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy.spatial import ConvexHull
 
 from fieldmap.arguments import checked_vectors
 from fieldmap.errors import InputError, Problem
@@ -68,7 +68,7 @@ class ReachableSet(SetAtPoint):
         if not len(self.triangles):
             remedy = "ask largest_along, or add a coil"
             raise InputError(Problem("ReachableSet.holds", "the set must have a volume", "none", remedy))
-        faces = ConvexHull(self.vertices).equations
+        faces = scipy.spatial.ConvexHull(self.vertices).equations
         size = float(np.ptp(self.vertices, axis=0).max())
         off = np.asarray(values, dtype=float) @ faces[:, :3].T + faces[:, 3]
         return np.asarray((off <= _ON * size).all(axis=-1))

@@ -17,8 +17,8 @@ from itertools import product
 from typing import ClassVar, NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy.optimize import minimize
 
 from fieldmap.currents import CurrentDomain, IndependentCurrents
 from fieldmap.errors import InputError, OutsideMapError, Problem
@@ -327,7 +327,7 @@ class _Climb:
         box = [(0.0, 1.0)] * len(shares)
         if self._free:
             options = {"maxiter": self._effort.steps, "ftol": 1e-12, "gtol": 1e-9}
-            minimize(goal, shares, jac=True, method="L-BFGS-B", bounds=box, options=options)
+            scipy.optimize.minimize(goal, shares, jac=True, method="L-BFGS-B", bounds=box, options=options)
             return
         scale = float(np.abs(np.concatenate([self._low, self._high])).max())
 
@@ -343,7 +343,9 @@ class _Climb:
 
         limits = {"type": "ineq", "fun": room, "jac": room_slope}
         options = {"maxiter": self._effort.steps, "ftol": 1e-10}
-        minimize(goal, shares, jac=True, method="SLSQP", bounds=box, constraints=[limits], options=options)
+        scipy.optimize.minimize(
+            goal, shares, jac=True, method="SLSQP", bounds=box, constraints=[limits], options=options
+        )
 
 
 def _domain_of(source: Field, lower: Array, upper: Array) -> CurrentDomain:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.spatial.transform import Rotation
+import scipy
 
 from fieldmap.device.model import Device, Payload
 from fieldmap.errors import InputError, Problem
@@ -39,7 +39,9 @@ class ShownRun(Record):
     def pose(self, k: int) -> Array:
         """Matrix (4, 4) that puts the body, drawn about the origin in mm, where it was at sample k."""
         matrix = np.eye(4)
-        matrix[:3, :3] = Rotation.from_quat(self.quaternion[k], scalar_first=True).as_matrix()
+        matrix[:3, :3] = scipy.spatial.transform.Rotation.from_quat(
+            self.quaternion[k], scalar_first=True
+        ).as_matrix()
         matrix[:3, 3] = 1e3 * self.position[k]
         return matrix
 

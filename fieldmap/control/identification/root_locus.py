@@ -8,8 +8,8 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy.optimize import linear_sum_assignment
 
 from fieldmap.arguments import check_signal
 from fieldmap.control.linear_models import transfer_function
@@ -87,5 +87,5 @@ def _roots(bottom: NDArray[Any], top: NDArray[Any], gains: Array) -> Sequence[ND
 def _matched(before: NDArray[Any], after: NDArray[Any]) -> NDArray[Any]:
     if after.size < before.size:  # the leading coefficient vanished: a pole at infinity
         after = np.concatenate([after, np.full(before.size - after.size, 1e300)])
-    order = linear_sum_assignment(np.minimum(np.abs(before[:, None] - after[None, :]), 1e6))[1]
+    order = scipy.optimize.linear_sum_assignment(np.minimum(np.abs(before[:, None] - after[None, :]), 1e6))[1]
     return after[order]

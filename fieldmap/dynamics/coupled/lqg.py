@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.linalg
+import scipy
 
 from fieldmap.arguments import check_positive, check_signal
 from fieldmap.control import zero_order_hold

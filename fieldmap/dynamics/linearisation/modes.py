@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.linalg
+import scipy
 
 from fieldmap.deprecated import warn_renamed
 from fieldmap.dynamics.linearisation.machine import LinearMachine
