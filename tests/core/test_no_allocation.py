@@ -17,7 +17,7 @@ from fieldmap.core.headers import FOLDER
 MATHEMATICS = {"cos", "sin", "sqrt", "floor", "fmin", "fmax"}
 COPYING = {"memcpy", "memmove", "memset", "memcmp"}
 FILES = {
-    "fieldmap_read_file": {"fopen", "fseek", "ftell", "fread", "fclose", "malloc"},
+    "fieldmap_read_file": {"fopen", "fseek", "ftell", "fread", "fgetc", "fclose", "malloc"},
     "fieldmap_open": {"free"},
     "fieldmap_close": {"free"},
     "fieldmap_iron_open": {"free"},
