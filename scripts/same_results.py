@@ -96,6 +96,7 @@ def cases() -> Iterator[Case]:
     yield Case("solve_drive_unit", ("solve", "drive_unit", *saturated, *below, "--json"))
     for path in sorted((ROOT / "maps/scenarios").glob("*.toml")):
         name, recipe = path.stem, tomllib.loads(path.read_text(encoding="utf-8"))["map"]
+        # Of another machine: `bead`, which needs a map of its own.
         if recipe not in MAPS:
             continue
         words = ("simulate", before(name), "--map", f"{recipe}.h5", "-o", f"{before(name)}.h5", "--json")
