@@ -72,6 +72,8 @@ static inline int fieldmap_read_file(const char *path, void **bytes, size_t *siz
     *bytes = NULL;
     if (file == NULL) return FIELDMAP_NO_FILE;
     if (fseek(file, 0, SEEK_END) == 0) length = ftell(file);
+    /* A folder can be opened as well, and states any length; but nothing can be read. */
+    if (length > 0 && (fseek(file, 0, SEEK_SET) != 0 || fgetc(file) == EOF)) length = -1;
     if (length >= 0 && fseek(file, 0, SEEK_SET) == 0) {
         *size = (size_t)length;
         *bytes = malloc(length > 0 ? *size : 1);

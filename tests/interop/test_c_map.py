@@ -154,6 +154,8 @@ def test_broken_files_are_refused_with_their_reason(programs, data, tmp_path):
         (tmp_path / "case").write_bytes(content)
         assert opened(programs, tmp_path / "case") == code
     assert opened(programs, tmp_path / "nowhere") == 3
+    # A folder, which Linux opens but does not read, is no lack of memory.
+    assert opened(programs, tmp_path) == 3
 
 
 def sanitizers_work(folder):
