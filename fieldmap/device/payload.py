@@ -29,6 +29,11 @@ class MagnetCylinder(Made):
         """In cubic metres."""
         return math.pi / 4 * self.diameter**2 * self.height
 
+    @property
+    def bounding_radius(self) -> float:
+        """Of the ball about its centre that holds it, m."""
+        return math.hypot(self.diameter, self.height) / 2
+
     def uniform_inertia(self, mass: float) -> tuple[float, float, float]:
         """Principal moments, kg m^2, of a uniform body of this shape and mass about its centre.
 
@@ -51,6 +56,11 @@ class MagnetSphere(Made):
         """In cubic metres."""
         return math.pi / 6 * self.diameter**3
 
+    @property
+    def bounding_radius(self) -> float:
+        """Of the ball about its centre that holds it, m."""
+        return self.diameter / 2
+
     def uniform_inertia(self, mass: float) -> tuple[float, float, float]:
         """Principal moments, kg m^2, of a uniform ball of this size and mass about its centre."""
         moment = mass * self.diameter**2 / 10
@@ -68,6 +78,11 @@ class MagnetBlock(Made):
     def volume(self) -> float:
         """In cubic metres."""
         return math.prod(self.size)
+
+    @property
+    def bounding_radius(self) -> float:
+        """Of the ball about its centre that holds it, m."""
+        return math.hypot(*self.size) / 2
 
     def uniform_inertia(self, mass: float) -> tuple[float, float, float]:
         """Principal moments, kg m^2, of a uniform block of this size and mass about its centre."""

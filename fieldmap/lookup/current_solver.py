@@ -13,6 +13,7 @@ from fieldmap.currents import ROUNDING, TOLERANCE, CurrentDomain
 from fieldmap.errors import NotConverged, Problem
 from fieldmap.records import tuple_line
 from fieldmap.store import ReducedModel
+from fieldmap.threads import over_rows
 from fieldmap.typing import Array
 
 COMPILED_TOLERANCE = 1e-4
@@ -22,6 +23,8 @@ of what such models are, or less: docs/theory/current_dependence.md."""
 # these are solved.
 _MOST_TERMS, _MOST_OF_LOW_DEGREE, _LOW_DEGREE = 170, 460, 12
 _STATES_PER_TERM, _TOLERANCE = 2, 1e-4
+# Of such a solve, as `over_rows` counts it.
+_WORK = 20_000.0
 # Total degrees of the expansions from which the states of the next are solved.
 _FIRST_DEGREES = (1, 3, 6)
 # Rows of single precision are whole vector registers; sizes before the arrays (FIELDMAP_IRON_LANES and _SIZES).
@@ -186,15 +189,19 @@ def _fitted(
     model: CompiledModel, terms: NDArray[np.int64], currents: Array, signals: Array
 ) -> NDArray[np.float32]:
     """Coefficients (t, r) of the expansion nearest to the solutions at currents (s, c), which signals (s, d) make."""
-    state, weights, amplitudes = CoreIron(core_numbers(model)).state(), np.empty(_field_count(model)), []
-    for row in np.ascontiguousarray(currents):
-        # Each from the expansion of before: the states are the same in any order.
-        _check(state.solve(row, weights, tolerance=_TOLERANCE, fresh=True), row)
-        amplitudes.append(state.amplitudes)
+    core, rows = CoreIron(core_numbers(model)), np.ascontiguousarray(currents)
+    amplitudes = np.empty((len(rows), len(model.constant)))
+
+    def solve(start: int, stop: int) -> None:
+        state, weights = core.state(), np.empty(_field_count(model))
+        for k in range(start, stop):
+            # Each from the expansion of before: the states are the same in any order.
+            _check(state.solve(rows[k], weights, tolerance=_TOLERANCE, fresh=True), rows[k])
+            amplitudes[k] = state.amplitudes
+
+    over_rows(solve, len(rows), work=_WORK)
     products = products_of_terms(terms, signals, model.domain)
-    return np.ascontiguousarray(
-        np.linalg.lstsq(products, np.array(amplitudes), rcond=None)[0], dtype=np.float32
-    )
+    return np.ascontiguousarray(np.linalg.lstsq(products, amplitudes, rcond=None)[0], dtype=np.float32)
 
 
 def products_of_terms(terms: NDArray[np.int64], signals: Array, domain: SignalDomain) -> Array:

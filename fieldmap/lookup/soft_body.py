@@ -4,20 +4,22 @@ of constant permeability that answers its gradient, too, (4)."""
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from fieldmap.constants import MU0
 from fieldmap.core.body import Soft
-from fieldmap.device.materials import Material, SaturatingMaterial
-from fieldmap.device.payload import SoftBody, shape_text
-from fieldmap.device.placement import Placement
 from fieldmap.errors import InputError, Problem
 from fieldmap.field import AnyField, as_field
 from fieldmap.records import Record
 from fieldmap.typing import Array
+
+if TYPE_CHECKING:
+    from fieldmap.device.materials import SaturatingMaterial
+    from fieldmap.device.payload import SoftBody
+    from fieldmap.device.placement import Placement
 
 _NO_LAW = (np.zeros(0), np.zeros(0), np.zeros(0), np.zeros(0))
 ASSUMPTION = (
@@ -66,6 +68,9 @@ def demagnetising_factors(axes: ArrayLike) -> Array:
 def soft_piece(shape: SoftBody, placement: Placement | None = None) -> SoftPiece:
     """A soft sphere or ellipsoid at its place in a body, with its law. Raises InputError for a material that is no soft
     iron, or a mere name of one."""
+    # Here, as in _law_of: opening a map takes less time without device.
+    from fieldmap.device.placement import Placement
+
     place = Placement() if placement is None else placement
     mu_r, law = _law_of(shape)
     return SoftPiece(
@@ -80,6 +85,9 @@ def soft_piece(shape: SoftBody, placement: Placement | None = None) -> SoftPiece
 
 def _law_of(shape: SoftBody) -> tuple[float, tuple[Array, Array, Array, Array]]:
     """Permeability and no law, or infinity and the law's knots."""
+    from fieldmap.device.materials import Material, SaturatingMaterial
+    from fieldmap.device.payload import shape_text
+
     where, material, mu_r = f"payload, {shape_text(shape)}", shape.material, shape.mu_r
     if (material is None) == (mu_r is None):
         received = "neither" if mu_r is None else "both"

@@ -4,6 +4,10 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
+
+from fieldmap.store import Grid, MapData, write_map
+
 TEXT = """
 import sys
 class Refused:
@@ -46,3 +50,29 @@ def test_nothing_of_a_lookup_asks_for_numba():
     command = [sys.executable, "-c", TEXT]
     done = subprocess.run(command, cwd=Path(__file__).parents[2], capture_output=True, text=True, check=False)
     assert done.stdout == "3 False\n", done.stderr
+
+
+def test_opening_a_map_loads_neither_scipy_nor_the_schemas_of_files(tmp_path):
+    """They take longer to load than a first lookup."""
+    path = tmp_path / "m.h5"
+    grid = Grid([-0.01] * 3, [0.005] * 3, (5, 5, 5))
+    slope = np.diag([2.0, 0.0, -2.0])
+    data = MapData(
+        grid,
+        ("a",),
+        [1.0],
+        flux_density=(grid.points() @ slope).reshape(1, 5, 5, 5, 3),
+        gradient=np.broadcast_to(slope, (1, 5, 5, 5, 3, 3)),
+    )
+    write_map(path, data)
+    text = f"""
+import sys
+import fieldmap as fm
+print(fm.open_map({str(path)!r}).field([0.001, 0.0, 0.0], [3.0])[0])
+print(sorted({{"scipy.linalg", "scipy.optimize", "scipy.sparse", "pydantic", "numba"}} & set(sys.modules)))
+"""
+    command = [sys.executable, "-c", text]
+    done = subprocess.run(command, cwd=Path(__file__).parents[2], capture_output=True, text=True, check=False)
+    field, loaded = done.stdout.splitlines()
+    assert abs(float(field) - 0.006) < 1e-9
+    assert loaded == "[]", done.stderr
