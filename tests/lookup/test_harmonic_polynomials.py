@@ -31,6 +31,16 @@ def test_about_another_origin_it_is_the_same_polynomial(coefficients, axis):
     assert shift_matrix(DEGREE, axis, -0.37) @ moved == pytest.approx(coefficients, abs=1e-12)
 
 
+@pytest.mark.parametrize("degree", [2, 3, DEGREE])
+def test_gradients_are_differences_of_fields(degree):
+    points, step = np.random.default_rng(3).uniform(-1, 1, (20, 3)), 1e-5
+    for j, along in enumerate(step * np.eye(3)):
+        difference = (field_matrix(degree, points + along) - field_matrix(degree, points - along)) / (
+            2 * step
+        )
+        assert gradient_matrix(degree, points)[:, :, j] == pytest.approx(difference, abs=1e-8)
+
+
 @pytest.mark.parametrize("degree", range(DEGREE + 1))
 def test_no_point_of_a_sphere_is_beyond_the_bound_and_one_reaches_it(degree):
     """The bound is reached by the polynomial of one degree that is largest at a point: its coefficients there are the
