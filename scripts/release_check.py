@@ -3,7 +3,7 @@
     python scripts/release_check.py [--folder FOLDER] [--only build core all citation]
 
 1. build: `python -m build`, in an environment of its own: the source distribution, and the wheel from it. Both hold the
-   shipped files, and nothing that is not under version control.
+   shipped files, and nothing that is not under version control but, in the wheel, the compiled core.
 2. core: the wheel alone in a fresh environment, of a size that is stated; it opens the shipped map, simulates a magnet
    on it, and names the command of what is missing.
 3. all: `pip install "fieldmap[all]"` in the same environment takes the wheel that is installed; `fieldmap map quick`
@@ -98,7 +98,7 @@ def build(folder: Path) -> tuple[Path, Path]:
 
 
 def _contents(wheel: Path, source: Path) -> None:
-    """Raises RuntimeError unless the two hold the tracked files, and only these."""
+    """Raises RuntimeError unless the two hold the tracked files, and only these; the wheel the compiled core too."""
     listed = subprocess.run(["git", "ls-files", "-z"], cwd=ROOT, capture_output=True, text=True, check=True)
     tracked = set(filter(None, listed.stdout.split("\0")))
     with tarfile.open(source) as archive:
@@ -109,6 +109,10 @@ def _contents(wheel: Path, source: Path) -> None:
     with zipfile.ZipFile(wheel) as archive:
         inside = {name for name in archive.namelist() if ".dist-info/" not in name}
     expected = {name for name in tracked if name.startswith("fieldmap/")}
+    compiled = {name for name in inside if re.fullmatch(r"fieldmap/core/library[^/]*\.(so|pyd)", name)}
+    if not compiled:
+        raise RuntimeError(f"{wheel.name} holds no compiled core")
+    expected |= compiled
     expected |= {f"fieldmap/shipped/{name}" for name in tracked if name.startswith(("geometry/", "maps/"))}
     for what, wrong in {
         "strange in the source distribution": strange,
