@@ -8,8 +8,8 @@ from fieldmap.interpolants.harmonic_matrix import (
     field_matrix,
     gradient_matrix,
     largest_on_sphere,
-    shift_matrix,
 )
+from fieldmap.maps.shifted_origin import shift_matrix
 from fieldmap.store import Grid, MapData
 from tests.core.harmonics_in_numpy import regular_table
 
