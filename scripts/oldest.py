@@ -46,18 +46,23 @@ def oldest(extras: list[str]) -> list[str]:
     Raises ValueError for a requirement without one.
     """
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    wanted = [
-        *project["dependencies"],
-        *(one for name in extras for one in project["optional-dependencies"][name]),
-    ]
-    exact: dict[str, str] = {}
-    for one in wanted:
+    optional = project["optional-dependencies"]
+    waiting = [*project["dependencies"], *(one for name in extras for one in optional[name])]
+    exact: dict[str, tuple[tuple[int, ...], str]] = {}
+    while waiting:
+        one = waiting.pop(0)
+        if named := re.fullmatch(r"fieldmap\[([\w,-]+)\]", one):
+            waiting += [part for name in named[1].split(",") for part in optional[name]]
+            continue
         found = re.fullmatch(r"([\w.-]+)>=([\w.]+)(,<[\w.]+)?(;.*)?", one)
         if found is None:
             raise ValueError(f"{one}: no lower bound")
-        # An extra may need more of a library than the core: extras come last.
-        exact[found[1]] = f"{found[1]}=={found[2]}{found[4] or ''}"
-    return list(exact.values())
+        # One extra may need more of a library than another: the highest of the lower bounds is the one that pip keeps.
+        bound = tuple(int(part) for part in found[2].split("."))
+        exact[found[1]] = max(
+            exact.get(found[1], ((), "")), (bound, f"{found[1]}=={found[2]}{found[4] or ''}")
+        )
+    return [requirement for _, requirement in exact.values()]
 
 
 def main() -> int:

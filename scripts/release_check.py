@@ -1,14 +1,16 @@
 """Builds wheel and source distribution, and tries the wheel in a fresh environment: what a user gets.
 
-    python scripts/release_check.py [--folder FOLDER] [--only build core all citation]
+    python scripts/release_check.py [--folder FOLDER] [--only build core levitation all citation]
 
 1. build: `python -m build`, in an environment of its own: the source distribution, and the wheel from it. Both hold the
-   shipped files, and nothing that is not under version control.
-2. core: the wheel alone in a fresh environment, of a size that is stated; it opens the shipped map, simulates a magnet
-   on it, and names the command of what is missing.
-3. all: `pip install "fieldmap[all]"` in the same environment takes the wheel that is installed; `fieldmap map quick`
+   shipped files, and nothing that is not under version control but, in the wheel, the compiled core.
+2. core: the wheel alone in a fresh environment, of a size that is stated; it opens the shipped map, looks fields,
+   forces and currents up, and names the command of what is missing.
+3. levitation: `pip install "fieldmap[levitation]"` in the same environment; a magnet floats on the map and is
+   simulated.
+4. all: `pip install "fieldmap[all]"` in the same environment takes the wheel that is installed; `fieldmap map quick`
    makes a map there.
-4. citation: `cffconvert --validate` for CITATION.cff, whose version is that of the package.
+5. citation: `cffconvert --validate` for CITATION.cff, whose version is that of the package.
 
 Takes some 1.5 GB of disk in a folder that is deleted at the end, and what pip downloads. Ends with 1 if anything fails.
 """
@@ -29,21 +31,32 @@ from collections.abc import Callable
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
-LARGEST_MB = 480.0
-STEPS = ("build", "core", "all", "citation")
+LARGEST_MB = 200.0
+STEPS = ("build", "core", "levitation", "all", "citation")
 
-USE = """
-import json, time
+ASK = """
+import json, sys, time
 start = time.perf_counter()
 import fieldmap as fm
 imported = time.perf_counter()
 m = fm.open_map("sample")
 opened = time.perf_counter()
+place, moment = [0.0, 0.0, -0.1], [0.0, 0.0, 1.0]
+currents = m.currents_for(place, [0.0, 0.0, 0.1], moment)
+print(json.dumps({
+    "where": fm.__file__, "import_s": imported - start, "open_map_s": opened - imported,
+    "Bz_T": m.field(place, 1.0)[2], "lift_N": round(m.wrench(place, moment, currents)[2], 9),
+    "scipy": "scipy" in sys.modules,
+}))
+"""
+USE = """
+import json
+import fieldmap as fm
+m = fm.open_map("sample")
 device = fm.read_device("disk_six_cores", changes={"driver.current_limit_A": 15.0})
 e = fm.find_equilibrium(m, 9.0, device.payload)
 run = fm.simulate("hold", {"start.depth_mm": 95, "field.scale": 2.15}, field_map=m, device=device)
 print(json.dumps({
-    "where": fm.__file__, "import_s": imported - start, "open_map_s": opened - imported,
     "floats_at_mm": 1e3 * e.position[2], "run": str(run.event or "held"), "samples": len(run.time),
 }))
 """
@@ -98,7 +111,7 @@ def build(folder: Path) -> tuple[Path, Path]:
 
 
 def _contents(wheel: Path, source: Path) -> None:
-    """Raises RuntimeError unless the two hold the tracked files, and only these."""
+    """Raises RuntimeError unless the two hold the tracked files, and only these; the wheel the compiled core too."""
     listed = subprocess.run(["git", "ls-files", "-z"], cwd=ROOT, capture_output=True, text=True, check=True)
     tracked = set(filter(None, listed.stdout.split("\0")))
     with tarfile.open(source) as archive:
@@ -109,6 +122,10 @@ def _contents(wheel: Path, source: Path) -> None:
     with zipfile.ZipFile(wheel) as archive:
         inside = {name for name in archive.namelist() if ".dist-info/" not in name}
     expected = {name for name in tracked if name.startswith("fieldmap/")}
+    compiled = {name for name in inside if re.fullmatch(r"fieldmap/core/library[^/]*\.(so|pyd)", name)}
+    if not compiled:
+        raise RuntimeError(f"{wheel.name} holds no compiled core")
+    expected |= compiled
     expected |= {f"fieldmap/shipped/{name}" for name in tracked if name.startswith(("geometry/", "maps/"))}
     for what, wrong in {
         "strange in the source distribution": strange,
@@ -134,20 +151,32 @@ def core(folder: Path, wheel: Path) -> Environment:
     print(f"  installed in {seconds:.0f} s: {size:.0f} MB (bound {LARGEST_MB:.0f}), {whole:.0f} with pip")
     if size > LARGEST_MB:
         raise RuntimeError(f"the core takes {size:.0f} MB, more than {LARGEST_MB:.0f}")
-    for state in ("kernels cold", "warm"):
+    for state in ("first", "again"):
         began = time.monotonic()
-        printed = environment.run("-c", USE, folder=folder)
+        printed = environment.run("-c", ASK, folder=folder)
         print(f"  {state}, {time.monotonic() - began:.1f} s: {printed.strip()}")
-        _expect('"run": "held"', printed)
-    print(f"  with compiled kernels {environment.megabytes():.0f} MB")
+        _expect('"lift_N": 0.1, "scipy": false', printed)
     told = environment.run("-m", "fieldmap", "check", "drive_unit", folder=folder, fails=True)
     _expect('pip install "fieldmap[cli]"', told)
-    told = environment.run(
-        "-c", "import fieldmap as fm; fm.generate('quick', 'q.h5')", folder=folder, fails=True
-    )
-    _expect('pip install "fieldmap[make]"', told)
-    print("  without extras: fieldmap names [cli], generate names [make]")
+    for call, extra in (
+        ("find_equilibrium(fm.open_map('sample'), 9.0, None)", "levitation"),
+        ("generate('quick', 'q.h5')", "make"),
+    ):
+        told = environment.run("-c", f"import fieldmap as fm; fm.{call}", folder=folder, fails=True)
+        _expect(f'pip install "fieldmap[{extra}]"', told)
+    print("  without extras: fieldmap names [cli], find_equilibrium [levitation], generate [make]")
     return environment
+
+
+def levitation(folder: Path, environment: Environment) -> None:
+    """The same environment with scipy, tried."""
+    before, began = environment.megabytes(), time.monotonic()
+    environment.install("fieldmap[levitation]")
+    print(f"  installed in {time.monotonic() - began:.0f} s: {environment.megabytes() - before:.0f} MB more")
+    began = time.monotonic()
+    printed = environment.run("-c", USE, folder=folder)
+    print(f"  {time.monotonic() - began:.1f} s: {printed.strip()}")
+    _expect('"run": "held"', printed)
 
 
 def everything(folder: Path, environment: Environment) -> None:
@@ -204,6 +233,9 @@ def main() -> int:
     def of_wheel() -> None:
         made["environment"] = core(folder, made["wheel"])  # type: ignore[arg-type]
 
+    def of_levitation() -> None:
+        levitation(folder, made["environment"])  # type: ignore[arg-type]
+
     def of_all() -> None:
         everything(folder, made["environment"])  # type: ignore[arg-type]
 
@@ -213,10 +245,11 @@ def main() -> int:
     steps: dict[str, Callable[[], None]] = {
         "build": built,
         "core": of_wheel,
+        "levitation": of_levitation,
         "all": of_all,
         "citation": lambda: citation(folder),
     }
-    needed = {"core": {"build"}, "all": {"build", "core"}}
+    needed = {"core": {"build"}, "levitation": {"build", "core"}, "all": {"build", "core"}}
     wanted = set(given.only).union(*(needed.get(step, set()) for step in given.only))
     try:
         for step in STEPS:

@@ -13,7 +13,18 @@ import pytest
 from tests.only_these import PROJECT, distributions, name_of
 
 ROOT = Path(__file__).parents[1]
-CORE = {"numpy", "scipy", "h5py", "pydantic", "threadpoolctl"}
+CORE = {"numpy", "h5py", "pydantic", "threadpoolctl"}
+
+ASK = """
+import fieldmap as fm
+
+m = fm.open_map("sample")
+currents = m.currents_for([0, 0, -0.1], [0.0, 0.0, 0.1], [0.0, 0.0, 1.0])
+answer = {
+    "field": m.field([0, 0, -0.1], 1.0).tolist(),
+    "wrench": m.wrench([0, 0, -0.1], [0.0, 0.0, 1.0], currents).tolist(),
+}
+"""
 
 USE = """
 import fieldmap as fm
@@ -29,18 +40,26 @@ answer = {
     "weight": device.payload.mass * 9.80665,
     "event": run.event,
     "depth": [float(run.rows[0, 2]), float(run.rows[-1, 2])],
-    "field": m.field([0, 0, -0.1], 1.0).tolist(),
 }
 """
 
 ENTRIES = """
 from pathlib import Path
 import fieldmap as fm
+from fieldmap.device.payload import SoftEllipsoid
 from fieldmap.errors import MissingExtraError
+from fieldmap.lookup import magnetic_body
 
 def checked():
     from fieldmap.iron import check_geometry
     check_geometry(fm.read_device("loop_and_sphere"))
+
+def tabled():
+    import numpy as np
+    from fieldmap.currents import LiftAndDirections
+    from fieldmap.lookup.current_table import spline_table
+    nodes = np.linspace(0.0, 1.0, 5)
+    spline_table([nodes] * 3, LiftAndDirections(1.25), np.zeros((5, 5, 5, 1)), np.zeros((5, 5, 5, 6, 1)))
 
 def drawn():
     import fieldmap.plot
@@ -66,6 +85,13 @@ ENTRIES = {
     "Device.from_magpylib": ("make", lambda: fm.Device.from_magpylib([])),
     "Background.from_magpylib": ("make", lambda: fm.Background.from_magpylib([])),
     "as_magpylib": ("make", lambda: fm.open_map("sample").as_magpylib(1.0)),
+    "find_equilibrium": ("levitation", lambda: fm.find_equilibrium(fm.open_map("sample"), 9.0, None)),
+    "simulate": ("levitation", lambda: fm.simulate("hold")),
+    "open_machine": ("levitation", lambda: fm.open_machine("hold")),
+    "PID": ("levitation", lambda: fm.control.PID),
+    "a table of currents": ("levitation", tabled),
+    "a soft ellipsoid": ("levitation", lambda: magnetic_body(SoftEllipsoid((1e-3, 1e-3, 2e-3), mu_r=100.0))),
+    "optimise": ("make", lambda: fm.optimise),
     "fieldmap.plot": ("plot", drawn),
     "fieldmap.plot.runs": ("plot", figure),
     "a .vtu file": ("make", vtk),
@@ -109,10 +135,11 @@ def result_with(extras, program, folder, *arguments):
     return json.loads(done.stdout.splitlines()[-1]), done.stdout + done.stderr
 
 
-def test_the_core_is_five_libraries_and_what_pins_their_threads():
+def test_the_core_is_three_libraries_and_what_pins_their_threads():
     assert {name_of(one) for one in PROJECT["dependencies"]} == CORE
     brought = distributions()
     heavy = {
+        "scipy",
         "numba",
         "llvmlite",
         "vtk",
@@ -135,26 +162,31 @@ def test_the_core_is_five_libraries_and_what_pins_their_threads():
 def core_alone(tmp_path_factory):
     """What a map gives, what the entries say, what the command ends with, and all that is printed: in one process, most
     of whose time is that of loading the package."""
-    program = f"{USE}\nused = answer\n{ENTRIES}\ntold = answer\n{COMMANDS}\nanswer = used, told, answer"
+    program = f"{ASK}\nused = answer\n{ENTRIES}\ntold = answer\n{COMMANDS}\nanswer = used, told, answer"
     (used, told, codes), printed = result_with(
         (), program, tmp_path_factory.mktemp("core"), "check drive_unit"
     )
     return SimpleNamespace(used=used, told=told, codes=codes, printed=printed)
 
 
-def test_maps_are_used_with_the_core_alone(core_alone):
+def test_maps_are_asked_with_the_core_alone(core_alone):
     found = core_alone.used
+    assert found["field"][2] > 0
+    assert found["wrench"][:3] == pytest.approx([0.0, 0.0, 0.1], abs=1e-9)
+
+
+def test_a_magnet_floats_with_the_extra_for_levitation(tmp_path):
+    found, _ = result_with(("levitation",), USE, tmp_path)
     # At the place where it floats the force of the map is the weight, upward.
     assert found["wrench"][2] == pytest.approx(found["weight"], rel=1e-6)
     assert np.abs(found["wrench"][:2]).max() < 1e-6 * found["weight"]
     assert found["event"] is None
     assert found["depth"][1] == pytest.approx(found["depth"][0], abs=1e-3)
-    assert found["field"][2] > 0
 
 
 def test_entries_without_their_extra_name_its_command(core_alone):
     found = core_alone.told
-    assert len(found) == 12
+    assert len(found) == 19
     assert set(found.values()) == {"told"}, found
 
 

@@ -135,8 +135,8 @@ def _weight(payload: "Payload | None", coils: int) -> "Array":
     """What lifts; one or two coils cannot be asked for three components."""
     import numpy as np
 
-    from fieldmap.levitation import GRAVITY
-    from fieldmap.levitation.balance import check_payload
+    from fieldmap.constants import GRAVITY
+    from fieldmap.lookup.payload import check_payload
 
     aside = 0.0 if coils >= 3 else np.nan
     return np.array([aside, aside, check_payload(payload, "--lift", pieces=True).mass * GRAVITY])

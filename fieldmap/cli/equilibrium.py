@@ -76,7 +76,7 @@ def equilibrium(
     from fieldmap.cli.printing import print_result
     from fieldmap.io import named_device
     from fieldmap.io.answers import floating, lifted
-    from fieldmap.levitation.balance import check_payload
+    from fieldmap.lookup.payload import check_payload
     from fieldmap.progress import Progress
 
     _exactly_one(currents, height_mm, sensor_mm)

@@ -188,7 +188,6 @@ def _unit(
 ) -> Path:
     from fieldmap.cli.arguments import parse_currents
     from fieldmap.device import read_device
-    from fieldmap.dynamics import body_of_payload
     from fieldmap.errors import InputError, Problem
     from fieldmap.interop import write_fmu
     from fieldmap.io import existing_map
@@ -203,6 +202,8 @@ def _unit(
             must = "must be a device with a [payload], whose moment is that of the unit"
             received = device if payload is None else "--moment as well"
             raise InputError(Problem("--body", must, received, "choose another, or leave it out"))
+        from fieldmap.dynamics import body_of_payload
+
         body = body_of_payload(payload)
     field = opened.at(parse_currents(currents, opened.coil_names)) if currents else opened
     magnet = (0.0, 0.0, 1.0 if moment is None else moment)

@@ -85,6 +85,8 @@ def _facts(summary: "MapSummary") -> "Iterator[tuple[str, str]]":
     yield "grid", f"{shape} nodes, {spacing} mm apart, from {corners}"
     if summary.domain is not None:
         yield "field", _middle(summary)
+    if summary.lift_missing:
+        yield "lift current", summary.lift_missing
     yield "file", f"{summary.size / 1e6:.2f} MB, made {record.created}"
     if summary.domain is not None:
         yield "cost", _cost(solver)

@@ -7,6 +7,14 @@ Models are plain arrays, so that they go into scipy.signal and python-control as
 
 from typing import TYPE_CHECKING, Any
 
+from fieldmap.extras import needs
+
+# As in fieldmap.levitation: told here for all modules.
+with needs("levitation", "fieldmap.control"):
+    import scipy
+
+    del scipy
+
 from fieldmap.control.blocks import (
     AxisReading,
     Controller,

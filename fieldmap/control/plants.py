@@ -15,9 +15,10 @@ from fieldmap.deprecated import renamed_argument
 from fieldmap.device.model import Payload
 from fieldmap.errors import InputError, Problem
 from fieldmap.field import AnyField, Field, require_bounds, resolve_currents
-from fieldmap.levitation.balance import Balance, check_payload, check_position
+from fieldmap.levitation.balance import Balance, check_position
 from fieldmap.levitation.equilibrium import assumptions
 from fieldmap.levitation.lift import direction_of_lift
+from fieldmap.lookup.payload import check_payload
 from fieldmap.records import Record
 from fieldmap.typing import Array
 

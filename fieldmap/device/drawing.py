@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from types import ModuleType
 
 import numpy as np
 
@@ -19,6 +20,8 @@ from fieldmap.device.parts import (
     TriangleSurface,
     VolumeMesh,
 )
+from fieldmap.errors import MissingExtraError
+from fieldmap.extras import require
 from fieldmap.records import Record
 from fieldmap.typing import Array, Index
 
@@ -29,14 +32,20 @@ _IRON, _COPPER = "#9aa5b1", "#d08b5b"
 
 
 def small_picture(bodies: tuple[Body, ...], coils: tuple[Coil, ...]) -> str:
-    """Outlines of bodies and windings in the x-y plane and in the x-z plane, to one scale; "" for nothing to draw.
+    """Outlines of bodies and windings in the x-y plane and in the x-z plane, to one scale; "" for nothing to draw, and
+    without scipy, which finds the outlines: a card in a notebook then has no picture.
 
     Outlines are convex: bores and notches are not seen. Bodies from STEP files are left out.
     """
     things = [(_IRON, points) for body in bodies for points in map(part_points, body.parts) if len(points)]
     things += [(_COPPER, coil_points(coil)) for coil in coils]
-    if not things:
+    try:
+        return _two_views(things) if things else ""
+    except MissingExtraError:
         return ""
+
+
+def _two_views(things: list[tuple[str, Array]]) -> str:
     every = np.concatenate([points for _, points in things])
     lower, upper = every.min(axis=0), every.max(axis=0)
     scale = (_SIZE - 2 * _MARGIN) / max(float((upper - lower).max()), 1e-9)
@@ -223,16 +232,19 @@ def coil_points(coil: Coil) -> Array:
 
 
 def _hull_triangles(points: Array) -> Index:
-    # Here: reading a device or a map, which are rarely drawn, would take longer.
-    from scipy.spatial import ConvexHull
-
-    return ConvexHull(points).simplices.astype(np.int64)
+    triangles: Index = _spatial().ConvexHull(points).simplices.astype(np.int64)
+    return triangles
 
 
 def _hull(points: Array) -> Array:
-    from scipy.spatial import ConvexHull, QhullError
-
+    spatial = _spatial()
     try:
-        return points[ConvexHull(points).vertices]
-    except QhullError:
+        corners: Array = points[spatial.ConvexHull(points).vertices]
+    except spatial.QhullError:
         return points
+    return corners
+
+
+def _spatial() -> ModuleType:
+    # Here: reading a device or a map, which are rarely drawn, would take longer, and needs no scipy.
+    return require("scipy.spatial", "plot", "outlines")

@@ -3,6 +3,14 @@
 Depends on: errors, arguments, kernels, device, store, lookup, levitation, control, instruments.
 """
 
+from fieldmap.extras import needs
+
+# As in fieldmap.levitation: told here for all modules.
+with needs("levitation", "fieldmap.dynamics"):
+    import scipy
+
+    del scipy
+
 from fieldmap.control.blocks import (
     AxisReading,
     Controller,

@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from fieldmap.arguments import check_numbers, check_signal
-from fieldmap.control.loop import LoopInstruments
 from fieldmap.core.instruments import Chain, Drive, drive_all, measure_all
 from fieldmap.instruments.amplifier import Amplifier
 from fieldmap.instruments.converter import Converter
 from fieldmap.instruments.micrometer import Micrometer
 from fieldmap.records import Record
 from fieldmap.typing import Array
+
+if TYPE_CHECKING:
+    from fieldmap.control.loop import LoopInstruments
 
 
 @dataclass(frozen=True, repr=False)
@@ -97,5 +100,8 @@ def loop_instruments(rig: Rig, position: float = 0.0, output: float = 0.0) -> Lo
 
     The plant then has the current (A) as input and the position (m) as output.
     """
+    # Here: instruments alone need no scipy, control does.
+    from fieldmap.control.loop import LoopInstruments
+
     check_numbers("loop_instruments", position=position, output=output)
     return LoopInstruments(rig.chain, rig.drive, position, output)

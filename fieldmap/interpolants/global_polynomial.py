@@ -101,10 +101,8 @@ def _least_squares(design: Array, values: Array) -> Array:
     # The triangle alone, of matrix and values together: a third of the work of an orthogonal matrix of all rows.
     triangle = np.asarray(np.linalg.qr(np.concatenate([design / scale, values], axis=1), mode="r"))
     unknowns = len(scale)
-    # Here: to open a map would take longer.
-    from scipy.linalg import solve_triangular
-
-    return solve_triangular(triangle[:unknowns, :unknowns], triangle[:unknowns, unknowns:]) / scale[:, None]
+    # Of a triangle the factors are the triangle itself.
+    return np.linalg.solve(triangle[:unknowns, :unknowns], triangle[:unknowns, unknowns:]) / scale[:, None]
 
 
 # Of three components of the field, and five entries of the gradient: where each is odd if the potential is even.

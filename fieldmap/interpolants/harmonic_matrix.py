@@ -1,20 +1,14 @@
 """What a harmonic polynomial gives at points, as a matrix on its coefficients."""
 
-from __future__ import annotations
-
 from functools import cache
 from itertools import combinations_with_replacement
 from math import factorial
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fieldmap.core.harmonics import derivative_matrix, regular_table
 from fieldmap.typing import Array
-
-if TYPE_CHECKING:
-    from scipy.sparse import csr_array
 
 
 def field_matrix(degree: int, points: Array) -> Array:
@@ -35,48 +29,19 @@ def gradient_matrix(degree: int, points: Array) -> Array:
 
 def _derived(table: Array, degree: int, i: int) -> Array:
     """table (n, degree^2) @ derivative_matrix(degree, i), of whose columns nearly all is zero."""
-    (one, other), (share, more) = _two_harmonics(degree, i)
-    return np.asarray(share * table[:, one] + more * table[:, other])
+    harmonics, shares = _two_harmonics(degree, i)
+    # Of degree 1 there is one harmonic to sum.
+    first, *second = [share * table[:, k] for k, share in zip(harmonics, shares, strict=True)]
+    return np.asarray(first + second[0] if second else first)
 
 
 @cache
 def _two_harmonics(degree: int, i: int) -> tuple[NDArray[np.intp], Array]:
-    """The two harmonics (2, (degree + 1)^2) that a derivative of each is a sum of at most, and their shares."""
+    """The two harmonics (2, (degree + 1)^2) that a derivative of each is a sum of at most, and their shares; of degree
+    1 the one that there is."""
     matrix = derivative_matrix(degree, i)
     rows = np.sort(np.argsort(-np.abs(matrix), axis=0, kind="stable")[:2], axis=0)
     return rows, np.take_along_axis(matrix, rows, axis=0)
-
-
-@cache
-def _unit_shift(degree: int, axis: int) -> tuple[csr_array, NDArray[np.intp]]:
-    """Matrix of coefficients ((degree + 1)^2,) to those about an origin 1 further along an axis, and of each of its
-    entries by which power of the shift it grows.
-
-    Taylor's series, which ends: p(x + s) = sum_k (s d/dx)^k p(x) / k!. All degrees that the polynomials have are kept.
-    """
-    # Here: to open a map would take longer.
-    from scipy.sparse import csr_array, eye_array
-
-    terms = (degree + 1) ** 2
-    derivative = csr_array(derivative_matrix(degree, axis))
-    derivative.resize((terms, terms))
-    total = term = eye_array(terms, format="csr")
-    for k in range(1, degree + 1):
-        term = (1.0 / k) * (derivative @ term)
-        total = total + term
-    of_degree = np.sqrt(np.arange(terms)).astype(np.intp)
-    rows = np.repeat(np.arange(terms), np.diff(total.indptr))
-    return total, of_degree[total.indices] - of_degree[rows]
-
-
-def shift_matrix(degree: int, axis: int, shift: float) -> csr_array:
-    """Matrix ((degree + 1)^2, (degree + 1)^2) of coefficients to those of the same polynomials about an origin `shift`
-    further along an axis."""
-    from scipy.sparse import csr_array
-
-    unit, powers = _unit_shift(degree, axis)
-    data = unit.data * (shift ** np.arange(degree + 1))[powers]
-    return csr_array((data, unit.indices, unit.indptr), shape=unit.shape)
 
 
 def largest_on_sphere(degree: int) -> Array:

@@ -4,23 +4,26 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Literal, TypeAlias, cast, get_args
+from typing import TYPE_CHECKING, Literal, TypeAlias, cast, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from fieldmap.constants import GRAVITY
 from fieldmap.device.measured import MeasuredMachine, measured_machine, measured_on
 from fieldmap.device.model import Payload
 from fieldmap.errors import InputError, Problem
 from fieldmap.field import Bounds, dipole_wrench
 from fieldmap.io.field_source import FieldSource
-from fieldmap.levitation import GRAVITY, Equilibrium, LiftCurrent, find_equilibrium, lift_current
-from fieldmap.levitation.balance import check_position
 from fieldmap.lookup.inverse_of_field import currents_for
 from fieldmap.lookup.magnetic_body import MagneticBody
 from fieldmap.plain import Plain, plain_items
 from fieldmap.records import Record
 from fieldmap.typing import Array
+
+# Where a field is asked at points, and for currents, scipy is not needed: levitation is imported where it is used.
+if TYPE_CHECKING:
+    from fieldmap.levitation import Equilibrium, LiftCurrent
 
 Moment: TypeAlias = Literal["fixed", "aligned"]
 MOMENTS = get_args(Moment)
@@ -196,6 +199,8 @@ class Levitation(Record):
 
     def to_dict(self) -> dict[str, Plain]:
         """The answer as plain Python, SI units but for `sensor_mm`."""
+        from fieldmap.levitation import LiftCurrent
+
         numbers = self.found.to_dict()
         if isinstance(self.found, LiftCurrent):
             measured = self.measured_current
@@ -226,6 +231,9 @@ def floating(
     moment: str = "fixed",
 ) -> Levitation:
     """Where the payload floats at currents (n_coils,), A; otherwise as `find_equilibrium`."""
+    from fieldmap.levitation import find_equilibrium
+    from fieldmap.levitation.balance import check_position
+
     bounds, amperes = require_box(source), source.currents(currents)
     if start is not None:
         check_position(bounds, start, "start")
@@ -247,6 +255,9 @@ def lifted(
     from its reference currents on. Raises Infeasible where the field does not lift, OutsideMapError for a place or a
     current beyond the map.
     """
+    from fieldmap.levitation import lift_current
+    from fieldmap.levitation.balance import check_position
+
     point = check_position(require_box(source), [0.0, 0.0, height], "the magnet's centre")
     first = 1.0
     if source.is_map and not source.field.affine:

@@ -4,32 +4,27 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from os import PathLike
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from fieldmap.currents import CurrentDomain
 from fieldmap.device import recorded_device
-from fieldmap.device.measured import measured_on
+from fieldmap.device.measured import MeasuredMachine, measured_on
 from fieldmap.device.model import Device, Payload
-from fieldmap.errors import OutsideMapError
+from fieldmap.errors import MissingExtraError, OutsideMapError
 from fieldmap.io.field_source import existing_map
-from fieldmap.levitation.comparison import (
-    ForceFit,
-    LiftAtHeight,
-    ShiftBesideMeasured,
-    fit_force,
-    lift_by_height,
-    shifts_beside_measured,
-)
 from fieldmap.lookup import FieldMap, open_map
 from fieldmap.plain import Plain, plain_fields, plain_items
 from fieldmap.records import Record
 from fieldmap.store import FieldError, MapInfo, MissedAccuracy, missed_accuracy
 from fieldmap.typing import Array
+
+if TYPE_CHECKING:
+    from fieldmap.levitation.comparison import ForceFit, LiftAtHeight, ShiftBesideMeasured
 
 NO_SATURATION = (
     'This map is linear: no saturation. A recipe with iron.model = "saturating" makes a map over currents with '
@@ -99,7 +94,8 @@ class MapAccuracy(Record):
 @dataclass(frozen=True, eq=False, repr=False)
 class MapSummary(Record):
     """What `fieldmap info` prints. size: of the file, bytes; lift_source: where measured lift currents are printed;
-    force_fit and shifts: beside what was measured on the machine, if anything was."""
+    force_fit and shifts: beside what was measured on the machine, if anything was. lift_missing: why the currents that
+    lift the payload were not computed; empty where they were, or there is no payload."""
 
     path: Path
     size: int
@@ -110,6 +106,7 @@ class MapSummary(Record):
     lift_source: str
     force_fit: ForceFit | None = None
     shifts: tuple[ShiftBesideMeasured, ...] = ()
+    lift_missing: str = ""
 
     @property
     def payload(self) -> Payload | None:
@@ -194,6 +191,7 @@ class MapSummary(Record):
             lift=[row.to_dict() for row in self.lift],
             force_fit=self.force_fit,
             shifts=self.shifts,
+            lift_missing=self.lift_missing,
             saturation=self.saturation,
         )
 
@@ -223,24 +221,33 @@ def summarise_map(path: str | PathLike[str]) -> MapSummary:
     device = recorded_device(record.device_text) if record.device_text else None
     machine = measured_on(record.device_name, len(opened.coil_names))
     payload = None if device is None else device.payload
-    domain = None if opened.info.reduced_model is None else opened.info.reduced_model.domain
-    lift: tuple[LiftAtHeight, ...] = ()
-    shifts: tuple[ShiftBesideMeasured, ...] = ()
-    if payload is not None:
-        lift = lift_by_height(opened, payload, machine, domain.largest_equal_current() if domain else None)
-    if payload is not None and machine is not None and domain is not None:
-        shifts = shifts_beside_measured(opened, payload, machine, domain.parametrisation)
-    return MapSummary(
+    summary = MapSummary(
         path=place,
         size=place.stat().st_size,
         info=opened.info,
         device=device,
         middle=middle_field(opened),
-        lift=lift,
+        lift=(),
         lift_source="" if machine is None else machine.lift_source,
-        force_fit=None if payload is None else fit_force(opened, payload, lift),
-        shifts=shifts,
     )
+    return summary if payload is None else _with_lift(summary, opened, payload, machine)
+
+
+def _with_lift(
+    summary: MapSummary, opened: FieldMap, payload: Payload, machine: MeasuredMachine | None
+) -> MapSummary:
+    """The same with the currents that lift the payload, beside what was measured; or with what these need."""
+    try:
+        from fieldmap.levitation.comparison import fit_force, lift_by_height, shifts_beside_measured
+    except MissingExtraError as error:
+        (problem,) = error.problems
+        return replace(summary, lift_missing=f"{problem.must_hold}: {problem.remedy}")
+    domain = summary.domain
+    lift = lift_by_height(opened, payload, machine, domain.largest_equal_current() if domain else None)
+    shifts: tuple[ShiftBesideMeasured, ...] = ()
+    if machine is not None and domain is not None:
+        shifts = shifts_beside_measured(opened, payload, machine, domain.parametrisation)
+    return replace(summary, lift=lift, force_fit=fit_force(opened, payload, lift), shifts=shifts)
 
 
 def middle_field(opened: FieldMap) -> MiddleField:

@@ -1,5 +1,13 @@
 """Soft iron in the field of coils: mesh, volume integral equation, solution."""
 
+from fieldmap.extras import needs
+
+# Its modules need scipy throughout: where it is missing, this is told here for all of them.
+with needs("make", "fieldmap.iron"):
+    import scipy
+
+    del scipy
+
 from fieldmap.deprecated import renamed
 from fieldmap.device.model import Section
 from fieldmap.iron.beyond_saturation import BodyBeyondSaturation, bodies_beyond_saturation

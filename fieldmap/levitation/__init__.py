@@ -5,6 +5,14 @@ the field must have a box. Depends on device (payload) and lookup (magnets of fi
 make maps.
 """
 
+from fieldmap.extras import needs
+
+# Its modules need scipy throughout: where it is missing, this is told here for all of them.
+with needs("levitation", "fieldmap.levitation"):
+    import scipy
+
+    del scipy
+
 from fieldmap.constants import GRAVITY
 from fieldmap.deprecated import renamed
 from fieldmap.levitation.balance import (

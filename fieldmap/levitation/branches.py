@@ -16,13 +16,13 @@ from fieldmap.field import AnyField, as_field, require_bounds
 from fieldmap.levitation.balance import (
     MagnetBalance,
     MagnetModel,
-    check_payload,
     check_position,
     magnet_balance,
     model_assumptions,
 )
 from fieldmap.levitation.continuation import Fold, FollowedBranch, follow_branch
 from fieldmap.levitation.stationary import StationaryPoint, describe
+from fieldmap.lookup.payload import check_payload
 from fieldmap.records import Record
 from fieldmap.typing import Array
 

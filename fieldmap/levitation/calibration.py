@@ -18,8 +18,9 @@ from fieldmap.deprecated import renamed_argument
 from fieldmap.device.model import Payload
 from fieldmap.errors import InputError, NoEquilibrium, Problem
 from fieldmap.field import AnyField, Bounds, Field, as_field, require_bounds
-from fieldmap.levitation.balance import MagnetModel, check_payload, magnet_balance, model_assumptions
+from fieldmap.levitation.balance import MagnetModel, magnet_balance, model_assumptions
 from fieldmap.levitation.branches import equilibrium_at
+from fieldmap.lookup.payload import check_payload
 from fieldmap.records import Record
 from fieldmap.typing import Array
 

@@ -17,11 +17,10 @@ from fieldmap.levitation.balance import (
     Balance,
     BodyBalance,
     body_balance,
-    check_payload,
     check_position,
     refuse_models_of_pieces,
 )
-from fieldmap.lookup.payload import magnetic_body
+from fieldmap.lookup.payload import check_payload, magnetic_body
 from fieldmap.plain import Plain, plain_items
 from fieldmap.records import Record
 from fieldmap.typing import Array

@@ -14,14 +14,9 @@ from fieldmap.deprecated import renamed_argument
 from fieldmap.device.model import Payload
 from fieldmap.errors import Infeasible, InputError, NotConverged, OutsideMapError, Problem
 from fieldmap.field import AnyField, Field, as_field, coil_currents, require_bounds
-from fieldmap.levitation.balance import (
-    Balance,
-    body_balance,
-    check_payload,
-    check_position,
-    dipole_force,
-)
+from fieldmap.levitation.balance import Balance, body_balance, check_position, dipole_force
 from fieldmap.lookup.actuation import wrench_actuation
+from fieldmap.lookup.payload import check_payload
 from fieldmap.plain import Plain, plain_items
 from fieldmap.records import Record
 from fieldmap.typing import Array

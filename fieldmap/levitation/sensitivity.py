@@ -13,13 +13,8 @@ from fieldmap.deprecated import renamed_argument
 from fieldmap.device.model import Payload
 from fieldmap.errors import InputError, Problem
 from fieldmap.field import AnyField, require_bounds, resolve_currents
-from fieldmap.levitation.balance import (
-    MagnetBalance,
-    MagnetModel,
-    check_payload,
-    check_position,
-    magnet_balance,
-)
+from fieldmap.levitation.balance import MagnetBalance, MagnetModel, check_position, magnet_balance
+from fieldmap.lookup.payload import check_payload
 from fieldmap.records import Record
 from fieldmap.typing import Array
 

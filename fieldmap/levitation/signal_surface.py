@@ -17,11 +17,12 @@ from fieldmap.deprecated import renamed_argument
 from fieldmap.device.model import Payload
 from fieldmap.errors import Infeasible, NoEquilibrium, OutsideMapError
 from fieldmap.field import AnyField, Field, as_field, coil_currents, require_bounds
-from fieldmap.levitation.balance import check_payload, check_position
+from fieldmap.levitation.balance import check_position
 from fieldmap.levitation.branches import equilibrium_at
 from fieldmap.levitation.least_power import force_per_ampere, push_shares
 from fieldmap.levitation.lift import direction_of_lift
 from fieldmap.levitation.stationary import StationaryPoint
+from fieldmap.lookup.payload import check_payload
 from fieldmap.records import Record
 from fieldmap.typing import Array
 

@@ -9,6 +9,7 @@ import numpy as np
 from fieldmap.core.current_table import FOUND, CoreTable, Table
 from fieldmap.currents import ROUNDING, TOLERANCE, LiftAndDirections
 from fieldmap.errors import InputError, Problem
+from fieldmap.extras import require
 from fieldmap.lookup.current_model import CurrentModel
 from fieldmap.lookup.evaluation import Evaluator
 from fieldmap.records import Record
@@ -91,12 +92,10 @@ def spline_table(
 ) -> Table:
     """A table of weights (nu, nx, ny, k) at nodes of u, x and y, and their slopes by the currents
     (nu, nx, ny, 6, k). margin: share of the range by which currents may lie outside, for rounding."""
-    # Here: opening a map without a table would take longer.
-    from scipy.interpolate import make_interp_spline
-
+    interpolate = require("scipy.interpolate", "levitation", "table of currents", "do without a table")
     coefficients, knots = values, []
     for axis, nodes in enumerate(axes):
-        spline = make_interp_spline(nodes, coefficients, k=3, axis=axis)
+        spline = interpolate.make_interp_spline(nodes, coefficients, k=3, axis=axis)
         coefficients = np.moveaxis(spline.c, 0, axis)
         knots.append(np.array(spline.t))
     lower, upper = np.array([nodes[0] for nodes in axes]), np.array([nodes[-1] for nodes in axes])

@@ -223,21 +223,29 @@ def reachable_share(
 ) -> tuple[float, Array] | None:
     """Largest share of the demand that currents within the limits give, and what it is; None if there is none.
 
-    A linear program: t, i with A i + c = t b, t largest; c (rows,): what is there without currents.
+    The largest t with A i + c = t b for currents i within the limits; c (rows,): what is there without currents. Such
+    t are an interval. One of them comes from currents that may leave the share 1 - t of the demand to one more column,
+    b; halving what lies between it and 1 finds the end.
     """
-    # Here: opening a map would take longer.
-    from scipy.optimize import linprog
-
-    size = np.linalg.norm(matrix, axis=1)
-    rows = size > 0
-    scale = size[rows]
-    constraint = np.hstack([matrix[rows] / scale[:, None], -(wanted[rows] / scale)[:, None]])
-    goal = np.append(np.zeros(matrix.shape[1]), -1.0)
-    bounds = [*zip(low, high, strict=True), (0.0, 1.0)]
-    found = linprog(goal, A_eq=constraint, b_eq=-constant[rows] / scale, bounds=bounds, method="highs")
-    if found.status != 0 or found.x[-1] <= 0.0:
+    n = matrix.shape[1]
+    currents, active = np.empty(n + 1), np.empty(n + 1, np.int64)
+    ends = np.abs(np.concatenate([low, high]))
+    widest = max(float(ends[np.isfinite(ends)].max(initial=0.0)), 1e-300)
+    beside = np.ascontiguousarray(np.hstack([matrix, wanted[:, None]]))
+    about = np.append(low, 0.0), np.append(high, 1.0), np.append(np.ones(n), widest**2)
+    if least_power(beside, wanted - constant, *about, currents, active) != FOUND:
         return None
-    return float(found.x[-1]), np.asarray(found.x[-1] * wanted)
+    share, more = 1.0 - float(currents[n]), 1.0
+    currents, active, weight = np.empty(n), np.empty(n, np.int64), np.ones(n)
+    for _ in range(_HALVINGS):
+        middle = 0.5 * (share + more)
+        found = least_power(matrix, middle * wanted - constant, low, high, weight, currents, active) == FOUND
+        share, more = (middle, more) if found else (share, middle)
+    return (share, share * wanted) if share > _NO_SHARE else None
+
+
+_HALVINGS = 50
+_NO_SHARE = 1e-9
 
 
 def _no_place(position: Array) -> OutsideMapError:

@@ -59,6 +59,29 @@ def magnetic_body(
     return FiniteMagnet(np.zeros((1, 3)), np.array([[0.0, 0.0, payload.moment]]))
 
 
+def check_payload(payload: Payload | None, where: str, pieces: bool = False) -> Payload:
+    """A payload with a positive mass and a positive moment; or of pieces, if these are welcome. Raises InputError."""
+    if payload is None:
+        raise InputError(
+            Problem(
+                f"{where}(payload)", "must be a payload", "None", "add a [payload] table to the device file"
+            )
+        )
+    if payload.pieces and not pieces:
+        must_hold = "must be one magnet or a moment here"
+        remedy = "find_equilibrium, lift_current, currents_for, simulate and MuJoCo take payloads of pieces"
+        raise InputError(Problem(f"{where}(payload.pieces)", must_hold, payload.description, remedy))
+    needed = [("mass", payload.mass)] + ([] if payload.pieces else [("moment", payload.moment)])
+    problems = [
+        Problem(f"{where}(payload.{name})", "must be positive", f"{value}", f"give the payload a {name}")
+        for name, value in needed
+        if not (np.isfinite(value) and value > 0)
+    ]
+    if problems:
+        raise InputError(*problems)
+    return payload
+
+
 def compiled_wrench(field_map: FieldMap, body: MagneticBody) -> tuple[Any, Any]:
     """(function, data) for your own numba functions: force and torque on a body, and their derivatives by the currents.
 

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from fieldmap.constants import MU0
 from fieldmap.core.body import Soft
 from fieldmap.errors import InputError, Problem
+from fieldmap.extras import require
 from fieldmap.field import AnyField, as_field
 from fieldmap.records import Record
 from fieldmap.typing import Array
@@ -57,12 +58,12 @@ def demagnetising_factors(axes: ArrayLike) -> Array:
         raise InputError(
             Problem("demagnetising_factors(axes)", must_hold, f"{size.tolist()}", "give the axes")
         )
-    # Here: to open a map would take longer.
-    from scipy.special import elliprd
-
+    if (size == size[0]).all():
+        return np.full(3, 1.0 / 3.0)
+    rd = require("scipy.special", "levitation", "soft ellipsoids").elliprd
     a = size / np.cbrt(size.prod())  # their product is 1
     x, y, z = a * a
-    return np.array([elliprd(y, z, x), elliprd(x, z, y), elliprd(x, y, z)]) / 3.0
+    return np.array([rd(y, z, x), rd(x, z, y), rd(x, y, z)]) / 3.0
 
 
 def soft_piece(shape: SoftBody, placement: Placement | None = None) -> SoftPiece:

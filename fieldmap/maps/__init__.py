@@ -3,6 +3,14 @@
 Depends on: errors, kernels, device, store, iron, pydantic.
 """
 
+from fieldmap.extras import needs
+
+# As in fieldmap.iron: told here for all modules.
+with needs("make", "fieldmap.maps"):
+    import scipy
+
+    del scipy
+
 from fieldmap.maps.generation import generate
 from fieldmap.maps.recipe import Recipe, read_recipe, recipe_for
 

@@ -23,8 +23,8 @@ from fieldmap.interpolants.harmonic_matrix import (
     field_matrix,
     gradient_matrix,
     largest_on_sphere,
-    shift_matrix,
 )
+from fieldmap.maps.shifted_origin import shift_matrix
 from fieldmap.parallel import in_threads, threads_of_kernels
 from fieldmap.store import FieldError, Grid, MapData
 from fieldmap.typing import Array, Index

@@ -1,5 +1,13 @@
 """The two-dimensional model: iron, conductors and walls that extend to infinity across the plane."""
 
+from fieldmap.extras import needs
+
+# As in fieldmap.iron: told here for all modules.
+with needs("make", "fieldmap.planar"):
+    import scipy
+
+    del scipy
+
 from fieldmap.planar.device_file import read_planar_device
 from fieldmap.planar.linear import solve_planar
 from fieldmap.planar.model import PlanarBody, PlanarCoil, PlanarDevice, RectangularWire, RoundWire

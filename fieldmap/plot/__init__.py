@@ -11,8 +11,9 @@ with needs("plot", "pictures"):
     import matplotlib
     import PIL
     import pyvista
+    import scipy
 
-    del matplotlib, PIL, pyvista
+    del matplotlib, PIL, pyvista, scipy
 
 from fieldmap.plot.device_drawing import device_scene
 from fieldmap.plot.picture import save_picture

@@ -11,8 +11,8 @@ from fieldmap.currents import IndependentCurrents
 from fieldmap.device.model import Payload
 from fieldmap.errors import FieldmapError, InputError, NoEquilibrium, OutsideMapError, Problem
 from fieldmap.levitation import GRAVITY, Equilibrium, dipole_force, find_equilibrium
-from fieldmap.levitation.balance import check_payload
 from fieldmap.lookup import FieldMap
+from fieldmap.lookup.payload import check_payload
 from fieldmap.records import Record
 from fieldmap.typing import Array
 

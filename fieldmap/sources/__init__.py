@@ -3,6 +3,14 @@
 Nothing else talks to magpylib: `magpylib_coil` and `magpylib_tetrahedra` in `fieldmap.sources.magpylib_objects`.
 """
 
+from fieldmap.extras import needs
+
+# As in fieldmap.iron: told here for all modules.
+with needs("make", "fieldmap.sources"):
+    import scipy
+
+    del scipy
+
 from fieldmap.sources.coil_set import CoilSet
 from fieldmap.sources.coils import unit_flux_densities, unit_flux_density, unit_flux_density_and_gradient
 from fieldmap.sources.inductance import bare_inductance

@@ -5,6 +5,14 @@ and what their tolerances make of its results (`analyse_tolerances`).
 Depends on: errors, device, iron, maps (recipes), levitation, pydantic, xarray and h5netcdf (the extra `studies`).
 """
 
+from fieldmap.extras import needs
+
+# As in fieldmap.iron, which solves what is studied: told here for all modules.
+with needs("make", "fieldmap.studies"):
+    import scipy
+
+    del scipy
+
 from fieldmap.studies.design_file import read_design_problem
 from fieldmap.studies.design_problem import Carrying, DesignProblem, Limit, Linked, Number, Variable
 from fieldmap.studies.fit_reading import Fit, read_fit

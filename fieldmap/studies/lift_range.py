@@ -9,7 +9,8 @@ from fieldmap.errors import Infeasible, Problem
 from fieldmap.field import Field, require_bounds
 from fieldmap.iron import LinearSolution
 from fieldmap.levitation import GRAVITY
-from fieldmap.levitation.balance import check_payload, upright_force
+from fieldmap.levitation.balance import upright_force
+from fieldmap.lookup.payload import check_payload
 from fieldmap.typing import Array
 
 HEIGHTS = 33

@@ -18,7 +18,7 @@ from fieldmap.device import Device, read_device
 from fieldmap.device.materials import SaturatingMaterial
 from fieldmap.iron import HysteresisSolver, HystereticState, IronMemory, Pinning
 from fieldmap.levitation import GRAVITY
-from fieldmap.levitation.balance import check_payload
+from fieldmap.lookup.payload import check_payload
 from fieldmap.provenance import fingerprint
 from fieldmap.records import Record
 from fieldmap.store import Checkpoint

@@ -7,6 +7,7 @@ from typing import Any
 
 from fieldmap.curves import Curves
 from fieldmap.errors import InputError, Problem
+from fieldmap.extras import needs
 from fieldmap.records import Record
 from fieldmap.thesis.printed import read_part, read_rows, row_of
 
@@ -77,4 +78,5 @@ def function_of(part: str) -> Callable[[dict[str, Any]], Answers | Mapping[str, 
     and facts besides. Where the file says `map = "division"`, inputs["map"] is that recipe's map, opened.
     """
     module, _, name = read_part(part).ours.partition(".")
-    return getattr(import_module(f"fieldmap.thesis.{module}"), name)
+    with needs("make", part):
+        return getattr(import_module(f"fieldmap.thesis.{module}"), name)

@@ -87,6 +87,12 @@ def _law():
 
 
 def saturating_map(kind="harmonic", free=False):
+    """The map of `saturating_data`, opened."""
+    # Beside the division the model is asked too, by the test.
+    return interpolate(saturating_data(free), kind=kind, outside_currents="evaluate")
+
+
+def saturating_data(free=False):
     """Six coils and three fields of an iron that saturates, over the division with n = 1.25, or of currents within 3 A,
     each by itself: a model made up."""
     rng = np.random.default_rng(11)
@@ -119,7 +125,7 @@ def saturating_map(kind="harmonic", free=False):
         reference_weights=np.ones(3),
         **domain,
     )
-    data = MapData(
+    return MapData(
         grid,
         tuple("123456"),
         np.ones(6),
@@ -127,8 +133,6 @@ def saturating_map(kind="harmonic", free=False):
         gradient=np.array([axial_gradient(points, *c) for c in fields]).reshape(9, 5, 5, 5, 3, 3),
         reduced_model=model,
     )
-    # Beside the division the model is asked too, by the test.
-    return interpolate(data, kind=kind, outside_currents="evaluate")
 
 
 @pytest.fixture(scope="session")

@@ -8,8 +8,8 @@ from fieldmap.interpolants.harmonic_matrix import (
     field_matrix,
     gradient_matrix,
     largest_on_sphere,
-    shift_matrix,
 )
+from fieldmap.maps.shifted_origin import shift_matrix
 from fieldmap.store import Grid, MapData
 from tests.core.harmonics_in_numpy import regular_table
 
@@ -29,6 +29,16 @@ def test_about_another_origin_it_is_the_same_polynomial(coefficients, axis):
     here = regular_table(DEGREE, points + shift) @ coefficients
     assert regular_table(DEGREE, points) @ moved == pytest.approx(here, abs=1e-12 * np.abs(here).max())
     assert shift_matrix(DEGREE, axis, -0.37) @ moved == pytest.approx(coefficients, abs=1e-12)
+
+
+@pytest.mark.parametrize("degree", [2, 3, DEGREE])
+def test_gradients_are_differences_of_fields(degree):
+    points, step = np.random.default_rng(3).uniform(-1, 1, (20, 3)), 1e-5
+    for j, along in enumerate(step * np.eye(3)):
+        difference = (field_matrix(degree, points + along) - field_matrix(degree, points - along)) / (
+            2 * step
+        )
+        assert gradient_matrix(degree, points)[:, :, j] == pytest.approx(difference, abs=1e-8)
 
 
 @pytest.mark.parametrize("degree", range(DEGREE + 1))

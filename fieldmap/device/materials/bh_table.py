@@ -94,15 +94,13 @@ class BHTable(SaturatingMaterial):
 
     def points(self) -> LawPoints:
         """A straight line from the origin, the table, and an end that is saturated or on its way there."""
-        from scipy.interpolate import PchipInterpolator
-
         field = MU0 * np.concatenate([[0.0], self.h])
         polarisation = np.concatenate([[0.0], self.b]) - field
         secant = np.diff(polarisation) / np.diff(field)
         tail = _tail(field, polarisation, self.saturation)
         # With the continuation the slope at the last point is known: dB/dH has no jump there.
         beyond = np.append(field, 2 * field[-1]), np.append(polarisation, _tail_value(2 * field[-1], tail))
-        slope = PchipInterpolator(*beyond).derivative()(field)
+        slope = np.append(secant[0], _monotone_slopes(*beyond))
         # The stated straight line to the origin, as far as monotony of the next piece allows (Fritsch and Carlson).
         slope[0] = secant[0]
         slope[1] = min(secant[0], 3 * secant[1]) if len(secant) > 1 else secant[0]
@@ -124,6 +122,21 @@ class BHTable(SaturatingMaterial):
             f"single-valued B-H table, {self.below} below {self.b[0]:g} T, "
             f"{self.above}{rises} above {self.b[-1]:g} T"
         )
+
+
+def _monotone_slopes(x: Array, y: Array) -> Array:
+    """Slopes at all points but the first and the last, so that cubics between the points are monotone where the points
+    are: weighted harmonic means of the slopes beside them, or 0 where these have no common sign (F. N. Fritsch and
+    J. Butland, SIAM J. Sci. Stat. Comput. 5 (1984) 300)."""
+    width = np.diff(x)
+    secant = np.diff(y) / width
+    before, after = secant[:-1], secant[1:]
+    of_before, of_after = 2 * width[1:] + width[:-1], width[1:] + 2 * width[:-1]
+    alike = before * after > 0.0
+    mean = np.zeros(len(before))
+    weighted = of_before[alike] / before[alike] + of_after[alike] / after[alike]
+    mean[alike] = 1.0 / (weighted / (of_before + of_after)[alike])
+    return mean
 
 
 @dataclass(frozen=True)
