@@ -1,4 +1,8 @@
-"""Compiles the C core when the package is installed from a checkout or a wheel is built. hatchling runs this."""
+"""Compiles the C core when the package is installed from a checkout or a wheel is built. hatchling runs this.
+
+For another system than this one, which scripts/wheels.py asks for, FIELDMAP_TARGET names machine and system, as in
+aarch64-darwin, and FIELDMAP_TARGET_FILES the folder with its headers (`compile_libraries`).
+"""
 
 import os
 import runpy
@@ -19,20 +23,14 @@ class CoreHook(BuildHookInterface):  # type: ignore[type-arg]
     def initialize(self, version: str, build_data: dict[str, Any]) -> None:
         """Compile, and put the libraries into the wheel, which is then one for this kind of machine."""
         core = self._core()
-        written = core["compile_libraries"](core["machine"](), sys.platform, os.environ.get("CC"))
+        target = os.environ.get("FIELDMAP_TARGET", f"{core['machine']()}-{sys.platform}")
+        machine, system = target.split("-")
+        files = os.environ.get("FIELDMAP_TARGET_FILES")
+        written = core["compile_libraries"](machine, system, os.environ.get("CC"), files and Path(files))
         build_data["artifacts"] += [path.relative_to(self.root).as_posix() for path in written]
         build_data["pure_python"] = False
         if version != "editable":
-            build_data["tag"] = f"py3-none-{_platform(core['machine']())}"
+            build_data["tag"] = core["wheel_tag"](machine, system)
 
     def _core(self) -> dict[str, Any]:
         return runpy.run_path(str(Path(self.root, "fieldmap", "core", "compile.py")))
-
-
-def _platform(machine: str) -> str:
-    """The tag of wheels for this system: the oldest for which zig compiles."""
-    if sys.platform == "linux":
-        return f"manylinux_2_17_{machine}"
-    if sys.platform == "darwin":
-        return f"macosx_13_0_{'arm64' if machine == 'aarch64' else machine}"
-    return "win_amd64" if machine == "x86_64" else "win_arm64"

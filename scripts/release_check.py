@@ -1,6 +1,6 @@
 """Builds wheel and source distribution, and tries the wheel in a fresh environment: what a user gets.
 
-    python scripts/release_check.py [--folder FOLDER] [--only build core levitation all citation]
+    python scripts/release_check.py [--folder FOLDER] [--only build core levitation all citation wheels]
 
 1. build: `python -m build`, in an environment of its own: the source distribution, and the wheel from it. Both hold the
    shipped files, and nothing that is not under version control but, in the wheel, the compiled core.
@@ -11,6 +11,7 @@
 4. all: `pip install "fieldmap[all]"` in the same environment takes the wheel that is installed; `fieldmap map quick`
    makes a map there.
 5. citation: `cffconvert --validate` for CITATION.cff, whose version is that of the package.
+6. wheels: those of the other systems, built from the source distribution and read by scripts/wheels.py (on Linux).
 
 Takes some 1.5 GB of disk in a folder that is deleted at the end, and what pip downloads. Ends with 1 if anything fails.
 """
@@ -32,7 +33,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
 LARGEST_MB = 200.0
-STEPS = ("build", "core", "levitation", "all", "citation")
+STEPS = ("build", "core", "levitation", "all", "citation", "wheels")
 
 ASK = """
 import json, sys, time
@@ -100,7 +101,8 @@ class Environment:
 
 
 def build(folder: Path) -> tuple[Path, Path]:
-    """The wheel and the source distribution, made in `folder`/dist."""
+    """The wheel and the source distribution, made in `folder`/dist, which holds nothing else then."""
+    shutil.rmtree(folder / "dist", ignore_errors=True)
     builder = Environment(folder / "builder")
     builder.install("build")
     builder.run("-m", "build", "--outdir", str(folder / "dist"), str(ROOT))
@@ -213,6 +215,20 @@ def citation(folder: Path) -> None:
     _expect("valid according to schema", done.stdout)
 
 
+def wheels(folder: Path, source: Path) -> None:
+    """The wheels of the other systems, beside the source distribution."""
+    builder = Environment(folder / "builder")
+    builder.install("build", "hatchling", "numpy", "abi3audit")
+    compiling = ROOT / "fieldmap" / "core" / "compile.py"
+    builder.install(
+        builder.run("-c", f"import runpy; print(runpy.run_path({str(compiling)!r})['COMPILER'])").strip()
+    )
+    print(
+        builder.run(str(ROOT / "scripts" / "wheels.py"), str(source), "--folder", str(source.parent)), end=""
+    )
+    shutil.rmtree(folder / "builder")
+
+
 def _expect(pattern: str, text: str) -> None:
     if not (pattern in text or re.search(pattern, text)):
         raise RuntimeError(f"{pattern!r} is not in\n{text}")
@@ -240,7 +256,7 @@ def main() -> int:
         everything(folder, made["environment"])  # type: ignore[arg-type]
 
     def built() -> None:
-        made["wheel"] = build(folder)[0]
+        made["wheel"], made["source"] = build(folder)
 
     steps: dict[str, Callable[[], None]] = {
         "build": built,
@@ -248,8 +264,14 @@ def main() -> int:
         "levitation": of_levitation,
         "all": of_all,
         "citation": lambda: citation(folder),
+        "wheels": lambda: wheels(folder, made["source"]),  # type: ignore[arg-type]
     }
-    needed = {"core": {"build"}, "levitation": {"build", "core"}, "all": {"build", "core"}}
+    needed = {
+        "core": {"build"},
+        "levitation": {"build", "core"},
+        "all": {"build", "core"},
+        "wheels": {"build"},
+    }
     wanted = set(given.only).union(*(needed.get(step, set()) for step in given.only))
     try:
         for step in STEPS:

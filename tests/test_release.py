@@ -24,7 +24,7 @@ def test_the_number_is_the_same_everywhere():
     number = PROJECT["version"]
     assert fieldmap.__version__ == number
     assert yaml.safe_load(read("CITATION.cff"))["version"] == number
-    assert set(re.findall(r"fieldmap-([\d.]+)-py3-none-\w+\.whl", read("docs/installation.md"))) == {number}
+    assert set(re.findall(r"fieldmap-([\d.]+)-cp311-abi3-\w+\.whl", read("docs/installation.md"))) == {number}
     assert set(re.findall(r"fieldmap (\d[\d.]*)", read("fieldmap/cli/__init__.py"))) == {number}
 
 

@@ -74,10 +74,10 @@ static PyObject *held_scans(PyObject *self, PyObject *const *args, Py_ssize_t gi
     npy_intp count, samples, m;
     const double *scans;
     double *out, ratio;
-    long averages, latency;
+    long long averages, latency;
     (void)self;
     if (!has_arguments(given, 5) || (scans = vector_of(args[0], &count, "scans")) == NULL) return NULL;
-    averages = PyLong_AsLong(args[1]), latency = PyLong_AsLong(args[2]), ratio = PyFloat_AsDouble(args[3]);
+    averages = PyLong_AsLongLong(args[1]), latency = PyLong_AsLongLong(args[2]), ratio = PyFloat_AsDouble(args[3]);
     if (PyErr_Occurred()) return NULL;
     if (averages < 1 || averages > INT_MAX || latency < 0 || latency > INT_MAX || count > LONG_MAX) {
         PyErr_SetString(PyExc_ValueError, "averages must be 1 or more, latency 0 or more");
