@@ -27,7 +27,7 @@ COMPILER = "ziglang==0.17.1"
 # mathematical functions set no error numbers. Nothing else changes results.
 _OPTIONS = ("-std=c99", "-O3", "-ffp-contract=on", "-fno-math-errno", "-fvisibility=hidden", "-shared")
 # By machine: processors for which a library is compiled, from the one that any has to the newest.
-_PROCESSORS = {"x86_64": ("x86-64-v2", "x86-64-v3")}
+_PROCESSORS = {"x86_64": ("x86-64-v2", "x86-64-v3", "x86-64-v4")}
 _MACHINES = {"AMD64": "x86_64", "x86-64": "x86_64", "arm64": "aarch64"}
 # By system: how zig calls it (the oldest C library or system that it may have), and how modules end.
 _SYSTEMS = {

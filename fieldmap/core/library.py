@@ -19,13 +19,20 @@ def loaded(path: Path) -> Any:
     return module
 
 
+def runs(path: Path, level: int) -> bool:
+    """Whether a processor of this level (`level` of python.c) runs a library."""
+    _, dash, needed = path.name.split(".")[1].partition("-v")
+    return not dash or int(needed) <= level
+
+
 def _for_this_machine() -> Any:
     oldest, *newer = libraries(machine(), sys.platform).values()
     if not oldest.exists():
         must = f"install the package, or compile it with `python {FOLDER / 'compile.py'}`"
         raise ImportError(f"{oldest.name} is not there: {must}")
     module = loaded(oldest)
-    return loaded(newer[-1]) if newer and module.is_for_newer() else module
+    suitable = [path for path in newer if runs(path, module.level())]
+    return loaded(suitable[-1]) if suitable else module
 
 
 LIBRARY = _for_this_machine()

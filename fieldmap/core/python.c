@@ -21,29 +21,34 @@
 #include <cpuid.h>
 #endif
 
-/* is_for_newer(): whether this processor, and the system, run what is compiled for x86-64-v3. */
-static PyObject *is_for_newer(PyObject *self, PyObject *const *args, Py_ssize_t given)
+/* level(): the highest of the levels of x86-64 that this processor and the system run and that the core is compiled for:
+ * 4 has AVX-512, 3 has AVX2 and FMA; else 2. Bits as in Intel's manual, CPUID and XCR0: zig lacks __builtin_cpu_supports. */
+static PyObject *level(PyObject *self, PyObject *const *args, Py_ssize_t given)
 {
-    int newer = 0;
+    long found = 2;
     (void)self, (void)args, (void)given;
 #if defined(__x86_64__) && defined(__GNUC__)
     {
-        /* FMA, AVX and that the system saves registers; then AVX2, BMI1 and BMI2: Intel's manual, CPUID. */
+        /* FMA, AVX and that the system saves registers; AVX2, BMI1 and BMI2; AVX-512 F, DQ, CD, BW and VL. */
         const unsigned first = 1u << 12 | 1u << 27 | 1u << 28, second = 1u << 3 | 1u << 5 | 1u << 8;
+        const unsigned third = 1u << 16 | 1u << 17 | 1u << 28 | 1u << 30 | 1u << 31;
         unsigned a, b, c, d, saved = 0;
-        newer = __get_cpuid(1, &a, &b, &c, &d) && (c & first) == first;
-        newer = newer && __get_cpuid_count(7, 0, &a, &b, &c, &d) && (b & second) == second;
-        if (newer) __asm__("xgetbv" : "=a"(saved) : "c"(0) : "edx");
-        newer = newer && (saved & 6u) == 6u;
+        if (__get_cpuid(1, &a, &b, &c, &d) && (c & first) == first && __get_cpuid_count(7, 0, &a, &b, &c, &d)
+            && (b & second) == second) {
+            /* Registers of 256 bits, then of 512, are saved. */
+            __asm__("xgetbv" : "=a"(saved) : "c"(0) : "edx");
+            if ((saved & 0x06u) == 0x06u) found = 3;
+            if (found == 3 && (b & third) == third && (saved & 0xe6u) == 0xe6u) found = 4;
+        }
     }
 #endif
-    return PyBool_FromLong(newer);
+    return PyLong_FromLong(found);
 }
 
 #define FUNCTION(name) {#name, (PyCFunction)(void (*)(void))name, METH_FASTCALL, NULL}
 
 static PyMethodDef functions[] = {
-    FUNCTION(is_for_newer), MAP_FUNCTIONS, BODY_FUNCTIONS, CALLER_FUNCTIONS, CONTROLLER_FUNCTIONS, INSTRUMENT_FUNCTIONS,
+    FUNCTION(level), MAP_FUNCTIONS, BODY_FUNCTIONS, CALLER_FUNCTIONS, CONTROLLER_FUNCTIONS, INSTRUMENT_FUNCTIONS,
     IRON_FUNCTIONS, LEAST_POWER_FUNCTIONS, MACHINE_FUNCTIONS, MUJOCO_FUNCTIONS, SAMPLED_LOOP_FUNCTIONS, TABLE_FUNCTIONS,
     {NULL, NULL, 0, NULL}};
 
