@@ -81,11 +81,27 @@ FIELDMAP_INLINE void fieldmap_normalise(double *turn)
     for (k = 0; k < 4; k++) turn[k] *= 1.5 - 0.5 * square;
 }
 
+/* Sine and cosine. Of small angles, such as a body turns by in a step, by Taylor's series, which costs a third: below 0.05
+ * the first terms left out, x^11 / 11! and x^10 / 10!, are below 1e-19 of the sum. */
+FIELDMAP_INLINE void fieldmap_sine_and_cosine(double x, double *sine, double *cosine)
+{
+    const double q = x * x;
+    if (q < 0.0025) {
+        *sine = x * (1.0 - q * (1.0 / 6.0 - q * (1.0 / 120.0 - q * (1.0 / 5040.0 - q * (1.0 / 362880.0)))));
+        *cosine = 1.0 - q * (0.5 - q * (1.0 / 24.0 - q * (1.0 / 720.0 - q * (1.0 / 40320.0))));
+    } else {
+        *sine = sin(x);
+        *cosine = cos(x);
+    }
+}
+
 /* A turn about the second axis of the body by the angle factor * momentum[1]; the momentum in the body turns back. */
 FIELDMAP_INLINE void fieldmap_turn_about_second(double *turn, double *momentum, double factor)
 {
-    const double angle = factor * momentum[1], s = sin(0.5 * angle), c = cos(0.5 * angle);
-    const double sine = 2.0 * s * c, cosine = c * c - s * s, first = momentum[0], third = momentum[2];
+    const double first = momentum[0], third = momentum[2];
+    double s, c, sine, cosine;
+    fieldmap_sine_and_cosine(0.5 * factor * momentum[1], &s, &c);
+    sine = 2.0 * s * c, cosine = c * c - s * s;
     fieldmap_turn_by(turn, c, 0.0, s, 0.0);
     momentum[0] = cosine * first - sine * third;
     momentum[2] = cosine * third + sine * first;
@@ -102,17 +118,20 @@ FIELDMAP_INLINE void fieldmap_turn_about_second(double *turn, double *momentum, 
 FIELDMAP_INLINE void fieldmap_free_turn(double *turn, double *angular_velocity, const double *inertia, double h)
 {
     const double per[3] = {1.0 / inertia[0], 1.0 / inertia[1], 1.0 / inertia[2]};
-    double p[3], about[3], rate, share;
+    double p[3], about[3], rate, share, s, c;
     int k;
     for (k = 0; k < 3; k++) p[k] = inertia[k] * angular_velocity[k], about[k] = p[k] * per[0];
     rate = sqrt(fieldmap_dot(about, about));
     /* sin(h rate / 2) / rate, also where the rate vanishes. */
-    share = rate > 1e-150 ? sin(0.5 * h * rate) / rate : 0.5 * h;
-    fieldmap_turn_by(turn, cos(0.5 * h * rate), share * about[0], share * about[1], share * about[2]);
+    fieldmap_sine_and_cosine(0.5 * h * rate, &s, &c);
+    share = rate > 1e-150 ? s / rate : 0.5 * h;
+    fieldmap_turn_by(turn, c, share * about[0], share * about[1], share * about[2]);
     if (inertia[0] != inertia[1]) fieldmap_turn_about_second(turn, p, 0.5 * h * (per[1] - per[0]));
     if (inertia[0] != inertia[2]) {
-        const double angle = h * p[2] * (per[2] - per[0]), s = sin(0.5 * angle), c = cos(0.5 * angle);
-        const double sine = 2.0 * s * c, cosine = c * c - s * s, first = p[0], second = p[1];
+        const double first = p[0], second = p[1];
+        double sine, cosine;
+        fieldmap_sine_and_cosine(0.5 * h * p[2] * (per[2] - per[0]), &s, &c);
+        sine = 2.0 * s * c, cosine = c * c - s * s;
         fieldmap_turn_by(turn, c, 0.0, 0.0, s);
         p[0] = cosine * first + sine * second;
         p[1] = cosine * second - sine * first;

@@ -85,6 +85,14 @@ def test_an_axisymmetric_body_is_exact_at_any_step(axial):
     assert abs(lean[at] - 1.0) < 1e-4 < 1.0 - lean.min()
 
 
+@pytest.mark.parametrize("half_angle", [1e-9, 1e-3, 0.02, 0.0499, 0.0501, 0.3, 2.0])
+def test_a_turn_about_the_axis_has_the_sine_and_cosine_of_half_its_angle(axial, half_angle):
+    """Up to 0.05 the core sums their series."""
+    _, run = spinning(axial, [1e-6, 1e-6, 1e-6], [0.0, 0.0, 2.0 * half_angle], 1.0, 1.0, "second")
+    expected = [np.cos(half_angle), 0.0, 0.0, np.sin(half_angle)]
+    np.testing.assert_allclose(run.states[-1, 6:10], expected, rtol=0, atol=4e-16)
+
+
 def tilted(angle):
     return [np.cos(angle / 2), np.sin(angle / 2), 0.0, 0.0]
 
