@@ -1,12 +1,19 @@
-"""Rules between the dimensions of shapes and of coils: polygons that do not cross themselves, radii in order."""
+"""Rules of the dimensions of shapes and of coils: polygons that do not cross themselves, closed surfaces, radii in
+order."""
 
 from typing import Annotated
 
+import numpy as np
 from pydantic import AfterValidator, Field, ValidationInfo
 
 from fieldmap.device.polygons import polygon_fault, signed_area
-from fieldmap.inputs.tables import PlanePoint, broken
+from fieldmap.device.surfaces import surface_fault
+from fieldmap.device.tetrahedra import tetrahedra_fault
+from fieldmap.inputs.tables import PlanePoint, Point, broken
 
+FourPoints = Annotated[list[Point], Field(min_length=4)]
+Triangles = Annotated[list[Annotated[list[int], Field(min_length=3, max_length=3)]], Field(min_length=4)]
+Tetrahedra = Annotated[list[Annotated[list[int], Field(min_length=4, max_length=4)]], Field(min_length=1)]
 Polygon = Annotated[list[PlanePoint], Field(min_length=3)]
 
 
@@ -23,6 +30,36 @@ def require_simple(points: list[list[float]]) -> list[list[float]]:
 
 
 SimplePolygon = Annotated[Polygon, AfterValidator(require_simple)]
+
+
+def _outside_the_axis(points: list[list[float]]) -> list[list[float]]:
+    wrong = [k + 1 for k, (r, _) in enumerate(points) if r < 0]
+    if wrong:
+        raise broken(
+            "every r of the profile must be 0 or more",
+            f"r = {points[wrong[0] - 1][0]:g} at corner {wrong[0]}",
+            "give only the half of the section at r >= 0, as [r, z]; it is turned fully about the axis",
+        )
+    return require_simple(points)
+
+
+HalfSection = Annotated[Polygon, AfterValidator(_outside_the_axis)]
+
+
+def require_closed(triangles: list[list[int]], info: ValidationInfo) -> None:
+    """Raise unless the triangles bound a solid."""
+    points = info.data.get("points_mm")
+    fault = None if points is None else surface_fault(np.array(points), np.array(triangles))
+    if fault is not None:
+        raise broken(*fault)
+
+
+def require_solid(tetrahedra: list[list[int]], info: ValidationInfo) -> None:
+    """Raise unless the tetrahedra fill a solid."""
+    points = info.data.get("points_mm")
+    fault = None if points is None else tetrahedra_fault(np.array(points), np.array(tetrahedra))
+    if fault is not None:
+        raise broken(*fault)
 
 
 def counter_clockwise(points: list[list[float]]) -> list[list[float]]:

@@ -46,19 +46,10 @@ from fieldmap.inputs.document import schema_findings
 from fieldmap.inputs.explain import REQUIRED
 from fieldmap.inputs.findings import Finding, shown
 from fieldmap.inputs.key_paths import Location, dotted, value_at
-from fieldmap.inputs.tables import Table
+from fieldmap.inputs.tables import UNITS, Table
 from fieldmap.typing import Array
 
-_UNITS = {
-    "mm": 1e-3,
-    "g": 1e-3,
-    "mH": 1e-3,
-    "mT": 1e-3,
-    "mT_per_m": 1e-3,
-    "g_mm2": 1e-9,
-    **dict.fromkeys(("deg", "ohm", "T", "T_per_m", "A", "A_per_m", "A_per_V", "A_m2", "V", "N_s_per_m"), 1.0),
-}
-_UNIT = re.compile(r"^(.+?)_(" + "|".join(sorted(_UNITS, key=len, reverse=True)) + ")$")
+_UNIT = re.compile(r"^(.+?)_(" + "|".join(sorted(UNITS, key=len, reverse=True)) + ")$")
 _KEY_IN_TEXT = re.compile(r"\b([a-z]\w*?)_(mm|g_mm2|g|mH|mT_per_m|mT)\b((?:/2)? = [-\d.e+]+)?")
 _BOUND = re.compile(r"^must be (greater than|at least|less than|at most) [-\d.e+]+$")
 _ROTATION = "must be a rotation matrix (3, 3): orthonormal, with determinant 1"
@@ -135,8 +126,10 @@ def attribute_of(keys: type[BaseModel], key: str) -> tuple[str, float]:
     >>> attribute_of(DriverKeys, "gain_A_per_V"), attribute_of(SectionKeys, "centre_mm")
     (('gain', 1.0), ('origin', 0.001))
     """
+    if key in getattr(keys, "declared", {}):
+        return keys.declared[key]  # type: ignore[attr-defined,no-any-return]
     found = _UNIT.match(key)
-    plain, unit = (found[1], _UNITS[found[2]]) if found else (key, 1.0)
+    plain, unit = (found[1], UNITS[found[2]]) if found else (key, 1.0)
     attributes: Mapping[str, str] = getattr(keys, "attributes", {})
     return attributes.get(key, plain), unit
 
@@ -435,7 +428,7 @@ def _problem(made: DeviceData, finding: Finding) -> Problem:
         name = value_at(made.data, (*location[:2], "name")) if location[0] != "material" else location[1]
         where += f', {location[0]} "{name}"' if isinstance(name, str) else ""
     keys = [step for step in location if isinstance(step, str)]
-    if keys and (found := _UNIT.match(keys[-1])) and _UNITS[found[2]] != 1.0:
+    if keys and (found := _UNIT.match(keys[-1])) and UNITS[found[2]] != 1.0:
         unit = " " + found[2].replace("g_mm2", "g mm^2")
     if location and location[0] == "provenance":  # about keys of the text
         return Problem(f"{where}: {path}", finding.must_hold, finding.received, finding.remedy)

@@ -4,7 +4,7 @@ import dataclasses
 import inspect
 from abc import ABCMeta
 from functools import cache
-from typing import Any
+from typing import Any, get_type_hints
 
 import numpy as np
 
@@ -14,8 +14,7 @@ from fieldmap.inputs.findings import closest
 from fieldmap.records import Record
 from fieldmap.typing import Array
 
-# As annotations, and as their texts.
-_ARRAYS = (Array, Array | None, "Array", "Array | None")
+_ARRAYS = (Array, Array | None)
 
 
 class _TellsWrongArguments(ABCMeta):
@@ -56,7 +55,8 @@ def _take_arrays(made: Any) -> None:
 
 @cache
 def _arrays_of(cls: type[Any]) -> tuple[str, ...]:
-    return tuple(field.name for field in dataclasses.fields(cls) if field.type in _ARRAYS)
+    hints = get_type_hints(cls)
+    return tuple(field.name for field in dataclasses.fields(cls) if hints[field.name] in _ARRAYS)
 
 
 def _problems(cls: type, arguments: tuple[Any, ...], named: dict[str, Any]) -> list[Problem]:

@@ -11,17 +11,29 @@ from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Self, get_args
+from typing import TYPE_CHECKING, Annotated, ClassVar, Self, get_args
 
 import numpy as np
 
+from fieldmap.device.dimensions import (
+    FourPoints,
+    HalfSection,
+    SimplePolygon,
+    Tetrahedra,
+    Triangles,
+    counter_clockwise,
+    require_closed,
+    require_larger_radius,
+    require_solid,
+)
 from fieldmap.device.made import Made
 from fieldmap.device.placement import Movable, Placement
 from fieldmap.device.polygons import reflected_polygon
 from fieldmap.device.surfaces import read_stl
 from fieldmap.errors import InputError, Problem
 from fieldmap.field import Bounds
-from fieldmap.inputs.tables import read_only
+from fieldmap.inputs.declared import Key
+from fieldmap.inputs.tables import Length, Size, Text, read_only
 from fieldmap.typing import Array, Index, PathLike
 
 # ---- shapes, in their local frame: axis along z, base in the plane z = 0, centred in x and y ---------------
@@ -31,24 +43,30 @@ from fieldmap.typing import Array, Index, PathLike
 class Cylinder(Made):
     """Solid cylinder, 0 <= z <= height."""
 
-    radius: float
-    height: float
+    kind: ClassVar[str] = "cylinder"
+
+    radius: Annotated[float, Key(Length, "radius", "mm")]
+    height: Annotated[float, Key(Length, "height along the local z axis", "mm")]
 
 
 @dataclass(frozen=True, repr=False)
 class Ring(Made):
     """Hollow cylinder, 0 <= z <= height."""
 
-    inner_radius: float
-    outer_radius: float
-    height: float
+    kind: ClassVar[str] = "ring"
+
+    inner_radius: Annotated[float, Key(Length, "radius of the bore", "mm")]
+    outer_radius: Annotated[float, Key(Length, "outer radius", "mm", check=require_larger_radius)]
+    height: Annotated[float, Key(Length, "height along the local z axis", "mm")]
 
 
 @dataclass(frozen=True, repr=False)
 class Box(Made):
-    """|x| <= size[0]/2, |y| <= size[1]/2, 0 <= z <= size[2]."""
+    """Block, centred in x and y, 0 <= z <= size[2]."""
 
-    size: tuple[float, float, float]
+    kind: ClassVar[str] = "box"
+
+    size: Annotated[tuple[float, float, float], Key(Size, "[x, y, z] edge lengths", "mm")]
 
     def __post_init__(self) -> None:
         # An array would be no tuple to those that look for one, and boxes could not be compared.
@@ -58,44 +76,81 @@ class Box(Made):
 
 @dataclass(frozen=True, repr=False)
 class Sphere(Made):
-    """Centred at the local origin (not on the plane z = 0)."""
+    """Ball, centred at the local origin."""
 
-    radius: float
+    kind: ClassVar[str] = "sphere"
+
+    radius: Annotated[float, Key(Length, "radius", "mm")]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ExtrudedPolygon(Made):
-    """Simple polygon `points` (n, 2) in the x-y plane, extruded over 0 <= z <= height."""
+    """Polygon in the local x-y plane, 0 <= z <= height.
 
-    points: Array
-    height: float
+    points (n, 2): corners of a simple polygon.
+    """
+
+    kind: ClassVar[str] = "extruded_polygon"
+
+    points: Annotated[
+        Array,
+        Key(SimplePolygon, "[[x, y], ...] corners once round the outline", "mm", make=counter_clockwise),
+    ]
+    height: Annotated[float, Key(Length, "height along the local z axis", "mm")]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class RevolvedProfile(Made):
-    """Simple polygon `points` (n, 2) of (r, z), r >= 0, turned fully about the local z axis."""
+    """Profile turned fully about the local z axis.
 
-    points: Array
+    points (n, 2): corners (r, z) of a simple polygon, r >= 0.
+    """
+
+    kind: ClassVar[str] = "revolved_profile"
+
+    points: Annotated[
+        Array,
+        Key(
+            HalfSection,
+            "[[r, z], ...] corners of the half section, r >= 0",
+            "mm",
+            make=counter_clockwise,
+        ),
+    ]
 
 
 @dataclass(frozen=True, repr=False)
 class StepFile(Made):
-    """Solid(s) of a STEP file; `scale` turns the file's length unit into metres."""
+    """Solids of a STEP file.
 
-    path: Path
-    scale: float = 1e-3
+    `scale` turns the file's length unit into metres.
+    """
+
+    kind: ClassVar[str] = "step_file"
+
+    path: Annotated[Path, Key(Text, "path of the STEP file, relative to the device file", name="file")]
+    scale: Annotated[float, Key(Length, "length of the STEP file's unit", "mm", "unit")] = 1e-3
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class TriangleSurface(Made):
-    """Solid inside a closed surface: triangles (m, 3) are numbers of `points` (n, 3), in m, from 0.
+    """Solid inside a closed surface of triangles.
 
-    Each edge belongs to two triangles, which run along it in opposite ways; seen from outside, corners run
-    counter-clockwise.
+    triangles (m, 3) are numbers of `points` (n, 3), in m, from 0. Each edge belongs to two triangles, which run along
+    it in opposite ways; seen from outside, corners run counter-clockwise.
     """
 
-    points: Array
-    triangles: Index
+    kind: ClassVar[str] = "triangle_surface"
+
+    points: Annotated[Array, Key(FourPoints, "[[x, y, z], ...] corners", "mm")]
+    triangles: Annotated[
+        Index,
+        Key(
+            Triangles,
+            "[[i, j, k], ...] numbers of corners from 0, counter-clockwise from outside",
+            check=require_closed,
+        ),
+    ]
 
     @classmethod
     def from_stl(cls, path: PathLike, unit: float = 1e-3) -> Self:
@@ -109,13 +164,18 @@ class TriangleSurface(Made):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class VolumeMesh(Made):
-    """A mesh of your own, used as it is: tetrahedra (m, 4) are numbers of `points` (n, 3), in m, from 0.
+    """Mesh of tetrahedra, used as it is.
 
-    The shape of a body of its own, without `mesh_size`: nothing is added to it or cut from it.
+    tetrahedra (m, 4) are numbers of `points` (n, 3), in m, from 0. The shape of a body of its own,
+    without `mesh_size`: nothing is added to it or cut from it.
     """
 
-    points: Array
-    tetrahedra: Index
+    kind: ClassVar[str] = "volume_mesh"
+
+    points: Annotated[Array, Key(FourPoints, "[[x, y, z], ...] nodes", "mm")]
+    tetrahedra: Annotated[
+        Index, Key(Tetrahedra, "[[i, j, k, l], ...] numbers of nodes from 0", check=require_solid)
+    ]
 
     @classmethod
     def from_file(cls, path: PathLike, unit: float = 1e-3, region: str | None = None) -> Self:
@@ -129,15 +189,24 @@ class VolumeMesh(Made):
 
 @dataclass(frozen=True, repr=False)
 class MeshFile(Made):
-    """The tetrahedra of a mesh file (gmsh, VTK and what else meshio reads), used as they are.
+    """Tetrahedra of a mesh file, used as they are.
 
-    `scale` turns the file's length unit into metres. region: name of those cells that are meant, or their
-    number as a text; None for all. The shape of a body of its own, without `mesh_size`.
+    Files of gmsh, VTK and what else meshio reads. `scale` turns the file's length unit into metres. region: name of
+    those cells that are meant, or their number as a text; None for all. The shape of a body of its own, without
+    `mesh_size`.
     """
 
-    path: Path
-    scale: float = 1e-3
-    region: str | None = None
+    kind: ClassVar[str] = "mesh_file"
+
+    path: Annotated[Path, Key(Text, "path of the mesh file, relative to the device file", name="file")]
+    scale: Annotated[float, Key(Length, "length of the mesh file's unit", "mm", "unit")] = 1e-3
+    region: Annotated[
+        str | None,
+        Key(
+            Text | None,
+            'name of the cells that are this body, or their number in quotes, "7"; all if left out',
+        ),
+    ] = None
 
 
 Shape = (
@@ -153,6 +222,8 @@ Shape = (
     | MeshFile
 )
 SHAPES = get_args(Shape)
+OWN_MESHES = (VolumeMesh, MeshFile)
+"""Shapes that are meshes already: of a body of its own, without `mesh_size`."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -202,7 +273,7 @@ class Body(Movable, Made):
     @property
     def has_own_mesh(self) -> bool:
         """Whether it is a mesh, not a shape to be meshed."""
-        return any(isinstance(part.shape, VolumeMesh | MeshFile) for part in self.parts)
+        return any(isinstance(part.shape, OWN_MESHES) for part in self.parts)
 
     def _placed(self, change: Callable[[Placement], Placement], mirror_axis: int | None = None) -> Body:
         parts = tuple(

@@ -14,6 +14,16 @@ from fieldmap.typing import Array
 
 MILLI = 1e-3
 LARGEST_LENGTH_MM = 100_000.0
+UNITS = {
+    "mm": 1e-3,
+    "g": 1e-3,
+    "mH": 1e-3,
+    "mT": 1e-3,
+    "mT_per_m": 1e-3,
+    "g_mm2": 1e-9,
+    **dict.fromkeys(("deg", "ohm", "T", "T_per_m", "A", "A_per_m", "A_per_V", "A_m2", "V", "N_s_per_m"), 1.0),
+}
+"""SI values of the units that keys end with."""
 
 Length = Annotated[float, Field(gt=0, le=LARGEST_LENGTH_MM)]
 Positive = Annotated[float, Field(gt=0, le=LARGEST_NUMBER)]
@@ -73,6 +83,10 @@ class Table(BaseModel):
 
     written_as: ClassVar[str | None] = None
     """Of a table that is chosen in another way than by one key's value: how it is written."""
+
+    makes: ClassVar[type | None] = None
+    declared: ClassVar[Mapping[str, tuple[str, float]]] = {}
+    """Of a table that `fieldmap.inputs.declared` made: its record, and key -> (attribute, SI value of the unit)."""
 
     attributes: ClassVar[Mapping[str, str]] = {}
     """Attributes of the object that the table makes, by key, unless they are called like the key without its unit."""

@@ -1,33 +1,16 @@
 """Bodies of iron: one shape inline, or several parts that are added and cut."""
 
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal, Protocol
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, TypeAlias, Union
 
 from pydantic import Field, Tag, ValidationInfo, field_validator
 
 from fieldmap.device import parts as model
 from fieldmap.device.placement import PlacementKeys
-from fieldmap.device.schema.shapes import (
-    BoxKeys,
-    CylinderKeys,
-    ExtrudedPolygonKeys,
-    MeshFileKeys,
-    RevolvedProfileKeys,
-    RingKeys,
-    SphereKeys,
-    StepFileKeys,
-    TriangleSurfaceKeys,
-    VolumeMeshKeys,
-)
-from fieldmap.inputs.tables import MILLI, Length, Name, Table, broken, chosen_by, chosen_with
+from fieldmap.inputs.declared import choice_of, record_of, table_of
+from fieldmap.inputs.tables import MILLI, Length, Name, Table, broken, chosen_with
 
 SEVERAL_PARTS = "several parts"
-
-
-class _PlacedShape(Protocol):
-    def to_shape(self, folder: Path) -> model.Shape: ...
-
-    def placement(self) -> model.Placement: ...
 
 
 class PartKeys(PlacementKeys):
@@ -42,66 +25,19 @@ class PartKeys(PlacementKeys):
         return _part(self, folder, self.operation)
 
 
-def _part(keys: _PlacedShape, folder: Path, operation: str) -> model.Part:
-    return model.Part(keys.to_shape(folder), keys.placement(), operation)
+def _part(keys: Any, folder: Path, operation: str) -> model.Part:
+    return model.Part(record_of(keys, folder), keys.placement(), operation)
 
 
-class CylinderPart(PartKeys, CylinderKeys):
-    """Solid cylinder."""
+SHAPE_KEYS: dict[type[model.Shape], Any] = {shape: table_of(shape, "shape") for shape in model.SHAPES}
+_TO_BE_MESHED = [shape for shape in model.SHAPES if shape not in model.OWN_MESHES]
 
-
-class RingPart(PartKeys, RingKeys):
-    """Hollow cylinder."""
-
-
-class BoxPart(PartKeys, BoxKeys):
-    """Block."""
-
-
-class SpherePart(PartKeys, SphereKeys):
-    """Ball."""
-
-
-class ExtrudedPolygonPart(PartKeys, ExtrudedPolygonKeys):
-    """Prism."""
-
-
-class RevolvedProfilePart(PartKeys, RevolvedProfileKeys):
-    """Body of revolution."""
-
-
-class StepFilePart(PartKeys, StepFileKeys):
-    """Solids of a STEP file."""
-
-
-class TriangleSurfacePart(PartKeys, TriangleSurfaceKeys):
-    """Solid inside a closed surface of triangles."""
-
-
-SHAPE_KEYS: dict[type[model.Shape], type[Table]] = {
-    model.Cylinder: CylinderKeys,
-    model.Ring: RingKeys,
-    model.Box: BoxKeys,
-    model.Sphere: SphereKeys,
-    model.ExtrudedPolygon: ExtrudedPolygonKeys,
-    model.RevolvedProfile: RevolvedProfileKeys,
-    model.StepFile: StepFileKeys,
-    model.TriangleSurface: TriangleSurfaceKeys,
-    model.VolumeMesh: VolumeMeshKeys,
-    model.MeshFile: MeshFileKeys,
-}
-
-AnyPart = Annotated[
-    Annotated[CylinderPart, Tag("cylinder")]
-    | Annotated[RingPart, Tag("ring")]
-    | Annotated[BoxPart, Tag("box")]
-    | Annotated[SpherePart, Tag("sphere")]
-    | Annotated[ExtrudedPolygonPart, Tag("extruded_polygon")]
-    | Annotated[RevolvedProfilePart, Tag("revolved_profile")]
-    | Annotated[StepFilePart, Tag("step_file")]
-    | Annotated[TriangleSurfacePart, Tag("triangle_surface")],
-    chosen_by("shape"),
-]
+if TYPE_CHECKING:
+    AnyPart: TypeAlias = PartKeys
+else:
+    AnyPart = choice_of(
+        (table_of(shape, "shape", f"{shape.__name__}Part", (PartKeys,)) for shape in _TO_BE_MESHED), "shape"
+    )
 
 
 class NamedBodyKeys(Table):
@@ -145,52 +81,12 @@ class InlineBody(BodyKeys, PlacementKeys):
         return self.body((_part(self, folder, "add"),))
 
 
-class CylinderBody(InlineBody, CylinderKeys):
-    """Solid cylinder."""
-
-
-class RingBody(InlineBody, RingKeys):
-    """Hollow cylinder."""
-
-
-class BoxBody(InlineBody, BoxKeys):
-    """Block."""
-
-
-class SphereBody(InlineBody, SphereKeys):
-    """Ball."""
-
-
-class ExtrudedPolygonBody(InlineBody, ExtrudedPolygonKeys):
-    """Prism."""
-
-
-class RevolvedProfileBody(InlineBody, RevolvedProfileKeys):
-    """Body of revolution."""
-
-
-class StepFileBody(InlineBody, StepFileKeys):
-    """Solids of a STEP file."""
-
-
-class TriangleSurfaceBody(InlineBody, TriangleSurfaceKeys):
-    """Solid inside a closed surface of triangles."""
-
-
 class OwnMeshBody(NamedBodyKeys, PlacementKeys):
     """A body that is a mesh, its keys beside the name."""
 
     def to_model(self: Any, folder: Path) -> model.Body:
         """In SI."""
         return model.Body(self.name, self.material, (_part(self, folder, "add"),))
-
-
-class VolumeMeshBody(OwnMeshBody, VolumeMeshKeys):
-    """A mesh of tetrahedra, used as it is."""
-
-
-class MeshFileBody(OwnMeshBody, MeshFileKeys):
-    """Tetrahedra of a mesh file, used as they are."""
 
 
 class CompositeBody(BodyKeys):
@@ -220,17 +116,24 @@ def _kind_of_body(table: dict[str, Any]) -> Any:
     return SEVERAL_PARTS if "part" in table else table.get("shape")
 
 
-AnyBody = Annotated[
-    Annotated[CylinderBody, Tag("cylinder")]
-    | Annotated[RingBody, Tag("ring")]
-    | Annotated[BoxBody, Tag("box")]
-    | Annotated[SphereBody, Tag("sphere")]
-    | Annotated[ExtrudedPolygonBody, Tag("extruded_polygon")]
-    | Annotated[RevolvedProfileBody, Tag("revolved_profile")]
-    | Annotated[StepFileBody, Tag("step_file")]
-    | Annotated[TriangleSurfaceBody, Tag("triangle_surface")]
-    | Annotated[VolumeMeshBody, Tag("volume_mesh")]
-    | Annotated[MeshFileBody, Tag("mesh_file")]
-    | Annotated[CompositeBody, Tag(SEVERAL_PARTS)],
-    chosen_with(_kind_of_body, "shape"),
-]
+if TYPE_CHECKING:
+    AnyBody: TypeAlias = InlineBody | OwnMeshBody | CompositeBody
+else:
+    _INLINE = {
+        shape.kind: table_of(
+            shape,
+            "shape",
+            f"{shape.__name__}Body",
+            (OwnMeshBody if shape in model.OWN_MESHES else InlineBody,),
+        )
+        for shape in model.SHAPES
+    }
+    AnyBody = Annotated[
+        Union[  # noqa: UP007
+            tuple(
+                Annotated[keys, Tag(kind)]
+                for kind, keys in (_INLINE | {SEVERAL_PARTS: CompositeBody}).items()
+            )
+        ],
+        chosen_with(_kind_of_body, "shape"),
+    ]

@@ -1,0 +1,163 @@
+"""Records that people write, declared once: what a file says of a field stands beside the field.
+
+A field of a frozen class is annotated with a `Key`: the rule for its value in the unit of the file, its meaning, and
+the unit. From these follow the table that reads files (`table_of`), the object that the table makes (`record_of`), and
+the key that an attribute is written as (`Table.declared`).
+
+>>> from dataclasses import dataclass
+>>> from typing import ClassVar
+>>> from fieldmap.inputs.tables import Length
+>>> @dataclass(frozen=True)
+... class Ball:
+...     '''Ball, centred at the origin.'''
+...     kind: ClassVar[str] = "ball"
+...     radius: Annotated[float, Key(Length, "radius", "mm")]
+>>> table = table_of(Ball, "shape")
+>>> record_of(table.model_validate({"shape": "ball", "radius_mm": 20.0}))
+Ball(radius=0.02)
+"""
+
+import dataclasses
+import types
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field, Tag, ValidationInfo, create_model, field_validator
+
+from fieldmap.inputs.tables import UNITS, Table, chosen_by, read_only
+from fieldmap.records import Record
+
+# Of members that are not known before the program runs.
+_LITERAL: Any = Literal
+_UNION: Any = Union
+
+
+@dataclasses.dataclass(frozen=True, repr=False)
+class Key(Record):
+    """How a field of a record is written in files.
+
+    rule: annotation of the value in the unit of the file, with its bounds. text: what the value is. unit: the last part
+    of the key, one of `UNITS`. name: of the key, where it is not that of the field. check: raises `broken` for a value
+    that does not go with the keys before it. make: what becomes of the value before its unit is applied.
+    """
+
+    rule: Any
+    text: str
+    unit: str = ""
+    name: str = ""
+    check: Callable[[Any, ValidationInfo], None] | None = None
+    make: Callable[[Any], Any] | None = None
+
+
+def keys_of(record: type) -> dict[str, tuple[str, Key, Any]]:
+    """Of each field with a `Key`: the key in files -> (name of the field, its `Key`, the type of the field)."""
+    found = {}
+    hints = get_type_hints(record, include_extras=True)
+    for field in dataclasses.fields(record):
+        hint = hints[field.name]
+        about = next((one for one in getattr(hint, "__metadata__", ()) if isinstance(one, Key)), None)
+        if about is not None:
+            name = about.name or field.name
+            found[f"{name}_{about.unit}" if about.unit else name] = (field.name, about, get_args(hint)[0])
+    return found
+
+
+def first_line(record: type) -> str:
+    """The first sentence of a class's description."""
+    return (record.__doc__ or "").split("\n", 1)[0]
+
+
+def table_of(
+    record: type, choose: str = "", name: str = "", bases: tuple[type[Table], ...] = (Table,)
+) -> Any:
+    """The table of a file that makes a record. choose: the key whose value, `record.kind`, chooses it among others;
+    name: of the table's class; bases: tables whose keys it has as well."""
+    text = first_line(record)
+    fields: dict[str, Any] = {}
+    if choose:
+        meaning = text[:1].lower() + text[1:].removesuffix(".")
+        fields[choose] = (_LITERAL[record.kind], Field(description=meaning))  # type: ignore[attr-defined]
+    keys = keys_of(record)
+    defaults = {field.name: field for field in dataclasses.fields(record)}
+    checks: dict[str, Any] = {}
+    for key, (attribute, about, _) in keys.items():
+        default = defaults[attribute].default
+        options: dict[str, Any] = {"description": about.text}
+        if default is not dataclasses.MISSING:
+            options |= {"default": _in_file(default, about.unit), "validate_default": about.check is not None}
+        fields[key] = (about.rule, Field(**options))
+        if about.check is not None:
+            checks[f"_check_{key}"] = field_validator(key)(_checked(about.check))
+    made = create_model(
+        name or f"{record.__name__}Keys",
+        __base__=bases,
+        __doc__=text,
+        __module__=record.__module__,
+        __validators__=checks,
+        **fields,
+    )
+    made.makes = record
+    made.declared = {
+        key: (attribute, UNITS.get(about.unit, 1.0)) for key, (attribute, about, _) in keys.items()
+    }
+    return made
+
+
+def _checked(check: Callable[[Any, ValidationInfo], None]) -> Any:
+    def checked(cls: type, value: Any, info: ValidationInfo) -> Any:
+        check(value, info)
+        return value
+
+    return classmethod(checked)
+
+
+def _in_file(default: Any, unit: str) -> Any:
+    """A default in the unit of the file; what is no number stays as it is."""
+    scale = UNITS.get(unit, 1.0)
+    return default / scale if isinstance(default, float) and scale != 1.0 else default
+
+
+def choice_of(tables: Iterable[Any], key: str) -> Any:
+    """The annotation of a table that is one of several, chosen by the value of a key."""
+    tagged = [Annotated[table, Tag(get_args(table.model_fields[key].annotation)[0])] for table in tables]
+    return Annotated[_UNION[tuple(tagged)], chosen_by(key)]
+
+
+def record_of(table: Table, folder: Path = Path(), **others: Any) -> Any:
+    """The record of a table that `table_of` made, in SI. folder: that paths are relative to. others: fields of the
+    record that its table does not have."""
+    record = type(table).makes
+    assert record is not None
+    values = {
+        attribute: _in_si(
+            about.make(getattr(table, key)) if about.make else getattr(table, key), about, hint, folder
+        )
+        for key, (attribute, about, hint) in keys_of(record).items()
+    }
+    return record(**values, **others)
+
+
+def _in_si(value: Any, about: Key, hint: Any, folder: Path) -> Any:
+    scale = UNITS.get(about.unit, 1.0)
+    kinds = get_args(hint) if get_origin(hint) in (Union, types.UnionType) else (hint,)
+    if value is None:
+        return None
+    if Path in kinds:
+        return (folder / value).resolve()
+    if isinstance(value, list):
+        if any(get_origin(kind) is tuple for kind in kinds):
+            return tuple(one * scale if isinstance(one, float) else one for one in value)
+        if np.dtype(np.int64) in map(_number, kinds):
+            return np.array(value, dtype=np.int64)
+        return read_only(value, scale)
+    return value * scale if isinstance(value, float) else value
+
+
+def _number(hint: Any) -> Any:
+    """The type of the numbers of an array's annotation."""
+    if get_origin(hint) is get_origin(NDArray[Any]):
+        return np.dtype(get_args(get_args(hint)[1])[0])
+    return None
