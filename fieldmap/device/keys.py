@@ -25,21 +25,18 @@ from fieldmap.device.placement import Placement, in_unit, rotation_angles
 from fieldmap.device.schema import DeviceFile
 from fieldmap.device.schema.background import BackgroundKeys
 from fieldmap.device.schema.bodies import SHAPE_KEYS, BodyKeys
-from fieldmap.device.schema.joints import JointKeys
+from fieldmap.device.schema.file import DriverKeys, JointKeys, SectionKeys
 from fieldmap.device.schema.payload import (
     MAGNET_KEYS,
     PIECE_KEYS,
-    DriverKeys,
     PayloadWithMagnet,
     PayloadWithMoment,
     PayloadWithPieces,
 )
 from fieldmap.device.schema.workspace import (
+    WORKSPACE_KEYS,
     FluxDensityReference,
     GradientReference,
-    SectionKeys,
-    WorkspaceBoxKeys,
-    WorkspaceCylinderKeys,
 )
 from fieldmap.errors import InputError, Problem
 from fieldmap.inputs.document import schema_findings
@@ -53,10 +50,6 @@ _UNIT = re.compile(r"^(.+?)_(" + "|".join(sorted(UNITS, key=len, reverse=True)) 
 _KEY_IN_TEXT = re.compile(r"\b([a-z]\w*?)_(mm|g_mm2|g|mH|mT_per_m|mT)\b((?:/2)? = [-\d.e+]+)?")
 _BOUND = re.compile(r"^must be (greater than|at least|less than|at most) [-\d.e+]+$")
 _ROTATION = "must be a rotation matrix (3, 3): orthonormal, with determinant 1"
-_WORKSPACES: dict[type, type[Table]] = {
-    model.WorkspaceBox: WorkspaceBoxKeys,
-    model.WorkspaceCylinder: WorkspaceCylinderKeys,
-}
 
 
 @dataclass
@@ -158,7 +151,7 @@ def device_data(device: Any, whole: bool = True) -> DeviceData:
     singles: tuple[tuple[str, object, Mapping[type, type[Table]]], ...] = (
         ("background", device.background, {Background: BackgroundKeys}),
         ("driver", device.driver, {model.Driver: DriverKeys}),
-        ("workspace", device.workspace, _WORKSPACES),
+        ("workspace", device.workspace, WORKSPACE_KEYS),
     )
     for key, thing, kinds in singles:
         if getattr(thing, "unwritten", False):

@@ -17,12 +17,16 @@ import numpy as np
 
 from fieldmap.device.dimensions import (
     FourPoints,
+    Gap,
     HalfSection,
+    PairOfPatterns,
     SimplePolygon,
     Tetrahedra,
     Triangles,
     counter_clockwise,
+    require_above_lower,
     require_closed,
+    require_direction,
     require_larger_radius,
     require_solid,
 )
@@ -33,7 +37,7 @@ from fieldmap.device.surfaces import read_stl
 from fieldmap.errors import InputError, Problem
 from fieldmap.field import Bounds
 from fieldmap.inputs.declared import Key
-from fieldmap.inputs.tables import Length, Size, Text, read_only
+from fieldmap.inputs.tables import Length, Name, Point, Positive, Size, Text, Vector, read_only
 from fieldmap.typing import Array, Index, PathLike
 
 # ---- shapes, in their local frame: axis along z, base in the plane z = 0, centred in x and y ---------------
@@ -323,10 +327,20 @@ class Joint(Made):
     (True, False)
     """
 
-    gap: float
-    between: tuple[str, str] | None = None
-    mu_r: float = 1.0
-    name: str | None = None
+    gap: Annotated[
+        float,
+        Key(Gap, "thickness, cut out of the body whose end the joint is; 0: no joint", "mm"),
+    ]
+    between: Annotated[
+        tuple[str, str] | None,
+        Key(
+            PairOfPatterns | None,
+            "names of the two bodies; * and ? stand for any text. A pair takes the last joint that names it. Without "
+            "this key: all contacts that no other joint names",
+        ),
+    ] = None
+    mu_r: Annotated[float, Key(Positive, "relative permeability of what is in the gap")] = 1.0
+    name: Annotated[str | None, Key(Name | None, "for key paths, such as joint.NAME.gap_mm")] = None
 
     @property
     def description(self) -> str:
@@ -375,11 +389,24 @@ class Section(Made):
     origin along x, y and z; None for everything.
     """
 
-    name: str
-    origin: Array
-    normal: Array
-    bodies: tuple[str, ...] = ()
-    half_widths: Array | None = None
+    name: Annotated[str, Key(Name, "the section's name, its own among the sections")]
+    origin: Annotated[Array, Key(Point, "[x, y, z] of a point of the plane", "mm", "centre")]
+    normal: Annotated[
+        Array,
+        Key(
+            Vector,
+            "[x, y, z] along the flux that counts as positive; any length",
+            check=require_direction,
+        ),
+    ]
+    bodies: Annotated[
+        tuple[str, ...],
+        Key(list[Name], "names of the bodies that are cut; all if left out"),
+    ] = ()
+    half_widths: Annotated[
+        Array | None,
+        Key(Size | None, "[x, y, z]: only what lies within these distances of the centre", "mm"),
+    ] = None
 
 
 # ---- what drives it, and where --------------------------------------------------------------
@@ -387,19 +414,24 @@ class Section(Made):
 
 @dataclass(frozen=True, repr=False)
 class Driver(Made):
-    """Current amplifier: gain in A/V, limits in A, supply limit in V."""
+    """The current amplifier of every coil: gain in A/V, limit in A, supply in V."""
 
-    gain: float
-    current_limit: float
-    supply_voltage: float | None = None
+    gain: Annotated[float, Key(Positive, "current per volt at the amplifier's input", "A_per_V")]
+    current_limit: Annotated[float, Key(Positive, "largest current of one coil", "A")]
+    supply_voltage: Annotated[float | None, Key(Positive | None, "voltage of the supply", "V")] = None
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class WorkspaceBox(Made):
-    """Axis-parallel box, corners (3,) in m."""
+    """Axis-parallel box.
 
-    lower: Array
-    upper: Array
+    lower, upper (3,): corners, m.
+    """
+
+    kind: ClassVar[str] = "box"
+
+    lower: Annotated[Array, Key(Point, "[x, y, z] of the corner with the smallest coordinates", "mm")]
+    upper: Annotated[Array, Key(Point, "[x, y, z] of the opposite corner", "mm", check=require_above_lower)]
 
     @property
     def bounds(self) -> Bounds:
@@ -409,11 +441,16 @@ class WorkspaceBox(Made):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class WorkspaceCylinder(Made):
-    """Upright cylinder: centre of its lower face (3,), radius and height in m."""
+    """Upright cylinder.
 
-    base: Array
-    radius: float
-    height: float
+    base (3,): centre of its lower face, m; radius and height in m.
+    """
+
+    kind: ClassVar[str] = "cylinder"
+
+    base: Annotated[Array, Key(Point, "[x, y, z] of the centre of its lower face", "mm")]
+    radius: Annotated[float, Key(Length, "radius", "mm")]
+    height: Annotated[float, Key(Length, "height", "mm")]
 
     @property
     def bounds(self) -> Bounds:
@@ -435,9 +472,12 @@ class Reference(Made):
     """
 
     quantity: str
-    at: Array
-    currents: Array
+    at: Annotated[Array, Key(Point, "[x, y, z] of the point", "mm")]
+    currents: Annotated[Array, Key(list[float], "one current for each coil, in the file's order", "A")]
     value: float
-    source: str
-    mu_r: float | None = None
-    tolerance: float | None = None
+    source: Annotated[str, Key(Text, "where the value comes from")]
+    mu_r: Annotated[
+        float | None,
+        Key(Positive | None, "relative permeability of the iron for which the value holds"),
+    ] = None
+    tolerance: Annotated[float | None, Key(Positive | None, "relative uncertainty of the value")] = None

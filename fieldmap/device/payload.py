@@ -6,23 +6,32 @@ import contextlib
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from typing import Annotated, ClassVar
 
 import numpy as np
+from pydantic import Field, ValidationInfo
 
 from fieldmap.constants import MU0
 from fieldmap.device.made import Made
 from fieldmap.device.materials import Material
 from fieldmap.device.placement import Placement
+from fieldmap.inputs.declared import Key
+from fieldmap.inputs.tables import Coordinate, Length, Name, NotNegative, Positive, Size, broken
 from fieldmap.typing import Array
 
 
 @dataclass(frozen=True, repr=False)
 class MagnetCylinder(Made):
-    """Axially magnetised cylinder; remanence in T."""
+    """Axially magnetised cylinder.
 
-    diameter: float
-    height: float
-    remanence: float
+    remanence in T.
+    """
+
+    kind: ClassVar[str] = "cylinder"
+
+    diameter: Annotated[float, Key(Length, "diameter", "mm")]
+    height: Annotated[float, Key(Length, "height", "mm")]
+    remanence: Annotated[float, Key(Positive, "remanence", "T")]
 
     @property
     def volume(self) -> float:
@@ -46,10 +55,15 @@ class MagnetCylinder(Made):
 
 @dataclass(frozen=True, repr=False)
 class MagnetSphere(Made):
-    """Uniformly magnetised sphere; remanence in T."""
+    """Uniformly magnetised sphere.
 
-    diameter: float
-    remanence: float
+    remanence in T.
+    """
+
+    kind: ClassVar[str] = "sphere"
+
+    diameter: Annotated[float, Key(Length, "diameter", "mm")]
+    remanence: Annotated[float, Key(Positive, "remanence", "T")]
 
     @property
     def volume(self) -> float:
@@ -69,10 +83,15 @@ class MagnetSphere(Made):
 
 @dataclass(frozen=True, repr=False)
 class MagnetBlock(Made):
-    """Block magnetised along its z edge; remanence in T."""
+    """Block magnetised along its z edge.
 
-    size: tuple[float, float, float]
-    remanence: float
+    remanence in T.
+    """
+
+    kind: ClassVar[str] = "block"
+
+    size: Annotated[tuple[float, float, float], Key(Size, "[x, y, z] edge lengths", "mm")]
+    remanence: Annotated[float, Key(Positive, "remanence", "T")]
 
     @property
     def volume(self) -> float:
@@ -90,14 +109,39 @@ class MagnetBlock(Made):
         return mass * (y * y + z * z) / 12, mass * (x * x + z * z) / 12, mass * (x * x + y * y) / 12
 
 
+def _one_law(mu_r: float | None, info: ValidationInfo) -> None:
+    if "material" in info.data and (info.data["material"] is None) == (mu_r is None):
+        received = "neither" if mu_r is None else "both"
+        raise broken("soft iron has a material or a mu_r", received, "give one of them")
+
+
+MaterialOfPiece = Annotated[
+    Material | str | None,
+    Key(Name | None, "name of a [material.NAME] table of this file; or give mu_r instead"),
+]
+PermeabilityOfPiece = Annotated[
+    float | None,
+    Key(
+        Annotated[float, Field(gt=1, le=1e9)] | None,
+        "constant relative permeability, instead of a material",
+        check=_one_law,
+    ),
+]
+
+
 @dataclass(frozen=True, repr=False)
 class SoftSphere(Made):
-    """Sphere of soft iron. material: its law, or the name of a material of the device; mu_r: a constant relative
-    permeability in its place, infinite too."""
+    """Sphere of soft iron.
 
-    diameter: float
-    material: Material | str | None = None
-    mu_r: float | None = None
+    material: its law, or the name of a material of the device; mu_r: a constant relative
+    permeability in its place, infinite too.
+    """
+
+    kind: ClassVar[str] = "soft_sphere"
+
+    diameter: Annotated[float, Key(Length, "diameter", "mm")]
+    material: MaterialOfPiece = None
+    mu_r: PermeabilityOfPiece = None
 
     @property
     def axes(self) -> tuple[float, float, float]:
@@ -116,11 +160,16 @@ class SoftSphere(Made):
 
 @dataclass(frozen=True, repr=False)
 class SoftEllipsoid(Made):
-    """Ellipsoid of soft iron, its whole axes along x, y and z, m; material and mu_r as of `SoftSphere`."""
+    """Ellipsoid of soft iron.
 
-    size: tuple[float, float, float]
-    material: Material | str | None = None
-    mu_r: float | None = None
+    size: its whole axes along x, y and z, m; material and mu_r as of `SoftSphere`.
+    """
+
+    kind: ClassVar[str] = "soft_ellipsoid"
+
+    size: Annotated[tuple[float, float, float], Key(Size, "[x, y, z] lengths of its axes", "mm")]
+    material: MaterialOfPiece = None
+    mu_r: PermeabilityOfPiece = None
 
     @property
     def axes(self) -> tuple[float, float, float]:
@@ -160,6 +209,18 @@ class PayloadPiece(Made):
     placement: Placement = field(default_factory=Placement)
 
 
+Inertia = Annotated[list[Positive], Field(min_length=3, max_length=3)]
+
+
+def _of_a_real_body(inertia: list[float] | None, info: ValidationInfo) -> None:
+    if inertia is not None and 2 * max(inertia) > sum(inertia) * (1 + 1e-9):
+        raise broken(
+            "no principal moment of inertia can be larger than the sum of the other two",
+            str(inertia),
+            "check the numbers and their unit, g mm^2 (1e-9 kg m^2)",
+        )
+
+
 @dataclass(frozen=True, repr=False)
 class Payload(Made):
     """What is levitated. moment: magnitude in A m^2; left out, that of the magnets: volume times remanence over mu0.
@@ -175,12 +236,24 @@ class Payload(Made):
     (True, 0.0, '4.16e-10 kg m2')
     """
 
-    mass: float
+    mass: Annotated[float, Key(Positive, "mass of everything that is levitated", "g")]
     moment: float = 0.0
     magnet: Magnet | None = None
-    magnet_offset: float = 0.0
-    inertia: tuple[float, float, float] | None = None
-    drag: float = 0.0
+    magnet_offset: Annotated[
+        float,
+        Key(Coordinate, "depth of the magnet's centre below the point that the sensor reads", "mm"),
+    ] = 0.0
+    inertia: Annotated[
+        tuple[float, float, float] | None,
+        Key(
+            Inertia | None,
+            "[Ixx, Iyy, Izz] about the centre of mass, principal axes; left out, that of a uniform body of this mass "
+            "in the shape of the magnet or of the pieces",
+            "g_mm2",
+            check=_of_a_real_body,
+        ),
+    ] = None
+    drag: Annotated[float, Key(NotNegative, "linear drag", "N_s_per_m")] = 0.0
     pieces: tuple[PayloadPiece, ...] = ()
 
     def __post_init__(self) -> None:

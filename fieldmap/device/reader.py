@@ -18,6 +18,7 @@ from fieldmap.device.model import Device, MeshFile, StepFile, hashes_of_files
 from fieldmap.device.schema import DEVICE, MATERIAL, DeviceFile, MaterialFile
 from fieldmap.device.toml_text import toml_text
 from fieldmap.errors import DeviceFileError, Problem
+from fieldmap.inputs.declared import record_of
 from fieldmap.inputs.document import Document, parsed, schema_findings
 from fieldmap.inputs.explain import REQUIRED
 from fieldmap.inputs.findings import Finding, one_of, shown
@@ -191,8 +192,8 @@ def recorded_device(text: str, solids: bool = False) -> Device:
         payload=contents.payload.to_model().with_materials(_available_materials(document, contents))
         if contents.payload
         else None,
-        driver=contents.driver.to_model() if contents.driver else None,
-        workspace=contents.workspace.to_model() if contents.workspace else None,
+        driver=record_of(contents.driver) if contents.driver else None,
+        workspace=record_of(contents.workspace) if contents.workspace else None,
         background=contents.background.to_model() if contents.background else None,
         text=text,
     )
@@ -242,16 +243,16 @@ def _build(
         bodies=bodies,
         materials=FrozenDict(materials),
         payload=contents.payload.to_model().with_materials(materials) if contents.payload else None,
-        driver=contents.driver.to_model() if contents.driver else None,
-        workspace=contents.workspace.to_model() if contents.workspace else None,
+        driver=record_of(contents.driver) if contents.driver else None,
+        workspace=record_of(contents.workspace) if contents.workspace else None,
         references=tuple(reference.to_model() for reference in contents.reference),
-        sections=tuple(section.to_model() for section in contents.section),
+        sections=tuple(map(record_of, contents.section)),
         provenance=FrozenDict(dict(contents.provenance)),
         source=None if document.path == Path(TEXT) else document.path,
         text=text,
         included=FrozenDict(included),
         background=contents.background.to_model() if contents.background else None,
-        joints=tuple(joint.to_model() for joint in contents.joint),
+        joints=tuple(map(record_of, contents.joint)),
     )
 
 

@@ -116,6 +116,8 @@ def _checked(check: Callable[[Any, ValidationInfo], None]) -> Any:
 
 def _in_file(default: Any, unit: str) -> Any:
     """A default in the unit of the file; what is no number stays as it is."""
+    if isinstance(default, tuple):
+        return [_in_file(one, unit) for one in default]
     scale = UNITS.get(unit, 1.0)
     return default / scale if isinstance(default, float) and scale != 1.0 else default
 

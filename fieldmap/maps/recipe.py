@@ -8,19 +8,19 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydantic import BeforeValidator, Field, field_validator, model_validator
+from pydantic import BeforeValidator, Field, model_validator
 
 from fieldmap.currents import CoilGroups, CurrentDomain, IndependentCurrents, LiftAndDirections
 from fieldmap.device import Device, read_device
-from fieldmap.device.model import WorkspaceBox
+from fieldmap.device.parts import WorkspaceBox
 from fieldmap.device.placement import in_unit
-from fieldmap.device.schema.workspace import above_lower
 from fieldmap.device.toml_text import toml_text
 from fieldmap.errors import RecipeError
+from fieldmap.inputs.declared import table_of
 from fieldmap.inputs.document import Document
 from fieldmap.inputs.findings import closest, one_of, shown
 from fieldmap.inputs.kinds import FileKind, register
-from fieldmap.inputs.tables import LARGEST_LENGTH_MM, Format, Point, Positive, Table, Text, broken, is_number
+from fieldmap.inputs.tables import LARGEST_LENGTH_MM, Format, Positive, Table, Text, broken, is_number
 from fieldmap.records import Record
 from fieldmap.shipped import is_file, shipped_file, shipped_names
 from fieldmap.store import Grid
@@ -72,13 +72,11 @@ def _amperes(value: Any) -> Any:
     return value
 
 
-class BoxKeys(Table):
+_CORNERS: Any = table_of(WorkspaceBox, name="CornerKeys")
+
+
+class BoxKeys(_CORNERS):
     """The box of the map, where it is not the device's workspace."""
-
-    lower_mm: Point = Field(description="[x, y, z] of the corner with the smallest coordinates")
-    upper_mm: Point = Field(description="[x, y, z] of the opposite corner")
-
-    _not_empty = field_validator("upper_mm")(above_lower)
 
 
 class IronKeys(Table):

@@ -1,21 +1,29 @@
 """The whole of a device file, and the whole of a material file."""
 
-from typing import Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 from pydantic import Field
 
+from fieldmap.device import parts as model
 from fieldmap.device.coils import AnyCoil
 from fieldmap.device.expansion import expand
 from fieldmap.device.materials import AnyMaterial
 from fieldmap.device.materials.bh_table import CurveKeys
 from fieldmap.device.schema.background import BackgroundKeys
 from fieldmap.device.schema.bodies import AnyBody
-from fieldmap.device.schema.joints import JointKeys
-from fieldmap.device.schema.payload import AnyPayload, DriverKeys
-from fieldmap.device.schema.workspace import AnyReference, AnyWorkspace, SectionKeys
+from fieldmap.device.schema.payload import AnyPayload
+from fieldmap.device.schema.workspace import AnyReference, AnyWorkspace
 from fieldmap.errors import DeviceFileError
+from fieldmap.inputs.declared import table_of
 from fieldmap.inputs.kinds import FileKind, register
 from fieldmap.inputs.tables import Format, Name, Table, Text
+
+if TYPE_CHECKING:
+    JointKeys: TypeAlias = Table
+    DriverKeys: TypeAlias = Table
+    SectionKeys: TypeAlias = Table
+else:
+    JointKeys, DriverKeys, SectionKeys = map(table_of, (model.Joint, model.Driver, model.Section))
 
 
 class DeviceFile(Table):
