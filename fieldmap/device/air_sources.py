@@ -5,17 +5,16 @@ background (`fieldmap.device.background`), which no current drives. Fields: `fie
 """
 
 import importlib
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from types import ModuleType
-from typing import Any, ClassVar, Literal
+from typing import Annotated, Any, Literal
 
-import numpy as np
-from pydantic import Field, model_validator
+from pydantic import model_validator
 
 from fieldmap.device.made import Made
 from fieldmap.device.placement import Placement, PlacementKeys
-from fieldmap.inputs.tables import MILLI, Length, NotNegative, Point, Vector, broken, read_only
+from fieldmap.inputs.declared import Key, table_of
+from fieldmap.inputs.tables import Length, NotNegative, Point, Vector, broken
 from fieldmap.typing import Array, Index
 
 _NEEDS: dict[str, tuple[str, ...]] = {
@@ -34,6 +33,8 @@ _NEEDS: dict[str, tuple[str, ...]] = {
 }
 """What each kind of source is made of, by magpylib's names."""
 
+_KIND: Any = Literal.__getitem__(tuple(_NEEDS))
+
 CURRENTS = ("Circle", "Polyline", "TriangleStrip", "TriangleSheet")
 OTHER = "other"
 """Kind of a magpylib object of any other class, such as a CustomSource: it lives in Python only."""
@@ -41,7 +42,9 @@ OTHER = "other"
 
 @dataclass(frozen=True, eq=False, repr=False)
 class AirSource(Made):
-    """One source of magpylib's kinds, with the attributes that magpylib gives this kind, in SI.
+    """A current or a magnet of one of magpylib's classes.
+
+    With the attributes that magpylib gives this kind, in SI.
 
     kind: the class in magpylib, or "other", for which `live` is the object itself and nothing else counts. dimension:
     as in magpylib, of a CylinderSegment inner radius, outer radius and height, with angles (2,), deg, beside it.
@@ -49,17 +52,38 @@ class AirSource(Made):
     (3,) in A m^2.
     """
 
-    kind: str
+    kind: Annotated[str, Key(_KIND, "class in magpylib", name="type")]
     placement: Placement = field(default_factory=Placement)
-    current: float | None = None
-    diameter: float | None = None
-    dimension: Array | None = None
-    angles: Array | None = None
-    vertices: Array | None = None
-    faces: Index | None = None
-    current_densities: Array | None = None
-    polarization: Array | None = None
-    moment: Array | None = None
+    current: Annotated[
+        float | None, Key(float | None, "current, in a coil that for 1 A in the coil", "A")
+    ] = None
+    diameter: Annotated[float | None, Key(Length | None, "of a Circle or Sphere", "mm")] = None
+    dimension: Annotated[
+        Array | None,
+        Key(
+            list[NotNegative] | None,
+            "of a Cuboid [x, y, z], a Cylinder [diameter, height], a CylinderSegment [inner radius, outer "
+            "radius, height]",
+            "mm",
+        ),
+    ] = None
+    angles: Annotated[Array | None, Key(list[float] | None, "of a CylinderSegment, [first, last]", "deg")] = (
+        None
+    )
+    vertices: Annotated[Array | None, Key(list[Point] | None, "[[x, y, z], ...]", "mm")] = None
+    faces: Annotated[
+        Index | None, Key(list[list[int]] | None, "[[i, j, k], ...], numbers of vertices from 0")
+    ] = None
+    current_densities: Annotated[
+        Array | None,
+        Key(
+            list[Vector] | None,
+            "of a TriangleSheet, [x, y, z] for each face, in a coil those for 1 A in the coil",
+            "A_per_m",
+        ),
+    ] = None
+    polarization: Annotated[Array | None, Key(Vector | None, "[x, y, z] of a magnet", "T")] = None
+    moment: Annotated[Array | None, Key(Vector | None, "[x, y, z] of a Dipole", "A_m2")] = None
     live: Any = None
 
     @property
@@ -86,56 +110,21 @@ def _fields() -> ModuleType:
     return importlib.import_module("fieldmap.sources.air_sources")
 
 
-class AirSourceKeys(PlacementKeys):
+_KEYS: Any = table_of(AirSource, bases=(PlacementKeys,))
+_NAMES = {attribute: key for key, (attribute, _) in _KEYS.declared.items() if attribute != "kind"}
+
+
+class AirSourceKeys(_KEYS):
     """A current or a magnet of one of magpylib's classes."""
-
-    attributes: ClassVar[Mapping[str, str]] = {
-        "type": "kind",
-        "current_densities_A_per_m": "current_densities",
-        "moment_A_m2": "moment",
-    }
-
-    type: Literal[
-        "Circle",
-        "Polyline",
-        "TriangleStrip",
-        "TriangleSheet",
-        "Cuboid",
-        "Cylinder",
-        "CylinderSegment",
-        "Sphere",
-        "Tetrahedron",
-        "TriangularMesh",
-        "Triangle",
-        "Dipole",
-    ] = Field(description="class in magpylib")
-    current_A: float | None = Field(default=None, description="current, in a coil that for 1 A in the coil")
-    diameter_mm: Length | None = Field(default=None, description="of a Circle or Sphere")
-    dimension_mm: list[NotNegative] | None = Field(
-        default=None,
-        description="of a Cuboid [x, y, z], a Cylinder [diameter, height], a CylinderSegment [inner radius, outer "
-        "radius, height]",
-    )
-    angles_deg: list[float] | None = Field(default=None, description="of a CylinderSegment, [first, last]")
-    vertices_mm: list[Point] | None = Field(default=None, description="[[x, y, z], ...]")
-    faces: list[list[int]] | None = Field(
-        default=None, description="[[i, j, k], ...], numbers of vertices from 0"
-    )
-    current_densities_A_per_m: list[Vector] | None = Field(
-        default=None,
-        description="of a TriangleSheet, [x, y, z] for each face, in a coil those for 1 A in the coil",
-    )
-    polarization_T: Vector | None = Field(default=None, description="[x, y, z] of a magnet")
-    moment_A_m2: Vector | None = Field(default=None, description="[x, y, z] of a Dipole")
 
     @model_validator(mode="after")
     def _of_its_kind(self) -> "AirSourceKeys":
         needed = _NEEDS[self.type]
-        given = [name for name in _KEYS if getattr(self, _KEYS[name]) is not None]
-        missing = [_KEYS[name] for name in needed if name not in given]
-        extra = [_KEYS[name] for name in given if name not in needed]
+        given = [name for name in _NAMES if getattr(self, _NAMES[name]) is not None]
+        missing = [_NAMES[name] for name in needed if name not in given]
+        extra = [_NAMES[name] for name in given if name not in needed]
         if missing or extra:
-            must_hold = f"a {self.type} has the keys {', '.join(_KEYS[name] for name in needed)}"
+            must_hold = f"a {self.type} has the keys {', '.join(_NAMES[name] for name in needed)}"
             received = " and ".join(
                 [f"no {', '.join(missing)}"] * bool(missing) + [f"{', '.join(extra)} besides"] * bool(extra)
             )
@@ -145,39 +134,7 @@ class AirSourceKeys(PlacementKeys):
             raise broken(*fault)
         return self
 
-    def to_model(self) -> AirSource:
-        """In SI."""
 
-        def array(name: str, scale: float = 1.0) -> Array | None:
-            value = getattr(self, _KEYS[name])
-            return None if value is None else read_only(value, scale)
-
-        return AirSource(
-            self.type,
-            self.placement(),
-            self.current_A,
-            None if self.diameter_mm is None else self.diameter_mm * MILLI,
-            array("dimension", MILLI),
-            array("angles"),
-            array("vertices", MILLI),
-            None if self.faces is None else np.array(self.faces, dtype=np.int64),
-            array("current_densities"),
-            array("polarization"),
-            array("moment"),
-        )
-
-
-_KEYS = {
-    "current": "current_A",
-    "diameter": "diameter_mm",
-    "dimension": "dimension_mm",
-    "angles": "angles_deg",
-    "vertices": "vertices_mm",
-    "faces": "faces",
-    "current_densities": "current_densities_A_per_m",
-    "polarization": "polarization_T",
-    "moment": "moment_A_m2",
-}
 _SIZES = {"Cuboid": 3, "Cylinder": 2, "CylinderSegment": 3}
 _FEWEST = {"Polyline": 2, "TriangleStrip": 3, "Tetrahedron": 4, "Triangle": 3}
 

@@ -5,12 +5,15 @@ from __future__ import annotations
 import dataclasses
 import importlib
 from dataclasses import dataclass
-from typing import Any, Self
+from typing import Annotated, Any, Self
 
 import numpy as np
+from pydantic import Field, ValidationInfo
 
-from fieldmap.device.air_sources import AirSource
+from fieldmap.device.air_sources import AirSource, AirSourceKeys
 from fieldmap.device.made import Made
+from fieldmap.inputs.declared import Key
+from fieldmap.inputs.tables import Point, Vector, broken
 from fieldmap.typing import Array
 
 _FIVE = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2))
@@ -32,9 +35,48 @@ def gradient_tensor(values: Array) -> Array:
     return tensor
 
 
+# Rounding of decimal numbers, as a share of the largest entry.
+_ROUNDING = 1e-9
+_NUMBER = {"type": "number"}
+_ROW = {"type": "array", "items": _NUMBER, "minItems": 3, "maxItems": 3}
+_GRADIENT = {
+    "items": {},
+    "anyOf": [
+        {"items": _NUMBER, "minItems": 5, "maxItems": 5},
+        {"items": _ROW, "minItems": 3, "maxItems": 3},
+    ],
+}
+_SHAPE = "gradient_mT_per_m is five numbers dBx/dx, dBx/dy, dBx/dz, dBy/dy, dBy/dz, or three rows of three: dB_i/dx_j"
+Gradient = Annotated[list[Any], Field(json_schema_extra=_GRADIENT)]  # type: ignore[arg-type]
+
+
+def _require_field(value: list[Any] | None, info: ValidationInfo) -> None:
+    """Raise unless the entries are those of a field without sources."""
+    if value is None:
+        return
+    flat = [one for row in value for one in (row if isinstance(row, list) else [row])]
+    shape = [len(row) if isinstance(row, list) else 1 for row in value]
+    numbers = all(isinstance(one, int | float) and not isinstance(one, bool) for one in flat)
+    if not numbers or shape not in ([1] * 5, [3] * 3) or not np.isfinite(flat).all():
+        raise broken(_SHAPE, str(value)[:120], "write finite numbers in this shape")
+    if len(value) == 5:
+        return
+    tensor = np.array(value, dtype=float)
+    limit = _ROUNDING * np.abs(tensor).max()
+    if np.abs(tensor - tensor.T).max() > limit:
+        must_hold = "gradient_mT_per_m must be symmetric: dB_i/dx_j = dB_j/dx_i where no current flows"
+        raise broken(must_hold, str(value)[:120], "correct it, or give the five independent numbers")
+    if abs(np.trace(tensor)) > limit:
+        must_hold = "gradient_mT_per_m must have no trace: dBx/dx + dBy/dy + dBz/dz = 0"
+        received = f"{np.trace(tensor):g} mT/m"
+        raise broken(must_hold, received, "correct it, or give the five independent numbers")
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Background(Made):
-    """A flux density that no current of the device drives, as that of the earth or of magnets that nothing changes.
+    """A field that no current of the device drives: uniform, with a uniform gradient or without, and sources in air.
+
+    For example that of the earth or of magnets that nothing changes.
 
     B(x) = flux_density + gradient (x - centre) + the fields of `sources`: flux_density (3,) in T; gradient dB_i/dx_j in
     T/m, (3, 3), symmetric and without trace as outside of all currents, or its five entries dBx/dx, dBx/dy, dBx/dz,
@@ -47,10 +89,29 @@ class Background(Made):
     [0.0, 2e-05, -4.4e-05]
     """
 
-    flux_density: Array = dataclasses.field(default_factory=lambda: np.zeros(3))
-    gradient: Array | None = None
-    centre: Array = dataclasses.field(default_factory=lambda: np.zeros(3))
-    sources: tuple[AirSource, ...] = ()
+    flux_density: Annotated[Array, Key(Vector, "[x, y, z] of the flux density at the centre", "mT")] = (
+        dataclasses.field(default_factory=lambda: np.zeros(3))
+    )
+    gradient: Annotated[
+        Array | None,
+        Key(
+            Gradient | None,
+            "[dBx/dx, dBx/dy, dBx/dz, dBy/dy, dBy/dz], or all nine as three rows; 0 if left out",
+            "mT_per_m",
+            check=_require_field,
+        ),
+    ] = None
+    centre: Annotated[
+        Array, Key(Point, "[x, y, z] of the point at which the flux density is stated", "mm")
+    ] = dataclasses.field(default_factory=lambda: np.zeros(3))
+    sources: Annotated[
+        tuple[AirSource, ...],
+        Key(
+            list[AirSourceKeys],
+            "[[background.source]] tables: magnets of fixed magnetisation, and other sources",
+            name="source",
+        ),
+    ] = ()
 
     def __post_init__(self) -> None:
         given = (self.sources,) if isinstance(self.sources, AirSource) else tuple(self.sources)

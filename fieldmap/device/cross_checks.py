@@ -67,10 +67,10 @@ def _pieces_of_no_iron(data: dict[str, Any]) -> Iterator[Finding]:
         name = table.get("material")
         material = materials.get(name) if isinstance(materials, dict) and isinstance(name, str) else None
         keys = keys_of_table(material) if isinstance(material, dict) else None
-        if keys is not None and keys.material.role != "iron":
+        if keys is not None and keys.makes.role != "iron":
             remedy = 'name another material, or give the piece the shape of a magnet, such as "sphere"'
             must_hold = "the material of a soft piece must be soft iron"
-            yield Finding((*location, "material"), must_hold, f'"{name}", a {keys.material.role}', remedy)
+            yield Finding((*location, "material"), must_hold, f'"{name}", a {keys.makes.role}', remedy)
 
 
 def _sections_of_no_body(data: dict[str, Any]) -> Iterator[Finding]:

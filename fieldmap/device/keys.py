@@ -17,15 +17,14 @@ from fieldmap.device import parts as model
 from fieldmap.device import payload as carried
 from fieldmap.device.air_sources import AirSource, AirSourceKeys
 from fieldmap.device.background import Background
-from fieldmap.device.coils import Coil, coil_choices
+from fieldmap.device.coils import COIL_KEYS, Coil
 from fieldmap.device.cross_checks import cross_findings
 from fieldmap.device.made import Made
-from fieldmap.device.materials import Material, MaterialKeys, material_choices
+from fieldmap.device.materials import MATERIAL_KEYS, Material
 from fieldmap.device.placement import Placement, in_unit, rotation_angles
 from fieldmap.device.schema import DeviceFile
-from fieldmap.device.schema.background import BackgroundKeys
 from fieldmap.device.schema.bodies import SHAPE_KEYS, BodyKeys
-from fieldmap.device.schema.file import DriverKeys, JointKeys, SectionKeys
+from fieldmap.device.schema.file import BackgroundKeys, DriverKeys, JointKeys, SectionKeys
 from fieldmap.device.schema.payload import (
     MAGNET_KEYS,
     PIECE_KEYS,
@@ -187,8 +186,8 @@ def _materials(made: DeviceData, materials: Mapping[str, Material]) -> None:
                 location, path, f"must be fieldmap.material(...) or one of {_classes(Material)}", material
             )
             continue
-        keys = _keys_of_material(material)
-        if keys is None:
+        keys = MATERIAL_KEYS.get(getattr(material, "kind", ""))
+        if keys is None or keys.makes is not type(material):
             made.unwritten.append(name)
             tables[str(name)] = {"kind": "linear", "mu_r": 1.0}
             continue
@@ -205,11 +204,6 @@ def _classes(base: type[Made]) -> str:
         if cls.__module__.startswith("fieldmap.") and not getattr(cls, "__abstractmethods__", ()):
             found.append(cls.__name__)
     return ", ".join(sorted(found))
-
-
-def _keys_of_material(material: Material) -> type[MaterialKeys] | None:
-    of_class = [keys for keys in material_choices() if keys.material is type(material)]
-    return next((keys for keys in of_class if "file" not in keys.model_fields), None)
 
 
 def _body(made: DeviceData, body: object, k: int) -> dict[str, Any]:
@@ -257,7 +251,7 @@ def _coils(made: DeviceData, coils: Sequence[Coil]) -> None:
         if not isinstance(coil, Coil):
             made.refuse(location, path, f"must be one of {_classes(Coil)}", coil)
             continue
-        keys = coil_choices().get(getattr(coil, "kind", ""))
+        keys = COIL_KEYS.get(getattr(coil, "kind", ""))
         if keys is None or getattr(coil, "unwritten", False):
             made.unwritten.append(coil.name)
             continue
@@ -330,7 +324,7 @@ def _material_of_piece(
     if not isinstance(material, Material):
         return {"material": material}
     known = materials.get(material.name)
-    keys = _keys_of_material(material)
+    keys = MATERIAL_KEYS.get(getattr(material, "kind", ""))
     if keys is not None and known is not material:
         one, other = (DeviceData().table(m, keys, (), "") for m in (material, known))
         if one != other:

@@ -138,6 +138,10 @@ class PlacementKeys(Table):
         rotation = read_only(rotation_matrix(self.rotation_deg).tolist())
         return Placement(read_only(self.position_mm, MILLI), rotation)
 
+    def also_makes(self) -> dict[str, Any]:
+        """The placement."""
+        return {"placement": self.placement()}
+
 
 # ---- moving, turning and mirroring keys ----
 

@@ -9,10 +9,12 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from pydantic import BaseModel
+from pydantic_core import PydanticCustomError
 
 from fieldmap.device.changes import with_changes
 from fieldmap.device.cross_checks import cross_findings
-from fieldmap.device.materials import Curves, Material, MaterialKeys, SaturatingMaterial, keys_of_table
+from fieldmap.device.materials import Curves, Material, SaturatingMaterial, material_of, named_file
+from fieldmap.device.materials.bh_table import STRAIGHT_LINE, BHTableFromFileKeys, require_room_to_saturate
 from fieldmap.device.measured import DEFAULT
 from fieldmap.device.model import Device, MeshFile, StepFile, hashes_of_files
 from fieldmap.device.schema import DEVICE, MATERIAL, DeviceFile, MaterialFile
@@ -23,6 +25,7 @@ from fieldmap.inputs.document import Document, parsed, schema_findings
 from fieldmap.inputs.explain import REQUIRED
 from fieldmap.inputs.findings import Finding, one_of, shown
 from fieldmap.inputs.key_paths import dotted
+from fieldmap.inputs.tables import Table
 from fieldmap.records import FrozenDict
 from fieldmap.shipped import is_file, shipped_file, shipped_names
 from fieldmap.typing import PathLike
@@ -66,16 +69,17 @@ def _no_such_file(material: str, file: str) -> Finding:
     )
 
 
-def _curves_that_do_not_fit(materials: Mapping[str, MaterialKeys], curves: Curves) -> list[Finding]:
+def _curves_that_do_not_fit(materials: Mapping[str, Table], curves: Curves) -> list[Finding]:
     """The rules that tie a curve from a file of its own to the keys of the table that names it."""
     found = []
     for name, keys in materials.items():
-        fault = keys.fault_of_curve(curves)
-        if fault is not None:
-            key, error = fault
-            told = error.context or {}
-            place = ("material", name, key)
-            found.append(Finding(place, told["must_hold"], told["received"], told["remedy"]))
+        if isinstance(keys, BHTableFromFileKeys) and keys.saturation_polarisation_T is not None:
+            try:
+                require_room_to_saturate(*curves[keys.file], keys.saturation_polarisation_T)
+            except PydanticCustomError as error:
+                told = error.context or {}
+                place = ("material", name, "saturation_polarisation_T")
+                found.append(Finding(place, told["must_hold"], told["received"], told["remedy"]))
     return found
 
 
@@ -84,8 +88,7 @@ def _named_files(data: dict[str, Any]) -> list[tuple[str, str]]:
     materials = data.get("material")
     files = []
     for name, table in materials.items() if isinstance(materials, dict) else ():
-        keys = keys_of_table(table) if isinstance(table, dict) else None
-        file = None if keys is None else keys.named_file(table)
+        file = named_file(table) if isinstance(table, dict) else None
         if file is not None:
             files.append((name, file))
     return files
@@ -154,7 +157,10 @@ def material(
     if name is not None and not isinstance(name, str):
         must_hold, remedy = "must be a text", 'write for instance name="steel"'
         raise DeviceFileError(Problem("material(name)", must_hold, type(name).__name__, remedy))
-    return contents.law(name or contents.name, above, saturation)
+    made: SaturatingMaterial = record_of(
+        contents, name=name or contents.name, below=STRAIGHT_LINE, above=above, saturation=saturation
+    )
+    return made
 
 
 def device_of(document: Document, written: bool = True) -> Device:
@@ -183,7 +189,7 @@ def recorded_device(text: str, solids: bool = False) -> Device:
     return Device.unchecked(
         name=contents.name,
         title=contents.title,
-        coils=tuple(coil.to_model() for coil in contents.coil),
+        coils=tuple(map(record_of, contents.coil)),
         bodies=tuple(
             one
             for one in bodies
@@ -194,7 +200,7 @@ def recorded_device(text: str, solids: bool = False) -> Device:
         else None,
         driver=record_of(contents.driver) if contents.driver else None,
         workspace=record_of(contents.workspace) if contents.workspace else None,
-        background=contents.background.to_model() if contents.background else None,
+        background=record_of(contents.background) if contents.background else None,
         text=text,
     )
 
@@ -204,7 +210,7 @@ def _available_materials(document: Document, contents: DeviceFile) -> dict[str, 
     curves, _, _ = material_files(document)
     files = dict(_named_files(document.data))
     return {
-        name: table.to_model(name, curves)
+        name: material_of(table, name, curves)
         for name, table in contents.material.items()
         if name not in files or files[name] in curves
     }
@@ -234,12 +240,12 @@ def _build(
 ) -> Device:
     folder = document.path.parent
     bodies = tuple(body.to_model(folder) for body in contents.body)
-    materials = {name: table.to_model(name, curves) for name, table in contents.material.items()}
+    materials = {name: material_of(table, name, curves) for name, table in contents.material.items()}
     included = included | hashes_of_files(bodies, folder)
     return Device.unchecked(
         name=contents.name,
         title=contents.title,
-        coils=tuple(coil.to_model() for coil in contents.coil),
+        coils=tuple(map(record_of, contents.coil)),
         bodies=bodies,
         materials=FrozenDict(materials),
         payload=contents.payload.to_model().with_materials(materials) if contents.payload else None,
@@ -251,7 +257,7 @@ def _build(
         source=None if document.path == Path(TEXT) else document.path,
         text=text,
         included=FrozenDict(included),
-        background=contents.background.to_model() if contents.background else None,
+        background=record_of(contents.background) if contents.background else None,
         joints=tuple(map(record_of, contents.joint)),
     )
 

@@ -71,21 +71,27 @@ def first_line(record: type) -> str:
 
 
 def table_of(
-    record: type, choose: str = "", name: str = "", bases: tuple[type[Table], ...] = (Table,)
+    record: type,
+    choose: str = "",
+    name: str = "",
+    bases: tuple[type[Table], ...] = (Table,),
+    without: tuple[str, ...] = (),
 ) -> Any:
     """The table of a file that makes a record. choose: the key whose value, `record.kind`, chooses it among others;
-    name: of the table's class; bases: tables whose keys it has as well."""
+    name: of the table's class; bases: tables whose keys it has as well; without: fields that the file does not state.
+
+    Keys with a check come behind the others, which the check may look at.
+    """
     text = first_line(record)
     fields: dict[str, Any] = {}
     if choose:
-        meaning = text[:1].lower() + text[1:].removesuffix(".")
-        fields[choose] = (_LITERAL[record.kind], Field(description=meaning))  # type: ignore[attr-defined]
-    keys = keys_of(record)
-    defaults = {field.name: field for field in dataclasses.fields(record)}
+        fields[choose] = (_LITERAL[record.kind], Field(description=text.removesuffix(".")))  # type: ignore[attr-defined]
+    keys = {key: found for key, found in keys_of(record).items() if found[0] not in without}
+    stated = {field.name: field for field in dataclasses.fields(record)}
     checks: dict[str, Any] = {}
-    for key, (attribute, about, _) in keys.items():
-        default = defaults[attribute].default
+    for key, (attribute, about, _) in sorted(keys.items(), key=lambda each: each[1][1].check is not None):
         options: dict[str, Any] = {"description": about.text}
+        default = _default_of(stated[attribute])
         if default is not dataclasses.MISSING:
             options |= {"default": _in_file(default, about.unit), "validate_default": about.check is not None}
         fields[key] = (about.rule, Field(**options))
@@ -114,12 +120,28 @@ def _checked(check: Callable[[Any, ValidationInfo], None]) -> Any:
     return classmethod(checked)
 
 
+def _default_of(field: dataclasses.Field[Any]) -> Any:
+    if field.default_factory is not dataclasses.MISSING:
+        return field.default_factory()
+    return field.default
+
+
 def _in_file(default: Any, unit: str) -> Any:
     """A default in the unit of the file; what is no number stays as it is."""
-    if isinstance(default, tuple):
+    if isinstance(default, tuple | np.ndarray):
         return [_in_file(one, unit) for one in default]
     scale = UNITS.get(unit, 1.0)
     return default / scale if isinstance(default, float) and scale != 1.0 else default
+
+
+def kinds_of(base: type) -> dict[str, type]:
+    """The classes derived from a base that have a `kind` of their own, by kind."""
+    waiting, found = [base], dict[str, type]()
+    while waiting:
+        derived = type.__subclasses__(waiting.pop())
+        waiting += derived
+        found |= {each.kind: each for each in derived if "kind" in vars(each)}  # type: ignore[attr-defined]
+    return dict(sorted(found.items()))
 
 
 def choice_of(tables: Iterable[Any], key: str) -> Any:
@@ -133,13 +155,15 @@ def record_of(table: Table, folder: Path = Path(), **others: Any) -> Any:
     record that its table does not have."""
     record = type(table).makes
     assert record is not None
-    values = {
-        attribute: _in_si(
-            about.make(getattr(table, key)) if about.make else getattr(table, key), about, hint, folder
-        )
-        for key, (attribute, about, hint) in keys_of(record).items()
-    }
-    return record(**values, **others)
+    fields = keys_of(record)
+    values = {}
+    for key in type(table).declared:
+        attribute, about, hint = fields[key]
+        value = getattr(table, key)
+        values[attribute] = _in_si(about.make(value) if about.make else value, about, hint, folder)
+    names = {field.name for field in dataclasses.fields(record)}
+    more = {name: value for name, value in table.also_makes().items() if name in names}
+    return record(**values, **(more | others))
 
 
 def _in_si(value: Any, about: Key, hint: Any, folder: Path) -> Any:
@@ -147,11 +171,13 @@ def _in_si(value: Any, about: Key, hint: Any, folder: Path) -> Any:
     kinds = get_args(hint) if get_origin(hint) in (Union, types.UnionType) else (hint,)
     if value is None:
         return None
+    if isinstance(value, Table):
+        return record_of(value, folder)
     if Path in kinds:
         return (folder / value).resolve()
     if isinstance(value, list):
         if any(get_origin(kind) is tuple for kind in kinds):
-            return tuple(one * scale if isinstance(one, float) else one for one in value)
+            return tuple(_in_si(one, about, None, folder) for one in value)
         if np.dtype(np.int64) in map(_number, kinds):
             return np.array(value, dtype=np.int64)
         return read_only(value, scale)

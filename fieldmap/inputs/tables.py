@@ -91,6 +91,10 @@ class Table(BaseModel):
     attributes: ClassVar[Mapping[str, str]] = {}
     """Attributes of the object that the table makes, by key, unless they are called like the key without its unit."""
 
+    def also_makes(self) -> Mapping[str, Any]:
+        """Fields of the record that several keys make together, as those of a placement."""
+        return {}
+
     def __repr__(self) -> str:
         return shortened(super().__repr__())
 

@@ -1,9 +1,11 @@
 """From field and gradient at the nodes of a grid to the coefficients of an interpolant.
 
-A new interpolant is a module with an `INTERPOLANT`, and one line in the list below. The packages that make maps need
+A new interpolant is a module with an `INTERPOLANT`, and one line in the list below; or a module of another package,
+which names it as an entry point of the group "fieldmap.interpolants". The packages that make maps need
 interpolants to certify a map against the solver, those that use maps to look it up.
 """
 
+from fieldmap.extensions import installed_modules
 from fieldmap.interpolants import global_polynomial, harmonic_cells, hermite
 from fieldmap.interpolants.form import (
     OUTSIDE_RULES,
@@ -26,6 +28,15 @@ INTERPOLANTS: dict[str, Interpolant] = {
     )
 }
 """By name, in the order in which they are offered; the first is the default of `open_map`."""
+
+
+def known_interpolants(wanted: object) -> list[str]:
+    """Names of all there are; of packages that are installed beside this one only where `wanted` is none of its own."""
+    if isinstance(wanted, str) and wanted not in INTERPOLANTS:
+        added = [module.INTERPOLANT for module in installed_modules("fieldmap.interpolants")]
+        INTERPOLANTS.update({each.name: each for each in added})
+    return list(INTERPOLANTS)
+
 
 __all__ = [
     "INTERPOLANTS",

@@ -285,4 +285,4 @@ def _saturates(text: str) -> bool:
 
     tables: Mapping[str, Mapping[str, Any]] = tomllib.loads(text).get("material", {}) if text else {}
     found = (keys_of_table(table) for table in tables.values())
-    return any(keys is not None and keys.material.saturates for keys in found)
+    return any(keys is not None and keys.makes.saturates for keys in found)

@@ -30,7 +30,7 @@ from fieldmap.field import (
     refuse_orientations,
     require_affine,
 )
-from fieldmap.interpolants import INTERPOLANTS, OUTSIDE_RULES, Form, Jump
+from fieldmap.interpolants import INTERPOLANTS, OUTSIDE_RULES, Form, Jump, known_interpolants
 from fieldmap.lookup.actuation import Actuation, Limits, actuation
 from fieldmap.lookup.current_model import OUTSIDE_CURRENTS, CurrentModel
 from fieldmap.lookup.current_table import CurrentTable, tabulate
@@ -63,7 +63,7 @@ def check_choices(kind: str, outside: str, outside_currents: str) -> None:
     """Raise InputError, all at once, for a kind or an outside rule that does not exist."""
     problems = []
     choices = (
-        ("kind", kind, list(INTERPOLANTS)),
+        ("kind", kind, known_interpolants(kind)),
         ("outside", outside, list(OUTSIDE_RULES)),
         ("outside_currents", outside_currents, list(OUTSIDE_CURRENTS)),
     )

@@ -1,15 +1,15 @@
 """A planar device file: its tables, and the reader that checks it and makes the frozen PlanarDevice in SI units."""
 
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias
 
 from pydantic import Field, ValidationInfo, field_validator
 
-from fieldmap.device.coils import CoilName
-from fieldmap.device.dimensions import SimplePolygon, counter_clockwise
-from fieldmap.device.materials import AnyMaterial, Curves
+from fieldmap.device.coils.base import CoilName
+from fieldmap.device.materials import AnyMaterial, Curves, material_of
 from fieldmap.device.reader import checked_contents
 from fieldmap.errors import DeviceFileError
+from fieldmap.inputs.declared import record_of, table_of
 from fieldmap.inputs.document import Document
 from fieldmap.inputs.kinds import FileKind, register
 from fieldmap.inputs.tables import (
@@ -29,20 +29,11 @@ from fieldmap.planar.model import PlanarBody, PlanarCoil, PlanarDevice, Rectangu
 from fieldmap.records import FrozenDict
 
 Points = Annotated[list[PlanePoint], Field(min_length=1)]
+if TYPE_CHECKING:
+    PlanarBodyKeys: TypeAlias = Table
+else:
+    PlanarBodyKeys = table_of(PlanarBody)
 Sides = Annotated[list[Length], Field(min_length=2, max_length=2)]
-
-
-class PlanarBodyKeys(Table):
-    """A polygon of one material."""
-
-    name: Name = Field(description="the body's name")
-    material: Name = Field(description="name of a [material.NAME] table")
-    corners_mm: SimplePolygon = Field(description="[[x, z], ...] once round the outline")
-
-    def to_model(self) -> PlanarBody:
-        """In SI."""
-        corners = read_only(counter_clockwise(self.corners_mm), MILLI)
-        return PlanarBody(self.name, self.material, corners)
 
 
 class PlanarCoilKeys(Table):
@@ -154,12 +145,12 @@ def read_planar_device(path_or_name: str | Path) -> PlanarDevice:
 
 
 def _build(contents: PlanarFile, document: Document, curves: Curves) -> PlanarDevice:
-    materials = {name: table.to_model(name, curves) for name, table in contents.material.items()}
+    materials = {name: material_of(table, name, curves) for name, table in contents.material.items()}
     return PlanarDevice(
         name=contents.name,
         title=contents.title,
         coils=tuple(coil.to_model() for coil in contents.coil),
-        bodies=tuple(body.to_model() for body in contents.body),
+        bodies=tuple(map(record_of, contents.body)),
         materials=FrozenDict(materials),
         walls=None if contents.walls is None else _corners(contents.walls),
         moment=None if contents.payload is None else contents.payload.moment_A_m2,

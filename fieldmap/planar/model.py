@@ -6,8 +6,12 @@ Coordinates (x, z): x to the right, z up, y into the page. Nothing here reads, c
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Annotated
 
+from fieldmap.device.dimensions import SimplePolygon, counter_clockwise
 from fieldmap.device.materials import Material
+from fieldmap.inputs.declared import Key
+from fieldmap.inputs.tables import Name
 from fieldmap.records import FrozenDict, Record
 from fieldmap.typing import Array
 
@@ -48,11 +52,16 @@ class PlanarCoil(Record):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class PlanarBody(Record):
-    """A named polygon of one material: corners (n, 2) of (x, z) in m, counter-clockwise with z up."""
+    """A polygon of one material.
 
-    name: str
-    material: str
-    corners: Array
+    corners (n, 2) of (x, z) in m, counter-clockwise with z up.
+    """
+
+    name: Annotated[str, Key(Name, "the body's name")]
+    material: Annotated[str, Key(Name, "name of a [material.NAME] table")]
+    corners: Annotated[
+        Array, Key(SimplePolygon, "[[x, z], ...] once round the outline", "mm", make=counter_clockwise)
+    ]
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -15,7 +15,7 @@ import numpy as np
 from fieldmap.device.air_sources import CURRENTS, OTHER, AirSource
 from fieldmap.device.background import Background
 from fieldmap.device.coils.magpylib import MagpylibCoil
-from fieldmap.device.materials import Material, keys_of_table
+from fieldmap.device.materials import Material, keys_of_table, material_of
 from fieldmap.device.model import (
     Body,
     Box,
@@ -344,7 +344,7 @@ def _made(name: str, kind: str, **keys: Any) -> Material | Problem:
     if findings:
         first = findings[0]
         return Problem("", first.must_hold, first.received, first.remedy)
-    return of_kind.model_validate(table).to_model(name, {})
+    return material_of(of_kind.model_validate(table), name, {})
 
 
 def _extent(source: AirSource) -> Array:

@@ -1,30 +1,27 @@
-"""Shapes of coils, one module each. A module that is put into this folder is a choice of device files.
-
-A shape is a frozen class (`fieldmap.device.coils.base.Coil`) and the keys of its [[coil]] table (`CoilKeys`), which
-register themselves. CONTRIBUTING.md has the steps.
+"""Shapes of coils, one module each. A module that is put into this folder is a choice of device files, and so is one
+that an installed package names as an entry point of the group "fieldmap.coils". docs/extend.md has the steps.
 """
 
-import importlib
-import pkgutil
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, TypeAlias, Union
+from typing import TYPE_CHECKING, Any, TypeAlias
 
-from pydantic import Tag
-
-from fieldmap.device.coils.base import Coil, CoilKeys, CoilName, coil_choices
+from fieldmap.device.coils.base import Coil
 from fieldmap.device.coils.winding import WindingPath
-from fieldmap.inputs.tables import chosen_by
+from fieldmap.device.placement import PlacementKeys
+from fieldmap.extensions import import_modules, installed_modules
+from fieldmap.inputs.declared import choice_of, kinds_of, table_of
 
-for _module in pkgutil.iter_modules([str(Path(__file__).parent)]):
-    importlib.import_module(f"{__name__}.{_module.name}")
+import_modules(__name__, Path(__file__).parent)
+installed_modules("fieldmap.coils")
 
-__all__ = ["AnyCoil", "Coil", "CoilKeys", "CoilName", "WindingPath", "coil_choices"]
+__all__ = ["COIL_KEYS", "AnyCoil", "Coil", "WindingPath"]
+
+COIL_KEYS: dict[str, Any] = {
+    kind: table_of(shape, "kind", bases=(PlacementKeys,)) for kind, shape in kinds_of(Coil).items()
+}
+"""Tables of device files, by kind."""
 
 if TYPE_CHECKING:
-    AnyCoil: TypeAlias = CoilKeys
+    AnyCoil: TypeAlias = PlacementKeys
 else:
-    # The keys of all shapes, chosen by `kind`.
-    AnyCoil = Annotated[
-        Union[tuple(Annotated[keys, Tag(kind)] for kind, keys in coil_choices().items())],  # noqa: UP007
-        chosen_by("kind"),
-    ]
+    AnyCoil = choice_of(COIL_KEYS.values(), "kind")

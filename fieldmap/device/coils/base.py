@@ -1,7 +1,7 @@
 """What a coil is to the rest of the package, and how a shape of one file becomes a choice of device files.
 
-A shape is a frozen class derived from `Coil` and, beside it, the keys of its [[coil]] table, derived from `CoilKeys`.
-Both stand in one module of `fieldmap.device.coils`; nothing else names them. The winding as arcs and bars
+A shape is a frozen class derived from `Coil`, in a module of its own in `fieldmap.device.coils`; nothing else names it.
+Its fields say how a [[coil]] table states them (`fieldmap.inputs.declared`). The winding as arcs and bars
 (`Coil.winding`) is all that field, forces, inductance, solids, symmetry and drawings ask for.
 """
 
@@ -9,14 +9,15 @@ from abc import abstractmethod
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cached_property
-from typing import Annotated, Any, ClassVar, Literal, Self, get_args
+from typing import Annotated, ClassVar, Literal, Self
 
-from pydantic import Field, ValidationInfo
+from pydantic import ValidationInfo
 
 from fieldmap.device.air_sources import AirSource
 from fieldmap.device.coils.winding import WindingPath
-from fieldmap.device.placement import Movable, Placement, PlacementKeys
-from fieldmap.inputs.tables import MILLI, Length, Positive, broken, text_like
+from fieldmap.device.placement import Movable, Placement
+from fieldmap.inputs.declared import Key
+from fieldmap.inputs.tables import Length, Positive, broken, text_like
 from fieldmap.typing import Array
 
 # A coil's name becomes part of a record name in the map file: letters, digits and underscores only.
@@ -28,6 +29,30 @@ CoilName = Annotated[
         'rename it, for example "coil_1"',
     ),
 ]
+
+
+# Fields that shapes share.
+Named = Annotated[str, Key(CoilName, "the coil's name: letters, digits, underscores")]
+Turns = Annotated[float, Key(Positive, "number of turns")]
+Polarity = Annotated[
+    int,
+    Key(Literal[1, -1], "1: positive current runs counter-clockwise seen from local +z; -1: clockwise"),
+]
+Resistance = Annotated[float | None, Key(Positive | None, "resistance of the winding", "ohm")]
+Inductance = Annotated[float | None, Key(Positive | None, "inductance, alone in its iron", "mH")]
+Thickness = Annotated[float, Key(Length, "width of the winding in the coil's plane", "mm")]
+Height = Annotated[float, Key(Length, "length of the winding along its axis", "mm")]
+
+
+def require_room_for_the_winding(corner_radius: float, info: ValidationInfo) -> None:
+    """Raise where the winding is thicker than its corners let it be."""
+    thickness = info.data.get("thickness_mm")
+    if thickness is not None and corner_radius < thickness / 2:
+        raise broken(
+            f"corner_radius_mm must be at least thickness_mm/2 = {thickness / 2:g}",
+            f"{corner_radius:g}",
+            "give the radius of the winding's middle line: inner radius of the corner plus thickness/2",
+        )
 
 
 class Coil(Movable):
@@ -98,69 +123,3 @@ class Coil(Movable):
         return path_flux_density_and_gradient(
             points, path.arcs, path.bars, path.thickness, path.height, digits
         )
-
-
-# ---- keys of the file ----
-
-
-class CoilKeys(PlacementKeys):
-    """What every coil has. A subclass with a `kind: Literal[...]` is a choice of device files.
-
-    rank: place in lists of choices; of equal ones the kind decides.
-    """
-
-    rank: ClassVar[int] = 50
-
-    _choices: ClassVar[dict[str, type["CoilKeys"]]] = {}
-
-    name: CoilName = Field(description="the coil's name: letters, digits, underscores")
-    turns: Positive = Field(description="number of turns")
-    polarity: Literal[1, -1] = Field(
-        default=1, description="1: positive current runs counter-clockwise seen from local +z; -1: clockwise"
-    )
-    resistance_ohm: Positive | None = Field(default=None, description="resistance of the winding")
-    inductance_mH: Positive | None = Field(default=None, description="inductance, alone in its iron")
-
-    @classmethod
-    def __pydantic_init_subclass__(cls, **options: Any) -> None:
-        super().__pydantic_init_subclass__(**options)
-        if "kind" in cls.model_fields:
-            CoilKeys._choices[get_args(cls.model_fields["kind"].annotation)[0]] = cls
-
-    def common(self) -> dict[str, Any]:
-        """What every coil of the model has, in SI."""
-        return {
-            "name": self.name,
-            "turns": float(self.turns),
-            "polarity": self.polarity,
-            "placement": self.placement(),
-            "resistance": self.resistance_ohm,
-            "inductance": None if self.inductance_mH is None else self.inductance_mH * MILLI,
-        }
-
-    def to_model(self) -> Coil:
-        """In SI."""
-        raise NotImplementedError
-
-
-class RoundedKeys(CoilKeys):
-    """What coils with rounded corners have."""
-
-    thickness_mm: Length = Field(description="width of the winding in the coil's plane")
-    height_mm: Length = Field(description="length of the winding along its axis")
-
-
-def require_room_for_the_winding(corner_radius: float, info: ValidationInfo) -> None:
-    """Raise where the winding is thicker than its corners let it be."""
-    thickness = info.data.get("thickness_mm")
-    if thickness is not None and corner_radius < thickness / 2:
-        raise broken(
-            f"corner_radius_mm must be at least thickness_mm/2 = {thickness / 2:g}",
-            f"{corner_radius:g}",
-            "give the radius of the winding's middle line: inner radius of the corner plus thickness/2",
-        )
-
-
-def coil_choices() -> dict[str, type[CoilKeys]]:
-    """The keys of all shapes by kind, in the order of lists."""
-    return dict(sorted(CoilKeys._choices.items(), key=lambda choice: (choice[1].rank, choice[0])))

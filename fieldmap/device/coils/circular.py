@@ -2,34 +2,39 @@
 
 import math
 from dataclasses import dataclass, field
-from typing import ClassVar, Literal
+from typing import Annotated, ClassVar
 
 import numpy as np
-from pydantic import Field, ValidationInfo, field_validator
 
-from fieldmap.device.coils.base import Coil, CoilKeys
+from fieldmap.device.coils.base import Coil, Height, Inductance, Named, Polarity, Resistance, Turns
 from fieldmap.device.coils.winding import WindingPath
 from fieldmap.device.dimensions import require_larger_radius
 from fieldmap.device.placement import Placement
-from fieldmap.inputs.tables import MILLI, Length
+from fieldmap.inputs.declared import Key
+from fieldmap.inputs.tables import Length
 from fieldmap.typing import Array
 
 
 @dataclass(frozen=True, repr=False)
 class CircularCoil(Coil):
-    """Rectangular winding section: inner_radius <= r <= outer_radius, |z| <= height/2."""
+    """Circular coil.
+
+    Rectangular winding section: inner_radius <= r <= outer_radius, |z| <= height/2.
+    """
 
     kind: ClassVar[str] = "circular"
 
-    name: str
-    inner_radius: float
-    outer_radius: float
-    height: float
-    turns: float
-    polarity: int = 1
+    name: Named
+    inner_radius: Annotated[float, Key(Length, "inner radius of the winding", "mm")]
+    outer_radius: Annotated[
+        float, Key(Length, "outer radius of the winding", "mm", check=require_larger_radius)
+    ]
+    height: Height
+    turns: Turns
+    polarity: Polarity = 1
     placement: Placement = field(default_factory=Placement)
-    resistance: float | None = None
-    inductance: float | None = None
+    resistance: Resistance = None
+    inductance: Inductance = None
 
     def winding(self) -> WindingPath:
         """One arc of a full turn."""
@@ -48,30 +53,4 @@ class CircularCoil(Coil):
 
         return ring_flux_density_and_gradient(
             points, self.inner_radius, self.outer_radius, self.height, digits
-        )
-
-
-class CircularCoilKeys(CoilKeys):
-    """Circular coil."""
-
-    rank: ClassVar[int] = 0
-
-    kind: Literal["circular"] = Field(description="circular coil")
-    inner_radius_mm: Length = Field(description="inner radius of the winding")
-    outer_radius_mm: Length = Field(description="outer radius of the winding")
-    height_mm: Length = Field(description="length of the winding along its axis")
-
-    @field_validator("outer_radius_mm")
-    @classmethod
-    def _outside_the_bore(cls, value: float, info: ValidationInfo) -> float:
-        require_larger_radius(value, info)
-        return value
-
-    def to_model(self) -> CircularCoil:
-        """In SI."""
-        return CircularCoil(
-            inner_radius=self.inner_radius_mm * MILLI,
-            outer_radius=self.outer_radius_mm * MILLI,
-            height=self.height_mm * MILLI,
-            **self.common(),
         )

@@ -1,25 +1,27 @@
 """Coils of the currents that magpylib has: loops, polylines, sheets and strips, and any other magpylib source."""
 
 import importlib
-from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, ClassVar, Literal, Self
+from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
 from pydantic import Field
 
 from fieldmap.device.air_sources import AirSource, AirSourceKeys
-from fieldmap.device.coils.base import Coil, CoilKeys
+from fieldmap.device.coils.base import Coil, Inductance, Named, Polarity, Resistance
 from fieldmap.device.coils.winding import WindingPath
 from fieldmap.device.placement import Placement
 from fieldmap.errors import InputError, Problem
-from fieldmap.inputs.tables import MILLI, Length, Positive
+from fieldmap.inputs.declared import Key
+from fieldmap.inputs.tables import Length, Positive
 from fieldmap.typing import Array
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class MagpylibCoil(Coil):
-    """Sources that one current drives: B is (current x turns x polarity) times the sum of theirs.
+    """Currents of magpylib's kinds, driven together.
+
+    B is (current x turns x polarity) times the sum of theirs.
 
     sources: with their own currents, those for 1 A in the coil. nominal_current: what the coil carries in the model
     that it comes from, A, if known. wire_diameter: of loops and polylines, m; without it they have no self-inductance.
@@ -29,15 +31,32 @@ class MagpylibCoil(Coil):
 
     kind: ClassVar[str] = "magpylib"
 
-    name: str
-    sources: tuple[AirSource, ...]
-    turns: float = 1.0
-    polarity: int = 1
+    name: Named
+    sources: Annotated[
+        tuple[AirSource, ...],
+        Key(
+            Annotated[list[AirSourceKeys], Field(min_length=1)],
+            "[[coil.source]] tables: with their currents for 1 A in the coil",
+            name="source",
+        ),
+    ]
+    turns: Annotated[float, Key(Positive, "number of turns: factor of the sources' currents")] = 1.0
+    polarity: Polarity = 1
     placement: Placement = field(default_factory=Placement)
-    nominal_current: float | None = None
-    resistance: float | None = None
-    inductance: float | None = None
-    wire_diameter: float | None = None
+    nominal_current: Annotated[
+        float | None,
+        Key(float | None, "what the coil carries in the model that it comes from", "A"),
+    ] = None
+    resistance: Resistance = None
+    inductance: Inductance = None
+    wire_diameter: Annotated[
+        float | None,
+        Key(
+            Length | None,
+            "diameter of the round wire of loops and polylines, for their self-inductance",
+            "mm",
+        ),
+    ] = None
 
     def __post_init__(self) -> None:
         given = (self.sources,) if isinstance(self.sources, AirSource) else tuple(self.sources)
@@ -81,31 +100,3 @@ class MagpylibCoil(Coil):
         """As `Coil.unit_flux_density_and_gradient`; see `fieldmap.sources.air_sources` for the gradient."""
         pairs = [source.flux_density_and_gradient(points) for source in self.sources]
         return np.sum([pair[0] for pair in pairs], axis=0), np.sum([pair[1] for pair in pairs], axis=0)
-
-
-class MagpylibCoilKeys(CoilKeys):
-    """Sources of magpylib's kinds, driven by one current."""
-
-    rank: ClassVar[int] = 90
-    attributes: ClassVar[Mapping[str, str]] = {"source": "sources"}
-
-    kind: Literal["magpylib"] = Field(description="currents of magpylib's kinds, driven together")
-    turns: Positive = Field(default=1.0, description="number of turns: factor of the sources' currents")
-    nominal_current_A: float | None = Field(
-        default=None, description="what the coil carries in the model that it comes from"
-    )
-    wire_diameter_mm: Length | None = Field(
-        default=None,
-        description="diameter of the round wire of loops and polylines, for their self-inductance",
-    )
-    source: list[AirSourceKeys] = Field(
-        min_length=1, description="[[coil.source]] tables: with their currents for 1 A in the coil"
-    )
-
-    def to_model(self) -> MagpylibCoil:
-        """In SI."""
-        sources = tuple(source.to_model() for source in self.source)
-        wire = None if self.wire_diameter_mm is None else self.wire_diameter_mm * MILLI
-        return MagpylibCoil(
-            sources=sources, nominal_current=self.nominal_current_A, wire_diameter=wire, **self.common()
-        )

@@ -1,52 +1,78 @@
-"""Material laws, one module each. A module that is put into this folder is a choice of device files.
-
-A law is a frozen class (`fieldmap.device.materials.base.Material`) and the keys of its [material.NAME] table
-(`MaterialKeys`), which register themselves. CONTRIBUTING.md has the steps.
+"""Material laws, one module each. A module that is put into this folder is a choice of device files, and so is one
+that an installed package names as an entry point of the group "fieldmap.materials". docs/extend.md has the steps.
 """
 
-import importlib
-import pkgutil
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeAlias, Union
 
 from pydantic import Tag
 
-from fieldmap.device.materials.base import (
-    Curves,
-    LawPoints,
-    Material,
-    MaterialKeys,
-    SaturatingMaterial,
-    keys_of_table,
-    material_choices,
-)
-from fieldmap.inputs.tables import chosen_with
+from fieldmap.device.materials.base import LawPoints, Material, SaturatingMaterial
+from fieldmap.device.materials.bh_table import BHTableFromFileKeys
+from fieldmap.extensions import import_modules, installed_modules
+from fieldmap.inputs.declared import kinds_of, record_of, table_of
+from fieldmap.inputs.tables import Table, chosen_with, read_only
 
-for _module in pkgutil.iter_modules([str(Path(__file__).parent)]):
-    importlib.import_module(f"{__name__}.{_module.name}")
+import_modules(__name__, Path(__file__).parent)
+installed_modules("fieldmap.materials")
 
 __all__ = [
+    "MATERIAL_KEYS",
     "AnyMaterial",
     "Curves",
     "LawPoints",
     "Material",
-    "MaterialKeys",
     "SaturatingMaterial",
     "keys_of_table",
-    "material_choices",
+    "material_of",
+    "named_file",
 ]
 
+Curves = Mapping[str, tuple[list[float], list[float]]]
+"""Field strengths (A/m) and flux densities (T) of measured curves, by the name of their file."""
 
-def _tag(table: dict[str, Any]) -> Any:
-    keys = keys_of_table(table)
-    return table.get("kind") if keys is None else keys.tag
+_FROM_FILE = "bh_table from a file"
+
+MATERIAL_KEYS: dict[str, Any] = {
+    **{kind: table_of(law, "kind") for kind, law in kinds_of(Material).items()},
+    _FROM_FILE: BHTableFromFileKeys,
+}
+"""Tables of device files: by kind, but a B-H table may name a file."""
+
+
+def _tag(table: Mapping[str, Any]) -> Any:
+    kind = table.get("kind")
+    return _FROM_FILE if kind == "bh_table" and "file" in table else kind
+
+
+def keys_of_table(table: Mapping[str, Any]) -> Any:
+    """The class that reads a raw [material.NAME] table; None for a kind that nobody knows."""
+    tag = _tag(table)
+    return MATERIAL_KEYS.get(tag) if isinstance(tag, str) else None
+
+
+def named_file(table: Mapping[str, Any]) -> str | None:
+    """The material file that a raw table names."""
+    file = table["file"] if _tag(table) == _FROM_FILE else None
+    return file if isinstance(file, str) else None
+
+
+def material_of(table: Table, name: str, curves: Curves) -> Material:
+    """In SI. curves: those of the material files that tables name."""
+    made: Material
+    if isinstance(table, BHTableFromFileKeys):
+        h, b = map(read_only, curves[table.file])
+        made = record_of(table, name=name, h=h, b=b)
+    else:
+        made = record_of(table, name=name)
+    return made
 
 
 if TYPE_CHECKING:
-    AnyMaterial: TypeAlias = MaterialKeys
+    AnyMaterial: TypeAlias = Table
 else:
-    # The keys of all laws, chosen by the table.
     AnyMaterial = Annotated[
-        Union[tuple(Annotated[keys, Tag(keys.tag)] for keys in material_choices())],  # noqa: UP007
+        Union[tuple(Annotated[keys, Tag(tag)] for tag, keys in MATERIAL_KEYS.items())],  # noqa: UP007
         chosen_with(_tag),
     ]

@@ -1,36 +1,40 @@
 """What a material is to the rest of the package, and how a law of one file becomes a choice of device files.
 
-A law is a frozen class derived from `Material` (or from one of its two refinements here) and, beside it, the keys of
-its [material.NAME] table, derived from `MaterialKeys`. Both stand in one module of `fieldmap.device.materials`; nothing
-else names them. In formulas h = mu0 H and b are both in tesla, J = b - h is the polarisation.
+A law is a frozen class derived from `Material` (or from one of its two refinements here), in a module of its own in
+`fieldmap.device.materials`; nothing else names it. Its fields say how a [material.NAME] table states them
+(`fieldmap.inputs.declared`). In formulas h = mu0 H and b are both in tesla, J = b - h is the polarisation.
 """
 
 from abc import abstractmethod
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Annotated, Any, ClassVar, Literal, get_args
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 from pydantic import Field
-from pydantic_core import PydanticCustomError
 
 from fieldmap.device.made import Made
 from fieldmap.errors import InputError, Problem
-from fieldmap.inputs.tables import Table
+from fieldmap.inputs.declared import Key
 from fieldmap.records import Record
 from fieldmap.typing import Array
 
 Role = Literal["iron", "magnet", "flux barrier"]
-Curves = Mapping[str, tuple[list[float], list[float]]]
-"""Field strengths (A/m) and flux densities (T) of measured curves, by the name of their file."""
 
 # Iron-cobalt, the strongest material known, saturates at 2.45 T.
 LARGEST_POLARISATION_T = 3.0
 Polarisation = Annotated[float, Field(gt=0, le=LARGEST_POLARISATION_T)]
-InitialMuR = Annotated[float, Field(gt=1)]
 
 LARGEST_COERCIVE_FIELD = 1e5
 """A/m: ten times what separates soft from hard magnetic materials."""
+
+CoerciveField = Annotated[
+    float,
+    Key(
+        Annotated[float, Field(ge=0, le=LARGEST_COERCIVE_FIELD)],
+        "half the width of the hysteresis loop at B = 0; only `HysteresisSolver` follows it",
+        "A_per_m",
+    ),
+]
 
 SAMPLES = np.concatenate([[0.0], np.geomspace(1e-3, 1e7, 240)])
 """Where a law of initial permeability and saturation is sampled: chi h / saturation. At the last, J is saturated to
@@ -53,10 +57,12 @@ class LawPoints(Record):
 class Material(Made):
     """What a body is made of.
 
+    kind: the word for the law in device files.
     role: how the models take it. "iron" may be given another constant permeability; a "magnet" keeps its own; a
     "flux barrier" lets no flux pass. saturates: whether it follows a B(H) law that a linear solution does not know.
     """
 
+    kind: ClassVar[str]
     role: ClassVar[Role] = "iron"
     saturates: ClassVar[bool] = False
 
@@ -134,9 +140,11 @@ class TwoConstantLaw(SaturatingMaterial):
     title: ClassVar[str]
 
     name: str
-    mu_r: float
-    saturation: float
-    coercive_field: float = 0.0
+    mu_r: Annotated[float, Key(Annotated[float, Field(gt=1)], "initial relative permeability")]
+    saturation: Annotated[
+        float, Key(Polarisation, "B - mu0 H in saturation", "T", name="saturation_polarisation")
+    ]
+    coercive_field: CoerciveField = 0.0
 
     @abstractmethod
     def polarisation(self, x: Array) -> Array:
@@ -173,73 +181,3 @@ class TwoConstantLaw(SaturatingMaterial):
         """The law in words."""
         numbers = f"initial mu_r {self.mu_r:g}, saturation polarisation {self.saturation:g} T"
         return f"{self.title}, {numbers}"
-
-
-# ---- keys of the file ----
-
-
-class MaterialKeys(Table):
-    """Keys of a [material.NAME] table. A subclass with a `kind: Literal[...]` is a choice of device files.
-
-    material: the class that the keys make. tag: name of the choice, the kind unless one kind has several tables.
-    rank: place in lists of choices; of equal ones the tag decides.
-    """
-
-    material: ClassVar[type[Material]]
-    tag: ClassVar[str]
-    rank: ClassVar[int] = 50
-
-    _choices: ClassVar[dict[str, type["MaterialKeys"]]] = {}
-
-    @classmethod
-    def __pydantic_init_subclass__(cls, **options: Any) -> None:
-        super().__pydantic_init_subclass__(**options)
-        if "kind" in cls.model_fields and hasattr(cls, "material"):
-            if "tag" not in cls.__dict__:
-                cls.tag = cls.kind_of_file()
-            MaterialKeys._choices[cls.tag] = cls
-
-    @classmethod
-    def kind_of_file(cls) -> str:
-        """The value of `kind` that stands for this material."""
-        return get_args(cls.model_fields["kind"].annotation)[0]
-
-    @classmethod
-    def reads(cls, table: Mapping[str, Any]) -> bool:
-        """Whether these are the keys of a raw table."""
-        return table.get("kind") == cls.kind_of_file()
-
-    @classmethod
-    def named_file(cls, table: Mapping[str, Any]) -> str | None:
-        """The material file that a raw table of these keys names."""
-        file = table.get("file") if "file" in cls.model_fields else None
-        return file if isinstance(file, str) else None
-
-    def fault_of_curve(self, curves: Curves) -> tuple[str, PydanticCustomError] | None:
-        """The key that the curve of the named file does not go with, and what is wrong; None where all is well."""
-        return None
-
-    def to_model(self, name: str, curves: Curves) -> Material:
-        """In SI. curves: what the material files that `file` keys name contain."""
-        raise NotImplementedError
-
-
-class SaturatingKeys(MaterialKeys):
-    """Keys that all laws of saturating iron share."""
-
-    coercive_field_A_per_m: float = Field(
-        default=0.0,
-        ge=0,
-        le=LARGEST_COERCIVE_FIELD,
-        description="half the width of the hysteresis loop at B = 0; only `HysteresisSolver` follows it",
-    )
-
-
-def material_choices() -> tuple[type[MaterialKeys], ...]:
-    """The keys of all laws, in the order of lists."""
-    return tuple(sorted(MaterialKeys._choices.values(), key=lambda keys: (keys.rank, keys.tag)))
-
-
-def keys_of_table(table: Mapping[str, Any]) -> type[MaterialKeys] | None:
-    """The keys that a raw [material.NAME] table is read with; None for a kind that nobody knows."""
-    return next((keys for keys in material_choices() if keys.reads(table)), None)

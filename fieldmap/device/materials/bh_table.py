@@ -1,25 +1,22 @@
 """Measured B-H curves: a table in the device file, or in a material file that it names."""
 
 import contextlib
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
-from pydantic import Field, ValidationInfo, field_validator
-from pydantic_core import PydanticCustomError
+from pydantic import Field, ValidationInfo
 
 from fieldmap.constants import MU0
 from fieldmap.device.materials.base import (
     SAMPLES,
-    Curves,
+    CoerciveField,
     LawPoints,
-    Material,
     Polarisation,
-    SaturatingKeys,
     SaturatingMaterial,
 )
-from fieldmap.inputs.tables import Positive, Table, Text, broken, read_only
+from fieldmap.inputs.declared import Key, table_of
+from fieldmap.inputs.tables import Positive, Text, broken
 from fieldmap.typing import Array
 
 # Rounding of printed tables may put a saturated slope a little below mu0; more than this is unphysical.
@@ -31,9 +28,95 @@ STRAIGHT_LINE = "straight line to the origin"
 TOWARDS_SATURATION = "towards saturation"
 
 
+Curve = Annotated[list[Positive], Field(min_length=2)]
+
+
+def _require_increasing(key: str, values: list[float]) -> None:
+    steps = np.flatnonzero(np.diff(values) <= 0)
+    if steps.size:
+        k = int(steps[0])
+        raise broken(
+            f"{key} must be strictly increasing",
+            f"{values[k + 1]:g} after {values[k]:g} (points {k + 1} and {k + 2})",
+            "sort the points, and remove repeated ones and the falling branch of a hysteresis loop",
+        )
+
+
+def _require_increasing_fields(values: list[float], info: ValidationInfo) -> None:
+    _require_increasing("H_A_per_m", values)
+
+
+def _require_physical(values: list[float], info: ValidationInfo) -> None:
+    _require_increasing("B_T", values)
+    h = info.data.get("H_A_per_m")
+    if h is not None:
+        _require_same_length(h, values)
+        _require_slope(h, values)
+
+
+def _require_same_length(h: list[float], b: list[float]) -> None:
+    if len(h) != len(b):
+        raise broken(
+            "H_A_per_m and B_T must have the same number of values",
+            f"{len(h)} and {len(b)} values",
+            "give one B for each H",
+        )
+
+
+def _require_slope(h: list[float], b: list[float]) -> None:
+    slopes = np.diff(b, prepend=0.0) / np.diff(h, prepend=0.0)
+    flat = np.flatnonzero(slopes < SMALLEST_SLOPE)
+    if flat.size:
+        k = int(flat[0])
+        before = "the origin" if k == 0 else f"point {k}"
+        raise broken(
+            "the slope dB/dH must nowhere be below that of free space, mu0 = 1.2566e-6 T m/A",
+            f"slope {slopes[k]:.4g} T m/A from {before} to point {k + 1}",
+            "check the unit of H (A/m, not kA/m or Oe) and that B is the flux density, not mu0 M",
+        )
+
+
+def _require_what_goes_with_above(value: float | None, info: ValidationInfo) -> None:
+    above = info.data.get("above")
+    if above == TOWARDS_SATURATION and value is None:
+        raise broken(
+            f'above = "{TOWARDS_SATURATION}" needs the polarisation that it rises to',
+            "no saturation_polarisation_T",
+            'add it (about 2.15 for iron), or choose "slope mu0"',
+        )
+    if above == "slope mu0" and value is not None:
+        raise broken(
+            f'saturation_polarisation_T belongs to above = "{TOWARDS_SATURATION}"',
+            f'{value:g} with above = "slope mu0"',
+            f'remove it, or choose "{TOWARDS_SATURATION}"',
+        )
+    h, b = info.data.get("H_A_per_m"), info.data.get("B_T")
+    if value is not None and h is not None and b is not None:
+        require_room_to_saturate(h, b, value)
+
+
+def require_room_to_saturate(h: list[float], b: list[float], saturation: float) -> None:
+    """Raise unless the polarisation still rises at the table's end, and ends below its saturation."""
+    before, end = (b[k] - MU0 * h[k] for k in (-2, -1))
+    if end >= saturation:
+        raise broken(
+            f"saturation_polarisation_T must be above B - mu0 H of the table's last point, {end:.4g} T",
+            f"{saturation:g}",
+            'correct it, or choose above = "slope mu0": the table is saturated already',
+        )
+    if end <= before:
+        raise broken(
+            "B - mu0 H must still rise between the table's last two points, to be continued towards saturation",
+            f"{before:.4g} T, then {end:.4g} T",
+            'choose above = "slope mu0": the table is saturated already',
+        )
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class BHTable(SaturatingMaterial):
-    """Single-valued B-H curve: strictly increasing H (n,) in A/m and B (n,) in T, origin not included.
+    """B-H table.
+
+    Single-valued curve: strictly increasing H (n,) in A/m and B (n,) in T, origin not included.
 
     initial_mu_r: that of the first point if left out. below: law from the origin to the first point ("straight line to
     the origin" is the only one so far); above: law past the last point: "slope mu0" (saturated), or "towards
@@ -41,14 +124,55 @@ class BHTable(SaturatingMaterial):
     results. coercive_field: A/m, of its hysteresis, which only `fieldmap.iron.HysteresisSolver` follows.
     """
 
+    kind: ClassVar[str] = "bh_table"
+
     name: str
-    h: Array
-    b: Array
-    below: str
-    above: str
+    h: Annotated[
+        Array,
+        Key(
+            Curve,
+            "field strengths, strictly increasing, without the origin",
+            "A_per_m",
+            name="H",
+            check=_require_increasing_fields,
+        ),
+    ]
+    b: Annotated[
+        Array,
+        Key(
+            Curve,
+            "flux densities, one for each field strength, strictly increasing",
+            "T",
+            name="B",
+            check=_require_physical,
+        ),
+    ]
+    below: Annotated[
+        str,
+        Key(
+            Literal["straight line to the origin"],
+            'law below the first point: "straight line to the origin"',
+        ),
+    ]
+    above: Annotated[
+        str,
+        Key(
+            Literal["slope mu0", "towards saturation"],
+            'law past the last point: "slope mu0" (saturated) or "towards saturation"',
+        ),
+    ]
     initial_mu_r: float = 0.0
-    saturation: float | None = None
-    coercive_field: float = 0.0
+    saturation: Annotated[
+        float | None,
+        Key(
+            Polarisation | None,
+            'with "towards saturation": what B - mu0 H rises to past the last point',
+            "T",
+            name="saturation_polarisation",
+            check=_require_what_goes_with_above,
+        ),
+    ] = None
+    coercive_field: CoerciveField = 0.0
 
     def __post_init__(self) -> None:
         if self.initial_mu_r == 0.0:
@@ -165,177 +289,15 @@ def _tail_value(h: Array, tail: _Tail) -> Array:
     return tail.saturation - tail.rest / (1 + tail.slope * (h - tail.start) / tail.rest)
 
 
-# ---- keys of the file ----
+# ---- tables of files ----
 
-Curve = Annotated[list[Positive], Field(min_length=2)]
-
-
-class CurveKeys(Table):
-    """The points of a single-valued B-H curve, origin left out."""
-
-    H_A_per_m: Curve = Field(description="field strengths, strictly increasing, without the origin")
-    B_T: Curve = Field(description="flux densities, one for each field strength, strictly increasing")
-
-    @field_validator("H_A_per_m")
-    @classmethod
-    def _increasing(cls, value: list[float]) -> list[float]:
-        _require_increasing("H_A_per_m", value)
-        return value
-
-    @field_validator("B_T")
-    @classmethod
-    def _physical(cls, value: list[float], info: ValidationInfo) -> list[float]:
-        _require_increasing("B_T", value)
-        h = info.data.get("H_A_per_m")
-        if h is not None:
-            _require_same_length(h, value)
-            _require_slope(h, value)
-        return value
-
-    def law(self, name: str, above: str, saturation: float | None) -> BHTable:
-        """The curve with a straight line to the origin below it, and a law past its last point."""
-        h, b = read_only(self.H_A_per_m), read_only(self.B_T)
-        return BHTable(name, h, b, STRAIGHT_LINE, above, saturation=saturation)
+CurveKeys: Any = table_of(
+    BHTable, name="CurveKeys", without=("below", "above", "saturation", "coercive_field")
+)
+_EXTENSION: Any = table_of(BHTable, "kind", "ExtensionKeys", without=("h", "b"))
 
 
-def _require_increasing(key: str, values: list[float]) -> None:
-    steps = np.flatnonzero(np.diff(values) <= 0)
-    if steps.size:
-        k = int(steps[0])
-        raise broken(
-            f"{key} must be strictly increasing",
-            f"{values[k + 1]:g} after {values[k]:g} (points {k + 1} and {k + 2})",
-            "sort the points, and remove repeated ones and the falling branch of a hysteresis loop",
-        )
-
-
-def _require_same_length(h: list[float], b: list[float]) -> None:
-    if len(h) != len(b):
-        raise broken(
-            "H_A_per_m and B_T must have the same number of values",
-            f"{len(h)} and {len(b)} values",
-            "give one B for each H",
-        )
-
-
-def _require_slope(h: list[float], b: list[float]) -> None:
-    slopes = np.diff(b, prepend=0.0) / np.diff(h, prepend=0.0)
-    flat = np.flatnonzero(slopes < SMALLEST_SLOPE)
-    if flat.size:
-        k = int(flat[0])
-        before = "the origin" if k == 0 else f"point {k}"
-        raise broken(
-            "the slope dB/dH must nowhere be below that of free space, mu0 = 1.2566e-6 T m/A",
-            f"slope {slopes[k]:.4g} T m/A from {before} to point {k + 1}",
-            "check the unit of H (A/m, not kA/m or Oe) and that B is the flux density, not mu0 M",
-        )
-
-
-class _ExtensionKeys(SaturatingKeys):
-    kind: Literal["bh_table"] = Field(description="B-H table")
-    below: Literal["straight line to the origin"] = Field(
-        description='law below the first point: "straight line to the origin"'
-    )
-    above: Literal["slope mu0", "towards saturation"] = Field(
-        description='law past the last point: "slope mu0" (saturated) or "towards saturation"'
-    )
-    saturation_polarisation_T: Polarisation | None = Field(
-        default=None,
-        validate_default=True,
-        description='with "towards saturation": what B - mu0 H rises to past the last point',
-    )
-
-    @field_validator("saturation_polarisation_T")
-    @classmethod
-    def _goes_with_above(cls, value: float | None, info: ValidationInfo) -> float | None:
-        above = info.data.get("above")
-        if above == TOWARDS_SATURATION and value is None:
-            raise broken(
-                f'above = "{TOWARDS_SATURATION}" needs the polarisation that it rises to',
-                "no saturation_polarisation_T",
-                'add it (about 2.15 for iron), or choose "slope mu0"',
-            )
-        if above == "slope mu0" and value is not None:
-            raise broken(
-                f'saturation_polarisation_T belongs to above = "{TOWARDS_SATURATION}"',
-                f'{value:g} with above = "slope mu0"',
-                f'remove it, or choose "{TOWARDS_SATURATION}"',
-            )
-        h, b = info.data.get("H_A_per_m"), info.data.get("B_T")
-        if value is not None and h is not None and b is not None:
-            require_room_to_saturate(h, b, value)
-        return value
-
-    def _table(self, name: str, h: list[float], b: list[float]) -> BHTable:
-        initial_mu_r = b[0] / (MU0 * h[0])
-        saturation = self.saturation_polarisation_T
-        laws = self.below, self.above
-        curve = read_only(h), read_only(b)
-        return BHTable(name, *curve, *laws, initial_mu_r, saturation, self.coercive_field_A_per_m)
-
-
-def require_room_to_saturate(h: list[float], b: list[float], saturation: float) -> None:
-    """Raise unless the polarisation still rises at the table's end, and ends below its saturation."""
-    before, end = (b[k] - MU0 * h[k] for k in (-2, -1))
-    if end >= saturation:
-        raise broken(
-            f"saturation_polarisation_T must be above B - mu0 H of the table's last point, {end:.4g} T",
-            f"{saturation:g}",
-            'correct it, or choose above = "slope mu0": the table is saturated already',
-        )
-    if end <= before:
-        raise broken(
-            "B - mu0 H must still rise between the table's last two points, to be continued towards saturation",
-            f"{before:.4g} T, then {end:.4g} T",
-            'choose above = "slope mu0": the table is saturated already',
-        )
-
-
-class BHTableKeys(_ExtensionKeys, CurveKeys):
-    """B-H table in the device file."""
-
-    attributes: ClassVar[Mapping[str, str]] = {
-        "H_A_per_m": "h",
-        "B_T": "b",
-        "saturation_polarisation_T": "saturation",
-    }
-
-    material: ClassVar[type[Material]] = BHTable
-    rank: ClassVar[int] = 10
-
-    @classmethod
-    def reads(cls, table: Mapping[str, Any]) -> bool:
-        """Whether these are the keys of a raw table."""
-        return super().reads(table) and "file" not in table
-
-    def to_model(self, name: str, curves: Curves) -> BHTable:
-        """In SI."""
-        return self._table(name, self.H_A_per_m, self.B_T)
-
-
-class BHTableFromFileKeys(_ExtensionKeys):
+class BHTableFromFileKeys(_EXTENSION):
     """B-H table in a file of its own."""
 
-    material: ClassVar[type[Material]] = BHTable
-    tag: ClassVar[str] = "bh_table from a file"
-    rank: ClassVar[int] = 10
-
     file: Text = Field(description="material file, relative to the device file or among the shipped ones")
-
-    @classmethod
-    def reads(cls, table: Mapping[str, Any]) -> bool:
-        """Whether these are the keys of a raw table."""
-        return super().reads(table) and "file" in table
-
-    def fault_of_curve(self, curves: Curves) -> tuple[str, PydanticCustomError] | None:
-        """The rule of `require_room_to_saturate` for a curve from a file of its own."""
-        if self.saturation_polarisation_T is not None:
-            try:
-                require_room_to_saturate(*curves[self.file], self.saturation_polarisation_T)
-            except PydanticCustomError as error:
-                return "saturation_polarisation_T", error
-        return None
-
-    def to_model(self, name: str, curves: Curves) -> BHTable:
-        """In SI; `curves` holds what the named file contains."""
-        return self._table(name, *curves[self.file])

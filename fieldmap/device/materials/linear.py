@@ -1,11 +1,10 @@
 """Constant permeability."""
 
 from dataclasses import dataclass
-from typing import ClassVar, Literal
+from typing import Annotated, ClassVar
 
-from pydantic import Field
-
-from fieldmap.device.materials.base import Curves, Iron, Material, MaterialKeys
+from fieldmap.device.materials.base import Iron
+from fieldmap.inputs.declared import Key
 from fieldmap.inputs.tables import Positive
 
 
@@ -13,8 +12,10 @@ from fieldmap.inputs.tables import Positive
 class LinearMaterial(Iron):
     """Constant relative permeability."""
 
+    kind: ClassVar[str] = "linear"
+
     name: str
-    mu_r: float
+    mu_r: Annotated[float, Key(Positive, "relative permeability")]
 
     @property
     def initial_mu_r(self) -> float:  # type: ignore[override]
@@ -35,17 +36,3 @@ class LinearMaterial(Iron):
 def of_permeability(name: str, mu_r: float) -> LinearMaterial:
     """The law of what fills a joint."""
     return LinearMaterial(name, mu_r)
-
-
-class LinearKeys(MaterialKeys):
-    """Constant permeability."""
-
-    material: ClassVar[type[Material]] = LinearMaterial
-    rank: ClassVar[int] = 0
-
-    kind: Literal["linear"] = Field(description="constant relative permeability")
-    mu_r: Positive = Field(description="relative permeability")
-
-    def to_model(self, name: str, curves: Curves) -> LinearMaterial:
-        """In SI."""
-        return LinearMaterial(name, self.mu_r)

@@ -9,37 +9,61 @@ which reaches 1 at the smaller root s of a quadratic. Beyond it the formula woul
 
 from dataclasses import dataclass
 from math import inf, isfinite, sqrt
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, ClassVar
 
 import numpy as np
-from pydantic import Field, ValidationInfo, field_validator
+from pydantic import Field, ValidationInfo
 
 from fieldmap.device.materials.base import (
     LARGEST_POLARISATION_T,
-    Curves,
+    CoerciveField,
     LawPoints,
-    Material,
-    SaturatingKeys,
     SaturatingMaterial,
 )
+from fieldmap.inputs.declared import Key
 from fieldmap.inputs.tables import Positive, broken
 
 _SAMPLES = 600
 
 
+def _require_saturation(value: float, info: ValidationInfo) -> None:
+    known = info.data
+    if not {"eps", "alpha", "tau"} <= set(known):
+        return
+    law = Marrocco("", known["eps"], value, known["alpha"], known["tau"])
+    if not law.end <= 10 * LARGEST_POLARISATION_T:
+        raise broken(
+            "the slope dB/dH of Marrocco's formula must fall to that of free space, where iron is saturated",
+            f"c = {value:g}, with which the iron never saturates",
+            "raise c (near 1 is usual) or correct the other constants",
+        )
+    if law.largest_polarisation > LARGEST_POLARISATION_T:
+        raise broken(
+            f"the polarisation in saturation must be at most {LARGEST_POLARISATION_T:g} T",
+            f"{law.largest_polarisation:.3g} T, from these constants",
+            "lower tau: it is B^(2 alpha) at the knee, with B in T",
+        )
+
+
 @dataclass(frozen=True, repr=False)
 class Marrocco(SaturatingMaterial):
-    """Reluctivity H/B = (eps + (c - eps) B^(2 alpha) / (B^(2 alpha) + tau)) / mu0, B in T.
+    """Marrocco's formula for the reluctivity.
+
+    H/B = (eps + (c - eps) B^(2 alpha) / (B^(2 alpha) + tau)) / mu0, B in T.
 
     The formula holds up to the flux density where its slope dB/dH has fallen to mu0; there the iron is saturated.
     """
 
+    kind: ClassVar[str] = "marrocco"
+
     name: str
-    eps: float
-    c: float
-    alpha: float
-    tau: float
-    coercive_field: float = 0.0
+    eps: Annotated[float, Key(Annotated[float, Field(gt=0, lt=1)], "relative reluctivity at B = 0")]
+    c: Annotated[
+        float, Key(Positive, "relative reluctivity that the formula tends to", check=_require_saturation)
+    ]
+    alpha: Annotated[float, Key(Annotated[float, Field(ge=1, le=20)], "half the exponent of B")]
+    tau: Annotated[float, Key(Positive, "B^(2 alpha) at the middle of the knee, B in T")]
+    coercive_field: CoerciveField = 0.0
 
     @property
     def initial_mu_r(self) -> float:  # type: ignore[override]
@@ -101,41 +125,3 @@ class Marrocco(SaturatingMaterial):
     def description(self) -> str:
         """The law in words."""
         return f"Marrocco's formula, initial mu_r {1 / self.eps:g}, up to {self.end:.3g} T, slope mu0 above"
-
-
-class MarroccoKeys(SaturatingKeys):
-    """Marrocco's reluctivity, (eps + (c - eps) B^(2 alpha) / (B^(2 alpha) + tau)) / mu0."""
-
-    material: ClassVar[type[Material]] = Marrocco
-    rank: ClassVar[int] = 40
-
-    kind: Literal["marrocco"] = Field(description="Marrocco's formula for the reluctivity")
-    eps: Annotated[float, Field(gt=0, lt=1)] = Field(description="relative reluctivity at B = 0")
-    alpha: Annotated[float, Field(ge=1, le=20)] = Field(description="half the exponent of B")
-    tau: Positive = Field(description="B^(2 alpha) at the middle of the knee, B in T")
-    c: Positive = Field(description="relative reluctivity that the formula tends to")
-
-    @field_validator("c")
-    @classmethod
-    def _saturates(cls, value: float, info: ValidationInfo) -> float:
-        known = info.data
-        if not {"eps", "alpha", "tau"} <= set(known):
-            return value
-        law = Marrocco("", known["eps"], value, known["alpha"], known["tau"])
-        if not law.end <= 10 * LARGEST_POLARISATION_T:
-            raise broken(
-                "the slope dB/dH of Marrocco's formula must fall to that of free space, where iron is saturated",
-                f"c = {value:g}, with which the iron never saturates",
-                "raise c (near 1 is usual) or correct the other constants",
-            )
-        if law.largest_polarisation > LARGEST_POLARISATION_T:
-            raise broken(
-                f"the polarisation in saturation must be at most {LARGEST_POLARISATION_T:g} T",
-                f"{law.largest_polarisation:.3g} T, from these constants",
-                "lower tau: it is B^(2 alpha) at the knee, with B in T",
-            )
-        return value
-
-    def to_model(self, name: str, curves: Curves) -> Marrocco:
-        """In SI."""
-        return Marrocco(name, self.eps, self.c, self.alpha, self.tau, self.coercive_field_A_per_m)

@@ -5,11 +5,11 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 from pydantic import Field
 
 from fieldmap.device import parts as model
+from fieldmap.device.background import Background
 from fieldmap.device.coils import AnyCoil
 from fieldmap.device.expansion import expand
 from fieldmap.device.materials import AnyMaterial
 from fieldmap.device.materials.bh_table import CurveKeys
-from fieldmap.device.schema.background import BackgroundKeys
 from fieldmap.device.schema.bodies import AnyBody
 from fieldmap.device.schema.payload import AnyPayload
 from fieldmap.device.schema.workspace import AnyReference, AnyWorkspace
@@ -19,11 +19,14 @@ from fieldmap.inputs.kinds import FileKind, register
 from fieldmap.inputs.tables import Format, Name, Table, Text
 
 if TYPE_CHECKING:
+    BackgroundKeys: TypeAlias = Table
     JointKeys: TypeAlias = Table
     DriverKeys: TypeAlias = Table
     SectionKeys: TypeAlias = Table
 else:
-    JointKeys, DriverKeys, SectionKeys = map(table_of, (model.Joint, model.Driver, model.Section))
+    BackgroundKeys, JointKeys, DriverKeys, SectionKeys = map(
+        table_of, (Background, model.Joint, model.Driver, model.Section)
+    )
 
 
 class DeviceFile(Table):
