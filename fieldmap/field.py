@@ -286,6 +286,12 @@ class TakesPoints:
                 first = "positions" if name == "wrench" else "points"
                 setattr(cls, name, of_any_shape(method, first))
 
+    def __array__(self, *arguments: Any, **named: Any) -> Array:
+        """Raises InputError: numpy would make an array of one object of it."""
+        must_hold = "a field is a function of points, no array"
+        remedy = "ask it at points, field(points, currents); to_xarray(currents) is a map on its nodes"
+        raise InputError(Problem("numpy.asarray", must_hold, type(self).__name__, remedy))
+
 
 class BaseField(TakesPoints, ABC):
     """What every field can do once it has `coil_names`, `field` and `gradient`."""

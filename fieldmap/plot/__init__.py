@@ -19,5 +19,16 @@ from fieldmap.plot.device_drawing import device_scene
 from fieldmap.plot.picture import save_picture
 from fieldmap.plot.scenes import SCENES, make_scene, save_scene
 from fieldmap.plot.shown import Shown
+from fieldmap.plot.slices import field_along, field_slice, force_slice
 
-__all__ = ["SCENES", "Shown", "device_scene", "make_scene", "save_picture", "save_scene"]
+__all__ = [
+    "SCENES",
+    "Shown",
+    "device_scene",
+    "field_along",
+    "field_slice",
+    "force_slice",
+    "make_scene",
+    "save_picture",
+    "save_scene",
+]

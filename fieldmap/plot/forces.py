@@ -1,10 +1,14 @@
 """The force on the payload's magnet in the box, and where it balances the weight. Lengths in mm."""
 
+from typing import Any
+
 import numpy as np
 import pyvista as pv
 
 from fieldmap.constants import GRAVITY
-from fieldmap.levitation.balance import dipole_force, upright_force
+from fieldmap.device.model import Payload
+from fieldmap.field import AnyField
+from fieldmap.levitation.balance import upright_force
 from fieldmap.plot.colours import colour_bar, fitting_prefix
 from fieldmap.plot.device_drawing import COLOUR_MAP, MM, add_payload
 from fieldmap.plot.shown import Shown
@@ -17,8 +21,11 @@ _PLACES = (7, 3, 7)
 def add_forces(scene: pv.Plotter, shown: Shown) -> None:
     """Arrows of the magnetic force on the payload's magnet, moment upwards, on a grid of its places."""
     shown.need("field", "lower", "payload")
+    assert shown.payload is not None
     places = places_in_box(shown)
-    _add_arrows(scene, places, magnetic_force(shown, places), TITLE, shown)
+    _add_arrows(
+        scene, places, magnetic_force(shown.state, shown.currents, shown.payload, places), TITLE, shown
+    )
 
 
 def add_equilibrium(scene: pv.Plotter, shown: Shown) -> None:
@@ -26,7 +33,7 @@ def add_equilibrium(scene: pv.Plotter, shown: Shown) -> None:
     shown.need("field", "lower", "payload", "equilibrium")
     assert shown.payload is not None
     places = places_in_box(shown)
-    _add_arrows(scene, places, net_force(shown, places), NET, shown)
+    _add_arrows(scene, places, net_force(shown.state, shown.currents, shown.payload, places), NET, shown)
     add_payload(scene, shown.payload, MM * np.asarray(shown.equilibrium))
 
 
@@ -40,31 +47,16 @@ def places_in_box(shown: Shown) -> Array:
     return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
 
 
-def magnetic_force(shown: Shown, places: Array) -> Array:
-    """Force (n, 3), N, on a dipole with the payload's moment, vertical, upwards where the lift is; or on its pieces."""
-    assert shown.payload is not None
-    if shown.payload.pieces:
-        assert shown.field is not None
-        return upright_force(shown.field, getattr(shown.field, "currents", None), shown.payload, places)
-    force = dipole_force(np.array([0.0, 0.0, shown.payload.moment]), shown.gradient_at(places))
-    return force if force[:, 2].sum() >= 0 else -force
+def magnetic_force(field: AnyField, currents: Any, payload: Payload, places: Array) -> Array:
+    """Force (n, 3), N, on an upright payload: its pieces, or a dipole, upwards or downwards so that it is lifted."""
+    force = upright_force(field, currents, payload, places)
+    return force if payload.pieces or force[:, 2].sum() >= 0 else -force
 
 
-def net_force(shown: Shown, places: Array) -> Array:
+def net_force(field: AnyField, currents: Any, payload: Payload, places: Array) -> Array:
     """Magnetic force and weight together (n, 3), N."""
-    assert shown.payload is not None
-    return magnetic_force(shown, places) + np.array([0.0, 0.0, -shown.payload.mass * GRAVITY])
-
-
-def grid_in_plane(shown: Shown, count: tuple[int, int]) -> Array:
-    """Points (n, 3), m, in the middle of `count` cells along x and z in the plane y = middle of the box; x runs
-    slowest."""
-    lower, upper = np.asarray(shown.lower, dtype=float), np.asarray(shown.upper, dtype=float)
-    x, z = (
-        lower[k] + (np.arange(n) + 0.5) / n * (upper - lower)[k] for k, n in zip((0, 2), count, strict=True)
-    )
-    grid = np.stack(np.meshgrid(x, [0.5 * (lower + upper)[1]], z, indexing="ij"), axis=-1)
-    return grid.reshape(-1, 3)
+    weight = np.array([0.0, 0.0, -payload.mass * GRAVITY])
+    return magnetic_force(field, currents, payload, places) + weight
 
 
 def _add_arrows(scene: pv.Plotter, places: Array, force: Array, title: str, shown: Shown) -> None:

@@ -4,7 +4,6 @@ beside what was measured), and NAME_3d.png, the machine with the field in its wo
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -12,7 +11,6 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
-from fieldmap.constants import GRAVITY
 from fieldmap.curves import Curves, Series, percent
 from fieldmap.device import recorded_device
 from fieldmap.device.model import MagnetCylinder, Payload
@@ -20,21 +18,16 @@ from fieldmap.errors import FieldmapError, InputError, Problem
 from fieldmap.io.map_summary import MapSummary
 from fieldmap.levitation import ShiftBesideMeasured, equilibrium_surface
 from fieldmap.lookup import FieldMap, open_map
-from fieldmap.plot.colours import fitting_prefix
-from fieldmap.plot.device_drawing import COLOUR_MAP, MAGNET, MM
+from fieldmap.plot.device_drawing import MAGNET, MM
 from fieldmap.plot.figures import DOTS_PER_INCH, draw_curves
-from fieldmap.plot.forces import grid_in_plane, net_force
 from fieldmap.plot.gather import amperes_in_words
 from fieldmap.plot.picture import save_picture
-from fieldmap.plot.rulers import label_step
-from fieldmap.plot.shown import Shown
+from fieldmap.plot.slices import field_slice, force_slice
 from fieldmap.plot.style import QUIET, figure_style, save_figure
 from fieldmap.records import Record
 from fieldmap.typing import Array
 
 _SIZE = (11.4, 5.2)
-_SHADED, _ARROWS = (61, 81), (9, 13)
-"""Points along x and z: of what is coloured, and of the arrows."""
 _SIGNALS = 81
 """Points of a line over a direction signal."""
 
@@ -84,19 +77,6 @@ class _Drawn:
     def amperes(self) -> str:
         """The currents in words."""
         return amperes_in_words(self.currents, self.opened.coil_names)
-
-    @property
-    def shown(self) -> Shown:
-        """The field at these currents in the map's box, and the payload."""
-        lower, upper = self.opened.bounds
-        return Shown(
-            "",
-            field=self.opened,
-            currents=self.currents,
-            lower=lower,
-            upper=upper,
-            payload=self.summary.payload,
-        )
 
 
 def _drawn(summary: MapSummary) -> _Drawn:
@@ -164,7 +144,7 @@ def shift_curves(opened: FieldMap, payload: Payload, shift: ShiftBesideMeasured)
     )
     return Curves(
         title,
-        "x signal (1)",
+        "x signal",
         "x of the magnet (mm)",
         (points, *lines),
         message=shift_message(points, lines[0]),
@@ -198,55 +178,16 @@ def _axis_curves(drawn: _Drawn) -> Curves:
 
 
 def _draw_forces(axes: Axes, drawn: _Drawn, payload: Payload) -> None:
-    """Lift over weight as colour, its line of 1, and arrows of magnetic force and weight together."""
-    shown = drawn.shown
-    places = grid_in_plane(shown, _SHADED)
-    _shade(
-        axes,
-        places,
-        net_force(shown, places)[:, 2] / (payload.mass * GRAVITY) + 1.0,
-        "lift / weight (1)",
-        line=1.0,
-    )
-    places = grid_in_plane(shown, _ARROWS)
-    net = net_force(shown, places)
-    x, z = MM * places[:, 0], MM * places[:, 2]
-    axes.quiver(x, z, net[:, 0], net[:, 2], color="white", width=0.007, pivot="middle")
+    force_slice(drawn.opened, drawn.currents, payload=payload, ax=axes)
     red = ""
-    if drawn.height is not None:
-        red = "red: where they carry the magnet"
-        if isinstance(payload.magnet, MagnetCylinder):
-            size = MM * payload.magnet.diameter, MM * payload.magnet.height
-            corner = -0.5 * size[0], MM * drawn.height - 0.5 * size[1]
-            axes.add_patch(Rectangle(corner, *size, facecolor="none", edgecolor=MAGNET, linewidth=1.8))
-    longest = float(np.linalg.norm(net, axis=1).max())
-    prefix, factor = fitting_prefix(longest)
-    lines = (
-        drawn.amperes,
-        red,
-        f"arrows: net force on it, longest {factor * longest:.2g} {prefix.replace('u', 'µ')}N",
-    )
-    axes.set_title("\n".join(line for line in lines if line))
+    if drawn.height is not None and isinstance(payload.magnet, MagnetCylinder):
+        red = "red rectangle: the magnet where they carry it"
+        size = MM * payload.magnet.diameter, MM * payload.magnet.height
+        corner = -0.5 * size[0], MM * drawn.height - 0.5 * size[1]
+        axes.add_patch(Rectangle(corner, *size, facecolor="none", edgecolor=MAGNET, linewidth=1.8))
+    axes.set_title("\n".join(line for line in (drawn.amperes, red, axes.get_title()) if line))
 
 
 def _draw_strength(axes: Axes, drawn: _Drawn) -> None:
-    """The size of B as colour."""
-    places = grid_in_plane(drawn.shown, _SHADED)
-    _shade(axes, places, MM * np.linalg.norm(drawn.opened.field(places, drawn.currents), axis=1), "B (mT)")
-    axes.set_title(f"Size of B, y = middle\n{drawn.amperes}")
-
-
-def _shade(axes: Axes, places: Array, values: Array, label: str, line: float | None = None) -> None:
-    """Colour values (n,) at places of `grid_in_plane`, with a bar of round numbers and a red line where told."""
-    x, z, shown = (one.reshape(_SHADED) for one in (MM * places[:, 0], MM * places[:, 2], values))
-    step = label_step(float(np.ptp(values)))
-    low, high = step * np.floor(values.min() / step), step * np.ceil(values.max() / step)
-    levels = np.linspace(low, high, 5 * round((high - low) / step) + 1)
-    shaded = axes.contourf(x, z, shown, levels=levels, cmap=COLOUR_MAP)
-    figure: Any = axes.figure
-    bar = figure.colorbar(shaded, ax=axes, label=label, ticks=levels[::5])
-    if line is not None and values.min() < line < values.max():
-        axes.contour(x, z, shown, levels=[line], colors=[MAGNET], linewidths=1.6)
-        bar.ax.axhline(line, color=MAGNET, linewidth=1.6)
-    axes.set(xlabel="x (mm)", ylabel="z (mm)", aspect="equal")
-    axes.grid(False)
+    field_slice(drawn.opened, drawn.currents, ax=axes)
+    axes.set_title(f"{axes.get_title()}\n{drawn.amperes}")

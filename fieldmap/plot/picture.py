@@ -10,9 +10,9 @@ from numpy.typing import ArrayLike
 from fieldmap.device.model import Device
 from fieldmap.field import AnyField, as_field, coil_currents, require_bounds
 from fieldmap.plot.device_drawing import MM, VIEW, device_scene, workspace_outline
-from fieldmap.plot.forces import grid_in_plane, net_force
+from fieldmap.plot.forces import net_force
 from fieldmap.plot.rendering import require_renderer
-from fieldmap.plot.shown import Shown
+from fieldmap.plot.slices import plane_of
 from fieldmap.plot.solids import winding_surface
 from fieldmap.plot.style import INK, save_screenshot
 from fieldmap.typing import Array
@@ -78,9 +78,9 @@ def _add_net_force(scene: pv.Plotter, device: Device, field: AnyField, currents:
     source = as_field(field)
     lower, upper = require_bounds(source)
     amperes = coil_currents(1.0 if currents is None else currents, source.coil_names)
-    shown = Shown(device.title, device, source, amperes, lower, upper, payload=device.payload)
-    places = grid_in_plane(shown, _ARROWS)
-    force = net_force(shown, places)
+    assert device.payload is not None
+    places, _ = plane_of((lower, upper), "y", None, _ARROWS)
+    force = net_force(source, amperes, device.payload, places)
     cloud = pv.PolyData(MM * (places - [0.0, _IN_FRONT, 0.0]))
     size = np.linalg.norm(force, axis=1)
     cloud["direction"], cloud["size"] = force, size / size.max()

@@ -128,7 +128,7 @@ def _figures(found: dict[str, Calibration], inputs: dict[str, Any]) -> tuple[Cur
         Curves(
             "Lift at the measured currents, after each fit",
             "sensor depth z_s (mm)",
-            "lift over weight (1)",
+            "lift over weight",
             tuple(lift),
         )
     ]
@@ -139,7 +139,7 @@ def _figures(found: dict[str, Calibration], inputs: dict[str, Any]) -> tuple[Cur
         figures.append(
             Curves(
                 f"Shift along {axis} after each fit",
-                f"{axis} control signal (1)",
+                f"{axis} control signal",
                 f"{axis} (mm)",
                 (points, *lines),
             )

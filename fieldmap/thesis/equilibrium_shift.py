@@ -150,7 +150,7 @@ def _scan(
     level = "level held by the lift" if rule == "held" else "level of (7-18) at the origin throughout"
     return Curves(
         f"Table 6-2, n = {n:g}, {level}: scan over h",
-        "x control signal (1)",
+        "x control signal",
         "x (mm)",
         (points, *lines),
         remark="Nothing is fitted.",
@@ -178,7 +178,7 @@ def height_table(inputs: dict[str, Any]) -> Answers:
             for z, key in zip(inputs["heights_mm"], ("upper_mm", "lower_mm"), strict=True)
         ]
         title = f"Table 6-3, h = {DRAWN_H:g} mm, level {'held by the lift' if rule == 'held' else 'constant'}"
-        curves.append(Curves(title, "x control signal (1)", "x (mm)", (*measured, *series)))
+        curves.append(Curves(title, "x control signal", "x (mm)", (*measured, *series)))
     return Answers(numbers, tuple(curves))
 
 
@@ -214,7 +214,7 @@ def _branches(inputs: dict[str, Any], axis: Axis, title: str) -> Answers:
         "at the same signal the magnet lies nearer to the origin, and beyond it at signal 0."
     )
     figure = Curves(
-        title, f"{axis} control signal (1)", f"{axis} (mm)", tuple(drawn), remark, message=_follows(drawn)
+        title, f"{axis} control signal", f"{axis} (mm)", tuple(drawn), remark, message=_follows(drawn)
     )
     return Answers(numbers, (figure,), {"drawn_h_mm": DRAWN_H})
 

@@ -241,7 +241,7 @@ def _branch_rows(inputs: dict[str, Any], axis: Axis, table: str) -> Answers:
     static = static_places(inputs, axis)
     drawn.append(Series("ours, no hysteresis, shipped mesh", signals, zero + static))
     figure = Curves(
-        f"{table} with hysteresis in the iron", f"{axis} control signal (1)", f"{axis} (mm)", tuple(drawn)
+        f"{table} with hysteresis in the iron", f"{axis} control signal", f"{axis} (mm)", tuple(drawn)
     )
     return Answers({"width": np.array(widths)}, (figure,), {"refinement": detail.refinement(REFINEMENT)})
 

@@ -287,7 +287,7 @@ def _branch_rows(inputs: dict[str, Any], axis: Axis, title: str) -> Answers:
             name = "outward" if way == "outward" else "on the way back"
             drawn.append(Series(f"ours, {name}", signals, places))
             drawn.append(Series(f"measured, {name}", signals, measured, "measured", points=True))
-    figure = Curves(title, f"{axis} control signal (1)", f"{axis} (mm)", tuple(drawn))
+    figure = Curves(title, f"{axis} control signal", f"{axis} (mm)", tuple(drawn))
     return Answers(numbers, (figure,), about_the_joints())
 
 

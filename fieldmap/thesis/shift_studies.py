@@ -44,9 +44,7 @@ def fits(inputs: dict[str, Any]) -> Answers:
             Series(f"ours, {axis}", fine, ours(fine)),
         )
         number = {"x": "(6-4)", "y": "(6-5)"}[axis]
-        drawn.append(
-            Curves(f"{number} and the same fit to ours", "control signal (1)", "position (mm)", series)
-        )
+        drawn.append(Curves(f"{number} and the same fit to ours", "control signal", "position (mm)", series))
     return Answers(numbers, tuple(drawn), {"drawn_h_mm": DRAWN_H})
 
 
@@ -68,7 +66,7 @@ def limits(inputs: dict[str, Any]) -> Answers:
     end = max(float(inputs[f"{name}_signals"][-1]) for name in ("n125", "n150"))
     series.append(Series("limit of the amplifier", np.array([0.0, end]), np.full(2, limit), "published"))
     title = f"Largest coil current while the lift is held, z_s = 10 mm, h = {inputs['offsets_mm'][1]:g} mm"
-    return Answers(numbers, (Curves(title, "x control signal (1)", "current (A)", tuple(series)),))
+    return Answers(numbers, (Curves(title, "x control signal", "current (A)", tuple(series)),))
 
 
 def _crossing(signals: Array, largest: Array, limit: float) -> float:
@@ -119,7 +117,7 @@ def magnet_models(inputs: dict[str, Any]) -> Answers:
     numbers = {"x": Ours([zero + 1e3 * of.along for of in found], model_assumptions("rigid", 5e-3))}
     series = [Series(name, signals, zero + 1e3 * of.along) for name, of in zip(names, found, strict=True)]
     points = Series("measured", signals, inputs["measured_mm"], "measured", points=True)
-    figure = Curves("Models of the magnet", "x control signal (1)", "x (mm)", (points, *series))
+    figure = Curves("Models of the magnet", "x control signal", "x (mm)", (points, *series))
     facts = {"models": "; ".join(names), "drawn_h_mm": DRAWN_H, **_stiffness(inputs["map"], z_s)}
     return Answers(numbers, (figure,), facts)
 

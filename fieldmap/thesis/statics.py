@@ -186,7 +186,7 @@ def _lift_figures(inputs: dict[str, Any], currents: Array, shares: Array) -> tup
         Curves(
             "(7-18): levitation current", "sensor depth z_s (mm)", "current in each coil (A)", tuple(series)
         ),
-        Curves("Lift at the measured currents", "sensor depth z_s (mm)", "lift over weight (1)", shown),
+        Curves("Lift at the measured currents", "sensor depth z_s (mm)", "lift over weight", shown),
     )
 
 

@@ -138,7 +138,7 @@ def _whole_locus(branches: dict[str, np.ndarray]) -> Curves:
     ]
     title = "Fig. 5-7: poles of the closed loop over the gain"
     remark = f"$K_c$ from {_ALL_GAINS[0]:g} to {_ALL_GAINS[-1]:g} V/mm, times of the controller in seconds; |q| < 1.4."
-    return Curves(title, "real part (1)", "imaginary part (1)", tuple(lines), remark, equal=True)
+    return Curves(title, "real part", "imaginary part", tuple(lines), remark, equal=True)
 
 
 def _locus_near_one(
@@ -156,7 +156,7 @@ def _locus_near_one(
     measured = np.array(inputs["measured_real"]), np.array(inputs["measured_imaginary"])
     theirs = Series("identified, Table 5-2", *measured, "measured", points=True)
     title = "Figs 5-6, 5-8: poles of the closed loop about q = 1"
-    return Curves(title, "real part (1)", "imaginary part (1)", (*lines, ours, theirs), _GAINS)
+    return Curves(title, "real part", "imaginary part", (*lines, ours, theirs), _GAINS)
 
 
 def minutes(inputs: dict[str, Any]) -> dict[str, Any]:

@@ -246,7 +246,7 @@ def _recursive(inputs: dict[str, Any], run: Readings) -> Curves:
         for k in range(_FULL.poles)
     )
     title = f"Fig. 5-3: recursive estimates of (5-13), forgetting factor {inputs['forgetting']:g}"
-    return Curves(title, "time (s)", "coefficient of the denominator (1)", series)
+    return Curves(title, "time (s)", "coefficient of the denominator", series)
 
 
 def _of_the_step(steps: Mapping[float, Readings]) -> tuple[Curves, ...]:
@@ -274,4 +274,4 @@ def _poles(inputs: dict[str, Any], pairs: NDArray[np.complex128]) -> Curves:
         "middle between them."
     )
     title = "Fig. 5-6: closed-loop poles by modified least squares, structure (5-15)"
-    return Curves(title, "real part (1)", "imaginary part (1)", series, remark)
+    return Curves(title, "real part", "imaginary part", series, remark)

@@ -2,14 +2,17 @@
 
 import sys
 import warnings
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+import fieldmap
 from fieldmap.errors import FieldmapError, InputError
 from fieldmap.lookup import interpolate
 from fieldmap.store import Grid, MapData, Provenance
 
+SAMPLE = Path(__file__).parents[2] / "maps" / "sample.h5"
 CURRENTS = np.array([1.5, -0.5, 2.0])
 
 
@@ -130,3 +133,24 @@ def test_without_xarray_the_extra_is_named(field, monkeypatch):
     (problem,) = caught.value.problems
     assert problem.where == "FieldMap.to_xarray"
     assert 'pip install "fieldmap[xarray]"' in problem.remedy
+
+
+def test_xarray_opens_a_map_file(xarray):
+    """By the entry point that the installation has."""
+    m = fieldmap.open_map(SAMPLE)
+    units, data = (
+        xarray.open_dataset(SAMPLE, engine="fieldmap", **given) for given in ({}, {"currents": 1.5})
+    )
+    assert units.identical(m.to_xarray())
+    assert data.identical(m.to_xarray(1.5))
+    hermite = xarray.open_dataset(SAMPLE, engine="fieldmap", kind="hermite", drop_variables="unit_gradient")
+    assert hermite.attrs["lookup"] == "hermite"
+    assert "unit_gradient" not in hermite
+    with pytest.raises(FieldmapError):
+        xarray.open_dataset(SAMPLE.with_name("nothing.h5"), engine="fieldmap")
+
+
+def test_a_field_is_no_array(field):
+    for made in (field, field.at(CURRENTS)):
+        with pytest.raises(InputError):
+            np.asarray(made)

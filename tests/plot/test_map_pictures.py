@@ -9,10 +9,10 @@ from fieldmap.currents import divide_currents
 from fieldmap.io.map_summary import summarise_map
 from fieldmap.levitation import ShiftBesideMeasured
 from fieldmap.lookup import open_map
-from fieldmap.plot.forces import grid_in_plane, net_force
+from fieldmap.plot.forces import net_force
 from fieldmap.plot.map_pictures import save_map_pictures, shift_curves
 from fieldmap.plot.rendering import can_render
-from fieldmap.plot.shown import Shown
+from fieldmap.plot.slices import plane_of
 
 MASS, MOMENT = 0.010, 0.8
 SHIFT = ShiftBesideMeasured(
@@ -109,13 +109,11 @@ def test_the_net_force_is_pull_and_weight_in_the_plane(six_map):
     opened = open_map(six_map)
     currents = np.arange(1.0, 7.0)
     payload = SimpleNamespace(mass=MASS, moment=MOMENT, pieces=())
-    about = {"currents": currents, "lower": opened.lower, "upper": opened.upper, "payload": payload}
-    shown = Shown("", field=opened, **about)
-    places = grid_in_plane(shown, (4, 3))
+    places, _ = plane_of(opened.bounds, "y", None, (4, 3))
     assert places.shape == (12, 3)
     np.testing.assert_allclose(np.unique(places[:, 0].round(9)), [-0.015, -0.005, 0.005, 0.015])
     np.testing.assert_allclose(places[:, 1], 0.0, atol=1e-12)
     # x runs slowest, z from below.
     np.testing.assert_allclose(places[:3, 2], -0.14 + 0.064 * np.array([1, 3, 5]) / 6)
     expected = MOMENT * opened.gradient(places, currents)[:, 2] - [0.0, 0.0, MASS * 9.80665]
-    np.testing.assert_allclose(net_force(shown, places), expected, rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(net_force(opened, currents, payload, places), expected, rtol=1e-9, atol=1e-12)

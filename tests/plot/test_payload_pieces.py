@@ -7,7 +7,6 @@ import fieldmap as fm
 from fieldmap.field import BaseField
 from fieldmap.plot.device_drawing import add_payload, payload_surface
 from fieldmap.plot.forces import magnetic_force
-from fieldmap.plot.shown import Shown
 
 PAYLOAD = fm.Payload(
     1e-3,
@@ -44,8 +43,7 @@ class Uniform(BaseField):
 
 def test_arrows_are_the_force_on_the_pieces():
     sphere = fm.Payload(1e-3, pieces=[fm.SoftSphere(4e-3, mu_r=1e8)])
-    shown = Shown("uniform", field=Uniform(), currents=np.zeros(0), payload=sphere)
-    force = magnetic_force(shown, np.zeros((1, 3)))
+    force = magnetic_force(Uniform(), np.zeros(0), sphere, np.zeros((1, 3)))
     exact = np.pi * 4e-3**3 / 2 / (4e-7 * np.pi) * 0.1
     np.testing.assert_allclose(force, [[0.0, 0.0, exact]], rtol=1e-6, atol=1e-15)
-    assert magnetic_force(shown, np.zeros((2, 3))).shape == (2, 3)
+    assert magnetic_force(Uniform(), np.zeros(0), sphere, np.zeros((2, 3))).shape == (2, 3)

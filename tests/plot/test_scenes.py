@@ -188,7 +188,7 @@ def test_quantities_are_those_of_the_field(simple, name, formula):
 
 def test_the_force_is_that_of_a_vertical_dipole(simple):
     places = places_in_box(simple)
-    force = magnetic_force(simple, places)
+    force = magnetic_force(simple.state, simple.currents, simple.payload, places)
     x, y, z = places.T
     by_hand = simple.payload.moment * np.column_stack([-3 * x, -3 * y, 6 * z])
     np.testing.assert_allclose(np.abs(force), np.abs(by_hand), atol=1e-12)

@@ -1,0 +1,214 @@
+"""A field in a plane and along a line, drawn into matplotlib's Axes."""
+
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from numpy.typing import ArrayLike
+
+from fieldmap.arguments import checked_vectors
+from fieldmap.constants import GRAVITY
+from fieldmap.device.model import Payload
+from fieldmap.errors import InputError, Problem
+from fieldmap.field import AnyField, Bounds, require_bounds, resolve_currents
+from fieldmap.levitation.balance import upright_force
+from fieldmap.plot.colours import fitting_prefix
+from fieldmap.plot.device_drawing import COLOUR_MAP, MAGNET, MM
+from fieldmap.plot.forces import net_force
+from fieldmap.plot.rulers import label_step
+from fieldmap.typing import Array
+
+_SHADED, _ARROWS = (61, 81), (9, 13)
+"""Points along the two axes of a slice: of what is coloured, and of the arrows."""
+_ON_LINE = 201
+_AXES = "xyz"
+_COMPONENTS = ("Bx", "By", "Bz")
+
+
+def field_slice(
+    field: AnyField,
+    currents: Any = None,
+    *,
+    normal: str = "y",
+    at: float | None = None,
+    component: str = "",
+    bounds: Bounds | None = None,
+    ax: Axes | None = None,
+) -> Axes:
+    """Draw the flux density in a plane as colour.
+
+    Parameters
+    ----------
+    field : map, solution, coils, solved state, or a field of your own
+    currents : A, as `field.at` takes them; left out for a solved state, which holds its own.
+    normal : "x", "y" or "z", the axis that the plane is square to.
+    at : where the plane crosses that axis, m; the middle of the box unless given.
+    component : "Bx", "By" or "Bz"; the size of B unless given.
+    bounds : lower and upper corner (3,), m; the box of the field unless given.
+    ax : where to draw; matplotlib's current Axes unless given.
+
+    Returns
+    -------
+    The Axes, lengths in mm, flux density in mT.
+
+    Raises
+    ------
+    InputError
+        For a field without a box, or what is no axis, component or currents.
+    """
+    _check("component", component, ("", *_COMPONENTS))
+    source, amperes = resolve_currents(field, currents)
+    places, across = plane_of(bounds or require_bounds(source), normal, at, _SHADED)
+    flux = MM * source.field(places, amperes)
+    if component:
+        values, label = flux[:, _COMPONENTS.index(component)], f"{component} (mT)"
+    else:
+        values, label = np.linalg.norm(flux, axis=1), "size of B (mT)"
+    ax = _axes(ax)
+    shade(ax, places, values, across, label)
+    ax.set_title(_plane_in_words(places, across))
+    return ax
+
+
+def force_slice(
+    field: AnyField,
+    currents: Any = None,
+    *,
+    payload: Payload,
+    normal: str = "y",
+    at: float | None = None,
+    bounds: Bounds | None = None,
+    ax: Axes | None = None,
+) -> Axes:
+    """Draw the forces on an upright payload in a plane: lift over weight as colour, with a red line where the payload
+    is carried, and arrows of magnetic force and weight together.
+
+    Parameters
+    ----------
+    field, currents, normal, at, bounds, ax : as for `field_slice`.
+    payload : what is carried; its mass must be known.
+
+    Returns
+    -------
+    The Axes, lengths in mm.
+
+    Raises
+    ------
+    InputError
+        As `field_slice`.
+    """
+    source, amperes = resolve_currents(field, currents)
+    box = bounds or require_bounds(source)
+    places, across = plane_of(box, normal, at, _SHADED)
+    lift = upright_force(source, amperes, payload, places)[:, 2] / (payload.mass * GRAVITY)
+    ax = _axes(ax)
+    shade(ax, places, lift, across, "lift / weight", line=1.0)
+    places, _ = plane_of(box, normal, at, _ARROWS)
+    net = net_force(source, amperes, payload, places)
+    x, y = (MM * places[:, k] for k in across)
+    ax.quiver(x, y, *(net[:, k] for k in across), color="white", width=0.007, pivot="middle")
+    longest = float(np.linalg.norm(net, axis=1).max())
+    prefix, factor = fitting_prefix(longest)
+    ax.set_title(f"arrows: net force, up to {factor * longest:.2g} {prefix.replace('u', 'µ')}N")
+    return ax
+
+
+def field_along(
+    field: AnyField,
+    currents: Any = None,
+    *,
+    start: ArrayLike,
+    end: ArrayLike,
+    points: int = _ON_LINE,
+    ax: Axes | None = None,
+) -> Axes:
+    """Draw the components of the flux density along a straight line.
+
+    Parameters
+    ----------
+    field, currents, ax : as for `field_slice`.
+    start, end : ends of the line (3,), m.
+    points : how many points are drawn.
+
+    Returns
+    -------
+    The Axes: distance from the start in mm, or the coordinate along which the line runs; flux density in mT.
+
+    Raises
+    ------
+    InputError
+        For ends that are no points, and as `field.at`.
+    """
+    source, amperes = resolve_currents(field, currents)
+    ends = [checked_vectors(name, given)[0] for name, given in (("start", start), ("end", end))]
+    places = ends[0] + np.linspace(0.0, 1.0, points)[:, None] * (ends[1] - ends[0])
+    moved = np.flatnonzero(np.ptp(places, axis=0))
+    if len(moved) == 1:
+        along, label = MM * places[:, moved[0]], f"{_AXES[moved[0]]} (mm)"
+    else:
+        along, label = MM * np.linalg.norm(places - places[0], axis=1), "distance from the start (mm)"
+    ax = _axes(ax)
+    for name, values in zip(_COMPONENTS, (MM * source.field(places, amperes)).T, strict=True):
+        ax.plot(along, values, label=name)
+    ax.set(xlabel=label, ylabel="flux density (mT)")
+    ax.legend()
+    return ax
+
+
+def plane_of(
+    box: Bounds, normal: str, at: float | None, count: tuple[int, int]
+) -> tuple[Array, tuple[int, int]]:
+    """Points (n, 3), m, in the middle of `count` cells of a plane through a box, the first axis slowest; and the two
+    axes of the plane."""
+    _check("normal", normal, tuple(_AXES))
+    lower, upper = (np.asarray(corner, dtype=float) for corner in box)
+    across = _AXES.index(normal)
+    first, second = (k for k in range(3) if k != across)
+    x, y = (
+        lower[k] + (np.arange(n) + 0.5) / n * (upper - lower)[k]
+        for k, n in zip((first, second), count, strict=True)
+    )
+    places = np.empty((count[0], count[1], 3))
+    places[..., across] = 0.5 * (lower + upper)[across] if at is None else at
+    places[..., first], places[..., second] = x[:, None], y
+    return places.reshape(-1, 3), (first, second)
+
+
+def shade(
+    ax: Axes, places: Array, values: Array, across: tuple[int, int], label: str, line: float | None = None
+) -> None:
+    """Colour values (n,) at places of `plane_of`, with a bar of round numbers and a red line where told."""
+    x, y, shown = (one.reshape(_SHADED) for one in (*(MM * places[:, k] for k in across), values))
+    largest = float(np.abs(values).max())
+    # Of a uniform field nothing but rounding is left of the span.
+    span = float(np.ptp(values))
+    step = label_step(span if span > 1e-9 * largest else largest or 1.0)
+    low, high = step * np.floor(values.min() / step), step * (np.floor(values.max() / step) + 1.0)
+    levels = np.linspace(low, high, 5 * round((high - low) / step) + 1)
+    shaded = ax.contourf(x, y, shown, levels=levels, cmap=COLOUR_MAP)
+    figure: Any = ax.figure
+    bar = figure.colorbar(shaded, ax=ax, label=label, ticks=levels[::5])
+    if line is not None and values.min() < line < values.max():
+        ax.contour(x, y, shown, levels=[line], colors=[MAGNET], linewidths=1.6)
+        bar.ax.axhline(line, color=MAGNET, linewidth=1.6)
+    ax.set(xlabel=f"{_AXES[across[0]]} (mm)", ylabel=f"{_AXES[across[1]]} (mm)", aspect="equal")
+    ax.grid(False)
+
+
+def _plane_in_words(places: Array, across: tuple[int, int]) -> str:
+    (normal,) = {0, 1, 2} - set(across)
+    return f"plane {_AXES[normal]} = {MM * places[0, normal]:.4g} mm"
+
+
+def _axes(ax: Axes | None) -> Axes:
+    if ax is not None:
+        return ax
+    from matplotlib import pyplot  # it chooses a window system: only where nobody said where to draw
+
+    return pyplot.gca()
+
+
+def _check(name: str, value: object, known: tuple[str, ...]) -> None:
+    if value not in known:
+        words = ", ".join(f'"{one}"' for one in known)
+        raise InputError(Problem(name, f"must be one of {words}", repr(value)[:80], "choose one of these"))
