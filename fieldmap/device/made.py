@@ -4,7 +4,7 @@ import dataclasses
 import inspect
 from abc import ABCMeta
 from functools import cache
-from typing import Any, get_type_hints
+from typing import Annotated, Any, get_args, get_origin, get_type_hints
 
 import numpy as np
 
@@ -35,7 +35,12 @@ class _TellsWrongArguments(ABCMeta):
     def __signature__(cls) -> inspect.Signature:
         """What `help` and editors show: the arguments of the data class, not of the check in front of it."""
         whole = inspect.signature(cls.__init__)  # type: ignore[misc]
-        own = list(whole.parameters.values())[1:]
+        # Plain types: what a file says of a field is no business of callers.
+        types = get_type_hints(cls, include_extras=True)
+        own = [
+            one.replace(annotation=get_args(types[name])[0]) if get_origin(types[name]) is Annotated else one
+            for name, one in list(whole.parameters.items())[1:]
+        ]
         return whole.replace(parameters=own, return_annotation=inspect.Signature.empty)
 
 
