@@ -38,7 +38,9 @@ class _TellsWrongArguments(ABCMeta):
         # Plain types: what a file says of a field is no business of callers.
         types = get_type_hints(cls, include_extras=True)
         own = [
-            one.replace(annotation=get_args(types[name])[0]) if get_origin(types[name]) is Annotated else one
+            one.replace(annotation=get_args(types[name])[0])
+            if get_origin(types.get(name)) is Annotated
+            else one
             for name, one in list(whole.parameters.items())[1:]
         ]
         return whole.replace(parameters=own, return_annotation=inspect.Signature.empty)
