@@ -7,13 +7,15 @@ from pathlib import Path
 
 import pytest
 
-from scripts.tests_of_lines import TestsOfLines as Known
+from scripts.dev.tests_of_lines import TestsOfLines as Known
 
 ROOT = Path(__file__).parents[2]
-ERRORS = tomllib.loads((ROOT / "scripts" / "planted_errors.toml").read_text(encoding="utf-8"))["error"]
-EQUIVALENT = tomllib.loads((ROOT / "scripts" / "equivalent_mutants.toml").read_text(encoding="utf-8"))[
-    "mutant"
+ERRORS = tomllib.loads((ROOT / "scripts" / "dev" / "planted_errors.toml").read_text(encoding="utf-8"))[
+    "error"
 ]
+EQUIVALENT = tomllib.loads(
+    (ROOT / "scripts" / "dev" / "equivalent_mutants.toml").read_text(encoding="utf-8")
+)["mutant"]
 
 
 @pytest.mark.parametrize("error", ERRORS, ids=[error["what"] for error in ERRORS])

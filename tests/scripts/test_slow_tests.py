@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-from scripts.slow_tests import Measured, chosen, shortened
-from scripts.tests_of_lines import reads_definitions
+from scripts.dev.slow_tests import Measured, chosen, shortened
+from scripts.dev.tests_of_lines import reads_definitions
 
 TESTS = Path(__file__).parents[1]
 
