@@ -13,8 +13,8 @@ install: $(STAMP)
 map: $(STAMP)
 	$(BIN)/fieldmap map maps/workspace.toml -o maps/out/workspace.h5 --resume --summary
 
-# Style, and kernels as Python, beside the tests, which have two processes, for two processors. A file's tests stay in one
-# process, which makes what they share once. What tests/slow.txt and slow_covered.txt name belongs to `make validate`.
+# Style and kernels as Python run beside the tests, which have two processes, for two processors. A file's tests stay in
+# one process, which makes their shared fixtures once. `make validate` runs the tests that tests/slow.txt names.
 test: $(STAMP)
 	$(MAKE) --no-print-directory --jobs=2 kernels tests
 

@@ -102,14 +102,19 @@ class TestsOfLines:
     def _hash(self, file: str) -> str:
         """Of a file, and of which of its tests are left out."""
         content = (self._checkout / file).read_bytes()
-        for names in sorted((self._checkout / "tests").glob("slow*.txt")):
-            lines = names.read_text(encoding="utf-8").splitlines()
-            content += "\n".join(line for line in lines if line.startswith(f"{file}::")).encode()
+        lines = (self._checkout / "tests" / "slow.txt").read_text(encoding="utf-8").splitlines()
+        content += "\n".join(line for line in lines if line.startswith(f"{file}::")).encode()
         return hashlib.sha256(content).hexdigest()[:16]
 
     def _run(self, files: list[str], name: str) -> dict[str, dict[str, object]]:
         """Run tests with coverage: for each file its hash, and the seconds of each test that passed."""
-        command = [*with_coverage(self._keep, "not slow"), "--durations=0", "-vv", *files]
+        settings = self._keep / "coverage.ini"
+        settings.write_text("[run]\nsource = fieldmap\nrelative_files = true\n", encoding="utf-8")
+        command = [
+            sys.executable, "-m", "pytest", "-p", "no:cacheprovider", "-p", "pytest_cov", "-m", "not slow",
+            "--cov=fieldmap", f"--cov-config={settings}", "--cov-context=test", "--cov-report=",
+            "--durations=0", "-vv", *files,
+        ]  # fmt: skip
         environment = self._environment | {"COVERAGE_FILE": str(self._keep / name)}
         done = subprocess.run(command, cwd=self._checkout, env=environment, capture_output=True, text=True)
         return self.read(files, done.stdout)
@@ -160,16 +165,6 @@ def reads_definitions(file: Path) -> bool:
     to pages and schemas. Lines do not tell that: definitions run while a module is imported, in whichever test."""
     text = file.read_text(encoding="utf-8")
     return any(word in text for word in ("walk_packages", "api_signatures", "key_pages", "schema_files"))
-
-
-def with_coverage(folder: Path, marks: str) -> list[str]:
-    """The command that runs tests of these marks and notes which of them run a line; its settings go to a folder."""
-    settings = folder / "coverage.ini"
-    settings.write_text("[run]\nsource = fieldmap\nrelative_files = true\n", encoding="utf-8")
-    return [
-        sys.executable, "-m", "pytest", "-p", "no:cacheprovider", "-p", "pytest_cov", "-m", marks, "--cov=fieldmap",
-        f"--cov-config={settings}", "--cov-context=test", "--cov-report=",
-    ]  # fmt: skip
 
 
 def environment_of(checkout: Path) -> dict[str, str]:
