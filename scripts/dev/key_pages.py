@@ -82,15 +82,15 @@ EXAMPLES: dict[str, Any] = {
     "[[x, y, z], ...] corners": CORNERS,
     "[[i, j, k], ...] numbers of corners from 0, counter-clockwise from outside": FACES,
     "[x, y, z] of the centre of its lower face": [0.0, 0.0, -110.0],
-    '"key.path" = "where the number comes from"; * stands for any one step': {"coil.*.turns": "drawing 12"},
+    '"key.path" = "source of the number"; * means any one step': {"coil.*.turns": "drawing 12"},
     "[[x, y, z], ...] nodes": CORNERS,
     "[[i, j, k, l], ...] numbers of nodes from 0": [[0, 1, 2, 3]],
-    "what the coil carries in the model that it comes from": 2.5,
+    "the coil's current in the original model": 2.5,
     "thickness, cut out of the body whose end the joint is; 0: no joint": 0.1,
     "for key paths, such as joint.NAME.gap_mm": "core ends",
-    "names of the two bodies; * and ? stand for any text. A pair takes the last joint that names it. Without"
+    "names of the two bodies, with * and ? as wildcards. A pair takes the last joint that names it. Without"
     " this key: all contacts that no other joint names": ["core *", "disk"],
-    "relative permeability of what is in the gap": 1.0,
+    "relative permeability of the material in the gap": 1.0,
     "diameter of the round wire of loops and polylines, for their self-inductance": 0.5,
     "current, in a coil that for 1 A in the coil": 1.0,
     "of a Circle or Sphere": 30.0,
@@ -135,7 +135,7 @@ EXAMPLES: dict[str, Any] = {
     "path, relative to the scenario": "path.csv",
     "its value; that of the equilibrium at the start unless given": 4.4,
     "name of a [material.NAME] table of this file; or give mu_r instead": "steel",
-    "of what is seen of x, y, depth; from [sensors] unless given": [0.02, 0.02, 0.02],
+    "deviation of the readings of x, y and depth; by default from [sensors]": [0.02, 0.02, 0.02],
 }  # fmt: skip
 
 
