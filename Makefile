@@ -13,8 +13,8 @@ install: $(STAMP)
 map: $(STAMP)
 	$(BIN)/fieldmap map maps/workspace.toml -o maps/out/workspace.h5 --resume --summary
 
-# Style, and kernels as Python, beside the tests, which have two processes, for two processors. A file's tests stay in one
-# process, which makes what they share once. What tests/slow.txt and slow_covered.txt name belongs to `make validate`.
+# Style and kernels as Python run beside the tests, which have two processes, for two processors. A file's tests stay in
+# one process, which makes their shared fixtures once. `make validate` runs the tests that tests/slow.txt names.
 test: $(STAMP)
 	$(MAKE) --no-print-directory --jobs=2 kernels tests
 
@@ -47,15 +47,15 @@ validate: $(VENV)/.installed-programs slow
 	$(BIN)/python scripts/validate.py
 
 mutants: $(VENV)/.installed-mutants
-	$(BIN)/python scripts/mutants.py --planted
-	$(BIN)/python scripts/mutants.py control currents dynamics interpolants iron levitation lookup sources
+	$(BIN)/python scripts/dev/mutants.py --planted
+	$(BIN)/python scripts/dev/mutants.py control currents dynamics interpolants iron levitation lookup sources
 
 # Both in environments of their own, which are deleted again (FOLDER=... keeps the second's files).
 oldest:
-	$(PYTHON) scripts/oldest.py
+	$(PYTHON) scripts/dev/oldest.py
 
 release-check:
-	$(PYTHON) scripts/release_check.py $(if $(FOLDER),--folder $(FOLDER))
+	$(PYTHON) scripts/dev/release_check.py $(if $(FOLDER),--folder $(FOLDER))
 
 docs: $(VENV)/.installed-docs
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict

@@ -59,26 +59,20 @@ FIRST = (
     "tests/dynamics/test_rigid_body.py",
 )
 SLOW = Path(__file__).parent / "slow.txt"
-COVERED = SLOW.with_name("slow_covered.txt")
 
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(config, items):
-    """Mark the tests of slow.txt and slow_covered.txt, before those with or without a mark are selected. A line that
-    names no test is an error."""
-    by_hand, covered = (
-        {line for line in path.read_text(encoding="utf-8").splitlines() if line and not line.startswith("#")}
-        for path in (SLOW, COVERED)
-    )
-    named = by_hand | covered
+    """Mark the tests of slow.txt, before those with or without a mark are selected. A line that names no test is an
+    error."""
+    lines = SLOW.read_text(encoding="utf-8").splitlines()
+    named = {line for line in lines if line and not line.startswith("#")}
     found, functions = set(), set()
     for item in items:
         function = item.nodeid.split("[")[0]
         functions.add(function)
         if of := named & {item.nodeid, function, file_of(item)}:
             item.add_marker("slow")
-            if not of & by_hand:
-                item.add_marker("covered")
             found |= of
     # Of a part of the tests, or without a library, what is not there says nothing; nor do other parameters of a
     # function of which one was asked for.
@@ -87,9 +81,7 @@ def pytest_collection_modifyitems(config, items):
     lost = {name for name in named - found if name.split("[")[0] in functions}
     lost |= {name for name in named - found if name.split("::")[0] in files and not is_written(name)}
     if lost:
-        raise pytest.UsageError(
-            f"tests/slow.txt or slow_covered.txt names tests that are not there: {', '.join(sorted(lost))}"
-        )
+        raise pytest.UsageError(f"tests/slow.txt names tests that are not there: {', '.join(sorted(lost))}")
     if "PYTEST_XDIST_WORKER" in os.environ:
         # Files, as they are handed out: the smallest last, when the processes wait for each other.
         sizes = Counter(file_of(item) for item in items)

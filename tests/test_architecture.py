@@ -13,7 +13,7 @@ ROOT = Path(__file__).parents[1]
 
 @pytest.fixture
 def counts(monkeypatch):
-    monkeypatch.syspath_prepend(str(ROOT / "scripts"))
+    monkeypatch.syspath_prepend(str(ROOT / "scripts" / "dev"))
     return importlib.import_module("architecture_counts")
 
 
@@ -72,7 +72,7 @@ def test_asserts_on_prose_are_counted(counts, tmp_path, line, prose):
 
 
 def test_script_prints_counts_of_a_checkout(written):
-    script = ROOT / "scripts" / "architecture_counts.py"
+    script = ROOT / "scripts" / "dev" / "architecture_counts.py"
     command = [sys.executable, str(script), "--json", "--package", str(written)]
     done = subprocess.run(command, capture_output=True, text=True, check=True)
     printed = json.loads(done.stdout)

@@ -33,7 +33,7 @@ def app(
     ] = 1.0,
     payload_of: PayloadOf = None,
     web: Annotated[
-        bool, typer.Option("--web", help="Serve a page for a browser in the place of a window.")
+        bool, typer.Option("--web", help="Serve a page for a browser instead of a window.")
     ] = False,
     port: Annotated[
         int, typer.Option("--port", metavar="N", min=0, max=65535, help="Of the page; 0: any free one.")

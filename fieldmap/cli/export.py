@@ -88,7 +88,7 @@ def export(
         typer.Option(
             "--outside",
             metavar="RULE",
-            help="For c, c32 and fmu: what a point outside the map gives: nan or clamp.",
+            help="For c, c32 and fmu: the result outside the map, nan or clamp.",
         ),
     ] = "nan",
     fmi: Annotated[

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
 TRAINED_ON = "trained on"
 """The kind of the states that a current model was trained on, among those at which it was tried."""
+_KINDS = {"searched for": "found by a search", TRAINED_ON: "of the training"}
 
 
 def info(
@@ -188,14 +189,17 @@ def _current_model(summary: "MapSummary") -> str:
     text = "not measured"
     if of.current_model is not None:
         in_units = f" ({_sizes(error)})" if error else ""
+        images = " ({} solved, the others mirror images)"
         tried = "; ".join(
-            f"{one.states} {one.kind}, {'all' if one.solved == one.states else one.solved} solved"
+            f"{one.states} {_KINDS.get(one.kind, one.kind)}"
+            + (images.format(one.solved) if one.solved < one.states else "")
             for one in of.tried
         )
         # Maps of earlier versions were not tried on the states that they were trained on.
-        at = "solved states" if any(one.kind == TRAINED_ON for one in of.tried) else "states not trained on"
+        outside = "" if any(one.kind == TRAINED_ON for one in of.tried) else " outside of the training"
         text = (
-            f"largest found {_shares(of.current_model)} of the state's largest{in_units}, at {at} ({tried})"
+            f"largest error {_shares(of.current_model)}, relative to the largest of the state{in_units}, at test "
+            f"states{outside}: {tried}"
         )
     solved, count = solver["states_trained_on_solved"], solver["states_trained_on"]
     held, before = (
@@ -221,8 +225,9 @@ def _missed(summary: "MapSummary") -> "Iterator[str]":
     if missed is not None:
         within = HELD_OUT * missed.asked
         yield (
-            f"the recipe asks for {percent(within)} of B and {percent(GRADIENT * within)} of the gradient at these, "
-            "which its states, modes and points do not reach: more of them under [currents], or a smaller domain"
+            f"the recipe asks for {percent(within)} of B and {percent(GRADIENT * within)} of the gradient at these "
+            "states; its states, modes and points do not reach this: allow more of them under [currents], or make the "
+            "domain smaller"
         )
 
 
@@ -238,27 +243,23 @@ def _corners(solver: "Mapping[str, Any]") -> "Iterator[str]":
         alike = (
             ""
             if corners["different"] == corners["looked_at"]
-            else f", {corners['different']} but for symmetry"
+            else f" ({corners['different']} without mirror images)"
         )
         yield (
-            f"of {corners['in_all']} corners the model's residual was looked at in {corners['looked_at']}{alike}: "
-            f"{corners['solved']} solved, the worst and some at random"
+            f"the model's residual was evaluated at {corners['looked_at']} of {corners['in_all']} corners{alike}; "
+            f"{corners['solved']} were solved: those with the largest residuals and some at random"
         )
 
 
 def _extremes(extremes: "Mapping[str, Any]") -> str:
     looked, different, searched = (extremes[name] for name in ("looked_at", "different", "searched"))
-    text = f"{looked} extremes of the currents looked at (corners, single coils, equal and opposed currents)"
+    text = f"extremes of the currents (corners, single coils, equal and opposed currents): {looked}"
     if different < looked:
-        text += f", {different} but for symmetry"
+        text += f", {different} without mirror images"
     text += f", {extremes['solved']} solved"
     if extremes["by_residual"]:
-        text += ", the worst by the model's residual and some at random"
-    return (
-        f"{text}; the worst of {searched} further currents searched by the model's residual"
-        if searched
-        else text
-    )
+        text += ": those with the largest residuals of the model and some at random"
+    return f"{text}; search by the residual among {searched} further currents" if searched else text
 
 
 def _solver_words(solver: "Mapping[str, object]") -> list[str]:
@@ -332,8 +333,8 @@ def _lift_table(summary: "MapSummary") -> "RenderableType":
         for row, current, deviation in zip(summary.lift, fit.currents, fit.deviations, strict=True)
     )
     words = (
-        f"Measured: {summary.lift_source}; lift/weight is ours at that current. One factor on the force, "
-        f"{fit.factor:.3f}, turns ours into the measured: least squares of lift/weight. No other number here "
+        f"Measured: {summary.lift_source}. lift/weight is calculated at the measured current. The factor "
+        f"{fit.factor:.3f} on the calculated force is fitted to lift/weight by least squares. No other number here "
         "contains it (docs/thesis_statics.md)."
     )
     return Group(table(columns, fitted), remark(words))
@@ -361,8 +362,8 @@ def _shift_table(shift: "ShiftBesideMeasured") -> "RenderableType":
     follows = f" to {held[-1]:.3f} A" if held.size else ""
     words = (
         f"n = {shift.n:g}, sensor {shift.sensor_mm:g} mm, {1e3 * shift.zero:g} mm at signal 0; nothing is fitted. "
-        f"The level is {shift.level:.3f} A; with the lift constant it rises{follows}, as a controller of the height "
-        "makes it."
+        f"Level constant: {shift.level:.3f} A. Lift constant: the level rises{follows}, as under a controller of the "
+        "height."
     )
     beyond = " -: beyond the map." if len(held) < len(shift.signals) else ""
     return Group(table(columns, rows), remark(words + beyond))

@@ -79,7 +79,9 @@ def _page(scenario: str, output: Path | None, found: "Linearisation") -> "Iterat
 
     points = found.points
     yield heading(found.experiment.scenario.contents.title, scenario)
-    yield table(("depth mm", "pole 1/s", "Hz", "damping", "moves", "reached", "seen"), _modes(points))
+    yield table(
+        ("depth mm", "pole 1/s", "Hz", "damping", "moves", "input gain", "output gain"), _modes(points)
+    )
     yield table(("depth mm", "from", "to x mm", "to y mm", "to z mm", "relative gain"), _coupling(points))
     yield table(("depth mm", "loop", "slowest pole 1/s", "least damping", "at Hz"), _loops(points))
     columns = ("depth mm", "loop at", "phase deg", "at Hz", "gain up", "gain down", "modulus")

@@ -39,7 +39,7 @@ def make_map(
         bool,
         typer.Option(
             "--accept-error",
-            help="Write the map even if its current model is off by more than twice what the recipe asks for.",
+            help="Write the map even if the error of its current model is more than twice the recipe's.",
         ),
     ] = False,
     workers: NumberOfWorkers = 1,
@@ -65,7 +65,7 @@ def make_map(
                 accept_error=accept_error,
             )
     except KeyboardInterrupt:
-        print("the same command goes on from here; --fresh begins anew", file=sys.stderr)
+        print("the same command continues from here; --fresh begins anew", file=sys.stderr)
         raise
     _tell_what_is_missing(path)
     if summary or json or pictures:

@@ -61,7 +61,7 @@ def optimise(
         with Progress("optimise", compiles=True) as progress:
             found = solve_problem(problem, target, resume, workers, progress, scheduler)
     except KeyboardInterrupt:
-        print("the same command goes on from here; --fresh begins anew", file=sys.stderr)
+        print("the same command continues from here; --fresh begins anew", file=sys.stderr)
         raise
     device = str(problem.document.data.get("name", "a device"))
     files = [*found.written, *(_pictures(found, found.written[0]) if plot else ())]

@@ -283,7 +283,7 @@ def _facts(batch: "Batch") -> "Table":
         (
             "simulated",
             f"{count_of(len(batch.runs), 'run', 'runs')} of {contents.duration_s:g} s in {batch.seconds:.2f} s of "
-            f"one processor: {simulated / max(batch.seconds, 1e-9):.0f} times as fast as it happens",
+            f"one processor: {simulated / max(batch.seconds, 1e-9):.0f} times real time",
         ),
     ]
     rows += [("events", text) for text in _events(batch)]
@@ -359,7 +359,7 @@ def _axes(batch: "Batch") -> "Table":
 
     from fieldmap.cli.printing import table
 
-    columns = ("axis", "RMS error mm", "of what is seen mm", "largest mm", "travel mm")
+    columns = ("axis", "RMS error mm", "of the reading mm", "largest mm", "travel mm")
     lines = []
     for k, axis in enumerate(("x", "y", "depth")):
         parts = [one.metrics.axes[k] for one in batch.runs]

@@ -56,7 +56,7 @@ def study(
         with Progress("study", compiles=True) as progress:
             run = run_study(file, output, resume, retry, workers, progress, scheduler)
     except KeyboardInterrupt:
-        print("the same command goes on from here; --fresh begins anew", file=sys.stderr)
+        print("the same command continues from here; --fresh begins anew", file=sys.stderr)
         raise
     files = [run.path, run.table]
     if plot:

@@ -57,7 +57,7 @@ def thesis(
         typer.Option(
             "--report",
             metavar="FOLDER",
-            help="Write index.html, report.md, numbers.csv and plots to it as rows are done; a second call goes on.",
+            help="Write index.html, report.md, numbers.csv and plots to it as rows are done; a second call continues.",
         ),
     ] = None,
     maps: Annotated[
@@ -186,7 +186,7 @@ def reported(plan: "Plan", folder: Path, results: "Iterable[PartResult]") -> "li
     try:
         write_report(folder, collected(), save_curves, plan.parts)
     except KeyboardInterrupt:
-        print("finished rows are kept; the same command goes on from here", file=sys.stderr)
+        print("finished rows are kept; the same command continues from here", file=sys.stderr)
         raise
     return found
 

@@ -72,7 +72,9 @@ def _compiled(function: Any, names: Sequence[str], states: int) -> Any:
         returned = returned_type(function)
     except (NumbaError, RuntimeError) as error:
         must = f"must compile as {CALL}: a float and three arrays of float64"
-        remedy = "mend what numba says there, or give the function without numba; decorate it with @numba.njit alone"
+        remedy = (
+            "correct the line that numba names, or give the function without numba; use @numba.njit alone"
+        )
         raise InputError(Problem(WHERE, must, reason(error), remedy)) from error
     number = number_of(returned)
     if number is not None and number != len(names):

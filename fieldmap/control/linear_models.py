@@ -120,7 +120,7 @@ def transfer_function(numerator: ArrayLike, denominator: ArrayLike) -> TransferF
                 where,
                 "must be proper: the numerator's degree is at most the denominator's",
                 f"degrees {top.size - 1} and {bottom.size - 1}",
-                "an improper plant would answer before it is asked; add its fast poles",
+                "the output of an improper plant would precede its input; add its fast poles",
             )
         )
     return TransferFunction(top / bottom[0], bottom / bottom[0])

@@ -3,7 +3,7 @@
     python fieldmap/core/compile.py
 
 The compiler is the one that the environment variable CC names, with any options of its own, or the one of the wheel
-`ziglang`, which needs nothing else on the machine, and compiles for other systems too (scripts/wheels.py). An
+`ziglang`, which needs nothing else on the machine, and compiles for other systems too (scripts/dev/wheels.py). An
 installation runs this once. Nothing of the package is imported here, because an installation runs it before there is
 anything else.
 """

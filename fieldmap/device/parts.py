@@ -335,11 +335,11 @@ class Joint(Made):
         tuple[str, str] | None,
         Key(
             PairOfPatterns | None,
-            "names of the two bodies; * and ? stand for any text. A pair takes the last joint that names it. Without "
+            "names of the two bodies, with * and ? as wildcards. A pair takes the last joint that names it. Without "
             "this key: all contacts that no other joint names",
         ),
     ] = None
-    mu_r: Annotated[float, Key(Positive, "relative permeability of what is in the gap")] = 1.0
+    mu_r: Annotated[float, Key(Positive, "relative permeability of the material in the gap")] = 1.0
     name: Annotated[str | None, Key(Name | None, "for key paths, such as joint.NAME.gap_mm")] = None
 
     @property
@@ -405,7 +405,7 @@ class Section(Made):
     ] = ()
     half_widths: Annotated[
         Array | None,
-        Key(Size | None, "[x, y, z]: only what lies within these distances of the centre", "mm"),
+        Key(Size | None, "[x, y, z]: the section ends at these distances from the centre", "mm"),
     ] = None
 
 

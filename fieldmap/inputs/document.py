@@ -115,9 +115,7 @@ def _syntax_problem(path: Path, text: str, message: str) -> Problem:
         line = int(found[1])
         where = f"{path}:{line}:{found[2]}"
         received = f"{message.split(' (at ')[0]}, in the line {shown(text.splitlines()[line - 1].strip())}"
-    remedy = (
-        "correct the line; texts stand in quotes, a table begins with [name], a repeated one with [[name]]"
-    )
+    remedy = "correct the line; texts have quotes, a table begins with [name], a repeated one with [[name]]"
     return Problem(where, "the file must be valid TOML", received, remedy)
 
 

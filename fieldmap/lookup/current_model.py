@@ -206,7 +206,7 @@ class CurrentModel:
         )
         unit = f" {of.signal_units[k]}" if of.signal_units[k] != "1" else ""
         must_hold = (
-            f"must lie within what the map was made for, {domain.lower[k]:g} to {domain.upper[k]:g}{unit}"
+            f"must lie within the currents of the map, {domain.lower[k]:g} to {domain.upper[k]:g}{unit}"
         )
         return Problem(where, must_hold, f"{found.values[k]:g}{unit}", _REMEDY)
 

@@ -203,18 +203,19 @@ def refusal(
     received = demand.text(demand.values)
     if status == OUT_OF_RANGE:
         nearest = matrix @ np.linalg.lstsq(matrix, demand.values - constant, rcond=1e-11)[0] + constant
-        must_hold = "a demand that some currents give, whatever their limits"
-        remedy = f"nearest that they give: {demand.text(nearest)}"
+        must_hold = "some currents must meet the demand, without any limits"
+        remedy = f"the nearest values that currents reach: {demand.text(nearest)}"
         return Infeasible(Problem("currents_for", must_hold, received, remedy), reachable=nearest)
     ends = np.where(active > 0, high, low)
     binding = {names[k]: float(ends[k]) for k in np.flatnonzero(active)}
     limits = ", ".join(f"coil {name} at {value:g} A" for name, value in binding.items())
-    must_hold = f"a demand within the limits of the currents; together these rule it out: {limits}"
+    must_hold = f"the demand must be within the limits of the currents; these limits exclude it: {limits}"
     part = reachable_share(matrix, demand.values, low, high, constant)
     if part is None:
-        problem = Problem("currents_for", must_hold, received, "no share of it can be had")
+        problem = Problem("currents_for", must_hold, received, "the limits allow no share of the demand")
         return Infeasible(problem, binding=binding)
-    problem = Problem("currents_for", must_hold, received, f"{part[0]:.6g} of it can: {demand.text(part[1])}")
+    remedy = f"the limits allow {part[0]:.6g} of the demand: {demand.text(part[1])}"
+    problem = Problem("currents_for", must_hold, received, remedy)
     return Infeasible(problem, reachable=part[1], share=part[0], binding=binding)
 
 

@@ -165,8 +165,8 @@ def _acceptance(target: Path, written: bool) -> str:
             f"{target} is there, its error accepted: with --accept-error the same command takes it as it is"
         )
     return (
-        f"{target} is not written: with --accept-error (accept_error=True) the same command goes on from here, solves "
-        "nothing again, and writes it with its error among its assumptions"
+        f"{target} is not written: with --accept-error (accept_error=True) the same command continues from here, "
+        "solves nothing again, and writes it with its error among its assumptions"
     )
 
 

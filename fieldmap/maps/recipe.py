@@ -145,7 +145,7 @@ class CurrentKeys(Table):
         default=None, description="largest current, one number for all coils or one for each"
     )
     division: DivisionKeys | None = Field(
-        default=None, description="in the place of lower_A and upper_A: currents of a division"
+        default=None, description="instead of lower_A and upper_A: currents of a division"
     )
     groups: Annotated[list[Annotated[list[Text], Field(min_length=1)]], Field(min_length=1)] | None = Field(
         default=None,

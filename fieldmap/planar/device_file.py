@@ -108,8 +108,8 @@ class PlanarFile(Table):
         description="[[coil]] tables; currents follow this order"
     )
     walls: WallKeys | None = Field(default=None, description="walls without flux; open space without them")
-    payload: PlanarPayloadKeys | None = Field(default=None, description="what is levitated")
-    provenance: dict[str, Text] = Field(default={}, description='"key.path" = "where the number comes from"')
+    payload: PlanarPayloadKeys | None = Field(default=None, description="the levitated body")
+    provenance: dict[str, Text] = Field(default={}, description='"key.path" = "source of the number"')
 
 
 PLANAR_DEVICE = register(

@@ -315,7 +315,7 @@ def _check_materials(device: PlanarDevice) -> None:
                     f"solve_planar_state, body {body.name}",
                     "must be soft iron",
                     f"material {body.material}",
-                    "use solve_planar, or walls in the place of flux barriers",
+                    "use solve_planar, or walls instead of flux barriers",
                 )
             )
     if not device.bodies:

@@ -113,7 +113,7 @@ def _build(scene: pv.Plotter, run: ShownRun, speed: float) -> Callable[[int], No
     coils = _add_machine(scene, run)
     bodies = [scene.add_mesh(surface, **look) for surface, look in body_parts(run)]
     look_at(scene, core_bounds(run.device), margin=0.3, panels=_PANELS)
-    slower = "" if np.isclose(speed, 1.0) else f"\nshown {speed:.3g} times as fast as it happens"
+    slower = "" if np.isclose(speed, 1.0) else f"\nshown at {speed:.3g} times real time"
     words = textwrap.fill(run.title, 48) + slower
     scene.add_text(words, position=(0.04, 0.03), viewport=True, font_size=_FONT, color=INK)
     scene.subplot(0, 1)

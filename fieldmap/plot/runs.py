@@ -150,7 +150,7 @@ def _draw_runs(figure: Figure, runs: Sequence[DrawnRun]) -> None:
         time = run["time"]
         for k, axis in enumerate(axes[:3]):
             if not many:
-                axis.plot(time, scales[k][0] * run["seen"][:, k], color="0.75", linewidth=0.6, label="seen")
+                axis.plot(time, scales[k][0] * run["seen"][:, k], color="0.75", linewidth=0.6, label="sensor")
             axis.plot(
                 time,
                 scales[k][0] * run["true"][:, k],
@@ -181,7 +181,7 @@ def _draw_runs(figure: Figure, runs: Sequence[DrawnRun]) -> None:
             color=INK,
             linewidth=0.9,
             linestyle="--",
-            label="asked",
+            label="reference",
         )
         axis.set_ylabel(f"{_NAMES[k]}, {scales[k][1]}")
     axes[2].invert_yaxis()

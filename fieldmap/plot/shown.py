@@ -150,7 +150,7 @@ _NEEDS = {
 }
 _REMEDIES = {
     "run": "name a file that `fieldmap simulate -o RUN.h5` wrote",
-    "device": "name the device file in the place of the map",
+    "device": "name the device file instead of the map",
     "mesh": "name a device with iron; a map does not hold its mesh",
     "lower": "add a [workspace] table to the device",
     "payload": "add a [payload] table to the device",

@@ -164,7 +164,7 @@ def _result(info: MapInfo, size: int, findings: _Findings) -> MapCheck:
 def _notes(info: MapInfo) -> tuple[str, ...]:
     source, missed = info.provenance, missed_accuracy(info.provenance.solver_report)
     missing = {
-        "no fingerprint: what decided its numbers is not recorded": not source.fingerprint,
+        "no fingerprint: the inputs of its numbers are not recorded": not source.fingerprint,
         "no versions of the libraries that made it": not source.versions,
         "no recipe": not source.recipe_text,
         "no device file: payload and driver are not known": not source.device_text,

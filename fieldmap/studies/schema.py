@@ -58,8 +58,8 @@ class LinkedKeys(Table):
     """Keys that follow a varied one: offset + factor * value."""
 
     keys: Annotated[list[Text], Field(min_length=1)] = Field(description="key paths of the device file")
-    factor: float = Field(default=1.0, description="what the value is multiplied by")
-    offset: float = Field(default=0.0, description="what is added, in the unit of the key")
+    factor: float = Field(default=1.0, description="factor of the value")
+    offset: float = Field(default=0.0, description="offset, in the unit of the key")
 
 
 class VaryKeys(Table):
@@ -250,10 +250,10 @@ class OptimiseKeys(Table):
     minimise: NumberKeys | None = Field(default=None, description="the number that is to be smallest")
     maximise: NumberKeys | None = Field(default=None, description="or the number that is to be largest")
     variable: Annotated[list[VariableKeys], Field(min_length=1)] = Field(
-        description="[[optimise.variable]]: what may change"
+        description="[[optimise.variable]]: a key that may change"
     )
     constraint: list[ConstraintKeys] = Field(
-        default=[], description="[[optimise.constraint]]: what must hold"
+        default=[], description="[[optimise.constraint]]: a limited number"
     )
     method: Literal["SLSQP", "trust-constr", "COBYQA", "optuna"] = Field(
         default="SLSQP", description="by derivatives (the first two), without them, or by Optuna's sampler"
@@ -288,9 +288,9 @@ class StudyFile(Table):
     vary: list[VaryKeys] = Field(default=[], description="[[vary]]: all combinations of these values")
     variant: list[VariantKeys] = Field(default=[], description="[[variant]]: one by one")
     currents: Annotated[list[CurrentKeys], Field(min_length=1)] = Field(description="[[currents]] tables")
-    record: RecordKeys = Field(default=RecordKeys(), description="what is recorded")
+    record: RecordKeys = Field(default=RecordKeys(), description="the recorded quantities")
     optimise: OptimiseKeys | None = Field(
-        default=None, description="in the place of variants: the best of all"
+        default=None, description="instead of variants: a search for the best values"
     )
 
     @model_validator(mode="after")

@@ -1,7 +1,7 @@
 """S14: both branches of Tables 6-4 to 6-7 with joints at the cores' ends and hysteresis in the iron.
 
 Two numbers that nobody measured, the thickness of the joints and the coercive field, are fitted to Table 6-4; with them
-the other tables are computed and compared. `scripts/joint_study.py` does the fit, docs/joint_study.md reads it.
+the other tables are computed and compared. `scripts/studies/joint_study.py` does the fit, docs/joint_study.md reads it.
 """
 
 import json

@@ -62,7 +62,7 @@ def test_what_can_be_had_where_the_limit_binds(capsys, machine):
     assert main(["currents", machine.device, *AT, "--lift", "--limit", str(limit)]) == 1
     told = capsys.readouterr().err
     assert "coil loop at" in told
-    share = float(told.split("remedy")[1].split(" of it can")[0])
+    share = float(told.split("the limits allow ")[1].split(" of the demand")[0])
     assert share == pytest.approx(0.25, rel=1e-3)
     assert main(["currents", machine.device, *AT, "--lift", "--limit", str(limit), "--json"]) == 1
     printed = capsys.readouterr()

@@ -8,7 +8,7 @@ import pytest
 
 from fieldmap.core.compile import compile_libraries, libraries, wheel_tag
 
-WHEELS = runpy.run_path(str(Path(__file__).parents[2] / "scripts" / "wheels.py"))
+WHEELS = runpy.run_path(str(Path(__file__).parents[2] / "scripts" / "dev" / "wheels.py"))
 PLATFORMS = {
     "x86_64-linux": "manylinux_2_17_x86_64",
     "aarch64-linux": "manylinux_2_17_aarch64",

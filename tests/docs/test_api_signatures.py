@@ -9,12 +9,12 @@ from fieldmap.maps import generate
 
 @pytest.fixture
 def program(monkeypatch, request):
-    monkeypatch.syspath_prepend(str(request.config.rootpath / "scripts"))
+    monkeypatch.syspath_prepend(str(request.config.rootpath / "scripts" / "dev"))
     return importlib.import_module("api_signatures")
 
 
 def test_pages_have_the_signatures_of_now(program):
-    """`python scripts/api_signatures.py` writes them anew."""
+    """`python scripts/dev/api_signatures.py` writes them anew."""
     pages = sorted(program.FOLDER.glob("*.md"))
     assert len(pages) > 12
     for page in pages:

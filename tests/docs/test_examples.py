@@ -125,7 +125,7 @@ def test_python_blocks_are_python(path: Path):
 
 def test_examples_of_docstrings_become_blocks(monkeypatch):
     pytest.importorskip("griffe")
-    monkeypatch.syspath_prepend(str(ROOT / "scripts"))
+    monkeypatch.syspath_prepend(str(ROOT / "scripts" / "dev"))
     from docstring_examples import fenced
 
     text = "What.\n\n>>> f(1)  # doctest: +SKIP\n2\n\nMore."

@@ -68,29 +68,45 @@ def test_accuracy_is_that_of_the_validation_page():
 
 
 def test_the_time_of_a_lookup_is_that_of_its_page():
-    ns, error = figure(r"B and its gradient at a point in (\d+) ns on one thread, B within ([\d.e-]+)")
+    batch, one = figure(
+        r"B and its gradient in (\d+) ns a point for a batch.*? in ([\d.]+) µs for a single point"
+    )
+    (error,) = re.findall(r"B within ([\d.e-]+) of its largest component", README)
     page = (ROOT / "docs" / "lookup.md").read_text()
+    assert f"takes {batch:.0f} ns a point for B and gradient of a batch" in page
+    assert f"{one:g} µs for a single point from Python" in page
     (row,) = re.findall(r"^\| `harmonic` \| [\d ]+;.*$", page, re.MULTILINE)
-    cells = [cell.strip() for cell in row.strip("|").split("|")]
-    assert (ns, error) == (float(cells[4]), float(cells[5]))
+    assert float(error) == float(row.strip("|").split("|")[5])
 
 
 def test_the_main_job_is_that_of_its_output():
+    """The first page shows some of the lines that the page of recipes shows whole."""
     states, minutes = figure(r"from (\d+) solved states: ([\d.]+) minutes")
     assert (states, minutes) == tuple(figure(r"cost +(\d+) states in ([\d.]+) minutes"))
+    whole = (ROOT / "docs" / "recipes.md").read_text()
+    (shown,) = re.findall(r"^```text\n(maps/out/workspace.h5.*?)^```$", README, re.DOTALL | re.MULTILINE)
+    lines = iter(whole.splitlines())
+    assert [line for line in shown.splitlines() if line != "..." and line not in lines] == []
 
 
 def test_numbers_of_the_thesis_are_those_of_the_validation_page():
-    total, sharp, misprints = figure(r"compares (\d+) numbers.*? The (\d+) that .*?, (\d+) misprints")
     line = re.search(r"(\d+) of (\d+) sharp numbers agree; (\d+) misprints; (\d+) numbers in all", VALIDATION)
     assert line
-    assert [float(number) for number in line.groups()] == [sharp, sharp, misprints, total]
+    agree, sharp, misprints, total = line.groups()
     page = (ROOT / "docs" / "thesis.md").read_text()
-    assert f"{total:.0f} numbers" in page
-    assert f"{sharp:.0f} of {sharp:.0f} agree" in page
+    assert f"{total} numbers are compared" in page
+    assert f"{agree} of {sharp} agree" in page
+    assert f"{misprints} more are misprints" in page
 
 
-def test_pictures_are_there_and_lead_somewhere():
-    pictures = re.findall(r"\[!\[[^\]]*\]\(([^)]+)\)\]\(([^)#]+)", README)
-    assert len(pictures) == 5  # the first one, and the gallery
-    assert [place for pair in pictures for place in pair if not (ROOT / place).is_file()] == []
+@pytest.mark.parametrize(("page", "count"), [("README.md", 1), ("docs/index.md", 4)])
+def test_pictures_are_there_and_lead_somewhere(page, count):
+    """The first picture of README.md, and the gallery of the site."""
+    path = ROOT / page
+    pictures = re.findall(r"\[!\[[^\]]*\]\(([^)]+)\)\]\(([^)#]+)", path.read_text())
+    assert len(pictures) == count
+    assert [place for pair in pictures for place in pair if not (path.parent / place).is_file()] == []
+
+
+def test_the_first_page_is_short():
+    assert len(README.encode()) <= 8192

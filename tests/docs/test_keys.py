@@ -19,9 +19,9 @@ KINDS = {kind.name: kind for kind in every_kind()}
 @pytest.fixture(scope="module")
 def program():
     """The program that writes the pages."""
-    sys.path.insert(0, str(ROOT / "scripts"))
+    sys.path.insert(0, str(ROOT / "scripts" / "dev"))
     yield importlib.import_module("key_pages")
-    sys.path.remove(str(ROOT / "scripts"))
+    sys.path.remove(str(ROOT / "scripts" / "dev"))
     sys.modules.pop("key_pages")
 
 
@@ -32,7 +32,7 @@ def without_examples(text: str) -> list[str]:
 
 @pytest.mark.parametrize("name", sorted(KINDS))
 def test_pages_are_those_that_the_program_writes(name, program):
-    """`python scripts/key_pages.py` writes them anew."""
+    """`python scripts/dev/key_pages.py` writes them anew."""
     path = program.FOLDER / f"{name.replace(' ', '_')}.md"
     assert without_examples(path.read_text()) == without_examples(program.page(KINDS[name]))
 

@@ -125,7 +125,7 @@ def test_what_is_infeasible_says_which_limits_bind_and_what_can_be_had(eight):
         eight.currents_for(position, [0, 0, 50], MOMENT, (low, high))
     low[int(name) - 1], high[int(name) - 1] = -np.inf, np.inf
     assert np.isfinite(eight.currents_for(position, [0, 0, 50], MOMENT, (low, high))).all()
-    assert f"{found.share:.6g} of it" in str(found)
+    assert f"{found.share:.6g} of the demand" in str(found)
     assert "coil" in str(found)
 
 

@@ -235,9 +235,10 @@ def test_info_prints_the_errors_and_what_the_map_cost(data, folder, capsys):
     assert "asks for" not in text
     tried = data.provenance.solver_report["states_tried"]
     largest = max(found["flux_density_share"] for found in tried.values())
-    assert f"largest found {100 * largest:.2g} % of B" in text
-    for name in ("at random", "at extremes", "searched for"):
-        assert f"{tried[name]['states']} {name}" in text
+    assert f"largest error {100 * largest:.2g} % of B" in text
+    printed = {"at random": "at random", "at extremes": "at extremes", "searched for": "found by a search"}
+    for name, words in printed.items():
+        assert f"{tried[name]['states']} {words}" in text
     bound = data.error_bounds["harmonic"]
     assert f"within {1e6 * bound.flux_density:.2g} uT" in text
     assert f"{data.provenance.solver_report['states_solved']} states in" in text

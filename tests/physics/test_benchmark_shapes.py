@@ -1,7 +1,7 @@
 """Devices of the shape of published benchmark problems: thin plates with gaps of 0.5 mm, a pole in a box with 1 mm.
 
 Nobody knows their fields in closed form; meshes, conservation, symmetry, virtual work and reaction judge. The finer
-meshes are in scripts/benchmark_shapes.py and in docs/theory/forces.md.
+meshes are in scripts/studies/benchmark_shapes.py and in docs/theory/forces.md.
 """
 
 from dataclasses import replace
@@ -28,7 +28,7 @@ def pole():
 
 
 def test_force_on_the_pole_converges(pole):
-    """Meshes of 1150 and 2000 faces, against 327.6 N at 4080 and 327.3 N at 7030 (scripts/benchmark_shapes.py)."""
+    """Meshes of 1150 and 2000 faces, against 327.6 N at 4080 and 327.3 N at 7030 (studies/benchmark_shapes.py)."""
     forces = [state.force_on("pole")[2] for state in pole]
     assert forces == pytest.approx([-327.3] * 2, rel=0.1)
     assert forces[1] == pytest.approx(-327.3, rel=0.03)

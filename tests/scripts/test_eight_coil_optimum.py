@@ -5,7 +5,7 @@ import pytest
 
 import fieldmap as fm
 from fieldmap.lookup.payload import magnetic_body
-from scripts.eight_coil_optimum import (
+from scripts.studies.eight_coil_optimum import (
     BEAD,
     POWER,
     directions,

@@ -7,7 +7,7 @@ ROOT = Path(__file__).parents[2]
 
 
 def test_tables_are_those_of_the_page(monkeypatch):
-    monkeypatch.syspath_prepend(str(ROOT / "scripts"))
+    monkeypatch.syspath_prepend(str(ROOT / "scripts" / "studies"))
     script = importlib.import_module("force_superposition")
     page = (ROOT / "docs" / "theory" / "force_formulas.md").read_text()
     printed = [" ".join(line.split()) for line in page.splitlines()]

@@ -7,13 +7,16 @@ from pathlib import Path
 
 import pytest
 
-from scripts.tests_of_lines import TestsOfLines as Known
+from scripts.dev.tests_of_lines import TestsOfLines as Known
+from scripts.dev.tests_of_lines import reads_definitions
 
 ROOT = Path(__file__).parents[2]
-ERRORS = tomllib.loads((ROOT / "scripts" / "planted_errors.toml").read_text(encoding="utf-8"))["error"]
-EQUIVALENT = tomllib.loads((ROOT / "scripts" / "equivalent_mutants.toml").read_text(encoding="utf-8"))[
-    "mutant"
+ERRORS = tomllib.loads((ROOT / "scripts" / "dev" / "planted_errors.toml").read_text(encoding="utf-8"))[
+    "error"
 ]
+EQUIVALENT = tomllib.loads(
+    (ROOT / "scripts" / "dev" / "equivalent_mutants.toml").read_text(encoding="utf-8")
+)["mutant"]
 
 
 @pytest.mark.parametrize("error", ERRORS, ids=[error["what"] for error in ERRORS])
@@ -43,7 +46,7 @@ def test_a_file_of_tests_is_run_anew_where_another_of_its_tests_is_left_out(tmp_
     known._checkout = tmp_path
     hashes = []
     for left_out in ("", "tests/test_b.py::test_one", "tests/test_a.py::test_one"):
-        (tests / "slow_covered.txt").write_text(left_out)
+        (tests / "slow.txt").write_text(left_out)
         hashes.append(known._hash("tests/test_a.py"))
     assert hashes[0] == hashes[1] != hashes[2]
 
@@ -62,3 +65,9 @@ def test_definitions_are_told_from_what_functions_do(tmp_path):
     known = Known.__new__(Known)
     known._checkout = tmp_path
     assert [k for k in range(1, 8) if known._defines("a.py", k)] == [1, 2, 3, 4, 5, 6]
+
+
+def test_tests_of_definitions_are_known_by_what_they_read():
+    names = {path.name for path in (ROOT / "tests").rglob("test_*.py") if reads_definitions(path)}
+    assert {"test_keys.py", "test_api_signatures.py", "test_json_schema.py", "test_data_classes.py"} <= names
+    assert len(names) < 20

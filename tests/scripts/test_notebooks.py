@@ -14,11 +14,11 @@ PAGES = sorted((ROOT / "docs" / "notebooks").glob("*.md"))
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda path: path.stem)
 def test_a_notebook_holds_the_code_and_the_output_of_its_page(page, monkeypatch):
-    monkeypatch.syspath_prepend(str(ROOT / "scripts"))
+    monkeypatch.syspath_prepend(str(ROOT / "scripts" / "dev"))
     from notebooks import notebook
 
     written = page.with_suffix(".ipynb").read_text(encoding="utf-8")
-    assert written == notebook(page.read_text(encoding="utf-8")), "run python scripts/notebooks.py"
+    assert written == notebook(page.read_text(encoding="utf-8")), "run python scripts/dev/notebooks.py"
     sys.modules.pop("notebooks")
     cells = json.loads(written)["cells"]
     code = ["".join(cell["source"]) for cell in cells if cell["cell_type"] == "code"]

@@ -8,7 +8,7 @@ import h5py
 import numpy as np
 import pytest
 
-SCRIPTS = Path(__file__).parents[2] / "scripts"
+SCRIPTS = Path(__file__).parents[2] / "scripts" / "dev"
 ROWS = 100
 PLAIN = "[control.z]\nkind = 'pid'\nlower = 0.0\nupper = 10.0\n"
 CONVERTER = f"{PLAIN}[coils]\noutput_bits = 16\n"

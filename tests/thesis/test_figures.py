@@ -24,7 +24,7 @@ def test_the_list_has_no_gaps():
 
 
 def test_the_page_is_what_the_rows_say():
-    assert PAGE.read_text(encoding="utf-8") == figure_page(), "run python scripts/figure_table.py"
+    assert PAGE.read_text(encoding="utf-8") == figure_page(), "run python scripts/dev/figure_table.py"
 
 
 @pytest.mark.parametrize(

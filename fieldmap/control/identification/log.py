@@ -266,7 +266,7 @@ def sampling_problem(source: Path, time: Array, lines: list[int]) -> list[Proble
                 f"{source.name}:{lines[worst + 1]}",
                 f"must be evenly sampled, within {100 * UNEVEN:g} % of the mean step of {Ts:.6g} s",
                 f"a step of {steps[worst]:.6g} s",
-                "cut the record at the gap, or resample it yourself: what lies between samples is your decision",
+                "cut the record at the gap, or resample it yourself: you decide on the values in the gap",
             )
         ]
     return []

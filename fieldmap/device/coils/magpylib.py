@@ -45,7 +45,7 @@ class MagpylibCoil(Coil):
     placement: Placement = field(default_factory=Placement)
     nominal_current: Annotated[
         float | None,
-        Key(float | None, "what the coil carries in the model that it comes from", "A"),
+        Key(float | None, "the coil's current in the original model", "A"),
     ] = None
     resistance: Resistance = None
     inductance: Inductance = None

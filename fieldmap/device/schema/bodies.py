@@ -17,7 +17,7 @@ class PartKeys(PlacementKeys):
     """What every part of a body has besides its shape."""
 
     operation: Literal["add", "cut"] = Field(
-        default="add", description="add this shape to the body, or cut it out of what came before"
+        default="add", description="add this shape to the body, or cut it out of the parts before it"
     )
 
     def to_model(self: Any, folder: Path) -> model.Part:

@@ -44,13 +44,13 @@ class DeviceFile(Table):
     background: BackgroundKeys | None = Field(
         default=None, description="a field that nothing in the device drives"
     )
-    payload: AnyPayload | None = Field(default=None, description="what is levitated")
-    driver: DriverKeys | None = Field(default=None, description="what drives the coils")
+    payload: AnyPayload | None = Field(default=None, description="the levitated body")
+    driver: DriverKeys | None = Field(default=None, description="the amplifiers of the coils")
     workspace: AnyWorkspace | None = Field(default=None, description="where the payload may go")
     section: list[SectionKeys] = Field(default=[], description="[[section]] tables: cross-sections of iron")
     reference: list[AnyReference] = Field(default=[], description="[[reference]] tables: known values")
     provenance: dict[str, Text] = Field(
-        default={}, description='"key.path" = "where the number comes from"; * stands for any one step'
+        default={}, description='"key.path" = "source of the number"; * means any one step'
     )
     parameters: dict[str, Any] = Field(
         default={}, description='numbers, texts and lists that expressions such as "= 2*gap" use'

@@ -165,7 +165,7 @@ def _assumptions(time_constant: float) -> tuple[str, ...]:
     at_once = " at once; supply and inductance only bound large changes"
     return (
         "small deviations from the operating point: no limits, no walls, no converters' steps",
-        "currents follow what is asked for" + (late if time_constant else at_once),
+        "currents follow their commands" + (late if time_constant else at_once),
     )
 
 

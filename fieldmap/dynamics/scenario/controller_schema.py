@@ -28,7 +28,7 @@ class PidKeys(Table):
         default="trapezoidal", description="of the error"
     )
     anti_windup: Literal["none", "hold", "track"] = Field(
-        default="none", description="what the integral does at a limit"
+        default="none", description="behaviour of the integral at a limit"
     )
     derivative: Literal["error", "measurement"] = Field(default="error", description="of what")
 
@@ -98,7 +98,7 @@ class CoupledKeys(Table):
     )
     allowed_mm_per_s: Lengths = Field(default=[10.0, 10.0, 30.0], description="velocities that count as much")
     noise_mm: Lengths | None = Field(
-        default=None, description="of what is seen of x, y, depth; from [sensors] unless given"
+        default=None, description="deviation of the readings of x, y and depth; by default from [sensors]"
     )
     shaking_mN: Lengths = Field(
         default=[0.02, 0.02, 0.1], description="noise of the force on the body, per root of Hz"

@@ -180,7 +180,7 @@ class ControlKeys(Table):
     x: AxisController | None = Field(default=None, description="x in mm to x signal")
     y: AxisController | None = Field(default=None, description="y in mm to y signal")
     coupled: CoupledController | None = Field(
-        default=None, description="of all axes, in the place of x, y and z"
+        default=None, description="one controller of all axes, instead of x, y and z"
     )
     feedforward: FeedforwardKeys | None = Field(
         default=None, description="along the reference, by the inverse map"
@@ -346,14 +346,14 @@ class ScenarioFile(Table):
     body: BodyKeys = Field(default=BodyKeys(), description="the body around the magnet")
     drag: DragKeys = Field(default=DragKeys(), description="resistance of the air")
     plate: PlateKeys | None = Field(default=None, description="a conducting plate")
-    walls: WallKeys | None = Field(default=None, description="what the body can touch")
+    walls: WallKeys | None = Field(default=None, description="walls that the body can touch")
     coils: CoilKeys = Field(default=CoilKeys(), description="windings and amplifiers")
     sensors: SensorKeys = Field(default=SensorKeys(), description="position sensors")
     reference: list[Reference] = Field(default=[], description="changes of the references")
     signal: list[SignalKeys] = Field(default=[], description="steps of outputs in open loop")
     disturbance: list[DisturbanceKeys] = Field(default=[], description="forces on the body")
     noise: NoiseKeys = Field(default=NoiseKeys(), description="where noise comes from")
-    record: RecordKeys = Field(default=RecordKeys(), description="what is recorded")
+    record: RecordKeys = Field(default=RecordKeys(), description="the recorded samples")
 
     @model_validator(mode="after")
     def _of_bounded_length(self) -> "ScenarioFile":

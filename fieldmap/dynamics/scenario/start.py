@@ -272,7 +272,7 @@ def operating_point_at(
     worst = int(np.argmax(beyond))
     if beyond[worst] > 1e-9 * max(1.0, abs(point.currents[worst])):
         limit = (high if point.currents[worst] > 0 else low)[worst]
-        must = f"the body must float with what the amplifiers give and the supply drives, {limit:.4g} A"
+        must = f"the body must float within the limits of amplifiers and supply, {limit:.4g} A"
         received = f"{point.currents[worst]:.3g} A"
         remedy = (
             "begin higher or nearer to the axis, take a lighter payload, or state a field.scale; a start without "

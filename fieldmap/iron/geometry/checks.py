@@ -47,7 +47,7 @@ def no_volume(label: str, body: NamedSolid) -> Problem:
         f"{label}: {body}",
         "a body must have a volume above zero",
         f"{body.volume:.3g} mm^3",
-        "correct its dimensions and what is cut from it; in a STEP file, the direction of its surface",
+        "correct its dimensions and its cuts; in a STEP file, the direction of its surface",
     )
 
 

@@ -306,7 +306,7 @@ class NonlinearSolver(BaseField):
         """
         inside = state.state.iron.inside
         if not isinstance(inside, PotentialField) or inside.elements is not self._form.elements:
-            remedy = "pass what this solver's own solve returned"
+            remedy = "pass a result of solve of this solver"
             raise InputError(
                 Problem("differential_inductance, state", "must be a state of this solver", "another", remedy)
             )

@@ -1,0 +1,141 @@
+"""Draw the pictures of the pages that no test draws, light and dark, into docs/images.
+
+    python scripts/dev/pictures.py [NAME ...] [--maps maps/out]
+
+NAME: app, drive_unit, figure_6_5, joints_x, joints_y, pole_disk, reachable, show or workspace; all unless given. Maps
+must be there.
+After it, `pytest tests/docs --rewrite-pictures` takes the new files into the records.
+"""
+
+import argparse
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+from PIL import Image
+
+from fieldmap.io.map_summary import summarise_map
+from fieldmap.plot.map_pictures import save_map_pictures
+from fieldmap.plot.style import DARK, VARIABLE
+
+ROOT = Path(__file__).parents[2]
+IMAGES = ROOT / "docs" / "images"
+# What is cut of the three scenes of show.png, as shares of their width and height, and the height of all.
+_CUT, _HEIGHT = (0.16, 0.07, 0.99, 0.97), 720
+Draw = Callable[[Path, Path], None]
+
+
+def command(*words: str) -> None:
+    """Run `fieldmap WORDS`, which draws both schemes."""
+    environment = {**os.environ, VARIABLE: "both"}
+    subprocess.run([sys.executable, "-m", "fieldmap", *words], check=True, env=environment)
+
+
+def app(folder: Path, maps: Path) -> None:
+    """The sliders."""
+    command("app", str(maps / "workspace.h5"), "--force-scale", "2.1", "--save", str(folder / "app.png"))
+
+
+def drive_unit(folder: Path, maps: Path) -> None:
+    """The drive unit and the field in its workspace."""
+    words = ["drive_unit", str(maps / "workspace.h5"), "--amperes", "1.5", "--sensor-mm", "10"]
+    environment = {**os.environ, VARIABLE: "both"}
+    script = [sys.executable, str(ROOT / "scripts" / "view.py"), *words]
+    subprocess.run([*script, "--output", str(folder / "drive_unit.png")], check=True, env=environment)
+
+
+def show(folder: Path, maps: Path) -> None:
+    """Three scenes side by side."""
+    iron = ["--nonlinear", "--currents", "1.5"]
+    scenes = (
+        ["--what", "iron", *iron, "--refinement", "0.5"],
+        ["--what", "lines", *iron, "--refinement", "0.4"],
+        ["--what", "equilibrium", "--currents", "4.15"],
+    )
+    for k, words in enumerate(scenes):
+        command("show", "drive_unit", *words, "--save", str(folder / f"part{k}.png"))
+    for scheme in ("", DARK):
+        beside([folder / f"part{k}{scheme}.png" for k in range(len(scenes))], folder / f"show{scheme}.png")
+
+
+def beside(paths: list[Path], target: Path) -> None:
+    """Put pictures side by side, cut and made equally high."""
+    parts = []
+    for path in paths:
+        image = Image.open(path).convert("RGB")
+        left, top, right, bottom = np.array(_CUT) * np.array([*image.size, *image.size])
+        cut = image.crop((round(left), round(top), round(right), round(bottom)))
+        parts.append(cut.resize((round(cut.width * _HEIGHT / cut.height), _HEIGHT), Image.Resampling.LANCZOS))
+    Image.fromarray(np.concatenate([np.asarray(part) for part in parts], axis=1)).save(target)
+
+
+def reachable(folder: Path, maps: Path) -> None:
+    """Flux densities that eight coils can make."""
+    words = ["--what", "reachable", "--quantity", "B", "--limit", "5"]
+    command("show", "eight_coils", *words, "--save", str(folder / "reachable.png"))
+
+
+def workspace(folder: Path, maps: Path) -> None:
+    """The figure that `make map` writes beside the map."""
+    os.environ[VARIABLE] = "both"
+    save_map_pictures(summarise_map(Path(shutil.copy(maps / "workspace.h5", folder / "workspace.h5"))))
+    del os.environ[VARIABLE]
+
+
+def pole_disk(folder: Path, maps: Path) -> None:
+    """Every summary of a study; minutes."""
+    command("study", "pole_disk", "-o", str(folder / "pole_disk.nc"))
+
+
+def figure_6_5(folder: Path, maps: Path) -> None:
+    """A figure of the report on the thesis; minutes."""
+    of_report("S14_x_branches", "figure_6_5", folder, maps)
+
+
+def joints_x(folder: Path, maps: Path) -> None:
+    """Both branches along x with joints; minutes, unless the runs are cached."""
+    of_report("S14_x_joints", "joints_x", folder, maps)
+
+
+def joints_y(folder: Path, maps: Path) -> None:
+    """The same along y."""
+    of_report("S14_y_joints", "joints_y", folder, maps)
+
+
+def of_report(part: str, name: str, folder: Path, maps: Path) -> None:
+    """The figure of one part of the report on the thesis."""
+    command("thesis", part, "--report", str(folder / "report"), "--maps", str(maps))
+    for scheme in ("", DARK):
+        found = [*(folder / "report" / "plots").glob(f"*{scheme}.png")]
+        plot = next(path for path in found if path.stem.endswith(DARK) == bool(scheme))
+        shutil.copy(plot, folder / f"{name}{scheme}.png")
+
+
+PICTURES: tuple[Draw, ...] = (
+    app, drive_unit, figure_6_5, joints_x, joints_y, pole_disk, reachable, show, workspace,
+)  # fmt: skip
+
+
+def main() -> None:
+    """Draw, and print the paths."""
+    known = {draw.__name__: draw for draw in PICTURES}
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("names", nargs="*", metavar="NAME", choices=[*known, []], help="all unless given")
+    parser.add_argument("--maps", default="maps/out", type=Path, metavar="FOLDER", help="default: maps/out")
+    given = parser.parse_args()
+    for name in given.names or known:
+        with TemporaryDirectory() as folder:
+            known[name](Path(folder), given.maps.resolve())
+            for file in (f"{name}.png", f"{name}{DARK}.png"):
+                print(shutil.copy(Path(folder) / file, IMAGES / file))
+
+
+if __name__ == "__main__":
+    main()
