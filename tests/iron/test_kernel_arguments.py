@@ -85,6 +85,5 @@ def test_points_of_charged_faces():
     def ask(points):
         return faces.field(points, density), *faces.field_and_gradient(points, density)
 
-    kernels = charged_surface.surface_field, charged_surface.surface_field_and_gradient
     for other in (fixed, np.asfortranarray(points)):
-        same(ask, points, other, *kernels)
+        same(ask, points, other, charged_surface.surface_field)

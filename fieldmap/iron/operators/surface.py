@@ -6,7 +6,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from fieldmap.kernels.iron.charged_surface import surface_field, surface_field_and_gradient
+from fieldmap.kernels.iron.charged_surface import surface_field
 from fieldmap.kernels.iron.charged_surface_gradient import surface_gradient
 from fieldmap.kernels.iron.charged_surface_weights import surface_weights
 from fieldmap.kernels.iron.mutual_potential import copy_lower, mutual_potential
@@ -106,18 +106,17 @@ class ChargedFaces(Record):
 
     def field(self, points: Array, density: Array) -> Array:
         """Field (c, n, 3) at points (n, 3) for densities (c, m); in the unit of the density."""
-        at = _for_kernels(points)
-        out = np.empty((len(density), len(at), 3))
-        given = (at, self.corners, self.normals, self._as_charges, density, out)
-        over_rows(surface_field, len(at), *given, work=len(self.areas))
-        return out
+        return self._filled(points, density, 0)[0]
 
     def field_and_gradient(self, points: Array, density: Array) -> tuple[Array, Array]:
         """Field (c, n, 3) and gradient (c, n, 3, 3) at points (n, 3) for densities (c, m)."""
+        return self._filled(points, density, len(points))
+
+    def _filled(self, points: Array, density: Array, gradients: int) -> tuple[Array, Array]:
         at = _for_kernels(points)
-        field, gradient = np.empty((len(density), len(at), 3)), np.empty((len(density), len(at), 3, 3))
+        field, gradient = np.empty((len(density), len(at), 3)), np.empty((len(density), gradients, 3, 3))
         given = (at, self.corners, self.normals, self._as_charges, density, field, gradient)
-        over_rows(surface_field_and_gradient, len(at), *given, work=len(self.areas))
+        over_rows(surface_field, len(at), *given, work=len(self.areas))
         return field, gradient
 
     def weights(self, points: Array, by_field: Array, by_gradient: Array) -> Array:

@@ -7,13 +7,18 @@ closed path.
 """
 
 import math
+from collections.abc import Callable
+from typing import Any
 
 from fieldmap.kernels.coils.elementary import exp
+from fieldmap.kernels.coils.filament import filament, filament_slice, section_points
 from fieldmap.kernels.coils.quadrature import even_points, graded_points, section_distance
-from fieldmap.kernels.coils.slice import arc_slice, arc_slice_gradient
+from fieldmap.kernels.coils.slice import arc_slice
 from fieldmap.kernels.compilation import inlined, njit
 from fieldmap.kernels.gauss import GAUSS_NODES, GAUSS_WEIGHTS, gauss_start
 from fieldmap.typing import Array
+
+ArcIntegrals = tuple[float, float, float, float, float, float, float, float, float]
 
 MOST_EVEN = 16
 MOST_AZIMUTHS = 128  # two panels of the longest rule
@@ -116,30 +121,21 @@ def arc_azimuths(
 
 
 @inlined(fastmath={"reassoc"})
-def arc_sum(
-    azimuths: Array, n: int, px: float, py: float, r1: float, r2: float, h1: float, h2: float
-) -> tuple[float, float, float]:
-    """Field integrals along the axes of the arc's frame."""
-    bx, by, bz = 0.0, 0.0, 0.0
+def _arc_sum(
+    slice_of: Callable[..., Any],
+    total: ArcIntegrals,
+    factor: float,
+    azimuths: Array,
+    n: int,
+    px: float,
+    py: float,
+    *section: float,
+) -> ArcIntegrals:
+    """total and `factor` times the sum over n azimuths of slice_of(X, v, *section)."""
+    bx, by, bz, g00, g01, g02, g10, g11, g12 = total
     for k in range(n):
-        c, s, weight = azimuths[0, k], azimuths[1, k], azimuths[2, k]
-        outward, axial = arc_slice(px * c + py * s, py * c - px * s, r1, r2, h1, h2)
-        bx += weight * c * outward
-        by += weight * s * outward
-        bz += weight * axial
-    return bx, by, bz
-
-
-@inlined(fastmath={"reassoc"})
-def arc_sum_gradient(
-    azimuths: Array, n: int, px: float, py: float, r1: float, r2: float, h1: float, h2: float
-) -> tuple[float, float, float, float, float, float, float, float, float]:
-    """Field integrals (3) and the derivatives of the in-plane ones along the axes of the arc's frame, row by row."""
-    bx, by, bz = 0.0, 0.0, 0.0
-    g00, g01, g02, g10, g11, g12 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    for k in range(n):
-        c, s, weight = azimuths[0, k], azimuths[1, k], azimuths[2, k]
-        outward, axial, dX, dv, dz = arc_slice_gradient(px * c + py * s, py * c - px * s, r1, r2, h1, h2)
+        c, s, weight = azimuths[0, k], azimuths[1, k], factor * azimuths[2, k]
+        outward, axial, dX, dv, dz = slice_of(px * c + py * s, py * c - px * s, *section)
         wc, ws = weight * c, weight * s
         d0, d1 = c * dX - s * dv, s * dX + c * dv
         bx += wc * outward
@@ -152,3 +148,31 @@ def arc_sum_gradient(
         g11 += ws * d1
         g12 += ws * dz
     return bx, by, bz, g00, g01, g02, g10, g11, g12
+
+
+@inlined
+def arc_integrals(
+    azimuths: Array,
+    n: int,
+    px: float,
+    py: float,
+    r1: float,
+    r2: float,
+    h1: float,
+    h2: float,
+    gap: float,
+    digits: float,
+) -> ArcIntegrals:
+    """Field integrals (3) and the derivatives of the in-plane ones along the axes of the arc's frame, row by row.
+
+    gap: 0 for the exact section, or a distance that the winding has at least: then by filaments.
+    """
+    total = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    if gap == 0.0:
+        return _arc_sum(arc_slice, total, 1.0, azimuths, n, px, py, r1, r2, h1, h2)
+    nr, nz = section_points(r1, r2, h1, h2, gap, digits)
+    for i in range(nr):
+        for j in range(nz):
+            r, h, area = filament(nr, i, nz, j, r1, r2, h1, h2)
+            total = _arc_sum(filament_slice, total, area * r, azimuths, n, px, py, r, h)
+    return total

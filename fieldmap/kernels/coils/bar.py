@@ -7,19 +7,25 @@ times the density. A bar alone is no closed current: its field is of use only in
 """
 
 import math
+from collections.abc import Callable
+from typing import Any
 
 from fieldmap.kernels.coils.elementary import log
+from fieldmap.kernels.coils.filament import filament, filament_slice, section_points
 from fieldmap.kernels.coils.quadrature import even_points, section_distance
-from fieldmap.kernels.coils.slice import angle_difference, bar_slice, bar_slice_gradient, log_ratio
+from fieldmap.kernels.coils.slice import angle_difference, bar_slice, log_ratio
 from fieldmap.kernels.compilation import inlined, njit
 from fieldmap.kernels.gauss import GAUSS_NODES, GAUSS_WEIGHTS, gauss_start
 from fieldmap.typing import Array
 
+BarIntegrals = tuple[float, float, float, float, float]
+
 _MOST_SLICES = 24  # in slices; the closed form costs about as much
+_MOST_FAR = 32
 
 
 @inlined
-def bar_points(
+def _bar_points(
     v1: float, v2: float, X: float, r1: float, r2: float, h1: float, h2: float, limits: Array
 ) -> int:
     """Points along the bar, or 0 for closed form."""
@@ -48,9 +54,7 @@ def _plane(a: float, b1: float, b2: float, c1: float, c2: float) -> tuple[float,
 
 
 @njit
-def bar_closed_form(
-    v1: float, v2: float, u1: float, u2: float, h1: float, h2: float
-) -> tuple[float, float, float, float, float]:
+def bar_closed_form(v1: float, v2: float, u1: float, u2: float, h1: float, h2: float) -> BarIntegrals:
     """(outward, axial) of a whole bar and d(outward)/dX, /dv, /dz, eqs. (24)-(26); u = r - X, h1 > h2."""
     v_at_h1, _, angle_h1 = _plane(h1, v1, v2, u1, u2)
     v_at_h2, _, angle_h2 = _plane(h2, v1, v2, u1, u2)
@@ -69,42 +73,55 @@ def bar_closed_form(
 
 
 @inlined(fastmath={"reassoc"})
-def bar_integrals(
-    v1: float, v2: float, X: float, r1: float, r2: float, h1: float, h2: float, limits: Array
-) -> tuple[float, float]:
-    """(outward, axial) field integrals of a bar."""
-    n = bar_points(v1, v2, X, r1, r2, h1, h2, limits)
-    if n == 0:
-        whole = bar_closed_form(v1, v2, r1 - X, r2 - X, h1, h2)
-        return whole[0], whole[1]
-    outward, axial = 0.0, 0.0
+def _bar_sum(
+    slice_of: Callable[..., Any],
+    total: BarIntegrals,
+    factor: float,
+    n: int,
+    v1: float,
+    v2: float,
+    X: float,
+    *section: float,
+) -> BarIntegrals:
+    """total and `factor` times the sum over n points along the bar of slice_of(X, v, *section)."""
+    outward, axial, dX, dv, dz = total
     half, middle = 0.5 * (v2 - v1), 0.5 * (v1 + v2)
     start = gauss_start(n)
     for k in range(start, start + n):
-        weight = half * GAUSS_WEIGHTS[k]
-        a, b = bar_slice(X, middle + half * GAUSS_NODES[k], r1, r2, h1, h2)
-        outward += weight * a
-        axial += weight * b
-    return outward, axial
-
-
-@inlined(fastmath={"reassoc"})
-def bar_integrals_gradient(
-    v1: float, v2: float, X: float, r1: float, r2: float, h1: float, h2: float, limits: Array
-) -> tuple[float, float, float, float, float]:
-    """(outward, axial) and d(outward)/d(outward, current, z) of a bar."""
-    n = bar_points(v1, v2, X, r1, r2, h1, h2, limits)
-    if n == 0:
-        return bar_closed_form(v1, v2, r1 - X, r2 - X, h1, h2)
-    outward, axial, dX, dv, dz = 0.0, 0.0, 0.0, 0.0, 0.0
-    half, middle = 0.5 * (v2 - v1), 0.5 * (v1 + v2)
-    start = gauss_start(n)
-    for k in range(start, start + n):
-        weight = half * GAUSS_WEIGHTS[k]
-        a, b, c, d, e = bar_slice_gradient(X, middle + half * GAUSS_NODES[k], r1, r2, h1, h2)
+        weight = factor * half * GAUSS_WEIGHTS[k]
+        a, b, c, d, e = slice_of(X, middle + half * GAUSS_NODES[k], *section)
         outward += weight * a
         axial += weight * b
         dX += weight * c
         dv += weight * d
         dz += weight * e
     return outward, axial, dX, dv, dz
+
+
+@inlined
+def bar_integrals(
+    v1: float,
+    v2: float,
+    X: float,
+    r1: float,
+    r2: float,
+    h1: float,
+    h2: float,
+    limits: Array,
+    gap: float,
+    digits: float,
+) -> BarIntegrals:
+    """(outward, axial) and d(outward)/d(outward, current, z) of a bar; gap: of `arc.arc_integrals`."""
+    n = _bar_points(v1, v2, X, r1, r2, h1, h2, limits)
+    total = (0.0, 0.0, 0.0, 0.0, 0.0)
+    if gap == 0.0:
+        if n == 0:
+            return bar_closed_form(v1, v2, r1 - X, r2 - X, h1, h2)
+        return _bar_sum(bar_slice, total, 1.0, n, v1, v2, X, r1, r2, h1, h2)
+    n = _MOST_FAR if n == 0 else n
+    nr, nz = section_points(r1, r2, h1, h2, gap, digits)
+    for i in range(nr):
+        for j in range(nz):
+            r, h, area = filament(nr, i, nz, j, r1, r2, h1, h2)
+            total = _bar_sum(filament_slice, total, area, n, v1, v2, X, r, h)
+    return total

@@ -8,7 +8,6 @@ import math
 
 from fieldmap.kernels.compilation import inlined, njit
 from fieldmap.kernels.gauss import GAUSS_NODES, GAUSS_WEIGHTS, MOST_POINTS, gauss_start
-from fieldmap.typing import Array
 
 _NEAREST = 2.5  # extents of the winding: nearer, filaments converge too slowly
 _ROUNDING = 2.5e-15  # of the exact section's corner terms
@@ -26,7 +25,7 @@ def far_distance(size: float, volume: float, digits: float) -> float:
 
 
 @inlined
-def section_points(half: float, gap: float, digits: float) -> int:
+def _points(half: float, gap: float, digits: float) -> int:
     """Gauss-Legendre points over an extent of +-half of a winding at least `gap` away."""
     q = 1.0 + gap / half
     return min(MOST_POINTS, int((digits + 2.0) / (2.0 * math.log10(q + math.sqrt(q * q - 1.0)))) + 2)
@@ -42,77 +41,19 @@ def filament_slice(X: float, v: float, r: float, h: float) -> tuple[float, float
     return h * inverse3, u * inverse3, steep * u, -steep * v, inverse3 - steep * h
 
 
-@inlined(fastmath={"reassoc"})
-def far_arc(
-    azimuths: Array,
-    n: int,
-    px: float,
-    py: float,
-    r1: float,
-    r2: float,
-    h1: float,
-    h2: float,
-    gap: float,
-    digits: float,
-) -> tuple[float, float, float, float, float, float, float, float, float]:
-    """As `arc.arc_sum_gradient`, by filaments; the winding is at least `gap` away."""
+@inlined
+def section_points(r1: float, r2: float, h1: float, h2: float, gap: float, digits: float) -> tuple[int, int]:
+    """How many filaments across and along a section at least `gap` away, eq. (27)."""
+    return _points(0.5 * (r2 - r1), gap, digits), _points(0.5 * (h1 - h2), gap, digits)
+
+
+@inlined
+def filament(
+    nr: int, i: int, nz: int, j: int, r1: float, r2: float, h1: float, h2: float
+) -> tuple[float, float, float]:
+    """r, h and area of filament (i, j) of nr by nz."""
     half_r, half_z = 0.5 * (r2 - r1), 0.5 * (h1 - h2)
-    middle_r, middle_h = 0.5 * (r1 + r2), 0.5 * (h1 + h2)
-    nr, nz = section_points(half_r, gap, digits), section_points(half_z, gap, digits)
-    bx, by, bz = 0.0, 0.0, 0.0
-    g00, g01, g02, g10, g11, g12 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    for i in range(gauss_start(nr), gauss_start(nr + 1)):
-        r = middle_r + half_r * GAUSS_NODES[i]
-        for j in range(gauss_start(nz), gauss_start(nz + 1)):
-            h = middle_h + half_z * GAUSS_NODES[j]
-            area = half_r * half_z * GAUSS_WEIGHTS[i] * GAUSS_WEIGHTS[j] * r
-            for k in range(n):
-                c, s, weight = azimuths[0, k], azimuths[1, k], area * azimuths[2, k]
-                outward, axial, dX, dv, dz = filament_slice(px * c + py * s, py * c - px * s, r, h)
-                wc, ws = weight * c, weight * s
-                d0, d1 = c * dX - s * dv, s * dX + c * dv
-                bx += wc * outward
-                by += ws * outward
-                bz += weight * axial
-                g00 += wc * d0
-                g01 += wc * d1
-                g02 += wc * dz
-                g10 += ws * d0
-                g11 += ws * d1
-                g12 += ws * dz
-    return bx, by, bz, g00, g01, g02, g10, g11, g12
-
-
-@inlined(fastmath={"reassoc"})
-def far_bar(
-    n: int,
-    v1: float,
-    v2: float,
-    X: float,
-    r1: float,
-    r2: float,
-    h1: float,
-    h2: float,
-    gap: float,
-    digits: float,
-) -> tuple[float, float, float, float, float]:
-    """As `bar.bar_integrals_gradient`, by filaments with n points along the bar, at least `gap` away."""
-    half_r, half_z, half_v = 0.5 * (r2 - r1), 0.5 * (h1 - h2), 0.5 * (v2 - v1)
-    middle_r, middle_h, middle_v = 0.5 * (r1 + r2), 0.5 * (h1 + h2), 0.5 * (v1 + v2)
-    nr, nz = section_points(half_r, gap, digits), section_points(half_z, gap, digits)
-    outward, axial, dX, dv, dz = 0.0, 0.0, 0.0, 0.0, 0.0
-    start = gauss_start(n)
-    for i in range(gauss_start(nr), gauss_start(nr + 1)):
-        r = middle_r + half_r * GAUSS_NODES[i]
-        for j in range(gauss_start(nz), gauss_start(nz + 1)):
-            h = middle_h + half_z * GAUSS_NODES[j]
-            area = half_r * half_z * half_v * GAUSS_WEIGHTS[i] * GAUSS_WEIGHTS[j]
-            for k in range(n):
-                weight = area * GAUSS_WEIGHTS[start + k]
-                a, b, c, d, e = filament_slice(X, middle_v + half_v * GAUSS_NODES[start + k], r, h)
-                outward += weight * a
-                axial += weight * b
-                dX += weight * c
-                dv += weight * d
-                dz += weight * e
-    return outward, axial, dX, dv, dz
+    i += gauss_start(nr)
+    j += gauss_start(nz)
+    r, h = 0.5 * (r1 + r2) + half_r * GAUSS_NODES[i], 0.5 * (h1 + h2) + half_z * GAUSS_NODES[j]
+    return r, h, half_r * half_z * GAUSS_WEIGHTS[i] * GAUSS_WEIGHTS[j]

@@ -2,6 +2,8 @@
 
 import math
 
+import numpy as np
+
 from fieldmap.kernels.compilation import inlined, njit
 from fieldmap.typing import Array
 
@@ -39,8 +41,35 @@ def set_gradient(out: Array, x: float, y: float, radial: float, dz: float, drho:
 
 
 @njit
-def to_meridian(points: Array, rho: Array, z: Array) -> None:
-    """Distance from the axis and height of points (n, 3), written to rho and z."""
-    for i in range(len(points)):
-        rho[i] = math.sqrt(points[i, 0] * points[i, 0] + points[i, 1] * points[i, 1])
-        z[i] = points[i, 2]
+def meridian_block(points: Array, block: int) -> tuple[Array, Array, Array, Array, Array, Array]:
+    """Distances from the axis and heights of the points (n, 3) of one block, and rows for B_rho / rho, B_z, dB_z/dz and
+    dB_z/drho there."""
+    first, last = block * BLOCK, min(len(points), (block + 1) * BLOCK)
+    rows = np.empty((6, last - first))
+    rho, z = rows[0], rows[1]
+    for i in range(last - first):
+        x, y = points[first + i, 0], points[first + i, 1]
+        rho[i] = math.sqrt(x * x + y * y)
+        z[i] = points[first + i, 2]
+    return rho, z, rows[2], rows[3], rows[4], rows[5]
+
+
+@njit
+def set_block(
+    block: int,
+    points: Array,
+    radial: Array,
+    axial: Array,
+    dz: Array,
+    drho: Array,
+    field: Array,
+    gradient: Array,
+) -> None:
+    """Write what the rows of `meridian_block` give to field (n, 3) and, unless it is empty, to gradient (n, 3, 3)."""
+    first = block * BLOCK
+    for i in range(len(radial)):
+        set_field(field[first + i], points[first + i, 0], points[first + i, 1], radial[i], axial[i])
+    if len(gradient) > 0:
+        for i in range(len(radial)):
+            x, y = points[first + i, 0], points[first + i, 1]
+            set_gradient(gradient[first + i], x, y, radial[i], dz[i], drho[i], 0.0)

@@ -10,13 +10,13 @@ import math
 import numpy as np
 
 from fieldmap.constants import MU0_OVER_4PI
-from fieldmap.kernels.coils.arc import MOST_AZIMUTHS, arc_azimuths, arc_sum, arc_sum_gradient, even_azimuths
-from fieldmap.kernels.coils.bar import bar_integrals, bar_integrals_gradient, bar_points
-from fieldmap.kernels.coils.filament import far_arc, far_bar, far_distance
+from fieldmap.kernels.coils.arc import MOST_AZIMUTHS, arc_azimuths, arc_integrals, even_azimuths
+from fieldmap.kernels.coils.bar import bar_integrals
+from fieldmap.kernels.coils.fields import flux_density, flux_density_and_gradient
+from fieldmap.kernels.coils.filament import far_distance
 from fieldmap.kernels.coils.pieces import Arc, Bar
 from fieldmap.kernels.coils.quadrature import rule_limits
 from fieldmap.kernels.compilation import inlined, njit
-from fieldmap.threads import over_rows
 from fieldmap.typing import Array
 
 _WORK = 400.0  # of one point: some microseconds
@@ -31,45 +31,6 @@ def _arc(rows: Array, k: int) -> Arc:
 @njit(inline="always")
 def _bar(rows: Array, k: int) -> Bar:
     return Bar(rows[k, 0], rows[k, 1], rows[k, 2], rows[k, 3], rows[k, 4])
-
-
-@inlined
-def add_arc(
-    B: Array,
-    arc: Arc,
-    x: float,
-    y: float,
-    h1: float,
-    h2: float,
-    even: Array,
-    limits: Array,
-    azimuths: Array,
-) -> None:
-    """Add one arc's field integral to B (3,)."""
-    px, py = x - arc.x, y - arc.y
-    mx, my = arc.middle_x, arc.middle_y
-    px, py = px * mx + py * my, py * mx - px * my
-    n = arc_azimuths(px, py, arc.inner, arc.outer, h1, h2, even, limits, azimuths)
-    bx, by, bz = arc_sum(azimuths, n, px, py, arc.inner, arc.outer, h1, h2)
-    B[0] += arc.sense * (mx * bx - my * by)
-    B[1] += arc.sense * (my * bx + mx * by)
-    B[2] += arc.sense * bz
-
-
-@inlined
-def add_bar(
-    B: Array, bar: Bar, half_thickness: float, x: float, y: float, h1: float, h2: float, limits: Array
-) -> None:
-    """Add one bar's field integral to B (3,)."""
-    tx, ty = bar.along_x, bar.along_y
-    px, py = x - bar.x, y - bar.y
-    v, X = px * tx + py * ty, px * ty - py * tx
-    outward, axial = bar_integrals(
-        v - bar.half_length, v + bar.half_length, X, -half_thickness, half_thickness, h1, h2, limits
-    )
-    B[0] += ty * outward
-    B[1] -= tx * outward
-    B[2] += axial
 
 
 @inlined
@@ -89,7 +50,7 @@ def add_in_plane_gradient(
 
 
 @inlined
-def add_arc_gradient(
+def add_arc(
     B: Array,
     G: Array,
     arc: Arc,
@@ -100,13 +61,15 @@ def add_arc_gradient(
     even: Array,
     limits: Array,
     azimuths: Array,
+    gap: float,
+    digits: float,
 ) -> None:
-    """Add one arc's field integral to B (3,) and the gradient of its in-plane part to G[:2]."""
+    """Add one arc's field integral to B (3,) and the gradient of its in-plane part to G[:2]; gap of `arc_integrals`."""
     px, py = x - arc.x, y - arc.y
     mx, my = arc.middle_x, arc.middle_y
     px, py = px * mx + py * my, py * mx - px * my
     n = arc_azimuths(px, py, arc.inner, arc.outer, h1, h2, even, limits, azimuths)
-    r = arc_sum_gradient(azimuths, n, px, py, arc.inner, arc.outer, h1, h2)
+    r = arc_integrals(azimuths, n, px, py, arc.inner, arc.outer, h1, h2, gap, digits)
     s = arc.sense
     B[0] += s * (mx * r[0] - my * r[1])
     B[1] += s * (my * r[0] + mx * r[1])
@@ -115,7 +78,7 @@ def add_arc_gradient(
 
 
 @inlined
-def add_bar_gradient(
+def add_bar(
     B: Array,
     G: Array,
     bar: Bar,
@@ -125,14 +88,14 @@ def add_bar_gradient(
     h1: float,
     h2: float,
     limits: Array,
+    gap: float,
+    digits: float,
 ) -> None:
-    """Add one bar's field integral to B (3,) and the gradient of its in-plane part to G[:2]."""
-    tx, ty = bar.along_x, bar.along_y
+    """Add one bar's field integral to B (3,) and the gradient of its in-plane part to G[:2]; gap of `arc_integrals`."""
+    tx, ty, half = bar.along_x, bar.along_y, bar.half_length
     px, py = x - bar.x, y - bar.y
     v, X = px * tx + py * ty, px * ty - py * tx
-    r = bar_integrals_gradient(
-        v - bar.half_length, v + bar.half_length, X, -half_thickness, half_thickness, h1, h2, limits
-    )
+    r = bar_integrals(v - half, v + half, X, -half_thickness, half_thickness, h1, h2, limits, gap, digits)
     B[0] += ty * r[0]
     B[1] -= tx * r[0]
     B[2] += r[1]
@@ -179,50 +142,6 @@ def extent(arcs: Array, bars: Array, thickness: float, height: float) -> tuple[f
     return 0.5 * (low_x + high_x), 0.5 * (low_y + high_y), size, 0.25 * width * depth
 
 
-@inlined
-def add_far(
-    B: Array,
-    G: Array,
-    arcs: Array,
-    bars: Array,
-    half_thickness: float,
-    x: float,
-    y: float,
-    h1: float,
-    h2: float,
-    gap: float,
-    even: Array,
-    limits: Array,
-    azimuths: Array,
-    digits: float,
-) -> None:
-    """Add the field integrals and in-plane gradients of all pieces, seen from `gap` or more away."""
-    t = half_thickness
-    for k in range(len(arcs)):
-        arc = _arc(arcs, k)
-        px, py = x - arc.x, y - arc.y
-        mx, my, s = arc.middle_x, arc.middle_y, arc.sense
-        px, py = px * mx + py * my, py * mx - px * my
-        n = arc_azimuths(px, py, arc.inner, arc.outer, h1, h2, even[k], limits, azimuths)
-        r = far_arc(azimuths, n, px, py, arc.inner, arc.outer, h1, h2, gap, digits)
-        B[0] += s * (mx * r[0] - my * r[1])
-        B[1] += s * (my * r[0] + mx * r[1])
-        B[2] += s * r[2]
-        add_in_plane_gradient(G, mx, my, s * r[3], s * r[4], s * r[5], s * r[6], s * r[7], s * r[8])
-    for k in range(len(bars)):
-        bar = _bar(bars, k)
-        tx, ty, half = bar.along_x, bar.along_y, bar.half_length
-        px, py = x - bar.x, y - bar.y
-        v, X = px * tx + py * ty, px * ty - py * tx
-        n = bar_points(v - half, v + half, X, -t, t, h1, h2, limits)
-        n = 32 if n == 0 else n
-        q = far_bar(n, v - half, v + half, X, -t, t, h1, h2, gap, digits)
-        B[0] += ty * q[0]
-        B[1] -= tx * q[0]
-        B[2] += q[1]
-        add_in_plane_gradient(G, ty, -tx, q[2], q[3], q[4], 0.0, 0.0, 0.0)
-
-
 @njit
 def _even_tables(arcs: Array) -> Array:
     tables = np.empty((len(arcs), 3, 25))
@@ -252,99 +171,39 @@ def _scale(vector: Array, factor: float) -> None:
 
 
 @njit(nogil=True)
-def _path_flux_density_rows(begin, end, points, arcs, bars, thickness, height, digits, field):
+def _path_rows(begin, end, points, arcs, bars, thickness, height, digits, field, gradient):
     factor = MU0_OVER_4PI / (thickness * height)
     limits, even = rule_limits(digits), _even_tables(arcs)
     mid_x, mid_y, size, quarter = extent(arcs, bars, thickness, height)
     far = far_distance(size, thickness * height * quarter, digits)
-    azimuths, unused = np.empty((3, MOST_AZIMUTHS)), np.empty((3, 3))
+    azimuths = np.empty((3, MOST_AZIMUTHS))
+    both, unwanted = len(gradient) > 0, np.zeros((3, 3))
     for i in range(begin, end):
         x, y, z = points[i, 0], points[i, 1], points[i, 2]
         h1, h2 = z + 0.5 * height, z - 0.5 * height
         distance = math.sqrt((x - mid_x) ** 2 + (y - mid_y) ** 2 + z * z)
-        if distance > far:
-            gap = distance - size
-            add_far(
-                field[i],
-                unused,
-                arcs,
-                bars,
-                0.5 * thickness,
-                x,
-                y,
-                h1,
-                h2,
-                gap,
-                even,
-                limits,
-                azimuths,
-                digits,
-            )
-            _scale(field[i], factor)
-            continue
+        B, G = field[i], gradient[i] if both else unwanted
+        gap = distance - size if distance > far else 0.0
         for k in range(len(arcs)):
-            add_arc(field[i], _arc(arcs, k), x, y, h1, h2, even[k], limits, azimuths)
+            add_arc(B, G, _arc(arcs, k), x, y, h1, h2, even[k], limits, azimuths, gap, digits)
         for k in range(len(bars)):
-            add_bar(field[i], _bar(bars, k), 0.5 * thickness, x, y, h1, h2, limits)
-        _scale(field[i], factor)
+            add_bar(B, G, _bar(bars, k), 0.5 * thickness, x, y, h1, h2, limits, gap, digits)
+        _scale(B, factor)
+        if both:
+            _close_gradient(G, arcs, bars, 0.5 * thickness, x, y, h1, h2)
+            for row in range(3):
+                _scale(G[row], factor)
 
 
 def path_flux_density(
     points: Array, arcs: Array, bars: Array, thickness: float, height: float, digits: float
 ) -> Array:
     """B (n, 3) in T per ampere-turn at points (n, 3) in m, to about `digits` digits."""
-    count = len(points)
-    field = np.zeros((count, 3))
-    over_rows(
-        _path_flux_density_rows, count, points, arcs, bars, thickness, height, digits, field, work=_WORK
-    )
-    return field
-
-
-@njit(nogil=True)
-def _path_flux_density_and_gradient_rows(
-    begin, end, points, arcs, bars, thickness, height, digits, field, gradient
-):
-    factor = MU0_OVER_4PI / (thickness * height)
-    limits, even = rule_limits(digits), _even_tables(arcs)
-    mid_x, mid_y, size, quarter = extent(arcs, bars, thickness, height)
-    far = far_distance(size, thickness * height * quarter, digits)
-    azimuths = np.empty((3, MOST_AZIMUTHS))
-    for i in range(begin, end):
-        x, y, z = points[i, 0], points[i, 1], points[i, 2]
-        h1, h2 = z + 0.5 * height, z - 0.5 * height
-        B, G = field[i], gradient[i]
-        distance = math.sqrt((x - mid_x) ** 2 + (y - mid_y) ** 2 + z * z)
-        if distance > far:
-            gap = distance - size
-            add_far(B, G, arcs, bars, 0.5 * thickness, x, y, h1, h2, gap, even, limits, azimuths, digits)
-        else:
-            for k in range(len(arcs)):
-                add_arc_gradient(B, G, _arc(arcs, k), x, y, h1, h2, even[k], limits, azimuths)
-            for k in range(len(bars)):
-                add_bar_gradient(B, G, _bar(bars, k), 0.5 * thickness, x, y, h1, h2, limits)
-        _close_gradient(G, arcs, bars, 0.5 * thickness, x, y, h1, h2)
-        _scale(B, factor)
-        for row in range(3):
-            _scale(G[row], factor)
+    return flux_density(_path_rows, points, arcs, bars, thickness, height, digits, work=_WORK)
 
 
 def path_flux_density_and_gradient(
     points: Array, arcs: Array, bars: Array, thickness: float, height: float, digits: float
 ) -> tuple[Array, Array]:
     """B (n, 3) in T and its gradient (n, 3, 3) in T/m per ampere-turn."""
-    field, gradient = np.zeros((len(points), 3)), np.zeros((len(points), 3, 3))
-    over_rows(
-        _path_flux_density_and_gradient_rows,
-        len(points),
-        points,
-        arcs,
-        bars,
-        thickness,
-        height,
-        digits,
-        field,
-        gradient,
-        work=_WORK,
-    )
-    return field, gradient
+    return flux_density_and_gradient(_path_rows, points, arcs, bars, thickness, height, digits, work=_WORK)

@@ -10,13 +10,13 @@ import math
 import numpy as np
 
 from fieldmap.constants import MU0_OVER_4PI
-from fieldmap.kernels.coils.arc import MOST_AZIMUTHS, arc_sum, arc_sum_gradient, graded_panel
-from fieldmap.kernels.coils.filament import far_arc, far_distance
+from fieldmap.kernels.coils.arc import MOST_AZIMUTHS, arc_integrals, graded_panel
+from fieldmap.kernels.coils.fields import flux_density, flux_density_and_gradient
+from fieldmap.kernels.coils.filament import far_distance
 from fieldmap.kernels.coils.meridian import set_field, set_gradient
 from fieldmap.kernels.coils.quadrature import MARGIN, STEP, rule_limits, section_distance
 from fieldmap.kernels.compilation import njit
 from fieldmap.kernels.gauss import GAUSS_NODES, GAUSS_WEIGHTS, gauss_start
-from fieldmap.threads import over_rows
 from fieldmap.typing import Array
 
 _WORK = 400.0  # of one point: some microseconds
@@ -81,7 +81,8 @@ def ring_azimuths(
     n = 0 if inside else _equal_points(nearness2, digits)
     if n > 0:
         for row in range(3):
-            azimuths[row, :n] = tables[n // STEP - 1, row, :n]
+            for k in range(n):
+                azimuths[row, k] = tables[n // STEP - 1, row, k]
         return n
     kappa = math.sqrt(nearness2 / (1.0 + nearness2))
     n = graded_panel(azimuths, 0, 0.0, 1.0, kappa, 1.0, 0.0, limits)
@@ -89,7 +90,7 @@ def ring_azimuths(
 
 
 @njit(nogil=True)
-def _ring_flux_density_rows(begin, end, points, inner, outer, height, digits, field):
+def _ring_rows(begin, end, points, inner, outer, height, digits, field, gradient):
     half = 0.5 * height
     factor = 2.0 * MU0_OVER_4PI / ((outer - inner) * height)
     limits, tables = rule_limits(digits), _equal_tables()
@@ -100,67 +101,26 @@ def _ring_flux_density_rows(begin, end, points, inner, outer, height, digits, fi
         x, y, z = points[i, 0], points[i, 1], points[i, 2]
         rho = math.sqrt(x * x + y * y)
         distance = math.sqrt(rho * rho + z * z)
+        gap = distance - size if distance > far else 0.0
         h1, h2 = z + half, z - half
         n = ring_azimuths(rho, inner, outer, h1, h2, tables, limits, digits, azimuths)
-        if distance > far:
-            radial, _, axial, _, _, _, _, _, _ = far_arc(
-                azimuths, n, rho, 0.0, inner, outer, h1, h2, distance - size, digits
-            )
-        else:
-            radial, _, axial = arc_sum(azimuths, n, rho, 0.0, inner, outer, h1, h2)
-        set_field(field[i], x, y, factor * radial / max(rho, 1e-300), factor * axial)
+        r = arc_integrals(azimuths, n, rho, 0.0, inner, outer, h1, h2, gap, digits)
+        set_field(field[i], x, y, factor * r[0] / max(rho, 1e-300), factor * r[2])
+        if len(gradient) > 0:
+            within = inner < rho < outer and h1 > 0.0 and h2 < 0.0
+            curl = 2.0 * math.pi if within else 0.0
+            around = factor * r[7]  # B_rho / rho, also on the axis
+            dz = -factor * (r[3] + r[7])
+            set_gradient(gradient[i], x, y, around, dz, factor * (r[5] - curl), factor * curl)
 
 
 def ring_flux_density(points: Array, inner: float, outer: float, height: float, digits: float) -> Array:
     """B (n, 3) in T per ampere-turn at points (n, 3) in m, to about `digits` digits."""
-    count = len(points)
-    field = np.empty((count, 3))
-    over_rows(_ring_flux_density_rows, count, points, inner, outer, height, digits, field, work=_WORK)
-    return field
-
-
-@njit(nogil=True)
-def _ring_flux_density_and_gradient_rows(begin, end, points, inner, outer, height, digits, field, gradient):
-    half = 0.5 * height
-    factor = 2.0 * MU0_OVER_4PI / ((outer - inner) * height)
-    limits, tables = rule_limits(digits), _equal_tables()
-    size = math.sqrt(outer * outer + half * half)
-    far = far_distance(size, (outer - inner) * height * outer * outer, digits)
-    azimuths = np.empty((3, MOST_AZIMUTHS))
-    for i in range(begin, end):
-        x, y, z = points[i, 0], points[i, 1], points[i, 2]
-        rho = math.sqrt(x * x + y * y)
-        distance = math.sqrt(rho * rho + z * z)
-        h1, h2 = z + half, z - half
-        n = ring_azimuths(rho, inner, outer, h1, h2, tables, limits, digits, azimuths)
-        if distance > far:
-            r = far_arc(azimuths, n, rho, 0.0, inner, outer, h1, h2, distance - size, digits)
-        else:
-            r = arc_sum_gradient(azimuths, n, rho, 0.0, inner, outer, h1, h2)
-        within = inner < rho < outer and h1 > 0.0 and h2 < 0.0
-        curl = 2.0 * math.pi if within else 0.0
-        around = factor * r[7]  # B_rho / rho, also on the axis
-        set_field(field[i], x, y, factor * r[0] / max(rho, 1e-300), factor * r[2])
-        dz = -factor * (r[3] + r[7])
-        set_gradient(gradient[i], x, y, around, dz, factor * (r[5] - curl), factor * curl)
+    return flux_density(_ring_rows, points, inner, outer, height, digits, work=_WORK)
 
 
 def ring_flux_density_and_gradient(
     points: Array, inner: float, outer: float, height: float, digits: float
 ) -> tuple[Array, Array]:
     """B (n, 3) in T and its gradient (n, 3, 3) in T/m, per ampere-turn, at points (n, 3) in m."""
-    count = len(points)
-    field, gradient = np.empty((count, 3)), np.empty((count, 3, 3))
-    over_rows(
-        _ring_flux_density_and_gradient_rows,
-        count,
-        points,
-        inner,
-        outer,
-        height,
-        digits,
-        field,
-        gradient,
-        work=_WORK,
-    )
-    return field, gradient
+    return flux_density_and_gradient(_ring_rows, points, inner, outer, height, digits, work=_WORK)

@@ -9,17 +9,16 @@ Gauss-Legendre points in z take their place. Singular on the rims; on the sheet 
 
 import math
 
-import numpy as np
-
 from fieldmap.constants import MU0_OVER_2PI
 from fieldmap.kernels.coils.elliptic import complete_integrals_three
-from fieldmap.kernels.coils.loop import loop_meridian_gradient
-from fieldmap.kernels.coils.meridian import BLOCK, set_field, set_gradient, to_meridian
+from fieldmap.kernels.coils.fields import flux_density, flux_density_and_gradient
+from fieldmap.kernels.coils.loop import loop_meridian
+from fieldmap.kernels.coils.meridian import BLOCK, meridian_block, set_block
 from fieldmap.kernels.compilation import inlined, njit
 from fieldmap.kernels.gauss import GAUSS_NODES, GAUSS_WEIGHTS, gauss_start
-from fieldmap.threads import over_rows
 from fieldmap.typing import Array
 
+_WORK = 60.0 * BLOCK
 _LOST = 2e3  # rounding errors that closed form may lose by cancellation
 
 
@@ -41,16 +40,7 @@ def _end(a: float, rho: float, z: float) -> tuple[float, float, float, float]:
 
 
 @inlined
-def sheet_meridian(a: float, half: float, rho: float, z: float) -> tuple[float, float]:
-    """(B_rho / rho, B_z) of a sheet of radius a and half height `half` at (rho, z), closed form."""
-    upper_potential, upper_third, _, _ = _end(a, rho, z - half)
-    lower_potential, lower_third, _, _ = _end(a, rho, z + half)
-    density = 0.5 / half
-    return density * (upper_potential - lower_potential), density * (lower_third - upper_third)
-
-
-@inlined
-def sheet_meridian_gradient(a: float, half: float, rho: float, z: float) -> tuple[float, float, float, float]:
+def sheet_meridian(a: float, half: float, rho: float, z: float) -> tuple[float, float, float, float]:
     """(B_rho / rho, B_z, dB_z/dz, dB_z/drho) of the sheet at (rho, z), closed form."""
     upper_potential, upper_third, upper_radial, upper_axial = _end(a, rho, z - half)
     lower_potential, lower_third, lower_radial, lower_axial = _end(a, rho, z + half)
@@ -74,11 +64,11 @@ def far_points(a: float, half: float, rho: float, z: float) -> int:
 
 @inlined(fastmath={"reassoc"})
 def far_sheet(a: float, half: float, rho: float, z: float, n: int) -> tuple[float, float, float, float]:
-    """As `sheet_meridian_gradient`, by n loops."""
+    """As `sheet_meridian`, by n loops."""
     radial, axial, dz, drho = 0.0, 0.0, 0.0, 0.0
     start = gauss_start(n)
     for k in range(start, start + n):
-        one, two, three, four = loop_meridian_gradient(a, rho, z - half * GAUSS_NODES[k])
+        one, two, three, four = loop_meridian(a, rho, z - half * GAUSS_NODES[k])
         weight = 0.5 * GAUSS_WEIGHTS[k]
         radial += weight * one
         axial += weight * two
@@ -88,84 +78,31 @@ def far_sheet(a: float, half: float, rho: float, z: float, n: int) -> tuple[floa
 
 
 @njit
-def _sheet_block(a: float, half: float, rho: Array, z: Array, radial: Array, axial: Array) -> None:
-    for i in range(len(rho)):
-        radial[i], axial[i] = sheet_meridian(a, half, rho[i], z[i])
-
-
-@njit
-def _sheet_gradient_block(
+def _sheet_block(
     a: float, half: float, rho: Array, z: Array, radial: Array, axial: Array, dz: Array, drho: Array
 ) -> None:
     for i in range(len(rho)):
-        radial[i], axial[i], dz[i], drho[i] = sheet_meridian_gradient(a, half, rho[i], z[i])
+        radial[i], axial[i], dz[i], drho[i] = sheet_meridian(a, half, rho[i], z[i])
 
 
 @njit(nogil=True)
-def _sheet_flux_density_rows(begin, end, points, radius, height, field):
-    count, half = len(points), 0.5 * height
+def _sheet_rows(begin, end, points, radius, height, field, gradient):
+    half = 0.5 * height
     for block in range(begin, end):
-        first, last = block * BLOCK, min(count, (block + 1) * BLOCK)
-        here, B = points[first:last], field[first:last]
-        work = np.empty((4, last - first))
-        rho, z, radial, axial = work[0], work[1], work[2], work[3]
-        to_meridian(here, rho, z)
-        _sheet_block(radius, half, rho, z, radial, axial)
-        for i in range(last - first):
+        rho, z, radial, axial, dz, drho = meridian_block(points, block)
+        _sheet_block(radius, half, rho, z, radial, axial, dz, drho)
+        for i in range(len(rho)):
             n = far_points(radius, half, rho[i], z[i])
             if n > 0:
-                radial[i], axial[i], _, _ = far_sheet(radius, half, rho[i], z[i], n)
-        for i in range(last - first):
-            set_field(B[i], here[i, 0], here[i, 1], radial[i], axial[i])
+                radial[i], axial[i], dz[i], drho[i] = far_sheet(radius, half, rho[i], z[i], n)
+        set_block(block, points, radial, axial, dz, drho, field, gradient)
 
 
 def sheet_flux_density(points: Array, radius: float, height: float) -> Array:
     """B (n, 3) in T per ampere-turn at points (n, 3) in m."""
-    count = len(points)
-    field = np.empty((count, 3))
-    over_rows(
-        _sheet_flux_density_rows,
-        (count + BLOCK - 1) // BLOCK,
-        points,
-        radius,
-        height,
-        field,
-        work=40.0 * BLOCK,
-    )
-    return field
-
-
-@njit(nogil=True)
-def _sheet_flux_density_and_gradient_rows(begin, end, points, radius, height, field, gradient):
-    count, half = len(points), 0.5 * height
-    for block in range(begin, end):
-        first, last = block * BLOCK, min(count, (block + 1) * BLOCK)
-        here, B, G = points[first:last], field[first:last], gradient[first:last]
-        work = np.empty((6, last - first))
-        rho, z, radial, axial, dz, drho = work[0], work[1], work[2], work[3], work[4], work[5]
-        to_meridian(here, rho, z)
-        _sheet_gradient_block(radius, half, rho, z, radial, axial, dz, drho)
-        for i in range(last - first):
-            n = far_points(radius, half, rho[i], z[i])
-            if n > 0:
-                radial[i], axial[i], dz[i], drho[i] = far_sheet(radius, half, rho[i], z[i], n)
-        for i in range(last - first):
-            set_field(B[i], here[i, 0], here[i, 1], radial[i], axial[i])
-            set_gradient(G[i], here[i, 0], here[i, 1], radial[i], dz[i], drho[i], 0.0)
+    return flux_density(_sheet_rows, points, radius, height, work=_WORK, block=BLOCK)
 
 
 def sheet_flux_density_and_gradient(points: Array, radius: float, height: float) -> tuple[Array, Array]:
     """B (n, 3) in T and its gradient (n, 3, 3) in T/m, per ampere-turn, at points (n, 3) in m."""
-    count = len(points)
-    field, gradient = np.empty((count, 3)), np.empty((count, 3, 3))
-    over_rows(
-        _sheet_flux_density_and_gradient_rows,
-        (count + BLOCK - 1) // BLOCK,
-        points,
-        radius,
-        height,
-        field,
-        gradient,
-        work=60.0 * BLOCK,
-    )
-    return field, gradient
+    return flux_density_and_gradient(_sheet_rows, points, radius, height, work=_WORK, block=BLOCK)

@@ -41,29 +41,10 @@ def angle_difference(n1: float, d1: float, n2: float, d2: float) -> float:
 
 
 @njit(forceinline=True)
-def arc_slice(X: float, v: float, r1: float, r2: float, h1: float, h2: float) -> tuple[float, float]:
-    """(outward, axial) field integral of an arc's slice, eqs. (17) and (18)."""
-    u1, u2 = r1 - X, r2 - X
-    v2, k1, k2 = v * v, h1 * h1, h2 * h2
-    w1, w2 = u1 * u1 + v2, u2 * u2 + v2
-    R11, R12 = math.sqrt(w1 + k1), math.sqrt(w1 + k2)
-    R21, R22 = math.sqrt(w2 + k1), math.sqrt(w2 + k2)
-    L1 = log(log_ratio(u1, R11, u2, R21, v2 + k1))
-    L2 = log(log_ratio(u1, R12, u2, R22, v2 + k2))
-    Z = log(log_ratio(h2, R12, h1, R11, w1) / log_ratio(h2, R22, h1, R21, w2))
-    q = abs(v)
-    T = angle_difference(u1 * h2, q * R12, u2 * h2, q * R22) - angle_difference(
-        u1 * h1, q * R11, u2 * h1, q * R21
-    )
-    outward = (R22 - R12) - (R21 - R11) + X * (L2 - L1)
-    return outward, X * Z - h2 * L2 + h1 * L1 + q * T
-
-
-@njit(forceinline=True)
-def arc_slice_gradient(
+def arc_slice(
     X: float, v: float, r1: float, r2: float, h1: float, h2: float
 ) -> tuple[float, float, float, float, float]:
-    """(outward, axial) of an arc's slice and d(outward)/dX, /dv, /dz, eq. (19)."""
+    """(outward, axial) of an arc's slice and d(outward)/dX, /dv, /dz, eqs. (17)-(19)."""
     u1, u2 = r1 - X, r2 - X
     v2, k1, k2 = v * v, h1 * h1, h2 * h2
     w1, w2 = u1 * u1 + v2, u2 * u2 + v2
@@ -89,20 +70,7 @@ def arc_slice_gradient(
 
 
 @njit(forceinline=True)
-def bar_slice(X: float, v: float, r1: float, r2: float, h1: float, h2: float) -> tuple[float, float]:
-    """(outward, axial) field integral of a bar's slice, eq. (20)."""
-    u1, u2 = r1 - X, r2 - X
-    v2, k1, k2 = v * v, h1 * h1, h2 * h2
-    w1, w2 = u1 * u1 + v2, u2 * u2 + v2
-    R11, R12 = math.sqrt(w1 + k1), math.sqrt(w1 + k2)
-    R21, R22 = math.sqrt(w2 + k1), math.sqrt(w2 + k2)
-    L = log(log_ratio(u1, R12, u2, R22, v2 + k2) / log_ratio(u1, R11, u2, R21, v2 + k1))
-    Z = log(log_ratio(h2, R12, h1, R11, w1) / log_ratio(h2, R22, h1, R21, w2))
-    return L, Z
-
-
-@njit(forceinline=True)
-def bar_slice_gradient(
+def bar_slice(
     X: float, v: float, r1: float, r2: float, h1: float, h2: float
 ) -> tuple[float, float, float, float, float]:
     """(outward, axial) of a bar's slice and d(outward)/dX, /dv, /dz, eq. (20)."""

@@ -164,7 +164,7 @@ def _rows():
 
 @inlined(**_PLAIN)
 def _add_sums(x, y, z, corners, normals, far, density, gradient, work, rows, sums):
-    """Add to sums (c, 3 or 8) what `_fill_rows` gives for all triangles, times the densities (c, m). work, rows:
+    """Add to sums (c, 8) what `_fill_rows` gives for all triangles, times the densities (c, m). work, rows:
     scratch."""
     m = normals.shape[0]
     for first in range(0, m, _BLOCK):
@@ -184,40 +184,27 @@ def _add_sums(x, y, z, corners, normals, far, density, gradient, work, rows, sum
 
 
 @njit(nogil=True)
-def surface_field(begin, end, points, corners, normals, far, density, out):
-    """Fill out (c, n, 3) with the field at points (n, 3) of triangles corners (m, 3, 3), normals (m, 3), for c
-    densities (c, m).
+def surface_field(begin, end, points, corners, normals, far, density, field, gradient):
+    """Fill field (c, n, 3) and, unless it is (c, 0, 3, 3), gradient (c, n, 3, 3), symmetric and free of trace, at
+    points (n, 3), of triangles corners (m, 3, 3), normals (m, 3), for c densities (c, m).
 
     far (14, m): x, y and z of the three points of the degree-2 rule, a third of the area, the centre, and the squared
     distance from it within which the closed form is used. The factor 1/(4 pi) is included, so a density in tesla gives
     a flux density in tesla.
     """
-    c = density.shape[0]
-    rows, work = _rows()
-    for i in range(begin, end):
-        sums = np.zeros((c, 3))
-        x, y, z = points[i, 0], points[i, 1], points[i, 2]
-        _add_sums(x, y, z, corners, normals, far, density, False, work, rows, sums)
-        for k in range(c):
-            for a in range(3):
-                out[k, i, a] = _INVERSE_4PI * sums[k, a]
-
-
-@njit(nogil=True)
-def surface_field_and_gradient(begin, end, points, corners, normals, far, density, field, gradient):
-    """Fill field (c, n, 3) and gradient (c, n, 3, 3), symmetric and free of trace; otherwise as `surface_field`."""
-    c = density.shape[0]
+    c, both = density.shape[0], gradient.shape[1] > 0
     rows, work = _rows()
     for i in range(begin, end):
         sums = np.zeros((c, 8))
         x, y, z = points[i, 0], points[i, 1], points[i, 2]
-        _add_sums(x, y, z, corners, normals, far, density, True, work, rows, sums)
+        _add_sums(x, y, z, corners, normals, far, density, both, work, rows, sums)
         for k in range(c):
             s = sums[k]
             for a in range(8):
                 s[a] *= _INVERSE_4PI
             field[k, i, 0], field[k, i, 1], field[k, i, 2] = s[0], s[1], s[2]
-            gradient[k, i, 0, 0], gradient[k, i, 1, 1], gradient[k, i, 2, 2] = s[3], s[6], -s[3] - s[6]
-            gradient[k, i, 0, 1] = gradient[k, i, 1, 0] = s[4]
-            gradient[k, i, 0, 2] = gradient[k, i, 2, 0] = s[5]
-            gradient[k, i, 1, 2] = gradient[k, i, 2, 1] = s[7]
+            if both:
+                gradient[k, i, 0, 0], gradient[k, i, 1, 1], gradient[k, i, 2, 2] = s[3], s[6], -s[3] - s[6]
+                gradient[k, i, 0, 1] = gradient[k, i, 1, 0] = s[4]
+                gradient[k, i, 0, 2] = gradient[k, i, 2, 0] = s[5]
+                gradient[k, i, 1, 2] = gradient[k, i, 2, 1] = s[7]

@@ -74,7 +74,8 @@ def surface_gradient(begin, end, points, corners, far, shapes, charge, moving, w
                     _add_far(x, y, z, weights[k, i], far, j, shapes, _INVERSE_4PI * charge[j], out[j, k])
                 continue
             for c in range(3):
-                moved[c] = corners[j, c]
+                for a in range(3):
+                    moved[c, a] = corners[j, c, a]
             for c in range(3):
                 for a in range(3):
                     moved[c, a] = corners[j, c, a] + step

@@ -16,12 +16,12 @@ import math
 
 import numpy as np
 
-from fieldmap.kernels.compilation import njit
+from fieldmap.kernels.compilation import inlined, njit
 
 _TINY = 1e-300
 
 
-@njit(fastmath=True, inline="always")
+@inlined(fastmath=True)
 def solid_angle(x, y, z, p):
     """Solid angle of the triangle p (3, 3) seen from (x, y, z); positive on the side its normal points to.
 
@@ -40,7 +40,7 @@ def solid_angle(x, y, z, p):
     return -2.0 * math.atan2(triple, a * b * c + ab * c + ac * b + bc * a)
 
 
-@njit(fastmath=True, inline="always")
+@inlined(fastmath=True)
 def triangle_potential(x, y, z, p, n):
     """Potential at (x, y, z) of the triangle p (3, 3) with unit normal n (3,). Finite everywhere."""
     potential = 0.0
@@ -60,10 +60,10 @@ def triangle_potential(x, y, z, p, n):
     return potential - height * solid_angle(x, y, z, p)
 
 
-@njit(fastmath=True, inline="always")
-def triangle_field(x, y, z, p, n):
-    """Field (three numbers) at (x, y, z) of the triangle p (3, 3) with unit normal n (3,)."""
-    ex = ey = ez = 0.0
+@inlined(fastmath=True)
+def edge_sums(x, y, z, p, n):
+    """Sum of f_k m_k (three numbers) over the edges of the triangle p (3, 3) with unit normal n (3,)."""
+    sx = sy = sz = 0.0
     for k in range(3):
         k1 = k + 1 if k < 2 else 0
         ux, uy, uz = p[k, 0] - x, p[k, 1] - y, p[k, 2] - z
@@ -71,15 +71,22 @@ def triangle_field(x, y, z, p, n):
         tx, ty, tz = vx - ux, vy - uy, vz - uz
         length = math.sqrt(tx * tx + ty * ty + tz * tz)
         radii = math.sqrt(ux * ux + uy * uy + uz * uz) + math.sqrt(vx * vx + vy * vy + vz * vz)
-        f = math.log((radii + length) / max(radii - length, _TINY)) / length
-        ex += f * (ty * n[2] - tz * n[1])
-        ey += f * (tz * n[0] - tx * n[2])
-        ez += f * (tx * n[1] - ty * n[0])
+        f = math.log((radii + length) / max(radii - length, 1e-16 * length)) / length
+        sx += f * (ty * n[2] - tz * n[1])
+        sy += f * (tz * n[0] - tx * n[2])
+        sz += f * (tx * n[1] - ty * n[0])
+    return sx, sy, sz
+
+
+@inlined(fastmath=True)
+def triangle_field(x, y, z, p, n):
+    """Field (three numbers) at (x, y, z) of the triangle p (3, 3) with unit normal n (3,)."""
+    ex, ey, ez = edge_sums(x, y, z, p, n)
     omega = solid_angle(x, y, z, p)
     return ex + n[0] * omega, ey + n[1] * omega, ez + n[2] * omega
 
 
-@njit(fastmath=True, inline="always")
+@inlined(fastmath=True)
 def triangle_field_and_gradient(x, y, z, p, n):
     """Field and gradient at (x, y, z): ex, ey, ez, gxx, gxy, gxz, gyy, gyz, gzz (symmetric, trace-free).
 
@@ -136,41 +143,42 @@ def triangles_potential(points, corners, normals, density):
 
 
 @njit
-def triangles_field(points, corners, normals, density):
-    """Field (n, 3) at points (n, 3) of triangles corners (m, 3, 3) with normals (m, 3) and density (m,)."""
-    out = np.zeros((points.shape[0], 3))
+def _add_fields(points, corners, normals, density, field, gradient):
+    """Add to field (n, 3) and, unless it has no rows, to gradient (n, 3, 3)."""
     for i in range(points.shape[0]):
         x, y, z = points[i, 0], points[i, 1], points[i, 2]
         for j in range(corners.shape[0]):
-            ex, ey, ez = triangle_field(x, y, z, corners[j], normals[j])
-            out[i, 0] += density[j] * ex
-            out[i, 1] += density[j] * ey
-            out[i, 2] += density[j] * ez
-    return out
-
-
-@njit
-def triangles_field_and_gradient(points, corners, normals, density):
-    """Field (n, 3) and gradient (n, 3, 3) at points (n, 3); arguments as for `triangles_field`."""
-    field = np.zeros((points.shape[0], 3))
-    gradient = np.zeros((points.shape[0], 3, 3))
-    for i in range(points.shape[0]):
-        x, y, z = points[i, 0], points[i, 1], points[i, 2]
-        for j in range(corners.shape[0]):
-            ex, ey, ez, gxx, gxy, gxz, gyy, gyz, gzz = triangle_field_and_gradient(
-                x, y, z, corners[j], normals[j]
-            )
             s = density[j]
+            if gradient.shape[0] == 0:
+                ex, ey, ez = triangle_field(x, y, z, corners[j], normals[j])
+            else:
+                ex, ey, ez, gxx, gxy, gxz, gyy, gyz, gzz = triangle_field_and_gradient(
+                    x, y, z, corners[j], normals[j]
+                )
+                gradient[i, 0, 0] += s * gxx
+                gradient[i, 0, 1] += s * gxy
+                gradient[i, 0, 2] += s * gxz
+                gradient[i, 1, 1] += s * gyy
+                gradient[i, 1, 2] += s * gyz
+                gradient[i, 2, 2] += s * gzz
             field[i, 0] += s * ex
             field[i, 1] += s * ey
             field[i, 2] += s * ez
-            gradient[i, 0, 0] += s * gxx
-            gradient[i, 0, 1] += s * gxy
-            gradient[i, 0, 2] += s * gxz
-            gradient[i, 1, 1] += s * gyy
-            gradient[i, 1, 2] += s * gyz
-            gradient[i, 2, 2] += s * gzz
+    for i in range(gradient.shape[0]):
         gradient[i, 1, 0] = gradient[i, 0, 1]
         gradient[i, 2, 0] = gradient[i, 0, 2]
         gradient[i, 2, 1] = gradient[i, 1, 2]
+
+
+def triangles_field(points, corners, normals, density):
+    """Field (n, 3) at points (n, 3) of triangles corners (m, 3, 3) with normals (m, 3) and density (m,)."""
+    field = np.zeros((len(points), 3))
+    _add_fields(points, corners, normals, density, field, np.zeros((0, 3, 3)))
+    return field
+
+
+def triangles_field_and_gradient(points, corners, normals, density):
+    """Field (n, 3) and gradient (n, 3, 3) at points (n, 3); arguments as for `triangles_field`."""
+    field, gradient = np.zeros((len(points), 3)), np.zeros((len(points), 3, 3))
+    _add_fields(points, corners, normals, density, field, gradient)
     return field, gradient

@@ -16,7 +16,7 @@ import math
 import numpy as np
 
 from fieldmap.kernels.compilation import inlined, njit
-from fieldmap.kernels.iron.charged_triangle import solid_angle
+from fieldmap.kernels.iron.charged_triangle import edge_sums, solid_angle
 from fieldmap.kernels.iron.mutual_potential import separation
 
 _INVERSE_4PI = 1.0 / (4.0 * math.pi)
@@ -29,18 +29,7 @@ def linear_double_layer(x, y, z, p, n, area):
     """Three numbers: 4 pi times the potentials at (x, y, z) of the densities lambda_0, lambda_1, lambda_2 on the
     triangle p (3, 3) with unit normal n (3,)."""
     height = (x - p[0, 0]) * n[0] + (y - p[0, 1]) * n[1] + (z - p[0, 2]) * n[2]
-    sx = sy = sz = 0.0
-    for k in range(3):
-        k1 = k + 1 if k < 2 else 0
-        ux, uy, uz = p[k, 0] - x, p[k, 1] - y, p[k, 2] - z
-        vx, vy, vz = p[k1, 0] - x, p[k1, 1] - y, p[k1, 2] - z
-        tx, ty, tz = vx - ux, vy - uy, vz - uz
-        length = math.sqrt(tx * tx + ty * ty + tz * tz)
-        radii = math.sqrt(ux * ux + uy * uy + uz * uz) + math.sqrt(vx * vx + vy * vy + vz * vz)
-        f = math.log((radii + length) / max(radii - length, 1e-16 * length)) / length
-        sx += f * (ty * n[2] - tz * n[1])
-        sy += f * (tz * n[0] - tx * n[2])
-        sz += f * (tx * n[1] - ty * n[0])
+    sx, sy, sz = edge_sums(x, y, z, p, n)
     omega = solid_angle(x, y, z, p)
     a = _share(0, x, y, z, sx, sy, sz, p, n, area, height, omega)
     b = _share(1, x, y, z, sx, sy, sz, p, n, area, height, omega)

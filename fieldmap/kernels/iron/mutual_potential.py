@@ -11,7 +11,7 @@ _INVERSE_4PI = 1.0 / (4.0 * math.pi)
 _INVERSE_36PI = _INVERSE_4PI / 9.0
 
 
-@njit(fastmath=True, inline="always")
+@inlined(fastmath=True)
 def _mean_potential(points, weights, corners, normal):
     """Weighted mean over points (q, 3) of the potential of one triangle, by closed form."""
     total = 0.0
@@ -20,7 +20,7 @@ def _mean_potential(points, weights, corners, normal):
     return total
 
 
-@njit(fastmath=True, inline="always")
+@inlined(fastmath=True)
 def _inverse_distance(dx, dy, dz):
     """1/sqrt of a sum of squares: in single precision, which costs a fraction, and one step of Newton's method."""
     # A triangle meets itself, or is its own image; its pair is near, the sum is not used.
@@ -58,7 +58,7 @@ def row_beyond(i, one, other, reach, beyond):
         beyond[j] = dx * dx + dy * dy + dz * dz - size * size
 
 
-@njit(fastmath=True, inline="always")
+@inlined(fastmath=True)
 def separation(i, j, one, other):
     """Squared distance of the centres of two triangles, and the sum of their radii."""
     centres, radii, other_centres, other_radii = one[3], one[4], other[3], other[4]
