@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from fieldmap.deprecated import renamed_argument
 from fieldmap.device.model import Payload
 from fieldmap.errors import InputError, NoEquilibrium, Problem
-from fieldmap.field import AnyField, Bounds, Field, require_bounds, resolve_currents
+from fieldmap.field import AnyField, Bounds, require_bounds, resolve_currents
 from fieldmap.levitation.balance import (
     BodyBalance,
     MagnetBalance,
@@ -171,9 +171,7 @@ def _eigen(stiffness: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
     return eigenvalues, directions, eigenvalues > 1e-9 * np.abs(eigenvalues).max()
 
 
-def _ranked(
-    balance: MagnetBalance, box: Bounds, found: list[Array], begin: Array | None
-) -> list[Array]:
+def _ranked(balance: MagnetBalance, box: Bounds, found: list[Array], begin: Array | None) -> list[Array]:
     """By distance from where the search began; else the stable ones first, then by distance from the axis."""
     axis = 0.5 * (box[0] + box[1])
 
@@ -337,9 +335,7 @@ def _towards_lift(balance: MagnetBalance) -> str:
     return f"{more}; those that hold the payload at a place of your choice: {CURRENTS_FOR}"
 
 
-def no_equilibrium(
-    balance: MagnetBalance, grid: Array, residuals: Array, tried: int
-) -> NoEquilibrium:
+def no_equilibrium(balance: MagnetBalance, grid: Array, residuals: Array, tried: int) -> NoEquilibrium:
     """The error that says where balance was looked for and what lift there is."""
     lift = residuals[:, 2] + balance.weight
     high, low = int(lift.argmax()), int(lift.argmin())

@@ -243,10 +243,13 @@ def _not_lifted(point: Array, payload: Payload, current: float) -> Infeasible:
 
 
 def _next_current(tried: Sequence[tuple[float, float]], power: float = 1.0) -> float:
-    """Where F_z / (m g) - 1 should vanish, from (current, its value) of the states so far."""
+    """Where F_z / (m g) - 1 should vanish, from (current, its value) of the states so far.
+
+    power: of the force, with which the current goes where one state is all that is known.
+    """
     current, value = tried[-1]
     if len(tried) == 1:
-        # Force with the inverse of this power of the current; one that is right already is left a little, for the slope.
+        # A current that is right already is left a little, for the slope.
         guess = current / (1.0 + value) ** power
         return guess if abs(guess / current - 1.0) > _SLOPE_WIDTH else (1.0 + 2.0 * _SLOPE_WIDTH) * guess
     before, before_value = tried[-2]

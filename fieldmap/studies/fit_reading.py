@@ -21,6 +21,7 @@ from fieldmap.inputs.findings import Finding, closest, one_of
 from fieldmap.inputs.key_paths import Location
 from fieldmap.inputs.tables import MILLI
 from fieldmap.iron import NonlinearSolver, solve_linear
+from fieldmap.levitation.unknowns import Unknown
 from fieldmap.records import Record
 from fieldmap.shipped import is_file
 from fieldmap.studies.fit_schema import (
@@ -37,7 +38,6 @@ from fieldmap.studies.machine_fit import (
     LiftCurrentReadings,
     MachineFit,
     Readings,
-    Unknown,
     fit_machine,
 )
 from fieldmap.typing import Array, PathLike
