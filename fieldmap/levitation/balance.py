@@ -238,6 +238,7 @@ class BodyBalance(MagnetBalance):
     """Of an upright body of magnets and soft iron; induced moments follow the field: docs/theory/wrench.md (5)..(9).
     orientation (3, 3): columns its axes."""
 
+    magnitude: float
     body: MagneticBody
     orientation: Array
 
@@ -247,7 +248,8 @@ class BodyBalance(MagnetBalance):
         if not self.body.soft:
             return np.broadcast_to(fixed, points.shape)
         induced = self.body.induced_moment(self.source, points, self.currents, self.orientation)
-        self.magnitude = max(self.magnitude, float(np.linalg.norm(induced, axis=2).sum(axis=1).max()))
+        largest = float(np.linalg.norm(induced, axis=2).sum(axis=1).max())
+        self.magnitude = max(self.magnitude, largest)
         return np.asarray(fixed + induced.sum(axis=1))
 
     def magnetic_force(self, points: Array) -> Array:

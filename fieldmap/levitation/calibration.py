@@ -201,8 +201,8 @@ def calibrate(
     bounds = _bounds(names, require_bounds(source), lift, positions, limits or {})
     inside = bounds + np.outer([1e-6, -1e-6], bounds[1] - bounds[0])
     unknowns = [
-        Unknown(name, float(np.clip(start[name], *near)), *ends, step=_STEP * _TYPICAL.get(name, 1.0))
-        for name, near, ends in zip(names, inside.T, bounds.T.tolist(), strict=True)
+        Unknown(name, float(np.clip(start[name], *near)), low, high, step=_STEP * _TYPICAL.get(name, 1.0))
+        for name, near, (low, high) in zip(names, inside.T, bounds.T.tolist(), strict=True)
     ]
     problems = [*mistakes("calibrate", unknowns, tables, len(tables))]
     if problems:
@@ -260,8 +260,8 @@ def _tables(rig: _Rig, lift: LiftReadings | None, positions: PositionReadings | 
     if positions is not None:
         places = np.asarray(positions.places, dtype=float).reshape(-1, 2)
         places = places - places[0] if positions.from_first else places
-        read = np.argwhere(np.isfinite(places))
-        rows = tuple(f"{'xy'[axis]} of reading {k}" for k, axis in read)
+        there = np.argwhere(np.isfinite(places))
+        rows = tuple(f"{'xy'[axis]} of reading {k}" for k, axis in there)
         compute = partial(rig.places, positions)
         tables.append(_Table("positions", places.ravel(), positions.deviation, rows, compute))
     return tables

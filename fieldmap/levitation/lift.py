@@ -219,7 +219,7 @@ def _by_secant(
         other = min(far or range(len(tried) - 1), key=lambda k: abs(tried[k][0] - current))
         slope = (forces[-1] - forces[other]) / (current - tried[other][0])
     history = () if field.affine else tuple((i, float((v + 1.0) * balance.weight)) for i, v in tried)
-    held = _HELD
+    held: tuple[str, ...] = _HELD
     if isinstance(balance, BodyBalance):
         held = (f"the payload of {payload.description} stays upright", *balance.body.assumptions)
     return _lift(current, balance, point, slope, held, history)

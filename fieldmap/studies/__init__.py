@@ -14,9 +14,16 @@ with needs("make", "fieldmap.studies"):
     del scipy
 
 from fieldmap.levitation.unknowns import ReadingsFit, Unknown
-from fieldmap.studies.design_file import read_design_problem
-from fieldmap.studies.design_problem import Carrying, DesignProblem, Limit, Linked, Number, Variable
-from fieldmap.studies.fit_reading import Fit, read_fit
+from fieldmap.studies.design import (
+    Carrying,
+    DesignProblem,
+    Limit,
+    Linked,
+    Number,
+    Variable,
+    read_design_problem,
+)
+from fieldmap.studies.fit_file import Fit, read_fit
 from fieldmap.studies.machine_fit import (
     ComputedReadings,
     FieldReadings,

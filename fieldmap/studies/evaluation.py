@@ -13,10 +13,10 @@ from fieldmap.errors import FieldmapError, Infeasible, Problem
 from fieldmap.iron.sensitivity.adjoint import quantity_of
 from fieldmap.iron.sensitivity.quantities import Quantity as FieldQuantity
 from fieldmap.records import Record
-from fieldmap.studies.design_problem import DesignProblem, Number
+from fieldmap.studies.design import DesignProblem, Number
 from fieldmap.studies.number_slopes import Slopes, VariedParameters, exact_slopes
-from fieldmap.studies.quantities import number_names
-from fieldmap.studies.study import CurrentSet, axis_labels
+from fieldmap.studies.quantities import Places, number_names
+from fieldmap.studies.study import axis_labels
 from fieldmap.studies.variant_result import OperatingPoint, SolvedIron, numbers_at, reason
 from fieldmap.typing import Array
 
@@ -61,27 +61,31 @@ def evaluate(asked: Asked) -> Evaluation:
 
 
 def _solved(asked: Asked) -> tuple[dict[str, float], Slopes]:
-    problem = asked.problem
-    device = device_of(problem.document_at(asked.values))
+    problem, device = asked.problem, device_of(asked.problem.document_at(asked.values))
     iron = SolvedIron(device, replace(problem.iron, refinement=asked.refinement), asked.refinement)
-    sets = {entry.name: entry for entry in problem.currents_at(asked.values)}
-    numbers: dict[str, float] = {}
-    found: dict[str, Slopes] = {}
     parameters = VariedParameters(device, problem.document, problem.variables, problem.named(asked.values))
-    for name, entry in sets.items():
-        here = tuple(
-            _at(number, name) for number in problem.numbers if name in (number.currents, number.minus)
-        )
+    labels = axis_labels(problem.record, problem.coil_names, problem.body_names)
+    places = number_names(problem.record.groups, labels)
+    numbers: dict[str, float] = {}
+    slopes: dict[str, Mapping[str, float]] = {}
+    refused: dict[str, str] = {}
+    for entry in problem.currents_at(asked.values):
+        here = [_at(one, entry.name) for one in problem.numbers if entry.name in (one.currents, one.minus)]
         if not here:
             continue
-        point = _point(problem, device, iron, entry, here)
-        numbers |= _numbers(point, here)
+        wanted = {places[one.name][0].group for one in here if one.of is None}
+        groups = tuple(group for group in problem.record.groups if group in wanted)
+        point = OperatingPoint(device, iron, entry, replace(problem.record, groups=groups))
+        numbers |= _numbers(point, here, places)
         if asked.derive:
-            found[name] = _slopes(point, here, parameters, asked.derive)
-    return (
-        {number.label: _joined(number, numbers) for number in problem.numbers},
-        _joined_slopes(problem.numbers, found),
-    )
+            try:
+                found = exact_slopes(point, here, parameters, asked.derive)
+            except FieldmapError as error:
+                found = Slopes({}, dict.fromkeys(asked.derive, reason("derivative", error)))
+            slopes |= found.by
+            refused |= found.refused
+    joined = {one.label: _joined(one, numbers) for one in problem.numbers}
+    return joined, Slopes(_joined_slopes(problem.numbers, slopes), refused)
 
 
 def _at(number: Number, name: str) -> Number:
@@ -89,31 +93,22 @@ def _at(number: Number, name: str) -> Number:
     return replace(number, currents=name, minus="")
 
 
-def _point(
-    problem: DesignProblem, device: Any, iron: SolvedIron, entry: CurrentSet, here: Iterable[Number]
-) -> OperatingPoint:
-    names = number_names(problem.record.groups, _labels(problem))
-    groups = {names[number.name][0].group for number in here if number.of is None}
-    record = replace(problem.record, groups=tuple(one for one in problem.record.groups if one in groups))
-    return OperatingPoint(device, iron, entry, record)
-
-
-def _labels(problem: DesignProblem) -> dict[str, tuple[str, ...]]:
-    return axis_labels(problem.record, problem.coil_names, problem.body_names)
-
-
-def _numbers(point: OperatingPoint, here: tuple[Number, ...]) -> dict[str, float]:
+def _numbers(point: OperatingPoint, here: Iterable[Number], places: Places) -> dict[str, float]:
     values, problems = numbers_at(point)
-    names = number_names(point.record.groups, point.labels)
     found = {}
     for number in here:
         if number.of is None:
-            quantity, at = names[number.name]
+            quantity, at = places[number.name]
             if quantity.name not in values:
                 raise _MissingError(" || ".join(problems))
             value: Any = np.asarray(values[quantity.name])[at] if at else values[quantity.name]
         else:
-            value = _of(point, number)
+            state: Any = point.iron.field.at(point.currents)
+            if isinstance(number.of, FieldQuantity):
+                value = quantity_of(state, number.of)
+            else:
+                value = number.of(point.device, state)
+            value = np.asarray(value, dtype=float).reshape(())
         if not np.isfinite(value):
             raise Infeasible(Problem(number.label, "must be a finite number", str(value), "see the device"))
         found[number.label] = float(value)
@@ -128,40 +123,21 @@ class _MissingError(FieldmapError):
         self.args = (why,)
 
 
-def _of(point: OperatingPoint, number: Number) -> float:
-    state: Any = point.iron.field.at(point.currents)
-    if isinstance(number.of, FieldQuantity):
-        value: Any = quantity_of(state, number.of)
-    else:
-        assert number.of is not None
-        value = number.of(point.device, state)
-    return float(np.asarray(value, dtype=float).reshape(()))
-
-
-def _slopes(
-    point: OperatingPoint, here: tuple[Number, ...], parameters: VariedParameters, keys: tuple[str, ...]
-) -> Slopes:
-    try:
-        return exact_slopes(point, here, parameters, keys)
-    except FieldmapError as error:
-        return Slopes({}, dict.fromkeys(keys, reason("derivative", error)))
-
-
 def _joined(number: Number, at_sets: Mapping[str, float]) -> float:
     value = at_sets[_at(number, number.currents).label]
     return value - at_sets[_at(number, number.minus).label] if number.minus else value
 
 
-def _joined_slopes(numbers: Iterable[Number], found: Mapping[str, Slopes]) -> Slopes:
+def _joined_slopes(
+    numbers: Iterable[Number], at_sets: Mapping[str, Mapping[str, float]]
+) -> dict[str, dict[str, float]]:
     """Derivatives of the numbers, where they are there at every set that a number is made of."""
-    by: dict[str, dict[str, float]] = {}
+    found = {}
     for number in numbers:
-        sets = [number.currents, *([number.minus] if number.minus else [])]
-        parts = [found[name].by.get(_at(number, name).label) for name in sets if name in found]
-        if len(parts) < len(sets) or any(part is None for part in parts):
-            continue
-        first, *rest = [part for part in parts if part is not None]
-        keys = [key for key in first if all(key in other for other in rest)]
-        by[number.label] = {key: first[key] - sum(other[key] for other in rest) for key in keys}
-    refused = {key: why for slopes in found.values() for key, why in slopes.refused.items()}
-    return Slopes(by, refused)
+        labels = [_at(number, number.currents).label]
+        labels += [_at(number, number.minus).label] if number.minus else []
+        if all(label in at_sets for label in labels):
+            first, *rest = (at_sets[label] for label in labels)
+            keys = [key for key in first if all(key in other for other in rest)]
+            found[number.label] = {key: first[key] - sum(other[key] for other in rest) for key in keys}
+    return found

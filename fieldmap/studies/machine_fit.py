@@ -181,7 +181,7 @@ def fit_machine(
             problems += error.problems
     if problems:
         raise InputError(*problems)
-    compute = partial(_tables, source, solve or _solved)
+    compute = partial(_tables, source, solve or solved_field)
     found = find_unknowns(unknowns, tables, len(readings), compute, on_solve, workers, xtol=close)
     priors = [f"prior of {one.key}: {one.prior[0]:g} +- {one.prior[1]:g}" for one in unknowns if one.prior]
     return MachineFit(
@@ -197,10 +197,13 @@ def fit_machine(
     )
 
 
-def _solved(device: Device) -> AnyField:
-    if any(device.materials[body.material].saturates for body in device.bodies):
-        return NonlinearSolver(device)
-    return solve_linear(device)
+def solved_field(device: Device, model: str | None = None, refinement: float = 1.0) -> AnyField:
+    """The field of a device with iron that is "linear" or "saturating", which it is where a material saturates unless
+    given."""
+    saturates = any(device.materials[body.material].saturates for body in device.bodies)
+    if device.bodies and (model == "saturating" or (model is None and saturates)):
+        return NonlinearSolver(device, refinement)
+    return solve_linear(device, refinement=refinement)
 
 
 def _tables(

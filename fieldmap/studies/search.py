@@ -15,7 +15,7 @@ import numpy as np
 from fieldmap.errors import InputError, Problem
 from fieldmap.parallel import Workers
 from fieldmap.store import Checkpoint
-from fieldmap.studies.design_problem import WITHOUT_SLOPES, DesignProblem, Limit, Number
+from fieldmap.studies.design import WITHOUT_SLOPES, DesignProblem, Limit, Number
 from fieldmap.studies.evaluation import Asked, Evaluation, evaluate
 from fieldmap.studies.optimum import Kind, Role, Step
 from fieldmap.typing import Array, Progress
@@ -42,8 +42,8 @@ class Search:
         self._known: dict[str, Evaluation] = {}
         # What is added to a number to make it that of a finer mesh.
         self.shift: dict[str, float] = {}
-        low, high = problem.bounds
-        self._low, self._width = low, high - low
+        self._low = np.array([one.lower for one in problem.variables])
+        self._width = np.array([one.upper for one in problem.variables]) - self._low
         self._scale = 1.0
         self._worst = -np.inf
         self._last: list[Array] = []
@@ -54,9 +54,9 @@ class Search:
         """Values (k,) of the variables at scaled ones."""
         return self._low + np.clip(z, 0.0, 1.0) * self._width
 
-    def scaled(self, values: Array) -> Array:
-        """Scaled values (k,)."""
-        return (values - self._low) / self._width
+    def scaled(self, found: Evaluation) -> Array:
+        """Scaled values (k,) of a design."""
+        return (self.problem.values(found.values) - self._low) / self._width
 
     def at(self, values: Array) -> Evaluation:
         """A design of the search, with exact derivatives where the method uses them."""
@@ -110,7 +110,7 @@ class Search:
 
     def _settled(self, design: Array) -> None:
         """End the search where it goes round in circles, as optimisers may where no design meets the limits."""
-        self._last = [*self._last[1 - _SAME :], self.scaled(design)]
+        self._last = [*self._last[1 - _SAME :], (design - self._low) / self._width]
         if len(self._last) == _SAME and np.ptp(self._last, axis=0).max() < self.problem.tolerance:
             self._last = []
             raise SearchEnded(f"{_SAME} designs in a row hardly differ")
@@ -148,9 +148,9 @@ class Search:
         """Largest violation over the limits' scales."""
         return max((self.excess(found, limit) for limit in self.problem.limits), default=0.0)
 
-    def begin(self, values: Array) -> Evaluation:
+    def begin(self) -> Evaluation:
         """Solve where the search begins. Raises InputError where that fails."""
-        found = self.at(values)
+        found = self.at(self.problem.starts)
         if not found.solved:
             received = found.failure
             remedy = "begin at a design that can be solved, or correct the device"

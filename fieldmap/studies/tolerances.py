@@ -25,8 +25,16 @@ from fieldmap.iron.sensitivity.derivatives import Derivatives
 from fieldmap.parallel import Workers
 from fieldmap.records import Record
 from fieldmap.store import Checkpoint, checkpoint_path
-from fieldmap.studies.design_arguments import current_sets, design_problem, device_document
-from fieldmap.studies.design_problem import CURRENT, DesignProblem, Linked, Number, Variable
+from fieldmap.studies.design import (
+    CURRENT,
+    DesignProblem,
+    Linked,
+    Number,
+    Variable,
+    current_sets,
+    design_problem,
+    device_document,
+)
 from fieldmap.studies.evaluation import Evaluation
 from fieldmap.studies.optimisation import problem_fingerprint
 from fieldmap.studies.optimum import Kind
@@ -161,7 +169,7 @@ def analyse_tolerances(
     say = progress or (lambda message, fraction: None)
     with Workers(workers) as team, keep as checkpoint:
         search = Search(problem, team, checkpoint, say)
-        centre = np.array([one.start for one in problem.variables], dtype=float)
+        centre = problem.starts
         nominal = search.at(centre)
         if not nominal.solved:
             remedy = "correct the device, or take another refinement"
