@@ -20,7 +20,7 @@ from fieldmap.levitation.balance import (
     magnet_balance,
     model_assumptions,
 )
-from fieldmap.levitation.continuation import Fold, FollowedBranch, follow_branch
+from fieldmap.levitation.continuation import Fold, follow_branch
 from fieldmap.levitation.stationary import StationaryPoint, describe
 from fieldmap.lookup.payload import check_payload
 from fieldmap.records import Record
@@ -106,7 +106,20 @@ def follow_equilibrium(
         inside=lambda q: bool((q[:2] >= low).all() and (q[:2] <= high).all() and (q[2:] > 0).all()),
         step=step,
     )
-    return _result(along, followed, targets, model_assumptions(moment, lever))
+    levels = np.array([along.level_of(q) for q in followed.unknowns])
+    pairs = zip(followed.parameters, levels, strict=True)
+    heights = [path(float(parameter), float(u))[1] for parameter, u in pairs]
+    reached = zip(followed.at_stops, targets, strict=False)
+    return EquilibriumBranch(
+        followed.parameters,
+        np.column_stack([followed.unknowns[:, :2], heights]),
+        levels,
+        tuple(describe(*along.at(q, float(parameter))) for q, parameter in reached),
+        np.array([along.level_of(q) for q in followed.at_stops]),
+        followed.folds,
+        followed.ended,
+        model_assumptions(moment, lever),
+    )
 
 
 @renamed_argument("field_map", "field")
@@ -204,26 +217,6 @@ class _Along:
         """Derivative (2, 2) of the residual by x and y."""
         balance, place = self.at(q, parameter)
         return -self.field_scale * balance.stiffness(place)[:2, :2] / balance.weight
-
-
-def _result(
-    along: _Along, followed: FollowedBranch, stops: Array, assumptions: tuple[str, ...]
-) -> EquilibriumBranch:
-    heights = [
-        along.path(p, along.level_of(q))[1]
-        for q, p in zip(followed.unknowns, followed.parameters, strict=True)
-    ]
-    places = [along.at(q, float(p)) for q, p in zip(followed.at_stops, stops, strict=False)]
-    return EquilibriumBranch(
-        followed.parameters,
-        np.column_stack([followed.unknowns[:, :2], heights]),
-        np.array([along.level_of(q) for q in followed.unknowns]),
-        tuple(describe(balance, place) for balance, place in places),
-        np.array([along.level_of(q) for q in followed.at_stops]),
-        followed.folds,
-        followed.ended,
-        assumptions,
-    )
 
 
 def _stops(stops: ArrayLike) -> Array:
