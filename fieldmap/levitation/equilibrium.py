@@ -21,7 +21,7 @@ from fieldmap.levitation.balance import (
     refuse_models_of_pieces,
 )
 from fieldmap.lookup.payload import check_payload, magnetic_body
-from fieldmap.plain import Plain, plain_items
+from fieldmap.plain import Plain, plain_fields, plain_items
 from fieldmap.records import Record
 from fieldmap.typing import Array
 
@@ -92,22 +92,11 @@ class Equilibrium(Record):
 
     def to_dict(self) -> dict[str, Plain]:
         """The result as plain Python, SI units; `directions` as rows."""
-        return plain_items(
-            position=self.position,
-            currents=self.currents,
-            field=self.field,
-            stiffness=self.stiffness,
-            assumptions=self.assumptions,
-            eigenvalues=self.eigenvalues,
+        return plain_fields(self) | plain_items(
             directions=self.directions.T,
-            stable=self.stable,
             trace=self.trace,
             stable_axes=self.stable_axes,
-            moment=self.moment,
             angle_to_field_deg=self.angle_to_field,
-            others=self.others,
-            force_residual=self.force_residual,
-            report=self.report,
         )
 
 
