@@ -1,10 +1,10 @@
 """Fit files: unknown keys of a device, the tables that were measured on the machine, and the fit that they ask for."""
 
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from pydantic import BeforeValidator, Field, WithJsonSchema, model_validator
@@ -14,7 +14,6 @@ from fieldmap.device.model import Device
 from fieldmap.device.reader import device_of
 from fieldmap.errors import FitError
 from fieldmap.field import AnyField
-from fieldmap.inputs.document import Document
 from fieldmap.inputs.findings import Finding, closest, one_of, shown
 from fieldmap.inputs.key_paths import Location
 from fieldmap.inputs.kinds import FileKind, register
@@ -119,6 +118,28 @@ class _MeasuredKeys(Table):
         default="fit", description="whether the unknowns are fitted to it, or it is predicted with them"
     )
 
+    unit: ClassVar[tuple[str, float]] = ("A", 1.0)
+    """In which the file states the readings, and how many SI units that is."""
+
+    def mistakes(self, device: Device) -> Iterator[Finding]:
+        """What does not fit the device or other keys, at its place in the table."""
+        raise NotImplementedError
+
+    def readings(self, device: Device) -> Readings:
+        """In SI."""
+        raise NotImplementedError
+
+    def labels(self) -> Iterator[str]:
+        """What each reading is."""
+        raise NotImplementedError
+
+    def _lengths(self, count: int, what: str, *keys: str) -> Iterator[Finding]:
+        for key in keys:
+            given = getattr(self, key)
+            if isinstance(given, list) and len(given) != count:
+                must_hold = f"must hold a number for each of the {count} {what}"
+                yield Finding((key,), must_hold, f"{len(given)} numbers", "add or remove some")
+
 
 class FluxDensityKeys(_MeasuredKeys):
     """Flux densities at points."""
@@ -137,6 +158,8 @@ class FluxDensityKeys(_MeasuredKeys):
         description="standard deviation, of all readings or of those of each point", examples=[0.01]
     )
 
+    unit: ClassVar[tuple[str, float]] = ("mT", MILLI)
+
     @model_validator(mode="after")
     def _a_row_for_each_point(self) -> "FluxDensityKeys":
         if len(set(self.components)) < len(self.components):
@@ -150,6 +173,34 @@ class FluxDensityKeys(_MeasuredKeys):
             remedy = "complete the rows, or state components"
             raise broken(must_hold, f"{min(wrong)} numbers", remedy)
         return self
+
+    def mistakes(self, device: Device) -> Iterator[Finding]:
+        """Deviations and currents of other numbers than points and coils."""
+        yield from self._lengths(len(self.points_mm), "points", "deviation_mT")
+        given, coils = self.currents_A, len(device.coils)
+        rows = given if isinstance(given, list) and isinstance(given[0], list) else None
+        if rows is not None and len(rows) != len(self.points_mm):
+            must_hold = f"a list of currents for each of the {len(self.points_mm)} points"
+            yield Finding(("currents_A",), must_hold, f"{len(rows)} lists", "add or remove some")
+        wrong = [row for row in rows or [given] if isinstance(row, list) and len(row) != coils]
+        if wrong:
+            must_hold = f"one number for each of the {coils} coils ({', '.join(device.coil_names)})"
+            yield Finding(("currents_A",), must_hold, f"{len(wrong[0])} numbers", "list as many")
+
+    def readings(self, device: Device) -> Readings:
+        """Flux densities."""
+        given = np.asarray(self.currents_A, float)
+        measured = np.full((len(self.points_mm), 3), np.nan)
+        measured[:, ["xyz".index(letter) for letter in self.components]] = _milli(self.measured_mT)
+        deviation = _milli(self.deviation_mT)
+        each = np.repeat(deviation, 3) if deviation.ndim else deviation
+        currents = np.full(len(device.coils), float(given)) if given.ndim == 0 else given
+        return FieldReadings(self.name, _milli(self.points_mm), currents, measured, each)
+
+    def labels(self) -> Iterator[str]:
+        """Component and place."""
+        for point in self.points_mm:
+            yield from (f"B{letter} at {_place(point)}" for letter in "xyz" if letter in self.components)
 
 
 class InductanceKeys(_MeasuredKeys):
@@ -166,6 +217,29 @@ class InductanceKeys(_MeasuredKeys):
         description="standard deviation, one or one for each pair", examples=[0.03]
     )
 
+    unit: ClassVar[tuple[str, float]] = ("mH", MILLI)
+
+    def mistakes(self, device: Device) -> Iterator[Finding]:
+        """Numbers that do not fit the pairs, and coils that the device does not have."""
+        yield from self._lengths(len(self.coils), "pairs", "measured_mH", "deviation_mH")
+        names = list(device.coil_names)
+        for j, pair in enumerate(self.coils):
+            for name in pair:
+                if name not in names:
+                    guess = closest(name, names)
+                    remedy = f'did you mean "{guess}"?' if guess else "write the name of a coil"
+                    must_hold = f"must be a coil of the device: {one_of(names)}"
+                    yield Finding(("coils", j), must_hold, f'"{name}"', remedy)
+
+    def readings(self, device: Device) -> Readings:
+        """Inductances."""
+        pairs = [[device.coil_names.index(name) for name in pair] for pair in self.coils]
+        return InductanceReadings(self.name, pairs, _milli(self.measured_mH), _milli(self.deviation_mH))
+
+    def labels(self) -> Iterator[str]:
+        """The coils."""
+        yield from (pair[0] if pair[0] == pair[1] else " and ".join(pair) for pair in self.coils)
+
 
 class LiftCurrentKeys(_MeasuredKeys):
     """Currents that carry the payload."""
@@ -180,6 +254,30 @@ class LiftCurrentKeys(_MeasuredKeys):
     deviation_A: Deviation = Field(
         description="standard deviation, one or one for each place", examples=[0.02]
     )
+
+    def mistakes(self, device: Device) -> Iterator[Finding]:
+        """Numbers that do not fit the places or coils, and a device without a payload."""
+        yield from self._lengths(len(self.positions_mm), "places", "measured_A", "deviation_A")
+        yield from self._lengths(len(device.coils), "coils", "shares")
+        if device.payload is None:
+            yield Finding((), "the device needs a [payload] that is carried", "none", "add one to its file")
+
+    def readings(self, device: Device) -> Readings:
+        """Lift currents."""
+        places = _milli(self.positions_mm)
+        return LiftCurrentReadings(self.name, places, self.measured_A, self.deviation_A, self.shares)
+
+    def labels(self) -> Iterator[str]:
+        """The place."""
+        yield from (f"at {_place(point)}" for point in self.positions_mm)
+
+
+def _milli(values: Any) -> Array:
+    return np.asarray(values, dtype=float) * MILLI
+
+
+def _place(point: list[float]) -> str:
+    return f"({', '.join(f'{value:g}' for value in point)}) mm"
 
 
 class FitIronKeys(Table):
@@ -213,12 +311,21 @@ class FitFile(Table):
 
     @model_validator(mode="after")
     def _names_of_their_own(self) -> "FitFile":
-        names = [table.name for table in (*self.flux_density, *self.inductance, *self.lift_current)]
+        names = [table.name for _, table in self.tables()]
         for what, all_of_it in (("unknown", [one.key for one in self.unknown]), ("table", names)):
             twice = sorted({one for one in all_of_it if all_of_it.count(one) > 1})
             if twice:
                 raise broken(f"every {what} is named once", one_of(twice), "rename or remove one")
         return self
+
+    def tables(self) -> list[tuple[Location, _MeasuredKeys]]:
+        """Every table of readings, and its place."""
+        kinds: dict[str, Sequence[_MeasuredKeys]] = {
+            "flux_density": self.flux_density,
+            "inductance": self.inductance,
+            "lift_current": self.lift_current,
+        }
+        return [((kind, k), one) for kind, tables in kinds.items() for k, one in enumerate(tables)]
 
 
 FIT = register(
@@ -232,9 +339,6 @@ FIT = register(
         taken_by="`fieldmap fit` takes it",
     )
 )
-
-
-_LETTERS = ("x", "y", "z")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -272,81 +376,27 @@ def read_fit(path_or_name: PathLike) -> Fit:
     contents = FIT.contents(file)
     document = device_file(contents.device, file, FitError)
     device = device_of(document)
-    findings = [*_of_keys(contents, document), *_of_tables(contents, device)]
+    findings = [
+        finding
+        for k, unknown in enumerate(contents.unknown)
+        if (finding := key_finding(("unknown", k, "key"), unknown.key, document)) is not None
+    ]
+    tables = [table for _, table in contents.tables()]
+    for place, table in contents.tables():
+        findings += [replace(one, location=(*place, *one.location)) for one in table.mistakes(device)]
     if findings:
         raise FitError(*file.problems(findings))
-    tables = [(keys, _readings(keys, device)) for keys in _tables(contents)]
     return Fit(
         path=path,
         title=contents.title,
         device_path=document.path,
         unknowns=tuple(_unknown(keys) for keys in contents.unknown),
-        readings=tuple(table for keys, table in tables if keys.use == "fit"),
-        predict=tuple(table for keys, table in tables if keys.use == "predict"),
+        readings=tuple(table.readings(device) for table in tables if table.use == "fit"),
+        predict=tuple(table.readings(device) for table in tables if table.use == "predict"),
         solve=partial(solved_field, model=contents.iron.model, refinement=contents.iron.refinement),
-        labels={keys.name: tuple(_labels(keys)) for keys in _tables(contents)},
-        units={keys.name: _unit(keys) for keys in _tables(contents)},
+        labels={table.name: tuple(table.labels()) for table in tables},
+        units={table.name: table.unit for table in tables},
     )
-
-
-_Keys = FluxDensityKeys | InductanceKeys | LiftCurrentKeys
-
-
-def _tables(contents: FitFile) -> list[_Keys]:
-    return [*contents.flux_density, *contents.inductance, *contents.lift_current]
-
-
-def _of_keys(contents: FitFile, document: Document) -> Iterator[Finding]:
-    for k, unknown in enumerate(contents.unknown):
-        finding = key_finding(("unknown", k, "key"), unknown.key, document)
-        if finding is not None:
-            yield finding
-
-
-def _of_tables(contents: FitFile, device: Device) -> Iterator[Finding]:
-    coils = len(device.coils)
-    for k, table in enumerate(contents.flux_density):
-        place: Location = ("flux_density", k)
-        yield from _of_lengths(table.deviation_mT, len(table.points_mm), (*place, "deviation_mT"), "points")
-        given = table.currents_A
-        rows = given if isinstance(given, list) and isinstance(given[0], list) else None
-        if rows is not None and len(rows) != len(table.points_mm):
-            must_hold = f"a list of currents for each of the {len(table.points_mm)} points"
-            yield Finding((*place, "currents_A"), must_hold, f"{len(rows)} lists", "add or remove some")
-        for row in rows or [given]:
-            if isinstance(row, list) and len(row) != coils:
-                must_hold = f"one number for each of the {coils} coils ({', '.join(device.coil_names)})"
-                yield Finding((*place, "currents_A"), must_hold, f"{len(row)} numbers", "list as many")
-                break
-    for k, bridge in enumerate(contents.inductance):
-        place = ("inductance", k)
-        yield from _of_lengths(bridge.measured_mH, len(bridge.coils), (*place, "measured_mH"), "pairs")
-        yield from _of_lengths(bridge.deviation_mH, len(bridge.coils), (*place, "deviation_mH"), "pairs")
-        for j, pair in enumerate(bridge.coils):
-            for name in pair:
-                if name not in device.coil_names:
-                    guess = closest(name, list(device.coil_names))
-                    remedy = f'did you mean "{guess}"?' if guess else "write the name of a coil"
-                    must_hold = f"must be a coil of the device: {one_of(list(device.coil_names))}"
-                    yield Finding((*place, "coils", j), must_hold, f'"{name}"', remedy)
-    for k, lift in enumerate(contents.lift_current):
-        place = ("lift_current", k)
-        yield from _of_lengths(lift.measured_A, len(lift.positions_mm), (*place, "measured_A"), "places")
-        yield from _of_lengths(lift.deviation_A, len(lift.positions_mm), (*place, "deviation_A"), "places")
-        if lift.shares is not None:
-            yield from _of_lengths(lift.shares, coils, (*place, "shares"), "coils")
-        if device.payload is None:
-            yield Finding(
-                place, "the device needs a [payload] that is carried", "none", "add one to its file"
-            )
-
-
-def _of_lengths(given: Any, count: int, place: Location, what: str) -> Iterator[Finding]:
-    if isinstance(given, list) and len(given) != count:
-        remedy = "add or remove some"
-        yield Finding(
-            place, f"must hold a number for each of the {count} {what}", f"{len(given)} numbers", remedy
-        )
 
 
 def _unknown(keys: UnknownKeys) -> Unknown:
@@ -354,42 +404,3 @@ def _unknown(keys: UnknownKeys) -> Unknown:
     high = np.inf if keys.upper is None else keys.upper
     prior = None if keys.prior is None else (keys.prior[0], keys.prior[1])
     return Unknown(keys.key, keys.start, low, high, prior, keys.step)
-
-
-def _readings(keys: _Keys, device: Device) -> Readings:
-    if isinstance(keys, InductanceKeys):
-        pairs = [[device.coil_names.index(name) for name in pair] for pair in keys.coils]
-        return InductanceReadings(keys.name, pairs, _milli(keys.measured_mH), _milli(keys.deviation_mH))
-    if isinstance(keys, LiftCurrentKeys):
-        places = _milli(keys.positions_mm)
-        return LiftCurrentReadings(keys.name, places, keys.measured_A, keys.deviation_A, keys.shares)
-    coils, given = len(device.coils), np.asarray(keys.currents_A, float)
-    measured = np.full((len(keys.points_mm), 3), np.nan)
-    measured[:, [_LETTERS.index(letter) for letter in keys.components]] = _milli(keys.measured_mT)
-    deviation = _milli(keys.deviation_mT)
-    each = np.repeat(deviation, 3) if deviation.ndim else deviation
-    currents = np.full(coils, float(given)) if given.ndim == 0 else given
-    return FieldReadings(keys.name, _milli(keys.points_mm), currents, measured, each)
-
-
-def _milli(values: Any) -> Array:
-    return np.asarray(values, dtype=float) * MILLI
-
-
-def _labels(keys: _Keys) -> Iterator[str]:
-    if isinstance(keys, InductanceKeys):
-        yield from (pair[0] if pair[0] == pair[1] else " and ".join(pair) for pair in keys.coils)
-        return
-    points = keys.points_mm if isinstance(keys, FluxDensityKeys) else keys.positions_mm
-    for point in points:
-        place = ", ".join(f"{value:g}" for value in point)
-        if isinstance(keys, LiftCurrentKeys):
-            yield f"at ({place}) mm"
-        else:
-            yield from (f"B{letter} at ({place}) mm" for letter in _LETTERS if letter in keys.components)
-
-
-def _unit(keys: _Keys) -> tuple[str, float]:
-    if isinstance(keys, LiftCurrentKeys):
-        return "A", 1.0
-    return ("mT" if isinstance(keys, FluxDensityKeys) else "mH"), MILLI

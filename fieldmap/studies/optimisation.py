@@ -27,10 +27,10 @@ from fieldmap.extras import require
 from fieldmap.parallel import Workers
 from fieldmap.provenance import fingerprint
 from fieldmap.store import Checkpoint, checkpoint_path, write_whole
-from fieldmap.studies.data_set import require_xarray, write_netcdf
 from fieldmap.studies.design import WITHOUT_SLOPES, DesignProblem, Limit, Number, Variable, design_problem
 from fieldmap.studies.evaluation import Evaluation
 from fieldmap.studies.optimum import Check, LimitAtOptimum, NoFeasibleDesign, Optimum
+from fieldmap.studies.run import require_xarray, write_netcdf
 from fieldmap.studies.search import Search, SearchEnded
 from fieldmap.studies.study import CODE
 from fieldmap.typing import Array, PathLike, Progress

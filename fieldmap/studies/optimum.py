@@ -15,8 +15,8 @@ from fieldmap.device.model import Device
 from fieldmap.errors import Infeasible, Problem
 from fieldmap.plain import Plain, plain_items
 from fieldmap.records import Record
-from fieldmap.studies.data_set import require_xarray
 from fieldmap.studies.design import Variable, settings_at
+from fieldmap.studies.run import require_xarray
 
 Kind = Literal["exact", "differences", "none"]
 Role = Literal["step", "difference", "check", "sample"]

@@ -120,6 +120,12 @@ class Study(records.Record):
         """Numbers of variants along each axis."""
         return tuple(len(axis.values) for axis in self.axes) or (len(self.variants),)
 
+    def settings(self, number: int) -> dict[str, Value]:
+        """Of a variant, the varied keys in their units by the names of their axes; or its name."""
+        variant = self.variants[number]
+        values = {axis.name: axis.values[k] for axis, k in zip(self.axes, variant.place, strict=False)}
+        return values or {"variant": variant.name}
+
     @property
     def fingerprint(self) -> str:
         """Of everything that decides the numbers; equal ones mean equal data on one machine."""
