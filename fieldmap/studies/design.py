@@ -19,16 +19,24 @@ from fieldmap.device.changes import changed, key_finding
 from fieldmap.device.model import Device
 from fieldmap.device.reader import TEXT, device_of
 from fieldmap.device.schema import DEVICE
-from fieldmap.errors import DeviceFileError, FieldmapError, InputError, Problem, StudyError
+from fieldmap.errors import DeviceFileError, InputError, Problem, StudyError
 from fieldmap.field import FieldAtCurrents
 from fieldmap.inputs.document import Document, parsed
 from fieldmap.inputs.findings import Finding, closest, one_of
 from fieldmap.inputs.key_paths import Location, dotted, matches, value_at
 from fieldmap.iron.sensitivity.quantities import Quantity as FieldQuantity
 from fieldmap.studies.quantities import GROUPS, number_names
-from fieldmap.studies.reading import device_findings, named_device, read_parts
+from fieldmap.studies.reading import device_findings, named_device, read_parts, refused
 from fieldmap.studies.schema import STUDY, NumberKeys, StudyFile, VariableKeys
-from fieldmap.studies.study import CurrentSet, IronModel, Record, axis_labels, current_set, lacking
+from fieldmap.studies.study import (
+    CurrentSet,
+    IronModel,
+    Record,
+    axis_labels,
+    current_set,
+    lacking,
+    settings_with,
+)
 from fieldmap.typing import Array, PathLike
 
 CURRENT = "current."
@@ -75,12 +83,11 @@ class Variable(records.Record):
         """Whether it is the current of coils."""
         return self.key.startswith(CURRENT)
 
-    def settings(self, value: float) -> tuple[tuple[str, float], ...]:
+    def settings(self, value: float) -> tuple[tuple[str, Any], ...]:
         """Every key of the device file that it sets, with the value there."""
         if self.is_current:
             return ()
-        followers = [(key, one.offset + one.factor * value) for one in self.linked for key in one.keys]
-        return ((self.key, value), *followers)
+        return settings_with(self.key, value, self.linked)
 
 
 DesignFunction: TypeAlias = Callable[[Device, FieldAtCurrents], float]
@@ -608,15 +615,11 @@ def _of_starts(draft: DesignProblem) -> Iterator[Finding]:
             yield Finding((*_VARIABLE, k, "start"), must_hold, f"{start}", "give a start, or other bounds")
     told: set[str] = set()
     for place, where, values in _places(draft):
-        try:
-            device_of(draft.document_at(values))
-        except FieldmapError as error:
-            for problem in error.problems:
-                key = problem.where.split(": ", 1)[-1]
-                if key not in told:
-                    told.add(key)
-                    must_hold = f"{key} of the device {problem.must_hold}"
-                    yield Finding(place, must_hold, f"{problem.received} {where}", problem.remedy)
+        for key, problem in refused(draft.document_at(values)):
+            if key not in told:
+                told.add(key)
+                must_hold = f"{key} of the device {problem.must_hold}"
+                yield Finding(place, must_hold, f"{problem.received} {where}", problem.remedy)
 
 
 def _places(draft: DesignProblem) -> Iterator[tuple[Location, str, Array]]:

@@ -25,6 +25,7 @@ from fieldmap.device.reader import device_of
 from fieldmap.errors import Problem
 from fieldmap.extras import require
 from fieldmap.parallel import Workers
+from fieldmap.plain import plain_fields, plain_items
 from fieldmap.provenance import fingerprint
 from fieldmap.store import Checkpoint, checkpoint_path, write_whole
 from fieldmap.studies.design import WITHOUT_SLOPES, DesignProblem, Limit, Number, Variable, design_problem
@@ -158,27 +159,23 @@ def solve_problem(
 def problem_fingerprint(problem: DesignProblem) -> str:
     """Of everything that decides the numbers of a design: not of bounds, start, method, or the limits' bounds, so that
     another search goes on with the designs of an earlier one."""
-    device = device_of(problem.document)
+    device, record = device_of(problem.document), problem.record
     numbers = [
         f"{one.label} {getattr(one.of, '__qualname__', type(one.of).__name__)}" for one in problem.numbers
     ]
-    sets = [
-        (one.name, one.shares.tolist(), one.common, _listed(one.carried_at)) for one in problem.current_sets
-    ]
-    record = problem.record
     settings = (
         *device.texts,
         repr([(one.key, one.linked) for one in problem.variables]),
         repr(sorted(numbers)),
-        repr(sets),
+        repr([plain_fields(one) for one in problem.current_sets]),
         repr(replace(problem.iron, refinement=1.0)),
-        repr([record.points.tolist(), record.force_share, record.current_limit, _listed(record.box)]),
+        repr(
+            plain_items(
+                points=record.points, share=record.force_share, limit=record.current_limit, box=record.box
+            )
+        ),
     )
     return fingerprint(settings, CODE)
-
-
-def _listed(values: Any) -> Any:
-    return None if values is None else np.asarray(values).tolist()
 
 
 def _search(search: Search) -> Optimum:

@@ -1,7 +1,8 @@
 """From a study file to a study: its variants, what it asks of the device that they vary, all problems at once."""
 
 import itertools
-from collections.abc import Iterator, Sequence
+import math
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -13,7 +14,7 @@ from fieldmap.device.changes import changed, key_finding
 from fieldmap.device.model import Device
 from fieldmap.device.reader import device_of
 from fieldmap.device.schema import DEVICE
-from fieldmap.errors import DeviceFileError, InputError, Problem, RecipeError, StudyError
+from fieldmap.errors import DeviceFileError, FieldmapError, InputError, Problem, RecipeError, StudyError
 from fieldmap.inputs.document import Document
 from fieldmap.inputs.findings import Finding
 from fieldmap.inputs.key_paths import Location, dotted, matches
@@ -21,27 +22,21 @@ from fieldmap.inputs.tables import MILLI
 from fieldmap.maps.recipe import Recipe, read_recipe, read_recipe_device
 from fieldmap.shipped import is_file
 from fieldmap.studies.quantities import GROUPS, ON_REQUEST
-from fieldmap.studies.schema import STUDY, CurrentKeys, StudyFile, VaryKeys
+from fieldmap.studies.schema import STUDY, CurrentKeys, StudyFile
 from fieldmap.studies.study import (
     Axis,
     CurrentSet,
     IronModel,
     Record,
     Study,
-    Value,
     Variant,
     current_set,
     lacking,
     setting_words,
+    settings_with,
 )
 
-Settings = tuple[tuple[str, Value], ...]
 LARGEST_STUDY = 10_000
-
-
-def axes_of(contents: StudyFile) -> tuple[Axis, ...]:
-    """The varied keys; none where the variants are listed one by one."""
-    return tuple(Axis(entry.name, entry.key, tuple(entry.values)) for entry in contents.vary)
 
 
 def key_findings(contents: StudyFile, document: Document) -> list[Finding]:
@@ -49,9 +44,7 @@ def key_findings(contents: StudyFile, document: Document) -> list[Finding]:
     told = (key_finding(location, key, document) for location, key in _keys(contents))
     found = [finding for finding in told if finding is not None]
     found += _set_twice(contents, document)
-    count = 1
-    for entry in contents.vary:
-        count *= len(entry.values)
+    count = math.prod(len(entry.values) for entry in contents.vary)
     if max(count, len(contents.variant)) > LARGEST_STUDY:
         must_hold = f"a study has at most {LARGEST_STUDY} variants"
         found.append(Finding(("vary",), must_hold, f"{count}", "leave out values, or make several studies"))
@@ -87,42 +80,38 @@ def variants_of(contents: StudyFile, document: Document) -> tuple[Variant, ...]:
             Variant(entry.name, (k,), tuple(entry.set.items()), changed(document, tuple(entry.set.items())))
             for k, entry in enumerate(contents.variant)
         )
-    return tuple(_combined(contents.vary, place, document) for place in _places(contents.vary))
-
-
-def _places(vary: Sequence[VaryKeys]) -> Iterator[tuple[int, ...]]:
-    return itertools.product(*(range(len(entry.values)) for entry in vary))
-
-
-def _combined(vary: Sequence[VaryKeys], place: tuple[int, ...], document: Document) -> Variant:
-    values = {entry.name: entry.values[k] for entry, k in zip(vary, place, strict=True)}
-    settings = tuple(pair for entry in vary for pair in _settings(entry, values[entry.name]))
-    return Variant(setting_words(values), place, settings, changed(document, settings))
-
-
-def _settings(entry: VaryKeys, value: Any) -> Iterator[tuple[str, Value]]:
-    yield entry.key, value
-    for linked in entry.linked:
-        for key in linked.keys:
-            yield key, linked.offset + linked.factor * value
+    combined = []
+    for place in itertools.product(*(range(len(entry.values)) for entry in contents.vary)):
+        chosen = [(entry, entry.values[k]) for entry, k in zip(contents.vary, place, strict=True)]
+        settings = tuple(
+            pair for entry, value in chosen for pair in settings_with(entry.key, value, entry.linked)
+        )
+        words = setting_words({entry.name: value for entry, value in chosen})
+        combined.append(Variant(words, place, settings, changed(document, settings)))
+    return tuple(combined)
 
 
 def variant_findings(contents: StudyFile, variants: tuple[Variant, ...]) -> list[Finding]:
     """What the device schema refuses in a variant, each complaint once, at the study's table that causes it."""
     found: dict[tuple[str, str, str], Finding] = {}
     for number, variant in enumerate(variants):
-        try:
-            device_of(variant.document)
-        except DeviceFileError as error:
-            location: Location = ("variant", number) if contents.variant else ("vary",)
-            for problem in error.problems:
-                key = problem.where.split(": ", 1)[-1]
-                location = _cause(contents, variant, key) or location
-                must_hold = f"{key} of the device {problem.must_hold}"
-                received = f"{problem.received} in the variant {variant.name}"
-                same = (key, problem.must_hold, problem.received)
-                found.setdefault(same, Finding(location, must_hold, received, problem.remedy))
+        location: Location = ("variant", number) if contents.variant else ("vary",)
+        for key, problem in refused(variant.document):
+            location = _cause(contents, variant, key) or location
+            must_hold = f"{key} of the device {problem.must_hold}"
+            received = f"{problem.received} in the variant {variant.name}"
+            same = (key, problem.must_hold, problem.received)
+            found.setdefault(same, Finding(location, must_hold, received, problem.remedy))
     return list(found.values())
+
+
+def refused(document: Document) -> list[tuple[str, Problem]]:
+    """What is wrong with a changed device file, by its keys."""
+    try:
+        device_of(document)
+    except FieldmapError as error:
+        return [(problem.where.split(": ", 1)[-1], problem) for problem in error.problems]
+    return []
 
 
 def _cause(contents: StudyFile, variant: Variant, key: str) -> Location | None:
@@ -220,7 +209,7 @@ def read_study(path_or_name: str | Path) -> Study:
         path=path,
         text=study_file.text,
         title=contents.title,
-        axes=axes_of(contents),
+        axes=tuple(Axis(entry.name, entry.key, tuple(entry.values)) for entry in contents.vary),
         variants=variants,
         current_sets=sets,
         iron=iron,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Set
+from collections.abc import Iterable, Mapping, Set
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -180,7 +180,13 @@ def axis_labels(
     }
 
 
-def setting_words(settings: dict[str, Any]) -> str:
+def settings_with(key: str, value: Any, linked: Iterable[Any]) -> tuple[tuple[str, Value], ...]:
+    """A key with its value, and the keys that follow it: offset + factor * value."""
+    followers = [(name, one.offset + one.factor * value) for one in linked for name in one.keys]
+    return ((key, value), *followers)
+
+
+def setting_words(settings: Mapping[str, Any]) -> str:
     """The changed keys in words.
 
     >>> setting_words({"radius": 56.0, "steel": "soft"})

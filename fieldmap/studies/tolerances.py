@@ -39,7 +39,7 @@ from fieldmap.studies.evaluation import Evaluation
 from fieldmap.studies.optimisation import problem_fingerprint
 from fieldmap.studies.optimum import Kind
 from fieldmap.studies.search import Search
-from fieldmap.studies.study import CurrentSet
+from fieldmap.studies.study import CurrentSet, setting_words
 from fieldmap.typing import Array, PathLike, Progress
 
 _CALLER = "analyse_tolerances"
@@ -193,7 +193,7 @@ def analyse_tolerances(
             for number in problem.numbers
         ),
         refused=search.refused,
-        failed={_words(one): one.failure for one in drawn if not one.solved},
+        failed={setting_words(one.values): one.failure for one in drawn if not one.solved},
         solves=search.solves,
         kept=search.kept,
     )
@@ -317,7 +317,3 @@ def _sampled(values: Array) -> Sampled:
         deviation_error=deviation / np.sqrt(2 * (count - 1)),
         range=(low, high),
     )
-
-
-def _words(found: Evaluation) -> str:
-    return ", ".join(f"{key} = {value:g}" for key, value in found.values.items())

@@ -85,19 +85,6 @@ class SolvedIron:
         )
 
 
-def refined_too_often(accuracy: float, errors: list[float]) -> NotConverged:
-    """The error for saturating iron whose estimated error does not fall below the accuracy."""
-    return NotConverged(
-        Problem(
-            "iron.accuracy",
-            f"the estimated error of B must fall to {accuracy:g} within {MOST_REFINEMENTS} refinements",
-            ", ".join(f"{error:.2g}" for error in errors),
-            "loosen the accuracy, or give the bodies that matter smaller mesh sizes",
-        ),
-        residuals=tuple(errors),
-    )
-
-
 Numbers = dict[str, Any]
 
 # Half the distance of the currents whose forces are differenced, relative.
@@ -160,7 +147,12 @@ def _accurate(device: Device, task: Task) -> VariantResult:
             return VariantResult(rows, iron.field.assumptions)
         errors.append(max(found))
         refinement *= COARSER
-    raise refined_too_often(float(model.accuracy or 0.0), errors)
+    must_hold = (
+        f"the estimated error of B must fall to {model.accuracy:g} within {MOST_REFINEMENTS} refinements"
+    )
+    remedy = "loosen the accuracy, or give the bodies that matter smaller mesh sizes"
+    received = ", ".join(f"{error:.2g}" for error in errors)
+    raise NotConverged(Problem("iron.accuracy", must_hold, received, remedy), residuals=tuple(errors))
 
 
 def _row(device: Device, iron: SolvedIron, entry: CurrentSet, record: Record) -> Row:
@@ -374,21 +366,16 @@ def lowest_lift_height(field: Field, currents: Array, payload: Payload, over: Ar
     heights = np.linspace(lower, upper, HEIGHTS)
     enough = lift(heights) >= weight
     if not enough.any():
-        raise Infeasible(_nowhere(float(lift(heights).max() / weight), float(np.abs(currents).max())))
+        share, limit = lift(heights).max() / weight, np.abs(currents).max()
+        must_hold = "the currents at the limit must lift the payload somewhere in the workspace"
+        received = f"{share:.3g} of the weight at most, with {limit:g} A"
+        remedy = "raise the limit, lighten the payload, or let the workspace begin nearer to the iron"
+        raise Infeasible(Problem("reach", must_hold, received, remedy))
     first = int(enough.argmax())
     if first == 0:
         return lower
     return float(
         brentq(lambda z: lift(np.array([z]))[0] - weight, heights[first - 1], heights[first], xtol=1e-7)
-    )
-
-
-def _nowhere(share: float, limit: float) -> Problem:
-    return Problem(
-        "reach",
-        "the currents at the limit must lift the payload somewhere in the workspace",
-        f"{share:.3g} of the weight at most, with {limit:g} A",
-        "raise the limit, lighten the payload, or let the workspace begin nearer to the iron",
     )
 
 
