@@ -44,20 +44,14 @@ def check_position(bounds: Bounds, position: ArrayLike, where: str) -> Array:
     """A finite point (3,) inside a box, m. Raises InputError and OutsideMapError."""
     point = np.asarray(position, dtype=float)
     if point.shape != (3,) or not np.isfinite(point).all():
-        raise InputError(
-            Problem(where, "must be three finite coordinates in m", f"{point.tolist()}", "give x, y and z")
-        )
+        must_hold = "must be three finite coordinates in m"
+        raise InputError(Problem(where, must_hold, f"{point.tolist()}", "give x, y and z"))
     lower, upper = bounds
     slack = 1e-12 * np.abs(upper - lower).max()
     if (point < lower - slack).any() or (point > upper + slack).any():
-        raise OutsideMapError(
-            Problem(
-                where,
-                f"must lie in the box {_millimetres(lower)} to {_millimetres(upper)} mm",
-                f"{_millimetres(point)} mm",
-                "choose a point inside, or a map that reaches there",
-            )
-        )
+        must_hold = f"must lie in the box {_millimetres(lower)} to {_millimetres(upper)} mm"
+        remedy = "choose a point inside, or a map that reaches there"
+        raise OutsideMapError(Problem(where, must_hold, f"{_millimetres(point)} mm", remedy))
     return np.clip(point, lower, upper)
 
 
@@ -219,14 +213,10 @@ class RigidBalance(MagnetBalance):
             # A turn by torque over the restoring moment of a small tilt: Newton's step but for the field's gradient.
             axis = axis + np.cross(torque, axis) / restoring[:, None]
             axis /= np.linalg.norm(axis, axis=1, keepdims=True)
-        raise NotConverged(
-            Problem(
-                "rigid magnet",
-                f"the torque must fall to {_TORQUE:g} of moment times field",
-                f"{np.max(np.linalg.norm(torque, axis=1) / restoring):.1e} after {_TURNS} turns",
-                "choose places where the field is not weak, or moment='fixed'",
-            )
-        )
+        must_hold = f"the torque must fall to {_TORQUE:g} of moment times field"
+        received = f"{np.max(np.linalg.norm(torque, axis=1) / restoring):.1e} after {_TURNS} turns"
+        remedy = "choose places where the field is not weak, or moment='fixed'"
+        raise NotConverged(Problem("rigid magnet", must_hold, received, remedy))
 
     def _wrench(self, points: Array, axis: Array) -> Array:
         self.evaluations += len(points)

@@ -232,12 +232,7 @@ def _stops(stops: ArrayLike) -> Array:
     values = np.asarray(stops, dtype=float)
     steps = np.diff(values)
     if values.ndim != 1 or len(values) < 2 or not ((steps > 0).all() or (steps < 0).all()):
-        raise InputError(
-            Problem(
-                "follow_equilibrium(stops)",
-                "must be two or more parameters in rising or falling order",
-                f"{values.tolist()}",
-                "begin with the parameter of the start",
-            )
-        )
+        must_hold = "must be two or more parameters in rising or falling order"
+        remedy = "begin with the parameter of the start"
+        raise InputError(Problem("follow_equilibrium(stops)", must_hold, f"{values.tolist()}", remedy))
     return values

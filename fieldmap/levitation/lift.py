@@ -119,14 +119,9 @@ def direction_of_lift(point: Array, moment: float, gradient: Array) -> float:
     force = dipole_force(np.array([0.0, 0.0, moment]), gradient)
     # Rounding leaves some 1e-16 of the gradient where dBz/dz vanishes.
     if abs(force[2]) <= 1e-12 * moment * np.linalg.norm(gradient):
-        raise Infeasible(
-            Problem(
-                _at(point),
-                "dBz/dz must not vanish where a vertical dipole is to be lifted",
-                "no vertical force for the given shares",
-                "choose another position or other shares",
-            )
-        )
+        must_hold = "dBz/dz must not vanish where a vertical dipole is to be lifted"
+        received, remedy = "no vertical force for the given shares", "choose another position or other shares"
+        raise Infeasible(Problem(_at(point), must_hold, received, remedy))
     return float(np.sign(force[2]))
 
 
@@ -199,16 +194,31 @@ def _by_secant(
         except OutsideMapError as error:
             if not tried:
                 raise
-            raise _beyond(point, tried, current) from error
+            must_hold = "the lift must reach the weight at a current that the field holds"
+            received = f"lift / weight {_last(tried)}; the field does not hold {current:.4g} A"
+            remedy = "choose a position nearer to the iron, or a field that holds more current"
+            raise OutsideMapError(Problem(_at(point), must_hold, received, remedy)) from error
         tried.append((current, float(forces[-1][2] / balance.weight - 1.0)))
         if on_state is not None:
             on_state(current, tried[-1][1] + 1.0)
         if abs(tried[-1][1]) <= limit and len(tried) > 1:
             break
         if len(tried) == most:
-            raise _not_converged(point, tried)
+            must_hold = f"the lift must reach the weight within {most} states"
+            received = f"lift / weight at the last of them: {_last(tried)}"
+            remedy = (
+                "choose a position nearer to the iron, other shares, or a first current nearer to the answer"
+            )
+            problem = Problem(_at(point), must_hold, received, remedy)
+            raise NotConverged(problem, residuals=tuple(abs(value) for _, value in tried))
         if forces[0][2] <= 0.0:
-            raise _not_lifted(point, payload, first)
+            must_hold = "the field must pull the payload up at the first current"
+            remedy = (
+                "choose another position, other shares, or another first current; where every coil may carry its "
+                "own: fieldmap currents --lift, or currents_for of the map"
+            )
+            received = f"{payload.description}, {first:g} A, no lift"
+            raise Infeasible(Problem(_at(point), must_hold, received, remedy))
         # Soft iron is pulled with the square of the current.
         current = _next_current(tried, 0.5 if payload.pieces else 1.0)
     if field.affine and isinstance(balance, BodyBalance):
@@ -229,17 +239,6 @@ _HELD = (
     "nonlinear iron: a state of its own for each set of currents, no hysteresis",
     "the magnet is a vertical point dipole at its centre and does not magnetise the iron",
 )
-
-
-def _not_lifted(point: Array, payload: Payload, current: float) -> Infeasible:
-    must_hold = "the field must pull the payload up at the first current"
-    remedy = (
-        "choose another position, other shares, or another first current; where every coil may carry its own: "
-        "fieldmap currents --lift, or currents_for of the map"
-    )
-    return Infeasible(
-        Problem(_at(point), must_hold, f"{payload.description}, {current:g} A, no lift", remedy)
-    )
 
 
 def _next_current(tried: Sequence[tuple[float, float]], power: float = 1.0) -> float:
@@ -282,31 +281,8 @@ def _checked(field: Field, shares: Any, first: float, tolerance: float) -> Array
     return weights
 
 
-def _beyond(point: Array, tried: Sequence[tuple[float, float]], current: float) -> OutsideMapError:
-    return OutsideMapError(
-        Problem(
-            _at(point),
-            "the lift must reach the weight at a current that the field holds",
-            f"lift / weight {_last(tried)}; the field does not hold {current:.4g} A",
-            "choose a position nearer to the iron, or a field that holds more current",
-        )
-    )
-
-
 def _last(tried: Sequence[tuple[float, float]]) -> str:
     return ", ".join(f"{value + 1.0:.4g} at {current:.4g} A" for current, value in tried[-4:])
-
-
-def _not_converged(point: Array, tried: Sequence[tuple[float, float]]) -> NotConverged:
-    return NotConverged(
-        Problem(
-            _at(point),
-            f"the lift must reach the weight within {MAX_STATES} states",
-            f"lift / weight at the last of them: {_last(tried)}",
-            "choose a position nearer to the iron, other shares, or a first current nearer to the answer",
-        ),
-        residuals=tuple(abs(value) for _, value in tried),
-    )
 
 
 def _at(point: Array) -> str:

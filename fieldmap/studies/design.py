@@ -547,15 +547,22 @@ def _of_settings(draft: DesignProblem) -> Iterator[Finding]:
             yield Finding((table, name), f"must be {must}", f"{received!r}", remedy)
 
 
+def given_current(key: str, sets: Sequence[CurrentSet], coil_names: Sequence[str]) -> float:
+    """Of a coil, A, in the first set whose currents are given; 0 where there is none."""
+    name = key.removeprefix(CURRENT)
+    for entry in sets:
+        if entry.common is not None and name in (*coil_names, "*"):
+            return float(entry.common * entry.shares[0 if name == "*" else coil_names.index(name)])
+    return 0.0
+
+
 def _started(variable: Variable, draft: DesignProblem) -> Variable:
     """The variable with the device's own value as its start, where none is given."""
     if variable.start is not None:
         return variable
     if variable.is_current:
-        name = variable.key.removeprefix(CURRENT)
-        entry = next(one for one in draft.current_sets if one.common is not None)
-        place = 0 if name == "*" else draft.coil_names.index(name)
-        return replace(variable, start=float((entry.common or 0.0) * entry.shares[place]))
+        own = given_current(variable.key, draft.current_sets, draft.coil_names)
+        return replace(variable, start=own)
     data = draft.document.data
     values = [value_at(data, place) for place in matches(data, variable.key)]
     return replace(variable, start=float(values[0]))

@@ -59,7 +59,9 @@ def area_outline(field: Field, found: Equilibrium, payload: Payload, share: floa
 
     beyond = excess(radii) > 0.0
     if not beyond.any(axis=1).all():
-        must_hold = f"the horizontal force must reach {share:g} of the weight inside the workspace, on every side"
+        must_hold = (
+            f"the horizontal force must reach {share:g} of the weight inside the workspace, on every side"
+        )
         received = "the workspace, or three times the distance predicted by the stiffness, ends before"
         remedy = "make the workspace wider, or record.force_share smaller"
         raise FieldmapError(Problem("equilibrium_area", must_hold, received, remedy))

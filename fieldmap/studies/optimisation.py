@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Sequence
-from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
@@ -24,16 +23,11 @@ from fieldmap.device.model import Device
 from fieldmap.device.reader import device_of
 from fieldmap.errors import Problem
 from fieldmap.extras import require
-from fieldmap.parallel import Workers
-from fieldmap.plain import plain_fields, plain_items
-from fieldmap.provenance import fingerprint
-from fieldmap.store import Checkpoint, checkpoint_path, write_whole
+from fieldmap.store import write_whole
 from fieldmap.studies.design import WITHOUT_SLOPES, DesignProblem, Limit, Number, Variable, design_problem
-from fieldmap.studies.evaluation import Evaluation
 from fieldmap.studies.optimum import Check, LimitAtOptimum, NoFeasibleDesign, Optimum
 from fieldmap.studies.run import require_xarray, write_netcdf
-from fieldmap.studies.search import Search, SearchEnded
-from fieldmap.studies.study import CODE
+from fieldmap.studies.search import Evaluation, Search, SearchEnded, searching
 from fieldmap.typing import Array, PathLike, Progress
 
 # Searches from the best design on after a limit has failed on the finer mesh.
@@ -138,14 +132,8 @@ def solve_problem(
     target = None if output is None else Path(output)
     if target is not None:
         require_xarray()
-    keep = (
-        nullcontext()
-        if target is None
-        else Checkpoint(checkpoint_path(target), problem_fingerprint(problem), resume)
-    )
     say = progress or (lambda message, fraction: None)
-    with Workers(workers, scheduler) as team, keep as checkpoint:
-        search = Search(problem, team, checkpoint, say)
+    with searching(problem, target, resume, workers, say, scheduler) as search:
         found = _search(search)
     if target is not None:
         table = target.with_suffix(".csv")
@@ -154,28 +142,6 @@ def solve_problem(
         write_whole(table, found.csv_text().encode())
     say("complete", 1.0)
     return found
-
-
-def problem_fingerprint(problem: DesignProblem) -> str:
-    """Of everything that decides the numbers of a design: not of bounds, start, method, or the limits' bounds, so that
-    another search goes on with the designs of an earlier one."""
-    device, record = device_of(problem.document), problem.record
-    numbers = [
-        f"{one.label} {getattr(one.of, '__qualname__', type(one.of).__name__)}" for one in problem.numbers
-    ]
-    settings = (
-        *device.texts,
-        repr([(one.key, one.linked) for one in problem.variables]),
-        repr(sorted(numbers)),
-        repr([plain_fields(one) for one in problem.current_sets]),
-        repr(replace(problem.iron, refinement=1.0)),
-        repr(
-            plain_items(
-                points=record.points, share=record.force_share, limit=record.current_limit, box=record.box
-            )
-        ),
-    )
-    return fingerprint(settings, CODE)
 
 
 def _search(search: Search) -> Optimum:

@@ -7,7 +7,7 @@ import pytest
 
 from fieldmap.studies import Carrying, Limit, Linked, Number, Variable
 from fieldmap.studies.design import design_problem
-from fieldmap.studies.evaluation import Asked, evaluate
+from fieldmap.studies.search import Asked, evaluate
 from tests.conftest import DEVICES
 
 PAYLOAD = """
