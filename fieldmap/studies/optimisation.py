@@ -258,18 +258,13 @@ def _nothing(search: Search) -> NoFeasibleDesign:
         if search.excess(nearest, limit) <= problem.tolerance:
             continue
         side, bound = ("at least", limit.lower) if value < limit.lower else ("at most", limit.upper)
-        share = 100 * abs(value - bound) / limit.scale
+        off, share = abs(value - bound), 100 * abs(value - bound) / limit.scale
         received = (
-            f"{value:.6g} where the limits come nearest to holding ({where}): off by {abs(value - bound):.3g}"
+            f"{value:.6g} where the limits come nearest to holding ({where}): off by {off:.3g}, {share:.3g} %"
         )
-        problems.append(
-            Problem(
-                f"optimise, {limit.number.label}",
-                f"must be {side} {bound:g}",
-                f"{received}, {share:.3g} %",
-                "loosen this limit, widen the bounds of the variables, or begin elsewhere",
-            )
-        )
+        remedy = "loosen this limit, widen the bounds of the variables, or begin elsewhere"
+        must_hold = f"must be {side} {bound:g}"
+        problems.append(Problem(f"optimise, {limit.number.label}", must_hold, received, remedy))
     return NoFeasibleDesign(*problems, nearest=nearest.values, path=tuple(search.steps))
 
 

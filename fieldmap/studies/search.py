@@ -351,18 +351,18 @@ class Search:
 
     def limits(self, z: Array) -> Array:
         """What is left to each bound of each limit (m,), scaled: negative where it is violated."""
-        found = self.at(self.values(z))
-        if not found.solved:
-            found = self._last_solved()
-        return np.array([part for part, _, _ in self._rooms(found)])
+        return np.array([room for room, _, _ in self._rooms(self._solved_at(z))])
 
     def limit_slopes(self, z: Array) -> Array:
         """Their derivatives (m, k) by the scaled variables."""
-        values = self.values(z)
-        found = self.at(values)
-        found = found if found.solved else self._last_solved()
-        rows = [side * self.slopes(values, number) * self._width for _, side, number in self._rooms(found)]
+        values, rooms = self.values(z), self._rooms(self._solved_at(z))
+        rows = [side * self.slopes(values, number) * self._width for _, side, number in rooms]
         return np.array(rows).reshape(-1, len(values))
+
+    def _solved_at(self, z: Array) -> Evaluation:
+        """A design, or the last that was solved where it cannot be."""
+        found = self.at(self.values(z))
+        return found if found.solved else self._of_the_search()[-1]
 
     def _rooms(self, found: Evaluation) -> list[tuple[float, float, Number]]:
         """Room to a bound, the factor of the number in it, and the number."""
@@ -380,22 +380,16 @@ class Search:
         found = self.at(self.values(z))
         if not found.solved:
             return 1e3
-        return float(sum(self.excess(found, limit) ** 2 for limit in self.problem.limits))
+        return float(sum(min(room, 0.0) ** 2 for room, _, _ in self._rooms(found)))
 
     def violation_slopes(self, z: Array) -> Array:
         """Its derivatives (k,)."""
         values = self.values(z)
-        found = self.at(values)
-        total = np.zeros(len(values))
-        if not found.solved:
-            return total
-        for room, side, number in self._rooms(found):
+        found, total = self.at(values), np.zeros(len(values))
+        for room, side, number in self._rooms(found) if found.solved else ():
             if room < 0.0:
                 total += 2 * room * side * self.slopes(values, number) * self._width
         return total
-
-    def _last_solved(self) -> Evaluation:
-        return self._of_the_search()[-1]
 
     # Derivatives.
 
