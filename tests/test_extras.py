@@ -16,7 +16,7 @@ from fieldmap.plot.animation import save_animation
 from fieldmap.plot.vtu import write_xdmf
 from fieldmap.plot.web_page import save_web_page
 from fieldmap.studies import optimise
-from fieldmap.studies.data_set import require_xarray
+from fieldmap.studies.run import require_xarray
 
 MESH = "$MeshFormat\n4.1 0 8\n$EndMeshFormat\n"
 

@@ -156,7 +156,16 @@ def test_points_that_are_none(points):
 PLAIN_TYPES = {bool, int, float, bool | None, int | None, float | None}
 PLAIN_TYPES |= {"bool", "int", "float", "bool | None", "int | None", "float | None"}
 # Texts of messages, which say what they have to; keys of file formats that pydantic reads; data that change.
-NOT_RECORDS = {"Problem", "Choice", "DeviceData", "Balance", "RigidBalance", "BodyBalance", "SolvedStates"}
+NOT_RECORDS = {
+    "Problem",
+    "Choice",
+    "DeviceData",
+    "MagnetBalance",
+    "Balance",
+    "RigidBalance",
+    "BodyBalance",
+    "SolvedStates",
+}
 
 
 def public_classes():

@@ -17,7 +17,7 @@ from fieldmap.field import Bounds, dipole_wrench
 from fieldmap.io.field_source import FieldSource
 from fieldmap.lookup.inverse_of_field import currents_for
 from fieldmap.lookup.magnetic_body import MagneticBody
-from fieldmap.plain import Plain, plain_items
+from fieldmap.plain import Plain, plain_fields, plain_items
 from fieldmap.records import Record
 from fieldmap.typing import Array
 
@@ -53,20 +53,12 @@ class Probe(Record):
 
     def to_dicts(self) -> list[dict[str, Plain]]:
         """Each point as plain Python, SI units."""
-        found = []
-        for point in self.points:
-            numbers = {
-                name: getattr(point, name)
-                for name in ("at", "currents", "B", "gradient", "moment", "force", "torque")
-                if getattr(point, name) is not None
-            }
-            about = {
-                "source": self.source.name,
-                "kind": self.source.kind,
-                "coil_names": self.source.coil_names,
-            }
-            found.append(plain_items(**about, **numbers, assumptions=self.assumptions))
-        return found
+        about = plain_items(source=self.source.name, kind=self.source.kind, coil_names=self.source.coil_names)
+        told = plain_items(assumptions=self.assumptions)
+        points = [plain_fields(point) for point in self.points]
+        return [
+            about | {name: one for name, one in point.items() if one is not None} | told for point in points
+        ]
 
 
 def probe(
@@ -81,11 +73,8 @@ def probe(
     state = source.field.at(amperes)
     flux, slope = state.field(points), state.gradient(points)
     rests: tuple[str, ...] = tuple(source.assumptions(amperes))
-    if moment is None:
-        probed = [
-            ProbedPoint(*three) for three in zip(points, [amperes] * len(points), flux, slope, strict=True)
-        ]
-    else:
+    loads: list[tuple[Array, ...]] = [()] * len(points)
+    if moment is not None:
         if isinstance(moment, MagneticBody):
             wrench = moment.wrench(source.field, points, amperes)
             moments = moment.whole_moment(source.field, points, amperes)
@@ -93,11 +82,9 @@ def probe(
         else:
             wrench = dipole_wrench(flux, slope, moment)
             moments = np.broadcast_to(moment, points.shape)
-        probed = [
-            ProbedPoint(at, amperes, b, g, np.array(m), w[:3], w[3:])
-            for at, b, g, m, w in zip(points, flux, slope, moments, wrench, strict=True)
-        ]
-    return Probe(source, tuple(probed), rests)
+        loads = [(np.array(m), w[:3], w[3:]) for m, w in zip(moments, wrench, strict=True)]
+    rows = zip(points, flux, slope, loads, strict=True)
+    return Probe(source, tuple(ProbedPoint(at, amperes, b, g, *load) for at, b, g, load in rows), rests)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -206,21 +193,18 @@ class Levitation(Record):
             measured = self.measured_current
             ratio = None if measured is None else self.found.current / measured
             numbers |= plain_items(current_limit=self.current_limit, thesis=measured, ratio=ratio)
-        return {
-            **plain_items(
-                source=self.source.name,
-                kind=self.source.kind,
-                coil_names=self.source.coil_names,
-                sensor_mm=self.reading_mm,
-                has_sensor=self.has_sensor,
-                mass=self.payload.mass,
-                weight=self.payload.mass * GRAVITY,
-                moment_magnitude=self.payload.moment,
-                magnet_offset=self.payload.magnet_offset,
-            ),
-            **numbers,
-            "assumptions": list(self.assumptions),
-        }
+        about = plain_items(
+            source=self.source.name,
+            kind=self.source.kind,
+            coil_names=self.source.coil_names,
+            sensor_mm=self.reading_mm,
+            has_sensor=self.has_sensor,
+            mass=self.payload.mass,
+            weight=self.payload.mass * GRAVITY,
+            moment_magnitude=self.payload.moment,
+            magnet_offset=self.payload.magnet_offset,
+        )
+        return about | numbers | plain_items(assumptions=self.assumptions)
 
 
 def floating(

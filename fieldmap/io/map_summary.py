@@ -138,21 +138,16 @@ class MapSummary(Record):
     def accuracy(self) -> MapAccuracy:
         """As the file has it."""
         info, report = self.info, self.info.provenance.solver_report
-        estimate, tried = report.get("error"), report.get("states_tried", {})
+        estimate, tried = report.get("error"), []
+        for kind, of in report.get("states_tried", {}).items():
+            largest = ErrorShares(of["flux_density_share"], of["gradient_share"])
+            tried.append(TriedStates(kind, of["states"], of["solved"], largest))
         return MapAccuracy(
             meshed=bool(report.get("tetrahedra")),
             mesh=ErrorShares(estimate["flux_density"], estimate["gradient"]) if estimate else None,
             interpolation=info.interpolation_error,
             bound=info.error_bounds.get("harmonic"),
-            tried=tuple(
-                TriedStates(
-                    kind,
-                    of["states"],
-                    of["solved"],
-                    ErrorShares(of["flux_density_share"], of["gradient_share"]),
-                )
-                for kind, of in tried.items()
-            ),
+            tried=tuple(tried),
         )
 
     def signal_ranges(self) -> dict[str, tuple[float, float]]:
@@ -160,9 +155,8 @@ class MapSummary(Record):
         if self.domain is None:
             return {}
         names = signal_names(self.domain, self.info.coil_names)
-        return dict(
-            zip(names, zip(self.domain.lower.tolist(), self.domain.upper.tolist(), strict=True), strict=True)
-        )
+        ranges = zip(self.domain.lower.tolist(), self.domain.upper.tolist(), strict=True)
+        return dict(zip(names, ranges, strict=True))
 
     def to_dict(self) -> dict[str, Plain]:
         """The summary as plain Python, SI units but for `sensor_mm`."""

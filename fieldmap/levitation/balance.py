@@ -6,8 +6,9 @@ docs/theory/equilibrium.md. SI units, frame of the field.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import Any, Literal, TypeAlias
+from abc import ABC, abstractmethod
+from dataclasses import KW_ONLY, dataclass, replace
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -43,20 +44,14 @@ def check_position(bounds: Bounds, position: ArrayLike, where: str) -> Array:
     """A finite point (3,) inside a box, m. Raises InputError and OutsideMapError."""
     point = np.asarray(position, dtype=float)
     if point.shape != (3,) or not np.isfinite(point).all():
-        raise InputError(
-            Problem(where, "must be three finite coordinates in m", f"{point.tolist()}", "give x, y and z")
-        )
+        must_hold = "must be three finite coordinates in m"
+        raise InputError(Problem(where, must_hold, f"{point.tolist()}", "give x, y and z"))
     lower, upper = bounds
     slack = 1e-12 * np.abs(upper - lower).max()
     if (point < lower - slack).any() or (point > upper + slack).any():
-        raise OutsideMapError(
-            Problem(
-                where,
-                f"must lie in the box {_millimetres(lower)} to {_millimetres(upper)} mm",
-                f"{_millimetres(point)} mm",
-                "choose a point inside, or a map that reaches there",
-            )
-        )
+        must_hold = f"must lie in the box {_millimetres(lower)} to {_millimetres(upper)} mm"
+        remedy = "choose a point inside, or a map that reaches there"
+        raise OutsideMapError(Problem(where, must_hold, f"{_millimetres(point)} mm", remedy))
     return np.clip(point, lower, upper)
 
 
@@ -109,24 +104,47 @@ def aligned_stiffness(magnitude: float, field: Array, gradient: Array, second_gr
 
 
 @dataclass(eq=False)
-class Balance:
-    """Magnetic force and weight of a magnet of given moment in a field at fixed currents.
+class MagnetBalance(ABC):
+    """Magnetic force and weight of a magnet in a field at fixed currents (n_coils,), A, whatever its model.
 
-    fixed_moment (3,) in A m^2, or None for a moment that stays parallel to B. `evaluations` counts field
-    points.
+    magnitude: of the moment, or the largest sum of moments, by their magnitudes, met so far, A m^2. `evaluations`
+    counts places of the magnet.
     """
 
     source: Field
     currents: Array
     mass: float
     magnitude: float
-    fixed_moment: Array | None
+    _: KW_ONLY
     evaluations: int = 0
 
     @property
     def weight(self) -> float:
         """Weight, N."""
         return self.mass * GRAVITY
+
+    @abstractmethod
+    def moments(self, points: Array) -> Array:
+        """Moment (n, 3) of the whole magnet with its centre at points (n, 3), A m^2."""
+
+    @abstractmethod
+    def magnetic_force(self, points: Array) -> Array:
+        """Magnetic force (n, 3) with the magnet's centre at points (n, 3), N."""
+
+    @abstractmethod
+    def stiffness(self, position: Array) -> Array:
+        """-dF/dx (3, 3) at one position (3,), N/m."""
+
+    def residual(self, points: Array) -> Array:
+        """Magnetic force plus weight (n, 3), N."""
+        return self.magnetic_force(points) - [0.0, 0.0, self.weight]
+
+
+@dataclass(eq=False)
+class Balance(MagnetBalance):
+    """Of a point dipole. fixed_moment (3,) in A m^2, or None for a moment that stays parallel to B."""
+
+    fixed_moment: Array | None
 
     def moments(self, points: Array) -> Array:
         """Moment (n, 3) at points (n, 3), A m^2."""
@@ -142,12 +160,6 @@ class Balance:
         self.evaluations += len(points)
         return dipole_force(self.moments(points), self.source.gradient(points, self.currents))
 
-    def residual(self, points: Array) -> Array:
-        """Magnetic force plus weight (n, 3), N."""
-        force = self.magnetic_force(points)
-        force[:, 2] -= self.weight
-        return force
-
     def stiffness(self, position: Array) -> Array:
         """-dF/dx (3, 3) at one position (3,), N/m."""
         point = position[None, :]
@@ -159,38 +171,27 @@ class Balance:
 
 
 @dataclass(eq=False)
-class RigidBalance:
-    """Magnetic force and weight of a rigid magnet, integrated over its volume, at fixed currents.
+class RigidBalance(MagnetBalance):
+    """Of a rigid magnet, integrated over its volume.
 
     The magnet turns about its centre until T = 0, docs/theory/equilibrium.md (8). lever: how far the centre of mass
     of the levitated body lies below the magnet's centre, along the magnet's axis, m; its weight uprights the magnet.
     sign: +1 for a moment that begins upward, -1 downward. step: half the distance over which forces are differenced
-    for the stiffness, m. `evaluations` counts places of the magnet.
+    for the stiffness, m.
     """
 
-    source: Field
-    currents: Array
-    mass: float
     magnet: FiniteMagnet
     lever: float = 0.0
     sign: float = 1.0
     step: float = 2e-4
-    evaluations: int = 0
 
-    @property
-    def weight(self) -> float:
-        """Weight, N."""
-        return self.mass * GRAVITY
+    def moments(self, points: Array) -> Array:
+        """Moment (n, 3) at which no torque is left, A m^2."""
+        return self.magnitude * self.axes(points)
 
     def magnetic_force(self, points: Array) -> Array:
         """Magnetic force (n, 3) with the centre at points (n, 3), N."""
         return self._wrench(points, self.axes(points))[:, :3]
-
-    def residual(self, points: Array) -> Array:
-        """Magnetic force plus weight (n, 3), N."""
-        force = self.magnetic_force(points)
-        force[:, 2] -= self.weight
-        return force
 
     def stiffness(self, position: Array) -> Array:
         """-dF/dx (3, 3) at one position (3,), N/m, the magnet turning as it moves; by central differences."""
@@ -212,14 +213,10 @@ class RigidBalance:
             # A turn by torque over the restoring moment of a small tilt: Newton's step but for the field's gradient.
             axis = axis + np.cross(torque, axis) / restoring[:, None]
             axis /= np.linalg.norm(axis, axis=1, keepdims=True)
-        raise NotConverged(
-            Problem(
-                "rigid magnet",
-                f"the torque must fall to {_TORQUE:g} of moment times field",
-                f"{np.max(np.linalg.norm(torque, axis=1) / restoring):.1e} after {_TURNS} turns",
-                "choose places where the field is not weak, or moment='fixed'",
-            )
-        )
+        must_hold = f"the torque must fall to {_TORQUE:g} of moment times field"
+        received = f"{np.max(np.linalg.norm(torque, axis=1) / restoring):.1e} after {_TURNS} turns"
+        remedy = "choose places where the field is not weak, or moment='fixed'"
+        raise NotConverged(Problem("rigid magnet", must_hold, received, remedy))
 
     def _wrench(self, points: Array, axis: Array) -> Array:
         self.evaluations += len(points)
@@ -227,23 +224,13 @@ class RigidBalance:
 
 
 @dataclass(eq=False)
-class BodyBalance:
-    """Magnetic force and weight of an upright body of magnets and soft iron at fixed currents; induced moments follow
-    the field: docs/theory/wrench.md (5)..(9). orientation (3, 3): columns its axes. `evaluations` counts its places."""
+class BodyBalance(MagnetBalance):
+    """Of an upright body of magnets and soft iron; induced moments follow the field: docs/theory/wrench.md (5)..(9).
+    orientation (3, 3): columns its axes."""
 
-    source: Field
-    currents: Array
-    mass: float
+    magnitude: float
     body: MagneticBody
     orientation: Array
-    evaluations: int = 0
-    magnitude: float = 0.0
-    """Largest sum of moments, by their magnitudes, met so far, A m^2."""
-
-    @property
-    def weight(self) -> float:
-        """Weight, N."""
-        return self.mass * GRAVITY
 
     def moments(self, points: Array) -> Array:
         """Moment (n, 3) of the whole body with its centre at points (n, 3), A m^2."""
@@ -251,19 +238,14 @@ class BodyBalance:
         if not self.body.soft:
             return np.broadcast_to(fixed, points.shape)
         induced = self.body.induced_moment(self.source, points, self.currents, self.orientation)
-        self.magnitude = max(self.magnitude, float(np.linalg.norm(induced, axis=2).sum(axis=1).max()))
+        largest = float(np.linalg.norm(induced, axis=2).sum(axis=1).max())
+        self.magnitude = max(self.magnitude, largest)
         return np.asarray(fixed + induced.sum(axis=1))
 
     def magnetic_force(self, points: Array) -> Array:
         """Magnetic force (n, 3) with the centre at points (n, 3), N."""
         self.evaluations += len(points)
         return self.body.wrench(self.source, points, self.currents, self.orientation)[:, :3]
-
-    def residual(self, points: Array) -> Array:
-        """Magnetic force plus weight (n, 3), N."""
-        force = self.magnetic_force(points)
-        force[:, 2] -= self.weight
-        return force
 
     def stiffness(self, position: Array) -> Array:
         """-dF/dx (3, 3) at one position (3,), N/m."""
@@ -275,7 +257,7 @@ def body_balance(field: Field, currents: Array, payload: Payload, near: Array) -
     near (n, 3)."""
     body = magnetic_body(payload)
     fixed = float(np.linalg.norm(body.moments, axis=1).sum())
-    upright = BodyBalance(field, currents, payload.mass, body, np.eye(3), magnitude=fixed)
+    upright = BodyBalance(field, currents, payload.mass, fixed, body, np.eye(3))
     turned = replace(upright, orientation=np.diag([1.0, -1.0, -1.0]))
     if not len(body.points):
         upright.moments(near)
@@ -305,10 +287,6 @@ def _frames(axis: Array) -> Array:
     return turn
 
 
-MagnetBalance: TypeAlias = Balance | RigidBalance | BodyBalance
-"""Magnetic force and weight of a magnet at fixed currents, whatever its model."""
-
-
 def magnet_balance(
     field: Field,
     currents: Array,
@@ -321,28 +299,30 @@ def magnet_balance(
 
     moment: "fixed", a dipole that stays vertical; "aligned", one that follows B; "rigid", the payload's magnet itself,
     integrated over its volume and turned until torque vanishes; "rigid upright", the same without turning. A payload of
-    pieces stays upright. A fixed or rigid moment points up or down, whichever is lifted at the point near (3,). lever:
-    of the body's centre of mass below the magnet's centre, m, for "rigid". Raises InputError for another name or a
-    payload without a magnet.
+    pieces stays upright. A fixed or rigid moment points up or down, whichever is lifted more near a point (3,) or at
+    the best of several (n, 3). lever: of the body's centre of mass below the magnet's centre, m, for "rigid". Raises
+    InputError for another name or a payload without a magnet.
     """
     check_choice("moment", moment, MODELS)
-    point = np.asarray(near, dtype=float)[None, :]
+    points = np.asarray(near, dtype=float).reshape(-1, 3)
     if payload.pieces:
         refuse_models_of_pieces("magnet_balance(moment)", moment)
-        return body_balance(field, currents, payload, point)
+        return body_balance(field, currents, payload, points)
     if moment == "aligned":
         return Balance(field, currents, payload.mass, payload.moment, None)
-    sign = 1.0 if field.gradient(point, currents)[0, 2, 2] >= 0.0 else -1.0
+    rise = field.gradient(points, currents)[:, 2, 2]
+    sign = -1.0 if abs(rise.min()) > rise.max() else 1.0
     if moment == "fixed":
         held = np.array([0.0, 0.0, sign * payload.moment])
-        return Balance(field, currents, payload.mass, payload.moment, held)
+        return Balance(field, currents, payload.mass, payload.moment, held, evaluations=len(points))
     if payload.magnet is None:
         must = "must have a magnet: its shape, size and remanence"
         raise InputError(
             Problem("payload.magnet", must, "None", "add [payload.magnet], or choose moment='fixed'")
         )
     turning = UPRIGHT if moment == "rigid upright" else lever
-    return RigidBalance(field, currents, payload.mass, volume_rule(payload.magnet, RULE), turning, sign)
+    magnet = volume_rule(payload.magnet, RULE)
+    return RigidBalance(field, currents, payload.mass, payload.moment, magnet, turning, sign)
 
 
 def refuse_models_of_pieces(where: str, moment: str) -> None:

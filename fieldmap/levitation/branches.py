@@ -12,7 +12,7 @@ from fieldmap.arguments import check_positive
 from fieldmap.deprecated import renamed_argument
 from fieldmap.device.model import Payload
 from fieldmap.errors import InputError, NoEquilibrium, Problem
-from fieldmap.field import AnyField, as_field, require_bounds
+from fieldmap.field import AnyField, Bounds, as_field, require_bounds
 from fieldmap.levitation.balance import (
     MagnetBalance,
     MagnetModel,
@@ -20,7 +20,7 @@ from fieldmap.levitation.balance import (
     magnet_balance,
     model_assumptions,
 )
-from fieldmap.levitation.continuation import Fold, FollowedBranch, follow_branch
+from fieldmap.levitation.continuation import Fold, follow_branch
 from fieldmap.levitation.stationary import StationaryPoint, describe
 from fieldmap.lookup.payload import check_payload
 from fieldmap.records import Record
@@ -84,29 +84,34 @@ def follow_equilibrium(
 
     Raises InputError and OutsideMapError for arguments that do not fit, NotConverged if nothing is near the start.
     """
-    carried = check_payload(payload, "follow_equilibrium")
-    check_positive("follow_equilibrium", level=level, field_scale=field_scale, step=step)
+    check_positive("follow_equilibrium", step=step)
     targets = _stops(stops)
-    begin = np.asarray(start, dtype=float)
-    currents, height = path(float(targets[0]), level)
-    source = as_field(field)
-    box = require_bounds(source)
-    near = check_position(box, np.append(begin, height), "follow_equilibrium(start)")
-    first = magnet_balance(source, np.asarray(currents, dtype=float), carried, near, moment, lever)
-    along = _Along(first, path, level, hold_height, field_scale)
-    low, high = (corner[:2] for corner in box)
+    about = (field, payload, path, float(targets[0]), start, level, hold_height, field_scale, moment, lever)
+    along, begin, (low, high) = _begin("follow_equilibrium", *about)
     width = 0.25 * float((high - low).max())
-    scale = [width, width, level, np.ptp(targets)] if hold_height else [width, width, np.ptp(targets)]
     followed = follow_branch(
         along.residual,
-        np.append(begin, level) if hold_height else begin,
+        begin,
         targets,
-        scale,
+        [width, width, level, np.ptp(targets)] if hold_height else [width, width, np.ptp(targets)],
         slope=None if hold_height else along.slope,
         inside=lambda q: bool((q[:2] >= low).all() and (q[:2] <= high).all() and (q[2:] > 0).all()),
         step=step,
     )
-    return _result(along, followed, targets, model_assumptions(moment, lever))
+    levels = np.array([along.level_of(q) for q in followed.unknowns])
+    pairs = zip(followed.parameters, levels, strict=True)
+    heights = [path(float(parameter), float(u))[1] for parameter, u in pairs]
+    reached = zip(followed.at_stops, targets, strict=False)
+    return EquilibriumBranch(
+        followed.parameters,
+        np.column_stack([followed.unknowns[:, :2], heights]),
+        levels,
+        tuple(describe(*along.at(q, float(parameter))) for q, parameter in reached),
+        np.array([along.level_of(q) for q in followed.at_stops]),
+        followed.folds,
+        followed.ended,
+        model_assumptions(moment, lever),
+    )
 
 
 @renamed_argument("field_map", "field")
@@ -126,17 +131,9 @@ def equilibrium_at(
     path(level): currents (n_coils,) in A and height z of the magnet, m. The rest as in `follow_equilibrium`, for one
     parameter. Raises InputError and OutsideMapError for arguments that do not fit, NoEquilibrium if nothing is near.
     """
-    carried = check_payload(payload, "equilibrium_at")
-    check_positive("equilibrium_at", level=level, field_scale=field_scale)
-    begin = np.asarray(start, dtype=float)
-    currents, height = path(level)
-    source = as_field(field)
-    box = require_bounds(source)
-    near = check_position(box, np.append(begin, height), "equilibrium_at(start)")
-    first = magnet_balance(source, np.asarray(currents, dtype=float), carried, near, moment, lever)
-    along = _Along(first, lambda _, u: path(u), level, hold_height, field_scale)
-    q = np.append(begin, level) if hold_height else begin.copy()
-    low, high = (corner[:2] for corner in box)
+    about = (field, payload, lambda _, u: path(u), 0.0, start, level, hold_height, field_scale, moment, lever)
+    along, q, (low, high) = _begin("equilibrium_at", *about)
+    begin = q[:2].copy()
     for count in range(_STEPS):
         step = np.linalg.solve(_square(along, q), along.residual(q, 0.0))
         # No farther than a fifth of the map, and of the level, at once.
@@ -157,6 +154,31 @@ def equilibrium_at(
     )
     remedy = "look for all points with stationary_points, and start near one of them"
     raise NoEquilibrium(Problem(where, f"{what} must vanish near", received, remedy))
+
+
+def _begin(
+    where: str,
+    field: AnyField,
+    payload: Payload | None,
+    path: Path,
+    parameter: float,
+    start: ArrayLike,
+    level: float,
+    hold_height: bool,
+    field_scale: float,
+    moment: MagnetModel,
+    lever: float,
+) -> tuple[_Along, Array, Bounds]:
+    """The balance along a path, the unknowns (2,) or (3,) where it begins, and corners (2,) of the field's box."""
+    carried = check_payload(payload, where)
+    check_positive(where, level=level, field_scale=field_scale)
+    begin, source = np.asarray(start, dtype=float), as_field(field)
+    currents, height = path(parameter, level)
+    low, high = require_bounds(source)
+    near = check_position((low, high), np.append(begin, height), f"{where}(start)")
+    balance = magnet_balance(source, np.asarray(currents, dtype=float), carried, near, moment, lever)
+    along = _Along(balance, path, level, hold_height, field_scale)
+    return along, np.append(begin, level) if hold_height else begin.copy(), (low[:2], high[:2])
 
 
 def _square(along: _Along, q: Array) -> Array:
@@ -206,36 +228,11 @@ class _Along:
         return -self.field_scale * balance.stiffness(place)[:2, :2] / balance.weight
 
 
-def _result(
-    along: _Along, followed: FollowedBranch, stops: Array, assumptions: tuple[str, ...]
-) -> EquilibriumBranch:
-    heights = [
-        along.path(p, along.level_of(q))[1]
-        for q, p in zip(followed.unknowns, followed.parameters, strict=True)
-    ]
-    places = [along.at(q, float(p)) for q, p in zip(followed.at_stops, stops, strict=False)]
-    return EquilibriumBranch(
-        followed.parameters,
-        np.column_stack([followed.unknowns[:, :2], heights]),
-        np.array([along.level_of(q) for q in followed.unknowns]),
-        tuple(describe(balance, place) for balance, place in places),
-        np.array([along.level_of(q) for q in followed.at_stops]),
-        followed.folds,
-        followed.ended,
-        assumptions,
-    )
-
-
 def _stops(stops: ArrayLike) -> Array:
     values = np.asarray(stops, dtype=float)
     steps = np.diff(values)
     if values.ndim != 1 or len(values) < 2 or not ((steps > 0).all() or (steps < 0).all()):
-        raise InputError(
-            Problem(
-                "follow_equilibrium(stops)",
-                "must be two or more parameters in rising or falling order",
-                f"{values.tolist()}",
-                "begin with the parameter of the start",
-            )
-        )
+        must_hold = "must be two or more parameters in rising or falling order"
+        remedy = "begin with the parameter of the start"
+        raise InputError(Problem("follow_equilibrium(stops)", must_hold, f"{values.tolist()}", remedy))
     return values

@@ -6,12 +6,12 @@ What is fitted is said by name, with its covariance and the readings before and 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
-import scipy
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from fieldmap.arguments import check_matrix, check_ordered, check_positive, check_signal
 from fieldmap.deprecated import renamed_argument
@@ -20,16 +20,15 @@ from fieldmap.errors import InputError, NoEquilibrium, Problem
 from fieldmap.field import AnyField, Bounds, Field, as_field, require_bounds
 from fieldmap.levitation.balance import MagnetModel, magnet_balance, model_assumptions
 from fieldmap.levitation.branches import equilibrium_at
+from fieldmap.levitation.unknowns import Unknown, find_unknowns, mistakes
 from fieldmap.lookup.payload import check_payload
 from fieldmap.records import Record
 from fieldmap.typing import Array
 
 PARAMETERS = ("field_scale", "magnet_offset", "current_scale")
 _TYPICAL = {"field_scale": 1.0, "magnet_offset": 0.01}
-_FAR = 3.0
-"""What a place that does not exist counts, in measured places, and a hundred deviations besides."""
-_RANK = 1e-6
-"""Smallest singular value over the largest, the columns scaled to 1, at which parameters are told apart."""
+_STEP = 1e-4
+"""Of derivatives, in typical values."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -99,50 +98,47 @@ class Calibration(Record):
 
 
 @dataclass(frozen=True, eq=False)
+class _Table:
+    """Readings, what those are called that are there, and what computes all from the values of all parameters."""
+
+    name: str
+    measured: Array
+    deviation: float
+    rows: tuple[str, ...]
+    compute: Callable[[Mapping[str, float]], Array]
+
+
+@dataclass(frozen=True, eq=False)
 class _Rig:
     source: Field
     payload: Payload
-    lift: LiftReadings | None
-    positions: PositionReadings | None
     moment: MagnetModel
     lever: float
     # Where each magnet was found last, so that the next search begins there.
     found: dict[int, tuple[Array, float]] = dataclasses.field(default_factory=dict)
 
-    def computed(self, values: Mapping[str, float]) -> Array:
-        """Lifts over the weight, then places (m), NaN where there is none."""
-        gains = _gains(values, len(self.source.coil_names))
-        parts = []
-        if self.lift is not None:
-            parts.append(self._lifts(values, gains))
-        if self.positions is not None:
-            parts.append(self._places(values, gains).ravel())
-        return np.concatenate(parts)
-
-    def _lifts(self, values: Mapping[str, float], gains: Array) -> Array:
-        assert self.lift is not None
-        sensed, currents = np.asarray(self.lift.sensed), np.asarray(self.lift.currents)
-        places = np.zeros((len(sensed), 2)) if self.lift.place is None else np.asarray(self.lift.place)
+    def lifts(self, read: LiftReadings, values: Mapping[str, float]) -> Array:
+        """Lifts (n,) over the weight."""
+        sensed, currents = np.asarray(read.sensed), np.asarray(read.currents)
+        places = np.zeros((len(sensed), 2)) if read.place is None else np.asarray(read.place)
         lifts = []
         for z, amperes, place in zip(sensed, currents, places, strict=True):
             point = np.append(place, z - values["magnet_offset"])
-            about = (self.payload, point, self.moment, self.lever)
-            balance = magnet_balance(self.source, amperes * gains, *about)
+            given = amperes * _gains(values, len(amperes))
+            balance = magnet_balance(self.source, given, self.payload, point, self.moment, self.lever)
             lifts.append(balance.magnetic_force(point[None, :])[0, 2] / balance.weight)
         return values["field_scale"] * np.array(lifts)
 
-    def _places(self, values: Mapping[str, float], gains: Array) -> Array:
-        assert self.positions is not None
-        read = self.positions
+    def places(self, read: PositionReadings, values: Mapping[str, float]) -> Array:
+        """Places (2 n,), m, NaN where there is none."""
         rows = zip(np.asarray(read.sensed), np.asarray(read.currents), np.asarray(read.places), strict=True)
-        places = np.array([self._place(k, values, gains, *row) for k, row in enumerate(rows)])
-        return places - places[0] if read.from_first else places
+        places = np.array([self._place(k, read.height_held, values, *row) for k, row in enumerate(rows)])
+        return np.ravel(places - places[0] if read.from_first else places)
 
     def _place(
-        self, k: int, values: Mapping[str, float], gains: Array, z: float, currents: Array, place: Array
+        self, k: int, held: bool, values: Mapping[str, float], z: float, currents: Array, place: Array
     ) -> Array:
-        assert self.positions is not None
-        mean = float(np.abs(currents).mean())
+        mean, gains = float(np.abs(currents).mean()), _gains(values, len(currents))
         begin, level = self.found.get(k, (np.nan_to_num(place), mean))
         height = z - values["magnet_offset"]
         for start in ((begin, level), (np.nan_to_num(place), mean)):
@@ -152,7 +148,7 @@ class _Rig:
                     self.payload,
                     lambda u: (currents * (u / mean) * gains, height),
                     *start,
-                    self.positions.height_held,
+                    held,
                     values["field_scale"],
                     self.moment,
                     self.lever,
@@ -200,80 +196,75 @@ def calibrate(
     source = as_field(field)
     names = _free(fit, source.coil_names)
     start = _start(source.coil_names, carried, given)
-    rig = _Rig(source, carried, lift, positions, moment, lever)
-    measured, deviation, rows = _readings(lift, positions, len(source.coil_names))
-    if len(measured) < len(names):
-        raise _too_few(len(measured), names)
-    scale = np.array([_TYPICAL.get(name, 1.0) for name in names])
-
-    def values_at(x: Array) -> dict[str, float]:
-        return {**start, **dict(zip(names, (x * scale).tolist(), strict=True))}
-
-    def residual(x: Array) -> Array:
-        left = (rig.computed(values_at(x))[rows.read] - measured) / deviation
-        # A place that does not exist counts as far off, so that the fit turns back.
-        return np.where(np.isnan(left), _FAR * np.abs(measured / deviation) + 100.0, left)
-
-    before = rig.computed(start)[rows.read]
-    bounds = _bounds(names, require_bounds(source), lift, positions, limits or {}) / scale
-    begin = np.array([start[name] for name in names]) / scale
-    begin = np.clip(begin, *(bounds + np.outer([1e-6, -1e-6], bounds[1] - bounds[0])))
-    answer = scipy.optimize.least_squares(
-        residual, begin, x_scale="jac", diff_step=1e-4, xtol=1e-10, ftol=1e-12, bounds=tuple(bounds)
+    rig = _Rig(source, carried, moment, lever)
+    tables = _tables(rig, lift, positions)
+    bounds = _bounds(names, require_bounds(source), lift, positions, limits or {})
+    inside = bounds + np.outer([1e-6, -1e-6], bounds[1] - bounds[0])
+    unknowns = [
+        Unknown(name, float(np.clip(start[name], *near)), low, high, step=_STEP * _TYPICAL.get(name, 1.0))
+        for name, near, (low, high) in zip(names, inside.T, bounds.T.tolist(), strict=True)
+    ]
+    problems = [*mistakes("calibrate", unknowns, tables, len(tables))]
+    if problems:
+        raise InputError(*problems)
+    found = find_unknowns(
+        unknowns,
+        tables,
+        len(tables),
+        lambda values, asked: [table.compute(start | values) for table in asked],
+        x_scale="jac",
+        xtol=1e-10,
+        ftol=1e-12,
     )
-    values = values_at(answer.x)
-    after = rig.computed(values)[rows.read]
-    columns = (rows.names, measured.tolist(), before.tolist(), after.tolist())
+    if found.alike:
+        must_hold = "the readings must tell the free parameters apart"
+        received = f"readings that do not change with {' and '.join(found.alike)}, or with both at once"
+        remedy = "hold one of them with given=..., or add readings of another kind"
+        raise InputError(Problem("calibrate(fit)", must_hold, received, remedy))
+    begun = start | {one.key: one.start for one in unknowns}
+    rows = [
+        Reading(*row)
+        for table, one in zip(tables, found.tables, strict=True)
+        for row in zip(
+            table.rows, one.measured.tolist(), one.before.tolist(), one.after.tolist(), strict=True
+        )
+    ]
+    fitted = f"fitted: {', '.join(names)}; all else as given"
     return Calibration(
-        values,
-        start,
+        start | found.values,
+        begun,
         names,
-        _covariance(answer.jac, scale, names),
-        _misfit((after - measured) / deviation),
-        _misfit((before - measured) / deviation),
-        tuple(Reading(*row) for row in zip(*columns, strict=True)),
-        (*model_assumptions(moment, lever), *_fit_assumptions(names, answer.active_mask)),
+        found.covariance,
+        found.misfit,
+        found.misfit_before,
+        tuple(rows),
+        (*model_assumptions(moment, lever), fitted, *found.notes),
     )
 
 
-def _misfit(left: Array) -> float:
-    return float(np.sqrt(np.mean(left**2)))
-
-
-@dataclass(frozen=True, eq=False)
-class _Rows:
-    names: list[str]
-    read: NDArray[np.bool_]
-
-
-def _readings(
-    lift: LiftReadings | None, positions: PositionReadings | None, coils: int
-) -> tuple[Array, Array, _Rows]:
-    """Measured numbers and their deviations (n,), and what they are called."""
+def _tables(rig: _Rig, lift: LiftReadings | None, positions: PositionReadings | None) -> list[_Table]:
+    """The readings that there are."""
+    coils = len(rig.source.coil_names)
     if lift is None and positions is None:
         must = "must have readings of lift, of positions, or both"
         raise InputError(Problem("calibrate", must, "none", "pass lift=LiftReadings(...) or positions=..."))
-    measured, deviation, names = [], [], []
+    for name, read in (("lift", lift), ("positions", positions)):
+        if read is not None:
+            check_positive(f"calibrate({name})", deviation=read.deviation)
+            count = len(check_signal(f"calibrate({name}.sensed)", read.sensed))
+            check_matrix(f"calibrate({name}.currents)", read.currents, (count, coils))
+    tables = []
     if lift is not None:
-        check_positive("calibrate(lift)", deviation=lift.deviation)
-        count = len(check_signal("calibrate(lift.sensed)", lift.sensed))
-        check_matrix("calibrate(lift.currents)", lift.currents, (count, coils))
-        measured.append(np.ones(count))
-        deviation.append(np.full(count, lift.deviation))
-        names += [f"lift over weight at {1e3 * z:g} mm" for z in np.asarray(lift.sensed)]
+        rows = tuple(f"lift over weight at {1e3 * z:g} mm" for z in np.asarray(lift.sensed))
+        tables.append(_Table("lift", np.ones(len(rows)), lift.deviation, rows, partial(rig.lifts, lift)))
     if positions is not None:
-        check_positive("calibrate(positions)", deviation=positions.deviation)
-        count = len(check_signal("calibrate(positions.sensed)", positions.sensed))
-        check_matrix("calibrate(positions.currents)", positions.currents, (count, coils))
-        places = np.asarray(positions.places, dtype=float).reshape(count, 2)
+        places = np.asarray(positions.places, dtype=float).reshape(-1, 2)
         places = places - places[0] if positions.from_first else places
-        measured.append(places.ravel())
-        deviation.append(np.full(2 * count, positions.deviation))
-        names += [f"{axis} of reading {k}" for k in range(count) for axis in "xy"]
-    values = np.concatenate(measured)
-    read = np.isfinite(values)
-    rows = _Rows([name for name, there in zip(names, read, strict=True) if there], read)
-    return values[read], np.concatenate(deviation)[read], rows
+        there = np.argwhere(np.isfinite(places))
+        rows = tuple(f"{'xy'[axis]} of reading {k}" for k, axis in there)
+        compute = partial(rig.places, positions)
+        tables.append(_Table("positions", places.ravel(), positions.deviation, rows, compute))
+    return tables
 
 
 def _free(fit: Sequence[str], coil_names: tuple[str, ...]) -> tuple[str, ...]:
@@ -307,14 +298,6 @@ def _bounds(
     return np.array([(max(a, c), min(b, d)) for (a, b), (c, d) in zip(widest, asked, strict=True)]).T
 
 
-def _fit_assumptions(names: tuple[str, ...], active: NDArray[np.int_]) -> tuple[str, ...]:
-    at_bound = [name for name, mask in zip(names, active, strict=True) if mask]
-    stated = [f"fitted: {', '.join(names)}; all else as given"]
-    if at_bound:
-        stated.append(f"the fit ended at the bound of {' and '.join(at_bound)}")
-    return tuple(stated)
-
-
 def _start(
     coil_names: tuple[str, ...], payload: Payload, given: Mapping[str, float] | None
 ) -> dict[str, float]:
@@ -331,32 +314,3 @@ def _start(
 def _gains(values: Mapping[str, float], count: int) -> Array:
     gains = [value for name, value in values.items() if name.startswith("gain ")]
     return values["current_scale"] * (np.array(gains) if gains else np.ones(count))
-
-
-def _covariance(jacobian: Array, scale: Array, names: tuple[str, ...]) -> Array:
-    size = np.linalg.norm(jacobian, axis=0)
-    blind = [name for name, s in zip(names, size, strict=True) if s == 0.0]
-    if not blind:
-        _, values, directions = np.linalg.svd(jacobian / size, full_matrices=False)
-        if values[-1] > _RANK * values[0]:
-            return np.linalg.inv(jacobian.T @ jacobian) * np.outer(scale, scale)
-        blind = [name for name, part in zip(names, directions[-1], strict=True) if abs(part) > 0.1]
-    raise InputError(
-        Problem(
-            "calibrate(fit)",
-            "the readings must tell the free parameters apart",
-            f"readings that do not change with {' and '.join(blind)}, or with both at once",
-            "hold one of them with given=..., or add readings of another kind",
-        )
-    )
-
-
-def _too_few(count: int, names: tuple[str, ...]) -> InputError:
-    return InputError(
-        Problem(
-            "calibrate(readings)",
-            f"must be at least as many as the {len(names)} free parameters",
-            f"{count} readings",
-            "add readings, or fit fewer parameters",
-        )
-    )

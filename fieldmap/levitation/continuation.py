@@ -50,43 +50,6 @@ class FollowedBranch(Record):
     ended: str
 
 
-@dataclass(frozen=True, eq=False)
-class _Problem:
-    """Everything in scaled variables v = (q / q_scale, p / p_scale)."""
-
-    residual: Residual
-    slope: Slope | None
-    scale: Array
-    low: float
-    high: float
-    inside: Callable[[Array], bool]
-
-    def value(self, v: Array) -> Array:
-        w = v * self.scale
-        return self.residual(w[:-1], float(w[-1]))
-
-    def jacobian(self, v: Array) -> Array:
-        """dR/dv (k, k + 1): the unknowns by `slope` if there is one, the rest by differences inside the limits."""
-        w = v * self.scale
-        columns = []
-        if self.slope is not None:
-            columns = list((self.slope(w[:-1], float(w[-1])) * self.scale[:-1]).T)
-        for k in range(len(columns), len(v)):
-            ahead, behind = v.copy(), v.copy()
-            ahead[k] += _DIFFERENCE
-            behind[k] -= _DIFFERENCE
-            if k == len(v) - 1:
-                ahead[k] = min(ahead[k], self.high / self.scale[-1])
-                behind[k] = max(behind[k], self.low / self.scale[-1])
-            columns.append((self.value(ahead) - self.value(behind)) / (ahead[k] - behind[k]))
-        return np.array(columns).T
-
-    def holds(self, v: Array) -> bool:
-        margin = 1e-9 * (self.high - self.low)
-        p = v[-1] * self.scale[-1]
-        return bool(self.low - margin <= p <= self.high + margin) and self.inside(v[:-1] * self.scale[:-1])
-
-
 def follow_branch(
     residual: Residual,
     start: ArrayLike,
@@ -112,79 +75,90 @@ def follow_branch(
     >>> print([round(fold.parameter, 4) for fold in found.folds], len(found.at_stops), found.ended)
     [0.3849, -0.3849] 2 edge
     """
-    targets = np.asarray(stops, dtype=float)
+    targets, begin = np.asarray(stops, dtype=float), np.asarray(start, dtype=float)
     bounds = limits or (float(targets.min()), float(targets.max()))
-    problem = _Problem(residual, slope, np.asarray(scale, dtype=float), *bounds, inside)
-    v = _at(problem, np.append(np.asarray(start, dtype=float), targets[0]) / problem.scale, targets[0])
+    walk = _Walk(residual, slope, np.asarray(scale, dtype=float), bounds, inside, targets, step)
+    v = walk.at(np.append(begin, targets[0]) / walk.scale, targets[0])
     if v is None:
-        raise NotConverged(
-            Problem(
-                "follow_branch(start)",
-                "must be near a solution",
-                f"{np.asarray(start).tolist()}",
-                "give a better start",
-            )
-        )
-    return _Walk(problem, targets, step).go(v, most_steps)
+        where, must_hold = "follow_branch(start)", "must be near a solution"
+        raise NotConverged(Problem(where, must_hold, f"{begin.tolist()}", "give a better start"))
+    return walk.go(v, most_steps)
 
 
 class _Walk:
-    def __init__(self, problem: _Problem, stops: Array, step: float) -> None:
-        self.problem, self.stops, self.step = problem, stops, step
-        self.way = 1.0 if stops[-1] >= stops[0] else -1.0
-        self.points: list[Array] = []
-        self.reached: list[Array] = []
-        self.folds: list[Fold] = []
+    """Everything in scaled variables v = (q / q_scale, p / p_scale)."""
+
+    def __init__(
+        self,
+        residual: Residual,
+        slope: Slope | None,
+        scale: Array,
+        limits: tuple[float, float],
+        inside: Callable[[Array], bool],
+        stops: Array,
+        step: float,
+    ) -> None:
+        self._residual, self._slope, self.scale, self._inside = residual, slope, scale, inside
+        self._low, self._high = limits
+        self._stops, self._step = stops, step
+        self._way = 1.0 if stops[-1] >= stops[0] else -1.0
+        self._points: list[Array] = []
+        self._reached: list[Array] = []
+        self._folds: list[Fold] = []
 
     def go(self, v: Array, most_steps: int) -> FollowedBranch:
-        self.points, self.reached = [v], [v]
-        tangent = _tangent(self.problem, v, None)
-        tangent = tangent if tangent[-1] * self.way > 0 else -tangent
-        length = self.step
+        """From a point of the branch on."""
+        self._points, self._reached = [v], [v]
+        tangent = self._tangent(v, None)
+        tangent = tangent if tangent[-1] * self._way > 0 else -tangent
+        length = self._step
         for _ in range(most_steps):
             new, length = self._advance(v, tangent, length)
             if new is None:
                 return self._result("edge")
-            turned = _tangent(self.problem, new, tangent)
+            turned = self._tangent(new, tangent)
             if turned[-1] * tangent[-1] < 0:
                 self._note_fold(v, tangent, new)
-            elif not self.folds:
+            elif not self._folds:
                 self._note_stops(v, new)
-            self.points.append(new)
+            self._points.append(new)
             v, tangent = new, turned
-            if not self.folds and len(self.reached) == len(self.stops):
+            if not self._folds and len(self._reached) == len(self._stops):
                 return self._result("last stop")
         return self._result("steps")
 
+    def _result(self, ended: str) -> FollowedBranch:
+        points, reached = np.array(self._points) * self.scale, np.array(self._reached) * self.scale
+        return FollowedBranch(points[:, -1], points[:, :-1], reached[:, :-1], tuple(self._folds), ended)
+
     def _advance(self, v: Array, tangent: Array, length: float) -> tuple[Array | None, float]:
         """The next point, or None at an edge, and the length of the step after it."""
-        while length >= _SMALLEST * self.step:
+        while length >= _SMALLEST * self._step:
             stop = self._next_stop(v, tangent, length)
-            new = _corrected(self.problem, v, tangent, length) if stop is None else stop
+            new = self._corrected(v, tangent, length) if stop is None else stop
             if new is not None:
-                return new, min(_GROWTH * length, self.step)
+                return new, min(_GROWTH * length, self._step)
             length *= 0.5
         return None, length
 
     def _next_stop(self, v: Array, tangent: Array, length: float) -> Array | None:
         """The last stop itself, where this step would pass it: the parameter must not be asked for beyond."""
-        last = self.stops[-1] / self.problem.scale[-1]
-        beyond = (v[-1] + length * tangent[-1] - last) * self.way
-        if self.folds or beyond < 0 or tangent[-1] * self.way <= 0:
+        last = self._stops[-1] / self.scale[-1]
+        beyond = (v[-1] + length * tangent[-1] - last) * self._way
+        if self._folds or beyond < 0 or tangent[-1] * self._way <= 0:
             return None
-        share = (last - v[-1]) / tangent[-1]
-        return _at(self.problem, v + share * tangent, self.stops[-1])
+        return self.at(v + (last - v[-1]) / tangent[-1] * tangent, self._stops[-1])
 
     def _note_stops(self, v: Array, new: Array) -> None:
-        while len(self.reached) < len(self.stops):
-            stop = self.stops[len(self.reached)] / self.problem.scale[-1]
-            if (new[-1] - stop) * self.way < -1e-12:
+        while len(self._reached) < len(self._stops):
+            stop = self._stops[len(self._reached)] / self.scale[-1]
+            if (new[-1] - stop) * self._way < -1e-12:
                 return
             share = (stop - v[-1]) / (new[-1] - v[-1]) if new[-1] != v[-1] else 1.0
-            found = _at(self.problem, v + share * (new - v), stop * self.problem.scale[-1])
+            found = self.at(v + share * (new - v), stop * self.scale[-1])
             if found is None:
                 return
-            self.reached.append(found)
+            self._reached.append(found)
 
     def _note_fold(self, v: Array, tangent: Array, new: Array) -> None:
         whole = float(np.linalg.norm(new - v))
@@ -192,61 +166,71 @@ class _Walk:
         def rise(length: float) -> float:
             if length == 0.0:
                 return float(tangent[-1])
-            at = _corrected(self.problem, v, tangent, length)
-            return float(_tangent(self.problem, new if at is None else at, tangent)[-1])
+            at = self._corrected(v, tangent, length)
+            return float(self._tangent(new if at is None else at, tangent)[-1])
 
-        length = (
-            scipy.optimize.brentq(rise, 0.0, whole, xtol=1e-9) if rise(whole) * tangent[-1] < 0 else whole
-        )
-        at = _corrected(self.problem, v, tangent, length) if length > 0 else v
-        w = (new if at is None else at) * self.problem.scale
-        self.folds.append(Fold(float(w[-1]), w[:-1]))
+        turns = rise(whole) * tangent[-1] < 0
+        length = scipy.optimize.brentq(rise, 0.0, whole, xtol=1e-9) if turns else whole
+        at = self._corrected(v, tangent, length) if length > 0 else v
+        w = (new if at is None else at) * self.scale
+        self._folds.append(Fold(float(w[-1]), w[:-1]))
 
-    def _result(self, ended: str) -> FollowedBranch:
-        points = np.array(self.points) * self.problem.scale
-        reached = np.array(self.reached) * self.problem.scale
-        return FollowedBranch(points[:, -1], points[:, :-1], reached[:, :-1], tuple(self.folds), ended)
+    def _tangent(self, v: Array, before: Array | None) -> Array:
+        """Unit vector along the branch: the null vector of the Jacobian."""
+        tangent = np.linalg.svd(self._jacobian(v))[2][-1]
+        return tangent if before is None or tangent @ before >= 0 else -tangent
 
+    def _corrected(self, v: Array, tangent: Array, length: float) -> Array | None:
+        """The point of the branch in the plane that lies `length` ahead, by Newton's method; None if there is none
+        near."""
+        return self._newton(v + length * tangent, tangent, float(tangent @ v) + length, 2.0 * length)
 
-def _tangent(problem: _Problem, v: Array, before: Array | None) -> Array:
-    """Unit vector along the branch: the null vector of the Jacobian."""
-    tangent = np.linalg.svd(problem.jacobian(v))[2][-1]
-    return tangent if before is None or tangent @ before >= 0 else -tangent
+    def at(self, guess: Array, parameter: float) -> Array | None:
+        """The point of the branch at a parameter."""
+        unit, value = np.eye(len(guess))[-1], parameter / self.scale[-1]
+        return self._newton(np.append(guess[:-1], value), unit, value, np.inf)
 
+    def _newton(self, guess: Array, row: Array, value: float, farthest: float) -> Array | None:
+        """The solution near a guess in the plane row . w = value."""
+        w, size = guess.copy(), np.inf
+        for _ in range(_ITERATIONS):
+            if not self._holds(w):
+                return None
+            try:
+                matrix = np.vstack([self._jacobian(w), row])
+                step = np.linalg.solve(matrix, np.append(self._value(w), row @ w - value))
+            except (np.linalg.LinAlgError, OutsideMapError):
+                return None
+            w = w - step
+            last, size = size, float(np.abs(step).max())
+            if np.linalg.norm(w - guess) > farthest:
+                return None
+            # An interpolated force is smooth to its own error only: then steps stop shrinking.
+            if size < _TOLERANCE or (size < 1e-5 and size > 0.5 * last):
+                return w if self._holds(w) else None
+        return w if size < 1e-5 and self._holds(w) else None
 
-def _corrected(problem: _Problem, v: Array, tangent: Array, length: float) -> Array | None:
-    """The point of the branch in the plane that lies `length` ahead, by Newton's method; None if there is none near."""
-    return _newton(
-        problem, v + length * tangent, lambda w: float(tangent @ (w - v)) - length, tangent, 2.0 * length
-    )
+    def _value(self, v: Array) -> Array:
+        w = v * self.scale
+        return self._residual(w[:-1], float(w[-1]))
 
+    def _jacobian(self, v: Array) -> Array:
+        """dR/dv (k, k + 1): the unknowns by `slope` if there is one, the rest by differences inside the limits."""
+        w = v * self.scale
+        columns = []
+        if self._slope is not None:
+            columns = list((self._slope(w[:-1], float(w[-1])) * self.scale[:-1]).T)
+        for k in range(len(columns), len(v)):
+            ahead, behind = v.copy(), v.copy()
+            ahead[k] += _DIFFERENCE
+            behind[k] -= _DIFFERENCE
+            if k == len(v) - 1:
+                ahead[k] = min(ahead[k], self._high / self.scale[-1])
+                behind[k] = max(behind[k], self._low / self.scale[-1])
+            columns.append((self._value(ahead) - self._value(behind)) / (ahead[k] - behind[k]))
+        return np.array(columns).T
 
-def _at(problem: _Problem, guess: Array, parameter: float) -> Array | None:
-    """The point of the branch at a parameter."""
-    value = parameter / problem.scale[-1]
-    guess = np.append(guess[:-1], value)
-    unit = np.zeros(len(guess))
-    unit[-1] = 1.0
-    return _newton(problem, guess, lambda w: float(w[-1]) - value, unit, np.inf)
-
-
-def _newton(
-    problem: _Problem, guess: Array, condition: Callable[[Array], float], row: Array, farthest: float
-) -> Array | None:
-    w, size = guess.copy(), np.inf
-    for _ in range(_ITERATIONS):
-        if not problem.holds(w):
-            return None
-        try:
-            matrix = np.vstack([problem.jacobian(w), row])
-            step = np.linalg.solve(matrix, np.append(problem.value(w), condition(w)))
-        except (np.linalg.LinAlgError, OutsideMapError):
-            return None
-        w = w - step
-        last, size = size, float(np.abs(step).max())
-        if np.linalg.norm(w - guess) > farthest:
-            return None
-        # An interpolated force is smooth to its own error only: then steps stop shrinking.
-        if size < _TOLERANCE or (size < 1e-5 and size > 0.5 * last):
-            return w if problem.holds(w) else None
-    return w if size < 1e-5 and problem.holds(w) else None
+    def _holds(self, v: Array) -> bool:
+        margin = 1e-9 * (self._high - self._low)
+        p = v[-1] * self.scale[-1]
+        return bool(self._low - margin <= p <= self._high + margin) and self._inside(v[:-1] * self.scale[:-1])

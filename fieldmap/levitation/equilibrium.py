@@ -12,16 +12,16 @@ from numpy.typing import ArrayLike, NDArray
 from fieldmap.deprecated import renamed_argument
 from fieldmap.device.model import Payload
 from fieldmap.errors import InputError, NoEquilibrium, Problem
-from fieldmap.field import AnyField, Bounds, Field, require_bounds, resolve_currents
+from fieldmap.field import AnyField, Bounds, require_bounds, resolve_currents
 from fieldmap.levitation.balance import (
-    Balance,
     BodyBalance,
-    body_balance,
+    MagnetBalance,
     check_position,
+    magnet_balance,
     refuse_models_of_pieces,
 )
 from fieldmap.lookup.payload import check_payload, magnetic_body
-from fieldmap.plain import Plain, plain_items
+from fieldmap.plain import Plain, plain_fields, plain_items
 from fieldmap.records import Record
 from fieldmap.typing import Array
 
@@ -92,22 +92,11 @@ class Equilibrium(Record):
 
     def to_dict(self) -> dict[str, Plain]:
         """The result as plain Python, SI units; `directions` as rows."""
-        return plain_items(
-            position=self.position,
-            currents=self.currents,
-            field=self.field,
-            stiffness=self.stiffness,
-            assumptions=self.assumptions,
-            eigenvalues=self.eigenvalues,
+        return plain_fields(self) | plain_items(
             directions=self.directions.T,
-            stable=self.stable,
             trace=self.trace,
             stable_axes=self.stable_axes,
-            moment=self.moment,
             angle_to_field_deg=self.angle_to_field,
-            others=self.others,
-            force_residual=self.force_residual,
-            report=self.report,
         )
 
 
@@ -150,7 +139,7 @@ def find_equilibrium(
     box = require_bounds(source)
     begin = None if start is None else check_position(box, start, "find_equilibrium(start)")
     grid = search_grid(box)
-    balance = _balance(source, amperes, carried, moment, grid if begin is None else begin[None, :])
+    balance = magnet_balance(source, amperes, carried, grid if begin is None else begin, moment)
     residuals = balance.residual(grid)
     starts = best_starts(grid, np.linalg.norm(residuals, axis=1), box)
     found: list[Array] = []
@@ -165,32 +154,13 @@ def find_equilibrium(
     return _result(balance, box, found, begin, tried, held)
 
 
-def _balance(
-    source: Field, currents: Array, payload: Payload, moment: str, where: Array
-) -> Balance | BodyBalance:
-    """The balance, with a fixed moment up or down, whichever is lifted more at the points `where`."""
-    if payload.pieces:
-        return body_balance(source, currents, payload, where)
-    up = np.array([0.0, 0.0, payload.moment])
-    balance = Balance(source, currents, payload.mass, payload.moment, up)
-    if moment == "aligned":
-        balance.fixed_moment = None
-        return balance
-    lift = balance.magnetic_force(where)[:, 2]
-    if abs(lift.min()) > lift.max():
-        balance.fixed_moment = -up
-    return balance
-
-
 def _eigen(stiffness: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
     eigenvalues, directions = np.linalg.eigh(0.5 * (stiffness + stiffness.T))
     # A direction with no force to speak of is not stable.
     return eigenvalues, directions, eigenvalues > 1e-9 * np.abs(eigenvalues).max()
 
 
-def _ranked(
-    balance: Balance | BodyBalance, box: Bounds, found: list[Array], begin: Array | None
-) -> list[Array]:
+def _ranked(balance: MagnetBalance, box: Bounds, found: list[Array], begin: Array | None) -> list[Array]:
     """By distance from where the search began; else the stable ones first, then by distance from the axis."""
     axis = 0.5 * (box[0] + box[1])
 
@@ -204,7 +174,7 @@ def _ranked(
 
 
 def _result(
-    balance: Balance | BodyBalance,
+    balance: MagnetBalance,
     box: Bounds,
     found: list[Array],
     begin: Array | None,
@@ -289,7 +259,7 @@ def best_starts(grid: Array, unbalance: Array, box: Bounds) -> Array:
     return np.array(chosen)
 
 
-def roots(balance: Balance | BodyBalance, box: Bounds, starts: Array) -> list[Array]:
+def roots(balance: MagnetBalance, box: Bounds, starts: Array) -> list[Array]:
     """Distinct points of balance reached from the starts (trust region, analytic derivative, kept in the
     box).
 
@@ -326,12 +296,12 @@ def _distinct(answers: list[scipy.optimize.OptimizeResult], unbalance: float, ap
     return found
 
 
-def largest_step(balance: Balance | BodyBalance) -> float:
+def largest_step(balance: MagnetBalance) -> float:
     """Largest step of the force between cells of a map, over the weight; 0 for a field that has none."""
     return balance.magnitude * balance.source.gradient_jump(balance.currents) / balance.weight
 
 
-def _by(balance: Balance | BodyBalance, ratio: float) -> str:
+def _by(balance: MagnetBalance, ratio: float) -> str:
     """In words, how far currents must be raised for a force that is larger by a ratio."""
     if isinstance(balance, BodyBalance) and balance.body.soft:
         if len(balance.body.points):
@@ -345,7 +315,7 @@ CURRENTS_FOR = "fieldmap currents --lift, or currents_for of the map"
 """What finds the currents of coils that may carry different ones."""
 
 
-def _towards_lift(balance: Balance | BodyBalance) -> str:
+def _towards_lift(balance: MagnetBalance) -> str:
     """What to do where nothing lifts: soft iron is pulled towards the stronger field whatever the sign."""
     if not balance.currents.any():
         return "turn the currents on"
@@ -354,9 +324,7 @@ def _towards_lift(balance: Balance | BodyBalance) -> str:
     return f"{more}; those that hold the payload at a place of your choice: {CURRENTS_FOR}"
 
 
-def no_equilibrium(
-    balance: Balance | BodyBalance, grid: Array, residuals: Array, tried: int
-) -> NoEquilibrium:
+def no_equilibrium(balance: MagnetBalance, grid: Array, residuals: Array, tried: int) -> NoEquilibrium:
     """The error that says where balance was looked for and what lift there is."""
     lift = residuals[:, 2] + balance.weight
     high, low = int(lift.argmax()), int(lift.argmin())

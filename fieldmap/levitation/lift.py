@@ -14,7 +14,14 @@ from fieldmap.deprecated import renamed_argument
 from fieldmap.device.model import Payload
 from fieldmap.errors import Infeasible, InputError, NotConverged, OutsideMapError, Problem
 from fieldmap.field import AnyField, Field, as_field, coil_currents, require_bounds
-from fieldmap.levitation.balance import Balance, body_balance, check_position, dipole_force
+from fieldmap.levitation.balance import (
+    Balance,
+    BodyBalance,
+    MagnetBalance,
+    check_position,
+    dipole_force,
+    magnet_balance,
+)
 from fieldmap.lookup.actuation import wrench_actuation
 from fieldmap.lookup.payload import check_payload
 from fieldmap.plain import Plain, plain_items
@@ -99,12 +106,8 @@ def lift_current(
     source = as_field(field)
     weights = _checked(source, shares, first, tolerance)
     point = check_position(require_bounds(source), position, "lift_current(position)")
-    if carried.pieces:
-        return _of_pieces(source, carried, point, weights, first, tolerance, on_state)
-    if source.proportional:
-        return _by_proportion(source, carried, point, weights)
-    if source.affine:
-        return _beside_constant(source, carried, point, weights, first)
+    if source.affine and not carried.pieces:
+        return _superposed(source, carried, point, weights, first)
     return _by_secant(source, carried, point, weights, first, tolerance, on_state)
 
 
@@ -116,73 +119,53 @@ def direction_of_lift(point: Array, moment: float, gradient: Array) -> float:
     force = dipole_force(np.array([0.0, 0.0, moment]), gradient)
     # Rounding leaves some 1e-16 of the gradient where dBz/dz vanishes.
     if abs(force[2]) <= 1e-12 * moment * np.linalg.norm(gradient):
-        raise Infeasible(
-            Problem(
-                _at(point),
-                "dBz/dz must not vanish where a vertical dipole is to be lifted",
-                "no vertical force for the given shares",
-                "choose another position or other shares",
-            )
-        )
+        must_hold = "dBz/dz must not vanish where a vertical dipole is to be lifted"
+        received, remedy = "no vertical force for the given shares", "choose another position or other shares"
+        raise Infeasible(Problem(_at(point), must_hold, received, remedy))
     return float(np.sign(force[2]))
 
 
-def _by_proportion(field: Field, payload: Payload, point: Array, shares: Array) -> LiftCurrent:
-    up = np.array([0.0, 0.0, payload.moment])
-    gradient = field.gradient(point[None, :], shares)[0]
-    force = dipole_force(up, gradient)
-    direction = direction_of_lift(point, payload.moment, gradient)
-    current = payload.mass * GRAVITY / abs(force[2])
-    at = Balance(field, current * shares, payload.mass, payload.moment, direction * up)
-    return LiftCurrent(
-        current=current,
-        currents=current * shares,
-        position=point,
-        force=at.magnetic_force(point[None, :])[0],
-        force_per_ampere=direction * force,
-        stiffness=at.stiffness(point),
-        field=field.field(point[None, :], current * shares)[0],
-        assumptions=(
-            "linear: field and force are proportional to the currents (no saturation)",
-            "the magnet is a vertical point dipole at its centre",
-        ),
-    )
-
-
-def _beside_constant(
-    field: Field, payload: Payload, point: Array, shares: Array, first: float
-) -> LiftCurrent:
-    """Of a field that is the sum of its coils' fields and a constant. first: the common current at which the moment
-    that is pulled up is chosen, as of saturating iron."""
-    off = field.constant_gradient(point[None, :])[0]
-    per_ampere = np.einsum("c,cij->ij", shares, field.unit_gradient(point[None, :])[0])
+def _superposed(field: Field, payload: Payload, point: Array, shares: Array, first: float) -> LiftCurrent:
+    """Of a field that is the sum of its coils' fields and a constant, which may be zero. first: the common current at
+    which the moment that is pulled up is chosen, as of saturating iron."""
+    if field.proportional:
+        per_ampere, off = field.gradient(point[None, :], shares)[0], np.zeros((3, 3))
+        held = "linear: field and force are proportional to the currents (no saturation)"
+    else:
+        off = field.constant_gradient(point[None, :])[0]
+        per_ampere = np.einsum("c,cij->ij", shares, field.unit_gradient(point[None, :])[0])
+        held = (
+            "linear: a field that no current drives, and fields in proportion to the currents (no saturation)"
+        )
     direction_of_lift(point, payload.moment, per_ampere)
     direction = direction_of_lift(point, payload.moment, off + first * per_ampere)
     up = np.array([0.0, 0.0, direction * payload.moment])
     by_coils, without = dipole_force(up, per_ampere), dipole_force(up, off)
     current = float((payload.mass * GRAVITY - without[2]) / by_coils[2])
-    at = Balance(field, current * shares, payload.mass, payload.moment, up)
+    balance = Balance(field, current * shares, payload.mass, payload.moment, up)
+    held_magnet = "the magnet is a vertical point dipole at its centre"
+    return _lift(current, balance, point, by_coils, (held, held_magnet))
+
+
+def _lift(
+    current: float,
+    balance: MagnetBalance,
+    point: Array,
+    force_per_ampere: Array,
+    assumptions: tuple[str, ...],
+    history: tuple[tuple[float, float], ...] = (),
+) -> LiftCurrent:
     return LiftCurrent(
         current=current,
-        currents=current * shares,
+        currents=balance.currents,
         position=point,
-        force=at.magnetic_force(point[None, :])[0],
-        force_per_ampere=by_coils,
-        stiffness=at.stiffness(point),
-        field=field.field(point[None, :], current * shares)[0],
-        assumptions=(
-            "linear: a field that no current drives, and fields in proportion to the currents (no saturation)",
-            "the magnet is a vertical point dipole at its centre",
-        ),
+        force=balance.magnetic_force(point[None, :])[0],
+        force_per_ampere=force_per_ampere,
+        stiffness=balance.stiffness(point),
+        field=balance.source.field(point[None, :], balance.currents)[0],
+        assumptions=assumptions,
+        history=history,
     )
-
-
-@dataclass(frozen=True, eq=False)
-class _Trial:
-    """Common current (A), and the gradient (3, 3) at the magnet."""
-
-    current: float
-    gradient: Array
 
 
 def _by_secant(
@@ -194,106 +177,79 @@ def _by_secant(
     tolerance: float,
     on_state: Callable[[float, float], None] | None,
 ) -> LiftCurrent:
-    def trial(current: float) -> _Trial:
-        return _Trial(current, field.gradient(point[None, :], current * shares)[0])
-
-    weight = payload.mass * GRAVITY
-    trials = [trial(first)]
-    moment = payload.moment * direction_of_lift(point, payload.moment, trials[0].gradient)
-    while True:
-        tried = [(each.current, moment * each.gradient[2, 2] / weight - 1.0) for each in trials]
-        if on_state is not None:
-            on_state(tried[-1][0], tried[-1][1] + 1.0)
-        if abs(tried[-1][1]) <= tolerance and len(trials) > 1:
-            return _of_trials(field, trials, payload, moment, point, shares)
-        if len(trials) == MAX_STATES:
-            raise _not_converged(point, tried)
-        following = _next_current(tried)
-        try:
-            trials.append(trial(following))
-        except OutsideMapError as error:
-            raise _beyond(point, tried, following) from error
-
-
-def _of_pieces(
-    field: Field,
-    payload: Payload,
-    point: Array,
-    shares: Array,
-    first: float,
-    tolerance: float,
-    on_state: Callable[[float, float], None] | None,
-) -> LiftCurrent:
-    """Of a body of magnets and soft iron, by the secant from `first` on; to 1e-9 of the weight where the field costs
-    little."""
-    weight, at = payload.mass * GRAVITY, point[None, :]
-    upright = body_balance(field, first * shares, payload, at)
+    """By the secant from `first` on; of a body of pieces to 1e-9 of the weight where the field costs little."""
+    at = point[None, :]
+    if not payload.pieces:
+        # Here and not in the balance: a field that lifts nothing has a reason of its own.
+        direction_of_lift(point, payload.moment, field.gradient(at, first * shares)[0])
+    balance = magnet_balance(field, first * shares, payload, point)
     limit, most = (1e-9, 4 * MAX_STATES) if field.affine else (tolerance, MAX_STATES)
     tried: list[tuple[float, float]] = []
     forces: list[Array] = []
-    following = first
+    current = first
     while True:
-        balance = replace(upright, currents=following * shares)
+        balance = replace(balance, currents=current * shares)
         try:
-            force = balance.magnetic_force(at)[0]
+            forces.append(balance.magnetic_force(at)[0])
         except OutsideMapError as error:
             if not tried:
                 raise
-            raise _beyond(point, tried, following) from error
-        forces.append(force)
-        tried.append((following, float(force[2] / weight - 1.0)))
+            must_hold = "the lift must reach the weight at a current that the field holds"
+            received = f"lift / weight {_last(tried)}; the field does not hold {current:.4g} A"
+            remedy = "choose a position nearer to the iron, or a field that holds more current"
+            raise OutsideMapError(Problem(_at(point), must_hold, received, remedy)) from error
+        tried.append((current, float(forces[-1][2] / balance.weight - 1.0)))
         if on_state is not None:
-            on_state(following, tried[-1][1] + 1.0)
+            on_state(current, tried[-1][1] + 1.0)
         if abs(tried[-1][1]) <= limit and len(tried) > 1:
             break
         if len(tried) == most:
-            raise _not_converged(point, tried)
-        if len(tried) == 1:
-            if force[2] <= 0.0:
-                raise _not_lifted(point, payload, first)
-            guess = first / float(np.sqrt(force[2] / weight))
-            following = (
-                guess if abs(guess / first - 1.0) > _SLOPE_WIDTH else (1.0 + 2.0 * _SLOPE_WIDTH) * guess
+            must_hold = f"the lift must reach the weight within {most} states"
+            received = f"lift / weight at the last of them: {_last(tried)}"
+            remedy = (
+                "choose a position nearer to the iron, other shares, or a first current nearer to the answer"
             )
-        else:
-            following = _next_current(tried)
-    if field.affine:
+            problem = Problem(_at(point), must_hold, received, remedy)
+            raise NotConverged(problem, residuals=tuple(abs(value) for _, value in tried))
+        if forces[0][2] <= 0.0:
+            must_hold = "the field must pull the payload up at the first current"
+            remedy = (
+                "choose another position, other shares, or another first current; where every coil may carry its "
+                "own: fieldmap currents --lift, or currents_for of the map"
+            )
+            received = f"{payload.description}, {first:g} A, no lift"
+            raise Infeasible(Problem(_at(point), must_hold, received, remedy))
+        # Soft iron is pulled with the square of the current.
+        current = _next_current(tried, 0.5 if payload.pieces else 1.0)
+    if field.affine and isinstance(balance, BodyBalance):
         about = wrench_actuation(field, point, balance.body, balance.currents, balance.orientation)
         slope = about.matrix[:3] @ shares
     else:
-        far = [k for k in range(len(tried) - 1) if abs(tried[k][0] / following - 1.0) >= _SLOPE_WIDTH]
-        other = min(far or range(len(tried) - 1), key=lambda k: abs(tried[k][0] - following))
-        slope = (forces[-1] - forces[other]) / (following - tried[other][0])
-    return LiftCurrent(
-        current=following,
-        currents=balance.currents,
-        position=point,
-        force=forces[-1],
-        force_per_ampere=slope,
-        stiffness=balance.stiffness(point),
-        field=field.field(at, balance.currents)[0],
-        assumptions=(f"the payload of {payload.description} stays upright", *balance.body.assumptions),
-        history=() if field.affine else tuple((i, float((v + 1.0) * weight)) for i, v in tried),
-    )
+        far = [k for k in range(len(tried) - 1) if abs(tried[k][0] / current - 1.0) >= _SLOPE_WIDTH]
+        other = min(far or range(len(tried) - 1), key=lambda k: abs(tried[k][0] - current))
+        slope = (forces[-1] - forces[other]) / (current - tried[other][0])
+    history = () if field.affine else tuple((i, float((v + 1.0) * balance.weight)) for i, v in tried)
+    held: tuple[str, ...] = _HELD
+    if isinstance(balance, BodyBalance):
+        held = (f"the payload of {payload.description} stays upright", *balance.body.assumptions)
+    return _lift(current, balance, point, slope, held, history)
 
 
-def _not_lifted(point: Array, payload: Payload, current: float) -> Infeasible:
-    must_hold = "the field must pull the payload up at the first current"
-    remedy = (
-        "choose another position, other shares, or another first current; where every coil may carry its own: "
-        "fieldmap currents --lift, or currents_for of the map"
-    )
-    return Infeasible(
-        Problem(_at(point), must_hold, f"{payload.description}, {current:g} A, no lift", remedy)
-    )
+_HELD = (
+    "nonlinear iron: a state of its own for each set of currents, no hysteresis",
+    "the magnet is a vertical point dipole at its centre and does not magnetise the iron",
+)
 
 
-def _next_current(tried: Sequence[tuple[float, float]]) -> float:
-    """Where F_z / (m g) - 1 should vanish, from (current, its value) of the states so far."""
+def _next_current(tried: Sequence[tuple[float, float]], power: float = 1.0) -> float:
+    """Where F_z / (m g) - 1 should vanish, from (current, its value) of the states so far.
+
+    power: of the force, with which the current goes where one state is all that is known.
+    """
     current, value = tried[-1]
     if len(tried) == 1:
-        # Force in proportion to current; a current that is right already is left a little, for the slope.
-        guess = current / (1.0 + value)
+        # A current that is right already is left a little, for the slope.
+        guess = current / (1.0 + value) ** power
         return guess if abs(guess / current - 1.0) > _SLOPE_WIDTH else (1.0 + 2.0 * _SLOPE_WIDTH) * guess
     before, before_value = tried[-2]
     fall = value - before_value
@@ -305,32 +261,6 @@ def _next_current(tried: Sequence[tuple[float, float]]) -> float:
         return guess if inside else 0.5 * (low[0] + high[0])
     largest = _LARGEST_GROWTH * max(abs(i) for i, _ in tried)
     return float(np.clip(guess, -largest, largest))
-
-
-def _of_trials(
-    field: Field, trials: list[_Trial], payload: Payload, moment: float, point: Array, shares: Array
-) -> LiftCurrent:
-    found, vertical = trials[-1], np.array([0.0, 0.0, moment])
-    currents = found.current * shares
-    balance = Balance(field, currents, payload.mass, payload.moment, vertical)
-    force = dipole_force(vertical, found.gradient)
-    others = sorted(trials[:-1], key=lambda trial: abs(trial.current - found.current))
-    wide = [t for t in others if abs(t.current - found.current) >= _SLOPE_WIDTH * abs(found.current)]
-    other = (wide or others)[0]
-    return LiftCurrent(
-        current=found.current,
-        currents=currents,
-        position=point,
-        force=force,
-        force_per_ampere=(force - dipole_force(vertical, other.gradient)) / (found.current - other.current),
-        stiffness=balance.stiffness(point),
-        field=field.field(point[None, :], currents)[0],
-        assumptions=(
-            "nonlinear iron: a state of its own for each set of currents, no hysteresis",
-            "the magnet is a vertical point dipole at its centre and does not magnetise the iron",
-        ),
-        history=tuple((trial.current, float(moment * trial.gradient[2, 2])) for trial in trials),
-    )
 
 
 def _checked(field: Field, shares: Any, first: float, tolerance: float) -> Array:
@@ -351,31 +281,8 @@ def _checked(field: Field, shares: Any, first: float, tolerance: float) -> Array
     return weights
 
 
-def _beyond(point: Array, tried: Sequence[tuple[float, float]], current: float) -> OutsideMapError:
-    return OutsideMapError(
-        Problem(
-            _at(point),
-            "the lift must reach the weight at a current that the field holds",
-            f"lift / weight {_last(tried)}; the field does not hold {current:.4g} A",
-            "choose a position nearer to the iron, or a field that holds more current",
-        )
-    )
-
-
 def _last(tried: Sequence[tuple[float, float]]) -> str:
     return ", ".join(f"{value + 1.0:.4g} at {current:.4g} A" for current, value in tried[-4:])
-
-
-def _not_converged(point: Array, tried: Sequence[tuple[float, float]]) -> NotConverged:
-    return NotConverged(
-        Problem(
-            _at(point),
-            f"the lift must reach the weight within {MAX_STATES} states",
-            f"lift / weight at the last of them: {_last(tried)}",
-            "choose a position nearer to the iron, other shares, or a first current nearer to the answer",
-        ),
-        residuals=tuple(abs(value) for _, value in tried),
-    )
 
 
 def _at(point: Array) -> str:

@@ -1,16 +1,15 @@
 """What the coils can do at a point within the limits of their currents: the set of forces, or of flux densities.
 
 Both are linear in the currents where the iron is, so that the box of currents becomes a zonotope: the sum of one line
-segment for each coil (G. M. Ziegler, Lectures on Polytopes, section 7.3). Every face of it is spanned by two segments,
-and all others stand at the ends that lie furthest along the face's normal; so its vertices are found exactly, in the
-order of n^2 corners and not 2^n. What is not linear is searched: `fieldmap.levitation.searched_set`.
+segment for each coil (G. M. Ziegler, Lectures on Polytopes, section 7.3). Segments are added one after the other, and
+only corners of the hull are kept, of which there are some n^2 and not 2^n. What is not linear is searched:
+`fieldmap.levitation.searched_set`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from itertools import combinations, product
 from typing import ClassVar
 
 import numpy as np
@@ -20,13 +19,10 @@ from numpy.typing import ArrayLike
 from fieldmap.arguments import checked_vectors
 from fieldmap.errors import InputError, Problem
 from fieldmap.field import AnyField, as_field, refuse_orientations
-from fieldmap.levitation.hull import hull_of
-from fieldmap.levitation.searched_set import SearchedSet, SetAtPoint, quantity_of, searched_set
+from fieldmap.levitation.searched_set import SearchedSet, SetAtPoint, hull_of, quantity_of, searched_set
 from fieldmap.lookup.magnetic_body import MagneticBody, checked_turns
 from fieldmap.typing import Array, Index
 
-# Two segments within this angle, rad, span no face.
-_PARALLEL = 1e-9
 # Points that lie outside by less than this share of the set's size are on its surface.
 _ON = 1e-9
 
@@ -132,7 +128,7 @@ def reachable(
 
 def zonotope(directions: ArrayLike, lower: ArrayLike, upper: ArrayLike) -> tuple[Array, Index, float]:
     """Corners (v, 3), triangles (t, 3) and volume of all sums of directions (n, 3) times numbers between lower (n,) and
-    upper (n,). Of a flat one the ends of its faces or of its length, no triangles, and 0.
+    upper (n,). Of a flat one no triangles, and 0.
 
     >>> corners, triangles, volume = zonotope(np.eye(3), [0, 0, 0], [1, 2, 3])
     >>> len(corners), len(triangles), round(volume, 12)
@@ -140,52 +136,12 @@ def zonotope(directions: ArrayLike, lower: ArrayLike, upper: ArrayLike) -> tuple
     """
     segments = np.asarray(directions, dtype=float) * (np.asarray(upper) - np.asarray(lower))[:, None]
     base = np.asarray(lower, dtype=float) @ np.asarray(directions, dtype=float)
-    points = base + _corner_candidates(segments)
+    points = base[None]
+    for segment in segments:
+        points = np.concatenate([points, points + segment])
+        points = points[hull_of(points)[0]]
     kept, triangles, volume = hull_of(points)
     return points[kept], triangles, volume
-
-
-def _corner_candidates(segments: Array) -> Array:
-    """The corners of all faces, among which every corner of the zonotope is; its base at the origin."""
-    moving = segments[np.linalg.norm(segments, axis=1) > 0]
-    found = [np.zeros(3), moving.sum(axis=0)]
-    for i, j in combinations(range(len(moving)), 2):
-        normal = np.cross(moving[i], moving[j])
-        if np.linalg.norm(normal) <= _PARALLEL * np.linalg.norm(moving[i]) * np.linalg.norm(moving[j]):
-            continue
-        along = moving @ (normal / np.linalg.norm(normal))
-        # What lies in the face's plane spans it, too: its corners come with the other pairs and with both ends here.
-        level = np.abs(along) <= _PARALLEL * np.linalg.norm(moving, axis=1)
-        level[[i, j]] = True
-        for sense in (1.0, -1.0):
-            far = moving[~level & (sense * along > 0)].sum(axis=0)
-            found += [far + ends for ends in _flat_corners(moving[level], normal)]
-    if len(found) == 2:  # all along one line
-        line = moving[0] / np.linalg.norm(moving[0]) if len(moving) else np.zeros(3)
-        along = moving @ line
-        found = [moving[along < 0].sum(axis=0), moving[along > 0].sum(axis=0)]
-    return np.array(found)
-
-
-def _flat_corners(segments: Array, normal: Array) -> list[Array]:
-    """Corners of the sum of segments (k, 3) in the plane with a normal: every edge is one segment, the others stand at
-    their ends."""
-    if len(segments) == 2:
-        return [a * segments[0] + b * segments[1] for a, b in product((0.0, 1.0), repeat=2)]
-    corners = []
-    for segment in segments:
-        along = segments @ np.cross(normal, segment)
-        beside = np.abs(along) <= _PARALLEL * np.linalg.norm(normal) * np.linalg.norm(
-            segment
-        ) * np.linalg.norm(segments, axis=1)
-        along_edge = segments[beside] @ segment
-        for sense in (1.0, -1.0):
-            far = segments[~beside & (sense * along > 0)].sum(axis=0)
-            corners += [
-                far + segments[beside][along_edge < 0].sum(axis=0),
-                far + segments[beside][along_edge > 0].sum(axis=0),
-            ]
-    return corners
 
 
 def _limits(limits: ArrayLike, count: int) -> tuple[Array, Array]:

@@ -23,7 +23,6 @@ from numpy.typing import ArrayLike
 from fieldmap.currents import CurrentDomain, IndependentCurrents
 from fieldmap.errors import InputError, OutsideMapError, Problem
 from fieldmap.field import AnyField, Field, as_field
-from fieldmap.levitation.hull import hull_of
 from fieldmap.lookup import FieldMap
 from fieldmap.lookup.actuation import field_actuation, wrench_actuation
 from fieldmap.lookup.magnetic_body import MagneticBody
@@ -33,6 +32,7 @@ from fieldmap.typing import Array, Index
 _APART = 0.3  # of the range of a signal: starts that differ by less are one
 _GAIN = 1e-7  # of the size of the set: what another sweep must promise
 _ROUNDING = 1e-9  # of the limits
+_THIN = 1e-9  # of its length: a hull without a volume
 
 
 class _Effort(NamedTuple):
@@ -362,3 +362,26 @@ def _domain_of(source: Field, lower: Array, upper: Array) -> CurrentDomain:
         received = f"{lower.tolist()} to {upper.tolist()} A"[:80]
         raise InputError(Problem("reachable(limits)", must_hold, received, "widen the limits"))
     return CurrentDomain(domain.parametrisation, low, high)
+
+
+def hull_of(points: Array) -> tuple[Index, Index, float]:
+    """Which of points (n, 3) are corners of their hull, (v,); triangles (t, 3), of numbers of corners, outward side
+    first; and the volume. Of a flat one no triangles, and 0."""
+    _, size, axes = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)
+    rank = int((size > _THIN * size[0]).sum()) if size[0] > 0.0 else 0
+    if rank < 3:
+        flat = points @ axes[:rank].T
+        line = np.unique([flat.argmin(), flat.argmax()]) if rank else np.zeros(1, dtype=np.int64)
+        kept = scipy.spatial.ConvexHull(flat).vertices if rank == 2 else line
+        return kept, np.empty((0, 3), dtype=np.int64), 0.0
+    hull = scipy.spatial.ConvexHull(points)
+    kept = hull.vertices
+    number = np.full(len(points), -1)
+    number[kept] = np.arange(len(kept))
+    triangles = number[hull.simplices]
+    corners = points[kept]
+    # Qhull leaves the sense of its triangles open.
+    edges = corners[triangles[:, 1:]] - corners[triangles[:, :1]]
+    inward = np.einsum("ti,ti->t", np.cross(edges[:, 0], edges[:, 1]), hull.equations[:, :3]) < 0
+    triangles[inward] = triangles[inward][:, ::-1]
+    return kept, triangles, float(hull.volume)

@@ -76,21 +76,22 @@ def equilibrium_sensitivity(
     balance = magnet_balance(source, amperes, carried, point, moment, lever)
     stiffness = balance.stiffness(point)
     by_current = np.column_stack([_slope(balance, point, unit, width) for unit in np.eye(len(amperes))])
-    _check_regular(stiffness)
+    if abs(np.linalg.det(stiffness[:2, :2])) <= 1e-10 * np.linalg.norm(stiffness) ** 2:
+        must_hold = (
+            "the horizontal stiffness must not be singular: at a fold the equilibrium has no derivative"
+        )
+        received, remedy = (
+            f"{stiffness[:2, :2].tolist()} N/m",
+            "choose currents or a height away from the fold",
+        )
+        raise InputError(Problem("equilibrium_sensitivity(position)", must_hold, received, remedy))
     # The common factor 1 + s of all currents: d force / d s.
     by_level = by_current @ amperes
     matrix = np.zeros((3, 3))
     matrix[:, :2], matrix[:, 2] = stiffness[:, :2], -by_level
     held: Array = np.asarray(np.linalg.solve(matrix, by_current), dtype=float)
-    return Sensitivity(
-        point,
-        amperes,
-        stiffness,
-        by_current,
-        np.asarray(np.linalg.solve(stiffness[:2, :2], by_current[:2]), dtype=float),
-        held[:2],
-        held[2],
-    )
+    horizontal = np.asarray(np.linalg.solve(stiffness[:2, :2], by_current[:2]), dtype=float)
+    return Sensitivity(point, amperes, stiffness, by_current, horizontal, held[:2], held[2])
 
 
 def _slope(balance: MagnetBalance, point: Array, unit: Array, step: float) -> Array:
@@ -99,16 +100,3 @@ def _slope(balance: MagnetBalance, point: Array, unit: Array, step: float) -> Ar
         for way in (1.0, -1.0)
     ]
     return np.asarray((forces[0] - forces[1]) / (2.0 * step))
-
-
-def _check_regular(stiffness: Array) -> None:
-    horizontal = stiffness[:2, :2]
-    if abs(np.linalg.det(horizontal)) <= 1e-10 * np.linalg.norm(stiffness) ** 2:
-        raise InputError(
-            Problem(
-                "equilibrium_sensitivity(position)",
-                "the horizontal stiffness must not be singular: at a fold the equilibrium has no derivative",
-                f"{horizontal.tolist()} N/m",
-                "choose currents or a height away from the fold",
-            )
-        )

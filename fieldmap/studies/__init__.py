@@ -13,9 +13,17 @@ with needs("make", "fieldmap.studies"):
 
     del scipy
 
-from fieldmap.studies.design_file import read_design_problem
-from fieldmap.studies.design_problem import Carrying, DesignProblem, Limit, Linked, Number, Variable
-from fieldmap.studies.fit_reading import Fit, read_fit
+from fieldmap.levitation.unknowns import ReadingsFit, Unknown
+from fieldmap.studies.design import (
+    Carrying,
+    DesignProblem,
+    Limit,
+    Linked,
+    Number,
+    Variable,
+    read_design_problem,
+)
+from fieldmap.studies.fit_file import Fit, read_fit
 from fieldmap.studies.machine_fit import (
     ComputedReadings,
     FieldReadings,
@@ -23,8 +31,6 @@ from fieldmap.studies.machine_fit import (
     LiftCurrentReadings,
     MachineFit,
     Readings,
-    ReadingsFit,
-    Unknown,
     fit_machine,
 )
 from fieldmap.studies.optimisation import optimise, solve_problem

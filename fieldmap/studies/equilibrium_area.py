@@ -38,7 +38,10 @@ def area_outline(field: Field, found: Equilibrium, payload: Payload, share: floa
     """Radii (64,), m, at which the horizontal force first reaches the limit, and their directions (64, 2)."""
     plane = 0.5 * (found.stiffness + found.stiffness.T)[:2, :2]
     if np.linalg.eigvalsh(plane)[0] <= 0.0:
-        raise FieldmapError(_not_stable(plane))
+        stiffness = ", ".join(f"{value:.3g}" for value in np.linalg.eigvalsh(plane))
+        must_hold = "the equilibrium must be stable in the horizontal plane"
+        remedy = "choose a place farther from the iron, or other currents"
+        raise FieldmapError(Problem("equilibrium_area", must_hold, f"stiffnesses {stiffness} N/m", remedy))
     limit = share * payload.mass * GRAVITY
     angle = 2.0 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS
     rays = np.column_stack([np.cos(angle), np.sin(angle)])
@@ -56,7 +59,12 @@ def area_outline(field: Field, found: Equilibrium, payload: Payload, share: floa
 
     beyond = excess(radii) > 0.0
     if not beyond.any(axis=1).all():
-        raise FieldmapError(_no_end(share))
+        must_hold = (
+            f"the horizontal force must reach {share:g} of the weight inside the workspace, on every side"
+        )
+        received = "the workspace, or three times the distance predicted by the stiffness, ends before"
+        remedy = "make the workspace wider, or record.force_share smaller"
+        raise FieldmapError(Problem("equilibrium_area", must_hold, received, remedy))
     first = beyond.argmax(axis=1)
     rows = np.arange(DIRECTIONS)
     high = radii[rows, first]
@@ -75,22 +83,3 @@ def _distance_to_edge(field: Field, start: Array, rays: Array) -> Array:
         to_lower = (lower[:2] - start) / rays
         to_upper = (upper[:2] - start) / rays
     return np.where(rays > 0.0, to_upper, np.where(rays < 0.0, to_lower, np.inf)).min(axis=1)
-
-
-def _not_stable(plane: Array) -> Problem:
-    stiffness = ", ".join(f"{value:.3g}" for value in np.linalg.eigvalsh(plane))
-    return Problem(
-        "equilibrium_area",
-        "the equilibrium must be stable in the horizontal plane",
-        f"stiffnesses {stiffness} N/m",
-        "choose a place farther from the iron, or other currents",
-    )
-
-
-def _no_end(share: float) -> Problem:
-    return Problem(
-        "equilibrium_area",
-        f"the horizontal force must reach {share:g} of the weight inside the workspace, along every direction",
-        "the workspace, or three times the distance predicted by the stiffness, ends before",
-        "make the workspace wider, or record.force_share smaller",
-    )

@@ -16,7 +16,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -41,9 +41,9 @@ from fieldmap.iron.sensitivity.quantities import (
 )
 from fieldmap.levitation.balance import dipole_force
 from fieldmap.records import Record
-from fieldmap.studies.design_problem import CURRENT, Number, Variable, settings_at
+from fieldmap.studies.design import CURRENT, Number, Variable, settings_at
 from fieldmap.studies.equilibrium_area import area_outline
-from fieldmap.studies.quantities import number_names
+from fieldmap.studies.quantities import NEED_PAYLOAD, number_names
 from fieldmap.studies.variant_result import OperatingPoint, box_grid, inhomogeneities, winding_resistances
 from fieldmap.typing import Array
 
@@ -107,6 +107,10 @@ def exact_slopes(
 
 def _rule(work: _Slopes, number: Number) -> Callable[[], Array] | None:
     """What gives the derivatives (k,) of a number once all that is needed has been taken; None where it has none."""
+    payload = work.point.device.payload
+    pieces = payload is not None and bool(payload.pieces)
+    if pieces and work.carries:
+        return None
     if number.of is not None:
         if not isinstance(number.of, Quantity):
             return None
@@ -114,6 +118,8 @@ def _rule(work: _Slopes, number: Number) -> Callable[[], Array] | None:
         work.need(part, number.of)
         return lambda: work.total(part)[0]
     quantity, at = work.names[number.name]
+    if pieces and quantity.group in NEED_PAYLOAD:
+        return None
     make = _RULES.get(quantity.name)
     return None if make is None else make(work, at)
 
@@ -168,11 +174,9 @@ class _Slopes:
         self._by_key: dict[str, Array] = {}
         self._by_level: dict[str, Array] = {}
         self._by_place: dict[str, Array] = {}
-        if self.carries:
-            payload = point.payload
-            up = [0.0, 0.0, payload.moment]
-            if not payload.pieces:
-                self.need("lift", DipoleForce(np.array(point.entry.carried_at), up))
+        if self.carries and not point.payload.pieces:
+            up = [0.0, 0.0, point.payload.moment]
+            self.need("lift", DipoleForce(np.array(point.entry.carried_at), up))
 
     @property
     def carries(self) -> bool:
@@ -302,50 +306,42 @@ class _Slopes:
 Rule = Callable[[], Array]
 
 
-def _carried_by_a_dipole(work: _Slopes) -> bool:
-    payload = work.point.device.payload
-    return not work.carries or (payload is not None and not payload.pieces)
-
-
-def _common_current(work: _Slopes, at: tuple[int, ...]) -> Rule | None:
+def _common_current(work: _Slopes, at: tuple[int, ...]) -> Rule:
     signs = np.sign(work.point.currents)
-    return (lambda: signs @ work.currents / len(signs)) if _carried_by_a_dipole(work) else None
+    return lambda: signs @ work.currents / len(signs)
 
 
-def _current(work: _Slopes, at: tuple[int, ...]) -> Rule | None:
-    return (lambda: work.currents[at[0]]) if _carried_by_a_dipole(work) else None
+def _current(work: _Slopes, at: tuple[int, ...]) -> Rule:
+    return lambda: work.currents[at[0]]
 
 
-def _power(work: _Slopes, at: tuple[int, ...]) -> Rule | None:
-    if not _carried_by_a_dipole(work):
-        return None
+def _power(work: _Slopes, at: tuple[int, ...]) -> Rule:
     i, r = work.point.currents, winding_resistances(work.point.device)
     return lambda: 2 * (r * i) @ work.currents + i**2 @ work.resistances()
 
 
-def _flux_density(work: _Slopes, at: tuple[int, ...]) -> Rule | None:
+def _flux_density(work: _Slopes, at: tuple[int, ...]) -> Rule:
     name = f"field {at[0]}"
     work.need(name, FluxDensityAt(work.point.record.points[at[0]]))
-    return (lambda: work.total(name)[at[1]]) if _carried_by_a_dipole(work) else None
+    return lambda: work.total(name)[at[1]]
 
 
-def _gradient(work: _Slopes, at: tuple[int, ...]) -> Rule | None:
+def _gradient(work: _Slopes, at: tuple[int, ...]) -> Rule:
     name = f"gradient {at[0]}"
     work.need(name, GradientAt(work.point.record.points[at[0]]))
-    return (lambda: work.total(name)[3 * at[1] + at[2]]) if _carried_by_a_dipole(work) else None
+    return lambda: work.total(name)[3 * at[1] + at[2]]
 
 
 def _force_per_ampere(work: _Slopes, at: tuple[int, ...]) -> Rule | None:
     """Of fields that are proportional to the currents: F / i."""
     point = work.point
-    if not as_field(point.iron.field).proportional or point.payload.pieces:
+    if not as_field(point.iron.field).proportional:
         return None
     name, k = f"force {at[0]}", at[1]
     force = DipoleForce(point.record.points[at[0]], [0.0, 0.0, point.payload.moment])
     work.need(name, force)
-    value = dipole_force(np.array(force.moment), point.iron.field.gradient(force.points, point.currents))[
-        0, k
-    ]
+    gradient = point.iron.field.gradient(force.points, point.currents)
+    value = dipole_force(np.array(force.moment), gradient)[0, k]
     signs = np.sign(point.currents) / len(point.currents)
     return lambda: (work.total(name)[k] - value / point.common * (signs @ work.currents)) / point.common
 
@@ -382,56 +378,40 @@ class _Inhomogeneities(Quantity):
         return Weights(field, np.zeros((2, count, 3, 3)), np.zeros((2, len(samples.linkage))))
 
 
-def _homogeneity(place: int) -> Callable[[_Slopes, tuple[int, ...]], Rule | None]:
-    def rule(work: _Slopes, at: tuple[int, ...]) -> Rule | None:
-        corners = work.point.record.box
-        assert corners is not None
-        work.need("homogeneity", _Inhomogeneities(box_grid(corners)))
-        return (lambda: work.total("homogeneity")[place]) if _carried_by_a_dipole(work) else None
-
-    return rule
+def _homogeneity(work: _Slopes, at: tuple[int, ...], place: int) -> Rule:
+    corners = work.point.record.box
+    assert corners is not None
+    work.need("homogeneity", _Inhomogeneities(box_grid(corners)))
+    return lambda: work.total("homogeneity")[place]
 
 
-def _equilibrium(axis: int) -> Callable[[_Slopes, tuple[int, ...]], Rule | None]:
-    def rule(work: _Slopes, at: tuple[int, ...]) -> Rule | None:
-        if work.point.payload.pieces:
-            return None
-        work.need_place()
-        return lambda: work.place[axis]
-
-    return rule
+def _equilibrium(work: _Slopes, at: tuple[int, ...], axis: int) -> Rule:
+    work.need_place()
+    return lambda: work.place[axis]
 
 
-def _stiffness(axis: int) -> Callable[[_Slopes, tuple[int, ...]], Rule | None]:
-    def rule(work: _Slopes, at: tuple[int, ...]) -> Rule | None:
-        if work.point.payload.pieces:
-            return None
-        work.need_place()
-        found = work.point.equilibrium()
-        about = STEP * np.concatenate([np.eye(3), -np.eye(3)])
+def _stiffness(work: _Slopes, at: tuple[int, ...], axis: int) -> Rule:
+    work.need_place()
+    found = work.point.equilibrium()
+    about = STEP * np.concatenate([np.eye(3), -np.eye(3)])
 
-        def diagonal(field: Any, position: Array) -> Array:
-            force = dipole_force(found.moment, field.gradient(position + about))
-            return -(force[range(3), range(3)] - force[range(3, 6), range(3)]) / (2 * STEP)
+    def diagonal(field: Any, position: Array) -> Array:
+        force = dipole_force(found.moment, field.gradient(position + about))
+        return -(force[range(3), range(3)] - force[range(3, 6), range(3)]) / (2 * STEP)
 
-        def by_place() -> Array:
-            state = work.point.iron.field.at(work.point.currents)
-            ahead, behind = (
-                [diagonal(state, found.position + side * step) for step in _APART * np.eye(3)]
-                for side in (1, -1)
-            )
-            return (np.array(ahead) - np.array(behind)).T / (2 * _APART)
+    def by_place() -> Array:
+        state = work.point.iron.field.at(work.point.currents)
+        ahead, behind = (
+            [diagonal(state, found.position + side * step) for step in _APART * np.eye(3)] for side in (1, -1)
+        )
+        return (np.array(ahead) - np.array(behind)).T / (2 * _APART)
 
-        work.need("stiffness", FieldFunction(lambda field: diagonal(field, found.position)), by_place)
-        return lambda: work.total("stiffness")[axis]
-
-    return rule
+    work.need("stiffness", FieldFunction(lambda field: diagonal(field, found.position)), by_place)
+    return lambda: work.total("stiffness")[axis]
 
 
-def _area(work: _Slopes, at: tuple[int, ...]) -> Rule | None:
+def _area(work: _Slopes, at: tuple[int, ...]) -> Rule:
     point = work.point
-    if point.payload.pieces:
-        return None
     work.need_place()
     found = point.equilibrium()
     radii, rays = area_outline(point.field, found, point.payload, point.record.force_share)
@@ -449,11 +429,8 @@ def _area(work: _Slopes, at: tuple[int, ...]) -> Rule | None:
     by_step /= 2 * apart
     outward = np.einsum("nd,nd->n", by_step[:, :2], rays)
     share = -2 * np.pi / len(radii) * radii / outward
-    work.need(
-        "area",
-        FieldFunction(lambda field: np.array([share @ sizes(field, outline)])),
-        lambda: (share @ by_step)[None],
-    )
+    summed = FieldFunction(lambda field: np.array([share @ sizes(field, outline)]))
+    work.need("area", summed, lambda: (share @ by_step)[None])
     return lambda: work.total("area")[0]
 
 
@@ -481,10 +458,10 @@ _RULES: dict[str, Callable[[_Slopes, tuple[int, ...]], Rule | None]] = {
     "flux_density": _flux_density,
     "gradient": _gradient,
     "force_per_ampere": _force_per_ampere,
-    "inhomogeneity": _homogeneity(0),
-    "largest_inhomogeneity": _homogeneity(1),
-    **{f"equilibrium_{axis}": _equilibrium(k) for k, axis in enumerate("xyz")},
-    **{f"stiffness_{axis}": _stiffness(k) for k, axis in enumerate("xyz")},
+    "inhomogeneity": partial(_homogeneity, place=0),
+    "largest_inhomogeneity": partial(_homogeneity, place=1),
+    **{f"equilibrium_{axis}": partial(_equilibrium, axis=k) for k, axis in enumerate("xyz")},
+    **{f"stiffness_{axis}": partial(_stiffness, axis=k) for k, axis in enumerate("xyz")},
     "equilibrium_area": _area,
     "inductance": _inductance,
 }

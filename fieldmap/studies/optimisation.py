@@ -9,30 +9,25 @@ then the number of the finer mesh, to first order.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import nullcontext
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.optimize import Bounds, NonlinearConstraint, OptimizeResult, minimize
+from scipy.optimize import Bounds, NonlinearConstraint, minimize
 
 from fieldmap.device.model import Device
 from fieldmap.device.reader import device_of
 from fieldmap.errors import Problem
-from fieldmap.parallel import Workers
-from fieldmap.provenance import fingerprint
-from fieldmap.store import Checkpoint, checkpoint_path, write_whole
-from fieldmap.studies.data_set import require_xarray, write_netcdf
-from fieldmap.studies.design_arguments import design_problem
-from fieldmap.studies.design_problem import DesignProblem, Limit, Number, Variable
-from fieldmap.studies.evaluation import Evaluation
+from fieldmap.extras import require
+from fieldmap.store import write_whole
+from fieldmap.studies.design import WITHOUT_SLOPES, DesignProblem, Limit, Number, Variable, design_problem
 from fieldmap.studies.optimum import Check, LimitAtOptimum, NoFeasibleDesign, Optimum
-from fieldmap.studies.optuna_search import by_optuna, require_optuna
-from fieldmap.studies.search import Search, SearchEnded
-from fieldmap.studies.study import CODE
+from fieldmap.studies.run import require_xarray, write_netcdf
+from fieldmap.studies.search import Evaluation, Search, SearchEnded, searching
 from fieldmap.typing import Array, PathLike, Progress
 
 # Searches from the best design on after a limit has failed on the finer mesh.
@@ -101,7 +96,7 @@ def optimise(
     >>> best.values                                                               # doctest: +SKIP
     """
     if method == "optuna":
-        require_optuna()
+        _require_optuna()
     problem = design_problem(
         device,
         variables,
@@ -133,18 +128,12 @@ def solve_problem(
 ) -> Optimum:
     """Solve a problem of design; see `optimise`."""
     if problem.method == "optuna":
-        require_optuna()
+        _require_optuna()
     target = None if output is None else Path(output)
     if target is not None:
         require_xarray()
-    keep = (
-        nullcontext()
-        if target is None
-        else Checkpoint(checkpoint_path(target), problem_fingerprint(problem), resume)
-    )
     say = progress or (lambda message, fraction: None)
-    with Workers(workers, scheduler) as team, keep as checkpoint:
-        search = Search(problem, team, checkpoint, say)
+    with searching(problem, target, resume, workers, say, scheduler) as search:
         found = _search(search)
     if target is not None:
         table = target.with_suffix(".csv")
@@ -155,37 +144,9 @@ def solve_problem(
     return found
 
 
-def problem_fingerprint(problem: DesignProblem) -> str:
-    """Of everything that decides the numbers of a design: not of bounds, start, method, or the limits' bounds, so that
-    another search goes on with the designs of an earlier one."""
-    device = device_of(problem.document)
-    numbers = [
-        f"{one.label} {getattr(one.of, '__qualname__', type(one.of).__name__)}" for one in problem.numbers
-    ]
-    sets = [
-        (one.name, one.shares.tolist(), one.common, _listed(one.carried_at)) for one in problem.current_sets
-    ]
-    record = problem.record
-    settings = (
-        *device.texts,
-        repr([(one.key, one.linked) for one in problem.variables]),
-        repr(sorted(numbers)),
-        repr(sets),
-        repr(replace(problem.iron, refinement=1.0)),
-        repr([record.points.tolist(), record.force_share, record.current_limit, _listed(record.box)]),
-    )
-    return fingerprint(settings, CODE)
-
-
-def _listed(values: Any) -> Any:
-    return None if values is None else np.asarray(values).tolist()
-
-
 def _search(search: Search) -> Optimum:
-    problem = search.problem
-    start = np.array([one.start for one in problem.variables], dtype=float)
-    first = search.begin(start)
-    ended = _minimised(search, search.scaled(start))
+    first = search.begin()
+    ended = _minimised(search, search.scaled(first))
     best = search.best()
     if best is None:
         ended = _towards_the_limits(search)
@@ -199,7 +160,7 @@ def _search(search: Search) -> Optimum:
             break
         # From here on the numbers are those of the finer mesh, to first order.
         search.shift = {name: finer.numbers[name] - value for name, value in best.numbers.items()}
-        ended = _minimised(search, search.scaled(_array(best, problem)))
+        ended = _minimised(search, search.scaled(best))
         corrected = search.best()
         if corrected is None or corrected is best:
             break
@@ -209,60 +170,36 @@ def _search(search: Search) -> Optimum:
     return _optimum(search, first, best, check, finer, ended)
 
 
-def _array(found: Evaluation, problem: DesignProblem) -> Array:
-    return np.array([found.values[key] for key in problem.keys])
-
-
 def _minimised(search: Search, z: Array) -> str:
     """Let an optimiser search from scaled values; why it ended."""
-    problem = search.problem
     try:
-        if problem.method == "optuna":
-            return by_optuna(search, z)
-        return str(_BY_METHOD[problem.method](search, z).message)
+        return _by_optuna(search, z) if search.problem.method == "optuna" else _by_scipy(search, z)
     except SearchEnded as end:
         return str(end)
 
 
-def _by_slsqp(search: Search, z: Array) -> OptimizeResult:
-    limits = {"type": "ineq", "fun": search.limits, "jac": search.limit_slopes}
-    return minimize(
-        search.objective,
-        z,
-        jac=search.objective_slopes,
-        method="SLSQP",
-        bounds=[(0.0, 1.0)] * len(z),
-        constraints=[limits] if search.problem.limits else [],
-        options={"ftol": search.problem.tolerance},
-    )
-
-
-def _by_trust_region(search: Search, z: Array) -> OptimizeResult:
-    limits = NonlinearConstraint(search.limits, 0.0, np.inf, jac=search.limit_slopes)
+def _by_scipy(search: Search, z: Array) -> str:
+    method, tolerance = search.problem.method, search.problem.tolerance
+    slopes = {} if method == "COBYQA" else {"jac": search.limit_slopes}
+    limits = NonlinearConstraint(search.limits, 0.0, np.inf, **slopes)
+    options = {
+        "SLSQP": {"ftol": tolerance},
+        "trust-constr": {"gtol": tolerance, "xtol": tolerance},
+        "COBYQA": _trust_region(search.problem, _NEAR_RADIUS if search.shift else _FIRST_RADIUS),
+    }
     with warnings.catch_warnings():
         # Of a function that happens to be linear; nothing is wrong with it.
         warnings.filterwarnings("ignore", message="delta_grad")
-        return minimize(
+        found = minimize(
             search.objective,
             z,
-            jac=search.objective_slopes,
-            method="trust-constr",
-            bounds=Bounds(np.zeros(len(z)), np.ones(len(z)), keep_feasible=True),
+            jac=search.objective_slopes if slopes else None,
+            method=method,
+            bounds=Bounds(np.zeros(len(z)), np.ones(len(z)), keep_feasible=method == "trust-constr"),
             constraints=[limits] if search.problem.limits else [],
-            options={"gtol": search.problem.tolerance, "xtol": search.problem.tolerance},
+            options=options[method],
         )
-
-
-def _by_cobyqa(search: Search, z: Array) -> OptimizeResult:
-    limits = NonlinearConstraint(search.limits, 0.0, np.inf)
-    return minimize(
-        search.objective,
-        z,
-        method="COBYQA",
-        bounds=Bounds(np.zeros(len(z)), np.ones(len(z))),
-        constraints=[limits] if search.problem.limits else [],
-        options=_trust_region(search.problem, _NEAR_RADIUS if search.shift else _FIRST_RADIUS),
-    )
+    return str(found.message)
 
 
 def _trust_region(problem: DesignProblem, radius: float) -> dict[str, float]:
@@ -270,31 +207,44 @@ def _trust_region(problem: DesignProblem, radius: float) -> dict[str, float]:
     return {"initial_tr_radius": radius, "final_tr_radius": min(problem.tolerance**0.5, 0.5 * radius)}
 
 
-_BY_METHOD = {"SLSQP": _by_slsqp, "trust-constr": _by_trust_region, "COBYQA": _by_cobyqa}
+def _require_optuna() -> ModuleType:
+    """The module optuna. Raises MissingExtraError with the command that installs it."""
+    return require("optuna", "optuna", "fieldmap.studies.optimise", 'choose another method, such as "COBYQA"')
+
+
+def _by_optuna(search: Search, z: Array) -> str:
+    """Let Optuna's sampler of tree-structured Parzen estimators choose designs, the first at scaled values z, until as
+    many are solved as the problem allows; how it ended. For designs with several optima, where derivatives lead to the
+    nearest. Its seed is the problem's: a run that is resumed asks for the same designs."""
+    optuna = _require_optuna()
+    optuna.logging.set_verbosity(optuna.logging.WARNING)
+    names = [f"z{k}" for k in range(len(z))]
+
+    study = optuna.create_study(sampler=optuna.samplers.TPESampler(seed=search.problem.seed))
+    study.enqueue_trial({name: float(value) for name, value in zip(names, z, strict=True)})
+
+    def objective(trial: Any) -> float:
+        here = np.array([trial.suggest_float(name, 0.0, 1.0) for name in names])
+        for k, room in enumerate(search.limits(here)):
+            trial.set_constraint(f"limit {k}", -room)  # a positive number is a violated limit
+        return search.objective(here)
+
+    study.optimize(objective, n_trials=search.problem.solves)
+    return f"{len(study.trials)} designs were tried"
 
 
 def _towards_the_limits(search: Search) -> str:
     """Look for a design that meets the limits, from the one that comes nearest, and search on from there."""
-    z = search.scaled(_array(search.nearest(), search.problem))
-    slopes = None if search.problem.method in ("COBYQA", "optuna") else search.violation_slopes
+    z = search.scaled(search.nearest())
+    how: dict[str, Any] = {"method": "L-BFGS-B", "jac": search.violation_slopes}
+    if search.problem.method in WITHOUT_SLOPES:
+        how = {"method": "COBYQA", "options": _trust_region(search.problem, _FIRST_RADIUS)}
     try:
-        if slopes is None:
-            options = _trust_region(search.problem, _FIRST_RADIUS)
-            found = minimize(
-                search.violations, z, method="COBYQA", bounds=[(0.0, 1.0)] * len(z), options=options
-            )
-        else:
-            found = minimize(
-                search.violations, z, jac=slopes, method="L-BFGS-B", bounds=[(0.0, 1.0)] * len(z)
-            )
+        found = minimize(search.violations, z, bounds=[(0.0, 1.0)] * len(z), **how)
     except SearchEnded as end:
         return str(end)
     best = search.best()
-    return (
-        str(found.message)
-        if best is None
-        else _minimised(search, search.scaled(_array(best, search.problem)))
-    )
+    return str(found.message) if best is None else _minimised(search, search.scaled(best))
 
 
 def _nothing(search: Search) -> NoFeasibleDesign:
@@ -308,18 +258,13 @@ def _nothing(search: Search) -> NoFeasibleDesign:
         if search.excess(nearest, limit) <= problem.tolerance:
             continue
         side, bound = ("at least", limit.lower) if value < limit.lower else ("at most", limit.upper)
-        share = 100 * abs(value - bound) / limit.scale
+        off, share = abs(value - bound), 100 * abs(value - bound) / limit.scale
         received = (
-            f"{value:.6g} where the limits come nearest to holding ({where}): off by {abs(value - bound):.3g}"
+            f"{value:.6g} where the limits come nearest to holding ({where}): off by {off:.3g}, {share:.3g} %"
         )
-        problems.append(
-            Problem(
-                f"optimise, {limit.number.label}",
-                f"must be {side} {bound:g}",
-                f"{received}, {share:.3g} %",
-                "loosen this limit, widen the bounds of the variables, or begin elsewhere",
-            )
-        )
+        remedy = "loosen this limit, widen the bounds of the variables, or begin elsewhere"
+        must_hold = f"must be {side} {bound:g}"
+        problems.append(Problem(f"optimise, {limit.number.label}", must_hold, received, remedy))
     return NoFeasibleDesign(*problems, nearest=nearest.values, path=tuple(search.steps))
 
 
@@ -329,7 +274,7 @@ def _checked(search: Search, best: Evaluation) -> tuple[Check | None, Evaluation
     if times is None or not problem.body_names:
         return None, best
     refinement = problem.iron.refinement * times
-    finer = search.checked(_array(best, problem), refinement)
+    finer = search.checked(problem.values(best.values), refinement)
     if not finer.solved:
         return Check(refinement, times, float("nan"), False, finer.failure), finer
     holds = search.violation(finer) <= problem.tolerance
@@ -339,20 +284,45 @@ def _checked(search: Search, best: Evaluation) -> tuple[Check | None, Evaluation
 def _optimum(
     search: Search, first: Evaluation, best: Evaluation, check: Check | None, finer: Evaluation, ended: str
 ) -> Optimum:
-    problem = search.problem
-    label = problem.objective.label
-    values = _array(best, problem)
-    device = device_of(problem.document_at(values))
-    solved = check is not None and not check.failure
+    problem, label = search.problem, search.problem.objective.label
+    last = finer if check is not None and not check.failure else None
+    limits = []
+    for limit in problem.limits:
+        assert isinstance(limit.number, Number)
+        number, judged = limit.number.label, last or best
+        room = min(abs(judged.numbers[number] - bound) for bound in (limit.lower, limit.upper)) / limit.scale
+        limits.append(
+            LimitAtOptimum(
+                number=number,
+                value=best.numbers[number],
+                finer=None if last is None else last.numbers[number],
+                lower=limit.lower,
+                upper=limit.upper,
+                active=room <= _ACTIVE,
+                holds=search.excess(judged, limit) <= problem.tolerance,
+            )
+        )
+    iron = "saturating" if problem.iron.saturating else "of constant permeability"
+    held = [
+        f"varied: {', '.join(problem.keys)}; all else as the device has it",
+        f"iron {iron}; designs meshed anew, mesh sizes divided by {problem.iron.refinement:g}",
+    ]
+    if search.shift:
+        held.append(
+            "limits and objective corrected by the difference of the finer mesh at the design before the last"
+        )
     return Optimum(
         title=problem.title,
         values=best.values,
         objective=label,
         value=best.numbers[label],
         start_value=first.numbers[label],
-        limits=tuple(_at_optimum(search, limit, best, finer if solved else None) for limit in problem.limits),
+        limits=tuple(limits),
         variables=problem.variables,
-        derivatives=_kinds(search),
+        derivatives={
+            name: {key: kinds.get(key, "none") for key in problem.keys}
+            for name, kinds in search.kinds.items()
+        },
         refused=search.refused,
         verified=check,
         path=tuple(search.steps),
@@ -360,42 +330,8 @@ def _optimum(
         kept=search.kept,
         ended=ended,
         method=problem.method,
-        device=device,
-        start_device=device_of(problem.document_at(_array(first, problem))),
+        device=device_of(problem.document_at(problem.values(best.values))),
+        start_device=device_of(problem.document_at(problem.values(first.values))),
         maximise=problem.sign < 0,
-        assumptions=_assumptions(search),
+        assumptions=tuple(held),
     )
-
-
-def _at_optimum(search: Search, limit: Limit, best: Evaluation, finer: Evaluation | None) -> LimitAtOptimum:
-    assert isinstance(limit.number, Number)
-    label, last = limit.number.label, finer or best
-    room = min(abs(last.numbers[label] - bound) for bound in (limit.lower, limit.upper)) / limit.scale
-    return LimitAtOptimum(
-        number=label,
-        value=best.numbers[label],
-        finer=None if finer is None else finer.numbers[label],
-        lower=limit.lower,
-        upper=limit.upper,
-        active=room <= _ACTIVE,
-        holds=search.excess(last, limit) <= search.problem.tolerance,
-    )
-
-
-def _kinds(search: Search) -> Mapping[str, Mapping[str, Any]]:
-    return {
-        label: {key: kinds.get(key, "none") for key in search.problem.keys}
-        for label, kinds in search.kinds.items()
-    }
-
-
-def _assumptions(search: Search) -> tuple[str, ...]:
-    problem = search.problem
-    held = [f"varied: {', '.join(problem.keys)}; all else as the device has it"]
-    iron = "saturating" if problem.iron.saturating else "of constant permeability"
-    held.append(f"iron {iron}; designs meshed anew, mesh sizes divided by {problem.iron.refinement:g}")
-    if search.shift:
-        held.append(
-            "limits and objective corrected by the difference of the finer mesh at the design before the last"
-        )
-    return tuple(held)

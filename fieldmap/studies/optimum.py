@@ -15,8 +15,9 @@ from fieldmap.device.model import Device
 from fieldmap.errors import Infeasible, Problem
 from fieldmap.plain import Plain, plain_items
 from fieldmap.records import Record
-from fieldmap.studies.data_set import require_xarray
-from fieldmap.studies.design_problem import Variable, settings_at
+from fieldmap.studies.design import Variable, settings_at
+from fieldmap.studies.run import require_xarray
+from fieldmap.studies.study import setting_words
 
 Kind = Literal["exact", "differences", "none"]
 Role = Literal["step", "difference", "check", "sample"]
@@ -110,7 +111,7 @@ class Optimum(Record):
     @property
     def failed(self) -> dict[str, str]:
         """Designs that could not be solved, in words, and why."""
-        return {_words(step.values): step.failure for step in self.path if step.failure}
+        return {setting_words(step.values): step.failure for step in self.path if step.failure}
 
     @property
     def data(self) -> Any:
@@ -182,7 +183,3 @@ class NoFeasibleDesign(Infeasible):
     ) -> None:
         super().__init__(*problems)
         self.nearest, self.path = dict(nearest or {}), path
-
-
-def _words(values: Mapping[str, float]) -> str:
-    return ", ".join(f"{key} = {value:g}" for key, value in values.items())

@@ -126,9 +126,6 @@ TAKEN = frozenset(
 
 GROUPS = tuple(dict.fromkeys(quantity.group for quantity in QUANTITIES))
 NEED_PAYLOAD = frozenset({"force_per_ampere", "equilibrium", "equilibrium_area", "reach", "reachable_share"})
-NEED_LIMIT = frozenset({"reach", "reachable_share"})
-NEED_POINTS = frozenset({"field", "force_per_ampere"})
-NEED_BOX = frozenset({"homogeneity"})
 ON_REQUEST = frozenset({"inductance", "power"})
 """Groups that are recorded where a file asks for them: they take solves of their own, or rest on assumptions."""
 
@@ -142,9 +139,11 @@ def recorded(groups: tuple[str, ...]) -> tuple[Quantity, ...]:
     return tuple(quantity for quantity in QUANTITIES if quantity.group in groups)
 
 
-def number_names(
-    groups: tuple[str, ...], labels: Mapping[str, Sequence[str]]
-) -> dict[str, tuple[Quantity, tuple[int, ...]]]:
+Places = dict[str, tuple[Quantity, tuple[int, ...]]]
+"""Of single numbers by their names: the quantity, and the place in it."""
+
+
+def number_names(groups: tuple[str, ...], labels: Mapping[str, Sequence[str]]) -> Places:
     """Every single number of some groups by its name, NAME or NAME LABEL ..., with its place in its quantity.
 
     labels: of the entries along each axis.
@@ -156,7 +155,7 @@ def number_names(
     >>> names["flux_density 1 z"][1]
     (0, 2)
     """
-    found = {}
+    found: Places = {}
     for quantity in recorded(groups):
         for at in itertools.product(*(range(len(labels[axis])) for axis in quantity.axes)):
             words = [labels[axis][k] for axis, k in zip(quantity.axes, at, strict=True)]

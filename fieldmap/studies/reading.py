@@ -1,7 +1,9 @@
 """From a study file to a study: its variants, what it asks of the device that they vary, all problems at once."""
 
 import itertools
-from collections.abc import Iterator, Sequence
+import math
+from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,24 +14,29 @@ from fieldmap.device.changes import changed, key_finding
 from fieldmap.device.model import Device
 from fieldmap.device.reader import device_of
 from fieldmap.device.schema import DEVICE
-from fieldmap.errors import DeviceFileError, Problem, RecipeError, StudyError
+from fieldmap.errors import DeviceFileError, FieldmapError, InputError, Problem, RecipeError, StudyError
 from fieldmap.inputs.document import Document
 from fieldmap.inputs.findings import Finding
 from fieldmap.inputs.key_paths import Location, dotted, matches
+from fieldmap.inputs.tables import MILLI
 from fieldmap.maps.recipe import Recipe, read_recipe, read_recipe_device
 from fieldmap.shipped import is_file
-from fieldmap.studies.quantities import GROUPS, NEED_BOX, NEED_LIMIT, NEED_PAYLOAD, NEED_POINTS, ON_REQUEST
-from fieldmap.studies.schema import STUDY, CurrentKeys, StudyFile, VaryKeys
-from fieldmap.studies.study import Axis, CurrentSet, IronModel, Record, Study, Value, Variant, setting_words
+from fieldmap.studies.quantities import GROUPS, ON_REQUEST
+from fieldmap.studies.schema import STUDY, CurrentKeys, StudyFile
+from fieldmap.studies.study import (
+    Axis,
+    CurrentSet,
+    IronModel,
+    Record,
+    Study,
+    Variant,
+    current_set,
+    lacking,
+    setting_words,
+    settings_with,
+)
 
-Settings = tuple[tuple[str, Value], ...]
 LARGEST_STUDY = 10_000
-MILLI = 1e-3
-
-
-def axes_of(contents: StudyFile) -> tuple[Axis, ...]:
-    """The varied keys; none where the variants are listed one by one."""
-    return tuple(Axis(entry.name, entry.key, tuple(entry.values)) for entry in contents.vary)
 
 
 def key_findings(contents: StudyFile, document: Document) -> list[Finding]:
@@ -37,9 +44,7 @@ def key_findings(contents: StudyFile, document: Document) -> list[Finding]:
     told = (key_finding(location, key, document) for location, key in _keys(contents))
     found = [finding for finding in told if finding is not None]
     found += _set_twice(contents, document)
-    count = 1
-    for entry in contents.vary:
-        count *= len(entry.values)
+    count = math.prod(len(entry.values) for entry in contents.vary)
     if max(count, len(contents.variant)) > LARGEST_STUDY:
         must_hold = f"a study has at most {LARGEST_STUDY} variants"
         found.append(Finding(("vary",), must_hold, f"{count}", "leave out values, or make several studies"))
@@ -75,42 +80,38 @@ def variants_of(contents: StudyFile, document: Document) -> tuple[Variant, ...]:
             Variant(entry.name, (k,), tuple(entry.set.items()), changed(document, tuple(entry.set.items())))
             for k, entry in enumerate(contents.variant)
         )
-    return tuple(_combined(contents.vary, place, document) for place in _places(contents.vary))
-
-
-def _places(vary: Sequence[VaryKeys]) -> Iterator[tuple[int, ...]]:
-    return itertools.product(*(range(len(entry.values)) for entry in vary))
-
-
-def _combined(vary: Sequence[VaryKeys], place: tuple[int, ...], document: Document) -> Variant:
-    values = {entry.name: entry.values[k] for entry, k in zip(vary, place, strict=True)}
-    settings = tuple(pair for entry in vary for pair in _settings(entry, values[entry.name]))
-    return Variant(setting_words(values), place, settings, changed(document, settings))
-
-
-def _settings(entry: VaryKeys, value: Any) -> Iterator[tuple[str, Value]]:
-    yield entry.key, value
-    for linked in entry.linked:
-        for key in linked.keys:
-            yield key, linked.offset + linked.factor * value
+    combined = []
+    for place in itertools.product(*(range(len(entry.values)) for entry in contents.vary)):
+        chosen = [(entry, entry.values[k]) for entry, k in zip(contents.vary, place, strict=True)]
+        settings = tuple(
+            pair for entry, value in chosen for pair in settings_with(entry.key, value, entry.linked)
+        )
+        words = setting_words({entry.name: value for entry, value in chosen})
+        combined.append(Variant(words, place, settings, changed(document, settings)))
+    return tuple(combined)
 
 
 def variant_findings(contents: StudyFile, variants: tuple[Variant, ...]) -> list[Finding]:
     """What the device schema refuses in a variant, each complaint once, at the study's table that causes it."""
     found: dict[tuple[str, str, str], Finding] = {}
     for number, variant in enumerate(variants):
-        try:
-            device_of(variant.document)
-        except DeviceFileError as error:
-            location: Location = ("variant", number) if contents.variant else ("vary",)
-            for problem in error.problems:
-                key = problem.where.split(": ", 1)[-1]
-                location = _cause(contents, variant, key) or location
-                must_hold = f"{key} of the device {problem.must_hold}"
-                received = f"{problem.received} in the variant {variant.name}"
-                same = (key, problem.must_hold, problem.received)
-                found.setdefault(same, Finding(location, must_hold, received, problem.remedy))
+        location: Location = ("variant", number) if contents.variant else ("vary",)
+        for key, problem in refused(variant.document):
+            location = _cause(contents, variant, key) or location
+            must_hold = f"{key} of the device {problem.must_hold}"
+            received = f"{problem.received} in the variant {variant.name}"
+            same = (key, problem.must_hold, problem.received)
+            found.setdefault(same, Finding(location, must_hold, received, problem.remedy))
     return list(found.values())
+
+
+def refused(document: Document) -> list[tuple[str, Problem]]:
+    """What is wrong with a changed device file, by its keys."""
+    try:
+        device_of(document)
+    except FieldmapError as error:
+        return [(problem.where.split(": ", 1)[-1], problem) for problem in error.problems]
+    return []
 
 
 def _cause(contents: StudyFile, variant: Variant, key: str) -> Location | None:
@@ -125,13 +126,11 @@ def _cause(contents: StudyFile, variant: Variant, key: str) -> Location | None:
     return None
 
 
-def device_findings(contents: StudyFile, device: Device, recipe: Recipe | None) -> list[Finding]:
+def device_findings(contents: StudyFile, device: Device, iron: IronModel, record: Record) -> list[Finding]:
     """What the device lacks for the currents and quantities of the study."""
-    saturating = recipe is not None and recipe.currents is not None
-    saturating |= contents.iron is not None and contents.iron.model == "saturating"
     return [
         *_of_currents(contents, device),
-        *_of_quantities(contents, device, saturating),
+        *_of_quantities(contents, device, iron, record),
         *_of_iron(contents, device),
     ]
 
@@ -160,31 +159,12 @@ def _of_currents(contents: StudyFile, device: Device) -> Iterator[Finding]:
             yield Finding(("currents", k, "carries_at_mm"), must_hold, "none", remedy)
 
 
-def _of_quantities(contents: StudyFile, device: Device, saturating: bool) -> Iterator[Finding]:
-    record = contents.record
-    for k, name in enumerate(record.quantities or ()):
-        place = ("record", "quantities", k)
-        if name in NEED_PAYLOAD and (device.payload is None or device.workspace is None):
-            remedy = "add them to the device file, or leave the quantity out"
-            yield Finding(place, f"{name} needs the device's [payload] and [workspace]", "none", remedy)
-        if name in NEED_LIMIT and record.current_limit_A is None and device.driver is None:
-            yield Finding(
-                place, f"{name} needs the limit of the currents", "none", "add record.current_limit_A"
-            )
-        if name in NEED_POINTS and not record.points_mm:
-            yield Finding(place, f"{name} needs record.points_mm", "none", "add points_mm = [[x, y, z]]")
-        if name in NEED_BOX and record.box_mm is None:
-            remedy = "add box_mm = [[x, y, z], [x, y, z]], its lower and upper corner"
-            yield Finding(place, f"{name} needs record.box_mm", "none", remedy)
-        if name == "reachable_share" and saturating:
-            remedy = "leave it out; reach is recorded of saturating iron as well"
-            yield Finding(
-                place, "reachable_share superposes coils: linear iron only", "saturating iron", remedy
-            )
-        if name in ("iron", "error") and not device.bodies:
-            yield Finding(place, f"{name} needs iron", "a device without bodies", "leave it out")
-        if name == "error" and device.workspace is None:
-            yield Finding(place, "error needs the device's [workspace]", "none", "add it, or leave error out")
+def _of_quantities(contents: StudyFile, device: Device, iron: IronModel, record: Record) -> Iterator[Finding]:
+    for k, name in enumerate(contents.record.quantities or ()):
+        for groups, must_hold, received, remedy in lacking(device, record, iron.saturating):
+            if name in groups:
+                place = ("record", "quantities", k)
+                yield Finding(place, f"{name} {must_hold}", received, f"{remedy}, or leave {name} out")
 
 
 def _of_iron(contents: StudyFile, device: Device) -> Iterator[Finding]:
@@ -219,17 +199,17 @@ def read_study(path_or_name: str | Path) -> Study:
         raise StudyError(study_file.problem("optimise", must_hold, "a table [optimise]", remedy))
     document, recipe = named_device(contents, study_file)
     device = device_of(document)
-    findings = key_findings(contents, document) + device_findings(contents, device, recipe)
+    sets, iron, record = read_parts(contents, device, recipe)
+    findings = key_findings(contents, document) + device_findings(contents, device, iron, record)
     variants = () if findings else variants_of(contents, document)
     findings += variant_findings(contents, variants)
     if findings:
         raise StudyError(*study_file.problems(findings))
-    sets, iron, record = read_parts(contents, device, recipe)
     return Study(
         path=path,
         text=study_file.text,
         title=contents.title,
-        axes=axes_of(contents),
+        axes=tuple(Axis(entry.name, entry.key, tuple(entry.values)) for entry in contents.vary),
         variants=variants,
         current_sets=sets,
         iron=iron,
@@ -242,8 +222,34 @@ def read_study(path_or_name: str | Path) -> Study:
 
 def named_device(contents: StudyFile, study_file: Document) -> tuple[Document, Recipe | None]:
     """The device file that a study names, and the recipe, if it names one. Raises StudyError."""
-    recipe = _recipe(contents, study_file)
-    return _device_document(contents, recipe, study_file), recipe
+    if contents.recipe is None:
+        return device_file(str(contents.device), study_file, StudyError), None
+    beside = study_file.path.parent / contents.recipe
+    try:
+        recipe = read_recipe(beside if is_file(beside) else contents.recipe)
+    except RecipeError as error:
+        raise StudyError(*_placed("recipe", error.problems, study_file)) from error
+    source = read_recipe_device(recipe).source
+    assert source is not None  # it was read from a file
+    return DEVICE.load(source), recipe
+
+
+def device_file(name: str, file: Document, error: type[InputError]) -> Document:
+    """The device file that another file names by `device`: beside it, or a shipped one."""
+    beside = file.path.parent / name
+    try:
+        return DEVICE.load(beside if is_file(beside) else DEVICE.find(name))
+    except DeviceFileError as wrong:
+        raise error(*_placed("device", wrong.problems, file)) from wrong
+
+
+def _placed(key: str, problems: tuple[Problem, ...], file: Document) -> list[Problem]:
+    """Problems of another file, at the key that names it."""
+    findings = [
+        Finding((key,), f"{problem.where}: {problem.must_hold}", problem.received, problem.remedy)
+        for problem in problems
+    ]
+    return file.problems(findings)
 
 
 def read_parts(
@@ -255,48 +261,15 @@ def read_parts(
     return sets, iron, _record(contents, device, iron)
 
 
-def _recipe(contents: StudyFile, study_file: Document) -> Recipe | None:
-    if contents.recipe is None:
-        return None
-    beside = study_file.path.parent / contents.recipe
-    try:
-        return read_recipe(beside if is_file(beside) else contents.recipe)
-    except RecipeError as error:
-        raise StudyError(*_placed("recipe", error.problems, study_file)) from error
-
-
-def _device_document(contents: StudyFile, recipe: Recipe | None, study_file: Document) -> Document:
-    if recipe is not None:
-        source = read_recipe_device(recipe).source
-        assert source is not None  # it was read from a file
-        return DEVICE.load(source)
-    beside = study_file.path.parent / str(contents.device)
-    try:
-        return DEVICE.load(beside if is_file(beside) else DEVICE.find(str(contents.device)))
-    except DeviceFileError as error:
-        raise StudyError(*_placed("device", error.problems, study_file)) from error
-
-
-def _placed(key: str, problems: tuple[Problem, ...], study_file: Document) -> list[Problem]:
-    """Problems of another file, at the key that names it."""
-    findings = [
-        Finding((key,), f"{problem.where}: {problem.must_hold}", problem.received, problem.remedy)
-        for problem in problems
-    ]
-    return study_file.problems(findings)
-
-
 def _current_set(entry: CurrentKeys, coils: int) -> CurrentSet:
-    given: Any = entry.amperes_A if entry.amperes_A is not None else entry.shares
+    amperes: Any = entry.shares if entry.amperes_A is None else entry.amperes_A
     if entry.division is not None:
         division = entry.division
-        currents = divide_currents(division.u_A or 1.0, division.x, division.y, division.n)
-    else:
-        currents = np.array(np.broadcast_to(np.asarray(1.0 if given is None else given, float), coils))
-    common = float(np.abs(currents).mean())
-    looked_for = entry.carries_at_mm is not None
-    place = np.array(entry.carries_at_mm) * MILLI if looked_for else None
-    return CurrentSet(entry.name, currents / common, None if looked_for else common, place)
+        amperes = divide_currents(division.u_A or 1.0, division.x, division.y, division.n)
+    # Of lists that do not fit `_of_currents` tells.
+    fits = amperes is not None and np.size(amperes) in (1, coils)
+    place = None if entry.carries_at_mm is None else np.array(entry.carries_at_mm) * MILLI
+    return current_set(entry.name, amperes if fits else 1.0, coils, place)
 
 
 def _iron(contents: StudyFile, recipe: Recipe | None) -> IronModel:
@@ -318,21 +291,13 @@ def _record(contents: StudyFile, device: Device, iron: IronModel) -> Record:
     limit = keys.current_limit_A
     if limit is None and device.driver is not None:
         limit = device.driver.current_limit
-    lacking: set[str] = set()
-    lacking |= set(NEED_PAYLOAD) if device.payload is None or device.workspace is None else set()
-    lacking |= set(NEED_LIMIT) if limit is None else set()
-    lacking |= set(NEED_POINTS) if not keys.points_mm else set()
-    lacking |= set(NEED_BOX) if keys.box_mm is None else set()
-    lacking |= ON_REQUEST
-    lacking |= {"reachable_share"} if iron.saturating else set()
-    lacking |= {"iron"} if not device.bodies else set()
-    lacking |= {"error"} if not device.bodies or device.workspace is None else set()
-    wanted: list[str] = (
-        [name for name in GROUPS if name not in lacking] if keys.quantities is None else keys.quantities
-    )
-    wanted += ["error"] if iron.accuracy is not None and device.bodies else []
     points = np.array(keys.points_mm, float).reshape(-1, 3) * MILLI
-    groups = tuple(g for g in GROUPS if g in wanted)
     corners = None if keys.box_mm is None else np.array(keys.box_mm, float) * MILLI
     box = None if corners is None else (corners[0], corners[1])
-    return Record(groups, points, keys.force_share, limit, box)
+    record = Record(GROUPS, points, keys.force_share, limit, box)
+    wanted = set(GROUPS if keys.quantities is None else keys.quantities)
+    if keys.quantities is None:
+        wanted -= ON_REQUEST.union(*(groups for groups, *_ in lacking(device, record, iron.saturating)))
+    if iron.accuracy is not None and device.bodies:
+        wanted.add("error")
+    return replace(record, groups=tuple(group for group in GROUPS if group in wanted))

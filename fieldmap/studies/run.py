@@ -1,23 +1,31 @@
-"""Solve all variants of a study and write its data set, with what earlier runs have done."""
+"""Solve all variants of a study, with what earlier runs have done, and write the results as NetCDF and as CSV."""
 
 from __future__ import annotations
 
+import csv
+import io
+import json
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import numpy as np
 
+from fieldmap.device.reader import device_of
 from fieldmap.errors import InputError, Problem
+from fieldmap.extras import require
 from fieldmap.parallel import Workers
 from fieldmap.plain import Plain, plain_items
+from fieldmap.provenance import library_versions
 from fieldmap.records import Record
 from fieldmap.store import Checkpoint, checkpoint_path, write_whole
-from fieldmap.studies.data_set import csv_text, data_set, require_xarray, write_netcdf
-from fieldmap.studies.quantities import recorded
+from fieldmap.store.whole_files import whole_file
+from fieldmap.studies.quantities import NEED_PAYLOAD, number_names, recorded
 from fieldmap.studies.reading import read_study
 from fieldmap.studies.study import Study, Value
-from fieldmap.studies.variant_result import Row, Task, VariantResult, solve_variant
+from fieldmap.studies.variant_result import COPPER_WINDINGS, Row, Task, VariantResult, solve_variant
 from fieldmap.typing import Array, PathLike, Progress
 
 OUTPUT_FOLDER = Path("maps/out")
@@ -52,19 +60,15 @@ class StudyRun(Record):
 
     def rows(self) -> list[StudyRow]:
         """One row for each variant and set of currents, in the order of the data set."""
-        axes = self.study.axes
-        names = [axis.name for axis in axes] or ["variant"]
-        recorded_names = [quantity.name for quantity in recorded(self.study.record.groups)]
-        found = []
-        for variant in self.study.variants:
+        study, found = self.study, []
+        names = [axis.name for axis in study.axes] or ["variant"]
+        recorded_names = [quantity.name for quantity in recorded(study.record.groups)]
+        for v, variant in enumerate(study.variants):
             here = self.data.isel(dict(zip(names, variant.place, strict=True)))
-            about: dict[str, Value] = {
-                axis.name: axis.values[k] for axis, k in zip(axes, variant.place, strict=False)
-            } or {"variant": variant.name}
-            for name in self.data.currents.values:
-                at = here.sel(currents=name)
+            for entry in study.current_sets:
+                at = here.sel(currents=entry.name)
                 numbers = {quantity: np.asarray(at[quantity].values) for quantity in recorded_names}
-                found.append(StudyRow(about, str(name), numbers, str(at["problem"].item())))
+                found.append(StudyRow(study.settings(v), entry.name, numbers, str(at["problem"].item())))
         return found
 
     def to_dict(self) -> dict[str, Plain]:
@@ -112,10 +116,11 @@ def run_study(
             _forget_failed(done, checkpoint)
         _solve(order, done, checkpoint, team, say)
         results = [done[number] for number in range(len(order.variants))]
-    data = data_set(order, results)
+    columns = _columns(order, results)
+    data = _data_set(order, results, columns)
     table = target.with_suffix(".csv")
     write_netcdf(data, target)
-    write_whole(table, csv_text(order, results).encode())
+    write_whole(table, _csv_text(order, results, columns).encode())
     say("complete", 1.0)
     return StudyRun(order, data, target, table, _failed(order, results))
 
@@ -183,3 +188,126 @@ def output_file(study: Path, output: str | PathLike | None) -> Path:
     if target.is_dir():
         raise InputError(Problem(str(target), "must be a file", "a directory", "name the file inside it"))
     return target
+
+
+_CONVENTIONS = (
+    "SI units. Right-handed frame, z up, origin on the centre of the pole disk's lower face. gradient: "
+    "dB_component/dx_direction."
+)
+_OF_THE_PAYLOAD = (
+    "the payload is a vertical point dipole at the magnet's centre and does not magnetise the iron",
+    "the currents are constant",
+)
+
+
+def require_xarray() -> ModuleType:
+    """The module xarray. Raises FieldmapError, with the extra to install, where it or h5netcdf is missing."""
+    require("h5netcdf", "studies", "fieldmap.studies")
+    return require("xarray", "studies", "fieldmap.studies")
+
+
+def write_netcdf(data: Any, path: Path) -> None:
+    """Write the data set; the file appears complete or not at all."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with whole_file(path) as partial:
+        data.to_netcdf(partial, engine="h5netcdf")
+
+
+def _data_set(study: Study, results: Sequence[VariantResult], columns: Mapping[str, Array]) -> Any:
+    """xarray.Dataset of all variants: one axis for each varied key (or `variant`), then `currents`: docs/studies.md."""
+    leading = (*(tuple(axis.name for axis in study.axes) or ("variant",)), "currents")
+    shape = (*study.shape, len(study.current_sets))
+    variables = {}
+    for quantity in recorded(study.record.groups):
+        values = columns[quantity.name]
+        attributes = {"units": quantity.unit, "long_name": quantity.meaning}
+        variables[quantity.name] = (
+            (*leading, *quantity.axes),
+            values.reshape(*shape, *values.shape[2:]),
+            attributes,
+        )
+    reasons = [[" || ".join(row.problems) for row in result.rows] for result in results]
+    about = {"long_name": "why numbers of this variant are missing; empty where nothing failed"}
+    variables["problem"] = (leading, np.array(reasons, dtype=object).reshape(shape), about)
+    variables |= _files(study)
+    return require_xarray().Dataset(variables, coords=_coordinates(study), attrs=_attributes(study, results))
+
+
+def _columns(study: Study, results: Sequence[VariantResult]) -> dict[str, Array]:
+    """Each quantity (variants, currents, axes of the quantity); NaN where there is no number."""
+    found = {}
+    for quantity in recorded(study.record.groups):
+        missing = np.full([len(study.labels[axis]) for axis in quantity.axes], np.nan)
+        rows = [[row.numbers.get(quantity.name, missing) for row in result.rows] for result in results]
+        found[quantity.name] = np.array(rows, dtype=float)
+    return found
+
+
+def _files(study: Study) -> dict[str, Any]:
+    """The files as read; variables, because an attribute of HDF5 holds no more than 64 kB."""
+    device = device_of(study.device_document)
+    included = json.dumps(dict(sorted(device.included.items())))
+    texts = {
+        "study_file": (study.text, "the study file as read"),
+        "device_file": (device.text, "the device file as read, before any key was changed"),
+        "included_files": (included, "files that the device file names, as JSON: name to text or hash"),
+    }
+    return {name: ((), text, {"long_name": meaning}) for name, (text, meaning) in texts.items()}
+
+
+def _coordinates(study: Study) -> dict[str, Any]:
+    found: dict[str, Any] = {"currents": ("currents", [entry.name for entry in study.current_sets])}
+    for axis in study.axes:
+        about = {"long_name": axis.key} | ({"units": axis.unit} if axis.unit else {})
+        found[axis.name] = (axis.name, np.array(axis.values), about)
+    if not study.axes:
+        found["variant"] = ("variant", [variant.name for variant in study.variants])
+    axes = {axis for quantity in recorded(study.record.groups) for axis in quantity.axes}
+    found |= {axis: (axis, list(study.labels[axis])) for axis in sorted(axes - {"point"})}
+    if "point" in axes:
+        for k, letter in enumerate("xyz"):
+            found[f"point_{letter}"] = ("point", study.record.points[:, k], {"units": "m"})
+    return found
+
+
+def _attributes(study: Study, results: Sequence[VariantResult]) -> dict[str, str]:
+    carried = NEED_PAYLOAD & set(study.record.groups) or any(
+        entry.common is None for entry in study.current_sets
+    )
+    assumed = dict.fromkeys(text for result in results for text in result.assumptions)
+    if "power" in study.record.groups:
+        assumed[COPPER_WINDINGS] = None
+    limit = study.record.current_limit
+    return {
+        "title": study.title,
+        "Conventions": "CF-1.10",
+        "comment": _CONVENTIONS,
+        "source": ", ".join(
+            f"{name} {number}" for name, number in library_versions("xarray", "h5netcdf").items()
+        ),
+        "assumptions": "\n".join((*(_OF_THE_PAYLOAD if carried else ()), *assumed)),
+        "force_share": f"{study.record.force_share!r}",
+        "current_limit_A": "none" if limit is None else f"{limit!r}",
+        "iron": repr(study.iron),
+        "fingerprint": study.fingerprint,
+    }
+
+
+def _csv_text(study: Study, results: Sequence[VariantResult], columns: Mapping[str, Array]) -> str:
+    """One line for each variant and set of currents; every number of the data set, units in the header.
+
+    A column is NAME [axis labels] (unit): `flux_density 1 z (T)` is B_z at the first point, `current 5 (A)` of coil 5.
+    """
+    names = number_names(study.record.groups, study.labels)
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator="\n")
+    axes = [f"{axis.name} ({axis.unit})" if axis.unit else axis.name for axis in study.axes] or ["variant"]
+    heads = [f"{name} ({quantity.unit})" for name, (quantity, _) in names.items()]
+    writer.writerow([*axes, "currents", *heads, "problem"])
+    for v, result in enumerate(results):
+        values = study.settings(v).values()
+        for c, (entry, row) in enumerate(zip(study.current_sets, result.rows, strict=True)):
+            numbers = [float(columns[quantity.name][(v, c, *at)]) for quantity, at in names.values()]
+            cells = ["" if np.isnan(number) else repr(number) for number in numbers]
+            writer.writerow([*values, entry.name, *cells, " || ".join(row.problems)])
+    return out.getvalue()

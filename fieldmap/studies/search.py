@@ -8,20 +8,196 @@ limits of the design before it: finite, so that a step to it is taken back.
 from __future__ import annotations
 
 import json
-from dataclasses import asdict
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager, nullcontext
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from fieldmap.errors import InputError, Problem
+from fieldmap.device.reader import device_of
+from fieldmap.errors import FieldmapError, Infeasible, InputError, Problem
+from fieldmap.iron.sensitivity.adjoint import quantity_of
+from fieldmap.iron.sensitivity.quantities import Quantity as FieldQuantity
 from fieldmap.parallel import Workers
-from fieldmap.store import Checkpoint
-from fieldmap.studies.design_problem import WITHOUT_SLOPES, DesignProblem, Limit, Number
-from fieldmap.studies.evaluation import Asked, Evaluation, evaluate
+from fieldmap.plain import plain_fields, plain_items
+from fieldmap.provenance import fingerprint
+from fieldmap.records import Record
+from fieldmap.store import Checkpoint, checkpoint_path
+from fieldmap.studies.design import WITHOUT_SLOPES, DesignProblem, Limit, Number
+from fieldmap.studies.number_slopes import Slopes, VariedParameters, exact_slopes
 from fieldmap.studies.optimum import Kind, Role, Step
-from fieldmap.typing import Array, Progress
+from fieldmap.studies.quantities import Places, number_names
+from fieldmap.studies.study import CODE, axis_labels
+from fieldmap.studies.variant_result import OperatingPoint, SolvedIron, numbers_at, reason
+from fieldmap.typing import Array, PathLike, Progress
 
 # So many designs in a row that lie closer together than the tolerance end the search.
 _SAME = 8
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Asked(Record):
+    """A design to be solved: values (k,) of the variables, on a mesh of a refinement. derive: keys by which exact
+    derivatives are wanted."""
+
+    problem: DesignProblem
+    values: Array
+    refinement: float
+    derive: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Evaluation(Record):
+    """A design solved. values: of the variables by key; numbers: by label; slopes: exact derivatives by label and key;
+    refused: keys without, and why. failure: why there are no numbers, or ""."""
+
+    values: Mapping[str, float]
+    refinement: float
+    numbers: Mapping[str, float]
+    slopes: Mapping[str, Mapping[str, float]]
+    refused: Mapping[str, str]
+    failure: str = ""
+
+    @property
+    def solved(self) -> bool:
+        """Whether there are numbers."""
+        return not self.failure
+
+
+def evaluate(asked: Asked) -> Evaluation:
+    """Solve a design. What fails is a reason in the result, never an error: the search goes on, whatever it was."""
+    named = asked.problem.named(asked.values)
+    try:
+        numbers, slopes = _solved(asked)
+    except Exception as error:
+        return Evaluation(named, asked.refinement, {}, {}, {}, reason("design", error))
+    return Evaluation(named, asked.refinement, numbers, slopes.by, slopes.refused)
+
+
+def _solved(asked: Asked) -> tuple[dict[str, float], Slopes]:
+    problem, device = asked.problem, device_of(asked.problem.document_at(asked.values))
+    iron = SolvedIron(device, replace(problem.iron, refinement=asked.refinement), asked.refinement)
+    parameters = VariedParameters(device, problem.document, problem.variables, problem.named(asked.values))
+    labels = axis_labels(problem.record, problem.coil_names, problem.body_names)
+    places = number_names(problem.record.groups, labels)
+    numbers: dict[str, float] = {}
+    slopes: dict[str, Mapping[str, float]] = {}
+    refused: dict[str, str] = {}
+    for entry in problem.currents_at(asked.values):
+        here = [_at(one, entry.name) for one in problem.numbers if entry.name in (one.currents, one.minus)]
+        if not here:
+            continue
+        wanted = {places[one.name][0].group for one in here if one.of is None}
+        groups = tuple(group for group in problem.record.groups if group in wanted)
+        point = OperatingPoint(device, iron, entry, replace(problem.record, groups=groups))
+        numbers |= _numbers(point, here, places)
+        if asked.derive:
+            try:
+                found = exact_slopes(point, here, parameters, asked.derive)
+            except FieldmapError as error:
+                found = Slopes({}, dict.fromkeys(asked.derive, reason("derivative", error)))
+            slopes |= found.by
+            refused |= found.refused
+    joined = {one.label: _joined(one, numbers) for one in problem.numbers}
+    return joined, Slopes(_joined_slopes(problem.numbers, slopes), refused)
+
+
+def _at(number: Number, name: str) -> Number:
+    """The number at one of its sets of currents."""
+    return replace(number, currents=name, minus="")
+
+
+def _numbers(point: OperatingPoint, here: Iterable[Number], places: Places) -> dict[str, float]:
+    values, problems = numbers_at(point)
+    found = {}
+    for number in here:
+        if number.of is None:
+            quantity, at = places[number.name]
+            if quantity.name not in values:
+                raise _MissingError(" || ".join(problems))
+            value: Any = np.asarray(values[quantity.name])[at] if at else values[quantity.name]
+        else:
+            state: Any = point.iron.field.at(point.currents)
+            if isinstance(number.of, FieldQuantity):
+                value = quantity_of(state, number.of)
+            else:
+                value = number.of(point.device, state)
+            value = np.asarray(value, dtype=float).reshape(())
+        if not np.isfinite(value):
+            raise Infeasible(Problem(number.label, "must be a finite number", str(value), "see the device"))
+        found[number.label] = float(value)
+    return found
+
+
+class _MissingError(FieldmapError):
+    """A number that could not be found, with the study's reasons."""
+
+    def __init__(self, why: str) -> None:
+        super().__init__()
+        self.args = (why,)
+
+
+def _joined(number: Number, at_sets: Mapping[str, float]) -> float:
+    value = at_sets[_at(number, number.currents).label]
+    return value - at_sets[_at(number, number.minus).label] if number.minus else value
+
+
+def _joined_slopes(
+    numbers: Iterable[Number], at_sets: Mapping[str, Mapping[str, float]]
+) -> dict[str, dict[str, float]]:
+    """Derivatives of the numbers, where they are there at every set that a number is made of."""
+    found = {}
+    for number in numbers:
+        labels = [_at(number, number.currents).label]
+        labels += [_at(number, number.minus).label] if number.minus else []
+        if all(label in at_sets for label in labels):
+            first, *rest = (at_sets[label] for label in labels)
+            keys = [key for key in first if all(key in other for other in rest)]
+            found[number.label] = {key: first[key] - sum(other[key] for other in rest) for key in keys}
+    return found
+
+
+@contextmanager
+def searching(
+    problem: DesignProblem,
+    output: PathLike | None,
+    resume: bool,
+    workers: int,
+    progress: Progress | None,
+    scheduler: str | None = None,
+) -> Iterator[Search]:
+    """A search by workers, whose designs are kept in OUTPUT.partial."""
+    keep = (
+        nullcontext()
+        if output is None
+        else Checkpoint(checkpoint_path(Path(output)), problem_fingerprint(problem), resume)
+    )
+    with Workers(workers, scheduler) as team, keep as checkpoint:
+        yield Search(problem, team, checkpoint, progress or (lambda message, fraction: None))
+
+
+def problem_fingerprint(problem: DesignProblem) -> str:
+    """Of everything that decides the numbers of a design: not of bounds, start, method, or the limits' bounds, so that
+    another search goes on with the designs of an earlier one."""
+    device, record = device_of(problem.document), problem.record
+    numbers = [
+        f"{one.label} {getattr(one.of, '__qualname__', type(one.of).__name__)}" for one in problem.numbers
+    ]
+    settings = (
+        *device.texts,
+        repr([(one.key, one.linked) for one in problem.variables]),
+        repr(sorted(numbers)),
+        repr([plain_fields(one) for one in problem.current_sets]),
+        repr(replace(problem.iron, refinement=1.0)),
+        repr(
+            plain_items(
+                points=record.points, share=record.force_share, limit=record.current_limit, box=record.box
+            )
+        ),
+    )
+    return fingerprint(settings, CODE)
 
 
 class SearchEnded(Exception):  # noqa: N818 - an end, not an error
@@ -42,8 +218,8 @@ class Search:
         self._known: dict[str, Evaluation] = {}
         # What is added to a number to make it that of a finer mesh.
         self.shift: dict[str, float] = {}
-        low, high = problem.bounds
-        self._low, self._width = low, high - low
+        self._low = np.array([one.lower for one in problem.variables])
+        self._width = np.array([one.upper for one in problem.variables]) - self._low
         self._scale = 1.0
         self._worst = -np.inf
         self._last: list[Array] = []
@@ -54,9 +230,9 @@ class Search:
         """Values (k,) of the variables at scaled ones."""
         return self._low + np.clip(z, 0.0, 1.0) * self._width
 
-    def scaled(self, values: Array) -> Array:
-        """Scaled values (k,)."""
-        return (values - self._low) / self._width
+    def scaled(self, found: Evaluation) -> Array:
+        """Scaled values (k,) of a design."""
+        return (self.problem.values(found.values) - self._low) / self._width
 
     def at(self, values: Array) -> Evaluation:
         """A design of the search, with exact derivatives where the method uses them."""
@@ -110,7 +286,7 @@ class Search:
 
     def _settled(self, design: Array) -> None:
         """End the search where it goes round in circles, as optimisers may where no design meets the limits."""
-        self._last = [*self._last[1 - _SAME :], self.scaled(design)]
+        self._last = [*self._last[1 - _SAME :], (design - self._low) / self._width]
         if len(self._last) == _SAME and np.ptp(self._last, axis=0).max() < self.problem.tolerance:
             self._last = []
             raise SearchEnded(f"{_SAME} designs in a row hardly differ")
@@ -148,9 +324,9 @@ class Search:
         """Largest violation over the limits' scales."""
         return max((self.excess(found, limit) for limit in self.problem.limits), default=0.0)
 
-    def begin(self, values: Array) -> Evaluation:
+    def begin(self) -> Evaluation:
         """Solve where the search begins. Raises InputError where that fails."""
-        found = self.at(values)
+        found = self.at(self.problem.starts)
         if not found.solved:
             received = found.failure
             remedy = "begin at a design that can be solved, or correct the device"
@@ -175,18 +351,18 @@ class Search:
 
     def limits(self, z: Array) -> Array:
         """What is left to each bound of each limit (m,), scaled: negative where it is violated."""
-        found = self.at(self.values(z))
-        if not found.solved:
-            found = self._last_solved()
-        return np.array([part for part, _, _ in self._rooms(found)])
+        return np.array([room for room, _, _ in self._rooms(self._solved_at(z))])
 
     def limit_slopes(self, z: Array) -> Array:
         """Their derivatives (m, k) by the scaled variables."""
-        values = self.values(z)
-        found = self.at(values)
-        found = found if found.solved else self._last_solved()
-        rows = [side * self.slopes(values, number) * self._width for _, side, number in self._rooms(found)]
+        values, rooms = self.values(z), self._rooms(self._solved_at(z))
+        rows = [side * self.slopes(values, number) * self._width for _, side, number in rooms]
         return np.array(rows).reshape(-1, len(values))
+
+    def _solved_at(self, z: Array) -> Evaluation:
+        """A design, or the last that was solved where it cannot be."""
+        found = self.at(self.values(z))
+        return found if found.solved else self._of_the_search()[-1]
 
     def _rooms(self, found: Evaluation) -> list[tuple[float, float, Number]]:
         """Room to a bound, the factor of the number in it, and the number."""
@@ -204,22 +380,16 @@ class Search:
         found = self.at(self.values(z))
         if not found.solved:
             return 1e3
-        return float(sum(self.excess(found, limit) ** 2 for limit in self.problem.limits))
+        return float(sum(min(room, 0.0) ** 2 for room, _, _ in self._rooms(found)))
 
     def violation_slopes(self, z: Array) -> Array:
         """Its derivatives (k,)."""
         values = self.values(z)
-        found = self.at(values)
-        total = np.zeros(len(values))
-        if not found.solved:
-            return total
-        for room, side, number in self._rooms(found):
+        found, total = self.at(values), np.zeros(len(values))
+        for room, side, number in self._rooms(found) if found.solved else ():
             if room < 0.0:
                 total += 2 * room * side * self.slopes(values, number) * self._width
         return total
-
-    def _last_solved(self) -> Evaluation:
-        return self._of_the_search()[-1]
 
     # Derivatives.
 

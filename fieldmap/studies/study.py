@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable, Mapping, Set
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from fieldmap import records
+from fieldmap.device.model import Device
 from fieldmap.device.reader import device_of
 from fieldmap.inputs.document import Document
 from fieldmap.provenance import fingerprint
+from fieldmap.studies.quantities import NEED_PAYLOAD
 from fieldmap.typing import Array
 
 # Packages and modules whose code takes part in a study.
@@ -115,11 +120,48 @@ class Study(records.Record):
         """Numbers of variants along each axis."""
         return tuple(len(axis.values) for axis in self.axes) or (len(self.variants),)
 
+    def settings(self, number: int) -> dict[str, Value]:
+        """Of a variant, the varied keys in their units by the names of their axes; or its name."""
+        variant = self.variants[number]
+        values = {axis.name: axis.values[k] for axis, k in zip(self.axes, variant.place, strict=False)}
+        return values or {"variant": variant.name}
+
     @property
     def fingerprint(self) -> str:
         """Of everything that decides the numbers; equal ones mean equal data on one machine."""
         device = device_of(self.device_document)
         return fingerprint((self.text, repr(self.iron), *device.texts), CODE)
+
+
+def current_set(name: str, amperes: Any, coils: int, place: Array | None) -> CurrentSet:
+    """A set of currents of amperes, one for all coils or (coils,); with a place (3,), m, they are looked for so that
+    they carry the payload there, in these proportions."""
+    currents = np.array(np.broadcast_to(np.asarray(amperes, dtype=float), coils))
+    common = float(np.abs(currents).mean())
+    return CurrentSet(name, currents / common, common if place is None else None, place)
+
+
+def lacking(device: Device, record: Record, saturating: bool) -> list[tuple[frozenset[str], str, str, str]]:
+    """What the device and the record do not have, or the iron does not allow: groups that need it, what they need, what
+    is there, and the remedy."""
+    payload, box = device.payload is not None, device.workspace is not None
+    both, limit = "needs the device's [payload] and [workspace]", "needs the limit of the currents"
+    reach, points, corners = {"reach", "reachable_share"}, {"field", "force_per_ampere"}, {"homogeneity"}
+    linear, iron = "superposes coils: linear iron only", {"iron", "error"}
+    needs: list[tuple[bool, Set[str], str, str, str]] = [
+        (payload and box, NEED_PAYLOAD, both, "none", "add them to the device file"),
+        (record.current_limit is not None, reach, limit, "none", "add record.current_limit_A or a [driver]"),
+        (len(record.points) > 0, points, "needs points", "none", "add record.points_mm = [[x, y, z]]"),
+        (record.box is not None, corners, "needs a box", "none", "add record.box_mm, its corners"),
+        (not saturating, {"reachable_share"}, linear, "saturating iron", "take reach"),
+        (bool(device.bodies), iron, "needs iron", "a device without bodies", "add a body"),
+        (box, {"error"}, "needs the device's [workspace]", "none", "add it to the device file"),
+    ]
+    return [
+        (frozenset(groups), must_hold, received, remedy)
+        for there, groups, must_hold, received, remedy in needs
+        if not there
+    ]
 
 
 def axis_labels(
@@ -138,7 +180,13 @@ def axis_labels(
     }
 
 
-def setting_words(settings: dict[str, Any]) -> str:
+def settings_with(key: str, value: Any, linked: Iterable[Any]) -> tuple[tuple[str, Value], ...]:
+    """A key with its value, and the keys that follow it: offset + factor * value."""
+    followers = [(name, one.offset + one.factor * value) for one in linked for name in one.keys]
+    return ((key, value), *followers)
+
+
+def setting_words(settings: Mapping[str, Any]) -> str:
     """The changed keys in words.
 
     >>> setting_words({"radius": 56.0, "steel": "soft"})

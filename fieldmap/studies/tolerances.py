@@ -9,9 +9,7 @@ where bodies change, the noise of the mesh.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import nullcontext
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -22,16 +20,21 @@ from fieldmap.device.reader import device_of
 from fieldmap.errors import FieldmapError, Infeasible, InputError, Problem
 from fieldmap.iron.sensitivity.changes import Parameters
 from fieldmap.iron.sensitivity.derivatives import Derivatives
-from fieldmap.parallel import Workers
 from fieldmap.records import Record
-from fieldmap.store import Checkpoint, checkpoint_path
-from fieldmap.studies.design_arguments import current_sets, design_problem, device_document
-from fieldmap.studies.design_problem import CURRENT, DesignProblem, Linked, Number, Variable
-from fieldmap.studies.evaluation import Evaluation
-from fieldmap.studies.optimisation import problem_fingerprint
+from fieldmap.studies.design import (
+    CURRENT,
+    DesignProblem,
+    Linked,
+    Number,
+    Variable,
+    current_sets,
+    design_problem,
+    device_document,
+    given_current,
+)
 from fieldmap.studies.optimum import Kind
-from fieldmap.studies.search import Search
-from fieldmap.studies.study import CurrentSet
+from fieldmap.studies.search import Evaluation, Search, searching
+from fieldmap.studies.study import setting_words
 from fieldmap.typing import Array, PathLike, Progress
 
 _CALLER = "analyse_tolerances"
@@ -150,18 +153,10 @@ def analyse_tolerances(
         points=points,
         box=box,
         force_share=force_share,
-        seed=seed,
     )
     deviations = {one.key: float(one.deviation) for one in uncertain}
-    keep = (
-        nullcontext()
-        if output is None
-        else Checkpoint(checkpoint_path(Path(output)), problem_fingerprint(problem), resume)
-    )
-    say = progress or (lambda message, fraction: None)
-    with Workers(workers) as team, keep as checkpoint:
-        search = Search(problem, team, checkpoint, say)
-        centre = np.array([one.start for one in problem.variables], dtype=float)
+    with searching(problem, output, resume, workers, progress) as search:
+        centre = problem.starts
         nominal = search.at(centre)
         if not nominal.solved:
             remedy = "correct the device, or take another refinement"
@@ -185,7 +180,7 @@ def analyse_tolerances(
             for number in problem.numbers
         ),
         refused=search.refused,
-        failed={_words(one): one.failure for one in drawn if not one.solved},
+        failed={setting_words(one.values): one.failure for one in drawn if not one.solved},
         solves=search.solves,
         kept=search.kept,
     )
@@ -198,7 +193,6 @@ def _problem(
     samples: int,
     *,
     currents: Any,
-    seed: int,
     **of_the_device: Any,
 ) -> DesignProblem:
     """The device and what is asked of it, as a problem of design whose variables reach as far as differences do."""
@@ -208,27 +202,27 @@ def _problem(
     variables = []
     for one in uncertain:
         try:
-            value = _value(one.key, made, sets)
+            # Of a current that is not there the problem's own check tells.
+            is_current = one.key.startswith(CURRENT)
+            own = (
+                given_current(one.key, sets, made.coil_names)
+                if is_current
+                else Parameters(made).value(one.key)
+            )
         except FieldmapError as error:
             problems += [replace(problem, where=f"{_CALLER}, {one.key}") for problem in error.problems]
             continue
         step = one.step or one.deviation
-        variables.append(Variable(one.key, value - step, value + step, value, one.linked, step))
+        variables.append(Variable(one.key, own - step, own + step, own, one.linked, step))
     if problems:
         raise InputError(*problems)
     return design_problem(
         device,
         variables,
         numbers[0],
-        (),
         besides=numbers[1:],
         currents=currents,
-        maximise=False,
-        method="SLSQP",
         solves=1 + 2 * len(uncertain) + samples,
-        tolerance=1e-4,
-        check_refinement=None,
-        seed=seed,
         caller=_CALLER,
         **of_the_device,
     )
@@ -248,18 +242,6 @@ def _mistakes(uncertain: Sequence[Uncertain], numbers: Sequence[Any], samples: i
                 where, must_hold = f"{_CALLER}, {one.key}", f"{name} must be above 0"
                 found.append(Problem(where, must_hold, f"{value}", "correct it"))
     return found
-
-
-def _value(key: str, device: Device, sets: Sequence[CurrentSet]) -> float:
-    """The device's own value of a key."""
-    given = [entry for entry in sets if entry.common is not None]
-    name = key.removeprefix(CURRENT)
-    if key.startswith(CURRENT) and given and name in (*device.coil_names, "*"):
-        amperes = (given[0].common or 0.0) * given[0].shares
-        return float(amperes[0 if name == "*" else device.coil_names.index(name)])
-    if key.startswith(CURRENT):
-        return 0.0  # the problem's own check says what is wrong with it
-    return Parameters(device).value(key)
 
 
 def _check_differences(search: Search, nominal: Evaluation) -> None:
@@ -309,7 +291,3 @@ def _sampled(values: Array) -> Sampled:
         deviation_error=deviation / np.sqrt(2 * (count - 1)),
         range=(low, high),
     )
-
-
-def _words(found: Evaluation) -> str:
-    return ", ".join(f"{key} = {value:g}" for key, value in found.values.items())

@@ -8,21 +8,23 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+from scipy.optimize import brentq
 
 from fieldmap import records
+from fieldmap.core.least_power import FOUND, least_power
 from fieldmap.device.model import Device, Payload
 from fieldmap.device.reader import device_of
-from fieldmap.errors import FieldmapError, InputError, NotConverged, Problem
-from fieldmap.field import Field, as_field
+from fieldmap.errors import FieldmapError, Infeasible, InputError, NotConverged, Problem
+from fieldmap.field import Field, as_field, require_bounds
 from fieldmap.inputs.document import Document
 from fieldmap.iron import LinearSolution, NonlinearSolver, solve_linear, solve_to_tolerance
 from fieldmap.iron.design import FILL, copper_resistance
 from fieldmap.iron.error.estimate import ErrorEstimate, estimate_error, workspace_surface
 from fieldmap.iron.summary import body_fluxes
-from fieldmap.levitation import Equilibrium, find_equilibrium, lift_current
+from fieldmap.levitation import GRAVITY, Equilibrium, find_equilibrium, lift_current
 from fieldmap.levitation.balance import upright_force
+from fieldmap.lookup.payload import check_payload
 from fieldmap.studies.equilibrium_area import equilibrium_area
-from fieldmap.studies.lift_range import controllable_share, lowest_lift_height
 from fieldmap.studies.study import CurrentSet, IronModel, Record, axis_labels
 from fieldmap.typing import Array
 
@@ -32,6 +34,9 @@ MOST_REFINEMENTS = 6
 COPPER_WINDINGS = (
     f"windings without a stated resistance are of copper at 20 C that fills {FILL:g} of their section"
 )
+# Heights and cells of the workspace at which the lift is taken.
+HEIGHTS = 33
+GRID = (7, 7, 9)
 BOX_GRID = (5, 5, 5)
 """Points of the box whose homogeneity is taken, along x, y and z."""
 
@@ -78,19 +83,6 @@ class SolvedIron:
         return solve_linear(
             self._device, self._model.mu_r, self._model.tolerance, refinement=refinement, form=form
         )
-
-
-def refined_too_often(accuracy: float, errors: list[float]) -> NotConverged:
-    """The error for saturating iron whose estimated error does not fall below the accuracy."""
-    return NotConverged(
-        Problem(
-            "iron.accuracy",
-            f"the estimated error of B must fall to {accuracy:g} within {MOST_REFINEMENTS} refinements",
-            ", ".join(f"{error:.2g}" for error in errors),
-            "loosen the accuracy, or give the bodies that matter smaller mesh sizes",
-        ),
-        residuals=tuple(errors),
-    )
 
 
 Numbers = dict[str, Any]
@@ -155,7 +147,12 @@ def _accurate(device: Device, task: Task) -> VariantResult:
             return VariantResult(rows, iron.field.assumptions)
         errors.append(max(found))
         refinement *= COARSER
-    raise refined_too_often(float(model.accuracy or 0.0), errors)
+    must_hold = (
+        f"the estimated error of B must fall to {model.accuracy:g} within {MOST_REFINEMENTS} refinements"
+    )
+    remedy = "loosen the accuracy, or give the bodies that matter smaller mesh sizes"
+    received = ", ".join(f"{error:.2g}" for error in errors)
+    raise NotConverged(Problem("iron.accuracy", must_hold, received, remedy), residuals=tuple(errors))
 
 
 def _row(device: Device, iron: SolvedIron, entry: CurrentSet, record: Record) -> Row:
@@ -350,3 +347,68 @@ _GROUPS: dict[str, Callable[[OperatingPoint], Numbers]] = {
     "iron": _iron,
     "error": _error,
 }
+
+
+def lowest_lift_height(field: Field, currents: Array, payload: Payload, over: Array) -> float:
+    """Lowest height z (m) of the box on the vertical over (x, y) at which these currents lift the weight.
+
+    The moment is vertical, up or down, whichever is lifted more; pieces are upright. The box's lower end if they lift
+    it there too. Raises Infeasible if they lift it nowhere on the vertical.
+    """
+    lower, upper = (float(corner[2]) for corner in require_bounds(field))
+
+    def lift(z: Array) -> Array:
+        points = np.column_stack([np.broadcast_to(over[:2], (len(z), 2)), z])
+        force = upright_force(field, currents, payload, points)[:, 2]
+        return force if payload.pieces else np.abs(force)
+
+    weight = payload.mass * GRAVITY
+    heights = np.linspace(lower, upper, HEIGHTS)
+    enough = lift(heights) >= weight
+    if not enough.any():
+        share, limit = lift(heights).max() / weight, np.abs(currents).max()
+        must_hold = "the currents at the limit must lift the payload somewhere in the workspace"
+        received = f"{share:.3g} of the weight at most, with {limit:g} A"
+        remedy = "raise the limit, lighten the payload, or let the workspace begin nearer to the iron"
+        raise Infeasible(Problem("reach", must_hold, received, remedy))
+    first = int(enough.argmax())
+    if first == 0:
+        return lower
+    return float(
+        brentq(lambda z: lift(np.array([z]))[0] - weight, heights[first - 1], heights[first], xtol=1e-7)
+    )
+
+
+def controllable_share(
+    solution: LinearSolution, payload: Payload, lower: Array, upper: Array, limit: float
+) -> float:
+    """Share of a box in which some currents within +-limit hold the payload: no horizontal force, lift = weight.
+
+    By 7 x 7 x 9 cells, each by its centre, with a vertical moment; linear iron, whose coils superpose. Raises
+    InputError for a payload of pieces.
+    """
+    check_payload(payload, "reachable_share")
+    axes = [
+        low + (np.arange(n) + 0.5) / n * (high - low) for low, high, n in zip(lower, upper, GRID, strict=True)
+    ]
+    points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+    per_ampere = payload.moment * solution.unit_fields(points)[1][:, :, 2, :]
+    constant = payload.moment * solution.constant_fields(points)[1][:, 2, :]
+    held = [
+        _holds(per_ampere[:, k].T, constant[k], payload.mass * GRAVITY, limit) for k in range(len(points))
+    ]
+    return float(np.mean(held))
+
+
+def _holds(matrix: Array, constant: Array, weight: float, limit: float) -> bool:
+    """Whether currents (n_coils,) exist for forces matrix (3, n_coils) of an upward moment; a downward one is the
+    same with the currents turned round, unless magnets add a constant."""
+    coils = matrix.shape[1]
+    low, high, weights = np.full(coils, -limit), np.full(coils, limit), np.ones(coils)
+    for sign in (1.0, -1.0) if constant.any() else (1.0,):
+        wanted = np.array([0.0, 0.0, weight]) - sign * constant
+        rows = np.ascontiguousarray(sign * matrix)
+        currents, active = np.empty(coils), np.empty(coils, np.int64)
+        if least_power(rows, wanted, low, high, weights, currents, active) == FOUND:
+            return True
+    return False

@@ -117,7 +117,7 @@ def test_c_reads_runs(run, run_file):
 
 def test_python_reads_a_study(run, tmp_path):
     xarray = pytest.importorskip("xarray")
-    from fieldmap.studies.data_set import write_netcdf
+    from fieldmap.studies.run import write_netcdf
 
     values = np.arange(6.0).reshape(2, 3)
     data = xarray.Dataset(

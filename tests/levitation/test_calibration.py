@@ -6,7 +6,6 @@ import pytest
 from fieldmap.device.model import Payload
 from fieldmap.errors import InputError
 from fieldmap.levitation import LiftReadings, PositionReadings, calibrate, magnet_balance, stationary_points
-from fieldmap.levitation.calibration import _covariance
 
 PAYLOAD = Payload(mass=0.01119, moment=0.813, magnet_offset=0.015)
 WEIGHT = 0.01119 * 9.80665
@@ -176,19 +175,3 @@ def test_lift_is_that_of_the_balance(rig):
     point = np.array([0.0, 0.0, SENSED[2] - 0.015])
     balance = magnet_balance(rig, np.asarray(lift.currents)[2], PAYLOAD, point)
     assert found.table[2].before == pytest.approx(balance.magnetic_force(point[None])[0, 2] / WEIGHT)
-
-
-def test_parameters_of_other_sizes_are_as_well_told_apart():
-    """Readings y = a x + b: the covariance in units a million and a millionth as large is that in the first ones."""
-    x = np.linspace(-1.0, 1.0, 5)
-    line = np.stack([x, np.ones(5)], axis=1)
-    units = np.array([1e6, 1e-6])
-    assert _covariance(line * units, units, ("a", "b")) == pytest.approx(np.diag([1 / 2.5, 1 / 5]), abs=1e-12)
-
-
-def test_parameters_that_act_alike_are_named():
-    x = np.linspace(-1.0, 1.0, 5)
-    alike = np.stack([x, np.ones(5), 1e-6 * x], axis=1)
-    with pytest.raises(InputError) as caught:
-        _covariance(alike, np.ones(3), ("a", "b", "c"))
-    assert "a and c, " in caught.value.problems[0].received

@@ -72,6 +72,7 @@ def test_what_a_file_asks_for(devices, tmp_path):
         ("upper = 2.0", "", [(25, "optimise.constraint.1")]),
         ('method = "trust-constr"', 'method = "simplex"', [(11, "optimise.method")]),
         ("maximise = {", "minimise = { number = 'power' }\nmaximise = {", [(8, "optimise")]),
+        ("amperes_A = 1.0", "amperes_A = [1.0, 2.0]", [(5, "currents.given.amperes_A")]),
         ("-60.0]] }", '-60.0]], quantities = ["field"] }', [(6, "record.quantities")]),
         (
             'key = "current.loop"',

@@ -12,7 +12,7 @@ from fieldmap.field import as_field
 from fieldmap.levitation import find_equilibrium
 from fieldmap.studies import run_study
 from fieldmap.studies.equilibrium_area import equilibrium_area
-from fieldmap.studies.lift_range import controllable_share, lowest_lift_height
+from fieldmap.studies.variant_result import controllable_share, lowest_lift_height
 
 A, WEIGHT, MOMENT = 0.044, 0.010 * g, 0.8
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from fieldmap.studies import Carrying, Limit, Linked, Number, Variable
-from fieldmap.studies.design_arguments import design_problem
-from fieldmap.studies.evaluation import Asked, evaluate
+from fieldmap.studies.design import design_problem
+from fieldmap.studies.search import Asked, evaluate
 from tests.conftest import DEVICES
 
 PAYLOAD = """
@@ -50,19 +50,13 @@ def problem(currents, saturating, variables, numbers=NUMBERS, device=DEVICE, **o
         device,
         made,
         Number("common_current", next(iter(currents)) if isinstance(currents, dict) else ""),
-        (),
         currents=currents,
-        maximise=False,
         saturating=saturating,
         refinement=1.0,
         points=POINTS,
         box=BOX,
         force_share=0.005,
-        method="SLSQP",
         solves=100,
-        tolerance=1e-4,
-        check_refinement=None,
-        seed=0,
         **options,
     )
     sets = [entry.name for entry in found.current_sets]

@@ -1,0 +1,305 @@
+"""Unknown numbers found from readings by least squares, whatever computes the readings: a field that is scaled
+(`calibrate`), or a device that is solved anew (`fieldmap.studies.fit_machine`).
+
+The misfit is the sum of squares of (computed - measured) / deviation over all readings, and over the priors of the
+unknowns. Each step of Gauss and Newton, in the trust region of `scipy.optimize.least_squares`, takes derivatives by
+differences, to one side on the way and central ones for the covariance. That is (J^T J)^-1, which takes the deviations
+at their word (J. V. Beck and K. J. Arnold, Parameter Estimation in Engineering and Science, Wiley 1977, section 7.7).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, Protocol
+
+import numpy as np
+import scipy
+from numpy.typing import ArrayLike
+
+from fieldmap.errors import Problem
+from fieldmap.records import Record
+from fieldmap.typing import Array
+
+# Difference for derivatives, as a share of the value where the unknown begins: above what a new mesh changes.
+_STEP = 0.01
+# Along a combination of unknowns that the readings hold no better than this share of their values they tell nothing.
+_UNKNOWN = 1.0
+# Unknowns with more than this part in such a combination belong to it.
+_PART = 0.2
+# Smallest singular value over the largest at which unknowns are told apart at all.
+_RANK = 1e-6
+# What a number that cannot be computed counts, in measured ones, and a hundred deviations besides.
+_FAR = 3.0
+
+
+@dataclass(frozen=True, repr=False)
+class Unknown(Record):
+    """A number of the device to be found: key path and where the search begins, in the unit of the key.
+
+    lower, upper: bounds. prior: mean and standard deviation that are known from elsewhere. step: difference for the
+    derivative, a hundredth of `start` unless given.
+    """
+
+    key: str
+    start: float
+    lower: float = -np.inf
+    upper: float = np.inf
+    prior: tuple[float, float] | None = None
+    step: float | None = None
+
+    @property
+    def difference(self) -> float:
+        """Difference for the derivative."""
+        return self.step or _STEP * abs(self.start) or _STEP
+
+
+class Measured(Protocol):
+    """Measured numbers (n,), NaN where nothing was read, and their standard deviation, one or (n,)."""
+
+    @property
+    def name(self) -> str: ...
+    @property
+    def measured(self) -> ArrayLike: ...
+    @property
+    def deviation(self) -> ArrayLike: ...
+
+
+Compute = Callable[[dict[str, float], Sequence[Any]], "list[Array]"]
+"""The numbers of tables, NaN where there is none, at values of the unknowns by their keys."""
+Workers = Callable[[Callable[[Any], "list[Array]"], "Sequence[Any]"], Iterable["list[Array]"]]
+"""What does the same with many things, as `map` does."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ReadingsFit(Record):
+    """One table of readings beside the fit: measured, before (with the unknowns where they began), after, and
+    uncertainty (n,) of `after` from that of the unknowns. used: whether it was fitted, or is predicted. misfit and
+    misfit_before: root mean square over the deviations."""
+
+    name: str
+    used: bool
+    measured: Array
+    before: Array
+    after: Array
+    uncertainty: Array
+    misfit: float
+    misfit_before: float
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Found(Record):
+    """What a fit found: values by key; covariance (k, k); indistinct: groups of unknowns of which the readings hold
+    some combination no better than its own size; alike: those whose combination they do not hold at all. misfit and
+    misfit_before: of the tables that were fitted. solves: how often tables were computed. notes: on how it ended."""
+
+    values: dict[str, float]
+    covariance: Array
+    indistinct: tuple[tuple[str, ...], ...]
+    alike: tuple[str, ...]
+    misfit: float
+    misfit_before: float
+    tables: tuple[ReadingsFit, ...]
+    solves: int
+    notes: tuple[str, ...]
+
+
+def mistakes(
+    where: str, unknowns: Sequence[Unknown], tables: Sequence[Measured], used: int
+) -> Iterator[Problem]:
+    """What is wrong with unknowns and tables, of which the first `used` are fitted. where: whom it is told of."""
+    keys = [one.key for one in unknowns]
+    if not keys or len(set(keys)) < len(keys):
+        must_hold, remedy = "must name at least one key, each once", "list Unknown(key, start)"
+        yield Problem(f"{where}(unknowns)", must_hold, f"{keys}", remedy)
+    for one in unknowns:
+        inside = one.lower <= one.start <= one.upper and np.isfinite(one.start)
+        prior = one.prior is None or (np.isfinite(one.prior[0]) and one.prior[1] > 0)
+        if not (inside and prior and (one.step is None or one.step > 0)):
+            must_hold = (
+                "start must lie between lower and upper; deviation of the prior and step must be above 0"
+            )
+            received = f"{one.lower:g}, {one.start:g}, {one.upper:g}; prior {one.prior}, step {one.step}"
+            yield Problem(f"{where}, {one.key}", must_hold, received, "correct the numbers")
+    for table in tables:
+        size = np.size(table.deviation)
+        if size not in (1, np.size(table.measured)) or not (np.asarray(table.deviation) > 0).all():
+            must_hold = "standard deviations must be above 0: one for all readings, or one for each"
+            received = f"{np.asarray(table.deviation).tolist()}"[:80]
+            yield Problem(f"{where}, {table.name}", must_hold, received, "state them")
+    count = sum(int(np.isfinite(np.asarray(one.measured, dtype=float)).sum()) for one in tables[:used])
+    count += sum(one.prior is not None for one in unknowns)
+    if count < len(keys):
+        must_hold = f"readings and priors must be at least as many as the {len(keys)} unknowns"
+        remedy = "add readings, or fit fewer unknowns"
+        yield Problem(f"{where}(readings)", must_hold, f"{count} readings", remedy)
+
+
+def find_unknowns(
+    unknowns: Sequence[Unknown],
+    tables: Sequence[Measured],
+    used: int,
+    compute: Compute,
+    on_solve: Callable[[Mapping[str, float]], None] | None = None,
+    workers: Workers = map,
+    **how: Any,
+) -> Found:
+    """Fit the first `used` tables, and predict the others. on_solve is called with the values of each solve. workers: a
+    function like `map` that computes tables for the derivatives. how: for `scipy.optimize.least_squares`."""
+    work = _Work(unknowns, tables, compute, on_solve, workers)
+    fitted, every = range(used), range(len(tables))
+    start = np.array([one.start for one in unknowns])
+    before = work.computed(start, every)
+    scale = np.maximum(np.abs(start), work.steps)
+    priors = [one.prior for one in unknowns]
+    known = np.array([prior is not None for prior in priors])
+    mean, spread = np.array([prior or (0.0, 1.0) for prior in priors]).T
+    prior_slopes = np.diag(1 / spread)[known]
+
+    answer = scipy.optimize.least_squares(
+        lambda x: np.concatenate([*work.left(x, fitted), ((x - mean) / spread)[known]]),
+        start,
+        lambda x: np.concatenate([*work.slopes(x, fitted, central=False), prior_slopes]),
+        bounds=tuple(work.bounds),
+        **{"x_scale": scale, **how},
+    )
+    slopes = [
+        *work.slopes(answer.x, fitted, central=True),
+        *work.slopes(answer.x, range(used, len(tables)), central=False),
+    ]
+    names = [one.key for one in unknowns]
+    typical = np.maximum(np.abs(answer.x), work.steps)
+    whole = np.concatenate([*slopes[:used], prior_slopes])
+    covariance, indistinct, alike = _covariance(whole, typical, names)
+    after = work.computed(answer.x, every)
+    beside = tuple(work.table(k, k < used, before[k], after[k], slopes[k], covariance) for k in every)
+    counts = [len(one.measured) for one in beside[:used]]
+    misfit, misfit_before = (
+        _root_mean_square(np.repeat([getattr(one, name) for one in beside[:used]], counts))
+        for name in ("misfit", "misfit_before")
+    )
+    at_bound = [name for name, mask in zip(names, answer.active_mask, strict=True) if mask]
+    notes = (f"the fit ended at the bound of {' and '.join(at_bound)}",) if at_bound else ()
+    found = work.named(answer.x), covariance, indistinct, alike
+    return Found(*found, misfit, misfit_before, beside, work.solves, notes)
+
+
+def _compute(compute: Compute, job: tuple[dict[str, float], Sequence[Any]]) -> list[Array]:
+    return compute(*job)
+
+
+class _Work:
+    """Tables at any values of the unknowns, of which what was read counts; what was computed is kept."""
+
+    def __init__(
+        self,
+        unknowns: Sequence[Unknown],
+        tables: Sequence[Measured],
+        compute: Compute,
+        on_solve: Callable[[Mapping[str, float]], None] | None,
+        workers: Workers,
+    ) -> None:
+        self._unknowns, self._tables, self._compute = unknowns, tables, compute
+        self._on_solve, self._workers = on_solve, workers
+        self._kept: dict[tuple[bytes, int], Array] = {}
+        self.solves = 0
+        self.steps = np.array([one.difference for one in unknowns])
+        self.bounds = np.array([(one.lower, one.upper) for one in unknowns]).T
+        measured = [np.ravel(np.asarray(table.measured, dtype=float)) for table in tables]
+        self._read = [np.isfinite(values) for values in measured]
+        self.measured = [values[read] for values, read in zip(measured, self._read, strict=True)]
+        self.deviation = [
+            np.broadcast_to(np.ravel(np.asarray(table.deviation, dtype=float)), read.shape)[read]
+            for table, read in zip(tables, self._read, strict=True)
+        ]
+
+    def named(self, x: Array) -> dict[str, float]:
+        """Values (k,) by key."""
+        return {one.key: float(value) for one, value in zip(self._unknowns, x, strict=True)}
+
+    def computed(self, x: Array, numbers: Sequence[int]) -> list[Array]:
+        """What was read of some tables, as computed; NaN where there is no such number."""
+        self.prepare([x], numbers)
+        return [self._kept[x.tobytes(), k] for k in numbers]
+
+    def left(self, x: Array, numbers: Sequence[int]) -> list[Array]:
+        """(computed - measured) / deviation of some tables. A number that cannot be computed counts as far off, so that
+        the fit turns back."""
+        found = []
+        for k, values in zip(numbers, self.computed(x, numbers), strict=True):
+            off = (values - self.measured[k]) / self.deviation[k]
+            far = _FAR * np.abs(self.measured[k] / self.deviation[k]) + 100.0
+            found.append(np.where(np.isnan(off), far, off))
+        return found
+
+    def prepare(self, points: Sequence[Array], numbers: Sequence[int]) -> None:
+        """Compute what is not known yet of tables at several sets of values; more than one set by the workers."""
+        apart = {x.tobytes(): x for x in points}
+        missing = [(point, k) for point in apart for k in numbers if (point, k) not in self._kept]
+        # Workers get a table each, one process all tables of one set of values, which it then solves once.
+        groups = [[one] for one in missing]
+        if self._workers is map:
+            groups = [[one for one in missing if one[0] == point] for point in dict(missing)]
+        jobs = [(self.named(apart[group[0][0]]), [self._tables[k] for _, k in group]) for group in groups]
+        do = partial(_compute, self._compute)
+        for group, job, found in zip(
+            groups, jobs, (map if len(jobs) < 2 else self._workers)(do, jobs), strict=True
+        ):
+            self.solves += 1
+            self._kept |= {
+                place: values[self._read[place[1]]] for place, values in zip(group, found, strict=True)
+            }
+            if self._on_solve is not None:
+                self._on_solve(job[0])
+
+    def slopes(self, x: Array, numbers: Sequence[int], central: bool) -> list[Array]:
+        """Derivatives (n, k) of what is left of each of some tables, by differences within the bounds."""
+        pairs = []
+        for k, step in enumerate(self.steps):
+            low, high = x.copy(), x.copy()
+            low[k], high[k] = max(x[k] - step, self.bounds[0, k]), min(x[k] + step, self.bounds[1, k])
+            if not central:
+                low, high = (x, high) if high[k] > x[k] else (low, x)
+            pairs.append((low, high))
+        self.prepare([point for pair in pairs for point in pair], numbers)
+        columns = [
+            [
+                (above - below) / (high[k] - low[k])
+                for above, below in zip(self.left(high, numbers), self.left(low, numbers), strict=True)
+            ]
+            for k, (low, high) in enumerate(pairs)
+        ]
+        return [np.column_stack(table) for table in zip(*columns, strict=True)]
+
+    def table(
+        self, k: int, used: bool, before: Array, after: Array, slopes: Array, covariance: Array
+    ) -> ReadingsFit:
+        """One table beside the fit."""
+        measured, deviation = self.measured[k], self.deviation[k]
+        spread = np.einsum("nk,kl,nl->n", slopes, covariance, slopes)
+        uncertainty = deviation * np.sqrt(np.maximum(spread, 0.0))
+        return ReadingsFit(
+            *(self._tables[k].name, used, measured, before, after, uncertainty),
+            _root_mean_square((after - measured) / deviation),
+            _root_mean_square((before - measured) / deviation),
+        )
+
+
+def _root_mean_square(values: Array) -> float:
+    return float(np.sqrt(np.mean(values**2))) if len(values) else float("nan")
+
+
+def _covariance(
+    slopes: Array, scale: Array, names: Sequence[str]
+) -> tuple[Array, tuple[tuple[str, ...], ...], tuple[str, ...]]:
+    """(J^T J)^-1, the unknowns in each combination that the readings do not hold, and those in the one that they do not
+    hold at all. scale (k,): typical values."""
+    _, size, directions = np.linalg.svd(slopes * scale, full_matrices=False)
+    deviation = 1 / np.maximum(size, 1e-12 * max(size[0], 1e-300))
+    parts = [
+        tuple(name for name, part in zip(names, row, strict=True) if abs(part) > _PART) for row in directions
+    ]
+    half = scale[:, None] * directions.T * deviation
+    indistinct = tuple(part for part, spread in zip(parts, deviation, strict=True) if spread > _UNKNOWN)
+    return half @ half.T, indistinct, parts[-1] if size[-1] <= _RANK * size[0] else ()
