@@ -42,7 +42,7 @@ from fieldmap.control.linear_models import (
     with_output_integral,
     zero_order_hold,
 )
-from fieldmap.control.loop import LinearLoopRun, LoopInstruments, LoopRun, simulate_loop
+from fieldmap.control.loop import LinearLoopRun, LoopRun, simulate_loop
 from fieldmap.control.pid import PID, pid_transfer_function
 from fieldmap.control.plants import (
     LumpedMagnet,
@@ -55,6 +55,7 @@ from fieldmap.control.regulator import Regulator
 from fieldmap.control.running import RunningPID, RunningRegulator, run_pid, run_regulator
 from fieldmap.control.sampled_optimum import Estimator, kalmd, lqrd
 from fieldmap.control.step_metrics import StepMetrics, step_metrics
+from fieldmap.core.sampled_loop import LoopInstruments
 from fieldmap.currents import (
     DivisionSignals,
     divide_currents,

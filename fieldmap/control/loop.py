@@ -9,7 +9,7 @@ samples and ends at events. Every controller is a block there, PID controllers a
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -21,27 +21,10 @@ from fieldmap.control.pid import PID
 from fieldmap.control.regulator import Regulator
 from fieldmap.control.running import ALONE
 from fieldmap.core.controller import CoreController
-from fieldmap.core.instruments import Chain, Drive
-from fieldmap.core.sampled_loop import Instruments, Plant, Signals, simulate
+from fieldmap.core.sampled_loop import LoopInstruments, Plant, Signals, simulate
 from fieldmap.errors import InputError, Problem
 from fieldmap.records import Record
 from fieldmap.typing import Array
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class LoopInstruments(Record):
-    """The numbers of sensor, converters and amplifier as compiled loops take them; ideal unless given.
-
-    chain (10,), drive (7,): `Chain` and `Drive` of fieldmap.core.instruments, or arrays in their order;
-    fieldmap.instruments makes them of data sheets. position, output: the operating point, in the units of plant and
-    controller, about which the loop's signals are deviations: where steps and limits of the instruments lie depends
-    on it.
-    """
-
-    chain: Chain | Array = field(default_factory=Chain)
-    drive: Drive | Array = field(default_factory=Drive)
-    position: float = 0.0
-    output: float = 0.0
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -135,8 +118,7 @@ def simulate_loop(
     noises = (position_noise, voltage_noise, current_noise, disturbance)
     names = ("position_noise", "voltage_noise", "current_noise", "disturbance")
     signals = [_fitting(name, noise, shape) for name, noise in zip(names, noises, strict=True)]
-    at = instruments or LoopInstruments()
-    numbers = Instruments(np.array(at.chain, float), np.array(at.drive, float), at.position, at.output)
+    numbers = instruments or LoopInstruments()
     y, u = np.empty(shape), np.empty(shape)
     period, block = _sampling_time(controller, Ts), _as_block(controller)
     memory = np.array(block.memory, float)
