@@ -20,8 +20,6 @@ from fieldmap.control.blocks import (
     Controller,
     ControllerBlock,
     constant_block,
-    pid_block,
-    regulator_block,
     stacked,
     state_block,
 )
@@ -43,7 +41,7 @@ from fieldmap.control.linear_models import (
     zero_order_hold,
 )
 from fieldmap.control.loop import LinearLoopRun, LoopRun, simulate_loop
-from fieldmap.control.pid import PID, pid_transfer_function
+from fieldmap.control.pid import PID, RunningPID, pid_block, pid_transfer_function, run_pid
 from fieldmap.control.plants import (
     LumpedMagnet,
     MapPlant,
@@ -51,9 +49,15 @@ from fieldmap.control.plants import (
     lumped_magnet_from_lift_currents,
     plant_from_map,
 )
-from fieldmap.control.regulator import Regulator
-from fieldmap.control.running import RunningPID, RunningRegulator, run_pid, run_regulator
-from fieldmap.control.sampled_optimum import Estimator, kalmd, lqrd
+from fieldmap.control.regulator import (
+    Estimator,
+    Regulator,
+    RunningRegulator,
+    kalmd,
+    lqrd,
+    regulator_block,
+    run_regulator,
+)
 from fieldmap.control.step_metrics import StepMetrics, step_metrics
 from fieldmap.core.sampled_loop import LoopInstruments
 from fieldmap.currents import (
