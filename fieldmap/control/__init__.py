@@ -23,7 +23,6 @@ from fieldmap.control.blocks import (
     stacked,
     state_block,
 )
-from fieldmap.control.compensator import compensated_reference
 from fieldmap.control.function_controller import ControlFunction, FunctionController
 from fieldmap.control.linear_models import (
     StateSpace,
@@ -40,7 +39,7 @@ from fieldmap.control.linear_models import (
     with_output_integral,
     zero_order_hold,
 )
-from fieldmap.control.loop import LinearLoopRun, LoopRun, simulate_loop
+from fieldmap.control.loop import LinearLoopRun, LoopRun, compensated_reference, simulate_loop
 from fieldmap.control.pid import PID, RunningPID, pid_block, pid_transfer_function, run_pid
 from fieldmap.control.plants import (
     LumpedMagnet,
@@ -58,7 +57,7 @@ from fieldmap.control.regulator import (
     regulator_block,
     run_regulator,
 )
-from fieldmap.control.step_metrics import StepMetrics, step_metrics
+from fieldmap.control.step_responses import StepMetrics, step_metrics
 from fieldmap.core.sampled_loop import LoopInstruments
 from fieldmap.currents import (
     DivisionSignals,

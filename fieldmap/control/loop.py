@@ -14,7 +14,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fieldmap.arguments import check, check_count, check_positive, check_signal
+from fieldmap.arguments import (
+    check,
+    check_count,
+    check_not_negative,
+    check_numbers,
+    check_positive,
+    check_signal,
+)
 from fieldmap.control.blocks import ALONE, Controller
 from fieldmap.control.linear_models import StateSpace, check_model, controller_form
 from fieldmap.control.pid import PID, pid_block
@@ -168,3 +175,39 @@ def _fitting(name: str, values: ArrayLike, shape: tuple[int, int]) -> Array:
     remedy = "give one value per sample of the reference, and one row per run"
     check(fits, where, must, f"shape {signal.shape}", remedy)
     return np.atleast_2d(np.require(signal, requirements=["C", "A"]))
+
+
+ASSUMED_PUSH = 5e-5
+"""m: of one rig, assumed where nothing is given."""
+ASSUMED_DURATION = 0.010
+"""s: likewise."""
+
+
+def compensated_reference(
+    height: ArrayLike,
+    horizontal: ArrayLike,
+    Ts: float,
+    push: float = ASSUMED_PUSH,
+    duration: float = ASSUMED_DURATION,
+) -> Array:
+    """The vertical reference (n,), less `push` for `duration` after each change of a horizontal reference (n,).
+
+    height: vertical reference in the downward frame of the sensor, (n,) or one number, m. horizontal: reference of
+    the moving axis, (n,). The push has the sign of the change: less for a rising horizontal reference, more for a
+    falling one. A change during a push begins a new one. Ts, duration in s; push in m.
+
+    >>> reference = compensated_reference(0.010, [0, 0, 1e-4, 1e-4, 1e-4, 1e-4], Ts=5e-3)
+    >>> (1e3 * reference).round(3).tolist()
+    [10.0, 10.0, 9.95, 9.95, 10.0, 10.0]
+    """
+    check_positive("compensated_reference", Ts=Ts)
+    check_numbers("compensated_reference", push=push)
+    check_not_negative("compensated_reference", duration=duration)
+    sideways = np.atleast_1d(check_signal("compensated_reference(horizontal)", horizontal))
+    target = np.broadcast_to(check_signal("compensated_reference(height)", height), sideways.shape)
+    steps = np.sign(np.diff(sideways, prepend=sideways[0]))
+    index = np.arange(steps.size)
+    last = np.maximum.accumulate(np.where(steps != 0.0, index, -1))
+    length = round(duration / Ts)
+    active = (last >= 0) & (index - last < length)
+    return target - push * np.where(active, steps[last], 0.0)

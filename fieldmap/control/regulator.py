@@ -1,5 +1,5 @@
-"""The optimal regulator of a sampled plant: state feedback, estimator, and how both run with an integrator and a term that
-carries the weight.
+"""The optimal regulator of a sampled plant: gains of feedback and estimator, and how both run with an integrator and a
+term that carries the weight.
 
 Cost and noise of the continuous plant are integrated between samples: C. F. Van Loan, Computing integrals involving the
 matrix exponential, IEEE Trans. Automatic Control 23 (1978) 395-404; every integral here is a block of one exponential.

@@ -21,8 +21,8 @@ from fieldmap.control.identification.log import Log, make_log, read_log, write_l
 from fieldmap.control.identification.noise_models import armax, generalised_least_squares
 from fieldmap.control.identification.recognised_log import Column, RecognisedLog, recognise_log
 from fieldmap.control.identification.recursive import RecursiveRun, recursive_least_squares
-from fieldmap.control.identification.root_locus import RootLocus, root_locus
-from fieldmap.control.identification.step_fits import (
+from fieldmap.control.linear_models import RootLocus, root_locus
+from fieldmap.control.step_responses import (
     StepFit,
     fit_first_order,
     fit_second_order,
