@@ -14,8 +14,7 @@ from numba.core.ccallback import CFunc as CFunc
 from numba.core.errors import NumbaError
 from numba.extending import is_jitted as is_jitted
 
-from fieldmap.control.function_failure import CALL, WHERE, reason, wrong_outputs
-from fieldmap.control.guarded import guarded
+from fieldmap.control.function_failure import CALL, WHERE, BoundFunction, guarded, reason, wrong_outputs
 from fieldmap.core.controller import DONE, FAILED, WRONG_LENGTH
 from fieldmap.errors import InputError, Problem
 from fieldmap.typing import Array
@@ -28,17 +27,23 @@ ARGUMENTS = (types.float64, _VECTOR, _VECTOR, _VECTOR)
 """What a jitted function is called with: time, measured (3,), reference (3,), state (n,)."""
 
 
-class JittedFunction:
+class JittedFunction(BoundFunction):
     """A function jitted by numba with its indices checked, compiled for the loop. Raises InputError where it does not
     compile, or does not give outputs of these names."""
 
     def __init__(self, function: Any, names: Sequence[str], states: int) -> None:
         self._function = with_checked_indices(function)
-        self._entry = _compiled(self._function, names, states)
-
-    @property
-    def address(self) -> int:
-        return int(self._entry.address)
+        try:
+            returned = returned_type(self._function)
+        except (NumbaError, RuntimeError) as error:
+            must = f"must compile as {CALL}: a float and three arrays of float64"
+            mend = "mend what numba says there, or give the function without numba"
+            remedy = f"{mend}; decorate it with @numba.njit alone"
+            raise InputError(Problem(WHERE, must, reason(error), remedy)) from error
+        if number_of(returned) not in (None, len(names)):
+            raise InputError(wrong_outputs(WHERE, names, f"{returned}"))
+        entry = compiled_function(self._function, len(names), states)
+        super().__init__(int(entry.address), entry)
 
     def cause(self, time: float, measured: Array, reference: Array, state: Array) -> BaseException | None:
         """Compiled code cannot keep an exception: the function is called once more, to see it, and then its Python
@@ -64,22 +69,6 @@ def _raised_by(
     except Exception as error:
         return error
     return None
-
-
-def _compiled(function: Any, names: Sequence[str], states: int) -> Any:
-    """A jitted function as a C function."""
-    try:
-        returned = returned_type(function)
-    except (NumbaError, RuntimeError) as error:
-        must = f"must compile as {CALL}: a float and three arrays of float64"
-        remedy = (
-            "correct the line that numba names, or give the function without numba; use @numba.njit alone"
-        )
-        raise InputError(Problem(WHERE, must, reason(error), remedy)) from error
-    number = number_of(returned)
-    if number is not None and number != len(names):
-        raise InputError(wrong_outputs(WHERE, names, f"{returned}"))
-    return compiled_function(function, len(names), states)
 
 
 def with_checked_indices(function: Any) -> Any:
@@ -111,52 +100,43 @@ def number_of(returned: types.Type) -> int | None:
     return 1 if isinstance(returned, number) else 0
 
 
+@jit
+def _fill_from_array(found, out):
+    if found.size != out.size:
+        return WRONG_LENGTH
+    out[:] = found
+    return DONE
+
+
+@jit
+def _fill_from_tuple(found, out):
+    k = 0
+    for value in literal_unroll(found):
+        out[k] = value
+        k += 1  # noqa: SIM113 - numba unrolls no enumerate
+    return DONE
+
+
+@jit
+def _fill_from_number(found, out):
+    out[0] = found
+    return DONE
+
+
 def compiled_function(function: Any, outputs: int, states: int) -> Any:
     """The C function (`numba.core.ccallback.CFunc`) of a jitted one that returns so many outputs."""
-    returned = returned_type(function)
-    if isinstance(returned, types.Array):
+    fill = _fill_from_number
+    if isinstance(returned_type(function), types.Array | types.BaseTuple):
+        fill = _fill_from_array if isinstance(returned_type(function), types.Array) else _fill_from_tuple
 
-        @cfunc(C_SIGNATURE)
-        def entry(time, measured, reference, state, out):
+    @cfunc(C_SIGNATURE)
+    def entry(time, measured, reference, state, out):
+        answer = FAILED
+        try:
+            found = function(time, carray(measured, 3), carray(reference, 3), carray(state, states))
+            answer = fill(found, carray(out, outputs))
+        except Exception:
             answer = FAILED
-            try:
-                found = function(time, carray(measured, 3), carray(reference, 3), carray(state, states))
-                answer = DONE
-                if found.size != outputs:
-                    answer = WRONG_LENGTH
-                else:
-                    for k in range(outputs):
-                        out[k] = found[k]
-            except Exception:
-                answer = FAILED
-            return answer
-
-    elif isinstance(returned, types.BaseTuple):
-
-        @cfunc(C_SIGNATURE)
-        def entry(time, measured, reference, state, out):
-            answer = FAILED
-            try:
-                found = function(time, carray(measured, 3), carray(reference, 3), carray(state, states))
-                k = 0
-                for value in literal_unroll(found):
-                    out[k] = value
-                    k += 1  # noqa: SIM113 - numba unrolls no enumerate
-                answer = DONE
-            except Exception:
-                answer = FAILED
-            return answer
-
-    else:
-
-        @cfunc(C_SIGNATURE)
-        def entry(time, measured, reference, state, out):
-            answer = FAILED
-            try:
-                out[0] = function(time, carray(measured, 3), carray(reference, 3), carray(state, states))
-                answer = DONE
-            except Exception:
-                answer = FAILED
-            return answer
+        return answer
 
     return entry
