@@ -28,8 +28,8 @@ _MARK = np.uint64(0x7FF8_5A5A_C3C3_1E1E)
 
 
 class BoundFunction:
-    """A function as compiled loops call it, for one run: a C function at an address. One that fails says so by its number
-    alone."""
+    """A function as compiled loops call it, for one run: a C function at an address. One that fails says so by its
+    number alone."""
 
     def __init__(self, address: int, alive: object = None) -> None:
         self.address, self._alive = address, alive

@@ -17,9 +17,16 @@ from fieldmap.control.identification.least_squares import (
     modified_least_squares,
     modified_least_squares_runs,
 )
-from fieldmap.control.identification.log import Log, make_log, read_log, write_log
+from fieldmap.control.identification.log import (
+    Column,
+    Log,
+    RecognisedLog,
+    make_log,
+    read_log,
+    recognise_log,
+    write_log,
+)
 from fieldmap.control.identification.noise_models import armax, generalised_least_squares
-from fieldmap.control.identification.recognised_log import Column, RecognisedLog, recognise_log
 from fieldmap.control.identification.recursive import RecursiveRun, recursive_least_squares
 from fieldmap.control.linear_models import RootLocus, root_locus
 from fieldmap.control.step_responses import (

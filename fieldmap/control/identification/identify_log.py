@@ -8,12 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from fieldmap.arguments import check, check_choice
 from fieldmap.control.identification.closed_loop import identify_direct, identify_two_stage
 from fieldmap.control.identification.estimate import Estimate, Orders
 from fieldmap.control.identification.least_squares import least_squares
+from fieldmap.control.identification.log import Column, RecognisedLog, check_rest
 from fieldmap.control.identification.noise_models import armax
-from fieldmap.control.identification.recognised_log import Column, RecognisedLog
-from fieldmap.errors import InputError, Problem
 from fieldmap.plain import Plain, plain_items
 from fieldmap.records import Record
 from fieldmap.typing import Array
@@ -102,30 +102,24 @@ def identify_log(
     InputError for what the log does not hold, NotConverged.
     """
     log = recognised.log
-    if method not in METHODS:
-        raise InputError(
-            Problem("identify_log(method)", f"must be one of {', '.join(METHODS)}", method, "choose")
-        )
-    if method == "two-stage" and "reference" not in log.signals:
-        must, remedy = "needs a column that is the reference", "name it, or take another method"
-        raise InputError(Problem("identify_log(method)", must, "none", remedy))
+    check_choice("identify_log(method)", method, METHODS)
+    referred, must = (
+        method != "two-stage" or "reference" in log.signals,
+        "needs a column that is the reference",
+    )
+    check(referred, "identify_log(method)", must, "none", "name it, or take another method")
     count = _at_rest(recognised) if rest is None else rest
     signals = {role: recognised.shown(role)[0] for role in log.signals}
-    if not 1 <= count < log.time.size:
-        must = f"must be from 1 to {log.time.size - 1} samples"
-        raise InputError(Problem("identify_log(rest)", must, f"{count}", "say how many"))
+    check_rest("identify_log(rest)", count, log.time.size)
     means = {role: float(values[:count].mean()) for role, values in signals.items()}
     shown = {role: values - means[role] for role, values in signals.items()}
     y, u = shown["output"], shown["input"]
-    if method == "direct":
-        found = identify_direct(y, u, orders, log.Ts)
-    elif method == "armax":
-        found = armax(y, u, orders, log.Ts)
-    elif method == "least-squares":
-        found = least_squares(y, u, orders, log.Ts)
-    else:
+    if method == "two-stage":
         loop = Orders(orders.poles + 2, orders.poles + 2)
         found = identify_two_stage(y, u, shown["reference"], orders, log.Ts, loop=loop)
+    else:
+        estimator = {"direct": identify_direct, "armax": armax, "least-squares": least_squares}[method]
+        found = estimator(y, u, orders, log.Ts)
     return IdentifiedLog(found, recognised.columns, y.size, count, means)
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from fieldmap.control.identification import RecognisedLog, recognise_log
-from fieldmap.control.identification.log import named_unit
+from fieldmap.control.identification.log import QUANTITIES
 from fieldmap.dynamics.loop_run import LevitationRun
 from fieldmap.dynamics.scenario.experiment import Experiment
 from fieldmap.dynamics.scenario.metrics import reading_mm
@@ -85,7 +85,7 @@ def read_measured_log(
         wanted = "m" if role in ROLES else "A"
         if unit != wanted:
             column = found.columns[role]
-            must = f"must be a unit of {named_unit(wanted)}"
+            must = f"must be a unit of {QUANTITIES[wanted]}"
             remedy = f"name another column for {role}, or its unit"
             problems.append(
                 Problem(f"{Path(path).name}: column {column.name}", must, str(column.unit), remedy)

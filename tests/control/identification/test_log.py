@@ -65,19 +65,19 @@ def test_spreadsheet_marks_and_spaces(tmp_path):
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        (GOOD.replace("position (mm)", "position"), "name \\(unit\\)"),
+        (GOOD.replace("position (mm)", "position"), "name \\(mm\\)"),
         (GOOD.replace("(mm)", "(furlong)"), "furlong"),
-        (GOOD.replace("time (ms)", "t (ms)"), "begin with the time"),
-        (GOOD.replace("time (ms)", "time (mm)"), "begin with the time"),
+        (GOOD.replace("time (ms)", "clock (ms)"), "which column is the time"),
+        (GOOD.replace("time (ms)", "time (mm)"), "column time: must be a time"),
         (GOOD.replace("drive current (mA)", "position (mm)"), "once"),
-        (GOOD.replace("8.5", "nan"), "log.csv:4: must be 3 finite"),
-        (GOOD.replace("8.5,", ""), "log.csv:4: must be 3 finite"),
+        (GOOD.replace("8.5", "nan"), "log.csv:4: must be 3 cells, with finite"),
+        (GOOD.replace("8.5,", ""), "log.csv:4: must be 3 cells, with finite"),
         (GOOD.replace("\n4,", "\n5,"), "evenly sampled"),
         (GOOD.replace("\n4,", "\n2,"), "evenly sampled"),
         (GOOD.replace("\n2,", "\n-2,"), "evenly sampled"),
         ("time (s),x (m)\n3,1\n3,2\n3,4\n", "evenly sampled"),
         ("time (s),x (m)\n0,1\n", "two samples"),
-        ("time (s)\n0\n1\n", "beside the time"),
+        ("time (s)\n0\n1\n", "columns between"),
         ("", "two samples"),
     ],
 )
@@ -95,7 +95,7 @@ def test_every_problem_of_a_header_at_once(tmp_path):
 
 
 def test_a_file_that_is_not_there(tmp_path):
-    with pytest.raises(InputError, match="readable"):
+    with pytest.raises(InputError, match="can be read"):
         read_log(tmp_path / "none.csv")
 
 
