@@ -7,25 +7,24 @@ with the controller known (indirect), from r, u and y without it (two-stage).
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.polynomial.polynomial import polyadd
+from numpy.typing import ArrayLike, NDArray
 
-from fieldmap.arguments import check_count, check_positive
-from fieldmap.control.identification.estimate import Estimate, Orders, not_settled
-from fieldmap.control.identification.least_squares import (
-    estimate_of,
-    modified_least_squares,
-    modified_least_squares_runs,
-)
+from fieldmap.arguments import check, check_positive
+from fieldmap.control.identification.estimators import modified_least_squares, modified_least_squares_runs
 from fieldmap.control.identification.regression import (
+    Estimate,
+    Orders,
     Solution,
     check_records,
     columns_of,
+    estimate_of,
     polynomials,
+    settled,
     solve,
     stable_denominators,
 )
 from fieldmap.control.linear_models import filter_response, transfer_function
-from fieldmap.errors import InputError, Problem
 from fieldmap.typing import Array
 
 _NOISE_FREE_REFERENCE = "the reference does not depend on the noise; the noise may be of any colour"
@@ -40,15 +39,12 @@ def identify_direct(outputs: ArrayLike, controls: ArrayLike, orders: Orders, Ts:
     models them, or an indirect way. Without a reference signal the conditions (12) must hold. Raises InputError for
     unusable records and NotConverged.
     """
-    if orders.delay < 1:
-        raise InputError(
-            Problem(
-                "identify_direct(orders)",
-                "must have more poles than zeros, or dead time",
-                f"{orders.poles} poles, {orders.zeros} zeros",
-                "a loop without delay cannot be told from its controller",
-            )
-        )
+    must, received = (
+        "must have more poles than zeros, or dead time",
+        f"{orders.poles} poles, {orders.zeros} zeros",
+    )
+    remedy = "a loop without delay cannot be told from its controller"
+    check(orders.delay >= 1, "identify_direct(orders)", must, received, remedy)
     return modified_least_squares(outputs, controls, orders, Ts)
 
 
@@ -70,44 +66,36 @@ def identify_indirect(
     noise that does not depend on the reference, if the controller is right. Raises InputError and NotConverged.
     """
     where = "identify_indirect"
-    check_positive(where, Ts=Ts, tolerance=tolerance)
-    check_count(where, iterations=iterations)
+    check_positive(where, Ts=Ts)
     top, bottom = transfer_function(*controller)
     above = np.concatenate([np.zeros(bottom.size - top.size), top])
     y, r = check_records(where, orders, outputs=outputs, references=references)
     outward, driven = filter_response(bottom, [1.0], y), filter_response(above, [1.0], r - y)
     # Plain least squares is too far off to start from: what the controller must have sent, and the direct way.
-    start = modified_least_squares_runs(y, filter_response(above, bottom, r - y), orders, iterations=30)
-    a, b, changes = start.denominators[:, : orders.poles + 1], start.numerators, []
-    previous = np.concatenate([a[0, 1:], b[0]])
-    for _ in range(iterations):
-        stable, predicted = _predicted(r, (above, bottom), (a[0], b[0]), orders)
-        records = (
-            outward,
-            driven,
-            filter_response(bottom, [1.0], predicted),
-            filter_response(above, [1.0], r - predicted),
-        )
-        step = _with_instruments([filter_response([1.0], stable, x) for x in records], orders, where)
-        changes.append(float(np.abs(step.coefficients[0] - previous).max() / np.abs(step.coefficients).max()))
-        previous = step.coefficients[0]
-        a, b = polynomials(step.coefficients, orders)
-        if changes[-1] <= tolerance:
-            notes = (_NOISE_FREE_REFERENCE, "the controller is as given, never at its limits")
-            method = "closed loop, known controller, refined instruments"
-            return estimate_of(step, orders, Ts, method, len(changes), notes)
+    found = modified_least_squares_runs(y, filter_response(above, bottom, r - y), orders, iterations=30)
+    start = np.hstack([found.denominators[:, 1 : orders.poles + 1], found.numerators])
+
+    def advance(_: NDArray[np.intp], coefficients: Array) -> Solution:
+        """Z' Phi theta = Z' w with instruments Z; triangle and condition are those of the instruments, for (14)."""
+        a, b = (polynomial[0] for polynomial in polynomials(coefficients, orders))
+        forward = np.convolve(above, np.concatenate([np.zeros(orders.delay), b]))
+        # Of the closed loop, its unstable roots reflected; and the position without noise.
+        stable = stable_denominators(polyadd(np.convolve(bottom, a), forward)[None, :])[0]
+        predicted = filter_response(forward, stable, r)
+        free = filter_response(bottom, [1.0], predicted), filter_response(above, [1.0], r - predicted)
+        w, v, w_free, v_free = (filter_response([1.0], stable, x) for x in (outward, driven, *free))
+        matched = solve(w_free, v_free, orders, where)
+        columns, instruments = columns_of(w, v, orders)[0], columns_of(w_free, v_free, orders)[0]
+        target = w[0, orders.first :]
+        theta = np.linalg.solve(instruments.T @ columns, instruments.T @ target)
+        errors = target - columns @ theta
+        return matched._replace(coefficients=theta[None, :], squares=np.array([errors @ errors]))
+
     remedy = "check the controller's sign and sampling time; ask for fewer poles and zeros"
-    raise not_settled(where, tolerance, iterations, changes, remedy)
-
-
-def _predicted(
-    r: Array, controller: tuple[Array, Array], plant: tuple[Array, Array], orders: Orders
-) -> tuple[Array, Array]:
-    """Denominator of the closed loop, its unstable roots reflected, and the position without noise."""
-    (above, bottom), (a, b) = controller, plant
-    forward = np.convolve(above, np.concatenate([np.zeros(orders.delay), b]))
-    stable = stable_denominators(_sum(np.convolve(bottom, a), forward)[None, :])[0]
-    return stable, filter_response(forward, stable, r)
+    solution, count = settled(where, start, advance, tolerance, iterations, remedy)
+    notes = (_NOISE_FREE_REFERENCE, "the controller is as given, never at its limits")
+    method = "closed loop, known controller, refined instruments"
+    return estimate_of(solution, orders, Ts, method, count, notes)
 
 
 def identify_two_stage(
@@ -135,22 +123,3 @@ def identify_two_stage(
     stable = stable_denominators(first.denominators)[0]
     predicted = filter_response(np.concatenate([leading, first.numerators[0]]), stable, r[0])
     return modified_least_squares(y[0], predicted, orders, Ts)
-
-
-def _with_instruments(records: list[Array], orders: Orders, where: str) -> Solution:
-    """Z' Phi theta = Z' w with instruments Z; triangle and condition are those of the instruments, for (14)."""
-    w, v, w_free, v_free = records
-    matched = solve(w_free, v_free, orders, where)
-    columns = columns_of(w, v, orders)[0]
-    instruments = columns_of(w_free, v_free, orders)[0]
-    target = w[0, orders.first :]
-    theta = np.linalg.solve(instruments.T @ columns, instruments.T @ target)
-    errors = target - columns @ theta
-    return Solution(
-        theta[None, :], matched.triangle, np.array([errors @ errors]), target.size, matched.condition
-    )
-
-
-def _sum(a: Array, b: Array) -> Array:
-    size = max(a.size, b.size)
-    return np.pad(a, (0, size - a.size)) + np.pad(b, (0, size - b.size))

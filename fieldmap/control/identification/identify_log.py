@@ -10,10 +10,9 @@ from numpy.typing import NDArray
 
 from fieldmap.arguments import check, check_choice
 from fieldmap.control.identification.closed_loop import identify_direct, identify_two_stage
-from fieldmap.control.identification.estimate import Estimate, Orders
-from fieldmap.control.identification.least_squares import least_squares
+from fieldmap.control.identification.estimators import armax, least_squares
 from fieldmap.control.identification.log import Column, RecognisedLog, check_rest
-from fieldmap.control.identification.noise_models import armax
+from fieldmap.control.identification.regression import Estimate, Orders
 from fieldmap.plain import Plain, plain_items
 from fieldmap.records import Record
 from fieldmap.typing import Array

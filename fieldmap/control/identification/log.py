@@ -38,7 +38,11 @@ UNEVEN = 0.02
 _LOOKED_AT, _MOST_TOLD = 20, 5
 _IN_BRACKETS = re.compile(r"^\s*(?P<name>.*?\S)\s*[(\[](?P<unit>[^()\[\]]*)[)\]]\s*$")
 _WITH_SUFFIX = re.compile(r"^\s*(?P<name>.*\S)[_/](?P<unit>[^_/\s]+)\s*$")
-_OPTIONS = {"delimiter": "recognise_log(delimiter)", "units": "recognise_log(units)", "names": "recognise_log(names)"}
+_OPTIONS = {
+    "delimiter": "recognise_log(delimiter)",
+    "units": "recognise_log(units)",
+    "names": "recognise_log(names)",
+}
 
 
 @dataclass(frozen=True, eq=False, repr=False)
