@@ -8,7 +8,7 @@ from typing import Any, ClassVar, NoReturn, TypeVar
 
 import numpy as np
 
-from fieldmap.plain import Plain, plain, plain_items
+from fieldmap.plain import Plain, plain
 
 LONGEST = 400
 """Characters of the text of an object."""
@@ -100,11 +100,6 @@ def tuple_line(named: Any) -> str:
     """
     values = ", ".join(f"{name}={short(value)}" for name, value in named._asdict().items())
     return shortened(f"{type(named).__name__}({values})")
-
-
-def tuple_items(named: Any) -> dict[str, Plain]:
-    """The values of a named tuple by their names, as plain Python: `to_dict` of those that people see."""
-    return plain_items(**named._asdict())
 
 
 def shortened(text: str, longest: int = LONGEST) -> str:

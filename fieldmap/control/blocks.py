@@ -196,7 +196,7 @@ ALONE = AxisReading("x")
 class RunningBlock:
     """A block of one position and one output with its memory, one call a sample."""
 
-    def start(self, block: ControllerBlock) -> None:
+    def _start(self, block: ControllerBlock) -> None:
         """Begin with the memory of a block."""
         self.memory, self._core = block.memory.copy(), CoreController(block.arrays)
 

@@ -164,11 +164,11 @@ def _form(function: Any) -> str:
         _check_ctypes(function)
         return "c"
     if isinstance(function, (int, np.integer)) and not isinstance(function, bool):
-        check(function > 0, WHERE, f"must be the address of {C_CALL}", function, "give it")
+        check(bool(function > 0), WHERE, f"must be the address of {C_CALL}", function, "give it")
         return "c"
     check(callable(function), WHERE, f"must be {CALL}", type(function).__name__, "give a function")
     is_jitted = bool(jitted) and jitted.is_jitted(function)
-    python = function.py_func if is_jitted else function
+    python: Any = getattr(function, "py_func") if is_jitted else function  # noqa: B009
     try:
         inspect.signature(python).bind(0.0, None, None, None)
     except TypeError as error:

@@ -99,8 +99,8 @@ def _more_state(states: int) -> str:
 
 def _raised_at(error: BaseException) -> str:
     """File and line of the function at which it raised an exception, "" where they are not known."""
-    frames = traceback.extract_tb(error.__traceback__)
-    frames = [frame for frame in frames if os.path.dirname(frame.filename) != _HERE]
+    every = traceback.extract_tb(error.__traceback__)
+    frames = [frame for frame in every if os.path.dirname(frame.filename) != _HERE]
     # The first is the function's own; below its last line in that file lie the libraries that it calls.
     own = [frame for frame in frames if frame.filename == frames[0].filename]
     return f"{_shorter(own[-1].filename)}, line {own[-1].lineno}" if own else ""

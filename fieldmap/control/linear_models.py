@@ -17,7 +17,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from fieldmap.arguments import check, check_matrix, check_positive, check_signal
 from fieldmap.extras import require
-from fieldmap.records import Record, tuple_items, tuple_line
+from fieldmap.plain import Plain, plain_items
+from fieldmap.records import Record, tuple_line
 from fieldmap.typing import Array
 
 if TYPE_CHECKING:
@@ -30,8 +31,12 @@ class TransferFunction(NamedTuple):
     numerator: Array
     denominator: Array
 
-    __repr__ = tuple_line
-    to_dict = tuple_items
+    def __repr__(self) -> str:
+        return tuple_line(self)
+
+    def to_dict(self) -> dict[str, Plain]:
+        """The values by their names, as plain Python."""
+        return plain_items(**self._asdict())
 
     @property
     def zeros(self) -> NDArray[Any]:
@@ -61,8 +66,12 @@ class StateSpace(NamedTuple):
     C: Array
     D: Array
 
-    __repr__ = tuple_line
-    to_dict = tuple_items
+    def __repr__(self) -> str:
+        return tuple_line(self)
+
+    def to_dict(self) -> dict[str, Plain]:
+        """The values by their names, as plain Python."""
+        return plain_items(**self._asdict())
 
     def to_control(
         self,
@@ -271,17 +280,27 @@ def root_locus(
     moves = np.diff(wanted)
     ordered = wanted.ndim == 1 and wanted.size > 0 and bool((moves > 0).all() or (moves < 0).all())
     check(ordered, "root_locus(gains)", "must rise, or fall", wanted.tolist(), "sort the gains")
-    poles = [np.sort_complex(np.roots(np.polyadd(bottom, wanted[0] * top)))]
+    poles: list[NDArray[Any]] = [np.sort_complex(np.roots(np.polyadd(bottom, wanted[0] * top)))]
     for start, end in pairwise(wanted):
         branch = poles[-1]
-        for gain in np.linspace(start, end, steps + 2)[1:]:
-            found = np.roots(np.polyadd(bottom, gain * top))
+        for found in _roots(bottom, top, np.linspace(start, end, steps + 2)[1:]):
             # Where the leading coefficient vanishes a pole is at infinity.
-            found = np.pad(found, (0, branch.size - found.size), constant_values=1e300)
-            moved = np.minimum(np.abs(branch[:, None] - found), 1e6)
-            branch = found[scipy.optimize.linear_sum_assignment(moved)[1]]
+            every = np.pad(found, (0, branch.size - found.size), constant_values=1e300)
+            moved = np.minimum(np.abs(branch[:, None] - every), 1e6)
+            branch = every[scipy.optimize.linear_sum_assignment(moved)[1]]
         poles.append(branch)
     return RootLocus(wanted, np.array(poles, dtype=complex))
+
+
+def _roots(bottom: NDArray[Any], top: NDArray[Any], gains: Array) -> list[NDArray[Any]]:
+    """np.roots of bottom + gain * top for every gain: eigenvalues of all companion matrices in one call."""
+    each = np.pad(top, (bottom.size - top.size, 0)) * gains[:, None] + bottom
+    if bottom.size < 3 or not each[:, [0, -1]].all():
+        return [np.roots(one) for one in each]
+    companions = np.zeros((gains.size, bottom.size - 1, bottom.size - 1))
+    companions[:, 1:, :-1] = np.eye(bottom.size - 2)
+    companions[:, 0] = -each[:, 1:] / each[:, :1]
+    return list(np.linalg.eigvals(companions))
 
 
 def filter_response(numerator: ArrayLike, denominator: ArrayLike, signal: ArrayLike, axis: int = -1) -> Array:

@@ -128,7 +128,7 @@ def pid_block(
 
 
 class RunningPID(RunningBlock):
-    """A PID controller with its memory, for a loop of your own: one call a sample.
+    """A PID controller with its memory, for a loop of your own: one call of `step` a sample.
 
     >>> running = RunningPID(PID(Kc=2.0, Ti=0.1, Td=0.0, Ts=0.01))
     >>> [round(running.step(reference=1.0, measured=y), 3) for y in (0.0, 0.5)]
@@ -142,7 +142,7 @@ class RunningPID(RunningBlock):
     def reset(self, integral: float = 0.0) -> None:
         """Forget the past; the integral part of the output begins at `integral`."""
         check_numbers("RunningPID.reset", integral=integral)
-        self.start(pid_block(self.controller, ALONE, integral))
+        self._start(pid_block(self.controller, ALONE, integral))
 
 
 def run_pid(controller: PID, reference: ArrayLike, measured: ArrayLike) -> Array:

@@ -27,7 +27,8 @@ from fieldmap.control.blocks import ALONE, AxisReading, ControllerBlock, Running
 from fieldmap.control.linear_models import check_model, zero_order_hold
 from fieldmap.core.controller import SIGNALS
 from fieldmap.errors import InputError, Problem
-from fieldmap.records import Record, tuple_items, tuple_line
+from fieldmap.plain import Plain, plain_items
+from fieldmap.records import Record, tuple_line
 from fieldmap.typing import Array
 
 ESTIMATES = ("predicted", "filtered", "delayed")
@@ -46,8 +47,12 @@ class Estimator(NamedTuple):
     C_est: Array
     D_est: Array
 
-    __repr__ = tuple_line
-    to_dict = tuple_items
+    def __repr__(self) -> str:
+        return tuple_line(self)
+
+    def to_dict(self) -> dict[str, Plain]:
+        """The values by their names, as plain Python."""
+        return plain_items(**self._asdict())
 
 
 def lqrd(A: ArrayLike, B: ArrayLike, Q: ArrayLike, R: ArrayLike, Ts: float) -> Array:
@@ -240,7 +245,7 @@ def regulator_block(regulator: Regulator, reading: AxisReading) -> ControllerBlo
 
 
 class RunningRegulator(RunningBlock):
-    """A regulator with its memory, for a loop of your own: one call a sample."""
+    """A regulator with its memory, for a loop of your own: one call of `step` a sample."""
 
     def __init__(self, regulator: Regulator) -> None:
         self.regulator = regulator
@@ -248,7 +253,7 @@ class RunningRegulator(RunningBlock):
 
     def reset(self) -> None:
         """Forget the past: all states at the equilibrium."""
-        self.start(regulator_block(self.regulator, ALONE))
+        self._start(regulator_block(self.regulator, ALONE))
 
     @property
     def states(self) -> Array:

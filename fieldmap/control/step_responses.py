@@ -231,5 +231,5 @@ def _fit(
     spread = np.sqrt(variance * np.sum(np.linalg.pinv(triangle) ** 2, axis=1))
     theta = unpack(found.x)
     errors = np.concatenate([[abs(scale)], theta[1:]]) * spread
-    by_name = (dict(zip(names, values.tolist(), strict=True)) for values in (theta, errors))
-    return StepFit(model(*theta), float(theta[0]), *by_name, float(np.sqrt(variance)))
+    parameters, deviations = (dict(zip(names, values.tolist(), strict=True)) for values in (theta, errors))
+    return StepFit(model(*theta), float(theta[0]), parameters, deviations, float(np.sqrt(variance)))

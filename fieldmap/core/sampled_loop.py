@@ -7,7 +7,8 @@ import numpy as np
 from fieldmap.core.controller import CoreController
 from fieldmap.core.instruments import Chain, Drive
 from fieldmap.core.library import LIBRARY
-from fieldmap.records import tuple_items, tuple_line
+from fieldmap.plain import Plain, plain_items
+from fieldmap.records import tuple_line
 from fieldmap.typing import Array
 
 
@@ -33,8 +34,12 @@ class LoopInstruments(NamedTuple):
     position: float = 0.0
     output: float = 0.0
 
-    __repr__ = tuple_line
-    to_dict = tuple_items
+    def __repr__(self) -> str:
+        return tuple_line(self)
+
+    def to_dict(self) -> dict[str, Plain]:
+        """The values by their names, as plain Python."""
+        return plain_items(**self._asdict())
 
 
 class Signals(NamedTuple):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -117,8 +117,12 @@ def identify_log(
         loop = Orders(orders.poles + 2, orders.poles + 2)
         found = identify_two_stage(y, u, shown["reference"], orders, log.Ts, loop=loop)
     else:
-        estimator = {"direct": identify_direct, "armax": armax, "least-squares": least_squares}[method]
-        found = estimator(y, u, orders, log.Ts)
+        estimators: dict[str, Callable[[Array, Array, Orders, float], Estimate]] = {
+            "direct": identify_direct,
+            "armax": armax,
+            "least-squares": least_squares,
+        }
+        found = estimators[method](y, u, orders, log.Ts)
     return IdentifiedLog(found, recognised.columns, y.size, count, means)
 
 

@@ -289,7 +289,8 @@ def iterate(
         active = active[change[active] > tolerance]
         if not active.size:
             break
-    return Solution(*found, step.samples), changes
+    coefficients, triangle, squares, condition = found
+    return Solution(coefficients, triangle, squares, condition, step.samples), changes
 
 
 def settled(
