@@ -4,11 +4,13 @@ Theory with the equation numbers that the docstrings cite: docs/theory/identific
 arguments, the linear models beside it, scipy.
 """
 
-from fieldmap.control.identification.closed_loop import identify_direct, identify_indirect, identify_two_stage
 from fieldmap.control.identification.estimators import (
     RecursiveRun,
     armax,
     generalised_least_squares,
+    identify_direct,
+    identify_indirect,
+    identify_two_stage,
     least_squares,
     modified_least_squares,
     modified_least_squares_runs,
@@ -16,15 +18,7 @@ from fieldmap.control.identification.estimators import (
 )
 from fieldmap.control.identification.excitation import pseudo_random_binary
 from fieldmap.control.identification.identify_log import METHODS, ROLES, IdentifiedLog, identify_log
-from fieldmap.control.identification.log import (
-    Column,
-    Log,
-    RecognisedLog,
-    make_log,
-    read_log,
-    recognise_log,
-    write_log,
-)
+from fieldmap.control.identification.log import Column, Log, make_log, read_log, write_log
 from fieldmap.control.identification.regression import Estimate, EstimatedRuns, Orders
 from fieldmap.control.linear_models import RootLocus, root_locus
 from fieldmap.control.step_responses import StepFit, fit_first_order, fit_second_order, noisy_step_metrics
@@ -38,7 +32,6 @@ __all__ = [
     "IdentifiedLog",
     "Log",
     "Orders",
-    "RecognisedLog",
     "RecursiveRun",
     "RootLocus",
     "StepFit",
@@ -57,7 +50,6 @@ __all__ = [
     "noisy_step_metrics",
     "pseudo_random_binary",
     "read_log",
-    "recognise_log",
     "recursive_least_squares",
     "root_locus",
     "write_log",

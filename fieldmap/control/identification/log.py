@@ -8,7 +8,7 @@ import math
 import re
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from fieldmap.arguments import LARGEST_NUMBER, check, check_positive, check_signal
 from fieldmap.errors import InputError, Problem
-from fieldmap.records import Record
+from fieldmap.records import FrozenDict, Record
 from fieldmap.typing import Array
 
 # unit -> SI unit, factor
@@ -39,43 +39,10 @@ _LOOKED_AT, _MOST_TOLD = 20, 5
 _IN_BRACKETS = re.compile(r"^\s*(?P<name>.*?\S)\s*[(\[](?P<unit>[^()\[\]]*)[)\]]\s*$")
 _WITH_SUFFIX = re.compile(r"^\s*(?P<name>.*\S)[_/](?P<unit>[^_/\s]+)\s*$")
 _OPTIONS = {
-    "delimiter": "recognise_log(delimiter)",
-    "units": "recognise_log(units)",
-    "names": "recognise_log(names)",
+    "delimiter": "read_log(delimiter)",
+    "units": "read_log(units)",
+    "names": "read_log(names)",
 }
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class Log(Record):
-    """An evenly sampled record. Ts: sampling time, s. start: time of the first sample, s. signals: name -> values (n,)
-    in SI units. units: name -> SI unit."""
-
-    Ts: float
-    start: float
-    signals: Mapping[str, Array]
-    units: Mapping[str, str]
-
-    def __getitem__(self, name: str) -> Array:
-        must = f"must be one of {', '.join(self.signals)}"
-        check(name in self.signals, f"Log[{name!r}]", must, name, "check the name")
-        return self.signals[name]
-
-    @property
-    def time(self) -> Array:
-        """Times of the samples (n,), s."""
-        count = len(next(iter(self.signals.values())))
-        return self.start + self.Ts * np.arange(count, dtype=np.float64)
-
-    def deviations(self, *, rest: int) -> Log:
-        """The same record from the mean of its first `rest` samples, in which the rig must be at rest."""
-        check_rest("Log.deviations(rest)", rest, self.time.size)
-        moved = {name: values - np.mean(values[:rest]) for name, values in self.signals.items()}
-        return Log(self.Ts, self.start, moved, self.units)
-
-
-def check_rest(where: str, rest: int, samples: int) -> None:
-    """A number of samples at rest, with others behind them. Raises InputError."""
-    check(1 <= rest < samples, where, f"must be from 1 to {samples - 1} samples", rest, "say how many")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -88,19 +55,49 @@ class Column(Record):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class RecognisedLog(Record):
-    """A log whose columns have roles. log: its signals by role, SI; columns: role -> column; delimiter: a name of
-    `DELIMITERS`; decimal: "." or ","."""
+class Log(Record):
+    """An evenly sampled record. Ts: sampling time, s. start: time of the first sample, s. signals: name -> values (n,)
+    in SI units. units: name -> SI unit.
 
-    log: Log
-    columns: Mapping[str, Column]
-    delimiter: str
-    decimal: str
+    Of one that was read, by the names or roles of its signals: columns, and "time"; delimiter: a name of `DELIMITERS`;
+    decimal: "." or ",".
+    """
 
-    def shown(self, role: str) -> tuple[Array, str]:
-        """The signal of a role in the unit in which it was written, and that unit."""
-        unit = self.columns[role].unit or "1"
-        return self.log[role] / UNITS[unit][1], unit
+    Ts: float
+    start: float
+    signals: Mapping[str, Array]
+    units: Mapping[str, str]
+    columns: Mapping[str, Column] = field(default_factory=FrozenDict)
+    delimiter: str = "comma"
+    decimal: str = "."
+
+    def __getitem__(self, name: str) -> Array:
+        must = f"must be one of {', '.join(self.signals)}"
+        check(name in self.signals, f"Log[{name!r}]", must, name, "check the name")
+        return self.signals[name]
+
+    @property
+    def time(self) -> Array:
+        """Times of the samples (n,), s."""
+        count = len(next(iter(self.signals.values())))
+        return self.start + self.Ts * np.arange(count, dtype=np.float64)
+
+    def shown(self, name: str) -> tuple[Array, str]:
+        """A signal in the unit in which it was written, SI unless it was read, and that unit."""
+        column = self.columns.get(name)
+        unit = self.units[name] if column is None else str(column.unit)
+        return self[name] / UNITS[unit][1], unit
+
+    def deviations(self, *, rest: int) -> Log:
+        """The same record from the mean of its first `rest` samples, in which the rig must be at rest."""
+        check_rest("Log.deviations(rest)", rest, self.time.size)
+        moved = {name: values - np.mean(values[:rest]) for name, values in self.signals.items()}
+        return replace(self, signals=moved)
+
+
+def check_rest(where: str, rest: int, samples: int) -> None:
+    """A number of samples at rest, with others behind them. Raises InputError."""
+    check(1 <= rest < samples, where, f"must be from 1 to {samples - 1} samples", rest, "say how many")
 
 
 def make_log(Ts: float, signals: Mapping[str, ArrayLike], units: Mapping[str, str]) -> Log:
@@ -152,16 +149,7 @@ def _in_si(where: str, unit: str) -> tuple[str, float]:
     return UNITS[unit]
 
 
-def read_log(path: str | Path) -> Log:
-    """Every column of a text file with a time and units in its headings, under its own name: `recognise_log`.
-
-    Raises InputError with every problem of the file. Lines that are not numbers, not finite, or whose times are not
-    even need a person's decision, and are not mended in silence.
-    """
-    return recognise_log(path).log
-
-
-def recognise_log(
+def read_log(
     path: str | Path,
     roles: Mapping[str, Sequence[str]] | None = None,
     *,
@@ -173,8 +161,8 @@ def recognise_log(
     sampling_time: float | None = None,
     options: Mapping[str, str] | None = None,
     whole_names: bool = False,
-) -> RecognisedLog:
-    """Read a text file of columns below a line of names.
+) -> Log:
+    """Read a text file of columns below a line of names, such as CSV; everything is SI once read.
 
     roles: role -> names by which its column is recognised, in lower case; unless given every column is read, under its
     own name. required: roles that must be there. names: role -> name of its column, where that is not to be recognised;
@@ -183,11 +171,12 @@ def recognise_log(
     ",". sampling_time: s, for a log without time. options: what the caller calls these in messages. whole_names:
     whether a name must be all of a heading, not one of its words.
 
-    Only columns with roles are read. Raises InputError with every problem of the file.
+    Only columns with roles are read. Raises InputError with every problem of the file: lines that are not numbers, not
+    finite, or whose times are not even need a person's decision, and are not mended in silence.
     """
     source, told, given = Path(path), {**_OPTIONS, **(options or {})}, dict(units or {})
     if sampling_time is not None:
-        check_positive("recognise_log", sampling_time=sampling_time)
+        check_positive("read_log", sampling_time=sampling_time)
     lines = _lines(source)
     try:
         kind = delimiter or _delimiter_of(source, lines, told)
@@ -222,8 +211,7 @@ def recognise_log(
         raise InputError(*problems)
     in_si = {role: UNITS[column.unit or "1"] for role, column in found.items() if role != "time"}
     signals = {role: factor * numbers[role] for role, (_, factor) in in_si.items()}
-    log = Log(Ts, start, signals, {role: unit for role, (unit, _) in in_si.items()})
-    return RecognisedLog(log, found, kind, mark)
+    return Log(Ts, start, signals, {role: unit for role, (unit, _) in in_si.items()}, found, kind, mark)
 
 
 def _lines(source: Path) -> list[tuple[int, str]]:

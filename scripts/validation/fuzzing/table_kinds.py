@@ -180,7 +180,7 @@ def _log() -> str:
 def _read_logs(path: Path) -> Any:
     """Columns by their roles, and all under their own names."""
     known = read_measured_log(path, ("left",), {"x": "position", "left": "current"})
-    return known.log, read_log(path)
+    return known, read_log(path)
 
 
 def fault_of_log(found: Any, text: str) -> str:

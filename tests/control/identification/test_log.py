@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from fieldmap.control.identification import make_log, read_log, recognise_log, write_log
+from fieldmap.control.identification import make_log, read_log, write_log
 from fieldmap.errors import InputError
 
 GOOD = "# rig 1\ntime (ms),position (mm),drive current (mA)\n0,8.0,1500\n2,8.5,1400\n4,9.0,1450\n"
@@ -33,7 +33,7 @@ def test_of_many_wrong_lines_five_are_told_and_the_rest_counted(wrong, told, tmp
     rows = [f"{0.001 * k:.3f},{'x' if k < wrong else k}" for k in range(30)]
     (tmp_path / "log.csv").write_text("\n".join(["time (s),position (mm)", *rows]))
     with pytest.raises(InputError) as error:
-        recognise_log(tmp_path / "log.csv", {"position": ["position"]})
+        read_log(tmp_path / "log.csv", {"position": ["position"]})
     problems = error.value.problems
     assert len(problems) == told
     assert [p.where.rsplit(":", 1)[-1] for p in problems[:5]] == [str(2 + k) for k in range(min(wrong, 5))]
@@ -133,7 +133,7 @@ def test_a_log_that_cannot_be(Ts, signals, says):
 def test_a_number_behind_a_name_is_no_unit(tmp_path):
     """u_1 and y_1 are channels; only in brackets does a 1 say that a column has no unit."""
     (tmp_path / "log.csv").write_text("time_s,u_1,y_mm,v (1)\n0,1,2,3\n0.1,2,3,4\n")
-    found = recognise_log(
+    found = read_log(
         tmp_path / "log.csv", {"u": ["u_1"], "y": ["y"], "v": ["v"]}, units={"u_1": "V"}, whole_names=True
     )
     assert {role: (column.name, column.unit) for role, column in found.columns.items()} == {
