@@ -32,18 +32,32 @@ class JittedFunction(BoundFunction):
     compile, or does not give outputs of these names."""
 
     def __init__(self, function: Any, names: Sequence[str], states: int) -> None:
-        self._function = with_checked_indices(function)
+        self._function = checked = with_checked_indices(function)
         try:
-            returned = returned_type(self._function)
+            if ARGUMENTS not in checked.overloads:
+                checked.compile(ARGUMENTS)
+            returned = checked.overloads[ARGUMENTS].signature.return_type
         except (NumbaError, RuntimeError) as error:
             must = f"must compile as {CALL}: a float and three arrays of float64"
             mend = "mend what numba says there, or give the function without numba"
             remedy = f"{mend}; decorate it with @numba.njit alone"
             raise InputError(Problem(WHERE, must, reason(error), remedy)) from error
-        if number_of(returned) not in (None, len(names)):
+        (fill, number), outputs = _filling(returned), len(names)
+        if number not in (None, outputs):
             raise InputError(wrong_outputs(WHERE, names, f"{returned}"))
-        entry = compiled_function(self._function, len(names), states)
-        super().__init__(int(entry.address), entry)
+
+        @cfunc(C_SIGNATURE)
+        def entry(time, measured, reference, state, out):
+            answer = FAILED
+            try:
+                found = checked(time, carray(measured, 3), carray(reference, 3), carray(state, states))
+                answer = fill(found, carray(out, outputs))
+            except Exception:
+                answer = FAILED
+            return answer
+
+        address: Any = entry.address
+        super().__init__(int(address), entry)
 
     def cause(self, time: float, measured: Array, reference: Array, state: Array) -> BaseException | None:
         """Compiled code cannot keep an exception: the function is called once more, to see it, and then its Python
@@ -82,24 +96,6 @@ def with_checked_indices(function: Any) -> Any:
     return jit(signatures, boundscheck=True, locals=function.locals, **options)(function.py_func)
 
 
-def returned_type(function: Any) -> types.Type:
-    """What a jitted function returns for `ARGUMENTS`. Raises numba's own errors where it does not compile for them."""
-    if ARGUMENTS not in function.overloads:
-        function.compile(ARGUMENTS)
-    return function.overloads[ARGUMENTS].signature.return_type
-
-
-def number_of(returned: types.Type) -> int | None:
-    """How many outputs a type holds: None for an array, of any length; 0 for what holds none."""
-    number = (types.Float, types.Integer)
-    if isinstance(returned, types.Array) and returned.ndim == 1 and isinstance(returned.dtype, number):
-        return None
-    if isinstance(returned, types.BaseTuple):
-        members: Any = returned
-        return len(members) if all(isinstance(each, number) for each in members) else 0
-    return 1 if isinstance(returned, number) else 0
-
-
 @jit
 def _fill_from_array(found, out):
     if found.size != out.size:
@@ -123,20 +119,13 @@ def _fill_from_number(found, out):
     return DONE
 
 
-def compiled_function(function: Any, outputs: int, states: int) -> Any:
-    """The C function (`numba.core.ccallback.CFunc`) of a jitted one that returns so many outputs."""
-    fill = _fill_from_number
-    if isinstance(returned_type(function), types.Array | types.BaseTuple):
-        fill = _fill_from_array if isinstance(returned_type(function), types.Array) else _fill_from_tuple
-
-    @cfunc(C_SIGNATURE)
-    def entry(time, measured, reference, state, out):
-        answer = FAILED
-        try:
-            found = function(time, carray(measured, 3), carray(reference, 3), carray(state, states))
-            answer = fill(found, carray(out, outputs))
-        except Exception:
-            answer = FAILED
-        return answer
-
-    return entry
+def _filling(returned: types.Type) -> tuple[Any, int | None]:
+    """The function that fills in outputs from what a function returns, and how many it gives: None for an array, which
+    has any length; 0 for what holds no numbers."""
+    number = (types.Float, types.Integer)
+    if isinstance(returned, types.Array) and returned.ndim == 1 and isinstance(returned.dtype, number):
+        return _fill_from_array, None
+    if isinstance(returned, types.BaseTuple):
+        members: Any = returned
+        return _fill_from_tuple, len(members) if all(isinstance(each, number) for each in members) else 0
+    return _fill_from_number, 1 if isinstance(returned, number) else 0

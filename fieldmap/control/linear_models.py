@@ -176,9 +176,7 @@ def zero_order_hold(A: ArrayLike, B: ArrayLike, Ts: float) -> tuple[Array, Array
     A, B, _, _ = check_model("zero_order_hold", (A, B, None, None))
     check_positive("zero_order_hold", Ts=Ts)
     order, inputs = B.shape
-    both = np.zeros((order + inputs, order + inputs))
-    both[:order] = np.hstack([A, B])
-    grown = scipy.linalg.expm(both * Ts)
+    grown = scipy.linalg.expm(np.block([[A, B], [np.zeros((inputs, order + inputs))]]) * Ts)
     return grown[:order, :order], grown[:order, order:]
 
 

@@ -68,11 +68,9 @@ def lqrd(A: ArrayLike, B: ArrayLike, Q: ArrayLike, R: ArrayLike, Ts: float) -> A
     A, B, _, _ = check_model("lqrd", (A, B, None, None))
     check_positive("lqrd", Ts=Ts)
     order, inputs = B.shape
-    size = order + inputs
     Q = _symmetric("lqrd(Q)", Q, order)
     R = _symmetric("lqrd(R)", R, inputs, definite=True)
-    both = np.zeros((size, size))
-    both[:order] = np.hstack([A, B])
+    both = np.block([[A, B], [np.zeros((inputs, order + inputs))]])
     # The cost of one sampling interval is a form in (x, u) at its beginning.
     transition, cost = _integral(both, scipy.linalg.block_diag(Q, R), Ts)
     A_d, B_d = transition[:order, :order], transition[:order, order:]
