@@ -199,13 +199,14 @@ class RunningBlock:
     def _start(self, block: ControllerBlock) -> None:
         """Begin with the memory of a block."""
         self.memory, self._core = block.memory.copy(), CoreController(block.arrays)
+        self._signals, self._output = _signals(0.0, 0.0, 1), np.empty((1, 1))
 
     def step(self, reference: float, measured: float) -> float:
         """The output at this sample. Raises InputError for numbers that are not finite, before they do harm."""
         check_numbers(f"{type(self).__name__}.step", reference=reference, measured=measured)
-        output = np.empty((1, 1))
-        self._core.control(_signals(reference, measured, 1), None, self.memory, output)
-        return float(output[0, 0])
+        self._signals[0, 0], self._signals[0, 3] = reference, measured
+        self._core.control(self._signals, None, self.memory, self._output)
+        return float(self._output[0, 0])
 
 
 def run_block(
