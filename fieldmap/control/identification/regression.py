@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from fieldmap.arguments import check, check_count, check_positive, check_signal
 from fieldmap.control.linear_models import TransferFunction, filter_response, steady_gain
 from fieldmap.errors import NotConverged, Problem
-from fieldmap.records import Record
+from fieldmap.records import Record, tuple_line
 from fieldmap.typing import Array
 
 # Beyond this condition of the columns, each scaled to length one, rounding decides about the coefficients.
@@ -198,6 +198,9 @@ class Solution(NamedTuple):
     squares: Array
     condition: Array
     samples: int
+
+    def __repr__(self) -> str:
+        return tuple_line(self)
 
 
 def columns_of(y: Array, u: Array, orders: Orders) -> Array:
