@@ -39,8 +39,8 @@ class JittedFunction(BoundFunction):
             returned = checked.overloads[ARGUMENTS].signature.return_type
         except (NumbaError, RuntimeError) as error:
             must = f"must compile as {CALL}: a float and three arrays of float64"
-            mend = "mend what numba says there, or give the function without numba"
-            remedy = f"{mend}; decorate it with @numba.njit alone"
+            correct = "correct the line that numba names, or give the function without numba"
+            remedy = f"{correct}; use @numba.njit alone"
             raise InputError(Problem(WHERE, must, reason(error), remedy)) from error
         (fill, number), outputs = _filling(returned), len(names)
         if number not in (None, outputs):

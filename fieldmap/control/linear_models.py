@@ -114,7 +114,7 @@ def transfer_function(numerator: ArrayLike, denominator: ArrayLike) -> TransferF
     top = top if top.size else np.zeros(1)
     must = "must be proper: the numerator's degree is at most the denominator's"
     received = f"degrees {top.size - 1} and {bottom.size - 1}"
-    remedy = "an improper plant would answer before it is asked; add its fast poles"
+    remedy = "the output of an improper plant would precede its input; add its fast poles"
     check(top.size <= bottom.size, where, must, received, remedy)
     return TransferFunction(top / bottom[0], bottom / bottom[0])
 

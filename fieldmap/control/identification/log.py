@@ -372,5 +372,5 @@ def _sampling_problems(source: Path, time: Array, Ts: float, lines: list[int]) -
     if Ts > 0 and math.isfinite(Ts) and not uneven:
         return []
     must = f"must be evenly sampled, within {100 * UNEVEN:g} % of the mean step of {Ts:.6g} s"
-    remedy = "cut the record at the gap, or resample it yourself: what lies between samples is your decision"
+    remedy = "cut the record at the gap, or resample it yourself: you decide on the values in the gap"
     return [Problem(f"{source.name}:{lines[worst + 1]}", must, f"a step of {steps[worst]:.6g} s", remedy)]
