@@ -30,6 +30,18 @@ def finite_number(value: object) -> bool:
         return False
 
 
+def check(holds: bool, where: str, must_hold: str, received: object, remedy: str) -> None:
+    """Raises InputError with these four parts unless it holds.
+
+    >>> check(2 > 3, "f(x)", "must be above 3", 2, "give more")
+    Traceback (most recent call last):
+    ...
+    fieldmap.errors.InputError: f(x): must be above 3; received 2; give more
+    """
+    if not holds:
+        raise InputError(Problem(where, must_hold, str(received), remedy))
+
+
 def check_numbers(where: str, **numbers: float) -> None:
     """Every number finite; raises InputError with all that are not."""
     _raise(
@@ -71,42 +83,40 @@ def check_count(where: str, **numbers: int) -> None:
 def check_choice(where: str, value: str, choices: Iterable[str]) -> str:
     """One of the choices; raises InputError for anything else."""
     allowed = list(choices)
-    if value not in allowed:
-        raise InputError(
-            Problem(where, f"must be one of {', '.join(allowed)}", f"{value!r}", "choose one of them")
-        )
+    check(value in allowed, where, f"must be one of {', '.join(allowed)}", repr(value), "choose one of them")
     return value
 
 
 def check_ordered(where: str, lower: float, upper: float) -> None:
     """lower < upper, neither NaN; either may be infinite."""
-    if not lower < upper:
-        raise InputError(
-            Problem(
-                f"{where}(lower, upper)", "must rise", f"{lower!r}, {upper!r}", "give the lower limit first"
-            )
-        )
+    received, remedy = f"{lower!r}, {upper!r}", "give the lower limit first"
+    check(lower < upper, f"{where}(lower, upper)", "must rise", received, remedy)
 
 
 def check_signal(where: str, values: ArrayLike, columns: int | None = None) -> Array:
     """A finite signal as an array of floats; with `columns`, of shape (..., columns)."""
     signal = np.asarray(values, dtype=float)
-    if columns is not None and (signal.ndim == 0 or signal.shape[-1] != columns):
-        _raise(
-            [
-                Problem(
-                    where,
-                    f"must have {columns} numbers in its last axis",
-                    f"shape {signal.shape}",
-                    "reshape it",
-                )
-            ]
-        )
+    if columns is not None:
+        fits, must = signal.shape[-1:] == (columns,), f"must have {columns} numbers in its last axis"
+        check(fits, where, must, f"shape {signal.shape}", "reshape it")
     bad = np.flatnonzero(~np.isfinite(signal.ravel()))
     if bad.size:
         first = f"{signal.ravel()[bad[0]]} at entry {bad[0]} ({bad.size} such)"
-        _raise([Problem(where, "must be finite everywhere", first, "drop or mend these samples first")])
+        check(False, where, "must be finite everywhere", first, "drop or mend these samples first")
     return signal
+
+
+def check_record(where: str, least: int, **signals: ArrayLike) -> tuple[Array, Array]:
+    """Rising times (n,) and as many values, `least` or more; the two by the names that the caller has for them."""
+    time, values = (np.atleast_1d(check_signal(f"{where}({name})", given)) for name, given in signals.items())
+    rises = time.ndim == 1 and time.shape == values.shape and bool((np.diff(time) > 0).all())
+    must, received = (
+        f"must be {least} or more rising times and as many values",
+        f"{time.shape}, {values.shape}",
+    )
+    remedy = "give one signal on a grid of times"
+    check(rises and time.size >= least, f"{where}({', '.join(signals)})", must, f"shapes {received}", remedy)
+    return time, values
 
 
 def check_matrix(where: str, values: ArrayLike, shape: tuple[int | None, int | None]) -> Array:
@@ -114,15 +124,8 @@ def check_matrix(where: str, values: ArrayLike, shape: tuple[int | None, int | N
     matrix = np.asarray(values, dtype=float)
     matrix = matrix.reshape(1, 1) if matrix.ndim == 0 else matrix
     fits = matrix.ndim == 2 and all(s is None or s == n for s, n in zip(shape, matrix.shape, strict=True))
-    if not fits or not matrix.size:
-        wanted = " x ".join("any" if s is None else str(s) for s in shape)
-        _raise(
-            [
-                Problem(
-                    where, f"must be a matrix, {wanted}", f"shape {matrix.shape}", "reshape or transpose it"
-                )
-            ]
-        )
+    must = f"must be a matrix, {' x '.join('any' if s is None else str(s) for s in shape)}"
+    check(fits and matrix.size > 0, where, must, f"shape {matrix.shape}", "reshape or transpose it")
     return check_signal(where, matrix)
 
 

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from fieldmap.cli.printing import Section
-    from fieldmap.control.identification import IdentifiedLog, Orders, RecognisedLog
+    from fieldmap.control.identification import IdentifiedLog, Log, Orders
 
 
 def identify(
@@ -103,9 +103,9 @@ def _checked(
     decimal: str | None,
     numbers: tuple[int, int, int],
     method: str,
-) -> "tuple[RecognisedLog, Orders]":
+) -> "tuple[Log, Orders]":
     """The log and the orders. Raises InputError with the problems of the options and of the file."""
-    from fieldmap.control.identification import METHODS, ROLES, Orders, recognise_log
+    from fieldmap.control.identification import METHODS, ROLES, Orders, read_log
     from fieldmap.errors import InputError, Problem
 
     problems: list[Problem] = []
@@ -129,7 +129,7 @@ def _checked(
         problems += error.problems
     options = {"delimiter": "--delimiter", "units": "--unit", "input": "--from", "output": "--to"}
     try:
-        recognised = recognise_log(
+        recognised = read_log(
             log,
             ROLES,
             required=("input", "output", *(("reference",) if method == "two-stage" else ())),
@@ -147,7 +147,7 @@ def _checked(
     return recognised, orders
 
 
-def _page(log: Path, recognised: "RecognisedLog", found: "IdentifiedLog") -> "Iterator[Section]":
+def _page(log: Path, recognised: "Log", found: "IdentifiedLog") -> "Iterator[Section]":
     from fieldmap.cli.printing import assumption_lines, facts, heading, remark, table
 
     estimate, columns = found.estimate, found.columns

@@ -20,12 +20,9 @@ from fieldmap.control.blocks import (
     Controller,
     ControllerBlock,
     constant_block,
-    pid_block,
-    regulator_block,
     stacked,
     state_block,
 )
-from fieldmap.control.compensator import compensated_reference
 from fieldmap.control.function_controller import ControlFunction, FunctionController
 from fieldmap.control.linear_models import (
     StateSpace,
@@ -42,8 +39,8 @@ from fieldmap.control.linear_models import (
     with_output_integral,
     zero_order_hold,
 )
-from fieldmap.control.loop import LinearLoopRun, LoopInstruments, LoopRun, simulate_loop
-from fieldmap.control.pid import PID, pid_transfer_function
+from fieldmap.control.loop import LinearLoopRun, LoopRun, compensated_reference, simulate_loop
+from fieldmap.control.pid import PID, RunningPID, pid_block, pid_transfer_function, run_pid
 from fieldmap.control.plants import (
     LumpedMagnet,
     MapPlant,
@@ -51,10 +48,17 @@ from fieldmap.control.plants import (
     lumped_magnet_from_lift_currents,
     plant_from_map,
 )
-from fieldmap.control.regulator import Regulator
-from fieldmap.control.running import RunningPID, RunningRegulator, run_pid, run_regulator
-from fieldmap.control.sampled_optimum import Estimator, kalmd, lqrd
-from fieldmap.control.step_metrics import StepMetrics, step_metrics
+from fieldmap.control.regulator import (
+    Estimator,
+    Regulator,
+    RunningRegulator,
+    kalmd,
+    lqrd,
+    regulator_block,
+    run_regulator,
+)
+from fieldmap.control.step_responses import StepMetrics, step_metrics
+from fieldmap.core.sampled_loop import LoopInstruments
 from fieldmap.currents import (
     DivisionSignals,
     divide_currents,

@@ -17,11 +17,8 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike, NDArray
 
-from fieldmap.arguments import check_choice, check_matrix, check_numbers, check_ordered, check_signal
-from fieldmap.control.pid import PID
-from fieldmap.control.regulator import Regulator
-from fieldmap.core.controller import SIGNALS, Block
-from fieldmap.errors import InputError, Problem
+from fieldmap.arguments import check, check_choice, check_matrix, check_numbers, check_ordered, check_signal
+from fieldmap.core.controller import SIGNALS, Block, CoreController
 from fieldmap.records import Record
 from fieldmap.typing import Array
 
@@ -46,17 +43,15 @@ class AxisReading(Record):
     @property
     def reference(self) -> Array:
         """(7,): the reference's reading = this @ v."""
-        return self._row(0)
+        row = np.zeros(SIGNALS)
+        row[AXES.index(self.axis)], row[-1] = self.factor, self.offset
+        return row
 
     @property
     def measured(self) -> Array:
         """(7,): the position's reading = this @ v."""
-        return self._row(3)
-
-    def _row(self, first: int) -> Array:
-        row = np.zeros(SIGNALS)
-        row[first + AXES.index(self.axis)], row[-1] = self.factor, self.offset
-        return row
+        reference = self.reference
+        return np.concatenate([reference[3:6], reference[:3], reference[6:]])
 
 
 class Controller(Protocol):
@@ -108,6 +103,11 @@ class ControllerBlock(Record):
         return len(self.D)
 
     @property
+    def feedforward(self) -> Array:
+        """F, zeros for None."""
+        return np.zeros_like(self.E) if self.F is None else self.F
+
+    @property
     def arrays(self) -> Block:
         """As compiled loops take it."""
         return arrays_of((self,), (0.0, 1.0, 0.0))
@@ -122,19 +122,14 @@ class ControllerBlock(Record):
 
 def arrays_of(blocks: Sequence[ControllerBlock], nodes: tuple[float, float, float]) -> Block:
     """Blocks at equal steps of a signal as compiled loops take them; limits and what holds are those of the first."""
+
+    def joined(name: str) -> Array:
+        return np.ascontiguousarray(np.stack([getattr(block, name) for block in blocks]), float)
+
     first = blocks[0]
-
-    def stack(name: str) -> Array:
-        return np.stack([np.ascontiguousarray(getattr(block, name), float) for block in blocks])
-
-    forward = np.stack([np.zeros_like(block.E) if block.F is None else block.F for block in blocks])
     return Block(
-        A=stack("A"),
-        B=stack("B"),
-        C=stack("C"),
-        D=stack("D"),
-        E=stack("E"),
-        F=np.ascontiguousarray(forward, float),
+        **{name: joined(name) for name in "ABCDE"},
+        F=joined("feedforward"),
         lower=np.ascontiguousarray(first.lower, float),
         upper=np.ascontiguousarray(first.upper, float),
         hold=np.ascontiguousarray(first.hold, np.int64),
@@ -142,85 +137,10 @@ def arrays_of(blocks: Sequence[ControllerBlock], nodes: tuple[float, float, floa
     )
 
 
-def pid_block(
-    controller: PID, reading: AxisReading, output: float = 0.0, at: ArrayLike | None = None
-) -> ControllerBlock:
-    """A PID controller of one axis. It starts with this output where reference and position are `at` (7,), or
-    with nothing before its first sample: docs/theory/control.md (1).
-
-    >>> block = pid_block(PID(2.0, 0.1, 0.0, 0.01), AxisReading("x", 1e3))
-    >>> block.D[0, [0, 3]].tolist()
-    [2200.0, -2200.0]
-    """
-    kp, ki, kd = controller.gains
-    error = controller.sign * (reading.reference - reading.measured)
-    slope = error if controller.derivative == "error" else -controller.sign * reading.measured
-    now, before = (0.5, 0.5) if controller.integration == "trapezoidal" else (1.0, 0.0)
-    # Memory: integral, previous error, previous value of what is differentiated.
-    C = np.array([[1.0, ki * before, -kd]])
-    D = ((kp + ki * now) * error + kd * slope)[None]
-    A, B, E = np.zeros((3, 3)), np.zeros((3, SIGNALS)), np.zeros((3, 1))
-    A[0, :2], B[0], B[1], B[2] = (1.0, ki * before), ki * now * error, error, slope
-    if controller.anti_windup == "track":
-        share = controller.tracking
-        A[0], B[0], E[0, 0] = A[0] - share * C[0], B[0] - share * D[0], share
-    memory = np.zeros(3)
-    if at is not None:
-        there = check_signal("pid_block(at)", at, columns=SIGNALS)
-        memory[:] = output - kp * (error @ there), error @ there, slope @ there
-    else:
-        memory[0] = output
-    hold = np.array([0 if controller.anti_windup == "hold" else -1, -1, -1])
-    limits = np.array([controller.lower]), np.array([controller.upper])
-    return ControllerBlock(A, B, C, D, E, *limits, hold, memory)
-
-
-def regulator_block(regulator: Regulator, reading: AxisReading) -> ControllerBlock:
-    """A regulator with its estimator on one axis, from its equilibrium: docs/theory/control.md (8), (9)."""
-    a, b, cx, dx = regulator.matrices
-    n = len(a)
-    reference, measured = reading.reference, reading.measured
-    deviation = measured - reference
-    intercept, slope = regulator.equilibrium
-    equilibrium = slope * (measured if regulator.equilibrium_at == "measured" else reference)
-    equilibrium[-1] += intercept
-    # Memory: predicted states, delayed filtered states, integral.
-    filtered = np.hstack([cx, np.zeros((n, n + 1))])
-    states, direct = {
-        "predicted": (np.eye(n, 2 * n + 1), np.zeros(n)),
-        "filtered": (filtered, dx),
-        "delayed": (np.eye(n, 2 * n + 1, n), np.zeros(n)),
-    }[regulator.estimate]
-    gain, divisor = regulator.k, regulator.divisor
-    C = -(gain[:n] @ states)[None] / divisor
-    C[0, -1] -= gain[n] / divisor
-    D = (equilibrium - (gain[:n] @ direct) * deviation / divisor)[None]
-    A, B, E = np.zeros((2 * n + 1, 2 * n + 1)), np.zeros((2 * n + 1, SIGNALS)), np.zeros((2 * n + 1, 1))
-    A[:n, :n], E[:n, 0] = a, b[:, 0]
-    B[:n] = np.outer(b[:, 1], deviation) - np.outer(b[:, 0], equilibrium)
-    A[n : 2 * n], B[n : 2 * n] = filtered, np.outer(dx, deviation)
-    A[-1, -1], B[-1] = 1.0, regulator.Ts * deviation
-    limits = np.array([regulator.lower]), np.array([regulator.upper])
-    return ControllerBlock(A, B, C, D, E, *limits, np.full(2 * n + 1, -1), np.zeros(2 * n + 1))
-
-
 def constant_block(output: float) -> ControllerBlock:
     """An output that does not listen: an axis in open loop."""
     check_numbers("constant_block", output=output)
-    D = np.zeros((1, SIGNALS))
-    D[0, -1] = output
-    none = np.zeros((0, 0))
-    limits = np.array([-np.inf]), np.array([np.inf])
-    return ControllerBlock(
-        none,
-        np.zeros((0, SIGNALS)),
-        np.zeros((1, 0)),
-        D,
-        np.zeros((0, 1)),
-        *limits,
-        np.zeros(0, int),
-        np.zeros(0),
-    )
+    return state_block((), (), (), [[0.0] * (SIGNALS - 1) + [output]])
 
 
 def state_block(
@@ -238,41 +158,71 @@ def state_block(
     lower, upper: limits, one for all outputs or (m,). Raises InputError for matrices that do not fit.
     """
     direct = check_matrix("state_block(D)", D, (None, SIGNALS))
-    m = len(direct)
-    inner = np.asarray(A, float).reshape(-1, np.shape(A)[-1]) if np.size(A) else np.zeros((0, 0))
-    n = len(inner)
-    parts = [
-        np.asarray(given, float).reshape(shape) if np.size(given) == np.prod(shape) else None
-        for given, shape in ((B, (n, SIGNALS)), (C, (m, n)), (np.zeros((n, m)) if E is None else E, (n, m)))
-    ]
-    if inner.shape != (n, n) or any(part is None for part in parts):
-        must = f"must fit {n} states, {SIGNALS} signals and {m} outputs"
-        raise InputError(
-            Problem("state_block(A, B, C, E)", must, "other shapes", "see fieldmap.control.blocks")
-        )
+    m, n = len(direct), len(np.atleast_2d(A)) if np.size(A) else 0
+    shapes = {"A": (n, n), "B": (n, SIGNALS), "C": (m, n), "E": (n, m)}
+    given = {"A": A, "B": B, "C": C, "E": np.zeros((n, m)) if E is None else E}
+    fits = all(np.size(given[name]) == np.prod(shape) for name, shape in shapes.items())
+    must = f"must fit {n} states, {SIGNALS} signals and {m} outputs"
+    check(fits, "state_block(A, B, C, E)", must, "other shapes", "see fieldmap.control.blocks")
+    parts = {name: np.asarray(given[name], float).reshape(shape) for name, shape in shapes.items()}
     low, high = (np.broadcast_to(np.asarray(limit, float), (m,)).copy() for limit in (lower, upper))
     for a, b in zip(low, high, strict=True):
         check_ordered("state_block", float(a), float(b))
     start = np.zeros(n) if memory is None else np.asarray(memory, float)
-    inputs, out, applied = (np.asarray(part) for part in parts)
-    return ControllerBlock(inner, inputs, out, direct, applied, low, high, np.full(n, -1), start)
+    return ControllerBlock(**parts, D=direct, lower=low, upper=high, hold=np.full(n, -1), memory=start)
 
 
 def stacked(*blocks: ControllerBlock) -> ControllerBlock:
     """Blocks side by side: their outputs one after the other."""
+
+    def of_each(name: str) -> list[Array]:
+        return [getattr(block, name) for block in blocks]
+
     first = np.cumsum([0, *[block.outputs for block in blocks[:-1]]])
     hold = [np.where(block.hold >= 0, block.hold + at, -1) for block, at in zip(blocks, first, strict=True)]
     return ControllerBlock(
-        scipy.linalg.block_diag(*[block.A for block in blocks]),
-        np.vstack([block.B for block in blocks]),
-        scipy.linalg.block_diag(*[block.C for block in blocks]),
-        np.vstack([block.D for block in blocks]),
-        scipy.linalg.block_diag(*[block.E for block in blocks]),
-        np.concatenate([block.lower for block in blocks]),
-        np.concatenate([block.upper for block in blocks]),
-        np.concatenate(hold),
-        np.concatenate([block.memory for block in blocks]),
-        scipy.linalg.block_diag(
-            *[np.zeros_like(block.E) if block.F is None else block.F for block in blocks]
-        ),
+        **{name: scipy.linalg.block_diag(*of_each(name)) for name in "ACE"},
+        **{name: np.vstack(of_each(name)) for name in "BD"},
+        **{name: np.concatenate(of_each(name)) for name in ("lower", "upper", "memory")},
+        hold=np.concatenate(hold),
+        F=scipy.linalg.block_diag(*of_each("feedforward")),
     )
+
+
+ALONE = AxisReading("x")
+"""Of a controller that knows one position only: the position itself."""
+
+
+class RunningBlock:
+    """A block of one position and one output with its memory, one call a sample."""
+
+    def _start(self, block: ControllerBlock) -> None:
+        """Begin with the memory of a block."""
+        self.memory, self._core = block.memory.copy(), CoreController(block.arrays)
+        self._signals, self._output = _signals(0.0, 0.0, 1), np.empty((1, 1))
+
+    def step(self, reference: float, measured: float) -> float:
+        """The output at this sample. Raises InputError for numbers that are not finite, before they do harm."""
+        check_numbers(f"{type(self).__name__}.step", reference=reference, measured=measured)
+        self._signals[0, 0], self._signals[0, 3] = reference, measured
+        self._core.control(self._signals, None, self.memory, self._output)
+        return float(self._output[0, 0])
+
+
+def run_block(
+    block: ControllerBlock, where: str, reference: ArrayLike, measured: ArrayLike
+) -> tuple[Array, Array]:
+    """Outputs (n,) for measurements (n,), open loop, and the memory (n, states) after each sample."""
+    seen = np.atleast_1d(check_signal(f"{where}(measured)", measured))
+    target = np.broadcast_to(check_signal(f"{where}(reference)", reference), seen.shape)
+    outputs, memories = np.empty((seen.size, 1)), np.empty((seen.size, len(block.memory)))
+    signals = _signals(target, seen, seen.size)
+    CoreController(block.arrays).control(signals, None, block.memory.copy(), outputs, memories)
+    return outputs[:, 0], memories
+
+
+def _signals(reference: ArrayLike, measured: ArrayLike, samples: int) -> Array:
+    """(samples, 7): what a block of `ALONE` listens to."""
+    signals = np.zeros((samples, SIGNALS))
+    signals[:, 0], signals[:, 3], signals[:, -1] = reference, measured, 1.0
+    return signals

@@ -22,10 +22,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fieldmap.arguments import check_choice, check_numbers, check_ordered, check_positive
-from fieldmap.control.blocks import arrays_of, constant_block, stacked
+from fieldmap.arguments import check, check_choice, check_numbers, check_ordered, check_positive
+from fieldmap.control.blocks import state_block
 from fieldmap.control.function_failure import CALL, WHERE, BoundFunction
-from fieldmap.core.controller import DONE, FAILED, WRONG_LENGTH, Block
+from fieldmap.core.controller import DONE, FAILED, SIGNALS, WRONG_LENGTH, Block
 from fieldmap.errors import InputError, Problem
 from fieldmap.records import Record, count_of
 from fieldmap.typing import Array
@@ -115,27 +115,26 @@ class FunctionController(Record):
     def limits(self, outputs: int) -> Block:
         """Limits of so many outputs, as compiled loops take them: a block that holds nothing else."""
         for name in ("lower", "upper"):
-            size = np.size(getattr(self, name))
-            if size not in (1, outputs):
-                must = f"must be one limit for all outputs or ({outputs},)"
-                where = f"FunctionController({name})"
-                raise InputError(Problem(where, must, f"{size} numbers", "give one for each output"))
-        low, high = (np.broadcast_to(np.asarray(v, float), outputs).copy() for v in (self.lower, self.upper))
-        return arrays_of((stacked(*[constant_block(0.0)] * outputs),), (0.0, 1.0, 0.0))._replace(
-            lower=low, upper=high
-        )
+            size, must = np.size(getattr(self, name)), f"must be one limit for all outputs or ({outputs},)"
+            where, remedy = f"FunctionController({name})", "give one for each output"
+            check(size in (1, outputs), where, must, f"{size} numbers", remedy)
+        nothing = np.zeros((outputs, SIGNALS))
+        return state_block((), (), (), nothing, lower=self.lower, upper=self.upper).arrays
 
     def bound(self, names: Sequence[str]) -> BoundFunction:
         """The function for one run, with outputs of these names. Raises InputError where it cannot give them."""
+        function, states = self.function, len(self.memory)
         if self.form == "python":
-            return _PythonFunction(self.function, len(names), len(self.memory))
+            return _PythonFunction(function, len(names), states)
         if self.form == "numba":
-            key = len(names)
-            if key not in self._compiled:  # type: ignore[attr-defined]
-                found = _about_numba().JittedFunction(self.function, names, len(self.memory))
-                self._compiled[key] = found  # type: ignore[attr-defined]
-            return self._compiled[key]  # type: ignore[attr-defined]
-        return _ForeignFunction(self.function)
+            kept = self._compiled  # type: ignore[attr-defined]
+            if len(names) not in kept:
+                kept[len(names)] = _about_numba().JittedFunction(function, names, states)
+            return kept[len(names)]
+        if isinstance(function, _CPointer):
+            return BoundFunction(ctypes.cast(function, ctypes.c_void_p).value or 0, function)
+        # One that numba compiled says its address.
+        return BoundFunction(int(getattr(function, "address", function)), function)
 
     def __reduce__(self) -> tuple[Any, ...]:
         return type(self), (self.function, self.state, self.gives, self.lower, self.upper, self.period)
@@ -157,21 +156,19 @@ def _form(function: Any) -> str:
     jitted = _about_numba()
     if jitted and isinstance(function, jitted.CFunc):
         wanted, signature = jitted.C_SIGNATURE, function._sig
-        if (signature.return_type, signature.args) != (wanted.return_type, wanted.args):
-            remedy = "compile it with @numba.cfunc(fieldmap.control.C_SIGNATURE)"
-            raise InputError(Problem(WHERE, f"must be {C_CALL}", str(signature), remedy))
+        same = (signature.return_type, signature.args) == (wanted.return_type, wanted.args)
+        remedy = "compile it with @numba.cfunc(fieldmap.control.C_SIGNATURE)"
+        check(same, WHERE, f"must be {C_CALL}", signature, remedy)
         return "c"
     if isinstance(function, _CPointer):
         _check_ctypes(function)
         return "c"
     if isinstance(function, (int, np.integer)) and not isinstance(function, bool):
-        if function <= 0:
-            raise InputError(Problem(WHERE, f"must be the address of {C_CALL}", f"{function}", "give it"))
+        check(bool(function > 0), WHERE, f"must be the address of {C_CALL}", function, "give it")
         return "c"
-    if not callable(function):
-        raise InputError(Problem(WHERE, f"must be {CALL}", type(function).__name__, "give a function"))
+    check(callable(function), WHERE, f"must be {CALL}", type(function).__name__, "give a function")
     is_jitted = bool(jitted) and jitted.is_jitted(function)
-    python = function.py_func if is_jitted else function
+    python: Any = getattr(function, "py_func") if is_jitted else function  # noqa: B009
     try:
         inspect.signature(python).bind(0.0, None, None, None)
     except TypeError as error:
@@ -189,27 +186,24 @@ def _check_ctypes(function: Any) -> None:
     fits = function.restype is ctypes.c_int
     if declared is not None:
         fits &= len(declared) == 5 and declared[0] is real and all(each in pointers for each in declared[1:])
-    if not fits:
-        names = [getattr(each, "__name__", str(each)) for each in (function.restype, *(declared or ()))]
-        remedy = "set restype to ctypes.c_int and argtypes as fieldmap.control.ControlFunction has them"
-        raise InputError(Problem(WHERE, f"must be {C_CALL}", ", ".join(names), remedy))
+    names = [getattr(each, "__name__", str(each)) for each in (function.restype, *(declared or ()))]
+    remedy = "set restype to ctypes.c_int and argtypes as fieldmap.control.ControlFunction has them"
+    check(fits, WHERE, f"must be {C_CALL}", ", ".join(names), remedy)
 
 
-class _PythonFunction:
+class _PythonFunction(BoundFunction):
     """A Python callable, called back from the loop, which holds the interpreter's lock for that long only."""
 
     def __init__(self, function: Callable[..., Any], outputs: int, states: int) -> None:
+        self._function, self._sizes = function, (3, 3, states, outputs)
+        self._views: list[Array] = []
         self._error: BaseException | None = None
         self._shape = ""
-        # Everything that is called back is kept alive by this object.
-        self._entry = _Entry(self._called_back(function, outputs, states))
+        entry = _Entry(self._called_back)
+        super().__init__(ctypes.cast(entry, ctypes.c_void_p).value or 0, entry)
         reset = getattr(function, "reset", None)
         if callable(reset):
             reset()
-
-    @property
-    def address(self) -> int:
-        return ctypes.cast(self._entry, ctypes.c_void_p).value or 0
 
     def cause(self, time: float, measured: Array, reference: Array, state: Array) -> BaseException | None:
         return self._error
@@ -217,59 +211,33 @@ class _PythonFunction:
     def shape(self, time: float, measured: Array, reference: Array, state: Array) -> str:
         return self._shape
 
-    def _called_back(self, function: Callable[..., Any], outputs: int, states: int) -> Callable[..., int]:
-        views: list[Array] = []
-
-        def entry(time: float, measured: int, reference: int, state: int, out: int) -> int:
-            try:
-                if not views:
-                    # The same places at every sample of a run.
-                    sizes = zip((measured, reference, state, out), (3, 3, states, outputs), strict=True)
-                    views.extend(_array_at(place, size) for place, size in sizes)
-                # Copies, which the function may keep.
-                found = function(time, views[0].copy(), views[1].copy(), views[2])
-                if type(found) is tuple:
-                    if len(found) != outputs:
-                        self._shape = f"{len(found)} of them"
-                        return WRONG_LENGTH
-                    for k in range(outputs):
-                        views[3][k] = found[k]
-                    return DONE
-                values = np.asarray(found, float)
-                if values.shape != (outputs,) and not (outputs == 1 and values.ndim == 0):
-                    self._shape = "None" if found is None else f"an array {values.shape}"
+    def _called_back(self, time: float, *places: int) -> int:
+        try:
+            if not self._views:
+                # The same places at every sample of a run.
+                self._views = [_array_at(*each) for each in zip(places, self._sizes, strict=True)]
+            measured, reference, state, out = self._views
+            # Copies, which the function may keep.
+            found = self._function(time, measured.copy(), reference.copy(), state)
+            if type(found) is tuple:
+                if len(found) != len(out):
+                    self._shape = f"{len(found)} of them"
                     return WRONG_LENGTH
-                views[3][:] = values
-            except BaseException as error:  # nothing may pass through compiled code; it is raised behind it
-                self._error = error
-                return FAILED
-            return DONE
-
-        return entry
+                for k, value in enumerate(found):
+                    out[k] = value
+                return DONE
+            values = np.asarray(found, float)
+            if values.shape != out.shape and not (len(out) == 1 and values.ndim == 0):
+                self._shape = "None" if found is None else f"an array {values.shape}"
+                return WRONG_LENGTH
+            out[:] = values
+        except BaseException as error:  # nothing may pass through compiled code; it is raised behind it
+            self._error = error
+            return FAILED
+        return DONE
 
 
 def _array_at(address: int | None, size: int) -> Array:
     if not size or not address:
         return np.zeros(0)
     return np.ctypeslib.as_array((ctypes.c_double * size).from_address(address))
-
-
-class _ForeignFunction:
-    """A C function."""
-
-    def __init__(self, function: Any) -> None:
-        self._function = function
-
-    @property
-    def address(self) -> int:
-        if isinstance(self._function, _CPointer):
-            return ctypes.cast(self._function, ctypes.c_void_p).value or 0
-        # One that numba compiled says its address.
-        return int(getattr(self._function, "address", self._function))
-
-    def cause(self, time: float, measured: Array, reference: Array, state: Array) -> BaseException | None:
-        return None
-
-    def shape(self, time: float, measured: Array, reference: Array, state: Array) -> str:
-        """Nothing: it says by its number what it wants to say."""
-        return ""

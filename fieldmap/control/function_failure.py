@@ -1,5 +1,5 @@
-"""What went wrong in a function that is a controller, in words: where it raised what, what it returned, what it wrote
-beside its arrays, and what numba says of it."""
+"""A function that is a controller, as a loop calls it, and what went wrong in it, in words: where it raised what, what
+it returned, what it wrote beside its arrays, and what numba says of it."""
 
 from __future__ import annotations
 
@@ -7,9 +7,10 @@ import os
 import re
 import traceback
 from collections.abc import Sequence
-from typing import Protocol
 
-from fieldmap.control.guarded import overrun
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
 from fieldmap.core.controller import DONE, WRONG_LENGTH
 from fieldmap.errors import Problem
 from fieldmap.records import count_of
@@ -20,18 +21,26 @@ CALL = "function(time, measured, reference, state) -> outputs"
 _HERE = os.path.dirname(__file__)
 
 
-class BoundFunction(Protocol):
-    """A function as compiled loops call it: for one run."""
+ROOM = 256
+"""Numbers before and behind an array that are watched."""
+# A NaN with bits that no arithmetic makes: what is read beside an array is no number, and what is written shows.
+_MARK = np.uint64(0x7FF8_5A5A_C3C3_1E1E)
 
-    @property
-    def address(self) -> int:
-        """Of the C function."""
+
+class BoundFunction:
+    """A function as compiled loops call it, for one run: a C function at an address. One that fails says so by its
+    number alone."""
+
+    def __init__(self, address: int, alive: object = None) -> None:
+        self.address, self._alive = address, alive
 
     def cause(self, time: float, measured: Array, reference: Array, state: Array) -> BaseException | None:
         """The exception that the function raised when it was called with these, if any."""
+        return None
 
     def shape(self, time: float, measured: Array, reference: Array, state: Array) -> str:
         """What it gave in the place of the outputs, as a text; "" where that is not known."""
+        return ""
 
 
 def reason(error: Exception) -> str:
@@ -90,11 +99,8 @@ def _more_state(states: int) -> str:
 
 def _raised_at(error: BaseException) -> str:
     """File and line of the function at which it raised an exception, "" where they are not known."""
-    frames = [
-        frame
-        for frame in traceback.extract_tb(error.__traceback__)
-        if os.path.dirname(frame.filename) != _HERE
-    ]
+    every = traceback.extract_tb(error.__traceback__)
+    frames = [frame for frame in every if os.path.dirname(frame.filename) != _HERE]
     # The first is the function's own; below its last line in that file lie the libraries that it calls.
     own = [frame for frame in frames if frame.filename == frames[0].filename]
     return f"{_shorter(own[-1].filename)}, line {own[-1].lineno}" if own else ""
@@ -106,11 +112,29 @@ def _shorter(file: str) -> str:
     return file[len(here) :] if file.startswith(here) else file
 
 
+def guarded(values: ArrayLike) -> Array:
+    """A copy (n,) of values with watched room before and behind it, contiguous."""
+    given = np.asarray(values, float).ravel()
+    whole = np.empty(len(given) + 2 * ROOM)
+    whole.view(np.uint64)[:] = _MARK
+    inside = whole[ROOM : ROOM + len(given)]
+    inside[:] = given
+    return inside
+
+
+def _overrun(inside: Array) -> int | None:
+    """The index, nearest to it, beside an array of `guarded` at which something was written; None where nothing was."""
+    whole: NDArray[np.float64] = inside.base  # type: ignore[assignment]
+    changed = np.flatnonzero(whole.view(np.uint64) != _MARK) - ROOM
+    beside = changed[(changed < 0) | (changed >= len(inside))]
+    return int(beside[np.argmin(np.abs(beside - 0.5 * len(inside)))]) if len(beside) else None
+
+
 def written_beside(time: float, state: Array, given: Array, outputs: Array) -> Problem | None:
     """What a compiled function wrote beside its arrays by a time, s; None where it kept to them. All of `guarded`;
     given (7,): reference and measured, and a number more."""
     for name, array, first in (("state", state, 0), ("outputs", outputs, 0), ("measured", given, 3)):
-        index = overrun(array)
+        index = _overrun(array)
         if index is not None:
             size = len(array) if first == 0 else 3
             must = f"must write within {name}, which has {count_of(size, 'number', 'numbers')}"

@@ -14,8 +14,7 @@ from numba.core.ccallback import CFunc as CFunc
 from numba.core.errors import NumbaError
 from numba.extending import is_jitted as is_jitted
 
-from fieldmap.control.function_failure import CALL, WHERE, reason, wrong_outputs
-from fieldmap.control.guarded import guarded
+from fieldmap.control.function_failure import CALL, WHERE, BoundFunction, guarded, reason, wrong_outputs
 from fieldmap.core.controller import DONE, FAILED, WRONG_LENGTH
 from fieldmap.errors import InputError, Problem
 from fieldmap.typing import Array
@@ -28,17 +27,37 @@ ARGUMENTS = (types.float64, _VECTOR, _VECTOR, _VECTOR)
 """What a jitted function is called with: time, measured (3,), reference (3,), state (n,)."""
 
 
-class JittedFunction:
+class JittedFunction(BoundFunction):
     """A function jitted by numba with its indices checked, compiled for the loop. Raises InputError where it does not
     compile, or does not give outputs of these names."""
 
     def __init__(self, function: Any, names: Sequence[str], states: int) -> None:
-        self._function = with_checked_indices(function)
-        self._entry = _compiled(self._function, names, states)
+        self._function = checked = with_checked_indices(function)
+        try:
+            if ARGUMENTS not in checked.overloads:
+                checked.compile(ARGUMENTS)
+            returned = checked.overloads[ARGUMENTS].signature.return_type
+        except (NumbaError, RuntimeError) as error:
+            must = f"must compile as {CALL}: a float and three arrays of float64"
+            correct = "correct the line that numba names, or give the function without numba"
+            remedy = f"{correct}; use @numba.njit alone"
+            raise InputError(Problem(WHERE, must, reason(error), remedy)) from error
+        (fill, number), outputs = _filling(returned), len(names)
+        if number not in (None, outputs):
+            raise InputError(wrong_outputs(WHERE, names, f"{returned}"))
 
-    @property
-    def address(self) -> int:
-        return int(self._entry.address)
+        @cfunc(C_SIGNATURE)
+        def entry(time, measured, reference, state, out):
+            answer = FAILED
+            try:
+                found = checked(time, carray(measured, 3), carray(reference, 3), carray(state, states))
+                answer = fill(found, carray(out, outputs))
+            except Exception:
+                answer = FAILED
+            return answer
+
+        address: Any = entry.address
+        super().__init__(int(address), entry)
 
     def cause(self, time: float, measured: Array, reference: Array, state: Array) -> BaseException | None:
         """Compiled code cannot keep an exception: the function is called once more, to see it, and then its Python
@@ -66,22 +85,6 @@ def _raised_by(
     return None
 
 
-def _compiled(function: Any, names: Sequence[str], states: int) -> Any:
-    """A jitted function as a C function."""
-    try:
-        returned = returned_type(function)
-    except (NumbaError, RuntimeError) as error:
-        must = f"must compile as {CALL}: a float and three arrays of float64"
-        remedy = (
-            "correct the line that numba names, or give the function without numba; use @numba.njit alone"
-        )
-        raise InputError(Problem(WHERE, must, reason(error), remedy)) from error
-    number = number_of(returned)
-    if number is not None and number != len(names):
-        raise InputError(wrong_outputs(WHERE, names, f"{returned}"))
-    return compiled_function(function, len(names), states)
-
-
 def with_checked_indices(function: Any) -> Any:
     """A jitted function compiled anew from its Python source, with an IndexError for an index out of range; itself if
     it says by `boundscheck` what it wants. What it calls is compiled as it was."""
@@ -93,70 +96,36 @@ def with_checked_indices(function: Any) -> Any:
     return jit(signatures, boundscheck=True, locals=function.locals, **options)(function.py_func)
 
 
-def returned_type(function: Any) -> types.Type:
-    """What a jitted function returns for `ARGUMENTS`. Raises numba's own errors where it does not compile for them."""
-    if ARGUMENTS not in function.overloads:
-        function.compile(ARGUMENTS)
-    return function.overloads[ARGUMENTS].signature.return_type
+@jit
+def _fill_from_array(found, out):
+    if found.size != out.size:
+        return WRONG_LENGTH
+    out[:] = found
+    return DONE
 
 
-def number_of(returned: types.Type) -> int | None:
-    """How many outputs a type holds: None for an array, of any length; 0 for what holds none."""
+@jit
+def _fill_from_tuple(found, out):
+    k = 0
+    for value in literal_unroll(found):
+        out[k] = value
+        k += 1  # noqa: SIM113 - numba unrolls no enumerate
+    return DONE
+
+
+@jit
+def _fill_from_number(found, out):
+    out[0] = found
+    return DONE
+
+
+def _filling(returned: types.Type) -> tuple[Any, int | None]:
+    """The function that fills in outputs from what a function returns, and how many it gives: None for an array, which
+    has any length; 0 for what holds no numbers."""
     number = (types.Float, types.Integer)
     if isinstance(returned, types.Array) and returned.ndim == 1 and isinstance(returned.dtype, number):
-        return None
+        return _fill_from_array, None
     if isinstance(returned, types.BaseTuple):
         members: Any = returned
-        return len(members) if all(isinstance(each, number) for each in members) else 0
-    return 1 if isinstance(returned, number) else 0
-
-
-def compiled_function(function: Any, outputs: int, states: int) -> Any:
-    """The C function (`numba.core.ccallback.CFunc`) of a jitted one that returns so many outputs."""
-    returned = returned_type(function)
-    if isinstance(returned, types.Array):
-
-        @cfunc(C_SIGNATURE)
-        def entry(time, measured, reference, state, out):
-            answer = FAILED
-            try:
-                found = function(time, carray(measured, 3), carray(reference, 3), carray(state, states))
-                answer = DONE
-                if found.size != outputs:
-                    answer = WRONG_LENGTH
-                else:
-                    for k in range(outputs):
-                        out[k] = found[k]
-            except Exception:
-                answer = FAILED
-            return answer
-
-    elif isinstance(returned, types.BaseTuple):
-
-        @cfunc(C_SIGNATURE)
-        def entry(time, measured, reference, state, out):
-            answer = FAILED
-            try:
-                found = function(time, carray(measured, 3), carray(reference, 3), carray(state, states))
-                k = 0
-                for value in literal_unroll(found):
-                    out[k] = value
-                    k += 1  # noqa: SIM113 - numba unrolls no enumerate
-                answer = DONE
-            except Exception:
-                answer = FAILED
-            return answer
-
-    else:
-
-        @cfunc(C_SIGNATURE)
-        def entry(time, measured, reference, state, out):
-            answer = FAILED
-            try:
-                out[0] = function(time, carray(measured, 3), carray(reference, 3), carray(state, states))
-                answer = DONE
-            except Exception:
-                answer = FAILED
-            return answer
-
-    return entry
+        return _fill_from_tuple, len(members) if all(isinstance(each, number) for each in members) else 0
+    return _fill_from_number, 1 if isinstance(returned, number) else 0

@@ -7,17 +7,18 @@ denominator), highest power first, a state space is (A, B, C, D). `to_control` m
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 import numpy as np
 import scipy
 from numpy.typing import ArrayLike, NDArray
 
-from fieldmap.arguments import check_matrix, check_positive, check_signal
-from fieldmap.errors import InputError, Problem
+from fieldmap.arguments import check, check_matrix, check_positive, check_signal
 from fieldmap.extras import require
 from fieldmap.plain import Plain, plain_items
-from fieldmap.records import tuple_line
+from fieldmap.records import Record, tuple_line
 from fieldmap.typing import Array
 
 if TYPE_CHECKING:
@@ -34,7 +35,7 @@ class TransferFunction(NamedTuple):
         return tuple_line(self)
 
     def to_dict(self) -> dict[str, Plain]:
-        """The arrays by their names, as plain Python."""
+        """The values by their names, as plain Python."""
         return plain_items(**self._asdict())
 
     @property
@@ -69,7 +70,7 @@ class StateSpace(NamedTuple):
         return tuple_line(self)
 
     def to_dict(self) -> dict[str, Plain]:
-        """The arrays by their names, as plain Python."""
+        """The values by their names, as plain Python."""
         return plain_items(**self._asdict())
 
     def to_control(
@@ -109,20 +110,12 @@ def transfer_function(numerator: ArrayLike, denominator: ArrayLike) -> TransferF
     where = "transfer_function"
     top = np.trim_zeros(np.atleast_1d(check_signal(f"{where}(numerator)", numerator)), "f")
     bottom = np.trim_zeros(np.atleast_1d(check_signal(f"{where}(denominator)", denominator)), "f")
-    if not bottom.size:
-        raise InputError(
-            Problem(f"{where}(denominator)", "must not be zero", "zeros", "give its coefficients")
-        )
+    check(bottom.size > 0, f"{where}(denominator)", "must not be zero", "zeros", "give its coefficients")
     top = top if top.size else np.zeros(1)
-    if top.size > bottom.size:
-        raise InputError(
-            Problem(
-                where,
-                "must be proper: the numerator's degree is at most the denominator's",
-                f"degrees {top.size - 1} and {bottom.size - 1}",
-                "the output of an improper plant would precede its input; add its fast poles",
-            )
-        )
+    must = "must be proper: the numerator's degree is at most the denominator's"
+    received = f"degrees {top.size - 1} and {bottom.size - 1}"
+    remedy = "the output of an improper plant would precede its input; add its fast poles"
+    check(top.size <= bottom.size, where, must, received, remedy)
     return TransferFunction(top / bottom[0], bottom / bottom[0])
 
 
@@ -134,15 +127,9 @@ def from_roots(gain: float, zeros: ArrayLike, poles: ArrayLike) -> TransferFunct
     """
     roots = [np.atleast_1d(np.asarray(values)) for values in (zeros, poles)]
     top, bottom = (np.atleast_1d(np.real_if_close(np.poly(values))) for values in roots)
-    if np.iscomplexobj(top) or np.iscomplexobj(bottom):
-        raise InputError(
-            Problem(
-                "from_roots(zeros, poles)",
-                "must be real or come in conjugate pairs",
-                f"{np.concatenate(roots)}",
-                "give both of a pair",
-            )
-        )
+    where, must = "from_roots(zeros, poles)", "must be real or come in conjugate pairs"
+    real = np.isrealobj(top) and np.isrealobj(bottom)
+    check(real, where, must, np.concatenate(roots), "give both of a pair")
     return transfer_function(gain * top, bottom)
 
 
@@ -175,15 +162,10 @@ def with_output_integral(A: ArrayLike, B: ArrayLike, C: ArrayLike) -> StateSpace
     [-15.63, -50.97, 0.0]
     """
     A, B, C, _ = check_model("with_output_integral", (A, B, C, None))
-    outputs = C.shape[0]
-    wider = np.zeros((A.shape[0], outputs))
-    corner = np.zeros((outputs, outputs + B.shape[1]))
-    top = np.hstack([A, wider, B])
-    both = np.vstack([top, np.hstack([C, corner])])
-    order = A.shape[0] + outputs
-    return StateSpace(
-        both[:, :order], both[:, order:], np.hstack([C, corner[:, :outputs]]), corner[:, outputs:]
-    )
+    outputs, (order, inputs) = len(C), B.shape
+    still, direct = np.zeros((outputs, outputs)), np.zeros((outputs, inputs))
+    wider = np.block([[A, np.zeros((order, outputs))], [C, still]])
+    return StateSpace(wider, np.vstack([B, direct]), np.hstack([C, still]), direct)
 
 
 def zero_order_hold(A: ArrayLike, B: ArrayLike, Ts: float) -> tuple[Array, Array]:
@@ -194,9 +176,7 @@ def zero_order_hold(A: ArrayLike, B: ArrayLike, Ts: float) -> tuple[Array, Array
     A, B, _, _ = check_model("zero_order_hold", (A, B, None, None))
     check_positive("zero_order_hold", Ts=Ts)
     order, inputs = B.shape
-    both = np.zeros((order + inputs, order + inputs))
-    both[:order] = np.hstack([A, B])
-    grown = scipy.linalg.expm(both * Ts)
+    grown = scipy.linalg.expm(np.block([[A, B], [np.zeros((inputs, order + inputs))]]) * Ts)
     return grown[:order, :order], grown[:order, order:]
 
 
@@ -210,16 +190,11 @@ def inverse_zero_order_hold(A_d: ArrayLike, B_d: ArrayLike, Ts: float) -> tuple[
     check_positive("inverse_zero_order_hold", Ts=Ts)
     order, inputs = B_d.shape
     poles = np.linalg.eigvals(A_d)
-    bad = (np.abs(poles.imag) < 1e-12) & (poles.real <= 1e-12)
-    if bad.any():
-        raise InputError(
-            Problem(
-                "inverse_zero_order_hold(A_d)",
-                "must have no poles at 0 or on the negative real axis: no continuous model of that order has them",
-                f"pole {poles[bad][0].real:.4g}",
-                "remove dead time first; identify a model of another order, or sample faster",
-            )
-        )
+    bad = poles[(np.abs(poles.imag) < 1e-12) & (poles.real <= 1e-12)].real
+    must = "must have no poles at 0 or on the negative real axis: no continuous model of that order has them"
+    received = f"pole {', '.join(f'{pole:.4g}' for pole in bad[:1])}"
+    remedy = "remove dead time first; identify a model of another order, or sample faster"
+    check(not bad.size, "inverse_zero_order_hold(A_d)", must, received, remedy)
     both = np.eye(order + inputs)
     both[:order] = np.hstack([A_d, B_d])
     grown = np.real(scipy.linalg.logm(both)) / Ts
@@ -265,6 +240,65 @@ def steady_gain(plant: tuple[ArrayLike, ArrayLike], Ts: float | None = None) -> 
     at = 0.0 if Ts is None else 1.0
     below = np.polyval(bottom, at)
     return float(np.polyval(top, at) / below) if below else float("inf")
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class RootLocus(Record):
+    """gains (n,); poles (n, order): column k is one branch."""
+
+    gains: Array
+    poles: NDArray[np.complexfloating[Any]]
+
+    @property
+    def stable(self) -> NDArray[np.bool_]:
+        """Whether all poles lie inside the unit circle, per gain (n,)."""
+        return np.all(np.abs(self.poles) < 1.0, axis=1)
+
+
+def root_locus(
+    plant: tuple[ArrayLike, ArrayLike],
+    controller: tuple[ArrayLike, ArrayLike],
+    gains: ArrayLike,
+    *,
+    steps: int = 64,
+) -> RootLocus:
+    """Roots of 1 + gain * C P = 0 in q for these gains, which must rise (or fall).
+
+    plant, controller: numerator and denominator; the controller at gain 1 with its sign. Between two gains `steps`
+    more are put in, and poles are matched from one to the next so that the sum of their moves is least: branches stay
+    apart unless two meet, where they may be exchanged as in every root locus. Raises InputError.
+
+    >>> locus = root_locus(([1.0], [1.0, -1.0]), ([1.0], [1.0]), [0.5, 1.5, 2.5])  # an integrator
+    >>> locus.poles.real.ravel().tolist(), locus.stable.tolist()
+    ([0.5, -0.5, -1.5], [True, True, False])
+    """
+    models = transfer_function(*plant), transfer_function(*controller)
+    top, bottom = (np.polymul(*each) for each in zip(*models, strict=True))
+    wanted = np.atleast_1d(check_signal("root_locus(gains)", gains))
+    moves = np.diff(wanted)
+    ordered = wanted.ndim == 1 and wanted.size > 0 and bool((moves > 0).all() or (moves < 0).all())
+    check(ordered, "root_locus(gains)", "must rise, or fall", wanted.tolist(), "sort the gains")
+    poles: list[NDArray[Any]] = [np.sort_complex(np.roots(np.polyadd(bottom, wanted[0] * top)))]
+    for start, end in pairwise(wanted):
+        branch = poles[-1]
+        for found in _roots(bottom, top, np.linspace(start, end, steps + 2)[1:]):
+            # Where the leading coefficient vanishes a pole is at infinity.
+            every = np.pad(found, (0, branch.size - found.size), constant_values=1e300)
+            moved = np.minimum(np.abs(branch[:, None] - every), 1e6)
+            branch = every[scipy.optimize.linear_sum_assignment(moved)[1]]
+        poles.append(branch)
+    return RootLocus(wanted, np.array(poles, dtype=complex))
+
+
+def _roots(bottom: NDArray[Any], top: NDArray[Any], gains: Array) -> list[NDArray[Any]]:
+    """np.roots of bottom + gain * top for every gain: eigenvalues of all companion matrices in one call."""
+    each = np.pad(top, (bottom.size - top.size, 0)) * gains[:, None] + bottom
+    if bottom.size < 3 or not each[:, [0, -1]].all():
+        return [np.roots(one) for one in each]
+    companions = np.zeros((gains.size, bottom.size - 1, bottom.size - 1))
+    companions[:, 1:, :-1] = np.eye(bottom.size - 2)
+    companions[:, 0] = -each[:, 1:] / each[:, :1]
+    return list(np.linalg.eigvals(companions))
 
 
 def filter_response(numerator: ArrayLike, denominator: ArrayLike, signal: ArrayLike, axis: int = -1) -> Array:

@@ -9,39 +9,28 @@ samples and ends at events. Every controller is a block there, PID controllers a
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fieldmap.arguments import check_count, check_positive, check_signal
-from fieldmap.control.blocks import Controller, pid_block, regulator_block
+from fieldmap.arguments import (
+    check,
+    check_count,
+    check_not_negative,
+    check_numbers,
+    check_positive,
+    check_signal,
+)
+from fieldmap.control.blocks import ALONE, Controller
 from fieldmap.control.linear_models import StateSpace, check_model, controller_form
-from fieldmap.control.pid import PID
-from fieldmap.control.regulator import Regulator
-from fieldmap.control.running import ALONE
+from fieldmap.control.pid import PID, pid_block
+from fieldmap.control.regulator import Regulator, regulator_block
 from fieldmap.core.controller import CoreController
-from fieldmap.core.instruments import Chain, Drive
-from fieldmap.core.sampled_loop import Instruments, Plant, Signals, simulate
+from fieldmap.core.sampled_loop import LoopInstruments, Plant, Signals, simulate
 from fieldmap.errors import InputError, Problem
 from fieldmap.records import Record
 from fieldmap.typing import Array
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class LoopInstruments(Record):
-    """The numbers of sensor, converters and amplifier as compiled loops take them; ideal unless given.
-
-    chain (10,), drive (7,): `Chain` and `Drive` of fieldmap.core.instruments, or arrays in their order;
-    fieldmap.instruments makes them of data sheets. position, output: the operating point, in the units of plant and
-    controller, about which the loop's signals are deviations: where steps and limits of the instruments lie depends
-    on it.
-    """
-
-    chain: Chain | Array = field(default_factory=Chain)
-    drive: Drive | Array = field(default_factory=Drive)
-    position: float = 0.0
-    output: float = 0.0
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -77,11 +66,6 @@ class LinearLoopRun(LoopRun):
 
     y: Array
     u: Array
-
-    @property
-    def reference(self) -> Array:
-        """The one reference (samples,)."""
-        return self.references
 
     @property
     def response(self) -> Array:
@@ -123,88 +107,107 @@ def simulate_loop(
     >>> print(round(run.y[0, -1], 3))
     1.0
     """
-    model = _strictly_proper(plant)
-    target = np.atleast_1d(check_signal("simulate_loop(reference)", reference)).astype(float)
-    if target.ndim != 1 or not target.size:
-        must = "must be a signal (samples,), one sample or more"
-        raise InputError(
-            Problem("simulate_loop(reference)", must, f"shape {target.shape}", "give one value per sample")
-        )
-    check_count("simulate_loop", runs=runs)
+    model, (period, block) = _strictly_proper(plant), _block(controller, Ts)
+    where, target = (
+        "simulate_loop(reference)",
+        np.atleast_1d(check_signal("simulate_loop(reference)", reference)),
+    )
+    must = "must be a signal (samples,), one sample or more"
     shape = (runs, target.size)
-    noises = (position_noise, voltage_noise, current_noise, disturbance)
-    names = ("position_noise", "voltage_noise", "current_noise", "disturbance")
-    signals = [_fitting(name, noise, shape) for name, noise in zip(names, noises, strict=True)]
-    at = instruments or LoopInstruments()
-    numbers = Instruments(np.array(at.chain, float), np.array(at.drive, float), at.position, at.output)
+    check(
+        target.shape == shape[1:] and target.size > 0,
+        where,
+        must,
+        f"shape {target.shape}",
+        "give one value per sample",
+    )
+    check_count("simulate_loop", runs=runs)
+    noises = {
+        "position_noise": position_noise,
+        "voltage_noise": voltage_noise,
+        "current_noise": current_noise,
+    }
+    signals = {
+        name: _fitting(name, given, shape) for name, given in {**noises, "disturbance": disturbance}.items()
+    }
     y, u = np.empty(shape), np.empty(shape)
-    period, block = _sampling_time(controller, Ts), _as_block(controller)
-    memory = np.array(block.memory, float)
-    simulate(model, CoreController(block.arrays), numbers, Signals(target[None], *signals), memory, y, u)
+    core, memory = CoreController(block.arrays), np.array(block.memory, float)
+    simulate(model, core, instruments or LoopInstruments(), Signals(target[None], **signals), memory, y, u)
     return LinearLoopRun(period * np.arange(target.size, dtype=np.float64), target, y, u)
 
 
-def _as_block(controller: PID | Regulator | Controller) -> Controller:
-    if isinstance(controller, PID):
-        return pid_block(controller, ALONE)
-    return regulator_block(controller, ALONE) if isinstance(controller, Regulator) else controller
-
-
-def _sampling_time(controller: PID | Regulator | Controller, given: float | None) -> float:
-    """The controller's own, or the given one for a block of one output. Raises InputError."""
+def _block(controller: PID | Regulator | Controller, given: float | None) -> tuple[float, Controller]:
+    """Sampling time and block of one output: the controller's own, or those that are given. Raises InputError."""
+    where = "simulate_loop(Ts)"
     if isinstance(controller, PID | Regulator):
-        if given not in (None, controller.Ts):
-            must = f"must be the controller's, {controller.Ts:g} s"
-            raise InputError(Problem("simulate_loop(Ts)", must, f"{given!r}", "leave it out"))
-        return controller.Ts
-    if controller.outputs != 1:
-        must, received = "must have one output", f"{controller.outputs}"
-        raise InputError(Problem("simulate_loop(controller)", must, received, "give the block of one axis"))
+        must = f"must be the controller's, {controller.Ts:g} s"
+        check(given in (None, controller.Ts), where, must, f"{given!r}", "leave it out")
+        if isinstance(controller, PID):
+            return controller.Ts, pid_block(controller, ALONE)
+        return controller.Ts, regulator_block(controller, ALONE)
+    count, remedy = controller.outputs, "give the block of one axis"
+    check(count == 1, "simulate_loop(controller)", "must have one output", count, remedy)
     if given is None:
         must, remedy = "must be given: a block does not know it", "give the plant's sampling time, s"
-        raise InputError(Problem("simulate_loop(Ts)", must, "None", remedy))
+        raise InputError(Problem(where, must, "None", remedy))
     check_positive("simulate_loop", Ts=given)
-    return given
+    return given, controller
 
 
 def _strictly_proper(plant: tuple) -> Plant:
     """Of one input and one output, whose output does not wait for its input."""
-    if len(plant) not in (2, 4):
-        raise InputError(
-            Problem(
-                "simulate_loop(plant)",
-                "must be (numerator, denominator) or (A, B, C, D)",
-                f"{len(plant)} parts",
-                "see fieldmap.control.transfer_function and StateSpace",
-            )
-        )
+    where, must = "simulate_loop(plant)", "must be (numerator, denominator) or (A, B, C, D)"
+    remedy = "see fieldmap.control.transfer_function and StateSpace"
+    check(len(plant) in (2, 4), where, must, f"{len(plant)} parts", remedy)
     model = StateSpace(*plant) if len(plant) == 4 else controller_form(*plant)
     A, B, C, D = check_model("simulate_loop", model, inputs=1, outputs=1)
-    if D[0, 0] != 0.0:
-        raise InputError(
-            Problem(
-                "simulate_loop(plant)",
-                "must be strictly proper",
-                f"direct gain {D[0, 0]:.4g}",
-                "a sampled plant answers one sample later; take the numerator's degree below the denominator's",
-            )
-        )
+    remedy = "a sampled plant answers one sample later; take the numerator's degree below the denominator's"
+    check(D[0, 0] == 0.0, where, "must be strictly proper", f"direct gain {D[0, 0]:.4g}", remedy)
     return Plant(*(np.array(part, order="C") for part in (A, B[:, 0], C[0])))
 
 
 def _fitting(name: str, values: ArrayLike, shape: tuple[int, int]) -> Array:
     """A signal (runs or 1, samples or 1)."""
-    signal = check_signal(f"simulate_loop({name})", values)
-    fits = signal.ndim <= 2 and all(
-        given in (1, wanted) for given, wanted in zip(signal.shape[::-1], shape[::-1], strict=False)
-    )
-    if not fits:
-        raise InputError(
-            Problem(
-                f"simulate_loop({name})",
-                f"must be a number, ({shape[1]},) or {shape}",
-                f"shape {signal.shape}",
-                "give one value per sample of the reference, and one row per run",
-            )
-        )
+    where, signal = f"simulate_loop({name})", check_signal(f"simulate_loop({name})", values)
+    sizes = zip(signal.shape[::-1], shape[::-1], strict=False)
+    fits = signal.ndim <= 2 and all(given in (1, wanted) for given, wanted in sizes)
+    must = f"must be a number, ({shape[1]},) or {shape}"
+    remedy = "give one value per sample of the reference, and one row per run"
+    check(fits, where, must, f"shape {signal.shape}", remedy)
     return np.atleast_2d(np.require(signal, requirements=["C", "A"]))
+
+
+ASSUMED_PUSH = 5e-5
+"""m: of one rig, assumed where nothing is given."""
+ASSUMED_DURATION = 0.010
+"""s: likewise."""
+
+
+def compensated_reference(
+    height: ArrayLike,
+    horizontal: ArrayLike,
+    Ts: float,
+    push: float = ASSUMED_PUSH,
+    duration: float = ASSUMED_DURATION,
+) -> Array:
+    """The vertical reference (n,), less `push` for `duration` after each change of a horizontal reference (n,).
+
+    height: vertical reference in the downward frame of the sensor, (n,) or one number, m. horizontal: reference of
+    the moving axis, (n,). The push has the sign of the change: less for a rising horizontal reference, more for a
+    falling one. A change during a push begins a new one. Ts, duration in s; push in m.
+
+    >>> reference = compensated_reference(0.010, [0, 0, 1e-4, 1e-4, 1e-4, 1e-4], Ts=5e-3)
+    >>> (1e3 * reference).round(3).tolist()
+    [10.0, 10.0, 9.95, 9.95, 10.0, 10.0]
+    """
+    check_positive("compensated_reference", Ts=Ts)
+    check_numbers("compensated_reference", push=push)
+    check_not_negative("compensated_reference", duration=duration)
+    sideways = np.atleast_1d(check_signal("compensated_reference(horizontal)", horizontal))
+    target = np.broadcast_to(check_signal("compensated_reference(height)", height), sideways.shape)
+    steps = np.sign(np.diff(sideways, prepend=sideways[0]))
+    index = np.arange(steps.size)
+    last = np.maximum.accumulate(np.where(steps != 0.0, index, -1))
+    length = round(duration / Ts)
+    active = (last >= 0) & (index - last < length)
+    return target - push * np.where(active, steps[last], 0.0)

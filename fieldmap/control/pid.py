@@ -1,16 +1,28 @@
-"""The sampled PID controller, and its transfer function."""
+"""The sampled PID controller: its gains, its transfer function, and how it runs."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from fieldmap.arguments import check_choice, check_not_negative, check_numbers, check_ordered, check_positive
+from fieldmap.arguments import (
+    check_choice,
+    check_not_negative,
+    check_numbers,
+    check_ordered,
+    check_positive,
+    check_signal,
+)
+from fieldmap.control.blocks import ALONE, AxisReading, ControllerBlock, RunningBlock, run_block
 from fieldmap.control.linear_models import TransferFunction, transfer_function
+from fieldmap.core.controller import SIGNALS
 from fieldmap.records import Record
+from fieldmap.typing import Array
 
-INTEGRATION = ("rectangular", "trapezoidal")
+# Shares of this error and of the one before in what an integral adds.
+INTEGRATION = {"rectangular": (1.0, 0.0), "trapezoidal": (0.5, 0.5)}
 ANTI_WINDUP = ("none", "hold", "track")
 DERIVATIVE = ("error", "measurement")
 
@@ -50,23 +62,12 @@ class PID(Record):
         if self.tracking_time is not None:
             check_positive("PID", tracking_time=self.tracking_time)
 
-    @property
-    def sign(self) -> float:
-        """-1 for a controller that acts on minus the error."""
-        return -1.0 if self.acts_on_minus_error else 1.0
 
-    @property
-    def gains(self) -> tuple[float, float, float]:
-        """Kc, and per sample Kc Ts / Ti and Kc Td / Ts."""
-        return float(self.Kc), float(self.Kc * self.Ts / self.Ti), float(self.Kc * self.Td / self.Ts)
-
-    @property
-    def tracking(self) -> float:
-        """Share Ts / Tt of what a limit cuts off by which an integral that tracks follows in a sample."""
-        time = self.tracking_time
-        if time is None:
-            time = float(np.sqrt(self.Ti * self.Td)) if self.Td else self.Ti
-        return min(1.0, self.Ts / time)
+def _check_gains(where: str, Kc: float, Ti: float, Td: float, Ts: float) -> None:
+    """Of these an integral time may be infinite: there is no integral part."""
+    check_numbers(where, Kc=Kc)
+    check_positive(where, Ts=Ts, **({} if Ti == np.inf else {"Ti": Ti}))
+    check_not_negative(where, Td=Td)
 
 
 def pid_transfer_function(
@@ -86,18 +87,70 @@ def pid_transfer_function(
     check_choice("pid_transfer_function(integration)", integration, INTEGRATION)
     if Ti == np.inf:  # the pole at 1 and its zero cancel
         return transfer_function(Kc * np.array([1.0 + Td / Ts, -Td / Ts]), [1.0, 0.0])
-    now, before = (0.5, 0.5) if integration == "trapezoidal" else (1.0, 0.0)
+    now, before = INTEGRATION[integration]
     integral, derivative = Ts / Ti, Td / Ts
     numerator = [1.0 + now * integral + derivative, -1.0 + before * integral - 2.0 * derivative, derivative]
     return transfer_function(Kc * np.array(numerator), [1.0, -1.0, 0.0])
 
 
-def _check_gains(where: str, Kc: float, Ti: float, Td: float, Ts: float) -> None:
-    check_numbers(where, Kc=Kc)
-    check_positive(where, Ts=Ts, **_finite_times(Ti))
-    check_not_negative(where, Td=Td)
+def pid_block(
+    controller: PID, reading: AxisReading, output: float = 0.0, at: ArrayLike | None = None
+) -> ControllerBlock:
+    """A PID controller of one axis. It starts with this output where reference and position are `at` (7,), or
+    with nothing before its first sample: docs/theory/control.md (1).
+
+    >>> block = pid_block(PID(2.0, 0.1, 0.0, 0.01), AxisReading("x", 1e3))
+    >>> block.D[0, [0, 3]].tolist()
+    [2200.0, -2200.0]
+    """
+    kp, Ti, Td, Ts = float(controller.Kc), controller.Ti, controller.Td, controller.Ts
+    ki, kd = float(kp * Ts / Ti), float(kp * Td / Ts)
+    sign = -1.0 if controller.acts_on_minus_error else 1.0
+    error = sign * (reading.reference - reading.measured)
+    slope = error if controller.derivative == "error" else -sign * reading.measured
+    now, before = INTEGRATION[controller.integration]
+    # Memory: integral, previous error, previous value of what is differentiated.
+    C = np.array([[1.0, ki * before, -kd]])
+    D = ((kp + ki * now) * error + kd * slope)[None]
+    A, B, E = np.zeros((3, 3)), np.zeros((3, SIGNALS)), np.zeros((3, 1))
+    A[0, :2], B[0], B[1], B[2] = (1.0, ki * before), ki * now * error, error, slope
+    if controller.anti_windup == "track":
+        usual = float(np.sqrt(Ti * Td)) if Td else Ti
+        share = min(1.0, Ts / (controller.tracking_time or usual))
+        A[0], B[0], E[0, 0] = A[0] - share * C[0], B[0] - share * D[0], share
+    memory = np.array([output, 0.0, 0.0])
+    if at is not None:
+        there = check_signal("pid_block(at)", at, columns=SIGNALS)
+        memory[:] = output - kp * (error @ there), error @ there, slope @ there
+    hold = np.array([0 if controller.anti_windup == "hold" else -1, -1, -1])
+    limits = np.array([controller.lower]), np.array([controller.upper])
+    return ControllerBlock(A, B, C, D, E, *limits, hold, memory)
 
 
-def _finite_times(Ti: float) -> dict[str, float]:
-    """An infinite integral time is a controller without integral part."""
-    return {} if Ti == np.inf else {"Ti": Ti}
+class RunningPID(RunningBlock):
+    """A PID controller with its memory, for a loop of your own: one call of `step` a sample.
+
+    >>> running = RunningPID(PID(Kc=2.0, Ti=0.1, Td=0.0, Ts=0.01))
+    >>> [round(running.step(reference=1.0, measured=y), 3) for y in (0.0, 0.5)]
+    [2.2, 1.3]
+    """
+
+    def __init__(self, controller: PID) -> None:
+        self.controller = controller
+        self.reset()
+
+    def reset(self, integral: float = 0.0) -> None:
+        """Forget the past; the integral part of the output begins at `integral`."""
+        check_numbers("RunningPID.reset", integral=integral)
+        self._start(pid_block(self.controller, ALONE, integral))
+
+
+def run_pid(controller: PID, reference: ArrayLike, measured: ArrayLike) -> Array:
+    """Outputs (n,) of a controller that starts from rest, for given measurements (n,); open loop.
+
+    reference: (n,) or one number. Raises InputError for signals that are not finite or of different length.
+
+    >>> run_pid(PID(0.5, 0.007, 0.001, 2e-3), 1.0, [0.0, 0.0]).round(5).tolist()
+    [0.89286, 0.78571]
+    """
+    return run_block(pid_block(controller, ALONE), "run_pid", reference, measured)[0]

@@ -8,13 +8,18 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fieldmap.arguments import check_choice, check_matrix, check_not_negative, check_positive, check_signal
+from fieldmap.arguments import (
+    check,
+    check_choice,
+    check_matrix,
+    check_not_negative,
+    check_positive,
+    check_signal,
+)
 from fieldmap.constants import GRAVITY
 from fieldmap.control.linear_models import StateSpace
-from fieldmap.deprecated import renamed_argument
 from fieldmap.device.model import Payload
-from fieldmap.errors import InputError, Problem
-from fieldmap.field import AnyField, Field, require_bounds, resolve_currents
+from fieldmap.field import AnyField, require_bounds, resolve_currents
 from fieldmap.levitation.balance import Balance, check_position
 from fieldmap.levitation.equilibrium import assumptions
 from fieldmap.levitation.lift import direction_of_lift
@@ -46,14 +51,17 @@ def levitated_plant(
     axes = K.shape[0]
     K = check_matrix("levitated_plant(stiffness)", K, (axes, axes))
     force = check_matrix("levitated_plant(force_per_ampere)", force_per_ampere, (axes, None))
-    given = np.asarray(damping, dtype=float)
-    loss = check_matrix(
-        "levitated_plant(damping)", given * np.eye(axes) if given.ndim == 0 else given, (axes, axes)
-    )
+    loss = _damping("levitated_plant", damping, axes)
     still = np.zeros((axes, axes))
     A = np.block([[still, np.eye(axes)], [-K / mass, -loss / mass]])
     B = np.vstack([np.zeros_like(force), force / mass])
     return StateSpace(A, B, np.eye(axes, 2 * axes), np.zeros((axes, force.shape[1])))
+
+
+def _damping(where: str, damping: ArrayLike, axes: int) -> Array:
+    """(axes, axes), N s/m; a number is that of every axis."""
+    given = np.asarray(damping, dtype=float)
+    return check_matrix(f"{where}(damping)", given * np.eye(axes) if given.ndim == 0 else given, (axes, axes))
 
 
 @dataclass(frozen=True)
@@ -71,14 +79,9 @@ class LumpedMagnet(Record):
     gravity: float = GRAVITY
 
     def __post_init__(self) -> None:
-        check_positive(
-            "LumpedMagnet",
-            inductance=self.inductance,
-            length=self.length,
-            mass=self.mass,
-            gravity=self.gravity,
-        )
-        check_not_negative("LumpedMagnet", damping=self.damping)
+        numbers = vars(self).copy()
+        check_not_negative("LumpedMagnet", damping=numbers.pop("damping"))
+        check_positive("LumpedMagnet", **numbers)
 
     def force(self, z: float, current: float) -> float:
         """Magnetic force along z, N: negative, as it pulls up."""
@@ -132,8 +135,6 @@ def lumped_magnet_from_lift_currents(
     return LumpedMagnet(2 * length * mass * gravity / current_at_zero**2, length, mass, damping, gravity)
 
 
-_WHERE = "plant_from_map"
-_MOMENTS = ("fixed", "aligned")
 _CURRENT_STEP = 0.01
 """Largest change of a current, of the largest current, over which a force is differenced unless told otherwise."""
 
@@ -180,10 +181,8 @@ class MapPlant(Record):
         """One axis alone, the others held: input one of the signals, output the coordinate."""
         i = self._axis("MapPlant.axis", axis)
         count = self.force_per_signal.shape[1]
-        if not 0 <= signal < count:
-            raise InputError(
-                Problem("MapPlant.axis(signal)", f"must be 0 to {count - 1}", f"{signal}", "count from 0")
-            )
+        must = f"must be 0 to {count - 1}"
+        check(0 <= signal < count, "MapPlant.axis(signal)", must, signal, "count from 0")
         force = self.force_per_signal[i, signal]
         return levitated_plant(self.mass, self.stiffness[i, i], force, self.damping[i, i])
 
@@ -193,10 +192,8 @@ class MapPlant(Record):
         A map knows no damping. Where an identification gives a pole, its slow one for instance, this is the damping
         that it implies together with the map's stiffness.
         """
-        if not (np.isfinite(pole) and pole != 0):
-            raise InputError(
-                Problem("MapPlant.damping_for_pole(pole)", "must be finite and not 0", f"{pole}", "in 1/s")
-            )
+        good = bool(np.isfinite(pole)) and pole != 0
+        check(good, "MapPlant.damping_for_pole(pole)", "must be finite and not 0", pole, "in 1/s")
         return float(-(pole + self.pole_products[self._axis("MapPlant.damping_for_pole", axis)] / pole))
 
     @staticmethod
@@ -204,7 +201,6 @@ class MapPlant(Record):
         return "xyz".index(check_choice(f"{where}(axis)", axis, "xyz"))
 
 
-@renamed_argument("field_map", "field")
 def plant_from_map(
     field: AnyField,
     payload: Payload | None,
@@ -234,18 +230,36 @@ def plant_from_map(
         plant = plant_from_map(m, device.payload, point, lift.currents, division_slopes(lift.current, 0, 0, n=1.25))
         A, B = zero_order_hold(*plant.axis("z", signal=0)[:2], Ts=2e-3)
     """
-    carried = check_payload(payload, _WHERE)
+    carried, where = check_payload(payload, "plant_from_map"), "plant_from_map"
     source, amperes = resolve_currents(field, currents)
-    point = check_position(require_bounds(source), position, f"{_WHERE}(position)")
+    point = check_position(require_bounds(source), position, f"{where}(position)")
     count = len(source.coil_names)
     directions = check_matrix(
-        f"{_WHERE}(signals)", np.eye(count) if signals is None else signals, (count, None)
+        f"{where}(signals)", np.eye(count) if signals is None else signals, (count, None)
     )
-    balance = _balance(source, amperes, carried, point, check_choice(f"{_WHERE}(moment)", moment, _MOMENTS))
-    given = np.asarray(damping, dtype=float)
-    loss = check_matrix(f"{_WHERE}(damping)", given * np.eye(3) if given.ndim == 0 else given, (3, 3))
-    steps = _steps(directions, signal_steps, _CURRENT_STEP * (np.abs(amperes).max() or 1.0))
-    slopes = [_force_slope(balance, point, *pair) for pair in zip(directions.T, steps, strict=True)]
+    check_choice(f"{where}(moment)", moment, ("fixed", "aligned"))
+    up = None
+    if moment == "fixed":
+        gradient = source.gradient(point[None, :], amperes)[0]
+        up = np.array([0.0, 0.0, carried.moment * direction_of_lift(point, carried.moment, gradient)])
+    balance = Balance(source, amperes, carried.mass, carried.moment, up)
+    loss = _damping(where, damping, 3)
+    largest = np.abs(directions).max(axis=0)
+    change = _CURRENT_STEP * (np.abs(amperes).max() or 1.0)
+    steps = np.divide(change, largest, out=np.ones_like(largest), where=largest > 0.0)
+    if signal_steps is not None:
+        steps = check_signal(f"{where}(signal_steps)", signal_steps)
+        good = steps.shape == largest.shape and bool((steps > 0.0).all())
+        must = f"must be {largest.size} positive numbers, one for each signal"
+        check(good, f"{where}(signal_steps)", must, steps.tolist(), "leave it out for small steps")
+
+    def force(changed: Array) -> Array:
+        return replace(balance, currents=amperes + changed).magnetic_force(point[None, :])[0]
+
+    slopes = [
+        (force(step * direction) - force(-step * direction)) / (2.0 * step)
+        for direction, step in zip(directions.T, steps, strict=True)
+    ]
     return MapPlant(
         position=point,
         currents=amperes,
@@ -259,35 +273,3 @@ def plant_from_map(
             "the field follows the currents without delay (no eddy currents, no amplifier)",
         ),
     )
-
-
-def _balance(source: Field, currents: Array, payload: Payload, point: Array, moment: str) -> Balance:
-    gradient = source.gradient(point[None, :], currents)[0]
-    if moment == "aligned":
-        return Balance(source, currents, payload.mass, payload.moment, None)
-    up = np.array([0.0, 0.0, payload.moment * direction_of_lift(point, payload.moment, gradient)])
-    return Balance(source, currents, payload.mass, payload.moment, up)
-
-
-def _steps(directions: Array, given: ArrayLike | None, change: float) -> Array:
-    """How far each signal is changed; unless given, so far that a current changes by `change`, A."""
-    if given is None:
-        largest = np.abs(directions).max(axis=0)
-        return np.divide(change, largest, out=np.ones_like(largest), where=largest > 0.0)
-    steps = check_signal(f"{_WHERE}(signal_steps)", given)
-    if steps.shape != directions.shape[1:] or (steps <= 0.0).any():
-        must = f"must be {directions.shape[1]} positive numbers, one for each signal"
-        raise InputError(
-            Problem(f"{_WHERE}(signal_steps)", must, f"{steps.tolist()}", "leave it out for small steps")
-        )
-    return steps
-
-
-def _force_slope(balance: Balance, point: Array, direction: Array, step: float) -> Array:
-    """dF/ds (3,) where the currents change by `direction` (n_coils,) per unit of s."""
-    forces = [_force(balance, point, balance.currents + ds * direction) for ds in (step, -step)]
-    return (forces[0] - forces[1]) / (2.0 * step)
-
-
-def _force(balance: Balance, point: Array, currents: Array) -> Array:
-    return replace(balance, currents=currents).magnetic_force(point[None, :])[0]

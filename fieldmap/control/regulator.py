@@ -1,12 +1,21 @@
-"""Optimal state feedback on estimated states, with an integrator and a term that carries the weight."""
+"""The optimal regulator of a sampled plant: gains of feedback and estimator, and how both run with an integrator and a
+term that carries the weight.
+
+Cost and noise of the continuous plant are integrated between samples: C. F. Van Loan, Computing integrals involving the
+matrix exponential, IEEE Trans. Automatic Control 23 (1978) 395-404; every integral here is a block of one exponential.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
+import scipy
+from numpy.typing import ArrayLike
 
 from fieldmap.arguments import (
+    check,
     check_choice,
     check_matrix,
     check_numbers,
@@ -14,13 +23,147 @@ from fieldmap.arguments import (
     check_positive,
     check_signal,
 )
-from fieldmap.control.sampled_optimum import Estimator
+from fieldmap.control.blocks import ALONE, AxisReading, ControllerBlock, RunningBlock, run_block
+from fieldmap.control.linear_models import check_model, zero_order_hold
+from fieldmap.core.controller import SIGNALS
 from fieldmap.errors import InputError, Problem
-from fieldmap.records import Record
+from fieldmap.plain import Plain, plain_items
+from fieldmap.records import Record, tuple_line
 from fieldmap.typing import Array
 
 ESTIMATES = ("predicted", "filtered", "delayed")
 EQUILIBRIUM_AT = ("reference", "measured")
+
+
+class Estimator(NamedTuple):
+    """A sampled Kalman filter as a system with the inputs (u, y) and the outputs (filtered y, filtered x).
+
+    x[n+1|n] = A_est x[n|n-1] + B_est (u[n], y[n]); (y[n|n], x[n|n]) = C_est x[n|n-1] + D_est (u[n], y[n]):
+    docs/theory/control.md (8).
+    """
+
+    A_est: Array
+    B_est: Array
+    C_est: Array
+    D_est: Array
+
+    def __repr__(self) -> str:
+        return tuple_line(self)
+
+    def to_dict(self) -> dict[str, Plain]:
+        """The values by their names, as plain Python."""
+        return plain_items(**self._asdict())
+
+
+def lqrd(A: ArrayLike, B: ArrayLike, Q: ArrayLike, R: ArrayLike, Ts: float) -> Array:
+    """Gain k (m, n) of u[n] = -k x[n], held for Ts, that minimises the continuous cost of dx/dt = A x + B u.
+
+    The cost is the integral of x'Q x + u'R u, also between the samples. Q (n, n) symmetric, positive
+    semidefinite; R (m, m) symmetric, positive definite; Ts in s. Equivalent to the command of the same name in MATLAB.
+    Raises InputError for matrices that do not fit, or a plant that cannot be stabilised.
+
+    >>> lqrd(0.0, 1.0, 1.0, 1.0, 1e-6).round(5).tolist()  # an integrator, hardly sampled: k = sqrt(Q / R)
+    [[1.0]]
+    """
+    A, B, _, _ = check_model("lqrd", (A, B, None, None))
+    check_positive("lqrd", Ts=Ts)
+    order, inputs = B.shape
+    Q = _symmetric("lqrd(Q)", Q, order)
+    R = _symmetric("lqrd(R)", R, inputs, definite=True)
+    both = np.block([[A, B], [np.zeros((inputs, order + inputs))]])
+    # The cost of one sampling interval is a form in (x, u) at its beginning.
+    transition, cost = _integral(both, scipy.linalg.block_diag(Q, R), Ts)
+    A_d, B_d = transition[:order, :order], transition[:order, order:]
+    Q_d, N_d, R_d = cost[:order, :order], cost[:order, order:], cost[order:, order:]
+    P = _riccati("lqrd", A_d, B_d, Q_d, R_d, N_d)
+    return np.asarray(np.linalg.solve(R_d + B_d.T @ P @ B_d, B_d.T @ P @ A_d + N_d.T), np.float64)
+
+
+def kalmd(
+    A: ArrayLike,
+    B: ArrayLike,
+    C: ArrayLike,
+    Qn: ArrayLike,
+    Rn: ArrayLike,
+    Ts: float,
+    *,
+    D: ArrayLike | None = None,
+    G: ArrayLike | None = None,
+) -> Estimator:
+    """Kalman filter for samples, Ts apart, of dx/dt = A x + B u + G w, y = C x + D u + v with continuous white noise.
+
+    Qn: spectral density of w; Rn: of v, so that a sample of v has the covariance Rn / Ts. G: how w enters, B unless
+    given. Equivalent to MATLAB's command of the same name ("current" estimator). Raises InputError for matrices that
+    do not fit, or a plant that cannot be observed.
+
+    >>> kalmd(0.0, 1.0, 1.0, 1.0, 1.0, 1e-6).B_est.round(8).tolist()  # gain sqrt(Qn / Rn) Ts
+    [[1e-06, 1e-06]]
+    """
+    A, B, C, D = check_model("kalmd", (A, B, C, D))
+    check_positive("kalmd", Ts=Ts)
+    order = A.shape[0]
+    G = B if G is None else check_matrix("kalmd(G)", G, (order, None))
+    Qn = _symmetric("kalmd(Qn)", Qn, G.shape[1])
+    Rn = _symmetric("kalmd(Rn)", Rn, C.shape[0], definite=True)
+    A_d, B_d = zero_order_hold(A, B, Ts)
+    Q_d = _integral(A.T, G @ Qn @ G.T, Ts)[1]
+    R_d = Rn / Ts
+    P = _riccati("kalmd", A_d.T, C.T, Q_d, R_d)
+    M = np.linalg.solve(C @ P @ C.T + R_d, C @ P).T
+    L = A_d @ M
+    kept = np.eye(order) - M @ C
+    seen = np.eye(C.shape[0]) - C @ M
+    return Estimator(
+        A_est=A_d - L @ C,
+        B_est=np.hstack([B_d - L @ D, L]),
+        C_est=np.vstack([C @ kept, kept]),
+        D_est=np.vstack([np.hstack([seen @ D, C @ M]), np.hstack([-M @ D, M])]),
+    )
+
+
+def _integral(A: Array, weight: Array, Ts: float) -> tuple[Array, Array]:
+    """exp(A Ts), and the integral of exp(A' t) weight exp(A t) over a sampling interval."""
+    size = len(A)
+    grown = scipy.linalg.expm(np.block([[-A.T, weight], [np.zeros((size, size)), A]]) * Ts)
+    transition = grown[size:, size:]
+    integral = transition.T @ grown[:size, size:]
+    return transition, 0.5 * (integral + integral.T)
+
+
+def _riccati(where: str, A: Array, B: Array, Q: Array, R: Array, S: Array | None = None) -> Array:
+    must = "must have a stabilising solution of its Riccati equation"
+    remedy = (
+        "check that every unstable state is reached by the input (lqrd) or seen in the output (kalmd), and "
+        "that the weights do not leave out a mode on the border of stability"
+    )
+    try:
+        P = scipy.linalg.solve_discrete_are(A, B, Q, R, s=S)
+    except (np.linalg.LinAlgError, ValueError) as error:
+        raise InputError(Problem(where, must, f"none ({error})", remedy)) from None
+    # The solver may return a solution that does not stabilise, where a mode is out of reach.
+    cross = 0.0 if S is None else S.T
+    gain = np.linalg.solve(R + B.T @ P @ B, B.T @ P @ A + cross)
+    slowest = float(np.abs(np.linalg.eigvals(A - B @ gain)).max())
+    check(slowest < 1.0, where, must, f"one that leaves a pole at {slowest:.6g} from the origin", remedy)
+    return P
+
+
+def _symmetric(where: str, values: ArrayLike, size: int, definite: bool = False) -> Array:
+    matrix = check_matrix(where, values, (size, size))
+    lowest = float(np.linalg.eigvalsh(0.5 * (matrix + matrix.T)).min())
+    scale = float(np.abs(matrix).max())
+    symmetric = bool(np.abs(matrix - matrix.T).max() <= 1e-12 * scale)
+    positive = lowest > 0 if definite else lowest >= -1e-12 * scale
+    must = f"must be symmetric, positive {'definite' if definite else 'semidefinite'}"
+    received = f"lowest eigenvalue {lowest:.3g}, {'' if symmetric else 'not '}symmetric"
+    check(
+        symmetric and positive,
+        where,
+        must,
+        received,
+        "choose weights that make every direction cost something",
+    )
+    return matrix
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -46,46 +189,86 @@ class Regulator(Record):
 
     def __post_init__(self) -> None:
         order = np.atleast_2d(self.estimator.A_est).shape[0]
-        for name, matrix, shape in zip(
-            Estimator._fields,
-            self.estimator,
-            ((order, order), (order, 2), (1 + order, order), (1 + order, 2)),
-            strict=True,
-        ):
+        shapes = ((order, order), (order, 2), (1 + order, order), (1 + order, 2))
+        for name, matrix, shape in zip(Estimator._fields, self.estimator, shapes, strict=True):
             check_matrix(f"Regulator(estimator.{name})", matrix, shape)
         gain = np.ravel(check_signal("Regulator(k)", self.k))
-        if gain.size != order + 1:
-            raise InputError(
-                Problem(
-                    "Regulator(k)",
-                    f"must have one gain for each of {order} states and one for the integral",
-                    f"{gain.size} gains",
-                    "design it with lqrd on with_output_integral(A, B, C); give 0 for no integral",
-                )
-            )
-        if np.any(self.estimator.D_est[:, 0]):
-            raise InputError(
-                Problem(
-                    "Regulator(estimator)",
-                    "must not need this sample's output to know this sample's states (D = 0)",
-                    "a first column of D_est that is not zero",
-                    "take a strictly proper plant",
-                )
-            )
+        must = f"must have one gain for each of {order} states and one for the integral"
+        remedy = "design it with lqrd on with_output_integral(A, B, C); give 0 for no integral"
+        check(gain.size == order + 1, "Regulator(k)", must, f"{gain.size} gains", remedy)
+        must = "must not need this sample's output to know this sample's states (D = 0)"
+        received, direct = (
+            "a first column of D_est that is not zero",
+            bool(np.any(self.estimator.D_est[:, 0])),
+        )
+        check(not direct, "Regulator(estimator)", must, received, "take a strictly proper plant")
         object.__setattr__(self, "k", gain)
         check_positive("Regulator", Ts=self.Ts)
-        check_numbers(
-            "Regulator", intercept=self.equilibrium[0], slope=self.equilibrium[1], divisor=self.divisor
-        )
+        intercept, slope = self.equilibrium
+        check_numbers("Regulator", intercept=intercept, slope=slope, divisor=self.divisor)
         check_ordered("Regulator", self.lower, self.upper)
         check_choice("Regulator(estimate)", self.estimate, ESTIMATES)
         check_choice("Regulator(equilibrium_at)", self.equilibrium_at, EQUILIBRIUM_AT)
-        if self.divisor == 0:
-            check_positive("Regulator", divisor=self.divisor)
+        check(self.divisor != 0, "Regulator(divisor)", "must not be 0", "0", "give 1 for none")
+
+
+def regulator_block(regulator: Regulator, reading: AxisReading) -> ControllerBlock:
+    """A regulator with its estimator on one axis, from its equilibrium: docs/theory/control.md (8), (9)."""
+    # Of the prediction, whose inputs are control, then output; and of the filtered states.
+    a, b, c, d = (np.asarray(matrix, float) for matrix in regulator.estimator)
+    cx, dx, n = c[1:], d[1:, 1], len(a)
+    reference, measured = reading.reference, reading.measured
+    deviation = measured - reference
+    intercept, slope = regulator.equilibrium
+    equilibrium = slope * (measured if regulator.equilibrium_at == "measured" else reference)
+    equilibrium[-1] += intercept
+    # Memory: predicted states, delayed filtered states, integral.
+    filtered = np.hstack([cx, np.zeros((n, n + 1))])
+    states, direct = {
+        "predicted": (np.eye(n, 2 * n + 1), np.zeros(n)),
+        "filtered": (filtered, dx),
+        "delayed": (np.eye(n, 2 * n + 1, n), np.zeros(n)),
+    }[regulator.estimate]
+    gain, divisor = regulator.k, regulator.divisor
+    C = -(gain[:n] @ states)[None] / divisor
+    C[0, -1] -= gain[n] / divisor
+    D = (equilibrium - (gain[:n] @ direct) * deviation / divisor)[None]
+    A, B, E = np.zeros((2 * n + 1, 2 * n + 1)), np.zeros((2 * n + 1, SIGNALS)), np.zeros((2 * n + 1, 1))
+    A[:n, :n], E[:n, 0] = a, b[:, 0]
+    B[:n] = np.outer(b[:, 1], deviation) - np.outer(b[:, 0], equilibrium)
+    A[n : 2 * n], B[n : 2 * n] = filtered, np.outer(dx, deviation)
+    A[-1, -1], B[-1] = 1.0, regulator.Ts * deviation
+    limits = np.array([regulator.lower]), np.array([regulator.upper])
+    return ControllerBlock(A, B, C, D, E, *limits, np.full(2 * n + 1, -1), np.zeros(2 * n + 1))
+
+
+class RunningRegulator(RunningBlock):
+    """A regulator with its memory, for a loop of your own: one call of `step` a sample."""
+
+    def __init__(self, regulator: Regulator) -> None:
+        self.regulator = regulator
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the past: all states at the equilibrium."""
+        self._start(regulator_block(self.regulator, ALONE))
 
     @property
-    def matrices(self) -> tuple[Array, Array, Array, Array]:
-        """Of the prediction a (n, n) and b (n, 2), whose inputs are control, then output; of the filtered states cx
-        (n, n) and dx (n,)."""
-        A, B, C, D = (np.asarray(matrix, dtype=float) for matrix in self.estimator)
-        return A, B, C[1:], D[1:, 1]
+    def states(self) -> Array:
+        """The filtered states x[n|n] of the last sample."""
+        return _filtered_states(self.memory)
+
+
+def run_regulator(regulator: Regulator, reference: ArrayLike, measured: ArrayLike) -> tuple[Array, Array]:
+    """Outputs (n,) and filtered states (n, order) of a regulator that starts at the equilibrium; open loop.
+
+    measured: (n,); reference: (n,) or one number. Raises InputError for signals that are not finite or do not fit.
+    """
+    outputs, memories = run_block(regulator_block(regulator, ALONE), "run_regulator", reference, measured)
+    return outputs, _filtered_states(memories)
+
+
+def _filtered_states(memory: Array) -> Array:
+    """Those of the last sample, of a memory (..., 2 n + 1) as `regulator_block` lays it out."""
+    n = memory.shape[-1] // 2
+    return memory[..., n : 2 * n].copy()

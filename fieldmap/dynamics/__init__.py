@@ -11,17 +11,17 @@ with needs("levitation", "fieldmap.dynamics"):
 
     del scipy
 
-from fieldmap.control.blocks import (
+from fieldmap.control import (
     AxisReading,
     Controller,
     ControllerBlock,
+    LoopRun,
     constant_block,
     pid_block,
     regulator_block,
     stacked,
     state_block,
 )
-from fieldmap.control.loop import LoopRun
 from fieldmap.deprecated import renamed
 from fieldmap.dynamics.allocation import (
     ControlAllocation,

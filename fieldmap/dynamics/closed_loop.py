@@ -17,8 +17,7 @@ from numpy.typing import ArrayLike
 from fieldmap.arguments import check_count, check_positive, check_signal
 from fieldmap.control.blocks import Controller
 from fieldmap.control.function_controller import FunctionController
-from fieldmap.control.function_failure import BoundFunction, failure, written_beside
-from fieldmap.control.guarded import guarded
+from fieldmap.control.function_failure import BoundFunction, failure, guarded, written_beside
 from fieldmap.core.closed_loop import (
     GOES_ON,
     NO_FUNCTION,

@@ -2,22 +2,21 @@
 
 Each instrument is a frozen set of data-sheet numbers; functions turn it into a calculator (what accuracy to expect)
 or a block of a simulation (what the controller sees), with noise from a seeded `numpy.random.Generator`.
-Depends on: errors, arguments, kernels, control. Knows no particular card or rig: their numbers are the user's.
+Depends on: errors, arguments, core. Knows no particular card or rig: their numbers are the user's.
 """
 
-from fieldmap.instruments.amplifier import Amplifier
-from fieldmap.instruments.converter import Accuracy, Converter, absolute_accuracy
-from fieldmap.instruments.error_budget import ErrorBudget, error_budget
-from fieldmap.instruments.frames import SensorFrame
-from fieldmap.instruments.micrometer import Micrometer, watch
+from fieldmap.instruments.converter import Accuracy, Amplifier, Converter, absolute_accuracy
 from fieldmap.instruments.rig import (
+    ErrorBudget,
     Rig,
     RigNoise,
     draw_noise,
     driven_currents,
+    error_budget,
     loop_instruments,
     measured_positions,
 )
+from fieldmap.instruments.sensors import Micrometer, SensorFrame, watch
 
 __all__ = [
     "Accuracy",

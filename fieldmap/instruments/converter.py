@@ -1,4 +1,4 @@
-"""Analogue-to-digital and digital-to-analogue converters: their absolute accuracy, and what they make of a signal."""
+"""Converters, analogue to digital and back, with their absolute accuracy, and amplifiers of currents."""
 
 from __future__ import annotations
 
@@ -7,9 +7,20 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fieldmap.arguments import check_count, check_not_negative, check_positive, check_signal
+from fieldmap.arguments import (
+    check_count,
+    check_not_negative,
+    check_numbers,
+    check_ordered,
+    check_positive,
+    check_signal,
+)
 from fieldmap.records import Record
 from fieldmap.typing import Array
+
+USUAL_RANGE = 10.0
+"""V, to both sides: of the analogue signals of sensors, converters and amplifiers. It is assumed where no other range
+is given, in Python and in scenario files."""
 
 
 @dataclass(frozen=True)
@@ -85,15 +96,12 @@ def absolute_accuracy(
     )
     check_count(where, averages=averages)
     voltages = check_signal(f"{where}(reading)", reading)
-    gain = (
-        converter.gain_error
-        + converter.gain_drift * internal_change
-        + converter.reference_drift * external_change
-    )
-    offset = converter.offset_error + converter.offset_drift * internal_change + converter.nonlinearity
-    noise = coverage * converter.random_noise / float(np.sqrt(averages))
+    c = converter
+    gain = c.gain_error + c.gain_drift * internal_change + c.reference_drift * external_change
+    offset = c.offset_error + c.offset_drift * internal_change + c.nonlinearity
+    noise = coverage * c.random_noise / float(np.sqrt(averages))
     return Accuracy(
-        total=np.abs(voltages) * gain + converter.range * offset + noise,
+        total=np.abs(voltages) * gain + c.range * offset + noise,
         net_gain_error=gain,
         net_offset_error=offset,
         noise_uncertainty=noise,
@@ -103,3 +111,37 @@ def absolute_accuracy(
             f"noise covered to {coverage:g} standard deviations, mean of {averages}",
         ),
     )
+
+
+@dataclass(frozen=True)
+class Amplifier(Record):
+    """i = gain v + offset, limited.
+
+    gain: A/V. lower, upper: range of the input, V; `USUAL_RANGE` is assumed unless given. offset: A. deviation:
+    standard deviation of the current, A, taken as white and Gaussian. current_lower, current_upper: limits of it, A;
+    those of the input times the gain unless given.
+    """
+
+    gain: float
+    lower: float = -USUAL_RANGE
+    upper: float = USUAL_RANGE
+    offset: float = 0.0
+    deviation: float = 0.0
+    current_lower: float = -np.inf
+    current_upper: float = np.inf
+
+    def __post_init__(self) -> None:
+        check_positive("Amplifier", gain=self.gain)
+        check_numbers("Amplifier", lower=self.lower, upper=self.upper, offset=self.offset)
+        check_not_negative("Amplifier", deviation=self.deviation)
+        check_ordered("Amplifier", self.lower, self.upper)
+        check_ordered("Amplifier(current)", self.current_lower, self.current_upper)
+
+    @property
+    def largest_current(self) -> float:
+        """The current at the upper end of the input, A.
+
+        >>> round(Amplifier(gain=0.355).largest_current, 3)
+        3.55
+        """
+        return min(self.gain * self.upper + self.offset, self.current_upper)

@@ -13,7 +13,7 @@ from fieldmap.control.identification import (
     identify_log,
     make_log,
     pseudo_random_binary,
-    recognise_log,
+    read_log,
     write_log,
 )
 from fieldmap.dynamics import linear_points, prepare, read_scenario
@@ -156,7 +156,7 @@ def test_all_problems_of_a_file_and_of_the_options_are_told_at_once(command, tmp
 def test_logs_that_cannot_be_read(tmp_path, text, wheres):
     (tmp_path / "log.csv").write_text(text)
     with pytest.raises(InputError) as error:
-        recognise_log(tmp_path / "log.csv", ROLES, required=("input", "output"))
+        read_log(tmp_path / "log.csv", ROLES, required=("input", "output"))
     found = [problem.where for problem in error.value.problems]
     assert [Path(where).name if "/" in where else where for where in found] == wheres
 
@@ -211,7 +211,7 @@ def test_a_log_of_a_simulated_rig_has_the_poles_of_the_machine(command, written,
 
 def test_a_log_without_a_reference_is_at_rest_at_its_first_sample(tmp_path, signals):
     columns = {name: values for name, values in signals.items() if name != "reference"}
-    log = recognise_log(written_as(columns, tmp_path / "log.csv", ","), ROLES)
+    log = read_log(written_as(columns, tmp_path / "log.csv", ","), ROLES)
     found = identify_log(log, Orders(2, 1))
     assert found.rest == 1
     assert found.operating_point["output"] == pytest.approx(signals["position"][0], abs=1e-6)
@@ -222,6 +222,6 @@ def test_what_cuts_every_line_alike_is_the_delimiter(tmp_path):
     rows = "".join(f"{k} {k},5\n" for k in range(9)) + "9 10\n"
     path = tmp_path / "log.txt"
     path.write_text("u,in_mV y_mV\n" + rows)
-    log = recognise_log(path, {"input": ("u,in",), "output": ("y",)}, sampling_time=0.1)
+    log = read_log(path, {"input": ("u,in",), "output": ("y",)}, sampling_time=0.1)
     assert (log.delimiter, log.decimal) == ("blanks", ",")
-    assert log.log["output"] == pytest.approx(1e-3 * np.array([*np.arange(9) + 0.5, 10.0]))
+    assert log["output"] == pytest.approx(1e-3 * np.array([*np.arange(9) + 0.5, 10.0]))

@@ -2,8 +2,7 @@
 
 import pytest
 
-from fieldmap.control.function_failure import written_beside
-from fieldmap.control.guarded import guarded
+from fieldmap.control.function_failure import guarded, written_beside
 
 
 @pytest.mark.parametrize(

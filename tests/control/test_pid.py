@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 import scipy.signal
 
-from fieldmap import control
 from fieldmap.control import PID, RunningPID, pid_transfer_function, run_pid
 from fieldmap.errors import InputError
 
@@ -93,14 +92,6 @@ def test_derivative_of_the_measurement_has_no_kick():
     assert moving[1] == pytest.approx(0.99 - 0.1 * 0.01 / TS)
 
 
-@pytest.mark.parametrize("anti_windup", ["none", "hold", "track"])
-def test_limits_hold(anti_windup):
-    pid = PID(0.5, 0.01, 0.001, TS, lower=-0.4, upper=0.3, anti_windup=anti_windup)
-    outputs = run_pid(pid, 5 * ERRORS, 0 * ERRORS)
-    assert outputs.min() == -0.4
-    assert outputs.max() == 0.3
-
-
 @pytest.mark.parametrize(("anti_windup", "samples"), [("none", 1500), ("hold", 2), ("track", 12)])
 def test_the_way_back_from_a_limit(anti_windup, samples):
     """A second of error 1, then error -1: an integral wound up to 50 takes as long to unwind; PI, Ti = 20 ms."""
@@ -124,9 +115,8 @@ def test_tracking_time_is_that_of_an_exponential():
     assert running.step(-5.0, 0.0) + 5.0 - 1.0 == pytest.approx(10.0 / np.e, rel=0.02)
 
 
-@pytest.mark.parametrize("infinite", [np.inf, float("inf"), np.float64("inf")])
-def test_from_rest_without_integral_the_pole_at_one_is_gone(infinite):
-    numerator, denominator = pid_transfer_function(2.0, infinite, 0.004, TS)
+def test_from_rest_without_integral_the_pole_at_one_is_gone():
+    numerator, denominator = pid_transfer_function(2.0, np.inf, 0.004, TS)
     assert len(denominator) == 2
     np.testing.assert_allclose(np.polyval(numerator, 1.0) / np.polyval(denominator, 1.0), 2.0)
 
@@ -160,4 +150,3 @@ def test_a_bad_sample_does_no_harm():
     with pytest.raises(InputError):
         running.step(1.0, np.nan)
     assert running.step(1.0, 0.1) == twin.step(1.0, 0.1)
-    assert control.PID is PID

@@ -5,7 +5,7 @@ import pytest
 
 from fieldmap.core.controller import CoreController
 from fieldmap.core.instruments import Chain, Drive, drive_all, measure_all
-from fieldmap.core.sampled_loop import Instruments, Plant, Signals, simulate
+from fieldmap.core.sampled_loop import LoopInstruments, Plant, Signals, simulate
 from tests.core.controller_cases import random_block, step_of
 
 RUNS, SAMPLES = 3, 120
@@ -15,7 +15,7 @@ PLANT = Plant(
     np.array([0.5, -0.2, 0.1]),
     np.array([1.0, 0.3, -0.4]),
 )
-INSTRUMENTS = Instruments(
+INSTRUMENTS = LoopInstruments(
     np.array(Chain(0.2, 1.4, 0.01, -2.0, 2.0, 1e-2, 0.02, 0.005, -1.5, 1.5)),
     np.array(Drive(0.02, -2.0, 2.0, 0.6, 0.1, -1.0, 1.1)),
     position=0.3,

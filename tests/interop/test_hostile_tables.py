@@ -4,7 +4,7 @@ import tracemalloc
 
 import pytest
 
-from fieldmap.control.identification import read_log, recognise_log
+from fieldmap.control.identification import read_log
 from fieldmap.errors import InputError, MapFileError
 from fieldmap.interop import fit_map, read_mag_manip, read_measurements
 
@@ -51,7 +51,7 @@ LOG = "time (s),x (mm)\n0,1\n1,2\n2,3\n"
 def test_logs(tmp_path, text):
     path = tmp_path / "a.csv"
     path.write_text(text)
-    for read in (read_log, lambda one: recognise_log(one, {"x": ("x",)})):
+    for read in (read_log, lambda one: read_log(one, {"x": ("x",)})):
         with pytest.raises(InputError):
             read(path)
 

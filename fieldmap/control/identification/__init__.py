@@ -1,33 +1,27 @@
 """Identification: models from records of a rig, in open and closed loop.
 
 Theory with the equation numbers that the docstrings cite: docs/theory/identification.md. Depends on: errors,
-arguments, kernels, the linear models beside it, scipy.
+arguments, the linear models beside it, scipy.
 """
 
-from fieldmap.control.identification.closed_loop import (
+from fieldmap.control.identification.estimators import (
+    RecursiveRun,
+    armax,
+    generalised_least_squares,
     identify_direct,
     identify_indirect,
     identify_two_stage,
-)
-from fieldmap.control.identification.estimate import Estimate, EstimatedRuns, Orders
-from fieldmap.control.identification.excitation import pseudo_random_binary
-from fieldmap.control.identification.identify_log import METHODS, ROLES, IdentifiedLog, identify_log
-from fieldmap.control.identification.least_squares import (
     least_squares,
     modified_least_squares,
     modified_least_squares_runs,
+    recursive_least_squares,
 )
-from fieldmap.control.identification.log import Log, make_log, read_log, write_log
-from fieldmap.control.identification.noise_models import armax, generalised_least_squares
-from fieldmap.control.identification.recognised_log import Column, RecognisedLog, recognise_log
-from fieldmap.control.identification.recursive import RecursiveRun, recursive_least_squares
-from fieldmap.control.identification.root_locus import RootLocus, root_locus
-from fieldmap.control.identification.step_fits import (
-    StepFit,
-    fit_first_order,
-    fit_second_order,
-    noisy_step_metrics,
-)
+from fieldmap.control.identification.excitation import pseudo_random_binary
+from fieldmap.control.identification.identify_log import METHODS, ROLES, IdentifiedLog, identify_log
+from fieldmap.control.identification.log import Column, Log, make_log, read_log, write_log
+from fieldmap.control.identification.regression import Estimate, EstimatedRuns, Orders
+from fieldmap.control.linear_models import RootLocus, root_locus
+from fieldmap.control.step_responses import StepFit, fit_first_order, fit_second_order, noisy_step_metrics
 
 __all__ = [
     "METHODS",
@@ -38,7 +32,6 @@ __all__ = [
     "IdentifiedLog",
     "Log",
     "Orders",
-    "RecognisedLog",
     "RecursiveRun",
     "RootLocus",
     "StepFit",
@@ -57,7 +50,6 @@ __all__ = [
     "noisy_step_metrics",
     "pseudo_random_binary",
     "read_log",
-    "recognise_log",
     "recursive_least_squares",
     "root_locus",
     "write_log",

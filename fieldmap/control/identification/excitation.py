@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fieldmap.arguments import check_count, check_numbers
-from fieldmap.errors import InputError, Problem
+from fieldmap.arguments import check, check_count, check_numbers
 from fieldmap.typing import Array
 
 LONGEST = 2**26  # samples: half a gigabyte
@@ -50,38 +49,23 @@ def pseudo_random_binary(
     where = "pseudo_random_binary"
     check_numbers(where, amplitude=amplitude)
     check_count(where, hold=hold, start=start, order=order)
-    stages = _taps(order, taps)
+    stages = TAPS.get(order, ()) if taps is None else tuple(np.atleast_1d(np.asarray(taps, int)).tolist())
+    good = len(stages) > 0 and all(0 < tap < order for tap in stages)
+    must = "must be an order from 2 to 64, or one with stages 0 < tap < order of its own"
+    received, remedy = (
+        f"order {order}, taps {list(stages) or None}",
+        "take an order from the table, or look up a primitive polynomial",
+    )
+    check(good, f"{where}(order, taps)", must, received, remedy)
     period = (2**order - 1) * hold
     length = period if samples is None else samples
     check_count(where, samples=length)
-    if length > LONGEST:
-        raise InputError(
-            Problem(f"{where}(samples)", f"must be at most {LONGEST}", f"{length}", "ask for fewer samples")
-        )
+    remedy = "ask for fewer samples"
+    check(length <= LONGEST, f"{where}(samples)", f"must be at most {LONGEST}", length, remedy)
     bits = np.array([(start >> i) & 1 for i in range(order)], dtype=np.int8)
-    if not bits.any():
-        raise InputError(
-            Problem(f"{where}(start)", f"must not be a multiple of 2^{order}", str(start), "take 1")
-        )
-    steps = -(-length // hold)
+    check(bool(bits.any()), f"{where}(start)", f"must not be a multiple of 2^{order}", start, "take 1")
     # Here, as in `filter_response`: scipy.signal takes long to load.
     from scipy.signal import max_len_seq
 
-    sequence, _ = max_len_seq(order, state=bits, length=steps, taps=stages)
+    sequence, _ = max_len_seq(order, state=bits, length=-(-length // hold), taps=list(stages))
     return amplitude * np.repeat(2.0 * sequence - 1.0, hold)[:length]
-
-
-def _taps(order: int, taps: ArrayLike | None) -> list[int]:
-    if taps is None and order in TAPS:
-        return list(TAPS[order])
-    given = [] if taps is None else [int(tap) for tap in np.atleast_1d(np.asarray(taps))]
-    if not given or not all(0 < tap < order for tap in given):
-        raise InputError(
-            Problem(
-                "pseudo_random_binary(order, taps)",
-                "must be an order from 2 to 64, or one with stages 0 < tap < order of its own",
-                f"order {order}, taps {given or None}",
-                "take an order from the table, or look up a primitive polynomial",
-            )
-        )
-    return given

@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fieldmap.control.identification.closed_loop import identify_direct, identify_two_stage
-from fieldmap.control.identification.estimate import Estimate, Orders
-from fieldmap.control.identification.least_squares import least_squares
-from fieldmap.control.identification.noise_models import armax
-from fieldmap.control.identification.recognised_log import Column, RecognisedLog
-from fieldmap.errors import InputError, Problem
+from fieldmap.arguments import check, check_choice
+from fieldmap.control.identification.estimators import (
+    armax,
+    identify_direct,
+    identify_two_stage,
+    least_squares,
+)
+from fieldmap.control.identification.log import Column, Log, check_rest
+from fieldmap.control.identification.regression import Estimate, Orders
 from fieldmap.plain import Plain, plain_items
 from fieldmap.records import Record
 from fieldmap.typing import Array
@@ -91,9 +94,7 @@ class IdentifiedLog(Record):
         )
 
 
-def identify_log(
-    recognised: RecognisedLog, orders: Orders, method: str = "direct", rest: int | None = None
-) -> IdentifiedLog:
+def identify_log(log: Log, orders: Orders, method: str = "direct", rest: int | None = None) -> IdentifiedLog:
     """Identify the model from "input" to "output" of a log.
 
     method: "direct" and "armax" from both signals, also where there is feedback; "least-squares", biased by noise of
@@ -101,38 +102,35 @@ def identify_log(
     operating point; unless given, those before the reference moves first, or one where there is no reference. Raises
     InputError for what the log does not hold, NotConverged.
     """
-    log = recognised.log
-    if method not in METHODS:
-        raise InputError(
-            Problem("identify_log(method)", f"must be one of {', '.join(METHODS)}", method, "choose")
-        )
-    if method == "two-stage" and "reference" not in log.signals:
-        must, remedy = "needs a column that is the reference", "name it, or take another method"
-        raise InputError(Problem("identify_log(method)", must, "none", remedy))
-    count = _at_rest(recognised) if rest is None else rest
-    signals = {role: recognised.shown(role)[0] for role in log.signals}
-    if not 1 <= count < log.time.size:
-        must = f"must be from 1 to {log.time.size - 1} samples"
-        raise InputError(Problem("identify_log(rest)", must, f"{count}", "say how many"))
+    check_choice("identify_log(method)", method, METHODS)
+    referred, must = (
+        method != "two-stage" or "reference" in log.signals,
+        "needs a column that is the reference",
+    )
+    check(referred, "identify_log(method)", must, "none", "name it, or take another method")
+    count = _at_rest(log) if rest is None else rest
+    signals = {role: log.shown(role)[0] for role in log.signals}
+    check_rest("identify_log(rest)", count, log.time.size)
     means = {role: float(values[:count].mean()) for role, values in signals.items()}
     shown = {role: values - means[role] for role, values in signals.items()}
     y, u = shown["output"], shown["input"]
-    if method == "direct":
-        found = identify_direct(y, u, orders, log.Ts)
-    elif method == "armax":
-        found = armax(y, u, orders, log.Ts)
-    elif method == "least-squares":
-        found = least_squares(y, u, orders, log.Ts)
-    else:
+    if method == "two-stage":
         loop = Orders(orders.poles + 2, orders.poles + 2)
         found = identify_two_stage(y, u, shown["reference"], orders, log.Ts, loop=loop)
-    return IdentifiedLog(found, recognised.columns, y.size, count, means)
+    else:
+        estimators: dict[str, Callable[[Array, Array, Orders, float], Estimate]] = {
+            "direct": identify_direct,
+            "armax": armax,
+            "least-squares": least_squares,
+        }
+        found = estimators[method](y, u, orders, log.Ts)
+    return IdentifiedLog(found, log.columns, y.size, count, means)
 
 
-def _at_rest(recognised: RecognisedLog) -> int:
+def _at_rest(log: Log) -> int:
     """Samples before the reference moves first; one where there is none, or where it moves at once."""
-    if "reference" not in recognised.log.signals:
+    if "reference" not in log.signals:
         return 1
-    reference = recognised.log["reference"]
+    reference = log["reference"]
     moving = np.flatnonzero(reference != reference[0])
     return int(moving[0]) if moving.size else 1

@@ -6,14 +6,18 @@ from dataclasses import replace
 
 import numpy as np
 
-from fieldmap.control import PID, Regulator, kalmd, lqrd, with_output_integral
-from fieldmap.control.blocks import (
+from fieldmap.control import (
+    PID,
     AxisReading,
     Controller,
     ControllerBlock,
+    Regulator,
     constant_block,
+    kalmd,
+    lqrd,
     pid_block,
     regulator_block,
+    with_output_integral,
 )
 from fieldmap.dynamics.allocation import ParametrisedAllocation
 from fieldmap.dynamics.closed_loop import Schedule

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from fieldmap.control.identification import RecognisedLog, recognise_log
-from fieldmap.control.identification.log import named_unit
+from fieldmap.control.identification import Log, read_log
+from fieldmap.control.identification.log import QUANTITIES
 from fieldmap.dynamics.loop_run import LevitationRun
 from fieldmap.dynamics.scenario.experiment import Experiment
 from fieldmap.dynamics.scenario.metrics import reading_mm
@@ -68,29 +68,29 @@ def read_measured_log(
     names: Mapping[str, str] | None = None,
     units: Mapping[str, str] | None = None,
     options: Mapping[str, str] | None = None,
-) -> RecognisedLog:
+) -> Log:
     """A log with any of x, y, depth, z (m, mm ...) and currents of the coils, whose columns are "current NAME",
     "currents NAME", "I_NAME" or the coil's name.
 
-    names: role -> column; units: column -> unit; options: what the caller calls these, as of `recognise_log`. Raises
+    names: role -> column; units: column -> unit; options: what the caller calls these, as of `read_log`. Raises
     InputError with every problem of the file.
     """
     known = dict(ROLES)
     for coil in coil_names:
         lower = coil.lower()
         known[coil] = tuple(f"{word}{lower}" for word in ("currents ", "current ", "i_", "coil ", ""))
-    found = recognise_log(path, known, names=names, units=units, options=options, whole_names=True)
+    found = read_log(path, known, names=names, units=units, options=options, whole_names=True)
     problems = []
-    for role, unit in found.log.units.items():
+    for role, unit in found.units.items():
         wanted = "m" if role in ROLES else "A"
         if unit != wanted:
             column = found.columns[role]
-            must = f"must be a unit of {named_unit(wanted)}"
+            must = f"must be a unit of {QUANTITIES[wanted]}"
             remedy = f"name another column for {role}, or its unit"
             problems.append(
                 Problem(f"{Path(path).name}: column {column.name}", must, str(column.unit), remedy)
             )
-    if not found.log.signals:
+    if not found.signals:
         must = f"must hold one of {', '.join(known)}"
         problems.append(Problem(str(path), must, "none of these columns", "say which: ROLE=NAME"))
     if problems:
@@ -98,15 +98,13 @@ def read_measured_log(
     return found
 
 
-def lay_over(
-    experiment: Experiment, run: LevitationRun, measured: RecognisedLog, begins: float | None = None
-) -> LaidLog:
+def lay_over(experiment: Experiment, run: LevitationRun, log: Log, begins: float | None = None) -> LaidLog:
     """A log over a run: signals of the run, as they truly were, at the times of the log.
 
     begins: time of the run, s, of the log's first sample; its own time unless given. Samples before or behind the run
     are left out. Raises InputError where fewer than two are left.
     """
-    log, scenario = measured.log, experiment.scenario
+    scenario = experiment.scenario
     time = log.time + (0.0 if begins is None else begins - log.start)
     within = (time >= -1e-9) & (time <= (run.time[-1] if len(run.time) else 0.0) + 1e-9)
     if within.sum() < 2:

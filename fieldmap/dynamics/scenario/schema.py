@@ -19,7 +19,7 @@ from fieldmap.inputs.tables import (
     broken,
     chosen_by,
 )
-from fieldmap.instruments.amplifier import USUAL_RANGE
+from fieldmap.instruments.converter import USUAL_RANGE
 
 ASSUMED_MM_PER_V = 2.0
 MOST_PERIODS = 5_000_000

@@ -178,13 +178,13 @@ def _log() -> str:
 
 
 def _read_logs(path: Path) -> Any:
-    """By both readers; the second one guesses more, and what it guesses must be what the first one reads."""
+    """Columns by their roles, and all under their own names."""
     known = read_measured_log(path, ("left",), {"x": "position", "left": "current"})
-    return known.log, read_log(path)
+    return known, read_log(path)
 
 
 def fault_of_log(found: Any, text: str) -> str:
-    """Finite, evenly sampled, and the same by both readers."""
+    """Finite, evenly sampled, and the same by role and by name."""
     recognised, log = found
     if lost := not_finite([recognised.signals, log.signals, log.Ts, recognised.Ts]):
         return f"NaN or infinity in {lost}"
@@ -192,7 +192,7 @@ def fault_of_log(found: Any, text: str) -> str:
         if ours in recognised.signals and theirs in log.signals:
             a, b = recognised.signals[ours], log.signals[theirs]
             if a.shape != b.shape or not np.allclose(a, b, rtol=1e-12, atol=0):
-                return f"{theirs} differs by reader"
+                return f"{theirs} differs by role"
     return "" if log.Ts > 0 and math.isclose(log.Ts, recognised.Ts) else "another sampling time"
 
 

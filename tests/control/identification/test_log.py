@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from fieldmap.control.identification import make_log, read_log, recognise_log, write_log
+from fieldmap.control.identification import make_log, read_log, write_log
 from fieldmap.errors import InputError
 
 GOOD = "# rig 1\ntime (ms),position (mm),drive current (mA)\n0,8.0,1500\n2,8.5,1400\n4,9.0,1450\n"
@@ -33,7 +33,7 @@ def test_of_many_wrong_lines_five_are_told_and_the_rest_counted(wrong, told, tmp
     rows = [f"{0.001 * k:.3f},{'x' if k < wrong else k}" for k in range(30)]
     (tmp_path / "log.csv").write_text("\n".join(["time (s),position (mm)", *rows]))
     with pytest.raises(InputError) as error:
-        recognise_log(tmp_path / "log.csv", {"position": ["position"]})
+        read_log(tmp_path / "log.csv", {"position": ["position"]})
     problems = error.value.problems
     assert len(problems) == told
     assert [p.where.rsplit(":", 1)[-1] for p in problems[:5]] == [str(2 + k) for k in range(min(wrong, 5))]
@@ -65,19 +65,19 @@ def test_spreadsheet_marks_and_spaces(tmp_path):
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        (GOOD.replace("position (mm)", "position"), "name \\(unit\\)"),
+        (GOOD.replace("position (mm)", "position"), "name \\(mm\\)"),
         (GOOD.replace("(mm)", "(furlong)"), "furlong"),
-        (GOOD.replace("time (ms)", "t (ms)"), "begin with the time"),
-        (GOOD.replace("time (ms)", "time (mm)"), "begin with the time"),
+        (GOOD.replace("time (ms)", "clock (ms)"), "which column is the time"),
+        (GOOD.replace("time (ms)", "time (mm)"), "column time: must be a time"),
         (GOOD.replace("drive current (mA)", "position (mm)"), "once"),
-        (GOOD.replace("8.5", "nan"), "log.csv:4: must be 3 finite"),
-        (GOOD.replace("8.5,", ""), "log.csv:4: must be 3 finite"),
+        (GOOD.replace("8.5", "nan"), "log.csv:4: must be 3 cells, with finite"),
+        (GOOD.replace("8.5,", ""), "log.csv:4: must be 3 cells, with finite"),
         (GOOD.replace("\n4,", "\n5,"), "evenly sampled"),
         (GOOD.replace("\n4,", "\n2,"), "evenly sampled"),
         (GOOD.replace("\n2,", "\n-2,"), "evenly sampled"),
         ("time (s),x (m)\n3,1\n3,2\n3,4\n", "evenly sampled"),
         ("time (s),x (m)\n0,1\n", "two samples"),
-        ("time (s)\n0\n1\n", "beside the time"),
+        ("time (s)\n0\n1\n", "columns between"),
         ("", "two samples"),
     ],
 )
@@ -95,7 +95,7 @@ def test_every_problem_of_a_header_at_once(tmp_path):
 
 
 def test_a_file_that_is_not_there(tmp_path):
-    with pytest.raises(InputError, match="readable"):
+    with pytest.raises(InputError, match="can be read"):
         read_log(tmp_path / "none.csv")
 
 
@@ -133,7 +133,7 @@ def test_a_log_that_cannot_be(Ts, signals, says):
 def test_a_number_behind_a_name_is_no_unit(tmp_path):
     """u_1 and y_1 are channels; only in brackets does a 1 say that a column has no unit."""
     (tmp_path / "log.csv").write_text("time_s,u_1,y_mm,v (1)\n0,1,2,3\n0.1,2,3,4\n")
-    found = recognise_log(
+    found = read_log(
         tmp_path / "log.csv", {"u": ["u_1"], "y": ["y"], "v": ["v"]}, units={"u_1": "V"}, whole_names=True
     )
     assert {role: (column.name, column.unit) for role, column in found.columns.items()} == {

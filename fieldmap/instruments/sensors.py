@@ -1,8 +1,7 @@
-"""A scanning position sensor with an analogue output."""
+"""Position sensors: one that scans, with an analogue output, and the frame of two crossed ones in a machine."""
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,17 +13,14 @@ from fieldmap.arguments import (
     check_numbers,
     check_ordered,
     check_positive,
+    check_record,
     check_signal,
 )
 from fieldmap.core.instruments import held_scans
-from fieldmap.deprecated import REMOVAL
 from fieldmap.errors import InputError, Problem
-from fieldmap.instruments.amplifier import USUAL_RANGE
+from fieldmap.instruments.converter import USUAL_RANGE
 from fieldmap.records import Record
 from fieldmap.typing import Array
-
-# Of one rig; what a sensor without a rate has been taken to have.
-_FORMER_SCAN_RATE = 1200.0
 
 
 @dataclass(frozen=True)
@@ -33,8 +29,8 @@ class Micrometer(Record):
 
     zero: position at 0 V, m. scale: m/V. voltage_step: resolution of the analogue output, V (0: none). lower, upper:
     its range, V; `USUAL_RANGE` is assumed unless given. scan_rate: scans per second, which `measuring_time` and `watch`
-    need. averages: scans whose mean is shown. latency: scans between the end of
-    a mean and its appearance. deviation: standard deviation of one scan, m, taken as white and Gaussian.
+    need. averages: scans whose mean is shown. latency: scans between the end of a mean and its appearance.
+    deviation: standard deviation of one scan, m, taken as white and Gaussian.
     """
 
     zero: float
@@ -104,7 +100,7 @@ def watch(
     >>> (1e3 * still).round(3).tolist()
     [0.0, 2.5, 6.5]
     """
-    moments, places = _motion(times, positions)
+    moments, places = check_record("watch", 2, times=times, positions=positions)
     check_positive("watch", Ts=Ts)
     span, rate = moments[-1] - moments[0], _scan_rate(micrometer)
     scan_times = moments[0] + np.arange(int(np.floor(span * rate + 1e-9)) + 1) / rate
@@ -117,25 +113,75 @@ def watch(
 
 
 def _scan_rate(micrometer: Micrometer) -> float:
-    if micrometer.scan_rate is not None:
-        return micrometer.scan_rate
-    message = (
-        f"Micrometer(scan_rate) is {_FORMER_SCAN_RATE:g} unless given, and must be given from {REMOVAL} on"
-    )
-    warnings.warn(message, FutureWarning, stacklevel=3)
-    return _FORMER_SCAN_RATE
+    if micrometer.scan_rate is None:
+        remedy = "Micrometer(..., scan_rate=1000.0), scans per second"
+        raise InputError(Problem("Micrometer(scan_rate)", "must be given to measure in time", "None", remedy))
+    return micrometer.scan_rate
 
 
-def _motion(times: ArrayLike, positions: ArrayLike) -> tuple[Array, Array]:
-    moments = np.atleast_1d(check_signal("watch(times)", times))
-    places = np.atleast_1d(check_signal("watch(positions)", positions))
-    if moments.size < 2 or moments.shape != places.shape or not (np.diff(moments) > 0).all():
-        raise InputError(
-            Problem(
-                "watch(times, positions)",
-                "must be two or more rising times and as many positions",
-                f"shapes {moments.shape} and {places.shape}",
-                "give the motion on a grid of times",
-            )
+@dataclass(frozen=True, repr=False)
+class SensorFrame(Record):
+    """Two sensors in a plane, turned against the machine's axes, that see the near edge of a round body.
+
+    angle: of the sensors' axes against the machine's, rad. offset: reading of each sensor on the machine's axis, m.
+    radius: of the body, from the edge that is seen to its centre, m. bias: what is added to the machine's x and y
+    for the tolerances of the mounting, m.
+
+    Local positions are (..., 3): the two readings and, unchanged by the transform, the third coordinate.
+
+    >>> frame = SensorFrame(np.pi / 4, offset=0.026, radius=0.0059)
+    >>> frame.to_global([0.0201, 0.0201, 0.010]).round(6).tolist()
+    [0.0, 0.0, 0.01]
+    """
+
+    angle: float
+    offset: float
+    radius: float = 0.0
+    bias: tuple[float, float] = (0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        check_numbers("SensorFrame", angle=self.angle, offset=self.offset, x=self.bias[0], y=self.bias[1])
+        check_not_negative("SensorFrame", radius=self.radius)
+
+    @property
+    def matrix(self) -> Array:
+        """Homogeneous transform (4, 4) from local to global, without bias."""
+        cosine, sine = np.cos(self.angle), np.sin(self.angle)
+        turn, move = np.eye(4), np.eye(4)
+        turn[:2, :2] = [[cosine, -sine], [sine, cosine]]
+        move[:2, 3] = self.radius - self.offset
+        return turn @ move
+
+    def to_global(self, local: ArrayLike) -> Array:
+        """Positions (..., 3) in the machine's frame, m, of local positions (..., 3).
+
+        Raises InputError for numbers that are not finite, or another shape.
+        """
+        points = check_signal("SensorFrame.to_global(local)", local, columns=3)
+        matrix = self.matrix
+        return points @ matrix[:3, :3].T + matrix[:3, 3] + [*self.bias, 0.0]
+
+    def to_local(self, position: ArrayLike) -> Array:
+        """What the sensors read, (..., 3), m, at positions (..., 3) of the machine's frame; inverse of `to_global`.
+
+        Raises InputError for numbers that are not finite, or another shape.
+        """
+        points = check_signal("SensorFrame.to_local(position)", position, columns=3)
+        matrix = self.matrix
+        return (points - [*self.bias, 0.0] - matrix[:3, 3]) @ matrix[:3, :3]
+
+    def global_deviation(self, local_x: float, local_y: float) -> tuple[float, float]:
+        """Standard deviations of the machine's x and y, m, from those of two independent readings, m.
+
+        docs/theory/control.md (11): the diagonal of R diag(local_x^2, local_y^2) R^T. At 45 degrees both are the root
+        mean square of the two.
+
+        >>> sx, sy = SensorFrame(np.pi / 4, offset=0.026).global_deviation(5.42e-6, 8.38e-6)
+        >>> print(f"{1e3 * sx:.5f} {1e3 * sy:.5f} mm")
+        0.00706 0.00706 mm
+        """
+        check_not_negative("SensorFrame.global_deviation", local_x=local_x, local_y=local_y)
+        cosine, sine = np.cos(self.angle), np.sin(self.angle)
+        return float(np.hypot(cosine * local_x, sine * local_y)), float(
+            np.hypot(sine * local_x, cosine * local_y)
         )
-    return moments, places

@@ -1,0 +1,403 @@
+"""Estimators of models from records of input and output: docs/theory/identification.md (3) to (16).
+
+Least squares, plain, modified, generalised and recursive, and prediction errors (ARMAX). In closed loop, u = C (r - y),
+y = P u + noise, where y is what the sensor says: from u and y (direct), from r and y with the controller known
+(indirect), from r, u and y without it (two-stage).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import scipy
+from numpy.polynomial.polynomial import polyadd
+from numpy.typing import ArrayLike, NDArray
+
+from fieldmap.arguments import check, check_count, check_positive
+from fieldmap.control.identification.regression import (
+    Estimate,
+    EstimatedRuns,
+    Orders,
+    Solution,
+    check_records,
+    columns_of,
+    estimate_of,
+    filtered,
+    iterate,
+    polynomials,
+    settled,
+    solve,
+    solve_columns,
+    stable_denominators,
+    to_model,
+)
+from fieldmap.control.linear_models import TransferFunction, filter_response, transfer_function
+from fieldmap.errors import NotConverged, Problem
+from fieldmap.records import Record
+from fieldmap.typing import Array
+
+_WHITE_EQUATION = (
+    "errors of the equation A y = B u are white: noise enters through 1/A, as hardly any sensor's does"
+)
+_WHITE_OUTPUT = (
+    "noise adds to the output as white noise (a sensor's), and the input is not fed through the same sample"
+)
+_NOISE_FREE_REFERENCE = "the reference does not depend on the noise; the noise may be of any colour"
+
+
+def least_squares(outputs: ArrayLike, inputs: ArrayLike, orders: Orders, Ts: float) -> Estimate:
+    """ARX: A(q) y = B(q) u + white noise, by one linear regression; (1), (3) of docs/theory/identification.md.
+
+    outputs, inputs (n,): deviations from the operating point, evenly sampled, from rest. Ts in s. Biased for noise
+    of the sensor: (4) there. Raises InputError for records that are not finite, too short or not rich enough.
+
+    >>> u = np.sign(np.sin(np.arange(200.0)))
+    >>> y = np.zeros(200)
+    >>> for n in range(1, 200):
+    ...     y[n] = 0.9 * y[n - 1] + 0.2 * u[n - 1]
+    >>> print(least_squares(y, u, Orders(poles=1, zeros=0), Ts=1e-3).poles.round(6))
+    [0.9]
+    """
+    check_positive("least_squares", Ts=Ts)
+    y, u = check_records("least_squares", orders, outputs=outputs, inputs=inputs)
+    solution = solve(y, u, orders, "least_squares")
+    return estimate_of(solution, orders, Ts, "least squares (ARX)", 1, _WHITE_EQUATION)
+
+
+def modified_least_squares(
+    outputs: ArrayLike,
+    inputs: ArrayLike,
+    orders: Orders,
+    Ts: float,
+    *,
+    tolerance: float = 1e-6,
+    iterations: int = 100,
+) -> Estimate:
+    """Modified least squares: fit, filter both records by 1/A, repeat; (5), (6).
+
+    This is the iteration of Steiglitz and McBride (IEEE Trans. Automatic Control 10 (1965) 461). Where an estimate of
+    A is unstable the filter takes its poles reflected at the unit circle. Stops when no coefficient changes by more
+    than `tolerance` of their largest. Consistent for white noise of the sensor; coloured noise biases it. Raises
+    NotConverged, the usual sign of more poles and zeros than the records can tell apart; see `modified_least_squares_
+    runs` to look at such estimates all the same.
+    """
+    where = "modified_least_squares"
+    y, u = check_records(where, orders, outputs=outputs, inputs=inputs)
+    check_positive(where, Ts=Ts)
+    start, advance = _filtering(y, u, orders, where)
+    remedy = "ask for fewer poles and zeros, excite more, or record longer"
+    solution, count = settled(where, start, advance, tolerance, iterations, remedy)
+    return estimate_of(
+        solution, orders, Ts, "modified least squares (Steiglitz-McBride)", count, _WHITE_OUTPUT
+    )
+
+
+def modified_least_squares_runs(
+    outputs: ArrayLike,
+    inputs: ArrayLike,
+    orders: Orders,
+    *,
+    tolerance: float = 1e-6,
+    iterations: int = 100,
+) -> EstimatedRuns:
+    """`modified_least_squares` of many records at once, for Monte Carlo studies; says which did not settle.
+
+    outputs (runs, n); inputs (n,) or (runs, n).
+    """
+    where = "modified_least_squares_runs"
+    y, u = check_records(where, orders, outputs=outputs, inputs=inputs)
+    solution, changes = iterate(where, *_filtering(y, u, orders, where), tolerance, iterations)
+    a, b = polynomials(solution.coefficients, orders)
+    history = np.array(changes)
+    needed = np.sum(~np.isnan(history), axis=0)
+    last = history[needed - 1, np.arange(len(y))]
+    a = np.concatenate([a, np.zeros((len(a), orders.dead_time))], axis=1)
+    return EstimatedRuns(b, a, last <= tolerance, needed)
+
+
+def _filtering(
+    y: Array, u: Array, orders: Orders, where: str
+) -> tuple[Array, Callable[[NDArray[np.intp], Array], Solution]]:
+    """Coefficients (runs, p) to begin with, and the step of the modified least squares: for `iterate`."""
+
+    def advance(active: NDArray[np.intp], coefficients: Array) -> Solution:
+        a = stable_denominators(polynomials(coefficients, orders)[0])
+        one = np.ones((len(active), 1))
+        return solve(filtered(one, a, y[active]), filtered(one, a, u[active]), orders, where)
+
+    return solve(y, u, orders, where).coefficients, advance
+
+
+def generalised_least_squares(
+    outputs: ArrayLike,
+    inputs: ArrayLike,
+    orders: Orders,
+    Ts: float,
+    *,
+    noise_order: int = 2,
+    tolerance: float = 1e-6,
+    iterations: int = 100,
+) -> Estimate:
+    """A(q) y = B(q) u + v / D(q): least squares, model the errors as autoregressive, filter both records by D, repeat.
+
+    Clarke (IFAC Symposium on Identification, Prague 1967): (7) of docs/theory/identification.md. Consistent if the
+    equation's errors are autoregressive of this order and there is a single minimum; the noise of a sensor is not
+    (D = 1/A would need infinitely many terms). Raises NotConverged; InputError for unusable records.
+    """
+    where = "generalised_least_squares"
+    check_positive(where, Ts=Ts)
+    check_count(where, noise_order=noise_order)
+    y, u = check_records(where, orders, outputs=outputs, inputs=inputs)
+
+    def advance(_: NDArray[np.intp], coefficients: Array) -> Solution:
+        errors = _equation_errors(coefficients[0], y[0], u[0], orders)
+        whitening, one = _autoregression(errors, noise_order, where)[None, :], np.ones((1, 1))
+        return solve(filtered(whitening, one, y), filtered(whitening, one, u), orders, where)
+
+    start, remedy = (
+        solve(y, u, orders, where).coefficients,
+        "try the modified least squares or ARMAX, or another noise order",
+    )
+    solution, count = settled(where, start, advance, tolerance, iterations, remedy)
+    note = f"errors of the equation are autoregressive of order {noise_order}"
+    return estimate_of(solution, orders, Ts, "generalised least squares", count, note)
+
+
+def _autoregression(errors: Array, order: int, where: str) -> Array:
+    past = np.stack([-errors[order - i : errors.size - i] for i in range(1, order + 1)], axis=1)
+    if not np.any(past):  # nothing left to whiten
+        return np.eye(1, order + 1)[0]
+    return np.concatenate([[1.0], solve_columns(past, errors[order:], where).coefficients[0]])
+
+
+def armax(
+    outputs: ArrayLike, inputs: ArrayLike, orders: Orders, Ts: float, *, noise_order: int | None = None
+) -> Estimate:
+    """A(q) y = B(q) u + C(q) v, (2), by minimising the prediction errors: (8), (9).
+
+    noise_order: of C; as many as poles unless given, which covers white noise of a sensor on top of any plant, in
+    open and closed loop. Started from a long autoregression (Hannan and Rissanen) or the modified least squares,
+    whichever predicts better, then scipy's least squares with exact derivatives. Consistent for every noise
+    that C can describe, in closed loop too. Raises NotConverged; InputError for unusable records.
+    """
+    where = "armax"
+    noise = orders.poles if noise_order is None else noise_order
+    check_positive(where, Ts=Ts)
+    check_count(where, noise_order=noise)
+    needed = 3 * (orders.parameters + noise) + 40
+    y, u = (x[0] for x in check_records(where, orders, needed, outputs=outputs, inputs=inputs))
+    starts = [_two_stage_start(y, u, orders, noise, where), _modified_start(y, u, orders, noise)]
+    # C may have roots near the unit circle: a start in the middle of the noise would ring through 1/C.
+    y, u = (np.concatenate([np.zeros(orders.first), x]) for x in (y, u))
+    start = min(starts, key=lambda theta: float(np.sum(_prediction_errors(theta, y, u, orders) ** 2)))
+    fit = scipy.optimize.least_squares(
+        _prediction_errors,
+        start,
+        jac=_prediction_slopes,
+        args=(y, u, orders),
+        x_scale="jac",
+        xtol=1e-10,
+        ftol=1e-13,
+        gtol=1e-13,
+    )
+    if not fit.success:
+        raise NotConverged(Problem(where, "must converge", fit.message, "ask for fewer coefficients"))
+    # The columns there are only for covariance and condition.
+    solution = solve_columns(fit.jac, -fit.fun, where)
+    solution = solution._replace(coefficients=fit.x[None], squares=np.array([2.0 * fit.cost]))
+    note = f"noise of the equation is a moving average of order {noise}"
+    c = _noise_polynomial(fit.x, orders)
+    return estimate_of(solution, orders, Ts, "ARMAX (prediction errors)", int(fit.nfev), note, c)
+
+
+def _equation_errors(coefficients: Array, y: Array, u: Array, orders: Orders) -> Array:
+    a, b = (polynomial[0] for polynomial in polynomials(coefficients[None], orders))
+    driven = filter_response(np.concatenate([np.zeros(orders.delay), b]), [1.0], u)
+    return (filter_response(a, [1.0], y) - driven)[orders.first :]
+
+
+def _two_stage_start(y: Array, u: Array, orders: Orders, noise: int, where: str) -> Array:
+    """Errors of a long ARX model stand for v; then one regression on past y, u and v."""
+    long = Orders(orders.poles + 15, orders.zeros + 15, orders.dead_time)
+    try:
+        theta = solve(y[None], u[None], long, where).coefficients[0]
+    except ValueError:  # without noise the long model is not unique; the short one is
+        theta = solve(y[None], u[None], orders, where).coefficients[0]
+        long = orders
+    v = np.concatenate([np.zeros(long.first), _equation_errors(theta, y, u, long)])
+    first = orders.first + noise
+    past = np.stack([v[first - i : v.size - i] for i in range(1, noise + 1)], axis=1)
+    known = columns_of(y[None], u[None], orders)[0][noise:]
+    if np.sqrt(np.mean(v**2)) < 1e-9 * np.sqrt(np.mean(y**2)):
+        return np.concatenate([solve_columns(known, y[first:], where).coefficients[0], np.zeros(noise)])
+    return solve_columns(np.concatenate([known, past], axis=1), y[first:], where).coefficients[0]
+
+
+def _modified_start(y: Array, u: Array, orders: Orders, noise: int) -> Array:
+    """Sensor noise: C = A with its roots inside the unit circle."""
+    found = modified_least_squares_runs(y, u, orders, iterations=30)
+    a = found.denominators[:, : orders.poles + 1]
+    c = np.resize(np.concatenate([stable_denominators(a)[0, 1:], np.zeros(noise)]), noise)
+    return np.concatenate([a[0, 1:], found.numerators[0], c])
+
+
+def _prediction_errors(theta: Array, y: Array, u: Array, orders: Orders) -> Array:
+    """(9): the equation's errors through 1/C, C with its roots inside the unit circle."""
+    return filter_response([1.0], _noise_polynomial(theta, orders), _equation_errors(theta, y, u, orders))
+
+
+def _prediction_slopes(theta: Array, y: Array, u: Array, orders: Orders) -> Array:
+    """Derivatives (m, p) of the prediction errors: y, u and the errors themselves, delayed, through 1/C."""
+    c = _noise_polynomial(theta, orders)
+    known = -filter_response([1.0], c, columns_of(y[None], u[None], orders)[0], axis=0)
+    errors = filter_response([1.0], c, _prediction_errors(theta, y, u, orders))
+    past = [np.concatenate([np.zeros(i), -errors[: errors.size - i]]) for i in range(1, c.size)]
+    return np.concatenate([known, np.stack(past, axis=1)], axis=1)
+
+
+def _noise_polynomial(theta: Array, orders: Orders) -> Array:
+    return stable_denominators(np.concatenate([[1.0], theta[orders.parameters :]])[None, :])[0]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class RecursiveRun(Record):
+    """history (n, p): coefficients after each sample: the denominator's after its 1, the numerator's, C's after its 1.
+    model: after the last sample."""
+
+    history: Array
+    model: TransferFunction
+
+
+def recursive_least_squares(
+    outputs: ArrayLike,
+    inputs: ArrayLike,
+    orders: Orders,
+    *,
+    noise_order: int = 0,
+    forgetting: float = 1.0,
+    start_variance: float = 1e6,
+) -> RecursiveRun:
+    """Recursive least squares, an estimate after every sample; with noise_order > 0 recursive extended least squares
+    (ARMAX): (10), (11), and Ljung, System Identification, 2nd ed., 11.2 and 11.5.
+
+    forgetting: weight of a sample that is one sample old relative to the newest, in (0, 1]; it looks back on 1 / (1 -
+    forgetting) samples, which should last several times as long as the plant's slowest pole. start_variance: of the
+    coefficients, which start at 0. Without forgetting and noise terms the last estimate is that of `least_squares`, up
+    to the start. Raises InputError.
+    """
+    where = "recursive_least_squares"
+    check_positive(where, start_variance=start_variance, forgetting=forgetting)
+    must, received = "must lie in (0, 1] and be 0 or more", f"{forgetting!r}, {noise_order!r}"
+    remedy = "0.99 or more is usual; 1 forgets nothing"
+    check(forgetting <= 1.0 and noise_order >= 0, f"{where}(forgetting, noise_order)", must, received, remedy)
+    y, u = check_records(where, orders, outputs=outputs, inputs=inputs)
+    p = orders.parameters + noise_order
+    theta, covariance, past = np.zeros(p), start_variance * np.eye(p), np.zeros(noise_order)
+    history = np.zeros((y.shape[1], p))
+    for n, known in enumerate(columns_of(y, u, orders)[0], orders.first):
+        row = np.concatenate([known, past])
+        gain = covariance @ row
+        scale = forgetting + row @ gain
+        theta = theta + gain * (y[0, n] - row @ theta) / scale
+        covariance = (covariance - np.outer(gain, gain) / scale) / forgetting
+        # Errors after the update: extended least squares.
+        past = np.concatenate([[y[0, n] - row @ theta], past])[:noise_order]
+        history[n] = theta
+    return RecursiveRun(history, to_model(history[-1], orders))
+
+
+def identify_direct(outputs: ArrayLike, controls: ArrayLike, orders: Orders, Ts: float) -> Estimate:
+    """The plant from the controller's output and the measured position, as if the loop were open.
+
+    Modified least squares. White noise of the sensor does no harm in spite of the feedback, if the plant has a delay
+    of a sample or more: with the unstable poles reflected, (6) is the innovations form of the plant with that noise.
+    Forces on the body that the control signal does not show, and coloured noise, bias it: then use `armax`, which
+    models them, or an indirect way. Without a reference signal the conditions (12) must hold. Raises InputError for
+    unusable records and NotConverged.
+    """
+    must, received = (
+        "must have more poles than zeros, or dead time",
+        f"{orders.poles} poles, {orders.zeros} zeros",
+    )
+    remedy = "a loop without delay cannot be told from its controller"
+    check(orders.delay >= 1, "identify_direct(orders)", must, received, remedy)
+    return modified_least_squares(outputs, controls, orders, Ts)
+
+
+def identify_indirect(
+    outputs: ArrayLike,
+    references: ArrayLike,
+    controller: tuple[ArrayLike, ArrayLike],
+    orders: Orders,
+    Ts: float,
+    *,
+    tolerance: float = 1e-6,
+    iterations: int = 100,
+) -> Estimate:
+    """The plant from reference and position, with the known controller taken out: (15), (16).
+
+    controller: numerator and denominator in q of u / (r - y), with its sign (negative for a plant of negative gain).
+    Only the plant's coefficients are estimated, so nothing has to cancel afterwards. Instruments are the noise-free
+    records that the current model predicts (Gilson and Van den Hof, Automatica 41 (2005) 241): consistent for any
+    noise that does not depend on the reference, if the controller is right. Raises InputError and NotConverged.
+    """
+    where = "identify_indirect"
+    check_positive(where, Ts=Ts)
+    top, bottom = transfer_function(*controller)
+    above = np.concatenate([np.zeros(bottom.size - top.size), top])
+    y, r = check_records(where, orders, outputs=outputs, references=references)
+    outward, driven = filter_response(bottom, [1.0], y), filter_response(above, [1.0], r - y)
+    # Plain least squares is too far off to start from: what the controller must have sent, and the direct way.
+    found = modified_least_squares_runs(y, filter_response(above, bottom, r - y), orders, iterations=30)
+    start = np.hstack([found.denominators[:, 1 : orders.poles + 1], found.numerators])
+
+    def advance(_: NDArray[np.intp], coefficients: Array) -> Solution:
+        """Z' Phi theta = Z' w with instruments Z; triangle and condition are those of the instruments, for (14)."""
+        a, b = (polynomial[0] for polynomial in polynomials(coefficients, orders))
+        forward = np.convolve(above, np.concatenate([np.zeros(orders.delay), b]))
+        # Of the closed loop, its unstable roots reflected; and the position without noise.
+        stable = stable_denominators(polyadd(np.convolve(bottom, a), forward)[None, :])[0]
+        predicted = filter_response(forward, stable, r)
+        free = filter_response(bottom, [1.0], predicted), filter_response(above, [1.0], r - predicted)
+        w, v, w_free, v_free = (filter_response([1.0], stable, x) for x in (outward, driven, *free))
+        matched = solve(w_free, v_free, orders, where)
+        columns, instruments = columns_of(w, v, orders)[0], columns_of(w_free, v_free, orders)[0]
+        target = w[0, orders.first :]
+        theta = np.linalg.solve(instruments.T @ columns, instruments.T @ target)
+        errors = target - columns @ theta
+        return matched._replace(coefficients=theta[None, :], squares=np.array([errors @ errors]))
+
+    remedy = "check the controller's sign and sampling time; ask for fewer poles and zeros"
+    solution, count = settled(where, start, advance, tolerance, iterations, remedy)
+    notes = (_NOISE_FREE_REFERENCE, "the controller is as given, never at its limits")
+    method = "closed loop, known controller, refined instruments"
+    return estimate_of(solution, orders, Ts, method, count, notes)
+
+
+def identify_two_stage(
+    outputs: ArrayLike,
+    controls: ArrayLike,
+    references: ArrayLike,
+    orders: Orders,
+    Ts: float,
+    *,
+    loop: Orders,
+) -> Estimate:
+    """The plant in two stages, without knowing the controller: Van den Hof and Schrama (Automatica 29
+    (1993) 1523).
+
+    First u from r with the structure `loop` (Orders(4, 4) for two poles and a PID); what that model predicts
+    is free of noise, and is the input of a modified least squares for y. Poles and zeros of the first stage are not
+    looked at, so near cancellations there do no harm; too few do. The plant comes out with the bias of the first
+    stage, so this is the least exact of the three. Raises InputError and NotConverged.
+    """
+    where = "identify_two_stage"
+    check_positive(where, Ts=Ts)
+    y, u, r = check_records(where, orders, outputs=outputs, controls=controls, references=references)
+    first = modified_least_squares_runs(u[0], r[0], loop, iterations=30)
+    leading = np.zeros(loop.delay)
+    stable = stable_denominators(first.denominators)[0]
+    predicted = filter_response(np.concatenate([leading, first.numerators[0]]), stable, r[0])
+    return modified_least_squares(y[0], predicted, orders, Ts)
