@@ -11,7 +11,6 @@ from numpy.typing import ArrayLike
 from fieldmap.arguments import check_choice, check_matrix, check_not_negative, check_positive, check_signal
 from fieldmap.constants import GRAVITY
 from fieldmap.control.linear_models import StateSpace
-from fieldmap.deprecated import renamed_argument
 from fieldmap.device.model import Payload
 from fieldmap.errors import InputError, Problem
 from fieldmap.field import AnyField, Field, require_bounds, resolve_currents
@@ -204,7 +203,6 @@ class MapPlant(Record):
         return "xyz".index(check_choice(f"{where}(axis)", axis, "xyz"))
 
 
-@renamed_argument("field_map", "field")
 def plant_from_map(
     field: AnyField,
     payload: Payload | None,

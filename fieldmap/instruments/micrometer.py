@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,14 +16,10 @@ from fieldmap.arguments import (
     check_signal,
 )
 from fieldmap.core.instruments import held_scans
-from fieldmap.deprecated import REMOVAL
 from fieldmap.errors import InputError, Problem
 from fieldmap.instruments.amplifier import USUAL_RANGE
 from fieldmap.records import Record
 from fieldmap.typing import Array
-
-# Of one rig; what a sensor without a rate has been taken to have.
-_FORMER_SCAN_RATE = 1200.0
 
 
 @dataclass(frozen=True)
@@ -33,8 +28,8 @@ class Micrometer(Record):
 
     zero: position at 0 V, m. scale: m/V. voltage_step: resolution of the analogue output, V (0: none). lower, upper:
     its range, V; `USUAL_RANGE` is assumed unless given. scan_rate: scans per second, which `measuring_time` and `watch`
-    need. averages: scans whose mean is shown. latency: scans between the end of
-    a mean and its appearance. deviation: standard deviation of one scan, m, taken as white and Gaussian.
+    need. averages: scans whose mean is shown. latency: scans between the end of a mean and its appearance.
+    deviation: standard deviation of one scan, m, taken as white and Gaussian.
     """
 
     zero: float
@@ -117,13 +112,10 @@ def watch(
 
 
 def _scan_rate(micrometer: Micrometer) -> float:
-    if micrometer.scan_rate is not None:
-        return micrometer.scan_rate
-    message = (
-        f"Micrometer(scan_rate) is {_FORMER_SCAN_RATE:g} unless given, and must be given from {REMOVAL} on"
-    )
-    warnings.warn(message, FutureWarning, stacklevel=3)
-    return _FORMER_SCAN_RATE
+    if micrometer.scan_rate is None:
+        remedy = "Micrometer(..., scan_rate=1000.0), scans per second"
+        raise InputError(Problem("Micrometer(scan_rate)", "must be given to measure in time", "None", remedy))
+    return micrometer.scan_rate
 
 
 def _motion(times: ArrayLike, positions: ArrayLike) -> tuple[Array, Array]:

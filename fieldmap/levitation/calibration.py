@@ -14,7 +14,6 @@ import scipy
 from numpy.typing import ArrayLike, NDArray
 
 from fieldmap.arguments import check_matrix, check_ordered, check_positive, check_signal
-from fieldmap.deprecated import renamed_argument
 from fieldmap.device.model import Payload
 from fieldmap.errors import InputError, NoEquilibrium, Problem
 from fieldmap.field import AnyField, Bounds, Field, as_field, require_bounds
@@ -164,7 +163,6 @@ class _Rig:
         return np.full(2, np.nan)
 
 
-@renamed_argument("field_map", "field")
 def calibrate(
     field: AnyField,
     payload: Payload | None,

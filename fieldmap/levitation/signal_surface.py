@@ -13,7 +13,6 @@ from numpy.typing import ArrayLike, NDArray
 from fieldmap.arguments import check_positive, check_signal
 from fieldmap.constants import GRAVITY
 from fieldmap.currents import ASSUMED_N, LiftAndDirections, divide_currents
-from fieldmap.deprecated import renamed_argument
 from fieldmap.device.model import Payload
 from fieldmap.errors import Infeasible, NoEquilibrium, OutsideMapError
 from fieldmap.field import AnyField, Field, as_field, coil_currents, require_bounds
@@ -47,7 +46,6 @@ class EquilibriumSurface(Record):
     assumptions: tuple[str, ...]
 
 
-@renamed_argument("field_map", "field")
 def equilibrium_surface(
     field: AnyField,
     payload: Payload | None,

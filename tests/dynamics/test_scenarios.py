@@ -9,9 +9,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import fieldmap as fm
-from fieldmap.dynamics import prepare, read_scenario, run_metrics, simulate
+from fieldmap.dynamics import Sensors, prepare, read_scenario, run_metrics, simulate
 from fieldmap.dynamics.motion import state_of
-from fieldmap.dynamics.scenario import find_scenario, reading_mm, start
+from fieldmap.dynamics.scenario import reading_mm, start
 from fieldmap.dynamics.scenario.experiment import _start
 from fieldmap.dynamics.scenario.machine import body_of
 from fieldmap.dynamics.scenario.metrics import _step
@@ -231,7 +231,7 @@ def test_references_are_what_they_are_called(written):
     np.testing.assert_allclose(pushed[50, 2], 9.95)
 
 
-def test_former_names_of_keys_and_files_are_read(written):
+def test_a_scenario_of_an_earlier_version_is_read(written):
     text = TEXT[: TEXT.index("[control.z]")] + '[control.linked]\nkind = "lqg"\ndesigns = 1\n'
     path = written(text)
     with pytest.raises(ScenarioError) as error:
@@ -239,20 +239,12 @@ def test_former_names_of_keys_and_files_are_read(written):
     number = text.splitlines().index("designs = 1") + 1
     assert f":{number}: control.linked" in error.value.problems[0].where
     assert read_scenario(path, {"control.linked.designs": 3}).contents.control.coupled.designs == 3
-    with pytest.warns(FutureWarning, match="coupled_regulator"):
-        assert find_scenario("linked_regulator") == find_scenario("coupled_regulator")
-    # A path is nobody's former name.
-    missing = path.parent / "linked_regulator.toml"
-    with pytest.raises(ScenarioError) as error:
-        find_scenario(missing)
-    assert error.value.problems[0].where == str(missing)
 
 
-def test_the_zero_of_the_vertical_sensor_is_to_be_given(written):
-    path = written(TEXT.replace("zero_depth_mm = 77.0\n", ""))
-    with pytest.warns(FutureWarning, match="zero_depth_mm"):
-        scenario = read_scenario(path)
-    assert scenario.zero_depth_mm == 77.0
+def test_the_vertical_sensor_reads_zero_at_the_origin_unless_told(written):
+    assert read_scenario(written(TEXT)).zero_depth_mm == 77.0
+    assert read_scenario(written(TEXT.replace("zero_depth_mm = 77.0\n", ""))).zero_depth_mm == 0.0
+    np.testing.assert_array_equal(Sensors().numbers.shift, np.zeros(3))
 
 
 def test_a_reference_from_a_file(written, tmp_path):

@@ -27,8 +27,10 @@ STEPLESS = Rig(
 
 
 def test_a_sensor_whose_rate_is_asked_for_must_state_it():
-    with pytest.warns(FutureWarning, match="scan_rate"):
-        assert SENSOR.measuring_time == 1 / 1200.0
+    for asked in (lambda: SENSOR.measuring_time, lambda: watch(SENSOR, [0.0, 1.0], [0.0, 0.0], 0.1)):
+        with pytest.raises(InputError) as caught:
+            asked()
+        assert caught.value.problems[0].where == "Micrometer(scan_rate)"
 
 
 def test_what_is_seen_of_a_still_position():

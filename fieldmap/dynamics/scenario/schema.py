@@ -126,10 +126,8 @@ class SensorKeys(Table):
         default=[0.0] * 3, description="noise of the two crossed sensors and the vertical one"
     )
     angle_deg: float = Field(default=0.0, description="of the crossed sensors against x and y")
-    zero_depth_mm: float | None = Field(
-        default=None,
-        description="depth below the map's origin at which the vertical sensor reads 0; left out it is 77, and "
-        "0 from the next release on",
+    zero_depth_mm: float = Field(
+        default=0.0, description="depth below the map's origin at which the vertical sensor reads 0"
     )
     step_mm: NotNegative = Field(default=0.0, description="resolution of the sensors")
     input_bits: Annotated[int, Field(ge=1, le=32)] | None = Field(
