@@ -19,7 +19,7 @@ from fieldmap.errors import RecipeError
 from fieldmap.inputs.declared import table_of
 from fieldmap.inputs.document import Document
 from fieldmap.inputs.findings import closest, one_of, shown
-from fieldmap.inputs.kinds import FileKind, register
+from fieldmap.inputs.kinds import FileKind
 from fieldmap.inputs.tables import LARGEST_LENGTH_MM, Format, Positive, Table, Text, broken, is_number
 from fieldmap.records import Record
 from fieldmap.shipped import is_file, shipped_file, shipped_names
@@ -242,18 +242,12 @@ class RecipeFile(Table):
         return self
 
 
-RECIPE = register(
-    FileKind(
-        "recipe",
-        RecipeFile,
-        RecipeError,
-        "maps",
-        keys=frozenset({"spacing_mm", "box"}),
-        taken_by="`fieldmap map` takes it",
-        refers_to={
-            "device": 'a recipe names it (device = "{file}") and how fine the map shall be (spacing_mm)'
-        },
-    )
+RECIPE = FileKind(
+    "recipe",
+    RecipeFile,
+    RecipeError,
+    "maps",
+    refers_to={"device": 'a recipe names it (device = "{file}") and how fine the map shall be (spacing_mm)'},
 )
 
 

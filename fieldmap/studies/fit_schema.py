@@ -6,7 +6,7 @@ from pydantic import BeforeValidator, Field, WithJsonSchema, model_validator
 
 from fieldmap.errors import FitError
 from fieldmap.inputs.findings import one_of, shown
-from fieldmap.inputs.kinds import FileKind, register
+from fieldmap.inputs.kinds import FileKind
 from fieldmap.inputs.tables import (
     LARGEST_NUMBER,
     Format,
@@ -196,14 +196,10 @@ class FitFile(Table):
         return self
 
 
-FIT = register(
-    FileKind(
-        "fit",
-        FitFile,
-        FitError,
-        "maps",
-        "fits",
-        keys=frozenset({"unknown"}),
-        taken_by="`fieldmap fit` takes it",
-    )
+FIT = FileKind(
+    "fit",
+    FitFile,
+    FitError,
+    "maps",
+    "fits",
 )

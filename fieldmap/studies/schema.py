@@ -8,7 +8,7 @@ from pydantic import BeforeValidator, Field, StringConstraints, model_validator
 from fieldmap.currents import divide_currents
 from fieldmap.errors import StudyError
 from fieldmap.inputs.findings import one_of, shown
-from fieldmap.inputs.kinds import FileKind, register
+from fieldmap.inputs.kinds import FileKind
 from fieldmap.inputs.tables import Format, Name, Point, Positive, Table, Text, broken, is_number
 from fieldmap.studies.quantities import GROUPS, TAKEN
 
@@ -320,14 +320,10 @@ class StudyFile(Table):
         return self
 
 
-STUDY = register(
-    FileKind(
-        "study",
-        StudyFile,
-        StudyError,
-        "maps",
-        "studies",
-        keys=frozenset({"vary", "variant", "optimise"}),
-        taken_by="`fieldmap study` takes it, or `fieldmap optimise` where it has [optimise]",
-    )
+STUDY = FileKind(
+    "study",
+    StudyFile,
+    StudyError,
+    "maps",
+    "studies",
 )

@@ -7,7 +7,7 @@ from pydantic import Field, Tag, model_validator
 from fieldmap.currents import ASSUMED_N
 from fieldmap.dynamics.scenario.controller_schema import AxisController, CoupledController, FeedforwardKeys
 from fieldmap.errors import ScenarioError
-from fieldmap.inputs.kinds import FileKind, register
+from fieldmap.inputs.kinds import FileKind
 from fieldmap.inputs.tables import (
     Format,
     NotNegative,
@@ -362,14 +362,10 @@ class ScenarioFile(Table):
         return self
 
 
-SCENARIO = register(
-    FileKind(
-        "scenario",
-        ScenarioFile,
-        ScenarioError,
-        "maps",
-        "scenarios",
-        keys=frozenset({"control", "duration_s", "sensors", "start"}),
-        taken_by="`fieldmap simulate` takes it",
-    )
+SCENARIO = FileKind(
+    "scenario",
+    ScenarioFile,
+    ScenarioError,
+    "maps",
+    "scenarios",
 )
