@@ -84,6 +84,8 @@ EXAMPLES: dict[str, Any] = {
     "[x, y, z] of the centre of its lower face": [0.0, 0.0, -110.0],
     '"key.path" = "where the number comes from"; * stands for any one step': {"coil.*.turns": "drawing 12"},
     "[[x, y, z], ...] nodes": CORNERS,
+    "how far the reference is pushed": 0.05,
+    "how long the push lasts": 10.0,
     "[[i, j, k, l], ...] numbers of nodes from 0": [[0, 1, 2, 3]],
     "what the coil carries in the model that it comes from": 2.5,
     "thickness, cut out of the body whose end the joint is; 0: no joint": 0.1,

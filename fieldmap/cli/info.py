@@ -334,7 +334,7 @@ def _lift_table(summary: "MapSummary") -> "RenderableType":
     words = (
         f"Measured: {summary.lift_source}; lift/weight is ours at that current. One factor on the force, "
         f"{fit.factor:.3f}, turns ours into the measured: least squares of lift/weight. No other number here "
-        "contains it (docs/thesis_statics.md)."
+        "contains it."
     )
     return Group(table(columns, fitted), remark(words))
 

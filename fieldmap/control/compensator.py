@@ -8,18 +8,13 @@ from numpy.typing import ArrayLike
 from fieldmap.arguments import check_not_negative, check_numbers, check_positive, check_signal
 from fieldmap.typing import Array
 
-ASSUMED_PUSH = 5e-5
-"""m: of one rig, assumed where nothing is given."""
-ASSUMED_DURATION = 0.010
-"""s: likewise."""
-
 
 def compensated_reference(
     height: ArrayLike,
     horizontal: ArrayLike,
     Ts: float,
-    push: float = ASSUMED_PUSH,
-    duration: float = ASSUMED_DURATION,
+    push: float,
+    duration: float,
 ) -> Array:
     """The vertical reference (n,), less `push` for `duration` after each change of a horizontal reference (n,).
 
@@ -27,7 +22,7 @@ def compensated_reference(
     the moving axis, (n,). The push has the sign of the change: less for a rising horizontal reference, more for a
     falling one. A change during a push begins a new one. Ts, duration in s; push in m.
 
-    >>> reference = compensated_reference(0.010, [0, 0, 1e-4, 1e-4, 1e-4, 1e-4], Ts=5e-3)
+    >>> reference = compensated_reference(0.010, [0, 0, 1e-4, 1e-4, 1e-4, 1e-4], 5e-3, push=5e-5, duration=0.010)
     >>> (1e3 * reference).round(3).tolist()
     [10.0, 10.0, 9.95, 9.95, 10.0, 10.0]
     """

@@ -190,7 +190,7 @@ def calibrate(
 
     Example::
 
-        readings = LiftReadings(sensed=-0.077 - depths, currents=np.outer(amperes, np.ones(6)))
+        readings = LiftReadings(sensed=-0.05 - depths, currents=np.outer(amperes, np.ones(coils)))
         found = calibrate(m, device.payload, lift=readings)
         print(found.values, found.deviations, found.misfit)
     """

@@ -149,10 +149,13 @@ def _of_currents(contents: StudyFile, device: Device) -> Iterator[Finding]:
                     f"{len(given)} numbers",
                     "list as many as there are coils",
                 )
-        if entry.division is not None and coils != 6:
-            must_hold = "a division is for six coils"
+        if entry.lift_and_directions is not None and coils != 6:
+            must_hold = "lift_and_directions is for six coils"
             yield Finding(
-                ("currents", k, "division"), must_hold, f"{coils} coils", "write amperes_A or shares"
+                ("currents", k, "lift_and_directions"),
+                must_hold,
+                f"{coils} coils",
+                "write amperes_A or shares",
             )
         if entry.carries_at_mm is not None and (device.payload is None or device.workspace is None):
             must_hold = "the device needs a [payload] and a [workspace] for currents that carry"
@@ -288,9 +291,9 @@ def _placed(key: str, problems: tuple[Problem, ...], study_file: Document) -> li
 
 def _current_set(entry: CurrentKeys, coils: int) -> CurrentSet:
     given: Any = entry.amperes_A if entry.amperes_A is not None else entry.shares
-    if entry.division is not None:
-        division = entry.division
-        currents = divide_currents(division.u_A or 1.0, division.x, division.y, division.n)
+    if entry.lift_and_directions is not None:
+        of = entry.lift_and_directions
+        currents = divide_currents(of.u_A or 1.0, of.x, of.y, of.n)
     else:
         currents = np.array(np.broadcast_to(np.asarray(1.0 if given is None else given, float), coils))
     common = float(np.abs(currents).mean())

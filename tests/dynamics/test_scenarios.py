@@ -9,7 +9,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import fieldmap as fm
-from fieldmap.dynamics import Sensors, prepare, read_scenario, run_metrics, simulate
+from fieldmap.currents import LiftAndDirections
+from fieldmap.dynamics import MatrixAllocation, Sensors, prepare, read_scenario, run_metrics, simulate
 from fieldmap.dynamics.motion import state_of
 from fieldmap.dynamics.scenario import reading_mm, start
 from fieldmap.dynamics.scenario.experiment import _start
@@ -114,6 +115,17 @@ def test_at_rest_forces_balance_and_a_quiet_run_stays_there(written):
     np.testing.assert_allclose(experiment.operating_point.sensed, [0, 0, -0.087], atol=1e-7)
     six = experiment.operating_point.currents
     np.testing.assert_allclose(six, six[0], rtol=1e-6)
+
+
+def test_six_coils_are_driven_by_least_power_unless_the_scenario_or_the_map_says_otherwise(written):
+    asked = 'allocation = "lift_and_directions"\n'
+    bare = TEXT.replace(asked, "").replace("allocation_n = 1.25\n", "")
+    assert isinstance(prepare(read_scenario(written(bare))).machine.allocation, MatrixAllocation)
+    told = prepare(read_scenario(written())).machine.allocation
+    assert told.parametrisation == LiftAndDirections(1.25)
+    with pytest.raises(ScenarioError) as caught:
+        prepare(read_scenario(written(TEXT.replace("allocation_n = 1.25\n", ""))))
+    assert caught.value.problems[0].where.endswith(": control.allocation_n")
 
 
 def test_free_bodies_lean_into_rest_where_they_must(written):
