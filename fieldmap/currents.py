@@ -33,8 +33,6 @@ TOLERANCE = 1e-6
 """Currents belong to signals if they differ from those of the nearest signals by no more than this share."""
 ROUNDING = 1e-9
 """Signals lie in a domain if they are beyond it by no more than this share of its range."""
-ASSUMED_N = 1.25
-"""n of `LiftAndDirections` where six coils are divided and nothing says how: an assumption, of one rig."""
 
 
 class NearestSignals(NamedTuple):
@@ -312,7 +310,7 @@ class LiftAndDirections(CurrentParametrisation, Record):
 
     Signals: u, A, the mean current, which lifts; x and y, 1, which push along the two axes. The four coils at the
     corners get u (1 -+ x)(1 -+ y). The two on the x axis share what is left of 6 u as (1 -+ n x): n > 1 lets them
-    follow x more. The sum is 6 u and that of the two is 2 u whatever x and y are: (6-2), (6-3) of docs/recipes.md.
+    follow x more. The sum is 6 u and that of the two is 2 u whatever x and y are: docs/recipes.md.
 
     limit: the largest current of a coil, A, in a domain of these signals: u ends where a coil reaches it, the lower the
     larger x and y are. None: no limit.
@@ -352,7 +350,7 @@ class LiftAndDirections(CurrentParametrisation, Record):
         return ("A", "1", "1")
 
     def currents(self, signals: ArrayLike) -> Array:
-        """(6-2), (6-3)."""
+        """Of the two rows, in the order of the coils."""
         u, x, y = np.moveaxis(check_signal("signals", signals, columns=3), -1, 0)
         return self._divided(u[..., None], x[..., None], y[..., None])
 

@@ -27,7 +27,6 @@ A controller needs to know of a field, or of the map that holds it:
 from __future__ import annotations
 
 import functools
-import importlib
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Protocol, TypeAlias, runtime_checkable
@@ -417,10 +416,10 @@ class BaseField(TakesPoints, ABC):
 def magpylib_source(
     field: FieldAtCurrents, domain: Bounds | None, outlines: Callable[[], Sequence[Any]], **options: Any
 ) -> Any:
-    """A `fieldmap.sources.magpylib_source.FieldSource`. Found by name: fields know nothing of magpylib, which is
-    loaded on the first call only."""
-    module = importlib.import_module("fieldmap.sources.magpylib_source")
-    return module.source_of_field(field, domain, outlines, **options)
+    """A `fieldmap.magpylib_source.FieldSource`; magpylib is loaded on the first call."""
+    from fieldmap.magpylib_source import source_of_field
+
+    return source_of_field(field, domain, outlines, **options)
 
 
 class BaseFieldAtCurrents(TakesPoints, ABC):
@@ -479,7 +478,7 @@ class BaseFieldAtCurrents(TakesPoints, ABC):
         return ()
 
     def as_magpylib(self, **options: Any) -> Any:
-        """The field as a magpylib source (`fieldmap.sources.magpylib_source.FieldSource`), exact to rounding.
+        """The field as a magpylib source (`fieldmap.magpylib_source.FieldSource`), exact to rounding.
 
         It works in getB, getH, getJ, getM and getFT (as a source), with sensors and other sources, moved, turned and on
         paths; `show` draws its outlines. options: position, orientation and style of the source. Raises InputError for

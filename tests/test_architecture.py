@@ -22,6 +22,24 @@ def test_modules_import_each_other_in_no_circle(counts):
     assert not counts.circles(counts.imports(package))
 
 
+def test_packages_import_each_other_in_no_circle(counts):
+    assert not counts.circles(counts.by_packages(counts.modules(ROOT)))
+
+
+def test_an_import_is_no_string(counts):
+    """A name in quotes imports libraries, which may be missing, and modules of its own package: those of a folder in
+    which each is a choice, and those of a table for first use. `fieldmap` itself names for users what they may import.
+    """
+    named = {
+        (module.name, name)
+        for module in counts.modules(ROOT).values()
+        for name in counts.imports_by_name(module)
+        if name.startswith(("fieldmap", "*")) and module.name != "fieldmap"
+    }
+    others = {(by, name) for by, name in named if by.split(".")[1:2] != name.split(".")[1:2]}
+    assert not others
+
+
 @pytest.fixture
 def written(tmp_path):
     """A small package: a and b import each other, c imports itself by a detour inside a function, d is alone."""
@@ -46,6 +64,36 @@ def test_circles_are_found(counts, written):
     at_module_level = ("fieldmap.a", "fieldmap.b")
     assert counts.circles(counts.imports(package, lazy=False)) == (at_module_level,)
     assert counts.circles(counts.imports(package)) == (at_module_level, ("fieldmap.d", "fieldmap.sub.c"))
+
+
+@pytest.mark.parametrize(
+    ("line", "name"),
+    [
+        ("import_module('fieldmap.far.c')", "fieldmap.far.c"),
+        ("importlib.import_module('fieldmap.far').c", "fieldmap.far"),
+        ("__import__('fieldmap.far.c')", "fieldmap.far.c"),
+        ("import_module(f'fieldmap.far.{x}')", "fieldmap.far.*"),
+        ("import_module(f'fieldmap.{x}')", "fieldmap.*"),
+        ("import_module(TABLE[x])", "fieldmap.far.c"),
+        ("import_module(x)", "*"),
+        ("require('fieldmap.far.c', 'make', 'late')", "fieldmap.far.c"),
+    ],
+)
+def test_a_circle_of_packages_by_a_name_is_found(counts, written, line, name):
+    """Package far imports near; a function of near imports far by its name."""
+    files = {
+        "far/__init__": "",
+        "far/c": "from fieldmap.near.d import name\n",
+        "near/__init__": "",
+        "near/d": f"TABLE = {{'c': 'fieldmap.far.c'}}\n\ndef late(x):\n    return {line}\n",
+    }
+    for file, text in files.items():
+        path = written / "fieldmap" / f"{file}.py"
+        path.parent.mkdir(exist_ok=True)
+        path.write_text(text)
+    package = counts.modules(written)
+    assert name in counts.imports_by_name(package["fieldmap.near.d"])
+    assert any({"far", "near"} <= set(circle) for circle in counts.circles(counts.by_packages(package)))
 
 
 def test_lines_are_told_apart(counts, written):

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from fieldmap.control import StateSpace, TransferFunction
+from fieldmap.device.mesh_files import read_mesh
 from fieldmap.errors import FieldmapError
 from fieldmap.extras import require
 from fieldmap.interop import JaxEvaluator, MagnetForces, jax_field, read_mag_manip
 from fieldmap.interop.levitation_env import LevitationEnv
-from fieldmap.iron.geometry.mesh_files import read_mesh
 from fieldmap.lookup.data_set import data_set
 from fieldmap.plot.animation import save_animation
 from fieldmap.plot.vtu import write_xdmf

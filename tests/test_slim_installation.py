@@ -72,7 +72,7 @@ def figures():
     figure_page()
 
 def vtk():
-    from fieldmap.iron.geometry.mesh_files import read_mesh
+    from fieldmap.device.mesh_files import read_mesh
     Path("body.vtu").touch()
     read_mesh(Path("body.vtu"), 1.0)
 
@@ -82,8 +82,6 @@ ENTRIES = {
     "solve_to_tolerance": ("make", lambda: fm.solve_to_tolerance(fm.read_device("loop_and_sphere"), 0.1)),
     "generate": ("make", lambda: fm.generate("quick", "map.h5")),
     "check_geometry": ("make", checked),
-    "Device.from_magpylib": ("make", lambda: fm.Device.from_magpylib([])),
-    "Background.from_magpylib": ("make", lambda: fm.Background.from_magpylib([])),
     "as_magpylib": ("make", lambda: fm.open_map("sample").as_magpylib(1.0)),
     "find_equilibrium": ("levitation", lambda: fm.find_equilibrium(fm.open_map("sample"), 9.0, None)),
     "simulate": ("levitation", lambda: fm.simulate("hold")),
@@ -94,7 +92,7 @@ ENTRIES = {
     "optimise": ("make", lambda: fm.optimise),
     "fieldmap.plot": ("plot", drawn),
     "fieldmap.plot.runs": ("plot", figure),
-    "a .vtu file": ("make", vtk),
+    "a .vtu file": ("plot", vtk),
     "pages of the thesis": ("cli", figures),
 }
 answer = {}
@@ -186,7 +184,7 @@ def test_a_magnet_floats_with_the_extra_for_levitation(tmp_path):
 
 def test_entries_without_their_extra_name_its_command(core_alone):
     found = core_alone.told
-    assert len(found) == 19
+    assert len(found) == 17
     assert set(found.values()) == {"told"}, found
 
 

@@ -29,7 +29,7 @@ AXES = ("x", "y", "z")
 class AxisReading(Record):
     """What a controller of one axis calls its position: factor * (coordinate in m) + offset.
 
-    x in mm is AxisReading("x", 1e3); a depth in mm from 77 mm below the origin on is AxisReading("z", -1e3, -77.0).
+    x in mm is AxisReading("x", 1e3); a depth in mm from 50 mm below the origin on is AxisReading("z", -1e3, -50.0).
     """
 
     axis: str

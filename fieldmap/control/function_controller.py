@@ -16,7 +16,6 @@ import os
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from importlib import import_module
 from typing import Any
 
 import numpy as np
@@ -148,7 +147,11 @@ def as_controller(given: Any) -> Any:
 
 def _about_numba() -> Any:
     """The module about numba's functions; None where nobody has imported numba: then there are none."""
-    return import_module("fieldmap.control.jitted_function") if "numba" in sys.modules else None
+    if "numba" not in sys.modules:
+        return None
+    from fieldmap.control import jitted_function
+
+    return jitted_function
 
 
 def _form(function: Any) -> str:

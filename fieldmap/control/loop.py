@@ -187,8 +187,8 @@ def compensated_reference(
     height: ArrayLike,
     horizontal: ArrayLike,
     Ts: float,
-    push: float = ASSUMED_PUSH,
-    duration: float = ASSUMED_DURATION,
+    push: float,
+    duration: float,
 ) -> Array:
     """The vertical reference (n,), less `push` for `duration` after each change of a horizontal reference (n,).
 

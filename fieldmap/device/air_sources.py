@@ -1,12 +1,10 @@
 """Currents and magnets of fixed magnetisation in air, of the kinds that magpylib has: the data, and their keys.
 
 A source of current is part of a coil (`fieldmap.device.coils.magpylib`), which scales it; a magnet is part of the
-background (`fieldmap.device.background`), which no current drives. Fields: `fieldmap.sources.air_sources`.
+background (`fieldmap.device.background`), which no current drives. Fields: `fieldmap.device.air_fields`.
 """
 
-import importlib
 from dataclasses import dataclass, field
-from types import ModuleType
 from typing import Annotated, Any, Literal
 
 from pydantic import model_validator
@@ -95,19 +93,6 @@ class AirSource(Made):
     def amperes(self) -> float:
         """The current, A; 0 of what has none."""
         return 0.0 if self.current is None else self.current
-
-    def flux_density(self, points: Array) -> Array:
-        """B (n, 3), T, at points (n, 3), m, in the frame in which the source is placed."""
-        return _fields().flux_density(self, points)
-
-    def flux_density_and_gradient(self, points: Array) -> tuple[Array, Array]:
-        """B (n, 3), T, and dB_i/dx_j (n, 3, 3), T/m."""
-        return _fields().flux_density_and_gradient(self, points)
-
-
-def _fields() -> ModuleType:
-    """What computes them, found by name: the data of a machine know no kernels and no magpylib."""
-    return importlib.import_module("fieldmap.sources.air_sources")
 
 
 _KEYS: Any = table_of(AirSource, bases=(PlacementKeys,))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import importlib
 from dataclasses import dataclass
 from typing import Annotated, Any, Self
 
@@ -12,6 +11,7 @@ from pydantic import Field, ValidationInfo
 
 from fieldmap.device.air_sources import AirSource, AirSourceKeys
 from fieldmap.device.made import Made
+from fieldmap.device.magpylib_sources import sources_of
 from fieldmap.inputs.declared import Key
 from fieldmap.inputs.tables import Point, Vector, broken
 from fieldmap.typing import Array
@@ -119,8 +119,11 @@ class Background(Made):
 
     @classmethod
     def from_magpylib(cls, model: Any, **options: Any) -> Self:
-        """Of a magpylib source or Collection: see `fieldmap.sources.from_magpylib.background_of`."""
-        return importlib.import_module("fieldmap.sources.from_magpylib").background_of(model, **options)
+        """Of a magpylib source, a Collection or a sequence of them; options are the other arguments.
+
+        Raises InputError for what is no source.
+        """
+        return cls(sources=tuple(sources_of(model)), **options)
 
     @property
     def unwritten(self) -> bool:
@@ -148,17 +151,23 @@ class Background(Made):
     def field(self, points: Array) -> Array:
         """B (n, 3) at points (n, 3), T."""
         field = self.flux_density + (points - self.centre) @ self.tensor.T
-        for source in self.sources:
-            field += source.flux_density(points)
+        if self.sources:
+            from fieldmap.device.air_fields import flux_density
+
+            for source in self.sources:
+                field += flux_density(source, points)
         return field
 
     def field_and_gradient(self, points: Array) -> tuple[Array, Array]:
         """B (n, 3), T, and dB_i/dx_j (n, 3, 3), T/m."""
         field = self.flux_density + (points - self.centre) @ self.tensor.T
         gradient = np.tile(self.tensor, (len(points), 1, 1))
-        for source in self.sources:
-            more, slope = source.flux_density_and_gradient(points)
-            field, gradient = field + more, gradient + slope
+        if self.sources:
+            from fieldmap.device.air_fields import flux_density_and_gradient
+
+            for source in self.sources:
+                more, slope = flux_density_and_gradient(source, points)
+                field, gradient = field + more, gradient + slope
         return field, gradient
 
     def is_kept_by(self, matrix: Array, offset: Array) -> bool:

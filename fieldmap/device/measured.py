@@ -20,7 +20,7 @@ DEFAULT = "drive_unit"
 
 @dataclass(frozen=True, repr=False)
 class MeasuredShift(Record):
-    """Where a magnet came to rest, as x_mm (k,) over rising x_signals (k,) of a current division with this n, a
+    """Where a magnet came to rest, as x_mm (k,) over rising x_signals (k,) of `LiftAndDirections` with this n, a
     controller keeping its vertical reading at reading_mm. zero_mm: what was read at signal 0. source: where printed."""
 
     n: float

@@ -6,7 +6,6 @@ Made in Python or read from a file by `fieldmap.device.read_device`, a `Device` 
 from __future__ import annotations
 
 import hashlib
-import importlib
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -21,6 +20,7 @@ from fieldmap.device.coils.path import PathCoil as PathCoil
 from fieldmap.device.coils.rounded_rectangle import RoundedRectangleCoil as RoundedRectangleCoil
 from fieldmap.device.keys import checked_data, device_data
 from fieldmap.device.made import Made
+from fieldmap.device.magpylib_model import device_arguments
 from fieldmap.device.materials import Material as Material
 from fieldmap.device.materials import SaturatingMaterial as SaturatingMaterial
 from fieldmap.device.materials.arctangent import Arctangent as Arctangent
@@ -176,11 +176,11 @@ class Device(Made):
 
     @classmethod
     def from_magpylib(cls, model: Any, **options: Any) -> Self:
-        """The device of a magpylib source or Collection: see `fieldmap.sources.from_magpylib.device_of`.
+        """The device of a magpylib source or Collection: see `fieldmap.device.magpylib_model.device_arguments`.
 
         Currents become coils, objects with a susceptibility or B-H curve iron, magnets without one a background.
         """
-        return importlib.import_module("fieldmap.sources.from_magpylib").device_of(model, **options)
+        return cls(**device_arguments(model, **options))
 
     @property
     def nominal_currents(self) -> dict[str, float]:

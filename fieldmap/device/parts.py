@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
-from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, ClassVar, Self, get_args
 
@@ -187,7 +186,9 @@ class VolumeMesh(Made):
 
         Raises InputError for a file that cannot be read, has no tetrahedra or lacks the region.
         """
-        mesh = import_module("fieldmap.iron.geometry.mesh_files").read_mesh(Path(path), region)
+        from fieldmap.device.mesh_files import read_mesh
+
+        mesh = read_mesh(Path(path), region)
         return cls(unit * mesh.points, mesh.tets)
 
 

@@ -10,7 +10,6 @@ from fieldmap.control.loop import LoopRun
 from fieldmap.core.closed_loop import GOES_ON
 from fieldmap.core.library import LIBRARY
 from fieldmap.core.machine import ANGULAR_VELOCITY, POSITION, STATE, TURN, VELOCITY
-from fieldmap.deprecated import warn_renamed
 from fieldmap.records import Record
 from fieldmap.store import RunRecord
 from fieldmap.typing import Array
@@ -98,12 +97,6 @@ class LevitationRun(LoopRun):
     def angular_velocity(self) -> Array:
         """(r, 3), rad/s, in the frame of the body."""
         return self.rows[:, ANGULAR_VELOCITY : ANGULAR_VELOCITY + 3]
-
-    @property
-    def spin(self) -> Array:
-        """The older name of `angular_velocity`."""
-        warn_renamed("LevitationRun.spin", "LevitationRun.angular_velocity")
-        return self.angular_velocity
 
     @property
     def currents(self) -> Array:

@@ -1,19 +1,14 @@
 """The position sensors of a rig, as compiled loops take them."""
 
-import warnings
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from fieldmap.arguments import check_count, check_not_negative, check_numbers
 from fieldmap.core.closed_loop import Sensing
-from fieldmap.deprecated import REMOVAL
 from fieldmap.instruments import Rig, SensorFrame
 from fieldmap.records import Record
 from fieldmap.typing import Array
-
-# What could be left out.
-_FORMER_ZERO_DEPTH = 0.077
 
 
 def _ideal() -> Array:
@@ -25,14 +20,14 @@ class Sensors(Record):
     """Two sensors that cross in the horizontal plane and one for the depth; ideal unless more is given.
 
     frame: of the crossed sensors; without it they read x and y. zero_depth: depth below the map's origin at which the
-    third reads 0, m; it reads downward. Left out it is 0.077, and 0 from the next release on. deviations (3,): noise of
+    third reads 0, m; it reads downward. deviations (3,): noise of
     what each shows, m. rigs: measuring chain of each. voltage_noise: of their input converters, V. scan_rate: 1/s, 0
     for sensors that show what is at each sample; averages, one number for all or one for each, latency: as in
     `Micrometer`. measured_with: averages with which the deviations were measured; those that are set unless given.
     """
 
     frame: SensorFrame | None = None
-    zero_depth: float | None = None
+    zero_depth: float = 0.0
     deviations: tuple[float, float, float] = (0.0, 0.0, 0.0)
     rigs: tuple[Rig | None, Rig | None, Rig | None] = (None, None, None)
     voltage_noise: float = 0.0
@@ -43,15 +38,6 @@ class Sensors(Record):
     assumptions: tuple[str, ...] = field(default=())
 
     def __post_init__(self) -> None:
-        if self.zero_depth is None:
-            if any(rig is not None for rig in self.rigs):
-                # Of ideal sensors only rounding depends on it.
-                message = (
-                    f"Sensors(zero_depth) is {_FORMER_ZERO_DEPTH:g} unless given, and 0 from {REMOVAL} on"
-                )
-                warnings.warn(message, FutureWarning, stacklevel=3)
-            object.__setattr__(self, "zero_depth", _FORMER_ZERO_DEPTH)
-        assert self.zero_depth is not None
         check_numbers("Sensors", zero_depth=self.zero_depth)
         check_not_negative(
             "Sensors",
@@ -72,7 +58,6 @@ class Sensors(Record):
     @property
     def numbers(self) -> Sensing:
         """As compiled loops take them."""
-        assert self.zero_depth is not None
         into, shift = np.diag([1.0, 1.0, -1.0]), np.array([0.0, 0.0, -self.zero_depth])
         if self.frame is not None:
             shift[:2] = self.frame.to_local([0.0, 0.0, 0.0])[:2]

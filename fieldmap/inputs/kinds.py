@@ -1,9 +1,12 @@
-"""Kinds of files that people write. Each package registers its own; here they are found, read and told apart."""
+"""Kinds of files that people write: how they are found, read and told apart.
+
+What tells them apart is a table here, so that a reader knows the files of packages above it without importing them. The
+schema of a kind stands in the package that reads it.
+"""
 
 import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from importlib import import_module
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Generic, TypeVar
@@ -17,22 +20,66 @@ from fieldmap.records import Record
 from fieldmap.shipped import is_file, shipped_file, shipped_names
 from fieldmap.typing import PathLike
 
-# Packages that register kinds. They are imported only to say what a file is that the reader at work does not know.
-_PACKAGES = ("device", "planar", "maps", "studies", "dynamics")
-
 Contents = TypeVar("Contents", bound=BaseModel)
+
+
+@dataclass(frozen=True, repr=False)
+class Marks(Record):
+    """What tells a kind of file from others.
+
+    keys: top-level keys. key, value: what only this kind has; it goes before keys. taken_by: what reads such a file,
+    for people who gave it to something else.
+    """
+
+    keys: frozenset[str]
+    taken_by: str
+    key: str = ""
+    value: str = ""
+
+    def are_on(self, data: Mapping[str, Any]) -> bool:
+        """Does the data have the key with the value that only this kind gives it?"""
+        return bool(self.key) and data.get(self.key) == self.value
+
+
+MARKS: Mapping[str, Marks] = MappingProxyType(
+    {
+        "device": Marks(
+            frozenset({"coil", "body", "material", "payload", "driver", "workspace", "include"}),
+            "`fieldmap check` takes it",
+        ),
+        "material": Marks(
+            frozenset({"H_A_per_m", "B_T"}),
+            'a device file names it: kind = "bh_table", file = "..."',
+        ),
+        "planar device": Marks(
+            frozenset({"coil", "body", "material", "payload", "walls"}),
+            "fieldmap.planar.read_planar_device reads it",
+            "space",
+            "plane",
+        ),
+        "recipe": Marks(frozenset({"spacing_mm", "box"}), "`fieldmap map` takes it"),
+        "study": Marks(
+            frozenset({"vary", "variant", "optimise"}),
+            "`fieldmap study` takes it, or `fieldmap optimise` where it has [optimise]",
+        ),
+        "fit": Marks(frozenset({"unknown"}), "`fieldmap fit` takes it"),
+        "scenario": Marks(
+            frozenset({"control", "duration_s", "sensors", "start"}), "`fieldmap simulate` takes it"
+        ),
+    }
+)
+"""Of every kind, by its name."""
 
 
 @dataclass(frozen=True, repr=False)
 class FileKind(Record, Generic[Contents]):
     """One kind of TOML file.
 
-    name: as people call it, such as "device". schema: what the file may hold. error: raised for a file that is wrong.
-    folder, subfolder: where the shipped files of this kind lie. keys: top-level keys that tell this kind from others.
-    mark: a key with the value that only this kind gives it; it goes before keys. taken_by: what reads such a file, for
-    people who gave it to something else. refers_to: kinds of file that a file of this kind names, each with a remedy
-    for people who gave that file instead; {file} stands for its name. json_schema: file of the shipped JSON Schema.
-    expand: writes out the short forms of a file; raises `error`. short_forms: top-level keys that are gone then.
+    name: as people call it, such as "device", with a row in `MARKS`. schema: what the file may hold. error: raised for
+    a file that is wrong. folder, subfolder: where the shipped files of this kind lie. refers_to: kinds of file that a
+    file of this kind names, each with a remedy for people who gave that file instead; {file} stands for its name.
+    json_schema: file of the shipped JSON Schema. expand: writes out the short forms of a file; raises `error`.
+    short_forms: top-level keys that are gone then.
     """
 
     name: str
@@ -40,9 +87,6 @@ class FileKind(Record, Generic[Contents]):
     error: type[InputError]
     folder: str
     subfolder: str = ""
-    keys: frozenset[str] = frozenset()
-    mark: tuple[str, str] | None = None
-    taken_by: str = ""
     refers_to: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
     json_schema: str | None = None
     expand: Callable[[Document], Document] | None = None
@@ -85,50 +129,30 @@ class FileKind(Record, Generic[Contents]):
         """Raise `error` if the document is clearly of another kind; one of no kind passes."""
         data = document.data
         known = self.schema.model_fields.keys() | self.short_forms
-        if self.keys & data.keys() and data.keys() <= known:
+        if MARKS[self.name].keys & data.keys() and data.keys() <= known:
             return
         found = kind_of(data)
-        if found is None or found is self:
+        if found is None or found == self.name:
             return
-        key = found.mark[0] if found.mark else next(key for key in data if key in found.keys)
-        remedy = found.taken_by
-        if found.name in self.refers_to:
-            remedy += "; " + self.refers_to[found.name].format(file=document.path.name)
-        received = f'a {found.name} file, by its key "{key}"'
+        marks = MARKS[found]
+        key = marks.key or next(key for key in data if key in marks.keys)
+        remedy = marks.taken_by
+        if found in self.refers_to:
+            remedy += "; " + self.refers_to[found].format(file=document.path.name)
+        received = f'a {found} file, by its key "{key}"'
         raise self.error(Problem(str(document.path), f"must be a {self.name} file", received, remedy))
 
-    def is_marked(self, data: Mapping[str, Any]) -> bool:
-        """Does the data carry the mark of this kind?"""
-        return self.mark is not None and data.get(self.mark[0]) == self.mark[1]
 
+def kind_of(data: Mapping[str, Any]) -> str | None:
+    """The kind of a file's data: the one with the most of its keys; None if there is none, or several.
 
-_KINDS: dict[str, FileKind[Any]] = {}
-
-
-def register(kind: FileKind[Contents]) -> FileKind[Contents]:
-    """Enter a kind into the list of those that are told apart, and return it."""
-    _KINDS[kind.name] = kind
-    return kind
-
-
-def every_kind() -> list[FileKind[Any]]:
-    """The kinds of all packages."""
-    for package in _PACKAGES:
-        import_module(f"fieldmap.{package}")
-    return list(_KINDS.values())
-
-
-def kind_of(data: Mapping[str, Any]) -> FileKind[Any] | None:
-    """The kind of a file's data: the one that knows the most of its keys; None if there is none, or several.
-
-    >>> kind_of({"format": 1, "coil": []}).name, kind_of({"format": 1})
+    >>> kind_of({"format": 1, "coil": []}), kind_of({"format": 1})
     ('device', None)
     """
-    kinds = every_kind()
-    for kind in kinds:
-        if kind.is_marked(data):
-            return kind
-    found = [kind for kind in kinds if kind.mark is None and kind.keys & data.keys()]
-    known = [len(data.keys() & kind.schema.model_fields.keys()) for kind in found]
-    best = [kind for kind, count in zip(found, known, strict=True) if count == max(known)]
+    for name, marks in MARKS.items():
+        if marks.are_on(data):
+            return name
+    found = {name: len(marks.keys & data.keys()) for name, marks in MARKS.items() if not marks.key}
+    most = max(found.values())
+    best = [name for name, count in found.items() if count == most > 0]
     return best[0] if len(best) == 1 else None

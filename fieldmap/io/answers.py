@@ -192,7 +192,7 @@ class Levitation(Record):
         if isinstance(self.found, LiftCurrent):
             measured = self.measured_current
             ratio = None if measured is None else self.found.current / measured
-            numbers |= plain_items(current_limit=self.current_limit, thesis=measured, ratio=ratio)
+            numbers |= plain_items(current_limit=self.current_limit, measured=measured, ratio=ratio)
         about = plain_items(
             source=self.source.name,
             kind=self.source.kind,

@@ -8,7 +8,6 @@ with needs("make", "fieldmap.iron"):
 
     del scipy
 
-from fieldmap.deprecated import renamed
 from fieldmap.device.model import Section
 from fieldmap.iron.beyond_saturation import BodyBeyondSaturation, bodies_beyond_saturation
 from fieldmap.iron.design import DesignFigures, design_figures
@@ -67,8 +66,3 @@ __all__ = [
     "solve_linear",
     "solve_to_tolerance",
 ]
-
-__getattr__ = renamed(
-    __name__,
-    {"OverdrivenBody": "BodyBeyondSaturation", "overdriven_bodies": "bodies_beyond_saturation"},
-)

@@ -5,7 +5,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from fieldmap.deprecated import warn_renamed
 from fieldmap.iron.elements.state import IronState
 from fieldmap.iron.error.estimate import ErrorEstimate
 from fieldmap.iron.error.tolerance import ToleranceReport
@@ -95,12 +94,6 @@ class SolverReport(Record):
         """The continuation as text, empty where there was none."""
         shares = ", ".join(f"{100 * share:.3g}" for share in self.continuation)
         return f", in steps of the currents ({shares} %)" if shares else ""
-
-    @property
-    def steps_words(self) -> str:
-        """The older name of `steps_text`."""
-        warn_renamed("SolverReport.steps_words", "SolverReport.steps_text")
-        return self.steps_text
 
     def _outside(self) -> str:
         """How much of the iron the extensions of its laws speak for."""

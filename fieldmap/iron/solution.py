@@ -379,10 +379,6 @@ class LinearSolution(BaseField):
             return np.zeros(b.shape[1:]), np.zeros(g.shape[1:])
         return b[-1], g[-1]
 
-    def remanent_fields(self, points: ArrayLike) -> tuple[Array, Array]:
-        """`constant_fields` by its older name."""
-        return self.constant_fields(points)
-
     def inductance(self) -> Array:
         """Inductance matrix (c, c) in H of the coils in their iron; symmetric up to the solver's tolerance.
 

@@ -14,7 +14,6 @@ with needs("levitation", "fieldmap.levitation"):
     del scipy
 
 from fieldmap.constants import GRAVITY
-from fieldmap.deprecated import renamed
 from fieldmap.levitation.balance import (
     MODELS,
     MagnetModel,
@@ -35,7 +34,6 @@ from fieldmap.levitation.comparison import (
 )
 from fieldmap.levitation.continuation import Fold, FollowedBranch, follow_branch
 from fieldmap.levitation.equilibrium import Equilibrium, SearchReport, find_equilibrium
-from fieldmap.levitation.former_names import DifferencedField, FixedCurrents, lift_current_nonlinear
 from fieldmap.levitation.least_power import force_per_ampere, lift_shares, push_shares
 from fieldmap.levitation.lift import LiftCurrent, lift_current
 from fieldmap.levitation.reachable_set import ReachableSet, reachable, zonotope
@@ -48,11 +46,9 @@ __all__ = [
     "GRAVITY",
     "MODELS",
     "Calibration",
-    "DifferencedField",
     "Equilibrium",
     "EquilibriumBranch",
     "EquilibriumSurface",
-    "FixedCurrents",
     "Fold",
     "FollowedBranch",
     "ForceFit",
@@ -82,7 +78,6 @@ __all__ = [
     "force_per_ampere",
     "lift_by_height",
     "lift_current",
-    "lift_current_nonlinear",
     "lift_shares",
     "magnet_balance",
     "model_assumptions",
@@ -92,22 +87,3 @@ __all__ = [
     "stationary_points",
     "zonotope",
 ]
-
-__getattr__ = renamed(
-    __name__,
-    {
-        "LevitationField": "fieldmap.field:Field",
-        "SENSOR_ZERO_DEPTH": "fieldmap.thesis.vertical_sensor:SENSOR_ZERO_DEPTH",
-        "magnet_height": "fieldmap.thesis.vertical_sensor:magnet_height",
-        "sensor_reading": "fieldmap.thesis.vertical_sensor:sensor_reading",
-        "thesis_lift_current": "fieldmap.thesis.vertical_sensor:thesis_lift_current",
-        "Exponential": "fieldmap.thesis.force_formulas:Exponential",
-        "Fit": "fieldmap.thesis.force_formulas:Fit",
-        "HorizontalForce": "fieldmap.thesis.force_formulas:HorizontalForce",
-        "QuadraticForce": "fieldmap.thesis.force_formulas:QuadraticForce",
-        "VerticalForce": "fieldmap.thesis.force_formulas:VerticalForce",
-        "fit_horizontal_force": "fieldmap.thesis.force_formulas:fit_horizontal_force",
-        "fit_quadratic_force": "fieldmap.thesis.force_formulas:fit_quadratic_force",
-        "fit_vertical_force": "fieldmap.thesis.force_formulas:fit_vertical_force",
-    },
-)

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fieldmap.arguments import check_positive
-from fieldmap.deprecated import renamed_argument
 from fieldmap.device.model import Payload
 from fieldmap.errors import InputError, NoEquilibrium, Problem
 from fieldmap.field import AnyField, Bounds, as_field, require_bounds
@@ -58,7 +57,6 @@ class EquilibriumBranch(Record):
         return np.array([point.position for point in self.at_stops]).reshape(-1, 3)
 
 
-@renamed_argument("field_map", "field")
 def follow_equilibrium(
     field: AnyField,
     payload: Payload | None,
@@ -114,7 +112,6 @@ def follow_equilibrium(
     )
 
 
-@renamed_argument("field_map", "field")
 def equilibrium_at(
     field: AnyField,
     payload: Payload | None,

@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fieldmap.arguments import check_matrix, check_ordered, check_positive, check_signal
-from fieldmap.deprecated import renamed_argument
 from fieldmap.device.model import Payload
 from fieldmap.errors import InputError, NoEquilibrium, Problem
 from fieldmap.field import AnyField, Bounds, Field, as_field, require_bounds
@@ -160,7 +159,6 @@ class _Rig:
         return np.full(2, np.nan)
 
 
-@renamed_argument("field_map", "field")
 def calibrate(
     field: AnyField,
     payload: Payload | None,
@@ -188,7 +186,7 @@ def calibrate(
 
     Example::
 
-        readings = LiftReadings(sensed=-0.077 - depths, currents=np.outer(amperes, np.ones(6)))
+        readings = LiftReadings(sensed=-0.05 - depths, currents=np.outer(amperes, np.ones(coils)))
         found = calibrate(m, device.payload, lift=readings)
         print(found.values, found.deviations, found.misfit)
     """

@@ -49,13 +49,13 @@ class LiftAtHeight(Record):
         return None if self.measured is None or self.current is None else self.current / self.measured
 
     def to_dict(self) -> dict[str, Plain]:
-        """The row as plain Python. The measured current stands under "thesis", as in earlier versions."""
+        """The row as plain Python."""
         return plain_items(
             sensor_mm=self.sensor_mm,
             height=self.height,
             current=self.current,
             beyond=self.beyond,
-            thesis=self.measured,
+            measured=self.measured,
             ratio=self.ratio,
             lift_share=self.lift_share,
         )
@@ -133,7 +133,7 @@ class ShiftBesideMeasured(Record):
     measured (k,), m: x as read. constant_lift (k,), m: ours if the level follows, so that the lift stays what it is at
     signal 0, as a controller of the height makes it; levels (k,), A: that level. constant_level (k,), m: ours if the
     level stays `level`, A, the measured lift current. Both count from `zero`, m, the reading at signal 0; NaN where the
-    field does not hold the currents. n: of the current division; sensor_mm: reading of the vertical sensor, and height:
+    field does not hold the currents. n: of `LiftAndDirections`; sensor_mm: reading of the vertical sensor, and height:
     z of the magnet's centre, m. source: where the readings are printed.
     """
 
@@ -153,7 +153,7 @@ class ShiftBesideMeasured(Record):
 def shifts_beside_measured(
     field: Field, payload: Payload, machine: MeasuredMachine, parametrisation: CurrentParametrisation
 ) -> tuple[ShiftBesideMeasured, ...]:
-    """Every measured shift of this current division, the magnet a point dipole that stays upright.
+    """Every measured shift with this parametrisation, the magnet a point dipole that stays upright.
 
     Those are left out whose height lies outside the field's box, or for which the field has no equilibrium at signal 0.
     """
@@ -170,7 +170,7 @@ def _shift(
     height = machine.height(read.reading_mm, payload.magnet_offset)
     level = machine.lift_current(read.reading_mm)
     signals, zero = np.array(read.x_signals), 1e-3 * read.zero_mm
-    about = (field, payload, np.append(0.0, signals), [0.0], level, height, read.n)
+    about = (field, payload, np.append(0.0, signals), [0.0], level, height, LiftAndDirections(read.n))
     try:
         follows, stays = (equilibrium_surface(*about, hold_height=held) for held in (True, False))
     except (OutsideMapError, Infeasible, NoEquilibrium):

@@ -9,7 +9,6 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike, NDArray
 
-from fieldmap.deprecated import renamed_argument
 from fieldmap.device.model import Payload
 from fieldmap.errors import InputError, NoEquilibrium, Problem
 from fieldmap.field import AnyField, Bounds, require_bounds, resolve_currents
@@ -100,7 +99,6 @@ class Equilibrium(Record):
         )
 
 
-@renamed_argument("field_map", "field")
 def find_equilibrium(
     field: AnyField,
     currents: Any = None,

@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fieldmap.constants import GRAVITY
-from fieldmap.deprecated import renamed_argument
 from fieldmap.device.model import Payload
 from fieldmap.errors import Infeasible, InputError, NotConverged, OutsideMapError, Problem
 from fieldmap.field import AnyField, Field, as_field, coil_currents, require_bounds
@@ -71,7 +70,6 @@ class LiftCurrent(Record):
         )
 
 
-@renamed_argument("field_map", "field")
 def lift_current(
     field: AnyField,
     payload: Payload | None,

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fieldmap.arguments import check_not_negative, check_positive
-from fieldmap.deprecated import renamed_argument
 from fieldmap.device.model import Payload
 from fieldmap.errors import InputError, Problem
 from fieldmap.field import AnyField, require_bounds, resolve_currents
@@ -50,7 +49,6 @@ class Sensitivity(Record):
         return np.asarray((by_current * spread**2) @ by_current.T)
 
 
-@renamed_argument("field_map", "field")
 def equilibrium_sensitivity(
     field: AnyField,
     currents: Any,

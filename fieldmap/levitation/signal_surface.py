@@ -12,8 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from fieldmap.arguments import check_positive, check_signal
 from fieldmap.constants import GRAVITY
-from fieldmap.currents import ASSUMED_N, LiftAndDirections, divide_currents
-from fieldmap.deprecated import renamed_argument
+from fieldmap.currents import CurrentParametrisation, LiftAndDirections
 from fieldmap.device.model import Payload
 from fieldmap.errors import Infeasible, NoEquilibrium, OutsideMapError
 from fieldmap.field import AnyField, Field, as_field, coil_currents, require_bounds
@@ -25,8 +24,6 @@ from fieldmap.levitation.stationary import StationaryPoint
 from fieldmap.lookup.payload import check_payload
 from fieldmap.records import Record
 from fieldmap.typing import Array
-
-_COILS = ("1", "2", "3", "4", "5", "6")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -47,7 +44,6 @@ class EquilibriumSurface(Record):
     assumptions: tuple[str, ...]
 
 
-@renamed_argument("field_map", "field")
 def equilibrium_surface(
     field: AnyField,
     payload: Payload | None,
@@ -55,7 +51,7 @@ def equilibrium_surface(
     y_signals: ArrayLike,
     level: float,
     height: float,
-    n: float | None = None,
+    parametrisation: LiftAndDirections | None = None,
     hold_height: bool = True,
     shares: Any = None,
 ) -> EquilibriumSurface:
@@ -66,17 +62,16 @@ def equilibrium_surface(
     to 0 and at `level`, as a controller of the height makes it; otherwise it is constant and the vertical force is left
     as it is. Each place is looked for from that of its neighbour nearer to 0, so that one branch is followed.
 
-    A map that was made for `LiftAndDirections`, and any other field of six coils named "1" to "6", takes its signals:
-    n is its parameter, that of the map or `fieldmap.currents.ASSUMED_N` unless given. Any other field, and every one
-    for which shares (n_coils,) are given, takes level (shares + x c_x + y c_y): shares are the currents per ampere of
-    the level, 1 unless given; c_x pushes along x and nowhere else with least power, its largest current 1, at this
+    Signals are those of the parametrisation, unless given that which the map was made for. Any other field, and every
+    one for which shares (n_coils,) are given, takes level (shares + x c_x + y c_y): shares are the currents per ampere
+    of the level, 1 unless given; c_x pushes along x and nowhere else with least power, its largest current 1, at this
     height in the middle of the box, and c_y along y (docs/theory/dynamics.md (48)). Along an axis on which the coils
     do not push by themselves the signal does nothing, and the assumptions say so.
 
     Raises InputError for arguments that do not fit, OutsideMapError for a height or currents beyond the map,
     Infeasible where the coils do not lift, and NoEquilibrium where there is none at the signals nearest to 0.
 
-    >>> m = open_map("maps/out/division.h5")                                            # doctest: +SKIP
+    >>> m = open_map("maps/out/workspace.h5")                                           # doctest: +SKIP
     >>> s = [-0.3, -0.15, 0.0, 0.15, 0.3]                                               # doctest: +SKIP
     >>> equilibrium_surface(m, payload, s, s, level=1.558, height=-0.102).positions     # doctest: +SKIP
     """
@@ -87,16 +82,17 @@ def equilibrium_surface(
     source = as_field(field)
     low, high = require_bounds(source)
     middle = 0.5 * (low + high)
-    divided = _lift_and_directions(source, n) if shares is None else None
-    if divided is None:
+    of = getattr(source, "parametrisation", None) if parametrisation is None else parametrisation
+    signals = _lift_and_directions(of) if shares is None else None
+    if signals is None:
         point = check_position((low, high), np.append(middle[:2], height), "equilibrium_surface(height)")
-        divided = _least_power(source, carried, point, level, 1.0 if shares is None else shares)
+        signals = _least_power(source, carried, point, level, 1.0 if shares is None else shares)
     positions, levels = np.full((len(x), len(y), 3), np.nan), np.full((len(x), len(y)), np.nan)
     stable = np.zeros(levels.shape, dtype=bool)
 
     def rest(at: tuple[int, int], start: Array, begin: float, held: bool, scale: float) -> StationaryPoint:
         def path(u: float) -> tuple[Array, float]:
-            return divided.currents(u, float(x[at[0]]), float(y[at[1]])), height
+            return signals.currents(u, float(x[at[0]]), float(y[at[1]])), height
 
         point, levels[at] = equilibrium_at(source, carried, path, start, begin, held, scale)
         positions[at], stable[at] = point.position, point.kind == "stable"
@@ -110,34 +106,26 @@ def equilibrium_surface(
             with suppress(NoEquilibrium, OutsideMapError):
                 rest(at, positions[before][:2], float(levels[before]), hold_height, scale)
     return EquilibriumSurface(
-        x, y, positions, levels, stable, scale, (divided.words, *_assumptions(hold_height))
+        x, y, positions, levels, stable, scale, (signals.words, *_assumptions(hold_height))
     )
 
 
-class _Division(NamedTuple):
+class _Signals(NamedTuple):
     """How level and direction signals become currents (n_coils,), and that in words."""
 
     currents: Callable[[float, float, float], Array]
     words: str
 
 
-def _lift_and_directions(field: Field, n: float | None) -> _Division | None:
-    """The division of six coils; None for a field of others."""
-    made_for = getattr(field, "parametrisation", None)
-    if isinstance(made_for, LiftAndDirections):
-        exponent = made_for.n if n is None else n
-    elif tuple(field.coil_names) == _COILS:
-        exponent = ASSUMED_N if n is None else n
-    else:
+def _lift_and_directions(of: CurrentParametrisation | None) -> _Signals | None:
+    if not isinstance(of, LiftAndDirections):
         return None
-    check_positive("equilibrium_surface", n=exponent)
-    return _Division(
-        lambda u, x, y: divide_currents(u, x, y, exponent),
-        f"currents by the division (6-2), (6-3) with n = {exponent:g}",
+    return _Signals(
+        lambda u, x, y: of.currents([u, x, y]), f"currents by a lift and two directions with n = {of.n:g}"
     )
 
 
-def _least_power(field: Field, payload: Payload, point: Array, level: float, shares: Any) -> _Division:
+def _least_power(field: Field, payload: Payload, point: Array, level: float, shares: Any) -> _Signals:
     lift = coil_currents(shares, field.coil_names)
     gradient = field.gradient(point[None, :], level * lift)[0]
     moment = np.array([0.0, 0.0, payload.moment * direction_of_lift(point, payload.moment, gradient)])
@@ -153,7 +141,7 @@ def _least_power(field: Field, payload: Payload, point: Array, level: float, sha
     words += "".join(
         f"; the coils do not push along {axis} by themselves: that signal does nothing" for axis in idle
     )
-    return _Division(lambda u, x, y: u * (lift + x * pushes[0] + y * pushes[1]), words)
+    return _Signals(lambda u, x, y: u * (lift + x * pushes[0] + y * pushes[1]), words)
 
 
 def _outward(x: Array, y: Array) -> Iterator[tuple[tuple[int, int], tuple[int, int]]]:

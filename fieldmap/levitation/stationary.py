@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fieldmap.arguments import check_count, check_ordered
-from fieldmap.deprecated import renamed_argument
 from fieldmap.device.model import Payload
 from fieldmap.field import AnyField, Bounds, require_bounds, resolve_currents
 from fieldmap.levitation.balance import MagnetBalance, MagnetModel, check_position, magnet_balance
@@ -78,7 +77,6 @@ class StationarySet(Record):
         return self.index == self.boundary_index
 
 
-@renamed_argument("field_map", "field")
 def stationary_points(
     field: AnyField,
     currents: Any,

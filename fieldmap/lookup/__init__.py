@@ -1,6 +1,5 @@
 """Opened maps: field, gradient and wrench at any point, for any currents."""
 
-from fieldmap.deprecated import renamed
 from fieldmap.interpolants import Jump
 from fieldmap.lookup.actuation import (
     Actuation,
@@ -61,5 +60,3 @@ __all__ = [
     "volume_rule",
     "wrench_actuation",
 ]
-
-__getattr__ = renamed(__name__, {"FieldAtCurrents": "MapAtCurrents"})

@@ -66,7 +66,7 @@ def tabulate(
     divided = None if model is None else model.model.parametrisation
     if model is None or not isinstance(divided, LiftAndDirections):
         received = "a map of linear iron" if divided is None else f"currents by {divided.name}"
-        must_hold = "a map of saturating iron whose recipe has [currents] division"
+        must_hold = "a map of saturating iron whose recipe has [currents] lift_and_directions"
         raise InputError(Problem("table of currents", must_hold, received, "do without a table"))
     if nodes is not None and (len(nodes) != 3 or min(nodes) < 4):
         must_hold = "must be three numbers of nodes, for u, x and y, each at least 4"

@@ -349,8 +349,8 @@ def _reference_current(recipe: Recipe, device: Device) -> Array:
         middle = domain.middle
         return np.where(middle > 0, middle, np.abs(corners(domain)).max(initial=1.0))
     given = np.full(count, recipe.reference_current)
-    # Of a division any equal currents will do: they are signals without directions.
-    if recipe.currents.division is None and not domain.holds(given):
+    # Of lift_and_directions any equal currents will do: they are signals without directions.
+    if recipe.currents.lift_and_directions is None and not domain.holds(given):
         raise recipe.error(
             "output.reference_current_A",
             "must lie within [currents]",

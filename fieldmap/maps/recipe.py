@@ -19,7 +19,7 @@ from fieldmap.errors import RecipeError
 from fieldmap.inputs.declared import table_of
 from fieldmap.inputs.document import Document
 from fieldmap.inputs.findings import closest, one_of, shown
-from fieldmap.inputs.kinds import FileKind, register
+from fieldmap.inputs.kinds import FileKind
 from fieldmap.inputs.tables import LARGEST_LENGTH_MM, Format, Positive, Table, Text, broken, is_number
 from fieldmap.records import Record
 from fieldmap.shipped import is_file, shipped_file, shipped_names
@@ -109,7 +109,7 @@ def _range(value: Any) -> Any:
 Range = Annotated[list[float], BeforeValidator(_range)]
 
 
-class DivisionKeys(Table):
+class LiftAndDirectionsKeys(Table):
     """Six currents from one lift and two direction signals: `fieldmap.currents.LiftAndDirections`."""
 
     u_A: Range = Field(description="range of the mean current")
@@ -121,7 +121,7 @@ class DivisionKeys(Table):
     )
 
     @model_validator(mode="after")
-    def _room_below_the_limit(self) -> "DivisionKeys":
+    def _room_below_the_limit(self) -> "LiftAndDirectionsKeys":
         if self.limit_A is None:
             return self
         corners = itertools.product([self.u_A[0]], self.x, self.y)
@@ -144,8 +144,9 @@ class CurrentKeys(Table):
     upper_A: Annotated[float | int | list[float] | None, BeforeValidator(_amperes)] = Field(
         default=None, description="largest current, one number for all coils or one for each"
     )
-    division: DivisionKeys | None = Field(
-        default=None, description="instead of lower_A and upper_A: currents of a division"
+    lift_and_directions: LiftAndDirectionsKeys | None = Field(
+        default=None,
+        description="instead of lower_A and upper_A: six currents of a lift and two direction signals",
     )
     groups: Annotated[list[Annotated[list[Text], Field(min_length=1)]], Field(min_length=1)] | None = Field(
         default=None,
@@ -175,13 +176,17 @@ class CurrentKeys(Table):
 
     @model_validator(mode="after")
     def _not_empty(self) -> "CurrentKeys":
-        given = [self.lower_A is not None, self.upper_A is not None, self.division is not None]
+        given = [self.lower_A is not None, self.upper_A is not None, self.lift_and_directions is not None]
         if given not in ([True, True, False], [False, False, True]):
-            names = [n for n, there in zip(("lower_A", "upper_A", "division"), given, strict=True) if there]
-            must_hold = "[currents] must have lower_A and upper_A, or a division"
+            names = [
+                n
+                for n, there in zip(("lower_A", "upper_A", "lift_and_directions"), given, strict=True)
+                if there
+            ]
+            must_hold = "[currents] must have lower_A and upper_A, or lift_and_directions"
             raise broken(must_hold, " and ".join(names) or "none of them", "give one or the other")
-        if self.groups is not None and self.division is not None:
-            raise broken("groups or a division", "both", "leave one of them out")
+        if self.groups is not None and self.lift_and_directions is not None:
+            raise broken("groups or lift_and_directions", "both", "leave one of them out")
         if self.lower_A is None or self.upper_A is None:
             return self
         lower, upper = np.atleast_1d(self.lower_A), np.atleast_1d(self.upper_A)
@@ -242,18 +247,12 @@ class RecipeFile(Table):
         return self
 
 
-RECIPE = register(
-    FileKind(
-        "recipe",
-        RecipeFile,
-        RecipeError,
-        "maps",
-        keys=frozenset({"spacing_mm", "box"}),
-        taken_by="`fieldmap map` takes it",
-        refers_to={
-            "device": 'a recipe names it (device = "{file}") and how fine the map shall be (spacing_mm)'
-        },
-    )
+RECIPE = FileKind(
+    "recipe",
+    RecipeFile,
+    RecipeError,
+    "maps",
+    refers_to={"device": 'a recipe names it (device = "{file}") and how fine the map shall be (spacing_mm)'},
 )
 
 
@@ -280,13 +279,13 @@ class Plan(Record):
 class CurrentPlan(Record):
     """Saturating iron: the ranges of the currents as written, and how the reduced model is trained.
 
-    lower, upper: A, of each coil or group of coils, or one number for all; or of u, x and y, where a division is given.
+    lower, upper: A, of each coil or group of coils, or one number for all; or of u, x and y of lift_and_directions.
     groups: names of the coils that carry one current, or None.
     """
 
     lower: Array
     upper: Array
-    division: LiftAndDirections | None
+    lift_and_directions: LiftAndDirections | None
     refinement: float
     training: Plan
     groups: tuple[tuple[str, ...], ...] | None = None
@@ -409,23 +408,26 @@ def _current_plan(contents: RecipeFile) -> CurrentPlan | None:
     training = Plan(
         keys.states, keys.accuracy, keys.modes, keys.points, keys.fields, keys.held_out, iron.tolerance
     )
-    if keys.division is None:
+    signals = keys.lift_and_directions
+    if signals is None:
         lower, upper = (np.atleast_1d(np.array(amperes, float)) for amperes in (keys.lower_A, keys.upper_A))
         groups = None if keys.groups is None else tuple(map(tuple, keys.groups))
         return CurrentPlan(lower, upper, None, iron.refinement, training, groups)
-    ranges = np.array([keys.division.u_A, keys.division.x, keys.division.y])
-    division = LiftAndDirections(keys.division.n, keys.division.limit_A)
-    return CurrentPlan(ranges[:, 0], ranges[:, 1], division, iron.refinement, training)
+    ranges = np.array([signals.u_A, signals.x, signals.y])
+    of = LiftAndDirections(signals.n, signals.limit_A)
+    return CurrentPlan(ranges[:, 0], ranges[:, 1], of, iron.refinement, training)
 
 
 def current_domain(recipe: Recipe, plan: CurrentPlan, coil_names: tuple[str, ...]) -> CurrentDomain:
     """The domain of the currents of a device with these coils. Raises RecipeError where the recipe names others."""
     coils = len(coil_names)
-    if plan.division is not None:
+    if plan.lift_and_directions is not None:
         if coils != 6:
-            must_hold = "a division is for six coils: two rows of three, as in docs/recipes.md"
-            raise recipe.error("currents.division", must_hold, f"{coils} coils", "give lower_A and upper_A")
-        return CurrentDomain(plan.division, plan.lower, plan.upper)
+            must_hold = "lift_and_directions is for six coils: two rows of three, as in docs/recipes.md"
+            raise recipe.error(
+                "currents.lift_and_directions", must_hold, f"{coils} coils", "give lower_A and upper_A"
+            )
+        return CurrentDomain(plan.lift_and_directions, plan.lower, plan.upper)
     of = IndependentCurrents(coils) if plan.groups is None else _coil_groups(recipe, plan.groups, coil_names)
     count, what = of.signal_count, "coils" if plan.groups is None else "groups"
     for key, values in (("lower_A", plan.lower), ("upper_A", plan.upper)):

@@ -11,7 +11,7 @@ from fieldmap.device.reader import checked_contents
 from fieldmap.errors import DeviceFileError
 from fieldmap.inputs.declared import record_of, table_of
 from fieldmap.inputs.document import Document
-from fieldmap.inputs.kinds import FileKind, register
+from fieldmap.inputs.kinds import FileKind
 from fieldmap.inputs.tables import (
     MILLI,
     Format,
@@ -112,17 +112,12 @@ class PlanarFile(Table):
     provenance: dict[str, Text] = Field(default={}, description='"key.path" = "source of the number"')
 
 
-PLANAR_DEVICE = register(
-    FileKind(
-        "planar device",
-        PlanarFile,
-        DeviceFileError,
-        "geometry",
-        keys=frozenset({"coil", "body", "material", "payload", "walls"}),
-        mark=("space", "plane"),
-        taken_by="fieldmap.planar.read_planar_device reads it",
-        json_schema="planar.schema.json",
-    )
+PLANAR_DEVICE = FileKind(
+    "planar device",
+    PlanarFile,
+    DeviceFileError,
+    "geometry",
+    json_schema="planar.schema.json",
 )
 
 

@@ -11,6 +11,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
+from fieldmap.currents import LiftAndDirections
 from fieldmap.curves import Curves, Series, percent
 from fieldmap.device import recorded_device
 from fieldmap.device.model import MagnetCylinder, Payload
@@ -131,7 +132,7 @@ def shift_curves(opened: FieldMap, payload: Payload, shift: ShiftBesideMeasured)
     """x of the magnet over its signal: measured, with the lift constant, and with the level constant."""
     signals = np.linspace(0.0, float(shift.signals.max()), _SIGNALS)
     measured = np.append(0.0, shift.signals), MM * np.append(shift.zero, shift.measured)
-    about = (opened, payload, signals, [0.0], shift.level, shift.height, shift.n)
+    about = (opened, payload, signals, [0.0], shift.level, shift.height, LiftAndDirections(shift.n))
     lines = []
     for held, rule in ((True, "lift constant"), (False, f"level {shift.level:.3f} A")):
         x = equilibrium_surface(*about, hold_height=held).positions[:, 0, 0]

@@ -1,6 +1,6 @@
 """Coils as sources: flux density and its gradient per ampere, from a device's data; coils alone as a field.
 
-Nothing else talks to magpylib: `magpylib_coil` and `magpylib_tetrahedra` in `fieldmap.sources.magpylib_objects`.
+Windings and magnetised tetrahedra as objects of magpylib: `fieldmap.sources.magpylib_objects`.
 """
 
 from fieldmap.extras import needs

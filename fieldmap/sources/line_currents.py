@@ -11,11 +11,11 @@ import numpy as np
 from scipy.special import ellipe, ellipk
 
 from fieldmap.constants import MU0
+from fieldmap.device.air_fields import segments_of
 from fieldmap.device.air_sources import AirSource
 from fieldmap.device.coils import Coil
 from fieldmap.errors import InputError, Problem
 from fieldmap.kernels.simplex_rules import triangle_rule
-from fieldmap.sources.air_sources import segments_of
 from fieldmap.sources.winding_rules import WindingRule, graded
 from fieldmap.typing import Array
 

@@ -10,14 +10,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fieldmap.device.air_fields import segments_of, sheet_of
+from fieldmap.device.air_sources import OTHER, AirSource
 from fieldmap.device.coils import Coil
+from fieldmap.errors import InputError, Problem
+from fieldmap.kernels.simplex_rules import triangle_rule
 from fieldmap.records import Record
-from fieldmap.sources.air_sources import current_elements_of
 from fieldmap.typing import Array
 
 # Current elements are this many to the shorter side of the winding's section, and as dense along the other ways.
 _PER_SIDE = 4
 _FEWEST, _MOST_ACROSS, _MOST_ALONG = 4, 48, 200
+# Current elements of filaments: points round a loop, and Gauss points along a segment.
+_ROUND_A_LOOP, _ALONG_A_LINE = 720, 12
 # Flux elements: Gauss points across the winding, along an arc, and on each panel of a graded way.
 _ACROSS, _ALONG_ARC, _PER_PANEL = 10, 12, 8
 # Panels shrink by this factor towards the winding and its ends, where its field varies over its own size.
@@ -58,6 +63,38 @@ def _filaments(coil: Coil) -> WindingRule:
     return WindingRule(
         np.ascontiguousarray(places), np.ascontiguousarray(coil.turns * coil.polarity * vectors @ turn)
     )
+
+
+def current_elements_of(source: AirSource) -> tuple[Array, Array]:
+    """Points (n, 3), m, and current elements (n, 3), A m, of a current at its place: the force is sum of elements x B.
+
+    Raises InputError for what is no current of magpylib's kinds.
+    """
+    if source.kind == "Circle":
+        angle = 2 * np.pi * (np.arange(_ROUND_A_LOOP) + 0.5) / _ROUND_A_LOOP
+        radius = 0.5 * source.diameter  # type: ignore[operator]
+        points = radius * np.column_stack([np.cos(angle), np.sin(angle), np.zeros(_ROUND_A_LOOP)])
+        elements = 2 * np.pi / _ROUND_A_LOOP * np.cross([0.0, 0.0, 1.0], points) * source.amperes
+    elif source.kind == "Polyline":
+        start, end = segments_of(source)
+        nodes, weights = np.polynomial.legendre.leggauss(_ALONG_A_LINE)
+        share = 0.5 * (1 + nodes)
+        points = (start[:, None] + share[:, None] * (end - start)[:, None]).reshape(-1, 3)
+        elements = (source.amperes * 0.5 * weights[:, None] * (end - start)[:, None]).reshape(-1, 3)
+    elif source.kind in ("TriangleSheet", "TriangleStrip"):
+        corners, density = sheet_of(source)
+        rule, weights = triangle_rule(4)
+        area = 0.5 * np.linalg.norm(
+            np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1
+        )
+        points = np.einsum("qk,mkd->mqd", rule, corners).reshape(-1, 3)
+        elements = (weights[:, None] * (area[:, None] * density)[:, None]).reshape(-1, 3)
+    else:
+        name = type(source.live).__name__ if source.kind == OTHER else source.kind
+        remedy = "ask for the force on the other bodies and coils"
+        raise InputError(Problem("force, name", "currents whose places are known", f"a {name}", remedy))
+    turn = np.asarray(source.placement.rotation, dtype=float).T
+    return points @ turn + source.placement.position, elements @ turn
 
 
 def flux_elements(coil: Coil) -> WindingRule:

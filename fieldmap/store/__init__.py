@@ -5,9 +5,7 @@ A map is written by `map_writer`, read by `map_reader` and verified by `map_chec
 Depends on: errors, typing, currents, h5py, numpy.
 """
 
-from fieldmap.deprecated import renamed
 from fieldmap.store.checkpoint import Checkpoint, Piece, checkpoint_path
-from fieldmap.store.former_names import KeptState, StateArchive
 from fieldmap.store.grid import Grid
 from fieldmap.store.map_check import MapCheck, check_map
 from fieldmap.store.map_data import FieldError, MapData, MapInfo, Provenance
@@ -25,7 +23,6 @@ __all__ = [
     "Chunk",
     "FieldError",
     "Grid",
-    "KeptState",
     "MapCheck",
     "MapData",
     "MapInfo",
@@ -35,7 +32,6 @@ __all__ = [
     "Provenance",
     "ReducedModel",
     "RunRecord",
-    "StateArchive",
     "check_map",
     "checkpoint_path",
     "is_run_file",
@@ -52,5 +48,3 @@ __all__ = [
     "write_runs",
     "write_whole",
 ]
-
-__getattr__ = renamed(__name__, {"partial_path": "checkpoint_path"})

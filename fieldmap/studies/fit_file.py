@@ -16,7 +16,7 @@ from fieldmap.errors import FitError
 from fieldmap.field import AnyField
 from fieldmap.inputs.findings import Finding, closest, one_of, shown
 from fieldmap.inputs.key_paths import Location
-from fieldmap.inputs.kinds import FileKind, register
+from fieldmap.inputs.kinds import FileKind
 from fieldmap.inputs.tables import (
     LARGEST_NUMBER,
     MILLI,
@@ -328,17 +328,7 @@ class FitFile(Table):
         return [((kind, k), one) for kind, tables in kinds.items() for k, one in enumerate(tables)]
 
 
-FIT = register(
-    FileKind(
-        "fit",
-        FitFile,
-        FitError,
-        "maps",
-        "fits",
-        keys=frozenset({"unknown"}),
-        taken_by="`fieldmap fit` takes it",
-    )
-)
+FIT = FileKind("fit", FitFile, FitError, "maps", "fits")
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -165,7 +165,7 @@ def fit_machine(
     Example::
 
         unknowns = [Unknown("joint.1.gap_mm", 0.1, lower=0.001), Unknown("material.steel.mu_r", 1000.0, lower=1.0)]
-        table = LiftCurrentReadings("Table 6-2", positions, amperes, deviation=0.02)
+        table = LiftCurrentReadings("of 3 May", positions, amperes, deviation=0.02)
         found = fit_machine("my_rig.toml", unknowns, [table], predict=[other])
         print(found.values, found.deviations, found.indistinct)
     """

@@ -148,10 +148,13 @@ def _of_currents(contents: StudyFile, device: Device) -> Iterator[Finding]:
                     f"{len(given)} numbers",
                     "list as many as there are coils",
                 )
-        if entry.division is not None and coils != 6:
-            must_hold = "a division is for six coils"
+        if entry.lift_and_directions is not None and coils != 6:
+            must_hold = "lift_and_directions is for six coils"
             yield Finding(
-                ("currents", k, "division"), must_hold, f"{coils} coils", "write amperes_A or shares"
+                ("currents", k, "lift_and_directions"),
+                must_hold,
+                f"{coils} coils",
+                "write amperes_A or shares",
             )
         if entry.carries_at_mm is not None and (device.payload is None or device.workspace is None):
             must_hold = "the device needs a [payload] and a [workspace] for currents that carry"
@@ -263,9 +266,9 @@ def read_parts(
 
 def _current_set(entry: CurrentKeys, coils: int) -> CurrentSet:
     amperes: Any = entry.shares if entry.amperes_A is None else entry.amperes_A
-    if entry.division is not None:
-        division = entry.division
-        amperes = divide_currents(division.u_A or 1.0, division.x, division.y, division.n)
+    if entry.lift_and_directions is not None:
+        of = entry.lift_and_directions
+        amperes = divide_currents(of.u_A or 1.0, of.x, of.y, of.n)
     # Of lists that do not fit `_of_currents` tells.
     fits = amperes is not None and np.size(amperes) in (1, coils)
     place = None if entry.carries_at_mm is None else np.array(entry.carries_at_mm) * MILLI

@@ -8,7 +8,7 @@ from pydantic import BeforeValidator, Field, StringConstraints, model_validator
 from fieldmap.currents import divide_currents
 from fieldmap.errors import StudyError
 from fieldmap.inputs.findings import one_of, shown
-from fieldmap.inputs.kinds import FileKind, register
+from fieldmap.inputs.kinds import FileKind
 from fieldmap.inputs.tables import Format, Name, Point, Positive, Table, Text, broken, is_number
 from fieldmap.studies.quantities import GROUPS, TAKEN
 
@@ -90,7 +90,7 @@ class VariantKeys(Table):
     set: Annotated[dict[str, Value], Field(min_length=1)] = Field(description='"key.path" = value')
 
 
-class DivisionKeys(Table):
+class LiftAndDirectionsKeys(Table):
     """Six currents from one lift and two direction signals: `fieldmap.currents.LiftAndDirections`."""
 
     u_A: Positive | None = Field(default=None, description="mean current; left out where it is looked for")
@@ -99,11 +99,11 @@ class DivisionKeys(Table):
     n: Positive = Field(default=1.0, description="how much more the two coils on the x axis follow x")
 
     @model_validator(mode="after")
-    def _of_some_size(self) -> "DivisionKeys":
+    def _of_some_size(self) -> "LiftAndDirectionsKeys":
         with np.errstate(over="ignore", invalid="ignore"):
             largest = float(np.abs(divide_currents(self.u_A or 1.0, self.x, self.y, self.n)).max())
         if not largest <= MOST_AMPERES:
-            must_hold = f"the division must leave every coil below {MOST_AMPERES:g} A"
+            must_hold = f"the signals must leave every coil below {MOST_AMPERES:g} A"
             raise broken(must_hold, f"a coil at {largest:.3g}", "narrow x, y and n, or lower u_A")
         return self
 
@@ -114,22 +114,26 @@ class CurrentKeys(Table):
     name: Text = Field(description="name of the set")
     amperes_A: Amperes = Field(default=None, description="one current for all coils, or one per coil")
     shares: Amperes = Field(default=None, description="of each coil, where the currents are looked for")
-    division: DivisionKeys | None = Field(default=None, description="six currents of two direction signals")
+    lift_and_directions: LiftAndDirectionsKeys | None = Field(
+        default=None, description="six currents of a lift and two direction signals"
+    )
     carries_at_mm: Point | None = Field(default=None, description="where the currents carry the payload")
 
     @model_validator(mode="after")
     def _given_or_looked_for(self) -> "CurrentKeys":
-        divided = None if self.division is None else self.division.u_A
+        divided = None if self.lift_and_directions is None else self.lift_and_directions.u_A
         if self.carries_at_mm is None:
             given = [self.amperes_A is not None, divided is not None]
             if sum(given) != 1 or self.shares is not None:
-                must_hold = "a set of currents has amperes_A or a division with u_A, or carries_at_mm"
+                must_hold = (
+                    "a set of currents has amperes_A or lift_and_directions with u_A, or carries_at_mm"
+                )
                 raise broken(must_hold, self._received(), "give one of them")
         elif self.amperes_A is not None or divided is not None:
             must_hold = "currents that carry the payload are looked for: only their shares can be given"
-            raise broken(must_hold, self._received(), "write shares, or a division without u_A")
-        elif self.shares is not None and self.division is not None:
-            raise broken("shares or a division", self._received(), "leave one of them out")
+            raise broken(must_hold, self._received(), "write shares, or lift_and_directions without u_A")
+        elif self.shares is not None and self.lift_and_directions is not None:
+            raise broken("shares or lift_and_directions", self._received(), "leave one of them out")
         return self
 
     def _received(self) -> str:
@@ -320,14 +324,10 @@ class StudyFile(Table):
         return self
 
 
-STUDY = register(
-    FileKind(
-        "study",
-        StudyFile,
-        StudyError,
-        "maps",
-        "studies",
-        keys=frozenset({"vary", "variant", "optimise"}),
-        taken_by="`fieldmap study` takes it, or `fieldmap optimise` where it has [optimise]",
-    )
+STUDY = FileKind(
+    "study",
+    StudyFile,
+    StudyError,
+    "maps",
+    "studies",
 )

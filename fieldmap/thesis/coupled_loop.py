@@ -162,7 +162,10 @@ def spikes(inputs: dict[str, Any]) -> Answers:
     """7.1.2: largest departure of the measured height, mm, while x steps, and each remedy."""
     ways: dict[str, dict[str, Any]] = {
         "gain 1": {},
-        "gain 1, push": {"control.compensator.push_mm": inputs["push_mm"]},
+        "gain 1, push": {
+            "control.compensator.push_mm": inputs["push_mm"],
+            "control.compensator.duration_ms": inputs["duration_ms"],
+        },
     }
     ways |= {f"gain {gain:g}": {"control.x.Kc": float(gain)} for gain in inputs["small_gains"]}
     runs = {name: run_of(inputs, "spikes", changes) for name, changes in ways.items()}

@@ -38,6 +38,9 @@ from scipy.sparse.csgraph import connected_components
 
 ROOT = Path(__file__).resolve().parents[2]
 SMALL = 60
+_BY_NAME = ("import_module", "__import__", "require", "import_modules")
+# They import what these functions are given: the calls count.
+_GIVEN = ("fieldmap.extras", "fieldmap.extensions")
 PROSE = 3
 
 
@@ -111,6 +114,56 @@ def imports(package: dict[str, Module], lazy: bool = True) -> dict[str, set[str]
         for node in _import_nodes(module.tree, lazy):
             graph[name] |= set(_targets(node, module, package)) - {name}
     return graph
+
+
+def imports_by_name(module: Module) -> Iterator[str]:
+    """What `import_module`, `__import__`, `require` of extras and `import_modules` of extensions are given: a name, or
+    how it begins and "*"; "*" where that is not known.
+
+    A table of the module, as of names that are imported on first use, counts with all its values.
+    """
+    if module.name in _GIVEN:
+        return
+    package = module.name if module.path.name == "__init__.py" else module.name.rpartition(".")[0]
+    tables = {
+        target.id: [value.value for value in node.value.values if isinstance(value, ast.Constant)]
+        for node in module.tree.body
+        if isinstance(node, ast.Assign) and isinstance(node.value, ast.Dict)
+        for target in node.targets
+        if isinstance(target, ast.Name)
+    }
+    for node in ast.walk(module.tree):
+        if not isinstance(node, ast.Call) or _last_name(node.func) not in _BY_NAME:
+            continue
+        given = node.args[0] if node.args else node
+        if isinstance(given, ast.Name) and given.id == "__name__":
+            yield f"{package}.*"
+        elif isinstance(given, ast.Constant):
+            name = str(given.value)
+            yield f"{package}{name}" if name.startswith(".") else name
+        elif isinstance(given, ast.JoinedStr):
+            first = given.values[0]
+            own = isinstance(first, ast.FormattedValue) and ast.unparse(first.value) == "__name__"
+            yield f"{package}.*" if own else f"{first.value}*" if isinstance(first, ast.Constant) else "*"
+        elif isinstance(given, ast.Subscript) and _last_name(given.value) in tables:
+            yield from tables[_last_name(given.value)]
+        elif _last_name(node.func) != "require":  # a word that other functions have as well
+            yield "*"
+
+
+def by_packages(package: dict[str, Module]) -> dict[str, set[str]]:
+    """Package -> packages that its modules import, at their tops, inside functions or by name."""
+    graph: dict[str, set[str]] = {_package_of(module): set() for module in package.values()}
+    for name, targets in imports(package).items():
+        graph[_package_of(package[name])] |= {_package_of(package[target]) for target in targets}
+    for module in package.values():
+        for name in imports_by_name(module):
+            pattern = re.compile(re.escape(name).replace(r"\*", ".*"))
+            graph[_package_of(module)] |= {
+                _package_of(package[other]) for other in package if pattern.fullmatch(other)
+            }
+    # Nobody imports `fieldmap` itself; it names all packages, for users.
+    return {name: targets - {name, "__init__"} for name, targets in graph.items() if name != "__init__"}
 
 
 def _import_nodes(tree: ast.AST, lazy: bool) -> Iterator[ast.Import | ast.ImportFrom]:

@@ -18,9 +18,9 @@ from pydantic.fields import FieldInfo
 
 from fieldmap.device.schema.file import _IMAGE, _REPEAT
 from fieldmap.inputs.document import Document
-from fieldmap.inputs.json_schema import _WithoutTitles
-from fieldmap.inputs.kinds import FileKind, every_kind
+from fieldmap.inputs.kinds import MARKS, FileKind
 from fieldmap.inputs.tables import LARGEST_LENGTH_MM, LARGEST_NUMBER
+from fieldmap.io.json_schema import FILE_KINDS, _WithoutTitles
 from fieldmap.shipped import shipped_folder
 
 ROOT = Path(__file__).parents[2]
@@ -84,6 +84,8 @@ EXAMPLES: dict[str, Any] = {
     "[x, y, z] of the centre of its lower face": [0.0, 0.0, -110.0],
     '"key.path" = "source of the number"; * means any one step': {"coil.*.turns": "drawing 12"},
     "[[x, y, z], ...] nodes": CORNERS,
+    "how far the reference is pushed": 0.05,
+    "how long the push lasts": 10.0,
     "[[i, j, k, l], ...] numbers of nodes from 0": [[0, 1, 2, 3]],
     "the coil's current in the original model": 2.5,
     "thickness, cut out of the body whose end the joint is; 0: no joint": 0.1,
@@ -310,7 +312,7 @@ def sources(kind: FileKind[Any]) -> Iterator[Document]:
             # Of another kind, or a piece of a file.
             prepared = document
         if (
-            prepared.data.keys() & (kind.keys | {"format"})
+            prepared.data.keys() & (MARKS[kind.name].keys | {"format"})
             and prepared.data.keys() <= kind.schema.model_fields.keys()
         ):
             yield prepared
@@ -556,7 +558,7 @@ def page(kind: FileKind[Any]) -> str:
 
 def pages() -> dict[Path, str]:
     """All pages, by their files."""
-    return {FOLDER / f"{kind.name.replace(' ', '_')}.md": page(kind) for kind in every_kind()}
+    return {FOLDER / f"{kind.name.replace(' ', '_')}.md": page(kind) for kind in FILE_KINDS}
 
 
 if __name__ == "__main__":

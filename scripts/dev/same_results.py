@@ -99,10 +99,10 @@ def cases() -> Iterator[Case]:
         # Of another machine: `bead`, which needs a map of its own.
         if recipe not in MAPS:
             continue
-        words = ("simulate", before(name), "--map", f"{recipe}.h5", "-o", f"{before(name)}.h5", "--json")
+        words = ("simulate", name, "--map", f"{recipe}.h5", "-o", f"{name}.h5", "--json")
         # Unless asked, versions take tables of currents or the iron's model: a difference of models, not of rounding.
         table = () if recipe == "linear" else ("--set", "field.iron=table")
-        yield Case(f"simulate_{before(name)}", (*words, *table))
+        yield Case(f"simulate_{name}", (*words, *table))
     yield Case("linearise_hold", ("linearise", "hold", "--map", "linear.h5", "--json"))
     linearise = ("linearise", "spikes", "--map", "division.h5", "--depths", "10,15", "--json")
     yield Case("linearise_spikes", linearise)
@@ -123,13 +123,6 @@ def cases() -> Iterator[Case]:
 QUICK = re.compile(
     r"(map|info|probe|equilibrium)_(quick|linear)$|solve_(loop|single)|simulate_hold$|linearise_hold$|export"
 )
-RENAMED = {"coupled_regulator": "linked_regulator"}
-"""Names of shipped files now -> the names by which all versions find them."""
-
-
-def before(name: str) -> str:
-    """The name of a shipped file that older versions know too."""
-    return RENAMED.get(name, name)
 
 
 def compile_core(package: Path) -> None:

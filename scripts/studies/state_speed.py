@@ -56,7 +56,7 @@ model = "saturating"
 refinement = {refinement}
 
 [currents]
-division = {{ u_A = [1.0, 2.2], x = [-0.4, 0.4], y = [-0.3, 0.3], n = 1.25 }}
+lift_and_directions = {{ u_A = [1.0, 2.2], x = [-0.4, 0.4], y = [-0.3, 0.3], n = 1.25 }}
 states = {states}
 accuracy = {accuracy}
 modes = 60

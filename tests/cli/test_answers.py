@@ -128,7 +128,7 @@ def test_info(capsys, machine):
     np.testing.assert_allclose(found["middle"]["dBz_dz"], [slope(-0.092)] * 2, rtol=1e-3)
     for row in found["lift"]:
         assert row["current"] == pytest.approx(MASS * gravity / (MOMENT * slope(row["height"])), rel=1e-3)
-        assert row["thesis"] is None  # (7-18) was measured on another machine
+        assert row["measured"] is None  # (7-18) was measured on another machine
 
 
 def test_schema_accepts_a_shipped_device(capsys):

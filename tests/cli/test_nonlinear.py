@@ -164,7 +164,7 @@ def test_lift_current(capsys, request, device, mass):
         "current": found["lift_current"],
         "lift": pytest.approx(found["force"][2]),
     }
-    assert found["thesis"] is None
+    assert found["measured"] is None
     # Below the knee force is proportional to current; above it only the loop's own share grows.
     i = found["lift_current"]
     slope = (on_axis(-0.006, 1.001 * i)[1] - on_axis(-0.006, 0.999 * i)[1]) / (0.002 * i)

@@ -102,7 +102,7 @@ def test_steady_error():
 def test_compensator():
     """7.1.2: 0.05 mm less for 10 ms after a rise, more after a fall; nothing at the beginning."""
     horizontal = np.repeat([0.0, 1e-4, 5e-5], [10, 20, 10])
-    reference = compensated_reference(0.010, horizontal, Ts=2e-3)
+    reference = compensated_reference(0.010, horizontal, 2e-3, push=5e-5, duration=0.010)
     push = 0.010 - reference
     np.testing.assert_allclose(push[10:15], 5e-5)
     np.testing.assert_allclose(push[30:35], -5e-5)
@@ -117,8 +117,8 @@ def test_a_change_during_a_push_begins_a_new_one():
 @pytest.mark.parametrize(
     "broken",
     [
-        lambda: compensated_reference(0.01, [0.0, np.nan], 2e-3),
-        lambda: compensated_reference(0.01, [0.0], 0.0),
+        lambda: compensated_reference(0.01, [0.0, np.nan], 2e-3, 5e-5, 0.010),
+        lambda: compensated_reference(0.01, [0.0], 0.0, 5e-5, 0.010),
         lambda: levitated_plant(0.0, 1.0, 1.0),
         lambda: levitated_plant(0.1, np.nan, 1.0),
         lambda: levitated_plant(0.1, np.ones((2, 3)), np.ones((2, 1))),

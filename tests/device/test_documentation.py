@@ -6,7 +6,7 @@ from pathlib import Path
 
 from fieldmap.device import read_device
 from fieldmap.device.schema import DeviceFile, MaterialFile
-from fieldmap.inputs.json_schema import json_schema
+from fieldmap.io.json_schema import json_schema
 from fieldmap.shipped import shipped_folder, shipped_names
 
 ROOT = Path(__file__).parents[2]

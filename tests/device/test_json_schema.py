@@ -8,7 +8,7 @@ from pathlib import Path
 import jsonschema
 import pytest
 
-from fieldmap.inputs.json_schema import schema_files, schema_text
+from fieldmap.io.json_schema import schema_files, schema_text
 from fieldmap.shipped import shipped_folder
 
 GEOMETRY = shipped_folder("geometry")
@@ -65,7 +65,7 @@ def validator(name: str) -> jsonschema.Draft202012Validator:
 
 @pytest.mark.parametrize("path", SCHEMAS, ids=lambda path: path.name)
 def test_the_schema_file_is_in_step_with_the_reader(path):
-    assert path.read_text() == schema_text(SCHEMAS[path]), "run python -m fieldmap.inputs.json_schema"
+    assert path.read_text() == schema_text(SCHEMAS[path]), "run python -m fieldmap.io.json_schema"
 
 
 @pytest.mark.parametrize("path", DEVICES, ids=lambda path: path.stem)

@@ -10,10 +10,10 @@ from typing import Any
 import pytest
 from pydantic import BaseModel
 
-from fieldmap.inputs.kinds import every_kind
+from fieldmap.io.json_schema import FILE_KINDS
 
 ROOT = Path(__file__).parents[2]
-KINDS = {kind.name: kind for kind in every_kind()}
+KINDS = {kind.name: kind for kind in FILE_KINDS}
 
 
 @pytest.fixture(scope="module")

@@ -177,18 +177,14 @@ def reference():
 
 @pytest.mark.parametrize("package", PACKAGES)
 def test_every_function_and_class_of_a_package_is_in_the_reference(package, reference):
-    """Under the package, or under the module where it is defined, or with that module. Former names are left out."""
+    """Under the package, or under the module where it is defined, or with that module."""
 
     def home(value):
         return getattr(value, "__module__", "")
 
     module = importlib.import_module(f"fieldmap.{package}")
     values = {name: getattr(module, name) for name in module.__all__}
-    offered = [
-        name
-        for name, value in values.items()
-        if callable(value) and get_origin(value) is None and not home(value).endswith(".former_names")
-    ]
+    offered = [name for name, value in values.items() if callable(value) and get_origin(value) is None]
     assert len(offered) > 1
     missing = [
         name

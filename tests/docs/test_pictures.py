@@ -18,7 +18,7 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 from fieldmap.device import read_device
-from fieldmap.inputs.kinds import every_kind
+from fieldmap.io.json_schema import FILE_KINDS
 from fieldmap.plot.device_drawing import device_scene
 from fieldmap.plot.figures import curves_figure, save_curves
 from fieldmap.plot.record import differences, figure_record, scene_record
@@ -30,7 +30,7 @@ from tests.computed_parts import computed
 ROOT = Path(__file__).parents[2]
 IMAGES = ROOT / "docs" / "images"
 needs_opengl = pytest.mark.skipif(not can_render(), reason="no OpenGL on this machine")
-KINDS = {kind.name: kind for kind in every_kind()}
+KINDS = {kind.name: kind for kind in FILE_KINDS}
 # Picture -> part and number of the figure; these need no map.
 FIGURES = {
     "figure_2_9_current_ratio.png": ("S5_current_ratio", "2-9"),

@@ -52,7 +52,7 @@ def test_such_a_name_for_any_file():
 
 
 RECIPE = 'format = 1\ntitle = "a"\ndevice = "drive_unit"\nspacing_mm = 4\n'
-DIVISION = f'{RECIPE}[iron]\nmodel = "saturating"\n[currents.division]\nlimit_A = 3.0\n'
+DIVISION = f'{RECIPE}[iron]\nmodel = "saturating"\n[currents.lift_and_directions]\nlimit_A = 3.0\n'
 
 
 @pytest.mark.parametrize(

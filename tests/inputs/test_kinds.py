@@ -1,30 +1,35 @@
-"""Kinds of files register themselves; a file that is clearly of another kind is told so."""
+"""A file that is clearly of another kind is told so."""
 
 import subprocess
 import sys
 
 import pytest
 
-from fieldmap.inputs.kinds import every_kind, kind_of
+from fieldmap.inputs.kinds import MARKS, kind_of
+from fieldmap.io.json_schema import FILE_KINDS
 from fieldmap.shipped import shipped_folder, shipped_names
 
-KINDS = {kind.name: kind for kind in every_kind()}
+KINDS = {kind.name: kind for kind in FILE_KINDS}
 SHIPPED = [
     (kind, name)
     for kind in KINDS.values()
     for name in shipped_names(kind.folder, kind.subfolder)
-    if name.startswith("planar") == (kind.mark is not None)
+    if name.startswith("planar") == (kind.name == "planar device")
 ]
 
 
-def test_packages_register_their_kinds():
-    assert set(KINDS) == {"device", "fit", "material", "planar device", "recipe", "scenario", "study"}
+def test_every_kind_has_marks_that_its_files_may_have():
+    assert set(KINDS) == set(MARKS)
+    for kind in FILE_KINDS:
+        known = kind.schema.model_fields.keys() | kind.short_forms
+        assert MARKS[kind.name].keys <= known
+        assert {MARKS[kind.name].key} - {""} <= known
 
 
 @pytest.mark.parametrize(("kind", "name"), SHIPPED, ids=lambda value: str(getattr(value, "name", value)))
 def test_every_shipped_file_is_of_its_kind(kind, name):
     document = kind.load(shipped_folder(kind.folder) / f"{name}.toml")
-    assert kind_of(document.data) is kind
+    assert kind_of(document.data) == kind.name
     kind.contents(document)
 
 
@@ -40,7 +45,7 @@ def test_files_of_another_kind_are_refused(wanted, given, tmp_path):
     (problem,) = caught.value.problems
     assert wanted in problem.must_hold
     assert given in problem.received
-    assert kind.taken_by in problem.remedy
+    assert MARKS[given].taken_by in problem.remedy
 
 
 @pytest.mark.parametrize("data", [{}, {"format": 1}, {"coil": [], "vary": []}])
@@ -49,7 +54,7 @@ def test_data_of_no_kind_or_of_several_is_of_none(data):
 
 
 def test_a_reader_knows_kinds_of_packages_that_are_not_loaded(tmp_path):
-    """In a process of its own: reading a device loads no other package until a file of another kind comes."""
+    """In a process of its own, which has loaded the reader of devices alone."""
     program = """
 import sys
 from fieldmap.device import read_device

@@ -52,7 +52,7 @@ def test_where_it_floats(polynomial):
     plain = answer.to_dict()
     assert plain["weight"] == pytest.approx(0.010 * gravity)
     assert plain["stable_axes"] == {"x": True, "y": True, "z": False}
-    assert "thesis" not in plain
+    assert "measured" not in plain
     assert plain["assumptions"][-1] == "a polynomial"
 
 
@@ -70,7 +70,7 @@ def test_what_lifts_it_beside_what_was_measured(polynomial):
     assert measured.measured_current == pytest.approx(0.0343 * 5.0 + 1.215)
     plain = measured.to_dict()
     assert plain["ratio"] == pytest.approx(common / (0.0343 * 5.0 + 1.215))
-    assert plain["thesis"] == measured.measured_current
+    assert plain["measured"] == measured.measured_current
 
 
 def test_a_payload_without_an_offset_on_an_unknown_machine_has_no_reading(polynomial):

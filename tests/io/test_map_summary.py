@@ -131,7 +131,7 @@ def test_a_map_of_a_measured_machine(circle_of_six, dipole_map, tmp_path, valid_
     plain = summarise_map(path).to_dict()
     assert [row["sensor_mm"] for row in plain["lift"]] == [0.0, 10.0, 20.0, 30.0]
     # In a linear map the share of the weight that is lifted is the measured current over ours.
-    shares = np.array([row["thesis"] / row["current"] for row in plain["lift"]])
+    shares = np.array([row["measured"] / row["current"] for row in plain["lift"]])
     np.testing.assert_allclose([row["lift_share"] for row in plain["lift"]], shares, rtol=1e-9)
     factor = np.linalg.lstsq(shares[:, None], np.ones(4), rcond=None)[0][0]
     assert plain["force_fit"]["factor"] == pytest.approx(factor, rel=1e-9)

@@ -2,7 +2,8 @@
 
 import pytest
 
-from fieldmap.iron.geometry import mesh_files, step_files
+from fieldmap.device import mesh_files
+from fieldmap.iron.geometry import step_files
 
 
 @pytest.fixture

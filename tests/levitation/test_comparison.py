@@ -175,7 +175,7 @@ def test_a_row_as_plain_python():
         "height": -0.1,
         "current": 3.0,
         "beyond": None,
-        "thesis": 1.5,
+        "measured": 1.5,
         "ratio": 2.0,
         "lift_share": 0.6,
     }

@@ -10,11 +10,8 @@ from fieldmap.device.model import MagnetCylinder, Payload
 from fieldmap.errors import Infeasible, InputError, NotConverged, OutsideMapError, Problem
 from fieldmap.field import BaseField, as_field
 from fieldmap.levitation import (
-    DifferencedField,
-    FixedCurrents,
     find_equilibrium,
     lift_current,
-    lift_current_nonlinear,
 )
 from fieldmap.levitation.lift import _next_current
 
@@ -241,21 +238,6 @@ def test_the_equilibrium_of_a_state_is_where_its_lift_current_was_asked_for(axis
     for found in (find_equilibrium(state, payload=PAYLOAD), find_equilibrium(field, lift.currents, PAYLOAD)):
         np.testing.assert_allclose(found.position, [0, 0, 0.013], atol=1e-7)
         np.testing.assert_array_equal(found.currents, lift.currents)
-
-
-def test_former_names_warn_and_give_the_same_bits(axisymmetric):
-    """What `DifferencedField`, `FixedCurrents` and `lift_current_nonlinear` gave is what any field gives."""
-    field = Law(axisymmetric(COEFFICIENTS), knee(0.5))
-    new = lift_current(field, PAYLOAD, POINT)
-
-    def solve_at(currents):
-        return DifferencedField(FixedCurrents(field.state(currents)), *field.bounds)
-
-    with pytest.warns(DeprecationWarning, match="fieldmap.levitation"):
-        old = lift_current_nonlinear(solve_at, PAYLOAD, POINT, [1.0])
-    assert old.history == new.history
-    for name in ("currents", "force", "force_per_ampere", "stiffness", "field"):
-        np.testing.assert_array_equal(getattr(old, name), getattr(new, name))
 
 
 def test_a_current_beyond_the_field_says_how_far_it_came(axisymmetric):

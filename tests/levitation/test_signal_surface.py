@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from fieldmap.currents import LiftAndDirections
 from fieldmap.device.model import Payload
 from fieldmap.errors import InputError, NoEquilibrium
 from fieldmap.levitation import equilibrium_surface
@@ -44,7 +45,7 @@ class Wells:
 
 
 def centroid(x, y, n):
-    """Of the currents that (6-2), (6-3) divide."""
+    """Of the currents of `LiftAndDirections`."""
     corner = {1: (1 - x) * (1 - y), 3: (1 - x) * (1 + y), 4: (1 + x) * (1 - y), 6: (1 + x) * (1 + y)}
     rest = 6.0 - sum(corner.values())
     shares = corner | {2: rest * (1 - n * x) / 2, 5: rest * (1 + n * x) / 2}
@@ -53,7 +54,9 @@ def centroid(x, y, n):
 
 @pytest.mark.parametrize("held", [True, False])
 def test_the_magnet_rests_at_the_centroid_of_the_currents(held):
-    found = equilibrium_surface(Wells(), PAYLOAD, SIGNALS, SIGNALS[1:], 1.5, -0.01, 1.25, held)
+    found = equilibrium_surface(
+        Wells(), PAYLOAD, SIGNALS, SIGNALS[1:], 1.5, -0.01, LiftAndDirections(1.25), held
+    )
     assert found.positions.shape == (5, 4, 3)
     for i, x in enumerate(SIGNALS):
         for j, y in enumerate(SIGNALS[1:]):
@@ -67,7 +70,9 @@ def test_the_magnet_rests_at_the_centroid_of_the_currents(held):
 
 
 def test_beyond_the_map_there_is_no_place():
-    found = equilibrium_surface(Wells(), PAYLOAD, [0.0, 0.9, 1.5], [0.0], 1.5, -0.01, hold_height=False)
+    found = equilibrium_surface(
+        Wells(), PAYLOAD, [0.0, 0.9, 1.5], [0.0], 1.5, -0.01, LiftAndDirections(1.25), False
+    )
     assert np.isfinite(found.levels).ravel().tolist() == [True, True, False]
     assert centroid(1.5, 0.0, 1.25)[0] > 0.03 > centroid(0.9, 0.0, 1.25)[0]
 
@@ -108,4 +113,4 @@ def test_what_does_not_fit():
         equilibrium_surface(Wells(SQUARE), PAYLOAD, SIGNALS, SIGNALS, 1.5, -0.01, shares=[1.0, 2.0])
     assert error.value.problems[0].where == "currents"
     with pytest.raises(NoEquilibrium):
-        equilibrium_surface(Wells(), PAYLOAD, [5.0], [0.0], 1.5, -0.01)
+        equilibrium_surface(Wells(), PAYLOAD, [5.0], [0.0], 1.5, -0.01, LiftAndDirections(1.25))

@@ -9,7 +9,7 @@ import pytest
 
 from fieldmap.device import read_device
 from fieldmap.errors import DeviceFileError, GeometryError
-from fieldmap.inputs.json_schema import schema_text
+from fieldmap.io.json_schema import schema_text
 from fieldmap.planar import RectangularWire, RoundWire, read_planar_device, solve_planar
 from fieldmap.planar.device_file import (
     PlanarBodyKeys,

@@ -5,22 +5,21 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from fieldmap.device.air_sources import AirSource
-from fieldmap.device.coils.magpylib import MagpylibCoil
-from fieldmap.device.placement import Placement
-from fieldmap.errors import InputError
-from fieldmap.sources import unit_flux_density, unit_flux_density_and_gradient
-from fieldmap.sources.air_sources import (
+from fieldmap.device.air_fields import (
     STEP,
-    current_elements_of,
     differenced,
     flux_density,
     flux_density_and_gradient,
     magpylib_object,
     size_of,
 )
-from fieldmap.sources.from_magpylib import background_of, coil_of
-from fieldmap.sources.winding_rules import current_elements, flux_elements
+from fieldmap.device.air_sources import AirSource
+from fieldmap.device.background import Background
+from fieldmap.device.coils.magpylib import MagpylibCoil
+from fieldmap.device.placement import Placement
+from fieldmap.errors import InputError
+from fieldmap.sources import unit_flux_density, unit_flux_density_and_gradient
+from fieldmap.sources.winding_rules import current_elements, current_elements_of, flux_elements
 
 J = np.array([0.2, -0.3, 1.0])
 CORNERS = np.array([[0, 0, 0], [0.01, 0, 0], [0, 0.012, 0], [0, 0, 0.009]])
@@ -59,7 +58,7 @@ def placed(thing):
 
 
 def source(thing):
-    return background_of(placed(thing)).sources[0]
+    return Background.from_magpylib(placed(thing)).sources[0]
 
 
 @pytest.fixture(scope="module")
@@ -90,7 +89,7 @@ def test_beside_the_edge_of_a_sheet_the_field_grows_as_the_logarithm():
     with the other sign at 1 nm. On the sheet, where the field jumps, it is told as 0."""
     corners = np.array([[0, 0, 0], [0.01, 0, 0], [0, 0.01, 0]])
     sheet = current.TriangleSheet(current_densities=[(0, 100, 0)], vertices=corners, faces=[[0, 1, 2]])
-    one = background_of(sheet).sources[0]
+    one = Background.from_magpylib(sheet).sources[0]
     near, far = (np.array([[-d, 0.004, 0], [0.004, -d, 0], [0.005 + d, 0.005 + d, 0]]) for d in (1e-9, 1e-6))
     np.testing.assert_allclose(flux_density(one, far), sheet.getB(far), rtol=1e-6, atol=1e-12)
     along = np.array([100.0, 0.0, -100.0 / np.sqrt(2)])
@@ -109,7 +108,7 @@ def test_inside_a_flat_and_oblique_magnet_is_what_its_corners_surround():
     points, within = shares @ corners, (shares > 0).all(axis=1)
     assert 500 < within.sum() < 1500
     found = flux_density(
-        background_of(magnet.Tetrahedron(polarization=J, vertices=corners)).sources[0], points
+        Background.from_magpylib(magnet.Tetrahedron(polarization=J, vertices=corners)).sources[0], points
     )
     normals = np.array([np.cross(corners[b] - corners[a], corners[c] - corners[a]) for a, b, c in OUTWARD])
     charged = sum(
@@ -151,7 +150,7 @@ def test_differences_are_as_good_as_stated():
 def test_there_and_back(thing):
     """The object that is made of the data has the field of the one that they were taken from."""
     points = np.array([[0.02, 0.01, -0.02], [0.0, -0.03, 0.01]])
-    again = magpylib_object(source(thing))
+    again = placed(magpylib_object(source(thing)))
     assert type(again) is type(thing)
     assert again.getB(points) == pytest.approx(placed(thing).getB(points), rel=1e-12)
 
@@ -160,7 +159,7 @@ def test_there_and_back(thing):
 def test_a_coil_scales_its_currents_and_the_force_on_it_is_magpylibs(thing):
     """Against getFT of magpylib with a dipole as the source, and turns, polarity and the coil's own place."""
     place = Placement(np.array([0.01, 0.02, -0.01]), Rotation.from_rotvec([0.0, 0.5, 0.1]).as_matrix())
-    coil = coil_of("c", placed(thing), turns=3.0, polarity=-1, placement=place)
+    coil = MagpylibCoil.from_magpylib("c", placed(thing), turns=3.0, polarity=-1, placement=place)
     assert coil.nominal_current == getattr(thing, "current", None)
     nominal = coil.nominal_current or 1.0
     moved = placed(thing).rotate(Rotation.from_matrix(place.rotation), anchor=0).move(place.position)
@@ -180,16 +179,16 @@ def test_any_source_can_be_a_coil(everywhere):
     """A magnet and a source of the user's own: what they have is that of 1 A."""
     uniform = misc.CustomSource(field_func=lambda field, observers: np.array(observers) * [1.0, 1.0, -2.0])
     group = magpylib.Collection(OBJECTS[4].copy(), uniform)
-    coil = coil_of("both", group)
+    coil = MagpylibCoil.from_magpylib("both", group)
     assert coil.nominal_current is None
     assert unit_flux_density(coil, everywhere) == pytest.approx(group.getB(everywhere), rel=1e-9)
-    gradient = unit_flux_density_and_gradient(coil_of("own", uniform), everywhere)[1]
+    gradient = unit_flux_density_and_gradient(MagpylibCoil.from_magpylib("own", uniform), everywhere)[1]
     assert gradient == pytest.approx(np.tile(np.diag([1.0, 1.0, -2.0]), (300, 1, 1)), abs=1e-9)
 
 
 def test_currents_of_one_coil_keep_their_shares():
     one, two = (current.Circle(current=i, diameter=0.02, position=(0, 0, 0.01 * i)) for i in (2.0, -6.0))
-    coil = coil_of("pair", [one, two])
+    coil = MagpylibCoil.from_magpylib("pair", [one, two])
     assert [part.current for part in coil.sources] == [1.0, -3.0]
     point = np.array([[0.0, 0.003, 0.1]])
     both = one.getB(point) + two.getB(point)
@@ -197,7 +196,7 @@ def test_currents_of_one_coil_keep_their_shares():
 
 
 def test_what_filaments_lack_is_told_by_name():
-    coil = coil_of("loop", OBJECTS[0])
+    coil = MagpylibCoil.from_magpylib("loop", OBJECTS[0])
     with pytest.raises(InputError) as caught:
         flux_elements(coil)
     assert caught.value.problems[0].where == "coil 'loop'"
@@ -205,7 +204,7 @@ def test_what_filaments_lack_is_told_by_name():
         current_elements_of(source(OBJECTS[4]))
     assert caught.value.problems[0].received == "a Cuboid"
     with pytest.raises(InputError) as caught:
-        coil_of("nothing", [])
+        MagpylibCoil.from_magpylib("nothing", [])
     assert caught.value.problems[0].where == "from_magpylib, model"
     assert isinstance(coil, MagpylibCoil)
 
@@ -213,5 +212,5 @@ def test_what_filaments_lack_is_told_by_name():
 def test_a_field_that_is_not_known_everywhere_is_told():
     nowhere = misc.CustomSource(field_func=lambda field, observers: np.full(np.shape(observers), np.nan))
     with pytest.raises(InputError) as caught:
-        unit_flux_density(coil_of("own", nowhere), np.zeros((2, 3)))
+        unit_flux_density(MagpylibCoil.from_magpylib("own", nowhere), np.zeros((2, 3)))
     assert caught.value.problems[0].where == "magpylib CustomSource"

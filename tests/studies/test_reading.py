@@ -43,7 +43,7 @@ FOUND = [
     (8, "iron.accuracy", "less than 1"),
     (10, "vary.turns", "all numbers or all texts"),
     (18, "vary.point.values", "at least 1 entries"),
-    (20, "currents.none", "amperes_A or a division with u_A, or carries_at_mm"),
+    (20, "currents.none", "amperes_A or lift_and_directions with u_A, or carries_at_mm"),
     (23, "currents.both", "only their shares"),
     (29, "record.quantities.1", '"equilibrium_area"'),
     (30, "record.force_share", "greater than 0"),
@@ -120,12 +120,18 @@ points_mm = [[0, 0, -90]]
         ),
         ("amperes_A = 1.0", "amperes_A = [1.0, 2.0]", 10, "currents.one.amperes_A", "each of the 1 coils"),
         ("amperes_A = 1.0", "amperes_A = 0.0", 10, "currents.one.amperes_A", "not all of them 0"),
-        ("amperes_A = 1.0", "division = { u_A = 1.0 }", 10, "currents.one.division", "six coils"),
         (
             "amperes_A = 1.0",
-            "division = { u_A = 1.0, x = 1e308, n = 3.0 }",
+            "lift_and_directions = { u_A = 1.0 }",
             10,
-            "currents.one.division",
+            "currents.one.lift_and_directions",
+            "six coils",
+        ),
+        (
+            "amperes_A = 1.0",
+            "lift_and_directions = { u_A = 1.0, x = 1e308, n = 3.0 }",
+            10,
+            "currents.one.lift_and_directions",
             "1e+09 A",
         ),
         ("[record]", '[iron]\nmodel = "saturating"\n[record]', 12, "iron.model", "iron to saturate"),
@@ -200,7 +206,7 @@ def test_divided_currents_have_the_mean_of_their_signal(devices):
 title = "Divided"
 device = "drive_unit"
 vary = [{ name = "radius", key = "body.disk.radius_mm", values = [66] }]
-currents = [{ name = "given", division = { u_A = 1.5, x = 0.2, n = 1.25 } }]
+currents = [{ name = "given", lift_and_directions = { u_A = 1.5, x = 0.2, n = 1.25 } }]
 """
     entry = read_study(devices.study("divided.toml", text)).current_sets[0]
     assert entry.common == pytest.approx(1.5)

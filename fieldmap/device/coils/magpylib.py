@@ -1,6 +1,5 @@
 """Coils of the currents that magpylib has: loops, polylines, sheets and strips, and any other magpylib source."""
 
-import importlib
 from dataclasses import dataclass, field
 from typing import Annotated, Any, ClassVar, Self
 
@@ -10,6 +9,7 @@ from pydantic import Field
 from fieldmap.device.air_sources import AirSource, AirSourceKeys
 from fieldmap.device.coils.base import Coil, Inductance, Named, Polarity, Resistance
 from fieldmap.device.coils.winding import WindingPath
+from fieldmap.device.magpylib_sources import per_ampere, sources_of
 from fieldmap.device.placement import Placement
 from fieldmap.errors import InputError, Problem
 from fieldmap.inputs.declared import Key
@@ -64,8 +64,16 @@ class MagpylibCoil(Coil):
 
     @classmethod
     def from_magpylib(cls, name: str, model: Any, **options: Any) -> Self:
-        """Of a magpylib source or Collection: see `fieldmap.sources.from_magpylib.coil_of`."""
-        return importlib.import_module("fieldmap.sources.from_magpylib").coil_of(name, model, **options)
+        """Of a magpylib source, a Collection or a sequence of them, driven together; options are the other arguments.
+
+        Currents count with their share of the first current that is not zero, which becomes the nominal current. Of a
+        magnet or any other source the field that it has is that of 1 A. Raises InputError for what is no source.
+        """
+        sources = sources_of(model)
+        first = next((source.current for source in sources if source.current), None)
+        shares = tuple(per_ampere(source, first) for source in sources)
+        options.setdefault("nominal_current", first)
+        return cls(name, shares, **options)
 
     @property
     def filaments(self) -> tuple[AirSource, ...]:
@@ -94,9 +102,13 @@ class MagpylibCoil(Coil):
 
     def unit_flux_density(self, points: Array, digits: float) -> Array:
         """As `Coil.unit_flux_density`; exact, whatever the digits."""
-        return np.sum([source.flux_density(points) for source in self.sources], axis=0)
+        from fieldmap.device.air_fields import flux_density
+
+        return np.sum([flux_density(source, points) for source in self.sources], axis=0)
 
     def unit_flux_density_and_gradient(self, points: Array, digits: float) -> tuple[Array, Array]:
-        """As `Coil.unit_flux_density_and_gradient`; see `fieldmap.sources.air_sources` for the gradient."""
-        pairs = [source.flux_density_and_gradient(points) for source in self.sources]
+        """As `Coil.unit_flux_density_and_gradient`; see `fieldmap.device.air_fields` for the gradient."""
+        from fieldmap.device.air_fields import flux_density_and_gradient
+
+        pairs = [flux_density_and_gradient(source, points) for source in self.sources]
         return np.sum([pair[0] for pair in pairs], axis=0), np.sum([pair[1] for pair in pairs], axis=0)

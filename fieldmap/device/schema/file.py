@@ -15,7 +15,7 @@ from fieldmap.device.schema.payload import AnyPayload
 from fieldmap.device.schema.workspace import AnyReference, AnyWorkspace
 from fieldmap.errors import DeviceFileError
 from fieldmap.inputs.declared import table_of
-from fieldmap.inputs.kinds import FileKind, register
+from fieldmap.inputs.kinds import FileKind
 from fieldmap.inputs.tables import Format, Name, Table, Text
 
 if TYPE_CHECKING:
@@ -156,28 +156,20 @@ class MaterialFile(CurveKeys):
     provenance: dict[str, Text] = Field(default={}, description='"key" = "where the numbers come from"')
 
 
-DEVICE = register(
-    FileKind(
-        "device",
-        DeviceFile,
-        DeviceFileError,
-        "geometry",
-        keys=frozenset({"coil", "body", "material", "payload", "driver", "workspace", "include"}),
-        taken_by="`fieldmap check` takes it",
-        json_schema="device.schema.json",
-        expand=expand,
-        short_forms=frozenset({"include", "without", "defaults"}),
-    )
+DEVICE = FileKind(
+    "device",
+    DeviceFile,
+    DeviceFileError,
+    "geometry",
+    json_schema="device.schema.json",
+    expand=expand,
+    short_forms=frozenset({"include", "without", "defaults"}),
 )
-MATERIAL = register(
-    FileKind(
-        "material",
-        MaterialFile,
-        DeviceFileError,
-        "geometry",
-        "materials",
-        keys=frozenset({"H_A_per_m", "B_T"}),
-        taken_by='a device file names it: kind = "bh_table", file = "..."',
-        json_schema="material.schema.json",
-    )
+MATERIAL = FileKind(
+    "material",
+    MaterialFile,
+    DeviceFileError,
+    "geometry",
+    "materials",
+    json_schema="material.schema.json",
 )

@@ -10,7 +10,6 @@ from numpy.typing import ArrayLike
 from fieldmap.control.blocks import ControllerBlock
 from fieldmap.core.controller import Block
 from fieldmap.core.machine import InverseMap
-from fieldmap.deprecated import renamed_argument
 from fieldmap.dynamics.coupled.lqg import LqgWeights, lqg_block
 from fieldmap.dynamics.linearisation import VELOCITIES, LinearMachine
 from fieldmap.dynamics.machine import Machine
@@ -67,7 +66,6 @@ class ForceController(Record):
         )
 
 
-@renamed_argument("rest", "operating_point")
 def force_controller(
     machine: Machine,
     operating_point: OperatingPoint,

@@ -7,7 +7,6 @@ import numpy as np
 from fieldmap.control.blocks import Controller
 from fieldmap.core.controller import CoreController
 from fieldmap.core.machine import VELOCITY, InverseMap, inverse_along
-from fieldmap.deprecated import renamed_argument
 from fieldmap.dynamics.closed_loop import Schedule
 from fieldmap.dynamics.coupled.feedback_linearisation import ForceController
 from fieldmap.dynamics.field_of_currents import EXACT
@@ -30,7 +29,6 @@ class Trajectory(Record):
     left: Array
 
 
-@renamed_argument("rest", "operating_point")
 def trajectory(
     machine: Machine,
     operating_point: OperatingPoint,
@@ -66,7 +64,6 @@ def trajectory(
     return Trajectory(forces, outputs, left)
 
 
-@renamed_argument("rest", "operating_point")
 def outputs_for(
     machine: Machine,
     operating_point: OperatingPoint,

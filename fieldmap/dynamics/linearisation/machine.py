@@ -21,7 +21,6 @@ from fieldmap.core.machine import (
     CoreMachine,
     rotation,
 )
-from fieldmap.deprecated import renamed_argument, warn_renamed
 from fieldmap.dynamics.field_of_currents import EXACT
 from fieldmap.dynamics.machine import Machine
 from fieldmap.dynamics.motion import state_of
@@ -72,12 +71,6 @@ class LinearMachine(Record):
     assumptions: tuple[str, ...]
 
     @property
-    def rest(self) -> OperatingPoint:
-        """The older name of `operating_point`."""
-        warn_renamed("LinearMachine.rest", "LinearMachine.operating_point")
-        return self.operating_point
-
-    @property
     def model(self) -> StateSpace:
         """(A, B, C, D), as fieldmap.control and scipy.signal take them."""
         return StateSpace(self.A, self.B, self.C, self.D)
@@ -91,7 +84,6 @@ class LinearMachine(Record):
 
     def only(self, names: tuple[str, ...]) -> LinearMachine:
         """The same with these states alone, the others held. Raises InputError for names that are not of its states."""
-        names = tuple(_current_name(name) for name in names)
         for name in names:
             if name not in self.states:
                 must = f"must be among {', '.join(self.states)}"
@@ -111,17 +103,6 @@ class LinearMachine(Record):
         )
 
 
-def _current_name(state: str) -> str:
-    """Of a state that had another name: "vx" for "velocity_x", "spin_x" for "angular_velocity_x"."""
-    start, axis = state[:-1], state[-1:]
-    quantity = {"v": "velocity_", "spin_": "angular_velocity_"}.get(start)
-    if quantity is None or axis not in "xyz":
-        return state
-    warn_renamed(f"state {state}", f"state {quantity}{axis}", level=4)
-    return quantity + axis
-
-
-@renamed_argument("rest", "operating_point")
 def linearise(machine: Machine, operating_point: OperatingPoint) -> LinearMachine:
     """The machine, linear about an operating point from `find_operating_point`.
 

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
-from fieldmap.deprecated import warn_renamed
 from fieldmap.dynamics.linearisation.machine import LinearMachine
 from fieldmap.records import Record
 from fieldmap.typing import Array
@@ -30,18 +29,6 @@ class Mode(Record):
     shares: Array
     input_gains: Array
     output_gains: Array
-
-    @property
-    def reached(self) -> Array:
-        """The older name of `input_gains`."""
-        warn_renamed("Mode.reached", "Mode.input_gains")
-        return self.input_gains
-
-    @property
-    def seen(self) -> Array:
-        """The older name of `output_gains`."""
-        warn_renamed("Mode.seen", "Mode.output_gains")
-        return self.output_gains
 
     @property
     def frequency(self) -> float:

@@ -9,8 +9,8 @@ from fieldmap.inputs.tables import NotNegative, Positive, Table, Vector, broken,
 Matrix = list[list[float]]
 Pair = Annotated[list[float], Field(min_length=2, max_length=2)]
 LIMITS = (
-    "0 to 10 V, -0.4 to 0.4 for the division; else 0 to what the amplifiers give, or from minus that where something "
-    "that no current drives lifts as well, -1 to 1, unless given"
+    "0 to 10 V, -0.4 to 0.4 for lift and directions; else 0 to what the amplifiers give, or from minus that where "
+    "something that no current drives lifts as well, -1 to 1, unless given"
 )
 Lengths = Annotated[list[Positive], Field(min_length=3, max_length=3)]
 

@@ -10,7 +10,6 @@ import numpy as np
 from fieldmap.control.blocks import Controller, stacked
 from fieldmap.control.function_controller import FunctionController, as_controller
 from fieldmap.core.machine import POSITION, TURN, VELOCITY
-from fieldmap.deprecated import warn_renamed
 from fieldmap.device import Device
 from fieldmap.dynamics.allocation import ParametrisedAllocation
 from fieldmap.dynamics.closed_loop import Schedule, machine_for, simulate_closed_loop
@@ -50,12 +49,6 @@ class Experiment(Record):
     currents: Array
     operating_point: OperatingPoint
     device: Device
-
-    @property
-    def rest(self) -> OperatingPoint:
-        """The older name of `operating_point`."""
-        warn_renamed("Experiment.rest", "Experiment.operating_point")
-        return self.operating_point
 
     @property
     def assumptions(self) -> tuple[str, ...]:

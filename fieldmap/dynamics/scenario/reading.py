@@ -2,25 +2,19 @@
 
 import math
 import tomllib
-import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from fieldmap.deprecated import REMOVAL
 from fieldmap.dynamics.scenario.schema import SCENARIO, ScenarioFile
 from fieldmap.errors import Problem, ScenarioError
 from fieldmap.inputs.document import Document, schema_findings
 from fieldmap.inputs.toml_lines import line_numbers
 from fieldmap.records import Record
-from fieldmap.shipped import is_file
 
-# Tables and files that had another name, which still is read.
+# A table that had another name, by which scenarios of earlier versions are read.
 _OLDER_TABLE, _TABLE = ("control", "linked"), ("control", "coupled")
-# What files of this format could leave out.
-_FORMER_ZERO_DEPTH_MM = 77.0
-_OLDER_FILES = {"linked_regulator": "coupled_regulator"}
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -41,8 +35,7 @@ class Scenario(Record):
     @property
     def zero_depth_mm(self) -> float:
         """Depth below the map's origin at which the vertical sensor reads 0."""
-        depth = self.contents.sensors.zero_depth_mm
-        return _FORMER_ZERO_DEPTH_MM if depth is None else depth
+        return self.contents.sensors.zero_depth_mm
 
     def error(self, key: str, must_hold: str, received: str, remedy: str) -> ScenarioError:
         """An error at a key of the file."""
@@ -74,9 +67,6 @@ def read_scenario(path_or_name: str | Path, changes: Mapping[str, Any] | None = 
             ]
         raise ScenarioError(*Document(path, document.text, data).problems(findings))
     contents = ScenarioFile.model_validate(data)
-    if contents.sensors.zero_depth_mm is None:
-        message = f"{path}: sensors.zero_depth_mm is {_FORMER_ZERO_DEPTH_MM:g} unless given, and 0 from {REMOVAL} on"
-        warnings.warn(message, FutureWarning, stacklevel=2)
     return Scenario(path, document.text, contents, dict(changes or {}))
 
 
@@ -87,13 +77,6 @@ def find_scenario(path_or_name: str | Path) -> Path:
         raise ScenarioError(
             Problem(str(path_or_name), "must be a scenario file", "the name of a map", remedy)
         )
-    given = Path(path_or_name)
-    new = _OLDER_FILES.get(given.name.removesuffix(".toml"))
-    if new is not None and given == Path(given.name) and not is_file(given):
-        # For whoever runs it, so no DeprecationWarning, which only developers see.
-        message = f"scenario {path_or_name} is now {new}; the old name goes with {REMOVAL}"
-        warnings.warn(message, FutureWarning, stacklevel=2)
-        path_or_name = new
     return SCENARIO.find(path_or_name)
 
 

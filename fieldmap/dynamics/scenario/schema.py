@@ -4,10 +4,9 @@ from typing import Annotated, Literal
 
 from pydantic import Field, Tag, model_validator
 
-from fieldmap.currents import ASSUMED_N
 from fieldmap.dynamics.scenario.controller_schema import AxisController, CoupledController, FeedforwardKeys
 from fieldmap.errors import ScenarioError
-from fieldmap.inputs.kinds import FileKind, register
+from fieldmap.inputs.kinds import FileKind
 from fieldmap.inputs.tables import (
     Format,
     NotNegative,
@@ -22,11 +21,11 @@ from fieldmap.inputs.tables import (
 from fieldmap.instruments.converter import USUAL_RANGE
 
 ASSUMED_MM_PER_V = 2.0
+"""Of the sensors' outputs in a scenario that has a converter and does not say."""
 MOST_PERIODS = 5_000_000
 """Of a run, which then takes some 2.5 GB."""
 MOST_STEPS = 1_000_000
 """Of the mechanics in one control period."""
-"""Of the sensors' outputs in a scenario that has a converter and does not say: an assumption, of one rig."""
 Count = Annotated[int, Field(ge=1)]
 Pair = Annotated[list[float], Field(min_length=2, max_length=2)]
 
@@ -37,7 +36,7 @@ class FieldKeys(Table):
     scale: Positive = Field(default=1.0, description="calibration: the map's field is multiplied by it")
     iron: Literal["auto", "linearised", "model", "table"] = Field(
         default="auto",
-        description="of saturating iron: its model solved whenever currents change, a table over a current division, "
+        description="of saturating iron: its model solved whenever currents change, a table over lift and directions, "
         "which takes seconds to make and pays in hundreds of runs, or linearised about the currents of the operating "
         "point; auto: the model, or the table if its nodes are given",
     )
@@ -126,10 +125,8 @@ class SensorKeys(Table):
         default=[0.0] * 3, description="noise of the two crossed sensors and the vertical one"
     )
     angle_deg: float = Field(default=0.0, description="of the crossed sensors against x and y")
-    zero_depth_mm: float | None = Field(
-        default=None,
-        description="depth below the map's origin at which the vertical sensor reads 0; left out it is 77, and "
-        "0 from the next release on",
+    zero_depth_mm: float = Field(
+        default=0.0, description="depth below the map's origin at which the vertical sensor reads 0"
     )
     step_mm: NotNegative = Field(default=0.0, description="resolution of the sensors")
     input_bits: Annotated[int, Field(ge=1, le=32)] | None = Field(
@@ -156,8 +153,8 @@ class SensorKeys(Table):
 class CompensatorKeys(Table):
     """A push of the vertical reference when the horizontal one moves."""
 
-    push_mm: float = Field(default=0.05, description="how far; assumed unless given")
-    duration_ms: Positive = Field(default=10.0, description="how long; assumed unless given")
+    push_mm: float = Field(description="how far the reference is pushed")
+    duration_ms: Positive = Field(description="how long the push lasts")
     axis: Literal["x", "y"] = Field(default="x", description="whose reference sets it off")
 
 
@@ -167,14 +164,15 @@ class ControlKeys(Table):
     period_ms: Positive = Field(default=2.0, description="of the control task")
     delay_ms: NotNegative = Field(default=0.0, description="from sample to command, at most one period")
     step_ms: Positive = Field(default=0.1, description="of the mechanics")
-    allocation: Literal["division", "least_power"] | None = Field(
+    allocation: Literal["lift_and_directions", "least_power"] | None = Field(
         default=None,
-        description="how lift, x and y become currents: by the division among six coils, or by least power about the "
-        "start; the division for six coils unless given",
+        description="how lift, x and y become currents: those of six coils in two rows of three, or by least power "
+        "about the start; unless given as the map was made for, and by least power with any other map",
     )
-    division_n: Positive = Field(
-        default=ASSUMED_N,
-        description="n of that division: how much more its two middle coils take; assumed unless given",
+    allocation_n: Positive | None = Field(
+        default=None,
+        description="n of lift_and_directions: how much more the two coils in the middles of the rows follow x; that "
+        "of the map unless given",
     )
     z: AxisController | None = Field(default=None, description="depth in mm to lift voltage")
     x: AxisController | None = Field(default=None, description="x in mm to x signal")
@@ -364,14 +362,10 @@ class ScenarioFile(Table):
         return self
 
 
-SCENARIO = register(
-    FileKind(
-        "scenario",
-        ScenarioFile,
-        ScenarioError,
-        "maps",
-        "scenarios",
-        keys=frozenset({"control", "duration_s", "sensors", "start"}),
-        taken_by="`fieldmap simulate` takes it",
-    )
+SCENARIO = FileKind(
+    "scenario",
+    ScenarioFile,
+    ScenarioError,
+    "maps",
+    "scenarios",
 )

@@ -8,10 +8,11 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fieldmap.currents import IndependentCurrents
+from fieldmap.currents import IndependentCurrents, LiftAndDirections
 from fieldmap.device import Device
 from fieldmap.dynamics.allocation import (
     ControlAllocation,
+    ParametrisedAllocation,
     least_power_allocation,
     lift_and_directions,
 )
@@ -100,24 +101,20 @@ def starting_currents(
 ) -> tuple[Array, ControlAllocation]:
     """Currents (n,) that about lift the magnet at a point (3,), m, for the search of the operating point to begin with,
     and the allocation. Raises ScenarioError, Infeasible."""
-    kind, coils = scenario.contents.control.allocation, len(opened.coil_names)
-    if kind == "division" and coils != 6:
-        must, remedy = "must be least_power: the division is for six coils", "change or leave it out"
-        raise scenario.error("control.allocation", must, f"a map of {coils} coils", remedy)
-    divided = kind == "division" or (kind is None and coils == 6)
+    signals = _lift_and_directions(scenario, opened)
     free = isinstance(opened.parametrisation, IndependentCurrents)
     if saturates(opened) and body.magnet.soft and free:
         currents = _for_soft_iron(scenario, device, opened, body, point)
     elif saturates(opened):
         currents = _equal(scenario, opened, body, point)
-    elif divided:
+    elif signals is not None:
         currents = lift_current(opened, device.payload, point).currents / scenario.contents.field.scale
     elif body.magnet.soft:
         currents = _for_soft_iron(scenario, device, opened, body, point)
     else:
         currents = _least_power(scenario, opened, body, point)
-    if divided:
-        return currents, lift_and_directions(scenario.contents.control.division_n)
+    if signals is not None:
+        return currents, signals
     if opened.fixed_sources:
         return currents, _beside_constant(scenario, device, opened, body, point, currents)
     largest = float(np.abs(currents).max())
@@ -126,6 +123,26 @@ def starting_currents(
     allocation = least_power_allocation(force, currents / largest, largest / gain)
     _check_idle(scenario, allocation.idle)
     return currents, allocation
+
+
+def _lift_and_directions(scenario: Scenario, opened: FieldMap) -> ParametrisedAllocation | None:
+    """The allocation to six coils in two rows, if it is asked for or the map was made for it. Raises ScenarioError."""
+    control, coils, own = scenario.contents.control, len(opened.coil_names), opened.parametrisation
+    made_for_it = isinstance(own, LiftAndDirections)
+    if control.allocation == "least_power" or (control.allocation is None and not made_for_it):
+        return None
+    if coils != 6:
+        must, remedy = "must be least_power: lift_and_directions is for six coils", "change or leave it out"
+        raise scenario.error("control.allocation", must, f"a map of {coils} coils", remedy)
+    if control.allocation_n is not None:
+        return lift_and_directions(control.allocation_n)
+    if not isinstance(own, LiftAndDirections):
+        must, remedy = (
+            "must be given for a map that was not made for lift_and_directions",
+            "write allocation_n",
+        )
+        raise scenario.error("control.allocation_n", must, "none", remedy)
+    return lift_and_directions(own.n)
 
 
 def _beside_constant(

@@ -9,12 +9,12 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
+from fieldmap.device.mesh_files import read_mesh
 from fieldmap.device.model import Body, MeshFile, VolumeMesh
 from fieldmap.device.surfaces import crossing_triangles, enclosed_volume
 from fieldmap.device.tetrahedra import boundary, oriented, tetrahedra_fault, volumes
 from fieldmap.errors import GeometryError, InputError, Problem
 from fieldmap.iron.geometry.cad_kernel import kernel_errors, occ
-from fieldmap.iron.geometry.mesh_files import read_mesh
 from fieldmap.iron.geometry.shapes import MILLIMETRES, polygon_face
 from fieldmap.typing import Array, Index
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fieldmap.iron.geometry.another_process import read_by_another
+from fieldmap.device.another_process import read_by_another
 from fieldmap.iron.geometry.cad_kernel import occ
 
 _SI_LENGTH = re.compile(r"SI_UNIT\s*\(\s*([$.\w]+)\s*,\s*\.METRE\.")

@@ -9,7 +9,6 @@ import numpy as np
 
 from fieldmap.arguments import check_count, check_not_negative
 from fieldmap.constants import MU0
-from fieldmap.deprecated import warn_renamed
 from fieldmap.device.materials import SaturatingMaterial
 from fieldmap.device.model import Device
 from fieldmap.errors import InputError, NotConverged, Problem
@@ -161,11 +160,6 @@ class HysteresisSolver:
         other._mesh, other._form, other._unit = self._mesh, self._form, self._unit
         other._notes = self._notes
         return other
-
-    def pinned(self, pinning: Pinning) -> HysteresisSolver:
-        """Old name of `with_pinning`."""
-        warn_renamed("HysteresisSolver.pinned", "HysteresisSolver.with_pinning")
-        return self.with_pinning(pinning)
 
     @property
     def assumptions(self) -> tuple[str, ...]:

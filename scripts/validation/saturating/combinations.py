@@ -72,8 +72,8 @@ class Combination:
         """Its currents in words."""
         if not isinstance(self.currents, Mapping):
             return f"{self.currents[0]:g} to {self.currents[1]:g} A"
-        if "division" in self.currents:
-            return f"division up to {self.currents['division']['u_A'][1]:g} A"
+        if "lift_and_directions" in self.currents:
+            return f"lift and directions up to {self.currents['lift_and_directions']['u_A'][1]:g} A"
         lower, upper = self.currents["lower_A"], self.currents["upper_A"]
         count = len(self.currents["groups"])
         return f"{count} group{'s' * (count > 1)}, {lower:g} to {upper:g} A"
@@ -97,10 +97,10 @@ class Combination:
         )
 
 
-def division(lift: tuple[float, float], direction: float, n: float = 1.25) -> dict[str, Any]:
-    """Six coils by one lift, A, and two direction signals of the thesis's division, each up to `direction`."""
+def lift_and_directions(lift: tuple[float, float], direction: float, n: float = 1.25) -> dict[str, Any]:
+    """Six coils by one lift, A, and two direction signals each up to `direction`."""
     signals = [-direction, direction]
-    return {"division": {"u_A": list(lift), "x": signals, "y": signals, "n": n}}
+    return {"lift_and_directions": {"u_A": list(lift), "x": signals, "y": signals, "n": n}}
 
 
 def groups(names: list[list[str]], lower: float, upper: float) -> dict[str, Any]:
@@ -165,8 +165,8 @@ COMBINATIONS = (
     Combination("ring_core", "two_hundred_points", (-12, 12)),
     Combination("frame", "marrocco", (-10, 10)),
     Combination("frame", "hard_steel", (-20, 20)),
-    Combination("six_cores_disk_plate", "steel_a3", division((0.5, 2.0), 0.4)),
-    Combination("six_cores_disk_plate", "cobalt_iron", division((0.2, 1.5), 0.5, n=1.0)),
+    Combination("six_cores_disk_plate", "steel_a3", lift_and_directions((0.5, 2.0), 0.4)),
+    Combination("six_cores_disk_plate", "cobalt_iron", lift_and_directions((0.2, 1.5), 0.5, n=1.0)),
     Combination("six_cores_disk_plate", "steel_foot", groups([["1", "6"], ["2", "5"], ["3", "4"]], -2, 2)),
     Combination("six_cores_disk_plate", "pure_iron", (-1.5, 1.5)),
     # Magnets and a background.

@@ -2,18 +2,31 @@
 
 from collections.abc import Callable, Sequence
 from inspect import getattr_static
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
-from fieldmap.device.drawing import Outline
 from fieldmap.errors import InputError, Problem
 from fieldmap.extras import needs
-from fieldmap.field import Bounds, FieldAtCurrents
 from fieldmap.typing import Array
 
 with needs("make", "models of magpylib"):
     import magpylib
+
+
+class AtCurrents(Protocol):
+    """What is asked of a field at fixed currents, see `fieldmap.field.FieldAtCurrents`."""
+
+    @property
+    def currents(self) -> Array:
+        """Currents (n_coils,), A."""
+
+    def field(self, points: Array) -> Array:
+        """B (n, 3), T, at points (n, 3), m."""
+
+
+Outlines = Callable[[], Sequence[Any]]
+"""Makes what a drawing shows, a sequence of `fieldmap.device.drawing.Outline`."""
 
 _COLOURS = {"iron": "#9aa5b1", "coil": "#d08b5b", "magnet": "#7a9e7e", "map": "#4c72b0"}
 
@@ -37,9 +50,9 @@ class FieldSource(magpylib.misc.CustomSource):
 
     def __init__(
         self,
-        field: FieldAtCurrents,
-        domain: Bounds | None = None,
-        outlines: Callable[[], Sequence[Outline]] = tuple,
+        field: AtCurrents,
+        domain: tuple[Array, Array] | None = None,
+        outlines: Outlines = tuple,
         position: Any = (0.0, 0.0, 0.0),
         orientation: Any = None,
         style: Any = None,
@@ -50,7 +63,7 @@ class FieldSource(magpylib.misc.CustomSource):
         super().__init__(position=position, orientation=orientation, style=style, **style_keys)
 
     @property
-    def field(self) -> FieldAtCurrents:
+    def field(self) -> AtCurrents:
         """The field at its currents, in the frame of the source."""
         return self._shared.field
 
@@ -86,9 +99,7 @@ class FieldSource(magpylib.misc.CustomSource):
 class _Shared:
     """What copies of a source have in common: solutions and maps are large and never change."""
 
-    def __init__(
-        self, field: FieldAtCurrents, domain: Bounds | None, outlines: Callable[[], Sequence[Outline]]
-    ) -> None:
+    def __init__(self, field: AtCurrents, domain: tuple[Array, Array] | None, outlines: Outlines) -> None:
         self.field, self.domain, self.outlines = field, domain, outlines
 
     def __deepcopy__(self, memo: dict[int, object]) -> "_Shared":
@@ -130,9 +141,9 @@ class _Shared:
 
 
 def source_of_field(
-    field: FieldAtCurrents,
-    domain: Bounds | None = None,
-    outlines: Callable[[], Sequence[Outline]] = tuple,
+    field: AtCurrents,
+    domain: tuple[Array, Array] | None = None,
+    outlines: Outlines = tuple,
     **options: Any,
 ) -> FieldSource:
     """A `FieldSource`; options are its position, orientation and style. Raises InputError for what magpylib refuses."""

@@ -13,10 +13,10 @@ from typing import Any
 
 import numpy as np
 
+from fieldmap.device.another_process import read_by_another
 from fieldmap.device.tetrahedra import tetrahedra_fault
 from fieldmap.errors import FieldmapError, InputError, Problem
 from fieldmap.extras import needs, require
-from fieldmap.iron.geometry.another_process import read_by_another
 from fieldmap.records import Record
 from fieldmap.typing import Array, Index
 

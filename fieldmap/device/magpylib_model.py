@@ -7,51 +7,35 @@ magnetisation: its field is part of the background, computed exactly, and nothin
 """
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
-from fieldmap.device.air_sources import CURRENTS, OTHER, AirSource
+from fieldmap.device.air_sources import AirSource
 from fieldmap.device.background import Background
 from fieldmap.device.coils.magpylib import MagpylibCoil
+from fieldmap.device.magpylib_sources import SOLIDS, leaves, per_ampere, source_of
 from fieldmap.device.materials import Material, keys_of_table, material_of
-from fieldmap.device.model import (
+from fieldmap.device.parts import (
     Body,
     Box,
     Cylinder,
-    Device,
     ExtrudedPolygon,
     Part,
-    Placement,
     Ring,
     Sphere,
     TriangleSurface,
 )
+from fieldmap.device.placement import Placement
 from fieldmap.errors import InputError, Problem
-from fieldmap.extras import needs
 from fieldmap.inputs.document import schema_findings
 from fieldmap.typing import Array
 
-with needs("make", "models of magpylib"):
-    import magpylib
-
-_ATTRIBUTES = {
-    "current": 0,
-    "diameter": 0,
-    "dimension": 1,
-    "vertices": 2,
-    "current_densities": 2,
-    "polarization": 1,
-    "moment": 1,
-}
-"""Axes of an attribute without a path."""
-
 _MESH, _LAYER = 5.0, 4.0
-_SOLIDS = ("Cuboid", "Cylinder", "CylinderSegment", "Sphere", "Tetrahedron", "TriangularMesh")
 
 
-def device_of(
+def device_arguments(
     model: Any,
     name: str = "magpylib",
     title: str = "",
@@ -59,8 +43,8 @@ def device_of(
     mesh_size: float | Mapping[str, float] | None = None,
     coils: str = "each",
     **more: Any,
-) -> Device:
-    """The device of a magpylib source, a Collection, or a sequence of them, at the last pose of their paths.
+) -> dict[str, Any]:
+    """What `Device` takes for a magpylib source, a Collection, or a sequence of them, at the last pose of their paths.
 
     materials: a material, susceptibility or curve for objects or Collections by their `style.label`; it counts before
     their own `susceptibility`. mesh_size: largest element edge, m, of all bodies or by label; a fifth of the body's
@@ -72,10 +56,12 @@ def device_of(
     `Device.nominal_currents` are the currents of the model. Sensors are left out. Raises InputError with one Problem
     for everything that cannot be taken.
 
+    >>> import fieldmap as fm
+    >>> import magpylib
     >>> loop = magpylib.current.Circle(current=3.0, diameter=0.04, position=(0, 0, 0.01))
     >>> core = magpylib.magnet.Cylinder(polarization=(0, 0, 0), dimension=(0.01, 0.02))
     >>> core.susceptibility = 999.0
-    >>> device = device_of(magpylib.Collection(loop, core))
+    >>> device = fm.Device.from_magpylib(magpylib.Collection(loop, core))
     >>> device.nominal_currents, device.bodies[0].name, device.materials["Cylinder 1"].mu_r
     ({'Circle_1': 3.0}, 'Cylinder 1', 1000.0)
     """
@@ -86,8 +72,8 @@ def device_of(
         )
     found = _Found(dict(materials or {}), mesh_size)
     groups: dict[int, list[Any]] = {}
-    for thing in _leaves(model):
-        source = _source_of(thing, found.problems)
+    for thing in leaves(model):
+        source = source_of(thing, found.problems)
         if source is None:
             continue
         material = found.material_of(thing)
@@ -111,53 +97,15 @@ def device_of(
     background = more.pop("background", None)
     if found.fixed:
         background = Background(sources=tuple(found.fixed)) if background is None else background
-    return Device(
-        name,
-        title,
-        tuple(found.coils),
-        tuple(found.bodies),
-        materials=found.made,
-        background=background,
+    return {
+        "name": name,
+        "title": title,
+        "coils": tuple(found.coils),
+        "bodies": tuple(found.bodies),
+        "materials": found.made,
+        "background": background,
         **more,
-    )
-
-
-def coil_of(name: str, model: Any, **options: Any) -> MagpylibCoil:
-    """A coil of a magpylib source, a Collection or a sequence of them, driven together; options are its turns, polarity
-    and the like.
-
-    Currents count with their share of the first current that is not zero, which becomes the nominal current. Of a
-    magnet or any other source the field that it has is that of 1 A. Raises InputError for what is no source.
-    """
-    sources = _sources_of(model)
-    first = next((source.current for source in sources if source.current), None)
-    options = {"nominal_current": first} | options
-    return MagpylibCoil(name, tuple(_per_ampere(source, first) for source in sources), **options)
-
-
-def background_of(model: Any, **options: Any) -> Background:
-    """A background of a magpylib source, a Collection or a sequence of them; options are the other arguments of
-    `Background`. Raises InputError for what is no source."""
-    return Background(sources=tuple(_sources_of(model)), **options)
-
-
-def _sources_of(model: Any) -> list[AirSource]:
-    problems: list[Problem] = []
-    sources = [_source_of(thing, problems) for thing in _leaves(model)]
-    if problems or not sources:
-        none = Problem("from_magpylib, model", "at least one source", "none", "add a source")
-        raise InputError(*(problems or [none]))
-    return [source for source in sources if source is not None]
-
-
-def _per_ampere(source: AirSource, nominal: float | None) -> AirSource:
-    """A source with its share of a current, A; None where no current is known: 1 A in each."""
-    values = {key: getattr(source, key) for key in AirSource.__dataclass_fields__}
-    if source.current is not None:
-        values["current"] = 1.0 if nominal is None else source.current / nominal
-    elif source.current_densities is not None and nominal is not None:
-        values["current_densities"] = source.current_densities / nominal
-    return AirSource(**values)
+    }
 
 
 class _Found:
@@ -203,7 +151,7 @@ class _Found:
     def add_coil(self, members: list[tuple[Any, AirSource, bool]]) -> None:
         """Currents that are driven together, each with its share of the first one that is not zero."""
         first = next((source.current for _, source, _ in members if source.current), None)
-        sources = [_per_ampere(source, first) for _, source, _ in members]
+        sources = [per_ampere(source, first) for _, source, _ in members]
         thing, _, together = members[0]
         name = self.named(thing.parent if together else thing, r"[^A-Za-z0-9_]", "_")
         nominal = 1.0 if first is None and sources[0].kind == "TriangleSheet" else (first or 0.0)
@@ -213,8 +161,8 @@ class _Found:
         """A body of iron, or a magnet that its surroundings change."""
         label = getattr(thing.style, "label", None) or type(thing).__name__
         where = f"from_magpylib, {label}"
-        if source.kind not in _SOLIDS:
-            must_hold = f"a susceptibility belongs to one of {', '.join(_SOLIDS)}"
+        if source.kind not in SOLIDS:
+            must_hold = f"a susceptibility belongs to one of {', '.join(SOLIDS)}"
             self.problems.append(Problem(where, must_hold, f"a {type(thing).__name__}", "remove it"))
             return
         name = self.named(thing, r"[^A-Za-z0-9_ +-]", " ")
@@ -248,61 +196,6 @@ class _Found:
             return float(given)
         extent = _extent(source)
         return float(min(extent.max() / _MESH, extent.min()))
-
-
-def _leaves(model: Any) -> Iterable[Any]:
-    """All sources of a Collection, nested ones too, of a sequence, or the source itself; sensors are left out."""
-    if isinstance(model, magpylib.Collection):
-        return list(model.sources_all)
-    if isinstance(model, list | tuple):
-        return [leaf for one in model for leaf in _leaves(one)]
-    if isinstance(model, magpylib.Sensor):
-        return []
-    if not hasattr(model, "getB") or not hasattr(model, "orientation"):
-        received = type(model).__name__
-        remedy = "give a Collection or a list of sources"
-        raise InputError(
-            Problem("from_magpylib, model", "magpylib sources and Collections", received, remedy)
-        )
-    return [model]
-
-
-def _last(thing: Any, name: str) -> Any:
-    """An attribute at the end of the path, None where it is not set."""
-    value = getattr(thing, name, None)
-    if value is None:
-        return None
-    array = np.asarray(value, dtype=float)
-    if array.ndim > _ATTRIBUTES[name]:
-        array = array[-1]
-    return float(array) if array.ndim == 0 else array
-
-
-def _source_of(thing: Any, problems: list[Problem]) -> AirSource | None:
-    """The object as data, at its last pose."""
-    position = np.atleast_2d(thing.position)[-1]
-    rotation = np.atleast_3d(thing.orientation.as_matrix()).reshape(-1, 3, 3)[-1]
-    placement = Placement(np.array(position), np.array(rotation))
-    kind = type(thing).__name__
-    if type(thing).__module__.split(".")[0] != "magpylib" or kind not in (
-        *CURRENTS,
-        *_SOLIDS,
-        "Triangle",
-        "Dipole",
-    ):
-        return AirSource(OTHER, live=thing)
-    values = {name: _last(thing, name) for name in _ATTRIBUTES if hasattr(thing, name)}
-    missing = [name for name, value in values.items() if value is None]
-    if missing:
-        must_hold, received = f"{', '.join(missing)} must be set", "None"
-        label = getattr(thing.style, "label", None) or kind
-        problems.append(Problem(f"from_magpylib, {label}", must_hold, received, "set it in magpylib"))
-        return None
-    if kind == "CylinderSegment":
-        values["dimension"], values["angles"] = values["dimension"][:3], values["dimension"][3:]
-    if "faces" in dir(thing) and kind in ("TriangleSheet", "TriangularMesh"):
-        values["faces"] = np.array(thing.faces, dtype=np.int64)
-    return AirSource(kind, placement, **values)
 
 
 def _law(name: str, source: AirSource, given: Any) -> Material | Problem:

@@ -18,7 +18,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from fieldmap.constants import MU0
 from fieldmap.device.air_sources import OTHER, AirSource
@@ -27,7 +26,6 @@ from fieldmap.extras import needs
 from fieldmap.kernels.coils.loop import loop_flux_density, loop_flux_density_and_gradient
 from fieldmap.kernels.coils.sheet import sheet_flux_density, sheet_flux_density_and_gradient
 from fieldmap.kernels.iron.charged_triangle import triangles_field, triangles_field_and_gradient
-from fieldmap.kernels.simplex_rules import triangle_rule
 from fieldmap.typing import Array, Index
 
 STEP = 2e-3
@@ -35,7 +33,6 @@ STEP = 2e-3
 
 _IMAGINARY = 1e-30
 _ROWS = 20_000
-_ROUND, _ALONG = 720, 12
 
 
 def flux_density(source: AirSource, points: Array) -> Array:
@@ -52,6 +49,8 @@ def flux_density_and_gradient(source: AirSource, points: Array) -> tuple[Array, 
 
 
 def _local(source: AirSource, points: Array) -> tuple[Array, Array]:
+    if source.kind == OTHER:  # has a place of its own
+        return points, np.eye(3)
     rotation = np.asarray(source.placement.rotation, dtype=float)
     return np.ascontiguousarray((points - source.placement.position) @ rotation), rotation
 
@@ -106,38 +105,6 @@ def _segments(points: Array, start: Array, end: Array) -> Array:
     apart = np.where(on_wire, 1.0, apart)
     size = np.where(on_wire, 0.0, 2 * length * far / (np.where(on_wire, 1.0, product) * apart))
     return (size[:, :, None] * cross).sum(axis=1)
-
-
-def current_elements_of(source: AirSource) -> tuple[Array, Array]:
-    """Points (n, 3), m, and current elements (n, 3), A m, of a current at its place: the force is sum of elements x B.
-
-    Raises InputError for what is no current of magpylib's kinds.
-    """
-    if source.kind == "Circle":
-        angle = 2 * np.pi * (np.arange(_ROUND) + 0.5) / _ROUND
-        radius = 0.5 * source.diameter  # type: ignore[operator]
-        points = radius * np.column_stack([np.cos(angle), np.sin(angle), np.zeros(_ROUND)])
-        elements = 2 * np.pi / _ROUND * np.cross([0.0, 0.0, 1.0], points) * source.amperes
-    elif source.kind == "Polyline":
-        start, end = segments_of(source)
-        nodes, weights = np.polynomial.legendre.leggauss(_ALONG)
-        share = 0.5 * (1 + nodes)
-        points = (start[:, None] + share[:, None] * (end - start)[:, None]).reshape(-1, 3)
-        elements = (source.amperes * 0.5 * weights[:, None] * (end - start)[:, None]).reshape(-1, 3)
-    elif source.kind in ("TriangleSheet", "TriangleStrip"):
-        corners, density = sheet_of(source)
-        rule, weights = triangle_rule(4)
-        area = 0.5 * np.linalg.norm(
-            np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1
-        )
-        points = np.einsum("qk,mkd->mqd", rule, corners).reshape(-1, 3)
-        elements = (weights[:, None] * (area[:, None] * density)[:, None]).reshape(-1, 3)
-    else:
-        name = type(source.live).__name__ if source.kind == OTHER else source.kind
-        remedy = "ask for the force on the other bodies and coils"
-        raise InputError(Problem("force, name", "currents whose places are known", f"a {name}", remedy))
-    turn = np.asarray(source.placement.rotation, dtype=float).T
-    return points @ turn + source.placement.position, elements @ turn
 
 
 # ---- triangles: sheets of current, and faces with magnetic charge ----
@@ -308,18 +275,16 @@ def _cylinder(source: AirSource, points: Array, both: bool) -> tuple[Array, Arra
 
 
 def magpylib_object(source: AirSource) -> Any:
-    """The source as an object of magpylib at its place, or the object that it is."""
-    with needs("make", "as_magpylib"):
-        import magpylib
-
+    """The source as an object of magpylib at the origin, not turned, or the object that it is."""
     if source.kind == OTHER:
         return source.live
+    with needs("make", f"the field of a {source.kind}"):
+        import magpylib
     values = {name: getattr(source, name) for name in _VALUES if getattr(source, name) is not None}
     if source.kind == "CylinderSegment":
         values["dimension"] = (*source.dimension, *source.angles)  # type: ignore[misc]
     module = next(m for m in (magpylib.magnet, magpylib.current, magpylib.misc) if hasattr(m, source.kind))
-    rotation = Rotation.from_matrix(source.placement.rotation)
-    return getattr(module, source.kind)(position=source.placement.position, orientation=rotation, **values)
+    return getattr(module, source.kind)(**values)
 
 
 _VALUES = (
@@ -348,19 +313,18 @@ def size_of(source: AirSource) -> float:
 
 
 def _by_magpylib(source: AirSource, points: Array, both: bool) -> tuple[Array, Array]:
-    """In the local frame: the object is taken there and back."""
-    rotation, position = np.asarray(source.placement.rotation), source.placement.position
+    """As magpylib computes it, which has to be finite."""
     thing = magpylib_object(source)
 
     def field(local: Array) -> Array:
-        values = np.reshape(thing.getB(local @ rotation.T + position), local.shape)
+        values = np.reshape(thing.getB(local), local.shape)
         if not np.isfinite(values).all():
             received = f"{int((~np.isfinite(values)).any(axis=1).sum())} of {len(values)} that are not"
             remedy = "keep to where it is known"
             raise InputError(
                 Problem(f"magpylib {type(thing).__name__}", "B must be finite", received, remedy)
             )
-        return values @ rotation
+        return values
 
     return field(points), differenced(field, points, STEP * size_of(source)) if both else _None
 

@@ -1,6 +1,6 @@
 """JSON Schema of files that people write, for editors.
 
-`python -m fieldmap.inputs.json_schema` rewrites the shipped files. A schema is made from the same classes that the
+`python -m fieldmap.io.json_schema` rewrites the shipped files. A schema is made from the same classes that the
 reader checks with. It knows keys, types, limits and choices; the rules between keys (an empty workspace, a corner that
 is too round) are the reader's alone.
 """
@@ -12,8 +12,17 @@ from typing import Any
 from pydantic import BaseModel
 from pydantic.json_schema import GenerateJsonSchema
 
-from fieldmap.inputs.kinds import every_kind
+from fieldmap.device.schema.file import DEVICE, MATERIAL
+from fieldmap.dynamics.scenario.schema import SCENARIO
+from fieldmap.inputs.kinds import FileKind
+from fieldmap.maps.recipe import RECIPE
+from fieldmap.planar.device_file import PLANAR_DEVICE
 from fieldmap.shipped import shipped_folder
+from fieldmap.studies.fit_file import FIT
+from fieldmap.studies.schema import STUDY
+
+FILE_KINDS: tuple[FileKind[Any], ...] = (DEVICE, MATERIAL, PLANAR_DEVICE, RECIPE, STUDY, FIT, SCENARIO)
+"""All that people write."""
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
 
@@ -37,7 +46,7 @@ def schema_text(root: type[BaseModel]) -> str:
 
 def schema_files() -> dict[Path, type[BaseModel]]:
     """The shipped schema files, and the classes that they are made from."""
-    kinds = [kind for kind in every_kind() if kind.json_schema is not None]
+    kinds = [kind for kind in FILE_KINDS if kind.json_schema is not None]
     return {shipped_folder(kind.folder) / str(kind.json_schema): kind.schema for kind in kinds}
 
 
