@@ -40,16 +40,8 @@ from fieldmap.dynamics.field_of_currents import (
     superposed,
     tabled,
 )
-from fieldmap.dynamics.linearisation import (
-    LinearMachine,
-    close_loop,
-    controllability,
-    coupling,
-    linearise,
-    margins,
-    modes,
-    sampled_machine,
-)
+from fieldmap.dynamics.linear_loop import close_loop, margins, sampled_machine
+from fieldmap.dynamics.linearisation import LinearMachine, controllability, coupling, linearise, modes
 from fieldmap.dynamics.loop_run import Event, LevitationRun
 from fieldmap.dynamics.machine import Machine
 from fieldmap.dynamics.motion import (

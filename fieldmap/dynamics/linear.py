@@ -3,19 +3,14 @@
 from fieldmap.deprecated import renamed
 
 _LINEARISATION = "fieldmap.dynamics.linearisation:"
-_SAME = (
+_LOOP = "fieldmap.dynamics.linear_loop:"
+_SAME = ("Coupling", "LinearMachine", "Mode", "coupling", "linearise", "modes", "moved_state")
+_OF_LOOP = (
     "ClosedLoop",
-    "Coupling",
-    "LinearMachine",
     "Margins",
-    "Mode",
     "SampledMachine",
     "close_loop",
-    "coupling",
-    "linearise",
     "margins",
-    "modes",
-    "moved_state",
     "sampled_machine",
     "sensor_answer",
 )
@@ -23,5 +18,6 @@ _SAME = (
 __getattr__ = renamed(
     __name__,
     {name: _LINEARISATION + name for name in _SAME}
+    | {name: _LOOP + name for name in _OF_LOOP}
     | {"Reach": f"{_LINEARISATION}Controllability", "reach": f"{_LINEARISATION}controllability"},
 )

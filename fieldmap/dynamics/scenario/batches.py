@@ -13,7 +13,7 @@ from fieldmap.dynamics.closed_loop import simulate_many
 from fieldmap.dynamics.loop_run import LevitationRun, as_csv, recorded
 from fieldmap.dynamics.scenario.experiment import Experiment, prepare
 from fieldmap.dynamics.scenario.metrics import RunMetrics, run_metrics
-from fieldmap.dynamics.scenario.reading import read_scenario
+from fieldmap.dynamics.scenario.schema import read_scenario
 from fieldmap.errors import InputError, Problem
 from fieldmap.field import Field
 from fieldmap.plain import Plain, plain_items
@@ -127,7 +127,7 @@ def _batch(
     progress: Progress,
 ) -> Batch:
     scenario = experiment.scenario
-    chosen = seed if seed is not None else scenario.contents.noise.seed or 0
+    chosen = seed if seed is not None else scenario.settings.noise.seed or 0
 
     def judged(run: LevitationRun) -> BatchRun:
         return BatchRun(run_metrics(scenario, run), run if kept else None)
