@@ -3,8 +3,7 @@ itself: poles, the axes they move, controllability, observability, coupling."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -16,11 +15,9 @@ from fieldmap.control import StateSpace
 from fieldmap.core.machine import (
     ANGULAR_VELOCITY,
     INSIDE,
-    POSITION,
     STATE,
     TURN,
     VELOCITY,
-    CoreMachine,
     rotation,
 )
 from fieldmap.deprecated import renamed_argument, warn_renamed
@@ -35,9 +32,9 @@ from fieldmap.typing import Array
 if TYPE_CHECKING:
     import control as python_control
 
-# Steps of the differences: m, rad, m/s, rad/s, A. Wide enough for the steps of a map from cell to cell (1e-7 of the
+# Steps of the differences: m, rad, m/s, rad/s; A. Wide enough for the steps of a map from cell to cell (1e-7 of the
 # field), narrow enough for what is left out, which is of fourth order.
-_STEPS = {"position": 2e-4, "turn": 2e-3, "velocity": 1e-4, "angular velocity": 1e-3, "current": 5e-3}
+_STEPS, _CURRENT_STEP = (2e-4, 2e-3, 1e-4, 1e-3), 5e-3
 # Shares of a step at which a function is taken, and what they count: central differences of fourth order.
 _STENCIL = ((-2.0, 1.0 / 12.0), (-1.0, -8.0 / 12.0), (1.0, 8.0 / 12.0), (2.0, -1.0 / 12.0))
 # Units in which deviations are of a size: a millimetre, a tenth of a radian, and what they are in a tenth of a second.
@@ -104,18 +101,8 @@ class LinearMachine(Record):
                 must = f"must be among {', '.join(self.states)}"
                 raise InputError(Problem("LinearMachine.only(names)", must, name, "choose among them"))
         chosen = [self.states.index(name) for name in names]
-        return LinearMachine(
-            self.A[np.ix_(chosen, chosen)],
-            self.B[chosen],
-            self.C[:, chosen],
-            self.D,
-            self.G[chosen],
-            names,
-            self.inputs,
-            self.outputs,
-            self.operating_point,
-            self.assumptions,
-        )
+        A, B, C, G = self.A[np.ix_(chosen, chosen)], self.B[chosen], self.C[:, chosen], self.G[chosen]
+        return replace(self, A=A, B=B, C=C, G=G, states=names)
 
 
 def _current_name(state: str) -> str:
@@ -137,131 +124,60 @@ def linearise(machine: Machine, operating_point: OperatingPoint) -> LinearMachin
     has a corner they are the mean of both sides. Amplifiers steer currents (26): a winding's R and L bound how fast a
     large change goes and have no part in a small one. Raises OutsideMapError for a point at the map's edge.
     """
-    slope = _Slope(machine, operating_point)
-    names, steps, free = _coordinates(machine)
-    n, coils = len(names), machine.drive.coils
-    motion = np.column_stack([slope.by_state(k, step, free) for k, step in steps])
-    per_ampere = np.column_stack([slope.by_current(k) for k in range(coils)])
-    rows = _rows(machine)
-    A, by_current = np.zeros((n, n)), np.zeros((n, coils))
-    A[: len(rows), : len(rows)], by_current[: len(rows)] = motion[rows], per_ampere[rows]
-    commanded = machine.drive.amplifier.gain * machine.allocation.derivative(operating_point.outputs)
-    tau = machine.drive.time_constant
-    if tau:
-        A[: len(rows), len(rows) :] = by_current[: len(rows)]
-        A[len(rows) :, len(rows) :] = -np.eye(coils) / tau
-        B = np.vstack([np.zeros((len(rows), commanded.shape[1])), commanded / tau])
-    else:
-        B = by_current @ commanded
-    return LinearMachine(
-        A,
-        B,
-        _sensed_slopes(machine, operating_point, n),
-        np.zeros((3, B.shape[1])),
-        _load_slopes(machine, operating_point, n),
-        names,
-        machine.allocation.output_names,
-        ("x", "y", "z"),
-        operating_point,
-        (*machine.assumptions, *_assumptions(tau)),
-    )
+    body, state, coils = machine.body, operating_point.state, machine.drive.coils
+    core, out = replace(machine, walls=None).core(1.0, EXACT), np.empty(STATE)
 
-
-def _assumptions(time_constant: float) -> tuple[str, ...]:
-    late = f" with a time constant of {1e3 * time_constant:g} ms"
-    at_once = " at once; supply and inductance only bound large changes"
-    return (
-        "small deviations from the operating point: no limits, no walls, no converters' steps",
-        "currents follow their commands" + (late if time_constant else at_once),
-    )
-
-
-def _coordinates(machine: Machine) -> tuple[tuple[str, ...], list[tuple[int, float]], bool]:
-    """Names of the states; number and step of every one that moves; whether the body turns."""
-    free = not machine.body.upright
-    groups = [("position", 0), ("turn", 3), ("velocity", 6), ("angular velocity", 9)]
-    if not free:
-        groups = [groups[0], groups[2]]
-    names = tuple(name for _, first in groups for name in MOTION[first : first + 3])
-    steps = [(first + k, _STEPS[kind]) for kind, first in groups for k in range(3)]
-    if machine.drive.time_constant:
-        names += tuple(f"i{k + 1}" for k in range(machine.drive.coils))
-    return names, steps, free
-
-
-def _rows(machine: Machine) -> list[int]:
-    """Which rows of the twelve rates (position, turn, velocity, angular velocity) belong to the states."""
-    return [0, 1, 2, 6, 7, 8] if machine.body.upright else list(range(12))
-
-
-class _Slope:
-    """Rates (12,) of position, turn, velocity, angular velocity about an operating point, as functions of
-    deviations."""
-
-    def __init__(self, machine: Machine, operating_point: OperatingPoint) -> None:
-        self.machine, self.operating_point = machine, operating_point
-        body, drive = machine.body, machine.drive
-        numbers = body.numbers(machine.drag, machine.plate)
-        self.core = CoreMachine(
-            machine.magnetic.plant(numbers, body.seen_at, drive.numbers(1.0), drive.drives, EXACT)
-        )
-
-    def by_state(self, number: int, step: float, free: bool) -> Array:
-        """Derivative (12,) by one of twelve coordinates."""
-
-        def at(deviation: float) -> Array:
-            moved = np.zeros(12)
-            moved[number] = deviation
-            return self._rates(_moved(self.operating_point.state, moved), self.operating_point.currents)
-
-        found = _difference(at, step)
-        # The turn follows the angular velocity, which is zero there: exact to first order.
-        found[3:6] = np.eye(12)[number][9:12] if free else 0.0
-        return found
-
-    def by_current(self, number: int) -> Array:
-        """Derivative (12,) by one current."""
-
-        def at(deviation: float) -> Array:
-            currents = self.operating_point.currents.copy()
-            currents[number] += deviation
-            return self._rates(self.operating_point.state, currents)
-
-        found = _difference(at, _STEPS["current"])
-        found[:6] = 0.0
-        return found
-
-    def _rates(self, state: Array, currents: Array) -> Array:
-        out = np.empty(STATE)
-        self.core.follow(currents)
-        if self.core.rates(state, out) != INSIDE:
-            problem = Problem(
-                "linearise(operating_point)",
+    def rates(deviation: Array) -> Array:
+        """Of position, turn, velocity, angular velocity (12,), without that of the turn, about the operating point."""
+        moved = _moved(state, deviation[:12])
+        core.follow(operating_point.currents + deviation[12:])
+        where, there = "linearise(operating_point)", f"{moved[:3].tolist()} m"
+        if core.rates(moved, out) != INSIDE:
+            must, remedy = (
                 "must lie inside the map, 0.4 mm from its edge",
-                f"{state[:3].tolist()} m",
                 "begin elsewhere, or make a larger map",
             )
-            raise OutsideMapError(problem)
+            raise OutsideMapError(Problem(where, must, there, remedy))
         if not np.isfinite(out).all():
-            problem = Problem(
-                "linearise(operating_point)",
-                "must lie in front of the plate's face",
-                f"{state[:3].tolist()} m",
-                "begin higher, lower the plate's face, or leave the plate out",
-            )
-            raise InputError(problem)
+            remedy = "begin higher, lower the plate's face, or leave the plate out"
+            raise InputError(Problem(where, "must lie in front of the plate's face", there, remedy))
         return np.concatenate(
-            [
-                out[POSITION : POSITION + 3],
-                np.zeros(3),
-                out[VELOCITY : VELOCITY + 3],
-                out[ANGULAR_VELOCITY:STATE],
-            ]
+            [out[:3], np.zeros(3), out[VELOCITY : VELOCITY + 3], out[ANGULAR_VELOCITY:STATE]]
         )
 
-
-def _difference(function: Callable[[float], Array], step: float) -> Array:
-    return np.sum([share * function(at * step) for at, share in _STENCIL], axis=0) / step
+    rows = [0, 1, 2, 6, 7, 8] if body.upright else list(range(12))
+    steps = np.concatenate([np.repeat(np.array(_STEPS), 3), np.full(coils, _CURRENT_STEP)])
+    slopes = np.zeros((12, 12 + coils))
+    for k in (*rows, *range(12, 12 + coils)):
+        direction = np.eye(len(steps))[k] * steps[k]
+        slopes[:, k] = np.sum([share * rates(at * direction) for at, share in _STENCIL], axis=0) / steps[k]
+    # The turn follows the angular velocity, which is zero there: exact to first order.
+    slopes[3:6, 9:12], slopes[:6, 12:] = np.eye(3), 0.0
+    A, by_current = slopes[np.ix_(rows, rows)], slopes[rows, 12:]
+    R, zeros = rotation(state), np.zeros((3, 3))
+    # d(R a) = R (turn x a).
+    C = np.hstack([np.eye(3), R @ np.cross(np.eye(3), body.seen_at).T, np.zeros((3, 6))])[:, rows]
+    pushed = np.block([[np.eye(3) / body.mass, zeros], [zeros, R.T / body.inertia[:, None]]])
+    G = np.vstack([np.zeros((6, 6)), pushed])[rows]
+    names = tuple(MOTION[row] for row in rows)
+    commanded = machine.drive.amplifier.gain * machine.allocation.derivative(operating_point.outputs)
+    B = by_current @ commanded
+    tau, late = machine.drive.time_constant, " at once; supply and inductance only bound large changes"
+    if tau:
+        A = np.block([[A, by_current], [np.zeros((coils, len(rows))), -np.eye(coils) / tau]])
+        B = np.vstack([np.zeros((len(rows), commanded.shape[1])), commanded / tau])
+        C, G = np.hstack([C, np.zeros((3, coils))]), np.vstack([G, np.zeros((coils, 6))])
+        names += tuple(f"i{k + 1}" for k in range(coils))
+        late = f" with a time constant of {1e3 * tau:g} ms"
+    assumptions = (
+        *machine.assumptions,
+        "small deviations from the operating point: no limits, no walls, no converters' steps",
+        "currents follow what is asked for" + late,
+    )
+    inputs, axes = machine.allocation.output_names, ("x", "y", "z")
+    return LinearMachine(
+        A, B, C, np.zeros((3, B.shape[1])), G, names, inputs, axes, operating_point, assumptions
+    )
 
 
 def _moved(state: Array, deviation: ArrayLike) -> Array:
@@ -287,27 +203,6 @@ def moved_state(linear: LinearMachine, deviation: ArrayLike) -> Array:
         if name in MOTION:
             twelve[MOTION.index(name)] = value
     return _moved(linear.operating_point.state, twelve)
-
-
-def _sensed_slopes(machine: Machine, operating_point: OperatingPoint, n: int) -> Array:
-    C = np.zeros((3, n))
-    C[:, :3] = np.eye(3)
-    if not machine.body.upright:
-        # d(R a) = R (turn x a).
-        R, arm = rotation(operating_point.state), machine.body.seen_at
-        C[:, 3:6] = np.column_stack([R @ np.cross(axis, arm) for axis in np.eye(3)])
-    return C
-
-
-def _load_slopes(machine: Machine, operating_point: OperatingPoint, n: int) -> Array:
-    G = np.zeros((n, 6))
-    body = machine.body
-    if body.upright:
-        G[3:6, :3] = np.eye(3) / body.mass
-        return G
-    G[6:9, :3] = np.eye(3) / body.mass
-    G[9:12, 3:] = rotation(operating_point.state).T / body.inertia[:, None]
-    return G
 
 
 @dataclass(frozen=True, eq=False, repr=False)

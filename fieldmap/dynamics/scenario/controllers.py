@@ -303,6 +303,9 @@ class Own(Record):
 
     kind: ClassVar[str] = "own"
 
+    def controller(self, *machine: Any) -> None:
+        """None: the caller gives it."""
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Feedforward(Record):

@@ -15,17 +15,16 @@ from fieldmap.deprecated import warn_renamed
 from fieldmap.device import Device, read_device, recorded_device
 from fieldmap.dynamics.allocation import ControlAllocation, lift_and_directions
 from fieldmap.dynamics.closed_loop import Schedule, machine_for, simulate_closed_loop
-from fieldmap.dynamics.drives import drive_of_device
 from fieldmap.dynamics.field_of_currents import sampled_field
 from fieldmap.dynamics.loop_run import LevitationRun
-from fieldmap.dynamics.machine import Machine
+from fieldmap.dynamics.machine import Machine, drive_of_device
 from fieldmap.dynamics.motion import state_of
 from fieldmap.dynamics.operating_point import OperatingPoint
 from fieldmap.dynamics.running_machine import RunningMachine, given_outputs
-from fieldmap.dynamics.scenario.controllers import Own, PointsAt
+from fieldmap.dynamics.scenario.controllers import AxisController
 from fieldmap.dynamics.scenario.metrics import RunMetrics, run_metrics
 from fieldmap.dynamics.scenario.references import control_times, disturbances, open_loop_signals, references
-from fieldmap.dynamics.scenario.schema import ControlSettings, Scenario, Start, read_scenario
+from fieldmap.dynamics.scenario.schema import Scenario, Start, read_scenario
 from fieldmap.dynamics.scenario.start import Lift, floating, floating_at, outputs_near
 from fieldmap.errors import NoEquilibrium, ScenarioError
 from fieldmap.field import Field
@@ -98,12 +97,9 @@ class Experiment(Record):
 
     def _given(self) -> Controller | FunctionController:
         if self.controller is None:
-            where = self.scenario.document
-            must, remedy = (
-                "needs a controller that the caller gives",
-                "give one: controller=, or --controller",
-            )
-            raise ScenarioError(where.problem("control.coupled", must, "none", remedy))
+            key, must = "control.coupled", "needs a controller that the caller gives"
+            remedy = "give one: controller=, or --controller FILE.py:NAME"
+            raise ScenarioError(self.scenario.document.problem(key, must, "none", remedy))
         return self.controller
 
     def _noise(self, seed: int | np.random.SeedSequence | None) -> int | np.random.SeedSequence | None:
@@ -138,8 +134,11 @@ def _prepared(scenario: Scenario, field: Field | None, device: Device | None, ow
     assert device.payload is not None
     assert device.driver is not None
     body = settings.body.body(device.payload, opened)
+
+    # Where the run begins, currents that about carry the body there, and how outputs become currents.
     limits = drive_of_device(device, settings.coils.lowest_voltage).steady
-    lift = Lift(opened, device.payload, body, settings.field.scale, limits, _is_divided(control, opened))
+    divided = _is_divided(control.allocation, len(opened.coil_names))
+    lift = Lift(opened, device.payload, body, settings.field.scale, limits, divided)
     held = settings.held()
     x, y = start.x or 0.0, start.y or 0.0
     above = float((body.seen_at - body.magnet_at)[2])
@@ -147,11 +146,13 @@ def _prepared(scenario: Scenario, field: Field | None, device: Device | None, ow
         held[0][2] = round(lift.height(x, y) + above, 9)
     magnet = np.array([x, y, held[0][2] - above])
     currents = lift.currents(magnet)
-    if lift.divided:
+    if divided:
         allocation: ControlAllocation = lift_and_directions(control.division_n)
     else:
         allocation = lift.allocation(magnet, currents, device.driver.gain)
     settings.refuse_idle(allocation.idle)
+
+    # The machine in equilibrium, about whose currents saturating iron is linearised if that is asked for.
     walls, beyond = scenario.contents.walls, settings.coils.end_beyond_table
     about_currents = settings.field.iron == "linearised" and saturates(opened)
     for _ in range(_ROUNDS if about_currents else 1):
@@ -174,6 +175,8 @@ def _prepared(scenario: Scenario, field: Field | None, device: Device | None, ow
     else:
         must, remedy = "currents of the operating point must settle", 'take field.iron = "model"'
         raise NoEquilibrium(AtKey("start", must, f"a change of {change:.1e} A", remedy))
+
+    # What is asked for, and the controllers.
     time, zero = control_times(settings.duration, period), np.array([0.0, 0.0, settings.zero_depth])
     down = np.array([1.0, 1.0, -1.0])
     wanted = references(settings.reference, control.compensator, point.sensed * down - zero, time, period)
@@ -186,9 +189,11 @@ def _prepared(scenario: Scenario, field: Field | None, device: Device | None, ow
         disturbances(settings.disturbance, time),
         settings.record.every,
     )
-
-    if own is None:
-        own = _shipped(control, machine, point, partial(floating_at, machine, held, point))
+    coupled, points_at = control.coupled, partial(floating_at, machine, held, point)
+    if own is None and coupled is not None:
+        own = coupled.controller(machine, point, points_at, period, control.delay)
+    elif own is None:
+        own = _of_axes((control.z, control.x, control.y), point, period, settings.zero_depth)
     if own is not None and control.feedforward is not None:
         schedule = control.feedforward.added(machine, own, point, schedule)
     return Experiment(scenario, machine, own, schedule, _begin(start, point), currents, point, device)
@@ -248,34 +253,24 @@ def _open_map(folder: Path, name: str) -> FieldMap:
     raise ScenarioError(AtKey("map", must, f'"{name}"', remedy))
 
 
-def _is_divided(control: ControlSettings, opened: FieldMap) -> bool:
+def _is_divided(allocation: str | None, coils: int) -> bool:
     """Whether the outputs are those of the division among six coils. Raises ScenarioError."""
-    coils = len(opened.coil_names)
-    if control.allocation == "division" and coils != 6:
+    if allocation == "division" and coils != 6:
         must, remedy = "must be least_power: the division is for six coils", "change or leave it out"
         raise ScenarioError(AtKey("control.allocation", must, f"a map of {coils} coils", remedy))
-    return control.allocation == "division" or (control.allocation is None and coils == 6)
+    return allocation == "division" or (allocation is None and coils == 6)
 
 
-def _shipped(
-    control: ControlSettings, machine: Machine, point: OperatingPoint, points_at: PointsAt
-) -> Controller | None:
-    """The controller that a scenario describes; None where it leaves it to the caller."""
-    if isinstance(control.coupled, Own):
-        return None
-    if control.coupled is not None:
-        return control.coupled.controller(machine, point, points_at, control.period, control.delay)
+def _of_axes(
+    controllers: Sequence[AxisController | None], point: OperatingPoint, period: float, zero_depth: float
+) -> Controller:
+    """One controller of those of lift, x and y."""
     at = np.concatenate([point.sensed, point.sensed, [1.0]])
-    zero = machine.sensors.zero_depth or 0.0
-    readings = (AxisReading("z", -1e3, -1e3 * zero), AxisReading("x", 1e3), AxisReading("y", 1e3))
-    keys = (control.z, control.x, control.y)
-    return stacked(
-        *(
-            one.block(reading, control.period, float(output), at)
-            for one, reading, output in zip(keys, readings, point.outputs, strict=True)
-            if one is not None
-        )
+    depth = AxisReading("z", -1e3, -1e3 * zero_depth)
+    blocks = zip(
+        controllers, (depth, AxisReading("x", 1e3), AxisReading("y", 1e3)), point.outputs, strict=True
     )
+    return stacked(*(one.block(axis, period, float(out), at) for one, axis, out in blocks if one is not None))
 
 
 def _begin(start: Start, point: OperatingPoint) -> Array:

@@ -14,8 +14,8 @@ from pydantic import Field, ValidationInfo
 from fieldmap.currents import ASSUMED_N
 from fieldmap.deprecated import REMOVAL
 from fieldmap.device import Device, Payload
-from fieldmap.dynamics.drives import CoilDrive, drive_of_device
 from fieldmap.dynamics.field_of_currents import FieldOfCurrents, linearised, modelled, superposed, tabled
+from fieldmap.dynamics.machine import CoilDrive, drive_of_device
 from fieldmap.dynamics.rigid_body import RigidBody, body_of_payload
 from fieldmap.dynamics.scenario.controllers import (
     AxisController,
