@@ -61,7 +61,10 @@ class LqgWeights(Record):
     sensor: Annotated[
         Three | None,
         Key(
-            Lengths | None, "of what is seen of x, y, depth; from [sensors] unless given", "mm", name="noise"
+            Lengths | None,
+            "deviation of the readings of x, y and depth; by default from [sensors]",
+            "mm",
+            name="noise",
         ),
     ] = None
     force: Annotated[

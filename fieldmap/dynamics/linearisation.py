@@ -172,7 +172,7 @@ def linearise(machine: Machine, operating_point: OperatingPoint) -> LinearMachin
     assumptions = (
         *machine.assumptions,
         "small deviations from the operating point: no limits, no walls, no converters' steps",
-        "currents follow what is asked for" + late,
+        "currents follow their commands" + late,
     )
     inputs, axes = machine.allocation.output_names, ("x", "y", "z")
     return LinearMachine(

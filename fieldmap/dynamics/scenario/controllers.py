@@ -95,7 +95,7 @@ class Pid(AxisController):
     upper: Upper = None
     integration: Annotated[str, Key(Literal["rectangular", "trapezoidal"], "of the error")] = "trapezoidal"
     anti_windup: Annotated[
-        str, Key(Literal["none", "hold", "track"], "what the integral does at a limit")
+        str, Key(Literal["none", "hold", "track"], "behaviour of the integral at a limit")
     ] = "none"
     derivative: Annotated[str, Key(Literal["error", "measurement"], "of what")] = "error"
 

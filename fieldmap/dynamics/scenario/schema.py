@@ -214,7 +214,7 @@ class ControlSettings(Record):
     y: Annotated[AxisController | None, Key(AxisKeys | None, "y in mm to y signal")] = None
     coupled: Annotated[
         CoupledController | Own | None,
-        Key(CoupledKeys | None, "of all axes, in the place of x, y and z", check=_axes_or_coupled),
+        Key(CoupledKeys | None, "one controller of all axes, instead of x, y and z", check=_axes_or_coupled),
     ] = None
     feedforward: Annotated[
         Feedforward | None, Key(table_of(Feedforward) | None, "along the reference, by the inverse map")
@@ -296,7 +296,7 @@ class Settings(Record):
     drag: Annotated[Drag, Key(table_of(Drag), "resistance of the air")] = _NO_DRAG
     plate: Annotated[Plate | None, Key(table_of(Plate) | None, "a conducting plate")] = None
     walls: Annotated[
-        Walls | None, Key(table_of(Walls, bases=(WallEndKeys,)) | None, "what the body can touch")
+        Walls | None, Key(table_of(Walls, bases=(WallEndKeys,)) | None, "walls that the body can touch")
     ] = None
     coils: Annotated[CoilSettings, Key(table_of(CoilSettings), "windings and amplifiers")] = CoilSettings()
     sensors: Annotated[Sensors, Key(table_of(Sensors, bases=(ChainKeys,)), "position sensors")] = _IDEAL
@@ -308,7 +308,9 @@ class Settings(Record):
         tuple[Disturbance, ...], Key(list[table_of(Disturbance)], "forces on the body")  # type: ignore[misc]
     ] = ()
     noise: Annotated[Noise, Key(table_of(Noise), "where noise comes from")] = Noise()
-    record: Annotated[RecordSettings, Key(table_of(RecordSettings), "what is recorded")] = RecordSettings()
+    record: Annotated[RecordSettings, Key(table_of(RecordSettings), "the recorded samples")] = (
+        RecordSettings()
+    )
 
     def held(self) -> tuple[Array, Array]:
         """What is given of the sensed point (3,), m, and of the outputs (3,) at rest; NaN where it is free. The height
