@@ -15,7 +15,7 @@ from fieldmap.dynamics.surroundings import NotNegatives
 from fieldmap.inputs.declared import Key, check_fields
 from fieldmap.inputs.tables import MILLI, NotNegative, Positive, Table
 from fieldmap.instruments import Amplifier, Converter, Micrometer, Rig, SensorFrame
-from fieldmap.instruments.amplifier import USUAL_RANGE
+from fieldmap.instruments.converter import USUAL_RANGE
 from fieldmap.records import Record
 from fieldmap.typing import Array
 

@@ -43,7 +43,7 @@ from fieldmap.inputs.document import AtKey, Document, schema_findings
 from fieldmap.inputs.kinds import FileKind, register
 from fieldmap.inputs.tables import Format, NotNegative, Positive, Table, Text, Vector, broken
 from fieldmap.instruments import Converter
-from fieldmap.instruments.amplifier import USUAL_RANGE
+from fieldmap.instruments.converter import USUAL_RANGE
 from fieldmap.lookup import FieldMap, magnetic_body, saturates
 from fieldmap.records import Record
 from fieldmap.shipped import is_file
