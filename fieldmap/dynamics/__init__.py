@@ -22,7 +22,6 @@ from fieldmap.control import (
     stacked,
     state_block,
 )
-from fieldmap.deprecated import renamed
 from fieldmap.dynamics.allocation import (
     ControlAllocation,
     MatrixAllocation,
@@ -128,17 +127,3 @@ __all__ = [
     "superposed",
     "tabled",
 ]
-
-__getattr__ = renamed(
-    __name__,
-    {
-        "Division": "lift_and_directions",
-        "Mixing": "MatrixAllocation",
-        "Trim": "OperatingPoint",
-        "least_power_mixing": "least_power_allocation",
-        "linear": "fieldmap.dynamics.linearisation:",
-        "linked": "fieldmap.dynamics.coupled:",
-        "reach": "controllability",
-        "trim": "find_operating_point",
-    },
-)

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from fieldmap.arguments import check_positive, check_signal
 from fieldmap.core.machine import Allocation
-from fieldmap.currents import ASSUMED_N, CurrentParametrisation, LiftAndDirections
+from fieldmap.currents import CurrentParametrisation, LiftAndDirections
 from fieldmap.errors import Infeasible, InputError, Problem
 from fieldmap.levitation.least_power import push_shares
 from fieldmap.records import Record
@@ -91,7 +91,7 @@ class ParametrisedAllocation(Record, ControlAllocation):
         return Allocation(int(kernel.division), kernel.exponent, kernel.matrix, np.zeros(self.coils))
 
 
-def lift_and_directions(n: float = ASSUMED_N) -> ParametrisedAllocation:
+def lift_and_directions(n: float) -> ParametrisedAllocation:
     """Outputs lift (V), x and y become the voltages of six coils in two rows of three: `LiftAndDirections`."""
     return ParametrisedAllocation(LiftAndDirections(n), SIGNALS)
 

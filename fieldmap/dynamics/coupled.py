@@ -16,7 +16,6 @@ from fieldmap.control import zero_order_hold
 from fieldmap.control.blocks import Controller, ControllerBlock, arrays_of
 from fieldmap.core.controller import SIGNALS, Block, CoreController
 from fieldmap.core.machine import VELOCITY, InverseMap, inverse_along
-from fieldmap.deprecated import renamed_argument
 from fieldmap.dynamics.closed_loop import Schedule
 from fieldmap.dynamics.field_of_currents import EXACT
 from fieldmap.dynamics.linear_loop import sampled_machine
@@ -319,7 +318,6 @@ class ForceController(Record):
         )
 
 
-@renamed_argument("rest", "operating_point")
 def force_controller(
     machine: Machine,
     operating_point: OperatingPoint,
@@ -374,7 +372,6 @@ class Trajectory(Record):
     left: Array
 
 
-@renamed_argument("rest", "operating_point")
 def trajectory(
     machine: Machine,
     operating_point: OperatingPoint,
@@ -410,7 +407,6 @@ def trajectory(
     return Trajectory(forces, outputs, left)
 
 
-@renamed_argument("rest", "operating_point")
 def outputs_for(
     machine: Machine,
     operating_point: OperatingPoint,

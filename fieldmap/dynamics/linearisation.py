@@ -20,7 +20,6 @@ from fieldmap.core.machine import (
     VELOCITY,
     rotation,
 )
-from fieldmap.deprecated import renamed_argument, warn_renamed
 from fieldmap.dynamics.field_of_currents import EXACT
 from fieldmap.dynamics.machine import Machine
 from fieldmap.dynamics.motion import state_of
@@ -76,12 +75,6 @@ class LinearMachine(Record):
     assumptions: tuple[str, ...]
 
     @property
-    def rest(self) -> OperatingPoint:
-        """The older name of `operating_point`."""
-        warn_renamed("LinearMachine.rest", "LinearMachine.operating_point")
-        return self.operating_point
-
-    @property
     def model(self) -> StateSpace:
         """(A, B, C, D), as fieldmap.control and scipy.signal take them."""
         return StateSpace(self.A, self.B, self.C, self.D)
@@ -95,7 +88,6 @@ class LinearMachine(Record):
 
     def only(self, names: tuple[str, ...]) -> LinearMachine:
         """The same with these states alone, the others held. Raises InputError for names that are not of its states."""
-        names = tuple(_current_name(name) for name in names)
         for name in names:
             if name not in self.states:
                 must = f"must be among {', '.join(self.states)}"
@@ -105,17 +97,6 @@ class LinearMachine(Record):
         return replace(self, A=A, B=B, C=C, G=G, states=names)
 
 
-def _current_name(state: str) -> str:
-    """Of a state that had another name: "vx" for "velocity_x", "spin_x" for "angular_velocity_x"."""
-    start, axis = state[:-1], state[-1:]
-    quantity = {"v": "velocity_", "spin_": "angular_velocity_"}.get(start)
-    if quantity is None or axis not in "xyz":
-        return state
-    warn_renamed(f"state {state}", f"state {quantity}{axis}", level=4)
-    return quantity + axis
-
-
-@renamed_argument("rest", "operating_point")
 def linearise(machine: Machine, operating_point: OperatingPoint) -> LinearMachine:
     """The machine, linear about an operating point from `find_operating_point`.
 
@@ -218,18 +199,6 @@ class Mode(Record):
     shares: Array
     input_gains: Array
     output_gains: Array
-
-    @property
-    def reached(self) -> Array:
-        """The older name of `input_gains`."""
-        warn_renamed("Mode.reached", "Mode.input_gains")
-        return self.input_gains
-
-    @property
-    def seen(self) -> Array:
-        """The older name of `output_gains`."""
-        warn_renamed("Mode.seen", "Mode.output_gains")
-        return self.output_gains
 
     @property
     def frequency(self) -> float:

@@ -11,7 +11,6 @@ from fieldmap.control.loop import LoopRun
 from fieldmap.core.closed_loop import GOES_ON
 from fieldmap.core.library import LIBRARY
 from fieldmap.core.machine import ANGULAR_VELOCITY, POSITION, STATE, TURN, VELOCITY
-from fieldmap.deprecated import warn_renamed
 from fieldmap.dynamics.motion import turned
 from fieldmap.records import Record
 from fieldmap.store import RunRecord
@@ -117,12 +116,6 @@ class LevitationRun(PartsOfState, LoopRun):
     def state(self) -> Array:
         """Place, velocity, quaternion, angular velocity (r, 13)."""
         return self.rows[:, :STATE]
-
-    @property
-    def spin(self) -> Array:
-        """The older name of `angular_velocity`."""
-        warn_renamed("LevitationRun.spin", "LevitationRun.angular_velocity")
-        return self.angular_velocity
 
     @property
     def currents(self) -> Array:

@@ -3,7 +3,7 @@ coils with their amplifiers, from the controller's voltages to currents."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -13,7 +13,7 @@ from fieldmap.core.closed_loop import Ending
 from fieldmap.core.library import LIBRARY
 from fieldmap.core.machine import CoreMachine
 from fieldmap.device.model import Device
-from fieldmap.dynamics.allocation import ControlAllocation, lift_and_directions
+from fieldmap.dynamics.allocation import ControlAllocation
 from fieldmap.dynamics.field_of_currents import FieldOfCurrents
 from fieldmap.dynamics.rigid_body import RigidBody
 from fieldmap.dynamics.sensors import Sensors
@@ -134,8 +134,8 @@ class Machine(Record):
     magnetic: FieldOfCurrents
     body: RigidBody
     drive: CoilDrive
-    sensors: Sensors = field(default_factory=Sensors)
-    allocation: ControlAllocation = field(default_factory=lift_and_directions)
+    sensors: Sensors
+    allocation: ControlAllocation
     drag: Drag | None = None
     plate: Plate | None = None
     walls: Walls | None = None

@@ -20,7 +20,6 @@ from fieldmap.core.machine import (
     CoreMachine,
     Plant,
 )
-from fieldmap.deprecated import warn_renamed
 from fieldmap.dynamics.rigid_body import RigidBody
 from fieldmap.dynamics.surroundings import Drag, Plate, Walls
 from fieldmap.errors import InputError, NotConverged, Problem
@@ -47,13 +46,8 @@ def state_of(
     velocity: ArrayLike = (0, 0, 0),
     quaternion: ArrayLike = (1, 0, 0, 0),
     angular_velocity: ArrayLike = (0, 0, 0),
-    *,
-    spin: ArrayLike | None = None,
 ) -> Array:
-    """A state (13,) from its parts; the quaternion is brought to length 1. spin: older name of angular_velocity."""
-    if spin is not None:
-        warn_renamed("state_of(spin)", "state_of(angular_velocity)")
-        angular_velocity = spin
+    """A state (13,) from its parts; the quaternion is brought to length 1."""
     parts = {"position": position, "velocity": velocity, "angular_velocity": angular_velocity}
     checked = {name: check_signal(f"state_of({name})", part, columns=3) for name, part in parts.items()}
     turn = check_signal("state_of(quaternion)", quaternion, columns=4)

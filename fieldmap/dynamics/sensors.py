@@ -1,6 +1,5 @@
 """The position sensors of a rig, as compiled loops take them."""
 
-import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Annotated, Any
@@ -10,7 +9,6 @@ from pydantic import Field
 
 from fieldmap.arguments import check_not_negative
 from fieldmap.core.closed_loop import Sensing
-from fieldmap.deprecated import REMOVAL
 from fieldmap.dynamics.surroundings import NotNegatives
 from fieldmap.inputs.declared import Key, check_fields
 from fieldmap.inputs.tables import MILLI, NotNegative, Positive, Table
@@ -19,8 +17,6 @@ from fieldmap.instruments.converter import USUAL_RANGE
 from fieldmap.records import Record
 from fieldmap.typing import Array
 
-# What could be left out.
-_FORMER_ZERO_DEPTH = 0.077
 Count = Annotated[int, Field(ge=1)]
 Bits = Annotated[int, Field(ge=1, le=32)]
 
@@ -34,7 +30,7 @@ class Sensors(Record):
     """Two sensors that cross in the horizontal plane and one for the depth; ideal unless more is given.
 
     frame: of the crossed sensors; without it they read x and y. zero_depth: depth below the map's origin at which the
-    third reads 0, m; it reads downward. Left out it is 0.077, and 0 from the next release on. deviations (3,): noise of
+    third reads 0, m; it reads downward. deviations (3,): noise of
     what each shows, m. rigs: measuring chain of each. voltage_noise: of their input converters, V. scan_rate: 1/s, 0
     for sensors that show what is at each sample; averages, one number for all or one for each, latency: as in
     `Micrometer`. measured_with: averages with which the deviations were measured; those that are set unless given.
@@ -42,14 +38,8 @@ class Sensors(Record):
 
     frame: SensorFrame | None = None
     zero_depth: Annotated[
-        float | None,
-        Key(
-            float | None,
-            "depth below the map's origin at which the vertical sensor reads 0; left out it is 77, and 0 from the "
-            "next release on",
-            "mm",
-        ),
-    ] = None
+        float, Key(float, "depth below the map's origin at which the vertical sensor reads 0", "mm")
+    ] = 0.0
     deviations: Annotated[
         tuple[float, float, float],
         Key(NotNegatives, "noise of the two crossed sensors and the vertical one", "mm", name="deviation"),
@@ -80,14 +70,6 @@ class Sensors(Record):
     assumptions: tuple[str, ...] = field(default=())
 
     def __post_init__(self) -> None:
-        if self.zero_depth is None:
-            if any(rig is not None for rig in self.rigs):
-                # Of ideal sensors only rounding depends on it.
-                message = (
-                    f"Sensors(zero_depth) is {_FORMER_ZERO_DEPTH:g} unless given, and 0 from {REMOVAL} on"
-                )
-                warnings.warn(message, FutureWarning, stacklevel=3)
-            object.__setattr__(self, "zero_depth", _FORMER_ZERO_DEPTH)
         check_fields(self)
         check_not_negative("Sensors", voltage_noise=self.voltage_noise)
 
@@ -100,7 +82,6 @@ class Sensors(Record):
     @property
     def numbers(self) -> Sensing:
         """As compiled loops take them."""
-        assert self.zero_depth is not None
         into, shift = np.diag([1.0, 1.0, -1.0]), np.array([0.0, 0.0, -self.zero_depth])
         if self.frame is not None:
             shift[:2] = self.frame.to_local([0.0, 0.0, 0.0])[:2]

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from fieldmap.dynamics import CoilDrive, Machine, RigidBody
+from fieldmap.dynamics import CoilDrive, Machine, MatrixAllocation, RigidBody, Sensors
 from fieldmap.instruments import Amplifier
 from fieldmap.lookup import MagneticBody
 
@@ -11,4 +11,5 @@ ANY_BODY = RigidBody(0.01, [1e-6] * 3, MagneticBody(np.zeros((1, 3)), np.zeros((
 
 def machine_in(of, coils, body=ANY_BODY):
     """The core's machine of a body in a field of currents of so many coils."""
-    return Machine(of, body, CoilDrive(Amplifier(1.0), coils)).core(1.0)
+    direct = MatrixAllocation(np.eye(coils), np.zeros(coils))
+    return Machine(of, body, CoilDrive(Amplifier(1.0), coils), Sensors(), direct).core(1.0)

@@ -156,7 +156,7 @@ def test_one_coil_holds_the_depth_and_leaves_the_rest_to_the_field(some):
         ([[0.0, 0.0]], {"start.x_mm": 1.0}, ScenarioError, "start.x_mm"),
         ([[0.0, 0.0]], {"reference.0.axis": "x"}, ScenarioError, "reference.0"),
         ([[0.0, 0.0]], {"control.feedforward": {}}, ScenarioError, "control.feedforward"),
-        (RING, {"control.allocation": "division"}, ScenarioError, "control.allocation"),
+        (RING, {"control.allocation": "lift_and_directions"}, ScenarioError, "control.allocation"),
         (RING, {"field.scale": 0.05}, Infeasible, "start"),
         (RING, {"control.coupled.upper": [1.0, 1.0, 1.0]}, Infeasible, "control.coupled"),
         (RING, {"start.x_mm": 50.0}, ScenarioError, "start"),

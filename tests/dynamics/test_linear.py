@@ -91,8 +91,6 @@ def test_what_no_coil_moves_is_out_of_reach(linear):
     upward = linear.only(("z", "velocity_z"))
     assert controllability(upward).controllability > 1.0
     assert {mode.input_gains.max() > 1 for mode in modes(upward)} == {True}
-    with pytest.warns(DeprecationWarning, match="velocity_z"):
-        assert linear.only(("z", "vz")).states == upward.states
     with pytest.raises(InputError, match="turn_x"):
         linear.only(("turn_x",))
 

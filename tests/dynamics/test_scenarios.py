@@ -9,9 +9,10 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import fieldmap as fm
-from fieldmap.dynamics import prepare, read_scenario, run_metrics, simulate
+from fieldmap.currents import LiftAndDirections
+from fieldmap.dynamics import MatrixAllocation, Sensors, prepare, read_scenario, run_metrics, simulate
 from fieldmap.dynamics.motion import state_of
-from fieldmap.dynamics.scenario import find_scenario, reading_mm, start
+from fieldmap.dynamics.scenario import reading_mm, start
 from fieldmap.dynamics.scenario.experiment import _begin
 from fieldmap.dynamics.scenario.metrics import _step
 from fieldmap.dynamics.scenario.references import control_times, references
@@ -121,6 +122,17 @@ def test_at_rest_forces_balance_and_a_quiet_run_stays_there(written):
     np.testing.assert_allclose(experiment.operating_point.sensed, [0, 0, -0.087], atol=1e-7)
     six = experiment.operating_point.currents
     np.testing.assert_allclose(six, six[0], rtol=1e-6)
+
+
+def test_six_coils_are_driven_by_least_power_unless_the_scenario_or_the_map_says_otherwise(written):
+    asked = 'allocation = "lift_and_directions"\n'
+    bare = TEXT.replace(asked, "").replace("allocation_n = 1.25\n", "")
+    assert isinstance(prepare(read_scenario(written(bare))).machine.allocation, MatrixAllocation)
+    told = prepare(read_scenario(written())).machine.allocation
+    assert told.parametrisation == LiftAndDirections(1.25)
+    with pytest.raises(ScenarioError) as caught:
+        prepare(read_scenario(written(TEXT.replace("allocation_n = 1.25\n", ""))))
+    assert caught.value.problems[0].where.endswith(": control.allocation_n")
 
 
 def test_free_bodies_lean_into_rest_where_they_must(written):
@@ -238,7 +250,7 @@ def test_references_are_what_they_are_called(written):
     np.testing.assert_allclose(pushed[50, 2], 9.95)
 
 
-def test_former_names_of_keys_and_files_are_read(written):
+def test_a_scenario_of_an_earlier_version_is_read(written):
     text = TEXT[: TEXT.index("[control.z]")] + '[control.linked]\nkind = "lqg"\ndesigns = 1\n'
     path = written(text)
     with pytest.raises(ScenarioError) as error:
@@ -246,20 +258,12 @@ def test_former_names_of_keys_and_files_are_read(written):
     number = text.splitlines().index("designs = 1") + 1
     assert f":{number}: control.linked" in error.value.problems[0].where
     assert read_scenario(path, {"control.linked.designs": 3}).contents.control.coupled.designs == 3
-    with pytest.warns(FutureWarning, match="coupled_regulator"):
-        assert find_scenario("linked_regulator") == find_scenario("coupled_regulator")
-    # A path is nobody's former name.
-    missing = path.parent / "linked_regulator.toml"
-    with pytest.raises(ScenarioError) as error:
-        find_scenario(missing)
-    assert error.value.problems[0].where == str(missing)
 
 
-def test_the_zero_of_the_vertical_sensor_is_to_be_given(written):
-    path = written(TEXT.replace("zero_depth_mm = 77.0\n", ""))
-    with pytest.warns(FutureWarning, match="zero_depth_mm"):
-        scenario = read_scenario(path)
-    assert scenario.zero_depth_mm == 77.0
+def test_the_vertical_sensor_reads_zero_at_the_origin_unless_told(written):
+    assert read_scenario(written(TEXT)).zero_depth_mm == 77.0
+    assert read_scenario(written(TEXT.replace("zero_depth_mm = 77.0\n", ""))).zero_depth_mm == 0.0
+    np.testing.assert_array_equal(Sensors().numbers.shift, np.zeros(3))
 
 
 def test_a_reference_from_a_file(written, tmp_path):

@@ -49,8 +49,8 @@ from fieldmap.typing import Array
 _Matrix = list[list[float]]
 _Pair = Annotated[list[float], Field(min_length=2, max_length=2)]
 _LIMITS = (
-    "0 to 10 V, -0.4 to 0.4 for the division; else 0 to what the amplifiers give, or from minus that where something "
-    "that no current drives lifts as well, -1 to 1, unless given"
+    "0 to 10 V, -0.4 to 0.4 for lift and directions; else 0 to what the amplifiers give, or from minus that where "
+    "something that no current drives lifts as well, -1 to 1, unless given"
 )
 PointsAt = Callable[[Sequence[float]], list[OperatingPoint]]
 """Operating points with the sensed point at these heights, m."""
@@ -266,7 +266,7 @@ class Lqg(CoupledController):
             return at_start
         # Heights rise, so the deepest comes first.
         depths = np.linspace(self.depths[1], self.depths[0], self.designs)
-        points = points_at((-(depths + (machine.sensors.zero_depth or 0.0))).tolist())
+        points = points_at((-(depths + machine.sensors.zero_depth)).tolist())
         blocks = [lqg_block(linearise(machine, there), weights, period, delay, limits) for there in points]
         heights = [there.sensed[2] for there in points]
         first = replace(blocks[0], memory=at_start.memory)

@@ -11,7 +11,7 @@ import numpy as np
 from fieldmap.control.blocks import AxisReading, Controller, stacked
 from fieldmap.control.function_controller import FunctionController, as_controller
 from fieldmap.core.machine import POSITION, TURN, VELOCITY
-from fieldmap.deprecated import warn_renamed
+from fieldmap.currents import LiftAndDirections
 from fieldmap.device import Device, read_device, recorded_device
 from fieldmap.dynamics.allocation import ControlAllocation, lift_and_directions
 from fieldmap.dynamics.closed_loop import Schedule, machine_for, simulate_closed_loop
@@ -51,12 +51,6 @@ class Experiment(Record):
     currents: Array
     operating_point: OperatingPoint
     device: Device
-
-    @property
-    def rest(self) -> OperatingPoint:
-        """The older name of `operating_point`."""
-        warn_renamed("Experiment.rest", "Experiment.operating_point")
-        return self.operating_point
 
     @property
     def assumptions(self) -> tuple[str, ...]:
@@ -137,8 +131,8 @@ def _prepared(scenario: Scenario, field: Field | None, device: Device | None, ow
 
     # Where the run begins, currents that about carry the body there, and how outputs become currents.
     limits = drive_of_device(device, settings.coils.lowest_voltage).steady
-    divided = _is_divided(control.allocation, len(opened.coil_names))
-    lift = Lift(opened, device.payload, body, settings.field.scale, limits, divided)
+    signals = _lift_and_directions(opened, control.allocation, control.allocation_n)
+    lift = Lift(opened, device.payload, body, settings.field.scale, limits, signals is not None)
     held = settings.held()
     x, y = start.x or 0.0, start.y or 0.0
     above = float((body.seen_at - body.magnet_at)[2])
@@ -146,10 +140,7 @@ def _prepared(scenario: Scenario, field: Field | None, device: Device | None, ow
         held[0][2] = round(lift.height(x, y) + above, 9)
     magnet = np.array([x, y, held[0][2] - above])
     currents = lift.currents(magnet)
-    if divided:
-        allocation: ControlAllocation = lift_and_directions(control.division_n)
-    else:
-        allocation = lift.allocation(magnet, currents, device.driver.gain)
+    allocation = signals or lift.allocation(magnet, currents, device.driver.gain)
     settings.refuse_idle(allocation.idle)
 
     # The machine in equilibrium, about whose currents saturating iron is linearised if that is asked for.
@@ -253,12 +244,22 @@ def _open_map(folder: Path, name: str) -> FieldMap:
     raise ScenarioError(AtKey("map", must, f'"{name}"', remedy))
 
 
-def _is_divided(allocation: str | None, coils: int) -> bool:
-    """Whether the outputs are those of the division among six coils. Raises ScenarioError."""
-    if allocation == "division" and coils != 6:
-        must, remedy = "must be least_power: the division is for six coils", "change or leave it out"
+def _lift_and_directions(
+    opened: FieldMap, allocation: str | None, n: float | None
+) -> ControlAllocation | None:
+    """The allocation to six coils in two rows, if it is asked for or the map was made for it. Raises ScenarioError."""
+    coils, own = len(opened.coil_names), opened.parametrisation
+    if allocation == "least_power" or (allocation is None and not isinstance(own, LiftAndDirections)):
+        return None
+    if coils != 6:
+        must, remedy = "must be least_power: lift_and_directions is for six coils", "change or leave it out"
         raise ScenarioError(AtKey("control.allocation", must, f"a map of {coils} coils", remedy))
-    return allocation == "division" or (allocation is None and coils == 6)
+    if n is None:
+        if not isinstance(own, LiftAndDirections):
+            must = "must be given for a map that was not made for lift_and_directions"
+            raise ScenarioError(AtKey("control.allocation_n", must, "none", "write allocation_n"))
+        n = own.n
+    return lift_and_directions(n)
 
 
 def _of_axes(

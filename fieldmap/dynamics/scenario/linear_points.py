@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from fieldmap.control.blocks import Controller
 from fieldmap.control.function_controller import FunctionController
-from fieldmap.deprecated import warn_renamed
 from fieldmap.dynamics.linear_loop import ClosedLoop, Margins, close_loop, margins
 from fieldmap.dynamics.linearisation import (
     ABOUT_Z,
@@ -44,12 +43,6 @@ class LinearPoint(Record):
     coupling: Coupling
     loop: ClosedLoop
     margins: tuple[Margins, ...]
-
-    @property
-    def reach(self) -> Controllability:
-        """The older name of `controllability`."""
-        warn_renamed("LinearPoint.reach", "LinearPoint.controllability")
-        return self.controllability
 
 
 def linear_points(experiment: Experiment, depths_mm: Sequence[float] | None = None) -> list[LinearPoint]:

@@ -188,8 +188,8 @@ class TableOfReferences(Reference):
 class Compensator(Record):
     """A push of the vertical reference when the horizontal one moves."""
 
-    push: Annotated[float, Key(float, "how far; assumed unless given", "mm")] = 0.05e-3
-    duration: Annotated[float, Key(Positive, "how long; assumed unless given", "ms")] = 10e-3
+    push: Annotated[float, Key(float, "how far the reference is pushed", "mm")]
+    duration: Annotated[float, Key(Positive, "how long the push lasts", "ms")]
     axis: Annotated[str, Key(Literal["x", "y"], "whose reference sets it off")] = "x"
 
 

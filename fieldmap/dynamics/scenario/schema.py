@@ -1,7 +1,6 @@
 """What a scenario file may hold, table by table, and how it is read."""
 
 import tomllib
-import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -11,8 +10,6 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import Field, ValidationInfo
 
-from fieldmap.currents import ASSUMED_N
-from fieldmap.deprecated import REMOVAL
 from fieldmap.device import Device, Payload
 from fieldmap.dynamics.field_of_currents import FieldOfCurrents, linearised, modelled, superposed, tabled
 from fieldmap.dynamics.machine import CoilDrive, drive_of_device
@@ -40,13 +37,12 @@ from fieldmap.dynamics.surroundings import Drag, Plate, Three, Walls
 from fieldmap.errors import Problem, ScenarioError
 from fieldmap.inputs.declared import Key, record_of, table_of
 from fieldmap.inputs.document import AtKey, Document, schema_findings
-from fieldmap.inputs.kinds import FileKind, register
+from fieldmap.inputs.kinds import FileKind
 from fieldmap.inputs.tables import Format, NotNegative, Positive, Table, Text, Vector, broken
 from fieldmap.instruments import Converter
 from fieldmap.instruments.converter import USUAL_RANGE
 from fieldmap.lookup import FieldMap, magnetic_body, saturates
 from fieldmap.records import Record
-from fieldmap.shipped import is_file
 from fieldmap.typing import Array
 
 MOST_STEPS = 1_000_000
@@ -65,7 +61,7 @@ class FieldSettings(Record):
         str,
         Key(
             Literal["auto", "linearised", "model", "table"],
-            "of saturating iron: its model solved whenever currents change, a table over a current division, "
+            "of saturating iron: its model solved whenever currents change, a table over lift and directions, "
             "which takes seconds to make and pays in hundreds of runs, or linearised about the currents of the "
             "operating point; auto: the model, or the table if its nodes are given",
         ),
@@ -200,15 +196,19 @@ class ControlSettings(Record):
     allocation: Annotated[
         str | None,
         Key(
-            Literal["division", "least_power"] | None,
-            "how lift, x and y become currents: by the division among six coils, or by least power about the "
-            "start; the division for six coils unless given",
+            Literal["lift_and_directions", "least_power"] | None,
+            "how lift, x and y become currents: those of six coils in two rows of three, or by least power about the "
+            "start; unless given as the map was made for, and by least power with any other map",
         ),
     ] = None
-    division_n: Annotated[
-        float,
-        Key(Positive, "n of that division: how much more its two middle coils take; assumed unless given"),
-    ] = ASSUMED_N
+    allocation_n: Annotated[
+        float | None,
+        Key(
+            Positive | None,
+            "n of lift_and_directions: how much more the two coils in the middles of the rows follow x; that of the "
+            "map unless given",
+        ),
+    ] = None
     z: Annotated[AxisController | None, Key(AxisKeys | None, "depth in mm to lift voltage")] = None
     x: Annotated[AxisController | None, Key(AxisKeys | None, "x in mm to x signal")] = None
     y: Annotated[AxisController | None, Key(AxisKeys | None, "y in mm to y signal")] = None
@@ -333,7 +333,6 @@ class Settings(Record):
     @property
     def zero_depth(self) -> float:
         """Depth below the map's origin at which the vertical sensor reads 0, m."""
-        assert self.sensors.zero_depth is not None
         return self.sensors.zero_depth
 
     def refuse_idle(self, idle: tuple[str, ...]) -> None:
@@ -367,22 +366,9 @@ class _Format(Table):
 
 
 ScenarioFile = table_of(Settings, name="ScenarioFile", bases=(_Format,))
-SCENARIO = register(
-    FileKind(
-        "scenario",
-        ScenarioFile,
-        ScenarioError,
-        "maps",
-        "scenarios",
-        keys=frozenset({"control", "duration_s", "sensors", "start"}),
-        taken_by="`fieldmap simulate` takes it",
-    )
-)
-# Tables and files that had another name, which still is read.
+SCENARIO = FileKind("scenario", ScenarioFile, ScenarioError, "maps", "scenarios")
+# A table that had another name, by which scenarios of earlier versions are read.
 _OLDER_TABLE, _TABLE = ("control", "linked"), ("control", "coupled")
-# What files of this format could leave out.
-_FORMER_ZERO_DEPTH_MM = 77.0
-_OLDER_FILES = {"linked_regulator": "coupled_regulator"}
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -434,10 +420,6 @@ def read_scenario(path_or_name: str | Path, changes: Mapping[str, Any] | None = 
                 for finding in findings
             ]
         raise ScenarioError(*Document(path, document.text, data).problems(findings))
-    if "zero_depth_mm" not in data.setdefault("sensors", {}):
-        data["sensors"]["zero_depth_mm"] = _FORMER_ZERO_DEPTH_MM
-        message = f"{path}: sensors.zero_depth_mm is {_FORMER_ZERO_DEPTH_MM:g} unless given, and 0 from {REMOVAL} on"
-        warnings.warn(message, FutureWarning, stacklevel=2)
     return Scenario(path, document.text, ScenarioFile.model_validate(data), dict(changes or {}))
 
 
@@ -448,13 +430,6 @@ def find_scenario(path_or_name: str | Path) -> Path:
         raise ScenarioError(
             Problem(str(path_or_name), "must be a scenario file", "the name of a map", remedy)
         )
-    given = Path(path_or_name)
-    new = _OLDER_FILES.get(given.name.removesuffix(".toml"))
-    if new is not None and given == Path(given.name) and not is_file(given):
-        # For whoever runs it, so no DeprecationWarning, which only developers see.
-        message = f"scenario {path_or_name} is now {new}; the old name goes with {REMOVAL}"
-        warnings.warn(message, FutureWarning, stacklevel=2)
-        path_or_name = new
     return SCENARIO.find(path_or_name)
 
 

@@ -33,8 +33,8 @@ _HEIGHTS = 21
 class Lift:
     """What carries a body in a map, for the search of the operating point to begin with.
 
-    scale: of the map's field; limits (n,) each: currents that last, A; divided: whether the currents are those of the
-    division among six coils.
+    scale: of the map's field; limits (n,) each: currents that last, A; divided: whether the currents are those of
+    lift and directions.
     """
 
     opened: FieldMap
