@@ -30,7 +30,6 @@ from fieldmap.dynamics.allocation import (
     lift_and_directions,
 )
 from fieldmap.dynamics.closed_loop import Schedule, simulate_closed_loop, simulate_many
-from fieldmap.dynamics.drives import CoilDrive, drive_of_device
 from fieldmap.dynamics.field_of_currents import (
     FieldOfCurrents,
     linearised,
@@ -39,18 +38,10 @@ from fieldmap.dynamics.field_of_currents import (
     superposed,
     tabled,
 )
-from fieldmap.dynamics.linearisation import (
-    LinearMachine,
-    close_loop,
-    controllability,
-    coupling,
-    linearise,
-    margins,
-    modes,
-    sampled_machine,
-)
+from fieldmap.dynamics.linear_loop import close_loop, margins, sampled_machine
+from fieldmap.dynamics.linearisation import LinearMachine, controllability, coupling, linearise, modes
 from fieldmap.dynamics.loop_run import Event, LevitationRun
-from fieldmap.dynamics.machine import Machine
+from fieldmap.dynamics.machine import CoilDrive, Machine, drive_of_device
 from fieldmap.dynamics.motion import (
     FixedCurrentsRun,
     angular_momentum,

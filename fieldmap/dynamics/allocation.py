@@ -25,7 +25,14 @@ SIGNALS = ("lift_V", "x_signal", "y_signal")
 
 
 class ControlAllocation(ABC):
-    """Outputs (m,) to the voltages (n,) of n coils."""
+    """Outputs (m,) to the voltages (n,) of n coils.
+
+    names (m,): of the outputs. idle: axes whose output does nothing. assumptions: what it rests on.
+    """
+
+    names: tuple[str, ...]
+    idle: tuple[str, ...] = ()
+    assumptions: tuple[str, ...] = ()
 
     @property
     @abstractmethod
@@ -33,19 +40,9 @@ class ControlAllocation(ABC):
         """Number of voltages."""
 
     @property
-    @abstractmethod
     def output_names(self) -> tuple[str, ...]:
         """Names (m,) of the outputs."""
-
-    @property
-    def idle(self) -> tuple[str, ...]:
-        """Axes whose output does nothing."""
-        return ()
-
-    @property
-    def assumptions(self) -> tuple[str, ...]:
-        """What it rests on."""
-        return ()
+        return self.names
 
     @abstractmethod
     def voltages(self, outputs: Array) -> Array:

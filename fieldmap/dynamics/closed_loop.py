@@ -119,8 +119,15 @@ def simulate_closed_loop(
         bound = controller.bound(names)
         law = function_law(machine, bound.address, controller)
     else:
-        _check_outputs(machine, controller.outputs)
         names = machine.allocation.output_names
+        if controller.outputs != len(names):
+            where, remedy = (
+                "simulate_closed_loop(controller)",
+                "stack one block for each output, such as lift, x and y",
+            )
+            raise InputError(
+                Problem(where, f"must have {len(names)} outputs", f"{controller.outputs}", remedy)
+            )
         inverse = controller.inverse(np.array(check_signal("simulate_closed_loop(state)", state)))
         law = ControlLaw(
             NO_FUNCTION,
@@ -203,7 +210,12 @@ def start_loop(
     )
     event = loop.begin()
     if core.solves.unsolved:
-        raise _unsolved(amperes)
+        must, remedy = (
+            "must be such that the model of the iron has a solution",
+            "begin within the map's currents",
+        )
+        where = "simulate_closed_loop(currents)"
+        raise NotConverged(Problem(where, must, f"{amperes.tolist()} A", remedy))
     return Begun(loop, core, search, event)
 
 
@@ -211,6 +223,8 @@ def run_of(machine: Machine, schedule: Schedule, begun: Begun, event: int) -> Le
     """What a loop has recorded by now."""
     loop = begun.loop
     done = loop.done
+    # Solves of a search are among them.
+    solves = [each.solves for each in (begun.machine, begun.search) if each is not None]
     return LevitationRun(
         time=np.asarray(schedule.period * schedule.every * np.arange(done.rows), np.float64),
         rows=loop.rows[: done.rows],
@@ -222,19 +236,8 @@ def run_of(machine: Machine, schedule: Schedule, begun: Begun, event: int) -> Le
         assumptions=machine.assumptions,
         forces=loop.law.inverse is not None,
         output_names=machine.allocation.output_names,
-        iron=iron_use(machine, begun),
+        iron=IronUse(machine.magnetic.iron, *map(sum, zip(*solves, strict=True))),
     )
-
-
-def iron_use(machine: Machine, begun: Begun) -> IronUse:
-    """What a run takes for the iron, and how its solves went so far, those of a search among them."""
-    machines = [each for each in (begun.machine, begun.search) if each is not None]
-    return IronUse(machine.magnetic.iron, *map(sum, zip(*(each.solves for each in machines), strict=True)))
-
-
-def _unsolved(currents: Array) -> NotConverged:
-    must, remedy = "must be such that the model of the iron has a solution", "begin within the map's currents"
-    return NotConverged(Problem("simulate_closed_loop(currents)", must, f"{currents.tolist()} A", remedy))
 
 
 def controller_error(
@@ -249,14 +252,6 @@ def controller_error(
     error = ControllerError(problem, time=loop.time, run=run)
     error.__cause__ = cause
     return error
-
-
-def _check_outputs(machine: Machine, outputs: int) -> None:
-    wanted = len(machine.allocation.output_names)
-    if outputs != wanted:
-        remedy = "stack one block for each output, such as lift, x and y"
-        where = "simulate_closed_loop(controller)"
-        raise InputError(Problem(where, f"must have {wanted} outputs", f"{outputs}", remedy))
 
 
 def _check_coils(machine: Machine, currents: Array) -> None:

@@ -126,29 +126,19 @@ def superposed(field_map: FieldMap, scale: float = 1.0) -> FieldOfCurrents:
 
     Raises InputError for a map of saturating iron.
     """
-    check_positive("superposed", scale=scale)
     require_affine(field_map, "superposed")
-    block = unit_block(field_map)
-    return FieldOfCurrents(block, _calibration(scale), scale, constant=bool(field_map.fixed_sources))
+    return _following(field_map, scale, "linear")
 
 
 def linearised(field_map: FieldMap, currents: ArrayLike, scale: float = 1.0) -> FieldOfCurrents:
     """The field of a map of saturating iron, linear in the currents about `currents` (n,), A: fast, and right near
     them only. A map of linear iron is taken as it is."""
-    check_positive("linearised", scale=scale)
     if not saturates(field_map):
         return superposed(field_map, scale)
     amperes = np.asarray(currents, float)
-    block = tangent_block(field_map, amperes)
     about = ", ".join(f"{value:.3g}" for value in amperes)
     note = f"saturating iron, linearised about the currents {about} A"
-    return FieldOfCurrents(
-        block,
-        (note, *_calibration(scale)),
-        scale,
-        constant=bool(field_map.fixed_sources),
-        iron="linearised",
-    )
+    return _following(field_map, scale, "linearised", note, tangent_block(field_map, amperes))
 
 
 def modelled(field_map: FieldMap, scale: float = 1.0) -> FieldOfCurrents:
@@ -158,7 +148,6 @@ def modelled(field_map: FieldMap, scale: float = 1.0) -> FieldOfCurrents:
     Currents beyond the map's domain are solved, too, and noted. Raises NotConverged where the model has no solution in
     the domain.
     """
-    check_positive("modelled", scale=scale)
     if not saturates(field_map):
         return superposed(field_map, scale)
     model = CoreIron(core_numbers(compiled_currents(field_map)))
@@ -166,14 +155,7 @@ def modelled(field_map: FieldMap, scale: float = 1.0) -> FieldOfCurrents:
         f"saturating iron by the map's model, solved at every step at which currents change, to {COMPILED_TOLERANCE:g} "
         "of its state"
     )
-    return FieldOfCurrents(
-        unit_block(field_map),
-        (note, *_calibration(scale)),
-        scale,
-        model=model,
-        constant=bool(field_map.fixed_sources),
-        iron="model",
-    )
+    return _following(field_map, scale, "model", note, model=model)
 
 
 def tabled(
@@ -182,20 +164,32 @@ def tabled(
     """The field of a map of saturating iron over its division (u, x, y) by the table of `open_map(...,
     tabulate_currents=True)`, or by one of `nodes` made now; beside the division and beyond the table with its slopes.
     Raises InputError for a map of another domain."""
-    check_positive("tabled", scale=scale)
     table = table_of_currents(field_map, nodes)
     states = " x ".join(map(str, table.nodes))
     off = f"{1e6 * table.error.flux_density:.2g} uT and {1e3 * table.error.gradient:.2g} mT/m"
     note = f"saturating iron by a table of {states} states of the division, within {off} of the map's model"
+    return _following(field_map, scale, "table", note, table=table.core)
+
+
+def _following(
+    field_map: FieldMap,
+    scale: float,
+    iron: str,
+    note: str = "",
+    block: Array | None = None,
+    model: CoreIron | None = None,
+    table: CoreTable | None = None,
+) -> FieldOfCurrents:
+    """The field of a map by its coefficients, those of unit weights unless a block is given. note: what it assumes of
+    the iron."""
+    check_positive("FieldOfCurrents", scale=scale)
+    calibration = "" if scale == 1.0 else f"field of the map times {scale:g}, a calibration"
     return FieldOfCurrents(
-        unit_block(field_map),
-        (note, *_calibration(scale)),
+        unit_block(field_map) if block is None else block,
+        tuple(text for text in (note, calibration) if text),
         scale,
-        table=table.core,
+        model,
+        table,
         constant=bool(field_map.fixed_sources),
-        iron="table",
+        iron=iron,
     )
-
-
-def _calibration(scale: float) -> tuple[str, ...]:
-    return () if scale == 1.0 else (f"field of the map times {scale:g}, a calibration",)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from dataclasses import asdict, dataclass, field
 
 import numpy as np
@@ -10,6 +11,7 @@ from fieldmap.control.loop import LoopRun
 from fieldmap.core.closed_loop import GOES_ON
 from fieldmap.core.library import LIBRARY
 from fieldmap.core.machine import ANGULAR_VELOCITY, POSITION, STATE, TURN, VELOCITY
+from fieldmap.dynamics.motion import turned
 from fieldmap.records import Record
 from fieldmap.store import RunRecord
 from fieldmap.typing import Array
@@ -57,8 +59,40 @@ class Event(Record):
     currents: Array
 
 
+class PartsOfState:
+    """Names for parts of `state` (..., 13)."""
+
+    @property
+    @abstractmethod
+    def state(self) -> Array:
+        """Place, velocity, quaternion, angular velocity (..., 13)."""
+
+    @property
+    def position(self) -> Array:
+        """Centre of mass (..., 3), m."""
+        return self._part(POSITION, 3)
+
+    @property
+    def velocity(self) -> Array:
+        """Of the centre of mass (..., 3), m/s."""
+        return self._part(VELOCITY, 3)
+
+    @property
+    def quaternion(self) -> Array:
+        """Body to map (..., 4), w first."""
+        return self._part(TURN, 4)
+
+    @property
+    def angular_velocity(self) -> Array:
+        """(..., 3), rad/s, in the frame of the body."""
+        return self._part(ANGULAR_VELOCITY, 3)
+
+    def _part(self, first: int, count: int) -> Array:
+        return np.asarray(self.state[..., first : first + count])
+
+
 @dataclass(frozen=True, eq=False, repr=False)
-class LevitationRun(LoopRun):
+class LevitationRun(PartsOfState, LoopRun):
     """A closed-loop run of a magnet on a map; one row per recorded control period, taken at its beginning.
 
     time (r,), s. rows (r, 13 + 2 n + 3 + m): state, currents, commanded currents, what the controller sees, its
@@ -79,24 +113,9 @@ class LevitationRun(LoopRun):
     iron: IronUse = field(default=IronUse(), kw_only=True)
 
     @property
-    def position(self) -> Array:
-        """Centre of mass (r, 3), m."""
-        return self.rows[:, POSITION : POSITION + 3]
-
-    @property
-    def velocity(self) -> Array:
-        """Of the centre of mass (r, 3), m/s."""
-        return self.rows[:, VELOCITY : VELOCITY + 3]
-
-    @property
-    def quaternion(self) -> Array:
-        """Body to map (r, 4), w first."""
-        return self.rows[:, TURN : TURN + 4]
-
-    @property
-    def angular_velocity(self) -> Array:
-        """(r, 3), rad/s, in the frame of the body."""
-        return self.rows[:, ANGULAR_VELOCITY : ANGULAR_VELOCITY + 3]
+    def state(self) -> Array:
+        """Place, velocity, quaternion, angular velocity (r, 13)."""
+        return self.rows[:, :STATE]
 
     @property
     def currents(self) -> Array:
@@ -122,9 +141,7 @@ class LevitationRun(LoopRun):
     @property
     def sensed(self) -> Array:
         """True position of the sensed point (r, 3), m."""
-        w, u = self.quaternion[:, :1], self.quaternion[:, 1:]
-        twice = 2.0 * np.cross(u, self.seen_at)
-        return self.position + self.seen_at + w * twice + np.cross(u, twice)
+        return self.position + turned(self.quaternion, self.seen_at)
 
     @property
     def response(self) -> Array:

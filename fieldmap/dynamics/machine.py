@@ -1,20 +1,27 @@
-"""A levitation machine as data: the field of the currents, body, coils, sensors, control allocation, surroundings."""
+"""A levitation machine as data: the field of the currents, body, coils, sensors, control allocation, surroundings; its
+coils with their amplifiers, from the controller's voltages to currents."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
+import numpy as np
+
+from fieldmap.arguments import check_not_negative, check_ordered, check_positive, check_signal
 from fieldmap.core.closed_loop import Ending
 from fieldmap.core.library import LIBRARY
 from fieldmap.core.machine import CoreMachine
+from fieldmap.device.model import Device
 from fieldmap.dynamics.allocation import ControlAllocation
-from fieldmap.dynamics.drives import CoilDrive
 from fieldmap.dynamics.field_of_currents import FieldOfCurrents
 from fieldmap.dynamics.rigid_body import RigidBody
 from fieldmap.dynamics.sensors import Sensors
 from fieldmap.dynamics.surroundings import Drag, Plate, Walls
 from fieldmap.errors import InputError, Problem
+from fieldmap.instruments import Amplifier, Converter
 from fieldmap.records import Record
+from fieldmap.typing import Array
 
 CONTACTS = {
     "floor": LIBRARY.ON_FLOOR,
@@ -22,6 +29,95 @@ CONTACTS = {
     "tube": LIBRARY.ON_WALL,
     "currents": LIBRARY.BEYOND,
 }
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class CoilDrive(Record):
+    """One amplifier for each of n coils, all alike.
+
+    amplifier: gain, limits of voltage and current, noise. converter: of the controller's outputs; None: no steps.
+    resistance (n,), ohm, inductance (n,), H: of the windings, without mutual inductance; None: currents follow at once.
+    supply: lowest and highest voltage at a winding, V. time_constant: of the amplifier's own answer, s; 0: as fast as
+    the supply allows. docs/theory/dynamics.md (25), (26).
+    """
+
+    amplifier: Amplifier
+    coils: int
+    resistance: Any = None
+    inductance: Any = None
+    supply: tuple[float, float] = (-np.inf, np.inf)
+    time_constant: float = 0.0
+    converter: Converter | None = None
+
+    def __post_init__(self) -> None:
+        check_not_negative("CoilDrive", time_constant=self.time_constant)
+        check_ordered("CoilDrive(supply)", *self.supply)
+        if (self.resistance is None) != (self.inductance is None):
+            problem = Problem(
+                "CoilDrive(resistance, inductance)", "must both be given, or neither", "one", "give both"
+            )
+            raise InputError(problem)
+        for name in ("resistance", "inductance"):
+            if getattr(self, name) is not None:
+                given = check_signal(f"CoilDrive({name})", getattr(self, name))
+                check_positive(f"CoilDrive({name})", smallest=float(given.min()))
+                object.__setattr__(self, name, np.array(np.broadcast_to(given, (self.coils,))))
+
+    @property
+    def drives(self) -> Array:
+        """(n, 7), in the order of fieldmap_drive (fieldmap/core/instruments.h)."""
+        a, c = self.amplifier, self.converter
+        step, widest = (0.0, np.inf) if c is None else (c.resolution, c.range)
+        lower, upper = max(a.lower, -widest), min(a.upper, widest)
+        row = [step, lower, upper, a.gain, a.offset, a.current_lower, a.current_upper]
+        return np.tile(np.array(row), (self.coils, 1))
+
+    @property
+    def steady(self) -> tuple[Array, Array]:
+        """Lowest and highest currents (n,), A, that last: of the amplifier, and of supply over resistance."""
+        a = self.amplifier
+        low, high = np.full(self.coils, a.current_lower), np.full(self.coils, a.current_upper)
+        if self.resistance is None:
+            return low, high
+        return np.maximum(low, self.supply[0] / self.resistance), np.minimum(
+            high, self.supply[1] / self.resistance
+        )
+
+    def numbers(self, step: float) -> Array:
+        """(n, 4) for a length of step, s, in the order of fieldmap_winding (fieldmap/core/currents.h)."""
+        numbers, largest = np.zeros((self.coils, 4)), np.finfo(float).max
+        numbers[:, 1] = np.exp(-step / self.time_constant) if self.time_constant else 0.0
+        # Without windings nothing but the amplifier's answer: 0 times infinity must not come up.
+        numbers[:, 2:] = largest, -largest
+        if self.resistance is not None:
+            numbers[:, 0] = np.exp(-self.resistance * step / self.inductance)
+            numbers[:, 2] = np.clip(self.supply[1] / self.resistance, -largest, largest)
+            numbers[:, 3] = np.clip(self.supply[0] / self.resistance, -largest, largest)
+        return numbers
+
+
+def drive_of_device(device: Device, lowest_voltage: float | None = None, **more: object) -> CoilDrive:
+    """The drive of a device file: gain, current limit, supply of [driver], resistance and inductance of its coils.
+
+    lowest_voltage: that the amplifier can put on a winding, V; minus the supply's unless given. Raises InputError where
+    the file has no [driver].
+    """
+    driver = device.driver
+    if driver is None:
+        problem = Problem(
+            "drive_of_device(device)", "must have a [driver]", "none", "add one to the device file"
+        )
+        raise InputError(problem)
+    windings = {}
+    if all(coil.resistance and coil.inductance for coil in device.coils):
+        windings = {
+            name: [getattr(coil, name) for coil in device.coils] for name in ("resistance", "inductance")
+        }
+    supply, limit = driver.supply_voltage or np.inf, driver.current_limit
+    largest = limit / driver.gain
+    amplifier = Amplifier(driver.gain, -largest, largest, current_lower=-limit, current_upper=limit)
+    voltages = (-supply if lowest_voltage is None else lowest_voltage, supply)
+    return CoilDrive(amplifier, len(device.coils), **{**windings, "supply": voltages, **more})  # type: ignore[arg-type]
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -140,10 +140,14 @@ def energy(field: MapAtCurrents, body: RigidBody, states: ArrayLike) -> Array:
 def angular_momentum(body: RigidBody, states: ArrayLike) -> Array:
     """Angular momentum about the centre of mass (n, 3), kg m^2/s, in the frame of the map."""
     rows = np.atleast_2d(check_signal("angular_momentum(states)", states, columns=STATE))
-    w, u = rows[:, TURN], rows[:, TURN + 1 : TURN + 4]
-    p = rows[:, ANGULAR_VELOCITY : ANGULAR_VELOCITY + 3] * body.inertia
-    twice = 2.0 * np.cross(u, p)
-    return p + w[:, None] * twice + np.cross(u, twice)
+    return turned(rows[:, TURN : TURN + 4], rows[:, ANGULAR_VELOCITY:STATE] * body.inertia)
+
+
+def turned(quaternions: Array, vectors: Array) -> Array:
+    """Vectors (3,) or (n, 3) of the body, turned by quaternions (n, 4) into the map."""
+    w, u = quaternions[:, :1], quaternions[:, 1:]
+    twice = 2.0 * np.cross(u, vectors)
+    return np.asarray(vectors + w * twice + np.cross(u, twice))
 
 
 def _in_field(field: MapAtCurrents, body: BodyNumbers) -> CoreMachine:

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
 import scipy
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from fieldmap.arguments import check_signal
-from fieldmap.core.machine import INSIDE, POSITION, TURN, CoreMachine, sensed_point
+from fieldmap.core.machine import INSIDE, POSITION, TURN, sensed_point
 from fieldmap.dynamics.field_of_currents import EXACT
 from fieldmap.dynamics.machine import Machine
 from fieldmap.dynamics.motion import state_of
@@ -64,17 +64,43 @@ def find_operating_point(
         received = f"{int(free_place.sum() + free_output.sum())} NaN"
         remedy = "free the lift, and of x and y either the place or the signal"
         raise InputError(Problem("find_operating_point(sensed, outputs)", must, received, remedy))
-    balance = _Balance(machine, place, start, free_place, free_output)
+    body, amplifier, weight = machine.body, machine.drive.amplifier, machine.body.mass * machine.body.gravity
+    core, free = replace(machine, drag=None, plate=None, walls=None).core(1.0, EXACT), int(free_place.sum())
+
+    def parts(unknown: Array) -> tuple[Array, Array, Array]:
+        """State, currents and outputs of what is free: places, outputs, lean."""
+        there, given = place.copy(), start.copy()
+        there[free_place], given[free_output] = _MILLI * unknown[:free], unknown[free:3]
+        lean = _LEAN * unknown[3:] if len(unknown) > 3 else np.zeros(2)
+        angle = float(np.linalg.norm(lean))
+        half = np.sinc(angle / 2 / np.pi) / 2
+        state = state_of([0, 0, 0], quaternion=[np.cos(angle / 2), *(half * lean), 0.0])
+        state[POSITION : POSITION + 3] = there - sensed_point(state, body.seen_at)
+        return state, amplifier.gain * machine.allocation.voltages(given) + amplifier.offset, given
+
+    def residual(unknown: Array) -> Array:
+        """Forces over the weight, torques about x and y over the weight times 10 mm; steep outside of the map."""
+        state, currents, _ = parts(unknown)
+        load = np.empty(6)
+        inside = core.follow(np.ascontiguousarray(currents))
+        if not inside or core.load(state, load)[0] != INSIDE:
+            return np.full(len(unknown), 10.0 + float(np.abs(unknown).sum()))
+        return np.concatenate([load[:3] / weight, load[3:5] / (weight * _LEVER)])[: len(unknown)]
+
+    # From the middle of the axis, upright, at the guessed outputs and some beside them.
+    lift, *others = start[free_output]
     best = None
-    for first in balance.starts():
-        found = scipy.optimize.root(balance.residual, first, method="hybr", tol=1e-12)
+    for share, *aside in product((1.0, 0.8, 1.25), *[_ASIDE] * len(others)):
+        upright = np.zeros(0 if body.upright else 2)
+        first = np.concatenate([np.zeros(free), [share * lift], np.add(others, aside), upright])
+        found = scipy.optimize.root(residual, first, method="hybr", tol=1e-12)
         if best is None or np.abs(found.fun).max() < np.abs(best.fun).max():
             best = found
         if np.abs(best.fun).max() < _ACCURACY:
             break
     assert best is not None
     worst = float(np.abs(best.fun).max())
-    if not (worst < _ACCURACY or (worst < _STEP and is_step(balance.residual, best.x))):
+    if not (worst < _ACCURACY or (worst < _STEP and is_step(residual, best.x))):
         problem = Problem(
             "find_operating_point",
             "forces and torques must balance",
@@ -82,7 +108,10 @@ def find_operating_point(
             "begin elsewhere in the map, free another signal, or check the scale of the field",
         )
         raise NoEquilibrium(problem)
-    return balance.result(best.x, worst)
+    state, currents, found_outputs = parts(best.x)
+    seen = sensed_point(state, body.seen_at)
+    state[TURN : TURN + 4] /= np.linalg.norm(state[TURN : TURN + 4])
+    return OperatingPoint(state, currents, found_outputs, seen, worst)
 
 
 def is_step(residual: Callable[[Array], Array], x: Array) -> bool:
@@ -98,69 +127,3 @@ def is_step(residual: Callable[[Array], Array], x: Array) -> bool:
         return bool(np.abs(np.linalg.solve(slopes, residual(x))).max() < _NEXT)
     except np.linalg.LinAlgError:
         return False
-
-
-class _Balance:
-    """Residual of force and torque as a function of what is free."""
-
-    def __init__(
-        self,
-        machine: Machine,
-        place: Array,
-        start: Array,
-        free_place: NDArray[np.bool_],
-        free_output: NDArray[np.bool_],
-    ) -> None:
-        self.machine, self.place, self.start = machine, place, start
-        self.free_place, self.free_output = free_place, free_output
-        drive = machine.drive
-        self.core = CoreMachine(
-            machine.magnetic.plant(
-                machine.body.numbers(), machine.body.seen_at, drive.numbers(1.0), drive.drives, EXACT
-            )
-        )
-        self.weight = machine.body.mass * machine.body.gravity
-        self.upright = np.zeros(0 if machine.body.upright else 2)
-
-    def starts(self) -> Iterator[Array]:
-        """Where to begin: in the middle of the axis, upright, at the guessed outputs and some beside them."""
-        middle, guess = np.zeros(int(self.free_place.sum())), self.start[self.free_output]
-        for lift, *aside in product((1.0, 0.8, 1.25), *[_ASIDE] * (len(guess) - 1)):
-            yield np.concatenate([middle, [lift * guess[0], *(guess[1:] + aside)], self.upright])
-
-    def _parts(self, unknown: Array) -> tuple[Array, Array, Array]:
-        k = int(self.free_place.sum())
-        place, outputs = self.place.copy(), self.start.copy()
-        place[self.free_place] = _MILLI * unknown[:k]
-        outputs[self.free_output] = unknown[k:3]
-        lean = _LEAN * unknown[3:] if len(unknown) > 3 else np.zeros(2)
-        return self._state(place, lean), self.currents(outputs), outputs
-
-    def _state(self, place: Array, lean: Array) -> Array:
-        angle = float(np.linalg.norm(lean))
-        half = np.sinc(angle / 2 / np.pi) / 2
-        state = state_of([0, 0, 0], quaternion=[np.cos(angle / 2), *(half * lean), 0.0])
-        state[POSITION : POSITION + 3] = place - sensed_point(state, self.machine.body.seen_at)
-        return state
-
-    def currents(self, outputs: Array) -> Array:
-        """Of the amplifiers, A."""
-        amplifier = self.machine.drive.amplifier
-        return amplifier.gain * self.machine.allocation.voltages(outputs) + amplifier.offset
-
-    def residual(self, unknown: Array) -> Array:
-        """Forces over the weight, torques about x and y over the weight times 10 mm; steep outside of the map."""
-        state, currents, _ = self._parts(unknown)
-        load = np.empty(6)
-        inside = self.core.follow(np.ascontiguousarray(currents))
-        if not inside or self.core.load(state, load)[0] != INSIDE:
-            return np.full(len(unknown), 10.0 + float(np.abs(unknown).sum()))
-        both = np.concatenate([load[:3] / self.weight, load[3:5] / (self.weight * _LEVER)])
-        return both[: len(unknown)]
-
-    def result(self, unknown: Array, worst: float) -> OperatingPoint:
-        """As found."""
-        state, currents, outputs = self._parts(unknown)
-        seen = sensed_point(state, self.machine.body.seen_at)
-        state[TURN : TURN + 4] /= np.linalg.norm(state[TURN : TURN + 4])
-        return OperatingPoint(state, currents, outputs, seen, worst)

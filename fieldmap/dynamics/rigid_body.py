@@ -6,13 +6,20 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from fieldmap.arguments import check_not_negative, check_positive, check_signal
 from fieldmap.constants import GRAVITY as FREE_FALL
 from fieldmap.core.body import CoreBody
 from fieldmap.core.machine import BodyNumbers
-from fieldmap.device.payload import Magnet, MagnetBlock, MagnetCylinder, MagnetSphere, Payload, SoftBody
+from fieldmap.device.payload import (
+    Magnet,
+    MagnetBlock,
+    MagnetCylinder,
+    MagnetSphere,
+    Payload,
+    SoftBody,
+    shape_text,
+)
 from fieldmap.dynamics.surroundings import Drag, Plate, Walls
 from fieldmap.errors import InputError, Problem
 from fieldmap.lookup import MagneticBody, magnetic_body
@@ -68,17 +75,14 @@ class RigidBody(Record):
         drag: Drag | None = None,
         plate: Plate | None = None,
         walls: Walls | None = None,
-        force: ArrayLike = (0, 0, 0),
-        torque: ArrayLike = (0, 0, 0),
     ) -> BodyNumbers:
-        """Everything about the body and its surroundings, as the C core takes it. force (3,), N, and torque (3,), N m,
-        disturb it, both in the frame of the map."""
+        """Everything about the body and its surroundings, as the C core takes it."""
         return BodyNumbers(
             mass=float(self.mass),
             inertia=np.full(3, _RIGID) if self.upright else self.inertia,
             gravity=np.array([0.0, 0.0, -self.gravity]),
-            force=np.array(force, float),
-            torque=np.array(torque, float),
+            force=np.zeros(3),
+            torque=np.zeros(3),
             drag=(drag or Drag()).numbers,
             plate=np.zeros(8) if plate is None else plate.numbers,
             seen_by_plate=np.concatenate([self.magnet_at, self.magnet.moments.sum(axis=0)]),
@@ -176,18 +180,13 @@ def _inertia(
                 "give radius and height of the body, or payload.inertia or payload.magnet in the device file"
             )
             raise InputError(Problem("body_of_payload(payload)", "must have an inertia", "none", remedy))
-        shape = "body of its pieces" if payload.pieces else f"{_shape_text(payload.magnet)}, the magnet's"
+        shape = "body of its pieces"
+        if payload.magnet is not None and not payload.pieces:
+            shape = f"{shape_text(payload.magnet).removeprefix('magnet ')}, the magnet's"
         return np.array(uniform, float), (f"inertia of a uniform {shape}",)
     size = f"{2e3 * r:g} x {1e3 * h:g} mm" + (", the magnet's" if own_size else "")
     inertia = MagnetCylinder(2 * r, h, 0.0).uniform_inertia(payload.mass)
     return np.array(inertia, float), (f"inertia of a uniform cylinder of {size}",)
-
-
-def _shape_text(magnet: Magnet | None) -> str:
-    """Shape and size of a magnet that is no cylinder."""
-    if isinstance(magnet, MagnetBlock):
-        return "block of " + " x ".join(f"{1e3 * edge:g}" for edge in magnet.size) + " mm"
-    return f"sphere of {1e3 * magnet.diameter:g} mm" if isinstance(magnet, MagnetSphere) else "body"
 
 
 def _skin(payload: Payload, centre: float) -> Array:

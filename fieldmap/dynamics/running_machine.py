@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from fieldmap.control.function_controller import FunctionController
 from fieldmap.core.closed_loop import GIVEN, GOES_ON, PAUSED, Signals
-from fieldmap.core.machine import ANGULAR_VELOCITY, POSITION, TURN, VELOCITY, sensed_point
+from fieldmap.core.machine import sensed_point
 from fieldmap.dynamics.closed_loop import (
     Schedule,
     draw_signals,
@@ -18,7 +18,7 @@ from fieldmap.dynamics.closed_loop import (
     run_of,
     start_loop,
 )
-from fieldmap.dynamics.loop_run import Event, LevitationRun, event_of
+from fieldmap.dynamics.loop_run import Event, LevitationRun, PartsOfState, event_of
 from fieldmap.dynamics.machine import Machine
 from fieldmap.dynamics.operating_point import OperatingPoint
 from fieldmap.errors import InputError, Problem
@@ -27,7 +27,7 @@ from fieldmap.typing import Array
 _WHERE = "RunningMachine.step"
 
 
-class RunningMachine:
+class RunningMachine(PartsOfState):
     """A machine with its coils, amplifiers, sensors, delay and noise, moved one sample at a time by who calls `step`.
 
     Arguments as of `simulate_closed_loop`; gives, lower, upper as of `FunctionController`. The machine code is that of
@@ -183,26 +183,6 @@ class RunningMachine:
     def state(self) -> Array:
         """Place, velocity, quaternion, angular velocity (13,), as they are."""
         return np.array(self._loop.state)
-
-    @property
-    def position(self) -> Array:
-        """Centre of mass (3,), m, as it is."""
-        return self.state[POSITION : POSITION + 3]
-
-    @property
-    def velocity(self) -> Array:
-        """Of the centre of mass (3,), m/s."""
-        return self.state[VELOCITY : VELOCITY + 3]
-
-    @property
-    def quaternion(self) -> Array:
-        """Body to map (4,), w first."""
-        return self.state[TURN : TURN + 4]
-
-    @property
-    def angular_velocity(self) -> Array:
-        """(3,), rad/s, in the frame of the body."""
-        return self.state[ANGULAR_VELOCITY : ANGULAR_VELOCITY + 3]
 
     @property
     def sensed(self) -> Array:

@@ -1,14 +1,24 @@
 """The position sensors of a rig, as compiled loops take them."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Annotated, Any
 
 import numpy as np
+from pydantic import Field
 
-from fieldmap.arguments import check_count, check_not_negative, check_numbers
+from fieldmap.arguments import check_not_negative
 from fieldmap.core.closed_loop import Sensing
-from fieldmap.instruments import Rig, SensorFrame
+from fieldmap.dynamics.surroundings import NotNegatives
+from fieldmap.inputs.declared import Key, check_fields
+from fieldmap.inputs.tables import MILLI, NotNegative, Positive, Table
+from fieldmap.instruments import Amplifier, Converter, Micrometer, Rig, SensorFrame
+from fieldmap.instruments.converter import USUAL_RANGE
 from fieldmap.records import Record
 from fieldmap.typing import Array
+
+Count = Annotated[int, Field(ge=1)]
+Bits = Annotated[int, Field(ge=1, le=32)]
 
 
 def _ideal() -> Array:
@@ -27,27 +37,41 @@ class Sensors(Record):
     """
 
     frame: SensorFrame | None = None
-    zero_depth: float = 0.0
-    deviations: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    zero_depth: Annotated[
+        float, Key(float, "depth below the map's origin at which the vertical sensor reads 0", "mm")
+    ] = 0.0
+    deviations: Annotated[
+        tuple[float, float, float],
+        Key(NotNegatives, "noise of the two crossed sensors and the vertical one", "mm", name="deviation"),
+    ] = (0.0, 0.0, 0.0)
     rigs: tuple[Rig | None, Rig | None, Rig | None] = (None, None, None)
     voltage_noise: float = 0.0
-    scan_rate: float = 0.0
-    averages: int | tuple[int, int, int] = 1
-    latency: int = 0
-    measured_with: int | None = None
+    scan_rate: Annotated[float, Key(NotNegative, "rate of scans; 0: shows what is at each sample", "Hz")] = (
+        0.0
+    )
+    averages: Annotated[
+        int | tuple[int, int, int],
+        Key(
+            Count | Annotated[list[Count], Field(min_length=3, max_length=3)],
+            "scans whose mean is shown; one number, or one for each sensor",
+        ),
+    ] = 1
+    latency: Annotated[
+        int, Key(Annotated[int, Field(ge=0)], "scans by which a mean comes late", name="latency_scans")
+    ] = 0
+    measured_with: Annotated[
+        int | None,
+        Key(
+            Count | None,
+            "averages with which deviation_mm was measured; `averages` unless given",
+            name="deviation_averages",
+        ),
+    ] = None
     assumptions: tuple[str, ...] = field(default=())
 
     def __post_init__(self) -> None:
-        check_numbers("Sensors", zero_depth=self.zero_depth)
-        check_not_negative(
-            "Sensors",
-            scan_rate=self.scan_rate,
-            voltage_noise=self.voltage_noise,
-            latency=self.latency,
-            **{f"deviations[{k}]": value for k, value in enumerate(self.deviations)},
-        )
-        counts = {f"averages[{k}]": number for k, number in enumerate(self.means)}
-        check_count("Sensors", **counts, measured_with=self.measured_with or 1)
+        check_fields(self)
+        check_not_negative("Sensors", voltage_noise=self.voltage_noise)
 
     @property
     def means(self) -> tuple[int, int, int]:
@@ -77,3 +101,29 @@ class Sensors(Record):
     def scans(self, duration: float) -> int:
         """How many scans fall into a run."""
         return int(np.floor(duration * self.scan_rate + 1e-9)) + 1 if self.scan_rate else 0
+
+
+class ChainKeys(Table):
+    """Keys of the sensors' measuring chain, whose frame, rigs and noise of the converters these make."""
+
+    angle_deg: float = Field(default=0.0, description="of the crossed sensors against x and y")
+    step_mm: NotNegative = Field(default=0.0, description="resolution of the sensors")
+    input_bits: Bits | None = Field(default=None, description="of the input converter")
+    input_range_V: Positive = Field(
+        default=USUAL_RANGE, description="of the input converter, to both sides; assumed unless given"
+    )
+    mm_per_V: Positive = Field(
+        default=2.0, description="of the sensors' outputs, for input_bits; assumed unless given"
+    )
+    input_noise_V: NotNegative = Field(default=0.0, description="of the input converter")
+
+    def also_makes(self) -> Mapping[str, Any]:
+        """Fields of `Sensors`."""
+        frame = SensorFrame(np.deg2rad(self.angle_deg), offset=0.0) if self.angle_deg else None
+        rig = None
+        if self.input_bits is not None or self.step_mm:
+            converter = Converter(self.input_range_V, self.input_bits or 48, self.input_noise_V)
+            step, scale = self.step_mm / self.mm_per_V, MILLI * self.mm_per_V
+            micrometer = Micrometer(0.0, scale, voltage_step=step, lower=-1e3, upper=1e3)
+            rig = Rig(micrometer, converter, converter, Amplifier(1.0))
+        return {"frame": frame, "rigs": (rig, rig, rig), "voltage_noise": self.input_noise_V}

@@ -1,41 +1,47 @@
 """What a moving body meets beside the field: air, a conducting plate, walls."""
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
+from pydantic import Field, ValidationInfo
 
-from fieldmap.arguments import check_not_negative, check_numbers, check_positive, check_signal
+from fieldmap.arguments import check_signal
 from fieldmap.constants import MU0
 from fieldmap.core.machine import plate_force
 from fieldmap.errors import InputError, Problem
+from fieldmap.inputs.declared import Key, check_fields
+from fieldmap.inputs.tables import NotNegative, PlanePoint, Point, Positive, Vector, broken
 from fieldmap.records import Record
 from fieldmap.typing import Array
 
 Three = tuple[float, float, float]
+NotNegatives = Annotated[list[NotNegative], Field(min_length=3, max_length=3)]
+"""Rule of three numbers, along the axes or of three sensors."""
 
 _ZERO: Three = (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True, repr=False)
 class Drag(Record):
-    """Resistance against motion, by axes: docs/theory/dynamics.md (9), (10).
+    """Resistance of the air, by axes: docs/theory/dynamics.md (9), (10).
 
     linear: N s/m along the axes of the map. body_linear: N s/m, body_quadratic: N s^2/m^2, along those of the body.
     turning: N m s, turning_quadratic: N m s^2, about those of the body.
     """
 
-    linear: Three = _ZERO
-    body_linear: Three = _ZERO
-    body_quadratic: Three = _ZERO
-    turning: Three = _ZERO
-    turning_quadratic: Three = _ZERO
+    linear: Annotated[Three, Key(NotNegatives, "drag along the map's x, y, z", "N_s_per_m")] = _ZERO
+    body_linear: Annotated[Three, Key(NotNegatives, "drag along the body's axes", "N_s_per_m")] = _ZERO
+    body_quadratic: Annotated[
+        Three, Key(NotNegatives, "quadratic drag along the body's axes", "N_s2_per_m2")
+    ] = _ZERO
+    turning: Annotated[Three, Key(NotNegatives, "drag about the body's axes", "N_m_s")] = _ZERO
+    turning_quadratic: Annotated[
+        Three, Key(NotNegatives, "quadratic drag about the body's axes", "N_m_s2")
+    ] = _ZERO
 
     def __post_init__(self) -> None:
-        for name, values in vars(self).items():
-            given = check_signal(f"Drag({name})", values, columns=3)
-            check_not_negative(
-                f"Drag({name})", **{axis: float(v) for axis, v in zip("xyz", given, strict=True)}
-            )
+        check_fields(self)
 
     @property
     def numbers(self) -> Array:
@@ -60,6 +66,11 @@ class Drag(Record):
         )
 
 
+def _has_a_length(normal: list[float], info: ValidationInfo) -> None:
+    if not any(normal):
+        raise broken("must have a length", "zeros", "[0, 0, 1] for a plate below")
+
+
 @dataclass(frozen=True, repr=False)
 class Plate(Record):
     """A conducting plate without end to the sides, on the other side of its face than the magnet.
@@ -69,19 +80,18 @@ class Plate(Record):
     by the order of (speed / critical_speed)^2. docs/theory/dynamics.md (11)..(18).
     """
 
-    conductivity: float
-    thickness: float
-    face: Three
-    normal: Three = (0.0, 0.0, 1.0)
+    conductivity: Annotated[float, Key(Positive, "conductivity, 3.5e7 for aluminium", "S_per_m")]
+    thickness: Annotated[
+        float,
+        Key(Annotated[float, Field(gt=0, allow_inf_nan=True)], "thickness; inf for a half space", "mm"),
+    ]
+    face: Annotated[Three, Key(Point, "[x, y, z] of a point of the face that the magnet sees", "mm")]
+    normal: Annotated[
+        Three, Key(Vector, "normal of that face, to the side of the magnet", check=_has_a_length)
+    ] = (0.0, 0.0, 1.0)
 
     def __post_init__(self) -> None:
-        check_positive("Plate", conductivity=self.conductivity)
-        if self.thickness != np.inf:
-            check_positive("Plate", thickness=self.thickness)
-        check_signal("Plate(face)", self.face, columns=3)
-        if not np.linalg.norm(check_signal("Plate(normal)", self.normal, columns=3)) > 0.0:
-            problem = Problem("Plate(normal)", "must have a length", "zeros", "(0, 0, 1) for a plate below")
-            raise InputError(problem)
+        check_fields(self)
 
     @property
     def critical_speed(self) -> float:
@@ -127,34 +137,32 @@ class Plate(Record):
 
 @dataclass(frozen=True, repr=False)
 class Walls(Record):
-    """Floor, ceiling and upright tube that a body can touch: a penalty, docs/theory/dynamics.md (19), (20).
+    """What the body can touch: a penalty, docs/theory/dynamics.md (19), (20).
 
     floor, ceiling: heights, m; radius of the tube and its axis (x, y), m; None where there is none. contact_time: s,
     half a period of the body bouncing on one point, which sets the stiffness. restitution: speed after a bounce over
     that before, 0 < restitution <= 1, which sets the damping. friction: Coulomb's coefficient, viscous below slip, m/s.
     """
 
-    floor: float | None = None
-    ceiling: float | None = None
-    radius: float | None = None
-    axis: tuple[float, float] = (0.0, 0.0)
-    contact_time: float = 5e-3
-    restitution: float = 0.3
-    friction: float = 0.3
-    slip: float = 1e-3
+    floor: Annotated[float | None, Key(float | None, "z of a floor", "mm")] = None
+    ceiling: Annotated[float | None, Key(float | None, "z of a ceiling", "mm")] = None
+    radius: Annotated[
+        float | None, Key(Positive | None, "radius of an upright tube", "mm", name="tube_radius")
+    ] = None
+    axis: Annotated[
+        tuple[float, float], Key(PlanePoint, "[x, y] of the axis of that tube", "mm", name="tube_axis")
+    ] = (0.0, 0.0)
+    contact_time: Annotated[
+        float, Key(Positive, "half a period of the body bouncing on one point: the stiffness", "ms")
+    ] = 5e-3
+    restitution: Annotated[
+        float, Key(Annotated[float, Field(gt=0, le=1)], "speed after a bounce over the speed before")
+    ] = 0.3
+    friction: Annotated[float, Key(NotNegative, "Coulomb's coefficient of friction")] = 0.3
+    slip: Annotated[float, Key(Positive, "speed below which friction is viscous", "mm_per_s")] = 1e-3
 
     def __post_init__(self) -> None:
-        given = {
-            name: getattr(self, name) for name in ("floor", "ceiling") if getattr(self, name) is not None
-        }
-        check_numbers("Walls", **given, x=self.axis[0], y=self.axis[1])
-        check_positive("Walls", contact_time=self.contact_time, slip=self.slip, restitution=self.restitution)
-        check_not_negative("Walls", friction=self.friction)
-        if self.radius is not None:
-            check_positive("Walls", radius=self.radius)
-        if self.restitution > 1.0:
-            problem = Problem("Walls(restitution)", "must be at most 1", f"{self.restitution}", "0.3, say")
-            raise InputError(problem)
+        check_fields(self)
 
     def numbers(self, mass: float) -> Array:
         """For a body of this mass, in the order of fieldmap_walls (fieldmap/core/contact.h)."""

@@ -20,6 +20,7 @@ Ball(radius=0.02)
 import dataclasses
 import types
 from collections.abc import Callable, Iterable
+from functools import cache
 from pathlib import Path
 from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
 
@@ -27,6 +28,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, Tag, ValidationInfo, create_model, field_validator
 
+from fieldmap.errors import InputError, Problem
+from fieldmap.inputs.document import schema_findings
 from fieldmap.inputs.tables import UNITS, Table, chosen_by, read_only
 from fieldmap.records import Record
 
@@ -52,6 +55,7 @@ class Key(Record):
     make: Callable[[Any], Any] | None = None
 
 
+@cache
 def keys_of(record: type) -> dict[str, tuple[str, Key, Any]]:
     """Of each field with a `Key`: the key in files -> (name of the field, its `Key`, the type of the field)."""
     found = {}
@@ -92,7 +96,9 @@ def table_of(
     for key, (attribute, about, _) in sorted(keys.items(), key=lambda each: each[1][1].check is not None):
         options: dict[str, Any] = {"description": about.text}
         default = _default_of(stated[attribute])
-        if default is not dataclasses.MISSING:
+        if isinstance(default, Record):
+            options["default"] = about.rule()
+        elif default is not dataclasses.MISSING:
             options |= {"default": _in_file(default, about.unit), "validate_default": about.check is not None}
         fields[key] = (about.rule, Field(**options))
         if about.check is not None:
@@ -130,8 +136,38 @@ def _in_file(default: Any, unit: str) -> Any:
     """A default in the unit of the file; what is no number stays as it is."""
     if isinstance(default, tuple | np.ndarray):
         return [_in_file(one, unit) for one in default]
+    default = default.item() if isinstance(default, np.generic) else default
     scale = UNITS.get(unit, 1.0)
     return default / scale if isinstance(default, float) and scale != 1.0 else default
+
+
+def check_fields(record: Any) -> None:
+    """The rules of its keys, of a record made in Python. Raises InputError with every field that breaks one."""
+    kind, table = type(record), _plain_table(type(record))
+    keys = keys_of(kind)
+    data = {key: _in_file(getattr(record, name), about.unit) for key, (name, about, _) in keys.items()}
+    problems: dict[str, Problem] = {}
+    for finding in schema_findings(table, data):
+        name, about, _ = keys[str(finding.location[0])]
+        entry = "".join(f"[{step}]" for step in finding.location[1:] if isinstance(step, int))
+        # A bound is that of the file, in its unit.
+        must_hold = (
+            f"{finding.must_hold} {about.unit}" if finding.must_hold[-1].isdigit() else finding.must_hold
+        )
+        problem = Problem(
+            f"{kind.__name__}({name}{entry})",
+            must_hold.rstrip(),
+            f"{getattr(record, name)}",
+            f"give in SI units: {about.text}",
+        )
+        problems.setdefault(problem.where, problem)
+    if problems:
+        raise InputError(*problems.values())
+
+
+@cache
+def _plain_table(record: type) -> Any:
+    return table_of(record)
 
 
 def kinds_of(base: type) -> dict[str, type]:

@@ -3,14 +3,15 @@
 import re
 import sys
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from pydantic import BaseModel, ValidationError
 
-from fieldmap.errors import InputError, Problem
+from fieldmap.errors import FieldmapError, InputError, Problem
 from fieldmap.inputs.explain import explain
 from fieldmap.inputs.findings import Finding, shown
 from fieldmap.inputs.key_paths import Location, dotted
@@ -18,6 +19,10 @@ from fieldmap.inputs.toml_lines import line_numbers, nearest_line
 from fieldmap.records import Record
 
 _HDF5 = b"\x89HDF\r\n\x1a\n"
+
+
+class AtKey(Problem):
+    """A problem whose `where` is a key path, of code that does not know the file: `Document.placing` adds its line."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -65,6 +70,22 @@ class Document(Record):
         line = nearest_line(line_numbers(self.text), tuple(key.split("."))) if key else None
         place = f"{self.path}:{line}" if line else str(self.path)
         return Problem(f"{place}: {key}" if key else place, must_hold, received, remedy)
+
+    @contextmanager
+    def placing(self) -> Iterator[None]:
+        """Errors of this block at keys (`AtKey`) are told at the lines of this file."""
+        try:
+            yield
+        except FieldmapError as error:
+            if not any(isinstance(problem, AtKey) for problem in error.problems):
+                raise
+            placed = [
+                self.problem(one.where, one.must_hold, one.received, one.remedy)
+                if isinstance(one, AtKey)
+                else one
+                for one in error.problems
+            ]
+            raise type(error)(*placed) from None
 
     def _problem(self, file: str, line: int, finding: Finding) -> Problem:
         place = f"{file}:{line}" if line else file

@@ -16,6 +16,10 @@ MILLI = 1e-3
 LARGEST_LENGTH_MM = 100_000.0
 UNITS = {
     "mm": 1e-3,
+    "mm_per_s": 1e-3,
+    "mm_per_V": 1e-3,
+    "ms": 1e-3,
+    "mN": 1e-3,
     "g": 1e-3,
     "mH": 1e-3,
     "mT": 1e-3,

@@ -18,7 +18,7 @@ from fieldmap.control import (
     zero_order_hold,
 )
 from fieldmap.curves import Curves, Series
-from fieldmap.dynamics.scenario import RegulatorKeys
+from fieldmap.dynamics.scenario.controllers import AxisRegulator
 from fieldmap.thesis.coupled_runs import (
     DEPTH,
     VERTICAL_PID,
@@ -96,15 +96,15 @@ def _of_the_machine(design: _Design, run: Readings) -> Array:
     return filtered_states(design.estimator, control, seen - run.wanted[:, DEPTH])
 
 
-def _keys(run: Readings) -> RegulatorKeys:
-    keys = run.run.scenario.contents.control.z
-    assert isinstance(keys, RegulatorKeys)
+def _keys(run: Readings) -> AxisRegulator:
+    keys = run.run.scenario.settings.control.z
+    assert isinstance(keys, AxisRegulator)
     return keys
 
 
 def _design(run: Readings) -> _Design:
     """(7-9) to (7-17), (7-20): the thesis's model feeds back x[n-1|n-1]."""
-    keys, Ts = _keys(run), 1e-3 * run.run.scenario.contents.control.period_ms
+    keys, Ts = _keys(run), run.run.scenario.settings.control.period
     model = StateSpace(np.array(keys.A), np.array(keys.B)[:, None], np.array(keys.C)[None], np.zeros((1, 1)))
     wide = with_output_integral(model.A, model.B, model.C)
     k = lqrd(wide.A, wide.B, np.array(keys.Q), keys.R, Ts)

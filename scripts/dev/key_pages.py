@@ -47,6 +47,7 @@ ABOUT = {
 UNITS = {
     "N_s2_per_m2": "N s²/m²",
     "N_s_per_m": "N s/m",
+    "N_m_s2": "N m s²",
     "N_m_s": "N m s",
     "mm_per_s": "mm/s",
     "m_per_s2": "m/s²",

@@ -204,7 +204,7 @@ def test_the_shipped_scenario_takes_any_map(some, scale):
     """The middle of the map where half of the amplifiers' 5 A carry the magnet, else the deepest place that they do."""
     run = simulate("hold", {"map": str(some(RING).parent / "some.h5"), "field.scale": scale})
     assert run.event is None
-    start = run.scenario.start_depth_mm
+    start = -1e3 * run.references[0, 2]
     assert abs(-1e3 * run.sensed[0, 2] - start) < 0.01
     assert abs(-1e3 * run.sensed[-1, 2] - (start - 1.0)) < 0.02
     if scale == 1.0:
@@ -219,8 +219,8 @@ def test_a_chosen_start_is_the_same_place_from_any_zero_of_depth(some, zero):
     """The middle of the map, z = -108 mm, read downward from z = -zero."""
     given = {"map": str(some(RING).parent / "some.h5"), "sensors.zero_depth_mm": zero}
     experiment = prepare(read_scenario("hold", given))
-    assert experiment.scenario.start_depth_mm == pytest.approx(108.0 - zero)
     assert experiment.operating_point.sensed[2] == pytest.approx(-0.108, abs=1e-9)
+    assert linear_points(experiment)[0].depth_mm == pytest.approx(108.0 - zero)
 
 
 def test_what_falls_on_the_shipped_map_falls_by_its_margins():

@@ -30,8 +30,14 @@ from fieldmap.dynamics import (
     simulate_closed_loop,
     superposed,
 )
-from fieldmap.dynamics.linearisation import moved_state, sampled_machine, sensor_answer
-from fieldmap.dynamics.linearisation.loop import ClosedLoop, _margins_of, _shares_of_the_past
+from fieldmap.dynamics.linear_loop import (
+    ClosedLoop,
+    _margins_of,
+    _shares_of_the_past,
+    sampled_machine,
+    sensor_answer,
+)
+from fieldmap.dynamics.linearisation import moved_state
 from fieldmap.errors import InputError, OutsideMapError
 from fieldmap.instruments import Amplifier, Micrometer, SensorFrame, watch
 from fieldmap.lookup import open_map

@@ -13,10 +13,9 @@ from fieldmap.currents import LiftAndDirections
 from fieldmap.dynamics import MatrixAllocation, Sensors, prepare, read_scenario, run_metrics, simulate
 from fieldmap.dynamics.motion import state_of
 from fieldmap.dynamics.scenario import reading_mm, start
-from fieldmap.dynamics.scenario.experiment import _start
-from fieldmap.dynamics.scenario.machine import body_of
+from fieldmap.dynamics.scenario.experiment import _begin
 from fieldmap.dynamics.scenario.metrics import _step
-from fieldmap.dynamics.scenario.references import references
+from fieldmap.dynamics.scenario.references import control_times, references
 from fieldmap.errors import Infeasible, InputError, ScenarioError
 from fieldmap.shipped import shipped_names
 
@@ -27,7 +26,15 @@ TEXT = (Path(__file__).parents[1] / "scenarios" / "step.toml").read_text()
 def test_shipped_scenarios_are_right(name):
     scenario = read_scenario(name.removeprefix("scenarios/"))
     assert scenario.contents.title
-    assert references(scenario, np.array([0.0, 0.0, scenario.contents.start.depth_mm or 10.0])).shape[1] == 3
+    assert wanted_of(scenario).shape[1] == 3
+
+
+def wanted_of(scenario):
+    """x, y and depth in mm that a scenario asks for from 10 mm on."""
+    given, period = scenario.settings, scenario.settings.control.period
+    time = control_times(given.duration, period)
+    start_at = np.array([0.0, 0.0, 1e-2])
+    return 1e3 * references(given.reference, given.control.compensator, start_at, time, period)
 
 
 def test_all_mistakes_of_a_file_are_told_at_once_with_their_lines(written):
@@ -54,15 +61,15 @@ def test_a_finite_magnet_fills_its_cylinder_and_needs_one():
     finite = read_scenario("hold", {"body.finite_magnet": True})
     device, opened = fm.read_device("drive_unit"), fm.open_map("sample")
     payload = device.payload
-    magnet = body_of(finite, device, opened).magnet
+    magnet = finite.settings.body.body(payload, opened).magnet
     assert len(magnet.points) > 1
     np.testing.assert_allclose(magnet.moments.sum(axis=0), [0.0, 0.0, payload.moment], atol=1e-12)
     share = magnet.moments[:, 2] / payload.moment
     assert share @ magnet.points[:, 2] ** 2 == pytest.approx(payload.magnet.height**2 / 12, rel=1e-9)
-    assert len(body_of(read_scenario("hold"), device, opened).magnet.points) == 1
+    assert len(read_scenario("hold").settings.body.body(payload, opened).magnet.points) == 1
     bare = replace(device, payload=replace(payload, magnet=None))
     with pytest.raises(ScenarioError) as caught:
-        body_of(finite, bare, opened)
+        prepare(finite, opened, bare)
     assert caught.value.problems[0].where.endswith("body.finite_magnet")
 
 
@@ -77,7 +84,7 @@ def test_a_start_shifts_moves_and_leans_what_may_be_turned_already(written):
     before = Rotation.from_rotvec([0.3, -0.5, 0.7])
     quaternion = before.as_quat(scalar_first=True)
     state = state_of([0.1, 0.2, -0.1], [0.0, 0.0, 0.0], quaternion, [7.0, 8.0, 9.0])
-    start = _start(scenario, SimpleNamespace(state=state))
+    start = _begin(scenario.settings.start, SimpleNamespace(state=state))
     np.testing.assert_allclose(start[:6], [0.101, 0.202, -0.103, 4e-3, 5e-3, 6e-3], rtol=1e-12)
     turned = Rotation.from_quat(start[6:10], scalar_first=True)
     expected = Rotation.from_euler("x", 40.0, degrees=True) * before
@@ -198,7 +205,7 @@ def test_a_step_is_measured_from_where_the_body_was(written):
 def wanted_by(written, pieces, **changes):
     cut = TEXT[: TEXT.index("[[reference]]")]
     scenario = read_scenario(written(cut + pieces), changes)
-    return references(scenario, np.array([0.0, 0.0, 10.0]))
+    return wanted_of(scenario)
 
 
 def test_references_are_what_they_are_called(written):
@@ -289,7 +296,7 @@ def test_a_field_too_weak_is_told(written):
     assert error.value.problems[0].where.endswith(": start")
 
 
-def test_a_start_on_saturating_iron_is_looked_for_where_equal_currents_carry_the_body(written, monkeypatch):
+def test_a_start_on_saturating_iron_is_looked_for_where_equal_currents_carry_the_body(monkeypatch):
     """dBz/dz = 0.3 tanh(i), which carries the weight at i = artanh(weight / (0.3 moment scale))."""
     monkeypatch.setattr(start, "division_domain", lambda _: None)
     opened = SimpleNamespace(
@@ -301,6 +308,5 @@ def test_a_start_on_saturating_iron_is_looked_for_where_equal_currents_carry_the
     )
     magnet = SimpleNamespace(soft=False, moment=0.8)
     body = SimpleNamespace(mass=0.01, gravity=9.8, magnet=magnet)
-    scenario = read_scenario(written(), {"field.scale": 0.75})
-    found = start._equal(scenario, opened, body, np.zeros(3))
+    found = start.Lift(opened, None, body, 0.75, None, False)._equal(np.zeros(3))
     assert found == pytest.approx(np.full(6, np.arctanh(0.098 / (0.3 * 0.8 * 0.75))), rel=0.03)

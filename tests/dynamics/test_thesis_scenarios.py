@@ -6,8 +6,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from fieldmap.control.blocks import AxisReading
 from fieldmap.dynamics import Plate, prepare, read_scenario, simulate
-from fieldmap.dynamics.scenario.controllers import block_of
 from fieldmap.lookup import open_map
 from fieldmap.thesis import trajectories
 from fieldmap.thesis.coupled_runs import Readings
@@ -149,9 +149,8 @@ def test_range_is_what_is_asked_for_where_nothing_bounds_it(answers):
 
 
 def test_the_regulator_scenario_has_the_printed_gains(six):
-    scenario = read_scenario("regulator")
-    experiment = prepare(scenario, six)
-    block = block_of(scenario, "z", experiment.operating_point)
+    control = read_scenario("regulator").settings.control
+    block = control.z.block(AxisReading("z", -1e3, -77.0), control.period, 0.0, np.zeros(7))
     # u = ... - k x / 0.69 on the predicted states: (7-13).
     gains = 0.69 * np.abs(np.ravel(block.C))
     for printed in (627.22, 2306.0, 914.07):

@@ -14,7 +14,7 @@ from fieldmap.dynamics import (
     read_scenario,
     simulate_closed_loop,
 )
-from fieldmap.dynamics.linearisation import sampled_machine
+from fieldmap.dynamics.linear_loop import sampled_machine
 from fieldmap.lookup import open_map
 
 reference = pytest.importorskip(

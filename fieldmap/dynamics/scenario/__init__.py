@@ -1,7 +1,6 @@
 """Scenarios: an experiment in a TOML file, and what comes out of it."""
 
 from fieldmap.dynamics.scenario.batches import Batch, BatchRun, Simulation, simulate_batches, write_simulation
-from fieldmap.dynamics.scenario.controller_schema import RegulatorKeys
 from fieldmap.dynamics.scenario.experiment import (
     Experiment,
     ScenarioRun,
@@ -12,7 +11,7 @@ from fieldmap.dynamics.scenario.experiment import (
 from fieldmap.dynamics.scenario.linear_points import Linearisation, LinearPoint, linear_points
 from fieldmap.dynamics.scenario.measured_log import LaidLog, LaidSignal, lay_over, read_measured_log
 from fieldmap.dynamics.scenario.metrics import AxisMetrics, RunMetrics, reading_mm, run_metrics
-from fieldmap.dynamics.scenario.reading import Scenario, find_scenario, read_scenario
+from fieldmap.dynamics.scenario.schema import Scenario, find_scenario, read_scenario
 
 __all__ = [
     "AxisMetrics",
@@ -23,7 +22,6 @@ __all__ = [
     "LaidSignal",
     "LinearPoint",
     "Linearisation",
-    "RegulatorKeys",
     "RunMetrics",
     "Scenario",
     "ScenarioRun",

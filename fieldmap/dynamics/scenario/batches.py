@@ -13,7 +13,7 @@ from fieldmap.dynamics.closed_loop import simulate_many
 from fieldmap.dynamics.loop_run import LevitationRun, as_csv, recorded
 from fieldmap.dynamics.scenario.experiment import Experiment, prepare
 from fieldmap.dynamics.scenario.metrics import RunMetrics, run_metrics
-from fieldmap.dynamics.scenario.reading import read_scenario
+from fieldmap.dynamics.scenario.schema import read_scenario
 from fieldmap.errors import InputError, Problem
 from fieldmap.field import Field
 from fieldmap.plain import Plain, plain_items
@@ -111,8 +111,8 @@ def simulate_batches(
         def part(message: str, fraction: float, number: int = number, label: str = label) -> None:
             progress(f"{label} {message}".strip(), (number + fraction) / len(values))
 
-        kept = keep_signals and runs <= MOST_KEPT
         experiment = prepare(read, opened, device if read.contents.device is None else None, controller)
+        kept = keep_signals and runs <= MOST_KEPT
         batches.append(_batch(experiment, label, runs, seed, threads, kept, part))
     return Simulation(tuple(batches))
 
@@ -126,11 +126,10 @@ def _batch(
     kept: bool,
     progress: Progress,
 ) -> Batch:
-    scenario = experiment.scenario
-    chosen = seed if seed is not None else scenario.contents.noise.seed or 0
+    chosen = seed if seed is not None else experiment.scenario.settings.noise.seed or 0
 
     def judged(run: LevitationRun) -> BatchRun:
-        return BatchRun(run_metrics(scenario, run), run if kept else None)
+        return BatchRun(run_metrics(experiment.scenario, run), run if kept else None)
 
     experiment.warm()
     begin = time.process_time()

@@ -1,10 +1,15 @@
-"""Controllers of a scenario, one for each axis or one for all, and feed-forward."""
+"""Controllers of a scenario: of one axis, from depth in mm to lift in V and from x or y in mm to its signal; of all
+axes; feed-forward."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from abc import abstractmethod
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
+from pydantic import Field, ValidationInfo
 
 from fieldmap.control import (
     PID,
@@ -22,6 +27,7 @@ from fieldmap.control import (
 from fieldmap.dynamics.allocation import ParametrisedAllocation
 from fieldmap.dynamics.closed_loop import Schedule
 from fieldmap.dynamics.coupled import (
+    Lengths,
     LqgWeights,
     ScheduledController,
     feedforward,
@@ -29,169 +35,326 @@ from fieldmap.dynamics.coupled import (
     lqg_block,
     trajectory,
 )
-from fieldmap.dynamics.field_of_currents import FieldOfCurrents
 from fieldmap.dynamics.linearisation import linearise
 from fieldmap.dynamics.machine import Machine
 from fieldmap.dynamics.operating_point import OperatingPoint
-from fieldmap.dynamics.scenario.controller_schema import (
-    ConstantKeys,
-    CoupledKeys,
-    FeedforwardKeys,
-    LinearisationKeys,
-    OwnKeys,
-    PidKeys,
-    RegulatorKeys,
-)
-from fieldmap.dynamics.scenario.reading import Scenario
-from fieldmap.dynamics.scenario.start import operating_points_at
+from fieldmap.dynamics.surroundings import Three
 from fieldmap.errors import Infeasible
+from fieldmap.inputs.declared import Key, choice_of, table_of
+from fieldmap.inputs.document import AtKey
+from fieldmap.inputs.tables import NotNegative, Positive, Vector, broken
+from fieldmap.records import Record
 from fieldmap.typing import Array
 
-MILLI = 1e-3
+_Matrix = list[list[float]]
+_Pair = Annotated[list[float], Field(min_length=2, max_length=2)]
+_LIMITS = (
+    "0 to 10 V, -0.4 to 0.4 for lift and directions; else 0 to what the amplifiers give, or from minus that where "
+    "something that no current drives lifts as well, -1 to 1, unless given"
+)
+PointsAt = Callable[[Sequence[float]], list[OperatingPoint]]
+"""Operating points with the sensed point at these heights, m."""
 
 
-def block_of(scenario: Scenario, axis: str, operating_point: OperatingPoint) -> ControllerBlock:
-    """The controller of z (lift), x or y, in equilibrium at the operating point."""
-    contents = scenario.contents
-    keys = getattr(contents.control, axis)
-    zero, period = scenario.zero_depth_mm, MILLI * contents.control.period_ms
-    reading = AxisReading("z", -1e3, -zero) if axis == "z" else AxisReading(axis, 1e3)
-    output = float(operating_point.outputs["zxy".index(axis)])
-    if isinstance(keys, ConstantKeys):
-        return constant_block(output if keys.output is None else keys.output)
-    lower = -np.inf if keys.lower is None else keys.lower
-    upper = np.inf if keys.upper is None else keys.upper
-    at = np.concatenate([operating_point.sensed, operating_point.sensed, [1.0]])
-    if isinstance(keys, PidKeys):
+def _rises(upper: Any, info: ValidationInfo) -> None:
+    lower = info.data.get("lower")
+    if upper is not None and lower is not None and not np.all(np.less(lower, upper)):
+        raise broken("lower must be below upper", f"{lower} and {upper}", "swap them")
+
+
+Lower = Annotated[float | None, Key(float | None, "limit of the output")]
+Upper = Annotated[float | None, Key(float | None, "limit of the output", check=_rises)]
+LowerLimits = Annotated[Array | None, Key(Vector | None, f"lowest lift in V, x and y signals; {_LIMITS}")]
+UpperLimits = Annotated[
+    Array | None, Key(Vector | None, f"highest lift in V, x and y signals; {_LIMITS}", check=_rises)
+]
+
+
+class AxisController(Record):
+    """A controller of one axis."""
+
+    kind: ClassVar[str]
+
+    @abstractmethod
+    def block(self, reading: AxisReading, period: float, output: float, at: Array) -> ControllerBlock:
+        """Every `period`, s; in equilibrium with this output where reference and position are `at` (7,)."""
+
+
+@dataclass(frozen=True, repr=False)
+class Pid(AxisController):
+    """A sampled PID controller; without Ti_s a PD controller."""
+
+    kind: ClassVar[str] = "pid"
+
+    Kc: Annotated[float, Key(float, "gain, output per mm")]
+    Ti: Annotated[float | None, Key(Positive | None, "integral time in seconds; none: no integral", "s")] = (
+        None
+    )
+    Td: Annotated[float, Key(NotNegative, "derivative time in seconds", "s")] = 0.0
+    lower: Lower = None
+    upper: Upper = None
+    integration: Annotated[str, Key(Literal["rectangular", "trapezoidal"], "of the error")] = "trapezoidal"
+    anti_windup: Annotated[
+        str, Key(Literal["none", "hold", "track"], "behaviour of the integral at a limit")
+    ] = "none"
+    derivative: Annotated[str, Key(Literal["error", "measurement"], "of what")] = "error"
+
+    def block(self, reading: AxisReading, period: float, output: float, at: Array) -> ControllerBlock:
+        """Of the depth it acts on minus the error: more lift makes that less."""
         pid = PID(
-            keys.Kc,
-            np.inf if keys.Ti_s is None else keys.Ti_s,
-            keys.Td_s,
+            self.Kc,
+            np.inf if self.Ti is None else self.Ti,
+            self.Td,
             period,
-            lower,
-            upper,
-            keys.integration,
-            keys.anti_windup,
-            derivative=keys.derivative,
-            acts_on_minus_error=axis == "z",
+            *_limits_of(self),
+            self.integration,
+            self.anti_windup,
+            derivative=self.derivative,
+            acts_on_minus_error=reading.axis == "z",
         )
         return pid_block(pid, reading, output, at)
-    return regulator_block(_regulator(keys, period, (lower, upper), output), reading)
 
 
-def _regulator(keys: RegulatorKeys, period: float, limits: tuple[float, float], output: float) -> Regulator:
-    A, B, C = np.array(keys.A), np.array(keys.B)[:, None], np.array(keys.C)[None]
-    wide = with_output_integral(A, B, C)
-    weights = np.array(keys.Q)
-    k = lqrd(wide[0], wide[1], np.diag(weights) if weights.ndim == 1 else weights, [[keys.R]], period)
-    estimator = kalmd(A, B, C, keys.process_noise, keys.measurement_noise, period)
-    equilibrium = (output, 0.0) if keys.equilibrium is None else (keys.equilibrium[0], keys.equilibrium[1])
-    return Regulator(
-        k, estimator, period, equilibrium, keys.equilibrium_at, keys.estimate, keys.divisor, *limits
+@dataclass(frozen=True, repr=False)
+class Constant(AxisController):
+    """Open loop: a constant output."""
+
+    kind: ClassVar[str] = "constant"
+
+    output: Annotated[
+        float | None, Key(float | None, "its value; that of the equilibrium at the start unless given")
+    ] = None
+
+    def block(self, reading: AxisReading, period: float, output: float, at: Array) -> ControllerBlock:
+        """The given output, or that of the equilibrium."""
+        return constant_block(output if self.output is None else self.output)
+
+
+def _fits(Q: list[Any], info: ValidationInfo) -> None:
+    A, B, C = (info.data.get(name) for name in "ABC")
+    if A is None or B is None or C is None:
+        return
+    n = len(A)
+    square = all(len(row) == n for row in A)
+    weights = all(len(row) == n + 1 for row in Q if isinstance(row, list)) and len(Q) == n + 1
+    if not (square and len(B) == n == len(C) and weights):
+        must = "A must be square, B and C as long as it, Q one longer (the integral)"
+        received = f"A with {n} rows, B {len(B)}, C {len(C)}, Q {len(Q)}"
+        raise broken(must, received, "correct the matrices")
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class AxisRegulator(AxisController):
+    """Optimal state feedback (LQR) with a Kalman estimator and an integrator, on one axis."""
+
+    kind: ClassVar[str] = "regulator"
+
+    A: Annotated[Array, Key(_Matrix, "continuous model of the axis, mm and V: states by states")]
+    B: Annotated[Array, Key(list[float], "input of that model")]
+    C: Annotated[Array, Key(list[float], "output of that model, mm")]
+    Q: Annotated[
+        Array,
+        Key(
+            list[float] | _Matrix,
+            "weights of the states and of the integral of the deviation: their diagonal, or the matrix",
+            check=_fits,
+        ),
+    ]
+    R: Annotated[float, Key(Positive, "weight of the input")]
+    process_noise: Annotated[float, Key(Positive, "variance of the input's disturbance")]
+    measurement_noise: Annotated[float, Key(Positive, "variance of the measurement, mm^2")]
+    equilibrium: Annotated[
+        tuple[float, float] | None,
+        Key(
+            _Pair | None,
+            "[V, V/mm]: lift that carries the body; that of the equilibrium at the start unless given",
+        ),
+    ] = None
+    equilibrium_at: Annotated[str, Key(Literal["reference", "measured"], "where it is taken")] = "reference"
+    estimate: Annotated[str, Key(Literal["predicted", "filtered", "delayed"], "what is fed back")] = (
+        "filtered"
     )
+    divisor: Annotated[float, Key(Positive, "of the feedback")] = 1.0
+    lower: Lower = None
+    upper: Upper = None
 
-
-def coupled_controller(scenario: Scenario, machine: Machine, operating_point: OperatingPoint) -> Controller:
-    """The controller of [control.coupled], designed on the machine itself; in equilibrium where the run begins."""
-    keys, control = scenario.contents.control.coupled, scenario.contents.control
-    period, delay = MILLI * control.period_ms, MILLI * control.delay_ms
-    assert keys is not None
-    if isinstance(keys, OwnKeys):
-        must, remedy = (
-            "needs a controller that the caller gives",
-            "give one: controller=, or --controller FILE.py:NAME",
+    def block(self, reading: AxisReading, period: float, output: float, at: Array) -> ControllerBlock:
+        """Designed on its model; from its equilibrium."""
+        A, B, C = np.array(self.A), np.array(self.B)[:, None], np.array(self.C)[None]
+        wide = with_output_integral(A, B, C)
+        weights = np.diag(self.Q) if self.Q.ndim == 1 else self.Q
+        k = lqrd(wide[0], wide[1], weights, [[self.R]], period)
+        estimator = kalmd(A, B, C, self.process_noise, self.measurement_noise, period)
+        carried = (output, 0.0) if self.equilibrium is None else self.equilibrium
+        regulator = Regulator(
+            k, estimator, period, carried, self.equilibrium_at, self.estimate, self.divisor, *_limits_of(self)
         )
-        raise scenario.error("control.coupled", must, "none", remedy)
-    limits = _limits(keys, machine)
-    _check_limits(scenario, operating_point, limits)
-    if isinstance(keys, LinearisationKeys):
-        weights = _weights(scenario, keys, tuple(MILLI * value for value in keys.allowed_mN))
-        return force_controller(machine, operating_point, weights, period, *limits, delay, keys.rounds)
-    weights = _weights(scenario, keys, tuple(keys.allowed_outputs))
-    if keys.depths_mm is None:
-        return lqg_block(linearise(machine, operating_point), weights, period, delay, limits)
-    # Heights rise, so the deepest comes first.
-    depths = np.linspace(keys.depths_mm[1], keys.depths_mm[0], keys.designs)
-    points = operating_points_at(scenario, machine, operating_point, list(depths))
-    blocks = [lqg_block(linearise(machine, there), weights, period, delay, limits) for there in points]
-    heights = -MILLI * (scenario.zero_depth_mm + depths)
-    begin = lqg_block(linearise(machine, operating_point), weights, period, delay, limits).memory
-    first = replace(blocks[0], memory=begin)
-    return ScheduledController((first, *blocks[1:]), float(heights[0]), float(heights[1] - heights[0]))
+        return regulator_block(regulator, reading)
 
 
-def _limits(keys: CoupledKeys | FeedforwardKeys, machine: Machine) -> tuple[Array, Array]:
+def _limits_of(controller: Pid | AxisRegulator) -> tuple[float, float]:
+    lower, upper = controller.lower, controller.upper
+    return -np.inf if lower is None else lower, np.inf if upper is None else upper
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class CoupledController(LqgWeights):
+    """A controller of all axes, designed on the machine itself for deviations that count alike, and noise. Without
+    sensor the noise is that of the machine's sensors."""
+
+    kind: ClassVar[str]
+
+    lower: LowerLimits = None
+    upper: UpperLimits = None
+
+    def prepared(self, machine: Machine, start: OperatingPoint) -> tuple[LqgWeights, tuple[Array, Array]]:
+        """What it is designed for, with a sensor's noise, and its limits. Raises Infeasible."""
+        limits = limits_of(machine, self.lower, self.upper)
+        lower, upper = limits
+        if not ((lower <= start.outputs) & (start.outputs <= upper)).all():
+            lift, x, y = start.outputs
+            must = (
+                "lift, x and y at the operating point must lie within the limits, "
+                f"{lower.tolist()} to {upper.tolist()}"
+            )
+            received, remedy = f"{lift:.3g} V, {x:.3g}, {y:.3g}", "widen lower and upper, or begin elsewhere"
+            raise Infeasible(AtKey("control.coupled", must, received, remedy))
+        return (self if self.sensor is not None else replace(self, sensor=_noise(machine))), limits
+
+    @abstractmethod
+    def controller(
+        self, machine: Machine, start: OperatingPoint, points_at: PointsAt, period: float, delay: float
+    ) -> Controller:
+        """In equilibrium where the run begins. Raises Infeasible."""
+
+
+def _depths_rise(depths: list[float] | None, info: ValidationInfo) -> None:
+    if depths is not None and depths[0] >= depths[1]:
+        raise broken("the first of depths_mm must be less", f"{depths}", "swap them")
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Lqg(CoupledController):
+    """LQR of all axes with a Kalman filter on position, velocity and unknown force.
+
+    It is designed on the linearised machine and scheduled over the depth.
+    """
+
+    kind: ClassVar[str] = "lqg"
+
+    output: Annotated[
+        tuple[float, ...], Key(Lengths, "lift in V, x and y that count as much", name="allowed_outputs")
+    ] = (1.0, 0.1, 0.1)
+    depths: Annotated[
+        tuple[float, float] | None,
+        Key(
+            _Pair | None,
+            "from where to where it is designed; at the start alone unless given",
+            "mm",
+            check=_depths_rise,
+        ),
+    ] = None
+    designs: Annotated[int, Key(Annotated[int, Field(ge=2, le=100)], "how many, evenly between them")] = 11
+
+    def controller(
+        self, machine: Machine, start: OperatingPoint, points_at: PointsAt, period: float, delay: float
+    ) -> Controller:
+        """In equilibrium where the run begins. Raises Infeasible."""
+        weights, limits = self.prepared(machine, start)
+        at_start = lqg_block(linearise(machine, start), weights, period, delay, limits)
+        if self.depths is None:
+            return at_start
+        # Heights rise, so the deepest comes first.
+        depths = np.linspace(self.depths[1], self.depths[0], self.designs)
+        points = points_at((-(depths + machine.sensors.zero_depth)).tolist())
+        blocks = [lqg_block(linearise(machine, there), weights, period, delay, limits) for there in points]
+        heights = [there.sensed[2] for there in points]
+        first = replace(blocks[0], memory=at_start.memory)
+        return ScheduledController((first, *blocks[1:]), heights[0], heights[1] - heights[0])
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class FeedbackLinearisation(CoupledController):
+    """Feedback linearisation: a regulator of a free mass, with forces by the inverse map at every sample."""
+
+    kind: ClassVar[str] = "feedback_linearisation"
+
+    output: Annotated[tuple[float, ...], Key(Lengths, "forces that count as much", "mN", name="allowed")] = (
+        5e-3,
+        5e-3,
+        20e-3,
+    )
+    rounds: Annotated[int, Key(Annotated[int, Field(ge=1, le=20)], "of Newton's method at a sample")] = 2
+
+    def controller(
+        self, machine: Machine, start: OperatingPoint, points_at: PointsAt, period: float, delay: float
+    ) -> Controller:
+        """In equilibrium where the run begins. Raises Infeasible."""
+        weights, limits = self.prepared(machine, start)
+        return force_controller(machine, start, weights, period, *limits, delay, self.rounds)
+
+
+@dataclass(frozen=True, repr=False)
+class Own(Record):
+    """A function of one's own, which the caller gives.
+
+    `fieldmap.simulate(..., controller=function)`, or `fieldmap simulate --controller FILE.py:NAME`.
+    """
+
+    kind: ClassVar[str] = "own"
+
+    def controller(self, *machine: Any) -> None:
+        """None: the caller gives it."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Feedforward(Record):
+    """Outputs along the reference by the inverse map, beside any controller."""
+
+    field_error: Annotated[
+        float,
+        Key(
+            Annotated[float, Field(gt=-0.9, lt=9.0)],
+            "share by which its field is larger than the machine's: a model that is wrong",
+        ),
+    ] = 0.0
+    fastest: Annotated[float, Key(Positive, "beyond it a change of the reference is a step", "mm_per_s")] = (
+        50e-3
+    )
+    largest: Annotated[float, Key(Positive, "acceleration that is fed forward at most", "m_per_s2")] = 3.0
+    lower: LowerLimits = None
+    upper: UpperLimits = None
+
+    def added(
+        self, machine: Machine, controller: Controller, start: OperatingPoint, schedule: Schedule
+    ) -> Schedule:
+        """The schedule with the outputs along its references added to those in open loop."""
+        field = machine.magnetic
+        believed = replace(machine, magnetic=replace(field, scale=field.scale * (1.0 + self.field_error)))
+        limits = limits_of(machine, self.lower, self.upper)
+        path = trajectory(believed, start, schedule, *limits, self.fastest, self.largest)
+        added, given = feedforward(controller, schedule, path), schedule.feedforward
+        return replace(schedule, feedforward=added if given is None else given + added)
+
+
+AxisKeys = choice_of([table_of(kind, "kind") for kind in (Pid, Constant, AxisRegulator)], "kind")
+CoupledKeys = choice_of([table_of(kind, "kind") for kind in (Lqg, FeedbackLinearisation, Own)], "kind")
+
+
+def limits_of(machine: Machine, lower: Array | None, upper: Array | None) -> tuple[Array, Array]:
     """Lowest and highest lift, V, x and y signals: as given, or what suits the allocation."""
     divided, amplifier = isinstance(machine.allocation, ParametrisedAllocation), machine.drive.amplifier
     lift, signal = (10.0, 0.4) if divided else (amplifier.largest_current / amplifier.gain, 1.0)
     # Beside what no current drives, the coils may have to take lift away.
     least = -lift if machine.magnetic.constant and not divided else 0.0
-    lower = [least, -signal, -signal] if keys.lower is None else keys.lower
-    upper = [lift, signal, signal] if keys.upper is None else keys.upper
-    return np.array(lower), np.array(upper)
+    low = np.array([least, -signal, -signal]) if lower is None else lower
+    return low, np.array([lift, signal, signal]) if upper is None else upper
 
 
-def _check_limits(scenario: Scenario, operating_point: OperatingPoint, limits: tuple[Array, Array]) -> None:
-    """The limits must allow the outputs of the operating point. Raises Infeasible."""
-    lower, upper = limits
-    if not ((lower <= operating_point.outputs) & (operating_point.outputs <= upper)).all():
-        lift, x, y = operating_point.outputs
-        must = f"lift, x and y at the operating point must lie within the limits, {lower.tolist()} to {upper.tolist()}"
-        received = f"{lift:.3g} V, {x:.3g}, {y:.3g}"
-        remedy = "widen lower and upper, or begin elsewhere"
-        raise Infeasible(scenario.error("control.coupled", must, received, remedy).problems[0])
-
-
-def _weights(scenario: Scenario, keys: CoupledKeys, output: tuple[float, ...]) -> LqgWeights:
-    def metres(values: list[float]) -> tuple[float, float, float]:
-        x, y, depth = (MILLI * value for value in values)
-        return x, y, depth
-
-    return LqgWeights(
-        place=metres(keys.allowed_mm),
-        speed=metres(keys.allowed_mm_per_s),
-        output=output,
-        sensor=metres(_noise(scenario) if keys.noise_mm is None else keys.noise_mm),
-        force=metres(keys.shaking_mN),
-        drift=metres(keys.drift_mN),
-    )
-
-
-def _noise(scenario: Scenario) -> list[float]:
-    """Of x, y and depth, mm: of crossed sensors both get the root mean square of the two; 1 um where there is none."""
-    sensors = scenario.contents.sensors
-    a, b, depth = sensors.deviation_mm
-    if sensors.angle_deg:
-        c, s = np.cos(np.deg2rad(sensors.angle_deg)), np.sin(np.deg2rad(sensors.angle_deg))
+def _noise(machine: Machine) -> Three:
+    """Of x, y and z, m: of crossed sensors both get the root mean square of the two; 1 um where there is none."""
+    a, b, depth = machine.sensors.deviations
+    if machine.sensors.frame is not None:
+        c, s = np.cos(machine.sensors.frame.angle), np.sin(machine.sensors.frame.angle)
         a, b = float(np.hypot(c * a, s * b)), float(np.hypot(s * a, c * b))
-    return [max(value, 1e-3) for value in (a, b, depth)]
-
-
-def fed_forward(
-    scenario: Scenario,
-    machine: Machine,
-    controller: Controller,
-    operating_point: OperatingPoint,
-    schedule: Schedule,
-) -> Schedule:
-    """The schedule with the outputs of [control.feedforward] added to those in open loop."""
-    keys = scenario.contents.control.feedforward
-    if keys is None:
-        return schedule
-    believed = replace(machine, magnetic=_scaled(machine.magnetic, 1.0 + keys.field_error))
-    path = trajectory(
-        believed,
-        operating_point,
-        schedule,
-        *_limits(keys, machine),
-        MILLI * keys.fastest_mm_per_s,
-        keys.largest_m_per_s2,
-    )
-    added = feedforward(controller, schedule, path)
-    given = schedule.feedforward
-    return replace(schedule, feedforward=added if given is None else given + added)
-
-
-def _scaled(field: FieldOfCurrents, factor: float) -> FieldOfCurrents:
-    """The same field times a factor."""
-    return replace(field, scale=field.scale * factor)
+    return max(a, 1e-6), max(b, 1e-6), max(depth, 1e-6)

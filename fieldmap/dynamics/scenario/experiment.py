@@ -1,39 +1,41 @@
 """From a scenario to a run: machine, controller, schedule, state at the start."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from fieldmap.control.blocks import Controller, stacked
+from fieldmap.control.blocks import AxisReading, Controller, stacked
 from fieldmap.control.function_controller import FunctionController, as_controller
 from fieldmap.core.machine import POSITION, TURN, VELOCITY
-from fieldmap.device import Device
-from fieldmap.dynamics.allocation import ParametrisedAllocation
+from fieldmap.currents import LiftAndDirections
+from fieldmap.device import Device, read_device, recorded_device
+from fieldmap.dynamics.allocation import ControlAllocation, lift_and_directions
 from fieldmap.dynamics.closed_loop import Schedule, machine_for, simulate_closed_loop
-from fieldmap.dynamics.field_of_currents import FieldOfCurrents, linearised, modelled, superposed, tabled
+from fieldmap.dynamics.field_of_currents import sampled_field
 from fieldmap.dynamics.loop_run import LevitationRun
-from fieldmap.dynamics.machine import Machine
+from fieldmap.dynamics.machine import Machine, drive_of_device
 from fieldmap.dynamics.motion import state_of
 from fieldmap.dynamics.operating_point import OperatingPoint
-from fieldmap.dynamics.rigid_body import RigidBody
 from fieldmap.dynamics.running_machine import RunningMachine, given_outputs
-from fieldmap.dynamics.scenario.controller_schema import OwnKeys
-from fieldmap.dynamics.scenario.controllers import block_of, coupled_controller, fed_forward
-from fieldmap.dynamics.scenario.machine import body_of, device_and_map, machine_of
-from fieldmap.dynamics.scenario.metrics import RunMetrics, reading_mm, run_metrics
-from fieldmap.dynamics.scenario.reading import Scenario, read_scenario
-from fieldmap.dynamics.scenario.references import disturbances, open_loop_signals, references
-from fieldmap.dynamics.scenario.start import magnet_at, operating_point_at, starting_currents, with_depth
-from fieldmap.errors import NoEquilibrium
+from fieldmap.dynamics.scenario.controllers import AxisController
+from fieldmap.dynamics.scenario.metrics import RunMetrics, run_metrics
+from fieldmap.dynamics.scenario.references import control_times, disturbances, open_loop_signals, references
+from fieldmap.dynamics.scenario.schema import Scenario, Start, read_scenario
+from fieldmap.dynamics.scenario.start import Lift, floating, floating_at, outputs_near
+from fieldmap.errors import NoEquilibrium, ScenarioError
 from fieldmap.field import Field
-from fieldmap.lookup import FieldMap, saturates
+from fieldmap.inputs.document import AtKey
+from fieldmap.lookup import FieldMap, open_map, saturates
 from fieldmap.records import Record
+from fieldmap.shipped import is_file, shipped_file
 from fieldmap.typing import Array
 
-MILLI = 1e-3
+_ROUNDS = 12
+"""Of linearising saturating iron about the currents of the operating point, at most."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -57,15 +59,9 @@ class Experiment(Record):
         return (*self.machine.assumptions, *([own.assumption] if isinstance(own, FunctionController) else []))
 
     def warm(self) -> None:
-        """One control period, so that what is timed after it is compiled."""
-        first = replace(self.schedule, references=self.schedule.references[:1], feedforward=None, loads=None)
+        """Compile a controller that is a function, so that what is timed after it is not that."""
         if isinstance(self.controller, FunctionController):
-            # Without a call of the function, which may remember it.
-            names = machine_for(self.machine, self.controller.gives).allocation.output_names
-            self.controller.bound(names)
-            self.running(None, self.controller.gives).step(np.zeros(len(names)))
-            return
-        simulate_closed_loop(self.machine, self._given(), first, self.state, self.currents, None)
+            self.controller.bound(machine_for(self.machine, self.controller.gives).allocation.output_names)
 
     def run(self, seed: int | np.random.SeedSequence | None = None) -> LevitationRun:
         """One run; the scenario's own seed unless one is given."""
@@ -95,15 +91,13 @@ class Experiment(Record):
 
     def _given(self) -> Controller | FunctionController:
         if self.controller is None:
-            must, remedy = (
-                "needs a controller that the caller gives",
-                "give one: controller=, or --controller",
-            )
-            raise self.scenario.error("control.coupled", must, "none", remedy)
+            key, must = "control.coupled", "needs a controller that the caller gives"
+            remedy = "give one: controller=, or --controller FILE.py:NAME"
+            raise ScenarioError(self.scenario.document.problem(key, must, "none", remedy))
         return self.controller
 
     def _noise(self, seed: int | np.random.SeedSequence | None) -> int | np.random.SeedSequence | None:
-        noise = self.scenario.contents.noise
+        noise = self.scenario.settings.noise
         return None if noise.off else noise.seed if seed is None else seed
 
 
@@ -120,124 +114,177 @@ def prepare(
     ScenarioError, MapFileError, InputError, NoEquilibrium.
     """
     own = None if controller is None else as_controller(controller)
+    with scenario.document.placing():
+        return _prepared(scenario, field_map, device, own)
+
+
+def _prepared(scenario: Scenario, field: Field | None, device: Device | None, own: Any) -> Experiment:
+    settings = scenario.settings
+    control, start, period = settings.control, settings.start, settings.control.period
     if isinstance(own, FunctionController):
-        scenario = _with_function(scenario, own)
-    device, opened = device_and_map(scenario, field_map, device)
-    body = body_of(scenario, device, opened)
-    scenario = with_depth(scenario, device, opened, body)
-    machine, operating_point = _machine_at_operating_point(scenario, device, opened, body)
-    contents = scenario.contents
-    start_mm = reading_mm(scenario, operating_point.sensed)
-    wanted = references(scenario, start_mm)
-    control = contents.control
+        _refuse_beside(own, control.feedforward is not None, bool(settings.signal))
+        period = own.period or period
+    device, opened = _device_and_map(scenario.path.parent, settings.map, settings.device, field, device)
+    assert device.payload is not None
+    assert device.driver is not None
+    body = settings.body.body(device.payload, opened)
+
+    # Where the run begins, currents that about carry the body there, and how outputs become currents.
+    limits = drive_of_device(device, settings.coils.lowest_voltage).steady
+    signals = _lift_and_directions(opened, control.allocation, control.allocation_n)
+    lift = Lift(opened, device.payload, body, settings.field.scale, limits, signals is not None)
+    held = settings.held()
+    x, y = start.x or 0.0, start.y or 0.0
+    above = float((body.seen_at - body.magnet_at)[2])
+    if start.depth is None:
+        held[0][2] = round(lift.height(x, y) + above, 9)
+    magnet = np.array([x, y, held[0][2] - above])
+    currents = lift.currents(magnet)
+    allocation = signals or lift.allocation(magnet, currents, device.driver.gain)
+    settings.refuse_idle(allocation.idle)
+
+    # The machine in equilibrium, about whose currents saturating iron is linearised if that is asked for.
+    walls, beyond = scenario.contents.walls, settings.coils.end_beyond_table
+    about_currents = settings.field.iron == "linearised" and saturates(opened)
+    for _ in range(_ROUNDS if about_currents else 1):
+        machine = Machine(
+            settings.field.field(opened, currents),
+            body,
+            settings.coils.drive(device),
+            settings.sensors,
+            allocation,
+            settings.drag,
+            settings.plate,
+            settings.walls,
+            (*(() if walls is None else walls.end), *(("currents",) if beyond else ())),
+            settings.coils.longest_saturation,
+        )
+        point = floating(machine, held, outputs_near(machine, opened, currents))
+        change, currents = float(np.abs(point.currents - currents).max()), point.currents
+        if not about_currents or change < 1e-6:
+            break
+    else:
+        must, remedy = "currents of the operating point must settle", 'take field.iron = "model"'
+        raise NoEquilibrium(AtKey("start", must, f"a change of {change:.1e} A", remedy))
+
+    # What is asked for, and the controllers.
+    time, zero = control_times(settings.duration, period), np.array([0.0, 0.0, settings.zero_depth])
+    down = np.array([1.0, 1.0, -1.0])
+    wanted = references(settings.reference, control.compensator, point.sensed * down - zero, time, period)
     schedule = Schedule(
-        _into_map(wanted, scenario.zero_depth_mm),
-        MILLI * control.period_ms,
-        MILLI * control.step_ms,
-        MILLI * control.delay_ms,
-        open_loop_signals(scenario) if contents.signal else None,
-        disturbances(scenario),
-        contents.record.every,
+        (wanted + zero) * down,
+        period,
+        control.step,
+        control.delay,
+        open_loop_signals(settings.signal, time),
+        disturbances(settings.disturbance, time),
+        settings.record.every,
     )
-    if own is None:
-        own = _shipped(scenario, machine, operating_point)
-    if own is not None:
-        schedule = fed_forward(scenario, machine, own, operating_point, schedule)
-    begin = _start(scenario, operating_point)
-    return Experiment(
-        scenario, machine, own, schedule, begin, operating_point.currents, operating_point, device
-    )
+    coupled, points_at = control.coupled, partial(floating_at, machine, held, point)
+    if own is None and coupled is not None:
+        own = coupled.controller(machine, point, points_at, period, control.delay)
+    elif own is None:
+        own = _of_axes((control.z, control.x, control.y), point, period, settings.zero_depth)
+    if own is not None and control.feedforward is not None:
+        schedule = control.feedforward.added(machine, own, point, schedule)
+    return Experiment(scenario, machine, own, schedule, _begin(start, point), currents, point, device)
 
 
-def _shipped(scenario: Scenario, machine: Machine, operating_point: OperatingPoint) -> Controller | None:
-    """The controller that a scenario describes; None where it leaves it to the caller."""
-    if isinstance(scenario.contents.control.coupled, OwnKeys):
-        return None
-    if scenario.contents.control.coupled is not None:
-        return coupled_controller(scenario, machine, operating_point)
-    return stacked(*(block_of(scenario, axis, operating_point) for axis in "zxy"))
-
-
-def _with_function(scenario: Scenario, controller: FunctionController) -> Scenario:
-    """The scenario at the function's own period. Raises ScenarioError for keys that a function cannot follow."""
-    contents = scenario.contents
-    if contents.control.feedforward is not None:
+def _refuse_beside(controller: FunctionController, feedforward: bool, signals: bool) -> None:
+    """Raises ScenarioError for keys that a function cannot follow."""
+    if feedforward:
         must, remedy = "must be left out beside a controller that is a function", "add it in the function"
-        raise scenario.error("control.feedforward", must, "both", remedy)
-    if contents.signal and controller.gives != "signals":
+        raise ScenarioError(AtKey("control.feedforward", must, "both", remedy))
+    if signals and controller.gives != "signals":
         must, remedy = "must be left out: the outputs are no signals", 'take gives="signals", or leave it out'
-        raise scenario.error("signal", must, controller.gives, remedy)
-    if controller.period is None:
-        return scenario
-    control = contents.control.model_copy(update={"period_ms": controller.period / MILLI})
-    return replace(scenario, contents=contents.model_copy(update={"control": control}))
+        raise ScenarioError(AtKey("signal", must, controller.gives, remedy))
 
 
-def _machine_at_operating_point(
-    scenario: Scenario, device: Device, opened: FieldMap, body: RigidBody
-) -> tuple[Machine, OperatingPoint]:
-    """The machine and its operating point, about whose currents saturating iron is linearised if that is asked for."""
-    keys = scenario.contents.field
-    guess, allocation = starting_currents(scenario, device, opened, body, magnet_at(scenario, opened, body))
-    if not saturates(opened) or keys.iron != "linearised":
-        machine = machine_of(scenario, device, body, _field_of(scenario, opened), allocation)
-        return machine, _first_point(scenario, machine, opened, guess)
-    currents, operating_point = guess, None
-    for _ in range(12):
-        field = linearised(opened, currents, keys.scale)
-        machine = machine_of(scenario, device, body, field, allocation)
-        operating_point = _first_point(scenario, machine, opened, currents)
-        change = float(np.abs(operating_point.currents - currents).max())
-        currents = operating_point.currents
-        if change < 1e-6:
-            return machine, operating_point
-    raise NoEquilibrium(
-        scenario.error(
-            "start",
-            "currents of the operating point must settle",
-            f"a change of {change:.1e} A",
-            'take field.iron = "model"',
-        ).problems[0]
+def _device_and_map(
+    folder: Path, map_name: str, device_name: str | None, field: Field | None, device: Device | None
+) -> tuple[Device, FieldMap]:
+    """The device, the map's own unless one is given or named, and the opened map, or one of the given field. Raises
+    ScenarioError, MapFileError, InputError."""
+    if device is None and device_name is not None:
+        # The last is that of a shipped scenario, given on the command line.
+        places = (folder / device_name, shipped_file("geometry", device_name), Path(device_name))
+        found = next((path for path in places if path is not None and is_file(path)), None)
+        if found is None:
+            must = "a file relative to the scenario, or the name of a shipped one"
+            raise ScenarioError(AtKey("device", must, f'"{device_name}"', "correct the name"))
+        device = read_device(found)
+    opened = sampled_field(field) if field is not None else _open_map(folder, map_name)
+    if device is None:
+        text = opened.info.provenance.device_text
+        if not text:
+            must, remedy = "must be named where the map does not record one", 'add device = "FILE.toml"'
+            raise ScenarioError(AtKey("device", must, "none", remedy))
+        device = recorded_device(text)
+    for table in ("payload", "driver"):
+        if getattr(device, table) is None:
+            remedy = f"add [{table}] to the device file"
+            if device_name is None:
+                remedy += ", which the map recorded as it was, and name the file: --set device=FILE.toml"
+            raise ScenarioError(AtKey("device", f"must have a [{table}]", "none", remedy))
+    if len(opened.coil_names) != len(device.coils):
+        must = f"must be a map of the device's {len(device.coils)} coils"
+        remedy = "name the device that the map was made of, or none"
+        raise ScenarioError(AtKey("map", must, f"{len(opened.coil_names)} coils", remedy))
+    return device, opened
+
+
+def _open_map(folder: Path, name: str) -> FieldMap:
+    """The map: relative to the scenario, as given, or by its name in maps/out."""
+    out = Path("maps") / "out"
+    for path in (folder / name, Path(name), out / name, out / f"{name}.h5"):
+        if is_file(path):
+            return open_map(path, outside_currents="evaluate")
+    must = "must be a map file relative to the scenario, or the name of one in maps/out"
+    remedy = f"make it: fieldmap map {Path(name).stem}, or give --map"
+    raise ScenarioError(AtKey("map", must, f'"{name}"', remedy))
+
+
+def _lift_and_directions(
+    opened: FieldMap, allocation: str | None, n: float | None
+) -> ControlAllocation | None:
+    """The allocation to six coils in two rows, if it is asked for or the map was made for it. Raises ScenarioError."""
+    coils, own = len(opened.coil_names), opened.parametrisation
+    if allocation == "least_power" or (allocation is None and not isinstance(own, LiftAndDirections)):
+        return None
+    if coils != 6:
+        must, remedy = "must be least_power: lift_and_directions is for six coils", "change or leave it out"
+        raise ScenarioError(AtKey("control.allocation", must, f"a map of {coils} coils", remedy))
+    if n is None:
+        if not isinstance(own, LiftAndDirections):
+            must = "must be given for a map that was not made for lift_and_directions"
+            raise ScenarioError(AtKey("control.allocation_n", must, "none", "write allocation_n"))
+        n = own.n
+    return lift_and_directions(n)
+
+
+def _of_axes(
+    controllers: Sequence[AxisController | None], point: OperatingPoint, period: float, zero_depth: float
+) -> Controller:
+    """One controller of those of lift, x and y."""
+    at = np.concatenate([point.sensed, point.sensed, [1.0]])
+    depth = AxisReading("z", -1e3, -1e3 * zero_depth)
+    blocks = zip(
+        controllers, (depth, AxisReading("x", 1e3), AxisReading("y", 1e3)), point.outputs, strict=True
     )
+    return stacked(*(one.block(axis, period, float(out), at) for one, axis, out in blocks if one is not None))
 
 
-def _field_of(scenario: Scenario, opened: FieldMap) -> FieldOfCurrents:
-    """The field of the currents, at any of them that the map is for."""
-    keys = scenario.contents.field
-    if not saturates(opened):
-        return superposed(opened, keys.scale)
-    if keys.iron == "table" or (keys.iron == "auto" and keys.table is not None):
-        nodes = None if keys.table is None else (keys.table[0], keys.table[1], keys.table[2])
-        return tabled(opened, nodes, keys.scale)
-    return modelled(opened, keys.scale)
-
-
-def _first_point(scenario: Scenario, machine: Machine, opened: FieldMap, currents: Array) -> OperatingPoint:
-    divided = isinstance(machine.allocation, ParametrisedAllocation)
-    level = float(np.mean(currents) if divided else np.abs(currents).max())
-    if not divided and opened.fixed_sources:
-        lift = machine.allocation.voltages(np.array([1.0, 0.0, 0.0]))
-        level = float(currents @ lift / (lift @ lift))
-    guess = [level / machine.drive.amplifier.gain, 0.0, 0.0]
-    return operating_point_at(scenario, machine, scenario.start_depth_mm, guess)
-
-
-def _start(scenario: Scenario, operating_point: OperatingPoint) -> Array:
+def _begin(start: Start, point: OperatingPoint) -> Array:
     """The state of the operating point, shifted, leaning and moving as asked for."""
-    keys = scenario.contents.start
-    state = operating_point.state.copy()
-    x, y, depth = (MILLI * value for value in keys.shift_mm)
+    state = point.state.copy()
+    x, y, depth = start.shift
     state[POSITION : POSITION + 3] += x, y, -depth
-    state[VELOCITY : VELOCITY + 3] = MILLI * np.asarray(keys.velocity_mm_per_s)
-    half = np.deg2rad(keys.lean_deg) / 2
+    state[VELOCITY : VELOCITY + 3] = start.velocity
+    half = 0.5 * start.lean
     w, a, b, c = state[TURN : TURN + 4]
     turned = [w * np.cos(half) - a * np.sin(half), a * np.cos(half) + w * np.sin(half)]
     turned += [b * np.cos(half) - c * np.sin(half), c * np.cos(half) + b * np.sin(half)]
     return state_of(state[:3], state[3:6], turned, state[10:])
-
-
-def _into_map(reading: Array, zero_mm: float) -> Array:
-    return (reading + [0.0, 0.0, zero_mm]) * [MILLI, MILLI, -MILLI]
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -10,24 +10,23 @@ from numpy.typing import NDArray
 
 from fieldmap.control.blocks import Controller
 from fieldmap.control.function_controller import FunctionController
+from fieldmap.dynamics.linear_loop import ClosedLoop, Margins, close_loop, margins
 from fieldmap.dynamics.linearisation import (
     ABOUT_Z,
     VELOCITIES,
-    ClosedLoop,
     Controllability,
     Coupling,
     LinearMachine,
-    Margins,
     Mode,
-    close_loop,
     controllability,
     coupling,
     linearise,
-    margins,
     modes,
 )
 from fieldmap.dynamics.scenario.experiment import Experiment
-from fieldmap.dynamics.scenario.start import operating_points_at
+from fieldmap.dynamics.scenario.metrics import reading_mm
+from fieldmap.dynamics.scenario.start import floating_at
+from fieldmap.errors import ScenarioError
 from fieldmap.plain import Plain, plain_items
 from fieldmap.records import Record
 
@@ -52,16 +51,18 @@ def linear_points(experiment: Experiment, depths_mm: Sequence[float] | None = No
     Raises NoEquilibrium, Infeasible or OutsideMapError where it has no equilibrium at a depth; ScenarioError for a
     controller that is a function, whose slopes are not known: `linearise` gives the machine by itself.
     """
-    scenario, machine = experiment.scenario, experiment.machine
+    scenario, machine, start = experiment.scenario, experiment.machine, experiment.operating_point
     controller = experiment.controller
     if controller is None or isinstance(controller, FunctionController):
-        must, remedy = (
-            "must be a controller with a model",
-            "take a shipped one, or fieldmap.dynamics.linearise",
-        )
-        raise scenario.error("control.coupled", must, "a function of one's own", remedy)
-    depths = [scenario.start_depth_mm] if depths_mm is None else list(depths_mm)
-    points = operating_points_at(scenario, machine, experiment.operating_point, depths)
+        must = "must be a controller with a model"
+        remedy = "take a shipped one, or fieldmap.dynamics.linearise"
+        problem = scenario.document.problem("control.coupled", must, "a function of one's own", remedy)
+        raise ScenarioError(problem)
+    begin = round(float(reading_mm(scenario, start.sensed)[2]), 9)
+    depths = [begin] if depths_mm is None else list(depths_mm)
+    heights = [scenario.settings.height(1e-3 * depth) for depth in depths]
+    with scenario.document.placing():
+        points = floating_at(machine, scenario.settings.held(), start, heights)
     return [
         _point(experiment, controller, depth, linearise(machine, operating_point))
         for depth, operating_point in zip(depths, points, strict=True)

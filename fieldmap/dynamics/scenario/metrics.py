@@ -9,9 +9,8 @@ import numpy as np
 from fieldmap.control import StepMetrics, step_metrics
 from fieldmap.core.machine import STATE, VELOCITY, sensed_point
 from fieldmap.dynamics.loop_run import IronUse, LevitationRun
-from fieldmap.dynamics.scenario.reading import Scenario
-from fieldmap.dynamics.scenario.references import AXES
-from fieldmap.dynamics.scenario.schema import StepKeys
+from fieldmap.dynamics.scenario.references import AXES, Step
+from fieldmap.dynamics.scenario.schema import Scenario
 from fieldmap.records import Record
 from fieldmap.typing import Array
 
@@ -129,19 +128,19 @@ def _step(scenario: Scenario, time: Array, true: Array, wanted: Array, axis: str
     """Of the first step of an axis whose reference does nothing else until the next."""
     pieces = [
         piece
-        for piece in scenario.contents.reference
-        if getattr(piece, "axis", axis) == axis and getattr(piece, "by_mm", None) != 0.0
+        for piece in scenario.settings.reference
+        if piece.moves(axis) and getattr(piece, "by", None) != 0.0
     ]
-    steps = sorted((piece for piece in pieces if isinstance(piece, StepKeys)), key=lambda piece: piece.at_s)
+    steps = sorted((piece for piece in pieces if isinstance(piece, Step)), key=lambda piece: piece.at)
     if not steps or len(steps) != len(pieces):
         return None
-    ends = steps[1].at_s if len(steps) > 1 else np.inf
+    ends = steps[1].at if len(steps) > 1 else np.inf
     if steps[0].times > 1:
-        ends = min(ends, steps[0].at_s + steps[0].every_s)
-    part = (time >= steps[0].at_s - 1e-9) & (time < ends - 1e-9)
-    before = true[time < steps[0].at_s - 1e-9]
+        ends = min(ends, steps[0].at + steps[0].every)
+    part = (time >= steps[0].at - 1e-9) & (time < ends - 1e-9)
+    before = true[time < steps[0].at - 1e-9]
     if part.sum() < 20:
         return None
     final = float(wanted[part][-1])
-    initial = float(before[-1]) if len(before) else final - steps[0].by_mm
+    initial = float(before[-1]) if len(before) else final - 1e3 * steps[0].by
     return step_metrics(time[part], true[part], initial=initial, final=final)

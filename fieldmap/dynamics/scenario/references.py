@@ -1,51 +1,229 @@
 """Signals of a scenario: references, outputs in open loop, disturbances, one row per control period."""
 
+from abc import abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
+from pydantic import Field, ValidationInfo
 
 from fieldmap.control import compensated_reference
 from fieldmap.control.identification import pseudo_random_binary
-from fieldmap.dynamics.scenario.reading import Scenario
-from fieldmap.dynamics.scenario.schema import (
-    BinaryKeys,
-    CircleKeys,
-    RampKeys,
-    SineKeys,
-    StepKeys,
-    TableKeys,
-)
+from fieldmap.errors import ScenarioError
+from fieldmap.inputs.declared import Key, choice_of, kinds_of, table_of
+from fieldmap.inputs.document import AtKey
+from fieldmap.inputs.tables import NotNegative, Positive, Text, Vector, broken
+from fieldmap.records import Record
 from fieldmap.typing import Array
 
 AXES = ("x", "y", "depth")
 OUTPUTS = ("lift_V", "x", "y")
+MOST_PERIODS = 5_000_000
+"""Of a run, which then takes some 2.5 GB."""
+
+Axis = Annotated[str, Key(Literal["x", "y", "depth"], "whose reference")]
+Begins = Annotated[float, Key(NotNegative, "when it begins", "s")]
+Amplitude = Annotated[float, Key(float, "amplitude", "mm")]
 
 
-def references(scenario: Scenario, start_mm: Array) -> Array:
-    """(p, 3) x, y, depth in mm of the sensed point, from the start's (3,) on."""
-    contents = scenario.contents
-    time = control_times(scenario)
-    wanted: Array = np.tile(np.asarray(start_mm, float), (len(time), 1))
-    for number, piece in enumerate(contents.reference):
-        if isinstance(piece, CircleKeys):
-            wanted[:, :2] += _circle(piece, time)
-        elif isinstance(piece, TableKeys):
-            wanted = _table(scenario, piece, f"reference.{number}.file", time)
-        else:
-            wanted[:, AXES.index(piece.axis)] += _one(piece, time)
-    push = contents.control.compensator
-    if push is not None:
-        depth, aside = 1e-3 * wanted[:, 2], 1e-3 * wanted[:, AXES.index(push.axis)]
-        period = 1e-3 * contents.control.period_ms
-        lifted = compensated_reference(depth, aside, period, 1e-3 * push.push_mm, 1e-3 * push.duration_ms)
-        wanted[:, 2] = 1e3 * lifted
-    return wanted
+class Reference(Record):
+    """A change of the references; the classes derived from it are its kinds."""
+
+    kind: ClassVar[str]
+
+    @abstractmethod
+    def changed(self, wanted: Array, time: Array, key: str) -> Array:
+        """The references (p, 3), x, y and depth in m, at times (p,), s, with this change. key: its place in the
+        file."""
+
+    def moves(self, axis: str) -> bool:
+        """Whether it asks something of this axis."""
+        return getattr(self, "axis", axis) == axis
 
 
-def control_times(scenario: Scenario) -> Array:
+@dataclass(frozen=True, repr=False)
+class _AlongAxis(Reference):
+    """A change along one axis."""
+
+    axis: Axis
+
+    def changed(self, wanted: Array, time: Array, key: str) -> Array:
+        """With what is added along the axis."""
+        added = np.zeros_like(wanted)
+        added[:, AXES.index(self.axis)] = self.added(time)
+        return wanted + added
+
+    @abstractmethod
+    def added(self, time: Array) -> Array:
+        """(p,), m."""
+
+
+@dataclass(frozen=True, repr=False)
+class Step(_AlongAxis):
+    """A step, or equal steps one after the other."""
+
+    kind: ClassVar[str] = "step"
+
+    at: Annotated[float, Key(NotNegative, "when", "s")]
+    by: Annotated[float, Key(float, "by how much", "mm")]
+    times: Annotated[int, Key(Annotated[int, Field(ge=1, le=MOST_PERIODS)], "how many of them")] = 1
+    every: Annotated[float, Key(Positive, "time from one to the next", "s")] = 1.0
+
+    def added(self, time: Array) -> Array:
+        """(p,), m."""
+        made = np.floor(_since(time, self.at) / self.every + 1e-9) + 1.0
+        return self.by * np.clip(made, 0.0, self.times)
+
+
+@dataclass(frozen=True, repr=False)
+class Ramp(_AlongAxis):
+    """A ramp."""
+
+    kind: ClassVar[str] = "ramp"
+
+    at: Begins
+    by: Annotated[float, Key(float, "by how much in all", "mm")]
+    rate: Annotated[float, Key(Positive, "how fast", "mm_per_s")]
+
+    def added(self, time: Array) -> Array:
+        """(p,), m."""
+        gone = np.clip(_since(time, self.at), 0.0, None) * self.rate
+        return np.sign(self.by) * np.minimum(gone, abs(self.by))
+
+
+@dataclass(frozen=True, repr=False)
+class Sine(_AlongAxis):
+    """A sine."""
+
+    kind: ClassVar[str] = "sine"
+
+    amplitude: Amplitude
+    frequency: Annotated[float, Key(Positive, "frequency", "Hz")]
+    at: Begins = 0.0
+
+    def added(self, time: Array) -> Array:
+        """(p,), m."""
+        since = _since(time, self.at)
+        return np.where(since >= 0.0, self.amplitude * np.sin(2.0 * np.pi * self.frequency * since), 0.0)
+
+
+@dataclass(frozen=True, repr=False)
+class BinarySequence(_AlongAxis):
+    """A pseudo-random binary sequence of 0 and the amplitude."""
+
+    kind: ClassVar[str] = "prbs"
+
+    amplitude: Amplitude
+    bit: Annotated[float, Key(Positive, "length of a bit", "ms")]
+    at: Begins = 0.0
+    order: Annotated[int, Key(Annotated[int, Field(ge=3, le=16)], "of the shift register")] = 8
+
+    def added(self, time: Array) -> Array:
+        """(p,), m."""
+        since, bits = _since(time, self.at), pseudo_random_binary(self.order)
+        index = np.floor(np.clip(since, 0.0, None) / self.bit).astype(int) % len(bits)
+        return np.where(since >= 0.0, self.amplitude * (bits[index] > 0), 0.0)
+
+
+@dataclass(frozen=True, repr=False)
+class Circle(Reference):
+    """A circle in x and y about the starting reference."""
+
+    kind: ClassVar[str] = "circle"
+
+    radius: Annotated[float, Key(Positive, "radius", "mm")]
+    rate: Annotated[float, Key(float, "angular velocity", "rad_per_s")]
+    at: Annotated[
+        float, Key(NotNegative, "when it begins; the reference is at x = radius from there on", "s")
+    ] = 0.0
+    out_at: Annotated[
+        float | None,
+        Key(
+            NotNegative | None,
+            "when it leaves for x = radius; at at_s, in one step, unless given",
+            "s",
+        ),
+    ] = None
+    out: Annotated[float, Key(Positive, "how fast it goes there", "mm_per_s")] = 1e-3
+
+    def changed(self, wanted: Array, time: Array, key: str) -> Array:
+        """Out along x to the radius, then the angle grows by rate Ts every period."""
+        since = _since(time, self.at)
+        angle, on = self.rate * np.clip(since - 1e-9, 0.0, None), since >= 0.0
+        path = (
+            self.radius * on[:, None] * np.column_stack([np.cos(angle), np.sin(angle), np.zeros_like(time)])
+        )
+        if self.out_at is not None:
+            gone = self.out * np.clip(time - self.out_at, 0.0, None)
+            path[:, 0] += np.where(on, 0.0, np.minimum(gone, self.radius))
+        return wanted + path
+
+
+@dataclass(frozen=True, repr=False)
+class TableOfReferences(Reference):
+    """A reference from a CSV file: time in s, then x, y and depth in mm, with a line of names."""
+
+    kind: ClassVar[str] = "csv"
+
+    file: Annotated[Path, Key(Text, "path, relative to the scenario")]
+
+    def changed(self, wanted: Array, time: Array, key: str) -> Array:
+        """What the file says in the place of all before."""
+        must = "must be a CSV file of time in s and x, y, depth in mm, with a line of names"
+        try:
+            rows = np.loadtxt(self.file, delimiter=",", skiprows=1, ndmin=2)
+        except (OSError, ValueError) as error:
+            raise ScenarioError(
+                AtKey(f"{key}.file", must, str(error), "correct the path or the file")
+            ) from None
+        if rows.shape[1] != 4 or not np.isfinite(rows).all() or (np.diff(rows[:, 0]) <= 0).any():
+            received = f"{rows.shape[0]} rows of {rows.shape[1]} numbers"
+            raise ScenarioError(AtKey(f"{key}.file", f"{must}, time rising", received, "correct the file"))
+        return np.column_stack([np.interp(time, rows[:, 0], 1e-3 * column) for column in rows[:, 1:].T])
+
+
+@dataclass(frozen=True, repr=False)
+class Compensator(Record):
+    """A push of the vertical reference when the horizontal one moves."""
+
+    push: Annotated[float, Key(float, "how far the reference is pushed", "mm")]
+    duration: Annotated[float, Key(Positive, "how long the push lasts", "ms")]
+    axis: Annotated[str, Key(Literal["x", "y"], "whose reference sets it off")] = "x"
+
+
+@dataclass(frozen=True, repr=False)
+class Signal(Record):
+    """A step of an output that no controller sets: an axis in open loop."""
+
+    output: Annotated[str, Key(Literal["lift_V", "x", "y"], "of which output")]
+    at: Annotated[float, Key(NotNegative, "when", "s")]
+    by: Annotated[float, Key(float, "by how much")]
+
+
+def _later(until: float, info: ValidationInfo) -> None:
+    begin = info.data.get("from_s", -1.0)
+    if until <= begin:
+        received = f"from_s = {begin:g}, until_s = {until:g}"
+        raise broken("until_s must be later than from_s", received, "swap or correct them")
+
+
+@dataclass(frozen=True, repr=False)
+class Disturbance(Record):
+    """A force on the body."""
+
+    force: Annotated[Array, Key(Vector, "x, y, z", "mN")]
+    begin: Annotated[float, Key(NotNegative, "when it begins", "s", name="from")]
+    end: Annotated[float, Key(NotNegative, "when it ends", "s", name="until", check=_later)]
+
+
+ReferenceKeys = choice_of([table_of(kind, "kind") for kind in kinds_of(Reference).values()], "kind")
+
+
+def control_times(duration: float, period: float) -> Array:
     """Times (p,) of the control task, s."""
-    period = 1e-3 * scenario.contents.control.period_ms
-    return period * np.arange(max(1, round(scenario.contents.duration_s / period)), dtype=np.float64)
+    return period * np.arange(max(1, round(duration / period)), dtype=np.float64)
 
 
 def _since(time: Array, at: float) -> Array:
@@ -53,64 +231,36 @@ def _since(time: Array, at: float) -> Array:
     return time - at + 1e-9
 
 
-def _one(piece: StepKeys | RampKeys | SineKeys | BinaryKeys, time: Array) -> Array:
-    since = _since(time, piece.at_s)
-    if isinstance(piece, StepKeys):
-        made = np.floor(since / piece.every_s + 1e-9) + 1.0
-        return piece.by_mm * np.clip(made, 0.0, piece.times)
-    if isinstance(piece, RampKeys):
-        gone = np.clip(since, 0.0, None) * piece.rate_mm_per_s
-        return np.sign(piece.by_mm) * np.minimum(gone, abs(piece.by_mm))
-    if isinstance(piece, SineKeys):
-        phase = 2.0 * np.pi * piece.frequency_Hz * since
-        return np.where(since >= 0.0, piece.amplitude_mm * np.sin(phase), 0.0)
-    bits = pseudo_random_binary(piece.order)
-    index = np.floor(np.clip(since, 0.0, None) / (1e-3 * piece.bit_ms)).astype(int) % len(bits)
-    return np.where(since >= 0.0, piece.amplitude_mm * (bits[index] > 0), 0.0)
+def references(
+    changes: Sequence[Reference], compensator: Compensator | None, start: Array, time: Array, period: float
+) -> Array:
+    """(p, 3) x, y, depth in m of the sensed point at times (p,), s, from the start's (3,) on."""
+    wanted: Array = np.tile(np.asarray(start, float), (len(time), 1))
+    for number, change in enumerate(changes):
+        wanted = change.changed(wanted, time, f"reference.{number}")
+    if compensator is not None:
+        aside = wanted[:, AXES.index(compensator.axis)]
+        wanted[:, 2] = compensated_reference(
+            wanted[:, 2], aside, period, compensator.push, compensator.duration
+        )
+    return wanted
 
 
-def _circle(piece: CircleKeys, time: Array) -> Array:
-    """Out along x to the radius, then the angle grows by rate Ts every period."""
-    since = _since(time, piece.at_s)
-    angle = piece.rate_rad_per_s * np.clip(since - 1e-9, 0.0, None)
-    on = (since >= 0.0)[:, None]
-    path: Array = piece.radius_mm * on * np.column_stack([np.cos(angle), np.sin(angle)])
-    if piece.out_at_s is not None:
-        gone = piece.out_mm_per_s * np.clip(time - piece.out_at_s, 0.0, None)
-        path[:, 0] += np.where(on[:, 0], 0.0, np.minimum(gone, piece.radius_mm))
-    return path
-
-
-def _table(scenario: Scenario, piece: TableKeys, key: str, time: Array) -> Array:
-    path = Path(scenario.path).parent / piece.file
-    must = "must be a CSV file of time in s and x, y, depth in mm, with a line of names"
-    try:
-        rows = np.loadtxt(path, delimiter=",", skiprows=1, ndmin=2)
-    except (OSError, ValueError) as error:
-        raise scenario.error(key, must, str(error), "correct the path or the file") from None
-    if rows.shape[1] != 4 or not np.isfinite(rows).all() or (np.diff(rows[:, 0]) <= 0).any():
-        received = f"{rows.shape[0]} rows of {rows.shape[1]} numbers"
-        raise scenario.error(key, f"{must}, time rising", received, "correct the file")
-    return np.column_stack([np.interp(time, rows[:, 0], column) for column in rows[:, 1:].T])
-
-
-def open_loop_signals(scenario: Scenario) -> Array:
-    """(p, 3): what is added to the outputs."""
-    time = control_times(scenario)
+def open_loop_signals(signals: Sequence[Signal], time: Array) -> Array | None:
+    """(p, 3): what is added to the outputs; None where nothing is."""
+    if not signals:
+        return None
     added = np.zeros((len(time), 3))
-    for piece in scenario.contents.signal:
-        added[:, OUTPUTS.index(piece.output)] += np.where(_since(time, piece.at_s) >= 0.0, piece.by, 0.0)
+    for one in signals:
+        added[:, OUTPUTS.index(one.output)] += np.where(_since(time, one.at) >= 0.0, one.by, 0.0)
     return added
 
 
-def disturbances(scenario: Scenario) -> Array:
-    """(p, 6) force in N and torque; (1, 6) zeros where there is none."""
-    pieces = scenario.contents.disturbance
-    if not pieces:
-        return np.zeros((1, 6))
-    time = control_times(scenario)
+def disturbances(forces: Sequence[Disturbance], time: Array) -> Array | None:
+    """(p, 6) force in N and torque; None where there is none."""
+    if not forces:
+        return None
     loads = np.zeros((len(time), 6))
-    for piece in pieces:
-        on = (_since(time, piece.from_s) >= 0.0) & (_since(time, piece.until_s) < 0.0)
-        loads[on, :3] += 1e-3 * np.asarray(piece.force_mN)
+    for one in forces:
+        loads[(_since(time, one.begin) >= 0.0) & (_since(time, one.end) < 0.0), :3] += one.force
     return loads

@@ -1,371 +1,469 @@
-"""What a scenario file may hold: the tables of the TOML file, with their rules. Lengths in mm, as their keys say."""
+"""What a scenario file may hold, table by table, and how it is read."""
 
-from typing import Annotated, Literal
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Annotated, Any, Literal
 
-from pydantic import Field, Tag, model_validator
+import numpy as np
+from pydantic import Field, ValidationInfo
 
-from fieldmap.dynamics.scenario.controller_schema import AxisController, CoupledController, FeedforwardKeys
-from fieldmap.errors import ScenarioError
-from fieldmap.inputs.kinds import FileKind
-from fieldmap.inputs.tables import (
-    Format,
-    NotNegative,
-    Point,
-    Positive,
-    Table,
-    Text,
-    Vector,
-    broken,
-    chosen_by,
+from fieldmap.device import Device, Payload
+from fieldmap.dynamics.field_of_currents import FieldOfCurrents, linearised, modelled, superposed, tabled
+from fieldmap.dynamics.machine import CoilDrive, drive_of_device
+from fieldmap.dynamics.rigid_body import RigidBody, body_of_payload
+from fieldmap.dynamics.scenario.controllers import (
+    AxisController,
+    AxisKeys,
+    Constant,
+    CoupledController,
+    CoupledKeys,
+    FeedbackLinearisation,
+    Feedforward,
+    Own,
 )
+from fieldmap.dynamics.scenario.references import (
+    MOST_PERIODS,
+    Compensator,
+    Disturbance,
+    Reference,
+    ReferenceKeys,
+    Signal,
+)
+from fieldmap.dynamics.sensors import Bits, ChainKeys, Sensors
+from fieldmap.dynamics.surroundings import Drag, Plate, Three, Walls
+from fieldmap.errors import Problem, ScenarioError
+from fieldmap.inputs.declared import Key, record_of, table_of
+from fieldmap.inputs.document import AtKey, Document, schema_findings
+from fieldmap.inputs.kinds import FileKind
+from fieldmap.inputs.tables import Format, NotNegative, Positive, Table, Text, Vector, broken
+from fieldmap.instruments import Converter
 from fieldmap.instruments.converter import USUAL_RANGE
+from fieldmap.lookup import FieldMap, magnetic_body, saturates
+from fieldmap.records import Record
+from fieldmap.typing import Array
 
-ASSUMED_MM_PER_V = 2.0
-"""Of the sensors' outputs in a scenario that has a converter and does not say."""
-MOST_PERIODS = 5_000_000
-"""Of a run, which then takes some 2.5 GB."""
 MOST_STEPS = 1_000_000
 """Of the mechanics in one control period."""
-Count = Annotated[int, Field(ge=1)]
-Pair = Annotated[list[float], Field(min_length=2, max_length=2)]
+_Nodes = Annotated[list[Annotated[int, Field(ge=4)]], Field(min_length=3, max_length=3)]
+_ZERO: Three = (0.0, 0.0, 0.0)
+_NO_DRAG, _IDEAL = Drag(), Sensors()
 
 
-class FieldKeys(Table):
+@dataclass(frozen=True, repr=False)
+class FieldSettings(Record):
     """How the map's field follows the currents."""
 
-    scale: Positive = Field(default=1.0, description="calibration: the map's field is multiplied by it")
-    iron: Literal["auto", "linearised", "model", "table"] = Field(
-        default="auto",
-        description="of saturating iron: its model solved whenever currents change, a table over lift and directions, "
-        "which takes seconds to make and pays in hundreds of runs, or linearised about the currents of the operating "
-        "point; auto: the model, or the table if its nodes are given",
-    )
-    table: Annotated[list[Annotated[int, Field(ge=4)]], Field(min_length=3, max_length=3)] | None = Field(
-        default=None,
-        description="nodes of that table for u, x and y, each at least 4; as many as it needs unless given",
-    )
+    scale: Annotated[float, Key(Positive, "calibration: the map's field is multiplied by it")] = 1.0
+    iron: Annotated[
+        str,
+        Key(
+            Literal["auto", "linearised", "model", "table"],
+            "of saturating iron: its model solved whenever currents change, a table over lift and directions, "
+            "which takes seconds to make and pays in hundreds of runs, or linearised about the currents of the "
+            "operating point; auto: the model, or the table if its nodes are given",
+        ),
+    ] = "auto"
+    table: Annotated[
+        tuple[int, int, int] | None,
+        Key(
+            _Nodes | None,
+            "nodes of that table for u, x and y, each at least 4; as many as it needs unless given",
+        ),
+    ] = None
+
+    def field(self, opened: FieldMap, currents: Array) -> FieldOfCurrents:
+        """The field of the currents, about these (n,), A, where it is linearised."""
+        if not saturates(opened):
+            return superposed(opened, self.scale)
+        if self.iron == "linearised":
+            return linearised(opened, currents, self.scale)
+        if self.iron == "table" or (self.iron == "auto" and self.table is not None):
+            return tabled(opened, self.table, self.scale)
+        return modelled(opened, self.scale)
 
 
-class BodyKeys(Table):
+@dataclass(frozen=True, repr=False)
+class BodySettings(Record):
     """The body around the device's magnet."""
 
-    turning: Literal["free", "upright"] = Field(
-        default="free", description="free: six degrees of freedom; upright: it does not turn"
+    turning: Annotated[
+        str, Key(Literal["free", "upright"], "free: six degrees of freedom; upright: it does not turn")
+    ] = "free"
+    radius: Annotated[
+        float | None, Key(Positive | None, "of the cylinder; the magnet's unless given", "mm")
+    ] = None
+    height: Annotated[
+        float | None, Key(Positive | None, "of the cylinder; the magnet's unless given", "mm")
+    ] = None
+    below: Annotated[float | None, Key(Positive | None, "magnet's centre above the lower face", "mm")] = None
+    centre_of_mass: Annotated[float, Key(float, "above the magnet's centre", "mm")] = 0.0
+    magnet_offset: Annotated[
+        float | None,
+        Key(NotNegative | None, "magnet's centre below the sensed point; the device's unless given", "mm"),
+    ] = None
+    finite_magnet: Annotated[bool, Key(bool, "the magnet's volume instead of a point dipole")] = False
+
+    def body(self, payload: Payload, opened: FieldMap) -> RigidBody:
+        """The body of a payload, for a map."""
+        if self.magnet_offset is not None:
+            payload = replace(payload, magnet_offset=self.magnet_offset)
+        magnet = None
+        if self.finite_magnet:
+            if payload.magnet is None and not payload.pieces:
+                key, remedy = "body.finite_magnet", "add payload.magnet"
+                raise ScenarioError(AtKey(key, "needs a magnet", "a moment only", remedy))
+            unit = opened.at(np.ones(len(opened.coil_names)))
+            magnet = magnetic_body(payload, field=unit, tolerance=1e-4)
+        return body_of_payload(
+            payload,
+            radius=self.radius,
+            height=self.height,
+            below=self.below,
+            centre_of_mass=self.centre_of_mass,
+            magnet=magnet,
+            upright=self.turning == "upright",
+        )
+
+
+@dataclass(frozen=True, repr=False)
+class CoilSettings(Record):
+    """Windings and amplifiers."""
+
+    dynamics: Annotated[bool, Key(bool, "R and L of the device's coils; false: currents follow at once")] = (
+        True
     )
-    radius_mm: Positive | None = Field(default=None, description="of the cylinder; the magnet's unless given")
-    height_mm: Positive | None = Field(default=None, description="of the cylinder; the magnet's unless given")
-    below_mm: Positive | None = Field(default=None, description="magnet's centre above the lower face")
-    centre_of_mass_mm: float = Field(default=0.0, description="above the magnet's centre")
-    magnet_offset_mm: NotNegative | None = Field(
-        default=None, description="magnet's centre below the sensed point; the device's unless given"
-    )
-    finite_magnet: bool = Field(default=False, description="the magnet's volume instead of a point dipole")
+    lowest_voltage: Annotated[
+        float | None, Key(float | None, "at a winding; minus the supply's unless given", "V")
+    ] = None
+    time_constant: Annotated[float, Key(NotNegative, "of the amplifier's own answer", "ms")] = 0.0
+    noise: Annotated[float, Key(NotNegative, "standard deviation of the current", "A")] = 0.0
+    output_bits: Annotated[int | None, Key(Bits | None, "of the output converter")] = None
+    output_range: Annotated[
+        float, Key(Positive, "of the output converter, to both sides; assumed unless given", "V")
+    ] = USUAL_RANGE
+    end_beyond_table: Annotated[
+        bool, Key(bool, "currents beyond the table of the iron, or its model's domain, end the run")
+    ] = False
+    longest_saturation: Annotated[
+        float, Key(NotNegative, "a limit that holds longer ends the run; 0 for never", "s")
+    ] = 0.0
+
+    def drive(self, device: Device) -> CoilDrive:
+        """The drive of a device's coils."""
+        converter = None if self.output_bits is None else Converter(self.output_range, self.output_bits)
+        drive = drive_of_device(
+            device, self.lowest_voltage, time_constant=self.time_constant, converter=converter
+        )
+        drive = replace(drive, amplifier=replace(drive.amplifier, deviation=self.noise))
+        return drive if self.dynamics else replace(drive, resistance=None, inductance=None)
 
 
-class DragKeys(Table):
-    """Resistance of the air."""
+class WallEndKeys(Table):
+    """What a scenario says of walls besides what they are."""
 
-    linear_N_s_per_m: Vector = Field(default=[0.0] * 3, description="along the map's x, y, z")
-    body_linear_N_s_per_m: Vector = Field(default=[0.0] * 3, description="along the body's axes")
-    body_quadratic_N_s2_per_m2: Vector = Field(default=[0.0] * 3, description="along the body's axes")
-    turning_N_m_s: Vector = Field(default=[0.0] * 3, description="about the body's axes")
-
-
-class PlateKeys(Table):
-    """A conducting plate."""
-
-    conductivity_S_per_m: Positive = Field(description="3.5e7 for aluminium")
-    thickness_mm: Positive = Field(description="thickness")
-    face_mm: Point = Field(description="[x, y, z] of a point of the face that the magnet sees")
-    normal: Vector = Field(default=[0.0, 0.0, 1.0], description="of that face, to the side of the magnet")
-
-
-class WallKeys(Table):
-    """What the body can touch."""
-
-    floor_mm: float | None = Field(default=None, description="z of a floor")
-    ceiling_mm: float | None = Field(default=None, description="z of a ceiling")
-    tube_radius_mm: Positive | None = Field(default=None, description="of an upright tube about the z axis")
-    restitution: Annotated[float, Field(gt=0, le=1)] = Field(default=0.3, description="of a bounce")
-    friction: NotNegative = Field(default=0.3, description="Coulomb's coefficient")
     end: list[Literal["floor", "ceiling", "tube"]] = Field(
         default=["floor", "ceiling", "tube"], description="contacts that end the run"
     )
 
 
-class CoilKeys(Table):
-    """Windings and amplifiers."""
-
-    dynamics: bool = Field(
-        default=True, description="R and L of the device's coils; false: currents follow at once"
-    )
-    lowest_voltage_V: float | None = Field(
-        default=None, description="at a winding; minus the supply's unless given"
-    )
-    time_constant_ms: NotNegative = Field(default=0.0, description="of the amplifier's own answer")
-    noise_A: NotNegative = Field(default=0.0, description="standard deviation of the current")
-    output_bits: Annotated[int, Field(ge=1, le=32)] | None = Field(
-        default=None, description="of the output converter"
-    )
-    output_range_V: Positive = Field(
-        default=USUAL_RANGE, description="of the output converter, to both sides; assumed unless given"
-    )
-    end_beyond_table: bool = Field(
-        default=False, description="currents beyond the table of the iron, or its model's domain, end the run"
-    )
-    longest_saturation_s: NotNegative = Field(
-        default=0.0, description="a limit that holds longer ends the run; 0 for never"
-    )
+def _of_bounded_number(step: float, info: ValidationInfo) -> None:
+    period = info.data.get("period_ms", 0.0)
+    if period / step > MOST_STEPS:
+        must = f"step_ms must be at least a part of {MOST_STEPS} of period_ms"
+        raise broken(must, f"{step:g} of {period:g}", "take a larger step")
 
 
-class SensorKeys(Table):
-    """Position sensors."""
-
-    deviation_mm: Vector = Field(
-        default=[0.0] * 3, description="noise of the two crossed sensors and the vertical one"
-    )
-    angle_deg: float = Field(default=0.0, description="of the crossed sensors against x and y")
-    zero_depth_mm: float = Field(
-        default=0.0, description="depth below the map's origin at which the vertical sensor reads 0"
-    )
-    step_mm: NotNegative = Field(default=0.0, description="resolution of the sensors")
-    input_bits: Annotated[int, Field(ge=1, le=32)] | None = Field(
-        default=None, description="of the input converter"
-    )
-    input_range_V: Positive = Field(
-        default=USUAL_RANGE, description="of the input converter, to both sides; assumed unless given"
-    )
-    mm_per_V: Positive = Field(
-        default=ASSUMED_MM_PER_V,
-        description="of the sensors' outputs, for input_bits; assumed unless given",
-    )
-    input_noise_V: NotNegative = Field(default=0.0, description="of the input converter")
-    scan_rate_Hz: NotNegative = Field(default=0.0, description="0: shows what is at each sample")
-    averages: Count | Annotated[list[Count], Field(min_length=3, max_length=3)] = Field(
-        default=1, description="scans whose mean is shown; one number, or one for each sensor"
-    )
-    deviation_averages: Annotated[int, Field(ge=1)] | None = Field(
-        default=None, description="averages with which deviation_mm was measured; `averages` unless given"
-    )
-    latency_scans: Annotated[int, Field(ge=0)] = Field(default=0, description="by which a mean comes late")
+def _axes_or_coupled(coupled: Any, info: ValidationInfo) -> None:
+    if not {"z", "x", "y"} <= info.data.keys():
+        return
+    given = [axis for axis in "zxy" if info.data[axis] is not None]
+    if len(given) != (0 if coupled is not None else 3):
+        received = ", ".join(given + (["coupled"] if coupled is not None else [])) or "none"
+        must = "must have either z, x and y, or coupled"
+        raise broken(must, received, "give every axis a controller, or one for all")
 
 
-class CompensatorKeys(Table):
-    """A push of the vertical reference when the horizontal one moves."""
-
-    push_mm: float = Field(description="how far the reference is pushed")
-    duration_ms: Positive = Field(description="how long the push lasts")
-    axis: Literal["x", "y"] = Field(default="x", description="whose reference sets it off")
-
-
-class ControlKeys(Table):
+@dataclass(frozen=True, eq=False, repr=False)
+class ControlSettings(Record):
     """The controllers and their clock."""
 
-    period_ms: Positive = Field(default=2.0, description="of the control task")
-    delay_ms: NotNegative = Field(default=0.0, description="from sample to command, at most one period")
-    step_ms: Positive = Field(default=0.1, description="of the mechanics")
-    allocation: Literal["lift_and_directions", "least_power"] | None = Field(
-        default=None,
-        description="how lift, x and y become currents: those of six coils in two rows of three, or by least power "
-        "about the start; unless given as the map was made for, and by least power with any other map",
-    )
-    allocation_n: Positive | None = Field(
-        default=None,
-        description="n of lift_and_directions: how much more the two coils in the middles of the rows follow x; that "
-        "of the map unless given",
-    )
-    z: AxisController | None = Field(default=None, description="depth in mm to lift voltage")
-    x: AxisController | None = Field(default=None, description="x in mm to x signal")
-    y: AxisController | None = Field(default=None, description="y in mm to y signal")
-    coupled: CoupledController | None = Field(
-        default=None, description="one controller of all axes, instead of x, y and z"
-    )
-    feedforward: FeedforwardKeys | None = Field(
-        default=None, description="along the reference, by the inverse map"
-    )
-    compensator: CompensatorKeys | None = Field(default=None, description="push of the vertical reference")
-
-    @model_validator(mode="after")
-    def _axes_or_coupled(self) -> "ControlKeys":
-        given = [axis for axis in "zxy" if getattr(self, axis) is not None]
-        if len(given) != (0 if self.coupled is not None else 3):
-            received = ", ".join(given + (["coupled"] if self.coupled is not None else [])) or "none"
-            must = "must have either z, x and y, or coupled"
-            raise broken(must, received, "give every axis a controller, or one for all")
-        steps = self.period_ms / self.step_ms
-        if steps > MOST_STEPS:
-            must = f"step_ms must be at least a part of {MOST_STEPS} of period_ms"
-            raise broken(must, f"{self.step_ms:g} of {self.period_ms:g}", "take a larger step")
-        return self
+    period: Annotated[float, Key(Positive, "of the control task", "ms")] = 2e-3
+    delay: Annotated[float, Key(NotNegative, "from sample to command, at most one period", "ms")] = 0.0
+    step: Annotated[float, Key(Positive, "of the mechanics", "ms", check=_of_bounded_number)] = 1e-4
+    allocation: Annotated[
+        str | None,
+        Key(
+            Literal["lift_and_directions", "least_power"] | None,
+            "how lift, x and y become currents: those of six coils in two rows of three, or by least power about the "
+            "start; unless given as the map was made for, and by least power with any other map",
+        ),
+    ] = None
+    allocation_n: Annotated[
+        float | None,
+        Key(
+            Positive | None,
+            "n of lift_and_directions: how much more the two coils in the middles of the rows follow x; that of the "
+            "map unless given",
+        ),
+    ] = None
+    z: Annotated[AxisController | None, Key(AxisKeys | None, "depth in mm to lift voltage")] = None
+    x: Annotated[AxisController | None, Key(AxisKeys | None, "x in mm to x signal")] = None
+    y: Annotated[AxisController | None, Key(AxisKeys | None, "y in mm to y signal")] = None
+    coupled: Annotated[
+        CoupledController | Own | None,
+        Key(CoupledKeys | None, "one controller of all axes, instead of x, y and z", check=_axes_or_coupled),
+    ] = None
+    feedforward: Annotated[
+        Feedforward | None, Key(table_of(Feedforward) | None, "along the reference, by the inverse map")
+    ] = None
+    compensator: Annotated[
+        Compensator | None, Key(table_of(Compensator) | None, "push of the vertical reference")
+    ] = None
 
 
-class StartKeys(Table):
+@dataclass(frozen=True, repr=False)
+class Start(Record):
     """Where the run begins, in equilibrium unless said otherwise."""
 
-    depth_mm: float | None = Field(
-        default=None,
-        description="reading of the vertical sensor; the middle of the map, or next to it where the coils carry the "
-        "body easily, unless given",
-    )
-    x_mm: float | None = Field(default=None, description="left out: where the x signal lets the body float")
-    y_mm: float | None = Field(default=None, description="left out: where the y signal lets the body float")
-    shift_mm: Vector = Field(default=[0.0] * 3, description="away from equilibrium: x, y, depth")
-    velocity_mm_per_s: Vector = Field(default=[0.0] * 3, description="x, y, z")
-    lean_deg: float = Field(default=0.0, description="about x, away from equilibrium")
+    depth: Annotated[
+        float | None,
+        Key(
+            float | None,
+            "reading of the vertical sensor; the middle of the map, or next to it where the coils carry the body "
+            "easily, unless given",
+            "mm",
+        ),
+    ] = None
+    x: Annotated[
+        float | None, Key(float | None, "left out: where the x signal lets the body float", "mm")
+    ] = None
+    y: Annotated[
+        float | None, Key(float | None, "left out: where the y signal lets the body float", "mm")
+    ] = None
+    shift: Annotated[Three, Key(Vector, "away from equilibrium: x, y, depth", "mm")] = _ZERO
+    velocity: Annotated[Three, Key(Vector, "x, y, z", "mm_per_s")] = _ZERO
+    lean: Annotated[float, Key(float, "about x, away from equilibrium", "deg", make=np.deg2rad)] = 0.0
 
 
-class StepKeys(Table):
-    """A step, or equal steps one after the other."""
-
-    kind: Literal["step"] = Field(description="a step")
-    axis: Literal["x", "y", "depth"] = Field(description="whose reference")
-    at_s: NotNegative = Field(description="when")
-    by_mm: float = Field(description="by how much")
-    times: Annotated[int, Field(ge=1, le=MOST_PERIODS)] = Field(default=1, description="how many of them")
-    every_s: Positive = Field(default=1.0, description="time from one to the next")
-
-
-class RampKeys(Table):
-    """A ramp."""
-
-    kind: Literal["ramp"] = Field(description="a ramp")
-    axis: Literal["x", "y", "depth"] = Field(description="whose reference")
-    at_s: NotNegative = Field(description="when it begins")
-    by_mm: float = Field(description="by how much in all")
-    rate_mm_per_s: Positive = Field(description="how fast")
-
-
-class SineKeys(Table):
-    """A sine."""
-
-    kind: Literal["sine"] = Field(description="a sine")
-    axis: Literal["x", "y", "depth"] = Field(description="whose reference")
-    at_s: NotNegative = Field(default=0.0, description="when it begins")
-    amplitude_mm: float = Field(description="amplitude")
-    frequency_Hz: Positive = Field(description="frequency")
-
-
-class BinaryKeys(Table):
-    """A pseudo-random binary sequence."""
-
-    kind: Literal["prbs"] = Field(description="a pseudo-random binary sequence")
-    axis: Literal["x", "y", "depth"] = Field(description="whose reference")
-    at_s: NotNegative = Field(default=0.0, description="when it begins")
-    amplitude_mm: float = Field(description="0 and this, by turns")
-    bit_ms: Positive = Field(description="length of a bit")
-    order: Annotated[int, Field(ge=3, le=16)] = Field(default=8, description="of the shift register")
-
-
-class CircleKeys(Table):
-    """A circle in x and y about the starting reference."""
-
-    kind: Literal["circle"] = Field(description="a circle in x and y")
-    at_s: NotNegative = Field(
-        default=0.0, description="when it begins; the reference is at x = radius from there on"
-    )
-    out_at_s: NotNegative | None = Field(
-        default=None, description="when it leaves for x = radius; at at_s, in one step, unless given"
-    )
-    out_mm_per_s: Positive = Field(default=1.0, description="how fast it goes there")
-    radius_mm: Positive = Field(description="radius")
-    rate_rad_per_s: float = Field(description="angular velocity")
-
-
-class TableKeys(Table):
-    """A reference from a CSV file: time in s, then x, y and depth in mm, with a line of names."""
-
-    kind: Literal["csv"] = Field(description="a CSV file")
-    file: Text = Field(description="path, relative to the scenario")
-
-
-Reference = Annotated[
-    Annotated[StepKeys, Tag("step")]
-    | Annotated[RampKeys, Tag("ramp")]
-    | Annotated[SineKeys, Tag("sine")]
-    | Annotated[BinaryKeys, Tag("prbs")]
-    | Annotated[CircleKeys, Tag("circle")]
-    | Annotated[TableKeys, Tag("csv")],
-    chosen_by("kind"),
-]
-
-
-class SignalKeys(Table):
-    """A step of an output that no controller sets: an axis in open loop."""
-
-    output: Literal["lift_V", "x", "y"] = Field(description="of which output")
-    at_s: NotNegative = Field(description="when")
-    by: float = Field(description="by how much")
-
-
-class DisturbanceKeys(Table):
-    """A force on the body."""
-
-    force_mN: Vector = Field(description="x, y, z")
-    from_s: NotNegative = Field(description="when it begins")
-    until_s: NotNegative = Field(description="when it ends")
-
-    @model_validator(mode="after")
-    def _lasts(self) -> "DisturbanceKeys":
-        if self.until_s <= self.from_s:
-            received = f"from_s = {self.from_s:g}, until_s = {self.until_s:g}"
-            raise broken("until_s must be later than from_s", received, "swap or correct them")
-        return self
-
-
-class RecordKeys(Table):
-    """What is recorded of a run."""
-
-    every: Annotated[int, Field(ge=1, le=MOST_PERIODS)] = Field(
-        default=1, description="control periods from row to row"
-    )
-
-
-class NoiseKeys(Table):
+@dataclass(frozen=True, repr=False)
+class Noise(Record):
     """Where noise comes from."""
 
-    seed: Annotated[int, Field(ge=0)] | None = Field(default=0, description="equal seeds give equal runs")
-    off: bool = Field(default=False, description="true: no noise at all")
+    seed: Annotated[int | None, Key(Annotated[int, Field(ge=0)] | None, "equal seeds give equal runs")] = 0
+    off: Annotated[bool, Key(bool, "true: no noise at all")] = False
 
 
-class ScenarioFile(Table):
+@dataclass(frozen=True, repr=False)
+class RecordSettings(Record):
+    """What is recorded of a run."""
+
+    every: Annotated[
+        int, Key(Annotated[int, Field(ge=1, le=MOST_PERIODS)], "control periods from row to row")
+    ] = 1
+
+
+def _of_bounded_length(duration: float, info: ValidationInfo) -> None:
+    control = info.data.get("control")
+    periods = 0.0 if control is None else 1e3 * duration / control.period_ms
+    if periods > MOST_PERIODS:
+        must = f"a run has at most {MOST_PERIODS} control periods: duration_s over control.period_ms"
+        raise broken(must, f"{periods:.4g}", "shorten the run")
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Settings(Record):
     """A scenario."""
 
-    format: Format
-    title: Text = Field(description="one line about the run")
-    map: Text = Field(description="map file, relative to the scenario; or its name in maps/out")
-    device: Text | None = Field(
-        default=None,
-        description="device file, relative to the scenario, or name of a shipped device; the map's own unless given",
+    title: Annotated[str, Key(Text, "one line about the run")]
+    map: Annotated[str, Key(Text, "map file, relative to the scenario; or its name in maps/out")]
+    control: Annotated[ControlSettings, Key(table_of(ControlSettings), "controllers and their clock")]
+    duration: Annotated[float, Key(Positive, "length of the run", "s", check=_of_bounded_length)]
+    device: Annotated[
+        str | None,
+        Key(
+            Text | None,
+            "device file, relative to the scenario, or name of a shipped device; the map's own unless given",
+        ),
+    ] = None
+    start: Annotated[Start, Key(table_of(Start), "where the run begins")] = Start()
+    field: Annotated[FieldSettings, Key(table_of(FieldSettings), "how the field follows the currents")] = (
+        FieldSettings()
     )
-    duration_s: Positive = Field(description="length of the run")
-    control: ControlKeys = Field(description="controllers and their clock")
-    start: StartKeys = Field(default=StartKeys(), description="where the run begins")
-    field: FieldKeys = Field(default=FieldKeys(), description="how the field follows the currents")
-    body: BodyKeys = Field(default=BodyKeys(), description="the body around the magnet")
-    drag: DragKeys = Field(default=DragKeys(), description="resistance of the air")
-    plate: PlateKeys | None = Field(default=None, description="a conducting plate")
-    walls: WallKeys | None = Field(default=None, description="walls that the body can touch")
-    coils: CoilKeys = Field(default=CoilKeys(), description="windings and amplifiers")
-    sensors: SensorKeys = Field(default=SensorKeys(), description="position sensors")
-    reference: list[Reference] = Field(default=[], description="changes of the references")
-    signal: list[SignalKeys] = Field(default=[], description="steps of outputs in open loop")
-    disturbance: list[DisturbanceKeys] = Field(default=[], description="forces on the body")
-    noise: NoiseKeys = Field(default=NoiseKeys(), description="where noise comes from")
-    record: RecordKeys = Field(default=RecordKeys(), description="the recorded samples")
+    body: Annotated[BodySettings, Key(table_of(BodySettings), "the body around the magnet")] = BodySettings()
+    drag: Annotated[Drag, Key(table_of(Drag), "resistance of the air")] = _NO_DRAG
+    plate: Annotated[Plate | None, Key(table_of(Plate) | None, "a conducting plate")] = None
+    walls: Annotated[
+        Walls | None, Key(table_of(Walls, bases=(WallEndKeys,)) | None, "walls that the body can touch")
+    ] = None
+    coils: Annotated[CoilSettings, Key(table_of(CoilSettings), "windings and amplifiers")] = CoilSettings()
+    sensors: Annotated[Sensors, Key(table_of(Sensors, bases=(ChainKeys,)), "position sensors")] = _IDEAL
+    reference: Annotated[tuple[Reference, ...], Key(list[ReferenceKeys], "changes of the references")] = ()
+    signal: Annotated[
+        tuple[Signal, ...], Key(list[table_of(Signal)], "steps of outputs in open loop")  # type: ignore[misc]
+    ] = ()
+    disturbance: Annotated[
+        tuple[Disturbance, ...], Key(list[table_of(Disturbance)], "forces on the body")  # type: ignore[misc]
+    ] = ()
+    noise: Annotated[Noise, Key(table_of(Noise), "where noise comes from")] = Noise()
+    record: Annotated[RecordSettings, Key(table_of(RecordSettings), "the recorded samples")] = (
+        RecordSettings()
+    )
 
-    @model_validator(mode="after")
-    def _of_bounded_length(self) -> "ScenarioFile":
-        periods = 1e3 * self.duration_s / self.control.period_ms
-        if periods > MOST_PERIODS:
-            must = f"a run has at most {MOST_PERIODS} control periods: duration_s over control.period_ms"
-            raise broken(must, f"{periods:.4g}", "shorten the run")
-        return self
+    def held(self) -> tuple[Array, Array]:
+        """What is given of the sensed point (3,), m, and of the outputs (3,) at rest; NaN where it is free. The height
+        is that of the start's depth."""
+        place, outputs = np.full(3, np.nan), np.full(3, np.nan)
+        for k, axis in enumerate("xy"):
+            given, controller = getattr(self.start, axis), getattr(self.control, axis)
+            if given is not None:
+                place[k] = given
+            else:
+                outputs[1 + k] = (isinstance(controller, Constant) and controller.output) or 0.0
+        if self.start.depth is not None:
+            place[2] = self.height(self.start.depth)
+        return place, outputs
+
+    def height(self, depth: float) -> float:
+        """z of the sensed point, m, at which the vertical sensor reads this, m."""
+        return -(self.zero_depth + depth)
+
+    @property
+    def zero_depth(self) -> float:
+        """Depth below the map's origin at which the vertical sensor reads 0, m."""
+        return self.sensors.zero_depth
+
+    def refuse_idle(self, idle: tuple[str, ...]) -> None:
+        """What is asked of axes along which the coils do not push by themselves. Raises ScenarioError."""
+        control = self.control
+        for axis in idle:
+            why = f"the coils do not push along {axis} by themselves at the start"
+            controller, given = getattr(control, axis), getattr(self.start, axis)
+            key, must, received, remedy = "", "", why, "leave it out, or add coils"
+            if controller is not None and not isinstance(controller, Constant):
+                key, must = f"control.{axis}", f'must be of kind "constant": {why}'
+                received, remedy = controller.kind, "change it, or add coils"
+            elif given is not None:
+                key, must, received = f"start.{axis}_mm", f"must be left out: {why}", f"{1e3 * given:g} mm"
+                remedy = "leave it out: the magnet floats where the field lets it"
+            elif (
+                number := next((k for k, one in enumerate(self.reference) if one.moves(axis)), None)
+            ) is not None:
+                key, must = f"reference.{number}", "must be along an axis that is held"
+            elif isinstance(control.coupled, FeedbackLinearisation) or control.feedforward is not None:
+                key = "control.coupled" if control.feedforward is None else "control.feedforward"
+                must = "needs coils that push along x, y and z"
+            if key:
+                raise ScenarioError(AtKey(key, must, received, remedy))
 
 
-SCENARIO = FileKind(
-    "scenario",
-    ScenarioFile,
-    ScenarioError,
-    "maps",
-    "scenarios",
-)
+class _Format(Table):
+    """What every file begins with."""
+
+    format: Format
+
+
+ScenarioFile = table_of(Settings, name="ScenarioFile", bases=(_Format,))
+SCENARIO = FileKind("scenario", ScenarioFile, ScenarioError, "maps", "scenarios")
+# A table that had another name, by which scenarios of earlier versions are read.
+_OLDER_TABLE, _TABLE = ("control", "linked"), ("control", "coupled")
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Scenario(Record):
+    """A scenario as written: path and text of the file, its contents, and what was changed of them by the caller."""
+
+    path: Path
+    text: str
+    contents: Any
+    changes: Mapping[str, Any]
+
+    @cached_property
+    def settings(self) -> Settings:
+        """The contents in SI."""
+        settings: Settings = record_of(self.contents, self.path.parent)
+        return settings
+
+    @property
+    def zero_depth_mm(self) -> float:
+        """Depth below the map's origin at which the vertical sensor reads 0."""
+        return 1e3 * self.settings.zero_depth
+
+    @property
+    def document(self) -> Document:
+        """The file, for errors at its keys."""
+        older, now = (f"[{'.'.join(table)}" for table in (_OLDER_TABLE, _TABLE))
+        return Document(self.path, self.text.replace(older, now), {})
+
+
+def read_scenario(path_or_name: str | Path, changes: Mapping[str, Any] | None = None) -> Scenario:
+    """Read and check a scenario file: its path, or the name of a shipped one ("vertical_step").
+
+    changes: values by dotted key, such as {"control.z.Kc": 0.2}, in the place of those of the file. The format is
+    described in docs/dynamics.md. Raises ScenarioError with one Problem for every error of the file: file, line and
+    key path; what must hold; what was received; the remedy.
+    """
+    path = find_scenario(path_or_name)
+    document = SCENARIO.load(path)
+    data = tomllib.loads(document.text)
+    older = _rename(data, _OLDER_TABLE, _TABLE)
+    for key, value in (changes or {}).items():
+        _change(data, path, ".".join(_exchanged(tuple(key.split(".")), _OLDER_TABLE, _TABLE)), value)
+    findings = schema_findings(ScenarioFile, data)
+    if findings:
+        if older:
+            _rename(data, _TABLE, _OLDER_TABLE)
+            findings = [
+                replace(finding, location=_exchanged(finding.location, _TABLE, _OLDER_TABLE))
+                for finding in findings
+            ]
+        raise ScenarioError(*Document(path, document.text, data).problems(findings))
+    return Scenario(path, document.text, ScenarioFile.model_validate(data), dict(changes or {}))
+
+
+def find_scenario(path_or_name: str | Path) -> Path:
+    """The file at a path, or the shipped one of that name; ScenarioError if there is neither."""
+    if Path(path_or_name).suffix.lower() in (".h5", ".hdf5"):
+        remedy = f"a scenario says what happens in it: fieldmap simulate hold --map {path_or_name}"
+        raise ScenarioError(
+            Problem(str(path_or_name), "must be a scenario file", "the name of a map", remedy)
+        )
+    return SCENARIO.find(path_or_name)
+
+
+def _exchanged(steps: tuple[Any, ...], old: tuple[str, str], new: tuple[str, str]) -> tuple[Any, ...]:
+    """The steps of a key with the beginning `old` replaced by `new`."""
+    return (*new, *steps[2:]) if steps[:2] == old else steps
+
+
+def _rename(data: dict[str, Any], old: tuple[str, str], new: tuple[str, str]) -> bool:
+    """Rename a table of data; whether there was one, and none of the new name."""
+    table = data.get(old[0])
+    if not isinstance(table, dict) or old[1] not in table or new[1] in table:
+        return False
+    table[new[1]] = table.pop(old[1])
+    return True
+
+
+def _change(data: dict[str, Any], path: Path, key: str, value: Any) -> None:
+    """Set a value by its dotted key; steps that are numbers count in a list."""
+    *steps, last = key.split(".")
+    here: Any = data
+    for step in steps:
+        if isinstance(here, list) and step.isdigit() and int(step) < len(here):
+            here = here[int(step)]
+        elif isinstance(here, dict):
+            here = here.setdefault(step, {})
+        else:
+            here = None
+    if isinstance(here, list) and last.isdigit() and int(last) < len(here):
+        here[int(last)] = value
+    elif isinstance(here, dict):
+        here[last] = value
+    else:
+        problem = Problem(
+            f"{path}: {key}", "must be a key of the scenario", "a step that is no table", "write table.key"
+        )
+        raise ScenarioError(problem)

@@ -12,8 +12,13 @@ import numpy as np
 
 import fieldmap as fm
 from fieldmap.device.toml_text import toml_text
-from fieldmap.dynamics.scenario.reading import read_scenario
-from fieldmap.dynamics.scenario.references import disturbances, open_loop_signals, references
+from fieldmap.dynamics.scenario.references import (
+    control_times,
+    disturbances,
+    open_loop_signals,
+    references,
+)
+from fieldmap.dynamics.scenario.schema import read_scenario
 from fieldmap.errors import InputError, Problem
 from fieldmap.inputs.expressions import ExpressionError, evaluate
 from fieldmap.maps.recipe import choose_grid, read_recipe, read_recipe_device
@@ -200,7 +205,13 @@ def fault_of_recipe(found: Any, data: dict[str, Any], path: Path) -> str:
 def _read_scenario(path: Path) -> Any:
     """A scenario and the signals that it asks for."""
     scenario = read_scenario(path)
-    signals = references(scenario, [0.0, 0.0, 10.0]), open_loop_signals(scenario), disturbances(scenario)
+    given, control = scenario.settings, scenario.settings.control
+    time = control_times(given.duration, control.period)
+    wanted = references(
+        given.reference, control.compensator, np.array([0.0, 0.0, 1e-2]), time, control.period
+    )
+    signals = [wanted, open_loop_signals(given.signal, time), disturbances(given.disturbance, time)]
+    signals = [one for one in signals if one is not None]
     return scenario.contents, signals
 
 

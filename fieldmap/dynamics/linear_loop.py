@@ -11,7 +11,7 @@ from fieldmap.arguments import check_positive
 from fieldmap.control import StateSpace, zero_order_hold
 from fieldmap.control.blocks import ControllerBlock
 from fieldmap.dynamics.closed_loop import Schedule
-from fieldmap.dynamics.linearisation.machine import LinearMachine
+from fieldmap.dynamics.linearisation import LinearMachine
 from fieldmap.dynamics.sensors import Sensors
 from fieldmap.errors import InputError, Problem
 from fieldmap.plain import Plain, plain_items

@@ -1,0 +1,472 @@
+"""Controllers of all axes at once: linear-quadratic-Gaussian regulators on physical states, scheduled over the height;
+feedback linearisation; feed-forward along a trajectory by the inverse map. docs/theory/dynamics.md (38)..(46)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated
+
+import numpy as np
+import scipy
+from numpy.typing import ArrayLike
+from pydantic import Field
+
+from fieldmap.arguments import check_positive
+from fieldmap.control import zero_order_hold
+from fieldmap.control.blocks import Controller, ControllerBlock, arrays_of
+from fieldmap.core.controller import SIGNALS, Block, CoreController
+from fieldmap.core.machine import VELOCITY, InverseMap, inverse_along
+from fieldmap.dynamics.closed_loop import Schedule
+from fieldmap.dynamics.field_of_currents import EXACT
+from fieldmap.dynamics.linear_loop import sampled_machine
+from fieldmap.dynamics.linearisation import ABOUT_Z, VELOCITIES, LinearMachine
+from fieldmap.dynamics.machine import Machine
+from fieldmap.dynamics.operating_point import OperatingPoint
+from fieldmap.dynamics.surroundings import Three
+from fieldmap.errors import Infeasible, InputError, Problem
+from fieldmap.inputs.declared import Key, check_fields
+from fieldmap.inputs.tables import Positive
+from fieldmap.records import Record
+from fieldmap.typing import Array
+
+Lengths = Annotated[list[Positive], Field(min_length=3, max_length=3)]
+"""Rule of three numbers above zero: of x, y and depth."""
+_HEIGHT = 2  # of the reference, among the signals of a block
+_ROUNDS = 20
+
+
+@dataclass(frozen=True, repr=False)
+class LqgWeights(Record):
+    """What a regulator and its estimator are designed for; x, y and z of the map.
+
+    place, m, speed, m/s: deviations that count alike (Bryson's rule), and output: those of the outputs that count as
+    much. sensor: standard deviation of what is seen, m; 1 um unless given. force: of what shakes the body, N per root
+    of Hz; drift: of the forces that are not known, N per root of a second. lean, rad, angular_velocity, rad/s: of a
+    body that turns.
+    """
+
+    place: Annotated[
+        Three, Key(Lengths, "deviations of x, y, depth that count alike", "mm", name="allowed")
+    ] = (0.3e-3, 0.3e-3, 0.3e-3)
+    speed: Annotated[Three, Key(Lengths, "velocities that count as much", "mm_per_s", name="allowed")] = (
+        10e-3,
+        10e-3,
+        30e-3,
+    )
+    output: Annotated[
+        tuple[float, ...],
+        Key(list[Positive], "deviations of the outputs that count as much", name="allowed_outputs"),
+    ] = (1.0, 0.1, 0.1)
+    sensor: Annotated[
+        Three | None,
+        Key(
+            Lengths | None,
+            "deviation of the readings of x, y and depth; by default from [sensors]",
+            "mm",
+            name="noise",
+        ),
+    ] = None
+    force: Annotated[
+        Three, Key(Lengths, "noise of the force on the body, per root of Hz", "mN", name="shaking")
+    ] = (0.02e-3, 0.02e-3, 0.1e-3)
+    drift: Annotated[Three, Key(Lengths, "of forces that are not known, per root of s", "mN")] = (
+        0.5e-3,
+        0.5e-3,
+        2e-3,
+    )
+    lean: float = 0.2
+    angular_velocity: float = 50.0
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+        check_positive("LqgWeights", lean=self.lean, angular_velocity=self.angular_velocity)
+
+
+def lqg_block(
+    linear: LinearMachine,
+    weights: LqgWeights,
+    period: float,
+    delay: float = 0.0,
+    limits: tuple[Array, Array] | None = None,
+) -> ControllerBlock:
+    """A regulator on estimated states and forces, designed for one linear machine and told the delay of its outputs.
+
+    Memory: states of the machine, positions as they are in the map; unknown force (3), N; the outputs of the last
+    sample. It holds the sensed point at its reference without offset, whatever constant force pulls. The operating
+    point of the linear machine is where its memory begins. limits: lowest and highest outputs, which the estimator is
+    told of. Raises InputError for a machine that is not controllable or not observable, as upward where nothing lifts.
+    """
+    felt = linear.only(tuple(name for name in linear.states if name not in ABOUT_Z))
+    m = felt.B.shape[1]
+    if len(weights.output) != m:
+        must = f"must have one number for each of {m} outputs"
+        problem = Problem("LqgWeights(output)", must, f"{len(weights.output)}", "give lift, x and y")
+        raise InputError(problem)
+    model = _Model(felt, period, delay)
+    gain = _regulator(model, felt, weights, period)
+    taken = _estimator(model, felt, weights, period)
+    return _block(model, felt, gain, taken, limits)
+
+
+class _Model:
+    """X+ = F X + S u + f, y = H X + h with X = states, unknown force (3), last outputs (m), all as they are."""
+
+    def __init__(self, linear: LinearMachine, period: float, delay: float) -> None:
+        sampled = sampled_machine(linear, period, delay)
+        n, m = linear.B.shape
+        self.n, self.m = n, m
+        pushed = zero_order_hold(linear.A, linear.G[:, :3], period)[1]
+        self.F = np.zeros((n + 3 + m, n + 3 + m))
+        self.F[:n] = np.hstack([sampled.A, pushed, sampled.before])
+        self.F[n : n + 3, n : n + 3] = np.eye(3)
+        self.S = np.vstack([sampled.B, np.zeros((3, m)), np.eye(m)])
+        self.place, self.outputs = np.zeros(n), linear.operating_point.outputs
+        self.place[:3] = linear.operating_point.state[:3]
+        self.H = np.hstack([linear.C, np.zeros((3, 3 + m))])
+        self.f = np.zeros(n + 3 + m)
+        self.f[:n] = self.place - sampled.A @ self.place - (sampled.B + sampled.before) @ self.outputs
+        self.h = linear.operating_point.sensed - linear.C @ self.place
+        self.operating_point = np.concatenate([self.place, np.zeros(3), self.outputs])
+
+
+def _regulator(model: _Model, linear: LinearMachine, weights: LqgWeights, period: float) -> Array:
+    """Gain (m, n + m) on deviations of states and last outputs, which minimises the sum of squares over weights."""
+    n, m = model.n, model.m
+    known = [*range(n), *range(n + 3, n + 3 + m)]
+    A, B = model.F[np.ix_(known, known)], model.S[known]
+    Q = np.zeros((n + m, n + m))
+    seen = linear.C.T @ np.diag(1.0 / np.square(weights.place)) @ linear.C
+    Q[:n, :n] = seen + np.diag([_cost(name, weights) for name in linear.states])
+    R = period * np.diag(1.0 / np.square(np.array(weights.output)))
+    P = _riccati(A, B, period * Q, R, "controllable by its outputs")
+    return np.asarray(np.linalg.solve(R + B.T @ P @ B, B.T @ P @ A), float)
+
+
+def _cost(name: str, weights: LqgWeights) -> float:
+    quantity, _, axis = name.rpartition("_")
+    if quantity == "velocity":
+        return 1.0 / weights.speed["xyz".index(axis)] ** 2
+    return {"turn": 1.0 / weights.lean**2, "angular_velocity": 1.0 / weights.angular_velocity**2}.get(
+        quantity, 0.0
+    )
+
+
+def _estimator(model: _Model, linear: LinearMachine, weights: LqgWeights, period: float) -> Array:
+    """Gain (n + 3 + m, 3) by which what is seen corrects the prediction."""
+    n = model.n
+    A, C = model.F[: n + 3, : n + 3], model.H[:, : n + 3]
+    shaken = np.vstack([linear.G[:, :3], np.zeros((3, 3))]) * np.asarray(weights.force)
+    noise = period * shaken @ shaken.T
+    noise[n:, n:] = period * np.diag(np.square(weights.drift))
+    R = np.diag(np.square(weights.sensor or (1e-6,) * 3))
+    P = _riccati(A.T, C.T, noise, R, "observable by its sensors")
+    taken = np.linalg.solve(C @ P @ C.T + R, C @ P).T
+    return np.vstack([taken, np.zeros((model.m, 3))])
+
+
+def _riccati(A: Array, B: Array, Q: Array, R: Array, what: str) -> Array:
+    try:
+        return np.asarray(scipy.linalg.solve_discrete_are(A, B, Q, R))
+    except (np.linalg.LinAlgError, ValueError) as error:
+        must = f"every mode that is not damped must be {what}"
+        remedy = "`fieldmap linearise` shows the modes; a little drag damps what swings without end"
+        problem = Problem("lqg_block(linear)", must, f"{error}", remedy)
+        raise InputError(problem) from None
+
+
+def _targets(model: _Model, linear: LinearMachine) -> tuple[Array, Array]:
+    """(n + m, 3) each: steady deviations of states and outputs per metre of the reference, and per newton of an
+    unknown force with the sensed point held."""
+    n, m = model.n, model.m
+    both = np.block([[linear.A, linear.B], [linear.C, np.zeros((3, m))]])
+    by_reference = np.linalg.lstsq(both, np.vstack([np.zeros((n, 3)), np.eye(3)]), rcond=None)[0]
+    by_force = np.linalg.lstsq(both, np.vstack([-linear.G[:, :3], np.zeros((3, 3))]), rcond=None)[0]
+    return by_reference, by_force
+
+
+def _block(
+    model: _Model, linear: LinearMachine, gain: Array, taken: Array, limits: tuple[Array, Array] | None
+) -> ControllerBlock:
+    n, m = model.n, model.m
+    by_reference, by_force = _targets(model, linear)
+    # u = u0 + U_r (r - y0) + U_d d - K (deviation from the states that reference and force ask for), (42).
+    from_reference = by_reference[n:] + gain @ by_reference
+    states = np.hstack([-gain[:, :n], by_force[n:] + gain @ by_force, -gain[:, n:]])
+    constant = (
+        model.outputs
+        - from_reference @ linear.operating_point.sensed
+        + gain @ model.operating_point[[*range(n), *range(n + 3, n + 3 + m)]]
+    )
+    left = np.eye(n + 3 + m) - taken @ model.H
+    B, D = np.zeros((n + 3 + m, SIGNALS)), np.zeros((m, SIGNALS))
+    D[:, :3], D[:, 3:6] = from_reference, states @ taken
+    D[:, 6] = constant - states @ taken @ model.h
+    B[:, 3:6], B[:, 6] = model.F @ taken, model.f - model.F @ taken @ model.h
+    low, high = limits if limits is not None else (np.full(m, -np.inf), np.full(m, np.inf))
+    return ControllerBlock(
+        model.F @ left,
+        B,
+        states @ left,
+        D,
+        model.S,
+        np.asarray(low, float),
+        np.asarray(high, float),
+        np.full(n + 3 + m, -1),
+        model.operating_point.copy(),
+        model.S,
+    )
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ScheduledController(Record):
+    """Blocks at references whose heights (z of the map, m) rise from `first` by `step`; below and above them the first
+    and the last. Their memories must mean the same; all have the limits of the first."""
+
+    blocks: tuple[ControllerBlock, ...]
+    first: float
+    step: float
+
+    def __post_init__(self) -> None:
+        check_positive("ScheduledController", step=self.step, blocks=len(self.blocks))
+        shapes = {(block.A.shape, block.D.shape) for block in self.blocks}
+        if len(shapes) > 1:
+            problem = Problem(
+                "ScheduledController(blocks)",
+                "must have as many states and outputs each",
+                f"{shapes}",
+                "design them alike",
+            )
+            raise InputError(problem)
+
+    @property
+    def outputs(self) -> int:
+        """Number of outputs."""
+        return self.blocks[0].outputs
+
+    @property
+    def memory(self) -> Array:
+        """(n,): of the first block."""
+        return self.blocks[0].memory
+
+    @property
+    def arrays(self) -> Block:
+        """As compiled loops take it."""
+        return arrays_of(self.blocks, (self.first, self.step, float(_HEIGHT)))
+
+    def inverse(self, state: Array) -> None:
+        """None: the outputs go to the coils as they are."""
+
+    def at(self, sensed: Array, stiffness: ArrayLike, per_output: ArrayLike) -> ControllerBlock:
+        """The block between the two next to the height of the sensed point."""
+        count = len(self.blocks)
+        place = float(np.clip((sensed[_HEIGHT] - self.first) / self.step, 0, count - 1))
+        low = min(int(place), max(count - 2, 0))
+        return _between(self.blocks[low], self.blocks[min(low + 1, count - 1)], place - low)
+
+
+def _between(a: ControllerBlock, b: ControllerBlock, share: float) -> ControllerBlock:
+    parts = {name: (1.0 - share) * getattr(a, name) + share * getattr(b, name) for name in "ABCDE"}
+    forward = None if a.F is None or b.F is None else (1.0 - share) * a.F + share * b.F
+    return ControllerBlock(**parts, lower=a.lower, upper=a.upper, hold=a.hold, memory=a.memory, F=forward)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ForceController(Record):
+    """A controller whose outputs are the force wanted of the magnet (3), N, which the inverse map turns into the
+    outputs of the machine's allocation at every sample, at the place that is seen.
+
+    block: of the forces. lower, upper (3,): limits of what goes to the allocation; signals (3,): those at the start.
+    rounds: of Newton's method at a sample. The body's turn is taken to be that of the start.
+    """
+
+    block: ControllerBlock
+    lower: Array
+    upper: Array
+    signals: Array
+    rounds: int = 2
+
+    @property
+    def outputs(self) -> int:
+        """Three forces."""
+        return self.block.outputs
+
+    @property
+    def memory(self) -> Array:
+        """(n,): of its block."""
+        return self.block.memory
+
+    @property
+    def arrays(self) -> Block:
+        """As compiled loops take it."""
+        return self.block.arrays
+
+    def inverse(self, state: Array) -> InverseMap:
+        """For a run that begins at a state (13,), without its machine."""
+        limits = np.array([self.lower, self.upper], float)
+        return InverseMap(None, self.rounds, limits, np.array(self.signals, float), np.array(state, float))
+
+    def at(self, sensed: Array, stiffness: ArrayLike, per_output: ArrayLike) -> ControllerBlock:
+        """From what is seen to outputs, about an operating point: u = u0 + (dF/du)^-1 (F - F0 + K (y - y0))."""
+        block, inverse = self.block, np.linalg.inv(np.asarray(per_output, float))
+        D = inverse @ block.D
+        D[:, 3:6] += inverse @ np.asarray(stiffness, float)
+        # The estimator is told the forces that the block asks for, whatever becomes of them.
+        A, B = block.A + block.E @ block.C, block.B + block.E @ block.D
+        limits = np.asarray(self.lower, float), np.asarray(self.upper, float)
+        return ControllerBlock(
+            A, B, inverse @ block.C, D, np.zeros_like(block.E), *limits, block.hold, block.memory
+        )
+
+
+def force_controller(
+    machine: Machine,
+    operating_point: OperatingPoint,
+    weights: LqgWeights,
+    period: float,
+    lower: ArrayLike,
+    upper: ArrayLike,
+    delay: float = 0.0,
+    rounds: int = 2,
+) -> ForceController:
+    """A regulator that is the same at every place: what it asks for is a force, and the inverse map of the machine's
+    own field turns it into outputs within limits (3,) each.
+
+    weights.output: forces, N, that count as much as the deviations. The body is taken for a free mass: neither the
+    field's stiffness nor eddy currents and drag are known to it but as forces that it does not know.
+    """
+    mass = machine.body.mass
+    A, push = np.zeros((6, 6)), np.vstack([np.zeros((3, 3)), np.eye(3) / mass])
+    A[:3, 3:] = np.eye(3)
+    weight = np.array([0.0, 0.0, mass * machine.body.gravity])
+    free = LinearMachine(
+        A,
+        push,
+        np.eye(3, 6),
+        np.zeros((3, 3)),
+        np.hstack([push, np.zeros((6, 3))]),
+        ("x", "y", "z", *VELOCITIES),
+        ("Fx", "Fy", "Fz"),
+        ("x", "y", "z"),
+        OperatingPoint(
+            operating_point.state,
+            operating_point.currents,
+            weight,
+            operating_point.sensed,
+            operating_point.residual,
+        ),
+        (),
+    )
+    block = lqg_block(free, weights, period, delay)
+    return ForceController(
+        block, np.asarray(lower, float), np.asarray(upper, float), operating_point.outputs.copy(), rounds
+    )
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Trajectory(Record):
+    """What a reference asks of the body, one row per control period: forces (p, 3), N, of the magnet; outputs (p, 3) of
+    the allocation that make them; left (p,): force that the outputs' limits do not give, N."""
+
+    forces: Array
+    outputs: Array
+    left: Array
+
+
+def trajectory(
+    machine: Machine,
+    operating_point: OperatingPoint,
+    schedule: Schedule,
+    lower: Array,
+    upper: Array,
+    fastest: float = 0.05,
+    largest: float = 3.0,
+) -> Trajectory:
+    """Forces and outputs along the references of a schedule: mass times acceleration, drag and eddy currents at the
+    reference's velocity, and the weight, by the inverse map at the reference's place.
+
+    Each row is what the middle of the time asks for in which the sample's outputs act. lower, upper (3,): limits of the
+    outputs. fastest: m/s, above which a change of the reference is a step, whose motion is not fed forward; largest:
+    acceleration, m/s^2, that is fed forward. The body keeps the turn of the operating point. Raises Infeasible where
+    the path leaves the map, InputError for a machine whose allocation does not take three outputs.
+    """
+    period = schedule.period
+    time = period * np.arange(len(schedule.references))
+    middle = time + schedule.delay + 0.5 * period
+    path = np.column_stack([np.interp(middle, time, column) for column in schedule.references.T])
+    velocity, acceleration = _motion(path, period, fastest, largest)
+    arm = operating_point.sensed - operating_point.state[:3]
+    body = machine.body
+    core = machine.core(1.0)
+    forces = body.mass * acceleration
+    forces[:, 2] += body.mass * body.gravity
+    state = operating_point.state.copy()
+    for row in np.flatnonzero(np.abs(velocity).max(axis=1)):
+        state[:3], state[VELOCITY : VELOCITY + 3] = path[row] - arm, velocity[row]
+        forces[row] -= core.losses(state)[0]
+    outputs, left = outputs_for(machine, operating_point, path - arm, forces, lower, upper)
+    return Trajectory(forces, outputs, left)
+
+
+def outputs_for(
+    machine: Machine,
+    operating_point: OperatingPoint,
+    positions: Array,
+    forces: Array,
+    lower: Array,
+    upper: Array,
+) -> tuple[Array, Array]:
+    """The inverse map: outputs (p, 3) at which the magnet of a body at positions (p, 3) feels forces (p, 3), N, and
+    what is left of them (p,), N. The search begins at those of the operating point and goes from row to row.
+
+    Raises Infeasible for positions outside the map, InputError for an allocation of other than three outputs.
+    """
+    m = len(operating_point.outputs)
+    if m != 3:
+        problem = Problem(
+            "outputs_for(machine)", "must have three outputs", f"{m}", "take an allocation of three"
+        )
+        raise InputError(problem)
+    found, left = np.empty((len(positions), 3)), np.empty(len(positions))
+    core = machine.core(1.0, EXACT)
+    inverse = InverseMap(
+        core.machine,
+        _ROUNDS,
+        np.array([lower, upper], float),
+        operating_point.outputs.copy(),
+        operating_point.state.copy(),
+    )
+    numbers = machine.allocation.numbers()
+    places, wanted = np.ascontiguousarray(positions, float), np.ascontiguousarray(forces, float)
+    inverse_along(inverse, numbers, places, wanted, found, left)
+    if np.isnan(left).any():
+        where = positions[int(np.flatnonzero(np.isnan(left))[0])]
+        problem = Problem(
+            "outputs_for(positions)", "must lie in the map", f"{where.tolist()} m", "shorten the path"
+        )
+        raise Infeasible(problem)
+    return found, left
+
+
+def feedforward(controller: Controller, schedule: Schedule, path: Trajectory) -> Array:
+    """(p, m): what is added to a controller's outputs so that they are those of the trajectory where the body is on its
+    way; what the controller would say there by itself is taken off."""
+    wanted = path.forces if isinstance(controller, ForceController) else path.outputs
+    added = np.empty_like(wanted)
+    references = schedule.references
+    CoreController(controller.arrays).quiet_feedforward(
+        references, np.ascontiguousarray(wanted), controller.memory.copy(), added
+    )
+    return added
+
+
+def _motion(path: Array, period: float, fastest: float, largest: float) -> tuple[Array, Array]:
+    """Velocity and acceleration (p, 3) of a path; none where it steps, no acceleration beyond the largest."""
+    if len(path) < 3:
+        return np.zeros_like(path), np.zeros_like(path)
+    velocity = np.gradient(path, period, axis=0)
+    acceleration = np.zeros_like(path)
+    acceleration[1:-1] = (path[2:] - 2.0 * path[1:-1] + path[:-2]) / period**2
+    steps = np.abs(velocity).max(axis=1) > fastest
+    steps[1:-1] |= steps[2:] | steps[:-2]
+    velocity[steps], acceleration[steps] = 0.0, 0.0
+    return velocity, np.clip(acceleration, -largest, largest)

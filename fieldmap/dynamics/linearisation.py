@@ -1,0 +1,314 @@
+"""The motion of a machine, linear about an operating point, docs/theory/dynamics.md (31)..(33), and what it does by
+itself: poles, the axes they move, controllability, observability, coupling."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+import scipy
+from numpy.typing import ArrayLike
+
+from fieldmap.arguments import check_signal
+from fieldmap.control import StateSpace
+from fieldmap.core.machine import (
+    ANGULAR_VELOCITY,
+    INSIDE,
+    STATE,
+    TURN,
+    VELOCITY,
+    rotation,
+)
+from fieldmap.dynamics.field_of_currents import EXACT
+from fieldmap.dynamics.machine import Machine
+from fieldmap.dynamics.motion import state_of
+from fieldmap.dynamics.operating_point import OperatingPoint
+from fieldmap.errors import InputError, OutsideMapError, Problem
+from fieldmap.records import Record
+from fieldmap.typing import Array
+
+if TYPE_CHECKING:
+    import control as python_control
+
+# Steps of the differences: m, rad, m/s, rad/s; A. Wide enough for the steps of a map from cell to cell (1e-7 of the
+# field), narrow enough for what is left out, which is of fourth order.
+_STEPS, _CURRENT_STEP = (2e-4, 2e-3, 1e-4, 1e-3), 5e-3
+# Shares of a step at which a function is taken, and what they count: central differences of fourth order.
+_STENCIL = ((-2.0, 1.0 / 12.0), (-1.0, -8.0 / 12.0), (1.0, 8.0 / 12.0), (2.0, -1.0 / 12.0))
+# Units in which deviations are of a size: a millimetre, a tenth of a radian, and what they are in a tenth of a second.
+_UNITS = {"turn": 0.1, "angular_velocity": 1.0, "velocity": 1e-2, "i": 0.1}
+_MILLI = 1e-3
+# What a velocity is the velocity of.
+_AXIS_OF = {f"velocity_{k}": k for k in "xyz"} | {f"angular_velocity_{k}": f"turn_{k}" for k in "xyz"}
+VELOCITIES = ("velocity_x", "velocity_y", "velocity_z")
+MOTION = (
+    *("x", "y", "z", "turn_x", "turn_y", "turn_z"),
+    *VELOCITIES,
+    *("angular_velocity_x", "angular_velocity_y", "angular_velocity_z"),
+)
+"""Names of the states of a body that may turn, in their order; of one that may not, positions and velocities."""
+ABOUT_Z = ("turn_z", "angular_velocity_z")
+"""The states of a body's turn about its magnet's axis."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class LinearMachine(Record):
+    """dx/dt = A x + B u + G w, y = C x + D u, all as deviations from an operating point.
+
+    x: position of the centre of mass (3), m; turn (3), rad, about the body's own axes, and at the end the angular
+    velocity (3), rad/s, of a body that may turn; velocity (3), m/s; currents, A, of amplifiers with a time constant.
+    states: their names, "x", "turn_x", "velocity_x", "angular_velocity_x" and so on (`MOTION`), and "i1" of a current.
+    u: the controller's outputs, such as lift (V), x and y. w: force (3), N, and torque (3), N m, in the frame of
+    the map. y: the sensed point (3), m. operating_point: what it is linear about. assumptions: what it rests on.
+    """
+
+    A: Array
+    B: Array
+    C: Array
+    D: Array
+    G: Array
+    states: tuple[str, ...]
+    inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
+    operating_point: OperatingPoint
+    assumptions: tuple[str, ...]
+
+    @property
+    def model(self) -> StateSpace:
+        """(A, B, C, D), as fieldmap.control and scipy.signal take them."""
+        return StateSpace(self.A, self.B, self.C, self.D)
+
+    def to_control(self) -> python_control.StateSpace:
+        """A state space of python-control with the names of states, inputs and outputs: u to y, without the loads w.
+
+        Raises FieldmapError where python-control is not installed.
+        """
+        return self.model.to_control(None, self.states, self.inputs, self.outputs)
+
+    def only(self, names: tuple[str, ...]) -> LinearMachine:
+        """The same with these states alone, the others held. Raises InputError for names that are not of its states."""
+        for name in names:
+            if name not in self.states:
+                must = f"must be among {', '.join(self.states)}"
+                raise InputError(Problem("LinearMachine.only(names)", must, name, "choose among them"))
+        chosen = [self.states.index(name) for name in names]
+        A, B, C, G = self.A[np.ix_(chosen, chosen)], self.B[chosen], self.C[:, chosen], self.G[chosen]
+        return replace(self, A=A, B=B, C=C, G=G, states=names)
+
+
+def linearise(machine: Machine, operating_point: OperatingPoint) -> LinearMachine:
+    """The machine, linear about an operating point from `find_operating_point`.
+
+    Derivatives are central differences of fourth order of the right-hand side that the compiled loop integrates:
+    magnet, eddy currents and drag; walls, limits, converters and noise have no part. Where a table of saturating iron
+    has a corner they are the mean of both sides. Amplifiers steer currents (26): a winding's R and L bound how fast a
+    large change goes and have no part in a small one. Raises OutsideMapError for a point at the map's edge.
+    """
+    body, state, coils = machine.body, operating_point.state, machine.drive.coils
+    core, out = replace(machine, walls=None).core(1.0, EXACT), np.empty(STATE)
+
+    def rates(deviation: Array) -> Array:
+        """Of position, turn, velocity, angular velocity (12,), without that of the turn, about the operating point."""
+        moved = _moved(state, deviation[:12])
+        core.follow(operating_point.currents + deviation[12:])
+        where, there = "linearise(operating_point)", f"{moved[:3].tolist()} m"
+        if core.rates(moved, out) != INSIDE:
+            must, remedy = (
+                "must lie inside the map, 0.4 mm from its edge",
+                "begin elsewhere, or make a larger map",
+            )
+            raise OutsideMapError(Problem(where, must, there, remedy))
+        if not np.isfinite(out).all():
+            remedy = "begin higher, lower the plate's face, or leave the plate out"
+            raise InputError(Problem(where, "must lie in front of the plate's face", there, remedy))
+        return np.concatenate(
+            [out[:3], np.zeros(3), out[VELOCITY : VELOCITY + 3], out[ANGULAR_VELOCITY:STATE]]
+        )
+
+    rows = [0, 1, 2, 6, 7, 8] if body.upright else list(range(12))
+    steps = np.concatenate([np.repeat(np.array(_STEPS), 3), np.full(coils, _CURRENT_STEP)])
+    slopes = np.zeros((12, 12 + coils))
+    for k in (*rows, *range(12, 12 + coils)):
+        direction = np.eye(len(steps))[k] * steps[k]
+        slopes[:, k] = np.sum([share * rates(at * direction) for at, share in _STENCIL], axis=0) / steps[k]
+    # The turn follows the angular velocity, which is zero there: exact to first order.
+    slopes[3:6, 9:12], slopes[:6, 12:] = np.eye(3), 0.0
+    A, by_current = slopes[np.ix_(rows, rows)], slopes[rows, 12:]
+    R, zeros = rotation(state), np.zeros((3, 3))
+    # d(R a) = R (turn x a).
+    C = np.hstack([np.eye(3), R @ np.cross(np.eye(3), body.seen_at).T, np.zeros((3, 6))])[:, rows]
+    pushed = np.block([[np.eye(3) / body.mass, zeros], [zeros, R.T / body.inertia[:, None]]])
+    G = np.vstack([np.zeros((6, 6)), pushed])[rows]
+    names = tuple(MOTION[row] for row in rows)
+    commanded = machine.drive.amplifier.gain * machine.allocation.derivative(operating_point.outputs)
+    B = by_current @ commanded
+    tau, late = machine.drive.time_constant, " at once; supply and inductance only bound large changes"
+    if tau:
+        A = np.block([[A, by_current], [np.zeros((coils, len(rows))), -np.eye(coils) / tau]])
+        B = np.vstack([np.zeros((len(rows), commanded.shape[1])), commanded / tau])
+        C, G = np.hstack([C, np.zeros((3, coils))]), np.vstack([G, np.zeros((coils, 6))])
+        names += tuple(f"i{k + 1}" for k in range(coils))
+        late = f" with a time constant of {1e3 * tau:g} ms"
+    assumptions = (
+        *machine.assumptions,
+        "small deviations from the operating point: no limits, no walls, no converters' steps",
+        "currents follow their commands" + late,
+    )
+    inputs, axes = machine.allocation.output_names, ("x", "y", "z")
+    return LinearMachine(
+        A, B, C, np.zeros((3, B.shape[1])), G, names, inputs, axes, operating_point, assumptions
+    )
+
+
+def _moved(state: Array, deviation: ArrayLike) -> Array:
+    """A state (13,) moved by position, turn about the body's own axes, velocity and angular velocity (12,)."""
+    d = check_signal("linearise", deviation)
+    angle = float(np.linalg.norm(d[3:6]))
+    half = 0.5 * np.sinc(0.5 * angle / np.pi) * d[3:6]
+    w, u, c = state[TURN], state[TURN + 1 : TURN + 4], np.cos(0.5 * angle)
+    turned = np.concatenate([[w * c - u @ half], w * half + c * u + np.cross(u, half)])
+    return state_of(
+        state[:3] + d[:3],
+        state[VELOCITY : VELOCITY + 3] + d[6:9],
+        turned,
+        state[ANGULAR_VELOCITY:STATE] + d[9:],
+    )
+
+
+def moved_state(linear: LinearMachine, deviation: ArrayLike) -> Array:
+    """The state (13,) of the machine that a deviation (states,) of the linear model stands for."""
+    given = check_signal("moved_state(deviation)", deviation)
+    twelve = np.zeros(12)
+    for name, value in zip(linear.states, given, strict=True):
+        if name in MOTION:
+            twelve[MOTION.index(name)] = value
+    return _moved(linear.operating_point.state, twelve)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Mode(Record):
+    """A pole, 1/s, with the shares (states,) that its states have in it (sum 1), and how it is coupled to both sides.
+
+    input_gains (inputs,), output_gains (outputs,): sizes of its left vector times B and of C times its right vector,
+    both vectors of length 1 in units of 1 mm, 0.1 rad, 10 mm/s, 1 rad/s, 0.1 A: zeros where an input cannot move it, an
+    output not show it.
+    """
+
+    pole: complex
+    shares: Array
+    input_gains: Array
+    output_gains: Array
+
+    @property
+    def frequency(self) -> float:
+        """Hz, of its oscillation."""
+        return float(abs(self.pole.imag) / (2.0 * np.pi))
+
+    @property
+    def damping(self) -> float:
+        """Ratio: 1 and more does not swing, negative grows."""
+        size = abs(self.pole)
+        return float(-self.pole.real / size) if size else 1.0
+
+    def named_shares(self, linear: LinearMachine, least: float = 0.05) -> dict[str, float]:
+        """Shares by x, y, z and turn_x..: positions with their velocities, those above `least`."""
+        found: dict[str, float] = {}
+        for name, share in zip(linear.states, self.shares, strict=True):
+            key = _AXIS_OF.get(name, name)
+            found[key] = found.get(key, 0.0) + float(share)
+        return {name: share for name, share in found.items() if share >= least}
+
+
+def modes(linear: LinearMachine) -> list[Mode]:
+    """The modes of a linear machine, the most unstable first."""
+    units = _units(linear)
+    A = linear.A / units[:, None] * units
+    B, C = linear.B / units[:, None], linear.C * units / _MILLI
+    poles, left, right = scipy.linalg.eig(A, left=True)
+    found = []
+    for k in np.lexsort((-poles.imag, -poles.real.round(9))):
+        shares = np.abs(left[:, k].conj() * right[:, k])
+        total = shares.sum()
+        found.append(
+            Mode(
+                complex(poles[k]),
+                shares / total if total else shares,
+                np.abs(left[:, k].conj() @ B),
+                np.abs(C @ right[:, k]),
+            )
+        )
+    return found
+
+
+def _units(linear: LinearMachine) -> Array:
+    return np.array(
+        [
+            next((unit for start, unit in _UNITS.items() if name.startswith(start)), _MILLI)
+            for name in linear.states
+        ]
+    )
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Controllability(Record):
+    """Whether every mode can be moved by the inputs and is shown by the outputs (Popov, Belevitch and Hautus).
+
+    controllability, observability: smallest singular value of [A - s, B] and [A - s; C] over the modes with a real part
+    above `above`, in the units of `Mode`: 0 where a mode is not controllable, or not observable. worst_input,
+    worst_output: the poles.
+    """
+
+    controllability: float
+    observability: float
+    worst_input: complex
+    worst_output: complex
+
+
+def controllability(linear: LinearMachine, above: float = -np.inf) -> Controllability:
+    """Controllability and observability of the modes with a real part above a bound, 1/s."""
+    units = _units(linear)
+    A = linear.A / units[:, None] * units
+    B, C = linear.B / units[:, None], linear.C * units / _MILLI
+    poles = [p for p in scipy.linalg.eigvals(A) if p.real > above]
+    smallest = [
+        (
+            float(np.linalg.svd(np.hstack([A - p * np.eye(len(A)), B]), compute_uv=False)[-1]),
+            float(np.linalg.svd(np.vstack([A - p * np.eye(len(A)), C]), compute_uv=False)[-1]),
+            complex(p),
+        )
+        for p in poles
+    ]
+    if not smallest:
+        return Controllability(np.inf, np.inf, 0j, 0j)
+    inputs, outputs = min(smallest, key=lambda s: s[0]), min(smallest, key=lambda s: s[1])
+    return Controllability(inputs[0], outputs[1], inputs[2], outputs[2])
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Coupling(Record):
+    """How the outputs answer the inputs at one frequency, Hz (0: constant inputs, as if it were stable).
+
+    gain (outputs, inputs): m per unit, complex sizes taken; relative (outputs, inputs): relative gains, real parts:
+    each output's answer to an input with the others' inputs still, over that with the other outputs held. The identity
+    (with rows and columns in their order) means that the axes do not know of each other (Bristol 1966).
+    """
+
+    frequency: float
+    gain: Array
+    relative: Array
+
+
+def coupling(linear: LinearMachine, frequency: float = 0.0) -> Coupling:
+    """Gains and relative gains of a machine with as many inputs as outputs. Inputs are taken in the order of x, y, z
+    where they are lift, x and y."""
+    s = 2j * np.pi * frequency
+    # A magnet may turn about its axis as it likes: at rest that is a state of pole zero which no input moves. The
+    # shortest of all solutions leaves it still; an elimination would divide rounding by rounding.
+    states = np.linalg.lstsq(s * np.eye(len(linear.A)) - linear.A, linear.B, rcond=None)[0]
+    answer = linear.C @ states + linear.D
+    if linear.inputs[:1] == ("lift_V",):
+        answer = answer[:, [1, 2, 0]]
+    # The pseudo-inverse is the inverse, and takes an input that moves nothing (a coil less than axes) for none.
+    relative = answer * np.linalg.pinv(answer).T
+    return Coupling(frequency, np.abs(answer) if frequency else answer.real, relative.real)
