@@ -54,13 +54,11 @@ def body_properties(device: Device, mu_r: float | None) -> BodyProperties:
     Raises InputError unless mu_r is a finite number > 0.
     """
     if mu_r is not None and not (finite_number(mu_r) and mu_r > 0):
-        raise InputError(
-            Problem(
-                "solve_linear, mu_r",
-                "the relative permeability must be a finite number > 0",
-                repr(mu_r),
-                "give for instance mu_r=1000, or None for the device's own: of a B-H table its initial slope",
-            )
+        raise InputError.of(
+            "solve_linear, mu_r",
+            "the relative permeability must be a finite number > 0",
+            repr(mu_r),
+            "give for instance mu_r=1000, or None for the device's own: of a B-H table its initial slope",
         )
     value = np.empty(len(device.bodies))
     remanence = np.zeros((len(device.bodies), 3))
@@ -100,13 +98,11 @@ def _constant_mu_r(material: Material, mu_r: float | None) -> tuple[float, str]:
 def require_soft_bodies(device: Device) -> None:
     """Raise InputError, for all bodies at once, unless every one has a B(H) law with mu_r >= 1, and there is one."""
     if not device.bodies:
-        raise InputError(
-            Problem(
-                f"device '{device.name}'",
-                "there must be iron for a nonlinear solve",
-                "no bodies",
-                _LINEAR_INSTEAD,
-            )
+        raise InputError.of(
+            f"device '{device.name}'",
+            "there must be iron for a nonlinear solve",
+            "no bodies",
+            _LINEAR_INSTEAD,
         )
     problems = []
     for body in device.bodies:

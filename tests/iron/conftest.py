@@ -2,7 +2,7 @@
 
 import pytest
 
-from fieldmap.iron.geometry import mesh_files, step_files
+from fieldmap.iron.geometry import mesh_files, shapes
 
 
 @pytest.fixture
@@ -14,5 +14,5 @@ def read_at_once(monkeypatch, tmp_path):
         exec(program, {"path": str(path), "out": str(out), "limit": lambda: None})
         return out.read_bytes()
 
-    monkeypatch.setattr(step_files, "read_by_another", here)
+    monkeypatch.setattr(shapes, "read_by_another", here)
     monkeypatch.setattr(mesh_files, "read_by_another", lambda *_: None)

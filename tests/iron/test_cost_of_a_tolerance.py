@@ -9,17 +9,20 @@ import pytest
 
 from fieldmap.device.model import Background, Body, Box, Device, LinearMaterial, Part, WorkspaceBox, placed
 from fieldmap.iron import Tolerance, generate_mesh
-from fieldmap.iron.error.estimate import Bracket, ErrorEstimate, LargestError, workspace_surface
-from fieldmap.iron.error.tolerance import (
+from fieldmap.iron.error import (
+    Bracket,
+    ErrorEstimate,
     ErrorShare,
     ExpectedCost,
+    LargestError,
     MeshStep,
     ToleranceReport,
     expected_cost,
     faces_within,
+    workspace_surface,
 )
 from fieldmap.iron.materials import body_properties
-from fieldmap.iron.mesh.local_sizes import LocalSizes, MesherCells
+from fieldmap.iron.mesh.mesher import LocalSizes, MesherCells
 from fieldmap.iron.operators.assembled import assemble
 from fieldmap.iron.report import Stages
 from fieldmap.iron.solvers import to_tolerance

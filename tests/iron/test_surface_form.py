@@ -31,7 +31,7 @@ from fieldmap.iron.mesh.mesh import generate_mesh, volumes
 from fieldmap.iron.mesh.mesher import mesh_solids
 from fieldmap.iron.mesh.surface_mesh import AIR, enclosed_volume, generate_surface
 from fieldmap.iron.operators import assembled
-from fieldmap.iron.surface_solution import _areas_above, _enclosed_area
+from fieldmap.iron.solvers.surface import _areas_above, _enclosed_area
 from fieldmap.sources import unit_flux_density
 
 RADIUS = 0.05
