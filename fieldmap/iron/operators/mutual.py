@@ -101,10 +101,6 @@ class MutualPotential(ABC):
     def __matmul__(self, charge: Array) -> Array:
         """Mean potentials (s, c) of charges (s, c)."""
 
-    @abstractmethod
-    def _approximate(self, potential: Array) -> Array:
-        """`solve` without refinement: a fixed linear map."""
-
     def solve(self, potential: Array, refinements: int = 0) -> Array:
         """Charges (s, c) with these mean potentials (s, c).
 
@@ -115,6 +111,10 @@ class MutualPotential(ABC):
         for _ in range(refinements):
             charge = charge + self._approximate(potential - self @ charge)
         return charge
+
+    def _approximate(self, potential: Array) -> Array:
+        """`solve` without refinement."""
+        raise NotImplementedError
 
 
 class DenseMutualPotential(MutualPotential):
@@ -224,8 +224,9 @@ class SymmetricMutualPotential(MutualPotential):
         """Mean potentials (s, c) of charges (s, c)."""
         return self._blockwise(charge, lambda block, part: block @ part)
 
-    def _approximate(self, potential: Array) -> Array:
-        return self._blockwise(potential, lambda block, part: block.solve(part))
+    def solve(self, potential: Array, refinements: int = 0) -> Array:
+        """See `MutualPotential.solve`."""
+        return self._blockwise(potential, lambda block, part: block.solve(part, refinements))
 
     def _blockwise(self, values: Array, apply) -> Array:
         flat = values.reshape(len(values), -1)
