@@ -196,9 +196,7 @@ def _body_fault(label: str, body: Body, solid: contacts.NamedSolid) -> Problem |
     pieces = solid.solid.solids
     size = float(np.linalg.norm(np.subtract(*contacts.bounds(solid.solid)))) if len(pieces) else 0.0
     if solid.volume <= contacts.CONTACT_DISTANCE * size**2:
-        remedy = (
-            "correct its dimensions and its cuts; in a STEP file, the direction of its surface"
-        )
+        remedy = "correct its dimensions and its cuts; in a STEP file, the direction of its surface"
         received = f"{solid.volume:.3g} mm^3"
         return Problem(f"{label}: {solid}", "a body must have a volume above zero", received, remedy)
     if not any(isinstance(part.shape, StepFile) for part in body.parts) or _halves_add_up(solid):
