@@ -2,8 +2,8 @@
 
 The potential form errs to one side in the energy, the flux form to the other: what the elements inside the iron cannot
 resolve lies between the two on one mesh, and similar meshes that agree with each other cannot hide it. In the energy
-norm the mean of the two is half their distance from the truth (Prager and Synge, Quart. Appl. Math. 5 (1947) 241);
-half the gap is charged for fields as well. What both forms have in common, rounded surfaces of flat faces and charges
+norm the mean of the two is half their distance from the truth (Prager and Synge, Quart. Appl. Math. 5 (1947) 241); half
+the gap is charged for fields as well. What both forms have in common, rounded surfaces of flat faces and charges
 constant on each, shows between two meshes, of which the estimate is for the coarser; where the shares of all faces in
 the error are known (`fieldmap.iron.solvers.refinement`), their sum is an estimate for the finer one. The smaller of
 these two counts. The estimate is the larger of that and the gap, for each source by itself.
@@ -14,11 +14,10 @@ diagonal of the workspace, or the distance from its middle to the nearest iron w
 gradient then adds at most e times |B| to the field between the middle and the corners, and a small workspace far from
 the iron does not loosen the scale.
 
-What error is asked for, and how a run that refines for it went: its meshes, its end, and what more would cost.
-
-An error is within a tolerance if it is no larger than the relative part times the size that it is relative to
-(`fieldmap.iron.error`), or no larger than the absolute part: the larger of the two is allowed. Where a field
-is shielded to almost nothing, the absolute part alone can be meant.
+A tolerance is what error is asked for, and its report how a run that refines for it went. An error is within a
+tolerance if it is no larger than the relative part times the size that it is relative to (`fieldmap.iron.error`), or no
+larger than the absolute part: the larger of the two is allowed. Where a field is shielded to almost nothing, the
+absolute part alone can be meant.
 """
 
 from __future__ import annotations

@@ -104,28 +104,23 @@ def require_soft_bodies(device: Device) -> None:
             "no bodies",
             _LINEAR_INSTEAD,
         )
-    problems = []
+    weak: list[tuple[str, str, str]] = []
     for body in device.bodies:
-        material = device.materials[body.material]
-        given = ""
+        material, where = device.materials[body.material], f"body '{body.name}'"
         if material.role == "flux barrier":
-            given = material.description
+            weak.append(("body", where, material.description))
         elif not material.saturates and material.initial_mu_r < 1:
-            given = f"mu_r = {material.initial_mu_r:g}"
-        if given:
-            where = f"device '{device.name}', body '{body.name}'"
-            problems.append(
-                Problem(where, "a nonlinear solve needs mu_r >= 1 in every body", given, _LINEAR_INSTEAD)
-            )
-    problems += [
+            weak.append(("body", where, f"mu_r = {material.initial_mu_r:g}"))
+    thin = (joint for joint in device.joints if joint.mu_r < 1)
+    weak += (("joint", joint.description, f"mu_r = {joint.mu_r:g}") for joint in thin)
+    problems = [
         Problem(
-            f"device '{device.name}', {joint.description}",
-            "a nonlinear solve needs mu_r >= 1 in every joint",
-            f"mu_r = {joint.mu_r:g}",
+            f"device '{device.name}', {where}",
+            f"a nonlinear solve needs mu_r >= 1 in every {kind}",
+            given,
             _LINEAR_INSTEAD,
         )
-        for joint in device.joints
-        if joint.mu_r < 1
+        for kind, where, given in weak
     ]
     if problems:
         raise InputError(*problems)

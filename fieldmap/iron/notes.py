@@ -1,8 +1,7 @@
 """What a solved state rests on, in words: assumptions, iron beyond saturation, iron beyond its B-H law.
 
-Linear iron that carries more than iron can: a linear solution knows no saturation, so somebody must look.
-
-What is in a device: bodies with their volumes, coils, and what the laws of its materials assume.
+A linear solution knows no saturation: the notes name linear iron that carries more than iron can. Before a solve they
+list what is in a device: bodies with their volumes, coils, and what the laws of its materials assume.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """A solved device in numbers: field at points, forces, sections, bodies, and known values of the file beside ours.
 
-What a designer asks of a machine at given currents: windings, inductances, forces, flux densities, heat.
+And what a designer asks of a machine at given currents: windings, inductances, forces, flux densities, heat.
 """
 
 from __future__ import annotations

@@ -12,12 +12,11 @@ A factor 1 / nu of the faces' own bodies brings this operator close to a multipl
 magnetisation with demagnetising factor D the left side is 1 + nu (1 - D) / D. K is singular for constants;
 they follow from the zero net flux.
 
-Second-order flux elements on the iron's tetrahedra (Brezzi, Douglas and Marini), hybridised.
-
-The flux density is linear in every element and free of divergence; its normal component is linear on every face. What
-makes neighbours agree about it are potentials on the faces, linear as well: the only unknowns left, three a face.
-The coil field is that of `fieldmap.iron.elements.nodal_elements`: free of curl by construction, so that flux around a
-closed circuit is driven by the exact circulation, however permeable the iron.
+The elements are second-order flux elements on the iron's tetrahedra (Brezzi, Douglas and Marini), hybridised. The flux
+density is linear in every element and free of divergence; its normal component is linear on every face. What makes
+neighbours agree about it are potentials on the faces, linear as well: the only unknowns left, three a face. The coil
+field is that of `fieldmap.iron.elements.nodal_elements`: free of curl by construction, so that flux around a closed
+circuit is driven by the exact circulation, however permeable the iron.
 """
 
 from collections.abc import Callable

@@ -9,11 +9,10 @@ The tangent is -(int grad (db/dh) grad + S): symmetric and, for db/dh >= 1, posi
 construction, B only in the mean: the complement of the flux form (`fieldmap.iron.elements.flux_form`), with errors of
 the other sign in closed magnetic circuits.
 
-The air as an operator on the iron's surface.
-
-The potential phi of the iron's own field is continuous; outside it is harmonic and decays. A layer of charge q on
-the surface faces makes it: W q = m, the means of phi over the faces. The layer's charge is the sum of the normal
-derivatives on both sides, so that the flux that leaves through the faces into the air is
+The air is an operator on the iron's surface. The potential phi of the iron's own field is continuous; outside it is
+harmonic and decays. A layer of charge q on the surface faces makes it: W q = m, the means of phi over the faces. The
+layer's charge is the sum of the normal derivatives on both sides, so that the flux that leaves through the faces into
+the air is
 
     x = W^-1 m - N^-1 m,      m = M phi,      N = M K^-1 M^T,
 
@@ -30,16 +29,15 @@ N^-1 m = y is found by the method of multipliers (Hestenes, J. Optim. Theory App
 in two steps from zero. The matrix has the pattern of K and is positive definite; the saddle point of K and M, solved
 at once, took a factor of more than three times the memory and eighteen times the work at 73 000 faces.
 
-The iron's elements as air, for the term N of the exterior.
+For N the iron's elements are air. N^-1 takes away what the charges of the surface do inside the iron, were it air; both
+are to know the same inside. At the rim of a sheet that is thinner than its elements are wide they do not. A potential
+that differs between both sides of the rim costs the elements of the sheet, in which it falls off over their whole width
+h, h / (3 g) and more, while charges feel the logarithm of h / g. N^-1 would take away the sheet's own stiffness there,
+and flux would crowd through its rim (a magnet 10 um above a plate: 1.4 to 2.6 times the true flux density in the
+outermost elements). Elements at such a rim are therefore softer in N, by g / h; where they are as narrow as the gap
+they are air.
 
-N^-1 takes away what the charges of the surface do inside the iron, were it air; both are to know the same inside. At
-the rim of a sheet that is thinner than its elements are wide they do not. A potential that differs between both sides
-of the rim costs the elements of the sheet, in which it falls off over their whole width h, h / (3 g) and more, while
-charges feel the logarithm of h / g. N^-1 would take away the sheet's own stiffness there, and flux would crowd through
-its rim (a magnet 10 um above a plate: 1.4 to 2.6 times the true flux density in the outermost elements). Elements at
-such a rim are therefore softer in N, by g / h; where they are as narrow as the gap they are air.
-
-Flux linkage and co-energy of the iron, from the fields inside it: docs/theory/forces.md (4), (5).
+Flux linkage and co-energy of the iron follow from the fields inside it: docs/theory/forces.md (4), (5).
 """
 
 from collections.abc import Sequence

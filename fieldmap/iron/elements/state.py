@@ -2,11 +2,10 @@
 
 In the potential form h is linear in each element, in the flux form b.
 
-Bodies on both sides of thin drawn gaps, each with a surface and charges of its own.
-
-The solver takes the air in such a gap for a sheet of the iron's mesh. Forces on one side need the bodies apart: the
-potential is known on all of their faces, those at the gap among them, and charges that make it follow as they do in the
-air (`fieldmap.iron.elements.potential_form`). The faces on both sides of a gap are equal, so that what little the
+Bodies on both sides of thin drawn gaps have a surface and charges of their own. The solver takes the air in such a gap
+for a sheet of the iron's mesh. Forces on one side need the bodies apart: the potential is known on all of their faces,
+those at the gap among them, and charges that make it follow as they do in the air
+(`fieldmap.iron.elements.potential_form`). The faces on both sides of a gap are equal, so that what little the
 potentials of facing charges differ by is found from points that lie opposite to each other.
 """
 

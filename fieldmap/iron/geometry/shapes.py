@@ -1,14 +1,8 @@
-"""Device shapes as solids of the CAD kernel (Open CASCADE through netgen).
+"""Device shapes, STEP files, windings and workspaces as solids of the CAD kernel (Open CASCADE through netgen).
 
-Inside the kernel lengths are millimetres: its tolerances are absolute (1e-7), too coarse for a
-model in metres. Devices are in metres: the factor is
-applied here.
-
-Solids of STEP files, in the length unit that the device file gives them.
-
-The mesher's CAD kernel, imported where it is first used: solutions and pictures are read and drawn without it.
-
-Windings and workspaces as solids of the CAD kernel.
+Inside the kernel lengths are millimetres: its tolerances are absolute (1e-7), too coarse for a model in metres. Devices
+are in metres: the factor is applied here. A STEP file counts in the length unit that the device file gives it. The
+kernel is imported where it is first used: solutions and pictures are read and drawn without it.
 """
 
 from __future__ import annotations

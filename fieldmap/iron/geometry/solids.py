@@ -1,9 +1,8 @@
 """Iron bodies as solids of the CAD kernel, and all of them glued together for the mesher.
 
 The kernel is Open CASCADE, reached through netgen. Inside it lengths are millimetres (`fieldmap.iron.geometry.shapes`
-says why), elsewhere metres. Primitives stay true curved surfaces, onto which the mesher may curve elements.
-
-Bodies that are meshes of the user's own: their tetrahedra in the global frame, and their solids.
+says why), elsewhere metres. Primitives stay true curved surfaces, onto which the mesher may curve elements. A body
+that is a mesh of the user's own is what its tetrahedra fill.
 """
 
 from __future__ import annotations

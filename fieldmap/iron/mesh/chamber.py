@@ -4,7 +4,7 @@ Points on walls are found once and moved onto them exactly. A point's copies und
 the operations differ by one that leaves the point alone: nodes are merged by the group's table, not by distances, so
 that the mesh has the symmetry without any tolerance.
 
-The part of space between mirrors that the whole is made of: one copy for each operation.
+The chamber is the part of space between mirrors that the whole is made of: one copy for each operation.
 """
 
 from __future__ import annotations

@@ -6,7 +6,7 @@ segment with sagitta s the polygon of equal area lies 2 s / 3 further out. Here 
 distance of its midpoint from the true surface, and each vertex of a curved face moves by the mean that keeps the
 volume under the face: face T with edges e and corners v lacks A_T sum_e d_e / 3 and gains A_T sum_v shift_v / 3.
 
-Points: which element contains them, those in the air, and means over a body.
+The mesh tells which element contains a point, and refuses points that must lie in the air.
 """
 
 from __future__ import annotations

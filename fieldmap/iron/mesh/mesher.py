@@ -5,7 +5,7 @@ with other coils and materials, by another command. So what the mesher made is k
 on disk in a folder of one's choice, the environment variable FIELDMAP_MESHES. A mesh is found again by all that the
 mesher is given, bit by bit, and by the version of the mesher.
 
-Element sizes that vary from place to place, and what the mesher made of them.
+Sizes of elements may vary from place to place.
 """
 
 from __future__ import annotations

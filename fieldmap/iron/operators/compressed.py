@@ -1,11 +1,11 @@
-"""Chebyshev's iteration for several right-hand sides: a fixed, symmetric, linear map, unlike conjugate gradients, so
-that it may stand inside another iteration. (Golub and Varga, Numer. Math. 3 (1961) 147; Saad, Iterative Methods for
-Sparse Linear Systems, 2nd ed., algorithm 12.1.)
+"""W of many faces by blocks: dense where clusters of faces are near each other, of low rank where they are far.
 
-Clusters of faces that lie together, and the pairs of clusters that see each other from afar.
+Its inverse is Chebyshev's iteration for several right-hand sides: a fixed, symmetric, linear map, unlike conjugate
+gradients, so that it may stand inside another iteration. (Golub and Varga, Numer. Math. 3 (1961) 147; Saad, Iterative
+Methods for Sparse Linear Systems, 2nd ed., algorithm 12.1.)
 
-A balanced binary tree: every cluster is cut at the median of its longest side, so that all leaves are on one level
-and differ by one face at most. Faces are numbered anew, leaf by leaf; a cluster is a run of these numbers.
+Clusters form a balanced binary tree: every cluster is cut at the median of its longest side, so that all leaves are on
+one level and differ by one face at most. Faces are numbered anew, leaf by leaf; a cluster is a run of these numbers.
 """
 
 import math

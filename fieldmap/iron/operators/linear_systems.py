@@ -1,14 +1,12 @@
-"""GMRES for several right-hand sides.
+"""Linear systems of the iron: GMRES for several right-hand sides, sums over elements, and sparse Cholesky factors.
 
-One application of the operator serves every column. Each column keeps its own Arnoldi basis (Saad and
+In GMRES one application of the operator serves every column. Each column keeps its own Arnoldi basis (Saad and
 Schultz, SIAM J. Sci. Stat. Comput. 7 (1986) 856); the columns only share the products, which are what costs.
 
-Direct solution of sparse, symmetric, positive definite systems: one analysis for each pattern, then numbers only.
-
-The order of elimination is nested dissection of the matrix's graph (METIS: Karypis and Kumar, SIAM J. Sci. Comput. 20
-(1998) 359). Each step of Newton's method only computes numbers: `fieldmap.kernels.iron.sparse_cholesky`.
-
-Sums over elements: global matrices and vectors from those of the elements, which all have one pattern.
+Sparse, symmetric, positive definite systems are solved directly: one analysis for each pattern, then numbers only. The
+order of elimination is nested dissection of the matrix's graph (METIS: Karypis and Kumar, SIAM J. Sci. Comput. 20
+(1998) 359): `fieldmap.kernels.iron.sparse_cholesky`. The global matrices are sums of those of the elements, which all
+have one pattern.
 """
 
 import importlib.util

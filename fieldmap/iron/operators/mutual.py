@@ -1,13 +1,11 @@
 """The mutual potentials of the surface faces and their inverse: what the forms ask of them, and the dense matrix.
 
-Cholesky factor and inverse of large matrices, while other threads of this process go on.
-
-SciPy's functions hold the interpreter's lock until LAPACK is done. The same routines are called here by their addresses
+Its Cholesky factor and inverse are found while other threads of this process go on: SciPy's functions hold the
+interpreter's lock until LAPACK is done, and the same routines are called here by their addresses
 (scipy.linalg.cython_lapack), without it.
 
-W of a mesh with mirrors: one block for each irreducible representation of their group.
-
-Faces are numbered (r, a): face r of one chamber, moved by operation a. W commutes with the operations, so that
+W of a mesh with mirrors is one block for each irreducible representation of their group. Faces are numbered (r, a):
+face r of one chamber, moved by operation a. W commutes with the operations, so that
 
     W[(r, a), (s, b)] = w(a^-1 b)[r, s],
 

@@ -10,12 +10,12 @@ the iron. In the potential form R_p . v = int m . grad v with m the change of mu
 
     m = (db/dh - 1) t' + b'(h) + b_r',
 
-where t' is the change of the applied field, b' that of the law and b_r' that of the remanence. Flux linkages,
-lambda_k = int mu0 M . t_k dV / mu0 and that in air, follow m in the same way; fields at points see phi through the
-charges of the surface. (D. G. Cacuci, J. Math. Phys. 22 (1981) 2794; for magnetostatics S. Gitosusastro, J. L. Coulomb
-and J. C. Sabonnadiere, IEEE Trans. Magn. 25 (1989) 2834.)
+where t' is the change of the applied field, b' that of the law and b_r' that of the remanence. Flux linkages, lambda_k
+= int mu0 M . t_k dV / mu0 and that in air, follow m in the same way; fields at points see phi through the charges of
+the surface. (D. G. Cacuci, J. Math. Phys. 22 (1981) 2794; for magnetostatics S. Gitosusastro, J. L. Coulomb and J. C.
+Sabonnadiere, IEEE Trans. Magn. 25 (1989) 2834.)
 
-What a solved state keeps of its device, so that it can tell derivatives: not its matrices, which are many times
+A solved state keeps its device (`Origin`), so that it can tell derivatives, but not its matrices, which are many times
 larger than the state. They are used as long as their solver lives, and made anew from the state's mesh otherwise.
 """
 
@@ -393,13 +393,7 @@ class Origin:
         return shortened(f"Origin({self.device.name}, {iron} iron)")
 
     def __getstate__(self) -> dict[str, Any]:
-        return {
-            "device": self.device,
-            "linear": self.linear,
-            "mu_r": self.mu_r,
-            "_solver": None,
-            "_own": None,
-        }
+        return {**self.__dict__, "_solver": None, "_own": None}
 
     def derivative(
         self,

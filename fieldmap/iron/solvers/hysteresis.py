@@ -1,9 +1,8 @@
 """Iron with rate-independent hysteresis (play model) at a sequence of currents: docs/theory/hysteresis.md.
 
-The potential form for iron with hysteresis: the same elements, and play cells at their points.
-
-docs/theory/hysteresis.md. At a given history of the cells, B is the gradient by h of a convex function, as without
-hysteresis. The functional, Newton's method and its line search are therefore those of the potential form.
+The elements are those of the potential form, with play cells at their points. At a given history of the cells, B is the
+gradient by h of a convex function, as without hysteresis. The functional, Newton's method and its line search are
+therefore those of the potential form.
 """
 
 from __future__ import annotations

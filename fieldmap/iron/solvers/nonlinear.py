@@ -1,11 +1,9 @@
 """Saturating iron: a device meshed once, and its states at given currents.
 
-States that follow from solved ones by the symmetry of the iron, without solving.
-
-Newton's method, and continuation in the sources where it fails: a state at a share of the currents starts the next.
-
-From the potential at one share of the currents (and of the magnets' remanence), scaled up in proportion, the iron is
-nearer to the next state than from zero. The steps adapt: halved where Newton fails, doubled where it succeeds.
+States that follow from solved ones by the symmetry of the iron need no solve. Others follow by Newton's method, and by
+continuation in the sources where it fails: a state at a share of the currents starts the next. From the potential at
+one share of the currents (and of the magnets' remanence), scaled up in proportion, the iron is nearer to the next state
+than from zero. The steps adapt: halved where Newton fails, doubled where it succeeds.
 """
 
 from __future__ import annotations

@@ -1,6 +1,5 @@
-"""A device with linear iron, solved by the surfaces of its bodies alone.
-
-Linear iron solved by its surface alone: what its solution knows without a mesh of the volume.
+"""A device with linear iron, solved by the surfaces of its bodies alone, and what its solution knows without a mesh of
+the volume.
 
 Outside, charges on the surface make the field, as in the other forms. Inside a region of one material the total field
 is that of another layer of charges on the region's boundary, which make the total potential there: nothing cancels, and
