@@ -18,9 +18,8 @@ from fieldmap.errors import FieldmapError, Infeasible, InputError, NotConverged,
 from fieldmap.field import Field, as_field, require_bounds
 from fieldmap.inputs.document import Document
 from fieldmap.iron import LinearSolution, NonlinearSolver, solve_linear, solve_to_tolerance
-from fieldmap.iron.summary import FILL, copper_resistance
 from fieldmap.iron.error import ErrorEstimate, estimate_error, workspace_surface
-from fieldmap.iron.summary import body_fluxes
+from fieldmap.iron.summary import FILL, body_fluxes, copper_resistance
 from fieldmap.levitation import GRAVITY, Equilibrium, find_equilibrium, lift_current
 from fieldmap.levitation.balance import upright_force
 from fieldmap.lookup.payload import check_payload
