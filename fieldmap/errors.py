@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Self
 
 
 @dataclass(frozen=True)
@@ -30,6 +30,11 @@ class FieldmapError(Exception):
     def __init__(self, *problems: Problem) -> None:
         self.problems = problems
         super().__init__("\n".join(str(problem) for problem in problems))
+
+    @classmethod
+    def of(cls, where: str, must_hold: str, received: str, remedy: str) -> Self:
+        """The error of one problem, see `Problem`."""
+        return cls(Problem(where, must_hold, received, remedy))
 
     def __reduce__(self) -> tuple[Any, ...]:
         # As it is by default, with what the constructor takes: errors travel between processes.
@@ -99,7 +104,7 @@ class ToleranceNotReached(NotConverged):
     """Meshes were refined, and the estimated error is still larger than was asked for.
 
     report: how the run went, which part of which body would have to be refined, and what that would cost
-    (`fieldmap.iron.error.tolerance.ToleranceReport`); solution: the best so far. Both None if no mesh has an estimate.
+    (`fieldmap.iron.error.ToleranceReport`); solution: the best so far. Both None if no mesh has an estimate.
     """
 
     def __init__(

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from fieldmap.cli.printing import Section
-    from fieldmap.iron.contents import DeviceContents
+    from fieldmap.iron.notes import DeviceContents
     from fieldmap.store import MapCheck
 
 
@@ -43,7 +43,7 @@ def check(
         warn_of_missed_accuracy(source, checked.info.provenance.solver_report)
         print_result(checked, partial(_map_page, source), json, map=source)
     else:
-        from fieldmap.iron.contents import device_contents
+        from fieldmap.iron.notes import device_contents
 
         contents = device_contents(named_device(source, settings))
         if toml:

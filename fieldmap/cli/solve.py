@@ -26,8 +26,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from fieldmap.cli.printing import Section
-    from fieldmap.iron.design import DesignFigures
-    from fieldmap.iron.summary import ReferenceComparison, SolutionSummary
+    from fieldmap.iron.summary import DesignFigures, ReferenceComparison, SolutionSummary
 
 
 def solve(
@@ -117,7 +116,7 @@ def solve(
         solved = solve_device(machine, options, progress)
         if design:
             assert amperes is not None
-            from fieldmap.iron.design import design_figures
+            from fieldmap.iron.summary import design_figures
 
             figures = design_figures(machine, amperes, solved, thermal_resistance)
             print_result(figures, _design_page, json)

@@ -82,19 +82,19 @@ def _read_mesh(path: Path, region: str | None, changed: int, size: int) -> FileM
     cells = _cells(path, changed, size)
     if cells.others:
         remedy = "mesh the solid with tetrahedra, or cut these cells into tetrahedra"
-        raise InputError(Problem(str(path), "must have tetrahedra only", ", ".join(cells.others), remedy))
+        raise InputError.of(str(path), "must have tetrahedra only", ", ".join(cells.others), remedy)
     chosen = np.arange(len(cells.tets))
     if region is not None:
         if region not in cells.regions:
             names = ", ".join(cells.regions) or "none"
             must_hold = f"region must be one of those of the file: {names}"
             remedy = "name one of them, or leave the key out for all cells"
-            raise InputError(Problem(str(path), must_hold, repr(region), remedy))
+            raise InputError.of(str(path), must_hold, repr(region), remedy)
         chosen = cells.regions[region]
     points, tets = _used(cells.points, cells.tets[chosen])
     fault = tetrahedra_fault(points, tets)
     if fault is not None:
-        raise InputError(Problem(str(path), *fault))
+        raise InputError.of(str(path), *fault)
     for array in (points, tets):
         array.setflags(write=False)
     return FileMesh(points, tets, int(cells.higher_order[chosen].sum()))
@@ -129,7 +129,7 @@ def _cells(path: Path, changed: int, size: int) -> _Cells:
             told = ": ".join(filter(None, (kind, " ".join(reason.split())[:120])))
             received = f"{size} bytes, of which the reader says {told!r}"
             remedy = "write it again, for instance as .vtu or as gmsh's .msh 4.1"
-            raise InputError(Problem(str(path), "must be a whole mesh file", received, remedy)) from error
+            raise InputError.of(str(path), "must be a whole mesh file", received, remedy) from error
 
 
 # ---- readers ----

@@ -9,27 +9,28 @@ with needs("make", "fieldmap.iron"):
     del scipy
 
 from fieldmap.device.model import Section
-from fieldmap.iron.beyond_saturation import BodyBeyondSaturation, bodies_beyond_saturation
-from fieldmap.iron.design import DesignFigures, design_figures
-from fieldmap.iron.error.tolerance import Tolerance, ToleranceReport
+from fieldmap.iron.error import Tolerance, ToleranceReport
 from fieldmap.iron.geometry.checks import check_geometry, geometry_notes
 from fieldmap.iron.mesh.mesh import IronMesh, generate_mesh
-from fieldmap.iron.quantities.sections import SectionFlux
+from fieldmap.iron.notes import BodyBeyondSaturation, bodies_beyond_saturation
 from fieldmap.iron.report import SolverReport
-from fieldmap.iron.sensitivity.derivatives import Derivatives, Spread
+from fieldmap.iron.sections import SectionFlux
 from fieldmap.iron.sensitivity.quantities import (
+    Derivatives,
     DipoleForce,
     FieldFunction,
     FluxDensityAt,
     FluxLinkage,
     GradientAt,
     Quantity,
+    Spread,
 )
 from fieldmap.iron.solution import LinearSolution, LinearState, NonlinearSolution, SolvedState
 from fieldmap.iron.solvers.hysteresis import HysteresisSolver, HystereticState, IronMemory, Pinning
 from fieldmap.iron.solvers.linear import solve_linear
 from fieldmap.iron.solvers.nonlinear import NonlinearSolver, solve
 from fieldmap.iron.solvers.to_tolerance import solve_to_tolerance
+from fieldmap.iron.summary import DesignFigures, design_figures
 
 __all__ = [
     "BodyBeyondSaturation",

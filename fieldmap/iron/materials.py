@@ -54,13 +54,11 @@ def body_properties(device: Device, mu_r: float | None) -> BodyProperties:
     Raises InputError unless mu_r is a finite number > 0.
     """
     if mu_r is not None and not (finite_number(mu_r) and mu_r > 0):
-        raise InputError(
-            Problem(
-                "solve_linear, mu_r",
-                "the relative permeability must be a finite number > 0",
-                repr(mu_r),
-                "give for instance mu_r=1000, or None for the device's own: of a B-H table its initial slope",
-            )
+        raise InputError.of(
+            "solve_linear, mu_r",
+            "the relative permeability must be a finite number > 0",
+            repr(mu_r),
+            "give for instance mu_r=1000, or None for the device's own: of a B-H table its initial slope",
         )
     value = np.empty(len(device.bodies))
     remanence = np.zeros((len(device.bodies), 3))
@@ -100,36 +98,29 @@ def _constant_mu_r(material: Material, mu_r: float | None) -> tuple[float, str]:
 def require_soft_bodies(device: Device) -> None:
     """Raise InputError, for all bodies at once, unless every one has a B(H) law with mu_r >= 1, and there is one."""
     if not device.bodies:
-        raise InputError(
-            Problem(
-                f"device '{device.name}'",
-                "there must be iron for a nonlinear solve",
-                "no bodies",
-                _LINEAR_INSTEAD,
-            )
-        )
-    problems = []
-    for body in device.bodies:
-        material = device.materials[body.material]
-        given = ""
-        if material.role == "flux barrier":
-            given = material.description
-        elif not material.saturates and material.initial_mu_r < 1:
-            given = f"mu_r = {material.initial_mu_r:g}"
-        if given:
-            where = f"device '{device.name}', body '{body.name}'"
-            problems.append(
-                Problem(where, "a nonlinear solve needs mu_r >= 1 in every body", given, _LINEAR_INSTEAD)
-            )
-    problems += [
-        Problem(
-            f"device '{device.name}', {joint.description}",
-            "a nonlinear solve needs mu_r >= 1 in every joint",
-            f"mu_r = {joint.mu_r:g}",
+        raise InputError.of(
+            f"device '{device.name}'",
+            "there must be iron for a nonlinear solve",
+            "no bodies",
             _LINEAR_INSTEAD,
         )
-        for joint in device.joints
-        if joint.mu_r < 1
+    weak: list[tuple[str, str, str]] = []
+    for body in device.bodies:
+        material, where = device.materials[body.material], f"body '{body.name}'"
+        if material.role == "flux barrier":
+            weak.append(("body", where, material.description))
+        elif not material.saturates and material.initial_mu_r < 1:
+            weak.append(("body", where, f"mu_r = {material.initial_mu_r:g}"))
+    thin = (joint for joint in device.joints if joint.mu_r < 1)
+    weak += (("joint", joint.description, f"mu_r = {joint.mu_r:g}") for joint in thin)
+    problems = [
+        Problem(
+            f"device '{device.name}', {where}",
+            f"a nonlinear solve needs mu_r >= 1 in every {kind}",
+            given,
+            _LINEAR_INSTEAD,
+        )
+        for kind, where, given in weak
     ]
     if problems:
         raise InputError(*problems)

@@ -14,41 +14,75 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from fieldmap.device.drawing import Outline, source_outline, winding_outline
 from fieldmap.device.model import Background, Coil, Section
-from fieldmap.errors import InputError, Problem
+from fieldmap.errors import InputError
 from fieldmap.field import BaseField, BaseFieldAtCurrents, Bounds, Currents, coil_currents
 from fieldmap.iron.elements.potential_form import PotentialState
 from fieldmap.iron.elements.state import IronState
-from fieldmap.iron.mesh.mesh import IronMesh, surface_outlines, volumes
+from fieldmap.iron.forces import Magnetised, force_and_torque, magnetic_bodies
+from fieldmap.iron.mesh.charged_faces import ChargedFaces
+from fieldmap.iron.mesh.mesh import (
+    IronMesh,
+    checked_points,
+    refuse_inside,
+    volumes,
+)
 from fieldmap.iron.mesh.surface_mesh import IronSurface
-from fieldmap.iron.operators.surface import ChargedFaces
-from fieldmap.iron.quantities.air import checked_points, containing_element, mean_over_body, refuse_inside
-from fieldmap.iron.quantities.forces import Magnetised, force_and_torque, magnetic_bodies
-from fieldmap.iron.quantities.sections import SectionFlux, named_section, section_flux
 from fieldmap.iron.report import SolverReport
+from fieldmap.iron.sections import SectionFlux, named_section, section_flux
 from fieldmap.records import Record, card, count_of, shortened
-from fieldmap.sources import unit_flux_densities, unit_flux_density, unit_flux_density_and_gradient
+from fieldmap.sources import unit_flux_density, unit_flux_density_and_gradient
 from fieldmap.sources.inductance import background_linkage, bare_inductance
 from fieldmap.typing import Array, Index
 
 if TYPE_CHECKING:
-    from fieldmap.iron.sensitivity.derivatives import Derivatives
-    from fieldmap.iron.sensitivity.quantities import Quantity
+    from fieldmap.iron.sensitivity.quantities import Derivatives, Quantity
 
 
 class StateOrigin(Protocol):
-    """The device that a state was solved for, and what derivatives need of it (`fieldmap.iron.sensitivity.origin`)."""
+    """The device that a state was solved for, and what derivatives need of it (`fieldmap.iron.sensitivity.adjoint`)."""
 
     def derivative(self, state: SolvedState, quantity: Quantity, parameters: Sequence[str]) -> Derivatives:
         """See `SolvedState.derivative`."""
         ...
 
 
+class _Reported:
+    """What states and linear solutions tell of themselves."""
+
+    coils: tuple[Coil, ...]
+    report: SolverReport
+
+    @property
+    def coil_names(self) -> tuple[str, ...]:
+        """Names in current order."""
+        return tuple(coil.name for coil in self.coils)
+
+    @property
+    def assumptions(self) -> tuple[str, ...]:
+        """What the result rests on."""
+        return self.report.assumptions
+
+    @property
+    def _title(self) -> str:
+        return f"{type(self).__name__} of {count_of(len(self.coils), 'coil', 'coils')}"
+
+    def __repr__(self) -> str:
+        return shortened(f"<{self._title}: {self.report}>")
+
+    def _repr_html_(self) -> str:
+        return card(self._title, self.report.card_rows())
+
+    @cached_property
+    def _air_inductance(self) -> Array:
+        return bare_inductance(self.coils)
+
+
 @dataclass(frozen=True, eq=False, repr=False)
-class SolvedState(BaseFieldAtCurrents):
+class SolvedState(_Reported, BaseFieldAtCurrents):
     """Coils and iron at fixed currents (c,) in A; what all states have in common.
 
     iron: charges and flux densities of one or several sources, its columns, None where there is no iron; weights
@@ -68,38 +102,46 @@ class SolvedState(BaseFieldAtCurrents):
     origin: StateOrigin | None = field(default=None, kw_only=True)
 
     @property
-    def coil_names(self) -> tuple[str, ...]:
-        """Names in current order."""
-        return tuple(coil.name for coil in self.coils)
-
-    @property
-    def assumptions(self) -> tuple[str, ...]:
-        """What the state rests on."""
-        return self.report.assumptions
-
-    def __repr__(self) -> str:
-        return shortened(f"<{type(self).__name__} at {self.currents.tolist()} A: {self.report}>")
-
-    def _repr_html_(self) -> str:
-        amperes = ", ".join(f"{i:g}" for i in self.currents)
-        return card(f"{type(self).__name__} at {amperes} A", self.report.card_rows())
+    def _title(self) -> str:
+        return f"{type(self).__name__} at {', '.join(f'{i:g}' for i in self.currents)} A"
 
     def field(self, points: ArrayLike) -> Array:
-        """Flux density (n, 3) or (3,); inside the iron the mean of the element. Raises InputError for bad points."""
+        """Flux density (n, 3) or (3,), inside the iron too: of elements their mean. Raises InputError for bad
+        points."""
         x, single = checked_points(points)
-        b = self._field_of_charges(x)
-        if self.mesh is not None and self.iron is not None:
-            element = containing_element(self.mesh, x)
-            inside = element >= 0
-            b[inside] = self._mean_in(element[inside])
+        b = np.zeros(x.shape)
+        if self.background is not None:
+            b += self.background.field(x)
+        for coil, current in zip(self.coils, self.currents, strict=True):
+            b += current * unit_flux_density(coil, x)
+        if self.iron is not None:
+            b += self.iron.faces.field(x, self._density)[0]
+            within, inside = self._within(x)
+            b[inside] = self._inside(x[inside], within[inside])
         return b[0] if single else b
 
     def gradient(self, points: ArrayLike) -> Array:
         """Gradient dB_i/dx_j (n, 3, 3) or (3, 3), outside the iron. Raises InputError for points inside it."""
+        return self.field_and_gradient(points)[1]
+
+    def field_and_gradient(self, points: ArrayLike) -> tuple[Array, Array]:
+        """`field` and `gradient`, whose points must lie outside the iron, in one pass."""
         x, single = checked_points(points)
-        refuse_inside(self.mesh, x)
-        g = self._gradient_of_charges(x)
-        return g[0] if single else g
+        refuse_inside(self._bodies, x)
+        b, g = np.zeros(x.shape), np.zeros((*x.shape, 3))
+        parts = [
+            (current, unit_flux_density_and_gradient(coil, x))
+            for coil, current in zip(self.coils, self.currents, strict=True)
+        ]
+        if self.background is not None:
+            parts.append((1.0, self.background.field_and_gradient(x)))
+        if self.iron is not None:
+            of_iron, slope = self.iron.faces.field_and_gradient(x, self._density)
+            parts.append((1.0, (of_iron[0], slope[0])))
+        for share, (flux, slope) in parts:
+            b += share * flux
+            g += share * slope
+        return (b[0], g[0]) if single else (b, g)
 
     @cached_property
     def element_flux_density(self) -> Array:
@@ -114,7 +156,11 @@ class SolvedState(BaseFieldAtCurrents):
 
     def flux_density(self, body: str) -> Array:
         """Mean flux density (3,) in T over the volume of a named body. Raises InputError for an unknown name."""
-        return mean_over_body(self.mesh, body, self.element_flux_density)
+        names = () if self._bodies is None else self._bodies.body_names
+        if body not in names:
+            must_hold = f"the name must be one of {', '.join(names)}"
+            raise InputError.of("flux_density, body", must_hold, repr(body), "use one of these")
+        return self._mean_over(body)
 
     def section_flux(self, section: str | Section) -> SectionFlux:
         """Flux, area and mean normal flux density of a section of the device file, or of any plane.
@@ -139,10 +185,11 @@ class SolvedState(BaseFieldAtCurrents):
     @property
     def pieces_of_iron(self) -> tuple[tuple[str, ...], ...]:
         """Names of the bodies of each connected piece of iron, in the order of the device."""
-        if self.iron is not None and self.iron.separated is not None:
-            return _pieces(self.iron.separated.surface.mesh, self.iron.separated.surface.faces)
-        about = self._magnetised
-        return () if about.mesh is None or about.faces is None else _pieces(about.mesh, about.faces)
+        mesh, faces = self._charged
+        if mesh is None or faces is None:
+            return ()
+        bodies = magnetic_bodies(mesh, faces)
+        return tuple(dict.fromkeys(bodies.touched_by(mesh, name) for name in mesh.iron_names))
 
     def torque_on(self, name: str | Sequence[str], about: ArrayLike) -> Array:
         """Torque (3,) in N m about a point (3,) in m; otherwise as `force_on`."""
@@ -150,7 +197,11 @@ class SolvedState(BaseFieldAtCurrents):
 
     def force_and_torque_on(self, name: str | Sequence[str], about: ArrayLike) -> tuple[Array, Array]:
         """`force_on` and `torque_on` (about a point (3,) in m) in the time of one."""
-        return force_and_torque(self._magnetised, name, about)
+        density = None
+        if self.iron is not None:
+            density = self.weights @ (self.iron.separated or self.iron).density
+        whole = Magnetised(self.coils, self.currents, *self._charged, density, self.background)
+        return force_and_torque(whole, name, about)
 
     def flux_linkage(self) -> Array:
         """Flux linkages (c,) of the coils in Wb, all turns; the share of what no current drives included."""
@@ -178,41 +229,27 @@ class SolvedState(BaseFieldAtCurrents):
         if self.origin is None:
             must_hold = "the equations of the state are needed"
             received = "a state with hysteresis, or a solution without its device"
-            raise InputError(Problem("derivative", must_hold, received, "solve the device again"))
+            raise InputError.of("derivative", must_hold, received, "solve the device again")
         return self.origin.derivative(self, quantity, parameters)
 
     def polarisation(self, points: ArrayLike) -> Array:
-        """mu0 M (n, 3) or (3,), T: inside the iron and magnets the mean of the element, zero in the air.
+        """mu0 M (n, 3) or (3,), T: inside the iron and magnets that of the element, zero in the air.
 
         Raises InputError for a solution that was read back from a file, which knows no iron, only its charges.
         """
         x, single = checked_points(points)
         values = np.zeros(x.shape)
         if self.iron is not None:
-            none = np.full(len(x), -1)
-            element = none if self.mesh is None else containing_element(self.mesh, x)
-            inside = element >= 0
-            if inside.any() or self.mesh is None:
-                values[inside] = self.iron.mean_polarisation(element[inside], self.weights)
+            within, inside = self._within(x)
+            if inside.any() or self._bodies is None:
+                values[inside] = self._polarised(x[inside], within[inside])
         return values[0] if single else values
 
     def outlines(self) -> tuple[Outline, ...]:
         """The surfaces of bodies and windings."""
-        bodies = () if self.mesh is None else surface_outlines(self.mesh)
+        bodies = () if self._bodies is None else self._bodies.outlines()
         fixed = () if self.background is None else self.background.sources
-        return (
-            *bodies,
-            *(winding_outline(coil) for coil in self.coils),
-            *(source_outline(source) for source in fixed),
-        )
-
-    @abstractmethod
-    def _field_of_charges(self, x: Array) -> Array:
-        """B (n, 3) of coils and surface charges: the field in the air."""
-
-    @abstractmethod
-    def _gradient_of_charges(self, x: Array) -> Array:
-        """Its gradient (n, 3, 3)."""
+        return (*bodies, *map(winding_outline, self.coils), *map(source_outline, fixed))
 
     @property
     @abstractmethod
@@ -220,34 +257,52 @@ class SolvedState(BaseFieldAtCurrents):
         """What the iron adds to the flux linkages (c,), Wb."""
 
     @cached_property
-    def _air_inductance(self) -> Array:
-        return bare_inductance(self.coils)
-
-    @cached_property
     def _background_linkage(self) -> Array:
         return background_linkage(self.coils, self.background)
+
+    @property
+    def _bodies(self) -> IronMesh | IronSurface | None:
+        return self.mesh
+
+    @property
+    def _density(self) -> Array:
+        """Charge (1, m) per area of the faces, T."""
+        assert self.iron is not None
+        return np.ascontiguousarray((self.weights @ self.iron.density)[None])
+
+    @property
+    def _charged(self) -> tuple[IronMesh | IronSurface | None, ChargedFaces | None]:
+        """Bodies and their charged faces, with air in thin drawn gaps."""
+        if self.iron is None:
+            return None, None
+        apart = self.iron.separated
+        return (self._bodies, self.iron.faces) if apart is None else (apart.surface.mesh, apart.surface.faces)
+
+    def _within(self, x: Array) -> tuple[Index, NDArray[np.bool_]]:
+        """The element or solid (n,) that contains each point (n, 3), and whether one does."""
+        within = np.full(len(x), -1) if self._bodies is None else self._bodies.containing(x)
+        return within, within >= 0
+
+    def _inside(self, x: Array, within: Index) -> Array:
+        """B (n, 3) at points inside these elements or solids."""
+        return self._mean_in(within)
+
+    def _polarised(self, x: Array, within: Index) -> Array:
+        """mu0 M (n, 3) there."""
+        assert self.iron is not None
+        return self.iron.mean_polarisation(within, self.weights)
 
     def _mean_in(self, element: Index | slice) -> Array:
         if self.iron is None:
             return np.zeros((0, 3))
         return np.einsum("c,ced->ed", self.weights, self.iron.flux_density[:, element])
 
-    @property
-    def _magnetised(self) -> Magnetised:
-        iron = self.iron
-        if iron is None:
-            return Magnetised(self.coils, self.currents, background=self.background)
-        mesh, faces, of_sources = self.mesh, iron.faces, iron.density
-        if iron.separated is not None:
-            surface, of_sources = iron.separated.surface, iron.separated.density
-            mesh, faces = surface.mesh, surface.faces
-        density = self.weights @ of_sources
-        return Magnetised(self.coils, self.currents, mesh, faces, density, self.background)
-
-
-def _pieces(mesh: IronMesh | IronSurface, faces: ChargedFaces) -> tuple[tuple[str, ...], ...]:
-    bodies = magnetic_bodies(mesh, faces)
-    return tuple(dict.fromkeys(bodies.touched_by(mesh, name) for name in mesh.iron_names))
+    def _mean_over(self, body: str) -> Array:
+        """B (3,) over the volume of a body."""
+        assert self.mesh is not None
+        mine = self.mesh.body == self.mesh.body_names.index(body)
+        volume = volumes(self.mesh.points, self.mesh.tets)[mine]
+        return volume @ self.element_flux_density[mine] / volume.sum()
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -261,7 +316,7 @@ class FluxDensitySamples(Record):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class LinearSolution(BaseField):
+class LinearSolution(_Reported, BaseField):
     """Coils and linear iron, solved once per coil; any currents by superposition.
 
     `at(currents)` is the state at these currents; `field` to `energy` with currents are short for its methods. The
@@ -288,22 +343,9 @@ class LinearSolution(BaseField):
     origin: StateOrigin | None = None
 
     @property
-    def coil_names(self) -> tuple[str, ...]:
-        """Names in current order."""
-        return tuple(coil.name for coil in self.coils)
-
-    @property
     def has_constant(self) -> bool:
         """Whether there is a field that no current drives."""
         return self.has_remanence or self.background is not None
-
-    def __repr__(self) -> str:
-        return shortened(f"<LinearSolution of {count_of(len(self.coils), 'coil', 'coils')}: {self.report}>")
-
-    def _repr_html_(self) -> str:
-        return card(
-            f"LinearSolution of {count_of(len(self.coils), 'coil', 'coils')}", self.report.card_rows()
-        )
 
     @property
     def proportional(self) -> bool:
@@ -314,11 +356,6 @@ class LinearSolution(BaseField):
     def affine(self) -> bool:
         """The field is a constant and the sum of the coils' fields."""
         return True
-
-    @property
-    def assumptions(self) -> tuple[str, ...]:
-        """What the solution rests on."""
-        return self.report.assumptions
 
     @property
     def sources(self) -> tuple[str, ...]:
@@ -341,7 +378,17 @@ class LinearSolution(BaseField):
         amperes = np.array(coil_currents(currents, self.coil_names))
         weights = np.append(amperes, 1.0) if self.has_constant else amperes
         about = (self.coils, amperes, self.mesh, self.state, weights, self.report, self.sections)
-        return LinearState(*about, self, bounds=self.bounds, background=self.background, origin=self.origin)
+        return self._state_type(
+            *about, self, bounds=self.bounds, background=self.background, origin=self.origin
+        )
+
+    @property
+    def _state_type(self) -> type[LinearState]:
+        return LinearState
+
+    @property
+    def _bodies(self) -> IronMesh | IronSurface | None:
+        return self.mesh
 
     def unit_fields(self, points: ArrayLike) -> tuple[Array, Array]:
         """Total field (c, n, 3) in T/A and gradient (c, n, 3, 3) in T/(m A) of 1 A in each coil, outside the iron.
@@ -356,12 +403,18 @@ class LinearSolution(BaseField):
         """Fields (columns, n, 3) and gradients (columns, n, 3, 3) of every column: 1 A in each coil, then, if there is
         such a field, that of permanent magnets and background with all currents off. Raises as `unit_fields`."""
         x, _ = checked_points(points)
-        self._refuse_inside(x)
-        return self._fields_and_gradients(x)
-
-    def _refuse_inside(self, x: Array) -> None:
-        """Raise InputError for points (n, 3) inside the iron."""
-        refuse_inside(self.mesh, x)
+        refuse_inside(self._bodies, x)
+        columns = len(self.coils) + self.has_constant
+        b, g = np.zeros((columns, len(x), 3)), np.zeros((columns, len(x), 3, 3))
+        for k, coil in enumerate(self.coils):
+            b[k], g[k] = unit_flux_density_and_gradient(coil, x)
+        if self.background is not None:
+            b[-1], g[-1] = self.background.field_and_gradient(x)
+        if self.state is not None:
+            iron_b, iron_g = self.state.faces.field_and_gradient(x, self.state.density)
+            b += iron_b
+            g += iron_g
+        return b, g
 
     def flux_density_samples(self, currents: Currents) -> FluxDensitySamples:
         """|B| all over the iron at these currents: here of every element."""
@@ -395,13 +448,8 @@ class LinearSolution(BaseField):
         return self.at(currents).gradient(points)
 
     def field_and_gradient(self, points: ArrayLike, currents: Currents) -> tuple[Array, Array]:
-        """`field` and `gradient`, whose points must lie outside the iron, in one pass."""
-        x, single = checked_points(points)
-        refuse_inside(self.mesh, x)
-        weights = self.at(currents).weights
-        columns = zip(self._fields_and_gradients(x), ("c,cnd->nd", "c,cnij->nij"), strict=True)
-        b, g = (np.einsum(product, weights, of_columns) for of_columns, product in columns)
-        return (b[0], g[0]) if single else (b, g)
+        """See `SolvedState.field_and_gradient`."""
+        return self.at(currents).field_and_gradient(points)
 
     def flux_density(self, body: str, currents: Currents) -> Array:
         """See `SolvedState.flux_density`."""
@@ -435,44 +483,15 @@ class LinearSolution(BaseField):
         """See `SolvedState.outlines`."""
         return self.at(np.zeros(len(self.coils))).outlines()
 
-    @cached_property
-    def _air_inductance(self) -> Array:
-        return bare_inductance(self.coils)
-
     def _iron_linkages(self) -> Array:
         """Flux linkages (c, columns) that the iron adds."""
         if self.iron_linkage is None and self.state is not None:
             received = "a solution read back without them"
-            raise InputError(
-                Problem(
-                    "inductance", "the iron's flux linkages are needed", received, "solve the device again"
-                )
+            raise InputError.of(
+                "inductance", "the iron's flux linkages are needed", received, "solve the device again"
             )
         columns = len(self.coils) + self.has_constant
         return np.zeros((len(self.coils), columns)) if self.iron_linkage is None else self.iron_linkage
-
-    def _fields(self, x: Array) -> Array:
-        """Field (columns, n, 3) of every column outside the iron."""
-        b = np.zeros((len(self.coils) + self.has_constant, len(x), 3))
-        b[: len(self.coils)] = unit_flux_densities(self.coils, x)
-        if self.background is not None:
-            b[-1] = self.background.field(x)
-        if self.state is not None:
-            b += self.state.faces.field(x, self.state.density)
-        return b
-
-    def _fields_and_gradients(self, x: Array) -> tuple[Array, Array]:
-        columns = len(self.coils) + self.has_constant
-        b, g = np.zeros((columns, len(x), 3)), np.zeros((columns, len(x), 3, 3))
-        for k, coil in enumerate(self.coils):
-            b[k], g[k] = unit_flux_density_and_gradient(coil, x)
-        if self.background is not None:
-            b[-1], g[-1] = self.background.field_and_gradient(x)
-        if self.state is not None:
-            iron_b, iron_g = self.state.faces.field_and_gradient(x, self.state.density)
-            b += iron_b
-            g += iron_g
-        return b, g
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -500,12 +519,6 @@ class LinearState(SolvedState):
     def _iron_linkage(self) -> Array:
         return self.solution._iron_linkages() @ self.weights
 
-    def _field_of_charges(self, x: Array) -> Array:
-        return np.einsum("c,cnd->nd", self.weights, self.solution._fields(x))
-
-    def _gradient_of_charges(self, x: Array) -> Array:
-        return np.einsum("c,cnij->nij", self.weights, self.solution._fields_and_gradients(x)[1])
-
 
 @dataclass(frozen=True, eq=False, repr=False)
 class PotentialSolution(SolvedState):
@@ -521,24 +534,6 @@ class PotentialSolution(SolvedState):
     def _iron_linkage(self) -> Array:
         return self.iron_linkage
 
-    def _field_of_charges(self, x: Array) -> Array:
-        iron = self.state.iron
-        b = iron.faces.field(x, iron.density)[0]
-        if self.background is not None:
-            b += self.background.field(x)
-        for coil, current in zip(self.coils, self.currents, strict=True):
-            b += current * unit_flux_density(coil, x)
-        return b
-
-    def _gradient_of_charges(self, x: Array) -> Array:
-        iron = self.state.iron
-        g = iron.faces.field_and_gradient(x, iron.density)[1][0]
-        if self.background is not None:
-            g += self.background.field_and_gradient(x)[1]
-        for coil, current in zip(self.coils, self.currents, strict=True):
-            g += current * unit_flux_density_and_gradient(coil, x)[1]
-        return g
-
 
 @dataclass(frozen=True, eq=False, repr=False)
 class NonlinearSolution(PotentialSolution):
@@ -549,6 +544,21 @@ class NonlinearSolution(PotentialSolution):
     """
 
     iron_coenergy: float
+
+    @property
+    def sources(self) -> tuple[str, ...]:
+        """There is one: all currents together."""
+        return ("these currents",)
+
+    @property
+    def iron_points(self) -> Array:
+        """Centres (m, 3) of the charged faces, m."""
+        return self.state.iron.faces.centres
+
+    def source_fields(self, points: ArrayLike) -> tuple[Array, Array]:
+        """Field (1, n, 3) and gradient (1, n, 3, 3) of that source at points (n, 3)."""
+        flux, slope = self.field_and_gradient(points)
+        return flux[None], slope[None]
 
     def coenergy(self) -> float:
         """Co-energy in J: its derivative by a current is that coil's linkage, by a displacement the force.

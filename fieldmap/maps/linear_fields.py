@@ -14,7 +14,7 @@ import numpy as np
 from fieldmap.device.model import Device
 from fieldmap.iron import LinearSolution, SolverReport, solve_linear
 from fieldmap.iron.elements.state import IronState
-from fieldmap.iron.operators.surface import ChargedFaces
+from fieldmap.iron.mesh.charged_faces import ChargedFaces
 from fieldmap.store import Checkpoint
 from fieldmap.typing import Progress
 

@@ -12,7 +12,7 @@ import numpy as np
 from fieldmap.currents import CurrentDomain, parametrisation_from_json
 from fieldmap.device.model import Background, Coil, Device
 from fieldmap.iron import NonlinearSolver, SolverReport
-from fieldmap.iron.operators.surface import ChargedFaces
+from fieldmap.iron.mesh.charged_faces import ChargedFaces
 from fieldmap.maps.forecast import Forecast
 from fieldmap.maps.recipe import CurrentPlan
 from fieldmap.maps.training.states import SolvedStates

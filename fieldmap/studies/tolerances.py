@@ -19,7 +19,7 @@ from fieldmap.device.model import Device
 from fieldmap.device.reader import device_of
 from fieldmap.errors import FieldmapError, Infeasible, InputError, Problem
 from fieldmap.iron.sensitivity.changes import Parameters
-from fieldmap.iron.sensitivity.derivatives import Derivatives
+from fieldmap.iron.sensitivity.quantities import Derivatives
 from fieldmap.records import Record
 from fieldmap.studies.design import (
     CURRENT,

@@ -18,9 +18,8 @@ from fieldmap.errors import FieldmapError, Infeasible, InputError, NotConverged,
 from fieldmap.field import Field, as_field, require_bounds
 from fieldmap.inputs.document import Document
 from fieldmap.iron import LinearSolution, NonlinearSolver, solve_linear, solve_to_tolerance
-from fieldmap.iron.design import FILL, copper_resistance
-from fieldmap.iron.error.estimate import ErrorEstimate, estimate_error, workspace_surface
-from fieldmap.iron.summary import body_fluxes
+from fieldmap.iron.error import ErrorEstimate, estimate_error, workspace_surface
+from fieldmap.iron.summary import FILL, body_fluxes, copper_resistance
 from fieldmap.levitation import GRAVITY, Equilibrium, find_equilibrium, lift_current
 from fieldmap.levitation.balance import upright_force
 from fieldmap.lookup.payload import check_payload
@@ -288,7 +287,7 @@ def _power(point: OperatingPoint) -> Numbers:
 
 
 def winding_resistances(device: Device) -> Array:
-    """Resistances (c,), ohm: as the device states them, otherwise of copper at 20 C (`fieldmap.iron.design`)."""
+    """Resistances (c,), ohm: as the device states them, otherwise of copper at 20 C (`fieldmap.iron.summary`)."""
     return np.array(
         [copper_resistance(coil) if coil.resistance is None else coil.resistance for coil in device.coils]
     )

@@ -17,11 +17,10 @@ import numpy as np
 
 import fieldmap as fm
 from fieldmap.device.model import Device, WorkspaceBox
-from fieldmap.iron.error.estimate import estimate_error, workspace_surface
-from fieldmap.iron.error.tolerance import Tolerance
+from fieldmap.iron.error import Tolerance, estimate_error, workspace_surface
 from fieldmap.iron.materials import body_properties
-from fieldmap.iron.mesh.local_sizes import LocalSizes
 from fieldmap.iron.mesh.mesh import IronMesh, generate_mesh
+from fieldmap.iron.mesh.mesher import LocalSizes
 from fieldmap.iron.operators.assembled import assemble
 from fieldmap.iron.report import Stages
 from fieldmap.iron.solvers.to_tolerance import START, Level

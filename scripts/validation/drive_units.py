@@ -8,7 +8,7 @@ import numpy as np
 import fieldmap as fm
 from fieldmap.device.model import Device, Placement
 from fieldmap.iron import LinearSolution, NonlinearSolver, solve_to_tolerance
-from fieldmap.iron.error.estimate import workspace_surface
+from fieldmap.iron.error import workspace_surface
 from validation.row import Array, Row, largest_error, timed
 
 MU_R = 4000.0

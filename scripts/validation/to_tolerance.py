@@ -6,8 +6,7 @@ from dataclasses import dataclass
 
 import fieldmap as fm
 from fieldmap.errors import ToleranceNotReached
-from fieldmap.iron.error.estimate import ErrorEstimate
-from fieldmap.iron.error.tolerance import ToleranceReport
+from fieldmap.iron.error import ErrorEstimate, ToleranceReport
 from validation.row import Row, timed
 from validation.tolerance_devices import Known, all_devices
 

@@ -21,7 +21,7 @@ from fieldmap.device.model import (
     placed,
 )
 from fieldmap.iron import LinearSolution
-from fieldmap.iron.error.estimate import estimate_error, workspace_surface
+from fieldmap.iron.error import estimate_error, workspace_surface
 from validation import axisymmetric, joints, thin_gaps
 from validation.row import Array
 

@@ -15,7 +15,7 @@ from fieldmap.currents import CurrentDomain, IndependentCurrents, LiftAndDirecti
 from fieldmap.device.model import Payload
 from fieldmap.io.answers import Levitation
 from fieldmap.io.map_summary import MapSummary, MiddleField
-from fieldmap.iron.error.estimate import ErrorEstimate
+from fieldmap.iron.error import ErrorEstimate
 from fieldmap.iron.report import SolverReport
 from fieldmap.iron.summary import (
     BodyFlux,

@@ -15,8 +15,7 @@ from fieldmap.iron.elements.bh_law import Magnetisation, law_tables
 from fieldmap.iron.elements.flux_form import FluxForm
 from fieldmap.iron.elements.potential_form import PotentialForm
 from fieldmap.iron.elements.state import IronState
-from fieldmap.iron.error.estimate import estimate_error, workspace_surface
-from fieldmap.iron.error.tolerance import Tolerance
+from fieldmap.iron.error import Tolerance, estimate_error, workspace_surface
 from fieldmap.iron.materials import body_properties
 from fieldmap.iron.operators import assembled
 from fieldmap.iron.operators.assembled import assemble

@@ -22,19 +22,21 @@ from fieldmap.device.model import (
 )
 from fieldmap.errors import InputError, ToleranceNotReached
 from fieldmap.iron import Tolerance, generate_mesh
-from fieldmap.iron.error.estimate import (
+from fieldmap.iron.error import (
     ErrorEstimate,
     LargestError,
+    MeshStep,
     estimate_error,
+    expected_cost,
+    faces_within,
     gradient_length,
     workspace_surface,
 )
-from fieldmap.iron.error.refinement import near_kernels, next_sizes
-from fieldmap.iron.error.tolerance import MeshStep, expected_cost, faces_within
-from fieldmap.iron.mesh.local_sizes import LocalSizes
-from fieldmap.iron.operators.surface import ChargedFaces
+from fieldmap.iron.mesh.charged_faces import ChargedFaces
+from fieldmap.iron.mesh.mesher import LocalSizes
 from fieldmap.iron.report import Stages
 from fieldmap.iron.solvers import to_tolerance
+from fieldmap.iron.solvers.refinement import near_kernels, next_sizes
 
 UP = np.array([0.0, 0.0, 1.0])
 IRON = {"iron": LinearMaterial("iron", 1000.0)}

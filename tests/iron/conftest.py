@@ -3,7 +3,7 @@
 import pytest
 
 from fieldmap.device import mesh_files
-from fieldmap.iron.geometry import step_files
+from fieldmap.iron.geometry import shapes
 
 
 @pytest.fixture
@@ -15,5 +15,5 @@ def read_at_once(monkeypatch, tmp_path):
         exec(program, {"path": str(path), "out": str(out), "limit": lambda: None})
         return out.read_bytes()
 
-    monkeypatch.setattr(step_files, "read_by_another", here)
+    monkeypatch.setattr(shapes, "read_by_another", here)
     monkeypatch.setattr(mesh_files, "read_by_another", lambda *_: None)

@@ -20,7 +20,7 @@ from fieldmap.device.model import (
     Sphere,
     placed,
 )
-from fieldmap.iron.beyond_saturation import MOST_OF_ANY_IRON, bodies_beyond_saturation, largest_polarisation
+from fieldmap.iron.notes import MOST_OF_ANY_IRON, bodies_beyond_saturation, largest_polarisation
 from fieldmap.iron.solution import FluxDensitySamples
 
 DEVICES = Path(__file__).parents[1] / "devices"

@@ -9,8 +9,8 @@ from netgen import occ
 from fieldmap.device.model import Body, Device, Part, Placement, StepFile
 from fieldmap.errors import GeometryError
 from fieldmap.iron.geometry.checks import check_geometry, geometry_notes
+from fieldmap.iron.geometry.shapes import declared_step_unit
 from fieldmap.iron.geometry.solids import body_solid
-from fieldmap.iron.geometry.step_files import declared_step_unit
 
 MILLIMETRE = "SI_UNIT(.MILLI.,.METRE.)"
 

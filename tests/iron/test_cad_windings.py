@@ -11,7 +11,7 @@ from fieldmap.device.model import (
     WorkspaceBox,
     WorkspaceCylinder,
 )
-from fieldmap.iron.geometry.windings import winding_solid, workspace_solid
+from fieldmap.iron.geometry.shapes import winding_solid, workspace_solid
 
 # The rounded-square coil of thesis Appendix A-3 (RACE elements): half-width 16 mm, corner radius 15 mm.
 A3 = RoundedRectangleCoil("5", 0.016, 0.016, 0.015, 0.010, 0.039, 840)

@@ -5,9 +5,11 @@ import pytest
 from numpy.polynomial import Chebyshev
 
 from fieldmap.errors import InputError
+from fieldmap.iron.mesh.charged_faces import NEAR_RADII, ChargedFaces
 from fieldmap.iron.operators import assembled
-from fieldmap.iron.operators.clusters import BlockPartition, Clusters
 from fieldmap.iron.operators.compressed import (
+    BlockPartition,
+    Clusters,
     CompressedMutualPotential,
     chebyshev,
     earlier_neighbours,
@@ -16,7 +18,6 @@ from fieldmap.iron.operators.compressed import (
     steps_needed,
 )
 from fieldmap.iron.operators.compressed import _quarters as quarters
-from fieldmap.iron.operators.surface import NEAR_RADII, ChargedFaces
 
 
 def two_plates(n=16, gap=0.3):

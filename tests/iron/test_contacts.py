@@ -9,12 +9,13 @@ import pytest
 import fieldmap as fm
 from fieldmap.errors import InputError
 from fieldmap.iron import FluxDensityAt, NonlinearSolver
+from fieldmap.iron.mesh import charged_faces
 from fieldmap.iron.mesh.mesh import generate_mesh, volumes
-from fieldmap.iron.mesh.topology import build_faces
-from fieldmap.iron.operators import mutual_gradient, surface
+from fieldmap.iron.sensitivity import by_nodes
 from fieldmap.iron.sensitivity.changes import Parameters
 from fieldmap.iron.sensitivity.moved_bodies import MovedBodies
 from fieldmap.iron.solvers import nonlinear
+from fieldmap.iron.topology import build_faces
 
 CORE = """[[body]]
 name = "core"
@@ -85,14 +86,14 @@ def moved(key, step, mesh=None):
     """Meshes above and below."""
     mesh, device = mesh or state().mesh, fm.read_device(TEXT)
     change = Parameters(device).change(key, step)
-    points = MovedBodies(device, mesh, build_faces(mesh)).points(change)
+    points = MovedBodies(device, mesh, build_faces(mesh.points, mesh.tets)).points(change)
     return [replace(mesh, points=one) for one in points]
 
 
 @pytest.fixture
 def closed_form_between_all_faces(monkeypatch):
     """As in test_moved_bodies.py: pairs of faces that cross the three radii would make noise."""
-    for module in (surface, mutual_gradient):
+    for module in (charged_faces, by_nodes):
         monkeypatch.setattr(module, "NEAR_RADII", 1e3)
 
 
@@ -158,7 +159,7 @@ def test_parts_of_a_body_carry_their_faces():
     device = fm.read_device(HOOKED)
     mesh = generate_mesh(device, 1.2, symmetry="none")
     change = Parameters(device).change("parameters.thick", 0.2)
-    above, _ = MovedBodies(device, mesh, build_faces(mesh)).points(change)
+    above, _ = MovedBodies(device, mesh, build_faces(mesh.points, mesh.tets)).points(change)
     hook = mesh.nodes_of_bodies[2]
     before, after = mesh.points[hook], above[hook]
     for height, moved in ((4e-3, 4.2e-3), (20e-3, 21e-3), (25e-3, 26e-3)):

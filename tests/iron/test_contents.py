@@ -5,7 +5,7 @@ import pytest
 
 import fieldmap as fm
 from fieldmap.device.model import Body, Box, Cylinder, Device, Part, placed
-from fieldmap.iron.contents import device_contents
+from fieldmap.iron.notes import device_contents
 
 TILT = np.radians(30.0)
 

@@ -12,7 +12,7 @@ from fieldmap.iron import NonlinearSolver
 from fieldmap.iron.elements import potential_form
 from fieldmap.iron.elements.bh_law import Magnetisation
 from fieldmap.iron.elements.nodal_elements import CoilField
-from fieldmap.iron.solvers.continuation import Sources, solve_with_continuation
+from fieldmap.iron.solvers.nonlinear import solve_with_continuation
 
 CURRENT = np.array([20.0])
 
@@ -86,11 +86,9 @@ REMANENCE = np.arange(6.0).reshape(1, 2, 3)
 
 def walked(reach, start=None, tolerance=1e-6):
     form = Reach(reach)
-    sources = Sources(
-        Magnetisation(np.zeros(2, int), None, REMANENCE), CoilField(np.ones((1, 2, 3)), np.ones((1, 1)))
-    )
+    sources = Magnetisation(np.zeros(2, int), None, REMANENCE), CoilField(np.ones((1, 2, 3)), np.ones((1, 1)))
     try:
-        return *solve_with_continuation(form, sources, tolerance, start), form.asked
+        return *solve_with_continuation(form, *sources, tolerance, start), form.asked
     except NotConverged as error:
         return error, (), form.asked
 

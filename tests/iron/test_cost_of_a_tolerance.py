@@ -9,17 +9,20 @@ import pytest
 
 from fieldmap.device.model import Background, Body, Box, Device, LinearMaterial, Part, WorkspaceBox, placed
 from fieldmap.iron import Tolerance, generate_mesh
-from fieldmap.iron.error.estimate import Bracket, ErrorEstimate, LargestError, workspace_surface
-from fieldmap.iron.error.tolerance import (
+from fieldmap.iron.error import (
+    Bracket,
+    ErrorEstimate,
     ErrorShare,
     ExpectedCost,
+    LargestError,
     MeshStep,
     ToleranceReport,
     expected_cost,
     faces_within,
+    workspace_surface,
 )
 from fieldmap.iron.materials import body_properties
-from fieldmap.iron.mesh.local_sizes import LocalSizes, MesherCells
+from fieldmap.iron.mesh.mesher import LocalSizes, MesherCells
 from fieldmap.iron.operators.assembled import assemble
 from fieldmap.iron.report import Stages
 from fieldmap.iron.solvers import to_tolerance
@@ -138,7 +141,8 @@ def test_shares_of_bodies_are_those_of_their_faces_and_elements():
     mesh = SimpleNamespace(cells=cells, body=np.array([0, 0, 1, 1, 2, 2]), body_names=("a", "b", "c"))
     topology = SimpleNamespace(owner=np.column_stack([np.arange(6), np.full(6, -1)]), surface=np.arange(6))
     forms = (SimpleNamespace(iron=SimpleNamespace(mesh=mesh, topology=topology)),)
-    level = SimpleNamespace(forms=forms, face_shares=shares, element_shares=np.array([0, 0, 1.5, 7.5, 0, 0]))
+    about = {"_iron": forms[0].iron, "element_shares": np.array([0, 0, 1.5, 7.5, 0, 0])}
+    level = SimpleNamespace(forms=forms, face_shares=shares, **about)
     places, layers = cells.centres[[0, 3]], np.array([2e-5, 3e-5])
     sizes = LocalSizes(cells.centres, 0.5 * cells.sizes, places, layers)
     # Of 20 in all: 7 in the first body, 5 of them in one cell, and 13 in the second, 9 in one cell.

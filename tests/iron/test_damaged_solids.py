@@ -12,7 +12,7 @@ from fieldmap.device import another_process, mesh_files
 from fieldmap.device.mesh_files import read_mesh
 from fieldmap.device.surfaces import read_stl
 from fieldmap.errors import GeometryError, InputError
-from fieldmap.iron.geometry import step_files
+from fieldmap.iron.geometry import shapes
 from fieldmap.iron.geometry.solids import body_solid
 
 
@@ -70,7 +70,7 @@ def test_the_kernel_reads_no_step_file_here(tmp_path, monkeypatch):
         read_here.append(name)
         return kernel(name)
 
-    monkeypatch.setattr(step_files.occ, "OCCGeometry", seen)
+    monkeypatch.setattr(shapes.occ, "OCCGeometry", seen)
     solid = body_solid(fm.Body("b", "steel", fm.StepFile(file, 1e-3), mesh_size=1e-3))
     assert solid.mass == pytest.approx(120.0, rel=1e-12)
     assert [name for name in read_here if not name.endswith(".brep")] == []
@@ -78,7 +78,7 @@ def test_the_kernel_reads_no_step_file_here(tmp_path, monkeypatch):
 
 
 def test_a_solid_that_cannot_be_taken_over_is_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr(step_files, "read_by_another", lambda *_: b"no solid of the kernel")
+    monkeypatch.setattr(shapes, "read_by_another", lambda *_: b"no solid of the kernel")
     path = tmp_path / "a.step"
     path.write_text("ISO-10303-21;\nDATA;\nENDSEC;\nEND-ISO-10303-21;\n")
     with pytest.raises(GeometryError) as caught:
@@ -86,17 +86,17 @@ def test_a_solid_that_cannot_be_taken_over_is_refused(tmp_path, monkeypatch):
     assert str(path) in str(caught.value)
 
 
-@pytest.mark.parametrize("module", [step_files, mesh_files])
+@pytest.mark.parametrize("module", ["shapes", "mesh_files"])
 def test_a_damaged_file_is_told_at_its_place(tmp_path, monkeypatch, module):
     """As if the readers of this machine crashed on it; what they crash on differs by version."""
 
     def crash(path, program):
         return another_process.read_by_another(path, "import os; os.abort()")
 
-    monkeypatch.setattr(module, "read_by_another", crash)
-    path = tmp_path / ("a.step" if module is step_files else "a.vtk")
+    monkeypatch.setattr(f"fieldmap.iron.geometry.{module}.read_by_another", crash)
+    path = tmp_path / ("a.step" if module == "shapes" else "a.vtk")
     path.write_text("ISO-10303-21;\nDATA;\nENDSEC;\nEND-ISO-10303-21;\n")
-    if module is step_files:
+    if module == "shapes":
         body = fm.Body("b", "steel", fm.StepFile(path, 1e-3), mesh_size=1e-3)
         with pytest.raises(GeometryError) as caught:
             body_solid(body)

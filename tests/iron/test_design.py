@@ -7,7 +7,7 @@ import pytest
 
 import fieldmap as fm
 from fieldmap.errors import InputError
-from fieldmap.iron.design import copper_resistance, design_figures, winding_length
+from fieldmap.iron.summary import copper_resistance, design_figures, winding_length
 
 TURNS, CURRENT = 500.0, 2.0
 ROUND = fm.CircularCoil("round", 0.02, 0.03, 0.04, TURNS, resistance=8.0)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from fieldmap.iron.mesh.distinct_rows import distinct_rows
+from fieldmap.iron.topology import distinct_rows
 
 
 @pytest.mark.parametrize("width", [1, 2, 3])

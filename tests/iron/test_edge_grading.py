@@ -5,8 +5,8 @@ import pytest
 
 from fieldmap.device.model import Body, Box, Cylinder, Device, LinearMaterial, Part, Sphere, placed
 from fieldmap.iron.mesh.edge_grading import grade_edges, sharp_edges
-from fieldmap.iron.mesh.mesh import _first_layers, generate_mesh, surface_outlines, volumes
-from fieldmap.iron.mesh.topology import build_faces
+from fieldmap.iron.mesh.mesh import _first_layers, generate_mesh, volumes
+from fieldmap.iron.topology import build_faces
 
 
 def device(shape, size, edge=None):
@@ -27,7 +27,7 @@ def test_volume_and_surface_are_unchanged(shape, layer):
 
 
 def surface_area(mesh):
-    faces = build_faces(mesh)
+    faces = build_faces(mesh.points, mesh.tets)
     a, b, c = (mesh.points[faces.nodes[faces.surface][:, k]] for k in range(3))
     return 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1).sum()
 
@@ -35,7 +35,7 @@ def surface_area(mesh):
 @pytest.mark.parametrize("layer", [1e-3, 2e-4])
 def test_mesh_conforms_and_is_closed(layer):
     mesh = generate_mesh(device(Box((0.02, 0.03, 0.01)), 0.008, layer))
-    faces = build_faces(mesh)
+    faces = build_faces(mesh.points, mesh.tets)
     # A hanging node would leave unmatched faces inside, so that the surface is larger than the box's.
     assert surface_area(mesh) == pytest.approx(2 * (0.02 * 0.03 + 0.02 * 0.01 + 0.03 * 0.01), rel=1e-9)
     sides = np.sort(faces.nodes[faces.surface][:, [[0, 1], [0, 2], [1, 2]]].reshape(-1, 2), axis=1)
@@ -106,7 +106,7 @@ def test_outlines_of_bodies_enclose_their_volumes():
         for name, height, z in (("low", 0.01, 0.0), ("high", 0.02, 0.01))
     )
     mesh = generate_mesh(Device("d", "", (), bodies, {"iron": LinearMaterial("iron", 100.0)}))
-    low, high = surface_outlines(mesh)
+    low, high = mesh.outlines()
     assert (low.name, high.name) == ("low", "high")
     for outline, height in ((low, 0.01), (high, 0.02)):
         a, b, c = np.moveaxis(outline.points[outline.triangles], 1, 0)

@@ -16,7 +16,7 @@ from fieldmap.device.model import (
     WorkspaceBox,
 )
 from fieldmap.errors import InputError
-from fieldmap.iron.error.estimate import workspace_surface
+from fieldmap.iron.error import workspace_surface
 
 SPACE = WorkspaceBox(np.array([-0.005, -0.005, 0.025]), np.array([0.005, 0.005, 0.03]))
 IRON = LinearMaterial("iron", 1000.0)

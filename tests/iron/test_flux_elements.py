@@ -6,17 +6,17 @@ import pytest
 import fieldmap as fm
 from fieldmap.device.model import Body, Box, Device, LinearMaterial, Part
 from fieldmap.iron.elements.bh_law import Magnetisation, law_tables
-from fieldmap.iron.elements.flux_elements import FluxElements
+from fieldmap.iron.elements.flux_form import FluxElements
 from fieldmap.iron.elements.nodal_elements import NodalElements
 from fieldmap.iron.mesh.mesh import generate_mesh
-from fieldmap.iron.mesh.topology import build_faces
+from fieldmap.iron.topology import build_faces
 
 
 @pytest.fixture(scope="module")
 def block():
     body = Body("block", "iron", (Part(Box((0.03, 0.02, 0.02))),), 0.01, 0.002)
     mesh = generate_mesh(Device("d", "", (), (body,), {"iron": LinearMaterial("iron", 1.0)}))
-    topology = build_faces(mesh)
+    topology = build_faces(mesh.points, mesh.tets)
     return topology, FluxElements.from_mesh(NodalElements.from_mesh(mesh, topology), topology)
 
 

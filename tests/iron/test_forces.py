@@ -25,9 +25,9 @@ from fieldmap.device.model import (
 from fieldmap.errors import InputError
 from fieldmap.iron.elements.bh_law import Magnetisation, law_tables
 from fieldmap.iron.elements.potential_form import PotentialForm
+from fieldmap.iron.forces import Magnetised, force_and_torque
 from fieldmap.iron.mesh.mesh import generate_mesh
 from fieldmap.iron.operators.assembled import assemble
-from fieldmap.iron.quantities.forces import Magnetised, force_and_torque
 
 TILT = np.array([[1.0, 0.0, 0.0], [0.0, 0.8, -0.6], [0.0, 0.6, 0.8]])
 

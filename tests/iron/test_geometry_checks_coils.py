@@ -22,8 +22,8 @@ from fieldmap.device.model import (
 from fieldmap.errors import GeometryError, Problem
 from fieldmap.iron.geometry.checks import check_geometry, geometry_notes
 from fieldmap.iron.geometry.contacts import contact_areas
+from fieldmap.iron.geometry.shapes import winding_solid
 from fieldmap.iron.geometry.solids import glue_bodies
-from fieldmap.iron.geometry.windings import winding_solid
 
 
 def at(x: float, y: float, z: float) -> Placement:

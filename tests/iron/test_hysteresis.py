@@ -12,10 +12,15 @@ from fieldmap.device.model import Background, Body, CircularCoil, Device, Froehl
 from fieldmap.errors import InputError, NotConverged, Problem
 from fieldmap.iron import NonlinearSolver, solve_linear
 from fieldmap.iron.elements.bh_law import law_tables
-from fieldmap.iron.elements.hysteresis import HysteresisForm, HysteresisMagnetisation
 from fieldmap.iron.mesh.mesh import generate_mesh
 from fieldmap.iron.operators.assembled import assemble
-from fieldmap.iron.solvers.hysteresis import HysteresisSolver, IronMemory, Pinning
+from fieldmap.iron.solvers.hysteresis import (
+    HysteresisForm,
+    HysteresisMagnetisation,
+    HysteresisSolver,
+    IronMemory,
+    Pinning,
+)
 
 RADIUS = 0.05
 STEEL = Froehlich("steel", 1000.0, 2.0)

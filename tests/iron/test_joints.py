@@ -14,9 +14,8 @@ from fieldmap.iron import HysteresisSolver, Pinning, generate_mesh
 from fieldmap.iron.geometry import thin_gaps
 from fieldmap.iron.mesh.joints import Sheet, _displaced, _near_rim, _shifts, open_sheets, with_rims
 from fieldmap.iron.mesh.mesh import volumes
-from fieldmap.iron.mesh.topology import build_faces
-from fieldmap.iron.quantities.air import containing_element
 from fieldmap.iron.symmetry import find_symmetry
+from fieldmap.iron.topology import build_faces
 
 WIDTH, THICKNESS = 0.04, 0.01
 
@@ -78,7 +77,7 @@ def test_a_sheet_lies_between_the_bodies(symmetry):
     # The gap is cut out of the legs, whose ends the joint is, not out of the bar.
     expected = {"base": 8e-6 - sheet, "bar": 4e-6, "base | bar": sheet}
     assert of_body == pytest.approx(expected, rel=1e-12)
-    faces = build_faces(mesh)
+    faces = build_faces(mesh.points, mesh.tets)
     assert faces.group_of_tet.max() == 0
     # The surface is closed: every edge belongs to two faces; and it encloses the whole volume.
     triangles = faces.nodes[faces.surface]
@@ -349,7 +348,7 @@ def ring(gap, mu_r):
 
 def flux_density_inside(state, points):
     """B (n, 3) at points in iron and sheets, not the mean of the element."""
-    element = containing_element(state.mesh, points)
+    element = state.mesh.containing(points)
     corners = state.mesh.points[state.mesh.tets[element]]
     edges = np.swapaxes(corners[:, :3] - corners[:, 3:], 1, 2)
     three = np.linalg.solve(edges, (points - corners[:, 3])[:, :, None])[:, :, 0]

@@ -7,11 +7,11 @@ from numba import config
 
 from fieldmap.device.model import Body, Box, Device, LinearMaterial, Part
 from fieldmap.iron.elements.bh_law import Magnetisation, law_tables
-from fieldmap.iron.elements.flux_elements import FluxElements
+from fieldmap.iron.elements.flux_form import FluxElements
 from fieldmap.iron.elements.nodal_elements import CoilField, NodalElements
+from fieldmap.iron.mesh.charged_faces import ChargedFaces
 from fieldmap.iron.mesh.mesh import generate_mesh
-from fieldmap.iron.mesh.topology import build_faces
-from fieldmap.iron.operators.surface import ChargedFaces
+from fieldmap.iron.topology import build_faces
 from fieldmap.kernels.iron import charged_surface, linear_flux, quadratic_potential
 
 pytestmark = pytest.mark.skipif(bool(config.DISABLE_JIT), reason="nothing is compiled")
@@ -22,7 +22,7 @@ RNG = np.random.default_rng(4)
 def elements():
     body = Body("block", "iron", (Part(Box((0.03, 0.02, 0.02))),), 0.01)
     mesh = generate_mesh(Device("d", "", (), (body,), {"iron": LinearMaterial("iron", 1.0)}))
-    topology = build_faces(mesh)
+    topology = build_faces(mesh.points, mesh.tets)
     nodal = NodalElements.from_mesh(mesh, topology)
     law = law_tables([LinearMaterial("iron", 30.0)])
     count = len(nodal.volume)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.linalg import LinAlgError
 
-from fieldmap.iron.operators.lapack import cholesky_in_place, inverse_in_place
+from fieldmap.iron.operators.mutual import cholesky_in_place, inverse_in_place
 
 
 def positive(size, precision):

@@ -12,8 +12,6 @@ from fieldmap.device.materials.flux_barrier import FluxBarrier
 from fieldmap.device.model import Background, Body, Box, Device, Part, placed
 from fieldmap.errors import InputError
 from fieldmap.iron import notes, report
-from fieldmap.iron.beyond_saturation import BodyBeyondSaturation
-from fieldmap.iron.error.estimate import _StateFields
 from fieldmap.iron.materials import (
     BARRIER_MU_R,
     body_properties,
@@ -21,8 +19,10 @@ from fieldmap.iron.materials import (
     materials_on,
     require_soft_bodies,
 )
-from fieldmap.iron.mesh.local_sizes import LocalSizes, MesherCells
+from fieldmap.iron.mesh.mesher import LocalSizes, MesherCells
+from fieldmap.iron.notes import BodyBeyondSaturation
 from fieldmap.iron.report import SolverReport, Stages
+from fieldmap.iron.solution import NonlinearSolution
 
 LAWS = {
     "plain": fm.LinearMaterial("plain", 100.0),
@@ -212,7 +212,9 @@ def test_fields_of_a_state_are_those_of_all_its_sources():
     faces = SimpleNamespace(centres=points + 1, field_and_gradient=lambda *_: tuple(a.copy() for a in iron))
     coils = tuple(fm.CircularCoil(name, 0.05, 0.06, 0.01, 10) for name in "ab")
     background = Background(np.array([0.1, 0.2, 0.3]), np.diag([1.0, 2.0, -3.0]))
-    state = _StateFields(coils, np.array([3.0, -1.0]), SimpleNamespace(faces=faces, density=None), background)
+    charged = SimpleNamespace(faces=faces, density=np.zeros((1, 2)), separated=None)
+    about = (coils, np.array([3.0, -1.0]), None, charged, np.ones(1), None, ())
+    state = NonlinearSolution(*about, SimpleNamespace(iron=charged), np.zeros(2), 0.0, background=background)
     b, g = state.source_fields(points)
     air = fm.solve_linear(Device("d", "", coils, (), {})).at([3.0, -1.0])
     acts = background.field_and_gradient(points)

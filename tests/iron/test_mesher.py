@@ -11,9 +11,8 @@ from fieldmap.device import read_device
 from fieldmap.errors import InputError
 from fieldmap.iron.geometry.solids import glue_bodies
 from fieldmap.iron.mesh import mesher
-from fieldmap.iron.mesh.local_sizes import LocalSizes
 from fieldmap.iron.mesh.mesh import generate_mesh
-from fieldmap.iron.mesh.mesher import FOLDER, KeptMeshes, mesh_solids
+from fieldmap.iron.mesh.mesher import FOLDER, KeptMeshes, LocalSizes, mesh_solids
 from fieldmap.iron.mesh.surface_mesh import generate_surface
 from tests.conftest import DEVICES
 

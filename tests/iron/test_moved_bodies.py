@@ -9,13 +9,13 @@ import pytest
 import fieldmap as fm
 from fieldmap.errors import InputError
 from fieldmap.iron import FluxDensityAt, FluxLinkage, GradientAt, NonlinearSolver
+from fieldmap.iron.mesh import charged_faces
 from fieldmap.iron.mesh.mesh import volumes
-from fieldmap.iron.mesh.topology import build_faces
-from fieldmap.iron.operators import mutual_gradient, surface
 from fieldmap.iron.sensitivity import by_nodes
 from fieldmap.iron.sensitivity.changes import Parameters, same
 from fieldmap.iron.sensitivity.moved_bodies import MovedBodies
 from fieldmap.iron.solvers import linear, nonlinear
+from fieldmap.iron.topology import build_faces
 from tests.conftest import DEVICES
 
 DEVICE, COARSE = DEVICES / "core_and_magnet.toml", 0.4
@@ -49,7 +49,7 @@ def closed_form_between_all_faces():
     jumps by what the sum is off. Differences over a small step see that as noise, 1e-4 of themselves; these tests take
     the closed form for all pairs, in solutions and derivatives alike."""
     patch = pytest.MonkeyPatch()
-    for module in (surface, mutual_gradient):
+    for module in (charged_faces, by_nodes):
         patch.setattr(module, "NEAR_RADII", 1e3)
     yield
     patch.undo()
@@ -184,7 +184,7 @@ def test_nodes_follow_their_shapes():
     """Spheres and rings: nodes stay on the surfaces, and the volume follows its formula."""
     device, mesh = fm.read_device(WHOLE), whole().mesh
     change = Parameters(device).change("parameters.gauge", 0.1)
-    above, _ = MovedBodies(device, mesh, build_faces(mesh)).points(change)
+    above, _ = MovedBodies(device, mesh, build_faces(mesh.points, mesh.tets)).points(change)
     ring = np.unique(mesh.tets[mesh.body == 1])
     distance = np.hypot(*above[ring, :2].T)
     before = np.hypot(*mesh.points[ring, :2].T)

@@ -15,7 +15,7 @@ from fieldmap.device.mesh_files import read_mesh
 from fieldmap.device.tetrahedra import boundary, subdivided, tetrahedra_fault, volumes
 from fieldmap.errors import FieldmapError, GeometryError, InputError
 from fieldmap.iron import check_geometry, generate_mesh
-from fieldmap.iron.contents import device_contents
+from fieldmap.iron.notes import device_contents
 
 # A block of 10 x 12 x 8 mm, "lower" (7), below one of 10 x 12 x 4 mm, "upper" (8): written by gmsh 4.15, .msh 4.1.
 GMSH = Path(__file__).parents[1] / "devices" / "block_of_two_regions.msh"

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from fieldmap.device.model import Box, Cylinder, ExtrudedPolygon, Part, Ring, Sphere, placed
-from fieldmap.iron.sensitivity.part_surfaces import lies_on
+from fieldmap.iron.sensitivity.moved_bodies import lies_on
 
 PLACE = placed((0.01, -0.02, 0.03), (20.0, -35.0, 50.0))
 

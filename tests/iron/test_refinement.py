@@ -9,7 +9,15 @@ import pytest
 from scipy.optimize import brentq
 
 from fieldmap.device.model import Body, Box, CircularCoil, Cylinder, Device, LinearMaterial, Part, Placement
-from fieldmap.iron.error.refinement import (
+from fieldmap.iron.materials import body_properties
+from fieldmap.iron.mesh.charged_faces import ChargedFaces
+from fieldmap.iron.mesh.mesh import LAYER_RATIO, generate_mesh
+from fieldmap.iron.mesh.mesher import LocalSizes, MesherCells
+from fieldmap.iron.operators.assembled import assemble
+from fieldmap.iron.operators.mutual import DenseMutualPotential
+from fieldmap.iron.report import Stages
+from fieldmap.iron.solvers.linear import form_on, solved_in_form
+from fieldmap.iron.solvers.refinement import (
     FaceShares,
     WorkspaceDipoles,
     element_indicators,
@@ -20,17 +28,13 @@ from fieldmap.iron.error.refinement import (
     next_sizes,
     smooth_neighbours,
 )
-from fieldmap.iron.materials import body_properties
-from fieldmap.iron.mesh.local_sizes import LocalSizes, MesherCells
-from fieldmap.iron.mesh.mesh import LAYER_RATIO, generate_mesh
-from fieldmap.iron.mesh.topology import build_faces
-from fieldmap.iron.operators.assembled import assemble
-from fieldmap.iron.operators.mutual import DenseMutualPotential
-from fieldmap.iron.operators.surface import ChargedFaces
-from fieldmap.iron.report import Stages
-from fieldmap.iron.solvers.linear import form_on, solved_in_form
+from fieldmap.iron.topology import build_faces
 
 PLACES = np.array([[0.005, 0.002, -0.02], [-0.01, 0.006, -0.015]])
+
+
+def iron_of(mesh, topology, surface):
+    return SimpleNamespace(mesh=mesh, topology=topology, surface=surface)
 
 
 def device(mu_r=1000.0, size=0.01):
@@ -135,7 +139,7 @@ def test_neighbours_are_not_looked_for_round_edges():
         {"iron": LinearMaterial("iron", 9.0)},
     )
     mesh = generate_mesh(box)
-    topology = build_faces(mesh)
+    topology = build_faces(mesh.points, mesh.tets)
     surface = ChargedFaces.from_nodes(mesh.points, topology.nodes[topology.surface])
     neighbours = smooth_neighbours(topology.nodes[topology.surface], surface.normals)
     one, side = np.nonzero(neighbours >= 0)
@@ -147,13 +151,13 @@ def test_neighbours_are_not_looked_for_round_edges():
 def test_sizes_fall_where_the_shares_are_and_the_mesh_follows():
     machine = device(size=0.006)
     mesh = generate_mesh(machine)
-    topology = build_faces(mesh)
+    topology = build_faces(mesh.points, mesh.tets)
     surface = ChargedFaces.from_nodes(mesh.points, topology.nodes[topology.surface])
     # All of the error on one side of the disk.
     share = np.where(surface.centres[:, 0] > 0.02, surface.areas, 0.0)
     none = np.zeros(len(share))
     shares = FaceShares(none, share / share.sum(), none > 0, np.ones(1))
-    sizes = next_sizes(mesh, topology, surface, shares, np.zeros(len(mesh.tets)), 4.0)
+    sizes = next_sizes(iron_of(mesh, topology, surface), shares, np.zeros(len(mesh.tets)), 4.0)
     ratio, x = sizes.sizes / mesh.cells.sizes, sizes.points[:, 0]
     assert ratio[x > 0.024].max() < 0.9
     assert np.median(ratio[x < 0.01]) > 1.2
@@ -197,7 +201,7 @@ def test_sizes_are_those_of_equal_shares(kind, reduction, spread):
     none = np.zeros(18)
     own = {name: share if name == kind else none for name in KINDS}
     shares = FaceShares(own["layers"], own["faces"], at_edge, np.ones(1))
-    sizes = next_sizes(mesh, topology, surface, shares, own["elements"], reduction, 0.0)
+    sizes = next_sizes(iron_of(mesh, topology, surface), shares, own["elements"], reduction, 0.0)
 
     def factors(common):
         return np.clip((cost * common / share) ** (1 / (order + dimension)), least, most)
@@ -223,7 +227,7 @@ def test_layers_are_no_flatter_than_a_fiftieth_of_the_elements():
     mesh, topology, surface, at_edge = clusters(True)
     mesh = SimpleNamespace(cells=replace(mesh.cells, sizes=0.1 * np.arange(1.0, 19.0)), tets=mesh.tets)
     shares = FaceShares(np.ones(18), np.zeros(18), at_edge, np.ones(1))
-    sizes = next_sizes(mesh, topology, surface, shares, np.zeros(18), 4.0, 0.0)
+    sizes = next_sizes(iron_of(mesh, topology, surface), shares, np.zeros(18), 4.0, 0.0)
     assert sizes.layers == pytest.approx(0.02 * sizes.sizes[::-1])
 
 
@@ -232,7 +236,8 @@ def test_a_mesh_that_is_to_grow_does():
     mesh, topology, surface, at_edge = clusters()
     shares = FaceShares(np.zeros(18), np.repeat([1.0, 1.3, 1.69], 6), at_edge, np.ones(1))
     found = [
-        next_sizes(mesh, topology, surface, shares, np.zeros(18), 1.0, growth) for growth in (0.5, 1.5, 2.0)
+        next_sizes(iron_of(mesh, topology, surface), shares, np.zeros(18), 1.0, growth)
+        for growth in (0.5, 1.5, 2.0)
     ]
     grown = [float(np.mean((one.sizes / mesh.cells.sizes) ** -2)) for one in found]
     assert grown[0] == pytest.approx(1.0, abs=0.2)
@@ -249,12 +254,12 @@ def test_growth_by_its_powers():
     thin = np.full(6, 0.25 * LAYER_RATIO * heights(surface.corners)[0])
     sizes = LocalSizes(mesh.cells.centres, factor[::-1] * mesh.cells.sizes, surface.centres[:6], thin)
     layers = np.log(4 / LAYER_RATIO) / np.log(1 / LAYER_RATIO)
-    faces, tets = expected_growth(mesh, topology, surface, at_edge, sizes)
+    faces, tets = expected_growth(iron_of(mesh, topology, surface), at_edge, sizes)
     assert faces == pytest.approx((2.0 * (1 + 2.8 * layers) + 0.8**-2 + 1.25**-2) / 3)
     assert tets == pytest.approx((2.0**2.5 + 0.8**-2.5 + 1.25**-2.5 + 2.0 * 7 * layers) / 3)
     # Layers that are there already cost nothing.
     thick = replace(sizes, layers=np.full(6, 1.0))
-    assert expected_growth(mesh, topology, surface, at_edge, thick)[0] == pytest.approx(
+    assert expected_growth(iron_of(mesh, topology, surface), at_edge, thick)[0] == pytest.approx(
         (2.0 + 0.8**-2 + 1.25**-2) / 3
     )
 
@@ -266,7 +271,7 @@ def test_a_mesh_grows_about_as_expected(size, thickness, within):
     """Smaller elements on one side, or thinner layers at all edges."""
     machine = device(size=0.006)
     mesh = generate_mesh(machine)
-    topology = build_faces(mesh)
+    topology = build_faces(mesh.points, mesh.tets)
     triangles = topology.nodes[topology.surface]
     surface = ChargedFaces.from_nodes(mesh.points, triangles)
     none = np.zeros((1, len(surface.areas)))
@@ -275,9 +280,12 @@ def test_a_mesh_grows_about_as_expected(size, thickness, within):
     factor = np.where(mesh.cells.centres[:, 0] > 0, size, 1.0)
     layers = thickness * heights(surface.corners[shares.at_edge])
     sizes = LocalSizes(mesh.cells.centres, factor * mesh.cells.sizes, tips, layers)
-    expected = expected_growth(mesh, topology, surface, shares.at_edge, sizes)
+    expected = expected_growth(iron_of(mesh, topology, surface), shares.at_edge, sizes)
     finer = generate_mesh(machine, local=sizes)
-    grown = build_faces(finer).surface.size / len(surface.areas), len(finer.tets) / len(mesh.tets)
+    grown = (
+        build_faces(finer.points, finer.tets).surface.size / len(surface.areas),
+        len(finer.tets) / len(mesh.tets),
+    )
     assert grown[0] > 1.2
     assert expected == pytest.approx(grown, rel=within)
 

@@ -24,10 +24,10 @@ from fieldmap.errors import InputError
 from fieldmap.iron.elements.bh_law import law_tables, law_values
 from fieldmap.iron.elements.potential_form import Magnetisation, PotentialForm
 from fieldmap.iron.elements.state import IronState, LinearField
+from fieldmap.iron.mesh.charged_faces import ChargedFaces
 from fieldmap.iron.mesh.mesh import generate_mesh, volumes
 from fieldmap.iron.operators.assembled import assemble
-from fieldmap.iron.operators.surface import ChargedFaces
-from fieldmap.iron.quantities.sections import section_flux
+from fieldmap.iron.sections import section_flux
 from fieldmap.kernels.simplex_rules import tetrahedron_rule
 
 ONE = np.ones(1)

@@ -23,8 +23,7 @@ from fieldmap.iron import (
     Pinning,
 )
 from fieldmap.iron.sensitivity.changes import Parameters
-from fieldmap.iron.sensitivity.derivatives import Derivatives
-from fieldmap.iron.sensitivity.quantities import Quantity, Samples
+from fieldmap.iron.sensitivity.quantities import Derivatives, Quantity, Samples
 from fieldmap.lookup.payload import magnetic_body
 from fieldmap.sources import CoilSet
 from tests.conftest import DEVICES

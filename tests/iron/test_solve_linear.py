@@ -17,7 +17,6 @@ from fieldmap.device.model import (
 )
 from fieldmap.errors import FieldmapError, GeometryError, InputError
 from fieldmap.iron.mesh.mesh import IronMesh
-from fieldmap.iron.quantities.air import containing_element
 from fieldmap.sources import unit_flux_density
 
 BELOW = np.array([[0.0, 0.0, -0.02], [0.01, 0.005, -0.03], [-0.02, 0.01, -0.015]])
@@ -95,7 +94,7 @@ def test_flux_density_inside_is_continuous_with_outside():
     solution = fm.solve_linear(block_and_coil(), form="flux")
     # Beside the block's mirror planes, where elements that touch the surface at a corner only meet.
     place = np.array([[0.001, 0.0005, 0.0098]])
-    element = containing_element(solution.mesh, place)
+    element = solution.mesh.containing(place)
     corners = solution.mesh.points[solution.mesh.tets[element[0]]]
     barycentric = np.linalg.solve(np.vstack([corners.T, np.ones(4)]), np.append(place[0], 1.0))
     inside = solution.state.flux_density_at(element, barycentric[None])[0, 0]
@@ -126,7 +125,7 @@ def test_elements_are_those_of_the_mesh_that_is_asked():
         for shift in (0.0, 0.4)
     ]
     for _ in range(2):
-        found = [[containing_element(mesh, inner + shift)[0] for shift in (0.0, 0.4)] for mesh in meshes]
+        found = [[mesh.containing(inner + shift)[0] for shift in (0.0, 0.4)] for mesh in meshes]
         assert found == [[0, -1], [-1, 0]]
 
 

@@ -11,11 +11,10 @@ from scipy.sparse.linalg import splu
 from fieldmap.device.model import Body, Device, LinearMaterial, Part, Sphere
 from fieldmap.errors import NotConverged
 from fieldmap.iron import generate_mesh
-from fieldmap.iron.elements.flux_elements import FluxElements
+from fieldmap.iron.elements.flux_form import FluxElements
 from fieldmap.iron.elements.potential_form import PotentialForm
 from fieldmap.iron.operators.assembled import assemble
-from fieldmap.iron.operators.element_sums import ElementSums
-from fieldmap.iron.operators.sparse_cholesky import Elimination, nested_dissection
+from fieldmap.iron.operators.linear_systems import ElementSums, Elimination, nested_dissection
 
 
 def laplacian(n):
@@ -139,7 +138,7 @@ def form():
 
 def test_inward_flux_against_the_saddle_point(form):
     """N^-1 m, N = M K^-1 M^T: the stiffness and the face means as one dense system, which is not definite."""
-    exterior, elements = form._exterior, form.elements
+    exterior, elements = form.exterior, form.elements
     mean = elements.face_mean.toarray()
     stiffness = vacuum_stiffness(form)
     faces = len(mean)
@@ -173,18 +172,18 @@ def test_air_takes_energy_from_smooth_potentials(form):
     nodes = np.concatenate([elements.points, elements.points[elements.edges].mean(axis=1)])
     z = nodes[:, 2:]
     radius = np.cbrt(3 * elements.volume.sum() / (4 * np.pi))
-    energy = float((z.T @ form._exterior.apply(z)).item())
+    energy = float((z.T @ form.exterior.apply(z)).item())
     assert energy == pytest.approx(8 * np.pi / 3 * radius**3, rel=0.02)
     one, other = np.random.default_rng(2).standard_normal((2, elements.count, 1))
-    left, right = other.T @ form._exterior.apply(one), one.T @ form._exterior.apply(other)
+    left, right = other.T @ form.exterior.apply(one), one.T @ form.exterior.apply(other)
     assert left.item() == pytest.approx(
-        right.item(), abs=1e-6 * np.abs(one.T @ form._exterior.apply(one)).item()
+        right.item(), abs=1e-6 * np.abs(one.T @ form.exterior.apply(one)).item()
     )
 
 
 def test_the_rough_air_is_the_air_to_three_digits(form):
     """What preconditions: in single precision, and symmetric."""
-    exterior = form._exterior
+    exterior = form.exterior
     one, other = np.random.default_rng(5).standard_normal((2, form.elements.count, 1))
     exact, rough = exterior.apply(one), exterior.apply_roughly(one)
     assert 0.0 < np.linalg.norm(rough - exact) < 1e-3 * np.linalg.norm(exact)

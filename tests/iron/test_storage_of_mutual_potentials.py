@@ -59,7 +59,7 @@ def test_dense_where_it_is_quicker_and_fits(monkeypatch, faces, operations, memo
 
 def test_what_does_not_fit_is_told_before_it_is_made(monkeypatch):
     mesh = generate_mesh(electromagnet(), 0.5)
-    faces = len(assembled.build_faces(mesh).surface)
+    faces = len(assembled.build_faces(mesh.points, mesh.tets).surface)
     needed = 16 * faces**2
     monkeypatch.setattr(assembled, "memory_bytes", lambda: 1.001 * needed)
     assert assembled.fits_into_memory(mesh)
@@ -74,7 +74,7 @@ def test_what_does_not_fit_is_told_before_it_is_made(monkeypatch):
     assert caught.value.problems[0].received == "'sparse'"
     # Mirrored four times a quarter of it is enough.
     quarter = generate_mesh(electromagnet(), 0.5, symmetry="auto")
-    count = len(assembled.build_faces(quarter).surface)
+    count = len(assembled.build_faces(quarter.points, quarter.tets).surface)
     assert quarter.symmetry.group.order == 4
     monkeypatch.setattr(assembled, "memory_bytes", lambda: 4.001 * count**2)
     assert assembled.fits_into_memory(quarter)

@@ -6,7 +6,7 @@ import pytest
 from fieldmap.device.model import Body, Box, Cylinder, Device, LinearMaterial, Part, Placement, Sphere
 from fieldmap.errors import InputError
 from fieldmap.iron.mesh.mesh import generate_mesh, volumes
-from fieldmap.iron.mesh.topology import build_faces
+from fieldmap.iron.topology import build_faces
 
 IRON = {"iron": LinearMaterial("iron", 100.0)}
 
@@ -91,7 +91,7 @@ def test_no_cracks_no_doubles_and_the_same_bodies(case):
     assert apart.min() > 1e-6
     surfaces = []
     for each in (whole, mesh):
-        faces = build_faces(each)
+        faces = build_faces(each.points, each.tets)
         a, b, c = (each.points[faces.nodes[faces.surface][:, k]] for k in range(3))
         surfaces.append(
             (faces.group_of_tet.max(), 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1).sum())

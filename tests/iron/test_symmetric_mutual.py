@@ -7,8 +7,7 @@ from fieldmap.device.model import Body, Box, Cylinder, Device, LinearMaterial, P
 from fieldmap.iron.mesh.mesh import generate_mesh
 from fieldmap.iron.operators.assembled import assemble
 from fieldmap.iron.operators.mutual import DenseMutualPotential
-from fieldmap.iron.symmetry import find_symmetry
-from fieldmap.iron.symmetry.group import irreducible_representations, multiplication_table
+from fieldmap.iron.symmetry import find_symmetry, irreducible_representations, multiplication_table
 
 
 def ring_of_posts(count):

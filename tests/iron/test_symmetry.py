@@ -30,10 +30,8 @@ from fieldmap.device.model import (
     TriangleSurface,
     VolumeMesh,
 )
-from fieldmap.iron.symmetry import find_symmetry
-from fieldmap.iron.symmetry.chamber import mirror_chamber
-from fieldmap.iron.symmetry.finder import Outline, exact_matrices
-from fieldmap.iron.symmetry.group import Operation, multiplication_table
+from fieldmap.iron.mesh.chamber import mirror_chamber
+from fieldmap.iron.symmetry import Operation, Outline, exact_matrices, find_symmetry, multiplication_table
 from fieldmap.sources import unit_flux_density
 
 MATERIALS = {"iron": LinearMaterial("iron", 100.0), "steel": LinearMaterial("steel", 200.0)}

@@ -10,12 +10,12 @@ from scipy.constants import mu_0
 import fieldmap as fm
 from fieldmap.device.model import Body, Box, Cylinder, Device, Part, Sphere, placed
 from fieldmap.iron import generate_mesh
-from fieldmap.iron.elements.vacuum import vacuum
+from fieldmap.iron.elements.potential_form import vacuum
 from fieldmap.iron.geometry.thin_gaps import closed_gaps
+from fieldmap.iron.mesh.charged_faces import ChargedFaces
 from fieldmap.iron.mesh.mesh import volumes
-from fieldmap.iron.mesh.topology import build_faces
-from fieldmap.iron.operators.close_faces import thin_gap_warnings
-from fieldmap.iron.operators.surface import ChargedFaces
+from fieldmap.iron.report import thin_gap_warnings
+from fieldmap.iron.topology import build_faces
 
 SIDE, HEIGHT = 0.02, 0.01
 MATERIALS = {
@@ -76,7 +76,7 @@ def test_bodies_stay_where_they_are_drawn(symmetry):
     magnet = mesh.points[mesh.tets[mesh.body == 0]].reshape(-1, 3)
     assert [magnet[:, 2].min(), magnet[:, 2].max()] == pytest.approx([gap, gap + HEIGHT], abs=1e-12)
     assert (mesh.symmetry is not None) == (symmetry == "auto")
-    apart = build_faces(mesh.without_drawn_sheets())
+    apart = build_faces(mesh.points, mesh.without_drawn_sheets().tets)
     assert apart.group_of_tet.max() == 1
 
 
@@ -135,7 +135,7 @@ def test_elements_at_the_rim_of_a_sheet_are_softer_by_their_width():
     """g / h of the flat prism that an element is a third of: h is the altitude of its triangle on the longest side."""
     gap = 1e-5
     mesh = generate_mesh(magnet_above_plate(gap), symmetry="none")
-    air = vacuum(SimpleNamespace(mesh=mesh, topology=build_faces(mesh)))
+    air = vacuum(SimpleNamespace(mesh=mesh, topology=build_faces(mesh.points, mesh.tets)))
     softer = np.flatnonzero(air.law)
     assert len(softer) > 10
     assert (mesh.body[softer] == 2).all()

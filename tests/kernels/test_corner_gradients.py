@@ -6,8 +6,8 @@ from numba.core import config
 from scipy.spatial import ConvexHull
 
 from fieldmap.iron.mesh.chamber import MeshSymmetry
-from fieldmap.iron.operators.mutual_gradient import mutual_gradient
-from fieldmap.iron.operators.surface import ChargedFaces
+from fieldmap.iron.mesh.charged_faces import ChargedFaces
+from fieldmap.iron.sensitivity.by_nodes import mutual_gradient
 from fieldmap.iron.symmetry import Operation, SymmetryGroup
 from fieldmap.kernels.iron.mutual_gradient import close_gradient
 

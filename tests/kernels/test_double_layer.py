@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from fieldmap.iron.operators.surface import NEAR_RADII, ChargedFaces
+from fieldmap.iron.mesh.charged_faces import NEAR_RADII, ChargedFaces
 from fieldmap.kernels.iron.containment import solid_angle_sums
 from fieldmap.kernels.iron.double_layer import double_layer, linear_double_layer
 from fieldmap.kernels.simplex_rules import triangle_rule

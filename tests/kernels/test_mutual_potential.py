@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from fieldmap.iron.operators.surface import ChargedFaces
+from fieldmap.iron.mesh.charged_faces import ChargedFaces
 from fieldmap.kernels.simplex_rules import triangle_rule
 
 

@@ -5,13 +5,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicHermiteSpline
 
 from fieldmap.device.materials import LawPoints, Material, SaturatingMaterial
 from fieldmap.kernels.iron.magnetisation_law import flux_densities
 from fieldmap.records import Record
-from fieldmap.typing import Array
+from fieldmap.typing import Array, Index
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -22,17 +21,17 @@ class LawTables(Record):
     For a formula the first is infinite, and the last is where it ends; infinite where it holds everywhere.
     """
 
-    offset: NDArray[np.int64]
+    offset: Index
     knots: Array
     coefficients: Array
     range_h: Array
 
     @property
-    def arrays(self) -> tuple[NDArray[np.int64], Array, Array]:
+    def arrays(self) -> tuple[Index, Array, Array]:
         """The tables in the order in which the kernels take them."""
         return self.offset, self.knots, self.coefficients
 
-    def flux_density(self, h: Array, law: NDArray[np.int64]) -> Array:
+    def flux_density(self, h: Array, law: Index) -> Array:
         """b (n,) at h (n,) >= 0 for the laws (n,)."""
         return flux_densities(h, law, *self.arrays)
 
@@ -41,7 +40,7 @@ class LawTables(Record):
 class Magnetisation(Record):
     """Index of the law of every element (e,), tables of the laws, remanence (c, e, 3) per source, T."""
 
-    law: NDArray[np.int64]
+    law: Index
     tables: LawTables
     remanence: Array
 
@@ -98,7 +97,7 @@ def _cubics(points: LawPoints) -> tuple[Array, Array]:
     return field, coefficients
 
 
-def _by_law(tables: LawTables, law: NDArray[np.int64], h: Array) -> Iterator[tuple[Any, ...]]:
+def _by_law(tables: LawTables, law: Index, h: Array) -> Iterator[tuple[Any, ...]]:
     """For each law: which h are its own, its knots and coefficients, and in which piece these h lie."""
     for number in np.unique(law):
         mine = law == number
@@ -108,17 +107,8 @@ def _by_law(tables: LawTables, law: NDArray[np.int64], h: Array) -> Iterator[tup
         yield mine, knots, tables.coefficients[piece], j
 
 
-def law_flux_density(tables: LawTables, law: NDArray[np.int64], h: Array) -> Array:
-    """The first of `law_values` alone, in half of its time."""
-    b = np.empty_like(h)
-    for mine, knots, c, j in _by_law(tables, law, h):
-        t = h[mine] - knots[j]
-        b[mine] = ((c[j, 0] * t + c[j, 1]) * t + c[j, 2]) * t + c[j, 3]
-    return b
-
-
-def law_values(tables: LawTables, law: NDArray[np.int64], h: Array) -> tuple[Array, Array]:
-    """Flux density b (e,) in T and int_0^h b dh (e,) in T^2 at mu0 H = h (e,) for laws with these numbers (e,)."""
+def law_values(tables: LawTables, law: Index, h: Array) -> tuple[Array, Array]:
+    """Flux density b in T and int_0^h b dh in T^2 at mu0 H = h, for laws with these numbers; all of one shape."""
     b, stored = np.empty_like(h), np.empty_like(h)
     for mine, knots, c, j in _by_law(tables, law, h):
         at_knots = np.concatenate([[0.0], np.cumsum(_integral(c[:-1], np.diff(knots)))])
@@ -128,8 +118,8 @@ def law_values(tables: LawTables, law: NDArray[np.int64], h: Array) -> tuple[Arr
     return b, stored
 
 
-def law_slopes(tables: LawTables, law: NDArray[np.int64], h: Array) -> tuple[Array, Array]:
-    """Chord b/h and slope db/dh (e,) at mu0 H = h (e,); at h = 0 both are the initial slope."""
+def law_slopes(tables: LawTables, law: Index, h: Array) -> tuple[Array, Array]:
+    """Chord b/h and slope db/dh at mu0 H = h, of the shape of h; at h = 0 both are the initial slope."""
     chord, slope = np.empty_like(h), np.empty_like(h)
     for mine, knots, c, j in _by_law(tables, law, h):
         t = h[mine] - knots[j]
@@ -137,6 +127,22 @@ def law_slopes(tables: LawTables, law: NDArray[np.int64], h: Array) -> tuple[Arr
         b = ((c[j, 0] * t + c[j, 1]) * t + c[j, 2]) * t + c[j, 3]
         chord[mine] = np.divide(b, h[mine], out=slope[mine], where=h[mine] > 0.0)
     return chord, slope
+
+
+def flux_density_vectors(tables: LawTables, law: Index, h: Array) -> Array:
+    """b (e, k, 3) along mu0 H = h (e, k, 3) of elements with these laws (e,)."""
+    size = np.linalg.norm(h, axis=2)
+    chord, _ = law_slopes(tables, np.broadcast_to(law[:, None], size.shape), size)
+    return chord[..., None] * h
+
+
+def susceptible(tables: LawTables, law: Index, h: Array, vectors: Array) -> Array:
+    """(db/dh - 1) v for vectors (..., e, k, 3) at mu0 H = h (e, k, 3) of elements with these laws (e,)."""
+    size = np.linalg.norm(h, axis=2)
+    chord, slope = law_slopes(tables, np.broadcast_to(law[:, None], size.shape), size)
+    direction = np.divide(h, size[..., None], out=np.zeros_like(h), where=size[..., None] > 0.0)
+    along = np.einsum("...ekd,...ekd->...ek", vectors, direction) * (slope - chord)
+    return (chord - 1)[..., None] * vectors + along[..., None] * direction
 
 
 def _integral(c: Array, t: Array) -> Array:

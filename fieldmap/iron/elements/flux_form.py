@@ -2,7 +2,7 @@
 
 For bodies less permeable than air the surface flux is the unknown.
 
-With stiffness K of the iron, air S and surface means M (`fieldmap.iron.operators.exterior`), both forms solve
+With stiffness K of the iron, air S and surface means M (`fieldmap.iron.elements.potential_form`), both forms solve
 (K + M^T S M) l = r. Where mu_r >= 1, K outweighs S and its factor is a good preconditioner. Where mu_r << 1 the
 air outweighs the iron, and the unknown is the outward flux x = S M l, with l = K^-1 (r - M^T x):
 
@@ -11,54 +11,170 @@ air outweighs the iron, and the unknown is the outward flux x = S M l, with l = 
 A factor 1 / nu of the faces' own bodies brings this operator close to a multiple of the identity: for a mode of
 magnetisation with demagnetising factor D the left side is 1 + nu (1 - D) / D. K is singular for constants;
 they follow from the zero net flux.
+
+The elements are second-order flux elements on the iron's tetrahedra (Brezzi, Douglas and Marini), hybridised. The flux
+density is linear in every element and free of divergence; its normal component is linear on every face. What makes
+neighbours agree about it are potentials on the faces, linear as well: the only unknowns left, three a face. The coil
+field is that of `fieldmap.iron.elements.nodal_elements`: free of curl by construction, so that flux around a closed
+circuit is driven by the exact circulation, however permeable the iron.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 
 from fieldmap.iron.elements.bh_law import Magnetisation
-from fieldmap.iron.elements.flux_elements import FluxElements
-from fieldmap.iron.elements.nodal_elements import NodalElements
-from fieldmap.iron.elements.potential_form import ConvexForm
+from fieldmap.iron.elements.nodal_elements import Elements, NodalElements
+from fieldmap.iron.elements.potential_form import ConvexForm, Exterior
 from fieldmap.iron.elements.state import ElementField, linear_field
+from fieldmap.iron.mesh.chamber import MeshSymmetry
 from fieldmap.iron.operators.assembled import AssembledIron
-from fieldmap.iron.operators.exterior import Exterior
-from fieldmap.iron.operators.linear_systems import block_gmres
-from fieldmap.iron.operators.sparse_cholesky import Elimination
-from fieldmap.records import Record
-from fieldmap.typing import Array
+from fieldmap.iron.operators.linear_systems import ElementSums, Elimination, block_gmres, nested_dissection
+from fieldmap.iron.topology import TET_EDGES, Faces, distinct_rows
+from fieldmap.kernels.iron import linear_flux
+from fieldmap.threads import over_rows
+from fieldmap.typing import Array, Index
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class BodyNumbers(Record):
-    """Which magnetic body (a connected piece) the surface faces (s,) and the unknowns (n,) belong to."""
+class FluxElements(Elements):
+    """Unknown 3 f + i is the potential of face f at its corner i.
 
-    surface: NDArray[np.int64]
-    unknowns: NDArray[np.int64]
+    unknowns (e, 12): those of the elements, see `fieldmap.kernels.iron.linear_flux`; area (e, 4, 3): outward area
+    vectors; volume (e,); count: number of unknowns; face_mean (s, n): takes them to their means over the surface
+    faces; nodal: the elements that carry the coil field.
+    """
+
+    kernel, width, work = linear_flux, 12, 80.0
+
+    unknowns: Index
+    area: Array
+    volume: Array
+    count: int
+    face_mean: csr_matrix
+    nodal: NodalElements
+
+    @classmethod
+    def from_mesh(cls, nodal: NodalElements, topology: Faces) -> "FluxElements":
+        """Elements on the same tetrahedra as the nodal ones."""
+        tets = nodal.nodes[:, :4]
+        corners = tets[:, linear_flux.CORNERS]
+        place = (topology.nodes[topology.tet_faces][:, :, None, :] == corners[..., None]).argmax(axis=-1)
+        dofs = (3 * topology.tet_faces[:, :, None] + place).reshape(-1, 12)
+        area = -3 * nodal.volume[:, None, None] * nodal.gradients
+        count, faces = 3 * len(topology.nodes), topology.surface
+        mean = _means(faces, count)
+        return cls(dofs, np.ascontiguousarray(area), nodal.volume, count, mean, nodal)
+
+    def mean_over(self, triangles: Index, topology: Faces) -> csr_matrix:
+        """Takes the unknowns to their means (k, n) over faces with these nodes (k, 3)."""
+        both = np.sort(np.concatenate([topology.nodes, triangles]), axis=1)
+        number = distinct_rows(both).number
+        face = np.empty(number.max() + 1, np.int64)
+        face[number[: len(topology.nodes)]] = np.arange(len(topology.nodes))
+        return _means(face[number[len(topology.nodes) :]], self.count)
+
+    def elimination_order(self) -> Index:
+        """Order (n,) in which the unknowns are eliminated: that of nested dissection for the faces, all three of one
+        face together."""
+        faces = ElementSums(self.unknowns[:, ::3] // 3, self.count // 3)
+        return (3 * nested_dissection(faces.pattern)[:, None] + np.arange(3)).ravel()
+
+    def coil_field_at_points(self, field: Array) -> Array:
+        """t as it is."""
+        return field
+
+    def no_field(self) -> Array:
+        """One source that is zero."""
+        return np.zeros((1, len(self.volume), 4, 3))
+
+    def coil_field(self, field: Callable[[Array], Array], symmetry: MeshSymmetry | None = None) -> Array:
+        """t (c, e, 4, 3) of flux densities field(points (n, 3)) -> (c, n, 3), in T; free of curl in the iron."""
+        return self.nodal.coil_field_at_points(self.nodal.coil_field(field, symmetry))
+
+    def from_nodal(self, potential: Array) -> Array:
+        """Face potentials (n, c) closest to nodal potentials (k, c): of each face the linear part of the second-order
+        function on it, in the mean-square sense."""
+        values = potential[self.nodal.nodes]
+        out = np.zeros((self.count, potential.shape[1]))
+        for face, corners in enumerate(linear_flux.CORNERS):
+            at = values[:, corners]
+            for a, b, opposite in ((0, 1, 2), (0, 2, 1), (1, 2, 0)):
+                middle = 4 + TET_EDGES.tolist().index([corners[a], corners[b]])
+                bubble = values[:, middle] - 0.5 * (values[:, corners[a]] + values[:, corners[b]])
+                # 4 l_a l_b is closest to 0.6 (l_a + l_b) - 0.2 l_c.
+                for corner, share in ((a, 0.6), (b, 0.6), (opposite, -0.2)):
+                    at[:, corner] = at[:, corner] + share * bubble
+            out[self.unknowns[:, 3 * face : 3 * face + 3]] = at
+        return out
+
+    def joined(self, field: Array, more: Array) -> Array:
+        """The same sources, then `more`."""
+        return np.concatenate([field, more])
+
+    def mean_fields(
+        self, potential: Array, field: Array, source: int, material: Magnetisation
+    ) -> tuple[Array, Array]:
+        """Mean flux density (e, 3) of every element and the largest mu0 H (e,) at its points, for potentials (n,)."""
+        count, tables = len(material.law), material.tables.arrays
+        h, mean, largest = np.empty((count, 4, 3)), np.zeros((count, 3)), np.zeros(count)
+        arrays = self._arrays(potential, field, source)
+        over_rows(linear_flux.strength, count, *arrays, material.law, *tables, h, work=self.work)
+        law = (material.law, material.remanence[source], *tables)
+        over_rows(linear_flux.mean_fields, count, h, *law, mean, largest, work=self.work)
+        return mean, largest
+
+    def strength_at_points(self, potential: Array, field: Array, material: Magnetisation) -> Array:
+        """mu0 H (c, e, 4, 3) at the four points of every element, for potentials (n, c)."""
+        law = (material.law, *material.tables.arrays)
+        out = np.empty((potential.shape[1], len(material.law), 4, 3))
+        for c, h in enumerate(out):
+            over_rows(
+                linear_flux.strength,
+                len(h),
+                *self._arrays(potential[:, c], field, c),
+                *law,
+                h,
+                work=self.work,
+            )
+        return out
+
+    def _arrays(self, potential: Array, field: Array, source: int) -> tuple[Any, ...]:
+        values, coils = np.ascontiguousarray(potential), np.ascontiguousarray(field[source])
+        return values, coils, linear_flux.SHAPE, self.area, self.volume, self.unknowns
+
+
+def _means(faces: Index, count: int) -> csr_matrix:
+    """Takes unknowns (count,) to their means over faces (k,)."""
+    columns = (3 * faces[:, None] + np.arange(3)).ravel()
+    rows = np.repeat(np.arange(len(faces)), 3)
+    return csr_matrix((np.full(rows.size, 1 / 3), (rows, columns)), shape=(len(faces), count))
 
 
 class SurfaceFluxSystem:
-    """K and S of one mesh and material; reluctivity (s,) is that of the elements below the surface faces."""
+    """K and S of one mesh and material. surface (s,), unknowns (n,): the magnetic body (a connected piece) that surface
+    faces and unknowns belong to; reluctivity (s,): of the elements below the faces."""
 
     def __init__(
         self,
         stiffness: csr_matrix,
         face_mean: csr_matrix,
         exterior: Exterior,
-        body: BodyNumbers,
+        surface: Index,
+        unknowns: Index,
         reluctivity: Array,
     ) -> None:
-        self._mean, self._exterior, self._body, self._stiffness = face_mean, exterior, body, stiffness
+        self._mean, self._exterior, self._body, self._stiffness = face_mean, exterior, unknowns, stiffness
         # One unknown of each magnetic body is fixed at zero; its equation follows from the others.
-        fixed = np.unique(body.unknowns, return_index=True)[1]
-        self._free = np.setdiff1d(np.arange(len(body.unknowns)), fixed)
+        fixed = np.unique(unknowns, return_index=True)[1]
+        self._free = np.setdiff1d(np.arange(len(unknowns)), fixed)
         inner = stiffness[self._free][:, self._free]
         self._factor = Elimination.of(inner).factor(inner.data)
         self._scale = 1 / np.maximum(1.0, reluctivity)[:, None]
-        self._sums = (body.surface[:, None] == np.arange(len(fixed))).astype(float)
+        self._sums = (surface[:, None] == np.arange(len(fixed))).astype(float)
         self._flux_of_constants = exterior.flux(self._sums)
         self._net = np.linalg.inv(self._sums.T @ (self._scale * self._flux_of_constants))
 
@@ -83,7 +199,7 @@ class SurfaceFluxSystem:
         potential = inside - self._inside(self._mean.T @ flux)
         net = self._sums.T @ self._exterior.flux(self._mean @ potential)
         constants = np.linalg.solve(self._sums.T @ self._flux_of_constants, -net)
-        return potential + constants[self._body.unknowns], history
+        return potential + constants[self._body], history
 
     def _inside(self, right: Array) -> Array:
         potential = np.zeros_like(right)
@@ -100,10 +216,11 @@ class SurfaceFluxSystem:
 _MAX_STEPS_OF_WEAK_BODIES = 250
 
 
-class FluxForm(ConvexForm[FluxElements]):
+class FluxForm(ConvexForm):
     """One mesh in the flux form."""
 
     name = "flux"
+    elements: FluxElements
 
     def __init__(self, iron: AssembledIron) -> None:
         nodal = NodalElements.from_mesh(iron.mesh, iron.topology)
@@ -117,9 +234,9 @@ class FluxForm(ConvexForm[FluxElements]):
             return super()._linear_system(stiffness, material, right, tolerance)
         faces, unknowns = self.iron.topology, np.zeros(self.elements.count, np.int64)
         unknowns[self.elements.unknowns] = faces.group_of_tet[:, None]
-        body = BodyNumbers(faces.group_of_surface, unknowns)
         below = slope[faces.owner[faces.surface, 0]]
-        system = SurfaceFluxSystem(stiffness, self.elements.face_mean, self._exterior, body, 1 / below)
+        pieces = (faces.group_of_surface, unknowns)
+        system = SurfaceFluxSystem(stiffness, self.elements.face_mean, self.exterior, *pieces, 1 / below)
         return system.solve(right, tolerance, _MAX_STEPS_OF_WEAK_BODIES)
 
     def _inside(self, potential: Array, field: Array, material: Magnetisation) -> ElementField:

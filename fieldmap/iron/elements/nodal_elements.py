@@ -7,34 +7,37 @@ and the gradients of the potential live in one space, H = t - grad phi may be th
 without loss; and closed loops of iron around a winding need no cuts.
 """
 
-from collections.abc import Callable, Iterator
+from abc import abstractmethod
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from scipy.sparse import csr_matrix
 
+from fieldmap.device.coils import Coil
 from fieldmap.iron.elements.bh_law import Magnetisation
 from fieldmap.iron.mesh.chamber import MeshSymmetry
-from fieldmap.iron.mesh.distinct_rows import distinct_rows
 from fieldmap.iron.mesh.mesh import IronMesh, volumes
-from fieldmap.iron.mesh.topology import Faces
-from fieldmap.iron.operators.element_sums import ElementSums
-from fieldmap.iron.operators.sparse_cholesky import nested_dissection
-from fieldmap.kernels.iron import quadratic_potential as kernel
+from fieldmap.iron.operators.linear_systems import ElementSums, nested_dissection
+from fieldmap.iron.topology import (
+    TET_EDGES,
+    Faces,
+    barycentric_gradients,
+    distinct_parts,
+    edge_keys,
+)
+from fieldmap.kernels.iron import quadratic_potential
 from fieldmap.kernels.iron.sample_gradients import sample_gradients
 from fieldmap.kernels.simplex_rules import tetrahedron_rule
 from fieldmap.records import Record
+from fieldmap.sources import unit_flux_densities
 from fieldmap.threads import over_rows
 from fieldmap.typing import Array, Index
 
-_PAIRS = np.array([[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]])
 # Gauss points per half edge: the coil field is smooth over a few millimetres at 1 mm from a winding.
 _POINTS_PER_HALF = 4
 _BATCH = 200_000
-
-WORK = 50.0
-"""Of one element at its four points, as `over_rows` counts it."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -44,15 +47,61 @@ class CoilField(Record):
     constant: Array
     bubble: Array
 
+    def combined(self, shares: Array) -> "CoilField":
+        """Sources (k) made of shares (k, c) of these."""
+        return CoilField(np.einsum("kc,ced->ked", shares, self.constant), shares @ self.bubble)
+
+    def __add__(self, other: "CoilField") -> "CoilField":
+        return CoilField(self.constant + other.constant, self.bubble + other.bubble)
+
+
+class Elements(Record):
+    """What both families of elements have in common. kernel: their compiled functions; width: unknowns of an element;
+    work: of an element at its four points, as `over_rows` counts it."""
+
+    volume: Array
+    kernel: ClassVar[Any]
+    width: ClassVar[int]
+    work: ClassVar[float]
+
+    @abstractmethod
+    def coil_field(self, field: Callable[[Array], Array], symmetry: MeshSymmetry | None = None) -> Any:
+        """Flux densities field(points (n, 3)) -> (c, n, 3), T, as a field in the iron."""
+
+    def unit_fields(self, coils: Sequence[Coil], mesh: IronMesh) -> Any:
+        """The field in the iron of one ampere in each coil."""
+        return self.coil_field(lambda x: unit_flux_densities(coils, x), mesh.symmetry)
+
+    def residual(self, potential: Array, field: Any, source: int, material: Magnetisation) -> Array:
+        """Element vectors (e, k) of the inside's share of R at a potential (n,), in the source of that number."""
+        law = (material.law, material.remanence[source], *material.tables.arrays)
+        arrays, out = self._arrays(potential, field, source), np.zeros((len(self.volume), self.width))
+        over_rows(self.kernel.residual, len(out), *arrays, *law, out, work=self.work)
+        return out
+
+    def tangent(self, potential: Array, field: Any, source: int, material: Magnetisation) -> Array:
+        """Element matrices (e, k, k) of minus its derivative."""
+        law = (material.law, *material.tables.arrays)
+        arrays = self._arrays(potential, field, source)
+        out = np.zeros((len(self.volume), self.width, self.width))
+        over_rows(self.kernel.tangent, len(out), *arrays, *law, out, work=2 * self.work)
+        return out
+
+    @abstractmethod
+    def _arrays(self, potential: Array, field: Any, source: int) -> tuple[Any, ...]:
+        """The arguments that all kernels begin with; rows in order, for which alone they are compiled."""
+
 
 @dataclass(frozen=True, eq=False, repr=False)
-class NodalElements(Record):
+class NodalElements(Elements):
     """Nodes are the mesh's points, then the midpoints of its edges.
 
     nodes (e, 10) in the order of `fieldmap.kernels.iron.quadratic_potential`; gradients (e, 4, 3) of the barycentric
     coordinates; volume (e,); edges (m, 2), sorted; surface (k,): nodes on the iron's surface; face_mean (s, n):
     takes nodal values to their means over the surface faces.
     """
+
+    kernel, width, work = quadratic_potential, 10, 50.0
 
     points: Array
     nodes: Index
@@ -89,16 +138,12 @@ class NodalElements(Record):
     def from_mesh(cls, mesh: IronMesh, faces: Faces) -> Self:
         """Number the nodes of a mesh."""
         corner_count = len(mesh.points)
-        ends = np.sort(mesh.tets[:, _PAIRS].reshape(-1, 2), axis=1)
-        edges, _, number, _ = distinct_rows(ends)
+        edges, _, number, _ = distinct_parts(mesh.tets, TET_EDGES)
         nodes = np.column_stack([mesh.tets, corner_count + number.reshape(-1, 6)])
         triangles = faces.nodes[faces.surface]
         middles, mean = _middles_and_means(triangles, edges, corner_count)
         surface = np.unique(np.concatenate([triangles.ravel(), middles.ravel()]))
-        corners = mesh.points[mesh.tets]
-        inverse = np.linalg.inv(corners[:, 1:] - corners[:, :1])
-        last = np.swapaxes(inverse, 1, 2)
-        gradients = np.ascontiguousarray(np.concatenate([-last.sum(axis=1, keepdims=True), last], axis=1))
+        gradients = barycentric_gradients(mesh.points[mesh.tets])
         return cls(mesh.points, nodes, gradients, volumes(mesh.points, mesh.tets), edges, surface, mean)
 
     def mean_over(self, triangles: Index, topology: Faces) -> csr_matrix:
@@ -120,9 +165,9 @@ class NodalElements(Record):
     def _edge_functions(self) -> Array:
         """Lowest-order edge functions (e, 6, 3) at the centroids."""
         # Stored edges run from the smaller to the larger point number.
-        sign = np.where(self.nodes[:, _PAIRS[:, 0]] < self.nodes[:, _PAIRS[:, 1]], 1.0, -1.0)
+        sign = np.where(self.nodes[:, TET_EDGES[:, 0]] < self.nodes[:, TET_EDGES[:, 1]], 1.0, -1.0)
         # Of (a, b): (grad l_b - grad l_a) / 4.
-        shape = 0.25 * (self.gradients[:, _PAIRS[:, 1]] - self.gradients[:, _PAIRS[:, 0]])
+        shape = 0.25 * (self.gradients[:, TET_EDGES[:, 1]] - self.gradients[:, TET_EDGES[:, 0]])
         return np.asarray(sign[..., None] * shape)
 
     def tested_by_circulations(self, vectors: Array) -> tuple[Array, Array]:
@@ -144,8 +189,8 @@ class NodalElements(Record):
         """Images (n,) of all nodes, from those of the mesh's points: the midpoints' are those of their edges."""
         count = len(self.points)
         ends = np.sort(corners[self.edges], axis=1)
-        key = self.edges[:, 0] * count + self.edges[:, 1]
-        return np.concatenate([corners, count + np.searchsorted(key, ends[:, 0] * count + ends[:, 1])])
+        number = np.searchsorted(edge_keys(self.edges, count), edge_keys(ends, count))
+        return np.concatenate([corners, count + number])
 
     def _half_circulations(
         self, field: Callable[[Array], Array], symmetry: MeshSymmetry | None
@@ -193,20 +238,6 @@ class NodalElements(Record):
             np.concatenate([field.constant, more.constant]), np.concatenate([field.bubble, more.bubble])
         )
 
-    def residual(self, potential: Array, field: CoilField, source: int, material: Magnetisation) -> Array:
-        """Element vectors (e, 10) of int (b(t - grad phi) + br - t) . grad N for phi (n,)."""
-        law = (material.law, material.remanence[source], *material.tables.arrays)
-        arguments, out = (*self._arrays(potential, field, source), self.volume, *law), self._zeros()
-        over_rows(kernel.residual, len(out), *arguments, out, work=WORK)
-        return out
-
-    def tangent(self, potential: Array, field: CoilField, source: int, material: Magnetisation) -> Array:
-        """Element matrices (e, 10, 10) of int grad N_i . (db/dh) grad N_j at phi (n,)."""
-        law = (material.law, *material.tables.arrays)
-        arguments, out = (*self._arrays(potential, field, source), self.volume, *law), self._zeros(10)
-        over_rows(kernel.tangent, len(out), *arguments, out, work=2 * WORK)
-        return out
-
     def source_response(
         self, potential: Array, field: CoilField, material: Magnetisation, change: CoilField, number: int
     ) -> Array:
@@ -214,9 +245,8 @@ class NodalElements(Record):
         of it: the source of that number of `change`."""
         law = (material.law, *material.tables.arrays)
         changed = (np.ascontiguousarray(change.constant[number]), change.bubble[number])
-        arguments = (*self._arrays(potential, field, 0), self.volume, *law, *changed)
-        out = self._zeros()
-        over_rows(kernel.source_response, len(out), *arguments, out, work=WORK)
+        arguments, out = (*self._arrays(potential, field, 0), *law, *changed), np.zeros(self.nodes.shape)
+        over_rows(self.kernel.source_response, len(out), *arguments, out, work=self.work)
         return out
 
     def mean_fields(
@@ -224,75 +254,61 @@ class NodalElements(Record):
     ) -> tuple[Array, Array]:
         """Mean flux density (e, 3) of every element and the largest mu0 H (e,) at its points, for phi (n,)."""
         law = (material.law, material.remanence[source], *material.tables.arrays)
-        arguments = (*self._arrays(potential, field, source), *law)
+        arguments = (*self._arrays(potential, field, source)[:-1], *law)
         mean, largest = np.zeros((len(self.volume), 3)), np.zeros(len(self.volume))
-        over_rows(kernel.mean_fields, len(mean), *arguments, mean, largest, work=WORK)
+        over_rows(self.kernel.mean_fields, len(mean), *arguments, mean, largest, work=self.work)
         return mean, largest
-
-    def _zeros(self, *more: int) -> Array:
-        """Vectors (e, 10) or matrices (e, 10, 10) of elements, for kernels that add to them."""
-        return np.zeros((len(self.volume), 10, *more))
 
     def gradients_at_points(self, values: Array) -> Array:
         """Gradients (e, 4, 3, r) of functions (n, r) at the four points of every element."""
         out = np.empty((len(self.volume), 4, 3, values.shape[1]))
         arguments = (np.ascontiguousarray(values), self.nodes, self.gradients, out)
-        over_rows(sample_gradients, len(out), *arguments, work=WORK * values.shape[1])
+        over_rows(sample_gradients, len(out), *arguments, work=self.work * values.shape[1])
         return out
 
     def coil_field_at_points(self, field: CoilField) -> Array:
         """t (c, e, 4, 3) at the four points of every element."""
-        bubbles = self.point_gradients(field.bubble.T)
-        return np.stack([field.constant + bubble for bubble in bubbles], axis=2)
+        return field.constant[:, :, None] + self.point_gradients(field.bubble.T)
 
     def strength_at_points(self, potential: Array, field: CoilField, material: Magnetisation) -> Array:
         """mu0 H (c, e, 4, 3) at the four points of every element, for phi (n, c); it does not need the material."""
-        gradient = np.stack(list(self.point_gradients(potential)), axis=2)
-        return self.coil_field_at_points(field) - gradient
+        return self.coil_field_at_points(field) - self.point_gradients(potential)
 
-    def point_gradients(self, values: Array) -> Iterator[Array]:
-        """Gradients (c, e, 3) of nodal values (n, c) at the four points of every element, one point after the other.
-
-        Shape functions as in `fieldmap.kernels.iron.quadratic_potential`: (4 l_i - 1) g_i and 4 (l_a g_b + l_b g_a).
-        """
-        nodal = values[self.nodes]
-        for combine in _combinations():
-            yield np.einsum("kn,enc,ekd->ced", combine, nodal, self.gradients, optimize=True)
+    def point_gradients(self, values: Array) -> Array:
+        """Gradients (c, e, 4, 3) of nodal values (n, c) at the four points of every element."""
+        return np.ascontiguousarray(np.moveaxis(self.gradients_at_points(values), 3, 0))
 
     def tested(self, vectors: Array) -> Array:
         """Sums (c, n) of vectors (c, e, 4, 3) at the four points of every element times the gradients of the nodes'
         functions there: the transpose of `point_gradients`."""
         total = np.zeros((len(vectors), *self.nodes.shape))
-        for q, combine in enumerate(_combinations()):
+        for q, point in enumerate(tetrahedron_rule(2)[0]):
             along = np.einsum("ced,ekd->cek", vectors[:, :, q], self.gradients, optimize=True)
-            total += along @ combine
+            total += along @ shape_gradients(point[None], np.eye(4)[None])[0].T
         flat = self.nodes.ravel()
         return np.stack([np.bincount(flat, of.ravel(), self.count) for of in total], dtype=float)
 
-    def _arrays(self, potential, field, source):
-        """The arguments that all kernels begin with; rows in order, for which alone they are compiled."""
+    def _arrays(self, potential: Array, field: CoilField, source: int) -> tuple[Any, ...]:
         values, constant = np.ascontiguousarray(potential), np.ascontiguousarray(field.constant[source])
-        return values, constant, field.bubble[source], self.nodes, self.gradients
+        return values, constant, field.bubble[source], self.nodes, self.gradients, self.volume
 
 
-def _combinations() -> Iterator[Array]:
-    """At each of the four points, how the gradients of the nodes' functions are made of those of the barycentric
-    coordinates: (4, 10)."""
-    barycentric, _ = tetrahedron_rule(2)
-    for point in barycentric:
-        combine = np.zeros((4, 10))
-        combine[np.arange(4), np.arange(4)] = 4 * point - 1
-        for m, (a, b) in enumerate(_PAIRS):
-            combine[b, 4 + m] += 4 * point[a]
-            combine[a, 4 + m] += 4 * point[b]
-        yield combine
+def shape_gradients(barycentric: Array, gradients: Array) -> Array:
+    """Gradients (n, 10, 3) of the second-order shape functions at points (n, 4) of elements with gradients (n, 4, 3).
+
+    (4 l_i - 1) g_i for corners, 4 (l_a g_b + l_b g_a) for middles, as in `fieldmap.kernels.iron.quadratic_potential`.
+    """
+    out = np.empty((len(barycentric), 10, gradients.shape[2]))
+    out[:, :4] = (4 * barycentric - 1)[:, :, None] * gradients
+    a, b = TET_EDGES.T
+    out[:, 4:] = 4 * (barycentric[:, a, None] * gradients[:, b] + barycentric[:, b, None] * gradients[:, a])
+    return out
 
 
 def _middles_and_means(triangles: Index, edges: Index, corners: int) -> tuple[Index, csr_matrix]:
     """Nodes (k, 3) in the middles of the sides of triangles (k, 3), and the means (k, n) over these."""
     sides = np.sort(triangles[:, [[0, 1], [1, 2], [0, 2]]], axis=2)
-    key = edges[:, 0] * corners + edges[:, 1]
-    middles = corners + np.searchsorted(key, sides[..., 0] * corners + sides[..., 1])
+    middles = corners + np.searchsorted(edge_keys(edges, corners), edge_keys(sides, corners))
     # The mean of a second-order function over a triangle is that of its three midpoint values.
     rows = np.repeat(np.arange(len(triangles)), 3)
     shape = (len(triangles), corners + len(edges))

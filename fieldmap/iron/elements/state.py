@@ -1,21 +1,70 @@
 """Solved iron: charges for the air, and the field inside the elements.
 
 In the potential form h is linear in each element, in the flux form b.
+
+Bodies on both sides of thin drawn gaps have a surface and charges of their own. The solver takes the air in such a gap
+for a sheet of the iron's mesh. Forces on one side need the bodies apart: the potential is known on all of their faces,
+those at the gap among them, and charges that make it follow as they do in the air
+(`fieldmap.iron.elements.potential_form`). The faces on both sides of a gap are equal, so that what little the
+potentials of facing charges differ by is found from points that lie opposite to each other.
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
+from scipy.linalg import cho_solve
 
 from fieldmap.errors import InputError, Problem
-from fieldmap.iron.elements.bh_law import LawTables, Magnetisation, law_values
-from fieldmap.iron.elements.nodal_elements import CoilField, NodalElements
-from fieldmap.iron.elements.separated import SeparatedState
-from fieldmap.iron.operators.surface import ChargedFaces
+from fieldmap.iron.elements.bh_law import Magnetisation, flux_density_vectors
+from fieldmap.iron.elements.nodal_elements import CoilField, NodalElements, shape_gradients
+from fieldmap.iron.mesh.charged_faces import ChargedFaces
+from fieldmap.iron.mesh.mesh import IronMesh
+from fieldmap.iron.operators.mutual import cholesky_in_place
+from fieldmap.iron.topology import build_faces
 from fieldmap.kernels.simplex_rules import tetrahedron_rule
 from fieldmap.records import Record
 from fieldmap.typing import Array, Index
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class SeparatedFaces(Record):
+    """mesh: without the sheets in drawn gaps; nodes (m, 3) of the faces of its surface, and the faces."""
+
+    mesh: IronMesh
+    nodes: Index
+    faces: ChargedFaces
+
+    @classmethod
+    def of(cls, mesh: IronMesh) -> "SeparatedFaces":
+        """Of a mesh with sheets in drawn gaps."""
+        apart = mesh.without_drawn_sheets()
+        topology = build_faces(apart.points, apart.tets)
+        nodes = topology.nodes[topology.surface]
+        return cls(apart, nodes, ChargedFaces.from_nodes(mesh.points, nodes))
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class SeparatedState(Record):
+    """surface: of the bodies apart; potential (c, m): means over its faces for every source, T m."""
+
+    surface: SeparatedFaces
+    potential: Array
+
+    @cached_property
+    def density(self) -> Array:
+        """Charge (c, m) per area, T. Costs a dense matrix of all faces and its factor in double precision."""
+        faces = self.surface.faces
+        matrix = faces.mutual_potential()
+        scale = 1 / np.sqrt(np.diagonal(matrix))
+        matrix *= scale
+        matrix *= scale[:, None]
+        # Symmetric: the transposed one is the same matrix in Fortran's order.
+        factor = matrix.T
+        cholesky_in_place(factor)
+        charge = scale[:, None] * cho_solve((factor, True), scale[:, None] * self.potential.T)
+        return np.ascontiguousarray((charge / faces.areas[:, None]).T)
 
 
 class ElementField(Protocol):
@@ -70,19 +119,14 @@ class IronState(Record):
         return mean
 
 
-_PAIRS = ((0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3))
-
-
 @dataclass(frozen=True, eq=False, repr=False)
 class PotentialField(Record):
-    """h = t - grad phi and b = b(h) + b_r: potential (n, c), coil field t, law (e,), remanence (c, e, 3) in T."""
+    """h = t - grad phi and b = b(h) + b_r: potential (n, c), coil field t and material."""
 
     elements: NodalElements
     potential: Array
     field: CoilField
-    law: Index
-    tables: LawTables
-    remanence: Array
+    material: Magnetisation
 
     def flux_density(self, element: Index, barycentric: Array) -> Array:
         """B (c, n, 3), see `fieldmap.iron.elements.state.ElementField`."""
@@ -102,10 +146,8 @@ class PotentialField(Record):
         for c in range(self.potential.shape[1]):
             value = (self.field.bubble[c] - self.potential[:, c])[nodes]
             h = self.field.constant[c, element] + np.einsum("ni,nid->nd", value, shape)
-            size = np.linalg.norm(h, axis=1)
-            b, _ = law_values(self.tables, self.law[element], size)
-            ratio = np.divide(b, size, out=np.ones_like(b), where=size > 0.0)
-            yield h, ratio[:, None] * h + self.remanence[c, element]
+            b = flux_density_vectors(self.material.tables, self.material.law[element], h[:, None])[:, 0]
+            yield h, b + self.material.remanence[c, element]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -127,28 +169,11 @@ class LinearField(Record):
 
 def linear_field(strength: Array, material: Magnetisation) -> LinearField:
     """Of mu0 H (c, e, 4, 3) in T at the points of every element."""
-    size = np.linalg.norm(strength, axis=3)
-    law = np.broadcast_to(material.law[:, None], size.shape).ravel()
-    b = law_values(material.tables, law, size.ravel())[0].reshape(size.shape)
-    ratio = np.divide(b, size, out=np.ones_like(b), where=size > 0.0)
-    flux_density = ratio[..., None] * strength + material.remanence[:, :, None]
+    b = np.stack([flux_density_vectors(material.tables, material.law, h) for h in strength])
+    flux_density = b + material.remanence[:, :, None]
     return LinearField(flux_density, flux_density - strength)
 
 
 def _interpolated(values: Array, element: Index, barycentric: Array) -> Array:
     at_points = barycentric @ np.linalg.inv(tetrahedron_rule(2)[0])
     return np.einsum("nq,cnqd->cnd", at_points, values[:, element])
-
-
-def shape_gradients(barycentric: Array, gradients: Array) -> Array:
-    """Gradients (n, 10, 3) of the second-order shape functions at points (n, 4) of elements with gradients (n, 4, 3).
-
-    (4 l_i - 1) g_i for corners, 4 (l_a g_b + l_b g_a) for middles, as in `fieldmap.kernels.iron.quadratic_potential`.
-    """
-    out = np.empty((len(barycentric), 10, 3))
-    out[:, :4] = (4 * barycentric - 1)[:, :, None] * gradients
-    for m, (a, b) in enumerate(_PAIRS):
-        out[:, 4 + m] = 4 * (
-            barycentric[:, a, None] * gradients[:, b] + barycentric[:, b, None] * gradients[:, a]
-        )
-    return out

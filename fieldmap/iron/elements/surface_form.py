@@ -21,14 +21,20 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
-from scipy.sparse import coo_matrix, csr_matrix, diags
+from scipy.sparse import csr_matrix, diags
 from scipy.sparse.csgraph import breadth_first_order, connected_components
 from scipy.sparse.linalg import splu
 
-from fieldmap.iron.mesh.distinct_rows import distinct_rows
-from fieldmap.iron.mesh.surface_mesh import AIR, IronSurface, connected_solids
+from fieldmap.iron.mesh.surface_mesh import AIR, IronSurface
 from fieldmap.iron.operators.closed_surface import ClosedSurface, Potentials, Side, corner_curls
 from fieldmap.iron.operators.linear_systems import block_gmres, require_convergence
+from fieldmap.iron.topology import (
+    TRIANGLE_SIDES,
+    area_vectors,
+    connected,
+    distinct_parts,
+    edge_keys,
+)
 from fieldmap.kernels.simplex_rules import triangle_rule
 from fieldmap.records import Record
 from fieldmap.typing import Array, Index
@@ -60,7 +66,7 @@ def regions_of(surface: IronSurface, mu_r: Array, remanence: Array) -> tuple[Reg
     touching = surface.sides[surface.sides[:, 1] != AIR]
     one, other = touching.T
     alike = (mu_r[one] == mu_r[other]) & (remanence[one] == remanence[other]).all(axis=1)
-    number = connected_solids(touching[alike], len(surface.body))
+    number = connected(touching[alike], len(surface.body))
     members = (np.flatnonzero(number == k) for k in range(number.max() + 1))
     return tuple(Region(solids, float(mu_r[solids[0]]), remanence[solids[0]]) for solids in members)
 
@@ -91,13 +97,13 @@ class SurfaceSources(Record):
 def edge_numbers(edges: Index, triangles: Index, count: int) -> Index:
     """Numbers (n, 3) of the edges opposite each corner of triangles (n, 3) of `count` points."""
     ends = np.sort(triangles[:, [[1, 2], [2, 0], [0, 1]]], axis=2)
-    return np.searchsorted(edges[:, 0] * count + edges[:, 1], ends[..., 0] * count + ends[..., 1])
+    return np.searchsorted(edge_keys(edges, count), edge_keys(ends, count))
 
 
 def surface_sources(points: Array, triangles: Index, field: FieldOfPoints) -> SurfaceSources:
     """Of fields field(points (n, 3)) -> (c, n, 3) that are free of curl at the triangles (n, 3)."""
     count = len(points)
-    edges = distinct_rows(np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)).rows
+    edges = distinct_parts(triangles, TRIANGLE_SIDES).rows
     x, weights = np.polynomial.legendre.leggauss(_POINTS_PER_HALF)
     along = np.concatenate([(x + 1) / 4, (x + 3) / 4])
     both = np.zeros((2, len(along)))
@@ -118,8 +124,7 @@ def surface_sources(points: Array, triangles: Index, field: FieldOfPoints) -> Su
 
 def _projected(points: Array, triangles: Index, edges: Index, bubble: Array) -> Array:
     """Continuous linear function (p, c) closest to second-order bubbles (m, c) on the edges, in the mean square."""
-    corners = points[triangles]
-    twice = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    twice = np.linalg.norm(area_vectors(points[triangles]), axis=1)
     number = edge_numbers(edges, triangles, len(points))
     rows = np.repeat(triangles, 3, axis=1).ravel()
     # int l_i l_j = A/12, twice that for i = j; int 4 l_a l_b l_i = 2 A/15, half of that for the opposite corner i.
@@ -153,9 +158,9 @@ def _differences(edges: Index, count: int) -> csr_matrix:
 def _along_tree(edges: Index, difference: Array, count: int) -> Array:
     """Nodal values (n, c), zero at one point of each connected part, from the differences along a tree of edges."""
     links = csr_matrix((np.ones(len(edges)), edges.T), shape=(count, count))
-    key = edges[:, 0] * count + edges[:, 1]
+    key = edge_keys(edges, count)
     values = np.zeros((count, difference.shape[1]))
-    for start in np.unique(connected_components(links)[1], return_index=True)[1]:
+    for start in np.unique(connected(edges, count), return_index=True)[1]:
         order, before = breadth_first_order(links, start, directed=False)
         children = order[1:]
         parents = before[children]
@@ -311,9 +316,7 @@ class SurfaceForm:
 
         left = preconditioned(right - self._through(constants, mu_r))
         total, history = block_gmres(operator, left, tolerance, _MAX_STEPS)
-        residuals = tuple(float(step.max()) for step in history)
-        require_convergence("surface form", residuals, tolerance)
-        return total + constants, residuals
+        return total + constants, require_convergence("surface form", history, tolerance)
 
     def _preconditioner(self, mu_r: Array, coarse: Array) -> tuple[Array, bool]:
         """Cholesky factor of twice the sum of all D, with what constants (k, k) on closed surfaces need."""
@@ -331,9 +334,7 @@ class SurfaceForm:
     def _closed_surfaces(self) -> Array:
         """Indicators (p, k) of the points on each connected surface."""
         count = len(self.surface.points)
-        ends = self.triangles[:, [0, 1, 1, 2]].reshape(-1, 2).T
-        links = coo_matrix((np.ones(ends.shape[1]), ends), shape=(count, count))
-        part = connected_components(links)[1]
+        part = connected(self.triangles[:, [0, 1, 1, 2]].reshape(-1, 2), count)
         numbers = np.unique(part[np.unique(self.triangles)])
         return (part[:, None] == numbers).astype(float)
 

@@ -10,7 +10,7 @@ than the device file.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import TypeVar
 from weakref import WeakKeyDictionary
@@ -18,47 +18,24 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
-from fieldmap.device.model import Body, Coil, Device, Joint, StepFile
+from fieldmap.device.model import Body, Coil, Device, StepFile
 from fieldmap.errors import GeometryError, Problem
-from fieldmap.iron.geometry.cad_kernel import kernel_errors, occ
-from fieldmap.iron.geometry.contacts import (
-    CONTACT_DISTANCE,
-    LEAST_GAP,
-    NamedSolid,
-    NearMiss,
-    Overlap,
-    Pinch,
-    bounds,
-    contact_areas,
-    near_misses,
-    overlaps_among,
-    overlaps_between,
-    pinches,
+from fieldmap.iron.geometry import contacts
+from fieldmap.iron.geometry.shapes import (
+    declared_step_unit,
+    kernel_errors,
+    occ,
+    winding_solid,
+    workspace_solid,
 )
-from fieldmap.iron.geometry.own_meshes import common_area, higher_order_cells, own_mesh
-from fieldmap.iron.geometry.solids import body_solid, device_label, glue_solids
-from fieldmap.iron.geometry.step_files import declared_step_unit
-from fieldmap.iron.geometry.windings import winding_solid, workspace_solid
-
-
-def no_volume(label: str, body: NamedSolid) -> Problem:
-    """A body that the cuts have used up, or whose surface points inwards."""
-    return Problem(
-        f"{label}: {body}",
-        "a body must have a volume above zero",
-        f"{body.volume:.3g} mm^3",
-        "correct its dimensions and its cuts; in a STEP file, the direction of its surface",
-    )
-
-
-def open_surface(label: str, body: NamedSolid) -> Problem:
-    """A body whose surface is not the boundary of a volume."""
-    return Problem(
-        f"{label}: {body}",
-        "the surface of a body must enclose it once",
-        "a surface that crosses itself or has holes",
-        "repair the STEP file in the program that wrote it",
-    )
+from fieldmap.iron.geometry.solids import (
+    body_solid,
+    common_area,
+    device_label,
+    glue_solids,
+    higher_order_cells,
+    own_mesh,
+)
 
 
 def cannot_build(label: str, kind: str, name: str, error: Exception) -> Problem:
@@ -71,35 +48,14 @@ def cannot_build(label: str, kind: str, name: str, error: Exception) -> Problem:
     )
 
 
-def workspace_occupied(label: str, overlap: Overlap) -> Problem:
-    """A workspace that reaches into a body or a winding."""
-    must_hold = "the workspace must be free of bodies and windings"
-    return _overlapping(label, overlap, must_hold, "make the workspace smaller or move it")
+def _overlapping(
+    label: str, found: Iterable[contacts.Overlap], must_hold: str, remedy: str
+) -> Iterator[Problem]:
+    for overlap in found:
+        yield Problem(f"{label}: {overlap.first} and {overlap.second}", must_hold, str(overlap), remedy)
 
 
-def bodies_overlap(label: str, overlap: Overlap) -> Problem:
-    """Two bodies in one place."""
-    remedy = "move or shorten one, or cut the overlap from it"
-    return _overlapping(label, overlap, "bodies may touch but not overlap", remedy)
-
-
-def winding_cuts_body(label: str, overlap: Overlap) -> Problem:
-    """A winding in the place of iron."""
-    remedy = "correct the winding's widths or place, or cut the body"
-    return _overlapping(label, overlap, "a winding must not cut a body", remedy)
-
-
-def windings_overlap(label: str, overlap: Overlap) -> Problem:
-    """Two windings that share a part of their space."""
-    must_hold = "windings must not overlap, unless both fill the very same space"
-    return _overlapping(label, overlap, must_hold, "correct the widths or places of the windings")
-
-
-def _overlapping(label: str, overlap: Overlap, must_hold: str, remedy: str) -> Problem:
-    return Problem(f"{label}: {overlap.first} and {overlap.second}", must_hold, str(overlap), remedy)
-
-
-def pinched(label: str, pinch: Pinch) -> Problem:
+def pinched(label: str, pinch: contacts.Pinch) -> Problem:
     """A place where the iron's surface is no manifold."""
     names = " and ".join(f"'{name}'" for name in pinch.names)
     where = "along an edge" if pinch.kind == "edge" else "at a point"
@@ -114,10 +70,10 @@ def pinched(label: str, pinch: Pinch) -> Problem:
     )
 
 
-def nearly_touching(label: str, miss: NearMiss) -> Problem:
+def nearly_touching(label: str, first: str, second: str, distance: float) -> Problem:
     """Bodies that touch without a common area, or all but touch."""
-    where = f"{label}: bodies '{miss.first}' and '{miss.second}'"
-    if miss.distance == 0.0:
+    where = f"{label}: bodies '{first}' and '{second}'"
+    if distance == 0.0:
         return Problem(
             where,
             "bodies must touch by faces, not only along a line or at a point",
@@ -126,30 +82,9 @@ def nearly_touching(label: str, miss: NearMiss) -> Problem:
         )
     return Problem(
         where,
-        f"bodies must touch or leave a gap of at least {LEAST_GAP:g} mm",
-        f"a gap of {miss.distance:.3g} mm",
+        f"bodies must touch or leave a gap of at least {contacts.LEAST_GAP:g} mm",
+        f"a gap of {distance:.3g} mm",
         "give both the same coordinate where they touch, or widen the gap",
-    )
-
-
-def meshes_do_not_match(label: str, names: tuple[str, str], contact: float, shared: float) -> Problem:
-    """Bodies in contact, one with a mesh of its own, whose elements do not share the faces between them."""
-    first, second = names
-    return Problem(
-        f"{label}: bodies '{first}' and '{second}'",
-        "a body with a mesh of its own touches others by common faces of their meshes only",
-        f"a contact of {contact:.6g} mm^2, common faces of {shared:.6g} mm^2",
-        "mesh both together, each as a region of one file, or leave a gap",
-    )
-
-
-def joint_of_nothing(label: str, joint: Joint) -> Problem:
-    """A joint whose bodies do not touch."""
-    return Problem(
-        f"{label}: {joint.description}",
-        "the bodies of a joint must touch over an area",
-        "no such bodies",
-        "draw them in contact: the joint opens the gap; a gap that is drawn needs no joint",
     )
 
 
@@ -204,17 +139,21 @@ def _examine(device: Device) -> _Findings:
     bodies = [*_sound(problems, label, built_bodies)]
     wound = [coil for coil in device.coils if coil.has_winding]
     windings = [solid for _, solid in _built(problems, label, "winding", wound, winding_solid)]
-    overlapping = overlaps_among(bodies)
-    problems += (bodies_overlap(label, overlap) for overlap in overlapping)
+    overlapping = contacts.overlaps_among(bodies)
+    remedy = "move or shorten one, or cut the overlap from it"
+    problems += _overlapping(label, overlapping, "bodies may touch but not overlap", remedy)
     if len(bodies) == len(device.bodies) > 0:
         # A missing body might be the one that makes a contact sound, so contacts wait until all are there.
         problems += _contact_problems(label, device, bodies, overlapping)
-    problems += (winding_cuts_body(label, overlap) for overlap in overlaps_between(windings, bodies))
-    shared = overlaps_among(windings)
-    problems += (windings_overlap(label, overlap) for overlap in shared if not _same_space(overlap))
+    remedy = "correct the winding's widths or place, or cut the body"
+    cutting = contacts.overlaps_between(windings, bodies)
+    problems += _overlapping(label, cutting, "a winding must not cut a body", remedy)
+    shared = contacts.overlaps_among(windings)
+    must_hold = "windings must not overlap, unless both fill the very same space"
+    apart, together = ([one for one in shared if _same_space(one) == alike] for alike in (False, True))
+    problems += _overlapping(label, apart, must_hold, "correct the widths or places of the windings")
     problems += _workspace_problems(label, device, [*bodies, *windings])
-    wound_together = [overlap for overlap in shared if _same_space(overlap)]
-    return _Findings(tuple(problems), tuple(_notes(device, bodies, wound_together)))
+    return _Findings(tuple(problems), tuple(_notes(device, bodies, together)))
 
 
 # ---- one solid at a time ----
@@ -226,12 +165,12 @@ def _built(
     kind: str,
     items: Sequence[Item],
     build: Callable[[Item], occ.TopoDS_Shape],
-) -> list[tuple[Item, NamedSolid]]:
+) -> list[tuple[Item, contacts.NamedSolid]]:
     """The items that can be built, each with its solid; a problem is added for each one that cannot."""
     solids = []
     for item in items:
         try:
-            solids.append((item, NamedSolid(kind, item.name, build(item))))
+            solids.append((item, contacts.NamedSolid(kind, item.name, build(item))))
         except GeometryError as error:
             problems += (
                 Problem(f"{label}: {p.where}", p.must_hold, p.received, p.remedy) for p in error.problems
@@ -241,7 +180,9 @@ def _built(
     return solids
 
 
-def _sound(problems: list[Problem], label: str, built: list[tuple[Body, NamedSolid]]) -> Iterator[NamedSolid]:
+def _sound(
+    problems: list[Problem], label: str, built: list[tuple[Body, contacts.NamedSolid]]
+) -> Iterator[contacts.NamedSolid]:
     """The bodies that have a volume; a problem is added for each of the others."""
     for body, solid in built:
         problem = _body_fault(label, body, solid)
@@ -251,21 +192,28 @@ def _sound(problems: list[Problem], label: str, built: list[tuple[Body, NamedSol
             problems.append(problem)
 
 
-def _body_fault(label: str, body: Body, solid: NamedSolid) -> Problem | None:
+def _body_fault(label: str, body: Body, solid: contacts.NamedSolid) -> Problem | None:
     pieces = solid.solid.solids
-    size = float(np.linalg.norm(np.subtract(*bounds(solid.solid)))) if len(pieces) else 0.0
-    if solid.volume <= CONTACT_DISTANCE * size**2:
-        return no_volume(label, solid)
-    from_file = any(isinstance(part.shape, StepFile) for part in body.parts)
-    return open_surface(label, solid) if from_file and not _halves_add_up(solid) else None
+    size = float(np.linalg.norm(np.subtract(*contacts.bounds(solid.solid)))) if len(pieces) else 0.0
+    if solid.volume <= contacts.CONTACT_DISTANCE * size**2:
+        remedy = "correct its dimensions and its cuts; in a STEP file, the direction of its surface"
+        received = f"{solid.volume:.3g} mm^3"
+        return Problem(f"{label}: {solid}", "a body must have a volume above zero", received, remedy)
+    if not any(isinstance(part.shape, StepFile) for part in body.parts) or _halves_add_up(solid):
+        return None
+    received, remedy = (
+        "a surface that crosses itself or has holes",
+        "repair the STEP file in the program that wrote it",
+    )
+    return Problem(f"{label}: {solid}", "the surface of a body must enclose it once", received, remedy)
 
 
-def _halves_add_up(body: NamedSolid) -> bool:
+def _halves_add_up(body: contacts.NamedSolid) -> bool:
     """True where both halves of the body, cut through the middle, make up its volume along each axis.
 
     A surface that crosses itself or is open gives the kernel's cut another volume than its integral does.
     """
-    lower, upper = bounds(body.solid)
+    lower, upper = contacts.bounds(body.solid)
     lower, upper = lower - 1.0, upper + 1.0
     for axis in range(3):
         low_end, high_start = upper.copy(), lower.copy()
@@ -284,50 +232,63 @@ def _box(lower: NDArray[np.float64], upper: NDArray[np.float64]) -> occ.TopoDS_S
 # ---- solids against each other ----
 
 
-def _same_space(overlap: Overlap) -> bool:
+def _same_space(overlap: contacts.Overlap) -> bool:
     """True where both windings are all overlap: two circuits wound together."""
     windings = (overlap.first, overlap.second)
     return all(abs(winding.volume - overlap.volume) <= SAME_VOLUME * winding.volume for winding in windings)
 
 
 def _contact_problems(
-    label: str, device: Device, bodies: list[NamedSolid], overlapping: Sequence[Overlap]
+    label: str, device: Device, bodies: list[contacts.NamedSolid], overlapping: Sequence[contacts.Overlap]
 ) -> Iterator[Problem]:
     glued = glue_solids(body.solid for body in bodies)
     told = {frozenset((overlap.first.name, overlap.second.name)) for overlap in overlapping}
-    for pinch in pinches(glued):
+    for pinch in contacts.pinches(glued):
         yield pinched(label, pinch)
-    for miss in near_misses(bodies, glued):
-        if {miss.first, miss.second} not in told:
-            yield nearly_touching(label, miss)
+    for first, second, distance in contacts.near_misses(bodies, glued):
+        if {first, second} not in told:
+            yield nearly_touching(label, first, second, distance)
     own = {body.name: own_mesh(body) for body in device.bodies if body.has_own_mesh}
-    areas = contact_areas(glued) if own or device.joints else {}
+    areas = contacts.contact_areas(glued) if own or device.joints else {}
     for joint in device.joints:
         if joint.between is not None and not any(joint.holds(*pair) for pair in areas):
-            yield joint_of_nothing(label, joint)
+            yield Problem(
+                f"{label}: {joint.description}",
+                "the bodies of a joint must touch over an area",
+                "no such bodies",
+                "draw them in contact: the joint opens the gap; a gap that is drawn needs no joint",
+            )
     for (first, second), area in areas.items():
         if (first in own or second in own) and frozenset((first, second)) not in told:
             shared = common_area(own[first], own[second]) if first in own and second in own else 0.0
             if abs(1e6 * shared - area) > _SAME_AREA * area:
-                yield meshes_do_not_match(label, (first, second), area, 1e6 * shared)
+                yield Problem(
+                    f"{label}: bodies '{first}' and '{second}'",
+                    "a body with a mesh of its own touches others by common faces of their meshes only",
+                    f"a contact of {area:.6g} mm^2, common faces of {1e6 * shared:.6g} mm^2",
+                    "mesh both together, each as a region of one file, or leave a gap",
+                )
 
 
-def _workspace_problems(label: str, device: Device, solids: list[NamedSolid]) -> Iterator[Problem]:
+def _workspace_problems(label: str, device: Device, solids: list[contacts.NamedSolid]) -> Iterator[Problem]:
     if device.workspace is None:
         return
     try:
-        workspace = NamedSolid("workspace", "", workspace_solid(device.workspace))
+        workspace = contacts.NamedSolid("workspace", "", workspace_solid(device.workspace))
     except kernel_errors() as error:
         yield cannot_build(label, "workspace", "", error)
         return
-    for overlap in overlaps_between([workspace], solids):
-        yield workspace_occupied(label, overlap)
+    must_hold = "the workspace must be free of bodies and windings"
+    found = contacts.overlaps_between([workspace], solids)
+    yield from _overlapping(label, found, must_hold, "make the workspace smaller or move it")
 
 
 # ---- notes ----
 
 
-def _notes(device: Device, bodies: list[NamedSolid], wound_together: list[Overlap]) -> Iterator[str]:
+def _notes(
+    device: Device, bodies: list[contacts.NamedSolid], wound_together: list[contacts.Overlap]
+) -> Iterator[str]:
     for solid in bodies:
         pieces = len(solid.solid.solids)
         if pieces > 1:

@@ -15,7 +15,7 @@ from itertools import combinations, product
 
 import numpy as np
 
-from fieldmap.iron.geometry.cad_kernel import occ
+from fieldmap.iron.geometry.shapes import occ, xyz
 from fieldmap.records import Record
 from fieldmap.typing import Array
 
@@ -61,7 +61,7 @@ class Overlap(Record):
 def bounds(solid: occ.TopoDS_Shape) -> tuple[Array, Array]:
     """Lower and upper corner (3,) of the box around a solid, mm."""
     lower, upper = solid.bounding_box
-    return np.array([lower.x, lower.y, lower.z]), np.array([upper.x, upper.y, upper.z])
+    return xyz(lower), xyz(upper)
 
 
 def bounds_nearer_than(a: occ.TopoDS_Shape, b: occ.TopoDS_Shape, distance: float) -> bool:
@@ -111,15 +111,6 @@ class Pinch(Record):
     count: int
 
 
-@dataclass(frozen=True, repr=False)
-class NearMiss(Record):
-    """Two solids that share no face and are `distance` (mm) apart, less than LEAST_GAP."""
-
-    first: str
-    second: str
-    distance: float
-
-
 def pinches(glued: occ.TopoDS_Shape) -> tuple[Pinch, ...]:
     """Where the surface of the glued solids is no manifold: one entry per kind and set of bodies."""
     owners: dict[occ.Face, list[str]] = defaultdict(list)
@@ -138,7 +129,9 @@ def pinches(glued: occ.TopoDS_Shape) -> tuple[Pinch, ...]:
     places = [("edge", _middle(edge), {surface[f] for f in faces_at[edge]}) for edge in bad_edges]
     for corner, fans in _fans(surface, faces_at).items():
         if len(fans) > 1 and corner not in explained:
-            places.append(("point", _xyz(corner.p), {surface[face] for fan in fans for face in fan}))
+            places.append(
+                ("point", tuple(xyz(corner.p).tolist()), {surface[face] for fan in fans for face in fan})
+            )
     return _gathered(places)
 
 
@@ -160,11 +153,7 @@ def _fans(
 
 def _middle(edge: occ.Edge) -> Point:
     start, end = edge.parameter_interval
-    return _xyz(edge.Value((start + end) / 2))
-
-
-def _xyz(point: occ.gp_Pnt) -> Point:
-    return point.x, point.y, point.z
+    return tuple(xyz(edge.Value((start + end) / 2)).tolist())
 
 
 def _gathered(places: Sequence[tuple[str, Point, set[str]]]) -> tuple[Pinch, ...]:
@@ -188,8 +177,9 @@ def contact_areas(glued: occ.TopoDS_Shape) -> dict[tuple[str, str], float]:
     return dict(areas)
 
 
-def near_misses(solids: Sequence[NamedSolid], glued: occ.TopoDS_Shape) -> tuple[NearMiss, ...]:
-    """Pairs of solids (named as in `glued`) nearer than LEAST_GAP that share no face, edge or corner.
+def near_misses(solids: Sequence[NamedSolid], glued: occ.TopoDS_Shape) -> tuple[tuple[str, str, float], ...]:
+    """Pairs of solids (named as in `glued`) nearer than LEAST_GAP, mm, that share no face, edge or corner, and their
+    distance.
 
     Contact in a tangent line or point may leave no edge or corner behind: it is found here, at distance zero.
     """
@@ -202,5 +192,5 @@ def near_misses(solids: Sequence[NamedSolid], glued: occ.TopoDS_Shape) -> tuple[
             continue
         distance = a.solid.Distance(b.solid)
         if distance < LEAST_GAP:
-            found.append(NearMiss(a.name, b.name, 0.0 if distance <= CONTACT_DISTANCE else distance))
+            found.append((a.name, b.name, 0.0 if distance <= CONTACT_DISTANCE else distance))
     return tuple(found)

@@ -12,11 +12,8 @@ from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 
 from fieldmap.device.model import Device
-from fieldmap.iron.geometry.cad_kernel import occ
 from fieldmap.iron.geometry.contacts import (
     CONTACT_DISTANCE,
     NamedSolid,
@@ -24,10 +21,11 @@ from fieldmap.iron.geometry.contacts import (
     contact_areas,
     overlaps_among,
 )
-from fieldmap.iron.geometry.shapes import MILLIMETRES
+from fieldmap.iron.geometry.shapes import MILLIMETRES, named, occ, xyz
 from fieldmap.iron.geometry.solids import body_solid, device_label, glue_solids
+from fieldmap.iron.topology import connected
 from fieldmap.records import Record
-from fieldmap.typing import Array
+from fieldmap.typing import Array, Index
 
 THIN = 1 / 5
 """A gap is thin below this share of the smaller mesh size of the two bodies."""
@@ -62,7 +60,8 @@ def closed_gaps(device: Device) -> ClosedGaps | None:
     near = _near_pairs(device, solids)
     if not any(distance > CONTACT_DISTANCE for distance in near.values()):
         return None
-    piece = _pieces(len(solids), [pair for pair, distance in near.items() if distance <= CONTACT_DISTANCE])
+    touching = [pair for pair, distance in near.items() if distance <= CONTACT_DISTANCE]
+    piece = connected(np.array(touching, np.int64).reshape(-1, 2), len(solids))
     steps = {
         pair: step
         for pair, distance in near.items()
@@ -101,13 +100,6 @@ def _near_pairs(device: Device, solids: Sequence[occ.TopoDS_Shape]) -> dict[Pair
     return found
 
 
-def _pieces(count: int, touching: Sequence[Pair]) -> Array:
-    """Number (b,) of the piece of iron that each body belongs to."""
-    a, b = np.array(touching, np.int64).reshape(-1, 2).T
-    links = coo_matrix((np.ones(len(a)), (a, b)), shape=(count, count))
-    return connected_components(links)[1]
-
-
 def _step_between(one: occ.TopoDS_Shape, other: occ.TopoDS_Shape, distance: float) -> Array | None:
     """What moves the other solid (3,), mm, until flat faces that are `distance` apart touch; None without such, and
     where there are such gaps on several sides, as round a pole in a collar: closing one would widen another."""
@@ -120,7 +112,7 @@ def _step_between(one: occ.TopoDS_Shape, other: occ.TopoDS_Shape, distance: floa
             its = _plane_normal(opposite)
             if its is None or abs(abs(normal @ its) - 1) > _PARALLEL:
                 continue
-            width = (_xyz(opposite.center) - _xyz(face.center)) @ normal
+            width = (xyz(opposite.center) - xyz(face.center)) @ normal
             if abs(abs(width) - distance) > _SAME:
                 continue
             step = -width * normal
@@ -138,7 +130,7 @@ def _plane_normal(face: occ.Face) -> Array | None:
     normals = []
     for u, v in ((0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (0.3, 0.7)):
         _, along, across = face.surf.D1(u, v)
-        normal = np.cross([along.x, along.y, along.z], [across.x, across.y, across.z])
+        normal = np.cross(xyz(along), xyz(across))
         length = np.linalg.norm(normal)
         if length == 0:
             return None
@@ -147,23 +139,17 @@ def _plane_normal(face: occ.Face) -> Array | None:
     return normals[0] if flat else None
 
 
-def _xyz(point: occ.gp_Pnt) -> Array:
-    return np.array([point.x, point.y, point.z])
-
-
 def _moved(solid: occ.TopoDS_Shape, by: Array) -> occ.TopoDS_Shape:
     return solid.Move(occ.gp_Vec(*map(float, by))) if by.any() else solid
 
 
 def _contact(one: occ.TopoDS_Shape, other: occ.TopoDS_Shape) -> float:
     """Area, mm^2, of the faces that two solids share."""
-    for name, solid in (("one", one), ("other", other)):
-        for part in solid.solids:
-            part.name = name
-    return sum(contact_areas(glue_solids([one, other])).values())
+    pair = [named(one, "one"), named(other, "other")]
+    return sum(contact_areas(glue_solids(pair)).values())
 
 
-def _moves(volume: Array, piece: Array, steps: dict[Pair, Array]) -> tuple[Array, list[Pair]]:
+def _moves(volume: Array, piece: Index, steps: dict[Pair, Array]) -> tuple[Array, list[Pair]]:
     """How far every body moves (b, 3), mm, and the pairs whose gaps that closes."""
     moves = np.zeros((len(volume), 3))
     size = np.bincount(piece, volume)
@@ -186,15 +172,13 @@ def _moves(volume: Array, piece: Array, steps: dict[Pair, Array]) -> tuple[Array
 
 
 def _is_sound(
-    device: Device, solids: Sequence[occ.TopoDS_Shape], moves: Array, closed: Sequence[Pair], piece: Array
+    device: Device, solids: Sequence[occ.TopoDS_Shape], moves: Array, closed: Sequence[Pair], piece: Index
 ) -> bool:
     """Whether the moved bodies touch where gaps were closed, and nothing else has come into contact."""
     moved = [_moved(solid, by) for solid, by in zip(solids, moves, strict=True)]
-    for body, solid in zip(device.bodies, moved, strict=True):
-        for part in solid.solids:
-            part.name = body.name
-    named = [NamedSolid("body", body.name, solid) for body, solid in zip(device.bodies, moved, strict=True)]
-    if overlaps_among(named):
+    names = [body.name for body in device.bodies]
+    bodies = [NamedSolid("body", name, named(one, name)) for name, one in zip(names, moved, strict=True)]
+    if overlaps_among(bodies):
         return False
     for a, b in combinations(range(len(moved)), 2):
         if piece[a] == piece[b] or (a, b) in closed or not (moves[a] != moves[b]).any():

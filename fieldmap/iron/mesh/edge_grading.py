@@ -11,19 +11,19 @@ so neighbours agree without being asked.
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
-from fieldmap.iron.mesh.distinct_rows import distinct_rows
-from fieldmap.typing import Index
-
-Points = NDArray[np.float64]
+from fieldmap.iron.topology import (
+    TET_EDGES,
+    TET_FACES,
+    TRIANGLE_SIDES,
+    distinct_parts,
+    distinct_rows,
+    edge_keys,
+)
+from fieldmap.typing import Array, Index
 
 # Edges of a triangle and of a tetrahedron, by the number of corners.
-_PAIRS_OF = {
-    3: np.array([[0, 1], [0, 2], [1, 2]]),
-    4: np.array([[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]]),
-}
-_OPPOSITE_FACES = np.array([[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]])
+_PAIRS_OF = {3: TRIANGLE_SIDES, 4: TET_EDGES}
 # Turning of a prism that brings vertex k to the front (Dompierre et al., table 2).
 _PRISM_TURN = np.array(
     [
@@ -41,22 +41,22 @@ _SPLIT_B = np.array([[0, 1, 2, 4], [0, 4, 2, 5], [0, 4, 5, 3]])
 _SHARP_ANGLE = 0.6
 
 
-def sharp_edges(points: Points, tets: Index, candidates: Index, midpoints: tuple[Index, Points]) -> Index:
+def sharp_edges(points: Array, tets: Index, candidates: Index, midpoints: tuple[Index, Array]) -> Index:
     """Those of the candidate edges (k, 2) at which the iron's surface has a kink. Returns (s, 2), sorted.
 
     midpoints: all element edges (m, 2), sorted, lexicographic, and their midpoints (m, 3) on the true surface. A
     coarse polygon is kinked where the surface is smooth; parabolas through the midpoints are not.
     """
-    found = distinct_rows(np.sort(tets[:, _OPPOSITE_FACES].reshape(-1, 3), axis=1))
+    found = distinct_parts(tets, TET_FACES)
     return kinked_edges(points, found.rows[found.times == 1], candidates, midpoints)
 
 
-def kinked_edges(points: Points, faces: Index, candidates: Index, midpoints: tuple[Index, Points]) -> Index:
+def kinked_edges(points: Array, faces: Index, candidates: Index, midpoints: tuple[Index, Array]) -> Index:
     """Those of the candidate edges (k, 2) at which a surface of triangles (f, 3) has a kink; otherwise as
     `sharp_edges`."""
-    sides = faces[:, [[0, 1], [0, 2], [1, 2]]].reshape(-1, 2)
+    sides = faces[:, TRIANGLE_SIDES].reshape(-1, 2)
     opposite = faces[:, [2, 1, 0]].ravel()
-    key = _key(sides, len(points))
+    key = edge_keys(sides, len(points))
     order = np.argsort(key, kind="stable")
     key, sides, opposite = key[order], sides[order], opposite[order]
     pair = np.flatnonzero(key[1:] == key[:-1])
@@ -64,16 +64,16 @@ def kinked_edges(points: Points, faces: Index, candidates: Index, midpoints: tup
     cosine = -np.einsum("ij,ij->i", *across)
     kinked = sides[pair[cosine < np.cos(_SHARP_ANGLE)]]
     wanted = np.sort(candidates, axis=1)
-    is_candidate = np.isin(_key(kinked, len(points)), _key(wanted, len(points)))
+    is_candidate = np.isin(edge_keys(kinked, len(points)), edge_keys(wanted, len(points)))
     return distinct_rows(kinked[is_candidate]).rows
 
 
 def _leaving(points, sides, opposite, midpoints):
     """Unit vectors (k, 3) in the true surface, across its edge `sides` (k, 2) and towards the vertex `opposite`."""
-    keys, tangent = _key(midpoints[0], len(points)), np.zeros((len(sides), 3))
+    keys, tangent = edge_keys(midpoints[0], len(points)), np.zeros((len(sides), 3))
     for end in sides.T:
         between = np.sort(np.column_stack([end, opposite]), axis=1)
-        middle = midpoints[1][np.searchsorted(keys, _key(between, len(points)))]
+        middle = midpoints[1][np.searchsorted(keys, edge_keys(between, len(points)))]
         # Slope at its start of the parabola through end, middle and opposite vertex.
         tangent += 4 * middle - 3 * points[end] - points[opposite]
     along = points[sides[:, 1]] - points[sides[:, 0]]
@@ -83,8 +83,8 @@ def _leaving(points, sides, opposite, midpoints):
 
 
 def grade_edges(
-    points: Points, tets: Index, sharp: Index, first_layer: Points, ratio: float
-) -> tuple[Points, Index, Index]:
+    points: Array, tets: Index, sharp: Index, first_layer: Array, ratio: float
+) -> tuple[Array, Index, Index]:
     """Refine towards sharp edges (s, 2) until the layer at each is at most `first_layer` (per tet) thick.
 
     tets: tetrahedra (m, 4), or the triangles (m, 3) of a surface, which keep their orientation. Returns points, tets
@@ -106,10 +106,6 @@ def grade_edges(
         n_before = len(points)
         points, tets, parent = _cut_layer(points, tets, parent, active, ratio)
         layer = np.concatenate([layer, np.full(len(points) - n_before, np.inf)])
-
-
-def _key(edges: Index, n_points: int) -> Index:
-    return edges[:, 0] * n_points + edges[:, 1]
 
 
 def _edges_of(tets: Index) -> Index:
@@ -141,7 +137,7 @@ def _separate(points, tets, parent, sharp):
         singular = np.zeros(len(points), bool)
         singular[sharp] = True
         ends = _edges_of(tets)
-        is_sharp = np.isin(_key(ends, len(points)), _key(sharp, len(points)))
+        is_sharp = np.isin(edge_keys(ends, len(points)), edge_keys(sharp, len(points)))
         bad = (singular[ends].all(axis=1) & ~is_sharp).reshape(len(tets), -1)
         # A tet whose corner is cut off by three sharp edges: bisect its sharp edges too.
         corner = ~bad.any(axis=1) & (singular[tets].sum(axis=1) > 2)
@@ -156,10 +152,10 @@ def _bisect(points, tets, parent, sharp, marked):
     """Bisect those marked edges that are the longest marked edge of every tet around them."""
     n, pairs = len(points), _PAIRS_OF[tets.shape[1]]
     ends = _edges_of(tets)
-    keys = _key(marked, n)
-    place = np.searchsorted(keys, _key(ends, n))
+    keys = edge_keys(marked, n)
+    place = np.searchsorted(keys, edge_keys(ends, n))
     place[place == len(keys)] = 0
-    is_marked = keys[place] == _key(ends, n)
+    is_marked = keys[place] == edge_keys(ends, n)
     length = np.linalg.norm(points[marked[:, 0]] - points[marked[:, 1]], axis=1)
     # Ranks are unique, so "longest" is decided the same way in every tet.
     rank = np.empty(len(marked), np.int64)
@@ -183,9 +179,9 @@ def _bisect(points, tets, parent, sharp, marked):
     keep = np.setdiff1d(np.arange(len(tets)), split)
     tets = np.vstack([tets[keep], first, second])
     parent = np.concatenate([parent[keep], parent[split], parent[split]])
-    cut = np.isin(_key(sharp, n), keys[chosen])
+    cut = np.isin(edge_keys(sharp, n), keys[chosen])
     if cut.any():
-        where = number[np.searchsorted(keys, _key(sharp[cut], n))]
+        where = number[np.searchsorted(keys, edge_keys(sharp[cut], n))]
         halves = np.vstack([np.column_stack([sharp[cut, k], where]) for k in range(2)])
         sharp = np.vstack([sharp[~cut], halves])
     return points, tets, parent, sharp
@@ -202,7 +198,7 @@ def _cut_layer(points, tets, parent, sharp, ratio):
     start = np.where(singular[ends[:, 0]], ends[:, 0], ends[:, 1])
     stop = ends.sum(axis=1) - start
     cut = points[start] + ratio * (points[stop] - points[start])
-    key = _key(ends, n)
+    key = edge_keys(ends, n)
 
     def on(a: Index, b: Index) -> Index:
         low, high = np.minimum(a, b), np.maximum(a, b)
@@ -242,7 +238,7 @@ def _cut_layer(points, tets, parent, sharp, ratio):
 
 
 def _cut_triangles(
-    points: Points, one: Index, two: Index, singular: Index, on: Callable[[Index, Index], Index]
+    points: Array, one: Index, two: Index, singular: Index, on: Callable[[Index, Index], Index]
 ) -> tuple[Index, Index]:
     """Three triangles (3 k, 3) for each of those with one singular vertex, and for each with two; on: point on the edge
     between two vertices. They are turned, not sorted, and so keep their orientation."""
@@ -257,7 +253,7 @@ def _cut_triangles(
     return np.vstack(at_vertex), np.vstack(at_edge)
 
 
-def _split_quadrilateral(points: Points, corners: Index) -> Index:
+def _split_quadrilateral(points: Array, corners: Index) -> Index:
     """Triangles (2 m, 3) for quadrilaterals (m, 4), cut along the shorter diagonal."""
     a, b, c, d = corners.T
     across = [np.linalg.norm(points[i] - points[j], axis=1) for i, j in ((a, c), (b, d))]

@@ -14,14 +14,19 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from fieldmap.device.model import Device
 from fieldmap.device.parts import joint_of
 from fieldmap.device.tetrahedra import volumes
-from fieldmap.iron.mesh.distinct_rows import distinct_rows
+from fieldmap.iron.topology import (
+    TET_FACES,
+    TRIANGLE_SIDES,
+    area_vectors,
+    connected,
+    distinct_parts,
+    distinct_rows,
+)
 from fieldmap.records import Record
 from fieldmap.typing import Array, Index
 
@@ -29,8 +34,6 @@ Mask = NDArray[np.bool_]
 Pair = tuple[int, int]
 """Numbers of two bodies, the smaller one first."""
 
-_OPPOSITE = np.array([[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]])
-_SIDES = np.array([[0, 1], [0, 2], [1, 2]])
 # Normals of joint faces at one node that lie this close to a plane, as a share of their number, are those of one plane.
 _ONE_PLANE = 0.05
 # Of the largest distance from its joints within a body: nodes beyond it stay.
@@ -92,14 +95,13 @@ def rim_edges(tets: Index, faces: ContactFaces, walls: Mask | None = None) -> In
 
     walls (n, w): which points lie in which wall of symmetry, behind which the iron goes on.
     """
-    every = distinct_rows(np.sort(tets[:, _OPPOSITE].reshape(-1, 3), axis=1))
+    every = distinct_parts(tets, TET_FACES)
     outer = every.rows[every.times == 1]
     if walls is not None:
         outer = outer[~walls[outer].all(axis=1).any(axis=1)]
-    outer = distinct_rows(outer[:, _SIDES].reshape(-1, 2)).rows
-    mine = distinct_rows(np.sort(faces.nodes, axis=1)[:, _SIDES].reshape(-1, 2)).rows
-    both = np.concatenate([outer, mine])
-    found = distinct_rows(both)
+    outer = distinct_parts(outer, TRIANGLE_SIDES).rows
+    mine = distinct_parts(faces.nodes, TRIANGLE_SIDES).rows
+    found = distinct_rows(np.concatenate([outer, mine]))
     return found.rows[found.times == 2]
 
 
@@ -183,8 +185,7 @@ def _rim_layers(
 ) -> dict[Pair, float]:
     """Thickness of the first layer of elements at the rim of each joint that has one."""
     length = np.linalg.norm(points[rim[:, 1]] - points[rim[:, 0]], axis=1)
-    a, b, c = np.moveaxis(points[faces.nodes], 1, 0)
-    area = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    area = 0.5 * np.linalg.norm(area_vectors(points[faces.nodes]), axis=1)
     layers = {}
     for pair in faces.pairs:
         around = length[_on_pair(faces, pair, len(points))[rim].all(axis=1)].sum()
@@ -306,8 +307,7 @@ def _near_rim(nodes: Index, rim: Mask) -> Mask:
 
 def _shared_faces(tets: Index) -> tuple[Index, Index]:
     """Faces (f, 3) between two tets, sorted, and these tets (f, 2)."""
-    sides = np.sort(tets[:, _OPPOSITE].reshape(-1, 3), axis=1)
-    found = distinct_rows(sides)
+    found = distinct_parts(tets, TET_FACES)
     order = np.argsort(found.number, kind="stable")
     twice = found.times[found.number[order]] == 2
     return found.rows[found.times == 2], (order[twice] // 4).reshape(-1, 2)
@@ -320,22 +320,18 @@ def _side_of_gap(points: Array, tets: Index, body: Index, faces: ContactFaces, r
     normal = _normals(points, tets, faces, faces.tets[:, 0])
     at_node = np.zeros((len(points), 3))
     np.add.at(at_node, faces.nodes.ravel(), np.repeat(normal, 3, axis=0))
-    local = np.sort(tets[:, _OPPOSITE].reshape(-1, 3), axis=1)
-    every = distinct_rows(local)
-    outer = every.first[every.times == 1]
-    wall, owner = local[outer], body[outer // 4]
-    a, b, c = np.moveaxis(points[wall], 1, 0)
-    area = np.cross(b - a, c - a)
+    every = distinct_parts(tets, TET_FACES)
+    alone = every.times == 1
+    wall, owner = every.rows[alone], body[every.first[alone] // 4]
+    area = area_vectors(points[wall])
     size = np.bincount(body, np.abs(volumes(points, tets)))
     side = np.zeros(len(faces.nodes), dtype=np.int64)
     for pair in faces.pairs:
         mine = (faces.bodies == pair).all(axis=1)
-        here = np.zeros(len(points), dtype=bool)
-        here[faces.nodes[mine]] = True
-        slope = []
+        here, slope = _on_pair(faces, pair, len(points)) & rim, []
         for number in pair:
-            near = (owner == number) & (here & rim)[wall].any(axis=1)
-            along = np.where((here & rim)[wall[near]][:, :, None], at_node[wall[near]], 0.0).sum(axis=1)
+            near = (owner == number) & here[wall].any(axis=1)
+            along = np.where(here[wall[near]][:, :, None], at_node[wall[near]], 0.0).sum(axis=1)
             lengths = np.linalg.norm(area[near], axis=1) * np.linalg.norm(along, axis=1)
             facing = np.abs(np.einsum("fd,fd->f", area[near], along))
             slope.append(facing.sum() / lengths.sum() if len(lengths) else 0.0)
@@ -365,10 +361,8 @@ def _split_nodes(tets: Index, faces: ContactFaces) -> tuple[Index, Index]:
             corner[owner[mine, s], (tets[owner[mine, s]] == nodes[mine, k, None]).argmax(axis=1)]
             for s in range(2)
         ]
-        links.append(np.stack(ends))
-    one, other = np.concatenate(links, axis=1)
-    graph = coo_matrix((np.ones(len(one)), (one, other)), shape=(tets.size, tets.size))
-    group = connected_components(graph)[1]
+        links.append(np.column_stack(ends))
+    group = connected(np.concatenate(links), tets.size)
     touched = np.flatnonzero(here[tets.ravel()])
     # Groups of corners (node, first corner of the group): the first of each node keeps its number.
     first = np.full(group.max() + 1, tets.size)
@@ -396,10 +390,10 @@ def _corners_in(tets: Index, opened: Index, faces: ContactFaces, owner: Index) -
 
 def _normals(points: Array, tets: Index, faces: ContactFaces, owner: Index) -> Array:
     """Unit normals (f, 3) that point into these tets (f,)."""
-    a, b, c = np.moveaxis(points[faces.nodes], 1, 0)
-    normal = np.cross(b - a, c - a)
+    corners = points[faces.nodes]
+    normal = area_vectors(corners)
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
-    inwards = np.einsum("fd,fd->f", normal, points[tets[owner]].mean(axis=1) - (a + b + c) / 3)
+    inwards = np.einsum("fd,fd->f", normal, points[tets[owner]].mean(axis=1) - corners.mean(axis=1))
     return normal * np.sign(inwards)[:, None]
 
 

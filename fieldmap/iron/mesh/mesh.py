@@ -5,26 +5,39 @@ the inscribed polygon of n sides is too small by 2 pi^2 / (3 n^2); at 36 sides t
 segment with sagitta s the polygon of equal area lies 2 s / 3 further out. Here the sagitta of every edge is the
 distance of its midpoint from the true surface, and each vertex of a curved face moves by the mean that keeps the
 volume under the face: face T with edges e and corners v lacks A_T sum_e d_e / 3 and gains A_T sum_v shift_v / 3.
+
+The mesh tells which element contains a point, and refuses points that must lie in the air.
 """
 
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from weakref import WeakKeyDictionary
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from fieldmap.device.drawing import Outline
 from fieldmap.device.model import Body, Device, Sphere
 from fieldmap.device.parts import joint_of
+from fieldmap.device.tetrahedra import boundary, subdivided
 from fieldmap.device.tetrahedra import oriented as oriented
-from fieldmap.device.tetrahedra import subdivided
 from fieldmap.device.tetrahedra import volumes as volumes
-from fieldmap.errors import InputError, Problem
-from fieldmap.iron.geometry.own_meshes import joined, own_mesh
-from fieldmap.iron.geometry.solids import glue_bodies
+from fieldmap.errors import InputError
+from fieldmap.iron.geometry.solids import glue_bodies, joined, own_mesh
 from fieldmap.iron.geometry.thin_gaps import ClosedGaps, closed_gaps
-from fieldmap.iron.mesh.chamber import ChamberCopies, MeshSymmetry, chamber_contacts, glue_chamber, on_walls
-from fieldmap.iron.mesh.distinct_rows import distinct_rows
+from fieldmap.iron.mesh.chamber import (
+    Chamber,
+    ChamberCopies,
+    MeshSymmetry,
+    chamber_contacts,
+    glue_chamber,
+    mirror_chamber,
+    on_walls,
+)
 from fieldmap.iron.mesh.edge_grading import grade_edges, sharp_edges
 from fieldmap.iron.mesh.joints import (
     OpenedMesh,
@@ -36,11 +49,20 @@ from fieldmap.iron.mesh.joints import (
     sheets_between,
     with_rims,
 )
-from fieldmap.iron.mesh.local_sizes import LocalSizes, MesherCells
-from fieldmap.iron.mesh.mesher import mesh_solids
+from fieldmap.iron.mesh.mesher import LocalSizes, MesherCells, mesh_solids
 from fieldmap.iron.symmetry import find_symmetry
-from fieldmap.iron.symmetry.chamber import Chamber, mirror_chamber
+from fieldmap.iron.topology import (
+    TET_FACES,
+    TRIANGLE_SIDES,
+    area_vectors,
+    distinct_parts,
+    distinct_rows,
+    edge_keys,
+)
+from fieldmap.kernels.iron.containment import find_tetrahedron
 from fieldmap.records import Record
+from fieldmap.threads import over_rows
+from fieldmap.typing import Array, Index
 
 # Edge midpoints closer to the chord than this fraction of its length are straight.
 _STRAIGHT = 1e-6
@@ -51,8 +73,28 @@ _SAME_MOVE = 1e-10
 SYMMETRIES = ("auto", "none")
 
 
+class BodyMesh(Record):
+    """Meshes of all bodies: elements, or surfaces of solids. body: index of each of these into `body_names`."""
+
+    body: Index
+    body_names: tuple[str, ...]
+
+    @abstractmethod
+    def containing(self, points: Array) -> Index:
+        """Number (n,) of the element or solid that contains each point (n, 3), -1 in the air."""
+
+    @abstractmethod
+    def outlines(self) -> tuple[Outline, ...]:
+        """The surface of every body, faces that it shares with others among them."""
+
+    @property
+    def iron_names(self) -> tuple[str, ...]:
+        """Names of the bodies without the sheets between them."""
+        return self.body_names
+
+
 @dataclass(frozen=True, eq=False, repr=False)
-class IronMesh(Record):
+class IronMesh(BodyMesh):
     """Tetrahedra of all iron bodies.
 
     points (n, 3) in m; tets (m, 4), positively oriented; body (m,) index into `body_names`.
@@ -61,16 +103,16 @@ class IronMesh(Record):
     gaps between bodies that touch; they are the last of the bodies.
     """
 
-    points: NDArray[np.float64]
-    tets: NDArray[np.int64]
-    body: NDArray[np.int64]
+    points: Array
+    tets: Index
+    body: Index
     body_names: tuple[str, ...]
     symmetry: MeshSymmetry | None = None
     cells: MesherCells | None = None
     sheets: tuple[Sheet, ...] = ()
 
     @cached_property
-    def nodes_of_bodies(self) -> tuple[NDArray[np.int64], ...]:
+    def nodes_of_bodies(self) -> tuple[Index, ...]:
         """Numbers of the points of each body, in order; bodies that touch share some."""
         return tuple(np.unique(self.tets[self.body == number]) for number in range(len(self.body_names)))
 
@@ -79,18 +121,46 @@ class IronMesh(Record):
         """Names of the bodies without the sheets between them."""
         return self.body_names[: len(self.body_names) - len(self.sheets)]
 
+    def containing(self, points: Array) -> Index:
+        """Element (n,) that contains each point (n, 3), -1 in the air. Points on a surface may fall on either side."""
+        boxes = _BOXES.get(self)
+        if boxes is None:
+            corners = self.points[self.tets]
+            lower, upper = corners.min(axis=1), corners.max(axis=1)
+            boxes = _BOXES[self] = corners, lower, upper, lower.min(axis=0), upper.max(axis=0)
+        element = np.full(len(points), -1)
+        near = ((points >= boxes[3]) & (points <= boxes[4])).all(axis=1)
+        if near.any():
+            chosen, found = points[near], element[near]
+            over_rows(find_tetrahedron, len(chosen), chosen, *boxes[:3], found, work=len(self.tets))
+            element[near] = found
+        return element
+
+    def outlines(self) -> tuple[Outline, ...]:
+        """The surface of every body, faces that it shares with others among them."""
+        return tuple(
+            outline_of(name, self.points, boundary(self.points, self.tets[self.body == number]))
+            for number, name in enumerate(self.body_names)
+        )
+
     @property
     def drawn_sheets(self) -> tuple[int, ...]:
         """Numbers, among the bodies, of the sheets that lie in gaps of the drawing."""
         first = len(self.body_names) - len(self.sheets)
         return tuple(first + k for k, sheet in enumerate(self.sheets) if sheet.drawn)
 
-    def without_drawn_sheets(self) -> "IronMesh":
+    def without_drawn_sheets(self) -> IronMesh:
         """The iron alone, with air in the drawn gaps; the same points and numbers of bodies."""
         if not self.drawn_sheets:
             return self
         kept = ~np.isin(self.body, self.drawn_sheets)
         return IronMesh(self.points, self.tets[kept], self.body[kept], self.body_names, sheets=self.sheets)
+
+
+def outline_of(name: str, points: Array, triangles: Index) -> Outline:
+    """Of a body with these triangles (m, 3) of points (n, 3)."""
+    nodes, number = np.unique(triangles, return_inverse=True)
+    return Outline(name, "iron", points[nodes], number.reshape(-1, 3))
 
 
 def generate_mesh(
@@ -107,8 +177,8 @@ def generate_mesh(
     another refinement of bodies that are meshes.
     """
     if symmetry not in SYMMETRIES:
-        raise InputError(
-            Problem("symmetry", f"must be one of {', '.join(SYMMETRIES)}", repr(symmetry), 'try "auto"')
+        raise InputError.of(
+            "symmetry", f"must be one of {', '.join(SYMMETRIES)}", repr(symmetry), 'try "auto"'
         )
     own = tuple(body for body in device.bodies if body.has_own_mesh)
     if own:
@@ -142,11 +212,8 @@ def _meshed_whole(
     points = equal_volume_vertices(points, tets, body, *midpoints)
     layer = _first_layers(device, refinement)[body]
     first = layer if local is None else local.first_layer(points[tets].mean(axis=1))
-    gaps, moves = (None, None) if closed is None else (closed.gaps, closed.moves)
-    sheets = sheets_between(device, contact_faces(tets, body).pairs, gaps)
-    sharp, first = with_rims(points, tets, body, sheets, sharp, first)
-    graded, cut, parent = grade_edges(points, tets, sharp, first, LAYER_RATIO)
-    opened = open_sheets(graded, cut, body[parent], sheets, len(device.bodies), moves=moves)
+    pairs = contact_faces(tets, body).pairs
+    sheets, opened, parent = _layered(device, points, tets, body, sharp, first, pairs, closed)
     largest = np.array([one.mesh_size or np.inf for one in device.bodies])[body] / refinement
     cells = MesherCells.of(points, tets, parent[opened.parent], largest, local)
     return _iron_mesh(device, opened, sheets, cells)
@@ -165,13 +232,8 @@ def _copied_chamber(
         return None
     points, sharp = _rounded_chamber(chamber, points, tets, body, edges, midpoints)
     pairs = images_of_pairs(contact_faces(tets, body).pairs, [one.bodies for one in operations])
-    gaps, moves = (None, None) if closed is None else (closed.gaps, closed.moves)
-    sheets = sheets_between(device, pairs, gaps)
     first = _first_layers(device, refinement)[body]
-    sharp, first = with_rims(points, tets, body, sheets, sharp, first, on_walls(chamber, points))
-    graded, cut, parent = grade_edges(points, tets, sharp, first, LAYER_RATIO)
-    walls = on_walls(chamber, graded)
-    opened = open_sheets(graded, cut, body[parent], sheets, len(device.bodies), walls, moves)
+    sheets, opened, _ = _layered(device, points, tets, body, sharp, first, pairs, closed, chamber)
     copies = ChamberCopies(chamber, opened.points)
     tets = copies.tets(oriented(copies.points, opened.tets))
     numbers = copies.bodies(opened.body, [sheet_images(sheets, one.bodies) for one in operations])
@@ -179,7 +241,32 @@ def _copied_chamber(
     return IronMesh(copies.all_points(), tets, numbers, names, copies.symmetry(), sheets=sheets)
 
 
-def _first_layers(device: Device, refinement: float) -> NDArray[np.float64]:
+def _layered(
+    device: Device,
+    points: Array,
+    tets: Index,
+    body: Index,
+    sharp: Index,
+    first: Array,
+    pairs: Sequence[tuple[int, int]],
+    closed: ClosedGaps | None,
+    chamber: Chamber | None = None,
+) -> tuple[tuple[Sheet, ...], OpenedMesh, Index]:
+    """With layers at sharp edges, and sheets between these pairs of bodies; and the tet that each was before."""
+
+    def walls(at: Array) -> NDArray[np.bool_] | None:
+        return None if chamber is None else on_walls(chamber, at)
+
+    gaps, moves = (None, None) if closed is None else (closed.gaps, closed.moves)
+    sheets = sheets_between(device, pairs, gaps)
+    sharp, first = with_rims(points, tets, body, sheets, sharp, first, walls(points))
+    graded, cut, parent = grade_edges(points, tets, sharp, first, LAYER_RATIO)
+    count = len(device.bodies)
+    opened = open_sheets(graded, cut, body[parent], sheets, count, walls(graded), moves)
+    return sheets, opened, parent
+
+
+def _first_layers(device: Device, refinement: float) -> Array:
     """Thickness (b,) of the first layer at the sharp edges of every body."""
     return np.array([body.edge_size or np.inf for body in device.bodies]) / refinement**2
 
@@ -199,13 +286,11 @@ def _with_own_meshes(device: Device, own: tuple[Body, ...], refinement: float) -
     """Bodies that are meshes beside others, which are meshed as a whole: no symmetry is looked for."""
     halvings = np.log2(refinement)
     if halvings < 0 or halvings != np.round(halvings):
-        raise InputError(
-            Problem(
-                f"device '{device.name}', body '{own[0].name}'",
-                "a mesh of your own is used as it is, or with all its edges halved: refinement 1, 2, 4, ...",
-                f"refinement {refinement:g}",
-                "bring a finer mesh, or take refinement 2 and compare",
-            )
+        raise InputError.of(
+            f"device '{device.name}', body '{own[0].name}'",
+            "a mesh of your own is used as it is, or with all its edges halved: refinement 1, 2, 4, ...",
+            f"refinement {refinement:g}",
+            "bring a finer mesh, or take refinement 2 and compare",
         )
     others = tuple(body for body in device.bodies if not body.has_own_mesh)
     names, meshes = tuple(body.name for body in device.bodies), []
@@ -247,12 +332,12 @@ def _rounded_chamber(chamber: Chamber, points, tets, body, edges, midpoints):
 
 
 def equal_volume_vertices(
-    points: NDArray[np.float64],
-    tets: NDArray[np.int64],
-    body: NDArray[np.int64],
-    edges: NDArray[np.int64],
-    midpoints: NDArray[np.float64],
-) -> NDArray[np.float64]:
+    points: Array,
+    tets: Index,
+    body: Index,
+    edges: Index,
+    midpoints: Array,
+) -> Array:
     """New points (n, 3) for tets (m, 4) of bodies (m,).
 
     edges (k, 2), sorted, lexicographic; midpoints (k, 3) of the edges on the true surface. Works on the surfaces
@@ -262,11 +347,11 @@ def equal_volume_vertices(
 
 
 def rounded_vertices(
-    points: NDArray[np.float64],
-    faces: NDArray[np.int64],
-    edges: NDArray[np.int64],
-    midpoints: NDArray[np.float64],
-) -> NDArray[np.float64]:
+    points: Array,
+    faces: Index,
+    edges: Index,
+    midpoints: Array,
+) -> Array:
     """New points (n, 3), so that surfaces of triangles `faces` (f, 3) enclose the true volume; otherwise as
     `equal_volume_vertices`."""
     bulge = midpoints - 0.5 * (points[edges[:, 0]] + points[edges[:, 1]])
@@ -275,8 +360,7 @@ def rounded_vertices(
     if not curved.any():
         return points
     faces, sides = _with_curved_edges(faces, edges, curved, len(points))
-    a, b, c = (points[faces[:, k]] for k in range(3))
-    normal = np.cross(b - a, c - a)
+    normal = area_vectors(points[faces])
     area = np.linalg.norm(normal, axis=1)
     normal /= area[:, None]
     # Faces in a plane (disk faces at a round rim) have bulges in their own plane and lose no volume.
@@ -296,24 +380,19 @@ def rounded_vertices(
 
 def _faces_of_bodies(tets, body):
     """Faces (m, 3) on surfaces of bodies, once each."""
-    local = np.array([[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]])
-    faces, inverse, count = np.unique(
-        np.sort(tets[:, local].reshape(-1, 3), axis=1), axis=0, return_inverse=True, return_counts=True
-    )
+    faces, _, number, count = distinct_parts(tets, TET_FACES)
     # The sum over both owners differs from twice one of them where a face separates bodies.
     owner = np.repeat(body, 4)
-    total = np.bincount(inverse.ravel(), owner, len(faces))
+    total = np.bincount(number, owner, len(faces))
     one = np.zeros(len(faces))
-    one[inverse.ravel()] = owner
+    one[number] = owner
     return faces[(count == 1) | (total != 2 * one)]
 
 
 def _with_curved_edges(faces, edges, curved, n_points):
     """Those faces (m, 3) that have a curved edge, and the index into `edges` of their three sides (m, 3)."""
     faces = np.sort(faces, axis=1)
-    key = edges[:, 0] * n_points + edges[:, 1]
-    pairs = faces[:, [[0, 1], [0, 2], [1, 2]]]
-    sides = np.searchsorted(key, pairs[..., 0] * n_points + pairs[..., 1])
+    sides = np.searchsorted(edge_keys(edges, n_points), edge_keys(faces[:, TRIANGLE_SIDES], n_points))
     keep = curved[sides].any(axis=1)
     return faces[keep], sides[keep]
 
@@ -326,15 +405,36 @@ def _made_by_mesher(shape, device: Device, refinement: float, local: LocalSizes 
     return mesh.points, mesh.elements, body[mesh.solids], mesh.solid_edges, (mesh.ends, mesh.midpoints)
 
 
-_SIDES = np.array([[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]])
+# Corners (m, 4, 3) of the elements, and the lower and upper corners of the boxes around them, and of that around all: a
+# field is asked for at one point after the other, and these take longer than the field. They do not travel to other
+# processes.
+_BOXES: WeakKeyDictionary[IronMesh, tuple[Array, ...]] = WeakKeyDictionary()
 
 
-def surface_outlines(mesh: IronMesh) -> tuple[Outline, ...]:
-    """The surface of every body, faces that it shares with others among them."""
-    outlines = []
-    for number, name in enumerate(mesh.body_names):
-        sides = mesh.tets[mesh.body == number][:, _SIDES].reshape(-1, 3)
-        _, first, _, count = distinct_rows(np.sort(sides, axis=1))
-        nodes, triangles = np.unique(sides[first[count == 1]], return_inverse=True)
-        outlines.append(Outline(name, "iron", mesh.points[nodes], triangles.reshape(-1, 3)))
-    return tuple(outlines)
+def checked_points(points: ArrayLike) -> tuple[Array, bool]:
+    """Points (n, 3) and whether a single point (3,) was given. Raises InputError unless finite and of such a shape."""
+    x = np.ascontiguousarray(points, dtype=float)
+    if x.shape[-1:] != (3,) or x.ndim > 2 or not np.isfinite(x).all():
+        raise InputError.of(
+            "points",
+            "points must be finite and of shape (n, 3) or (3,)",
+            f"shape {x.shape}",
+            "give x, y, z in m",
+        )
+    return np.atleast_2d(x), x.ndim == 1
+
+
+def refuse_inside(mesh: BodyMesh | None, x: Array) -> None:
+    """Raise InputError if a point (n, 3) lies inside the iron, where the solver defines no gradient."""
+    if mesh is None:
+        return
+    within = mesh.containing(x)
+    inside = np.flatnonzero(within >= 0)
+    if len(inside):
+        name = mesh.body_names[mesh.body[within[inside[0]]]]
+        raise InputError.of(
+            "points",
+            "the gradient is defined outside the iron only",
+            f"{len(inside)} of {len(x)} points inside, the first at {x[inside[0]]} m in body '{name}'",
+            "keep the points in the air",
+        )

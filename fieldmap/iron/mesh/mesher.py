@@ -4,6 +4,8 @@ Meshing takes as long as all the rest of a small solve, and the same iron is sol
 with other coils and materials, by another command. So what the mesher made is kept: in memory the meshes used last, and
 on disk in a folder of one's choice, the environment variable FIELDMAP_MESHES. A mesh is found again by all that the
 mesher is given, bit by bit, and by the version of the mesher.
+
+Sizes of elements may vary from place to place.
 """
 
 from __future__ import annotations
@@ -22,16 +24,74 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from fieldmap.device.model import Device
-from fieldmap.errors import GeometryError, InputError, Problem
+from fieldmap.errors import GeometryError, InputError
 from fieldmap.extras import needs
-from fieldmap.iron.mesh.distinct_rows import distinct_rows
-from fieldmap.iron.mesh.local_sizes import GRADING, LocalSizes
+from fieldmap.iron.topology import TET_EDGES, TRIANGLE_SIDES, distinct_rows
 from fieldmap.records import Record
 from fieldmap.store.whole_files import whole_file
 from fieldmap.typing import Array, Index
 
 if TYPE_CHECKING:
-    from fieldmap.iron.geometry.cad_kernel import occ
+    from fieldmap.iron.geometry.shapes import occ
+from scipy.spatial import cKDTree
+
+# Mean edge of the mesher's tetrahedra over the size that it was asked for (median over several meshes).
+_EDGE_PER_SIZE = 1.14
+# Ratio of neighbouring element sizes where a fine body meets a coarse one.
+GRADING = 0.3
+_NEIGHBOURS = 6
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class LocalSizes(Record):
+    """Wanted element sizes (k,) at points (k, 3), m, and layers (l,), the thickness of the first layer at sharp edges
+    near edge_points (l, 3). The mesher lets elements grow with the distance from the points."""
+
+    points: Array
+    sizes: Array
+    edge_points: Array
+    layers: Array
+
+    def asked_at(self, places: Array) -> Array:
+        """Sizes (n,) that elements at places (n, 3) may have: those of the nearest points, growing from there."""
+        if len(self.points) == 0:
+            return np.full(len(places), np.inf)
+        distance, nearest = cKDTree(self.points).query(
+            places, list(range(1, min(_NEIGHBOURS, len(self.points)) + 1))
+        )
+        return np.asarray((self.sizes[nearest] + GRADING * distance).min(axis=1), np.float64)
+
+    def first_layer(self, places: Array) -> Array:
+        """Thickness (n,) at places (n, 3): that of the nearest edge point."""
+        if len(self.edge_points) == 0:
+            return np.full(len(places), np.inf)
+        _, nearest = cKDTree(self.edge_points).query(places)
+        return self.layers[nearest]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class MesherCells(Record):
+    """The mesher's own tetrahedra: number (m,) of that in which each tetrahedron of the mesh lies; centres (k, 3) and
+    sizes (k,) in m, in terms of what the mesher is asked for.
+
+    In thin walls it makes edges longer than it was asked for; there the size that was asked for counts, so that a
+    smaller one has an effect."""
+
+    number: Index
+    centres: Array
+    sizes: Array
+
+    @classmethod
+    def of(
+        cls, points: Array, tets: Index, number: Index, largest: Array, local: LocalSizes | None = None
+    ) -> MesherCells:
+        """Of the mesher's points and tets (k, 4), which were to be no larger than `largest` (k,) and `local`."""
+        corners = points[tets]
+        edges = np.linalg.norm(corners[:, TET_EDGES[:, 0]] - corners[:, TET_EDGES[:, 1]], axis=2)
+        centres = corners.mean(axis=1)
+        asked = largest if local is None else np.minimum(largest, local.asked_at(centres))
+        return cls(number, centres, np.minimum(edges.mean(axis=1) / _EDGE_PER_SIZE, asked))
+
 
 FOLDER: Final = "FIELDMAP_MESHES"
 """The environment variable that names the folder in which meshes are kept from run to run."""
@@ -39,7 +99,8 @@ _MOST_BYTES = 64_000_000
 _MILLIMETRE = 1e-3
 # A circle gets at least 2 pi CURVATURE_SAFETY segments, whatever the element size of its body.
 _CURVATURE_SAFETY = 2.4
-_EDGES = {4: ((0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3)), 3: ((1, 2), (0, 2), (0, 1))}
+# In the order of the mesher's own nodes.
+_EDGES = {4: TET_EDGES, 3: TRIANGLE_SIDES[::-1]}
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -180,7 +241,7 @@ def _generated(
         must_hold = "must have a mesh at these sizes"
         received = f"the mesher stopped with {str(error).strip() or type(error).__name__!r}, refinement {refinement:g}"
         remedy = "take smaller elements: a larger refinement, or mesh_size_mm of the bodies that touch"
-        raise GeometryError(Problem(f"the iron of {device.name}", must_hold, received, remedy)) from error
+        raise GeometryError.of(f"the iron of {device.name}", must_hold, received, remedy) from error
 
 
 def _arrays(mesh: Any, shape: occ.TopoDS_Shape, surface_only: bool) -> MesherMesh:
@@ -198,7 +259,7 @@ def _arrays(mesh: Any, shape: occ.TopoDS_Shape, surface_only: bool) -> MesherMes
     solid_edges = mesh.Elements1D().NumPy()["nodes"].astype(np.int64)[:, :2] - 1
     mesh.SecondOrder()
     elements = (mesh.Elements2D() if surface_only else mesh.Elements3D()).NumPy()
-    pairs = np.array(_EDGES[corners])
+    pairs = _EDGES[corners]
     nodes = elements["nodes"].astype(np.int64)[:, : corners + len(pairs)] - 1
     ends, first, _, _ = distinct_rows(np.sort(nodes[:, pairs].reshape(-1, 2), axis=1))
     midpoints = _points(mesh)[nodes[:, corners:].reshape(-1)[first]]
@@ -231,7 +292,7 @@ def _from_folder(folder: Path, key: str, make: Callable[[], MesherMesh]) -> Mesh
             f"name another, or unset {FOLDER}",
         )
         received = f"{folder}: {error.strerror}"
-        raise InputError(Problem(f"the variable {FOLDER}", must_hold, received, remedy)) from None
+        raise InputError.of(f"the variable {FOLDER}", must_hold, received, remedy) from None
     mesh = make()
     with whole_file(file) as partial:
         np.savez(partial, **mesh.arrays)

@@ -8,17 +8,18 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 
 from fieldmap.device.drawing import Outline
 from fieldmap.device.model import Device
 from fieldmap.errors import GeometryError, InputError, Problem
 from fieldmap.iron.geometry.solids import device_label, glue_bodies
+from fieldmap.iron.mesh.charged_faces import ChargedFaces
 from fieldmap.iron.mesh.edge_grading import grade_edges, kinked_edges
-from fieldmap.iron.mesh.mesh import LAYER_RATIO, rounded_vertices
+from fieldmap.iron.mesh.mesh import LAYER_RATIO, BodyMesh, outline_of, rounded_vertices
 from fieldmap.iron.mesh.mesher import mesh_solids
-from fieldmap.records import Record
+from fieldmap.iron.topology import connected
+from fieldmap.kernels.iron.containment import solid_angle_sums
+from fieldmap.threads import over_rows
 from fieldmap.typing import Array, Index
 
 AIR = -1
@@ -29,7 +30,7 @@ _SAME_VOLUME = 0.2
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class IronSurface(Record):
+class IronSurface(BodyMesh):
     """Surfaces of all bodies; bodies that touch share triangles.
 
     points (n, 3) in m; triangles (m, 3); sides (m, 2): number of the solid that the normal leaves and of the one that
@@ -46,12 +47,7 @@ class IronSurface(Record):
     @cached_property
     def pieces(self) -> Index:
         """Number (s,) of the connected piece of iron to which each solid belongs."""
-        return connected_solids(self.sides[self.sides[:, 1] != AIR], len(self.body))
-
-    @property
-    def iron_names(self) -> tuple[str, ...]:
-        """Names of the bodies."""
-        return self.body_names
+        return connected(self.sides[self.sides[:, 1] != AIR], len(self.body))
 
     @property
     def all_solids(self) -> Index:
@@ -75,13 +71,30 @@ class IronSurface(Record):
         inner = np.isin(self.sides, solids)
         return np.flatnonzero(inner[:, 0] & ~inner[:, 1]), np.flatnonzero(inner[:, 1] & ~inner[:, 0])
 
+    def containing(self, points: Array) -> Index:
+        """Number (n,) of the solid that contains each point (n, 3), -1 in the air."""
+        found = np.full(len(points), AIR)
+        for number, faces in enumerate(self._boundaries):
+            lower, upper = faces.corners.min(axis=(0, 1)), faces.corners.max(axis=(0, 1))
+            near = np.flatnonzero(((points >= lower) & (points <= upper)).all(axis=1) & (found == AIR))
+            if len(near):
+                geometry = (faces.corners, faces.normals, faces.areas, faces.centres, faces.radii)
+                angles, at = np.empty(len(near)), np.ascontiguousarray(points[near])
+                over_rows(solid_angle_sums, len(near), at, *geometry, angles, work=len(faces.areas))
+                found[near[angles < -0.5]] = number
+        return found
+
+    @cached_property
+    def _boundaries(self) -> tuple[ChargedFaces, ...]:
+        """Of every solid."""
+        every = (self.around(np.array([number])) for number in self.all_solids)
+        return tuple(ChargedFaces.from_nodes(self.points, triangles) for triangles in every)
+
     def outlines(self) -> tuple[Outline, ...]:
         """The surface of every body, faces that it shares with others among them."""
-        outlines = []
-        for name in self.body_names:
-            nodes, triangles = np.unique(self.around(self.solids_of(name)), return_inverse=True)
-            outlines.append(Outline(name, "iron", self.points[nodes], triangles.reshape(-1, 3)))
-        return tuple(outlines)
+        return tuple(
+            outline_of(name, self.points, self.around(self.solids_of(name))) for name in self.body_names
+        )
 
 
 def generate_surface(device: Device, refinement: float = 1.0) -> IronSurface:
@@ -90,13 +103,11 @@ def generate_surface(device: Device, refinement: float = 1.0) -> IronSurface:
     Raises GeometryError where the mesher fails, InputError for joints.
     """
     if device.joints:
-        raise InputError(
-            Problem(
-                f"{device_label(device)}: {device.joints[0].description}",
-                "the surface form has no joints",
-                "a joint",
-                'use form="auto", "potential" or "flux"',
-            )
+        raise InputError.of(
+            f"{device_label(device)}: {device.joints[0].description}",
+            "the surface form has no joints",
+            "a joint",
+            'use form="auto", "potential" or "flux"',
         )
     shape = glue_bodies(device)
     mesh = mesh_solids(shape, device, refinement, surface_only=True)
@@ -137,9 +148,3 @@ def _require_closed(surface: IronSurface, shape, device: Device) -> None:
             problems.append(Problem(where, must_hold, received, "take smaller elements: mesh_size_mm"))
     if problems:
         raise GeometryError(*problems)
-
-
-def connected_solids(pairs: Index, count: int) -> Index:
-    """Group number (count,) of solids of which these pairs (k, 2) belong together."""
-    links = coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(count, count))
-    return connected_components(links)[1].astype(np.int64)

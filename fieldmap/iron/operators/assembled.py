@@ -5,13 +5,12 @@ import os
 import sys
 from dataclasses import dataclass
 
-from fieldmap.errors import InputError, Problem
+from fieldmap.errors import InputError
+from fieldmap.iron.mesh.charged_faces import ChargedFaces
 from fieldmap.iron.mesh.mesh import IronMesh
-from fieldmap.iron.mesh.topology import Faces, build_faces
 from fieldmap.iron.operators.compressed import CompressedMutualPotential, predicted_bytes
-from fieldmap.iron.operators.mutual import DenseMutualPotential, MutualPotential
-from fieldmap.iron.operators.surface import ChargedFaces
-from fieldmap.iron.operators.symmetric_mutual import SymmetricMutualPotential
+from fieldmap.iron.operators.mutual import DenseMutualPotential, MutualPotential, SymmetricMutualPotential
+from fieldmap.iron.topology import Faces, build_faces
 from fieldmap.records import Record
 
 STORAGES = ("auto", "dense", "compressed")
@@ -52,7 +51,7 @@ def fits_into_memory(mesh: IronMesh) -> bool:
     """Whether the mutual potentials and their inverse fit, dense or compressed. True where the
     memory of the machine is not known."""
     have = memory_bytes()
-    surface = _charged_faces(mesh, build_faces(mesh))
+    surface = _charged_faces(mesh, build_faces(mesh.points, mesh.tets))
     storage = chosen_storage(len(surface.areas), _operations(mesh))
     return have is None or _needed_bytes(mesh, surface, storage) < have
 
@@ -76,14 +75,16 @@ def assemble(mesh: IronMesh, storage: str = "auto", many_solutions: bool = False
     solutions or more. Raises InputError for another word, and before it starts if the machine has too little memory.
     """
     if storage not in STORAGES:
-        raise InputError(
-            Problem("assemble, storage", f"must be one of {', '.join(STORAGES)}", repr(storage), 'try "auto"')
+        raise InputError.of(
+            "assemble, storage", f"must be one of {', '.join(STORAGES)}", repr(storage), 'try "auto"'
         )
-    topology = build_faces(mesh)
+    topology = build_faces(mesh.points, mesh.tets)
     surface = _charged_faces(mesh, topology)
     if storage == "auto":
         storage = chosen_storage(len(surface.areas), _operations(mesh))
-    _require_memory(mesh, surface, storage)
+    remedy = "use a smaller refinement or larger mesh sizes"
+    needed, received = _needed_bytes(mesh, surface, storage), f"{len(surface.areas)} surface faces"
+    require_memory("mesh of the iron", f"its {storage} mutual potentials", needed, received, remedy)
     return AssembledIron(mesh, topology, surface, _mutual(mesh, topology, surface, storage, many_solutions))
 
 
@@ -129,15 +130,9 @@ def memory_bytes() -> float | None:
         return None
 
 
-def _require_memory(mesh: IronMesh, surface: ChargedFaces, storage: str) -> None:
-    have, needed = memory_bytes(), _needed_bytes(mesh, surface, storage)
-    if have is None or needed < have:
-        return
-    raise InputError(
-        Problem(
-            "mesh of the iron",
-            f"its {storage} mutual potentials must fit into {have / 1e9:.1f} GB of memory",
-            f"{len(surface.areas)} surface faces, {needed / 1e9:.1f} GB",
-            "use a smaller refinement or larger mesh sizes",
-        )
-    )
+def require_memory(where: str, what: str, needed: float, received: str, remedy: str) -> None:
+    """Raise InputError where a solve would need more bytes than it may take."""
+    have = memory_bytes()
+    if have is not None and needed >= have:
+        must_hold = f"{what} must fit into {have / 1e9:.1f} GB of memory"
+        raise InputError.of(where, must_hold, f"{received}, {needed / 1e9:.1f} GB", remedy)

@@ -21,8 +21,8 @@ from functools import cached_property
 import numpy as np
 from scipy.sparse import csr_matrix
 
+from fieldmap.iron.mesh.charged_faces import NEAR_RADII, ChargedFaces
 from fieldmap.iron.operators.mutual import DenseMutualPotential
-from fieldmap.iron.operators.surface import NEAR_RADII, ChargedFaces
 from fieldmap.kernels.iron.double_layer import double_layer
 from fieldmap.records import Record
 from fieldmap.threads import over_rows

@@ -1,6 +1,12 @@
-"""Chebyshev's iteration for several right-hand sides: a fixed, symmetric, linear map, unlike conjugate gradients, so
-that it may stand inside another iteration. (Golub and Varga, Numer. Math. 3 (1961) 147; Saad, Iterative Methods for
-Sparse Linear Systems, 2nd ed., algorithm 12.1.)"""
+"""W of many faces by blocks: dense where clusters of faces are near each other, of low rank where they are far.
+
+Its inverse is Chebyshev's iteration for several right-hand sides: a fixed, symmetric, linear map, unlike conjugate
+gradients, so that it may stand inside another iteration. (Golub and Varga, Numer. Math. 3 (1961) 147; Saad, Iterative
+Methods for Sparse Linear Systems, 2nd ed., algorithm 12.1.)
+
+Clusters form a balanced binary tree: every cluster is cut at the median of its longest side, so that all leaves are on
+one level and differ by one face at most. Faces are numbered anew, leaf by leaf; a cluster is a run of these numbers.
+"""
 
 import math
 from collections.abc import Callable
@@ -12,14 +18,109 @@ from scipy.linalg import eigvalsh_tridiagonal
 from scipy.sparse import csr_matrix
 from scipy.spatial import cKDTree
 
-from fieldmap.iron.operators.clusters import BlockPartition, Clusters
-from fieldmap.iron.operators.surface import NEAR_RADII, ChargedFaces
+from fieldmap.iron.mesh.charged_faces import NEAR_RADII, ChargedFaces
+from fieldmap.iron.operators.mutual import MutualPotential
 from fieldmap.kernels.iron.block_product import add_far_product, add_near_product
 from fieldmap.kernels.iron.cross_approximation import approximate_far_blocks, pack_factors
 from fieldmap.kernels.iron.mutual_potential import fill_near_blocks
 from fieldmap.kernels.iron.sparse_inverse import farthest_first, inverse_rows
+from fieldmap.records import Record
 from fieldmap.threads import over_rows, thread_count
 from fieldmap.typing import Array, Index
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Clusters(Record):
+    """order (n,): old numbers of the faces in the new order; offset[l] (2^l + 1,): where the clusters of level l begin;
+    lower[l], upper[l] (2^l, 3): boxes of their centres; radius[l] (2^l,): largest radius of their faces."""
+
+    order: Index
+    offset: tuple[Index, ...]
+    lower: tuple[Array, ...]
+    upper: tuple[Array, ...]
+    radius: tuple[Array, ...]
+
+    @classmethod
+    def of(cls, faces: ChargedFaces, leaf_size: int) -> "Clusters":
+        """Cut until no leaf has more than `leaf_size` faces."""
+        count = len(faces.areas)
+        order = np.arange(count)
+        offset = [np.array([0, count])]
+        while np.diff(offset[-1]).max() > leaf_size:
+            ends = offset[-1]
+            middles = (ends[:-1] + ends[1:]) // 2
+            for start, middle, end in zip(ends[:-1], middles, ends[1:], strict=True):
+                centres = faces.centres[order[start:end]]
+                axis = np.ptp(centres, axis=0).argmax()
+                place = np.argpartition(centres[:, axis], middle - start)
+                order[start:end] = order[start:end][place]
+            offset.append(np.sort(np.concatenate([ends, middles])))
+        centres, radii = faces.centres[order], faces.radii[order]
+        starts = [ends[:-1] for ends in offset]
+        return cls(
+            order,
+            tuple(offset),
+            tuple(np.minimum.reduceat(centres, s) for s in starts),
+            tuple(np.maximum.reduceat(centres, s) for s in starts),
+            tuple(np.maximum.reduceat(radii, s) for s in starts),
+        )
+
+    def leaf_of_face(self) -> Index:
+        """Number (n,) of the leaf that holds each face, in the new order."""
+        return np.repeat(np.arange(len(self.offset[-1]) - 1), np.diff(self.offset[-1]))
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class BlockPartition(Record):
+    """Pairs of clusters that cover the lower triangle once: far (b, 4) and near (k, 4), as first and last + 1 of the
+    rows and of the columns; near pairs are pairs of leaves, near_leaves (k, 2)."""
+
+    far: Index
+    near: Index
+    near_leaves: Index
+
+    @classmethod
+    def of(cls, clusters: Clusters, separation: float, nearness: float) -> "BlockPartition":
+        """Two clusters are far where the distance of their boxes is at least `separation` times the smaller one's
+        diagonal and `nearness` times the sum of their largest radii, so that they hold no near pair of faces."""
+        pairs, far = np.zeros((1, 2), np.int64), []
+        for level in range(len(clusters.offset)):
+            is_far = _is_far(clusters, level, pairs, separation, nearness)
+            far.append(_ranges(clusters.offset[level], pairs[is_far]))
+            pairs = pairs[~is_far]
+            if level + 1 < len(clusters.offset):
+                pairs = _children(pairs)
+        return cls(np.concatenate(far), _ranges(clusters.offset[-1], pairs), pairs)
+
+
+def _is_far(clusters: Clusters, level: int, pairs: Index, separation: float, nearness: float):
+    lower, upper, radius = clusters.lower[level], clusters.upper[level], clusters.radius[level]
+    a, b = pairs.T
+    gap = np.maximum(0.0, np.maximum(lower[a] - upper[b], lower[b] - upper[a]))
+    distance = np.linalg.norm(gap, axis=1)
+    size = np.linalg.norm(upper - lower, axis=1)
+    smaller = np.minimum(size[a], size[b])
+    return (distance > separation * smaller) & (distance > nearness * (radius[a] + radius[b]))
+
+
+def _children(pairs: Index) -> Index:
+    """Pairs (a, b), a >= b, of the next level below these pairs."""
+    a, b = pairs.T
+    off = a != b
+    return np.concatenate(
+        [
+            np.column_stack([2 * a, 2 * b]),
+            np.column_stack([2 * a + 1, 2 * b]),
+            np.column_stack([2 * a + 1, 2 * b + 1]),
+            np.column_stack([2 * a, 2 * b + 1])[off],
+        ]
+    )
+
+
+def _ranges(offset: Index, pairs: Index) -> Index:
+    a, b = pairs.T
+    return np.column_stack([offset[a], offset[a + 1], offset[b], offset[b + 1]])
+
 
 _LANCZOS_STEPS = 16
 # The extreme eigenvalues lie a little outside those that Lanczos has found; the smallest are found last.
@@ -155,7 +256,7 @@ class _FarBlocks:
     data: NDArray[np.float32]
 
 
-class CompressedMutualPotential:
+class CompressedMutualPotential(MutualPotential):
     """W of many faces by blocks. tolerance: of every far block."""
 
     def __init__(self, faces: ChargedFaces, tolerance: float = TOLERANCE) -> None:
@@ -167,8 +268,8 @@ class CompressedMutualPotential:
         self._near = partition.near
         self._near_offset, self._near_data = _near_blocks(ordered, self._order, partition.near, points)
         self._far = _far_blocks(partition.far, points, tolerance)
-        self._diagonal = np.empty(len(self._order))
-        self._diagonal[self._order] = self._diagonal_of_leaves()
+        self.diagonal = np.empty(len(self._order))
+        self.diagonal[self._order] = self._diagonal_of_leaves()
         near = partition.near_leaves, self._near_offset, self._near_data
         self._factor = inverse_factor(self._clusters, ordered.centres, _ROW_WIDTH, near, points)
         self._transposed = self._factor.T.tocsr()
@@ -176,39 +277,24 @@ class CompressedMutualPotential:
             lambda x: self._factor @ self._product(self._transposed @ x), len(self._order)
         )
         self._steps = steps_needed(self._bounds, _SOLVE_TOLERANCE)
-
-    @property
-    def diagonal(self) -> Array:
-        """Mean potentials (s,) of the faces' own unit charges."""
-        return self._diagonal
-
-    @property
-    def bytes(self) -> int:
-        """Memory of the blocks and of the sparse factor of the inverse."""
         sparse = sum(m.data.nbytes + m.indices.nbytes for m in (self._factor, self._transposed))
-        return self._near_data.nbytes + sum(part.data.nbytes for part in self._far) + sparse
-
-    @property
-    def storage(self) -> str:
-        """How it is stored, in words."""
-        count = len(self._order)
-        dense = 4 * count * (count + 1) // 2
-        return (
-            f"compressed: {len(self._near)} dense blocks, {sum(len(part.ranks) for part in self._far)} of low rank "
-            f"(mean {self.mean_rank:.1f}), {100 * self.bytes / dense:.0f} % of one dense triangle"
+        self.bytes = self._near_data.nbytes + sum(part.data.nbytes for part in self._far) + sparse
+        blocks, dense = (
+            sum(len(part.ranks) for part in self._far),
+            4 * len(self._order) * (len(self._order) + 1) // 2,
+        )
+        self.storage = (
+            f"compressed: {len(self._near)} dense blocks, {blocks} of low rank (mean {self.mean_rank:.1f}), "
+            f"{100 * self.bytes / dense:.0f} % of one dense triangle"
         )
 
     @property
     def mean_rank(self) -> float:
         """Rank of the far blocks, averaged over their rows and columns."""
-        sides = [
-            part.blocks[:, 1] - part.blocks[:, 0] + part.blocks[:, 3] - part.blocks[:, 2]
-            for part in self._far
-        ]
+        sides = [np.add(*_sides(part.blocks)) for part in self._far]
         total = sum(int(side.sum()) for side in sides)
-        return sum(int(side @ part.ranks) for side, part in zip(sides, self._far, strict=True)) / max(
-            total, 1
-        )
+        ranks = sum(int(side @ part.ranks) for side, part in zip(sides, self._far, strict=True))
+        return ranks / max(total, 1)
 
     def __matmul__(self, charge: Array) -> Array:
         """Mean potentials (s, c) of charges (s, c)."""
@@ -217,18 +303,10 @@ class CompressedMutualPotential:
         out[self._order] = self._product(flat[self._order])
         return out.reshape(charge.shape)
 
-    def solve(self, potential: Array, refinements: int = 0) -> Array:
-        """Charges (s, c) with these mean potentials (s, c); see `MutualPotential.solve`."""
-        right = potential[self._order]
-        charge = self._approximate(right)
-        for _ in range(refinements):
-            charge = charge + self._approximate(right - self._product(charge))
-        out = np.empty(charge.shape)
-        out[self._order] = charge
+    def _approximate(self, potential: Array) -> Array:
+        right, out = potential[self._order], np.empty(potential.shape)
+        out[self._order] = chebyshev(self._product, self._precondition, right, self._bounds, self._steps)
         return out
-
-    def _approximate(self, right: Array) -> Array:
-        return chebyshev(self._product, self._precondition, right, self._bounds, self._steps)
 
     def _precondition(self, right: Array) -> Array:
         # The entries are single, the sums double: rounded sums would not be linear, and the flux form's projection

@@ -10,36 +10,53 @@ the iron. In the potential form R_p . v = int m . grad v with m the change of mu
 
     m = (db/dh - 1) t' + b'(h) + b_r',
 
-where t' is the change of the applied field, b' that of the law and b_r' that of the remanence. Flux linkages,
-lambda_k = int mu0 M . t_k dV / mu0 and that in air, follow m in the same way; fields at points see phi through the
-charges of the surface. (D. G. Cacuci, J. Math. Phys. 22 (1981) 2794; for magnetostatics S. Gitosusastro, J. L. Coulomb
-and J. C. Sabonnadiere, IEEE Trans. Magn. 25 (1989) 2834.)
+where t' is the change of the applied field, b' that of the law and b_r' that of the remanence. Flux linkages, lambda_k
+= int mu0 M . t_k dV / mu0 and that in air, follow m in the same way; fields at points see phi through the charges of
+the surface. (D. G. Cacuci, J. Math. Phys. 22 (1981) 2794; for magnetostatics S. Gitosusastro, J. L. Coulomb and J. C.
+Sabonnadiere, IEEE Trans. Magn. 25 (1989) 2834.)
+
+A solved state keeps its device (`Origin`), so that it can tell derivatives, but not its matrices, which are many times
+larger than the state. They are used as long as their solver lives, and made anew from the state's mesh otherwise.
 """
 
 from __future__ import annotations
 
+import weakref
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
+from typing import Any
 
 import numpy as np
 
 from fieldmap.constants import MU0
 from fieldmap.device.model import Device
-from fieldmap.errors import InputError, Problem
-from fieldmap.iron.elements.bh_law import LawTables, Magnetisation, law_slopes, law_values
+from fieldmap.errors import InputError
+from fieldmap.iron.elements.bh_law import (
+    LawTables,
+    Magnetisation,
+    flux_density_vectors,
+    law_tables,
+    straight_laws,
+    susceptible,
+)
 from fieldmap.iron.elements.nodal_elements import CoilField
 from fieldmap.iron.elements.potential_form import PotentialForm
 from fieldmap.iron.elements.state import PotentialField
-from fieldmap.iron.quantities.air import refuse_inside
+from fieldmap.iron.materials import body_properties, materials_on
+from fieldmap.iron.mesh.mesh import IronMesh, refuse_inside
+from fieldmap.iron.operators.assembled import assemble
 from fieldmap.iron.sensitivity.by_nodes import Adjoint, ByNodes, SolvedIron
 from fieldmap.iron.sensitivity.changes import Change, Parameters
-from fieldmap.iron.sensitivity.derivatives import Derivatives
 from fieldmap.iron.sensitivity.moved_bodies import MovedBodies
-from fieldmap.iron.sensitivity.quantities import Quantity, Samples, Weights
+from fieldmap.iron.sensitivity.quantities import Derivatives, Quantity, Samples, Weights
 from fieldmap.iron.solution import SolvedState
-from fieldmap.records import Record
-from fieldmap.sources import bare_inductance, unit_flux_density, unit_flux_density_and_gradient
+from fieldmap.records import Record, shortened
+from fieldmap.sources import (
+    bare_inductance,
+    unit_flux_density,
+    unit_flux_density_and_gradient,
+)
 from fieldmap.sources.inductance import background_linkage, mutual_inductance
 from fieldmap.typing import Array
 
@@ -79,7 +96,9 @@ def derivatives(
     parameters = parameters or Parameters(device)
     changes = [parameters.change(key) for key in keys]
     for change in changes:
-        _refuse_joints(change)
+        if change.has_joints:
+            must_hold, remedy = "must not be a number of a joint", "take differences of two solutions"
+            raise InputError.of(f"derivative, {change.key}", must_hold, "a number of a joint", remedy)
     points = quantity.points
     samples = _samples(state, quantity, points)
     value = np.asarray(quantity.of(samples), dtype=float)
@@ -95,20 +114,11 @@ def derivatives(
         follows = [inside.follow(change) for change in changes]
         for start in range(0, len(rows), _AT_ONCE):
             batch = slice(start, start + _AT_ONCE)
-            rows[batch] += inside.derivatives(points, _part(weights, batch), follows)
+            part = Weights(weights.field[batch], weights.gradient[batch], weights.linkage[batch])
+            rows[batch] += inside.derivatives(points, part, follows)
         solves = len(rows)
     by = {key: rows[:, k].reshape(value.shape) for k, key in enumerate(keys)}
     return Derivatives(value, by, solves)
-
-
-def _refuse_joints(change: Change) -> None:
-    if change.has_joints:
-        must_hold, remedy = "must not be a number of a joint", "take differences of two solutions"
-        raise InputError(Problem(f"derivative, {change.key}", must_hold, "a number of a joint", remedy))
-
-
-def _part(weights: Weights, batch: slice) -> Weights:
-    return Weights(weights.field[batch], weights.gradient[batch], weights.linkage[batch])
 
 
 def quantity_of(state: SolvedState, quantity: Quantity) -> Array:
@@ -239,20 +249,14 @@ class _Inside:
         self._device, self._problem, self._currents = device, problem, state.currents
         self._elements = problem.form.elements
         self._potential = np.ascontiguousarray(inside.potential @ shares)
-        self._field = CoilField(
-            np.einsum("c,ced->ed", shares, inside.field.constant)[None], (shares @ inside.field.bubble)[None]
+        self._field = inside.field.combined(shares[None])
+        own = inside.material
+        self._material = Magnetisation(
+            own.law, own.tables, np.einsum("c,ced->ed", shares, own.remanence)[None]
         )
-        remanence = np.einsum("c,ced->ed", shares, inside.remanence)[None]
-        self._material = Magnetisation(inside.law, inside.tables, remanence)
         h = self._elements.strength_at_points(self._potential[:, None], self._field, self._material)[0]
-        self._strength, self._size = h, np.linalg.norm(h, axis=2)
-        self._laws = np.repeat(inside.law, 4)
-        chord, slope = law_slopes(inside.tables, self._laws, self._size.ravel())
-        self._chord, self._slope = chord.reshape(self._size.shape), slope.reshape(self._size.shape)
-        self._direction = np.divide(
-            h, self._size[..., None], out=np.zeros_like(h), where=self._size[..., None] > 0.0
-        )
-        self._polarisation = (self._chord - 1)[..., None] * h + remanence[0][:, None]
+        self._strength = h
+        self._polarisation = self._flux_density(own.tables, self._material.remanence[0]) - h
         self._share = (0.25 * self._elements.volume)[:, None, None]
         self._unit = self._elements.coil_field_at_points(problem.unit)
         self._moved = MovedBodies(device, problem.form.iron.mesh, problem.form.iron.topology)
@@ -261,10 +265,11 @@ class _Inside:
         """What the iron adds to derivatives (k, p)."""
         adjoint = self._adjoint(points, weights)
         elements, linkage = self._elements, weights.linkage / MU0
-        cover = np.stack(list(elements.point_gradients(adjoint)), axis=2)
+        cover = elements.point_gradients(adjoint)
         cover += np.tensordot(linkage, self._unit, 1)
         cover *= self._share
-        turned = self._susceptible(cover)
+        material = self._material
+        turned = susceptible(material.tables, material.law, self._strength, cover)
         by_current = np.einsum("kedx,cedx->kc", turned, self._unit, optimize=True)
         out = np.zeros((len(cover), len(follows)))
         traced = Adjoint(adjoint, points, weights, cover, turned)
@@ -307,16 +312,13 @@ class _Inside:
             faces = form.iron.surface.weights(np.ascontiguousarray(points), weights.field, weights.gradient)
             right += form.by_charge_density(faces)
         if weights.linkage.any():
-            linked = CoilField(
-                np.einsum("kc,ced->ked", weights.linkage, unit.constant), weights.linkage @ unit.bubble
-            )
+            linked = unit.combined(weights.linkage)
             right -= form.source_response(self._potential, self._field, self._material, linked) / MU0
         return form.solve_tangent(self._potential[:, None], self._field, self._material, right, _TOLERANCE)
 
-    def _susceptible(self, vectors: Array) -> Array:
-        """(db/dh - 1) v for vectors (..., e, 4, 3)."""
-        along = np.einsum("...eqd,eqd->...eq", vectors, self._direction) * (self._slope - self._chord)
-        return (self._chord - 1)[..., None] * vectors + along[..., None] * self._direction
+    def _flux_density(self, tables: LawTables, remanence: Array) -> Array:
+        """B (e, 4, 3) at the present field strength, with remanence (e, 3)."""
+        return flux_density_vectors(tables, self._material.law, self._strength) + remanence[:, None]
 
     def follow(self, change: Change) -> _Follow:
         """What follows a parameter in the iron."""
@@ -363,14 +365,70 @@ class _Inside:
 
     def _of_material(self, change: Change) -> Array:
         """Change of mu0 M (e, 4, 3) at the present field strength."""
+        above, below = (self._problem.laws(side) for side in change.sides)
         body = self._material.law
-        parts = []
-        for side in change.sides:
-            tables, remanence = self._problem.laws(side)
-            b = law_values(tables, self._laws, self._size.ravel())[0].reshape(self._size.shape)
-            parts.append(b[..., None] * self._direction + remanence[body][:, None])
-        return (parts[0] - parts[1]) / change.width
+        ahead, behind = (self._flux_density(tables, own[body]) for tables, own in (above, below))
+        return (ahead - behind) / change.width
 
 
 def _added(one: Array | None, other: Array) -> Array:
     return other if one is None else one + other
+
+
+class Origin:
+    """The device of states. linear: whether its iron was solved as linear, with mu_r in the place of its soft bodies'
+    own where that is given."""
+
+    def __init__(self, device: Device, linear: bool, mu_r: float | None = None) -> None:
+        self.device, self.linear, self.mu_r = device, linear, mu_r
+        self._solver: Any = None
+        self._own: IronProblem | None = None
+
+    def hold(self, problem: IronProblem) -> None:
+        """Use these equations as long as somebody else holds them."""
+        self._solver = weakref.ref(problem)
+
+    def __repr__(self) -> str:
+        iron = "linear" if self.linear else "saturating"
+        return shortened(f"Origin({self.device.name}, {iron} iron)")
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**self.__dict__, "_solver": None, "_own": None}
+
+    def derivative(
+        self,
+        state: SolvedState,
+        quantity: Quantity,
+        parameters: Sequence[str],
+        followed: Parameters | None = None,
+    ) -> Derivatives:
+        """See `SolvedState.derivative`; followed: what of the device follows the keys, where its own file does not
+        tell."""
+        keys = (parameters,) if isinstance(parameters, str) else tuple(parameters)
+        return derivatives(self.device, state, self._problem(state), quantity, keys, followed)
+
+    def _problem(self, state: SolvedState) -> IronProblem | None:
+        if state.iron is None:
+            return None
+        inside = state.iron.inside
+        if state.mesh is None or not isinstance(inside, PotentialField):
+            must_hold, remedy = "derivatives are those of the potential form", 'solve with form="potential"'
+            raise InputError.of("derivative", must_hold, f"the {state.report.form} form", remedy)
+        known = self._solver() if self._solver is not None else self._own
+        if known is None or known.form.elements is not inside.elements:
+            known = self._own = self._assembled(state.mesh, inside)
+        return known
+
+    def _assembled(self, mesh: IronMesh, inside: PotentialField) -> IronProblem:
+        form = PotentialForm(assemble(mesh))
+        # Of the same mesh, so that they are equal; one of the two need not be kept.
+        form.elements = inside.elements
+        unit = inside.elements.unit_fields(self.device.coils, mesh)
+        return IronProblem(form, unit, partial(self.laws, mesh=mesh))
+
+    def laws(self, device: Device, mesh: IronMesh) -> tuple[LawTables, Array]:
+        """Tables and remanence (b, 3) of the bodies of a device, and of the sheets between them, on a mesh."""
+        properties = body_properties(device, self.mu_r).on(mesh)
+        if self.linear:
+            return straight_laws(properties.mu_r), properties.remanence
+        return law_tables(materials_on(device, mesh)), properties.remanence

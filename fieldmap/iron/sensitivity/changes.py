@@ -18,7 +18,7 @@ from fieldmap.device.coils import Coil
 from fieldmap.device.model import Device
 from fieldmap.device.reader import TEXT, device_of
 from fieldmap.device.schema import DEVICE
-from fieldmap.errors import DeviceFileError, InputError, Problem
+from fieldmap.errors import DeviceFileError, InputError
 from fieldmap.inputs.document import Document, parsed
 from fieldmap.inputs.key_paths import matches, value_at
 from fieldmap.records import Record
@@ -142,7 +142,7 @@ class Parameters:
         ]
         if len(numbers) < len(values) or len(set(numbers)) > 1:
             must_hold, remedy = "must name one number, or several that are equal", "name one of them"
-            raise InputError(Problem(f"derivative, {key}", must_hold, f"{values}"[:80], remedy))
+            raise InputError.of(f"derivative, {key}", must_hold, f"{values}"[:80], remedy)
         return float(numbers[0])
 
     def change(self, key: str, step: float | None = None) -> Change:
@@ -153,7 +153,7 @@ class Parameters:
             name = key.removeprefix(_CURRENT)
             if name not in names and name != "*":
                 must_hold = f"must be the name of a coil, {', '.join(names)}, or *"
-                raise InputError(Problem(f"derivative, {key}", must_hold, repr(name), "use one of these"))
+                raise InputError.of(f"derivative, {key}", must_hold, repr(name), "use one of these")
             return Change(key, np.array([float(name in (one, "*")) for one in names]))
         value = self.value(key)
         least = next((least for unit, least in _LEAST.items() if _has_unit(key, unit)), _LEAST_OF_ANY)
@@ -170,7 +170,7 @@ class Parameters:
                 "must be a parameter that something follows; of a file that includes others nothing does"
             )
             remedy = "name the keys that follow it"
-            raise InputError(Problem(f"derivative, {key}", must_hold, "nothing follows it", remedy))
+            raise InputError.of(f"derivative, {key}", must_hold, "nothing follows it", remedy)
         return Change(key, np.zeros(len(names)), above, below, 2 * width)
 
     def _with(self, key: str, value: float) -> Device:

@@ -20,7 +20,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import splu
 
 from fieldmap.iron.mesh.mesh import IronMesh
-from fieldmap.iron.mesh.topology import Faces
+from fieldmap.iron.topology import TRIANGLE_SIDES, Faces, area_vectors, barycentric_gradients, distinct_parts
 from fieldmap.records import Record
 from fieldmap.typing import Array, Index
 
@@ -48,8 +48,7 @@ class Contacts:
         self._mesh, self._nodes = mesh, topology.nodes
         owner = topology.owner
         self._sides = np.sort(np.where(owner < 0, -1, mesh.body[owner]), axis=1)
-        corners = mesh.points[topology.nodes]
-        cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        cross = area_vectors(mesh.points[topology.nodes])
         self._normals = cross / np.linalg.norm(cross, axis=1)[:, None]
         self._smooth: dict[tuple[int, int], _SmoothMovement] = {}
 
@@ -68,9 +67,8 @@ class Contacts:
 
     def _contact(self, faces: Index, pair: Index) -> Contact:
         normal, nodes = self._normals[faces[0]], self._nodes[faces]
-        sides = np.sort(nodes[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
-        sides, count = np.unique(sides, axis=0, return_counts=True)
-        around = np.unique(sides[count == 1])
+        sides = distinct_parts(nodes, TRIANGLE_SIDES)
+        around = np.unique(sides.rows[sides.times == 1])
         bent = np.linalg.norm(np.cross(self._normals, normal), axis=1) > _EDGE
         edged = [bool(np.isin(around, self._nodes[self._boundary(int(one)) & bent]).all()) for one in pair]
         one, other = (int(k) for k in pair)
@@ -198,9 +196,7 @@ def _planes(triangles: Index, normals: Array, count: int) -> tuple[dict[int, Arr
 
 def _stiffness(points: Array, tets: Index) -> coo_matrix:
     """Of sums over elements of |grad w|^2 (n, n)."""
-    edges = points[tets[:, 1:]] - points[tets[:, :1]]
-    inner = np.swapaxes(np.linalg.inv(edges), 1, 2)
-    gradients = np.concatenate([-inner.sum(axis=1, keepdims=True), inner], axis=1)
+    gradients = barycentric_gradients(points[tets])
     local = gradients @ np.swapaxes(gradients, 1, 2)
     rows, columns = np.broadcast_arrays(tets[:, :, None], tets[:, None, :])
     shape = (len(points), len(points))

@@ -3,12 +3,14 @@
 A quantity of one's own derives from `Quantity` and gives `points` and `of`; or it is any function of a field,
 `FieldFunction`. How a quantity follows the field at its points is found by differences, which cost no solve and are
 exact, up to rounding, where it is linear in the field.
+
+Derivatives of a quantity by keys of a device, and what follows from them to first order.
 """
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import ClassVar
@@ -16,14 +18,55 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fieldmap.errors import InputError, Problem
+from fieldmap.errors import InputError
 from fieldmap.field import BaseFieldAtCurrents, FieldAtCurrents
-from fieldmap.iron.quantities.air import checked_points
+from fieldmap.iron.mesh.mesh import checked_points
 from fieldmap.records import Record
 from fieldmap.typing import Array
 
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Spread(Record):
+    """Standard deviation of a quantity, of its shape, and the share of each key in its square, from 0 to 1."""
+
+    deviation: Array
+    shares: Mapping[str, Array]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Derivatives(Record):
+    """Derivatives of a quantity. value: its numbers, of any shape; by: key path -> derivative of that shape, per unit
+    of the key; solves: linear solves that they took."""
+
+    value: Array
+    by: Mapping[str, Array]
+    solves: int
+
+    def __getitem__(self, key: str) -> Array:
+        """The derivative by one key."""
+        return self.by[key]
+
+    def change(self, steps: Mapping[str, float]) -> Array:
+        """What the quantity changes by, to first order, for changes of keys in their units."""
+        return np.asarray(sum(self.by[key] * step for key, step in steps.items()))
+
+    def spread(self, deviations: Mapping[str, float]) -> Spread:
+        """How far the quantity is uncertain, to first order, where keys are: standard deviations of independent numbers
+        by key, in their units. Raises KeyError for a key without a derivative.
+
+        >>> found = Derivatives(np.array(5.0), {"a": np.array(3.0), "b": np.array(-2.0)}, 1)
+        >>> spread = found.spread({"a": 1.0, "b": 2.0})
+        >>> float(spread.deviation), {key: round(float(share), 2) for key, share in spread.shares.items()}
+        (5.0, {'a': 0.36, 'b': 0.64})
+        """
+        parts = {key: (self.by[key] * deviation) ** 2 for key, deviation in deviations.items()}
+        variance = np.asarray(sum(parts.values(), start=np.zeros(np.shape(self.value))))
+        safe = np.where(variance > 0, variance, 1.0)
+        return Spread(np.sqrt(variance), {key: part / safe for key, part in parts.items()})
+
+
 # Step of differences, as a share of the largest value that is sampled.
-_STEP = 1e-5
+_STEP_OF_DIFFERENCES = 1e-5
 _NOTHING = {"field": 1e-6, "gradient": 1e-4, "linkage": 1e-6}
 
 
@@ -73,7 +116,7 @@ class Quantity(ABC):
                 count = np.size(self.of(samples))
                 parts[name] = np.zeros((count, *here.shape))
                 continue
-            step = _STEP * float(np.abs(here).max(initial=0.0)) or _NOTHING[name]
+            step = _STEP_OF_DIFFERENCES * float(np.abs(here).max(initial=0.0)) or _NOTHING[name]
             columns = []
             for k in range(here.size):
                 change = np.zeros(here.size)
@@ -88,16 +131,22 @@ class Quantity(ABC):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class FluxDensityAt(Quantity, Record):
-    """Flux density (n, 3) or (3,), T, at points (n, 3) or (3,) of the air, m."""
+class _AtPoints(Quantity, Record):
+    """Of the field at points (n, 3) or (3,) of the air, m."""
 
-    uses = ("field",)
     at: ArrayLike
 
     @property
     def points(self) -> Array:
         """Points (n, 3), m."""
         return checked_points(self.at)[0]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class FluxDensityAt(_AtPoints):
+    """Flux density (n, 3) or (3,), T, at points (n, 3) or (3,) of the air, m."""
+
+    uses = ("field",)
 
     def of(self, samples: Samples) -> Array:
         """B in the shape of the points."""
@@ -105,16 +154,10 @@ class FluxDensityAt(Quantity, Record):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class GradientAt(Quantity, Record):
+class GradientAt(_AtPoints):
     """Gradient dB_i/dx_j (n, 3, 3) or (3, 3), T/m, at points (n, 3) or (3,) of the air, m."""
 
     uses = ("gradient",)
-    at: ArrayLike
-
-    @property
-    def points(self) -> Array:
-        """Points (n, 3), m."""
-        return checked_points(self.at)[0]
 
     def of(self, samples: Samples) -> Array:
         """dB_i/dx_j."""
@@ -122,17 +165,11 @@ class GradientAt(Quantity, Record):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class DipoleForce(Quantity, Record):
+class DipoleForce(_AtPoints):
     """Force (n, 3) or (3,), N, on dipoles of fixed moment (3,), A m^2, at points (n, 3) or (3,) of the air, m."""
 
     uses = ("gradient",)
-    at: ArrayLike
     moment: ArrayLike
-
-    @property
-    def points(self) -> Array:
-        """Points (n, 3), m."""
-        return checked_points(self.at)[0]
 
     def of(self, samples: Samples) -> Array:
         """F_j = m_i dB_i/dx_j."""
@@ -158,7 +195,7 @@ class FluxLinkage(Quantity, Record):
             return samples.linkage
         if self.coil not in samples.coil_names:
             must_hold = f"must be one of {', '.join(samples.coil_names)}"
-            raise InputError(Problem("FluxLinkage, coil", must_hold, repr(self.coil), "use one of these"))
+            raise InputError.of("FluxLinkage, coil", must_hold, repr(self.coil), "use one of these")
         return samples.linkage[samples.coil_names.index(self.coil)]
 
 

@@ -1,9 +1,16 @@
-"""Iron with rate-independent hysteresis (play model) at a sequence of currents: docs/theory/hysteresis.md."""
+"""Iron with rate-independent hysteresis (play model) at a sequence of currents: docs/theory/hysteresis.md.
+
+The elements are those of the potential form, with play cells at their points. At a given history of the cells, B is the
+gradient by h of a convex function, as without hysteresis. The functional, Newton's method and its line search are
+therefore those of the potential form.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from copy import copy
+from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -11,20 +18,149 @@ from fieldmap.arguments import check_count, check_not_negative
 from fieldmap.constants import MU0
 from fieldmap.device.materials import SaturatingMaterial
 from fieldmap.device.model import Device
-from fieldmap.errors import InputError, NotConverged, Problem
+from fieldmap.errors import InputError, NotConverged
 from fieldmap.field import Currents, coil_currents
-from fieldmap.iron.elements.bh_law import law_tables
-from fieldmap.iron.elements.hysteresis import HysteresisForm, HysteresisMagnetisation
-from fieldmap.iron.elements.nodal_elements import CoilField
+from fieldmap.iron.elements.bh_law import Magnetisation, law_tables
+from fieldmap.iron.elements.nodal_elements import CoilField, NodalElements
+from fieldmap.iron.elements.potential_form import ConvexForm
+from fieldmap.iron.elements.state import ElementField, LinearField
 from fieldmap.iron.geometry.checks import check_geometry, geometry_notes
 from fieldmap.iron.materials import materials_on, require_soft_bodies
 from fieldmap.iron.mesh.mesh import generate_mesh
-from fieldmap.iron.operators.assembled import assemble
+from fieldmap.iron.operators.assembled import AssembledIron, assemble
 from fieldmap.iron.report import report_of
 from fieldmap.iron.solution import PotentialSolution
+from fieldmap.iron.solvers.linear import check_arguments
+from fieldmap.kernels.iron import hysteresis as law_kernel
+from fieldmap.kernels.iron.hysteresis import tested_matrices, tested_vectors
 from fieldmap.records import Record
-from fieldmap.sources import unit_flux_densities
+from fieldmap.threads import over_rows
 from fieldmap.typing import Array
+
+_UNIT = np.array([1.0, 0.0, 0.0, 1.0, 0.0, 1.0])
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class HysteresisMagnetisation(Magnetisation):
+    """A `Magnetisation` of one source with hysteresis.
+
+    pinning (l, k): pinning fields of the k play cells in each law, T; weights (k,), their sum 1; reversible
+    (e, 4, k, 3): reversible field of the cells at the points of every element, T.
+    """
+
+    pinning: Array
+    weights: Array
+    reversible: Array
+
+    def response(self, h: Array) -> tuple[Array, Array]:
+        """Polarisation (e, 4, 3), remanence of magnets included, and its derivative (e, 4, 6) at h (e, 4, 3), T."""
+        polarisation, tangent = np.empty((h.size // 3, 3)), np.empty((h.size // 3, 6))
+        arguments = (*self._arguments(h), polarisation, tangent)
+        over_rows(law_kernel.respond, len(tangent), *arguments, work=40.0 * self.weights.size)
+        return polarisation.reshape(h.shape) + self.remanence[0][:, None], tangent.reshape(*h.shape[:2], 6)
+
+    def after(self, h: Array) -> HysteresisMagnetisation:
+        """The same iron after the field h (e, 4, 3)."""
+        moved = np.empty_like(self.reversible)
+        cells = moved.reshape(-1, *moved.shape[2:])
+        arguments = (*self._arguments(h), cells)
+        over_rows(law_kernel.advance, len(cells), *arguments, work=20.0 * self.weights.size)
+        return replace(self, reversible=moved)
+
+    def dissipated(self, after: HysteresisMagnetisation, volume: Array) -> float:
+        """Loss, T^2 m^3 (over mu0: J), on the path to a later state, for volumes (e,): pinning field times the distance
+        by which the polarisation of every cell moved."""
+        way = np.linalg.norm(self._cells(after.reversible) - self._cells(self.reversible), axis=-1)
+        return float(np.einsum("e,eqk,ek,k->", 0.25 * volume, way, self.pinning[self.law], self.weights))
+
+    def _cells(self, reversible: Array) -> Array:
+        """Polarisation (e, 4, k, 3) of every cell."""
+        size = np.linalg.norm(reversible, axis=-1)
+        law = np.broadcast_to(self.law[:, None, None], size.shape).ravel()
+        j = self.tables.flux_density(size.ravel(), law).reshape(size.shape) - size
+        share = np.divide(j, size, out=np.zeros_like(j), where=size > 0.0)
+        return np.asarray(share[..., None] * reversible)
+
+    def _arguments(self, h: Array) -> tuple[Any, ...]:
+        points = np.ascontiguousarray(h.reshape(-1, 3))
+        reversible = self.reversible.reshape(len(points), -1, 3)
+        return points, reversible, self.pinning, self.weights, np.repeat(self.law, 4), *self.tables.arrays
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class HysteresisElements(NodalElements):
+    """Second-order nodal elements of iron with hysteresis; of other iron where the material has none.
+
+    Residual, tangent and line search ask for the law at the same potential one after the other: the last is cached.
+    """
+
+    _last: list[tuple[Any, ...]] = field(default_factory=list, init=False, repr=False)
+
+    def residual(self, potential: Array, field: CoilField, source: int, material: Magnetisation) -> Array:
+        """Element vectors (e, 10) of int (b(h) - t) . grad N with h = t - grad phi, for phi (n,)."""
+        if not isinstance(material, HysteresisMagnetisation):
+            return super().residual(potential, field, source, material)
+        _, slope, polarisation, _ = self.evaluated(potential, field, source, material)
+        out = np.zeros(self.nodes.shape)
+        over_rows(
+            tested_vectors, len(out), polarisation - slope, self.gradients, self.volume, out, work=self.work
+        )
+        return out
+
+    def tangent(self, potential: Array, field: CoilField, source: int, material: Magnetisation) -> Array:
+        """Element matrices (e, 10, 10) of int grad N_i . (db/dh) grad N_j at phi (n,)."""
+        if not isinstance(material, HysteresisMagnetisation):
+            return super().tangent(potential, field, source, material)
+        tangent = self.evaluated(potential, field, source, material)[3]
+        out = np.zeros((*self.nodes.shape, 10))
+        over_rows(
+            tested_matrices, len(out), tangent + _UNIT, self.gradients, self.volume, out, work=2 * self.work
+        )
+        return out
+
+    def mean_fields(
+        self, potential: Array, field: CoilField, source: int, material: Magnetisation
+    ) -> tuple[Array, Array]:
+        """Mean flux density (e, 3) of every element and the largest mu0 H (e,) at its points, for phi (n,)."""
+        if not isinstance(material, HysteresisMagnetisation):
+            return super().mean_fields(potential, field, source, material)
+        h, _, polarisation, _ = self.evaluated(potential, field, source, material)
+        return (h + polarisation).mean(axis=1), np.linalg.norm(h, axis=2).max(axis=1)
+
+    def evaluated(
+        self, potential: Array, field: CoilField, source: int, material: HysteresisMagnetisation
+    ) -> tuple[Array, Array, Array, Array]:
+        """mu0 H, grad phi, polarisation (e, 4, 3) and its derivative (e, 4, 6) at the points, for phi (n,)."""
+        if self._last:
+            about, known, found = self._last[0]
+            if about[0] is field and about[1] is material and np.array_equal(known, potential):
+                return found
+        h, slope = self.strength(potential, field, source)
+        self._last[:] = [((field, material), potential.copy(), (h, slope, *material.response(h)))]
+        return self._last[0][2]
+
+    def strength(self, potential: Array, field: CoilField, source: int = 0) -> tuple[Array, Array]:
+        """mu0 H and grad phi (e, 4, 3) at the points of every element, for phi (n,)."""
+        values = np.ascontiguousarray(np.column_stack([potential, field.bubble[source]]))
+        both = self.gradients_at_points(values)
+        slope = np.ascontiguousarray(both[..., 0])
+        return field.constant[source][:, None] + both[..., 1] - slope, slope
+
+
+class HysteresisForm(ConvexForm):
+    """One mesh in the potential form, for iron with hysteresis."""
+
+    name = "potential"
+    elements: HysteresisElements
+
+    def __init__(self, iron: AssembledIron) -> None:
+        super().__init__(iron, HysteresisElements.from_mesh(iron.mesh, iron.topology))
+
+    def _inside(self, potential: Array, field: Any, material: Magnetisation) -> ElementField:
+        assert isinstance(material, HysteresisMagnetisation)
+        h, _, polarisation, _ = self.elements.evaluated(potential[:, 0], field, 0, material)
+        return LinearField((h + polarisation)[None], polarisation[None])
+
 
 # As in `fieldmap.iron.solvers.nonlinear`: the residual as a fraction of the requested tolerance.
 _RESIDUAL_PER_TOLERANCE = 1e-3
@@ -141,24 +277,18 @@ class HysteresisSolver:
         if device.background is not None:
             must_hold = "a device without [background] for iron with hysteresis"
             where = f"device '{device.name}'"
-            raise InputError(
-                Problem(where, must_hold, "a background field", "leave it out, or solve without")
-            )
+            raise InputError.of(where, must_hold, "a background field", "leave it out, or solve without")
         check_geometry(device)
         self._notes = geometry_notes(device)
         self._mesh = generate_mesh(device, refinement, "auto")
         self._form = HysteresisForm(assemble(self._mesh))
-        coils = device.coils
-        self._unit = self._form.elements.coil_field(
-            lambda x: unit_flux_densities(coils, x), self._mesh.symmetry
-        )
+        self._unit = self._form.elements.unit_fields(device.coils, self._mesh)
 
     def with_pinning(self, pinning: Pinning | None) -> HysteresisSolver:
         """The same device and mesh with other pinning, or that of its materials (None)."""
-        other = object.__new__(HysteresisSolver)
-        other.device, other.pinning = self.device, pinning
-        other._mesh, other._form, other._unit = self._mesh, self._form, self._unit
-        other._notes = self._notes
+        other = copy(self)
+        other.pinning = pinning
+        other.__dict__.pop("demagnetised", None)
         return other
 
     @property
@@ -220,9 +350,7 @@ class HysteresisSolver:
         the step is halved, up to four times. Raises InputError for bad arguments, NotConverged.
         """
         values = np.array(coil_currents(currents, self.device.coil_names))
-        if not (np.isfinite(tolerance) and 0 < tolerance < 1):
-            must = "must lie between 0 and 1"
-            raise InputError(Problem("step, tolerance", must, repr(tolerance), "try 1e-3"))
+        check_arguments("step", tolerance)
         residual = tolerance * _RESIDUAL_PER_TOLERANCE
         start = memory.continued(values) if near is None else near.memory.potential
         if not np.array_equal(start, memory.potential):
@@ -248,8 +376,7 @@ class HysteresisSolver:
         )
 
     def _at(self, currents: Array, memory: IronMemory, residual: float, start: Array) -> HystereticState:
-        constant = np.einsum("c,ced->ed", currents, self._unit.constant)
-        field = CoilField(constant[None], (currents @ self._unit.bubble)[None])
+        field = self._unit.combined(currents[None])
         elements, before = self._form.elements, memory.material
         state = self._form.solve(before, field, residual, start[:, None])
         potential = state.potential[:, 0]
@@ -257,15 +384,8 @@ class HysteresisSolver:
         after = before.after(h)
         form = self._form
         report = report_of(form.name, form.iron, elements.count, state.iron, {}, self.assumptions)
-        about = (
-            self.device.coils,
-            currents,
-            self._mesh,
-            state.iron,
-            np.ones(1),
-            report,
-            self.device.sections,
-        )
+        device = self.device
+        about = (device.coils, currents, self._mesh, state.iron, np.ones(1), report, device.sections)
         return HystereticState(
             *about,
             state,
@@ -273,7 +393,7 @@ class HysteresisSolver:
             IronMemory(after, potential, currents, potential - memory.potential, currents - memory.currents),
             before.dissipated(after, elements.volume) / MU0,
             state.iron.iterations,
-            bounds=self.device.bounds,
+            bounds=device.bounds,
         )
 
     def _linkage(self, polarisation: Array) -> Array:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -12,17 +11,15 @@ from fieldmap.device.model import Device
 from fieldmap.errors import InputError, Problem
 from fieldmap.iron.elements.bh_law import Magnetisation, straight_laws
 from fieldmap.iron.elements.flux_form import FluxForm
-from fieldmap.iron.elements.potential_form import ConvexForm, PotentialForm
+from fieldmap.iron.elements.potential_form import ConvexForm, PotentialForm, linkage_and_coenergy
 from fieldmap.iron.elements.state import IronState
 from fieldmap.iron.geometry.checks import check_geometry, geometry_notes
 from fieldmap.iron.materials import BodyProperties, background_notes, body_properties
 from fieldmap.iron.mesh.mesh import generate_mesh
 from fieldmap.iron.operators.assembled import AssembledIron, assemble
-from fieldmap.iron.quantities.linkage import linkage_and_coenergy
 from fieldmap.iron.report import Progress, SolverReport, Stages, report_of
-from fieldmap.iron.sensitivity.origin import Origin
+from fieldmap.iron.sensitivity.adjoint import Origin
 from fieldmap.iron.solution import LinearSolution
-from fieldmap.sources import unit_flux_densities
 from fieldmap.typing import Array, PathLike
 
 _FORM_CLASSES: dict[str, type[PotentialForm] | type[FluxForm]] = {
@@ -64,7 +61,7 @@ def solve_linear(
     (1, True)
     """
     device = read_device(device)
-    check_arguments(tolerance, refinement, form)
+    check_arguments("solve_linear", tolerance, refinement, form)
     stages = Stages(progress)
     stages.next("checking the geometry", 0.0)
     check_geometry(device)
@@ -91,13 +88,13 @@ def solve_linear(
     return replace(solution, origin=Origin(device, True, mu_r))
 
 
-def form_on(iron: AssembledIron, form: str) -> ConvexForm[Any]:
+def form_on(iron: AssembledIron, form: str) -> ConvexForm:
     """The potential or the flux form on a mesh."""
     return _FORM_CLASSES[form](iron)
 
 
 def solved_in_form(
-    device: Device, problem: ConvexForm[Any], properties: BodyProperties, tolerance: float, stages: Stages
+    device: Device, problem: ConvexForm, properties: BodyProperties, tolerance: float, stages: Stages
 ) -> LinearSolution:
     """One form on one mesh."""
     iron = problem.iron
@@ -110,12 +107,12 @@ def solved_in_form(
 
 
 def _solve(
-    device: Device, problem: ConvexForm[Any], properties: BodyProperties, tolerance: float
+    device: Device, problem: ConvexForm, properties: BodyProperties, tolerance: float
 ) -> tuple[IronState, Array]:
     """State and flux linkages in one form."""
     elements, body = problem.elements, problem.iron.mesh.body
     properties = properties.on(problem.iron.mesh)
-    field = elements.coil_field(lambda x: unit_flux_densities(device.coils, x), problem.iron.mesh.symmetry)
+    field = elements.unit_fields(device.coils, problem.iron.mesh)
     sources = len(device.coils)
     remanence = np.zeros((sources, len(body), 3))
     background = device.background
@@ -140,32 +137,27 @@ def chosen_form(form: str, properties: BodyProperties) -> str:
     if form == "auto":
         return "potential" if weakest >= 1 else "flux"
     if form == "potential" and weakest < 1:
-        raise InputError(
-            Problem(
-                "solve_linear, form",
-                "the potential form needs mu_r >= 1 in every body and joint",
-                f"mu_r = {weakest:g}",
-                'use form="flux" or form="auto"',
-            )
+        raise InputError.of(
+            "solve_linear, form",
+            "the potential form needs mu_r >= 1 in every body and joint",
+            f"mu_r = {weakest:g}",
+            'use form="flux" or form="auto"',
         )
     return form
 
 
-def check_arguments(tolerance: float, refinement: float, form: str) -> None:
-    """Raise InputError for arguments of `solve_linear` that cannot be meant."""
-    problems = []
-    if not (np.isfinite(tolerance) and 0 < tolerance < 1):
-        problems.append(
-            Problem("solve_linear, tolerance", "must lie between 0 and 1", repr(tolerance), "try 1e-3")
-        )
-    if not (np.isfinite(refinement) and refinement > 0):
-        problems.append(
-            Problem("solve_linear, refinement", "must be a finite number > 0", repr(refinement), "try 1.0")
-        )
-    if form not in FORMS:
-        problems.append(
-            Problem("solve_linear, form", f"must be one of {', '.join(FORMS)}", repr(form), 'try "auto"')
-        )
+def check_arguments(where: str, tolerance: float, refinement: float = 1.0, form: str = "auto") -> None:
+    """Raise InputError for arguments of a solver that cannot be meant."""
+    wanted = (
+        ("tolerance", tolerance, "must lie between 0 and 1", "try 1e-3", 0 < tolerance < 1),
+        ("refinement", refinement, "must be a finite number > 0", "try 1.0", 0 < refinement < np.inf),
+        ("form", form, f"must be one of {', '.join(FORMS)}", 'try "auto"', form in FORMS),
+    )
+    problems = [
+        Problem(f"{where}, {name}", must_hold, repr(value), remedy)
+        for name, value, must_hold, remedy, right in wanted
+        if not right
+    ]
     if problems:
         raise InputError(*problems)
 
@@ -173,13 +165,11 @@ def check_arguments(tolerance: float, refinement: float, form: str) -> None:
 def require_source(device: Device, properties: BodyProperties) -> None:
     """Raise InputError for iron that nothing magnetises: no coils, no permanent magnets, no background."""
     if not device.coils and not properties.remanence.any() and device.background is None:
-        raise InputError(
-            Problem(
-                f"device '{device.name}'",
-                "must have a source of field: a coil, a body that is a permanent magnet, or a [background]",
-                "soft iron alone",
-                "add a coil or a magnet",
-            )
+        raise InputError.of(
+            f"device '{device.name}'",
+            "must have a source of field: a coil, a body that is a permanent magnet, or a [background]",
+            "soft iron alone",
+            "add a coil or a magnet",
         )
 
 

@@ -1,9 +1,15 @@
-"""Saturating iron: a device meshed once, and its states at given currents."""
+"""Saturating iron: a device meshed once, and its states at given currents.
+
+States that follow from solved ones by the symmetry of the iron need no solve. Others follow by Newton's method, and by
+continuation in the sources where it fails: a state at a share of the currents starts the next. From the potential at
+one share of the currents (and of the magnets' remanence), scaled up in proportion, the iron is nearer to the next state
+than from zero. The steps adapt: halved where Newton fails, doubled where it succeeds.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 
 import numpy as np
@@ -12,30 +18,138 @@ from scipy.sparse import csr_matrix
 
 from fieldmap.device import read_device
 from fieldmap.device.model import Device
-from fieldmap.errors import InputError, Problem
+from fieldmap.errors import InputError, NotConverged, Problem
 from fieldmap.field import BaseField, Bounds, Currents, coil_currents
 from fieldmap.iron.elements.bh_law import law_tables
-from fieldmap.iron.elements.nodal_elements import CoilField
-from fieldmap.iron.elements.potential_form import Magnetisation, PotentialForm, PotentialState
+from fieldmap.iron.elements.flux_form import FluxForm
+from fieldmap.iron.elements.nodal_elements import CoilField, NodalElements
+from fieldmap.iron.elements.potential_form import (
+    Magnetisation,
+    PotentialForm,
+    PotentialState,
+    iron_differential_inductance,
+    linkage_and_coenergy,
+)
 from fieldmap.iron.elements.state import PotentialField
-from fieldmap.iron.elements.state_images import StateImage, state_images
-from fieldmap.iron.error.estimate import Complement, ErrorEstimate, state_error, workspace_surface
+from fieldmap.iron.error import ErrorEstimate, estimate_error, workspace_surface
 from fieldmap.iron.geometry.checks import check_geometry, geometry_notes
 from fieldmap.iron.materials import material_assumptions, materials_on, require_soft_bodies
-from fieldmap.iron.mesh.mesh import generate_mesh
+from fieldmap.iron.mesh.chamber import MeshSymmetry
+from fieldmap.iron.mesh.charged_faces import ChargedFaces
+from fieldmap.iron.mesh.mesh import checked_points, generate_mesh, refuse_inside
 from fieldmap.iron.operators.assembled import assemble
-from fieldmap.iron.operators.surface import ChargedFaces
-from fieldmap.iron.quantities.air import checked_points, refuse_inside
-from fieldmap.iron.quantities.linkage import iron_differential_inductance, linkage_and_coenergy
 from fieldmap.iron.report import Progress, SolverReport, Stages, report_of
-from fieldmap.iron.sensitivity.adjoint import IronProblem
-from fieldmap.iron.sensitivity.origin import Origin
+from fieldmap.iron.sensitivity.adjoint import IronProblem, Origin
 from fieldmap.iron.solution import NonlinearSolution
-from fieldmap.iron.solvers.continuation import Sources, solve_with_continuation
+from fieldmap.iron.solvers.linear import check_arguments
 from fieldmap.iron.solvers.reduced import GalerkinModel, project
-from fieldmap.sources import unit_flux_densities, unit_flux_density_and_gradient
+from fieldmap.iron.symmetry import Operation
+from fieldmap.records import Record
+from fieldmap.sources import unit_flux_density_and_gradient
 from fieldmap.sources.inductance import bare_inductance
-from fieldmap.typing import Array, PathLike
+from fieldmap.typing import Array, Index, PathLike
+
+_FIRST_STEP, _SMALLEST_STEP = 0.5, 1 / 64
+# States on the way need only lead to the next one.
+_TOLERANCE_ON_THE_WAY = 1e-4
+
+
+def solve_with_continuation(
+    form: PotentialForm, material: Magnetisation, field: CoilField, tolerance: float, start: Array | None
+) -> tuple[PotentialState, tuple[float, ...]]:
+    """The state in the coils' field, and the shares of it that were solved on the way to it: none where Newton
+    converged.
+
+    Tries Newton from `start` (n, 1), then from zero, then in steps of field and remanence. Raises NotConverged with all
+    residuals once none of these has succeeded.
+    """
+    residuals: list[float] = []
+    begins: tuple[Array | None, ...] = (None,) if start is None else (start, None)
+    for begin in begins:
+        try:
+            return form.solve(material, field, tolerance, begin), ()
+        except NotConverged as error:
+            residuals += error.residuals
+    reached, step = 0.0, _FIRST_STEP
+    potential: Array | None = None
+    shares: list[float] = []
+    while step >= _SMALLEST_STEP:
+        share = min(1.0, reached + step)
+        part = replace(material, remanence=share * material.remanence)
+        begin = None if potential is None else potential * (share / reached)
+        wanted = tolerance if share == 1.0 else max(tolerance, _TOLERANCE_ON_THE_WAY)
+        try:
+            state = form.solve(part, field.combined(np.array([[share]])), wanted, begin)
+        except NotConverged as error:
+            residuals += error.residuals
+            step = 0.5 * step
+            continue
+        shares.append(share)
+        if share == 1.0:
+            return state, tuple(shares)
+        reached, step, potential = share, 2 * step, state.potential
+    raise NotConverged(
+        Problem(
+            "iron solver, Newton and continuation in the currents",
+            f"the residual must fall to {tolerance:g}",
+            f"no state beyond {100 * reached:.3g} % of the currents; last residual "
+            f"{residuals[-1]:.2e} after {len(residuals)} steps in all",
+            "loosen the tolerance, smooth the B-H table where its slope jumps, or look for slivers in the mesh",
+        ),
+        residuals=tuple(residuals),
+    )
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class StateImage(Record):
+    """What one operation of the mesh does to a state: its currents and its nodal potential.
+
+    The field strength is an axial vector, H'(M x) = det(M) M H(x), so the potential is multiplied by det(M) and moved
+    with the nodes. Where there are no magnets, reversing all currents reverses the potential, `reversal`.
+    """
+
+    coils: Index
+    coil_signs: Array
+    nodes: Index
+    potential_sign: float
+
+    def currents(self, currents: Array) -> Array:
+        """Currents (..., c) of the image of a state of currents (..., c)."""
+        out = np.empty_like(currents)
+        out[..., self.coils] = self.coil_signs * currents
+        return out
+
+    def potential(self, potential: Array) -> Array:
+        """Nodal potential (n, ...) of the image of a state of potential (n, ...)."""
+        out = np.empty_like(potential)
+        out[self.nodes] = self.potential_sign * potential
+        return out
+
+
+def state_images(
+    symmetry: MeshSymmetry | None, elements: NodalElements, magnets: bool
+) -> tuple[StateImage, ...]:
+    """The images under every operation that maps coils onto coils and magnets onto magnets.
+
+    Without magnets each operation gives two images, one with all currents reversed; the identity gives none, or the
+    reversal alone.
+    """
+    if symmetry is None:
+        return ()
+    images = []
+    for k, operation in enumerate(symmetry.group.operations):
+        if operation.coils is None or (magnets and not operation.keeps_magnets):
+            continue
+        nodes = elements.node_images(symmetry.node_images[k])
+        senses = (1.0,) if magnets else (1.0, -1.0)
+        images += [_image(operation, nodes, sense) for sense in senses if k or sense < 0]
+    return tuple(images)
+
+
+def _image(operation: Operation, nodes: Index, sense: float) -> StateImage:
+    signs = sense * np.array(operation.coil_signs, float)
+    return StateImage(np.array(operation.coils), signs, nodes, sense * operation.handedness)
+
 
 # Newton stops when its residual, in the energy norm, is this fraction of the requested tolerance.
 _RESIDUAL_PER_TOLERANCE = 1e-3
@@ -85,10 +199,7 @@ class NonlinearSolver(BaseField):
         stages.next("air operator", 0.7)
         self._form = PotentialForm(self._iron)
         stages.next("field of the coils in the iron", 0.83)
-        coils = device.coils
-        self._unit = self._form.elements.coil_field(
-            lambda x: unit_flux_densities(coils, x), self._iron.mesh.symmetry
-        )
+        self._unit = self._form.elements.unit_fields(device.coils, mesh)
         stages.done("assembled")
         self._seconds = stages.seconds
         background = device.background
@@ -165,16 +276,15 @@ class NonlinearSolver(BaseField):
         change = self.sensitivities(values, state.potential[:, 0], np.eye(len(values)), _TOLERANCE_OF_SLOPES)
         density = np.concatenate([state.iron.density, self.charge_density(change)])
         flux, slope = self.surface.field_and_gradient(where, density)
-        for k, coil in enumerate(self.device.coils):
-            own = unit_flux_density_and_gradient(coil, where)
-            for total, unit in zip((flux, slope), own, strict=True):
-                total[0] += values[k] * unit
-                total[1 + k] += unit
+        values = np.append(values, 1.0)
+        parts = [unit_flux_density_and_gradient(coil, where) for coil in self.device.coils]
         if self.device.background is not None:
-            for total, fixed in zip(
-                (flux, slope), self.device.background.field_and_gradient(where), strict=True
-            ):
-                total[0] += fixed
+            parts.append(self.device.background.field_and_gradient(where))
+        for k, part in enumerate(parts):
+            for total, unit in zip((flux, slope), part, strict=True):
+                total[0] += values[k] * unit
+                if k < len(self.device.coils):
+                    total[1 + k] += unit
         found = flux[0], slope[0], np.moveaxis(flux[1:], 0, 1), np.moveaxis(slope[1:], 0, 1)
         return (found[0][0], found[1][0], found[2][0], found[3][0]) if single else found
 
@@ -191,37 +301,20 @@ class NonlinearSolver(BaseField):
         them. Raises InputError for bad arguments, NotConverged with the residual history once that has failed too.
         """
         values = np.array(coil_currents(currents, self.coil_names))
-        if not (np.isfinite(tolerance) and 0 < tolerance < 1):
-            raise InputError(
-                Problem("solve, tolerance", "must lie between 0 and 1", repr(tolerance), "try 1e-3")
-            )
+        check_arguments("solve", tolerance)
         field = self.coil_field(values)
         stages = Stages(self._progress)
         stages.next("Newton iteration", 0.6)
         begin = start.state.potential if isinstance(start, NonlinearSolution) else start
         begin = begin if begin is None else begin.reshape(-1, 1)
-        sources = Sources(self._material, field)
         residual = tolerance * _RESIDUAL_PER_TOLERANCE
-        state, shares = solve_with_continuation(self._form, sources, residual, begin)
+        state, shares = solve_with_continuation(self._form, self._material, field, residual, begin)
         stages.done()
         report = self._report(
             state, {**({} if start is not None else self._seconds), **stages.seconds}, shares
         )
         device, mesh = self.device, self._iron.mesh
         about = (device.coils, values, mesh, state.iron, np.ones(1), report, device.sections)
-        linkage, coenergy = self._linkage(state, field)
-        return NonlinearSolution(
-            *about,
-            state,
-            linkage,
-            coenergy,
-            bounds=device.bounds,
-            background=device.background,
-            origin=self._origin,
-        )
-
-    def _linkage(self, state: PotentialState, field: CoilField) -> tuple[Array, float]:
-        """What the iron adds to the flux linkages (c,), Wb, and to the co-energy, J."""
         elements, material = self._form.elements, self._material
         linkage, coenergy = linkage_and_coenergy(
             elements.volume,
@@ -230,7 +323,15 @@ class NonlinearSolver(BaseField):
             elements.coil_field_at_points(field),
             elements.coil_field_at_points(self._unit),
         )
-        return linkage[:, 0], float(coenergy[0])
+        return NonlinearSolution(
+            *about,
+            state,
+            linkage[:, 0],
+            float(coenergy[0]),
+            bounds=device.bounds,
+            background=device.background,
+            origin=self._origin,
+        )
 
     @property
     def surface(self) -> ChargedFaces:
@@ -257,7 +358,7 @@ class NonlinearSolver(BaseField):
 
     def air(self, potential: Array) -> Array:
         """S phi (n, k) for nodal potentials (n, k): the linear share of the air in the residual."""
-        return self._form.air(potential)
+        return self._form.exterior.apply(potential)
 
     def tangent(self, currents: Array, potential: Array) -> csr_matrix:
         """The iron's tangent stiffness (n, n) at a state of currents (c,) and potential (n,), without the air."""
@@ -268,9 +369,7 @@ class NonlinearSolver(BaseField):
     ) -> Array:
         """How the nodal potential (n,) of the state of currents (c,) changes along directions (c, d) of the currents:
         the derivatives (n, d), from one linear solve with the tangent of the state. Raises NotConverged."""
-        change = CoilField(
-            np.einsum("cd,cek->dek", directions, self._unit.constant), directions.T @ self._unit.bubble
-        )
+        change = self._unit.combined(directions.T)
         field = self.coil_field(currents)
         return self._form.sensitivities(potential, field, self._material, change, tolerance)
 
@@ -288,15 +387,12 @@ class NonlinearSolver(BaseField):
     def energy_operator(self, currents: Array, potential: Array) -> Callable[[Array], Array]:
         """The tangent at a state, iron and air, on nodal potentials (n, k): symmetric and positive."""
         tangent = self.tangent(currents, potential)
-        return lambda values: tangent @ values + self._form.air(values)
+        return lambda values: tangent @ values + self._form.exterior.apply(values)
 
     def coil_field(self, currents: Array) -> CoilField:
         """The field of coils and background in the iron at currents (c,), as the forms take it."""
-        constant = np.einsum("c,ced->ed", currents, self._unit.constant)
-        bubble = (currents @ self._unit.bubble)[None]
-        if self._background is None:
-            return CoilField(constant[None], bubble)
-        return CoilField(constant + self._background.constant, bubble + self._background.bubble)
+        own = self._unit.combined(currents[None])
+        return own if self._background is None else own + self._background
 
     def differential_inductance(self, state: NonlinearSolution, tolerance: float = 1e-8) -> Array:
         """Derivatives (c, c) in H of the flux linkages by the currents at a state of this solver; symmetric.
@@ -307,8 +403,8 @@ class NonlinearSolver(BaseField):
         inside = state.state.iron.inside
         if not isinstance(inside, PotentialField) or inside.elements is not self._form.elements:
             remedy = "pass a result of solve of this solver"
-            raise InputError(
-                Problem("differential_inductance, state", "must be a state of this solver", "another", remedy)
+            raise InputError.of(
+                "differential_inductance, state", "must be a state of this solver", "another", remedy
             )
         added = iron_differential_inductance(self._form, self._material, inside, self._unit, tolerance)
         return self._air_inductance + added
@@ -318,28 +414,34 @@ class NonlinearSolver(BaseField):
         return bare_inductance(self.device.coils)
 
     def estimate_error(self, solution: NonlinearSolution, tolerance: float = 1e-3) -> ErrorEstimate:
-        """How far a state of this solver is from the truth in the workspace (`fieldmap.iron.error.estimate`).
+        """How far a state of this solver is from the truth in the workspace (`fieldmap.iron.error`).
 
         Solves it again in the flux form, from the potential found, and on a mesh 1.4 times coarser; both are kept for
         further states. Raises InputError if the device has no workspace, NotConverged as `solve`.
         """
-        workspace_surface(self.device)
+        points = workspace_surface(self.device)
         stages, field = Stages(self._progress), self.coil_field(solution.currents)
         stages.next("flux form", 0.3)
         residual = tolerance * _RESIDUAL_OF_COMPLEMENT
-        complement = self._complement.solve(self._material, field, solution.state.potential, residual)
+        elements, material = self._complement.elements, self._material
+        values = elements.nodal.coil_field_at_points(field)
+        try:
+            start = elements.from_nodal(solution.state.potential)
+            complement = self._complement.solve(material, values, residual, start).iron
+        except NotConverged:
+            complement = self._complement.solve(material, values, residual).iron
         stages.next("coarser mesh", 0.6)
-        coarser = self._coarser.solve(solution.currents, tolerance).state.iron
+        coarser = self._coarser.solve(solution.currents, tolerance)
         stages.done("error estimated")
-        return state_error(self.device, solution.currents, solution.state.iron, coarser, complement)
+        return estimate_error(points, solution, coarser, replace(solution, iron=complement))
 
     @cached_property
     def _assumptions(self) -> tuple[str, ...]:
         return material_assumptions(self.device) + geometry_notes(self.device)
 
     @cached_property
-    def _complement(self) -> Complement:
-        return Complement(self._iron)
+    def _complement(self) -> FluxForm:
+        return FluxForm(self._iron)
 
     @cached_property
     def _coarser(self) -> NonlinearSolver:

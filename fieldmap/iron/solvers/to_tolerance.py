@@ -10,7 +10,6 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
@@ -19,31 +18,26 @@ from fieldmap.device.model import Device
 from fieldmap.errors import InputError, Problem, ToleranceNotReached
 from fieldmap.iron.elements.potential_form import ConvexForm
 from fieldmap.iron.elements.state import IronState
-from fieldmap.iron.error.estimate import ErrorEstimate, LargestError, estimate_error, workspace_surface
-from fieldmap.iron.error.refinement import (
-    FaceShares,
-    WorkspaceDipoles,
-    element_indicators,
-    expected_growth,
-    face_indicators,
-    next_sizes,
-)
-from fieldmap.iron.error.tolerance import (
+from fieldmap.iron.error import (
+    ErrorEstimate,
     ErrorShare,
     ExpectedCost,
+    LargestError,
     MeshStep,
     Tolerance,
     ToleranceReport,
+    estimate_error,
     expected_cost,
     faces_within,
+    workspace_surface,
 )
 from fieldmap.iron.geometry.checks import check_geometry
 from fieldmap.iron.materials import BodyProperties, body_properties
-from fieldmap.iron.mesh.local_sizes import LocalSizes
 from fieldmap.iron.mesh.mesh import generate_mesh
+from fieldmap.iron.mesh.mesher import LocalSizes
 from fieldmap.iron.operators.assembled import AssembledIron, assemble, expected_bytes, fits_into_memory
 from fieldmap.iron.report import Progress, Stages
-from fieldmap.iron.sensitivity.origin import Origin
+from fieldmap.iron.sensitivity.adjoint import Origin
 from fieldmap.iron.solution import LinearSolution
 from fieldmap.iron.solvers.linear import (
     check_arguments,
@@ -52,6 +46,14 @@ from fieldmap.iron.solvers.linear import (
     form_on,
     require_source,
     solved_in_form,
+)
+from fieldmap.iron.solvers.refinement import (
+    FaceShares,
+    WorkspaceDipoles,
+    element_indicators,
+    expected_growth,
+    face_indicators,
+    next_sizes,
 )
 from fieldmap.records import Record
 from fieldmap.typing import Array, PathLike
@@ -83,7 +85,7 @@ def solve_to_tolerance(
 
     tolerance: of the flux density, relative to its largest value in the workspace, for each coil and for the permanent
     magnets; gradient_tolerance: of the gradient, 3 x tolerance if None, relative to the larger of its largest value and
-    of |B| over a length (`fieldmap.iron.error.estimate`). A `Tolerance` in place of the number says it for each
+    of |B| over a length (`fieldmap.iron.error`). A `Tolerance` in place of the number says it for each
     quantity, relative or absolute. Elements get smaller where the field in the workspace depends on it
     (`fieldmap.iron.error`); the estimate compares the last two meshes and both forms on the last, and adds up what flat
     faces of constant charge leave out.
@@ -102,12 +104,10 @@ def solve_to_tolerance(
     the background
     """
     device = read_device(device)
-    _check_most_meshes(most_meshes)
     if not isinstance(tolerance, Tolerance):
-        check_arguments(tolerance, 1.0, "auto")
+        check_arguments("solve_linear", tolerance)
     asked = Tolerance.of(tolerance, gradient_tolerance)
-    _check_currents(asked, device)
-    _require_shapes(device)
+    _check(device, asked, most_meshes)
     check_geometry(device)
     points = workspace_surface(device)
     properties = body_properties(device, mu_r)
@@ -118,18 +118,20 @@ def solve_to_tolerance(
     return replace(run.solution(), origin=Origin(device, True, mu_r))
 
 
-def _check_most_meshes(most_meshes: int) -> None:
+def _check(device: Device, asked: Tolerance, most_meshes: int) -> None:
+    """Raise InputError for arguments that cannot be meant for the device."""
     if most_meshes < 2:
         must_hold = "must be 2 or more, because the estimate compares two"
-        raise InputError(
-            Problem("solve_to_tolerance, most_meshes", must_hold, repr(most_meshes), f"try {MOST_MESHES}")
-        )
-
-
-def _check_currents(asked: Tolerance, device: Device) -> None:
+        remedy = f"try {MOST_MESHES}"
+        raise InputError.of("solve_to_tolerance, most_meshes", must_hold, repr(most_meshes), remedy)
     if asked.currents is not None and len(asked.currents) != len(device.coils):
         must_hold = f"must have one entry for each of the {len(device.coils)} coils"
-        raise InputError(Problem("Tolerance, currents", must_hold, repr(asked.currents), "in their order"))
+        raise InputError.of("Tolerance, currents", must_hold, repr(asked.currents), "in their order")
+    own = [body.name for body in device.bodies if body.has_own_mesh]
+    if own:
+        must_hold = "elements are chosen for bodies of shapes; a mesh of your own is used as it is"
+        remedy = "solve_linear at refinement 1 and 2 shows the error of such a mesh"
+        raise InputError.of(f"device '{device.name}', body '{own[0]}'", must_hold, "a mesh", remedy)
 
 
 @dataclass(eq=False)
@@ -163,7 +165,10 @@ class _Run:
             )
             error = self._estimate(level, coarser)
             excess = None if error is None else self.asked.excess(error, len(self.device.coils))
-            self.steps.append(_step(level.solution, time.perf_counter() - begin, error, excess))
+            report = level.solution.report
+            estimates = () if error is None else (error.flux_density, error.gradient, excess)
+            counts = (report.surface_faces, report.tetrahedra, report.matrix_bytes)
+            self.steps.append(MeshStep(*counts, time.perf_counter() - begin, *estimates))
             if error is not None and excess is not None:
                 self._keep(level.solution, error, excess)
                 if excess <= 1.0:
@@ -254,25 +259,6 @@ class _Run:
         )
 
 
-def _step(
-    solution: LinearSolution, seconds: float, error: ErrorEstimate | None, excess: float | None
-) -> MeshStep:
-    report = solution.report
-    counts = (report.surface_faces, report.tetrahedra, report.matrix_bytes, seconds)
-    if error is None:
-        return MeshStep(*counts)
-    return MeshStep(*counts, error.flux_density, error.gradient, excess)
-
-
-def _require_shapes(device: Device) -> None:
-    own = [body.name for body in device.bodies if body.has_own_mesh]
-    if own:
-        must_hold = "elements are chosen for bodies of shapes; a mesh of your own is used as it is"
-        remedy = "solve_linear at refinement 1 and 2 shows the error of such a mesh"
-        where = f"device '{device.name}', body '{own[0]}'"
-        raise InputError(Problem(where, must_hold, "a mesh", remedy))
-
-
 @dataclass(frozen=True, eq=False, repr=False)
 class Level(Record):
     """One mesh, solved: shares in the error, and sizes for the next mesh.
@@ -282,7 +268,7 @@ class Level(Record):
 
     properties: BodyProperties
     points: Array
-    forms: tuple[ConvexForm[Any], ...]
+    forms: tuple[ConvexForm, ...]
     solutions: tuple[LinearSolution, ...]
     asked: Tolerance
 
@@ -304,6 +290,10 @@ class Level(Record):
         return cls(properties, points, forms, solutions, asked)
 
     @property
+    def _iron(self) -> AssembledIron:
+        return self.forms[0].iron
+
+    @property
     def solution(self) -> LinearSolution:
         """In the chosen form."""
         return self.solutions[0]
@@ -316,7 +306,7 @@ class Level(Record):
     @cached_property
     def face_shares(self) -> FaceShares:
         """What the charges on the surface share in the error of B."""
-        iron, state = self.forms[0].iron, self._states[0]
+        iron, state = self._iron, self._states[0]
         triangles = iron.topology.nodes[iron.topology.surface]
         return face_indicators(
             iron.surface, triangles, state.density, self._dual.density, self._size, self._fixed, self.points
@@ -338,7 +328,7 @@ class Level(Record):
     @property
     def _fixed(self) -> Array:
         """Remanence times the dipoles' flux density (c, k, s), T^2, below each face; 0 for coils."""
-        iron = self.forms[0].iron
+        iron = self._iron
         below = iron.topology.owner[iron.topology.surface, 0]
         remanence = self.properties.on(iron.mesh).remanence[iron.mesh.body[below]]
         work = np.einsum("sd,ksd->ks", remanence, self._dual.flux_density[:, below])
@@ -349,21 +339,13 @@ class Level(Record):
 
     def next_sizes(self, reduction: float) -> LocalSizes:
         """Element sizes for the next mesh, which is to divide the error by `reduction`, 4 at most."""
-        iron = self.forms[0].iron
-        return next_sizes(
-            iron.mesh,
-            iron.topology,
-            iron.surface,
-            self.face_shares,
-            self.element_shares,
-            reduction,
-            _LEAST_GROWTH,
-        )
+        iron, shares = self._iron, self.face_shares
+        return next_sizes(iron, shares, self.element_shares, reduction, _LEAST_GROWTH)
 
     @cached_property
     def element_shares(self) -> Array:
         """What the elements (e,) share in the error of B; 0 where there is one form alone."""
-        iron = self.forms[0].iron
+        iron = self._iron
         if self.complement is None:
             return np.zeros(len(iron.mesh.tets))
         other = self._dipoles.magnetise(self.forms[1], self.properties)
@@ -372,12 +354,11 @@ class Level(Record):
 
     def growth(self, sizes: LocalSizes) -> tuple[float, float]:
         """How many times as many surface faces and tetrahedra the next mesh is expected to have."""
-        iron = self.forms[0].iron
-        return expected_growth(iron.mesh, iron.topology, iron.surface, self.face_shares.at_edge, sizes)
+        return expected_growth(self._iron, self.face_shares.at_edge, sizes)
 
     def shares_of_bodies(self, sizes: LocalSizes | None = None) -> tuple[ErrorShare, ...]:
         """What every body shares in the error of B, the largest first; sizes: of the next mesh."""
-        iron, cells = self.forms[0].iron, self.forms[0].iron.mesh.cells
+        iron, cells = self._iron, self._iron.mesh.cells
         assert cells is not None
         below = iron.topology.owner[iron.topology.surface, 0]
         own = self.face_shares.across + self.face_shares.rest
@@ -404,7 +385,7 @@ class Level(Record):
 
     @cached_property
     def _dipoles(self) -> WorkspaceDipoles:
-        return WorkspaceDipoles.near_iron(self.points, self.forms[0].iron.surface)
+        return WorkspaceDipoles.near_iron(self.points, self._iron.surface)
 
     @cached_property
     def _dual(self) -> IronState:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from fieldmap.currents import CurrentDomain
 from fieldmap.iron import NonlinearSolver
-from fieldmap.iron.elements.state_images import StateImage
+from fieldmap.iron.solvers.nonlinear import StateImage
 from fieldmap.parallel import Common, Outcome, WorkerDied, Workers
 from fieldmap.records import Record
 from fieldmap.store import Checkpoint

@@ -12,8 +12,8 @@ import fieldmap as fm
 from fieldmap.device.mesh_files import read_mesh
 from fieldmap.device.surfaces import enclosed_volume, read_stl, surface_fault
 from fieldmap.errors import InputError, Problem
-from fieldmap.iron.geometry.cad_kernel import occ
 from fieldmap.iron.geometry.checks import check_geometry
+from fieldmap.iron.geometry.shapes import occ
 from fieldmap.iron.geometry.solids import body_solid
 from validation.fuzzing.case import Case, Generator, Kind, not_finite
 from validation.fuzzing.mutations import bytes_of, characters

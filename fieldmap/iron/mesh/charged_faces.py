@@ -6,6 +6,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from fieldmap.iron.topology import area_vectors
 from fieldmap.kernels.iron.charged_surface import surface_field
 from fieldmap.kernels.iron.charged_surface_gradient import surface_gradient
 from fieldmap.kernels.iron.charged_surface_weights import surface_weights
@@ -13,7 +14,7 @@ from fieldmap.kernels.iron.mutual_potential import copy_lower, mutual_potential
 from fieldmap.kernels.simplex_rules import triangle_rule
 from fieldmap.records import Record
 from fieldmap.threads import over_rows
-from fieldmap.typing import Array
+from fieldmap.typing import Array, Index
 
 # Farther than this many radii from its centre a triangle is three point charges (measured: 1e-6 of the field).
 _FAR_RADII = 8.0
@@ -39,10 +40,10 @@ class ChargedFaces(Record):
     radii: Array
 
     @classmethod
-    def from_nodes(cls, points: Array, nodes: NDArray[np.int64]) -> "ChargedFaces":
+    def from_nodes(cls, points: Array, nodes: Index) -> "ChargedFaces":
         """Triangles `nodes` (n, 3) of `points`, normal by the right-hand rule."""
         corners = np.ascontiguousarray(points[nodes])
-        cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        cross = area_vectors(corners)
         twice = np.linalg.norm(cross, axis=1)
         centres = corners.mean(axis=1)
         radii = np.linalg.norm(corners - centres[:, None, :], axis=2).max(axis=1)
@@ -57,7 +58,7 @@ class ChargedFaces(Record):
         """W (n, n), see `fieldmap.kernels.iron.mutual_potential`."""
         return self.mutual_potential_with(self, symmetric=True)
 
-    def part(self, chosen: NDArray[np.int64]) -> "ChargedFaces":
+    def part(self, chosen: Index | NDArray[np.bool_]) -> "ChargedFaces":
         """Some of the triangles, in this order."""
         return ChargedFaces(
             np.ascontiguousarray(self.corners[chosen]),

@@ -10,7 +10,6 @@ those edges has an order of its own, that of the singularity r^(-1/3).
 """
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,10 +19,10 @@ from fieldmap.iron.elements.bh_law import Magnetisation, straight_laws
 from fieldmap.iron.elements.potential_form import ConvexForm
 from fieldmap.iron.elements.state import IronState
 from fieldmap.iron.materials import BodyProperties
-from fieldmap.iron.mesh.local_sizes import LocalSizes
-from fieldmap.iron.mesh.mesh import LAYER_RATIO, IronMesh
-from fieldmap.iron.mesh.topology import Faces
-from fieldmap.iron.operators.surface import ChargedFaces
+from fieldmap.iron.mesh.charged_faces import ChargedFaces
+from fieldmap.iron.mesh.mesh import LAYER_RATIO
+from fieldmap.iron.mesh.mesher import LocalSizes, MesherCells
+from fieldmap.iron.operators.assembled import AssembledIron
 from fieldmap.kernels.simplex_rules import tetrahedron_rule
 from fieldmap.records import Record
 from fieldmap.typing import Array, Index
@@ -59,7 +58,7 @@ class WorkspaceDipoles(Record):
         tensor = 3 * offset[:, :, :, None] * offset[:, :, None, :] / r**2 - np.eye(3)
         return np.moveaxis(tensor / (4 * np.pi * r**3), 2, 1).reshape(-1, len(x), 3)
 
-    def magnetise(self, problem: ConvexForm[Any], properties: BodyProperties) -> IronState:
+    def magnetise(self, problem: ConvexForm, properties: BodyProperties) -> IronState:
         """The iron in the field of every dipole alone."""
         elements, body = problem.elements, problem.iron.mesh.body
         properties = properties.on(problem.iron.mesh)
@@ -277,9 +276,7 @@ class _Shares:
 
 
 def next_sizes(
-    mesh: IronMesh,
-    topology: Faces,
-    surface: ChargedFaces,
+    iron: AssembledIron,
     faces: FaceShares,
     elements: Array,
     reduction: float,
@@ -287,11 +284,8 @@ def next_sizes(
 ) -> LocalSizes:
     """Sizes and layers that divide the predicted error by `reduction`, at most 4, from the shares of faces and of
     elements (e,); smaller ones where these would not give `least_growth` times as many surface faces."""
-    cells = mesh.cells
-    if cells is None:
-        raise ValueError("a mesh copied from a chamber has no cells")
+    surface, cells, below = iron.surface, *_cells(iron)
     count = len(cells.sizes)
-    below = cells.number[topology.owner[topology.surface, 0]]
     tips = np.flatnonzero(faces.at_edge)
     own = np.where(faces.at_edge, 0.0, faces.across) + faces.rest
     near, near_tips = _nearest(cells.centres), _nearest(surface.centres[tips])
@@ -317,10 +311,7 @@ def next_sizes(
 
     found = sizes_at(common)
     for _ in range(_MOST_TRIES):
-        if (
-            expected_growth(mesh, topology, surface, faces.at_edge, found, _LEAST_PER_LAYER)[0]
-            >= least_growth
-        ):
+        if expected_growth(iron, faces.at_edge, found, _LEAST_PER_LAYER)[0] >= least_growth:
             break
         common -= _TRY
         found = sizes_at(common)
@@ -328,9 +319,7 @@ def next_sizes(
 
 
 def expected_growth(
-    mesh: IronMesh,
-    topology: Faces,
-    surface: ChargedFaces,
+    iron: AssembledIron,
     at_edge: NDArray[np.bool_],
     sizes: LocalSizes,
     per_layer: tuple[float, float] = _PER_LAYER,
@@ -340,20 +329,25 @@ def expected_growth(
     at_edge (s,): whether faces touch a sharp edge; per_layer: how many faces, and tetrahedra, one more layer adds there
     to each.
     """
-    cells = mesh.cells
-    if cells is None:
-        raise ValueError("a mesh copied from a chamber has no cells")
+    cells, below = _cells(iron)
     factor = sizes.sizes / cells.sizes
-    below = cells.number[topology.owner[topology.surface, 0]]
     # Walls as thin as their elements gain like the square, thick iron like the cube.
     faces, tets = factor[below] ** -2, factor[cells.number] ** -2.5
     layers = np.maximum(
-        0.0, np.log(heights(surface.corners[at_edge]) / sizes.layers) / np.log(1 / LAYER_RATIO)
+        0.0, np.log(heights(iron.surface.corners[at_edge]) / sizes.layers) / np.log(1 / LAYER_RATIO)
     )
     along = factor[below[at_edge]] ** -1
     faces[at_edge] = along * (1 + per_layer[0] * layers)
     added = float((along * per_layer[1] * layers).sum())
     return float(faces.mean()), float(tets.sum() + added) / len(tets)
+
+
+def _cells(iron: AssembledIron) -> tuple[MesherCells, Index]:
+    """The mesher's cells, and the one (s,) below each surface face."""
+    cells, topology = iron.mesh.cells, iron.topology
+    if cells is None:
+        raise ValueError("a mesh copied from a chamber has no cells")
+    return cells, cells.number[topology.owner[topology.surface, 0]]
 
 
 def _common_share(parts: tuple[_Shares, ...], aim: float) -> float:

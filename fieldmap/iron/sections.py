@@ -12,6 +12,7 @@ from fieldmap.device.model import Section
 from fieldmap.errors import InputError, Problem
 from fieldmap.iron.elements.state import IronState
 from fieldmap.iron.mesh.mesh import IronMesh
+from fieldmap.iron.topology import area_vectors
 from fieldmap.kernels.simplex_rules import triangle_rule
 from fieldmap.records import Record
 from fieldmap.typing import Array, Index
@@ -37,15 +38,6 @@ class SectionFlux(Record):
         return self.flux / self.area
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class Cut(Record):
-    """Triangles of a section: element (k,), corners (k, 3, 4) in barycentric coordinates of it, area (k,) in m^2."""
-
-    element: Index
-    corners: Array
-    area: Array
-
-
 def named_section(sections: tuple[Section, ...], section: str | Section) -> Section:
     """The section itself, or that of a name. Raises InputError for a name that the device file does not have."""
     if isinstance(section, Section):
@@ -55,9 +47,7 @@ def named_section(sections: tuple[Section, ...], section: str | Section) -> Sect
             return known
     names = ", ".join(known.name for known in sections) or "none: the device file has no [[section]]"
     remedy = "use one of these, or give a Section with its own origin and normal"
-    raise InputError(
-        Problem("section, name", f"must be a section of the device: {names}", repr(section), remedy)
-    )
+    raise InputError.of("section, name", f"must be a section of the device: {names}", repr(section), remedy)
 
 
 def section_flux(
@@ -72,26 +62,27 @@ def section_flux(
         raise no_iron_at(section)
     normal = np.asarray(section.normal, dtype=float)
     normal = normal / np.linalg.norm(normal)
-    cut = cut_by_plane(mesh, section, normal)
-    if not cut.area.sum() > 0:
-        # A plane in the very surface of the iron cuts it from the other side.
-        cut = cut_by_plane(mesh, section, -normal)
-    area = float(cut.area.sum())
-    if not area > 0:
+    # A plane in the very surface of the iron cuts it from the other side.
+    for side in (normal, -normal):
+        cut, corners, areas = cut_by_plane(mesh, section, side)
+        if areas.sum() > 0:
+            break
+    else:
         raise no_iron_at(section)
     rule, rule_weights = triangle_rule(_DEGREE)
     flux = 0.0
-    for part in np.array_split(np.arange(len(cut.area)), 1 + len(cut.area) // _BATCH):
-        points = np.einsum("qk,nkb->nqb", rule, cut.corners[part])
-        element = np.repeat(cut.element[part], len(rule_weights))
+    for part in np.array_split(np.arange(len(areas)), 1 + len(areas) // _BATCH):
+        points = np.einsum("qk,nkb->nqb", rule, corners[part])
+        element = np.repeat(cut[part], len(rule_weights))
         b = state.flux_density_at(element, points.reshape(-1, 4))
         along = (np.tensordot(weights, b, 1) @ normal).reshape(len(part), -1)
-        flux += float(cut.area[part] @ (along @ rule_weights))
-    return SectionFlux(section.name, area, flux)
+        flux += float(areas[part] @ (along @ rule_weights))
+    return SectionFlux(section.name, float(areas.sum()), flux)
 
 
-def cut_by_plane(mesh: IronMesh, section: Section, normal: Array) -> Cut:
-    """What the plane of a section cuts out of the elements of its bodies, within its half widths."""
+def cut_by_plane(mesh: IronMesh, section: Section, normal: Array) -> tuple[Index, Array, Array]:
+    """What the plane of a section cuts out of the elements of its bodies, within its half widths: triangles, by their
+    element (k,), corners (k, 3, 4) in barycentric coordinates of it, and area (k,) in m^2."""
     extent = float(np.ptp(mesh.points, axis=0).max())
     height = (mesh.points - np.asarray(section.origin, dtype=float)) @ normal
     height[np.abs(height) < SNAP * extent] = 0.0
@@ -107,8 +98,8 @@ def cut_by_plane(mesh: IronMesh, section: Section, normal: Array) -> Cut:
             margin = section.half_widths[axis] - side * (x[..., axis] - section.origin[axis])
             element, corners = clip_triangles(element, corners, margin)
     x = np.einsum("nkb,nbd->nkd", corners, mesh.points[mesh.tets[element]])
-    area = 0.5 * np.linalg.norm(np.cross(x[:, 1] - x[:, 0], x[:, 2] - x[:, 0]), axis=1)
-    return Cut(element, corners, area)
+    area = 0.5 * np.linalg.norm(area_vectors(x), axis=1)
+    return element, corners, area
 
 
 def _cut_elements(element: Index, height: Array) -> tuple[Index, Array]:
@@ -155,13 +146,11 @@ def clip_triangles(element: Index, corners: Array, margin: Array) -> tuple[Index
 def no_iron_at(section: Section) -> InputError:
     """The error of a section that cuts no iron."""
     place = ", ".join(f"{1e3 * x:g}" for x in section.origin)
-    return InputError(
-        Problem(
-            f"section '{section.name}'",
-            "its plane must cut iron" + (f" of {', '.join(section.bodies)}" if section.bodies else ""),
-            f"none at ({place}) mm" + ("" if section.half_widths is None else " within its half widths"),
-            "move the plane, widen it, or name other bodies",
-        )
+    return InputError.of(
+        f"section '{section.name}'",
+        "its plane must cut iron" + (f" of {', '.join(section.bodies)}" if section.bodies else ""),
+        f"none at ({place}) mm" + ("" if section.half_widths is None else " within its half widths"),
+        "move the plane, widen it, or name other bodies",
     )
 
 

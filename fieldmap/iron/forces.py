@@ -7,16 +7,15 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from fieldmap.constants import MU0
 from fieldmap.device.model import Background, Coil
 from fieldmap.errors import InputError, Problem
+from fieldmap.iron.mesh.charged_faces import ChargedFaces
 from fieldmap.iron.mesh.mesh import IronMesh
 from fieldmap.iron.mesh.surface_mesh import IronSurface
-from fieldmap.iron.operators.surface import ChargedFaces
+from fieldmap.iron.topology import connected
 from fieldmap.records import Record
 from fieldmap.sources import unit_flux_density
 from fieldmap.sources.winding_rules import current_elements
@@ -46,9 +45,7 @@ def magnetic_bodies(mesh: IronMesh | IronSurface, faces: ChargedFaces) -> Magnet
         outer = mesh.faces_around(mesh.all_solids)
         return MagneticBodies(mesh.pieces, mesh.pieces[mesh.sides[outer, 0]])
     count = len(mesh.points)
-    first = np.repeat(mesh.tets[:, 0], 3)
-    links = coo_matrix((np.ones(len(first)), (first, mesh.tets[:, 1:].ravel())), shape=(count, count))
-    piece = connected_components(links)[1]
+    piece = connected(np.column_stack([np.repeat(mesh.tets[:, 0], 3), mesh.tets[:, 1:].ravel()]), count)
     # Points that no element uses are pieces of their own; number those in use from 0.
     used, of_element = np.unique(piece[mesh.tets[:, 0]], return_inverse=True)
     corners = faces.corners[:, 0]
@@ -110,12 +107,12 @@ def _on_charges(device: Magnetised, mine: _Share):
     """Points (n, 3) and forces (n, 3) on the charges of the named iron: sigma B / mu0 over its faces."""
     if device.faces is None or device.density is None or not mine.faces.any():
         return
-    chosen, density = _subset(device.faces, mine.faces), device.density[mine.faces]
-    near = _is_near(chosen, _subset(device.faces, ~mine.faces))
+    chosen, density = device.faces.part(mine.faces), device.density[mine.faces]
+    near = _is_near(chosen, device.faces.part(~mine.faces))
     for part, degree in ((~near, _DEGREE), (near, _NEAR_DEGREE)):
         if not part.any():
             continue
-        faces = _subset(chosen, part)
+        faces = chosen.part(part)
         points, weights = faces.rule_points(degree)
         charge = np.outer(density[part] * faces.areas / MU0, weights).reshape(-1, 1)
         points = points.reshape(-1, 3)
@@ -139,14 +136,8 @@ def _field(device: Magnetised, sources: _Share, points: Array) -> Array:
             field += device.currents[k] * unit_flux_density(device.coils[k], points, digits=_DIGITS)
     if device.faces is not None and device.density is not None and sources.faces.any():
         density = np.ascontiguousarray(device.density[None, sources.faces])
-        field += _subset(device.faces, sources.faces).field(points, density)[0]
+        field += device.faces.part(sources.faces).field(points, density)[0]
     return field
-
-
-def _subset(faces: ChargedFaces, mask: Mask) -> ChargedFaces:
-    return ChargedFaces(
-        faces.corners[mask], faces.normals[mask], faces.areas[mask], faces.centres[mask], faces.radii[mask]
-    )
 
 
 def _is_near(faces: ChargedFaces, others: ChargedFaces) -> Mask:
@@ -203,7 +194,7 @@ def _require_whole_pieces(
 def _checked_point(about: ArrayLike) -> Array:
     point = np.asarray(about, dtype=float)
     if point.shape != (3,) or not np.isfinite(point).all():
-        raise InputError(
-            Problem("torque, about", "must be one finite point (3,)", repr(about), "give x, y, z in m")
+        raise InputError.of(
+            "torque, about", "must be one finite point (3,)", repr(about), "give x, y, z in m"
         )
     return point

@@ -1,4 +1,7 @@
-"""Mirrors and rotations that map a device onto itself: found from its parts up to rounding, made an exact group."""
+"""Mirrors and rotations that map a device onto itself: found from its parts up to rounding, made an exact group.
+
+A finite group of mirrors and rotations as data, and its names for people.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -6,27 +9,220 @@ from itertools import combinations
 
 import numpy as np
 
+from fieldmap.device import model
 from fieldmap.device.coils import Coil, WindingPath
-from fieldmap.device.model import (
-    Body,
-    Box,
-    Cylinder,
-    Device,
-    ExtrudedPolygon,
-    MeshFile,
-    Placement,
-    RevolvedProfile,
-    Ring,
-    Shape,
-    Sphere,
-    StepFile,
-    TriangleSurface,
-    VolumeMesh,
-)
 from fieldmap.device.parts import joint_of
-from fieldmap.iron.symmetry.group import Operation, SymmetryGroup, multiplication_table
+from fieldmap.iron.topology import area_vectors
 from fieldmap.records import Record
 from fieldmap.typing import Array, Index
+
+# Entries of orthogonal matrices closer than this are the same operation.
+_SAME_OPERATION = 1e-6
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Operation(Record):
+    """x -> matrix @ x + offset maps the iron onto itself.
+
+    matrix (3, 3) orthogonal, offset (3,) in m. bodies: body k is mapped onto body bodies[k]. coils: coil k onto coil
+    coils[k], or None where some coil has no image among the coils; coil_signs: -1 where a positive current in coil
+    k becomes a negative one in its image (a current's sense is an axial vector: a mirror that contains the coil's
+    axis reverses it). keeps_magnets: remanences (axial vectors too) are mapped onto each other, and the background, if
+    any, onto itself.
+    """
+
+    matrix: Array
+    offset: Array
+    bodies: tuple[int, ...]
+    coils: tuple[int, ...] | None
+    coil_signs: tuple[int, ...]
+    keeps_magnets: bool
+
+    @property
+    def handedness(self) -> int:
+        """+1 for rotations, -1 for mirrors and other operations that turn a right hand into a left one."""
+        return 1 if np.linalg.det(self.matrix) > 0 else -1
+
+    @property
+    def is_mirror(self) -> bool:
+        """Whether it is the reflection in a plane."""
+        return self.handedness < 0 and abs(float(np.trace(self.matrix)) - 1.0) < _SAME_OPERATION
+
+    def __call__(self, points: Array) -> Array:
+        """Images (n, 3) of points (n, 3)."""
+        return points @ self.matrix.T + self.offset
+
+    def __str__(self) -> str:
+        if np.allclose(self.matrix, np.eye(3), atol=_SAME_OPERATION):
+            return "identity"
+        if self.is_mirror:
+            return f"mirror {_plane(self)}"
+        # A matrix of determinant -1 is a rotation followed by the inversion.
+        turn = self.handedness * self.matrix
+        axis = rotation_axis(turn)
+        sine = np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]]) @ axis
+        angle = np.degrees(np.arctan2(sine, np.trace(turn) - 1)) % 360
+        if min(angle, 360 - angle) < 1e-3:
+            return "inversion"
+        what = f"rotation by {angle:.4g} deg about {_axis_name(axis)}"
+        return what if self.handedness > 0 else what + " with inversion"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class SymmetryGroup(Record):
+    """All operations found, the identity first.
+
+    centre (3,) in m: a point that no operation moves. tolerance in m: positions and lengths that differ by less were
+    taken to be equal. limits: what was not looked at, or left out, in words.
+    """
+
+    operations: tuple[Operation, ...]
+    centre: Array
+    tolerance: float
+    limits: tuple[str, ...] = ()
+
+    @property
+    def order(self) -> int:
+        """Number of operations."""
+        return len(self.operations)
+
+    @property
+    def matrices(self) -> Array:
+        """(order, 3, 3)."""
+        return np.array([operation.matrix for operation in self.operations])
+
+    def __str__(self) -> str:
+        return _group_name(self.operations)
+
+    def subgroup(self, members: list[int]) -> "SymmetryGroup":
+        """The operations with these indices; they must form a group, the identity first."""
+        chosen = tuple(self.operations[k] for k in members)
+        return SymmetryGroup(chosen, self.centre, self.tolerance, self.limits)
+
+
+def multiplication_table(matrices: Array) -> Index | None:
+    """table[a, b] is the index of matrices[a] @ matrices[b]; None where a product is missing."""
+    products = np.einsum("aij,bjk->abik", matrices, matrices)
+    distance = np.abs(products[:, :, None] - matrices[None, None]).max(axis=(3, 4))
+    table = distance.argmin(axis=2)
+    return table if distance.min(axis=2).max() < 100 * _SAME_OPERATION else None
+
+
+def rotation_axis(turn: Array) -> Array:
+    """Unit vector along the axis of a rotation; of the two, the one whose largest component is positive."""
+    values, vectors = np.linalg.eigh(turn + turn.T)
+    axis = vectors[:, values.argmax()]
+    return axis * np.sign(axis[np.abs(axis).argmax()])
+
+
+def mirror_normal(mirror: Array) -> Array:
+    """Unit normal of a mirror's plane; its largest component is positive."""
+    values, vectors = np.linalg.eigh(mirror)
+    normal = vectors[:, values.argmin()]
+    return normal * np.sign(normal[np.abs(normal).argmax()])
+
+
+def _axis_name(axis: Array) -> str:
+    for name, unit in zip("xyz", np.eye(3), strict=True):
+        if abs(axis @ unit) > 1 - _SAME_OPERATION:
+            return f"axis {name}"
+    return "axis ({})".format(", ".join(f"{value:.4g}" for value in axis))
+
+
+def _plane(mirror: Operation) -> str:
+    normal = mirror_normal(mirror.matrix)
+    # offset = 2 (normal . p) normal for a point p of the plane.
+    at = float(mirror.offset @ normal) / 2
+    for name, unit in zip("xyz", np.eye(3), strict=True):
+        if abs(normal @ unit) > 1 - _SAME_OPERATION:
+            return f"{name} = 0" if abs(at) < 1e-9 else f"{name} = {1e3 * at:.6g} mm"
+    terms = " ".join(
+        f"{value:+.4g} {name}"
+        for value, name in zip(normal, "xyz", strict=True)
+        if abs(value) > _SAME_OPERATION
+    )
+    return f"{terms.lstrip('+')} = {1e3 * at if abs(at) > 1e-9 else 0:.6g} mm"
+
+
+def _group_name(operations: tuple[Operation, ...]) -> str:
+    if len(operations) == 1:
+        return "none"
+    mirrors = [operation for operation in operations if operation.is_mirror]
+    fold, axis = _main_axis(operations)
+    if fold <= 2 and len(mirrors) > 0:
+        planes = sorted(_plane(mirror) for mirror in mirrors)
+        return ("mirror " if len(planes) == 1 else "mirrors ") + ", ".join(planes)
+    if fold == 1:
+        return "inversion"
+    name = f"{fold}-fold {axis}"
+    return f"{name} with {len(mirrors)} mirror planes" if mirrors else name
+
+
+def _main_axis(operations: tuple[Operation, ...]) -> tuple[int, str]:
+    """How many proper rotations, with the identity, there are about the axis with the most, and its name."""
+    turns = [op.matrix for op in operations if op.handedness > 0 and not np.allclose(op.matrix, np.eye(3))]
+    if not turns:
+        return 1, ""
+    axes = np.array([rotation_axis(turn) for turn in turns])
+    count = (np.abs(axes @ axes.T) > 1 - _SAME_OPERATION).sum(axis=1)
+    best = int(count.argmax())
+    return int(count[best]) + 1, _axis_name(axes[best])
+
+
+_SEED = 1
+# Eigenvalues of a generic matrix that differ by less than this belong together.
+_SAME_EIGENVALUE = 1e-9
+
+
+def inverses(table: Index) -> Index:
+    """Index (g,) of the inverse of each element; the identity is element 0."""
+    return np.argmax(table == 0, axis=1)
+
+
+def irreducible_representations(table: Index) -> tuple[Array, ...]:
+    """Real orthogonal matrices (g, d, d) of each inequivalent irreducible representation.
+
+    table (g, g): index of the product of two elements, element 0 the identity. Raises ValueError for a group that
+    has complex ones (rotations alone, say).
+
+    >>> [len(m[0]) for m in irreducible_representations(np.array([[0, 1], [1, 0]]))]
+    [1, 1]
+    """
+    order = len(table)
+    weight = np.random.default_rng(_SEED).standard_normal(order)
+    weight += weight[inverses(table)]
+    # (R(c) f)(a) = f(a c) commutes with translations from the left.
+    commuting = np.zeros((order, order))
+    for c in range(order):
+        commuting[np.arange(order), table[:, c]] += weight[c]
+    values, vectors = np.linalg.eigh(commuting)
+    found: list[Array] = []
+    scale = np.abs(values).max()
+    for space in np.split(vectors, np.flatnonzero(np.diff(values) > _SAME_EIGENVALUE * scale) + 1, axis=1):
+        # (L(h) f)(h a) = f(a)
+        matrices = np.array([space[row].T @ space for row in table])
+        # Signs and zeros exactly.
+        whole = np.round(matrices)
+        matrices = np.where(np.abs(matrices - whole) < 1e-12, whole, matrices)
+        character = np.trace(matrices, axis1=1, axis2=2)
+        known = (np.trace(other, axis1=1, axis2=2) for other in found)
+        if not any(np.abs(character - other).max() < 1e-6 for other in known):
+            found.append(matrices)
+    if sum(matrices.shape[1] ** 2 for matrices in found) != order:
+        raise ValueError("the group has irreducible representations that are not real")
+    return tuple(sorted(found, key=lambda matrices: matrices.shape[1]))
+
+
+def fourier_matrix(representations: tuple[Array, ...]) -> Array:
+    """Orthogonal matrix (g, g): functions on the group to their coefficients, rows in the order (representation, i, j).
+
+    Coefficient sqrt(d/g) sum_b matrices[b, i, j] f(b), by the orthogonality of matrix entries (Schur).
+    """
+    order = len(representations[0])
+    return np.concatenate(
+        [np.sqrt(m.shape[1] / order) * m.reshape(order, -1).T for m in representations], axis=0
+    )
+
 
 # Values of cosines and sines that appear in matrices of axes along the coordinates.
 _EXACT = np.array([0.0, 0.5, 1.0, np.sqrt(0.5), np.sqrt(0.75)])
@@ -43,7 +239,7 @@ def exact_matrices(found: Array) -> Array | None:
     if table is None or len(np.unique(table[:, 0])) < len(found):
         return None
     order = len(found)
-    inverse = np.argmax(table == 0, axis=1)
+    inverse = inverses(table)
     functions = np.swapaxes(found, 1, 2).reshape(3 * order, 3) / np.sqrt(order)
     rows = 3 * np.repeat(np.arange(order), 3) + np.tile(np.arange(3), order)
     projector = np.zeros((3 * order, 3 * order))
@@ -125,7 +321,7 @@ def _same_set(these: tuple[Outline, ...], those: tuple[Outline, ...], tolerance:
     return True
 
 
-def body_item(body: Body, kind: tuple[object, ...]) -> Item:
+def body_item(body: model.Body, kind: tuple[object, ...]) -> Item:
     """A body's parts. `kind` holds whatever else must be equal in bodies that are alike."""
     runs: list[tuple[str, list[Outline]]] = []
     for part in body.parts:
@@ -175,29 +371,29 @@ def _bar_rows(path: WindingPath) -> Array:
     return _both_ways(*ends, 0.0, path.height)
 
 
-def _shape_rows(shape: Shape) -> tuple[tuple[object, ...], Array]:
+def _shape_rows(shape: model.Shape) -> tuple[tuple[object, ...], Array]:
     match shape:
-        case Cylinder(radius, height):
+        case model.Cylinder(radius, height):
             return ("turned",), _turned(np.array([[0, 0], [radius, 0], [radius, height], [0, height]]))
-        case Ring(inner, outer, height):
+        case model.Ring(inner, outer, height):
             return ("turned",), _turned(np.array([[inner, 0], [outer, 0], [outer, height], [inner, height]]))
-        case RevolvedProfile(points):
+        case model.RevolvedProfile(points):
             return ("turned",), _turned(np.asarray(points, dtype=float))
-        case Box((x, y, z)):
+        case model.Box((x, y, z)):
             outline = np.array([[-x, -y], [x, -y], [x, y], [-x, y]]) / 2
             return ("prism",), _prism(outline, z)
-        case ExtrudedPolygon(points, height):
+        case model.ExtrudedPolygon(points, height):
             return ("prism",), _prism(np.asarray(points, dtype=float), height)
-        case Sphere(radius):
+        case model.Sphere(radius):
             return ("sphere",), np.array([[0.0] * 6 + [radius, 0.0]])
-        case TriangleSurface(points, triangles):
+        case model.TriangleSurface(points, triangles):
             return ("surface",), _surface_rows(np.asarray(points), np.asarray(triangles))
-        case StepFile(path, scale):
+        case model.StepFile(path, scale):
             # The solid's own symmetry is not looked at: a frame of three labelled points has none.
             return ("step", str(path), scale), _labelled_frame()
-        case MeshFile(path, scale, region):
+        case model.MeshFile(path, scale, region):
             return ("mesh file", str(path), scale, region), _labelled_frame()
-        case VolumeMesh(points, tets):
+        case model.VolumeMesh(points, tets):
             # As that of a STEP file: nothing but a copy of the same mesh is its image.
             kind = ("mesh", np.asarray(points).tobytes(), np.asarray(tets).tobytes())
             return kind, _labelled_frame()
@@ -212,8 +408,7 @@ def _labelled_frame() -> Array:
 
 def _surface_rows(points: Array, triangles: Index) -> Array:
     """The edges of a surface that are no diagonals of plane faces."""
-    corners = points[triangles]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals = area_vectors(points[triangles])
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     sides = triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
     order = np.lexsort(np.sort(sides, axis=1).T)
@@ -246,7 +441,7 @@ def _turned(profile: Array) -> Array:
     return np.unique(np.concatenate([forth, back]), axis=0)
 
 
-def _placed(rows: Array, placement: Placement) -> Array:
+def _placed(rows: Array, placement: model.Placement) -> Array:
     out = rows.copy()
     rotation = np.asarray(placement.rotation, dtype=float)
     for part in (slice(0, 3), slice(3, 6)):
@@ -259,7 +454,7 @@ _RELATIVE_TOLERANCE = 1e-6
 _IDENTITY = np.eye(3)
 
 
-def find_symmetry(device: Device) -> SymmetryGroup:
+def find_symmetry(device: model.Device) -> SymmetryGroup:
     """All mirrors and rotations that map the iron onto itself, and what they do to coils and magnets.
 
     Bodies are alike where shape, material (for magnets: mu_r) and mesh sizes are. Lengths and positions count as
@@ -286,7 +481,7 @@ def find_symmetry(device: Device) -> SymmetryGroup:
         f"body '{body.name}' {'is a mesh' if body.has_own_mesh else 'comes from a STEP file'},"
         " whose own symmetry is not looked at"
         for body in device.bodies
-        if body.has_own_mesh or any(isinstance(part.shape, StepFile) for part in body.parts)
+        if body.has_own_mesh or any(isinstance(part.shape, model.StepFile) for part in body.parts)
     )
     matrices = _finite_group(iron, coils, centre, tolerance)
     found = (_operation(device, m, centre, iron, coils, tolerance) for m in matrices)
@@ -387,7 +582,7 @@ def _images(items: list[Item], matrix: Array, centre: Array, tolerance: float) -
 
 
 def _operation(
-    device: Device, matrix: Array, centre: Array, iron: list[Item], coils: list[Item], tolerance: float
+    device: model.Device, matrix: Array, centre: Array, iron: list[Item], coils: list[Item], tolerance: float
 ) -> Operation:
     # The exact matrix is within the tolerance of the found one; twice as much keeps the verdict.
     bodies = _images(iron, matrix, centre, 2 * tolerance)
@@ -414,7 +609,7 @@ def _operation(
     )
 
 
-def _keeps_magnets(device: Device, matrix: Array, images: tuple[int, ...]) -> bool:
+def _keeps_magnets(device: model.Device, matrix: Array, images: tuple[int, ...]) -> bool:
     materials = [device.materials[body.material] for body in device.bodies]
     handedness = np.sign(np.linalg.det(matrix))
     for material, image in zip(materials, images, strict=True):
@@ -425,7 +620,7 @@ def _keeps_magnets(device: Device, matrix: Array, images: tuple[int, ...]) -> bo
     return True
 
 
-def _keeps_joints(device: Device, images: tuple[int, ...]) -> bool:
+def _keeps_joints(device: model.Device, images: tuple[int, ...]) -> bool:
     """Whether the joint of every pair of bodies, if they touch, is like that of their images."""
     names = [body.name for body in device.bodies]
 
@@ -437,11 +632,11 @@ def _keeps_joints(device: Device, images: tuple[int, ...]) -> bool:
     return all(about(a, b) == about(images[a], images[b]) for a, b in pairs)
 
 
-def _keeps_background(device: Device, matrix: Array, offset: Array) -> bool:
+def _keeps_background(device: model.Device, matrix: Array, offset: Array) -> bool:
     return device.background is None or device.background.is_kept_by(matrix, offset)
 
 
-def _kind(device: Device, body: Body) -> tuple[object, ...]:
+def _kind(device: model.Device, body: model.Body) -> tuple[object, ...]:
     material = device.materials[body.material]
     kind = (body.material,) if material.likeness is None else material.likeness
     return (*kind, body.mesh_size, body.edge_size)
@@ -451,6 +646,6 @@ def _largest_scalar(item: Item) -> float:
     return max(float(outline.rows[:, 6:].max()) for run in item.runs for outline in run)
 
 
-def _trivial(device: Device) -> Operation:
+def _trivial(device: model.Device) -> Operation:
     coils = len(device.coils)
     return Operation(_IDENTITY, np.zeros(3), (), tuple(range(coils)), (1,) * coils, True)

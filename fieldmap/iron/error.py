@@ -1,0 +1,497 @@
+"""How far a solution is from the truth, from what can be computed: the complementary form, and a coarser mesh.
+
+The potential form errs to one side in the energy, the flux form to the other: what the elements inside the iron cannot
+resolve lies between the two on one mesh, and similar meshes that agree with each other cannot hide it. In the energy
+norm the mean of the two is half their distance from the truth (Prager and Synge, Quart. Appl. Math. 5 (1947) 241); half
+the gap is charged for fields as well. What both forms have in common, rounded surfaces of flat faces and charges
+constant on each, shows between two meshes, of which the estimate is for the coarser; where the shares of all faces in
+the error are known (`fieldmap.iron.solvers.refinement`), their sum is an estimate for the finer one. The smaller of
+these two counts. The estimate is the larger of that and the gap, for each source by itself.
+
+Relative errors of B are those of its largest value in the workspace. A gradient may vanish, in a shield or in the
+middle of a symmetric machine; its errors are relative to the larger of its own largest value and |B| / L. L is half the
+diagonal of the workspace, or the distance from its middle to the nearest iron where that is longer: an error e of the
+gradient then adds at most e times |B| to the field between the middle and the corners, and a small workspace far from
+the iron does not loosen the scale.
+
+A tolerance is what error is asked for, and its report how a run that refines for it went. An error is within a
+tolerance if it is no larger than the relative part times the size that it is relative to (`fieldmap.iron.error`), or no
+larger than the absolute part: the larger of the two is allowed. Where a field is shielded to almost nothing, the
+absolute part alone can be meant.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from fieldmap.device.model import Device
+from fieldmap.errors import InputError, Problem
+from fieldmap.records import Record, count_of
+from fieldmap.typing import Array
+
+# The mean of two complementary solutions is off by half their distance.
+_GAP_SHARE = 0.5
+_POINTS_PER_EDGE = 5
+# True errors of shells and spheres are up to 2.6 times the sum of the shares, those of other devices below it.
+_SHARES_SHORT = 2.0
+# Errors fall like the number of faces, at least: over fewer more of them a change is only a part of the error.
+ENOUGH_GROWTH = 1.0
+QUANTITIES = ("B", "gradient")
+
+
+@dataclass(frozen=True, repr=False)
+class Bracket(Record):
+    """The largest component of B at one point by both forms: at (3,) in m, low and high in T, source in words."""
+
+    what: str
+    at: tuple[float, float, float]
+    source: str
+    low: float
+    high: float
+
+    def __str__(self) -> str:
+        place = ", ".join(f"{1e3 * x:.4g}" for x in self.at)
+        gap = 100 * (self.high - self.low) / max(abs(self.high), abs(self.low), 1e-300)
+        return (
+            f"{self.what} of {self.source} at ({place}) mm between {1e3 * self.low:.6g} and {1e3 * self.high:.6g} mT "
+            f"({gap:.2g} %)"
+        )
+
+
+@dataclass(frozen=True, repr=False)
+class LargestError(Record):
+    """The largest estimated error of one quantity, "B" or "gradient", of one source in the workspace.
+
+    error, size: in T or T/m, of 1 A in a coil; what relative errors are relative to is `size`. at (3,): where it is
+    largest, m.
+    """
+
+    quantity: str
+    source: str
+    at: tuple[float, float, float]
+    error: float
+    size: float
+
+    @property
+    def relative(self) -> float:
+        """error / size; 0 where there is no field."""
+        return self.error / self.size if self.size > 0 else 0.0
+
+    def __str__(self) -> str:
+        place = ", ".join(f"{1e3 * x:.4g}" for x in self.at)
+        unit, scale = ("mT", 1e3) if self.quantity == "B" else ("T/m", 1.0)
+        return (
+            f"{self.quantity} of {self.source} at ({place}) mm: {scale * self.error:.2g} {unit}, "
+            f"{100 * self.relative:.2g} % of {scale * self.size:.3g} {unit}"
+        )
+
+
+@dataclass(frozen=True, repr=False)
+class ErrorEstimate(Record):
+    """Relative to the largest |B| in the workspace and to the scale of the gradient (see above), for the worst source:
+    a coil, or the magnets.
+
+    flux_density, gradient: the estimates; change: (B, gradient) between two meshes, or None if there is only one; gap:
+    (B, gradient) between the potential form and the flux form on the same mesh, bracket: of B in the middle of the
+    workspace, or None if only one form can be used; shares: sum of the shares of all faces in the error of B, or None.
+    by_source: the largest errors of B, one for each source, then those of the gradient, in T and T/m and with their
+    places; length: the L of the gradient's scale, m.
+    """
+
+    flux_density: float
+    gradient: float
+    change: tuple[float, float] | None
+    gap: tuple[float, float] | None
+    bracket: Bracket | None = None
+    shares: float | None = None
+    by_source: tuple[LargestError, ...] = ()
+    length: float | None = None
+
+    def worst(self, quantity: str) -> LargestError | None:
+        """That of the source with the largest relative error of "B" or "gradient"; None if no places were kept."""
+        found = [one for one in self.by_source if one.quantity == quantity]
+        return max(found, key=lambda one: one.relative, default=None)
+
+    def __str__(self) -> str:
+        words = []
+        if self.change is not None:
+            words.append(f"B changes by {100 * self.change[0]:.2g} % between two meshes")
+        if self.shares is not None:
+            words.append(f"constant charges leave out {100 * self.shares:.2g} %")
+        if self.gap is not None:
+            words.append(f"{100 * self.gap[0]:.2g} % between the two forms on one mesh")
+        bracket = "" if self.bracket is None else f"; {self.bracket}"
+        return (
+            f"estimated error in the workspace {100 * self.flux_density:.2g} % of B, {100 * self.gradient:.2g} % of "
+            f"its gradient ({', '.join(words)}){bracket}"
+        )
+
+
+class Solution(Protocol):
+    """What the estimate asks of a solution: its fields outside the iron, per source (c)."""
+
+    @property
+    def sources(self) -> tuple[str, ...]:
+        """What each source is, in words."""
+        ...
+
+    @property
+    def iron_points(self) -> Array:
+        """Points (m, 3) all over the surface of the iron, m."""
+        ...
+
+    def source_fields(self, points: Array) -> tuple[Array, Array]:
+        """Field (c, n, 3) and gradient (c, n, 3, 3) at points (n, 3)."""
+        ...
+
+
+def workspace_surface(device: Device) -> Array:
+    """Points (n, 3) on the surface of the workspace's box. Field and gradient are harmonic inside, so that errors are
+    largest there. Raises InputError if the device has no workspace."""
+    bounds = device.bounds
+    if bounds is None:
+        raise InputError.of(
+            f"device '{device.name}'",
+            "must have a workspace, in which the error is estimated",
+            "none",
+            "add a [workspace] table to the device file",
+        )
+    lower, upper = bounds
+    t = np.linspace(0, 1, _POINTS_PER_EDGE)
+    grid = np.stack(np.meshgrid(t, t, t, indexing="ij"), axis=-1).reshape(-1, 3)
+    on_surface = ((grid == 0) | (grid == 1)).any(axis=1)
+    return lower + grid[on_surface] * (upper - lower)
+
+
+def gradient_length(points: Array, iron: Array) -> float:
+    """The length L (m) of the gradient's scale: the larger of half the diagonal of the box of points (n, 3), and of the
+    distance from its middle to the nearest of the points of the iron (m, 3).
+
+    >>> corners = np.array([[-3.0, -4.0, 0.0], [3.0, 4.0, 0.0]])
+    >>> gradient_length(corners, np.array([[0.0, 0.0, 2.0]])), gradient_length(corners, np.array([[0.0, 0.0, 9.0]]))
+    (5.0, 9.0)
+    """
+    lower, upper = points.min(axis=0), points.max(axis=0)
+    distance = np.linalg.norm(iron - 0.5 * (lower + upper), axis=1).min(initial=np.inf)
+    half = 0.5 * float(np.linalg.norm(upper - lower))
+    return max(half, float(distance)) if np.isfinite(distance) else half
+
+
+def estimate_error(
+    points: Array,
+    solution: Solution,
+    coarser: Solution | None,
+    complement: Solution | None,
+    shares: Array | None = None,
+    growth: float = 1.0,
+) -> ErrorEstimate:
+    """Estimate at points (n, 3) from the same problem on a coarser mesh and in the other form; not without both.
+
+    shares (c,): sums of the shares of all faces in the error of B of every source, where known. growth: how many more
+    faces this mesh has than the coarser one, relative to it; meshes that hardly differ agree whatever their error, so
+    that a change over less than `ENOUGH_GROWTH` is taken for that part of the change over it. The bracket is that of
+    the point in the middle of all points.
+    """
+    middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
+    places = np.vstack([points, middle])
+    fields = solution.source_fields(places)
+    length = gradient_length(points, solution.iron_points)
+    sizes = _sizes(fields, length)
+    change = gap = bracket = None
+    nothing = np.zeros((2, len(fields[0]), len(places)))
+    changed, apart = nothing, nothing
+    if coarser is not None:
+        changed = _distances(fields, coarser.source_fields(places))
+        change = _relative(changed, sizes)
+        changed = changed * max(1.0, ENOUGH_GROWTH / max(growth, 1e-3))
+        if shares is not None:
+            most = _SHARES_SHORT * shares * sizes[0]
+            changed[0] *= np.minimum(1.0, most / np.maximum(changed[0].max(axis=1), 1e-300))[:, None]
+    if complement is not None:
+        others = complement.source_fields(places)
+        apart = _distances(fields, others)
+        gap = _relative(apart, sizes)
+        bracket = _bracket(middle, solution.sources, fields[0][:, -1], others[0][:, -1])
+    by_source = _largest_errors(np.maximum(changed, _GAP_SHARE * apart), sizes, places, solution.sources)
+    flux_density, gradient = (
+        max((one.relative for one in by_source if one.quantity == name), default=0.0) for name in QUANTITIES
+    )
+    total = None if shares is None else float(shares.max(initial=0.0))
+    return ErrorEstimate(flux_density, gradient, change, gap, bracket, total, by_source, length)
+
+
+def _sizes(fields: tuple[Array, Array], length: float) -> Array:
+    """What errors of B and gradient (2, c) are relative to, T and T/m."""
+    b = np.linalg.norm(fields[0], axis=-1).max(axis=1)
+    g = np.linalg.norm(fields[1], axis=(-2, -1)).max(axis=1)
+    return np.stack([b, np.maximum(g, b / length)])
+
+
+def _distances(one: tuple[Array, Array], other: tuple[Array, Array]) -> Array:
+    """Of B (c, n, 3) and gradient (c, n, 3, 3) at every point: (2, c, n), T and T/m."""
+    field, gradient = one[0] - other[0], one[1] - other[1]
+    return np.stack([np.linalg.norm(field, axis=-1), np.linalg.norm(gradient, axis=(-2, -1))])
+
+
+def _relative(distances: Array, sizes: Array) -> tuple[float, float]:
+    """The largest of the distances (2, c, n) of B and of the gradient, each source relative to its size (2, c)."""
+    values = distances.max(axis=2) / np.where(sizes > 0, sizes, np.inf)
+    return float(values[0].max(initial=0.0)), float(values[1].max(initial=0.0))
+
+
+def _largest_errors(
+    errors: Array, sizes: Array, places: Array, sources: tuple[str, ...]
+) -> tuple[LargestError, ...]:
+    """Of errors (2, c, n) at places (n, 3)."""
+    out = []
+    for quantity, values, size in zip(QUANTITIES, errors, sizes, strict=True):
+        for k, source in enumerate(sources):
+            at = int(values[k].argmax())
+            x, y, z = (float(value) for value in places[at])
+            out.append(LargestError(quantity, source, (x, y, z), float(values[k, at]), float(size[k])))
+    return tuple(out)
+
+
+def _bracket(place: Array, sources: tuple[str, ...], one: Array, other: Array) -> Bracket:
+    """Of fields (c, 3): the source whose two fields differ most, relative to their size."""
+    size = np.linalg.norm(one, axis=1)
+    relative = np.linalg.norm(one - other, axis=1) / np.where(size > 0, size, np.inf)
+    worst = int(relative.argmax())
+    component = int(np.abs(one[worst]).argmax())
+    low, high = sorted((float(one[worst, component]), float(other[worst, component])))
+    x, y, z = (float(value) for value in place)
+    return Bracket("B" + "xyz"[component], (x, y, z), sources[worst], low, high)
+
+
+ENDS = {
+    "reached": "within the tolerance",
+    "stalled": "the estimate fell no further",
+    "memory": "the next mesh does not fit into memory",
+    "meshes": "as many meshes as were allowed",
+}
+"""How a run may end, with what that means."""
+_GRADIENT_PER_FIELD = 3.0
+
+
+@dataclass(frozen=True, repr=False)
+class Tolerance(Record):
+    """Allowed errors in the workspace; of a quantity whose two parts are None any error is allowed.
+
+    flux_density: relative to the largest |B|; gradient: relative to the larger of the largest |grad B| and of |B| over
+    a length; absolute_flux_density in T; absolute_gradient in T/m. Each holds for
+    every source by itself: the magnets and the background, and every coil with 1 A, or with its entry of `currents`, A.
+    Raises InputError for values that cannot be meant.
+
+    >>> Tolerance(flux_density=0.01, absolute_flux_density=1e-6)
+    Tolerance(flux_density=0.01, absolute_flux_density=1e-06)
+    """
+
+    flux_density: float | None = None
+    gradient: float | None = None
+    absolute_flux_density: float | None = None
+    absolute_gradient: float | None = None
+    currents: tuple[float, ...] | None = None
+
+    def __post_init__(self) -> None:
+        if self.currents is not None:
+            object.__setattr__(self, "currents", tuple(float(value) for value in self.currents))
+        problems = [
+            Problem(f"Tolerance, {name}", must_hold, repr(value), remedy)
+            for name, must_hold, remedy, value, right in self._judged()
+            if not right
+        ]
+        if problems:
+            raise InputError(*problems)
+
+    def _judged(self) -> list[tuple[str, str, str, object, bool]]:
+        out: list[tuple[str, str, str, object, bool]] = []
+        for name in ("flux_density", "gradient"):
+            value = getattr(self, name)
+            most = 1.0 if name == "flux_density" else np.inf
+            right = value is None or bool(0 < value < most)
+            out.append((name, f"must lie between 0 and {most:g}", "try 1e-3", value, right))
+            absolute = getattr(self, f"absolute_{name}")
+            right = absolute is None or bool(np.isfinite(absolute) and absolute > 0)
+            out.append((f"absolute_{name}", "must be a finite number > 0", "leave it out", absolute, right))
+        parts = (self.flux_density, self.gradient, self.absolute_flux_density, self.absolute_gradient)
+        some = any(part is not None for part in parts)
+        out.append(("flux_density", "must say of what an error is allowed", "try 1e-3", None, some))
+        right = self.currents is None or all(map(np.isfinite, self.currents))
+        out.append(("currents", "must be finite numbers", "give one for each coil, A", self.currents, right))
+        return out
+
+    @classmethod
+    def of(cls, tolerance: float | Tolerance, gradient: float | None = None) -> Tolerance:
+        """A number is relative, of B, and three times it of the gradient, or `gradient` where that is given; inf allows
+        any error of the gradient."""
+        if isinstance(tolerance, Tolerance):
+            return tolerance
+        allowed = _GRADIENT_PER_FIELD * tolerance if gradient is None else gradient
+        return cls(tolerance, None if allowed == np.inf else allowed)
+
+    @property
+    def solving(self) -> float:
+        """Tolerance of the iteration on every mesh: the smallest relative part, no larger than 1e-3 where an absolute
+        part may be the one that counts."""
+        relative = [part for part in (self.flux_density, self.gradient) if part is not None]
+        absolute = self.absolute_flux_density is not None or self.absolute_gradient is not None
+        return min([*relative, 1e-3] if absolute else relative)
+
+    def allowed(self, one: LargestError, source: int, coils: int) -> float:
+        """Of the source with this number among the sources, of which the first are coils: T or T/m; inf if any is."""
+        name = "flux_density" if one.quantity == "B" else "gradient"
+        relative, absolute = getattr(self, name), getattr(self, f"absolute_{name}")
+        if relative is None and absolute is None:
+            return float("inf")
+        current = 1.0
+        if self.currents is not None and source < coils:
+            current = abs(self.currents[source])
+        fixed = 0.0 if absolute is None else absolute / current if current else float("inf")
+        return max((relative or 0.0) * one.size, fixed)
+
+    def excess(self, estimate: ErrorEstimate, coils: int) -> float:
+        """The largest estimated error over what is allowed: 1 or less is within the tolerance."""
+        worst = self.worst(estimate, coils)
+        return 0.0 if worst is None else worst[1]
+
+    def worst(self, estimate: ErrorEstimate, coils: int) -> tuple[LargestError, float] | None:
+        """The error that is the largest multiple of what is allowed, and that multiple."""
+        count = max(1, len(estimate.by_source) // 2)
+        found = [
+            (one, one.error / max(self.allowed(one, number % count, coils), 1e-300))
+            for number, one in enumerate(estimate.by_source)
+        ]
+        return max(found, key=lambda pair: pair[1], default=None)
+
+    def __str__(self) -> str:
+        words = []
+        for name, what, unit in (("flux_density", "B", "T"), ("gradient", "its gradient", "T/m")):
+            relative, absolute = getattr(self, name), getattr(self, f"absolute_{name}")
+            parts = [] if relative is None else [f"{100 * relative:.3g} %"]
+            parts += [] if absolute is None else [f"{absolute:.3g} {unit}"]
+            if parts:
+                words.append(f"{' or '.join(parts)} of {what}")
+        return ", ".join(words)
+
+
+@dataclass(frozen=True, repr=False)
+class MeshStep(Record):
+    """One mesh of a run: counts, bytes of its matrix, wall time in s; flux_density, gradient: estimates, relative, None
+    on the first mesh; excess: the largest estimate over what is allowed."""
+
+    faces: int
+    tetrahedra: int
+    matrix_bytes: int
+    seconds: float
+    flux_density: float | None = None
+    gradient: float | None = None
+    excess: float | None = None
+
+
+@dataclass(frozen=True, repr=False)
+class ErrorShare(Record):
+    """What one body shares in the error of B in the workspace, by the indicators of its faces and elements.
+
+    share: of all bodies together; at (3,): the element that has most of it, m; size, wanted: length of an element there
+    and in the next mesh, m; layer: thickness of the first layer where it lies at a sharp edge, m, None elsewhere.
+    """
+
+    body: str
+    share: float
+    at: tuple[float, float, float]
+    size: float
+    wanted: float
+    layer: float | None = None
+
+    def __str__(self) -> str:
+        place = ", ".join(f"{1e3 * x:.3g}" for x in self.at)
+        edge = "" if self.layer is None else f" with layers of {1e3 * self.layer:.2g} mm at the edges"
+        sizes = f"elements of {1e3 * self.size:.2g} mm"
+        if self.wanted < self.size:
+            sizes = f"{sizes}, which would have to be {1e3 * self.wanted:.2g} mm{edge}"
+        return (
+            f"body '{self.body}' has {100 * self.share:.0f} % of the error, most at ({place}) mm in {sizes}"
+        )
+
+
+@dataclass(frozen=True, repr=False)
+class ExpectedCost(Record):
+    """Of a mesh that was not solved, predicted from those that were: its matrix in bytes, wall time in s."""
+
+    faces: int
+    tetrahedra: int
+    matrix_bytes: float
+    seconds: float
+
+    def __str__(self) -> str:
+        return (
+            f"{self.faces:,} surface faces, {self.tetrahedra:,} tetrahedra, {self.matrix_bytes / 1e9:.2g} GB, "
+            f"{self.seconds:.0f} s"
+        )
+
+
+@dataclass(frozen=True, repr=False)
+class ToleranceReport(Record):
+    """How a run to a tolerance went.
+
+    ended: one of `ENDS`; steps: its meshes; worst: the error that is the largest multiple of what is allowed, with its
+    place in the workspace, on the mesh of the answer; shares: of the bodies, the largest first; next_mesh: what the
+    next one would cost, and whole: a mesh within the tolerance, if the estimate goes on falling as it did; None where
+    the run does not tell.
+    """
+
+    asked: Tolerance
+    ended: str
+    steps: tuple[MeshStep, ...]
+    worst: LargestError | None = None
+    shares: tuple[ErrorShare, ...] = ()
+    next_mesh: ExpectedCost | None = None
+    whole: ExpectedCost | None = None
+
+    @property
+    def reached(self) -> bool:
+        """Whether the estimate is within the tolerance."""
+        return self.ended == "reached"
+
+    def __str__(self) -> str:
+        parts = [f"{ENDS[self.ended]} ({self.asked}) after {count_of(len(self.steps), 'mesh', 'meshes')}"]
+        if self.worst is not None:
+            parts.append(f"largest error: {self.worst}")
+        if not self.reached and self.shares:
+            parts.append(str(self.shares[0]))
+        if not self.reached and self.next_mesh is not None:
+            parts.append(f"the next mesh would have {self.next_mesh}")
+        if not self.reached and self.whole is not None:
+            parts.append(f"the tolerance would take about {self.whole}")
+        return "; ".join(parts)
+
+
+def expected_cost(
+    steps: Sequence[MeshStep], faces: float, tetrahedra: float, matrix_bytes: float
+) -> ExpectedCost:
+    """Time by the power of the number of faces that the steps show, between 1 and 3 (2 where one alone is known)."""
+    last, power = steps[-1], 2.0
+    if len(steps) > 1 and last.faces > 1.2 * steps[0].faces and steps[0].seconds > 0:
+        measured = np.log(last.seconds / steps[0].seconds) / np.log(last.faces / steps[0].faces)
+        power = float(np.clip(measured, 1.0, 3.0))
+    seconds = last.seconds * (faces / last.faces) ** power
+    return ExpectedCost(round(faces), round(tetrahedra), matrix_bytes, float(seconds))
+
+
+def faces_within(steps: Sequence[MeshStep]) -> float | None:
+    """How many faces a mesh within the tolerance would have, by the power of their number with which the excess has
+    fallen so far; None where that is less than a quarter or two meshes alone have no estimate to compare."""
+    known = [(np.log(step.faces), np.log(step.excess)) for step in steps if step.excess]
+    if len(known) < 2:
+        return None
+    x, y = np.array(known).T
+    if np.ptp(x) < np.log(1.2):
+        return None
+    slope = float(np.polyfit(x, y, 1)[0])
+    if slope > -0.25:
+        return None
+    return float(np.exp(x[-1]) * np.exp(y[-1] / -slope))
