@@ -13,7 +13,8 @@ MOST_STEPS = 60
 
 
 class CoreIron:
-    """A model that lies in `numbers` (fieldmap/core/iron.h). Never written to: any number of states may use it."""
+    """A model that lies in numbers (`fieldmap.core.iron_numbers`). It is never written to, so that any number of states
+    may use it."""
 
     def __init__(self, numbers: Array) -> None:
         self.numbers = numbers
@@ -50,6 +51,11 @@ class IronState:
         checked: whether currents beyond the domain are refused. fresh: begin from nothing.
         """
         return int(LIBRARY.iron_solve(self.state, currents, tolerance, checked, fresh, weights, slopes))
+
+    def solve_in(self, applied: Array, amplitudes: Array, *, tolerance: float) -> int:
+        """Solve in the field `applied` (3 p,) of coils and background at the points, T, from amplitudes (r,), which
+        those found replace; the status. Unless it is FOUND they are those after the last step, or NaN."""
+        return int(LIBRARY.iron_solve_in(self.state, applied, amplitudes, tolerance))
 
     @property
     def amplitudes(self) -> Array:

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from fieldmap.core.iron import FOUND, CoreIron
+from fieldmap.core.iron_numbers import core_numbers
 from fieldmap.currents import CoilGroups, IndependentCurrents, LiftAndDirections
 from fieldmap.errors import InputError
 from fieldmap.interop import c_header, c_iron_header, write_c_iron_files, write_c_iron_map
 from fieldmap.lookup import compiled_currents, interpolate
-from fieldmap.lookup.current_solver import core_numbers
 from fieldmap.store import MapData, ReducedModel
 
 HERE = Path(__file__).parent / "c"
