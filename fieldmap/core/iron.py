@@ -5,10 +5,13 @@ from typing import Any
 from fieldmap.core.library import LIBRARY
 from fieldmap.typing import Array
 
-FOUND, NOT_FINITE, BEYOND, NOT_CONVERGED = 0, 2, 32, 33
+FOUND: int = LIBRARY.OK
+NOT_FINITE: int = LIBRARY.NOT_FINITE
+BEYOND: int = LIBRARY.IRON_BEYOND
+NOT_CONVERGED: int = LIBRARY.IRON_NOT_CONVERGED
 """What a solve says: it was found; a current is no number; currents beyond the domain; too many steps."""
 
-MOST_STEPS = 60
+MOST_STEPS: int = LIBRARY.IRON_STEPS
 """After which a solve gives up."""
 
 

@@ -5,11 +5,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from fieldmap.core.library import LIBRARY
 from fieldmap.records import tuple_line
 from fieldmap.typing import Array
 
-# Rows of single precision are whole vector registers; sizes before the arrays (FIELDMAP_IRON_LANES and _SIZES).
-_LANES, _SIZES = 16, 20
+# Rows of single precision are whole vector registers; sizes before the arrays.
+_LANES: int = LIBRARY.IRON_LANES
+_SIZES: int = LIBRARY.IRON_SIZES
 
 
 class SignalDomain(NamedTuple):

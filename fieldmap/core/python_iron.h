@@ -216,5 +216,8 @@ static PyObject *iron_continued(PyObject *self, PyObject *const *args, Py_ssize_
 #define IRON_FUNCTIONS \
     FUNCTION(iron_of_numbers), FUNCTION(iron_state), FUNCTION(iron_solve), FUNCTION(iron_solve_in), \
     FUNCTION(iron_amplitudes), FUNCTION(iron_continued)
+#define IRON_CONSTANTS \
+    CONSTANT(OK), CONSTANT(NOT_FINITE), CONSTANT(IRON_BEYOND), CONSTANT(IRON_NOT_CONVERGED), CONSTANT(IRON_STEPS), \
+    CONSTANT(IRON_LANES), CONSTANT(IRON_SIZES)
 
 #endif
