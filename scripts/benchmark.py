@@ -7,7 +7,7 @@ beside magpylib-material-response: the extra `bench`), peers (that program's own
 controllers (steps per second), lookup (a field from a map, beside five interpolation libraries of the same extra),
 generation (points times coils per second, beside magpylib), dynamics (a levitated magnet in closed loop, times real
 time), own (controllers of one's own in Python, numba and C: samples per second), saturating (new currents of maps of
-saturating iron, wrenches, currents for a force, beside the older way), app (what follows a slider of `fieldmap app`),
+saturating iron, wrenches, currents for a force), app (what follows a slider of `fieldmap app`),
 magpylib (fields as magpylib sources: time beside `field`, differences, moved and turned, getFT) and derivatives (of a
 state by numbers of its device, in solves).
 Prints figures, not verdicts: the exit code is 0 whatever they are. Compare ratios within one run only, and on a machine

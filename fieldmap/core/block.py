@@ -33,7 +33,7 @@ HERMITE: int = LIBRARY.HERMITE
 HARMONIC: int = LIBRARY.HARMONIC
 GLOBAL: int = LIBRARY.GLOBAL
 NAN_OUTSIDE, CLAMP = 0, 1
-EDGE = 1e-9
+EDGE: float = LIBRARY.EDGE
 """A point this far outside, in cells, still counts as inside: the rounding of upper = lower + (n - 1) spacing."""
 
 

@@ -11,7 +11,8 @@ from fieldmap.core.iron import IronState
 from fieldmap.core.library import LIBRARY
 from fieldmap.core.map import CoreMap
 
-COILS, ROOM = 2, 3
+COILS: int = LIBRARY.CALLER_COILS
+ROOM: int = LIBRARY.CALLER_ROOM
 """Positions in the words of a caller: how many currents it takes; how many numbers a wrench is asked with,
 answers in and works with: currents (n,), place (3,), rotation (9,), wrench (6,), slopes (6, n), and others."""
 

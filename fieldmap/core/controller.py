@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from fieldmap.core.library import LIBRARY
 from fieldmap.typing import Array
 
-SIGNALS = 7
+SIGNALS: int = LIBRARY.SIGNALS
 """Reference (3) and measured position (3), m, frame of the map, and 1."""
 DONE, FAILED, WRONG_LENGTH = 0, 1, 2
 """What a controller that is a C function returns; any number but DONE ends the run. An exception, and outputs of

@@ -5,7 +5,9 @@ from typing import Any, NamedTuple
 from fieldmap.core.library import LIBRARY
 from fieldmap.typing import Array
 
-FOUND, BESIDE, BEYOND = 0, 48, 49
+FOUND: int = LIBRARY.TABLE_FOUND
+BESIDE: int = LIBRARY.TABLE_BESIDE
+BEYOND: int = LIBRARY.TABLE_BEYOND
 """How good the weights of a table are: of a division in it; of currents beside every division; of a division beyond
 the table, or with a coil beyond the limit."""
 

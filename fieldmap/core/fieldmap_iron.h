@@ -42,6 +42,7 @@ static inline int fieldmap_iron_view(fieldmap_iron *map, const void *bytes, size
     memcpy(&count, raw + 32, 8);
     if (count > (size - FIELDMAP_NAMES) / 8) return FIELDMAP_DAMAGED;
     status = fieldmap_iron_of_numbers(map, (const double *)(const void *)(raw + FIELDMAP_NAMES), count);
+    if (status == FIELDMAP_OK && map->n_coils < 1) status = FIELDMAP_DAMAGED;
     if (status == FIELDMAP_OK) status = fieldmap_view(&map->fields, raw + FIELDMAP_NAMES + 8 * count, size - FIELDMAP_NAMES - 8 * (size_t)count);
     if (status == FIELDMAP_OK && (map->fields.n_coils != map->n_fields || map->fields.constant)) status = FIELDMAP_DAMAGED;
     if (status != FIELDMAP_OK) memset(map, 0, sizeof *map);

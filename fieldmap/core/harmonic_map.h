@@ -41,6 +41,9 @@ static inline int fieldmap_sets(const fieldmap *map)
     return map->n_coils + map->constant;
 }
 
+/* How far outside, in cells, rounding may put a point. */
+#define FIELDMAP_EDGE (sizeof(fm_real) < 8 ? FM(1e-5) : FM(1e-9))
+
 /* Where a point lies: cell (i, j, k), and coordinates 0 to 1 there. */
 typedef struct fieldmap_spot {
     int cell[3];
@@ -51,7 +54,6 @@ typedef struct fieldmap_spot {
  * any spot. A point that rounding puts outside lies inside. */
 FIELDMAP_INLINE int fieldmap_locate(const fieldmap *map, const fm_real *point, fieldmap_spot *spot)
 {
-    const fm_real edge = sizeof(fm_real) < 8 ? FM(1e-5) : FM(1e-9);
     int axis, inside = 1, finite = 1;
     for (axis = 0; axis < 3; axis++) {
         const fm_real cells = (fm_real)map->cells[axis], last = cells - FM(1);
@@ -59,7 +61,7 @@ FIELDMAP_INLINE int fieldmap_locate(const fieldmap *map, const fm_real *point, f
         /* NaN fails every comparison. */
         const fm_real above = u > FM(0) ? u : FM(0), in = above < cells ? above : cells;
         const int index = (int)(in < last ? in : last);
-        inside &= (u >= -edge) & (u <= cells + edge);
+        inside &= (u >= -FIELDMAP_EDGE) & (u <= cells + FIELDMAP_EDGE);
         finite &= fieldmap_finite(point[axis]);
         spot->cell[axis] = index;
         spot->t[axis] = in - (fm_real)index;

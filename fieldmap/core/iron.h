@@ -20,12 +20,13 @@ enum { FIELDMAP_IRON_BEYOND = 32, FIELDMAP_IRON_NOT_CONVERGED = 33, FIELDMAP_IRO
 
 enum {
     FIELDMAP_IRON_STEPS = 60, FIELDMAP_IRON_PAIRS = 12, FIELDMAP_IRON_PASSED = 3, FIELDMAP_IRON_LANES = 16,
-    FIELDMAP_IRON_TILE = 4, FIELDMAP_IRON_POINTS = 16, FIELDMAP_IRON_SIZES = 20,
+    FIELDMAP_IRON_TILE = 4, FIELDMAP_IRON_POINTS = 16, FIELDMAP_IRON_TOGETHER = 256, FIELDMAP_IRON_SIZES = 20,
     FIELDMAP_IRON_MAX_SIGNALS = 64, FIELDMAP_IRON_MAX_DEGREE = 30
 };
 
 /* A map of saturating iron: treat as read-only. fields: those of the coils, the iron and a background, of whose weights
- * the field is the sum. p points, r modes, of which rows of `wide` numbers are stored, c coils, k fields of the iron. */
+ * the field is the sum. p points, r modes, of which rows of `wide` numbers are stored, c coils, k fields of the iron. A model
+ * without coils, signals and terms is one that is solved in fields at its points, as maps are made. */
 typedef struct fieldmap_iron {
     fieldmap fields;
     int n_coils, n_fields, p, r, wide, k, has_fixed, n_laws, n_knots, n_terms, n_signals, division, checked;
@@ -44,7 +45,7 @@ typedef struct fieldmap_iron_state {
     int count, steps, checked;
     double left_over, tolerance;
     double *currents, *amplitudes, *factor, *h, *solution, *applied, *vector, *moved, *step_h, *residual, *response;
-    double *change, *rest, *left, *changes, *responses, *isotropic, *along, *products;
+    double *change, *rest, *left, *changes, *responses, *isotropic, *along, *products, *material;
     float *single, *single_change, *total, *sides, *rows;
     int *piece;
 } fieldmap_iron_state;
@@ -114,10 +115,11 @@ static inline int fieldmap_iron_arrays(fieldmap_iron *map, const double *at, uin
 /* A model that lies in `count` numbers, which must outlive it: sizes, and the arrays behind them. */
 static inline int fieldmap_iron_of_numbers(fieldmap_iron *map, const double *numbers, uint64_t count)
 {
-    static const long most[13] = {1000000, 4096, 4096 + 16, 256, 4096, 1, 4096, 1000000, 100000,
+    /* 3 p, and the sums over modes, are counted in int. */
+    static const long most[13] = {500000000, 4096, 4096 + 16, 256, 4096, 1, 4096, 1000000, 100000,
                                   FIELDMAP_IRON_MAX_SIGNALS, 1, 1, 4096 + 257};
     long sizes[13];
-    int i;
+    int i, coils;
     if (count < FIELDMAP_IRON_SIZES) return FIELDMAP_DAMAGED;
     for (i = 0; i < 13; i++) {
         sizes[i] = fieldmap_whole(numbers[i], 0, most[i]);
@@ -128,8 +130,9 @@ static inline int fieldmap_iron_of_numbers(fieldmap_iron *map, const double *num
     map->n_terms = (int)sizes[8], map->n_signals = (int)sizes[9], map->division = (int)sizes[10];
     map->checked = (int)sizes[11], map->n_fields = (int)sizes[12];
     map->exponent = numbers[13], map->limit = numbers[14], map->off = numbers[15], map->tolerance = numbers[16];
-    if (map->p < 1 || map->r < 1 || map->n_coils < 1 || map->n_laws < 1 || map->n_knots < 1 || map->n_terms < 1
-        || map->n_signals < 1 || map->wide < map->r || map->wide % FIELDMAP_IRON_LANES != 0
+    coils = map->n_coils > 0;
+    if (map->p < 1 || map->r < 1 || map->n_laws < 1 || map->n_knots < 1 || (map->n_terms > 0) != coils
+        || (map->n_signals > 0) != coils || map->wide < map->r || map->wide % FIELDMAP_IRON_LANES != 0
         || map->n_fields != map->n_coils + map->k + map->has_fixed
         || (map->division && (map->n_coils != 6 || map->n_signals != 3)) || !(map->tolerance > 0.0))
         return FIELDMAP_DAMAGED;
@@ -175,6 +178,7 @@ static inline size_t fieldmap_iron_lay_out(const fieldmap_iron *map, fieldmap_ir
     s->isotropic = (double *)fieldmap_iron_place(memory, &used, p, d);
     s->along = (double *)fieldmap_iron_place(memory, &used, p, d);
     s->products = (double *)fieldmap_iron_place(memory, &used, (size_t)map->n_terms, d);
+    s->material = (double *)fieldmap_iron_place(memory, &used, w, d);
     s->single = (float *)fieldmap_iron_place(memory, &used, w, f);
     s->single_change = (float *)fieldmap_iron_place(memory, &used, w, f);
     s->total = (float *)fieldmap_iron_place(memory, &used, (size_t)fieldmap_iron_tiles(map->r) * w, f);
@@ -367,14 +371,25 @@ FIELDMAP_INLINE void fieldmap_iron_add_rows(
     for (j = 0; j < w; j++) out[j] += x * g[j] + y * g[w + j] + z * g[2 * w + j];
 }
 
-/* step_h = G change, moved = w m h at h - step_h, single = G^T (moved - vector), in one pass; the law's slopes along the
+/* Add what the points since the last call left in `single` to `material`. Sums in single precision over all points of a model
+ * with a hundred thousand of them would lose 1e-4. */
+static inline void fieldmap_iron_collect(fieldmap_iron_state *s)
+{
+    int j;
+    for (j = 0; j < s->map->wide; j++) {
+        s->material[j] += (double)s->single[j];
+        s->single[j] = 0.0f;
+    }
+}
+
+/* step_h = G change, moved = w m h at h - step_h, material = G^T (moved - vector), in one pass; the law's slopes along the
  * step before and behind it. */
 static inline void fieldmap_iron_pass(const fieldmap_iron *map, fieldmap_iron_state *s, double *before, double *behind)
 {
     const int w = map->wide;
     int i, j, p;
     *before = *behind = 0.0;
-    for (j = 0; j < w; j++) s->single[j] = 0.0f;
+    for (j = 0; j < w; j++) s->single[j] = 0.0f, s->material[j] = 0.0;
     for (p = 0; p < map->p; p++) {
         const float *g = map->gradients + 3 * (size_t)p * (size_t)w;
         const size_t at = 3 * (size_t)p;
@@ -394,10 +409,12 @@ static inline void fieldmap_iron_pass(const fieldmap_iron *map, fieldmap_iron_st
             d[i] = (float)(s->moved[k] - s->vector[k]);
         }
         fieldmap_iron_add_rows(g, w, d, s->single);
+        if (p % FIELDMAP_IRON_TOGETHER == FIELDMAP_IRON_TOGETHER - 1) fieldmap_iron_collect(s);
     }
+    fieldmap_iron_collect(s);
 }
 
-/* The share in (0, 1) of a step that is too long at which the functional is least; moved and single as behind a pass. */
+/* The share in (0, 1) of a step that is too long at which the functional is least; moved and material as behind a pass. */
 static inline double fieldmap_iron_shorter(
     const fieldmap_iron *map, fieldmap_iron_state *s, double rest, double curved, double start, double end)
 {
@@ -427,11 +444,13 @@ static inline double fieldmap_iron_shorter(
             low_value = value;
         }
     }
-    for (j = 0; j < w; j++) s->single[j] = 0.0f;
+    for (j = 0; j < w; j++) s->material[j] = 0.0;
     for (i = 0; i < 3 * map->p; i++) {
         const float share = (float)(s->moved[i] - s->vector[i]), *g = map->gradients + (size_t)i * (size_t)w;
         for (j = 0; j < w; j++) s->single[j] += share * g[j];
+        if (i % FIELDMAP_IRON_TOGETHER == FIELDMAP_IRON_TOGETHER - 1) fieldmap_iron_collect(s);
     }
+    fieldmap_iron_collect(s);
     return t;
 }
 
@@ -705,35 +724,17 @@ static inline void fieldmap_iron_remember(
     if (map->has_fixed) s->solution[c + (size_t)map->k] = 1.0;
 }
 
-/* Newton's method: the amplitudes at currents[n_coils], left in the state. tolerance: share of the state that the solve may
- * leave, in the norm of the energy. A state that was not found forgets what it passed. Currents as those of before, solved as
- * exactly, cost nothing. The tangent is kept below a decrement of 0.1, as long as a step leaves less than 0.6 of it; what it
- * misses is learned from the steps. Near the last currents, within a tenth of the range of the signals, a solve begins from
- * the states behind. */
-static inline int fieldmap_iron_solve_at(fieldmap_iron_state *s, const double *currents, double tolerance)
+/* Newton's method in the field `applied` of the state, from amplitudes a (wide numbers, zero behind the last), where it leaves
+ * what it found; whether it did. tolerance: share of the state that may be left, in the norm of the energy. near: whether the
+ * factor is that of a state nearby; otherwise the tangent is made first. It is kept below a decrement of 0.1, as long as a step
+ * leaves less than 0.6 of it; what it misses is learned from the steps. */
+static inline int fieldmap_iron_newton(fieldmap_iron_state *s, double *a, int near, double tolerance)
 {
     const fieldmap_iron *map = s->map;
-    const int r = map->r, w = map->wide, c = map->n_coils;
-    const double *last = s->currents + (FIELDMAP_IRON_PASSED - 1) * c;
-    double values[FIELDMAP_IRON_MAX_SIGNALS] = {0}, behind[FIELDMAP_IRON_MAX_SIGNALS] = {0}, *a = s->rest;
+    const int r = map->r, w = map->wide;
     double left_over = (double)INFINITY, decrement = (double)INFINITY, before = (double)INFINITY, farthest = 0.0, largest = 1e-300;
-    int same, near, known, found = 0, pairs = 0, steps = 0, attempt, i, k;
-    for (k = 0; k < c; k++)
-        if (!isfinite(currents[k])) return FIELDMAP_NOT_FINITE;
-    if (!fieldmap_iron_signals(map, currents, values) && s->checked) return FIELDMAP_IRON_BEYOND;
-    same = s->count > 0 && s->left_over < tolerance;
-    for (k = 0; k < c; k++) same = same && last[k] == currents[k];
-    if (same) return FIELDMAP_OK;
-    near = s->count > 0;
-    if (near) fieldmap_iron_signals(map, last, behind);
-    for (k = 0; k < map->n_signals; k++) near = near && fabs(values[k] - behind[k]) <= 0.1 * (map->upper[k] - map->lower[k]);
-    for (i = 0; i < w; i++) a[i] = s->change[i] = s->residual[i] = 0.0;
-    if (near)
-        fieldmap_iron_continue(map, s, currents, a);
-    else
-        fieldmap_iron_expand(map, s, values, a);
-    known = near;
-    fieldmap_iron_apply(map, s, currents);
+    int known = near, found = 0, pairs = 0, steps = 0, attempt, i;
+    for (i = 0; i < w; i++) s->change[i] = s->residual[i] = 0.0;
     fieldmap_iron_evaluate(map, s, a);
     while (steps < FIELDMAP_IRON_STEPS) {
         double slope = 0.0, energy, was, end, rest, curved, share, t = 1.0, *swap;
@@ -781,7 +782,7 @@ static inline int fieldmap_iron_solve_at(fieldmap_iron_state *s, const double *c
         s->vector = s->moved;
         s->moved = swap;
         for (i = 0; i < r; i++) {
-            s->response[i] = t * s->left[i] - (double)s->single[i];
+            s->response[i] = t * s->left[i] - s->material[i];
             s->residual[i] -= s->response[i];
             s->change[i] *= t;
             a[i] += s->change[i];
@@ -790,12 +791,65 @@ static inline int fieldmap_iron_solve_at(fieldmap_iron_state *s, const double *c
     }
     s->steps = steps;
     s->left_over = left_over;
-    if (!found) {
+    return found;
+}
+
+/* The amplitudes at currents[n_coils], left in the state, to `tolerance`. A state that was not found forgets what it passed.
+ * Currents as those of before, solved as exactly, cost nothing. Near the last currents, within a tenth of the range of the
+ * signals, a solve begins from the states behind; elsewhere from the expansion. */
+static inline int fieldmap_iron_solve_at(fieldmap_iron_state *s, const double *currents, double tolerance)
+{
+    const fieldmap_iron *map = s->map;
+    const int c = map->n_coils;
+    const double *last = s->currents + (FIELDMAP_IRON_PASSED - 1) * c;
+    double values[FIELDMAP_IRON_MAX_SIGNALS] = {0}, behind[FIELDMAP_IRON_MAX_SIGNALS] = {0}, *a = s->rest;
+    int same, near, i, k;
+    for (k = 0; k < c; k++)
+        if (!isfinite(currents[k])) return FIELDMAP_NOT_FINITE;
+    if (!fieldmap_iron_signals(map, currents, values) && s->checked) return FIELDMAP_IRON_BEYOND;
+    same = s->count > 0 && s->left_over < tolerance;
+    for (k = 0; k < c; k++) same = same && last[k] == currents[k];
+    if (same) return FIELDMAP_OK;
+    near = s->count > 0;
+    if (near) fieldmap_iron_signals(map, last, behind);
+    for (k = 0; k < map->n_signals; k++) near = near && fabs(values[k] - behind[k]) <= 0.1 * (map->upper[k] - map->lower[k]);
+    for (i = 0; i < map->wide; i++) a[i] = 0.0;
+    if (near)
+        fieldmap_iron_continue(map, s, currents, a);
+    else
+        fieldmap_iron_expand(map, s, values, a);
+    fieldmap_iron_apply(map, s, currents);
+    if (!fieldmap_iron_newton(s, a, near, tolerance)) {
         s->count = 0;
         return FIELDMAP_IRON_NOT_CONVERGED;
     }
     fieldmap_iron_remember(map, s, currents, a, near);
     return FIELDMAP_OK;
+}
+
+/* Solve in the field applied[3 p] of coils and background at the points, T, from amplitudes[r], in place of which stand those
+ * that were found, or those after the last step, or NaN where a number that was given is none. Solves at currents begin anew
+ * behind this. */
+static inline int fieldmap_iron_solve_in(
+    fieldmap_iron_state *state, const double *applied, double *amplitudes, double tolerance)
+{
+    const fieldmap_iron *map;
+    double *a;
+    int finite = 1, found, i;
+    if (state == NULL || state->map == NULL || applied == NULL || amplitudes == NULL) return FIELDMAP_ARGUMENT;
+    map = state->map, a = state->rest;
+    state->count = state->steps = 0;
+    for (i = 0; i < 3 * map->p; i++) finite = finite && isfinite(applied[i]);
+    for (i = 0; i < map->r; i++) finite = finite && isfinite(amplitudes[i]);
+    if (!finite) {
+        for (i = 0; i < map->r; i++) amplitudes[i] = (double)NAN;
+        return FIELDMAP_NOT_FINITE;
+    }
+    for (i = 0; i < map->wide; i++) a[i] = i < map->r ? amplitudes[i] : 0.0;
+    memcpy(state->applied, applied, 3 * (size_t)map->p * sizeof(double));
+    found = fieldmap_iron_newton(state, a, 0, tolerance);
+    memcpy(amplitudes, a, (size_t)map->r * sizeof(double));
+    return found ? FIELDMAP_OK : FIELDMAP_IRON_NOT_CONVERGED;
 }
 
 /* For currents that change little by little: a solve that begins from the last states and fails begins anew. */

@@ -5,15 +5,19 @@ from typing import Any
 from fieldmap.core.library import LIBRARY
 from fieldmap.typing import Array
 
-FOUND, NOT_FINITE, BEYOND, NOT_CONVERGED = 0, 2, 32, 33
+FOUND: int = LIBRARY.OK
+NOT_FINITE: int = LIBRARY.NOT_FINITE
+BEYOND: int = LIBRARY.IRON_BEYOND
+NOT_CONVERGED: int = LIBRARY.IRON_NOT_CONVERGED
 """What a solve says: it was found; a current is no number; currents beyond the domain; too many steps."""
 
-MOST_STEPS = 60
+MOST_STEPS: int = LIBRARY.IRON_STEPS
 """After which a solve gives up."""
 
 
 class CoreIron:
-    """A model that lies in `numbers` (fieldmap/core/iron.h). Never written to: any number of states may use it."""
+    """A model that lies in numbers (`fieldmap.core.iron_numbers`). It is never written to, so that any number of states
+    may use it."""
 
     def __init__(self, numbers: Array) -> None:
         self.numbers = numbers
@@ -50,6 +54,11 @@ class IronState:
         checked: whether currents beyond the domain are refused. fresh: begin from nothing.
         """
         return int(LIBRARY.iron_solve(self.state, currents, tolerance, checked, fresh, weights, slopes))
+
+    def solve_in(self, applied: Array, amplitudes: Array, *, tolerance: float) -> int:
+        """Solve in the field `applied` (3 p,) of coils and background at the points, T, from amplitudes (r,), which
+        those found replace; the status. Unless it is FOUND they are those after the last step, or NaN."""
+        return int(LIBRARY.iron_solve_in(self.state, applied, amplitudes, tolerance))
 
     @property
     def amplitudes(self) -> Array:

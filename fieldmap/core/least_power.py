@@ -7,7 +7,10 @@ from numpy.typing import NDArray
 from fieldmap.core.library import LIBRARY
 from fieldmap.typing import Array
 
-FOUND, OUT_OF_RANGE, BEYOND_LIMITS, NO_END = 0, 1, 2, 3
+FOUND: int = LIBRARY.POWER_FOUND
+OUT_OF_RANGE: int = LIBRARY.POWER_OUT_OF_RANGE
+BEYOND_LIMITS: int = LIBRARY.POWER_BEYOND_LIMITS
+NO_END: int = LIBRARY.POWER_NO_END
 """What `least_power` says: found; no currents give the demand; none within the limits do; the method did not end."""
 
 

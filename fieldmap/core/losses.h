@@ -41,8 +41,8 @@ FIELDMAP_INLINE double fieldmap_split(const double *vector, const double *n, dou
 FIELDMAP_INLINE void fieldmap_plate_force(
     const fieldmap_plate *plate, const fieldmap_moving_dipole *dipole, double *force, double *turning)
 {
-    const double mu0 = 1.25663706127e-6, pi = 3.14159265358979323846, *n = plate->normal;
-    const double k = mu0 * mu0 * plate->conductivity / (8.0 * pi);
+    const double pi = 3.14159265358979323846, *n = plate->normal;
+    const double k = FIELDMAP_MU0 * FIELDMAP_MU0 * plate->conductivity / (8.0 * pi);
     double height = 0.0, near, far, a4, a3, a2, m[3], v[3], r[3], mn, vn, rn, m2, mv, mr;
     int i;
     for (i = 0; i < 3; i++) height += n[i] * (dipole->place[i] - plate->face[i]);

@@ -5,10 +5,14 @@ from typing import Any, NamedTuple
 from fieldmap.core.library import LIBRARY
 from fieldmap.typing import Array
 
-POSITION, VELOCITY, TURN, ANGULAR_VELOCITY, STATE = 0, 3, 6, 10, 13
+POSITION: int = LIBRARY.POSITION
+VELOCITY: int = LIBRARY.VELOCITY
+TURN: int = LIBRARY.TURN
+ANGULAR_VELOCITY: int = LIBRARY.ANGULAR_VELOCITY
+STATE: int = LIBRARY.STATE
 """Where things begin in a state: position and velocity of the centre of mass, frame of the map; quaternion (w, x, y, z)
 from the body to the map; angular velocity, frame of the body. And how long it is."""
-INSIDE = 0
+INSIDE: int = LIBRARY.OK
 """Status of a map for a point at which its field is known."""
 
 

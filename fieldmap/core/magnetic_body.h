@@ -14,7 +14,8 @@
 #include "wrench.h"
 
 /* T m/A: fieldmap.kernels.constants. */
-#define FIELDMAP_MU0_OVER_4PI (1.25663706127e-6 / (4.0 * 3.14159265358979323846))
+#define FIELDMAP_MU0 1.25663706127e-6
+#define FIELDMAP_MU0_OVER_4PI (FIELDMAP_MU0 / (4.0 * 3.14159265358979323846))
 
 /* A dipole of fixed moment, A m^2, at a point, m; frame of the body. */
 typedef struct fieldmap_dipole {

@@ -58,14 +58,21 @@ static PyMethodDef functions[] = {
 static const struct {
     const char *name;
     long value;
-} constants[] = {MAP_CONSTANTS, MACHINE_CONSTANTS};
+} constants[] = {MAP_CONSTANTS, CALLER_CONSTANTS, CONTROLLER_CONSTANTS, IRON_CONSTANTS, LEAST_POWER_CONSTANTS,
+               MACHINE_CONSTANTS, TABLE_CONSTANTS};
 
 static int start(PyObject *module)
 {
+    PyObject *edge;
     size_t k;
+    int failed;
     mark_process();
     for (k = 0; k < sizeof constants / sizeof *constants; k++)
         if (PyModule_AddIntConstant(module, constants[k].name, constants[k].value) != 0) return -1;
+    edge = PyFloat_FromDouble(FIELDMAP_EDGE);
+    failed = PyModule_AddObjectRef(module, "EDGE", edge);
+    Py_XDECREF(edge);
+    if (failed) return -1;
     return PyArray_ImportNumPyAPI();
 }
 

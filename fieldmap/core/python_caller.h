@@ -138,5 +138,6 @@ static PyObject *caller_functions(PyObject *self, PyObject *const *args, Py_ssiz
 }
 
 #define CALLER_FUNCTIONS FUNCTION(caller), FUNCTION(caller_functions)
+#define CALLER_CONSTANTS {"CALLER_COILS", CALLER_COILS}, {"CALLER_ROOM", CALLER_ROOM}
 
 #endif

@@ -166,5 +166,6 @@ static PyObject *control(PyObject *self, PyObject *const *args, Py_ssize_t given
 }
 
 #define CONTROLLER_FUNCTIONS FUNCTION(controller), FUNCTION(control), FUNCTION(quiet_feedforward)
+#define CONTROLLER_CONSTANTS CONSTANT(SIGNALS)
 
 #endif

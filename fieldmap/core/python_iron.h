@@ -136,6 +136,32 @@ static PyObject *iron_solve(PyObject *self, PyObject *const *args, Py_ssize_t gi
     return PyLong_FromLong(status);
 }
 
+/* iron_solve_in(state, applied, amplitudes, tolerance): the status; amplitudes (r,) are those to begin with, and then those
+ * found. */
+static PyObject *iron_solve_in(PyObject *self, PyObject *const *args, Py_ssize_t given)
+{
+    held_state *held;
+    const double *applied;
+    double *amplitudes, tolerance;
+    int status;
+    (void)self;
+    if (!has_arguments(given, 4)) return NULL;
+    held = (held_state *)PyCapsule_GetPointer(args[0], STATE);
+    if (held == NULL) return NULL;
+    applied = numbers_of(args[1], 1, 3 * (npy_intp)held->state.map->p);
+    if (applied == NULL) {
+        PyErr_Format(PyExc_TypeError, "applied must be a float64 vector of 3 times %d", held->state.map->p);
+        return NULL;
+    }
+    amplitudes = numbers_to_fill(args[2], held->state.map->r, "amplitudes");
+    tolerance = PyFloat_AsDouble(args[3]);
+    if (PyErr_Occurred()) return NULL;
+    Py_BEGIN_ALLOW_THREADS
+    status = fieldmap_iron_solve_in(&held->state, applied, amplitudes, tolerance);
+    Py_END_ALLOW_THREADS
+    return PyLong_FromLong(status);
+}
+
 /* iron_amplitudes(state): those of the last state (r,), what the solve left of it, and its steps. */
 static PyObject *iron_amplitudes(PyObject *self, PyObject *const *args, Py_ssize_t given)
 {
@@ -188,6 +214,10 @@ static PyObject *iron_continued(PyObject *self, PyObject *const *args, Py_ssize_
 }
 
 #define IRON_FUNCTIONS \
-    FUNCTION(iron_of_numbers), FUNCTION(iron_state), FUNCTION(iron_solve), FUNCTION(iron_amplitudes), FUNCTION(iron_continued)
+    FUNCTION(iron_of_numbers), FUNCTION(iron_state), FUNCTION(iron_solve), FUNCTION(iron_solve_in), \
+    FUNCTION(iron_amplitudes), FUNCTION(iron_continued)
+#define IRON_CONSTANTS \
+    CONSTANT(OK), CONSTANT(NOT_FINITE), CONSTANT(IRON_BEYOND), CONSTANT(IRON_NOT_CONVERGED), CONSTANT(IRON_STEPS), \
+    CONSTANT(IRON_LANES), CONSTANT(IRON_SIZES)
 
 #endif

@@ -94,5 +94,7 @@ static PyObject *non_negative_least_squares(PyObject *self, PyObject *const *arg
 }
 
 #define LEAST_POWER_FUNCTIONS FUNCTION(least_power), FUNCTION(non_negative_least_squares)
+#define LEAST_POWER_CONSTANTS \
+    CONSTANT(POWER_FOUND), CONSTANT(POWER_OUT_OF_RANGE), CONSTANT(POWER_BEYOND_LIMITS), CONSTANT(POWER_NO_END)
 
 #endif

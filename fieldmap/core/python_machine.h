@@ -595,10 +595,14 @@ static PyObject *loop_run(PyObject *self, PyObject *const *args, Py_ssize_t give
     FUNCTION(machine_load), FUNCTION(machine_energy), FUNCTION(machine_rates), FUNCTION(machine_losses), FUNCTION(machine_move), FUNCTION(machine_advance), \
     FUNCTION(inverse_along), FUNCTION(plate_force), FUNCTION(rotation), FUNCTION(loop_begin), FUNCTION(loop_run)
 
+/* Where a member begins in the numbers of a state. */
+#define PLACE(name, member) {#name, (long)(offsetof(fieldmap_state, member) / sizeof(double))}
+
 #define MACHINE_CONSTANTS \
     CONSTANT(GOES_ON), CONSTANT(FELL_OUT), CONSTANT(LEFT_ABOVE), CONSTANT(LEFT_SIDEWAYS), CONSTANT(NOT_A_NUMBER), \
     CONSTANT(HIT_FLOOR), CONSTANT(HIT_POLE), CONSTANT(HIT_TUBE), CONSTANT(SATURATED), CONSTANT(BEYOND_CURRENTS), \
     CONSTANT(CONTROLLER_FAILED), CONSTANT(OUTPUTS_NOT_FINITE), CONSTANT(PAUSED), CONSTANT(ON_FLOOR), CONSTANT(ON_CEILING), \
-    CONSTANT(ON_WALL), CONSTANT(BEYOND)
+    CONSTANT(ON_WALL), CONSTANT(BEYOND), CONSTANT(STATE), PLACE(POSITION, position), PLACE(VELOCITY, velocity), \
+    PLACE(TURN, turn), PLACE(ANGULAR_VELOCITY, angular_velocity)
 
 #endif

@@ -140,5 +140,6 @@ static PyObject *division_signals(PyObject *self, PyObject *const *args, Py_ssiz
 }
 
 #define TABLE_FUNCTIONS FUNCTION(current_table), FUNCTION(table_weights), FUNCTION(division_signals)
+#define TABLE_CONSTANTS CONSTANT(TABLE_FOUND), CONSTANT(TABLE_BESIDE), CONSTANT(TABLE_BEYOND)
 
 #endif

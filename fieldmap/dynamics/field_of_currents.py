@@ -16,11 +16,12 @@ from fieldmap.arguments import check_positive
 from fieldmap.core import CoreMap
 from fieldmap.core.current_table import CoreTable
 from fieldmap.core.iron import CoreIron
+from fieldmap.core.iron_numbers import core_numbers
 from fieldmap.core.machine import BodyNumbers, Plant
 from fieldmap.errors import InputError, Problem
 from fieldmap.field import Field, require_affine, require_bounds
 from fieldmap.lookup import FieldMap, interpolate, saturates, table_of_currents, tangent_block, unit_block
-from fieldmap.lookup.current_solver import COMPILED_TOLERANCE, core_numbers
+from fieldmap.lookup.current_solver import COMPILED_TOLERANCE
 from fieldmap.lookup.iron_response import compiled_currents
 from fieldmap.records import Record
 from fieldmap.store import Grid, MapData, Provenance

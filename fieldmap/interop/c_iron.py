@@ -15,7 +15,7 @@ Layout, in the byte order of the machine that writes:
                   there is a background, laws, knots, terms, signals, whether the currents are a lift and directions,
                   whether currents outside are refused, all fields; exponent, limit of a current, tolerance of currents
                   off the parametrisation, tolerance of a solve; three zeros
-        float64   the arrays of `fieldmap.lookup.current_solver.CompiledModel`
+        float64   the arrays of `fieldmap.core.iron_numbers.CompiledModel`
         float32   gradients and expansion, rows filled with zeros to a multiple of 16
         bytes     the fields of coils, iron and background as a map of `fieldmap.interop.c_map`
 """
@@ -28,10 +28,10 @@ from os import PathLike
 from pathlib import Path
 
 from fieldmap.core.headers import FOLDER, in_one
+from fieldmap.core.iron_numbers import core_numbers
 from fieldmap.errors import InputError, Problem
 from fieldmap.interop.c_map import c_header, check_harmonic, map_bytes
 from fieldmap.lookup import FieldMap, compiled_currents, unit_block
-from fieldmap.lookup.current_solver import core_numbers
 from fieldmap.store.whole_files import write_whole
 
 VERSION = 1

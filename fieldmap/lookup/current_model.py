@@ -8,9 +8,10 @@ from functools import cached_property, partial
 import numpy as np
 
 from fieldmap.core.iron import BEYOND, FOUND, NOT_CONVERGED, CoreIron, IronState
+from fieldmap.core.iron_numbers import CompiledModel, core_numbers
 from fieldmap.currents import ROUNDING, TOLERANCE, IndependentCurrents
 from fieldmap.errors import OutsideMapError, Problem
-from fieldmap.lookup.current_solver import CompiledModel, compiled_model, core_numbers, not_converged
+from fieldmap.lookup.current_solver import compiled_model, not_converged
 from fieldmap.store import ReducedModel
 from fieldmap.typing import Array
 

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.polynomial.chebyshev import chebvander
 from numpy.typing import NDArray
 
 from fieldmap.core.iron import FOUND, MOST_STEPS, CoreIron
+from fieldmap.core.iron_numbers import CompiledModel, SignalDomain, core_numbers, field_count
 from fieldmap.currents import ROUNDING, TOLERANCE, CurrentDomain
 from fieldmap.errors import NotConverged, Problem
-from fieldmap.records import tuple_line
 from fieldmap.store import ReducedModel
 from fieldmap.threads import over_rows
 from fieldmap.typing import Array
@@ -27,59 +27,8 @@ _STATES_PER_TERM, _TOLERANCE = 2, 1e-4
 _WORK = 20_000.0
 # Total degrees of the expansions from which the states of the next are solved.
 _FIRST_DEGREES = (1, 3, 6)
-# Rows of single precision are whole vector registers; sizes before the arrays (FIELDMAP_IRON_LANES and _SIZES).
-_LANES, _SIZES = 16, 20
 # The solve from nothing, in the middle of the domain.
 _TOLERANCE_OF_MIDDLE = 1e-6
-
-
-class SignalDomain(NamedTuple):
-    """The currents that a model is for. division, exponent: as `fieldmap.currents.CompiledParametrisation`; matrix (c,
-    d): currents of signals, inverse (d, c) its pseudo-inverse, both empty of a division; lower, upper (d,), with
-    a margin of rounding; limit of every current, A, or infinity; tolerance of currents that are not of the
-    parametrisation; checked: whether currents beyond are refused."""
-
-    division: bool
-    exponent: float
-    matrix: NDArray[np.float64]
-    inverse: NDArray[np.float64]
-    lower: NDArray[np.float64]
-    upper: NDArray[np.float64]
-    limit: float
-    tolerance: float
-    checked: bool
-
-    def __repr__(self) -> str:
-        return tuple_line(self)
-
-
-class CompiledModel(NamedTuple):
-    """The arrays of a `fieldmap.store.ReducedModel` for `core_numbers`: p points, r modes, c coils, k fields.
-
-    gradients (3 p, r), single precision; fixed (3 p,) or (0,); the others as there. terms (t, 3) and expansion (t, r),
-    single precision: amplitudes as a sum over products of Chebyshev polynomials of the signals, each scaled to -1..1; a
-    term is another term before it (column 0) times the polynomial of signal (1) and degree (2); the first is 1.
-    tolerance: share of the state that a solve may leave, in the norm of the energy.
-    """
-
-    source: NDArray[np.float64]
-    fixed: NDArray[np.float64]
-    gradients: NDArray[np.float32]
-    weights: NDArray[np.float64]
-    law: NDArray[np.int64]
-    offset: NDArray[np.int64]
-    knots: NDArray[np.float64]
-    coefficients: NDArray[np.float64]
-    air: NDArray[np.float64]
-    constant: NDArray[np.float64]
-    output: NDArray[np.float64]
-    terms: NDArray[np.int64]
-    expansion: NDArray[np.float32]
-    domain: SignalDomain
-    tolerance: float
-
-    def __repr__(self) -> str:
-        return tuple_line(self)
 
 
 def compiled_model(model: ReducedModel, checked: bool) -> CompiledModel:
@@ -106,7 +55,7 @@ def compiled_model(model: ReducedModel, checked: bool) -> CompiledModel:
         compiled_domain(model.domain, False),
         _TOLERANCE_OF_MIDDLE,
     )
-    domain, weights = model.domain, np.empty(_field_count(free))
+    domain, weights = model.domain, np.empty(field_count(free))
     state = CoreIron(core_numbers(free)).state()
     _check(state.solve(domain.middle, weights, tolerance=_TOLERANCE_OF_MIDDLE), domain.middle)
     known = free._replace(expansion=state.amplitudes[None].astype(np.float32))
@@ -193,7 +142,7 @@ def _fitted(
     amplitudes = np.empty((len(rows), len(model.constant)))
 
     def solve(start: int, stop: int) -> None:
-        state, weights = core.state(), np.empty(_field_count(model))
+        state, weights = core.state(), np.empty(field_count(model))
         for k in range(start, stop):
             # Each from the expansion of before: the states are the same in any order.
             _check(state.solve(rows[k], weights, tolerance=_TOLERANCE, fresh=True), rows[k])
@@ -215,63 +164,6 @@ def products_of_terms(terms: NDArray[np.int64], signals: Array, domain: SignalDo
     for k, (before, signal, degree) in enumerate(terms[1:], start=1):
         products[:, k] = products[:, before] * polynomials[:, signal, degree]
     return products
-
-
-def _field_count(model: CompiledModel) -> int:
-    """Of all fields: the coils', the iron's and that of a background."""
-    return int(model.source.shape[1] + len(model.output) + (model.fixed.size > 0))
-
-
-def core_numbers(model: CompiledModel) -> Array:
-    """Sizes and arrays of a model, behind one another, as the C core takes them: fieldmap/core/iron.h."""
-    domain, modes = model.domain, len(model.constant)
-    wide = _LANES * -(-modes // _LANES)
-    sizes = np.zeros(_SIZES)
-    sizes[:17] = (
-        len(model.weights),
-        modes,
-        wide,
-        model.source.shape[1],
-        len(model.output),
-        model.fixed.size > 0,
-        len(model.offset) - 1,
-        len(model.knots),
-        len(model.terms),
-        len(domain.lower),
-        domain.division,
-        domain.checked,
-        _field_count(model),
-        domain.exponent,
-        domain.limit,
-        domain.tolerance,
-        model.tolerance,
-    )
-    arrays = (
-        model.source,
-        model.fixed,
-        model.weights,
-        model.law,
-        model.offset,
-        model.knots,
-        model.coefficients,
-        model.air,
-        model.constant,
-        model.output,
-        model.terms,
-        domain.matrix,
-        domain.inverse,
-        domain.lower,
-        domain.upper,
-    )
-    doubles = [sizes, *(np.asarray(each, dtype=np.float64).ravel() for each in arrays)]
-    singles = [_widened(each, wide).view(np.float64).ravel() for each in (model.gradients, model.expansion)]
-    return np.concatenate([*doubles, *singles])
-
-
-def _widened(rows: NDArray[np.float32], wide: int) -> NDArray[np.float32]:
-    out = np.zeros((len(rows), wide), np.float32)
-    out[:, : rows.shape[1]] = rows
-    return out
 
 
 def _check(status: int, currents: Array) -> None:

@@ -15,12 +15,12 @@ from numpy.typing import ArrayLike
 
 from fieldmap.core import CoreMap
 from fieldmap.core import block as map_block
+from fieldmap.core.iron_numbers import CompiledModel
 from fieldmap.currents import LiftAndDirections
 from fieldmap.errors import InputError, Problem
 from fieldmap.field import coil_currents
 from fieldmap.interpolants import INTERPOLANTS, set_size
 from fieldmap.lookup.current_model import CurrentModel
-from fieldmap.lookup.current_solver import CompiledModel
 from fieldmap.lookup.current_table import CurrentTable, tabulate
 from fieldmap.lookup.evaluation import MapAtCurrents
 from fieldmap.lookup.field_map import FieldMap

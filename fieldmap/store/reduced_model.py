@@ -21,12 +21,12 @@ class ReducedModel(Record):
 
     gradients (3 p, r) and source (3 p, c): gradients of the modes and the coils' field per ampere at the sample
     points, T; weights (p,), m^3; law (p,) and law_offset, law_knots, law_coefficients: B(H) there, as in
-    `fieldmap.kernels.iron.magnetisation_law`; air (r, r) and constant (r,), see `fieldmap.kernels.iron.reduced_iron`;
-    output (k, r): weights of the map's iron fields per amplitude; known_currents (s, c) and known_amplitudes (s, r): of
-    the states that trained it, from the nearest of which Newton's method starts; lower and upper (d,): the domain, of
-    the signals of `parametrisation`; reference_weights (k,): of the iron fields at the map's reference currents; fixed
-    (3 p,): field of the background at the sample points, T, or nothing where there is none. Raises InputError where
-    shapes do not fit together or numbers are not finite.
+    `fieldmap.kernels.iron.magnetisation_law`; air (r, r) and constant (r,): A and r0 there; output (k, r): weights
+    of the map's iron fields per amplitude; known_currents (s, c) and known_amplitudes (s, r): of the states that
+    trained it, from the nearest of which Newton's method starts; lower and upper (d,): the domain, of the signals
+    of `parametrisation`; reference_weights (k,): of the iron fields at the map's reference currents; fixed (3 p,):
+    field of the background at the sample points, T, or nothing where there is none. Raises InputError where shapes
+    do not fit together or numbers are not finite.
     """
 
     gradients: Array

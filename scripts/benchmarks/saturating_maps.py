@@ -1,11 +1,10 @@
 """What a map of saturating iron costs at run time: new currents, their derivatives, one wrench, currents for a force.
 
 On the maps `eight_coils` and `workspace` (the drive unit) in maps/out. New currents anywhere in the domain, each from
-nothing, and along a path of which 400 steps go round the domain once. Beside them the older way, as releases before had
-it: Newton's method of the training (`fieldmap.kernels.iron.reduced_iron.newton`), from the nearest of the solved states
-that the map remembers or from the step before, to 1e-6, and derivatives from scratch; a wrench at one point by way of
-the arrays; currents for a force without a start. Microseconds of one processor, the least of several runs in which both
-take turns.
+nothing, and along a path of which 400 steps go round the domain once; all to the tolerance of compiled callers, and
+beside them how far fields are from those of solves to 1e-10. A wrench at one point, and by way of the arrays; currents
+for a force without a start, and from those of a force 2 % less. Microseconds of one processor, the least of several
+runs.
 """
 
 import time
@@ -20,124 +19,56 @@ from rich.table import Table
 
 import fieldmap as fm
 from fieldmap.core.iron import CoreIron
+from fieldmap.core.iron_numbers import core_numbers
 from fieldmap.currents import IndependentCurrents
 from fieldmap.errors import Infeasible
 from fieldmap.field import dipole_wrench
-from fieldmap.kernels.iron.matrix_vector import times
-from fieldmap.kernels.iron.reduced_iron import newton, sensitivities
 from fieldmap.lookup import FieldMap, compiled_currents
-from fieldmap.lookup.current_solver import core_numbers
 
 FOLDER, MAPS = Path("maps/out"), ("eight_coils", "workspace")
 MOMENT = np.array([0.0, 0.0, 0.8])
-OLDER_TOLERANCE, MOST_STEPS = 1e-6, 60
+EXACT = 1e-10
 
 
 @dataclass(frozen=True)
 class Row:
-    """us of one call, the older way and now; difference: largest of the fields or forces that both give, relative to
-    the largest."""
+    """us of one call; off: largest difference of the fields from those of exact solves, relative to the largest, None
+    where nothing is compared."""
 
     map: str
     what: str
-    older: float
-    now: float
-    difference: float
+    us: float
+    off: float | None = None
 
 
-class Older:
-    """Weights of the iron's fields as releases before found them."""
+class Solves:
+    """Weights of the iron's fields by the C core, to a tolerance, by default that of compiled callers."""
 
-    def __init__(self, field: FieldMap) -> None:
-        assert field.info.reduced_model is not None
-        self.model = model = field.info.reduced_model
-        gradients = np.array(model.gradients)
-        laws = map(np.array, (model.weights, model.law, *model.laws))
-        self.iron = (gradients, gradients.astype(np.float32), *laws, np.array(model.air))
-        self.source, self.constant = np.array(model.source), np.array(model.constant)
-        self.range = np.maximum(np.ptp(model.known_currents, axis=0), 1e-12)
-        sources = np.ascontiguousarray(self.source @ model.known_currents.T)
-        known = np.array(model.known_amplitudes)
-        self.factors = sensitivities(sources, *self.iron, known, self.source)[1]
-        self.last: tuple[np.ndarray, np.ndarray] | None = None
-
-    def nearest(self, currents: np.ndarray) -> np.ndarray:
-        """From the nearest solved state."""
-        off = ((currents - self.model.known_currents) / self.range) ** 2
-        k = int(off.sum(axis=1).argmin())
-        return self._solved(currents, self.model.known_amplitudes[k].copy(), self.factors[k].copy())
-
-    def next(self, currents: np.ndarray) -> np.ndarray:
-        """From the one before."""
-        if self.last is None:
-            return self.nearest(currents)
-        return self._solved(currents, *self.last)
-
-    def with_slopes(self, solve: Callable[[np.ndarray], np.ndarray], currents: np.ndarray) -> np.ndarray:
-        """And their derivatives (f, c)."""
-        solve(currents)
-        assert self.last is not None
-        source = (self.source @ currents)[:, None]
-        found = sensitivities(source, *self.iron, self.last[0][None], self.source)[0][0]
-        return np.asarray(self.model.output @ found)
-
-    def _solved(self, currents: np.ndarray, start: np.ndarray, factor: np.ndarray) -> np.ndarray:
-        applied = times(self.source, currents)
-        found, _, _ = newton(applied, *self.iron, self.constant, start, factor, OLDER_TOLERANCE, MOST_STEPS)
-        self.last = found, factor
-        return np.asarray(self.model.output @ found)
-
-
-class Now:
-    """The same by the C core, to the tolerance of compiled callers."""
-
-    def __init__(self, field: FieldMap) -> None:
+    def __init__(self, field: FieldMap, tolerance: float | None = None) -> None:
         model = compiled_currents(field)
-        self.state, self.tolerance = CoreIron(core_numbers(model)).state(), model.tolerance
+        self.state = CoreIron(core_numbers(model)).state()
+        self.tolerance = model.tolerance if tolerance is None else tolerance
         self.coils, self.fields = model.source.shape[1], len(model.output)
         self.weights = np.empty(self.coils + self.fields + (model.fixed.size > 0))
         self.slopes = np.empty((len(self.weights), self.coils))
 
-    def anew(self, currents: np.ndarray) -> np.ndarray:
-        """From nothing."""
-        return self._solved(currents, None, True)[self.coils : self.coils + self.fields]
-
-    def next(self, currents: np.ndarray) -> np.ndarray:
-        """From the ones before."""
-        return self._solved(currents, None, False)[self.coils : self.coils + self.fields]
-
-    def slopes_anew(self, currents: np.ndarray) -> np.ndarray:
-        """From nothing, with derivatives."""
-        self._solved(currents, self.slopes, True)
-        return self.slopes[self.coils : self.coils + self.fields]
-
-    def slopes_next(self, currents: np.ndarray) -> np.ndarray:
-        """From the ones before, with derivatives."""
-        self._solved(currents, self.slopes, False)
-        return self.slopes[self.coils : self.coils + self.fields]
-
-    def _solved(self, currents: np.ndarray, slopes: np.ndarray | None, fresh: bool) -> np.ndarray:
-        self.state.solve(currents, self.weights, slopes, tolerance=self.tolerance, fresh=fresh)
-        return self.weights
+    def at(self, currents: np.ndarray, slopes: bool, fresh: bool) -> np.ndarray:
+        """The weights, or their derivatives; from nothing or from the currents of before."""
+        by_currents = self.slopes if slopes else None
+        self.state.solve(currents, self.weights, by_currents, tolerance=self.tolerance, fresh=fresh)
+        found = self.slopes if slopes else self.weights
+        return found[self.coils : self.coils + self.fields]
 
 
-def timed(
-    older: Callable[[Any], Any],
-    now: Callable[[Any], Any],
-    asked: list[Any],
-    repeats: int,
-    shown: Callable[[np.ndarray], np.ndarray] = lambda found: found,
-) -> tuple[float, float, float]:
-    """us of one call of each, and the largest difference of what is shown of what they give."""
-    a, b = (np.array([shown(np.copy(call(x))) for x in asked]) for call in (older, now))
-    best = [np.inf, np.inf]
+def timed(call: Callable[[Any], Any], asked: list[Any], repeats: int) -> float:
+    """us of one call."""
+    best = np.inf
     for _ in range(repeats):
-        for k, call in enumerate((older, now)):
-            begin = time.process_time()
-            for x in asked:
-                call(x)
-            best[k] = min(best[k], 1e6 * (time.process_time() - begin) / len(asked))
-    return best[0], best[1], float(np.abs(a - b).max() / np.abs(a).max())
+        begin = time.process_time()
+        for x in asked:
+            call(x)
+        best = min(best, 1e6 * (time.process_time() - begin) / len(asked))
+    return best
 
 
 def rows_of(path: Path, quick: bool) -> list[Row]:
@@ -149,40 +80,35 @@ def rows_of(path: Path, quick: bool) -> list[Row]:
     anywhere = list(domain.at(np.random.default_rng(1).random((count, d))))
     angles = 2.0 * np.pi * (np.arange(count)[:, None] / 400.0 * (1.0 + np.arange(d) % 3) + np.arange(d) / d)
     path_of = list(domain.at(0.5 + 0.35 * np.sin(angles)))
-    older, now = Older(m), Now(m)
+    solves, exact = Solves(m), Solves(m, EXACT)
     # Of the iron at some points: weights alone may differ where their fields are small.
     points = np.random.default_rng(3).uniform(m.lower, m.upper, (30, 3))
-    flux = np.empty((30, now.coils + now.fields, 3))
+    flux = np.empty((30, solves.coils + solves.fields, 3))
     m._evaluator.each_field(points, flux, np.empty((*flux.shape, 3)))
-    of_iron = flux[:, now.coils : now.coils + now.fields]
-    asked = (
-        ("new currents anywhere", older.nearest, now.anew, anywhere),
-        ("new currents along a path", older.next, now.next, path_of),
-        (
-            "with derivatives, anywhere",
-            lambda i: older.with_slopes(older.nearest, i),
-            now.slopes_anew,
-            anywhere,
-        ),
-        (
-            "with derivatives, along a path",
-            lambda i: older.with_slopes(older.next, i),
-            now.slopes_next,
-            path_of,
-        ),
-    )
-    found = [
-        Row(name, what, *timed(before, after, ways, repeats, lambda w: np.tensordot(w, of_iron, (0, 1))))
-        for what, before, after, ways in asked
-    ]
+    of_iron = flux[:, solves.coils : solves.coils + solves.fields]
+    found = []
+    for slopes in (False, True):
+        for fresh, ways in ((True, anywhere), (False, path_of)):
+
+            def now(currents: np.ndarray, slopes: bool = slopes, fresh: bool = fresh) -> np.ndarray:
+                return solves.at(currents, slopes, fresh)
+
+            given = np.array([now(currents).copy() for currents in ways])
+            truth = np.array([exact.at(currents, slopes, True).copy() for currents in ways])
+            fields, off = (np.tensordot(of_iron, each, (1, 1)) for each in (truth, given - truth))
+            what = ("with derivatives, " if slopes else "new currents ") + (
+                "anywhere" if fresh else "along a path"
+            )
+            share = float(np.abs(off).max() / np.abs(fields).max())
+            found.append(Row(name, what, timed(now, ways, repeats), share))
     return [
         *found,
-        _wrench(m, name, repeats),
+        *_wrench(m, name, repeats),
         *_currents_for(m, name, anywhere[: 5 if quick else 20], repeats),
     ]
 
 
-def _wrench(m: FieldMap, name: str, repeats: int) -> Row:
+def _wrench(m: FieldMap, name: str, repeats: int) -> list[Row]:
     """At one point after another, the currents the same."""
     assert m.info.reduced_model is not None
     currents = m.info.reduced_model.domain.middle
@@ -191,11 +117,10 @@ def _wrench(m: FieldMap, name: str, repeats: int) -> Row:
     def by_arrays(point: np.ndarray) -> np.ndarray:
         return np.asarray(dipole_wrench(*m.field_and_gradient(point[None], currents), MOMENT)[0])
 
-    return Row(
-        name,
-        "wrench at one point",
-        *timed(by_arrays, lambda p: m.wrench(p, MOMENT, currents), points, repeats),
-    )
+    return [
+        Row(name, "wrench at one point", timed(lambda p: m.wrench(p, MOMENT, currents), points, repeats)),
+        Row(name, "the same by way of the arrays", timed(by_arrays, points, repeats)),
+    ]
 
 
 def _currents_for(m: FieldMap, name: str, known: list[np.ndarray], repeats: int) -> list[Row]:
@@ -217,8 +142,9 @@ def _currents_for(m: FieldMap, name: str, known: list[np.ndarray], repeats: int)
     def warm(one: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
         return m.wrench(point, MOMENT, m.currents_for(point, one[0], MOMENT, start=one[1]))[:3]
 
-    what = "currents_for: from nothing, and from currents of a force 2 % less"
-    return [Row(name, what, *timed(anew, warm, asked, min(repeats, 2)))] if asked else []
+    few = min(repeats, 2)
+    what = (("currents_for, from nothing", anew), ("from currents of a force 2 % less", warm))
+    return [Row(name, of, timed(call, asked, few)) for of, call in what] if asked else []
 
 
 def measure(quick: bool) -> dict[str, Any]:
@@ -231,11 +157,10 @@ def measure(quick: bool) -> dict[str, Any]:
 
 def show(result: dict[str, Any], console: Console) -> None:
     """Print the rows."""
-    table = Table("map", "what", "older way, us", "now, us", "times", "difference")
+    table = Table("map", "what", "us", "off")
     for row in result["rows"]:
-        ratio = row["older"] / row["now"]
-        figures = f"{row['older']:.1f}", f"{row['now']:.1f}", f"{ratio:.1f}", f"{row['difference']:.0e}"
-        table.add_row(row["map"], row["what"], *figures)
+        off = "" if row["off"] is None else f"{row['off']:.0e}"
+        table.add_row(row["map"], row["what"], f"{row['us']:.1f}", off)
     console.print(table)
     for line in result["missing"]:
         console.print(line, highlight=False)

@@ -14,9 +14,10 @@ from fieldmap.core.body import CoreBody
 from fieldmap.core.caller import COILS, ROOM, caller, functions
 from fieldmap.core.current_table import CoreTable, Table
 from fieldmap.core.iron import CoreIron
+from fieldmap.core.iron_numbers import core_numbers
 from fieldmap.currents import divide_currents
 from fieldmap.interpolants.form import contract, header
-from fieldmap.lookup.current_solver import compiled_model, core_numbers
+from fieldmap.lookup.current_solver import compiled_model
 from tests.core.iron_cases import CASES
 from tests.core.map_cases import CURRENTS, GRID, KINDS, block_of
 from tests.core.test_soft_iron import DIPOLES, POSE, pieces

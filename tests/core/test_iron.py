@@ -8,7 +8,8 @@ import pytest
 from scipy.optimize import root
 
 from fieldmap.core.iron import BEYOND, FOUND, NOT_FINITE, CoreIron
-from fieldmap.lookup.current_solver import compiled_model, core_numbers, degrees_of, expansion_terms
+from fieldmap.core.iron_numbers import core_numbers
+from fieldmap.lookup.current_solver import compiled_model, degrees_of, expansion_terms
 from tests.core.iron_cases import CASES, drawn, residual
 
 

@@ -9,6 +9,7 @@ import pytest
 from fieldmap.core import CoreMap
 from fieldmap.core.body import CoreBody
 from fieldmap.core.iron import CoreIron
+from fieldmap.core.iron_numbers import core_numbers
 from fieldmap.core.machine import (
     BodyNumbers,
     CoreMachine,
@@ -19,7 +20,7 @@ from fieldmap.core.machine import (
     rotation,
     sensed_point,
 )
-from fieldmap.lookup.current_solver import compiled_model, core_numbers
+from fieldmap.lookup.current_solver import compiled_model
 from tests.core.iron_cases import CASES, FIELDS, drawn
 from tests.core.map_cases import GRID, block_of
 

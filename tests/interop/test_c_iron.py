@@ -1,5 +1,6 @@
 """The C header of saturating iron: the numbers of Python, no memory taken, strict compilers, broken files."""
 
+import re
 import shutil
 import subprocess
 from pathlib import Path
@@ -8,11 +9,11 @@ import numpy as np
 import pytest
 
 from fieldmap.core.iron import FOUND, CoreIron
+from fieldmap.core.iron_numbers import core_numbers
 from fieldmap.currents import CoilGroups, IndependentCurrents, LiftAndDirections
 from fieldmap.errors import InputError
 from fieldmap.interop import c_header, c_iron_header, write_c_iron_files, write_c_iron_map
 from fieldmap.lookup import compiled_currents, interpolate
-from fieldmap.lookup.current_solver import core_numbers
 from fieldmap.store import MapData, ReducedModel
 
 HERE = Path(__file__).parent / "c"
@@ -190,3 +191,18 @@ def test_files_lie_side_by_side_and_linear_maps_have_their_own(ring, tmp_path):
     assert [path.name for path in written] == ["iron.fmap", c_iron_header().name, c_header().name]
     with pytest.raises(InputError):
         write_c_iron_map(ring.map, tmp_path / "linear.fmap")
+
+
+def test_the_example_of_the_documentation(ring, tmp_path):
+    page = (Path(__file__).parents[2] / "docs" / "c.md").read_text()
+    example = re.search(r'^```c\n(#include "fieldmap_iron.h"\n.*?)^```$', page, re.DOTALL | re.MULTILINE)
+    (tmp_path / "lift.c").write_text(example[1])
+    command = ["gcc", *STRICT, "-I", c_header().parent, tmp_path / "lift.c", "-o", tmp_path / "lift", "-lm"]
+    subprocess.run(command, check=True, capture_output=True)
+    failed = subprocess.run([tmp_path / "lift"], cwd=tmp_path, capture_output=True, text=True)
+    assert (failed.returncode, failed.stderr) == (3, "file cannot be opened or read\n")
+    m = saturating(ring, 6, IndependentCurrents(6), [0.0] * 6, [2.0] * 6)
+    write_c_iron_map(m, tmp_path / "workspace.fmap")
+    done = subprocess.run([tmp_path / "lift"], cwd=tmp_path, capture_output=True, text=True, check=True)
+    force = m.wrench([0.0, 0.0, -0.1], [0.0, 0.0, 0.8], [1.5] * 6)[2]
+    assert float(re.fullmatch(r"Fz (\S+) N\n", done.stdout)[1]) == pytest.approx(force, rel=1e-3)

@@ -1,4 +1,4 @@
-"""The benchmark of saturating maps: both ways give the same fields, and what is missing is said."""
+"""The benchmark of saturating maps: its solves are near exact ones, and what is missing is said."""
 
 import importlib
 from pathlib import Path
@@ -29,7 +29,7 @@ def test_without_maps_it_says_what_makes_them(section):
     ]
 
 
-def test_both_ways_give_the_same_fields(section, tmp_path):
+def test_the_solves_that_are_timed_are_near_exact_ones(section, tmp_path):
     """Two coils along z and two fields of one kind of iron, made up."""
     rng, (n, modes) = np.random.default_rng(4), (12, 3)
     grid = Grid([-0.02] * 3, [0.01] * 3, (5, 5, 5))
@@ -68,7 +68,9 @@ def test_both_ways_give_the_same_fields(section, tmp_path):
     write_map(tmp_path / "eight_coils.h5", data)
     result = section.measure(quick=True)
     assert len(result["missing"]) == 1
-    assert len(result["rows"]) in (5, 6)
+    assert len(result["rows"]) in (6, 8)
     for row in result["rows"]:
-        assert row["difference"] < 1e-4, row["what"]
-        assert min(row["older"], row["now"]) > 0.0
+        assert row["us"] > 0.0
+    off = [row["off"] for row in result["rows"] if row["off"] is not None]
+    assert len(off) == 4
+    assert max(off) < 1e-4

@@ -11,10 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_solve, cholesky, qr, solve_triangular
 
+from fieldmap.core.iron import CoreIron
+from fieldmap.core.iron_numbers import numbers_in_fields
 from fieldmap.iron.elements.bh_law import LawTables
 from fieldmap.iron.elements.nodal_elements import CoilField
 from fieldmap.iron.elements.potential_form import Magnetisation, PotentialForm
-from fieldmap.kernels.iron.reduced_iron import newton
 from fieldmap.kernels.iron.sample_gradients import magnetise_states, point_moments, root_of_susceptibility
 from fieldmap.parallel import in_threads, threads_of_kernels
 from fieldmap.records import Record
@@ -34,8 +35,9 @@ class GalerkinModel(Record):
     """Projected iron: r modes, c coils, p sample points.
 
     gradients (3 p, r) and source (3 p, c): gradients of the modes and the coils' field per ampere at the points, in
-    T; weights (p,) in m^3; law (p,) and tables: the material there; air (r, r) and constant (r,), see
-    `fieldmap.kernels.iron.reduced_iron`; fixed (3 p,): field of the background at the points, T, None without one.
+    T; weights (p,) in m^3; law (p,) and tables: the material there; air (r, r) and constant (r,): A and r0 of the
+    equation (docs/theory/current_dependence.md, (2)); fixed (3 p,): field of the background at the points, T, None
+    without one.
     """
 
     gradients: Array
@@ -57,25 +59,15 @@ class GalerkinModel(Record):
         """Number of amplitudes."""
         return self.gradients.shape[1]
 
-    def solve(
-        self, currents: Array, start: Array, tolerance: float = 1e-8, limit: int = 60
-    ) -> tuple[Array, int]:
-        """Amplitudes (r,) at currents (c,), and the Newton steps."""
-        laws = (self.weights, self.law, *self.tables.arrays)
-        factor = np.zeros_like(self.air)
-        amplitude, steps, _ = newton(
-            self.applied(currents),
-            self.gradients,
-            self._single,
-            *laws,
-            self.air,
-            self.constant,
-            start,
-            factor,
-            tolerance,
-            limit,
-        )
-        return amplitude, steps
+    def solve(self, currents: Array, start: Array, tolerance: float = 1e-7) -> tuple[Array, int]:
+        """Amplitudes (r,) at currents (c,), and the Newton steps: those after the last step where it takes more than
+        `fieldmap.core.iron.MOST_STEPS`.
+
+        The core has the gradients in single precision, which moves amplitudes by some 1e-8 of the state.
+        """
+        state, amplitudes = self._core.state(), np.array(start, dtype=np.float64)
+        state.solve_in(self.applied(currents), amplitudes, tolerance=tolerance)
+        return amplitudes, state.steps
 
     def solutions(self, currents: Array, starts: Array, near: "GalerkinModel", tolerance: float) -> Array:
         """Amplitudes (s, r) at many currents (s, c), from starts (s, r): all states in one pass over the points, with
@@ -164,8 +156,9 @@ class GalerkinModel(Record):
         return self.sampled(points, self.weights[points] * (self.weights.sum() / self.weights[points].sum()))
 
     @cached_property
-    def _single(self) -> NDArray[np.float32]:
-        return self.gradients.astype(np.float32)
+    def _core(self) -> CoreIron:
+        laws = self.weights, self.law, self.tables.arrays
+        return CoreIron(numbers_in_fields(self.gradients, *laws, self.air, self.constant))
 
     def error_coordinates(self, currents: Array, amplitude: Array, fields: Array, energy: float) -> Array:
         """C (r, r), so that |R^T C|^2 is the squared size of the error that a residual R (r,) causes in a state: that

@@ -1,0 +1,155 @@
+"""The numbers in which the C core takes a reduced model of saturating iron: fieldmap/core/iron.h."""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fieldmap.core.library import LIBRARY
+from fieldmap.records import tuple_line
+from fieldmap.typing import Array
+
+# Rows of single precision are whole vector registers; sizes before the arrays.
+_LANES: int = LIBRARY.IRON_LANES
+_SIZES: int = LIBRARY.IRON_SIZES
+
+
+class SignalDomain(NamedTuple):
+    """The currents that a model is for. division, exponent: as `fieldmap.currents.CompiledParametrisation`; matrix (c,
+    d): currents of signals, inverse (d, c) its pseudo-inverse, both empty of a division; lower, upper (d,), with
+    a margin of rounding; limit of every current, A, or infinity; tolerance of currents that are not of the
+    parametrisation; checked: whether currents beyond are refused."""
+
+    division: bool
+    exponent: float
+    matrix: NDArray[np.float64]
+    inverse: NDArray[np.float64]
+    lower: NDArray[np.float64]
+    upper: NDArray[np.float64]
+    limit: float
+    tolerance: float
+    checked: bool
+
+    def __repr__(self) -> str:
+        return tuple_line(self)
+
+
+class CompiledModel(NamedTuple):
+    """The arrays of a `fieldmap.store.ReducedModel` for `core_numbers`: p points, r modes, c coils, k fields.
+
+    gradients (3 p, r), kept in single precision; fixed (3 p,) or (0,); the others as there. terms (t, 3) and expansion
+    (t, r), kept in single precision: amplitudes as a sum over products of Chebyshev polynomials of the signals, each
+    scaled to -1..1; a term is another term before it (column 0) times the polynomial of signal (1) and degree (2); the
+    first is 1.
+    tolerance: share of the state that a solve may leave, in the norm of the energy.
+    """
+
+    source: NDArray[np.float64]
+    fixed: NDArray[np.float64]
+    gradients: NDArray[np.floating[Any]]
+    weights: NDArray[np.float64]
+    law: NDArray[np.int64]
+    offset: NDArray[np.int64]
+    knots: NDArray[np.float64]
+    coefficients: NDArray[np.float64]
+    air: NDArray[np.float64]
+    constant: NDArray[np.float64]
+    output: NDArray[np.float64]
+    terms: NDArray[np.int64]
+    expansion: NDArray[np.floating[Any]]
+    domain: SignalDomain
+    tolerance: float
+
+    def __repr__(self) -> str:
+        return tuple_line(self)
+
+
+def core_numbers(model: CompiledModel) -> Array:
+    """Sizes and arrays of a model, behind one another, as the C core takes them."""
+    domain, modes = model.domain, len(model.constant)
+    wide = _LANES * -(-modes // _LANES)
+    sizes = np.zeros(_SIZES)
+    sizes[:17] = (
+        len(model.weights),
+        modes,
+        wide,
+        model.source.shape[1],
+        len(model.output),
+        model.fixed.size > 0,
+        len(model.offset) - 1,
+        len(model.knots),
+        len(model.terms),
+        len(domain.lower),
+        domain.division,
+        domain.checked,
+        field_count(model),
+        domain.exponent,
+        domain.limit,
+        domain.tolerance,
+        model.tolerance,
+    )
+    doubles = (
+        sizes,
+        model.source,
+        model.fixed,
+        model.weights,
+        model.law,
+        model.offset,
+        model.knots,
+        model.coefficients,
+        model.air,
+        model.constant,
+        model.output,
+        model.terms,
+        domain.matrix,
+        domain.inverse,
+        domain.lower,
+        domain.upper,
+    )
+    singles = model.gradients, model.expansion
+    # Filled in place: of a model that maps are made with, the gradients may take a gigabyte.
+    rows = sum(len(single) for single in singles)
+    numbers, at = np.zeros(sum(each.size for each in doubles) + rows * wide // 2), 0
+    for each in doubles:
+        numbers[at : at + each.size] = each.ravel()
+        at += each.size
+    for single in singles:
+        behind = at + len(single) * wide // 2
+        numbers[at:behind].view(np.float32).reshape(len(single), wide)[:, :modes] = single
+        at = behind
+    return numbers
+
+
+def field_count(model: CompiledModel) -> int:
+    """Of all fields: the coils', the iron's and that of a background."""
+    return int(model.source.shape[1] + len(model.output) + (model.fixed.size > 0))
+
+
+def numbers_in_fields(
+    gradients: Array,
+    weights: Array,
+    law: NDArray[np.int64],
+    tables: tuple[NDArray[np.int64], Array, Array],
+    air: Array,
+    constant: Array,
+) -> Array:
+    """The numbers of a model without coils, for `IronState.solve_in`; arguments and tables of the laws as in
+    `CompiledModel`."""
+    modes, none = len(constant), np.zeros(0)
+    return core_numbers(
+        CompiledModel(
+            np.zeros((len(gradients), 0)),
+            none,
+            gradients,
+            weights,
+            law,
+            *tables,
+            air,
+            constant,
+            np.zeros((0, modes)),
+            np.zeros((0, 3), np.int64),
+            np.zeros((0, modes)),
+            SignalDomain(False, 0.0, none, none, none, none, np.inf, 0.0, False),
+            1.0,
+        )
+    )
