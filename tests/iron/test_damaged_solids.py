@@ -86,17 +86,17 @@ def test_a_solid_that_cannot_be_taken_over_is_refused(tmp_path, monkeypatch):
     assert str(path) in str(caught.value)
 
 
-@pytest.mark.parametrize("module", ["shapes", "mesh_files"])
+@pytest.mark.parametrize("module", ["iron.geometry.shapes", "device.mesh_files"])
 def test_a_damaged_file_is_told_at_its_place(tmp_path, monkeypatch, module):
     """As if the readers of this machine crashed on it; what they crash on differs by version."""
 
     def crash(path, program):
         return another_process.read_by_another(path, "import os; os.abort()")
 
-    monkeypatch.setattr(f"fieldmap.iron.geometry.{module}.read_by_another", crash)
-    path = tmp_path / ("a.step" if module == "shapes" else "a.vtk")
+    monkeypatch.setattr(f"fieldmap.{module}.read_by_another", crash)
+    path = tmp_path / ("a.step" if module.endswith("shapes") else "a.vtk")
     path.write_text("ISO-10303-21;\nDATA;\nENDSEC;\nEND-ISO-10303-21;\n")
-    if module == "shapes":
+    if module.endswith("shapes"):
         body = fm.Body("b", "steel", fm.StepFile(path, 1e-3), mesh_size=1e-3)
         with pytest.raises(GeometryError) as caught:
             body_solid(body)
