@@ -34,7 +34,6 @@ from fieldmap.maps.fields import (
 )
 from fieldmap.maps.forecast import STAGES, Forecast, expect_training
 from fieldmap.maps.recipe import (
-    Plan,
     Recipe,
     choose_grid,
     current_domain,
@@ -148,13 +147,11 @@ def generate(
             if checkpoint.note:
                 say(f"{checkpoint.path.name}: {checkpoint.note}", 0.0)
             try:
-                if order.currents is None or domain is None:
-                    _generate_linear(order, placed, info, target, checkpoint, team, say)
+                writer = MapWriter(target, info, checkpoint)
+                if domain is None:
+                    _linear(placed, order.mu_r, order.tolerance, order.refinement, writer, team, say)
                 else:
-                    plan = order.currents.training
-                    _generate_saturating(
-                        order, plan, domain, placed, info, target, checkpoint, team, say, accept_error
-                    )
+                    _saturating(order, placed, domain, writer, team, say, accept_error)
             except FieldmapError:
                 if not len(checkpoint):
                     checkpoint.remove()
@@ -189,15 +186,16 @@ def _order(
     return order, read_recipe_device(order, changes)
 
 
-def _generate_linear(
-    recipe: Recipe,
+def _linear(
     device: Device,
-    info: MapInfo,
-    target: Path,
-    checkpoint: Checkpoint,
+    mu_r: float | None,
+    tolerance: float,
+    refinement: float,
+    writer: MapWriter,
     workers: Workers,
     say: Progress,
 ) -> None:
+    """The map of linear iron."""
     forecast = Forecast(say, {"solving": 0.0, "nodes": 0.0, "certificate": 0.0})
 
     def tell(message: str, share: float) -> None:
@@ -205,25 +203,24 @@ def _generate_linear(
         _expect_fields(forecast, "solving")
 
     def solve() -> Kept:
-        return to_arrays(solve_linear(device, recipe.mu_r, recipe.tolerance, tell, recipe.refinement))
+        return to_arrays(solve_linear(device, mu_r, tolerance, tell, refinement))
 
-    solution = from_arrays(device, *kept(checkpoint, "solution", solve))
-    writer = MapWriter(target, info, checkpoint)
-    _fill(writer, solution, workers, info.field_scale, forecast)
+    solution = from_arrays(device, *kept(writer.checkpoint, "solution", solve))
+    _fill(writer, solution, workers, writer.info.field_scale, forecast)
 
 
-def _generate_saturating(
+def _saturating(
     recipe: Recipe,
-    plan: Plan,
-    domain: CurrentDomain,
     device: Device,
-    info: MapInfo,
-    target: Path,
-    checkpoint: Checkpoint,
+    domain: CurrentDomain,
+    writer: MapWriter,
     workers: Workers,
     say: Progress,
     accept_error: bool,
 ) -> None:
+    """The map of iron that saturates."""
+    assert recipe.currents is not None
+    plan = recipe.currents.training
     forecast = Forecast(say, dict.fromkeys((*STAGES, "nodes", "certificate"), 0.0))
 
     def assembling(message: str, share: float) -> None:
@@ -231,13 +228,13 @@ def _generate_saturating(
         expect_training(forecast, plan.states, plan.held_out)
         _expect_fields(forecast, "assembling")
 
+    info, checkpoint = writer.info, writer.checkpoint
     solve = (device, domain, plan, recipe.refinement, info.reference_current, info.grid)
     by = (checkpoint, workers, assembling, forecast)
     trained = trained_map(device, *kept(checkpoint, "trained model", trained_arrays, *solve, *by))
-    accepted = require_accuracy(trained.about, recipe, target, accept_error)
+    accepted = require_accuracy(trained.about, recipe, writer.target, accept_error)
     spent = Stopwatch(workers, *(trained.about[name] for name in SPENT))
-    info = replace(info, reduced_model=trained.model, current_error=trained.error)
-    writer = MapWriter(target, info, checkpoint)
+    writer.info = replace(info, reduced_model=trained.model, current_error=trained.error)
     _fill(writer, trained.fields, workers, trained.largest_weights, forecast, trained.about, spent, accepted)
 
 
