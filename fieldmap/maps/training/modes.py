@@ -110,7 +110,7 @@ class SolvedModes:
         return pivots(left.T @ energy(left), left.shape[1], accuracy**2)
 
 
-def solved(model: GalerkinModel, currents: Array, starts: Array, tolerance: float = 1e-8) -> Array:
+def solved(model: GalerkinModel, currents: Array, starts: Array, tolerance: float = 1e-7) -> Array:
     """Amplitudes (s, r) of a model at currents (s, c), from starts (s, r)."""
     pairs = list(zip(currents, starts, strict=True))
     found = list(results_of(lambda pair: model.solve(pair[0], pair[1], tolerance)[0], pairs))
