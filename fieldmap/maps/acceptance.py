@@ -4,16 +4,23 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from fieldmap.errors import MapErrorTooLarge
 from fieldmap.inputs.document import Document
+from fieldmap.maps.forecast import states_needed
 from fieldmap.maps.recipe import Plan, Recipe
-from fieldmap.maps.training.expected import states_needed
 from fieldmap.records import Record
-from fieldmap.store.stated_accuracy import GRADIENT, HELD_OUT, MissedAccuracy, missed_accuracy, percent
+from fieldmap.store.stated_accuracy import (
+    GRADIENT,
+    HELD_OUT,
+    MissedAccuracy,
+    largest_share,
+    missed_accuracy,
+    percent,
+)
 
 # The most states that a recipe can ask for (`fieldmap.maps.recipe.CurrentKeys`).
 _MOST_STATES = 4096
@@ -71,19 +78,6 @@ def require_accuracy(
     return missed
 
 
-def record_of_acceptance(accepted: MissedAccuracy | None) -> dict[str, Any]:
-    """What the report of a map says of an error that was accepted."""
-    if accepted is None:
-        return {}
-    names = ("flux_density_share", "gradient_share", "asked")
-    return {"accepted_error": {name: getattr(accepted, name) for name in names}}
-
-
-def assumption_of_acceptance(accepted: MissedAccuracy | None) -> tuple[str, ...]:
-    """What a map rests on whose error was accepted: one sentence."""
-    return () if accepted is None else (f"{accepted.text}: accepted with --accept-error",)
-
-
 def _error_too_large(
     missed: MissedAccuracy, about: Mapping[str, Any], recipe: Recipe, plan: Plan, target: Path
 ) -> MapErrorTooLarge:
@@ -133,10 +127,10 @@ def _states(about: Mapping[str, Any], plan: Plan) -> int | None:
     wanted, rounds = _MORE * plan.states, about.get("rounds", ())
     if len(rounds) > 1:
         errors = [found["errors"] for found in rounds]
-        shares = [max(e["flux_density_share"], e["gradient_share"] / GRADIENT) for e in errors]
-        believed = replace(plan, states=_BELIEVED * plan.states)
-        needed = states_needed(shares, [found["solved"] for found in rounds], believed)
-        wanted = needed if plan.states < needed < believed.states else wanted
+        shares = [largest_share(found["flux_density_share"], found["gradient_share"]) for found in errors]
+        believed = _BELIEVED * plan.states
+        needed = states_needed(shares, [found["solved"] for found in rounds], believed, plan.accuracy)
+        wanted = needed if plan.states < needed < believed else wanted
     return min(wanted, _MOST_STATES) if plan.states < _MOST_STATES else None
 
 

@@ -9,10 +9,12 @@ stays below 1 / cos(pi d / 2 n)^2 times its largest sample (Ehlich, Zeller, Math
 
 import itertools
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from functools import cache
 from typing import TypeAlias
 
 import numpy as np
-from scipy.sparse import csr_array, vstack
+from numpy.typing import NDArray
+from scipy.sparse import csr_array, eye_array, vstack
 
 from fieldmap.core import CoreMap
 from fieldmap.core.block import DEGREE, HEADER, LENGTH
@@ -24,8 +26,7 @@ from fieldmap.interpolants.harmonic_matrix import (
     gradient_matrix,
     largest_on_sphere,
 )
-from fieldmap.maps.shifted_origin import shift_matrix
-from fieldmap.parallel import in_threads, threads_of_kernels
+from fieldmap.parallel import results_of
 from fieldmap.store import FieldError, Grid, MapData
 from fieldmap.typing import Array, Index
 
@@ -144,13 +145,39 @@ def difference_of_polynomials(cells: Form, whole: Form, grid: Grid, scale: Array
             worst = np.maximum(worst, found)
         return worst
 
-    found = [outcome.result() for outcome in in_threads(of_slab, range(shape[0]), threads_of_kernels())]
-    return np.array(np.max(found, axis=0)) / (1.0, unit)
+    return np.array(np.max(list(results_of(of_slab, range(shape[0]))), axis=0)) / (1.0, unit)
 
 
 def _degrees(degree: int) -> Index:
     """Of every coefficient ((degree + 1)^2,)."""
     return np.repeat(np.arange(degree + 1), 2 * np.arange(degree + 1) + 1)
+
+
+@cache
+def _unit_shift(degree: int, axis: int) -> tuple[csr_array, NDArray[np.intp]]:
+    """Matrix of coefficients ((degree + 1)^2,) to those about an origin 1 further along an axis, and of each of its
+    entries by which power of the shift it grows.
+
+    Taylor's series, which ends: p(x + s) = sum_k (s d/dx)^k p(x) / k!. All degrees that the polynomials have are kept.
+    """
+    terms = (degree + 1) ** 2
+    derivative = csr_array(derivative_matrix(degree, axis))
+    derivative.resize((terms, terms))
+    total = term = eye_array(terms, format="csr")
+    for k in range(1, degree + 1):
+        term = (1.0 / k) * (derivative @ term)
+        total = total + term
+    of_degree = _degrees(degree)
+    rows = np.repeat(np.arange(terms), np.diff(total.indptr))
+    return total, of_degree[total.indices] - of_degree[rows]
+
+
+def shift_matrix(degree: int, axis: int, shift: float) -> csr_array:
+    """Matrix ((degree + 1)^2, (degree + 1)^2) of coefficients to those of the same polynomials about an origin `shift`
+    further along an axis."""
+    unit, powers = _unit_shift(degree, axis)
+    data = unit.data * (shift ** np.arange(degree + 1))[powers]
+    return csr_array((data, unit.indices, unit.indptr), shape=unit.shape)
 
 
 def _faces_matrix(size: Array) -> Array:

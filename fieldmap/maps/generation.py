@@ -4,24 +4,36 @@ from __future__ import annotations
 
 import os
 import platform
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 from datetime import UTC, datetime
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from fieldmap.currents import CurrentDomain, LiftAndDirections
 from fieldmap.device.model import Device, WorkspaceBox
 from fieldmap.errors import FieldmapError, MapFileError, Problem, RecipeError
-from fieldmap.iron import LinearSolution, SolverReport, check_geometry
-from fieldmap.maps.acceptance import assumption_of_acceptance, record_of_acceptance, require_accuracy
+from fieldmap.iron import LinearSolution, check_geometry, solve_linear
+from fieldmap.maps.acceptance import require_accuracy
 from fieldmap.maps.error_bound import SOLVER_POINTS, certified_bounds, interpolation_error
-from fieldmap.maps.forecast import Forecast
-from fieldmap.maps.linear_fields import linear_fields
+from fieldmap.maps.fields import (
+    SPENT,
+    Kept,
+    SaturatingFields,
+    Stopwatch,
+    from_arrays,
+    kept,
+    peak_memory,
+    to_arrays,
+    trained_arrays,
+    trained_map,
+)
+from fieldmap.maps.forecast import STAGES, Forecast, expect_training
 from fieldmap.maps.recipe import (
-    CurrentPlan,
     Recipe,
     choose_grid,
     current_domain,
@@ -30,14 +42,13 @@ from fieldmap.maps.recipe import (
     recipe_for,
     with_box,
 )
-from fieldmap.maps.saturating_fields import SPENT, SaturatingFields, Stopwatch, peak_memory, trained_map
-from fieldmap.maps.training.expected import STAGES, expect_training
-from fieldmap.maps.training.states import corners
+from fieldmap.maps.training.currents import corner_signals
 from fieldmap.parallel import Common, Workers, same_arithmetic
 from fieldmap.progress import shown_or_silent
 from fieldmap.provenance import fingerprint, library_versions
 from fieldmap.store import Checkpoint, MapInfo, MapWriter, Provenance, checkpoint_path, read_info
 from fieldmap.store.map_writer import what_decides
+from fieldmap.store.stated_accuracy import MissedAccuracy
 from fieldmap.typing import Array, PathLike, Progress
 
 OUTPUT_FOLDER = Path("maps/out")
@@ -61,36 +72,6 @@ _NODES, _CERTIFICATE, _CELL = 0.1, 0.3, 1e-4
 # Points of one piece of work: about as many as the nodes of a part of the file.
 _POINTS = 1000
 Fields: TypeAlias = LinearSolution | SaturatingFields
-
-
-class DividedFields:
-    """`fields`, their points divided among workers. The division depends on the points alone, so that who evaluates
-    them changes no bit."""
-
-    def __init__(self, fields: Fields, workers: Workers) -> None:
-        self._report, self.workers = fields.report, workers
-        self._common = Common.of(fields)
-
-    @property
-    def report(self) -> SolverReport:
-        """Of the solver."""
-        return self._report
-
-    def unit_fields(self, points: Array) -> tuple[Array, Array]:
-        """Flux density (n_fields, n, 3) and gradient (n_fields, n, 3, 3), per ampere or at weight 1."""
-        parts = [points[first : first + _POINTS] for first in range(0, len(points), _POINTS)]
-        pairs = self.workers.results(_unit_fields, parts, self._common)
-        flux, gradient = (np.concatenate(arrays, axis=1) for arrays in zip(*pairs, strict=True))
-        return flux, gradient
-
-    def of_parts(self, parts: Sequence[Array]) -> Iterator[tuple[int, tuple[Array, Array]]]:
-        """Number of a part, points (n, 3), and the fields there, as they are done."""
-        for outcome in self.workers.map(_unit_fields, parts, self._common):
-            yield outcome.index, outcome.result()
-
-
-def _unit_fields(fields: Fields, points: Array) -> tuple[Array, Array]:
-    return fields.source_fields(points)
 
 
 def generate(
@@ -146,52 +127,36 @@ def generate(
         "iron": iron,
         "reference_current": reference_current,
     }
-    with shown_or_silent("map", progress) as say:
-        return _generate(recipe, output, resume, say, workers, scheduler, said, changes, accept_error)
-
-
-def _generate(
-    recipe: PathLike | Device,
-    output: PathLike | None,
-    resume: bool,
-    say: Progress,
-    workers: int,
-    scheduler: str | None,
-    said: Mapping[str, Any],
-    changes: Mapping[str, Any] | None,
-    accept_error: bool,
-) -> Path:
-    """As `generate`; said: what a recipe would say, None where it is not said."""
-    say("checking recipe, device and geometry", 0.0)
     given = {name: value for name, value in said.items() if value is not None}
-    order, device = _order(recipe, given, changes)
-    target = _target(order, output)
-    info = _describe(order, device)
-    placed = with_box(device, info.grid)
-    check_geometry(placed)
-    if resume and (report := _finished(target, info)) is not None:
-        require_accuracy(report, order, target, accept_error)
-        say("complete already", 1.0)
-        return target
-    with (
-        same_arithmetic(),
-        Workers(workers, scheduler) as team,
-        Checkpoint(checkpoint_path(target), what_decides(info), resume) as checkpoint,
-    ):
-        if checkpoint.note:
-            say(f"{checkpoint.path.name}: {checkpoint.note}", 0.0)
-        try:
-            if order.currents is None:
-                _generate_linear(order, placed, info, target, checkpoint, team, say)
-            else:
-                _generate_saturating(
-                    order, order.currents, placed, info, target, checkpoint, team, say, accept_error
-                )
-        except FieldmapError:
-            if not len(checkpoint):
-                checkpoint.remove()
-            raise
-    say("complete", 1.0)
+    with shown_or_silent("map", progress) as say:
+        say("checking recipe, device and geometry", 0.0)
+        order, device = _order(recipe, given, changes)
+        target = _target(order, output)
+        info, domain = _describe(order, device)
+        placed = with_box(device, info.grid)
+        check_geometry(placed)
+        if resume and (report := _finished(target, info)) is not None:
+            require_accuracy(report, order, target, accept_error)
+            say("complete already", 1.0)
+            return target
+        with (
+            same_arithmetic(),
+            Workers(workers, scheduler) as team,
+            Checkpoint(checkpoint_path(target), what_decides(info), resume) as checkpoint,
+        ):
+            if checkpoint.note:
+                say(f"{checkpoint.path.name}: {checkpoint.note}", 0.0)
+            try:
+                writer = MapWriter(target, info, checkpoint)
+                if domain is None:
+                    _linear(placed, order.mu_r, order.tolerance, order.refinement, writer, team, say)
+                else:
+                    _saturating(order, placed, domain, writer, team, say, accept_error)
+            except FieldmapError:
+                if not len(checkpoint):
+                    checkpoint.remove()
+                raise
+        say("complete", 1.0)
     return target
 
 
@@ -221,108 +186,149 @@ def _order(
     return order, read_recipe_device(order, changes)
 
 
-def _generate_linear(
-    recipe: Recipe,
+def _linear(
     device: Device,
-    info: MapInfo,
-    target: Path,
-    checkpoint: Checkpoint,
+    mu_r: float | None,
+    tolerance: float,
+    refinement: float,
+    writer: MapWriter,
     workers: Workers,
     say: Progress,
 ) -> None:
+    """The map of linear iron."""
     forecast = Forecast(say, {"solving": 0.0, "nodes": 0.0, "certificate": 0.0})
 
     def tell(message: str, share: float) -> None:
         forecast.at("solving", message, share)
-        _expect_fields(forecast, forecast.expected("solving"))
+        _expect_fields(forecast, "solving")
 
-    solution = linear_fields(
-        device,
-        recipe.mu_r,
-        recipe.tolerance,
-        recipe.refinement,
-        checkpoint,
-        tell,
-    )
-    writer = MapWriter(target, info, checkpoint)
-    _fill(writer, DividedFields(solution, workers), info.field_scale, dict, forecast)
+    def solve() -> Kept:
+        return to_arrays(solve_linear(device, mu_r, tolerance, tell, refinement))
+
+    solution = from_arrays(device, *kept(writer.checkpoint, "solution", solve))
+    _fill(writer, solution, workers, writer.info.field_scale, forecast)
 
 
-def _generate_saturating(
+def _saturating(
     recipe: Recipe,
-    plan: CurrentPlan,
     device: Device,
-    info: MapInfo,
-    target: Path,
-    checkpoint: Checkpoint,
+    domain: CurrentDomain,
+    writer: MapWriter,
     workers: Workers,
     say: Progress,
     accept_error: bool,
 ) -> None:
+    """The map of iron that saturates."""
+    assert recipe.currents is not None
+    plan = recipe.currents.training
     forecast = Forecast(say, dict.fromkeys((*STAGES, "nodes", "certificate"), 0.0))
 
     def assembling(message: str, share: float) -> None:
         forecast.at("assembling", message, share)
-        expect_training(forecast, plan.training)
-        _expect_fields(forecast, forecast.expected("assembling"))
+        expect_training(forecast, plan.states, plan.held_out)
+        _expect_fields(forecast, "assembling")
 
-    trained = trained_map(
-        device,
-        current_domain(recipe, plan, device.coil_names),
-        plan,
-        info.reference_current,
-        info.grid,
-        checkpoint,
-        workers,
-        assembling,
-        forecast,
-    )
-    found = {**trained.about, **dict(zip(SPENT, trained.spent, strict=True))}
-    accepted = require_accuracy(found, recipe, target, accept_error)
-    spent = Stopwatch(workers, *trained.spent)
-    info = replace(info, reduced_model=trained.model, current_error=trained.error)
-    writer, fields = MapWriter(target, info, checkpoint), DividedFields(trained.fields, workers)
-
-    def about() -> dict[str, Any]:
-        return {**trained.about, **spent.read(), **peak_memory()} | record_of_acceptance(accepted)
-
-    _fill(writer, fields, trained.largest_weights, about, forecast, assumption_of_acceptance(accepted))
+    info, checkpoint = writer.info, writer.checkpoint
+    solve = (device, domain, plan, recipe.refinement, info.reference_current, info.grid)
+    by = (checkpoint, workers, assembling, forecast)
+    trained = trained_map(device, *kept(checkpoint, "trained model", trained_arrays, *solve, *by))
+    accepted = require_accuracy(trained.about, recipe, writer.target, accept_error)
+    spent = Stopwatch(workers, *(trained.about[name] for name in SPENT))
+    writer.info = replace(info, reduced_model=trained.model, current_error=trained.error)
+    _fill(writer, trained.fields, workers, trained.largest_weights, forecast, trained.about, spent, accepted)
 
 
 def _fill(
     writer: MapWriter,
-    fields: DividedFields,
+    fields: Fields,
+    workers: Workers,
     largest_weights: Array,
-    about: Callable[[], Mapping[str, Any]],
     forecast: Forecast,
-    assumes: tuple[str, ...] = (),
+    about: Mapping[str, Any] = MappingProxyType({}),
+    spent: Stopwatch | None = None,
+    accepted: MissedAccuracy | None = None,
 ) -> None:
-    """Fields at the nodes, their error, and the file; about(): what its report says beside the solver's; assumes: what
-    the map rests on beside what the solver assumes."""
+    """Fields at the nodes, their error, and the file. about: what its report says beside the solver's; spent: what the
+    map has taken so far; accepted: an error that is among what the map rests on."""
     if writer.resumed:
         forecast.note(f"resumed with {writer.resumed} of {len(writer.chunks)} parts")
-    _evaluate(fields, writer, forecast)
+    common = Common.of(fields)
+    _evaluate(common, workers, writer, forecast)
     forecast.at("certificate", "certifying the lookup against the solver")
+
+    def unit_fields(points: Array) -> tuple[Array, Array]:
+        # The division depends on the points alone, so that who evaluates them changes no bit.
+        parts = [points[first : first + _POINTS] for first in range(0, len(points), _POINTS)]
+        pairs = workers.results(_unit_fields, parts, common)
+        flux, gradient = (np.concatenate(arrays, axis=1) for arrays in zip(*pairs, strict=True))
+        return flux, gradient
+
     data = writer.data()
     read = data.as_read()
-    error = interpolation_error(read, fields.unit_fields)
-    bounds = certified_bounds(read, fields.unit_fields, largest_weights)
-    report: dict[str, Any] = asdict(fields.report) | dict(about()) | _finished_by(fields.workers)
-    assumptions = (*report.pop("assumptions"), *assumes)
+    error = interpolation_error(read, unit_fields)
+    bounds = certified_bounds(read, unit_fields, largest_weights)
+    report: dict[str, Any] = asdict(fields.report) | dict(about)
+    assumptions = report.pop("assumptions")
+    if spent is not None:
+        report |= {**spent.read(), **peak_memory()}
+    if accepted is not None:
+        names = ("flux_density_share", "gradient_share", "asked")
+        report["accepted_error"] = {name: getattr(accepted, name) for name in names}
+        assumptions = (*assumptions, f"{accepted.text}: accepted with --accept-error")
+    # Who finished it: nothing that decides its numbers, as long as the processors are of one kind.
+    report |= {"workers": str(workers), "machine": f"{platform.system()}, {platform.machine()}"}
     writer.finish(report, assumptions, error, bounds, data)
 
 
-def _describe(recipe: Recipe, device: Device) -> MapInfo:
-    """The map to be, checked as far as it can be without its geometry."""
+def _unit_fields(fields: Fields, points: Array) -> tuple[Array, Array]:
+    return fields.source_fields(points)
+
+
+def _evaluate(fields: Common[Fields], workers: Workers, writer: MapWriter, forecast: Forecast) -> None:
+    """The fields at the nodes that the writer misses."""
+    total, missing, grid = len(writer.chunks), writer.missing, writer.info.grid
+    done = before = total - len(missing)
+
+    def tell() -> None:
+        if done < total:
+            message = f"field at the nodes, part {done + 1} of {total}"
+            forecast.at("nodes", message, done - before, len(missing))
+
+    tell()
+    parts = [grid.points(chunk.first, chunk.last) for chunk in missing]
+    for outcome in workers.map(_unit_fields, parts, fields):
+        flux, gradient = outcome.result()
+        chunk = missing[outcome.index]
+        planes = (len(flux), chunk.last - chunk.first, *grid.shape[1:])
+        writer.write(chunk, flux.reshape(*planes, 3), gradient.reshape(*planes, 3, 3))
+        done += 1
+        tell()
+    if parts:
+        per_point = forecast.taken() / sum(map(len, parts))
+        cells = int(np.prod(np.array(grid.shape) - 1))
+        forecast.expect("certificate", per_point * SOLVER_POINTS + _CELL * cells * len(flux))
+
+
+def _expect_fields(forecast: Forecast, solving: str) -> None:
+    """Before any point is evaluated, by the seconds of the stage that solves."""
+    forecast.expect("nodes", _NODES * forecast.expected(solving))
+    forecast.expect("certificate", _CERTIFICATE * forecast.expected(solving))
+
+
+def _describe(recipe: Recipe, device: Device) -> tuple[MapInfo, CurrentDomain | None]:
+    """The map to be, checked as far as it can be without its geometry, and the currents that it is for, if the iron
+    saturates."""
     fixed, saturating = device.fixed_sources, recipe.currents is not None
     if not device.coils and (saturating or not fixed):
         raise recipe.error(
             "device", "a device with at least one coil", "none", "add a [[coil]] to the device"
         )
-    return MapInfo(
-        grid=choose_grid(recipe, device),
+    grid = choose_grid(recipe, device)
+    domain = None if recipe.currents is None else current_domain(recipe, recipe.currents, device.coil_names)
+    info = MapInfo(
+        grid=grid,
         coil_names=device.coil_names,
-        reference_current=_reference_current(recipe, device),
+        reference_current=_reference_current(recipe, domain, len(device.coils)),
         provenance=Provenance(
             title=recipe.title,
             device_name=device.name,
@@ -337,20 +343,19 @@ def _describe(recipe: Recipe, device: Device) -> MapInfo:
         # The fields of saturating iron hold that of its magnets.
         constant_field=device.background is not None or (bool(fixed) and not saturating),
     )
+    return info, domain
 
 
-def _reference_current(recipe: Recipe, device: Device) -> Array:
+def _reference_current(recipe: Recipe, domain: CurrentDomain | None, count: int) -> Array:
     """As the recipe says; else 1 A, or the middle of the domain of the currents, where that is positive."""
-    count = len(device.coils)
-    if recipe.currents is None:
-        return np.full(count, 1.0 if recipe.reference_current is None else recipe.reference_current)
-    domain = current_domain(recipe, recipe.currents, device.coil_names)
+    given = np.full(count, 1.0 if recipe.reference_current is None else recipe.reference_current)
+    if domain is None:
+        return given
     if recipe.reference_current is None:
-        middle = domain.middle
-        return np.where(middle > 0, middle, np.abs(corners(domain)).max(initial=1.0))
-    given = np.full(count, recipe.reference_current)
+        middle, corners = domain.middle, domain.parametrisation.currents(corner_signals(domain))
+        return np.where(middle > 0, middle, np.abs(corners).max(initial=1.0))
     # Of lift_and_directions any equal currents will do: they are signals without directions.
-    if recipe.currents.lift_and_directions is None and not domain.holds(given):
+    if not isinstance(domain.parametrisation, LiftAndDirections) and not domain.holds(given):
         raise recipe.error(
             "output.reference_current_A",
             "must lie within [currents]",
@@ -381,38 +386,3 @@ def _finished(target: Path, info: MapInfo) -> Mapping[str, Any] | None:
     except MapFileError:
         return None
     return there.solver_report if there.fingerprint == info.provenance.fingerprint else None
-
-
-def _expect_fields(forecast: Forecast, solving: float) -> None:
-    """Before any point is evaluated, by the seconds of the solve."""
-    forecast.expect("nodes", _NODES * solving)
-    forecast.expect("certificate", _CERTIFICATE * solving)
-
-
-def _evaluate(fields: DividedFields, writer: MapWriter, forecast: Forecast) -> None:
-    total, missing, info = len(writer.chunks), writer.missing, writer.info
-    _, ny, nz = info.grid.shape
-    done, before = total - len(missing), total - len(missing)
-
-    def tell() -> None:
-        if done < total:
-            message = f"field at the nodes, part {done + 1} of {total}"
-            forecast.at("nodes", message, done - before, len(missing))
-
-    tell()
-    parts = [writer.info.grid.points(chunk.first, chunk.last) for chunk in missing]
-    for index, (flux, gradient) in fields.of_parts(parts):
-        chunk = missing[index]
-        planes = (len(flux), chunk.last - chunk.first, ny, nz)
-        writer.write(chunk, flux.reshape(*planes, 3), gradient.reshape(*planes, 3, 3))
-        done += 1
-        tell()
-    if parts:
-        per_point = forecast.taken() / sum(map(len, parts))
-        cells = int(np.prod(np.array(info.grid.shape) - 1))
-        forecast.expect("certificate", per_point * SOLVER_POINTS + _CELL * cells * len(flux))
-
-
-def _finished_by(workers: Workers) -> dict[str, str]:
-    """Who finished a map: nothing that decides its numbers, as long as the processors are of one kind."""
-    return {"workers": str(workers), "machine": f"{platform.system()}, {platform.machine()}"}

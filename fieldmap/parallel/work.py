@@ -182,6 +182,11 @@ def threads_of_kernels() -> int:
     return thread_count()
 
 
+def results_of(function: Callable[..., R], items: Sequence[Any]) -> Iterator[R]:
+    """function(item) of every item, in their order, in as many threads as may call kernels."""
+    return (outcome.result() for outcome in in_threads(function, items, threads_of_kernels()))
+
+
 def threads_of_linear_algebra() -> int:
     """How many threads BLAS and LAPACK take for one product, here and now."""
     return max(

@@ -6,9 +6,8 @@ Depends on: errors, typing, currents, h5py, numpy.
 """
 
 from fieldmap.store.checkpoint import Checkpoint, Piece, checkpoint_path
-from fieldmap.store.grid import Grid
 from fieldmap.store.map_check import MapCheck, check_map
-from fieldmap.store.map_data import FieldError, MapData, MapInfo, Provenance
+from fieldmap.store.map_data import FieldError, Grid, MapData, MapInfo, Provenance
 from fieldmap.store.map_format import Chunk
 from fieldmap.store.map_reader import map_path, read_info, read_map
 from fieldmap.store.map_writer import MapWriter, open_writer, write_map

@@ -13,8 +13,7 @@ import numpy as np
 from fieldmap.errors import MapFileError, Problem
 from fieldmap.plain import Plain, plain_items
 from fieldmap.records import Record
-from fieldmap.store.grid import Array, Grid
-from fieldmap.store.map_data import MapInfo
+from fieldmap.store.map_data import Grid, MapInfo
 from fieldmap.store.map_format import MESHES, OWN, TENSOR, UNREADABLE, VECTOR, planes_per_chunk
 from fieldmap.store.map_reader import (
     Refused,
@@ -28,6 +27,7 @@ from fieldmap.store.map_reader import (
 from fieldmap.store.openpmd import TESLA, TESLA_PER_METRE
 from fieldmap.store.seal import REMAKE
 from fieldmap.store.stated_accuracy import MissedAccuracy, missed_accuracy
+from fieldmap.typing import Array
 
 DIVERGENCE_AND_CURL = 1e-4
 """Largest divergence, and largest curl, of a stored gradient at a node, of the largest gradient of that field."""
@@ -144,10 +144,6 @@ def check_map(path: str | os.PathLike[str]) -> MapCheck:
         size = int(file.id.get_filesize())
     if findings.problems:
         raise MapFileError(*findings.problems)
-    return _result(info, size, findings)
-
-
-def _result(info: MapInfo, size: int, findings: _Findings) -> MapCheck:
     largest = {name: max(values) for name, values in findings.figures.items()}
     return MapCheck(
         info=info,

@@ -1,4 +1,4 @@
-"""A map in memory: arrays over a grid, and where they come from."""
+"""A map in memory: arrays over the nodes of a grid, and where they come from."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -8,11 +8,65 @@ import numpy as np
 
 from fieldmap.errors import InputError, Problem
 from fieldmap.records import Record
-from fieldmap.store.grid import Array, Grid
 from fieldmap.store.reduced_model import ReducedModel
+from fieldmap.typing import Array
 
 NO_CURRENT = "no current"
 """Name of the constant field of a map; no name of a coil has a space."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Grid(Record):
+    """Regular grid of nodes: lower (3,) in m, spacing (3,) in m, shape (nx, ny, nz), each at least 2.
+
+    Node (i, j, k) lies at lower + (i, j, k) * spacing; arrays over the grid are in C order of x, y, z.
+    Raises InputError if a number is not finite, a spacing not positive or a shape below 2.
+
+    >>> Grid([0, 0, 0], [0.1, 0.1, 0.1], (3, 2, 2)).points()[1]
+    array([0. , 0. , 0.1])
+    """
+
+    lower: Array
+    spacing: Array
+    shape: tuple[int, int, int]
+
+    def __post_init__(self) -> None:
+        lower, spacing = (np.array(values, dtype=np.float64) for values in (self.lower, self.spacing))
+        shape = tuple(int(n) for n in self.shape)
+        finite = [values.shape == (3,) and bool(np.isfinite(values).all()) for values in (lower, spacing)]
+        for name, value, good, must_hold in (
+            ("lower", lower, finite[0], "three finite numbers, m"),
+            ("spacing", spacing, finite[1] and bool((spacing > 0).all()), "three positive numbers, m"),
+            ("shape", shape, len(shape) == 3 and min(shape) >= 2, "three whole numbers of at least 2"),
+        ):
+            if not good:
+                remedy = "give the grid three axes with nodes on each"
+                raise InputError(Problem(f"Grid, {name}", must_hold, str(value), remedy))
+            object.__setattr__(self, name, value)
+        lower.flags.writeable = spacing.flags.writeable = False
+
+    @property
+    def upper(self) -> Array:
+        """Last node (3,), m."""
+        return self.lower + (np.array(self.shape) - 1) * self.spacing
+
+    @property
+    def size(self) -> int:
+        """Number of nodes."""
+        nx, ny, nz = self.shape
+        return nx * ny * nz
+
+    @property
+    def axes(self) -> tuple[Array, Array, Array]:
+        """Node coordinates along x, y and z, m."""
+        x, y, z = (self.lower[a] + np.arange(self.shape[a]) * self.spacing[a] for a in range(3))
+        return x, y, z
+
+    def points(self, first: int = 0, last: int | None = None) -> Array:
+        """Nodes (n, 3) of the x-planes first <= i < last (all of them by default), m."""
+        x, y, z = self.axes
+        mesh = np.meshgrid(x[first:last], y, z, indexing="ij")
+        return np.stack([axis.ravel() for axis in mesh], axis=1)
 
 
 @dataclass(frozen=True)

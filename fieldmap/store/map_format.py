@@ -5,14 +5,13 @@ import json
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
 
 import h5py
 import numpy as np
 
 from fieldmap.records import Record
-from fieldmap.store.grid import Grid
-from fieldmap.store.map_data import FieldError, MapInfo, Provenance
+from fieldmap.store.map_data import FieldError, Grid, MapInfo, Provenance
 from fieldmap.store.reduced_model import ReducedModel
 
 FORMAT_VERSION, WITH_FIXED_SOURCES = 1, 2
@@ -78,6 +77,8 @@ def component_paths(record: str) -> dict[str, list[str]]:
         "gradient": [f"{MESHES}/gradB_{record}/{c}" for c in TENSOR],
     }
 
+
+Value = TypeVar("Value")
 
 # What h5py raises on a file that is not as it should be.
 UNREADABLE = (OSError, KeyError, ValueError, TypeError, RuntimeError, AttributeError)
@@ -161,16 +162,16 @@ def info_from(
 ) -> MapInfo:
     """The map's description from header, report and source texts; KeyError, TypeError or ValueError if ill-formed."""
     provenance = Provenance(
-        title=_text(header, "title"),
-        device_name=_text(header, "device_name"),
+        title=_value(header, "title", str),
+        device_name=_value(header, "device_name", str),
         recipe_text=recipe,
         device_text=device,
-        fingerprint=_text(header, "fingerprint"),
+        fingerprint=_value(header, "fingerprint", str),
         versions=_named_texts(header["versions"]),
         included=_named_texts(header.get("included", {})),
         solver_report=dict(report["solver_report"]),
         assumptions=_texts(report, "assumptions"),
-        created=_text(header, "created"),
+        created=_value(header, "created", str),
     )
     return MapInfo(
         grid=Grid(header["lower_m"], header["spacing_m"], tuple(header["shape"])),
@@ -182,30 +183,22 @@ def info_from(
         reduced_model=reduced_model,
         current_error=_error_from(report.get("current_error")),
         fixed_sources=_texts(header, "fixed_sources") if "fixed_sources" in header else (),
-        constant_field=_flag(header, "constant_field") if "constant_field" in header else False,
+        constant_field=_value(header, "constant_field", bool) if "constant_field" in header else False,
     )
 
 
-def _flag(keys: Mapping[str, Any], name: str) -> bool:
-    if not isinstance(keys[name], bool):
-        raise TypeError(f"{name}: {type(keys[name]).__name__} in the place of true or false")
-    return keys[name]
-
-
-def _text(keys: Mapping[str, Any], name: str) -> str:
-    if not isinstance(keys[name], str):
-        raise TypeError(f"{name}: {type(keys[name]).__name__} in the place of a text")
+def _value(keys: Mapping[str, Any], name: str, kind: type[Value]) -> Value:
+    if not isinstance(keys[name], kind):
+        raise TypeError(f"{name}: {type(keys[name]).__name__} in the place of another type")
     return keys[name]
 
 
 def _named_texts(keys: Mapping[str, Any]) -> dict[str, str]:
-    return {name: _text(keys, name) for name in dict(keys)}
+    return {name: _value(keys, name, str) for name in dict(keys)}
 
 
 def _texts(keys: Mapping[str, Any], name: str) -> tuple[str, ...]:
-    if not isinstance(keys[name], list) or not all(isinstance(text, str) for text in keys[name]):
-        raise TypeError(f"{name}: not a list of texts")
-    return tuple(keys[name])
+    return tuple(_value({name: text}, name, str) for text in _value(keys, name, list))
 
 
 def to_json(values: Mapping[str, Any]) -> str:

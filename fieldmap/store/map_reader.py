@@ -12,7 +12,6 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import h5py
 import numpy as np
@@ -21,8 +20,7 @@ from fieldmap.currents import CurrentParametrisation, LiftAndDirections, paramet
 from fieldmap.errors import InputError, MapFileError, Problem
 from fieldmap.shipped import is_file, shipped_file
 from fieldmap.store.checkpoint import SUFFIX
-from fieldmap.store.grid import Array, Grid
-from fieldmap.store.map_data import MapData, MapInfo
+from fieldmap.store.map_data import Grid, MapData, MapInfo
 from fieldmap.store.map_format import (
     DIVISION_EXPONENT,
     FORMAT_VERSION,
@@ -41,6 +39,7 @@ from fieldmap.store.map_format import (
 from fieldmap.store.openpmd import fixed
 from fieldmap.store.reduced_model import ARRAYS, OPTIONAL, ReducedModel, parametrisation_of
 from fieldmap.store.seal import REMAKE, check_seal
+from fieldmap.typing import Array
 
 _NAMES = {
     "f": "float64 numbers",
@@ -92,7 +91,9 @@ def stored(file: h5py.Group, path: str, kinds: str) -> h5py.Dataset:
     """
     data = hard(file, path)
     if not isinstance(data, h5py.Dataset) or (dtype := data.dtype).kind not in kinds or dtype.hasobject:
-        raise Refused(f"{path}: {_NAMES[kinds]}", _kind_of(data), REMAKE)
+        there = isinstance(data, h5py.Dataset)
+        received = f"shape {data.shape}, {data.dtype}" if there else "no data set"
+        raise Refused(f"{path}: {_NAMES[kinds]}", received, REMAKE)
     created = data.id.get_create_plist()
     if created.get_layout() == h5py.h5d.VIRTUAL or created.get_external_count():
         raise Refused(f"{path} inside the file", "numbers kept in another file", REMAKE)
@@ -107,10 +108,6 @@ def stored(file: h5py.Group, path: str, kinds: str) -> h5py.Dataset:
         received = f"shape {data.shape} with {data.id.get_storage_size()} bytes stored"
         raise Refused(f"{path}: all of its numbers stored", received, REMAKE)
     return data
-
-
-def _kind_of(data: h5py.Group | h5py.Dataset) -> str:
-    return f"shape {data.shape}, {data.dtype}" if isinstance(data, h5py.Dataset) else "no data set"
 
 
 def read_map(path: str | os.PathLike[str]) -> MapData:
@@ -129,7 +126,7 @@ def read_map(path: str | os.PathLike[str]) -> MapData:
                 check_record(file, components[0].rpartition("/")[0], info.grid, name, scale)
         flux = _components(file, [p["flux_density"] for p in paths], info, (3,))
         gradient = _components(file, [p["gradient"] for p in paths], info, (3, 3))
-        return MapData(**_fields(info), flux_density=flux, gradient=gradient)
+        return MapData(**vars(info), flux_density=flux, gradient=gradient)
 
 
 def read_info(path: str | os.PathLike[str]) -> MapInfo:
@@ -277,7 +274,3 @@ def _finite(data: h5py.Dataset) -> Array:
     if not np.isfinite(values).all():
         raise Refused(f"{data.name}: finite numbers", "NaN or infinity", REMAKE)
     return values
-
-
-def _fields(info: MapInfo) -> dict[str, Any]:
-    return {name: getattr(info, name) for name in MapInfo.__dataclass_fields__}

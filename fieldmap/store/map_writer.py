@@ -103,11 +103,11 @@ def _write_reduced_model(file: h5py.File, model: ReducedModel | None) -> None:
 class MapWriter:
     """The chunks of a map in the making, in a checkpoint. A context manager; leaving without `finish` keeps them.
 
-    chunks: all of them; resumed: how many were there at the beginning.
+    target: the file that they are for; chunks: all of them; resumed: how many were there at the beginning.
     """
 
     def __init__(self, target: Path, info: MapInfo, checkpoint: Checkpoint) -> None:
-        self._target = target
+        self.target = target
         self.checkpoint = checkpoint
         self.info = info
         self.chunks = chunks_of(info.grid)
@@ -134,7 +134,7 @@ class MapWriter:
 
         Raises FieldmapError if a number is not finite or the disk is full.
         """
-        _check_finite(self._target, chunk, flux_density, gradient)
+        _check_finite(self.target, chunk, flux_density, gradient)
         self.checkpoint.put(_key(chunk), {"flux_density": flux_density, "gradient": gradient})
 
     def read(self, chunk: Chunk) -> tuple[Array, Array]:
@@ -164,7 +164,7 @@ class MapWriter:
         whole = self.data() if data is None else data
         source = replace(self.info.provenance, solver_report=solver_report, assumptions=tuple(assumptions))
         path = write_map(
-            self._target,
+            self.target,
             replace(
                 whole, provenance=source, interpolation_error=interpolation_error, error_bounds=error_bounds
             ),

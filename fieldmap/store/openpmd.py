@@ -10,9 +10,9 @@ from typing import Any
 import h5py
 import numpy as np
 
-from fieldmap.store.grid import Array, Grid
-from fieldmap.store.map_data import NO_CURRENT, MapData, MapInfo
+from fieldmap.store.map_data import NO_CURRENT, Grid, MapData, MapInfo
 from fieldmap.store.map_format import MESHES, TENSOR, VECTOR, planes_per_chunk, record_names
+from fieldmap.typing import Array
 
 # Powers of length, mass, time, current, temperature, amount, luminous intensity.
 TESLA = np.array([0.0, 1.0, -2.0, -1.0, 0.0, 0.0, 0.0])

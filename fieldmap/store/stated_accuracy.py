@@ -36,8 +36,8 @@ class MissedAccuracy(Record):
 
     @property
     def largest_share(self) -> float:
-        """That of B, or that of the gradient over `GRADIENT`, whichever is larger: to compare with the accuracy."""
-        return max(self.flux_density_share, self.gradient_share / GRADIENT)
+        """`largest_share` of both."""
+        return largest_share(self.flux_density_share, self.gradient_share)
 
     @property
     def text(self) -> str:
@@ -71,6 +71,11 @@ def warn_of_missed_accuracy(
     missed = missed_accuracy(report)
     if missed is not None:
         warnings.warn(f"{path}: {missed.text}", MapAccuracyWarning, stacklevel=stacklevel + 1)
+
+
+def largest_share(of_flux_density: float, of_gradient: float) -> float:
+    """That of B, or that of the gradient over `GRADIENT`, whichever is larger: to compare with the accuracy."""
+    return max(of_flux_density, of_gradient / GRADIENT)
 
 
 def percent(share: float) -> str:

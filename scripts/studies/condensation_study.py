@@ -34,33 +34,30 @@ def main(recipe: str) -> None:
     """Make the map and print both tables."""
     known: dict[str, Any] = {}
 
-    def noting(name: str, take: Callable[..., None]) -> Any:
-        real = getattr(training, name)
+    def noting(place: Any, name: str, take: Callable[..., None]) -> Any:
+        real = getattr(place, name)
 
         def called(*given: Any) -> Any:
             found = real(*given)
             take(given, found)
             return found
 
-        return mock.patch.object(training, name, called)
+        return mock.patch.object(place, name, called)
 
     def note_condensed(given: Any, found: Any) -> None:
         known["condensed"] = given
 
     def note_tried(given: Any, found: Any) -> None:
-        known[given[5]] = found
+        known[given[4]] = found
 
     with (
         tempfile.TemporaryDirectory() as folder,
-        noting("_condensed", note_condensed),
-        noting("solve_tried", note_tried),
-        noting(
-            "try_extremes", lambda given, found: known.update(domain=given[1], solver=given[0].solving.solver)
-        ),
+        noting(training, "condense", note_condensed),
+        noting(training.Training, "solve_tried", note_tried),
     ):
         opened = fm.open_map(fm.generate(recipe, Path(folder) / "studied.h5"))
         print("| model | modes, points | at random: B, gradient | median: B, gradient |\n|---|---|---|---|")
-        trial, reduction, domain, combination, output, accuracy = known["condensed"]
+        reduction, domain, combination, output, accuracy = known["condensed"]
         of_trained = np.eye(reduction.sampled.modes)
         print(
             _line(f"trained with {reduction.sampled.modes} modes", reduction.sampled, of_trained, known),
@@ -69,19 +66,19 @@ def main(recipe: str) -> None:
         for text, share in SHARES.items():
             bounds = {"_OF_MODES": condensation._OF_MODES * share, "_IN_ALL": condensation._IN_ALL * share}
             with mock.patch.multiple(condensation, **bounds):
-                few = training._condensed(trial, reduction, domain, combination, output, accuracy)
+                few = training.condense(reduction, domain, combination, output, accuracy)
             print(_line(text, few.model, few.basis, known), flush=True)
-        _derivatives(opened, trial, known["solver"], known["domain"])
+        _derivatives(opened, reduction.fields.trial, reduction.solver, domain)
 
 
 def _line(text: str, model: GalerkinModel, basis: Array, known: dict[str, Any]) -> str:
     """Errors of a model on combinations (r, q) of the trained modes at the states held out."""
-    trial, reduction, _, combination, output, _ = known["condensed"]
+    reduction, _, combination, output, _ = known["condensed"]
     tried = known["at random"]
-    weights = training._weights(model, output @ basis, tried.currents)
+    weights = training.weights(model, output @ basis, tried.currents)
     charge = weights @ (combination @ reduction.charge)
-    change = known["solver"].charge_density(tried.potentials) - charge
-    shares = 100 * trial.shares(tried.currents, charge + change, change)
+    change = reduction.solver.charge_density(tried.potentials) - charge
+    shares = 100 * reduction.fields.trial.shares(tried.currents, charge + change, change)
     most, middle = (f"{of[0]:.2g} %, {of[1]:.2g} %" for of in (shares.max(axis=0), np.median(shares, axis=0)))
     return f"| {text} | {model.modes}, {len(model.weights)} | {most} | {middle} |"
 

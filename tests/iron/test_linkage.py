@@ -25,7 +25,7 @@ from fieldmap.device.model import (
 from fieldmap.errors import InputError
 from fieldmap.iron import NonlinearSolver
 from fieldmap.iron.elements.bh_law import law_tables, law_values
-from fieldmap.maps.linear_fields import from_arrays, to_arrays
+from fieldmap.maps.fields import from_arrays, to_arrays
 from fieldmap.sources import unit_flux_density
 from fieldmap.sources.inductance import bare_inductance
 

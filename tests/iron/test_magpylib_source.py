@@ -19,7 +19,7 @@ from fieldmap.device.model import (
 )
 from fieldmap.errors import InputError
 from fieldmap.iron import NonlinearSolver
-from fieldmap.maps.linear_fields import from_arrays, to_arrays
+from fieldmap.maps.fields import from_arrays, to_arrays
 from fieldmap.sources import CoilSet
 from fieldmap.sources.magpylib_objects import magpylib_coil, magpylib_tetrahedra
 

@@ -9,7 +9,7 @@ from fieldmap.interpolants.harmonic_matrix import (
     gradient_matrix,
     largest_on_sphere,
 )
-from fieldmap.maps.shifted_origin import shift_matrix
+from fieldmap.maps.error_bound import shift_matrix
 from fieldmap.store import Grid, MapData
 from tests.core.harmonics_in_numpy import regular_table
 

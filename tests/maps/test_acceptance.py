@@ -21,8 +21,8 @@ from fieldmap.iron import NonlinearSolver
 from fieldmap.maps import generation
 from fieldmap.maps.acceptance import shortfall
 from fieldmap.maps.recipe import Plan
-from fieldmap.maps.training import condensation, sampling, training
-from fieldmap.maps.training.states import is_among
+from fieldmap.maps.training import condensation, sampling, sequence, training
+from fieldmap.maps.training.currents import is_among
 from fieldmap.store import MissedAccuracy, check_map, checkpoint_path, missed_accuracy, read_map, write_map
 from tests.maps.conftest import write_few_states
 
@@ -296,7 +296,8 @@ def test_without_parts_no_part_is_known():
 
 def test_where_modes_cannot_hold_the_states_points_are_not_tried_in_vain(tmp_path, monkeypatch):
     """Six modes of ten states and their tangents, where two hundred would hold all of these."""
-    monkeypatch.setattr(training, "_MOST_MODES", 6)
+    monkeypatch.setattr(sequence, "MOST_MODES", 6)
+    monkeypatch.setattr(training, "MOST_MODES", 6)
     monkeypatch.setattr(condensation, "_STATES", 60)
     chosen = []
 
@@ -304,7 +305,7 @@ def test_where_modes_cannot_hold_the_states_points_are_not_tried_in_vain(tmp_pat
         chosen.append(arguments[-1])
         return sampling.sampled(*arguments)
 
-    monkeypatch.setattr(training, "sampled", counted)
+    monkeypatch.setattr(sequence, "sampled", counted)
     recipe = write_few_states(tmp_path)
     recipe.write_text(recipe.read_text().replace("modes = 12", "modes = 6").replace("1e-9", "1e-5"))
     with pytest.raises(MapErrorTooLarge) as raised:
@@ -320,27 +321,27 @@ def test_what_the_search_of_the_condensed_model_finds_is_trained_on_and_counted(
     condense, measure = training._condensed_and_tried, training._error_parts
     searches, trained_on, measured = [], [], []
 
-    def condensed(sequence, *about):
-        found = condense(sequence, *about)
+    def condensed(*about):
+        found = condense(*about)
         searches.append(found.tried["searched for"].currents)
         return found
 
-    def fall_short(solving, reduction, tried):
+    def fall_short(training, reduction, tried):
         if searches and not trained_on:
             trained_on.append((tried[0].currents[0], tried[0].state(0)))
             return trained_on
         return []
 
-    def of_modes(solving, modes, tried, number):
+    def of_modes(self, modes, tried, number):
         return 0.25 if is_among(tried.currents[0], searches[-1]).any() else 0.0
 
-    def error_parts(sequence, *about):
-        measured.append((sequence.training, measure(sequence, *about)))
+    def error_parts(trained, *about):
+        measured.append((trained.known, measure(trained, *about)))
         return measured[0][1]
 
     monkeypatch.setattr(training, "_condensed_and_tried", condensed)
     monkeypatch.setattr(training, "_fall_short", fall_short)
-    monkeypatch.setattr(training, "_off_of_modes", of_modes)
+    monkeypatch.setattr(sequence.Training, "off_of_modes", of_modes)
     monkeypatch.setattr(training, "_error_parts", error_parts)
     recipe = write_few_states(tmp_path)
     recipe.write_text(recipe.read_text().replace("1e-9", "3e-2"))

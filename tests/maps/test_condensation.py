@@ -11,7 +11,7 @@ from fieldmap.iron.elements.bh_law import law_tables, straight_laws
 from fieldmap.iron.solvers.reduced import GalerkinModel
 from fieldmap.maps.training import condensation
 from fieldmap.maps.training.condensation import condensed
-from fieldmap.maps.training.states import extreme_signals
+from fieldmap.maps.training.currents import extreme_signals
 
 ACCURACY = 1e-3
 STEEL = Froehlich("steel", 2000.0, 2.1)

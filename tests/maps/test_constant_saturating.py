@@ -16,7 +16,7 @@ from fieldmap.interop import write_c_map
 from fieldmap.iron import NonlinearSolver
 from fieldmap.levitation import lift_current
 from fieldmap.lookup import iron_weights, tangent_block
-from fieldmap.maps.training.states import training_signals
+from fieldmap.maps.training.currents import training_signals
 from fieldmap.store import MapData, check_map, read_map, write_map
 from tests.dynamics.machines import machine_in
 from tests.interop.test_c_map import STRICT, ask, build

@@ -12,7 +12,7 @@ from fieldmap.device import read_device
 from fieldmap.errors import DeviceFileError, GeometryError, InputError, NotConverged, Problem, RecipeError
 from fieldmap.iron import solve_linear
 from fieldmap.lookup import open_map
-from fieldmap.maps import generate, generation, linear_fields
+from fieldmap.maps import generate, generation
 from fieldmap.store import checkpoint_path, read_info
 
 MU0 = 4e-7 * np.pi
@@ -266,7 +266,7 @@ def test_a_solver_that_fails_leaves_nothing(rig, monkeypatch):
     def fail(*_):
         raise NotConverged(Problem("solve", "residual below 1e-7", "1e-3", "refine"), residuals=(1.0, 1e-3))
 
-    monkeypatch.setattr(linear_fields, "solve_linear", fail)
+    monkeypatch.setattr(generation, "solve_linear", fail)
     before = sorted(rig.rglob("*"))
     with pytest.raises(NotConverged):
         generate(rig / "recipe.toml", rig / "map.h5")

@@ -14,14 +14,14 @@ from fieldmap.store import checkpoint_path
 RUN = """
 import os, signal, sys
 from fieldmap.maps import generate
-from fieldmap.maps import linear_fields
+from fieldmap.maps import generation
 from fieldmap.store import map_format
 
 # Parts of one plane of nodes each.
 map_format.NODES_PER_CHUNK = 63
 recipe, target, moment, solves = sys.argv[1:]
 if solves == "no":
-    linear_fields.solve_linear = None
+    generation.solve_linear = None
 
 def tell(text, share):
     print(text)

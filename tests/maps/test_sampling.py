@@ -8,8 +8,8 @@ from fieldmap.device.materials.froehlich import Froehlich
 from fieldmap.iron.elements.bh_law import law_tables, straight_laws
 from fieldmap.iron.solvers.reduced import GalerkinModel
 from fieldmap.maps.training import sampling
+from fieldmap.maps.training.currents import extreme_signals
 from fieldmap.maps.training.sampling import sampled
-from fieldmap.maps.training.states import extreme_signals
 
 ACCURACY = 1e-3
 DOMAIN = CurrentDomain(IndependentCurrents(3), np.full(3, -1.0), np.full(3, 1.0))
@@ -171,10 +171,10 @@ def test_roots_of_the_tangent_add_up_to_the_share_of_the_law(permeable):
     inverse = np.linalg.inv(factor)
     whole = np.eye(MODES) - inverse @ permeable.air @ inverse.T
     np.testing.assert_allclose(np.einsum("pij,pik->jk", rows, rows), whole, atol=1e-9)
-    state = sampling._tangent(permeable, currents, amplitude)
-    np.testing.assert_allclose(state.whole, whole, atol=1e-9)
+    of_all, of = sampling._tangent(permeable, currents, amplitude)
+    np.testing.assert_allclose(of_all, whole, atol=1e-9)
     some = np.array([3, 50, 400])
-    np.testing.assert_allclose(state.of(some), rows[some], rtol=1e-9, atol=1e-15)
+    np.testing.assert_allclose(of(some), rows[some], rtol=1e-9, atol=1e-15)
 
 
 def test_the_tangent_of_the_points_is_that_of_all_within_its_tolerance(permeable, monkeypatch):

@@ -23,18 +23,12 @@ from fieldmap.iron.solvers import reduced
 from fieldmap.lookup.current_model import CurrentModel
 from fieldmap.maps import generation
 from fieldmap.maps.training import modes as modes_of
-from fieldmap.maps.training import training
+from fieldmap.maps.training import search
+from fieldmap.maps.training import sequence as sequence_of
+from fieldmap.maps.training.currents import corner_signals, sequence, training_signals
 from fieldmap.maps.training.model_error import Trial
 from fieldmap.maps.training.modes import SolvedModes, proper_modes
-from fieldmap.maps.training.states import (
-    Snapshots,
-    Solved,
-    SolvedStates,
-    Wanted,
-    corner_signals,
-    sequence,
-    training_signals,
-)
+from fieldmap.maps.training.states import Snapshots, Solved, SolvedStates, Wanted
 from fieldmap.parallel import Common, Workers
 from fieldmap.store import Checkpoint, checkpoint_path, read_map
 from tests.store.test_openpmd import validated
@@ -201,16 +195,16 @@ def worst_share(errors):
 
 def test_a_lucky_round_does_not_end_the_training(folder, monkeypatch):
     """Every round is made to look perfect, so that the sequence pauses after each: states at random decide."""
-    true = training._round
+    true = sequence_of.next_round
 
     def lucky(*arguments):
         found = true(*arguments)
         return replace(found, errors=replace(found.errors, flux_density_share=0.0, gradient_share=0.0))
 
-    monkeypatch.setattr(training, "_round", lucky)
-    monkeypatch.setattr(training, "HELD_OUT", 1.0)
+    monkeypatch.setattr(sequence_of, "next_round", lucky)
+    monkeypatch.setattr(search, "HELD_OUT", 1.0)
     # More extremes than corners would teach the model enough.
-    monkeypatch.setattr(training, "extreme_signals", corner_signals)
+    monkeypatch.setattr(search, "extreme_signals", corner_signals)
     (folder / "finer.toml").write_text(RECIPE.replace("1e-3", "8e-6").replace("250", "600"))
     report = read_map(fm.generate(folder / "finer.toml", folder / "lucky.h5")).provenance.solver_report
     assert 1 < len(report["rounds"]) < 9
@@ -426,7 +420,6 @@ def test_states_come_back_with_their_costs(tmp_path):
         assert (again.count, again.failed) == (first.count, first.failed)
         one, other = again.known(0, np.array([1.0])), again.known(1, np.array([2.0]))
         assert again.failed == {1: other.state}
-        assert one.currents == [1.0]
         assert again.earlier_seconds == one.seconds + other.seconds
 
 
@@ -611,7 +604,7 @@ def test_what_newtons_method_leaves_is_far_below_what_the_model_is_off(data):
 
 def test_some_states_to_train_on_are_their_own_images(solver):
     box = CurrentDomain(IndependentCurrents(2), np.array([0.5, 0.5]), np.array([2.0, 2.0]))
-    plain, signals = sequence(box, 0, 16), training_signals(box, 16, solver.images)
+    plain, signals = sequence(box, 16), training_signals(box, 16, solver.images)
     changed = (signals != plain).any(axis=1)
     assert np.flatnonzero(changed).tolist() == [3, 7, 11, 15]
     mirrors = [image for image in solver.images if box.holds(image.currents(np.array([1.0, 1.5])))]
@@ -623,4 +616,4 @@ def test_some_states_to_train_on_are_their_own_images(solver):
         assert any(image.currents(currents) == pytest.approx(currents, rel=1e-12) for image in mirrors)
     # Without an image in the domain nothing changes.
     one_sided = CurrentDomain(IndependentCurrents(2), np.array([0.5, 2.1]), np.array([2.0, 3.0]))
-    np.testing.assert_array_equal(training_signals(one_sided, 16, solver.images), sequence(one_sided, 0, 16))
+    np.testing.assert_array_equal(training_signals(one_sided, 16, solver.images), sequence(one_sided, 16))

@@ -6,7 +6,7 @@ from importlib import import_module
 import pytest
 
 MODULES = {
-    "fieldmap.store.grid": 1,
+    "fieldmap.store.map_data": 1,
     "fieldmap.store.map_format": 1,
     "fieldmap.maps.recipe": 1,
     "fieldmap.maps.generation": 1,

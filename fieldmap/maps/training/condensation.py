@@ -10,18 +10,20 @@ others count more in the next choice. The points are then chosen anew among thos
 to the fields of all these states.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, TypeVar
+from typing import TypeAlias
 
 import numpy as np
 from scipy.linalg import cho_solve, eigh
 
 from fieldmap.currents import CurrentDomain
 from fieldmap.iron.solvers.reduced import GalerkinModel
-from fieldmap.maps.training.least_squares import nonnegative_path
-from fieldmap.maps.training.states import drawn, extreme_signals, nearest_of, sequence
-from fieldmap.parallel import in_threads, threads_of_kernels
+from fieldmap.maps.training.cubature import nonnegative_path
+from fieldmap.maps.training.currents import drawn, extreme_signals, nearest_of, sequence
+from fieldmap.maps.training.model_error import Off
+from fieldmap.maps.training.modes import solved
+from fieldmap.parallel import results_of
 from fieldmap.records import Record
 from fieldmap.typing import Array
 
@@ -48,8 +50,7 @@ _VOLUME = 1e-2
 # States are solved to this share, and those of fewer modes only looked at.
 _EXACT, _ROUGH = 1e-7, 1e-5
 
-Off = Callable[[Array, Array, Array], Array]
-Result = TypeVar("Result")
+Few: TypeAlias = tuple[GalerkinModel, Array]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -77,23 +78,21 @@ def condensed(
     of the amplitudes change of the fields there, as a share.
     """
 
-    def solve(currents: Array) -> Array:
-        return trained.solve(currents, known[1][nearest_of(currents, known[0])], _EXACT)[0]
+    def at(currents: Array) -> Array:
+        near = [nearest_of(values, known[0]) for values in currents]
+        return solved(trained, currents, known[1][near], _EXACT)
 
     by, tried = _currents(domain)
-    states = _States(trained, by, np.array(list(_each(solve, list(by)))), fields)
-    others = np.array(list(_each(solve, list(tried))))
+    states, others = _States(trained, by, at(by), fields), at(tried)
 
     def changed(model: GalerkinModel, basis: Array) -> float:
         changes = _changes(model, basis, tried, others, _EXACT)
         return float(off(tried, others, changes).max()) / accuracy
 
-    def combined(count: int) -> tuple[GalerkinModel, Array]:
-        return states.combined(count, off)
-
-    all_modes = trained, np.eye(trained.modes)
-    found = _fewest(trained.modes, combined, lambda few: changed(*few) <= _OF_MODES)
-    model, basis = all_modes if found is None else found
+    found = _fewest(
+        trained.modes, lambda count: states.combined(count, off), lambda few: changed(*few) <= _OF_MODES
+    )
+    model, basis = found or (trained, np.eye(trained.modes))
     products, wanted, size = states.conditions(model, basis, accuracy)
     root = np.sqrt(len(by)) / size
     tolerance = _COARSE * root
@@ -109,9 +108,6 @@ def condensed(
             break
         tolerance = _FINER * left
     return Condensed(model, basis, 0.0 if found is None else changed(model, basis))
-
-
-Few = tuple[GalerkinModel, Array]
 
 
 def _fewest(modes: int, combined: Callable[[int], Few], enough: Callable[[Few], bool]) -> Few | None:
@@ -140,7 +136,7 @@ class _States:
             factor = model.tangent_factor(currents[k], amplitudes[k])
             return np.asarray(cho_solve((factor, True), fields)) / self._size[k]
 
-        self._adjoint = np.array(list(_each(adjoint, range(len(currents)))))
+        self._adjoint = np.array(list(results_of(adjoint, range(len(currents)))))
 
     def combined(self, count: int, off: Off) -> Few:
         """The model on `count` combinations of its modes, and these (r, count)."""
@@ -175,7 +171,7 @@ class _States:
             return np.ascontiguousarray(model.contributions(model.moments(currents, amplitude), combine).T)
 
         products, wanted, square = np.zeros((len(volume), len(volume))), np.zeros(len(volume)), 0.0
-        for conditions in _each(of, range(len(self._currents))):
+        for conditions in results_of(of, range(len(self._currents))):
             whole = conditions.sum(axis=1)
             products += conditions.T @ conditions
             wanted += whole @ conditions
@@ -190,7 +186,7 @@ def _currents(domain: CurrentDomain) -> tuple[Array, Array]:
     of, random = domain.parametrisation, np.random.default_rng(_SEED)
     edges = of.currents(extreme_signals(domain))
     edges = edges[random.permutation(len(edges))]
-    fill = of.currents(sequence(domain, 0, _STATES // 2))
+    fill = of.currents(sequence(domain, _STATES // 2))
     by = np.concatenate([fill, drawn(domain, _STATES // 2, random), edges[0::2][:_EXTREMES]])
     tried = np.concatenate([drawn(domain, _TRIED, random), edges[1::2][:_EXTREMES]])
     if of.signal_count < of.coil_count:
@@ -201,17 +197,10 @@ def _currents(domain: CurrentDomain) -> tuple[Array, Array]:
 
 def _changes(model: GalerkinModel, basis: Array, currents: Array, amplitudes: Array, exact: float) -> Array:
     """Of the amplitudes (s, r) at currents (s, c), where the model on a basis (r, q) gives them."""
-
-    def change(k: int) -> Array:
-        found = model.solve(currents[k], basis.T @ amplitudes[k], exact)[0]
-        return np.asarray(basis @ found - amplitudes[k])
-
-    return np.array(list(_each(change, range(len(currents)))))
-
-
-def _each(function: Callable[..., Result], items: Sequence[Any]) -> Iterator[Result]:
-    """function(item) of every item, in their order."""
-    return (outcome.result() for outcome in in_threads(function, items, threads_of_kernels()))
+    starts = [basis.T @ amplitude for amplitude in amplitudes]
+    found = solved(model, currents, np.array(starts), exact)
+    # One by one: a product of all at once rounds otherwise.
+    return np.array([basis @ few for few in found]) - amplitudes
 
 
 def _one(product: Array) -> Array:

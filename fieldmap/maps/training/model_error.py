@@ -1,6 +1,8 @@
 """A reduced model tried on solved states: how far its field is from theirs in the workspace."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 
@@ -8,6 +10,7 @@ from fieldmap.iron import NonlinearSolver
 from fieldmap.maps.training.states import Snapshots
 from fieldmap.records import Record
 from fieldmap.sources import unit_flux_density_and_gradient
+from fieldmap.store.stated_accuracy import GRADIENT, largest_share
 from fieldmap.typing import Array
 
 # A state whose field is a smaller share of what the coils make at their largest currents, without iron, has none to
@@ -15,6 +18,9 @@ from fieldmap.typing import Array
 _NO_FIELD = 1e-3
 # Numbers of the fields of several states that are summed at a time.
 _AT_A_TIME = 2**17
+
+Off: TypeAlias = Callable[[Array, Array, Array], Array]
+"""`ModeFields.changed`."""
 
 
 @dataclass(frozen=True)
@@ -35,6 +41,11 @@ class Errors(Record):
     gradient_share: float
     largest_flux_density: float
     largest_gradient: float
+
+    @property
+    def share(self) -> float:
+        """`largest_share` of both."""
+        return largest_share(self.flux_density_share, self.gradient_share)
 
 
 class Trial:
@@ -100,6 +111,38 @@ class Trial:
     def fields(self, charge: Array) -> tuple[Array, Array]:
         """Flux densities (s, n, 3) and gradients (s, n, 3, 3) at the places, of charges (s, faces)."""
         return self._solver.surface.field_and_gradient(self._points, charge)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ModeFields(Record):
+    """Fields of modes of the iron where a trial compares fields: flux (r, n, 3) and gradient (r, n, 3, 3), T and
+    T/m."""
+
+    trial: Trial
+    flux: Array
+    gradient: Array
+
+    @property
+    def rows(self) -> Array:
+        """Both of one mode as a row (r, m), and both of the same size."""
+        length = np.abs(self.flux).max() / np.abs(self.gradient).max()
+        parts = (self.flux, length * self.gradient)
+        return np.concatenate([part.reshape(len(part), -1) for part in parts], axis=1)
+
+    def combined(self, combination: Array) -> "ModeFields":
+        """Those of combinations (k, r) of the modes."""
+        return ModeFields(
+            self.trial, *(np.tensordot(combination, of, 1) for of in (self.flux, self.gradient))
+        )
+
+    def changed(self, currents: Array, amplitudes: Array, changes: Array) -> Array:
+        """What changes (s, r) of the amplitudes (s, r) change of the fields at currents (s, c), as `larger`."""
+        return larger(self.trial.shares_of_sums(currents, (self.flux, self.gradient), amplitudes, changes))
+
+
+def larger(shares: Array) -> Array:
+    """`largest_share` (s,) of shares (s, 2) of flux density and gradient."""
+    return np.asarray(np.maximum(shares[:, 0], shares[:, 1] / GRADIENT))
 
 
 def _largest(values: Array) -> float:

@@ -6,7 +6,9 @@ from scipy.linalg import eigh
 
 from fieldmap.iron import NonlinearSolver
 from fieldmap.iron.solvers.reduced import GalerkinModel
-from fieldmap.maps.training.states import Snapshots, Solved, nearest_of
+from fieldmap.maps.training.currents import nearest_of
+from fieldmap.maps.training.states import Snapshots, Solved
+from fieldmap.parallel import results_of
 from fieldmap.typing import Array
 
 # Directions whose share of the energy is below rounding.
@@ -106,6 +108,13 @@ class SolvedModes:
         applied = energy(states)
         left = states - self.basis @ (self.basis.T @ applied)
         return pivots(left.T @ energy(left), left.shape[1], accuracy**2)
+
+
+def solved(model: GalerkinModel, currents: Array, starts: Array, tolerance: float = 1e-7) -> Array:
+    """Amplitudes (s, r) of a model at currents (s, c), from starts (s, r)."""
+    pairs = list(zip(currents, starts, strict=True))
+    found = list(results_of(lambda pair: model.solve(pair[0], pair[1], tolerance)[0], pairs))
+    return np.array(found).reshape(starts.shape)
 
 
 class _Columns:

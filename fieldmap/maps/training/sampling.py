@@ -5,7 +5,7 @@ extremes of the domain and at currents drawn at random: a thousandth of what the
 that the points do not give well enough become conditions of the next choice, and others are drawn in their place.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache
 
@@ -15,12 +15,13 @@ from scipy.linalg import solve_triangular
 
 from fieldmap.currents import CurrentDomain
 from fieldmap.iron.solvers.reduced import GalerkinModel
-from fieldmap.maps.training.cubature import Contributions, Cubature, TangentRoots, candidates, summed
-from fieldmap.maps.training.states import drawn, nearest_of
+from fieldmap.maps.training.cubature import Cubature, OfPoints, candidates
+from fieldmap.maps.training.currents import drawn, nearest_of
+from fieldmap.maps.training.model_error import Off
+from fieldmap.maps.training.modes import solved
+from fieldmap.parallel import results_of
 from fieldmap.records import Record
 from fieldmap.typing import Array
-
-Off = Callable[[Array, Array, Array], Array]
 
 # Points from which the fit may choose at first, per mode and at least, and per point that it may take at most; drawn by
 # what they add.
@@ -130,15 +131,15 @@ class _Choice:
             # Those that are tried tell what the others would have.
             kept = np.random.default_rng(_SEED).choice(len(self._states), _MOST_STATES, replace=False)
             self._states = [self._states[k] for k in np.sort(kept)]
-        self._contributions = [self._of(*state) for state in self._states]
+        self._contributions: list[OfPoints] = []
+        self._totals: list[Array] = []
         count = len(self._states)
 
         def of_states(done: int) -> None:
             if done < count:
                 tell(f"sample points, from state {done + 1} of {count}", OF_STATES * done / count)
 
-        of_states(0)
-        self._totals, self._importance = summed(self._contributions, of_states)
+        self._importance = self._count_in(self._states, of_states)
         tell("sample points, conditions of their choice", OF_STATES)
         self._taken = 0
         wanted = max(_FEWEST_CANDIDATES, _CANDIDATES_PER_MODE * full.modes)
@@ -150,7 +151,7 @@ class _Choice:
         self._cubature = Cubature(len(self._full.weights), chosen)
         self._cubature.add(self._contributions, self._totals)
         for k in self._differently_magnetised(chosen):
-            self._cubature.add_tangent(_tangent(self._full, *self._states[k]))
+            self._cubature.add_tangent(*_tangent(self._full, *self._states[k]))
 
     def model(self, tolerance: float) -> tuple[GalerkinModel, float]:
         """The model at chosen points, and what these leave over what is allowed."""
@@ -162,11 +163,24 @@ class _Choice:
 
     def add(self, currents: Array, amplitudes: Array) -> None:
         """States (s, c), (s, r) whose residuals are to be given as well."""
-        more = [self._of(*state) for state in zip(currents, amplitudes, strict=True)]
-        totals, _ = summed(more)
-        self._contributions += more
-        self._totals += totals
-        self._cubature.add(more, totals)
+        before = len(self._totals)
+        self._count_in(list(zip(currents, amplitudes, strict=True)))
+        self._cubature.add(self._contributions[before:], self._totals[before:])
+
+    def _count_in(
+        self, states: Sequence[tuple[Array, Array]], tell: Callable[[int], None] = lambda done: None
+    ) -> Array:
+        """Note what points add to the residuals of states, and all of them; the root of the sum of the squares of what
+        each point adds (p,), about. tell(k) is called when k states have been asked."""
+        pairs = [_contributions(self._full, *state, self._fields) for state in states]
+        self._contributions += [of for _, of in pairs]
+        squares = np.zeros(len(self._full.weights))
+        tell(0)
+        for done, (total, sizes) in enumerate(results_of(lambda pair: pair[0](), pairs), start=1):
+            self._totals.append(total)
+            squares += sizes**2
+            tell(done)
+        return np.asarray(np.sqrt(squares))
 
     def widen(self) -> bool:
         """Allow more points, where all were taken that may be; else choose out of more. Whether there are any."""
@@ -181,9 +195,6 @@ class _Choice:
         else:
             return False
         return True
-
-    def _of(self, currents: Array, amplitude: Array) -> Contributions:
-        return _contributions(self._full, currents, amplitude, self._fields)
 
     def _differently_magnetised(self, points: NDArray[np.int64]) -> list[int]:
         """Numbers of states, each the farthest from those before it in the logarithm of the permeability at points."""
@@ -225,7 +236,7 @@ class _Tried:
     def draw(self, model: GalerkinModel, currents: Array) -> int:
         """Solve states at more currents (s, c), from those of the model; how many."""
         near = [nearest_of(values, self._known[0]) for values in currents]
-        starts = _solved(model, currents, self._known[1][near])
+        starts = solved(model, currents, self._known[1][near])
         amplitudes = self._full.solutions(currents, starts, model, self._tolerance)
         self._currents = np.concatenate([self._currents, currents])
         self._amplitudes = np.concatenate([self._amplitudes, amplitudes])
@@ -233,7 +244,7 @@ class _Tried:
 
     def changed(self, model: GalerkinModel) -> Array:
         """What the model changes of the fields of these states (s,)."""
-        found = _solved(model, self._currents, self._amplitudes)
+        found = solved(model, self._currents, self._amplitudes)
         return self._off(self._currents, self._amplitudes, found - self._amplitudes)
 
     def take(self, changed: Array, allowed: float, most: int) -> tuple[Array, Array]:
@@ -246,24 +257,22 @@ class _Tried:
         return taken
 
 
-def _solved(model: GalerkinModel, currents: Array, starts: Array) -> Array:
-    """Amplitudes (s, r) of the model at currents (s, c)."""
-    pairs = zip(currents, starts, strict=True)
-    return np.array([model.solve(values, start)[0] for values, start in pairs]).reshape(starts.shape)
-
-
-def _tangent(model: GalerkinModel, currents: Array, amplitude: Array) -> TangentRoots:
+def _tangent(model: GalerkinModel, currents: Array, amplitude: Array) -> tuple[Array, OfPoints]:
+    """What `Cubature.add_tangent` takes of a state."""
     factor = model.tangent_factor(currents, amplitude)
     of_air = solve_triangular(factor, solve_triangular(factor, model.air, lower=True).T, lower=True)
 
     def of(points: NDArray[np.int64]) -> Array:
         return model.sampled(points, model.weights[points]).roots_of_tangent(currents, amplitude, factor)
 
-    return TangentRoots(np.eye(len(factor)) - of_air, of)
+    return np.eye(len(factor)) - of_air, of
 
 
-def _contributions(model: GalerkinModel, currents: Array, amplitude: Array, fields: Array) -> Contributions:
-    """Of the points to a state's residual, counted by the error that they cause in its fields (r, m) and energy."""
+def _contributions(
+    model: GalerkinModel, currents: Array, amplitude: Array, fields: Array
+) -> tuple[Callable[[], tuple[Array, Array]], OfPoints]:
+    """Of the points to a state's residual, counted by the error that they cause in its fields (r, m) and energy: what
+    all of them add (r,), and about how large what each adds is (p,); and what some add (m, r)."""
     # Lengths are told by some random projections (Drineas, Magdon-Ismail, Mahoney and Woodruff, J. Mach. Learn. Res. 13
     # (2012) 3475).
     mixing = np.random.default_rng(0).standard_normal((model.modes, _PROJECTIONS))
@@ -282,4 +291,4 @@ def _contributions(model: GalerkinModel, currents: Array, amplitude: Array, fiel
         some = model.sampled(points, model.weights[points])
         return some.contributions(some.moments(currents, amplitude), coordinates())
 
-    return Contributions(summed, of)
+    return summed, of

@@ -1,0 +1,225 @@
+"""The fields that a map holds, and how they are kept: solutions of linear iron, trained models of saturating iron.
+
+What was computed is kept in the checkpoint as plain arrays and always read back from there, so that a resumed run gives
+the same bits. Of the iron only what its field in the air needs is kept: the charged faces and their densities. Read
+back it knows no mesh: it does not refuse points inside the iron, which the geometry check has excluded already.
+"""
+
+import itertools
+import sys
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass, fields
+from time import monotonic, process_time
+from typing import Any, TypeAlias
+
+import numpy as np
+
+from fieldmap.currents import CurrentDomain, parametrisation_from_json
+from fieldmap.device.model import Background, Coil, Device
+from fieldmap.iron import LinearSolution, NonlinearSolver, SolverReport
+from fieldmap.iron.elements.state import IronState
+from fieldmap.iron.mesh.charged_faces import ChargedFaces
+from fieldmap.maps.forecast import Forecast
+from fieldmap.maps.recipe import Plan
+from fieldmap.maps.training.states import SolvedStates
+from fieldmap.maps.training.training import train
+from fieldmap.parallel import Common, Workers
+from fieldmap.records import Record
+from fieldmap.sources import unit_flux_density_and_gradient
+from fieldmap.store import Checkpoint, FieldError, Grid, ReducedModel
+from fieldmap.store.reduced_model import ARRAYS
+from fieldmap.store.stated_accuracy import HELD_OUT
+from fieldmap.typing import Array, Progress
+
+# Nodes along each edge of the box at whose surface the fields are compared: they are harmonic, so largest there.
+PROBES_PER_EDGE = 7
+# Names under which a map's report states what it cost.
+SPENT = ("generation_seconds", "generation_processor_seconds")
+_FACES = [field.name for field in fields(ChargedFaces)]
+
+Kept: TypeAlias = tuple[Mapping[str, Array], Mapping[str, Any]]
+
+
+def kept(checkpoint: Checkpoint, key: str, make: Callable[..., Kept], *arguments: Any) -> Kept:
+    """Arrays and plain JSON of make(*arguments), unless the checkpoint has them already."""
+    if key not in checkpoint:
+        checkpoint.put(key, *make(*arguments))
+    piece = checkpoint.get(key)
+    assert piece is not None
+    return piece
+
+
+def _faces_to(faces: ChargedFaces, charge: Array) -> dict[str, Array]:
+    return {f"face_{name}": getattr(faces, name) for name in _FACES} | {"charge": charge}
+
+
+def _faces_from(arrays: Mapping[str, Array]) -> tuple[ChargedFaces, Array]:
+    faces = ChargedFaces(**{name: np.ascontiguousarray(arrays[f"face_{name}"]) for name in _FACES})
+    return faces, np.ascontiguousarray(arrays["charge"])
+
+
+def to_arrays(solution: LinearSolution) -> Kept:
+    """Arrays and a plain description of a solution of linear iron."""
+    state = solution.state
+    about = {"has_remanence": solution.has_remanence, "report": asdict(solution.report)}
+    return {} if state is None else _faces_to(state.faces, state.density), about
+
+
+def from_arrays(device: Device, arrays: Mapping[str, Array], about: Mapping[str, Any]) -> LinearSolution:
+    """The solution of `to_arrays`; KeyError or TypeError if the arrays are another solver's."""
+    report, state = SolverReport.from_dict(about["report"]), None
+    if arrays:
+        faces, density = _faces_from(arrays)
+        unknown = np.empty((len(density), 0, 3))
+        state = IronState(faces, density, unknown, report.iterations, (report.residual,))
+    remanence, more = bool(about["has_remanence"]), (device.sections, device.bounds, device.background)
+    return LinearSolution(device.coils, None, state, remanence, report, None, *more)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class SaturatingFields(Record):
+    """What the map evaluates: the coils' own fields per ampere, then the iron's at weight 1, then the background's."""
+
+    coils: tuple[Coil, ...]
+    faces: ChargedFaces
+    charge: Array
+    report: SolverReport
+    background: Background | None = None
+
+    def source_fields(self, points: Array) -> tuple[Array, Array]:
+        """Flux density (n_fields, n, 3) and gradient (n_fields, n, 3, 3) of every field outside iron and windings."""
+        own = [unit_flux_density_and_gradient(coil, points) for coil in self.coils]
+        iron = self.faces.field_and_gradient(points, self.charge)
+        fixed = [] if self.background is None else [self.background.field_and_gradient(points)]
+        flux, gradient = (
+            np.concatenate([np.array([pair[j] for pair in own]), iron[j], *(pair[j][None] for pair in fixed)])
+            for j in (0, 1)
+        )
+        return flux, gradient
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class TrainedMap(Record):
+    """A trained model, the fields that go with it, their largest weights at the currents of the domain, its largest
+    error, and what training found and cost, for the map's report."""
+
+    model: ReducedModel
+    fields: SaturatingFields
+    largest_weights: Array
+    error: FieldError | None
+    about: Mapping[str, Any]
+
+
+def trained_map(device: Device, arrays: Mapping[str, Array], about: Mapping[str, Any]) -> TrainedMap:
+    """What `trained_arrays` keeps."""
+    tried = about["states_tried"].values()
+    largest = (max(errors[name] for errors in tried) for name in ("flux_density", "gradient"))
+    parametrisation = parametrisation_from_json(about["parametrisation"])
+    report, background = SolverReport.from_dict(about["report"]), device.background
+    return TrainedMap(
+        ReducedModel(
+            **{name: arrays[name] for name in ARRAYS},  # type: ignore[arg-type]
+            parametrisation=parametrisation,
+        ),
+        SaturatingFields(device.coils, *_faces_from(arrays), report, background),
+        np.array(about["largest_weights"] + ([] if background is None else [1.0])),
+        FieldError(*largest) if tried else None,
+        {key: value for key, value in about.items() if key not in ("report", "parametrisation")},
+    )
+
+
+def trained_arrays(
+    device: Device,
+    domain: CurrentDomain,
+    plan: Plan,
+    refinement: float,
+    reference: Array,
+    grid: Grid,
+    checkpoint: Checkpoint,
+    workers: Workers,
+    say: Progress,
+    forecast: Forecast,
+) -> Kept:
+    """Solve the states that are not in the checkpoint yet, and train on all of them. say: told of the assembly;
+    forecast: of all that comes after it.
+
+    Raises NotConverged if fewer than half of the states could be solved, or none of those to try the model on.
+    """
+    spent = Stopwatch(workers)
+    # An assembled solver is large: every process assembles its own, while this one does.
+    common = Common(_solver, device, refinement)
+    workers.prepare(common)
+    assembled = False
+
+    def assembling(message: str, share: float) -> None:
+        # The solver goes on to speak of every state that it solves.
+        if not assembled:
+            say(message, share)
+
+    solver = common.use(_solver(device, refinement, assembling))
+    assembled = True
+    states = SolvedStates(checkpoint, common, workers)
+    trained = train(solver, domain, plan, box_surface(grid), reference, states, forecast)
+    spent.add(states.earlier_seconds, states.earlier_processor_seconds)
+    middle = solver.solve(domain.middle, plan.tolerance, trained.snapshots.nearest(domain.middle))
+    about = {
+        "held_out_within": HELD_OUT * plan.accuracy,
+        "report": asdict(middle.report),
+        "parametrisation": trained.model.parametrisation.to_json(),
+        "states_solved": states.count,
+        "states_trained_on": len(trained.model.known_currents),
+        "states_trained_on_solved": trained.snapshots.solved,
+        "corners_trained_on": trained.extremes.trained_on,
+        "extremes": asdict(trained.extremes),
+        "error_parts": asdict(trained.parts),
+        "states_failed": {str(number): reason for number, reason in states.failed.items()},
+        "states_tried": {name: asdict(errors) for name, errors in trained.errors.items()},
+        "rounds": [asdict(found) for found in trained.rounds],
+        "largest_weights": trained.largest_weights.tolist(),
+        "modes": len(trained.model.constant),
+        "sample_points": len(trained.model.weights),
+        "condensed_from": asdict(trained.condensation),
+        **spent.read(),
+    }
+    return trained.model.arrays | _faces_to(solver.surface, trained.charge), about
+
+
+def _solver(device: Device, refinement: float, say: Progress | None = None) -> NonlinearSolver:
+    return NonlinearSolver(device, refinement, say, "auto")
+
+
+def box_surface(grid: Grid) -> Array:
+    """Points (n, 3) on the surface of the grid's box."""
+    shares = np.linspace(0.0, 1.0, PROBES_PER_EDGE)
+    triples = [t for t in itertools.product(shares, repeat=3) if any(share in (0.0, 1.0) for share in t)]
+    return np.asarray(grid.lower + np.array(triples) * (grid.upper - grid.lower))
+
+
+class Stopwatch:
+    """Seconds of the clock and of all processors, workers' too, since it was made, and what earlier runs took."""
+
+    def __init__(self, workers: Workers, seconds: float = 0.0, processor_seconds: float = 0.0) -> None:
+        self._workers = workers
+        self._spent = np.array([seconds, processor_seconds]) - self._now()
+
+    def add(self, seconds: float, processor_seconds: float) -> None:
+        """Count what another run took."""
+        self._spent += [seconds, processor_seconds]
+
+    def read(self) -> dict[str, float]:
+        """The seconds so far, named by `SPENT`."""
+        return dict(zip(SPENT, (self._spent + self._now()).tolist(), strict=True))
+
+    def _now(self) -> Array:
+        return np.array([monotonic(), process_time() + self._workers.processor_seconds])
+
+
+def peak_memory() -> dict[str, int]:
+    """The most memory, in bytes, that this process has had so far, as a map's report has it; nothing on Windows."""
+    try:
+        import resource
+    except ImportError:
+        return {}
+    most = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    # In kibibytes but for macOS.
+    return {"generation_peak_memory_bytes": most if sys.platform == "darwin" else 1024 * most}
