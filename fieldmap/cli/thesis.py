@@ -78,10 +78,10 @@ def thesis(
     from fieldmap.cli.printing import print_json
     from fieldmap.progress import Progress, must_compile
     from fieldmap.thesis import detail
-    from fieldmap.thesis.finished_parts import cached_parts
+    from fieldmap.thesis.kept import cached_parts
     from fieldmap.thesis.plan import planned
+    from fieldmap.thesis.printed import parts_of
     from fieldmap.thesis.report import prepare_folder
-    from fieldmap.thesis.rows import parts_of
 
     with detail.at(detail.QUICK if quick else detail.FULL):
         parts = parts_of(rows or ())

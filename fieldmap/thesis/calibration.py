@@ -8,8 +8,8 @@ from fieldmap.currents import LiftAndDirections
 from fieldmap.curves import Curves, Series
 from fieldmap.levitation import Calibration, LiftReadings, PositionReadings, calibrate
 from fieldmap.thesis import detail
+from fieldmap.thesis.computation import Answers, Ours
 from fieldmap.thesis.drive_unit import payload
-from fieldmap.thesis.rows import Answers, Ours
 from fieldmap.thesis.vertical_sensor import magnet_height, thesis_lift_current
 from fieldmap.thesis.workspace import extended_map
 from fieldmap.typing import Array

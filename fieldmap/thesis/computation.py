@@ -3,19 +3,42 @@
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from importlib import import_module
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from fieldmap.curves import Curves
 from fieldmap.errors import FieldmapError
+from fieldmap.extras import needs
 from fieldmap.records import Record
 from fieldmap.thesis import detail
-from fieldmap.thesis.available_maps import FOLDER, MapMissing, available_map, maps_in
-from fieldmap.thesis.printed import PrintedNumber, PrintedPart, figure_numbers, filled, read_part, row_of
-from fieldmap.thesis.rows import Answers, Ours, function_of, parts_of
+from fieldmap.thesis.detail import FOLDER, MapMissing, available_map, maps_in
+from fieldmap.thesis.printed import PrintedPart, figure_numbers, filled, parts_of, read_part, row_of
 
 Progress = Callable[[str, float], None]
+
+
+@dataclass(frozen=True, repr=False)
+class Ours(Record):
+    """Our number or array, and what the computation itself says it rests on (a solver's report, for example)."""
+
+    value: Any
+    assumptions: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Answers(Record):
+    """What a part computes, where it is more than numbers.
+
+    numbers: name of every printed number -> our number or `Ours`. curves: figures. facts: name -> value, for the
+    explanations and assumptions of the row file, which may also name the part's inputs.
+    """
+
+    numbers: Mapping[str, Any]
+    curves: tuple[Curves, ...] = ()
+    facts: Mapping[str, Any] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, repr=False)
@@ -64,16 +87,38 @@ def percent(deviation: float | None) -> str:
 
 def compared(part: str, printed: PrintedPart, answers: Answers) -> tuple[Comparison, ...]:
     """Every printed number of a part beside the answer of the same name."""
-    ours = answers.numbers
-    if ours.keys() != printed.numbers.keys():
-        raise LookupError(f"{part}: computed and printed differ: {set(ours) ^ set(printed.numbers)}")
+    if answers.numbers.keys() != printed.numbers.keys():
+        raise LookupError(
+            f"{part}: computed and printed differ: {set(answers.numbers) ^ set(printed.numbers)}"
+        )
     values = {**printed.inputs, **answers.facts}
     comparisons: list[Comparison] = []
     for name, numbers in printed.numbers.items():
-        answer = ours[name] if isinstance(ours[name], Ours) else Ours(ours[name])
+        found = answers.numbers[name]
+        answer = found if isinstance(found, Ours) else Ours(found)
         declared = [*printed.assumptions.get("", ()), *printed.assumptions.get(name, ())]
-        assumptions = dict.fromkeys([*answer.assumptions, *(filled(text, values) for text in declared)])
-        comparisons += _table(part, printed.title, numbers, Ours(answer.value, tuple(assumptions)))
+        assumptions = tuple(
+            dict.fromkeys([*answer.assumptions, *(filled(text, values) for text in declared)])
+        )
+        for number, value in zip(numbers, np.ravel(answer.value), strict=True):
+            ours, sharp = float(value), number.kind == "sharp"
+            comparison = Comparison(
+                id=row_of(part),
+                name=number.name,
+                quantity=number.quantity,
+                unit=number.unit,
+                thesis=number.value,
+                ours=ours,
+                deviation=ours / number.value - 1.0 if number.value else None,
+                kind=number.kind,
+                # Half a unit, and the rounding of numbers that lie exactly between two.
+                agrees=abs(ours - number.value) <= number.half_unit * (1 + 1e-6) if sharp else None,
+                misprint=number.misprint,
+                place=number.place,
+                title=printed.title,
+                assumptions=assumptions,
+            )
+            comparisons.append(comparison)
     return tuple(comparisons)
 
 
@@ -81,36 +126,6 @@ def agreeing(comparisons: Iterable[Comparison]) -> tuple[int, int]:
     """How many sharp numbers agree to the printed digits, and how many sharp numbers without a misprint there are."""
     sharp = [c for c in comparisons if c.kind == "sharp" and not c.misprint]
     return sum(bool(c.agrees) for c in sharp), len(sharp)
-
-
-def _table(part: str, title: str, numbers: Iterable[PrintedNumber], answer: Ours) -> list[Comparison]:
-    values = np.asarray(answer.value, dtype=float).ravel()
-    return [
-        _side_by_side(part, title, number, float(value), answer.assumptions)
-        for number, value in zip(numbers, values, strict=True)
-    ]
-
-
-def _side_by_side(
-    part: str, title: str, number: PrintedNumber, ours: float, assumptions: tuple[str, ...]
-) -> Comparison:
-    # Half a unit, and the rounding of numbers that lie exactly between two.
-    agrees = abs(ours - number.value) <= number.half_unit * (1 + 1e-6)
-    return Comparison(
-        id=row_of(part),
-        name=number.name,
-        quantity=number.quantity,
-        unit=number.unit,
-        thesis=number.value,
-        ours=ours,
-        deviation=ours / number.value - 1.0 if number.value else None,
-        kind=number.kind,
-        agrees=agrees if number.kind == "sharp" else None,
-        misprint=number.misprint,
-        place=number.place,
-        title=title,
-        assumptions=assumptions,
-    )
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -144,6 +159,18 @@ class PartResult(Record):
         if not self.problem:
             return "done"
         return "no map" if self.remedy else "failed"
+
+
+def function_of(part: str) -> Callable[[dict[str, Any]], Answers | Mapping[str, Any]]:
+    """The function that computes a part: `ours` of its row file.
+
+    It takes the part's inputs, name -> number or array in the units of the file, and returns the name of every printed
+    number -> our number (an array for a table), or `Ours` where something is assumed; or `Answers`, which hold figures
+    and facts besides. Where the file says `map = "division"`, inputs["map"] is that recipe's map, opened.
+    """
+    module, _, name = read_part(part).ours.partition(".")
+    with needs("make", part):
+        return getattr(import_module(f"fieldmap.thesis.{module}"), name)
 
 
 def compare(rows: Iterable[str] = (), maps: Path = FOLDER) -> list[Comparison]:

@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 
 from fieldmap.curves import Curves, Series
+from fieldmap.thesis.computation import Answers
 from fieldmap.thesis.coupled_runs import (
     DEPTH,
     VERTICAL_PID,
@@ -16,7 +17,6 @@ from fieldmap.thesis.coupled_runs import (
     run_of,
     with_measured,
 )
-from fieldmap.thesis.rows import Answers
 
 TIMES = ("peak_time", "rise_time", "settling_time")
 

@@ -19,6 +19,7 @@ from fieldmap.control import (
 )
 from fieldmap.curves import Curves, Series
 from fieldmap.dynamics.scenario.controllers import AxisRegulator
+from fieldmap.thesis.computation import Answers
 from fieldmap.thesis.coupled_runs import (
     DEPTH,
     VERTICAL_PID,
@@ -29,7 +30,6 @@ from fieldmap.thesis.coupled_runs import (
     run_of,
     with_measured,
 )
-from fieldmap.thesis.rows import Answers
 from fieldmap.typing import Array
 
 _BEGIN, _END = 0.9, 2.0

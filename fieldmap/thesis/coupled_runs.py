@@ -12,8 +12,8 @@ from fieldmap.curves import Curves, Series
 from fieldmap.dynamics import ScenarioRun, simulate
 from fieldmap.dynamics.scenario import reading_mm
 from fieldmap.records import Record
+from fieldmap.thesis.computation import Ours
 from fieldmap.thesis.printed import shared_value
-from fieldmap.thesis.rows import Ours
 from fieldmap.typing import Array
 
 X, Y, DEPTH = 0, 1, 2

@@ -5,9 +5,9 @@ from typing import Any
 import numpy as np
 
 from fieldmap.curves import Curves
+from fieldmap.thesis.computation import Answers
 from fieldmap.thesis.coupled_runs import DEPTH, Readings, X, Y, ours, over_time, run_of, with_measured
 from fieldmap.thesis.printed import figure_numbers
-from fieldmap.thesis.rows import Answers
 
 UPWARD = {"reference.0.by_mm": -10.0}
 BEYOND = {"coils.end_beyond_table": False, "reference.0.by_mm": 40.0, "duration_s": 25.0}

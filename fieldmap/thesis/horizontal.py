@@ -12,8 +12,8 @@ from fieldmap.control.identification import Orders, modified_least_squares_runs
 from fieldmap.control.linear_models import filter_response
 from fieldmap.curves import Curves
 from fieldmap.records import Record
+from fieldmap.thesis.computation import Answers
 from fieldmap.thesis.coupled_runs import Readings, X, answer_of, ours, over_time, run_of
-from fieldmap.thesis.rows import Answers
 from fieldmap.thesis.vertical import RUNS, over_records
 from fieldmap.typing import Array
 

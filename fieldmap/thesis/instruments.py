@@ -14,7 +14,7 @@ from fieldmap.instruments import (
     error_budget,
     measured_positions,
 )
-from fieldmap.thesis.rows import Ours
+from fieldmap.thesis.computation import Ours
 
 
 def sensor_frames(inputs: dict[str, Any]) -> dict[str, Any]:

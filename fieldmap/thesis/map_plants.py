@@ -13,7 +13,7 @@ from fieldmap.iron import NonlinearSolution, NonlinearSolver, solve_linear
 from fieldmap.levitation import lift_current
 from fieldmap.lookup import interpolate
 from fieldmap.store import Grid, MapData
-from fieldmap.thesis.rows import Answers
+from fieldmap.thesis.computation import Answers
 from fieldmap.thesis.vertical_sensor import magnet_height
 from fieldmap.typing import Array
 

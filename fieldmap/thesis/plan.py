@@ -6,9 +6,9 @@ from pathlib import Path
 
 from fieldmap.records import Record
 from fieldmap.thesis import detail
-from fieldmap.thesis.available_maps import file_of
 from fieldmap.thesis.computation import expected_seconds
-from fieldmap.thesis.finished_parts import is_finished
+from fieldmap.thesis.detail import file_of
+from fieldmap.thesis.kept import is_finished
 from fieldmap.thesis.printed import read_part, row_of
 
 MAP_SECONDS = {"division": 200.0, "division_quick": 30.0}

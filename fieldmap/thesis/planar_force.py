@@ -17,6 +17,7 @@ from fieldmap.planar import (
     stationary_points,
 )
 from fieldmap.records import Record
+from fieldmap.thesis.computation import Answers, Ours
 from fieldmap.thesis.force_formulas import (
     Fit,
     HorizontalForce,
@@ -24,7 +25,6 @@ from fieldmap.thesis.force_formulas import (
     fit_horizontal_force,
     fit_vertical_force,
 )
-from fieldmap.thesis.rows import Answers, Ours
 from fieldmap.typing import Array
 
 HALF_WIDTH = 0.15

@@ -19,7 +19,7 @@ from fieldmap.planar import (
     solve_planar_state,
     stationary_points,
 )
-from fieldmap.thesis.rows import Answers, Ours
+from fieldmap.thesis.computation import Answers, Ours
 from fieldmap.typing import Array
 
 WINDOW = 0.165

@@ -20,7 +20,7 @@ from fieldmap.control import (
     zero_order_hold,
 )
 from fieldmap.curves import Curves, Series
-from fieldmap.thesis.rows import Answers
+from fieldmap.thesis.computation import Answers
 from fieldmap.thesis.vertical import identified_plant, rms_at_rest
 
 

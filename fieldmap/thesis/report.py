@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from datetime import date
 from functools import cache
 from importlib.metadata import version
+from itertools import groupby
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,7 +20,7 @@ from fieldmap.records import Record
 from fieldmap.store import write_whole
 from fieldmap.thesis import detail
 from fieldmap.thesis.computation import Comparison, PartResult, agreeing
-from fieldmap.thesis.printed import read_rows, row_of
+from fieldmap.thesis.printed import read_rows, row_of, thesis_figures
 
 if TYPE_CHECKING:
     from jinja2 import Environment
@@ -248,6 +249,13 @@ def powers(unit: str) -> str:
     return re.sub(r"(?<=[A-Za-z])[23]\b", lambda found: "²³"[int(found[0]) - 2], unit)
 
 
+def figure_page() -> str:
+    """docs/thesis_figures.md: a table for each chapter."""
+    chapters = groupby(thesis_figures().values(), key=lambda figure: figure.chapter)
+    found = [{"number": number, "figures": list(figures)} for number, figures in chapters]
+    return _environment().get_template("figures.md.j2").render(chapters=found)
+
+
 # Kept: it compiles the templates once, not for every writing of a growing page.
 @cache
 def _environment() -> "Environment":
@@ -267,5 +275,6 @@ def _environment() -> "Environment":
         "resting": resting_on,
         "powers": powers,
         "cell": lambda text: str(text).replace("|", "\\|"),
+        "code": "`{}`".format,
     }
     return environment

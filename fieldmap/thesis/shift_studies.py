@@ -15,9 +15,9 @@ from fieldmap.levitation import (
     stationary_points,
 )
 from fieldmap.thesis import detail
+from fieldmap.thesis.computation import Answers, Ours
 from fieldmap.thesis.drive_unit import UnitRays, UnitStates, lift_share, payload, unit_rays, unit_states
 from fieldmap.thesis.equilibrium_shift import AXES, DRAWN_H, curve, fields_for, shift
-from fieldmap.thesis.rows import Answers, Ours
 from fieldmap.thesis.vertical_sensor import magnet_height, thesis_lift_current
 from fieldmap.typing import Array
 

@@ -12,7 +12,7 @@ from fieldmap.device import read_device
 from fieldmap.iron import LinearSolution, solve_linear
 from fieldmap.levitation import GRAVITY
 from fieldmap.records import Record
-from fieldmap.thesis.rows import Answers, Ours
+from fieldmap.thesis.computation import Answers, Ours
 from fieldmap.typing import Array
 
 EXACT, SIMPLIFIED = "single_electromagnet", "single_electromagnet_simplified"

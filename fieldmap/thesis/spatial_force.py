@@ -10,8 +10,8 @@ from fieldmap.curves import Curves, Series
 from fieldmap.device import read_device
 from fieldmap.iron import LinearSolution, solve_linear
 from fieldmap.records import Record
+from fieldmap.thesis.computation import Answers
 from fieldmap.thesis.force_formulas import Fit, HorizontalForce, fit_horizontal_force, fit_quadratic_force
-from fieldmap.thesis.rows import Answers
 from fieldmap.typing import Array
 
 _DEVICE, _REFINEMENT, _MU_R = "drive_unit_a3", 0.4, 4000.0

@@ -14,9 +14,9 @@ from fieldmap.iron import LinearSolution, solve_linear
 from fieldmap.levitation import GRAVITY
 from fieldmap.sources import bare_inductance
 from fieldmap.thesis import detail
+from fieldmap.thesis.computation import Answers
 from fieldmap.thesis.drive_unit import PANELS, lift_share, payload, unit_rays, unit_states
-from fieldmap.thesis.joints import about_the_joints, lift_law, shipped_unit
-from fieldmap.thesis.rows import Answers
+from fieldmap.thesis.hysteresis import about_the_joints, lift_law, shipped_unit
 from fieldmap.thesis.shift_studies import sensitivity_at_origin
 from fieldmap.thesis.vertical_sensor import magnet_height, thesis_lift_current
 from fieldmap.typing import Array

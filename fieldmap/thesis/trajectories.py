@@ -4,8 +4,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from fieldmap.thesis.computation import Answers
 from fieldmap.thesis.coupled_runs import DEPTH, Readings, X, Y, in_the_plane, ours, over_time, run_of
-from fieldmap.thesis.rows import Answers
 
 
 class Followed(NamedTuple):

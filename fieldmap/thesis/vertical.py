@@ -23,7 +23,7 @@ from fieldmap.control.identification import (
     root_locus,
 )
 from fieldmap.curves import Curves, Series
-from fieldmap.thesis.rows import Answers
+from fieldmap.thesis.computation import Answers
 
 
 def identified_plant(inputs: dict[str, Any]) -> TransferFunction:

@@ -18,8 +18,8 @@ from fieldmap.control.identification import (
 )
 from fieldmap.curves import Curves, Series
 from fieldmap.errors import NotConverged
+from fieldmap.thesis.computation import Answers
 from fieldmap.thesis.coupled_runs import DEPTH, Readings, answer_of, ours, over_time, run_of, with_measured
-from fieldmap.thesis.rows import Answers
 from fieldmap.thesis.vertical import identified_plant
 from fieldmap.typing import Array
 

@@ -10,9 +10,9 @@ from fieldmap.control.blocks import AxisReading
 from fieldmap.dynamics import Plate, prepare, read_scenario, simulate
 from fieldmap.lookup import open_map
 from fieldmap.thesis import trajectories
+from fieldmap.thesis.computation import Answers, function_of
 from fieldmap.thesis.coupled_runs import Readings
 from fieldmap.thesis.printed import figure_numbers, read_part
-from fieldmap.thesis.rows import Answers, function_of
 
 SENSOR_MM, SIDEWAYS_MM = 0.0104, 0.00706
 
