@@ -1,7 +1,7 @@
 """Printed numbers beside ours: parts of rows computed one by one, so that a failure loses nothing of the others."""
 
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from importlib import import_module
 from pathlib import Path
@@ -204,36 +204,40 @@ def compute_part(part: str, maps: Path = FOLDER) -> PartResult:
     seconds = time.process_time() - started
     if not isinstance(answers, Answers):
         answers = Answers(answers)
-    _check_figures(part, printed, answers.curves)
-    return PartResult(
+    # The list of figures in the documentation is made from the data files, so that no row need be computed for it.
+    drawn = {number for one in answers.curves for number in figure_numbers(one.title)}
+    if drawn != set(printed.figures):
+        odd = ", ".join(sorted(drawn ^ set(printed.figures)))
+        raise LookupError(f"{part}: figures of its data file and those that it draws differ in {odd}")
+    values = {**printed.inputs, **answers.facts}
+    return _result(
         part,
-        printed.title,
-        compared(part, printed, answers),
-        answers.curves,
-        {
-            name: filled(text, {**printed.inputs, **answers.facts})
-            for name, text in printed.explanations.items()
-        },
-        seconds,
-        map=detail.current().map_name(printed.map),
-        option=detail.current().option,
+        printed,
+        comparisons=compared(part, printed, answers),
+        curves=answers.curves,
+        explanations={name: filled(text, values) for name, text in printed.explanations.items()},
+        seconds=seconds,
     )
 
 
 def attempt_part(part: str, maps: Path = FOLDER) -> PartResult:
     """`compute_part`, but whatever goes wrong becomes `problem`: the other parts do not depend on this one."""
-    printed = read_part(part)
+    remedy = ""
     try:
         return compute_part(part, maps)
     except MapMissing as missing:
         problem, remedy = str(missing), missing.command
     except FieldmapError as error:
-        problem, remedy = str(error), ""
+        problem = str(error)
     except Exception as error:
-        problem, remedy = f"{type(error).__name__}: {error}", ""
+        problem = f"{type(error).__name__}: {error}"
+    return _result(part, read_part(part), problem=problem, remedy=remedy)
+
+
+def _result(part: str, printed: PrintedPart, **found: Any) -> PartResult:
+    """With the map and the option of the present detail."""
     chosen = detail.current()
-    needed = chosen.map_name(printed.map)
-    return PartResult(part, printed.title, problem=problem, remedy=remedy, map=needed, option=chosen.option)
+    return PartResult(part, printed.title, **found, map=chosen.map_name(printed.map), option=chosen.option)
 
 
 def attempt_rows(
@@ -242,33 +246,15 @@ def attempt_rows(
     attempt: Callable[[str], PartResult] = attempt_part,
 ) -> Iterator[PartResult]:
     """The parts of these rows (of all if none is given), one by one; progress(part, share of the work done)."""
-    yield from attempt_parts(parts_of(rows), progress, attempt)
-
-
-def attempt_parts(
-    parts: Sequence[str],
-    progress: Progress | None = None,
-    attempt: Callable[[str], PartResult] = attempt_part,
-) -> Iterator[PartResult]:
-    """These parts, one by one, as `attempt_rows`."""
+    parts = parts_of(rows)
     costs = [expected_seconds(part) for part in parts]
-    done = 0.0
-    for part, cost in zip(parts, costs, strict=True):
+    for k, part in enumerate(parts):
         if progress is not None:
-            progress(part, done / sum(costs))
+            progress(part, sum(costs[:k]) / sum(costs))
         yield attempt(part)
-        done += cost
 
 
 def expected_seconds(part: str) -> float:
     """Processor time that a part takes at the present detail, about, s."""
     printed = read_part(part)
     return printed.quick_seconds if detail.current().is_quick else printed.seconds
-
-
-def _check_figures(part: str, printed: PrintedPart, curves: Iterable[Curves]) -> None:
-    """The list of figures in the documentation is made from the data files, so that no row need be computed for it."""
-    drawn = {number for one in curves for number in figure_numbers(one.title)}
-    if drawn != set(printed.figures):
-        odd = ", ".join(sorted(drawn ^ set(printed.figures)))
-        raise LookupError(f"{part}: figures of its data file and those that it draws differ in {odd}")

@@ -8,9 +8,9 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
-from functools import cache, lru_cache, update_wrapper
+from functools import cache, lru_cache, wraps
 from pathlib import Path
-from typing import Any, Generic, ParamSpec, TypeVar
+from typing import Any, ParamSpec, TypeVar
 
 from fieldmap.errors import FieldmapError, Problem
 from fieldmap.records import Record
@@ -84,25 +84,19 @@ def fewer(count: int) -> int:
     return min(count, max(round(COARSE * count), 3)) if current().is_quick else count
 
 
-class Cached(Generic[Arguments, Result]):
-    """A function that keeps its results, those of each detail apart."""
+def cached(function: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
+    """`functools.cache` for what depends on the detail: results of each are kept apart."""
 
-    def __init__(self, function: Callable[Arguments, Result]) -> None:
-        def of_detail(detail: Detail, *arguments: Arguments.args, **named: Arguments.kwargs) -> Result:
-            return function(*arguments, **named)
+    @cache
+    def of_detail(_: Detail, *arguments: Arguments.args, **named: Arguments.kwargs) -> Result:
+        return function(*arguments, **named)
 
-        self._cached = cache(of_detail)
-        self.cache_clear = self._cached.cache_clear
-        update_wrapper(self, function)
+    @wraps(function)
+    def call(*arguments: Arguments.args, **named: Arguments.kwargs) -> Result:
+        return of_detail(current(), *arguments, **named)
 
-    def __call__(self, *arguments: Arguments.args, **named: Arguments.kwargs) -> Result:
-        """The result, computed once."""
-        return self._cached(current(), *arguments, **named)  # type: ignore[arg-type]
-
-
-def cached(function: Callable[Arguments, Result]) -> Cached[Arguments, Result]:
-    """`functools.cache` for what depends on the detail."""
-    return Cached(function)
+    call.cache_clear = of_detail.cache_clear  # type: ignore[attr-defined]
+    return call
 
 
 class MapMissing(FieldmapError):  # noqa: N818 - reads as the outcome it is

@@ -90,17 +90,8 @@ class UnitStates(WeightedStates):
         """The one state of these currents, solved where it is not known."""
         key = str((np.round(currents, 9) + 0.0).tolist())
         if key not in self._fields:
-            shape = (1, *_grid().shape)
             nodes = self._kept.arrays(key, lambda: self._solve(currents))
-            flux, slope = nodes["flux_density"], nodes["gradient"]
-            data = MapData(
-                _grid(),
-                ("state",),
-                np.ones(1),
-                flux_density=flux.reshape(*shape, 3),
-                gradient=slope.reshape(*shape, 3, 3),
-            )
-            self._fields[key] = interpolate(data, kind="harmonic")
+            self._fields[key] = harmonic_map(_grid(), ("state",), **nodes)
         return [(1.0, self._fields[key])]
 
     @cached_property
@@ -118,6 +109,14 @@ class UnitStates(WeightedStates):
         self.solved += 1
         points = _grid().points()
         return {"flux_density": self._last.field(points), "gradient": self._last.gradient(points)}
+
+
+def harmonic_map(grid: Grid, names: tuple[str, ...], flux_density: Array, gradient: Array) -> FieldMap:
+    """A map of values per ampere, T and T/m, at the nodes of a grid, interpolated by harmonic polynomials."""
+    shape = (len(names), *grid.shape)
+    flux, slope = flux_density.reshape(*shape, 3), gradient.reshape(*shape, 3, 3)
+    data = MapData(grid, names, np.ones(len(names)), flux_density=flux, gradient=slope)
+    return interpolate(data, kind="harmonic")
 
 
 def _grid() -> Grid:

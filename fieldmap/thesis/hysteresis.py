@@ -7,7 +7,7 @@ compared. `scripts/studies/joint_study.py` does the fit, docs/joint_study.md rea
 
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal, get_args
 
@@ -361,9 +361,10 @@ def out_and_back(values: Array) -> tuple[Array, Array]:
 @detail.cached
 def _bare_unit(coercive: float, h: float, cells: int) -> JointedUnit:
     """Without joints; with iron of one coercive field, A/m."""
-    changes = {"material.steel.coercive_field_A_per_m": coercive, "payload.magnet_offset_mm": h}
+    device = read_device("drive_unit", {"payload.magnet_offset_mm": h})
+    steel = replace(device.materials["steel"], coercive_field=coercive)
     led = Led("demagnetised", detail.fewer(cells), refinement=detail.refinement(REFINEMENT))
-    return JointedUnit(read_device("drive_unit", changes), led)
+    return JointedUnit(device.replace(materials={"steel": steel}), led)
 
 
 @detail.cached

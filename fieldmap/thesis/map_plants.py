@@ -11,9 +11,9 @@ from fieldmap.device import Device, read_device
 from fieldmap.field import BaseField, Field, as_field
 from fieldmap.iron import NonlinearSolution, NonlinearSolver, solve_linear
 from fieldmap.levitation import lift_current
-from fieldmap.lookup import interpolate
-from fieldmap.store import Grid, MapData
+from fieldmap.store import Grid
 from fieldmap.thesis.computation import Answers
+from fieldmap.thesis.drive_unit import harmonic_map
 from fieldmap.thesis.vertical_sensor import magnet_height
 from fieldmap.typing import Array
 
@@ -65,18 +65,7 @@ def _linear_map(lower_z: float, upper_z: float) -> Field:
     layers = int(np.ceil((upper_z - lower_z) / 3e-3)) + 1
     spacing = np.array([3e-3, 3e-3, (upper_z - lower_z) / (layers - 1)])
     grid = Grid(np.array([-6e-3, -6e-3, lower_z]), spacing, (5, 5, layers))
-    flux, slope = unit.unit_fields(grid.points())
-    shape = (len(unit.coil_names), *grid.shape)
-    return interpolate(
-        MapData(
-            grid,
-            unit.coil_names,
-            np.ones(len(unit.coil_names)),
-            flux_density=flux.reshape(*shape, 3),
-            gradient=slope.reshape(*shape, 3, 3),
-        ),
-        kind="harmonic",
-    )
+    return harmonic_map(grid, unit.coil_names, *unit.unit_fields(grid.points()))
 
 
 @cache

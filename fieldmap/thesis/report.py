@@ -4,7 +4,7 @@ import csv
 import io
 import re
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from datetime import date
 from functools import cache
@@ -20,7 +20,7 @@ from fieldmap.records import Record
 from fieldmap.store import write_whole
 from fieldmap.thesis import detail
 from fieldmap.thesis.computation import Comparison, PartResult, agreeing
-from fieldmap.thesis.printed import read_rows, row_of, thesis_figures
+from fieldmap.thesis.printed import part_names, read_rows, row_of, thesis_figures
 
 if TYPE_CHECKING:
     from jinja2 import Environment
@@ -119,30 +119,30 @@ def prepare_folder(folder: Path) -> None:
         raise InputError(problem) from None
 
 
-def write_report(folder: Path, results: Iterable[PartResult], draw: Draw, parts: Sequence[str] = ()) -> Path:
-    """Write index.html, report.md, numbers.csv and plots/*.png, and return the path of index.html.
+def write_report(
+    folder: Path, results: Iterable[PartResult], draw: Draw, parts: Sequence[str] = ()
+) -> list[PartResult]:
+    """Write index.html, report.md, numbers.csv and plots/*.png, and return the results.
 
     results: drawn and taken one by one, so a generator may compute them. draw(curves, path) saves a figure as PNG.
     parts: all that the results will be of. With these the texts are there before the first of them, and are written
     anew as parts are done, each file whole; without, when all is done.
     """
-    drawn: list[tuple[PartResult, tuple[str, ...]]] = []
-    waiting = dict.fromkeys(parts)
-    written = -OFTEN
-    for result in _none_first(results):
-        if result is not None:
-            drawn.append((result, _figures(result, folder, draw)))
-            waiting.pop(result.part, None)
+    drawn: list[Drawn] = []
+    waiting, written = dict.fromkeys(parts), time.monotonic()
+    if waiting:
+        _write(folder, drawn, parts)
+    for result in results:
+        names = tuple(f"plots/{result.part}_{k}.png" for k in range(1, len(result.curves) + 1))
+        for curves, name in zip(result.curves, names, strict=True):
+            draw(curves, folder / name)
+        drawn.append((result, names))
+        waiting.pop(result.part, None)
         if waiting and time.monotonic() > written + OFTEN:
             _write(folder, drawn, tuple(waiting))
             written = time.monotonic()
     _write(folder, drawn, ())
-    return folder / "index.html"
-
-
-def _none_first(results: Iterable[PartResult]) -> Iterator[PartResult | None]:
-    yield None
-    yield from results
+    return [result for result, _ in drawn]
 
 
 def _write(folder: Path, drawn: Sequence[Drawn], waiting: Sequence[str]) -> None:
@@ -174,31 +174,20 @@ def _write(folder: Path, drawn: Sequence[Drawn], waiting: Sequence[str]) -> None
     write_whole(folder / "numbers.csv", _csv(rows).encode())
 
 
-def _figures(result: PartResult, folder: Path, draw: Draw) -> tuple[str, ...]:
-    names = tuple(f"plots/{result.part}_{k}.png" for k in range(1, len(result.curves) + 1))
-    for curves, name in zip(result.curves, names, strict=True):
-        draw(curves, folder / name)
-    return names
-
-
 def _rows(drawn: Sequence[Drawn], waiting: Sequence[str]) -> list[Row]:
     """The rows in their order, the parts of each in the order of its file, whichever was done first."""
-    names = {part.row for part, _ in drawn} | {row_of(part) for part in waiting}
-    return [
+    order = part_names()
+    done = sorted(drawn, key=lambda pair: order.index(pair[0].part))
+    rows = [
         Row(
             name,
             row.system,
-            tuple(sorted((pair for pair in drawn if pair[0].row == name), key=_place)),
+            tuple(pair for pair in done if pair[0].row == name),
             tuple(row.parts[part].title for part in waiting if row_of(part) == name),
         )
         for name, row in read_rows().items()
-        if name in names
     ]
-
-
-def _place(pair: Drawn) -> int:
-    names = list(read_rows()[pair[0].row].parts)
-    return names.index(pair[0].part) if pair[0].part in names else len(names)
+    return [row for row in rows if row.parts or row.waiting]
 
 
 def _csv(rows: Iterable[Row]) -> str:
