@@ -87,7 +87,11 @@ GAIN_1 = {
 def combined(inputs: dict[str, Any]) -> Answers:
     """7.1.1 and 7.1.3: what a motion along some axes does to the others."""
     still, both_step = {"kind": "constant"}, {"reference.1.by_mm": 0.1}
-    of_x = {"x alone": {"control.y": still}, "both controlled": {}, "both step": both_step}
+    of_x: dict[str, dict[str, Any]] = {
+        "x alone": {"control.y": still},
+        "both controlled": {},
+        "both step": both_step,
+    }
     steps = runs_of(inputs, "horizontal_pid", of_x)
     one = steps["both controlled"]
     slow = run_of(inputs, "horizontal_pid", SMALL_STEPS)
@@ -260,15 +264,15 @@ def proportional(inputs: dict[str, Any]) -> Answers:
 
 def _under_pd(inputs: dict[str, Any], x: Readings, negative: Readings, y: Readings) -> list[Curves]:
     """Figs 6-12, 6-13, 6-15 and 6-16, with the means that 6.5 prints."""
-    late, at = {"begin": 14.2, "end": 18.4}, [15.15, 16.65, 18.15]
+    late, at = (14.2, 18.4), [15.15, 16.65, 18.15]
     curves = []
     for title, axis, run, shown, times, means in (
         ("12: x under PD control: 0.9, 1, 0.9 mm", X, x, late, at, "x_means_mm"),
         ("13: x under PD control: -0.9, -1, -0.9 mm", X, negative, late, at, "negative_x_means_mm"),
         ("15: y under PD control: 0.9, 1, 0.9 mm", Y, y, late, [], ""),
-        ("16: y under PD control, 0 to 1 mm and back", Y, y, {}, [3.15, 30.15], "y_means_mm"),
+        ("16: y under PD control, 0 to 1 mm and back", Y, y, (0.0, np.inf), [3.15, 30.15], "y_means_mm"),
     ):
-        one = over_time(f"Fig. 6-{title}", axis, {"xy"[axis]: run}, **shown)
+        one = over_time(f"Fig. 6-{title}", axis, {"xy"[axis]: run}, begin=shown[0], end=shown[1])
         curves.append(with_measured(one, "mean of the rig", times, inputs[means]) if means else one)
     return curves
 

@@ -59,8 +59,12 @@ def step_and_states(run: Readings, quiet: Readings, rig_peak: ArrayLike) -> list
     end = float(run.wanted[-1, DEPTH])
     curves = [with_measured(step, "peak of the rig, Table 7-3", [1.0 + after], [end - beyond])]
     weight = design.regulator.equilibrium[1]
+    keys, seen = _keys(quiet), quiet.seen[:, DEPTH]
+    assert keys.equilibrium is not None
+    intercept, slope = keys.equilibrium
+    control = quiet.run.outputs[:, 0] - intercept - slope * seen
     estimates = {
-        "ours": _of_the_machine(design, quiet),
+        "ours": filtered_states(design.estimator, control, seen - quiet.wanted[:, DEPTH]),
         "published": filtered_states(design.estimator, loop.u[0] - weight * loop.y[0], loop.y[0] - reference),
     }
     shown = run.during(_BEGIN, _END)
@@ -82,15 +86,6 @@ def filtered_states(estimator: Estimator, control: Array, deviation: Array) -> A
         states[n] = C[1:] @ predicted + D[1:, 1] * y
         predicted = A @ predicted + B @ (u, y)
     return states
-
-
-def _of_the_machine(design: _Design, run: Readings) -> Array:
-    keys = _keys(run)
-    assert keys.equilibrium is not None
-    intercept, slope = keys.equilibrium
-    seen = run.seen[:, DEPTH]
-    control = run.run.outputs[:, 0] - intercept - slope * seen
-    return filtered_states(design.estimator, control, seen - run.wanted[:, DEPTH])
 
 
 def _keys(run: Readings) -> AxisRegulator:

@@ -93,7 +93,7 @@ def cached(function: Callable[Arguments, Result]) -> Callable[Arguments, Result]
 
     @wraps(function)
     def call(*arguments: Arguments.args, **named: Arguments.kwargs) -> Result:
-        return of_detail(current(), *arguments, **named)
+        return of_detail(current(), *arguments, **named)  # type: ignore[arg-type]
 
     call.cache_clear = of_detail.cache_clear  # type: ignore[attr-defined]
     return call

@@ -179,11 +179,11 @@ def payload() -> Payload:
     return carried
 
 
-def lift_share(field: FieldLike, z_s: float, h: float, current: float) -> float:
-    """Lift over weight on the axis at a current in each coil, A; z_s and h in mm."""
+def lift_share(field: FieldLike, z_s: float, h: float, currents: float | Array) -> float:
+    """Lift over weight on the axis at currents (6,), or one in each coil, A; z_s and h in mm."""
     point = np.array([[0.0, 0.0, magnet_height(z_s, 1e-3 * h)]])
     carried = payload()
-    force = carried.moment * field.gradient(point, np.full(6, current))[0, 2, 2]
+    force = carried.moment * field.gradient(point, np.full(6, currents))[0, 2, 2]
     return float(force / (carried.mass * GRAVITY))
 
 

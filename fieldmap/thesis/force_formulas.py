@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from typing import Generic, TypeVar
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import least_squares
 
 from fieldmap.arguments import check_positive, check_signal
@@ -140,7 +140,9 @@ class AddedError(Record):
         return 1e3 * self.rms
 
 
-def added_error(currents: tuple[float, ...], added: Array, computed: Array, middle: Array) -> AddedError:
+def added_error(
+    currents: tuple[float, ...], added: Array, computed: Array, middle: NDArray[np.bool_]
+) -> AddedError:
     """Of forces (n,), N; middle (n,): whether a place lies there."""
     error = added - computed
     shares = [_rms(error[places]) / _rms(computed[places]) for places in (np.full_like(middle, True), middle)]

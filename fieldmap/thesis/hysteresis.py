@@ -362,9 +362,9 @@ def out_and_back(values: Array) -> tuple[Array, Array]:
 def _bare_unit(coercive: float, h: float, cells: int) -> JointedUnit:
     """Without joints; with iron of one coercive field, A/m."""
     device = read_device("drive_unit", {"payload.magnet_offset_mm": h})
-    steel = replace(device.materials["steel"], coercive_field=coercive)
+    steel: Any = device.materials["steel"]
     led = Led("demagnetised", detail.fewer(cells), refinement=detail.refinement(REFINEMENT))
-    return JointedUnit(device.replace(materials={"steel": steel}), led)
+    return JointedUnit(device.replace(materials={"steel": replace(steel, coercive_field=coercive)}), led)
 
 
 @detail.cached
@@ -395,7 +395,7 @@ def _joints(inputs: dict[str, Any], axis: Axis, title: str) -> Answers:
         out, back = out_and_back(measured[0][0] + shift)
         numbers |= {f"{side}_outward": out, f"{side}_back": back}
         ours = both_ways("ours", signals, out, back)
-        theirs = both_ways("measured", signals, *measured, "measured")
+        theirs = both_ways("measured", signals, measured[0], measured[1], "measured")
         drawn += [line for pair in zip(ours, theirs, strict=True) for line in pair]
     figure = Curves(title, f"{axis} control signal", f"{axis} (mm)", tuple(drawn))
     return Answers(numbers, (figure,), about_the_joints())

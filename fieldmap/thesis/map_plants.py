@@ -111,7 +111,9 @@ def vertical(inputs: dict[str, Any]) -> Answers:
     sensor, h, n = inputs["depth_mm"], inputs["offset_mm"], inputs["n"]
     by_offset = [_linear_plant(sensor, each, n) for each in inputs["offsets_mm"]]
     linear = _linear_plant(sensor, h, n)
-    saturating = _saturating_plant(sensor, h, n, _lift_current(sensor, h), *_small_steps(inputs))
+    saturating = _saturating_plant(
+        sensor, h, n, _lift_current(sensor, h), inputs["x_signal"], inputs["y_signal"]
+    )
     gain = inputs["amplifier_A_per_V"]
     numbers = {
         "product": [p.pole_products[2] for p in by_offset],
@@ -121,11 +123,6 @@ def vertical(inputs: dict[str, Any]) -> Answers:
         "slope_saturating": _volts_per_mm(saturating, gain),
     }
     return Answers(numbers, facts=_facts(saturating=saturating))
-
-
-def _small_steps(inputs: dict[str, Any]) -> tuple[float, float]:
-    """The signals of 6.4, over which the forces of saturating iron are differenced."""
-    return inputs["x_signal"], inputs["y_signal"]
 
 
 def _facts(**plants: MapPlant) -> dict[str, Any]:
@@ -148,7 +145,8 @@ def _volts_per_mm(plant: MapPlant, amplifier: float) -> float:
 def horizontal(inputs: dict[str, Any]) -> Answers:
     """Products of the horizontal poles, positions at rest, and the damping that makes the identified slow poles."""
     sensor, h, n = inputs["depth_mm"], inputs["offset_mm"], inputs["n"]
-    steps = _small_steps(inputs)
+    # The signals of 6.4, over which the forces of saturating iron are differenced.
+    steps = inputs["x_signal"], inputs["y_signal"]
     linear = _linear_plant(sensor, h, n)
     saturating = _saturating_plant(sensor, h, n, _lift_current(sensor, h), *steps)
     measured = _saturating_plant(sensor, h, n, inputs["measured_current_A"], *steps)
@@ -173,10 +171,8 @@ def _positions(plant: MapPlant, inputs: dict[str, Any]) -> list[float]:
 
 
 def _damping(plant: MapPlant, inputs: dict[str, Any]) -> list[float]:
-    return [
-        plant.damping_for_pole("x", _slow_pole(inputs["x_first_order"], inputs["Ts_s"])),
-        plant.damping_for_pole("y", _slow_pole(inputs["y_first_order"], inputs["Ts_s"])),
-    ]
+    poles = [_slow_pole(inputs[f"{axis}_first_order"], inputs["Ts_s"]) for axis in "xy"]
+    return [plant.damping_for_pole("x", poles[0]), plant.damping_for_pole("y", poles[1])]
 
 
 def _slow_pole(model: Array, Ts: float) -> float:
