@@ -97,14 +97,12 @@ class Row(Record):
 
     @property
     def command(self) -> str:
-        """What makes this row."""
+        """The command line that computes this row, after those that make its maps."""
         option = next((part.option for part, _ in self.parts), "")
-        return command_of(self.id + option, sorted({part.map for part, _ in self.parts if part.map}))
-
-
-def command_of(row: str, maps: Iterable[str]) -> str:
-    """The command line that computes a row, after those that make its maps."""
-    return " && ".join([*(f"fieldmap map {recipe}" for recipe in maps), f"fieldmap thesis {row}"])
+        maps = sorted({part.map for part, _ in self.parts if part.map})
+        return " && ".join(
+            [*(f"fieldmap map {recipe}" for recipe in maps), f"fieldmap thesis {self.id}{option}"]
+        )
 
 
 def prepare_folder(folder: Path) -> None:

@@ -1,6 +1,7 @@
 """S14: polynomial fits, current limit, convergence, magnet models, what current noise does to the position; and, with
 S12, named calibrations, and whether one of them makes one picture of both."""
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -224,39 +225,55 @@ class _Said:
 
 def calibrations(inputs: dict[str, Any]) -> Answers:
     """(7-18) and Tables 6-4, 6-6 before and after each fit."""
-    found = {name: _fit(name, *_frozen(inputs)) for name in FITS}
+    field, depths = available_map("division", outside_currents="evaluate"), inputs["depths_mm"]
+    tables: dict[str, tuple[Array, Array]] = {
+        axis: (inputs[f"{axis}_signals"], inputs[f"{axis}_mm"]) for axis in AXES
+    }
+    lift, place = inputs["lift_deviation"], 1e-3 * inputs["position_deviation_mm"]
     numbers: dict[str, Any] = {}
-    for name, fit in found.items():
-        lifts, x, y = _computed(fit, inputs)
-        numbers[f"current_{name}"] = Ours(
-            [thesis_lift_current(z) / lift for z, lift in lifts], fit.assumptions
+    said = {}
+    lines: dict[str, list[Series]] = {
+        "lift": [Series("measured, (7-18)", depths, np.ones(len(depths)), "measured")]
+    }
+    lines |= {
+        axis: [Series("measured, rising", *table, "measured", points=True)] for axis, table in tables.items()
+    }
+    for name, (free, axes) in FITS.items():
+        fit = calibrate(
+            field,
+            payload(),
+            lift=_lift_readings(depths, lift),
+            positions=_position_readings({axis: tables[axis] for axis in axes}, place) if axes else None,
+            fit=free,
+            limits={"magnet_offset": OFFSET_LIMITS},
         )
-        numbers[f"x_{name}"] = Ours(x, fit.assumptions)
-        numbers[f"y_{name}"] = Ours(y, fit.assumptions)
-    return Answers(
-        numbers, _calibration_figures(found, inputs), {name: _Said(fit) for name, fit in found.items()}
-    )
-
-
-def _frozen(inputs: dict[str, Any]) -> tuple[Any, ...]:
-    names = ("depths_mm", "x_signals", "x_mm", "y_signals", "y_mm")
-    tables = tuple(tuple(float(v) for v in inputs[name]) for name in names)
-    return (*tables, inputs["lift_deviation"], inputs["position_deviation_mm"])
-
-
-@detail.cached
-def _fit(
-    name: str, depths: Any, xs: Any, x_mm: Any, ys: Any, y_mm: Any, lift: float, place: float
-) -> Calibration:
-    free, axes = FITS[name]
-    return calibrate(
-        available_map("division", outside_currents="evaluate"),
-        payload(),
-        lift=_lift_readings(np.array(depths), lift),
-        positions=_position_readings(axes, (xs, x_mm), (ys, y_mm), place) if axes else None,
-        fit=free,
-        limits={"magnet_offset": OFFSET_LIMITS},
-    )
+        # What the fitted values make of every reading: of all lifts, and of all places but that of signal 0.
+        every = calibrate(
+            field,
+            payload(),
+            lift=_lift_readings(depths, 0.01),
+            positions=_position_readings(tables, 1e-3),
+            fit=("field_scale",),
+            given=fit.values,
+        )
+        before = np.array([row.before for row in every.table])
+        count, split = len(depths), len(tables["x"][0]) - 1
+        lifts, moved = before[:count], 1e3 * before[count + 2 :]
+        found = {"lift": lifts}
+        for axis, way in zip(AXES, np.split(moved, [split]), strict=True):
+            found[axis] = tables[axis][1][0] + np.append(0.0, way)
+        currents = [thesis_lift_current(z) for z in depths] / lifts
+        answers = {"current": currents, "x": found["x"], "y": found["y"]}
+        numbers |= {f"{of}_{name}": Ours(values, fit.assumptions) for of, values in answers.items()}
+        for of, drawn in lines.items():
+            drawn.append(Series(f"fit `{name}`", depths if of == "lift" else tables[of][0], found[of]))
+        said[name] = _Said(fit)
+    title, x = "Lift at the measured currents, after each fit", "sensor depth z_s (mm)"
+    figures = [Curves(title, x, "lift over weight", tuple(lines["lift"]))]
+    for axis in AXES:
+        title, x = f"Shift along {axis} after each fit", f"{axis} control signal"
+        figures.append(Curves(title, x, f"{axis} (mm)", tuple(lines[axis])))
+    return Answers(numbers, tuple(figures), said)
 
 
 def _lift_readings(depths: Array, deviation: float) -> LiftReadings:
@@ -264,63 +281,13 @@ def _lift_readings(depths: Array, deviation: float) -> LiftReadings:
     return LiftReadings([magnet_height(z) for z in depths], currents, deviation)
 
 
-def _position_readings(axes: str, of_x: Any, of_y: Any, deviation_mm: float) -> PositionReadings:
-    """Rising branches; the first reading is that of signal 0, from which the others are counted."""
-    currents, places = [np.full(6, thesis_lift_current(10.0))], [[0.0, 0.0]]
-    for axis, (signals, mm) in zip("xy", (of_x, of_y), strict=True):
-        if axis not in axes:
-            continue
-        for signal, place in zip(signals[1:], mm[1:], strict=True):
-            currents.append(divided(thesis_lift_current(10.0), signal, axis, 1.25))
-            moved = 1e-3 * (place - mm[0])
+def _position_readings(tables: Mapping[str, tuple[Array, Array]], deviation: float) -> PositionReadings:
+    """Rising branches, mm over signals; the first reading is that of signal 0, from which the others are counted."""
+    level = thesis_lift_current(10.0)
+    currents, places = [np.full(6, level)], [[0.0, 0.0]]
+    for axis, (signals, mm) in tables.items():
+        for signal, moved in zip(signals[1:], 1e-3 * (mm[1:] - mm[0]), strict=True):
+            currents.append(divided(level, signal, axis, 1.25))
             places.append([moved, np.nan] if axis == "x" else [np.nan, moved])
     sensed = np.full(len(places), magnet_height(10.0))
-    return PositionReadings(sensed, currents, places, 1e-3 * deviation_mm, height_held=True, from_first=True)
-
-
-def _computed(fit: Calibration, inputs: dict[str, Any]) -> tuple[list[tuple[float, float]], Array, Array]:
-    """(z_s, lift over weight at the measured current) and the places of both tables, mm, at the fit's values."""
-    tables = ((inputs["x_signals"], inputs["x_mm"]), (inputs["y_signals"], inputs["y_mm"]))
-    rig = calibrate(
-        available_map("division", outside_currents="evaluate"),
-        payload(),
-        lift=_lift_readings(inputs["depths_mm"], 0.01),
-        positions=_position_readings("xy", *tables, 1.0),
-        fit=("field_scale",),
-        given=fit.values,
-    )
-    count = len(inputs["depths_mm"])
-    lifts = [row.before for row in rig.table[:count]]
-    moved = [1e3 * row.before for row in rig.table[count + 2 :]]
-    split = len(inputs["x_signals"]) - 1
-    x = inputs["x_mm"][0] + np.array([0.0, *moved[:split]])
-    y = inputs["y_mm"][0] + np.array([0.0, *moved[split:]])
-    return list(zip(inputs["depths_mm"].tolist(), lifts, strict=True)), x, y
-
-
-def _calibration_figures(found: dict[str, Calibration], inputs: dict[str, Any]) -> tuple[Curves, ...]:
-    computed = {name: _computed(fit, inputs) for name, fit in found.items()}
-    z = inputs["depths_mm"]
-    lift = [Series("measured, (7-18)", z, np.ones(len(z)), "measured")]
-    lift += [Series(f"fit `{name}`", z, np.array([s for _, s in of[0]])) for name, of in computed.items()]
-    figures = [
-        Curves(
-            "Lift at the measured currents, after each fit",
-            "sensor depth z_s (mm)",
-            "lift over weight",
-            tuple(lift),
-        )
-    ]
-    for k, axis in enumerate("xy", start=1):
-        signals = inputs[f"{axis}_signals"]
-        lines = [Series(f"fit `{name}`", signals, np.asarray(of[k])) for name, of in computed.items()]
-        points = Series("measured, rising", signals, inputs[f"{axis}_mm"], "measured", points=True)
-        figures.append(
-            Curves(
-                f"Shift along {axis} after each fit",
-                f"{axis} control signal",
-                f"{axis} (mm)",
-                (points, *lines),
-            )
-        )
-    return tuple(figures)
+    return PositionReadings(sensed, currents, places, deviation, height_held=True, from_first=True)

@@ -18,7 +18,6 @@ from fieldmap.thesis.drive_unit import lift_share, payload, unit_states
 from fieldmap.thesis.equilibrium_shift import DRAWN_H, Axis, Shift, shift
 from fieldmap.thesis.hysteresis import about_the_joints, joint_range
 from fieldmap.thesis.vertical_sensor import SENSOR_ZERO_DEPTH, magnet_height, thesis_lift_current
-from fieldmap.typing import Array
 
 SIGNALS = np.arange(0.05, 0.551, 0.05)
 X_END = 0.45
@@ -51,8 +50,11 @@ def ranges(inputs: dict[str, Any]) -> Answers:
             numbers[f"{axis}_range_{name}_joints"] = joint_range(axis, z_s, limit, largest)
     numbers["vertical_range"] = [_deepest(h, limit, True) for h in hs]
     numbers["vertical_range_unscaled"] = [_deepest(h, limit, False) for h in hs]
+    stable = all(
+        _followed(axis, way, z_s, DRAWN_H).all_stable for axis, way in SIDES for z_s in inputs["depths_mm"]
+    )
     facts = {
-        "stability": "stable sideways" if _all_stable(inputs["depths_mm"]) else "not stable sideways",
+        "stability": "stable sideways" if stable else "not stable sideways",
         "off_mm": _checked_at_half(),
         **about_the_joints(),
     }
@@ -103,11 +105,6 @@ def _deepest(h: float, limit: float, scaled: bool) -> float:
     if excess(0.0) < 0.0:
         return 0.0
     return end if excess(end) > 0.0 else float(brentq(excess, 0.0, end, xtol=1e-4))
-
-
-def _all_stable(depths: Array) -> bool:
-    """Whether every place on the way is stable sideways."""
-    return all(_followed(axis, way, z_s, DRAWN_H).all_stable for axis, way in SIDES for z_s in depths)
 
 
 def _checked_at_half() -> float:
