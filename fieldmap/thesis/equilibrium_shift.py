@@ -136,26 +136,16 @@ def n_table(inputs: dict[str, Any]) -> Answers:
         for rule in BOTH:
             of_h = [curve(inputs["map"], signals, n=n, z_s=inputs["z_mm"], h=h, rule=rule) for h in hs]
             numbers[f"{name}_{rule}"] = [zero + 1e3 * found.along for found in of_h]
-            drawn.append(_scan(name, n, rule, hs, of_h, signals, measured, zero))
+            points = Series("measured, Table 6-2", signals, measured, "measured", points=True)
+            lines = [
+                Series(f"h = {h:g} mm", found.signals, zero + 1e3 * found.along)
+                for h, found in zip(hs, of_h, strict=True)
+            ]
+            level = "held by the lift" if rule == "held" else "of (7-18) at the origin throughout"
+            title = f"Table 6-2, n = {n:g}, level {level}: scan over h"
+            labels = ("x control signal", "x (mm)")
+            drawn.append(Curves(title, *labels, (points, *lines), remark="Nothing is fitted."))
     return Answers(numbers, tuple(drawn))
-
-
-def _scan(
-    name: str, n: float, rule: str, hs: Any, of_h: list[Shift], signals: Array, measured: Array, zero: float
-) -> Curves:
-    lines = [
-        Series(f"h = {h:g} mm", found.signals, zero + 1e3 * found.along)
-        for h, found in zip(hs, of_h, strict=True)
-    ]
-    points = Series("measured, Table 6-2", signals, measured, "measured", points=True)
-    level = "level held by the lift" if rule == "held" else "level of (7-18) at the origin throughout"
-    return Curves(
-        f"Table 6-2, n = {n:g}, {level}: scan over h",
-        "x control signal",
-        "x (mm)",
-        (points, *lines),
-        remark="Nothing is fitted.",
-    )
 
 
 def height_table(inputs: dict[str, Any]) -> Answers:

@@ -74,9 +74,16 @@ def _linear_plant(sensor_mm: float, offset_mm: float, n: float) -> MapPlant:
     field = _linear_map(magnet_height(sensor_mm, 0.028), magnet_height(sensor_mm, 0.004))
     payload = read_device(_DEVICE).payload
     point = _point(sensor_mm, offset_mm)
-    lift = lift_current(field, payload, point)
-    signals = LiftAndDirections(n).derivative([lift.current, 0.0, 0.0])
-    return plant_from_map(field, payload, point, lift.currents, signals)
+    return _plant(field, point, lift_current(field, payload, point).current, n)
+
+
+def _plant(
+    field: Field, point: Array, current: float, n: float, steps: list[float] | None = None
+) -> MapPlant:
+    """At equal currents in all coils."""
+    currents = np.full(len(field.coil_names), current)
+    signals = LiftAndDirections(n).derivative([current, 0.0, 0.0])
+    return plant_from_map(field, read_device(_DEVICE).payload, point, currents, signals, signal_steps=steps)
 
 
 @cache
@@ -99,11 +106,8 @@ def _saturating_plant(
     sensor_mm: float, offset_mm: float, n: float, current: float, x_step: float, y_step: float
 ) -> MapPlant:
     """At equal currents in all coils; signals u (A), x_ctrl, y_ctrl."""
-    field, payload = _states(sensor_mm, offset_mm), read_device(_DEVICE).payload
-    currents = np.full(len(field.coil_names), current)
-    signals = LiftAndDirections(n).derivative([current, 0.0, 0.0])
-    at = _point(sensor_mm, offset_mm)
-    return plant_from_map(field, payload, at, currents, signals, signal_steps=[0.02, x_step, y_step])
+    field, at = _states(sensor_mm, offset_mm), _point(sensor_mm, offset_mm)
+    return _plant(field, at, current, n, [0.02, x_step, y_step])
 
 
 def vertical(inputs: dict[str, Any]) -> Answers:

@@ -5,7 +5,7 @@ import io
 import re
 import time
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from datetime import date
 from functools import cache
 from importlib.metadata import version
@@ -29,21 +29,8 @@ Draw = Callable[[Curves, Path], Any]
 Drawn = tuple[PartResult, tuple[str, ...]]
 OFTEN = 2.0
 """Seconds after which the texts are written anew, at the earliest."""
-COLUMNS = (
-    "row",
-    "name",
-    "quantity",
-    "unit",
-    "thesis",
-    "ours",
-    "deviation",
-    "kind",
-    "agrees",
-    "misprint",
-    "place",
-    "assumptions",
-    "command",
-)
+_OF_A_NUMBER = tuple(one.name for one in fields(Comparison) if one.name not in ("id", "title", "assumptions"))
+COLUMNS = ("row", *_OF_A_NUMBER, "assumptions", "command")
 
 
 @dataclass(frozen=True, repr=False)
@@ -194,10 +181,9 @@ def _csv(rows: Iterable[Row]) -> str:
     table.writerow(COLUMNS)
     for row in rows:
         for n in row.numbers:
-            agrees = "" if n.agrees is None else str(n.agrees).lower()
-            deviation = "" if n.deviation is None else n.deviation
-            start = (row.id, n.name, n.quantity, n.unit, n.thesis, n.ours, deviation, n.kind, agrees)
-            table.writerow((*start, n.misprint, n.place, "; ".join(n.assumptions), row.command))
+            values = [getattr(n, name) for name in _OF_A_NUMBER]
+            plain = [str(value).lower() if isinstance(value, bool) else value for value in values]
+            table.writerow((row.id, *plain, "; ".join(n.assumptions), row.command))
     return text.getvalue()
 
 

@@ -12,6 +12,7 @@ from fieldmap.control import (
     PID,
     Regulator,
     StateSpace,
+    StepMetrics,
     TransferFunction,
     closed_loop,
     continuous,
@@ -72,14 +73,20 @@ def step_response(inputs: dict[str, Any]) -> Answers:
     metrics = step_metrics(run.time, run.y[0], final=inputs["step_mm"])
     reached = run.time[np.argmax(run.y[0] >= inputs["step_mm"])]
     answers = {
-        "peak_time": metrics.peak_time,
-        "rise_time": metrics.rise_time,
+        **_of_step(metrics),
         "time_to_reference": float(reached),
-        "settling_time": metrics.settling_time,
-        "overshoot": 100 * metrics.overshoot,
         "rms_at_rest": rms_at_rest(plant, pid, inputs["sensor_deviation_mm"]),
     }
     return Answers(answers, (_step_figure(run, inputs["step_mm"]),))
+
+
+def _of_step(metrics: StepMetrics) -> dict[str, float]:
+    return {
+        "peak_time": metrics.peak_time,
+        "rise_time": metrics.rise_time,
+        "settling_time": metrics.settling_time,
+        "overshoot": 100 * metrics.overshoot,
+    }
 
 
 def _step_figure(run: Any, step: float) -> Curves:
@@ -301,10 +308,7 @@ def regulator_loop(inputs: dict[str, Any]) -> Answers:
         "design_overshoot": 100 * of_design.overshoot,
         "overshoot_of_7_20": 100 * of_reference.overshoot,
         "design_rise_time": of_design.rise_time,
-        "peak_time": of_rig.peak_time,
-        "rise_time": of_rig.rise_time,
-        "settling_time": of_rig.settling_time,
-        "overshoot": 100 * of_rig.overshoot,
+        **_of_step(of_rig),
         "rms_at_rest": rms_at_rest(sampled, rig, inputs["sensor_deviation_mm"]),
     }
     return Answers(numbers, (_regulator_figure(runs),))
