@@ -17,6 +17,7 @@ import numpy as np
 
 from fieldmap import provenance
 from fieldmap.curves import Curves, Series
+from fieldmap.records import Record
 from fieldmap.shipped import PACKAGE, shipped_folder
 from fieldmap.store import Checkpoint
 from fieldmap.store.checkpoint import Piece
@@ -32,8 +33,8 @@ _FINISHED = "finished.partial"
 _WITHOUT_INFLUENCE = ("plot", "cli", "shipped")
 
 
-@dataclass(frozen=True)
-class Kept:
+@dataclass(frozen=True, repr=False)
+class Kept(Record):
     """Pieces of work in one file, which is open only while one is read or written: other runs may use it meanwhile.
 
     path: None keeps nothing. fingerprint: of all that decides every piece; a file with another one is begun anew.
