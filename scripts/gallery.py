@@ -22,9 +22,8 @@ from fieldmap.plot.figures import save_curves
 from fieldmap.progress import Progress
 from fieldmap.store.whole_files import write_whole
 from fieldmap.thesis import Curves, attempt_rows, read_rows
-from fieldmap.thesis.figures import thesis_figures
-from fieldmap.thesis.finished_parts import cached_parts
-from fieldmap.thesis.printed import figure_numbers
+from fieldmap.thesis.kept import cached_parts
+from fieldmap.thesis.printed import figure_numbers, thesis_figures
 
 
 @dataclass(frozen=True)

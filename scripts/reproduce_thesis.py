@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 
 from fieldmap.cli import main as command_line
-from fieldmap.thesis.available_maps import FOLDER
+from fieldmap.thesis.detail import FOLDER
 
 
 def main() -> int:

@@ -3,7 +3,7 @@
 from functools import cache
 
 from fieldmap.thesis.computation import Comparison, PartResult, compute_part
-from fieldmap.thesis.rows import parts_of
+from fieldmap.thesis.printed import parts_of
 
 
 @cache

@@ -68,7 +68,7 @@ def figure():
     import fieldmap.plot.runs
 
 def figures():
-    from fieldmap.thesis.figures import figure_page
+    from fieldmap.thesis.report import figure_page
     figure_page()
 
 def vtk():

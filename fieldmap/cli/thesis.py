@@ -78,10 +78,11 @@ def thesis(
     from fieldmap.cli.printing import print_json
     from fieldmap.progress import Progress, must_compile
     from fieldmap.thesis import detail
-    from fieldmap.thesis.finished_parts import cached_parts
+    from fieldmap.thesis.computation import attempt_part
+    from fieldmap.thesis.kept import cached_parts
     from fieldmap.thesis.plan import planned
+    from fieldmap.thesis.printed import parts_of
     from fieldmap.thesis.report import prepare_folder
-    from fieldmap.thesis.rows import parts_of
 
     with detail.at(detail.QUICK if quick else detail.FULL):
         parts = parts_of(rows or ())
@@ -92,9 +93,9 @@ def thesis(
             print(plan.text, file=sys.stderr)
         with Progress("thesis", compiles=True) as progress:
             if report is not None:
-                results = reported(plan, report, computed(plan, cached_parts(report, maps), progress))
+                results = _reported(plan, report, computed(plan, cached_parts(report, maps), progress))
             else:
-                results = list(computed(plan, partial(_attempt, maps=maps), progress))
+                results = list(computed(plan, partial(attempt_part, maps=maps), progress))
     if json:
         print_json([number for result in results for number in result.comparisons])
     elif report is not None:
@@ -104,17 +105,11 @@ def thesis(
     _close(results, bool(rows))
 
 
-def _attempt(part: str, maps: Path) -> "PartResult":
-    from fieldmap.thesis.computation import attempt_part
-
-    return attempt_part(part, maps)
-
-
 def computed(
     plan: "Plan", attempt: "Callable[[str], PartResult]", progress: "Progress"
 ) -> "Iterator[PartResult]":
     """The parts of a plan, one by one; the maps that it asks for are made before the first part that needs one."""
-    from fieldmap.thesis.computation import attempt_parts
+    from fieldmap.thesis.computation import attempt_rows
 
     begun = 0.0
     for stage in plan.stages:
@@ -127,7 +122,7 @@ def computed(
             generate(stage.recipe, stage.target, progress=share)
         else:
             with moving(share, stage.expected) as moved:
-                yield from attempt_parts(list(stage.expected), moved, attempt)
+                yield from attempt_rows(stage.expected, moved, attempt)
         begun += stage.seconds
 
 
@@ -140,7 +135,7 @@ def _told(progress: "Progress", what: str, begun: float, of: float, message: str
 def moving(
     progress: "Callable[[str, float], None]", expected: Mapping[str, float]
 ) -> "Iterator[Callable[[str, float], None]]":
-    """Progress for `attempt_parts` that moves while a part is at work, by the seconds that are expected of it.
+    """Progress for `attempt_rows` that moves while a part is at work, by the seconds that are expected of it.
 
     A part that takes longer moves on ever more slowly and never passes its end.
     """
@@ -171,24 +166,16 @@ def moving(
         clock.join()
 
 
-def reported(plan: "Plan", folder: Path, results: "Iterable[PartResult]") -> "list[PartResult]":
+def _reported(plan: "Plan", folder: Path, results: "Iterable[PartResult]") -> "list[PartResult]":
     """Write the report of these parts into a folder as they are done, and return their results."""
     from fieldmap.plot.figures import save_curves
     from fieldmap.thesis.report import write_report
 
-    found: list[PartResult] = []
-
-    def collected() -> "Iterator[PartResult]":
-        for result in results:
-            found.append(result)
-            yield result
-
     try:
-        write_report(folder, collected(), save_curves, plan.parts)
+        return write_report(folder, results, save_curves, plan.parts)
     except KeyboardInterrupt:
         print("finished rows are kept; the same command continues from here", file=sys.stderr)
         raise
-    return found
 
 
 def _close(results: "list[PartResult]", named: bool) -> None:

@@ -6,9 +6,8 @@ only the command line imports this package. `compare` puts printed numbers and o
 """
 
 from fieldmap.curves import Curves, Series
-from fieldmap.thesis.computation import Comparison, PartResult, attempt_rows, compare
-from fieldmap.thesis.printed import read_rows
-from fieldmap.thesis.rows import Answers, Ours, part_names, row_names
+from fieldmap.thesis.computation import Answers, Comparison, Ours, PartResult, attempt_rows, compare
+from fieldmap.thesis.printed import part_names, read_rows, row_names
 
 __all__ = [
     "Answers",

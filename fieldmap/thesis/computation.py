@@ -1,21 +1,44 @@
 """Printed numbers beside ours: parts of rows computed one by one, so that a failure loses nothing of the others."""
 
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
+from importlib import import_module
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from fieldmap.curves import Curves
 from fieldmap.errors import FieldmapError
+from fieldmap.extras import needs
 from fieldmap.records import Record
 from fieldmap.thesis import detail
-from fieldmap.thesis.available_maps import FOLDER, MapMissing, available_map, maps_in
-from fieldmap.thesis.printed import PrintedNumber, PrintedPart, figure_numbers, filled, read_part, row_of
-from fieldmap.thesis.rows import Answers, Ours, function_of, parts_of
+from fieldmap.thesis.detail import FOLDER, MapMissing, available_map, maps_in
+from fieldmap.thesis.printed import PrintedPart, figure_numbers, filled, parts_of, read_part, row_of
 
 Progress = Callable[[str, float], None]
+
+
+@dataclass(frozen=True, repr=False)
+class Ours(Record):
+    """Our number or array, and what the computation itself says it rests on (a solver's report, for example)."""
+
+    value: Any
+    assumptions: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Answers(Record):
+    """What a part computes, where it is more than numbers.
+
+    numbers: name of every printed number -> our number or `Ours`. curves: figures. facts: name -> value, for the
+    explanations and assumptions of the row file, which may also name the part's inputs.
+    """
+
+    numbers: Mapping[str, Any]
+    curves: tuple[Curves, ...] = ()
+    facts: Mapping[str, Any] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, repr=False)
@@ -64,16 +87,38 @@ def percent(deviation: float | None) -> str:
 
 def compared(part: str, printed: PrintedPart, answers: Answers) -> tuple[Comparison, ...]:
     """Every printed number of a part beside the answer of the same name."""
-    ours = answers.numbers
-    if ours.keys() != printed.numbers.keys():
-        raise LookupError(f"{part}: computed and printed differ: {set(ours) ^ set(printed.numbers)}")
+    if answers.numbers.keys() != printed.numbers.keys():
+        raise LookupError(
+            f"{part}: computed and printed differ: {set(answers.numbers) ^ set(printed.numbers)}"
+        )
     values = {**printed.inputs, **answers.facts}
     comparisons: list[Comparison] = []
     for name, numbers in printed.numbers.items():
-        answer = ours[name] if isinstance(ours[name], Ours) else Ours(ours[name])
+        found = answers.numbers[name]
+        answer = found if isinstance(found, Ours) else Ours(found)
         declared = [*printed.assumptions.get("", ()), *printed.assumptions.get(name, ())]
-        assumptions = dict.fromkeys([*answer.assumptions, *(filled(text, values) for text in declared)])
-        comparisons += _table(part, printed.title, numbers, Ours(answer.value, tuple(assumptions)))
+        assumptions = tuple(
+            dict.fromkeys([*answer.assumptions, *(filled(text, values) for text in declared)])
+        )
+        for number, value in zip(numbers, np.ravel(answer.value), strict=True):
+            ours, sharp = float(value), number.kind == "sharp"
+            comparison = Comparison(
+                id=row_of(part),
+                name=number.name,
+                quantity=number.quantity,
+                unit=number.unit,
+                thesis=number.value,
+                ours=ours,
+                deviation=ours / number.value - 1.0 if number.value else None,
+                kind=number.kind,
+                # Half a unit, and the rounding of numbers that lie exactly between two.
+                agrees=abs(ours - number.value) <= number.half_unit * (1 + 1e-6) if sharp else None,
+                misprint=number.misprint,
+                place=number.place,
+                title=printed.title,
+                assumptions=assumptions,
+            )
+            comparisons.append(comparison)
     return tuple(comparisons)
 
 
@@ -81,36 +126,6 @@ def agreeing(comparisons: Iterable[Comparison]) -> tuple[int, int]:
     """How many sharp numbers agree to the printed digits, and how many sharp numbers without a misprint there are."""
     sharp = [c for c in comparisons if c.kind == "sharp" and not c.misprint]
     return sum(bool(c.agrees) for c in sharp), len(sharp)
-
-
-def _table(part: str, title: str, numbers: Iterable[PrintedNumber], answer: Ours) -> list[Comparison]:
-    values = np.asarray(answer.value, dtype=float).ravel()
-    return [
-        _side_by_side(part, title, number, float(value), answer.assumptions)
-        for number, value in zip(numbers, values, strict=True)
-    ]
-
-
-def _side_by_side(
-    part: str, title: str, number: PrintedNumber, ours: float, assumptions: tuple[str, ...]
-) -> Comparison:
-    # Half a unit, and the rounding of numbers that lie exactly between two.
-    agrees = abs(ours - number.value) <= number.half_unit * (1 + 1e-6)
-    return Comparison(
-        id=row_of(part),
-        name=number.name,
-        quantity=number.quantity,
-        unit=number.unit,
-        thesis=number.value,
-        ours=ours,
-        deviation=ours / number.value - 1.0 if number.value else None,
-        kind=number.kind,
-        agrees=agrees if number.kind == "sharp" else None,
-        misprint=number.misprint,
-        place=number.place,
-        title=title,
-        assumptions=assumptions,
-    )
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -146,6 +161,18 @@ class PartResult(Record):
         return "no map" if self.remedy else "failed"
 
 
+def function_of(part: str) -> Callable[[dict[str, Any]], Answers | Mapping[str, Any]]:
+    """The function that computes a part: `ours` of its row file.
+
+    It takes the part's inputs, name -> number or array in the units of the file, and returns the name of every printed
+    number -> our number (an array for a table), or `Ours` where something is assumed; or `Answers`, which hold figures
+    and facts besides. Where the file says `map = "division"`, inputs["map"] is that recipe's map, opened.
+    """
+    module, _, name = read_part(part).ours.partition(".")
+    with needs("make", part):
+        return getattr(import_module(f"fieldmap.thesis.{module}"), name)
+
+
 def compare(rows: Iterable[str] = (), maps: Path = FOLDER) -> list[Comparison]:
     """Every number that the thesis prints for these rows beside ours.
 
@@ -177,36 +204,40 @@ def compute_part(part: str, maps: Path = FOLDER) -> PartResult:
     seconds = time.process_time() - started
     if not isinstance(answers, Answers):
         answers = Answers(answers)
-    _check_figures(part, printed, answers.curves)
-    return PartResult(
+    # The list of figures in the documentation is made from the data files, so that no row need be computed for it.
+    drawn = {number for one in answers.curves for number in figure_numbers(one.title)}
+    if drawn != set(printed.figures):
+        odd = ", ".join(sorted(drawn ^ set(printed.figures)))
+        raise LookupError(f"{part}: figures of its data file and those that it draws differ in {odd}")
+    values = {**printed.inputs, **answers.facts}
+    return _result(
         part,
-        printed.title,
-        compared(part, printed, answers),
-        answers.curves,
-        {
-            name: filled(text, {**printed.inputs, **answers.facts})
-            for name, text in printed.explanations.items()
-        },
-        seconds,
-        map=detail.current().map_name(printed.map),
-        option=detail.current().option,
+        printed,
+        comparisons=compared(part, printed, answers),
+        curves=answers.curves,
+        explanations={name: filled(text, values) for name, text in printed.explanations.items()},
+        seconds=seconds,
     )
 
 
 def attempt_part(part: str, maps: Path = FOLDER) -> PartResult:
     """`compute_part`, but whatever goes wrong becomes `problem`: the other parts do not depend on this one."""
-    printed = read_part(part)
+    remedy = ""
     try:
         return compute_part(part, maps)
     except MapMissing as missing:
         problem, remedy = str(missing), missing.command
     except FieldmapError as error:
-        problem, remedy = str(error), ""
+        problem = str(error)
     except Exception as error:
-        problem, remedy = f"{type(error).__name__}: {error}", ""
+        problem = f"{type(error).__name__}: {error}"
+    return _result(part, read_part(part), problem=problem, remedy=remedy)
+
+
+def _result(part: str, printed: PrintedPart, **found: Any) -> PartResult:
+    """With the map and the option of the present detail."""
     chosen = detail.current()
-    needed = chosen.map_name(printed.map)
-    return PartResult(part, printed.title, problem=problem, remedy=remedy, map=needed, option=chosen.option)
+    return PartResult(part, printed.title, **found, map=chosen.map_name(printed.map), option=chosen.option)
 
 
 def attempt_rows(
@@ -215,33 +246,15 @@ def attempt_rows(
     attempt: Callable[[str], PartResult] = attempt_part,
 ) -> Iterator[PartResult]:
     """The parts of these rows (of all if none is given), one by one; progress(part, share of the work done)."""
-    yield from attempt_parts(parts_of(rows), progress, attempt)
-
-
-def attempt_parts(
-    parts: Sequence[str],
-    progress: Progress | None = None,
-    attempt: Callable[[str], PartResult] = attempt_part,
-) -> Iterator[PartResult]:
-    """These parts, one by one, as `attempt_rows`."""
+    parts = parts_of(rows)
     costs = [expected_seconds(part) for part in parts]
-    done = 0.0
-    for part, cost in zip(parts, costs, strict=True):
+    for k, part in enumerate(parts):
         if progress is not None:
-            progress(part, done / sum(costs))
+            progress(part, sum(costs[:k]) / sum(costs))
         yield attempt(part)
-        done += cost
 
 
 def expected_seconds(part: str) -> float:
     """Processor time that a part takes at the present detail, about, s."""
     printed = read_part(part)
     return printed.quick_seconds if detail.current().is_quick else printed.seconds
-
-
-def _check_figures(part: str, printed: PrintedPart, curves: Iterable[Curves]) -> None:
-    """The list of figures in the documentation is made from the data files, so that no row need be computed for it."""
-    drawn = {number for one in curves for number in figure_numbers(one.title)}
-    if drawn != set(printed.figures):
-        odd = ", ".join(sorted(drawn ^ set(printed.figures)))
-        raise LookupError(f"{part}: figures of its data file and those that it draws differ in {odd}")

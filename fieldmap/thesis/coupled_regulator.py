@@ -19,6 +19,7 @@ from fieldmap.control import (
 )
 from fieldmap.curves import Curves, Series
 from fieldmap.dynamics.scenario.controllers import AxisRegulator
+from fieldmap.thesis.computation import Answers
 from fieldmap.thesis.coupled_runs import (
     DEPTH,
     VERTICAL_PID,
@@ -27,9 +28,9 @@ from fieldmap.thesis.coupled_runs import (
     ours,
     over_time,
     run_of,
+    runs_of,
     with_measured,
 )
-from fieldmap.thesis.rows import Answers
 from fieldmap.typing import Array
 
 _BEGIN, _END = 0.9, 2.0
@@ -50,20 +51,20 @@ def step_and_states(run: Readings, quiet: Readings, rig_peak: ArrayLike) -> list
     plant = StateSpace(*zero_order_hold(design.model.A, design.model.B, 2e-3), design.model.C, design.model.D)
     loop = simulate_loop(plant, design.regulator, reference)
     position = run.wanted[0, DEPTH] + loop.y[0]
-    lines = {"coupled machine": run, "without noise": quiet}
+    lines, models = {"coupled machine": run, "without noise": quiet}, {"design model": position}
     title = "Fig. 7-32: step from 13 to 12.9 mm, regulator"
     remark = "Model: (7-7) with the regulator as it was designed."
-    curves = [
-        over_time(
-            title, DEPTH, lines, begin=_BEGIN, end=_END, remark=remark, models={"design model": position}
-        )
-    ]
+    step = over_time(title, DEPTH, lines, begin=_BEGIN, end=_END, remark=remark, models=models)
     after, beyond = np.asarray(rig_peak, dtype=float)
     end = float(run.wanted[-1, DEPTH])
-    curves = [with_measured(curves[0], "peak of the rig, Table 7-3", [1.0 + after], [end - beyond])]
+    curves = [with_measured(step, "peak of the rig, Table 7-3", [1.0 + after], [end - beyond])]
     weight = design.regulator.equilibrium[1]
+    keys, seen = _keys(quiet), quiet.seen[:, DEPTH]
+    assert keys.equilibrium is not None
+    intercept, slope = keys.equilibrium
+    control = quiet.run.outputs[:, 0] - intercept - slope * seen
     estimates = {
-        "ours": _of_the_machine(design, quiet),
+        "ours": filtered_states(design.estimator, control, seen - quiet.wanted[:, DEPTH]),
         "published": filtered_states(design.estimator, loop.u[0] - weight * loop.y[0], loop.y[0] - reference),
     }
     shown = run.during(_BEGIN, _END)
@@ -87,15 +88,6 @@ def filtered_states(estimator: Estimator, control: Array, deviation: Array) -> A
     return states
 
 
-def _of_the_machine(design: _Design, run: Readings) -> Array:
-    keys = _keys(run)
-    assert keys.equilibrium is not None
-    intercept, slope = keys.equilibrium
-    seen = run.seen[:, DEPTH]
-    control = run.run.outputs[:, 0] - intercept - slope * seen
-    return filtered_states(design.estimator, control, seen - run.wanted[:, DEPTH])
-
-
 def _keys(run: Readings) -> AxisRegulator:
     keys = run.run.scenario.settings.control.z
     assert isinstance(keys, AxisRegulator)
@@ -115,35 +107,21 @@ def _design(run: Readings) -> _Design:
 
 def regulator(inputs: dict[str, Any]) -> Answers:
     """Table 7-3, and 7.4.1 on horizontal motion."""
-    pid = run_of(inputs, "vertical_step")
-    near = run_of(
-        inputs, "regulator", {"control.z": VERTICAL_PID, "reference.0.by_mm": 0.0, "start.depth_mm": 12.9}
-    )
+    pid, on_pid = run_of(inputs, "vertical_step"), {"control.z": VERTICAL_PID}
+    near = run_of(inputs, "regulator", {**on_pid, "reference.0.by_mm": 0.0, "start.depth_mm": 12.9})
     best, quiet = run_of(inputs, "regulator"), run_of(inputs, "regulator", {"noise.off": True})
-    sides = {
-        "regulator": run_of(inputs, "regulator_sideways"),
-        "PID": run_of(inputs, "regulator_sideways", {"control.z": VERTICAL_PID}),
-    }
-    numbers: dict[str, Any] = {}
-    for name, run in (("pid", pid), ("regulator", quiet)):
-        step = run.step(DEPTH)
-        column = [step.peak_time, step.rise_time, step.settling_time, 100 * step.overshoot]
-        numbers[name] = ours(column, run)
+    sides = runs_of(inputs, "regulator_sideways", {"regulator": {}, "PID": on_pid})
+    numbers = {name: ours(run.column(DEPTH), run) for name, run in (("pid", pid), ("regulator", quiet))}
     numbers["time_to_reference"] = ours(quiet.time_to_reference(DEPTH, 1.0), quiet)
     numbers["rms_at_rest"] = ours([near.rms(DEPTH, 1.0), best.rms(DEPTH, 2.0)], near, best)
     numbers["rms_sideways"] = ours([run.rms(DEPTH, 1.0) for run in sides.values()], *sides.values())
     curves = (
-        *step_and_states(best, quiet, _rig_peak(inputs)),
+        *step_and_states(best, quiet, (inputs["rig_peak_time_s"], 1e-3 * inputs["rig_overshoot_percent"])),
         over_time("Figs 7-36, 7-38: the height while x and y step", DEPTH, dict(reversed(sides.items()))),
         over_time("Figs 7-35, 7-37: x meanwhile", X, sides),
     )
     slow = run_of(inputs, "regulator", {"noise.off": True, "coils.time_constant_ms": 2.0}).step(DEPTH)
     return Answers(numbers, curves, {"slow": slow})
-
-
-def _rig_peak(inputs: dict[str, Any]) -> tuple[float, float]:
-    """Of the step of 0.1 mm: s after it, mm beyond it."""
-    return inputs["rig_peak_time_s"], 1e-3 * inputs["rig_overshoot_percent"]
 
 
 def heights(inputs: dict[str, Any]) -> Answers:

@@ -12,8 +12,8 @@ from fieldmap.curves import Curves, Series
 from fieldmap.dynamics import ScenarioRun, simulate
 from fieldmap.dynamics.scenario import reading_mm
 from fieldmap.records import Record
+from fieldmap.thesis.computation import Ours
 from fieldmap.thesis.printed import shared_value
-from fieldmap.thesis.rows import Ours
 from fieldmap.typing import Array
 
 X, Y, DEPTH = 0, 1, 2
@@ -71,12 +71,24 @@ class Readings(Record):
         assert found is not None
         return found
 
+    def column(self, axis: int) -> list[float]:
+        """Peak, rise and settling time of the first step, s, and overshoot, %, as the thesis's tables have them."""
+        step = self.step(axis)
+        return [step.peak_time, step.rise_time, step.settling_time, 100 * step.overshoot]
+
 
 def run_of(inputs: Mapping[str, Any], scenario: str, changes: Mapping[str, Any] | None = None) -> Readings:
     """A shipped scenario on the row's map."""
     run = simulate(scenario, dict(changes or {}), field_map=inputs["map"])
     true, seen, wanted = (reading_mm(run.scenario, p) for p in (run.sensed, run.seen, run.references))
     return Readings(run, run.time, true, seen, wanted)
+
+
+def runs_of(
+    inputs: Mapping[str, Any], scenario: str, changes: Mapping[str, Mapping[str, Any]]
+) -> dict[str, Readings]:
+    """A scenario with each of these changes, by their names."""
+    return {name: run_of(inputs, scenario, one) for name, one in changes.items()}
 
 
 def ours(value: Any, *readings: Readings) -> Ours:

@@ -1,4 +1,4 @@
-"""How fine the rows are computed: on the meshes that they state, or on coarse ones, for a first look.
+"""What the rows are computed with: how fine meshes are, as a row states it or coarse for a first look, and which maps.
 
 What a part takes as its mesh goes through `refinement`, what it remembers through `cached`, and the name of its map
 through `Detail.map_name`, so that results of both never meet.
@@ -8,13 +8,17 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
-from functools import cache, update_wrapper
-from typing import Generic, ParamSpec, TypeVar
+from functools import cache, lru_cache, wraps
+from pathlib import Path
+from typing import Any, ParamSpec, TypeVar
 
+from fieldmap.errors import FieldmapError, Problem
 from fieldmap.records import Record
 
 Arguments = ParamSpec("Arguments")
 Result = TypeVar("Result")
+FOLDER = Path("maps/out")
+"""Where `fieldmap map RECIPE` puts a map, in the current folder."""
 COARSE, COARSEST = 0.4, 0.25
 """What a row divides mesh sizes by is multiplied by the first where it is computed quickly, down to the second."""
 
@@ -80,22 +84,67 @@ def fewer(count: int) -> int:
     return min(count, max(round(COARSE * count), 3)) if current().is_quick else count
 
 
-class Cached(Generic[Arguments, Result]):
-    """A function that keeps its results, those of each detail apart."""
+def cached(function: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
+    """`functools.cache` for what depends on the detail: results of each are kept apart."""
 
-    def __init__(self, function: Callable[Arguments, Result]) -> None:
-        def of_detail(detail: Detail, *arguments: Arguments.args, **named: Arguments.kwargs) -> Result:
-            return function(*arguments, **named)
+    @cache
+    def of_detail(_: Detail, *arguments: Arguments.args, **named: Arguments.kwargs) -> Result:
+        return function(*arguments, **named)
 
-        self._cached = cache(of_detail)
-        self.cache_clear = self._cached.cache_clear
-        update_wrapper(self, function)
+    @wraps(function)
+    def call(*arguments: Arguments.args, **named: Arguments.kwargs) -> Result:
+        return of_detail(current(), *arguments, **named)  # type: ignore[arg-type]
 
-    def __call__(self, *arguments: Arguments.args, **named: Arguments.kwargs) -> Result:
-        """The result, computed once."""
-        return self._cached(current(), *arguments, **named)  # type: ignore[arg-type]
+    call.cache_clear = of_detail.cache_clear  # type: ignore[attr-defined]
+    return call
 
 
-def cached(function: Callable[Arguments, Result]) -> Cached[Arguments, Result]:
-    """`functools.cache` for what depends on the detail."""
-    return Cached(function)
+class MapMissing(FieldmapError):  # noqa: N818 - reads as the outcome it is
+    """A row's map has not been made; `command` makes it."""
+
+    def __init__(self, recipe: str, path: Path) -> None:
+        self.command = f"fieldmap map {recipe}"
+        super().__init__(
+            Problem(
+                str(path), "must be the map that this row needs", "no such file", f"make it: {self.command}"
+            )
+        )
+
+
+_FOLDER: ContextVar[Path] = ContextVar("folder of the maps", default=FOLDER)
+
+
+@contextmanager
+def maps_in(folder: Path) -> Iterator[Path]:
+    """Look for maps in this folder inside the block."""
+    token = _FOLDER.set(folder)
+    try:
+        yield folder
+    finally:
+        _FOLDER.reset(token)
+
+
+def file_of(recipe: str, folder: Path | None = None) -> Path:
+    """Where the map lies that stands for a recipe's at the present detail; folder: that of `maps_in` unless given."""
+    return (_FOLDER.get() if folder is None else folder) / f"{current().map_name(recipe)}.h5"
+
+
+def map_path(recipe: str, folder: Path | None = None) -> Path:
+    """The file of a recipe's map. Raises MapMissing where it has not been made."""
+    path = file_of(recipe, folder)
+    if not path.is_file():
+        raise MapMissing(current().map_name(recipe), path)
+    return path
+
+
+def available_map(recipe: str, outside_currents: str = "raise") -> Any:
+    """The opened map (FieldMap), read once. Raises MapMissing where it has not been made."""
+    path = map_path(recipe).resolve()
+    return _open(path, path.stat().st_mtime_ns, outside_currents)
+
+
+@lru_cache(maxsize=3)
+def _open(path: Path, changed: int, outside_currents: str) -> Any:
+    from fieldmap.lookup import open_map
+
+    return open_map(path, outside_currents=outside_currents)

@@ -1,6 +1,6 @@
 """The drive unit with saturating iron, in the states and on the rays of currents that S11 to S15 ask for."""
 
-from collections.abc import Callable
+from abc import abstractmethod
 from functools import cached_property
 from pathlib import Path
 
@@ -10,13 +10,14 @@ from numpy.typing import ArrayLike
 from fieldmap.device import Device, Payload, read_device
 from fieldmap.errors import OutsideMapError, Problem
 from fieldmap.field import BaseField, Bounds, FieldLike
-from fieldmap.iron import NonlinearSolver
+from fieldmap.iron import NonlinearSolution, NonlinearSolver
 from fieldmap.levitation import GRAVITY
 from fieldmap.lookup import FieldMap, interpolate
 from fieldmap.provenance import fingerprint
-from fieldmap.store import Checkpoint, Grid, MapData
+from fieldmap.store import Grid, MapData
 from fieldmap.thesis import detail
-from fieldmap.thesis.available_maps import FOLDER, WAIT
+from fieldmap.thesis.detail import FOLDER
+from fieldmap.thesis.kept import Kept
 from fieldmap.thesis.vertical_sensor import magnet_height
 from fieldmap.typing import Array
 
@@ -28,11 +29,38 @@ TOLERANCE = 1e-3
 SPACING = 4e-3
 LOWER, UPPER = np.array([-16e-3, -16e-3, -132e-3]), np.array([16e-3, 16e-3, -84e-3])
 """The box around the magnet's places in chapters 6 and 7, for any h from 7 to 25 mm."""
-_NEGLIGIBLE = 1e-9
-"""Two sets of currents that differ by less than this, A, are one."""
 
 
-class UnitStates(BaseField):
+class WeightedStates(BaseField):
+    """A field of the drive unit that is a sum of states: maps of one "coil", to be taken at 1, each with a weight."""
+
+    @property
+    def bounds(self) -> Bounds:
+        """The box, m."""
+        return LOWER, UPPER
+
+    @abstractmethod
+    def shares(self, currents: Array) -> list[tuple[float, FieldMap]]:
+        """Weights and states at currents (6,), A."""
+
+    def field(self, points: ArrayLike, currents: ArrayLike) -> Array:
+        """B (n, 3), T."""
+        return self._sum("field", points, currents)
+
+    def gradient(self, points: ArrayLike, currents: ArrayLike) -> Array:
+        """dB_i/dx_j (n, 3, 3), T/m."""
+        return self._sum("gradient", points, currents)
+
+    def second_gradient(self, points: ArrayLike, currents: ArrayLike) -> Array:
+        """d2B_i/dx_j dx_k (n, 3, 3, 3), T/m^2."""
+        return self._sum("second_gradient", points, currents)
+
+    def _sum(self, what: str, points: ArrayLike, currents: ArrayLike) -> Array:
+        weights, states = zip(*self.shares(np.asarray(currents, dtype=float)), strict=True)
+        return np.tensordot(weights, [getattr(state, what)(points, [1.0]) for state in states], axes=1)
+
+
+class UnitStates(WeightedStates):
     """The drive unit at any currents: a field that solves a state for each new set of them.
 
     refinement divides the mesh sizes of the device file. folder: where solved states are cached (None: in memory
@@ -44,9 +72,8 @@ class UnitStates(BaseField):
         self.refinement, self._folder = refinement, folder
         # Maps, not states: `NonlinearSolver.at` would hold every solved state in memory, while one that was read from
         # the folder has none. A new state begins at the one that was solved last, as those in the folder did.
-        self._fields: list[tuple[Array, FieldMap]] = []
-        self._read = folder is None
-        self._last: object | None = None
+        self._fields: dict[str, FieldMap] = {}
+        self._last: NonlinearSolution | None = None
         self.solved = 0
 
     @cached_property
@@ -59,79 +86,37 @@ class UnitStates(BaseField):
         """Names in current order."""
         return self.device.coil_names
 
-    @property
-    def bounds(self) -> Bounds:
-        """The box, m."""
-        return LOWER, UPPER
+    def shares(self, currents: Array) -> list[tuple[float, FieldMap]]:
+        """The one state of these currents, solved where it is not known."""
+        key = str((np.round(currents, 9) + 0.0).tolist())
+        if key not in self._fields:
+            nodes = self._kept.arrays(key, lambda: self._solve(currents))
+            self._fields[key] = harmonic_map(_grid(), ("state",), **nodes)
+        return [(1.0, self._fields[key])]
 
-    def field(self, points: ArrayLike, currents: ArrayLike) -> Array:
-        """B (n, 3), T."""
-        return self._state(currents).field(points, [1.0])
-
-    def gradient(self, points: ArrayLike, currents: ArrayLike) -> Array:
-        """dB_i/dx_j (n, 3, 3), T/m."""
-        return self._state(currents).gradient(points, [1.0])
-
-    def second_gradient(self, points: ArrayLike, currents: ArrayLike) -> Array:
-        """d2B_i/dx_j dx_k (n, 3, 3, 3), T/m^2."""
-        return self._state(currents).second_gradient(points, [1.0])
-
-    def _state(self, currents: ArrayLike) -> FieldMap:
-        """The field of one state (n_coils,) in A: a map of one "coil", to be taken at 1."""
-        amperes = np.asarray(currents, dtype=float)
-        if not self._read:
-            self._with_checkpoint(self._recall)
-            self._read = True
-        for known, field in self._fields:
-            if np.abs(known - amperes).max() < _NEGLIGIBLE:
-                return field
-        nodes = self._solve(amperes)
-        if self._folder is not None:
-            piece = {"currents": amperes, "nodes": nodes}
-            self._with_checkpoint(lambda checkpoint: checkpoint.put(str(len(checkpoint)), piece))
-        return self._add(amperes, nodes)
-
-    def _recall(self, checkpoint: Checkpoint) -> None:
-        for key in checkpoint:
-            piece = checkpoint.get(key)
-            if piece is not None:
-                self._add(piece.arrays["currents"], piece.arrays["nodes"])
-
-    def _with_checkpoint(self, action: Callable[[Checkpoint], object]) -> None:
-        assert self._folder is not None
-        file = self._folder / FILE.format(self.refinement)
-        with Checkpoint(file, self._fingerprint, wait=WAIT) as checkpoint:
-            action(checkpoint)
-
-    def _add(self, currents: Array, nodes: Array) -> FieldMap:
-        shape = (1, *_grid().shape)
-        flux, slope = nodes[: 3 * _grid().size], nodes[3 * _grid().size :]
-        data = MapData(
-            _grid(),
-            ("state",),
-            np.ones(1),
-            flux_density=flux.reshape(*shape, 3),
-            gradient=slope.reshape(*shape, 3, 3),
-        )
-        field = interpolate(data, kind="harmonic")
-        self._fields.append((currents, field))
-        return field
+    @cached_property
+    def _kept(self) -> Kept:
+        numbers = (self.refinement, TOLERANCE, SPACING, *LOWER, *UPPER)
+        mark = fingerprint((*self.device.texts, repr(numbers)), PACKAGES)
+        return Kept(None if self._folder is None else self._folder / FILE.format(self.refinement), mark)
 
     @cached_property
     def _solver(self) -> NonlinearSolver:
         return NonlinearSolver(self.device, refinement=self.refinement)
 
-    def _solve(self, currents: Array) -> Array:
-        state = self._solver.solve(currents, TOLERANCE, start=self._last)  # type: ignore[arg-type]
-        self._last = state
+    def _solve(self, currents: Array) -> dict[str, Array]:
+        self._last = self._solver.solve(currents, TOLERANCE, start=self._last)
         self.solved += 1
         points = _grid().points()
-        return np.concatenate([state.field(points).ravel(), state.gradient(points).ravel()])
+        return {"flux_density": self._last.field(points), "gradient": self._last.gradient(points)}
 
-    @property
-    def _fingerprint(self) -> str:
-        numbers = (self.refinement, TOLERANCE, SPACING, *LOWER, *UPPER)
-        return fingerprint((*self.device.texts, repr(numbers)), PACKAGES)
+
+def harmonic_map(grid: Grid, names: tuple[str, ...], flux_density: Array, gradient: Array) -> FieldMap:
+    """A map of values per ampere, T and T/m, at the nodes of a grid, interpolated by harmonic polynomials."""
+    shape = (len(names), *grid.shape)
+    flux, slope = flux_density.reshape(*shape, 3), gradient.reshape(*shape, 3, 3)
+    data = MapData(grid, names, np.ones(len(names)), flux_density=flux, gradient=slope)
+    return interpolate(data, kind="harmonic")
 
 
 def _grid() -> Grid:
@@ -150,7 +135,7 @@ PANELS = (
 _ENDS = np.array([1.558, 3.0, 4.3, 5.2])
 
 
-class UnitRays(BaseField):
+class UnitRays(WeightedStates):
     """A field of the drive unit for mean currents of 1.0 to 5.2 A in any proportion.
 
     A state whose currents were solved is taken itself. Raises OutsideMapError beyond the levels.
@@ -164,34 +149,15 @@ class UnitRays(BaseField):
         """Names in current order."""
         return self.states.coil_names
 
-    @property
-    def bounds(self) -> Bounds:
-        """The box of the states, m."""
-        return LOWER, UPPER
-
-    def field(self, points: ArrayLike, currents: ArrayLike) -> Array:
-        """B (n, 3), T."""
-        return self._sum("field", points, currents)
-
-    def gradient(self, points: ArrayLike, currents: ArrayLike) -> Array:
-        """dB_i/dx_j (n, 3, 3), T/m."""
-        return self._sum("gradient", points, currents)
-
-    def second_gradient(self, points: ArrayLike, currents: ArrayLike) -> Array:
-        """d2B_i/dx_j dx_k (n, 3, 3, 3), T/m^2."""
-        return self._sum("second_gradient", points, currents)
-
-    def _sum(self, what: str, points: ArrayLike, currents: ArrayLike) -> Array:
-        amperes = np.asarray(currents, dtype=float)
-        mean = float(amperes.mean())
+    def shares(self, currents: Array) -> list[tuple[float, FieldMap]]:
+        """The states on the ray of these currents that a parabola goes through."""
+        mean = float(currents.mean())
         levels = _panel(mean)
-        weights = _lagrange(levels, mean)
-        fields = [
-            getattr(self.states, what)(points, amperes * (level / mean))
-            for level, weight in zip(levels, weights, strict=True)
+        return [
+            (weight, self.states.shares(currents * (level / mean))[0][1])
+            for level, weight in zip(levels, _lagrange(levels, mean), strict=True)
             if weight != 0.0
         ]
-        return np.asarray(np.tensordot(weights[weights != 0.0], fields, axes=1))
 
 
 @detail.cached
@@ -213,11 +179,11 @@ def payload() -> Payload:
     return carried
 
 
-def lift_share(field: FieldLike, z_s: float, h: float, current: float) -> float:
-    """Lift over weight on the axis at a current in each coil, A; z_s and h in mm."""
+def lift_share(field: FieldLike, z_s: float, h: float, currents: float | Array) -> float:
+    """Lift over weight on the axis at currents (6,), or one in each coil, A; z_s and h in mm."""
     point = np.array([[0.0, 0.0, magnet_height(z_s, 1e-3 * h)]])
     carried = payload()
-    force = carried.moment * field.gradient(point, np.full(6, current))[0, 2, 2]
+    force = carried.moment * field.gradient(point, np.full(6, currents))[0, 2, 2]
     return float(force / (carried.mass * GRAVITY))
 
 

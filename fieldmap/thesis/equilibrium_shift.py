@@ -14,11 +14,12 @@ from fieldmap.field import FieldLike
 from fieldmap.levitation import GRAVITY, MagnetModel, equilibrium_at
 from fieldmap.records import Record
 from fieldmap.thesis import detail
+from fieldmap.thesis.computation import Answers
 from fieldmap.thesis.drive_unit import payload, unit_rays
-from fieldmap.thesis.rows import Answers
 from fieldmap.thesis.vertical_sensor import magnet_height, thesis_lift_current
 from fieldmap.typing import Array
 
+Axis = Literal["x", "y"]
 Rule = Literal["constant", "held"]
 FAR = 0.34
 """Direction signals beyond this are solved as states: the map is off by 0.1 to 0.2 mm there."""
@@ -45,7 +46,7 @@ class Shift(Record):
 def shift(
     fields: Sequence[FieldLike],
     signals: ArrayLike,
-    axis: Literal["x", "y"] = "x",
+    axis: Axis = "x",
     n: float = 1.25,
     z_s: float = 10.0,
     h: float = 15.0,
@@ -70,13 +71,13 @@ def shift(
         held = rule == "held" and signal != 0.0
         point, u = _first(
             chosen,
-            lambda level, s=signal: (_divided(level, s, axis, n), height),
+            lambda level, s=signal: (divided(level, s, axis, n), height),
             (place, u if held else start_level, held, scale, moment, lever),
         )
         if signal == 0.0:
             scale = payload().mass * GRAVITY / point.lift
         place = point.position[:2]
-        found.append((place.copy(), u, np.abs(_divided(u, signal, axis, n)).max(), point.kind == "stable"))
+        found.append((place.copy(), u, np.abs(divided(u, signal, axis, n)).max(), point.kind == "stable"))
     places = np.array([row[0] for row in found])
     levels, largest = (np.array([row[k] for row in found]) for k in (1, 2))
     stable = all(row[3] for row in found)
@@ -93,12 +94,12 @@ def _first(fields: Sequence[FieldLike], path, about):
     return equilibrium_at(fields[-1], payload(), path, *about)
 
 
-def _divided(level: float, signal: float, axis: str, n: float) -> Array:
+def divided(level: float, signal: float, axis: str, n: float) -> Array:
+    """Currents (6,), A, at a mean level, A, and a signal along one axis."""
     x, y = (signal, 0.0) if axis == "x" else (0.0, signal)
     return LiftAndDirections(n).currents([level, x, y])
 
 
-Axis = Literal["x", "y"]
 AXES: tuple[Axis, ...] = ("x", "y")
 BOTH: tuple[Rule, ...] = ("held", "constant")
 DRAWN_H = 15.0
@@ -135,26 +136,16 @@ def n_table(inputs: dict[str, Any]) -> Answers:
         for rule in BOTH:
             of_h = [curve(inputs["map"], signals, n=n, z_s=inputs["z_mm"], h=h, rule=rule) for h in hs]
             numbers[f"{name}_{rule}"] = [zero + 1e3 * found.along for found in of_h]
-            drawn.append(_scan(name, n, rule, hs, of_h, signals, measured, zero))
+            points = Series("measured, Table 6-2", signals, measured, "measured", points=True)
+            lines = [
+                Series(f"h = {h:g} mm", found.signals, zero + 1e3 * found.along)
+                for h, found in zip(hs, of_h, strict=True)
+            ]
+            level = "held by the lift" if rule == "held" else "of (7-18) at the origin throughout"
+            title = f"Table 6-2, n = {n:g}, level {level}: scan over h"
+            labels = ("x control signal", "x (mm)")
+            drawn.append(Curves(title, *labels, (points, *lines), remark="Nothing is fitted."))
     return Answers(numbers, tuple(drawn))
-
-
-def _scan(
-    name: str, n: float, rule: str, hs: Any, of_h: list[Shift], signals: Array, measured: Array, zero: float
-) -> Curves:
-    lines = [
-        Series(f"h = {h:g} mm", found.signals, zero + 1e3 * found.along)
-        for h, found in zip(hs, of_h, strict=True)
-    ]
-    points = Series("measured, Table 6-2", signals, measured, "measured", points=True)
-    level = "level held by the lift" if rule == "held" else "level of (7-18) at the origin throughout"
-    return Curves(
-        f"Table 6-2, n = {n:g}, {level}: scan over h",
-        "x control signal",
-        "x (mm)",
-        (points, *lines),
-        remark="Nothing is fitted.",
-    )
 
 
 def height_table(inputs: dict[str, Any]) -> Answers:
@@ -207,8 +198,7 @@ def _branches(inputs: dict[str, Any], axis: Axis, title: str) -> Answers:
             if rule == "held":
                 numbers[f"{side}_back_{rule}"] = places
             drawn.append(Series(f"ours, {rule} level", signals, places))
-        drawn.append(Series("measured, outward", signals, out, "measured", points=True))
-        drawn.append(Series("measured, on the way back", signals, back, "measured", points=True))
+        drawn += both_ways("measured", signals, out, back, "measured")
     remark = (
         "A static field gives one curve; the measured positions lead on the way back: "
         "at the same signal the magnet lies nearer to the origin, and beyond it at signal 0."
@@ -217,6 +207,15 @@ def _branches(inputs: dict[str, Any], axis: Axis, title: str) -> Answers:
         title, f"{axis} control signal", f"{axis} (mm)", tuple(drawn), remark, message=_follows(drawn)
     )
     return Answers(numbers, (figure,), {"drawn_h_mm": DRAWN_H})
+
+
+def both_ways(name: str, signals: Array, out: Array, back: Array, kind: str = "ours") -> list[Series]:
+    """What is drawn of two branches; both in the order of the signals."""
+    points = kind == "measured"
+    return [
+        Series(f"{name}, outward", signals, out, kind, points),
+        Series(f"{name}, on the way back", signals, back, kind, points),
+    ]
 
 
 def _follows(drawn: list[Series]) -> str:

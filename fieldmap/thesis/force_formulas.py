@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from typing import Generic, TypeVar
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import least_squares
 
 from fieldmap.arguments import check_positive, check_signal
@@ -119,6 +119,38 @@ class Fit(Record, Generic[Formula]):
     formula: Formula
     rms: float
     largest: float
+
+
+@dataclass(frozen=True, repr=False)
+class AddedError(Record):
+    """Formulas of single electromagnets, added, against the computed force of all.
+
+    currents: of those that have one, over the nominal one; rms: root mean square error, N; whole and middle: that over
+    the root mean square of the computed force, everywhere and in the middle of the line, where forces cancel.
+    """
+
+    currents: tuple[float, ...]
+    rms: float
+    whole: float
+    middle: float
+
+    @property
+    def rms_mN(self) -> float:  # noqa: N802 - the unit
+        """rms in mN."""
+        return 1e3 * self.rms
+
+
+def added_error(
+    currents: tuple[float, ...], added: Array, computed: Array, middle: NDArray[np.bool_]
+) -> AddedError:
+    """Of forces (n,), N; middle (n,): whether a place lies there."""
+    error = added - computed
+    shares = [_rms(error[places]) / _rms(computed[places]) for places in (np.full_like(middle, True), middle)]
+    return AddedError(tuple(current for current in currents if current), _rms(error), *shares)
+
+
+def _rms(values: Array) -> float:
+    return float(np.sqrt(np.mean(values**2)))
 
 
 def fit_horizontal_force(
@@ -250,4 +282,4 @@ def _data(where: str, least: int, *columns: ArrayLike) -> list[Array]:
 
 
 def _errors(error: Array) -> tuple[float, float]:
-    return float(np.sqrt(np.mean(error**2))), float(np.abs(error).max())
+    return _rms(error), float(np.abs(error).max())

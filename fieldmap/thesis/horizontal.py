@@ -1,7 +1,8 @@
 """S17: arithmetic of the horizontal axes, and the coupled machine where chapter 6 shows the rig."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from functools import cache, partial
 from typing import Any
 
 import numpy as np
@@ -12,8 +13,8 @@ from fieldmap.control.identification import Orders, modified_least_squares_runs
 from fieldmap.control.linear_models import filter_response
 from fieldmap.curves import Curves
 from fieldmap.records import Record
+from fieldmap.thesis.computation import Answers
 from fieldmap.thesis.coupled_runs import Readings, X, answer_of, ours, over_time, run_of
-from fieldmap.thesis.rows import Answers
 from fieldmap.thesis.vertical import RUNS, over_records
 from fieldmap.typing import Array
 
@@ -52,7 +53,6 @@ def _gain(model: Any, Ts: float) -> float:
     return steady_gain((model[:1], model[1:]), Ts)
 
 
-_MACHINE = "coupled machine"
 _FREE = {"kind": "constant"}
 _TRIES = 4
 
@@ -96,18 +96,13 @@ class Control(Record):
 def records(inputs: dict[str, Any]) -> Answers:
     """The integral times that make the first-order model answer as the machine does, and the figures of 6.4 to 6.7."""
     controls = [Control(*map(float, row)) for row in inputs["controls"]]
-    runs = [_step(inputs, control, "x") for control in controls]
+    # Several figures show the same step.
+    step = cache(partial(_step, inputs))
+    runs = [step(control, "x") for control in controls]
     first = _models(inputs, "x")["first order"]
     times = [_fitted_time(inputs, first, *pair) for pair in zip(controls, runs, strict=True)]
-    numbers = {"model_Ti": ours(times, *runs)}
-    curves = (
-        *_open_loop(inputs),
-        *_proportional(inputs),
-        *_integral(inputs, controls[0]),
-        *_ratio(inputs, controls, runs, times),
-        *_deeper(inputs, controls[0]),
-    )
-    return Answers(numbers, curves)
+    curves = (*_open_loop(inputs), *_closed_loop(inputs, controls, times, step))
+    return Answers({"model_Ti": ours(times, *runs)}, curves)
 
 
 def _models(inputs: Mapping[str, Any], axis: str) -> dict[str, TransferFunction]:
@@ -128,16 +123,6 @@ def _step(
         "duration_s": duration_s,
     }
     return run_of(inputs, "horizontal_pid", changes)
-
-
-def _answers(
-    inputs: dict[str, Any], control: Control, run: Readings, axis: str, Ti: float
-) -> dict[str, Array]:
-    """What both models make of a run's reference."""
-    pid = control.pid(inputs["Ts_s"], Ti)
-    return {
-        name: answer_of(plant, pid, run, "xy".index(axis)) for name, plant in _models(inputs, axis).items()
-    }
 
 
 def _fitted_time(inputs: dict[str, Any], plant: TransferFunction, control: Control, run: Readings) -> float:
@@ -186,79 +171,69 @@ def _padded(plant: TransferFunction) -> tuple[Array, Array]:
     return np.append(np.zeros(len(denominator) - len(numerator)), numerator), denominator
 
 
-def _proportional(inputs: dict[str, Any]) -> list[Curves]:
-    """Figs 6-11 and 6-14."""
-    control = Control(float(inputs["pd_Kc"]), np.inf, float(inputs["pd_Td"]))
-    curves = []
-    for number, axis in ((11, "x"), (14, "y")):
-        run = _step(inputs, control, axis, duration_s=6.0)
-        models = _answers(inputs, control, run, axis, np.inf)
-        title = f"Fig. 6-{number}: step of {axis} under PD control"
-        curves.append(_beside(title, axis, run, models, 1.5, 5.0))
+def _closed_loop(
+    inputs: dict[str, Any], controls: list[Control], times: list[float], step: Callable[..., Readings]
+) -> list[Curves]:
+    """Figs 6-11, 6-14 and 6-20 to 6-27, beside what the thesis's models make of the same reference; times: of the
+    first-order model, s, fitted to the machine under each control."""
+    pd = Control(float(inputs["pd_Kc"]), np.inf, float(inputs["pd_Td"]))
+    Ti, Tm, scaled = (float(inputs[key]) for key in ("system_Ti", "model_Ti", "scaled_model_Ti"))
+    quick, slow = controls[0], replace(controls[0], Ti=Tm)
+
+    def drawn(
+        number: int,
+        axis: str,
+        control: Control,
+        title: str,
+        times_of_models: Mapping[str, tuple[str, float]],
+        remark: str = "",
+        shown: tuple[float, float] = (1.0, 10.0),
+        depth_mm: float = 10.0,
+        duration_s: float = 12.0,
+    ) -> Curves:
+        run, plants = step(control, axis, depth_mm, duration_s), _models(inputs, axis)
+        models = {
+            name: answer_of(plants[order], control.pid(inputs["Ts_s"], T), run, "xy".index(axis))
+            for name, (order, T) in times_of_models.items()
+        }
+        return _beside(f"Fig. 6-{number}: step of {axis}{title}", axis, run, models, *shown, remark)
+
+    def both(T: float) -> dict[str, tuple[str, float]]:
+        return {order: (order, T) for order in ("second order", "first order")}
+
+    curves = [
+        drawn(number, axis, pd, " under PD control", both(np.inf), "", (1.5, 5.0), 10.0, 6.0)
+        for number, axis in ((11, "x"), (14, "y"))
+    ]
+    for number, axis in ((20, "x"), (22, "y")):
+        for k, (control, own, T, end) in enumerate(((quick, Ti, Tm, 12.0), (slow, Tm, scaled, 90.0))):
+            title, remark = f" under PID control, $T_i$ = {own:g}", f"$T_i$ = {T:g} s in the models."
+            shown = (1.0, 90.0 if k else 10.0)
+            curves.append(drawn(number + k, axis, control, title, both(T), remark, shown, 10.0, end))
+    for k, printed in ((1, "second_model_Ti"), (2, "third_model_Ti")):
+        control, T = controls[k], float(inputs[printed])
+        named = {f"{T:.3g} s": T, f"{times[k]:.3g} s fitted": times[k]}
+        models = {
+            f"thesis's first-order model, {words}": ("first order", one) for words, one in named.items()
+        }
+        remark = f"Integral time of the model: {T:g} s is printed, {times[k]:.3g} s fits the machine."
+        title = f", $K_c$ = {control.Kc:g}, $T_i$ = {control.Ti:g}"
+        curves.append(drawn(23 + k, "x", control, title, models, remark, (1.5, 6.0)))
+    remark = (
+        f"Gains of Fig. 6-20, as none are printed; $T_i$ = {Tm:g} s in the models, which are those of 10 mm."
+    )
+    curves += [
+        drawn(number, axis, quick, " at 18 mm", both(Tm), remark, depth_mm=18.0)
+        for number, axis in ((26, "x"), (27, "y"))
+    ]
     return curves
 
 
 def _beside(
-    title: str,
-    axis: str,
-    run: Readings,
-    models: Mapping[str, Array],
-    begin: float,
-    end: float,
-    remark: str = "",
+    title: str, axis: str, run: Readings, models: Mapping[str, Array], begin: float, end: float, remark: str,
     asked: bool = True,
-) -> Curves:
-    line = {_MACHINE: run}
+) -> Curves:  # fmt: skip
     return over_time(
-        title, "xy".index(axis), line, begin=begin, end=end, remark=remark, models=models, asked=asked
-    )
-
-
-def _integral(inputs: dict[str, Any], control: Control) -> list[Curves]:
-    """Figs 6-20 to 6-23: the rig's integral time on the machine, the models' own; then the models' on the machine."""
-    system, model, scaled = (float(inputs[key]) for key in ("system_Ti", "model_Ti", "scaled_model_Ti"))
-    slow = Control(control.Kc, model, control.Td)
-    curves = []
-    for numbers, axis in (((20, 21), "x"), ((22, 23), "y")):
-        quick_run, slow_run = _step(inputs, control, axis), _step(inputs, slow, axis, duration_s=90.0)
-        for number, one, run, Ti, Tm, end in (
-            (numbers[0], control, quick_run, system, model, 10.0),
-            (numbers[1], slow, slow_run, model, scaled, 90.0),
-        ):
-            title = f"Fig. 6-{number}: step of {axis} under PID control, $T_i$ = {Ti:g}"
-            remark = f"$T_i$ = {Tm:g} s in the models."
-            models = _answers(inputs, one, run, axis, Tm)
-            curves.append(_beside(title, axis, run, models, 1.0, end, remark))
-    return curves
-
-
-def _ratio(
-    inputs: dict[str, Any], controls: list[Control], runs: list[Readings], times: list[float]
-) -> list[Curves]:
-    """Figs 6-24 and 6-25: the first-order model with the printed integral time, and with the one that fits ours."""
-    plant, curves = _models(inputs, "x")["first order"], []
-    for number, k, printed in ((24, 1, "second_model_Ti"), (25, 2, "third_model_Ti")):
-        control, run, Ti = controls[k], runs[k], float(inputs[printed])
-        models = {
-            f"thesis's first-order model, {T:.3g} s{words}": answer_of(
-                plant, control.pid(inputs["Ts_s"], T), run, X
-            )
-            for T, words in ((Ti, ""), (times[k], " fitted"))
-        }
-        title = f"Fig. 6-{number}: step of x, $K_c$ = {control.Kc:g}, $T_i$ = {control.Ti:g}"
-        remark = f"Integral time of the model: {Ti:g} s is printed, {times[k]:.3g} s fits the machine."
-        curves.append(_beside(title, "x", run, models, 1.5, 6.0, remark))
-    return curves
-
-
-def _deeper(inputs: dict[str, Any], control: Control) -> list[Curves]:
-    """Figs 6-26 and 6-27."""
-    Ti = float(inputs["model_Ti"])
-    curves = []
-    for number, axis in ((26, "x"), (27, "y")):
-        run = _step(inputs, control, axis, depth_mm=18.0)
-        remark = f"Gains of Fig. 6-20, as none are printed; $T_i$ = {Ti:g} s in the models, which are those of 10 mm."
-        models = _answers(inputs, control, run, axis, Ti)
-        title = f"Fig. 6-{number}: step of {axis} at 18 mm"
-        curves.append(_beside(title, axis, run, models, 1.0, 10.0, remark))
-    return curves
+        title, "xy".index(axis), {"coupled machine": run}, begin=begin, end=end, remark=remark,
+        models=models, asked=asked,
+    )  # fmt: skip

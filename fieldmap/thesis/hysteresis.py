@@ -1,34 +1,39 @@
-"""S14: the two branches of Tables 6-4 and 6-6, the unit's magnet led out and back with hysteresis in the iron."""
+"""S14: the two branches of Tables 6-4 to 6-7, the unit's magnet led out and back with hysteresis in the iron.
+
+The unit has iron of stated coercive fields, or joints at the cores' ends besides: two numbers that nobody measured, the
+thickness of the joints and the coercive field, are fitted to Table 6-4; with them the other tables are computed and
+compared. `scripts/studies/joint_study.py` does the fit, docs/joint_study.md reads it.
+"""
 
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal, get_args
 
 import numpy as np
 
 from fieldmap.arguments import check_choice
-from fieldmap.currents import LiftAndDirections
 from fieldmap.curves import Curves, Series
-from fieldmap.device import read_device
+from fieldmap.device import Device, read_device
+from fieldmap.device.materials import SaturatingMaterial
 from fieldmap.errors import InputError, Problem
 from fieldmap.field import as_field
 from fieldmap.iron import HysteresisSolver, HystereticState, IronMemory, Pinning
-from fieldmap.levitation import StationaryPoint, equilibrium_at
+from fieldmap.levitation import GRAVITY, StationaryPoint, equilibrium_at
+from fieldmap.lookup.payload import check_payload
 from fieldmap.provenance import fingerprint
 from fieldmap.records import Record
-from fieldmap.store import Checkpoint
 from fieldmap.thesis import detail
-from fieldmap.thesis.available_maps import FOLDER, WAIT
-from fieldmap.thesis.drive_unit import DEVICE, LOWER, PACKAGES, UPPER
-from fieldmap.thesis.equilibrium_shift import Rule, curve
+from fieldmap.thesis.computation import Answers
+from fieldmap.thesis.detail import FOLDER
+from fieldmap.thesis.drive_unit import LOWER, PACKAGES, UPPER
+from fieldmap.thesis.equilibrium_shift import Axis, Rule, both_ways, curve, divided
+from fieldmap.thesis.kept import Kept
 from fieldmap.thesis.printed import shared_value
-from fieldmap.thesis.rows import Answers
 from fieldmap.thesis.vertical_sensor import magnet_height, thesis_lift_current
 from fieldmap.typing import Array
 
-Axis = Literal["x", "y"]
 History = Literal["demagnetised", "cycled", "restarted", "wiped", "saturated", "shaken"]
 HISTORIES: dict[str, str] = {
     "demagnetised": "iron that was never magnetised; currents rise evenly to the level of the origin",
@@ -67,23 +72,23 @@ class Walk(Record):
 @dataclass(frozen=True, eq=False, repr=False)
 class Protocol(Record):
     """How the signals become currents and how deep the magnet hangs: n of (6-3), z_s and h in mm, and the level rule of
-    `fieldmap.thesis.equilibrium_shift`."""
+    `fieldmap.thesis.equilibrium_shift`. scale: of all currents, for other turns or another current sensing."""
 
     axis: Axis = "x"
     n: float = 1.25
     z_s: float = 10.0
     h: float = 15.0
     rule: Rule = "held"
+    scale: float = 1.0
 
     def currents(self, level: float, signal: float) -> Array:
         """Currents (6,), A."""
-        x, y = (signal, 0.0) if self.axis == "x" else (0.0, signal)
-        return LiftAndDirections(self.n).currents([level, x, y])
+        return divided(level, signal, self.axis, self.n)
 
     @property
     def level(self) -> float:
         """Current in each coil at the origin, A: (7-18)."""
-        return thesis_lift_current(self.z_s)
+        return self.scale * thesis_lift_current(self.z_s)
 
     @property
     def height(self) -> float:
@@ -207,79 +212,228 @@ def _rest(
     return point
 
 
+DEVICE = "drive_unit_joints"
 REFINEMENT = 0.5
 """Mesh sizes of the device file are divided by this: positions within 8 %, a run in a minute or two."""
-_FILE = "thesis_remanence.cache"
+COARSEST = 0.4
+"""Sheets between the cores and the disk have no mesh below this."""
+_FILE = "thesis_hysteresis.cache"
+_CODE = (*PACKAGES, "levitation", "thesis/hysteresis", "thesis/vertical_sensor", "thesis/drive_unit")
+
+
+@dataclass(frozen=True, repr=False)
+class Led(Record):
+    """How a run is computed: history of the iron before it, play cells, steps from signal to signal, mesh."""
+
+    history: History = "shaken"
+    cells: int = 6
+    parts: int = 1
+    refinement: float = REFINEMENT
+
+
+def coercive_field(device: Device) -> float:
+    """Of the steel, A/m; all iron of the unit is one steel."""
+    (steel,) = (one for one in device.materials.values() if isinstance(one, SaturatingMaterial))
+    return steel.coercive_field
+
+
+class JointedUnit:
+    """A device whose magnet is led through tables of signals. The mesh is made when a run is not in the cache.
+
+    folder: where runs are cached, for the same device, settings, libraries and code; None: nowhere.
+    """
+
+    def __init__(self, device: Device, led: Led | None = None, folder: Path | None = FOLDER) -> None:
+        self.device, self.led = device, led or Led()
+        self.payload = check_payload(device.payload, "JointedUnit")
+        self.h = 1e3 * self.payload.magnet_offset
+        self._folder = folder
+        self._solver: HysteresisSolver | None = None
+        self._before: dict[float, IronMemory] = {}
+
+    @property
+    def solver(self) -> HysteresisSolver:
+        """The unit, meshed."""
+        if self._solver is None:
+            pinning = Pinning(coercive_field(self.device), self.led.cells)
+            self._solver = HysteresisSolver(self.device, pinning, self.led.refinement)
+        return self._solver
+
+    def run(self, axis: Axis, signals: Array, n: float = 1.25, z_s: float = 10.0) -> "Run":
+        """The magnet at signals (k,) in their order."""
+        about = self.device.replace(provenance={}, title="").to_toml()
+        key = json.dumps([about, self.led.to_dict(), axis, n, z_s, signals.tolist()])
+        kept = Kept(None if self._folder is None else self._folder / _FILE, fingerprint((), _CODE))
+        return Run(**kept.arrays(key, lambda: self._run(signals, Protocol(axis, n, z_s, self.h))))
+
+    def _run(self, signals: Array, protocol: Protocol) -> dict[str, Array]:
+        if protocol.z_s not in self._before:
+            self._before[protocol.z_s] = prepared(self.solver, self.led.history, protocol, 0.4)
+        found = walk(self.solver, self._before[protocol.z_s], signals, protocol, self.led.parts)
+        currents = [protocol.currents(u, s) for u, s in zip(found.levels, found.signals, strict=True)]
+        largest = np.abs(currents).max(axis=1)
+        shift = 1e3 * found.shift(protocol.axis)
+        return {"shift": shift, "levels": found.levels, "largest": largest, "lifts": found.lifts}
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Run(Record):
+    """Shifts (k,), mm, from where the magnet was at the first signal; levels (k,), A; largest current of any coil (k,),
+    A; lifts (k,), N."""
+
+    shift: Array
+    levels: Array
+    largest: Array
+    lifts: Array
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class LiftLaw(Record):
+    """Lift over weight (k,) at depths z_s (k,), mm, with the currents of (7-18), and by how much the current must grow
+    with depth at z_s = 10 mm for the same lift, % per mm."""
+
+    depths: Array
+    shares: Array
+    relative_slope: float
+
+
+def lift_law(of: JointedUnit, depths: Array, scale: float = 1.0) -> LiftLaw:
+    """(7-18) with joints and hysteresis: the currents grow from nothing, as the magnet is lowered."""
+    payload = of.payload
+    weight = payload.mass * GRAVITY
+
+    def share(state: HystereticState, z_s: float) -> float:
+        point = np.array([0.0, 0.0, magnet_height(z_s, payload.magnet_offset)])
+        return float(payload.moment * state.gradient(point)[2, 2] / weight)
+
+    memory, shares, slope = of.solver.demagnetised, [], np.nan
+    for z_s in depths:
+        level = scale * thesis_lift_current(z_s)
+        state = of.solver.step(np.full(6, level), memory)
+        memory = state.memory
+        shares.append(share(state, z_s))
+        if z_s == 10.0:
+            more = of.solver.step(np.full(6, 1.02 * level), memory)
+            by_current = np.log(share(more, z_s) / shares[-1]) / np.log(1.02)
+            by_depth = np.log(share(state, z_s + 1.0) / share(state, z_s - 1.0)) / 2.0
+            slope = float(-100.0 * by_depth / by_current)
+    return LiftLaw(np.asarray(depths), np.array(shares), slope)
 
 
 def x_remanence(inputs: dict[str, Any]) -> Answers:
     """Table 6-4, along x."""
-    return _branch_rows(inputs, "x", "Table 6-4")
+    return _remanence(inputs, "x", "Table 6-4")
 
 
 def y_remanence(inputs: dict[str, Any]) -> Answers:
     """Table 6-6, along y."""
-    return _branch_rows(inputs, "y", "Table 6-6")
+    return _remanence(inputs, "y", "Table 6-6")
 
 
-def _branch_rows(inputs: dict[str, Any], axis: Axis, table: str) -> Answers:
+def _remanence(inputs: dict[str, Any], axis: Axis, table: str) -> Answers:
     """Back less out, a row for each coercive field; places from where the run began."""
     signals, measured = inputs["signals"], (inputs["outward_mm"], inputs["back_mm"])
-    zero, count = measured[0][0], len(inputs["signals"])
-    drawn = [
-        Series(f"measured, {words}", signals, places, "measured", points=True)
-        for words, places in zip(("outward", "on the way back"), measured, strict=True)
-    ]
-    widths = []
+    zero, z, h = measured[0][0], inputs["z_mm"], inputs["h_mm"]
+    drawn, widths = both_ways("measured", signals, *measured, "measured"), []
     for coercive in inputs["coercive_A_per_m"]:
-        pinning = Pinning(float(coercive), detail.fewer(int(inputs["cells"])))
-        shift = 1e3 * cached_shift(pinning, Protocol(axis, z_s=inputs["z_mm"], h=inputs["h_mm"]), signals)
-        out, back = shift[:count], shift[count - 1 :][::-1]
+        unit = _bare_unit(float(coercive), h, int(inputs["cells"]))
+        out, back = out_and_back(unit.run(axis, there_and_back(signals), z_s=z).shift)
         widths.append(back - out)
-        for words, places in (("outward", out), ("on the way back", back)):
-            drawn.append(Series(f"ours, {coercive:g} A/m, {words}", signals, zero + places))
-    static = static_places(inputs, axis)
+        drawn += both_ways(f"ours, {coercive:g} A/m", signals, zero + out, zero + back)
+    static = 1e3 * np.append(0.0, curve(inputs["map"], signals[1:], axis, z_s=z, h=h).along)
     drawn.append(Series("ours, no hysteresis, shipped mesh", signals, zero + static))
-    figure = Curves(
-        f"{table} with hysteresis in the iron", f"{axis} control signal", f"{axis} (mm)", tuple(drawn)
-    )
+    title = f"{table} with hysteresis in the iron"
+    figure = Curves(title, f"{axis} control signal", f"{axis} (mm)", tuple(drawn))
     return Answers({"width": np.array(widths)}, (figure,), {"refinement": detail.refinement(REFINEMENT)})
 
 
-def static_places(inputs: dict[str, Any], axis: Axis) -> Array:
-    """Places (k,), mm, from signal 0, without hysteresis: the other parts' static curve."""
-    found = curve(inputs["map"], inputs["signals"][1:], axis, z_s=inputs["z_mm"], h=inputs["h_mm"])
-    return 1e3 * np.append(0.0, found.along)
+def there_and_back(signals: Array) -> Array:
+    """Signals (2 k - 1,) to the last and back to the first."""
+    return np.concatenate([signals, signals[-2::-1]])
 
 
-def cached_shift(pinning: Pinning, protocol: Protocol, signals: Array, folder: Path | None = FOLDER) -> Array:
-    """Shifts (2 k - 1,), m, at signals (k,) out and back from demagnetised iron; computed once, cached in a file."""
-    way = np.concatenate([signals, signals[-2::-1]])
-    axis = float("xy".index(protocol.axis))
-    key = np.array([pinning.coercive_field, pinning.cells, axis, protocol.z_s, protocol.h, *way])
-    if folder is None:
-        return _shift(pinning, protocol, way)
-    mark = fingerprint(
-        (*read_device(DEVICE).texts, str(detail.refinement(REFINEMENT))), (*PACKAGES, "levitation", "thesis")
-    )
-    name = json.dumps(key.tolist())
-    with Checkpoint(folder / _FILE, mark, wait=WAIT) as checkpoint:
-        piece = checkpoint.get(name)
-    if piece is not None:
-        return piece.arrays["shifts"]
-    # Minutes, for which the file is left to other runs.
-    found = _shift(pinning, protocol, way)
-    with Checkpoint(folder / _FILE, mark, wait=WAIT) as checkpoint:
-        checkpoint.put(name, {"shifts": found})
-    return found
-
-
-def _shift(pinning: Pinning, protocol: Protocol, way: Array) -> Array:
-    solver = _unit().with_pinning(pinning)
-    memory = prepared(solver, "demagnetised", protocol, float(way.max()))
-    return walk(solver, memory, way, protocol).shift(protocol.axis)
+def out_and_back(values: Array) -> tuple[Array, Array]:
+    """Those (k,) on the way out and, in the same order, on the way back."""
+    count = len(values) // 2 + 1
+    return values[:count], values[count - 1 :][::-1]
 
 
 @detail.cached
-def _unit() -> HysteresisSolver:
-    return HysteresisSolver(read_device(DEVICE), Pinning(0.0), detail.refinement(REFINEMENT))
+def _bare_unit(coercive: float, h: float, cells: int) -> JointedUnit:
+    """Without joints; with iron of one coercive field, A/m."""
+    device = read_device("drive_unit", {"payload.magnet_offset_mm": h})
+    steel: Any = device.materials["steel"]
+    led = Led("demagnetised", detail.fewer(cells), refinement=detail.refinement(REFINEMENT))
+    return JointedUnit(device.replace(materials={"steel": replace(steel, coercive_field=coercive)}), led)
+
+
+@detail.cached
+def shipped_unit() -> JointedUnit:
+    """The shipped device, with the joints and the coercive field that were fitted to Table 6-4."""
+    history: History = "demagnetised" if detail.current().is_quick else "shaken"
+    led = Led(history, detail.fewer(Led().cells), refinement=max(detail.refinement(REFINEMENT), COARSEST))
+    return JointedUnit(read_device(DEVICE), led)
+
+
+def x_joints(inputs: dict[str, Any]) -> Answers:
+    """Tables 6-4 and 6-5."""
+    return _joints(inputs, "x", "Both branches along x: joints and hysteresis, fitted to the positive side")
+
+
+def y_joints(inputs: dict[str, Any]) -> Answers:
+    """Tables 6-6 and 6-7."""
+    return _joints(inputs, "y", "Both branches along y: predicted by joints and hysteresis fitted to x")
+
+
+def _joints(inputs: dict[str, Any], axis: Axis, title: str) -> Answers:
+    """Both branches of both sides, each from where the measured run began."""
+    numbers: dict[str, Any] = {}
+    drawn = []
+    for side in ("positive", "negative"):
+        signals, *measured = (inputs[f"{side}_{what}"] for what in ("signals", "outward_mm", "back_mm"))
+        shift = _branches(axis, there_and_back(signals), inputs["z_mm"])
+        out, back = out_and_back(measured[0][0] + shift)
+        numbers |= {f"{side}_outward": out, f"{side}_back": back}
+        ours = both_ways("ours", signals, out, back)
+        theirs = both_ways("measured", signals, measured[0], measured[1], "measured")
+        drawn += [line for pair in zip(ours, theirs, strict=True) for line in pair]
+    figure = Curves(title, f"{axis} control signal", f"{axis} (mm)", tuple(drawn))
+    return Answers(numbers, (figure,), about_the_joints())
+
+
+def _branches(axis: Axis, way: Array, z_s: float) -> Array:
+    """Shifts (k,), mm, of the shipped unit; in a quick report five are computed, for positive signals."""
+    quick = detail.current().is_quick
+    if way[1] < 0.0 and (axis == "y" or quick):
+        # The unit is its own mirror image along y, and nearly so along x.
+        return -_branches(axis, -way, z_s)
+    step = len(way) // 4 if quick else 1
+    shift = shipped_unit().run(axis, way[::step], z_s=z_s).shift
+    return np.interp(np.arange(len(way)), np.arange(0, len(way), step), shift)
+
+
+def joint_range(axis: Axis, z_s: float, limit: float, largest_signal: float) -> float:
+    """Of the shipped unit, mm, both sides together; in a quick report twice the positive side."""
+    if axis == "y" or detail.current().is_quick:
+        return 2.0 * reach(shipped_unit(), axis, 1.0, z_s, limit, largest_signal)
+    return sum(reach(shipped_unit(), axis, sign, z_s, limit, largest_signal) for sign in (1.0, -1.0))
+
+
+def about_the_joints() -> dict[str, Any]:
+    """What the shipped device was fitted with, and how the runs are computed."""
+    of = shipped_unit()
+    return {
+        "joint_mm": 1e3 * of.device.joints[0].gap,
+        "coercive_A_per_m": coercive_field(of.device),
+        "fitted_h_mm": of.h,
+        "joint_refinement": of.led.refinement,
+        "history": HISTORIES[of.led.history],
+    }
+
+
+def reach(of: JointedUnit, axis: Axis, sign: float, z_s: float, limit: float, largest_signal: float) -> float:
+    """How far the magnet gets, mm, until a coil carries the limit, A, or the signal is at its largest."""
+    spacing = largest_signal / 2 if detail.current().is_quick else 0.05
+    signals = np.arange(0.0, largest_signal + 1e-9, spacing)
+    run = of.run(axis, sign * signals, z_s=z_s)
+    return float(np.interp(np.interp(limit, run.largest, signals), signals, np.abs(run.shift)))

@@ -14,7 +14,7 @@ from fieldmap.instruments import (
     error_budget,
     measured_positions,
 )
-from fieldmap.thesis.rows import Ours
+from fieldmap.thesis.computation import Ours
 
 
 def sensor_frames(inputs: dict[str, Any]) -> dict[str, Any]:
@@ -29,6 +29,11 @@ def sensor_frames(inputs: dict[str, Any]) -> dict[str, Any]:
         "translation": np.sqrt(2.0) * 1e3 * frame.matrix[:2, 3],
         "global_deviation": 1e3 * np.array(deviations),
     }
+
+
+def _sensor(inputs: dict[str, Any], **more: Any) -> Micrometer:
+    zero, scale, step = (1e-3 * inputs[name] for name in ("zero_mm", "scale_mm_per_V", "voltage_step_mV"))
+    return Micrometer(zero, scale, step, **more)
 
 
 def _card(inputs: dict[str, Any], gain_error: float) -> Converter:
@@ -66,9 +71,7 @@ def converter(inputs: dict[str, Any]) -> dict[str, Any]:
 
 def readings(inputs: dict[str, Any]) -> dict[str, Any]:
     """Appendix C, Table C-1."""
-    sensor = Micrometer(
-        1e-3 * inputs["zero_mm"], 1e-3 * inputs["scale_mm_per_V"], 1e-3 * inputs["voltage_step_mV"]
-    )
+    sensor = _sensor(inputs)
     card = _card(inputs, inputs["gain_error"])
     arguments = (1e-3 * inputs["nominal_mm"], 1e-3 * inputs["accuracy_mm"], sensor, card)
     step = inputs["converter_step_V"]
@@ -91,12 +94,7 @@ def readings(inputs: dict[str, Any]) -> dict[str, Any]:
 
 def sensor_and_amplifier(inputs: dict[str, Any]) -> dict[str, Any]:
     """Tables 3-2, 3-7, 3-9, 3-10."""
-    sensor = Micrometer(
-        1e-3 * inputs["zero_mm"],
-        1e-3 * inputs["scale_mm_per_V"],
-        1e-3 * inputs["voltage_step_mV"],
-        scan_rate=inputs["scan_rate_Hz"],
-    )
+    sensor = _sensor(inputs, scan_rate=inputs["scan_rate_Hz"])
     amplifier = Amplifier(inputs["gain_A_per_V"])
     scan_time = round(1e3 * sensor.measuring_time, 3)
     return {

@@ -11,9 +11,9 @@ from fieldmap.device import Device, read_device
 from fieldmap.field import BaseField, Field, as_field
 from fieldmap.iron import NonlinearSolution, NonlinearSolver, solve_linear
 from fieldmap.levitation import lift_current
-from fieldmap.lookup import interpolate
-from fieldmap.store import Grid, MapData
-from fieldmap.thesis.rows import Answers
+from fieldmap.store import Grid
+from fieldmap.thesis.computation import Answers
+from fieldmap.thesis.drive_unit import harmonic_map
 from fieldmap.thesis.vertical_sensor import magnet_height
 from fieldmap.typing import Array
 
@@ -65,18 +65,7 @@ def _linear_map(lower_z: float, upper_z: float) -> Field:
     layers = int(np.ceil((upper_z - lower_z) / 3e-3)) + 1
     spacing = np.array([3e-3, 3e-3, (upper_z - lower_z) / (layers - 1)])
     grid = Grid(np.array([-6e-3, -6e-3, lower_z]), spacing, (5, 5, layers))
-    flux, slope = unit.unit_fields(grid.points())
-    shape = (len(unit.coil_names), *grid.shape)
-    return interpolate(
-        MapData(
-            grid,
-            unit.coil_names,
-            np.ones(len(unit.coil_names)),
-            flux_density=flux.reshape(*shape, 3),
-            gradient=slope.reshape(*shape, 3, 3),
-        ),
-        kind="harmonic",
-    )
+    return harmonic_map(grid, unit.coil_names, *unit.unit_fields(grid.points()))
 
 
 @cache
@@ -85,9 +74,16 @@ def _linear_plant(sensor_mm: float, offset_mm: float, n: float) -> MapPlant:
     field = _linear_map(magnet_height(sensor_mm, 0.028), magnet_height(sensor_mm, 0.004))
     payload = read_device(_DEVICE).payload
     point = _point(sensor_mm, offset_mm)
-    lift = lift_current(field, payload, point)
-    signals = LiftAndDirections(n).derivative([lift.current, 0.0, 0.0])
-    return plant_from_map(field, payload, point, lift.currents, signals)
+    return _plant(field, point, lift_current(field, payload, point).current, n)
+
+
+def _plant(
+    field: Field, point: Array, current: float, n: float, steps: list[float] | None = None
+) -> MapPlant:
+    """At equal currents in all coils."""
+    currents = np.full(len(field.coil_names), current)
+    signals = LiftAndDirections(n).derivative([current, 0.0, 0.0])
+    return plant_from_map(field, read_device(_DEVICE).payload, point, currents, signals, signal_steps=steps)
 
 
 @cache
@@ -110,11 +106,8 @@ def _saturating_plant(
     sensor_mm: float, offset_mm: float, n: float, current: float, x_step: float, y_step: float
 ) -> MapPlant:
     """At equal currents in all coils; signals u (A), x_ctrl, y_ctrl."""
-    field, payload = _states(sensor_mm, offset_mm), read_device(_DEVICE).payload
-    currents = np.full(len(field.coil_names), current)
-    signals = LiftAndDirections(n).derivative([current, 0.0, 0.0])
-    at = _point(sensor_mm, offset_mm)
-    return plant_from_map(field, payload, at, currents, signals, signal_steps=[0.02, x_step, y_step])
+    field, at = _states(sensor_mm, offset_mm), _point(sensor_mm, offset_mm)
+    return _plant(field, at, current, n, [0.02, x_step, y_step])
 
 
 def vertical(inputs: dict[str, Any]) -> Answers:
@@ -122,7 +115,9 @@ def vertical(inputs: dict[str, Any]) -> Answers:
     sensor, h, n = inputs["depth_mm"], inputs["offset_mm"], inputs["n"]
     by_offset = [_linear_plant(sensor, each, n) for each in inputs["offsets_mm"]]
     linear = _linear_plant(sensor, h, n)
-    saturating = _saturating_plant(sensor, h, n, _lift_current(sensor, h), *_small_steps(inputs))
+    saturating = _saturating_plant(
+        sensor, h, n, _lift_current(sensor, h), inputs["x_signal"], inputs["y_signal"]
+    )
     gain = inputs["amplifier_A_per_V"]
     numbers = {
         "product": [p.pole_products[2] for p in by_offset],
@@ -132,11 +127,6 @@ def vertical(inputs: dict[str, Any]) -> Answers:
         "slope_saturating": _volts_per_mm(saturating, gain),
     }
     return Answers(numbers, facts=_facts(saturating=saturating))
-
-
-def _small_steps(inputs: dict[str, Any]) -> tuple[float, float]:
-    """The signals of 6.4, over which the forces of saturating iron are differenced."""
-    return inputs["x_signal"], inputs["y_signal"]
 
 
 def _facts(**plants: MapPlant) -> dict[str, Any]:
@@ -159,7 +149,8 @@ def _volts_per_mm(plant: MapPlant, amplifier: float) -> float:
 def horizontal(inputs: dict[str, Any]) -> Answers:
     """Products of the horizontal poles, positions at rest, and the damping that makes the identified slow poles."""
     sensor, h, n = inputs["depth_mm"], inputs["offset_mm"], inputs["n"]
-    steps = _small_steps(inputs)
+    # The signals of 6.4, over which the forces of saturating iron are differenced.
+    steps = inputs["x_signal"], inputs["y_signal"]
     linear = _linear_plant(sensor, h, n)
     saturating = _saturating_plant(sensor, h, n, _lift_current(sensor, h), *steps)
     measured = _saturating_plant(sensor, h, n, inputs["measured_current_A"], *steps)
@@ -184,10 +175,8 @@ def _positions(plant: MapPlant, inputs: dict[str, Any]) -> list[float]:
 
 
 def _damping(plant: MapPlant, inputs: dict[str, Any]) -> list[float]:
-    return [
-        plant.damping_for_pole("x", _slow_pole(inputs["x_first_order"], inputs["Ts_s"])),
-        plant.damping_for_pole("y", _slow_pole(inputs["y_first_order"], inputs["Ts_s"])),
-    ]
+    poles = [_slow_pole(inputs[f"{axis}_first_order"], inputs["Ts_s"]) for axis in "xy"]
+    return [plant.damping_for_pole("x", poles[0]), plant.damping_for_pole("y", poles[1])]
 
 
 def _slow_pole(model: Array, Ts: float) -> float:

@@ -4,11 +4,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from fieldmap.records import Record
+from fieldmap.records import Record, count_of
 from fieldmap.thesis import detail
-from fieldmap.thesis.available_maps import file_of
 from fieldmap.thesis.computation import expected_seconds
-from fieldmap.thesis.finished_parts import is_finished
+from fieldmap.thesis.detail import file_of
+from fieldmap.thesis.kept import is_finished
 from fieldmap.thesis.printed import read_part, row_of
 
 MAP_SECONDS = {"division": 200.0, "division_quick": 30.0}
@@ -65,7 +65,8 @@ class Plan(Record):
     def text(self) -> str:
         """One line: how much, how long, what is missing."""
         rows = len({row_of(part) for part in self.parts})
-        said = [f"{_count(len(self.parts), 'part')} of {_count(rows, 'row')}{_how()}"]
+        how = ", quick: coarse meshes" if detail.current().is_quick else ""
+        said = [f"{count_of(len(self.parts), 'part', 'parts')} of {count_of(rows, 'row', 'rows')}{how}"]
         if self.finished:
             said.append(f"{self.finished} finished before")
         said += [f"makes {stage.target} first" for stage in self.stages if stage.recipe]
@@ -113,11 +114,3 @@ def about(seconds: float) -> str:
     ('10 s', '2 min', '31 min')
     """
     return f"{max(round(seconds, -1), 10):.0f} s" if seconds < 55.0 else f"{round(seconds / 60.0):.0f} min"
-
-
-def _count(number: int, word: str) -> str:
-    return f"{number} {word}" if number == 1 else f"{number} {word}s"
-
-
-def _how() -> str:
-    return ", quick: coarse meshes" if detail.current().is_quick else ""

@@ -1,6 +1,6 @@
 """S9: the force formulas of chapter 4 against the planar drive unit with the pole piece 8 mm thick."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cache
 from typing import Any
 
@@ -16,15 +16,16 @@ from fieldmap.planar import (
     solve_planar_state,
     stationary_points,
 )
-from fieldmap.records import Record
+from fieldmap.thesis.computation import Answers, Ours
 from fieldmap.thesis.force_formulas import (
+    AddedError,
     Fit,
     HorizontalForce,
     VerticalForce,
+    added_error,
     fit_horizontal_force,
     fit_vertical_force,
 )
-from fieldmap.thesis.rows import Answers, Ours
 from fieldmap.typing import Array
 
 HALF_WIDTH = 0.15
@@ -34,20 +35,6 @@ MIDDLE = 0.05
 DEPTHS = (0.10, 0.11, 0.12, 0.13, 0.14, 0.15)
 """The vertical operating window of 4.2, m."""
 _X0, _CURRENT = -0.17, 1e6
-
-
-@dataclass(frozen=True, repr=False)
-class SuperpositionError(Record):
-    """Formulas of single electromagnets, added, against the computed force of all.
-
-    currents: in units of the nominal one; rms: root mean square error, N; whole and middle: that over the root mean
-    square of the computed force, on |x| <= 150 mm and on |x| <= 50 mm.
-    """
-
-    currents: tuple[float, ...]
-    rms: float
-    whole: float
-    middle: float
 
 
 @cache
@@ -92,22 +79,11 @@ def added(formula: Any, currents: tuple[float, float], x: Array, z: Array) -> Ar
 
 def superposition_error(
     formula: HorizontalForce | VerticalForce, currents: tuple[float, float], depths: tuple[float, ...]
-) -> SuperpositionError:
+) -> AddedError:
     """How far the added formulas are from the computed force of both electromagnets."""
     x, z = grid(depths)
     computed = force(currents, x, z)[:, 0 if isinstance(formula, HorizontalForce) else 1]
-    error = added(formula, currents, x, z) - computed
-    middle = np.abs(x) <= MIDDLE
-    return SuperpositionError(
-        tuple(current for current in currents if current),
-        _rms(error),
-        _rms(error) / _rms(computed),
-        _rms(error[middle]) / _rms(computed[middle]),
-    )
-
-
-def _rms(values: Array) -> float:
-    return float(np.sqrt(np.mean(values**2)))
+    return added_error(currents, added(formula, currents, x, z), computed, np.abs(x) <= MIDDLE)
 
 
 def constants(inputs: dict[str, Any]) -> Answers:
@@ -118,13 +94,11 @@ def constants(inputs: dict[str, Any]) -> Answers:
         inputs["L0_H"], inputs["a_m"], inputs["b_m"], inputs["c_N"], _X0, inputs["nominal_current_A"]
     )
     x, z = grid(depth)
-    theirs = _rms(printed(x, z, _CURRENT) - force((1.0, 0.0), x, z)[:, 0])
+    error = printed(x, z, _CURRENT) - force((1.0, 0.0), x, z)[:, 0]
+    theirs = float(np.sqrt(np.mean(error**2)))
     formula, reported = fit.formula, unit().report.assumptions
-    numbers = {
-        "L0": Ours(formula.inductance, reported),
-        "b": Ours(formula.b, reported),
-        "c": Ours(formula.c, reported),
-    }
+    ours = {"L0": formula.inductance, "b": formula.b, "c": formula.c}
+    numbers = {name: Ours(value, reported) for name, value in ours.items()}
     facts = {"half_width_mm": 1e3 * HALF_WIDTH, "rms_N": fit.rms, "printed_rms_N": theirs}
     return Answers(numbers, _formula_curves(printed, formula, depth[0]), facts)
 
@@ -169,44 +143,41 @@ def superposition(inputs: dict[str, Any]) -> Answers:
     along, down = horizontal_fit((depth,), inputs["a_m"]).formula, vertical_fit().formula
     facts["horizontal"] = [superposition_error(along, pair, (depth,)) for pair in pairs]
     facts["vertical"] = [superposition_error(down, pair, DEPTHS) for pair in pairs]
-    return Answers(numbers, (*_single_vertical_curves(), _vertical_curves()), facts)
+    return Answers(numbers, tuple(_vertical_curves()), facts)
 
 
-def _single_vertical_curves() -> tuple[Curves, ...]:
-    """Figs 4-2 to 4-4: the left electromagnet's vertical force as a line in z, and what becomes of that line over x."""
-    z, formula = np.linspace(DEPTHS[0], DEPTHS[-1], 40), vertical_fit().formula
-    computed = force((1.0, 0.0), np.zeros_like(z), z)[:, 1]
+def _vertical_curves() -> list[Curves]:
+    """Figs 4-2 to 4-4: the vertical force of the left electromagnet over depth and over x; Fig. 4-6: that of both."""
+    z, x, formula = np.linspace(DEPTHS[0], DEPTHS[-1], 100), np.zeros(100), vertical_fit().formula
+    few = np.linspace(DEPTHS[0], DEPTHS[-1], 40)
+    alone = force((1.0, 0.0), np.zeros(40), few)[:, 1]
+    line = np.poly1d(np.polyfit(few, alone, 1))(few)
     lines = (
-        Series("computed", 1e3 * z, computed),
-        Series("a line through it", 1e3 * z, np.poly1d(np.polyfit(z, computed, 1))(z)),
-        Series("(4-3) with (4-4), our constants", 1e3 * z, formula(np.zeros_like(z), z, _CURRENT)),
+        Series("computed", 1e3 * few, alone),
+        Series("a line through it", 1e3 * few, line),
+        Series("(4-3) with (4-4), our constants", 1e3 * few, formula(np.zeros(40), few, _CURRENT)),
     )
-    title = "Fig. 4-2: left electromagnet alone, below the middle"
-    curves = [Curves(title, "depth below the pole piece (mm)", "$F_z$ (N)", lines)]
-    x, depths = np.linspace(-HALF_WIDTH, HALF_WIDTH, 31), np.array(DEPTHS)
-    heights = np.array([force((1.0, 0.0), np.full_like(depths, one), depths)[:, 1] for one in x])
+    down = ("depth below the pole piece (mm)", "$F_z$ (N)")
+    curves = [Curves("Fig. 4-2: left electromagnet alone, below the middle", *down, lines)]
+    places, depths = np.linspace(-HALF_WIDTH, HALF_WIDTH, 31), np.array(DEPTHS)
+    heights = np.array([force((1.0, 0.0), np.full_like(depths, one), depths)[:, 1] for one in places])
+    fitted = np.polyfit(depths, heights.T, 1)
     for number, name, label, values, part in (
-        ("4-3", "slope", "slope m (N/m)", np.polyfit(depths, heights.T, 1)[0], formula.slope),
-        ("4-4", "intercept", "intercept b (N)", np.polyfit(depths, heights.T, 1)[1], formula.intercept),
+        ("4-3", "slope", "slope m (N/m)", fitted[0], formula.slope),
+        ("4-4", "intercept", "intercept b (N)", fitted[1], formula.intercept),
     ):
         series = (
-            Series("lines through the computed force", 1e3 * x, values, points=True),
-            Series("(4-4), our constants", 1e3 * x, part(x)),
+            Series("lines through the computed force", 1e3 * places, values, points=True),
+            Series("(4-4), our constants", 1e3 * places, part(places)),
         )
         curves.append(Curves(f"Fig. {number}: {name} of the vertical force over x", "x (mm)", label, series))
-    return tuple(curves)
-
-
-def _vertical_curves() -> Curves:
-    """Fig. 4-6: the vertical force below the middle, computed and by two (4-6)."""
-    z = np.linspace(DEPTHS[0], DEPTHS[-1], 100)
-    x, both = np.zeros_like(z), (1.0, 1.0)
-    lines = (
+    both = (1.0, 1.0)
+    of_both = (
         Series("computed", 1e3 * z, force(both, x, z)[:, 1]),
-        Series("(4-6), our constants", 1e3 * z, added(vertical_fit().formula, both, x, z)),
+        Series("(4-6), our constants", 1e3 * z, added(formula, both, x, z)),
     )
-    title = "Fig. 4-6: two electromagnets, below the middle"
-    return Curves(title, "depth below the pole piece (mm)", "$F_z$ (N)", lines)
+    curves.append(Curves("Fig. 4-6: two electromagnets, below the middle", *down, of_both))
+    return curves
 
 
 def _saturating_share(depth: float, currents: tuple[float, float]) -> float:

@@ -19,7 +19,7 @@ from fieldmap.planar import (
     solve_planar_state,
     stationary_points,
 )
-from fieldmap.thesis.rows import Answers, Ours
+from fieldmap.thesis.computation import Answers, Ours
 from fieldmap.typing import Array
 
 WINDOW = 0.165
@@ -92,18 +92,13 @@ def current_ratio(inputs: dict[str, Any]) -> Answers:
         "equilibrium_in_open_space": free,
         "equilibrium_with_curve": Ours(moved, states[0].report.assumptions),
     }
-    return Answers(numbers, _ratio_curves(inputs, z, nominal))
-
-
-def _ratio_curves(inputs: dict[str, Any], z: float, nominal: float) -> tuple[Curves, ...]:
-    labels, ratios, theirs = ("1:1", "1:1.22", "1:1.5", "1:3"), inputs["exact_ratios"], inputs["table_2_3_mm"]
-    lines = tuple(
-        _Line(label, currents(ratio, nominal), -z, float(mm))
-        for label, ratio, mm in zip(labels, ratios, theirs, strict=True)
+    named = zip(
+        ("1:1", "1:1.22", "1:1.5", "1:3"), inputs["exact_ratios"], inputs["table_2_3_mm"], strict=True
     )
+    lines = tuple(_Line(label, currents(ratio, nominal), -z, float(mm)) for label, ratio, mm in named)
     title, table = "100 mm below the pole piece", "Table 2-3"
     near = _flux_density_along_x(f"Fig. 2-10: close up, {title}", lines, table, (0.02, 0.09))
-    return (*_flux_density_along_x(f"Fig. 2-9: {title}", lines, table), near[0])
+    return Answers(numbers, (*_flux_density_along_x(f"Fig. 2-9: {title}", lines, table), near[0]))
 
 
 @cache
@@ -127,14 +122,11 @@ def depth(inputs: dict[str, Any]) -> Answers:
         return [1e3 * reached_from_the_middle(solved, amperes, -1e-3 * mm) for mm in inputs["depths_mm"]]
 
     box, free = _both(positions)
-    curves = _depth_curves(amperes, dict(zip(inputs["depths_mm"], inputs["table_2_4_mm"], strict=True)))
-    return Answers({"equilibrium": box, "equilibrium_in_open_space": free}, curves)
-
-
-def _depth_curves(amperes: Array, theirs: dict[float, float]) -> tuple[Curves, ...]:
+    theirs = dict(zip(inputs["depths_mm"], inputs["table_2_4_mm"], strict=True))
     depths = (70.0, 85.0, 100.0, 125.0, 150.0, 200.0)
     lines = tuple(_Line(f"{mm:g} mm deep", amperes, 1e-3 * mm, theirs.get(mm, np.nan)) for mm in depths)
-    return _flux_density_along_x("Fig. 2-11: ratio 1:1.5 at several depths", lines, "Table 2-4")
+    curves = _flux_density_along_x("Fig. 2-11: ratio 1:1.5 at several depths", lines, "Table 2-4")
+    return Answers({"equilibrium": box, "equilibrium_in_open_space": free}, curves)
 
 
 def gradients(inputs: dict[str, Any]) -> Answers:

@@ -8,7 +8,7 @@ describes the keys.
 
 import re
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from decimal import Decimal
 from functools import cache
@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 
+from fieldmap.errors import InputError, Problem
 from fieldmap.records import Record
 from fieldmap.shipped import shipped_folder
 
@@ -107,6 +108,43 @@ def read_rows() -> dict[str, PrintedRow]:
 def read_part(part: str) -> PrintedPart:
     """The data of a part."""
     return read_rows()[row_of(part)].parts[part]
+
+
+def part_names() -> list[str]:
+    """Every part, in the order of the row files."""
+    return [part for row in read_rows().values() for part in row.parts]
+
+
+def row_names() -> list[str]:
+    """The rows that can be asked for, in the order of their numbers."""
+    return [name for name, row in read_rows().items() if row.parts]
+
+
+def parts_of(rows: Iterable[str]) -> list[str]:
+    """The parts of these rows, or parts by their own names, in order; all if none is given. Raises InputError for
+    names that are neither.
+
+    >>> parts_of(["S4", "s14_table_6_2"])
+    ['S4_windings', 'S4_levitation', 'S14_table_6_2']
+    """
+    wanted = {name.lower(): name for name in rows}
+    known = {part.lower() for part in part_names()} | {row.lower() for row in row_names()}
+    problems = [_unknown(name) for lower, name in wanted.items() if lower not in known]
+    if problems:
+        raise InputError(*problems)
+    return [
+        part for part in part_names() if not wanted or {part.lower(), row_of(part).lower()} & wanted.keys()
+    ]
+
+
+def _unknown(name: str) -> Problem:
+    row = row_of(name).upper()
+    if row in row_names():
+        return Problem(
+            "thesis", f"must be a part of {row}: {', '.join(read_rows()[row].parts)}", name, "or the row"
+        )
+    must_hold = f"must be a row of {', '.join(row_names())}, or a part of one"
+    return Problem("thesis", must_hold, name, "leave the rows out to see all of them")
 
 
 def _row(name: str) -> PrintedRow:
@@ -288,3 +326,42 @@ def _each_figure(part: str) -> list[str]:
         return [first]
     chapter, begin = first.split("-")
     return [f"{chapter}-{number}" for number in range(int(begin), int(last.split("-")[1]) + 1)]
+
+
+@dataclass(frozen=True, repr=False)
+class ThesisFigure(Record):
+    """One figure. number: "2-4"; shows: what it shows; drawn_by: the parts that draw it; not_drawn: why none does."""
+
+    number: str
+    shows: str
+    drawn_by: tuple[str, ...]
+    not_drawn: str = ""
+
+    @property
+    def chapter(self) -> str:
+        """Number of its chapter."""
+        return self.number.partition("-")[0]
+
+
+@cache
+def thesis_figures() -> dict[str, ThesisFigure]:
+    """Number -> figure, in the order of the thesis.
+
+    >>> thesis_figures()["2-4"].drawn_by
+    ('S4_levitation',)
+    """
+    path = PRINTED_NUMBERS / "figures.toml"
+    drawn = drawn_by()
+    return {
+        number: ThesisFigure(number, drawn_by=tuple(drawn.get(number, ())), **entry)
+        for number, entry in tomllib.loads(path.read_text(encoding="utf-8")).items()
+    }
+
+
+def drawn_by() -> dict[str, list[str]]:
+    """Number of a figure -> the parts whose row file says that they draw it."""
+    parts: dict[str, list[str]] = {}
+    for part in part_names():
+        for number in read_part(part).figures:
+            parts.setdefault(number, []).append(part)
+    return parts

@@ -4,11 +4,12 @@ import csv
 import io
 import re
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, fields
 from datetime import date
 from functools import cache
 from importlib.metadata import version
+from itertools import groupby
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,7 +20,7 @@ from fieldmap.records import Record
 from fieldmap.store import write_whole
 from fieldmap.thesis import detail
 from fieldmap.thesis.computation import Comparison, PartResult, agreeing
-from fieldmap.thesis.printed import read_rows, row_of
+from fieldmap.thesis.printed import part_names, read_rows, row_of, thesis_figures
 
 if TYPE_CHECKING:
     from jinja2 import Environment
@@ -28,21 +29,8 @@ Draw = Callable[[Curves, Path], Any]
 Drawn = tuple[PartResult, tuple[str, ...]]
 OFTEN = 2.0
 """Seconds after which the texts are written anew, at the earliest."""
-COLUMNS = (
-    "row",
-    "name",
-    "quantity",
-    "unit",
-    "thesis",
-    "ours",
-    "deviation",
-    "kind",
-    "agrees",
-    "misprint",
-    "place",
-    "assumptions",
-    "command",
-)
+_OF_A_NUMBER = tuple(one.name for one in fields(Comparison) if one.name not in ("id", "title", "assumptions"))
+COLUMNS = ("row", *_OF_A_NUMBER, "assumptions", "command")
 
 
 @dataclass(frozen=True, repr=False)
@@ -96,14 +84,12 @@ class Row(Record):
 
     @property
     def command(self) -> str:
-        """What makes this row."""
+        """The command line that computes this row, after those that make its maps."""
         option = next((part.option for part, _ in self.parts), "")
-        return command_of(self.id + option, sorted({part.map for part, _ in self.parts if part.map}))
-
-
-def command_of(row: str, maps: Iterable[str]) -> str:
-    """The command line that computes a row, after those that make its maps."""
-    return " && ".join([*(f"fieldmap map {recipe}" for recipe in maps), f"fieldmap thesis {row}"])
+        maps = sorted({part.map for part, _ in self.parts if part.map})
+        return " && ".join(
+            [*(f"fieldmap map {recipe}" for recipe in maps), f"fieldmap thesis {self.id}{option}"]
+        )
 
 
 def prepare_folder(folder: Path) -> None:
@@ -118,30 +104,30 @@ def prepare_folder(folder: Path) -> None:
         raise InputError(problem) from None
 
 
-def write_report(folder: Path, results: Iterable[PartResult], draw: Draw, parts: Sequence[str] = ()) -> Path:
-    """Write index.html, report.md, numbers.csv and plots/*.png, and return the path of index.html.
+def write_report(
+    folder: Path, results: Iterable[PartResult], draw: Draw, parts: Sequence[str] = ()
+) -> list[PartResult]:
+    """Write index.html, report.md, numbers.csv and plots/*.png, and return the results.
 
     results: drawn and taken one by one, so a generator may compute them. draw(curves, path) saves a figure as PNG.
     parts: all that the results will be of. With these the texts are there before the first of them, and are written
     anew as parts are done, each file whole; without, when all is done.
     """
-    drawn: list[tuple[PartResult, tuple[str, ...]]] = []
-    waiting = dict.fromkeys(parts)
-    written = -OFTEN
-    for result in _none_first(results):
-        if result is not None:
-            drawn.append((result, _figures(result, folder, draw)))
-            waiting.pop(result.part, None)
+    drawn: list[Drawn] = []
+    waiting, written = dict.fromkeys(parts), time.monotonic()
+    if waiting:
+        _write(folder, drawn, parts)
+    for result in results:
+        names = tuple(f"plots/{result.part}_{k}.png" for k in range(1, len(result.curves) + 1))
+        for curves, name in zip(result.curves, names, strict=True):
+            draw(curves, folder / name)
+        drawn.append((result, names))
+        waiting.pop(result.part, None)
         if waiting and time.monotonic() > written + OFTEN:
             _write(folder, drawn, tuple(waiting))
             written = time.monotonic()
     _write(folder, drawn, ())
-    return folder / "index.html"
-
-
-def _none_first(results: Iterable[PartResult]) -> Iterator[PartResult | None]:
-    yield None
-    yield from results
+    return [result for result, _ in drawn]
 
 
 def _write(folder: Path, drawn: Sequence[Drawn], waiting: Sequence[str]) -> None:
@@ -173,31 +159,20 @@ def _write(folder: Path, drawn: Sequence[Drawn], waiting: Sequence[str]) -> None
     write_whole(folder / "numbers.csv", _csv(rows).encode())
 
 
-def _figures(result: PartResult, folder: Path, draw: Draw) -> tuple[str, ...]:
-    names = tuple(f"plots/{result.part}_{k}.png" for k in range(1, len(result.curves) + 1))
-    for curves, name in zip(result.curves, names, strict=True):
-        draw(curves, folder / name)
-    return names
-
-
 def _rows(drawn: Sequence[Drawn], waiting: Sequence[str]) -> list[Row]:
     """The rows in their order, the parts of each in the order of its file, whichever was done first."""
-    names = {part.row for part, _ in drawn} | {row_of(part) for part in waiting}
-    return [
+    order = part_names()
+    done = sorted(drawn, key=lambda pair: order.index(pair[0].part))
+    rows = [
         Row(
             name,
             row.system,
-            tuple(sorted((pair for pair in drawn if pair[0].row == name), key=_place)),
+            tuple(pair for pair in done if pair[0].row == name),
             tuple(row.parts[part].title for part in waiting if row_of(part) == name),
         )
         for name, row in read_rows().items()
-        if name in names
     ]
-
-
-def _place(pair: Drawn) -> int:
-    names = list(read_rows()[pair[0].row].parts)
-    return names.index(pair[0].part) if pair[0].part in names else len(names)
+    return [row for row in rows if row.parts or row.waiting]
 
 
 def _csv(rows: Iterable[Row]) -> str:
@@ -206,10 +181,9 @@ def _csv(rows: Iterable[Row]) -> str:
     table.writerow(COLUMNS)
     for row in rows:
         for n in row.numbers:
-            agrees = "" if n.agrees is None else str(n.agrees).lower()
-            deviation = "" if n.deviation is None else n.deviation
-            start = (row.id, n.name, n.quantity, n.unit, n.thesis, n.ours, deviation, n.kind, agrees)
-            table.writerow((*start, n.misprint, n.place, "; ".join(n.assumptions), row.command))
+            values = [getattr(n, name) for name in _OF_A_NUMBER]
+            plain = [str(value).lower() if isinstance(value, bool) else value for value in values]
+            table.writerow((row.id, *plain, "; ".join(n.assumptions), row.command))
     return text.getvalue()
 
 
@@ -248,6 +222,13 @@ def powers(unit: str) -> str:
     return re.sub(r"(?<=[A-Za-z])[23]\b", lambda found: "²³"[int(found[0]) - 2], unit)
 
 
+def figure_page() -> str:
+    """docs/thesis_figures.md: a table for each chapter."""
+    chapters = groupby(thesis_figures().values(), key=lambda figure: figure.chapter)
+    found = [{"number": number, "figures": list(figures)} for number, figures in chapters]
+    return _environment().get_template("figures.md.j2").render(chapters=found)
+
+
 # Kept: it compiles the templates once, not for every writing of a growing page.
 @cache
 def _environment() -> "Environment":
@@ -267,5 +248,6 @@ def _environment() -> "Environment":
         "resting": resting_on,
         "powers": powers,
         "cell": lambda text: str(text).replace("|", "\\|"),
+        "code": "`{}`".format,
     }
     return environment

@@ -1,5 +1,7 @@
-"""S14: polynomial fits, current limit, convergence, magnet models, and what current noise does to the position."""
+"""S14: polynomial fits, current limit, convergence, magnet models, what current noise does to the position; and, with
+S12, named calibrations, and whether one of them makes one picture of both."""
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -8,16 +10,21 @@ from numpy.polynomial import Polynomial
 from fieldmap.curves import Curves, Series
 from fieldmap.levitation import (
     GRAVITY,
+    Calibration,
+    LiftReadings,
     MagnetModel,
+    PositionReadings,
     Sensitivity,
+    calibrate,
     equilibrium_sensitivity,
     model_assumptions,
     stationary_points,
 )
 from fieldmap.thesis import detail
+from fieldmap.thesis.computation import Answers, Ours
+from fieldmap.thesis.detail import available_map
 from fieldmap.thesis.drive_unit import UnitRays, UnitStates, lift_share, payload, unit_rays, unit_states
-from fieldmap.thesis.equilibrium_shift import AXES, DRAWN_H, curve, fields_for, shift
-from fieldmap.thesis.rows import Answers, Ours
+from fieldmap.thesis.equilibrium_shift import AXES, DRAWN_H, curve, divided, fields_for, shift
 from fieldmap.thesis.vertical_sensor import magnet_height, thesis_lift_current
 from fieldmap.typing import Array
 
@@ -184,3 +191,103 @@ def noise(inputs: dict[str, Any]) -> Answers:
         "weight_mN": 1e3 * payload().mass * GRAVITY,
     }
     return Answers({"rms_height_held": rms[False], "rms_lift_held": rms[True]}, facts=facts)
+
+
+FITS: dict[str, tuple[tuple[str, ...], str]] = {
+    "scale": (("field_scale",), ""),
+    "scale_and_h": (("field_scale", "magnet_offset"), ""),
+    "with_x": (("field_scale", "magnet_offset", "current_scale"), "x"),
+    "with_x_and_y": (("field_scale", "magnet_offset", "current_scale"), "xy"),
+}
+"""Name -> free parameters, and the axes whose positions are fitted besides (7-18). Held otherwise: h = 15 mm, 1, 1."""
+OFFSET_LIMITS = (5e-3, 30e-3)
+"""m: the magnet is 10 mm tall and lies inside the body."""
+
+
+class _Said:
+    """A fit as the row file speaks of it: its values in one line, its fitted values, and both misfits."""
+
+    def __init__(self, fit: Calibration) -> None:
+        deviations = fit.deviations
+        self._values = fit.values
+        self.misfit, self.misfit_before = fit.misfit, fit.misfit_before
+        self.fitted = ", ".join(
+            f"{key} = {fit.values[key]:.4g} +- {deviations[key]:.1g}" for key in fit.fitted
+        )
+
+    def __format__(self, spec: str) -> str:
+        v = self._values
+        return (
+            f"force times {v['field_scale']:.2f}, h = {1e3 * v['magnet_offset']:.1f} mm, currents times "
+            f"{v['current_scale']:.2f}, misfit {self.misfit:.1f} deviations"
+        )
+
+
+def calibrations(inputs: dict[str, Any]) -> Answers:
+    """(7-18) and Tables 6-4, 6-6 before and after each fit."""
+    field, depths = available_map("division", outside_currents="evaluate"), inputs["depths_mm"]
+    tables: dict[str, tuple[Array, Array]] = {
+        axis: (inputs[f"{axis}_signals"], inputs[f"{axis}_mm"]) for axis in AXES
+    }
+    lift, place = inputs["lift_deviation"], 1e-3 * inputs["position_deviation_mm"]
+    numbers: dict[str, Any] = {}
+    said = {}
+    lines: dict[str, list[Series]] = {
+        "lift": [Series("measured, (7-18)", depths, np.ones(len(depths)), "measured")]
+    }
+    lines |= {
+        axis: [Series("measured, rising", *table, "measured", points=True)] for axis, table in tables.items()
+    }
+    for name, (free, axes) in FITS.items():
+        fit = calibrate(
+            field,
+            payload(),
+            lift=_lift_readings(depths, lift),
+            positions=_position_readings({axis: tables[axis] for axis in axes}, place) if axes else None,
+            fit=free,
+            limits={"magnet_offset": OFFSET_LIMITS},
+        )
+        # What the fitted values make of every reading: of all lifts, and of all places but that of signal 0.
+        every = calibrate(
+            field,
+            payload(),
+            lift=_lift_readings(depths, 0.01),
+            positions=_position_readings(tables, 1e-3),
+            fit=("field_scale",),
+            given=fit.values,
+        )
+        before = np.array([row.before for row in every.table])
+        count, split = len(depths), len(tables["x"][0]) - 1
+        lifts, moved = before[:count], 1e3 * before[count + 2 :]
+        found = {"lift": lifts}
+        for axis, way in zip(AXES, np.split(moved, [split]), strict=True):
+            found[axis] = tables[axis][1][0] + np.append(0.0, way)
+        currents = [thesis_lift_current(z) for z in depths] / lifts
+        answers = {"current": currents, "x": found["x"], "y": found["y"]}
+        numbers |= {f"{of}_{name}": Ours(values, fit.assumptions) for of, values in answers.items()}
+        for of, drawn in lines.items():
+            drawn.append(Series(f"fit `{name}`", depths if of == "lift" else tables[of][0], found[of]))
+        said[name] = _Said(fit)
+    title, x = "Lift at the measured currents, after each fit", "sensor depth z_s (mm)"
+    figures = [Curves(title, x, "lift over weight", tuple(lines["lift"]))]
+    for axis in AXES:
+        title, x = f"Shift along {axis} after each fit", f"{axis} control signal"
+        figures.append(Curves(title, x, f"{axis} (mm)", tuple(lines[axis])))
+    return Answers(numbers, tuple(figures), said)
+
+
+def _lift_readings(depths: Array, deviation: float) -> LiftReadings:
+    currents = np.outer([thesis_lift_current(z) for z in depths], np.ones(6))
+    return LiftReadings([magnet_height(z) for z in depths], currents, deviation)
+
+
+def _position_readings(tables: Mapping[str, tuple[Array, Array]], deviation: float) -> PositionReadings:
+    """Rising branches, mm over signals; the first reading is that of signal 0, from which the others are counted."""
+    level = thesis_lift_current(10.0)
+    currents, places = [np.full(6, level)], [[0.0, 0.0]]
+    for axis, (signals, mm) in tables.items():
+        for signal, moved in zip(signals[1:], 1e-3 * (mm[1:] - mm[0]), strict=True):
+            currents.append(divided(level, signal, axis, 1.25))
+            places.append([moved, np.nan] if axis == "x" else [np.nan, moved])
+    sensed = np.full(len(places), magnet_height(10.0))
+    return PositionReadings(sensed, currents, places, deviation, height_held=True, from_first=True)

@@ -1,4 +1,5 @@
-"""S4: the single electromagnet of section 2.3, its exact and its simplified winding, and the sphere it levitates."""
+"""S3, S4, S6: magnets; the single electromagnet of section 2.3, its exact and its simplified winding, and the sphere it
+levitates; and the lumped model of levitation."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -7,12 +8,14 @@ from typing import Any
 import numpy as np
 from scipy.optimize import brentq
 
+from fieldmap.constants import MU0
+from fieldmap.control import lumped_magnet_from_lift_currents
 from fieldmap.curves import Curves, Series
 from fieldmap.device import read_device
 from fieldmap.iron import LinearSolution, solve_linear
 from fieldmap.levitation import GRAVITY
 from fieldmap.records import Record
-from fieldmap.thesis.rows import Answers, Ours
+from fieldmap.thesis.computation import Answers, Ours
 from fieldmap.typing import Array
 
 EXACT, SIMPLIFIED = "single_electromagnet", "single_electromagnet_simplified"
@@ -31,21 +34,16 @@ class AxisCurves(Record):
     force: Array
 
 
-def solved(name: str, refinement: float = _REFINEMENT) -> LinearSolution:
-    """The solved electromagnet with one of the two windings."""
-    return _solved(name, refinement)
-
-
-# A cache takes one refinement, said and left out, for two.
 @cache
-def _solved(name: str, refinement: float) -> LinearSolution:
+def solved(name: str, refinement: float) -> LinearSolution:
+    """The solved electromagnet with one of the two windings."""
     return solve_linear(read_device(name), refinement=refinement)
 
 
 def axis_curves(name: str, depth: Array) -> AxisCurves:
     """Field, gradient and force on the sphere along the axis."""
     points = np.column_stack([0 * depth, 0 * depth, -depth])
-    unit, moment = solved(name), _payload(name).moment
+    unit, moment = solved(name, _REFINEMENT), _payload(name).moment
     gradient = unit.gradient(points, CURRENTS[name])[:, 2, 2]
     return AxisCurves(depth, unit.field(points, CURRENTS[name])[:, 2], gradient, moment * gradient)
 
@@ -82,51 +80,79 @@ def levitation(inputs: dict[str, Any]) -> Answers:
     depth = 1e-3 * np.linspace(inputs["near_mm"], inputs["far_mm"], 80)
     exact, simplified = (axis_curves(name, depth) for name in (EXACT, SIMPLIFIED))
     difference = np.abs(simplified.flux_density / exact.flux_density - 1).max()
-    reported = solved(EXACT).report.assumptions
-    numbers = {
-        "depth_exact": Ours(1e3 * levitation_depth(EXACT), reported),
-        "depth_simplified": Ours(1e3 * levitation_depth(SIMPLIFIED), reported),
-        "difference_of_the_windings": Ours(100 * float(difference), reported),
+    reported = solved(EXACT, _REFINEMENT).report.assumptions
+    answers = {
+        "depth_exact": 1e3 * levitation_depth(EXACT),
+        "depth_simplified": 1e3 * levitation_depth(SIMPLIFIED),
+        "difference_of_the_windings": 100 * float(difference),
     }
-    curves = (_field_curves(), _gradient_curves(), _force_curves(inputs["printed_depth_mm"]))
+    numbers = {name: Ours(value, reported) for name, value in answers.items()}
+    curves = _axis_figures(inputs["printed_depth_mm"])
     return Answers(numbers, curves, {"refinement": _REFINEMENT})
 
 
-def _field_curves() -> Curves:
-    depth = np.linspace(0.5e-3, 0.1, 200)
-    windings = ((EXACT, "500 turns, 1 A"), (SIMPLIFIED, "5 turns, 100 A"))
-    series = tuple(
-        Series(label, 1e3 * depth, 1e3 * axis_curves(name, depth).flux_density) for name, label in windings
+def _axis_figures(printed_mm: float) -> tuple[Curves, ...]:
+    """Figs 2-4 to 2-6."""
+    depth, near, label = np.linspace(0.5e-3, 0.1, 200), np.linspace(0.03, 0.06, 120), "500 turns, 1 A"
+    exact, simplified = (axis_curves(name, depth) for name in (EXACT, SIMPLIFIED))
+    flux = tuple(
+        Series(name, 1e3 * depth, 1e3 * one.flux_density)
+        for name, one in ((label, exact), ("5 turns, 100 A", simplified))
     )
-    title, remark = "Fig. 2-4: exact and simplified winding", "The two lines lie on each other."
-    return Curves(title, "depth below the core (mm)", "$B_z$ (mT)", series, remark)
-
-
-def _gradient_curves() -> Curves:
-    depth = np.linspace(0.5e-3, 0.1, 200)
-    series = Series("500 turns, 1 A", 1e3 * depth, axis_curves(EXACT, depth).gradient)
-    return Curves(
-        "Fig. 2-5: gradient on the axis, z upwards",
-        "depth below the core (mm)",
-        r"$\partial B_z/\partial z$ (T/m)",
-        (series,),
-        log_y=True,
+    slope = Series(label, 1e3 * depth, exact.gradient)
+    weight, at = 1e3 * _payload(EXACT).mass * GRAVITY, 1e3 * levitation_depth(EXACT)
+    theirs = f"the thesis's {printed_mm:g} mm"
+    force = (
+        Series("magnetic force", 1e3 * near, 1e3 * axis_curves(EXACT, near).force),
+        Series("weight", 1e3 * near[[0, -1]], np.full(2, weight)),
+        Series(f"balance at {at:.1f} mm", np.array([at]), np.array([weight]), points=True),
+        Series(theirs, np.array([printed_mm]), np.array([weight]), "published", points=True),
+    )
+    x, title = "depth below the core (mm)", "Fig. 2-4: exact and simplified winding"
+    rise = ("Fig. 2-5: gradient on the axis, z upwards", x, r"$\partial B_z/\partial z$ (T/m)")
+    return (
+        Curves(title, x, "$B_z$ (mT)", flux, "The two lines lie on each other."),
+        Curves(*rise, (slope,), log_y=True),
+        Curves("Fig. 2-6: force on the 1 mm sphere", x, "force (mN)", force),
     )
 
 
-def _force_curves(printed_mm: float) -> Curves:
-    depth, at = np.linspace(0.03, 0.06, 120), levitation_depth(EXACT)
-    weight = 1e3 * _payload(EXACT).mass * GRAVITY
-    series = (
-        Series("magnetic force", 1e3 * depth, 1e3 * axis_curves(EXACT, depth).force),
-        Series("weight", 1e3 * depth[[0, -1]], np.full(2, weight)),
-        Series(f"balance at {1e3 * at:.1f} mm", np.array([1e3 * at]), np.array([weight]), points=True),
-        Series(
-            f"the thesis's {printed_mm:g} mm",
-            np.array([printed_mm]),
-            np.array([weight]),
-            "published",
-            points=True,
-        ),
+def sphere_and_microrobot(inputs: dict[str, Any]) -> dict[str, Any]:
+    """Table 2-2 and 3.8: volumes of sphere and cylinder, mass, and the moment (2-12)."""
+    sphere = np.pi / 6.0 * (1e-3 * inputs["sphere_diameter_mm"]) ** 3
+    cylinder = np.pi / 4.0 * (1e-3 * inputs["magnet_diameter_mm"]) ** 2 * 1e-3 * inputs["magnet_height_mm"]
+    payload = read_device("drive_unit").payload
+    if payload is None:
+        raise LookupError("drive_unit.toml has no payload")
+    return {
+        "sphere_volume": sphere,
+        "sphere_mass": inputs["sphere_density"] * sphere,
+        "sphere_moment": _moment(inputs["sphere_remanence_T"], sphere),
+        "magnet_moment": _moment(inputs["magnet_remanence_T"], cylinder),
+        "payload_mass": 1e3 * payload.mass,
+        "payload_moment": payload.moment,
+    }
+
+
+def _moment(remanence: float, volume: float) -> float:
+    """(2-12), A m^2."""
+    return remanence * volume / MU0
+
+
+def lumped_model(inputs: dict[str, Any]) -> dict[str, Any]:
+    """(2-18)..(2-22) against differences of the nonlinear equation, and against the identified plant."""
+    magnet = lumped_magnet_from_lift_currents(
+        inputs["current_at_zero_A"], 1e3 * inputs["slope_A_per_mm"], 1e-3 * inputs["mass_g"]
     )
-    return Curves("Fig. 2-6: force on the 1 mm sphere", "depth below the core (mm)", "force (mN)", series)
+    z = 1e-3 * inputs["depth_mm"]
+    current, plant = magnet.equilibrium_current(z), magnet.plant(z)
+    dz, di = 1e-5 * z, 1e-5 * current
+    by_z = (magnet.acceleration(z + dz, 0, current) - magnet.acceleration(z - dz, 0, current)) / (2 * dz)
+    by_i = (magnet.acceleration(z, 0, current + di) - magnet.acceleration(z, 0, current - di)) / (2 * di)
+    return {
+        "stiffness_term": plant.A[1, 0] / by_z,
+        "current_term": plant.B[1, 0] / by_i,
+        "sign_of_gain": float(np.sign(plant.B[1, 0])),
+        "sign_of_damping": float(np.sign(inputs["identified_denominator"][1])),
+        "product_of_poles": float(np.linalg.det(plant.A)),
+    }

@@ -1,6 +1,5 @@
 """S10: the force formula (4-9) against the drive unit of Appendix A-3 in three dimensions."""
 
-from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
@@ -9,9 +8,15 @@ import numpy as np
 from fieldmap.curves import Curves, Series
 from fieldmap.device import read_device
 from fieldmap.iron import LinearSolution, solve_linear
-from fieldmap.records import Record
-from fieldmap.thesis.force_formulas import Fit, HorizontalForce, fit_horizontal_force, fit_quadratic_force
-from fieldmap.thesis.rows import Answers
+from fieldmap.thesis.computation import Answers
+from fieldmap.thesis.force_formulas import (
+    AddedError,
+    Fit,
+    HorizontalForce,
+    added_error,
+    fit_horizontal_force,
+    fit_quadratic_force,
+)
 from fieldmap.typing import Array
 
 _DEVICE, _REFINEMENT, _MU_R = "drive_unit_a3", 0.4, 4000.0
@@ -22,25 +27,6 @@ _A = 2.2e-2
 """What a is held at where constants of all six magnets are fitted, m; it does not change the curve at one depth."""
 _START = (0.2, 0.01, 0.05)
 _BESIDE = (10e-3, 20e-3, 30e-3, -10e-3)
-
-
-@dataclass(frozen=True)
-class AddedError(Record):
-    """Formulas of `magnets` electromagnets, added, against the computed force of all at 1 A each, on y = 0.
-
-    rms: root mean square error, N; share: that over the root mean square of the computed force; middle: the same for
-    |x| <= 10 mm, where forces cancel.
-    """
-
-    magnets: int
-    rms: float
-    share: float
-    middle: float
-
-    @property
-    def rms_mN(self) -> float:  # noqa: N802 - the unit
-        """rms in mN."""
-        return 1e3 * self.rms
 
 
 @cache
@@ -102,22 +88,12 @@ def added_errors(depth: float, half_width: float, quadratic: bool = False) -> tu
             for k, name in enumerate(names)
         ]
     )
-    middle = np.abs(x) <= 0.0101
     errors = []
     for chosen in ((ONE,), (ONE, FOUR), names):
         rows = [_index(name) for name in chosen]
-        total = force[rows].sum(axis=0)
-        error = formulas[rows].sum(axis=0) - total
-        errors.append(
-            AddedError(
-                len(rows), _rms(error), _rms(error) / _rms(total), _rms(error[middle]) / _rms(total[middle])
-            )
-        )
+        added, total = formulas[rows].sum(axis=0), force[rows].sum(axis=0)
+        errors.append(added_error((1.0,) * len(rows), added, total, np.abs(x) <= 0.0101))
     return tuple(errors)
-
-
-def _rms(values: Array) -> float:
-    return float(np.sqrt(np.mean(values**2)))
 
 
 def constants(inputs: dict[str, Any]) -> Answers:

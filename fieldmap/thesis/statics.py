@@ -14,9 +14,9 @@ from fieldmap.iron import LinearSolution, solve_linear
 from fieldmap.levitation import GRAVITY
 from fieldmap.sources import bare_inductance
 from fieldmap.thesis import detail
+from fieldmap.thesis.computation import Answers
 from fieldmap.thesis.drive_unit import PANELS, lift_share, payload, unit_rays, unit_states
-from fieldmap.thesis.joints import about_the_joints, lift_law, shipped_unit
-from fieldmap.thesis.rows import Answers
+from fieldmap.thesis.hysteresis import about_the_joints, lift_law, shipped_unit
 from fieldmap.thesis.shift_studies import sensitivity_at_origin
 from fieldmap.thesis.vertical_sensor import magnet_height, thesis_lift_current
 from fieldmap.typing import Array
@@ -108,22 +108,21 @@ def _variants(z: Array) -> Curves:
 
 def _saturation() -> dict[str, float]:
     """Lift of the saturating unit over that of linear iron, at 1 A in all coils and in coil 5 alone."""
-    alone = np.zeros(6)
-    alone[4] = 1.0
-    together = np.full(6, 1.0)
-    point = np.array([[0.0, 0.0, magnet_height(10.0, 0.015)]])
-    linear = linear_unit("drive_unit")
-    of_all = unit_states().gradient(point, together)[0, 2, 2] / linear.gradient(point, together)[0, 2, 2]
-    of_one = unit_states().gradient(point, alone)[0, 2, 2] / linear.gradient(point, alone)[0, 2, 2]
-    return {"share_of_all": of_all, "share_of_one": of_one}
+    alone = np.eye(6)[4]
+    all_shares, one_shares = (
+        [lift_share(field, 10.0, 15.0, currents) for field in (unit_states(), linear_unit("drive_unit"))]
+        for currents in (1.0, alone)
+    )
+    return {"share_of_all": all_shares[0] / all_shares[1], "share_of_one": one_shares[0] / one_shares[1]}
 
 
 @detail.cached
-def lift_current(z_s: float, h: float) -> float:
-    """Current in each coil at which the saturating unit carries the microrobot on the axis, A; NaN beyond 5.2 A."""
+def lift_current(z_s: float, h: float, scale: float = 1.0) -> float:
+    """Current in each coil at which the saturating unit, its force scaled, carries the microrobot on the axis, A; NaN
+    beyond 5.2 A."""
     low, high = PANELS[0][0], PANELS[-1][-1]
     try:
-        return float(brentq(lambda i: lift_share(unit_rays(), z_s, h, i) - 1.0, low, high, xtol=1e-6))
+        return float(brentq(lambda i: scale * lift_share(unit_rays(), z_s, h, i) - 1.0, low, high, xtol=1e-6))
     except (ValueError, OutsideMapError):
         return float("nan")
 
@@ -139,7 +138,7 @@ def levitation_current(inputs: dict[str, Any]) -> Answers:
         "current": currents,
         "total": 6.0 * lift_current(middle, h),
         "current_over_h": [lift_current(middle, each) for each in hs],
-        "current_linear": [_linear_current(z, h) for z in zs],
+        "current_linear": [1.0 / lift_share(linear_unit("drive_unit"), z, h, 1.0) for z in zs],
         "relative_slope": [_relative_slope(middle, each) for each in hs[:-1]],
         "lift_over_weight": shares,
     }
@@ -159,13 +158,6 @@ def levitation_current(inputs: dict[str, Any]) -> Answers:
     return Answers(numbers, _lift_figures(inputs, currents, shares), facts)
 
 
-def _linear_current(z_s: float, h: float) -> float:
-    point = np.array([[0.0, 0.0, magnet_height(z_s, 1e-3 * h)]])
-    carried = payload()
-    force = carried.moment * linear_unit("drive_unit").gradient(point, np.ones(6))[0, 2, 2]
-    return float(carried.mass * GRAVITY / force)
-
-
 def _relative_slope(z_s: float, h: float) -> float:
     """d ln i / dz_s, percent per mm."""
     below, above = lift_current(z_s - 1.0, h), lift_current(z_s + 1.0, h)
@@ -180,22 +172,14 @@ def _lift_figures(inputs: dict[str, Any], currents: Array, shares: Array) -> tup
     for h, row in zip(hs, shares, strict=True):
         # Where force is scaled so that (7-18) holds at the middle: the same law at every depth?
         scale = 1.0 / row[int(np.argmin(np.abs(zs - inputs["middle_mm"])))]
-        series.append(Series(f"ours, force scaled by {scale:.2f}, h = {h:g} mm", zs, _scaled(zs, h, scale)))
+        scaled = np.array([lift_current(z, h, scale) for z in zs])
+        series.append(Series(f"ours, force scaled by {scale:.2f}, h = {h:g} mm", zs, scaled))
     shown = tuple(Series(f"h = {h:g} mm", zs, row) for h, row in zip(hs, shares, strict=True))
     return (
         Curves(
             "(7-18): levitation current", "sensor depth z_s (mm)", "current in each coil (A)", tuple(series)
         ),
         Curves("Lift at the measured currents", "sensor depth z_s (mm)", "lift over weight", shown),
-    )
-
-
-def _scaled(zs: Array, h: float, scale: float) -> Array:
-    return np.array(
-        [
-            brentq(lambda i, z=z: scale * lift_share(unit_rays(), z, h, i) - 1.0, 1.0, 5.2, xtol=1e-6)
-            for z in zs
-        ]
     )
 
 

@@ -1,20 +1,33 @@
-"""S16: the vertical PID and the identified plant: closed loop, recovery from records, poles over the gain."""
+"""S16, S20: the identified vertical plant under its PID: closed loop, recovery from records, poles over the gain; and
+under its regulator and estimator."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
+import scipy.linalg
 from scipy.optimize import least_squares as minimise
 
 from fieldmap.control import (
     PID,
+    Regulator,
+    StateSpace,
+    StepMetrics,
     TransferFunction,
     closed_loop,
+    continuous,
+    controller_form,
     from_roots,
+    kalmd,
+    lqrd,
     pid_transfer_function,
     sampled,
     simulate_loop,
+    steady_gain,
     step_metrics,
     transfer_function,
+    with_output_integral,
+    zero_order_hold,
 )
 from fieldmap.control.identification import (
     Orders,
@@ -23,12 +36,17 @@ from fieldmap.control.identification import (
     root_locus,
 )
 from fieldmap.curves import Curves, Series
-from fieldmap.thesis.rows import Answers
+from fieldmap.thesis.computation import Answers
 
 
 def identified_plant(inputs: dict[str, Any]) -> TransferFunction:
     """(5-17), mm per V."""
     return from_roots(inputs["plant_gain"], inputs["plant_zeros"], inputs["plant_poles"])
+
+
+def printed_pid(Kc: float, Ti: float, Td: float, Ts: float) -> PID:
+    """The controller of chapter 5 as its models have it: times in seconds."""
+    return PID(Kc, Ti, Td, Ts, integration="trapezoidal", acts_on_minus_error=True)
 
 
 def controller(inputs: dict[str, Any]) -> dict[str, Any]:
@@ -49,27 +67,26 @@ def controller(inputs: dict[str, Any]) -> dict[str, Any]:
 
 def step_response(inputs: dict[str, Any]) -> Answers:
     """The step of Table 7-1 on the identified plant, and the error at rest with sensor noise."""
-    pid = PID(
-        inputs["Kc"],
-        inputs["Ti_s"],
-        inputs["Td_s"],
-        inputs["Ts_s"],
-        integration="trapezoidal",
-        acts_on_minus_error=True,
-    )
     plant = identified_plant(inputs)
+    pid = printed_pid(inputs["Kc"], inputs["Ti_s"], inputs["Td_s"], inputs["Ts_s"])
     run = simulate_loop(plant, pid, np.full(2000, inputs["step_mm"]))
     metrics = step_metrics(run.time, run.y[0], final=inputs["step_mm"])
     reached = run.time[np.argmax(run.y[0] >= inputs["step_mm"])]
     answers = {
-        "peak_time": metrics.peak_time,
-        "rise_time": metrics.rise_time,
+        **_of_step(metrics),
         "time_to_reference": float(reached),
-        "settling_time": metrics.settling_time,
-        "overshoot": 100 * metrics.overshoot,
         "rms_at_rest": rms_at_rest(plant, pid, inputs["sensor_deviation_mm"]),
     }
     return Answers(answers, (_step_figure(run, inputs["step_mm"]),))
+
+
+def _of_step(metrics: StepMetrics) -> dict[str, float]:
+    return {
+        "peak_time": metrics.peak_time,
+        "rise_time": metrics.rise_time,
+        "settling_time": metrics.settling_time,
+        "overshoot": 100 * metrics.overshoot,
+    }
 
 
 def _step_figure(run: Any, step: float) -> Curves:
@@ -101,9 +118,7 @@ def recovery(inputs: dict[str, Any]) -> Answers:
     reference = pseudo_random_binary(
         inputs["prbs_order"], amplitude=inputs["prbs_amplitude_mm"], samples=2040
     )
-    pid = PID(
-        inputs["Kc"], inputs["Ti_s"], inputs["Td_s"], Ts, integration="trapezoidal", acts_on_minus_error=True
-    )
+    pid = printed_pid(inputs["Kc"], inputs["Ti_s"], inputs["Td_s"], Ts)
     noise = np.random.default_rng(7).normal(scale=inputs["sensor_deviation_mm"], size=(RUNS, reference.size))
     run = simulate_loop(plant, pid, reference, runs=RUNS, position_noise=noise)
     found = modified_least_squares_runs(run.y + noise, run.u, Orders(poles=2, zeros=1))
@@ -236,3 +251,74 @@ def _pairs_and_third(poles: np.ndarray, gains: np.ndarray, inputs: dict[str, Any
         "pair_imaginary": pair.imag,
         "third": third,
     }
+
+
+def regulator_models(inputs: dict[str, Any]) -> dict[str, Any]:
+    """(7-5)..(7-17), (7-20)."""
+    plant, Ts = identified_plant(inputs), inputs["Ts_s"]
+    exact = continuous(plant, Ts)
+    printed = controller_form(inputs["rounded_numerator"], inputs["rounded_denominator"])
+    wide = with_output_integral(printed.A, printed.B, printed.C)
+    A_d, B_d = zero_order_hold(wide.A, wide.B, Ts)
+    estimator = _estimator(exact, inputs)
+    return {
+        "numerator": exact.numerator,
+        "denominator": exact.denominator,
+        "A": wide.A,
+        "A_d": A_d,
+        "B_d": B_d,
+        "riccati_sign": _riccati_sign(wide, inputs["Q"], inputs["R"]),
+        "k": lqrd(wide.A, wide.B, inputs["Q"], inputs["R"], Ts),
+        **estimator._asdict(),
+        "model_equilibrium": 1.0 / steady_gain(plant, Ts),
+    }
+
+
+def _estimator(plant: tuple, inputs: dict[str, Any]) -> Any:
+    model = controller_form(*plant)
+    return kalmd(model.A, model.B, model.C, inputs["noise_mm2"], inputs["noise_mm2"], inputs["Ts_s"])
+
+
+def _riccati_sign(model: StateSpace, Q: Any, R: float) -> float:
+    """Factor of P B R^-1 B'P that the minimum's P needs: its other terms over this one, by least squares."""
+    # The sign does not depend on R; at the thesis's 1e-10 the solver of the equation has few digits left.
+    weight = np.array([[1e6 * R]])
+    P = scipy.linalg.solve_continuous_are(model.A, model.B, Q, weight)
+    quadratic = P @ model.B @ np.linalg.solve(weight, model.B.T @ P)
+    rest = model.A.T @ P + P @ model.A + Q
+    return -float(np.vdot(quadratic, rest) / np.vdot(quadratic, quadratic))
+
+
+def regulator_loop(inputs: dict[str, Any]) -> Answers:
+    """The design on its own model, and with the changes that the rig needed, against Table 7-3."""
+    plant, Ts = identified_plant(inputs), inputs["Ts_s"]
+    exact = continuous(plant, Ts)
+    model = controller_form(*exact)
+    wide = with_output_integral(model.A, model.B, model.C)
+    k = lqrd(wide.A, wide.B, inputs["Q"], inputs["R"], Ts)
+    sampled = StateSpace(*zero_order_hold(model.A, model.B, Ts), model.C, model.D)
+    equilibrium = (0.0, 1.0 / steady_gain(plant, Ts))
+    at_reference = Regulator(k, _estimator(exact, inputs), Ts, equilibrium, estimate="filtered")
+    design = replace(at_reference, equilibrium_at="measured")
+    rig = replace(design, estimate="predicted", divisor=inputs["divisor"])
+    loops = {"design": design, "with (7-20)": at_reference, "with (7-21), as on the rig": rig}
+    runs = {name: simulate_loop(sampled, one, np.ones(2000)) for name, one in loops.items()}
+    of_design, of_reference, of_rig = (step_metrics(run.time, run.y[0]) for run in runs.values())
+    numbers = {
+        "design_overshoot": 100 * of_design.overshoot,
+        "overshoot_of_7_20": 100 * of_reference.overshoot,
+        "design_rise_time": of_design.rise_time,
+        **_of_step(of_rig),
+        "rms_at_rest": rms_at_rest(sampled, rig, inputs["sensor_deviation_mm"]),
+    }
+    return Answers(numbers, (_regulator_figure(runs),))
+
+
+def _regulator_figure(runs: dict[str, Any]) -> Curves:
+    series = []
+    for name, run in runs.items():
+        shown = run.time <= 1.0
+        series.append(Series(name, run.time[shown], run.y[0][shown]))
+    series.append(Series("asked for", series[0].x, np.ones_like(series[0].x), "asked"))
+    title = "Table 7-3: step of the height, regulator on the identified model"
+    return Curves(title, "time (s)", "height (mm)", tuple(series))

@@ -1,7 +1,5 @@
 """S15: how far the magnet can be moved before a coil reaches the amplifier's limit or a place is no longer stable."""
 
-from functools import cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,15 +10,14 @@ from fieldmap.curves import Curves, Series
 from fieldmap.errors import OutsideMapError
 from fieldmap.field import FieldLike
 from fieldmap.levitation import stationary_points
-from fieldmap.lookup import FieldMap, open_map
+from fieldmap.lookup import FieldMap
 from fieldmap.thesis import detail
-from fieldmap.thesis.available_maps import map_path
+from fieldmap.thesis.computation import Answers
+from fieldmap.thesis.detail import available_map
 from fieldmap.thesis.drive_unit import lift_share, payload, unit_states
 from fieldmap.thesis.equilibrium_shift import DRAWN_H, Axis, Shift, shift
-from fieldmap.thesis.joints import about_the_joints, joint_range
-from fieldmap.thesis.rows import Answers
+from fieldmap.thesis.hysteresis import about_the_joints, joint_range
 from fieldmap.thesis.vertical_sensor import SENSOR_ZERO_DEPTH, magnet_height, thesis_lift_current
-from fieldmap.typing import Array
 
 SIGNALS = np.arange(0.05, 0.551, 0.05)
 X_END = 0.45
@@ -31,13 +28,7 @@ SIDES: tuple[tuple[Axis, float], ...] = (("x", 1.0), ("x", -1.0), ("y", 1.0))
 
 def extended_map() -> FieldMap:
     """The map `division`, which answers beyond its currents too. Raises MapMissing."""
-    path = map_path("division").resolve()
-    return _extended(path, path.stat().st_mtime_ns)
-
-
-@cache
-def _extended(path: Path, changed: int) -> FieldMap:
-    return open_map(path, outside_currents="evaluate")
+    return available_map("division", outside_currents="evaluate")
 
 
 def ranges(inputs: dict[str, Any]) -> Answers:
@@ -59,8 +50,11 @@ def ranges(inputs: dict[str, Any]) -> Answers:
             numbers[f"{axis}_range_{name}_joints"] = joint_range(axis, z_s, limit, largest)
     numbers["vertical_range"] = [_deepest(h, limit, True) for h in hs]
     numbers["vertical_range_unscaled"] = [_deepest(h, limit, False) for h in hs]
+    stable = all(
+        _followed(axis, way, z_s, DRAWN_H).all_stable for axis, way in SIDES for z_s in inputs["depths_mm"]
+    )
     facts = {
-        "stability": "stable sideways" if _all_stable(inputs["depths_mm"]) else "not stable sideways",
+        "stability": "stable sideways" if stable else "not stable sideways",
         "off_mm": _checked_at_half(),
         **about_the_joints(),
     }
@@ -111,11 +105,6 @@ def _deepest(h: float, limit: float, scaled: bool) -> float:
     if excess(0.0) < 0.0:
         return 0.0
     return end if excess(end) > 0.0 else float(brentq(excess, 0.0, end, xtol=1e-4))
-
-
-def _all_stable(depths: Array) -> bool:
-    """Whether every place on the way is stable sideways."""
-    return all(_followed(axis, way, z_s, DRAWN_H).all_stable for axis, way in SIDES for z_s in depths)
 
 
 def _checked_at_half() -> float:

@@ -5,7 +5,7 @@ python scripts/dev/figure_table.py
 
 from pathlib import Path
 
-from fieldmap.thesis.figures import figure_page
+from fieldmap.thesis.report import figure_page
 
 PAGE = Path(__file__).parents[2] / "docs" / "thesis_figures.md"
 

@@ -39,7 +39,7 @@ def spatial_rows() -> list[str]:
     for name, quadratic in (("(4-9)", False), ("quadratic (4-10)", True)):
         for error in spatial_force.added_errors(DEPTH, HALF_WIDTH, quadratic):
             rows.append(
-                f"{name:33s} {error.magnets:7d} {1e3 * error.rms:11.3f} {100 * error.share:11.1f} %"
+                f"{name:33s} {len(error.currents):7d} {1e3 * error.rms:11.3f} {100 * error.whole:11.1f} %"
                 f" {100 * error.middle:12.1f} %"
             )
     return rows

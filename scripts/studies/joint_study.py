@@ -26,20 +26,26 @@ from typing import Any  # noqa: E402
 import numpy as np  # noqa: E402
 
 from fieldmap.device import Device, read_device  # noqa: E402
+from fieldmap.records import Record  # noqa: E402
 from fieldmap.studies import Unknown, fit_machine  # noqa: E402
 from fieldmap.thesis import hysteresis  # noqa: E402
-from fieldmap.thesis.hysteresis import HISTORIES, LARGEST_CURRENT, Axis, History  # noqa: E402
-from fieldmap.thesis.joints import (  # noqa: E402
+from fieldmap.thesis.hysteresis import (  # noqa: E402
     DEVICE,
+    HISTORIES,
+    LARGEST_CURRENT,
     REFINEMENT,
-    BranchReadings,
+    Axis,
+    History,
     JointedUnit,
     Led,
+    Protocol,
     lift_law,
-    places_at,
+    prepared,
     reach,
-    tables,
+    walk,
 )
+from fieldmap.thesis.printed import shared_value  # noqa: E402
+from fieldmap.typing import Array  # noqa: E402
 
 JOINT, COERCIVE, H = "parameters.joint", "material.steel.coercive_field_A_per_m", "payload.magnet_offset_mm"
 LOWER = "joint.lower.gap_mm"
@@ -56,6 +62,88 @@ FIRST = "Table 6-4"
 BRANCHES = ("Table 6-5", "Table 6-6", "Table 6-7")
 PARTS = ("variants", "numerics", "level", "reach")
 SINGLE = ("Table 6-2, n = 1.5", "Table 6-3, 11.5 mm")
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Branches(Record):
+    """One of the thesis's tables of places, mm, from where its run began.
+
+    signals (k,), the first of them 0; out (k,), on the way out; back (k,), on the way back, or None where the table has
+    the way out only. n of (6-3), z_s in mm.
+    """
+
+    name: str
+    axis: Axis
+    signals: Array
+    out: Array
+    back: Array | None = None
+    n: float = 1.25
+    z_s: float = 10.0
+
+    @property
+    def way(self) -> Array:
+        """The signals in the order of the run."""
+        return self.signals if self.back is None else np.concatenate([self.signals, self.signals[-2::-1]])
+
+    @property
+    def measured(self) -> Array:
+        """Places (m,) in the order of the run but for the first, which is 0."""
+        return self.out[1:] if self.back is None else np.concatenate([self.out[1:], self.back[-2::-1]])
+
+
+def _numbers(name: str) -> Array:
+    return np.asarray(shared_value(name), dtype=float)
+
+
+def tables() -> dict[str, Branches]:
+    """Tables 6-4 to 6-7, and those of 6.2 with one way only: n = 1.5 of Table 6-2, z_s = 11.5 mm of Table 6-3. The
+    latter have no reading at signal 0; that of Table 6-4 stands for it."""
+    found = {}
+    sides: tuple[tuple[int, Axis], ...] = ((4, "x"), (5, "x"), (6, "y"), (7, "y"))
+    for number, axis in sides:
+        signals, out, back = (
+            _numbers(f"table_6_{number}.{what}") for what in ("signals", "outward_mm", "back_mm")
+        )
+        name = f"Table 6-{number}"
+        found[name] = Branches(name, axis, signals, out - out[0], back - out[0])
+    zero = _numbers("table_6_4.outward_mm")[0]
+    for name, asked, places, n, z_s in (
+        ("Table 6-2, n = 1.5", "table_6_2.n150_signals", "table_6_2.n150_mm", 1.5, 10.0),
+        ("Table 6-3, 11.5 mm", "table_6_2.n125_signals", "table_6_3.lower_mm", 1.25, 11.5),
+    ):
+        out = np.append(0.0, _numbers(places) - zero)
+        found[name] = Branches(name, "x", np.append(0.0, _numbers(asked)), out, n=n, z_s=z_s)
+    return found
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class BranchReadings(Record):
+    """A table as `fieldmap.studies.fit_machine` reads it; `deviation`, mm, is that of one place."""
+
+    branches: Branches
+    deviation: float
+
+    @property
+    def name(self) -> str:
+        """Of the table."""
+        return self.branches.name
+
+    @property
+    def measured(self) -> Array:
+        """Places, mm."""
+        return self.branches.measured
+
+    def computed(self, device: Device, field: JointedUnit) -> Array:
+        """The same places of a unit."""
+        about = self.branches
+        return field.run(about.axis, about.way, about.n, about.z_s).shift[1:]
+
+
+def places_at(of: JointedUnit, axis: Axis, signals: Array, scale: float = 1.0) -> Array:
+    """Places (k,), mm, of the magnet on its way out at z_s = 10 mm, with all currents scaled."""
+    protocol = Protocol(axis, h=of.h, scale=scale)
+    memory = prepared(of.solver, of.led.history, protocol, 0.4)
+    return 1e3 * walk(of.solver, memory, signals, protocol, of.led.parts).shift(axis)
 
 
 def say(values: Mapping[str, float]) -> None:

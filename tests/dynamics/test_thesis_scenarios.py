@@ -9,10 +9,10 @@ import pytest
 from fieldmap.control.blocks import AxisReading
 from fieldmap.dynamics import Plate, prepare, read_scenario, simulate
 from fieldmap.lookup import open_map
-from fieldmap.thesis import trajectories
+from fieldmap.thesis import coupled_loop
+from fieldmap.thesis.computation import Answers, function_of
 from fieldmap.thesis.coupled_runs import Readings
 from fieldmap.thesis.printed import figure_numbers, read_part
-from fieldmap.thesis.rows import Answers, function_of
 
 SENSOR_MM, SIDEWAYS_MM = 0.0104, 0.00706
 
@@ -199,5 +199,5 @@ def test_how_a_circle_is_followed():
     path = 0.9 * wanted * np.exp(-1j * np.deg2rad(12.0)) + 0.3
     plane = (np.column_stack([np.real(z), np.imag(z), 0 * time]) for z in (path, wanted))
     true, asked = plane
-    found = trajectories.follows(Readings(None, time, true, true, asked), 0.3, 5.0)
+    found = coupled_loop.follows(Readings(None, time, true, true, asked), 0.3, 5.0)
     assert found == pytest.approx((0.9, 12.0, 0.3), rel=1e-9)

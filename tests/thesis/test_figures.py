@@ -5,10 +5,9 @@ from pathlib import Path
 import pytest
 
 from fieldmap.curves import Curves
-from fieldmap.thesis.computation import compute_part
-from fieldmap.thesis.figures import drawn_by, figure_page, thesis_figures
-from fieldmap.thesis.printed import PrintedPart, figure_numbers
-from fieldmap.thesis.rows import Answers
+from fieldmap.thesis.computation import Answers, compute_part
+from fieldmap.thesis.printed import PrintedPart, drawn_by, figure_numbers, thesis_figures
+from fieldmap.thesis.report import figure_page
 
 PAGE = Path(__file__).parents[2] / "docs" / "thesis_figures.md"
 

@@ -75,10 +75,10 @@ def test_constants_of_table_4_3_in_their_bands():
 
 def test_six_magnets_double_the_error_of_one():
     errors = added_errors(0.09, 0.03)
-    assert [error.magnets for error in errors] == [1, 2, 6]
+    assert [len(error.currents) for error in errors] == [1, 2, 6]
     assert errors[0].rms < errors[1].rms < errors[2].rms
     assert 1.7 < errors[2].rms / errors[0].rms < 2.8
-    assert max(error.share for error in errors) < 0.12
+    assert max(error.whole for error in errors) < 0.12
 
 
 def test_the_term_in_y_has_the_wrong_sign():

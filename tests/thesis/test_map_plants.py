@@ -5,8 +5,8 @@ import pytest
 
 from fieldmap.control import continuous
 from fieldmap.thesis import map_plants
+from fieldmap.thesis.computation import function_of
 from fieldmap.thesis.printed import read_part
-from fieldmap.thesis.rows import function_of
 from fieldmap.thesis.vertical_sensor import magnet_height
 
 

@@ -11,8 +11,8 @@ from fieldmap import thesis
 from fieldmap.cli import main
 from fieldmap.errors import InputError
 from fieldmap.thesis import Answers, Curves, Ours, Series, compare, part_names, read_rows, row_names
-from fieldmap.thesis.available_maps import MapMissing
-from fieldmap.thesis.computation import attempt_part, compute_part
+from fieldmap.thesis.computation import attempt_part, compute_part, function_of
+from fieldmap.thesis.detail import MapMissing
 from fieldmap.thesis.printed import (
     KINDS,
     PRINTED_NUMBERS,
@@ -23,7 +23,6 @@ from fieldmap.thesis.printed import (
     row_of,
     shared_value,
 )
-from fieldmap.thesis.rows import function_of
 from fieldmap.thesis.vertical_sensor import thesis_lift_current
 
 PARTS = part_names()

@@ -9,14 +9,13 @@ from fieldmap.cli import main
 from fieldmap.cli.thesis import moving
 from fieldmap.errors import InputError
 from fieldmap.shipped import shipped_names
-from fieldmap.thesis import PartResult, detail, finished_parts, part_names, row_names
+from fieldmap.thesis import PartResult, detail, kept, part_names, row_names
 from fieldmap.thesis import report as writing
-from fieldmap.thesis.available_maps import file_of, maps_in
 from fieldmap.thesis.computation import attempt_part, compute_part, expected_seconds
+from fieldmap.thesis.detail import file_of, maps_in
 from fieldmap.thesis.plan import COMPILATION, MAP_SECONDS, planned
-from fieldmap.thesis.printed import read_part
+from fieldmap.thesis.printed import parts_of, read_part
 from fieldmap.thesis.report import prepare_folder, write_report
-from fieldmap.thesis.rows import parts_of
 
 ROOT = Path(__file__).parents[2]
 
@@ -63,7 +62,7 @@ def test_parts_that_lack_their_map_are_counted_and_take_no_time(tmp_path):
 
 
 def test_finished_parts_take_no_time(tmp_path):
-    attempt = finished_parts.cached_parts(tmp_path)
+    attempt = kept.cached_parts(tmp_path)
     attempt("S4_levitation")
     plan = planned(parts_of(["S4"]), tmp_path, False, report=tmp_path)
     assert plan.finished == 1
@@ -94,7 +93,7 @@ def test_maps_are_made_where_they_are_asked_for(tmp_path, monkeypatch):
     import fieldmap.maps
 
     monkeypatch.setattr(fieldmap.maps, "generate", generate)
-    monkeypatch.setattr(finished_parts, "attempt_part", lambda part, maps: PartResult(part, ""))
+    monkeypatch.setattr(kept, "attempt_part", lambda part, maps: PartResult(part, ""))
     folder = tmp_path / "maps"
     for option, recipe in (((), "division"), (("--quick",), "division_quick")):
         words = [
@@ -154,17 +153,17 @@ def test_progress_moves_while_a_part_is_at_work(monkeypatch):
 
 
 def test_quick_results_are_said_and_kept_apart(tmp_path):
-    attempt = finished_parts.cached_parts(tmp_path)
+    attempt = kept.cached_parts(tmp_path)
     full = attempt("S3")
     with detail.at(detail.QUICK):
-        assert not finished_parts.is_finished(tmp_path, "S3")
+        assert not kept.is_finished(tmp_path, "S3")
         assert attempt("S3").option == " --quick"
-        assert finished_parts.is_finished(tmp_path, "S3")
+        assert kept.is_finished(tmp_path, "S3")
         prepare_folder(tmp_path)
         write_report(tmp_path, [attempt("S3")], lambda curves, path: path.write_bytes(b""))
         assert "`fieldmap thesis S3 --quick`" in (tmp_path / "report.md").read_text()
         assert 'id="quick"' in (tmp_path / "index.html").read_text()
-    assert finished_parts.is_finished(tmp_path, "S3")
+    assert kept.is_finished(tmp_path, "S3")
     assert full.option == ""
     assert attempt("S3").option == ""
 

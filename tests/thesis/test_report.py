@@ -9,7 +9,7 @@ from fieldmap.cli import main
 from fieldmap.errors import InputError
 from fieldmap.shipped import shipped_folder
 from fieldmap.store import Checkpoint
-from fieldmap.thesis import Curves, Series, attempt_rows, finished_parts, read_rows
+from fieldmap.thesis import Curves, Series, attempt_rows, kept, read_rows
 from fieldmap.thesis.computation import PartResult, attempt_part
 from fieldmap.thesis.report import COLUMNS, prepare_folder, write_report
 from tests.computed_parts import computed
@@ -126,9 +126,7 @@ def test_explanations_misprints_and_assumptions_are_on_the_page(folder):
 
 
 def test_finished_rows_are_taken_from_where_they_are_kept(folder, monkeypatch):
-    monkeypatch.setattr(
-        finished_parts, "attempt_part", lambda part, maps: pytest.fail(f"{part} was computed again")
-    )
+    monkeypatch.setattr(kept, "attempt_part", lambda part, maps: pytest.fail(f"{part} was computed again"))
     # Nor need the figures be drawn again, of which the other tests look at the first ones.
     monkeypatch.setattr("fieldmap.plot.figures.save_curves", lambda curves, path: drawn.append(path.name))
     drawn: list[str] = []
@@ -139,7 +137,7 @@ def test_finished_rows_are_taken_from_where_they_are_kept(folder, monkeypatch):
 
 
 def test_cached_results_come_back_as_they_were(folder):
-    attempt = finished_parts.cached_parts(folder)
+    attempt = kept.cached_parts(folder)
     fresh, again = computed("S9_constants"), attempt("S9_constants")
     assert again.comparisons == fresh.comparisons
     assert again.explanations == fresh.explanations
@@ -154,22 +152,22 @@ def test_a_cached_result_of_other_code_or_a_broken_file_is_not_taken(tmp_path, m
         computed.append(part)
         return attempt_part(part, maps)
 
-    monkeypatch.setattr(finished_parts, "attempt_part", counting)
-    attempt = finished_parts.cached_parts(tmp_path)
+    monkeypatch.setattr(kept, "attempt_part", counting)
+    attempt = kept.cached_parts(tmp_path)
     attempt("S3")
     attempt("S3")
     assert computed == ["S3"]
-    path = tmp_path / finished_parts.FILE
+    path = kept.finished_parts(tmp_path).path
     path.write_bytes(path.read_bytes()[:-100])
     attempt("S3")
     assert computed == ["S3"] * 2
-    monkeypatch.setattr(finished_parts.provenance, "_code", lambda packages: "other code")
+    monkeypatch.setattr(kept.provenance, "_code", lambda packages: "other code")
     attempt("S3")
     assert computed == ["S3"] * 3
 
 
 def finished(folder):
-    with Checkpoint(folder / finished_parts.FILE, finished_parts._FORMAT) as checkpoint:
+    with Checkpoint(*vars(kept.finished_parts(folder)).values()) as checkpoint:
         return sorted(checkpoint)
 
 
@@ -179,7 +177,7 @@ def test_an_interrupted_report_goes_on(tmp_path, monkeypatch, capsys):
             raise KeyboardInterrupt
         return attempt_part(part, maps)
 
-    monkeypatch.setattr(finished_parts, "attempt_part", interrupted)
+    monkeypatch.setattr(kept, "attempt_part", interrupted)
     assert main(["thesis", "S3", "S6", "S7", "--report", str(tmp_path)]) == 130
     assert capsys.readouterr().err
     page = Page((tmp_path / "index.html").read_text())
@@ -193,7 +191,7 @@ def test_an_interrupted_report_goes_on(tmp_path, monkeypatch, capsys):
         computed.append(part)
         return attempt_part(part, maps)
 
-    monkeypatch.setattr(finished_parts, "attempt_part", counting)
+    monkeypatch.setattr(kept, "attempt_part", counting)
     assert main(["thesis", "S3", "S6", "S7", "--report", str(tmp_path)]) == 0
     assert computed == ["S7"]
     assert "progress" not in Page((tmp_path / "index.html").read_text()).anchors
@@ -226,7 +224,7 @@ def test_exit_code_of_a_failing_row(tmp_path, monkeypatch, capsys):
             return PartResult(part, "lumped", problem="ZeroDivisionError: by nought")
         return attempt_part(part, maps)
 
-    monkeypatch.setattr(finished_parts, "attempt_part", failing)
+    monkeypatch.setattr(kept, "attempt_part", failing)
     assert main(["thesis", "S3", "S6", "--report", str(tmp_path)]) == 1
     assert "S6: failed: ZeroDivisionError" in capsys.readouterr().err
     assert (tmp_path / "index.html").is_file()
@@ -244,10 +242,10 @@ def test_a_folder_that_cannot_be_made(tmp_path):
 
 
 def test_the_fingerprint_covers_code_data_and_map(tmp_path, monkeypatch):
-    mark = finished_parts.fingerprint("S3")
-    assert mark != finished_parts.fingerprint("S6")
-    monkeypatch.setattr(finished_parts.provenance, "_code", lambda rooms: "other code")
-    assert finished_parts.fingerprint("S3") != mark
+    mark = kept.fingerprint("S3")
+    assert mark != kept.fingerprint("S6")
+    monkeypatch.setattr(kept.provenance, "_code", lambda rooms: "other code")
+    assert kept.fingerprint("S3") != mark
 
 
 @pytest.mark.parametrize("file", ["geometry/drive_unit.toml", "maps/scenarios/vertical_step.toml"])
@@ -258,14 +256,14 @@ def test_the_fingerprint_covers_devices_and_scenarios(file, tmp_path, monkeypatc
             copy = tmp_path / kind / path.relative_to(shipped_folder(kind))
             copy.parent.mkdir(parents=True, exist_ok=True)
             copy.write_text(path.read_text(encoding="utf-8"), encoding="utf-8")
-    monkeypatch.setattr(finished_parts, "shipped_folder", lambda kind: tmp_path / kind)
+    monkeypatch.setattr(kept, "shipped_folder", lambda kind: tmp_path / kind)
     marks = []
     for line in ("", "# a line more\n"):
-        finished_parts._shipped.cache_clear()
+        kept._shipped.cache_clear()
         with (tmp_path / file).open("a", encoding="utf-8") as changed:
             changed.write(line)
-        marks.append(finished_parts.fingerprint("S3"))
-    finished_parts._shipped.cache_clear()
+        marks.append(kept.fingerprint("S3"))
+    kept._shipped.cache_clear()
     assert marks[0] != marks[1]
 
 

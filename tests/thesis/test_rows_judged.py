@@ -14,7 +14,6 @@ from fieldmap.device.model import Payload
 from fieldmap.field import BaseField, coil_currents
 from fieldmap.thesis import (
     equilibrium_shift,
-    regulator,
     shift_studies,
     statics,
     vertical,
@@ -197,7 +196,7 @@ def test_the_step_of_the_identified_plant():
 
 
 def test_what_is_said_of_the_regulator_is_what_its_curves_show():
-    answers = regulator.closed_loop(read_part("S20_closed_loop").inputs)
+    answers = vertical.regulator_loop(read_part("S20_closed_loop").inputs)
     curves = {series.name: series for series in answers.curves[0].series}
     for number, name in (
         ("overshoot", "with (7-21), as on the rig"),

@@ -1,14 +1,14 @@
-"""Finished parts of a report, kept in a checkpoint so that an interrupted report goes on.
+"""Work that is kept in files: solved states and runs of the unit beside the maps, finished parts in a report's folder.
 
-The fingerprint of a part covers everything that decides its numbers: the package's code (but for `plot` and `cli`,
-which no part imports), the device files, the scenarios, the part's data, its map, and the versions of the numerical
-libraries.
+What is kept counts under the fingerprint of everything that decides it. That of a part covers the package's code (but
+for `plot` and `cli`, which no part imports), the device files, the scenarios, the part's data, its map, and the
+versions of the numerical libraries.
 """
 
 import hashlib
 import json
-from collections.abc import Callable
-from dataclasses import asdict
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -17,16 +17,61 @@ import numpy as np
 
 from fieldmap import provenance
 from fieldmap.curves import Curves, Series
+from fieldmap.records import Record
 from fieldmap.shipped import PACKAGE, shipped_folder
 from fieldmap.store import Checkpoint
+from fieldmap.store.checkpoint import Piece
 from fieldmap.thesis import detail
-from fieldmap.thesis.available_maps import FOLDER, WAIT, file_of
 from fieldmap.thesis.computation import Comparison, PartResult, attempt_part
+from fieldmap.thesis.detail import FOLDER, file_of
 from fieldmap.thesis.printed import data_files, read_part
+from fieldmap.typing import Array
 
-FILE = "finished.partial"
+WAIT = 60.0
+"""Seconds for which a run waits for a file that another one reads or writes at this moment."""
+_FINISHED = "finished.partial"
 _WITHOUT_INFLUENCE = ("plot", "cli", "shipped")
-_FORMAT = "parts of the thesis, 1"
+
+
+@dataclass(frozen=True, repr=False)
+class Kept(Record):
+    """Pieces of work in one file, which is open only while one is read or written: other runs may use it meanwhile.
+
+    path: None keeps nothing. fingerprint: of all that decides every piece; a file with another one is begun anew.
+    """
+
+    path: Path | None
+    fingerprint: str
+
+    def get(self, key: str) -> Piece | None:
+        """The piece of this key, or None."""
+        if self.path is None:
+            return None
+        with self._open(self.path) as checkpoint:
+            return checkpoint.get(key)
+
+    def put(self, key: str, arrays: Mapping[str, Array] | None = None, about: Any = None) -> None:
+        """Keep a piece."""
+        if self.path is not None:
+            with self._open(self.path) as checkpoint:
+                checkpoint.put(key, arrays, about)
+
+    def arrays(self, key: str, compute: Callable[[], dict[str, Array]]) -> dict[str, Array]:
+        """Those of this key; computed and kept where there are none."""
+        piece = self.get(key)
+        if piece is not None:
+            return piece.arrays
+        found = compute()
+        self.put(key, found)
+        return found
+
+    def _open(self, path: Path) -> Checkpoint:
+        return Checkpoint(path, self.fingerprint, wait=WAIT)
+
+
+def finished_parts(folder: Path) -> Kept:
+    """The parts of a report: each says under which fingerprint it was computed."""
+    return Kept(folder / _FINISHED, "parts of the thesis, 1")
 
 
 def cached_parts(folder: Path, maps: Path = FOLDER) -> Callable[[str], PartResult]:
@@ -37,13 +82,12 @@ def cached_parts(folder: Path, maps: Path = FOLDER) -> Callable[[str], PartResul
             mark = fingerprint(part, maps)
         except OSError:
             mark = ""
-        finished = finished_part(folder, part, mark)
+        finished = _finished_part(folder, part, mark)
         if finished is not None:
             return finished
         result = attempt_part(part, maps)
         if mark and result.state == "done":
-            with Checkpoint(folder / FILE, _FORMAT, wait=WAIT) as checkpoint:
-                checkpoint.put(_key(part), about={"fingerprint": mark, "result": _plain(result)})
+            finished_parts(folder).put(_key(part), about={"fingerprint": mark, "result": _plain(result)})
         return result
 
     return attempt
@@ -63,12 +107,9 @@ def fingerprint(part: str, maps: Path = FOLDER) -> str:
     return provenance.fingerprint(settings, [name for name in code if name not in _WITHOUT_INFLUENCE])
 
 
-def finished_part(folder: Path, part: str, mark: str) -> PartResult | None:
+def _finished_part(folder: Path, part: str, mark: str) -> PartResult | None:
     """The finished part of this fingerprint in a report's folder, or None."""
-    if not mark:
-        return None
-    with Checkpoint(folder / FILE, _FORMAT, wait=WAIT) as checkpoint:
-        piece = checkpoint.get(_key(part))
+    piece = finished_parts(folder).get(_key(part)) if mark else None
     if piece is None or piece.about["fingerprint"] != mark:
         return None
     return _from_plain(piece.about["result"])
@@ -76,9 +117,9 @@ def finished_part(folder: Path, part: str, mark: str) -> PartResult | None:
 
 def is_finished(folder: Path, part: str, maps: Path = FOLDER) -> bool:
     """Whether a report in this folder would take the part from what is kept."""
-    if not (folder / FILE).is_file():
+    if not (folder / _FINISHED).is_file():
         return False
-    return finished_part(folder, part, fingerprint(part, maps)) is not None
+    return _finished_part(folder, part, fingerprint(part, maps)) is not None
 
 
 def _key(part: str) -> str:

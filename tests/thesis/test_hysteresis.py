@@ -1,4 +1,4 @@
-"""Both branches with joints and hysteresis: the tables as they are fitted, runs and their cache, rows."""
+"""The unit led out and back with iron that remembers, without and with joints, on coarse meshes; its runs and rows."""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -7,24 +7,35 @@ import numpy as np
 import pytest
 
 from fieldmap.device import read_device
-from fieldmap.thesis.hysteresis import SWINGS, Protocol, Walk
-from fieldmap.thesis.joints import (
+from fieldmap.errors import InputError
+from fieldmap.iron import HysteresisSolver, Pinning
+from fieldmap.store import Checkpoint
+from fieldmap.thesis.computation import function_of
+from fieldmap.thesis.hysteresis import (
     DEVICE,
-    BranchReadings,
+    SWINGS,
     JointedUnit,
     Led,
+    Protocol,
     Run,
+    Walk,
     coercive_field,
     lift_law,
+    prepared,
     reach,
-    tables,
-    x_joints,
-    y_joints,
+    walk,
 )
-from fieldmap.thesis.printed import read_part
+from fieldmap.thesis.kept import Kept
+from fieldmap.thesis.printed import read_part, shared_value
 from fieldmap.thesis.vertical_sensor import thesis_lift_current
 
+SIGNALS = np.array([0.0, 0.1, 0.2, 0.1])
 COARSE = Led("demagnetised", cells=3, refinement=0.4)
+
+
+@pytest.fixture(scope="module")
+def bare():
+    return HysteresisSolver(read_device("drive_unit"), Pinning(0.0, 1), refinement=0.4)
 
 
 @pytest.fixture(scope="module")
@@ -32,30 +43,60 @@ def unit(tmp_path_factory):
     return JointedUnit(read_device(DEVICE), COARSE, tmp_path_factory.mktemp("runs"))
 
 
-def test_tables_are_printed_ones_from_where_each_run_began():
-    """Corners of the thesis's Tables 6-3 to 6-7, written here by hand."""
-    found = tables()
-    assert found["Table 6-4"].measured[[0, 7, 8, 15]] == pytest.approx([0.932, 9.417, 6.662, -0.688])
-    assert found["Table 6-5"].measured[[0, -1]] == pytest.approx([-0.842, 0.88])
-    assert found["Table 6-6"].measured[[0, 5, 6, -1]] == pytest.approx([0.636, 3.566, 1.963, -0.879])
-    assert found["Table 6-7"].measured[[5, -1]] == pytest.approx([-3.787, 0.876])
-    assert found["Table 6-7"].way[[6, 7, -1]] == pytest.approx([-0.3, -0.25, 0.0])
-    single = found["Table 6-3, 11.5 mm"]
-    assert (single.back, single.z_s) == (None, 11.5)
-    assert single.measured[[0, -1]] == pytest.approx([0.981, 8.666])
-    assert found["Table 6-2, n = 1.5"].measured[-1] == pytest.approx(10.758)
-    for one in found.values():
-        assert len(one.measured) == len(one.way) - 1
+def led(unit, pinning, protocol):
+    solver = unit.with_pinning(pinning)
+    return walk(solver, prepared(solver, "demagnetised", protocol, 0.2), SIGNALS, protocol)
+
+
+def test_without_pinning_the_way_back_is_the_way_out(bare):
+    found = led(bare, Pinning(0.0, 1), Protocol(rule="constant"))
+    shift = 1e3 * found.shift("x")
+    assert shift[3] == pytest.approx(shift[1], abs=1e-3)
+    assert 1.0 < shift[1] < shift[2]
+
+
+def test_remanent_loops_lead_and_the_lift_is_held(bare):
+    """On the way back the magnet lies nearer to the origin, as measured: a lag would have the other sign."""
+    found = led(bare, Pinning(400.0, 3), Protocol())
+    shift = 1e3 * found.shift("x")
+    inputs = read_part("S14_x_remanence").inputs
+    measured = (inputs["back_mm"] - inputs["outward_mm"])[inputs["signals"] == 0.1]
+    assert 0.5 < (shift[3] - shift[1]) / measured[0] < 1.5
+    assert found.lifts == pytest.approx(np.full(4, found.lifts[0]), rel=2e-3)
+
+
+def test_a_run_begins_at_nought():
+    with pytest.raises(InputError) as error:
+        walk(None, None, [0.1], Protocol())
+    assert error.value.problems[0].received == "0.1"
+
+
+def test_the_file_is_free_while_a_run_computes(tmp_path):
+    kept, computed = Kept(tmp_path / "runs", "mark"), []
+
+    def compute():
+        with Checkpoint(tmp_path / "runs", "of another run", resume=False):
+            pass  # raises where the file is locked
+        computed.append(1)
+        return {"shift": np.arange(3.0)}
+
+    for _ in range(2):
+        assert kept.arrays("key", compute)["shift"].tolist() == [0.0, 1.0, 2.0]
+    assert len(computed) == 1
+    assert Kept(tmp_path / "runs", "another mark").get("key") is None
+    nowhere = Kept(None, "mark")
+    nowhere.put("key", {"shift": np.zeros(1)})
+    assert nowhere.get("key") is None
 
 
 def test_joints_and_hysteresis_make_the_magnet_lead_along_y(unit):
     """What the bare unit does not: on the way back it lies beyond the origin, by more than half of what was measured.
     The run is cached."""
-    about = tables()["Table 6-6"]
+    out, back = (shared_value(f"table_6_6.{way}_mm") for way in ("outward", "back"))
     way = np.array([0.0, 0.15, 0.0])
     shift = unit.run("y", way).shift
-    assert 0.5 < shift[1] / about.out[3] < 2.0
-    assert 0.5 < shift[2] / (about.back - about.out)[0] < 1.6
+    assert 0.5 < shift[1] / (out[3] - out[0]) < 2.0
+    assert 0.5 < shift[2] / (back - out)[0] < 1.6
     again = JointedUnit(unit.device, COARSE, unit._folder)
     np.testing.assert_array_equal(again.run("y", way).shift, shift)
     assert again._solver is None
@@ -70,8 +111,8 @@ def test_a_cached_run_belongs_to_its_device_and_settings(unit, monkeypatch):
         nothing = np.zeros((len(signals), 2))
         return Walk(signals, nothing, np.ones(len(signals)), np.ones(len(signals)), memory)
 
-    monkeypatch.setattr("fieldmap.thesis.joints.walk", led)
-    monkeypatch.setattr("fieldmap.thesis.joints.prepared", lambda *_: None)
+    monkeypatch.setattr("fieldmap.thesis.hysteresis.walk", led)
+    monkeypatch.setattr("fieldmap.thesis.hysteresis.prepared", lambda *_: None)
     way, folder = np.array([0.0, 0.2]), unit._folder
     changed = {"material.steel.coercive_field_A_per_m": 77.0, "payload.magnet_offset_mm": 11.0}
     for device in (unit.device, read_device(DEVICE, changed)):
@@ -122,46 +163,32 @@ def test_reach_ends_at_the_limit_or_at_the_largest_signal():
     assert reach(Straight(), "y", 1.0, 10.0, 9.0, 0.5) == pytest.approx(10.0)
 
 
-@pytest.mark.parametrize(("part", "rows"), [("S14_x_joints", x_joints), ("S14_y_joints", y_joints)])
-def test_rows_set_ours_beside_the_same_branch(monkeypatch, part, rows):
+@pytest.mark.parametrize("part", ["S14_x_remanence", "S14_y_remanence", "S14_x_joints", "S14_y_joints"])
+def test_rows_set_ours_beside_the_same_branch(monkeypatch, part):
     """Fed the measured branches, every number must agree with the printed one."""
     inputs = dict(read_part(part).inputs)
+    joints = part.endswith("joints")
 
     class Measured:
         device, led, h = read_device(DEVICE), Led(), 15.0
 
-        def run(self, axis, way, n=1.25, z_s=10.0):
-            side = "positive" if way[1] > 0 else "negative"
-            out, back = inputs[f"{side}_outward_mm"], inputs[f"{side}_back_mm"]
+        def run(self, axis, way, z_s):
+            side = ("positive_" if way[1] > 0 else "negative_") if joints else ""
+            out, back = inputs[f"{side}outward_mm"], inputs[f"{side}back_mm"]
             return Run(np.concatenate([out, back[-2::-1]]) - out[0], way, way, way)
 
-    monkeypatch.setattr("fieldmap.thesis.joints.shipped_unit", Measured)
-    numbers = rows(inputs).numbers
+    for name in ("shipped_unit", "_bare_unit"):
+        monkeypatch.setattr(f"fieldmap.thesis.hysteresis.{name}", lambda *_: Measured())
+    rest = SimpleNamespace(along=1e-3 * inputs["outward_mm"][1:]) if not joints else None
+    monkeypatch.setattr("fieldmap.thesis.hysteresis.curve", lambda *_, **__: rest)
+    numbers = function_of(part)({"map": None, **inputs}).numbers
     printed = read_part(part).numbers
-    assert (
-        set(numbers)
-        == set(printed)
-        == {f"{s}_{w}" for s in ("positive", "negative") for w in ("outward", "back")}
-    )
+    sides = {f"{s}_{w}" for s in ("positive", "negative") for w in ("outward", "back")}
+    assert set(numbers) == set(printed) == (sides if joints else {"width"})
     for name, values in numbers.items():
         expected = np.array([float(one.text) for one in printed[name]])
         if part == "S14_y_joints" and name.startswith("negative"):
             # Along y the unit is its own mirror image.
             other = np.array([float(one.text) for one in printed[name.replace("negative", "positive")]])
             expected = inputs["negative_outward_mm"][0] - (other - inputs["positive_outward_mm"][0])
-        assert values == pytest.approx(expected, abs=1e-9)
-
-
-def test_readings_are_those_of_the_table(unit):
-    about = tables()["Table 6-4"]
-    readings = BranchReadings(about, 0.1)
-    asked = []
-
-    class Asked(Straight):
-        def run(self, axis, signals, n=1.25, z_s=10.0):
-            asked.append((axis, n, z_s))
-            return super().run(axis, signals)
-
-    assert readings.computed(unit.device, Asked()) == pytest.approx(20.0 * about.way[1:])
-    assert asked == [("x", 1.25, 10.0)]
-    assert coercive_field(unit.device) > 0.0
+        assert np.ravel(values) == pytest.approx(expected, abs=1e-9)
