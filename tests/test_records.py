@@ -157,6 +157,7 @@ PLAIN_TYPES = {bool, int, float, bool | None, int | None, float | None}
 PLAIN_TYPES |= {"bool", "int", "float", "bool | None", "int | None", "float | None"}
 # Texts of messages, which say what they have to; keys of file formats that pydantic reads; data that change.
 NOT_RECORDS = {
+    "AtKey",
     "Problem",
     "Choice",
     "DeviceData",

@@ -177,12 +177,6 @@ def _fitting(name: str, values: ArrayLike, shape: tuple[int, int]) -> Array:
     return np.atleast_2d(np.require(signal, requirements=["C", "A"]))
 
 
-ASSUMED_PUSH = 5e-5
-"""m: of one rig, assumed where nothing is given."""
-ASSUMED_DURATION = 0.010
-"""s: likewise."""
-
-
 def compensated_reference(
     height: ArrayLike,
     horizontal: ArrayLike,
@@ -196,7 +190,7 @@ def compensated_reference(
     the moving axis, (n,). The push has the sign of the change: less for a rising horizontal reference, more for a
     falling one. A change during a push begins a new one. Ts, duration in s; push in m.
 
-    >>> reference = compensated_reference(0.010, [0, 0, 1e-4, 1e-4, 1e-4, 1e-4], Ts=5e-3)
+    >>> reference = compensated_reference(0.010, [0, 0, 1e-4, 1e-4, 1e-4, 1e-4], 5e-3, push=5e-5, duration=0.010)
     >>> (1e3 * reference).round(3).tolist()
     [10.0, 10.0, 9.95, 9.95, 10.0, 10.0]
     """

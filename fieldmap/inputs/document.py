@@ -21,6 +21,7 @@ from fieldmap.records import Record
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 
 
+@dataclass(frozen=True, repr=False)
 class AtKey(Problem):
     """A problem whose `where` is a key path, of code that does not know the file: `Document.placing` adds its line."""
 

@@ -209,7 +209,7 @@ def _later(until: float, info: ValidationInfo) -> None:
         raise broken("until_s must be later than from_s", received, "swap or correct them")
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Disturbance(Record):
     """A force on the body."""
 

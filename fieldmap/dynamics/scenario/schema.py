@@ -397,6 +397,19 @@ class Scenario(Record):
         older, now = (f"[{'.'.join(table)}" for table in (_OLDER_TABLE, _TABLE))
         return Document(self.path, self.text.replace(older, now), {})
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        # The classes of the tables are made when this module is imported; pickles look for classes by name.
+        return _scenario_of, (
+            self.path,
+            self.text,
+            self.contents.model_dump(exclude_unset=True, warnings=False),
+            self.changes,
+        )
+
+
+def _scenario_of(path: Path, text: str, data: dict[str, Any], changes: Mapping[str, Any]) -> Scenario:
+    return Scenario(path, text, ScenarioFile.model_validate(data), changes)
+
 
 def read_scenario(path_or_name: str | Path, changes: Mapping[str, Any] | None = None) -> Scenario:
     """Read and check a scenario file: its path, or the name of a shipped one ("vertical_step").

@@ -18,6 +18,7 @@ from fieldmap.errors import Infeasible, NotConverged, Problem, ScenarioError
 from fieldmap.inputs.document import AtKey
 from fieldmap.levitation import force_per_ampere, lift_current, lift_shares
 from fieldmap.lookup import FieldMap, division_domain, saturates, wrench_actuation
+from fieldmap.records import Record
 from fieldmap.typing import Array
 
 # Share of what amplifiers and supply give for long that a start chosen by the program takes; what is left is for
@@ -29,8 +30,8 @@ _EASIER = 0.9
 _HEIGHTS = 21
 
 
-@dataclass(frozen=True, eq=False)
-class Lift:
+@dataclass(frozen=True, eq=False, repr=False)
+class Lift(Record):
     """What carries a body in a map, for the search of the operating point to begin with.
 
     scale: of the map's field; limits (n,) each: currents that last, A; divided: whether the currents are those of
