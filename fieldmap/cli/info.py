@@ -335,7 +335,7 @@ def _lift_table(summary: "MapSummary") -> "RenderableType":
     words = (
         f"Measured: {summary.lift_source}. lift/weight is calculated at the measured current. The factor "
         f"{fit.factor:.3f} on the calculated force is fitted to lift/weight by least squares. No other number here "
-        "contains it (docs/thesis_statics.md)."
+        "contains it."
     )
     return Group(table(columns, fitted), remark(words))
 
