@@ -186,9 +186,9 @@ def _draw_forces(axes: Axes, drawn: _Drawn, payload: Payload) -> None:
         size = MM * payload.magnet.diameter, MM * payload.magnet.height
         corner = -0.5 * size[0], MM * drawn.height - 0.5 * size[1]
         axes.add_patch(Rectangle(corner, *size, facecolor="none", edgecolor=MAGNET, linewidth=1.8))
-    axes.set_title("\n".join(line for line in (drawn.amperes, red, axes.get_title()) if line))
+    axes.set_title("\n".join(line for line in (drawn.amperes, red, axes.get_title("left")) if line))
 
 
 def _draw_strength(axes: Axes, drawn: _Drawn) -> None:
     field_slice(drawn.opened, drawn.currents, ax=axes)
-    axes.set_title(f"{axes.get_title()}\n{drawn.amperes}")
+    axes.set_title(f"{axes.get_title('left')}\n{drawn.amperes}")
