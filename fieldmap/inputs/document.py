@@ -10,9 +10,10 @@ from pathlib import Path
 from typing import Any
 
 from pydantic import BaseModel, ValidationError
+from pydantic_core import ErrorDetails
 
 from fieldmap.errors import FieldmapError, InputError, Problem
-from fieldmap.inputs.explain import explain
+from fieldmap.inputs.explain import explain, without_tags
 from fieldmap.inputs.findings import Finding, shown
 from fieldmap.inputs.key_paths import Location, dotted
 from fieldmap.inputs.toml_lines import line_numbers, nearest_line
@@ -146,5 +147,18 @@ def schema_findings(root: type[BaseModel], data: dict[str, Any]) -> list[Finding
     try:
         root.model_validate(data)
     except ValidationError as error:
-        return [explain(detail, root, data) for detail in error.errors(include_url=False)]
+        return [explain(detail, root, data) for detail in _of_the_right_type(error, data)]
     return []
+
+
+def _of_the_right_type(error: ValidationError, data: dict[str, Any]) -> list[ErrorDetails]:
+    """Its errors; where a value may have several types, those of types that it does not have only if it has none."""
+    found: dict[Location, list[ErrorDetails]] = {}
+    for detail in error.errors(include_url=False):
+        found.setdefault(without_tags(data, detail["loc"]), []).append(detail)
+    chosen = []
+    for location, details in found.items():
+        others = [detail for detail in details if not detail["type"].endswith("_type")]
+        below = any(len(one) > len(location) > 0 and one[: len(location)] == location for one in found)
+        chosen += others or ([] if below else details[:1])
+    return chosen

@@ -35,7 +35,10 @@ def without_tags(data: Any, location: Location) -> Location:
     """Remove the names of union members, which pydantic puts into a location; keep what is in the data."""
     plain: Location = ()
     for k, step in enumerate(location):
-        if step == "[key]" or (not has(value_at(data, plain), step) and k < len(location) - 1):
+        here = value_at(data, plain)
+        # The last step may be a key that is missing from a table.
+        missing_key = k == len(location) - 1 and isinstance(here, dict)
+        if step == "[key]" or not (has(here, step) or missing_key):
             continue
         plain = (*plain, step)
     return plain

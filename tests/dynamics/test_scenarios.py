@@ -310,3 +310,14 @@ def test_a_start_on_saturating_iron_is_looked_for_where_equal_currents_carry_the
     body = SimpleNamespace(mass=0.01, gravity=9.8, magnet=magnet)
     found = start.Lift(opened, None, body, 0.75, None, False)._equal(np.zeros(3))
     assert found == pytest.approx(np.full(6, np.arctanh(0.098 / (0.3 * 0.8 * 0.75))), rel=0.03)
+
+
+@pytest.mark.parametrize(
+    ("given", "place"),
+    [(0, "sensors.averages"), ("a", "sensors.averages"), ([1, 0, 1], "sensors.averages.2")],
+)
+def test_a_value_that_may_have_two_types_is_refused_once_at_its_key(given, place):
+    with pytest.raises(ScenarioError) as caught:
+        read_scenario("vertical_step", {"sensors.averages": given})
+    (problem,) = caught.value.problems
+    assert problem.where.endswith(f": {place}")
