@@ -741,14 +741,6 @@ def require_bounds(source: Field | BaseField) -> Bounds:
     return bounds[0], bounds[1]
 
 
-def require_proportional(source: Field | BaseField, what: str) -> None:
-    """Raise InputError for a field that is not the sum of its coils' fields. what: who asks."""
-    if not source.proportional:
-        must_hold = "a field that is the sum of its coils' fields"
-        received = "one that does not superpose, such as that of saturating iron"
-        raise InputError(Problem(what, must_hold, received, "give the currents: at(currents)"))
-
-
 def require_affine(source: Field | BaseField, what: str) -> None:
     """Raise InputError for a field that is not the sum of its coils' fields and a constant. what: who asks."""
     if not source.affine:

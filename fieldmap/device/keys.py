@@ -122,8 +122,7 @@ def attribute_of(keys: type[BaseModel], key: str) -> tuple[str, float]:
         return keys.declared[key]  # type: ignore[attr-defined,no-any-return]
     found = _UNIT.match(key)
     plain, unit = (found[1], UNITS[found[2]]) if found else (key, 1.0)
-    attributes: Mapping[str, str] = getattr(keys, "attributes", {})
-    return attributes.get(key, plain), unit
+    return plain, unit
 
 
 def device_data(device: Any, whole: bool = True) -> DeviceData:

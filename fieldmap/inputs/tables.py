@@ -92,9 +92,6 @@ class Table(BaseModel):
     declared: ClassVar[Mapping[str, tuple[str, float]]] = {}
     """Of a table that `fieldmap.inputs.declared` made: its record, and key -> (attribute, SI value of the unit)."""
 
-    attributes: ClassVar[Mapping[str, str]] = {}
-    """Attributes of the object that the table makes, by key, unless they are called like the key without its unit."""
-
     def also_makes(self) -> Mapping[str, Any]:
         """Fields of the record that several keys make together, as those of a placement."""
         return {}

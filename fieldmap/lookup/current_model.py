@@ -92,11 +92,6 @@ class CurrentModel:
             return iron
         return np.concatenate([iron, np.ones((*iron.shape[:-1], 1))], axis=-1)
 
-    def of_state(self, amplitudes: Array) -> Array:
-        """`of_amplitudes` of one state (r,)."""
-        iron = np.asarray(self.model.output @ amplitudes)
-        return iron if not self.model.fixed.size else np.append(iron, 1.0)
-
     def weights(self, currents: Array) -> Array:
         """Weights (..., n_fields): the currents (..., c) in A, then those of the fields behind them.
 

@@ -33,11 +33,6 @@ def magpylib_tetrahedra(corners: Array, polarisation: Array, label: str) -> magp
     return magpylib.Collection(*magnets, style_label=label)
 
 
-def magpylib_assembly(*parts: magpylib.Collection) -> magpylib.Collection:
-    """Several Collections as one."""
-    return magpylib.Collection(*parts)
-
-
 _QUARTERS = (0.0, 90.0, 180.0, 270.0)
 
 

@@ -41,7 +41,7 @@ def ax():
 
 
 def colours(ax):
-    """The values of a slice by its contours: lower and upper level of every path that holds a point."""
+    """The filled contours of a slice."""
     return ax.collections[0]
 
 
