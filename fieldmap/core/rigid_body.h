@@ -36,15 +36,15 @@ typedef struct fieldmap_rigid_body {
     fieldmap_magnetic_body magnetic;
 } fieldmap_rigid_body;
 
-/* Load[6] at a state: force, frame of the map, and torque about the centre of mass, frame of the body, of all but losses.
- * The status of the map, and what is touched. The load stays as it is where the field is not known. */
-static inline int fieldmap_load(const fieldmap_path *field, const fieldmap_rigid_body *body, const fieldmap_state *state,
-                                double *load, int *touched)
+/* Load[6] at a state that is turned by r[9]: force, frame of the map, and torque about the centre of mass, frame of the
+ * body, of all but losses. The status of the map, and what is touched. The load stays as it is where the field is not
+ * known. */
+FIELDMAP_INLINE int fieldmap_load_turned(const fieldmap_path *field, const fieldmap_rigid_body *body,
+                                         const fieldmap_state *state, const double *r, double *load, int *touched)
 {
-    double r[9], wrench[6];
+    double wrench[6];
     int i, status;
     *touched = FIELDMAP_FREE;
-    fieldmap_rotation(state->turn, r);
     status = fieldmap_body_wrench(field, &body->magnetic, state->position, r, wrench, NULL);
     if (status != FIELDMAP_OK) return status;
     fieldmap_add(body->torque, wrench + 3);
@@ -56,6 +56,15 @@ static inline int fieldmap_load(const fieldmap_path *field, const fieldmap_rigid
     return FIELDMAP_OK;
 }
 
+/* As fieldmap_load_turned, with the rotation of the state. */
+static inline int fieldmap_load(const fieldmap_path *field, const fieldmap_rigid_body *body, const fieldmap_state *state,
+                                double *load, int *touched)
+{
+    double r[9];
+    fieldmap_rotation(state->turn, r);
+    return fieldmap_load_turned(field, body, state, r, load, touched);
+}
+
 /* What a body loses at velocities, at rest in place and turn: force[3], frame of the map, torque[3], frame of the body. */
 FIELDMAP_INLINE void fieldmap_losses(const fieldmap_rigid_body *body, const double *position, const double *r,
                                    const double *velocity, const double *angular_velocity, double *force, double *torque)
@@ -65,6 +74,12 @@ FIELDMAP_INLINE void fieldmap_losses(const fieldmap_rigid_body *body, const doub
     if (body->lossy) fieldmap_add_drag(&body->drag, r, velocity, angular_velocity, force, torque);
     if (body->plate.conductivity > 0.0)
         fieldmap_add_eddies(&body->plate, &body->seen_by_plate, position, r, velocity, angular_velocity, force, torque);
+}
+
+/* Whether anything of a body loses energy. */
+FIELDMAP_INLINE int fieldmap_loses(const fieldmap_rigid_body *body)
+{
+    return body->lossy || body->plate.conductivity > 0.0;
 }
 
 /* How much velocity and angular velocity change by a unit of load. */
@@ -89,21 +104,20 @@ FIELDMAP_INLINE void fieldmap_changes(const fieldmap_rigid_body *body, const dou
     }
 }
 
-/* Velocities after a time h at rest in place and turn; with losses by a Runge-Kutta rule of second or fourth order. */
-FIELDMAP_INLINE void fieldmap_kick(
-    const fieldmap_rigid_body *body, fieldmap_state *state, const double *load, double h, int order)
+/* Velocities after a time h at rest in place and in the turn of r[9]; with losses by a Runge-Kutta rule of second or fourth
+ * order. */
+FIELDMAP_INLINE void fieldmap_kick(const fieldmap_rigid_body *body, const double *per, const double *r, fieldmap_state *state,
+                                   const double *load, double h, int order)
 {
-    double r[9], per[6], from[6], at[6], k[4][6];
+    double from[6], at[6], k[4][6];
     int i, stage;
-    fieldmap_mobility(body, per);
-    if (!body->lossy && !(body->plate.conductivity > 0.0)) {
+    if (!fieldmap_loses(body)) {
         for (i = 0; i < 3; i++) {
             state->velocity[i] += h * load[i] * per[i];
             state->angular_velocity[i] += h * load[3 + i] * per[3 + i];
         }
         return;
     }
-    fieldmap_rotation(state->turn, r);
     for (i = 0; i < 3; i++) from[i] = state->velocity[i], from[3 + i] = state->angular_velocity[i];
     for (i = 0; i < 6; i++) at[i] = from[i];
     for (stage = 0; stage < order; stage++) {
@@ -118,11 +132,11 @@ FIELDMAP_INLINE void fieldmap_kick(
 }
 
 /* Free motion for a time h. */
-FIELDMAP_INLINE void fieldmap_fly(const fieldmap_rigid_body *body, fieldmap_state *state, double h)
+FIELDMAP_INLINE void fieldmap_fly(const fieldmap_rigid_body *body, const double *per, fieldmap_state *state, double h)
 {
     int i;
     for (i = 0; i < 3; i++) state->position[i] += h * state->velocity[i];
-    fieldmap_free_turn(state->turn, state->angular_velocity, body->inertia, h);
+    fieldmap_free_turn(state->turn, state->angular_velocity, body->inertia, per + 3, h);
     fieldmap_normalise(state->turn);
 }
 
@@ -131,11 +145,15 @@ FIELDMAP_INLINE void fieldmap_fly(const fieldmap_rigid_body *body, fieldmap_stat
 FIELDMAP_INLINE int fieldmap_symmetric_step(const fieldmap_path *field, const fieldmap_rigid_body *body, fieldmap_state *state,
                                           double *load, double h, int order, int *touched)
 {
+    double per[6], r[9];
     int status;
-    fieldmap_kick(body, state, load, 0.5 * h, order);
-    fieldmap_fly(body, state, h);
-    status = fieldmap_load(field, body, state, load, touched);
-    if (status == FIELDMAP_OK) fieldmap_kick(body, state, load, 0.5 * h, order);
+    fieldmap_mobility(body, per);
+    fieldmap_rotation(state->turn, r);
+    fieldmap_kick(body, per, r, state, load, 0.5 * h, order);
+    fieldmap_fly(body, per, state, h);
+    fieldmap_rotation(state->turn, r);
+    status = fieldmap_load_turned(field, body, state, r, load, touched);
+    if (status == FIELDMAP_OK) fieldmap_kick(body, per, r, state, load, 0.5 * h, order);
     return status;
 }
 

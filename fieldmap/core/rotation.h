@@ -81,16 +81,16 @@ FIELDMAP_INLINE void fieldmap_normalise(double *turn)
     for (k = 0; k < 4; k++) turn[k] *= 1.5 - 0.5 * square;
 }
 
-/* Sine and cosine. Of small angles, such as a body turns by in a step, by Taylor's series, which costs a third: below 0.05
- * the first terms left out, x^11 / 11! and x^10 / 10!, are below 1e-19 of the sum. */
-FIELDMAP_INLINE void fieldmap_sine_and_cosine(double x, double *sine, double *cosine)
+/* sin(x) / x and cos(x) from q = x^2. Of small angles, such as a body turns by in a step, by Taylor's series, without a root
+ * and a division: below q = 0.0025 the first terms left out, x^10 / 11! and x^10 / 10!, are below 1e-19 of the sum. */
+FIELDMAP_INLINE void fieldmap_sinc_and_cosine(double q, double *sinc, double *cosine)
 {
-    const double q = x * x;
     if (q < 0.0025) {
-        *sine = x * (1.0 - q * (1.0 / 6.0 - q * (1.0 / 120.0 - q * (1.0 / 5040.0 - q * (1.0 / 362880.0)))));
+        *sinc = 1.0 - q * (1.0 / 6.0 - q * (1.0 / 120.0 - q * (1.0 / 5040.0 - q * (1.0 / 362880.0))));
         *cosine = 1.0 - q * (0.5 - q * (1.0 / 24.0 - q * (1.0 / 720.0 - q * (1.0 / 40320.0))));
     } else {
-        *sine = sin(x);
+        const double x = sqrt(q);
+        *sinc = sin(x) / x;
         *cosine = cos(x);
     }
 }
@@ -98,40 +98,38 @@ FIELDMAP_INLINE void fieldmap_sine_and_cosine(double x, double *sine, double *co
 /* A turn about the second axis of the body by the angle factor * momentum[1]; the momentum in the body turns back. */
 FIELDMAP_INLINE void fieldmap_turn_about_second(double *turn, double *momentum, double factor)
 {
-    const double first = momentum[0], third = momentum[2];
-    double s, c, sine, cosine;
-    fieldmap_sine_and_cosine(0.5 * factor * momentum[1], &s, &c);
-    sine = 2.0 * s * c, cosine = c * c - s * s;
+    const double first = momentum[0], third = momentum[2], half = 0.5 * factor * momentum[1];
+    double sinc, c, s, sine, cosine;
+    fieldmap_sinc_and_cosine(half * half, &sinc, &c);
+    s = half * sinc, sine = 2.0 * s * c, cosine = c * c - s * s;
     fieldmap_turn_by(turn, c, 0.0, s, 0.0);
     momentum[0] = cosine * first - sine * third;
     momentum[2] = cosine * third + sine * first;
 }
 
 /* Quaternion and angular velocity, in the frame of the body, of a rotor of principal moments of inertia[3] after a time h
- * without torque: docs/theory/dynamics.md (3) to (6).
+ * without torque; per[3]: 1 / inertia. docs/theory/dynamics.md (3) to (6).
  *
  * The kinetic energy L^2 / (2 I1) + L2^2 (1/I2 - 1/I1) / 2 + L3^2 (1/I3 - 1/I1) / 2, L the angular momentum in the body, is
  * a sum of parts whose motions are rotations: the first turns the body about L and commutes with the others. With I1 = I2
  * the second is absent and the step is exact. Otherwise it is of second order, symmetric in time and symplectic; L keeps
  * its length and its direction in space to rounding. After Dullweber, Leimkuhler and McLachlan, J. Chem. Phys. 107, 5840
  * (1997), with the part that commutes taken out. */
-FIELDMAP_INLINE void fieldmap_free_turn(double *turn, double *angular_velocity, const double *inertia, double h)
+FIELDMAP_INLINE void fieldmap_free_turn(
+    double *turn, double *angular_velocity, const double *inertia, const double *per, double h)
 {
-    const double per[3] = {1.0 / inertia[0], 1.0 / inertia[1], 1.0 / inertia[2]};
-    double p[3], about[3], rate, share, s, c;
+    double p[3], about[3], share, sinc, c;
     int k;
     for (k = 0; k < 3; k++) p[k] = inertia[k] * angular_velocity[k], about[k] = p[k] * per[0];
-    rate = sqrt(fieldmap_dot(about, about));
-    /* sin(h rate / 2) / rate, also where the rate vanishes. */
-    fieldmap_sine_and_cosine(0.5 * h * rate, &s, &c);
-    share = rate > 1e-150 ? s / rate : 0.5 * h;
+    fieldmap_sinc_and_cosine(0.25 * h * h * fieldmap_dot(about, about), &sinc, &c);
+    share = 0.5 * h * sinc;
     fieldmap_turn_by(turn, c, share * about[0], share * about[1], share * about[2]);
     if (inertia[0] != inertia[1]) fieldmap_turn_about_second(turn, p, 0.5 * h * (per[1] - per[0]));
     if (inertia[0] != inertia[2]) {
-        const double first = p[0], second = p[1];
-        double sine, cosine;
-        fieldmap_sine_and_cosine(0.5 * h * p[2] * (per[2] - per[0]), &s, &c);
-        sine = 2.0 * s * c, cosine = c * c - s * s;
+        const double first = p[0], second = p[1], half = 0.5 * h * p[2] * (per[2] - per[0]);
+        double s, sine, cosine;
+        fieldmap_sinc_and_cosine(half * half, &sinc, &c);
+        s = half * sinc, sine = 2.0 * s * c, cosine = c * c - s * s;
         fieldmap_turn_by(turn, c, 0.0, 0.0, s);
         p[0] = cosine * first + sine * second;
         p[1] = cosine * second - sine * first;
