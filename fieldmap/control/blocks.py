@@ -1,5 +1,5 @@
-"""What a closed loop asks of a controller, and controllers of any kind as one linear block: docs/theory/dynamics.md
-(29).
+"""What a closed loop asks of a controller, and controllers of any kind as one linear block: docs/theory/closed_loop.md
+(5).
 
     u = C xi + D v + f      s = u within its limits      xi <- A xi + B v + E (s - f) + F f
 

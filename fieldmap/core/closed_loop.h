@@ -1,5 +1,5 @@
 /* closed_loop.h: a levitated magnet in closed loop, from sensor to current to motion and back, at two rates
- * (docs/theory/dynamics.md (30)).
+ * (docs/theory/closed_loop.md (6)).
  *
  * Every control period: sense, compute, allocate, convert. `delay` mechanical steps later the new currents are asked for.
  * Every mechanical step: currents move, then the body. A run can stop between sensing and computing, where somebody else

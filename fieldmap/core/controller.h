@@ -1,4 +1,4 @@
-/* controller.h: a sampled controller of any kind as one linear block with limits (docs/theory/dynamics.md (29)).
+/* controller.h: a sampled controller of any kind as one linear block with limits (docs/theory/closed_loop.md (5)).
  *
  *     u = C xi + D v + f     s = u within its limits     xi <- A xi + B v + E (s - f) + F f
  *

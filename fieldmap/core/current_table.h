@@ -2,7 +2,7 @@
  *
  * Between the nodes lies a tensor product of cubic splines. A spline's basis follows from the recurrence of Cox and de Boor
  * (C. de Boor, A Practical Guide to Splines, Springer 1978, X (4)). Currents off the division, or beyond the table, go on
- * from the nearest division in it with the slopes of the weights by the six currents: docs/theory/current_dependence.md (7).
+ * from the nearest division in it with the slopes of the weights by the six currents: docs/theory/current_dependence.md (6).
  * A table is never written to. In double precision.
  *
  * BSD-3-Clause, the fieldmap developers.

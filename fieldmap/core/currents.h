@@ -1,5 +1,5 @@
 /* currents.h: from the outputs of a controller to the voltages of the coils, their currents, and the weights of the fields
- * of a map (docs/theory/dynamics.md (25) to (28), docs/theory/control.md (6)).
+ * of a map (docs/theory/closed_loop.md (1) to (4), docs/theory/control.md (6)).
  *
  * In double precision.
  *

@@ -1,5 +1,5 @@
-/* inverse.h: the outputs of a controller that put a wanted force on the magnets, by Newton's method (docs/theory/dynamics.md
- * (38)).
+/* inverse.h: the outputs of a controller that put a wanted force on the magnets, by Newton's method
+ * (docs/theory/closed_loop.md (14)).
  *
  * In double precision.
  *

@@ -1,7 +1,7 @@
 """Control allocation: how the outputs of a controller become the voltages of the coils' amplifiers.
 
 By a current parametrisation, or by a matrix, which for any number of coils can be one of least power:
-docs/theory/dynamics.md (47)..(49).
+docs/theory/closed_loop.md (23)..(25).
 """
 
 from __future__ import annotations

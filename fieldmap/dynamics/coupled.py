@@ -1,5 +1,5 @@
 """Controllers of all axes at once: linear-quadratic-Gaussian regulators on physical states, scheduled over the height;
-feedback linearisation; feed-forward along a trajectory by the inverse map. docs/theory/dynamics.md (38)..(46)."""
+feedback linearisation; feed-forward along a trajectory by the inverse map. docs/theory/closed_loop.md (14)..(22)."""
 
 from __future__ import annotations
 
@@ -189,7 +189,7 @@ def _block(
 ) -> ControllerBlock:
     n, m = model.n, model.m
     by_reference, by_force = _targets(model, linear)
-    # u = u0 + U_r (r - y0) + U_d d - K (deviation from the states that reference and force ask for), (42).
+    # u = u0 + U_r (r - y0) + U_d d - K (deviation from the states that reference and force ask for), (18).
     from_reference = by_reference[n:] + gain @ by_reference
     states = np.hstack([-gain[:, :n], by_force[n:] + gain @ by_force, -gain[:, n:]])
     constant = (

@@ -1,4 +1,4 @@
-"""A linear machine under its sampled controller: docs/theory/dynamics.md (34)..(37)."""
+"""A linear machine under its sampled controller: docs/theory/closed_loop.md (10)..(13)."""
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -194,7 +194,7 @@ def margins(
 
 def sensor_answer(sensors: Sensors, rate: float) -> Complex:
     """What scanning sensors show of a sine of this angular frequency, 1/s: (3, 3), from where the body is to what is
-    seen, (36) for each sensor along its own axis."""
+    seen, (12) for each sensor along its own axis."""
     if not sensors.scan_rate:
         return np.eye(3)
     into, _, _, back, _ = sensors.numbers

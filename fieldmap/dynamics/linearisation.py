@@ -1,4 +1,4 @@
-"""The motion of a machine, linear about an operating point, docs/theory/dynamics.md (31)..(33), and what it does by
+"""The motion of a machine, linear about an operating point, docs/theory/closed_loop.md (7)..(9), and what it does by
 itself: poles, the axes they move, controllability, observability, coupling."""
 
 from __future__ import annotations
@@ -102,7 +102,7 @@ def linearise(machine: Machine, operating_point: OperatingPoint) -> LinearMachin
 
     Derivatives are central differences of fourth order of the right-hand side that the compiled loop integrates:
     magnet, eddy currents and drag; walls, limits, converters and noise have no part. Where a table of saturating iron
-    has a corner they are the mean of both sides. Amplifiers steer currents (26): a winding's R and L bound how fast a
+    has a corner they are the mean of both sides. Amplifiers steer currents (2): a winding's R and L bound how fast a
     large change goes and have no part in a small one. Raises OutsideMapError for a point at the map's edge.
     """
     body, state, coils = machine.body, operating_point.state, machine.drive.coils

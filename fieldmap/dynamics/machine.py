@@ -38,7 +38,7 @@ class CoilDrive(Record):
     amplifier: gain, limits of voltage and current, noise. converter: of the controller's outputs; None: no steps.
     resistance (n,), ohm, inductance (n,), H: of the windings, without mutual inductance; None: currents follow at once.
     supply: lowest and highest voltage at a winding, V. time_constant: of the amplifier's own answer, s; 0: as fast as
-    the supply allows. docs/theory/dynamics.md (25), (26).
+    the supply allows. docs/theory/closed_loop.md (1), (2).
     """
 
     amplifier: Amplifier

@@ -65,7 +65,7 @@ def equilibrium_surface(
     Signals are those of the parametrisation, unless given that which the map was made for. Any other field, and every
     one for which shares (n_coils,) are given, takes level (shares + x c_x + y c_y): shares are the currents per ampere
     of the level, 1 unless given; c_x pushes along x and nowhere else with least power, its largest current 1, at this
-    height in the middle of the box, and c_y along y (docs/theory/dynamics.md (48)). Along an axis on which the coils
+    height in the middle of the box, and c_y along y (docs/theory/closed_loop.md (24)). Along an axis on which the coils
     do not push by themselves the signal does nothing, and the assumptions say so.
 
     Raises InputError for arguments that do not fit, OutsideMapError for a height or currents beyond the map,

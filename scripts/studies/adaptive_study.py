@@ -1,5 +1,5 @@
-"""Error against faces and processor seconds, uniform against adaptive refinement: docs/theory/iron.md, "Refinement
-where it counts".
+"""Error against faces and processor seconds, uniform against adaptive refinement: docs/theory/iron_errors.md, "Where
+the mesh is refined".
 
     python scripts/studies/adaptive_study.py DEVICE --truth R [--mu-r M] [--uniform R ...] [--levels N] [--tolerance T]
                                             [--workspace X0 Y0 Z0 X1 Y1 Z1]

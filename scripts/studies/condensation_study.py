@@ -1,4 +1,4 @@
-"""What fewer modes and points change of the drive unit's map: docs/theory/current_dependence.md, "Fewer modes".
+"""What fewer modes and points change of the drive unit's map: docs/theory/current_training.md, "Fewer modes".
 
     python scripts/studies/condensation_study.py [RECIPE]
 

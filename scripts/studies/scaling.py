@@ -1,4 +1,4 @@
-"""Memory and time of the iron solver against the number of faces: the table of docs/theory/iron.md, "Many faces".
+"""Memory and time of the iron solver against the number of faces: the table of docs/theory/iron_fast.md, "Compression".
 
     python scripts/studies/scaling.py [--device NAME] [--refinements R ...] [--storage auto|dense|compressed]
 

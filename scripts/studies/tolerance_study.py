@@ -1,4 +1,4 @@
-"""Twenty devices refined to a tolerance, as a table: docs/theory/iron.md, "Runs that end".
+"""Twenty devices refined to a tolerance, as a table: docs/theory/iron_tolerance.md, "Accuracy".
 
     python scripts/studies/tolerance_study.py [NAME ...]
 

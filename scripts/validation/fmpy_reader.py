@@ -74,7 +74,7 @@ def seen_point(state, arm):
 
 
 def loop(task):
-    """A linear controller within its limits (docs/theory/dynamics.md (29)) around the body inside, its samples at
+    """A linear controller within its limits (docs/theory/closed_loop.md (5)) around the body inside, its samples at
     `period`; what the coils get is matrix @ outputs + constant."""
     unit = Unit(str(task["path"]), dict(zip(STATE, task["state"], strict=True)))
     memory, period, rows = task["memory"], float(task["period"]), []
