@@ -1,4 +1,5 @@
-"""What walls, elements and saturation do to the planar drive units: tables of docs/planar.md and theory/planar.md."""
+"""What walls, elements and saturation do to the planar drive units: tables of docs/theory/planar.md and
+docs/thesis_models.md."""
 
 from dataclasses import replace
 
