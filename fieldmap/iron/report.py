@@ -72,7 +72,7 @@ def _gap_warnings(names: tuple[str, ...], pairs: Index, gap: Array, width: Array
 class SolverReport(Record):
     """Counts, times and residuals of one solve.
 
-    form: "potential" or "flux", both of second order, or "surface", without tetrahedra, see docs/theory/iron_elements.md;
+    form: "potential" or "flux", both of second order, or "surface", without tetrahedra (docs/theory/iron_elements.md);
     tetrahedra, surface_faces, charged_faces, unknowns: size of the problem; magnetic_bodies: connected pieces of iron;
     iterations and residual: of the worst source (Newton steps for nonlinear iron); matrix_bytes: memory of the matrix
     of mutual potentials and its inverse; storage: how that matrix is stored, in words;

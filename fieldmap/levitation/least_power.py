@@ -1,5 +1,5 @@
-"""Currents of least power that lift a magnet, or push it along one axis and nowhere else: docs/theory/closed_loop.md (23),
-(24)."""
+"""Currents of least power that lift a magnet, or push it along one axis and nowhere else: docs/theory/closed_loop.md
+(23), (24)."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """What the estimators of fieldmap.control.identification make of the thesis's vertical loop, by Monte Carlo.
 
-Prints the tables of docs/theory/identification.md and docs/thesis_identification.md. The plant is (5-17), the controller
-(5-11), the noise is that of Table 3-8; everything else is stated in the tables. Takes a minute or two.
+Prints the tables of docs/theory/identification.md and docs/thesis_identification.md. The plant is (5-17), the
+controller (5-11), the noise is that of Table 3-8; everything else is stated in the tables. Takes a minute or two.
 """
 
 import itertools

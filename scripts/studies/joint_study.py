@@ -4,8 +4,8 @@
 
 Fits the thickness of the joints, the coercive field and h to Table 6-4 alone; predicts Tables 6-5 to 6-7, 6-2 and 6-3;
 and prints what other joints, disks, histories and meshes make of the same tables, what the level says, and how far the
-magnet gets. Runs are cached in maps/out, so that a killed study goes on. docs/joint_study.md and docs/joint_study_variants.md
-show the results.
+magnet gets. Runs are cached in maps/out, so that a killed study goes on. docs/joint_study.md and
+docs/joint_study_variants.md show the results.
 """
 
 import os

@@ -51,9 +51,9 @@ def solve_linear(
     form: "potential" (second order; every mu_r >= 1), "flux" (second order; any mu_r, flux barriers too), or "auto":
     potential where it may be used. The two err to opposite sides in closed magnetic circuits. "surface" needs no mesh
     of the volume, takes any mu_r, and a few thousand faces. symmetry: "auto" uses
-    the mirror planes of the iron, "none" does not look for them. Methods: docs/theory/iron_elements.md. Raises GeometryError
-    if bodies, windings and workspace do not fit together, InputError for bad arguments, NotConverged with the
-    residual history.
+    the mirror planes of the iron, "none" does not look for them. Methods: docs/theory/iron_elements.md. Raises
+    GeometryError if bodies, windings and workspace do not fit together, InputError for bad arguments, NotConverged with
+    the residual history.
 
     >>> import fieldmap as fm
     >>> unit = fm.solve_linear(fm.read_device("loop_and_sphere"), mu_r=1000.0)

@@ -1,7 +1,7 @@
 """The iron on a basis of few potentials: what a reduced model is made of.
 
-The amplitudes of the basis solve the projected equation of the potential form (docs/theory/iron_elements.md, (1)): the law
-B(H) is evaluated at the points of the elements, as in the full model, and the functional stays convex.
+The amplitudes of the basis solve the projected equation of the potential form (docs/theory/iron_elements.md, (1)): the
+law B(H) is evaluated at the points of the elements, as in the full model, and the functional stays convex.
 """
 
 from dataclasses import dataclass, replace
