@@ -215,9 +215,9 @@ class SolvedState(_Reported, BaseFieldAtCurrents):
         coil (A; "current.*" for all together): currents, turns, places and sizes of coils, remanence, permeability and
         B-H parameters, the background, places of bodies, sizes of boxes, cylinders, rings and spheres. One linear solve
         for each number of the quantity, however many parameters (docs/theory/iron_derivatives.md). Raises
-        InputError for points inside the iron, for keys of joints or that change shapes otherwise, and for a solution that
-        was read from a file, has hysteresis, or is not of the potential form; DeviceFileError for keys that the device
-        lacks; NotConverged.
+        InputError for points inside the iron, for keys of joints or that change shapes otherwise, and for a solution
+        that was read from a file, has hysteresis, or is not of the potential form; DeviceFileError for keys that the
+        device lacks; NotConverged.
 
         >>> import fieldmap as fm
         >>> from fieldmap.iron import FluxDensityAt

@@ -476,12 +476,11 @@ def solve(
     """Solve a device with nonlinear iron at currents (c,) in A.
 
     Second-order potential form, Newton's method with exact line search (docs/theory/iron_saturation.md). tolerance
-    bounds the algebraic error; the mesh error is set by the mesh sizes of the device file and `refinement`. symmetry: "auto"
-    uses the mirror planes of the iron, "none" does not look for them. With `estimate`,
-    `report.error` tells how far the field in the workspace is from the truth, see `NonlinearSolver.estimate_error`;
-    that takes about as long again. For many currents make a `NonlinearSolver` once. Raises GeometryError if bodies,
-    windings and workspace do not fit together, InputError for bad arguments or a body without a B(H) law,
-    NotConverged with the residual history.
+    bounds the algebraic error; the mesh error is set by the mesh sizes of the device file and `refinement`. symmetry:
+    "auto" uses the mirror planes of the iron, "none" does not look for them. With `estimate`, `report.error` tells how
+    far the field in the workspace is from the truth, see `NonlinearSolver.estimate_error`; that takes about as long
+    again. For many currents make a `NonlinearSolver` once. Raises GeometryError if bodies, windings and workspace do
+    not fit together, InputError for bad arguments or a body without a B(H) law, NotConverged with the residual history.
 
     >>> import fieldmap as fm
     >>> state = fm.solve(fm.read_device("loop_and_sphere"), currents=[1.0])
