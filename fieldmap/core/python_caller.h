@@ -49,14 +49,21 @@ static const fieldmap_caller *caller_of(const int64_t *words)
     return words[CALLER_MARK] == caller_mark ? (const fieldmap_caller *)(uintptr_t)words[CALLER_ADDRESS] : NULL;
 }
 
-/* Field and gradient of the last call of this thread: memory for them would cost a third of an answer. */
-static __thread double twelve[12];
+/* Room for field and gradient of the last call of this thread: memory of every call would cost a third of an answer. A
+ * function of its own that is never inlined: on processors with AVX-512 clang 20 keeps numbers in vector registers while
+ * it asks for the address of a thread's variable, although the first such question of a thread may overwrite them. */
+__attribute__((noinline)) static double *room_of_thread(void)
+{
+    static __thread double twelve[12];
+    return twelve;
+}
 
 /* The twelve numbers of field and gradient at a point for currents, until the next call of this thread. */
 static double *call_field_of(const int64_t *words, const double *currents, double x, double y, double z)
 {
     const fieldmap_caller *of = caller_of(words);
     const double point[3] = {x, y, z};
+    double *twelve = room_of_thread();
     if (of == NULL) fieldmap_unknown(twelve, 12);
     else fieldmap_caller_field(of, currents, point, twelve, twelve + 3);
     return twelve;
@@ -67,6 +74,7 @@ __attribute__((flatten)) static double *call_field(const int64_t *words, double 
 {
     const fieldmap_caller *of = caller_of(words);
     const double point[3] = {x, y, z};
+    double *twelve = room_of_thread();
     if (of == NULL || fieldmap_sets(of->map) != 1) fieldmap_unknown(twelve, 12);
     else fieldmap_field_of_weights(of->map, NULL, point, twelve, twelve + 3);
     return twelve;
