@@ -4,7 +4,7 @@
 fields; equilibria, control, dynamics, plots, exports and commands take any of them. `Field.at(currents)` is the same
 field at fixed currents, a `FieldAtCurrents`; a solved state of saturating iron is one too.
 
-A class of your own needs `coil_names`, `field` and `gradient`: derive it from `BaseField`, which supplies the rest, or
+A class of your own needs `coil_names`, `field` and `gradient`: derive it from `Field`, which supplies the rest, or
 hand an object to `as_field`, for which `field_and_gradient` does in the place of the two.
 
 A controller needs to know of a field, or of the map that holds it:
@@ -75,28 +75,6 @@ class MagneticLoad(Protocol):
         (n, 3, 3): columns are its axes, upright without."""
 
 
-@runtime_checkable
-class FieldAtCurrents(Protocol):
-    """Flux density and its derivatives at points, at fixed currents. Points (n, 3), (3,) or of any leading shape, m."""
-
-    @property
-    def coil_names(self) -> tuple[str, ...]:
-        """Names in the order of the currents."""
-
-    @property
-    def currents(self) -> Array:
-        """Currents (n_coils,), A."""
-
-    def field(self, points: ArrayLike) -> Array:
-        """B (n, 3), T."""
-
-    def gradient(self, points: ArrayLike) -> Array:
-        """dB_i/dx_j (n, 3, 3), T/m."""
-
-    def second_gradient(self, points: ArrayLike) -> Array:
-        """d2B_i/dx_j dx_k (n, 3, 3, 3), T/m^2."""
-
-
 class StateLike(Protocol):
     """The least that `as_field` makes a field at one set of currents of, such as a solved state of saturating iron."""
 
@@ -127,68 +105,6 @@ class FieldLike(Protocol):
 
     def gradient(self, points: ArrayLike, currents: Any) -> Array:
         """dB_i/dx_j (n, 3, 3), T/m."""
-
-
-@runtime_checkable
-class Field(Protocol):
-    """Flux density and its derivatives at points, for currents.
-
-    Points (n, 3), (3,) or of any leading shape (..., 3), m; currents as `Currents`. Results for points (..., 3) are
-    (..., 3), (..., 3, 3) and so on.
-    """
-
-    @property
-    def coil_names(self) -> tuple[str, ...]:
-        """Names in the order of the currents."""
-
-    @property
-    def bounds(self) -> Bounds | None:
-        """The box in which the field holds or is asked for; None where no box is known."""
-
-    @property
-    def proportional(self) -> bool:
-        """Whether the field is the sum of the coils' fields, each proportional to its current."""
-
-    @property
-    def affine(self) -> bool:
-        """Whether the field is that sum and a field that no current changes, or that sum alone."""
-
-    @property
-    def assumptions(self) -> tuple[str, ...]:
-        """What the field rests on."""
-
-    def field(self, points: ArrayLike, currents: Any) -> Array:
-        """B (n, 3), T."""
-
-    def gradient(self, points: ArrayLike, currents: Any) -> Array:
-        """dB_i/dx_j (n, 3, 3), T/m."""
-
-    def field_and_gradient(self, points: ArrayLike, currents: Any) -> tuple[Array, Array]:
-        """B (n, 3), T, and dB_i/dx_j (n, 3, 3), T/m."""
-
-    def second_gradient(self, points: ArrayLike, currents: Any) -> Array:
-        """d2B_i/dx_j dx_k (n, 3, 3, 3), T/m^2."""
-
-    def gradient_jump(self, currents: Array) -> float:
-        """Largest step of the gradient from one cell of a map to the next, T/m; 0 where the gradient is continuous."""
-
-    def unit_field(self, points: ArrayLike) -> Array:
-        """B per ampere in each coil (n, n_coils, 3), T/A. Raises InputError for a field that is not affine."""
-
-    def unit_gradient(self, points: ArrayLike) -> Array:
-        """Gradient per ampere in each coil (n, n_coils, 3, 3), T/(m A). Raises InputError like `unit_field`."""
-
-    def constant_field(self, points: ArrayLike) -> Array:
-        """B (n, 3) with all currents off, T."""
-
-    def constant_gradient(self, points: ArrayLike) -> Array:
-        """dB_i/dx_j (n, 3, 3) with all currents off, T/m."""
-
-    def wrench(self, positions: ArrayLike, moments: ArrayLike, currents: Any) -> Array:
-        """Force (N) and torque (N m) on point dipoles (n, 6), about their own positions."""
-
-    def at(self, currents: Any) -> FieldAtCurrents:
-        """The field at these currents."""
 
 
 class PairLike(Protocol):
@@ -292,8 +208,13 @@ class TakesPoints:
         raise InputError(Problem("numpy.asarray", must_hold, type(self).__name__, remedy))
 
 
-class BaseField(TakesPoints, ABC):
-    """What every field can do once it has `coil_names`, `field` and `gradient`."""
+class Field(TakesPoints, ABC):
+    """Flux density and its derivatives at points, for currents.
+
+    A class of your own has `coil_names`, `field` and `gradient`; the rest follows from these. Points (n, 3), (3,) or of
+    any leading shape (..., 3), m; currents as `Currents`. Results for points (..., 3) are (..., 3), (..., 3, 3) and so
+    on.
+    """
 
     def __repr__(self) -> str:
         return shortened(
@@ -392,13 +313,8 @@ class BaseField(TakesPoints, ABC):
     ) -> Array:
         """Force (N) and torque (N m) on point dipoles (n, 6), about their own positions: see `dipole_wrench`. In place
         of moments a body of several magnets or soft iron, and its orientations: see `MagneticLoad`."""
-        if isinstance(moments, MagneticLoad):
-            return moments.wrench(self, positions, currents, orientations)
-        refuse_orientations(orientations)
-        where = np.asarray(positions, dtype=float)
-        points = np.atleast_2d(where)
-        result = dipole_wrench(self.field(points, currents), self.gradient(points, currents), moments)
-        return result[0] if where.ndim == 1 else result
+        pair = functools.partial(self.field_and_gradient, currents=currents)
+        return _wrench(self, positions, moments, currents, orientations, pair)
 
     def at(self, currents: Any) -> FieldAtCurrents:
         """The field at these currents."""
@@ -409,7 +325,7 @@ class BaseField(TakesPoints, ABC):
         return ()
 
     def as_magpylib(self, currents: Any, **options: Any) -> Any:
-        """The field at these currents as a magpylib source: see `BaseFieldAtCurrents.as_magpylib`."""
+        """The field at these currents as a magpylib source: see `FieldAtCurrents.as_magpylib`."""
         return magpylib_source(self.at(currents), None, self.outlines, **options)
 
 
@@ -422,8 +338,11 @@ def magpylib_source(
     return source_of_field(field, domain, outlines, **options)
 
 
-class BaseFieldAtCurrents(TakesPoints, ABC):
-    """What every field at fixed currents can do once it has `coil_names`, `currents`, `field` and `gradient`."""
+class FieldAtCurrents(TakesPoints, ABC):
+    """Flux density and its derivatives at points (n, 3), (3,) or of any leading shape, m, at fixed currents.
+
+    A class of your own has `coil_names`, `currents` (n_coils,), A, `field` and `gradient`.
+    """
 
     def __repr__(self) -> str:
         return shortened(f"{type(self).__name__}(at {short(getattr(self, 'currents', None))} A)")
@@ -453,8 +372,12 @@ class BaseFieldAtCurrents(TakesPoints, ABC):
         """What the field rests on."""
         return ()
 
+    def field_and_gradient(self, points: ArrayLike) -> tuple[Array, Array]:
+        """B (n, 3), T, and dB_i/dx_j (n, 3, 3), T/m."""
+        return self.field(points), self.gradient(points)
+
     def second_gradient(self, points: ArrayLike) -> Array:
-        """d2B_i/dx_j dx_k (n, 3, 3, 3), T/m^2, by central differences of the gradient, see `BaseField`."""
+        """d2B_i/dx_j dx_k (n, 3, 3, 3), T/m^2, by central differences of the gradient, see `Field`."""
         return differenced(self.gradient, points)
 
     def wrench(
@@ -465,13 +388,7 @@ class BaseFieldAtCurrents(TakesPoints, ABC):
     ) -> Array:
         """Force (N) and torque (N m) on point dipoles (n, 6), about their own positions: see `dipole_wrench`. In place
         of moments a body of several magnets or soft iron, and its orientations: see `MagneticLoad`."""
-        if isinstance(moments, MagneticLoad):
-            return moments.wrench(self, positions, self.currents, orientations)
-        refuse_orientations(orientations)
-        where = np.asarray(positions, dtype=float)
-        points = np.atleast_2d(where)
-        result = dipole_wrench(self.field(points), self.gradient(points), moments)
-        return result[0] if where.ndim == 1 else result
+        return _wrench(self, positions, moments, self.currents, orientations, self.field_and_gradient)
 
     def outlines(self) -> Sequence[Any]:
         """What a drawing shows of it (`fieldmap.device.drawing.Outline`): nothing unless a class says otherwise."""
@@ -487,7 +404,7 @@ class BaseFieldAtCurrents(TakesPoints, ABC):
         return magpylib_source(self, None, self.outlines, **options)
 
 
-class FixedCurrents(BaseFieldAtCurrents):
+class FixedCurrents(FieldAtCurrents):
     """A field at given currents (n_coils,), A."""
 
     def __init__(self, source: Field, currents: Array) -> None:
@@ -517,35 +434,49 @@ class FixedCurrents(BaseFieldAtCurrents):
         """dB_i/dx_j (n, 3, 3), T/m."""
         return self.source.gradient(points, self.currents)
 
+    def field_and_gradient(self, points: ArrayLike) -> tuple[Array, Array]:
+        """B (n, 3), T, and dB_i/dx_j (n, 3, 3), T/m."""
+        return self.source.field_and_gradient(points, self.currents)
+
     def second_gradient(self, points: ArrayLike) -> Array:
         """d2B_i/dx_j dx_k (n, 3, 3, 3), T/m^2."""
         return self.source.second_gradient(points, self.currents)
 
-    def wrench(
-        self,
-        positions: ArrayLike,
-        moments: ArrayLike | MagneticLoad,
-        orientations: ArrayLike | None = None,
-    ) -> Array:
-        """Force (N) and torque (N m) on point dipoles or a body (n, 6), about their own positions."""
-        if isinstance(moments, MagneticLoad):
-            return moments.wrench(self, positions, self.currents, orientations)
-        refuse_orientations(orientations)
-        return self.source.wrench(positions, moments, self.currents)
-
     def outlines(self) -> Sequence[Any]:
         """Those of the field."""
-        return self.source.outlines() if isinstance(self.source, BaseField) else ()
+        return self.source.outlines()
 
 
-class CompletedField(BaseField):
+class FieldOfStates(Field):
+    """A field that is known by its states, `at(currents)`: what it is asked at currents, the state answers."""
+
+    @abstractmethod
+    def at(self, currents: Any) -> FieldAtCurrents:
+        """The state at these currents."""
+
+    def field(self, points: ArrayLike, currents: Any) -> Array:
+        """B (n, 3), T, of the state at these currents."""
+        return self.at(currents).field(points)
+
+    def gradient(self, points: ArrayLike, currents: Any) -> Array:
+        """dB_i/dx_j (n, 3, 3), T/m, of the state at these currents."""
+        return self.at(currents).gradient(points)
+
+    def field_and_gradient(self, points: ArrayLike, currents: Any) -> tuple[Array, Array]:
+        """Both, of the state at these currents."""
+        return self.at(currents).field_and_gradient(points)
+
+    def second_gradient(self, points: ArrayLike, currents: Any) -> Array:
+        """d2B_i/dx_j dx_k (n, 3, 3, 3), T/m^2, of the state at these currents."""
+        return self.at(currents).second_gradient(points)
+
+
+class CompletedField(Field):
     """An object with `coil_names`, `field` and `gradient` (or `field_and_gradient` in their place), and what else it
-    has, completed to a `Field`; with a box of its own where `bounds` is given. step: half the distance of the gradients
-    that are differenced, m."""
+    has, completed to a `Field`; with a box of its own where `bounds` is given."""
 
-    def __init__(self, source: Any, bounds: Bounds | None = None, step: float = STEP) -> None:
+    def __init__(self, source: Any, bounds: Bounds | None = None) -> None:
         self.source = source
-        self.step = step
         self._bounds = None if bounds is None else _box(*bounds)
 
     @property
@@ -603,25 +534,58 @@ class CompletedField(BaseField):
     def second_gradient(self, points: ArrayLike, currents: Any) -> Array:
         """The object's own; otherwise by central differences of the gradient."""
         own = getattr(self.source, "second_gradient", None)
-        if own is None:
-            return differenced(lambda x: self.gradient(x, currents), points, self.step)
-        return np.asarray(own(points, currents))
+        return super().second_gradient(points, currents) if own is None else np.asarray(own(points, currents))
 
     def _pair(self, points: ArrayLike, currents: Any) -> tuple[Array, Array]:
         flux, slope = self.source.field_and_gradient(points, currents)
         return flux, slope
 
 
-class StateField(BaseField):
+class CompletedState(FieldAtCurrents):
+    """An object with `coil_names`, `currents`, `field` and `gradient`, and what else it has, completed."""
+
+    def __init__(self, source: Any) -> None:
+        self.source = source
+        self.currents = np.asarray(source.currents, dtype=float)
+
+    @property
+    def coil_names(self) -> tuple[str, ...]:
+        """Names in the order of the currents."""
+        return tuple(self.source.coil_names)
+
+    @property
+    def bounds(self) -> Bounds | None:
+        """The object's box; None without one."""
+        return getattr(self.source, "bounds", None)
+
+    @property
+    def assumptions(self) -> tuple[str, ...]:
+        """What the object says; otherwise none."""
+        return tuple(getattr(self.source, "assumptions", ()))
+
+    def field(self, points: ArrayLike) -> Array:
+        """B (n, 3), T."""
+        return np.asarray(self.source.field(points))
+
+    def gradient(self, points: ArrayLike) -> Array:
+        """dB_i/dx_j (n, 3, 3), T/m."""
+        return np.asarray(self.source.gradient(points))
+
+    def second_gradient(self, points: ArrayLike) -> Array:
+        """The object's own; otherwise by central differences of the gradient."""
+        own = getattr(self.source, "second_gradient", None)
+        return super().second_gradient(points) if own is None else np.asarray(own(points))
+
+
+class StateField(FieldOfStates):
     """A field that is known at one set of currents only, such as a solved state of saturating iron, as a `Field`.
 
-    state: a `FieldAtCurrents`; one without `second_gradient` is differenced. Other currents than those of the state
-    raise InputError: such a field does not superpose.
+    state: a `FieldAtCurrents`, or what `CompletedState` makes one of. Other currents than those of the state raise
+    InputError: such a field does not superpose.
     """
 
-    def __init__(self, state: Any, bounds: Bounds | None = None, step: float = STEP) -> None:
-        self.state = state
-        self.step = step
+    def __init__(self, state: Any, bounds: Bounds | None = None) -> None:
+        self.state: FieldAtCurrents = state if isinstance(state, FieldAtCurrents) else CompletedState(state)
         self._bounds = None if bounds is None else _box(*bounds)
 
     @property
@@ -637,40 +601,20 @@ class StateField(BaseField):
     @property
     def bounds(self) -> Bounds | None:
         """The given box, or that of the state."""
-        return self._bounds if self._bounds is not None else getattr(self.state, "bounds", None)
+        return self._bounds if self._bounds is not None else self.state.bounds
 
     @property
     def assumptions(self) -> tuple[str, ...]:
         """What the state says; otherwise none."""
-        return tuple(getattr(self.state, "assumptions", ()))
-
-    def field(self, points: ArrayLike, currents: Any) -> Array:
-        """B (n, 3), T."""
-        self._check(currents)
-        return np.asarray(self.state.field(points))
-
-    def gradient(self, points: ArrayLike, currents: Any) -> Array:
-        """dB_i/dx_j (n, 3, 3), T/m."""
-        self._check(currents)
-        return np.asarray(self.state.gradient(points))
-
-    def second_gradient(self, points: ArrayLike, currents: Any) -> Array:
-        """The state's own; otherwise by central differences of the gradient."""
-        self._check(currents)
-        own = getattr(self.state, "second_gradient", None)
-        return differenced(self.state.gradient, points, self.step) if own is None else np.asarray(own(points))
+        return self.state.assumptions
 
     def at(self, currents: Any) -> FieldAtCurrents:
-        """The state, if these are its currents."""
-        self._check(currents)
-        state: FieldAtCurrents = self.state
-        return state
-
-    def _check(self, currents: Any) -> None:
+        """The state, if these are its currents. Raises InputError for others."""
         if not np.array_equal(coil_currents(currents, self.coil_names), self.currents):
             must_hold = "must be the currents of the state: saturating iron does not superpose"
             received = f"{np.asarray(currents).tolist()}, while the state holds {self.currents.tolist()}"
             raise InputError(Problem("currents", must_hold, received, "solve a state at these currents"))
+        return self.state
 
 
 def as_field(source: AnyField, bounds: Bounds | None = None) -> Field:
@@ -692,9 +636,8 @@ def as_field(source: AnyField, bounds: Bounds | None = None) -> Field:
     >>> print(field.at({"Helmholtz pair": 2.0}).field([[0.0, 0.0, 0.0]]))
     [[0.    0.    0.002]]
     """
-    complete = isinstance(source, (BaseField, Field))
-    if complete and bounds is None:
-        return source  # type: ignore[return-value]
+    if bounds is None and isinstance(source, Field):
+        return source
     if isinstance(source, StateField):
         return StateField(source.state, bounds)
     pair = hasattr(source, "field_and_gradient") and not hasattr(source, "currents")
@@ -706,7 +649,7 @@ def as_field(source: AnyField, bounds: Bounds | None = None) -> Field:
         raise InputError(
             Problem("field", must_hold, received, "give a solution, a map, or a field of your own")
         )
-    if not complete and hasattr(source, "currents"):
+    if not isinstance(source, Field) and hasattr(source, "currents"):
         return StateField(source, bounds)
     return CompletedField(source, bounds)
 
@@ -730,7 +673,7 @@ def _box(lower: ArrayLike, upper: ArrayLike) -> Bounds:
     return np.asarray(lower, dtype=float), np.asarray(upper, dtype=float)
 
 
-def require_bounds(source: Field | BaseField) -> Bounds:
+def require_bounds(source: Field) -> Bounds:
     """The box of a field. Raises InputError where it has none."""
     bounds = source.bounds
     if bounds is None:
@@ -741,7 +684,7 @@ def require_bounds(source: Field | BaseField) -> Bounds:
     return bounds[0], bounds[1]
 
 
-def require_affine(source: Field | BaseField, what: str) -> None:
+def require_affine(source: Field, what: str) -> None:
     """Raise InputError for a field that is not the sum of its coils' fields and a constant. what: who asks."""
     if not source.affine:
         must_hold = "a field that is the sum of its coils' fields, and of one that no current changes"
@@ -832,6 +775,23 @@ def refuse_orientations(orientations: ArrayLike | None) -> None:
     if orientations is not None:
         must_hold, remedy = "orientations are those of a body", "turn the moments, or give a MagneticBody"
         raise InputError(Problem("wrench, orientations", must_hold, "moments and orientations", remedy))
+
+
+def _wrench(
+    field: Field | FieldAtCurrents,
+    positions: ArrayLike,
+    moments: ArrayLike | MagneticLoad,
+    currents: Any,
+    orientations: ArrayLike | None,
+    field_and_gradient: Callable[[Array], tuple[Array, Array]],
+) -> Array:
+    """Force and torque (n, 6) of a field on dipoles or a body."""
+    if isinstance(moments, MagneticLoad):
+        return moments.wrench(field, positions, currents, orientations)
+    refuse_orientations(orientations)
+    where, single = checked_vectors("positions", positions)
+    result = dipole_wrench(*field_and_gradient(where), moments)
+    return result[0] if single else result
 
 
 def differenced(gradient: Any, points: ArrayLike, step: float = STEP) -> Array:

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from fieldmap.errors import InputError
-from fieldmap.field import BaseField, Field, FieldAtCurrents, as_field, coil_currents
+from fieldmap.field import Field, FieldAtCurrents, as_field, coil_currents
 
 NAMES = ("left", "right")
 
 
-class Quadratic(BaseField):
+class Quadratic(Field):
     """B = current[0] (x^2 - y^2, -2 x y, 0) + current[1] (0, 0, 1) exp(...) of degree two: harmonic, known exactly."""
 
     coil_names = NAMES

@@ -15,7 +15,7 @@ import pytest
 import fieldmap as fm
 from fieldmap.currents import NearestSignals
 from fieldmap.errors import InputError, Problem
-from fieldmap.field import BaseField, BaseFieldAtCurrents, as_field
+from fieldmap.field import Field, FieldAtCurrents, as_field
 from fieldmap.levitation import find_equilibrium
 from fieldmap.records import LONGEST, FrozenDict, Record
 from fieldmap.shipped import shipped_names
@@ -189,14 +189,14 @@ def test_every_data_class_and_named_tuple_is_one_short_line():
         count += 1
         types = [field.type for field in fields(one)] if is_dataclass(one) else list(tuple_of.values())
         shown = next(base for base in one.__mro__ if "__repr__" in vars(base))
-        own = shown in (Record, BaseField, BaseFieldAtCurrents) or not getattr(
+        own = shown in (Record, Field, FieldAtCurrents) or not getattr(
             shown, "__dataclass_params__", None
         )
         own |= is_dataclass(shown) and not shown.__dataclass_params__.repr
         own &= vars(shown)["__repr__"].__module__ != "collections"  # that of a named tuple
         if not own and not set(types) <= PLAIN_TYPES:
             long.append(one)
-        if is_dataclass(one) and not issubclass(one, BaseField | BaseFieldAtCurrents | Record):
+        if is_dataclass(one) and not issubclass(one, Field | FieldAtCurrents | Record):
             not_plain.append(one)
     assert count > 200
     assert long == []

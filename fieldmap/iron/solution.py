@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 from fieldmap.device.drawing import Outline, source_outline, winding_outline
 from fieldmap.device.model import Background, Coil, Section
 from fieldmap.errors import InputError
-from fieldmap.field import BaseField, BaseFieldAtCurrents, Bounds, Currents, coil_currents
+from fieldmap.field import Bounds, Currents, FieldAtCurrents, FieldOfStates, coil_currents
 from fieldmap.iron.elements.potential_form import PotentialState
 from fieldmap.iron.elements.state import IronState
 from fieldmap.iron.forces import Magnetised, force_and_torque, magnetic_bodies
@@ -82,7 +82,7 @@ class _Reported:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class SolvedState(_Reported, BaseFieldAtCurrents):
+class SolvedState(_Reported, FieldAtCurrents):
     """Coils and iron at fixed currents (c,) in A; what all states have in common.
 
     iron: charges and flux densities of one or several sources, its columns, None where there is no iron; weights
@@ -316,7 +316,7 @@ class FluxDensitySamples(Record):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class LinearSolution(_Reported, BaseField):
+class LinearSolution(_Reported, FieldOfStates):
     """Coils and linear iron, solved once per coil; any currents by superposition.
 
     `at(currents)` is the state at these currents; `field` to `energy` with currents are short for its methods. The
@@ -438,18 +438,6 @@ class LinearSolution(_Reported, BaseField):
         Raises InputError for a solution that was stored without its linkages.
         """
         return self._air_inductance + self._iron_linkages()[:, : len(self.coils)]
-
-    def field(self, points: ArrayLike, currents: Currents) -> Array:
-        """Flux density (n, 3) at points (n, 3), or (3,) at (3,); see `SolvedState.field`."""
-        return self.at(currents).field(points)
-
-    def gradient(self, points: ArrayLike, currents: Currents) -> Array:
-        """Gradient (n, 3, 3) at points (n, 3), or (3, 3) at (3,); see `SolvedState.gradient`."""
-        return self.at(currents).gradient(points)
-
-    def field_and_gradient(self, points: ArrayLike, currents: Currents) -> tuple[Array, Array]:
-        """See `SolvedState.field_and_gradient`."""
-        return self.at(currents).field_and_gradient(points)
 
     def flux_density(self, body: str, currents: Currents) -> Array:
         """See `SolvedState.flux_density`."""

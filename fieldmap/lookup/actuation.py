@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 
 from fieldmap.arguments import checked_vectors
 from fieldmap.errors import InputError, Problem
-from fieldmap.field import AnyField, as_field, coil_currents
+from fieldmap.field import AnyField, Field, as_field, coil_currents
 from fieldmap.lookup.magnetic_body import MagneticBody, checked_turns
 from fieldmap.records import Record
 from fieldmap.typing import Array
@@ -139,6 +139,20 @@ def _on_dipole(moment: Array) -> Array:
     return np.concatenate([force, np.hstack([turn, np.zeros((3, 9))])])
 
 
+def _derivatives(source: Field, points: Array, currents: Any) -> tuple[Array, Array, Array, Array]:
+    """B and gradient per ampere, (p, n, 3) and (p, n, 3, 3), at points (p, 3), and their rest (p, 3) and (p, 3, 3): the
+    sum of both is the field at any currents, of saturating iron to first order about `currents`."""
+    by_currents = getattr(source, "by_currents", None)
+    if source.affine or currents is None or by_currents is None:
+        # Raises InputError for a field that neither superposes nor has derivatives.
+        by_flux, by_slope = source.unit_field(points), source.unit_gradient(points)
+        return by_flux, by_slope, source.constant_field(points), source.constant_gradient(points)
+    amperes = coil_currents(currents, source.coil_names)
+    flux, slope, by_flux, by_slope = by_currents(points, amperes)
+    flux = flux - np.einsum("pni,n->pi", by_flux, amperes)
+    return by_flux, by_slope, flux, slope - np.einsum("pnij,n->pij", by_slope, amperes)
+
+
 def _on_body(
     field: AnyField, position: ArrayLike, body: MagneticBody, currents: Any, orientation: ArrayLike | None
 ) -> Actuation:
@@ -151,24 +165,13 @@ def _on_body(
         )
     coils = len(source.coil_names)
     amperes = np.zeros(coils) if currents is None else coil_currents(currents, source.coil_names)
-    points = _one(position) + body.all_points @ turn.T
-    by_currents = getattr(source, "by_currents", None)
-    if source.affine or by_currents is None:
-        by_flux, by_slope = source.unit_field(points), source.unit_gradient(points)
-        rest = source.constant_field(points), source.constant_gradient(points)
-    else:
-        flux, slope, by_flux, by_slope = by_currents(points, amperes)
-        rest = (
-            flux - np.einsum("pni,n->pi", by_flux, amperes),
-            slope - np.einsum("pnij,n->pij", by_slope, amperes),
-        )
+    by_flux, by_slope, *rest = _derivatives(source, _one(position) + body.all_points @ turn.T, amperes)
     # What the currents do not drive, or drive in another way than in proportion, is one more field, of weight 1.
     every = [np.concatenate([a, b[:, None]], axis=1) for a, b in zip((by_flux, by_slope), rest, strict=True)]
     wrench, slopes = body.by_fields(every[0], every[1], turn)(np.append(amperes, 1.0))
     matrix = np.ascontiguousarray(slopes[:, :coils])
-    constant = wrench - matrix @ amperes
     plain = source.proportional and not body.soft
-    return Actuation(FORCE_ROWS + TORQUE_ROWS, matrix, None if plain else constant)
+    return Actuation(FORCE_ROWS + TORQUE_ROWS, matrix, None if plain else wrench - matrix @ amperes)
 
 
 def _joined(one: Actuation, other: Actuation) -> Actuation:
@@ -183,22 +186,15 @@ def _selected(
     field: AnyField, position: ArrayLike, rows: tuple[str, ...], selection: Array, currents: Any
 ) -> Actuation:
     """selection (rows, 12) of (B, G row by row) and its derivatives by the currents."""
-    source, where = as_field(field), _one(position)
+    source = as_field(field)
+    by_flux, by_slope, flux, slope = _derivatives(source, _one(position)[None], currents)
 
     def chosen(flux: Array, slope: Array) -> Array:
         both = np.concatenate([flux, slope.reshape(*flux.shape[:-1], 9)], axis=-1)
         return np.ascontiguousarray(selection @ both.T)
 
-    by_currents = getattr(source, "by_currents", None)
-    if source.affine or currents is None or by_currents is None:
-        matrix = chosen(source.unit_field(where), source.unit_gradient(where))
-        if source.proportional:
-            return Actuation(rows, matrix)
-        return Actuation(rows, matrix, chosen(source.constant_field(where), source.constant_gradient(where)))
-    amperes = coil_currents(currents, source.coil_names)
-    flux, slope, by_flux, by_slope = by_currents(where, amperes)
-    matrix = chosen(by_flux, by_slope)
-    return Actuation(rows, matrix, chosen(flux, slope) - matrix @ amperes)
+    matrix = chosen(by_flux[0], by_slope[0])
+    return Actuation(rows, matrix, None if source.proportional else chosen(flux[0], slope[0]))
 
 
 def capability(

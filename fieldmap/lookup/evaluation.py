@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import partial
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
@@ -20,14 +19,11 @@ from fieldmap.core.caller import caller
 from fieldmap.errors import InputError, OutsideMapError, Problem
 from fieldmap.field import (
     Bounds,
+    FieldAtCurrents,
     MagneticLoad,
-    TakesPoints,
-    dipole_wrench,
     has_leading_shape,
     magpylib_source,
-    of_any_shape,
     over_points,
-    refuse_orientations,
 )
 from fieldmap.interpolants import Form, contract, set_size
 from fieldmap.records import Record, short, shortened
@@ -227,10 +223,11 @@ def outside_error(points: Array, outside: int, lower: Array, upper: Array) -> Ou
     )
 
 
-class MapAtCurrents(TakesPoints, own_shapes=ONE_POINT):
+class MapAtCurrents(FieldAtCurrents, own_shapes=ONE_POINT):
     """The field of a map at fixed currents (`FieldMap.at`): summed once, evaluated as often as you like.
 
-    Points, shapes and what happens outside are as for `FieldMap`; there is no argument `currents`.
+    Points, shapes and what happens outside are as for `FieldMap`; there is no argument `currents`. weights: None for an
+    evaluator of the sum; otherwise those (n or 1, n_fields) of its fields, for all points or for each of n.
     """
 
     def __init__(
@@ -240,12 +237,23 @@ class MapAtCurrents(TakesPoints, own_shapes=ONE_POINT):
         coil_names: tuple[str, ...],
         currents: Array,
         assumptions: tuple[str, ...] = (),
+        weights: Array | None = None,
     ) -> None:
-        self._evaluator, self._box = evaluator, box
-        self.coil_names, self.currents, self.assumptions = coil_names, currents, assumptions
+        self._evaluator, self._box, self._weights = evaluator, box, weights
+        self._coil_names, self.currents, self._assumptions = coil_names, currents, assumptions
 
     def __repr__(self) -> str:
         return shortened(f"{type(self).__name__}({len(self.coil_names)} coils at {short(self.currents)} A)")
+
+    @property
+    def coil_names(self) -> tuple[str, ...]:
+        """Names in the order of the currents."""
+        return self._coil_names
+
+    @property
+    def assumptions(self) -> tuple[str, ...]:
+        """What the map rests on."""
+        return self._assumptions
 
     @property
     def lower(self) -> Array:
@@ -288,7 +296,7 @@ class MapAtCurrents(TakesPoints, own_shapes=ONE_POINT):
         self, points: ArrayLike, out: tuple[Array, Array] | None = None
     ) -> tuple[Array, Array]:
         """B (n, 3) in T and G (n, 3, 3) in T/m in one pass."""
-        found = self._evaluator.field_at(points, None)
+        found = self._evaluator.field_at(points, None) if self._weights is None else None
         if found is not None:
             return found if out is None else written(found, out)
         if has_leading_shape(points):
@@ -299,16 +307,6 @@ class MapAtCurrents(TakesPoints, own_shapes=ONE_POINT):
         slope = result_array(None if single else given[1], (*where.shape, 3))
         self._fill(self._evaluator.field_and_gradient, where, flux, slope)
         return (single_row(flux, given[0]), single_row(slope, given[1])) if single else (flux, slope)
-
-    def as_magpylib(self, **options: Any) -> Any:
-        """The field as a magpylib source, NaN outside the map: see `fieldmap.field.BaseFieldAtCurrents.as_magpylib`."""
-        return magpylib_source(self, self.bounds, self.outlines, **options)
-
-    def outlines(self) -> tuple[Outline, ...]:
-        """The box of the map."""
-        from fieldmap.device.drawing import box_outline
-
-        return (box_outline("map", self.lower, self.upper),)
 
     def second_gradient(self, points: ArrayLike) -> Array:
         """Second derivatives (n, 3, 3, 3), [:, i, j, k] = d2B_i/dx_j dx_k, T/m^2."""
@@ -332,21 +330,21 @@ class MapAtCurrents(TakesPoints, own_shapes=ONE_POINT):
     ) -> Array:
         """Force (N) and torque (N m) on point dipoles or a body, (n, 6), about their own positions: see
         `FieldMap.wrench`."""
-        if orientations is None:
+        if orientations is None and self._weights is None:
             load = self._evaluator.dipole_wrench_at(positions, moments, None)
             if load is not None:
                 return load
-        return np.asarray(self._wrench(positions, moments, orientations))
+        return super().wrench(positions, moments, orientations)
 
-    @partial(of_any_shape, first="positions")
-    def _wrench(self, positions: Array, moments: Any, orientations: ArrayLike | None) -> Array:
-        if isinstance(moments, MagneticLoad):
-            return moments.wrench(self, positions, self.currents, orientations)
-        refuse_orientations(orientations)
-        where, single = checked_vectors("positions", positions)
-        flux, slope = self.field_and_gradient(where)
-        result = dipole_wrench(flux, slope, moments)
-        return result[0] if single else result
+    def as_magpylib(self, **options: Any) -> Any:
+        """The field as a magpylib source, NaN outside the map: see `fieldmap.field.FieldAtCurrents.as_magpylib`."""
+        return magpylib_source(self, self.bounds, self.outlines, **options)
+
+    def outlines(self) -> tuple[Outline, ...]:
+        """The box of the map."""
+        from fieldmap.device.drawing import box_outline
+
+        return (box_outline("map", self.lower, self.upper),)
 
     def compiled(self) -> tuple[Any, Any]:
         """(function, data) for numba functions: see `FieldMap.compiled`."""
@@ -357,7 +355,8 @@ class MapAtCurrents(TakesPoints, own_shapes=ONE_POINT):
         return at, words
 
     def _fill(self, evaluate: Callable[..., int], points: Array, *results: Array) -> None:
-        in_chunks(lambda p, *r: evaluate(p, _ONE, *r), points, results, self._box)
+        weights = _ONE if self._weights is None else self._weights
+        in_chunks(evaluate, points, [weights, *results], self._box)
 
 
 def written(found: tuple[Array, Array], out: tuple[Array, Array]) -> tuple[Array, Array]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from functools import cached_property, partial
+from functools import cached_property
 from os import PathLike
 from typing import TYPE_CHECKING, Any
 
@@ -18,16 +18,13 @@ from fieldmap.core.iron import IronState
 from fieldmap.currents import CurrentParametrisation
 from fieldmap.errors import InputError, Problem
 from fieldmap.field import (
-    BaseField,
     Bounds,
+    Field,
     MagneticLoad,
     coil_currents,
-    dipole_wrench,
     has_leading_shape,
     magpylib_source,
-    of_any_shape,
     over_points,
-    refuse_orientations,
     require_affine,
 )
 from fieldmap.interpolants import INTERPOLANTS, OUTSIDE_RULES, Form, Jump, known_interpolants
@@ -42,8 +39,6 @@ from fieldmap.lookup.evaluation import (
     MapAtCurrents,
     default_threads,
     in_chunks,
-    result_array,
-    single_row,
     written,
 )
 from fieldmap.lookup.inverse import checked_weight, currents_of_model, currents_of_sum, demand_of
@@ -77,7 +72,7 @@ def check_choices(kind: str, outside: str, outside_currents: str) -> None:
         raise InputError(*problems)
 
 
-class FieldMap(BaseField, own_shapes=ONE_POINT):
+class FieldMap(Field, own_shapes=ONE_POINT):
     """A map ready for lookups: a form of every coil's unit field, superposed at the currents asked for.
 
     kind: "harmonic", a polynomial of degree 5 of the potential in each cell, free of curl and divergence to
@@ -285,7 +280,7 @@ class FieldMap(BaseField, own_shapes=ONE_POINT):
         return body_outlines(device.bodies) + tuple(winding_outline(coil) for coil in device.coils) + around
 
     def as_magpylib(self, currents: Any, **options: Any) -> Any:
-        """The map at these currents as a magpylib source, NaN outside: see `BaseFieldAtCurrents.as_magpylib`."""
+        """The map at these currents as a magpylib source, NaN outside: see `FieldAtCurrents.as_magpylib`."""
         return magpylib_source(self.at(currents), self.bounds, self.outlines, **options)
 
     def compiled(self, currents: Any = None) -> tuple[Any, Any]:
@@ -323,12 +318,7 @@ class FieldMap(BaseField, own_shapes=ONE_POINT):
             return self.field_and_gradient(points, currents)[0]
         if has_leading_shape(points):
             return over_points(self.field, points, currents, out)
-        where, single, rows = self._arguments(points, currents)
-        if rows is None:
-            return self.at(currents).field(where, out)
-        flux = result_array(None if single else out, where.shape)
-        self._fill(self._evaluator.field_and_gradient, where, rows, flux, np.empty((len(where), 0, 0)))
-        return single_row(flux, out) if single else flux
+        return self._lookup(points, currents).field(points, out)
 
     def gradient(self, points: ArrayLike, currents: Any, out: Array | None = None) -> Array:
         """Gradient G (n, 3, 3), G[:, i, j] = dB_i/dx_j, T/m: the exact derivative of `field`."""
@@ -336,12 +326,7 @@ class FieldMap(BaseField, own_shapes=ONE_POINT):
             return self.field_and_gradient(points, currents)[1]
         if has_leading_shape(points):
             return over_points(self.gradient, points, currents, out)
-        where, single, rows = self._arguments(points, currents)
-        if rows is None:
-            return self.at(currents).gradient(where, out)
-        slope = result_array(None if single else out, (*where.shape, 3))
-        self._fill(self._evaluator.field_and_gradient, where, rows, np.empty(where.shape), slope)
-        return single_row(slope, out) if single else slope
+        return self._lookup(points, currents).gradient(points, out)
 
     def field_and_gradient(
         self, points: ArrayLike, currents: Any, out: tuple[Array, Array] | None = None
@@ -353,26 +338,14 @@ class FieldMap(BaseField, own_shapes=ONE_POINT):
             return found if out is None else written(found, out)
         if has_leading_shape(points):
             return over_points(self.field_and_gradient, points, currents, out)
-        where, single, rows = self._arguments(points, currents)
-        if rows is None:
-            return self.at(currents).field_and_gradient(where, out)
-        given = (None, None) if out is None else out
-        flux = result_array(None if single else given[0], where.shape)
-        slope = result_array(None if single else given[1], (*where.shape, 3))
-        self._fill(self._evaluator.field_and_gradient, where, rows, flux, slope)
-        return (single_row(flux, given[0]), single_row(slope, given[1])) if single else (flux, slope)
+        return self._lookup(points, currents).field_and_gradient(points, out)
 
     def second_gradient(self, points: ArrayLike, currents: Any) -> Array:
         """Second derivatives (n, 3, 3, 3), [:, i, j, k] = d2B_i/dx_j dx_k, T/m^2.
 
         Hermite form: error O(spacing^2), discontinuous across the faces of the cells. Harmonic: O(spacing^3).
         """
-        where, single, rows = self._arguments(points, currents)
-        if rows is None:
-            return self.at(currents).second_gradient(where)
-        second = np.empty((len(where), 3, 3, 3))
-        self._fill(self._evaluator.second_gradient, where, rows, second)
-        return second[0] if single else second
+        return self._lookup(points, currents).second_gradient(points)
 
     def potential(self, points: ArrayLike, currents: Any) -> Array | float:
         """Scalar potential U (n,), T m, with B = -grad U; zero near the middle of the box.
@@ -380,12 +353,7 @@ class FieldMap(BaseField, own_shapes=ONE_POINT):
         Harmonic forms: -grad U is `field` to rounding. Hermite form: an interpolant of its own, -grad U is
         `field` to the interpolation error.
         """
-        where, single, rows = self._arguments(points, currents)
-        if rows is None:
-            return self.at(currents).potential(where)
-        values = np.empty(len(where))
-        self._fill(self._evaluator.potential, where, rows, values)
-        return float(values[0]) if single else values
+        return self._lookup(points, currents).potential(points)
 
     def wrench(
         self,
@@ -407,7 +375,7 @@ class FieldMap(BaseField, own_shapes=ONE_POINT):
             load = None if weights is None else self._evaluator.dipole_wrench_at(positions, moments, weights)
             if load is not None:
                 return load
-        return np.asarray(self._wrench(positions, moments, currents, orientations))
+        return super().wrench(positions, moments, currents, orientations)
 
     def actuation(
         self,
@@ -522,15 +490,6 @@ class FieldMap(BaseField, own_shapes=ONE_POINT):
         found = all_flux[:, 0], all_slope[:, 0], all_flux[:, 1:], all_slope[:, 1:]
         return (found[0][0], found[1][0], found[2][0], found[3][0]) if single else found
 
-    @partial(of_any_shape, first="positions")
-    def _wrench(self, positions: Array, moments: Any, currents: Any, orientations: ArrayLike | None) -> Array:
-        if isinstance(moments, MagneticLoad):
-            return moments.wrench(self, positions, currents, orientations)
-        refuse_orientations(orientations)
-        where, single = checked_vectors("positions", positions)
-        result = dipole_wrench(*self.field_and_gradient(where, currents), moments)
-        return result[0] if single else result
-
     def _units(self, points: ArrayLike, wanted: int) -> tuple[Array, Array, bool]:
         require_affine(self, "unit_field")
         where, single = checked_vectors("points", points)
@@ -540,24 +499,22 @@ class FieldMap(BaseField, own_shapes=ONE_POINT):
         in_chunks(self._evaluator.each_field, where, [flux, slope], self._box)
         return flux[:, :coils], slope[:, :coils], single
 
-    def _arguments(self, points: ArrayLike, currents: Any) -> tuple[Array, bool, Array | None]:
-        """Points (n, 3), whether a single one was given, and currents (n or 1, n_coils) to superpose at each.
+    def _lookup(self, points: ArrayLike, currents: Any) -> MapAtCurrents:
+        """The field at these currents, or at a row of currents for each of n points.
 
-        None instead of the currents: sum the fields first (`at`), there are many points for one set of currents. The
+        Many points at one set of currents: the fields are summed first (`at`). Few: they are superposed at each. The
         choice depends on the sizes alone: equal calls give equal bits whatever was called before.
         """
-        where, single = checked_vectors("points", points)
-        amperes = self._amperes(currents, len(where))
-        if amperes.ndim == 2:
-            return where, single, self._weights(amperes)
-        return where, single, self._weights(amperes)[None] if len(where) <= self._few else None
+        count = len(checked_vectors("points", points)[0])
+        amperes = self._amperes(currents, count)
+        if amperes.ndim == 1 and count > self._few:
+            return self.at(currents)
+        weights = np.atleast_2d(self._weights(amperes))
+        return MapAtCurrents(self._evaluator, self._box, self.coil_names, amperes, (), weights)
 
     def _amperes(self, currents: Any, points: int | None = None) -> Array:
         # NaN gives NaN in its row.
         return coil_currents(currents, self.coil_names, points, finite=False)
-
-    def _fill(self, evaluate: Callable[..., int], points: Array, weights: Array, *results: Array) -> None:
-        in_chunks(evaluate, points, [weights, *results], self._box)
 
     def _weights(self, currents: Array) -> Array:
         """Weights (..., n_fields) of the map's fields at currents (..., n_coils): the currents themselves, with 1

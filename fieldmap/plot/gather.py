@@ -14,7 +14,7 @@ from fieldmap.constants import GRAVITY
 from fieldmap.device import read_device, recorded_device
 from fieldmap.device.model import Device, Payload
 from fieldmap.errors import InputError, NoEquilibrium, Problem
-from fieldmap.field import BaseFieldAtCurrents, FieldAtCurrents, as_field
+from fieldmap.field import FieldAtCurrents, as_field
 from fieldmap.inputs.tables import is_number
 from fieldmap.io import FieldSource
 from fieldmap.io.answers import require_box
@@ -180,7 +180,7 @@ def _difference(source: FieldSource, minus: FieldSource | None, currents: Array)
     return Shown(title, field=field, currents=currents, lower=lower, upper=upper, payload=source.payload)
 
 
-class FieldDifference(BaseFieldAtCurrents):
+class FieldDifference(FieldAtCurrents):
     """first - second at the same currents: a field like any other."""
 
     def __init__(self, first: FieldAtCurrents, second: FieldAtCurrents) -> None:

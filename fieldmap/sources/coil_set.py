@@ -9,12 +9,12 @@ from numpy.typing import ArrayLike
 
 from fieldmap.device.coils import Coil
 from fieldmap.device.drawing import Outline, winding_outline
-from fieldmap.field import BaseField, Bounds, Currents, coil_currents
+from fieldmap.field import Bounds, Currents, Field, coil_currents
 from fieldmap.sources.coils import checked_points, unit_flux_density, unit_flux_density_and_gradient
 from fieldmap.typing import Array
 
 
-class CoilSet(BaseField):
+class CoilSet(Field):
     """Coils in air as a `fieldmap.field.Field`, in closed form and exact to rounding at any distance.
 
     coils: in the order of the currents. bounds: lower and upper corner (3,) in m of the box in which the field is

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from fieldmap.device import Device, Payload, read_device
 from fieldmap.errors import OutsideMapError, Problem
-from fieldmap.field import BaseField, Bounds, FieldLike
+from fieldmap.field import Bounds, Field, FieldLike
 from fieldmap.iron import NonlinearSolution, NonlinearSolver
 from fieldmap.levitation import GRAVITY
 from fieldmap.lookup import FieldMap, interpolate
@@ -31,7 +31,7 @@ LOWER, UPPER = np.array([-16e-3, -16e-3, -132e-3]), np.array([16e-3, 16e-3, -84e
 """The box around the magnet's places in chapters 6 and 7, for any h from 7 to 25 mm."""
 
 
-class WeightedStates(BaseField):
+class WeightedStates(Field):
     """A field of the drive unit that is a sum of states: maps of one "coil", to be taken at 1, each with a weight."""
 
     @property

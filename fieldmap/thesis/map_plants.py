@@ -8,7 +8,7 @@ import numpy as np
 from fieldmap.control import MapPlant, continuous, plant_from_map
 from fieldmap.currents import LiftAndDirections
 from fieldmap.device import Device, read_device
-from fieldmap.field import BaseField, Field, as_field
+from fieldmap.field import Field, FieldOfStates, as_field
 from fieldmap.iron import NonlinearSolution, NonlinearSolver, solve_linear
 from fieldmap.levitation import lift_current
 from fieldmap.store import Grid
@@ -23,7 +23,7 @@ _DEVICE = "drive_unit"
 
 # Not the cache of `NonlinearSolver.at`, which begins at the state that was asked for last: the numbers of these rows
 # belong to the walk from each solved state to the next, and another start moves them within the solver's tolerance.
-class _SolvedOnDemand(BaseField):
+class _SolvedOnDemand(FieldOfStates):
     """Saturating iron at any currents: a new state begins at the one that was solved last, whatever was asked since."""
 
     def __init__(self, device: Device) -> None:
@@ -43,14 +43,6 @@ class _SolvedOnDemand(BaseField):
         if key not in self._states:
             self._last = self._states[key] = self._solver.solve(amperes, start=self._last)
         return self._states[key]
-
-    def field(self, points: Any, currents: Any) -> Array:
-        """B (n, 3), T."""
-        return self.at(currents).field(points)
-
-    def gradient(self, points: Any, currents: Any) -> Array:
-        """dB_i/dx_j (n, 3, 3), T/m."""
-        return self.at(currents).gradient(points)
 
 
 def _point(sensor_mm: float, offset_mm: float) -> Array:

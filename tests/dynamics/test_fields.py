@@ -7,7 +7,7 @@ import fieldmap as fm
 from fieldmap.cli import main
 from fieldmap.dynamics import prepare, read_scenario, sampled_field, simulate
 from fieldmap.errors import FieldmapError, InputError, Problem
-from fieldmap.field import BaseField, as_field
+from fieldmap.field import Field, as_field
 from fieldmap.maps.recipe import FEWEST_NODES
 
 DEVICE = """
@@ -100,7 +100,7 @@ def test_a_solved_device_runs_as_its_map_of_the_same_spacing(tmp_path):
     np.testing.assert_allclose(direct.sensed, on_map.sensed, atol=5e-5)
 
 
-class Above(BaseField):
+class Above(Field):
     """A dipole of 8 A m^2/A above the origin, whose field may saturate."""
 
     coil_names = ("coil",)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from fieldmap.errors import InputError
-from fieldmap.field import BaseField
+from fieldmap.field import Field
 from fieldmap.interop import c_header, write_c32_files, write_c_map, write_csv, write_fmu, write_mag_manip
 from fieldmap.lookup import interpolate
 from fieldmap.store import Grid, MapData
@@ -242,7 +242,7 @@ def test_mag_manip_is_refused_by_name(data, tmp_path):
 
 
 def test_a_field_of_your_own_may_say_that_it_is_affine(tmp_path):
-    class Earth(BaseField):
+    class Earth(Field):
         coil_names, affine, bounds = ("1",), True, (np.zeros(3), np.ones(3))
 
         def field(self, points, currents):

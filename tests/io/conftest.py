@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from fieldmap.device.model import Driver, Payload
-from fieldmap.field import BaseField, coil_currents
+from fieldmap.field import Field, coil_currents
 from fieldmap.io import FieldSource
 
 # Bz = s (B0 + B1 z + B2 z^2 / 2) on the axis, where s adds up the currents with these shares.
@@ -15,7 +15,7 @@ LOWER, UPPER = np.array([-0.01, -0.01, -0.1]), np.array([0.01, 0.01, -0.02])
 PAYLOAD = Payload(0.010, 0.8, magnet_offset=0.015)
 
 
-class Polynomial(BaseField):
+class Polynomial(Field):
     """The gradient of solid harmonics of degree 1 to 3."""
 
     coil_names, proportional, assumptions = ("left", "right"), True, ("a polynomial",)

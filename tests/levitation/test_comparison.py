@@ -12,7 +12,7 @@ from fieldmap.currents import CoilGroups, LiftAndDirections, divide_currents
 from fieldmap.device.measured import MeasuredMachine, MeasuredShift
 from fieldmap.device.model import Payload
 from fieldmap.errors import OutsideMapError, Problem
-from fieldmap.field import BaseField, coil_currents
+from fieldmap.field import Field, coil_currents
 from fieldmap.levitation import (
     LiftAtHeight,
     equilibrium_at,
@@ -49,7 +49,7 @@ def dipole_gradient(points, moments):
     return np.stack([flux(points + step).imag / 1e-30 for step in steps], axis=-1)
 
 
-class Field(BaseField):
+class Field(Field):
     """Holds for currents from 0 to LIMIT."""
 
     coil_names, proportional, assumptions = tuple("123456"), False, ("dipoles",)

@@ -8,7 +8,7 @@ from scipy.constants import mu_0
 
 from fieldmap.device.model import MagnetCylinder, Payload
 from fieldmap.errors import Infeasible, InputError, NotConverged, OutsideMapError, Problem
-from fieldmap.field import BaseField, as_field
+from fieldmap.field import Field, as_field
 from fieldmap.levitation import (
     find_equilibrium,
     lift_current,
@@ -60,7 +60,7 @@ def test_outside_and_wrong_shares(axisymmetric):
     assert caught.value.problems[0].where == "currents"
 
 
-class Law(BaseField):
+class Law(Field):
     """Fields g(i) B_1(x): the shape of one ampere, a current that saturates, and the currents that were solved."""
 
     coil_names = ("only",)

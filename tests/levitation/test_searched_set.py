@@ -15,7 +15,7 @@ from fieldmap.currents import divide_currents
 from fieldmap.device.model import Arctangent
 from fieldmap.device.payload import SoftSphere
 from fieldmap.errors import InputError
-from fieldmap.field import BaseField
+from fieldmap.field import Field
 from fieldmap.iron import NonlinearSolver
 from fieldmap.levitation import SearchedSet, reachable
 from fieldmap.levitation.searched_set import even_directions, quantity_of, searched_set
@@ -210,7 +210,7 @@ def test_a_solved_device_of_saturating_iron(solved, moment):
 
 
 def test_what_neither_superposes_nor_has_derivatives_is_refused():
-    class Squared(BaseField):
+    class Squared(Field):
         coil_names = ("a",)
 
         def field(self, points, currents):

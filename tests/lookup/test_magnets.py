@@ -7,7 +7,7 @@ from scipy.constants import mu_0
 
 from fieldmap.device.model import MagnetBlock, MagnetCylinder, MagnetSphere, Payload
 from fieldmap.errors import InputError, NotConverged, OutsideMapError
-from fieldmap.field import BaseField
+from fieldmap.field import Field
 from fieldmap.kernels.coils.loop import loop_flux_density_and_gradient
 from fieldmap.lookup import finite_magnet, interpolate, magnetic_body, soft_sphere_force, volume_rule
 from fieldmap.store import Grid, MapData
@@ -212,7 +212,7 @@ def test_refusals(field):
             soft_sphere_force(field, [0, 0, 0], [1.0, 1.0], **wrong)
 
 
-class Pole(BaseField):
+class Pole(Field):
     """A magnetic charge of 1 A m at a distance along z: a source for which a sphere's answer is a known series."""
 
     coil_names = ()

@@ -15,7 +15,7 @@ from fieldmap.device.payload import (
     SoftSphere,
 )
 from fieldmap.errors import Infeasible, InputError
-from fieldmap.field import BaseField, CompletedField
+from fieldmap.field import CompletedField, Field
 from fieldmap.kernels.coils.loop import loop_flux_density_and_gradient
 from fieldmap.lookup import (
     compiled_wrench,
@@ -34,7 +34,7 @@ IRON = fm.Froehlich("iron", mu_r=1000.0, saturation=2.0)
 NONE = np.zeros(0)
 
 
-class Gradient(BaseField):
+class Gradient(Field):
     """B0 + G x: uniform gradient."""
 
     coil_names = ()
@@ -172,7 +172,7 @@ PAIR = Payload(
 LOOPS = [(0.016, [0.02, 0.0, 0.03]), (0.025, [-0.02, 0.01, 0.035]), (0.02, [0.0, -0.02, -0.04])]
 
 
-class Loops(BaseField):
+class Loops(Field):
     """Three loops of so many ampere turns."""
 
     coil_names = ("a", "b", "c")

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import fieldmap as fm
-from fieldmap.field import BaseField
+from fieldmap.field import Field
 from fieldmap.lookup import magnetic_body
 
 STEEL = fm.material("steel_a3")
@@ -33,7 +33,7 @@ def test_a_bead_below_a_core():
 SLOPE = np.array([[-2.0, 0.5, 0.3], [0.5, -2.5, 0.2], [0.3, 0.2, 4.5]])
 
 
-class Background(BaseField):
+class Background(Field):
     """Uniform gradient."""
 
     coil_names = ()

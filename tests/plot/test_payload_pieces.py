@@ -4,7 +4,7 @@ import numpy as np
 import pyvista as pv
 
 import fieldmap as fm
-from fieldmap.field import BaseField
+from fieldmap.field import Field
 from fieldmap.plot.device_drawing import add_payload, payload_surface
 from fieldmap.plot.forces import magnetic_force
 
@@ -29,7 +29,7 @@ def test_surfaces_of_pieces():
     np.testing.assert_allclose(scene.bounds, [-1, 1, -3, 3, -24, -15], atol=0.03)
 
 
-class Uniform(BaseField):
+class Uniform(Field):
     """B = B0 + G x."""
 
     coil_names = ()

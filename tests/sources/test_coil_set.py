@@ -6,7 +6,7 @@ from scipy.constants import mu_0
 
 from fieldmap.device.model import CircularCoil, Placement, RoundedRectangleCoil
 from fieldmap.errors import InputError
-from fieldmap.field import BaseField, Field, FieldAtCurrents
+from fieldmap.field import Field, FieldAtCurrents
 from fieldmap.sources import CoilSet, unit_flux_density_and_gradient
 
 COILS = (
@@ -30,7 +30,7 @@ def on_axis(coil, z):
 
 def test_it_is_a_field_of_proportional_coils():
     coils = CoilSet(COILS)
-    assert isinstance(coils, BaseField)
+    assert isinstance(coils, Field)
     assert isinstance(coils, Field)
     assert isinstance(coils.at(CURRENTS), FieldAtCurrents)
     assert coils.proportional

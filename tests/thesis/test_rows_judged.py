@@ -11,7 +11,7 @@ from scipy.optimize import brentq
 
 from fieldmap.currents import divide_currents
 from fieldmap.device.model import Payload
-from fieldmap.field import BaseField, coil_currents
+from fieldmap.field import Field, coil_currents
 from fieldmap.thesis import (
     equilibrium_shift,
     shift_studies,
@@ -45,7 +45,7 @@ def slope(point, currents):
     return np.array(found)
 
 
-class SaturatingRing(BaseField):
+class SaturatingRing(Field):
     """Of this field only dB_z/dx_i is asked for; the rest of the gradient is left out."""
 
     coil_names, proportional = tuple("123456"), False

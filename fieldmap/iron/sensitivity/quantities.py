@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fieldmap.errors import InputError
-from fieldmap.field import BaseFieldAtCurrents, FieldAtCurrents
+from fieldmap.field import FieldAtCurrents
 from fieldmap.iron.mesh.mesh import checked_points
 from fieldmap.records import Record
 from fieldmap.typing import Array
@@ -235,7 +235,7 @@ class FieldFunction(Quantity, Record):
         return np.asarray(self.function(_SampledField(samples.field, samples.gradient)), dtype=float)
 
 
-class _SampledField(BaseFieldAtCurrents):
+class _SampledField(FieldAtCurrents):
     """A field that is known where it will be asked for, in that order; without samples one that notes the points."""
 
     currents = np.zeros(0)

@@ -19,7 +19,7 @@ from scipy.sparse import csr_matrix
 from fieldmap.device import read_device
 from fieldmap.device.model import Device
 from fieldmap.errors import InputError, NotConverged, Problem
-from fieldmap.field import BaseField, Bounds, Currents, coil_currents
+from fieldmap.field import Bounds, Currents, FieldOfStates, coil_currents
 from fieldmap.iron.elements.bh_law import law_tables
 from fieldmap.iron.elements.flux_form import FluxForm
 from fieldmap.iron.elements.nodal_elements import CoilField, NodalElements
@@ -161,7 +161,7 @@ _TOLERANCE_OF_SLOPES = 1e-8
 _COARSER = 1.4
 
 
-class NonlinearSolver(BaseField):
+class NonlinearSolver(FieldOfStates):
     """A device meshed and assembled once: a field that solves a state for each new set of currents.
 
     `at(currents)` is the state at these currents; it is solved once and kept. `field` and its derivatives with currents
@@ -249,14 +249,6 @@ class NonlinearSolver(BaseField):
             self._states[key] = self.solve(values, self.tolerance, start=self._last)
         self._last = self._states[key]
         return self._last
-
-    def field(self, points: ArrayLike, currents: Currents) -> Array:
-        """Flux density (n, 3) or (3,) of the state at these currents; see `SolvedState.field`."""
-        return self.at(currents).field(points)
-
-    def gradient(self, points: ArrayLike, currents: Currents) -> Array:
-        """Gradient (n, 3, 3) or (3, 3) of the state at these currents; see `SolvedState.gradient`."""
-        return self.at(currents).gradient(points)
 
     def by_currents(self, points: ArrayLike, currents: Currents) -> tuple[Array, Array, Array, Array]:
         """B (n, 3), T, and G (n, 3, 3), T/m, of the state at these currents, and their derivatives by the currents:
