@@ -44,7 +44,8 @@ class Key(Record):
 
     rule: annotation of the value in the unit of the file, with its bounds. text: what the value is. unit: the last part
     of the key, one of `UNITS`. name: of the key, where it is not that of the field. check: raises `broken` for a value
-    that does not go with the keys before it. make: what becomes of the value before its unit is applied.
+    that does not go with the keys before it. make: what becomes of the value before its unit is applied. written: the
+    default in files, where it is not that of the field. examples: for the pages of keys.
     """
 
     rule: Any
@@ -53,6 +54,8 @@ class Key(Record):
     name: str = ""
     check: Callable[[Any, ValidationInfo], None] | None = None
     make: Callable[[Any], Any] | None = None
+    written: Any = None
+    examples: tuple[Any, ...] = ()
 
 
 @cache
@@ -95,8 +98,12 @@ def table_of(
     checks: dict[str, Any] = {}
     for key, (attribute, about, _) in sorted(keys.items(), key=lambda each: each[1][1].check is not None):
         options: dict[str, Any] = {"description": about.text}
+        if about.examples:
+            options["examples"] = list(about.examples)
         default = _default_of(stated[attribute])
-        if isinstance(default, Record):
+        if about.written is not None or _stands_for_none(default):
+            options["default"] = about.written
+        elif isinstance(default, Record):
             options["default"] = about.rule()
         elif default is not dataclasses.MISSING:
             options |= {"default": _in_file(default, about.unit), "validate_default": about.check is not None}
@@ -130,6 +137,11 @@ def _default_of(field: dataclasses.Field[Any]) -> Any:
     if field.default_factory is not dataclasses.MISSING:
         return field.default_factory()
     return field.default
+
+
+def _stands_for_none(default: Any) -> bool:
+    """Whether a default cannot be written: an empty text, or a bound at infinity."""
+    return default == "" if isinstance(default, str) else isinstance(default, float) and np.isinf(default)
 
 
 def _in_file(default: Any, unit: str) -> Any:
@@ -191,14 +203,15 @@ def record_of(table: Table, folder: Path = Path(), **others: Any) -> Any:
     record that its table does not have."""
     record = type(table).makes
     assert record is not None
-    fields = keys_of(record)
+    fields, stated = keys_of(record), {field.name: field for field in dataclasses.fields(record)}
     values = {}
     for key in type(table).declared:
         attribute, about, hint = fields[key]
         value = getattr(table, key)
+        if value is None and _stands_for_none(_default_of(stated[attribute])):
+            continue
         values[attribute] = _in_si(about.make(value) if about.make else value, about, hint, folder)
-    names = {field.name for field in dataclasses.fields(record)}
-    more = {name: value for name, value in table.also_makes().items() if name in names}
+    more = {name: value for name, value in table.also_makes().items() if name in stated}
     return record(**values, **(more | others))
 
 
@@ -212,7 +225,7 @@ def _in_si(value: Any, about: Key, hint: Any, folder: Path) -> Any:
     if Path in kinds:
         return (folder / value).resolve()
     if isinstance(value, list):
-        if any(get_origin(kind) is tuple for kind in kinds):
+        if any(get_origin(kind) is tuple for kind in kinds) or any(isinstance(one, str) for one in value):
             return tuple(_in_si(one, about, None, folder) for one in value)
         if np.dtype(np.int64) in map(_number, kinds):
             return np.array(value, dtype=np.int64)

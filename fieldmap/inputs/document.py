@@ -87,7 +87,10 @@ class Document(Record):
                 else one
                 for one in error.problems
             ]
-            raise type(error)(*placed) from None
+            told = type(error)(*placed)
+            # What else the error carries, such as the history of a solver.
+            vars(told).update({name: value for name, value in vars(error).items() if name != "problems"})
+            raise told from None
 
     def _problem(self, file: str, line: int, finding: Finding) -> Problem:
         place = f"{file}:{line}" if line else file

@@ -100,6 +100,12 @@ class Table(BaseModel):
         return shortened(super().__repr__())
 
 
+class Versioned(Table):
+    """What every file begins with."""
+
+    format: Format
+
+
 def broken(must_hold: str, received: str, remedy: str) -> PydanticCustomError:
     """The error to raise when a rule between keys is broken."""
     text = "{must_hold}; received {received}; {remedy}"

@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Any
 
 from fieldmap.errors import MapErrorTooLarge
-from fieldmap.inputs.document import Document
+from fieldmap.inputs.document import AtKey
 from fieldmap.maps.forecast import states_needed
-from fieldmap.maps.recipe import Plan, Recipe
+from fieldmap.maps.training.plan import MOST_STATES, Plan
 from fieldmap.records import Record
 from fieldmap.store.stated_accuracy import (
     GRADIENT,
@@ -22,8 +22,6 @@ from fieldmap.store.stated_accuracy import (
     percent,
 )
 
-# The most states that a recipe can ask for (`fieldmap.maps.recipe.CurrentKeys`).
-_MOST_STATES = 4096
 # Where the rounds do not tell how many states are needed: so many times as many. They are believed up to so many times.
 _MORE, _BELIEVED = 2, 8
 # What each part of the error is called.
@@ -68,18 +66,18 @@ class Shortfall(Record):
 
 
 def require_accuracy(
-    about: Mapping[str, Any], recipe: Recipe, target: Path, accept_error: bool
+    about: Mapping[str, Any], plan: Plan | None, target: Path, accept_error: bool
 ) -> MissedAccuracy | None:
-    """What a map misses of the accuracy of its recipe. about: its report, or what was found in training, with
+    """What a map misses of the accuracy that was planned. about: its report, or what was found in training, with
     `generation_seconds`. Raises MapErrorTooLarge unless that is nothing, or accepted."""
     missed = missed_accuracy(about)
-    if missed is not None and recipe.currents is not None and not accept_error:
-        raise _error_too_large(missed, about, recipe, recipe.currents.training, target)
+    if missed is not None and plan is not None and not accept_error:
+        raise _error_too_large(missed, about, plan, target)
     return missed
 
 
 def _error_too_large(
-    missed: MissedAccuracy, about: Mapping[str, Any], recipe: Recipe, plan: Plan, target: Path
+    missed: MissedAccuracy, about: Mapping[str, Any], plan: Plan, target: Path
 ) -> MapErrorTooLarge:
     """The error of a map that is not written, or of one that was because its error was accepted."""
     found, within = shortfall(about, plan), HELD_OUT * missed.asked
@@ -92,8 +90,7 @@ def _error_too_large(
         f"{missed.states} states, against the solver on the same mesh; {found.text}"
     )
     remedy = f"{_remedy(found, missed, plan)}; {_acceptance(target, 'accepted_error' in about)}"
-    document = Document(recipe.path, recipe.text, {})
-    problem = document.problem("currents.accuracy", must_hold, received, remedy)
+    problem = AtKey("currents.accuracy", must_hold, received, remedy)
     return MapErrorTooLarge(problem, reached=missed, part=found.part)
 
 
@@ -131,7 +128,7 @@ def _states(about: Mapping[str, Any], plan: Plan) -> int | None:
         believed = _BELIEVED * plan.states
         needed = states_needed(shares, [found["solved"] for found in rounds], believed, plan.accuracy)
         wanted = needed if plan.states < needed < believed else wanted
-    return min(wanted, _MOST_STATES) if plan.states < _MOST_STATES else None
+    return min(wanted, MOST_STATES) if plan.states < MOST_STATES else None
 
 
 def _seconds(about: Mapping[str, Any], plan: Plan, states: int | None) -> float | None:

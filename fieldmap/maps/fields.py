@@ -20,7 +20,7 @@ from fieldmap.iron import LinearSolution, NonlinearSolver, SolverReport
 from fieldmap.iron.elements.state import IronState
 from fieldmap.iron.mesh.charged_faces import ChargedFaces
 from fieldmap.maps.forecast import Forecast
-from fieldmap.maps.recipe import Plan
+from fieldmap.maps.training.plan import Plan
 from fieldmap.maps.training.states import SolvedStates
 from fieldmap.maps.training.training import train
 from fieldmap.parallel import Common, Workers

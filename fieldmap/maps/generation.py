@@ -16,7 +16,8 @@ from numpy.typing import ArrayLike
 
 from fieldmap.currents import CurrentDomain, LiftAndDirections
 from fieldmap.device.model import Device, WorkspaceBox
-from fieldmap.errors import FieldmapError, MapFileError, Problem, RecipeError
+from fieldmap.errors import FieldmapError, MapFileError, RecipeError
+from fieldmap.inputs.document import AtKey
 from fieldmap.iron import LinearSolution, check_geometry, solve_linear
 from fieldmap.maps.acceptance import require_accuracy
 from fieldmap.maps.error_bound import SOLVER_POINTS, certified_bounds, interpolation_error
@@ -33,20 +34,13 @@ from fieldmap.maps.fields import (
     trained_map,
 )
 from fieldmap.maps.forecast import STAGES, Forecast, expect_training
-from fieldmap.maps.recipe import (
-    Recipe,
-    choose_grid,
-    current_domain,
-    read_recipe,
-    read_recipe_device,
-    recipe_for,
-    with_box,
-)
+from fieldmap.maps.recipe import Recipe, choose_grid, read_recipe, read_recipe_device, recipe_for
 from fieldmap.maps.training.currents import corner_signals
+from fieldmap.maps.training.plan import Plan
 from fieldmap.parallel import Common, Workers, same_arithmetic
 from fieldmap.progress import shown_or_silent
 from fieldmap.provenance import fingerprint, library_versions
-from fieldmap.store import Checkpoint, MapInfo, MapWriter, Provenance, checkpoint_path, read_info
+from fieldmap.store import Checkpoint, Grid, MapInfo, MapWriter, Provenance, checkpoint_path, read_info
 from fieldmap.store.map_writer import what_decides
 from fieldmap.store.stated_accuracy import MissedAccuracy
 from fieldmap.typing import Array, PathLike, Progress
@@ -131,31 +125,40 @@ def generate(
     with shown_or_silent("map", progress) as say:
         say("checking recipe, device and geometry", 0.0)
         order, device = _order(recipe, given, changes)
-        target = _target(order, output)
-        info, domain = _describe(order, device)
-        placed = with_box(device, info.grid)
-        check_geometry(placed)
-        if resume and (report := _finished(target, info)) is not None:
-            require_accuracy(report, order, target, accept_error)
-            say("complete already", 1.0)
-            return target
-        with (
-            same_arithmetic(),
-            Workers(workers, scheduler) as team,
-            Checkpoint(checkpoint_path(target), what_decides(info), resume) as checkpoint,
-        ):
-            if checkpoint.note:
-                say(f"{checkpoint.path.name}: {checkpoint.note}", 0.0)
-            try:
-                writer = MapWriter(target, info, checkpoint)
-                if domain is None:
-                    _linear(placed, order.mu_r, order.tolerance, order.refinement, writer, team, say)
-                else:
-                    _saturating(order, placed, domain, writer, team, say, accept_error)
-            except FieldmapError:
-                if not len(checkpoint):
-                    checkpoint.remove()
-                raise
+        target, plan = _target(order.file_name, output), order.currents
+        # Errors at keys are told at the lines of the recipe.
+        with order.document.placing():
+            if not device.coils and (plan is not None or not device.fixed_sources):
+                must_hold, remedy = "a device with at least one coil", "add a [[coil]] to the device"
+                raise RecipeError(AtKey("device", must_hold, "none", remedy))
+            grid = choose_grid(order.box(device), order.spacing)
+            domain = None if plan is None else plan.domain(device.coil_names)
+            reference = _reference_current(order.reference_current, domain, len(device.coils))
+            info = _describe(device, grid, reference, order.title, order.text, plan is not None)
+            # Geometry checks hold the device and the box of the map together.
+            placed = replace(device, workspace=WorkspaceBox(grid.lower, grid.upper))
+            check_geometry(placed)
+            if resume and (report := _finished(target, info)) is not None:
+                require_accuracy(report, plan, target, accept_error)
+                say("complete already", 1.0)
+                return target
+            with (
+                same_arithmetic(),
+                Workers(workers, scheduler) as team,
+                Checkpoint(checkpoint_path(target), what_decides(info), resume) as checkpoint,
+            ):
+                if checkpoint.note:
+                    say(f"{checkpoint.path.name}: {checkpoint.note}", 0.0)
+                try:
+                    writer = MapWriter(target, info, checkpoint)
+                    if plan is None or domain is None:
+                        _linear(placed, order.mu_r, order.tolerance, order.refinement, writer, team, say)
+                    else:
+                        _saturating(placed, domain, plan, order.refinement, writer, team, say, accept_error)
+                except FieldmapError:
+                    if not len(checkpoint):
+                        checkpoint.remove()
+                    raise
         say("complete", 1.0)
     return target
 
@@ -167,21 +170,21 @@ def _order(
     if isinstance(recipe, Device):
         if "spacing" not in said:
             remedy = "give the largest distance of neighbouring nodes, m, such as spacing=4e-3"
-            raise RecipeError(Problem("generate, spacing", "a map of a device needs it", "nothing", remedy))
+            raise RecipeError.of("generate, spacing", "a map of a device needs it", "nothing", remedy)
         if changes:
             must_hold, remedy = "belongs to a recipe, which names a file", "write device.replace(...)"
-            raise RecipeError(Problem("generate, changes", must_hold, "a device", remedy))
+            raise RecipeError.of("generate, changes", must_hold, "a device", remedy)
         return recipe_for(recipe, **said), recipe
     if not isinstance(recipe, str | os.PathLike):
         must_hold = "must be a recipe file, the name of a shipped recipe, or a device"
         remedy = "give the device: generate(device, spacing=4e-3)"
-        raise RecipeError(Problem("generate", must_hold, type(recipe).__name__, remedy))
+        raise RecipeError.of("generate", must_hold, type(recipe).__name__, remedy)
     if said:
         names = ", ".join(said)
         remedy = (
             "write it into the recipe, or give a device in its place: generate(fm.read_device(NAME), ...)"
         )
-        raise RecipeError(Problem(f"generate, {names}", "belongs to a device, not a recipe", names, remedy))
+        raise RecipeError.of(f"generate, {names}", "belongs to a device, not a recipe", names, remedy)
     order = read_recipe(Path(recipe))
     return order, read_recipe_device(order, changes)
 
@@ -210,17 +213,16 @@ def _linear(
 
 
 def _saturating(
-    recipe: Recipe,
     device: Device,
     domain: CurrentDomain,
+    plan: Plan,
+    refinement: float,
     writer: MapWriter,
     workers: Workers,
     say: Progress,
     accept_error: bool,
 ) -> None:
     """The map of iron that saturates."""
-    assert recipe.currents is not None
-    plan = recipe.currents.training
     forecast = Forecast(say, dict.fromkeys((*STAGES, "nodes", "certificate"), 0.0))
 
     def assembling(message: str, share: float) -> None:
@@ -229,10 +231,10 @@ def _saturating(
         _expect_fields(forecast, "assembling")
 
     info, checkpoint = writer.info, writer.checkpoint
-    solve = (device, domain, plan, recipe.refinement, info.reference_current, info.grid)
+    solve = (device, domain, plan, refinement, info.reference_current, info.grid)
     by = (checkpoint, workers, assembling, forecast)
     trained = trained_map(device, *kept(checkpoint, "trained model", trained_arrays, *solve, *by))
-    accepted = require_accuracy(trained.about, recipe, writer.target, accept_error)
+    accepted = require_accuracy(trained.about, plan, writer.target, accept_error)
     spent = Stopwatch(workers, *(trained.about[name] for name in SPENT))
     writer.info = replace(info, reduced_model=trained.model, current_error=trained.error)
     _fill(writer, trained.fields, workers, trained.largest_weights, forecast, trained.about, spent, accepted)
@@ -315,26 +317,21 @@ def _expect_fields(forecast: Forecast, solving: str) -> None:
     forecast.expect("certificate", _CERTIFICATE * forecast.expected(solving))
 
 
-def _describe(recipe: Recipe, device: Device) -> tuple[MapInfo, CurrentDomain | None]:
-    """The map to be, checked as far as it can be without its geometry, and the currents that it is for, if the iron
-    saturates."""
-    fixed, saturating = device.fixed_sources, recipe.currents is not None
-    if not device.coils and (saturating or not fixed):
-        raise recipe.error(
-            "device", "a device with at least one coil", "none", "add a [[coil]] to the device"
-        )
-    grid = choose_grid(recipe, device)
-    domain = None if recipe.currents is None else current_domain(recipe, recipe.currents, device.coil_names)
-    info = MapInfo(
+def _describe(
+    device: Device, grid: Grid, reference_current: Array, title: str, recipe_text: str, saturating: bool
+) -> MapInfo:
+    """The map to be."""
+    fixed = device.fixed_sources
+    return MapInfo(
         grid=grid,
         coil_names=device.coil_names,
-        reference_current=_reference_current(recipe, domain, len(device.coils)),
+        reference_current=reference_current,
         provenance=Provenance(
-            title=recipe.title,
+            title=title,
             device_name=device.name,
-            recipe_text=recipe.text,
+            recipe_text=recipe_text,
             device_text=device.text,
-            fingerprint=fingerprint((recipe.text, *device.texts), CODE),
+            fingerprint=fingerprint((recipe_text, *device.texts), CODE),
             versions=library_versions(),
             included=dict(device.included),
             created=datetime.now(UTC).strftime("%Y-%m-%d %H:%M:%S +0000"),
@@ -343,38 +340,37 @@ def _describe(recipe: Recipe, device: Device) -> tuple[MapInfo, CurrentDomain | 
         # The fields of saturating iron hold that of its magnets.
         constant_field=device.background is not None or (bool(fixed) and not saturating),
     )
-    return info, domain
 
 
-def _reference_current(recipe: Recipe, domain: CurrentDomain | None, count: int) -> Array:
-    """As the recipe says; else 1 A, or the middle of the domain of the currents, where that is positive."""
-    given = np.full(count, 1.0 if recipe.reference_current is None else recipe.reference_current)
+def _reference_current(given: float | None, domain: CurrentDomain | None, count: int) -> Array:
+    """As given; else 1 A, or the middle of the domain of the currents, where that is positive."""
+    each = np.full(count, 1.0 if given is None else given)
     if domain is None:
-        return given
-    if recipe.reference_current is None:
+        return each
+    if given is None:
         middle, corners = domain.middle, domain.parametrisation.currents(corner_signals(domain))
         return np.where(middle > 0, middle, np.abs(corners).max(initial=1.0))
     # Of lift_and_directions any equal currents will do: they are signals without directions.
-    if not isinstance(domain.parametrisation, LiftAndDirections) and not domain.holds(given):
-        raise recipe.error(
-            "output.reference_current_A",
+    if not isinstance(domain.parametrisation, LiftAndDirections) and not domain.holds(each):
+        must_hold, remedy = (
             "must lie within [currents]",
-            f"{recipe.reference_current:g}",
             "choose a current that the map holds for, or leave it out",
         )
-    return given
+        raise RecipeError(AtKey("output.reference_current_A", must_hold, f"{given:g}", remedy))
+    return each
 
 
-def _target(recipe: Recipe, output: PathLike | None) -> Path:
-    target = OUTPUT_FOLDER / recipe.file_name if output is None else Path(output)
+def _target(file_name: str, output: PathLike | None) -> Path:
+    target = OUTPUT_FOLDER / file_name if output is None else Path(output)
     if target.is_dir():
         received = "a folder"
     elif not target.name or target.suffix not in (".h5", ".hdf5"):
         received = f'"{target.name}"'
     else:
         return target
-    problem = Problem(str(target), "a file name that ends in .h5", received, "name the file, such as map.h5")
-    raise RecipeError(problem)
+    raise RecipeError.of(
+        str(target), "a file name that ends in .h5", received, "name the file, such as map.h5"
+    )
 
 
 def _finished(target: Path, info: MapInfo) -> Mapping[str, Any] | None:

@@ -2,12 +2,12 @@
 
 import itertools
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pydantic import BeforeValidator, Field, model_validator
 
 from fieldmap.currents import CoilGroups, CurrentDomain, IndependentCurrents, LiftAndDirections
@@ -16,11 +16,13 @@ from fieldmap.device.parts import WorkspaceBox
 from fieldmap.device.placement import in_unit
 from fieldmap.device.toml_text import toml_text
 from fieldmap.errors import RecipeError
-from fieldmap.inputs.declared import table_of
-from fieldmap.inputs.document import Document
+from fieldmap.field import Bounds
+from fieldmap.inputs.declared import Key, record_of, table_of
+from fieldmap.inputs.document import AtKey, Document
 from fieldmap.inputs.findings import closest, one_of, shown
 from fieldmap.inputs.kinds import FileKind
-from fieldmap.inputs.tables import LARGEST_LENGTH_MM, Format, Positive, Table, Text, broken, is_number
+from fieldmap.inputs.tables import LARGEST_LENGTH_MM, Positive, Table, Text, Versioned, broken, is_number
+from fieldmap.maps.training.plan import Plan
 from fieldmap.records import Record
 from fieldmap.shipped import is_file, shipped_file, shipped_names
 from fieldmap.store import Grid
@@ -72,162 +74,265 @@ def _amperes(value: Any) -> Any:
     return value
 
 
-_CORNERS: Any = table_of(WorkspaceBox, name="CornerKeys")
+Amperes = Annotated[float | int | list[float] | None, BeforeValidator(_amperes)]
 
 
-class BoxKeys(_CORNERS):
-    """The box of the map, where it is not the device's workspace."""
+Refinement = Annotated[float, Field(ge=0.1, le=10)]
+IronLaw = Literal["linear", "saturating"]
 
 
-class IronKeys(Table):
+@dataclass(frozen=True, repr=False)
+class IronModel(Record):
     """How the iron is modelled."""
 
-    model: Literal["linear", "saturating"] = Field(
-        default="linear", description="constant permeability, or the B-H law of the device's materials"
+    model: Annotated[str, Key(IronLaw, "constant permeability, or the B-H law of the device's materials")] = (
+        "linear"
     )
-    mu_r: Annotated[str | float | int, BeforeValidator(_permeability)] = Field(
-        default="initial", description='relative permeability, or "initial"'
-    )
-    tolerance: Annotated[float, Field(gt=0, le=0.1)] = Field(default=1e-3, description="of the solver")
-    refinement: Annotated[float, Field(ge=0.1, le=10)] = Field(
-        default=1.0, description="divides the device's mesh sizes"
-    )
+    mu_r: Annotated[
+        float | None,
+        Key(
+            Annotated[str | float | int, BeforeValidator(_permeability)],
+            'relative permeability of linear iron, or "initial"',
+            make=lambda value: None if value == "initial" else float(value),
+            written="initial",
+        ),
+    ] = None
+    tolerance: Annotated[float, Key(Annotated[float, Field(gt=0, le=0.1)], "of the solver")] = 1e-3
+    refinement: Annotated[float, Key(Refinement, "divides the device's mesh sizes")] = 1.0
+
+    @property
+    def saturating(self) -> bool:
+        """Whether the iron follows its B-H law."""
+        return self.model == "saturating"
 
 
 def _range(value: Any) -> Any:
     """Two numbers, the first the smaller."""
     good = isinstance(value, list) and len(value) == 2 and all(map(is_number, value))
     if not good or not -LARGEST_CURRENT_A <= value[0] < value[1] <= LARGEST_CURRENT_A:
-        raise broken(
-            f"a range [smallest, largest] of at most {LARGEST_CURRENT_A:g}",
-            shown(value),
-            "write for example x = [-0.4, 0.4]",
-        )
+        must_hold = f"a range [smallest, largest] of at most {LARGEST_CURRENT_A:g}"
+        raise broken(must_hold, shown(value), "write for example x = [-0.4, 0.4]")
     return [float(n) for n in value]
 
 
 Range = Annotated[list[float], BeforeValidator(_range)]
 
 
-class LiftAndDirectionsKeys(Table):
-    """Six currents from one lift and two direction signals: `fieldmap.currents.LiftAndDirections`."""
-
-    u_A: Range = Field(description="range of the mean current")
-    x: Range = Field(description="range of the direction signal along x")
-    y: Range = Field(description="range of the direction signal along y")
-    n: Positive = Field(default=1.0, description="how much more the two coils on the x axis follow x")
-    limit_A: Positive | None = Field(
-        default=None, description="largest current of a coil: u ends where one reaches it"
-    )
+class _RoomBelowTheLimit(Table):
+    """What the currents of a lift and two direction signals must keep to."""
 
     @model_validator(mode="after")
-    def _room_below_the_limit(self) -> "LiftAndDirectionsKeys":
-        if self.limit_A is None:
+    def _room_below_the_limit(self) -> "_RoomBelowTheLimit":
+        keys: Any = self
+        if keys.limit_A is None:
             return self
-        corners = itertools.product([self.u_A[0]], self.x, self.y)
-        largest = float(np.abs(LiftAndDirections(self.n).currents(list(corners))).max())
-        if largest >= self.limit_A:
+        corners = itertools.product([keys.u_A[0]], keys.x, keys.y)
+        largest = float(np.abs(LiftAndDirections(keys.n).currents(list(corners))).max())
+        if largest >= keys.limit_A:
             raise broken(
                 "the smallest u must leave every coil below limit_A",
-                f"a coil at {largest:.4g} A with limit_A = {self.limit_A:g}",
+                f"a coil at {largest:.4g} A with limit_A = {keys.limit_A:g}",
                 "lower u_A, narrow x and y, or raise limit_A",
             )
         return self
 
 
-class CurrentKeys(Table):
+@dataclass(frozen=True, eq=False, repr=False)
+class SignalRanges(Record):
+    """Six currents from one lift and two direction signals: `fieldmap.currents.LiftAndDirections`."""
+
+    u: Annotated[Array, Key(Range, "range of the mean current", "A")]
+    x: Annotated[Array, Key(Range, "range of the direction signal along x")]
+    y: Annotated[Array, Key(Range, "range of the direction signal along y")]
+    n: Annotated[float, Key(Positive, "how much more the two coils on the x axis follow x")] = 1.0
+    limit: Annotated[
+        float | None,
+        Key(Positive | None, "largest current of a coil: u ends where one reaches it", "A"),
+    ] = None
+
+    def domain(self) -> CurrentDomain:
+        """The box of the signals."""
+        lower, upper = np.array([self.u, self.x, self.y]).T
+        return CurrentDomain(LiftAndDirections(self.n, self.limit), lower, upper)
+
+
+def _each(amperes: Any) -> Any:
+    """One current, or one per coil, as an array."""
+    return None if amperes is None else np.atleast_1d(np.array(amperes, float))
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class CurrentRanges(Record):
+    """The currents that a map of saturating iron holds for. lower, upper: of each coil, of each group, or of all."""
+
+    lower: Annotated[
+        Array | None,
+        Key(Amperes, "smallest current, one number for all coils or one for each", "A", make=_each),
+    ] = None
+    upper: Annotated[
+        Array | None,
+        Key(Amperes, "largest current, one number for all coils or one for each", "A", make=_each),
+    ] = None
+    lift_and_directions: Annotated[
+        SignalRanges | None,
+        Key(
+            table_of(SignalRanges, bases=(_RoomBelowTheLimit,)) | None,
+            "instead of lower_A and upper_A: six currents of a lift and two direction signals",
+        ),
+    ] = None
+    groups: Annotated[
+        tuple[tuple[str, ...], ...] | None,
+        Key(
+            Annotated[list[Annotated[list[Text], Field(min_length=1)]], Field(min_length=1)] | None,
+            "coils that carry one current, by name: lower_A and upper_A are those of the groups then",
+        ),
+    ] = None
+
+    def domain(self, coil_names: tuple[str, ...]) -> CurrentDomain:
+        """The domain of the currents of a device with these coils. Raises RecipeError where the ranges are not those of
+        its coils."""
+        coils = len(coil_names)
+        if self.lift_and_directions is not None:
+            if coils != 6:
+                must_hold = "lift_and_directions is for six coils: two rows of three, as in docs/recipes.md"
+                key, remedy = "currents.lift_and_directions", "give lower_A and upper_A"
+                raise RecipeError(AtKey(key, must_hold, f"{coils} coils", remedy))
+            return self.lift_and_directions.domain()
+        assert self.lower is not None
+        assert self.upper is not None
+        of = IndependentCurrents(coils) if self.groups is None else _coil_groups(self.groups, coil_names)
+        count, what = of.signal_count, "coils" if self.groups is None else "groups"
+        for key, values in (("lower_A", self.lower), ("upper_A", self.upper)):
+            if values.size not in (1, count):
+                must_hold = f"one current for all {what}, or one for each of the {count} {what}"
+                received = f"{values.size} currents"
+                raise RecipeError(AtKey(f"currents.{key}", must_hold, received, "correct the list"))
+        lower, upper = (np.broadcast_to(values, count).copy() for values in (self.lower, self.upper))
+        return CurrentDomain(of, lower, upper)
+
+
+def _coil_groups(groups: tuple[tuple[str, ...], ...], coil_names: tuple[str, ...]) -> CoilGroups:
+    named = [name for group in groups for name in group]
+    if sorted(named) != sorted(coil_names):
+        must_hold = f"must name each coil of the device once: {', '.join(coil_names)}"
+        raise RecipeError(AtKey("currents.groups", must_hold, ", ".join(named), "correct the names"))
+    return CoilGroups(tuple(tuple(coil_names.index(name) for name in group) for group in groups))
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class CurrentPlan(Plan, CurrentRanges):
     """The currents that a map of saturating iron holds for, and how its reduced model is trained."""
 
-    lower_A: Annotated[float | int | list[float] | None, BeforeValidator(_amperes)] = Field(
-        default=None, description="smallest current, one number for all coils or one for each"
-    )
-    upper_A: Annotated[float | int | list[float] | None, BeforeValidator(_amperes)] = Field(
-        default=None, description="largest current, one number for all coils or one for each"
-    )
-    lift_and_directions: LiftAndDirectionsKeys | None = Field(
-        default=None,
-        description="instead of lower_A and upper_A: six currents of a lift and two direction signals",
-    )
-    groups: Annotated[list[Annotated[list[Text], Field(min_length=1)]], Field(min_length=1)] | None = Field(
-        default=None,
-        description="coils that carry one current, by name: lower_A and upper_A are those of the groups then",
-    )
-    states: Annotated[int, Field(ge=4, le=4096)] = Field(
-        default=64, description="most states solved to train it"
-    )
-    accuracy: Annotated[float, Field(gt=0, lt=1)] = Field(
-        default=1e-3,
-        description="relative error of B at new states at which training stops; twice that of the gradient",
-    )
-    modes: Annotated[int, Field(ge=2, le=200)] = Field(
-        default=60,
-        description="amplitudes of the iron that are trained at most, unless a state falls short",
-    )
-    points: Annotated[int, Field(ge=20, le=5000)] = Field(
-        default=800,
-        description="points of the iron for the law in training at most, unless a state falls short",
-    )
-    fields: Annotated[int, Field(ge=1, le=100)] = Field(
-        default=20, description="most fields of the iron in the map"
-    )
-    held_out: Annotated[int, Field(ge=1, le=1000)] = Field(
-        default=12, description="states at random solved to measure the error; extremes of the domain are too"
-    )
+
+class _RangesGiven(Table):
+    """What the ranges of the currents must keep to."""
 
     @model_validator(mode="after")
-    def _not_empty(self) -> "CurrentKeys":
-        given = [self.lower_A is not None, self.upper_A is not None, self.lift_and_directions is not None]
-        if given not in ([True, True, False], [False, False, True]):
-            names = [
-                n
-                for n, there in zip(("lower_A", "upper_A", "lift_and_directions"), given, strict=True)
-                if there
-            ]
+    def _not_empty(self) -> "_RangesGiven":
+        keys: Any = self
+        given = [
+            name for name in ("lower_A", "upper_A", "lift_and_directions") if getattr(keys, name) is not None
+        ]
+        if given not in (["lower_A", "upper_A"], ["lift_and_directions"]):
             must_hold = "[currents] must have lower_A and upper_A, or lift_and_directions"
-            raise broken(must_hold, " and ".join(names) or "none of them", "give one or the other")
-        if self.groups is not None and self.lift_and_directions is not None:
-            raise broken("groups or lift_and_directions", "both", "leave one of them out")
-        if self.lower_A is None or self.upper_A is None:
+            raise broken(must_hold, " and ".join(given) or "none of them", "give one or the other")
+        if keys.lift_and_directions is not None:
+            if keys.groups is not None:
+                raise broken("groups or lift_and_directions", "both", "leave one of them out")
             return self
-        lower, upper = np.atleast_1d(self.lower_A), np.atleast_1d(self.upper_A)
+        lower, upper = np.atleast_1d(keys.lower_A), np.atleast_1d(keys.upper_A)
         if lower.size != upper.size and 1 not in (lower.size, upper.size):
             received = f"{lower.size} and {upper.size} numbers"
             raise broken("lower_A and upper_A must name the same coils", received, "give as many of each")
         if not (lower < upper).all():
-            received = f"lower_A = {self.lower_A} with upper_A = {self.upper_A}"
-            raise broken(
-                "every current must have a range: lower_A below upper_A", received, "correct the numbers"
-            )
+            must_hold = "every current must have a range: lower_A below upper_A"
+            received = f"lower_A = {keys.lower_A} with upper_A = {keys.upper_A}"
+            raise broken(must_hold, received, "correct the numbers")
         return self
 
 
-class OutputKeys(Table):
-    """What is written."""
+@dataclass(frozen=True, repr=False)
+class MapOutput(Record):
+    """What is written. reference_current: A."""
 
-    file: Annotated[str | None, BeforeValidator(_map_file_name)] = Field(
-        default=None, description="name of the map file"
-    )
-    reference_current_A: Positive | None = Field(
-        default=None,
-        description="coil current at which the file states its fields; 1 A, or the middle of [currents]",
-    )
+    file: Annotated[
+        str | None,
+        Key(Annotated[str | None, BeforeValidator(_map_file_name)], "name of the map file"),
+    ] = None
+    reference_current: Annotated[
+        float | None,
+        Key(
+            Positive | None,
+            "coil current at which the file states its fields; 1 A, or the middle of [currents]",
+            "A",
+        ),
+    ] = None
 
 
-class RecipeFile(Table):
+_CORNERS: Any = table_of(WorkspaceBox, name="CornerKeys")
+_IRON: Any = table_of(IronModel)
+_OUTPUT: Any = table_of(MapOutput)
+_CURRENTS: Any = table_of(CurrentPlan, bases=(_RangesGiven,))
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Recipe(Record):
+    """A map recipe.
+
+    What map to make, in SI. device: as written, path or shipped name. spacing (3,) in m, an upper limit. lower, upper
+    (3,) in m, or None for the device's workspace. mu_r: None for the initial slope of the device's B-H table.
+    refinement: divides the device's mesh sizes. reference_current: A, or None for the usual one. file_name: of the map.
+    path and text: the file as read. currents: the domain and the training where the iron saturates, None where it is
+    linear.
+    """
+
+    path: Path
+    text: str
+    title: Annotated[str, Key(Text, "one line about the map")]
+    device: Annotated[str, Key(Text, "device file, relative to the recipe, or name of a shipped device")]
+    spacing: Annotated[
+        Array,
+        Key(
+            Annotated[list[float], BeforeValidator(_three_spacings)],
+            "largest distance of neighbouring nodes, one number or [x, y, z]",
+            "mm",
+        ),
+    ]
+    lower: Array | None
+    upper: Array | None
+    mu_r: float | None
+    tolerance: float
+    refinement: float
+    reference_current: float | None
+    file_name: str
+    currents: CurrentPlan | None = None
+
+    @property
+    def document(self) -> Document:
+        """The file, for errors at its keys."""
+        return Document(self.path, self.text, {})
+
+    def box(self, device: Device) -> Bounds | None:
+        """Corners of the box of the map, m: the recipe's, or those around the device's workspace."""
+        return device.bounds if self.lower is None or self.upper is None else (self.lower, self.upper)
+
+
+_RECIPE: Any = table_of(Recipe, bases=(Versioned,))
+
+
+class BoxKeys(_CORNERS):
+    """The box of the map, where it is not the device's workspace."""
+
+
+class RecipeFile(_RECIPE):
     """A map recipe."""
 
-    format: Format
-    title: Text = Field(description="one line about the map")
-    device: Text = Field(description="device file, relative to the recipe, or name of a shipped device")
-    spacing_mm: Annotated[list[float], BeforeValidator(_three_spacings)] = Field(
-        description="largest distance of neighbouring nodes, one number or [x, y, z]"
-    )
     box: BoxKeys | None = Field(default=None, description="the box; the device's workspace if left out")
-    iron: IronKeys = Field(default=IronKeys(), description="how the iron is modelled")
-    currents: CurrentKeys | None = Field(
+    iron: _IRON = Field(default=_IRON(), description="how the iron is modelled")
+    currents: _CURRENTS | None = Field(
         default=None, description="domain of the currents, where the iron saturates"
     )
-    output: OutputKeys = Field(default=OutputKeys(), description="what is written")
+    output: _OUTPUT = Field(default=_OUTPUT(), description="what is written")
 
     @model_validator(mode="after")
     def _currents_where_iron_saturates(self) -> "RecipeFile":
@@ -246,6 +351,13 @@ class RecipeFile(Table):
             )
         return self
 
+    def also_makes(self) -> Mapping[str, Any]:
+        """What the tables state, in SI."""
+        iron, output = record_of(self.iron), record_of(self.output)
+        corners = (None, None) if self.box is None else record_of(self.box).bounds
+        plan = None if self.currents is None else record_of(self.currents, tolerance=iron.tolerance)
+        return vars(iron) | vars(output) | {"lower": corners[0], "upper": corners[1], "currents": plan}
+
 
 RECIPE = FileKind(
     "recipe",
@@ -254,71 +366,6 @@ RECIPE = FileKind(
     "maps",
     refers_to={"device": 'a recipe names it (device = "{file}") and how fine the map shall be (spacing_mm)'},
 )
-
-
-@dataclass(frozen=True)
-class Plan(Record):
-    """How a reduced model is trained.
-
-    states: most that are solved to train it; accuracy: share of the largest flux density in the workspace (of the
-    largest gradient: twice that) within which the model must predict the last states that were solved, and within twice
-    that those held out, so that no more are; modes: most amplitudes; points: most sample points; fields: most iron
-    fields in the map; held_out: states at random solved to measure the error; tolerance: of the solver.
-    """
-
-    states: int
-    accuracy: float
-    modes: int
-    points: int
-    fields: int
-    held_out: int
-    tolerance: float
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class CurrentPlan(Record):
-    """Saturating iron: the ranges of the currents as written, and how the reduced model is trained.
-
-    lower, upper: A, of each coil or group of coils, or one number for all; or of u, x and y of lift_and_directions.
-    groups: names of the coils that carry one current, or None.
-    """
-
-    lower: Array
-    upper: Array
-    lift_and_directions: LiftAndDirections | None
-    refinement: float
-    training: Plan
-    groups: tuple[tuple[str, ...], ...] | None = None
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class Recipe(Record):
-    """What map to make, in SI.
-
-    device: as written, path or shipped name. spacing (3,) in m, an upper limit. lower, upper (3,) in m, or
-    None for the device's workspace. mu_r: None for the initial slope of the device's B-H table. refinement:
-    divides the device's mesh sizes. reference_current: A, or None for the usual one.
-    file_name: of the map. path and text: the file as read. currents: the domain and the training where the iron
-    saturates, None where it is linear.
-    """
-
-    path: Path
-    text: str
-    title: str
-    device: str
-    spacing: Array
-    lower: Array | None
-    upper: Array | None
-    mu_r: float | None
-    tolerance: float
-    refinement: float
-    reference_current: float | None
-    file_name: str
-    currents: CurrentPlan | None = None
-
-    def error(self, key: str, must_hold: str, received: str, remedy: str) -> RecipeError:
-        """An error at a key of the file."""
-        return RecipeError(Document(self.path, self.text, {}).problem(key, must_hold, received, remedy))
 
 
 def read_recipe(path_or_name: str | Path) -> Recipe:
@@ -381,71 +428,11 @@ def _plain(value: Any, unit: float) -> Any:
     return in_unit(float(value), unit) if is_number(value) and unit != 1.0 else value
 
 
-def _recipe(document: Document, contents: RecipeFile) -> Recipe:
+def _recipe(document: Document, contents: Any) -> Recipe:
     path = document.path
-    iron, output, box = contents.iron, contents.output, contents.box
-    return Recipe(
-        path=path,
-        text=document.text,
-        title=contents.title,
-        device=contents.device,
-        spacing=np.array(contents.spacing_mm) * MILLI,
-        lower=np.array(box.lower_mm) * MILLI if box else None,
-        upper=np.array(box.upper_mm) * MILLI if box else None,
-        mu_r=None if iron.mu_r == "initial" else float(iron.mu_r),
-        tolerance=iron.tolerance,
-        refinement=iron.refinement,
-        reference_current=output.reference_current_A,
-        file_name=output.file or f"{path.stem}.h5",
-        currents=_current_plan(contents),
-    )
-
-
-def _current_plan(contents: RecipeFile) -> CurrentPlan | None:
-    keys, iron = contents.currents, contents.iron
-    if keys is None:
-        return None
-    training = Plan(
-        keys.states, keys.accuracy, keys.modes, keys.points, keys.fields, keys.held_out, iron.tolerance
-    )
-    signals = keys.lift_and_directions
-    if signals is None:
-        lower, upper = (np.atleast_1d(np.array(amperes, float)) for amperes in (keys.lower_A, keys.upper_A))
-        groups = None if keys.groups is None else tuple(map(tuple, keys.groups))
-        return CurrentPlan(lower, upper, None, iron.refinement, training, groups)
-    ranges = np.array([signals.u_A, signals.x, signals.y])
-    of = LiftAndDirections(signals.n, signals.limit_A)
-    return CurrentPlan(ranges[:, 0], ranges[:, 1], of, iron.refinement, training)
-
-
-def current_domain(recipe: Recipe, plan: CurrentPlan, coil_names: tuple[str, ...]) -> CurrentDomain:
-    """The domain of the currents of a device with these coils. Raises RecipeError where the recipe names others."""
-    coils = len(coil_names)
-    if plan.lift_and_directions is not None:
-        if coils != 6:
-            must_hold = "lift_and_directions is for six coils: two rows of three, as in docs/recipes.md"
-            raise recipe.error(
-                "currents.lift_and_directions", must_hold, f"{coils} coils", "give lower_A and upper_A"
-            )
-        return CurrentDomain(plan.lift_and_directions, plan.lower, plan.upper)
-    of = IndependentCurrents(coils) if plan.groups is None else _coil_groups(recipe, plan.groups, coil_names)
-    count, what = of.signal_count, "coils" if plan.groups is None else "groups"
-    for key, values in (("lower_A", plan.lower), ("upper_A", plan.upper)):
-        if values.size not in (1, count):
-            must_hold = f"one current for all {what}, or one for each of the {count} {what}"
-            raise recipe.error(f"currents.{key}", must_hold, f"{values.size} currents", "correct the list")
-    lower, upper = (np.broadcast_to(values, count).copy() for values in (plan.lower, plan.upper))
-    return CurrentDomain(of, lower, upper)
-
-
-def _coil_groups(
-    recipe: Recipe, groups: tuple[tuple[str, ...], ...], coil_names: tuple[str, ...]
-) -> CoilGroups:
-    named = [name for group in groups for name in group]
-    if sorted(named) != sorted(coil_names):
-        must_hold = f"must name each coil of the device once: {', '.join(coil_names)}"
-        raise recipe.error("currents.groups", must_hold, ", ".join(named), "correct the names")
-    return CoilGroups(tuple(tuple(coil_names.index(name) for name in group) for group in groups))
+    name = contents.output.file or f"{path.stem}.h5"
+    recipe: Recipe = record_of(contents, path=path, text=document.text, file_name=name)
+    return recipe
 
 
 def read_recipe_device(recipe: Recipe, changes: Mapping[str, Any] | None = None) -> Device:
@@ -461,55 +448,49 @@ def read_recipe_device(recipe: Recipe, changes: Mapping[str, Any] | None = None)
         return read_device(shipped, changes)
     names = shipped_names("geometry")
     guess = closest(recipe.device, names)
-    remedy = (
-        f'did you mean "{guess}"?'
-        if guess
-        else f"give a path relative to the recipe, or one of {one_of(names)}"
-    )
+    remedy = f"give a path relative to the recipe, or one of {one_of(names)}"
+    if guess:
+        remedy = f'did you mean "{guess}"?'
     must_hold = "a device file relative to the recipe, or the name of a shipped device"
-    raise recipe.error("device", must_hold, shown(recipe.device), remedy)
+    raise RecipeError(recipe.document.problem("device", must_hold, shown(recipe.device), remedy))
 
 
-def choose_grid(recipe: Recipe, device: Device) -> Grid:
-    """Nodes that fill the recipe's box, or the box around the device's workspace, from face to face.
+def choose_grid(box: Bounds | None, spacing: Array) -> Grid:
+    """Nodes that fill a box from face to face.
 
-    The spacing is the recipe's or a little less, so that it divides the box. Raises RecipeError if there is
-    no box, or too few or too many nodes.
+    Parameters
+    ----------
+    box
+        Corners (3,) and (3,), m; None where there is none.
+    spacing
+        Largest distance (3,) of neighbouring nodes, m. That of the grid is this or a little less, so that it divides
+        the box.
+
+    Raises
+    ------
+    RecipeError
+        For no box, and for too few or too many nodes.
     """
-    lower, upper = _corners(recipe, device)
+    if box is None:
+        must_hold, remedy = "a box, since the device has no workspace", "add [box] with lower_mm and upper_mm"
+        raise RecipeError(AtKey("box", must_hold, "nothing", f"{remedy}, each [x, y, z]"))
+    lower, upper = box
     extent = upper - lower
     # A part in 1e9 is rounding: a box of 40 mm takes 10 cells of 4 mm, not 11.
-    cells = np.maximum(np.ceil(extent / recipe.spacing * (1 - 1e-9)), 1).astype(np.int64)
-    size = f"a box of {_millimetres(extent)} mm and a spacing of {_millimetres(recipe.spacing)} mm"
+    cells = np.maximum(np.ceil(extent / spacing * (1 - 1e-9)), 1).astype(np.int64)
+    size = f"a box of {_millimetres(extent)} mm and a spacing of {_millimetres(spacing)} mm"
+    received = f"{size}, which gives {' x '.join(str(n + 1) for n in cells)} nodes"
     if int(cells.min()) + 1 < FEWEST_NODES:
-        remedy = f"divide the box into at least {FEWEST_NODES - 1} cells: a smaller spacing or a larger box"
         must_hold = f"at least {FEWEST_NODES} nodes along each axis"
-        raise recipe.error("spacing_mm", must_hold, f"{size}, which gives {_by(cells + 1)} nodes", remedy)
+        remedy = f"divide the box into at least {FEWEST_NODES - 1} cells: a smaller spacing or a larger box"
+        raise RecipeError(AtKey("spacing_mm", must_hold, received, remedy))
     if np.prod((cells + 1).astype(np.float64)) > MOST_NODES:
         must_hold = f"at most {MOST_NODES} nodes"
         remedy = "take a larger spacing or a smaller box; lengths are in mm"
-        raise recipe.error("spacing_mm", must_hold, f"{size}, which gives {_by(cells + 1)} nodes", remedy)
+        raise RecipeError(AtKey("spacing_mm", must_hold, received, remedy))
     nx, ny, nz = (int(n) + 1 for n in cells)
     return Grid(lower, extent / cells, (nx, ny, nz))
 
 
-def with_box(device: Device, grid: Grid) -> Device:
-    """The same device with the map's box as its workspace, so that geometry checks hold them together."""
-    return replace(device, workspace=WorkspaceBox(grid.lower, grid.upper))
-
-
-def _corners(recipe: Recipe, device: Device) -> tuple[Array, Array]:
-    if recipe.lower is not None and recipe.upper is not None:
-        return recipe.lower, recipe.upper
-    if device.bounds is not None:
-        return device.bounds
-    must_hold = "a box, since the device has no workspace"
-    raise recipe.error("box", must_hold, "nothing", "add [box] with lower_mm and upper_mm, each [x, y, z]")
-
-
 def _millimetres(lengths: Array) -> str:
     return " x ".join(f"{length / MILLI:g}" for length in lengths)
-
-
-def _by(numbers: NDArray[np.int64]) -> str:
-    return " x ".join(str(int(n)) for n in numbers)

@@ -204,7 +204,7 @@ def test_what_a_map_of_a_device_needs():
     with pytest.raises(RecipeError):
         fm.generate(3)
     recipe = recipe_for(device, 4e-3, currents={"lower_A": 0.5, "upper_A": np.full(6, 2.0), "states": 20})
-    assert recipe.currents.training.states == 20
+    assert recipe.currents.states == 20
     assert recipe.spacing.tolist() == [4e-3] * 3
 
 

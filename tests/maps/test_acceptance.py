@@ -20,9 +20,9 @@ from fieldmap.io.map_summary import summarise_map
 from fieldmap.iron import NonlinearSolver
 from fieldmap.maps import generation
 from fieldmap.maps.acceptance import shortfall
-from fieldmap.maps.recipe import Plan
 from fieldmap.maps.training import condensation, sampling, sequence, training
 from fieldmap.maps.training.currents import is_among
+from fieldmap.maps.training.plan import Plan
 from fieldmap.store import MissedAccuracy, check_map, checkpoint_path, missed_accuracy, read_map, write_map
 from tests.maps.conftest import write_few_states
 

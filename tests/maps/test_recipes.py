@@ -15,7 +15,7 @@ from fieldmap.shipped import shipped_names
 def test_shipped_recipes_are_sound(name):
     recipe = read_recipe(name)
     device = read_recipe_device(recipe)
-    grid = choose_grid(recipe, device)
+    grid = choose_grid(recipe.box(device), recipe.spacing)
     assert recipe.file_name == f"{name}.h5"
     if name == "sample":  # a small box, for a small file
         assert (grid.lower > device.workspace.lower).all()

@@ -16,7 +16,8 @@ def test_it_is_whole_small_and_of_its_recipe():
     assert path.stat().st_size < 600_000
     check_map(path)
     recipe = read_recipe("sample")
-    grid, data = choose_grid(recipe, read_recipe_device(recipe)), read_map("sample")
+    device, data = read_recipe_device(recipe), read_map("sample")
+    grid = choose_grid(recipe.box(device), recipe.spacing)
     assert data.grid.shape == grid.shape
     np.testing.assert_allclose(data.grid.points(), grid.points(), atol=1e-15)
     assert data.provenance.device_name == "disk_six_cores"

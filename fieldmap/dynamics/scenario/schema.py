@@ -38,7 +38,7 @@ from fieldmap.errors import Problem, ScenarioError
 from fieldmap.inputs.declared import Key, record_of, table_of
 from fieldmap.inputs.document import AtKey, Document, schema_findings
 from fieldmap.inputs.kinds import FileKind
-from fieldmap.inputs.tables import Format, NotNegative, Positive, Table, Text, Vector, broken
+from fieldmap.inputs.tables import NotNegative, Positive, Table, Text, Vector, Versioned, broken
 from fieldmap.instruments import Converter
 from fieldmap.instruments.converter import USUAL_RANGE
 from fieldmap.lookup import FieldMap, magnetic_body, saturates
@@ -359,13 +359,7 @@ class Settings(Record):
                 raise ScenarioError(AtKey(key, must, received, remedy))
 
 
-class _Format(Table):
-    """What every file begins with."""
-
-    format: Format
-
-
-ScenarioFile = table_of(Settings, name="ScenarioFile", bases=(_Format,))
+ScenarioFile = table_of(Settings, name="ScenarioFile", bases=(Versioned,))
 SCENARIO = FileKind("scenario", ScenarioFile, ScenarioError, "maps", "scenarios")
 # A table that had another name, by which scenarios of earlier versions are read.
 _OLDER_TABLE, _TABLE = ("control", "linked"), ("control", "coupled")

@@ -9,10 +9,10 @@ from fieldmap.currents import CurrentDomain
 from fieldmap.iron import NonlinearSolver
 from fieldmap.iron.solvers.reduced import same_lengths
 from fieldmap.maps.forecast import Forecast, expect_points, expect_tried, states_needed
-from fieldmap.maps.recipe import Plan
 from fieldmap.maps.training.currents import REACH, is_among, reaches, training_signals
 from fieldmap.maps.training.model_error import Errors, ModeFields, Trial, larger
 from fieldmap.maps.training.modes import SolvedModes
+from fieldmap.maps.training.plan import Plan
 from fieldmap.maps.training.reduction import Reduction
 from fieldmap.maps.training.sampling import OF_STATES, ROUNDS, sampled
 from fieldmap.maps.training.states import Snapshots, Solved, SolvedStates, Wanted

@@ -15,11 +15,11 @@ from fieldmap.errors import NotConverged, Problem
 from fieldmap.iron import NonlinearSolver
 from fieldmap.iron.solvers.reduced import GalerkinModel, same_lengths
 from fieldmap.maps.forecast import Forecast, expect_modes
-from fieldmap.maps.recipe import Plan
 from fieldmap.maps.training.condensation import Condensed, condensed
 from fieldmap.maps.training.currents import STARTS, extreme_signals, held_out, sequence
 from fieldmap.maps.training.model_error import Errors
 from fieldmap.maps.training.modes import output_fields, solved
+from fieldmap.maps.training.plan import Plan
 from fieldmap.maps.training.reduction import Reduction
 from fieldmap.maps.training.search import (
     ExtremesTried,

@@ -181,7 +181,7 @@ def _three_dimensional() -> list[str]:
 def _read_recipe(path: Path) -> Any:
     recipe = read_recipe(path)
     device = read_recipe_device(recipe)
-    return recipe, choose_grid(recipe, device)
+    return recipe, choose_grid(recipe.box(device), recipe.spacing)
 
 
 def fault_of_recipe(found: Any, data: dict[str, Any], path: Path) -> str:
