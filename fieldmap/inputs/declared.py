@@ -26,7 +26,7 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_typ
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, Tag, ValidationInfo, create_model, field_validator
+from pydantic import Field, Tag, ValidationInfo, create_model, field_validator, model_validator
 
 from fieldmap.errors import InputError, Problem
 from fieldmap.inputs.document import schema_findings
@@ -83,9 +83,11 @@ def table_of(
     name: str = "",
     bases: tuple[type[Table], ...] = (Table,),
     without: tuple[str, ...] = (),
+    rules: tuple[Callable[[Any], None], ...] = (),
 ) -> Any:
     """The table of a file that makes a record. choose: the key whose value, `record.kind`, chooses it among others;
-    name: of the table's class; bases: tables whose keys it has as well; without: fields that the file does not state.
+    name: of the table's class; bases: tables whose keys it has as well; without: fields that the file does not state;
+    rules: raise `broken` for tables whose keys do not go together.
 
     Keys with a check come behind the others, which the check may look at.
     """
@@ -110,6 +112,8 @@ def table_of(
         fields[key] = (about.rule, Field(**options))
         if about.check is not None:
             checks[f"_check_{key}"] = field_validator(key)(_checked(about.check))
+    if rules:
+        checks["_keep_rules"] = _keeping(rules)
     made = create_model(
         name or f"{record.__name__}Keys",
         __base__=bases,
@@ -131,6 +135,15 @@ def _checked(check: Callable[[Any, ValidationInfo], None]) -> Any:
         return value
 
     return classmethod(checked)
+
+
+def _keeping(rules: tuple[Callable[[Any], None], ...]) -> Any:
+    def keep(table: Any) -> Any:
+        for rule in rules:
+            rule(table)
+        return table
+
+    return model_validator(mode="after")(keep)
 
 
 def _default_of(field: dataclasses.Field[Any]) -> Any:
@@ -212,7 +225,7 @@ def record_of(table: Table, folder: Path = Path(), **others: Any) -> Any:
             continue
         values[attribute] = _in_si(about.make(value) if about.make else value, about, hint, folder)
     more = {name: value for name, value in table.also_makes().items() if name in stated}
-    return record(**values, **(more | others))
+    return record(**(values | more | others))
 
 
 def _in_si(value: Any, about: Key, hint: Any, folder: Path) -> Any:
@@ -224,7 +237,7 @@ def _in_si(value: Any, about: Key, hint: Any, folder: Path) -> Any:
         return record_of(value, folder)
     if Path in kinds:
         return (folder / value).resolve()
-    if isinstance(value, list):
+    if isinstance(value, list | np.ndarray):
         if any(get_origin(kind) is tuple for kind in kinds) or any(isinstance(one, str) for one in value):
             return tuple(_in_si(one, about, None, folder) for one in value)
         if np.dtype(np.int64) in map(_number, kinds):

@@ -1,6 +1,6 @@
 """One thing found wrong in the data of a file, before it is tied to a file and a line."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from typing import Any
 
@@ -16,6 +16,10 @@ class Finding(Record):
     must_hold: str
     received: str
     remedy: str
+
+    def below(self, *steps: str | int) -> "Finding":
+        """The same in data that stand at these steps of a file."""
+        return replace(self, location=(*steps, *self.location))
 
 
 def shown(value: Any) -> str:

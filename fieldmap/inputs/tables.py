@@ -1,10 +1,11 @@
 """What the tables of all files share: strict keys, finite numbers, and how a broken rule is told."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar
 
 import numpy as np
+from numpy.typing import ArrayLike
 from pydantic import AfterValidator, BaseModel, ConfigDict, Discriminator, Field, StringConstraints
 from pydantic_core import PydanticCustomError
 
@@ -36,10 +37,10 @@ Coordinate = Annotated[float, Field(ge=-LARGEST_LENGTH_MM, le=LARGEST_LENGTH_MM)
 Point = Annotated[list[Coordinate], Field(min_length=3, max_length=3)]
 PlanePoint = Annotated[list[Coordinate], Field(min_length=2, max_length=2)]
 Size = Annotated[list[Length], Field(min_length=3, max_length=3)]
-Vector = Annotated[
-    list[Annotated[float, Field(ge=-LARGEST_NUMBER, le=LARGEST_NUMBER)]], Field(min_length=3, max_length=3)
-]
 Text = Annotated[str, StringConstraints(min_length=1, strip_whitespace=True)]
+
+Number = Annotated[float, Field(ge=-LARGEST_NUMBER, le=LARGEST_NUMBER)]
+Vector = Annotated[list[Number], Field(min_length=3, max_length=3)]
 
 # Pattern of a text -> (what must hold, remedy), for `explain`.
 PATTERNS: dict[str, tuple[str, str]] = {}
@@ -134,7 +135,7 @@ def is_number(value: Any) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= LARGEST_NUMBER
 
 
-def read_only(values: Sequence[float] | Sequence[Sequence[float]], scale: float = 1.0) -> Array:
+def read_only(values: ArrayLike, scale: float = 1.0) -> Array:
     """Array of the scaled values that nobody can change by accident."""
     array = np.ascontiguousarray(np.asarray(values, dtype=np.float64) * scale)
     array.setflags(write=False)

@@ -12,13 +12,16 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, Protocol
+from typing import Annotated, Any, Protocol
 
 import numpy as np
 import scipy
 from numpy.typing import ArrayLike
+from pydantic import Field
 
 from fieldmap.errors import Problem
+from fieldmap.inputs.declared import Key
+from fieldmap.inputs.tables import Number, Positive, Text
 from fieldmap.records import Record
 from fieldmap.typing import Array
 
@@ -42,17 +45,43 @@ class Unknown(Record):
     derivative, a hundredth of `start` unless given.
     """
 
-    key: str
-    start: float
-    lower: float = -np.inf
-    upper: float = np.inf
-    prior: tuple[float, float] | None = None
-    step: float | None = None
+    key: Annotated[str, Key(Text, 'key path of the device file, for example "joint.ends.gap_mm"')]
+    start: Annotated[float, Key(Number, "where the search begins")]
+    lower: Annotated[float, Key(Number | None, "lower bound, if there is one")] = -np.inf
+    upper: Annotated[float, Key(Number | None, "upper bound, if there is one")] = np.inf
+    prior: Annotated[
+        tuple[float, float] | None,
+        Key(
+            Annotated[list[Number], Field(min_length=2, max_length=2)] | None,
+            "mean and standard deviation that are known from elsewhere",
+            examples=([1500.0, 300.0],),
+        ),
+    ] = None
+    step: Annotated[
+        float | None,
+        Key(
+            Positive | None,
+            "difference for the derivative; a hundredth of start if left out",
+            examples=(0.5,),
+        ),
+    ] = None
 
     @property
     def difference(self) -> float:
         """Difference for the derivative."""
         return self.step or _STEP * abs(self.start) or _STEP
+
+    def mistakes(self) -> Iterator[tuple[str, str, str]]:
+        """What must hold and does not, what was received, and the remedy."""
+        low, high = self.lower, self.upper
+        if not (low <= self.start <= high and low < high and np.isfinite(self.start)):
+            received = f"lower {low:g}, start {self.start:g}, upper {high:g}"
+            yield "start must lie between lower and upper", received, "correct the numbers"
+        if self.prior is not None and not (np.isfinite(self.prior[0]) and self.prior[1] > 0):
+            must_hold, remedy = "the deviation of the prior must be above 0", "write (mean, deviation)"
+            yield must_hold, f"{self.prior}", remedy
+        if self.step is not None and not self.step > 0:
+            yield "step must be above 0", f"{self.step:g}", "correct it, or leave it out"
 
 
 class Measured(Protocol):
@@ -114,14 +143,7 @@ def mistakes(
         must_hold, remedy = "must name at least one key, each once", "list Unknown(key, start)"
         yield Problem(f"{where}(unknowns)", must_hold, f"{keys}", remedy)
     for one in unknowns:
-        inside = one.lower <= one.start <= one.upper and np.isfinite(one.start)
-        prior = one.prior is None or (np.isfinite(one.prior[0]) and one.prior[1] > 0)
-        if not (inside and prior and (one.step is None or one.step > 0)):
-            must_hold = (
-                "start must lie between lower and upper; deviation of the prior and step must be above 0"
-            )
-            received = f"{one.lower:g}, {one.start:g}, {one.upper:g}; prior {one.prior}, step {one.step}"
-            yield Problem(f"{where}, {one.key}", must_hold, received, "correct the numbers")
+        yield from (Problem(f"{where}, {one.key}", *told) for told in one.mistakes())
     for table in tables:
         size = np.size(table.deviation)
         if size not in (1, np.size(table.measured)) or not (np.asarray(table.deviation) > 0).all():

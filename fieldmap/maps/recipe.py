@@ -21,7 +21,7 @@ from fieldmap.inputs.declared import Key, record_of, table_of
 from fieldmap.inputs.document import AtKey, Document
 from fieldmap.inputs.findings import closest, one_of, shown
 from fieldmap.inputs.kinds import FileKind
-from fieldmap.inputs.tables import LARGEST_LENGTH_MM, Positive, Table, Text, Versioned, broken, is_number
+from fieldmap.inputs.tables import LARGEST_LENGTH_MM, Positive, Text, Versioned, broken, is_number
 from fieldmap.maps.training.plan import Plan
 from fieldmap.records import Record
 from fieldmap.shipped import is_file, shipped_file, shipped_names
@@ -118,23 +118,17 @@ def _range(value: Any) -> Any:
 Range = Annotated[list[float], BeforeValidator(_range)]
 
 
-class _RoomBelowTheLimit(Table):
-    """What the currents of a lift and two direction signals must keep to."""
-
-    @model_validator(mode="after")
-    def _room_below_the_limit(self) -> "_RoomBelowTheLimit":
-        keys: Any = self
-        if keys.limit_A is None:
-            return self
-        corners = itertools.product([keys.u_A[0]], keys.x, keys.y)
-        largest = float(np.abs(LiftAndDirections(keys.n).currents(list(corners))).max())
-        if largest >= keys.limit_A:
-            raise broken(
-                "the smallest u must leave every coil below limit_A",
-                f"a coil at {largest:.4g} A with limit_A = {keys.limit_A:g}",
-                "lower u_A, narrow x and y, or raise limit_A",
-            )
-        return self
+def _room_below_the_limit(keys: Any) -> None:
+    if keys.limit_A is None:
+        return
+    corners = itertools.product([keys.u_A[0]], keys.x, keys.y)
+    largest = float(np.abs(LiftAndDirections(keys.n).currents(list(corners))).max())
+    if largest >= keys.limit_A:
+        raise broken(
+            "the smallest u must leave every coil below limit_A",
+            f"a coil at {largest:.4g} A with limit_A = {keys.limit_A:g}",
+            "lower u_A, narrow x and y, or raise limit_A",
+        )
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -176,7 +170,7 @@ class CurrentRanges(Record):
     lift_and_directions: Annotated[
         SignalRanges | None,
         Key(
-            table_of(SignalRanges, bases=(_RoomBelowTheLimit,)) | None,
+            table_of(SignalRanges, rules=(_room_below_the_limit,)) | None,
             "instead of lower_A and upper_A: six currents of a lift and two direction signals",
         ),
     ] = None
@@ -224,31 +218,25 @@ class CurrentPlan(Plan, CurrentRanges):
     """The currents that a map of saturating iron holds for, and how its reduced model is trained."""
 
 
-class _RangesGiven(Table):
-    """What the ranges of the currents must keep to."""
-
-    @model_validator(mode="after")
-    def _not_empty(self) -> "_RangesGiven":
-        keys: Any = self
-        given = [
-            name for name in ("lower_A", "upper_A", "lift_and_directions") if getattr(keys, name) is not None
-        ]
-        if given not in (["lower_A", "upper_A"], ["lift_and_directions"]):
-            must_hold = "[currents] must have lower_A and upper_A, or lift_and_directions"
-            raise broken(must_hold, " and ".join(given) or "none of them", "give one or the other")
-        if keys.lift_and_directions is not None:
-            if keys.groups is not None:
-                raise broken("groups or lift_and_directions", "both", "leave one of them out")
-            return self
-        lower, upper = np.atleast_1d(keys.lower_A), np.atleast_1d(keys.upper_A)
-        if lower.size != upper.size and 1 not in (lower.size, upper.size):
-            received = f"{lower.size} and {upper.size} numbers"
-            raise broken("lower_A and upper_A must name the same coils", received, "give as many of each")
-        if not (lower < upper).all():
-            must_hold = "every current must have a range: lower_A below upper_A"
-            received = f"lower_A = {keys.lower_A} with upper_A = {keys.upper_A}"
-            raise broken(must_hold, received, "correct the numbers")
-        return self
+def _not_empty(keys: Any) -> None:
+    given = [
+        name for name in ("lower_A", "upper_A", "lift_and_directions") if getattr(keys, name) is not None
+    ]
+    if given not in (["lower_A", "upper_A"], ["lift_and_directions"]):
+        must_hold = "[currents] must have lower_A and upper_A, or lift_and_directions"
+        raise broken(must_hold, " and ".join(given) or "none of them", "give one or the other")
+    if keys.lift_and_directions is not None:
+        if keys.groups is not None:
+            raise broken("groups or lift_and_directions", "both", "leave one of them out")
+        return
+    lower, upper = np.atleast_1d(keys.lower_A), np.atleast_1d(keys.upper_A)
+    if lower.size != upper.size and 1 not in (lower.size, upper.size):
+        received = f"{lower.size} and {upper.size} numbers"
+        raise broken("lower_A and upper_A must name the same coils", received, "give as many of each")
+    if not (lower < upper).all():
+        must_hold = "every current must have a range: lower_A below upper_A"
+        received = f"lower_A = {keys.lower_A} with upper_A = {keys.upper_A}"
+        raise broken(must_hold, received, "correct the numbers")
 
 
 @dataclass(frozen=True, repr=False)
@@ -272,7 +260,7 @@ class MapOutput(Record):
 _CORNERS: Any = table_of(WorkspaceBox, name="CornerKeys")
 _IRON: Any = table_of(IronModel)
 _OUTPUT: Any = table_of(MapOutput)
-_CURRENTS: Any = table_of(CurrentPlan, bases=(_RangesGiven,))
+_CURRENTS: Any = table_of(CurrentPlan, rules=(_not_empty,))
 
 
 @dataclass(frozen=True, eq=False, repr=False)

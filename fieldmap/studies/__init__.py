@@ -14,15 +14,7 @@ with needs("make", "fieldmap.studies"):
     del scipy
 
 from fieldmap.levitation.unknowns import ReadingsFit, Unknown
-from fieldmap.studies.design import (
-    Carrying,
-    DesignProblem,
-    Limit,
-    Linked,
-    Number,
-    Variable,
-    read_design_problem,
-)
+from fieldmap.studies.design import Carrying, DesignProblem, Limit, Number, Variable
 from fieldmap.studies.fit_file import Fit, read_fit
 from fieldmap.studies.machine_fit import (
     ComputedReadings,
@@ -35,9 +27,9 @@ from fieldmap.studies.machine_fit import (
 )
 from fieldmap.studies.optimisation import optimise, solve_problem
 from fieldmap.studies.optimum import Check, LimitAtOptimum, NoFeasibleDesign, Optimum, Step
-from fieldmap.studies.reading import read_study
+from fieldmap.studies.reading import read_design_problem, read_study
 from fieldmap.studies.run import StudyRun, run_study
-from fieldmap.studies.study import Study
+from fieldmap.studies.study import Linked, Study
 from fieldmap.studies.tolerances import (
     NumberSpread,
     Sampled,

@@ -4,25 +4,64 @@ The device is read, meshed and solved anew with every set of values, so that any
 unknown. How the fit goes is said in `fieldmap.levitation.unknowns`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Protocol, runtime_checkable
+from typing import Annotated, Any, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike
+from pydantic import BeforeValidator, Field, WithJsonSchema
 
 from fieldmap.device import read_device
 from fieldmap.device.model import Device
 from fieldmap.errors import FieldmapError, InputError, Problem
 from fieldmap.field import AnyField, as_field
+from fieldmap.inputs.declared import Key
+from fieldmap.inputs.findings import shown
+from fieldmap.inputs.tables import Number, Point, Text, broken, is_number
 from fieldmap.iron import NonlinearSolver, solve_linear
 from fieldmap.levitation import lift_current
 from fieldmap.levitation.unknowns import Measured, ReadingsFit, Unknown, Workers, find_unknowns, mistakes
 from fieldmap.records import Record
+from fieldmap.studies.study import saturates
 from fieldmap.typing import Array, PathLike
+
+
+def _deviation(value: Any) -> Any:
+    """One positive number for all readings, or a list of one for each."""
+    numbers = value if isinstance(value, list) else [value]
+    if not numbers or not all(is_number(n) and n > 0 for n in numbers):
+        must_hold = "one number above 0 for all readings, or a list of one for each"
+        raise broken(must_hold, shown(value), "state the standard deviation of a reading")
+    return [float(n) for n in value] if isinstance(value, list) else float(value)
+
+
+def _amperes(value: Any) -> Any:
+    """One number for all coils, a list of one per coil, or a list of such lists, one for each point."""
+    rows = value if isinstance(value, list) and value and isinstance(value[0], list) else [value]
+    for row in rows:
+        numbers = row if isinstance(row, list) else [row]
+        if not numbers or not all(is_number(n) for n in numbers):
+            must_hold = "one number for all coils, a list of one per coil, or a list of such lists, one for each point"
+            raise broken(must_hold, shown(value), "write for example currents_A = 1.5")
+    return value
+
+
+def _or_lists(number: dict[str, Any], depth: int) -> WithJsonSchema:
+    """JSON Schema of a number, or of lists of it, of as many dimensions at most."""
+    choices = [number]
+    for _ in range(depth):
+        choices.append({"type": "array", "items": choices[-1]})
+    return WithJsonSchema({"anyOf": choices})
+
+
+Deviation = Annotated[
+    Any, BeforeValidator(_deviation), _or_lists({"type": "number", "exclusiveMinimum": 0}, 1)
+]
+Amperes = Annotated[Any, BeforeValidator(_amperes), _or_lists({"type": "number"}, 2)]
+Rows = Annotated[list[Number], Field(min_length=1)]
+TableName = Annotated[str, Key(Text, "name of the table", examples=("on the axis",))]
 
 
 @runtime_checkable
@@ -39,18 +78,44 @@ class Readings(Measured, Protocol):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class FieldReadings(Record):
-    """Flux densities: measured (n, 3), T, NaN for components that were not read, at points (n, 3), m, with one set of
-    currents (c,) or one for each point (n, c), A."""
+    """Flux densities at points.
 
-    name: str
-    points: ArrayLike
-    currents: ArrayLike
-    measured: ArrayLike
-    deviation: ArrayLike
+    measured (n, 3), T, NaN for components that were not read, at points (n, 3), m, with one current for all coils, one
+    set of currents (c,) or one for each point (n, c), A.
+    """
+
+    name: TableName
+    points: Annotated[
+        ArrayLike, Key(Annotated[list[Point], Field(min_length=1)], "where the probe was", "mm")
+    ]
+    currents: Annotated[
+        ArrayLike | tuple[Any, ...],
+        Key(Amperes, "one for all coils, one per coil, or a list of one per coil for each point", "A"),
+    ]
+    measured: Annotated[
+        ArrayLike,
+        Key(
+            Annotated[list[Rows], Field(min_length=1)],
+            "of each point the components that were read",
+            "mT",
+            examples=([[0.24, 0.01, 1.4]],),
+        ),
+    ]
+    deviation: Annotated[
+        ArrayLike,
+        Key(
+            Deviation,
+            "standard deviation, of all readings or of those of each point",
+            "mT",
+            examples=(0.01,),
+        ),
+    ]
 
     def computed(self, device: Device, field: AnyField) -> Array:
         """B (3 n,)."""
         points, currents = np.asarray(self.points, dtype=float), np.asarray(self.currents, dtype=float)
+        if currents.ndim == 0:
+            currents = np.full(len(device.coils), float(currents))
         if currents.ndim < 2:
             return as_field(field).field(points, currents).ravel()
         rows = [as_field(field).field(x, i) for x, i in zip(points, currents, strict=True)]
@@ -59,33 +124,64 @@ class FieldReadings(Record):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class InductanceReadings(Record):
-    """Inductances, H: measured (n,) between pairs of coils (n, 2), by number from 0; the same twice: of one coil.
+    """Inductances of coils.
 
-    Of linear iron; saturating iron is taken at its initial permeability.
+    measured (n,), H, between pairs of coils (n, 2), by number from 0 or by name; the same twice: of one coil. Of linear
+    iron; saturating iron is taken at its initial permeability.
     """
 
-    name: str
-    pairs: ArrayLike
-    measured: ArrayLike
-    deviation: ArrayLike
+    name: TableName
+    pairs: Annotated[
+        ArrayLike | tuple[tuple[str, ...], ...],
+        Key(
+            Annotated[list[Annotated[list[Text], Field(min_length=2, max_length=2)]], Field(min_length=1)],
+            "pairs of coils by name; the same twice for a coil's own inductance",
+            name="coils",
+            examples=([["coil", "coil"]],),
+        ),
+    ]
+    measured: Annotated[ArrayLike, Key(Rows, "of each pair", "mH", examples=([6.46],))]
+    deviation: Annotated[
+        ArrayLike,
+        Key(Deviation, "standard deviation, one or one for each pair", "mH", examples=(0.03,)),
+    ]
 
     def computed(self, device: Device, field: AnyField) -> Array:
         """Entries (n,) of the inductance matrix."""
         matrix = field.inductance() if hasattr(field, "inductance") else solve_linear(device).inductance()
-        first, second = np.asarray(self.pairs, dtype=np.int64).T
+        pairs: Any = self.pairs
+        numbers: Any = {name: k for k, name in enumerate(device.coil_names)}
+        first, second = np.array([[numbers.get(coil, coil) for coil in pair] for pair in pairs]).T
         return np.asarray(matrix[first, second])
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class LiftCurrentReadings(Record):
-    """Currents that carry the payload: measured (n,), A, of the common current, with the payload's magnet at positions
-    (n, 3), m. shares (c,): currents of the coils per ampere, 1 unless given."""
+    """Currents that carry the payload.
 
-    name: str
-    positions: ArrayLike
-    measured: ArrayLike
-    deviation: ArrayLike
-    shares: ArrayLike | None = None
+    measured (n,), A, of the common current, with the payload's magnet at positions (n, 3), m. shares (c,): currents of
+    the coils per ampere, 1 unless given.
+    """
+
+    name: TableName
+    positions: Annotated[
+        ArrayLike,
+        Key(
+            Annotated[list[Point], Field(min_length=1)],
+            "places of the magnet's centre",
+            "mm",
+            examples=([[0.0, 0.0, -95.0]],),
+        ),
+    ]
+    measured: Annotated[ArrayLike, Key(Rows, "of each place the common current", "A", examples=([1.56],))]
+    deviation: Annotated[
+        ArrayLike,
+        Key(Deviation, "standard deviation, one or one for each place", "A", examples=(0.02,)),
+    ]
+    shares: Annotated[
+        ArrayLike | None,
+        Key(Rows | None, "current of each coil per ampere; 1 if left out", examples=([1.0, 0.5],)),
+    ] = None
 
     def computed(self, device: Device, field: AnyField) -> Array:
         """Lift currents (n,)."""
@@ -200,8 +296,7 @@ def fit_machine(
 def solved_field(device: Device, model: str | None = None, refinement: float = 1.0) -> AnyField:
     """The field of a device with iron that is "linear" or "saturating", which it is where a material saturates unless
     given."""
-    saturates = any(device.materials[body.material].saturates for body in device.bodies)
-    if device.bodies and (model == "saturating" or (model is None and saturates)):
+    if device.bodies and (model == "saturating" or (model is None and saturates(device))):
         return NonlinearSolver(device, refinement)
     return solve_linear(device, refinement=refinement)
 

@@ -24,7 +24,8 @@ from fieldmap.device.reader import device_of
 from fieldmap.errors import Problem
 from fieldmap.extras import require
 from fieldmap.store import write_whole
-from fieldmap.studies.design import WITHOUT_SLOPES, DesignProblem, Limit, Number, Variable, design_problem
+from fieldmap.studies.design import WITHOUT_SLOPES, DesignProblem, Limit, Number, Variable
+from fieldmap.studies.design_arguments import design_problem
 from fieldmap.studies.optimum import Check, LimitAtOptimum, NoFeasibleDesign, Optimum
 from fieldmap.studies.run import require_xarray, write_netcdf
 from fieldmap.studies.search import Evaluation, Search, SearchEnded, searching

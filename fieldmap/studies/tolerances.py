@@ -21,20 +21,12 @@ from fieldmap.errors import FieldmapError, Infeasible, InputError, Problem
 from fieldmap.iron.sensitivity.changes import Parameters
 from fieldmap.iron.sensitivity.quantities import Derivatives
 from fieldmap.records import Record
-from fieldmap.studies.design import (
-    CURRENT,
-    DesignProblem,
-    Linked,
-    Number,
-    Variable,
-    current_sets,
-    design_problem,
-    device_document,
-    given_current,
-)
+from fieldmap.studies.design import CURRENT, DesignProblem, Number, Variable
+from fieldmap.studies.design_arguments import current_sets, design_problem, device_document
+from fieldmap.studies.design_checks import given_current
 from fieldmap.studies.optimum import Kind
 from fieldmap.studies.search import Evaluation, Search, searching
-from fieldmap.studies.study import setting_words
+from fieldmap.studies.study import Linked, setting_words
 from fieldmap.typing import Array, PathLike, Progress
 
 _CALLER = "analyse_tolerances"

@@ -24,7 +24,7 @@ from fieldmap.levitation import GRAVITY, Equilibrium, find_equilibrium, lift_cur
 from fieldmap.levitation.balance import upright_force
 from fieldmap.lookup.payload import check_payload
 from fieldmap.studies.equilibrium_area import equilibrium_area
-from fieldmap.studies.study import CurrentSet, IronModel, Record, axis_labels
+from fieldmap.studies.study import CurrentSet, Record, StudyIron, axis_labels
 from fieldmap.typing import Array
 
 # Ratio of the mesh sizes of a solution and of the one that it is compared with, and of two refinements.
@@ -43,10 +43,10 @@ BOX_GRID = (5, 5, 5)
 class SolvedIron:
     """A variant solved on one mesh. field: its field at any currents, solved once or a state at a time.
 
-    refinement: divides the mesh sizes of saturating iron; `IronModel.accuracy` chooses those of linear iron.
+    refinement: divides the mesh sizes of saturating iron; `StudyIron.accuracy` chooses those of linear iron.
     """
 
-    def __init__(self, device: Device, model: IronModel, refinement: float) -> None:
+    def __init__(self, device: Device, model: StudyIron, refinement: float) -> None:
         self._device, self._model = device, model
         self.field: LinearSolution | NonlinearSolver
         if model.saturating:
@@ -96,7 +96,7 @@ class Task(records.Record):
 
     document: Document
     current_sets: tuple[CurrentSet, ...]
-    iron: IronModel
+    iron: StudyIron
     record: Record
 
 

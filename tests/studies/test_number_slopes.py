@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from fieldmap.studies import Carrying, Limit, Linked, Number, Variable
-from fieldmap.studies.design import design_problem
+from fieldmap.studies.design_arguments import design_problem
 from fieldmap.studies.search import Asked, evaluate
 from tests.conftest import DEVICES
 

@@ -1,0 +1,223 @@
+"""What a problem of design must keep to, whether it comes from a study file or from arguments of Python."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from fieldmap.device.changes import changed, key_finding
+from fieldmap.device.model import Device
+from fieldmap.inputs.document import Document
+from fieldmap.inputs.findings import Finding, closest, one_of
+from fieldmap.inputs.key_paths import Location, dotted, matches, value_at
+from fieldmap.studies.design import CURRENT, METHODS, DesignProblem, Number, Variable
+from fieldmap.studies.quantities import GROUPS, number_names
+from fieldmap.studies.study import CurrentSet, axis_labels, lacking, refused
+from fieldmap.typing import Array
+
+# Places of mistakes, as a file has them.
+_VARIABLE: Location = ("optimise", "variable")
+_LIMIT: Location = ("optimise", "constraint")
+
+
+def checked(draft: DesignProblem, device: Device) -> tuple[DesignProblem, list[Finding]]:
+    """The problem with the starts of its variables filled in, and every mistake of it."""
+    found = [*_of_variables(draft, device), *_of_numbers(draft, device), *_of_settings(draft)]
+    if not found:
+        draft = replace(draft, variables=tuple(_started(one, draft) for one in draft.variables))
+        found += [*_of_pairs(draft), *_of_starts(draft)]
+    return draft, found
+
+
+def _of_variables(draft: DesignProblem, device: Device) -> Iterator[Finding]:
+    if not draft.keys or len(set(draft.keys)) < len(draft.keys):
+        must_hold, remedy = "must name at least one key, each once", "list variables with their bounds"
+        yield Finding(_VARIABLE, must_hold, f"{list(draft.keys)}", remedy)
+    for k, variable in enumerate(draft.variables):
+        place = (*_VARIABLE, k)
+        if not (np.isfinite([variable.lower, variable.upper]).all() and variable.lower < variable.upper):
+            received = f"{variable.lower:g} and {variable.upper:g}"
+            must_hold = "lower must be below upper, both finite"
+            yield Finding((*place, "lower"), must_hold, received, "correct the bounds")
+        if variable.step is not None and not variable.step > 0:
+            received, remedy = f"{variable.step:g}", "correct it, or leave it out"
+            yield Finding((*place, "step"), "step must be above 0", received, remedy)
+        what = _wrong_current if variable.is_current else _wrong_keys
+        for told in what(variable, draft, device):
+            yield replace(told, location=(*place, "key"))
+
+
+def _wrong_current(variable: Variable, draft: DesignProblem, device: Device) -> Iterator[Finding]:
+    name = variable.key.removeprefix(CURRENT)
+    if name not in (*device.coil_names, "*"):
+        must_hold = f"must be the current of one of {one_of(list(device.coil_names))}, or of *"
+        yield Finding((), must_hold, repr(name), "use one of these")
+    if all(entry.common is None for entry in draft.current_sets):
+        must_hold, received = "needs currents that are given", "currents that carry the payload"
+        yield Finding((), must_hold, received, "give the currents, A, or leave the variable out")
+
+
+def _wrong_keys(variable: Variable, draft: DesignProblem, device: Device) -> Iterator[Finding]:
+    data = draft.document.data
+    for key, _ in variable.settings(0.0):
+        finding = key_finding((), key, draft.document)
+        values = [value_at(data, where) for where in matches(data, key)]
+        if finding is not None:
+            yield finding
+        elif not all(isinstance(value, int | float) and not isinstance(value, bool) for value in values):
+            yield Finding((), f"{key} must be a number", f"{values[0]!r}", "vary a number")
+
+
+def _of_numbers(draft: DesignProblem, device: Device) -> Iterator[Finding]:
+    asked: list[tuple[Location, Number | str]] = [(_objective_place(draft), draft.objective)]
+    asked += [((*_LIMIT, k), limit.number) for k, limit in enumerate(draft.limits)]
+    asked += [(("besides", k), number) for k, number in enumerate(draft.besides)]
+    for place, number in asked:
+        assert isinstance(number, Number)
+        yield from _of_number(place, number, draft, device)
+    for k, limit in enumerate(draft.limits):
+        if not limit.lower < limit.upper or not np.isfinite([limit.lower, limit.upper]).any():
+            must_hold = "a limit has a lower or an upper bound, the lower one below the upper one"
+            received = f"{limit.lower:g} and {limit.upper:g}"
+            yield Finding((*_LIMIT, k), must_hold, received, "give bounds")
+
+
+def _objective_place(draft: DesignProblem) -> Location:
+    return ("optimise", "minimise" if draft.sign > 0 else "maximise")
+
+
+def _of_number(place: Location, number: Number, draft: DesignProblem, device: Device) -> Iterator[Finding]:
+    sets = [entry.name for entry in draft.current_sets]
+    for part, name in (("currents", number.currents), ("minus", number.minus)):
+        if name not in sets and (name or part == "currents"):
+            must_hold = f"must name its set of currents, one of {one_of(sets)}"
+            yield Finding((*place, part), must_hold, repr(name), "choose one of these")
+    if number.of is not None:
+        return
+    names = number_names(GROUPS, axis_labels(draft.record, draft.coil_names, draft.body_names))
+    if number.name not in names:
+        guess = closest(number.name, list(names))
+        remedy = f'did you mean "{guess}"?' if guess else "choose one; numbers at points need points"
+        received = repr(number.name)
+        yield Finding((*place, "number"), "must be a number that studies record", received, remedy)
+        return
+    for groups, must_hold, received, remedy in lacking(device, draft.record, draft.iron.saturating):
+        if names[number.name][0].group in groups:
+            yield Finding((*place, "number"), must_hold, received, f"{remedy}, or choose another number")
+
+
+def _of_settings(draft: DesignProblem) -> Iterator[Finding]:
+    check, refinement = draft.check_refinement, draft.iron.refinement
+    settings: tuple[tuple[str, bool, str, Any, str], ...] = (
+        (
+            "method",
+            draft.method in METHODS,
+            f"one of {one_of(list(METHODS))}",
+            draft.method,
+            "choose one of these",
+        ),
+        ("solves", draft.solves >= 1, "at least 1", draft.solves, "allow more"),
+        ("tolerance", 0 < draft.tolerance < 1, "between 0 and 1", draft.tolerance, "correct it"),
+        ("check_refinement", check is None or check > 1, "above 1", check, "write 1.4"),
+        ("refinement", refinement > 0, "above 0", refinement, "write 1"),
+    )
+    for name, good, must, received, remedy in settings:
+        if not good:
+            table = "iron" if name == "refinement" else "optimise"
+            yield Finding((table, name), f"must be {must}", f"{received!r}", remedy)
+
+
+def given_current(key: str, sets: Sequence[CurrentSet], coil_names: Sequence[str]) -> float:
+    """Of a coil, A, in the first set whose currents are given; 0 where there is none."""
+    name = key.removeprefix(CURRENT)
+    for entry in sets:
+        if entry.common is not None and name in (*coil_names, "*"):
+            return float(entry.common * entry.shares[0 if name == "*" else coil_names.index(name)])
+    return 0.0
+
+
+def _started(variable: Variable, draft: DesignProblem) -> Variable:
+    """The variable with the device's own value as its start, where none is given."""
+    if variable.start is not None:
+        return variable
+    if variable.is_current:
+        own = given_current(variable.key, draft.current_sets, draft.coil_names)
+        return replace(variable, start=own)
+    data = draft.document.data
+    values = [value_at(data, place) for place in matches(data, variable.key)]
+    return replace(variable, start=float(values[0]))
+
+
+def _of_pairs(draft: DesignProblem) -> Iterator[Finding]:
+    """Keys and currents that one variable sets and that follow another one as well, which would then do nothing
+    there."""
+    of_all = f"{CURRENT}*"
+    for k, key in enumerate(draft.keys):
+        if of_all in draft.keys and key != of_all and draft.variables[k].is_current:
+            remedy, received = "leave one of them out, or name every coil", f"{key} and {of_all}"
+            yield Finding((*_VARIABLE, k, "key"), "no current may follow two variables", received, remedy)
+    data = draft.document.data
+    followed = [_followers(variable, draft.document) for variable in draft.variables]
+    told: set[frozenset[str]] = set()
+    for k, variable in enumerate(draft.variables):
+        own = {place for key, _ in variable.settings(0.0) for place in matches(data, key)}
+        for other, places in zip(draft.variables, followed, strict=True):
+            pair = frozenset((variable.key, other.key))
+            if other is variable or pair in told or not own & places:
+                continue
+            told.add(pair)
+            key = dotted(data, min(own & places, key=str))
+            remedy = "leave one of them out, or let both act by a parameter of the device file"
+            received = f"{key} follows {other.key} and is set with {variable.key}"
+            yield Finding((*_VARIABLE, k, "key"), "no key may follow two variables", received, remedy)
+
+
+def _followers(variable: Variable, document: Document) -> set[Location]:
+    """Every place of the device file whose value follows a variable."""
+    start = variable.start or 0.0
+    sides = [
+        changed(document, variable.settings(start + side * variable.difference)).data for side in (0.0, 0.5)
+    ]
+    return set(_differing(sides[0], sides[1], ()))
+
+
+def _differing(one: Any, other: Any, place: Location) -> Iterator[Location]:
+    steps: Iterable[Any] = ()
+    if isinstance(one, dict) and isinstance(other, dict):
+        steps = one.keys() & other.keys()
+    elif isinstance(one, list) and isinstance(other, list):
+        steps = range(min(len(one), len(other)))
+    elif one != other:
+        yield place
+    for step in steps:
+        yield from _differing(one[step], other[step], (*place, step))
+
+
+def _of_starts(draft: DesignProblem) -> Iterator[Finding]:
+    """Starts outside the bounds, and what the device's schema refuses at the start or at a bound."""
+    for k, variable in enumerate(draft.variables):
+        start = variable.start
+        if start is None or not variable.lower <= start <= variable.upper:
+            must_hold = f"start must lie within {variable.lower:g} and {variable.upper:g}"
+            yield Finding((*_VARIABLE, k, "start"), must_hold, f"{start}", "give a start, or other bounds")
+    told: set[str] = set()
+    for place, where, values in _places(draft):
+        for key, problem in refused(draft.document_at(values)):
+            if key not in told:
+                told.add(key)
+                must_hold = f"{key} of the device {problem.must_hold}"
+                yield Finding(place, must_hold, f"{problem.received} {where}", problem.remedy)
+
+
+def _places(draft: DesignProblem) -> Iterator[tuple[Location, str, Array]]:
+    """The start, and the start with one variable at a bound; where each is told, and in words."""
+    begin = draft.starts
+    yield (*_VARIABLE, 0, "start"), "at the start", begin
+    for k, variable in enumerate(draft.variables):
+        for name, bound in (("lower", variable.lower), ("upper", variable.upper)):
+            at = begin.copy()
+            at[k] = bound
+            yield (*_VARIABLE, k, name), f"with {variable.key} at its {name} bound", at
