@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 
 from fieldmap.arguments import check_matrix, check_ordered, check_positive, check_signal
 from fieldmap.device.model import Payload
-from fieldmap.errors import InputError, NoEquilibrium, Problem
+from fieldmap.errors import InputError, NoEquilibrium
 from fieldmap.field import AnyField, Bounds, Field, as_field, require_bounds
 from fieldmap.levitation.balance import MagnetModel, magnet_balance, model_assumptions
 from fieldmap.levitation.branches import equilibrium_at
@@ -218,7 +218,7 @@ def calibrate(
         must_hold = "the readings must tell the free parameters apart"
         received = f"readings that do not change with {' and '.join(found.alike)}, or with both at once"
         remedy = "hold one of them with given=..., or add readings of another kind"
-        raise InputError(Problem("calibrate(fit)", must_hold, received, remedy))
+        raise InputError.of("calibrate(fit)", must_hold, received, remedy)
     begun = start | {one.key: one.start for one in unknowns}
     rows = [
         Reading(*row)
@@ -245,7 +245,7 @@ def _tables(rig: _Rig, lift: LiftReadings | None, positions: PositionReadings | 
     coils = len(rig.source.coil_names)
     if lift is None and positions is None:
         must = "must have readings of lift, of positions, or both"
-        raise InputError(Problem("calibrate", must, "none", "pass lift=LiftReadings(...) or positions=..."))
+        raise InputError.of("calibrate", must, "none", "pass lift=LiftReadings(...) or positions=...")
     for name, read in (("lift", lift), ("positions", positions)):
         if read is not None:
             check_positive(f"calibrate({name})", deviation=read.deviation)
@@ -271,7 +271,7 @@ def _free(fit: Sequence[str], coil_names: tuple[str, ...]) -> tuple[str, ...]:
     unknown = [name for name in wanted if name not in (*PARAMETERS, "gains")]
     if unknown or not wanted or len(set(wanted)) != len(wanted) or {"gains", "current_scale"} <= set(wanted):
         must = f"must name, each once, some of {', '.join(PARAMETERS)}, gains; not current_scale with gains"
-        raise InputError(Problem("calibrate(fit)", must, f"{wanted}", "the gains hold the current scale"))
+        raise InputError.of("calibrate(fit)", must, f"{wanted}", "the gains hold the current scale")
     gains = tuple(f"gain {name}" for name in coil_names)
     return tuple(n for name in wanted for n in (gains if name == "gains" else (name,)))
 
@@ -304,7 +304,7 @@ def _start(
     for name, value in (given or {}).items():
         if name not in start or not np.isfinite(value):
             must = f"must be finite values of {', '.join(start)}"
-            raise InputError(Problem("calibrate(given)", must, f"{name} = {value}", "choose from these"))
+            raise InputError.of("calibrate(given)", must, f"{name} = {value}", "choose from these")
         start[name] = float(value)
     return start
 

@@ -78,7 +78,10 @@ class Unknown(Record):
             received = f"lower {low:g}, start {self.start:g}, upper {high:g}"
             yield "start must lie between lower and upper", received, "correct the numbers"
         if self.prior is not None and not (np.isfinite(self.prior[0]) and self.prior[1] > 0):
-            must_hold, remedy = "the deviation of the prior must be above 0", "write (mean, deviation)"
+            must_hold, remedy = (
+                "the deviation of the prior must be above 0",
+                "state its mean and its deviation",
+            )
             yield must_hold, f"{self.prior}", remedy
         if self.step is not None and not self.step > 0:
             yield "step must be above 0", f"{self.step:g}", "correct it, or leave it out"

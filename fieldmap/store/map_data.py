@@ -41,7 +41,7 @@ class Grid(Record):
         ):
             if not good:
                 remedy = "give the grid three axes with nodes on each"
-                raise InputError(Problem(f"Grid, {name}", must_hold, str(value), remedy))
+                raise InputError.of(f"Grid, {name}", must_hold, str(value), remedy)
             object.__setattr__(self, name, value)
         lower.flags.writeable = spacing.flags.writeable = False
 

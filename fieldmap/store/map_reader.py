@@ -149,7 +149,7 @@ def opened_map(path: str | os.PathLike[str]) -> Iterator[h5py.File]:
     """The file, its seal verified before HDF5 opens it; whatever is wrong inside the block becomes a MapFileError."""
     where, path = str(path), map_path(path)
     if not is_file(path):
-        raise MapFileError(Problem(where, "an existing map file", "no such file", REMAKE))
+        raise MapFileError.of(where, "an existing map file", "no such file", REMAKE)
     try:
         if path.name.endswith(SUFFIX):
             remedy = "go on with it: fieldmap map RECIPE --resume"
@@ -158,7 +158,7 @@ def opened_map(path: str | os.PathLike[str]) -> Iterator[h5py.File]:
         with h5py.File(path, "r") as file:
             yield file
     except Refused as refusal:
-        raise MapFileError(Problem(where, *refusal.args)) from None
+        raise MapFileError.of(where, *refusal.args) from None
     except MapFileError:
         raise
     except InputError as error:
@@ -167,10 +167,10 @@ def opened_map(path: str | os.PathLike[str]) -> Iterator[h5py.File]:
         ) from error
     except PermissionError as error:
         remedy = "give yourself the right to read it"
-        raise MapFileError(Problem(where, "a file that can be read", "no permission", remedy)) from error
+        raise MapFileError.of(where, "a file that can be read", "no permission", remedy) from error
     except (*UNREADABLE, MemoryError) as error:
         received = f"a damaged or foreign file ({str(error).splitlines()[0] if str(error) else 'no text'})"
-        raise MapFileError(Problem(where, "an undamaged map file", received, REMAKE)) from error
+        raise MapFileError.of(where, "an undamaged map file", received, REMAKE) from error
 
 
 def read_header(file: h5py.File) -> tuple[MapInfo, tuple[str, ...]]:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fieldmap.currents import CurrentDomain, CurrentParametrisation, IndependentCurrents, LiftAndDirections
-from fieldmap.errors import InputError, Problem
+from fieldmap.errors import InputError
 from fieldmap.records import Record
 from fieldmap.typing import Array
 
@@ -137,4 +137,4 @@ def parametrisation_of(division_exponent: Array, coils: int) -> CurrentParametri
 
 
 def _broken(name: str, must_hold: str, received: str) -> InputError:
-    return InputError(Problem(f"reduced model, {name}", must_hold, received, "make the map again"))
+    return InputError.of(f"reduced model, {name}", must_hold, received, "make the map again")

@@ -12,7 +12,7 @@ from typing import Any
 import h5py
 import numpy as np
 
-from fieldmap.errors import InputError, Problem
+from fieldmap.errors import InputError
 from fieldmap.records import Record
 from fieldmap.store.map_format import UNREADABLE
 from fieldmap.store.map_reader import Refused, hard, stored
@@ -83,12 +83,12 @@ def read_runs(path: str | os.PathLike[str]) -> tuple[list[RunRecord], dict[str, 
             return [_run(file, name) for name in sorted(file)], about
     except Refused as refusal:
         must_hold, received, _ = refusal.args
-        raise InputError(Problem(str(source), must_hold, received, remedy)) from None
+        raise InputError.of(str(source), must_hold, received, remedy) from None
     except InputError:
         raise
     except (*UNREADABLE, MemoryError) as error:
         received = str(error).splitlines()[0] if str(error) else "no file of runs"
-        raise InputError(Problem(str(source), must, received, remedy)) from None
+        raise InputError.of(str(source), must, received, remedy) from None
 
 
 def _run(file: h5py.File, name: str) -> RunRecord:

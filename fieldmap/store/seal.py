@@ -12,7 +12,7 @@ import os
 from pathlib import Path
 from typing import BinaryIO
 
-from fieldmap.errors import MapFileError, Problem
+from fieldmap.errors import MapFileError
 
 _MARK = b"\n# sealed by fieldmap: "
 _DIGITS = 16  # of the length, hexadecimal
@@ -100,4 +100,4 @@ def _digest(stream: BinaryIO, length: int) -> str:
 
 
 def _refused(path: str | os.PathLike[str], must_hold: str, received: str, remedy: str) -> MapFileError:
-    return MapFileError(Problem(str(path), must_hold, received, f"copy it again, or {remedy}"))
+    return MapFileError.of(str(path), must_hold, received, f"copy it again, or {remedy}")

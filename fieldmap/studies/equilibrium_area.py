@@ -11,7 +11,7 @@ stiffnesses k_x and k_y along the axes, it is an ellipse,
 import numpy as np
 
 from fieldmap.device.model import Payload
-from fieldmap.errors import FieldmapError, Problem
+from fieldmap.errors import FieldmapError
 from fieldmap.field import Field, require_bounds
 from fieldmap.levitation import GRAVITY, Equilibrium, dipole_force
 from fieldmap.typing import Array
@@ -41,7 +41,7 @@ def area_outline(field: Field, found: Equilibrium, payload: Payload, share: floa
         stiffness = ", ".join(f"{value:.3g}" for value in np.linalg.eigvalsh(plane))
         must_hold = "the equilibrium must be stable in the horizontal plane"
         remedy = "choose a place farther from the iron, or other currents"
-        raise FieldmapError(Problem("equilibrium_area", must_hold, f"stiffnesses {stiffness} N/m", remedy))
+        raise FieldmapError.of("equilibrium_area", must_hold, f"stiffnesses {stiffness} N/m", remedy)
     limit = share * payload.mass * GRAVITY
     angle = 2.0 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS
     rays = np.column_stack([np.cos(angle), np.sin(angle)])
@@ -64,7 +64,7 @@ def area_outline(field: Field, found: Equilibrium, payload: Payload, share: floa
         )
         received = "the workspace, or three times the distance predicted by the stiffness, ends before"
         remedy = "make the workspace wider, or record.force_share smaller"
-        raise FieldmapError(Problem("equilibrium_area", must_hold, received, remedy))
+        raise FieldmapError.of("equilibrium_area", must_hold, received, remedy)
     first = beyond.argmax(axis=1)
     rows = np.arange(DIRECTIONS)
     high = radii[rows, first]

@@ -15,7 +15,7 @@ from pydantic import BeforeValidator, Field, WithJsonSchema
 
 from fieldmap.device import read_device
 from fieldmap.device.model import Device
-from fieldmap.errors import FieldmapError, InputError, Problem
+from fieldmap.errors import FieldmapError, InputError
 from fieldmap.field import AnyField, as_field
 from fieldmap.inputs.declared import Key
 from fieldmap.inputs.findings import shown
@@ -42,7 +42,7 @@ def _amperes(value: Any) -> Any:
     rows = value if isinstance(value, list) and value and isinstance(value[0], list) else [value]
     for row in rows:
         numbers = row if isinstance(row, list) else [row]
-        if not numbers or not all(is_number(n) for n in numbers):
+        if not numbers or not all(is_number(n) for n in numbers) or (len(rows) > 1 and numbers is not row):
             must_hold = "one number for all coils, a list of one per coil, or a list of such lists, one for each point"
             raise broken(must_hold, shown(value), "write for example currents_A = 1.5")
     return value
@@ -316,6 +316,6 @@ def _tables(
         if len(numbers) != wanted:
             must_hold = f"must give as many numbers as were measured, {wanted}"
             remedy = "let the function return one for each"
-            raise InputError(Problem(f"fit_machine, {table.name}", must_hold, str(len(numbers)), remedy))
+            raise InputError.of(f"fit_machine, {table.name}", must_hold, str(len(numbers)), remedy)
         found.append(numbers)
     return found

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from fieldmap.device.reader import device_of
-from fieldmap.errors import InputError, Problem
+from fieldmap.errors import InputError
 from fieldmap.extras import require
 from fieldmap.parallel import Workers
 from fieldmap.plain import Plain, plain_items
@@ -184,9 +184,9 @@ def output_file(study: Path, output: str | PathLike | None) -> Path:
     target = OUTPUT_FOLDER / f"{study.stem}.nc" if output is None else Path(output)
     if target.suffix != ".nc":
         remedy = "write for example --output maps/out/study.nc; the CSV is put beside it"
-        raise InputError(Problem(str(target), "must be a file name that ends in .nc", target.name, remedy))
+        raise InputError.of(str(target), "must be a file name that ends in .nc", target.name, remedy)
     if target.is_dir():
-        raise InputError(Problem(str(target), "must be a file", "a directory", "name the file inside it"))
+        raise InputError.of(str(target), "must be a file", "a directory", "name the file inside it")
     return target
 
 

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from fieldmap.device.reader import device_of
-from fieldmap.errors import FieldmapError, Infeasible, InputError, Problem
+from fieldmap.errors import FieldmapError, Infeasible, InputError
 from fieldmap.iron.sensitivity.adjoint import quantity_of
 from fieldmap.iron.sensitivity.quantities import Quantity as FieldQuantity
 from fieldmap.parallel import Workers
@@ -126,7 +126,7 @@ def _numbers(point: OperatingPoint, here: Iterable[Number], places: Places) -> d
                 value = number.of(point.device, state)
             value = np.asarray(value, dtype=float).reshape(())
         if not np.isfinite(value):
-            raise Infeasible(Problem(number.label, "must be a finite number", str(value), "see the device"))
+            raise Infeasible.of(number.label, "must be a finite number", str(value), "see the device")
         found[number.label] = float(value)
     return found
 
@@ -331,7 +331,7 @@ class Search:
             received = found.failure
             remedy = "begin at a design that can be solved, or correct the device"
             must_hold = "the design at which the search begins must be solved"
-            raise InputError(Problem("optimise", must_hold, received, remedy))
+            raise InputError.of("optimise", must_hold, received, remedy)
         self._scale = abs(found.numbers[self.problem.objective.label]) or 1.0
         return found
 

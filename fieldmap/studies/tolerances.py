@@ -152,7 +152,7 @@ def analyse_tolerances(
         nominal = search.at(centre)
         if not nominal.solved:
             remedy = "correct the device, or take another refinement"
-            raise InputError(Problem(_CALLER, "the device must be solved", nominal.failure, remedy))
+            raise InputError.of(_CALLER, "the device must be solved", nominal.failure, remedy)
         slopes = {number.label: search.slopes(centre, number) for number in problem.numbers}
         _check_differences(search, nominal)
         draws = np.random.default_rng(seed).standard_normal((samples, len(centre)))
@@ -163,7 +163,7 @@ def analyse_tolerances(
     solved = [one for one in drawn if one.solved]
     if drawn and len(solved) < 2:
         must_hold, remedy = "at least two random devices must be solved", "see why they fail"
-        raise Infeasible(Problem(_CALLER, must_hold, drawn[0].failure, remedy))
+        raise Infeasible.of(_CALLER, must_hold, drawn[0].failure, remedy)
     return ToleranceAnalysis(
         title=f"Tolerances of {device_of(problem.document).name}",
         deviations=deviations,

@@ -202,7 +202,7 @@ class OperatingPoint:
     def payload(self) -> Payload:
         """The payload; the study's checks have seen to it that there is one."""
         if self.device.payload is None:
-            raise InputError(Problem("payload", "must be there", "none", "add a [payload] table"))
+            raise InputError.of("payload", "must be there", "none", "add a [payload] table")
         return self.device.payload
 
     @property
@@ -210,7 +210,7 @@ class OperatingPoint:
         """Corners of the box around the workspace, m."""
         bounds = self.device.bounds
         if bounds is None:
-            raise InputError(Problem("workspace", "must be there", "none", "add a [workspace] table"))
+            raise InputError.of("workspace", "must be there", "none", "add a [workspace] table")
         return bounds
 
     @property
@@ -271,7 +271,7 @@ def _reach(point: OperatingPoint) -> Numbers:
 def _reachable_share(point: OperatingPoint) -> Numbers:
     field, limit = point.iron.field, float(point.record.current_limit or 0.0)
     if not isinstance(field, LinearSolution):
-        raise InputError(Problem("reachable_share", "linear iron", "saturating iron", "leave it out"))
+        raise InputError.of("reachable_share", "linear iron", "saturating iron", "leave it out")
     return {"reachable_share": controllable_share(field, point.payload, *point.box, limit)}
 
 
@@ -369,7 +369,7 @@ def lowest_lift_height(field: Field, currents: Array, payload: Payload, over: Ar
         must_hold = "the currents at the limit must lift the payload somewhere in the workspace"
         received = f"{share:.3g} of the weight at most, with {limit:g} A"
         remedy = "raise the limit, lighten the payload, or let the workspace begin nearer to the iron"
-        raise Infeasible(Problem("reach", must_hold, received, remedy))
+        raise Infeasible.of("reach", must_hold, received, remedy)
     first = int(enough.argmax())
     if first == 0:
         return lower

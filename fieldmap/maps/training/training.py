@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fieldmap.currents import CurrentDomain
-from fieldmap.errors import NotConverged, Problem
+from fieldmap.errors import NotConverged
 from fieldmap.iron import NonlinearSolver
 from fieldmap.iron.solvers.reduced import GalerkinModel, same_lengths
 from fieldmap.maps.forecast import Forecast, expect_modes
@@ -363,7 +363,7 @@ def require_some(tried: Mapping[str, Snapshots], states: SolvedStates) -> None:
 
 
 def _not_trained(must_hold: str, received: str, remedy: str) -> NotConverged:
-    return NotConverged(Problem("training of the current dependence", must_hold, received, remedy))
+    return NotConverged.of("training of the current dependence", must_hold, received, remedy)
 
 
 def _model(
