@@ -6,10 +6,19 @@ from typing import Annotated, Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydantic import AfterValidator, BaseModel, ConfigDict, Discriminator, Field, StringConstraints
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Discriminator,
+    Field,
+    StringConstraints,
+)
 from pydantic_core import PydanticCustomError
 
 from fieldmap.arguments import LARGEST_NUMBER as LARGEST_NUMBER
+from fieldmap.inputs.findings import shown
 from fieldmap.records import shortened
 from fieldmap.typing import Array
 
@@ -133,6 +142,24 @@ def chosen_with(choose: Callable[[dict[str, Any]], Any], key: str = "kind") -> C
 def is_number(value: Any) -> bool:
     """Whether a raw value is a number that can be computed with: none of NaN, infinity, true, or beyond 1e30."""
     return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= LARGEST_NUMBER
+
+
+def one_or_each(
+    good: Callable[[float], bool], must_hold: str, remedy: str, some: bool = False
+) -> BeforeValidator:
+    """Annotation of one number, or a list of one for each: numbers that are good, some of them not 0 if that is asked;
+    what is left out passes."""
+
+    def checked(value: Any) -> Any:
+        numbers = value if isinstance(value, list) else [value]
+        holds = (
+            bool(numbers) and all(is_number(n) and good(n) for n in numbers) and (any(numbers) or not some)
+        )
+        if value is not None and not holds:
+            raise broken(must_hold, shown(value), remedy)
+        return value
+
+    return BeforeValidator(checked)
 
 
 def read_only(values: ArrayLike, scale: float = 1.0) -> Array:

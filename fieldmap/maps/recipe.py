@@ -21,7 +21,15 @@ from fieldmap.inputs.declared import Key, record_of, table_of
 from fieldmap.inputs.document import AtKey, Document
 from fieldmap.inputs.findings import closest, one_of, shown
 from fieldmap.inputs.kinds import FileKind
-from fieldmap.inputs.tables import LARGEST_LENGTH_MM, Positive, Text, Versioned, broken, is_number
+from fieldmap.inputs.tables import (
+    LARGEST_LENGTH_MM,
+    Positive,
+    Text,
+    Versioned,
+    broken,
+    is_number,
+    one_or_each,
+)
 from fieldmap.maps.training.plan import Plan
 from fieldmap.records import Record
 from fieldmap.shipped import is_file, shipped_file, shipped_names
@@ -63,18 +71,14 @@ def _map_file_name(value: Any) -> Any:
     return value
 
 
-def _amperes(value: Any) -> Any:
-    """One current, or one per coil."""
-    if value is None:
-        return value
-    numbers = value if isinstance(value, list) else [value]
-    if not numbers or not all(is_number(n) and abs(n) <= LARGEST_CURRENT_A for n in numbers):
-        must_hold = f"a current in A of at most {LARGEST_CURRENT_A:g}, or a list of one per coil"
-        raise broken(must_hold, shown(value), "write for example lower_A = 1.0")
-    return value
-
-
-Amperes = Annotated[float | int | list[float] | None, BeforeValidator(_amperes)]
+Amperes = Annotated[
+    float | int | list[float] | None,
+    one_or_each(
+        lambda n: abs(n) <= LARGEST_CURRENT_A,
+        f"a current in A of at most {LARGEST_CURRENT_A:g}, or a list of one per coil",
+        "write for example lower_A = 1.0",
+    ),
+]
 
 
 Refinement = Annotated[float, Field(ge=0.1, le=10)]

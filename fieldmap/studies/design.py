@@ -5,7 +5,7 @@ arguments of `fm.optimise`; `fieldmap.studies.optimisation` solves it.
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated, Any, Literal, TypeAlias
 
 import numpy as np
@@ -139,6 +139,17 @@ class Number(records.Record):
         return f"{self.name}, {sets}" if sets else self.name
 
 
+def number_of(given: Number | str | Callable[..., Any]) -> Number:
+    """A number by its name, a quantity of the field, or any function, as a `Number`."""
+    if isinstance(given, Number):
+        return given
+    if isinstance(given, str):
+        return Number(given)
+    if isinstance(given, FieldQuantity):
+        return Number(type(given).__name__, of=given)
+    return Number(getattr(given, "__name__", "function"), of=given)
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Limit(records.Record):
     """A number that must not leave lower to upper, in its SI unit. number: as text, of the only set of currents."""
@@ -150,6 +161,12 @@ class Limit(records.Record):
     upper: Annotated[float, Key(float | None, "upper bound, in the number's SI unit", examples=(3.3,))] = (
         np.inf
     )
+
+    @property
+    def asked(self) -> Number:
+        """The number, in a problem of design, where its set of currents is known."""
+        assert isinstance(self.number, Number)
+        return self.number
 
     @property
     def scale(self) -> float:
@@ -254,6 +271,11 @@ class Search(records.Record):
     ] = 1.4
     seed: Annotated[int, Key(Annotated[int, Field(ge=0)], "of Optuna's sampler")] = 0
 
+    def with_numbers(self, named: Callable[[Number], Number]) -> "Search":
+        """The same with other sets of currents of its numbers."""
+        limits = [replace(one, number=named(number_of(one.number))) for one in self.limits]
+        return replace(self, objective=named(self.objective), limits=tuple(limits))
+
 
 OptimiseKeys = table_of(Search, name="OptimiseKeys", bases=(_Objective,), rules=(_one_objective,))
 
@@ -275,8 +297,7 @@ class DesignProblem(Search):
     @property
     def numbers(self) -> tuple[Number, ...]:
         """Objective first, then those of the limits and others, each once."""
-        limited = [limit.number for limit in self.limits]
-        every = [self.objective, *(one for one in limited if isinstance(one, Number)), *self.besides]
+        every = [self.objective, *(limit.asked for limit in self.limits), *self.besides]
         return tuple({one.label: one for one in every}.values())
 
     @property

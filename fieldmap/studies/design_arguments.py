@@ -5,7 +5,7 @@ They are checked by the same rules as a study file with [optimise]; each mistake
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -19,8 +19,7 @@ from fieldmap.device.schema import DEVICE
 from fieldmap.errors import DeviceFileError, InputError, Problem
 from fieldmap.inputs.document import Document, parsed
 from fieldmap.inputs.findings import Finding
-from fieldmap.iron.sensitivity.quantities import Quantity as FieldQuantity
-from fieldmap.studies.design import Carrying, DesignProblem, Limit, Number, Variable
+from fieldmap.studies.design import Carrying, DesignProblem, Number, Search
 from fieldmap.studies.design_checks import checked
 from fieldmap.studies.quantities import GROUPS
 from fieldmap.studies.study import CurrentSet, Record, StudyIron, current_set, saturates
@@ -29,9 +28,7 @@ from fieldmap.typing import PathLike
 
 def design_problem(
     device: PathLike | Device,
-    variables: Sequence[Variable],
-    objective: Number | str | Callable[..., Any],
-    constraints: Sequence[Limit] = (),
+    search: Search,
     *,
     currents: Any,
     saturating: bool | None,
@@ -39,17 +36,11 @@ def design_problem(
     points: ArrayLike | None,
     box: tuple[ArrayLike, ArrayLike] | None,
     force_share: float,
-    solves: int,
-    maximise: bool = False,
-    method: str = "SLSQP",
-    tolerance: float = 1e-4,
-    check_refinement: float | None = None,
-    seed: int = 0,
-    besides: Sequence[Number | str | Callable[..., Any]] = (),
+    besides: Sequence[Number] = (),
     caller: str = "optimise",
 ) -> DesignProblem:
-    """The arguments of `optimise`, or of another caller, as a problem. Raises InputError with one Problem for every
-    mistake."""
+    """A search with the device and the currents that `optimise`, or another caller, was given. Raises InputError with
+    one Problem for every mistake."""
     document = device_document(device)
     made = device_of(document)
     problems: list[Problem] = []
@@ -58,24 +49,23 @@ def design_problem(
     corners = None if box is None else (np.asarray(box[0], dtype=float), np.asarray(box[1], dtype=float))
     limit = made.driver.current_limit if made.driver is not None else None
     where = np.asarray([] if points is None else points, dtype=float).reshape(-1, 3)
+
+    only = sets[0].name if len(sets) == 1 else ""
+
+    def named(number: Number) -> Number:
+        """With its set of currents, where there is one only."""
+        return replace(number, currents=number.currents or only)
+
     draft = DesignProblem(
+        **vars(search.with_numbers(named)),
         title=f"Optimum of {made.name}",
         document=document,
-        variables=tuple(variables),
-        objective=_number_of(objective, sets),
-        sign=-1.0 if maximise else 1.0,
-        limits=tuple(replace(one, number=_number_of(one.number, sets)) for one in constraints),
         current_sets=sets,
         iron=StudyIron("saturating" if curved else "linear", refinement=refinement),
         record=Record(GROUPS, where, force_share, limit, corners),
         coil_names=made.coil_names,
         body_names=tuple(body.name for body in made.bodies),
-        method=method,
-        solves=solves,
-        tolerance=tolerance,
-        check_refinement=check_refinement,
-        seed=seed,
-        besides=tuple(_number_of(one, sets) for one in besides),
+        besides=tuple(map(named, besides)),
     )
     done, findings = checked(draft, made)
     problems += [_told(finding, draft, caller) for finding in findings]
@@ -95,8 +85,7 @@ def _told(finding: Finding, draft: DesignProblem, caller: str) -> Problem:
         case ("optimise", "minimise" | "maximise", *_):
             where = f"{caller}, {draft.objective.label}"
         case ("optimise", "constraint", int(k), *_):
-            number = draft.limits[k].number
-            where = f"{caller}, {number.label if isinstance(number, Number) else number}"
+            where = f"{caller}, {draft.limits[k].asked.label}"
         case ("besides", int(k), *_):
             where = f"{caller}, {draft.besides[k].label}"
     return Problem(where, finding.must_hold, finding.received, finding.remedy)
@@ -134,18 +123,3 @@ def current_sets(given: Any, device: Device, where: str, problems: list[Problem]
             problems.append(Problem(where, must_hold, "none", "add them, or write amperes"))
         sets.append(current_set(str(name), amperes, coils, place))
     return tuple(sets)
-
-
-def _number_of(given: Any, sets: Sequence[CurrentSet]) -> Number:
-    """A number with its set of currents, where there is one only."""
-    if isinstance(given, Number):
-        number = given
-    elif isinstance(given, str):
-        number = Number(given)
-    elif isinstance(given, FieldQuantity):
-        number = Number(type(given).__name__, of=given)
-    else:
-        number = Number(getattr(given, "__name__", "function"), of=given)
-    if not number.currents and len(sets) == 1:
-        number = replace(number, currents=sets[0].name)
-    return number

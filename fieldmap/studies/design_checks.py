@@ -72,11 +72,10 @@ def _wrong_keys(variable: Variable, draft: DesignProblem, device: Device) -> Ite
 
 
 def _of_numbers(draft: DesignProblem, device: Device) -> Iterator[Finding]:
-    asked: list[tuple[Location, Number | str]] = [(_objective_place(draft), draft.objective)]
-    asked += [((*_LIMIT, k), limit.number) for k, limit in enumerate(draft.limits)]
+    asked = [(_objective_place(draft), draft.objective)]
+    asked += [((*_LIMIT, k), limit.asked) for k, limit in enumerate(draft.limits)]
     asked += [(("besides", k), number) for k, number in enumerate(draft.besides)]
     for place, number in asked:
-        assert isinstance(number, Number)
         yield from _of_number(place, number, draft, device)
     for k, limit in enumerate(draft.limits):
         if not limit.lower < limit.upper or not np.isfinite([limit.lower, limit.upper]).any():

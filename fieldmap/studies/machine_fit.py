@@ -11,7 +11,7 @@ from typing import Annotated, Any, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydantic import BeforeValidator, Field, WithJsonSchema
+from pydantic import BeforeValidator, Field
 
 from fieldmap.device import read_device
 from fieldmap.device.model import Device
@@ -19,22 +19,13 @@ from fieldmap.errors import FieldmapError, InputError
 from fieldmap.field import AnyField, as_field
 from fieldmap.inputs.declared import Key
 from fieldmap.inputs.findings import shown
-from fieldmap.inputs.tables import Number, Point, Text, broken, is_number
+from fieldmap.inputs.tables import Number, Point, Positive, Text, broken, is_number, one_or_each
 from fieldmap.iron import NonlinearSolver, solve_linear
 from fieldmap.levitation import lift_current
 from fieldmap.levitation.unknowns import Measured, ReadingsFit, Unknown, Workers, find_unknowns, mistakes
 from fieldmap.records import Record
 from fieldmap.studies.study import saturates
 from fieldmap.typing import Array, PathLike
-
-
-def _deviation(value: Any) -> Any:
-    """One positive number for all readings, or a list of one for each."""
-    numbers = value if isinstance(value, list) else [value]
-    if not numbers or not all(is_number(n) and n > 0 for n in numbers):
-        must_hold = "one number above 0 for all readings, or a list of one for each"
-        raise broken(must_hold, shown(value), "state the standard deviation of a reading")
-    return [float(n) for n in value] if isinstance(value, list) else float(value)
 
 
 def _amperes(value: Any) -> Any:
@@ -48,18 +39,15 @@ def _amperes(value: Any) -> Any:
     return value
 
 
-def _or_lists(number: dict[str, Any], depth: int) -> WithJsonSchema:
-    """JSON Schema of a number, or of lists of it, of as many dimensions at most."""
-    choices = [number]
-    for _ in range(depth):
-        choices.append({"type": "array", "items": choices[-1]})
-    return WithJsonSchema({"anyOf": choices})
-
-
 Deviation = Annotated[
-    Any, BeforeValidator(_deviation), _or_lists({"type": "number", "exclusiveMinimum": 0}, 1)
+    Positive | list[Positive],
+    one_or_each(
+        lambda n: n > 0,
+        "one number above 0 for all readings, or a list of one for each",
+        "state the standard deviation of a reading",
+    ),
 ]
-Amperes = Annotated[Any, BeforeValidator(_amperes), _or_lists({"type": "number"}, 2)]
+Amperes = Annotated[Number | list[Number] | list[list[Number]], BeforeValidator(_amperes)]
 Rows = Annotated[list[Number], Field(min_length=1)]
 TableName = Annotated[str, Key(Text, "name of the table", examples=("on the axis",))]
 

@@ -24,11 +24,19 @@ from fieldmap.device.reader import device_of
 from fieldmap.errors import Problem
 from fieldmap.extras import require
 from fieldmap.store import write_whole
-from fieldmap.studies.design import WITHOUT_SLOPES, DesignProblem, Limit, Number, Variable
+from fieldmap.studies.design import (
+    WITHOUT_SLOPES,
+    DesignProblem,
+    Limit,
+    Number,
+    Search,
+    Variable,
+    number_of,
+)
 from fieldmap.studies.design_arguments import design_problem
 from fieldmap.studies.optimum import Check, LimitAtOptimum, NoFeasibleDesign, Optimum
 from fieldmap.studies.run import require_xarray, write_netcdf
-from fieldmap.studies.search import Evaluation, Search, SearchEnded, searching
+from fieldmap.studies.search import Designs, Evaluation, SearchEnded, searching
 from fieldmap.typing import Array, PathLike, Progress
 
 # Searches from the best design on after a limit has failed on the finer mesh.
@@ -98,23 +106,26 @@ def optimise(
     """
     if method == "optuna":
         _require_optuna()
-    problem = design_problem(
-        device,
-        variables,
-        objective,
-        constraints,
-        currents=currents,
-        maximise=maximise,
-        saturating=saturating,
-        refinement=refinement,
-        points=points,
-        box=box,
-        force_share=force_share,
+    search = Search(
+        objective=number_of(objective),
+        sign=-1.0 if maximise else 1.0,
+        variables=tuple(variables),
+        limits=tuple(constraints),
         method=method,
         solves=solves,
         tolerance=tolerance,
         check_refinement=check_refinement,
         seed=seed,
+    )
+    problem = design_problem(
+        device,
+        search,
+        currents=currents,
+        saturating=saturating,
+        refinement=refinement,
+        points=points,
+        box=box,
+        force_share=force_share,
     )
     return solve_problem(problem, output, resume, workers, progress)
 
@@ -145,7 +156,7 @@ def solve_problem(
     return found
 
 
-def _search(search: Search) -> Optimum:
+def _search(search: Designs) -> Optimum:
     first = search.begin()
     ended = _minimised(search, search.scaled(first))
     best = search.best()
@@ -171,7 +182,7 @@ def _search(search: Search) -> Optimum:
     return _optimum(search, first, best, check, finer, ended)
 
 
-def _minimised(search: Search, z: Array) -> str:
+def _minimised(search: Designs, z: Array) -> str:
     """Let an optimiser search from scaled values; why it ended."""
     try:
         return _by_optuna(search, z) if search.problem.method == "optuna" else _by_scipy(search, z)
@@ -179,7 +190,7 @@ def _minimised(search: Search, z: Array) -> str:
         return str(end)
 
 
-def _by_scipy(search: Search, z: Array) -> str:
+def _by_scipy(search: Designs, z: Array) -> str:
     method, tolerance = search.problem.method, search.problem.tolerance
     slopes = {} if method == "COBYQA" else {"jac": search.limit_slopes}
     limits = NonlinearConstraint(search.limits, 0.0, np.inf, **slopes)
@@ -213,7 +224,7 @@ def _require_optuna() -> ModuleType:
     return require("optuna", "optuna", "fieldmap.studies.optimise", 'choose another method, such as "COBYQA"')
 
 
-def _by_optuna(search: Search, z: Array) -> str:
+def _by_optuna(search: Designs, z: Array) -> str:
     """Let Optuna's sampler of tree-structured Parzen estimators choose designs, the first at scaled values z, until as
     many are solved as the problem allows; how it ended. For designs with several optima, where derivatives lead to the
     nearest. Its seed is the problem's: a run that is resumed asks for the same designs."""
@@ -234,7 +245,7 @@ def _by_optuna(search: Search, z: Array) -> str:
     return f"{len(study.trials)} designs were tried"
 
 
-def _towards_the_limits(search: Search) -> str:
+def _towards_the_limits(search: Designs) -> str:
     """Look for a design that meets the limits, from the one that comes nearest, and search on from there."""
     z = search.scaled(search.nearest())
     how: dict[str, Any] = {"method": "L-BFGS-B", "jac": search.violation_slopes}
@@ -248,14 +259,13 @@ def _towards_the_limits(search: Search) -> str:
     return str(found.message) if best is None else _minimised(search, search.scaled(best))
 
 
-def _nothing(search: Search) -> NoFeasibleDesign:
+def _nothing(search: Designs) -> NoFeasibleDesign:
     """Which limits fail, and by how much, at the design that comes nearest to meeting all."""
     nearest, problem = search.nearest(), search.problem
     where = ", ".join(f"{key} = {value:.6g}" for key, value in nearest.values.items())
     problems = []
     for limit in problem.limits:
-        assert isinstance(limit.number, Number)
-        value = search.number(nearest, limit.number)
+        value = search.number(nearest, limit.asked)
         if search.excess(nearest, limit) <= problem.tolerance:
             continue
         side, bound = ("at least", limit.lower) if value < limit.lower else ("at most", limit.upper)
@@ -265,11 +275,11 @@ def _nothing(search: Search) -> NoFeasibleDesign:
         )
         remedy = "loosen this limit, widen the bounds of the variables, or begin elsewhere"
         must_hold = f"must be {side} {bound:g}"
-        problems.append(Problem(f"optimise, {limit.number.label}", must_hold, received, remedy))
+        problems.append(Problem(f"optimise, {limit.asked.label}", must_hold, received, remedy))
     return NoFeasibleDesign(*problems, nearest=nearest.values, path=tuple(search.steps))
 
 
-def _checked(search: Search, best: Evaluation) -> tuple[Check | None, Evaluation]:
+def _checked(search: Designs, best: Evaluation) -> tuple[Check | None, Evaluation]:
     """The best design on a finer mesh."""
     problem, times = search.problem, search.problem.check_refinement
     if times is None or not problem.body_names:
@@ -283,14 +293,13 @@ def _checked(search: Search, best: Evaluation) -> tuple[Check | None, Evaluation
 
 
 def _optimum(
-    search: Search, first: Evaluation, best: Evaluation, check: Check | None, finer: Evaluation, ended: str
+    search: Designs, first: Evaluation, best: Evaluation, check: Check | None, finer: Evaluation, ended: str
 ) -> Optimum:
     problem, label = search.problem, search.problem.objective.label
     last = finer if check is not None and not check.failure else None
     limits = []
     for limit in problem.limits:
-        assert isinstance(limit.number, Number)
-        number, judged = limit.number.label, last or best
+        number, judged = limit.asked.label, last or best
         room = min(abs(judged.numbers[number] - bound) for bound in (limit.lower, limit.upper)) / limit.scale
         limits.append(
             LimitAtOptimum(

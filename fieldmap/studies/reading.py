@@ -101,15 +101,12 @@ def read_design_problem(path_or_name: PathLike) -> DesignProblem:
         raise StudyError.of(str(file.path), must_hold, "a study of variants", remedy)
     opened, sets = _opened(file, settings), [one.name for one in settings.currents]
 
-    def named(number: Number | str) -> Number:
-        """With the set of currents that there is, which needs no name."""
-        assert isinstance(number, Number)
+    def named(number: Number) -> Number:
+        """Without the set of currents where there is one, which needs no name."""
         return replace(number, currents="") if sets == [number.currents] else number
 
-    limits = tuple(replace(one, number=named(one.number)) for one in search.limits)
-    stated = replace(search, objective=named(search.objective), limits=limits)
     draft = DesignProblem(
-        **vars(stated),
+        **vars(search.with_numbers(named)),
         title=settings.title,
         document=opened.document,
         current_sets=opened.current_sets if len(sets) > 1 else (replace(opened.current_sets[0], name=""),),

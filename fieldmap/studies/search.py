@@ -78,7 +78,7 @@ def evaluate(asked: Asked) -> Evaluation:
 
 def _solved(asked: Asked) -> tuple[dict[str, float], Slopes]:
     problem, device = asked.problem, device_of(asked.problem.document_at(asked.values))
-    iron = SolvedIron(device, replace(problem.iron, refinement=asked.refinement), asked.refinement)
+    iron = SolvedIron(device, replace(problem.iron, refinement=asked.refinement))
     parameters = VariedParameters(device, problem.document, problem.variables, problem.named(asked.values))
     labels = axis_labels(problem.record, problem.coil_names, problem.body_names)
     places = number_names(problem.record.groups, labels)
@@ -167,7 +167,7 @@ def searching(
     workers: int,
     progress: Progress | None,
     scheduler: str | None = None,
-) -> Iterator[Search]:
+) -> Iterator[Designs]:
     """A search by workers, whose designs are kept in OUTPUT.partial."""
     keep = (
         nullcontext()
@@ -175,7 +175,7 @@ def searching(
         else Checkpoint(checkpoint_path(Path(output)), problem_fingerprint(problem), resume)
     )
     with Workers(workers, scheduler) as team, keep as checkpoint:
-        yield Search(problem, team, checkpoint, progress or (lambda message, fraction: None))
+        yield Designs(problem, team, checkpoint, progress or (lambda message, fraction: None))
 
 
 def problem_fingerprint(problem: DesignProblem) -> str:
@@ -204,7 +204,7 @@ class SearchEnded(Exception):  # noqa: N818 - an end, not an error
     """Why the search ends before the optimiser does."""
 
 
-class Search:
+class Designs:
     """Designs of a problem, solved once. checkpoint: where they are kept; None: in this run alone."""
 
     def __init__(
@@ -317,8 +317,7 @@ class Search:
 
     def excess(self, found: Evaluation, limit: Limit) -> float:
         """Violation of a limit over its scale."""
-        assert isinstance(limit.number, Number)
-        return limit.violation(self.number(found, limit.number)) / limit.scale
+        return limit.violation(self.number(found, limit.asked)) / limit.scale
 
     def violation(self, found: Evaluation) -> float:
         """Largest violation over the limits' scales."""
@@ -368,11 +367,10 @@ class Search:
         """Room to a bound, the factor of the number in it, and the number."""
         rooms = []
         for limit in self.problem.limits:
-            assert isinstance(limit.number, Number)
-            value = self.number(found, limit.number)
+            value = self.number(found, limit.asked)
             for side, bound in ((1.0, limit.lower), (-1.0, limit.upper)):
                 if np.isfinite(bound):
-                    rooms.append((side * (value - bound) / limit.scale, side / limit.scale, limit.number))
+                    rooms.append((side * (value - bound) / limit.scale, side / limit.scale, limit.asked))
         return rooms
 
     def violations(self, z: Array) -> float:

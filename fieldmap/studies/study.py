@@ -17,7 +17,7 @@ from fieldmap.errors import FieldmapError, Problem
 from fieldmap.inputs.declared import Key, table_of
 from fieldmap.inputs.document import Document
 from fieldmap.inputs.findings import Finding, one_of, shown
-from fieldmap.inputs.tables import Name, Point, Positive, Text, broken, is_number
+from fieldmap.inputs.tables import Name, Point, Positive, Text, broken, is_number, one_or_each
 from fieldmap.maps.recipe import LARGEST_CURRENT_A, IronModel
 from fieldmap.maps.training.plan import Accuracy
 from fieldmap.provenance import fingerprint
@@ -134,19 +134,15 @@ class CurrentSet(records.Record):
     carried_at: Array | None
 
 
-def _amperes(value: Any) -> Any:
-    """One number for all coils, or one per coil, not all of them zero."""
-    if value is None:
-        return value
-    numbers = value if isinstance(value, list) else [value]
-    good = bool(numbers) and all(is_number(n) and abs(n) <= LARGEST_CURRENT_A for n in numbers)
-    if not good or not any(numbers):
-        must_hold = "one number for all coils, or a list of one per coil, not all of them 0"
-        raise broken(must_hold, shown(value), "write for example amperes_A = 1.5")
-    return value
-
-
-Amperes = Annotated[Any, BeforeValidator(_amperes)]
+Amperes = Annotated[
+    Any,
+    one_or_each(
+        lambda n: abs(n) <= LARGEST_CURRENT_A,
+        "one number for all coils, or a list of one per coil, not all of them 0",
+        "write for example amperes_A = 1.5",
+        some=True,
+    ),
+]
 
 
 def _of_some_size(keys: Any) -> None:

@@ -21,11 +21,11 @@ from fieldmap.errors import FieldmapError, Infeasible, InputError, Problem
 from fieldmap.iron.sensitivity.changes import Parameters
 from fieldmap.iron.sensitivity.quantities import Derivatives
 from fieldmap.records import Record
-from fieldmap.studies.design import CURRENT, DesignProblem, Number, Variable
+from fieldmap.studies.design import CURRENT, DesignProblem, Number, Search, Variable, number_of
 from fieldmap.studies.design_arguments import current_sets, design_problem, device_document
 from fieldmap.studies.design_checks import given_current
 from fieldmap.studies.optimum import Kind
-from fieldmap.studies.search import Evaluation, Search, searching
+from fieldmap.studies.search import Designs, Evaluation, searching
 from fieldmap.studies.study import Linked, setting_words
 from fieldmap.typing import Array, PathLike, Progress
 
@@ -208,16 +208,12 @@ def _problem(
         variables.append(Variable(one.key, own - step, own + step, own, one.linked, step))
     if problems:
         raise InputError(*problems)
-    return design_problem(
-        device,
-        variables,
-        numbers[0],
-        besides=numbers[1:],
-        currents=currents,
-        solves=1 + 2 * len(uncertain) + samples,
-        caller=_CALLER,
-        **of_the_device,
+    objective, *besides = map(number_of, numbers)
+    solves = 1 + 2 * len(uncertain) + samples
+    search = Search(
+        objective=objective, sign=1.0, variables=tuple(variables), solves=solves, check_refinement=None
     )
+    return design_problem(device, search, besides=besides, currents=currents, caller=_CALLER, **of_the_device)
 
 
 def _mistakes(uncertain: Sequence[Uncertain], numbers: Sequence[Any], samples: int) -> list[Problem]:
@@ -236,7 +232,7 @@ def _mistakes(uncertain: Sequence[Uncertain], numbers: Sequence[Any], samples: i
     return found
 
 
-def _check_differences(search: Search, nominal: Evaluation) -> None:
+def _check_differences(search: Designs, nominal: Evaluation) -> None:
     """Raise InputError for numbers of the device that can be changed to neither side."""
     problems = []
     for key, value in nominal.values.items():
@@ -249,7 +245,7 @@ def _check_differences(search: Search, nominal: Evaluation) -> None:
 
 
 def _spread(
-    search: Search,
+    search: Designs,
     number: Number,
     nominal: Evaluation,
     slopes: Array,

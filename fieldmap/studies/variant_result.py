@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -41,16 +41,13 @@ BOX_GRID = (5, 5, 5)
 
 
 class SolvedIron:
-    """A variant solved on one mesh. field: its field at any currents, solved once or a state at a time.
+    """A variant solved on one mesh. field: its field at any currents, solved once or a state at a time."""
 
-    refinement: divides the mesh sizes of saturating iron; `StudyIron.accuracy` chooses those of linear iron.
-    """
-
-    def __init__(self, device: Device, model: StudyIron, refinement: float) -> None:
+    def __init__(self, device: Device, model: StudyIron) -> None:
         self._device, self._model = device, model
         self.field: LinearSolution | NonlinearSolver
         if model.saturating:
-            self.field = NonlinearSolver(device, refinement, tolerance=model.tolerance)
+            self.field = NonlinearSolver(device, model.refinement, tolerance=model.tolerance)
         elif model.accuracy is not None and device.bodies:
             self.field = solve_to_tolerance(device, model.accuracy, model.mu_r)
         else:
@@ -135,9 +132,9 @@ def reason(what: str, error: Exception) -> str:
 
 def _accurate(device: Device, task: Task) -> VariantResult:
     """The variant, its mesh refined until its estimated errors are within the accuracy that is asked for."""
-    model, refinement, errors = task.iron, task.iron.refinement, []
+    model, errors = task.iron, []
     for _ in range(MOST_REFINEMENTS):
-        iron = SolvedIron(device, model, refinement)
+        iron = SolvedIron(device, model)
         rows = tuple(_row(device, iron, entry, task.record) for entry in task.current_sets)
         if model.accuracy is None or not model.saturating:
             return VariantResult(rows, iron.field.assumptions)
@@ -145,7 +142,7 @@ def _accurate(device: Device, task: Task) -> VariantResult:
         if not found or max(found) <= model.accuracy:
             return VariantResult(rows, iron.field.assumptions)
         errors.append(max(found))
-        refinement *= COARSER
+        model = replace(model, refinement=COARSER * model.refinement)
     must_hold = (
         f"the estimated error of B must fall to {model.accuracy:g} within {MOST_REFINEMENTS} refinements"
     )
@@ -200,18 +197,15 @@ class OperatingPoint:
 
     @property
     def payload(self) -> Payload:
-        """The payload; the study's checks have seen to it that there is one."""
-        if self.device.payload is None:
-            raise InputError.of("payload", "must be there", "none", "add a [payload] table")
+        """The payload; the checks of studies and designs have seen to it that there is one."""
+        assert self.device.payload is not None
         return self.device.payload
 
     @property
     def box(self) -> tuple[Array, Array]:
         """Corners of the box around the workspace, m."""
-        bounds = self.device.bounds
-        if bounds is None:
-            raise InputError.of("workspace", "must be there", "none", "add a [workspace] table")
-        return bounds
+        assert self.device.bounds is not None
+        return self.device.bounds
 
     @property
     def field(self) -> Field:

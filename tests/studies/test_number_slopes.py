@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from fieldmap.studies import Carrying, Limit, Linked, Number, Variable
+from fieldmap.studies.design import Search
 from fieldmap.studies.design_arguments import design_problem
 from fieldmap.studies.search import Asked, evaluate
 from tests.conftest import DEVICES
@@ -41,23 +42,24 @@ POINTS = [[0.002, 0.001, -0.016]]
 BOX = ([0.0, 0.0, -0.02], [0.004, 0.004, -0.016])
 
 
-def problem(currents, saturating, variables, numbers=NUMBERS, device=DEVICE, **options):
+def problem(currents, saturating, variables, numbers=NUMBERS, device=DEVICE):
     made = [
         Variable(key, 0.98 * value, 1.02 * value, value, LINKED.get(key, ()))
         for key, (value, _) in variables.items()
     ]
     found = design_problem(
         device,
-        made,
-        Number("common_current", next(iter(currents)) if isinstance(currents, dict) else ""),
+        Search(
+            objective=Number("common_current", next(iter(currents)) if isinstance(currents, dict) else ""),
+            sign=1.0,
+            variables=tuple(made),
+        ),
         currents=currents,
         saturating=saturating,
         refinement=1.0,
         points=POINTS,
         box=BOX,
         force_share=0.005,
-        solves=100,
-        **options,
     )
     sets = [entry.name for entry in found.current_sets]
     others = tuple(Number(name, one) for name in numbers for one in sets)
