@@ -86,27 +86,63 @@ def generate(
 ) -> Path:
     """Make the map that a recipe asks for, or a map of a device, and return the path of its file.
 
-    recipe: path of a recipe file, or the name of a shipped one; or a device, with what a recipe would say: spacing, m,
-    box (lower, upper), m, currents (smallest, largest), A, where the iron shall saturate, iron and reference_current as
-    in `fieldmap.maps.recipe_for`. The file is that of a recipe with these numbers. changes: of the device file that a
-    recipe names, such as {"parameters.gap": 120.0}, as `read_device` takes them. output: the file to write, by
-    default maps/out/NAME.h5 in the current folder, with the recipe's file name or its stem. resume: go on with a run
-    that was stopped, and leave a finished map alone, if everything that decides the numbers is the same;
-    False begins anew. progress(message, fraction) is called as the work goes on; None prints a bar with the time left
-    if stderr is a terminal, True prints it or plain lines wherever stderr goes, False nothing. workers: how many
-    processes of this machine solve and evaluate, 1 for this one alone; scheduler: address of a dask scheduler whose
-    workers do it (docs/cluster.md). The numbers are the same bit for bit, whoever computes them.
+    The file appears under its name only when it is complete. What is wrong with recipe, device, geometry or output is
+    told before any long work, and without leaving a file.
 
-    accept_error: write a map of saturating iron whose largest error found, at any state at which its current model was
-    tried, is more than twice the accuracy that its recipe asks for. The error is then among its assumptions, and
-    opening it warns (MapAccuracyWarning). Without it MapErrorTooLarge is raised, as soon as the error is known: nothing
-    is written, what was solved is kept, and the same call with accept_error=True goes on.
+    Parameters
+    ----------
+    recipe
+        Path of a recipe file, or the name of a shipped one; or a device, with what a recipe would say: spacing, box,
+        currents, iron and reference_current. The file is that of a recipe with these numbers.
+    output
+        The file to write; maps/out/NAME.h5 in the current folder unless given, with the recipe's file name or its stem.
+    resume
+        Go on with a run that was stopped, and leave a finished map alone, if everything that decides the numbers is the
+        same; False begins anew.
+    progress
+        progress(message, fraction) is called as the work goes on. None prints a bar with the time left if stderr is a
+        terminal, True prints it or plain lines wherever stderr goes, False nothing.
+    workers
+        How many processes of this machine solve and evaluate, 1 for this one alone. The numbers are the same bit for
+        bit, whoever computes them.
+    scheduler
+        Address of a dask scheduler whose workers do it (docs/cluster.md).
+    spacing
+        Largest distance of nodes, one number or three, m.
+    box
+        (lower, upper), m, or a WorkspaceBox.
+    currents
+        (smallest, largest), A, where the iron shall saturate; as in `fieldmap.maps.recipe_for`.
+    iron
+        Keys of [iron].
+    reference_current
+        A.
+    changes
+        Of the device file that a recipe names, such as {"parameters.gap": 120.0}, as `read_device` takes them.
+    accept_error
+        Write a map of saturating iron whose largest error found, at any state at which its current model was tried, is
+        more than twice the accuracy that its recipe asks for. The error is then among its assumptions, and opening it
+        warns (MapAccuracyWarning).
 
-    The file appears under its name only when it is complete. Raises RecipeError, DeviceFileError,
-    GeometryError (a box that cuts iron or a winding) or InputError (an output that cannot be written) before
-    any long work and without leaving a file; InputError for workers that cannot be had; NotConverged if the solver
-    fails, or where iron saturates at more than half of the states; MapErrorTooLarge as above.
+    Returns
+    -------
+    Path
+        The file.
 
+    Raises
+    ------
+    RecipeError, DeviceFileError, GeometryError
+        For a wrong recipe or device, and for a box that cuts iron or a winding.
+    InputError
+        For an output that cannot be written, and workers that cannot be had.
+    NotConverged
+        If the solver fails, or where iron saturates at more than half of the states.
+    MapErrorTooLarge
+        As soon as the error is known to be larger than what is accepted: nothing is written, what was solved is kept,
+        and the same call with accept_error=True goes on.
+
+    Examples
+    --------
     >>> import fieldmap as fm
     >>> fm.generate("quick")                                                      # doctest: +SKIP
     PosixPath('maps/out/quick.h5')

@@ -361,11 +361,20 @@ RECIPE = FileKind(
 
 
 def read_recipe(path_or_name: str | Path) -> Recipe:
-    """Read and check a recipe file: its path, or the name of a shipped recipe ("quick").
+    """Read and check a recipe file, as docs/recipes.md describes it.
 
-    The format is described in docs/recipes.md. Raises RecipeError with one Problem for every error of the
-    file: file, line and key path; what must hold; what was received; the remedy.
+    Parameters
+    ----------
+    path_or_name
+        Path of the file, or the name of a shipped recipe ("quick").
 
+    Raises
+    ------
+    RecipeError
+        One Problem for every error of the file: file, line and key path; what must hold; what was received; the remedy.
+
+    Examples
+    --------
     >>> read_recipe("quick").device
     'disk_six_cores'
     """
@@ -383,11 +392,29 @@ def recipe_for(
 ) -> Recipe:
     """The recipe of a map of a device, without a file: as if one had been written, with a text of its own.
 
-    spacing: largest distance of nodes, one number or three, m. box: (lower, upper), m, or a WorkspaceBox; the device's
-    workspace if None. currents: None for linear iron; for saturating iron the smallest and the largest current, A, each
-    one number or one per coil, or a mapping with the keys of [currents]. iron: keys of [iron], such as
-    {"refinement": 0.7}. reference_current: A. Raises RecipeError with one Problem for everything that is wrong.
+    Parameters
+    ----------
+    device
+        The device.
+    spacing
+        Largest distance of nodes, one number or three, m.
+    box
+        (lower, upper), m, or a WorkspaceBox; the device's workspace if None.
+    currents
+        None for linear iron. For saturating iron the smallest and the largest current, A, each one number or one per
+        coil, or a mapping with the keys of [currents].
+    iron
+        Keys of [iron], such as {"refinement": 0.7}.
+    reference_current
+        A.
 
+    Raises
+    ------
+    RecipeError
+        One Problem for everything that is wrong.
+
+    Examples
+    --------
     >>> import fieldmap as fm
     >>> recipe_for(fm.read_device("disk_six_cores"), 8e-3, currents=(0.5, 2.0)).file_name
     'disk_six_cores.h5'

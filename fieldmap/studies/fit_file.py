@@ -236,10 +236,20 @@ class Fit(Record):
 
 
 def read_fit(path_or_name: PathLike) -> Fit:
-    """Read and check a fit file: its path, or the name of a shipped one ("loop_and_sphere").
+    """Read and check a fit file, as docs/fit_machine.md describes it.
 
-    The format is described in docs/fit_machine.md. Raises FitError with one Problem for every error of the file.
+    Parameters
+    ----------
+    path_or_name
+        Path of the file, or the name of a shipped one ("loop_and_sphere").
 
+    Raises
+    ------
+    FitError
+        One Problem for every error of the file.
+
+    Examples
+    --------
     >>> fit = read_fit("loop_and_sphere")
     >>> [one.key for one in fit.unknowns], [table.name for table in fit.predict]
     (['coil.loop.position_mm.3', 'coil.loop.turns'], ['off the axis'])

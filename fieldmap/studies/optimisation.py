@@ -74,28 +74,70 @@ def optimise(
 ) -> Optimum:
     """Find the values of variables for which a number of the device is smallest, or largest, within limits.
 
-    device: a file, its name, or made in Python. variables: what may change (`Variable`). objective: the name of a
-    number that studies record ("equilibrium_area", "power", "flux_density 1 z": docs/studies.md), a `Number`, or a
-    function (device, state) -> number. constraints: numbers and their bounds (`Limit`), SI units. currents, A: one
-    number for all coils, one per coil, `Carrying(position)` for those that carry the payload, or several of these by
-    name; 1 A unless given. saturating: whether the iron saturates; it does where the device's materials do unless
-    given. refinement: divides the mesh sizes. points (n, 3), m, of the numbers at points; box: lower and upper corner,
-    m, for "inhomogeneity".
+    Parameters
+    ----------
+    device
+        A file, its name, or made in Python.
+    variables
+        What may change.
+    objective
+        The name of a number that studies record ("equilibrium_area", "power", "flux_density 1 z": docs/studies.md), a
+        `Number`, or a function (device, state) -> number.
+    constraints
+        Numbers and their bounds, SI units.
+    currents
+        A: one number for all coils, one per coil, `Carrying(position)` for those that carry the payload, or several of
+        these by name; 1 A unless given.
+    maximise
+        Whether the number is to be largest.
+    saturating
+        Whether the iron saturates; it does where the device's materials do unless given.
+    refinement
+        Divides the mesh sizes.
+    points
+        Points (n, 3), m, of the numbers at points.
+    box
+        Lower and upper corner, m, for "inhomogeneity".
+    force_share
+        Share of the weight that bounds the equilibrium area.
+    method
+        "SLSQP" or "trust-constr" (derivatives: exact where the adjoint gives them, differences of solved designs
+        otherwise), "COBYQA" (none), or "optuna" (none, for designs with several optima; extra "optuna").
+    solves
+        At most that many designs.
+    tolerance
+        Relative change at which the search ends, and violation of a limit, over its bound, that counts as none.
+    check_refinement
+        How much finer the mesh of the last check is; None for no check, and of no account without iron.
+    seed
+        Of Optuna's sampler.
+    output
+        NetCDF file of the path, with CSV and the designs solved so far (.partial) beside it: a run that was killed goes
+        on from them and solves none twice. Functions of Python are told apart by their name alone there.
+    resume
+        Whether the designs of an earlier run are taken.
+    workers
+        Designs solved at a time where derivatives are differences.
+    progress
+        Called with a message and the share that is done.
 
-    method: "SLSQP" or "trust-constr" (derivatives: exact where the adjoint gives them, differences of solved designs
-    otherwise), "COBYQA" (none), or "optuna" (none, for designs with several optima; extra "optuna"). solves: at most
-    that many designs. tolerance: relative change at which the search ends, and violation of a limit, over its bound,
-    that counts as none. check_refinement: how much finer the mesh of the last check is; None for no check, and of no
-    account without iron.
+    Returns
+    -------
+    Optimum
+        The best design. A design that cannot be solved is kept as a failure, counts as worse than all others, and the
+        search goes on.
 
-    output: NetCDF file of the path, with CSV and the designs solved so far (.partial) beside it: a run that was killed
-    goes on from them and solves none twice. Functions of Python are told apart by their name alone there. workers:
-    designs solved at a time where derivatives are differences. A design that cannot be solved is kept as a failure,
-    counts as worse than all others, and the search goes on.
+    Raises
+    ------
+    InputError
+        For arguments that make no sense, and where the start cannot be solved.
+    NoFeasibleDesign
+        Where no design meets the limits, with a problem for each limit that fails.
+    MissingExtraError
+        Without Optuna or xarray.
 
-    Raises InputError for arguments that make no sense, and where the start cannot be solved; NoFeasibleDesign, with a
-    problem for each limit that fails, where no design meets the limits; MissingExtraError without Optuna or xarray.
-
+    Examples
+    --------
     >>> import fieldmap as fm
     >>> from fieldmap.studies import Limit, Variable
     >>> best = fm.optimise(

@@ -53,12 +53,22 @@ class _Opened(records.Record):
 
 
 def read_study(path_or_name: str | Path) -> Study:
-    """Read and check a study file: its path, or the name of a shipped study ("pole_disk").
+    """Read and check a study file, as docs/studies.md describes it.
 
-    The format is described in docs/studies.md. Raises StudyError with one Problem for every error of the file: file,
-    line and key path; what must hold; what was received; the remedy. A variant that the device's schema refuses is
-    such an error; one whose bodies cannot be built shows only when it is solved.
+    Parameters
+    ----------
+    path_or_name
+        Path of the file, or the name of a shipped study ("pole_disk").
 
+    Raises
+    ------
+    StudyError
+        One Problem for every error of the file: file, line and key path; what must hold; what was received; the remedy.
+        A variant that the device's schema refuses is such an error; one whose bodies cannot be built shows only when it
+        is solved.
+
+    Examples
+    --------
     >>> study = read_study("pole_disk")
     >>> study.shape, len(study.variants)
     ((4, 3), 12)
@@ -89,10 +99,17 @@ def read_study(path_or_name: str | Path) -> Study:
 
 
 def read_design_problem(path_or_name: PathLike) -> DesignProblem:
-    """Read and check a study file with [optimise]: its path, or the name of a shipped one.
+    """Read and check a study file with [optimise], as docs/optimise.md describes it.
 
-    The format is described in docs/optimise.md. Raises StudyError with one Problem for every error of the file: file,
-    line and key path; what must hold; what was received; the remedy.
+    Parameters
+    ----------
+    path_or_name
+        Path of the file, or the name of a shipped one.
+
+    Raises
+    ------
+    StudyError
+        One Problem for every error of the file: file, line and key path; what must hold; what was received; the remedy.
     """
     file, settings = _read(path_or_name)
     search = settings.optimise

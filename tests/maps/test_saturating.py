@@ -274,13 +274,18 @@ def potential_at(solver, currents):
     return solver.solve(currents, 1e-7).state.potential[:, 0]
 
 
-def test_modes_hold_the_states_and_their_tangents(solver):
-    known = Snapshots(solver, lambda currents: False)
-    for currents in ([1.0, 0.5], [1.6, 1.4]):
-        values = np.array(currents)
+def snapshots(solver, images, *currents):
+    """Solved states with their tangents, and with their images."""
+    known = Snapshots(solver, lambda currents: images)
+    for values in map(np.array, currents):
         potential = potential_at(solver, values)
         tangents = solver.sensitivities(values, potential, 0.2 * np.eye(2))
         known.add(values, Solved(potential, tangents, solver.air(np.column_stack([potential, tangents]))))
+    return known
+
+
+def test_modes_hold_the_states_and_their_tangents(solver):
+    known = snapshots(solver, False, [1.0, 0.5], [1.6, 1.4])
     modes = SolvedModes(solver, known, 20)
     assert modes.basis.shape[1] == 6
     energy = solver.energy_operator(known.currents[0], known.state(0).potential)
@@ -303,12 +308,7 @@ def test_modes_of_many_columns_leave_no_more_than_the_best_there_are(solver, mon
     the same number can (Eckart and Young)."""
     monkeypatch.setattr(modes_of, "_MORE", 4)
     monkeypatch.setattr(modes_of, "_AS_THEY_ARE", 1)
-    known = Snapshots(solver, lambda currents: True)
-    for currents in ([1.0, 0.5], [1.6, 1.4], [0.7, 1.9], [2.0, 0.2], [0.4, 1.0], [1.9, 1.7]):
-        values = np.array(currents)
-        potential = potential_at(solver, values)
-        tangents = solver.sensitivities(values, potential, 0.2 * np.eye(2))
-        known.add(values, Solved(potential, tangents, solver.air(np.column_stack([potential, tangents]))))
+    known = snapshots(solver, True, [1.0, 0.5], [1.6, 1.4], [0.7, 1.9], [2.0, 0.2], [0.4, 1.0], [1.9, 1.7])
     energy = solver.energy_operator(known.currents[0], known.state(0).potential)
     columns = []
     for state in known.states:
@@ -328,12 +328,8 @@ def test_modes_of_many_columns_leave_no_more_than_the_best_there_are(solver, mon
 
 def test_a_part_of_the_points_tells_the_energy(solver, monkeypatch):
     """Lengths in the coordinates of `error_coordinates` are those that all the points give."""
-    known = Snapshots(solver, lambda currents: False)
     currents = np.array([1.6, 1.4])
-    potential = potential_at(solver, currents)
-    tangents = solver.sensitivities(currents, potential, 0.2 * np.eye(2))
-    known.add(currents, Solved(potential, tangents, solver.air(np.column_stack([potential, tangents]))))
-    modes = SolvedModes(solver, known, 20)
+    modes = SolvedModes(solver, snapshots(solver, False, currents), 20)
     amplitude = modes.amplitude(currents)
     fields = np.zeros((modes.model.modes, 1))
 

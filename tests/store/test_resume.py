@@ -85,9 +85,7 @@ def test_a_killed_run_is_resumed_to_the_same_bytes(large, whole, tmp_path, count
             arrays, about = writer.checkpoint.get("solution")
             np.testing.assert_array_equal(arrays["charge"], data.gradient[0, 0, 0])
             assert about == {"iterations": 3}
-        for chunk in writer.missing:
-            planes = slice(chunk.first, chunk.last)
-            writer.write(chunk, data.flux_density[:, planes], data.gradient[:, planes])
+        write(writer, data, writer.missing)
         writer.finish({"iterations": 7})
     assert all_numbers(target) == whole
     assert read_map(target).provenance.solver_report == {"iterations": 7}
@@ -100,11 +98,15 @@ def whole(make_map, tmp_path_factory):
     return all_numbers(write_map(tmp_path_factory.mktemp("whole") / "map.h5", make_map(shape=(9, 20, 30))))
 
 
+def write(writer, data, chunks):
+    for chunk in chunks:
+        planes = slice(chunk.first, chunk.last)
+        writer.write(chunk, data.flux_density[:, planes], data.gradient[:, planes])
+
+
 def half_written(target, data):
     with open_writer(target, data) as writer:
-        for chunk in writer.chunks[:4]:
-            planes = slice(chunk.first, chunk.last)
-            writer.write(chunk, data.flux_density[:, planes], data.gradient[:, planes])
+        write(writer, data, writer.chunks[:4])
 
 
 @pytest.fixture
@@ -201,9 +203,7 @@ def test_a_full_disk_at_the_end_is_told_and_can_be_resumed(large, tmp_path, monk
 
     half_written(tmp_path / "map.h5", large)
     with open_writer(tmp_path / "map.h5", large) as writer:
-        for chunk in writer.missing:
-            planes = slice(chunk.first, chunk.last)
-            writer.write(chunk, large.flux_density[:, planes], large.gradient[:, planes])
+        write(writer, large, writer.missing)
         with monkeypatch.context() as patch:
             patch.setattr(map_writer, "seal_map", full)
             with pytest.raises(FieldmapError) as caught:
