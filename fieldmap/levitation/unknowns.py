@@ -71,21 +71,6 @@ class Unknown(Record):
         """Difference for the derivative."""
         return self.step or _STEP * abs(self.start) or _STEP
 
-    def mistakes(self) -> Iterator[tuple[str, str, str]]:
-        """What must hold and does not, what was received, and the remedy."""
-        low, high = self.lower, self.upper
-        if not (low <= self.start <= high and low < high and np.isfinite(self.start)):
-            received = f"lower {low:g}, start {self.start:g}, upper {high:g}"
-            yield "start must lie between lower and upper", received, "correct the numbers"
-        if self.prior is not None and not (np.isfinite(self.prior[0]) and self.prior[1] > 0):
-            must_hold, remedy = (
-                "the deviation of the prior must be above 0",
-                "state its mean and its deviation",
-            )
-            yield must_hold, f"{self.prior}", remedy
-        if self.step is not None and not self.step > 0:
-            yield "step must be above 0", f"{self.step:g}", "correct it, or leave it out"
-
 
 class Measured(Protocol):
     """Measured numbers (n,), NaN where nothing was read, and their standard deviation, one or (n,)."""
@@ -137,6 +122,19 @@ class Found(Record):
     notes: tuple[str, ...]
 
 
+def wrong_numbers(one: Unknown) -> Iterator[tuple[str, str, str]]:
+    """What must hold of the numbers of an unknown and does not, what was received, and the remedy."""
+    low, high = one.lower, one.upper
+    if not (low <= one.start <= high and low < high and np.isfinite(one.start)):
+        received = f"lower {low:g}, start {one.start:g}, upper {high:g}"
+        yield "start must lie between lower and upper", received, "correct the numbers"
+    if one.prior is not None and not (np.isfinite(one.prior[0]) and one.prior[1] > 0):
+        must_hold, remedy = "the deviation of the prior must be above 0", "state its mean and its deviation"
+        yield must_hold, f"{one.prior}", remedy
+    if one.step is not None and not one.step > 0:
+        yield "step must be above 0", f"{one.step:g}", "correct it, or leave it out"
+
+
 def mistakes(
     where: str, unknowns: Sequence[Unknown], tables: Sequence[Measured], used: int
 ) -> Iterator[Problem]:
@@ -146,7 +144,7 @@ def mistakes(
         must_hold, remedy = "must name at least one key, each once", "list Unknown(key, start)"
         yield Problem(f"{where}(unknowns)", must_hold, f"{keys}", remedy)
     for one in unknowns:
-        yield from (Problem(f"{where}, {one.key}", *told) for told in one.mistakes())
+        yield from (Problem(f"{where}, {one.key}", *told) for told in wrong_numbers(one))
     for table in tables:
         size = np.size(table.deviation)
         if size not in (1, np.size(table.measured)) or not (np.asarray(table.deviation) > 0).all():

@@ -304,6 +304,10 @@ class Recipe(Record):
         """The file, for errors at its keys."""
         return Document(self.path, self.text, {})
 
+    def error(self, key: str, must_hold: str, received: str, remedy: str) -> RecipeError:
+        """An error at a key of the file."""
+        return RecipeError(self.document.problem(key, must_hold, received, remedy))
+
     def box(self, device: Device) -> Bounds | None:
         """Corners of the box of the map, m: the recipe's, or those around the device's workspace."""
         return device.bounds if self.lower is None or self.upper is None else (self.lower, self.upper)
@@ -471,7 +475,7 @@ def read_recipe_device(recipe: Recipe, changes: Mapping[str, Any] | None = None)
     if guess:
         remedy = f'did you mean "{guess}"?'
     must_hold = "a device file relative to the recipe, or the name of a shipped device"
-    raise RecipeError(recipe.document.problem("device", must_hold, shown(recipe.device), remedy))
+    raise recipe.error("device", must_hold, shown(recipe.device), remedy)
 
 
 def choose_grid(box: Bounds | None, spacing: Array) -> Grid:

@@ -18,7 +18,7 @@ from fieldmap.inputs.declared import Key, record_of, table_of
 from fieldmap.inputs.findings import Finding, closest, one_of, shown
 from fieldmap.inputs.kinds import FileKind
 from fieldmap.inputs.tables import MILLI, Table, Text, Versioned, broken
-from fieldmap.levitation.unknowns import Unknown
+from fieldmap.levitation.unknowns import Unknown, wrong_numbers
 from fieldmap.maps.recipe import IronLaw, Refinement
 from fieldmap.records import Record
 from fieldmap.studies.machine_fit import (
@@ -261,7 +261,7 @@ def read_fit(path_or_name: PathLike) -> Fit:
     settings: FitSettings = record_of(contents)
     findings = []
     for k, unknown in enumerate(settings.unknowns):
-        findings += [Finding(("unknown", k), *told) for told in unknown.mistakes()]
+        findings += [Finding(("unknown", k), *told) for told in wrong_numbers(unknown)]
         found = key_finding(("unknown", k, "key"), unknown.key, document)
         findings += [] if found is None else [found]
     tables = [(kind, k, table) for kind in _KINDS for k, table in enumerate(getattr(contents, kind))]

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,7 +14,7 @@ from fieldmap.errors import Infeasible, Problem
 from fieldmap.plain import Plain, plain_items
 from fieldmap.records import Record
 from fieldmap.studies.design import Variable, settings_at
-from fieldmap.studies.run import require_xarray
+from fieldmap.studies.run import csv_table, require_xarray
 from fieldmap.studies.study import setting_words
 
 Kind = Literal["exact", "differences", "none"]
@@ -134,13 +132,9 @@ class Optimum(Record):
 
     def csv_text(self) -> str:
         """The path as a table, one line for each design."""
-        out = io.StringIO()
-        writer = csv.writer(out, lineterminator="\n")
         columns = self._columns()
-        writer.writerow(["design", *columns])
-        for number, row in enumerate(zip(*columns.values(), strict=True)):
-            writer.writerow([number, *row])
-        return out.getvalue()
+        rows = enumerate(zip(*columns.values(), strict=True))
+        return csv_table([["design", *columns], *([number, *row] for number, row in rows)])
 
     def _columns(self) -> dict[str, list[Any]]:
         labels = [self.objective, *(one.number for one in self.limits)]

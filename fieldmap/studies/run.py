@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from types import ModuleType
@@ -299,15 +299,20 @@ def _csv_text(study: Study, results: Sequence[VariantResult], columns: Mapping[s
     A column is NAME [axis labels] (unit): `flux_density 1 z (T)` is B_z at the first point, `current 5 (A)` of coil 5.
     """
     names = number_names(study.record.groups, study.labels)
-    out = io.StringIO()
-    writer = csv.writer(out, lineterminator="\n")
     axes = [f"{axis.name} ({axis.unit})" if axis.unit else axis.name for axis in study.axes] or ["variant"]
     heads = [f"{name} ({quantity.unit})" for name, (quantity, _) in names.items()]
-    writer.writerow([*axes, "currents", *heads, "problem"])
+    rows: list[list[Any]] = [[*axes, "currents", *heads, "problem"]]
     for v, result in enumerate(results):
         values = study.settings(v).values()
         for c, (entry, row) in enumerate(zip(study.current_sets, result.rows, strict=True)):
             numbers = [float(columns[quantity.name][(v, c, *at)]) for quantity, at in names.values()]
             cells = ["" if np.isnan(number) else repr(number) for number in numbers]
-            writer.writerow([*values, entry.name, *cells, " || ".join(row.problems)])
+            rows.append([*values, entry.name, *cells, " || ".join(row.problems)])
+    return csv_table(rows)
+
+
+def csv_table(rows: Iterable[Sequence[Any]]) -> str:
+    """Rows as the text of a CSV file."""
+    out = io.StringIO()
+    csv.writer(out, lineterminator="\n").writerows(rows)
     return out.getvalue()

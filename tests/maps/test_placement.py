@@ -15,7 +15,9 @@ from fieldmap.maps.recipe import choose_grid
 def grid_for(rig, recipe_text, lines, **changes):
     (rig / "recipe.toml").write_text(recipe_text.replace("spacing_mm = 2.0\n", lines + "\n"))
     device = dataclasses.replace(read_device(rig / "pair.toml"), **changes)
-    return choose_grid(read_recipe(rig / "recipe.toml"), device)
+    recipe = read_recipe(rig / "recipe.toml")
+    with recipe.document.placing():
+        return choose_grid(recipe.box(device), recipe.spacing)
 
 
 @pytest.mark.parametrize(

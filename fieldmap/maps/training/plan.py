@@ -12,7 +12,7 @@ MOST_STATES = 4096
 Accuracy = Annotated[float, Field(gt=0, lt=1)]
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Plan(Record):
     """How a reduced model is trained.
 
