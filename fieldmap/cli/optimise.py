@@ -51,8 +51,8 @@ def optimise(
     from fieldmap.io import refuse_directory
     from fieldmap.progress import Progress
     from fieldmap.studies import read_design_problem, solve_problem
+    from fieldmap.studies.reading import STUDY
     from fieldmap.studies.run import output_file
-    from fieldmap.studies.schema import STUDY
 
     refuse_directory(file)
     problem = read_design_problem(file)

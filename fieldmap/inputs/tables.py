@@ -144,6 +144,11 @@ def is_number(value: Any) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= LARGEST_NUMBER
 
 
+def whole(least: int, most: int | None = None) -> Any:
+    """Annotation of a whole number between bounds."""
+    return Annotated[int, Field(ge=least, le=most)]
+
+
 def one_or_each(
     good: Callable[[float], bool], must_hold: str, remedy: str, some: bool = False
 ) -> BeforeValidator:

@@ -144,8 +144,7 @@ class SignalRanges(Record):
     y: Annotated[Array, Key(Range, "range of the direction signal along y")]
     n: Annotated[float, Key(Positive, "how much more the two coils on the x axis follow x")] = 1.0
     limit: Annotated[
-        float | None,
-        Key(Positive | None, "largest current of a coil: u ends where one reaches it", "A"),
+        float | None, Key(Positive | None, "largest current of a coil: u ends where one reaches it", "A")
     ] = None
 
     def domain(self) -> CurrentDomain:
@@ -248,8 +247,7 @@ class MapOutput(Record):
     """What is written. reference_current: A."""
 
     file: Annotated[
-        str | None,
-        Key(Annotated[str | None, BeforeValidator(_map_file_name)], "name of the map file"),
+        str | None, Key(Annotated[str | None, BeforeValidator(_map_file_name)], "name of the map file")
     ] = None
     reference_current: Annotated[
         float | None,

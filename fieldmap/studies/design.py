@@ -18,10 +18,19 @@ from fieldmap.device.model import Device
 from fieldmap.field import FieldAtCurrents
 from fieldmap.inputs.declared import Key, record_of, table_of
 from fieldmap.inputs.document import Document
-from fieldmap.inputs.tables import Positive, Table, Text, broken
+from fieldmap.inputs.tables import Positive, Table, Text, broken, whole
 from fieldmap.iron.sensitivity.quantities import Quantity as FieldQuantity
 from fieldmap.maps.training.plan import Accuracy
-from fieldmap.studies.study import CurrentSet, Linked, LinkedKeys, Record, StudyIron, settings_with
+from fieldmap.studies.quantities import Places, number_names
+from fieldmap.studies.study import (
+    CurrentSet,
+    Linked,
+    LinkedKeys,
+    Record,
+    StudyIron,
+    axis_labels,
+    settings_with,
+)
 from fieldmap.typing import Array
 
 CURRENT = "current."
@@ -54,15 +63,10 @@ class Variable(records.Record):
     upper: Annotated[float, Key(float, "upper bound")]
     start: Annotated[
         float | None,
-        Key(
-            float | None,
-            "where the search begins; the device's own value if left out",
-            examples=(60.0,),
-        ),
+        Key(float | None, "where the search begins; the device's own value if left out", examples=(60.0,)),
     ] = None
     linked: Annotated[
-        tuple[Linked, ...],
-        Key(list[LinkedKeys], "[[optimise.variable.linked]]: keys that follow"),
+        tuple[Linked, ...], Key(list[LinkedKeys], "[[optimise.variable.linked]]: keys that follow")
     ] = ()
     step: Annotated[
         float | None,
@@ -115,16 +119,10 @@ class Number(records.Record):
         ),
     ]
     currents: Annotated[
-        str,
-        Key(
-            Text | None,
-            "name of the set of currents; the only one if left out",
-            examples=("equal",),
-        ),
+        str, Key(Text | None, "name of the set of currents; the only one if left out", examples=("equal",))
     ] = ""
     minus: Annotated[
-        str,
-        Key(Text | None, "set of currents whose number is subtracted", examples=("x = 0.2",)),
+        str, Key(Text | None, "set of currents whose number is subtracted", examples=("x = 0.2",))
     ] = ""
     of: FieldQuantity | DesignFunction | None = None
 
@@ -254,12 +252,11 @@ class Search(records.Record):
             "by derivatives (the first two), without them, or by Optuna's sampler",
         ),
     ] = "SLSQP"
-    solves: Annotated[int, Key(Annotated[int, Field(ge=1)], "designs that are solved at most")] = 200
+    solves: Annotated[int, Key(whole(1), "designs that are solved at most")] = 200
     tolerance: Annotated[
         float,
         Key(
-            Accuracy,
-            "relative change at which the search ends, and violation of a limit that counts as none",
+            Accuracy, "relative change at which the search ends, and violation of a limit that counts as none"
         ),
     ] = 1e-4
     check_refinement: Annotated[
@@ -269,7 +266,7 @@ class Search(records.Record):
             "how much finer the mesh is on which the best design is checked",
         ),
     ] = 1.4
-    seed: Annotated[int, Key(Annotated[int, Field(ge=0)], "of Optuna's sampler")] = 0
+    seed: Annotated[int, Key(whole(0), "of Optuna's sampler")] = 0
 
     def with_numbers(self, named: Callable[[Number], Number]) -> "Search":
         """The same with other sets of currents of its numbers."""
@@ -299,6 +296,12 @@ class DesignProblem(Search):
         """Objective first, then those of the limits and others, each once."""
         every = [self.objective, *(limit.asked for limit in self.limits), *self.besides]
         return tuple({one.label: one for one in every}.values())
+
+    @property
+    def places(self) -> Places:
+        """Every number that a study would record, by its name."""
+        labels = axis_labels(self.record, self.coil_names, self.body_names)
+        return number_names(self.record.groups, labels)
 
     @property
     def keys(self) -> tuple[str, ...]:

@@ -14,8 +14,7 @@ from fieldmap.inputs.document import Document
 from fieldmap.inputs.findings import Finding, closest, one_of
 from fieldmap.inputs.key_paths import Location, dotted, matches, value_at
 from fieldmap.studies.design import CURRENT, METHODS, DesignProblem, Number, Variable
-from fieldmap.studies.quantities import GROUPS, number_names
-from fieldmap.studies.study import CurrentSet, axis_labels, lacking, refused
+from fieldmap.studies.study import CurrentSet, lacking, refused
 from fieldmap.typing import Array
 
 # Places of mistakes, as a file has them.
@@ -96,7 +95,7 @@ def _of_number(place: Location, number: Number, draft: DesignProblem, device: De
             yield Finding((*place, part), must_hold, repr(name), "choose one of these")
     if number.of is not None:
         return
-    names = number_names(GROUPS, axis_labels(draft.record, draft.coil_names, draft.body_names))
+    names = draft.places
     if number.name not in names:
         guess = closest(number.name, list(names))
         remedy = f'did you mean "{guess}"?' if guess else "choose one; numbers at points need points"

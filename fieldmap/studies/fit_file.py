@@ -200,8 +200,7 @@ class FitSettings(Record):
         tuple[InductanceReadings, ...], Key(list[_BRIDGE], "[[inductance]]: readings of a bridge")
     ] = ()
     lift_current: Annotated[
-        tuple[LiftCurrentReadings, ...],
-        Key(list[_LIFT], "[[lift_current]]: currents that carry the payload"),
+        tuple[LiftCurrentReadings, ...], Key(list[_LIFT], "[[lift_current]]: currents that carry the payload")
     ] = ()
 
 

@@ -92,10 +92,7 @@ class FieldReadings(Record):
     deviation: Annotated[
         ArrayLike,
         Key(
-            Deviation,
-            "standard deviation, of all readings or of those of each point",
-            "mT",
-            examples=(0.01,),
+            Deviation, "standard deviation, of all readings or of those of each point", "mT", examples=(0.01,)
         ),
     ]
 
@@ -130,8 +127,7 @@ class InductanceReadings(Record):
     ]
     measured: Annotated[ArrayLike, Key(Rows, "of each pair", "mH", examples=([6.46],))]
     deviation: Annotated[
-        ArrayLike,
-        Key(Deviation, "standard deviation, one or one for each pair", "mH", examples=(0.03,)),
+        ArrayLike, Key(Deviation, "standard deviation, one or one for each pair", "mH", examples=(0.03,))
     ]
 
     def computed(self, device: Device, field: AnyField) -> Array:
@@ -163,8 +159,7 @@ class LiftCurrentReadings(Record):
     ]
     measured: Annotated[ArrayLike, Key(Rows, "of each place the common current", "A", examples=([1.56],))]
     deviation: Annotated[
-        ArrayLike,
-        Key(Deviation, "standard deviation, one or one for each place", "A", examples=(0.02,)),
+        ArrayLike, Key(Deviation, "standard deviation, one or one for each place", "A", examples=(0.02,))
     ]
     shares: Annotated[
         ArrayLike | None,

@@ -1,10 +1,13 @@
-"""From a study file to a study or a problem of design: all problems at once."""
+"""What a study file may hold, and what becomes of it: a study or a problem of design; all problems at once."""
 
 import itertools
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Annotated, Any
+
+from pydantic import Field
 
 from fieldmap import records
 from fieldmap.device.changes import changed, key_finding
@@ -12,19 +15,26 @@ from fieldmap.device.model import Device
 from fieldmap.device.reader import device_of
 from fieldmap.device.schema import DEVICE
 from fieldmap.errors import DeviceFileError, InputError, Problem, RecipeError, StudyError
-from fieldmap.inputs.declared import record_of
+from fieldmap.inputs.declared import Key, record_of, table_of
 from fieldmap.inputs.document import Document
-from fieldmap.inputs.findings import Finding
+from fieldmap.inputs.findings import Finding, one_of
 from fieldmap.inputs.key_paths import Location, dotted, matches
+from fieldmap.inputs.kinds import FileKind
+from fieldmap.inputs.tables import Text, Versioned, broken
 from fieldmap.maps.recipe import Recipe, read_recipe, read_recipe_device
 from fieldmap.shipped import is_file
-from fieldmap.studies.design import DesignProblem, Number
+from fieldmap.studies.design import DesignProblem, Number, OptimiseKeys, Search
 from fieldmap.studies.design_checks import checked
-from fieldmap.studies.quantities import GROUPS, ON_REQUEST
-from fieldmap.studies.schema import STUDY, StudySettings
+from fieldmap.studies.quantities import GROUPS, ON_REQUEST, TAKEN
 from fieldmap.studies.study import (
+    Axis,
+    AxisKeys,
     CurrentSet,
+    CurrentsKeys,
+    IronKeys,
+    OneVariant,
     Record,
+    StatedCurrents,
     Study,
     StudyIron,
     Variant,
@@ -36,6 +46,62 @@ from fieldmap.studies.study import (
 from fieldmap.typing import PathLike
 
 LARGEST_STUDY = 10_000
+
+
+def _one_of_each(keys: Any) -> None:
+    for names in (("device", "recipe"), ("vary", "variant", "optimise")):
+        there = [name for name in names if getattr(keys, name)]
+        if len(there) != 1:
+            received = " and ".join(there) or "none of them"
+            raise broken(f"a study has {' or '.join(names)}", received, "give one of them")
+    if keys.recipe is not None and keys.iron is not None:
+        remedy = "leave [iron] out, or name the device"
+        raise broken("iron is that of the recipe", "recipe and [iron]", remedy)
+
+
+def _names_of_their_own(keys: Any) -> None:
+    for what in ("vary", "variant", "currents"):
+        names = [entry.name for entry in getattr(keys, what)]
+        twice = sorted({name for name in names if names.count(name) > 1})
+        if twice:
+            raise broken(f"every {what} needs a name of its own", one_of(twice), "rename one")
+    taken = [entry.name for entry in keys.vary if entry.name in TAKEN]
+    if taken:
+        must_hold = "the names of the data set's own axes and variables are taken"
+        raise broken(must_hold, one_of(taken), "rename it")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class StudySettings(records.Record):
+    """A study file."""
+
+    title: Annotated[str, Key(Text, "one line about the study")]
+    device: Annotated[str | None, Key(Text | None, "device file or name of a shipped device")] = None
+    recipe: Annotated[str | None, Key(Text | None, "map recipe, whose device and iron are taken")] = None
+    iron: Annotated[StudyIron | None, Key(IronKeys | None, "how the iron is modelled")] = None
+    vary: Annotated[tuple[Axis, ...], Key(list[AxisKeys], "[[vary]]: all combinations of these values")] = ()
+    variant: Annotated[
+        tuple[OneVariant, ...], Key(list[table_of(OneVariant)], "[[variant]]: one by one")  # type: ignore[misc]
+    ] = ()
+    currents: Annotated[
+        tuple[StatedCurrents, ...],
+        Key(Annotated[list[CurrentsKeys], Field(min_length=1)], "[[currents]] tables"),
+    ]
+    record: Annotated[Record, Key(table_of(Record), "the recorded quantities")] = field(
+        default_factory=Record
+    )
+    optimise: Annotated[
+        Search | None, Key(OptimiseKeys | None, "instead of variants: a search for the best values")
+    ] = None
+
+
+STUDY = FileKind(
+    "study",
+    table_of(StudySettings, "", "StudyFile", (Versioned,), rules=(_one_of_each, _names_of_their_own)),
+    StudyError,
+    "maps",
+    "studies",
+)
 
 
 @dataclass(frozen=True, eq=False, repr=False)

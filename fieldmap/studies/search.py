@@ -28,8 +28,8 @@ from fieldmap.store import Checkpoint, checkpoint_path
 from fieldmap.studies.design import WITHOUT_SLOPES, DesignProblem, Limit, Number
 from fieldmap.studies.number_slopes import Slopes, VariedParameters, exact_slopes
 from fieldmap.studies.optimum import Kind, Role, Step
-from fieldmap.studies.quantities import Places, number_names
-from fieldmap.studies.study import CODE, axis_labels
+from fieldmap.studies.quantities import Places
+from fieldmap.studies.study import CODE
 from fieldmap.studies.variant_result import OperatingPoint, SolvedIron, numbers_at, reason
 from fieldmap.typing import Array, PathLike, Progress
 
@@ -80,8 +80,7 @@ def _solved(asked: Asked) -> tuple[dict[str, float], Slopes]:
     problem, device = asked.problem, device_of(asked.problem.document_at(asked.values))
     iron = SolvedIron(device, replace(problem.iron, refinement=asked.refinement))
     parameters = VariedParameters(device, problem.document, problem.variables, problem.named(asked.values))
-    labels = axis_labels(problem.record, problem.coil_names, problem.body_names)
-    places = number_names(problem.record.groups, labels)
+    places = problem.places
     numbers: dict[str, float] = {}
     slopes: dict[str, Mapping[str, float]] = {}
     refused: dict[str, str] = {}

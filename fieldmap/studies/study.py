@@ -243,8 +243,7 @@ class StudyIron(IronModel):
     """How the iron is modelled and how well it is solved. accuracy: None for one mesh as it is."""
 
     accuracy: Annotated[
-        float | None,
-        Key(Accuracy | None, "estimated error of B in the workspace at which refining stops"),
+        float | None, Key(Accuracy | None, "estimated error of B in the workspace at which refining stops")
     ] = None
 
 

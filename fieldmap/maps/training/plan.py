@@ -6,6 +6,7 @@ from typing import Annotated
 from pydantic import Field
 
 from fieldmap.inputs.declared import Key
+from fieldmap.inputs.tables import whole
 from fieldmap.records import Record
 
 MOST_STATES = 4096
@@ -20,38 +21,25 @@ class Plan(Record):
     solver.
     """
 
-    states: Annotated[
-        int, Key(Annotated[int, Field(ge=4, le=MOST_STATES)], "most states solved to train it")
-    ] = 64
+    states: Annotated[int, Key(whole(4, MOST_STATES), "most states solved to train it")] = 64
     accuracy: Annotated[
         float,
         Key(
-            Accuracy,
-            "relative error of B at new states at which training stops; twice that of the gradient",
+            Accuracy, "relative error of B at new states at which training stops; twice that of the gradient"
         ),
     ] = 1e-3
     modes: Annotated[
-        int,
-        Key(
-            Annotated[int, Field(ge=2, le=200)],
-            "amplitudes of the iron that are trained at most, unless a state falls short",
-        ),
+        int, Key(whole(2, 200), "amplitudes of the iron that are trained at most, unless a state falls short")
     ] = 60
     points: Annotated[
         int,
         Key(
-            Annotated[int, Field(ge=20, le=5000)],
-            "points of the iron for the law in training at most, unless a state falls short",
+            whole(20, 5000), "points of the iron for the law in training at most, unless a state falls short"
         ),
     ] = 800
-    fields: Annotated[int, Key(Annotated[int, Field(ge=1, le=100)], "most fields of the iron in the map")] = (
-        20
-    )
+    fields: Annotated[int, Key(whole(1, 100), "most fields of the iron in the map")] = 20
     held_out: Annotated[
         int,
-        Key(
-            Annotated[int, Field(ge=1, le=1000)],
-            "states at random solved to measure the error; extremes of the domain are too",
-        ),
+        Key(whole(1, 1000), "states at random solved to measure the error; extremes of the domain are too"),
     ] = 12
     tolerance: float = 1e-3
