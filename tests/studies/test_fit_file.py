@@ -188,6 +188,7 @@ def test_what_does_not_fit_the_device_is_told_by_line(fit_file):
         ('components = ["x", "z"]', 'components = ["z"]', "flux_density.probe fit"),
         ('components = ["x", "z"]', 'components = ["z", "z"]', "flux_density.probe fit"),
         ("currents_A = 2.0", 'currents_A = "two"', "flux_density.probe fit.currents_A"),
+        ("currents_A = 2.0", "currents_A = [[2.0], 1.0]", "flux_density.probe fit.currents_A"),
         ("points_mm = [[0, 0, -70], ", "points_mm = [", "flux_density.probe fit"),
         ('device = "thin_loop.toml"', 'device = "thin_lop.toml"', "device"),
     ],

@@ -20,9 +20,9 @@ from scipy.linalg import cho_solve, eigh
 from fieldmap.currents import CurrentDomain
 from fieldmap.iron.solvers.reduced import GalerkinModel
 from fieldmap.maps.training.cubature import nonnegative_path
-from fieldmap.maps.training.currents import drawn, extreme_signals, nearest_of, sequence
+from fieldmap.maps.training.currents import drawn, extreme_signals, sequence
 from fieldmap.maps.training.model_error import Off
-from fieldmap.maps.training.modes import solved
+from fieldmap.maps.training.modes import solved, solved_from
 from fieldmap.parallel import results_of
 from fieldmap.records import Record
 from fieldmap.typing import Array
@@ -78,12 +78,9 @@ def condensed(
     of the amplitudes change of the fields there, as a share.
     """
 
-    def at(currents: Array) -> Array:
-        near = [nearest_of(values, known[0]) for values in currents]
-        return solved(trained, currents, known[1][near], _EXACT)
-
     by, tried = _currents(domain)
-    states, others = _States(trained, by, at(by), fields), at(tried)
+    of_by, others = (solved_from(trained, known, currents, _EXACT) for currents in (by, tried))
+    states = _States(trained, by, of_by, fields)
 
     def changed(model: GalerkinModel, basis: Array) -> float:
         changes = _changes(model, basis, tried, others, _EXACT)

@@ -117,6 +117,14 @@ def solved(model: GalerkinModel, currents: Array, starts: Array, tolerance: floa
     return np.array(found).reshape(starts.shape)
 
 
+def solved_from(
+    model: GalerkinModel, known: tuple[Array, Array], currents: Array, tolerance: float = 1e-7
+) -> Array:
+    """Amplitudes (s, r) at currents (s, c), each from the nearest of known currents (t, c) and amplitudes (t, r)."""
+    near = [nearest_of(values, known[0]) for values in currents]
+    return solved(model, currents, known[1][near], tolerance)
+
+
 class _Columns:
     """Solved states and their tangents as columns, each state's by its own size; they are passed over state by state,
     since images need not be in memory all at once.

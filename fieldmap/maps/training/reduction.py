@@ -6,9 +6,8 @@ import numpy as np
 
 from fieldmap.iron import NonlinearSolver
 from fieldmap.iron.solvers.reduced import GalerkinModel
-from fieldmap.maps.training.currents import nearest_of
 from fieldmap.maps.training.model_error import ModeFields, larger
-from fieldmap.maps.training.modes import SolvedModes, solved
+from fieldmap.maps.training.modes import SolvedModes, solved_from
 from fieldmap.maps.training.sampling import Sampled
 from fieldmap.maps.training.states import Snapshots
 from fieldmap.records import Record
@@ -39,8 +38,7 @@ class Reduction(Record):
 
     def amplitudes(self, currents: Array) -> Array:
         """Amplitudes (s, r) at currents (s, c), by the sample points."""
-        near = [nearest_of(values, self.modes.currents) for values in currents]
-        return solved(self.sampled, currents, self.modes.amplitudes[near])
+        return solved_from(self.sampled, (self.modes.currents, self.modes.amplitudes), currents)
 
     def potential(self, currents: Array) -> Array:
         """Nodal potential (n,) at currents (c,)."""

@@ -16,9 +16,9 @@ from scipy.linalg import solve_triangular
 from fieldmap.currents import CurrentDomain
 from fieldmap.iron.solvers.reduced import GalerkinModel
 from fieldmap.maps.training.cubature import Cubature, OfPoints, candidates
-from fieldmap.maps.training.currents import drawn, nearest_of
+from fieldmap.maps.training.currents import drawn
 from fieldmap.maps.training.model_error import Off
-from fieldmap.maps.training.modes import solved
+from fieldmap.maps.training.modes import solved, solved_from
 from fieldmap.parallel import results_of
 from fieldmap.records import Record
 from fieldmap.typing import Array
@@ -235,8 +235,7 @@ class _Tried:
 
     def draw(self, model: GalerkinModel, currents: Array) -> int:
         """Solve states at more currents (s, c), from those of the model; how many."""
-        near = [nearest_of(values, self._known[0]) for values in currents]
-        starts = solved(model, currents, self._known[1][near])
+        starts = solved_from(model, self._known, currents)
         amplitudes = self._full.solutions(currents, starts, model, self._tolerance)
         self._currents = np.concatenate([self._currents, currents])
         self._amplitudes = np.concatenate([self._amplitudes, amplitudes])
