@@ -189,9 +189,7 @@ def test_every_data_class_and_named_tuple_is_one_short_line():
         count += 1
         types = [field.type for field in fields(one)] if is_dataclass(one) else list(tuple_of.values())
         shown = next(base for base in one.__mro__ if "__repr__" in vars(base))
-        own = shown in (Record, Field, FieldAtCurrents) or not getattr(
-            shown, "__dataclass_params__", None
-        )
+        own = shown in (Record, Field, FieldAtCurrents) or not getattr(shown, "__dataclass_params__", None)
         own |= is_dataclass(shown) and not shown.__dataclass_params__.repr
         own &= vars(shown)["__repr__"].__module__ != "collections"  # that of a named tuple
         if not own and not set(types) <= PLAIN_TYPES:
