@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fieldmap.arguments import check_count, check_positive, check_signal
-from fieldmap.errors import InputError, Problem
+from fieldmap.errors import InputError
 from fieldmap.plain import Plain, plain_items
 from fieldmap.records import Record, tuple_line
 from fieldmap.typing import Array
@@ -157,13 +157,14 @@ def parametrisation(name: str, parameters: Mapping[str, Any]) -> CurrentParametr
     """
     if name not in _registered:
         must_hold, remedy = f"must be one of {', '.join(_registered)}", "install the version that knows it"
-        raise InputError(Problem("current parametrisation", must_hold, repr(name), remedy))
+        raise InputError.of("current parametrisation", must_hold, repr(name), remedy)
     try:
         return _registered[name](**parameters)
     except TypeError as error:
         remedy = "install the version that knows them"
-        problem = Problem(f"current parametrisation {name!r}", "must have its parameters", str(error), remedy)
-        raise InputError(problem) from error
+        raise InputError.of(
+            f"current parametrisation {name!r}", "must have its parameters", str(error), remedy
+        ) from error
 
 
 def parametrisation_from_json(text: str) -> CurrentParametrisation:
@@ -244,7 +245,7 @@ class CoilGroups(CurrentParametrisation, Record):
         coils = sorted(k for group in groups for k in group)
         if not coils or coils != list(range(len(coils))) or not all(groups):
             must_hold = "must name every coil once, by numbers from 0, and no group may be empty"
-            raise InputError(Problem("CoilGroups(groups)", must_hold, str(groups), "list each coil once"))
+            raise InputError.of("CoilGroups(groups)", must_hold, str(groups), "list each coil once")
         object.__setattr__(self, "groups", groups)
 
     @property
@@ -506,7 +507,7 @@ def undivide_currents(currents: ArrayLike, n: float = 1.0) -> DivisionSignals:
     found = LiftAndDirections(n).nearest(check_signal("undivide_currents(currents)", currents, columns=6))
     if np.isinf(found.mismatch).any():
         must_hold = "must have a mean other than 0"
-        raise InputError(Problem("undivide_currents(currents)", must_hold, "mean 0", "u is that mean"))
+        raise InputError.of("undivide_currents(currents)", must_hold, "mean 0", "u is that mean")
     u, x, y = np.moveaxis(found.values, -1, 0)
     return DivisionSignals(u, x, y, found.mismatch)
 

@@ -25,7 +25,7 @@ from fieldmap.arguments import check, check_choice, check_numbers, check_ordered
 from fieldmap.control.blocks import state_block
 from fieldmap.control.function_failure import CALL, WHERE, BoundFunction
 from fieldmap.core.controller import DONE, FAILED, SIGNALS, WRONG_LENGTH, Block
-from fieldmap.errors import InputError, Problem
+from fieldmap.errors import InputError
 from fieldmap.records import Record, count_of
 from fieldmap.typing import Array
 
@@ -176,7 +176,7 @@ def _form(function: Any) -> str:
         inspect.signature(python).bind(0.0, None, None, None)
     except TypeError as error:
         received = f"{getattr(python, '__name__', type(python).__name__)}{inspect.signature(python)}: {error}"
-        raise InputError(Problem(WHERE, f"must be {CALL}", received, "take these four arguments")) from None
+        raise InputError.of(WHERE, f"must be {CALL}", received, "take these four arguments") from None
     except ValueError:
         pass  # a builtin that does not say what it takes
     return "numba" if is_jitted else "python"

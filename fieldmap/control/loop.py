@@ -28,7 +28,7 @@ from fieldmap.control.pid import PID, pid_block
 from fieldmap.control.regulator import Regulator, regulator_block
 from fieldmap.core.controller import CoreController
 from fieldmap.core.sampled_loop import LoopInstruments, Plant, Signals, simulate
-from fieldmap.errors import InputError, Problem
+from fieldmap.errors import InputError
 from fieldmap.records import Record
 from fieldmap.typing import Array
 
@@ -149,7 +149,7 @@ def _block(controller: PID | Regulator | Controller, given: float | None) -> tup
     check(count == 1, "simulate_loop(controller)", "must have one output", count, remedy)
     if given is None:
         must, remedy = "must be given: a block does not know it", "give the plant's sampling time, s"
-        raise InputError(Problem(where, must, "None", remedy))
+        raise InputError.of(where, must, "None", remedy)
     check_positive("simulate_loop", Ts=given)
     return given, controller
 
@@ -178,11 +178,7 @@ def _fitting(name: str, values: ArrayLike, shape: tuple[int, int]) -> Array:
 
 
 def compensated_reference(
-    height: ArrayLike,
-    horizontal: ArrayLike,
-    Ts: float,
-    push: float,
-    duration: float,
+    height: ArrayLike, horizontal: ArrayLike, Ts: float, push: float, duration: float
 ) -> Array:
     """The vertical reference (n,), less `push` for `duration` after each change of a horizontal reference (n,).
 

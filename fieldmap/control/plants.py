@@ -114,11 +114,7 @@ class LumpedMagnet(Record):
 
 
 def lumped_magnet_from_lift_currents(
-    current_at_zero: float,
-    slope: float,
-    mass: float,
-    damping: float = 0.0,
-    gravity: float = GRAVITY,
+    current_at_zero: float, slope: float, mass: float, damping: float = 0.0, gravity: float = GRAVITY
 ) -> LumpedMagnet:
     """The lumped magnet whose equilibrium current is current_at_zero + slope z (A, A/m), as measured.
 

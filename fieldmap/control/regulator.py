@@ -26,7 +26,7 @@ from fieldmap.arguments import (
 from fieldmap.control.blocks import ALONE, AxisReading, ControllerBlock, RunningBlock, run_block
 from fieldmap.control.linear_models import check_model, zero_order_hold
 from fieldmap.core.controller import SIGNALS
-from fieldmap.errors import InputError, Problem
+from fieldmap.errors import InputError
 from fieldmap.plain import Plain, plain_items
 from fieldmap.records import Record, tuple_line
 from fieldmap.typing import Array
@@ -139,7 +139,7 @@ def _riccati(where: str, A: Array, B: Array, Q: Array, R: Array, S: Array | None
     try:
         P = scipy.linalg.solve_discrete_are(A, B, Q, R, s=S)
     except (np.linalg.LinAlgError, ValueError) as error:
-        raise InputError(Problem(where, must, f"none ({error})", remedy)) from None
+        raise InputError.of(where, must, f"none ({error})", remedy) from None
     # The solver may return a solution that does not stabilise, where a mode is out of reach.
     cross = 0.0 if S is None else S.T
     gain = np.linalg.solve(R + B.T @ P @ B, B.T @ P @ A + cross)

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from fieldmap.arguments import check, check_count, check_numbers, check_positive, check_record
 from fieldmap.control.linear_models import TransferFunction
-from fieldmap.errors import NotConverged, Problem
+from fieldmap.errors import NotConverged
 from fieldmap.records import Record
 from fieldmap.typing import Array
 
@@ -223,8 +223,8 @@ def _fit(
     start = np.concatenate([[1.0], np.log(guess[1:])])
     found = scipy.optimize.least_squares(lambda x: answer(unpack(x)) - y, start, xtol=1e-12, ftol=1e-14)
     if not found.success or not np.isfinite(found.fun).all():
-        raise NotConverged(
-            Problem(where, "must converge", found.message, "check that the response begins at the step")
+        raise NotConverged.of(
+            where, "must converge", found.message, "check that the response begins at the step"
         )
     variance = 2 * found.cost / (y.size - start.size)
     triangle = np.linalg.qr(found.jac, mode="r")

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from fieldmap.arguments import check_positive, check_signal
 from fieldmap.core.machine import Allocation
 from fieldmap.currents import CurrentParametrisation, LiftAndDirections
-from fieldmap.errors import Infeasible, InputError, Problem
+from fieldmap.errors import Infeasible, InputError
 from fieldmap.levitation.least_power import push_shares
 from fieldmap.records import Record
 from fieldmap.typing import Array
@@ -151,9 +151,7 @@ def least_power_allocation(force_per_ampere: ArrayLike, shares: ArrayLike, volts
     lift = check_signal("least_power_allocation(shares)", shares)
     if lift.shape != force.shape[1:]:
         must = f"must be ({force.shape[1]},)"
-        raise InputError(
-            Problem("least_power_allocation(shares)", must, f"{lift.shape}", "give one per coil")
-        )
+        raise InputError.of("least_power_allocation(shares)", must, f"{lift.shape}", "give one per coil")
     columns, idle = [lift], []
     for axis in (0, 1):
         try:

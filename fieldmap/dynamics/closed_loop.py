@@ -18,15 +18,7 @@ from fieldmap.arguments import check_count, check_positive, check_signal
 from fieldmap.control.blocks import Controller
 from fieldmap.control.function_controller import FunctionController
 from fieldmap.control.function_failure import BoundFunction, failure, guarded, written_beside
-from fieldmap.core.closed_loop import (
-    GOES_ON,
-    NO_FUNCTION,
-    ControlLaw,
-    Loop,
-    Progress,
-    Signals,
-    Timing,
-)
+from fieldmap.core.closed_loop import GOES_ON, NO_FUNCTION, ControlLaw, Loop, Progress, Signals, Timing
 from fieldmap.core.controller import SIGNALS, CoreController
 from fieldmap.core.library import LIBRARY
 from fieldmap.core.machine import STATE, CoreMachine
@@ -69,9 +61,7 @@ class Schedule(Record):
                 "step must go into period and delay a whole number of times, delay must be at most a period"
             )
             received = f"period {self.period:g}, step {self.step:g}, delay {self.delay:g} s"
-            raise InputError(
-                Problem("Schedule(step)", must, received, "take for example 2e-3, 1e-4 and 5e-4")
-            )
+            raise InputError.of("Schedule(step)", must, received, "take for example 2e-3, 1e-4 and 5e-4")
 
     @property
     def clock(self) -> Timing:
@@ -125,9 +115,7 @@ def simulate_closed_loop(
                 "simulate_closed_loop(controller)",
                 "stack one block for each output, such as lift, x and y",
             )
-            raise InputError(
-                Problem(where, f"must have {len(names)} outputs", f"{controller.outputs}", remedy)
-            )
+            raise InputError.of(where, f"must have {len(names)} outputs", f"{controller.outputs}", remedy)
         inverse = controller.inverse(np.array(check_signal("simulate_closed_loop(state)", state)))
         law = ControlLaw(
             NO_FUNCTION,
@@ -215,7 +203,7 @@ def start_loop(
             "begin within the map's currents",
         )
         where = "simulate_closed_loop(currents)"
-        raise NotConverged(Problem(where, must, f"{amperes.tolist()} A", remedy))
+        raise NotConverged.of(where, must, f"{amperes.tolist()} A", remedy)
     return Begun(loop, core, search, event)
 
 
@@ -314,7 +302,7 @@ def simulate_many(
     def job(k: int) -> Any:
         call = jobs[k]
         if call is None:
-            raise InputError(Problem("simulate_many(one)", "must be a function", "None", "give what to run"))
+            raise InputError.of("simulate_many(one)", "must be a function", "None", "give what to run")
         return keep(call(seeds[k]))
 
     def done(results: Iterator[Any]) -> list[Any]:

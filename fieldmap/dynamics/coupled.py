@@ -23,7 +23,7 @@ from fieldmap.dynamics.linearisation import ABOUT_Z, VELOCITIES, LinearMachine
 from fieldmap.dynamics.machine import Machine
 from fieldmap.dynamics.operating_point import OperatingPoint
 from fieldmap.dynamics.surroundings import Three
-from fieldmap.errors import Infeasible, InputError, Problem
+from fieldmap.errors import Infeasible, InputError
 from fieldmap.inputs.declared import Key, check_fields
 from fieldmap.inputs.tables import Positive
 from fieldmap.records import Record
@@ -100,8 +100,7 @@ def lqg_block(
     m = felt.B.shape[1]
     if len(weights.output) != m:
         must = f"must have one number for each of {m} outputs"
-        problem = Problem("LqgWeights(output)", must, f"{len(weights.output)}", "give lift, x and y")
-        raise InputError(problem)
+        raise InputError.of("LqgWeights(output)", must, f"{len(weights.output)}", "give lift, x and y")
     model = _Model(felt, period, delay)
     gain = _regulator(model, felt, weights, period)
     taken = _estimator(model, felt, weights, period)
@@ -170,8 +169,7 @@ def _riccati(A: Array, B: Array, Q: Array, R: Array, what: str) -> Array:
     except (np.linalg.LinAlgError, ValueError) as error:
         must = f"every mode that is not damped must be {what}"
         remedy = "`fieldmap linearise` shows the modes; a little drag damps what swings without end"
-        problem = Problem("lqg_block(linear)", must, f"{error}", remedy)
-        raise InputError(problem) from None
+        raise InputError.of("lqg_block(linear)", must, f"{error}", remedy) from None
 
 
 def _targets(model: _Model, linear: LinearMachine) -> tuple[Array, Array]:
@@ -230,13 +228,12 @@ class ScheduledController(Record):
         check_positive("ScheduledController", step=self.step, blocks=len(self.blocks))
         shapes = {(block.A.shape, block.D.shape) for block in self.blocks}
         if len(shapes) > 1:
-            problem = Problem(
+            raise InputError.of(
                 "ScheduledController(blocks)",
                 "must have as many states and outputs each",
                 f"{shapes}",
                 "design them alike",
             )
-            raise InputError(problem)
 
     @property
     def outputs(self) -> int:
@@ -422,10 +419,9 @@ def outputs_for(
     """
     m = len(operating_point.outputs)
     if m != 3:
-        problem = Problem(
+        raise InputError.of(
             "outputs_for(machine)", "must have three outputs", f"{m}", "take an allocation of three"
         )
-        raise InputError(problem)
     found, left = np.empty((len(positions), 3)), np.empty(len(positions))
     core = machine.core(1.0, EXACT)
     inverse = InverseMap(
@@ -440,10 +436,9 @@ def outputs_for(
     inverse_along(inverse, numbers, places, wanted, found, left)
     if np.isnan(left).any():
         where = positions[int(np.flatnonzero(np.isnan(left))[0])]
-        problem = Problem(
+        raise Infeasible.of(
             "outputs_for(positions)", "must lie in the map", f"{where.tolist()} m", "shorten the path"
         )
-        raise Infeasible(problem)
     return found, left
 
 

@@ -18,7 +18,7 @@ from fieldmap.core.current_table import CoreTable
 from fieldmap.core.iron import CoreIron
 from fieldmap.core.iron_numbers import core_numbers
 from fieldmap.core.machine import BodyNumbers, Plant
-from fieldmap.errors import InputError, Problem
+from fieldmap.errors import InputError
 from fieldmap.field import Field, require_affine, require_bounds
 from fieldmap.lookup import FieldMap, interpolate, saturates, table_of_currents, tangent_block, unit_block
 from fieldmap.lookup.current_solver import COMPILED_TOLERANCE
@@ -91,9 +91,7 @@ def sampled_field(field: Field, spacing: float = SPACING) -> FieldMap:
     if not field.affine:
         must_hold = "must be the sum of its coils' fields and of one that no current drives, or a map"
         remedy = "make a map of the device with its saturating iron (fieldmap map) and give that"
-        raise InputError(
-            Problem("field", must_hold, f"{type(field).__name__}, which does not superpose", remedy)
-        )
+        raise InputError.of("field", must_hold, f"{type(field).__name__}, which does not superpose", remedy)
     lower, upper = require_bounds(field)
     # As the grid of a map file; a part in 1e9 is rounding.
     cells = np.maximum(np.ceil((upper - lower) / spacing * (1.0 - 1e-9)), FEWEST_CELLS)

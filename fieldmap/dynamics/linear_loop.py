@@ -13,7 +13,7 @@ from fieldmap.control.blocks import ControllerBlock
 from fieldmap.dynamics.closed_loop import Schedule
 from fieldmap.dynamics.linearisation import LinearMachine
 from fieldmap.dynamics.sensors import Sensors
-from fieldmap.errors import InputError, Problem
+from fieldmap.errors import InputError
 from fieldmap.plain import Plain, plain_items
 from fieldmap.records import Record, tuple_line
 from fieldmap.typing import Array
@@ -59,10 +59,9 @@ def sampled_machine(linear: LinearMachine, period: float, delay: float = 0.0) ->
     """
     check_positive("sampled_machine", period=period)
     if not 0.0 <= delay <= period:
-        problem = Problem(
+        raise InputError.of(
             "sampled_machine(delay)", "must be from 0 to the period", f"{delay:g} s", "shorten it"
         )
-        raise InputError(problem)
     A, B = zero_order_hold(linear.A, linear.B, period)
     if delay == 0.0:
         return SampledMachine(A, B, np.zeros_like(B), linear.C)

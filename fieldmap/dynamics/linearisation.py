@@ -12,19 +12,12 @@ from numpy.typing import ArrayLike
 
 from fieldmap.arguments import check_signal
 from fieldmap.control import StateSpace
-from fieldmap.core.machine import (
-    ANGULAR_VELOCITY,
-    INSIDE,
-    STATE,
-    TURN,
-    VELOCITY,
-    rotation,
-)
+from fieldmap.core.machine import ANGULAR_VELOCITY, INSIDE, STATE, TURN, VELOCITY, rotation
 from fieldmap.dynamics.field_of_currents import EXACT
 from fieldmap.dynamics.machine import Machine
 from fieldmap.dynamics.motion import state_of
 from fieldmap.dynamics.operating_point import OperatingPoint
-from fieldmap.errors import InputError, OutsideMapError, Problem
+from fieldmap.errors import InputError, OutsideMapError
 from fieldmap.records import Record
 from fieldmap.typing import Array
 
@@ -91,7 +84,7 @@ class LinearMachine(Record):
         for name in names:
             if name not in self.states:
                 must = f"must be among {', '.join(self.states)}"
-                raise InputError(Problem("LinearMachine.only(names)", must, name, "choose among them"))
+                raise InputError.of("LinearMachine.only(names)", must, name, "choose among them")
         chosen = [self.states.index(name) for name in names]
         A, B, C, G = self.A[np.ix_(chosen, chosen)], self.B[chosen], self.C[:, chosen], self.G[chosen]
         return replace(self, A=A, B=B, C=C, G=G, states=names)
@@ -118,10 +111,10 @@ def linearise(machine: Machine, operating_point: OperatingPoint) -> LinearMachin
                 "must lie inside the map, 0.4 mm from its edge",
                 "begin elsewhere, or make a larger map",
             )
-            raise OutsideMapError(Problem(where, must, there, remedy))
+            raise OutsideMapError.of(where, must, there, remedy)
         if not np.isfinite(out).all():
             remedy = "begin higher, lower the plate's face, or leave the plate out"
-            raise InputError(Problem(where, "must lie in front of the plate's face", there, remedy))
+            raise InputError.of(where, "must lie in front of the plate's face", there, remedy)
         return np.concatenate(
             [out[:3], np.zeros(3), out[VELOCITY : VELOCITY + 3], out[ANGULAR_VELOCITY:STATE]]
         )

@@ -18,7 +18,7 @@ from fieldmap.dynamics.field_of_currents import FieldOfCurrents
 from fieldmap.dynamics.rigid_body import RigidBody
 from fieldmap.dynamics.sensors import Sensors
 from fieldmap.dynamics.surroundings import Drag, Plate, Walls
-from fieldmap.errors import InputError, Problem
+from fieldmap.errors import InputError
 from fieldmap.instruments import Amplifier, Converter
 from fieldmap.records import Record
 from fieldmap.typing import Array
@@ -53,10 +53,9 @@ class CoilDrive(Record):
         check_not_negative("CoilDrive", time_constant=self.time_constant)
         check_ordered("CoilDrive(supply)", *self.supply)
         if (self.resistance is None) != (self.inductance is None):
-            problem = Problem(
+            raise InputError.of(
                 "CoilDrive(resistance, inductance)", "must both be given, or neither", "one", "give both"
             )
-            raise InputError(problem)
         for name in ("resistance", "inductance"):
             if getattr(self, name) is not None:
                 given = check_signal(f"CoilDrive({name})", getattr(self, name))
@@ -104,10 +103,9 @@ def drive_of_device(device: Device, lowest_voltage: float | None = None, **more:
     """
     driver = device.driver
     if driver is None:
-        problem = Problem(
+        raise InputError.of(
             "drive_of_device(device)", "must have a [driver]", "none", "add one to the device file"
         )
-        raise InputError(problem)
     windings = {}
     if all(coil.resistance and coil.inductance for coil in device.coils):
         windings = {
@@ -146,8 +144,7 @@ class Machine(Record):
         for name in self.ending:
             if name not in CONTACTS:
                 remedy = "choose among them"
-                problem = Problem("Machine(ending)", f"must be among {', '.join(CONTACTS)}", name, remedy)
-                raise InputError(problem)
+                raise InputError.of("Machine(ending)", f"must be among {', '.join(CONTACTS)}", name, remedy)
 
     def end_numbers(self, period: float) -> Ending:
         """What ends a run of this control period, s, as the compiled loop takes it."""

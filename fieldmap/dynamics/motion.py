@@ -22,7 +22,7 @@ from fieldmap.core.machine import (
 )
 from fieldmap.dynamics.rigid_body import RigidBody
 from fieldmap.dynamics.surroundings import Drag, Plate, Walls
-from fieldmap.errors import InputError, NotConverged, Problem
+from fieldmap.errors import InputError, NotConverged
 from fieldmap.lookup import MapAtCurrents, unit_block
 from fieldmap.records import Record
 from fieldmap.typing import Array
@@ -53,8 +53,7 @@ def state_of(
     turn = check_signal("state_of(quaternion)", quaternion, columns=4)
     length = float(np.linalg.norm(turn))
     if length == 0.0:
-        problem = Problem("state_of(quaternion)", "must have a length", "zeros", "(1, 0, 0, 0) for upright")
-        raise InputError(problem)
+        raise InputError.of("state_of(quaternion)", "must have a length", "zeros", "(1, 0, 0, 0) for upright")
     return np.concatenate(
         [checked["position"], checked["velocity"], turn / length, checked["angular_velocity"]]
     )
@@ -123,7 +122,7 @@ def move_adaptively(
     )
     if not found.success or not np.isfinite(found.y).all():
         must, remedy = "the integrator must reach the end", "keep the motion in the map"
-        raise NotConverged(Problem("move_adaptively", must, found.message, remedy))
+        raise NotConverged.of("move_adaptively", must, found.message, remedy)
     return np.ascontiguousarray(found.y.T)
 
 
@@ -160,5 +159,5 @@ def _checked(where: str, state: ArrayLike) -> Array:
     start = np.array(check_signal(where, state, columns=STATE))
     if start.ndim != 1 or abs(np.linalg.norm(start[TURN : TURN + 4]) - 1.0) > 1e-9:
         must = "must be one state (13,) with a quaternion of length 1"
-        raise InputError(Problem(where, must, f"{start.tolist()}", "make it by state_of"))
+        raise InputError.of(where, must, f"{start.tolist()}", "make it by state_of")
     return start

@@ -15,7 +15,7 @@ from fieldmap.core.machine import INSIDE, POSITION, TURN, sensed_point
 from fieldmap.dynamics.field_of_currents import EXACT
 from fieldmap.dynamics.machine import Machine
 from fieldmap.dynamics.motion import state_of
-from fieldmap.errors import InputError, NoEquilibrium, Problem
+from fieldmap.errors import InputError, NoEquilibrium
 from fieldmap.records import Record
 from fieldmap.typing import Array
 
@@ -63,7 +63,7 @@ def find_operating_point(
         must = "must leave three numbers free in all"
         received = f"{int(free_place.sum() + free_output.sum())} NaN"
         remedy = "free the lift, and of x and y either the place or the signal"
-        raise InputError(Problem("find_operating_point(sensed, outputs)", must, received, remedy))
+        raise InputError.of("find_operating_point(sensed, outputs)", must, received, remedy)
     body, amplifier, weight = machine.body, machine.drive.amplifier, machine.body.mass * machine.body.gravity
     core, free = replace(machine, drag=None, plate=None, walls=None).core(1.0, EXACT), int(free_place.sum())
 
@@ -101,13 +101,12 @@ def find_operating_point(
     assert best is not None
     worst = float(np.abs(best.fun).max())
     if not (worst < _ACCURACY or (worst < _STEP and is_step(residual, best.x))):
-        problem = Problem(
+        raise NoEquilibrium.of(
             "find_operating_point",
             "forces and torques must balance",
             f"{worst:.1e} of the weight left over at best",
             "begin elsewhere in the map, free another signal, or check the scale of the field",
         )
-        raise NoEquilibrium(problem)
     state, currents, found_outputs = parts(best.x)
     seen = sensed_point(state, body.seen_at)
     state[TURN : TURN + 4] /= np.linalg.norm(state[TURN : TURN + 4])

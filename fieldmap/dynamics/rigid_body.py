@@ -21,7 +21,7 @@ from fieldmap.device.payload import (
     shape_text,
 )
 from fieldmap.dynamics.surroundings import Drag, Plate, Walls
-from fieldmap.errors import InputError, Problem
+from fieldmap.errors import InputError
 from fieldmap.lookup import MagneticBody, magnetic_body
 from fieldmap.records import Record, count_of
 from fieldmap.typing import Array
@@ -65,16 +65,12 @@ class RigidBody(Record):
         a, b, c = np.sort(self.inertia)
         if c > (a + b) * (1.0 + 1e-9):
             must = "must fulfil I1 + I2 >= I3, as those of every body do"
-            problem = Problem(
+            raise InputError.of(
                 "RigidBody(inertia)", must, f"{self.inertia.tolist()}", "give principal moments of inertia"
             )
-            raise InputError(problem)
 
     def numbers(
-        self,
-        drag: Drag | None = None,
-        plate: Plate | None = None,
-        walls: Walls | None = None,
+        self, drag: Drag | None = None, plate: Plate | None = None, walls: Walls | None = None
     ) -> BodyNumbers:
         """Everything about the body and its surroundings, as the C core takes it."""
         return BodyNumbers(
@@ -179,7 +175,7 @@ def _inertia(
             remedy = (
                 "give radius and height of the body, or payload.inertia or payload.magnet in the device file"
             )
-            raise InputError(Problem("body_of_payload(payload)", "must have an inertia", "none", remedy))
+            raise InputError.of("body_of_payload(payload)", "must have an inertia", "none", remedy)
         shape = "body of its pieces"
         if payload.magnet is not None and not payload.pieces:
             shape = f"{shape_text(payload.magnet).removeprefix('magnet ')}, the magnet's"

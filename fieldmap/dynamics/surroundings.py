@@ -9,7 +9,7 @@ from pydantic import Field, ValidationInfo
 from fieldmap.arguments import check_signal
 from fieldmap.constants import MU0
 from fieldmap.core.machine import plate_force
-from fieldmap.errors import InputError, Problem
+from fieldmap.errors import InputError
 from fieldmap.inputs.declared import Key, check_fields
 from fieldmap.inputs.tables import NotNegative, PlanePoint, Point, Positive, Vector, broken
 from fieldmap.records import Record
@@ -82,8 +82,7 @@ class Plate(Record):
 
     conductivity: Annotated[float, Key(Positive, "conductivity, 3.5e7 for aluminium", "S_per_m")]
     thickness: Annotated[
-        float,
-        Key(Annotated[float, Field(gt=0, allow_inf_nan=True)], "thickness; inf for a half space", "mm"),
+        float, Key(Annotated[float, Field(gt=0, allow_inf_nan=True)], "thickness; inf for a half space", "mm")
     ]
     face: Annotated[Three, Key(Point, "[x, y, z] of a point of the face that the magnet sees", "mm")]
     normal: Annotated[
@@ -119,10 +118,9 @@ class Plate(Record):
             for name, value in (("position", position), ("moment", moment))
         )
         if not (where - self.face) @ numbers[5:] > 0.0:
-            problem = Problem(
+            raise InputError.of(
                 "Plate.damping(position)", "must lie in front of the face", f"{position}", "turn the normal"
             )
-            raise InputError(problem)
         columns = [plate_force(numbers, where, dipole, v, np.zeros(3))[0] for v in np.eye(3)]
         return -np.array(columns).T
 

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 from fieldmap.arguments import check_choice
 from fieldmap.constants import GRAVITY
 from fieldmap.device.model import Payload
-from fieldmap.errors import InputError, NotConverged, OutsideMapError, Problem
+from fieldmap.errors import InputError, NotConverged, OutsideMapError
 from fieldmap.field import AnyField, Bounds, Field, as_field
 from fieldmap.lookup.finite_magnet import FiniteMagnet, volume_rule
 from fieldmap.lookup.magnetic_body import MagneticBody
@@ -45,13 +45,13 @@ def check_position(bounds: Bounds, position: ArrayLike, where: str) -> Array:
     point = np.asarray(position, dtype=float)
     if point.shape != (3,) or not np.isfinite(point).all():
         must_hold = "must be three finite coordinates in m"
-        raise InputError(Problem(where, must_hold, f"{point.tolist()}", "give x, y and z"))
+        raise InputError.of(where, must_hold, f"{point.tolist()}", "give x, y and z")
     lower, upper = bounds
     slack = 1e-12 * np.abs(upper - lower).max()
     if (point < lower - slack).any() or (point > upper + slack).any():
         must_hold = f"must lie in the box {_millimetres(lower)} to {_millimetres(upper)} mm"
         remedy = "choose a point inside, or a map that reaches there"
-        raise OutsideMapError(Problem(where, must_hold, f"{_millimetres(point)} mm", remedy))
+        raise OutsideMapError.of(where, must_hold, f"{_millimetres(point)} mm", remedy)
     return np.clip(point, lower, upper)
 
 
@@ -216,7 +216,7 @@ class RigidBalance(MagnetBalance):
         must_hold = f"the torque must fall to {_TORQUE:g} of moment times field"
         received = f"{np.max(np.linalg.norm(torque, axis=1) / restoring):.1e} after {_TURNS} turns"
         remedy = "choose places where the field is not weak, or moment='fixed'"
-        raise NotConverged(Problem("rigid magnet", must_hold, received, remedy))
+        raise NotConverged.of("rigid magnet", must_hold, received, remedy)
 
     def _wrench(self, points: Array, axis: Array) -> Array:
         self.evaluations += len(points)
@@ -317,9 +317,7 @@ def magnet_balance(
         return Balance(field, currents, payload.mass, payload.moment, held, evaluations=len(points))
     if payload.magnet is None:
         must = "must have a magnet: its shape, size and remanence"
-        raise InputError(
-            Problem("payload.magnet", must, "None", "add [payload.magnet], or choose moment='fixed'")
-        )
+        raise InputError.of("payload.magnet", must, "None", "add [payload.magnet], or choose moment='fixed'")
     turning = UPRIGHT if moment == "rigid upright" else lever
     magnet = volume_rule(payload.magnet, RULE)
     return RigidBalance(field, currents, payload.mass, payload.moment, magnet, turning, sign)
@@ -331,7 +329,7 @@ def refuse_models_of_pieces(where: str, moment: str) -> None:
         must_hold = (
             "must be 'fixed' for a payload of pieces: it stays upright, and soft iron follows the field"
         )
-        raise InputError(Problem(where, must_hold, f"'{moment}'", "leave it out"))
+        raise InputError.of(where, must_hold, f"'{moment}'", "leave it out")
 
 
 def model_assumptions(moment: MagnetModel, lever: float = 0.0) -> tuple[str, ...]:

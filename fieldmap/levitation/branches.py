@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from fieldmap.arguments import check_positive
 from fieldmap.device.model import Payload
-from fieldmap.errors import InputError, NoEquilibrium, Problem
+from fieldmap.errors import InputError, NoEquilibrium
 from fieldmap.field import AnyField, Bounds, as_field, require_bounds
 from fieldmap.levitation.balance import (
     MagnetBalance,
@@ -150,7 +150,7 @@ def equilibrium_at(
         f"a last step of {1e3 * np.abs(step[:2]).max():.2g} mm at {1e3 * q[:2]} mm after {_STEPS} steps"
     )
     remedy = "look for all points with stationary_points, and start near one of them"
-    raise NoEquilibrium(Problem(where, f"{what} must vanish near", received, remedy))
+    raise NoEquilibrium.of(where, f"{what} must vanish near", received, remedy)
 
 
 def _begin(
@@ -231,5 +231,5 @@ def _stops(stops: ArrayLike) -> Array:
     if values.ndim != 1 or len(values) < 2 or not ((steps > 0).all() or (steps < 0).all()):
         must_hold = "must be two or more parameters in rising or falling order"
         remedy = "begin with the parameter of the start"
-        raise InputError(Problem("follow_equilibrium(stops)", must_hold, f"{values.tolist()}", remedy))
+        raise InputError.of("follow_equilibrium(stops)", must_hold, f"{values.tolist()}", remedy)
     return values

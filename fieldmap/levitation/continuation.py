@@ -13,7 +13,7 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike
 
-from fieldmap.errors import NotConverged, OutsideMapError, Problem
+from fieldmap.errors import NotConverged, OutsideMapError
 from fieldmap.records import Record
 from fieldmap.typing import Array
 
@@ -81,7 +81,7 @@ def follow_branch(
     v = walk.at(np.append(begin, targets[0]) / walk.scale, targets[0])
     if v is None:
         where, must_hold = "follow_branch(start)", "must be near a solution"
-        raise NotConverged(Problem(where, must_hold, f"{begin.tolist()}", "give a better start"))
+        raise NotConverged.of(where, must_hold, f"{begin.tolist()}", "give a better start")
     return walk.go(v, most_steps)
 
 

@@ -129,8 +129,8 @@ def find_equilibrium(
     carried = check_payload(payload, "find_equilibrium", pieces=True)
     source, amperes = resolve_currents(field, currents)
     if moment not in ("fixed", "aligned"):
-        raise InputError(
-            Problem("find_equilibrium(moment)", "must be 'fixed' or 'aligned'", repr(moment), "choose one")
+        raise InputError.of(
+            "find_equilibrium(moment)", "must be 'fixed' or 'aligned'", repr(moment), "choose one"
         )
     if carried.pieces:
         refuse_models_of_pieces("find_equilibrium(moment)", moment)

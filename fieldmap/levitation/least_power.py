@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fieldmap.arguments import check_signal
-from fieldmap.errors import Infeasible, Problem
+from fieldmap.errors import Infeasible
 from fieldmap.field import Field
 from fieldmap.typing import Array
 
@@ -74,7 +74,7 @@ def _towards(force: Array, axis: int) -> Array:
         must = f"the coils must push the magnet along {'xyz'[axis]}"
         received = f"{force[axis].tolist()} N/A along it, of at most {np.abs(force).max():.2g} N/A"
         remedy = "begin at another place, or turn or add a coil"
-        raise Infeasible(Problem("least_power", must, received, remedy))
+        raise Infeasible.of("least_power", must, received, remedy)
     return np.asarray(currents)
 
 

@@ -119,7 +119,7 @@ def direction_of_lift(point: Array, moment: float, gradient: Array) -> float:
     if abs(force[2]) <= 1e-12 * moment * np.linalg.norm(gradient):
         must_hold = "dBz/dz must not vanish where a vertical dipole is to be lifted"
         received, remedy = "no vertical force for the given shares", "choose another position or other shares"
-        raise Infeasible(Problem(_at(point), must_hold, received, remedy))
+        raise Infeasible.of(_at(point), must_hold, received, remedy)
     return float(np.sign(force[2]))
 
 
@@ -195,7 +195,7 @@ def _by_secant(
             must_hold = "the lift must reach the weight at a current that the field holds"
             received = f"lift / weight {_last(tried)}; the field does not hold {current:.4g} A"
             remedy = "choose a position nearer to the iron, or a field that holds more current"
-            raise OutsideMapError(Problem(_at(point), must_hold, received, remedy)) from error
+            raise OutsideMapError.of(_at(point), must_hold, received, remedy) from error
         tried.append((current, float(forces[-1][2] / balance.weight - 1.0)))
         if on_state is not None:
             on_state(current, tried[-1][1] + 1.0)
@@ -216,7 +216,7 @@ def _by_secant(
                 "own: fieldmap currents --lift, or currents_for of the map"
             )
             received = f"{payload.description}, {first:g} A, no lift"
-            raise Infeasible(Problem(_at(point), must_hold, received, remedy))
+            raise Infeasible.of(_at(point), must_hold, received, remedy)
         # Soft iron is pulled with the square of the current.
         current = _next_current(tried, 0.5 if payload.pieces else 1.0)
     if field.affine and isinstance(balance, BodyBalance):

@@ -17,7 +17,7 @@ import scipy
 from numpy.typing import ArrayLike
 
 from fieldmap.arguments import checked_vectors
-from fieldmap.errors import InputError, Problem
+from fieldmap.errors import InputError
 from fieldmap.field import AnyField, as_field, refuse_orientations
 from fieldmap.levitation.searched_set import SearchedSet, SetAtPoint, hull_of, quantity_of, searched_set
 from fieldmap.lookup.magnetic_body import MagneticBody, checked_turns
@@ -63,7 +63,7 @@ class ReachableSet(SetAtPoint):
         """Whether values (..., 3) can be reached, to rounding. Raises InputError for a flat set."""
         if not len(self.triangles):
             remedy = "ask largest_along, or add a coil"
-            raise InputError(Problem("ReachableSet.holds", "the set must have a volume", "none", remedy))
+            raise InputError.of("ReachableSet.holds", "the set must have a volume", "none", remedy)
         faces = scipy.spatial.ConvexHull(self.vertices).equations
         size = float(np.ptp(self.vertices, axis=0).max())
         off = np.asarray(values, dtype=float) @ faces[:, :3].T + faces[:, 3]
@@ -151,5 +151,5 @@ def _limits(limits: ArrayLike, count: int) -> tuple[Array, Array]:
     good = given.shape == (2, count) and np.isfinite(given).all() and (given[0] <= given[1]).all()
     if not good or not (given[0] < given[1]).any():
         must = f"must be one number, {count} of them, or lower and upper ones (2, {count}), lower below upper"
-        raise InputError(Problem("reachable(limits)", must, str(limits)[:80], "give the driver's limits, A"))
+        raise InputError.of("reachable(limits)", must, str(limits)[:80], "give the driver's limits, A")
     return given[0], given[1]

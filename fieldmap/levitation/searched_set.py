@@ -21,7 +21,7 @@ import scipy
 from numpy.typing import ArrayLike
 
 from fieldmap.currents import CurrentDomain, IndependentCurrents
-from fieldmap.errors import InputError, OutsideMapError, Problem
+from fieldmap.errors import InputError, OutsideMapError
 from fieldmap.field import AnyField, Field, as_field
 from fieldmap.lookup import FieldMap
 from fieldmap.lookup.actuation import field_actuation, wrench_actuation
@@ -185,7 +185,7 @@ def quantity_of(
     if not source.affine and not hasattr(source, "by_currents"):
         must_hold = "a field that is the sum of its coils' fields, or has derivatives by its currents"
         received = f"{type(source).__name__}, which has neither"
-        raise InputError(Problem("reachable", must_hold, received, "make a map of it: fieldmap map"))
+        raise InputError.of("reachable", must_hold, received, "make a map of it: fieldmap map")
 
     def about(currents: Array) -> tuple[Array, Array]:
         if moment is None:
@@ -253,7 +253,7 @@ class _Climb:
         if not self.values:
             must_hold = "must leave some of the currents that the map is made for"
             received = f"{self._low.tolist()} to {self._high.tolist()} A"[:80]
-            raise InputError(Problem("reachable(limits)", must_hold, received, "widen the limits"))
+            raise InputError.of("reachable(limits)", must_hold, received, "widen the limits")
         self._measure()
 
     def furthest(self, direction: Array) -> int:
@@ -360,7 +360,7 @@ def _domain_of(source: Field, lower: Array, upper: Array) -> CurrentDomain:
     if (low > high).any():
         must_hold = "must leave some of the currents that the map is made for"
         received = f"{lower.tolist()} to {upper.tolist()} A"[:80]
-        raise InputError(Problem("reachable(limits)", must_hold, received, "widen the limits"))
+        raise InputError.of("reachable(limits)", must_hold, received, "widen the limits")
     return CurrentDomain(domain.parametrisation, low, high)
 
 

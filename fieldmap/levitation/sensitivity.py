@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from fieldmap.arguments import check_not_negative, check_positive
 from fieldmap.device.model import Payload
-from fieldmap.errors import InputError, Problem
+from fieldmap.errors import InputError
 from fieldmap.field import AnyField, require_bounds, resolve_currents
 from fieldmap.levitation.balance import MagnetBalance, MagnetModel, check_position, magnet_balance
 from fieldmap.lookup.payload import check_payload
@@ -82,7 +82,7 @@ def equilibrium_sensitivity(
             f"{stiffness[:2, :2].tolist()} N/m",
             "choose currents or a height away from the fold",
         )
-        raise InputError(Problem("equilibrium_sensitivity(position)", must_hold, received, remedy))
+        raise InputError.of("equilibrium_sensitivity(position)", must_hold, received, remedy)
     # The common factor 1 + s of all currents: d force / d s.
     by_level = by_current @ amperes
     matrix = np.zeros((3, 3))

@@ -143,10 +143,7 @@ def to_equilibrium(balance: MagnetBalance, start: Array, low: Array, high: Array
 
 
 def _window(
-    box: Bounds,
-    window: tuple[ArrayLike, ArrayLike] | None,
-    payload: Payload | None,
-    height: float,
+    box: Bounds, window: tuple[ArrayLike, ArrayLike] | None, payload: Payload | None, height: float
 ) -> tuple[Array, Array]:
     if window is None:
         rim = 0.0

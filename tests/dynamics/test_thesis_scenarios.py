@@ -54,11 +54,7 @@ def shift_per_signal(six, depth_mm):
     """mm per unit of the x and of the y signal about the axis, from where the machine rests at small signals."""
     places = []
     for signal in (0.005, -0.005):
-        changes = {
-            "start.depth_mm": depth_mm,
-            "control.x.output": signal,
-            "control.y.output": signal,
-        }
+        changes = {"start.depth_mm": depth_mm, "control.x.output": signal, "control.y.output": signal}
         places.append(prepare(read_scenario("horizontal_open_loop", changes), six).operating_point.sensed)
     return 1e3 * (places[0] - places[1])[:2] / 0.01
 

@@ -9,10 +9,7 @@ from scipy.constants import mu_0
 from fieldmap.device.model import MagnetCylinder, Payload
 from fieldmap.errors import Infeasible, InputError, NotConverged, OutsideMapError, Problem
 from fieldmap.field import Field, as_field
-from fieldmap.levitation import (
-    find_equilibrium,
-    lift_current,
-)
+from fieldmap.levitation import find_equilibrium, lift_current
 from fieldmap.levitation.lift import _next_current
 
 PAYLOAD = Payload(mass=0.01119, moment=0.813)
@@ -136,10 +133,7 @@ def test_the_inverse_of_the_law(axisymmetric, law, expected, first):
 def test_a_linear_field_needs_three_states_at_most_and_agrees_with_the_linear_function(axisymmetric):
     shape = axisymmetric(COEFFICIENTS)
     field = Law(shape, lambda i: i)
-    lift, linear = (
-        lift_current(field, PAYLOAD, POINT),
-        lift_current(shape, PAYLOAD, POINT),
-    )
+    lift, linear = (lift_current(field, PAYLOAD, POINT), lift_current(shape, PAYLOAD, POINT))
     assert len(field.states) <= 3
     assert lift.current == pytest.approx(linear.current, rel=1e-9)
     np.testing.assert_allclose(lift.force_per_ampere, linear.force_per_ampere, rtol=1e-9, atol=1e-12)

@@ -34,7 +34,7 @@ from fieldmap.control.identification.regression import (
     to_model,
 )
 from fieldmap.control.linear_models import TransferFunction, filter_response, transfer_function
-from fieldmap.errors import NotConverged, Problem
+from fieldmap.errors import NotConverged
 from fieldmap.records import Record
 from fieldmap.typing import Array
 
@@ -95,12 +95,7 @@ def modified_least_squares(
 
 
 def modified_least_squares_runs(
-    outputs: ArrayLike,
-    inputs: ArrayLike,
-    orders: Orders,
-    *,
-    tolerance: float = 1e-6,
-    iterations: int = 100,
+    outputs: ArrayLike, inputs: ArrayLike, orders: Orders, *, tolerance: float = 1e-6, iterations: int = 100
 ) -> EstimatedRuns:
     """`modified_least_squares` of many records at once, for Monte Carlo studies; says which did not settle.
 
@@ -203,7 +198,7 @@ def armax(
         gtol=1e-13,
     )
     if not fit.success:
-        raise NotConverged(Problem(where, "must converge", fit.message, "ask for fewer coefficients"))
+        raise NotConverged.of(where, "must converge", fit.message, "ask for fewer coefficients")
     # The columns there are only for covariance and condition.
     solution = solve_columns(fit.jac, -fit.fun, where)
     solution = solution._replace(coefficients=fit.x[None], squares=np.array([2.0 * fit.cost]))
@@ -377,13 +372,7 @@ def identify_indirect(
 
 
 def identify_two_stage(
-    outputs: ArrayLike,
-    controls: ArrayLike,
-    references: ArrayLike,
-    orders: Orders,
-    Ts: float,
-    *,
-    loop: Orders,
+    outputs: ArrayLike, controls: ArrayLike, references: ArrayLike, orders: Orders, Ts: float, *, loop: Orders
 ) -> Estimate:
     """The plant in two stages, without knowing the controller: Van den Hof and Schrama (Automatica 29
     (1993) 1523).

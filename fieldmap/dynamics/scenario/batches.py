@@ -14,7 +14,7 @@ from fieldmap.dynamics.loop_run import LevitationRun, as_csv, recorded
 from fieldmap.dynamics.scenario.experiment import Experiment, prepare
 from fieldmap.dynamics.scenario.metrics import RunMetrics, run_metrics
 from fieldmap.dynamics.scenario.schema import read_scenario
-from fieldmap.errors import InputError, Problem
+from fieldmap.errors import InputError
 from fieldmap.field import Field
 from fieldmap.plain import Plain, plain_items
 from fieldmap.records import Record
@@ -98,7 +98,7 @@ def simulate_batches(
     Raises as `read_scenario` and `prepare`.
     """
     if runs < 1:
-        raise InputError(Problem("runs", "must be 1 or more", str(runs), "give a whole number"))
+        raise InputError.of("runs", "must be 1 or more", str(runs), "give a whole number")
     fixed, opened = dict(changes or {}), None
     key, values = ("", [None]) if vary is None else (vary[0], list(vary[1]))
     batches = []

@@ -112,7 +112,7 @@ def lay_over(experiment: Experiment, run: LevitationRun, log: Log, begins: float
             f"must have two samples or more within the run, 0 to {run.time[-1] if len(run.time) else 0:g} s"
         )
         received = f"{time[0]:g} to {time[-1]:g} s"
-        raise InputError(Problem("lay_over(begins)", must, received, "say when the log begins in the run"))
+        raise InputError.of("lay_over(begins)", must, received, "say when the log begins in the run")
     now, truth = time[within], reading_mm(scenario, run.sensed)
     signals = {}
     for k, axis in enumerate(AXES):

@@ -140,11 +140,7 @@ class Circle(Reference):
     ] = 0.0
     out_at: Annotated[
         float | None,
-        Key(
-            NotNegative | None,
-            "when it leaves for x = radius; at at_s, in one step, unless given",
-            "s",
-        ),
+        Key(NotNegative | None, "when it leaves for x = radius; at at_s, in one step, unless given", "s"),
     ] = None
     out: Annotated[float, Key(Positive, "how fast it goes there", "mm_per_s")] = 1e-3
 

@@ -34,7 +34,7 @@ from fieldmap.dynamics.scenario.references import (
 )
 from fieldmap.dynamics.sensors import Bits, ChainKeys, Sensors
 from fieldmap.dynamics.surroundings import Drag, Plate, Three, Walls
-from fieldmap.errors import Problem, ScenarioError
+from fieldmap.errors import ScenarioError
 from fieldmap.inputs.declared import Key, record_of, table_of
 from fieldmap.inputs.document import AtKey, Document, schema_findings
 from fieldmap.inputs.kinds import FileKind
@@ -434,9 +434,7 @@ def find_scenario(path_or_name: str | Path) -> Path:
     """The file at a path, or the shipped one of that name; ScenarioError if there is neither."""
     if Path(path_or_name).suffix.lower() in (".h5", ".hdf5"):
         remedy = f"a scenario says what happens in it: fieldmap simulate hold --map {path_or_name}"
-        raise ScenarioError(
-            Problem(str(path_or_name), "must be a scenario file", "the name of a map", remedy)
-        )
+        raise ScenarioError.of(str(path_or_name), "must be a scenario file", "the name of a map", remedy)
     return SCENARIO.find(path_or_name)
 
 
@@ -470,7 +468,6 @@ def _change(data: dict[str, Any], path: Path, key: str, value: Any) -> None:
     elif isinstance(here, dict):
         here[last] = value
     else:
-        problem = Problem(
+        raise ScenarioError.of(
             f"{path}: {key}", "must be a key of the scenario", "a step that is no table", "write table.key"
         )
-        raise ScenarioError(problem)
