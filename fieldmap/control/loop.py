@@ -108,28 +108,19 @@ def simulate_loop(
     1.0
     """
     model, (period, block) = _strictly_proper(plant), _block(controller, Ts)
-    where, target = (
-        "simulate_loop(reference)",
-        np.atleast_1d(check_signal("simulate_loop(reference)", reference)),
-    )
-    must = "must be a signal (samples,), one sample or more"
-    shape = (runs, target.size)
-    check(
-        target.shape == shape[1:] and target.size > 0,
-        where,
-        must,
-        f"shape {target.shape}",
-        "give one value per sample",
-    )
+    where, must = "simulate_loop(reference)", "must be a signal (samples,), one sample or more"
+    target = np.atleast_1d(check_signal(where, reference))
+    fits = target.ndim == 1 and target.size > 0
+    check(fits, where, must, f"shape {target.shape}", "give one value per sample")
     check_count("simulate_loop", runs=runs)
-    noises = {
+    shape = (runs, target.size)
+    given = {
         "position_noise": position_noise,
         "voltage_noise": voltage_noise,
         "current_noise": current_noise,
+        "disturbance": disturbance,
     }
-    signals = {
-        name: _fitting(name, given, shape) for name, given in {**noises, "disturbance": disturbance}.items()
-    }
+    signals = {name: _fitting(name, values, shape) for name, values in given.items()}
     y, u = np.empty(shape), np.empty(shape)
     core, memory = CoreController(block.arrays), np.array(block.memory, float)
     simulate(model, core, instruments or LoopInstruments(), Signals(target[None], **signals), memory, y, u)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -248,20 +248,12 @@ def plant_from_map(
         good = steps.shape == largest.shape and bool((steps > 0.0).all())
         must = f"must be {largest.size} positive numbers, one for each signal"
         check(good, f"{where}(signal_steps)", must, steps.tolist(), "leave it out for small steps")
-
-    def force(changed: Array) -> Array:
-        return replace(balance, currents=amperes + changed).magnetic_force(point[None, :])[0]
-
-    slopes = [
-        (force(step * direction) - force(-step * direction)) / (2.0 * step)
-        for direction, step in zip(directions.T, steps, strict=True)
-    ]
     return MapPlant(
         position=point,
         currents=amperes,
         mass=carried.mass,
         stiffness=balance.stiffness(point),
-        force_per_signal=np.column_stack(slopes),
+        force_per_signal=balance.force_per_signal(point, directions, steps),
         damping=loss,
         imbalance=balance.residual(point[None, :])[0] / balance.weight,
         assumptions=(

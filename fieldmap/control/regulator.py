@@ -75,8 +75,7 @@ def lqrd(A: ArrayLike, B: ArrayLike, Q: ArrayLike, R: ArrayLike, Ts: float) -> A
     transition, cost = _integral(both, scipy.linalg.block_diag(Q, R), Ts)
     A_d, B_d = transition[:order, :order], transition[:order, order:]
     Q_d, N_d, R_d = cost[:order, :order], cost[:order, order:], cost[order:, order:]
-    P = _riccati("lqrd", A_d, B_d, Q_d, R_d, N_d)
-    return np.asarray(np.linalg.solve(R_d + B_d.T @ P @ B_d, B_d.T @ P @ A_d + N_d.T), np.float64)
+    return _riccati("lqrd", A_d, B_d, Q_d, R_d, N_d)[1]
 
 
 def kalmd(
@@ -108,7 +107,7 @@ def kalmd(
     A_d, B_d = zero_order_hold(A, B, Ts)
     Q_d = _integral(A.T, G @ Qn @ G.T, Ts)[1]
     R_d = Rn / Ts
-    P = _riccati("kalmd", A_d.T, C.T, Q_d, R_d)
+    P, _ = _riccati("kalmd", A_d.T, C.T, Q_d, R_d)
     M = np.linalg.solve(C @ P @ C.T + R_d, C @ P).T
     L = A_d @ M
     kept = np.eye(order) - M @ C
@@ -130,7 +129,10 @@ def _integral(A: Array, weight: Array, Ts: float) -> tuple[Array, Array]:
     return transition, 0.5 * (integral + integral.T)
 
 
-def _riccati(where: str, A: Array, B: Array, Q: Array, R: Array, S: Array | None = None) -> Array:
+def _riccati(
+    where: str, A: Array, B: Array, Q: Array, R: Array, S: Array | None = None
+) -> tuple[Array, Array]:
+    """The solution of the discrete Riccati equation, and the gain of the feedback that it stands for."""
     must = "must have a stabilising solution of its Riccati equation"
     remedy = (
         "check that every unstable state is reached by the input (lqrd) or seen in the output (kalmd), and "
@@ -142,10 +144,10 @@ def _riccati(where: str, A: Array, B: Array, Q: Array, R: Array, S: Array | None
         raise InputError.of(where, must, f"none ({error})", remedy) from None
     # The solver may return a solution that does not stabilise, where a mode is out of reach.
     cross = 0.0 if S is None else S.T
-    gain = np.linalg.solve(R + B.T @ P @ B, B.T @ P @ A + cross)
+    gain = np.asarray(np.linalg.solve(R + B.T @ P @ B, B.T @ P @ A + cross), np.float64)
     slowest = float(np.abs(np.linalg.eigvals(A - B @ gain)).max())
     check(slowest < 1.0, where, must, f"one that leaves a pole at {slowest:.6g} from the origin", remedy)
-    return P
+    return P, gain
 
 
 def _symmetric(where: str, values: ArrayLike, size: int, definite: bool = False) -> Array:
@@ -156,13 +158,8 @@ def _symmetric(where: str, values: ArrayLike, size: int, definite: bool = False)
     positive = lowest > 0 if definite else lowest >= -1e-12 * scale
     must = f"must be symmetric, positive {'definite' if definite else 'semidefinite'}"
     received = f"lowest eigenvalue {lowest:.3g}, {'' if symmetric else 'not '}symmetric"
-    check(
-        symmetric and positive,
-        where,
-        must,
-        received,
-        "choose weights that make every direction cost something",
-    )
+    remedy = "choose weights that make every direction cost something"
+    check(symmetric and positive, where, must, received, remedy)
     return matrix
 
 
@@ -197,10 +194,7 @@ class Regulator(Record):
         remedy = "design it with lqrd on with_output_integral(A, B, C); give 0 for no integral"
         check(gain.size == order + 1, "Regulator(k)", must, f"{gain.size} gains", remedy)
         must = "must not need this sample's output to know this sample's states (D = 0)"
-        received, direct = (
-            "a first column of D_est that is not zero",
-            bool(np.any(self.estimator.D_est[:, 0])),
-        )
+        received, direct = "a first column of D_est that is not zero", np.any(self.estimator.D_est[:, 0])
         check(not direct, "Regulator(estimator)", must, received, "take a strictly proper plant")
         object.__setattr__(self, "k", gain)
         check_positive("Regulator", Ts=self.Ts)

@@ -12,11 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fieldmap.arguments import check_positive, check_signal
+from fieldmap.arguments import check, check_positive, check_signal
 from fieldmap.core.machine import Allocation
 from fieldmap.currents import CurrentParametrisation, LiftAndDirections
-from fieldmap.errors import Infeasible, InputError
-from fieldmap.levitation.least_power import push_shares
+from fieldmap.levitation.least_power import idle_note, signal_pushes
 from fieldmap.records import Record
 from fieldmap.typing import Array
 
@@ -69,7 +68,7 @@ class ParametrisedAllocation(Record, ControlAllocation):
 
     @property
     def coils(self) -> int:
-        """Those of the parametrisation."""
+        """Number of voltages."""
         return self.parametrisation.coil_count
 
     @property
@@ -149,19 +148,12 @@ def least_power_allocation(force_per_ampere: ArrayLike, shares: ArrayLike, volts
     force = np.asarray(force_per_ampere, dtype=float)
     check_positive("least_power_allocation", volts=volts)
     lift = check_signal("least_power_allocation(shares)", shares)
-    if lift.shape != force.shape[1:]:
-        must = f"must be ({force.shape[1]},)"
-        raise InputError.of("least_power_allocation(shares)", must, f"{lift.shape}", "give one per coil")
-    columns, idle = [lift], []
-    for axis in (0, 1):
-        try:
-            columns.append(volts * push_shares(force, axis))
-        except Infeasible:
-            columns.append(np.zeros_like(lift))
-            idle.append("xy"[axis])
+    fits, must = lift.shape == force.shape[1:], f"must be ({force.shape[1]},)"
+    check(fits, "least_power_allocation(shares)", must, lift.shape, "give one per coil")
+    pushes, idle = signal_pushes(force)
     shown = ", ".join(f"{share:.3g}" for share in lift)
     pushed = " or ".join(axis for axis in "xy" if axis not in idle)
     signals = f"; a signal {pushed} of 1 adds {volts:.3g} V to a coil" if pushed else ""
-    notes = [f"coils by least power: lift in the shares {shown}{signals}"]
-    notes += [f"the coils do not push along {axis} by themselves: that signal does nothing" for axis in idle]
-    return MatrixAllocation(np.column_stack(columns), np.zeros(len(lift)), SIGNALS, tuple(idle), tuple(notes))
+    notes = (f"coils by least power: lift in the shares {shown}{signals}", *map(idle_note, idle))
+    matrix = np.column_stack([lift, volts * pushes])
+    return MatrixAllocation(matrix, np.zeros(len(lift)), SIGNALS, idle, notes)

@@ -13,7 +13,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fieldmap.arguments import check_choice
+from fieldmap.arguments import check, check_choice
 from fieldmap.constants import GRAVITY
 from fieldmap.device.model import Payload
 from fieldmap.errors import InputError, NotConverged, OutsideMapError
@@ -43,9 +43,8 @@ _HELD = {
 def check_position(bounds: Bounds, position: ArrayLike, where: str) -> Array:
     """A finite point (3,) inside a box, m. Raises InputError and OutsideMapError."""
     point = np.asarray(position, dtype=float)
-    if point.shape != (3,) or not np.isfinite(point).all():
-        must_hold = "must be three finite coordinates in m"
-        raise InputError.of(where, must_hold, f"{point.tolist()}", "give x, y and z")
+    fits = point.shape == (3,) and bool(np.isfinite(point).all())
+    check(fits, where, "must be three finite coordinates in m", point.tolist(), "give x, y and z")
     lower, upper = bounds
     slack = 1e-12 * np.abs(upper - lower).max()
     if (point < lower - slack).any() or (point > upper + slack).any():
@@ -138,6 +137,30 @@ class MagnetBalance(ABC):
     def residual(self, points: Array) -> Array:
         """Magnetic force plus weight (n, 3), N."""
         return self.magnetic_force(points) - [0.0, 0.0, self.weight]
+
+    def force_per_signal(self, position: Array, signals: Array, steps: Array) -> Array:
+        """Slopes of the magnetic force by signals, by central differences: exact for a field that is linear in the
+        currents, of second order in the steps where iron saturates.
+
+        Parameters
+        ----------
+        position : the magnet's centre (3,), m.
+        signals : currents (n_coils, k), A, per unit of each signal.
+        steps : half the differences of the signals (k,).
+
+        Returns
+        -------
+        Slopes (3, k), N per unit of each signal.
+        """
+
+        def force(change: Array) -> Array:
+            return replace(self, currents=self.currents + change).magnetic_force(position[None, :])[0]
+
+        slopes = [
+            (force(step * signal) - force(-step * signal)) / (2.0 * step)
+            for signal, step in zip(signals.T, steps, strict=True)
+        ]
+        return np.column_stack(slopes)
 
 
 @dataclass(eq=False)
@@ -325,11 +348,8 @@ def magnet_balance(
 
 def refuse_models_of_pieces(where: str, moment: str) -> None:
     """Raise InputError for another model than the upright one of a payload of pieces."""
-    if moment not in ("fixed", "rigid upright"):
-        must_hold = (
-            "must be 'fixed' for a payload of pieces: it stays upright, and soft iron follows the field"
-        )
-        raise InputError.of(where, must_hold, f"'{moment}'", "leave it out")
+    must = "must be 'fixed' for a payload of pieces: it stays upright, and soft iron follows the field"
+    check(moment in ("fixed", "rigid upright"), where, must, f"'{moment}'", "leave it out")
 
 
 def model_assumptions(moment: MagnetModel, lever: float = 0.0) -> tuple[str, ...]:

@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fieldmap.arguments import check_positive
+from fieldmap.arguments import check, check_positive
 from fieldmap.device.model import Payload
-from fieldmap.errors import InputError, NoEquilibrium
+from fieldmap.errors import NoEquilibrium
 from fieldmap.field import AnyField, Bounds, as_field, require_bounds
 from fieldmap.levitation.balance import (
     MagnetBalance,
@@ -139,16 +139,12 @@ def equilibrium_at(
         q[2:] = np.clip(q[2:], 0.8 * (q + step)[2:], 1.25 * (q + step)[2:])
         # A force that jumps between a map's cells is smooth to its own error only.
         close = _CLOSE if count < _STEPS // 4 else _WELL_ENOUGH
-        if np.abs(step[:2]).max() < close and (
-            not hold_height or abs(step[2]) < close / _CLOSE * 1e-8 * level
-        ):
-            balance, place = along.at(q, 0.0)
-            return describe(balance, place), along.level_of(q)
+        last = float(np.abs(step[:2]).max())
+        if last < close and (not hold_height or abs(step[2]) < close / _CLOSE * 1e-8 * level):
+            return describe(*along.at(q, 0.0)), along.level_of(q)
     what = "the horizontal force and the lift less weight" if hold_height else "the horizontal force"
     where = f"equilibrium_at, from {1e3 * begin} mm at {level:.4g} A"
-    received = (
-        f"a last step of {1e3 * np.abs(step[:2]).max():.2g} mm at {1e3 * q[:2]} mm after {_STEPS} steps"
-    )
+    received = f"a last step of {1e3 * last:.2g} mm at {1e3 * q[:2]} mm after {_STEPS} steps"
     remedy = "look for all points with stationary_points, and start near one of them"
     raise NoEquilibrium.of(where, f"{what} must vanish near", received, remedy)
 
@@ -228,8 +224,8 @@ class _Along:
 def _stops(stops: ArrayLike) -> Array:
     values = np.asarray(stops, dtype=float)
     steps = np.diff(values)
-    if values.ndim != 1 or len(values) < 2 or not ((steps > 0).all() or (steps < 0).all()):
-        must_hold = "must be two or more parameters in rising or falling order"
-        remedy = "begin with the parameter of the start"
-        raise InputError.of("follow_equilibrium(stops)", must_hold, f"{values.tolist()}", remedy)
+    ordered = values.ndim == 1 and len(values) > 1 and bool((steps > 0).all() or (steps < 0).all())
+    must = "must be two or more parameters in rising or falling order"
+    remedy = "begin with the parameter of the start"
+    check(ordered, "follow_equilibrium(stops)", must, values.tolist(), remedy)
     return values

@@ -9,8 +9,9 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike, NDArray
 
+from fieldmap.arguments import check
 from fieldmap.device.model import Payload
-from fieldmap.errors import InputError, NoEquilibrium, Problem
+from fieldmap.errors import NoEquilibrium
 from fieldmap.field import AnyField, Bounds, require_bounds, resolve_currents
 from fieldmap.levitation.balance import (
     BodyBalance,
@@ -128,10 +129,8 @@ def find_equilibrium(
     """
     carried = check_payload(payload, "find_equilibrium", pieces=True)
     source, amperes = resolve_currents(field, currents)
-    if moment not in ("fixed", "aligned"):
-        raise InputError.of(
-            "find_equilibrium(moment)", "must be 'fixed' or 'aligned'", repr(moment), "choose one"
-        )
+    known, must = moment in ("fixed", "aligned"), "must be 'fixed' or 'aligned'"
+    check(known, "find_equilibrium(moment)", must, repr(moment), "choose one")
     if carried.pieces:
         refuse_models_of_pieces("find_equilibrium(moment)", moment)
     box = require_bounds(source)
@@ -139,13 +138,13 @@ def find_equilibrium(
     grid = search_grid(box)
     balance = magnet_balance(source, amperes, carried, grid if begin is None else begin, moment)
     residuals = balance.residual(grid)
-    starts = best_starts(grid, np.linalg.norm(residuals, axis=1), box)
+    best = best_starts(grid, np.linalg.norm(residuals, axis=1), box)
     found: list[Array] = []
     tried = 0
-    if begin is not None:
-        tried, found = 1, roots(balance, box, begin[None, :])
-    if not found:
-        tried, found = tried + len(starts), roots(balance, box, starts)
+    for starts in [best] if begin is None else [begin[None, :], best]:
+        if not found:
+            found = roots(balance, box, starts)
+            tried += len(starts)
     if not found:
         raise no_equilibrium(balance, grid, residuals, tried)
     held = assumptions_of_pieces(carried) if carried.pieces else assumptions(moment)
@@ -347,15 +346,10 @@ def no_equilibrium(balance: MagnetBalance, grid: Array, residuals: Array, tried:
             "balance the currents, so that the sideways force vanishes inside the map's box; those that hold the "
             f"payload at a place of your choice: {CURRENTS_FOR}"
         )
-    return NoEquilibrium(
-        Problem(
-            where=f"find_equilibrium, {tried} starts in the box {at(0)} to {at(len(grid) - 1)}",
-            must_hold=f"the magnetic force must balance the weight {1e3 * weight:.4g} mN at some point",
-            received=(
-                f"lift from {1e3 * lift[low]:.4g} mN at {at(low)} "
-                f"to {1e3 * lift[high]:.4g} mN at {at(high)}; "
-                f"least unbalanced force {1e3 * np.linalg.norm(residuals[nearest]):.3g} mN at {at(nearest)}"
-            ),
-            remedy=remedy,
-        )
+    where = f"find_equilibrium, {tried} starts in the box {at(0)} to {at(len(grid) - 1)}"
+    must = f"the magnetic force must balance the weight {1e3 * weight:.4g} mN at some point"
+    received = (
+        f"lift from {1e3 * lift[low]:.4g} mN at {at(low)} to {1e3 * lift[high]:.4g} mN at {at(high)}; "
+        f"least unbalanced force {1e3 * np.linalg.norm(residuals[nearest]):.3g} mN at {at(nearest)}"
     )
+    return NoEquilibrium.of(where, must, received, remedy)

@@ -43,7 +43,7 @@ def lift_shares(force_per_ampere: ArrayLike) -> Array:
     >>> lift_shares([[0.1, -0.1], [0.0, 0.0], [0.3, 0.3]]).round(9).tolist()
     [1.0, 1.0]
     """
-    return largest_is_one(_towards(_checked(force_per_ampere), 2))
+    return _towards(_checked(force_per_ampere), 2)
 
 
 def push_shares(force_per_ampere: ArrayLike, axis: int) -> Array:
@@ -55,16 +55,30 @@ def push_shares(force_per_ampere: ArrayLike, axis: int) -> Array:
     >>> push_shares([[0.1, -0.1], [0.0, 0.0], [0.3, 0.3]], axis=0).round(9).tolist()
     [1.0, -1.0]
     """
-    return largest_is_one(_towards(_checked(force_per_ampere), axis))
+    return _towards(_checked(force_per_ampere), axis)
 
 
-def largest_is_one(currents: Array) -> Array:
-    """Currents (n,) in the same proportions, the largest of size 1."""
-    return currents / np.abs(currents).max()
+def signal_pushes(force_per_ampere: ArrayLike) -> tuple[Array, tuple[str, ...]]:
+    """Currents (n, 2) of `push_shares` along x and y, and the axes along which the coils do not push by themselves,
+    whose currents are zero."""
+    pushes, idle = [], []
+    for axis in (0, 1):
+        try:
+            pushes.append(push_shares(force_per_ampere, axis))
+        except Infeasible:
+            pushes.append(np.zeros(np.shape(force_per_ampere)[1]))
+            idle.append("xy"[axis])
+    return np.column_stack(pushes), tuple(idle)
+
+
+def idle_note(axis: str) -> str:
+    """What is assumed of an axis along which the coils do not push by themselves."""
+    return f"the coils do not push along {axis} by themselves: that signal does nothing"
 
 
 def _towards(force: Array, axis: int) -> Array:
-    """Currents (n,) of least power for 1 N along an axis and none along the others; Infeasible where there are none."""
+    """Currents (n,) of least power that push along an axis and not along the others, the largest of size 1. Raises
+    Infeasible where there are none."""
     wanted = np.eye(3)[axis]
     currents = np.linalg.pinv(force, rcond=_WEAKEST) @ wanted
     made = force @ currents
@@ -75,7 +89,7 @@ def _towards(force: Array, axis: int) -> Array:
         received = f"{force[axis].tolist()} N/A along it, of at most {np.abs(force).max():.2g} N/A"
         remedy = "begin at another place, or turn or add a coil"
         raise Infeasible.of("least_power", must, received, remedy)
-    return np.asarray(currents)
+    return np.asarray(currents / np.abs(currents).max())
 
 
 def _checked(force_per_ampere: ArrayLike) -> Array:

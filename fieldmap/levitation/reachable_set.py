@@ -16,8 +16,7 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike
 
-from fieldmap.arguments import checked_vectors
-from fieldmap.errors import InputError
+from fieldmap.arguments import check, checked_vectors
 from fieldmap.field import AnyField, as_field, refuse_orientations
 from fieldmap.levitation.searched_set import SearchedSet, SetAtPoint, hull_of, quantity_of, searched_set
 from fieldmap.lookup.magnetic_body import MagneticBody, checked_turns
@@ -61,9 +60,8 @@ class ReachableSet(SetAtPoint):
 
     def holds(self, values: ArrayLike) -> Array:
         """Whether values (..., 3) can be reached, to rounding. Raises InputError for a flat set."""
-        if not len(self.triangles):
-            remedy = "ask largest_along, or add a coil"
-            raise InputError.of("ReachableSet.holds", "the set must have a volume", "none", remedy)
+        remedy = "ask largest_along, or add a coil"
+        check(len(self.triangles) > 0, "ReachableSet.holds", "the set must have a volume", "none", remedy)
         faces = scipy.spatial.ConvexHull(self.vertices).equations
         size = float(np.ptp(self.vertices, axis=0).max())
         off = np.asarray(values, dtype=float) @ faces[:, :3].T + faces[:, 3]
@@ -149,7 +147,7 @@ def _limits(limits: ArrayLike, count: int) -> tuple[Array, Array]:
     if given.shape in ((), (count,)):
         given = np.stack([-np.broadcast_to(given, count), np.broadcast_to(given, count)])
     good = given.shape == (2, count) and np.isfinite(given).all() and (given[0] <= given[1]).all()
-    if not good or not (given[0] < given[1]).any():
-        must = f"must be one number, {count} of them, or lower and upper ones (2, {count}), lower below upper"
-        raise InputError.of("reachable(limits)", must, str(limits)[:80], "give the driver's limits, A")
+    good = good and bool((given[0] < given[1]).any())
+    must = f"must be one number, {count} of them, or lower and upper ones (2, {count}), lower below upper"
+    check(good, "reachable(limits)", must, str(limits)[:80], "give the driver's limits, A")
     return given[0], given[1]

@@ -20,8 +20,9 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike
 
+from fieldmap.arguments import check
 from fieldmap.currents import CurrentDomain, IndependentCurrents
-from fieldmap.errors import InputError, OutsideMapError
+from fieldmap.errors import OutsideMapError
 from fieldmap.field import AnyField, Field, as_field
 from fieldmap.lookup import FieldMap
 from fieldmap.lookup.actuation import field_actuation, wrench_actuation
@@ -182,10 +183,10 @@ def quantity_of(
             return wrench[:3], slopes[:3, :-1]
 
         return on_body
-    if not source.affine and not hasattr(source, "by_currents"):
-        must_hold = "a field that is the sum of its coils' fields, or has derivatives by its currents"
-        received = f"{type(source).__name__}, which has neither"
-        raise InputError.of("reachable", must_hold, received, "make a map of it: fieldmap map")
+    must = "a field that is the sum of its coils' fields, or has derivatives by its currents"
+    received = f"{type(source).__name__}, which has neither"
+    known = source.affine or hasattr(source, "by_currents")
+    check(known, "reachable", must, received, "make a map of it: fieldmap map")
 
     def about(currents: Array) -> tuple[Array, Array]:
         if moment is None:
@@ -250,11 +251,9 @@ class _Climb:
             seeds[-len(signals) :, 0] = np.linspace(0.0, 1.0, len(signals))
         for shares in seeds:
             self._look(np.clip(shares, 0.0, 1.0))
-        if not self.values:
-            must_hold = "must leave some of the currents that the map is made for"
-            received = f"{self._low.tolist()} to {self._high.tolist()} A"[:80]
-            raise InputError.of("reachable(limits)", must_hold, received, "widen the limits")
-        self._measure()
+        _check_leaves(bool(self.values), self._low, self._high)
+        spread = float(np.ptp(np.array(self.values), axis=0).max())
+        self.size = max(spread, float(np.abs(self.values).max()) * 1e-9, 1e-300)
 
     def furthest(self, direction: Array) -> int:
         """Which of the known currents reach furthest along a unit vector (3,), after searches for better ones."""
@@ -269,13 +268,14 @@ class _Climb:
             self._search(self._through_corners(shares, direction), direction)
         return int(np.argmax(np.array(self.values) @ direction))
 
-    def _measure(self) -> None:
-        spread = float(np.ptp(np.array(self.values), axis=0).max())
-        self.size = max(spread, float(np.abs(self.values).max()) * 1e-9, 1e-300)
-
     def _currents(self, shares: Array) -> Array:
         signals = self._domain.lower + shares * self._range
         return np.ascontiguousarray(self._domain.parametrisation.currents(signals))
+
+    def _by_shares(self, shares: Array) -> Array:
+        """d currents / d shares (n, s) at shares (s,)."""
+        signals = self._domain.lower + shares * self._range
+        return self._domain.parametrisation.derivative(signals) * self._range
 
     def _look(self, shares: Array) -> tuple[Array, Array]:
         """Value (3,) and its derivatives (3, s) at shares (s,), which are known from now on if within the limits."""
@@ -291,10 +291,7 @@ class _Climb:
             self.shares.append(np.array(shares))
             self.currents.append(currents)
             self.values.append(value)
-        by_signals = slope @ self._domain.parametrisation.derivative(
-            self._domain.lower + shares * self._range
-        )
-        self._seen[key] = value, by_signals * self._range
+        self._seen[key] = value, slope @ self._by_shares(shares)
         return self._seen[key]
 
     def _through_corners(self, shares: Array, direction: Array) -> Array:
@@ -336,9 +333,7 @@ class _Climb:
             return np.concatenate([self._high - currents, currents - self._low]) / scale
 
         def room_slope(at: Array) -> Array:
-            slope = (
-                self._domain.parametrisation.derivative(self._domain.lower + at * self._range) * self._range
-            )
+            slope = self._by_shares(at)
             return np.concatenate([-slope, slope]) / scale
 
         limits = {"type": "ineq", "fun": room, "jac": room_slope}
@@ -357,11 +352,15 @@ def _domain_of(source: Field, lower: Array, upper: Array) -> CurrentDomain:
     if not isinstance(domain.parametrisation, IndependentCurrents):
         return domain
     low, high = np.maximum(lower, domain.lower), np.minimum(upper, domain.upper)
-    if (low > high).any():
-        must_hold = "must leave some of the currents that the map is made for"
-        received = f"{lower.tolist()} to {upper.tolist()} A"[:80]
-        raise InputError.of("reachable(limits)", must_hold, received, "widen the limits")
+    _check_leaves(bool((low <= high).all()), lower, upper)
     return CurrentDomain(domain.parametrisation, low, high)
+
+
+def _check_leaves(some: bool, lower: Array, upper: Array) -> None:
+    """Raises InputError for limits (n,) each, A, that leave none of the currents of the map."""
+    must = "must leave some of the currents that the map is made for"
+    received = f"{lower.tolist()} to {upper.tolist()} A"[:80]
+    check(some, "reachable(limits)", must, received, "widen the limits")
 
 
 def hull_of(points: Array) -> tuple[Index, Index, float]:

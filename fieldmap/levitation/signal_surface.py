@@ -14,11 +14,11 @@ from fieldmap.arguments import check_positive, check_signal
 from fieldmap.constants import GRAVITY
 from fieldmap.currents import CurrentParametrisation, LiftAndDirections
 from fieldmap.device.model import Payload
-from fieldmap.errors import Infeasible, NoEquilibrium, OutsideMapError
+from fieldmap.errors import NoEquilibrium, OutsideMapError
 from fieldmap.field import AnyField, Field, as_field, coil_currents, require_bounds
 from fieldmap.levitation.balance import check_position
 from fieldmap.levitation.branches import equilibrium_at
-from fieldmap.levitation.least_power import force_per_ampere, push_shares
+from fieldmap.levitation.least_power import force_per_ampere, idle_note, signal_pushes
 from fieldmap.levitation.lift import direction_of_lift
 from fieldmap.levitation.stationary import StationaryPoint
 from fieldmap.lookup.payload import check_payload
@@ -130,18 +130,10 @@ def _least_power(field: Field, payload: Payload, point: Array, level: float, sha
     gradient = field.gradient(point[None, :], level * lift)[0]
     moment = np.array([0.0, 0.0, payload.moment * direction_of_lift(point, payload.moment, gradient)])
     force = force_per_ampere(field, moment, point, level * lift)
-    pushes, idle = [], []
-    for axis in (0, 1):
-        try:
-            pushes.append(push_shares(force, axis))
-        except Infeasible:
-            pushes.append(np.zeros(len(lift)))
-            idle.append("xy"[axis])
+    pushes, idle = signal_pushes(force)
     words = "direction signals push with least power; a signal of 1 adds the level to a coil"
-    words += "".join(
-        f"; the coils do not push along {axis} by themselves: that signal does nothing" for axis in idle
-    )
-    return _Signals(lambda u, x, y: u * (lift + x * pushes[0] + y * pushes[1]), words)
+    words = "; ".join([words, *map(idle_note, idle)])
+    return _Signals(lambda u, x, y: u * (lift + x * pushes[:, 0] + y * pushes[:, 1]), words)
 
 
 def _outward(x: Array, y: Array) -> Iterator[tuple[tuple[int, int], tuple[int, int]]]:

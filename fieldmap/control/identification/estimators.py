@@ -89,9 +89,8 @@ def modified_least_squares(
     start, advance = _filtering(y, u, orders, where)
     remedy = "ask for fewer poles and zeros, excite more, or record longer"
     solution, count = settled(where, start, advance, tolerance, iterations, remedy)
-    return estimate_of(
-        solution, orders, Ts, "modified least squares (Steiglitz-McBride)", count, _WHITE_OUTPUT
-    )
+    method = "modified least squares (Steiglitz-McBride)"
+    return estimate_of(solution, orders, Ts, method, count, _WHITE_OUTPUT)
 
 
 def modified_least_squares_runs(
@@ -151,10 +150,8 @@ def generalised_least_squares(
         whitening, one = _autoregression(errors, noise_order, where)[None, :], np.ones((1, 1))
         return solve(filtered(whitening, one, y), filtered(whitening, one, u), orders, where)
 
-    start, remedy = (
-        solve(y, u, orders, where).coefficients,
-        "try the modified least squares or ARMAX, or another noise order",
-    )
+    start = solve(y, u, orders, where).coefficients
+    remedy = "try the modified least squares or ARMAX, or another noise order"
     solution, count = settled(where, start, advance, tolerance, iterations, remedy)
     note = f"errors of the equation are autoregressive of order {noise_order}"
     return estimate_of(solution, orders, Ts, "generalised least squares", count, note)
@@ -312,10 +309,8 @@ def identify_direct(outputs: ArrayLike, controls: ArrayLike, orders: Orders, Ts:
     models them, or an indirect way. Without a reference signal the conditions (12) must hold. Raises InputError for
     unusable records and NotConverged.
     """
-    must, received = (
-        "must have more poles than zeros, or dead time",
-        f"{orders.poles} poles, {orders.zeros} zeros",
-    )
+    must = "must have more poles than zeros, or dead time"
+    received = f"{orders.poles} poles, {orders.zeros} zeros"
     remedy = "a loop without delay cannot be told from its controller"
     check(orders.delay >= 1, "identify_direct(orders)", must, received, remedy)
     return modified_least_squares(outputs, controls, orders, Ts)

@@ -103,11 +103,9 @@ def identify_log(log: Log, orders: Orders, method: str = "direct", rest: int | N
     InputError for what the log does not hold, NotConverged.
     """
     check_choice("identify_log(method)", method, METHODS)
-    referred, must = (
-        method != "two-stage" or "reference" in log.signals,
-        "needs a column that is the reference",
-    )
-    check(referred, "identify_log(method)", must, "none", "name it, or take another method")
+    referred = method != "two-stage" or "reference" in log.signals
+    must, remedy = "needs a column that is the reference", "name it, or take another method"
+    check(referred, "identify_log(method)", must, "none", remedy)
     count = _at_rest(log) if rest is None else rest
     signals = {role: log.shown(role)[0] for role in log.signals}
     check_rest("identify_log(rest)", count, log.time.size)
