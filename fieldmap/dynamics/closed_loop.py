@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fieldmap.arguments import check_count, check_positive, check_signal
+from fieldmap.arguments import check, check_count, check_positive, check_signal
 from fieldmap.control.blocks import Controller
 from fieldmap.control.function_controller import FunctionController
 from fieldmap.control.function_failure import BoundFunction, failure, guarded, written_beside
@@ -29,6 +29,8 @@ from fieldmap.dynamics.machine import CONTACTS, Machine
 from fieldmap.errors import ControllerError, InputError, NotConverged, Problem
 from fieldmap.records import Record
 from fieldmap.typing import Array
+
+_WHERE = "simulate_closed_loop"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -56,12 +58,10 @@ class Schedule(Record):
         object.__setattr__(self, "references", references)
         ratio, late = self.period / self.step, self.delay / self.step
         whole = abs(ratio - round(ratio)) < 1e-6 and abs(late - round(late)) < 1e-6
-        if not (whole and ratio >= 0.5 and -1e-9 <= late <= ratio + 1e-6):
-            must = (
-                "step must go into period and delay a whole number of times, delay must be at most a period"
-            )
-            received = f"period {self.period:g}, step {self.step:g}, delay {self.delay:g} s"
-            raise InputError.of("Schedule(step)", must, received, "take for example 2e-3, 1e-4 and 5e-4")
+        fits = whole and ratio >= 0.5 and -1e-9 <= late <= ratio + 1e-6
+        must = "step must go into period and delay a whole number of times, delay must be at most a period"
+        received = f"period {self.period:g}, step {self.step:g}, delay {self.delay:g} s"
+        check(fits, "Schedule(step)", must, received, "take for example 2e-3, 1e-4 and 5e-4")
 
     @property
     def clock(self) -> Timing:
@@ -110,13 +110,10 @@ def simulate_closed_loop(
         law = function_law(machine, bound.address, controller)
     else:
         names = machine.allocation.output_names
-        if controller.outputs != len(names):
-            where, remedy = (
-                "simulate_closed_loop(controller)",
-                "stack one block for each output, such as lift, x and y",
-            )
-            raise InputError.of(where, f"must have {len(names)} outputs", f"{controller.outputs}", remedy)
-        inverse = controller.inverse(np.array(check_signal("simulate_closed_loop(state)", state)))
+        fits, must = controller.outputs == len(names), f"must have {len(names)} outputs"
+        remedy = "stack one block for each output, such as lift, x and y"
+        check(fits, f"{_WHERE}(controller)", must, controller.outputs, remedy)
+        inverse = controller.inverse(np.array(check_signal(f"{_WHERE}(state)", state)))
         law = ControlLaw(
             NO_FUNCTION,
             CoreController(controller.arrays).controller,
@@ -165,8 +162,8 @@ def start_loop(
     seed: int | np.random.SeedSequence | np.random.Generator | None,
 ) -> Begun:
     """The loop at its beginning, and an event, if it has one already. Raises InputError."""
-    begin = np.array(check_signal("simulate_closed_loop(state)", state, columns=STATE))
-    amperes = np.array(check_signal("simulate_closed_loop(currents)", currents))
+    begin = np.array(check_signal(f"{_WHERE}(state)", state, columns=STATE))
+    amperes = np.array(check_signal(f"{_WHERE}(currents)", currents))
     n, m = machine.drive.coils, len(machine.allocation.output_names)
     _check_coils(machine, amperes)
     core, search = machine.core(schedule.step), None
@@ -198,12 +195,8 @@ def start_loop(
     )
     event = loop.begin()
     if core.solves.unsolved:
-        must, remedy = (
-            "must be such that the model of the iron has a solution",
-            "begin within the map's currents",
-        )
-        where = "simulate_closed_loop(currents)"
-        raise NotConverged.of(where, must, f"{amperes.tolist()} A", remedy)
+        where, must = f"{_WHERE}(currents)", "must be such that the model of the iron has a solution"
+        raise NotConverged.of(where, must, f"{amperes.tolist()} A", "begin within the map's currents")
     return Begun(loop, core, search, event)
 
 
@@ -244,12 +237,14 @@ def controller_error(
 
 def _check_coils(machine: Machine, currents: Array) -> None:
     n, coils = machine.drive.coils, machine.allocation.coils
-    where, problems = "simulate_closed_loop", []
+    problems = []
     if currents.shape != (n,):
-        problems.append(Problem(f"{where}(currents)", f"must be ({n},)", f"{currents.shape}", "one per coil"))
+        problems.append(
+            Problem(f"{_WHERE}(currents)", f"must be ({n},)", f"{currents.shape}", "one per coil")
+        )
     if coils != n:
         must, remedy = f"must have the {coils} coils of its allocation", "take one for these coils"
-        problems.append(Problem(f"{where}(machine)", must, f"{n}", remedy))
+        problems.append(Problem(f"{_WHERE}(machine)", must, f"{n}", remedy))
     if problems:
         raise InputError(*problems)
 

@@ -3,7 +3,7 @@ feedback linearisation; feed-forward along a trajectory by the inverse map. docs
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated
 
 import numpy as np
@@ -11,9 +11,9 @@ import scipy
 from numpy.typing import ArrayLike
 from pydantic import Field
 
-from fieldmap.arguments import check_positive
+from fieldmap.arguments import check, check_positive
 from fieldmap.control import zero_order_hold
-from fieldmap.control.blocks import Controller, ControllerBlock, arrays_of
+from fieldmap.control.blocks import Controller, ControllerBlock, arrays_of, state_block
 from fieldmap.core.controller import SIGNALS, Block, CoreController
 from fieldmap.core.machine import VELOCITY, InverseMap, inverse_along
 from fieldmap.dynamics.closed_loop import Schedule
@@ -97,10 +97,9 @@ def lqg_block(
     told of. Raises InputError for a machine that is not controllable or not observable, as upward where nothing lifts.
     """
     felt = linear.only(tuple(name for name in linear.states if name not in ABOUT_Z))
-    m = felt.B.shape[1]
-    if len(weights.output) != m:
-        must = f"must have one number for each of {m} outputs"
-        raise InputError.of("LqgWeights(output)", must, f"{len(weights.output)}", "give lift, x and y")
+    m, given = felt.B.shape[1], len(weights.output)
+    must = f"must have one number for each of {m} outputs"
+    check(given == m, "LqgWeights(output)", must, given, "give lift, x and y")
     model = _Model(felt, period, delay)
     gain = _regulator(model, felt, weights, period)
     taken = _estimator(model, felt, weights, period)
@@ -114,6 +113,8 @@ class _Model:
         sampled = sampled_machine(linear, period, delay)
         n, m = linear.B.shape
         self.n, self.m = n, m
+        # All but the unknown force.
+        self.known = [*range(n), *range(n + 3, n + 3 + m)]
         pushed = zero_order_hold(linear.A, linear.G[:, :3], period)[1]
         self.F = np.zeros((n + 3 + m, n + 3 + m))
         self.F[:n] = np.hstack([sampled.A, pushed, sampled.before])
@@ -131,8 +132,7 @@ class _Model:
 def _regulator(model: _Model, linear: LinearMachine, weights: LqgWeights, period: float) -> Array:
     """Gain (m, n + m) on deviations of states and last outputs, which minimises the sum of squares over weights."""
     n, m = model.n, model.m
-    known = [*range(n), *range(n + 3, n + 3 + m)]
-    A, B = model.F[np.ix_(known, known)], model.S[known]
+    A, B = model.F[np.ix_(model.known, model.known)], model.S[model.known]
     Q = np.zeros((n + m, n + m))
     seen = linear.C.T @ np.diag(1.0 / np.square(weights.place)) @ linear.C
     Q[:n, :n] = seen + np.diag([_cost(name, weights) for name in linear.states])
@@ -145,9 +145,8 @@ def _cost(name: str, weights: LqgWeights) -> float:
     quantity, _, axis = name.rpartition("_")
     if quantity == "velocity":
         return 1.0 / weights.speed["xyz".index(axis)] ** 2
-    return {"turn": 1.0 / weights.lean**2, "angular_velocity": 1.0 / weights.angular_velocity**2}.get(
-        quantity, 0.0
-    )
+    alike = {"turn": weights.lean, "angular_velocity": weights.angular_velocity}.get(quantity, np.inf)
+    return 1.0 / alike**2
 
 
 def _estimator(model: _Model, linear: LinearMachine, weights: LqgWeights, period: float) -> Array:
@@ -193,26 +192,17 @@ def _block(
     constant = (
         model.outputs
         - from_reference @ linear.operating_point.sensed
-        + gain @ model.operating_point[[*range(n), *range(n + 3, n + 3 + m)]]
+        + gain @ model.operating_point[model.known]
     )
     left = np.eye(n + 3 + m) - taken @ model.H
     B, D = np.zeros((n + 3 + m, SIGNALS)), np.zeros((m, SIGNALS))
     D[:, :3], D[:, 3:6] = from_reference, states @ taken
     D[:, 6] = constant - states @ taken @ model.h
     B[:, 3:6], B[:, 6] = model.F @ taken, model.f - model.F @ taken @ model.h
-    low, high = limits if limits is not None else (np.full(m, -np.inf), np.full(m, np.inf))
-    return ControllerBlock(
-        model.F @ left,
-        B,
-        states @ left,
-        D,
-        model.S,
-        np.asarray(low, float),
-        np.asarray(high, float),
-        np.full(n + 3 + m, -1),
-        model.operating_point.copy(),
-        model.S,
-    )
+    low, high = limits if limits is not None else (-np.inf, np.inf)
+    memory = model.operating_point.copy()
+    block = state_block(model.F @ left, B, states @ left, D, model.S, low, high, memory)
+    return replace(block, F=model.S)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -227,13 +217,8 @@ class ScheduledController(Record):
     def __post_init__(self) -> None:
         check_positive("ScheduledController", step=self.step, blocks=len(self.blocks))
         shapes = {(block.A.shape, block.D.shape) for block in self.blocks}
-        if len(shapes) > 1:
-            raise InputError.of(
-                "ScheduledController(blocks)",
-                "must have as many states and outputs each",
-                f"{shapes}",
-                "design them alike",
-            )
+        where, must = "ScheduledController(blocks)", "must have as many states and outputs each"
+        check(len(shapes) == 1, where, must, shapes, "design them alike")
 
     @property
     def outputs(self) -> int:
@@ -309,10 +294,7 @@ class ForceController(Record):
         D[:, 3:6] += inverse @ np.asarray(stiffness, float)
         # The estimator is told the forces that the block asks for, whatever becomes of them.
         A, B = block.A + block.E @ block.C, block.B + block.E @ block.D
-        limits = np.asarray(self.lower, float), np.asarray(self.upper, float)
-        return ControllerBlock(
-            A, B, inverse @ block.C, D, np.zeros_like(block.E), *limits, block.hold, block.memory
-        )
+        return state_block(A, B, inverse @ block.C, D, None, self.lower, self.upper, block.memory)
 
 
 def force_controller(
@@ -335,28 +317,22 @@ def force_controller(
     A, push = np.zeros((6, 6)), np.vstack([np.zeros((3, 3)), np.eye(3) / mass])
     A[:3, 3:] = np.eye(3)
     weight = np.array([0.0, 0.0, mass * machine.body.gravity])
+    axes = ("x", "y", "z")
     free = LinearMachine(
         A,
-        push,
-        np.eye(3, 6),
-        np.zeros((3, 3)),
-        np.hstack([push, np.zeros((6, 3))]),
-        ("x", "y", "z", *VELOCITIES),
-        ("Fx", "Fy", "Fz"),
-        ("x", "y", "z"),
-        OperatingPoint(
-            operating_point.state,
-            operating_point.currents,
-            weight,
-            operating_point.sensed,
-            operating_point.residual,
-        ),
-        (),
+        B=push,
+        C=np.eye(3, 6),
+        D=np.zeros((3, 3)),
+        G=np.hstack([push, np.zeros((6, 3))]),
+        states=(*axes, *VELOCITIES),
+        inputs=("Fx", "Fy", "Fz"),
+        outputs=axes,
+        operating_point=replace(operating_point, outputs=weight),
+        assumptions=(),
     )
     block = lqg_block(free, weights, period, delay)
-    return ForceController(
-        block, np.asarray(lower, float), np.asarray(upper, float), operating_point.outputs.copy(), rounds
-    )
+    limits = np.asarray(lower, float), np.asarray(upper, float)
+    return ForceController(block, *limits, operating_point.outputs.copy(), rounds)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -417,28 +393,19 @@ def outputs_for(
 
     Raises Infeasible for positions outside the map, InputError for an allocation of other than three outputs.
     """
-    m = len(operating_point.outputs)
-    if m != 3:
-        raise InputError.of(
-            "outputs_for(machine)", "must have three outputs", f"{m}", "take an allocation of three"
-        )
+    m, remedy = len(operating_point.outputs), "take an allocation of three"
+    check(m == 3, "outputs_for(machine)", "must have three outputs", m, remedy)
     found, left = np.empty((len(positions), 3)), np.empty(len(positions))
     core = machine.core(1.0, EXACT)
-    inverse = InverseMap(
-        core.machine,
-        _ROUNDS,
-        np.array([lower, upper], float),
-        operating_point.outputs.copy(),
-        operating_point.state.copy(),
-    )
+    begin, limits = operating_point, np.array([lower, upper], float)
+    inverse = InverseMap(core.machine, _ROUNDS, limits, begin.outputs.copy(), begin.state.copy())
     numbers = machine.allocation.numbers()
     places, wanted = np.ascontiguousarray(positions, float), np.ascontiguousarray(forces, float)
     inverse_along(inverse, numbers, places, wanted, found, left)
-    if np.isnan(left).any():
-        where = positions[int(np.flatnonzero(np.isnan(left))[0])]
-        raise Infeasible.of(
-            "outputs_for(positions)", "must lie in the map", f"{where.tolist()} m", "shorten the path"
-        )
+    outside = positions[np.isnan(left)]
+    if len(outside):
+        where, received = "outputs_for(positions)", f"{outside[0].tolist()} m"
+        raise Infeasible.of(where, "must lie in the map", received, "shorten the path")
     return found, left
 
 

@@ -10,12 +10,12 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike
 
-from fieldmap.arguments import check_signal
+from fieldmap.arguments import check, check_signal
 from fieldmap.core.machine import INSIDE, POSITION, TURN, sensed_point
 from fieldmap.dynamics.field_of_currents import EXACT
 from fieldmap.dynamics.machine import Machine
 from fieldmap.dynamics.motion import state_of
-from fieldmap.errors import InputError, NoEquilibrium
+from fieldmap.errors import NoEquilibrium
 from fieldmap.records import Record
 from fieldmap.typing import Array
 
@@ -59,11 +59,9 @@ def find_operating_point(
     check_signal("find_operating_point(guess)", guess)
     start = np.where(np.isnan(given), np.broadcast_to(np.asarray(guess, float), given.shape), given)
     free_place, free_output = np.isnan(place), np.isnan(given)
-    if free_place.sum() + free_output.sum() != 3:
-        must = "must leave three numbers free in all"
-        received = f"{int(free_place.sum() + free_output.sum())} NaN"
-        remedy = "free the lift, and of x and y either the place or the signal"
-        raise InputError.of("find_operating_point(sensed, outputs)", must, received, remedy)
+    count, must = int(free_place.sum() + free_output.sum()), "must leave three numbers free in all"
+    remedy = "free the lift, and of x and y either the place or the signal"
+    check(count == 3, "find_operating_point(sensed, outputs)", must, f"{count} NaN", remedy)
     body, amplifier, weight = machine.body, machine.drive.amplifier, machine.body.mass * machine.body.gravity
     core, free = replace(machine, drag=None, plate=None, walls=None).core(1.0, EXACT), int(free_place.sum())
 
@@ -101,12 +99,9 @@ def find_operating_point(
     assert best is not None
     worst = float(np.abs(best.fun).max())
     if not (worst < _ACCURACY or (worst < _STEP and is_step(residual, best.x))):
-        raise NoEquilibrium.of(
-            "find_operating_point",
-            "forces and torques must balance",
-            f"{worst:.1e} of the weight left over at best",
-            "begin elsewhere in the map, free another signal, or check the scale of the field",
-        )
+        must, received = "forces and torques must balance", f"{worst:.1e} of the weight left over at best"
+        remedy = "begin elsewhere in the map, free another signal, or check the scale of the field"
+        raise NoEquilibrium.of("find_operating_point", must, received, remedy)
     state, currents, found_outputs = parts(best.x)
     seen = sensed_point(state, body.seen_at)
     state[TURN : TURN + 4] /= np.linalg.norm(state[TURN : TURN + 4])

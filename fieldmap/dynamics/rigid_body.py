@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from fieldmap.arguments import check_not_negative, check_positive, check_signal
+from fieldmap.arguments import check, check_not_negative, check_positive, check_signal
 from fieldmap.constants import GRAVITY as FREE_FALL
 from fieldmap.core.body import CoreBody
 from fieldmap.core.machine import BodyNumbers
@@ -30,10 +30,6 @@ _RIM = 8
 _RIGID = 1e12  # kg m^2
 
 
-def _nowhere() -> Array:
-    return np.zeros((0, 3))
-
-
 @dataclass(frozen=True, eq=False, repr=False)
 class RigidBody(Record):
     """A rigid body, SI; its frame has its origin in the centre of mass, its axes are principal axes of inertia.
@@ -49,7 +45,7 @@ class RigidBody(Record):
     magnet: MagneticBody
     magnet_at: Array = field(default_factory=lambda: np.zeros(3))
     seen_at: Array = field(default_factory=lambda: np.zeros(3))
-    skin: Array = field(default_factory=_nowhere)
+    skin: Array = field(default_factory=lambda: np.zeros((0, 3)))
     gravity: float = FREE_FALL
     upright: bool = False
     assumptions: tuple[str, ...] = ()
@@ -63,11 +59,12 @@ class RigidBody(Record):
             object.__setattr__(self, name, given)
         check_positive("RigidBody(inertia)", **dict(zip("xyz", self.inertia, strict=True)))
         a, b, c = np.sort(self.inertia)
-        if c > (a + b) * (1.0 + 1e-9):
-            must = "must fulfil I1 + I2 >= I3, as those of every body do"
-            raise InputError.of(
-                "RigidBody(inertia)", must, f"{self.inertia.tolist()}", "give principal moments of inertia"
-            )
+        must, remedy = (
+            "must fulfil I1 + I2 >= I3, as those of every body do",
+            "give principal moments of inertia",
+        )
+        fits = bool(c <= (a + b) * (1.0 + 1e-9))
+        check(fits, "RigidBody(inertia)", must, self.inertia.tolist(), remedy)
 
     def numbers(
         self, drag: Drag | None = None, plate: Plate | None = None, walls: Walls | None = None
@@ -170,11 +167,9 @@ def _inertia(
     if payload.inertia is not None:
         return np.array(payload.inertia, float), ()
     if r is None or h is None:
-        uniform = payload.principal_moments
-        if uniform is None or r is not None or h is not None:
-            remedy = (
-                "give radius and height of the body, or payload.inertia or payload.magnet in the device file"
-            )
+        uniform = payload.principal_moments if r is None and h is None else None
+        remedy = "give radius and height of the body, or payload.inertia or payload.magnet in the device file"
+        if uniform is None:
             raise InputError.of("body_of_payload(payload)", "must have an inertia", "none", remedy)
         shape = "body of its pieces"
         if payload.magnet is not None and not payload.pieces:
@@ -188,15 +183,12 @@ def _inertia(
 def _skin(payload: Payload, centre: float) -> Array:
     """Points that touch walls: poles and equator of a sphere or ellipsoid, corners of a block, rims of a cylinder, of
     every piece; nothing of a dipole."""
-    if payload.pieces:
-        each = [
-            _surface(piece.shape) @ piece.placement.rotation.T + piece.placement.position
-            for piece in payload.pieces
-        ]
-        return np.concatenate(each) + [0.0, 0.0, centre]
-    if isinstance(payload.magnet, MagnetSphere | MagnetBlock):
-        return _surface(payload.magnet) + [0.0, 0.0, centre]
-    return _nowhere()
+    each = [np.zeros((0, 3))]
+    for piece in payload.pieces:
+        each.append(_surface(piece.shape) @ piece.placement.rotation.T + piece.placement.position)
+    if not payload.pieces and isinstance(payload.magnet, MagnetSphere | MagnetBlock):
+        each.append(_surface(payload.magnet))
+    return np.concatenate(each) + [0.0, 0.0, centre]
 
 
 def _surface(shape: Magnet | SoftBody) -> Array:

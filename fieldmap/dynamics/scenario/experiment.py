@@ -65,9 +65,8 @@ class Experiment(Record):
 
     def run(self, seed: int | np.random.SeedSequence | None = None) -> LevitationRun:
         """One run; the scenario's own seed unless one is given."""
-        return simulate_closed_loop(
-            self.machine, self._given(), self.schedule, self.state, self.currents, self._noise(seed)
-        )
+        given, start = self._given(), (self.state, self.currents)
+        return simulate_closed_loop(self.machine, given, self.schedule, *start, self._noise(seed))
 
     def running(
         self,
@@ -77,17 +76,8 @@ class Experiment(Record):
         upper: float | Sequence[float] = np.inf,
     ) -> RunningMachine:
         """The machine at its start, for a loop written by hand; arguments as of `open_machine`."""
-        return RunningMachine(
-            self.machine,
-            self.schedule,
-            self.state,
-            self.currents,
-            self._noise(seed),
-            gives,
-            lower,
-            upper,
-            self.operating_point,
-        )
+        start, point = (self.state, self.currents, self._noise(seed)), self.operating_point
+        return RunningMachine(self.machine, self.schedule, *start, gives, lower, upper, point)
 
     def _given(self) -> Controller | FunctionController:
         if self.controller is None:
@@ -268,10 +258,9 @@ def _of_axes(
     """One controller of those of lift, x and y."""
     at = np.concatenate([point.sensed, point.sensed, [1.0]])
     depth = AxisReading("z", -1e3, -1e3 * zero_depth)
-    blocks = zip(
-        controllers, (depth, AxisReading("x", 1e3), AxisReading("y", 1e3)), point.outputs, strict=True
-    )
-    return stacked(*(one.block(axis, period, float(out), at) for one, axis, out in blocks if one is not None))
+    readings = (depth, AxisReading("x", 1e3), AxisReading("y", 1e3))
+    each = zip(controllers, readings, point.outputs, strict=True)
+    return stacked(*(one.block(axis, period, float(out), at) for one, axis, out in each if one is not None))
 
 
 def _begin(start: Start, point: OperatingPoint) -> Array:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from fieldmap.arguments import check
 from fieldmap.control.identification import Log, read_log
 from fieldmap.control.identification.log import QUANTITIES
 from fieldmap.dynamics.loop_run import LevitationRun
@@ -87,9 +88,8 @@ def read_measured_log(
             column = found.columns[role]
             must = f"must be a unit of {QUANTITIES[wanted]}"
             remedy = f"name another column for {role}, or its unit"
-            problems.append(
-                Problem(f"{Path(path).name}: column {column.name}", must, str(column.unit), remedy)
-            )
+            where = f"{Path(path).name}: column {column.name}"
+            problems.append(Problem(where, must, str(column.unit), remedy))
     if not found.signals:
         must = f"must hold one of {', '.join(known)}"
         problems.append(Problem(str(path), must, "none of these columns", "say which: ROLE=NAME"))
@@ -106,13 +106,11 @@ def lay_over(experiment: Experiment, run: LevitationRun, log: Log, begins: float
     """
     scenario = experiment.scenario
     time = log.time + (0.0 if begins is None else begins - log.start)
-    within = (time >= -1e-9) & (time <= (run.time[-1] if len(run.time) else 0.0) + 1e-9)
-    if within.sum() < 2:
-        must = (
-            f"must have two samples or more within the run, 0 to {run.time[-1] if len(run.time) else 0:g} s"
-        )
-        received = f"{time[0]:g} to {time[-1]:g} s"
-        raise InputError.of("lay_over(begins)", must, received, "say when the log begins in the run")
+    end = run.time[-1] if len(run.time) else 0.0
+    within = (time >= -1e-9) & (time <= end + 1e-9)
+    must = f"must have two samples or more within the run, 0 to {end:g} s"
+    received, remedy = f"{time[0]:g} to {time[-1]:g} s", "say when the log begins in the run"
+    check(bool(within.sum() >= 2), "lay_over(begins)", must, received, remedy)
     now, truth = time[within], reading_mm(scenario, run.sensed)
     signals = {}
     for k, axis in enumerate(AXES):
