@@ -8,18 +8,12 @@ import pytest
 
 from fieldmap.control.blocks import AxisReading
 from fieldmap.dynamics import Plate, prepare, read_scenario, simulate
-from fieldmap.lookup import open_map
 from fieldmap.thesis import coupled_loop
 from fieldmap.thesis.computation import Answers, function_of
 from fieldmap.thesis.coupled_runs import Readings
 from fieldmap.thesis.printed import figure_numbers, read_part
 
 SENSOR_MM, SIDEWAYS_MM = 0.0104, 0.00706
-
-
-@pytest.fixture(scope="module")
-def six(six_coils):
-    return open_map(six_coils)
 
 
 @pytest.fixture
