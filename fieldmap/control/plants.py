@@ -20,7 +20,7 @@ from fieldmap.constants import GRAVITY
 from fieldmap.control.linear_models import StateSpace
 from fieldmap.device.model import Payload
 from fieldmap.field import AnyField, require_bounds, resolve_currents
-from fieldmap.levitation.balance import Balance, check_position
+from fieldmap.levitation.balance import CURRENT_STEP, Balance, check_position
 from fieldmap.levitation.equilibrium import assumptions
 from fieldmap.levitation.lift import direction_of_lift
 from fieldmap.lookup.payload import check_payload
@@ -131,10 +131,6 @@ def lumped_magnet_from_lift_currents(
     return LumpedMagnet(2 * length * mass * gravity / current_at_zero**2, length, mass, damping, gravity)
 
 
-_CURRENT_STEP = 0.01
-"""Largest change of a current, of the largest current, over which a force is differenced unless told otherwise."""
-
-
 @dataclass(frozen=True, eq=False, repr=False)
 class MapPlant(Record):
     """A levitated magnet, linear about a point of a map and one set of currents, in the frame of the map (z up).
@@ -241,7 +237,7 @@ def plant_from_map(
     balance = Balance(source, amperes, carried.mass, carried.moment, up)
     loss = _damping(where, damping, 3)
     largest = np.abs(directions).max(axis=0)
-    change = _CURRENT_STEP * (np.abs(amperes).max() or 1.0)
+    change = CURRENT_STEP * (np.abs(amperes).max() or 1.0)
     steps = np.divide(change, largest, out=np.ones_like(largest), where=largest > 0.0)
     if signal_steps is not None:
         steps = check_signal(f"{where}(signal_steps)", signal_steps)

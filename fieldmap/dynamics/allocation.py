@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from fieldmap.arguments import check, check_positive, check_signal
 from fieldmap.core.machine import Allocation
 from fieldmap.currents import CurrentParametrisation, LiftAndDirections
-from fieldmap.levitation.least_power import idle_note, signal_pushes
+from fieldmap.levitation.lift import idle_note, signal_pushes
 from fieldmap.records import Record
 from fieldmap.typing import Array
 

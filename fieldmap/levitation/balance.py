@@ -29,6 +29,8 @@ RULE = 3
 """Level of the volume rule of a rigid magnet: exact for fields of degree 5 across it."""
 UPRIGHT = 1e6
 """Lever, m, beyond which weight holds a magnet upright against any field."""
+CURRENT_STEP = 0.01
+"""Change of a current, as a share of the largest one, over which a force is differenced unless another is asked for."""
 _TORQUE = 1e-8
 """Largest torque left, over moment times field; less is noise where a map jumps between its cells."""
 _TURNS = 60

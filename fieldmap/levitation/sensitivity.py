@@ -11,13 +11,10 @@ from numpy.typing import ArrayLike
 from fieldmap.arguments import check, check_not_negative, check_positive
 from fieldmap.device.model import Payload
 from fieldmap.field import AnyField, require_bounds, resolve_currents
-from fieldmap.levitation.balance import MagnetModel, check_position, magnet_balance
+from fieldmap.levitation.balance import CURRENT_STEP, MagnetModel, check_position, magnet_balance
 from fieldmap.lookup.payload import check_payload
 from fieldmap.records import Record
 from fieldmap.typing import Array
-
-_CURRENT_STEP = 0.01
-"""Half the difference of currents, of the largest one, over which a force is differenced unless told otherwise."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -68,7 +65,7 @@ def equilibrium_sensitivity(
     carried = check_payload(payload, "equilibrium_sensitivity")
     source, amperes = resolve_currents(field, currents)
     point = check_position(require_bounds(source), position, "equilibrium_sensitivity(position)")
-    width = _CURRENT_STEP * float(np.abs(amperes).max()) if step is None else step
+    width = CURRENT_STEP * float(np.abs(amperes).max()) if step is None else step
     check_positive("equilibrium_sensitivity", step=width)
     balance = magnet_balance(source, amperes, carried, point, moment, lever)
     stiffness = balance.stiffness(point)

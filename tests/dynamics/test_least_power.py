@@ -9,7 +9,7 @@ import pytest
 from fieldmap.dynamics import linear_points, prepare, read_scenario, simulate
 from fieldmap.dynamics.allocation import least_power_allocation
 from fieldmap.errors import Infeasible, InputError, ScenarioError
-from fieldmap.levitation.least_power import lift_shares
+from fieldmap.levitation.lift import lift_shares
 from fieldmap.lookup import open_map, wrench_actuation
 from tests.refusals import refused
 

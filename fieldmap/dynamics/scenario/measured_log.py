@@ -14,12 +14,12 @@ from fieldmap.control.identification.log import QUANTITIES
 from fieldmap.dynamics.loop_run import LevitationRun
 from fieldmap.dynamics.scenario.experiment import Experiment
 from fieldmap.dynamics.scenario.metrics import reading_mm
+from fieldmap.dynamics.scenario.references import AXES as AXES
 from fieldmap.errors import InputError, Problem
 from fieldmap.plain import Plain, plain_items
 from fieldmap.records import Record
 from fieldmap.typing import Array
 
-AXES = ("x", "y", "depth")
 ROLES: dict[str, tuple[str, ...]] = {
     "x": ("x", "seen x", "sensed x", "position x"),
     "y": ("y", "seen y", "sensed y", "position y"),
