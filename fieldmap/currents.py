@@ -150,9 +150,24 @@ def register(kind: P) -> P:
 
 
 def parametrisation(name: str, parameters: Mapping[str, Any]) -> CurrentParametrisation:
-    """The parametrisation of this name with these parameters. Raises InputError for an unknown name or parameters
-    that do not fit.
+    """The parametrisation of a name with parameters.
 
+    Parameters
+    ----------
+    name : by which it is registered.
+    parameters : by name, plain JSON.
+
+    Returns
+    -------
+    The parametrisation.
+
+    Raises
+    ------
+    InputError
+        For an unknown name, or parameters that do not fit.
+
+    Examples
+    --------
     >>> parametrisation("lift and directions", {"n": 1.25}).signal_names
     ('u', 'x', 'y')
     """
@@ -480,10 +495,24 @@ def divide_currents(u: ArrayLike, x: ArrayLike, y: ArrayLike, n: float = 1.0) ->
 
 
 def undivide_currents(currents: ArrayLike, n: float = 1.0) -> DivisionSignals:
-    """The signals of `LiftAndDirections` nearest to currents (..., 6), exact if there are such signals.
+    """The signals of `LiftAndDirections` nearest to currents, exact if there are such signals.
 
-    Raises InputError for currents that are not finite, or whose mean is zero.
+    Parameters
+    ----------
+    currents : (..., 6).
+    n : of `LiftAndDirections`.
 
+    Returns
+    -------
+    u, x and y, and by how much the currents differ from theirs.
+
+    Raises
+    ------
+    InputError
+        For currents that are not finite, or whose mean is zero.
+
+    Examples
+    --------
     >>> s = undivide_currents([0.72, 0.75, 0.88, 1.08, 1.25, 1.32], n=1.25)
     >>> print(round(float(s.x), 9), round(float(s.y), 9), bool(s.mismatch < 1e-12))
     0.2 0.1 True

@@ -93,15 +93,32 @@ def simulate_loop(
 ) -> LinearLoopRun:
     """Closed-loop runs of a sampled plant from rest, one controller step per sample.
 
-    plant: (numerator, denominator) in q or (A, B, C, D), sampled at controller.Ts, one input, one output, strictly
-    proper. controller: a PID, a regulator, or a block of one output, whose signals of all axes are this one; a block
-    does not know its sampling time, so give Ts, s. reference (samples,). Noise and disturbance (of the plant's input):
-    numbers, (samples,) or (runs, samples), for example of a seeded generator; position noise is in the plant's output
-    unit, voltage noise at the converter, current noise in the drive's unit. A limit of the controller or the drive
-    saturates as it would.
+    A limit of the controller or the drive saturates as it would.
 
-    Raises InputError for signals that are not finite or do not fit, and for a plant that is not strictly proper.
+    Parameters
+    ----------
+    plant : (numerator, denominator) in q or (A, B, C, D), sampled at the controller's Ts; one input, one output,
+        strictly proper.
+    controller : a PID, a regulator, or a block of one output, whose signals of all axes are this one.
+    reference : (samples,), in the unit of the plant's output.
+    Ts : sampling time of a block, which does not know it, s.
+    runs : how many.
+    position_noise, voltage_noise, current_noise, disturbance : numbers, (samples,) or (runs, samples), for example of a
+        seeded generator. Position noise is in the unit of the plant's output, voltage noise is that at the converter,
+        current noise is in the unit of the drive; the disturbance adds to the plant's input.
+    instruments : converters and drive; ideal unless given.
 
+    Returns
+    -------
+    The runs: time (samples,), y and u (runs, samples).
+
+    Raises
+    ------
+    InputError
+        For signals that are not finite or do not fit, and for a plant that is not strictly proper.
+
+    Examples
+    --------
     >>> plant = ([-0.03, 0.0298], [1, -1.915, 0.91405])
     >>> run = simulate_loop(plant, PID(0.334, 0.007, 0.001, 2e-3, acts_on_minus_error=True), np.ones(1500))
     >>> print(round(run.y[0, -1], 3))

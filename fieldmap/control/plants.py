@@ -205,18 +205,36 @@ def plant_from_map(
 ) -> MapPlant:
     """The linear motion of the payload's magnet about a point of a map, at currents that should carry it there.
 
-    field: an opened map, a solution, or any other `fieldmap.field.Field` with a box. position (3,): the magnet's
-    centre, m. currents (n_coils,), A, such as `lift_current(...).currents` or those of `find_equilibrium`. signals
-    (n_coils, k): currents per unit of each input signal, A, such as `division_slopes(u, x, y, n)`; without it every
-    coil is an input. damping: N s/m, a number or (3, 3). moment: "fixed" keeps it vertical, turned so that it is
-    lifted; "aligned" lets it follow B. signal_steps (k,): forces per signal are central differences over plus and minus
-    these; without it over steps in which no current changes by more than 1 % of the largest. They are exact where the
-    force is linear in the currents, of second order in the step where iron saturates.
+    Parameters
+    ----------
+    field : an opened map, a solution, or any other `fieldmap.field.Field` with a box.
+    payload : whose magnet moves.
+    position : the magnet's centre (3,), m.
+    currents : (n_coils,), A, such as `lift_current(...).currents` or those of `find_equilibrium`.
+    signals : currents (n_coils, k), A, per unit of each input signal, such as `division_slopes(u, x, y, n)`; every coil
+        is an input unless given.
+    damping : N s/m, a number or (3, 3).
+    moment : "fixed" keeps the moment vertical, turned so that it is lifted; "aligned" lets it follow B.
+    signal_steps : (k,), over plus and minus which forces per signal are differenced; unless given, steps in which no
+        current changes by more than 1 % of the largest. The differences are exact where the force is linear in the
+        currents, and of second order in the step where iron saturates.
 
-    Raises InputError for arguments that do not fit, OutsideMapError for a point or currents beyond the map,
-    Infeasible where the field does not lift.
+    Returns
+    -------
+    The plant, in the frame of the map.
 
-    Example::
+    Raises
+    ------
+    InputError
+        For arguments that do not fit.
+    OutsideMapError
+        For a point or currents beyond the map.
+    Infeasible
+        Where the field does not lift.
+
+    Examples
+    --------
+    ::
 
         lift = lift_current(m, device.payload, point)
         plant = plant_from_map(m, device.payload, point, lift.currents, division_slopes(lift.current, 0, 0, n=1.25))

@@ -56,12 +56,29 @@ class Estimator(NamedTuple):
 
 
 def lqrd(A: ArrayLike, B: ArrayLike, Q: ArrayLike, R: ArrayLike, Ts: float) -> Array:
-    """Gain k (m, n) of u[n] = -k x[n], held for Ts, that minimises the continuous cost of dx/dt = A x + B u.
+    """Gain of the sampled state feedback that minimises the continuous cost of dx/dt = A x + B u.
 
-    The cost is the integral of x'Q x + u'R u, also between the samples. Q (n, n) symmetric, positive
-    semidefinite; R (m, m) symmetric, positive definite; Ts in s. Equivalent to the command of the same name in MATLAB.
-    Raises InputError for matrices that do not fit, or a plant that cannot be stabilised.
+    The cost is the integral of x'Q x + u'R u, also between the samples. Equivalent to the command of the same name in
+    MATLAB.
 
+    Parameters
+    ----------
+    A, B : the plant, (n, n) and (n, m).
+    Q : weight of the states (n, n), symmetric, positive semidefinite.
+    R : weight of the inputs (m, m), symmetric, positive definite.
+    Ts : sampling time, s.
+
+    Returns
+    -------
+    k (m, n) of u[n] = -k x[n], held for Ts.
+
+    Raises
+    ------
+    InputError
+        For matrices that do not fit, or a plant that cannot be stabilised.
+
+    Examples
+    --------
     >>> lqrd(0.0, 1.0, 1.0, 1.0, 1e-6).round(5).tolist()  # an integrator, hardly sampled: k = sqrt(Q / R)
     [[1.0]]
     """
@@ -89,12 +106,30 @@ def kalmd(
     D: ArrayLike | None = None,
     G: ArrayLike | None = None,
 ) -> Estimator:
-    """Kalman filter for samples, Ts apart, of dx/dt = A x + B u + G w, y = C x + D u + v with continuous white noise.
+    """Kalman filter for samples of dx/dt = A x + B u + G w, y = C x + D u + v with continuous white noise.
 
-    Qn: spectral density of w; Rn: of v, so that a sample of v has the covariance Rn / Ts. G: how w enters, B unless
-    given. Equivalent to MATLAB's command of the same name ("current" estimator). Raises InputError for matrices that
-    do not fit, or a plant that cannot be observed.
+    Equivalent to MATLAB's command of the same name ("current" estimator).
 
+    Parameters
+    ----------
+    A, B, C : the plant, (n, n), (n, m) and (p, n).
+    Qn : spectral density of w.
+    Rn : spectral density of v, so that a sample of v has the covariance Rn / Ts.
+    Ts : sampling time, s.
+    D : direct gain (p, m); none unless given.
+    G : how w enters, (n, k); B unless given.
+
+    Returns
+    -------
+    The sampled filter.
+
+    Raises
+    ------
+    InputError
+        For matrices that do not fit, or a plant that cannot be observed.
+
+    Examples
+    --------
     >>> kalmd(0.0, 1.0, 1.0, 1.0, 1.0, 1e-6).B_est.round(8).tolist()  # gain sqrt(Qn / Rn) Ts
     [[1e-06, 1e-06]]
     """

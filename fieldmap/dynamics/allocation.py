@@ -136,11 +136,26 @@ class MatrixAllocation(Record, ControlAllocation):
 def least_power_allocation(force_per_ampere: ArrayLike, shares: ArrayLike, volts: float) -> MatrixAllocation:
     """Outputs lift (V), x and y become the voltages of n coils.
 
-    force_per_ampere (3, n): N/A, about the operating point. shares (n,): of the lift's volt, such as `lift_shares`.
-    volts: lift there; an x signal of 1 adds that many volts to the coil that takes most of it, in the proportions that
-    push along x and nowhere else with least power. Along an axis on which the coils do not push by themselves the
-    signal does nothing, and the assumptions say so. Raises InputError for arguments that do not fit.
+    Along an axis on which the coils do not push by themselves the signal does nothing, and the assumptions say so.
 
+    Parameters
+    ----------
+    force_per_ampere : about the operating point (3, n), N/A.
+    shares : of the lift's volt (n,), such as `lift_shares`.
+    volts : lift at the operating point. An x signal of 1 adds that many volts to the coil that takes most of it, in the
+        proportions that push along x and nowhere else with least power.
+
+    Returns
+    -------
+    The allocation.
+
+    Raises
+    ------
+    InputError
+        For arguments that do not fit.
+
+    Examples
+    --------
     >>> allocation = least_power_allocation([[0.1, -0.1], [0.0, 0.0], [0.3, 0.3]], [1.0, 1.0], 2.0)
     >>> allocation.matrix.round(9).tolist(), allocation.idle
     ([[1.0, 2.0, 0.0], [1.0, -2.0, 0.0]], ('y',))

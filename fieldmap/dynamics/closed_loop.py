@@ -100,12 +100,30 @@ def simulate_closed_loop(
     currents: ArrayLike,
     seed: int | np.random.SeedSequence | None = 0,
 ) -> LevitationRun:
-    """One run from a state (13,) and currents (n,), A.
+    """One run from a state and currents.
 
-    controller: a shipped one, or a function: `FunctionController`. seed: of all noise: equal seeds give equal bits;
-    None for a run without noise. Raises InputError for arguments that do not fit, NotConverged where the model of
-    saturating iron has no solution at the currents to begin with, ControllerError for a function that
-    fails on the way, whatever it raises itself where that is no Exception, such as KeyboardInterrupt.
+    Parameters
+    ----------
+    machine : what moves, senses and drives.
+    controller : a shipped one, or a function: `FunctionController`.
+    schedule : references, the two rates, feed-forward and loads.
+    state : (13,).
+    currents : (n,), A.
+    seed : of all noise: equal seeds give equal bits; None for a run without noise.
+
+    Returns
+    -------
+    The recorded run, and how it ended.
+
+    Raises
+    ------
+    InputError
+        For arguments that do not fit.
+    NotConverged
+        Where the model of saturating iron has no solution at the currents to begin with.
+    ControllerError
+        For a function that fails on the way. What it raises itself comes through where that is no Exception, such as
+        KeyboardInterrupt.
     """
     bound = None
     if isinstance(controller, FunctionController):
@@ -293,8 +311,20 @@ def simulate_many(
 ) -> list[Any]:
     """Many runs, each with noise of its own that its number and `seed` alone decide, on several threads.
 
-    runs: how many calls of `one`, or a function for each. Each takes the run's seed and returns its LevitationRun, of
-    which `keep` makes what is returned. The loop releases the interpreter's lock.
+    The loop releases the interpreter's lock.
+
+    Parameters
+    ----------
+    runs : how many calls of `one`, or a function for each. Each takes the run's seed and returns its LevitationRun.
+    one : what is called where `runs` is a number.
+    seed : of all runs.
+    threads : how many.
+    keep : what is returned of a run.
+    progress : is told after each run.
+
+    Returns
+    -------
+    What `keep` makes of each run, in order.
     """
     jobs = [one] * runs if isinstance(runs, int) else list(runs)
     seeds = np.random.SeedSequence(seed).spawn(len(jobs))

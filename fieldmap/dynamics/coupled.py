@@ -92,9 +92,23 @@ def lqg_block(
     """A regulator on estimated states and forces, designed for one linear machine and told the delay of its outputs.
 
     Memory: states of the machine, positions as they are in the map; unknown force (3), N; the outputs of the last
-    sample. It holds the sensed point at its reference without offset, whatever constant force pulls. The operating
-    point of the linear machine is where its memory begins. limits: lowest and highest outputs, which the estimator is
-    told of. Raises InputError for a machine that is not controllable or not observable, as upward where nothing lifts.
+    sample. It holds the sensed point at its reference without offset, whatever constant force pulls.
+
+    Parameters
+    ----------
+    linear : the machine, at whose operating point the memory begins.
+    weights : deviations that count alike, and noise.
+    period, delay : s.
+    limits : lowest and highest outputs (m,), which the estimator is told of.
+
+    Returns
+    -------
+    The block.
+
+    Raises
+    ------
+    InputError
+        For a machine that is not controllable or not observable, as upward where nothing lifts.
     """
     felt = linear.only(tuple(name for name in linear.states if name not in ABOUT_Z))
     m, given = felt.B.shape[1], len(weights.output)
@@ -307,11 +321,23 @@ def force_controller(
     delay: float = 0.0,
     rounds: int = 2,
 ) -> ForceController:
-    """A regulator that is the same at every place: what it asks for is a force, and the inverse map of the machine's
-    own field turns it into outputs within limits (3,) each.
+    """A regulator that is the same at every place, because it asks for a force.
 
-    weights.output: forces, N, that count as much as the deviations. The body is taken for a free mass: neither the
-    field's stiffness nor eddy currents and drag are known to it but as forces that it does not know.
+    The inverse map of the machine's own field turns the force into outputs. The body is taken for a free mass: neither
+    the field's stiffness nor eddy currents and drag are known to the regulator but as forces that it does not know.
+
+    Parameters
+    ----------
+    machine : whose field is inverted.
+    operating_point : where it begins.
+    weights : their output is the forces, N, that count as much as the deviations.
+    period, delay : s.
+    lower, upper : limits of the outputs (3,).
+    rounds : of Newton's method at a sample.
+
+    Returns
+    -------
+    The controller.
     """
     mass = machine.body.mass
     A, push = np.zeros((6, 6)), np.vstack([np.zeros((3, 3)), np.eye(3) / mass])
@@ -388,10 +414,28 @@ def outputs_for(
     lower: Array,
     upper: Array,
 ) -> tuple[Array, Array]:
-    """The inverse map: outputs (p, 3) at which the magnet of a body at positions (p, 3) feels forces (p, 3), N, and
-    what is left of them (p,), N. The search begins at those of the operating point and goes from row to row.
+    """The inverse map: outputs at which the magnet of a body feels given forces.
 
-    Raises Infeasible for positions outside the map, InputError for an allocation of other than three outputs.
+    The search begins at the outputs of the operating point and goes from row to row.
+
+    Parameters
+    ----------
+    machine : whose allocation takes three outputs.
+    operating_point : whose turn the body keeps.
+    positions : of the body (p, 3), m.
+    forces : (p, 3), N.
+    lower, upper : limits of the outputs (3,).
+
+    Returns
+    -------
+    Outputs (p, 3), and what is left of the forces (p,), N.
+
+    Raises
+    ------
+    Infeasible
+        For positions outside the map.
+    InputError
+        For an allocation of other than three outputs.
     """
     m, remedy = len(operating_point.outputs), "take an allocation of three"
     check(m == 3, "outputs_for(machine)", "must have three outputs", m, remedy)

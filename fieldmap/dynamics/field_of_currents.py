@@ -81,8 +81,22 @@ def sampled_field(field: Field, spacing: float = SPACING) -> FieldMap:
     """A field as a map in memory, which compiled loops can evaluate; a map is returned as it is.
 
     The fields and gradients of the coils, and of what no current drives, are taken once at the nodes of a grid over the
-    field's box, `spacing`, m, apart or a little less, and interpolated as those of a map file. Raises InputError for a
-    field without a box, and for one that is not such a sum, as of saturating iron: make a saturating map of it.
+    field's box, and interpolated as those of a map file.
+
+    Parameters
+    ----------
+    field : the sum of its coils' fields and of one that no current drives, with a box.
+    spacing : of the nodes, m, or a little less.
+
+    Returns
+    -------
+    The map.
+
+    Raises
+    ------
+    InputError
+        For a field without a box, and for one that is not such a sum, as of saturating iron: make a saturating map of
+        it.
     """
     if isinstance(field, FieldMap):
         return field

@@ -52,9 +52,22 @@ class SampledMachine(NamedTuple):
 
 
 def sampled_machine(linear: LinearMachine, period: float, delay: float = 0.0) -> SampledMachine:
-    """The linear machine between samples, `period` apart, s, whose inputs change `delay` after each: exact.
+    """The linear machine between samples, whose inputs change a delay after each: exact.
 
-    Raises InputError for a delay that is negative or longer than the period.
+    Parameters
+    ----------
+    linear : the machine.
+    period : from sample to sample, s.
+    delay : from a sample to the change of the inputs, s.
+
+    Returns
+    -------
+    The sampled machine.
+
+    Raises
+    ------
+    InputError
+        For a delay that is negative or longer than the period.
     """
     check_positive("sampled_machine", period=period)
     within, must = 0.0 <= delay <= period, "must be from 0 to the period"
@@ -108,9 +121,18 @@ class ClosedLoop(Record):
 def close_loop(
     linear: LinearMachine, controller: ControllerBlock, schedule: Schedule, sensors: Sensors | None = None
 ) -> ClosedLoop:
-    """The linear machine under a controller, with the schedule's period and delay.
+    """The linear machine under a controller.
 
-    sensors: whose scans, means and latency stand between; without it sensors show what is.
+    Parameters
+    ----------
+    linear : the machine.
+    controller : its block.
+    schedule : whose period and delay the loop has.
+    sensors : whose scans, means and latency stand between; without them sensors show what is.
+
+    Returns
+    -------
+    The loop as one sampled system.
     """
     machine = sampled_machine(linear, schedule.period, schedule.delay)
     k = controller

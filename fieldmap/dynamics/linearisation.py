@@ -90,12 +90,26 @@ class LinearMachine(Record):
 
 
 def linearise(machine: Machine, operating_point: OperatingPoint) -> LinearMachine:
-    """The machine, linear about an operating point from `find_operating_point`.
+    """The machine, linear about an operating point.
 
     Derivatives are central differences of fourth order of the right-hand side that the compiled loop integrates:
     magnet, eddy currents and drag; walls, limits, converters and noise have no part. Where a table of saturating iron
     has a corner they are the mean of both sides. Amplifiers steer currents (2): a winding's R and L bound how fast a
-    large change goes and have no part in a small one. Raises OutsideMapError for a point at the map's edge.
+    large change goes and have no part in a small one.
+
+    Parameters
+    ----------
+    machine : whose motion it is.
+    operating_point : from `find_operating_point`.
+
+    Returns
+    -------
+    The matrices with the names of states, inputs and outputs.
+
+    Raises
+    ------
+    OutsideMapError
+        For a point at the map's edge.
     """
     body, state, coils = machine.body, operating_point.state, machine.drive.coils
     core, out = replace(machine, walls=None).core(1.0, EXACT), np.empty(STATE)

@@ -95,8 +95,20 @@ class CoilDrive(Record):
 def drive_of_device(device: Device, lowest_voltage: float | None = None, **more: object) -> CoilDrive:
     """The drive of a device file: gain, current limit, supply of [driver], resistance and inductance of its coils.
 
-    lowest_voltage: that the amplifier can put on a winding, V; minus the supply's unless given. Raises InputError where
-    the file has no [driver].
+    Parameters
+    ----------
+    device : with a [driver].
+    lowest_voltage : that the amplifier can put on a winding, V; minus the supply's unless given.
+    more : fields of `CoilDrive`, in the place of the file's.
+
+    Returns
+    -------
+    The drive.
+
+    Raises
+    ------
+    InputError
+        Where the file has no [driver].
     """
     driver = device.driver
     if driver is None:

@@ -70,11 +70,27 @@ def move(
     walls: Walls | None = None,
     every: int = 1,
 ) -> FixedCurrentsRun:
-    """The motion of a body in the field of given currents, from a state (13,), by steps of fixed length.
+    """The motion of a body in the field of given currents, by steps of fixed length.
 
-    field: `m.at(currents)`. step: s. order: "second", Strang's splitting, one evaluation of the field a step, or
-    "fourth", Yoshida's composition, three. Both are symmetric in time, and symplectic without losses. every: steps
-    from one row of the result to the next. A run that leaves the map ends there. Raises InputError.
+    Parameters
+    ----------
+    field : `m.at(currents)`.
+    body : what moves.
+    state : where it begins (13,).
+    duration, step : s.
+    order : "second", Strang's splitting, one evaluation of the field a step, or "fourth", Yoshida's composition, three.
+        Both are symmetric in time, and symplectic without losses.
+    drag, plate, walls : what it meets.
+    every : steps from one row of the result to the next.
+
+    Returns
+    -------
+    The run, which ends where the magnet leaves the map.
+
+    Raises
+    ------
+    InputError
+        For arguments that do not fit.
     """
     check_positive("move", duration=duration, step=step)
     check_count("move", every=every)
@@ -98,10 +114,23 @@ def move_adaptively(
     plate: Plate | None = None,
     tolerance: float = 1e-12,
 ) -> Array:
-    """States (n, 13) at times (n,), the first that of `state`, by scipy's DOP853 on the same right-hand side.
+    """States by scipy's DOP853 on the right-hand side of `move`, to judge steps of fixed length.
 
-    For judging steps of fixed length. tolerance: relative, per step. Raises NotConverged where the integrator stops,
-    as it does where the magnet leaves the map.
+    Parameters
+    ----------
+    field, body, drag, plate : as in `move`.
+    state : where it begins (13,).
+    times : (n,), s, the first that of `state`.
+    tolerance : relative, per step.
+
+    Returns
+    -------
+    States (n, 13).
+
+    Raises
+    ------
+    NotConverged
+        Where the integrator stops, as it does where the magnet leaves the map.
     """
     moments = np.atleast_1d(check_signal("move_adaptively(times)", times))
     start = _checked("move_adaptively(state)", state)

@@ -46,14 +46,30 @@ class OperatingPoint(Record):
 def find_operating_point(
     machine: Machine, sensed: ArrayLike, outputs: ArrayLike, guess: ArrayLike = (0.0, 0.0, 0.0)
 ) -> OperatingPoint:
-    """The state in equilibrium with a given sensed point (3,), m, and given outputs (m,), free where they are NaN.
+    """The state in equilibrium with a given sensed point and given outputs, free where they are NaN.
 
     Three forces and two torques are balanced by the lean of the body (2; not of one that stays upright) and as many
-    numbers as there are NaN, which must be three: the lift is free where the height is given, and x or
-    the x signal, y or the y signal. guess (m,): outputs where the search begins, for those that are free. Currents are
-    those that the amplifiers make of the outputs, without limits and steps. Raises InputError for another number of
-    NaN, NoEquilibrium where the search ends with more than 1e-6 of the weight left; 2e-4 where the force steps over
-    zero there, as between the cells of a coarse map: see `is_step`.
+    numbers as there are NaN, which must be three: the lift is free where the height is given, and x or the x signal, y
+    or the y signal. Currents are those that the amplifiers make of the outputs, without limits and steps.
+
+    Parameters
+    ----------
+    machine : what is in equilibrium.
+    sensed : (3,), m.
+    outputs : (m,).
+    guess : outputs where the search begins (m,), for those that are free.
+
+    Returns
+    -------
+    The operating point.
+
+    Raises
+    ------
+    InputError
+        For another number of NaN.
+    NoEquilibrium
+        Where the search ends with more than 1e-6 of the weight left; 2e-4 where the force steps over zero there, as
+        between the cells of a coarse map: see `is_step`.
     """
     place, given = np.array(sensed, float), np.array(outputs, float)
     check_signal("find_operating_point(guess)", guess)

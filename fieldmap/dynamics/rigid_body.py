@@ -105,13 +105,30 @@ def body_of_payload(
 ) -> RigidBody:
     """The upright body of a device's payload: z along the magnet's axis, seen at its top.
 
-    radius, height: of the cylinder that the body is taken for, m; the magnet's own unless given. below: how far the
-    magnet's centre lies above the body's lower face, m; half of the magnet's height unless given. A payload without
-    an inertia gets that of this cylinder; where none is given, of its magnet, a sphere, a block or a cylinder, or of
-    its pieces, taken as uniform and as heavy as the payload. centre_of_mass: how far it lies above the magnet's centre,
-    m. direction: +1 for a moment along the body's z axis, -1 against it. magnet: its magnetism; a point dipole for each
-    magnet unless given. upright: it does not turn. Raises InputError where no inertia is given or follows.
+    A payload without an inertia gets that of the cylinder; where none is given, of its magnet, a sphere, a block or a
+    cylinder, or of its pieces, taken as uniform and as heavy as the payload.
 
+    Parameters
+    ----------
+    payload : of a device.
+    radius, height : of the cylinder that the body is taken for, m; the magnet's own unless given.
+    below : how far the magnet's centre lies above the body's lower face, m; half of the magnet's height unless given.
+    centre_of_mass : how far it lies above the magnet's centre, m.
+    direction : +1 for a moment along the body's z axis, -1 against it.
+    magnet : its magnetism; a point dipole for each magnet unless given.
+    upright : whether the body does not turn.
+
+    Returns
+    -------
+    The body, and what its numbers rest on.
+
+    Raises
+    ------
+    InputError
+        Where no inertia is given or follows.
+
+    Examples
+    --------
     >>> from fieldmap.device import read_device
     >>> body = body_of_payload(read_device("drive_unit").payload, radius=5.9e-3, height=0.025)
     >>> (1e7 * body.inertia).round(3).tolist()

@@ -104,10 +104,24 @@ class Plate(Record):
         return np.array([self.conductivity, self.thickness, *self.face, *(n / np.linalg.norm(n))])
 
     def damping(self, position: Three, moment: Three) -> Array:
-        """(3, 3) N s/m: the force on a dipole (3,), A m^2, that moves without turning is -damping @ velocity. (16)
+        """Damping of a dipole that moves without turning, (16): the force on it is -damping @ velocity.
 
-        Raises InputError for a position on or behind the face.
+        Parameters
+        ----------
+        position : of the dipole (3,), m.
+        moment : (3,), A m^2.
 
+        Returns
+        -------
+        (3, 3), N s/m.
+
+        Raises
+        ------
+        InputError
+            For a position on or behind the face.
+
+        Examples
+        --------
         >>> plate = Plate(conductivity=3.5e7, thickness=np.inf, face=(0, 0, 0))
         >>> (1e3 * plate.damping((0, 0, 0.02), (0, 0, 0.813)).diagonal()).round(3).tolist()
         [11.356, 11.356, 22.712]

@@ -70,17 +70,33 @@ def follow_equilibrium(
     lever: float = 0.0,
     step: float = 0.05,
 ) -> EquilibriumBranch:
-    """Follow the point of no horizontal force from `start` (x, y), m, through the parameters `stops`, round folds.
+    """Follow the point of no horizontal force through the parameters `stops`, round folds.
 
-    path(parameter, level): currents (n_coils,) in A and height z of the magnet, m, such as
-    `lambda x, u: (divide_currents(u, x, 0.0, 1.25), -0.102)`. stops (n,): monotonic; start is near the solution at the
-    first. level: current level, A. hold_height: the level follows so that the lift carries the weight, as a vertical
-    controller makes it; `level` is where that begins. Otherwise it is constant, and the vertical force is what it is.
-    field_scale: what every field is multiplied by (1 unless a calibration says otherwise); it matters only where the
-    height is held. moment, lever: `magnet_balance`. step: largest step, in units of a quarter of the map's width, the
-    range of the stops and the level.
+    Parameters
+    ----------
+    field : any field with a box.
+    payload : what is levitated.
+    path : path(parameter, level) gives currents (n_coils,), A, and the height z of the magnet, m, such as `lambda x, u:
+        (divide_currents(u, x, 0.0, 1.25), -0.102)`.
+    start : (x, y), m, near the solution at the first stop.
+    stops : (n,), rising or falling.
+    level : current level, A; where it begins, if the height is held.
+    hold_height : whether the level follows so that the lift carries the weight, as a vertical controller makes it.
+        Otherwise it is constant, and the vertical force is what it is.
+    field_scale : what every field is multiplied by, a calibration; it matters only where the height is held.
+    moment, lever : as in `magnet_balance`.
+    step : largest step, in units of a quarter of the map's width, the range of the stops and the level.
 
-    Raises InputError and OutsideMapError for arguments that do not fit, NotConverged if nothing is near the start.
+    Returns
+    -------
+    The branch, in the order in which it was followed.
+
+    Raises
+    ------
+    InputError, OutsideMapError
+        For arguments that do not fit.
+    NotConverged
+        If nothing is near the start.
     """
     check_positive("follow_equilibrium", step=step)
     targets = _stops(stops)
@@ -123,10 +139,27 @@ def equilibrium_at(
     moment: MagnetModel = "fixed",
     lever: float = 0.0,
 ) -> tuple[StationaryPoint, float]:
-    """The point of no horizontal force that Newton's method reaches from `start` (x, y), m, and the current level, A.
+    """The point of no horizontal force that Newton's method reaches from a start, and the current level.
 
-    path(level): currents (n_coils,) in A and height z of the magnet, m. The rest as in `follow_equilibrium`, for one
-    parameter. Raises InputError and OutsideMapError for arguments that do not fit, NoEquilibrium if nothing is near.
+    Parameters
+    ----------
+    field : any field with a box.
+    payload : what is levitated.
+    path : path(level) gives currents (n_coils,), A, and the height z of the magnet, m.
+    start : (x, y), m.
+    level : current level, A; where it begins, if the height is held.
+    hold_height, field_scale, moment, lever : as in `follow_equilibrium`.
+
+    Returns
+    -------
+    The point, and the level, A.
+
+    Raises
+    ------
+    InputError, OutsideMapError
+        For arguments that do not fit.
+    NoEquilibrium
+        If nothing is near.
     """
     about = (field, payload, lambda _, u: path(u), 0.0, start, level, hold_height, field_scale, moment, lever)
     along, q, (low, high) = _begin("equilibrium_at", *about)

@@ -172,19 +172,36 @@ def calibrate(
 ) -> Calibration:
     """Fit a field to measured currents of levitation, measured places, or both, by least squares.
 
-    fit: which parameters are free. "field_scale" multiplies every field and force; "magnet_offset" is the depth of the
-    magnet's centre below the point that the sensor reads, m; "current_scale" multiplies all currents before the field
-    is asked (turns, or an amplifier's gain; where iron saturates that is not the same as a field scale); "gains" stands
-    for one such factor for each coil, called "gain NAME". given: values of parameters that are not free, or where the
-    free ones begin; 1, the payload's magnet_offset, and 1 unless given. limits: lower and upper bound of free
-    parameters, narrower than what is said below. moment, lever: `magnet_balance`. The field must
-    hold at the currents and places that the fit tries.
+    The scales are kept within 0.05 to 20, the offset so that no magnet leaves the field's box. The field must hold at
+    the currents and places that the fit tries.
 
-    The scales are kept within 0.05 to 20, the offset so that no magnet leaves the field's box. Raises InputError where
-    there are no readings, fewer than free parameters, or readings that cannot tell the free
-    parameters apart (named).
+    Parameters
+    ----------
+    field : any field with a box.
+    payload : what was levitated.
+    lift, positions : the readings; one kind or both.
+    fit : which parameters are free. "field_scale" multiplies every field and force. "magnet_offset" is the depth of the
+        magnet's centre below the point that the sensor reads, m. "current_scale" multiplies all currents before the
+        field is asked (turns, or an amplifier's gain; where iron saturates that is not the same as a field scale).
+        "gains" stands for one such factor for each coil, called "gain NAME".
+    given : values of parameters that are not free, or where the free ones begin; 1, the payload's magnet_offset, and 1
+        unless given.
+    limits : lower and upper bound of free parameters, narrower than those above.
+    moment, lever : as in `magnet_balance`.
 
-    Example::
+    Returns
+    -------
+    The fit, with its covariance and every reading.
+
+    Raises
+    ------
+    InputError
+        Where there are no readings, fewer than free parameters, or readings that cannot tell the free parameters apart
+        (named).
+
+    Examples
+    --------
+    ::
 
         readings = LiftReadings(sensed=-0.05 - depths, currents=np.outer(amperes, np.ones(coils)))
         found = calibrate(m, device.payload, lift=readings)

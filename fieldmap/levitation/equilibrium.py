@@ -109,18 +109,32 @@ def find_equilibrium(
 ) -> Equilibrium:
     """Find where the force on a payload balances its weight, F(x) + m g = 0, inside the field's box.
 
-    field: an opened map, a solution, the solver of saturating iron, or any other `fieldmap.field.Field` that has a
-    box; a solved state of saturating iron too, whose currents may be left out. currents: (n_coils,), one number for
-    all coils, or by name, A. payload: a point dipole of its mass and moment, or its pieces. start (3,), m: where to
-    begin; without it the whole box is searched and, of several equilibria, the one with most stable directions nearest
-    to the box's vertical axis is returned (the rest are in `.others`). moment: "fixed" keeps the moment vertical,
-    turned so that it is pulled up at the start; "aligned" lets it follow B. Pieces stay upright, and soft iron follows
-    B. Returns an `Equilibrium`: SI units, frame of the field; see docs/theory/equilibrium.md for the equations.
+    docs/theory/equilibrium.md has the equations.
 
-    Raises InputError for currents or a start that do not fit the field, NoEquilibrium (with the lift that is
-    available) when nothing balances.
+    Parameters
+    ----------
+    field : an opened map, a solution, the solver of saturating iron, or any other `fieldmap.field.Field` that has a
+        box; a solved state of saturating iron too, whose currents may be left out.
+    currents : (n_coils,), one number for all coils, or by name, A.
+    payload : a point dipole of its mass and moment, or its pieces, which stay upright while soft iron follows B.
+    start : where to begin (3,), m. Without it the whole box is searched. Of several equilibria the one with most stable
+        directions nearest to the box's vertical axis is returned, and the rest are in `.others`.
+    moment : "fixed" keeps the moment vertical, turned so that it is pulled up at the start; "aligned" lets it follow B.
 
-    Example::
+    Returns
+    -------
+    The equilibrium: SI units, frame of the field.
+
+    Raises
+    ------
+    InputError
+        For currents or a start that do not fit the field.
+    NoEquilibrium
+        When nothing balances, with the lift that is available.
+
+    Examples
+    --------
+    ::
 
         m = fieldmap.open_map("maps/out/workspace.h5")
         payload = fieldmap.read_device("drive_unit").payload

@@ -84,20 +84,40 @@ def lift_current(
 ) -> LiftCurrent:
     """Common current that carries the weight at a position: a vertical point dipole, pulled up by a positive current.
 
-    field: any `fieldmap.field.Field` that has a box. position (3,): the magnet's centre, m, inside it. shares
-    (n_coils,): current of each coil per ampere of common current; 1 in every coil unless given.
-
     A field that is proportional to the currents gives i = m g / (D dBz/dz per ampere), docs/theory/equilibrium.md; of
     one that adds what no current drives, i carries what that leaves of the weight, and may be zero or negative. Any
-    other is asked at some four currents, each near the last: at `first` (A, positive), then by proportion, then by the
-    secant, kept inside the bracket once there is one, until |F_z - m g| <= tolerance m g; on_state(common current in A,
-    F_z / (m g)) is called after each, and force_per_ampere is the difference of two of them, some per cent apart. A
-    payload of pieces stays upright; soft iron is pulled with the square of the current, and asked in the same way.
+    other is asked at some four currents, each near the last: at `first`, then by proportion, then by the secant, kept
+    inside the bracket once there is one, until |F_z - m g| <= tolerance m g. A payload of pieces stays upright; soft
+    iron is pulled with the square of the current, and asked in the same way.
 
-    Raises InputError for a payload, position, shares, first or tolerance that do not fit, OutsideMapError for a
-    position or current beyond the field, Infeasible where the field does not lift, NotConverged after MAX_STATES.
+    Parameters
+    ----------
+    field : any `fieldmap.field.Field` that has a box.
+    payload : what is lifted.
+    position : the magnet's centre (3,), m, inside the box.
+    shares : current of each coil per ampere of common current (n_coils,); 1 in every coil unless given.
+    first : common current of the first state, A, positive.
+    tolerance : of the lift, as a share of the weight.
+    on_state : is called with the common current, A, and F_z / (m g) after each state.
 
-    Example::
+    Returns
+    -------
+    The currents, and force and stiffness there. force_per_ampere is the difference of two states, some per cent apart.
+
+    Raises
+    ------
+    InputError
+        For a payload, position, shares, first or tolerance that do not fit.
+    OutsideMapError
+        For a position or current beyond the field.
+    Infeasible
+        Where the field does not lift.
+    NotConverged
+        After MAX_STATES.
+
+    Examples
+    --------
+    ::
 
         lift = lift_current(m, device.payload, [0, 0, -0.102])
         print(lift.current, "A in each coil")
@@ -309,10 +329,23 @@ def force_per_ampere(field: Field, moment: Array, point: Array, currents: Array)
 
 
 def lift_shares(force_per_ampere: ArrayLike) -> Array:
-    """Currents (n,) of least power that lift, the largest of size 1, and push sideways as little as they can.
+    """Currents of least power that lift, and push sideways as little as they can.
 
-    force_per_ampere (3, n): force of the magnet by the coils' currents, N/A. Raises Infeasible where they do not lift.
+    Parameters
+    ----------
+    force_per_ampere : force of the magnet by the coils' currents (3, n), N/A.
 
+    Returns
+    -------
+    (n,), the largest of size 1.
+
+    Raises
+    ------
+    Infeasible
+        Where the coils do not lift.
+
+    Examples
+    --------
     >>> lift_shares([[0.1, -0.1], [0.0, 0.0], [0.3, 0.3]]).round(9).tolist()
     [1.0, 1.0]
     """
@@ -320,11 +353,24 @@ def lift_shares(force_per_ampere: ArrayLike) -> Array:
 
 
 def push_shares(force_per_ampere: ArrayLike, axis: int) -> Array:
-    """Currents (n,) of least power that push along x (axis 0) or y (1) and nowhere else, the largest of size 1.
+    """Currents of least power that push along x or y and nowhere else.
 
-    force_per_ampere (3, n): force of the magnet by the coils' currents, N/A. Raises Infeasible where the coils do not
-    push that way by themselves.
+    Parameters
+    ----------
+    force_per_ampere : force of the magnet by the coils' currents (3, n), N/A.
+    axis : 0 for x, 1 for y.
 
+    Returns
+    -------
+    (n,), the largest of size 1.
+
+    Raises
+    ------
+    Infeasible
+        Where the coils do not push that way by themselves.
+
+    Examples
+    --------
     >>> push_shares([[0.1, -0.1], [0.0, 0.0], [0.3, 0.3]], axis=0).round(9).tolist()
     [1.0, -1.0]
     """

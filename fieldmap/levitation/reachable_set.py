@@ -442,19 +442,37 @@ def reachable(
     orientation: ArrayLike | None = None,
     progress: Callable[[str, float], None] | None = None,
 ) -> ReachableSet | SearchedSet:
-    """The forces on a dipole of moment (3,), A m^2, at a position (3,), m, that currents within the limits make; or the
-    flux densities there, without a moment. In place of the moment a `MagneticBody`, with an orientation (3, 3), columns
-    its axes, upright without.
+    """The forces on a dipole or a body that currents within limits make; or, without a moment, the flux densities.
 
-    limits: the largest size of all currents, A, or of each (n,), or their lower and upper ones (2, n). What is linear
-    in the currents, with a constant part or not, is found exactly (`ReachableSet`). Otherwise, for soft iron and for a
-    map whose iron saturates, it is searched along 134 directions (`SearchedSet`, whose `exact` is False), within the
-    currents that the map is made for: lower bounds, each with the currents that make it. A device whose saturating iron
-    is solved for all currents anew (`fieldmap.iron.NonlinearSolver`) is searched along 26 directions, with some hundred
-    solves; a map of it is quicker and thorough. Such a search tells `progress` how far it is. Raises InputError for a
-    field that neither superposes nor has derivatives by its currents, and for limits that are none or leave no
-    currents; OutsideMapError.
+    What is linear in the currents, with a constant part or not, is found exactly (`ReachableSet`). Otherwise, for soft
+    iron and for a map whose iron saturates, it is searched along 134 directions (`SearchedSet`, whose `exact` is
+    False), within the currents that the map is made for: lower bounds, each with the currents that make it. A device
+    whose saturating iron is solved for all currents anew (`fieldmap.iron.NonlinearSolver`) is searched along 26
+    directions, with some hundred solves; a map of it is quicker and thorough.
 
+    Parameters
+    ----------
+    field : any field.
+    position : (3,), m.
+    limits : the largest size of all currents, A, or of each (n,), or their lower and upper ones (2, n).
+    moment : of a dipole (3,), A m^2, or a `MagneticBody`; none for the flux densities.
+    orientation : of a body (3, 3), columns its axes; upright unless given.
+    progress : is told how far a search is.
+
+    Returns
+    -------
+    The set of forces, N, or of flux densities, T.
+
+    Raises
+    ------
+    InputError
+        For a field that neither superposes nor has derivatives by its currents, and for limits that are none or leave
+        no currents.
+    OutsideMapError
+        For a position beyond the field.
+
+    Examples
+    --------
     >>> reachable(field_map, (0, 0, -0.1), 3.0, moment=(0, 0, 0.8)).largest_along((0, 0, 1))    # doctest: +SKIP
     0.113
     """

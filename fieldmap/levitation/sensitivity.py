@@ -54,13 +54,28 @@ def equilibrium_sensitivity(
     lever: float = 0.0,
     step: float | None = None,
 ) -> Sensitivity:
-    """Derivatives of the horizontal equilibrium at `position` (3,) by every coil's current.
+    """Derivatives of the horizontal equilibrium at a position by every coil's current.
 
     From F_h(x, i) = 0: dx_h/di = K_hh^-1 dF_h/di, and with the lift held besides by a common factor of the currents.
-    The forces are central differences over +- step of each current, A; 1 % of the largest current unless given. Exact
-    where the field is linear in the currents, of second order in the step where iron saturates. The field must hold at
-    these currents. Raises InputError for arguments that do not fit, or a position where the horizontal stiffness is
-    singular.
+
+    Parameters
+    ----------
+    field : any `fieldmap.field.Field` with a box, which must hold at these currents.
+    currents : (n_coils,), A.
+    payload : what is levitated.
+    position : the magnet's centre (3,), m.
+    moment, lever : as in `magnet_balance`.
+    step : change of each current, A, over plus and minus which forces are differenced; 1 % of the largest current
+        unless given. Exact where the field is linear in the currents, of second order in the step where iron saturates.
+
+    Returns
+    -------
+    The derivatives, m/A.
+
+    Raises
+    ------
+    InputError
+        For arguments that do not fit, or a position where the horizontal stiffness is singular.
     """
     carried = check_payload(payload, "equilibrium_sensitivity")
     source, amperes = resolve_currents(field, currents)

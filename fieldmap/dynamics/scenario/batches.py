@@ -91,11 +91,28 @@ def simulate_batches(
 ) -> Simulation:
     """Run a scenario, once or with noise of its own in each of `runs` runs, for each value of a varied key.
 
-    field: opens a map, or any field, in the place of the scenario's; called once, after the scenario was read. changes:
-    values by dotted key. vary: a key and its values. seed: in the place of the scenario's. threads: 0 for one per
-    processor. keep_signals: of at most MOST_KEPT runs in each batch. device: for a scenario that names none, in the
-    place of the map's. controller: in the place of the scenario's; one that is a Python function runs on one thread.
-    Raises as `read_scenario` and `prepare`.
+    Parameters
+    ----------
+    scenario : its file, or the name of a shipped one.
+    field : opens a map, or any field, in the place of the scenario's; called once, after the scenario was read.
+    changes : values by dotted key.
+    vary : a key and its values.
+    runs : of each value.
+    seed : in the place of the scenario's.
+    threads : 0 for one per processor.
+    keep_signals : of at most MOST_KEPT runs in each batch.
+    progress : is told how far the runs are.
+    device : for a scenario that names none, in the place of the map's.
+    controller : in the place of the scenario's; one that is a Python function runs on one thread.
+
+    Returns
+    -------
+    The batches.
+
+    Raises
+    ------
+    InputError
+        As `read_scenario` and `prepare`.
     """
     check(runs >= 1, "runs", "must be 1 or more", runs, "give a whole number")
     fixed, opened = dict(changes or {}), None

@@ -101,8 +101,23 @@ def read_measured_log(
 def lay_over(experiment: Experiment, run: LevitationRun, log: Log, begins: float | None = None) -> LaidLog:
     """A log over a run: signals of the run, as they truly were, at the times of the log.
 
-    begins: time of the run, s, of the log's first sample; its own time unless given. Samples before or behind the run
-    are left out. Raises InputError where fewer than two are left.
+    Samples before or behind the run are left out.
+
+    Parameters
+    ----------
+    experiment : of the run.
+    run : what was simulated.
+    log : what was measured.
+    begins : time of the run, s, of the log's first sample; its own time unless given.
+
+    Returns
+    -------
+    The signals that both have.
+
+    Raises
+    ------
+    InputError
+        Where fewer than two samples are left.
     """
     scenario = experiment.scenario
     time = log.time + (0.0 if begins is None else begins - log.start)

@@ -391,11 +391,22 @@ def _scenario_of(path: Path, text: str, data: dict[str, Any], changes: Mapping[s
 
 
 def read_scenario(path_or_name: str | Path, changes: Mapping[str, Any] | None = None) -> Scenario:
-    """Read and check a scenario file: its path, or the name of a shipped one ("vertical_step").
+    """Read and check a scenario file. docs/dynamics.md describes the format.
 
-    changes: values by dotted key, such as {"control.z.Kc": 0.2}, in the place of those of the file. The format is
-    described in docs/dynamics.md. Raises ScenarioError with one Problem for every error of the file: file, line and
-    key path; what must hold; what was received; the remedy.
+    Parameters
+    ----------
+    path_or_name : of the file, or the name of a shipped one ("vertical_step").
+    changes : values by dotted key, such as {"control.z.Kc": 0.2}, in the place of those of the file.
+
+    Returns
+    -------
+    The scenario as written, whose `settings` are in SI.
+
+    Raises
+    ------
+    ScenarioError
+        With one Problem for every error of the file: file, line and key path; what must hold; what was received; the
+        remedy.
     """
     path = find_scenario(path_or_name)
     document = SCENARIO.load(path)
