@@ -26,7 +26,7 @@ from fieldmap.levitation.balance import (
 )
 from fieldmap.lookup.actuation import wrench_actuation
 from fieldmap.lookup.payload import check_payload
-from fieldmap.plain import Plain, plain_items
+from fieldmap.plain import Plain, plain_fields, plain_items
 from fieldmap.records import Record
 from fieldmap.typing import Array
 
@@ -60,17 +60,9 @@ class LiftCurrent(Record):
 
     def to_dict(self) -> dict[str, Plain]:
         """The result as plain Python, SI units; `history` stands under "states"."""
-        return plain_items(
-            position=self.position,
-            currents=self.currents,
-            field=self.field,
-            stiffness=self.stiffness,
-            assumptions=self.assumptions,
-            lift_current=self.current,
-            force=self.force,
-            force_per_ampere=self.force_per_ampere,
-            states=[{"current": current, "lift": newtons} for current, newtons in self.history],
-        )
+        states = [{"current": current, "lift": newtons} for current, newtons in self.history]
+        shown = plain_fields(self) | plain_items(lift_current=self.current, states=states)
+        return {name: value for name, value in shown.items() if name not in ("current", "history")}
 
 
 def lift_current(
