@@ -99,22 +99,18 @@ def test_a_rest_at_the_edge_of_the_map_is_refused(machine):
 
 def difference(experiment, linear, loop, size, periods=60):
     """Largest distance of the nonlinear loop from the linear one, over the size of the disturbance."""
-    deviation = (
-        size * np.array([1.0, -0.7, 0.5, 8.0, -6.0, 0.0, 5.0, 3.0, -4.0, 0.0, 0.0, 0.0])[: len(linear.states)]
-    )
+    disturbed = np.array([1.0, -0.7, 0.5, 8.0, -6.0, 0.0, 5.0, 3.0, -4.0, 0.0, 0.0, 0.0])
+    deviation, point = size * disturbed[: len(linear.states)], experiment.operating_point
     state = moved_state(linear, deviation)
-    wanted = np.tile(experiment.operating_point.sensed, (periods, 1))
-    schedule = Schedule(wanted, PERIOD, 2e-5, experiment.schedule.delay)
-    run = simulate_closed_loop(
-        experiment.machine, experiment.controller, schedule, state, experiment.operating_point.currents, None
-    )
-    z = np.zeros(len(loop.A))
-    z[: len(deviation)] = deviation
-    here, path = z, []
+    schedule = Schedule(np.tile(point.sensed, (periods, 1)), PERIOD, 2e-5, experiment.schedule.delay)
+    driven = experiment.machine, experiment.controller, schedule
+    run = simulate_closed_loop(*driven, state, point.currents, None)
+    here, path = np.zeros(len(loop.A)), []
+    here[: len(deviation)] = deviation
     for _ in range(periods):
         path.append(loop.C @ here)
         here = loop.A @ here
-    return np.abs(run.sensed - experiment.operating_point.sensed - path).max() / size
+    return np.abs(run.sensed - point.sensed - path).max() / size
 
 
 def test_the_nonlinear_loop_comes_to_the_linear_one_with_the_square_of_what_disturbs(six):

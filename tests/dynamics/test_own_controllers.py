@@ -115,17 +115,8 @@ def library(tmp_path_factory):
     folder = tmp_path_factory.mktemp("own")
     (folder / "own.c").write_text(C_TEXT + C_BESIDE)
     # No contraction: a product and a sum in one rounding would be other bits.
-    words = [
-        compiler,
-        "-O2",
-        "-ffp-contract=off",
-        "-shared",
-        "-fPIC",
-        "-o",
-        folder / "own.so",
-        folder / "own.c",
-    ]
-    subprocess.run(words, check=True)
+    how = ["-O2", "-ffp-contract=off", "-shared", "-fPIC"]
+    subprocess.run([compiler, *how, "-o", folder / "own.so", folder / "own.c"], check=True)
     return ctypes.CDLL(str(folder / "own.so"))
 
 
@@ -261,14 +252,8 @@ def test_a_loop_by_hand_goes_on_beyond_its_schedule_and_at_steps_of_its_own(plai
 
 def test_steps_that_do_not_fit_are_refused(plain):
     machine = RunningMachine(plain, schedule(), state_of([0, 0, 0]), [2.0], 3)
-    for outputs, dt in (
-        ([1.0, 2.0], None),
-        (np.nan, None),
-        (1.0, 1.5e-4),
-        (1.0, 3e-4),
-        (1.0, 0.0),
-        (1.0, np.nan),
-    ):
+    steps = [(1.0, dt) for dt in (1.5e-4, 3e-4, 0.0, np.nan)]
+    for outputs, dt in (([1.0, 2.0], None), (np.nan, None), *steps):
         with pytest.raises(InputError) as error:
             machine.step(outputs, dt)
         assert error.value.problems[0].where.startswith("RunningMachine.step")
@@ -543,17 +528,13 @@ def test_limits_state_and_period_are_checked(plain):
 def test_a_run_says_what_it_rests_on():
     for words, told in (
         ({"state": [0.0, 1.0]}, "no limits; a state of 2 numbers"),
-        (
-            {"lower": [0.0, -1.0, -1.0], "upper": 10.0, "state": [0.0]},
-            "limits 0, -1, -1 to 10; a state of 1 number",
-        ),
+        ({"lower": [0.0, -1.0, -1.0], "upper": 10.0}, "limits 0, -1, -1 to 10; a state of 1 number"),
         ({"upper": 10.0}, "limits -inf to 10; a state of"),
         ({"lower": -2.5}, "limits -2.5 to inf; a state of"),
     ):
-        assert told in FunctionController(python_pid, **{"state": 1} | words).assumption
-    assert FunctionController(python_pid, 2).assumption.startswith(
-        "controller: python_pid of test_own_controllers.py"
-    )
+        assert told in FunctionController(python_pid, **{"state": [0.0]} | words).assumption
+    told = FunctionController(python_pid, 2).assumption
+    assert told.startswith("controller: python_pid of test_own_controllers.py")
 
 
 OWN = """
