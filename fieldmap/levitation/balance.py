@@ -229,10 +229,10 @@ class RigidBalance(MagnetBalance):
         axis = np.tile([0.0, 0.0, self.sign], (len(points), 1))
         flux = self.source.field(points, self.currents)
         restoring = self.magnet.moment * np.linalg.norm(flux, axis=1) + self.weight * self.lever
+        # The weight hangs below the centre, along the axis.
+        hanging = self.sign * self.weight * self.lever * np.array([0.0, 0.0, 1.0])
         for _ in range(_TURNS):
-            torque = self._wrench(points, axis)[:, 3:] + self.sign * self.weight * self.lever * _cross_up(
-                axis
-            )
+            torque = self._wrench(points, axis)[:, 3:] + np.cross(axis, hanging)
             if (np.linalg.norm(torque, axis=1) <= _TORQUE * restoring).all():
                 return axis
             # A turn by torque over the restoring moment of a small tilt: Newton's step but for the field's gradient.
@@ -287,15 +287,9 @@ def body_balance(field: Field, currents: Array, payload: Payload, near: Array) -
     if not len(body.points):
         upright.moments(near)
         return upright
-    lifts = [one.magnetic_force(near)[:, 2].max() for one in (upright, turned)]
-    chosen = upright if lifts[0] >= lifts[1] else turned
+    chosen = max((upright, turned), key=lambda one: one.magnetic_force(near)[:, 2].max())
     chosen.moments(near)
     return chosen
-
-
-def _cross_up(axis: Array) -> Array:
-    """axis x e_z: the torque of a unit weight that hangs a unit length below the centre, along the axis."""
-    return np.stack([axis[:, 1], -axis[:, 0], np.zeros(len(axis))], axis=1)
 
 
 def _frames(axis: Array) -> Array:

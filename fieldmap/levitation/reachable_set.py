@@ -491,7 +491,7 @@ def reachable(
     if not source.affine or (isinstance(acted_on, MagneticBody) and acted_on.soft):
         return searched_set(field, place, lower, upper, acted_on, turn, progress)
     constant, slope = quantity_of(source, place, acted_on, turn)(np.zeros(count))
-    per_ampere = np.ascontiguousarray(slope.T)
+    per_ampere = slope.T.copy()
     vertices, triangles, volume = zonotope(per_ampere, lower, upper)
     return ReachableSet(
         quantity="field" if acted_on is None else "force",
