@@ -22,7 +22,7 @@ from functools import cached_property
 from typing import Any, ClassVar, NamedTuple, TypeVar
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from fieldmap.arguments import check, check_count, check_positive, check_signal
 from fieldmap.errors import InputError
@@ -206,7 +206,7 @@ class _Grouped(CurrentParametrisation):
 
     def currents(self, signals: ArrayLike) -> Array:
         """Every coil has the current of its group."""
-        return np.take(check_signal("signals", signals, columns=len(self.groups)), self._group_of, axis=-1)
+        return check_signal("signals", signals, columns=len(self.groups)).take(self._group_of, axis=-1)
 
     def derivative(self, signals: ArrayLike) -> Array:
         """`matrix`, at all signals."""
@@ -216,7 +216,8 @@ class _Grouped(CurrentParametrisation):
     def nearest(self, currents: ArrayLike) -> NearestSignals:
         """The mean of each group; off by the largest difference, as a share of the largest current."""
         given = check_signal("currents", currents, columns=self.coil_count)
-        values = np.stack([given[..., list(group)].mean(axis=-1) for group in self.groups], axis=-1)
+        matrix = self.matrix
+        values = given @ matrix / matrix.sum(axis=0)
         off, size = np.abs(self.currents(values) - given).max(axis=-1), np.abs(given).max(axis=-1)
         return NearestSignals(values, off / np.where(size > 0.0, size, 1.0))
 
@@ -229,9 +230,9 @@ class _Grouped(CurrentParametrisation):
         return CompiledParametrisation(False, 0.0, self.matrix)
 
     @cached_property
-    def _group_of(self) -> list[int]:
+    def _group_of(self) -> NDArray[np.intp]:
         place = {k: number for number, group in enumerate(self.groups) for k in group}
-        return [place[k] for k in range(self.coil_count)]
+        return np.array([place[k] for k in range(len(place))], dtype=np.intp)
 
 
 @register
@@ -263,6 +264,11 @@ class IndependentCurrents(_Grouped, Record):
     def signal_names(self) -> tuple[str, ...]:
         """ "i1", "i2" and so on."""
         return tuple(f"i{k + 1}" for k in range(self.coils))
+
+    def nearest(self, currents: ArrayLike) -> NearestSignals:
+        """The currents themselves, which are never off."""
+        values = check_signal("currents", currents, columns=self.coils)
+        return NearestSignals(values, np.zeros(values.shape[:-1]))
 
 
 @register
