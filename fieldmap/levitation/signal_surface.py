@@ -59,8 +59,8 @@ def equilibrium_surface(
     Each place is looked for from that of its neighbour nearer to 0, so that one branch is followed. Signals are those
     of the parametrisation. Any other field, and every one for which shares are given, takes level (shares + x c_x + y
     c_y): c_x pushes along x and nowhere else with least power, its largest current 1, at this height in the middle of
-    the box, and c_y along y (docs/theory/closed_loop.md (24)). Along an axis on which the coils do not push by themselves
-    the signal does nothing, and the assumptions say so.
+    the box, and c_y along y (docs/theory/closed_loop.md (24)). Along an axis on which the coils do not push by
+    themselves the signal does nothing, and the assumptions say so.
 
     Parameters
     ----------
