@@ -18,13 +18,14 @@ import json
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, ClassVar, NamedTuple, TypeVar
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
-from fieldmap.arguments import check_count, check_positive, check_signal
-from fieldmap.errors import InputError, Problem
+from fieldmap.arguments import check, check_count, check_positive, check_signal
+from fieldmap.errors import InputError
 from fieldmap.plain import Plain, plain_items
 from fieldmap.records import Record, tuple_line
 from fieldmap.typing import Array
@@ -149,21 +150,35 @@ def register(kind: P) -> P:
 
 
 def parametrisation(name: str, parameters: Mapping[str, Any]) -> CurrentParametrisation:
-    """The parametrisation of this name with these parameters. Raises InputError for an unknown name or parameters
-    that do not fit.
+    """The parametrisation of a name with parameters.
 
+    Parameters
+    ----------
+    name : by which it is registered.
+    parameters : by name, plain JSON.
+
+    Returns
+    -------
+    The parametrisation.
+
+    Raises
+    ------
+    InputError
+        For an unknown name, or parameters that do not fit.
+
+    Examples
+    --------
     >>> parametrisation("lift and directions", {"n": 1.25}).signal_names
     ('u', 'x', 'y')
     """
-    if name not in _registered:
-        must_hold, remedy = f"must be one of {', '.join(_registered)}", "install the version that knows it"
-        raise InputError(Problem("current parametrisation", must_hold, repr(name), remedy))
+    must = f"must be one of {', '.join(_registered)}"
+    remedy = "install the version that knows it"
+    check(name in _registered, "current parametrisation", must, repr(name), remedy)
     try:
         return _registered[name](**parameters)
     except TypeError as error:
-        remedy = "install the version that knows them"
-        problem = Problem(f"current parametrisation {name!r}", "must have its parameters", str(error), remedy)
-        raise InputError(problem) from error
+        where, remedy = f"current parametrisation {name!r}", "install the version that knows them"
+        raise InputError.of(where, "must have its parameters", str(error), remedy) from error
 
 
 def parametrisation_from_json(text: str) -> CurrentParametrisation:
@@ -173,9 +188,56 @@ def parametrisation_from_json(text: str) -> CurrentParametrisation:
     return parametrisation(content["name"], content["parameters"])
 
 
+class _Grouped(CurrentParametrisation):
+    """Each signal is the current of a group of coils in series, A."""
+
+    groups: tuple[tuple[int, ...], ...]
+    """Numbers of the coils of each group, from 0; every coil is in one group."""
+
+    @property
+    def coil_count(self) -> int:
+        """Number of currents."""
+        return sum(len(group) for group in self.groups)
+
+    @property
+    def matrix(self) -> Array:
+        """Currents (n_coils, n_groups) of groups at 1 A."""
+        return np.eye(len(self.groups))[self._group_of]
+
+    def currents(self, signals: ArrayLike) -> Array:
+        """Every coil has the current of its group."""
+        return check_signal("signals", signals, columns=len(self.groups)).take(self._group_of, axis=-1)
+
+    def derivative(self, signals: ArrayLike) -> Array:
+        """`matrix`, at all signals."""
+        leading = check_signal("signals", signals, columns=len(self.groups)).shape[:-1]
+        return np.tile(self.matrix, (*leading, 1, 1))
+
+    def nearest(self, currents: ArrayLike) -> NearestSignals:
+        """The mean of each group; off by the largest difference, as a share of the largest current."""
+        given = check_signal("currents", currents, columns=self.coil_count)
+        matrix = self.matrix
+        values = given @ matrix / matrix.sum(axis=0)
+        off, size = np.abs(self.currents(values) - given).max(axis=-1), np.abs(given).max(axis=-1)
+        return NearestSignals(values, off / np.where(size > 0.0, size, 1.0))
+
+    def largest(self, lower: Array, upper: Array) -> Array:
+        """The larger end of each group's range."""
+        return np.maximum(np.abs(lower), np.abs(upper))[self._group_of]
+
+    def kernel(self) -> CompiledParametrisation:
+        """`matrix`."""
+        return CompiledParametrisation(False, 0.0, self.matrix)
+
+    @cached_property
+    def _group_of(self) -> NDArray[np.intp]:
+        place = {k: number for number, group in enumerate(self.groups) for k in group}
+        return np.array([place[k] for k in range(len(place))], dtype=np.intp)
+
+
 @register
 @dataclass(frozen=True)
-class IndependentCurrents(CurrentParametrisation, Record):
+class IndependentCurrents(_Grouped, Record):
     """Each signal is the current of one coil, A.
 
     >>> IndependentCurrents(2).currents([1.0, 2.0])
@@ -194,40 +256,24 @@ class IndependentCurrents(CurrentParametrisation, Record):
         return {"coils": int(self.coils)}
 
     @property
-    def coil_count(self) -> int:
-        """Number of currents."""
-        return self.coils
+    def groups(self) -> tuple[tuple[int, ...], ...]:  # type: ignore[override]
+        """One coil each."""
+        return tuple((k,) for k in range(self.coils))
 
     @property
     def signal_names(self) -> tuple[str, ...]:
         """ "i1", "i2" and so on."""
         return tuple(f"i{k + 1}" for k in range(self.coils))
 
-    def currents(self, signals: ArrayLike) -> Array:
-        """The signals themselves."""
-        return check_signal("signals", signals, columns=self.coils)
-
-    def derivative(self, signals: ArrayLike) -> Array:
-        """The unit matrix."""
-        return _constant(np.eye(self.coils), signals)
-
     def nearest(self, currents: ArrayLike) -> NearestSignals:
         """The currents themselves, which are never off."""
         values = check_signal("currents", currents, columns=self.coils)
         return NearestSignals(values, np.zeros(values.shape[:-1]))
 
-    def largest(self, lower: Array, upper: Array) -> Array:
-        """The larger end of each range."""
-        return np.maximum(np.abs(lower), np.abs(upper))
-
-    def kernel(self) -> CompiledParametrisation:
-        """The unit matrix."""
-        return CompiledParametrisation(False, 0.0, np.eye(self.coils))
-
 
 @register
 @dataclass(frozen=True, repr=False)
-class CoilGroups(CurrentParametrisation, Record):
+class CoilGroups(_Grouped, Record):
     """Each signal is the current of a group of coils in series, A: a device moved along its symmetry.
 
     groups: numbers of the coils, from 0, of each group; every coil is in one group. Raises InputError otherwise.
@@ -242,16 +288,10 @@ class CoilGroups(CurrentParametrisation, Record):
     def __post_init__(self) -> None:
         groups = tuple(tuple(int(k) for k in group) for group in self.groups)
         coils = sorted(k for group in groups for k in group)
-        if not coils or coils != list(range(len(coils))) or not all(groups):
-            must_hold = "must name every coil once, by numbers from 0, and no group may be empty"
-            raise InputError(Problem("CoilGroups(groups)", must_hold, str(groups), "list each coil once"))
+        fits = bool(coils) and coils == list(range(len(coils))) and all(groups)
+        must = "must name every coil once, by numbers from 0, and no group may be empty"
+        check(fits, "CoilGroups(groups)", must, groups, "list each coil once")
         object.__setattr__(self, "groups", groups)
-
-    @property
-    def matrix(self) -> Array:
-        """Currents (n_coils, n_groups) of groups at 1 A."""
-        coils = [set(group) for group in self.groups]
-        return np.array([[float(k in group) for group in coils] for k in range(self.coil_count)])
 
     @property
     def parameters(self) -> dict[str, Any]:
@@ -259,42 +299,9 @@ class CoilGroups(CurrentParametrisation, Record):
         return {"groups": [list(group) for group in self.groups]}
 
     @property
-    def coil_count(self) -> int:
-        """Number of currents."""
-        return sum(len(group) for group in self.groups)
-
-    @property
     def signal_names(self) -> tuple[str, ...]:
         """ "g1", "g2" and so on."""
         return tuple(f"g{k + 1}" for k in range(len(self.groups)))
-
-    def currents(self, signals: ArrayLike) -> Array:
-        """Every coil has the current of its group."""
-        return check_signal("signals", signals, columns=len(self.groups))[..., self._group_of]
-
-    def derivative(self, signals: ArrayLike) -> Array:
-        """`matrix`."""
-        return _constant(self.matrix, signals)
-
-    def nearest(self, currents: ArrayLike) -> NearestSignals:
-        """The mean of each group; off by the largest difference, as a share of the largest current."""
-        given = check_signal("currents", currents, columns=self.coil_count)
-        values = np.stack([given[..., list(group)].mean(axis=-1) for group in self.groups], axis=-1)
-        off, size = np.abs(self.currents(values) - given).max(axis=-1), np.abs(given).max(axis=-1)
-        return NearestSignals(values, off / np.where(size > 0.0, size, 1.0))
-
-    def largest(self, lower: Array, upper: Array) -> Array:
-        """The larger end of each group's range."""
-        return np.maximum(np.abs(lower), np.abs(upper))[self._group_of]
-
-    def kernel(self) -> CompiledParametrisation:
-        """`matrix`."""
-        return CompiledParametrisation(False, 0.0, self.matrix)
-
-    @property
-    def _group_of(self) -> list[int]:
-        place = {k: number for number, group in enumerate(self.groups) for k in group}
-        return [place[k] for k in range(self.coil_count)]
 
 
 # The side of the axes on which each of the six coils lies; the second and the fifth lie on the x axis.
@@ -494,19 +501,32 @@ def divide_currents(u: ArrayLike, x: ArrayLike, y: ArrayLike, n: float = 1.0) ->
 
 
 def undivide_currents(currents: ArrayLike, n: float = 1.0) -> DivisionSignals:
-    """The signals of `LiftAndDirections` nearest to currents (..., 6), exact if there are such signals.
+    """The signals of `LiftAndDirections` nearest to currents, exact if there are such signals.
 
-    Raises InputError for currents that are not finite, or whose mean is zero.
+    Parameters
+    ----------
+    currents : (..., 6).
+    n : of `LiftAndDirections`.
 
+    Returns
+    -------
+    u, x and y, and by how much the currents differ from theirs.
+
+    Raises
+    ------
+    InputError
+        For currents that are not finite, or whose mean is zero.
+
+    Examples
+    --------
     >>> s = undivide_currents([0.72, 0.75, 0.88, 1.08, 1.25, 1.32], n=1.25)
     >>> print(round(float(s.x), 9), round(float(s.y), 9), bool(s.mismatch < 1e-12))
     0.2 0.1 True
     """
     check_positive("undivide_currents", n=n)
     found = LiftAndDirections(n).nearest(check_signal("undivide_currents(currents)", currents, columns=6))
-    if np.isinf(found.mismatch).any():
-        must_hold = "must have a mean other than 0"
-        raise InputError(Problem("undivide_currents(currents)", must_hold, "mean 0", "u is that mean"))
+    known, where = bool(np.isfinite(found.mismatch).all()), "undivide_currents(currents)"
+    check(known, where, "must have a mean other than 0", "mean 0", "u is that mean")
     u, x, y = np.moveaxis(found.values, -1, 0)
     return DivisionSignals(u, x, y, found.mismatch)
 
@@ -520,9 +540,3 @@ def division_slopes(u: float, x: float, y: float, n: float = 1.0) -> Array:
     """
     check_positive("division_slopes", n=n)
     return LiftAndDirections(n).derivative(check_signal("division_slopes(u, x, y)", [u, x, y]))
-
-
-def _constant(matrix: Array, signals: ArrayLike) -> Array:
-    """The same matrix at all signals (..., n_signals)."""
-    leading = check_signal("signals", signals, columns=matrix.shape[1]).shape[:-1]
-    return np.array(np.broadcast_to(matrix, (*leading, *matrix.shape)))

@@ -59,12 +59,7 @@ from fieldmap.control.regulator import (
 )
 from fieldmap.control.step_responses import StepMetrics, step_metrics
 from fieldmap.core.sampled_loop import LoopInstruments
-from fieldmap.currents import (
-    DivisionSignals,
-    divide_currents,
-    division_slopes,
-    undivide_currents,
-)
+from fieldmap.currents import DivisionSignals, divide_currents, division_slopes, undivide_currents
 
 if TYPE_CHECKING:
     from fieldmap.control.jitted_function import C_SIGNATURE as C_SIGNATURE

@@ -14,9 +14,9 @@ from numba.core.ccallback import CFunc as CFunc
 from numba.core.errors import NumbaError
 from numba.extending import is_jitted as is_jitted
 
-from fieldmap.control.function_failure import CALL, WHERE, BoundFunction, guarded, reason, wrong_outputs
+from fieldmap.control.function_controller import CALL, WHERE, BoundFunction, guarded, reason, wrong_outputs
 from fieldmap.core.controller import DONE, FAILED, WRONG_LENGTH
-from fieldmap.errors import InputError, Problem
+from fieldmap.errors import InputError
 from fieldmap.typing import Array
 
 _POINTER = types.CPointer(types.float64)
@@ -41,7 +41,7 @@ class JittedFunction(BoundFunction):
             must = f"must compile as {CALL}: a float and three arrays of float64"
             correct = "correct the line that numba names, or give the function without numba"
             remedy = f"{correct}; use @numba.njit alone"
-            raise InputError(Problem(WHERE, must, reason(error), remedy)) from error
+            raise InputError.of(WHERE, must, reason(error), remedy) from error
         (fill, number), outputs = _filling(returned), len(names)
         if number not in (None, outputs):
             raise InputError(wrong_outputs(WHERE, names, f"{returned}"))

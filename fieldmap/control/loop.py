@@ -28,7 +28,7 @@ from fieldmap.control.pid import PID, pid_block
 from fieldmap.control.regulator import Regulator, regulator_block
 from fieldmap.core.controller import CoreController
 from fieldmap.core.sampled_loop import LoopInstruments, Plant, Signals, simulate
-from fieldmap.errors import InputError, Problem
+from fieldmap.errors import InputError
 from fieldmap.records import Record
 from fieldmap.typing import Array
 
@@ -93,43 +93,51 @@ def simulate_loop(
 ) -> LinearLoopRun:
     """Closed-loop runs of a sampled plant from rest, one controller step per sample.
 
-    plant: (numerator, denominator) in q or (A, B, C, D), sampled at controller.Ts, one input, one output, strictly
-    proper. controller: a PID, a regulator, or a block of one output, whose signals of all axes are this one; a block
-    does not know its sampling time, so give Ts, s. reference (samples,). Noise and disturbance (of the plant's input):
-    numbers, (samples,) or (runs, samples), for example of a seeded generator; position noise is in the plant's output
-    unit, voltage noise at the converter, current noise in the drive's unit. A limit of the controller or the drive
-    saturates as it would.
+    A limit of the controller or the drive saturates as it would.
 
-    Raises InputError for signals that are not finite or do not fit, and for a plant that is not strictly proper.
+    Parameters
+    ----------
+    plant : (numerator, denominator) in q or (A, B, C, D), sampled at the controller's Ts; one input, one output,
+        strictly proper.
+    controller : a PID, a regulator, or a block of one output, whose signals of all axes are this one.
+    reference : (samples,), in the unit of the plant's output.
+    Ts : sampling time of a block, which does not know it, s.
+    runs : how many.
+    position_noise, voltage_noise, current_noise, disturbance : numbers, (samples,) or (runs, samples), for example of a
+        seeded generator. Position noise is in the unit of the plant's output, voltage noise is that at the converter,
+        current noise is in the unit of the drive; the disturbance adds to the plant's input.
+    instruments : converters and drive; ideal unless given.
 
+    Returns
+    -------
+    The runs: time (samples,), y and u (runs, samples).
+
+    Raises
+    ------
+    InputError
+        For signals that are not finite or do not fit, and for a plant that is not strictly proper.
+
+    Examples
+    --------
     >>> plant = ([-0.03, 0.0298], [1, -1.915, 0.91405])
     >>> run = simulate_loop(plant, PID(0.334, 0.007, 0.001, 2e-3, acts_on_minus_error=True), np.ones(1500))
     >>> print(round(run.y[0, -1], 3))
     1.0
     """
     model, (period, block) = _strictly_proper(plant), _block(controller, Ts)
-    where, target = (
-        "simulate_loop(reference)",
-        np.atleast_1d(check_signal("simulate_loop(reference)", reference)),
-    )
-    must = "must be a signal (samples,), one sample or more"
-    shape = (runs, target.size)
-    check(
-        target.shape == shape[1:] and target.size > 0,
-        where,
-        must,
-        f"shape {target.shape}",
-        "give one value per sample",
-    )
+    where, must = "simulate_loop(reference)", "must be a signal (samples,), one sample or more"
+    target = np.atleast_1d(check_signal(where, reference))
+    fits = target.ndim == 1 and target.size > 0
+    check(fits, where, must, f"shape {target.shape}", "give one value per sample")
     check_count("simulate_loop", runs=runs)
-    noises = {
+    shape = (runs, target.size)
+    given = {
         "position_noise": position_noise,
         "voltage_noise": voltage_noise,
         "current_noise": current_noise,
+        "disturbance": disturbance,
     }
-    signals = {
-        name: _fitting(name, given, shape) for name, given in {**noises, "disturbance": disturbance}.items()
-    }
+    signals = {name: _fitting(name, values, shape) for name, values in given.items()}
     y, u = np.empty(shape), np.empty(shape)
     core, memory = CoreController(block.arrays), np.array(block.memory, float)
     simulate(model, core, instruments or LoopInstruments(), Signals(target[None], **signals), memory, y, u)
@@ -149,7 +157,7 @@ def _block(controller: PID | Regulator | Controller, given: float | None) -> tup
     check(count == 1, "simulate_loop(controller)", "must have one output", count, remedy)
     if given is None:
         must, remedy = "must be given: a block does not know it", "give the plant's sampling time, s"
-        raise InputError(Problem(where, must, "None", remedy))
+        raise InputError.of(where, must, "None", remedy)
     check_positive("simulate_loop", Ts=given)
     return given, controller
 
@@ -178,11 +186,7 @@ def _fitting(name: str, values: ArrayLike, shape: tuple[int, int]) -> Array:
 
 
 def compensated_reference(
-    height: ArrayLike,
-    horizontal: ArrayLike,
-    Ts: float,
-    push: float,
-    duration: float,
+    height: ArrayLike, horizontal: ArrayLike, Ts: float, push: float, duration: float
 ) -> Array:
     """The vertical reference (n,), less `push` for `duration` after each change of a horizontal reference (n,).
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -20,7 +20,7 @@ from fieldmap.constants import GRAVITY
 from fieldmap.control.linear_models import StateSpace
 from fieldmap.device.model import Payload
 from fieldmap.field import AnyField, require_bounds, resolve_currents
-from fieldmap.levitation.balance import Balance, check_position
+from fieldmap.levitation.balance import CURRENT_STEP, Balance, check_position
 from fieldmap.levitation.equilibrium import assumptions
 from fieldmap.levitation.lift import direction_of_lift
 from fieldmap.lookup.payload import check_payload
@@ -114,11 +114,7 @@ class LumpedMagnet(Record):
 
 
 def lumped_magnet_from_lift_currents(
-    current_at_zero: float,
-    slope: float,
-    mass: float,
-    damping: float = 0.0,
-    gravity: float = GRAVITY,
+    current_at_zero: float, slope: float, mass: float, damping: float = 0.0, gravity: float = GRAVITY
 ) -> LumpedMagnet:
     """The lumped magnet whose equilibrium current is current_at_zero + slope z (A, A/m), as measured.
 
@@ -133,10 +129,6 @@ def lumped_magnet_from_lift_currents(
     check_positive(where, current_at_zero=current_at_zero, slope=slope, mass=mass, gravity=gravity)
     length = current_at_zero / slope
     return LumpedMagnet(2 * length * mass * gravity / current_at_zero**2, length, mass, damping, gravity)
-
-
-_CURRENT_STEP = 0.01
-"""Largest change of a current, of the largest current, over which a force is differenced unless told otherwise."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -213,18 +205,36 @@ def plant_from_map(
 ) -> MapPlant:
     """The linear motion of the payload's magnet about a point of a map, at currents that should carry it there.
 
-    field: an opened map, a solution, or any other `fieldmap.field.Field` with a box. position (3,): the magnet's
-    centre, m. currents (n_coils,), A, such as `lift_current(...).currents` or those of `find_equilibrium`. signals
-    (n_coils, k): currents per unit of each input signal, A, such as `division_slopes(u, x, y, n)`; without it every
-    coil is an input. damping: N s/m, a number or (3, 3). moment: "fixed" keeps it vertical, turned so that it is
-    lifted; "aligned" lets it follow B. signal_steps (k,): forces per signal are central differences over plus and minus
-    these; without it over steps in which no current changes by more than 1 % of the largest. They are exact where the
-    force is linear in the currents, of second order in the step where iron saturates.
+    Parameters
+    ----------
+    field : an opened map, a solution, or any other `fieldmap.field.Field` with a box.
+    payload : whose magnet moves.
+    position : the magnet's centre (3,), m.
+    currents : (n_coils,), A, such as `lift_current(...).currents` or those of `find_equilibrium`.
+    signals : currents (n_coils, k), A, per unit of each input signal, such as `division_slopes(u, x, y, n)`; every coil
+        is an input unless given.
+    damping : N s/m, a number or (3, 3).
+    moment : "fixed" keeps the moment vertical, turned so that it is lifted; "aligned" lets it follow B.
+    signal_steps : (k,), over plus and minus which forces per signal are differenced; unless given, steps in which no
+        current changes by more than 1 % of the largest. The differences are exact where the force is linear in the
+        currents, and of second order in the step where iron saturates.
 
-    Raises InputError for arguments that do not fit, OutsideMapError for a point or currents beyond the map,
-    Infeasible where the field does not lift.
+    Returns
+    -------
+    The plant, in the frame of the map.
 
-    Example::
+    Raises
+    ------
+    InputError
+        For arguments that do not fit.
+    OutsideMapError
+        For a point or currents beyond the map.
+    Infeasible
+        Where the field does not lift.
+
+    Examples
+    --------
+    ::
 
         lift = lift_current(m, device.payload, point)
         plant = plant_from_map(m, device.payload, point, lift.currents, division_slopes(lift.current, 0, 0, n=1.25))
@@ -245,27 +255,19 @@ def plant_from_map(
     balance = Balance(source, amperes, carried.mass, carried.moment, up)
     loss = _damping(where, damping, 3)
     largest = np.abs(directions).max(axis=0)
-    change = _CURRENT_STEP * (np.abs(amperes).max() or 1.0)
+    change = CURRENT_STEP * (np.abs(amperes).max() or 1.0)
     steps = np.divide(change, largest, out=np.ones_like(largest), where=largest > 0.0)
     if signal_steps is not None:
         steps = check_signal(f"{where}(signal_steps)", signal_steps)
         good = steps.shape == largest.shape and bool((steps > 0.0).all())
         must = f"must be {largest.size} positive numbers, one for each signal"
         check(good, f"{where}(signal_steps)", must, steps.tolist(), "leave it out for small steps")
-
-    def force(changed: Array) -> Array:
-        return replace(balance, currents=amperes + changed).magnetic_force(point[None, :])[0]
-
-    slopes = [
-        (force(step * direction) - force(-step * direction)) / (2.0 * step)
-        for direction, step in zip(directions.T, steps, strict=True)
-    ]
     return MapPlant(
         position=point,
         currents=amperes,
         mass=carried.mass,
         stiffness=balance.stiffness(point),
-        force_per_signal=np.column_stack(slopes),
+        force_per_signal=balance.force_per_signal(point, directions, steps),
         damping=loss,
         imbalance=balance.residual(point[None, :])[0] / balance.weight,
         assumptions=(

@@ -26,7 +26,7 @@ from fieldmap.arguments import (
 from fieldmap.control.blocks import ALONE, AxisReading, ControllerBlock, RunningBlock, run_block
 from fieldmap.control.linear_models import check_model, zero_order_hold
 from fieldmap.core.controller import SIGNALS
-from fieldmap.errors import InputError, Problem
+from fieldmap.errors import InputError
 from fieldmap.plain import Plain, plain_items
 from fieldmap.records import Record, tuple_line
 from fieldmap.typing import Array
@@ -56,12 +56,29 @@ class Estimator(NamedTuple):
 
 
 def lqrd(A: ArrayLike, B: ArrayLike, Q: ArrayLike, R: ArrayLike, Ts: float) -> Array:
-    """Gain k (m, n) of u[n] = -k x[n], held for Ts, that minimises the continuous cost of dx/dt = A x + B u.
+    """Gain of the sampled state feedback that minimises the continuous cost of dx/dt = A x + B u.
 
-    The cost is the integral of x'Q x + u'R u, also between the samples. Q (n, n) symmetric, positive
-    semidefinite; R (m, m) symmetric, positive definite; Ts in s. Equivalent to the command of the same name in MATLAB.
-    Raises InputError for matrices that do not fit, or a plant that cannot be stabilised.
+    The cost is the integral of x'Q x + u'R u, also between the samples. Equivalent to the command of the same name in
+    MATLAB.
 
+    Parameters
+    ----------
+    A, B : the plant, (n, n) and (n, m).
+    Q : weight of the states (n, n), symmetric, positive semidefinite.
+    R : weight of the inputs (m, m), symmetric, positive definite.
+    Ts : sampling time, s.
+
+    Returns
+    -------
+    k (m, n) of u[n] = -k x[n], held for Ts.
+
+    Raises
+    ------
+    InputError
+        For matrices that do not fit, or a plant that cannot be stabilised.
+
+    Examples
+    --------
     >>> lqrd(0.0, 1.0, 1.0, 1.0, 1e-6).round(5).tolist()  # an integrator, hardly sampled: k = sqrt(Q / R)
     [[1.0]]
     """
@@ -75,8 +92,7 @@ def lqrd(A: ArrayLike, B: ArrayLike, Q: ArrayLike, R: ArrayLike, Ts: float) -> A
     transition, cost = _integral(both, scipy.linalg.block_diag(Q, R), Ts)
     A_d, B_d = transition[:order, :order], transition[:order, order:]
     Q_d, N_d, R_d = cost[:order, :order], cost[:order, order:], cost[order:, order:]
-    P = _riccati("lqrd", A_d, B_d, Q_d, R_d, N_d)
-    return np.asarray(np.linalg.solve(R_d + B_d.T @ P @ B_d, B_d.T @ P @ A_d + N_d.T), np.float64)
+    return _riccati("lqrd", A_d, B_d, Q_d, R_d, N_d)[1]
 
 
 def kalmd(
@@ -90,12 +106,30 @@ def kalmd(
     D: ArrayLike | None = None,
     G: ArrayLike | None = None,
 ) -> Estimator:
-    """Kalman filter for samples, Ts apart, of dx/dt = A x + B u + G w, y = C x + D u + v with continuous white noise.
+    """Kalman filter for samples of dx/dt = A x + B u + G w, y = C x + D u + v with continuous white noise.
 
-    Qn: spectral density of w; Rn: of v, so that a sample of v has the covariance Rn / Ts. G: how w enters, B unless
-    given. Equivalent to MATLAB's command of the same name ("current" estimator). Raises InputError for matrices that
-    do not fit, or a plant that cannot be observed.
+    Equivalent to MATLAB's command of the same name ("current" estimator).
 
+    Parameters
+    ----------
+    A, B, C : the plant, (n, n), (n, m) and (p, n).
+    Qn : spectral density of w.
+    Rn : spectral density of v, so that a sample of v has the covariance Rn / Ts.
+    Ts : sampling time, s.
+    D : direct gain (p, m); none unless given.
+    G : how w enters, (n, k); B unless given.
+
+    Returns
+    -------
+    The sampled filter.
+
+    Raises
+    ------
+    InputError
+        For matrices that do not fit, or a plant that cannot be observed.
+
+    Examples
+    --------
     >>> kalmd(0.0, 1.0, 1.0, 1.0, 1.0, 1e-6).B_est.round(8).tolist()  # gain sqrt(Qn / Rn) Ts
     [[1e-06, 1e-06]]
     """
@@ -108,7 +142,7 @@ def kalmd(
     A_d, B_d = zero_order_hold(A, B, Ts)
     Q_d = _integral(A.T, G @ Qn @ G.T, Ts)[1]
     R_d = Rn / Ts
-    P = _riccati("kalmd", A_d.T, C.T, Q_d, R_d)
+    P, _ = _riccati("kalmd", A_d.T, C.T, Q_d, R_d)
     M = np.linalg.solve(C @ P @ C.T + R_d, C @ P).T
     L = A_d @ M
     kept = np.eye(order) - M @ C
@@ -130,7 +164,10 @@ def _integral(A: Array, weight: Array, Ts: float) -> tuple[Array, Array]:
     return transition, 0.5 * (integral + integral.T)
 
 
-def _riccati(where: str, A: Array, B: Array, Q: Array, R: Array, S: Array | None = None) -> Array:
+def _riccati(
+    where: str, A: Array, B: Array, Q: Array, R: Array, S: Array | None = None
+) -> tuple[Array, Array]:
+    """The solution of the discrete Riccati equation, and the gain of the feedback that it stands for."""
     must = "must have a stabilising solution of its Riccati equation"
     remedy = (
         "check that every unstable state is reached by the input (lqrd) or seen in the output (kalmd), and "
@@ -139,13 +176,13 @@ def _riccati(where: str, A: Array, B: Array, Q: Array, R: Array, S: Array | None
     try:
         P = scipy.linalg.solve_discrete_are(A, B, Q, R, s=S)
     except (np.linalg.LinAlgError, ValueError) as error:
-        raise InputError(Problem(where, must, f"none ({error})", remedy)) from None
+        raise InputError.of(where, must, f"none ({error})", remedy) from None
     # The solver may return a solution that does not stabilise, where a mode is out of reach.
     cross = 0.0 if S is None else S.T
-    gain = np.linalg.solve(R + B.T @ P @ B, B.T @ P @ A + cross)
+    gain = np.asarray(np.linalg.solve(R + B.T @ P @ B, B.T @ P @ A + cross), np.float64)
     slowest = float(np.abs(np.linalg.eigvals(A - B @ gain)).max())
     check(slowest < 1.0, where, must, f"one that leaves a pole at {slowest:.6g} from the origin", remedy)
-    return P
+    return P, gain
 
 
 def _symmetric(where: str, values: ArrayLike, size: int, definite: bool = False) -> Array:
@@ -156,13 +193,8 @@ def _symmetric(where: str, values: ArrayLike, size: int, definite: bool = False)
     positive = lowest > 0 if definite else lowest >= -1e-12 * scale
     must = f"must be symmetric, positive {'definite' if definite else 'semidefinite'}"
     received = f"lowest eigenvalue {lowest:.3g}, {'' if symmetric else 'not '}symmetric"
-    check(
-        symmetric and positive,
-        where,
-        must,
-        received,
-        "choose weights that make every direction cost something",
-    )
+    remedy = "choose weights that make every direction cost something"
+    check(symmetric and positive, where, must, received, remedy)
     return matrix
 
 
@@ -197,10 +229,7 @@ class Regulator(Record):
         remedy = "design it with lqrd on with_output_integral(A, B, C); give 0 for no integral"
         check(gain.size == order + 1, "Regulator(k)", must, f"{gain.size} gains", remedy)
         must = "must not need this sample's output to know this sample's states (D = 0)"
-        received, direct = (
-            "a first column of D_est that is not zero",
-            bool(np.any(self.estimator.D_est[:, 0])),
-        )
+        received, direct = "a first column of D_est that is not zero", np.any(self.estimator.D_est[:, 0])
         check(not direct, "Regulator(estimator)", must, received, "take a strictly proper plant")
         object.__setattr__(self, "k", gain)
         check_positive("Regulator", Ts=self.Ts)

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from fieldmap.arguments import check, check_count, check_numbers, check_positive, check_record
 from fieldmap.control.linear_models import TransferFunction
-from fieldmap.errors import NotConverged, Problem
+from fieldmap.errors import NotConverged
 from fieldmap.records import Record
 from fieldmap.typing import Array
 
@@ -179,11 +179,9 @@ def fit_second_order(time: ArrayLike, response: ArrayLike, step: float = 1.0) ->
     def model(gain: float, w: float, damping: float) -> TransferFunction:
         return TransferFunction(np.array([gain * w * w]), np.array([1.0, 2.0 * damping * w, w * w]))
 
-    names, starts = (
-        ("gain", "natural_frequency", "damping"),
-        [(y[-1] / step, 1.5 / half, z) for z in (0.3, 1.5)],
-    )
-    tries = [_fit("fit_second_order", answer, y, np.array(start), names, model) for start in starts]
+    names = ("gain", "natural_frequency", "damping")
+    starts = [np.array([y[-1] / step, 1.5 / half, damping]) for damping in (0.3, 1.5)]
+    tries = [_fit("fit_second_order", answer, y, start, names, model) for start in starts]
     return min(tries, key=lambda found: found.residual_rms)
 
 
@@ -191,13 +189,8 @@ def _response(where: str, time: ArrayLike, response: ArrayLike, step: float) -> 
     """Times since the first one, and what was measured."""
     t, y = check_record(where, 8, time=time, response=response)
     check_numbers(where, step=step)
-    check(
-        step != 0.0,
-        f"{where}(step)",
-        "must be a step that is not 0",
-        step,
-        "give the height of the input's step",
-    )
+    remedy = "give the height of the input's step"
+    check(step != 0.0, f"{where}(step)", "must be a step that is not 0", step, remedy)
     return t - t[0], y
 
 
@@ -223,9 +216,8 @@ def _fit(
     start = np.concatenate([[1.0], np.log(guess[1:])])
     found = scipy.optimize.least_squares(lambda x: answer(unpack(x)) - y, start, xtol=1e-12, ftol=1e-14)
     if not found.success or not np.isfinite(found.fun).all():
-        raise NotConverged(
-            Problem(where, "must converge", found.message, "check that the response begins at the step")
-        )
+        remedy = "check that the response begins at the step"
+        raise NotConverged.of(where, "must converge", found.message, remedy)
     variance = 2 * found.cost / (y.size - start.size)
     triangle = np.linalg.qr(found.jac, mode="r")
     spread = np.sqrt(variance * np.sum(np.linalg.pinv(triangle) ** 2, axis=1))

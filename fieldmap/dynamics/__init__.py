@@ -64,7 +64,7 @@ from fieldmap.dynamics.scenario import (
 )
 from fieldmap.dynamics.sensors import Sensors
 from fieldmap.dynamics.surroundings import Drag, Plate, Walls
-from fieldmap.levitation.least_power import lift_shares
+from fieldmap.levitation.lift import lift_shares
 
 __all__ = [
     "AxisReading",

@@ -12,11 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fieldmap.arguments import check_positive, check_signal
+from fieldmap.arguments import check, check_positive, check_signal
 from fieldmap.core.machine import Allocation
 from fieldmap.currents import CurrentParametrisation, LiftAndDirections
-from fieldmap.errors import Infeasible, InputError, Problem
-from fieldmap.levitation.least_power import push_shares
+from fieldmap.levitation.lift import idle_note, signal_pushes
 from fieldmap.records import Record
 from fieldmap.typing import Array
 
@@ -69,7 +68,7 @@ class ParametrisedAllocation(Record, ControlAllocation):
 
     @property
     def coils(self) -> int:
-        """Those of the parametrisation."""
+        """Number of voltages."""
         return self.parametrisation.coil_count
 
     @property
@@ -137,11 +136,26 @@ class MatrixAllocation(Record, ControlAllocation):
 def least_power_allocation(force_per_ampere: ArrayLike, shares: ArrayLike, volts: float) -> MatrixAllocation:
     """Outputs lift (V), x and y become the voltages of n coils.
 
-    force_per_ampere (3, n): N/A, about the operating point. shares (n,): of the lift's volt, such as `lift_shares`.
-    volts: lift there; an x signal of 1 adds that many volts to the coil that takes most of it, in the proportions that
-    push along x and nowhere else with least power. Along an axis on which the coils do not push by themselves the
-    signal does nothing, and the assumptions say so. Raises InputError for arguments that do not fit.
+    Along an axis on which the coils do not push by themselves the signal does nothing, and the assumptions say so.
 
+    Parameters
+    ----------
+    force_per_ampere : about the operating point (3, n), N/A.
+    shares : of the lift's volt (n,), such as `lift_shares`.
+    volts : lift at the operating point. An x signal of 1 adds that many volts to the coil that takes most of it, in the
+        proportions that push along x and nowhere else with least power.
+
+    Returns
+    -------
+    The allocation.
+
+    Raises
+    ------
+    InputError
+        For arguments that do not fit.
+
+    Examples
+    --------
     >>> allocation = least_power_allocation([[0.1, -0.1], [0.0, 0.0], [0.3, 0.3]], [1.0, 1.0], 2.0)
     >>> allocation.matrix.round(9).tolist(), allocation.idle
     ([[1.0, 2.0, 0.0], [1.0, -2.0, 0.0]], ('y',))
@@ -149,21 +163,12 @@ def least_power_allocation(force_per_ampere: ArrayLike, shares: ArrayLike, volts
     force = np.asarray(force_per_ampere, dtype=float)
     check_positive("least_power_allocation", volts=volts)
     lift = check_signal("least_power_allocation(shares)", shares)
-    if lift.shape != force.shape[1:]:
-        must = f"must be ({force.shape[1]},)"
-        raise InputError(
-            Problem("least_power_allocation(shares)", must, f"{lift.shape}", "give one per coil")
-        )
-    columns, idle = [lift], []
-    for axis in (0, 1):
-        try:
-            columns.append(volts * push_shares(force, axis))
-        except Infeasible:
-            columns.append(np.zeros_like(lift))
-            idle.append("xy"[axis])
+    fits, must = lift.shape == force.shape[1:], f"must be ({force.shape[1]},)"
+    check(fits, "least_power_allocation(shares)", must, lift.shape, "give one per coil")
+    pushes, idle = signal_pushes(force)
     shown = ", ".join(f"{share:.3g}" for share in lift)
     pushed = " or ".join(axis for axis in "xy" if axis not in idle)
     signals = f"; a signal {pushed} of 1 adds {volts:.3g} V to a coil" if pushed else ""
-    notes = [f"coils by least power: lift in the shares {shown}{signals}"]
-    notes += [f"the coils do not push along {axis} by themselves: that signal does nothing" for axis in idle]
-    return MatrixAllocation(np.column_stack(columns), np.zeros(len(lift)), SIGNALS, tuple(idle), tuple(notes))
+    notes = (f"coils by least power: lift in the shares {shown}{signals}", *map(idle_note, idle))
+    matrix = np.column_stack([lift, volts * pushes])
+    return MatrixAllocation(matrix, np.zeros(len(lift)), SIGNALS, idle, notes)

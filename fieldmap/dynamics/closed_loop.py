@@ -14,19 +14,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fieldmap.arguments import check_count, check_positive, check_signal
+from fieldmap.arguments import check, check_count, check_positive, check_signal
 from fieldmap.control.blocks import Controller
-from fieldmap.control.function_controller import FunctionController
-from fieldmap.control.function_failure import BoundFunction, failure, guarded, written_beside
-from fieldmap.core.closed_loop import (
-    GOES_ON,
-    NO_FUNCTION,
-    ControlLaw,
-    Loop,
-    Progress,
-    Signals,
-    Timing,
+from fieldmap.control.function_controller import (
+    BoundFunction,
+    FunctionController,
+    failure,
+    guarded,
+    written_beside,
 )
+from fieldmap.core.closed_loop import GOES_ON, NO_FUNCTION, ControlLaw, Loop, Progress, Signals, Timing
 from fieldmap.core.controller import SIGNALS, CoreController
 from fieldmap.core.library import LIBRARY
 from fieldmap.core.machine import STATE, CoreMachine
@@ -37,6 +34,8 @@ from fieldmap.dynamics.machine import CONTACTS, Machine
 from fieldmap.errors import ControllerError, InputError, NotConverged, Problem
 from fieldmap.records import Record
 from fieldmap.typing import Array
+
+_WHERE = "simulate_closed_loop"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -64,14 +63,10 @@ class Schedule(Record):
         object.__setattr__(self, "references", references)
         ratio, late = self.period / self.step, self.delay / self.step
         whole = abs(ratio - round(ratio)) < 1e-6 and abs(late - round(late)) < 1e-6
-        if not (whole and ratio >= 0.5 and -1e-9 <= late <= ratio + 1e-6):
-            must = (
-                "step must go into period and delay a whole number of times, delay must be at most a period"
-            )
-            received = f"period {self.period:g}, step {self.step:g}, delay {self.delay:g} s"
-            raise InputError(
-                Problem("Schedule(step)", must, received, "take for example 2e-3, 1e-4 and 5e-4")
-            )
+        fits = whole and ratio >= 0.5 and -1e-9 <= late <= ratio + 1e-6
+        must = "step must go into period and delay a whole number of times, delay must be at most a period"
+        received = f"period {self.period:g}, step {self.step:g}, delay {self.delay:g} s"
+        check(fits, "Schedule(step)", must, received, "take for example 2e-3, 1e-4 and 5e-4")
 
     @property
     def clock(self) -> Timing:
@@ -105,12 +100,30 @@ def simulate_closed_loop(
     currents: ArrayLike,
     seed: int | np.random.SeedSequence | None = 0,
 ) -> LevitationRun:
-    """One run from a state (13,) and currents (n,), A.
+    """One run from a state and currents.
 
-    controller: a shipped one, or a function: `FunctionController`. seed: of all noise: equal seeds give equal bits;
-    None for a run without noise. Raises InputError for arguments that do not fit, NotConverged where the model of
-    saturating iron has no solution at the currents to begin with, ControllerError for a function that
-    fails on the way, whatever it raises itself where that is no Exception, such as KeyboardInterrupt.
+    Parameters
+    ----------
+    machine : what moves, senses and drives.
+    controller : a shipped one, or a function: `FunctionController`.
+    schedule : references, the two rates, feed-forward and loads.
+    state : (13,).
+    currents : (n,), A.
+    seed : of all noise: equal seeds give equal bits; None for a run without noise.
+
+    Returns
+    -------
+    The recorded run, and how it ended.
+
+    Raises
+    ------
+    InputError
+        For arguments that do not fit.
+    NotConverged
+        Where the model of saturating iron has no solution at the currents to begin with.
+    ControllerError
+        For a function that fails on the way. What it raises itself comes through where that is no Exception, such as
+        KeyboardInterrupt.
     """
     bound = None
     if isinstance(controller, FunctionController):
@@ -120,15 +133,10 @@ def simulate_closed_loop(
         law = function_law(machine, bound.address, controller)
     else:
         names = machine.allocation.output_names
-        if controller.outputs != len(names):
-            where, remedy = (
-                "simulate_closed_loop(controller)",
-                "stack one block for each output, such as lift, x and y",
-            )
-            raise InputError(
-                Problem(where, f"must have {len(names)} outputs", f"{controller.outputs}", remedy)
-            )
-        inverse = controller.inverse(np.array(check_signal("simulate_closed_loop(state)", state)))
+        fits, must = controller.outputs == len(names), f"must have {len(names)} outputs"
+        remedy = "stack one block for each output, such as lift, x and y"
+        check(fits, f"{_WHERE}(controller)", must, controller.outputs, remedy)
+        inverse = controller.inverse(np.array(check_signal(f"{_WHERE}(state)", state)))
         law = ControlLaw(
             NO_FUNCTION,
             CoreController(controller.arrays).controller,
@@ -177,8 +185,8 @@ def start_loop(
     seed: int | np.random.SeedSequence | np.random.Generator | None,
 ) -> Begun:
     """The loop at its beginning, and an event, if it has one already. Raises InputError."""
-    begin = np.array(check_signal("simulate_closed_loop(state)", state, columns=STATE))
-    amperes = np.array(check_signal("simulate_closed_loop(currents)", currents))
+    begin = np.array(check_signal(f"{_WHERE}(state)", state, columns=STATE))
+    amperes = np.array(check_signal(f"{_WHERE}(currents)", currents))
     n, m = machine.drive.coils, len(machine.allocation.output_names)
     _check_coils(machine, amperes)
     core, search = machine.core(schedule.step), None
@@ -210,12 +218,8 @@ def start_loop(
     )
     event = loop.begin()
     if core.solves.unsolved:
-        must, remedy = (
-            "must be such that the model of the iron has a solution",
-            "begin within the map's currents",
-        )
-        where = "simulate_closed_loop(currents)"
-        raise NotConverged(Problem(where, must, f"{amperes.tolist()} A", remedy))
+        where, must = f"{_WHERE}(currents)", "must be such that the model of the iron has a solution"
+        raise NotConverged.of(where, must, f"{amperes.tolist()} A", "begin within the map's currents")
     return Begun(loop, core, search, event)
 
 
@@ -256,12 +260,14 @@ def controller_error(
 
 def _check_coils(machine: Machine, currents: Array) -> None:
     n, coils = machine.drive.coils, machine.allocation.coils
-    where, problems = "simulate_closed_loop", []
+    problems = []
     if currents.shape != (n,):
-        problems.append(Problem(f"{where}(currents)", f"must be ({n},)", f"{currents.shape}", "one per coil"))
+        problems.append(
+            Problem(f"{_WHERE}(currents)", f"must be ({n},)", f"{currents.shape}", "one per coil")
+        )
     if coils != n:
         must, remedy = f"must have the {coils} coils of its allocation", "take one for these coils"
-        problems.append(Problem(f"{where}(machine)", must, f"{n}", remedy))
+        problems.append(Problem(f"{_WHERE}(machine)", must, f"{n}", remedy))
     if problems:
         raise InputError(*problems)
 
@@ -305,8 +311,20 @@ def simulate_many(
 ) -> list[Any]:
     """Many runs, each with noise of its own that its number and `seed` alone decide, on several threads.
 
-    runs: how many calls of `one`, or a function for each. Each takes the run's seed and returns its LevitationRun, of
-    which `keep` makes what is returned. The loop releases the interpreter's lock.
+    The loop releases the interpreter's lock.
+
+    Parameters
+    ----------
+    runs : how many calls of `one`, or a function for each. Each takes the run's seed and returns its LevitationRun.
+    one : what is called where `runs` is a number.
+    seed : of all runs.
+    threads : how many.
+    keep : what is returned of a run.
+    progress : is told after each run.
+
+    Returns
+    -------
+    What `keep` makes of each run, in order.
     """
     jobs = [one] * runs if isinstance(runs, int) else list(runs)
     seeds = np.random.SeedSequence(seed).spawn(len(jobs))
@@ -314,7 +332,7 @@ def simulate_many(
     def job(k: int) -> Any:
         call = jobs[k]
         if call is None:
-            raise InputError(Problem("simulate_many(one)", "must be a function", "None", "give what to run"))
+            raise InputError.of("simulate_many(one)", "must be a function", "None", "give what to run")
         return keep(call(seeds[k]))
 
     def done(results: Iterator[Any]) -> list[Any]:

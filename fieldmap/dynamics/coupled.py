@@ -3,7 +3,7 @@ feedback linearisation; feed-forward along a trajectory by the inverse map. docs
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated
 
 import numpy as np
@@ -11,9 +11,9 @@ import scipy
 from numpy.typing import ArrayLike
 from pydantic import Field
 
-from fieldmap.arguments import check_positive
+from fieldmap.arguments import check, check_positive
 from fieldmap.control import zero_order_hold
-from fieldmap.control.blocks import Controller, ControllerBlock, arrays_of
+from fieldmap.control.blocks import Controller, ControllerBlock, arrays_of, state_block
 from fieldmap.core.controller import SIGNALS, Block, CoreController
 from fieldmap.core.machine import VELOCITY, InverseMap, inverse_along
 from fieldmap.dynamics.closed_loop import Schedule
@@ -23,7 +23,7 @@ from fieldmap.dynamics.linearisation import ABOUT_Z, VELOCITIES, LinearMachine
 from fieldmap.dynamics.machine import Machine
 from fieldmap.dynamics.operating_point import OperatingPoint
 from fieldmap.dynamics.surroundings import Three
-from fieldmap.errors import Infeasible, InputError, Problem
+from fieldmap.errors import Infeasible, InputError
 from fieldmap.inputs.declared import Key, check_fields
 from fieldmap.inputs.tables import Positive
 from fieldmap.records import Record
@@ -92,16 +92,28 @@ def lqg_block(
     """A regulator on estimated states and forces, designed for one linear machine and told the delay of its outputs.
 
     Memory: states of the machine, positions as they are in the map; unknown force (3), N; the outputs of the last
-    sample. It holds the sensed point at its reference without offset, whatever constant force pulls. The operating
-    point of the linear machine is where its memory begins. limits: lowest and highest outputs, which the estimator is
-    told of. Raises InputError for a machine that is not controllable or not observable, as upward where nothing lifts.
+    sample. It holds the sensed point at its reference without offset, whatever constant force pulls.
+
+    Parameters
+    ----------
+    linear : the machine, at whose operating point the memory begins.
+    weights : deviations that count alike, and noise.
+    period, delay : s.
+    limits : lowest and highest outputs (m,), which the estimator is told of.
+
+    Returns
+    -------
+    The block.
+
+    Raises
+    ------
+    InputError
+        For a machine that is not controllable or not observable, as upward where nothing lifts.
     """
     felt = linear.only(tuple(name for name in linear.states if name not in ABOUT_Z))
-    m = felt.B.shape[1]
-    if len(weights.output) != m:
-        must = f"must have one number for each of {m} outputs"
-        problem = Problem("LqgWeights(output)", must, f"{len(weights.output)}", "give lift, x and y")
-        raise InputError(problem)
+    m, given = felt.B.shape[1], len(weights.output)
+    must = f"must have one number for each of {m} outputs"
+    check(given == m, "LqgWeights(output)", must, given, "give lift, x and y")
     model = _Model(felt, period, delay)
     gain = _regulator(model, felt, weights, period)
     taken = _estimator(model, felt, weights, period)
@@ -115,6 +127,8 @@ class _Model:
         sampled = sampled_machine(linear, period, delay)
         n, m = linear.B.shape
         self.n, self.m = n, m
+        # All but the unknown force.
+        self.known = [*range(n), *range(n + 3, n + 3 + m)]
         pushed = zero_order_hold(linear.A, linear.G[:, :3], period)[1]
         self.F = np.zeros((n + 3 + m, n + 3 + m))
         self.F[:n] = np.hstack([sampled.A, pushed, sampled.before])
@@ -132,8 +146,7 @@ class _Model:
 def _regulator(model: _Model, linear: LinearMachine, weights: LqgWeights, period: float) -> Array:
     """Gain (m, n + m) on deviations of states and last outputs, which minimises the sum of squares over weights."""
     n, m = model.n, model.m
-    known = [*range(n), *range(n + 3, n + 3 + m)]
-    A, B = model.F[np.ix_(known, known)], model.S[known]
+    A, B = model.F[np.ix_(model.known, model.known)], model.S[model.known]
     Q = np.zeros((n + m, n + m))
     seen = linear.C.T @ np.diag(1.0 / np.square(weights.place)) @ linear.C
     Q[:n, :n] = seen + np.diag([_cost(name, weights) for name in linear.states])
@@ -146,9 +159,8 @@ def _cost(name: str, weights: LqgWeights) -> float:
     quantity, _, axis = name.rpartition("_")
     if quantity == "velocity":
         return 1.0 / weights.speed["xyz".index(axis)] ** 2
-    return {"turn": 1.0 / weights.lean**2, "angular_velocity": 1.0 / weights.angular_velocity**2}.get(
-        quantity, 0.0
-    )
+    alike = {"turn": weights.lean, "angular_velocity": weights.angular_velocity}.get(quantity, np.inf)
+    return 1.0 / alike**2
 
 
 def _estimator(model: _Model, linear: LinearMachine, weights: LqgWeights, period: float) -> Array:
@@ -170,8 +182,7 @@ def _riccati(A: Array, B: Array, Q: Array, R: Array, what: str) -> Array:
     except (np.linalg.LinAlgError, ValueError) as error:
         must = f"every mode that is not damped must be {what}"
         remedy = "`fieldmap linearise` shows the modes; a little drag damps what swings without end"
-        problem = Problem("lqg_block(linear)", must, f"{error}", remedy)
-        raise InputError(problem) from None
+        raise InputError.of("lqg_block(linear)", must, f"{error}", remedy) from None
 
 
 def _targets(model: _Model, linear: LinearMachine) -> tuple[Array, Array]:
@@ -195,26 +206,17 @@ def _block(
     constant = (
         model.outputs
         - from_reference @ linear.operating_point.sensed
-        + gain @ model.operating_point[[*range(n), *range(n + 3, n + 3 + m)]]
+        + gain @ model.operating_point[model.known]
     )
     left = np.eye(n + 3 + m) - taken @ model.H
     B, D = np.zeros((n + 3 + m, SIGNALS)), np.zeros((m, SIGNALS))
     D[:, :3], D[:, 3:6] = from_reference, states @ taken
     D[:, 6] = constant - states @ taken @ model.h
     B[:, 3:6], B[:, 6] = model.F @ taken, model.f - model.F @ taken @ model.h
-    low, high = limits if limits is not None else (np.full(m, -np.inf), np.full(m, np.inf))
-    return ControllerBlock(
-        model.F @ left,
-        B,
-        states @ left,
-        D,
-        model.S,
-        np.asarray(low, float),
-        np.asarray(high, float),
-        np.full(n + 3 + m, -1),
-        model.operating_point.copy(),
-        model.S,
-    )
+    low, high = limits if limits is not None else (-np.inf, np.inf)
+    memory = model.operating_point.copy()
+    block = state_block(model.F @ left, B, states @ left, D, model.S, low, high, memory)
+    return replace(block, F=model.S)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -229,14 +231,8 @@ class ScheduledController(Record):
     def __post_init__(self) -> None:
         check_positive("ScheduledController", step=self.step, blocks=len(self.blocks))
         shapes = {(block.A.shape, block.D.shape) for block in self.blocks}
-        if len(shapes) > 1:
-            problem = Problem(
-                "ScheduledController(blocks)",
-                "must have as many states and outputs each",
-                f"{shapes}",
-                "design them alike",
-            )
-            raise InputError(problem)
+        where, must = "ScheduledController(blocks)", "must have as many states and outputs each"
+        check(len(shapes) == 1, where, must, shapes, "design them alike")
 
     @property
     def outputs(self) -> int:
@@ -312,10 +308,7 @@ class ForceController(Record):
         D[:, 3:6] += inverse @ np.asarray(stiffness, float)
         # The estimator is told the forces that the block asks for, whatever becomes of them.
         A, B = block.A + block.E @ block.C, block.B + block.E @ block.D
-        limits = np.asarray(self.lower, float), np.asarray(self.upper, float)
-        return ControllerBlock(
-            A, B, inverse @ block.C, D, np.zeros_like(block.E), *limits, block.hold, block.memory
-        )
+        return state_block(A, B, inverse @ block.C, D, None, self.lower, self.upper, block.memory)
 
 
 def force_controller(
@@ -328,38 +321,44 @@ def force_controller(
     delay: float = 0.0,
     rounds: int = 2,
 ) -> ForceController:
-    """A regulator that is the same at every place: what it asks for is a force, and the inverse map of the machine's
-    own field turns it into outputs within limits (3,) each.
+    """A regulator that is the same at every place, because it asks for a force.
 
-    weights.output: forces, N, that count as much as the deviations. The body is taken for a free mass: neither the
-    field's stiffness nor eddy currents and drag are known to it but as forces that it does not know.
+    The inverse map of the machine's own field turns the force into outputs. The body is taken for a free mass: neither
+    the field's stiffness nor eddy currents and drag are known to the regulator but as forces that it does not know.
+
+    Parameters
+    ----------
+    machine : whose field is inverted.
+    operating_point : where it begins.
+    weights : their output is the forces, N, that count as much as the deviations.
+    period, delay : s.
+    lower, upper : limits of the outputs (3,).
+    rounds : of Newton's method at a sample.
+
+    Returns
+    -------
+    The controller.
     """
     mass = machine.body.mass
     A, push = np.zeros((6, 6)), np.vstack([np.zeros((3, 3)), np.eye(3) / mass])
     A[:3, 3:] = np.eye(3)
     weight = np.array([0.0, 0.0, mass * machine.body.gravity])
+    axes = ("x", "y", "z")
     free = LinearMachine(
         A,
-        push,
-        np.eye(3, 6),
-        np.zeros((3, 3)),
-        np.hstack([push, np.zeros((6, 3))]),
-        ("x", "y", "z", *VELOCITIES),
-        ("Fx", "Fy", "Fz"),
-        ("x", "y", "z"),
-        OperatingPoint(
-            operating_point.state,
-            operating_point.currents,
-            weight,
-            operating_point.sensed,
-            operating_point.residual,
-        ),
-        (),
+        B=push,
+        C=np.eye(3, 6),
+        D=np.zeros((3, 3)),
+        G=np.hstack([push, np.zeros((6, 3))]),
+        states=(*axes, *VELOCITIES),
+        inputs=("Fx", "Fy", "Fz"),
+        outputs=axes,
+        operating_point=replace(operating_point, outputs=weight),
+        assumptions=(),
     )
     block = lqg_block(free, weights, period, delay)
-    return ForceController(
-        block, np.asarray(lower, float), np.asarray(upper, float), operating_point.outputs.copy(), rounds
-    )
+    limits = np.asarray(lower, float), np.asarray(upper, float)
+    return ForceController(block, *limits, operating_point.outputs.copy(), rounds)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -415,35 +414,42 @@ def outputs_for(
     lower: Array,
     upper: Array,
 ) -> tuple[Array, Array]:
-    """The inverse map: outputs (p, 3) at which the magnet of a body at positions (p, 3) feels forces (p, 3), N, and
-    what is left of them (p,), N. The search begins at those of the operating point and goes from row to row.
+    """The inverse map: outputs at which the magnet of a body feels given forces.
 
-    Raises Infeasible for positions outside the map, InputError for an allocation of other than three outputs.
+    The search begins at the outputs of the operating point and goes from row to row.
+
+    Parameters
+    ----------
+    machine : whose allocation takes three outputs.
+    operating_point : whose turn the body keeps.
+    positions : of the body (p, 3), m.
+    forces : (p, 3), N.
+    lower, upper : limits of the outputs (3,).
+
+    Returns
+    -------
+    Outputs (p, 3), and what is left of the forces (p,), N.
+
+    Raises
+    ------
+    Infeasible
+        For positions outside the map.
+    InputError
+        For an allocation of other than three outputs.
     """
-    m = len(operating_point.outputs)
-    if m != 3:
-        problem = Problem(
-            "outputs_for(machine)", "must have three outputs", f"{m}", "take an allocation of three"
-        )
-        raise InputError(problem)
+    m, remedy = len(operating_point.outputs), "take an allocation of three"
+    check(m == 3, "outputs_for(machine)", "must have three outputs", m, remedy)
     found, left = np.empty((len(positions), 3)), np.empty(len(positions))
     core = machine.core(1.0, EXACT)
-    inverse = InverseMap(
-        core.machine,
-        _ROUNDS,
-        np.array([lower, upper], float),
-        operating_point.outputs.copy(),
-        operating_point.state.copy(),
-    )
+    begin, limits = operating_point, np.array([lower, upper], float)
+    inverse = InverseMap(core.machine, _ROUNDS, limits, begin.outputs.copy(), begin.state.copy())
     numbers = machine.allocation.numbers()
     places, wanted = np.ascontiguousarray(positions, float), np.ascontiguousarray(forces, float)
     inverse_along(inverse, numbers, places, wanted, found, left)
-    if np.isnan(left).any():
-        where = positions[int(np.flatnonzero(np.isnan(left))[0])]
-        problem = Problem(
-            "outputs_for(positions)", "must lie in the map", f"{where.tolist()} m", "shorten the path"
-        )
-        raise Infeasible(problem)
+    outside = positions[np.isnan(left)]
+    if len(outside):
+        where, received = "outputs_for(positions)", f"{outside[0].tolist()} m"
+        raise Infeasible.of(where, "must lie in the map", received, "shorten the path")
     return found, left
 
 

@@ -12,13 +12,12 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fieldmap.arguments import check_positive
+from fieldmap.arguments import check, check_positive
 from fieldmap.core import CoreMap
 from fieldmap.core.current_table import CoreTable
 from fieldmap.core.iron import CoreIron
 from fieldmap.core.iron_numbers import core_numbers
 from fieldmap.core.machine import BodyNumbers, Plant
-from fieldmap.errors import InputError, Problem
 from fieldmap.field import Field, require_affine, require_bounds
 from fieldmap.lookup import FieldMap, interpolate, saturates, table_of_currents, tangent_block, unit_block
 from fieldmap.lookup.current_solver import COMPILED_TOLERANCE
@@ -82,18 +81,29 @@ def sampled_field(field: Field, spacing: float = SPACING) -> FieldMap:
     """A field as a map in memory, which compiled loops can evaluate; a map is returned as it is.
 
     The fields and gradients of the coils, and of what no current drives, are taken once at the nodes of a grid over the
-    field's box, `spacing`, m, apart or a little less, and interpolated as those of a map file. Raises InputError for a
-    field without a box, and for one that is not such a sum, as of saturating iron: make a saturating map of it.
+    field's box, and interpolated as those of a map file.
+
+    Parameters
+    ----------
+    field : the sum of its coils' fields and of one that no current drives, with a box.
+    spacing : of the nodes, m, or a little less.
+
+    Returns
+    -------
+    The map.
+
+    Raises
+    ------
+    InputError
+        For a field without a box, and for one that is not such a sum, as of saturating iron: make a saturating map of
+        it.
     """
     if isinstance(field, FieldMap):
         return field
     check_positive("sampled_field", spacing=spacing)
-    if not field.affine:
-        must_hold = "must be the sum of its coils' fields and of one that no current drives, or a map"
-        remedy = "make a map of the device with its saturating iron (fieldmap map) and give that"
-        raise InputError(
-            Problem("field", must_hold, f"{type(field).__name__}, which does not superpose", remedy)
-        )
+    must = "must be the sum of its coils' fields and of one that no current drives, or a map"
+    remedy = "make a map of the device with its saturating iron (fieldmap map) and give that"
+    check(field.affine, "field", must, f"{type(field).__name__}, which does not superpose", remedy)
     lower, upper = require_bounds(field)
     # As the grid of a map file; a part in 1e9 is rounding.
     cells = np.maximum(np.ceil((upper - lower) / spacing * (1.0 - 1e-9)), FEWEST_CELLS)
@@ -101,13 +111,11 @@ def sampled_field(field: Field, spacing: float = SPACING) -> FieldMap:
     grid = Grid(lower, (upper - lower) / cells, (nx, ny, nz))
     points, unit = grid.points(), np.eye(len(field.coil_names))
     if field.proportional:
-        flux = [field.field(points, one).reshape(*grid.shape, 3) for one in unit]
-        slope = [field.gradient(points, one).reshape(*grid.shape, 3, 3) for one in unit]
+        flux = [field.field(points, one) for one in unit]
+        slope = [field.gradient(points, one) for one in unit]
     else:
-        every = [*np.moveaxis(field.unit_field(points), 1, 0), field.constant_field(points)]
-        slopes = [*np.moveaxis(field.unit_gradient(points), 1, 0), field.constant_gradient(points)]
-        flux = [values.reshape(*grid.shape, 3) for values in every]
-        slope = [values.reshape(*grid.shape, 3, 3) for values in slopes]
+        flux = [*np.moveaxis(field.unit_field(points), 1, 0), field.constant_field(points)]
+        slope = [*np.moveaxis(field.unit_gradient(points), 1, 0), field.constant_gradient(points)]
     about = f"sampled every {', '.join(f'{1e3 * step:.3g}' for step in grid.spacing)} mm and interpolated"
     data = MapData(
         grid,
@@ -116,8 +124,8 @@ def sampled_field(field: Field, spacing: float = SPACING) -> FieldMap:
         Provenance(assumptions=(*field.assumptions, about)),
         fixed_sources=() if field.proportional else ("the field",),
         constant_field=not field.proportional,
-        flux_density=np.array(flux),
-        gradient=np.array(slope),
+        flux_density=np.reshape(flux, (-1, *grid.shape, 3)),
+        gradient=np.reshape(slope, (-1, *grid.shape, 3, 3)),
     )
     return interpolate(data, outside_currents="evaluate")
 
@@ -152,10 +160,8 @@ def modelled(field_map: FieldMap, scale: float = 1.0) -> FieldOfCurrents:
     if not saturates(field_map):
         return superposed(field_map, scale)
     model = CoreIron(core_numbers(compiled_currents(field_map)))
-    note = (
-        f"saturating iron by the map's model, solved at every step at which currents change, to {COMPILED_TOLERANCE:g} "
-        "of its state"
-    )
+    note = "saturating iron by the map's model, solved at every step at which currents change, to "
+    note += f"{COMPILED_TOLERANCE:g} of its state"
     return _following(field_map, scale, "model", note, model=model)
 
 

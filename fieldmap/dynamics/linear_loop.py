@@ -7,13 +7,12 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from fieldmap.arguments import check_positive
+from fieldmap.arguments import check, check_positive
 from fieldmap.control import StateSpace, zero_order_hold
 from fieldmap.control.blocks import ControllerBlock
 from fieldmap.dynamics.closed_loop import Schedule
 from fieldmap.dynamics.linearisation import LinearMachine
 from fieldmap.dynamics.sensors import Sensors
-from fieldmap.errors import InputError, Problem
 from fieldmap.plain import Plain, plain_items
 from fieldmap.records import Record, tuple_line
 from fieldmap.typing import Array
@@ -53,16 +52,26 @@ class SampledMachine(NamedTuple):
 
 
 def sampled_machine(linear: LinearMachine, period: float, delay: float = 0.0) -> SampledMachine:
-    """The linear machine between samples, `period` apart, s, whose inputs change `delay` after each: exact.
+    """The linear machine between samples, whose inputs change a delay after each: exact.
 
-    Raises InputError for a delay that is negative or longer than the period.
+    Parameters
+    ----------
+    linear : the machine.
+    period : from sample to sample, s.
+    delay : from a sample to the change of the inputs, s.
+
+    Returns
+    -------
+    The sampled machine.
+
+    Raises
+    ------
+    InputError
+        For a delay that is negative or longer than the period.
     """
     check_positive("sampled_machine", period=period)
-    if not 0.0 <= delay <= period:
-        problem = Problem(
-            "sampled_machine(delay)", "must be from 0 to the period", f"{delay:g} s", "shorten it"
-        )
-        raise InputError(problem)
+    within, must = 0.0 <= delay <= period, "must be from 0 to the period"
+    check(within, "sampled_machine(delay)", must, f"{delay:g} s", "shorten it")
     A, B = zero_order_hold(linear.A, linear.B, period)
     if delay == 0.0:
         return SampledMachine(A, B, np.zeros_like(B), linear.C)
@@ -112,9 +121,18 @@ class ClosedLoop(Record):
 def close_loop(
     linear: LinearMachine, controller: ControllerBlock, schedule: Schedule, sensors: Sensors | None = None
 ) -> ClosedLoop:
-    """The linear machine under a controller, with the schedule's period and delay.
+    """The linear machine under a controller.
 
-    sensors: whose scans, means and latency stand between; without it sensors show what is.
+    Parameters
+    ----------
+    linear : the machine.
+    controller : its block.
+    schedule : whose period and delay the loop has.
+    sensors : whose scans, means and latency stand between; without them sensors show what is.
+
+    Returns
+    -------
+    The loop as one sampled system.
     """
     machine = sampled_machine(linear, schedule.period, schedule.delay)
     k = controller
@@ -125,19 +143,12 @@ def close_loop(
     applied = k.B + k.E @ k.D
     older = np.eye(late, late, -3)
     latest = np.vstack([machine.C, np.zeros((max(late - 3, 0), n))])[:late]
-    A = np.block(
-        [
-            [
-                machine.A + machine.B @ listen @ now,
-                machine.before,
-                machine.B @ k.C,
-                machine.B @ listen @ past,
-            ],
-            [listen @ now, np.zeros((m, m)), k.C, listen @ past],
-            [applied[:, 3:6] @ now, np.zeros((size, m)), k.A + k.E @ k.C, applied[:, 3:6] @ past],
-            [latest, np.zeros((late, m + size)), older],
-        ]
-    )
+    # What the controller says of this sample, of states, last outputs, memory, and the past.
+    said = np.hstack([listen @ now, np.zeros((m, m)), k.C, listen @ past])
+    moved = np.hstack([machine.A, machine.before, np.zeros((n, size + late))]) + machine.B @ said
+    kept = np.hstack([np.zeros((size, n + m)), k.A + k.E @ k.C, np.zeros((size, late))])
+    kept += applied[:, 3:6] @ np.hstack([now, np.zeros((3, m + size)), past])
+    A = np.vstack([moved, said, kept, np.hstack([latest, np.zeros((late, m + size)), older])])
     B = np.vstack([machine.B @ wanted, wanted, applied[:, :3], np.zeros((late, 3))])
     C = np.hstack([machine.C, np.zeros((3, m + size + late))])
     return ClosedLoop(A, B, C, schedule.period, machine, controller)

@@ -10,21 +10,14 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike
 
-from fieldmap.arguments import check_signal
+from fieldmap.arguments import check, check_signal
 from fieldmap.control import StateSpace
-from fieldmap.core.machine import (
-    ANGULAR_VELOCITY,
-    INSIDE,
-    STATE,
-    TURN,
-    VELOCITY,
-    rotation,
-)
+from fieldmap.core.machine import ANGULAR_VELOCITY, INSIDE, STATE, TURN, VELOCITY, rotation
 from fieldmap.dynamics.field_of_currents import EXACT
 from fieldmap.dynamics.machine import Machine
 from fieldmap.dynamics.motion import state_of
 from fieldmap.dynamics.operating_point import OperatingPoint
-from fieldmap.errors import InputError, OutsideMapError, Problem
+from fieldmap.errors import OutsideMapError
 from fieldmap.records import Record
 from fieldmap.typing import Array
 
@@ -88,22 +81,35 @@ class LinearMachine(Record):
 
     def only(self, names: tuple[str, ...]) -> LinearMachine:
         """The same with these states alone, the others held. Raises InputError for names that are not of its states."""
+        must = f"must be among {', '.join(self.states)}"
         for name in names:
-            if name not in self.states:
-                must = f"must be among {', '.join(self.states)}"
-                raise InputError(Problem("LinearMachine.only(names)", must, name, "choose among them"))
+            check(name in self.states, "LinearMachine.only(names)", must, name, "choose among them")
         chosen = [self.states.index(name) for name in names]
         A, B, C, G = self.A[np.ix_(chosen, chosen)], self.B[chosen], self.C[:, chosen], self.G[chosen]
         return replace(self, A=A, B=B, C=C, G=G, states=names)
 
 
 def linearise(machine: Machine, operating_point: OperatingPoint) -> LinearMachine:
-    """The machine, linear about an operating point from `find_operating_point`.
+    """The machine, linear about an operating point.
 
     Derivatives are central differences of fourth order of the right-hand side that the compiled loop integrates:
     magnet, eddy currents and drag; walls, limits, converters and noise have no part. Where a table of saturating iron
     has a corner they are the mean of both sides. Amplifiers steer currents (2): a winding's R and L bound how fast a
-    large change goes and have no part in a small one. Raises OutsideMapError for a point at the map's edge.
+    large change goes and have no part in a small one.
+
+    Parameters
+    ----------
+    machine : whose motion it is.
+    operating_point : from `find_operating_point`.
+
+    Returns
+    -------
+    The matrices with the names of states, inputs and outputs.
+
+    Raises
+    ------
+    OutsideMapError
+        For a point at the map's edge.
     """
     body, state, coils = machine.body, operating_point.state, machine.drive.coils
     core, out = replace(machine, walls=None).core(1.0, EXACT), np.empty(STATE)
@@ -114,14 +120,10 @@ def linearise(machine: Machine, operating_point: OperatingPoint) -> LinearMachin
         core.follow(operating_point.currents + deviation[12:])
         where, there = "linearise(operating_point)", f"{moved[:3].tolist()} m"
         if core.rates(moved, out) != INSIDE:
-            must, remedy = (
-                "must lie inside the map, 0.4 mm from its edge",
-                "begin elsewhere, or make a larger map",
-            )
-            raise OutsideMapError(Problem(where, must, there, remedy))
-        if not np.isfinite(out).all():
-            remedy = "begin higher, lower the plate's face, or leave the plate out"
-            raise InputError(Problem(where, "must lie in front of the plate's face", there, remedy))
+            must = "must lie inside the map, 0.4 mm from its edge"
+            raise OutsideMapError.of(where, must, there, "begin elsewhere, or make a larger map")
+        remedy = "begin higher, lower the plate's face, or leave the plate out"
+        check(bool(np.isfinite(out).all()), where, "must lie in front of the plate's face", there, remedy)
         return np.concatenate(
             [out[:3], np.zeros(3), out[VELOCITY : VELOCITY + 3], out[ANGULAR_VELOCITY:STATE]]
         )
@@ -222,32 +224,24 @@ class Mode(Record):
 
 def modes(linear: LinearMachine) -> list[Mode]:
     """The modes of a linear machine, the most unstable first."""
-    units = _units(linear)
-    A = linear.A / units[:, None] * units
-    B, C = linear.B / units[:, None], linear.C * units / _MILLI
+    A, B, C = _in_units(linear)
     poles, left, right = scipy.linalg.eig(A, left=True)
     found = []
     for k in np.lexsort((-poles.imag, -poles.real.round(9))):
         shares = np.abs(left[:, k].conj() * right[:, k])
-        total = shares.sum()
-        found.append(
-            Mode(
-                complex(poles[k]),
-                shares / total if total else shares,
-                np.abs(left[:, k].conj() @ B),
-                np.abs(C @ right[:, k]),
-            )
-        )
+        shares /= shares.sum() or 1.0
+        found.append(Mode(complex(poles[k]), shares, np.abs(left[:, k].conj() @ B), np.abs(C @ right[:, k])))
     return found
 
 
-def _units(linear: LinearMachine) -> Array:
-    return np.array(
-        [
-            next((unit for start, unit in _UNITS.items() if name.startswith(start)), _MILLI)
-            for name in linear.states
-        ]
-    )
+def _in_units(linear: LinearMachine) -> tuple[Array, Array, Array]:
+    """A, B and C for states in the units of `Mode`."""
+    units = np.array([_unit_of(name) for name in linear.states])
+    return linear.A / units[:, None] * units, linear.B / units[:, None], linear.C * units / _MILLI
+
+
+def _unit_of(state: str) -> float:
+    return next((unit for start, unit in _UNITS.items() if state.startswith(start)), _MILLI)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -267,22 +261,18 @@ class Controllability(Record):
 
 def controllability(linear: LinearMachine, above: float = -np.inf) -> Controllability:
     """Controllability and observability of the modes with a real part above a bound, 1/s."""
-    units = _units(linear)
-    A = linear.A / units[:, None] * units
-    B, C = linear.B / units[:, None], linear.C * units / _MILLI
-    poles = [p for p in scipy.linalg.eigvals(A) if p.real > above]
-    smallest = [
-        (
-            float(np.linalg.svd(np.hstack([A - p * np.eye(len(A)), B]), compute_uv=False)[-1]),
-            float(np.linalg.svd(np.vstack([A - p * np.eye(len(A)), C]), compute_uv=False)[-1]),
-            complex(p),
-        )
-        for p in poles
-    ]
-    if not smallest:
+    A, B, C = _in_units(linear)
+    poles = [complex(p) for p in scipy.linalg.eigvals(A) if p.real > above]
+    if not poles:
         return Controllability(np.inf, np.inf, 0j, 0j)
-    inputs, outputs = min(smallest, key=lambda s: s[0]), min(smallest, key=lambda s: s[1])
-    return Controllability(inputs[0], outputs[1], inputs[2], outputs[2])
+    shifted = A - np.array(poles)[:, None, None] * np.eye(len(A))
+    beside = np.concatenate([shifted, np.broadcast_to(B, (len(poles), *B.shape))], axis=2)
+    below = np.concatenate([shifted, np.broadcast_to(C, (len(poles), *C.shape))], axis=1)
+    by_input, by_output = (np.linalg.svd(each, compute_uv=False)[:, -1] for each in (beside, below))
+    worst = int(by_input.argmin()), int(by_output.argmin())
+    return Controllability(
+        float(by_input[worst[0]]), float(by_output[worst[1]]), poles[worst[0]], poles[worst[1]]
+    )
 
 
 @dataclass(frozen=True, eq=False, repr=False)

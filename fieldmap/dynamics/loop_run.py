@@ -182,15 +182,13 @@ def recorded(
         "outputs": _outputs(run, coil_names),
     }
     event = run.event
-    ended: dict[str, object] = {"event": "", "end_s": float(run.time[-1]) if len(run.time) else 0.0}
+    ended: dict[str, object] = {"event": "", "end_s": float(run.time.max(initial=0.0))}
     if event is not None:
-        ended = {
-            "event": event.name,
-            "about_event": event.about,
-            "end_s": event.time,
-            "state": [value if np.isfinite(value) else None for value in event.state.tolist()],
-            "currents": [value if np.isfinite(value) else None for value in event.currents.tolist()],
+        finite = {
+            name: [value if np.isfinite(value) else None for value in getattr(event, name).tolist()]
+            for name in ("state", "currents")
         }
+        ended = {"event": event.name, "about_event": event.about, "end_s": event.time, **finite}
     notes = {"touched": list(run.touched), "iron": asdict(run.iron), "assumptions": list(run.assumptions)}
     return RunRecord(arrays, {**ended, **notes, **(about or {})})
 
@@ -213,9 +211,8 @@ def as_csv(record: RunRecord) -> str:
         parts = [part.strip() for part in about.split(",")]
         units = [part.strip() for part in unit.split(",")]
         for k in range(wide.shape[1]):
-            label = (
-                name if wide.shape[1] == 1 else f"{name} {parts[k].split(' ')[0] if k < len(parts) else k}"
-            )
+            part = parts[k].split(" ")[0] if k < len(parts) else k
+            label = name if wide.shape[1] == 1 else f"{name} {part}"
             names.append(f"{label} ({units[min(k, len(units) - 1)]})")
             columns.append(wide[:, k])
     rows = np.column_stack(columns)

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from fieldmap.arguments import check_not_negative, check_ordered, check_positive, check_signal
+from fieldmap.arguments import check, check_not_negative, check_ordered, check_positive, check_signal
 from fieldmap.core.closed_loop import Ending
 from fieldmap.core.library import LIBRARY
 from fieldmap.core.machine import CoreMachine
@@ -18,7 +18,7 @@ from fieldmap.dynamics.field_of_currents import FieldOfCurrents
 from fieldmap.dynamics.rigid_body import RigidBody
 from fieldmap.dynamics.sensors import Sensors
 from fieldmap.dynamics.surroundings import Drag, Plate, Walls
-from fieldmap.errors import InputError, Problem
+from fieldmap.errors import InputError
 from fieldmap.instruments import Amplifier, Converter
 from fieldmap.records import Record
 from fieldmap.typing import Array
@@ -52,11 +52,8 @@ class CoilDrive(Record):
     def __post_init__(self) -> None:
         check_not_negative("CoilDrive", time_constant=self.time_constant)
         check_ordered("CoilDrive(supply)", *self.supply)
-        if (self.resistance is None) != (self.inductance is None):
-            problem = Problem(
-                "CoilDrive(resistance, inductance)", "must both be given, or neither", "one", "give both"
-            )
-            raise InputError(problem)
+        both, must = (self.resistance is None) == (self.inductance is None), "must both be given, or neither"
+        check(both, "CoilDrive(resistance, inductance)", must, "one", "give both")
         for name in ("resistance", "inductance"):
             if getattr(self, name) is not None:
                 given = check_signal(f"CoilDrive({name})", getattr(self, name))
@@ -79,9 +76,8 @@ class CoilDrive(Record):
         low, high = np.full(self.coils, a.current_lower), np.full(self.coils, a.current_upper)
         if self.resistance is None:
             return low, high
-        return np.maximum(low, self.supply[0] / self.resistance), np.minimum(
-            high, self.supply[1] / self.resistance
-        )
+        least, most = (end / self.resistance for end in self.supply)
+        return np.maximum(low, least), np.minimum(high, most)
 
     def numbers(self, step: float) -> Array:
         """(n, 4) for a length of step, s, in the order of fieldmap_winding (fieldmap/core/currents.h)."""
@@ -99,15 +95,25 @@ class CoilDrive(Record):
 def drive_of_device(device: Device, lowest_voltage: float | None = None, **more: object) -> CoilDrive:
     """The drive of a device file: gain, current limit, supply of [driver], resistance and inductance of its coils.
 
-    lowest_voltage: that the amplifier can put on a winding, V; minus the supply's unless given. Raises InputError where
-    the file has no [driver].
+    Parameters
+    ----------
+    device : with a [driver].
+    lowest_voltage : that the amplifier can put on a winding, V; minus the supply's unless given.
+    more : fields of `CoilDrive`, in the place of the file's.
+
+    Returns
+    -------
+    The drive.
+
+    Raises
+    ------
+    InputError
+        Where the file has no [driver].
     """
     driver = device.driver
     if driver is None:
-        problem = Problem(
-            "drive_of_device(device)", "must have a [driver]", "none", "add one to the device file"
-        )
-        raise InputError(problem)
+        must, remedy = "must have a [driver]", "add one to the device file"
+        raise InputError.of("drive_of_device(device)", must, "none", remedy)
     windings = {}
     if all(coil.resistance and coil.inductance for coil in device.coils):
         windings = {
@@ -143,11 +149,9 @@ class Machine(Record):
     longest_saturation: float = 0.0
 
     def __post_init__(self) -> None:
+        must = f"must be among {', '.join(CONTACTS)}"
         for name in self.ending:
-            if name not in CONTACTS:
-                remedy = "choose among them"
-                problem = Problem("Machine(ending)", f"must be among {', '.join(CONTACTS)}", name, remedy)
-                raise InputError(problem)
+            check(name in CONTACTS, "Machine(ending)", must, name, "choose among them")
 
     def end_numbers(self, period: float) -> Ending:
         """What ends a run of this control period, s, as the compiled loop takes it."""
@@ -159,12 +163,9 @@ class Machine(Record):
     def core(self, step: float, tolerance: float | None = None) -> CoreMachine:
         """Everything that moves, as the C core takes it for steps of this length, s; a new one at every call.
         tolerance: of `FieldOfCurrents.plant`."""
-        body = self.body.numbers(self.drag, self.plate, self.walls)
-        return CoreMachine(
-            self.magnetic.plant(
-                body, self.body.seen_at, self.drive.numbers(step), self.drive.drives, tolerance
-            )
-        )
+        body, windings = self.body.numbers(self.drag, self.plate, self.walls), self.drive.numbers(step)
+        plant = self.magnetic.plant(body, self.body.seen_at, windings, self.drive.drives, tolerance)
+        return CoreMachine(plant)
 
     @property
     def assumptions(self) -> tuple[str, ...]:
@@ -174,14 +175,6 @@ class Machine(Record):
         if drive.resistance is not None:
             low, high = drive.supply
             winding = f"windings by R and L without mutual inductance, {low:g} to {high:g} V"
-        plate = () if self.plate is None else self.plate.assumptions
-        drag = () if self.drag is None else self.drag.assumptions
-        return (
-            *self.magnetic.assumptions,
-            *self.body.assumptions,
-            *self.allocation.assumptions,
-            winding,
-            *drag,
-            *plate,
-            *self.sensors.assumptions,
-        )
+        notes = (*self.magnetic.assumptions, *self.body.assumptions, *self.allocation.assumptions, winding)
+        around = [part.assumptions for part in (self.drag, self.plate, self.sensors) if part is not None]
+        return sum(around, notes)

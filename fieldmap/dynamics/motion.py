@@ -8,7 +8,7 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike
 
-from fieldmap.arguments import check_choice, check_count, check_positive, check_signal
+from fieldmap.arguments import check, check_choice, check_count, check_positive, check_signal
 from fieldmap.core import CoreMap
 from fieldmap.core.machine import (
     ANGULAR_VELOCITY,
@@ -22,7 +22,7 @@ from fieldmap.core.machine import (
 )
 from fieldmap.dynamics.rigid_body import RigidBody
 from fieldmap.dynamics.surroundings import Drag, Plate, Walls
-from fieldmap.errors import InputError, NotConverged, Problem
+from fieldmap.errors import NotConverged
 from fieldmap.lookup import MapAtCurrents, unit_block
 from fieldmap.records import Record
 from fieldmap.typing import Array
@@ -52,12 +52,9 @@ def state_of(
     checked = {name: check_signal(f"state_of({name})", part, columns=3) for name, part in parts.items()}
     turn = check_signal("state_of(quaternion)", quaternion, columns=4)
     length = float(np.linalg.norm(turn))
-    if length == 0.0:
-        problem = Problem("state_of(quaternion)", "must have a length", "zeros", "(1, 0, 0, 0) for upright")
-        raise InputError(problem)
-    return np.concatenate(
-        [checked["position"], checked["velocity"], turn / length, checked["angular_velocity"]]
-    )
+    check(length > 0.0, "state_of(quaternion)", "must have a length", "zeros", "(1, 0, 0, 0) for upright")
+    moving = checked["velocity"], turn / length, checked["angular_velocity"]
+    return np.concatenate([checked["position"], *moving])
 
 
 def move(
@@ -73,11 +70,27 @@ def move(
     walls: Walls | None = None,
     every: int = 1,
 ) -> FixedCurrentsRun:
-    """The motion of a body in the field of given currents, from a state (13,), by steps of fixed length.
+    """The motion of a body in the field of given currents, by steps of fixed length.
 
-    field: `m.at(currents)`. step: s. order: "second", Strang's splitting, one evaluation of the field a step, or
-    "fourth", Yoshida's composition, three. Both are symmetric in time, and symplectic without losses. every: steps
-    from one row of the result to the next. A run that leaves the map ends there. Raises InputError.
+    Parameters
+    ----------
+    field : `m.at(currents)`.
+    body : what moves.
+    state : where it begins (13,).
+    duration, step : s.
+    order : "second", Strang's splitting, one evaluation of the field a step, or "fourth", Yoshida's composition, three.
+        Both are symmetric in time, and symplectic without losses.
+    drag, plate, walls : what it meets.
+    every : steps from one row of the result to the next.
+
+    Returns
+    -------
+    The run, which ends where the magnet leaves the map.
+
+    Raises
+    ------
+    InputError
+        For arguments that do not fit.
     """
     check_positive("move", duration=duration, step=step)
     check_count("move", every=every)
@@ -87,10 +100,8 @@ def move(
     states = np.empty((rows, STATE))
     machine = _in_field(field, body.numbers(drag, plate, walls))
     filled, status, touched = machine.move(start, step, every, rule, states)
-    time = step * every * np.arange(filled)
-    return FixedCurrentsRun(
-        np.asarray(time, np.float64), states[:filled], bool(status == INSIDE), bool(touched)
-    )
+    time = step * every * np.arange(filled, dtype=np.float64)
+    return FixedCurrentsRun(time, states[:filled], bool(status == INSIDE), bool(touched))
 
 
 def move_adaptively(
@@ -103,10 +114,23 @@ def move_adaptively(
     plate: Plate | None = None,
     tolerance: float = 1e-12,
 ) -> Array:
-    """States (n, 13) at times (n,), the first that of `state`, by scipy's DOP853 on the same right-hand side.
+    """States by scipy's DOP853 on the right-hand side of `move`, to judge steps of fixed length.
 
-    For judging steps of fixed length. tolerance: relative, per step. Raises NotConverged where the integrator stops,
-    as it does where the magnet leaves the map.
+    Parameters
+    ----------
+    field, body, drag, plate : as in `move`.
+    state : where it begins (13,).
+    times : (n,), s, the first that of `state`.
+    tolerance : relative, per step.
+
+    Returns
+    -------
+    States (n, 13).
+
+    Raises
+    ------
+    NotConverged
+        Where the integrator stops, as it does where the magnet leaves the map.
     """
     moments = np.atleast_1d(check_signal("move_adaptively(times)", times))
     start = _checked("move_adaptively(state)", state)
@@ -117,13 +141,11 @@ def move_adaptively(
         return out if machine.rates(np.ascontiguousarray(y), out) == INSIDE else np.full(STATE, np.nan)
 
     atol = tolerance * np.maximum(np.abs(start), 1e-3)
-    ends = (moments[0], moments[-1])
-    found = scipy.integrate.solve_ivp(
-        slope, ends, start, method="DOP853", t_eval=moments, rtol=tolerance, atol=atol
-    )
+    ends, how = (moments[0], moments[-1]), {"method": "DOP853", "rtol": tolerance, "atol": atol}
+    found = scipy.integrate.solve_ivp(slope, ends, start, t_eval=moments, **how)
     if not found.success or not np.isfinite(found.y).all():
         must, remedy = "the integrator must reach the end", "keep the motion in the map"
-        raise NotConverged(Problem("move_adaptively", must, found.message, remedy))
+        raise NotConverged.of("move_adaptively", must, found.message, remedy)
     return np.ascontiguousarray(found.y.T)
 
 
@@ -158,7 +180,7 @@ def _in_field(field: MapAtCurrents, body: BodyNumbers) -> CoreMachine:
 
 def _checked(where: str, state: ArrayLike) -> Array:
     start = np.array(check_signal(where, state, columns=STATE))
-    if start.ndim != 1 or abs(np.linalg.norm(start[TURN : TURN + 4]) - 1.0) > 1e-9:
-        must = "must be one state (13,) with a quaternion of length 1"
-        raise InputError(Problem(where, must, f"{start.tolist()}", "make it by state_of"))
+    fits = start.ndim == 1 and abs(np.linalg.norm(start[TURN : TURN + 4]) - 1.0) <= 1e-9
+    must = "must be one state (13,) with a quaternion of length 1"
+    check(bool(fits), where, must, start.tolist(), "make it by state_of")
     return start

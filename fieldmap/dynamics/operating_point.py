@@ -10,12 +10,12 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike
 
-from fieldmap.arguments import check_signal
+from fieldmap.arguments import check, check_signal
 from fieldmap.core.machine import INSIDE, POSITION, TURN, sensed_point
 from fieldmap.dynamics.field_of_currents import EXACT
 from fieldmap.dynamics.machine import Machine
 from fieldmap.dynamics.motion import state_of
-from fieldmap.errors import InputError, NoEquilibrium, Problem
+from fieldmap.errors import NoEquilibrium
 from fieldmap.records import Record
 from fieldmap.typing import Array
 
@@ -46,24 +46,38 @@ class OperatingPoint(Record):
 def find_operating_point(
     machine: Machine, sensed: ArrayLike, outputs: ArrayLike, guess: ArrayLike = (0.0, 0.0, 0.0)
 ) -> OperatingPoint:
-    """The state in equilibrium with a given sensed point (3,), m, and given outputs (m,), free where they are NaN.
+    """The state in equilibrium with a given sensed point and given outputs, free where they are NaN.
 
     Three forces and two torques are balanced by the lean of the body (2; not of one that stays upright) and as many
-    numbers as there are NaN, which must be three: the lift is free where the height is given, and x or
-    the x signal, y or the y signal. guess (m,): outputs where the search begins, for those that are free. Currents are
-    those that the amplifiers make of the outputs, without limits and steps. Raises InputError for another number of
-    NaN, NoEquilibrium where the search ends with more than 1e-6 of the weight left; 2e-4 where the force steps over
-    zero there, as between the cells of a coarse map: see `is_step`.
+    numbers as there are NaN, which must be three: the lift is free where the height is given, and x or the x signal, y
+    or the y signal. Currents are those that the amplifiers make of the outputs, without limits and steps.
+
+    Parameters
+    ----------
+    machine : what is in equilibrium.
+    sensed : (3,), m.
+    outputs : (m,).
+    guess : outputs where the search begins (m,), for those that are free.
+
+    Returns
+    -------
+    The operating point.
+
+    Raises
+    ------
+    InputError
+        For another number of NaN.
+    NoEquilibrium
+        Where the search ends with more than 1e-6 of the weight left; 2e-4 where the force steps over zero there, as
+        between the cells of a coarse map: see `is_step`.
     """
     place, given = np.array(sensed, float), np.array(outputs, float)
     check_signal("find_operating_point(guess)", guess)
     start = np.where(np.isnan(given), np.broadcast_to(np.asarray(guess, float), given.shape), given)
     free_place, free_output = np.isnan(place), np.isnan(given)
-    if free_place.sum() + free_output.sum() != 3:
-        must = "must leave three numbers free in all"
-        received = f"{int(free_place.sum() + free_output.sum())} NaN"
-        remedy = "free the lift, and of x and y either the place or the signal"
-        raise InputError(Problem("find_operating_point(sensed, outputs)", must, received, remedy))
+    count, must = int(free_place.sum() + free_output.sum()), "must leave three numbers free in all"
+    remedy = "free the lift, and of x and y either the place or the signal"
+    check(count == 3, "find_operating_point(sensed, outputs)", must, f"{count} NaN", remedy)
     body, amplifier, weight = machine.body, machine.drive.amplifier, machine.body.mass * machine.body.gravity
     core, free = replace(machine, drag=None, plate=None, walls=None).core(1.0, EXACT), int(free_place.sum())
 
@@ -101,13 +115,9 @@ def find_operating_point(
     assert best is not None
     worst = float(np.abs(best.fun).max())
     if not (worst < _ACCURACY or (worst < _STEP and is_step(residual, best.x))):
-        problem = Problem(
-            "find_operating_point",
-            "forces and torques must balance",
-            f"{worst:.1e} of the weight left over at best",
-            "begin elsewhere in the map, free another signal, or check the scale of the field",
-        )
-        raise NoEquilibrium(problem)
+        must, received = "forces and torques must balance", f"{worst:.1e} of the weight left over at best"
+        remedy = "begin elsewhere in the map, free another signal, or check the scale of the field"
+        raise NoEquilibrium.of("find_operating_point", must, received, remedy)
     state, currents, found_outputs = parts(best.x)
     seen = sensed_point(state, body.seen_at)
     state[TURN : TURN + 4] /= np.linalg.norm(state[TURN : TURN + 4])

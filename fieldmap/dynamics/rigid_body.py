@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from fieldmap.arguments import check_not_negative, check_positive, check_signal
+from fieldmap.arguments import check, check_not_negative, check_positive, check_signal
 from fieldmap.constants import GRAVITY as FREE_FALL
 from fieldmap.core.body import CoreBody
 from fieldmap.core.machine import BodyNumbers
@@ -21,17 +21,13 @@ from fieldmap.device.payload import (
     shape_text,
 )
 from fieldmap.dynamics.surroundings import Drag, Plate, Walls
-from fieldmap.errors import InputError, Problem
+from fieldmap.errors import InputError
 from fieldmap.lookup import MagneticBody, magnetic_body
 from fieldmap.records import Record, count_of
 from fieldmap.typing import Array
 
 _RIM = 8
 _RIGID = 1e12  # kg m^2
-
-
-def _nowhere() -> Array:
-    return np.zeros((0, 3))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -49,7 +45,7 @@ class RigidBody(Record):
     magnet: MagneticBody
     magnet_at: Array = field(default_factory=lambda: np.zeros(3))
     seen_at: Array = field(default_factory=lambda: np.zeros(3))
-    skin: Array = field(default_factory=_nowhere)
+    skin: Array = field(default_factory=lambda: np.zeros((0, 3)))
     gravity: float = FREE_FALL
     upright: bool = False
     assumptions: tuple[str, ...] = ()
@@ -63,18 +59,15 @@ class RigidBody(Record):
             object.__setattr__(self, name, given)
         check_positive("RigidBody(inertia)", **dict(zip("xyz", self.inertia, strict=True)))
         a, b, c = np.sort(self.inertia)
-        if c > (a + b) * (1.0 + 1e-9):
-            must = "must fulfil I1 + I2 >= I3, as those of every body do"
-            problem = Problem(
-                "RigidBody(inertia)", must, f"{self.inertia.tolist()}", "give principal moments of inertia"
-            )
-            raise InputError(problem)
+        must, remedy = (
+            "must fulfil I1 + I2 >= I3, as those of every body do",
+            "give principal moments of inertia",
+        )
+        fits = bool(c <= (a + b) * (1.0 + 1e-9))
+        check(fits, "RigidBody(inertia)", must, self.inertia.tolist(), remedy)
 
     def numbers(
-        self,
-        drag: Drag | None = None,
-        plate: Plate | None = None,
-        walls: Walls | None = None,
+        self, drag: Drag | None = None, plate: Plate | None = None, walls: Walls | None = None
     ) -> BodyNumbers:
         """Everything about the body and its surroundings, as the C core takes it."""
         return BodyNumbers(
@@ -112,13 +105,30 @@ def body_of_payload(
 ) -> RigidBody:
     """The upright body of a device's payload: z along the magnet's axis, seen at its top.
 
-    radius, height: of the cylinder that the body is taken for, m; the magnet's own unless given. below: how far the
-    magnet's centre lies above the body's lower face, m; half of the magnet's height unless given. A payload without
-    an inertia gets that of this cylinder; where none is given, of its magnet, a sphere, a block or a cylinder, or of
-    its pieces, taken as uniform and as heavy as the payload. centre_of_mass: how far it lies above the magnet's centre,
-    m. direction: +1 for a moment along the body's z axis, -1 against it. magnet: its magnetism; a point dipole for each
-    magnet unless given. upright: it does not turn. Raises InputError where no inertia is given or follows.
+    A payload without an inertia gets that of the cylinder; where none is given, of its magnet, a sphere, a block or a
+    cylinder, or of its pieces, taken as uniform and as heavy as the payload.
 
+    Parameters
+    ----------
+    payload : of a device.
+    radius, height : of the cylinder that the body is taken for, m; the magnet's own unless given.
+    below : how far the magnet's centre lies above the body's lower face, m; half of the magnet's height unless given.
+    centre_of_mass : how far it lies above the magnet's centre, m.
+    direction : +1 for a moment along the body's z axis, -1 against it.
+    magnet : its magnetism; a point dipole for each magnet unless given.
+    upright : whether the body does not turn.
+
+    Returns
+    -------
+    The body, and what its numbers rest on.
+
+    Raises
+    ------
+    InputError
+        Where no inertia is given or follows.
+
+    Examples
+    --------
     >>> from fieldmap.device import read_device
     >>> body = body_of_payload(read_device("drive_unit").payload, radius=5.9e-3, height=0.025)
     >>> (1e7 * body.inertia).round(3).tolist()
@@ -174,12 +184,10 @@ def _inertia(
     if payload.inertia is not None:
         return np.array(payload.inertia, float), ()
     if r is None or h is None:
-        uniform = payload.principal_moments
-        if uniform is None or r is not None or h is not None:
-            remedy = (
-                "give radius and height of the body, or payload.inertia or payload.magnet in the device file"
-            )
-            raise InputError(Problem("body_of_payload(payload)", "must have an inertia", "none", remedy))
+        uniform = payload.principal_moments if r is None and h is None else None
+        remedy = "give radius and height of the body, or payload.inertia or payload.magnet in the device file"
+        if uniform is None:
+            raise InputError.of("body_of_payload(payload)", "must have an inertia", "none", remedy)
         shape = "body of its pieces"
         if payload.magnet is not None and not payload.pieces:
             shape = f"{shape_text(payload.magnet).removeprefix('magnet ')}, the magnet's"
@@ -192,15 +200,12 @@ def _inertia(
 def _skin(payload: Payload, centre: float) -> Array:
     """Points that touch walls: poles and equator of a sphere or ellipsoid, corners of a block, rims of a cylinder, of
     every piece; nothing of a dipole."""
-    if payload.pieces:
-        each = [
-            _surface(piece.shape) @ piece.placement.rotation.T + piece.placement.position
-            for piece in payload.pieces
-        ]
-        return np.concatenate(each) + [0.0, 0.0, centre]
-    if isinstance(payload.magnet, MagnetSphere | MagnetBlock):
-        return _surface(payload.magnet) + [0.0, 0.0, centre]
-    return _nowhere()
+    each = [np.zeros((0, 3))]
+    for piece in payload.pieces:
+        each.append(_surface(piece.shape) @ piece.placement.rotation.T + piece.placement.position)
+    if not payload.pieces and isinstance(payload.magnet, MagnetSphere | MagnetBlock):
+        each.append(_surface(payload.magnet))
+    return np.concatenate(each) + [0.0, 0.0, centre]
 
 
 def _surface(shape: Magnet | SoftBody) -> Array:

@@ -21,7 +21,7 @@ from fieldmap.dynamics.closed_loop import (
 from fieldmap.dynamics.loop_run import Event, LevitationRun, PartsOfState, event_of
 from fieldmap.dynamics.machine import Machine
 from fieldmap.dynamics.operating_point import OperatingPoint
-from fieldmap.errors import InputError, Problem
+from fieldmap.errors import InputError
 from fieldmap.typing import Array
 
 _WHERE = "RunningMachine.step"
@@ -87,12 +87,12 @@ class RunningMachine(PartsOfState):
         if not (fits and np.isfinite(given).all()):
             must = f"must be {len(names)} finite numbers: {', '.join(names)}"
             received = f"{given.tolist()}" if fits else f"an array {given.shape}"
-            raise InputError(Problem(f"{_WHERE}(outputs)", must, received, "give one number for each"))
+            raise InputError.of(f"{_WHERE}(outputs)", must, received, "give one number for each")
         if self._event != PAUSED:
             event = self.event
             received = "an event" if event is None else f"{event.name} at {event.time:g} s"
             remedy = "look at `event`, and call reset() to begin again"
-            raise InputError(Problem(_WHERE, "must be called before the run has ended", received, remedy))
+            raise InputError.of(_WHERE, "must be called before the run has ended", received, remedy)
         steps = self._steps(dt)
         sample = loop.done.samples
         if sample + 1 >= len(loop.signals.references):
@@ -124,7 +124,7 @@ class RunningMachine(PartsOfState):
             must = f"must be one or more whole mechanical steps of {clock.step:g} s{late}"
             near = clock.step * max(round(ratio) if np.isfinite(ratio) else 1, 1, clock.delay)
             remedy = f"take dt={near:g}, or leave it out for the period of {self.schedule.period:g} s"
-            raise InputError(Problem(f"{_WHERE}(dt)", must, f"{dt:g} s", remedy))
+            raise InputError.of(f"{_WHERE}(dt)", must, f"{dt:g} s", remedy)
         return round(ratio)
 
     def _extend(self) -> None:

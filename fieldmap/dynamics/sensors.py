@@ -38,7 +38,7 @@ class Sensors(Record):
 
     frame: SensorFrame | None = None
     zero_depth: Annotated[
-        float, Key(float, "depth below the map's origin at which the vertical sensor reads 0", "mm")
+        float, Key(..., "depth below the map's origin at which the vertical sensor reads 0", "mm")
     ] = 0.0
     deviations: Annotated[
         tuple[float, float, float],
@@ -46,9 +46,7 @@ class Sensors(Record):
     ] = (0.0, 0.0, 0.0)
     rigs: tuple[Rig | None, Rig | None, Rig | None] = (None, None, None)
     voltage_noise: float = 0.0
-    scan_rate: Annotated[float, Key(NotNegative, "rate of scans; 0: shows what is at each sample", "Hz")] = (
-        0.0
-    )
+    scan_rate: Annotated[NotNegative, Key(..., "rate of scans; 0: shows what is at each sample", "Hz")] = 0.0
     averages: Annotated[
         int | tuple[int, int, int],
         Key(
@@ -57,12 +55,12 @@ class Sensors(Record):
         ),
     ] = 1
     latency: Annotated[
-        int, Key(Annotated[int, Field(ge=0)], "scans by which a mean comes late", name="latency_scans")
+        Annotated[int, Field(ge=0)], Key(..., "scans by which a mean comes late", name="latency_scans")
     ] = 0
     measured_with: Annotated[
-        int | None,
+        Count | None,
         Key(
-            Count | None,
+            ...,
             "averages with which deviation_mm was measured; `averages` unless given",
             name="deviation_averages",
         ),

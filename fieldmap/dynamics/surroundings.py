@@ -6,10 +6,9 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field, ValidationInfo
 
-from fieldmap.arguments import check_signal
+from fieldmap.arguments import check, check_signal
 from fieldmap.constants import MU0
 from fieldmap.core.machine import plate_force
-from fieldmap.errors import InputError, Problem
 from fieldmap.inputs.declared import Key, check_fields
 from fieldmap.inputs.tables import NotNegative, PlanePoint, Point, Positive, Vector, broken
 from fieldmap.records import Record
@@ -53,12 +52,13 @@ class Drag(Record):
     @property
     def assumptions(self) -> tuple[str, ...]:
         """What is not zero, in words."""
-        units = {"linear": "N s/m", "body_linear": "N s/m along the body's axes"}
-        units |= {
+        units = {
+            "linear": "N s/m",
+            "body_linear": "N s/m along the body's axes",
             "body_quadratic": "N s^2/m^2 along the body's axes",
             "turning": "N m s about the body's axes",
+            "turning_quadratic": "N m s^2 about the body's axes",
         }
-        units |= {"turning_quadratic": "N m s^2 about the body's axes"}
         return tuple(
             f"drag {', '.join(f'{value:g}' for value in values)} {units[name]}"
             for name, values in vars(self).items()
@@ -80,10 +80,9 @@ class Plate(Record):
     by the order of (speed / critical_speed)^2. docs/theory/dynamics.md (11)..(18).
     """
 
-    conductivity: Annotated[float, Key(Positive, "conductivity, 3.5e7 for aluminium", "S_per_m")]
+    conductivity: Annotated[Positive, Key(..., "conductivity, 3.5e7 for aluminium", "S_per_m")]
     thickness: Annotated[
-        float,
-        Key(Annotated[float, Field(gt=0, allow_inf_nan=True)], "thickness; inf for a half space", "mm"),
+        Annotated[float, Field(gt=0, allow_inf_nan=True)], Key(..., "thickness; inf for a half space", "mm")
     ]
     face: Annotated[Three, Key(Point, "[x, y, z] of a point of the face that the magnet sees", "mm")]
     normal: Annotated[
@@ -105,24 +104,33 @@ class Plate(Record):
         return np.array([self.conductivity, self.thickness, *self.face, *(n / np.linalg.norm(n))])
 
     def damping(self, position: Three, moment: Three) -> Array:
-        """(3, 3) N s/m: the force on a dipole (3,), A m^2, that moves without turning is -damping @ velocity. (16)
+        """Damping of a dipole that moves without turning, (16): the force on it is -damping @ velocity.
 
-        Raises InputError for a position on or behind the face.
+        Parameters
+        ----------
+        position : of the dipole (3,), m.
+        moment : (3,), A m^2.
 
+        Returns
+        -------
+        (3, 3), N s/m.
+
+        Raises
+        ------
+        InputError
+            For a position on or behind the face.
+
+        Examples
+        --------
         >>> plate = Plate(conductivity=3.5e7, thickness=np.inf, face=(0, 0, 0))
         >>> (1e3 * plate.damping((0, 0, 0.02), (0, 0, 0.813)).diagonal()).round(3).tolist()
         [11.356, 11.356, 22.712]
         """
         numbers = self.numbers
-        where, dipole = (
-            np.array(check_signal(f"Plate.damping({name})", value, columns=3))
-            for name, value in (("position", position), ("moment", moment))
-        )
-        if not (where - self.face) @ numbers[5:] > 0.0:
-            problem = Problem(
-                "Plate.damping(position)", "must lie in front of the face", f"{position}", "turn the normal"
-            )
-            raise InputError(problem)
+        where = np.array(check_signal("Plate.damping(position)", position, columns=3))
+        dipole = np.array(check_signal("Plate.damping(moment)", moment, columns=3))
+        ahead, must = bool((where - self.face) @ numbers[5:] > 0.0), "must lie in front of the face"
+        check(ahead, "Plate.damping(position)", must, position, "turn the normal")
         columns = [plate_force(numbers, where, dipole, v, np.zeros(3))[0] for v in np.eye(3)]
         return -np.array(columns).T
 
@@ -144,22 +152,20 @@ class Walls(Record):
     that before, 0 < restitution <= 1, which sets the damping. friction: Coulomb's coefficient, viscous below slip, m/s.
     """
 
-    floor: Annotated[float | None, Key(float | None, "z of a floor", "mm")] = None
-    ceiling: Annotated[float | None, Key(float | None, "z of a ceiling", "mm")] = None
-    radius: Annotated[
-        float | None, Key(Positive | None, "radius of an upright tube", "mm", name="tube_radius")
-    ] = None
+    floor: Annotated[float | None, Key(..., "z of a floor", "mm")] = None
+    ceiling: Annotated[float | None, Key(..., "z of a ceiling", "mm")] = None
+    radius: Annotated[Positive | None, Key(..., "radius of an upright tube", "mm", name="tube_radius")] = None
     axis: Annotated[
         tuple[float, float], Key(PlanePoint, "[x, y] of the axis of that tube", "mm", name="tube_axis")
     ] = (0.0, 0.0)
     contact_time: Annotated[
-        float, Key(Positive, "half a period of the body bouncing on one point: the stiffness", "ms")
+        Positive, Key(..., "half a period of the body bouncing on one point: the stiffness", "ms")
     ] = 5e-3
     restitution: Annotated[
-        float, Key(Annotated[float, Field(gt=0, le=1)], "speed after a bounce over the speed before")
+        Annotated[float, Field(gt=0, le=1)], Key(..., "speed after a bounce over the speed before")
     ] = 0.3
-    friction: Annotated[float, Key(NotNegative, "Coulomb's coefficient of friction")] = 0.3
-    slip: Annotated[float, Key(Positive, "speed below which friction is viscous", "mm_per_s")] = 1e-3
+    friction: Annotated[NotNegative, Key(..., "Coulomb's coefficient of friction")] = 0.3
+    slip: Annotated[Positive, Key(..., "speed below which friction is viscous", "mm_per_s")] = 1e-3
 
     def __post_init__(self) -> None:
         check_fields(self)

@@ -11,7 +11,7 @@ the key that an attribute is written as (`Table.declared`).
 ... class Ball:
 ...     '''Ball, centred at the origin.'''
 ...     kind: ClassVar[str] = "ball"
-...     radius: Annotated[float, Key(Length, "radius", "mm")]
+...     radius: Annotated[Length, Key(..., "radius", "mm")]
 >>> table = table_of(Ball, "shape")
 >>> record_of(table.model_validate({"shape": "ball", "radius_mm": 20.0}))
 Ball(radius=0.02)
@@ -34,6 +34,7 @@ from fieldmap.inputs.tables import UNITS, Table, chosen_by, read_only
 from fieldmap.records import Record
 
 # Of members that are not known before the program runs.
+_ANNOTATED: Any = Annotated
 _LITERAL: Any = Literal
 _UNION: Any = Union
 
@@ -42,7 +43,8 @@ _UNION: Any = Union
 class Key(Record):
     """How a field of a record is written in files.
 
-    rule: annotation of the value in the unit of the file, with its bounds. text: what the value is. unit: the last part
+    rule: annotation of the value in the unit of the file, with its bounds; `...` where that is the type of the field.
+    text: what the value is. unit: the last part
     of the key, one of `UNITS`. name: of the key, where it is not that of the field. check: raises `broken` for a value
     that does not go with the keys before it. make: what becomes of the value before its unit is applied. written: the
     default in files, where it is not that of the field. examples: for the pages of keys.
@@ -67,8 +69,12 @@ def keys_of(record: type) -> dict[str, tuple[str, Key, Any]]:
         hint = hints[field.name]
         about = next((one for one in getattr(hint, "__metadata__", ()) if isinstance(one, Key)), None)
         if about is not None:
-            name = about.name or field.name
-            found[f"{name}_{about.unit}" if about.unit else name] = (field.name, about, get_args(hint)[0])
+            name, kind = about.name or field.name, get_args(hint)[0]
+            if about.rule is ...:
+                # Annotations of annotations are one: the bounds of the type stand beside the key.
+                bounds = [one for one in hint.__metadata__ if one is not about]
+                about = dataclasses.replace(about, rule=_ANNOTATED[kind, *bounds] if bounds else kind)
+            found[f"{name}_{about.unit}" if about.unit else name] = (field.name, about, kind)
     return found
 
 

@@ -34,10 +34,8 @@ from fieldmap.levitation.comparison import (
 )
 from fieldmap.levitation.continuation import Fold, FollowedBranch, follow_branch
 from fieldmap.levitation.equilibrium import Equilibrium, SearchReport, find_equilibrium
-from fieldmap.levitation.least_power import force_per_ampere, lift_shares, push_shares
-from fieldmap.levitation.lift import LiftCurrent, lift_current
-from fieldmap.levitation.reachable_set import ReachableSet, reachable, zonotope
-from fieldmap.levitation.searched_set import SearchedSet
+from fieldmap.levitation.lift import LiftCurrent, force_per_ampere, lift_current, lift_shares, push_shares
+from fieldmap.levitation.reachable_set import ReachableSet, SearchedSet, reachable, zonotope
 from fieldmap.levitation.sensitivity import Sensitivity, equilibrium_sensitivity
 from fieldmap.levitation.signal_surface import EquilibriumSurface, equilibrium_surface
 from fieldmap.levitation.stationary import StationaryPoint, StationarySet, stationary_points

@@ -13,10 +13,10 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fieldmap.arguments import check_choice
+from fieldmap.arguments import check, check_choice
 from fieldmap.constants import GRAVITY
 from fieldmap.device.model import Payload
-from fieldmap.errors import InputError, NotConverged, OutsideMapError, Problem
+from fieldmap.errors import InputError, NotConverged, OutsideMapError
 from fieldmap.field import AnyField, Bounds, Field, as_field
 from fieldmap.lookup.finite_magnet import FiniteMagnet, volume_rule
 from fieldmap.lookup.magnetic_body import MagneticBody
@@ -29,6 +29,8 @@ RULE = 3
 """Level of the volume rule of a rigid magnet: exact for fields of degree 5 across it."""
 UPRIGHT = 1e6
 """Lever, m, beyond which weight holds a magnet upright against any field."""
+CURRENT_STEP = 0.01
+"""Change of a current, as a share of the largest one, over which a force is differenced unless another is asked for."""
 _TORQUE = 1e-8
 """Largest torque left, over moment times field; less is noise where a map jumps between its cells."""
 _TURNS = 60
@@ -43,15 +45,14 @@ _HELD = {
 def check_position(bounds: Bounds, position: ArrayLike, where: str) -> Array:
     """A finite point (3,) inside a box, m. Raises InputError and OutsideMapError."""
     point = np.asarray(position, dtype=float)
-    if point.shape != (3,) or not np.isfinite(point).all():
-        must_hold = "must be three finite coordinates in m"
-        raise InputError(Problem(where, must_hold, f"{point.tolist()}", "give x, y and z"))
+    fits = point.shape == (3,) and bool(np.isfinite(point).all())
+    check(fits, where, "must be three finite coordinates in m", point.tolist(), "give x, y and z")
     lower, upper = bounds
     slack = 1e-12 * np.abs(upper - lower).max()
     if (point < lower - slack).any() or (point > upper + slack).any():
         must_hold = f"must lie in the box {_millimetres(lower)} to {_millimetres(upper)} mm"
         remedy = "choose a point inside, or a map that reaches there"
-        raise OutsideMapError(Problem(where, must_hold, f"{_millimetres(point)} mm", remedy))
+        raise OutsideMapError.of(where, must_hold, f"{_millimetres(point)} mm", remedy)
     return np.clip(point, lower, upper)
 
 
@@ -139,6 +140,30 @@ class MagnetBalance(ABC):
         """Magnetic force plus weight (n, 3), N."""
         return self.magnetic_force(points) - [0.0, 0.0, self.weight]
 
+    def force_per_signal(self, position: Array, signals: Array, steps: Array) -> Array:
+        """Slopes of the magnetic force by signals, by central differences: exact for a field that is linear in the
+        currents, of second order in the steps where iron saturates.
+
+        Parameters
+        ----------
+        position : the magnet's centre (3,), m.
+        signals : currents (n_coils, k), A, per unit of each signal.
+        steps : half the differences of the signals (k,).
+
+        Returns
+        -------
+        Slopes (3, k), N per unit of each signal.
+        """
+
+        def force(change: Array) -> Array:
+            return replace(self, currents=self.currents + change).magnetic_force(position[None, :])[0]
+
+        slopes = [
+            (force(step * signal) - force(-step * signal)) / (2.0 * step)
+            for signal, step in zip(signals.T, steps, strict=True)
+        ]
+        return np.column_stack(slopes)
+
 
 @dataclass(eq=False)
 class Balance(MagnetBalance):
@@ -204,10 +229,10 @@ class RigidBalance(MagnetBalance):
         axis = np.tile([0.0, 0.0, self.sign], (len(points), 1))
         flux = self.source.field(points, self.currents)
         restoring = self.magnet.moment * np.linalg.norm(flux, axis=1) + self.weight * self.lever
+        # The weight hangs below the centre, along the axis.
+        hanging = self.sign * self.weight * self.lever * np.array([0.0, 0.0, 1.0])
         for _ in range(_TURNS):
-            torque = self._wrench(points, axis)[:, 3:] + self.sign * self.weight * self.lever * _cross_up(
-                axis
-            )
+            torque = self._wrench(points, axis)[:, 3:] + np.cross(axis, hanging)
             if (np.linalg.norm(torque, axis=1) <= _TORQUE * restoring).all():
                 return axis
             # A turn by torque over the restoring moment of a small tilt: Newton's step but for the field's gradient.
@@ -216,7 +241,7 @@ class RigidBalance(MagnetBalance):
         must_hold = f"the torque must fall to {_TORQUE:g} of moment times field"
         received = f"{np.max(np.linalg.norm(torque, axis=1) / restoring):.1e} after {_TURNS} turns"
         remedy = "choose places where the field is not weak, or moment='fixed'"
-        raise NotConverged(Problem("rigid magnet", must_hold, received, remedy))
+        raise NotConverged.of("rigid magnet", must_hold, received, remedy)
 
     def _wrench(self, points: Array, axis: Array) -> Array:
         self.evaluations += len(points)
@@ -262,15 +287,9 @@ def body_balance(field: Field, currents: Array, payload: Payload, near: Array) -
     if not len(body.points):
         upright.moments(near)
         return upright
-    lifts = [one.magnetic_force(near)[:, 2].max() for one in (upright, turned)]
-    chosen = upright if lifts[0] >= lifts[1] else turned
+    chosen = max((upright, turned), key=lambda one: one.magnetic_force(near)[:, 2].max())
     chosen.moments(near)
     return chosen
-
-
-def _cross_up(axis: Array) -> Array:
-    """axis x e_z: the torque of a unit weight that hangs a unit length below the centre, along the axis."""
-    return np.stack([axis[:, 1], -axis[:, 0], np.zeros(len(axis))], axis=1)
 
 
 def _frames(axis: Array) -> Array:
@@ -317,9 +336,7 @@ def magnet_balance(
         return Balance(field, currents, payload.mass, payload.moment, held, evaluations=len(points))
     if payload.magnet is None:
         must = "must have a magnet: its shape, size and remanence"
-        raise InputError(
-            Problem("payload.magnet", must, "None", "add [payload.magnet], or choose moment='fixed'")
-        )
+        raise InputError.of("payload.magnet", must, "None", "add [payload.magnet], or choose moment='fixed'")
     turning = UPRIGHT if moment == "rigid upright" else lever
     magnet = volume_rule(payload.magnet, RULE)
     return RigidBalance(field, currents, payload.mass, payload.moment, magnet, turning, sign)
@@ -327,11 +344,8 @@ def magnet_balance(
 
 def refuse_models_of_pieces(where: str, moment: str) -> None:
     """Raise InputError for another model than the upright one of a payload of pieces."""
-    if moment not in ("fixed", "rigid upright"):
-        must_hold = (
-            "must be 'fixed' for a payload of pieces: it stays upright, and soft iron follows the field"
-        )
-        raise InputError(Problem(where, must_hold, f"'{moment}'", "leave it out"))
+    must = "must be 'fixed' for a payload of pieces: it stays upright, and soft iron follows the field"
+    check(moment in ("fixed", "rigid upright"), where, must, f"'{moment}'", "leave it out")
 
 
 def model_assumptions(moment: MagnetModel, lever: float = 0.0) -> tuple[str, ...]:

@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fieldmap.arguments import check_positive
+from fieldmap.arguments import check, check_positive
 from fieldmap.device.model import Payload
-from fieldmap.errors import InputError, NoEquilibrium, Problem
+from fieldmap.errors import NoEquilibrium
 from fieldmap.field import AnyField, Bounds, as_field, require_bounds
 from fieldmap.levitation.balance import (
     MagnetBalance,
@@ -70,17 +70,33 @@ def follow_equilibrium(
     lever: float = 0.0,
     step: float = 0.05,
 ) -> EquilibriumBranch:
-    """Follow the point of no horizontal force from `start` (x, y), m, through the parameters `stops`, round folds.
+    """Follow the point of no horizontal force through the parameters `stops`, round folds.
 
-    path(parameter, level): currents (n_coils,) in A and height z of the magnet, m, such as
-    `lambda x, u: (divide_currents(u, x, 0.0, 1.25), -0.102)`. stops (n,): monotonic; start is near the solution at the
-    first. level: current level, A. hold_height: the level follows so that the lift carries the weight, as a vertical
-    controller makes it; `level` is where that begins. Otherwise it is constant, and the vertical force is what it is.
-    field_scale: what every field is multiplied by (1 unless a calibration says otherwise); it matters only where the
-    height is held. moment, lever: `magnet_balance`. step: largest step, in units of a quarter of the map's width, the
-    range of the stops and the level.
+    Parameters
+    ----------
+    field : any field with a box.
+    payload : what is levitated.
+    path : path(parameter, level) gives currents (n_coils,), A, and the height z of the magnet, m, such as `lambda x, u:
+        (divide_currents(u, x, 0.0, 1.25), -0.102)`.
+    start : (x, y), m, near the solution at the first stop.
+    stops : (n,), rising or falling.
+    level : current level, A; where it begins, if the height is held.
+    hold_height : whether the level follows so that the lift carries the weight, as a vertical controller makes it.
+        Otherwise it is constant, and the vertical force is what it is.
+    field_scale : what every field is multiplied by, a calibration; it matters only where the height is held.
+    moment, lever : as in `magnet_balance`.
+    step : largest step, in units of a quarter of the map's width, the range of the stops and the level.
 
-    Raises InputError and OutsideMapError for arguments that do not fit, NotConverged if nothing is near the start.
+    Returns
+    -------
+    The branch, in the order in which it was followed.
+
+    Raises
+    ------
+    InputError, OutsideMapError
+        For arguments that do not fit.
+    NotConverged
+        If nothing is near the start.
     """
     check_positive("follow_equilibrium", step=step)
     targets = _stops(stops)
@@ -123,10 +139,27 @@ def equilibrium_at(
     moment: MagnetModel = "fixed",
     lever: float = 0.0,
 ) -> tuple[StationaryPoint, float]:
-    """The point of no horizontal force that Newton's method reaches from `start` (x, y), m, and the current level, A.
+    """The point of no horizontal force that Newton's method reaches from a start, and the current level.
 
-    path(level): currents (n_coils,) in A and height z of the magnet, m. The rest as in `follow_equilibrium`, for one
-    parameter. Raises InputError and OutsideMapError for arguments that do not fit, NoEquilibrium if nothing is near.
+    Parameters
+    ----------
+    field : any field with a box.
+    payload : what is levitated.
+    path : path(level) gives currents (n_coils,), A, and the height z of the magnet, m.
+    start : (x, y), m.
+    level : current level, A; where it begins, if the height is held.
+    hold_height, field_scale, moment, lever : as in `follow_equilibrium`.
+
+    Returns
+    -------
+    The point, and the level, A.
+
+    Raises
+    ------
+    InputError, OutsideMapError
+        For arguments that do not fit.
+    NoEquilibrium
+        If nothing is near.
     """
     about = (field, payload, lambda _, u: path(u), 0.0, start, level, hold_height, field_scale, moment, lever)
     along, q, (low, high) = _begin("equilibrium_at", *about)
@@ -139,18 +172,14 @@ def equilibrium_at(
         q[2:] = np.clip(q[2:], 0.8 * (q + step)[2:], 1.25 * (q + step)[2:])
         # A force that jumps between a map's cells is smooth to its own error only.
         close = _CLOSE if count < _STEPS // 4 else _WELL_ENOUGH
-        if np.abs(step[:2]).max() < close and (
-            not hold_height or abs(step[2]) < close / _CLOSE * 1e-8 * level
-        ):
-            balance, place = along.at(q, 0.0)
-            return describe(balance, place), along.level_of(q)
+        last = float(np.abs(step[:2]).max())
+        if last < close and (not hold_height or abs(step[2]) < close / _CLOSE * 1e-8 * level):
+            return describe(*along.at(q, 0.0)), along.level_of(q)
     what = "the horizontal force and the lift less weight" if hold_height else "the horizontal force"
     where = f"equilibrium_at, from {1e3 * begin} mm at {level:.4g} A"
-    received = (
-        f"a last step of {1e3 * np.abs(step[:2]).max():.2g} mm at {1e3 * q[:2]} mm after {_STEPS} steps"
-    )
+    received = f"a last step of {1e3 * last:.2g} mm at {1e3 * q[:2]} mm after {_STEPS} steps"
     remedy = "look for all points with stationary_points, and start near one of them"
-    raise NoEquilibrium(Problem(where, f"{what} must vanish near", received, remedy))
+    raise NoEquilibrium.of(where, f"{what} must vanish near", received, remedy)
 
 
 def _begin(
@@ -228,8 +257,8 @@ class _Along:
 def _stops(stops: ArrayLike) -> Array:
     values = np.asarray(stops, dtype=float)
     steps = np.diff(values)
-    if values.ndim != 1 or len(values) < 2 or not ((steps > 0).all() or (steps < 0).all()):
-        must_hold = "must be two or more parameters in rising or falling order"
-        remedy = "begin with the parameter of the start"
-        raise InputError(Problem("follow_equilibrium(stops)", must_hold, f"{values.tolist()}", remedy))
+    ordered = values.ndim == 1 and len(values) > 1 and bool((steps > 0).all() or (steps < 0).all())
+    must = "must be two or more parameters in rising or falling order"
+    remedy = "begin with the parameter of the start"
+    check(ordered, "follow_equilibrium(stops)", must, values.tolist(), remedy)
     return values

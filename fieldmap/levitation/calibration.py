@@ -13,7 +13,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fieldmap.arguments import check_matrix, check_ordered, check_positive, check_signal
+from fieldmap.arguments import check, check_matrix, check_ordered, check_positive, check_signal
 from fieldmap.device.model import Payload
 from fieldmap.errors import InputError, NoEquilibrium
 from fieldmap.field import AnyField, Bounds, Field, as_field, require_bounds
@@ -172,19 +172,36 @@ def calibrate(
 ) -> Calibration:
     """Fit a field to measured currents of levitation, measured places, or both, by least squares.
 
-    fit: which parameters are free. "field_scale" multiplies every field and force; "magnet_offset" is the depth of the
-    magnet's centre below the point that the sensor reads, m; "current_scale" multiplies all currents before the field
-    is asked (turns, or an amplifier's gain; where iron saturates that is not the same as a field scale); "gains" stands
-    for one such factor for each coil, called "gain NAME". given: values of parameters that are not free, or where the
-    free ones begin; 1, the payload's magnet_offset, and 1 unless given. limits: lower and upper bound of free
-    parameters, narrower than what is said below. moment, lever: `magnet_balance`. The field must
-    hold at the currents and places that the fit tries.
+    The scales are kept within 0.05 to 20, the offset so that no magnet leaves the field's box. The field must hold at
+    the currents and places that the fit tries.
 
-    The scales are kept within 0.05 to 20, the offset so that no magnet leaves the field's box. Raises InputError where
-    there are no readings, fewer than free parameters, or readings that cannot tell the free
-    parameters apart (named).
+    Parameters
+    ----------
+    field : any field with a box.
+    payload : what was levitated.
+    lift, positions : the readings; one kind or both.
+    fit : which parameters are free. "field_scale" multiplies every field and force. "magnet_offset" is the depth of the
+        magnet's centre below the point that the sensor reads, m. "current_scale" multiplies all currents before the
+        field is asked (turns, or an amplifier's gain; where iron saturates that is not the same as a field scale).
+        "gains" stands for one such factor for each coil, called "gain NAME".
+    given : values of parameters that are not free, or where the free ones begin; 1, the payload's magnet_offset, and 1
+        unless given.
+    limits : lower and upper bound of free parameters, narrower than those above.
+    moment, lever : as in `magnet_balance`.
 
-    Example::
+    Returns
+    -------
+    The fit, with its covariance and every reading.
+
+    Raises
+    ------
+    InputError
+        Where there are no readings, fewer than free parameters, or readings that cannot tell the free parameters apart
+        (named).
+
+    Examples
+    --------
+    ::
 
         readings = LiftReadings(sensed=-0.05 - depths, currents=np.outer(amperes, np.ones(coils)))
         found = calibrate(m, device.payload, lift=readings)
@@ -192,8 +209,9 @@ def calibrate(
     """
     carried = check_payload(payload, "calibrate")
     source = as_field(field)
-    names = _free(fit, source.coil_names)
-    start = _start(source.coil_names, carried, given)
+    gains = tuple(f"gain {name}" for name in source.coil_names)
+    names = _free(fit, gains)
+    start = _start(gains, carried, given)
     rig = _Rig(source, carried, moment, lever)
     tables = _tables(rig, lift, positions)
     bounds = _bounds(names, require_bounds(source), lift, positions, limits or {})
@@ -214,18 +232,15 @@ def calibrate(
         xtol=1e-10,
         ftol=1e-12,
     )
-    if found.alike:
-        must_hold = "the readings must tell the free parameters apart"
-        received = f"readings that do not change with {' and '.join(found.alike)}, or with both at once"
-        remedy = "hold one of them with given=..., or add readings of another kind"
-        raise InputError.of("calibrate(fit)", must_hold, received, remedy)
+    must = "the readings must tell the free parameters apart"
+    received = f"readings that do not change with {' and '.join(found.alike)}, or with both at once"
+    remedy = "hold one of them with given=..., or add readings of another kind"
+    check(not found.alike, "calibrate(fit)", must, received, remedy)
     begun = start | {one.key: one.start for one in unknowns}
     rows = [
-        Reading(*row)
+        Reading(name, *map(float, numbers))
         for table, one in zip(tables, found.tables, strict=True)
-        for row in zip(
-            table.rows, one.measured.tolist(), one.before.tolist(), one.after.tolist(), strict=True
-        )
+        for name, *numbers in zip(table.rows, one.measured, one.before, one.after, strict=True)
     ]
     fitted = f"fitted: {', '.join(names)}; all else as given"
     return Calibration(
@@ -243,9 +258,11 @@ def calibrate(
 def _tables(rig: _Rig, lift: LiftReadings | None, positions: PositionReadings | None) -> list[_Table]:
     """The readings that there are."""
     coils = len(rig.source.coil_names)
-    if lift is None and positions is None:
-        must = "must have readings of lift, of positions, or both"
-        raise InputError.of("calibrate", must, "none", "pass lift=LiftReadings(...) or positions=...")
+    some, must = (
+        lift is not None or positions is not None,
+        "must have readings of lift, of positions, or both",
+    )
+    check(some, "calibrate", must, "none", "pass lift=LiftReadings(...) or positions=...")
     for name, read in (("lift", lift), ("positions", positions)):
         if read is not None:
             check_positive(f"calibrate({name})", deviation=read.deviation)
@@ -265,14 +282,14 @@ def _tables(rig: _Rig, lift: LiftReadings | None, positions: PositionReadings | 
     return tables
 
 
-def _free(fit: Sequence[str], coil_names: tuple[str, ...]) -> tuple[str, ...]:
+def _free(fit: Sequence[str], gains: tuple[str, ...]) -> tuple[str, ...]:
     """Names of the free parameters."""
     wanted = [fit] if isinstance(fit, str) else list(fit)
     unknown = [name for name in wanted if name not in (*PARAMETERS, "gains")]
-    if unknown or not wanted or len(set(wanted)) != len(wanted) or {"gains", "current_scale"} <= set(wanted):
-        must = f"must name, each once, some of {', '.join(PARAMETERS)}, gains; not current_scale with gains"
-        raise InputError.of("calibrate(fit)", must, f"{wanted}", "the gains hold the current scale")
-    gains = tuple(f"gain {name}" for name in coil_names)
+    each_once = bool(wanted) and not unknown and len(set(wanted)) == len(wanted)
+    fits = each_once and not {"gains", "current_scale"} <= set(wanted)
+    must = f"must name, each once, some of {', '.join(PARAMETERS)}, gains; not current_scale with gains"
+    check(fits, "calibrate(fit)", must, wanted, "the gains hold the current scale")
     return tuple(n for name in wanted for n in (gains if name == "gains" else (name,)))
 
 
@@ -290,21 +307,18 @@ def _bounds(
     low, high = float(box[0][2]), float(box[1][2])
     rim = 1e-3 * (high - low)
     offset = (sensed.max() - high + rim, sensed.min() - low - rim)
-    scales = (0.05, 20.0)
-    widest = [offset if name == "magnet_offset" else scales for name in names]
-    asked = [limits.get(name, bound) for name, bound in zip(names, widest, strict=True)]
-    return np.array([(max(a, c), min(b, d)) for (a, b), (c, d) in zip(widest, asked, strict=True)]).T
+    widest = np.array([offset if name == "magnet_offset" else (0.05, 20.0) for name in names])
+    asked = np.array([limits.get(name, (-np.inf, np.inf)) for name in names])
+    return np.array([np.maximum(widest, asked)[:, 0], np.minimum(widest, asked)[:, 1]])
 
 
-def _start(
-    coil_names: tuple[str, ...], payload: Payload, given: Mapping[str, float] | None
-) -> dict[str, float]:
+def _start(gains: tuple[str, ...], payload: Payload, given: Mapping[str, float] | None) -> dict[str, float]:
     start = {"field_scale": 1.0, "magnet_offset": payload.magnet_offset, "current_scale": 1.0}
-    start |= {f"gain {name}": 1.0 for name in coil_names}
+    start |= dict.fromkeys(gains, 1.0)
+    must = f"must be finite values of {', '.join(start)}"
     for name, value in (given or {}).items():
-        if name not in start or not np.isfinite(value):
-            must = f"must be finite values of {', '.join(start)}"
-            raise InputError.of("calibrate(given)", must, f"{name} = {value}", "choose from these")
+        fits = name in start and bool(np.isfinite(value))
+        check(fits, "calibrate(given)", must, f"{name} = {value}", "choose from these")
         start[name] = float(value)
     return start
 

@@ -19,7 +19,7 @@ from fieldmap.field import Field, require_bounds
 from fieldmap.levitation.balance import upright_force
 from fieldmap.levitation.lift import lift_current
 from fieldmap.levitation.signal_surface import equilibrium_surface
-from fieldmap.plain import Plain, plain_items
+from fieldmap.plain import Plain, plain_fields, plain_items
 from fieldmap.records import Record
 from fieldmap.typing import Array
 
@@ -50,15 +50,7 @@ class LiftAtHeight(Record):
 
     def to_dict(self) -> dict[str, Plain]:
         """The row as plain Python."""
-        return plain_items(
-            sensor_mm=self.sensor_mm,
-            height=self.height,
-            current=self.current,
-            beyond=self.beyond,
-            measured=self.measured,
-            ratio=self.ratio,
-            lift_share=self.lift_share,
-        )
+        return plain_fields(self) | plain_items(ratio=self.ratio)
 
 
 def lift_by_height(

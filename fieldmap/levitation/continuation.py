@@ -13,7 +13,7 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike
 
-from fieldmap.errors import NotConverged, OutsideMapError, Problem
+from fieldmap.errors import NotConverged, OutsideMapError
 from fieldmap.records import Record
 from fieldmap.typing import Array
 
@@ -81,37 +81,35 @@ def follow_branch(
     v = walk.at(np.append(begin, targets[0]) / walk.scale, targets[0])
     if v is None:
         where, must_hold = "follow_branch(start)", "must be near a solution"
-        raise NotConverged(Problem(where, must_hold, f"{begin.tolist()}", "give a better start"))
+        raise NotConverged.of(where, must_hold, f"{begin.tolist()}", "give a better start")
     return walk.go(v, most_steps)
 
 
+@dataclass
 class _Walk:
     """Everything in scaled variables v = (q / q_scale, p / p_scale)."""
 
-    def __init__(
-        self,
-        residual: Residual,
-        slope: Slope | None,
-        scale: Array,
-        limits: tuple[float, float],
-        inside: Callable[[Array], bool],
-        stops: Array,
-        step: float,
-    ) -> None:
-        self._residual, self._slope, self.scale, self._inside = residual, slope, scale, inside
-        self._low, self._high = limits
-        self._stops, self._step = stops, step
-        self._way = 1.0 if stops[-1] >= stops[0] else -1.0
-        self._points: list[Array] = []
-        self._reached: list[Array] = []
-        self._folds: list[Fold] = []
+    residual: Residual
+    slope: Slope | None
+    scale: Array
+    limits: tuple[float, float]
+    inside: Callable[[Array], bool]
+    stops: Array
+    step: float
+
+    def __post_init__(self) -> None:
+        self.low, self.high = self.limits
+        self.way = 1.0 if self.stops[-1] >= self.stops[0] else -1.0
+        self.points: list[Array] = []
+        self.reached: list[Array] = []
+        self.folds: list[Fold] = []
 
     def go(self, v: Array, most_steps: int) -> FollowedBranch:
         """From a point of the branch on."""
-        self._points, self._reached = [v], [v]
+        self.points, self.reached = [v], [v]
         tangent = self._tangent(v, None)
-        tangent = tangent if tangent[-1] * self._way > 0 else -tangent
-        length = self._step
+        tangent = tangent if tangent[-1] * self.way > 0 else -tangent
+        length = self.step
         for _ in range(most_steps):
             new, length = self._advance(v, tangent, length)
             if new is None:
@@ -119,46 +117,46 @@ class _Walk:
             turned = self._tangent(new, tangent)
             if turned[-1] * tangent[-1] < 0:
                 self._note_fold(v, tangent, new)
-            elif not self._folds:
+            elif not self.folds:
                 self._note_stops(v, new)
-            self._points.append(new)
+            self.points.append(new)
             v, tangent = new, turned
-            if not self._folds and len(self._reached) == len(self._stops):
+            if not self.folds and len(self.reached) == len(self.stops):
                 return self._result("last stop")
         return self._result("steps")
 
     def _result(self, ended: str) -> FollowedBranch:
-        points, reached = np.array(self._points) * self.scale, np.array(self._reached) * self.scale
-        return FollowedBranch(points[:, -1], points[:, :-1], reached[:, :-1], tuple(self._folds), ended)
+        points, reached = np.array(self.points) * self.scale, np.array(self.reached) * self.scale
+        return FollowedBranch(points[:, -1], points[:, :-1], reached[:, :-1], tuple(self.folds), ended)
 
     def _advance(self, v: Array, tangent: Array, length: float) -> tuple[Array | None, float]:
         """The next point, or None at an edge, and the length of the step after it."""
-        while length >= _SMALLEST * self._step:
+        while length >= _SMALLEST * self.step:
             stop = self._next_stop(v, tangent, length)
             new = self._corrected(v, tangent, length) if stop is None else stop
             if new is not None:
-                return new, min(_GROWTH * length, self._step)
+                return new, min(_GROWTH * length, self.step)
             length *= 0.5
         return None, length
 
     def _next_stop(self, v: Array, tangent: Array, length: float) -> Array | None:
         """The last stop itself, where this step would pass it: the parameter must not be asked for beyond."""
-        last = self._stops[-1] / self.scale[-1]
-        beyond = (v[-1] + length * tangent[-1] - last) * self._way
-        if self._folds or beyond < 0 or tangent[-1] * self._way <= 0:
+        last = self.stops[-1] / self.scale[-1]
+        beyond = (v[-1] + length * tangent[-1] - last) * self.way
+        if self.folds or beyond < 0 or tangent[-1] * self.way <= 0:
             return None
-        return self.at(v + (last - v[-1]) / tangent[-1] * tangent, self._stops[-1])
+        return self.at(v + (last - v[-1]) / tangent[-1] * tangent, self.stops[-1])
 
     def _note_stops(self, v: Array, new: Array) -> None:
-        while len(self._reached) < len(self._stops):
-            stop = self._stops[len(self._reached)] / self.scale[-1]
-            if (new[-1] - stop) * self._way < -1e-12:
+        while len(self.reached) < len(self.stops):
+            stop = self.stops[len(self.reached)] / self.scale[-1]
+            if (new[-1] - stop) * self.way < -1e-12:
                 return
             share = (stop - v[-1]) / (new[-1] - v[-1]) if new[-1] != v[-1] else 1.0
             found = self.at(v + share * (new - v), stop * self.scale[-1])
             if found is None:
                 return
-            self._reached.append(found)
+            self.reached.append(found)
 
     def _note_fold(self, v: Array, tangent: Array, new: Array) -> None:
         whole = float(np.linalg.norm(new - v))
@@ -173,7 +171,7 @@ class _Walk:
         length = scipy.optimize.brentq(rise, 0.0, whole, xtol=1e-9) if turns else whole
         at = self._corrected(v, tangent, length) if length > 0 else v
         w = (new if at is None else at) * self.scale
-        self._folds.append(Fold(float(w[-1]), w[:-1]))
+        self.folds.append(Fold(float(w[-1]), w[:-1]))
 
     def _tangent(self, v: Array, before: Array | None) -> Array:
         """Unit vector along the branch: the null vector of the Jacobian."""
@@ -212,25 +210,25 @@ class _Walk:
 
     def _value(self, v: Array) -> Array:
         w = v * self.scale
-        return self._residual(w[:-1], float(w[-1]))
+        return self.residual(w[:-1], float(w[-1]))
 
     def _jacobian(self, v: Array) -> Array:
         """dR/dv (k, k + 1): the unknowns by `slope` if there is one, the rest by differences inside the limits."""
         w = v * self.scale
         columns = []
-        if self._slope is not None:
-            columns = list((self._slope(w[:-1], float(w[-1])) * self.scale[:-1]).T)
+        if self.slope is not None:
+            columns = list((self.slope(w[:-1], float(w[-1])) * self.scale[:-1]).T)
         for k in range(len(columns), len(v)):
             ahead, behind = v.copy(), v.copy()
             ahead[k] += _DIFFERENCE
             behind[k] -= _DIFFERENCE
             if k == len(v) - 1:
-                ahead[k] = min(ahead[k], self._high / self.scale[-1])
-                behind[k] = max(behind[k], self._low / self.scale[-1])
+                ahead[k] = min(ahead[k], self.high / self.scale[-1])
+                behind[k] = max(behind[k], self.low / self.scale[-1])
             columns.append((self._value(ahead) - self._value(behind)) / (ahead[k] - behind[k]))
         return np.array(columns).T
 
     def _holds(self, v: Array) -> bool:
-        margin = 1e-9 * (self._high - self._low)
+        margin = 1e-9 * (self.high - self.low)
         p = v[-1] * self.scale[-1]
-        return bool(self._low - margin <= p <= self._high + margin) and self._inside(v[:-1] * self.scale[:-1])
+        return bool(self.low - margin <= p <= self.high + margin) and self.inside(v[:-1] * self.scale[:-1])

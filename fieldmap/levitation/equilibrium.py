@@ -9,8 +9,9 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike, NDArray
 
+from fieldmap.arguments import check
 from fieldmap.device.model import Payload
-from fieldmap.errors import InputError, NoEquilibrium, Problem
+from fieldmap.errors import NoEquilibrium
 from fieldmap.field import AnyField, Bounds, require_bounds, resolve_currents
 from fieldmap.levitation.balance import (
     BodyBalance,
@@ -108,18 +109,32 @@ def find_equilibrium(
 ) -> Equilibrium:
     """Find where the force on a payload balances its weight, F(x) + m g = 0, inside the field's box.
 
-    field: an opened map, a solution, the solver of saturating iron, or any other `fieldmap.field.Field` that has a
-    box; a solved state of saturating iron too, whose currents may be left out. currents: (n_coils,), one number for
-    all coils, or by name, A. payload: a point dipole of its mass and moment, or its pieces. start (3,), m: where to
-    begin; without it the whole box is searched and, of several equilibria, the one with most stable directions nearest
-    to the box's vertical axis is returned (the rest are in `.others`). moment: "fixed" keeps the moment vertical,
-    turned so that it is pulled up at the start; "aligned" lets it follow B. Pieces stay upright, and soft iron follows
-    B. Returns an `Equilibrium`: SI units, frame of the field; see docs/theory/equilibrium.md for the equations.
+    docs/theory/equilibrium.md has the equations.
 
-    Raises InputError for currents or a start that do not fit the field, NoEquilibrium (with the lift that is
-    available) when nothing balances.
+    Parameters
+    ----------
+    field : an opened map, a solution, the solver of saturating iron, or any other `fieldmap.field.Field` that has a
+        box; a solved state of saturating iron too, whose currents may be left out.
+    currents : (n_coils,), one number for all coils, or by name, A.
+    payload : a point dipole of its mass and moment, or its pieces, which stay upright while soft iron follows B.
+    start : where to begin (3,), m. Without it the whole box is searched. Of several equilibria the one with most stable
+        directions nearest to the box's vertical axis is returned, and the rest are in `.others`.
+    moment : "fixed" keeps the moment vertical, turned so that it is pulled up at the start; "aligned" lets it follow B.
 
-    Example::
+    Returns
+    -------
+    The equilibrium: SI units, frame of the field.
+
+    Raises
+    ------
+    InputError
+        For currents or a start that do not fit the field.
+    NoEquilibrium
+        When nothing balances, with the lift that is available.
+
+    Examples
+    --------
+    ::
 
         m = fieldmap.open_map("maps/out/workspace.h5")
         payload = fieldmap.read_device("drive_unit").payload
@@ -128,10 +143,8 @@ def find_equilibrium(
     """
     carried = check_payload(payload, "find_equilibrium", pieces=True)
     source, amperes = resolve_currents(field, currents)
-    if moment not in ("fixed", "aligned"):
-        raise InputError(
-            Problem("find_equilibrium(moment)", "must be 'fixed' or 'aligned'", repr(moment), "choose one")
-        )
+    known, must = moment in ("fixed", "aligned"), "must be 'fixed' or 'aligned'"
+    check(known, "find_equilibrium(moment)", must, repr(moment), "choose one")
     if carried.pieces:
         refuse_models_of_pieces("find_equilibrium(moment)", moment)
     box = require_bounds(source)
@@ -139,13 +152,13 @@ def find_equilibrium(
     grid = search_grid(box)
     balance = magnet_balance(source, amperes, carried, grid if begin is None else begin, moment)
     residuals = balance.residual(grid)
-    starts = best_starts(grid, np.linalg.norm(residuals, axis=1), box)
+    best = best_starts(grid, np.linalg.norm(residuals, axis=1), box)
     found: list[Array] = []
     tried = 0
-    if begin is not None:
-        tried, found = 1, roots(balance, box, begin[None, :])
-    if not found:
-        tried, found = tried + len(starts), roots(balance, box, starts)
+    for starts in [best] if begin is None else [begin[None, :], best]:
+        if not found:
+            found = roots(balance, box, starts)
+            tried += len(starts)
     if not found:
         raise no_equilibrium(balance, grid, residuals, tried)
     held = assumptions_of_pieces(carried) if carried.pieces else assumptions(moment)
@@ -347,15 +360,10 @@ def no_equilibrium(balance: MagnetBalance, grid: Array, residuals: Array, tried:
             "balance the currents, so that the sideways force vanishes inside the map's box; those that hold the "
             f"payload at a place of your choice: {CURRENTS_FOR}"
         )
-    return NoEquilibrium(
-        Problem(
-            where=f"find_equilibrium, {tried} starts in the box {at(0)} to {at(len(grid) - 1)}",
-            must_hold=f"the magnetic force must balance the weight {1e3 * weight:.4g} mN at some point",
-            received=(
-                f"lift from {1e3 * lift[low]:.4g} mN at {at(low)} "
-                f"to {1e3 * lift[high]:.4g} mN at {at(high)}; "
-                f"least unbalanced force {1e3 * np.linalg.norm(residuals[nearest]):.3g} mN at {at(nearest)}"
-            ),
-            remedy=remedy,
-        )
+    where = f"find_equilibrium, {tried} starts in the box {at(0)} to {at(len(grid) - 1)}"
+    must = f"the magnetic force must balance the weight {1e3 * weight:.4g} mN at some point"
+    received = (
+        f"lift from {1e3 * lift[low]:.4g} mN at {at(low)} to {1e3 * lift[high]:.4g} mN at {at(high)}; "
+        f"least unbalanced force {1e3 * np.linalg.norm(residuals[nearest]):.3g} mN at {at(nearest)}"
     )
+    return NoEquilibrium.of(where, must, received, remedy)

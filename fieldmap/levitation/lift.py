@@ -1,4 +1,5 @@
-"""The current that carries the weight at a given point."""
+"""The current that carries the weight at a given point; currents of least power that lift a magnet, or push it along
+one axis and nowhere else: docs/theory/closed_loop.md (23), (24)."""
 
 from __future__ import annotations
 
@@ -9,11 +10,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from fieldmap.arguments import check_signal
 from fieldmap.constants import GRAVITY
 from fieldmap.device.model import Payload
 from fieldmap.errors import Infeasible, InputError, NotConverged, OutsideMapError, Problem
 from fieldmap.field import AnyField, Field, as_field, coil_currents, require_bounds
 from fieldmap.levitation.balance import (
+    CURRENT_STEP,
     Balance,
     BodyBalance,
     MagnetBalance,
@@ -23,7 +26,7 @@ from fieldmap.levitation.balance import (
 )
 from fieldmap.lookup.actuation import wrench_actuation
 from fieldmap.lookup.payload import check_payload
-from fieldmap.plain import Plain, plain_items
+from fieldmap.plain import Plain, plain_fields, plain_items
 from fieldmap.records import Record
 from fieldmap.typing import Array
 
@@ -57,17 +60,9 @@ class LiftCurrent(Record):
 
     def to_dict(self) -> dict[str, Plain]:
         """The result as plain Python, SI units; `history` stands under "states"."""
-        return plain_items(
-            position=self.position,
-            currents=self.currents,
-            field=self.field,
-            stiffness=self.stiffness,
-            assumptions=self.assumptions,
-            lift_current=self.current,
-            force=self.force,
-            force_per_ampere=self.force_per_ampere,
-            states=[{"current": current, "lift": newtons} for current, newtons in self.history],
-        )
+        states = [{"current": current, "lift": newtons} for current, newtons in self.history]
+        shown = plain_fields(self) | plain_items(lift_current=self.current, states=states)
+        return {name: value for name, value in shown.items() if name not in ("current", "history")}
 
 
 def lift_current(
@@ -81,20 +76,40 @@ def lift_current(
 ) -> LiftCurrent:
     """Common current that carries the weight at a position: a vertical point dipole, pulled up by a positive current.
 
-    field: any `fieldmap.field.Field` that has a box. position (3,): the magnet's centre, m, inside it. shares
-    (n_coils,): current of each coil per ampere of common current; 1 in every coil unless given.
-
     A field that is proportional to the currents gives i = m g / (D dBz/dz per ampere), docs/theory/equilibrium.md; of
     one that adds what no current drives, i carries what that leaves of the weight, and may be zero or negative. Any
-    other is asked at some four currents, each near the last: at `first` (A, positive), then by proportion, then by the
-    secant, kept inside the bracket once there is one, until |F_z - m g| <= tolerance m g; on_state(common current in A,
-    F_z / (m g)) is called after each, and force_per_ampere is the difference of two of them, some per cent apart. A
-    payload of pieces stays upright; soft iron is pulled with the square of the current, and asked in the same way.
+    other is asked at some four currents, each near the last: at `first`, then by proportion, then by the secant, kept
+    inside the bracket once there is one, until |F_z - m g| <= tolerance m g. A payload of pieces stays upright; soft
+    iron is pulled with the square of the current, and asked in the same way.
 
-    Raises InputError for a payload, position, shares, first or tolerance that do not fit, OutsideMapError for a
-    position or current beyond the field, Infeasible where the field does not lift, NotConverged after MAX_STATES.
+    Parameters
+    ----------
+    field : any `fieldmap.field.Field` that has a box.
+    payload : what is lifted.
+    position : the magnet's centre (3,), m, inside the box.
+    shares : current of each coil per ampere of common current (n_coils,); 1 in every coil unless given.
+    first : common current of the first state, A, positive.
+    tolerance : of the lift, as a share of the weight.
+    on_state : is called with the common current, A, and F_z / (m g) after each state.
 
-    Example::
+    Returns
+    -------
+    The currents, and force and stiffness there. force_per_ampere is the difference of two states, some per cent apart.
+
+    Raises
+    ------
+    InputError
+        For a payload, position, shares, first or tolerance that do not fit.
+    OutsideMapError
+        For a position or current beyond the field.
+    Infeasible
+        Where the field does not lift.
+    NotConverged
+        After MAX_STATES.
+
+    Examples
+    --------
+    ::
 
         lift = lift_current(m, device.payload, [0, 0, -0.102])
         print(lift.current, "A in each coil")
@@ -119,7 +134,7 @@ def direction_of_lift(point: Array, moment: float, gradient: Array) -> float:
     if abs(force[2]) <= 1e-12 * moment * np.linalg.norm(gradient):
         must_hold = "dBz/dz must not vanish where a vertical dipole is to be lifted"
         received, remedy = "no vertical force for the given shares", "choose another position or other shares"
-        raise Infeasible(Problem(_at(point), must_hold, received, remedy))
+        raise Infeasible.of(_at(point), must_hold, received, remedy)
     return float(np.sign(force[2]))
 
 
@@ -195,7 +210,7 @@ def _by_secant(
             must_hold = "the lift must reach the weight at a current that the field holds"
             received = f"lift / weight {_last(tried)}; the field does not hold {current:.4g} A"
             remedy = "choose a position nearer to the iron, or a field that holds more current"
-            raise OutsideMapError(Problem(_at(point), must_hold, received, remedy)) from error
+            raise OutsideMapError.of(_at(point), must_hold, received, remedy) from error
         tried.append((current, float(forces[-1][2] / balance.weight - 1.0)))
         if on_state is not None:
             on_state(current, tried[-1][1] + 1.0)
@@ -216,7 +231,7 @@ def _by_secant(
                 "own: fieldmap currents --lift, or currents_for of the map"
             )
             received = f"{payload.description}, {first:g} A, no lift"
-            raise Infeasible(Problem(_at(point), must_hold, received, remedy))
+            raise Infeasible.of(_at(point), must_hold, received, remedy)
         # Soft iron is pulled with the square of the current.
         current = _next_current(tried, 0.5 if payload.pieces else 1.0)
     if field.affine and isinstance(balance, BodyBalance):
@@ -285,3 +300,105 @@ def _last(tried: Sequence[tuple[float, float]]) -> str:
 
 def _at(point: Array) -> str:
     return f"lift_current at {(1e3 * point).round(3).tolist()} mm"
+
+
+# A combination of coils weaker than this share of the strongest is taken for none: of currents, it would ask for more
+# than a thousand times as much.
+_WEAKEST = 1e-3
+# Share of a wanted force that coils may leave or put elsewhere and still count as pushing that way.
+_LEFT = 0.1
+
+
+def force_per_ampere(field: Field, moment: Array, point: Array, currents: Array) -> Array:
+    """dF/di (3, n), N/A, of a point dipole of moment (3,), A m^2, at a point (3,), about currents (n,), A.
+
+    By central differences over 1 % of the largest current, which are exact for a field that is proportional to the
+    currents, and of second order in the step where iron saturates.
+    """
+    count, step = len(currents), CURRENT_STEP * (float(np.abs(currents).max()) or 1.0)
+    balance = Balance(field, currents, 0.0, float(np.linalg.norm(moment)), moment)
+    return balance.force_per_signal(point, np.eye(count), np.full(count, step))
+
+
+def lift_shares(force_per_ampere: ArrayLike) -> Array:
+    """Currents of least power that lift, and push sideways as little as they can.
+
+    Parameters
+    ----------
+    force_per_ampere : force of the magnet by the coils' currents (3, n), N/A.
+
+    Returns
+    -------
+    (n,), the largest of size 1.
+
+    Raises
+    ------
+    Infeasible
+        Where the coils do not lift.
+
+    Examples
+    --------
+    >>> lift_shares([[0.1, -0.1], [0.0, 0.0], [0.3, 0.3]]).round(9).tolist()
+    [1.0, 1.0]
+    """
+    return _towards(force_per_ampere, 2)
+
+
+def push_shares(force_per_ampere: ArrayLike, axis: int) -> Array:
+    """Currents of least power that push along x or y and nowhere else.
+
+    Parameters
+    ----------
+    force_per_ampere : force of the magnet by the coils' currents (3, n), N/A.
+    axis : 0 for x, 1 for y.
+
+    Returns
+    -------
+    (n,), the largest of size 1.
+
+    Raises
+    ------
+    Infeasible
+        Where the coils do not push that way by themselves.
+
+    Examples
+    --------
+    >>> push_shares([[0.1, -0.1], [0.0, 0.0], [0.3, 0.3]], axis=0).round(9).tolist()
+    [1.0, -1.0]
+    """
+    return _towards(force_per_ampere, axis)
+
+
+def signal_pushes(force_per_ampere: ArrayLike) -> tuple[Array, tuple[str, ...]]:
+    """Currents (n, 2) of `push_shares` along x and y, and the axes along which the coils do not push by themselves,
+    whose currents are zero."""
+    pushes, idle = [], []
+    for axis in (0, 1):
+        try:
+            pushes.append(push_shares(force_per_ampere, axis))
+        except Infeasible:
+            pushes.append(np.zeros(np.shape(force_per_ampere)[1]))
+            idle.append("xy"[axis])
+    return np.column_stack(pushes), tuple(idle)
+
+
+def idle_note(axis: str) -> str:
+    """What is assumed of an axis along which the coils do not push by themselves."""
+    return f"the coils do not push along {axis} by themselves: that signal does nothing"
+
+
+def _towards(force_per_ampere: ArrayLike, axis: int) -> Array:
+    """Currents (n,) of least power that push along an axis and not along the others, the largest of size 1. Raises
+    Infeasible where there are none."""
+    given = np.transpose(force_per_ampere)
+    force, wanted = check_signal("least_power(force_per_ampere).T", given, columns=3).T, np.eye(3)[axis]
+    currents = np.linalg.pinv(force, rcond=_WEAKEST) @ wanted
+    made = force @ currents
+    # The lift may have a pull aside, which a stiffness or another signal holds; a signal may not.
+    left = abs(made[2] - 1.0) if axis == 2 else float(np.abs(made - wanted).max())
+    if left > (0.5 if axis == 2 else _LEFT):
+        must = f"the coils must push the magnet along {'xyz'[axis]}"
+        received = f"{force[axis].tolist()} N/A along it, of at most {np.abs(force).max():.2g} N/A"
+        remedy = "begin at another place, or turn or add a coil"
+        raise Infeasible.of("least_power", must, received, remedy)
+    return np.asarray(currents / np.abs(currents).max())

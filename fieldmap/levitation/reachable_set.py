@@ -2,29 +2,394 @@
 
 Both are linear in the currents where the iron is, so that the box of currents becomes a zonotope: the sum of one line
 segment for each coil (G. M. Ziegler, Lectures on Polytopes, section 7.3). Segments are added one after the other, and
-only corners of the hull are kept, of which there are some n^2 and not 2^n. What is not linear is searched:
-`fieldmap.levitation.searched_set`.
+only corners of the hull are kept, of which there are some n^2 and not 2^n.
+
+What is not linear is searched. The force on soft iron grows with the square of the currents, and iron that saturates
+bends everything: the largest force along a direction is then no linear program, and may have several local ones. From
+the best currents that are known, and from others far from these, a search climbs with the exact derivative
+(`fieldmap.lookup.wrench_actuation`) to a local optimum: first from corner to corner of the box, which ends at once
+where all is linear or only the sense of each current counts, then by L-BFGS-B, or SLSQP where a division of the
+currents lets several coils meet their limits (J. Nocedal, S. J. Wright, Numerical Optimization, 2nd ed., chapters 16.7
+and 18). What one direction finds is a start for all others. So every value is one that the currents beside it make, and
+the true set may reach further.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import ClassVar
+from itertools import product
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 import scipy
 from numpy.typing import ArrayLike
 
-from fieldmap.arguments import checked_vectors
-from fieldmap.errors import InputError, Problem
-from fieldmap.field import AnyField, as_field, refuse_orientations
-from fieldmap.levitation.searched_set import SearchedSet, SetAtPoint, hull_of, quantity_of, searched_set
+from fieldmap.arguments import check, checked_vectors
+from fieldmap.currents import CurrentDomain, IndependentCurrents
+from fieldmap.errors import OutsideMapError
+from fieldmap.field import AnyField, Field, as_field, refuse_orientations
+from fieldmap.lookup import FieldMap
+from fieldmap.lookup.actuation import field_actuation, wrench_actuation
 from fieldmap.lookup.magnetic_body import MagneticBody, checked_turns
+from fieldmap.records import Record
 from fieldmap.typing import Array, Index
 
-# Points that lie outside by less than this share of the set's size are on its surface.
-_ON = 1e-9
+_APART = 0.3  # of the range of a signal: starts that differ by less are one
+_GAIN = 1e-7  # of the size of the set: what another sweep must promise
+_ROUNDING = 1e-9  # of the limits
+_THIN = 1e-9  # of its length: a hull without a volume
+_ON = 1e-9  # of the size of the set: points that lie outside by less are on its surface
+
+
+class _Effort(NamedTuple):
+    """Directions beside the six of the axes; seeds of currents, from which the first searches begin; starts of every
+    direction; steps of a search; sweeps over directions that others help."""
+
+    directions: int
+    seeds: int
+    starts: int
+    steps: int
+    sweeps: int
+
+
+# Some thousands of currents of a map, some hundreds of a device that is solved for each of them, which takes a second.
+_OF_MAPS, _OF_SOLVED = _Effort(128, 128, 3, 60, 5), _Effort(20, 8, 1, 12, 2)
+
+
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class SetAtPoint(Record):
+    """What limited currents make at a point: see `ReachableSet` and `SearchedSet`."""
+
+    quantity: str
+    position: Array
+    moment: Array | MagneticBody | None
+    coil_names: tuple[str, ...]
+    lower: Array
+    upper: Array
+    vertices: Array
+    triangles: Index
+    volume: float
+
+    @property
+    def unit(self) -> str:
+        """Of the quantity."""
+        return "N" if self.quantity == "force" else "T"
+
+
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class SearchedSet(SetAtPoint):
+    """Forces or flux densities that the coils can make at one point, found by searches along many directions.
+
+    quantity: "force", N, or "field", T. position (3,), m; moment: (3,), A m^2, or the body that the force acts on, None
+    for the field; orientation (3, 3): columns its axes. lower, upper (n,): limits of the currents, A. directions
+    (d, 3): unit vectors; values (d, 3): the furthest along each that was found, made by currents (d, n), A. vertices
+    (v, 3) of the hull of these, and triangles (t, 3): their indices, outward side first; volume: in N^3 or T^3. What
+    lies between the values need not be reached at once: the true set may be hollow, and may reach further. It has no
+    `at`, since what other currents make is no function of these numbers: ask the field, `wrench` or `field`.
+    """
+
+    exact: ClassVar[bool] = False
+
+    orientation: Array
+    directions: Array
+    values: Array
+    currents: Array
+
+    def currents_along(self, direction: ArrayLike) -> Array:
+        """Those of the currents found, (n,), A, that bring it furthest along a direction (3,)."""
+        return self.currents[int(np.argmax(self.values @ np.asarray(direction, dtype=float)))]
+
+    def largest_along(self, direction: ArrayLike) -> float:
+        """How far `currents_along` reaches along a direction (3,), whose length does not matter, in its unit: a lower
+        bound, and between the directions that were searched one of the hull."""
+        unit = np.asarray(direction, dtype=float) / np.linalg.norm(direction)
+        return float((self.values @ unit).max())
+
+
+def searched_set(
+    field: AnyField,
+    position: Array,
+    lower: Array,
+    upper: Array,
+    moment: Array | MagneticBody | None,
+    orientation: Array,
+    progress: Callable[[str, float], None] | None = None,
+) -> SearchedSet:
+    """The forces on a dipole or body, or the flux densities, at a position (3,), m: see `reachable`."""
+    source = as_field(field)
+    effort = _OF_MAPS if source.affine or isinstance(source, FieldMap) else _OF_SOLVED
+    climb = _Climb(source, position, lower, upper, moment, orientation, effort)
+    climb.know_seeds()
+    directions = even_directions(effort.directions)
+    found = np.zeros(len(directions), dtype=np.int64)
+    for k, direction in enumerate(directions):
+        found[k] = climb.furthest(direction)
+        if progress is not None:
+            progress("searching", (k + 1) / len(directions))
+    # What other directions have found since may be a better start.
+    for _ in range(effort.sweeps):
+        values = np.array(climb.values)
+        best = np.argmax(values @ directions.T, axis=0)
+        gain = np.einsum("di,di->d", values[best] - values[found], directions)
+        better = np.flatnonzero(gain > _GAIN * climb.size)
+        for place in better:
+            found[place] = climb.furthest(directions[place])
+        if not better.size:
+            break
+    values, currents = np.array(climb.values)[found], np.array(climb.currents)[found]
+    # Searches that end at one corner differ by rounding.
+    distinct = np.unique(np.round(values / climb.size, 9), axis=0, return_index=True)[1]
+    kept, triangles, volume = hull_of(values[distinct])
+    return SearchedSet(
+        quantity="field" if moment is None else "force",
+        position=position,
+        moment=moment,
+        orientation=orientation,
+        coil_names=source.coil_names,
+        lower=lower,
+        upper=upper,
+        directions=directions,
+        values=values,
+        currents=currents,
+        vertices=values[distinct][kept],
+        triangles=triangles,
+        volume=volume,
+    )
+
+
+def even_directions(count: int) -> Array:
+    """Unit vectors (6 + count, 3): both ways along the axes, and a spiral from pole to pole that covers the sphere
+    evenly (R. Swinbank, R. J. Purser, Fibonacci grids, 2006)."""
+    height = 1.0 - (2.0 * np.arange(count) + 1.0) / count
+    angle = np.pi * (3.0 - np.sqrt(5.0)) * np.arange(count)
+    across = np.sqrt(1.0 - height**2)
+    spiral = np.column_stack([across * np.cos(angle), across * np.sin(angle), height])
+    return np.concatenate([np.eye(3), -np.eye(3), spiral])
+
+
+def quantity_of(
+    source: Field, position: Array, moment: Array | MagneticBody | None, orientation: Array
+) -> Callable[[Array], tuple[Array, Array]]:
+    """A function of currents (n,), A: the force or flux density (3,) there and its derivatives (3, n).
+
+    Raises InputError for a field that neither superposes nor has derivatives by its currents.
+    """
+    if isinstance(moment, MagneticBody) and source.affine:
+        # The fields of the coils are asked for once, whatever they cost.
+        points = position + moment.all_points @ orientation.T
+        flux = np.concatenate([source.unit_field(points), source.constant_field(points)[:, None]], axis=1)
+        slope = np.concatenate(
+            [source.unit_gradient(points), source.constant_gradient(points)[:, None]], axis=1
+        )
+        load = moment.by_fields(flux, slope, orientation)
+
+        def on_body(currents: Array) -> tuple[Array, Array]:
+            wrench, slopes = load(np.append(currents, 1.0))
+            return wrench[:3], slopes[:3, :-1]
+
+        return on_body
+    must = "a field that is the sum of its coils' fields, or has derivatives by its currents"
+    received = f"{type(source).__name__}, which has neither"
+    known = source.affine or hasattr(source, "by_currents")
+    check(known, "reachable", must, received, "make a map of it: fieldmap map")
+
+    def about(currents: Array) -> tuple[Array, Array]:
+        if moment is None:
+            rows = field_actuation(source, position, currents)
+        else:
+            rows = wrench_actuation(source, position, moment, currents, orientation)
+        matrix = rows.matrix[:3]
+        rest = 0.0 if rows.constant is None else rows.constant[:3]
+        return matrix @ currents + rest, matrix
+
+    return about
+
+
+class _Climb:
+    """Searches of one set, and all currents (k, n) and values (k, 3) that they have found on the way.
+
+    They move shares (s,), from 0 to 1, of the ranges of the signals that make the currents.
+    """
+
+    def __init__(
+        self,
+        source: Field,
+        position: Array,
+        lower: Array,
+        upper: Array,
+        moment: Array | MagneticBody | None,
+        orientation: Array,
+        effort: _Effort,
+    ) -> None:
+        self._effort = effort
+        self._make = quantity_of(source, position, moment, orientation)
+        self._domain = _domain_of(source, lower, upper)
+        # Limits of the domain's own, such as a driver's, bind as those that are asked for.
+        most = self._domain.largest
+        self._low, self._high = np.maximum(lower, -most), np.minimum(upper, most)
+        self._free = isinstance(self._domain.parametrisation, IndependentCurrents)
+        self._range = self._domain.upper - self._domain.lower
+        # Searches come to one place again and again, most of all to corners.
+        self._seen: dict[bytes, tuple[Array, Array]] = {}
+        self.shares: list[Array] = []
+        self.currents: list[Array] = []
+        self.values: list[Array] = []
+        self.size = 1.0
+
+    def know_seeds(self) -> None:
+        """Add corners of the domain, its middle and random places. Raises InputError where none is within the
+        limits."""
+        count, half = len(self._range), self._effort.seeds // 2
+        random = np.random.default_rng(0)
+        few = 2**count <= self._effort.seeds
+        corners = np.array(list(product((0.0, 1.0), repeat=count))) if few else np.empty((0, count))
+        some = (random.random((half, count)) > 0.5).astype(float)
+        seeds = np.concatenate(
+            [corners if len(corners) else some, np.full((1, count), 0.5), random.random((half, count))]
+        )
+        if not self._free:
+            # The corner of smallest currents is the last that limits rule out.
+            signals = self._domain.parametrisation.within(self._domain.lower, self._domain.upper, seeds)
+            safe = np.where(self._range > 0.0, self._range, 1.0)
+            seeds = (signals - self._domain.lower) / safe
+            seeds = np.concatenate([seeds, seeds * (np.arange(count) > 0), seeds * 0.0 + 0.5])
+            seeds[-len(signals) :, 0] = np.linspace(0.0, 1.0, len(signals))
+        for shares in seeds:
+            self._look(np.clip(shares, 0.0, 1.0))
+        _check_leaves(bool(self.values), self._low, self._high)
+        spread = float(np.ptp(np.array(self.values), axis=0).max())
+        self.size = max(spread, float(np.abs(self.values).max()) * 1e-9, 1e-300)
+
+    def furthest(self, direction: Array) -> int:
+        """Which of the known currents reach furthest along a unit vector (3,), after searches for better ones."""
+        along = np.array(self.values) @ direction
+        starts: list[Array] = []
+        for k in np.argsort(-along, kind="stable"):
+            if all(np.abs(self.shares[k] - other).max() >= _APART for other in starts):
+                starts.append(self.shares[k])
+            if len(starts) == self._effort.starts:
+                break
+        for shares in starts:
+            self._search(self._through_corners(shares, direction), direction)
+        return int(np.argmax(np.array(self.values) @ direction))
+
+    def _currents(self, shares: Array) -> Array:
+        signals = self._domain.lower + shares * self._range
+        return np.ascontiguousarray(self._domain.parametrisation.currents(signals))
+
+    def _by_shares(self, shares: Array) -> Array:
+        """d currents / d shares (n, s) at shares (s,)."""
+        signals = self._domain.lower + shares * self._range
+        return self._domain.parametrisation.derivative(signals) * self._range
+
+    def _look(self, shares: Array) -> tuple[Array, Array]:
+        """Value (3,) and its derivatives (3, s) at shares (s,), which are known from now on if within the limits."""
+        key = shares.tobytes()
+        if key in self._seen:
+            return self._seen[key]
+        currents = self._currents(shares)
+        value, slope = self._make(currents)
+        off = max(float((self._low - currents).max()), float((currents - self._high).max()))
+        if self._free:
+            currents = np.clip(currents, self._low, self._high)
+        if off <= _ROUNDING * float(np.abs(currents).max()):
+            self.shares.append(np.array(shares))
+            self.currents.append(currents)
+            self.values.append(value)
+        self._seen[key] = value, slope @ self._by_shares(shares)
+        return self._seen[key]
+
+    def _through_corners(self, shares: Array, direction: Array) -> Array:
+        """To the corner that would be best if all were linear, and on from there as long as it is better."""
+        value, slope = self._look(shares)
+        for _ in range(self._effort.steps if self._free else 0):
+            along = direction @ slope
+            corner = np.where(along > 0.0, 1.0, np.where(along < 0.0, 0.0, shares))
+            value_there, slope = self._look(corner)
+            if (value_there - value) @ direction <= 0.0:
+                break
+            shares, value = corner, value_there
+        return shares
+
+    def _search(self, shares: Array, direction: Array) -> None:
+        last = shares, *self._look(shares)
+
+        def goal(at: Array) -> tuple[float, Array]:
+            nonlocal last
+            here = np.clip(at, 0.0, 1.0)
+            try:
+                value, slope = self._look(here)
+            except OutsideMapError:
+                # A step of SLSQP beyond the limits of a division: on as the last place says, until it comes back.
+                value, slope = last[1] + last[2] @ (here - last[0]), last[2]
+            else:
+                last = here, value, slope
+            return -float(value @ direction) / self.size, -(direction @ slope) / self.size
+
+        box = [(0.0, 1.0)] * len(shares)
+        if self._free:
+            options = {"maxiter": self._effort.steps, "ftol": 1e-12, "gtol": 1e-9}
+            scipy.optimize.minimize(goal, shares, jac=True, method="L-BFGS-B", bounds=box, options=options)
+            return
+        scale = float(np.abs(np.concatenate([self._low, self._high])).max())
+
+        def room(at: Array) -> Array:
+            currents = self._currents(at)
+            return np.concatenate([self._high - currents, currents - self._low]) / scale
+
+        def room_slope(at: Array) -> Array:
+            slope = self._by_shares(at)
+            return np.concatenate([-slope, slope]) / scale
+
+        limits = {"type": "ineq", "fun": room, "jac": room_slope}
+        options = {"maxiter": self._effort.steps, "ftol": 1e-10}
+        scipy.optimize.minimize(
+            goal, shares, jac=True, method="SLSQP", bounds=box, constraints=[limits], options=options
+        )
+
+
+def _domain_of(source: Field, lower: Array, upper: Array) -> CurrentDomain:
+    """The signals that may be searched: those of the map within the limits, or every current by itself."""
+    reduced = getattr(getattr(source, "info", None), "reduced_model", None)
+    if reduced is None:
+        return CurrentDomain(IndependentCurrents(len(lower)), lower, upper)
+    domain: CurrentDomain = reduced.domain
+    if not isinstance(domain.parametrisation, IndependentCurrents):
+        return domain
+    low, high = np.maximum(lower, domain.lower), np.minimum(upper, domain.upper)
+    _check_leaves(bool((low <= high).all()), lower, upper)
+    return CurrentDomain(domain.parametrisation, low, high)
+
+
+def _check_leaves(some: bool, lower: Array, upper: Array) -> None:
+    """Raises InputError for limits (n,) each, A, that leave none of the currents of the map."""
+    must = "must leave some of the currents that the map is made for"
+    received = f"{lower.tolist()} to {upper.tolist()} A"[:80]
+    check(some, "reachable(limits)", must, received, "widen the limits")
+
+
+def hull_of(points: Array) -> tuple[Index, Index, float]:
+    """Which of points (n, 3) are corners of their hull, (v,); triangles (t, 3), of numbers of corners, outward side
+    first; and the volume. Of a flat one no triangles, and 0."""
+    _, size, axes = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)
+    rank = int((size > _THIN * size[0]).sum()) if size[0] > 0.0 else 0
+    if rank < 3:
+        flat = points @ axes[:rank].T
+        line = np.unique([flat.argmin(), flat.argmax()]) if rank else np.zeros(1, dtype=np.int64)
+        kept = scipy.spatial.ConvexHull(flat).vertices if rank == 2 else line
+        return kept, np.empty((0, 3), dtype=np.int64), 0.0
+    hull = scipy.spatial.ConvexHull(points)
+    kept = hull.vertices
+    number = np.full(len(points), -1)
+    number[kept] = np.arange(len(kept))
+    triangles = number[hull.simplices]
+    corners = points[kept]
+    # Qhull leaves the sense of its triangles open.
+    edges = corners[triangles[:, 1:]] - corners[triangles[:, :1]]
+    inward = np.einsum("ti,ti->t", np.cross(edges[:, 0], edges[:, 1]), hull.equations[:, :3]) < 0
+    triangles[inward] = triangles[inward][:, ::-1]
+    return kept, triangles, float(hull.volume)
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
@@ -61,9 +426,8 @@ class ReachableSet(SetAtPoint):
 
     def holds(self, values: ArrayLike) -> Array:
         """Whether values (..., 3) can be reached, to rounding. Raises InputError for a flat set."""
-        if not len(self.triangles):
-            remedy = "ask largest_along, or add a coil"
-            raise InputError(Problem("ReachableSet.holds", "the set must have a volume", "none", remedy))
+        remedy = "ask largest_along, or add a coil"
+        check(len(self.triangles) > 0, "ReachableSet.holds", "the set must have a volume", "none", remedy)
         faces = scipy.spatial.ConvexHull(self.vertices).equations
         size = float(np.ptp(self.vertices, axis=0).max())
         off = np.asarray(values, dtype=float) @ faces[:, :3].T + faces[:, 3]
@@ -78,19 +442,37 @@ def reachable(
     orientation: ArrayLike | None = None,
     progress: Callable[[str, float], None] | None = None,
 ) -> ReachableSet | SearchedSet:
-    """The forces on a dipole of moment (3,), A m^2, at a position (3,), m, that currents within the limits make; or the
-    flux densities there, without a moment. In place of the moment a `MagneticBody`, with an orientation (3, 3), columns
-    its axes, upright without.
+    """The forces on a dipole or a body that currents within limits make; or, without a moment, the flux densities.
 
-    limits: the largest size of all currents, A, or of each (n,), or their lower and upper ones (2, n). What is linear
-    in the currents, with a constant part or not, is found exactly (`ReachableSet`). Otherwise, for soft iron and for a
-    map whose iron saturates, it is searched along 134 directions (`SearchedSet`, whose `exact` is False), within the
-    currents that the map is made for: lower bounds, each with the currents that make it. A device whose saturating iron
-    is solved for all currents anew (`fieldmap.iron.NonlinearSolver`) is searched along 26 directions, with some hundred
-    solves; a map of it is quicker and thorough. Such a search tells `progress` how far it is. Raises InputError for a
-    field that neither superposes nor has derivatives by its currents, and for limits that are none or leave no
-    currents; OutsideMapError.
+    What is linear in the currents, with a constant part or not, is found exactly (`ReachableSet`). Otherwise, for soft
+    iron and for a map whose iron saturates, it is searched along 134 directions (`SearchedSet`, whose `exact` is
+    False), within the currents that the map is made for: lower bounds, each with the currents that make it. A device
+    whose saturating iron is solved for all currents anew (`fieldmap.iron.NonlinearSolver`) is searched along 26
+    directions, with some hundred solves; a map of it is quicker and thorough.
 
+    Parameters
+    ----------
+    field : any field.
+    position : (3,), m.
+    limits : the largest size of all currents, A, or of each (n,), or their lower and upper ones (2, n).
+    moment : of a dipole (3,), A m^2, or a `MagneticBody`; none for the flux densities.
+    orientation : of a body (3, 3), columns its axes; upright unless given.
+    progress : is told how far a search is.
+
+    Returns
+    -------
+    The set of forces, N, or of flux densities, T.
+
+    Raises
+    ------
+    InputError
+        For a field that neither superposes nor has derivatives by its currents, and for limits that are none or leave
+        no currents.
+    OutsideMapError
+        For a position beyond the field.
+
+    Examples
+    --------
     >>> reachable(field_map, (0, 0, -0.1), 3.0, moment=(0, 0, 0.8)).largest_along((0, 0, 1))    # doctest: +SKIP
     0.113
     """
@@ -109,7 +491,7 @@ def reachable(
     if not source.affine or (isinstance(acted_on, MagneticBody) and acted_on.soft):
         return searched_set(field, place, lower, upper, acted_on, turn, progress)
     constant, slope = quantity_of(source, place, acted_on, turn)(np.zeros(count))
-    per_ampere = np.ascontiguousarray(slope.T)
+    per_ampere = slope.T.copy()
     vertices, triangles, volume = zonotope(per_ampere, lower, upper)
     return ReachableSet(
         quantity="field" if acted_on is None else "force",
@@ -149,7 +531,7 @@ def _limits(limits: ArrayLike, count: int) -> tuple[Array, Array]:
     if given.shape in ((), (count,)):
         given = np.stack([-np.broadcast_to(given, count), np.broadcast_to(given, count)])
     good = given.shape == (2, count) and np.isfinite(given).all() and (given[0] <= given[1]).all()
-    if not good or not (given[0] < given[1]).any():
-        must = f"must be one number, {count} of them, or lower and upper ones (2, {count}), lower below upper"
-        raise InputError(Problem("reachable(limits)", must, str(limits)[:80], "give the driver's limits, A"))
+    good = good and bool((given[0] < given[1]).any())
+    must = f"must be one number, {count} of them, or lower and upper ones (2, {count}), lower below upper"
+    check(good, "reachable(limits)", must, str(limits)[:80], "give the driver's limits, A")
     return given[0], given[1]

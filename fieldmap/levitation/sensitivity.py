@@ -2,23 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fieldmap.arguments import check_not_negative, check_positive
+from fieldmap.arguments import check, check_not_negative, check_positive
 from fieldmap.device.model import Payload
-from fieldmap.errors import InputError, Problem
 from fieldmap.field import AnyField, require_bounds, resolve_currents
-from fieldmap.levitation.balance import MagnetBalance, MagnetModel, check_position, magnet_balance
+from fieldmap.levitation.balance import CURRENT_STEP, MagnetModel, check_position, magnet_balance
 from fieldmap.lookup.payload import check_payload
 from fieldmap.records import Record
 from fieldmap.typing import Array
-
-_CURRENT_STEP = 0.01
-"""Half the difference of currents, of the largest one, over which a force is differenced unless told otherwise."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -58,31 +54,42 @@ def equilibrium_sensitivity(
     lever: float = 0.0,
     step: float | None = None,
 ) -> Sensitivity:
-    """Derivatives of the horizontal equilibrium at `position` (3,) by every coil's current.
+    """Derivatives of the horizontal equilibrium at a position by every coil's current.
 
     From F_h(x, i) = 0: dx_h/di = K_hh^-1 dF_h/di, and with the lift held besides by a common factor of the currents.
-    The forces are central differences over +- step of each current, A; 1 % of the largest current unless given. Exact
-    where the field is linear in the currents, of second order in the step where iron saturates. The field must hold at
-    these currents. Raises InputError for arguments that do not fit, or a position where the horizontal stiffness is
-    singular.
+
+    Parameters
+    ----------
+    field : any `fieldmap.field.Field` with a box, which must hold at these currents.
+    currents : (n_coils,), A.
+    payload : what is levitated.
+    position : the magnet's centre (3,), m.
+    moment, lever : as in `magnet_balance`.
+    step : change of each current, A, over plus and minus which forces are differenced; 1 % of the largest current
+        unless given. Exact where the field is linear in the currents, of second order in the step where iron saturates.
+
+    Returns
+    -------
+    The derivatives, m/A.
+
+    Raises
+    ------
+    InputError
+        For arguments that do not fit, or a position where the horizontal stiffness is singular.
     """
     carried = check_payload(payload, "equilibrium_sensitivity")
     source, amperes = resolve_currents(field, currents)
     point = check_position(require_bounds(source), position, "equilibrium_sensitivity(position)")
-    width = _CURRENT_STEP * float(np.abs(amperes).max()) if step is None else step
+    width = CURRENT_STEP * float(np.abs(amperes).max()) if step is None else step
     check_positive("equilibrium_sensitivity", step=width)
     balance = magnet_balance(source, amperes, carried, point, moment, lever)
     stiffness = balance.stiffness(point)
-    by_current = np.column_stack([_slope(balance, point, unit, width) for unit in np.eye(len(amperes))])
-    if abs(np.linalg.det(stiffness[:2, :2])) <= 1e-10 * np.linalg.norm(stiffness) ** 2:
-        must_hold = (
-            "the horizontal stiffness must not be singular: at a fold the equilibrium has no derivative"
-        )
-        received, remedy = (
-            f"{stiffness[:2, :2].tolist()} N/m",
-            "choose currents or a height away from the fold",
-        )
-        raise InputError(Problem("equilibrium_sensitivity(position)", must_hold, received, remedy))
+    by_current = balance.force_per_signal(point, np.eye(len(amperes)), np.full(len(amperes), width))
+    regular = abs(np.linalg.det(stiffness[:2, :2])) > 1e-10 * np.linalg.norm(stiffness) ** 2
+    must = "the horizontal stiffness must not be singular: at a fold the equilibrium has no derivative"
+    received = f"{stiffness[:2, :2].tolist()} N/m"
+    remedy = "choose currents or a height away from the fold"
+    check(regular, "equilibrium_sensitivity(position)", must, received, remedy)
     # The common factor 1 + s of all currents: d force / d s.
     by_level = by_current @ amperes
     matrix = np.zeros((3, 3))
@@ -90,11 +97,3 @@ def equilibrium_sensitivity(
     held: Array = np.asarray(np.linalg.solve(matrix, by_current), dtype=float)
     horizontal = np.asarray(np.linalg.solve(stiffness[:2, :2], by_current[:2]), dtype=float)
     return Sensitivity(point, amperes, stiffness, by_current, horizontal, held[:2], held[2])
-
-
-def _slope(balance: MagnetBalance, point: Array, unit: Array, step: float) -> Array:
-    forces = [
-        replace(balance, currents=balance.currents + way * step * unit).magnetic_force(point[None, :])[0]
-        for way in (1.0, -1.0)
-    ]
-    return np.asarray((forces[0] - forces[1]) / (2.0 * step))

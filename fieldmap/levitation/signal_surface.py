@@ -14,12 +14,11 @@ from fieldmap.arguments import check_positive, check_signal
 from fieldmap.constants import GRAVITY
 from fieldmap.currents import CurrentParametrisation, LiftAndDirections
 from fieldmap.device.model import Payload
-from fieldmap.errors import Infeasible, NoEquilibrium, OutsideMapError
+from fieldmap.errors import NoEquilibrium, OutsideMapError
 from fieldmap.field import AnyField, Field, as_field, coil_currents, require_bounds
 from fieldmap.levitation.balance import check_position
 from fieldmap.levitation.branches import equilibrium_at
-from fieldmap.levitation.least_power import force_per_ampere, push_shares
-from fieldmap.levitation.lift import direction_of_lift
+from fieldmap.levitation.lift import direction_of_lift, force_per_ampere, idle_note, signal_pushes
 from fieldmap.levitation.stationary import StationaryPoint
 from fieldmap.lookup.payload import check_payload
 from fieldmap.records import Record
@@ -57,20 +56,43 @@ def equilibrium_surface(
 ) -> EquilibriumSurface:
     """Points of no horizontal force at one height, for all pairs of direction signals.
 
-    field: any `fieldmap.field.Field` with a box. x_signals (a,), y_signals (b,), 1. level: lift signal, A. height: z
-    of the magnet's centre, m. hold_height: the level follows, so that the lift stays what it is at the signals nearest
-    to 0 and at `level`, as a controller of the height makes it; otherwise it is constant and the vertical force is left
-    as it is. Each place is looked for from that of its neighbour nearer to 0, so that one branch is followed.
+    Each place is looked for from that of its neighbour nearer to 0, so that one branch is followed. Signals are those
+    of the parametrisation. Any other field, and every one for which shares are given, takes level (shares + x c_x + y
+    c_y): c_x pushes along x and nowhere else with least power, its largest current 1, at this height in the middle of
+    the box, and c_y along y (docs/theory/closed_loop.md (24)). Along an axis on which the coils do not push by
+    themselves the signal does nothing, and the assumptions say so.
 
-    Signals are those of the parametrisation, unless given that which the map was made for. Any other field, and every
-    one for which shares (n_coils,) are given, takes level (shares + x c_x + y c_y): shares are the currents per ampere
-    of the level, 1 unless given; c_x pushes along x and nowhere else with least power, its largest current 1, at this
-    height in the middle of the box, and c_y along y (docs/theory/closed_loop.md (24)). Along an axis on which the coils
-    do not push by themselves the signal does nothing, and the assumptions say so.
+    Parameters
+    ----------
+    field : any `fieldmap.field.Field` with a box.
+    payload : what is levitated.
+    x_signals : (a,), 1.
+    y_signals : (b,), 1.
+    level : lift signal, A.
+    height : z of the magnet's centre, m.
+    parametrisation : how signals become currents; that which the map was made for unless given.
+    hold_height : whether the level follows, so that the lift stays what it is at the signals nearest to 0 and at
+        `level`, as a controller of the height makes it. Otherwise it is constant, and the vertical force is left as it
+        is.
+    shares : currents per ampere of the level (n_coils,), 1 unless given.
 
-    Raises InputError for arguments that do not fit, OutsideMapError for a height or currents beyond the map,
-    Infeasible where the coils do not lift, and NoEquilibrium where there is none at the signals nearest to 0.
+    Returns
+    -------
+    Places, levels and stability over the signals.
 
+    Raises
+    ------
+    InputError
+        For arguments that do not fit.
+    OutsideMapError
+        For a height or currents beyond the map.
+    Infeasible
+        Where the coils do not lift.
+    NoEquilibrium
+        Where there is none at the signals nearest to 0.
+
+    Examples
+    --------
     >>> m = open_map("maps/out/workspace.h5")                                           # doctest: +SKIP
     >>> s = [-0.3, -0.15, 0.0, 0.15, 0.3]                                               # doctest: +SKIP
     >>> equilibrium_surface(m, payload, s, s, level=1.558, height=-0.102).positions     # doctest: +SKIP
@@ -130,18 +152,10 @@ def _least_power(field: Field, payload: Payload, point: Array, level: float, sha
     gradient = field.gradient(point[None, :], level * lift)[0]
     moment = np.array([0.0, 0.0, payload.moment * direction_of_lift(point, payload.moment, gradient)])
     force = force_per_ampere(field, moment, point, level * lift)
-    pushes, idle = [], []
-    for axis in (0, 1):
-        try:
-            pushes.append(push_shares(force, axis))
-        except Infeasible:
-            pushes.append(np.zeros(len(lift)))
-            idle.append("xy"[axis])
+    pushes, idle = signal_pushes(force)
     words = "direction signals push with least power; a signal of 1 adds the level to a coil"
-    words += "".join(
-        f"; the coils do not push along {axis} by themselves: that signal does nothing" for axis in idle
-    )
-    return _Signals(lambda u, x, y: u * (lift + x * pushes[0] + y * pushes[1]), words)
+    words = "; ".join([words, *map(idle_note, idle)])
+    return _Signals(lambda u, x, y: u * (lift + x * pushes[:, 0] + y * pushes[:, 1]), words)
 
 
 def _outward(x: Array, y: Array) -> Iterator[tuple[tuple[int, int], tuple[int, int]]]:

@@ -89,12 +89,26 @@ def stationary_points(
 ) -> StationarySet:
     """Every point of a horizontal window where the horizontal force on a magnet vanishes, at one height.
 
-    field, currents, payload: as in `find_equilibrium`; moment, lever: as in `magnet_balance`. height:
-    z of the magnet's centre, m. window: lower and upper corner (2,), m; the whole box of the map, less a rim for a
-    magnet of finite size, unless given. samples: intervals along each side at which the search begins; they are halved
-    up to three times until the points found agree with the turns of the force along the window's edge.
+    Parameters
+    ----------
+    field, currents, payload : as in `find_equilibrium`.
+    height : z of the magnet's centre, m.
+    window : lower and upper corner (2,), m; the whole box of the map, less a rim for a magnet of finite size, unless
+        given.
+    moment, lever : as in `magnet_balance`.
+    samples : intervals along each side at which the search begins; they are halved up to three times until the points
+        found agree with the turns of the force along the window's edge.
 
-    Raises InputError for arguments that do not fit, OutsideMapError for a window beyond the map.
+    Returns
+    -------
+    The points, and the count that they must have.
+
+    Raises
+    ------
+    InputError
+        For arguments that do not fit.
+    OutsideMapError
+        For a window beyond the map.
     """
     carried = check_payload(payload, "stationary_points", pieces=True)
     source, amperes = resolve_currents(field, currents)
@@ -143,10 +157,7 @@ def to_equilibrium(balance: MagnetBalance, start: Array, low: Array, high: Array
 
 
 def _window(
-    box: Bounds,
-    window: tuple[ArrayLike, ArrayLike] | None,
-    payload: Payload | None,
-    height: float,
+    box: Bounds, window: tuple[ArrayLike, ArrayLike] | None, payload: Payload | None, height: float
 ) -> tuple[Array, Array]:
     if window is None:
         rim = 0.0

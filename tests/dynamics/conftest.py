@@ -8,7 +8,7 @@ from scipy.interpolate import CubicSpline
 
 from fieldmap.currents import IndependentCurrents, LiftAndDirections, divide_currents
 from fieldmap.dynamics import RigidBody
-from fieldmap.lookup import FiniteMagnet, interpolate
+from fieldmap.lookup import FiniteMagnet, interpolate, open_map
 from fieldmap.store import Grid, MapData, ReducedModel
 
 
@@ -138,3 +138,9 @@ def saturating_data(free=False):
 @pytest.fixture(scope="session")
 def saturating():
     return saturating_map
+
+
+@pytest.fixture(scope="session")
+def six(six_coils):
+    """The map of six dipoles, opened."""
+    return open_map(six_coils)

@@ -60,15 +60,7 @@ def test_a_regulator_block_is_the_regulator(estimate, equilibrium_at):
     A, B, C = np.array([[1.9, -0.91], [1.0, 0.0]]), np.array([[1.0], [0.0]]), np.array([[-0.03, 0.0298]])
     estimator = kalmd(A - np.eye(2), B, C, 1.0, 1e-4, 2e-3)
     regulator = Regulator(
-        np.array([3.0, -2.0, 5.0]),
-        estimator,
-        2e-3,
-        (3.0, 0.1),
-        equilibrium_at,
-        estimate,
-        0.69,
-        2.0,
-        7.0,
+        np.array([3.0, -2.0, 5.0]), estimator, 2e-3, (3.0, 0.1), equilibrium_at, estimate, 0.69, 2.0, 7.0
     )
     signals = positions()
     running = RunningRegulator(regulator)

@@ -9,6 +9,7 @@ from fieldmap.core.controller import CoreController
 from fieldmap.dynamics import (
     AxisReading,
     Schedule,
+    close_loop,
     linear_points,
     linearise,
     pid_block,
@@ -26,17 +27,10 @@ from fieldmap.dynamics.coupled import (
     trajectory,
 )
 from fieldmap.errors import Infeasible, InputError, ScenarioError
-from fieldmap.lookup import open_map
+from tests.refusals import refused
 
 LOW, HIGH = np.array([0.0, -0.4, -0.3]), np.array([10.0, 0.4, 0.3])
-WEIGHTS = LqgWeights(
-    (3e-4,) * 3,
-    (0.01, 0.01, 0.03),
-    (1.0, 0.1, 0.1),
-    (7e-6, 7e-6, 1e-5),
-    (2e-5, 2e-5, 1e-4),
-    (5e-4, 5e-4, 2e-3),
-)
+WEIGHTS = LqgWeights(sensor=(7e-6, 7e-6, 1e-5))
 # Without the block and what is not linear.
 PLAIN = {
     "drag.linear_N_s_per_m": [0.5] * 3,
@@ -45,11 +39,6 @@ PLAIN = {
     "coils.output_bits": None,
     "sensors.angle_deg": 0.0,
 }
-
-
-@pytest.fixture(scope="module")
-def six(six_coils):
-    return open_map(six_coils)
 
 
 @pytest.fixture(scope="module")
@@ -82,11 +71,10 @@ def test_forces_beyond_the_limits_are_told_and_places_outside_refused(still):
     outputs, left = outputs_for(still.machine, still.operating_point, centre, [[0.05, 0.0, 0.1]], LOW, HIGH)
     assert left[0] > 0.01
     assert outputs[0, 1] == HIGH[1]
-    with pytest.raises(Infeasible) as error:
+    with refused(Infeasible, where="outputs_for(positions)"):
         outputs_for(
             still.machine, still.operating_point, centre + [0.05, 0.0, 0.0], [[0.0, 0.0, 0.1]], LOW, HIGH
         )
-    assert error.value.problems[0].where == "outputs_for(positions)"
 
 
 def test_the_regulator_is_that_of_lqrd_where_nothing_is_late(still):
@@ -106,8 +94,6 @@ def test_the_regulator_is_that_of_lqrd_where_nothing_is_late(still):
 @pytest.mark.parametrize("late", [0.0, 0.5e-3, 2e-3])
 def test_the_loop_has_the_poles_of_regulator_and_estimator(still, late):
     """Separation: with its own model's delay the closed loop is stable, and its rest is the reference."""
-    from fieldmap.dynamics import close_loop
-
     linear = linearise(still.machine, still.operating_point)
     block = lqg_block(linear, WEIGHTS, 2e-3, late)
     loop = close_loop(linear, block, Schedule(np.zeros((2, 3)), 2e-3, delay=late))
@@ -131,21 +117,18 @@ def test_constant_forces_are_found_and_carried(still, six):
     np.testing.assert_allclose(run.sensed[-1], wanted[0], atol=2e-7)
 
 
-def coupled(kind, changes=(), scenario="coupled_regulator"):
-    """A shipped scenario within what the map of six dipoles allows."""
-    plain = {"control.coupled.kind": kind} if kind else {}
-    return read_scenario(scenario, {**plain, "duration_s": 4.0, **dict(changes)})
+def said_by(controller, signals, outputs):
+    """The last outputs, and the memory after them."""
+    memory, out = controller.memory.copy(), np.zeros((len(signals), outputs))
+    CoreController(controller.arrays).control(signals, None, memory, out)
+    return out[-1], memory
 
 
 def test_one_design_is_the_same_as_many_alike(still):
     block = lqg_block(linearise(still.machine, still.operating_point), WEIGHTS, 2e-3)
     many = ScheduledController((block, block, block), -0.09, 1e-3)
     v = np.array([1e-3, 0.0, -0.0893, 2e-3, 1e-3, -0.09, 1.0])
-    answers = []
-    for controller in (block, many):
-        memory, out = controller.memory.copy(), np.zeros((3, 3))
-        CoreController(controller.arrays).control(np.tile(v, (3, 1)), None, memory, out)
-        answers.append(np.concatenate([out[-1], memory]))
+    answers = [np.concatenate(said_by(controller, np.tile(v, (3, 1)), 3)) for controller in (block, many)]
     np.testing.assert_allclose(*answers, rtol=1e-12)
 
 
@@ -153,17 +136,13 @@ def test_between_designs_outputs_are_between(still):
     low = pid_block(PID(1.0, np.inf, 0.0, 2e-3), AxisReading("x", 1e3))
     high = pid_block(PID(3.0, np.inf, 0.0, 2e-3), AxisReading("x", 1e3))
     both = ScheduledController((low, high), -0.1, 0.01)
-    said = []
-    for z in (-0.2, -0.1, -0.0975, -0.09, 0.0):
-        v, out = np.array([[1e-3, 0, z, 0, 0, 0, 1.0]]), np.zeros((1, 1))
-        CoreController(both.arrays).control(v, None, both.memory.copy(), out)
-        said.append(out[0, 0])
-    np.testing.assert_allclose(said, [1.0, 1.0, 1.5, 3.0, 3.0])
-    with pytest.raises(InputError) as error:
+    heights = (-0.2, -0.1, -0.0975, -0.09, 0.0)
+    said = [said_by(both, np.array([[1e-3, 0, z, 0, 0, 0, 1.0]]), 1)[0] for z in heights]
+    np.testing.assert_allclose(np.ravel(said), [1.0, 1.0, 1.5, 3.0, 3.0])
+    with refused(InputError, where="ScheduledController(blocks)"):
         ScheduledController(
             (low, lqg_block(linearise(still.machine, still.operating_point), WEIGHTS, 2e-3)), 0.0, 1.0
         )
-    assert error.value.problems[0].where == "ScheduledController(blocks)"
 
 
 CIRCLE = {
@@ -283,16 +262,12 @@ def test_what_cannot_be_is_refused(changes, where):
 
 
 def test_what_was_given_beside_a_controller_of_all_axes_is_named():
-    with pytest.raises(ScenarioError) as error:
+    with refused(ScenarioError, received="x, coupled"):
         read_scenario("coupled_regulator", {"control.x": {"kind": "constant"}})
-    assert error.value.problems[0].received == "x, coupled"
 
 
 def test_weights_that_do_not_fit_are_named(still):
-    short = LqgWeights(*[(1.0,) * 3] * 2, (1.0,), *[(1.0,) * 3] * 3)
-    with pytest.raises(InputError) as error:
-        lqg_block(linearise(still.machine, still.operating_point), short, 2e-3)
-    assert (error.value.problems[0].where, error.value.problems[0].received) == ("LqgWeights(output)", "1")
-    with pytest.raises(InputError) as error:
-        LqgWeights(*[(1.0,) * 3] * 2, (0.0,) * 3, *[(1.0,) * 3] * 3)
-    assert "output[0]" in str(error.value.problems[0])
+    with refused(InputError, where="LqgWeights(output)", received="1"):
+        lqg_block(linearise(still.machine, still.operating_point), LqgWeights(output=(1.0,)), 2e-3)
+    with refused(InputError, where="LqgWeights(output[0])"):
+        LqgWeights(output=(0.0,) * 3)

@@ -10,10 +10,6 @@ from fieldmap.control import PID
 from fieldmap.dynamics import (
     AxisReading,
     CoilDrive,
-    Drag,
-    Machine,
-    MatrixAllocation,
-    RigidBody,
     Schedule,
     Sensors,
     close_loop,
@@ -28,7 +24,6 @@ from fieldmap.dynamics import (
     prepare,
     read_scenario,
     simulate_closed_loop,
-    superposed,
 )
 from fieldmap.dynamics.linear_loop import (
     ClosedLoop,
@@ -40,25 +35,13 @@ from fieldmap.dynamics.linear_loop import (
 from fieldmap.dynamics.linearisation import moved_state
 from fieldmap.errors import InputError, OutsideMapError
 from fieldmap.instruments import Amplifier, Micrometer, SensorFrame, watch
-from fieldmap.lookup import open_map
-
-MASS, MOMENT, PERIOD, GAIN = 0.01, 0.8, 2e-3, 0.4
-SLOPE, CURVE = MASS * 9.80665 / MOMENT / 2.0, 1.2
-
-
-@pytest.fixture(scope="module")
-def six(six_coils):
-    return open_map(six_coils)
+from tests.dynamics.machines import CURVE, GAIN, MASS, MOMENT, PERIOD, QUIET, SLOPE, one_coil
 
 
 @pytest.fixture
 def machine(axial):
     """One coil whose 2 A carry the body at the origin; nothing drives it aside."""
-    body = RigidBody(MASS, [6e-7, 6e-7, 2e-7], axial.dipole(MOMENT), seen_at=[0, 0, 5e-3], upright=True)
-    field = superposed(axial.map((0.02, SLOPE, CURVE)))
-    one = MatrixAllocation(np.eye(1), np.zeros(1))
-    drag = Drag(linear=(0.05, 0.05, 0.05))
-    return Machine(field, body, CoilDrive(Amplifier(GAIN), 1), Sensors(zero_depth=0.0), one, drag)
+    return one_coil(axial, upright=True)
 
 
 @pytest.fixture
@@ -114,41 +97,25 @@ def test_a_rest_at_the_edge_of_the_map_is_refused(machine):
         linearise(machine, replace(rest, state=state))
 
 
-FREE = {
-    "body.turning": "free",
-    "noise.off": True,
-    "coils.output_bits": None,
-    "control.z.lower": None,
-    "control.z.upper": None,
-    "sensors.angle_deg": 0.0,
-    "reference.0.by_mm": 0.0,
-    "drag.turning_N_m_s": [1e-6, 1e-6, 1e-6],
-}
-
-
 def difference(experiment, linear, loop, size, periods=60):
     """Largest distance of the nonlinear loop from the linear one, over the size of the disturbance."""
-    deviation = (
-        size * np.array([1.0, -0.7, 0.5, 8.0, -6.0, 0.0, 5.0, 3.0, -4.0, 0.0, 0.0, 0.0])[: len(linear.states)]
-    )
+    disturbed = np.array([1.0, -0.7, 0.5, 8.0, -6.0, 0.0, 5.0, 3.0, -4.0, 0.0, 0.0, 0.0])
+    deviation, point = size * disturbed[: len(linear.states)], experiment.operating_point
     state = moved_state(linear, deviation)
-    wanted = np.tile(experiment.operating_point.sensed, (periods, 1))
-    schedule = Schedule(wanted, PERIOD, 2e-5, experiment.schedule.delay)
-    run = simulate_closed_loop(
-        experiment.machine, experiment.controller, schedule, state, experiment.operating_point.currents, None
-    )
-    z = np.zeros(len(loop.A))
-    z[: len(deviation)] = deviation
-    here, path = z, []
+    schedule = Schedule(np.tile(point.sensed, (periods, 1)), PERIOD, 2e-5, experiment.schedule.delay)
+    driven = experiment.machine, experiment.controller, schedule
+    run = simulate_closed_loop(*driven, state, point.currents, None)
+    here, path = np.zeros(len(loop.A)), []
+    here[: len(deviation)] = deviation
     for _ in range(periods):
         path.append(loop.C @ here)
         here = loop.A @ here
-    return np.abs(run.sensed - experiment.operating_point.sensed - path).max() / size
+    return np.abs(run.sensed - point.sensed - path).max() / size
 
 
 def test_the_nonlinear_loop_comes_to_the_linear_one_with_the_square_of_what_disturbs(six):
     """Taylor test of the whole: body that turns, coils, delay, controllers of three axes."""
-    experiment = prepare(read_scenario("vertical_step", FREE), six)
+    experiment = prepare(read_scenario("vertical_step", QUIET), six)
     linear = linearise(experiment.machine, experiment.operating_point)
     assert linear.states == (
         *("x", "y", "z", "turn_x", "turn_y", "turn_z", "velocity_x", "velocity_y", "velocity_z"),

@@ -32,6 +32,7 @@ from fieldmap.errors import InputError, NotConverged
 from fieldmap.instruments import Amplifier
 from fieldmap.lookup import MagneticBody, compiled_wrench, iron_weights
 from tests.dynamics.machines import machine_in
+from tests.refusals import refused
 
 RNG = np.random.default_rng(3)
 MASS, MOMENT, GRAVITY, STEP, PERIOD = 0.01, np.array([0.0, 0.0, 0.4]), 9.80665, 1e-4, 1e-3
@@ -220,6 +221,5 @@ def test_operating_points_and_slopes_are_those_of_the_model(free):
 
 @pytest.mark.parametrize("given", ["resistance", "inductance"])
 def test_a_winding_needs_both_its_numbers(given):
-    with pytest.raises(InputError) as error:
+    with refused(InputError, where="CoilDrive(resistance, inductance)"):
         CoilDrive(Amplifier(1.0), 6, **{given: 2.0})
-    assert error.value.problems[0].where == "CoilDrive(resistance, inductance)"

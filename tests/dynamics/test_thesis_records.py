@@ -5,17 +5,11 @@ import pytest
 
 from fieldmap.control import StateSpace, kalmd, zero_order_hold
 from fieldmap.dynamics import linear_points, prepare, read_scenario
-from fieldmap.lookup import open_map
 from fieldmap.thesis import horizontal as horizontal_records
 from fieldmap.thesis import vertical_records
 from fieldmap.thesis.coupled_regulator import filtered_states
 from fieldmap.thesis.printed import figure_numbers, read_part
 from fieldmap.thesis.vertical_records import changes_of
-
-
-@pytest.fixture(scope="module")
-def six(six_coils):
-    return open_map(six_coils)
 
 
 @pytest.fixture

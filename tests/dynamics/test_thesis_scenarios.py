@@ -8,18 +8,12 @@ import pytest
 
 from fieldmap.control.blocks import AxisReading
 from fieldmap.dynamics import Plate, prepare, read_scenario, simulate
-from fieldmap.lookup import open_map
 from fieldmap.thesis import coupled_loop
 from fieldmap.thesis.computation import Answers, function_of
 from fieldmap.thesis.coupled_runs import Readings
 from fieldmap.thesis.printed import figure_numbers, read_part
 
 SENSOR_MM, SIDEWAYS_MM = 0.0104, 0.00706
-
-
-@pytest.fixture(scope="module")
-def six(six_coils):
-    return open_map(six_coils)
 
 
 @pytest.fixture
@@ -54,11 +48,7 @@ def shift_per_signal(six, depth_mm):
     """mm per unit of the x and of the y signal about the axis, from where the machine rests at small signals."""
     places = []
     for signal in (0.005, -0.005):
-        changes = {
-            "start.depth_mm": depth_mm,
-            "control.x.output": signal,
-            "control.y.output": signal,
-        }
+        changes = {"start.depth_mm": depth_mm, "control.x.output": signal, "control.y.output": signal}
         places.append(prepare(read_scenario("horizontal_open_loop", changes), six).operating_point.sensed)
     return 1e3 * (places[0] - places[1])[:2] / 0.01
 

@@ -15,28 +15,16 @@ from fieldmap.dynamics import (
     simulate_closed_loop,
 )
 from fieldmap.dynamics.linear_loop import sampled_machine
-from fieldmap.lookup import open_map
+from tests.dynamics.machines import PERIOD, QUIET
 
 reference = pytest.importorskip(
     "control", reason='python-control is not installed (pip install "fieldmap[control]")'
 )
 
-PERIOD = 2e-3
-QUIET = {
-    "body.turning": "free",
-    "noise.off": True,
-    "coils.output_bits": None,
-    "control.z.lower": None,
-    "control.z.upper": None,
-    "sensors.angle_deg": 0.0,
-    "reference.0.by_mm": 0.0,
-    "drag.turning_N_m_s": [1e-6, 1e-6, 1e-6],
-}
-
 
 @pytest.fixture(scope="module")
-def experiment(six_coils):
-    return prepare(read_scenario("vertical_step", QUIET), open_map(six_coils))
+def experiment(six):
+    return prepare(read_scenario("vertical_step", QUIET), six)
 
 
 @pytest.fixture(scope="module")
@@ -103,9 +91,8 @@ def test_the_loop_follows_a_reference_as_the_simulator_does(experiment, linear):
     assert differences[0] / differences[1] == pytest.approx(2.0, rel=0.3)
 
 
-def test_the_plant_of_a_map_has_its_names(six_coils):
-    field = open_map(six_coils)
-    plant = plant_from_map(field, Payload(0.0112, 0.8), [0.0, 0.0, -0.1], 1.5)
+def test_the_plant_of_a_map_has_its_names(six):
+    plant = plant_from_map(six, Payload(0.0112, 0.8), [0.0, 0.0, -0.1], 1.5)
     system = plant.to_control()
     assert system.state_labels[3:] == ["velocity_x", "velocity_y", "velocity_z"]
     assert system.output_labels == ["x", "y", "z"]

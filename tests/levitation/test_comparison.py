@@ -22,12 +22,8 @@ from fieldmap.levitation import (
 )
 
 MU, KNEE = 8.0, 4.0
-RING = np.array(
-    [
-        [0.044 * np.cos(a), 0.044 * np.sin(a), 0.026]
-        for a in np.deg2rad([240.0, 180.0, 120.0, 300.0, 0.0, 60.0])
-    ]
-)
+ANGLES = np.deg2rad([240.0, 180.0, 120.0, 300.0, 0.0, 60.0])
+RING = np.column_stack([0.044 * np.cos(ANGLES), 0.044 * np.sin(ANGLES), np.full(6, 0.026)])
 MASS, MOMENT = 0.010, 0.8
 PAYLOAD = Payload(MASS, MOMENT, magnet_offset=0.005)
 LIMIT = 3.0
@@ -170,15 +166,8 @@ def test_no_lift_off_the_axis_or_without_pull():
 def test_a_row_as_plain_python():
     row = LiftAtHeight(-0.1, 3.0, None, 10.0, 1.5, 0.6)
     assert row.ratio == 2.0
-    assert row.to_dict() == {
-        "sensor_mm": 10.0,
-        "height": -0.1,
-        "current": 3.0,
-        "beyond": None,
-        "measured": 1.5,
-        "ratio": 2.0,
-        "lift_share": 0.6,
-    }
+    read = {"sensor_mm": 10.0, "measured": 1.5, "lift_share": 0.6}
+    assert row.to_dict() == {"height": -0.1, "current": 3.0, "beyond": None, "ratio": 2.0, **read}
 
 
 SIGNALS = (0.05, 0.1, 0.2)

@@ -18,7 +18,7 @@ from fieldmap.errors import InputError
 from fieldmap.field import Field
 from fieldmap.iron import NonlinearSolver
 from fieldmap.levitation import SearchedSet, reachable
-from fieldmap.levitation.searched_set import even_directions, quantity_of, searched_set
+from fieldmap.levitation.reachable_set import even_directions, quantity_of, searched_set
 from fieldmap.lookup import MagneticBody, magnetic_body
 from tests.dynamics.conftest import saturating_map
 from tests.iron.test_differential_inductance import device as core_beside_magnet

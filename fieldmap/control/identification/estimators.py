@@ -34,7 +34,7 @@ from fieldmap.control.identification.regression import (
     to_model,
 )
 from fieldmap.control.linear_models import TransferFunction, filter_response, transfer_function
-from fieldmap.errors import NotConverged, Problem
+from fieldmap.errors import NotConverged
 from fieldmap.records import Record
 from fieldmap.typing import Array
 
@@ -89,18 +89,12 @@ def modified_least_squares(
     start, advance = _filtering(y, u, orders, where)
     remedy = "ask for fewer poles and zeros, excite more, or record longer"
     solution, count = settled(where, start, advance, tolerance, iterations, remedy)
-    return estimate_of(
-        solution, orders, Ts, "modified least squares (Steiglitz-McBride)", count, _WHITE_OUTPUT
-    )
+    method = "modified least squares (Steiglitz-McBride)"
+    return estimate_of(solution, orders, Ts, method, count, _WHITE_OUTPUT)
 
 
 def modified_least_squares_runs(
-    outputs: ArrayLike,
-    inputs: ArrayLike,
-    orders: Orders,
-    *,
-    tolerance: float = 1e-6,
-    iterations: int = 100,
+    outputs: ArrayLike, inputs: ArrayLike, orders: Orders, *, tolerance: float = 1e-6, iterations: int = 100
 ) -> EstimatedRuns:
     """`modified_least_squares` of many records at once, for Monte Carlo studies; says which did not settle.
 
@@ -156,10 +150,8 @@ def generalised_least_squares(
         whitening, one = _autoregression(errors, noise_order, where)[None, :], np.ones((1, 1))
         return solve(filtered(whitening, one, y), filtered(whitening, one, u), orders, where)
 
-    start, remedy = (
-        solve(y, u, orders, where).coefficients,
-        "try the modified least squares or ARMAX, or another noise order",
-    )
+    start = solve(y, u, orders, where).coefficients
+    remedy = "try the modified least squares or ARMAX, or another noise order"
     solution, count = settled(where, start, advance, tolerance, iterations, remedy)
     note = f"errors of the equation are autoregressive of order {noise_order}"
     return estimate_of(solution, orders, Ts, "generalised least squares", count, note)
@@ -203,7 +195,7 @@ def armax(
         gtol=1e-13,
     )
     if not fit.success:
-        raise NotConverged(Problem(where, "must converge", fit.message, "ask for fewer coefficients"))
+        raise NotConverged.of(where, "must converge", fit.message, "ask for fewer coefficients")
     # The columns there are only for covariance and condition.
     solution = solve_columns(fit.jac, -fit.fun, where)
     solution = solution._replace(coefficients=fit.x[None], squares=np.array([2.0 * fit.cost]))
@@ -317,10 +309,8 @@ def identify_direct(outputs: ArrayLike, controls: ArrayLike, orders: Orders, Ts:
     models them, or an indirect way. Without a reference signal the conditions (12) must hold. Raises InputError for
     unusable records and NotConverged.
     """
-    must, received = (
-        "must have more poles than zeros, or dead time",
-        f"{orders.poles} poles, {orders.zeros} zeros",
-    )
+    must = "must have more poles than zeros, or dead time"
+    received = f"{orders.poles} poles, {orders.zeros} zeros"
     remedy = "a loop without delay cannot be told from its controller"
     check(orders.delay >= 1, "identify_direct(orders)", must, received, remedy)
     return modified_least_squares(outputs, controls, orders, Ts)
@@ -377,13 +367,7 @@ def identify_indirect(
 
 
 def identify_two_stage(
-    outputs: ArrayLike,
-    controls: ArrayLike,
-    references: ArrayLike,
-    orders: Orders,
-    Ts: float,
-    *,
-    loop: Orders,
+    outputs: ArrayLike, controls: ArrayLike, references: ArrayLike, orders: Orders, Ts: float, *, loop: Orders
 ) -> Estimate:
     """The plant in two stages, without knowing the controller: Van den Hof and Schrama (Automatica 29
     (1993) 1523).

@@ -52,10 +52,8 @@ def pseudo_random_binary(
     stages = TAPS.get(order, ()) if taps is None else tuple(np.atleast_1d(np.asarray(taps, int)).tolist())
     good = len(stages) > 0 and all(0 < tap < order for tap in stages)
     must = "must be an order from 2 to 64, or one with stages 0 < tap < order of its own"
-    received, remedy = (
-        f"order {order}, taps {list(stages) or None}",
-        "take an order from the table, or look up a primitive polynomial",
-    )
+    received = f"order {order}, taps {list(stages) or None}"
+    remedy = "take an order from the table, or look up a primitive polynomial"
     check(good, f"{where}(order, taps)", must, received, remedy)
     period = (2**order - 1) * hold
     length = period if samples is None else samples

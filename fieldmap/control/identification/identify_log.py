@@ -65,32 +65,19 @@ class IdentifiedLog(Record):
 
     def to_dict(self) -> dict[str, Plain]:
         """As plain Python: complex numbers as [real, imaginary]."""
-        found, (s, s_errors) = self.estimate, self.continuous_poles
-
-        def roots(values: NDArray[np.complex128]) -> list[list[float]]:
-            return [[float(v.real), float(v.imag)] for v in np.asarray(values, complex)]
-
+        found, (poles_per_s, errors_per_s) = self.estimate, self.continuous_poles
+        roots = {"poles": found.poles, "zeros": found.zeros, "poles_per_s": poles_per_s}
+        pairs = {name: np.stack([np.real(each), np.imag(each)], axis=-1) for name, each in roots.items()}
+        of_log = ("samples", "rest", "operating_point")
+        of_estimate = ("method", "Ts", "covariance", "pole_errors", "zero_errors", "gain", "steady_gain")
         return plain_items(
             columns={role: {"name": c.name, "unit": c.unit} for role, c in self.columns.items()},
-            method=found.method,
-            Ts=found.Ts,
-            samples=self.samples,
-            rest=self.rest,
-            operating_point=dict(self.operating_point),
-            numerator=found.model.numerator,
-            denominator=found.model.denominator,
+            **{name: getattr(self, name) for name in of_log},
+            **{name: getattr(found, name) for name in (*of_estimate, "residual_rms", "assumptions")},
+            **found.model._asdict(),
             coefficients=[{"name": n, "value": v, "standard_error": e} for n, v, e in self.coefficients],
-            covariance=found.covariance,
-            poles=roots(found.poles),
-            pole_errors=found.pole_errors,
-            zeros=roots(found.zeros),
-            zero_errors=found.zero_errors,
-            poles_per_s=roots(s),
-            pole_errors_per_s=s_errors,
-            gain=found.gain,
-            steady_gain=found.steady_gain,
-            residual_rms=found.residual_rms,
-            assumptions=found.assumptions,
+            **pairs,
+            pole_errors_per_s=errors_per_s,
         )
 
 
@@ -103,11 +90,9 @@ def identify_log(log: Log, orders: Orders, method: str = "direct", rest: int | N
     InputError for what the log does not hold, NotConverged.
     """
     check_choice("identify_log(method)", method, METHODS)
-    referred, must = (
-        method != "two-stage" or "reference" in log.signals,
-        "needs a column that is the reference",
-    )
-    check(referred, "identify_log(method)", must, "none", "name it, or take another method")
+    referred = method != "two-stage" or "reference" in log.signals
+    must, remedy = "needs a column that is the reference", "name it, or take another method"
+    check(referred, "identify_log(method)", must, "none", remedy)
     count = _at_rest(log) if rest is None else rest
     signals = {role: log.shown(role)[0] for role in log.signals}
     check_rest("identify_log(rest)", count, log.time.size)

@@ -38,11 +38,7 @@ UNEVEN = 0.02
 _LOOKED_AT, _MOST_TOLD = 20, 5
 _IN_BRACKETS = re.compile(r"^\s*(?P<name>.*?\S)\s*[(\[](?P<unit>[^()\[\]]*)[)\]]\s*$")
 _WITH_SUFFIX = re.compile(r"^\s*(?P<name>.*\S)[_/](?P<unit>[^_/\s]+)\s*$")
-_OPTIONS = {
-    "delimiter": "read_log(delimiter)",
-    "units": "read_log(units)",
-    "names": "read_log(names)",
-}
+_OPTIONS = {"delimiter": "read_log(delimiter)", "units": "read_log(units)", "names": "read_log(names)"}
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -185,7 +181,7 @@ def read_log(
         (_, head), *rows = [(number, _cells(line, kind)) for number, line in lines]
     except csv.Error as error:
         must, remedy = "must be columns of numbers", "correct the line that is so long"
-        raise InputError(Problem(str(source), must, str(error), remedy)) from None
+        raise InputError.of(str(source), must, str(error), remedy) from None
     columns = [_column(k, text, given) for k, text in enumerate(head)]
     timed = {"time": TIME} if sampling_time is None else {}
     known, needed = {**timed, **(roles or {})}, (*timed, *required)
@@ -222,7 +218,7 @@ def _lines(source: Path) -> list[tuple[int, str]]:
         text = source.read_text(encoding="latin-1")
     except OSError as error:
         must, received = "must be a file that can be read", error.strerror or str(error)
-        raise InputError(Problem(str(source), must, received, "check the name")) from None
+        raise InputError.of(str(source), must, received, "check the name") from None
     lines = [
         (number, line)
         for number, line in enumerate(text.splitlines(), start=1)
@@ -258,7 +254,7 @@ def _delimiter_of(source: Path, lines: list[tuple[int, str]], told: Mapping[str,
                 return kind
     must = f"must be columns between {', '.join(DELIMITERS)}, as many in every line"
     remedy = f"say which by {told['delimiter']}"
-    raise InputError(Problem(f"{source.name}:{lines[0][0]}", must, looked[0].strip()[:80], remedy))
+    raise InputError.of(f"{source.name}:{lines[0][0]}", must, looked[0].strip()[:80], remedy)
 
 
 def _decimal_of(rows: list[tuple[int, list[str]]], kind: str) -> str:

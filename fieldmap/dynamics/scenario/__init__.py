@@ -1,13 +1,7 @@
 """Scenarios: an experiment in a TOML file, and what comes out of it."""
 
 from fieldmap.dynamics.scenario.batches import Batch, BatchRun, Simulation, simulate_batches, write_simulation
-from fieldmap.dynamics.scenario.experiment import (
-    Experiment,
-    ScenarioRun,
-    open_machine,
-    prepare,
-    simulate,
-)
+from fieldmap.dynamics.scenario.experiment import Experiment, ScenarioRun, open_machine, prepare, simulate
 from fieldmap.dynamics.scenario.linear_points import Linearisation, LinearPoint, linear_points
 from fieldmap.dynamics.scenario.measured_log import LaidLog, LaidSignal, lay_over, read_measured_log
 from fieldmap.dynamics.scenario.metrics import AxisMetrics, RunMetrics, reading_mm, run_metrics

@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from fieldmap.arguments import check
 from fieldmap.control.blocks import Controller
 from fieldmap.control.function_controller import FunctionController
 from fieldmap.device import Device
@@ -14,7 +15,6 @@ from fieldmap.dynamics.loop_run import LevitationRun, as_csv, recorded
 from fieldmap.dynamics.scenario.experiment import Experiment, prepare
 from fieldmap.dynamics.scenario.metrics import RunMetrics, run_metrics
 from fieldmap.dynamics.scenario.schema import read_scenario
-from fieldmap.errors import InputError, Problem
 from fieldmap.field import Field
 from fieldmap.plain import Plain, plain_items
 from fieldmap.records import Record
@@ -44,8 +44,8 @@ class Batch(Record):
 
     def to_dict(self) -> dict[str, Plain]:
         """The batch as plain Python; SI units but for names that end in _mm and _deg."""
-        at = self.experiment.operating_point
-        rest = {"sensed": at.sensed, "currents": at.currents, "outputs": at.outputs, "residual": at.residual}
+        names = ("sensed", "currents", "outputs", "residual")
+        rest = {name: getattr(self.experiment.operating_point, name) for name in names}
         runs = [one.metrics for one in self.runs]
         return plain_items(value=self.label, rest=rest, seconds=self.seconds, runs=runs)
 
@@ -91,14 +91,30 @@ def simulate_batches(
 ) -> Simulation:
     """Run a scenario, once or with noise of its own in each of `runs` runs, for each value of a varied key.
 
-    field: opens a map, or any field, in the place of the scenario's; called once, after the scenario was read. changes:
-    values by dotted key. vary: a key and its values. seed: in the place of the scenario's. threads: 0 for one per
-    processor. keep_signals: of at most MOST_KEPT runs in each batch. device: for a scenario that names none, in the
-    place of the map's. controller: in the place of the scenario's; one that is a Python function runs on one thread.
-    Raises as `read_scenario` and `prepare`.
+    Parameters
+    ----------
+    scenario : its file, or the name of a shipped one.
+    field : opens a map, or any field, in the place of the scenario's; called once, after the scenario was read.
+    changes : values by dotted key.
+    vary : a key and its values.
+    runs : of each value.
+    seed : in the place of the scenario's.
+    threads : 0 for one per processor.
+    keep_signals : of at most MOST_KEPT runs in each batch.
+    progress : is told how far the runs are.
+    device : for a scenario that names none, in the place of the map's.
+    controller : in the place of the scenario's; one that is a Python function runs on one thread.
+
+    Returns
+    -------
+    The batches.
+
+    Raises
+    ------
+    InputError
+        As `read_scenario` and `prepare`.
     """
-    if runs < 1:
-        raise InputError(Problem("runs", "must be 1 or more", str(runs), "give a whole number"))
+    check(runs >= 1, "runs", "must be 1 or more", runs, "give a whole number")
     fixed, opened = dict(changes or {}), None
     key, values = ("", [None]) if vary is None else (vary[0], list(vary[1]))
     batches = []

@@ -52,6 +52,7 @@ _LIMITS = (
     "0 to 10 V, -0.4 to 0.4 for lift and directions; else 0 to what the amplifiers give, or from minus that where "
     "something that no current drives lifts as well, -1 to 1, unless given"
 )
+_EQUILIBRIUM = "[V, V/mm]: lift that carries the body; that of the equilibrium at the start unless given"
 PointsAt = Callable[[Sequence[float]], list[OperatingPoint]]
 """Operating points with the sensed point at these heights, m."""
 
@@ -62,8 +63,8 @@ def _rises(upper: Any, info: ValidationInfo) -> None:
         raise broken("lower must be below upper", f"{lower} and {upper}", "swap them")
 
 
-Lower = Annotated[float | None, Key(float | None, "limit of the output")]
-Upper = Annotated[float | None, Key(float | None, "limit of the output", check=_rises)]
+Lower = Annotated[float | None, Key(..., "limit of the output")]
+Upper = Annotated[float | None, Key(..., "limit of the output", check=_rises)]
 LowerLimits = Annotated[Array | None, Key(Vector | None, f"lowest lift in V, x and y signals; {_LIMITS}")]
 UpperLimits = Annotated[
     Array | None, Key(Vector | None, f"highest lift in V, x and y signals; {_LIMITS}", check=_rises)
@@ -86,32 +87,22 @@ class Pid(AxisController):
 
     kind: ClassVar[str] = "pid"
 
-    Kc: Annotated[float, Key(float, "gain, output per mm")]
-    Ti: Annotated[float | None, Key(Positive | None, "integral time in seconds; none: no integral", "s")] = (
-        None
-    )
-    Td: Annotated[float, Key(NotNegative, "derivative time in seconds", "s")] = 0.0
+    Kc: Annotated[float, Key(..., "gain, output per mm")]
+    Ti: Annotated[Positive | None, Key(..., "integral time in seconds; none: no integral", "s")] = None
+    Td: Annotated[NotNegative, Key(..., "derivative time in seconds", "s")] = 0.0
     lower: Lower = None
     upper: Upper = None
-    integration: Annotated[str, Key(Literal["rectangular", "trapezoidal"], "of the error")] = "trapezoidal"
+    integration: Annotated[Literal["rectangular", "trapezoidal"], Key(..., "of the error")] = "trapezoidal"
     anti_windup: Annotated[
-        str, Key(Literal["none", "hold", "track"], "behaviour of the integral at a limit")
+        Literal["none", "hold", "track"], Key(..., "behaviour of the integral at a limit")
     ] = "none"
-    derivative: Annotated[str, Key(Literal["error", "measurement"], "of what")] = "error"
+    derivative: Annotated[Literal["error", "measurement"], Key(..., "of what")] = "error"
 
     def block(self, reading: AxisReading, period: float, output: float, at: Array) -> ControllerBlock:
         """Of the depth it acts on minus the error: more lift makes that less."""
-        pid = PID(
-            self.Kc,
-            np.inf if self.Ti is None else self.Ti,
-            self.Td,
-            period,
-            *_limits_of(self),
-            self.integration,
-            self.anti_windup,
-            derivative=self.derivative,
-            acts_on_minus_error=reading.axis == "z",
-        )
+        times, minus = (np.inf if self.Ti is None else self.Ti, self.Td, period), reading.axis == "z"
+        rules = {name: getattr(self, name) for name in ("integration", "anti_windup", "derivative")}
+        pid = PID(self.Kc, *times, *_limits_of(self), **rules, acts_on_minus_error=minus)
         return pid_block(pid, reading, output, at)
 
 
@@ -122,7 +113,7 @@ class Constant(AxisController):
     kind: ClassVar[str] = "constant"
 
     output: Annotated[
-        float | None, Key(float | None, "its value; that of the equilibrium at the start unless given")
+        float | None, Key(..., "its value; that of the equilibrium at the start unless given")
     ] = None
 
     def block(self, reading: AxisReading, period: float, output: float, at: Array) -> ControllerBlock:
@@ -160,21 +151,15 @@ class AxisRegulator(AxisController):
             check=_fits,
         ),
     ]
-    R: Annotated[float, Key(Positive, "weight of the input")]
-    process_noise: Annotated[float, Key(Positive, "variance of the input's disturbance")]
-    measurement_noise: Annotated[float, Key(Positive, "variance of the measurement, mm^2")]
-    equilibrium: Annotated[
-        tuple[float, float] | None,
-        Key(
-            _Pair | None,
-            "[V, V/mm]: lift that carries the body; that of the equilibrium at the start unless given",
-        ),
-    ] = None
-    equilibrium_at: Annotated[str, Key(Literal["reference", "measured"], "where it is taken")] = "reference"
-    estimate: Annotated[str, Key(Literal["predicted", "filtered", "delayed"], "what is fed back")] = (
+    R: Annotated[Positive, Key(..., "weight of the input")]
+    process_noise: Annotated[Positive, Key(..., "variance of the input's disturbance")]
+    measurement_noise: Annotated[Positive, Key(..., "variance of the measurement, mm^2")]
+    equilibrium: Annotated[tuple[float, float] | None, Key(_Pair | None, _EQUILIBRIUM)] = None
+    equilibrium_at: Annotated[Literal["reference", "measured"], Key(..., "where it is taken")] = "reference"
+    estimate: Annotated[Literal["predicted", "filtered", "delayed"], Key(..., "what is fed back")] = (
         "filtered"
     )
-    divisor: Annotated[float, Key(Positive, "of the feedback")] = 1.0
+    divisor: Annotated[Positive, Key(..., "of the feedback")] = 1.0
     lower: Lower = None
     upper: Upper = None
 
@@ -213,10 +198,8 @@ class CoupledController(LqgWeights):
         lower, upper = limits
         if not ((lower <= start.outputs) & (start.outputs <= upper)).all():
             lift, x, y = start.outputs
-            must = (
-                "lift, x and y at the operating point must lie within the limits, "
-                f"{lower.tolist()} to {upper.tolist()}"
-            )
+            within = f"{lower.tolist()} to {upper.tolist()}"
+            must = f"lift, x and y at the operating point must lie within the limits, {within}"
             received, remedy = f"{lift:.3g} V, {x:.3g}, {y:.3g}", "widen lower and upper, or begin elsewhere"
             raise Infeasible(AtKey("control.coupled", must, received, remedy))
         return (self if self.sensor is not None else replace(self, sensor=_noise(machine))), limits
@@ -254,7 +237,7 @@ class Lqg(CoupledController):
             check=_depths_rise,
         ),
     ] = None
-    designs: Annotated[int, Key(Annotated[int, Field(ge=2, le=100)], "how many, evenly between them")] = 11
+    designs: Annotated[Annotated[int, Field(ge=2, le=100)], Key(..., "how many, evenly between them")] = 11
 
     def controller(
         self, machine: Machine, start: OperatingPoint, points_at: PointsAt, period: float, delay: float
@@ -284,7 +267,7 @@ class FeedbackLinearisation(CoupledController):
         5e-3,
         20e-3,
     )
-    rounds: Annotated[int, Key(Annotated[int, Field(ge=1, le=20)], "of Newton's method at a sample")] = 2
+    rounds: Annotated[Annotated[int, Field(ge=1, le=20)], Key(..., "of Newton's method at a sample")] = 2
 
     def controller(
         self, machine: Machine, start: OperatingPoint, points_at: PointsAt, period: float, delay: float
@@ -312,16 +295,13 @@ class Feedforward(Record):
     """Outputs along the reference by the inverse map, beside any controller."""
 
     field_error: Annotated[
-        float,
-        Key(
-            Annotated[float, Field(gt=-0.9, lt=9.0)],
-            "share by which its field is larger than the machine's: a model that is wrong",
-        ),
+        Annotated[float, Field(gt=-0.9, lt=9.0)],
+        Key(..., "share by which its field is larger than the machine's: a model that is wrong"),
     ] = 0.0
-    fastest: Annotated[float, Key(Positive, "beyond it a change of the reference is a step", "mm_per_s")] = (
+    fastest: Annotated[Positive, Key(..., "beyond it a change of the reference is a step", "mm_per_s")] = (
         50e-3
     )
-    largest: Annotated[float, Key(Positive, "acceleration that is fed forward at most", "m_per_s2")] = 3.0
+    largest: Annotated[Positive, Key(..., "acceleration that is fed forward at most", "m_per_s2")] = 3.0
     lower: LowerLimits = None
     upper: UpperLimits = None
 

@@ -65,9 +65,8 @@ class Experiment(Record):
 
     def run(self, seed: int | np.random.SeedSequence | None = None) -> LevitationRun:
         """One run; the scenario's own seed unless one is given."""
-        return simulate_closed_loop(
-            self.machine, self._given(), self.schedule, self.state, self.currents, self._noise(seed)
-        )
+        given, start = self._given(), (self.state, self.currents)
+        return simulate_closed_loop(self.machine, given, self.schedule, *start, self._noise(seed))
 
     def running(
         self,
@@ -77,17 +76,8 @@ class Experiment(Record):
         upper: float | Sequence[float] = np.inf,
     ) -> RunningMachine:
         """The machine at its start, for a loop written by hand; arguments as of `open_machine`."""
-        return RunningMachine(
-            self.machine,
-            self.schedule,
-            self.state,
-            self.currents,
-            self._noise(seed),
-            gives,
-            lower,
-            upper,
-            self.operating_point,
-        )
+        start, point = (self.state, self.currents, self._noise(seed)), self.operating_point
+        return RunningMachine(self.machine, self.schedule, *start, gives, lower, upper, point)
 
     def _given(self) -> Controller | FunctionController:
         if self.controller is None:
@@ -109,9 +99,23 @@ def prepare(
 ) -> Experiment:
     """Open the map, find the operating point at the start, make the controllers.
 
-    field_map: in the place of the scenario's map, a map or any field, which is sampled: `sampled_field`. device: in the
-    place of the scenario's or the map's. controller: in the place of the scenario's, a function or any other. Raises
-    ScenarioError, MapFileError, InputError, NoEquilibrium.
+    Parameters
+    ----------
+    scenario : as read.
+    field_map : in the place of the scenario's map, a map or any field, which is sampled: `sampled_field`.
+    device : in the place of the scenario's or the map's.
+    controller : in the place of the scenario's, a function or any other.
+
+    Returns
+    -------
+    The experiment, ready to run.
+
+    Raises
+    ------
+    ScenarioError, MapFileError, InputError
+        For what does not fit.
+    NoEquilibrium
+        Where the machine has no equilibrium at the start.
     """
     own = None if controller is None else as_controller(controller)
     with scenario.document.placing():
@@ -268,10 +272,9 @@ def _of_axes(
     """One controller of those of lift, x and y."""
     at = np.concatenate([point.sensed, point.sensed, [1.0]])
     depth = AxisReading("z", -1e3, -1e3 * zero_depth)
-    blocks = zip(
-        controllers, (depth, AxisReading("x", 1e3), AxisReading("y", 1e3)), point.outputs, strict=True
-    )
-    return stacked(*(one.block(axis, period, float(out), at) for one, axis, out in blocks if one is not None))
+    readings = (depth, AxisReading("x", 1e3), AxisReading("y", 1e3))
+    each = zip(controllers, readings, point.outputs, strict=True)
+    return stacked(*(one.block(axis, period, float(out), at) for one, axis, out in each if one is not None))
 
 
 def _begin(start: Start, point: OperatingPoint) -> Array:
@@ -309,14 +312,36 @@ def simulate(
 ) -> ScenarioRun:
     """Run a scenario: its file, or the name of a shipped one.
 
-    changes: values by dotted key in the place of the file's, such as {"control.z.Kc": 0.2}. field_map: in the place of
-    the scenario's map, an opened map or any field that is the sum of its coils' fields, such as a solution; the latter
-    is sampled, see `sampled_field`. device: in the place of the scenario's or the map's. seed: in the place of its own.
-    controller: in the place of the scenario's, a function `outputs = f(time, measured, reference, state)` in Python or
-    jitted by numba, a C function, or a `fieldmap.control.FunctionController` of one, which says more. Raises
-    ScenarioError with every error of the file, MapFileError, NoEquilibrium where the machine has no equilibrium at the
-    start, ControllerError where the function fails. A run that fails does not raise: `event` says what happened.
+    A run that fails does not raise: `event` says what happened.
 
+    Parameters
+    ----------
+    path_or_name : of the scenario.
+    changes : values by dotted key in the place of the file's, such as {"control.z.Kc": 0.2}.
+    field_map : in the place of the scenario's map, an opened map or any field that is the sum of its coils' fields,
+        such as a solution; the latter is sampled, see `sampled_field`.
+    device : in the place of the scenario's or the map's.
+    seed : in the place of the scenario's own.
+    controller : in the place of the scenario's, a function `outputs = f(time, measured, reference, state)` in Python or
+        jitted by numba, a C function, or a `fieldmap.control.FunctionController` of one, which says more.
+
+    Returns
+    -------
+    The run with its metrics.
+
+    Raises
+    ------
+    ScenarioError
+        With every error of the file.
+    MapFileError
+        For a map that cannot be read.
+    NoEquilibrium
+        Where the machine has no equilibrium at the start.
+    ControllerError
+        Where the function fails.
+
+    Examples
+    --------
     >>> run = simulate("vertical_step")                                               # doctest: +SKIP
     >>> run.metrics.axes[2].step.overshoot                                            # doctest: +SKIP
     0.387
@@ -340,10 +365,21 @@ def open_machine(
 ) -> RunningMachine:
     """The machine of a scenario at its start, for a loop written by hand: `RunningMachine.step(outputs)`.
 
-    gives: what is put in: "signals", "currents" of the coils, A, or "voltages" of their amplifiers. lower, upper:
-    limits of these. The controllers of the scenario are not used; the rest as of `simulate`, whose runs with the same
-    function as `controller` have the same bits.
+    The controllers of the scenario are not used. Runs of `simulate` with the same function as `controller` have the
+    same bits.
 
+    Parameters
+    ----------
+    path_or_name, changes, field_map, device, seed : as in `simulate`.
+    gives : what is put in: "signals", "currents" of the coils, A, or "voltages" of their amplifiers.
+    lower, upper : limits of these.
+
+    Returns
+    -------
+    The machine.
+
+    Examples
+    --------
     >>> machine = open_machine("hold", gives="currents")                              # doctest: +SKIP
     >>> while machine.time < 1.0 and machine.event is None:                           # doctest: +SKIP
     ...     measured = machine.step(machine.operating_point.currents)

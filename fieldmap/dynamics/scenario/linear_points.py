@@ -30,6 +30,8 @@ from fieldmap.errors import ScenarioError
 from fieldmap.plain import Plain, plain_items
 from fieldmap.records import Record
 
+_REST = ("sensed", "currents", "outputs")
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class LinearPoint(Record):
@@ -54,10 +56,9 @@ def linear_points(experiment: Experiment, depths_mm: Sequence[float] | None = No
     scenario, machine, start = experiment.scenario, experiment.machine, experiment.operating_point
     controller = experiment.controller
     if controller is None or isinstance(controller, FunctionController):
-        must = "must be a controller with a model"
+        must, received = "must be a controller with a model", "a function of one's own"
         remedy = "take a shipped one, or fieldmap.dynamics.linearise"
-        problem = scenario.document.problem("control.coupled", must, "a function of one's own", remedy)
-        raise ScenarioError(problem)
+        raise ScenarioError(scenario.document.problem("control.coupled", must, received, remedy))
     begin = round(float(reading_mm(scenario, start.sensed)[2]), 9)
     depths = [begin] if depths_mm is None else list(depths_mm)
     heights = [scenario.settings.height(1e-3 * depth) for depth in depths]
@@ -143,12 +144,8 @@ def _point_items(point: LinearPoint) -> dict[str, object]:
     linear, controllability = point.linear, point.controllability
     return {
         "depth_mm": point.depth_mm,
-        "rest": {
-            "sensed": linear.operating_point.sensed,
-            "currents": linear.operating_point.currents,
-            "outputs": linear.operating_point.outputs,
-        },
-        **{name: getattr(linear, name) for name in ("A", "B", "C", "D", "G")},
+        "rest": {name: getattr(linear.operating_point, name) for name in _REST},
+        **{name: getattr(linear, name) for name in "ABCDG"},
         "modes": [
             {
                 "pole": _pair(mode.pole),
@@ -171,7 +168,7 @@ def _point_items(point: LinearPoint) -> dict[str, object]:
             "stable": point.loop.stable,
             "period_s": point.loop.period,
             "poles": [_pair(pole) for pole in loop_poles(point)],
-            **{name: getattr(point.loop, name) for name in ("A", "B", "C")},
+            **{name: getattr(point.loop, name) for name in "ABC"},
         },
         "margins": point.margins,
     }
@@ -184,19 +181,15 @@ def _pair(value: complex) -> list[float]:
 def _arrays(points: tuple[LinearPoint, ...]) -> dict[str, object]:
     """Stacks over the depths: A (k, n, n), B, C, D, G; of the loop loop_A, loop_B, loop_C; names."""
     first = points[0].linear
-    stacks = {name: np.stack([getattr(p.linear, name) for p in points]) for name in ("A", "B", "C", "D", "G")}
-    loops = {f"loop_{name}": np.stack([getattr(p.loop, name) for p in points]) for name in ("A", "B", "C")}
-    rests = {
-        name: np.stack([getattr(p.linear.operating_point, name) for p in points])
-        for name in ("sensed", "currents", "state")
-    }
-    names = {name: np.array(getattr(first, name)) for name in ("states", "inputs", "outputs")}
+
+    def stacks(prefix: str, names: Sequence[str], of: Sequence[object]) -> dict[str, object]:
+        return {f"{prefix}{name}": np.stack([getattr(one, name) for one in of]) for name in names}
+
     return {
         "depth_mm": np.array([p.depth_mm for p in points]),
         "period_s": points[0].loop.period,
-        **stacks,
-        **loops,
-        **{f"rest_{name}": value for name, value in rests.items()},
-        "rest_outputs": np.stack([p.linear.operating_point.outputs for p in points]),
-        **names,
+        **stacks("", "ABCDG", [p.linear for p in points]),
+        **stacks("loop_", "ABC", [p.loop for p in points]),
+        **stacks("rest_", (*_REST, "state"), [p.linear.operating_point for p in points]),
+        **{name: np.array(getattr(first, name)) for name in ("states", "inputs", "outputs")},
     }

@@ -8,17 +8,18 @@ from pathlib import Path
 
 import numpy as np
 
+from fieldmap.arguments import check
 from fieldmap.control.identification import Log, read_log
 from fieldmap.control.identification.log import QUANTITIES
 from fieldmap.dynamics.loop_run import LevitationRun
 from fieldmap.dynamics.scenario.experiment import Experiment
 from fieldmap.dynamics.scenario.metrics import reading_mm
+from fieldmap.dynamics.scenario.references import AXES as AXES
 from fieldmap.errors import InputError, Problem
 from fieldmap.plain import Plain, plain_items
 from fieldmap.records import Record
 from fieldmap.typing import Array
 
-AXES = ("x", "y", "depth")
 ROLES: dict[str, tuple[str, ...]] = {
     "x": ("x", "seen x", "sensed x", "position x"),
     "y": ("y", "seen y", "sensed y", "position y"),
@@ -87,9 +88,8 @@ def read_measured_log(
             column = found.columns[role]
             must = f"must be a unit of {QUANTITIES[wanted]}"
             remedy = f"name another column for {role}, or its unit"
-            problems.append(
-                Problem(f"{Path(path).name}: column {column.name}", must, str(column.unit), remedy)
-            )
+            where = f"{Path(path).name}: column {column.name}"
+            problems.append(Problem(where, must, str(column.unit), remedy))
     if not found.signals:
         must = f"must hold one of {', '.join(known)}"
         problems.append(Problem(str(path), must, "none of these columns", "say which: ROLE=NAME"))
@@ -101,18 +101,31 @@ def read_measured_log(
 def lay_over(experiment: Experiment, run: LevitationRun, log: Log, begins: float | None = None) -> LaidLog:
     """A log over a run: signals of the run, as they truly were, at the times of the log.
 
-    begins: time of the run, s, of the log's first sample; its own time unless given. Samples before or behind the run
-    are left out. Raises InputError where fewer than two are left.
+    Samples before or behind the run are left out.
+
+    Parameters
+    ----------
+    experiment : of the run.
+    run : what was simulated.
+    log : what was measured.
+    begins : time of the run, s, of the log's first sample; its own time unless given.
+
+    Returns
+    -------
+    The signals that both have.
+
+    Raises
+    ------
+    InputError
+        Where fewer than two samples are left.
     """
     scenario = experiment.scenario
     time = log.time + (0.0 if begins is None else begins - log.start)
-    within = (time >= -1e-9) & (time <= (run.time[-1] if len(run.time) else 0.0) + 1e-9)
-    if within.sum() < 2:
-        must = (
-            f"must have two samples or more within the run, 0 to {run.time[-1] if len(run.time) else 0:g} s"
-        )
-        received = f"{time[0]:g} to {time[-1]:g} s"
-        raise InputError(Problem("lay_over(begins)", must, received, "say when the log begins in the run"))
+    end = run.time[-1] if len(run.time) else 0.0
+    within = (time >= -1e-9) & (time <= end + 1e-9)
+    must = f"must have two samples or more within the run, 0 to {end:g} s"
+    received, remedy = f"{time[0]:g} to {time[-1]:g} s", "say when the log begins in the run"
+    check(bool(within.sum() >= 2), "lay_over(begins)", must, received, remedy)
     now, truth = time[within], reading_mm(scenario, run.sensed)
     signals = {}
     for k, axis in enumerate(AXES):

@@ -56,10 +56,9 @@ def _lines(metrics: RunMetrics) -> Iterator[str]:
     how = metrics.event or "its end"
     yield f"{how} at {metrics.end_s:.4g} s: x {x}, y {y}, depth {depth} mm; currents {amperes} A"
     for axis in metrics.axes:
-        yield (
-            f"{axis.axis}: {axis.rms_error_mm:.4f} mm rms off its reference, {axis.largest_error_mm:.4f} at most"
-            + ("" if axis.step is None else f"; step {_of_step(axis.step)}")
-        )
+        step = "" if axis.step is None else f"; step {_of_step(axis.step)}"
+        off = f"{axis.rms_error_mm:.4f} mm rms off its reference, {axis.largest_error_mm:.4f} at most"
+        yield f"{axis.axis}: {off}{step}"
     yield f"largest lean {metrics.largest_lean_deg:.2f} degrees, current {metrics.largest_current_A:.3f} A"
     if metrics.touched:
         yield f"touched: {', '.join(metrics.touched)}"
@@ -68,9 +67,8 @@ def _lines(metrics: RunMetrics) -> Iterator[str]:
 
 
 def _of_step(step: StepMetrics) -> str:
-    settled = (
-        f"settles in {step.settling_time:.3g} s" if np.isfinite(step.settling_time) else "does not settle"
-    )
+    settles = bool(np.isfinite(step.settling_time))
+    settled = f"settles in {step.settling_time:.3g} s" if settles else "does not settle"
     return f"overshoots by {100.0 * step.overshoot:.1f} %, {settled}"
 
 
@@ -81,33 +79,34 @@ def reading_mm(scenario: Scenario, points: Array) -> Array:
 
 def run_metrics(scenario: Scenario, run: LevitationRun) -> RunMetrics:
     """The metrics of a run; those of a step are taken over the part of the run from it to the next on its axis."""
-    true, seen, wanted = (reading_mm(scenario, p) for p in (run.sensed, run.seen, run.references))
-    if not len(run.time):
-        nothing = tuple(AxisMetrics(axis, 0.0, 0.0, 0.0, 0.0, None) for axis in AXES)
-        name = run.event.name if run.event else ""
-        return RunMetrics(nothing, 0.0, name, run.touched, 0.0, 0.0, *_end(scenario, run), run.iron)
-    axes = []
-    for k, axis in enumerate(AXES):
-        error = true[:, k] - wanted[:, k]
-        axes.append(
-            AxisMetrics(
-                axis,
-                float(np.sqrt(np.mean(error**2))),
-                float(np.abs(error).max()),
-                float(np.sqrt(np.mean((seen[:, k] - wanted[:, k]) ** 2))),
-                float(np.ptp(true[:, k])),
-                _step(scenario, run.time, true[:, k], wanted[:, k], axis),
-            )
-        )
+    signals = [reading_mm(scenario, points).T for points in (run.sensed, run.seen, run.references)]
+    end, name = (run.event.time, run.event.name) if run.event else (run.time.max(initial=0.0), "")
     return RunMetrics(
-        tuple(axes),
-        run.event.time if run.event else float(run.time[-1]),
-        run.event.name if run.event else "",
+        tuple(_of_axis(scenario, run.time, axis, *each) for axis, *each in zip(AXES, *signals, strict=True)),
+        float(end),
+        name,
         run.touched,
-        float(np.rad2deg(run.tilt.max())),
-        float(np.abs(run.currents).max()),
+        float(np.rad2deg(run.tilt.max(initial=0.0))),
+        float(np.abs(run.currents).max(initial=0.0)),
         *_end(scenario, run),
         run.iron,
+    )
+
+
+def _of_axis(
+    scenario: Scenario, time: Array, axis: str, true: Array, seen: Array, wanted: Array
+) -> AxisMetrics:
+    """Of one axis, whose readings are in mm; zeros for a run that ended before its first sample."""
+    if not len(time):
+        return AxisMetrics(axis, 0.0, 0.0, 0.0, 0.0, None)
+    error, seen_error = true - wanted, seen - wanted
+    return AxisMetrics(
+        axis,
+        float(np.sqrt(np.mean(error**2))),
+        float(np.abs(error).max()),
+        float(np.sqrt(np.mean(seen_error**2))),
+        float(np.ptp(true)),
+        _step(scenario, time, true, wanted, axis),
     )
 
 
@@ -126,11 +125,8 @@ def _end(scenario: Scenario, run: LevitationRun) -> tuple[Any, Any, tuple[float,
 
 def _step(scenario: Scenario, time: Array, true: Array, wanted: Array, axis: str) -> StepMetrics | None:
     """Of the first step of an axis whose reference does nothing else until the next."""
-    pieces = [
-        piece
-        for piece in scenario.settings.reference
-        if piece.moves(axis) and getattr(piece, "by", None) != 0.0
-    ]
+    moves = [piece for piece in scenario.settings.reference if piece.moves(axis)]
+    pieces = [piece for piece in moves if getattr(piece, "by", None) != 0.0]
     steps = sorted((piece for piece in pieces if isinstance(piece, Step)), key=lambda piece: piece.at)
     if not steps or len(steps) != len(pieces):
         return None

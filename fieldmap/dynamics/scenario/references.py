@@ -23,9 +23,9 @@ OUTPUTS = ("lift_V", "x", "y")
 MOST_PERIODS = 5_000_000
 """Of a run, which then takes some 2.5 GB."""
 
-Axis = Annotated[str, Key(Literal["x", "y", "depth"], "whose reference")]
-Begins = Annotated[float, Key(NotNegative, "when it begins", "s")]
-Amplitude = Annotated[float, Key(float, "amplitude", "mm")]
+Axis = Annotated[Literal["x", "y", "depth"], Key(..., "whose reference")]
+Begins = Annotated[NotNegative, Key(..., "when it begins", "s")]
+Amplitude = Annotated[float, Key(..., "amplitude", "mm")]
 
 
 class Reference(Record):
@@ -66,10 +66,10 @@ class Step(_AlongAxis):
 
     kind: ClassVar[str] = "step"
 
-    at: Annotated[float, Key(NotNegative, "when", "s")]
-    by: Annotated[float, Key(float, "by how much", "mm")]
-    times: Annotated[int, Key(Annotated[int, Field(ge=1, le=MOST_PERIODS)], "how many of them")] = 1
-    every: Annotated[float, Key(Positive, "time from one to the next", "s")] = 1.0
+    at: Annotated[NotNegative, Key(..., "when", "s")]
+    by: Annotated[float, Key(..., "by how much", "mm")]
+    times: Annotated[Annotated[int, Field(ge=1, le=MOST_PERIODS)], Key(..., "how many of them")] = 1
+    every: Annotated[Positive, Key(..., "time from one to the next", "s")] = 1.0
 
     def added(self, time: Array) -> Array:
         """(p,), m."""
@@ -84,8 +84,8 @@ class Ramp(_AlongAxis):
     kind: ClassVar[str] = "ramp"
 
     at: Begins
-    by: Annotated[float, Key(float, "by how much in all", "mm")]
-    rate: Annotated[float, Key(Positive, "how fast", "mm_per_s")]
+    by: Annotated[float, Key(..., "by how much in all", "mm")]
+    rate: Annotated[Positive, Key(..., "how fast", "mm_per_s")]
 
     def added(self, time: Array) -> Array:
         """(p,), m."""
@@ -100,7 +100,7 @@ class Sine(_AlongAxis):
     kind: ClassVar[str] = "sine"
 
     amplitude: Amplitude
-    frequency: Annotated[float, Key(Positive, "frequency", "Hz")]
+    frequency: Annotated[Positive, Key(..., "frequency", "Hz")]
     at: Begins = 0.0
 
     def added(self, time: Array) -> Array:
@@ -116,9 +116,9 @@ class BinarySequence(_AlongAxis):
     kind: ClassVar[str] = "prbs"
 
     amplitude: Amplitude
-    bit: Annotated[float, Key(Positive, "length of a bit", "ms")]
+    bit: Annotated[Positive, Key(..., "length of a bit", "ms")]
     at: Begins = 0.0
-    order: Annotated[int, Key(Annotated[int, Field(ge=3, le=16)], "of the shift register")] = 8
+    order: Annotated[Annotated[int, Field(ge=3, le=16)], Key(..., "of the shift register")] = 8
 
     def added(self, time: Array) -> Array:
         """(p,), m."""
@@ -133,28 +133,22 @@ class Circle(Reference):
 
     kind: ClassVar[str] = "circle"
 
-    radius: Annotated[float, Key(Positive, "radius", "mm")]
-    rate: Annotated[float, Key(float, "angular velocity", "rad_per_s")]
+    radius: Annotated[Positive, Key(..., "radius", "mm")]
+    rate: Annotated[float, Key(..., "angular velocity", "rad_per_s")]
     at: Annotated[
-        float, Key(NotNegative, "when it begins; the reference is at x = radius from there on", "s")
+        NotNegative, Key(..., "when it begins; the reference is at x = radius from there on", "s")
     ] = 0.0
     out_at: Annotated[
-        float | None,
-        Key(
-            NotNegative | None,
-            "when it leaves for x = radius; at at_s, in one step, unless given",
-            "s",
-        ),
+        NotNegative | None, Key(..., "when it leaves for x = radius; at at_s, in one step, unless given", "s")
     ] = None
-    out: Annotated[float, Key(Positive, "how fast it goes there", "mm_per_s")] = 1e-3
+    out: Annotated[Positive, Key(..., "how fast it goes there", "mm_per_s")] = 1e-3
 
     def changed(self, wanted: Array, time: Array, key: str) -> Array:
         """Out along x to the radius, then the angle grows by rate Ts every period."""
         since = _since(time, self.at)
         angle, on = self.rate * np.clip(since - 1e-9, 0.0, None), since >= 0.0
-        path = (
-            self.radius * on[:, None] * np.column_stack([np.cos(angle), np.sin(angle), np.zeros_like(time)])
-        )
+        circle = np.column_stack([np.cos(angle), np.sin(angle), np.zeros_like(time)])
+        path = self.radius * on[:, None] * circle
         if self.out_at is not None:
             gone = self.out * np.clip(time - self.out_at, 0.0, None)
             path[:, 0] += np.where(on, 0.0, np.minimum(gone, self.radius))
@@ -175,9 +169,8 @@ class TableOfReferences(Reference):
         try:
             rows = np.loadtxt(self.file, delimiter=",", skiprows=1, ndmin=2)
         except (OSError, ValueError) as error:
-            raise ScenarioError(
-                AtKey(f"{key}.file", must, str(error), "correct the path or the file")
-            ) from None
+            problem = AtKey(f"{key}.file", must, str(error), "correct the path or the file")
+            raise ScenarioError(problem) from None
         if rows.shape[1] != 4 or not np.isfinite(rows).all() or (np.diff(rows[:, 0]) <= 0).any():
             received = f"{rows.shape[0]} rows of {rows.shape[1]} numbers"
             raise ScenarioError(AtKey(f"{key}.file", f"{must}, time rising", received, "correct the file"))
@@ -188,18 +181,18 @@ class TableOfReferences(Reference):
 class Compensator(Record):
     """A push of the vertical reference when the horizontal one moves."""
 
-    push: Annotated[float, Key(float, "how far the reference is pushed", "mm")]
-    duration: Annotated[float, Key(Positive, "how long the push lasts", "ms")]
-    axis: Annotated[str, Key(Literal["x", "y"], "whose reference sets it off")] = "x"
+    push: Annotated[float, Key(..., "how far the reference is pushed", "mm")]
+    duration: Annotated[Positive, Key(..., "how long the push lasts", "ms")]
+    axis: Annotated[Literal["x", "y"], Key(..., "whose reference sets it off")] = "x"
 
 
 @dataclass(frozen=True, repr=False)
 class Signal(Record):
     """A step of an output that no controller sets: an axis in open loop."""
 
-    output: Annotated[str, Key(Literal["lift_V", "x", "y"], "of which output")]
-    at: Annotated[float, Key(NotNegative, "when", "s")]
-    by: Annotated[float, Key(float, "by how much")]
+    output: Annotated[Literal["lift_V", "x", "y"], Key(..., "of which output")]
+    at: Annotated[NotNegative, Key(..., "when", "s")]
+    by: Annotated[float, Key(..., "by how much")]
 
 
 def _later(until: float, info: ValidationInfo) -> None:
@@ -214,8 +207,8 @@ class Disturbance(Record):
     """A force on the body."""
 
     force: Annotated[Array, Key(Vector, "x, y, z", "mN")]
-    begin: Annotated[float, Key(NotNegative, "when it begins", "s", name="from")]
-    end: Annotated[float, Key(NotNegative, "when it ends", "s", name="until", check=_later)]
+    begin: Annotated[NotNegative, Key(..., "when it begins", "s", name="from")]
+    end: Annotated[NotNegative, Key(..., "when it ends", "s", name="until", check=_later)]
 
 
 ReferenceKeys = choice_of([table_of(kind, "kind") for kind in kinds_of(Reference).values()], "kind")
@@ -240,9 +233,8 @@ def references(
         wanted = change.changed(wanted, time, f"reference.{number}")
     if compensator is not None:
         aside = wanted[:, AXES.index(compensator.axis)]
-        wanted[:, 2] = compensated_reference(
-            wanted[:, 2], aside, period, compensator.push, compensator.duration
-        )
+        push, duration = compensator.push, compensator.duration
+        wanted[:, 2] = compensated_reference(wanted[:, 2], aside, period, push, duration)
     return wanted
 
 

@@ -34,7 +34,7 @@ from fieldmap.dynamics.scenario.references import (
 )
 from fieldmap.dynamics.sensors import Bits, ChainKeys, Sensors
 from fieldmap.dynamics.surroundings import Drag, Plate, Three, Walls
-from fieldmap.errors import Problem, ScenarioError
+from fieldmap.errors import ScenarioError
 from fieldmap.inputs.declared import Key, record_of, table_of
 from fieldmap.inputs.document import AtKey, Document, schema_findings
 from fieldmap.inputs.kinds import FileKind
@@ -56,11 +56,11 @@ _NO_DRAG, _IDEAL = Drag(), Sensors()
 class FieldSettings(Record):
     """How the map's field follows the currents."""
 
-    scale: Annotated[float, Key(Positive, "calibration: the map's field is multiplied by it")] = 1.0
+    scale: Annotated[Positive, Key(..., "calibration: the map's field is multiplied by it")] = 1.0
     iron: Annotated[
-        str,
+        Literal["auto", "linearised", "model", "table"],
         Key(
-            Literal["auto", "linearised", "model", "table"],
+            ...,
             "of saturating iron: its model solved whenever currents change, a table over lift and directions, "
             "which takes seconds to make and pays in hundreds of runs, or linearised about the currents of the "
             "operating point; auto: the model, or the table if its nodes are given",
@@ -90,21 +90,17 @@ class BodySettings(Record):
     """The body around the device's magnet."""
 
     turning: Annotated[
-        str, Key(Literal["free", "upright"], "free: six degrees of freedom; upright: it does not turn")
+        Literal["free", "upright"], Key(..., "free: six degrees of freedom; upright: it does not turn")
     ] = "free"
-    radius: Annotated[
-        float | None, Key(Positive | None, "of the cylinder; the magnet's unless given", "mm")
-    ] = None
-    height: Annotated[
-        float | None, Key(Positive | None, "of the cylinder; the magnet's unless given", "mm")
-    ] = None
-    below: Annotated[float | None, Key(Positive | None, "magnet's centre above the lower face", "mm")] = None
-    centre_of_mass: Annotated[float, Key(float, "above the magnet's centre", "mm")] = 0.0
+    radius: Annotated[Positive | None, Key(..., "of the cylinder; the magnet's unless given", "mm")] = None
+    height: Annotated[Positive | None, Key(..., "of the cylinder; the magnet's unless given", "mm")] = None
+    below: Annotated[Positive | None, Key(..., "magnet's centre above the lower face", "mm")] = None
+    centre_of_mass: Annotated[float, Key(..., "above the magnet's centre", "mm")] = 0.0
     magnet_offset: Annotated[
-        float | None,
-        Key(NotNegative | None, "magnet's centre below the sensed point; the device's unless given", "mm"),
+        NotNegative | None,
+        Key(..., "magnet's centre below the sensed point; the device's unless given", "mm"),
     ] = None
-    finite_magnet: Annotated[bool, Key(bool, "the magnet's volume instead of a point dipole")] = False
+    finite_magnet: Annotated[bool, Key(..., "the magnet's volume instead of a point dipole")] = False
 
     def body(self, payload: Payload, opened: FieldMap) -> RigidBody:
         """The body of a payload, for a map."""
@@ -132,23 +128,23 @@ class BodySettings(Record):
 class CoilSettings(Record):
     """Windings and amplifiers."""
 
-    dynamics: Annotated[bool, Key(bool, "R and L of the device's coils; false: currents follow at once")] = (
+    dynamics: Annotated[bool, Key(..., "R and L of the device's coils; false: currents follow at once")] = (
         True
     )
     lowest_voltage: Annotated[
-        float | None, Key(float | None, "at a winding; minus the supply's unless given", "V")
+        float | None, Key(..., "at a winding; minus the supply's unless given", "V")
     ] = None
-    time_constant: Annotated[float, Key(NotNegative, "of the amplifier's own answer", "ms")] = 0.0
-    noise: Annotated[float, Key(NotNegative, "standard deviation of the current", "A")] = 0.0
-    output_bits: Annotated[int | None, Key(Bits | None, "of the output converter")] = None
+    time_constant: Annotated[NotNegative, Key(..., "of the amplifier's own answer", "ms")] = 0.0
+    noise: Annotated[NotNegative, Key(..., "standard deviation of the current", "A")] = 0.0
+    output_bits: Annotated[Bits | None, Key(..., "of the output converter")] = None
     output_range: Annotated[
-        float, Key(Positive, "of the output converter, to both sides; assumed unless given", "V")
+        Positive, Key(..., "of the output converter, to both sides; assumed unless given", "V")
     ] = USUAL_RANGE
     end_beyond_table: Annotated[
-        bool, Key(bool, "currents beyond the table of the iron, or its model's domain, end the run")
+        bool, Key(..., "currents beyond the table of the iron, or its model's domain, end the run")
     ] = False
     longest_saturation: Annotated[
-        float, Key(NotNegative, "a limit that holds longer ends the run; 0 for never", "s")
+        NotNegative, Key(..., "a limit that holds longer ends the run; 0 for never", "s")
     ] = 0.0
 
     def drive(self, device: Device) -> CoilDrive:
@@ -190,21 +186,21 @@ def _axes_or_coupled(coupled: Any, info: ValidationInfo) -> None:
 class ControlSettings(Record):
     """The controllers and their clock."""
 
-    period: Annotated[float, Key(Positive, "of the control task", "ms")] = 2e-3
-    delay: Annotated[float, Key(NotNegative, "from sample to command, at most one period", "ms")] = 0.0
-    step: Annotated[float, Key(Positive, "of the mechanics", "ms", check=_of_bounded_number)] = 1e-4
+    period: Annotated[Positive, Key(..., "of the control task", "ms")] = 2e-3
+    delay: Annotated[NotNegative, Key(..., "from sample to command, at most one period", "ms")] = 0.0
+    step: Annotated[Positive, Key(..., "of the mechanics", "ms", check=_of_bounded_number)] = 1e-4
     allocation: Annotated[
-        str | None,
+        Literal["lift_and_directions", "least_power"] | None,
         Key(
-            Literal["lift_and_directions", "least_power"] | None,
+            ...,
             "how lift, x and y become currents: those of six coils in two rows of three, or by least power about the "
             "start; unless given as the map was made for, and by least power with any other map",
         ),
     ] = None
     allocation_n: Annotated[
-        float | None,
+        Positive | None,
         Key(
-            Positive | None,
+            ...,
             "n of lift_and_directions: how much more the two coils in the middles of the rows follow x; that of the "
             "map unless given",
         ),
@@ -231,29 +227,25 @@ class Start(Record):
     depth: Annotated[
         float | None,
         Key(
-            float | None,
+            ...,
             "reading of the vertical sensor; the middle of the map, or next to it where the coils carry the body "
             "easily, unless given",
             "mm",
         ),
     ] = None
-    x: Annotated[
-        float | None, Key(float | None, "left out: where the x signal lets the body float", "mm")
-    ] = None
-    y: Annotated[
-        float | None, Key(float | None, "left out: where the y signal lets the body float", "mm")
-    ] = None
+    x: Annotated[float | None, Key(..., "left out: where the x signal lets the body float", "mm")] = None
+    y: Annotated[float | None, Key(..., "left out: where the y signal lets the body float", "mm")] = None
     shift: Annotated[Three, Key(Vector, "away from equilibrium: x, y, depth", "mm")] = _ZERO
     velocity: Annotated[Three, Key(Vector, "x, y, z", "mm_per_s")] = _ZERO
-    lean: Annotated[float, Key(float, "about x, away from equilibrium", "deg", make=np.deg2rad)] = 0.0
+    lean: Annotated[float, Key(..., "about x, away from equilibrium", "deg", make=np.deg2rad)] = 0.0
 
 
 @dataclass(frozen=True, repr=False)
 class Noise(Record):
     """Where noise comes from."""
 
-    seed: Annotated[int | None, Key(Annotated[int, Field(ge=0)] | None, "equal seeds give equal runs")] = 0
-    off: Annotated[bool, Key(bool, "true: no noise at all")] = False
+    seed: Annotated[Annotated[int, Field(ge=0)] | None, Key(..., "equal seeds give equal runs")] = 0
+    off: Annotated[bool, Key(..., "true: no noise at all")] = False
 
 
 @dataclass(frozen=True, repr=False)
@@ -261,7 +253,7 @@ class RecordSettings(Record):
     """What is recorded of a run."""
 
     every: Annotated[
-        int, Key(Annotated[int, Field(ge=1, le=MOST_PERIODS)], "control periods from row to row")
+        Annotated[int, Field(ge=1, le=MOST_PERIODS)], Key(..., "control periods from row to row")
     ] = 1
 
 
@@ -277,14 +269,14 @@ def _of_bounded_length(duration: float, info: ValidationInfo) -> None:
 class Settings(Record):
     """A scenario."""
 
-    title: Annotated[str, Key(Text, "one line about the run")]
-    map: Annotated[str, Key(Text, "map file, relative to the scenario; or its name in maps/out")]
+    title: Annotated[Text, Key(..., "one line about the run")]
+    map: Annotated[Text, Key(..., "map file, relative to the scenario; or its name in maps/out")]
     control: Annotated[ControlSettings, Key(table_of(ControlSettings), "controllers and their clock")]
-    duration: Annotated[float, Key(Positive, "length of the run", "s", check=_of_bounded_length)]
+    duration: Annotated[Positive, Key(..., "length of the run", "s", check=_of_bounded_length)]
     device: Annotated[
-        str | None,
+        Text | None,
         Key(
-            Text | None,
+            ...,
             "device file, relative to the scenario, or name of a shipped device; the map's own unless given",
         ),
     ] = None
@@ -361,8 +353,6 @@ class Settings(Record):
 
 ScenarioFile = table_of(Settings, name="ScenarioFile", bases=(Versioned,))
 SCENARIO = FileKind("scenario", ScenarioFile, ScenarioError, "maps", "scenarios")
-# A table that had another name, by which scenarios of earlier versions are read.
-_OLDER_TABLE, _TABLE = ("control", "linked"), ("control", "coupled")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -388,17 +378,12 @@ class Scenario(Record):
     @property
     def document(self) -> Document:
         """The file, for errors at its keys."""
-        older, now = (f"[{'.'.join(table)}" for table in (_OLDER_TABLE, _TABLE))
-        return Document(self.path, self.text.replace(older, now), {})
+        return Document(self.path, self.text, {})
 
     def __reduce__(self) -> tuple[Any, ...]:
         # The classes of the tables are made when this module is imported; pickles look for classes by name.
-        return _scenario_of, (
-            self.path,
-            self.text,
-            self.contents.model_dump(exclude_unset=True, warnings=False),
-            self.changes,
-        )
+        data = self.contents.model_dump(exclude_unset=True, warnings=False)
+        return _scenario_of, (self.path, self.text, data, self.changes)
 
 
 def _scenario_of(path: Path, text: str, data: dict[str, Any], changes: Mapping[str, Any]) -> Scenario:
@@ -406,26 +391,30 @@ def _scenario_of(path: Path, text: str, data: dict[str, Any], changes: Mapping[s
 
 
 def read_scenario(path_or_name: str | Path, changes: Mapping[str, Any] | None = None) -> Scenario:
-    """Read and check a scenario file: its path, or the name of a shipped one ("vertical_step").
+    """Read and check a scenario file. docs/dynamics.md describes the format.
 
-    changes: values by dotted key, such as {"control.z.Kc": 0.2}, in the place of those of the file. The format is
-    described in docs/dynamics.md. Raises ScenarioError with one Problem for every error of the file: file, line and
-    key path; what must hold; what was received; the remedy.
+    Parameters
+    ----------
+    path_or_name : of the file, or the name of a shipped one ("vertical_step").
+    changes : values by dotted key, such as {"control.z.Kc": 0.2}, in the place of those of the file.
+
+    Returns
+    -------
+    The scenario as written, whose `settings` are in SI.
+
+    Raises
+    ------
+    ScenarioError
+        With one Problem for every error of the file: file, line and key path; what must hold; what was received; the
+        remedy.
     """
     path = find_scenario(path_or_name)
     document = SCENARIO.load(path)
     data = tomllib.loads(document.text)
-    older = _rename(data, _OLDER_TABLE, _TABLE)
     for key, value in (changes or {}).items():
-        _change(data, path, ".".join(_exchanged(tuple(key.split(".")), _OLDER_TABLE, _TABLE)), value)
+        _change(data, path, key, value)
     findings = schema_findings(ScenarioFile, data)
     if findings:
-        if older:
-            _rename(data, _TABLE, _OLDER_TABLE)
-            findings = [
-                replace(finding, location=_exchanged(finding.location, _TABLE, _OLDER_TABLE))
-                for finding in findings
-            ]
         raise ScenarioError(*Document(path, document.text, data).problems(findings))
     return Scenario(path, document.text, ScenarioFile.model_validate(data), dict(changes or {}))
 
@@ -434,24 +423,8 @@ def find_scenario(path_or_name: str | Path) -> Path:
     """The file at a path, or the shipped one of that name; ScenarioError if there is neither."""
     if Path(path_or_name).suffix.lower() in (".h5", ".hdf5"):
         remedy = f"a scenario says what happens in it: fieldmap simulate hold --map {path_or_name}"
-        raise ScenarioError(
-            Problem(str(path_or_name), "must be a scenario file", "the name of a map", remedy)
-        )
+        raise ScenarioError.of(str(path_or_name), "must be a scenario file", "the name of a map", remedy)
     return SCENARIO.find(path_or_name)
-
-
-def _exchanged(steps: tuple[Any, ...], old: tuple[str, str], new: tuple[str, str]) -> tuple[Any, ...]:
-    """The steps of a key with the beginning `old` replaced by `new`."""
-    return (*new, *steps[2:]) if steps[:2] == old else steps
-
-
-def _rename(data: dict[str, Any], old: tuple[str, str], new: tuple[str, str]) -> bool:
-    """Rename a table of data; whether there was one, and none of the new name."""
-    table = data.get(old[0])
-    if not isinstance(table, dict) or old[1] not in table or new[1] in table:
-        return False
-    table[new[1]] = table.pop(old[1])
-    return True
 
 
 def _change(data: dict[str, Any], path: Path, key: str, value: Any) -> None:
@@ -470,7 +443,5 @@ def _change(data: dict[str, Any], path: Path, key: str, value: Any) -> None:
     elif isinstance(here, dict):
         here[last] = value
     else:
-        problem = Problem(
-            f"{path}: {key}", "must be a key of the scenario", "a step that is no table", "write table.key"
-        )
-        raise ScenarioError(problem)
+        where, received = f"{path}: {key}", "a step that is no table"
+        raise ScenarioError.of(where, "must be a key of the scenario", received, "write table.key")

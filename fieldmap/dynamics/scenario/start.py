@@ -100,10 +100,12 @@ class Lift(Record):
         The scale is then that of the currents which would carry the weight alone.
         """
         force = self._force_per_ampere(point, currents)
-        largest = float(np.abs(currents).max())
-        shares = currents / largest if not self.opened.fixed_sources else lift_shares(force)
         if self.opened.fixed_sources:
+            shares = lift_shares(force)
             largest = self.weight / float(self.scale * force[2] @ shares)
+        else:
+            largest = float(np.abs(currents).max())
+            shares = currents / largest
         return least_power_allocation(force, shares, largest / gain)
 
     def _force_per_ampere(self, point: Array, currents: Array) -> Array:
@@ -149,12 +151,12 @@ class Lift(Record):
             # What no current drives may lift enough by itself, or too much.
             assert reduced is not None
             levels = np.linspace(float(reduced.lower.max()), float(reduced.upper.min()), 25)
+        equal = [np.full(coils, level) for level in levels]
         if self.body.magnet.soft:
-            pulls = [opened.wrench(point, self.body.magnet, np.full(coils, scale * i))[2] for i in levels]
+            lift = np.array([opened.wrench(point, self.body.magnet, scale * each)[2] for each in equal])
         else:
             moment = self.body.magnet.moment * scale
-            pulls = [moment * opened.gradient(point, np.full(coils, i))[2, 2] for i in levels]
-        lift = np.array(pulls)
+            lift = moment * np.array([opened.gradient(point, each)[2, 2] for each in equal])
         if opened.fixed_sources and lift[0] > lift[-1]:
             levels, lift = levels[::-1], lift[::-1]
         if lift.max() < self.weight:
@@ -192,10 +194,8 @@ def floating(machine: Machine, held: tuple[Array, Array], guess: ArrayLike) -> O
         limit = (high if point.currents[worst] > 0 else low)[worst]
         must = f"the body must float within the limits of amplifiers and supply, {limit:.4g} A"
         received = f"{point.currents[worst]:.3g} A"
-        remedy = (
-            "begin higher or nearer to the axis, take a lighter payload, or state a field.scale; a start without "
-            "depth_mm is at the height that takes least already"
-        )
+        remedy = "begin higher or nearer to the axis, take a lighter payload, or state a field.scale; "
+        remedy += "a start without depth_mm is at the height that takes least already"
         raise Infeasible(AtKey("start", must, received, remedy))
     return point
 

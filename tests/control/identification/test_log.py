@@ -3,6 +3,7 @@ import pytest
 
 from fieldmap.control.identification import make_log, read_log, write_log
 from fieldmap.errors import InputError
+from tests.refusals import refused
 
 GOOD = "# rig 1\ntime (ms),position (mm),drive current (mA)\n0,8.0,1500\n2,8.5,1400\n4,9.0,1450\n"
 
@@ -22,10 +23,8 @@ def test_units_become_si(tmp_path):
 @pytest.mark.parametrize("rest", [0, 3])
 def test_a_rest_is_shorter_than_the_log(rest):
     log = make_log(1e-3, {"x": [1.0, 2.0, 3.0]}, {"x": "m"})
-    with pytest.raises(InputError) as error:
+    with refused(InputError, must_hold="1 to 2 ", received=str(rest)):
         log.deviations(rest=rest)
-    assert "1 to 2 " in error.value.problems[0].must_hold
-    assert error.value.problems[0].received == str(rest)
 
 
 @pytest.mark.parametrize(("wrong", "told"), [(1, 1), (4, 4), (5, 5), (6, 6), (20, 6)])
@@ -111,9 +110,8 @@ def test_wrong_units_and_names(tmp_path):
     with pytest.raises(InputError, match="length"):
         write_log(tmp_path / "a.csv", log, {"x": "A"})
     assert not (tmp_path / "a.csv").exists()
-    with pytest.raises(InputError) as error:
+    with refused(InputError, received="y"):
         log["y"]
-    assert error.value.problems[0].received == "y"
 
 
 @pytest.mark.parametrize(
