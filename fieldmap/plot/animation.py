@@ -11,12 +11,13 @@ from PIL import Image
 
 from fieldmap.extras import require
 from fieldmap.plot.colours import colour_bar
-from fieldmap.plot.device_drawing import COLOUR_MAP, IRON, MM, workspace_outline
+from fieldmap.plot.device_drawing import COLOUR_MAP, IRON
 from fieldmap.plot.picture import core_bounds, look_at
-from fieldmap.plot.rendering import require_renderer
+from fieldmap.plot.places import MM
+from fieldmap.plot.rendering import new_scene
 from fieldmap.plot.rulers import add_rulers
 from fieldmap.plot.shown import ShownRun
-from fieldmap.plot.solids import body_surface, winding_surface
+from fieldmap.plot.solids import body_surface, box_edges, extent, winding_surface, workspace_outline
 from fieldmap.plot.style import INK
 from fieldmap.plot.trajectory import body_parts, outline, path_samples
 from fieldmap.store.whole_files import whole_file
@@ -93,9 +94,7 @@ def _mp4_writer() -> Callable[[Path, Iterator[Any], float, tuple[int, int]], Non
 
 def _pictures(run: ShownRun, count: int, seconds: float, window: tuple[int, int]) -> Iterator[Any]:
     """Images (height, width, 3) of 8 bits, evenly spaced in time."""
-    require_renderer()
-    scene = pv.Plotter(off_screen=True, shape=(1, _PANELS), window_size=list(window), border=False)
-    scene.background_color = pv.Color("white")
+    scene = new_scene(window, panels=_PANELS)
     scene.enable_anti_aliasing("msaa", multi_samples=4)
     moments = np.searchsorted(run.time, np.linspace(run.time[0], run.time[-1], count)).clip(
         0, len(run.time) - 1
@@ -146,14 +145,9 @@ def _stamp(run: ShownRun, k: int) -> str:
 
 def _add_machine(scene: pv.Plotter, run: ShownRun) -> list[pv.PolyData]:
     """Iron, workspace, and the coils with their current as colour; returns the coils."""
+    look: dict[str, Any] = {"ambient": 0.35, "smooth_shading": True, "split_sharp_edges": True}
     for body in run.device.bodies:
-        scene.add_mesh(
-            body_surface(run.device, body),
-            color=IRON,
-            ambient=0.35,
-            smooth_shading=True,
-            split_sharp_edges=True,
-        )
+        scene.add_mesh(body_surface(run.device, body), color=IRON, **look)
     if run.device.workspace is not None:
         scene.add_mesh(workspace_outline(run.device.workspace), color=INK, line_width=1.5, lighting=False)
     settings = colour_bar(CURRENT, run.currents)
@@ -183,11 +177,11 @@ def _add_machine(scene: pv.Plotter, run: ShownRun) -> list[pv.PolyData]:
 
 def _add_near(scene: pv.Plotter, run: ShownRun, points: Array) -> pv.PolyData:
     """The path that was asked for, rulers round all places of the magnet, and the path so far, which is returned."""
-    reach = np.array(body_parts(run)[0][0].bounds).reshape(3, 2)
-    room = np.column_stack([points.min(axis=0) + reach[:, 0], points.max(axis=0) + reach[:, 1]])
-    scene.add_mesh(pv.Box(tuple(room.ravel())).extract_all_edges(), color=INK, line_width=1, opacity=0.25)
+    reach = extent(body_parts(run)[0][0]).T
+    room = (points.min(axis=0) + reach[0]) / MM, (points.max(axis=0) + reach[1]) / MM
+    scene.add_mesh(box_edges(room), color=INK, line_width=1, opacity=0.25)
     add_rulers(scene, font_size=13, spread=1.7)
-    look_at(scene, np.array(scene.bounds).reshape(3, 2), margin=0.3, panels=_PANELS)
+    look_at(scene, extent(scene), margin=0.3, panels=_PANELS)
     wanted = MM * run.wanted[path_samples(run)]
     scene.add_mesh(pv.lines_from_points(wanted), color="#9aa3ab", line_width=1.5, lighting=False)
     trail = pv.lines_from_points(points)

@@ -5,8 +5,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fieldmap.plot.rulers import label_step
 from fieldmap.plot.style import INK
+from fieldmap.plot.words import decimals_of, label_step
 
 # A line break below the title keeps it off the highest label.
 _BAR: dict[str, Any] = {
@@ -21,19 +21,6 @@ _BAR: dict[str, Any] = {
 }
 
 
-def fitting_prefix(largest: float) -> tuple[str, float]:
-    """SI prefix for numbers up to `largest`, and the factor from the plain unit.
-
-    >>> fitting_prefix(0.11), fitting_prefix(3e-6), fitting_prefix(12.0), fitting_prefix(0.0)
-    (('m', 1000.0), ('u', 1000000.0), ('', 1.0), ('', 1.0))
-    """
-    size = abs(largest)
-    known = (("", 1.0), ("m", 1e3), ("u", 1e6), ("n", 1e9))
-    if not np.isfinite(size) or size < 1e-12:
-        return known[0]
-    return next((one for one in known if size * one[1] >= 0.5), known[-1])
-
-
 def colour_bar(title: str, values: ArrayLike) -> dict[str, Any]:
     """`clim` and `scalar_bar_args` for pyvista's add_mesh: limits and labels at round numbers around the values."""
     numbers = np.asarray(values, dtype=float)
@@ -42,9 +29,8 @@ def colour_bar(title: str, values: ArrayLike) -> dict[str, Any]:
         high = low + max(abs(low), 1.0) * 1e-3
     step = label_step(high - low)
     limits = (step * np.floor(low / step), step * np.ceil(high / step))
-    decimals = max(0, int(np.ceil(-np.log10(step) - 1e-9)))
     labels = round((limits[1] - limits[0]) / step) + 1
-    bar = _BAR | {"title": f"{title}\n", "fmt": f"%.{decimals}f", "n_labels": labels}
+    bar = _BAR | {"title": f"{title}\n", "fmt": f"%.{decimals_of(step)}f", "n_labels": labels}
     return {"clim": limits, "scalar_bar_args": bar}
 
 

@@ -7,7 +7,8 @@ import pyvista as pv
 
 from fieldmap.levitation import EquilibriumSurface
 from fieldmap.plot.colours import colour_bar
-from fieldmap.plot.device_drawing import COLOUR_MAP, MM
+from fieldmap.plot.device_drawing import COLOUR_MAP
+from fieldmap.plot.places import MM
 from fieldmap.plot.shown import Shown
 from fieldmap.plot.style import INK
 
@@ -23,7 +24,6 @@ def shift_titles(quantity: str) -> tuple[str, str, str]:
 
 def add_shift(scene: pv.Plotter, shown: Shown, quantity: str) -> None:
     """The surface of one coordinate, its grid of signals, and the mean current as colour."""
-    shown.need("surface")
     assert shown.surface is not None
     surface = shift_surface(shown.surface, quantity)
     # One current everywhere needs no scale of colours.
@@ -40,13 +40,11 @@ def shift_surface(surface: EquilibriumSurface, quantity: str) -> pv.PolyData:
     x, y = np.meshgrid(PERCENT * surface.x_signals, PERCENT * surface.y_signals, indexing="ij")
     height = MM * surface.positions[..., COORDINATES[quantity]]
     index = np.arange(x.size).reshape(x.shape)
-    corners = np.stack([index[:-1, :-1], index[1:, :-1], index[1:, 1:], index[:-1, 1:]], axis=-1).reshape(
-        -1, 4
-    )
+    corners = np.stack([index[:-1, :-1], index[1:, :-1], index[1:, 1:], index[:-1, 1:]], axis=-1)
+    corners = corners.reshape(-1, 4)
     known = np.isfinite(height.ravel())
     corners = corners[known[corners].all(axis=1)]
     points = np.column_stack([x.ravel(), y.ravel(), np.nan_to_num(height.ravel())])
-    faces = np.column_stack([np.full(len(corners), 4), corners])
-    mesh = pv.PolyData(points, faces=faces.ravel())
+    mesh = pv.PolyData.from_regular_faces(points, corners)  # type: ignore[arg-type]
     mesh[LEVEL] = np.nan_to_num(surface.levels.ravel())
     return mesh.clean()

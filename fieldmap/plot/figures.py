@@ -3,18 +3,16 @@
 from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
-from textwrap import fill
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.legend import Legend
 from matplotlib.lines import Line2D
 
 from fieldmap.curves import Curves, Series, message_of
-from fieldmap.plot.style import COLOURS, INK, QUIET, figure_style, save_figure
+from fieldmap.plot.style import COLOURS, QUIET, add_heading, new_figure, save_figure
 
 WIDTH, HEIGHT, DOTS_PER_INCH = 6.4, 4.4, 130
 _LINES = {"ours": "-", "published": "--", "measured": "-.", "asked": "-"}
@@ -33,7 +31,6 @@ _SAME = 1e-3
 # Of direct labels: size, height over it, how far one may be moved off the end of its line (in heights), how far from
 # the right edge a line may end (share of the width), and characters that leave room for the lines.
 _LABEL_SIZE, _SPACING, _MOVED, _SHORT, _LONGEST = 8, 1.35, 2.2, 0.12, 26
-_TITLE_LINES, _MESSAGE_WIDTH = 1.45, 68
 
 
 def save_curves(curves: Curves, path: str | Path) -> Path:
@@ -43,9 +40,7 @@ def save_curves(curves: Curves, path: str | Path) -> Path:
 
 def curves_figure(curves: Curves) -> Figure:
     """One figure, in the style of all."""
-    with figure_style():
-        figure = Figure(figsize=(WIDTH, HEIGHT), dpi=DOTS_PER_INCH)
-        FigureCanvasAgg(figure)
+    with new_figure(WIDTH, HEIGHT, DOTS_PER_INCH) as figure:
         draw_curves(figure.add_subplot(), curves)
     return figure
 
@@ -69,37 +64,11 @@ def draw_curves(axes: Axes, curves: Curves) -> None:
     if curves.equal:
         # By wider limits, not a smaller frame: a legend beside the frame keeps its place.
         axes.set_aspect("equal", adjustable="datalim")
-    _add_title(axes, curves)
+    add_heading(axes, curves.message or message_of(curves), curves.title)
     axes.grid(True)
     axes.set_axisbelow(True)
     if not _name_at_ends(axes, curves):
         _add_legend(axes, _entries(axes, curves, curves.series))
-
-
-def _add_title(axes: Axes, curves: Curves) -> None:
-    """The message in bold, and below it the title."""
-    message = curves.message or message_of(curves)
-    axes.set_title(curves.title, loc="left", color=QUIET if message else INK)
-    if message:
-        above = 6.0 + _TITLE_LINES * float(axes.title.get_fontsize()) * (curves.title.count("\n") + 1)
-        axes.annotate(
-            _in_lines(message),
-            (0.0, 1.0),
-            xycoords="axes fraction",
-            xytext=(0.0, above),
-            textcoords="offset points",
-            fontsize=10,
-            fontweight="bold",
-            color=INK,
-            annotation_clip=False,
-        )
-
-
-def _in_lines(message: str) -> str:
-    """One line if it fits, otherwise two that are about equally long."""
-    if len(message) <= _MESSAGE_WIDTH:
-        return message
-    return fill(message, min(_MESSAGE_WIDTH, len(message) // 2 + 8))
 
 
 def _covers(series: Series, below: Series, curves: Curves) -> bool:

@@ -4,8 +4,10 @@ import numpy as np
 import pyvista as pv
 
 from fieldmap.plot.colours import colour_bar
-from fieldmap.plot.device_drawing import COLOUR_MAP, IRON, MM
+from fieldmap.plot.device_drawing import COLOUR_MAP, IRON
+from fieldmap.plot.places import MM
 from fieldmap.plot.shown import Shown
+from fieldmap.plot.solids import tetrahedra
 from fieldmap.plot.style import INK
 
 TITLE = "B in iron, T"
@@ -13,12 +15,8 @@ TITLE = "B in iron, T"
 
 def iron_elements(shown: Shown) -> pv.UnstructuredGrid:
     """Tetrahedra in mm with |B| in T as cell data, if the solution is there."""
-    shown.need("mesh")
-    mesh = shown.mesh
-    assert mesh is not None
-    cells = np.column_stack([np.full(len(mesh.tets), 4), mesh.tets])
-    kinds = np.full(len(mesh.tets), pv.CellType.TETRA, dtype=np.uint8)
-    grid = pv.UnstructuredGrid(cells.ravel(), kinds, MM * mesh.points)
+    assert shown.mesh is not None
+    grid = tetrahedra(shown.mesh.tets, MM * shown.mesh.points)
     if shown.flux_density is not None:
         grid.cell_data[TITLE] = np.linalg.norm(shown.flux_density, axis=1)
     return grid

@@ -13,6 +13,7 @@ from fieldmap.errors import FieldmapError, InputError, NoEquilibrium, OutsideMap
 from fieldmap.levitation import GRAVITY, Equilibrium, dipole_force, find_equilibrium
 from fieldmap.lookup import FieldMap
 from fieldmap.lookup.payload import check_payload
+from fieldmap.plot.words import fixed
 from fieldmap.records import Record
 from fieldmap.typing import Array
 
@@ -133,9 +134,9 @@ class LiveMap:
             self._last = None
             return None, _short(error)
         self._last = found.position
-        x, y, z = np.round(1e3 * found.position, 2) + 0.0  # no -0.00
+        at = ", ".join(fixed(1e3 * x, 2) for x in found.position)
         held = [axis for axis, stable in found.stable_axes.items() if stable]
-        return found, f"floats at ({x:.2f}, {y:.2f}, {z:.2f}) mm, stable along {', '.join(held) or 'no axis'}"
+        return found, f"floats at ({at}) mm, stable along {', '.join(held) or 'no axis'}"
 
 
 def _controls(

@@ -1,20 +1,17 @@
 """What a window with sliders keeps, whatever draws it: values, the answer to them, reset, saved states."""
 
 import json
-from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
+from pydantic import BaseModel, ConfigDict, ValidationError
 
 from fieldmap.errors import InputError, Problem
-from fieldmap.plot.colours import fitting_prefix
 from fieldmap.plot.live_answers import LiveAnswer, LiveMap
-from fieldmap.records import Record
+from fieldmap.plot.words import fixed, force_in_words
 from fieldmap.store.whole_files import write_whole
-from fieldmap.typing import Array
 
 FORMAT = 1
 
@@ -71,66 +68,38 @@ class LiveState:
         return self.move([values.get(c.name, c.value) for c in self.live.controls])
 
     @property
-    def words(self) -> "AnswerInWords":
-        """The answer for people."""
-        return answer_in_words(self.answer, self.live.field_map.coil_names)
+    def words(self) -> dict[str, str]:
+        """The answer for people: currents, force, lift and equilibrium, each a line; force and lift empty beyond a
+        map's currents."""
+        answer, names = self.answer, self.live.field_map.coil_names
+        amperes = ", ".join(
+            f"{name}: {fixed(value, 3)}" for name, value in zip(names, answer.currents, strict=True)
+        )
+        force = lift = ""
+        if np.isfinite(answer.lift):
+            at = ", ".join(fixed(1e3 * x, 1) for x in answer.place)
+            force = f"force at ({at}) mm: {force_in_words(answer.force)}"
+            lift = f"lift {100 * answer.lift:.1f} % of the weight"
+        return {
+            "currents": f"currents, A: {amperes}",
+            "force": force,
+            "lift": lift,
+            "equilibrium": answer.words,
+        }
+
+
+class _File(BaseModel):
+    """A file of saved states: names of states -> names of controls -> values."""
+
+    model_config = ConfigDict(strict=True, extra="ignore")
+    format: Literal[1]
+    states: dict[str, dict[str, float]]
 
 
 def _read_states(path: Path) -> dict[str, dict[str, float]]:
     try:
-        content: Any = json.loads(path.read_text(encoding="utf-8"))
-    except ValueError as error:
-        content, problem = None, str(error)
-    else:
-        problem = "something else"
-    states = content.get("states") if isinstance(content, dict) and content.get("format") == FORMAT else None
-    good = isinstance(states, dict) and all(
-        isinstance(one, Mapping) and all(isinstance(value, int | float) for value in one.values())
-        for one in states.values()
-    )
-    if not good:
+        return _File.model_validate_json(path.read_bytes()).states
+    except ValidationError as error:
         remedy = "name another file, or delete it"
-        must = f"must hold saved states of format {FORMAT}"
-        raise InputError(Problem(str(path), must, problem, remedy))
-    assert isinstance(states, dict)
-    return {name: {key: float(value) for key, value in one.items()} for name, one in states.items()}
-
-
-@dataclass(frozen=True, repr=False)
-class AnswerInWords(Record):
-    """currents, force, lift and equilibrium of an answer, each a line; force and lift empty beyond a map's currents."""
-
-    currents: str
-    force: str
-    lift: str
-    equilibrium: str
-
-
-def answer_in_words(answer: LiveAnswer, coil_names: tuple[str, ...]) -> AnswerInWords:
-    """An answer for people: coils by name, the force in the unit that fits its largest component."""
-    amperes = ", ".join(
-        f"{name}: {_number(value, 3)}" for name, value in zip(coil_names, answer.currents, strict=True)
-    )
-    force = lift = ""
-    if np.isfinite(answer.lift):
-        at = ", ".join(_number(1e3 * x, 1) for x in answer.place)
-        force = f"force at ({at}) mm: {force_in_words(answer.force)}"
-        lift = f"lift {100 * answer.lift:.1f} % of the weight"
-    return AnswerInWords(f"currents, A: {amperes}", force, lift, answer.words)
-
-
-def force_in_words(force: Array) -> str:
-    """Components of a force (3,), N, to four digits of the largest, in the unit that fits it.
-
-    >>> force_in_words(np.array([0.0, -2e-7, 0.11])), force_in_words(np.array([1.2e-5, 0.0, 0.0]))
-    ('(0.0, 0.0, 110.0) mN', '(12.00, 0.00, 0.00) uN')
-    """
-    prefix, factor = fitting_prefix(float(np.abs(force).max()))
-    scaled = factor * np.asarray(force)
-    largest = float(np.abs(scaled).max())
-    decimals = int(np.clip(3 - np.floor(np.log10(largest)), 0, 3)) if largest else 1
-    return f"({', '.join(_number(x, decimals) for x in scaled)}) {prefix}N"
-
-
-def _number(value: float, decimals: int) -> str:
-    return f"{round(float(value), decimals) + 0.0:.{decimals}f}"  # no -0.00
+        must, received = f"must hold saved states of format {FORMAT}", error.errors()[0]["msg"]
+        raise InputError(Problem(str(path), must, received, remedy)) from None

@@ -3,7 +3,9 @@
 import numpy as np
 import pyvista as pv
 
+from fieldmap.plot.solids import extent
 from fieldmap.plot.style import INK
+from fieldmap.plot.words import decimals_of, fixed, label_step, round_numbers
 from fieldmap.typing import Array
 
 MILLIMETRES = ("x, mm", "y, mm", "z, mm")
@@ -20,34 +22,22 @@ def add_rulers(
     titles: of the three axes. spread: how far off the labels stand, above 1 for small windows. Front is the side of
     smallest y. Call it last: the box is that of all drawn so far.
     """
-    low, high = np.array(scene.bounds).reshape(3, 2).T
+    low, high = extent(scene).T
     size = float((high - low).max())
     # A little air between the ruler and what it measures.
     low, high = low - 0.04 * size, high + 0.04 * size
     down, right, left = -np.eye(3)[2], np.eye(3)[0], -np.eye(3)[0]
-    rulers = (
-        (titles[0], 0, np.array([low[0], low[1], low[2]]), down),
-        (titles[1], 1, np.array([high[0], low[1], low[2]]), 0.6 * right + 0.6 * down),
-        (titles[2], 2, np.array([low[0], low[1], low[2]]), left),
-    )
-    for title, axis, corner, outward in rulers:
-        _add_ruler(scene, title, axis, corner, high[axis], size, outward, font_size, spread)
+    front = np.array([high[0], low[1], low[2]])
+    for title, axis, corner, outward in (
+        (titles[0], 0, low, down),
+        (titles[1], 1, front, 0.6 * right + 0.6 * down),
+        (titles[2], 2, low, left),
+    ):
+        _add_ruler(scene, title, axis, corner, high[axis], size * outward, font_size, spread)
 
 
-def label_step(span: float) -> float:
-    """Distance of labels: 1, 2 or 5 times a power of ten, at most some six to a span.
-
-    >>> label_step(511.0)
-    100.0
-    """
-    wanted = span / 6.0
-    power = 10.0 ** np.floor(np.log10(wanted))
-    return float(next(power * factor for factor in (1.0, 2.0, 5.0, 10.0) if power * factor >= wanted))
-
-
-def round_numbers(low: float, high: float, step: float) -> Array:
-    """Multiples of step from low to high."""
-    return step * np.arange(np.ceil(low / step - 1e-9), np.floor(high / step + 1e-9) + 1)
+# How the words of each axis lie at their places: those of y begin there, those of z end there, off the lines.
+_ALIGNED, _OFF = ("center", "left", "right"), (0.035, 0.018, 0.018)
 
 
 def _add_ruler(
@@ -56,33 +46,35 @@ def _add_ruler(
     axis: int,
     corner: Array,
     end: float,
-    size: float,
     outward: Array,
     font_size: int,
     spread: float,
 ) -> None:
     def at(value: float, distance: float) -> Array:
-        point = corner + distance * size * outward
-        point[axis] = value + distance * size * outward[axis]
+        point = corner + distance * outward
+        point[axis] = value + distance * outward[axis]
         return point
 
     # Short sides get finer steps, or they would carry one label.
+    size = float(np.linalg.norm(outward))
     step = label_step(max(end - corner[axis], size / 2))
     values = round_numbers(corner[axis], end, step)
     lines = [at(corner[axis], 0.0), at(end, 0.0)]
     for value in values:
         lines += [at(value, 0.0), at(value, 0.012)]
     scene.add_lines(np.array(lines), color=INK, width=2)
-    decimals = max(0, int(np.ceil(-np.log10(step) - 1e-9)))
-    words = [f"{value + 0.0:.{decimals}f}" for value in values] + [title]
+    words = [fixed(value, decimals_of(step)) for value in values]
+    add_labels(scene, [at(value, _OFF[axis] * spread) for value in values], words, font_size, _ALIGNED[axis])
     # Along x the title would meet the labels of y, and along y those of y itself: beside the middle.
-    beside = {0: 0.085, 1: 0.125}
-    name_at = (
-        at(0.5 * (corner[axis] + end), beside[axis] * spread)
-        if axis in beside
-        else at(end + 0.06 * spread * size, 0.0)
-    )
-    places = [*(at(value, 0.035 * spread) for value in values), name_at]
+    middle = 0.5 * (corner[axis] + end)
+    places = (at(middle, 0.085 * spread), at(middle, 0.15 * spread), at(end + 0.06 * spread * size, 0.0))
+    add_labels(scene, [places[axis]], [title], font_size)
+
+
+def add_labels(
+    scene: pv.Plotter, places: list[Array], words: list[str], font_size: int, aligned: str = "center"
+) -> None:
+    """Words at places (3,), drawn over everything; aligned: "left" where they begin there, "right" where they end."""
     scene.add_point_labels(
         np.array(places),
         words,
@@ -91,6 +83,6 @@ def _add_ruler(
         shape=None,
         show_points=False,
         always_visible=True,
-        justification_horizontal="center",
+        justification_horizontal=aligned,
         justification_vertical="center",
     )

@@ -7,8 +7,10 @@ import pyvista as pv
 
 from fieldmap.device.placement import AXES
 from fieldmap.plot.colours import colour_bar
-from fieldmap.plot.device_drawing import COLOUR_MAP, MAGNET, MM, payload_surface
+from fieldmap.plot.device_drawing import COLOUR_MAP, MAGNET
+from fieldmap.plot.places import MM
 from fieldmap.plot.shown import Shown, ShownRun
+from fieldmap.plot.solids import payload_surface, sharp_edges, upright_cylinder
 from fieldmap.plot.style import INK
 from fieldmap.typing import Index
 
@@ -27,9 +29,8 @@ def body_parts(run: ShownRun) -> list[tuple[pv.PolyData, dict[str, Any]]]:
             (surface, {"color": MAGNET, "ambient": 0.3, "smooth_shading": True, "split_sharp_edges": True})
         )
     if run.body is not None:
-        radius, height = run.body
-        case = pv.Cylinder(direction=(0, 0, 1), radius=MM * radius, height=MM * height, resolution=64)
-        parts.append((case, {"color": "#8fa3b5", "opacity": 0.3 if parts else 1.0, "ambient": 0.4}))
+        look = {"color": "#8fa3b5", "opacity": 0.3 if parts else 1.0, "ambient": 0.4}
+        parts.append((upright_cylinder(*run.body), look))
     return parts or [(pv.Sphere(radius=1.0), {"color": MAGNET})]
 
 
@@ -40,22 +41,16 @@ def path_samples(run: ShownRun) -> Index:
 
 def add_path(scene: pv.Plotter, shown: Shown) -> None:
     """The path, coloured by time, the path that was asked for, and the magnet at the end as an outline."""
-    shown.need("run")
     run = shown.run
     assert run is not None
     samples = path_samples(run)
     path = pv.lines_from_points(MM * run.position[samples])
     path[TIME] = run.time[samples]
-    settings = colour_bar(TIME, run.time[samples])
-    scene.add_mesh(
-        path,
-        scalars=TIME,
-        cmap=COLOUR_MAP,
-        line_width=5,
-        render_lines_as_tubes=True,
-        lighting=False,
-        **settings,
-    )
+    look: dict[str, Any] = colour_bar(TIME, run.time[samples]) | {
+        "line_width": 5,
+        "render_lines_as_tubes": True,
+    }
+    scene.add_mesh(path, scalars=TIME, cmap=COLOUR_MAP, lighting=False, **look)
     scene.add_mesh(pv.lines_from_points(MM * run.wanted[samples]), color=INK, line_width=2, lighting=False)
     magnet = outline(body_parts(run)[0][0]).transform(run.pose(-1), inplace=False)
     scene.add_mesh(magnet, color=MAGNET, line_width=2, lighting=False)
@@ -63,9 +58,7 @@ def add_path(scene: pv.Plotter, shown: Shown) -> None:
 
 def outline(surface: pv.PolyData) -> pv.PolyData:
     """Its edges: what stands in the way of nothing. Of a sphere three circles."""
-    edges = surface.clean().extract_feature_edges(
-        feature_angle=35.0, boundary_edges=False, non_manifold_edges=False, manifold_edges=False
-    )
+    edges = sharp_edges(surface)
     if edges.n_points:
         return edges
     return pv.merge([surface.slice(normal=normal, origin=surface.center) for normal in AXES])

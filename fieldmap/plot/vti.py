@@ -31,14 +31,25 @@ def write_vti(
     Raises InputError for currents that do not fit, for saturating iron without any, and for a path that does not end in
     .vti or cannot be written. The file appears complete or not at all.
     """
+    checked_suffix(path, ".vti")
+    return save_grid(map_image(field, currents, spacing, device), path, ".vti")
+
+
+def checked_suffix(path: str | PathLike[str], suffix: str) -> Path:
+    """The path of a file that ends in `suffix`. Raises InputError for another one."""
     target = Path(path)
-    if target.suffix != ".vti":
-        must_hold = "must be a file name that ends in .vti"
+    if target.suffix != suffix:
+        must_hold = f"must be a file name that ends in {suffix}"
         raise InputError(Problem(str(target), must_hold, target.name, "programs know the format by it"))
-    image = map_image(field, currents, spacing, device)
+    return target
+
+
+def save_grid(grid: pv.DataSet, path: str | PathLike[str], suffix: str) -> Path:
+    """Write a grid as VTK's XML of this suffix, whole or not at all."""
+    target = checked_suffix(path, suffix)
     with whole_file(target) as partial:
         target.parent.stat()
-        image.save(partial)
+        grid.save(partial)
     return target
 
 

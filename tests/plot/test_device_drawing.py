@@ -5,10 +5,10 @@ import pyvista as pv
 import fieldmap
 from fieldmap.errors import FieldmapError
 from fieldmap.plot import device_scene, save_picture
-from fieldmap.plot.device_drawing import CURRENT, slice_planes
+from fieldmap.plot.device_drawing import CURRENT, FLUX
 from fieldmap.plot.rendering import can_render, require_renderer
-from fieldmap.plot.rulers import label_step, round_numbers
 from fieldmap.plot.solids import winding_surface
+from fieldmap.plot.words import label_step, round_numbers
 from fieldmap.sources import unit_flux_density
 
 needs_opengl = pytest.mark.skipif(not can_render(), reason="no OpenGL on this machine")
@@ -32,12 +32,15 @@ def device():
     return fieldmap.read_device("loop_and_sphere")
 
 
-def test_slices_hold_the_size_of_the_field_at_their_points():
-    planes = slice_planes(Ramp(), np.array([1.0]), points=5)
+@needs_opengl
+def test_slices_hold_the_size_of_the_field_at_their_points(device):
+    scene = device_scene(device, Ramp(), [1.0])
+    drawn = [actor.mapper.dataset for actor in scene.actors.values() if isinstance(actor, pv.Actor)]
+    scene.close()
+    planes = [data for data in drawn if FLUX in data.array_names]
     for plane in planes:
-        np.testing.assert_allclose(plane["|B|"], np.abs(2.0 * plane.points[:, 2]), rtol=1e-6)
-    assert planes[0].bounds[2:4] == (0.0, 0.0)
-    assert planes[1].bounds[0:2] == (0.0, 0.0)
+        np.testing.assert_allclose(plane[FLUX], np.abs(2.0 * plane.points[:, 2]), rtol=1e-6)
+    assert [plane.bounds[axis : axis + 2] for plane, axis in zip(planes, (0, 2), strict=True)] == [(0, 0)] * 2
 
 
 @needs_opengl
