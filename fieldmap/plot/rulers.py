@@ -1,5 +1,7 @@
 """Axes along three edges of the scene's box, with ticks at round numbers and upright labels."""
 
+from typing import Literal
+
 import numpy as np
 import pyvista as pv
 
@@ -8,6 +10,7 @@ from fieldmap.plot.style import INK
 from fieldmap.plot.words import decimals_of, fixed, label_step, round_numbers
 from fieldmap.typing import Array
 
+Aligned = Literal["left", "center", "right"]
 MILLIMETRES = ("x, mm", "y, mm", "z, mm")
 
 
@@ -37,7 +40,8 @@ def add_rulers(
 
 
 # How the words of each axis lie at their places: those of y begin there, those of z end there, off the lines.
-_ALIGNED, _OFF = ("center", "left", "right"), (0.035, 0.018, 0.018)
+_ALIGNED: tuple[Aligned, ...] = ("center", "left", "right")
+_OFF = (0.035, 0.018, 0.018)
 
 
 def _add_ruler(
@@ -72,7 +76,7 @@ def _add_ruler(
 
 
 def add_labels(
-    scene: pv.Plotter, places: list[Array], words: list[str], font_size: int, aligned: str = "center"
+    scene: pv.Plotter, places: list[Array], words: list[str], font_size: int, aligned: Aligned = "center"
 ) -> None:
     """Words at places (3,), drawn over everything; aligned: "left" where they begin there, "right" where they end."""
     scene.add_point_labels(
