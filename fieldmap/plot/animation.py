@@ -1,4 +1,5 @@
-"""A recorded run as a moving picture: the machine with its currents, the body from near, and a time stamp."""
+"""A recorded run: its path with the body in space, and as a moving picture the machine with its currents, the body
+from near, and a time stamp. Lengths in mm."""
 
 import textwrap
 from collections.abc import Callable, Iterator
@@ -9,19 +10,77 @@ import numpy as np
 import pyvista as pv
 from PIL import Image
 
+from fieldmap.device.placement import AXES
 from fieldmap.extras import require
-from fieldmap.plot.colours import colour_bar
-from fieldmap.plot.device_drawing import COLOUR_MAP, IRON
+from fieldmap.plot.device_drawing import COLOUR_MAP, IRON, MAGNET
 from fieldmap.plot.picture import core_bounds, look_at
 from fieldmap.plot.places import MM
 from fieldmap.plot.rendering import new_scene
-from fieldmap.plot.rulers import add_rulers
-from fieldmap.plot.shown import ShownRun
-from fieldmap.plot.solids import body_surface, box_edges, extent, winding_surface, workspace_outline
+from fieldmap.plot.scales import add_rulers, colour_bar
+from fieldmap.plot.shown import Shown, ShownRun
+from fieldmap.plot.solids import (
+    body_surface,
+    box_edges,
+    extent,
+    payload_surface,
+    sharp_edges,
+    upright_cylinder,
+    winding_surface,
+    workspace_outline,
+)
 from fieldmap.plot.style import INK
-from fieldmap.plot.trajectory import body_parts, outline, path_samples
 from fieldmap.store.whole_files import whole_file
-from fieldmap.typing import Array
+from fieldmap.typing import Array, Index
+
+TIME = "time, s"
+_POINTS = 2000
+"""Of the path that is drawn."""
+
+
+def body_parts(run: ShownRun) -> list[tuple[pv.PolyData, dict[str, Any]]]:
+    """What the body looks like, about the origin, upright, mm, and how it is drawn."""
+    parts: list[tuple[pv.PolyData, dict[str, Any]]] = []
+    payload = run.device.payload
+    surface = None if payload is None else payload_surface(payload)
+    if surface is not None:
+        parts.append(
+            (surface, {"color": MAGNET, "ambient": 0.3, "smooth_shading": True, "split_sharp_edges": True})
+        )
+    if run.body is not None:
+        look = {"color": "#8fa3b5", "opacity": 0.3 if parts else 1.0, "ambient": 0.4}
+        parts.append((upright_cylinder(*run.body), look))
+    return parts or [(pv.Sphere(radius=1.0), {"color": MAGNET})]
+
+
+def path_samples(run: ShownRun) -> Index:
+    """Samples of which the drawn path consists."""
+    return np.unique(np.linspace(0, len(run.time) - 1, min(_POINTS, len(run.time))).astype(np.int64))
+
+
+def add_path(scene: pv.Plotter, shown: Shown) -> None:
+    """The path, coloured by time, the path that was asked for, and the magnet at the end as an outline."""
+    run = shown.run
+    assert run is not None
+    samples = path_samples(run)
+    path = pv.lines_from_points(MM * run.position[samples])
+    path[TIME] = run.time[samples]
+    look: dict[str, Any] = colour_bar(TIME, run.time[samples]) | {
+        "line_width": 5,
+        "render_lines_as_tubes": True,
+    }
+    scene.add_mesh(path, scalars=TIME, cmap=COLOUR_MAP, lighting=False, **look)
+    scene.add_mesh(pv.lines_from_points(MM * run.wanted[samples]), color=INK, line_width=2, lighting=False)
+    magnet = outline(body_parts(run)[0][0]).transform(run.pose(-1), inplace=False)
+    scene.add_mesh(magnet, color=MAGNET, line_width=2, lighting=False)
+
+
+def outline(surface: pv.PolyData) -> pv.PolyData:
+    """Its edges: what stands in the way of nothing. Of a sphere three circles."""
+    edges = sharp_edges(surface)
+    if edges.n_points:
+        return edges
+    return pv.merge([surface.slice(normal=normal, origin=surface.center) for normal in AXES])
+
 
 WINDOW, FRAMES_PER_SECOND, MOST_SECONDS = (960, 576), 12, 10.0
 CURRENT = "current, A"

@@ -19,10 +19,9 @@ from fieldmap.field import (
     coil_currents,
     require_bounds,
 )
-from fieldmap.plot.colours import colour_bar
 from fieldmap.plot.places import MM, box_grid, grid_points, plane_grids, plane_of
 from fieldmap.plot.rendering import new_scene
-from fieldmap.plot.rulers import add_rulers
+from fieldmap.plot.scales import add_rulers, colour_bar
 from fieldmap.plot.solids import (
     body_surface,
     current_arrow,

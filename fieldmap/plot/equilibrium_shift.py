@@ -6,9 +6,9 @@ import numpy as np
 import pyvista as pv
 
 from fieldmap.levitation import EquilibriumSurface
-from fieldmap.plot.colours import colour_bar
 from fieldmap.plot.device_drawing import COLOUR_MAP
 from fieldmap.plot.places import MM
+from fieldmap.plot.scales import colour_bar
 from fieldmap.plot.shown import Shown
 from fieldmap.plot.style import INK
 

@@ -9,9 +9,9 @@ from fieldmap.constants import GRAVITY
 from fieldmap.device.model import Payload
 from fieldmap.field import AnyField, Bounds
 from fieldmap.levitation.balance import upright_force
-from fieldmap.plot.colours import colour_bar
 from fieldmap.plot.device_drawing import COLOUR_MAP, add_payload, arrows_at
 from fieldmap.plot.places import MM, plane_of
+from fieldmap.plot.scales import colour_bar
 from fieldmap.plot.shown import Shown
 from fieldmap.plot.words import fitting_prefix
 from fieldmap.typing import Array

@@ -9,14 +9,12 @@ from numpy.typing import ArrayLike
 
 from fieldmap.device.model import Payload
 from fieldmap.lookup import FieldMap
-from fieldmap.plot.colours import colour_bar
 from fieldmap.plot.device_drawing import FLUX, MAGNET, add_planes
-from fieldmap.plot.live_answers import LiveAnswer, LiveMap
-from fieldmap.plot.live_state import LiveState
+from fieldmap.plot.live_answers import LiveAnswer, LiveMap, LiveState
 from fieldmap.plot.picture import look_at
 from fieldmap.plot.places import MM, grid_points, plane_grids
 from fieldmap.plot.rendering import new_scene, require_window
-from fieldmap.plot.rulers import add_rulers
+from fieldmap.plot.scales import add_rulers, colour_bar
 from fieldmap.plot.solids import box_edges, extent, magnet_surface
 from fieldmap.plot.style import INK, text_properties
 from fieldmap.typing import Array

@@ -7,7 +7,7 @@ from fieldmap.constants import GRAVITY
 from fieldmap.errors import InputError, Problem
 from fieldmap.levitation import ReachableSet, SearchedSet
 from fieldmap.plot.device_drawing import MAGNET
-from fieldmap.plot.rulers import add_labels
+from fieldmap.plot.scales import add_labels
 from fieldmap.plot.shown import Shown
 from fieldmap.plot.solids import sharp_edges
 from fieldmap.plot.style import COLOURS, INK

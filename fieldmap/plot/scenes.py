@@ -7,20 +7,26 @@ import numpy as np
 import pyvista as pv
 
 from fieldmap.arguments import check_choice
+from fieldmap.plot.animation import add_path
 from fieldmap.plot.device_drawing import device_scene
 from fieldmap.plot.equilibrium_shift import COORDINATES, add_shift, shift_titles
-from fieldmap.plot.field_lines import add_field_lines
+from fieldmap.plot.field_scenes import (
+    QUANTITIES,
+    add_difference,
+    add_field_lines,
+    add_iron_field,
+    add_mesh,
+    add_slices,
+    add_surfaces,
+)
 from fieldmap.plot.forces import add_equilibrium, add_forces
-from fieldmap.plot.iron_field import add_iron_field, add_mesh
 from fieldmap.plot.picture import FROM_ABOVE, look_at
 from fieldmap.plot.reachable_set import KINDS, add_reachable, reachable_titles
 from fieldmap.plot.rendering import new_scene
-from fieldmap.plot.rulers import MILLIMETRES, add_rulers
+from fieldmap.plot.scales import MILLIMETRES, add_rulers
 from fieldmap.plot.shown import Shown
 from fieldmap.plot.solids import box_edges, extent
 from fieldmap.plot.style import INK, save_screenshot
-from fieldmap.plot.trajectory import add_path
-from fieldmap.plot.volumes import QUANTITIES, add_difference, add_slices, add_surfaces
 from fieldmap.plot.web_page import save_web_page
 
 WINDOW = (1500, 1200)
