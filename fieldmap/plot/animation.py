@@ -12,11 +12,11 @@ from PIL import Image
 
 from fieldmap.device.placement import AXES
 from fieldmap.extras import require
-from fieldmap.plot.device_drawing import COLOUR_MAP, IRON, MAGNET
+from fieldmap.plot.device_drawing import IRON, MAGNET
 from fieldmap.plot.picture import core_bounds, look_at
 from fieldmap.plot.places import MM
 from fieldmap.plot.rendering import new_scene
-from fieldmap.plot.scales import add_rulers, colour_bar
+from fieldmap.plot.scales import add_coloured, add_rulers, colour_bar
 from fieldmap.plot.shown import Shown, ShownRun
 from fieldmap.plot.solids import (
     body_surface,
@@ -64,11 +64,7 @@ def add_path(scene: pv.Plotter, shown: Shown) -> None:
     samples = path_samples(run)
     path = pv.lines_from_points(MM * run.position[samples])
     path[TIME] = run.time[samples]
-    look: dict[str, Any] = colour_bar(TIME, run.time[samples]) | {
-        "line_width": 5,
-        "render_lines_as_tubes": True,
-    }
-    scene.add_mesh(path, scalars=TIME, cmap=COLOUR_MAP, lighting=False, **look)
+    add_coloured(scene, path, TIME, line_width=5, render_lines_as_tubes=True, lighting=False)
     scene.add_mesh(pv.lines_from_points(MM * run.wanted[samples]), color=INK, line_width=2, lighting=False)
     magnet = outline(body_parts(run)[0][0]).transform(run.pose(-1), inplace=False)
     scene.add_mesh(magnet, color=MAGNET, line_width=2, lighting=False)
@@ -96,9 +92,22 @@ def save_animation(
 ) -> Path:
     """Write a run as .gif or .mp4 of ten seconds at most; a longer run goes faster, and the picture says how much.
 
-    frames: how many pictures, twelve a second unless given. window: their size, for .mp4 multiples of 16. Raises
-    FieldmapError where .mp4 is asked for and imageio-ffmpeg is not installed (an optional extra), or on a machine
-    without OpenGL.
+    Parameters
+    ----------
+    run : a recorded run.
+    path : ends in .gif or .mp4.
+    progress : called with a word and the share of the pictures that are drawn.
+    frames : how many pictures; twelve a second unless given.
+    window : their size, pixels; for .mp4 multiples of 16.
+
+    Returns
+    -------
+    The path.
+
+    Raises
+    ------
+    FieldmapError
+        For .mp4 without imageio-ffmpeg (an optional extra), or on a machine without OpenGL.
     """
     target = Path(path)
     write = _write_gif if target.suffix == ".gif" else _mp4_writer()
@@ -221,15 +230,8 @@ def _add_machine(scene: pv.Plotter, run: ShownRun) -> list[pv.PolyData]:
     for coil in run.device.coils:
         surface = winding_surface(coil)
         surface[CURRENT] = np.zeros(surface.n_points)
-        scene.add_mesh(
-            surface,
-            scalars=CURRENT,
-            cmap=COLOUR_MAP,
-            ambient=0.6,
-            diffuse=0.5,
-            show_scalar_bar=not surfaces,
-            **settings,
-        )
+        look = {"ambient": 0.6, "diffuse": 0.5, "show_scalar_bar": not surfaces}
+        add_coloured(scene, surface, CURRENT, settings, **look)
         surfaces.append(surface)
     return surfaces
 

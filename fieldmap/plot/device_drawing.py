@@ -21,7 +21,7 @@ from fieldmap.field import (
 )
 from fieldmap.plot.places import MM, box_grid, grid_points, plane_grids, plane_of
 from fieldmap.plot.rendering import new_scene
-from fieldmap.plot.scales import add_rulers, colour_bar
+from fieldmap.plot.scales import add_coloured, add_rulers, colour_bar
 from fieldmap.plot.solids import (
     body_surface,
     current_arrow,
@@ -40,7 +40,6 @@ IRON = "#c5ccd3"
 COPPER = "#e08a4e"
 CURRENT = "#ffd34d"
 MAGNET = "#e0402f"
-COLOUR_MAP: Final = "viridis"
 # Not |B|: the text renderer takes | for a column break.
 FLUX: Final = "B, mT"
 NAME_SIZE = 30
@@ -69,18 +68,33 @@ def device_scene(
     """Draw coils with their names and the sense of their current, iron, the workspace box and, if given, B on slices of
     a field, as colour and direction. What stands between the viewer and the workspace is translucent.
 
-    field: any field with a box. currents (n_coils,), A, 1 A each by default: arrows point as they flow, coils without
-    current have none. magnet_at (3,), m: where to draw the payload's magnet. hide: names of bodies to leave out. axes:
-    rulers in mm. plotter: draw into this one; otherwise a new off-screen plotter. names: of the coils, those on the far
-    side are hidden behind the others. directions: arrows of B on the slices. Lengths in the scene are millimetres.
+    Parameters
+    ----------
+    device : what is drawn; lengths in the scene are millimetres.
+    field : any field with a box.
+    currents : (n_coils,), A, 1 A each unless given; arrows point as they flow, coils without current have none.
+    magnet_at : (3,), m, where the payload's magnet is drawn.
+    hide : names of bodies to leave out.
+    axes : whether there are rulers, in mm.
+    plotter : what is drawn into; a new off-screen one unless given.
+    window_size : of a new plotter, pixels.
+    iron_opacity, coil_opacity : 1 for solid, 0 for invisible.
+    names : whether coils are named; names on the far side are hidden behind the coils in front.
+    directions : whether arrows on the slices show the direction of B.
 
-    Returns the plotter; save with `.screenshot("device.png")`, look at it with `.show()`. Raises FieldmapError on
-    a machine without OpenGL.
+    Returns
+    -------
+    The plotter: `.screenshot("device.png")` saves it, `.show()` looks at it.
 
-    Example::
+    Raises
+    ------
+    FieldmapError
+        On a machine without OpenGL.
 
-        device = fieldmap.read_device("drive_unit")
-        device_scene(device).screenshot("drive_unit.png")
+    Examples
+    --------
+    >>> device = fieldmap.read_device("drive_unit")                               # doctest: +SKIP
+    >>> device_scene(device).screenshot("drive_unit.png")                         # doctest: +SKIP
     """
     scene = plotter if plotter is not None else new_scene(window_size)
     for body in device.bodies:
@@ -180,16 +194,9 @@ def add_planes(
     settings = colour_bar(title, np.concatenate([plane[title] for plane in planes]))
     if bar_at is not None:
         settings["scalar_bar_args"] |= {"position_x": bar_at[0], "position_y": bar_at[1]}
+    look = {"lighting": False, "nan_color": "white"}
     return [
-        scene.add_mesh(
-            plane,
-            scalars=title,
-            cmap=COLOUR_MAP,
-            lighting=False,
-            nan_color="white",
-            show_scalar_bar=plane is planes[0],
-            **settings,
-        )
+        add_coloured(scene, plane, title, settings, show_scalar_bar=plane is planes[0], **look)
         for plane in planes
     ]
 

@@ -1,14 +1,11 @@
 """Where the magnet rests over both direction signals, as a surface: signals in %, places in mm, colour the current."""
 
-from typing import Any
-
 import numpy as np
 import pyvista as pv
 
 from fieldmap.levitation import EquilibriumSurface
-from fieldmap.plot.device_drawing import COLOUR_MAP
 from fieldmap.plot.places import MM
-from fieldmap.plot.scales import colour_bar
+from fieldmap.plot.scales import add_coloured
 from fieldmap.plot.shown import Shown
 from fieldmap.plot.style import INK
 
@@ -28,10 +25,10 @@ def add_shift(scene: pv.Plotter, shown: Shown, quantity: str) -> None:
     surface = shift_surface(shown.surface, quantity)
     # One current everywhere needs no scale of colours.
     level = surface[LEVEL]
-    look: dict[str, Any] = {"color": "#9db7c9"}
     if np.ptp(level) > 1e-6 * np.abs(level).max():
-        look = {"scalars": LEVEL, "cmap": COLOUR_MAP, **colour_bar(LEVEL, level)}
-    scene.add_mesh(surface, lighting=False, **look)
+        add_coloured(scene, surface, LEVEL, lighting=False)
+    else:
+        scene.add_mesh(surface, color="#9db7c9", lighting=False)
     scene.add_mesh(surface.extract_all_edges(), color=INK, line_width=1.5, lighting=False)
 
 

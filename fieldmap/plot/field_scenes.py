@@ -7,9 +7,9 @@ import numpy as np
 import pyvista as pv
 
 from fieldmap.field import Bounds
-from fieldmap.plot.device_drawing import COLOUR_MAP, FLUX, IRON, add_directions, add_planes
+from fieldmap.plot.device_drawing import FLUX, IRON, add_directions, add_planes
 from fieldmap.plot.places import MM, box_grid, grid_points, plane_grids, plane_of
-from fieldmap.plot.scales import colour_bar, colour_bar_by_decades
+from fieldmap.plot.scales import add_coloured, colour_bar, colour_bar_by_decades
 from fieldmap.plot.shown import Shown
 from fieldmap.plot.solids import extent, tetrahedra
 from fieldmap.plot.style import INK
@@ -65,15 +65,8 @@ def add_surfaces(scene: pv.Plotter, shown: Shown, quantity: str = "B") -> None:
     count = 2 * settings["scalar_bar_args"]["n_labels"] - 1
     low, high = settings["clim"]
     levels = np.linspace(low, high, count)[1:-1]
-    scene.add_mesh(
-        box.contour(levels.tolist(), scalars=title),
-        scalars=title,
-        cmap=COLOUR_MAP,
-        opacity=0.55,
-        smooth_shading=True,
-        ambient=0.4,
-        **settings,
-    )
+    surfaces = box.contour(levels.tolist(), scalars=title)
+    add_coloured(scene, surfaces, title, settings, opacity=0.55, smooth_shading=True, ambient=0.4)
 
 
 def sampled_box(shown: Shown, quantity: Quantity, points: int) -> pv.ImageData:
@@ -103,7 +96,7 @@ def add_field_lines(scene: pv.Plotter, shown: Shown) -> None:
     low, high = np.percentile(lines[FLUX], [10.0, 98.0])
     settings = by_decades(FLUX, [max(low, high / _RANGE), high])
     tubes = lines.tube(radius=0.0015 * float(np.ptp(extent(lines), axis=1).max()), n_sides=8)
-    scene.add_mesh(tubes, scalars=FLUX, cmap=COLOUR_MAP, lighting=False, **settings)
+    add_coloured(scene, tubes, FLUX, settings, lighting=False)
 
 
 def field_lines(shown: Shown) -> pv.PolyData:
@@ -161,4 +154,4 @@ def add_iron_field(scene: pv.Plotter, shown: Shown) -> None:
     """
     surface = iron_elements(shown).extract_surface(algorithm=None)
     settings = colour_bar(IRON_FLUX, np.minimum(surface[IRON_FLUX], np.percentile(surface[IRON_FLUX], 99.5)))
-    scene.add_mesh(surface, scalars=IRON_FLUX, cmap=COLOUR_MAP, lighting=False, **settings)
+    add_coloured(scene, surface, IRON_FLUX, settings, lighting=False)

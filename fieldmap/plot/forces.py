@@ -9,9 +9,9 @@ from fieldmap.constants import GRAVITY
 from fieldmap.device.model import Payload
 from fieldmap.field import AnyField, Bounds
 from fieldmap.levitation.balance import upright_force
-from fieldmap.plot.device_drawing import COLOUR_MAP, add_payload, arrows_at
+from fieldmap.plot.device_drawing import add_payload, arrows_at
 from fieldmap.plot.places import MM, plane_of
-from fieldmap.plot.scales import colour_bar
+from fieldmap.plot.scales import add_coloured, colour_bar
 from fieldmap.plot.shown import Shown
 from fieldmap.plot.words import fitting_prefix
 from fieldmap.typing import Array
@@ -64,4 +64,4 @@ def _add_arrows(scene: pv.Plotter, shown: Shown, places: Array, force: Array, na
     room = MM * float(np.min((shown.box[1] - shown.box[0]) / [_ALONG, _LAYERS, _ALONG]))
     arrows = arrows_at(places, force, 1.3 * room)
     arrows[title] = factor * arrows["size"]
-    scene.add_mesh(arrows, scalars=title, cmap=COLOUR_MAP, ambient=0.4, **colour_bar(title, factor * size))
+    add_coloured(scene, arrows, title, colour_bar(title, factor * size), ambient=0.4)

@@ -190,9 +190,24 @@ def save_before_and_after(
 ) -> Path:
     """Draw two devices side by side, from one place and at one scale, and save it as PNG.
 
-    captions: a line or several above each. width: of the picture, in pixels; as high as the devices need. Raises
-    FieldmapError on a machine without OpenGL.
+    Parameters
+    ----------
+    before, after : the devices.
+    path : of the picture.
+    captions : a line or several above each.
+    width : of the picture, pixels; it is as high as the devices need.
 
+    Returns
+    -------
+    The path.
+
+    Raises
+    ------
+    FieldmapError
+        On a machine without OpenGL.
+
+    Examples
+    --------
     >>> import fieldmap as fm                                                     # doctest: +SKIP
     >>> thick = fm.read_device("drive_unit", {"parameters.disk": 12})             # doctest: +SKIP
     >>> save_before_and_after(fm.read_device("drive_unit"), thick, "disks.png")   # doctest: +SKIP

@@ -35,11 +35,28 @@ def save_picture(
     window_size: tuple[int, int] = (2000, 1240),
     forces: bool = False,
 ) -> Path:
-    """Draw a device in two panels and save it as PNG; arguments as in `device_scene`; caption: a line below the field.
+    """Draw a device in two panels and save it as PNG: all of it, and coils and workspace from near.
 
-    forces: arrows of magnetic force and weight together on the payload's magnet, wherever its centre may be in the
-    plane y = middle of the field's box; of a field, and a device with a payload.
+    Parameters
+    ----------
+    path : of the picture.
+    device, field, currents, magnet_at : as for `device_scene`.
+    caption : a line below the field.
+    window_size : of the picture, pixels.
+    forces : whether arrows show magnetic force and weight together on the payload's magnet, with its centre at places
+        of the plane y = middle of the field's box, and not the direction of B. For a device with a payload.
 
+    Returns
+    -------
+    The path.
+
+    Raises
+    ------
+    FieldmapError
+        On a machine without OpenGL.
+
+    Examples
+    --------
     >>> import fieldmap                                                           # doctest: +SKIP
     >>> save_picture("drive_unit.png", fieldmap.read_device("drive_unit"))        # doctest: +SKIP
     PosixPath('drive_unit.png')

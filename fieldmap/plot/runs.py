@@ -66,9 +66,16 @@ def drawn_run(experiment: Experiment, run: LevitationRun, event: str) -> DrawnRu
 def run_figure(title: str, runs: Sequence[DrawnRun]) -> Figure:
     """References, true and seen positions of each axis, and the currents, over time.
 
-    runs: of each run `time` (r,), s, `wanted`, `true` and `seen` (r, 3), mm, `currents` (r, n), A, `event`, what ended
-    it or "", and where there are any `coil_names`. More than one run: true positions only, one line each. Above stands
-    what the data say (`run_message`), then the title. Readings below half a millimetre are in micrometres.
+    Above stands what the data say (`run_message`), then the title. Readings below half a millimetre are in micrometres.
+
+    Parameters
+    ----------
+    title : of the figure.
+    runs : one, or several, of which true positions are drawn only, one line each.
+
+    Returns
+    -------
+    The figure.
     """
     with new_figure(8.0, 7.6, DOTS_PER_INCH) as figure:
         _draw_runs(figure, runs)

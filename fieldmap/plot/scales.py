@@ -1,6 +1,6 @@
 """Scales of scenes: colour bars with round limits, and axes along three edges of the box with upright labels."""
 
-from typing import Any, Literal
+from typing import Any, Final, Literal
 
 import numpy as np
 import pyvista as pv
@@ -11,6 +11,7 @@ from fieldmap.plot.style import INK
 from fieldmap.plot.words import decimals_of, fixed, label_step, round_numbers
 from fieldmap.typing import Array
 
+COLOUR_MAP: Final = "viridis"
 # A line break below the title keeps it off the highest label.
 _BAR: dict[str, Any] = {
     "vertical": True,
@@ -35,6 +36,17 @@ def colour_bar(title: str, values: ArrayLike) -> dict[str, Any]:
     labels = round((limits[1] - limits[0]) / step) + 1
     bar = _BAR | {"title": f"{title}\n", "fmt": f"%.{decimals_of(step)}f", "n_labels": labels}
     return {"clim": limits, "scalar_bar_args": bar}
+
+
+def add_coloured(
+    scene: pv.Plotter, mesh: pv.DataSet, title: str, scale: dict[str, Any] | None = None, **look: Any
+) -> pv.Actor:
+    """Draw the data `title` of a mesh in colour, with a bar.
+
+    scale: from `colour_bar` or `colour_bar_by_decades`; about all of the data unless given. look: of add_mesh.
+    """
+    chosen = scale or colour_bar(title, mesh[title])
+    return scene.add_mesh(mesh, scalars=title, cmap=COLOUR_MAP, **chosen, **look)
 
 
 def colour_bar_by_decades(title: str, values: ArrayLike) -> dict[str, Any]:

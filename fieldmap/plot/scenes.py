@@ -95,10 +95,26 @@ def make_scene(
     off_screen: bool = True,
     window: tuple[int, int] = WINDOW,
 ) -> pv.Plotter:
-    """Draw one of SCENES with rulers. quantity: one of `quantities_of(what)`, the first unless given.
+    """Draw one of SCENES with rulers.
 
-    Returns the plotter: `.show()` looks at it, `save_scene` writes it. Raises InputError for unknown names and for
-    what a scene needs and there is not, FieldmapError on a machine without OpenGL.
+    Parameters
+    ----------
+    shown : what there is to draw.
+    what : one of SCENES.
+    quantity : one of `quantities_of(what)`, the first unless given.
+    off_screen : whether no window opens.
+    window : size of the picture, pixels.
+
+    Returns
+    -------
+    The plotter: `.show()` looks at it, `save_scene` writes it.
+
+    Raises
+    ------
+    InputError
+        For unknown names, and for what the scene needs and `shown` lacks.
+    FieldmapError
+        On a machine without OpenGL.
     """
     chosen = check_scene(what, quantity)
     scene = new_scene(window, off_screen)
@@ -154,11 +170,23 @@ def axes_of(what: str, quantity: str = "", shown: Shown | None = None) -> tuple[
 def save_scene(
     scene: pv.Plotter, path: str | Path, title: str = "", axes: tuple[str, str, str] = MILLIMETRES
 ) -> Path:
-    """Save as .png (a picture), .html (to turn in a browser, with a title) or .vtm (for ParaView).
+    """Save a scene.
 
-    axes: their titles in a page, `axes_of` of the scene.
+    Parameters
+    ----------
+    scene : of `make_scene`.
+    path : ends in .png (a picture), .html (a page that a browser turns) or .vtm (for ParaView).
+    title : of a page.
+    axes : titles of a page's axes, `axes_of` of the scene.
 
-    Raises InputError for other endings.
+    Returns
+    -------
+    The path.
+
+    Raises
+    ------
+    InputError
+        For another ending.
     """
     target = Path(path)
     check_format(target)

@@ -11,9 +11,10 @@ from fieldmap.constants import GRAVITY
 from fieldmap.device.model import Payload
 from fieldmap.field import AnyField, Bounds, require_bounds, resolve_currents
 from fieldmap.levitation.balance import upright_force
-from fieldmap.plot.device_drawing import COLOUR_MAP, MAGNET
+from fieldmap.plot.device_drawing import MAGNET
 from fieldmap.plot.forces import net_force
 from fieldmap.plot.places import AXES, MM, plane_of
+from fieldmap.plot.scales import COLOUR_MAP
 from fieldmap.plot.words import fitting_prefix, label_step
 from fieldmap.typing import Array
 
