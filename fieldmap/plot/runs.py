@@ -12,7 +12,7 @@ from fieldmap.curves import percent
 from fieldmap.dynamics.loop_run import LevitationRun
 from fieldmap.dynamics.scenario import Experiment, LaidLog, reading_mm
 from fieldmap.dynamics.scenario.measured_log import AXES as MEASURED_AXES
-from fieldmap.plot.style import COLOURS, INK, add_heading, new_figure, save_figure
+from fieldmap.plot.style import COLOURS, INK, add_heading, grouped, new_figure, save_figure
 from fieldmap.typing import Array
 
 _NAMES = ("x", "y", "depth")
@@ -196,16 +196,11 @@ def _draw_currents(axis: Axes, runs: Sequence[DrawnRun], names: Sequence[str]) -
 
 def _coils_alike(currents: Array) -> list[list[int]]:
     """Coils whose currents (r, n) are the same curve, of which only one would be seen."""
-    beside = _SAME * np.abs(currents).max(initial=0.0)
-    groups: list[list[int]] = []
-    for coil, current in enumerate(currents.T):
-        for group in groups:
-            if np.abs(current - currents[:, group[0]]).max(initial=0.0) <= beside:
-                group.append(coil)
-                break
-        else:
-            groups.append([coil])
-    return groups
+    near = _SAME * np.abs(currents).max(initial=0.0)
+    return grouped(
+        range(currents.shape[1]),
+        lambda one, other: bool(np.abs(currents[:, one] - currents[:, other]).max(initial=0.0) <= near),
+    )
 
 
 def _label(names: list[str]) -> str:

@@ -8,11 +8,11 @@ environment says what is saved: "light" (unless set), "dark", or "both", where t
 
 import colorsys
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from textwrap import wrap
-from typing import Any, Final
+from typing import Any, Final, TypeVar
 
 import numpy as np
 import pyvista as pv
@@ -29,6 +29,7 @@ from matplotlib.text import Text
 
 from fieldmap.arguments import check_choice
 
+Thing = TypeVar("Thing")
 STYLE: Final = "fieldmap.plot.figure"
 """For `matplotlib.style.use`."""
 VARIABLE: Final = "FIELDMAP_PICTURES"
@@ -81,6 +82,22 @@ def add_heading(axes: Axes, message: str, title: str) -> None:
         color=INK,
         annotation_clip=False,
     )
+
+
+def grouped(things: Iterable[Thing], same: Callable[[Thing, Thing], bool]) -> list[list[Thing]]:
+    """Things that are the same as the first of their group, in the order of the first ones.
+
+    >>> grouped([1, 2, 11, 3, 12], lambda one, other: one % 10 == other % 10)
+    [[1, 11], [2, 12], [3]]
+    """
+    groups: list[list[Thing]] = []
+    for thing in things:
+        group = next((group for group in groups if same(group[0], thing)), None)
+        if group is None:
+            groups.append([thing])
+        else:
+            group.append(thing)
+    return groups
 
 
 def schemes() -> tuple[str, ...]:
