@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from fieldmap.device.model import Payload
 from fieldmap.lookup import FieldMap
-from fieldmap.plot.device_drawing import FLUX, MAGNET, add_planes
+from fieldmap.plot.device_drawing import FLUX, MAGNET, VIEW, add_planes
 from fieldmap.plot.live_answers import LiveAnswer, LiveMap, LiveState
 from fieldmap.plot.picture import look_at
 from fieldmap.plot.places import MM, grid_points, plane_grids
@@ -61,8 +61,8 @@ class LiveWindow:
         self._build(field_map, None if payload is None else magnet_surface(payload.magnet), title)
         self.sliders = [self._add_slider(k) for k in range(len(self.state.values) if sliders else 0)]
         self._sizes = [(words, words.GetFontSize()) for words in text_properties(self.scene)]
-        self._fit()
-        self._window.AddObserver("WindowResizeEvent", lambda *_: self._fit())
+        self._fit(np.array(VIEW))
+        self._window.AddObserver("WindowResizeEvent", self._resized)
         self.show_answer()
 
     @property
@@ -135,14 +135,20 @@ class LiveWindow:
         self._force = scene.add_mesh(pv.Arrow(), color=FORCE, ambient=0.4)
         self._arrow_length = 0.2 * MM * float((field_map.upper - field_map.lower)[2])
 
-    def _fit(self) -> None:
-        """Camera and words for the size that the window has now; a page gives it that of the browser."""
-        size = self._window.GetSize()
+    def _fit(self, view: Array) -> None:
+        """Camera and words for the size that the window has now, which in a page is the browser's; view (3,): towards
+        the viewer."""
+        window = self._window.GetSize()
         # Below the box stand four lines where the words are in the window.
-        look_at(self.scene, self._room, margin=0.6 if self.sliders else 0.42, size=size)
-        share = min(1.0, size[0] / _SMALL)
+        look_at(self.scene, self._room, margin=0.6 if self.sliders else 0.42, view=view, size=window)
+        share = min(1.0, window[0] / _SMALL)
         for words, size in self._sizes:
             words.SetFontSize(round(share * size))
+
+    def _resized(self, *_: Any) -> None:
+        """The user may have turned the scene."""
+        camera = self.scene.camera
+        self._fit(np.subtract(camera.position, camera.focal_point))
 
     def _add_slider(self, k: int) -> Any:
         control, count = self.live.controls[k], len(self.live.controls)

@@ -85,6 +85,13 @@ SCENES: dict[str, Draw] = {
     "path": _scene(add_path, "run"),
 }
 """Name -> what draws it."""
+_LEGENDS = {
+    "slices": "arrows: direction of B",
+    "forces": "arrows: force on the magnet, whose centre lies in their middle",
+    "equilibrium": "red: the magnet in balance; arrows: magnetic force and weight together",
+    "path": "red: outline of the magnet at the end; black: the path that was asked for",
+}
+"""What is drawn beside the title's subject, of a scene's first quantity."""
 _WITHOUT_BOX = ("device", "mesh", "iron", "shift", "reachable")
 
 
@@ -123,10 +130,12 @@ def make_scene(
         scene.add_mesh(box_edges(shown.box), color=INK, line_width=2.5, lighting=False)
     add_rulers(scene, titles=axes_of(what, chosen, shown))
     if what == "shift":
-        look_at(scene, extent(scene), margin=0.6, view=FROM_ABOVE)
+        look_at(scene, extent(scene), margin=0.4, view=FROM_ABOVE)
     else:
         look_at(scene, extent(scene), margin=0.3)
-    scene.add_text(shown.title, position=(0.02, 0.95), viewport=True, font_size=13, color=INK)
+    legend = "" if quantity and quantity != quantities_of(what)[0] else _LEGENDS.get(what, "")
+    words = f"{shown.title}\n{legend}".rstrip()
+    scene.add_text(words, position=(0.02, 0.95), viewport=True, font_size=13, color=INK)
     scene.enable_anti_aliasing("ssaa")
     return scene
 

@@ -31,11 +31,11 @@ def step_and_states(run: Readings, quiet: Readings, rig_peak: ArrayLike) -> list
     """Figs 7-32 to 7-34: run with the sensor's noise, quiet without. rig_peak: s after the step, mm beyond it."""
     keys, Ts = _keys(run), run.run.scenario.settings.control.period
     model = StateSpace(np.array(keys.A), np.array(keys.B)[:, None], np.array(keys.C)[None], np.zeros((1, 1)))
-    design = design_of(model, keys.Q, keys.R, (keys.process_noise, keys.measurement_noise), Ts)
+    plant, designed = design_of(model, keys.Q, keys.R, (keys.process_noise, keys.measurement_noise), Ts)
     # The thesis's model feeds back x[n-1|n-1].
-    regulator = replace(design.regulator, equilibrium_at="measured")
+    regulator = replace(designed, equilibrium_at="measured")
     reference = run.wanted[:, DEPTH] - run.wanted[0, DEPTH]
-    loop = simulate_loop(design.plant, regulator, reference)
+    loop = simulate_loop(plant, regulator, reference)
     position = run.wanted[0, DEPTH] + loop.y[0]
     lines, models = {"coupled machine": run, "without noise": quiet}, {"design model": position}
     title = "Fig. 7-32: step from 13 to 12.9 mm, regulator"

@@ -2,7 +2,7 @@
 under its regulator and estimator."""
 
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import scipy.linalg
@@ -264,6 +264,7 @@ def regulator_models(inputs: dict[str, Any]) -> dict[str, Any]:
     printed = controller_form(inputs["rounded_numerator"], inputs["rounded_denominator"])
     wide = with_output_integral(printed.A, printed.B, printed.C)
     A_d, B_d = zero_order_hold(wide.A, wide.B, Ts)
+    (_, of_printed), (_, of_exact) = (_design(one, inputs) for one in (printed, controller_form(*exact)))
     return {
         "numerator": exact.numerator,
         "denominator": exact.denominator,
@@ -271,30 +272,26 @@ def regulator_models(inputs: dict[str, Any]) -> dict[str, Any]:
         "A_d": A_d,
         "B_d": B_d,
         "riccati_sign": _riccati_sign(wide, inputs["Q"], inputs["R"]),
-        "k": _design(printed, inputs).regulator.k,
-        **_design(controller_form(*exact), inputs).regulator.estimator._asdict(),
+        "k": of_printed.k,
+        **of_exact.estimator._asdict(),
         "model_equilibrium": 1.0 / steady_gain(plant, Ts),
     }
 
 
-class Design(NamedTuple):
-    """plant: the model for a held input; regulator: fed by its estimator, its equilibrium at the reference, (7-20)."""
-
-    plant: StateSpace
-    regulator: Regulator
-
-
-def design_of(model: StateSpace, Q: Any, R: float, noise: tuple[float, float], Ts: float) -> Design:
-    """(7-9) to (7-17) for a model in continuous time; noise: of the process and of the measurement."""
+def design_of(
+    model: StateSpace, Q: Any, R: float, noise: tuple[float, float], Ts: float
+) -> tuple[StateSpace, Regulator]:
+    """(7-9) to (7-17) for a model in continuous time: the model for a held input, and its regulator with the
+    equilibrium at the reference, (7-20). noise: of the process and of the measurement."""
     wide = with_output_integral(model.A, model.B, model.C)
     k = lqrd(wide.A, wide.B, np.array(Q), R, Ts)
     estimator = kalmd(model.A, model.B, model.C, *noise, Ts)
     equilibrium = (0.0, 1.0 / steady_gain(to_transfer_function(model)))
     plant = StateSpace(*zero_order_hold(model.A, model.B, Ts), model.C, model.D)
-    return Design(plant, Regulator(k, estimator, Ts, equilibrium))
+    return plant, Regulator(k, estimator, Ts, equilibrium)
 
 
-def _design(model: StateSpace, inputs: dict[str, Any]) -> Design:
+def _design(model: StateSpace, inputs: dict[str, Any]) -> tuple[StateSpace, Regulator]:
     return design_of(model, inputs["Q"], inputs["R"], (inputs["noise_mm2"],) * 2, inputs["Ts_s"])
 
 
