@@ -91,7 +91,7 @@ _LEGENDS = {
     "equilibrium": "red: the magnet in balance; arrows: magnetic force and weight together",
     "path": "red: outline of the magnet at the end; black: the path that was asked for",
 }
-"""What is drawn beside the title's subject, of a scene's first quantity."""
+"""What arrows and lines mean, in a scene of its first quantity."""
 _WITHOUT_BOX = ("device", "mesh", "iron", "shift", "reachable")
 
 
@@ -133,7 +133,7 @@ def make_scene(
         look_at(scene, extent(scene), margin=0.4, view=FROM_ABOVE)
     else:
         look_at(scene, extent(scene), margin=0.3)
-    legend = "" if quantity and quantity != quantities_of(what)[0] else _LEGENDS.get(what, "")
+    legend = _LEGENDS.get(what, "") if chosen == quantities_of(what)[0] else ""
     words = f"{shown.title}\n{legend}".rstrip()
     scene.add_text(words, position=(0.02, 0.95), viewport=True, font_size=13, color=INK)
     scene.enable_anti_aliasing("ssaa")
