@@ -7,8 +7,8 @@ import argparse
 from pathlib import Path
 
 import fieldmap
+from fieldmap.device.measured import measured_on
 from fieldmap.plot import save_picture
-from fieldmap.thesis.vertical_sensor import magnet_height
 
 
 def main() -> None:
@@ -19,14 +19,17 @@ def main() -> None:
     parser.add_argument("device", help="device file, or the name of a shipped device")
     parser.add_argument("map", nargs="?", help="map file of the device")
     parser.add_argument("--amperes", type=float, default=1.0, help="current in every coil")
-    parser.add_argument("--sensor-mm", type=float, help="draw the payload's magnet at this sensor reading")
+    parser.add_argument(
+        "--sensor-mm", type=float, help="draw the payload's magnet at this reading of the machine's sensor"
+    )
     parser.add_argument("--output", type=Path, default=Path("device.png"))
     given = parser.parse_args()
     device = fieldmap.read_device(given.device)
     field = fieldmap.open_map(given.map) if given.map else None
     magnet_at = None
-    if given.sensor_mm is not None and device.payload is not None:
-        magnet_at = (0.0, 0.0, magnet_height(given.sensor_mm, device.payload.magnet_offset))
+    machine = measured_on(device.name, len(device.coils))
+    if given.sensor_mm is not None and device.payload is not None and machine is not None:
+        magnet_at = (0.0, 0.0, machine.height(given.sensor_mm, device.payload.magnet_offset))
     currents = [given.amperes] * len(device.coils)
     given.output.parent.mkdir(parents=True, exist_ok=True)
     caption = field.info.provenance.title if field is not None else ""

@@ -111,5 +111,7 @@ def _serve(
     from fieldmap.plot.live_window import LiveWindow
 
     require("trame.app", "web", WHERE)
-    window = LiveWindow(opened, payload, limit, force_scale, "", True, PAGE_WINDOW, sliders=False)
-    LivePage(window, title, states).serve(port, open_browser=bool(os.environ.get("DISPLAY")))
+    window = LiveWindow(
+        opened, payload, limit, force_scale, "", True, PAGE_WINDOW, sliders=False, states_file=states
+    )
+    LivePage(window, title).serve(port, open_browser=bool(os.environ.get("DISPLAY")))

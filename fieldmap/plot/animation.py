@@ -1,4 +1,5 @@
-"""A recorded run as a moving picture: the machine with its currents, the body from near, and a time stamp."""
+"""A recorded run: its path with the body in space, and as a moving picture the machine with its currents, the body
+from near, and a time stamp. Lengths in mm."""
 
 import textwrap
 from collections.abc import Callable, Iterator
@@ -9,18 +10,73 @@ import numpy as np
 import pyvista as pv
 from PIL import Image
 
+from fieldmap.device.placement import AXES
 from fieldmap.extras import require
-from fieldmap.plot.colours import colour_bar
-from fieldmap.plot.device_drawing import COLOUR_MAP, IRON, MM, workspace_outline
+from fieldmap.plot.device_drawing import IRON, MAGNET
 from fieldmap.plot.picture import core_bounds, look_at
-from fieldmap.plot.rendering import require_renderer
-from fieldmap.plot.rulers import add_rulers
-from fieldmap.plot.shown import ShownRun
-from fieldmap.plot.solids import body_surface, winding_surface
+from fieldmap.plot.places import MM
+from fieldmap.plot.rendering import new_scene
+from fieldmap.plot.scales import add_coloured, add_rulers, colour_bar
+from fieldmap.plot.shown import Shown, ShownRun
+from fieldmap.plot.solids import (
+    body_surface,
+    box_edges,
+    extent,
+    payload_surface,
+    sharp_edges,
+    upright_cylinder,
+    winding_surface,
+    workspace_outline,
+)
 from fieldmap.plot.style import INK
-from fieldmap.plot.trajectory import body_parts, outline, path_samples
 from fieldmap.store.whole_files import whole_file
-from fieldmap.typing import Array
+from fieldmap.typing import Array, Index
+
+TIME = "time, s"
+_POINTS = 2000
+"""Of the path that is drawn."""
+
+
+def body_parts(run: ShownRun) -> list[tuple[pv.PolyData, dict[str, Any]]]:
+    """What the body looks like, about the origin, upright, mm, and how it is drawn."""
+    parts: list[tuple[pv.PolyData, dict[str, Any]]] = []
+    payload = run.device.payload
+    surface = None if payload is None else payload_surface(payload)
+    if surface is not None:
+        parts.append(
+            (surface, {"color": MAGNET, "ambient": 0.3, "smooth_shading": True, "split_sharp_edges": True})
+        )
+    if run.body is not None:
+        look = {"color": "#8fa3b5", "opacity": 0.3 if parts else 1.0, "ambient": 0.4}
+        parts.append((upright_cylinder(*run.body), look))
+    return parts or [(pv.Sphere(radius=1.0), {"color": MAGNET})]
+
+
+def path_samples(run: ShownRun) -> Index:
+    """Samples of which the drawn path consists."""
+    return np.unique(np.linspace(0, len(run.time) - 1, min(_POINTS, len(run.time))).astype(np.int64))
+
+
+def add_path(scene: pv.Plotter, shown: Shown) -> None:
+    """The path, coloured by time, the path that was asked for, and the magnet at the end as an outline."""
+    run = shown.run
+    assert run is not None
+    samples = path_samples(run)
+    path = pv.lines_from_points(MM * run.position[samples])
+    path[TIME] = run.time[samples]
+    add_coloured(scene, path, TIME, line_width=5, render_lines_as_tubes=True, lighting=False)
+    scene.add_mesh(pv.lines_from_points(MM * run.wanted[samples]), color=INK, line_width=2, lighting=False)
+    magnet = outline(body_parts(run)[0][0]).transform(run.pose(-1), inplace=False)
+    scene.add_mesh(magnet, color=MAGNET, line_width=2, lighting=False)
+
+
+def outline(surface: pv.PolyData) -> pv.PolyData:
+    """Its edges: what stands in the way of nothing. Of a sphere three circles."""
+    edges = sharp_edges(surface)
+    if edges.n_points:
+        return edges
+    return pv.merge([surface.slice(normal=normal, origin=surface.center) for normal in AXES])
+
 
 WINDOW, FRAMES_PER_SECOND, MOST_SECONDS = (960, 576), 12, 10.0
 CURRENT = "current, A"
@@ -36,9 +92,22 @@ def save_animation(
 ) -> Path:
     """Write a run as .gif or .mp4 of ten seconds at most; a longer run goes faster, and the picture says how much.
 
-    frames: how many pictures, twelve a second unless given. window: their size, for .mp4 multiples of 16. Raises
-    FieldmapError where .mp4 is asked for and imageio-ffmpeg is not installed (an optional extra), or on a machine
-    without OpenGL.
+    Parameters
+    ----------
+    run : a recorded run.
+    path : ends in .gif or .mp4.
+    progress : called with a word and the share of the pictures that are drawn.
+    frames : how many pictures; twelve a second unless given.
+    window : their size, pixels; for .mp4 multiples of 16.
+
+    Returns
+    -------
+    The path.
+
+    Raises
+    ------
+    FieldmapError
+        For .mp4 without imageio-ffmpeg (an optional extra), or on a machine without OpenGL.
     """
     target = Path(path)
     write = _write_gif if target.suffix == ".gif" else _mp4_writer()
@@ -93,9 +162,7 @@ def _mp4_writer() -> Callable[[Path, Iterator[Any], float, tuple[int, int]], Non
 
 def _pictures(run: ShownRun, count: int, seconds: float, window: tuple[int, int]) -> Iterator[Any]:
     """Images (height, width, 3) of 8 bits, evenly spaced in time."""
-    require_renderer()
-    scene = pv.Plotter(off_screen=True, shape=(1, _PANELS), window_size=list(window), border=False)
-    scene.background_color = pv.Color("white")
+    scene = new_scene(window, panels=_PANELS)
     scene.enable_anti_aliasing("msaa", multi_samples=4)
     moments = np.searchsorted(run.time, np.linspace(run.time[0], run.time[-1], count)).clip(
         0, len(run.time) - 1
@@ -146,14 +213,9 @@ def _stamp(run: ShownRun, k: int) -> str:
 
 def _add_machine(scene: pv.Plotter, run: ShownRun) -> list[pv.PolyData]:
     """Iron, workspace, and the coils with their current as colour; returns the coils."""
+    look: dict[str, Any] = {"ambient": 0.35, "smooth_shading": True, "split_sharp_edges": True}
     for body in run.device.bodies:
-        scene.add_mesh(
-            body_surface(run.device, body),
-            color=IRON,
-            ambient=0.35,
-            smooth_shading=True,
-            split_sharp_edges=True,
-        )
+        scene.add_mesh(body_surface(run.device, body), color=IRON, **look)
     if run.device.workspace is not None:
         scene.add_mesh(workspace_outline(run.device.workspace), color=INK, line_width=1.5, lighting=False)
     settings = colour_bar(CURRENT, run.currents)
@@ -168,26 +230,19 @@ def _add_machine(scene: pv.Plotter, run: ShownRun) -> list[pv.PolyData]:
     for coil in run.device.coils:
         surface = winding_surface(coil)
         surface[CURRENT] = np.zeros(surface.n_points)
-        scene.add_mesh(
-            surface,
-            scalars=CURRENT,
-            cmap=COLOUR_MAP,
-            ambient=0.6,
-            diffuse=0.5,
-            show_scalar_bar=not surfaces,
-            **settings,
-        )
+        look = {"ambient": 0.6, "diffuse": 0.5, "show_scalar_bar": not surfaces}
+        add_coloured(scene, surface, CURRENT, settings, **look)
         surfaces.append(surface)
     return surfaces
 
 
 def _add_near(scene: pv.Plotter, run: ShownRun, points: Array) -> pv.PolyData:
     """The path that was asked for, rulers round all places of the magnet, and the path so far, which is returned."""
-    reach = np.array(body_parts(run)[0][0].bounds).reshape(3, 2)
-    room = np.column_stack([points.min(axis=0) + reach[:, 0], points.max(axis=0) + reach[:, 1]])
-    scene.add_mesh(pv.Box(tuple(room.ravel())).extract_all_edges(), color=INK, line_width=1, opacity=0.25)
+    reach = extent(body_parts(run)[0][0]).T
+    room = (points.min(axis=0) + reach[0]) / MM, (points.max(axis=0) + reach[1]) / MM
+    scene.add_mesh(box_edges(room), color=INK, line_width=1, opacity=0.25)
     add_rulers(scene, font_size=13, spread=1.7)
-    look_at(scene, np.array(scene.bounds).reshape(3, 2), margin=0.3, panels=_PANELS)
+    look_at(scene, extent(scene), margin=0.3, panels=_PANELS)
     wanted = MM * run.wanted[path_samples(run)]
     scene.add_mesh(pv.lines_from_points(wanted), color="#9aa3ab", line_width=1.5, lighting=False)
     trail = pv.lines_from_points(points)

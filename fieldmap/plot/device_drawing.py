@@ -1,18 +1,38 @@
 """A device, its workspace and the field in it, as one PyVista scene."""
 
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 import pyvista as pv
 from numpy.typing import ArrayLike
 from vtkmodules.vtkRenderingCore import vtkBillboardTextActor3D
 
-from fieldmap.device.model import Device, MagnetBlock, MagnetCylinder, MagnetSphere, Workspace, WorkspaceBox
-from fieldmap.device.payload import Payload, PayloadPiece, SoftBody
-from fieldmap.field import AnyField, Currents, Field, FieldAtCurrents, as_field, coil_currents, require_bounds
-from fieldmap.plot.rendering import require_renderer
-from fieldmap.plot.rulers import add_rulers, label_step
-from fieldmap.plot.solids import MM, body_surface, current_arrow, name_place, placed, winding_surface
+from fieldmap.device.model import Device, Workspace
+from fieldmap.device.payload import Payload, SoftBody
+from fieldmap.field import (
+    AnyField,
+    Bounds,
+    Currents,
+    Field,
+    FieldAtCurrents,
+    as_field,
+    coil_currents,
+    require_bounds,
+)
+from fieldmap.plot.places import MM, box_grid, grid_points, plane_grids, plane_of
+from fieldmap.plot.rendering import new_scene
+from fieldmap.plot.scales import add_coloured, add_rulers, colour_bar
+from fieldmap.plot.solids import (
+    body_surface,
+    current_arrow,
+    extent,
+    magnet_surface,
+    name_place,
+    piece_surface,
+    sharp_edges,
+    winding_surface,
+    workspace_outline,
+)
 from fieldmap.plot.style import INK
 from fieldmap.typing import Array
 
@@ -20,10 +40,13 @@ IRON = "#c5ccd3"
 COPPER = "#e08a4e"
 CURRENT = "#ffd34d"
 MAGNET = "#e0402f"
-COLOUR_MAP: Final = "viridis"
+# Not |B|: the text renderer takes | for a column break.
+FLUX: Final = "B, mT"
 NAME_SIZE = 30
 VIEW: Final = (0.42, -1.0, 0.27)
 """Towards the viewer, who stands in front (-y), a little to the right and above."""
+# The opacity of what hides more than this share of the workspace.
+_TRANSLUCENT, _HIDDEN = 0.25, 0.1
 # Arrows of B along a slice, their length over their distance, and how far before it they lie, mm.
 _ARROWS, _ARROW_LENGTH, _BEFORE = 7, 0.62, 0.3
 
@@ -43,34 +66,49 @@ def device_scene(
     directions: bool = True,
 ) -> pv.Plotter:
     """Draw coils with their names and the sense of their current, iron, the workspace box and, if given, B on slices of
-    a field, as colour and direction.
+    a field, as colour and direction. What stands between the viewer and the workspace is translucent.
 
-    field: any field with a box. currents (n_coils,), A, 1 A each by default: arrows point as they flow, coils without
-    current have none. magnet_at (3,), m: where to draw the payload's magnet. hide: names of bodies to leave out. axes:
-    rulers in mm. plotter: draw into this one; otherwise a new off-screen plotter. names: of the coils, those on the far
-    side are hidden behind the others. directions: arrows of B on the slices. Lengths in the scene are millimetres.
+    Parameters
+    ----------
+    device : what is drawn; lengths in the scene are millimetres.
+    field : any field with a box.
+    currents : (n_coils,), A, 1 A each unless given; arrows point as they flow, coils without current have none.
+    magnet_at : (3,), m, where the payload's magnet is drawn.
+    hide : names of bodies to leave out.
+    axes : whether there are rulers, in mm.
+    plotter : what is drawn into; a new off-screen one unless given.
+    window_size : of a new plotter, pixels.
+    iron_opacity, coil_opacity : 1 for solid, 0 for invisible.
+    names : whether coils are named; names on the far side are hidden behind the coils in front.
+    directions : whether arrows on the slices show the direction of B.
 
-    Returns the plotter; save with `.screenshot("device.png")`, look at it with `.show()`. Raises FieldmapError on
-    a machine without OpenGL.
+    Returns
+    -------
+    The plotter: `.screenshot("device.png")` saves it, `.show()` looks at it.
 
-    Example::
+    Raises
+    ------
+    FieldmapError
+        On a machine without OpenGL.
 
-        device = fieldmap.read_device("drive_unit")
-        device_scene(device).screenshot("drive_unit.png")
+    Examples
+    --------
+    >>> device = fieldmap.read_device("drive_unit")                               # doctest: +SKIP
+    >>> device_scene(device).screenshot("drive_unit.png")                         # doctest: +SKIP
     """
-    require_renderer()
-    scene = plotter if plotter is not None else pv.Plotter(off_screen=True, window_size=list(window_size))
-    scene.background_color = pv.Color("white")
+    scene = plotter if plotter is not None else new_scene(window_size)
     for body in device.bodies:
         if body.name not in hide:
-            _add_solid(scene, body_surface(device, body), IRON, iron_opacity)
+            surface = body_surface(device, body)
+            _add_solid(scene, surface, IRON, _seen_through(surface, device.workspace, iron_opacity))
     of = device.coil_names if field is None else as_field(field).coil_names
     flowing = coil_currents(1.0 if currents is None else currents, of)
     by_name = dict(zip(of, flowing, strict=True))
     for coil in device.coils:
         # A map may have been made of other coils than those of the device that is drawn with it.
         ampere = by_name.get(coil.name, 1.0)
-        _add_solid(scene, winding_surface(coil), COPPER, coil_opacity)
+        surface = winding_surface(coil)
+        _add_solid(scene, surface, COPPER, _seen_through(surface, device.workspace, coil_opacity))
         if ampere:
             arrow = current_arrow(coil, sense=float(ampere))
             scene.add_mesh(arrow, color=CURRENT, ambient=0.4, smooth_shading=True)
@@ -81,8 +119,7 @@ def device_scene(
         source = as_field(field)
         _add_slices(scene, source, flowing)
         if directions:
-            lower, upper = require_bounds(source)
-            add_directions(scene, source.at(flowing), lower, upper)
+            add_directions(scene, source.at(flowing), require_bounds(source))
     if names and device.coils:
         _add_names(scene, device)
     if magnet_at is not None and device.payload is not None:
@@ -91,6 +128,18 @@ def device_scene(
         add_rulers(scene)
     scene.enable_anti_aliasing("ssaa")
     return scene
+
+
+def _seen_through(surface: pv.PolyData, space: Workspace | None, opacity: float) -> float:
+    """The opacity of a solid: little where it stands before much of the workspace."""
+    if space is None:
+        return opacity
+    room = extent(workspace_outline(space))
+    places = box_grid((room[:, 0] / MM, room[:, 1] / MM), (3, 3, 3)).points
+    beyond = 10.0 * np.ptp(extent(surface)) * np.array(VIEW)
+    whole = surface.triangulate()
+    hidden = sum(whole.ray_trace(place, place + beyond)[1].size > 0 for place in places)
+    return min(opacity, _TRANSLUCENT) if hidden > _HIDDEN * len(places) else opacity
 
 
 def _add_solid(scene: pv.Plotter, surface: pv.DataSet, colour: str, opacity: float = 1.0) -> None:
@@ -106,9 +155,7 @@ def _add_solid(scene: pv.Plotter, surface: pv.DataSet, colour: str, opacity: flo
         specular=0.15,
         specular_power=25.0,
     )
-    edges = surface.clean().extract_feature_edges(
-        feature_angle=35.0, boundary_edges=False, non_manifold_edges=False, manifold_edges=False
-    )
+    edges = sharp_edges(surface)
     if edges.n_points:
         scene.add_mesh(edges, color=INK, line_width=1.5, opacity=0.55)
 
@@ -119,7 +166,9 @@ def _add_names(scene: pv.Plotter, device: Device) -> None:
         # Labels at points are drawn over everything, or nowhere.
         text = vtkBillboardTextActor3D()
         text.SetInput(coil.name)
-        text.SetPosition(*name_place(coil, VIEW))
+        # Before the winding and what juts out over it, in a view where that moves nothing.
+        before = 0.25 * float(np.ptp(extent(winding_surface(coil)), axis=1).max())
+        text.SetPosition(*(name_place(coil, VIEW) + before * np.array(VIEW)))
         text.GetTextProperty().SetFontSize(NAME_SIZE)
         text.GetTextProperty().SetBold(True)
         text.GetTextProperty().SetJustificationToCentered()
@@ -129,97 +178,57 @@ def _add_names(scene: pv.Plotter, device: Device) -> None:
         scene.add_actor(text, pickable=False, reset_camera=False)  # type: ignore[arg-type]
 
 
-def workspace_outline(space: Workspace) -> pv.PolyData:
-    """Edges of the workspace, mm."""
-    if isinstance(space, WorkspaceBox):
-        return pv.Box(tuple(MM * np.column_stack([space.lower, space.upper]).ravel())).extract_all_edges()
-    return pv.Cylinder(
-        center=MM * (space.base + np.array([0.0, 0.0, space.height / 2])),
-        direction=(0, 0, 1),
-        radius=MM * space.radius,
-        height=MM * space.height,
-        resolution=64,
-    ).extract_feature_edges(feature_angle=35.0)
-
-
 def _add_slices(scene: pv.Plotter, field: Field, currents: Array) -> None:
-    """|B| in mT on the planes x = middle and y = middle of the map's box."""
-    slices = slice_planes(field, currents)
-    values = np.concatenate([plane["|B|"] for plane in slices])
-    step = label_step(float(np.ptp(values)))
-    limits = (step * np.floor(values.min() / step), step * np.ceil(values.max() / step))
-    bar: Any = _SCALAR_BAR | {"n_labels": int(np.rint((limits[1] - limits[0]) / step)) + 1}
-    for plane in slices:
-        scene.add_mesh(
-            plane,
-            scalars="|B|",
-            cmap=COLOUR_MAP,
-            clim=limits,
-            lighting=False,
-            show_scalar_bar=plane is slices[0],
-            scalar_bar_args=bar,
-        )
+    """|B| on the planes x = middle and y = middle of the field's box."""
+    box = require_bounds(field)
+    planes = plane_grids(box, points=81, floor=False)
+    for plane in planes:
+        plane[FLUX] = MM * np.linalg.norm(field.field(grid_points(plane, box), currents), axis=1)
+    add_planes(scene, planes, FLUX)
 
 
-def add_directions(scene: pv.Plotter, field: FieldAtCurrents, lower: Array, upper: Array) -> None:
-    """Arrows along B, all of one length, before the slices x = middle and y = middle of a box with corners (3,), m."""
-    middle, size = 0.5 * (lower + upper), upper - lower
+def add_planes(
+    scene: pv.Plotter, planes: list[pv.ImageData], title: str, bar_at: tuple[float, float] | None = None
+) -> list[pv.Actor]:
+    """Draw the point data `title` of planes in colour, with one colour bar for all; bar_at: its lower left corner."""
+    settings = colour_bar(title, np.concatenate([plane[title] for plane in planes]))
+    if bar_at is not None:
+        settings["scalar_bar_args"] |= {"position_x": bar_at[0], "position_y": bar_at[1]}
+    look = {"lighting": False, "nan_color": "white"}
+    return [
+        add_coloured(scene, plane, title, settings, show_scalar_bar=plane is planes[0], **look)
+        for plane in planes
+    ]
+
+
+def add_directions(scene: pv.Plotter, field: FieldAtCurrents, box: Bounds) -> None:
+    """Arrows along B, all of one length, before the slices x = middle and y = middle of a box."""
+    size = np.subtract(box[1], box[0])
     step = float(size.max()) / _ARROWS
-    places = []
-    for axis in (0, 1):
-        counts = np.maximum(2, np.rint(size / step)).astype(int)
-        ticks = [
-            low + (np.arange(n) + 0.5) / n * span for low, n, span in zip(lower, counts, size, strict=True)
-        ]
-        ticks[axis] = middle[axis : axis + 1]
-        places.append(np.stack(np.meshgrid(*ticks, indexing="ij"), axis=-1).reshape(-1, 3))
+    counts = np.maximum(2, np.rint(size / step)).astype(int)
+    slices = [plane_of(box, normal, None, tuple(np.delete(counts, k))) for k, normal in enumerate("xy")]
     # One row stands where the slices cross: once is enough.
-    points = np.unique(np.vstack(places).round(12), axis=0)
-    cloud = pv.PolyData(MM * points + _BEFORE * np.sign(VIEW) * [1.0, 1.0, 0.0])
-    cloud["direction"] = field.field(points)
-    slender = pv.Arrow(start=(-0.5, 0.0, 0.0), tip_length=0.4, tip_radius=0.14, shaft_radius=0.045)
-    arrows = cloud.glyph(orient="direction", scale=False, factor=_ARROW_LENGTH * MM * step, geom=slender)
-    scene.add_mesh(arrows, color="white", lighting=False, show_scalar_bar=False)
+    points = np.unique(np.vstack([places for places, _ in slices]).round(12), axis=0)
+    before = points + 1e-3 * _BEFORE * np.sign(VIEW) * [1.0, 1.0, 0.0]
+    flux = field.field(points)
+    even = flux / np.linalg.norm(flux, axis=1, keepdims=True)
+    scene.add_mesh(arrows_at(before, even, _ARROW_LENGTH * MM * step), color="white", lighting=False)
 
 
-_SCALAR_BAR: dict[str, Any] = {
-    # Not |B|: the text renderer takes | for a column break.
-    "title": "B, mT",
-    "vertical": True,
-    "height": 0.45,
-    "width": 0.06,
-    "position_x": 0.86,
-    "position_y": 0.08,
-    "fmt": "%.1f",
-    "color": INK,
-    "title_font_size": 30,
-    "label_font_size": 26,
-}
-
-
-def slice_planes(field: AnyField, currents: Array, points: int = 81) -> list[pv.StructuredGrid]:
-    """Planes x = middle and y = middle of the field's box, in mm, with |B| in mT as point data "|B|"."""
-    source = as_field(field)
-    lower, upper = require_bounds(source)
-    inset = 1e-9 * (upper - lower)
-    x, y, z = (np.linspace(a, b, points) for a, b in zip(lower + inset, upper - inset, strict=True))
-    middle = 0.5 * (lower + upper)
-    planes = []
-    for across in ((x, np.array([middle[1]])), (np.array([middle[0]]), y)):
-        mesh = np.meshgrid(*across, z, indexing="ij")
-        at = np.stack([axis.ravel() for axis in mesh], axis=1)
-        grid = pv.StructuredGrid(*(MM * axis for axis in mesh))
-        strength = MM * np.linalg.norm(source.field(at, currents), axis=1)
-        # VTK counts points with the first index fastest.
-        grid["|B|"] = strength.reshape(mesh[0].shape).ravel(order="F")
-        planes.append(grid)
-    return planes
+def arrows_at(places: Array, vectors: Array, longest: float) -> pv.PolyData:
+    """Arrows about places (n, 3), m, along vectors (n, 3), the longest `longest` mm; "size": of the vectors."""
+    cloud = pv.PolyData(MM * places)
+    cloud["direction"], cloud["size"] = vectors, np.linalg.norm(vectors, axis=1)
+    slender = pv.Arrow(start=(-0.5, 0.0, 0.0), tip_length=0.4, tip_radius=0.15, shaft_radius=0.05)
+    return cloud.glyph(
+        orient="direction", scale="size", factor=longest / float(cloud["size"].max()), geom=slender
+    )
 
 
 def add_payload(scene: pv.Plotter, payload: Payload, at: Array) -> None:
     """The payload's magnet with its centre at (3,), mm, and an arrow along its moment; or its pieces, upright."""
     for piece in payload.pieces:
-        surface = _placed_surface(piece).translate(at, inplace=False)
+        surface = piece_surface(piece).translate(at, inplace=False)
         _add_solid(scene, surface, IRON if isinstance(piece.shape, SoftBody) else MAGNET)
     shape = magnet_surface(payload.magnet)
     if shape is None:
@@ -230,37 +239,3 @@ def add_payload(scene: pv.Plotter, payload: Payload, at: Array) -> None:
         start=at + np.array([0.0, 0.0, half]), direction=(0, 0, 1), scale=2.0 * half, shaft_radius=0.06
     )
     scene.add_mesh(arrow, color=MAGNET)
-
-
-def payload_surface(payload: Payload) -> pv.PolyData | None:
-    """A payload's magnet, or all of its pieces, about its centre, upright, mm; None of a mere moment."""
-    if not payload.pieces:
-        return magnet_surface(payload.magnet)
-    return pv.merge([_placed_surface(piece) for piece in payload.pieces]).extract_surface(algorithm=None)
-
-
-def _placed_surface(piece: PayloadPiece) -> pv.PolyData:
-    shape = piece.shape
-    if isinstance(shape, SoftBody):
-        x, y, z = (MM * axis / 2 for axis in shape.axes)
-        surface = pv.Sphere(radius=1.0)
-        surface.scale((x, y, z), inplace=True)
-        return placed(surface, piece.placement)
-    magnet = magnet_surface(shape)
-    assert magnet is not None
-    return placed(magnet, piece.placement)
-
-
-def magnet_surface(magnet: Any) -> pv.PolyData | None:
-    """A payload's magnet about the origin, upright, mm; None where there is none."""
-    match magnet:
-        case MagnetCylinder(diameter, height):
-            return pv.Cylinder(
-                direction=(0, 0, 1), radius=MM * diameter / 2, height=MM * height, resolution=64
-            )
-        case MagnetSphere(diameter):
-            return pv.Sphere(radius=MM * diameter / 2)
-        case MagnetBlock(size):
-            x, y, z = (MM * edge / 2 for edge in size)
-            return pv.Box((-x, x, -y, y, -z, z))
-    return None

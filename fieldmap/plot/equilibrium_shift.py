@@ -1,13 +1,11 @@
 """Where the magnet rests over both direction signals, as a surface: signals in %, places in mm, colour the current."""
 
-from typing import Any
-
 import numpy as np
 import pyvista as pv
 
 from fieldmap.levitation import EquilibriumSurface
-from fieldmap.plot.colours import colour_bar
-from fieldmap.plot.device_drawing import COLOUR_MAP, MM
+from fieldmap.plot.places import MM
+from fieldmap.plot.scales import add_coloured
 from fieldmap.plot.shown import Shown
 from fieldmap.plot.style import INK
 
@@ -23,15 +21,14 @@ def shift_titles(quantity: str) -> tuple[str, str, str]:
 
 def add_shift(scene: pv.Plotter, shown: Shown, quantity: str) -> None:
     """The surface of one coordinate, its grid of signals, and the mean current as colour."""
-    shown.need("surface")
     assert shown.surface is not None
     surface = shift_surface(shown.surface, quantity)
     # One current everywhere needs no scale of colours.
     level = surface[LEVEL]
-    look: dict[str, Any] = {"color": "#9db7c9"}
     if np.ptp(level) > 1e-6 * np.abs(level).max():
-        look = {"scalars": LEVEL, "cmap": COLOUR_MAP, **colour_bar(LEVEL, level)}
-    scene.add_mesh(surface, lighting=False, **look)
+        add_coloured(scene, surface, LEVEL, lighting=False)
+    else:
+        scene.add_mesh(surface, color="#9db7c9", lighting=False)
     scene.add_mesh(surface.extract_all_edges(), color=INK, line_width=1.5, lighting=False)
 
 
@@ -40,13 +37,11 @@ def shift_surface(surface: EquilibriumSurface, quantity: str) -> pv.PolyData:
     x, y = np.meshgrid(PERCENT * surface.x_signals, PERCENT * surface.y_signals, indexing="ij")
     height = MM * surface.positions[..., COORDINATES[quantity]]
     index = np.arange(x.size).reshape(x.shape)
-    corners = np.stack([index[:-1, :-1], index[1:, :-1], index[1:, 1:], index[:-1, 1:]], axis=-1).reshape(
-        -1, 4
-    )
+    corners = np.stack([index[:-1, :-1], index[1:, :-1], index[1:, 1:], index[:-1, 1:]], axis=-1)
+    corners = corners.reshape(-1, 4)
     known = np.isfinite(height.ravel())
     corners = corners[known[corners].all(axis=1)]
     points = np.column_stack([x.ravel(), y.ravel(), np.nan_to_num(height.ravel())])
-    faces = np.column_stack([np.full(len(corners), 4), corners])
-    mesh = pv.PolyData(points, faces=faces.ravel())
+    mesh = pv.PolyData.from_regular_faces(points, corners)  # type: ignore[arg-type]
     mesh[LEVEL] = np.nan_to_num(surface.levels.ravel())
     return mesh.clean()

@@ -3,27 +3,34 @@
 from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
-from textwrap import fill
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.legend import Legend
 from matplotlib.lines import Line2D
 
 from fieldmap.curves import Curves, Series, message_of
-from fieldmap.plot.style import COLOURS, INK, QUIET, figure_style, save_figure
+from fieldmap.plot.style import COLOURS, QUIET, add_heading, grouped, new_figure, save_figure
+from fieldmap.typing import Array
 
 WIDTH, HEIGHT, DOTS_PER_INCH = 6.4, 4.4, 130
-_LINES = {"ours": "-", "published": "--", "measured": "-.", "asked": "-"}
-_MARKS = {"ours": "o", "published": "s", "measured": "x", "asked": "."}
-# Hollow, so that ours shows through where both agree; heavy, so that a single cross is seen upon lines.
-_MARK_STYLES: dict[str, dict[str, Any]] = {
-    "published": {"markersize": 9, "markerfacecolor": "none"},
-    "measured": {"markersize": 8, "markeredgewidth": 1.8},
+# What is not ours lies on top, and through its gaps ours is seen.
+_LINES: dict[str, dict[str, Any]] = {
+    "ours": {"linestyle": "-", "linewidth": 1.6, "zorder": 2.0},
+    "published": {"linestyle": "--", "linewidth": 2.2, "zorder": 3.0},
+    "measured": {"linestyle": "-.", "linewidth": 2.2, "zorder": 3.0},
+    "asked": {"linestyle": "-", "linewidth": 0.9, "zorder": 1.5},
 }
+# Hollow, so that ours shows through where both agree; heavy, so that a single cross is seen upon lines.
+_MARKS: dict[str, dict[str, Any]] = {
+    "ours": {"marker": "o"},
+    "published": {"marker": "s", "markersize": 9, "markerfacecolor": "none"},
+    "measured": {"marker": "x", "markersize": 8, "markeredgewidth": 1.8},
+    "asked": {"marker": "."},
+}
+_MARK: dict[str, Any] = {"linestyle": "none", "markersize": 6, "zorder": 4.0}
 _ASKED = "#404040"
 _MANY = 5
 _APART, _MOSTLY = 0.01, 0.9
@@ -33,7 +40,6 @@ _SAME = 1e-3
 # Of direct labels: size, height over it, how far one may be moved off the end of its line (in heights), how far from
 # the right edge a line may end (share of the width), and characters that leave room for the lines.
 _LABEL_SIZE, _SPACING, _MOVED, _SHORT, _LONGEST = 8, 1.35, 2.2, 0.12, 26
-_TITLE_LINES, _MESSAGE_WIDTH = 1.45, 68
 
 
 def save_curves(curves: Curves, path: str | Path) -> Path:
@@ -43,9 +49,7 @@ def save_curves(curves: Curves, path: str | Path) -> Path:
 
 def curves_figure(curves: Curves) -> Figure:
     """One figure, in the style of all."""
-    with figure_style():
-        figure = Figure(figsize=(WIDTH, HEIGHT), dpi=DOTS_PER_INCH)
-        FigureCanvasAgg(figure)
+    with new_figure(WIDTH, HEIGHT, DOTS_PER_INCH) as figure:
         draw_curves(figure.add_subplot(), curves)
     return figure
 
@@ -58,10 +62,10 @@ def draw_curves(axes: Axes, curves: Curves) -> None:
     """
     names = list(dict.fromkeys(series.name for series in curves.series if series.kind != "asked"))
     for k, series in enumerate(curves.series):
-        style = _style(series)
-        if not series.points and any(_covers(series, below, curves) for below in curves.series[:k]):
+        style = _MARK | _MARKS[series.kind] if series.points else _LINES[series.kind]
+        if any(_covers(series, below, curves) for below in curves.series[:k]):
             # With gaps, through which the line below shows.
-            style |= {"linestyle": (0, (4.0, 4.0)), "zorder": style["zorder"] + 0.5}
+            style = style | {"linestyle": (0, (4.0, 4.0)), "zorder": style["zorder"] + 0.5}
         asked = series.kind == "asked"
         colour = _ASKED if asked else COLOURS[names.index(series.name) % len(COLOURS)]
         axes.plot(series.x, series.y, color=colour, **style)
@@ -69,73 +73,32 @@ def draw_curves(axes: Axes, curves: Curves) -> None:
     if curves.equal:
         # By wider limits, not a smaller frame: a legend beside the frame keeps its place.
         axes.set_aspect("equal", adjustable="datalim")
-    _add_title(axes, curves)
+    add_heading(axes, curves.message or message_of(curves), curves.title)
     axes.grid(True)
     axes.set_axisbelow(True)
     if not _name_at_ends(axes, curves):
         _add_legend(axes, _entries(axes, curves, curves.series))
 
 
-def _add_title(axes: Axes, curves: Curves) -> None:
-    """The message in bold, and below it the title."""
-    message = curves.message or message_of(curves)
-    axes.set_title(curves.title, loc="left", color=QUIET if message else INK)
-    if message:
-        above = 6.0 + _TITLE_LINES * float(axes.title.get_fontsize()) * (curves.title.count("\n") + 1)
-        axes.annotate(
-            _in_lines(message),
-            (0.0, 1.0),
-            xycoords="axes fraction",
-            xytext=(0.0, above),
-            textcoords="offset points",
-            fontsize=10,
-            fontweight="bold",
-            color=INK,
-            annotation_clip=False,
-        )
-
-
-def _in_lines(message: str) -> str:
-    """One line if it fits, otherwise two that are about equally long."""
-    if len(message) <= _MESSAGE_WIDTH:
-        return message
-    return fill(message, min(_MESSAGE_WIDTH, len(message) // 2 + 8))
+def _apart(one: Series, other: Series, curves: Curves) -> Array | None:
+    """How far two lines over the same x are apart (n,), as shares of the figure's height; None of others."""
+    if one.points or other.points or one.x.shape != other.x.shape or not np.allclose(one.x, other.x):
+        return None
+    height = np.ptp(np.concatenate([line.y[np.isfinite(line.y)] for line in curves.series]))
+    return np.asarray(np.abs(one.y - other.y) / max(float(height), 1e-300))
 
 
 def _covers(series: Series, below: Series, curves: Curves) -> bool:
     """Whether a line would hide one of another name that was drawn before it."""
-    if below.points or below.name == series.name or series.x.shape != below.x.shape:
-        return False
-    near = np.abs(series.y - below.y) < _APART * _height(curves)
+    apart = None if below.name == series.name else _apart(series, below, curves)
     # Where lines are steep, a little aside is far apart.
-    return bool(np.allclose(series.x, below.x) and np.mean(near) > _MOSTLY)
-
-
-def _height(curves: Curves) -> float:
-    return float(np.ptp(np.concatenate([line.y[np.isfinite(line.y)] for line in curves.series])))
+    return apart is not None and bool(np.mean(apart < _APART) > _MOSTLY)
 
 
 def _same(one: Series, other: Series, curves: Curves) -> bool:
     """Whether two lines are one to the eye."""
-    if one.points or other.points or one.x.shape != other.x.shape or not np.allclose(one.x, other.x):
-        return False
-    return bool(np.nanmax(np.abs(one.y - other.y), initial=0.0) <= _SAME * _height(curves))
-
-
-def _style(series: Series) -> dict[str, Any]:
-    if series.points:
-        style: dict[str, Any] = {
-            "linestyle": "none",
-            "marker": _MARKS[series.kind],
-            "markersize": 6,
-            "zorder": 4,
-        }
-        return style | _MARK_STYLES.get(series.kind, {})
-    if series.kind == "asked":
-        return {"linestyle": _LINES["asked"], "linewidth": 0.9, "zorder": 1.5}
-    # What is not ours lies on top, and through its gaps ours is seen.
-    ours = series.kind == "ours"
-    return {"linestyle": _LINES[series.kind], "linewidth": 1.6 if ours else 2.2, "zorder": 2 if ours else 3}
+    apart = _apart(one, other, curves)
+    return apart is not None and bool(np.nanmax(apart, initial=0.0) <= _SAME)
 
 
 def _name_at_ends(axes: Axes, curves: Curves) -> bool:
@@ -180,17 +143,8 @@ def _name_at_ends(axes: Axes, curves: Curves) -> bool:
 
 def _groups(curves: Curves) -> list[list[Series]]:
     """Lines by what their ends are named: of one name whosever they are, or of several names but the same."""
-    groups: list[list[Series]] = []
-    for series in curves.series:
-        if series.points:
-            continue
-        mates = (g for g in groups if g[0].name == series.name or _same(g[0], series, curves))
-        group = next(mates, None)
-        if group is None:
-            groups.append([series])
-        else:
-            group.append(series)
-    return groups
+    lines = [series for series in curves.series if not series.points]
+    return grouped(lines, lambda one, other: one.name == other.name or _same(one, other, curves))
 
 
 def _group_name(group: Sequence[Series]) -> str:
@@ -232,8 +186,7 @@ def _rest(axes: Axes, curves: Curves, groups: Sequence[Sequence[Series]]) -> dic
     entries: dict[str, Any] = {}
     kinds = list(dict.fromkeys(s.kind for group in groups for s in group if s.kind != "asked"))
     for kind in kinds if len(kinds) > 1 else ():
-        entries[kind] = Line2D([], [], color=QUIET, linewidth=1.6 if kind == "ours" else 2.2)
-        entries[kind].set_linestyle(_LINES[kind])
+        entries[kind] = Line2D([], [], color=QUIET, **_LINES[kind])
     named = {series.name for group in groups for series in group}
     marks = [s for s in curves.series if s.points and not (s.kind == "ours" and s.name in named)]
     return entries | _entries(axes, curves, marks)

@@ -7,44 +7,41 @@ import pyvista as pv
 
 from fieldmap.constants import GRAVITY
 from fieldmap.device.model import Payload
-from fieldmap.field import AnyField
+from fieldmap.field import AnyField, Bounds
 from fieldmap.levitation.balance import upright_force
-from fieldmap.plot.colours import colour_bar, fitting_prefix
-from fieldmap.plot.device_drawing import COLOUR_MAP, MM, add_payload
+from fieldmap.plot.device_drawing import add_payload, arrows_at
+from fieldmap.plot.places import MM, plane_of
+from fieldmap.plot.scales import add_coloured, colour_bar
 from fieldmap.plot.shown import Shown
+from fieldmap.plot.words import fitting_prefix
 from fieldmap.typing import Array
 
-TITLE, NET = "force", "net force"
-_PLACES = (7, 3, 7)
+_ALONG, _LAYERS = 7, 3
+"""Places along x and z, and layers of constant y."""
 
 
 def add_forces(scene: pv.Plotter, shown: Shown) -> None:
     """Arrows of the magnetic force on the payload's magnet, moment upwards, on a grid of its places."""
-    shown.need("field", "lower", "payload")
     assert shown.payload is not None
-    places = places_in_box(shown)
-    _add_arrows(
-        scene, places, magnetic_force(shown.state, shown.currents, shown.payload, places), TITLE, shown
-    )
+    places = places_in_box(shown.box)
+    force = magnetic_force(shown.state, shown.currents, shown.payload, places)
+    _add_arrows(scene, shown, places, force, "force")
 
 
 def add_equilibrium(scene: pv.Plotter, shown: Shown) -> None:
     """The magnet where it is in balance, and around it magnetic force and weight together."""
-    shown.need("field", "lower", "payload", "equilibrium")
     assert shown.payload is not None
-    places = places_in_box(shown)
-    _add_arrows(scene, places, net_force(shown.state, shown.currents, shown.payload, places), NET, shown)
+    places = places_in_box(shown.box)
+    force = net_force(shown.state, shown.currents, shown.payload, places)
+    _add_arrows(scene, shown, places, force, "net force")
     add_payload(scene, shown.payload, MM * np.asarray(shown.equilibrium))
 
 
-def places_in_box(shown: Shown) -> Array:
+def places_in_box(box: Bounds) -> Array:
     """Points (n, 3), m, in layers of constant y."""
-    lower, upper = np.asarray(shown.lower, dtype=float), np.asarray(shown.upper, dtype=float)
-    axes = [
-        low + (np.arange(n) + 0.5) / n * (high - low)
-        for low, high, n in zip(lower, upper, _PLACES, strict=True)
-    ]
-    return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+    low, high = box[0][1], box[1][1]
+    layers = low + (np.arange(_LAYERS) + 0.5) / _LAYERS * (high - low)
+    return np.vstack([plane_of(box, "y", float(y), (_ALONG, _ALONG))[0] for y in layers])
 
 
 def magnetic_force(field: AnyField, currents: Any, payload: Payload, places: Array) -> Array:
@@ -59,17 +56,12 @@ def net_force(field: AnyField, currents: Any, payload: Payload, places: Array) -
     return magnetic_force(field, currents, payload, places) + weight
 
 
-def _add_arrows(scene: pv.Plotter, places: Array, force: Array, title: str, shown: Shown) -> None:
+def _add_arrows(scene: pv.Plotter, shown: Shown, places: Array, force: Array, name: str) -> None:
     size = np.linalg.norm(force, axis=1)
     prefix, factor = fitting_prefix(float(size.max()))
-    title = f"{title}, {prefix}N"
-    cloud = pv.PolyData(MM * places)
-    cloud["direction"] = force
-    cloud[title] = factor * size
+    title = f"{name}, {prefix}N"
     # The longest arrow spans the distance of two places.
-    size_of_box = np.asarray(shown.upper, dtype=float) - np.asarray(shown.lower, dtype=float)
-    room = MM * float(np.min(size_of_box / np.array(_PLACES)))
-    arrows = cloud.glyph(
-        orient="direction", scale=title, factor=1.3 * room / (factor * size.max()), geom=pv.Arrow()
-    )
-    scene.add_mesh(arrows, scalars=title, cmap=COLOUR_MAP, ambient=0.4, **colour_bar(title, factor * size))
+    room = MM * float(np.min((shown.box[1] - shown.box[0]) / [_ALONG, _LAYERS, _ALONG]))
+    arrows = arrows_at(places, force, 1.3 * room)
+    arrows[title] = factor * arrows["size"]
+    add_coloured(scene, arrows, title, colour_bar(title, factor * size), ambient=0.4)

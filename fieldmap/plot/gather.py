@@ -20,8 +20,8 @@ from fieldmap.io import FieldSource
 from fieldmap.io.answers import require_box
 from fieldmap.levitation import ReachableSet, SearchedSet, equilibrium_surface, find_equilibrium, reachable
 from fieldmap.lookup import MagneticBody, MapAtCurrents, magnetic_body
-from fieldmap.plot.colours import fitting_prefix
 from fieldmap.plot.shown import Shown, ShownRun
+from fieldmap.plot.words import amperes_in_words, fitting_prefix, millimetres
 from fieldmap.progress import Progress
 from fieldmap.shipped import shipped_file
 from fieldmap.store import read_runs
@@ -43,9 +43,8 @@ def shown_device(device: Device) -> Shown:
 def shown_mesh(device: Device, refinement: float = 1.0) -> Shown:
     """The mesh of a device's iron; nothing is solved. Raises InputError for a device without iron."""
     if not device.bodies:
-        raise InputError(
-            Problem(device.name, "must have iron to mesh", "no bodies", "name a device with iron")
-        )
+        remedy = "name a device with iron"
+        raise InputError(Problem(device.name, "must have iron to mesh", "no bodies", remedy))
     from fieldmap.iron import generate_mesh
 
     mesh = generate_mesh(device, refinement)
@@ -72,14 +71,8 @@ def shown_field(
     if what == "difference":
         return _difference(source, minus, currents)
     title = f"{source.name} ({source.kind}), {amperes_in_words(currents, source.coil_names)}"
-    about = Shown(
-        title,
-        source.device,
-        currents=currents,
-        lower=None if source.bounds is None else source.bounds[0],
-        upper=None if source.bounds is None else source.bounds[1],
-        payload=source.payload,
-    )
+    lower, upper = source.bounds or (None, None)
+    about = Shown(title, source.device, currents=currents, lower=lower, upper=upper, payload=source.payload)
     if what == "reachable":
         return _reachable(source, about, currents, place, limit, kind)
     if what not in WITH_FIELD:
@@ -91,19 +84,14 @@ def shown_field(
 
 def _with_field(source: FieldSource, about: Shown, currents: Array, what: str) -> Shown:
     state = source.field.at(currents)
-    iron = None if isinstance(state, MapAtCurrents) else _solved(state)
+    iron = _solved(state)
     found = find_equilibrium(source.field, currents, source.payload) if what == "equilibrium" else None
-    return Shown(
-        about.title,
-        about.device,
+    return replace(
+        about,
         field=state,
-        currents=currents,
-        lower=about.lower,
-        upper=about.upper,
         everywhere=iron is not None,
         mesh=None if iron is None else iron.mesh,
         flux_density=None if iron is None or iron.mesh is None else iron.element_flux_density,
-        payload=about.payload,
         equilibrium=None if found is None else found.position,
         assumptions=_told(source, currents),
     )
@@ -111,6 +99,8 @@ def _with_field(source: FieldSource, about: Shown, currents: Array, what: str) -
 
 def _solved(state: Any) -> Any:
     """A state of solved iron; None for another field."""
+    if isinstance(state, MapAtCurrents):
+        return None
     # Here: maps are shown without what solves iron.
     from fieldmap.iron import SolvedState
 
@@ -131,7 +121,8 @@ def _reachable(
     exact = as_field(source.field).affine and not isinstance(acted_on, MagneticBody)
     with nullcontext() if exact else Progress("reachable set") as say:
         found = reachable(source.field, at, most, acted_on, progress=say)
-    title = f"{source.name}, at {_millimetres(at)} mm, each current within {most:g} A\n{_reach_in_words(found, source)}"
+    title = f"{source.name}, at {millimetres(at)} mm, each current within {most:g} A\n{_reach_in_words(found, source)}"
+    title += "; arrows: one coil alone at its limit" if isinstance(found, ReachableSet) else ""
     assumptions = _told(source, currents)
     if isinstance(found, SearchedSet):
         assumptions += (
@@ -170,12 +161,14 @@ def _told(source: FieldSource, currents: Array) -> tuple[str, ...]:
 
 def _difference(source: FieldSource, minus: FieldSource | None, currents: Array) -> Shown:
     if minus is None:
-        remedy = "add --minus MAP"
-        raise InputError(Problem("--what difference", "must come with --minus", "no --minus", remedy))
+        must_hold = "must come with --minus"
+        raise InputError(Problem("--what difference", must_hold, "no --minus", "add --minus MAP"))
     names = (source.name, minus.name)
     check_same_coils(source.coil_names, minus.coil_names, names)
     lower, upper = common_box(require_box(source), require_box(minus), names)
-    field = FieldDifference(_opened(source, currents), _opened(minus, currents))
+    for one in (source, minus):
+        _told(one, currents)
+    field = FieldDifference(source.field.at(currents), minus.field.at(currents))
     title = f"{source.name} less {minus.name}, {amperes_in_words(currents, source.coil_names)}"
     return Shown(title, field=field, currents=currents, lower=lower, upper=upper, payload=source.payload)
 
@@ -215,7 +208,7 @@ def common_box(
     lower, upper = np.maximum(first[0], second[0]), np.minimum(first[1], second[1])
     if (upper <= lower).any():
         boxes = ", ".join(
-            f"{name} {_millimetres(low)} to {_millimetres(high)} mm"
+            f"{name} {millimetres(low)} to {millimetres(high)} mm"
             for name, (low, high) in zip(names, (first, second), strict=True)
         )
         remedy = "choose two maps of the same workspace, in the same frame"
@@ -229,20 +222,11 @@ def check_same_coils(first: tuple[str, ...], second: tuple[str, ...], names: tup
         received = "; ".join(
             f"{name}: {', '.join(coils)}" for name, coils in zip(names, (first, second), strict=True)
         )
-        remedy = "compare two maps of one device"
-        raise InputError(
-            Problem("show, --minus", "both must have the same coils in the same order", received, remedy)
+        must_hold, remedy = (
+            "both must have the same coils in the same order",
+            "compare two maps of one device",
         )
-
-
-def _millimetres(point: Array) -> str:
-    return "(" + ", ".join(f"{1e3 * x:.6g}" for x in point) + ")"
-
-
-def _opened(source: FieldSource, currents: Array) -> FieldAtCurrents:
-    state = source.field.at(currents)
-    _told(source, currents)
-    return state
+        raise InputError(Problem("show, --minus", must_hold, received, remedy))
 
 
 def _shift(source: FieldSource, currents: Array, height: float | None) -> Shown:
@@ -270,17 +254,6 @@ def floating_height(source: FieldSource, currents: Array) -> tuple[float, str]:
     return float(found.position[2]), ", where it floats"
 
 
-def amperes_in_words(currents: Array, names: tuple[str, ...]) -> str:
-    """One number if all currents are the same.
-
-    >>> amperes_in_words(np.array([2.0, 2.0]), ("left", "right"))
-    '2 A in each of 2 coils'
-    """
-    if len(set(currents)) == 1:
-        return f"{currents[0]:g} A in {'the coil' if len(names) == 1 else f'each of {len(names)} coils'}"
-    return ", ".join(f"{name}: {value:g} A" for name, value in zip(names, currents, strict=True))
-
-
 # Columns of the signals that are drawn.
 _COLUMNS = {"position": 3, "quaternion": 4, "sensed": 3, "reference": 3}
 
@@ -299,9 +272,8 @@ def shown_run(path: PathLike) -> Shown:
     for name, columns in {**_COLUMNS, "currents": len(device.coils)}.items():
         there = signals[name].shape if name in signals else None
         if there != (*rows, columns):
-            raise _no_run(
-                path, f"{name} must have {columns} columns and a row for each time", f"shape {there}"
-            )
+            must_hold = f"{name} must have {columns} columns and a row for each time"
+            raise _no_run(path, must_hold, f"shape {there}")
     body = scenario.get("body", {})
     given = [body.get(key) for key in ("radius_mm", "height_mm")] if isinstance(body, dict) else []
     sizes = [1e-3 * float(size) for size in given if size is not None and is_number(size)]

@@ -2,15 +2,13 @@
 
 import asyncio
 import sys
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from fieldmap.errors import FieldmapError
 from fieldmap.extras import require
-from fieldmap.plot.live_state import LiveState
-from fieldmap.plot.live_window import LiveWindow
+from fieldmap.plot.live_window import LEGEND, LiveWindow
 
 WHERE = "fieldmap app --web"
 
@@ -18,19 +16,16 @@ WHERE = "fieldmap app --web"
 class LivePage:
     """A page with one slider for each of `window.live.controls`, reset, and saved states.
 
-    window: off-screen and without sliders of its own; it draws what the page shows. states_file: where saved states are
-    kept. name: of the server. `server.state` holds what the page shows: `values`, the words of the answer, `saved`,
+    window: off-screen and without sliders of its own; it draws what the page shows, and keeps the states. name: of the
+    server. `server.state` holds what the page shows: `values`, the words of the answer, `saved`,
     `problem`. Raises FieldmapError where trame is not installed, InputError for a file that holds no saved states.
     """
 
-    def __init__(
-        self, window: LiveWindow, title: str, states_file: Path | None = None, name: str = "fieldmap"
-    ) -> None:
+    def __init__(self, window: LiveWindow, title: str, name: str = "fieldmap") -> None:
         app = require("trame.app", "web", WHERE)
         require("trame.widgets.vuetify3", "web", WHERE)
         require("trame.widgets.vtk", "web", WHERE)
-        self.window, self.title = window, title
-        self.model = LiveState(window.live, states_file)
+        self.window, self.title, self.model = window, title, window.state
         self.server = app.get_server(name, client_type="vue3")
         self._view: Any = None
         self._put()
@@ -81,23 +76,14 @@ class LivePage:
             problem = error.problems[0].must_hold
         self._put()
         self.server.state.problem = problem
-        self.window.show_answer(self.model.values, self.model.answer)
+        self.window.show_answer()
         if self._view is not None:
             self._view.update()
 
     def _put(self) -> None:
         """What the page shows of the model."""
-        words = self.model.words
-        self.server.state.update(
-            {
-                "values": self.model.values.tolist(),
-                "currents": words.currents,
-                "force": words.force,
-                "lift": words.lift,
-                "equilibrium": words.equilibrium,
-                "saved": list(self.model.saved),
-            }
-        )
+        values, saved = self.model.values.tolist(), list(self.model.saved)
+        self.server.state.update({"values": values, "saved": saved} | self.model.words)
 
     def _build(self) -> None:
         layouts = require("trame.ui.vuetify3", "web", WHERE)
@@ -107,13 +93,16 @@ class LivePage:
         with layouts.VAppLayout(self.server) as layout:
             layout.root.theme = "light"
             with v3.VContainer(fluid=True, classes="pa-2"), v3.VRow(no_gutters=True):
-                with v3.VCol(cols=12, md=8, style="height: 75vh; min-height: 320px"):
+                with v3.VCol(cols=12, md=8):
                     html.Div(self.title, classes="text-subtitle-1", id="title")
-                    self._view = vtk.VtkRemoteView(
-                        self.window.scene.render_window, interactive_ratio=1, style="height: 92%"
-                    )
+                    # Only the picture has a height of its own: words take the lines that they need.
+                    with html.Div(style="height: 65vh; min-height: 300px"):
+                        self._view = vtk.VtkRemoteView(
+                            self.window.scene.render_window, interactive_ratio=1, style="height: 100%"
+                        )
                     for name in ("force", "lift", "equilibrium", "currents"):
                         html.Div(f"{{{{ {name} }}}}", id=name, classes="text-body-2")
+                    html.Div(LEGEND, classes="text-caption")
                 with v3.VCol(cols=12, md=4, classes="pa-2"):
                     self._add_sliders(v3, html)
                     self._add_states(v3, html)

@@ -1,37 +1,41 @@
 """A map to play with: sliders for the currents; field, force and equilibrium follow. Lengths in mm."""
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pyvista as pv
+from numpy.typing import ArrayLike
 
 from fieldmap.device.model import Payload
 from fieldmap.lookup import FieldMap
-from fieldmap.plot.colours import colour_bar
-from fieldmap.plot.device_drawing import COLOUR_MAP, MAGNET, MM, magnet_surface
-from fieldmap.plot.live_answers import LiveAnswer, LiveMap
-from fieldmap.plot.live_state import answer_in_words
+from fieldmap.plot.device_drawing import FLUX, MAGNET, VIEW, add_planes
+from fieldmap.plot.live_answers import LiveAnswer, LiveMap, LiveState
 from fieldmap.plot.picture import look_at
-from fieldmap.plot.rendering import require_renderer, require_window
-from fieldmap.plot.rulers import add_rulers
-from fieldmap.plot.style import INK
-from fieldmap.plot.volumes import planes_of_box
+from fieldmap.plot.places import MM, grid_points, plane_grids
+from fieldmap.plot.rendering import new_scene, require_window
+from fieldmap.plot.scales import add_rulers, colour_bar
+from fieldmap.plot.solids import box_edges, extent, magnet_surface
+from fieldmap.plot.style import INK, text_properties
 from fieldmap.typing import Array
 
 WINDOW = (1500, 950)
-TITLE = "B, mT"
 FORCE = "#D55E00"
+LEGEND = "red: the magnet where it floats; orange: the force on it at the height of the slider"
 _NUMBER = {"A": "%.3f A", "1": "%.3f", "mm": "%.1f mm"}
+_SMALL = 700
+"""Pixels: in a window that is narrower, words shrink with it."""
 
 
 class LiveWindow:
     """A window with one slider for each of `live.controls`: `.show()` opens it, `.move(values)` does what sliders do.
 
     field_map, payload, current_limit, force_scale: as for `LiveMap`. title: a line above. off_screen: draw without a
-    window, for pictures. sliders: without them there are no words either, both stand elsewhere. Red: where the magnet
-    floats. Orange: the force on it where the height slider puts it, as long as a fifth of the box where it carries the
-    weight. planes: grids with |B| in mT; magnet_at: where the magnet is drawn, mm, or None; values: of the sliders.
-    Raises FieldmapError on a machine without OpenGL.
+    window, for pictures. sliders: without them there are no words either, both stand elsewhere. states_file: as for
+    `LiveState`. Red: where the magnet floats. Orange: the force on it where the height slider puts it, as long as a
+    fifth of the box where it carries the weight. state: values of the sliders and the answer to them. planes: grids
+    with |B| in mT; magnet_at: where the magnet is drawn, mm, or None.
+    Raises FieldmapError on a machine without OpenGL, InputError for a file that holds no saved states.
     """
 
     def __init__(
@@ -44,62 +48,62 @@ class LiveWindow:
         off_screen: bool = False,
         window: tuple[int, int] = WINDOW,
         sliders: bool = True,
+        states_file: Path | None = None,
     ) -> None:
-        require_renderer()
-        self.planes = planes_of_box(field_map.lower, field_map.upper)
-        points = np.clip(
-            np.vstack([plane.points for plane in self.planes]) / MM, field_map.lower, field_map.upper
-        )
+        self.scene = new_scene(window, off_screen)
+        self._window: Any = self.scene.render_window
+        self.planes = plane_grids(field_map.bounds)
+        points = np.vstack([grid_points(plane, field_map.bounds) for plane in self.planes])
         self.live = LiveMap(field_map, payload, points, current_limit, force_scale)
-        self.values = np.array([control.value for control in self.live.controls])
-        self._magnet = None if payload is None else magnet_surface(payload.magnet)
-        self._arrow_length = 0.2 * MM * float((field_map.upper - field_map.lower)[2])
-        self.scene = pv.Plotter(off_screen=off_screen, window_size=list(window))
+        self.state = LiveState(self.live, states_file)
         # Smoothed edges cost a processor that draws by itself seven times as long.
         self.scene.disable_anti_aliasing()
-        self._build(title)
-        self.sliders = [self._add_slider(k) for k in range(len(self.values) if sliders else 0)]
-        self._told = sliders
-        self.move(self.values)
+        self._build(field_map, None if payload is None else magnet_surface(payload.magnet), title)
+        self.sliders = [self._add_slider(k) for k in range(len(self.state.values) if sliders else 0)]
+        self._sizes = [(words, words.GetFontSize()) for words in text_properties(self.scene)]
+        self._fit(np.array(VIEW))
+        self._window.AddObserver("WindowResizeEvent", self._resized)
+        self.show_answer()
+
+    @property
+    def values(self) -> Array:
+        """Of the sliders."""
+        return self.state.values
 
     def show(self) -> None:
         """Open the window, until it is closed. Raises FieldmapError without a screen."""
         require_window(self.scene)
         self.scene.show()
 
-    def move(self, values: Any) -> LiveAnswer:
+    def move(self, values: ArrayLike) -> LiveAnswer:
         """Answer at new values of all controls, and show it."""
-        values = np.array(values, dtype=float)
-        answer = self.live.answer(values)
-        self.show_answer(values, answer)
+        answer = self.state.move(values)
+        self.show_answer()
         return answer
 
-    def show_answer(self, values: Array, answer: LiveAnswer) -> None:
-        """Show what `live` answered to values."""
-        self.values = values
-        self._colour(1e3 * np.linalg.norm(answer.flux_density, axis=1))
+    def show_answer(self) -> None:
+        """Show the answer of `state`."""
+        answer, words = self.state.answer, self.state.words
+        self._colour(MM * np.linalg.norm(answer.flux_density, axis=1))
         self._place_magnet(answer)
         self._place_force(answer)
-        words = answer_in_words(answer, self.live.field_map.coil_names)
-        lines = (
-            words.currents,
-            ", ".join(text for text in (words.force, words.lift) if text),
-            words.equilibrium,
-        )
-        self.scene.add_text(
-            "\n".join(line for line in lines if line) if self._told else "",
-            position=(0.02, 0.02),
-            viewport=True,
-            font_size=11,
-            color=INK,
-            name="words",
-            render=False,
-        )
+        if self.sliders:
+            acting = ", ".join(text for text in (words["force"], words["lift"]) if text)
+            lines = (words["currents"], acting, words["equilibrium"], LEGEND)
+            self.scene.add_text(
+                "\n".join(line for line in lines if line),
+                position=(0.02, 0.02),
+                viewport=True,
+                font_size=11,
+                color=INK,
+                name="words",
+                render=False,
+            )
         self.scene.render()
 
     def as_numbers(self) -> dict[str, Any]:
         """The sliders and the answer at their values, as they are now. SI units, sliders in theirs."""
-        answer = self.live.answer(self.values)
+        answer = self.state.answer
         sliders = [
             {"name": c.name, "unit": c.unit, "lower": c.lower, "upper": c.upper, "value": float(value)}
             for c, value in zip(self.live.controls, self.values, strict=True)
@@ -114,38 +118,37 @@ class LiveWindow:
             "words": answer.words,
         }
 
-    def _build(self, title: str) -> None:
+    def _build(self, field_map: FieldMap, magnet: pv.PolyData | None, title: str) -> None:
         """Everything that does not move."""
-        scene, (low, high) = self.scene, (MM * self.live.field_map.lower, MM * self.live.field_map.upper)
-        scene.background_color = pv.Color("white")
-        settings = colour_bar(TITLE, [0.0, 1.0])
-        settings["scalar_bar_args"] |= {"position_x": 0.03, "position_y": 0.35}
-        self._actors = []
+        scene = self.scene
         for plane in self.planes:
-            plane[TITLE] = np.zeros(plane.n_points)
-            first = plane is self.planes[0]
-            self._actors.append(
-                scene.add_mesh(
-                    plane,
-                    scalars=TITLE,
-                    cmap=COLOUR_MAP,
-                    lighting=False,
-                    nan_color="white",
-                    show_scalar_bar=first,
-                    **settings,
-                )
-            )
-        scene.add_mesh(
-            pv.Box(tuple(np.column_stack([low, high]).ravel())).extract_all_edges(), color=INK, line_width=2
-        )
+            plane[FLUX] = np.linspace(0.0, 1.0, plane.n_points)
+        self._actors = add_planes(scene, self.planes, FLUX, bar_at=(0.03, 0.35))
+        scene.add_mesh(box_edges(field_map.bounds), color=INK, line_width=2)
         add_rulers(scene, spread=1.3)
-        look_at(scene, np.array(scene.bounds).reshape(3, 2), margin=0.55)
+        self._room = extent(scene)
         scene.add_text(title, position=(0.02, 0.95), viewport=True, font_size=12, color=INK)
-        body = pv.Sphere(radius=3.0) if self._magnet is None else self._magnet
+        body = pv.Sphere(radius=3.0) if magnet is None else magnet
         self._floating = scene.add_mesh(
             body, color=MAGNET, ambient=0.3, smooth_shading=True, split_sharp_edges=True
         )
         self._force = scene.add_mesh(pv.Arrow(), color=FORCE, ambient=0.4)
+        self._arrow_length = 0.2 * MM * float((field_map.upper - field_map.lower)[2])
+
+    def _fit(self, view: Array) -> None:
+        """Camera and words for the size that the window has now, which in a page is the browser's; view (3,): towards
+        the viewer."""
+        window = self._window.GetSize()
+        # Below the box stand four lines where the words are in the window.
+        look_at(self.scene, self._room, margin=0.6 if self.sliders else 0.42, view=view, size=window)
+        share = min(1.0, window[0] / _SMALL)
+        for words, size in self._sizes:
+            words.SetFontSize(round(share * size))
+
+    def _resized(self, *_: Any) -> None:
+        """The user may have turned the scene."""
+        camera = self.scene.camera
+        self._fit(np.subtract(camera.position, camera.focal_point))
 
     def _add_slider(self, k: int) -> Any:
         control, count = self.live.controls[k], len(self.live.controls)
@@ -180,10 +183,10 @@ class LiveWindow:
 
     def _colour(self, strength: Array) -> None:
         known = strength[np.isfinite(strength)]
-        settings = colour_bar(TITLE, known if known.size else [0.0, 1.0])
+        settings = colour_bar(FLUX, known if known.size else [0.0, 1.0])
         start = 0
         for plane, actor in zip(self.planes, self._actors, strict=True):
-            plane[TITLE] = strength[start : start + plane.n_points]
+            plane[FLUX] = strength[start : start + plane.n_points]
             start += plane.n_points
             actor.mapper.scalar_range = settings["clim"]
         bar = next(iter(self.scene.scalar_bars.values()))

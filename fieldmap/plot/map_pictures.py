@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
@@ -19,12 +18,13 @@ from fieldmap.errors import FieldmapError, InputError, Problem
 from fieldmap.io.map_summary import MapSummary
 from fieldmap.levitation import ShiftBesideMeasured, equilibrium_surface
 from fieldmap.lookup import FieldMap, open_map
-from fieldmap.plot.device_drawing import MAGNET, MM
+from fieldmap.plot.device_drawing import MAGNET
 from fieldmap.plot.figures import DOTS_PER_INCH, draw_curves
-from fieldmap.plot.gather import amperes_in_words
 from fieldmap.plot.picture import save_picture
+from fieldmap.plot.places import MM
 from fieldmap.plot.slices import field_slice, force_slice
-from fieldmap.plot.style import QUIET, figure_style, save_figure
+from fieldmap.plot.style import QUIET, new_figure, save_figure
+from fieldmap.plot.words import amperes_in_words
 from fieldmap.records import Record
 from fieldmap.typing import Array
 
@@ -107,9 +107,7 @@ def _save_scene(drawn: _Drawn, path: Path) -> Path:
 def _save_figure(drawn: _Drawn, path: Path) -> Path:
     """Two panels: forces, or the field of a map without a payload, in the plane y = middle; and beside it where the
     magnet comes to rest beside what was measured, or else the field on the axis."""
-    with figure_style():
-        figure = Figure(figsize=_SIZE, dpi=DOTS_PER_INCH)
-        FigureCanvasAgg(figure)
+    with new_figure(*_SIZE, DOTS_PER_INCH) as figure:
         _draw_panels(figure, drawn)
     return save_figure(figure, path)
 
@@ -118,7 +116,8 @@ def _draw_panels(figure: Figure, drawn: _Drawn) -> None:
     summary = drawn.summary
     left, right = figure.subplots(1, 2, width_ratios=(0.62, 1.0), gridspec_kw={"wspace": 0.08})
     if summary.payload is None:
-        _draw_strength(left, drawn)
+        field_slice(drawn.opened, drawn.currents, ax=left)
+        left.set_title(f"{left.get_title('left')}\n{drawn.amperes}")
     else:
         _draw_forces(left, drawn, summary.payload)
     if summary.payload is not None and summary.shifts:
@@ -134,14 +133,14 @@ def shift_curves(opened: FieldMap, payload: Payload, shift: ShiftBesideMeasured)
     measured = np.append(0.0, shift.signals), MM * np.append(shift.zero, shift.measured)
     about = (opened, payload, signals, [0.0], shift.level, shift.height, LiftAndDirections(shift.n))
     lines = []
-    for held, rule in ((True, "lift constant"), (False, f"level {shift.level:.3f} A")):
+    for held, rule in ((True, "lift constant"), (False, f"mean current {shift.level:.3f} A")):
         x = equilibrium_surface(*about, hold_height=held).positions[:, 0, 0]
         ends = " (map ends)" if np.isnan(x).any() else ""
         lines.append(Series(f"{rule}{ends}", signals, MM * (shift.zero + x - x[0])))
-    points = Series(f"measured, {shift.source}", *measured, "measured", points=True)
+    points = Series(f"measured on the rig, {shift.source}", *measured, "measured", points=True)
     title = (
-        f"Where the magnet comes to rest: n = {shift.n:g}, sensor {shift.sensor_mm:g} mm, "
-        f"magnet at z = {MM * shift.height:.0f} mm\nNothing is fitted"
+        f"Where the magnet comes to rest at z = {MM * shift.height:.0f} mm as one direction signal rises\n"
+        "Nothing is fitted"
     )
     return Curves(
         title,
@@ -182,13 +181,8 @@ def _draw_forces(axes: Axes, drawn: _Drawn, payload: Payload) -> None:
     force_slice(drawn.opened, drawn.currents, payload=payload, ax=axes)
     red = ""
     if drawn.height is not None and isinstance(payload.magnet, MagnetCylinder):
-        red = "red rectangle: the magnet where they carry it"
+        red = "red: where lift equals weight, and the magnet there"
         size = MM * payload.magnet.diameter, MM * payload.magnet.height
         corner = -0.5 * size[0], MM * drawn.height - 0.5 * size[1]
         axes.add_patch(Rectangle(corner, *size, facecolor="none", edgecolor=MAGNET, linewidth=1.8))
     axes.set_title("\n".join(line for line in (drawn.amperes, red, axes.get_title("left")) if line))
-
-
-def _draw_strength(axes: Axes, drawn: _Drawn) -> None:
-    field_slice(drawn.opened, drawn.currents, ax=axes)
-    axes.set_title(f"{axes.get_title('left')}\n{drawn.amperes}")

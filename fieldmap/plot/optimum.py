@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
-import pyvista as pv
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from fieldmap.device.model import Device
-from fieldmap.plot.colours import fitting_prefix
 from fieldmap.plot.device_drawing import device_scene
-from fieldmap.plot.picture import extent_seen, look_at, scene_bounds
-from fieldmap.plot.rendering import require_renderer
-from fieldmap.plot.style import COLOURS, INK, QUIET, figure_style, save_figure, save_screenshot
+from fieldmap.plot.picture import extent_seen, look_at
+from fieldmap.plot.rendering import new_scene
+from fieldmap.plot.solids import extent
+from fieldmap.plot.style import COLOURS, INK, QUIET, new_figure, save_figure, save_screenshot
+from fieldmap.plot.words import fitting_prefix, unit_in_words, with_unit
 from fieldmap.studies.optimum import LimitAtOptimum, Optimum
 from fieldmap.studies.quantities import QUANTITIES
 from fieldmap.typing import Array, Index
@@ -45,17 +45,15 @@ def optimum_figure(found: Optimum) -> Figure:
     count = 2 + len(found.limits)
     columns = 2 if count == 4 else min(count, 3)
     rows = -(-count // columns)
-    with figure_style():
-        figure = Figure(figsize=(_PANEL[0] * columns, _PANEL[1] * rows + 0.6))
-        FigureCanvasAgg(figure)
+    with new_figure(_PANEL[0] * columns, _PANEL[1] * rows + 0.6) as figure:
         panels = [figure.add_subplot(rows, columns, k + 1) for k in range(count)]
         designs = _Designs(found)
         _objective(panels[0], found, designs)
         _variables(panels[1], found, designs)
         for axes, limit in zip(panels[2:], found.limits, strict=True):
             _trade_off(axes, found, limit, designs)
-        known = dict(zip(*reversed(panels[0].get_legend_handles_labels()), strict=True))
-        for axes in panels[2:]:
+        known: dict[str, Any] = {}
+        for axes in (panels[0], *panels[2:]):
             known |= dict(zip(*reversed(axes.get_legend_handles_labels()), strict=True))
         figure.legend(known.values(), known.keys(), loc="outside lower center", ncols=len(known))
         figure.suptitle(f"{optimum_message(found)}\n{found.title}".rstrip())
@@ -167,7 +165,7 @@ def _printed(found: Optimum, label: str) -> tuple[float, str]:
     known = _QUANTITIES.get(label.split(" ")[0].split(",")[0])
     if known is None:
         return 1.0, ""
-    unit = {"N m-1": "N/m", "mm2": "mm²", "1": ""}.get(known.printed_unit, known.printed_unit)
+    unit = unit_in_words(known.printed_unit)
     if unit not in _PREFIXED:
         return known.printed[0], unit
     at_best = {found.objective: found.value} | {one.number: one.value for one in found.limits}
@@ -180,8 +178,7 @@ def _words(label: str) -> str:
 
 
 def _axis(found: Optimum, label: str) -> str:
-    unit = _printed(found, label)[1]
-    return _words(label) + (f" ({unit})" if unit else "")
+    return with_unit(_words(label), _printed(found, label)[1])
 
 
 def save_before_and_after(
@@ -193,21 +190,35 @@ def save_before_and_after(
 ) -> Path:
     """Draw two devices side by side, from one place and at one scale, and save it as PNG.
 
-    captions: a line or several above each. width: of the picture, in pixels; as high as the devices need. Raises
-    FieldmapError on a machine without OpenGL.
+    Parameters
+    ----------
+    before, after : the devices.
+    path : of the picture.
+    captions : a line or several above each.
+    width : of the picture, pixels; it is as high as the devices need.
 
+    Returns
+    -------
+    The path.
+
+    Raises
+    ------
+    FieldmapError
+        On a machine without OpenGL.
+
+    Examples
+    --------
     >>> import fieldmap as fm                                                     # doctest: +SKIP
     >>> thick = fm.read_device("drive_unit", {"parameters.disk": 12})             # doctest: +SKIP
     >>> save_before_and_after(fm.read_device("drive_unit"), thick, "disks.png")   # doctest: +SKIP
     """
-    require_renderer()
-    scene = pv.Plotter(off_screen=True, shape=(1, 2), window_size=[width, width // 2], border=False)
+    scene = new_scene((width, width // 2), panels=2)
     boxes = []
     for k, (device, words) in enumerate(zip((before, after), captions, strict=True)):
         scene.subplot(0, k)
         device_scene(device, plotter=scene, axes=False, names=False)
         scene.add_text(words, position="upper_left", font_size=13, color=INK)
-        boxes.append(scene_bounds(scene))
+        boxes.append(extent(scene))
     lower, upper = np.minimum(*boxes)[:, 0], np.maximum(*boxes)[:, 1]
     together = np.column_stack([lower, upper])
     across, along = extent_seen(together)

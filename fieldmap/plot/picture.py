@@ -9,12 +9,13 @@ from numpy.typing import ArrayLike
 
 from fieldmap.device.model import Device
 from fieldmap.field import AnyField, as_field, coil_currents, require_bounds
-from fieldmap.plot.device_drawing import MM, VIEW, device_scene, workspace_outline
+from fieldmap.plot.device_drawing import VIEW, arrows_at, device_scene
 from fieldmap.plot.forces import net_force
-from fieldmap.plot.rendering import require_renderer
-from fieldmap.plot.slices import plane_of
-from fieldmap.plot.solids import winding_surface
+from fieldmap.plot.places import MM, plane_of
+from fieldmap.plot.rendering import new_scene
+from fieldmap.plot.solids import extent, winding_surface, workspace_outline
 from fieldmap.plot.style import INK, save_screenshot
+from fieldmap.plot.words import amperes_in_words
 from fieldmap.typing import Array
 
 _PANELS = 2
@@ -34,22 +35,38 @@ def save_picture(
     window_size: tuple[int, int] = (2000, 1240),
     forces: bool = False,
 ) -> Path:
-    """Draw a device in two panels and save it as PNG; arguments as in `device_scene`; caption: a line below the field.
+    """Draw a device in two panels and save it as PNG: all of it, and coils and workspace from near.
 
-    forces: arrows of magnetic force and weight together on the payload's magnet, wherever its centre may be in the
-    plane y = middle of the field's box; of a field, and a device with a payload.
+    Parameters
+    ----------
+    path : of the picture.
+    device, field, currents, magnet_at : as for `device_scene`.
+    caption : a line below the field.
+    window_size : of the picture, pixels.
+    forces : whether arrows show magnetic force and weight together on the payload's magnet, with its centre at places
+        of the plane y = middle of the field's box, and not the direction of B. For a device with a payload.
 
+    Returns
+    -------
+    The path.
+
+    Raises
+    ------
+    FieldmapError
+        On a machine without OpenGL.
+
+    Examples
+    --------
     >>> import fieldmap                                                           # doctest: +SKIP
     >>> save_picture("drive_unit.png", fieldmap.read_device("drive_unit"))        # doctest: +SKIP
     PosixPath('drive_unit.png')
     """
-    require_renderer()
-    scene = pv.Plotter(off_screen=True, shape=(1, _PANELS), window_size=list(window_size), border=False)
+    scene = new_scene(window_size, panels=_PANELS)
     scene.subplot(0, 0)
     device_scene(
         device, currents=_by_name(device, field, currents), magnet_at=magnet_at, plotter=scene, names=False
     )
-    look_at(scene, scene_bounds(scene), margin=0.14, panels=_PANELS)
+    look_at(scene, extent(scene), margin=0.14, panels=_PANELS)
     scene.add_text(device.title, position=(0.03, 0.95), viewport=True, font_size=13, color=INK)
     scene.subplot(0, 1)
     forces = forces and field is not None and device.payload is not None
@@ -58,7 +75,10 @@ def save_picture(
     if field is not None and forces:
         _add_net_force(scene, device, field, currents)
     if field is not None:
-        words = _words(device, currents) + (f"\n{caption}" if caption else "")
+        of = as_field(field).coil_names
+        words = amperes_in_words(coil_currents(1.0 if currents is None else currents, of), of)
+        words += "" if forces else "; arrows: direction of B"
+        words += f"\n{caption}" if caption else ""
         scene.add_text(words, position=(0.03, 0.02), viewport=True, font_size=13, color=INK)
     save_screenshot(scene, path)
     scene.close()
@@ -76,52 +96,50 @@ def _by_name(device: Device, field: AnyField | None, currents: ArrayLike | None)
 
 def _add_net_force(scene: pv.Plotter, device: Device, field: AnyField, currents: ArrayLike | None) -> None:
     source = as_field(field)
-    lower, upper = require_bounds(source)
+    box = require_bounds(source)
     amperes = coil_currents(1.0 if currents is None else currents, source.coil_names)
     assert device.payload is not None
-    places, _ = plane_of((lower, upper), "y", None, _ARROWS)
+    places, _ = plane_of(box, "y", None, _ARROWS)
     force = net_force(source, amperes, device.payload, places)
-    cloud = pv.PolyData(MM * (places - [0.0, _IN_FRONT, 0.0]))
-    size = np.linalg.norm(force, axis=1)
-    cloud["direction"], cloud["size"] = force, size / size.max()
     # The longest fits into its cell, about the middle of which it turns.
-    cell = MM * float(np.min((upper - lower)[[0, 2]] / _ARROWS))
-    slender = pv.Arrow(start=(-0.5, 0.0, 0.0), tip_length=0.4, tip_radius=0.17, shaft_radius=0.055)
-    arrows = cloud.glyph(orient="direction", scale="size", factor=cell, geom=slender)
+    cell = MM * float(np.min((box[1] - box[0])[[0, 2]] / _ARROWS))
+    arrows = arrows_at(places - [0.0, _IN_FRONT, 0.0], force, cell)
     scene.add_mesh(arrows, color="white", lighting=False, show_scalar_bar=False)
-
-
-def scene_bounds(scene: pv.Plotter) -> Array:
-    """Lower and upper corner (3, 2) of what a scene shows, mm."""
-    return np.array(scene.bounds).reshape(3, 2)
 
 
 def core_bounds(device: Device) -> Array:
     """Box (3, 2), mm, of the coils and the workspace: what the right panel shows."""
-    boxes = [np.array(winding_surface(coil).bounds).reshape(3, 2) for coil in device.coils]
+    boxes = [extent(winding_surface(coil)) for coil in device.coils]
     if device.workspace is not None:
-        boxes.append(np.array(workspace_outline(device.workspace).bounds).reshape(3, 2))
+        boxes.append(extent(workspace_outline(device.workspace)))
     together = np.array(boxes)
     return np.column_stack([together[:, :, 0].min(axis=0), together[:, :, 1].max(axis=0)])
 
 
 def look_at(
-    scene: pv.Plotter, bounds: Array, margin: float = 0.06, panels: int = 1, view: Array = _VIEW
+    scene: pv.Plotter,
+    bounds: Array,
+    margin: float = 0.06,
+    panels: int = 1,
+    view: Array = _VIEW,
+    size: tuple[int, int] | None = None,
 ) -> None:
     """Parallel projection from the front that just holds the box (3, 2); panels: into which the window is divided.
 
-    view (3,): towards the viewer.
+    view (3,): towards the viewer. size: of the window, pixels; that with which the scene was made unless given.
     """
     forward, right, up = _directions(view)
     across, along = _seen(bounds, right, up)
     middle = 0.5 * (across.min() + across.max()) * right + 0.5 * (along.min() + along.max()) * up
-    width, height = scene.window_size[0] / panels, scene.window_size[1]
+    width, height = scene.window_size if size is None else size
     scene.camera.parallel_projection = True
     scene.camera.focal_point = tuple(middle)
     scene.camera.position = tuple(middle - 10.0 * np.ptp(bounds) * forward)
     scene.camera.up = (0.0, 0.0, 1.0)
     # Half the height of the view.
-    scene.camera.parallel_scale = 0.5 * (1.0 + margin) * max(np.ptp(along), np.ptp(across) * height / width)
+    scene.camera.parallel_scale = (
+        0.5 * (1.0 + margin) * max(np.ptp(along), np.ptp(across) * height * panels / width)
+    )
     scene.renderer.ResetCameraClippingRange()
 
 
@@ -144,10 +162,3 @@ def _seen(bounds: Array, right: Array, up: Array) -> tuple[Array, Array]:
     """The corners (8,) of a box along two directions."""
     corners = np.array(np.meshgrid(*bounds, indexing="ij")).reshape(3, -1).T
     return corners @ right, corners @ up
-
-
-def _words(device: Device, currents: ArrayLike | None) -> str:
-    amperes = np.ones(len(device.coils)) if currents is None else np.asarray(currents, dtype=float)
-    if np.ptp(amperes) == 0.0:
-        return f"{amperes[0]:g} A in each of {len(amperes)} coils"
-    return ", ".join(f"{coil.name}: {value:g} A" for coil, value in zip(device.coils, amperes, strict=True))

@@ -6,10 +6,12 @@ import pyvista as pv
 from fieldmap.constants import GRAVITY
 from fieldmap.errors import InputError, Problem
 from fieldmap.levitation import ReachableSet, SearchedSet
-from fieldmap.plot.colours import fitting_prefix
 from fieldmap.plot.device_drawing import MAGNET
+from fieldmap.plot.scales import add_labels
 from fieldmap.plot.shown import Shown
+from fieldmap.plot.solids import sharp_edges
 from fieldmap.plot.style import COLOURS, INK
+from fieldmap.plot.words import fitting_prefix
 from fieldmap.typing import Array
 
 KINDS = ("force", "B")
@@ -27,7 +29,6 @@ def reachable_titles(found: ReachableSet | SearchedSet) -> tuple[str, str, str]:
 def add_reachable(scene: pv.Plotter, shown: Shown) -> None:
     """The set as a translucent solid, an arrow for each coil at its limit where these add up, and the force that
     carries the payload."""
-    shown.need("reachable")
     found = shown.reachable
     assert found is not None
     if not len(found.triangles):
@@ -35,12 +36,7 @@ def add_reachable(scene: pv.Plotter, shown: Shown) -> None:
         raise InputError(Problem(shown.title, "the set must have a volume", "a flat one", remedy))
     solid = reachable_solid(found)
     scene.add_mesh(solid, color=COLOURS[4], opacity=0.35, lighting=False)
-    edges = solid.extract_feature_edges(
-        feature_angle=0.5 if found.exact else 8.0,
-        boundary_edges=False,
-        non_manifold_edges=False,
-        manifold_edges=False,
-    )
+    edges = sharp_edges(solid, 0.5 if found.exact else 8.0)
     scene.add_mesh(edges, color=INK, line_width=1.5, lighting=False)
     size = float(np.ptp(solid.points, axis=0).max())
     if isinstance(found, ReachableSet):
@@ -49,14 +45,13 @@ def add_reachable(scene: pv.Plotter, shown: Shown) -> None:
         _, factor = _unit(found)
         weight = factor * [0.0, 0.0, shown.payload.mass * GRAVITY]
         scene.add_mesh(pv.Sphere(radius=0.014 * size, center=weight), color=MAGNET, ambient=0.4)
-        _name(scene, weight + [0.0, 0.0, 0.05 * size], "carries it")
+        add_labels(scene, [weight + [0.0, 0.0, 0.05 * size]], ["carries it"], 20)
 
 
 def reachable_solid(found: ReachableSet | SearchedSet) -> pv.PolyData:
     """The surface, in the unit of the scene."""
     _, factor = _unit(found)
-    faces = np.column_stack([np.full(len(found.triangles), 3), found.triangles])
-    return pv.PolyData(factor * found.vertices, faces=faces.ravel())
+    return pv.PolyData.from_regular_faces(factor * found.vertices, found.triangles)  # type: ignore[arg-type]
 
 
 def _unit(found: ReachableSet | SearchedSet) -> tuple[str, Array]:
@@ -87,18 +82,4 @@ def _add_coils(scene: pv.Plotter, found: ReachableSet, size: float) -> None:
             shaft_radius=0.005 * size / length,
         )
         scene.add_mesh(arrow, color=COLOURS[k % len(COLOURS)], ambient=0.5)
-        _name(scene, start + 1.12 * along, name)
-
-
-def _name(scene: pv.Plotter, at: Array, text: str) -> None:
-    scene.add_point_labels(
-        np.array([at]),
-        [text],
-        font_size=20,
-        text_color=INK,
-        shape=None,
-        show_points=False,
-        always_visible=True,
-        justification_horizontal="center",
-        justification_vertical="center",
-    )
+        add_labels(scene, [start + 1.12 * along], [name], 20)

@@ -70,6 +70,15 @@ def require_renderer() -> None:
         )
 
 
+def new_scene(size: tuple[int, int], off_screen: bool = True, panels: int = 1) -> pv.Plotter:
+    """An empty scene on white paper, of one or more panels side by side. Raises FieldmapError where nothing can be
+    drawn."""
+    require_renderer()
+    scene = pv.Plotter(off_screen=off_screen, window_size=list(size), shape=(1, panels), border=False)
+    scene.background_color = pv.Color("white")
+    return scene
+
+
 def require_window(scene: pv.Plotter) -> None:
     """Raise FieldmapError where a scene that shall be looked at has no screen to appear on."""
     kind = scene.render_window.GetClassName() if scene.render_window is not None else ""

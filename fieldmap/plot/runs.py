@@ -6,14 +6,13 @@ from typing import Any, NotRequired, TypedDict
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from fieldmap.curves import percent
 from fieldmap.dynamics.loop_run import LevitationRun
 from fieldmap.dynamics.scenario import Experiment, LaidLog, reading_mm
 from fieldmap.dynamics.scenario.measured_log import AXES as MEASURED_AXES
-from fieldmap.plot.style import COLOURS, INK, QUIET, figure_style, save_figure
+from fieldmap.plot.style import COLOURS, INK, add_heading, grouped, new_figure, save_figure
 from fieldmap.typing import Array
 
 _NAMES = ("x", "y", "depth")
@@ -24,7 +23,6 @@ _SETTLED = 0.05
 DOTS_PER_INCH = 150
 # Currents that differ by less than this share of the largest are one curve.
 _SAME = 1e-3
-_MEASURED = COLOURS[1]
 _ABOVE: dict[str, Any] = {
     "loc": "lower right",
     "bbox_to_anchor": (1.0, 1.0),
@@ -51,40 +49,37 @@ class DrawnRun(TypedDict):
 
 def drawn_run(experiment: Experiment, run: LevitationRun, event: str) -> DrawnRun:
     """What is drawn of a run of an experiment."""
-    scenario, empty = experiment.scenario, np.zeros((1, 3))
-    some = len(run.time) > 0
-    return {
-        "time": run.time if some else np.zeros(1),
-        "wanted": reading_mm(scenario, run.references) if some else empty,
-        "true": reading_mm(scenario, run.sensed) if some else empty,
-        "seen": reading_mm(scenario, run.seen) if some else empty,
-        "currents": run.currents if some else np.zeros((1, run.coils)),
-        "coil_names": experiment.device.coil_names,
-        "event": event,
-    }
+    about: Any = {"coil_names": experiment.device.coil_names, "event": event}
+    if not len(run.time):
+        # A run that ended at once is drawn as one sample.
+        names, nothing = ("wanted", "true", "seen"), np.zeros((1, 3))
+        return (
+            dict.fromkeys(names, nothing)
+            | {"time": np.zeros(1), "currents": np.zeros((1, run.coils))}
+            | about
+        )
+    readings = {"wanted": run.references, "true": run.sensed, "seen": run.seen}
+    shown = {name: reading_mm(experiment.scenario, places) for name, places in readings.items()}
+    return shown | {"time": run.time, "currents": run.currents} | about
 
 
 def run_figure(title: str, runs: Sequence[DrawnRun]) -> Figure:
     """References, true and seen positions of each axis, and the currents, over time.
 
-    runs: of each run `time` (r,), s, `wanted`, `true` and `seen` (r, 3), mm, `currents` (r, n), A, `event`, what ended
-    it or "", and where there are any `coil_names`. More than one run: true positions only, one line each. Above stands
-    what the data say (`run_message`), then the title. Readings below half a millimetre are in micrometres.
+    Above stands what the data say (`run_message`), then the title. Readings below half a millimetre are in micrometres.
+
+    Parameters
+    ----------
+    title : of the figure.
+    runs : one, or several, of which true positions are drawn only, one line each.
+
+    Returns
+    -------
+    The figure.
     """
-    with figure_style():
-        figure = Figure(figsize=(8.0, 7.6), dpi=DOTS_PER_INCH)
-        FigureCanvasAgg(figure)
+    with new_figure(8.0, 7.6, DOTS_PER_INCH) as figure:
         _draw_runs(figure, runs)
-        figure.axes[0].set_title(run_message(runs), loc="left", fontsize=11, fontweight="bold", pad=24)
-        figure.axes[0].annotate(
-            title,
-            (0.0, 1.0),
-            xycoords="axes fraction",
-            xytext=(0.0, 9.0),
-            textcoords="offset points",
-            color=QUIET,
-            annotation_clip=False,
-        )
+        add_heading(figure.axes[0], run_message(runs), title)
     return figure
 
 
@@ -141,84 +136,71 @@ def _scale(runs: Sequence[DrawnRun], axis: int) -> tuple[float, str]:
 
 
 def _draw_runs(figure: Figure, runs: Sequence[DrawnRun]) -> None:
-    axes = figure.subplots(4, 1, sharex=True)
-    scales = [_scale(runs, axis) for axis in range(3)]
+    *places, lowest = figure.subplots(4, 1, sharex=True)
+    names = [str(name) for name in runs[0].get("coil_names", range(1, runs[0]["currents"].shape[1] + 1))]
+    for k, axis in enumerate(places):
+        factor, unit = _scale(runs, k)
+        _draw_readings(axis, runs, k, factor)
+        axis.set_ylabel(f"{_NAMES[k]}, {unit}")
+    places[2].invert_yaxis()
+    if len(runs) == 1:
+        # Above the axes: inside there is a curve everywhere.
+        places[0].legend(**_ABOVE)
+    _draw_currents(lowest, runs, names)
+    lowest.set(xlabel="time, s", ylabel="currents, A")
+    lowest.legend(**_ABOVE)
+
+
+def _draw_readings(axis: Axes, runs: Sequence[DrawnRun], k: int, factor: float) -> None:
+    """One coordinate: of one run what the sensor says, the truth and a log; of several the truth of each."""
     many = len(runs) > 1
-    names = runs[0].get("coil_names", range(1, runs[0]["currents"].shape[1] + 1))
+    look: dict[str, Any] = (
+        {"linewidth": 0.8, "alpha": 0.6} if many else {"linewidth": 1.2, "color": COLOURS[0]}
+    )
+    for run in runs:
+        if not many:
+            axis.plot(run["time"], factor * run["seen"][:, k], color="0.75", linewidth=0.6, label="sensor")
+        axis.plot(run["time"], factor * run["true"][:, k], label="true", **look)
+        log = run.get("measured")
+        if log is not None and MEASURED_AXES[k] in log.signals:
+            values = factor * log.signals[MEASURED_AXES[k]].measured
+            axis.plot(log.time, values, color=COLOURS[1], linewidth=0.8, label="measured")
+        if run["event"] and k == 2:
+            axis.annotate(
+                run["event"], (run["time"][-1], factor * run["true"][-1, k]), fontsize=8, ha="right"
+            )
+    wanted = factor * runs[0]["wanted"][:, k]
+    axis.plot(runs[0]["time"], wanted, color=INK, linewidth=0.9, linestyle="--", label="reference")
+
+
+def _draw_currents(axis: Axes, runs: Sequence[DrawnRun], names: Sequence[str]) -> None:
+    """Coils of one current as one line; a log as dots, which have the colours of the lines."""
     alike = _coils_alike(np.concatenate([run["currents"] for run in runs]))
     for run in runs:
-        time = run["time"]
-        for k, axis in enumerate(axes[:3]):
-            if not many:
-                axis.plot(time, scales[k][0] * run["seen"][:, k], color="0.75", linewidth=0.6, label="sensor")
-            axis.plot(
-                time,
-                scales[k][0] * run["true"][:, k],
-                color=None if many else COLOURS[0],
-                linewidth=0.8 if many else 1.2,
-                alpha=0.6 if many else 1.0,
-                label="true",
-            )
         for coils in alike:
-            axes[3].plot(
-                time,
+            axis.plot(
+                run["time"],
                 run["currents"][:, coils[0]],
                 color=COLOURS[coils[0] % len(COLOURS)],
                 linewidth=0.7,
-                alpha=0.3 if many else 1.0,
-                label=_label([str(names[coil]) for coil in coils]) if run is runs[0] else None,
+                alpha=0.3 if len(runs) > 1 else 1.0,
+                label=_label([names[coil] for coil in coils]) if run is runs[0] else None,
             )
-        if "measured" in run:
-            _draw_measured(axes, run["measured"], [str(name) for name in names], scales)
-        if run["event"]:
-            axes[2].annotate(
-                run["event"], (time[-1], scales[2][0] * run["true"][-1, 2]), fontsize=8, ha="right"
-            )
-    for k, axis in enumerate(axes[:3]):
-        axis.plot(
-            runs[0]["time"],
-            scales[k][0] * runs[0]["wanted"][:, k],
-            color=INK,
-            linewidth=0.9,
-            linestyle="--",
-            label="reference",
-        )
-        axis.set_ylabel(f"{_NAMES[k]}, {scales[k][1]}")
-    axes[2].invert_yaxis()
-    if not many:
-        # Above the axes: inside there is a curve everywhere.
-        axes[0].legend(**_ABOVE)
-    axes[3].set_ylabel("currents, A")
-    axes[3].legend(**_ABOVE)
-    axes[3].set_xlabel("time, s")
-
-
-def _draw_measured(
-    axes: Sequence[Axes], log: LaidLog, coil_names: Sequence[str], scales: Sequence[tuple[float, str]]
-) -> None:
-    """The signals of a log, dots for currents, which have colours already."""
-    for name, signal in log.signals.items():
-        if name in MEASURED_AXES:
-            k = MEASURED_AXES.index(name)
-            values = scales[k][0] * signal.measured
-            axes[k].plot(log.time, values, color=_MEASURED, linewidth=0.8, label="measured")
-        else:
-            colour = COLOURS[coil_names.index(name) % len(COLOURS)]
-            axes[3].plot(log.time, signal.measured, ".", color=colour, markersize=1.5)
+        log = run.get("measured")
+        if log is None:
+            continue
+        for name in log.signals.keys() - set(MEASURED_AXES):
+            colour = COLOURS[names.index(name) % len(COLOURS)]
+            axis.plot(log.time, log.signals[name].measured, ".", color=colour, markersize=1.5)
 
 
 def _coils_alike(currents: Array) -> list[list[int]]:
     """Coils whose currents (r, n) are the same curve, of which only one would be seen."""
-    beside = _SAME * np.abs(currents).max(initial=0.0)
-    groups: list[list[int]] = []
-    for coil, current in enumerate(currents.T):
-        for group in groups:
-            if np.abs(current - currents[:, group[0]]).max(initial=0.0) <= beside:
-                group.append(coil)
-                break
-        else:
-            groups.append([coil])
-    return groups
+    near = _SAME * np.abs(currents).max(initial=0.0)
+    return grouped(
+        range(currents.shape[1]),
+        lambda one, other: bool(np.abs(currents[:, one] - currents[:, other]).max(initial=0.0) <= near),
+    )
 
 
 def _label(names: list[str]) -> str:

@@ -6,20 +6,27 @@ from pathlib import Path
 import numpy as np
 import pyvista as pv
 
-from fieldmap.errors import InputError, Problem
-from fieldmap.plot.device_drawing import MM, device_scene
+from fieldmap.arguments import check_choice
+from fieldmap.plot.animation import add_path
+from fieldmap.plot.device_drawing import device_scene
 from fieldmap.plot.equilibrium_shift import COORDINATES, add_shift, shift_titles
-from fieldmap.plot.field_lines import add_field_lines
+from fieldmap.plot.field_scenes import (
+    QUANTITIES,
+    add_difference,
+    add_field_lines,
+    add_iron_field,
+    add_mesh,
+    add_slices,
+    add_surfaces,
+)
 from fieldmap.plot.forces import add_equilibrium, add_forces
-from fieldmap.plot.iron_field import add_iron_field, add_mesh
 from fieldmap.plot.picture import FROM_ABOVE, look_at
 from fieldmap.plot.reachable_set import KINDS, add_reachable, reachable_titles
-from fieldmap.plot.rendering import require_renderer
-from fieldmap.plot.rulers import MILLIMETRES, add_rulers
+from fieldmap.plot.rendering import new_scene
+from fieldmap.plot.scales import MILLIMETRES, add_rulers
 from fieldmap.plot.shown import Shown
+from fieldmap.plot.solids import box_edges, extent
 from fieldmap.plot.style import INK, save_screenshot
-from fieldmap.plot.trajectory import add_path
-from fieldmap.plot.volumes import QUANTITIES, add_difference, add_slices, add_surfaces
 from fieldmap.plot.web_page import save_web_page
 
 WINDOW = (1500, 1200)
@@ -27,17 +34,12 @@ FORMATS = (".png", ".html", ".vtm")
 MOVIES = (".gif", ".mp4")
 
 
-def _device(scene: pv.Plotter, shown: Shown, quantity: str) -> None:
-    shown.need("device")
+def _device(scene: pv.Plotter, shown: Shown) -> None:
     assert shown.device is not None
     device_scene(shown.device, magnet_at=shown.equilibrium, axes=False, plotter=scene)
 
 
-def _without_quantity(draw: Callable[[pv.Plotter, Shown], None]) -> Callable[[pv.Plotter, Shown, str], None]:
-    return lambda scene, shown, quantity: draw(scene, shown)
-
-
-def _lines(scene: pv.Plotter, shown: Shown, quantity: str) -> None:
+def _lines(scene: pv.Plotter, shown: Shown) -> None:
     if shown.everywhere and shown.device is not None:
         device_scene(
             shown.device,
@@ -52,21 +54,44 @@ def _lines(scene: pv.Plotter, shown: Shown, quantity: str) -> None:
     add_field_lines(scene, shown)
 
 
-SCENES: dict[str, Callable[[pv.Plotter, Shown, str], None]] = {
-    "device": _device,
-    "mesh": _without_quantity(add_mesh),
-    "iron": _without_quantity(add_iron_field),
-    "lines": _lines,
-    "slices": add_slices,
-    "surfaces": add_surfaces,
-    "forces": _without_quantity(add_forces),
-    "equilibrium": _without_quantity(add_equilibrium),
-    "difference": add_difference,
-    "shift": add_shift,
-    "reachable": _without_quantity(add_reachable),
-    "path": _without_quantity(add_path),
+Draw = Callable[[pv.Plotter, Shown, str], None]
+
+
+def _scene(draw: Callable[[pv.Plotter, Shown], None], *needs: str) -> Draw:
+    """A scene that shows one quantity only; needs: what `Shown` must have for it."""
+    return _of_quantity(lambda scene, shown, _: draw(scene, shown), *needs)
+
+
+def _of_quantity(draw: Draw, *needs: str) -> Draw:
+    def drawn(scene: pv.Plotter, shown: Shown, quantity: str) -> None:
+        shown.need(*needs)
+        draw(scene, shown, quantity)
+
+    return drawn
+
+
+SCENES: dict[str, Draw] = {
+    "device": _scene(_device, "device"),
+    "mesh": _scene(add_mesh, "mesh"),
+    "iron": _scene(add_iron_field, "mesh"),
+    "lines": _scene(_lines, "field", "lower"),
+    "slices": _of_quantity(add_slices, "field", "lower"),
+    "surfaces": _of_quantity(add_surfaces, "field", "lower"),
+    "forces": _scene(add_forces, "field", "lower", "payload"),
+    "equilibrium": _scene(add_equilibrium, "field", "lower", "payload", "equilibrium"),
+    "difference": _of_quantity(add_difference, "field", "lower"),
+    "shift": _of_quantity(add_shift, "surface"),
+    "reachable": _scene(add_reachable, "reachable"),
+    "path": _scene(add_path, "run"),
 }
 """Name -> what draws it."""
+_LEGENDS = {
+    "slices": "arrows: direction of B",
+    "forces": "arrows: force on the magnet, whose centre lies in their middle",
+    "equilibrium": "red: the magnet in balance; arrows: magnetic force and weight together",
+    "path": "red: outline of the magnet at the end; black: the path that was asked for",
+}
+"""What arrows and lines mean, in a scene of its first quantity."""
 _WITHOUT_BOX = ("device", "mesh", "iron", "shift", "reachable")
 
 
@@ -77,26 +102,40 @@ def make_scene(
     off_screen: bool = True,
     window: tuple[int, int] = WINDOW,
 ) -> pv.Plotter:
-    """Draw one of SCENES with rulers. quantity: one of `quantities_of(what)`, the first unless given.
+    """Draw one of SCENES with rulers.
 
-    Returns the plotter: `.show()` looks at it, `save_scene` writes it. Raises InputError for unknown names and for
-    what a scene needs and there is not, FieldmapError on a machine without OpenGL.
+    Parameters
+    ----------
+    shown : what there is to draw.
+    what : one of SCENES.
+    quantity : one of `quantities_of(what)`, the first unless given.
+    off_screen : whether no window opens.
+    window : size of the picture, pixels.
+
+    Returns
+    -------
+    The plotter: `.show()` looks at it, `save_scene` writes it.
+
+    Raises
+    ------
+    InputError
+        For unknown names, and for what the scene needs and `shown` lacks.
+    FieldmapError
+        On a machine without OpenGL.
     """
     chosen = check_scene(what, quantity)
-    require_renderer()
-    scene = pv.Plotter(off_screen=off_screen, window_size=list(window))
-    scene.background_color = pv.Color("white")
+    scene = new_scene(window, off_screen)
     SCENES[what](scene, shown, chosen)
     if what not in _WITHOUT_BOX and shown.lower is not None and shown.upper is not None:
-        box = pv.Box(tuple(MM * np.column_stack([shown.lower, shown.upper]).ravel())).extract_all_edges()
-        scene.add_mesh(box, color=INK, line_width=2.5, lighting=False)
+        scene.add_mesh(box_edges(shown.box), color=INK, line_width=2.5, lighting=False)
     add_rulers(scene, titles=axes_of(what, chosen, shown))
-    bounds = np.array(scene.bounds).reshape(3, 2)
     if what == "shift":
-        look_at(scene, bounds, margin=0.6, view=FROM_ABOVE)
+        look_at(scene, extent(scene), margin=0.4, view=FROM_ABOVE)
     else:
-        look_at(scene, bounds, margin=0.5 if what in ("path", "reachable") else 0.25)
-    scene.add_text(shown.title, position=(0.02, 0.95), viewport=True, font_size=13, color=INK)
+        look_at(scene, extent(scene), margin=0.3)
+    legend = _LEGENDS.get(what, "") if chosen == quantities_of(what)[0] else ""
+    words = f"{shown.title}\n{legend}".rstrip()
+    scene.add_text(words, position=(0.02, 0.95), viewport=True, font_size=13, color=INK)
     scene.enable_anti_aliasing("ssaa")
     return scene
 
@@ -118,10 +157,8 @@ def drawn_ranges(scene: pv.Plotter) -> dict[str, list[float]]:
 
 def check_scene(what: str, quantity: str = "") -> str:
     """The quantity that is drawn. Raises InputError for a scene or quantity that there is not."""
-    _check_choice("what", what, tuple(SCENES))
-    known = quantities_of(what)
-    _check_choice("quantity", quantity or known[0], known)
-    return quantity or known[0]
+    known = quantities_of(check_choice("what", what, SCENES))
+    return check_choice("quantity", quantity or known[0], known)
 
 
 def quantities_of(what: str) -> tuple[str, ...]:
@@ -142,11 +179,23 @@ def axes_of(what: str, quantity: str = "", shown: Shown | None = None) -> tuple[
 def save_scene(
     scene: pv.Plotter, path: str | Path, title: str = "", axes: tuple[str, str, str] = MILLIMETRES
 ) -> Path:
-    """Save as .png (a picture), .html (to turn in a browser, with a title) or .vtm (for ParaView).
+    """Save a scene.
 
-    axes: their titles in a page, `axes_of` of the scene.
+    Parameters
+    ----------
+    scene : of `make_scene`.
+    path : ends in .png (a picture), .html (a page that a browser turns) or .vtm (for ParaView).
+    title : of a page.
+    axes : titles of a page's axes, `axes_of` of the scene.
 
-    Raises InputError for other endings.
+    Returns
+    -------
+    The path.
+
+    Raises
+    ------
+    InputError
+        For another ending.
     """
     target = Path(path)
     check_format(target)
@@ -163,11 +212,4 @@ def save_scene(
 
 def check_format(path: Path, formats: tuple[str, ...] = FORMATS) -> None:
     """The ending must be one of `formats`."""
-    _check_choice("save", path.suffix, formats)
-
-
-def _check_choice(name: str, given: str, known: tuple[str, ...]) -> None:
-    if given not in known:
-        raise InputError(
-            Problem(name, f"must be one of {', '.join(known)}", given or "nothing", "choose one of these")
-        )
+    check_choice("save", path.suffix, formats)

@@ -10,7 +10,7 @@ import scipy
 
 from fieldmap.device.model import Device, Payload
 from fieldmap.errors import InputError, Problem
-from fieldmap.field import AnyField, FieldAtCurrents, as_field
+from fieldmap.field import AnyField, Bounds, FieldAtCurrents, as_field
 from fieldmap.levitation import EquilibriumSurface, ReachableSet, SearchedSet
 from fieldmap.plain import Plain, plain_items
 from fieldmap.records import Record
@@ -86,18 +86,19 @@ class Shown(Record):
 
     def need(self, *names: str) -> None:
         """Raise InputError for what is None though a scene needs it."""
+        missing = [name for name in names if getattr(self, name) is None]
+        usual = "name another device or map"
         problems = [
-            Problem(
-                self.title,
-                f"must have {_NEEDS[name]}",
-                "none",
-                _REMEDIES.get(name, "name another device or map"),
-            )
-            for name in names
-            if getattr(self, name) is None
+            Problem(self.title, f"must have {_NEEDS[name]}", "none", _REMEDIES.get(name, usual))
+            for name in missing
         ]
         if problems:
             raise InputError(*problems)
+
+    @property
+    def box(self) -> Bounds:
+        """Lower and upper corner (3,), m."""
+        return np.asarray(self.lower, dtype=float), np.asarray(self.upper, dtype=float)
 
     def flux_density_at(self, points: Array) -> Array:
         """B (n, 3), T."""

@@ -6,22 +6,21 @@ import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import ArrayLike
 
-from fieldmap.arguments import checked_vectors
+from fieldmap.arguments import check_choice, checked_vectors
 from fieldmap.constants import GRAVITY
 from fieldmap.device.model import Payload
-from fieldmap.errors import InputError, Problem
 from fieldmap.field import AnyField, Bounds, require_bounds, resolve_currents
 from fieldmap.levitation.balance import upright_force
-from fieldmap.plot.colours import fitting_prefix
-from fieldmap.plot.device_drawing import COLOUR_MAP, MAGNET, MM
+from fieldmap.plot.device_drawing import MAGNET
 from fieldmap.plot.forces import net_force
-from fieldmap.plot.rulers import label_step
+from fieldmap.plot.places import AXES, MM, plane_of
+from fieldmap.plot.scales import COLOUR_MAP
+from fieldmap.plot.words import fitting_prefix, label_step
 from fieldmap.typing import Array
 
 _SHADED, _ARROWS = (61, 81), (9, 13)
 """Points along the two axes of a slice: of what is coloured, and of the arrows."""
 _ON_LINE = 201
-_AXES = "xyz"
 _COMPONENTS = ("Bx", "By", "Bz")
 
 
@@ -56,7 +55,8 @@ def field_slice(
     InputError
         For a field without a box, or what is no axis, component or currents.
     """
-    _check("component", component, ("", *_COMPONENTS))
+    if component:
+        check_choice("component", component, _COMPONENTS)
     source, amperes = resolve_currents(field, currents)
     places, across = plane_of(bounds or require_bounds(source), normal, at, _SHADED)
     flux = MM * source.field(places, amperes)
@@ -144,7 +144,7 @@ def field_along(
     places = ends[0] + np.linspace(0.0, 1.0, points)[:, None] * (ends[1] - ends[0])
     moved = np.flatnonzero(np.ptp(places, axis=0))
     if len(moved) == 1:
-        along, label = MM * places[:, moved[0]], f"{_AXES[moved[0]]} (mm)"
+        along, label = MM * places[:, moved[0]], f"{AXES[moved[0]]} (mm)"
     else:
         along, label = MM * np.linalg.norm(places - places[0], axis=1), "distance from the start (mm)"
     ax = _axes(ax)
@@ -153,25 +153,6 @@ def field_along(
     ax.set(xlabel=label, ylabel="flux density (mT)")
     ax.legend()
     return ax
-
-
-def plane_of(
-    box: Bounds, normal: str, at: float | None, count: tuple[int, int]
-) -> tuple[Array, tuple[int, int]]:
-    """Points (n, 3), m, in the middle of `count` cells of a plane through a box, the first axis slowest; and the two
-    axes of the plane."""
-    _check("normal", normal, tuple(_AXES))
-    lower, upper = (np.asarray(corner, dtype=float) for corner in box)
-    across = _AXES.index(normal)
-    first, second = (k for k in range(3) if k != across)
-    x, y = (
-        lower[k] + (np.arange(n) + 0.5) / n * (upper - lower)[k]
-        for k, n in zip((first, second), count, strict=True)
-    )
-    places = np.empty((count[0], count[1], 3))
-    places[..., across] = 0.5 * (lower + upper)[across] if at is None else at
-    places[..., first], places[..., second] = x[:, None], y
-    return places.reshape(-1, 3), (first, second)
 
 
 def shade(
@@ -191,13 +172,13 @@ def shade(
     if line is not None and values.min() < line < values.max():
         ax.contour(x, y, shown, levels=[line], colors=[MAGNET], linewidths=1.6)
         bar.ax.axhline(line, color=MAGNET, linewidth=1.6)
-    ax.set(xlabel=f"{_AXES[across[0]]} (mm)", ylabel=f"{_AXES[across[1]]} (mm)", aspect="equal")
+    ax.set(xlabel=f"{AXES[across[0]]} (mm)", ylabel=f"{AXES[across[1]]} (mm)", aspect="equal")
     ax.grid(False)
 
 
 def _plane_in_words(places: Array, across: tuple[int, int]) -> str:
     (normal,) = {0, 1, 2} - set(across)
-    return f"plane {_AXES[normal]} = {MM * places[0, normal]:.4g} mm"
+    return f"plane {AXES[normal]} = {MM * places[0, normal]:.4g} mm"
 
 
 def _axes(ax: Axes | None) -> Axes:
@@ -206,9 +187,3 @@ def _axes(ax: Axes | None) -> Axes:
     from matplotlib import pyplot  # it chooses a window system: only where nobody said where to draw
 
     return pyplot.gca()
-
-
-def _check(name: str, value: object, known: tuple[str, ...]) -> None:
-    if value not in known:
-        words = ", ".join(f'"{one}"' for one in known)
-        raise InputError(Problem(name, f"must be one of {words}", repr(value)[:80], "choose one of these"))

@@ -4,6 +4,7 @@ Bodies of simple shapes are drawn exactly, others through the iron's own mesh; a
 """
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pyvista as pv
@@ -16,16 +17,23 @@ from fieldmap.device.model import (
     Cylinder,
     Device,
     ExtrudedPolygon,
+    MagnetBlock,
+    MagnetCylinder,
+    MagnetSphere,
     Part,
     Placement,
     RevolvedProfile,
     Ring,
     Shape,
     Sphere,
+    Workspace,
+    WorkspaceBox,
 )
-from fieldmap.typing import Array
+from fieldmap.device.payload import Payload, PayloadPiece, SoftBody
+from fieldmap.field import Bounds
+from fieldmap.plot.places import MM
+from fieldmap.typing import Array, Index
 
-MM = 1e3
 SEGMENTS = 96
 ARC_SEGMENTS = 24
 
@@ -92,9 +100,74 @@ def _meshed_surface(device: Device, body: Body) -> pv.PolyData:
     from fieldmap.iron import generate_mesh
 
     mesh = generate_mesh(replace(device, bodies=(replace(body, edge_size=None),)))
-    cells = np.column_stack([np.full(len(mesh.tets), 4), mesh.tets])
-    kinds = np.full(len(mesh.tets), pv.CellType.TETRA, dtype=np.uint8)
-    return pv.UnstructuredGrid(cells.ravel(), kinds, MM * mesh.points).extract_surface(algorithm=None)
+    return tetrahedra(mesh.tets, MM * mesh.points).extract_surface(algorithm=None)
+
+
+def tetrahedra(corners: Index, points: Array) -> pv.UnstructuredGrid:
+    """A mesh of corners (e, 4), places in points (n, 3)."""
+    return pv.UnstructuredGrid({pv.CellType.TETRA: corners}, points)
+
+
+def box_edges(box: Bounds) -> pv.PolyData:
+    """The twelve edges of a box whose corners are given in m, mm."""
+    return pv.Box(tuple(MM * np.column_stack(box).ravel())).extract_all_edges()
+
+
+def workspace_outline(space: Workspace) -> pv.PolyData:
+    """Edges of the workspace, mm."""
+    if isinstance(space, WorkspaceBox):
+        return box_edges((space.lower, space.upper))
+    middle = space.base + np.array([0.0, 0.0, space.height / 2])
+    return sharp_edges(upright_cylinder(space.radius, space.height).translate(MM * middle, inplace=False))
+
+
+def sharp_edges(surface: pv.DataSet, angle: float = 35.0) -> pv.PolyData:
+    """Edges at which a surface bends by more than an angle, degrees."""
+    return surface.clean().extract_feature_edges(
+        feature_angle=angle, boundary_edges=False, non_manifold_edges=False, manifold_edges=False
+    )
+
+
+def extent(drawn: pv.DataSet | pv.Plotter) -> Array:
+    """Lower and upper end (3, 2) of a surface, or of all that a scene shows, mm."""
+    return np.array(drawn.bounds).reshape(3, 2)
+
+
+def payload_surface(payload: Payload) -> pv.PolyData | None:
+    """A payload's magnet, or all of its pieces, about its centre, upright, mm; None of a mere moment."""
+    if not payload.pieces:
+        return magnet_surface(payload.magnet)
+    return pv.merge([piece_surface(piece) for piece in payload.pieces]).extract_surface(algorithm=None)
+
+
+def piece_surface(piece: PayloadPiece) -> pv.PolyData:
+    """One piece of a payload where it stands about the centre, upright, mm."""
+    shape = piece.shape
+    if isinstance(shape, SoftBody):
+        surface = pv.Sphere(radius=1.0)
+        surface.scale(tuple(MM * axis / 2 for axis in shape.axes), inplace=True)
+        return placed(surface, piece.placement)
+    magnet = magnet_surface(shape)
+    assert magnet is not None
+    return placed(magnet, piece.placement)
+
+
+def magnet_surface(magnet: Any) -> pv.PolyData | None:
+    """A payload's magnet about the origin, upright, mm; None where there is none."""
+    match magnet:
+        case MagnetCylinder(diameter, height):
+            return upright_cylinder(diameter / 2, height)
+        case MagnetSphere(diameter):
+            return pv.Sphere(radius=MM * diameter / 2)
+        case MagnetBlock(size):
+            x, y, z = (MM * edge / 2 for edge in size)
+            return pv.Box((-x, x, -y, y, -z, z))
+    return None
+
+
+def upright_cylinder(radius: float, height: float) -> pv.PolyData:
+    """A cylinder about the origin, mm; radius and height in m."""
+    return pv.Cylinder(direction=(0, 0, 1), radius=MM * radius, height=MM * height, resolution=64)
 
 
 def middle_line(coil: Coil) -> tuple[Array, Array]:

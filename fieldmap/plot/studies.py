@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 from matplotlib import colormaps
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from fieldmap.plot.style import figure_style, save_figure
+from fieldmap.plot.style import new_figure, save_figure
+from fieldmap.plot.words import unit_in_words, with_unit
 from fieldmap.studies.quantities import QUANTITIES, Quantity
 
 _LABELS = {
@@ -27,7 +27,6 @@ _LABELS = {
     "largest_flux_density": "largest $B$ in the iron",
     "error_flux_density": "estimated error of $B$",
 }
-_UNITS = {"N m-1": "N/m", "mm2": "mm²", "1": ""}
 _STYLES = ("-", "--", ":", "-.")
 _MARKERS = "osD^v"
 _PANEL = (3.1, 2.4)
@@ -43,8 +42,7 @@ def save_study_plot(data: Any, path: str | Path) -> Path | None:
     shown = [q for q in QUANTITIES if q.name in _LABELS and q.name in data and _is_something(data, q)]
     if not shown:
         return None
-    figure = study_figure(data, shown)
-    return save_figure(figure, path)
+    return save_figure(study_figure(data, shown), path)
 
 
 def _is_something(data: Any, quantity: Quantity) -> bool:
@@ -57,9 +55,7 @@ def study_figure(data: Any, shown: list[Quantity]) -> Figure:
     """The figure with one panel for each quantity."""
     columns = min(_COLUMNS, len(shown))
     rows = -(-len(shown) // columns)
-    with figure_style():
-        figure = Figure(figsize=(_PANEL[0] * columns + 0.4, _PANEL[1] * rows + 0.9))
-        FigureCanvasAgg(figure)
+    with new_figure(_PANEL[0] * columns + 0.4, _PANEL[1] * rows + 0.9) as figure:
         _draw_study(figure, data, shown, columns, rows)
     return figure
 
@@ -71,15 +67,13 @@ def study_message(data: Any, quantity: Quantity) -> str:
         return ""
     least = {axis: int(k) for axis, k in values.argmin(dim=...).items()}
     at = ", ".join(_named(data, axis, k) for axis, k in least.items() if len(data[axis]) > 1)
-    unit = _UNITS.get(quantity.printed_unit, quantity.printed_unit)
-    words = _LABELS[quantity.name]
-    return f"Least {words}: {float(values.isel(least)):.3g} {unit}".rstrip() + (f" at {at}" if at else "")
+    least_value = f"{float(values.isel(least)):.3g} {unit_in_words(quantity.printed_unit)}".rstrip()
+    return f"Least {_LABELS[quantity.name]}: {least_value}" + (f" at {at}" if at else "")
 
 
 def _draw_study(figure: Figure, data: Any, shown: list[Quantity], columns: int, rows: int) -> None:
-    abscissa = (
-        data["common_current"].dims[0] if "common_current" in data else next(iter(data[shown[0].name].dims))
-    )
+    first = "common_current" if "common_current" in data else shown[0].name
+    abscissa = data[first].dims[0]
     for k, quantity in enumerate(shown):
         axes = figure.add_subplot(rows, columns, k + 1)
         _panel(axes, data, quantity, abscissa)
@@ -99,9 +93,9 @@ def _panel(axes: Axes, data: Any, quantity: Quantity, abscissa: str) -> None:
     x = along if numbers else np.arange(len(along))
     for line, colour, style, marker, label in _lines(data, quantity.name, abscissa):
         axes.plot(x, factor * line, style, marker=marker, markersize=4, color=colour, label=label)
-    unit = _UNITS.get(quantity.printed_unit, quantity.printed_unit)
-    axes.set_ylabel(_LABELS[quantity.name] + (f" ({unit})" if unit else ""), fontsize=8)
-    axes.set_xlabel(_with_unit(data, abscissa), fontsize=8)
+    unit = unit_in_words(quantity.printed_unit)
+    axes.set_ylabel(with_unit(_LABELS[quantity.name], unit), fontsize=8)
+    axes.set_xlabel(with_unit(abscissa, data[abscissa].attrs.get("units", "")), fontsize=8)
     if not numbers:
         axes.set_xticks(x, [str(text) for text in along], rotation=30, ha="right")
     axes.tick_params(labelsize=8)
@@ -138,11 +132,6 @@ def _named(data: Any, axis: str, k: int) -> str:
     value = data[axis].values[k]
     if axis == "currents":
         return f"currents {value}"
-    unit = data[axis].attrs.get("units", "")
+    unit = unit_in_words(data[axis].attrs.get("units", ""))
     shown = str(value) if isinstance(value, str) else f"{value:g}"
-    return f"{axis} {shown} {unit if unit != '1' else ''}".strip()
-
-
-def _with_unit(data: Any, axis: str) -> str:
-    unit = data[axis].attrs.get("units", "")
-    return f"{axis} ({unit})" if unit not in ("", "1") else str(axis)
+    return f"{axis} {shown} {unit}".strip()

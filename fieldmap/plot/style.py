@@ -8,15 +8,17 @@ environment says what is saved: "light" (unless set), "dark", or "both", where t
 
 import colorsys
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
-from typing import Any, Final
+from textwrap import wrap
+from typing import Any, Final, TypeVar
 
 import numpy as np
 import pyvista as pv
 from matplotlib import style
 from matplotlib.artist import Artist
+from matplotlib.axes import Axes
 from matplotlib.collections import Collection
 from matplotlib.colors import to_hex, to_rgba
 from matplotlib.figure import Figure
@@ -25,8 +27,9 @@ from matplotlib.patches import Patch
 from matplotlib.quiver import Quiver
 from matplotlib.text import Text
 
-from fieldmap.errors import InputError, Problem
+from fieldmap.arguments import check_choice
 
+Thing = TypeVar("Thing")
 STYLE: Final = "fieldmap.plot.figure"
 """For `matplotlib.style.use`."""
 VARIABLE: Final = "FIELDMAP_PICTURES"
@@ -46,21 +49,61 @@ _IN_THE_DARK: Final = dict(
         strict=True,
     )
 )
+# Of a heading: lines over the size of the letters, and the longest message of one line.
+_TITLE_LINES, _MESSAGE_WIDTH = 1.45, 68
 _SATURATED = 0.12
 _LIGHTEST, _DARKEST = 0.92, 0.55
 
 
-def figure_style() -> AbstractContextManager[None]:
-    """Within it figures are made in the style of all."""
-    return style.context(STYLE)
+@contextmanager
+def new_figure(width: float, height: float, dpi: float | None = None) -> Iterator[Figure]:
+    """An empty figure, inches, to be filled within, in the style of all; no window, no global state."""
+    with style.context(STYLE):
+        yield Figure(figsize=(width, height), dpi=dpi)
+
+
+def add_heading(axes: Axes, message: str, title: str) -> None:
+    """Above axes: what the figure says, in bold, if it says anything, and below that its title."""
+    axes.set_title(title, loc="left", color=QUIET if message else INK)
+    if not message:
+        return
+    lines = [message]
+    if len(message) > _MESSAGE_WIDTH:
+        lines = wrap(message, min(_MESSAGE_WIDTH, len(message) // 2 + 8))
+    above = 6.0 + _TITLE_LINES * float(axes.title.get_fontsize()) * (title.count("\n") + 1)
+    axes.annotate(
+        "\n".join(lines),
+        (0.0, 1.0),
+        xycoords="axes fraction",
+        xytext=(0.0, above),
+        textcoords="offset points",
+        fontsize=10,
+        fontweight="bold",
+        color=INK,
+        annotation_clip=False,
+    )
+
+
+def grouped(things: Iterable[Thing], same: Callable[[Thing, Thing], bool]) -> list[list[Thing]]:
+    """Things that are the same as the first of their group, in the order of the first ones.
+
+    >>> grouped([1, 2, 11, 3, 12], lambda one, other: one % 10 == other % 10)
+    [[1, 11], [2, 12], [3]]
+    """
+    groups: list[list[Thing]] = []
+    for thing in things:
+        group = next((group for group in groups if same(group[0], thing)), None)
+        if group is None:
+            groups.append([thing])
+        else:
+            group.append(thing)
+    return groups
 
 
 def schemes() -> tuple[str, ...]:
     """What is saved: "light", "dark" or both. Raises InputError for another value of FIELDMAP_PICTURES."""
     chosen = os.environ.get(VARIABLE, "") or "light"
-    if chosen not in SCHEMES:
-        remedy = "set it to one of these, or not at all"
-        raise InputError(Problem(VARIABLE, f"must be one of {', '.join(SCHEMES)}", chosen, remedy))
+    check_choice(VARIABLE, chosen, SCHEMES)
     return ("light", "dark") if chosen == "both" else (chosen,)
 
 
@@ -187,21 +230,27 @@ def scene_in_the_dark(scene: pv.Plotter) -> Iterator[None]:
     for renderer in scene.renderers:
         undo.append((paper(renderer), tuple(renderer.GetBackground())))
         paper(renderer)(to_rgba(DARK_PAPER)[:3])
-        for actor in [*renderer.actors.values(), *scene.scalar_bars.values()]:
-            for words in _text_properties(actor):
-                swap(words, "GetColor", "SetColor")
+        for actor in renderer.actors.values():
             if isinstance(actor, pv.Actor):
                 swap(actor.GetProperty(), "GetColor", "SetColor")
-    # Where pyvista keeps them changed with a release.
-    for slider in getattr(getattr(scene, "widgets", scene), "slider_widgets", ()):
-        representation = slider.GetRepresentation()
-        for words in (representation.GetTitleProperty(), representation.GetLabelProperty()):
-            swap(words, "GetColor", "SetColor")
+    for words in text_properties(scene):
+        swap(words, "GetColor", "SetColor")
     try:
         yield
     finally:
         for put, old in undo:
             put(old)
+
+
+def text_properties(scene: pv.Plotter) -> list[Any]:
+    """Those of all words in a scene: texts, labels, colour bars and sliders."""
+    actors = [actor for renderer in scene.renderers for actor in renderer.actors.values()]
+    found = [words for actor in [*actors, *scene.scalar_bars.values()] for words in _text_properties(actor)]
+    # Where pyvista keeps them changed with a release.
+    for slider in getattr(getattr(scene, "widgets", scene), "slider_widgets", ()):
+        representation = slider.GetRepresentation()
+        found += [representation.GetTitleProperty(), representation.GetLabelProperty()]
+    return found
 
 
 def _text_properties(actor: Any) -> list[Any]:

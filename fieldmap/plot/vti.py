@@ -20,25 +20,50 @@ def write_vti(
     spacing: float | None = None,
     device: str = "",
 ) -> Path:
-    """Write a field as .vti: at fixed currents (n_coils,), A, or coil by coil per ampere.
-
-    field: an opened map, on its nodes, or any field with a box; spacing, m: how far apart nodes lie at most, which a
-    field without nodes of its own needs. device: its name, where the field is no map that records it.
+    """Write a field as .vti: at fixed currents, or coil by coil per ampere.
 
     At fixed currents the arrays are `B_T` (n, 3) and `gradB_T_per_m` (n, 9), otherwise `B_COIL_T_per_A` and
     `gradB_COIL_T_per_m_A` of every coil, and `B_no_current_T` and `gradB_no_current_T_per_m` of what no current drives,
     if there is such a field. Lengths in m. The field data say which device, frame and currents it is.
-    Raises InputError for currents that do not fit, for saturating iron without any, and for a path that does not end in
-    .vti or cannot be written. The file appears complete or not at all.
+    The file appears complete or not at all.
+
+    Parameters
+    ----------
+    field : an opened map, on its nodes, or any field with a box.
+    path : ends in .vti.
+    currents : (n_coils,), A; coil by coil unless given.
+    spacing : how far apart nodes lie at most, m; a field without nodes of its own needs it.
+    device : its name, where the field is no map that records it.
+
+    Returns
+    -------
+    The path.
+
+    Raises
+    ------
+    InputError
+        For currents that do not fit, for saturating iron without any, and for a path that does not end in .vti or
+        cannot be written.
     """
+    checked_suffix(path, ".vti")
+    return save_grid(map_image(field, currents, spacing, device), path, ".vti")
+
+
+def checked_suffix(path: str | PathLike[str], suffix: str) -> Path:
+    """The path of a file that ends in `suffix`. Raises InputError for another one."""
     target = Path(path)
-    if target.suffix != ".vti":
-        must_hold = "must be a file name that ends in .vti"
+    if target.suffix != suffix:
+        must_hold = f"must be a file name that ends in {suffix}"
         raise InputError(Problem(str(target), must_hold, target.name, "programs know the format by it"))
-    image = map_image(field, currents, spacing, device)
+    return target
+
+
+def save_grid(grid: pv.DataSet, path: str | PathLike[str], suffix: str) -> Path:
+    """Write a grid as VTK's XML of this suffix, whole or not at all."""
+    target = checked_suffix(path, suffix)
     with whole_file(target) as partial:
         target.parent.stat()
-        image.save(partial)
+        grid.save(partial)
     return target
 
 

@@ -11,6 +11,7 @@ from fieldmap.errors import InputError, Problem
 from fieldmap.extras import require
 from fieldmap.iron import IronMesh, SolvedState
 from fieldmap.iron.elements.state import IronState
+from fieldmap.plot.vti import checked_suffix, save_grid
 from fieldmap.store.whole_files import whole_file
 from fieldmap.typing import Array, PathLike
 
@@ -26,8 +27,7 @@ def write_vtu(state: SolvedState, path: PathLike, device: Device | None = None) 
     without iron or one that was read back from a file, for a device of other bodies, and for a path that does not end
     in .vtu or cannot be written. The file appears complete or not at all.
     """
-    grid = iron_grid(state, device)
-    return _saved(grid, path)
+    return save_grid(iron_grid(state, device), path, ".vtu")
 
 
 def write_charges_vtu(state: SolvedState, path: PathLike) -> Path:
@@ -37,7 +37,7 @@ def write_charges_vtu(state: SolvedState, path: PathLike) -> Path:
     - mu0 M outwards, from which the field in the air follows), and `normal`, away from the iron. Field data:
     `currents_A`. Raises InputError as `write_vtu`.
     """
-    return _saved(charges_grid(state), path)
+    return save_grid(charges_grid(state), path, ".vtu")
 
 
 def write_xdmf(state: SolvedState, path: PathLike, device: Device | None = None) -> Path:
@@ -45,7 +45,7 @@ def write_xdmf(state: SolvedState, path: PathLike, device: Device | None = None)
 
     Raises FieldmapError without meshio, otherwise as `write_vtu`.
     """
-    target = _named(path, ".xdmf")
+    target = checked_suffix(path, ".xdmf")
     meshio = require("meshio", "mesh", "write_xdmf")
     grid = iron_grid(state, device)
     cells = [("tetra", grid.cell_connectivity.reshape(-1, 4))]
@@ -110,19 +110,3 @@ def _initial(device: Device, mesh: IronMesh) -> Array:
         [materials[name].initial_mu_r if materials[name].role == "iron" else np.nan for name in names]
         + [np.nan] * len(mesh.sheets)
     )
-
-
-def _named(path: PathLike, suffix: str) -> Path:
-    target = Path(path)
-    if target.suffix != suffix:
-        must_hold = f"must be a file name that ends in {suffix}"
-        raise InputError(Problem(str(target), must_hold, target.name, "programs know the format by it"))
-    return target
-
-
-def _saved(grid: pv.UnstructuredGrid, path: PathLike) -> Path:
-    target = _named(path, ".vtu")
-    with whole_file(target) as partial:
-        target.parent.stat()
-        grid.save(partial)
-    return target

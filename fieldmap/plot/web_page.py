@@ -14,7 +14,7 @@ from typing import Any
 import pyvista as pv
 
 from fieldmap.extras import require
-from fieldmap.plot.rulers import MILLIMETRES
+from fieldmap.plot.scales import MILLIMETRES
 from fieldmap.plot.style import INK
 from fieldmap.store.whole_files import write_whole
 

@@ -1,22 +1,12 @@
 """S18: the optimal regulator of 7.4 on the coupled machine: Tables 7-3 and 7-4, with its estimates."""
 
-from typing import Any, NamedTuple
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fieldmap.control import (
-    Estimator,
-    Regulator,
-    StateSpace,
-    kalmd,
-    lqrd,
-    simulate_loop,
-    steady_gain,
-    to_transfer_function,
-    with_output_integral,
-    zero_order_hold,
-)
+from fieldmap.control import Estimator, StateSpace, simulate_loop
 from fieldmap.curves import Curves, Series
 from fieldmap.dynamics.scenario.controllers import AxisRegulator
 from fieldmap.thesis.computation import Answers
@@ -31,25 +21,21 @@ from fieldmap.thesis.coupled_runs import (
     runs_of,
     with_measured,
 )
+from fieldmap.thesis.vertical import design_of
 from fieldmap.typing import Array
 
 _BEGIN, _END = 0.9, 2.0
 
 
-class _Design(NamedTuple):
-    """The model of a regulator as it is written in a scenario, and what follows from it."""
-
-    model: StateSpace
-    estimator: Estimator
-    regulator: Regulator
-
-
 def step_and_states(run: Readings, quiet: Readings, rig_peak: ArrayLike) -> list[Curves]:
     """Figs 7-32 to 7-34: run with the sensor's noise, quiet without. rig_peak: s after the step, mm beyond it."""
-    design = _design(run)
+    keys, Ts = _keys(run), run.run.scenario.settings.control.period
+    model = StateSpace(np.array(keys.A), np.array(keys.B)[:, None], np.array(keys.C)[None], np.zeros((1, 1)))
+    plant, designed = design_of(model, keys.Q, keys.R, (keys.process_noise, keys.measurement_noise), Ts)
+    # The thesis's model feeds back x[n-1|n-1].
+    regulator = replace(designed, equilibrium_at="measured")
     reference = run.wanted[:, DEPTH] - run.wanted[0, DEPTH]
-    plant = StateSpace(*zero_order_hold(design.model.A, design.model.B, 2e-3), design.model.C, design.model.D)
-    loop = simulate_loop(plant, design.regulator, reference)
+    loop = simulate_loop(plant, regulator, reference)
     position = run.wanted[0, DEPTH] + loop.y[0]
     lines, models = {"coupled machine": run, "without noise": quiet}, {"design model": position}
     title = "Fig. 7-32: step from 13 to 12.9 mm, regulator"
@@ -58,14 +44,16 @@ def step_and_states(run: Readings, quiet: Readings, rig_peak: ArrayLike) -> list
     after, beyond = np.asarray(rig_peak, dtype=float)
     end = float(run.wanted[-1, DEPTH])
     curves = [with_measured(step, "peak of the rig, Table 7-3", [1.0 + after], [end - beyond])]
-    weight = design.regulator.equilibrium[1]
+    weight = regulator.equilibrium[1]
     keys, seen = _keys(quiet), quiet.seen[:, DEPTH]
     assert keys.equilibrium is not None
     intercept, slope = keys.equilibrium
     control = quiet.run.outputs[:, 0] - intercept - slope * seen
     estimates = {
-        "ours": filtered_states(design.estimator, control, seen - quiet.wanted[:, DEPTH]),
-        "published": filtered_states(design.estimator, loop.u[0] - weight * loop.y[0], loop.y[0] - reference),
+        "ours": filtered_states(regulator.estimator, control, seen - quiet.wanted[:, DEPTH]),
+        "published": filtered_states(
+            regulator.estimator, loop.u[0] - weight * loop.y[0], loop.y[0] - reference
+        ),
     }
     shown = run.during(_BEGIN, _END)
     for k in (0, 1):
@@ -92,17 +80,6 @@ def _keys(run: Readings) -> AxisRegulator:
     keys = run.run.scenario.settings.control.z
     assert isinstance(keys, AxisRegulator)
     return keys
-
-
-def _design(run: Readings) -> _Design:
-    """(7-9) to (7-17), (7-20): the thesis's model feeds back x[n-1|n-1]."""
-    keys, Ts = _keys(run), run.run.scenario.settings.control.period
-    model = StateSpace(np.array(keys.A), np.array(keys.B)[:, None], np.array(keys.C)[None], np.zeros((1, 1)))
-    wide = with_output_integral(model.A, model.B, model.C)
-    k = lqrd(wide.A, wide.B, np.array(keys.Q), keys.R, Ts)
-    estimator = kalmd(model.A, model.B, model.C, keys.process_noise, keys.measurement_noise, Ts)
-    equilibrium = (0.0, 1.0 / steady_gain(to_transfer_function(model)))
-    return _Design(model, estimator, Regulator(k, estimator, Ts, equilibrium, "measured", "filtered"))
 
 
 def regulator(inputs: dict[str, Any]) -> Answers:

@@ -140,10 +140,14 @@ def with_measured(curves: Curves, name: str, x: ArrayLike, y: ArrayLike, *, poin
     return replace(curves, series=(*curves.series, rig))
 
 
-def answer_of(plant: TransferFunction, controller: PID, run: Readings, axis: int) -> Array:
-    """What a model in closed loop makes of a run's reference (r,), mm."""
+def beside_models(
+    title: str, axis: int, run: Readings, models: Mapping[str, tuple[TransferFunction, PID]], **shown: Any
+) -> Curves:
+    """A run, and what models in closed loop, plant and controller, make of its reference; shown: as in `over_time`."""
     begin = run.wanted[0, axis]
-    return np.asarray(begin + simulate_loop(plant, controller, run.wanted[:, axis] - begin).y[0])
+    asked = run.wanted[:, axis] - begin
+    answers = {name: begin + simulate_loop(*model, asked).y[0] for name, model in models.items()}
+    return over_time(title, axis, {"coupled machine": run}, models=answers, **shown)
 
 
 def in_the_plane(title: str, readings: Mapping[str, Readings], begin: float, remark: str = "") -> Curves:

@@ -102,6 +102,7 @@ def divided(level: float, signal: float, axis: str, n: float) -> Array:
 
 AXES: tuple[Axis, ...] = ("x", "y")
 BOTH: tuple[Rule, ...] = ("held", "constant")
+_HELD: dict[Rule, str] = {"held": "ours, lift held", "constant": "ours, mean current held"}
 DRAWN_H = 15.0
 """The h of curves that show one, mm: the device file's assumption."""
 
@@ -175,12 +176,12 @@ def height_table(inputs: dict[str, Any]) -> Answers:
 
 def x_branches(inputs: dict[str, Any]) -> Answers:
     """Tables 6-4, 6-5 and Fig. 6-5."""
-    return _branches(inputs, "x", "Fig. 6-5: Tables 6-4 and 6-5")
+    return _branches(inputs, "x", "Fig. 6-5: where the magnet rests over the x signal (Tables 6-4 and 6-5)")
 
 
 def y_branches(inputs: dict[str, Any]) -> Answers:
     """Tables 6-6, 6-7 and Fig. 6-6."""
-    return _branches(inputs, "y", "Fig. 6-6: Tables 6-6 and 6-7")
+    return _branches(inputs, "y", "Fig. 6-6: where the magnet rests over the y signal (Tables 6-6 and 6-7)")
 
 
 def _branches(inputs: dict[str, Any], axis: Axis, title: str) -> Answers:
@@ -197,7 +198,7 @@ def _branches(inputs: dict[str, Any], axis: Axis, title: str) -> Answers:
             numbers[f"{side}_outward_{rule}"] = places
             if rule == "held":
                 numbers[f"{side}_back_{rule}"] = places
-            drawn.append(Series(f"ours, {rule} level", signals, places))
+            drawn.append(Series(_HELD[rule], signals, places))
         drawn += both_ways("measured", signals, out, back, "measured")
     remark = (
         "A static field gives one curve; the measured positions lead on the way back: "
@@ -223,7 +224,7 @@ def _follows(drawn: list[Series]) -> str:
     the outward branch; the largest of both directions."""
     of = {
         name: [one.y for one in drawn if one.name == name]
-        for name in ("ours, held level", "measured, outward", "measured, on the way back")
+        for name in (_HELD["held"], "measured, outward", "measured, on the way back")
     }
     held, out, back = of.values()
     moved = max(float(np.abs(one - one[0]).max()) for one in out)

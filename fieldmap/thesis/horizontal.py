@@ -14,7 +14,7 @@ from fieldmap.control.linear_models import filter_response
 from fieldmap.curves import Curves
 from fieldmap.records import Record
 from fieldmap.thesis.computation import Answers
-from fieldmap.thesis.coupled_runs import Readings, X, answer_of, ours, over_time, run_of
+from fieldmap.thesis.coupled_runs import Readings, X, beside_models, ours, over_time, run_of
 from fieldmap.thesis.vertical import RUNS, over_records
 from fieldmap.typing import Array
 
@@ -149,7 +149,9 @@ def _open_loop(inputs: dict[str, Any]) -> list[Curves]:
             answers[name] = begin + float(way) * rise / (plant.numerator.sum() / plant.denominator.sum())
         title = f"Fig. 6-{number}: open-loop step of {axis} by {way:g} mm"
         remark = f"Signal {signal:.3f} here, {theirs:.3f} on the rig by (6-4), (6-5); models scaled to end there too."
-        curves.append(_beside(title, axis, run, answers, 0.5, 6.0, remark, asked=False))
+        shown: dict[str, Any] = {"begin": 0.5, "end": 6.0, "remark": remark, "asked": False}
+        machine = {"coupled machine": run}
+        curves.append(over_time(title, "xy".index(axis), machine, models=answers, **shown))
     return curves
 
 
@@ -192,11 +194,12 @@ def _closed_loop(
         duration_s: float = 12.0,
     ) -> Curves:
         run, plants = step(control, axis, depth_mm, duration_s), _models(inputs, axis)
-        models = {
-            name: answer_of(plants[order], control.pid(inputs["Ts_s"], T), run, "xy".index(axis))
+        loops = {
+            name: (plants[order], control.pid(inputs["Ts_s"], T))
             for name, (order, T) in times_of_models.items()
         }
-        return _beside(f"Fig. 6-{number}: step of {axis}{title}", axis, run, models, *shown, remark)
+        title, (begin, end) = f"Fig. 6-{number}: step of {axis}{title}", shown
+        return beside_models(title, "xy".index(axis), run, loops, begin=begin, end=end, remark=remark)
 
     def both(T: float) -> dict[str, tuple[str, float]]:
         return {order: (order, T) for order in ("second order", "first order")}
@@ -227,13 +230,3 @@ def _closed_loop(
         for number, axis in ((26, "x"), (27, "y"))
     ]
     return curves
-
-
-def _beside(
-    title: str, axis: str, run: Readings, models: Mapping[str, Array], begin: float, end: float, remark: str,
-    asked: bool = True,
-) -> Curves:  # fmt: skip
-    return over_time(
-        title, "xy".index(axis), {"coupled machine": run}, begin=begin, end=end, remark=remark,
-        models=models, asked=asked,
-    )  # fmt: skip

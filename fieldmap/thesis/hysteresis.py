@@ -377,12 +377,14 @@ def shipped_unit() -> JointedUnit:
 
 def x_joints(inputs: dict[str, Any]) -> Answers:
     """Tables 6-4 and 6-5."""
-    return _joints(inputs, "x", "Both branches along x: joints and hysteresis, fitted to the positive side")
+    return _joints(
+        inputs, "x", "Magnet over the x signal: joints and hysteresis, fitted to the positive side"
+    )
 
 
 def y_joints(inputs: dict[str, Any]) -> Answers:
     """Tables 6-6 and 6-7."""
-    return _joints(inputs, "y", "Both branches along y: predicted by joints and hysteresis fitted to x")
+    return _joints(inputs, "y", "Magnet over the y signal: predicted by joints and hysteresis fitted to x")
 
 
 def _joints(inputs: dict[str, Any], axis: Axis, title: str) -> Answers:

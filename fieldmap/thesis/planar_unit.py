@@ -1,5 +1,6 @@
 """S5: the two-dimensional drive unit of section 2.4, in a box without flux and in open space."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any
@@ -66,32 +67,32 @@ def _force_at_the_middle(solved: PlanarSolution | PlanarState, amperes: Array, z
     return float(slope.imag / slope.real)
 
 
-def _both(compute: Any) -> tuple[Ours, Ours]:
-    """The same with the box and in open space."""
-    answers = []
-    for solved in (unit(True), unit(False)):
-        answers.append(Ours(compute(solved), solved.report.assumptions))
-    return answers[0], answers[1]
+def _places() -> dict[str, PlanarSolution]:
+    """The unit in its box and in open space, by what figures call these."""
+    return {"box without flux": unit(True), "open space": unit(False)}
+
+
+def _in_both(compute: Callable[[PlanarSolution], dict[str, Any]]) -> dict[str, Ours]:
+    """Numbers of the unit in its box and, under names that end in _in_open_space, of the other."""
+    numbers: dict[str, Ours] = {}
+    for suffix, solved in zip(("", "_in_open_space"), _places().values(), strict=True):
+        reported = solved.report.assumptions
+        numbers |= {name + suffix: Ours(value, reported) for name, value in compute(solved).items()}
+    return numbers
 
 
 def current_ratio(inputs: dict[str, Any]) -> Answers:
     """Table 2-3."""
     z, nominal = -1e-3 * inputs["depth_mm"], inputs["nominal_current_A"]
 
-    def positions(solved: PlanarSolution) -> list[float]:
-        return [
-            1e3 * reached_from_the_middle(solved, currents(ratio, nominal), z)
-            for ratio in inputs["exact_ratios"]
-        ]
+    divided = [currents(ratio, nominal) for ratio in inputs["exact_ratios"]]
 
-    box, free = _both(positions)
+    def positions(solved: PlanarSolution) -> dict[str, Any]:
+        return {"equilibrium": [1e3 * reached_from_the_middle(solved, amperes, z) for amperes in divided]}
+
     states = [saturating(ratio, nominal) for ratio in inputs["exact_ratios"]]
     moved = [1e3 * reached_from_the_middle(state, state.currents, z) for state in states]
-    numbers = {
-        "equilibrium": box,
-        "equilibrium_in_open_space": free,
-        "equilibrium_with_curve": Ours(moved, states[0].report.assumptions),
-    }
+    numbers = _in_both(positions) | {"equilibrium_with_curve": Ours(moved, states[0].report.assumptions)}
     named = zip(
         ("1:1", "1:1.22", "1:1.5", "1:3"), inputs["exact_ratios"], inputs["table_2_3_mm"], strict=True
     )
@@ -118,15 +119,15 @@ def depth(inputs: dict[str, Any]) -> Answers:
     """Table 2-4."""
     amperes = currents(inputs["ratio"], inputs["nominal_current_A"])
 
-    def positions(solved: PlanarSolution) -> list[float]:
-        return [1e3 * reached_from_the_middle(solved, amperes, -1e-3 * mm) for mm in inputs["depths_mm"]]
+    def positions(solved: PlanarSolution) -> dict[str, Any]:
+        found = [reached_from_the_middle(solved, amperes, -1e-3 * mm) for mm in inputs["depths_mm"]]
+        return {"equilibrium": 1e3 * np.array(found)}
 
-    box, free = _both(positions)
     theirs = dict(zip(inputs["depths_mm"], inputs["table_2_4_mm"], strict=True))
     depths = (70.0, 85.0, 100.0, 125.0, 150.0, 200.0)
     lines = tuple(_Line(f"{mm:g} mm deep", amperes, 1e-3 * mm, theirs.get(mm, np.nan)) for mm in depths)
     curves = _flux_density_along_x("Fig. 2-11: ratio 1:1.5 at several depths", lines, "Table 2-4")
-    return Answers({"equilibrium": box, "equilibrium_in_open_space": free}, curves)
+    return Answers(_in_both(positions), curves)
 
 
 def gradients(inputs: dict[str, Any]) -> Answers:
@@ -134,35 +135,24 @@ def gradients(inputs: dict[str, Any]) -> Answers:
     z, nominal = -1e-3 * inputs["depth_mm"], inputs["nominal_current_A"]
     names = ("vertical", "horizontal_large_ratio", "horizontal_small_ratio")
 
-    def values(solved: PlanarSolution) -> list[float]:
-        at = [
-            solved.gradient([[0.0, z]], currents(ratio, nominal))[0]
-            for ratio in (1.0, *inputs["exact_ratios"])
-        ]
-        return [-at[0][1, 1], at[1][1, 0], at[2][1, 0]]
+    def values(solved: PlanarSolution) -> dict[str, Any]:
+        of_ratios = [currents(ratio, nominal) for ratio in (1.0, *inputs["exact_ratios"])]
+        at = [solved.gradient([[0.0, z]], amperes)[0] for amperes in of_ratios]
+        return dict(zip(names, (-at[0][1, 1], at[1][1, 0], at[2][1, 0]), strict=True))
 
-    answers: dict[str, Any] = {}
-    for solved, suffix in ((unit(True), ""), (unit(False), "_in_open_space")):
-        for name, value in zip(names, values(solved), strict=True):
-            answers[name + suffix] = Ours(float(value), solved.report.assumptions)
-    return Answers(answers, _curves_below_the_middle(nominal))
+    return Answers(_in_both(values), _curves_below_the_middle(nominal))
 
 
 def _curves_below_the_middle(nominal: float) -> tuple[Curves, ...]:
     """Figs 2-12 and 2-13: B_z straight below the middle, and below places at both sides of it."""
     sides = (-0.1, -0.05, 0.0, 0.05, 0.1)
-    figures = [
-        _flux_density_downwards(
-            "Fig. 2-12: below the middle, ratio 1:1",
-            currents(1.0, nominal),
-            ((unit(True), "box without flux", 0.0), (unit(False), "open space", 0.0)),
-        )
-    ]
-    for solved, words in ((unit(True), "box without flux"), (unit(False), "open space")):
+    middle = tuple((solved, words, 0.0) for words, solved in _places().items())
+    title = "Fig. 2-12: below the middle, ratio 1:1"
+    figures = [_flux_density_downwards(title, currents(1.0, nominal), middle)]
+    for words, solved in _places().items():
         lines = tuple((solved, f"x = {1e3 * x:g} mm", x) for x in sides)
-        figures.append(
-            _flux_density_downwards(f"Fig. 2-13: ratio 1:1.5, {words}", currents(1.5, nominal), lines)
-        )
+        title = f"Fig. 2-13: ratio 1:1.5, {words}"
+        figures.append(_flux_density_downwards(title, currents(1.5, nominal), lines))
     return tuple(figures)
 
 
@@ -239,7 +229,7 @@ def _flux_density_along_x(
     remark = "Dots: equilibria reached from x = 0, at maxima of the field. Squares: those of the table, on our lines."
     theirs = [line for line in lines if window[0] <= 1e-3 * line.theirs <= window[1]]
     figures = []
-    for solved, words in ((unit(True), "box without flux"), (unit(False), "open space")):
+    for words, solved in _places().items():
         series = [piece for line in lines for piece in _line_and_equilibrium(solved, line, window)]
         at = np.array([1e-3 * line.theirs for line in theirs])
         heights = [line.flux_density(solved, x[None])[0] for line, x in zip(theirs, at, strict=True)]

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.polynomial import Polynomial
 
-from fieldmap.curves import Curves, Series
+from fieldmap.curves import Curves, Series, percent
 from fieldmap.levitation import (
     GRAVITY,
     Calibration,
@@ -204,23 +204,24 @@ OFFSET_LIMITS = (5e-3, 30e-3)
 """m: the magnet is 10 mm tall and lies inside the body."""
 
 
-class _Said:
-    """A fit as the row file speaks of it: its values in one line, its fitted values, and both misfits."""
+def _assumed(name: str, fit: Calibration, inputs: Mapping[str, Any]) -> tuple[str, str]:
+    """What was fitted, and how well, for the numbers that rest on it."""
+    deviations = fit.deviations
+    fitted = ", ".join(f"{key} = {fit.values[key]:.4g} +- {deviations[key]:.1g}" for key in fit.fitted)
+    return (
+        f"fit `{name}`: {fitted} (magnet_offset in m)",
+        f"misfit {fit.misfit:.2f} deviations, {fit.misfit_before:.1f} with nothing fitted; deviations assumed: "
+        f"{percent(inputs['lift_deviation'])} of a current, {inputs['position_deviation_mm']:g} mm",
+    )
 
-    def __init__(self, fit: Calibration) -> None:
-        deviations = fit.deviations
-        self._values = fit.values
-        self.misfit, self.misfit_before = fit.misfit, fit.misfit_before
-        self.fitted = ", ".join(
-            f"{key} = {fit.values[key]:.4g} +- {deviations[key]:.1g}" for key in fit.fitted
-        )
 
-    def __format__(self, spec: str) -> str:
-        v = self._values
-        return (
-            f"force times {v['field_scale']:.2f}, h = {1e3 * v['magnet_offset']:.1f} mm, currents times "
-            f"{v['current_scale']:.2f}, misfit {self.misfit:.1f} deviations"
-        )
+def _said(fit: Calibration) -> str:
+    """A fit as the row file speaks of it."""
+    v = fit.values
+    return (
+        f"force times {v['field_scale']:.2f}, h = {1e3 * v['magnet_offset']:.1f} mm, currents times "
+        f"{v['current_scale']:.2f}, misfit {fit.misfit:.1f} deviations"
+    )
 
 
 def calibrations(inputs: dict[str, Any]) -> Answers:
@@ -264,10 +265,11 @@ def calibrations(inputs: dict[str, Any]) -> Answers:
             found[axis] = tables[axis][1][0] + np.append(0.0, way)
         currents = [thesis_lift_current(z) for z in depths] / lifts
         answers = {"current": currents, "x": found["x"], "y": found["y"]}
-        numbers |= {f"{of}_{name}": Ours(values, fit.assumptions) for of, values in answers.items()}
+        rests_on = (*fit.assumptions, *_assumed(name, fit, inputs))
+        numbers |= {f"{of}_{name}": Ours(values, rests_on) for of, values in answers.items()}
         for of, drawn in lines.items():
             drawn.append(Series(f"fit `{name}`", depths if of == "lift" else tables[of][0], found[of]))
-        said[name] = _Said(fit)
+        said[name] = _said(fit)
     title, x = "Lift at the measured currents, after each fit", "sensor depth z_s (mm)"
     figures = [Curves(title, x, "lift over weight", tuple(lines["lift"]))]
     for axis in AXES:

@@ -76,22 +76,28 @@ def best_line_fit(coil: str, depth: float, half_width: float) -> Fit[HorizontalF
     return min((line_fit(coil, depth, half_width, _A, side) for side in (1, -1)), key=lambda fit: fit.rms)
 
 
-def added_errors(depth: float, half_width: float, quadratic: bool = False) -> tuple[AddedError, ...]:
-    """One magnet (1), two (1 and 4), and all six; (4-9), or (4-10) in its place."""
+QUADRATIC, HORIZONTAL = "quadratic (4-10)", "(4-9)"
+
+
+@cache
+def line_formulas(depth: float, half_width: float) -> dict[str, Array]:
+    """(4-9) and (4-10) fitted to each coil on y = 0, (coils, n) in N at 1 A, by the formula's name."""
     x, force = places(half_width), unit_forces(depth, half_width, 0.0)
-    names = unit().coil_names
-    formulas = np.array(
-        [
-            fit_quadratic_force(x, force[k]).formula(x, 1.0)
-            if quadratic
-            else best_line_fit(name, depth, half_width).formula(x, depth, 1.0)
-            for k, name in enumerate(names)
-        ]
-    )
+    fits = [best_line_fit(name, depth, half_width) for name in unit().coil_names]
+    return {
+        HORIZONTAL: np.array([fit.formula(x, depth, 1.0) for fit in fits]),
+        QUADRATIC: np.array([fit_quadratic_force(x, line).formula(x, 1.0) for line in force]),
+    }
+
+
+def added_errors(depth: float, half_width: float, formula: str = HORIZONTAL) -> tuple[AddedError, ...]:
+    """One magnet (1), two (1 and 4), and all six, by a formula of `line_formulas`."""
+    x, force = places(half_width), unit_forces(depth, half_width, 0.0)
     errors = []
-    for chosen in ((ONE,), (ONE, FOUR), names):
+    for chosen in ((ONE,), (ONE, FOUR), unit().coil_names):
         rows = [_index(name) for name in chosen]
-        added, total = formulas[rows].sum(axis=0), force[rows].sum(axis=0)
+        added = line_formulas(depth, half_width)[formula][rows].sum(axis=0)
+        total = force[rows].sum(axis=0)
         errors.append(added_error((1.0,) * len(rows), added, total, np.abs(x) <= 0.0101))
     return tuple(errors)
 
@@ -122,54 +128,49 @@ def constants(inputs: dict[str, Any]) -> Answers:
         "rms_mN": [1e3 * fit.rms for fit in fits],
         "plane_rms_mN": 1e3 * plane.rms,
         "formula": added_errors(depth, half_width),
-        "quadratic": added_errors(depth, half_width, quadratic=True),
+        "quadratic": added_errors(depth, half_width, QUADRATIC),
     }
     return Answers(numbers, curves, facts)
 
 
+def _along_x(title: str, half_width: float, lines: dict[str, Array], remark: str = "") -> Curves:
+    """Forces (n,), N, by name."""
+    x = 1e3 * places(half_width)
+    series = tuple(Series(name, x, 1e3 * force) for name, force in lines.items())
+    return Curves(title, "x (mm)", "$F_x$ (mN)", series, remark)
+
+
 def _one_by_one(depth: float, half_width: float, fits: list[Fit[HorizontalForce]]) -> Curves:
     """Figs 4-10, 4-11: electromagnets 1 and 4 on the axis, computed and by the formula."""
-    x, series = places(half_width), []
+    lines = {}
     for name, coil, fit in (("1", ONE, fits[0]), ("4", FOUR, fits[1])):
-        force = unit_forces(depth, half_width, 0.0)[_index(coil)]
-        series.append(Series(f"electromagnet {name}", 1e3 * x, 1e3 * force))
-        series.append(Series(f"(4-9) fitted to {name}", 1e3 * x, 1e3 * fit.formula(x, depth, 1.0)))
+        lines[f"electromagnet {name}"] = unit_forces(depth, half_width, 0.0)[_index(coil)]
+        lines[f"(4-9) fitted to {name}"] = fit.formula(places(half_width), depth, 1.0)
     title = f"Figs 4-10, 4-11: one electromagnet, y = 0, {1e3 * depth:g} mm deep"
     remark = "The printed constants of Table 4-3 have a pole inside the range and are not drawn."
-    return Curves(title, "x (mm)", "$F_x$ (mN)", tuple(series), remark)
+    return _along_x(title, half_width, lines, remark)
 
 
 def _beside_the_axis(depth: float, half_width: float, fit: Fit[HorizontalForce]) -> Curves:
     """Figs 4-12 to 4-15: electromagnet 1 on lines of constant y."""
-    x, series = places(half_width), []
-    for y in _BESIDE:
-        force = unit_forces(depth, half_width, y)[_index(ONE)]
-        series.append(Series(f"y = {1e3 * y:g} mm", 1e3 * x, 1e3 * force))
-    fitted = fit.formula(x, depth, 1.0, y=_BESIDE[0])
-    series.append(Series("(4-9) fitted", 1e3 * x, 1e3 * fitted))
+    lines = {f"y = {1e3 * y:g} mm": unit_forces(depth, half_width, y)[_index(ONE)] for y in _BESIDE}
+    lines["(4-9) fitted"] = fit.formula(places(half_width), depth, 1.0, y=_BESIDE[0])
     title = f"Figs 4-12 to 4-15: electromagnet 1 beside the axis, {1e3 * depth:g} mm deep"
     remark = "(4-9) fitted to all lines at once: its term in |y| comes out of no use, so that it says the same of each."
-    return Curves(title, "x (mm)", "$F_x$ (mN)", tuple(series), remark)
+    return _along_x(title, half_width, lines, remark)
 
 
 def _added(depth: float, half_width: float) -> list[Curves]:
     """Figs 4-9 and 4-16, and the same of all six: what adding fitted formulas makes of several electromagnets."""
-    x, force, names = places(half_width), unit_forces(depth, half_width, 0.0), unit().coil_names
-    formulas = {
-        "(4-9)": [best_line_fit(name, depth, half_width).formula(x, depth, 1.0) for name in names],
-        "quadratic (4-10)": [fit_quadratic_force(x, line).formula(x, 1.0) for line in force],
-    }
+    computed = {"computed": unit_forces(depth, half_width, 0.0)}
+    formulas = line_formulas(depth, half_width).items()
+    forces = computed | {f"{name} fitted and added": lines for name, lines in formulas}
     curves = []
     for title, chosen in (
         ("Figs 4-9, 4-16: electromagnets 1 and 4", (ONE, FOUR)),
-        ("All six electromagnets", names),
+        ("All six electromagnets", unit().coil_names),
     ):
         rows = [_index(name) for name in chosen]
-        series = [Series("computed", 1e3 * x, 1e3 * force[rows].sum(axis=0))]
-        series += [
-            Series(f"{name} fitted and added", 1e3 * x, 1e3 * np.array(lines)[rows].sum(axis=0))
-            for name, lines in formulas.items()
-        ]
-        whole = f"{title}, 1 A each, {1e3 * depth:g} mm deep"
-        curves.append(Curves(whole, "x (mm)", "$F_x$ (mN)", tuple(series)))
+        lines = {name: of_coils[rows].sum(axis=0) for name, of_coils in forces.items()}
+        curves.append(_along_x(f"{title}, 1 A each, {1e3 * depth:g} mm deep", half_width, lines))
     return curves

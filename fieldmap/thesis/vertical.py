@@ -25,6 +25,7 @@ from fieldmap.control import (
     simulate_loop,
     steady_gain,
     step_metrics,
+    to_transfer_function,
     transfer_function,
     with_output_integral,
     zero_order_hold,
@@ -77,7 +78,9 @@ def step_response(inputs: dict[str, Any]) -> Answers:
         "time_to_reference": float(reached),
         "rms_at_rest": rms_at_rest(plant, pid, inputs["sensor_deviation_mm"]),
     }
-    return Answers(answers, (_step_figure(run, inputs["step_mm"]),))
+    title = "Table 7-1: step of the height on the identified plant"
+    drawn = _steps(title, {"identified plant (5-17), PID": run}, inputs["step_mm"], 1.5)
+    return Answers(answers, (drawn,))
 
 
 def _of_step(metrics: StepMetrics) -> dict[str, float]:
@@ -89,14 +92,14 @@ def _of_step(metrics: StepMetrics) -> dict[str, float]:
     }
 
 
-def _step_figure(run: Any, step: float) -> Curves:
-    shown = run.time <= 1.5
-    time = run.time[shown]
-    series = (
-        Series("identified plant (5-17), PID", time, run.y[0][shown]),
-        Series("asked for", time, np.full_like(time, step), "asked"),
-    )
-    return Curves("Table 7-1: step of the height on the identified plant", "time (s)", "height (mm)", series)
+def _steps(title: str, runs: dict[str, Any], step: float, end: float) -> Curves:
+    """Answers to a step of so many mm, to the end, s."""
+    series = []
+    for name, run in runs.items():
+        shown = run.time <= end
+        series.append(Series(name, run.time[shown], run.y[0][shown]))
+    series.append(Series("asked for", series[0].x, np.full_like(series[0].x, step), "asked"))
+    return Curves(title, "time (s)", "height (mm)", tuple(series))
 
 
 def rms_at_rest(plant: tuple, controller: Any, deviation: float) -> float:
@@ -179,9 +182,7 @@ def minutes(inputs: dict[str, Any]) -> dict[str, Any]:
     fitted = _fitted_plant(inputs)
     gains, Ts = np.asarray(inputs["gains"]), inputs["Ts_s"]
     poles = np.array([_loop_poles(fitted, gain, inputs) for gain in gains])
-    answers = _pairs_and_third(poles, gains, inputs)
     integral = 0.5 * Ts / (60.0 * inputs["Ti_s"])
-    answers["zero"] = [(1.0 - integral) / (1.0 + integral)] * 3
     pid = PID(
         inputs["step_gain"],
         60.0 * inputs["Ti_s"],
@@ -192,13 +193,16 @@ def minutes(inputs: dict[str, Any]) -> dict[str, Any]:
     )
     run = simulate_loop(_newtonian(fitted, Ts), pid, np.ones(3000))
     metrics = step_metrics(run.time, run.y[0])
-    answers["peak_time"] = metrics.peak_time
-    answers["overshoot"] = 100.0 * metrics.overshoot
-    answers["settling_time"] = metrics.settling_time
-    answers["stiffness_over_gain"] = fitted[1] / fitted[0]
     weight = 1e3 * inputs["gravity"] * inputs["amplifier_A_per_V"] / inputs["lift_current_A"]
-    answers["gain_over_weight"] = fitted[0] / weight
-    return answers
+    of_step = _of_step(metrics)
+    del of_step["rise_time"]
+    return {
+        **_pairs_and_third(poles, gains, inputs),
+        **of_step,
+        "zero": [(1.0 - integral) / (1.0 + integral)] * 3,
+        "stiffness_over_gain": fitted[1] / fitted[0],
+        "gain_over_weight": fitted[0] / weight,
+    }
 
 
 def over_records(found: dict[str, np.ndarray]) -> Answers:
@@ -260,7 +264,7 @@ def regulator_models(inputs: dict[str, Any]) -> dict[str, Any]:
     printed = controller_form(inputs["rounded_numerator"], inputs["rounded_denominator"])
     wide = with_output_integral(printed.A, printed.B, printed.C)
     A_d, B_d = zero_order_hold(wide.A, wide.B, Ts)
-    estimator = _estimator(exact, inputs)
+    (_, of_printed), (_, of_exact) = (_design(one, inputs) for one in (printed, controller_form(*exact)))
     return {
         "numerator": exact.numerator,
         "denominator": exact.denominator,
@@ -268,15 +272,27 @@ def regulator_models(inputs: dict[str, Any]) -> dict[str, Any]:
         "A_d": A_d,
         "B_d": B_d,
         "riccati_sign": _riccati_sign(wide, inputs["Q"], inputs["R"]),
-        "k": lqrd(wide.A, wide.B, inputs["Q"], inputs["R"], Ts),
-        **estimator._asdict(),
+        "k": of_printed.k,
+        **of_exact.estimator._asdict(),
         "model_equilibrium": 1.0 / steady_gain(plant, Ts),
     }
 
 
-def _estimator(plant: tuple, inputs: dict[str, Any]) -> Any:
-    model = controller_form(*plant)
-    return kalmd(model.A, model.B, model.C, inputs["noise_mm2"], inputs["noise_mm2"], inputs["Ts_s"])
+def design_of(
+    model: StateSpace, Q: Any, R: float, noise: tuple[float, float], Ts: float
+) -> tuple[StateSpace, Regulator]:
+    """(7-9) to (7-17) for a model in continuous time: the model for a held input, and its regulator with the
+    equilibrium at the reference, (7-20). noise: of the process and of the measurement."""
+    wide = with_output_integral(model.A, model.B, model.C)
+    k = lqrd(wide.A, wide.B, np.array(Q), R, Ts)
+    estimator = kalmd(model.A, model.B, model.C, *noise, Ts)
+    equilibrium = (0.0, 1.0 / steady_gain(to_transfer_function(model)))
+    plant = StateSpace(*zero_order_hold(model.A, model.B, Ts), model.C, model.D)
+    return plant, Regulator(k, estimator, Ts, equilibrium)
+
+
+def _design(model: StateSpace, inputs: dict[str, Any]) -> tuple[StateSpace, Regulator]:
+    return design_of(model, inputs["Q"], inputs["R"], (inputs["noise_mm2"],) * 2, inputs["Ts_s"])
 
 
 def _riccati_sign(model: StateSpace, Q: Any, R: float) -> float:
@@ -291,14 +307,8 @@ def _riccati_sign(model: StateSpace, Q: Any, R: float) -> float:
 
 def regulator_loop(inputs: dict[str, Any]) -> Answers:
     """The design on its own model, and with the changes that the rig needed, against Table 7-3."""
-    plant, Ts = identified_plant(inputs), inputs["Ts_s"]
-    exact = continuous(plant, Ts)
-    model = controller_form(*exact)
-    wide = with_output_integral(model.A, model.B, model.C)
-    k = lqrd(wide.A, wide.B, inputs["Q"], inputs["R"], Ts)
-    sampled = StateSpace(*zero_order_hold(model.A, model.B, Ts), model.C, model.D)
-    equilibrium = (0.0, 1.0 / steady_gain(plant, Ts))
-    at_reference = Regulator(k, _estimator(exact, inputs), Ts, equilibrium, estimate="filtered")
+    exact = controller_form(*continuous(identified_plant(inputs), inputs["Ts_s"]))
+    sampled, at_reference = _design(exact, inputs)
     design = replace(at_reference, equilibrium_at="measured")
     rig = replace(design, estimate="predicted", divisor=inputs["divisor"])
     loops = {"design": design, "with (7-20)": at_reference, "with (7-21), as on the rig": rig}
@@ -311,14 +321,5 @@ def regulator_loop(inputs: dict[str, Any]) -> Answers:
         **_of_step(of_rig),
         "rms_at_rest": rms_at_rest(sampled, rig, inputs["sensor_deviation_mm"]),
     }
-    return Answers(numbers, (_regulator_figure(runs),))
-
-
-def _regulator_figure(runs: dict[str, Any]) -> Curves:
-    series = []
-    for name, run in runs.items():
-        shown = run.time <= 1.0
-        series.append(Series(name, run.time[shown], run.y[0][shown]))
-    series.append(Series("asked for", series[0].x, np.ones_like(series[0].x), "asked"))
     title = "Table 7-3: step of the height, regulator on the identified model"
-    return Curves(title, "time (s)", "height (mm)", tuple(series))
+    return Answers(numbers, (_steps(title, runs, 1.0, 1.0),))

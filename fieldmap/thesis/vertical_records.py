@@ -19,7 +19,15 @@ from fieldmap.control.identification import (
 from fieldmap.curves import Curves, Series
 from fieldmap.errors import NotConverged
 from fieldmap.thesis.computation import Answers
-from fieldmap.thesis.coupled_runs import DEPTH, Readings, answer_of, ours, over_time, run_of, with_measured
+from fieldmap.thesis.coupled_runs import (
+    DEPTH,
+    Readings,
+    beside_models,
+    ours,
+    over_time,
+    run_of,
+    with_measured,
+)
 from fieldmap.thesis.vertical import identified_plant, printed_pid
 from fieldmap.typing import Array
 
@@ -53,11 +61,10 @@ def responses(inputs: dict[str, Any], steps: Mapping[float, Readings]) -> list[C
         remark: str = "",
         shown: tuple[float, float] = (0.9, 2.5),
     ) -> Curves:
-        pid = printed_pid(*gains, inputs["Ts_s"])
-        plants = _plants(inputs)
-        answers = {name: answer_of(plants[name], pid, run, DEPTH) for name in models}
-        title, machine = f"Fig. 5-{figure}", {"coupled machine": run}
-        return over_time(title, DEPTH, machine, begin=shown[0], end=shown[1], remark=remark, models=answers)
+        pid, plants = printed_pid(*gains, inputs["Ts_s"]), _plants(inputs)
+        loops = {name: (plants[name], pid) for name in models}
+        begin, end = shown
+        return beside_models(f"Fig. 5-{figure}", DEPTH, run, loops, begin=begin, end=end, remark=remark)
 
     curves = []
     for number, Kc, remark in (

@@ -25,8 +25,8 @@ from fieldmap.plot.style import DARK, VARIABLE
 
 ROOT = Path(__file__).parents[2]
 IMAGES = ROOT / "docs" / "images"
-# What is cut of the three scenes of show.png, as shares of their width and height, and the height of all.
-_CUT, _HEIGHT = (0.16, 0.07, 0.99, 0.97), 720
+# Of the three scenes of show.png: the share of the height that the title takes, air around the rest, and the height.
+_TITLE, _AIR, _HEIGHT = 0.09, 20, 900
 Draw = Callable[[Path, Path], None]
 
 
@@ -53,25 +53,35 @@ def show(folder: Path, maps: Path) -> None:
     """Three scenes side by side."""
     iron = ["--nonlinear", "--currents", "1.5"]
     scenes = (
-        ["--what", "iron", *iron, "--refinement", "0.5"],
-        ["--what", "lines", *iron, "--refinement", "0.4"],
-        ["--what", "equilibrium", "--currents", "4.15"],
+        ["drive_unit", "--what", "iron", *iron, "--refinement", "0.5"],
+        ["drive_unit", "--what", "lines", *iron, "--refinement", "0.4"],
+        [str(maps / "workspace.h5"), "--what", "equilibrium", "--currents", "2.82"],
     )
     for k, words in enumerate(scenes):
-        command("show", "drive_unit", *words, "--save", str(folder / f"part{k}.png"))
+        command("show", *words, "--save", str(folder / f"part{k}.png"))
+    boxes = [drawn_box(folder / f"part{k}.png") for k in range(len(scenes))]
     for scheme in ("", DARK):
-        beside([folder / f"part{k}{scheme}.png" for k in range(len(scenes))], folder / f"show{scheme}.png")
+        parts = [Image.open(folder / f"part{k}{scheme}.png").crop(box) for k, box in enumerate(boxes)]
+        beside(parts, folder / f"show{scheme}.png")
 
 
-def beside(paths: list[Path], target: Path) -> None:
-    """Put pictures side by side, cut and made equally high."""
-    parts = []
-    for path in paths:
-        image = Image.open(path).convert("RGB")
-        left, top, right, bottom = np.array(_CUT) * np.array([*image.size, *image.size])
-        cut = image.crop((round(left), round(top), round(right), round(bottom)))
-        parts.append(cut.resize((round(cut.width * _HEIGHT / cut.height), _HEIGHT), Image.Resampling.LANCZOS))
-    Image.fromarray(np.concatenate([np.asarray(part) for part in parts], axis=1)).save(target)
+def drawn_box(path: Path) -> tuple[int, int, int, int]:
+    """Left, top, right and bottom of what is drawn below the title, on white paper."""
+    image = np.asarray(Image.open(path).convert("L")).copy()
+    image[: round(_TITLE * len(image))] = 255
+    rows, columns = (np.flatnonzero((image < 250).any(axis=axis)) for axis in (1, 0))
+    return (columns[0] - _AIR, rows[0] - _AIR, columns[-1] + _AIR, rows[-1] + _AIR)
+
+
+def beside(parts: list[Image.Image], target: Path) -> None:
+    """Put pictures side by side, made equally high."""
+    scaled = [
+        part.convert("RGB").resize(
+            (round(part.width * _HEIGHT / part.height), _HEIGHT), Image.Resampling.LANCZOS
+        )
+        for part in parts
+    ]
+    Image.fromarray(np.concatenate([np.asarray(part) for part in scaled], axis=1)).save(target)
 
 
 def reachable(folder: Path, maps: Path) -> None:

@@ -36,8 +36,8 @@ def planar_rows() -> list[str]:
 def spatial_rows() -> list[str]:
     """Three dimensions, linear iron."""
     rows = ["three dimensions (S10), 1 A each  magnets  error (mN)  of the force  of it on |x| <= 10 mm"]
-    for name, quadratic in (("(4-9)", False), ("quadratic (4-10)", True)):
-        for error in spatial_force.added_errors(DEPTH, HALF_WIDTH, quadratic):
+    for name in (spatial_force.HORIZONTAL, spatial_force.QUADRATIC):
+        for error in spatial_force.added_errors(DEPTH, HALF_WIDTH, name):
             rows.append(
                 f"{name:33s} {len(error.currents):7d} {1e3 * error.rms:11.3f} {100 * error.whole:11.1f} %"
                 f" {100 * error.middle:12.1f} %"

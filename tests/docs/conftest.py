@@ -46,7 +46,7 @@ def hold_picture(rewriting):
 
     drawn: the file just drawn, which takes the place of the picture where pictures are written anew.
     """
-    from fieldmap.plot.record import differences
+    from tests.docs.picture_record import differences
 
     def hold(name: str, made_by: str, key: str, content: dict[str, Any], drawn: Path | None = None) -> None:
         known = records() if RECORDS.is_file() else {}

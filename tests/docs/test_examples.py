@@ -56,8 +56,8 @@ def figures(monkeypatch):
     from matplotlib import rc_context
     from matplotlib.figure import Figure
 
-    from fieldmap.plot.record import figure_record
     from fieldmap.plot.style import dark_path, in_the_dark
+    from tests.docs.picture_record import figure_record
 
     seen: dict[str, dict[str, object]] = {}
     save = Figure.savefig

@@ -21,11 +21,11 @@ from fieldmap.device import read_device
 from fieldmap.io.json_schema import FILE_KINDS
 from fieldmap.plot.device_drawing import device_scene
 from fieldmap.plot.figures import curves_figure, save_curves
-from fieldmap.plot.record import differences, figure_record, scene_record
 from fieldmap.plot.rendering import can_render
 from fieldmap.plot.style import DARK_PAPER, INK, dark_path, in_the_dark, scene_in_the_dark
 from fieldmap.thesis.printed import figure_numbers, read_part
 from tests.computed_parts import computed
+from tests.docs.picture_record import differences, figure_record, scene_record
 
 ROOT = Path(__file__).parents[2]
 IMAGES = ROOT / "docs" / "images"
@@ -63,7 +63,7 @@ LONG = {
         "fieldmap show eight_coils --what reachable --quantity B --limit 5",
         ("device:eight_coils",),
     ),
-    "show.png": ("fieldmap show drive_unit --what iron", ("device:drive_unit",)),
+    "show.png": ("fieldmap show drive_unit --what iron", ("device:drive_unit", "recipe:workspace")),
     "workspace.png": ("make map", ("device:drive_unit", "recipe:workspace")),
 }
 

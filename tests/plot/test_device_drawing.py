@@ -5,10 +5,10 @@ import pyvista as pv
 import fieldmap
 from fieldmap.errors import FieldmapError
 from fieldmap.plot import device_scene, save_picture
-from fieldmap.plot.device_drawing import CURRENT, slice_planes
+from fieldmap.plot.device_drawing import COPPER, CURRENT, FLUX
 from fieldmap.plot.rendering import can_render, require_renderer
-from fieldmap.plot.rulers import label_step, round_numbers
 from fieldmap.plot.solids import winding_surface
+from fieldmap.plot.words import label_step, round_numbers
 from fieldmap.sources import unit_flux_density
 
 needs_opengl = pytest.mark.skipif(not can_render(), reason="no OpenGL on this machine")
@@ -32,12 +32,15 @@ def device():
     return fieldmap.read_device("loop_and_sphere")
 
 
-def test_slices_hold_the_size_of_the_field_at_their_points():
-    planes = slice_planes(Ramp(), np.array([1.0]), points=5)
+@needs_opengl
+def test_slices_hold_the_size_of_the_field_at_their_points(device):
+    scene = device_scene(device, Ramp(), [1.0])
+    drawn = [actor.mapper.dataset for actor in scene.actors.values() if isinstance(actor, pv.Actor)]
+    scene.close()
+    planes = [data for data in drawn if FLUX in data.array_names]
     for plane in planes:
-        np.testing.assert_allclose(plane["|B|"], np.abs(2.0 * plane.points[:, 2]), rtol=1e-6)
-    assert planes[0].bounds[2:4] == (0.0, 0.0)
-    assert planes[1].bounds[0:2] == (0.0, 0.0)
+        np.testing.assert_allclose(plane[FLUX], np.abs(2.0 * plane.points[:, 2]), rtol=1e-6)
+    assert [plane.bounds[axis : axis + 2] for plane, axis in zip(planes, (0, 2), strict=True)] == [(0, 0)] * 2
 
 
 @needs_opengl
@@ -90,14 +93,25 @@ def test_without_opengl_there_is_a_message_and_no_crash(monkeypatch):
         require_renderer()
 
 
-def arrows(scene):
-    """Solids in the colour of currents."""
-    wanted = np.array(pv.Color(CURRENT).float_rgb)
+def solids(scene, colour):
+    """Actors of a colour."""
+    wanted = np.array(pv.Color(colour).float_rgb)
     return [
-        actor.mapper.dataset
+        actor
         for actor in scene.actors.values()
         if isinstance(actor, pv.Actor) and np.allclose(actor.prop.color.float_rgb, wanted, atol=0.01)
     ]
+
+
+@needs_opengl
+@pytest.mark.parametrize(("name", "translucent"), [("eight_coils", 1), ("disk_six_cores", 0)])
+def test_what_stands_before_the_workspace_is_translucent(name, translucent):
+    """One of eight coils round a cube lies between it and the viewer; none of those above a workspace."""
+    scene = device_scene(fieldmap.read_device(name), axes=False)
+    opacities = [actor.prop.opacity for actor in solids(scene, COPPER)]
+    scene.close()
+    assert sum(opacity < 0.5 for opacity in opacities) == translucent
+    assert sorted(opacities)[translucent:] == [1.0] * (len(opacities) - translucent)
 
 
 def turn_of(arrow, centre):
@@ -114,7 +128,8 @@ def test_arrows_point_as_the_currents_flow():
     device = fieldmap.read_device("drive_unit")
     currents = [1.0, -2.0, 0.0, 1.0, 1.0, -1.0]
     scene = device_scene(device, currents=currents, axes=False)
-    drawn, names = arrows(scene), [a.GetInput() for a in scene.actors.values() if hasattr(a, "GetInput")]
+    drawn = [actor.mapper.dataset for actor in solids(scene, CURRENT)]
+    names = [a.GetInput() for a in scene.actors.values() if hasattr(a, "GetInput")]
     scene.close()
     assert [text for text in names if text in device.coil_names] == list(device.coil_names)
     assert len(drawn) == 5

@@ -13,6 +13,7 @@ from fieldmap.lookup import interpolate
 from fieldmap.plot.live_answers import LiveMap, _controls
 from fieldmap.plot.live_window import LiveWindow
 from fieldmap.plot.rendering import can_render
+from fieldmap.plot.style import text_properties
 from fieldmap.store import Grid, MapData
 
 needs_opengl = pytest.mark.skipif(not can_render(), reason="no OpenGL on this machine")
@@ -130,6 +131,18 @@ def test_sliders_move_the_picture(window, field_map):
     np.testing.assert_allclose(drawn, 1e3 * np.linalg.norm(expected.flux_density, axis=1))
     after = window.scene.screenshot(None)
     assert np.mean(np.abs(after.astype(int) - before) > 20) > 0.01
+
+
+@needs_opengl
+@pytest.mark.parametrize(("width", "share"), [(400, 400 / 700), (900, 1.0)])
+def test_words_fit_the_page(field_map, width, share):
+    page = LiveWindow(field_map, PAYLOAD, 5.0, off_screen=True, window=(900, 700), sliders=False)
+    usual = [words.GetFontSize() for words in text_properties(page.scene)]
+    page.scene.render_window.SetSize(width, 380)
+    now = [words.GetFontSize() for words in text_properties(page.scene)]
+    page.scene.close()
+    assert len(usual) > 8
+    np.testing.assert_allclose(now, share * np.array(usual), atol=0.51)
 
 
 @needs_opengl

@@ -16,10 +16,10 @@ import pytest
 
 from fieldmap.errors import FieldmapError, InputError
 from fieldmap.lookup import open_map
-from fieldmap.plot.live_answers import LiveMap
-from fieldmap.plot.live_state import LiveState, force_in_words
+from fieldmap.plot.live_answers import LiveMap, LiveState
 from fieldmap.plot.live_window import LiveWindow
 from fieldmap.plot.rendering import can_render
+from fieldmap.plot.words import force_in_words
 
 BROWSERS = ("chromium-headless-shell", "chromium", "chromium-browser", "google-chrome")
 needs_opengl = pytest.mark.skipif(not can_render(), reason="no OpenGL on this machine")
@@ -45,8 +45,8 @@ def test_moved_reset_and_clipped(state):
     moved = state.move(values)
     np.testing.assert_array_equal(state.live.answer(values).force, moved.force)
     assert not np.allclose(moved.force, begin.force)
-    assert "force at" in state.words.force
-    assert state.words.currents.count(":") == 1 + len(state.live.field_map.coil_names)
+    assert "force at" in state.words["force"]
+    assert state.words["currents"].count(":") == 1 + len(state.live.field_map.coil_names)
     np.testing.assert_allclose(state.reset().force, begin.force, rtol=1e-12)
     state.move(state.initial + 1e3)
     assert state.values.tolist() == [control.upper for control in state.live.controls]
@@ -109,8 +109,16 @@ def test_the_page_follows_its_state(six_coils, payload, tmp_path):
     pytest.importorskip("trame.widgets.vuetify3", reason="trame-vuetify (extra `web`) is not installed")
     from fieldmap.plot.live_web import LivePage
 
-    window = LiveWindow(open_map(six_coils), payload, 5.0, off_screen=True, window=(300, 240), sliders=False)
-    page = LivePage(window, "six", tmp_path / "states.json", name="test of a page")
+    window = LiveWindow(
+        open_map(six_coils),
+        payload,
+        5.0,
+        off_screen=True,
+        window=(300, 240),
+        sliders=False,
+        states_file=tmp_path / "states.json",
+    )
+    page = LivePage(window, "six", name="test of a page")
     shown = page.server.state
     assert window.sliders == []
     begin = list(shown.values)

@@ -11,8 +11,8 @@ from fieldmap.levitation import ShiftBesideMeasured
 from fieldmap.lookup import open_map
 from fieldmap.plot.forces import net_force
 from fieldmap.plot.map_pictures import save_map_pictures, shift_curves
+from fieldmap.plot.places import plane_of
 from fieldmap.plot.rendering import can_render
-from fieldmap.plot.slices import plane_of
 
 MASS, MOMENT = 0.010, 0.8
 SHIFT = ShiftBesideMeasured(

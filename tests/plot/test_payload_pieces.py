@@ -5,8 +5,9 @@ import pyvista as pv
 
 import fieldmap as fm
 from fieldmap.field import Field
-from fieldmap.plot.device_drawing import add_payload, payload_surface
+from fieldmap.plot.device_drawing import add_payload
 from fieldmap.plot.forces import magnetic_force
+from fieldmap.plot.solids import payload_surface
 
 PAYLOAD = fm.Payload(
     1e-3,

@@ -7,10 +7,9 @@ from PIL import Image
 
 import fieldmap
 from fieldmap.cli import main
-from fieldmap.plot.animation import save_animation
+from fieldmap.plot.animation import TIME, body_parts, outline, save_animation
 from fieldmap.plot.rendering import can_render
 from fieldmap.plot.shown import ShownRun
-from fieldmap.plot.trajectory import TIME, body_parts, outline
 from fieldmap.store import RunRecord, is_run_file, write_runs
 
 needs_opengl = pytest.mark.skipif(not can_render(), reason="no OpenGL on this machine")

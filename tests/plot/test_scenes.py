@@ -14,17 +14,15 @@ from fieldmap.cli import main
 from fieldmap.errors import InputError
 from fieldmap.field import FixedCurrents
 from fieldmap.levitation import EquilibriumSurface, ReachableSet, zonotope
-from fieldmap.plot.colours import colour_bar, colour_bar_by_decades
+from fieldmap.plot.device_drawing import FLUX
 from fieldmap.plot.equilibrium_shift import LEVEL, shift_surface
-from fieldmap.plot.field_lines import TITLE, field_lines
+from fieldmap.plot.field_scenes import IRON_FLUX, QUANTITIES, field_lines, iron_elements, sampled_box
 from fieldmap.plot.forces import magnetic_force, places_in_box
 from fieldmap.plot.gather import FieldDifference, check_same_coils, common_box, shown_mesh
-from fieldmap.plot.iron_field import TITLE as IRON_TITLE
-from fieldmap.plot.iron_field import iron_elements
 from fieldmap.plot.rendering import can_render
+from fieldmap.plot.scales import colour_bar, colour_bar_by_decades
 from fieldmap.plot.scenes import SCENES, axes_of, make_scene, save_scene
 from fieldmap.plot.shown import Shown, ShownRun
-from fieldmap.plot.volumes import QUANTITIES, sampled_box
 
 needs_opengl = pytest.mark.skipif(not can_render(), reason="no OpenGL on this machine")
 LOWER, UPPER = np.array([-0.004, -0.004, -0.020]), np.array([0.004, 0.004, -0.012])
@@ -187,7 +185,7 @@ def test_quantities_are_those_of_the_field(simple, name, formula):
 
 
 def test_the_force_is_that_of_a_vertical_dipole(simple):
-    places = places_in_box(simple)
+    places = places_in_box(simple.box)
     force = magnetic_force(simple.state, simple.currents, simple.payload, places)
     x, y, z = places.T
     by_hand = simple.payload.moment * np.column_stack([-3 * x, -3 * y, 6 * z])
@@ -213,7 +211,7 @@ def test_elements_fill_the_iron_and_carry_its_flux(shown):
     sizes = np.asarray(grid.compute_cell_sizes()["Volume"])
     mean = (sizes @ shown.flux_density) / sizes.sum()
     np.testing.assert_allclose(mean, shown.field.flux_density(shown.mesh.body_names[0]), rtol=1e-4)
-    np.testing.assert_allclose(grid[IRON_TITLE], np.linalg.norm(shown.flux_density, axis=1))
+    np.testing.assert_allclose(grid[IRON_FLUX], np.linalg.norm(shown.flux_density, axis=1))
 
 
 def test_field_lines_follow_the_field(simple):
@@ -232,7 +230,7 @@ def test_field_lines_follow_the_field(simple):
     cosine = np.abs(np.sum(np.concatenate(steps) * np.concatenate(along), axis=1))
     assert np.median(cosine) > 0.999
     assert np.percentile(cosine, 5) > 0.97
-    assert (np.asarray(lines[TITLE]) >= 0).all()
+    assert (np.asarray(lines[FLUX]) >= 0).all()
 
 
 def test_colour_bars_have_round_limits():
@@ -305,8 +303,8 @@ def test_a_file_for_paraview(shown, tmp_path):
     scene = make_scene(shown, "iron")
     blocks = pv.read(save_scene(scene, tmp_path / "iron.vtm"))
     scene.close()
-    surface = next(block for block in blocks if IRON_TITLE in block.array_names)
-    assert surface[IRON_TITLE].max() == pytest.approx(
+    surface = next(block for block in blocks if IRON_FLUX in block.array_names)
+    assert surface[IRON_FLUX].max() == pytest.approx(
         np.linalg.norm(shown.flux_density, axis=1).max(), rel=1e-6
     )
 

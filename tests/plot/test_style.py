@@ -6,9 +6,7 @@ import numpy as np
 import pytest
 import pyvista as pv
 from matplotlib import style
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import to_hex, to_rgb
-from matplotlib.figure import Figure
 from matplotlib.image import imread
 
 from fieldmap.errors import InputError
@@ -21,8 +19,8 @@ from fieldmap.plot.style import (
     STYLE,
     dark_colour,
     dark_path,
-    figure_style,
     in_the_dark,
+    new_figure,
     save_figure,
     save_screenshot,
     scene_in_the_dark,
@@ -94,9 +92,7 @@ def test_the_style_is_that_of_the_constants():
 
 
 def drawn():
-    with figure_style():
-        figure = Figure(figsize=(3.0, 2.4))
-        FigureCanvasAgg(figure)
+    with new_figure(3.0, 2.4) as figure:
         axes = figure.add_subplot(title="title", xlabel="x", ylabel="y")
         axes.plot([0, 1], [0, 1], "o-", label="line")
         axes.contourf([0, 1], [0, 1], [[0, 1], [1, 2]], alpha=0.5)
