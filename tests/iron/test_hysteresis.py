@@ -76,8 +76,8 @@ def test_sphere_through_a_cycle(form):
         field = uniform(form, applied)
         state = form.solve(iron, field, 1e-7, potential)
         potential = state.potential
-        h = form.elements.strength(potential[:, 0], field)[0]
-        mean = volume @ iron.response(h)[0].mean(axis=1)
+        h = form.elements.strength_at_points(potential, field, iron)[0]
+        mean = volume @ iron.polarisation(h, 0).mean(axis=1)
         iron = iron.after(h)
         expected, remembered = sphere_by_formula(applied, remembered)
         assert mean == pytest.approx(expected * DIRECTION, abs=0.006)
@@ -90,7 +90,7 @@ def test_tangent_is_the_derivative_of_the_residual(form):
     iron = material(form, PINNING)
     forth, back = uniform(form, 0.8), uniform(form, 0.5)
     state = form.solve(iron, forth, 1e-6)
-    iron = iron.after(form.elements.strength(state.potential[:, 0], forth)[0])
+    iron = iron.after(form.elements.strength_at_points(state.potential, forth, iron)[0])
     phi = form.solve(iron, back, 1e-6, state.potential).potential[:, 0]
     step = np.random.default_rng(0).normal(size=phi.size) * np.abs(phi).max() * 1e-4
     slope = -form._tangent(phi, back, 0, iron) @ step

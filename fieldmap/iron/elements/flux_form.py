@@ -29,7 +29,6 @@ from scipy.sparse import csr_matrix
 from fieldmap.iron.elements.bh_law import Magnetisation
 from fieldmap.iron.elements.nodal_elements import Elements, NodalElements
 from fieldmap.iron.elements.potential_form import ConvexForm, Exterior
-from fieldmap.iron.elements.state import ElementField, linear_field
 from fieldmap.iron.mesh.chamber import MeshSymmetry
 from fieldmap.iron.operators.assembled import AssembledIron
 from fieldmap.iron.operators.linear_systems import ElementSums, Elimination, block_gmres, nested_dissection
@@ -48,7 +47,7 @@ class FluxElements(Elements):
     faces; nodal: the elements that carry the coil field.
     """
 
-    kernel, width, work = linear_flux, 12, 80.0
+    work = 80.0
 
     unknowns: Index
     area: Array
@@ -115,34 +114,31 @@ class FluxElements(Elements):
         """The same sources, then `more`."""
         return np.concatenate([field, more])
 
-    def mean_fields(
-        self, potential: Array, field: Array, source: int, material: Magnetisation
-    ) -> tuple[Array, Array]:
-        """Mean flux density (e, 3) of every element and the largest mu0 H (e,) at its points, for potentials (n,)."""
-        count, tables = len(material.law), material.tables.arrays
-        h, mean, largest = np.empty((count, 4, 3)), np.zeros((count, 3)), np.zeros(count)
-        arrays = self._arrays(potential, field, source)
-        over_rows(linear_flux.strength, count, *arrays, material.law, *tables, h, work=self.work)
-        law = (material.law, material.remanence[source], *tables)
-        over_rows(linear_flux.mean_fields, count, h, *law, mean, largest, work=self.work)
-        return mean, largest
+    def residual(self, potential: Array, field: Array, source: int, material: Magnetisation) -> Array:
+        """Element vectors (e, 12): the outward moments of the flux density, less those of the coil field in air."""
+        out = np.zeros(self.unknowns.shape)
+        law = (material.law, material.remanence[source], material.tables.arrays)
+        given = (*self._arrays(potential, field, source), *law, out)
+        over_rows(linear_flux.residual, len(out), *given, work=self.work)
+        return out
+
+    def tangent(self, potential: Array, field: Array, source: int, material: Magnetisation) -> Array:
+        """Element matrices (e, 12, 12): minus the derivative of these moments by the potentials."""
+        out = np.zeros((*self.unknowns.shape, 12))
+        given = (*self._arrays(potential, field, source), material.law, material.tables.arrays, out)
+        over_rows(linear_flux.tangent, len(out), *given, work=2 * self.work)
+        return out
 
     def strength_at_points(self, potential: Array, field: Array, material: Magnetisation) -> Array:
         """mu0 H (c, e, 4, 3) at the four points of every element, for potentials (n, c)."""
-        law = (material.law, *material.tables.arrays)
         out = np.empty((potential.shape[1], len(material.law), 4, 3))
         for c, h in enumerate(out):
-            over_rows(
-                linear_flux.strength,
-                len(h),
-                *self._arrays(potential[:, c], field, c),
-                *law,
-                h,
-                work=self.work,
-            )
+            given = (*self._arrays(potential[:, c], field, c), material.law, material.tables.arrays, h)
+            over_rows(linear_flux.strength, len(h), *given, work=self.work)
         return out
 
     def _arrays(self, potential: Array, field: Array, source: int) -> tuple[Any, ...]:
+        """What the kernels begin with; rows in order, for which alone they are compiled."""
         values, coils = np.ascontiguousarray(potential), np.ascontiguousarray(field[source])
         return values, coils, linear_flux.SHAPE, self.area, self.volume, self.unknowns
 
@@ -238,6 +234,3 @@ class FluxForm(ConvexForm):
         pieces = (faces.group_of_surface, unknowns)
         system = SurfaceFluxSystem(stiffness, self.elements.face_mean, self.exterior, *pieces, 1 / below)
         return system.solve(right, tolerance, _MAX_STEPS_OF_WEAK_BODIES)
-
-    def _inside(self, potential: Array, field: Array, material: Magnetisation) -> ElementField:
-        return linear_field(self.elements.strength_at_points(potential, field, material), material)

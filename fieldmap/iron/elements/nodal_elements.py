@@ -27,9 +27,7 @@ from fieldmap.iron.topology import (
     distinct_parts,
     edge_keys,
 )
-from fieldmap.kernels.iron import quadratic_potential
-from fieldmap.kernels.iron.sample_gradients import sample_gradients
-from fieldmap.kernels.simplex_rules import tetrahedron_rule
+from fieldmap.kernels.iron.quadratic_potential import sample_gradients, tested_matrices, tested_vectors
 from fieldmap.records import Record
 from fieldmap.sources import unit_flux_densities
 from fieldmap.threads import over_rows
@@ -38,6 +36,8 @@ from fieldmap.typing import Array, Index
 # Gauss points per half edge: the coil field is smooth over a few millimetres at 1 mm from a winding.
 _POINTS_PER_HALF = 4
 _BATCH = 200_000
+# Of xx, xy, xz, yy, yz, zz.
+_UNIT = np.array([1.0, 0.0, 0.0, 1.0, 0.0, 1.0])
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -56,12 +56,9 @@ class CoilField(Record):
 
 
 class Elements(Record):
-    """What both families of elements have in common. kernel: their compiled functions; width: unknowns of an element;
-    work: of an element at its four points, as `over_rows` counts it."""
+    """What both families of elements have in common. work: of an element at its four points, as `over_rows` counts
+    it."""
 
-    volume: Array
-    kernel: ClassVar[Any]
-    width: ClassVar[int]
     work: ClassVar[float]
 
     @abstractmethod
@@ -72,24 +69,17 @@ class Elements(Record):
         """The field in the iron of one ampere in each coil."""
         return self.coil_field(lambda x: unit_flux_densities(coils, x), mesh.symmetry)
 
+    @abstractmethod
     def residual(self, potential: Array, field: Any, source: int, material: Magnetisation) -> Array:
         """Element vectors (e, k) of the inside's share of R at a potential (n,), in the source of that number."""
-        law = (material.law, material.remanence[source], *material.tables.arrays)
-        arrays, out = self._arrays(potential, field, source), np.zeros((len(self.volume), self.width))
-        over_rows(self.kernel.residual, len(out), *arrays, *law, out, work=self.work)
-        return out
-
-    def tangent(self, potential: Array, field: Any, source: int, material: Magnetisation) -> Array:
-        """Element matrices (e, k, k) of minus its derivative."""
-        law = (material.law, *material.tables.arrays)
-        arrays = self._arrays(potential, field, source)
-        out = np.zeros((len(self.volume), self.width, self.width))
-        over_rows(self.kernel.tangent, len(out), *arrays, *law, out, work=2 * self.work)
-        return out
 
     @abstractmethod
-    def _arrays(self, potential: Array, field: Any, source: int) -> tuple[Any, ...]:
-        """The arguments that all kernels begin with; rows in order, for which alone they are compiled."""
+    def tangent(self, potential: Array, field: Any, source: int, material: Magnetisation) -> Array:
+        """Element matrices (e, k, k) of minus its derivative."""
+
+    @abstractmethod
+    def strength_at_points(self, potential: Array, field: Any, material: Magnetisation) -> Array:
+        """mu0 H (c, e, 4, 3) at the four points of every element, for potentials (n, c)."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -101,7 +91,7 @@ class NodalElements(Elements):
     takes nodal values to their means over the surface faces.
     """
 
-    kernel, width, work = quadratic_potential, 10, 50.0
+    work = 50.0
 
     points: Array
     nodes: Index
@@ -238,26 +228,30 @@ class NodalElements(Elements):
             np.concatenate([field.constant, more.constant]), np.concatenate([field.bubble, more.bubble])
         )
 
-    def source_response(
-        self, potential: Array, field: CoilField, material: Magnetisation, change: CoilField, number: int
-    ) -> Array:
-        """Element vectors (e, 10) of int (db/dh - 1) t' . grad N at phi (n,) in a field of one source, for a change t'
-        of it: the source of that number of `change`."""
-        law = (material.law, *material.tables.arrays)
-        changed = (np.ascontiguousarray(change.constant[number]), change.bubble[number])
-        arguments, out = (*self._arrays(potential, field, 0), *law, *changed), np.zeros(self.nodes.shape)
-        over_rows(self.kernel.source_response, len(out), *arguments, out, work=self.work)
+    def residual(self, potential: Array, field: CoilField, source: int, material: Magnetisation) -> Array:
+        """Element vectors (e, 10) of int (b(h) + b_r - t) . grad N with h = t - grad phi, for phi (n,)."""
+        h, slope = self._strength(potential, field, source)
+        return self._element_vectors(material.polarisation(h, source) - slope, self.volume)
+
+    def tangent(self, potential: Array, field: CoilField, source: int, material: Magnetisation) -> Array:
+        """Element matrices (e, 10, 10) of int grad N_i . (db/dh) grad N_j at phi (n,)."""
+        permeability = material.susceptibility(self._strength(potential, field, source)[0]) + _UNIT
+        out = np.zeros((*self.nodes.shape, 10))
+        given = (permeability, self.gradients, self.volume, out)
+        over_rows(tested_matrices, len(out), *given, work=2 * self.work)
         return out
 
-    def mean_fields(
-        self, potential: Array, field: CoilField, source: int, material: Magnetisation
-    ) -> tuple[Array, Array]:
-        """Mean flux density (e, 3) of every element and the largest mu0 H (e,) at its points, for phi (n,)."""
-        law = (material.law, material.remanence[source], *material.tables.arrays)
-        arguments = (*self._arrays(potential, field, source)[:-1], *law)
-        mean, largest = np.zeros((len(self.volume), 3)), np.zeros(len(self.volume))
-        over_rows(self.kernel.mean_fields, len(mean), *arguments, mean, largest, work=self.work)
-        return mean, largest
+    def _strength(self, potential: Array, field: CoilField, source: int) -> tuple[Array, Array]:
+        """mu0 H and grad phi (e, 4, 3) at the points of every element, for phi (n,)."""
+        bubble, slope = self.point_gradients(np.column_stack([field.bubble[source], potential]))
+        return field.constant[source][:, None] + bubble - slope, slope
+
+    def _element_vectors(self, vectors: Array, volume: Array) -> Array:
+        """Element vectors (e, 10) of int v . grad N for v (e, 4, 3) at the points, over these volumes (e,)."""
+        out = np.zeros(self.nodes.shape)
+        given = (np.ascontiguousarray(vectors), self.gradients, volume, out)
+        over_rows(tested_vectors, len(out), *given, work=self.work)
+        return out
 
     def gradients_at_points(self, values: Array) -> Array:
         """Gradients (e, 4, 3, r) of functions (n, r) at the four points of every element."""
@@ -281,16 +275,10 @@ class NodalElements(Elements):
     def tested(self, vectors: Array) -> Array:
         """Sums (c, n) of vectors (c, e, 4, 3) at the four points of every element times the gradients of the nodes'
         functions there: the transpose of `point_gradients`."""
-        total = np.zeros((len(vectors), *self.nodes.shape))
-        for q, point in enumerate(tetrahedron_rule(2)[0]):
-            along = np.einsum("ced,ekd->cek", vectors[:, :, q], self.gradients, optimize=True)
-            total += along @ shape_gradients(point[None], np.eye(4)[None])[0].T
-        flat = self.nodes.ravel()
-        return np.stack([np.bincount(flat, of.ravel(), self.count) for of in total], dtype=float)
-
-    def _arrays(self, potential: Array, field: CoilField, source: int) -> tuple[Any, ...]:
-        values, constant = np.ascontiguousarray(potential), np.ascontiguousarray(field.constant[source])
-        return values, constant, field.bubble[source], self.nodes, self.gradients, self.volume
+        # Each point has a quarter of the volume.
+        flat, four = self.nodes.ravel(), np.full(len(self.volume), 4.0)
+        each = (self._element_vectors(of, four).ravel() for of in vectors)
+        return np.stack([np.bincount(flat, of, self.count) for of in each], dtype=float)
 
 
 def shape_gradients(barycentric: Array, gradients: Array) -> Array:

@@ -53,6 +53,7 @@ from fieldmap.iron.elements.nodal_elements import CoilField, NodalElements
 from fieldmap.iron.elements.state import (
     ElementField,
     IronState,
+    LinearField,
     PotentialField,
     SeparatedFaces,
     SeparatedState,
@@ -327,16 +328,19 @@ class ConvexForm:
     def _tangent(self, phi: Array, field: Any, source: int, material: Magnetisation) -> csr_matrix:
         return self._sums.matrix(self._tangent_entries(phi, field, source, material))
 
-    def _inside(self, potential: Array, field: Any, material: Magnetisation) -> ElementField:
-        """The field within elements."""
-        raise NotImplementedError
+    def _inside(
+        self, potential: Array, field: Any, material: Magnetisation, at_points: LinearField
+    ) -> ElementField:
+        """The field within elements; at_points: what it is at their points, linear between them."""
+        return at_points
 
     def _state(self, potential: Array, field: Any, material: Magnetisation, residuals) -> PotentialState:
-        columns = range(potential.shape[1])
-        fields = [self.elements.mean_fields(potential[:, c], field, c, material) for c in columns]
-        density = self.charge_density(potential)
-        mean, largest = (np.stack(values) for values in zip(*fields, strict=True))
-        inside = self._inside(potential, field, material)
+        strength = self.elements.strength_at_points(potential, field, material)
+        flux_density = material.flux_density(strength)
+        largest = np.linalg.norm(strength, axis=3).max(axis=2)
+        at_points = LinearField(flux_density, flux_density - strength)
+        inside = self._inside(potential, field, material, at_points)
+        density, mean = self.charge_density(potential), flux_density.mean(axis=2)
         apart = self._separated(potential)
         state = IronState(self.iron.surface, density, mean, len(residuals), residuals, inside, apart)
         return PotentialState(potential, largest, state)
@@ -372,14 +376,15 @@ class PotentialForm(ConvexForm):
         self, potential: Array, field: CoilField, material: Magnetisation, change: CoilField
     ) -> Array:
         """int (db/dh - 1) t' . grad v (n, c) at a potential (n,), for the sources t' of `change`."""
-        values = np.ascontiguousarray(potential)
-        parts = [
-            self._sums.vector(self.elements.source_response(values, field, material, change, c))
-            for c in range(len(change.bubble))
-        ]
-        return np.column_stack(parts)
+        elements = self.elements
+        h = elements.strength_at_points(potential[:, None], field, material)[0]
+        turned = susceptible(material.tables, material.law, h, elements.coil_field_at_points(change))
+        turned *= 0.25 * elements.volume[:, None, None]
+        return np.ascontiguousarray(elements.tested(turned).T)
 
-    def _inside(self, potential: Array, field: Any, material: Magnetisation) -> ElementField:
+    def _inside(
+        self, potential: Array, field: Any, material: Magnetisation, at_points: LinearField
+    ) -> ElementField:
         return PotentialField(self.elements, potential, field, material)
 
 

@@ -167,13 +167,6 @@ class LinearField(Record):
         return _interpolated(self.polarisation_at_points, element, barycentric)
 
 
-def linear_field(strength: Array, material: Magnetisation) -> LinearField:
-    """Of mu0 H (c, e, 4, 3) in T at the points of every element."""
-    b = np.stack([flux_density_vectors(material.tables, material.law, h) for h in strength])
-    flux_density = b + material.remanence[:, :, None]
-    return LinearField(flux_density, flux_density - strength)
-
-
 def _interpolated(values: Array, element: Index, barycentric: Array) -> Array:
     at_points = barycentric @ np.linalg.inv(tetrahedron_rule(2)[0])
     return np.einsum("nq,cnqd->cnd", at_points, values[:, element])

@@ -81,10 +81,10 @@ def mutual_gradient(
     first, moves = images.min(axis=0), moving[images]
     charges, of_others = charge[images], np.ascontiguousarray(others[:, images].swapaxes(0, 1))
     geometry, spheres = faces.kernel_geometry(), faces.spheres()
-    near, touch = (triangle_rule(degree)[0] for degree in (NEAR_DEGREE, TOUCH_DEGREE))
+    shapes = (triangle_rule(NEAR_DEGREE)[0], triangle_rule(TOUCH_DEGREE)[0])
     parts = np.zeros((_SHARES, count, len(others), 3))
     any_moves = moves.any(axis=0)
-    given = (geometry, spheres, near, touch, NEAR_RADII, nodes, first, any_moves)
+    given = (geometry, shapes, spheres, NEAR_RADII, nodes, first, any_moves)
     # The pairs of a share, each with a few of its own.
     work = 10.0 * np.count_nonzero(first == np.arange(len(first))) * len(first) / _SHARES
     over_rows(close_gradient, _SHARES, *given, charges, of_others, places, matrices, parts, work=work)

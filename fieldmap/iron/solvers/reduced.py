@@ -16,7 +16,7 @@ from fieldmap.core.iron_numbers import numbers_in_fields
 from fieldmap.iron.elements.bh_law import LawTables
 from fieldmap.iron.elements.nodal_elements import CoilField
 from fieldmap.iron.elements.potential_form import Magnetisation, PotentialForm
-from fieldmap.kernels.iron.sample_gradients import magnetise_states, point_moments, root_of_susceptibility
+from fieldmap.kernels.iron.magnetisation_law import magnetise, root_of_susceptibility
 from fieldmap.parallel import in_threads, threads_of_kernels
 from fieldmap.records import Record
 from fieldmap.threads import over_rows
@@ -113,7 +113,7 @@ class GalerkinModel(Record):
             h = self.source[rows] @ currents.T - self.gradients[rows] @ amplitudes.T
             if self.fixed is not None:
                 h += self.fixed[rows, None]
-            magnetise_states(h, self.weights[points], self.law[points], *self.tables.arrays)
+            magnetise(0, h.shape[0] // 3, h, self.weights[points], self.law[points], self.tables.arrays)
             return np.asarray(h.T @ self.gradients[rows])
 
         total = self.constant - amplitudes @ self.air
@@ -143,7 +143,7 @@ class GalerkinModel(Record):
         if self.fixed is not None:
             h += self.fixed[rows]
         out = of.reshape(-1, 3, self.modes).copy()
-        root_of_susceptibility(h, self.weights[points], self.law[points], *self.tables.arrays, out)
+        root_of_susceptibility(h, self.weights[points], self.law[points], self.tables.arrays, out)
         return out
 
     @cached_property
@@ -177,11 +177,10 @@ class GalerkinModel(Record):
 
     def moments(self, currents: Array, amplitude: Array) -> Array:
         """mu0 times the magnetic moment (p, 3) that every point stands for, T m^3."""
-        laws = (self.weights, self.law, *self.tables.arrays)
-        out = np.empty((len(self.weights), 3))
-        given = (self.applied(currents), self.gradients, *laws, amplitude, out)
-        over_rows(point_moments, len(out), *given, work=amplitude.size)
-        return out
+        h = self.applied(currents) - self.gradients @ amplitude
+        given = (h.reshape(-1, 1), self.weights, self.law, self.tables.arrays)
+        over_rows(magnetise, len(self.weights), *given, work=10.0)
+        return h.reshape(-1, 3)
 
     def residual(self, moments: Array) -> Array:
         """What moments (p, 3) add to the residual (r,)."""

@@ -18,7 +18,7 @@ import math
 import numpy as np
 
 from fieldmap.kernels.compilation import njit
-from fieldmap.kernels.iron.magnetisation_law import flux_density
+from fieldmap.kernels.iron.magnetisation_law import chord, flux_density
 
 # Corners of the face opposite corner f, in the order of its three potentials.
 CORNERS = np.array([[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]])
@@ -66,7 +66,7 @@ def _drive(potential, dofs, t, shape, area, scale, r):
 
 
 @njit
-def _net_flux(p, r, d, scale, law, offset, knots, coefficients):
+def _net_flux(p, r, d, scale, law, tables):
     """sum_q D_q . b(h_q) at h_q = r_q + scale p D_q, its derivative by p, and sum_q |D_q| |b_q|."""
     total, slope, size = 0.0, 0.0, 0.0
     for q in range(4):
@@ -76,7 +76,7 @@ def _net_flux(p, r, d, scale, law, offset, knots, coefficients):
             r[q, 2] + scale * p * d[q, 2],
         )
         h = math.sqrt(hx * hx + hy * hy + hz * hz)
-        b, rise = flux_density(h, law, offset, knots, coefficients)
+        b, rise = flux_density(h, law, tables)
         m = b / h if h > 1e-30 else rise
         along = d[q, 0] * hx + d[q, 1] * hy + d[q, 2] * hz
         square = d[q, 0] * d[q, 0] + d[q, 1] * d[q, 1] + d[q, 2] * d[q, 2]
@@ -89,14 +89,14 @@ def _net_flux(p, r, d, scale, law, offset, knots, coefficients):
 
 
 @njit
-def _balance(r, d, scale, law, offset, knots, coefficients):
+def _balance(r, d, scale, law, tables):
     """The p that makes div B = 0: Newton's method inside the shrinking bracket of the root, bisection where it is slow.
 
     At a knee of the B-H law Newton alone can jump from one side to the other and hardly gain.
     """
     p, low, high, last = 0.0, -np.inf, np.inf, np.inf
     for _ in range(_MAX_STEPS):
-        total, slope, size = _net_flux(p, r, d, scale, law, offset, knots, coefficients)
+        total, slope, size = _net_flux(p, r, d, scale, law, tables)
         if abs(total) <= 1e-14 * size:
             return p
         if total > 0.0:
@@ -115,12 +115,12 @@ def _balance(r, d, scale, law, offset, knots, coefficients):
 
 
 @njit(inline="always")
-def _strength(potential, dofs, t, shape, area, volume, d, h, law, offset, knots, coefficients):
+def _strength(potential, dofs, t, shape, area, volume, d, h, law, tables):
     """Fill d (4, 3) with D_q and h (4, 3) with the field strength at the points of one element."""
     scale = 4.0 / volume
     _divergence(shape, area, d)
     _drive(potential, dofs, t, shape, area, scale, h)
-    p = _balance(h, d, scale, law, offset, knots, coefficients)
+    p = _balance(h, d, scale, law, tables)
     for q in range(4):
         for k in range(3):
             h[q, k] += scale * p * d[q, k]
@@ -140,9 +140,7 @@ def _solenoidal(t, d, out):
 
 
 @njit(nogil=True)
-def residual(
-    begin, end, potential, t, shape, area, volume, dofs, law, remanence, offset, knots, coefficients, out
-):
+def residual(begin, end, potential, t, shape, area, volume, dofs, law, remanence, tables, out):
     """Add to out (e, 12), element by element, outward moments of the flux density, less those of the coil field if the
     iron were air.
 
@@ -152,14 +150,11 @@ def residual(
     """
     d, h, air = np.empty((4, 3)), np.empty((4, 3)), np.empty((4, 3))
     for e in range(begin, end):
-        _strength(
-            potential, dofs[e], t[e], shape, area[e], volume[e], d, h, law[e], offset, knots, coefficients
-        )
+        _strength(potential, dofs[e], t[e], shape, area[e], volume[e], d, h, law[e], tables)
         _solenoidal(t[e], d, air)
         for q in range(4):
             size = math.sqrt(h[q, 0] * h[q, 0] + h[q, 1] * h[q, 1] + h[q, 2] * h[q, 2])
-            b, slope = flux_density(size, law[e], offset, knots, coefficients)
-            m = b / size if size > 1e-30 else slope
+            m, _ = chord(size, law[e], tables)
             bx = m * h[q, 0] + remanence[e, 0] - air[q, 0]
             by = m * h[q, 1] + remanence[e, 1] - air[q, 1]
             bz = m * h[q, 2] + remanence[e, 2] - air[q, 2]
@@ -170,7 +165,7 @@ def residual(
 
 
 @njit(nogil=True)
-def tangent(begin, end, potential, t, shape, area, volume, dofs, law, offset, knots, coefficients, out):
+def tangent(begin, end, potential, t, shape, area, volume, dofs, law, tables, out):
     """Fill out (e, 12, 12), zeros before, element by element: minus the derivative of the outward moments by the face
     potentials.
 
@@ -180,14 +175,11 @@ def tangent(begin, end, potential, t, shape, area, volume, dofs, law, offset, kn
     pair = np.empty((4, 4))
     along = np.empty(4)
     for e in range(begin, end):
-        _strength(
-            potential, dofs[e], t[e], shape, area[e], volume[e], d, h, law[e], offset, knots, coefficients
-        )
+        _strength(potential, dofs[e], t[e], shape, area[e], volume[e], d, h, law[e], tables)
         scale = 4.0 / volume[e]
         for q in range(4):
             size = math.sqrt(h[q, 0] * h[q, 0] + h[q, 1] * h[q, 1] + h[q, 2] * h[q, 2])
-            b, slope = flux_density(size, law[e], offset, knots, coefficients)
-            m = b / size if size > 1e-30 else slope
+            m, slope = chord(size, law[e], tables)
             extra = (slope - m) / (size * size) if size > 1e-30 else 0.0
             for f in range(4):
                 along[f] = area[e, f, 0] * h[q, 0] + area[e, f, 1] * h[q, 1] + area[e, f, 2] * h[q, 2]
@@ -220,35 +212,8 @@ def _remove_net_flux(matrix):
 
 
 @njit(nogil=True)
-def strength(begin, end, potential, t, shape, area, volume, dofs, law, offset, knots, coefficients, out):
+def strength(begin, end, potential, t, shape, area, volume, dofs, law, tables, out):
     """Fill out (e, 4, 3) with the field strength mu0 H at the points of every element; arguments as for `residual`."""
     d = np.empty((4, 3))
     for e in range(begin, end):
-        _strength(
-            potential,
-            dofs[e],
-            t[e],
-            shape,
-            area[e],
-            volume[e],
-            d,
-            out[e],
-            law[e],
-            offset,
-            knots,
-            coefficients,
-        )
-
-
-@njit(nogil=True)
-def mean_fields(begin, end, h, law, remanence, offset, knots, coefficients, mean, largest):
-    """Add to mean (e, 3) the mean flux density of every element, and to largest (e,) the largest mu0 H at its points;
-    both are zeros before. h (e, 4, 3): as of `strength`."""
-    for e in range(begin, end):
-        for q in range(4):
-            size = math.sqrt(h[e, q, 0] ** 2 + h[e, q, 1] ** 2 + h[e, q, 2] ** 2)
-            b, slope = flux_density(size, law[e], offset, knots, coefficients)
-            m = b / size if size > 1e-30 else slope
-            largest[e] = max(largest[e], size)
-            for k in range(3):
-                mean[e, k] += 0.25 * (m * h[e, q, k] + remanence[e, k])
+        _strength(potential, dofs[e], t[e], shape, area[e], volume[e], d, out[e], law[e], tables)

@@ -74,9 +74,11 @@ def corner_gradient(x, y, z, p, n, area, field, by_corner):
 
 
 @inlined(fastmath=True)
-def _add_mean(share, points, weights, shapes, p, n, area, by_outer, by_inner, field, by_corner):
+def _add_mean(share, points, weights, shapes, inner, by_outer, by_inner, field, by_corner):
     """Add `share` times the derivative of the mean over points (q, 3) of an outer triangle, of shapes (q, 3) at them,
-    of the potential of the triangle p with unit charge: by the outer and the inner triangle's corners (3, 3)."""
+    of the potential of an inner one with unit charge: by the outer and the inner triangle's corners (3, 3). inner: its
+    corners, normal and area."""
+    p, n, area = inner
     total = 0.0
     for q in range(weights.size):
         w = share * weights[q] / area
@@ -96,66 +98,20 @@ def _add_mean(share, points, weights, shapes, p, n, area, by_outer, by_inner, fi
 
 
 @inlined(fastmath=True)
-def _close_pair(i, j, apart, faces, near_shapes, touch_shapes, by_one, by_other, field, by_corner):
+def _close_pair(i, j, apart, faces, shapes, by_one, by_other, field, by_corner):
     """Derivative of `fieldmap.kernels.iron.mutual_potential.close_pair` by the corners (3, 3) of both triangles."""
     corners, normals, areas, _, _, near, near_weights, touch, touch_weights = faces
+    near_shapes, touch_shapes = shapes
+    one, other = (corners[i], normals[i], areas[i]), (corners[j], normals[j], areas[j])
     by_one[:] = 0.0
     by_other[:] = 0.0
     if not apart:
-        _add_mean(
-            0.5,
-            touch[i],
-            touch_weights,
-            touch_shapes,
-            corners[j],
-            normals[j],
-            areas[j],
-            by_one,
-            by_other,
-            field,
-            by_corner,
-        )
-        _add_mean(
-            0.5,
-            touch[j],
-            touch_weights,
-            touch_shapes,
-            corners[i],
-            normals[i],
-            areas[i],
-            by_other,
-            by_one,
-            field,
-            by_corner,
-        )
+        _add_mean(0.5, touch[i], touch_weights, touch_shapes, other, by_one, by_other, field, by_corner)
+        _add_mean(0.5, touch[j], touch_weights, touch_shapes, one, by_other, by_one, field, by_corner)
     elif areas[i] < areas[j]:
-        _add_mean(
-            1.0,
-            near[i],
-            near_weights,
-            near_shapes,
-            corners[j],
-            normals[j],
-            areas[j],
-            by_one,
-            by_other,
-            field,
-            by_corner,
-        )
+        _add_mean(1.0, near[i], near_weights, near_shapes, other, by_one, by_other, field, by_corner)
     else:
-        _add_mean(
-            1.0,
-            near[j],
-            near_weights,
-            near_shapes,
-            corners[i],
-            normals[i],
-            areas[i],
-            by_other,
-            by_one,
-            field,
-            by_corner,
-        )
+        _add_mean(1.0, near[j], near_weights, near_shapes, one, by_other, by_one, field, by_corner)
 
 
 @inlined(fastmath=True)
@@ -172,27 +128,13 @@ def _add_turned(share, matrix, by_corner, corners, places, out):
 
 @njit(nogil=True, fastmath=True)
 def close_gradient(
-    begin,
-    end,
-    faces,
-    spheres,
-    near_shapes,
-    touch_shapes,
-    reach,
-    nodes,
-    first,
-    moving,
-    charge,
-    others,
-    places,
-    matrices,
-    parts,
+    begin, end, faces, shapes, spheres, reach, nodes, first, moving, charge, others, places, matrices, parts
 ):
     """Add to parts (t, p, k, 3), t from begin to end, whose sum over t it is, the derivative of others (k, n) . W
     charge (n,) by p nodes: what the close pairs make of it of which a triangle is moving (n,).
 
-    faces, spheres (4, n) and reach: as in `mutual_potential`; near_shapes, touch_shapes (q, 3): of the corners at the
-    points of the outer rules; nodes (n, 3): numbers of the corners. The pairs of one chamber stand for those that g
+    faces, spheres (4, n) and reach: as in `mutual_potential`; shapes: of the corners at the points of the outer rules
+    (q, 3), those for pairs apart and for those whose circles overlap; nodes (n, 3): numbers of the corners. The pairs of one chamber stand for those that g
     operations with matrices (g, 3, 3) make of them: first (n,): the one among the images of each triangle that lies
     there; places (g, p): images of the nodes; charge (g, n) and others (g, k, n): those of each triangle's images.
     """
@@ -210,18 +152,8 @@ def close_gradient(
                 if beyond[j] > 0.0 or first[j] > i or not (moving[i] or moving[j]):
                     continue
                 distance2, size = separation(i, j, faces, faces)
-                _close_pair(
-                    i,
-                    j,
-                    distance2 > size * size,
-                    faces,
-                    near_shapes,
-                    touch_shapes,
-                    by_one,
-                    by_other,
-                    field,
-                    by_corner,
-                )
+                apart = distance2 > size * size
+                _close_pair(i, j, apart, faces, shapes, by_one, by_other, field, by_corner)
                 weight = _INVERSE_4PI if first[j] < i else 0.5 * _INVERSE_4PI
                 for a in range(matrices.shape[0]):
                     for k in range(rows):
