@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fieldmap.arguments import finite_number
+from fieldmap.arguments import finite_number, raise_all
 from fieldmap.device.materials import Material, SaturatingMaterial
 from fieldmap.device.materials.linear import of_permeability
 from fieldmap.device.model import Device
@@ -113,17 +113,11 @@ def require_soft_bodies(device: Device) -> None:
             weak.append(("body", where, f"mu_r = {material.initial_mu_r:g}"))
     thin = (joint for joint in device.joints if joint.mu_r < 1)
     weak += (("joint", joint.description, f"mu_r = {joint.mu_r:g}") for joint in thin)
-    problems = [
-        Problem(
-            f"device '{device.name}', {where}",
-            f"a nonlinear solve needs mu_r >= 1 in every {kind}",
-            given,
-            _LINEAR_INSTEAD,
-        )
+    must_hold = "a nonlinear solve needs mu_r >= 1 in every"
+    raise_all(
+        Problem(f"device '{device.name}', {where}", f"{must_hold} {kind}", given, _LINEAR_INSTEAD)
         for kind, where, given in weak
-    ]
-    if problems:
-        raise InputError(*problems)
+    )
 
 
 def material_assumptions(device: Device) -> tuple[str, ...]:

@@ -89,12 +89,7 @@ def device_contents(device: Device) -> DeviceContents:
     check_geometry(device)
     bodies = (
         BodyContents(
-            body.name,
-            body.material,
-            _volume(body),
-            _mesh_size(body),
-            len(body.parts),
-            _common_axis(body),
+            body.name, body.material, _volume(body), _mesh_size(body), len(body.parts), _common_axis(body)
         )
         for body in device.bodies
     )

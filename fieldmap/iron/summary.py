@@ -10,12 +10,11 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from fieldmap.arguments import check_positive
+from fieldmap.arguments import check_names, check_positive
 from fieldmap.device import read_device
 from fieldmap.device.coils import Coil, WindingPath
 from fieldmap.device.model import Device, Reference, Section
 from fieldmap.device.tetrahedra import volumes
-from fieldmap.errors import InputError, Problem
 from fieldmap.field import Currents, coil_currents
 from fieldmap.iron.notes import saturation_warnings
 from fieldmap.iron.report import SolverReport
@@ -174,10 +173,7 @@ def body_fluxes(state: SolvedState) -> tuple[BodyFlux, ...]:
 
 
 def compare_references(
-    device: Device,
-    field: LinearSolution | NonlinearSolver,
-    currents: Array,
-    mu_r: float | None = None,
+    device: Device, field: LinearSolution | NonlinearSolver, currents: Array, mu_r: float | None = None
 ) -> tuple[ReferenceComparison, ...]:
     """Every known value of the device's file beside ours. currents (n_coils,), A: of a nonlinear state; a linear
     solution is compared at the currents of each value. mu_r: as for `summarise_solution`."""
@@ -244,27 +240,16 @@ def checked_groups(device: Device, groups: Sequence[Sequence[str]], where: str =
     """Raise InputError, for all at once, unless every name is that of a body or coil of the device."""
     known = (*(body.name for body in device.bodies), *device.coil_names)
     remedy = "use one of these; several that are taken together stand with commas between"
-    problems = [
-        Problem(where, f"must be a body or coil of the device: {', '.join(known)}", repr(name), remedy)
-        for group in groups
-        for name in group or ("",)
-        if name not in known
-    ]
-    if problems:
-        raise InputError(*problems)
+    must_hold = f"must be a body or coil of the device: {', '.join(known)}"
+    check_names(where, [name for group in groups for name in group or ("",)], must_hold, known, remedy)
 
 
 def named_sections(device: Device, names: Sequence[str], where: str = "sections") -> tuple[Section, ...]:
     """The sections of the device file with these names. Raises InputError, for all at once, for unknown ones."""
     by_name = {section.name: section for section in device.sections}
     listed = ", ".join(by_name) or "the file has no [[section]]"
-    problems = [
-        Problem(where, f"must be a section of the device file: {listed}", repr(name), "use one of these")
-        for name in names
-        if name not in by_name
-    ]
-    if problems:
-        raise InputError(*problems)
+    must_hold = f"must be a section of the device file: {listed}"
+    check_names(where, names, must_hold, by_name, "use one of these")
     return tuple(by_name[name] for name in names)
 
 

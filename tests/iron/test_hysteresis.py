@@ -93,7 +93,7 @@ def test_tangent_is_the_derivative_of_the_residual(form):
     iron = iron.after(form.elements.strength_at_points(state.potential, forth, iron)[0])
     phi = form.solve(iron, back, 1e-6, state.potential).potential[:, 0]
     step = np.random.default_rng(0).normal(size=phi.size) * np.abs(phi).max() * 1e-4
-    slope = -form._tangent(phi, back, 0, iron) @ step
+    slope = -form.tangent(phi, back, iron) @ step
     base = form._residual(phi, back, 0, iron)
     left = [
         np.linalg.norm(form._residual(phi + a * step, back, 0, iron) - base - a * slope)

@@ -12,7 +12,7 @@ from fieldmap.device.model import Body, Box, Device, ExtrudedPolygon, Part, Revo
 from fieldmap.errors import GeometryError, InputError
 from fieldmap.iron import HysteresisSolver, Pinning, generate_mesh
 from fieldmap.iron.geometry import thin_gaps
-from fieldmap.iron.mesh.joints import Sheet, _displaced, _near_rim, _shifts, open_sheets, with_rims
+from fieldmap.iron.mesh.joints import Sheet, open_sheets, with_rims
 from fieldmap.iron.mesh.mesh import volumes
 from fieldmap.iron.symmetry import find_symmetry
 from fieldmap.iron.topology import build_faces
@@ -252,51 +252,6 @@ def test_a_gap_is_cut_out_of_what_slides_along_its_walls(lower, upper, heights, 
     # Slanted walls bulge a little where their ends move.
     assert lost[out_of] == pytest.approx(now[2], rel=0.2)
     assert lost[1 - out_of] == pytest.approx(0.0, abs=1e-9 * side**3)
-
-
-def test_nodes_move_by_the_gap_of_each_joint_that_they_are_on():
-    """The shortest step whose component along each normal is that gap; nodes that both sides share stay."""
-    rng = np.random.default_rng(9)
-    normal, gap = rng.standard_normal((6, 3)), np.array([1.0, 2.0, 3.0, 4.0, 5.0, 6.0])
-    normal /= np.linalg.norm(normal, axis=1)[:, None]
-    # Node 0 on one joint, 1 on two, 2 on three; 6 on both sides; 7 on none.
-    moving = np.array([[0, 1, 2], [3, 1, 2], [3, 4, 2], [5, 5, 6], [5, 5, 6], [3, 6, 6]])
-    staying = moving + 10
-    staying[moving == 6] = 6
-    found = _shifts(20, moving, staying, normal, gap)
-    for node, faces in ((0, [0]), (1, [0, 1]), (2, [0, 1, 2]), (4, [2])):
-        assert found[node] == pytest.approx(np.linalg.pinv(normal[faces]) @ gap[faces], rel=1e-9)
-    assert (found[[6, 10, 15]] == 0).all()
-    assert np.isnan(found[[7, 8, 16]]).all()
-    # Normals of one plane, but for what its triangles are off: one step.
-    bent = np.array([[0.0, 0.0, 1.0], [0.0, 0.1, 1.0]])
-    bent /= np.linalg.norm(bent, axis=1)[:, None]
-    (step,) = _shifts(2, np.zeros((2, 3), int), np.ones((2, 3), int), bent, np.ones(2))[:1]
-    assert np.linalg.norm(step) == pytest.approx(1.0, abs=0.01)
-
-
-def test_what_is_behind_a_joint_makes_room_by_its_distance():
-    """Of a bar 40 mm high, in layers of 5 mm: the half beyond 20 mm stays; between, the step falls in proportion."""
-    points, tets, body = column(0.01, 8, (8,))
-    shift, step = np.full((len(points), 3), np.nan), np.array([1e-5, 2e-5, 1e-4])
-    z = points[:, 2]
-    shift[z == 0] = step
-    share = np.where(z <= 0.02 + 1e-9, (0.025 - z) / 0.025, 0.0)
-    assert _displaced(points, tets, body, shift) == pytest.approx(points + share[:, None] * step, abs=1e-12)
-    # Nodes that another body shares stay as well, at 15 mm, and so does what lies beyond half the way to them.
-    upper = (points[tets].mean(axis=1)[:, 2] > 0.015).astype(int)
-    share = np.select([z < 1e-9, z < 0.0075], [1.0, 0.5], 0.0)
-    assert _displaced(points, tets, upper, shift) == pytest.approx(points + share[:, None] * step, abs=1e-12)
-
-
-def test_two_rings_of_elements_are_near_a_rim():
-    """On a strip of 8 x 2 squares, whose rim is its short side x = 0: as far as two squares from there."""
-    number = np.arange(27).reshape(9, 3)
-    a, b, c, d = (number[k : 8 + k, j : 2 + j].ravel() for k, j in ((0, 0), (1, 0), (1, 1), (0, 1)))
-    faces = np.concatenate([np.column_stack([a, b, c]), np.column_stack([a, c, d])])
-    rim = np.zeros(27, bool)
-    rim[number[0]] = True
-    assert np.array_equal(_near_rim(faces, rim), (faces // 3) <= 2)
 
 
 @pytest.fixture(scope="module")

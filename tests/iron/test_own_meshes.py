@@ -282,10 +282,7 @@ def test_without_meshio(monkeypatch, tmp_path):
         ([[0, 1, 2, 3], [3, 2, 1, 0]], "tetrahedra 0 and 1 with the corners 0, 1, 2, 3 (1 pair in all)"),
         ([[0, 1, 2, 3], [0, 1, 2, 5]], "tetrahedra 0 and 1 on one side of theirs (1 in all)"),
         ([[0, 1, 2, 3], [0, 1, 2, 4], [0, 1, 2, 5]], "3 at the face of points 0, 1 and 2"),
-        (
-            [[0, 1, 2, 3], [0, 3, 6, 7]],
-            "pieces that touch only in the edge from point 0 to 3 (1 in all)",
-        ),
+        ([[0, 1, 2, 3], [0, 3, 6, 7]], "pieces that touch only in the edge from point 0 to 3 (1 in all)"),
     ],
     ids=["no such node", "flat", "twice", "folded", "three at a face", "touching in an edge"],
 )

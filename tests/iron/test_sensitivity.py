@@ -407,10 +407,7 @@ def test_change_sums_the_first_order():
     np.testing.assert_allclose(result.change(steps), expected)
 
 
-@pytest.mark.parametrize(
-    "key",
-    ["current.none", "coil.*.turns", "coil.around.name"],
-)
+@pytest.mark.parametrize("key", ["current.none", "coil.*.turns", "coil.around.name"])
 def test_keys_that_cannot_be_followed(key):
     with pytest.raises(InputError) as caught:
         base("saturated").derivative(QUANTITIES["field"], [key])

@@ -19,7 +19,6 @@ field is that of `fieldmap.iron.elements.nodal_elements`: free of curl by constr
 circuit is driven by the exact circulation, however permeable the iron.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -27,7 +26,7 @@ import numpy as np
 from scipy.sparse import csr_matrix
 
 from fieldmap.iron.elements.bh_law import Magnetisation
-from fieldmap.iron.elements.nodal_elements import Elements, NodalElements
+from fieldmap.iron.elements.nodal_elements import Elements, FieldOfPoints, NodalElements
 from fieldmap.iron.elements.potential_form import ConvexForm, Exterior
 from fieldmap.iron.mesh.chamber import MeshSymmetry
 from fieldmap.iron.operators.assembled import AssembledIron
@@ -90,7 +89,7 @@ class FluxElements(Elements):
         """One source that is zero."""
         return np.zeros((1, len(self.volume), 4, 3))
 
-    def coil_field(self, field: Callable[[Array], Array], symmetry: MeshSymmetry | None = None) -> Array:
+    def coil_field(self, field: FieldOfPoints, symmetry: MeshSymmetry | None = None) -> Array:
         """t (c, e, 4, 3) of flux densities field(points (n, 3)) -> (c, n, 3), in T; free of curl in the iron."""
         return self.nodal.coil_field_at_points(self.nodal.coil_field(field, symmetry))
 

@@ -20,13 +20,7 @@ from fieldmap.iron.elements.bh_law import Magnetisation
 from fieldmap.iron.mesh.chamber import MeshSymmetry
 from fieldmap.iron.mesh.mesh import IronMesh, volumes
 from fieldmap.iron.operators.linear_systems import ElementSums, nested_dissection
-from fieldmap.iron.topology import (
-    TET_EDGES,
-    Faces,
-    barycentric_gradients,
-    distinct_parts,
-    edge_keys,
-)
+from fieldmap.iron.topology import TET_EDGES, Faces, barycentric_gradients, distinct_parts, edge_keys
 from fieldmap.kernels.iron.quadratic_potential import sample_gradients, tested_matrices, tested_vectors
 from fieldmap.records import Record
 from fieldmap.sources import unit_flux_densities
@@ -34,10 +28,15 @@ from fieldmap.threads import over_rows
 from fieldmap.typing import Array, Index
 
 # Gauss points per half edge: the coil field is smooth over a few millimetres at 1 mm from a winding.
-_POINTS_PER_HALF = 4
+POINTS_PER_HALF = 4
+# Points at which a field is evaluated at a time.
 _BATCH = 200_000
 # Of xx, xy, xz, yy, yz, zz.
 _UNIT = np.array([1.0, 0.0, 0.0, 1.0, 0.0, 1.0])
+
+
+FieldOfPoints = Callable[[Array], Array]
+"""field(points (n, 3)) -> (c, n, 3): flux densities of c sources, T."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -62,7 +61,7 @@ class Elements(Record):
     work: ClassVar[float]
 
     @abstractmethod
-    def coil_field(self, field: Callable[[Array], Array], symmetry: MeshSymmetry | None = None) -> Any:
+    def coil_field(self, field: FieldOfPoints, symmetry: MeshSymmetry | None = None) -> Any:
         """Flux densities field(points (n, 3)) -> (c, n, 3), T, as a field in the iron."""
 
     def unit_fields(self, coils: Sequence[Coil], mesh: IronMesh) -> Any:
@@ -140,7 +139,7 @@ class NodalElements(Elements):
         """Takes nodal values to their means (k, n) over faces with these nodes (k, 3)."""
         return _middles_and_means(triangles, self.edges, len(self.points))[1]
 
-    def coil_field(self, field: Callable[[Array], Array], symmetry: MeshSymmetry | None = None) -> CoilField:
+    def coil_field(self, field: FieldOfPoints, symmetry: MeshSymmetry | None = None) -> CoilField:
         """t of flux densities field(points (n, 3)) -> (c, n, 3), in T; they must be free of curl in the iron.
 
         symmetry: of the mesh, where the fields are those of the device's coils, one after the other: what one operation
@@ -169,12 +168,6 @@ class NodalElements(Elements):
         along = np.stack([np.bincount(number, of.ravel(), len(self.edges)) for of in of_elements])
         return along + 0.5 * bubble, along - 0.5 * bubble
 
-    def half_rule(self) -> tuple[Array, Array]:
-        """Places (q,) along an edge, from 0 to 1, and weights (q,) of the rule for its circulation; the first half of
-        them are those of its first half."""
-        x, w = np.polynomial.legendre.leggauss(_POINTS_PER_HALF)
-        return np.concatenate([(x + 1) / 4, (x + 3) / 4]), np.concatenate([w, w]) / 4
-
     def node_images(self, corners: Index) -> Index:
         """Images (n,) of all nodes, from those of the mesh's points: the midpoints' are those of their edges."""
         count = len(self.points)
@@ -182,12 +175,10 @@ class NodalElements(Elements):
         number = np.searchsorted(edge_keys(self.edges, count), edge_keys(ends, count))
         return np.concatenate([corners, count + number])
 
-    def _half_circulations(
-        self, field: Callable[[Array], Array], symmetry: MeshSymmetry | None
-    ) -> tuple[Array, Array]:
+    def _half_circulations(self, field: FieldOfPoints, symmetry: MeshSymmetry | None) -> tuple[Array, Array]:
         """Line integrals (c, m) of the field along both halves of every edge."""
         if symmetry is None:
-            return self._integrated(field, self.edges)
+            return half_circulations(field, self.points, self.edges, POINTS_PER_HALF)
         # Flux density is an axial vector: a circulation is multiplied by det(M) where the edge is moved by M.
         count, moves = len(self.points), []
         for corners, operation in zip(symmetry.node_images, symmetry.group.operations, strict=True):
@@ -197,26 +188,13 @@ class NodalElements(Elements):
                 signs = operation.handedness * np.array(operation.coil_signs, float)[:, None]
                 moves.append((moved, turned, list(operation.coils), signs))
         own = np.min([moved for moved, *_ in moves], axis=0) == np.arange(len(self.edges))
-        halves = self._integrated(field, self.edges[own])
+        halves = half_circulations(field, self.points, self.edges[own], POINTS_PER_HALF)
         out = np.empty((2, len(halves[0]), len(self.edges)))
         for moved, turned, coils, signs in moves:
             to, back = moved[own], turned[own]
             for k in (0, 1):
                 out[k][np.ix_(coils, to)] = signs * np.where(back, -halves[1 - k], halves[k])
         return out[0], out[1]
-
-    def _integrated(self, field: Callable[[Array], Array], edges: Index) -> tuple[Array, Array]:
-        where, w = self.half_rule()
-        parts = []
-        for batch in np.array_split(edges, max(1, len(edges) * len(where) // _BATCH)):
-            start = self.points[batch[:, 0]]
-            step = self.points[batch[:, 1]] - start
-            x = start + where[:, None, None] * step
-            value = field(x.reshape(-1, 3)).reshape(-1, len(where), len(batch), 3)
-            parts.append(np.einsum("cqmd,md->cqm", value, step))
-        along = np.concatenate(parts, axis=2)
-        n = _POINTS_PER_HALF
-        return np.einsum("q,cqm->cm", w[:n], along[:, :n]), np.einsum("q,cqm->cm", w[n:], along[:, n:])
 
     def no_field(self) -> CoilField:
         """One source that is zero."""
@@ -279,6 +257,33 @@ class NodalElements(Elements):
         flat, four = self.nodes.ravel(), np.full(len(self.volume), 4.0)
         each = (self._element_vectors(of, four).ravel() for of in vectors)
         return np.stack([np.bincount(flat, of, self.count) for of in each], dtype=float)
+
+
+def half_rule(count: int) -> tuple[Array, Array]:
+    """Places (q,) along an edge, from 0 to 1, and weights (q,) of a rule of `count` points for each half of it, the
+    first half before the second."""
+    x, w = np.polynomial.legendre.leggauss(count)
+    return np.concatenate([(x + 1) / 4, (x + 3) / 4]), np.concatenate([w, w]) / 4
+
+
+def half_circulations(field: FieldOfPoints, points: Array, edges: Index, count: int) -> tuple[Array, Array]:
+    """Line integrals (c, m) of fields field(points (n, 3)) -> (c, n, 3) along the first and the second half of edges
+    (m, 2), by `count` points on each half."""
+    where, weights = half_rule(count)
+    halves = np.kron(np.eye(2), weights[:count])
+    means = field_means(field, points[edges], np.column_stack([1 - where, where]), halves)
+    first, second = np.einsum("hcmd,md->hcm", means, points[edges[:, 1]] - points[edges[:, 0]])
+    return first, second
+
+
+def field_means(field: FieldOfPoints, corners: Array, rule: Array, weights: Array) -> Array:
+    """Means (h, c, m, 3) of a field over simplices with corners (m, k, 3), by rules (q, k) with weights (h, q)."""
+    parts = []
+    for batch in np.array_split(corners, 1 + len(corners) * len(rule) // _BATCH):
+        x = np.einsum("qk,mkd->qmd", rule, batch)
+        value = field(x.reshape(-1, 3)).reshape(-1, *x.shape)
+        parts.append(np.einsum("hq,cqmd->hcmd", weights, value))
+    return np.concatenate(parts, axis=2)
 
 
 def shape_gradients(barycentric: Array, gradients: Array) -> Array:

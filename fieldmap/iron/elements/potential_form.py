@@ -168,7 +168,7 @@ class ConvexForm:
         self.elements = elements
         self._sums = ElementSums(elements.unknowns, elements.count, elements.elimination_order)
         nothing = elements.no_field()
-        stiffness = self._tangent_entries(np.zeros(elements.count), nothing, 0, vacuum(iron))
+        stiffness = self._tangent_entries(np.zeros(elements.count), nothing, vacuum(iron))
         self.exterior = Exterior(elements.face_mean, iron.mutual, self._sums, stiffness)
         one = np.ones((elements.count, 1))
         # Constants leave the iron's stiffness unmoved; a mass of the body's capacity on the surface stands for S.
@@ -180,7 +180,7 @@ class ConvexForm:
     def solve_linear(self, material: Magnetisation, field: Any, tolerance: float) -> PotentialState:
         """All sources at once, for laws that are straight lines. Raises NotConverged."""
         zero = np.zeros(self.elements.count)
-        stiffness = self._tangent(zero, field, 0, material)
+        stiffness = self.tangent(zero, field, material)
         sources = range(len(material.remanence))
         right = np.column_stack([self._residual(zero, field, c, material) for c in sources])
         potential, history = self._linear_system(stiffness, material, right, tolerance)
@@ -206,7 +206,7 @@ class ConvexForm:
                 if norm < tolerance * scale:
                     residuals.append(norm / scale)
                     return self._state(phi[:, None], field, material, tuple(residuals))
-            entries = self._tangent_entries(phi, field, 0, material)
+            entries = self._tangent_entries(phi, field, material)
             factor = self._factor(entries)
             first = factor.solve(right)
             # The energy norm of the residual, relative to that of the coils' drive.
@@ -217,7 +217,14 @@ class ConvexForm:
             residuals.append(norm / scale)
             if residuals[-1] < tolerance:
                 return self._state(phi[:, None], field, material, tuple(residuals))
-            step = self._newton_step(self._sums.matrix(entries), factor, first, residuals[-1])
+            stiffness = self._sums.matrix(entries)
+
+            def operator(x: Array, factor: SparseFactor = factor, stiffness: csr_matrix = stiffness) -> Array:
+                return factor.solve(stiffness @ x + self.exterior.apply_roughly(x))
+
+            # As exactly as the step is worth.
+            worth = min(0.1, max(1e-4, residuals[-1]))
+            step = block_gmres(operator, first[:, None], worth, _MAX_LINEAR_STEPS)[0][:, 0]
             air_step = self.exterior.apply(step[:, None])[:, 0]
             length, inner = self._line_search(phi, step, right, air, air_step, field, material)
             phi, air = phi + length * step, air + length * air_step
@@ -236,9 +243,9 @@ class ConvexForm:
 
         return block_gmres(operator, factor.solve(right), tolerance, _MAX_LINEAR_STEPS)
 
-    def tangent(self, material: Magnetisation, field: Any, potential: Array) -> csr_matrix:
-        """The iron's tangent stiffness (n, n) at a potential (n,), without the air."""
-        return self._tangent(potential, field, 0, material)
+    def tangent(self, potential: Array, field: Any, material: Magnetisation) -> csr_matrix:
+        """The iron's tangent stiffness (n, n) at a potential (n,) in one source, without the air."""
+        return self._sums.matrix(self._tangent_entries(potential, field, material))
 
     def corrections(
         self, material: Magnetisation, fields: Sequence[Any], potential: Array, air: Array, tolerance: float
@@ -246,7 +253,7 @@ class ConvexForm:
         """What one step of Newton's method would add to potentials (n, s) of as many sources, (n, s), with the tangent
         without sources, the same for all; air: S phi (n, s), as the exterior gives it. Raises NotConverged."""
         zero = np.zeros(self.elements.count)
-        stiffness = self._tangent(zero, self.elements.no_field(), 0, material)
+        stiffness = self.tangent(zero, self.elements.no_field(), material)
         columns = [np.ascontiguousarray(values) for values in potential.T]
         pairs = zip(columns, fields, strict=True)
         right = np.column_stack([self._residual(phi, field, 0, material) for phi, field in pairs]) - air
@@ -271,7 +278,7 @@ class ConvexForm:
         self, potential: Array, field: Any, material: Magnetisation, right: Array, tolerance: float
     ) -> Array:
         """Solve (K + S) x = right (n, c) with the tangent K of the state (n, 1). Raises NotConverged."""
-        stiffness = self._tangent(np.ascontiguousarray(potential[:, 0]), field, 0, material)
+        stiffness = self.tangent(np.ascontiguousarray(potential[:, 0]), field, material)
         return self._solve_linear_system(stiffness, material, right, tolerance)
 
     def _solve_linear_system(
@@ -280,14 +287,6 @@ class ConvexForm:
         solved, history = self._linear_system(stiffness, material, right, tolerance)
         require_convergence("tangent of the potential form", history, tolerance)
         return solved
-
-    def _newton_step(self, stiffness, factor, first, residual: float) -> Array:
-        def operator(x: Array) -> Array:
-            return factor.solve(stiffness @ x + self.exterior.apply_roughly(x))
-
-        tolerance = min(0.1, max(1e-4, residual))
-        step, _ = block_gmres(operator, first[:, None], tolerance, _MAX_LINEAR_STEPS)
-        return step[:, 0]
 
     def _line_search(self, phi, step, right, air, air_step, field, material) -> tuple[float, Array]:
         """Minimum of the functional along the step: root of R(phi + a step) . step, which falls with a.
@@ -322,11 +321,8 @@ class ConvexForm:
     def _residual(self, phi: Array, field: Any, source: int, material: Magnetisation) -> Array:
         return self._sums.vector(self.elements.residual(phi, field, source, material))
 
-    def _tangent_entries(self, phi: Array, field: Any, source: int, material: Magnetisation) -> Array:
-        return self._sums.entries(self.elements.tangent(phi, field, source, material))
-
-    def _tangent(self, phi: Array, field: Any, source: int, material: Magnetisation) -> csr_matrix:
-        return self._sums.matrix(self._tangent_entries(phi, field, source, material))
+    def _tangent_entries(self, phi: Array, field: Any, material: Magnetisation) -> Array:
+        return self._sums.entries(self.elements.tangent(phi, field, 0, material))
 
     def _inside(
         self, potential: Array, field: Any, material: Magnetisation, at_points: LinearField
@@ -341,16 +337,12 @@ class ConvexForm:
         at_points = LinearField(flux_density, flux_density - strength)
         inside = self._inside(potential, field, material, at_points)
         density, mean = self.charge_density(potential), flux_density.mean(axis=2)
-        apart = self._separated(potential)
+        apart = None
+        if self._apart is not None:
+            means = self.elements.mean_over(self._apart.nodes, self.iron.topology) @ potential
+            apart = SeparatedState(self._apart, np.ascontiguousarray(means.T))
         state = IronState(self.iron.surface, density, mean, len(residuals), residuals, inside, apart)
         return PotentialState(potential, largest, state)
-
-    def _separated(self, potential: Array) -> SeparatedState | None:
-        """The iron with air in drawn gaps, for potentials (n, c); None where there are none."""
-        if self._apart is None:
-            return None
-        means = self.elements.mean_over(self._apart.nodes, self.iron.topology)
-        return SeparatedState(self._apart, np.ascontiguousarray((means @ potential).T))
 
 
 class PotentialForm(ConvexForm):

@@ -11,7 +11,7 @@ potentials of facing charges differ by is found from points that lie opposite to
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol
+from typing import Union
 
 import numpy as np
 from scipy.linalg import cho_solve
@@ -67,16 +67,8 @@ class SeparatedState(Record):
         return np.ascontiguousarray((charge / faces.areas[:, None]).T)
 
 
-class ElementField(Protocol):
-    """The field inside elements, as exactly as a form knows it."""
-
-    def flux_density(self, element: Index, barycentric: Array) -> Array:
-        """B (c, n, 3) in T of every source at points (n, 4), in barycentric coordinates of elements (n,)."""
-        ...
-
-    def polarisation(self, element: Index, barycentric: Array) -> Array:
-        """mu0 M (c, n, 3) in T; otherwise as `flux_density`."""
-        ...
+ElementField = Union["PotentialField", "LinearField"]
+"""The field inside elements, as exactly as a form knows it: B and mu0 M at points (n, 4) of elements (n,)."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -129,16 +121,12 @@ class PotentialField(Record):
     material: Magnetisation
 
     def flux_density(self, element: Index, barycentric: Array) -> Array:
-        """B (c, n, 3), see `fieldmap.iron.elements.state.ElementField`."""
+        """B (c, n, 3), T, of every source at points (n, 4), in barycentric coordinates of elements (n,)."""
         return np.stack([b for _, b in self._fields(element, barycentric)])
 
     def polarisation(self, element: Index, barycentric: Array) -> Array:
         """mu0 M = B - mu0 H (c, n, 3)."""
         return np.stack([b - h for h, b in self._fields(element, barycentric)])
-
-    def strength(self, element: Index, barycentric: Array) -> Array:
-        """mu0 H (c, n, 3)."""
-        return np.stack([h for h, _ in self._fields(element, barycentric)])
 
     def _fields(self, element: Index, barycentric: Array):
         shape = shape_gradients(barycentric, self.elements.gradients[element])

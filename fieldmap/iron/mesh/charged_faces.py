@@ -7,9 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fieldmap.iron.topology import area_vectors
-from fieldmap.kernels.iron.charged_surface import surface_field
-from fieldmap.kernels.iron.charged_surface_gradient import surface_gradient
-from fieldmap.kernels.iron.charged_surface_weights import surface_weights
+from fieldmap.kernels.iron.charged_surface import surface_field, surface_gradient, surface_weights
 from fieldmap.kernels.iron.mutual_potential import copy_lower, mutual_potential
 from fieldmap.kernels.simplex_rules import triangle_rule
 from fieldmap.records import Record

@@ -331,13 +331,7 @@ def _rounded_chamber(chamber: Chamber, points, tets, body, edges, midpoints):
     return copies.onto_walls(rounded[:count]), sharp[(sharp < count).all(axis=1)]
 
 
-def equal_volume_vertices(
-    points: Array,
-    tets: Index,
-    body: Index,
-    edges: Index,
-    midpoints: Array,
-) -> Array:
+def equal_volume_vertices(points: Array, tets: Index, body: Index, edges: Index, midpoints: Array) -> Array:
     """New points (n, 3) for tets (m, 4) of bodies (m,).
 
     edges (k, 2), sorted, lexicographic; midpoints (k, 3) of the edges on the true surface. Works on the surfaces
@@ -346,12 +340,7 @@ def equal_volume_vertices(
     return rounded_vertices(points, _faces_of_bodies(tets, body), edges, midpoints)
 
 
-def rounded_vertices(
-    points: Array,
-    faces: Index,
-    edges: Index,
-    midpoints: Array,
-) -> Array:
+def rounded_vertices(points: Array, faces: Index, edges: Index, midpoints: Array) -> Array:
     """New points (n, 3), so that surfaces of triangles `faces` (f, 3) enclose the true volume; otherwise as
     `equal_volume_vertices`."""
     bulge = midpoints - 0.5 * (points[edges[:, 0]] + points[edges[:, 1]])

@@ -9,6 +9,7 @@ from functools import cached_property
 
 import numpy as np
 
+from fieldmap.arguments import raise_all
 from fieldmap.device.drawing import Outline
 from fieldmap.device.model import Device
 from fieldmap.errors import GeometryError, InputError, Problem
@@ -146,5 +147,4 @@ def _require_closed(surface: IronSurface, shape, device: Device) -> None:
             must_hold = "its surface mesh must enclose each of its solids"
             received = f"{meshed:.4g} m^3 in place of {solid:.4g} m^3"
             problems.append(Problem(where, must_hold, received, "take smaller elements: mesh_size_mm"))
-    if problems:
-        raise GeometryError(*problems)
+    raise_all(problems, GeometryError)

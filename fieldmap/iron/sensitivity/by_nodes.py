@@ -42,6 +42,7 @@ from numpy.typing import NDArray
 from fieldmap.constants import MU0
 from fieldmap.device.coils import Coil
 from fieldmap.device.model import Device
+from fieldmap.iron.elements.nodal_elements import POINTS_PER_HALF, half_rule
 from fieldmap.iron.elements.potential_form import PotentialForm
 from fieldmap.iron.mesh.chamber import MeshSymmetry
 from fieldmap.iron.mesh.charged_faces import NEAR_DEGREE, NEAR_RADII, TOUCH_DEGREE, ChargedFaces
@@ -275,7 +276,7 @@ class ByNodes:
         """How the circulations of a coil's unit field along both halves of edges (m,) follow their ends (m, 2, 2, 3),
         as they are computed."""
         elements = self._form.elements
-        where, weight = elements.half_rule()
+        where, weight = half_rule(POINTS_PER_HALF)
         start, end = np.swapaxes(elements.points[elements.edges[edges]], 0, 1)
         step = end - start
         points = start[:, None] + where[:, None] * step[:, None]

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from fieldmap.arguments import raise_all
 from fieldmap.device import read_device
 from fieldmap.device.model import Device
 from fieldmap.errors import InputError, Problem
@@ -153,13 +154,11 @@ def check_arguments(where: str, tolerance: float, refinement: float = 1.0, form:
         ("refinement", refinement, "must be a finite number > 0", "try 1.0", 0 < refinement < np.inf),
         ("form", form, f"must be one of {', '.join(FORMS)}", 'try "auto"', form in FORMS),
     )
-    problems = [
+    raise_all(
         Problem(f"{where}, {name}", must_hold, repr(value), remedy)
         for name, value, must_hold, remedy, right in wanted
         if not right
-    ]
-    if problems:
-        raise InputError(*problems)
+    )
 
 
 def require_source(device: Device, properties: BodyProperties) -> None:

@@ -281,10 +281,7 @@ class NonlinearSolver(FieldOfStates):
         return (found[0][0], found[1][0], found[2][0], found[3][0]) if single else found
 
     def solve(
-        self,
-        currents: Currents,
-        tolerance: float = 1e-3,
-        start: NonlinearSolution | Array | None = None,
+        self, currents: Currents, tolerance: float = 1e-3, start: NonlinearSolution | Array | None = None
     ) -> NonlinearSolution:
         """A new state at currents (c,) in A, from `start` (a neighbouring state of this solver, or its nodal potential
         (n,)) or from zero; not kept for `at`.
@@ -354,7 +351,7 @@ class NonlinearSolver(FieldOfStates):
 
     def tangent(self, currents: Array, potential: Array) -> csr_matrix:
         """The iron's tangent stiffness (n, n) at a state of currents (c,) and potential (n,), without the air."""
-        return self._form.tangent(self._material, self.coil_field(currents), potential)
+        return self._form.tangent(potential, self.coil_field(currents), self._material)
 
     def sensitivities(
         self, currents: Array, potential: Array, directions: Array, tolerance: float = 1e-3

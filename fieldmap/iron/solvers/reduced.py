@@ -54,6 +54,13 @@ class GalerkinModel(Record):
         own = self.source @ currents
         return own if self.fixed is None else own + self.fixed
 
+    def _strength(self, rows: slice, currents: Array, amplitudes: Array) -> Array:
+        """mu0 H (3 p, s) in some rows at currents (c, s) and amplitudes (r, s), T."""
+        h = self.source[rows] @ currents - self.gradients[rows] @ amplitudes
+        if self.fixed is not None:
+            h += self.fixed[rows, None]
+        return h
+
     @property
     def modes(self) -> int:
         """Number of amplitudes."""
@@ -110,9 +117,7 @@ class GalerkinModel(Record):
         def of(first: int) -> Array:
             points = slice(first, first + _BLOCK)
             rows = slice(3 * first, 3 * (first + _BLOCK))
-            h = self.source[rows] @ currents.T - self.gradients[rows] @ amplitudes.T
-            if self.fixed is not None:
-                h += self.fixed[rows, None]
+            h = self._strength(rows, currents.T, amplitudes.T)
             magnetise(0, h.shape[0] // 3, h, self.weights[points], self.law[points], self.tables.arrays)
             return np.asarray(h.T @ self.gradients[rows])
 
@@ -139,9 +144,7 @@ class GalerkinModel(Record):
     def _roots(self, first: int, currents: Array, amplitude: Array, of: Array) -> Array:
         """Functions `of` (3 p, r) at points from number `first` on, times the root of w (db/dh - 1): (p, 3, r)."""
         points, rows = slice(first, first + len(of) // 3), slice(3 * first, 3 * first + len(of))
-        h = self.source[rows] @ currents - self.gradients[rows] @ amplitude
-        if self.fixed is not None:
-            h += self.fixed[rows]
+        h = self._strength(rows, currents[:, None], amplitude[:, None])[:, 0]
         out = of.reshape(-1, 3, self.modes).copy()
         root_of_susceptibility(h, self.weights[points], self.law[points], self.tables.arrays, out)
         return out
@@ -177,8 +180,8 @@ class GalerkinModel(Record):
 
     def moments(self, currents: Array, amplitude: Array) -> Array:
         """mu0 times the magnetic moment (p, 3) that every point stands for, T m^3."""
-        h = self.applied(currents) - self.gradients @ amplitude
-        given = (h.reshape(-1, 1), self.weights, self.law, self.tables.arrays)
+        h = self._strength(slice(None), currents[:, None], amplitude[:, None])
+        given = (h, self.weights, self.law, self.tables.arrays)
         over_rows(magnetise, len(self.weights), *given, work=10.0)
         return h.reshape(-1, 3)
 

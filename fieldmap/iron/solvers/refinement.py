@@ -172,11 +172,7 @@ def near_kernels(surface: ChargedFaces, places: Array) -> Array:
 
 
 def element_indicators(
-    volume: Array,
-    mu_r: Array,
-    forms: tuple[IronState, ...],
-    dual_forms: tuple[IronState, ...],
-    size: Array,
+    volume: Array, mu_r: Array, forms: tuple[IronState, ...], dual_forms: tuple[IronState, ...], size: Array
 ) -> Array:
     """Shares (e,) of the elements of relative permeability mu_r (e,), for the worst source and dipole.
 
@@ -276,11 +272,7 @@ class _Shares:
 
 
 def next_sizes(
-    iron: AssembledIron,
-    faces: FaceShares,
-    elements: Array,
-    reduction: float,
-    least_growth: float = 1.0,
+    iron: AssembledIron, faces: FaceShares, elements: Array, reduction: float, least_growth: float = 1.0
 ) -> LocalSizes:
     """Sizes and layers that divide the predicted error by `reduction`, at most 4, from the shares of faces and of
     elements (e,); smaller ones where these would not give `least_growth` times as many surface faces."""

@@ -14,8 +14,8 @@ import math
 import numpy as np
 
 from fieldmap.kernels.compilation import inlined, njit
-from fieldmap.kernels.iron.charged_triangle import solid_angle
-from fieldmap.kernels.iron.mutual_potential import row_beyond, separation
+from fieldmap.kernels.iron.charged_triangle import edge, solid_angle
+from fieldmap.kernels.iron.mutual_potential import inverse_distance, row_beyond, separation
 
 _INVERSE_4PI = 1.0 / (4.0 * math.pi)
 
@@ -26,33 +26,18 @@ def corner_gradient(x, y, z, p, n, area, field, by_corner):
     and the potential's derivative by the corners (3, 3)."""
     tx_sum = ty_sum = tz_sum = 0.0
     potential = 0.0
-    for k in range(3):
-        for a in range(3):
-            by_corner[k, a] = 0.0
+    by_corner[:] = 0.0
     for k in range(3):
         k1 = k + 1 if k < 2 else 0
-        ux, uy, uz = p[k, 0] - x, p[k, 1] - y, p[k, 2] - z
-        vx, vy, vz = p[k1, 0] - x, p[k1, 1] - y, p[k1, 2] - z
-        tx, ty, tz = vx - ux, vy - uy, vz - uz
-        length = math.sqrt(tx * tx + ty * ty + tz * tz)
-        ru = math.sqrt(ux * ux + uy * uy + uz * uz)
-        rv = math.sqrt(vx * vx + vy * vy + vz * vz)
-        f = math.log((ru + rv + length) / max(ru + rv - length, 1e-16 * length))
-        mx = (ty * n[2] - tz * n[1]) / length
-        my = (tz * n[0] - tx * n[2]) / length
-        mz = (tx * n[1] - ty * n[0]) / length
-        potential += (mx * ux + my * uy + mz * uz) * f
-        tx_sum += mx * f
-        ty_sum += my * f
-        tz_sum += mz * f
-        end = ((rv - ru) - (ux * tx + uy * ty + uz * tz) / length * f) / length
-        start = f - end
-        by_corner[k, 0] += mx * start
-        by_corner[k, 1] += my * start
-        by_corner[k, 2] += mz * start
-        by_corner[k1, 0] += mx * end
-        by_corner[k1, 1] += my * end
-        by_corner[k1, 2] += mz * end
+        u, t, ru, rv, length, m, f = edge(k, x, y, z, p, n)
+        potential += (m[0] * u[0] + m[1] * u[1] + m[2] * u[2]) * f
+        tx_sum += m[0] * f
+        ty_sum += m[1] * f
+        tz_sum += m[2] * f
+        end = ((rv - ru) - (u[0] * t[0] + u[1] * t[1] + u[2] * t[2]) / length * f) / length
+        for a in range(3):
+            by_corner[k, a] += m[a] * (f - end)
+            by_corner[k1, a] += m[a] * end
     omega = solid_angle(x, y, z, p)
     height = (x - p[0, 0]) * n[0] + (y - p[0, 1]) * n[1] + (z - p[0, 2]) * n[2]
     for k in range(3):
@@ -133,10 +118,11 @@ def close_gradient(
     """Add to parts (t, p, k, 3), t from begin to end, whose sum over t it is, the derivative of others (k, n) . W
     charge (n,) by p nodes: what the close pairs make of it of which a triangle is moving (n,).
 
-    faces, spheres (4, n) and reach: as in `mutual_potential`; shapes: of the corners at the points of the outer rules
-    (q, 3), those for pairs apart and for those whose circles overlap; nodes (n, 3): numbers of the corners. The pairs of one chamber stand for those that g
-    operations with matrices (g, 3, 3) make of them: first (n,): the one among the images of each triangle that lies
-    there; places (g, p): images of the nodes; charge (g, n) and others (g, k, n): those of each triangle's images.
+    faces, spheres (4, n) and reach: as in `mutual_potential`; shapes: of the corners at the points of the outer rules,
+    (q, 3) for pairs apart and (t, 3) for those whose circles overlap; nodes (n, 3): numbers of the corners. The pairs
+    of one chamber stand for those that g operations with matrices (g, 3, 3) make of them: first (n,): the one among the
+    images of each triangle that lies there; places (g, p): images of the nodes; charge (g, n) and others (g, k, n):
+    those of each triangle's images.
     """
     n, shares, rows = nodes.shape[0], parts.shape[0], others.shape[1]
     by_one, by_other = np.empty((3, 3)), np.empty((3, 3))
@@ -170,9 +156,7 @@ def _pulls(px, py, pz, x, y, z, beyond, gx, gy, gz):
         sx = sy = sz = 0.0
         for q in range(3):
             dx, dy, dz = x[q, j] - px, y[q, j] - py, z[q, j] - pz
-            square = dx * dx + dy * dy + dz * dz + 1e-30
-            guess = np.float64(np.float32(1.0) / np.sqrt(np.float32(square)))
-            inverse = guess * (1.5 - 0.5 * square * guess * guess)
+            inverse = inverse_distance(dx, dy, dz)
             cube = inverse * inverse * inverse
             sx += cube * dx
             sy += cube * dy
