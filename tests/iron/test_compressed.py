@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from fieldmap.iron.mesh.charged_faces import ChargedFaces
-from fieldmap.iron.operators.compressed import CompressedMutualPotential, predicted_bytes
+from fieldmap.iron.operators.compressed import CompressedMutualPotential
 from fieldmap.iron.operators.compressed import _quarters as quarters
 
 
@@ -125,28 +125,3 @@ def sphere(level):
         parts = [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]
         corners = np.concatenate([np.stack(part, axis=1) for part in parts])
     return ChargedFaces.from_nodes(corners.reshape(-1, 3), np.arange(3 * len(corners)).reshape(-1, 3))
-
-
-def test_memory_is_predicted(compressed, faces):
-    """Four bytes a number: near blocks as they are, 14 rows and columns of each far block, 96 entries a row of the
-    sparse inverse, twice, with their columns and as much again while it is made; and 200 MB of scratch."""
-
-    def sides(blocks):
-        return blocks[:, 1] - blocks[:, 0], blocks[:, 3] - blocks[:, 2]
-
-    (rows, columns), far = sides(compressed._near), [sides(part.blocks) for part in compressed._far]
-    both = sum(int((one + other).sum()) for one, other in far)
-    predicted = 4 * (rows * columns).sum() + 4 * 14 * both
-    assert predicted_bytes(faces) == predicted + 4 * 8 * 96 * len(faces.areas) + 200_000_000
-    assert compressed._near_data.nbytes == 4 * (rows * columns).sum()
-    terms = sum(
-        int(part.ranks @ (one + other)) for part, (one, other) in zip(compressed._far, far, strict=True)
-    )
-    held = sum(part.data.nbytes for part in compressed._far)
-    assert held == 4 * terms
-    assert compressed.mean_rank == pytest.approx(terms / both)
-    sparse = sum(m.data.nbytes + m.indices.nbytes for m in (compressed._factor, compressed._transposed))
-    assert compressed.bytes == compressed._near_data.nbytes + held + sparse
-    count = len(faces.areas)
-    share = f"{100 * compressed.bytes / (2 * count * (count + 1)):.0f} % of one dense triangle"
-    assert compressed.storage.endswith(f"(mean {compressed.mean_rank:.1f}), {share}")

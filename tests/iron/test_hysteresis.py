@@ -18,7 +18,6 @@ from fieldmap.iron.solvers.hysteresis import (
     HysteresisForm,
     HysteresisMagnetisation,
     HysteresisSolver,
-    IronMemory,
     Pinning,
 )
 
@@ -252,34 +251,6 @@ def test_first_guess_of_a_step(solver, currents):
     found = solver.step(currents, memory).memory.potential
     guess = memory.continued(np.array(currents))
     assert np.linalg.norm(guess - found) < 0.4 * np.linalg.norm(memory.potential - found)
-
-
-def test_the_first_guess_goes_on_along_a_ray_and_turns_in_proportion():
-    """A potential that is linear in two currents, p = 3 a + 4 b in one node and -a in the other: on by the share that
-    the new change has of the last, up to twice; else by the share that the currents have of the last currents."""
-
-    def potential(currents):
-        return np.array([3.0 * currents[0] + 4.0 * currents[1], -currents[0]])
-
-    def after(before, now):
-        return IronMemory(None, potential(now), now, potential(now - before), now - before)
-
-    memory = after(np.array([10.0, 5.0]), np.array([20.0, 15.0]))
-    # Straight on, along (1, 1).
-    for step in (1.0, 7.0, 20.0):
-        currents = memory.currents + step
-        np.testing.assert_allclose(memory.continued(currents), potential(currents), rtol=1e-14)
-    # No farther than twice the last step.
-    np.testing.assert_allclose(memory.continued(memory.currents + 70.0), potential(memory.currents + 20.0))
-    # Within 36.9 degrees of it on by what lies along it, beyond in proportion.
-    on = memory.continued(memory.currents + [4.0, 0.8])
-    np.testing.assert_allclose(on, potential(memory.currents + 2.4), rtol=1e-14)
-    turned = memory.continued(memory.currents + [4.0, 0.4])
-    share = (20.0 * 24.0 + 15.0 * 15.4) / (20.0**2 + 15.0**2)
-    np.testing.assert_allclose(turned, potential(share * memory.currents), rtol=1e-14)
-    np.testing.assert_allclose(memory.continued(0.3 * memory.currents), potential(0.3 * memory.currents))
-    rest = after(np.array([10.0, 5.0]), np.zeros(2))
-    np.testing.assert_array_equal(rest.continued(np.array([-1.0, 5.0])), rest.potential)
 
 
 def test_a_step_that_fails_is_divided(solver, monkeypatch):

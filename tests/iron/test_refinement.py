@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from fieldmap.device.model import Body, Box, CircularCoil, Cylinder, Device, LinearMaterial, Part, Placement
+from fieldmap.device.model import Body, Box, Device, LinearMaterial
 from fieldmap.iron.materials import body_properties
 from fieldmap.iron.mesh.charged_faces import ChargedFaces
 from fieldmap.iron.mesh.mesh import LAYER_RATIO, generate_mesh
@@ -29,7 +29,9 @@ from fieldmap.iron.solvers.refinement import (
     smooth_neighbours,
 )
 from fieldmap.iron.topology import build_faces
+from tests.iron.shared import electromagnet
 
+IRON = LinearMaterial("iron", 1000.0)
 PLACES = np.array([[0.005, 0.002, -0.02], [-0.01, 0.006, -0.015]])
 
 
@@ -37,23 +39,10 @@ def iron_of(mesh, topology, surface):
     return SimpleNamespace(mesh=mesh, topology=topology, surface=surface)
 
 
-def device(mu_r=1000.0, size=0.01):
-    """A disk with a core in a coil, coarse."""
-
-    def body(name, radius, height, bottom):
-        at = Placement(np.array([0.0, 0.0, bottom]), np.eye(3))
-        return Body(name, "iron", (Part(Cylinder(radius, height), at),), size, 0.003)
-
-    at = Placement(np.array([0.0, 0.0, 0.026]), np.eye(3))
-    coil = CircularCoil("coil", 0.011, 0.021, 0.039, 840.0, placement=at)
-    bodies = (body("disk", 0.03, 0.006, 0.0), body("core", 0.01, 0.04, 0.006))
-    return Device("electromagnet", "", (coil,), bodies, {"iron": LinearMaterial("iron", mu_r)})
-
-
 @pytest.fixture(scope="module")
 def solved():
     """Both forms, and both in the field of the dipoles."""
-    machine = device()
+    machine = electromagnet(IRON)
     properties, iron = body_properties(machine, None), assemble(generate_mesh(machine))
     forms = [form_on(iron, name) for name in ("potential", "flux")]
     states = [solved_in_form(machine, form, properties, 1e-4, Stages(None)).state for form in forms]
@@ -135,7 +124,7 @@ def test_neighbours_are_not_looked_for_round_edges():
         "d",
         "",
         (),
-        (Body("b", "iron", (Part(Box((0.02, 0.03, 0.01))),), 0.008),),
+        (Body("b", "iron", Box((0.02, 0.03, 0.01)), 0.008),),
         {"iron": LinearMaterial("iron", 9.0)},
     )
     mesh = generate_mesh(box)
@@ -149,7 +138,7 @@ def test_neighbours_are_not_looked_for_round_edges():
 
 
 def test_sizes_fall_where_the_shares_are_and_the_mesh_follows():
-    machine = device(size=0.006)
+    machine = electromagnet(IRON, 0.006, 0.006)
     mesh = generate_mesh(machine)
     topology = build_faces(mesh.points, mesh.tets)
     surface = ChargedFaces.from_nodes(mesh.points, topology.nodes[topology.surface])
@@ -269,7 +258,7 @@ def test_growth_by_its_powers():
 )
 def test_a_mesh_grows_about_as_expected(size, thickness, within):
     """Smaller elements on one side, or thinner layers at all edges."""
-    machine = device(size=0.006)
+    machine = electromagnet(IRON, 0.006, 0.006)
     mesh = generate_mesh(machine)
     topology = build_faces(mesh.points, mesh.tets)
     triangles = topology.nodes[topology.surface]
@@ -332,7 +321,7 @@ def test_a_face_at_an_edge_errs_near_by_as_a_singular_charge_does():
 
 def test_layers_at_edges_are_as_asked():
     """At one place of a disk's rim thin, elsewhere none."""
-    machine = device(size=0.008)
+    machine = electromagnet(IRON, 0.008, 0.008)
     places = np.array([[0.03, 0.0, 0.0], [-0.03, 0.0, 0.0]])
     sizes = LocalSizes(places, np.full(2, 0.008), places, np.array([0.0003, 1.0]))
     mesh = generate_mesh(machine, local=sizes)

@@ -414,46 +414,6 @@ def test_keys_that_cannot_be_followed(key):
     assert key in caught.value.problems[0].where
 
 
-def test_how_coils_follow_keys():
-    """By key: the two values that are compared lie apart by a share of the value, or by the least step of its unit;
-    which coils move as a whole, by what velocity and angular velocity, or change their turns alone."""
-    text = DEVICE.read_text(encoding="utf-8")
-    parameters = Parameters(fm.read_device(text))
-    # About y, then by 30 degrees about z.
-    along = np.radians(1.0) * np.array([-0.5, np.sqrt(0.75), 0.0])
-    turning = np.cross(along, np.eye(3)).T
-    still = np.zeros((3, 3))
-    for key, width, velocity, spin in (
-        ("coil.beside.position_mm.1", 2 * 18e-4, [1e-3, 0, 0], still),
-        ("coil.beside.position_mm.2", 2 * 1e-3, [0, 1e-3, 0], still),
-        ("coil.beside.rotation_deg.2", 2 * 1e-2, [0, 0, 0], turning),
-    ):
-        change = parameters.change(key)
-        assert change.coils == (1,)
-        assert change.width == pytest.approx(width, rel=1e-9)
-        motion = change.motion(1)
-        assert motion.velocity == pytest.approx(np.array(velocity), abs=1e-9)
-        assert motion.spin == pytest.approx(spin, abs=1e-9)
-        assert change.turns(1) is None
-    change = parameters.change("coil.around.turns")
-    assert (change.coils, change.motion(0), change.turns(0)) == ((0,), None, pytest.approx(1.0))
-    change = parameters.change("coil.beside.inner_radius_mm")
-    assert (change.coils, change.motion(1), change.turns(1)) == ((1,), None, None)
-    change = parameters.change("material.iron.mu_r")
-    assert (change.coils, change.width) == ((), pytest.approx(2 * 0.2))
-    assert (change.has_materials, change.has_background, change.has_shapes, change.has_joints) == (True,) + (
-        False,
-    ) * 3
-    change = parameters.change("background.flux_density_mT.3")
-    assert (change.has_materials, change.has_background) == (False, True)
-    assert change.currents.tolist() == [0.0, 0.0]
-    assert parameters.change("background.flux_density_mT.3", 0.5).width == 1.0
-    change = parameters.change("current.beside")
-    assert (change.coils, change.currents.tolist(), change.has_materials) == ((), [0.0, 1.0], False)
-    with pytest.raises(TypeError):
-        _ = change.sides
-
-
 def test_a_key_that_the_device_lacks():
     with pytest.raises(DeviceFileError):
         base("saturated").derivative(QUANTITIES["field"], ["coil.around.turn"])
