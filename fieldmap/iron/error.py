@@ -155,12 +155,9 @@ def workspace_surface(device: Device) -> Array:
     largest there. Raises InputError if the device has no workspace."""
     bounds = device.bounds
     if bounds is None:
-        raise InputError.of(
-            f"device '{device.name}'",
-            "must have a workspace, in which the error is estimated",
-            "none",
-            "add a [workspace] table to the device file",
-        )
+        must_hold = "must have a workspace, in which the error is estimated"
+        remedy = "add a [workspace] table to the device file"
+        raise InputError.of(f"device '{device.name}'", must_hold, "none", remedy)
     lower, upper = bounds
     t = np.linspace(0, 1, _POINTS_PER_EDGE)
     grid = np.stack(np.meshgrid(t, t, t, indexing="ij"), axis=-1).reshape(-1, 3)

@@ -54,12 +54,9 @@ def body_properties(device: Device, mu_r: float | None) -> BodyProperties:
     Raises InputError unless mu_r is a finite number > 0.
     """
     if mu_r is not None and not (finite_number(mu_r) and mu_r > 0):
-        raise InputError.of(
-            "solve_linear, mu_r",
-            "the relative permeability must be a finite number > 0",
-            repr(mu_r),
-            "give for instance mu_r=1000, or None for the device's own: of a B-H table its initial slope",
-        )
+        must_hold = "the relative permeability must be a finite number > 0"
+        remedy = "give for instance mu_r=1000, or None for the device's own: of a B-H table its initial slope"
+        raise InputError.of("solve_linear, mu_r", must_hold, repr(mu_r), remedy)
     value = np.empty(len(device.bodies))
     remanence = np.zeros((len(device.bodies), 3))
     notes: dict[str, None] = {}
@@ -98,12 +95,8 @@ def _constant_mu_r(material: Material, mu_r: float | None) -> tuple[float, str]:
 def require_soft_bodies(device: Device) -> None:
     """Raise InputError, for all bodies at once, unless every one has a B(H) law with mu_r >= 1, and there is one."""
     if not device.bodies:
-        raise InputError.of(
-            f"device '{device.name}'",
-            "there must be iron for a nonlinear solve",
-            "no bodies",
-            _LINEAR_INSTEAD,
-        )
+        must_hold = "there must be iron for a nonlinear solve"
+        raise InputError.of(f"device '{device.name}'", must_hold, "no bodies", _LINEAR_INSTEAD)
     weak: list[tuple[str, str, str]] = []
     for body in device.bodies:
         material, where = device.materials[body.material], f"body '{body.name}'"

@@ -87,26 +87,15 @@ def device_contents(device: Device) -> DeviceContents:
     'sphere: 4.189 cm^3'
     """
     check_geometry(device)
-    bodies = (
-        BodyContents(
-            body.name, body.material, _volume(body), _mesh_size(body), len(body.parts), _common_axis(body)
-        )
-        for body in device.bodies
-    )
-    coils = (
-        CoilContents(
-            coil.name,
-            type(coil).__name__,
-            coil.turns,
-            coil.polarity,
-            coil.placement.position,
-            coil.placement.rotation[:, 2],
-            coil.height,
-            coil.resistance,
-            coil.inductance,
-        )
-        for coil in device.coils
-    )
+    bodies = []
+    for body in device.bodies:
+        about = (_volume(body), _mesh_size(body), len(body.parts), _common_axis(body))
+        bodies.append(BodyContents(body.name, body.material, *about))
+    coils = []
+    for coil in device.coils:
+        place, kind = coil.placement, (coil.name, type(coil).__name__, coil.turns, coil.polarity)
+        winding = (coil.height, coil.resistance, coil.inductance)
+        coils.append(CoilContents(*kind, place.position, place.rotation[:, 2], *winding))
     payload = () if device.payload is None else device.payload.assumptions
     return DeviceContents(device, tuple(bodies), tuple(coils), saturation_laws(device) + payload)
 

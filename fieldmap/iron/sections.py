@@ -144,12 +144,10 @@ def clip_triangles(element: Index, corners: Array, margin: Array) -> tuple[Index
 def no_iron_at(section: Section) -> InputError:
     """The error of a section that cuts no iron."""
     place = ", ".join(f"{1e3 * x:g}" for x in section.origin)
-    return InputError.of(
-        f"section '{section.name}'",
-        "its plane must cut iron" + (f" of {', '.join(section.bodies)}" if section.bodies else ""),
-        f"none at ({place}) mm" + ("" if section.half_widths is None else " within its half widths"),
-        "move the plane, widen it, or name other bodies",
-    )
+    must_hold = "its plane must cut iron" + (f" of {', '.join(section.bodies)}" if section.bodies else "")
+    received = f"none at ({place}) mm" + ("" if section.half_widths is None else " within its half widths")
+    remedy = "move the plane, widen it, or name other bodies"
+    return InputError.of(f"section '{section.name}'", must_hold, received, remedy)
 
 
 def check_section(section: Section, bodies: tuple[str, ...]) -> None:

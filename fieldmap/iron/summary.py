@@ -126,6 +126,9 @@ def summarise_solution(
     state = field.at(amperes)
     nonlinear = not isinstance(state, LinearState)
     wanted = np.zeros((0, 3)) if points is None else np.asarray(points, dtype=float).reshape(-1, 3)
+    warnings: tuple[str, ...] = ()
+    if isinstance(state, LinearState) and currents is not None:
+        warnings = saturation_warnings(state.solution, device, amperes)
     return SolutionSummary(
         device=device,
         nonlinear=nonlinear,
@@ -133,16 +136,12 @@ def summarise_solution(
         currents=currents,
         points=_points(state, wanted),
         bodies=body_fluxes(state) if nonlinear else (),
-        forces=tuple(
-            GroupForce(tuple(group), *state.force_and_torque_on(group, np.zeros(3))) for group in groups
-        ),
+        forces=tuple(_force(state, tuple(group)) for group in groups),
         sections=tuple(
-            _section_mean(state, section) for section in (device.sections if sections is None else sections)
+            _section_mean(state, one) for one in (device.sections if sections is None else sections)
         ),
         references=compare_references(device, field, amperes, mu_r),
-        warnings=saturation_warnings(state.solution, device, amperes)
-        if isinstance(state, LinearState) and currents is not None
-        else (),
+        warnings=warnings,
     )
 
 
@@ -179,25 +178,14 @@ def compare_references(
     solution is compared at the currents of each value. mu_r: as for `summarise_solution`."""
     nonlinear = isinstance(field, NonlinearSolver)
     compared = []
-    for reference in device.references:
-        why_not, ours = _why_not(device, reference, nonlinear, currents, mu_r), None
+    for known in device.references:
+        why_not, ours, off = _why_not(device, known, nonlinear, currents, mu_r), None, None
         if not why_not:
-            state, point = field.at(reference.currents), reference.at[None, :]
-            ours = component(reference.quantity, state.field(point)[0], state.gradient(point)[0])
-        compared.append(
-            ReferenceComparison(
-                reference.quantity,
-                reference.at,
-                reference.currents,
-                reference.mu_r,
-                reference.value,
-                ours,
-                None if ours is None else ours / reference.value - 1.0,
-                why_not,
-                reference.tolerance,
-                reference.source,
-            )
-        )
+            state, point = field.at(known.currents), known.at[None, :]
+            ours = component(known.quantity, state.field(point)[0], state.gradient(point)[0])
+            off = ours / known.value - 1.0
+        about = (known.quantity, known.at, known.currents, known.mu_r, known.value)
+        compared.append(ReferenceComparison(*about, ours, off, why_not, known.tolerance, known.source))
     return tuple(compared)
 
 

@@ -136,11 +136,8 @@ def _plane(mirror: Operation) -> str:
     for name, unit in zip("xyz", np.eye(3), strict=True):
         if abs(normal @ unit) > 1 - _SAME_OPERATION:
             return f"{name} = 0" if abs(at) < 1e-9 else f"{name} = {1e3 * at:.6g} mm"
-    terms = " ".join(
-        f"{value:+.4g} {name}"
-        for value, name in zip(normal, "xyz", strict=True)
-        if abs(value) > _SAME_OPERATION
-    )
+    parts = zip(normal, "xyz", strict=True)
+    terms = " ".join(f"{value:+.4g} {name}" for value, name in parts if abs(value) > _SAME_OPERATION)
     return f"{terms.lstrip('+')} = {1e3 * at if abs(at) > 1e-9 else 0:.6g} mm"
 
 

@@ -27,7 +27,7 @@ from scipy.sparse import csr_matrix
 
 from fieldmap.iron.elements.bh_law import Magnetisation
 from fieldmap.iron.elements.nodal_elements import Elements, FieldOfPoints, NodalElements
-from fieldmap.iron.elements.potential_form import ConvexForm, Exterior
+from fieldmap.iron.elements.potential_form import ConvexForm
 from fieldmap.iron.mesh.chamber import MeshSymmetry
 from fieldmap.iron.operators.assembled import AssembledIron
 from fieldmap.iron.operators.linear_systems import ElementSums, Elimination, block_gmres, nested_dissection
@@ -150,27 +150,21 @@ def _means(faces: Index, count: int) -> csr_matrix:
 
 
 class SurfaceFluxSystem:
-    """K and S of one mesh and material. surface (s,), unknowns (n,): the magnetic body (a connected piece) that surface
-    faces and unknowns belong to; reluctivity (s,): of the elements below the faces."""
+    """K and S of one mesh and material. unknowns (n,): the magnetic body (a connected piece) that unknowns belong to;
+    reluctivity (s,): of the elements below the surface faces."""
 
-    def __init__(
-        self,
-        stiffness: csr_matrix,
-        face_mean: csr_matrix,
-        exterior: Exterior,
-        surface: Index,
-        unknowns: Index,
-        reluctivity: Array,
-    ) -> None:
-        self._mean, self._exterior, self._body, self._stiffness = face_mean, exterior, unknowns, stiffness
+    def __init__(self, stiffness: csr_matrix, form: "FluxForm", unknowns: Index, reluctivity: Array) -> None:
+        self._mean, self._exterior, self._body = form.elements.face_mean, form.exterior, unknowns
+        self._stiffness = stiffness
         # One unknown of each magnetic body is fixed at zero; its equation follows from the others.
         fixed = np.unique(unknowns, return_index=True)[1]
         self._free = np.setdiff1d(np.arange(len(unknowns)), fixed)
         inner = stiffness[self._free][:, self._free]
         self._factor = Elimination.of(inner).factor(inner.data)
         self._scale = 1 / np.maximum(1.0, reluctivity)[:, None]
+        surface = form.iron.topology.group_of_surface
         self._sums = (surface[:, None] == np.arange(len(fixed))).astype(float)
-        self._flux_of_constants = exterior.flux(self._sums)
+        self._flux_of_constants = self._exterior.flux(self._sums)
         self._net = np.linalg.inv(self._sums.T @ (self._scale * self._flux_of_constants))
 
     def solve(self, right: Array, tolerance: float, max_steps: int) -> tuple[Array, list[Array]]:
@@ -230,6 +224,5 @@ class FluxForm(ConvexForm):
         faces, unknowns = self.iron.topology, np.zeros(self.elements.count, np.int64)
         unknowns[self.elements.unknowns] = faces.group_of_tet[:, None]
         below = slope[faces.owner[faces.surface, 0]]
-        pieces = (faces.group_of_surface, unknowns)
-        system = SurfaceFluxSystem(stiffness, self.elements.face_mean, self.exterior, *pieces, 1 / below)
+        system = SurfaceFluxSystem(stiffness, self, unknowns, 1 / below)
         return system.solve(right, tolerance, _MAX_STEPS_OF_WEAK_BODIES)

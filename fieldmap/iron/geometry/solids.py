@@ -196,12 +196,9 @@ def _combined(solid: occ.TopoDS_Shape | None, piece: occ.TopoDS_Shape, operation
 def _cannot_build(where: str, shape: Shape, error: Exception) -> Problem:
     reason = str(error).strip().rstrip(":") or type(error).__name__
     from_file = isinstance(shape, StepFile)
-    return Problem(
-        where,
-        "a part must be a solid that the CAD kernel can build",
-        f"{type(shape).__name__}: {reason}",
-        "export it again as a solid" if from_file else "correct its dimensions",
-    )
+    must_hold = "a part must be a solid that the CAD kernel can build"
+    remedy = "export it again as a solid" if from_file else "correct its dimensions"
+    return Problem(where, must_hold, f"{type(shape).__name__}: {reason}", remedy)
 
 
 def glue_solids(solids: Iterable[occ.TopoDS_Shape]) -> occ.TopoDS_Shape:

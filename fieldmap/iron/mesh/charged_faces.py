@@ -58,13 +58,8 @@ class ChargedFaces(Record):
 
     def part(self, chosen: Index | NDArray[np.bool_]) -> "ChargedFaces":
         """Some of the triangles, in this order."""
-        return ChargedFaces(
-            np.ascontiguousarray(self.corners[chosen]),
-            self.normals[chosen],
-            self.areas[chosen],
-            self.centres[chosen],
-            self.radii[chosen],
-        )
+        more = (one[chosen] for one in (self.normals, self.areas, self.centres, self.radii))
+        return ChargedFaces(np.ascontiguousarray(self.corners[chosen]), *more)
 
     def mutual_potential_with(
         self, others: "ChargedFaces", symmetric: bool, out: Array | None = None

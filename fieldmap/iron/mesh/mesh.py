@@ -404,12 +404,8 @@ def checked_points(points: ArrayLike) -> tuple[Array, bool]:
     """Points (n, 3) and whether a single point (3,) was given. Raises InputError unless finite and of such a shape."""
     x = np.ascontiguousarray(points, dtype=float)
     if x.shape[-1:] != (3,) or x.ndim > 2 or not np.isfinite(x).all():
-        raise InputError.of(
-            "points",
-            "points must be finite and of shape (n, 3) or (3,)",
-            f"shape {x.shape}",
-            "give x, y, z in m",
-        )
+        must_hold = "points must be finite and of shape (n, 3) or (3,)"
+        raise InputError.of("points", must_hold, f"shape {x.shape}", "give x, y, z in m")
     return np.atleast_2d(x), x.ndim == 1
 
 
@@ -421,9 +417,6 @@ def refuse_inside(mesh: BodyMesh | None, x: Array) -> None:
     inside = np.flatnonzero(within >= 0)
     if len(inside):
         name = mesh.body_names[mesh.body[within[inside[0]]]]
-        raise InputError.of(
-            "points",
-            "the gradient is defined outside the iron only",
-            f"{len(inside)} of {len(x)} points inside, the first at {x[inside[0]]} m in body '{name}'",
-            "keep the points in the air",
-        )
+        must_hold = "the gradient is defined outside the iron only"
+        received = f"{len(inside)} of {len(x)} points inside, the first at {x[inside[0]]} m in body '{name}'"
+        raise InputError.of("points", must_hold, received, "keep the points in the air")

@@ -104,12 +104,9 @@ def generate_surface(device: Device, refinement: float = 1.0) -> IronSurface:
     Raises GeometryError where the mesher fails, InputError for joints.
     """
     if device.joints:
-        raise InputError.of(
-            f"{device_label(device)}: {device.joints[0].description}",
-            "the surface form has no joints",
-            "a joint",
-            'use form="auto", "potential" or "flux"',
-        )
+        where = f"{device_label(device)}: {device.joints[0].description}"
+        must_hold = "the surface form has no joints"
+        raise InputError.of(where, must_hold, "a joint", 'use form="auto", "potential" or "flux"')
     shape = glue_bodies(device)
     mesh = mesh_solids(shape, device, refinement, surface_only=True)
     names = tuple(body.name for body in device.bodies)

@@ -261,13 +261,10 @@ class HysteresisSolver:
         pinning = [self._pinnings[one.name].fields if one.saturates else without for one in materials]
         remanence = np.array([material.remanence for material in materials])
         law, count = self._mesh.body, self._form.elements.count
+        cells = MU0 * np.array(pinning), (self.pinning or Pinning(0.0)).weights
+        reversible = np.zeros((len(law), 4, self._cells, 3))
         material = HysteresisMagnetisation(
-            law,
-            law_tables(materials),
-            remanence[law][None],
-            MU0 * np.array(pinning),
-            (self.pinning or Pinning(0.0)).weights,
-            np.zeros((len(law), 4, self._cells, 3)),
+            law, law_tables(materials), remanence[law][None], *cells, reversible
         )
         nothing, coils = np.zeros(count), np.zeros(len(self.device.coils))
         return IronMemory(material, nothing, coils, nothing, coils)
@@ -314,12 +311,8 @@ class HysteresisSolver:
                 raise
         first = self._step(0.5 * (currents + memory.currents), memory, residual, halvings - 1)
         second = self._step(currents, first.memory, residual, halvings - 1)
-        return replace(
-            second,
-            loss=first.loss + second.loss,
-            steps=first.steps + second.steps,
-            parts=first.parts + second.parts,
-        )
+        both = {name: getattr(first, name) + getattr(second, name) for name in ("loss", "steps", "parts")}
+        return replace(second, **both)
 
     def _at(self, currents: Array, memory: IronMemory, residual: float, start: Array) -> HystereticState:
         field = self._unit.combined(currents[None])
@@ -328,19 +321,13 @@ class HysteresisSolver:
         potential = state.potential[:, 0]
         h = elements.strength_at_points(state.potential, field, before)[0]
         polarisation, after = before.polarisation(h, 0), before.after(h)
-        form = self._form
-        report = report_of(form.name, form.iron, elements.count, state.iron, {}, self.assumptions)
-        device = self.device
+        report, device = report_of(self._form, state.iron, {}, self.assumptions), self.device
         about = (device.coils, currents, self._mesh, state.iron, np.ones(1), report, device.sections)
-        return HystereticState(
-            *about,
-            state,
-            self._linkage(polarisation),
-            IronMemory(after, potential, currents, potential - memory.potential, currents - memory.currents),
-            before.dissipated(after, elements.volume) / MU0,
-            state.iron.iterations,
-            bounds=device.bounds,
-        )
+        changes = (potential - memory.potential, currents - memory.currents)
+        now = IronMemory(after, potential, currents, *changes)
+        loss = before.dissipated(after, elements.volume) / MU0
+        iron = (state, self._linkage(polarisation), now, loss, state.iron.iterations)
+        return HystereticState(*about, *iron, bounds=device.bounds)
 
     def _linkage(self, polarisation: Array) -> Array:
         """Flux linkages (c,), Wb, that polarisation (e, 4, 3), T, adds: docs/theory/forces.md (5)."""

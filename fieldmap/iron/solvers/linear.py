@@ -101,7 +101,7 @@ def solved_in_form(
     iron = problem.iron
     state, linkage = _solve(device, problem, properties, tolerance * _RESIDUAL_PER_TOLERANCE)
     assumptions = properties.assumptions + geometry_notes(device)
-    report = report_of(problem.name, iron, problem.elements.count, state, stages.seconds, assumptions)
+    report = report_of(problem, state, stages.seconds, assumptions)
     has_remanence = bool(properties.remanence.any())
     about = (device.sections, device.bounds, device.background)
     return LinearSolution(device.coils, iron.mesh, state, has_remanence, report, linkage, *about)
@@ -138,12 +138,9 @@ def chosen_form(form: str, properties: BodyProperties) -> str:
     if form == "auto":
         return "potential" if weakest >= 1 else "flux"
     if form == "potential" and weakest < 1:
-        raise InputError.of(
-            "solve_linear, form",
-            "the potential form needs mu_r >= 1 in every body and joint",
-            f"mu_r = {weakest:g}",
-            'use form="flux" or form="auto"',
-        )
+        must_hold = "the potential form needs mu_r >= 1 in every body and joint"
+        remedy = 'use form="flux" or form="auto"'
+        raise InputError.of("solve_linear, form", must_hold, f"mu_r = {weakest:g}", remedy)
     return form
 
 

@@ -88,16 +88,14 @@ def solve_with_continuation(
         if share == 1.0:
             return state, tuple(shares)
         reached, step, potential = share, 2 * step, state.potential
-    raise NotConverged(
-        Problem(
-            "iron solver, Newton and continuation in the currents",
-            f"the residual must fall to {tolerance:g}",
-            f"no state beyond {100 * reached:.3g} % of the currents; last residual "
-            f"{residuals[-1]:.2e} after {len(residuals)} steps in all",
-            "loosen the tolerance, smooth the B-H table where its slope jumps, or look for slivers in the mesh",
-        ),
-        residuals=tuple(residuals),
+    where = "iron solver, Newton and continuation in the currents"
+    must_hold = f"the residual must fall to {tolerance:g}"
+    last = f"last residual {residuals[-1]:.2e} after {len(residuals)} steps in all"
+    received = f"no state beyond {100 * reached:.3g} % of the currents; {last}"
+    remedy = (
+        "loosen the tolerance, smooth the B-H table where its slope jumps, or look for slivers in the mesh"
     )
+    raise NotConverged(Problem(where, must_hold, received, remedy), residuals=tuple(residuals))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -299,28 +297,16 @@ class NonlinearSolver(FieldOfStates):
         residual = tolerance * _RESIDUAL_PER_TOLERANCE
         state, shares = solve_with_continuation(self._form, self._material, field, residual, begin)
         stages.done()
-        report = self._report(
-            state, {**({} if start is not None else self._seconds), **stages.seconds}, shares
-        )
-        device, mesh = self.device, self._iron.mesh
-        about = (device.coils, values, mesh, state.iron, np.ones(1), report, device.sections)
-        elements, material = self._form.elements, self._material
-        linkage, coenergy = linkage_and_coenergy(
-            elements.volume,
-            material,
-            elements.strength_at_points(state.potential, field, material),
-            elements.coil_field_at_points(field),
-            elements.coil_field_at_points(self._unit),
-        )
-        return NonlinearSolution(
-            *about,
-            state,
-            linkage[:, 0],
-            float(coenergy[0]),
-            bounds=device.bounds,
-            background=device.background,
-            origin=self._origin,
-        )
+        seconds = stages.seconds if start is not None else self._seconds | stages.seconds
+        report = self._report(state, seconds, shares)
+        device, elements, material = self.device, self._form.elements, self._material
+        strength = elements.strength_at_points(state.potential, field, material)
+        coils, unit = (elements.coil_field_at_points(one) for one in (field, self._unit))
+        linkage, coenergy = linkage_and_coenergy(elements.volume, material, strength, coils, unit)
+        about = (device.coils, values, self._iron.mesh, state.iron, np.ones(1), report, device.sections)
+        iron = (state, linkage[:, 0], float(coenergy[0]))
+        around = {"bounds": device.bounds, "background": device.background, "origin": self._origin}
+        return NonlinearSolution(*about, *iron, **around)
 
     @property
     def surface(self) -> ChargedFaces:
@@ -441,16 +427,11 @@ class NonlinearSolver(FieldOfStates):
     ) -> SolverReport:
         low, high = self._material.tables.range_h[:, self._material.law]
         largest = state.largest_h[0]
-        report = report_of(
-            self._form.name, self._iron, self._form.elements.count, state.iron, seconds, self._assumptions
-        )
-        return replace(
-            report,
-            largest_flux_density=float(np.linalg.norm(state.iron.flux_density[0], axis=1).max()),
-            beyond_table=int((largest > high).sum()),
-            below_table=int((largest < np.where(np.isfinite(low), low, 0.0)).sum()),
-            continuation=shares,
-        )
+        report = report_of(self._form, state.iron, seconds, self._assumptions)
+        below = np.where(np.isfinite(low), low, 0.0)
+        peak = float(np.linalg.norm(state.iron.flux_density[0], axis=1).max())
+        outside = {"beyond_table": int((largest > high).sum()), "below_table": int((largest < below).sum())}
+        return replace(report, largest_flux_density=peak, continuation=shares, **outside)
 
 
 def solve(

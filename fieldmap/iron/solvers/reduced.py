@@ -86,18 +86,13 @@ class GalerkinModel(Record):
     def _solutions(self, currents: Array, starts: Array, near: "GalerkinModel", tolerance: float) -> Array:
         found, last = starts.copy(), np.full(len(starts), np.inf)
         pairs = list(zip(currents, starts, strict=True))
-        factors = np.array(
-            [
-                part.result()
-                for part in in_threads(lambda pair: near.tangent_factor(*pair), pairs, threads_of_kernels())
-            ]
-        )
+        factor = in_threads(lambda pair: near.tangent_factor(*pair), pairs, threads_of_kernels())
+        factors = np.array([part.result() for part in factor])
         left, slow = np.arange(len(starts)), []
         for _ in range(_STEPS):
             residuals = self.residuals(currents[left], found[left])
-            steps = np.array(
-                [cho_solve((factors[k], True), row) for k, row in zip(left, residuals, strict=True)]
-            )
+            solved = (cho_solve((factors[k], True), row) for k, row in zip(left, residuals, strict=True))
+            steps = np.array(list(solved))
             energy = np.array([np.sum((found[k] @ factors[k]) ** 2) for k in left])
             decrement = np.sqrt(np.maximum((residuals * steps).sum(axis=1), 0.0) / np.maximum(energy, 1e-300))
             worse = decrement > _SLOW * last[left]
@@ -196,27 +191,18 @@ class GalerkinModel(Record):
 
     def combined(self, basis: Array) -> "GalerkinModel":
         """The same model on combinations (r, q) of its modes."""
-        air = basis.T @ self.air @ basis
-        return replace(
-            self,
-            gradients=np.ascontiguousarray(self.gradients @ basis),
-            air=0.5 * (air + air.T),
-            constant=basis.T @ self.constant,
-        )
+        air, gradients = basis.T @ self.air @ basis, np.ascontiguousarray(self.gradients @ basis)
+        return replace(self, gradients=gradients, air=0.5 * (air + air.T), constant=basis.T @ self.constant)
 
     def sampled(self, points: NDArray[np.int64], weights: Array) -> "GalerkinModel":
         """The same model on some of its points with other weights (hyper-reduction)."""
         rows = (3 * points[:, None] + np.arange(3)).ravel()
-        return GalerkinModel(
-            np.ascontiguousarray(self.gradients[rows]),
-            np.ascontiguousarray(self.source[rows]),
-            weights,
-            self.law[points],
-            self.tables,
-            self.air,
-            self.constant,
-            None if self.fixed is None else np.ascontiguousarray(self.fixed[rows]),
-        )
+        at_points = {
+            name: np.ascontiguousarray(getattr(self, name)[rows])
+            for name in ("gradients", "source", "fixed")
+            if getattr(self, name) is not None
+        }
+        return replace(self, weights=weights, law=self.law[points], **at_points)
 
 
 def same_lengths(rows: Array) -> Array:
@@ -241,20 +227,11 @@ def project(
         bubble = elements.gradients_at_points(field.bubble.T)
         return bubble + np.moveaxis(field.constant, 0, 2)[:, None]
 
-    source = at_points(unit)
-    points = gradients.shape[0] * 4
-    gradients = gradients.reshape(3 * points, -1)
-    weights = np.repeat(0.25 * elements.volume, 4)
+    rows = 12 * len(gradients)
+    gradients, weights = gradients.reshape(rows, -1), np.repeat(0.25 * elements.volume, 4)
     weighted = np.repeat(weights, 3)[:, None] * gradients
-    remanence = np.repeat(material.remanence[0], 4, axis=0).reshape(-1)
     air = gradients.T @ weighted + basis.T @ of_air
-    return GalerkinModel(
-        gradients,
-        source.reshape(3 * points, -1),
-        weights,
-        np.repeat(material.law, 4),
-        material.tables,
-        0.5 * (air + air.T),
-        weighted.T @ remanence,
-        None if background is None else at_points(background).reshape(3 * points),
-    )
+    constant = weighted.T @ np.repeat(material.remanence[0], 4, axis=0).reshape(-1)
+    fixed = None if background is None else at_points(background).reshape(rows)
+    law, source = (np.repeat(material.law, 4), material.tables), at_points(unit).reshape(rows, -1)
+    return GalerkinModel(gradients, source, weights, *law, 0.5 * (air + air.T), constant, fixed)

@@ -235,19 +235,11 @@ def region_field(
     means = own.means @ potential
     # A constant has no field inside, but for the discretisation: at large mu_r it would be all there is.
     means = means - own.faces.areas @ means / own.faces.areas.sum()
-    density = own.charge(means) / own.faces.areas[:, None]
+    density = np.ascontiguousarray((own.charge(means) / own.faces.areas[:, None]).T)
     turned = np.where(np.isin(surface.sides[triangles, 0], region.solids), 1.0, -1.0)
-    return RegionField(
-        region.solids,
-        region.mu_r,
-        remanence,
-        own.faces,
-        triangles,
-        turned,
-        np.ascontiguousarray(np.moveaxis(strength, 2, 0)),
-        np.ascontiguousarray(density.T),
-        solved.linked,
-    )
+    strength = np.ascontiguousarray(np.moveaxis(strength, 2, 0))
+    of_region = (region.solids, region.mu_r, remanence)
+    return RegionField(*of_region, own.faces, triangles, turned, strength, density, solved.linked)
 
 
 def iron_linkages(solved: SurfacePotential, coils: int) -> Array:

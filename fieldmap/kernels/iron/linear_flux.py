@@ -70,16 +70,13 @@ def _net_flux(p, r, d, scale, law, tables):
     """sum_q D_q . b(h_q) at h_q = r_q + scale p D_q, its derivative by p, and sum_q |D_q| |b_q|."""
     total, slope, size = 0.0, 0.0, 0.0
     for q in range(4):
-        hx, hy, hz = (
-            r[q, 0] + scale * p * d[q, 0],
-            r[q, 1] + scale * p * d[q, 1],
-            r[q, 2] + scale * p * d[q, 2],
-        )
+        dx, dy, dz = d[q, 0], d[q, 1], d[q, 2]
+        hx, hy, hz = r[q, 0] + scale * p * dx, r[q, 1] + scale * p * dy, r[q, 2] + scale * p * dz
         h = math.sqrt(hx * hx + hy * hy + hz * hz)
         b, rise = flux_density(h, law, tables)
         m = b / h if h > 1e-30 else rise
-        along = d[q, 0] * hx + d[q, 1] * hy + d[q, 2] * hz
-        square = d[q, 0] * d[q, 0] + d[q, 1] * d[q, 1] + d[q, 2] * d[q, 2]
+        along = dx * hx + dy * hy + dz * hz
+        square = dx * dx + dy * dy + dz * dz
         total += m * along
         slope += scale * m * square
         if h > 1e-30:
@@ -182,15 +179,11 @@ def tangent(begin, end, potential, t, shape, area, volume, dofs, law, tables, ou
             m, slope = chord(size, law[e], tables)
             extra = (slope - m) / (size * size) if size > 1e-30 else 0.0
             for f in range(4):
-                along[f] = area[e, f, 0] * h[q, 0] + area[e, f, 1] * h[q, 1] + area[e, f, 2] * h[q, 2]
-            for f in range(4):
-                for g in range(4):
-                    dot = (
-                        area[e, f, 0] * area[e, g, 0]
-                        + area[e, f, 1] * area[e, g, 1]
-                        + area[e, f, 2] * area[e, g, 2]
-                    )
-                    pair[f, g] = scale * (m * dot + extra * along[f] * along[g])
+                x, y, z = area[e, f, 0], area[e, f, 1], area[e, f, 2]
+                along[f] = x * h[q, 0] + y * h[q, 1] + z * h[q, 2]
+                for g in range(f + 1):
+                    dot = x * area[e, g, 0] + y * area[e, g, 1] + z * area[e, g, 2]
+                    pair[f, g] = pair[g, f] = scale * (m * dot + extra * along[f] * along[g])
             for i in range(12):
                 for j in range(12):
                     out[e, i, j] += shape[i, q] * shape[j, q] * pair[i // 3, j // 3]
