@@ -7,13 +7,14 @@ import pytest
 from scipy.special import eval_legendre
 
 import fieldmap as fm
+from fieldmap.device.surfaces import enclosed_volume
 from fieldmap.errors import InputError
 from fieldmap.iron.geometry.solids import glue_bodies
 from fieldmap.iron.mesh import mesh as mesh_module
 from fieldmap.iron.mesh import surface_mesh
 from fieldmap.iron.mesh.mesh import generate_mesh, volumes
 from fieldmap.iron.mesh.mesher import mesh_solids
-from fieldmap.iron.mesh.surface_mesh import AIR, enclosed_volume, generate_surface
+from fieldmap.iron.mesh.surface_mesh import AIR, generate_surface
 from fieldmap.iron.operators import assembled
 from fieldmap.iron.solvers.surface import _areas_above, _enclosed_area
 from fieldmap.sources import unit_flux_density

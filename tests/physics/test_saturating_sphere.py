@@ -16,7 +16,7 @@ from fieldmap.device.model import (
     Part,
     Sphere,
 )
-from fieldmap.iron.elements.bh_law import Magnetisation, law_tables, law_values
+from fieldmap.iron.elements.bh_law import Magnetisation, law_tables
 from fieldmap.iron.elements.potential_form import PotentialForm
 from fieldmap.iron.mesh.mesh import generate_mesh
 from fieldmap.iron.operators.assembled import assemble
@@ -133,7 +133,7 @@ def induction_of(material, applied):
         tables = law_tables([material])
 
         def law(h):
-            return law_values(tables, np.zeros(1, int), np.array([h]))[0][0]
+            return tables.flux_density(np.array([h]), np.zeros(1, int))[0][0]
 
     return law(brentq(lambda h: law(h) + 2 * h - 3 * applied, 0.0, 3 * applied))
 

@@ -36,6 +36,19 @@ class LawTables(Record):
         b, slope = flux_densities(h.ravel(), law.ravel(), self.arrays)
         return b.reshape(h.shape), slope.reshape(h.shape)
 
+    def integral(self, h: Array, law: Index) -> Array:
+        """int_0^h b dh, T^2, for h and laws of one shape."""
+        out = np.empty_like(h)
+        for number in np.unique(law):
+            mine, piece = law == number, slice(self.offset[number], self.offset[number + 1])
+            cubics = PPoly(self.coefficients[piece].T, np.append(self.knots[piece], np.inf))
+            out[mine] = cubics.antiderivative()(h[mine])
+        return out
+
+
+# Where the entries of a symmetric matrix stand among its six.
+_PACKED = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Magnetisation(Record):
@@ -61,6 +74,11 @@ class Magnetisation(Record):
         out, law = np.empty((h.size // 3, 6)), np.repeat(self.law, h.shape[1])
         over_rows(susceptibility, len(law), h.reshape(-1, 3), law, self.tables.arrays, out, work=10.0)
         return out.reshape(*h.shape[:2], 6)
+
+    def susceptible(self, h: Array, vectors: Array) -> Array:
+        """(db/dh - 1) v for vectors (..., e, k, 3) at h (e, k, 3)."""
+        matrices = self.susceptibility(h)[..., _PACKED]
+        return np.einsum("ekij,...ekj->...eki", matrices, vectors)
 
 
 def law_tables(materials: Sequence[Material], mu_r: float | None = None) -> LawTables:
@@ -113,35 +131,3 @@ def _cubics(points: LawPoints) -> tuple[Array, Array]:
     coefficients[:, 2] += 1.0
     coefficients[:, 3] += field
     return field, coefficients
-
-
-def law_values(tables: LawTables, law: Index, h: Array) -> tuple[Array, Array]:
-    """Flux density b in T and int_0^h b dh in T^2 at mu0 H = h, for laws with these numbers; all of one shape."""
-    b, stored = np.empty_like(h), np.empty_like(h)
-    for number in np.unique(law):
-        mine, piece = law == number, slice(tables.offset[number], tables.offset[number + 1])
-        cubics = PPoly(tables.coefficients[piece].T, np.append(tables.knots[piece], np.inf))
-        b[mine], stored[mine] = cubics(h[mine]), cubics.antiderivative()(h[mine])
-    return b, stored
-
-
-def law_slopes(tables: LawTables, law: Index, h: Array) -> tuple[Array, Array]:
-    """Chord b/h and slope db/dh at mu0 H = h, of the shape of h; at h = 0 both are the initial slope."""
-    b, slope = tables.flux_density(h, law)
-    return np.divide(b, h, out=slope.copy(), where=h > 0.0), slope
-
-
-def flux_density_vectors(tables: LawTables, law: Index, h: Array) -> Array:
-    """b (e, k, 3) along mu0 H = h (e, k, 3) of elements with these laws (e,)."""
-    size = np.linalg.norm(h, axis=2)
-    chord, _ = law_slopes(tables, np.broadcast_to(law[:, None], size.shape), size)
-    return chord[..., None] * h
-
-
-def susceptible(tables: LawTables, law: Index, h: Array, vectors: Array) -> Array:
-    """(db/dh - 1) v for vectors (..., e, k, 3) at mu0 H = h (e, k, 3) of elements with these laws (e,)."""
-    size = np.linalg.norm(h, axis=2)
-    chord, slope = law_slopes(tables, np.broadcast_to(law[:, None], size.shape), size)
-    direction = np.divide(h, size[..., None], out=np.zeros_like(h), where=size[..., None] > 0.0)
-    along = np.einsum("...ekd,...ekd->...ek", vectors, direction) * (slope - chord)
-    return (chord - 1)[..., None] * vectors + along[..., None] * direction

@@ -48,7 +48,7 @@ import numpy as np
 from scipy.sparse import csr_matrix, diags
 
 from fieldmap.constants import MU0
-from fieldmap.iron.elements.bh_law import Magnetisation, law_values, straight_laws, susceptible
+from fieldmap.iron.elements.bh_law import Magnetisation, straight_laws
 from fieldmap.iron.elements.nodal_elements import CoilField, NodalElements
 from fieldmap.iron.elements.state import (
     ElementField,
@@ -370,7 +370,7 @@ class PotentialForm(ConvexForm):
         """int (db/dh - 1) t' . grad v (n, c) at a potential (n,), for the sources t' of `change`."""
         elements = self.elements
         h = elements.strength_at_points(potential[:, None], field, material)[0]
-        turned = susceptible(material.tables, material.law, h, elements.coil_field_at_points(change))
+        turned = material.susceptible(h, elements.coil_field_at_points(change))
         turned *= 0.25 * elements.volume[:, None, None]
         return np.ascontiguousarray(elements.tested(turned).T)
 
@@ -399,13 +399,12 @@ def linkage_and_coenergy(
     per_coil = unit.reshape(len(unit), int(np.prod(unit.shape[1:])))
     for s, (h, t) in enumerate(zip(strength, coils, strict=True)):
         remanence = material.remanence[s][:, None]
-        size = np.linalg.norm(h, axis=2)
-        b, stored = law_values(material.tables, np.repeat(material.law[:, None], 4, axis=1), size)
-        slope = np.divide(b, size, out=np.ones_like(size), where=size > 0.0)
-        flux = slope[..., None] * h + remanence
-        added = flux - h
+        stored = material.tables.integral(
+            np.linalg.norm(h, axis=2), np.repeat(material.law[:, None], 4, axis=1)
+        )
+        added = material.polarisation(h, s)
         linkage[:, s] = per_coil @ (share[..., None] * added).ravel()
-        local = np.sum(remanence * h - 0.5 * flux * h + 0.5 * added * t, axis=2)
+        local = np.sum(remanence * h - 0.5 * (h + added) * h + 0.5 * added * t, axis=2)
         coenergy[s] = np.sum(share * (stored + local))
     return linkage, coenergy
 
@@ -422,5 +421,5 @@ def iron_differential_inductance(
     response = form.sensitivities(inside.potential[:, 0], inside.field, material, unit, tolerance)
     elements, t = inside.elements, inside.elements.coil_field_at_points(unit)
     h = elements.strength_at_points(inside.potential, inside.field, material)[0]
-    added = susceptible(material.tables, material.law, h, t - elements.point_gradients(response))
+    added = material.susceptible(h, t - elements.point_gradients(response))
     return np.einsum("e,keqd,jeqd->kj", 0.25 * elements.volume / MU0, t, added, optimize=True)

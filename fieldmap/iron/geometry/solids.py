@@ -26,7 +26,7 @@ from fieldmap.iron.geometry.shapes import (
     place,
     polygon_face,
 )
-from fieldmap.iron.topology import area_vectors, connected
+from fieldmap.iron.topology import area_vectors, common_sides, connected
 from fieldmap.typing import Array, Index
 
 _SAME_VOLUME = 1e-6
@@ -141,9 +141,7 @@ def _inside(points: Array, faces: Index) -> occ.TopoDS_Shape:
 
 def _shells(faces: Index) -> list[Index]:
     """Triangles that hang together through their edges."""
-    sides = np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
-    order = np.lexsort(sides.T)
-    label = connected(order.reshape(-1, 2) // 3, len(faces))
+    label = connected(np.column_stack(common_sides(faces)) // 3, len(faces))
     return [faces[label == k] for k in range(label.max() + 1)]
 
 

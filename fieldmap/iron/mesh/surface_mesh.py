@@ -12,6 +12,7 @@ import numpy as np
 from fieldmap.arguments import raise_all
 from fieldmap.device.drawing import Outline
 from fieldmap.device.model import Device
+from fieldmap.device.surfaces import enclosed_volume
 from fieldmap.errors import GeometryError, InputError, Problem
 from fieldmap.iron.geometry.solids import device_label, glue_bodies
 from fieldmap.iron.mesh.charged_faces import ChargedFaces
@@ -125,12 +126,6 @@ def generate_surface(device: Device, refinement: float = 1.0) -> IronSurface:
     surface = IronSurface(points[used], number.reshape(-1, 3), sides[parent], body, names)
     _require_closed(surface, shape, device)
     return surface
-
-
-def enclosed_volume(points: Array, triangles: Index) -> float:
-    """Volume in m^3 inside closed surfaces with outward normals."""
-    a, b, c = np.moveaxis(points[triangles], 1, 0)
-    return float(np.einsum("kd,kd->", a, np.cross(b, c)) / 6)
 
 
 def _require_closed(surface: IronSurface, shape, device: Device) -> None:

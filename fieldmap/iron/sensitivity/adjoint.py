@@ -32,14 +32,7 @@ import numpy as np
 from fieldmap.constants import MU0
 from fieldmap.device.model import Device
 from fieldmap.errors import InputError
-from fieldmap.iron.elements.bh_law import (
-    LawTables,
-    Magnetisation,
-    flux_density_vectors,
-    law_tables,
-    straight_laws,
-    susceptible,
-)
+from fieldmap.iron.elements.bh_law import LawTables, Magnetisation, law_tables, straight_laws
 from fieldmap.iron.elements.nodal_elements import CoilField
 from fieldmap.iron.elements.potential_form import PotentialForm
 from fieldmap.iron.elements.state import PotentialField
@@ -248,7 +241,7 @@ class _Inside:
         )
         h = self._elements.strength_at_points(self._potential[:, None], self._field, self._material)[0]
         self._strength = h
-        self._polarisation = self._flux_density(own.tables, self._material.remanence[0]) - h
+        self._polarisation = self._material.polarisation(h, 0)
         self._share = (0.25 * self._elements.volume)[:, None, None]
         self._unit = self._elements.coil_field_at_points(problem.unit)
         self._moved = MovedBodies(device, problem.form.iron.mesh, problem.form.iron.topology)
@@ -260,8 +253,7 @@ class _Inside:
         cover = elements.point_gradients(adjoint)
         cover += np.tensordot(linkage, self._unit, 1)
         cover *= self._share
-        material = self._material
-        turned = susceptible(material.tables, material.law, self._strength, cover)
+        turned = self._material.susceptible(self._strength, cover)
         by_current = np.einsum("kedx,cedx->kc", turned, self._unit, optimize=True)
         out = np.zeros((len(cover), len(follows)))
         traced = Adjoint(adjoint, points, weights, cover, turned)
@@ -308,10 +300,6 @@ class _Inside:
             right -= form.source_response(self._potential, self._field, self._material, linked) / MU0
         return form.solve_tangent(self._potential[:, None], self._field, self._material, right, _TOLERANCE)
 
-    def _flux_density(self, tables: LawTables, remanence: Array) -> Array:
-        """B (e, 4, 3) at the present field strength, with remanence (e, 3)."""
-        return flux_density_vectors(tables, self._material.law, self._strength) + remanence[:, None]
-
     def follow(self, change: Change) -> _Follow:
         """What follows a parameter in the iron."""
         applied: Array | None = None
@@ -356,7 +344,10 @@ class _Inside:
     def _with_laws_of(self, device: Device) -> Array:
         """B (e, 4, 3) at the present field strength with the materials of a device."""
         tables, remanence = self._problem.laws(device)
-        return self._flux_density(tables, remanence[self._material.law])
+        law = self._material.law
+        return self._strength + Magnetisation(law, tables, remanence[None, law]).polarisation(
+            self._strength, 0
+        )
 
 
 def _added(one: Array | None, other: Array) -> Array:

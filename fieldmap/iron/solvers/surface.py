@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from fieldmap.constants import MU0
 from fieldmap.device.model import Device, Section
+from fieldmap.device.surfaces import enclosed_volume
 from fieldmap.errors import InputError
 from fieldmap.field import Currents
 from fieldmap.iron.elements.state import IronState
@@ -23,7 +24,7 @@ from fieldmap.iron.elements.surface_form import RegionPotential, SurfaceForm, Su
 from fieldmap.iron.geometry.checks import geometry_notes
 from fieldmap.iron.materials import BodyProperties
 from fieldmap.iron.mesh.charged_faces import ChargedFaces
-from fieldmap.iron.mesh.surface_mesh import IronSurface, enclosed_volume, generate_surface
+from fieldmap.iron.mesh.surface_mesh import IronSurface, generate_surface
 from fieldmap.iron.operators.assembled import require_memory
 from fieldmap.iron.report import SolverReport, Stages
 from fieldmap.iron.sections import SNAP, SectionFlux, check_section, named_section, no_iron_at
