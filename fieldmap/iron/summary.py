@@ -16,7 +16,7 @@ from fieldmap.device.coils import Coil, WindingPath
 from fieldmap.device.model import Device, Reference, Section
 from fieldmap.device.tetrahedra import volumes
 from fieldmap.field import Currents, coil_currents
-from fieldmap.iron.notes import saturation_warnings
+from fieldmap.iron.notes import saturates, saturation_warnings
 from fieldmap.iron.report import SolverReport
 from fieldmap.iron.solution import LinearSolution, LinearState, SolvedState
 from fieldmap.iron.solvers.nonlinear import NonlinearSolver
@@ -334,9 +334,7 @@ def design_figures(
         check_positive("design_figures", thermal_resistance=thermal_resistance)
     amperes = np.array(coil_currents(currents, device.coil_names))
     if field is None:
-        used = {body.material for body in device.bodies}
-        saturates = any(device.materials[name].saturates for name in used)
-        if saturates:
+        if saturates(device):
             field = NonlinearSolver(device)
         else:
             from fieldmap.iron.solvers.linear import solve_linear

@@ -137,17 +137,6 @@ def triangle_field_and_gradient(x, y, z, p, n):
 
 
 @njit
-def triangles_potential(points, corners, normals, density):
-    """Potential (n,) at points (n, 3) of triangles corners (m, 3, 3) with normals (m, 3) and density (m,)."""
-    out = np.zeros(points.shape[0])
-    for i in range(points.shape[0]):
-        x, y, z = points[i, 0], points[i, 1], points[i, 2]
-        for j in range(corners.shape[0]):
-            out[i] += density[j] * triangle_potential(x, y, z, corners[j], normals[j])
-    return out
-
-
-@njit
 def _add_fields(points, corners, normals, density, field, gradient):
     """Add to field (n, 3) and, unless it has no rows, to gradient (n, 3, 3)."""
     for i in range(points.shape[0]):
