@@ -169,11 +169,20 @@ def largest_polarisation(material: Material) -> float:
 def bodies_beyond_saturation(
     solution: LinearSolution, device: Device, currents: ArrayLike
 ) -> tuple[BodyBeyondSaturation, ...]:
-    """Bodies of a linear solution with |B| above what they can polarise, in over a hundredth of their volume (of
-    their surface, in the surface form).
+    """Bodies of a linear solution with |B| above what they can polarise. There the answer of linear iron does not hold:
+    solve a nonlinear state.
 
-    device: the one that was solved. currents (n_coils,), A. In soft iron, whose mu0 H is small beside B, |B| stands for
-    the polarisation. At such currents the answer of linear iron does not hold: solve a nonlinear state.
+    In soft iron, whose mu0 H is small beside B, |B| stands for the polarisation.
+
+    Parameters
+    ----------
+    solution : of linear iron.
+    device : the one that was solved.
+    currents : (c,), A.
+
+    Returns
+    -------
+    One entry for every body that exceeds it in over a hundredth of its volume (of its surface, in the surface form).
 
     >>> import fieldmap as fm
     >>> device = fm.read_device("loop_and_sphere")

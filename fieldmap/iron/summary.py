@@ -317,11 +317,26 @@ def design_figures(
 ) -> DesignFigures:
     """What a machine has, needs and bears at currents, A: see `DesignFigures`.
 
-    field: the solution of the device, or its solver of saturating iron; a new solver where its iron saturates and a
-    linear solution otherwise, if None. thermal_resistance: of each winding to its surroundings, K/W; the rise of the
-    temperature is that times the power, with the resistance at 20 C. fill: share of copper in a winding's section,
-    for windings whose resistance the device does not state. Raises InputError for currents that do not fit, and what
-    the solvers raise.
+    Parameters
+    ----------
+    device : the machine, its file, or the name of a shipped one.
+    currents : (c,), A.
+    field : the solution of the device, or its solver of saturating iron; a new solver where its iron saturates and a
+        linear solution otherwise, if None.
+    thermal_resistance : of each winding to its surroundings, K/W; the rise of the temperature is that times the power,
+        with the resistance at 20 C.
+    fill : share of copper in a winding's section, for windings whose resistance the device does not state.
+
+    Returns
+    -------
+    What each winding needs, the inductances, and the forces.
+
+    Raises
+    ------
+    InputError
+        For currents that do not fit.
+    GeometryError, NotConverged
+        As the solvers.
 
     >>> import fieldmap as fm
     >>> figures = design_figures(fm.read_device("loop_and_sphere"), 1.0)

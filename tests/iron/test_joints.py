@@ -21,28 +21,22 @@ WIDTH, THICKNESS = 0.04, 0.01
 
 
 def body(name, shape, position=(0.0, 0.0, 0.0), rotation=None, size=0.004, edge=None):
-    return Body(
-        name,
-        "iron",
-        (Part(shape, placed(position, rotation or (0.0, 0.0, 0.0))),),
-        mesh_size=size,
-        edge_size=edge,
-    )
+    parts = (Part(shape, placed(position, rotation or (0.0, 0.0, 0.0))),)
+    return Body(name, "iron", parts, mesh_size=size, edge_size=edge)
+
+
+def blocks(places, joints):
+    """Boxes of 10 mm by 10 mm, by their names: place and length along x; a coil around them."""
+    bodies = [body(name, Box((length, 0.01, 0.01)), place) for name, (place, length) in places.items()]
+    coil = fm.CircularCoil("coil", 0.05, 0.052, 0.01, 100)
+    return Device("blocks", "", [coil], bodies, {"iron": fm.LinearMaterial("iron", 100.0)}, joints=joints)
 
 
 def c_core(joints=(), gap=0.0, size=0.004, edge=0.001, material=None):
     """Two legs on a base, a bar on both; gap: drawn below the bar, cut out of the legs."""
     a, w, height = THICKNESS, WIDTH / 2, 0.03 - gap
-    outline = [
-        (-w, 0),
-        (w, 0),
-        (w, height),
-        (w - a, height),
-        (w - a, a),
-        (a - w, a),
-        (a - w, height),
-        (-w, height),
-    ]
+    right = [(w, 0), (w, height), (w - a, height), (w - a, a)]
+    outline = right + [(-x, y) for x, y in reversed(right)]
     base = body("base", ExtrudedPolygon(np.array(outline), a), (0, a / 2, 0), (90, 0, 0), size, edge)
     bar = body("bar", Box((WIDTH, a, a)), (0.0, 0.0, 0.03), None, size, edge)
     coil = fm.CircularCoil("coil", 0.0075, 0.0095, 0.012, 100, placement=placed((-w + a / 2, 0, 0.02)))
@@ -50,14 +44,9 @@ def c_core(joints=(), gap=0.0, size=0.004, edge=0.001, material=None):
         "leg", np.array([w - a / 2, 0, 0.015]), np.array([0, 0, 1.0]), ("base",), [0.006] * 3
     )
     return Device(
-        "core",
-        "",
-        coils=[coil],
-        bodies=[base, bar],
-        materials={"iron": material or fm.LinearMaterial("iron", 1000.0)},
-        sections=[section],
-        joints=joints,
-    )
+        "core", "", [coil], [base, bar], {"iron": material or fm.LinearMaterial("iron", 1000.0)},
+        sections=[section], joints=joints,
+    )  # fmt: skip
 
 
 JOINT = (fm.Joint(0.5e-3, ("base", "bar")),)
@@ -103,61 +92,33 @@ def test_the_last_joint_that_names_a_pair_holds_it():
 
 
 def test_a_joint_in_a_wall_of_symmetry_is_meshed_whole():
-    halves = [
-        body(name, Box((0.02, 0.01, 0.01)), (x, 0, 0)) for name, x in (("left", -0.01), ("right", 0.01))
-    ]
-    coil = fm.CircularCoil("coil", 0.03, 0.032, 0.01, 100)
-    device = Device(
-        "halves", "", [coil], halves, {"iron": fm.LinearMaterial("iron", 100.0)}, joints=[fm.Joint(1e-4)]
-    )
-    mesh = generate_mesh(device, symmetry="auto")
+    halves = {"left": ((-0.01, 0, 0), 0.02), "right": ((0.01, 0, 0), 0.02)}
+    mesh = generate_mesh(blocks(halves, [fm.Joint(1e-4)]), symmetry="auto")
     sheet = volumes(mesh.points, mesh.tets)[mesh.body == 2].sum()
     assert sheet == pytest.approx(1e-8, rel=1e-12)
 
 
 def test_joints_that_differ_break_the_symmetry():
-    def bars(joints):
-        base = body("base", Box((WIDTH, 0.01, 0.01)))
-        legs = [body(f"leg {k}", Box((0.01, 0.01, 0.01)), (x, 0, 0.01)) for k, x in ((1, -0.015), (2, 0.015))]
-        return Device(
-            "bars",
-            "",
-            [fm.CircularCoil("coil", 0.05, 0.052, 0.01, 100)],
-            [base, *legs],
-            {"iron": fm.LinearMaterial("iron", 100.0)},
-            joints=joints,
-        )
-
-    one = fm.Joint(1e-4, ("leg 1", "base"))
-    assert find_symmetry(bars([fm.Joint(1e-4)])).order == 4
-    assert find_symmetry(bars([one])).order == 2
-    mesh = generate_mesh(bars([one]), symmetry="auto")
+    legs = {f"leg {k}": ((x, 0, 0.01), 0.01) for k, x in ((1, -0.015), (2, 0.015))}
+    bars, one = {"base": ((0, 0, 0), WIDTH), **legs}, fm.Joint(1e-4, ("leg 1", "base"))
+    assert find_symmetry(blocks(bars, [fm.Joint(1e-4)])).order == 4
+    assert find_symmetry(blocks(bars, [one])).order == 2
+    mesh = generate_mesh(blocks(bars, [one]), symmetry="auto")
     assert [sheet.name for sheet in mesh.sheets] == ["base | leg 1"]
     assert volumes(mesh.points, mesh.tets)[mesh.body == 3].sum() == pytest.approx(1e-8, rel=1e-12)
 
 
 def test_a_third_body_at_the_rim_closes_the_sheet_there():
     """Two blocks side by side on a third: the joint of the blocks ends in the edge that all three share."""
-    blocks = [
-        body(name, Box((0.01, 0.01, 0.01)), (x, 0, 0.01)) for name, x in (("left", -0.005), ("right", 0.005))
-    ]
-    base = body("base", Box((0.02, 0.01, 0.01)))
-    device = Device(
-        "blocks",
-        "",
-        [fm.CircularCoil("coil", 0.03, 0.032, 0.01, 100)],
-        [base, *blocks],
-        {"iron": fm.LinearMaterial("iron", 100.0)},
-        joints=[fm.Joint(1e-4, ("left", "right"))],
-    )
-    mesh = generate_mesh(device)
+    upper = {"left": ((-0.005, 0, 0.01), 0.01), "right": ((0.005, 0, 0.01), 0.01)}
+    three = {"base": ((0, 0, 0), 0.02), **upper}
+    mesh = generate_mesh(blocks(three, [fm.Joint(1e-4, ("left", "right"))]))
     volume = volumes(mesh.points, mesh.tets)
     assert volume.min() > 0
     sheet = volume[mesh.body == 3].sum()
     # Half of the gap is missing in the lowest row of elements, 4 mm of 10 mm high.
     assert 0.75e-8 < sheet < 1e-8
-    with_base = Device(**{**vars(device), "joints": (fm.Joint(1e-4),), "text": ""})
-    mesh = generate_mesh(with_base)
+    mesh = generate_mesh(blocks(three, [fm.Joint(1e-4)]))
     assert volumes(mesh.points, mesh.tets).min() > 0
     assert [sheet.name for sheet in mesh.sheets] == ["base | left", "base | right", "left | right"]
 
@@ -319,14 +280,8 @@ def test_a_ring_with_joints_obeys_amperes_law(form):
     angle = 2 * np.pi * (np.arange(count) + 0.5) / count
     circle = np.column_stack([0.035 * np.cos(angle), 0.035 * np.sin(angle), np.full(count, 0.005)])
     along = np.column_stack([-np.sin(angle), np.cos(angle), np.zeros(count)])
-    iron = (
-        np.einsum("nd,nd->", flux_density_inside(state, circle), along)
-        * 0.035
-        * 2
-        * np.pi
-        / count
-        / (mu_r * mu_0)
-    )
+    step = 2 * np.pi * 0.035 / count
+    iron = np.einsum("nd,nd->", flux_density_inside(state, circle), along) * step / (mu_r * mu_0)
     across = flux_density_inside(state, np.array([[0.035, gap / 2, 0.005], [-0.035, gap / 2, 0.005]]))[:, 1]
     air = (across[0] - across[1]) * gap / mu_0
     assert iron + air == pytest.approx(400.0, rel=1e-3)

@@ -168,13 +168,27 @@ def generate_mesh(
 ) -> IronMesh:
     """Mesh all iron bodies of a device.
 
-    refinement: divides every element size of the device file (2 halves them); the first layer at sharp edges is
-    divided by its square, because the error of the graded elements falls twice as fast as that of the layer.
-    symmetry: "auto": where the iron has mirror planes, one chamber between them is meshed and copied, so that the
-    mesh has the symmetry exactly; "none": meshed as a whole. local: element sizes at points, where they are smaller
-    than those of the device file, and layers at sharp edges in their place. Bodies that are meshes are taken as they
-    are; a refinement of 2, 4, ... halves all their edges once, twice, .... Raises InputError for another word, and for
-    another refinement of bodies that are meshes.
+    Parameters
+    ----------
+    device : its bodies.
+    refinement : divides every element size of the device file (2 halves them); the first layer at sharp edges is
+        divided by its square, because the error of the graded elements falls twice as fast as that of the layer.
+        Bodies that are meshes are taken as they are; a refinement of 2, 4, ... halves all their edges once, twice, ....
+    symmetry : "auto": where the iron has mirror planes, one chamber between them is meshed and copied, so that the
+        mesh has the symmetry exactly; "none": meshed as a whole.
+    local : element sizes at points, where they are smaller than those of the device file, and layers at sharp edges in
+        their place.
+
+    Returns
+    -------
+    The tetrahedra of all bodies.
+
+    Raises
+    ------
+    InputError
+        For another word, and for another refinement of bodies that are meshes.
+    GeometryError
+        Where the mesher fails.
     """
     if symmetry not in SYMMETRIES:
         raise InputError.of(

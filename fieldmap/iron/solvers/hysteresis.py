@@ -204,9 +204,17 @@ class HystereticState(PotentialSolution):
 class HysteresisSolver:
     """A device with hysteresis, meshed and assembled once.
 
-    pinning: the same in all saturating materials; left out, each has its own `coercive_field`, as the device file
-    states it, with six cells. Magnets and linear iron have none. refinement divides the mesh sizes of the device
-    file. Raises GeometryError and InputError like `fieldmap.solve`.
+    Parameters
+    ----------
+    device : without a background field.
+    pinning : the same in all saturating materials; left out, each has its own `coercive_field`, as the device file
+        states it, with six cells. Magnets and linear iron have none.
+    refinement : divides the mesh sizes of the device file.
+
+    Raises
+    ------
+    GeometryError, InputError
+        As `fieldmap.solve`.
 
     Example::
 
@@ -285,12 +293,27 @@ class HysteresisSolver:
         tolerance: float = 1e-3,
         near: HystereticState | None = None,
     ) -> HystereticState:
-        """The state at currents (c,) in A, after a straight path from those of `memory`.
-
-        near: a state of this device that is likely to be close, where Newton's method begins; it leaves no trace.
+        """The state after a straight path from the currents of `memory`.
 
         The cells move once in a step: currents that turn back must do so between steps. Where Newton's method fails,
-        the step is halved, up to four times. Raises InputError for bad arguments, NotConverged.
+        the step is halved, up to four times.
+
+        Parameters
+        ----------
+        currents : (c,), A.
+        memory : of the state where the path begins, or `demagnetised`.
+        tolerance : bounds the algebraic error.
+        near : a state of this device that is likely to be close, where Newton's method begins; it leaves no trace.
+
+        Returns
+        -------
+        The state, with the memory from which the next step goes on.
+
+        Raises
+        ------
+        InputError
+            For bad arguments.
+        NotConverged
         """
         values = np.array(coil_currents(currents, self.device.coil_names))
         check_arguments("step", tolerance)

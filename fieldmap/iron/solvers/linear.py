@@ -43,18 +43,33 @@ def solve_linear(
     symmetry: str = "auto",
 ) -> LinearSolution:
     """Solve a device with iron of constant permeability, once per coil (and once for what no current drives: the
-    remanence of magnets and the background).
+    remanence of magnets and the background). Methods: docs/theory/iron_elements.md.
 
-    device: the machine, its file, or the name of a shipped one. mu_r: relative permeability of all soft iron; None:
-    the device's own, for a B-H table its initial slope.
-    tolerance: bounds the algebraic error (the residual is 1e-4 of it); the mesh error is set by the mesh sizes of
-    the device file and by `refinement`, which divides them. progress(message, fraction) is called between steps.
-    form: "potential" (second order; every mu_r >= 1), "flux" (second order; any mu_r, flux barriers too), or "auto":
-    potential where it may be used. The two err to opposite sides in closed magnetic circuits. "surface" needs no mesh
-    of the volume, takes any mu_r, and a few thousand faces. symmetry: "auto" uses
-    the mirror planes of the iron, "none" does not look for them. Methods: docs/theory/iron_elements.md. Raises
-    GeometryError if bodies, windings and workspace do not fit together, InputError for bad arguments, NotConverged with
-    the residual history.
+    Parameters
+    ----------
+    device : the machine, its file, or the name of a shipped one.
+    mu_r : relative permeability of all soft iron; None: the device's own, for a B-H table its initial slope.
+    tolerance : bounds the algebraic error (the residual is 1e-4 of it). The mesh error is set by the mesh sizes of the
+        device file and by `refinement`.
+    progress : progress(message, fraction) is called between steps.
+    refinement : divides the mesh sizes.
+    form : "potential" (second order; every mu_r >= 1), "flux" (second order; any mu_r, flux barriers too), or "auto":
+        potential where it may be used. The two err to opposite sides in closed magnetic circuits. "surface" needs no
+        mesh of the volume, takes any mu_r, and a few thousand faces.
+    symmetry : "auto" uses the mirror planes of the iron, "none" does not look for them.
+
+    Returns
+    -------
+    The fields per ampere of every coil, and that of what no current drives.
+
+    Raises
+    ------
+    GeometryError
+        If bodies, windings and workspace do not fit together.
+    InputError
+        For bad arguments.
+    NotConverged
+        With the residual history.
 
     >>> import fieldmap as fm
     >>> unit = fm.solve_linear(fm.read_device("loop_and_sphere"), mu_r=1000.0)
