@@ -300,13 +300,15 @@ class Tolerance(Record):
         relative = (self.flux_density, self.gradient)
         absolute = (self.absolute_flux_density, self.absolute_gradient)
         some = any(part is not None for part in relative + absolute)
-        wanted = [("flux_density", "must say of what an error is allowed", "try 1e-3", None, some)]
+        wanted: list[tuple[str, str, str, object, bool]] = [
+            ("flux_density", "must say of what an error is allowed", "try 1e-3", None, some)
+        ]
         for name, value, fixed, most in zip(
             ("flux_density", "gradient"), relative, absolute, (1.0, np.inf), strict=True
         ):
             right = value is None or 0 < value < most
             wanted.append((name, f"must lie between 0 and {most:g}", "try 1e-3", value, right))
-            right = fixed is None or (np.isfinite(fixed) and fixed > 0)
+            right = fixed is None or 0 < fixed < np.inf
             wanted.append((f"absolute_{name}", "must be a finite number > 0", "leave it out", fixed, right))
         right = self.currents is None or all(map(np.isfinite, self.currents))
         wanted.append(

@@ -270,7 +270,7 @@ def half_circulations(field: FieldOfPoints, points: Array, edges: Index, count: 
     """Line integrals (c, m) of fields field(points (n, 3)) -> (c, n, 3) along the first and the second half of edges
     (m, 2), by `count` points on each half."""
     where, weights = half_rule(count)
-    halves = np.kron(np.eye(2), weights[:count])
+    halves = np.kron(np.eye(2), weights[:count]).astype(np.float64)
     means = field_means(field, points[edges], np.column_stack([1 - where, where]), halves)
     first, second = np.einsum("hcmd,md->hcm", means, points[edges[:, 1]] - points[edges[:, 0]])
     return first, second

@@ -221,8 +221,8 @@ def _cut_layer(points, tets, parent, sharp, ratio):
     wedge = _split_prism(np.column_stack([a, ac, ad, b, bc, bd]))
     two_rest = _split_prism(np.column_stack([ac, bc, c, ad, bd, d]))
     tets = np.vstack([tets[untouched], tip, one_rest, wedge, two_rest])
-    children = [untouched, one, *(np.repeat(rows, 3) for rows in (one, two, two))]
-    return np.vstack([points, cut]), tets, parent[np.concatenate(children)]
+    children = np.concatenate([untouched, one, *(np.repeat(rows, 3) for rows in (one, two, two))])
+    return np.vstack([points, cut]), tets, parent[children]
 
 
 def _cut_triangles(

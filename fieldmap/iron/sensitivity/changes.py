@@ -60,7 +60,7 @@ class Change(Record):
             raise TypeError(f"{self.key} is a current")
         return self.above, self.below
 
-    def slope(self, of: Callable[[Device], Array]) -> Array:
+    def slope(self, of: Callable[[Device], Any]) -> Any:
         """How what a device makes follows the key: by the difference of both sides."""
         above, below = self.sides
         return (of(above) - of(below)) / self.width

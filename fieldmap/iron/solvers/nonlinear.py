@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -345,8 +346,8 @@ class NonlinearSolver(FieldOfStates):
         linkage, coenergy = linkage_and_coenergy(elements.volume, material, strength, coils, unit)
         about = (device.coils, values, self._iron.mesh, state.iron, np.ones(1), report, device.sections)
         iron = (state, linkage[:, 0], float(coenergy[0]))
-        around = {"bounds": device.bounds, "background": device.background, "origin": self._origin}
-        return NonlinearSolution(*about, *iron, **around)
+        around: dict[str, Any] = {"bounds": device.bounds, "background": device.background}
+        return NonlinearSolution(*about, *iron, **around, origin=self._origin)
 
     @property
     def surface(self) -> ChargedFaces:
@@ -499,8 +500,9 @@ class NonlinearSolver(FieldOfStates):
         report = report_of(self._form, state.iron, seconds, self._assumptions)
         below = np.where(np.isfinite(low), low, 0.0)
         peak = float(np.linalg.norm(state.iron.flux_density[0], axis=1).max())
-        outside = {"beyond_table": int((largest > high).sum()), "below_table": int((largest < below).sum())}
-        return replace(report, largest_flux_density=peak, continuation=shares, **outside)
+        beyond, under = int((largest > high).sum()), int((largest < below).sum())
+        known = replace(report, largest_flux_density=peak, continuation=shares)
+        return replace(known, beyond_table=beyond, below_table=under)
 
 
 def solve(

@@ -6,6 +6,7 @@ law B(H) is evaluated at the points of the elements, as in the full model, and t
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -197,7 +198,7 @@ class GalerkinModel(Record):
     def sampled(self, points: NDArray[np.int64], weights: Array) -> "GalerkinModel":
         """The same model on some of its points with other weights (hyper-reduction)."""
         rows = (3 * points[:, None] + np.arange(3)).ravel()
-        at_points = {
+        at_points: dict[str, Any] = {
             name: np.ascontiguousarray(getattr(self, name)[rows])
             for name in ("gradients", "source", "fixed")
             if getattr(self, name) is not None
