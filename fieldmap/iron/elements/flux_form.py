@@ -20,13 +20,12 @@ circuit is driven by the exact circulation, however permeable the iron.
 """
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from scipy.sparse import csr_matrix
 
 from fieldmap.iron.elements.bh_law import Magnetisation
-from fieldmap.iron.elements.nodal_elements import Elements, FieldOfPoints, NodalElements
+from fieldmap.iron.elements.nodal_elements import UNIT, Elements, FieldOfPoints, NodalElements
 from fieldmap.iron.elements.potential_form import ConvexForm
 from fieldmap.iron.mesh.chamber import MeshSymmetry
 from fieldmap.iron.operators.assembled import AssembledIron
@@ -35,6 +34,11 @@ from fieldmap.iron.topology import TET_EDGES, Faces, distinct_rows
 from fieldmap.kernels.iron import linear_flux
 from fieldmap.threads import over_rows
 from fieldmap.typing import Array, Index
+
+# By face, its potential, and point.
+_SHAPE = linear_flux.SHAPE.reshape(4, 3, 4)
+# Of flows through the faces at the points: their moments.
+_MOMENTS = np.einsum("fiq,fa->aqfi", _SHAPE, np.eye(4)).reshape(16, 12)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -115,31 +119,40 @@ class FluxElements(Elements):
 
     def residual(self, potential: Array, field: Array, source: int, material: Magnetisation) -> Array:
         """Element vectors (e, 12): the outward moments of the flux density, less those of the coil field in air."""
-        out = np.zeros(self.unknowns.shape)
-        law = (material.law, material.remanence[source], material.tables.arrays)
-        given = (*self._arrays(potential, field, source), *law, out)
-        over_rows(linear_flux.residual, len(out), *given, work=self.work)
-        return out
+        h = self._strength(potential, field, source, material)
+        flow = self.area @ np.swapaxes(
+            h + material.polarisation(h, source) - self._in_air(field[source]), 1, 2
+        )
+        return (flow.reshape(-1, 16) @ _MOMENTS).reshape(-1, 12)
+
+    def _in_air(self, field: Array) -> Array:
+        """What flows (e, 4, 3) if the iron is air: the part of a field (e, 4, 3) that is free of divergence."""
+        spread = _SHAPE.sum(axis=1).T @ self.area
+        share = np.einsum("eqk,eqk->e", spread, field) / np.einsum("eqk,eqk->e", spread, spread)
+        return field - share[:, None, None] * spread
 
     def tangent(self, potential: Array, field: Array, source: int, material: Magnetisation) -> Array:
-        """Element matrices (e, 12, 12): minus the derivative of these moments by the potentials."""
+        """Element matrices (e, 12, 12): minus the derivative of these moments by the potentials. Symmetric; zero for
+        equal potentials on all faces, positive otherwise."""
+        permeability = material.susceptibility(self._strength(potential, field, source, material)) + UNIT
         out = np.zeros((*self.unknowns.shape, 12))
-        given = (*self._arrays(potential, field, source), material.law, material.tables.arrays, out)
-        over_rows(linear_flux.tangent, len(out), *given, work=2 * self.work)
+        given = (permeability, linear_flux.SHAPE, self.area, self.volume, out)
+        over_rows(linear_flux.moment_matrices, len(out), *given, work=self.work)
         return out
 
     def strength_at_points(self, potential: Array, field: Array, material: Magnetisation) -> Array:
         """mu0 H (c, e, 4, 3) at the four points of every element, for potentials (n, c)."""
-        out = np.empty((potential.shape[1], len(material.law), 4, 3))
-        for c, h in enumerate(out):
-            given = (*self._arrays(potential[:, c], field, c), material.law, material.tables.arrays, h)
-            over_rows(linear_flux.strength, len(h), *given, work=self.work)
-        return out
+        sources = range(potential.shape[1])
+        return np.stack([self._strength(potential[:, c], field, c, material) for c in sources])
 
-    def _arrays(self, potential: Array, field: Array, source: int) -> tuple[Any, ...]:
-        """What the kernels begin with; rows in order, for which alone they are compiled."""
+    def _strength(self, potential: Array, field: Array, source: int, material: Magnetisation) -> Array:
+        """mu0 H (e, 4, 3) for potentials (n,); rows in order, for which alone the kernel is compiled."""
+        out = np.empty((len(self.volume), 4, 3))
         values, coils = np.ascontiguousarray(potential), np.ascontiguousarray(field[source])
-        return values, coils, linear_flux.SHAPE, self.area, self.volume, self.unknowns
+        elements = (linear_flux.SHAPE, self.area, self.volume, self.unknowns)
+        given = (values, coils, *elements, material.law, material.tables.arrays, out)
+        over_rows(linear_flux.strength, len(out), *given, work=self.work)
+        return out
 
 
 def _means(faces: Index, count: int) -> csr_matrix:

@@ -31,8 +31,8 @@ from fieldmap.typing import Array, Index
 POINTS_PER_HALF = 4
 # Points at which a field is evaluated at a time.
 _BATCH = 200_000
-# Of xx, xy, xz, yy, yz, zz.
-_UNIT = np.array([1.0, 0.0, 0.0, 1.0, 0.0, 1.0])
+UNIT = np.array([1.0, 0.0, 0.0, 1.0, 0.0, 1.0])
+"""The unit matrix as xx, xy, xz, yy, yz, zz."""
 
 
 FieldOfPoints = Callable[[Array], Array]
@@ -213,7 +213,7 @@ class NodalElements(Elements):
 
     def tangent(self, potential: Array, field: CoilField, source: int, material: Magnetisation) -> Array:
         """Element matrices (e, 10, 10) of int grad N_i . (db/dh) grad N_j at phi (n,)."""
-        permeability = material.susceptibility(self._strength(potential, field, source)[0]) + _UNIT
+        permeability = material.susceptibility(self._strength(potential, field, source)[0]) + UNIT
         out = np.zeros((*self.nodes.shape, 10))
         given = (permeability, self.gradients, self.volume, out)
         over_rows(tested_matrices, len(out), *given, work=2 * self.work)

@@ -18,7 +18,7 @@ import math
 import numpy as np
 
 from fieldmap.kernels.compilation import njit
-from fieldmap.kernels.iron.magnetisation_law import chord, flux_density
+from fieldmap.kernels.iron.magnetisation_law import flux_density
 
 # Corners of the face opposite corner f, in the order of its three potentials.
 CORNERS = np.array([[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]])
@@ -123,67 +123,37 @@ def _strength(potential, dofs, t, shape, area, volume, d, h, law, tables):
             h[q, k] += scale * p * d[q, k]
 
 
-@njit(inline="always")
-def _solenoidal(t, d, out):
-    """Fill out (4, 3) with the part of t (4, 3) that is free of divergence: what flows if the iron is air."""
-    total, square = 0.0, 0.0
-    for q in range(4):
-        for k in range(3):
-            total += d[q, k] * t[q, k]
-            square += d[q, k] * d[q, k]
-    for q in range(4):
-        for k in range(3):
-            out[q, k] = t[q, k] - total / square * d[q, k]
-
-
 @njit(nogil=True)
-def residual(begin, end, potential, t, shape, area, volume, dofs, law, remanence, tables, out):
-    """Add to out (e, 12), element by element, outward moments of the flux density, less those of the coil field if the
-    iron were air.
+def strength(begin, end, potential, t, shape, area, volume, dofs, law, tables, out):
+    """Fill out (e, 4, 3) with the field strength mu0 H at the points of every element.
 
     potential (n,): values of the face potentials at the faces' corners; t (e, 4, 3): coil field at the points;
-    shape: `SHAPE`; area (e, 4, 3), volume (e,); dofs (e, 12): numbers of the elements' potentials; law (e,),
-    remanence (e, 3) and the tables of `fieldmap.kernels.iron.magnetisation_law`.
+    shape: `SHAPE`; area (e, 4, 3), volume (e,); dofs (e, 12): numbers of the elements' potentials; law (e,) and the
+    tables of `fieldmap.kernels.iron.magnetisation_law`.
     """
-    d, h, air = np.empty((4, 3)), np.empty((4, 3)), np.empty((4, 3))
+    d = np.empty((4, 3))
     for e in range(begin, end):
-        _strength(potential, dofs[e], t[e], shape, area[e], volume[e], d, h, law[e], tables)
-        _solenoidal(t[e], d, air)
-        for q in range(4):
-            size = math.sqrt(h[q, 0] * h[q, 0] + h[q, 1] * h[q, 1] + h[q, 2] * h[q, 2])
-            m, _ = chord(size, law[e], tables)
-            bx = m * h[q, 0] + remanence[e, 0] - air[q, 0]
-            by = m * h[q, 1] + remanence[e, 1] - air[q, 1]
-            bz = m * h[q, 2] + remanence[e, 2] - air[q, 2]
-            for f in range(4):
-                flow = area[e, f, 0] * bx + area[e, f, 1] * by + area[e, f, 2] * bz
-                for i in range(3 * f, 3 * f + 3):
-                    out[e, i] += shape[i, q] * flow
+        _strength(potential, dofs[e], t[e], shape, area[e], volume[e], d, out[e], law[e], tables)
 
 
 @njit(nogil=True)
-def tangent(begin, end, potential, t, shape, area, volume, dofs, law, tables, out):
-    """Fill out (e, 12, 12), zeros before, element by element: minus the derivative of the outward moments by the face
-    potentials.
+def moment_matrices(begin, end, values, shape, area, volume, out):
+    """Add to out (e, 12, 12) minus the derivative of the outward moments of B by the face potentials, for the symmetric
+    db/dh = `values` (e, 4, 6) at the points: xx, xy, xz, yy, yz, zz.
 
-    Symmetric; zero for equal potentials on all faces, positive otherwise. Arguments as for `residual`.
+    Symmetric; zero for equal potentials on all faces, positive otherwise. Otherwise as `strength`.
     """
-    d, h = np.empty((4, 3)), np.empty((4, 3))
     pair = np.empty((4, 4))
-    along = np.empty(4)
     for e in range(begin, end):
-        _strength(potential, dofs[e], t[e], shape, area[e], volume[e], d, h, law[e], tables)
         scale = 4.0 / volume[e]
         for q in range(4):
-            size = math.sqrt(h[q, 0] * h[q, 0] + h[q, 1] * h[q, 1] + h[q, 2] * h[q, 2])
-            m, slope = chord(size, law[e], tables)
-            extra = (slope - m) / (size * size) if size > 1e-30 else 0.0
+            xx, xy, xz = scale * values[e, q, 0], scale * values[e, q, 1], scale * values[e, q, 2]
+            yy, yz, zz = scale * values[e, q, 3], scale * values[e, q, 4], scale * values[e, q, 5]
             for f in range(4):
                 x, y, z = area[e, f, 0], area[e, f, 1], area[e, f, 2]
-                along[f] = x * h[q, 0] + y * h[q, 1] + z * h[q, 2]
+                u, v, w = xx * x + xy * y + xz * z, xy * x + yy * y + yz * z, xz * x + yz * y + zz * z
                 for g in range(f + 1):
-                    dot = x * area[e, g, 0] + y * area[e, g, 1] + z * area[e, g, 2]
-                    pair[f, g] = pair[g, f] = scale * (m * dot + extra * along[f] * along[g])
+                    pair[f, g] = pair[g, f] = u * area[e, g, 0] + v * area[e, g, 1] + w * area[e, g, 2]
             for i in range(12):
                 for j in range(12):
                     out[e, i, j] += shape[i, q] * shape[j, q] * pair[i // 3, j // 3]
@@ -202,11 +172,3 @@ def _remove_net_flux(matrix):
     for i in range(12):
         for j in range(12):
             matrix[i, j] -= row[i] * row[j] / total
-
-
-@njit(nogil=True)
-def strength(begin, end, potential, t, shape, area, volume, dofs, law, tables, out):
-    """Fill out (e, 4, 3) with the field strength mu0 H at the points of every element; arguments as for `residual`."""
-    d = np.empty((4, 3))
-    for e in range(begin, end):
-        _strength(potential, dofs[e], t[e], shape, area[e], volume[e], d, out[e], law[e], tables)
