@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Container, Iterable
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -44,7 +44,7 @@ def check(holds: bool, where: str, must_hold: str, received: object, remedy: str
 
 def check_numbers(where: str, **numbers: float) -> None:
     """Every number finite; raises InputError with all that are not."""
-    _raise(
+    raise_all(
         Problem(f"{where}({name})", "must be a finite number", f"{value!r}", "give its value in SI units")
         for name, value in numbers.items()
         if not finite_number(value)
@@ -53,7 +53,7 @@ def check_numbers(where: str, **numbers: float) -> None:
 
 def check_positive(where: str, **numbers: float) -> None:
     """Every number finite and above zero; raises InputError with all that are not."""
-    _raise(
+    raise_all(
         Problem(
             f"{where}({name})", "must be a finite number above 0", f"{value!r}", f"give a positive {name}"
         )
@@ -64,7 +64,7 @@ def check_positive(where: str, **numbers: float) -> None:
 
 def check_not_negative(where: str, **numbers: float) -> None:
     """Every number finite and at least zero; raises InputError with all that are not."""
-    _raise(
+    raise_all(
         Problem(f"{where}({name})", "must be a finite number, 0 or more", f"{value!r}", f"give {name} >= 0")
         for name, value in numbers.items()
         if not (finite_number(value) and value >= 0)
@@ -73,7 +73,7 @@ def check_not_negative(where: str, **numbers: float) -> None:
 
 def check_count(where: str, **numbers: int) -> None:
     """Every number whole and at least one; raises InputError with all that are not."""
-    _raise(
+    raise_all(
         Problem(f"{where}({name})", "must be a whole number, 1 or more", f"{value!r}", f"give {name} >= 1")
         for name, value in numbers.items()
         if not (isinstance(value, (int, np.integer)) and value >= 1)
@@ -85,6 +85,11 @@ def check_choice(where: str, value: str, choices: Iterable[str]) -> str:
     allowed = list(choices)
     check(value in allowed, where, f"must be one of {', '.join(allowed)}", repr(value), "choose one of them")
     return value
+
+
+def check_names(where: str, names: Iterable[str], must_hold: str, known: Container[str], remedy: str) -> None:
+    """Every name among those that are known; raises InputError with all that are not."""
+    raise_all(Problem(where, must_hold, repr(name), remedy) for name in names if name not in known)
 
 
 def check_ordered(where: str, lower: float, upper: float) -> None:
@@ -129,10 +134,11 @@ def check_matrix(where: str, values: ArrayLike, shape: tuple[int | None, int | N
     return check_signal(where, matrix)
 
 
-def _raise(problems: Iterable[Problem]) -> None:
+def raise_all(problems: Iterable[Problem], error: type[InputError] = InputError) -> None:
+    """Raises the error with all problems, if there are any."""
     found = tuple(problems)
     if found:
-        raise InputError(*found)
+        raise error(*found)
 
 
 def checked_vectors(name: str, values: ArrayLike) -> tuple[Array, bool]:

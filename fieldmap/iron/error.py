@@ -28,6 +28,7 @@ from typing import Protocol
 
 import numpy as np
 
+from fieldmap.arguments import raise_all
 from fieldmap.device.model import Device
 from fieldmap.errors import InputError, Problem
 from fieldmap.records import Record, count_of
@@ -154,12 +155,9 @@ def workspace_surface(device: Device) -> Array:
     largest there. Raises InputError if the device has no workspace."""
     bounds = device.bounds
     if bounds is None:
-        raise InputError.of(
-            f"device '{device.name}'",
-            "must have a workspace, in which the error is estimated",
-            "none",
-            "add a [workspace] table to the device file",
-        )
+        must_hold = "must have a workspace, in which the error is estimated"
+        remedy = "add a [workspace] table to the device file"
+        raise InputError.of(f"device '{device.name}'", must_hold, "none", remedy)
     lower, upper = bounds
     t = np.linspace(0, 1, _POINTS_PER_EDGE)
     grid = np.stack(np.meshgrid(t, t, t, indexing="ij"), axis=-1).reshape(-1, 3)
@@ -299,30 +297,28 @@ class Tolerance(Record):
     def __post_init__(self) -> None:
         if self.currents is not None:
             object.__setattr__(self, "currents", tuple(float(value) for value in self.currents))
-        problems = [
-            Problem(f"Tolerance, {name}", must_hold, repr(value), remedy)
-            for name, must_hold, remedy, value, right in self._judged()
-            if not right
+        relative = (self.flux_density, self.gradient)
+        absolute = (self.absolute_flux_density, self.absolute_gradient)
+        some = any(part is not None for part in relative + absolute)
+        wanted: list[tuple[str, str, str, object, bool]] = [
+            ("flux_density", "must say of what an error is allowed", "try 1e-3", None, some)
         ]
-        if problems:
-            raise InputError(*problems)
-
-    def _judged(self) -> list[tuple[str, str, str, object, bool]]:
-        out: list[tuple[str, str, str, object, bool]] = []
-        for name in ("flux_density", "gradient"):
-            value = getattr(self, name)
-            most = 1.0 if name == "flux_density" else np.inf
-            right = value is None or bool(0 < value < most)
-            out.append((name, f"must lie between 0 and {most:g}", "try 1e-3", value, right))
-            absolute = getattr(self, f"absolute_{name}")
-            right = absolute is None or bool(np.isfinite(absolute) and absolute > 0)
-            out.append((f"absolute_{name}", "must be a finite number > 0", "leave it out", absolute, right))
-        parts = (self.flux_density, self.gradient, self.absolute_flux_density, self.absolute_gradient)
-        some = any(part is not None for part in parts)
-        out.append(("flux_density", "must say of what an error is allowed", "try 1e-3", None, some))
+        for name, value, fixed, most in zip(
+            ("flux_density", "gradient"), relative, absolute, (1.0, np.inf), strict=True
+        ):
+            right = value is None or 0 < value < most
+            wanted.append((name, f"must lie between 0 and {most:g}", "try 1e-3", value, right))
+            right = fixed is None or 0 < fixed < np.inf
+            wanted.append((f"absolute_{name}", "must be a finite number > 0", "leave it out", fixed, right))
         right = self.currents is None or all(map(np.isfinite, self.currents))
-        out.append(("currents", "must be finite numbers", "give one for each coil, A", self.currents, right))
-        return out
+        wanted.append(
+            ("currents", "must be finite numbers", "give one for each coil, A", self.currents, right)
+        )
+        raise_all(
+            Problem(f"Tolerance, {name}", must_hold, repr(value), remedy)
+            for name, must_hold, remedy, value, right in wanted
+            if not right
+        )
 
     @classmethod
     def of(cls, tolerance: float | Tolerance, gradient: float | None = None) -> Tolerance:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import cKDTree
 
+from fieldmap.arguments import check_names, raise_all
 from fieldmap.constants import MU0
 from fieldmap.device.model import Background, Coil
 from fieldmap.errors import InputError, Problem
@@ -152,15 +153,11 @@ def _share(device: Magnetised, names: tuple[str, ...]) -> _Share:
     coil_names = tuple(coil.name for coil in device.coils)
     body_names = device.mesh.iron_names if device.mesh is not None else ()
     known = (*body_names, *coil_names)
-    problems = [
-        Problem("force, name", f"must be a body or coil: {', '.join(known)}", repr(name), "use one of these")
-        for name in names
-        if name not in known
-    ]
-    if problems or not names:
-        raise InputError(
-            *problems or [Problem("force, name", "at least one body or coil is needed", "none", "name one")]
-        )
+    if not names:
+        raise InputError.of("force, name", "at least one body or coil is needed", "none", "name one")
+    check_names(
+        "force, name", names, f"must be a body or coil: {', '.join(known)}", known, "use one of these"
+    )
     faces = np.zeros(0 if device.faces is None else len(device.faces.areas), bool)
     bodies = tuple(name for name in names if name in body_names)
     if bodies and device.mesh is not None and device.faces is not None:
@@ -178,17 +175,13 @@ def _require_whole_pieces(
     for name in bodies:
         touching = pieces.touched_by(mesh, name)
         if not set(touching) <= set(bodies):
+            others = ", ".join(repr(other) for other in touching if other != name)
             listed = ", ".join(f"'{other}'" for other in touching)
-            problems.append(
-                Problem(
-                    f"force, body '{name}'",
-                    "a force is defined for whole pieces of iron, with air all around",
-                    f"'{name}', which touches {', '.join(repr(n) for n in touching if n != name)}",
-                    f"ask for the force on all of them together: [{listed}]",
-                )
-            )
-    if problems:
-        raise InputError(*problems)
+            must_hold = "a force is defined for whole pieces of iron, with air all around"
+            remedy = f"ask for the force on all of them together: [{listed}]"
+            received = f"'{name}', which touches {others}"
+            problems.append(Problem(f"force, body '{name}'", must_hold, received, remedy))
+    raise_all(problems)
 
 
 def _checked_point(about: ArrayLike) -> Array:

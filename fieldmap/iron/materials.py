@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fieldmap.arguments import finite_number
+from fieldmap.arguments import finite_number, raise_all
 from fieldmap.device.materials import Material, SaturatingMaterial
 from fieldmap.device.materials.linear import of_permeability
 from fieldmap.device.model import Device
@@ -54,12 +54,9 @@ def body_properties(device: Device, mu_r: float | None) -> BodyProperties:
     Raises InputError unless mu_r is a finite number > 0.
     """
     if mu_r is not None and not (finite_number(mu_r) and mu_r > 0):
-        raise InputError.of(
-            "solve_linear, mu_r",
-            "the relative permeability must be a finite number > 0",
-            repr(mu_r),
-            "give for instance mu_r=1000, or None for the device's own: of a B-H table its initial slope",
-        )
+        must_hold = "the relative permeability must be a finite number > 0"
+        remedy = "give for instance mu_r=1000, or None for the device's own: of a B-H table its initial slope"
+        raise InputError.of("solve_linear, mu_r", must_hold, repr(mu_r), remedy)
     value = np.empty(len(device.bodies))
     remanence = np.zeros((len(device.bodies), 3))
     notes: dict[str, None] = {}
@@ -98,12 +95,8 @@ def _constant_mu_r(material: Material, mu_r: float | None) -> tuple[float, str]:
 def require_soft_bodies(device: Device) -> None:
     """Raise InputError, for all bodies at once, unless every one has a B(H) law with mu_r >= 1, and there is one."""
     if not device.bodies:
-        raise InputError.of(
-            f"device '{device.name}'",
-            "there must be iron for a nonlinear solve",
-            "no bodies",
-            _LINEAR_INSTEAD,
-        )
+        must_hold = "there must be iron for a nonlinear solve"
+        raise InputError.of(f"device '{device.name}'", must_hold, "no bodies", _LINEAR_INSTEAD)
     weak: list[tuple[str, str, str]] = []
     for body in device.bodies:
         material, where = device.materials[body.material], f"body '{body.name}'"
@@ -113,17 +106,11 @@ def require_soft_bodies(device: Device) -> None:
             weak.append(("body", where, f"mu_r = {material.initial_mu_r:g}"))
     thin = (joint for joint in device.joints if joint.mu_r < 1)
     weak += (("joint", joint.description, f"mu_r = {joint.mu_r:g}") for joint in thin)
-    problems = [
-        Problem(
-            f"device '{device.name}', {where}",
-            f"a nonlinear solve needs mu_r >= 1 in every {kind}",
-            given,
-            _LINEAR_INSTEAD,
-        )
+    must_hold = "a nonlinear solve needs mu_r >= 1 in every"
+    raise_all(
+        Problem(f"device '{device.name}', {where}", f"{must_hold} {kind}", given, _LINEAR_INSTEAD)
         for kind, where, given in weak
-    ]
-    if problems:
-        raise InputError(*problems)
+    )
 
 
 def material_assumptions(device: Device) -> tuple[str, ...]:

@@ -87,31 +87,15 @@ def device_contents(device: Device) -> DeviceContents:
     'sphere: 4.189 cm^3'
     """
     check_geometry(device)
-    bodies = (
-        BodyContents(
-            body.name,
-            body.material,
-            _volume(body),
-            _mesh_size(body),
-            len(body.parts),
-            _common_axis(body),
-        )
-        for body in device.bodies
-    )
-    coils = (
-        CoilContents(
-            coil.name,
-            type(coil).__name__,
-            coil.turns,
-            coil.polarity,
-            coil.placement.position,
-            coil.placement.rotation[:, 2],
-            coil.height,
-            coil.resistance,
-            coil.inductance,
-        )
-        for coil in device.coils
-    )
+    bodies = []
+    for body in device.bodies:
+        about = (_volume(body), _mesh_size(body), len(body.parts), _common_axis(body))
+        bodies.append(BodyContents(body.name, body.material, *about))
+    coils = []
+    for coil in device.coils:
+        place, kind = coil.placement, (coil.name, type(coil).__name__, coil.turns, coil.polarity)
+        winding = (coil.height, coil.resistance, coil.inductance)
+        coils.append(CoilContents(*kind, place.position, place.rotation[:, 2], *winding))
     payload = () if device.payload is None else device.payload.assumptions
     return DeviceContents(device, tuple(bodies), tuple(coils), saturation_laws(device) + payload)
 
@@ -185,11 +169,20 @@ def largest_polarisation(material: Material) -> float:
 def bodies_beyond_saturation(
     solution: LinearSolution, device: Device, currents: ArrayLike
 ) -> tuple[BodyBeyondSaturation, ...]:
-    """Bodies of a linear solution with |B| above what they can polarise, in over a hundredth of their volume (of
-    their surface, in the surface form).
+    """Bodies of a linear solution with |B| above what they can polarise. There the answer of linear iron does not hold:
+    solve a nonlinear state.
 
-    device: the one that was solved. currents (n_coils,), A. In soft iron, whose mu0 H is small beside B, |B| stands for
-    the polarisation. At such currents the answer of linear iron does not hold: solve a nonlinear state.
+    In soft iron, whose mu0 H is small beside B, |B| stands for the polarisation.
+
+    Parameters
+    ----------
+    solution : of linear iron.
+    device : the one that was solved.
+    currents : (c,), A.
+
+    Returns
+    -------
+    One entry for every body that exceeds it in over a hundredth of its volume (of its surface, in the surface form).
 
     >>> import fieldmap as fm
     >>> device = fm.read_device("loop_and_sphere")

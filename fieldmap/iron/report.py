@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial import cKDTree
 
+from fieldmap.iron.elements.potential_form import ConvexForm
 from fieldmap.iron.elements.state import IronState
 from fieldmap.iron.error import ErrorEstimate, ToleranceReport
 from fieldmap.iron.operators.assembled import AssembledIron
@@ -160,20 +161,16 @@ class SolverReport(Record):
 
 
 def report_of(
-    form: str,
-    iron: AssembledIron,
-    unknowns: int,
-    state: IronState,
-    seconds: dict[str, float],
-    assumptions: tuple[str, ...],
+    form: ConvexForm, state: IronState, seconds: dict[str, float], assumptions: tuple[str, ...]
 ) -> SolverReport:
     """The report of iron solved on one mesh in one form."""
+    iron = form.iron
     return SolverReport(
-        form=form,
+        form=form.name,
         tetrahedra=len(iron.mesh.tets),
         surface_faces=len(iron.surface.areas),
         charged_faces=len(state.faces.areas),
-        unknowns=unknowns,
+        unknowns=form.elements.count,
         magnetic_bodies=iron.magnetic_bodies,
         iterations=state.iterations,
         residual=state.residuals[-1],

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fieldmap.arguments import raise_all
 from fieldmap.device.model import Section
 from fieldmap.errors import InputError, Problem
 from fieldmap.iron.elements.state import IronState
@@ -107,18 +108,18 @@ def _cut_elements(element: Index, height: Array) -> tuple[Index, Array]:
     above = (height >= 0).sum(axis=1)
     # The side with fewer corners comes first; of two and two, the upper.
     order = np.argsort(np.where((above <= 2)[:, None], height < 0, height >= 0), axis=1, kind="stable")
-    sorted_height = np.take_along_axis(height, order, axis=1)
-    unit = np.eye(4)[order]
-
-    def crossing(rows: Index, i: int, j: int) -> Array:
-        a, b = sorted_height[rows, i, None], sorted_height[rows, j, None]
-        return (unit[rows, i] * b - unit[rows, j] * a) / (b - a)
-
+    height, unit = np.take_along_axis(height, order, axis=1), np.eye(4)[order]
     single, double = np.flatnonzero(above != 2), np.flatnonzero(above == 2)
-    lone = np.stack([crossing(single, 0, j) for j in (1, 2, 3)], axis=1)
-    quad = [crossing(double, i, j) for i, j in ((0, 2), (0, 3), (1, 3), (1, 2))]
+    lone = np.stack([_crossing(unit, height, single, 0, j) for j in (1, 2, 3)], axis=1)
+    quad = [_crossing(unit, height, double, i, j) for i, j in ((0, 2), (0, 3), (1, 3), (1, 2))]
     halves = [np.stack([quad[0], quad[k], quad[k + 1]], axis=1) for k in (1, 2)]
     return element[np.concatenate([single, double, double])], np.concatenate([lone, *halves])
+
+
+def _crossing(corners: Array, values: Array, rows: Index, i: int, j: int) -> Array:
+    """Where linear functions with corner values (n, k) vanish between corners i and j of elements (n, k, 4)."""
+    a, b = values[rows, i, None], values[rows, j, None]
+    return (corners[rows, i] * b - corners[rows, j] * a) / (b - a)
 
 
 def clip_triangles(element: Index, corners: Array, margin: Array) -> tuple[Index, Array]:
@@ -129,13 +130,10 @@ def clip_triangles(element: Index, corners: Array, margin: Array) -> tuple[Index
     margin = np.take_along_axis(margin, order, axis=1)
     corners = np.take_along_axis(corners, order[:, :, None], axis=1)
 
-    def crossing(rows: Index, i: int, j: int) -> Array:
-        a, b = margin[rows, i, None], margin[rows, j, None]
-        return (corners[rows, i] * b - corners[rows, j] * a) / (b - a)
-
     whole, one, two = (np.flatnonzero(count == n) for n in (3, 1, 2))
-    tip = np.stack([corners[one, 0], crossing(one, 0, 1), crossing(one, 0, 2)], axis=1)
-    near, far = crossing(two, 0, 1), crossing(two, 0, 2)
+    tips = [_crossing(corners, margin, one, 0, k) for k in (1, 2)]
+    tip = np.stack([corners[one, 0], *tips], axis=1)
+    near, far = (_crossing(corners, margin, two, 0, k) for k in (1, 2))
     base = [
         np.stack([near, corners[two, 1], corners[two, 2]], axis=1),
         np.stack([near, corners[two, 2], far], axis=1),
@@ -146,12 +144,10 @@ def clip_triangles(element: Index, corners: Array, margin: Array) -> tuple[Index
 def no_iron_at(section: Section) -> InputError:
     """The error of a section that cuts no iron."""
     place = ", ".join(f"{1e3 * x:g}" for x in section.origin)
-    return InputError.of(
-        f"section '{section.name}'",
-        "its plane must cut iron" + (f" of {', '.join(section.bodies)}" if section.bodies else ""),
-        f"none at ({place}) mm" + ("" if section.half_widths is None else " within its half widths"),
-        "move the plane, widen it, or name other bodies",
-    )
+    must_hold = "its plane must cut iron" + (f" of {', '.join(section.bodies)}" if section.bodies else "")
+    received = f"none at ({place}) mm" + ("" if section.half_widths is None else " within its half widths")
+    remedy = "move the plane, widen it, or name other bodies"
+    return InputError.of(f"section '{section.name}'", must_hold, received, remedy)
 
 
 def check_section(section: Section, bodies: tuple[str, ...]) -> None:
@@ -172,5 +168,4 @@ def check_section(section: Section, bodies: tuple[str, ...]) -> None:
         for name in section.bodies
         if name not in bodies
     ]
-    if problems:
-        raise InputError(*problems)
+    raise_all(problems)

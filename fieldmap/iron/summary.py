@@ -10,14 +10,13 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from fieldmap.arguments import check_positive
+from fieldmap.arguments import check_names, check_positive
 from fieldmap.device import read_device
 from fieldmap.device.coils import Coil, WindingPath
 from fieldmap.device.model import Device, Reference, Section
 from fieldmap.device.tetrahedra import volumes
-from fieldmap.errors import InputError, Problem
 from fieldmap.field import Currents, coil_currents
-from fieldmap.iron.notes import saturation_warnings
+from fieldmap.iron.notes import saturates, saturation_warnings
 from fieldmap.iron.report import SolverReport
 from fieldmap.iron.solution import LinearSolution, LinearState, SolvedState
 from fieldmap.iron.solvers.nonlinear import NonlinearSolver
@@ -127,6 +126,9 @@ def summarise_solution(
     state = field.at(amperes)
     nonlinear = not isinstance(state, LinearState)
     wanted = np.zeros((0, 3)) if points is None else np.asarray(points, dtype=float).reshape(-1, 3)
+    warnings: tuple[str, ...] = ()
+    if isinstance(state, LinearState) and currents is not None:
+        warnings = saturation_warnings(state.solution, device, amperes)
     return SolutionSummary(
         device=device,
         nonlinear=nonlinear,
@@ -134,16 +136,12 @@ def summarise_solution(
         currents=currents,
         points=_points(state, wanted),
         bodies=body_fluxes(state) if nonlinear else (),
-        forces=tuple(
-            GroupForce(tuple(group), *state.force_and_torque_on(group, np.zeros(3))) for group in groups
-        ),
+        forces=tuple(_force(state, tuple(group)) for group in groups),
         sections=tuple(
-            _section_mean(state, section) for section in (device.sections if sections is None else sections)
+            _section_mean(state, one) for one in (device.sections if sections is None else sections)
         ),
         references=compare_references(device, field, amperes, mu_r),
-        warnings=saturation_warnings(state.solution, device, amperes)
-        if isinstance(state, LinearState) and currents is not None
-        else (),
+        warnings=warnings,
     )
 
 
@@ -174,34 +172,20 @@ def body_fluxes(state: SolvedState) -> tuple[BodyFlux, ...]:
 
 
 def compare_references(
-    device: Device,
-    field: LinearSolution | NonlinearSolver,
-    currents: Array,
-    mu_r: float | None = None,
+    device: Device, field: LinearSolution | NonlinearSolver, currents: Array, mu_r: float | None = None
 ) -> tuple[ReferenceComparison, ...]:
     """Every known value of the device's file beside ours. currents (n_coils,), A: of a nonlinear state; a linear
     solution is compared at the currents of each value. mu_r: as for `summarise_solution`."""
     nonlinear = isinstance(field, NonlinearSolver)
     compared = []
-    for reference in device.references:
-        why_not, ours = _why_not(device, reference, nonlinear, currents, mu_r), None
+    for known in device.references:
+        why_not, ours, off = _why_not(device, known, nonlinear, currents, mu_r), None, None
         if not why_not:
-            state, point = field.at(reference.currents), reference.at[None, :]
-            ours = component(reference.quantity, state.field(point)[0], state.gradient(point)[0])
-        compared.append(
-            ReferenceComparison(
-                reference.quantity,
-                reference.at,
-                reference.currents,
-                reference.mu_r,
-                reference.value,
-                ours,
-                None if ours is None else ours / reference.value - 1.0,
-                why_not,
-                reference.tolerance,
-                reference.source,
-            )
-        )
+            state, point = field.at(known.currents), known.at[None, :]
+            ours = component(known.quantity, state.field(point)[0], state.gradient(point)[0])
+            off = ours / known.value - 1.0
+        about = (known.quantity, known.at, known.currents, known.mu_r, known.value)
+        compared.append(ReferenceComparison(*about, ours, off, why_not, known.tolerance, known.source))
     return tuple(compared)
 
 
@@ -244,27 +228,16 @@ def checked_groups(device: Device, groups: Sequence[Sequence[str]], where: str =
     """Raise InputError, for all at once, unless every name is that of a body or coil of the device."""
     known = (*(body.name for body in device.bodies), *device.coil_names)
     remedy = "use one of these; several that are taken together stand with commas between"
-    problems = [
-        Problem(where, f"must be a body or coil of the device: {', '.join(known)}", repr(name), remedy)
-        for group in groups
-        for name in group or ("",)
-        if name not in known
-    ]
-    if problems:
-        raise InputError(*problems)
+    must_hold = f"must be a body or coil of the device: {', '.join(known)}"
+    check_names(where, [name for group in groups for name in group or ("",)], must_hold, known, remedy)
 
 
 def named_sections(device: Device, names: Sequence[str], where: str = "sections") -> tuple[Section, ...]:
     """The sections of the device file with these names. Raises InputError, for all at once, for unknown ones."""
     by_name = {section.name: section for section in device.sections}
     listed = ", ".join(by_name) or "the file has no [[section]]"
-    problems = [
-        Problem(where, f"must be a section of the device file: {listed}", repr(name), "use one of these")
-        for name in names
-        if name not in by_name
-    ]
-    if problems:
-        raise InputError(*problems)
+    must_hold = f"must be a section of the device file: {listed}"
+    check_names(where, names, must_hold, by_name, "use one of these")
     return tuple(by_name[name] for name in names)
 
 
@@ -344,11 +317,26 @@ def design_figures(
 ) -> DesignFigures:
     """What a machine has, needs and bears at currents, A: see `DesignFigures`.
 
-    field: the solution of the device, or its solver of saturating iron; a new solver where its iron saturates and a
-    linear solution otherwise, if None. thermal_resistance: of each winding to its surroundings, K/W; the rise of the
-    temperature is that times the power, with the resistance at 20 C. fill: share of copper in a winding's section,
-    for windings whose resistance the device does not state. Raises InputError for currents that do not fit, and what
-    the solvers raise.
+    Parameters
+    ----------
+    device : the machine, its file, or the name of a shipped one.
+    currents : (c,), A.
+    field : the solution of the device, or its solver of saturating iron; a new solver where its iron saturates and a
+        linear solution otherwise, if None.
+    thermal_resistance : of each winding to its surroundings, K/W; the rise of the temperature is that times the power,
+        with the resistance at 20 C.
+    fill : share of copper in a winding's section, for windings whose resistance the device does not state.
+
+    Returns
+    -------
+    What each winding needs, the inductances, and the forces.
+
+    Raises
+    ------
+    InputError
+        For currents that do not fit.
+    GeometryError, NotConverged
+        As the solvers.
 
     >>> import fieldmap as fm
     >>> figures = design_figures(fm.read_device("loop_and_sphere"), 1.0)
@@ -361,9 +349,7 @@ def design_figures(
         check_positive("design_figures", thermal_resistance=thermal_resistance)
     amperes = np.array(coil_currents(currents, device.coil_names))
     if field is None:
-        used = {body.material for body in device.bodies}
-        saturates = any(device.materials[name].saturates for name in used)
-        if saturates:
+        if saturates(device):
             field = NonlinearSolver(device)
         else:
             from fieldmap.iron.solvers.linear import solve_linear

@@ -12,7 +12,7 @@ import numpy as np
 from fieldmap.device import model
 from fieldmap.device.coils import Coil, WindingPath
 from fieldmap.device.parts import joint_of
-from fieldmap.iron.topology import area_vectors
+from fieldmap.iron.topology import TRIANGLE_TURN, area_vectors, common_sides
 from fieldmap.records import Record
 from fieldmap.typing import Array, Index
 
@@ -136,11 +136,8 @@ def _plane(mirror: Operation) -> str:
     for name, unit in zip("xyz", np.eye(3), strict=True):
         if abs(normal @ unit) > 1 - _SAME_OPERATION:
             return f"{name} = 0" if abs(at) < 1e-9 else f"{name} = {1e3 * at:.6g} mm"
-    terms = " ".join(
-        f"{value:+.4g} {name}"
-        for value, name in zip(normal, "xyz", strict=True)
-        if abs(value) > _SAME_OPERATION
-    )
+    parts = zip(normal, "xyz", strict=True)
+    terms = " ".join(f"{value:+.4g} {name}" for value, name in parts if abs(value) > _SAME_OPERATION)
     return f"{terms.lstrip('+')} = {1e3 * at if abs(at) > 1e-9 else 0:.6g} mm"
 
 
@@ -410,11 +407,9 @@ def _surface_rows(points: Array, triangles: Index) -> Array:
     """The edges of a surface that are no diagonals of plane faces."""
     normals = area_vectors(points[triangles])
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    sides = triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
-    order = np.lexsort(np.sort(sides, axis=1).T)
-    one, other = order[::2], order[1::2]
+    one, other = common_sides(triangles)
     bent = np.einsum("kd,kd->k", normals[one // 3], normals[other // 3]) < 1 - 1e-9
-    start, end = points[sides[one[bent]]].transpose(1, 0, 2)
+    start, end = points[triangles[:, TRIANGLE_TURN].reshape(-1, 2)[one[bent]]].transpose(1, 0, 2)
     return _both_ways(start, end, 0.0, 0.0)
 
 

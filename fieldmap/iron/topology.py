@@ -14,6 +14,8 @@ TET_EDGES = np.array([[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]])
 TET_FACES = np.array([[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]])
 """Face k is opposite corner k."""
 TRIANGLE_SIDES = np.array([[0, 1], [0, 2], [1, 2]])
+TRIANGLE_TURN = np.array([[0, 1], [1, 2], [2, 0]])
+"""The sides of a triangle, each on from where the last one ends."""
 
 
 class DistinctRows(NamedTuple):
@@ -52,6 +54,14 @@ def distinct_rows(rows: Index) -> DistinctRows:
 def distinct_parts(elements: Index, parts: Index) -> DistinctRows:
     """The distinct edges or faces, rising, of elements (m, k); parts (p, j): those of one element, by its corners."""
     return distinct_rows(np.sort(elements[:, parts].reshape(-1, parts.shape[1]), axis=1))
+
+
+def common_sides(triangles: Index) -> tuple[Index, Index]:
+    """Sides (k,) and (k,) in which two of these triangles (m, 3) meet; side 3 t + i: number i of the turn of t."""
+    sides = np.sort(triangles[:, TRIANGLE_TURN].reshape(-1, 2), axis=1)
+    order = np.lexsort(sides.T)
+    same = np.flatnonzero((sides[order[1:]] == sides[order[:-1]]).all(axis=1))
+    return order[same], order[same + 1]
 
 
 def edge_keys(edges: Index, count: int) -> Index:

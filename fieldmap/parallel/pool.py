@@ -103,11 +103,7 @@ def _outcome(future: distributed.Future, index: int) -> Outcome[Any]:
 
 
 def _work(
-    index: int,
-    function: Callable[..., Any],
-    shared: tuple[Common[Any], ...],
-    item: Any,
-    threads: int | None,
+    index: int, function: Callable[..., Any], shared: tuple[Common[Any], ...], item: Any, threads: int | None
 ) -> Outcome[Any]:
     """One item, in the process that got it."""
     with _TURN:

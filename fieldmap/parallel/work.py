@@ -142,10 +142,7 @@ def in_threads(
         with same_arithmetic():
             yield from _in_this_thread(function, items, shared)
         return
-    with (
-        same_arithmetic(),
-        ThreadPoolExecutor(count, initializer=use_threads, initargs=(1,)) as executor,
-    ):
+    with same_arithmetic(), ThreadPoolExecutor(count, initializer=use_threads, initargs=(1,)) as executor:
         tasks = (
             executor.submit(_attempt, index, function, (*shared, item), thread_time)
             for index, item in enumerate(items)

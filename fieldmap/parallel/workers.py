@@ -63,11 +63,6 @@ class Workers:
         return "one process" if self._count == 1 else f"{self._count} processes of one machine"
 
     @property
-    def elsewhere(self) -> bool:
-        """Whether other processes do the work."""
-        return self._pool is not None
-
-    @property
     def processor_seconds(self) -> float:
         """Spent in other processes so far, on what they finished."""
         return self._processor_seconds

@@ -15,7 +15,7 @@ from scipy.sparse.linalg import splu
 from fieldmap.device.materials import SaturatingMaterial
 from fieldmap.errors import InputError, NotConverged, Problem
 from fieldmap.field import Currents
-from fieldmap.iron.elements.bh_law import LawTables, law_slopes, law_tables, law_values
+from fieldmap.iron.elements.bh_law import LawTables, law_tables
 from fieldmap.planar.boundary_operator import BoundaryOperator
 from fieldmap.planar.conductors import coil_vector_potential, complex_points
 from fieldmap.planar.geometry import check_planar_geometry, inside
@@ -109,18 +109,17 @@ def field_strength(tables: LawTables, law: Indices, b: Array) -> tuple[Array, Ar
     Bisection on 0 <= h <= b / smallest chord, then Newton's method, clipped to the bracket. b(h) rises everywhere.
     """
     low, high = np.zeros_like(b), b.copy()
-    while np.any(short := tables.flux_density(high, law) < b):
+    while np.any(short := tables.flux_density(high, law)[0] < b):
         high[short] *= 2.0
     for _ in range(_BISECTIONS):
         middle = 0.5 * (low + high)
-        below = tables.flux_density(middle, law) < b
+        below = tables.flux_density(middle, law)[0] < b
         low, high = np.where(below, middle, low), np.where(below, high, middle)
     h = 0.5 * (low + high)
     for _ in range(_NEWTON_STEPS):
-        value, slope = tables.flux_density(h, law), law_slopes(tables, law, h)[1]
+        value, slope = tables.flux_density(h, law)
         h = np.clip(h - (value - b) / slope, low, high)
-    stored = law_values(tables, law, h)[1]
-    return h, h * b - stored, 1.0 / law_slopes(tables, law, h)[1]
+    return h, h * b - tables.integral(h, law), 1.0 / tables.flux_density(h, law)[1]
 
 
 _MOST_STEPS = 60

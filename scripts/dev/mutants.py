@@ -49,7 +49,7 @@ OPERATORS = ("ReplaceBinaryOperator", "ReplaceComparisonOperator", "ReplaceUnary
 _NEEDS_BITS = re.compile("_(BitAnd|BitOr|BitXor|LShift|RShift|Invert|Mod|FloorDiv)(_|$)")
 # A mesh is kept by all that the mesher is given (fieldmap.iron.mesh.mesher): an error in what it does then must not
 # meet a mesh made without it.
-MESHER = tuple(f"fieldmap/iron/mesh/{name}.py" for name in ("mesher", "local_sizes", "distinct_rows"))
+MESHER = ("fieldmap/iron/mesh/mesher.py", "fieldmap/iron/topology.py")
 
 
 @dataclass(frozen=True)

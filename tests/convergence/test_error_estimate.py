@@ -47,10 +47,7 @@ def true_error(solution, case, mu_r):
     return field / np.hypot(*exact[:, :2].T).max(), slope / np.hypot(*exact[:, 2:].T).max()
 
 
-@pytest.mark.parametrize(
-    ("case", "mu_r"),
-    [("disk", 1000), ("diskcore", 4000), ("spool", 4000)],
-)
+@pytest.mark.parametrize(("case", "mu_r"), [("disk", 1000), ("diskcore", 4000), ("spool", 4000)])
 def test_estimate_is_honest(case, mu_r):
     device = axisymmetric.device(case, core_size=0.004, edge=0.0015)
     fine, coarse = (fm.solve_linear(device, mu_r=float(mu_r), refinement=r) for r in (1.0, 0.7))

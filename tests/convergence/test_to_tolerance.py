@@ -9,17 +9,6 @@ import numpy as np
 import pytest
 
 import fieldmap as fm
-from fieldmap.device.model import (
-    Background,
-    Body,
-    Box,
-    Device,
-    LinearMaterial,
-    Part,
-    Sphere,
-    WorkspaceBox,
-    placed,
-)
 from fieldmap.errors import InputError, ToleranceNotReached
 from fieldmap.iron import Tolerance, generate_mesh
 from fieldmap.iron.error import (
@@ -39,29 +28,29 @@ from fieldmap.iron.solvers import to_tolerance
 from fieldmap.iron.solvers.refinement import near_kernels, next_sizes
 
 UP = np.array([0.0, 0.0, 1.0])
-IRON = {"iron": LinearMaterial("iron", 1000.0)}
+IRON = {"iron": fm.LinearMaterial("iron", 1000.0)}
 
 
 def cube_at_an_edge():
     """The workspace lies 0.1 mm from an edge of the one cube, and far from the other."""
     bodies = [
-        Body(name, "iron", (Part(Box((0.02,) * 3), placed((x, 0, -0.02))),), 5e-3)
+        fm.Body(name, "iron", (fm.Part(fm.Box((0.02,) * 3), fm.placed((x, 0, -0.02))),), 5e-3)
         for name, x in (("near", 0.0), ("far", 0.08))
     ]
-    space = WorkspaceBox([1.01e-2, -2e-3, -1e-3], [1.3e-2, 2e-3, 3e-3])
-    return Device("cubes", "", (), bodies, IRON, background=Background(1e-2 * UP), workspace=space)
+    space = fm.WorkspaceBox([1.01e-2, -2e-3, -1e-3], [1.3e-2, 2e-3, 3e-3])
+    return fm.Device("cubes", "", (), bodies, IRON, background=fm.Background(1e-2 * UP), workspace=space)
 
 
 def shell(factor=1.0, size=4e-3):
-    parts = (Part(Sphere(0.02)), Part(Sphere(0.016), operation="cut"))
-    return Device(
+    parts = (fm.Part(fm.Sphere(0.02)), fm.Part(fm.Sphere(0.016), operation="cut"))
+    return fm.Device(
         "shell",
         "",
         (),
-        [Body("shell", "iron", parts, size)],
+        [fm.Body("shell", "iron", parts, size)],
         IRON,
-        background=Background(factor * 1e-3 * UP),
-        workspace=WorkspaceBox([-6e-3] * 3, [6e-3] * 3),
+        background=fm.Background(factor * 1e-3 * UP),
+        workspace=fm.WorkspaceBox([-6e-3] * 3, [6e-3] * 3),
     )
 
 

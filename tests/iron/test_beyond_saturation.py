@@ -7,19 +7,8 @@ import numpy as np
 import pytest
 from scipy.constants import mu_0
 
+import fieldmap as fm
 from fieldmap import read_device, solve_linear
-from fieldmap.device.model import (
-    Arctangent,
-    Background,
-    BHTable,
-    Body,
-    Device,
-    LinearMaterial,
-    Marrocco,
-    Part,
-    Sphere,
-    placed,
-)
 from fieldmap.iron.notes import MOST_OF_ANY_IRON, bodies_beyond_saturation, largest_polarisation
 from fieldmap.iron.solution import FluxDensitySamples
 
@@ -73,11 +62,11 @@ def test_samples_weigh_what_they_stand_for(form):
     """Two balls far apart in a uniform field: 3 mu_r / (mu_r + 2) times it in each, over its volume or its surface."""
     about = {"near": (0.05, 10.0, 0.0), "far": (0.03, 4.0, 1.0)}
     bodies = [
-        Body(name, name, (Part(Sphere(radius), placed((0.0, 0.0, z))),), 0.4 * radius)
+        fm.Body(name, name, (fm.Part(fm.Sphere(radius), fm.placed((0.0, 0.0, z))),), 0.4 * radius)
         for name, (radius, _, z) in about.items()
     ]
-    laws = {name: LinearMaterial(name, mu_r) for name, (_, mu_r, _) in about.items()}
-    device = Device("d", "", (), bodies, laws, background=Background(0.1 * np.array([0.6, 0.0, 0.8])))
+    laws = {name: fm.LinearMaterial(name, mu_r) for name, (_, mu_r, _) in about.items()}
+    device = fm.Device("d", "", (), bodies, laws, background=fm.Background(0.1 * np.array([0.6, 0.0, 0.8])))
     samples = solve_linear(device, form=form).flux_density_samples(np.zeros(0))
     assert samples.body_names == tuple(about)
     for number, (radius, mu_r, _) in enumerate(about.values()):
@@ -91,13 +80,15 @@ def test_samples_weigh_what_they_stand_for(form):
 
 def test_the_largest_polarisation_of_a_law():
     h, b = np.array([100.0, 1e4, 1e5]), np.array([0.5, 1.6, 1.8])
-    table = BHTable("t", h, b, "straight line to the origin", "slope mu0", 4000.0)
+    table = fm.BHTable("t", h, b, "straight line to the origin", "slope mu0", 4000.0)
     assert largest_polarisation(table) == pytest.approx(1.8 - mu_0 * 1e5)
-    rising = BHTable("t", h, b, "straight line to the origin", "towards saturation", 4000.0, saturation=2.1)
+    rising = fm.BHTable(
+        "t", h, b, "straight line to the origin", "towards saturation", 4000.0, saturation=2.1
+    )
     assert largest_polarisation(rising) == 2.1
-    assert largest_polarisation(Arctangent("a", 500.0, 1.9)) == 1.9
+    assert largest_polarisation(fm.Arctangent("a", 500.0, 1.9)) == 1.9
     # mu0 dH/dB = 1 at the end: nothing on a fine grid of the formula polarises more.
-    marrocco = Marrocco("m", 2e-4, 1.0, 5.5, 5e4)
+    marrocco = fm.Marrocco("m", 2e-4, 1.0, 5.5, 5e4)
     flux = np.linspace(0.0, 2.3, 20001)
     power = flux**11
     polarisation = flux * (1 - (2e-4 + (1 - 2e-4) * power / (power + 5e4)))
@@ -105,6 +96,6 @@ def test_the_largest_polarisation_of_a_law():
 
 
 def test_without_a_law_nothing_beats_iron_cobalt():
-    assert largest_polarisation(LinearMaterial("l", 4000.0)) == MOST_OF_ANY_IRON
+    assert largest_polarisation(fm.LinearMaterial("l", 4000.0)) == MOST_OF_ANY_IRON
     # c < 1: the reluctivity never falls to that of free space.
-    assert largest_polarisation(Marrocco("m", 2e-4, 1e-3, 5.5, 5e4)) == MOST_OF_ANY_IRON
+    assert largest_polarisation(fm.Marrocco("m", 2e-4, 1e-3, 5.5, 5e4)) == MOST_OF_ANY_IRON

@@ -3,18 +3,7 @@
 import numpy as np
 import pytest
 
-from fieldmap.device.model import (
-    Body,
-    Box,
-    Cylinder,
-    ExtrudedPolygon,
-    Part,
-    Placement,
-    RevolvedProfile,
-    Ring,
-    Sphere,
-    TriangleSurface,
-)
+import fieldmap as fm
 from fieldmap.errors import GeometryError
 from fieldmap.iron.geometry import shapes
 from fieldmap.iron.geometry.solids import body_solid
@@ -28,8 +17,8 @@ POT_WITH_HOLE = np.array(
 )
 
 
-def body(*parts: Part) -> Body:
-    return Body("piece", "iron", parts, mesh_size=0.005)
+def body(*parts: fm.Part) -> fm.Body:
+    return fm.Body("piece", "iron", parts, mesh_size=0.005)
 
 
 def turned(axis: tuple[float, float, float], degrees: float) -> np.ndarray:
@@ -44,23 +33,23 @@ TETRAHEDRON = 0.01 * np.vstack([np.zeros(3), np.eye(3)])
 FACES = np.array([[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]])
 
 CASES = [
-    (TriangleSurface(TETRAHEDRON, FACES), 0.01**3 / 6, (0.0025, 0.0025, 0.0025)),
-    (Cylinder(0.02, 0.05), np.pi * 0.02**2 * 0.05, (0, 0, 0.025)),
-    (Ring(0.01, 0.02, 0.05), np.pi * (0.02**2 - 0.01**2) * 0.05, (0, 0, 0.025)),
-    (Box((0.01, 0.02, 0.04)), 0.01 * 0.02 * 0.04, (0, 0, 0.02)),
-    (Sphere(0.02), 4 / 3 * np.pi * 0.02**3, (0, 0, 0)),
-    (ExtrudedPolygon(TRIANGLE, 0.02), 0.5 * 0.03 * 0.06 * 0.02, (0.01, 0.02, 0.01)),
-    (ExtrudedPolygon(TRIANGLE[::-1], 0.02), 0.5 * 0.03 * 0.06 * 0.02, (0.01, 0.02, 0.01)),
-    (ExtrudedPolygon(L_SHAPE, 0.01), (0.03 * 0.01 + 0.01 * 0.03) * 0.01, (0.01, 0.015, 0.005)),
-    (RevolvedProfile(CONE), np.pi * 0.02**2 * 0.03 / 3, (0, 0, 0.03 / 4)),
-    (RevolvedProfile(CONE[::-1]), np.pi * 0.02**2 * 0.03 / 3, (0, 0, 0.03 / 4)),
-    (RevolvedProfile(TORUS_OF_SQUARE), 2 * np.pi * 0.05 * 0.02**2, (0, 0, 0)),
+    (fm.TriangleSurface(TETRAHEDRON, FACES), 0.01**3 / 6, (0.0025, 0.0025, 0.0025)),
+    (fm.Cylinder(0.02, 0.05), np.pi * 0.02**2 * 0.05, (0, 0, 0.025)),
+    (fm.Ring(0.01, 0.02, 0.05), np.pi * (0.02**2 - 0.01**2) * 0.05, (0, 0, 0.025)),
+    (fm.Box((0.01, 0.02, 0.04)), 0.01 * 0.02 * 0.04, (0, 0, 0.02)),
+    (fm.Sphere(0.02), 4 / 3 * np.pi * 0.02**3, (0, 0, 0)),
+    (fm.ExtrudedPolygon(TRIANGLE, 0.02), 0.5 * 0.03 * 0.06 * 0.02, (0.01, 0.02, 0.01)),
+    (fm.ExtrudedPolygon(TRIANGLE[::-1], 0.02), 0.5 * 0.03 * 0.06 * 0.02, (0.01, 0.02, 0.01)),
+    (fm.ExtrudedPolygon(L_SHAPE, 0.01), (0.03 * 0.01 + 0.01 * 0.03) * 0.01, (0.01, 0.015, 0.005)),
+    (fm.RevolvedProfile(CONE), np.pi * 0.02**2 * 0.03 / 3, (0, 0, 0.03 / 4)),
+    (fm.RevolvedProfile(CONE[::-1]), np.pi * 0.02**2 * 0.03 / 3, (0, 0, 0.03 / 4)),
+    (fm.RevolvedProfile(TORUS_OF_SQUARE), 2 * np.pi * 0.05 * 0.02**2, (0, 0, 0)),
 ]
 
 
 @pytest.mark.parametrize(("shape", "volume", "centroid"), CASES, ids=lambda x: type(x).__name__)
 def test_volume_and_centroid_are_those_of_the_formula(shape, volume, centroid):
-    solid = body_solid(body(Part(shape)))
+    solid = body_solid(body(fm.Part(shape)))
     assert solid.mass == pytest.approx(volume * 1e9, rel=1e-9)
     c = solid.center
     assert (c.x, c.y, c.z) == pytest.approx(np.array(centroid) * 1e3, abs=1e-8)
@@ -71,13 +60,13 @@ def test_a_revolved_profile_may_leave_the_axis_and_come_back():
     x, y = POT_WITH_HOLE.T
     cross = x * np.roll(y, -1) - np.roll(x, -1) * y
     moment = np.sum((x + np.roll(x, -1)) * cross) / 6
-    assert body_solid(body(Part(RevolvedProfile(POT_WITH_HOLE)))).mass == pytest.approx(
+    assert body_solid(body(fm.Part(fm.RevolvedProfile(POT_WITH_HOLE)))).mass == pytest.approx(
         2 * np.pi * moment * 1e9, rel=1e-9
     )
 
 
 def test_curved_surfaces_stay_curved():
-    solid = body_solid(body(Part(Cylinder(0.02, 0.05))))
+    solid = body_solid(body(fm.Part(fm.Cylinder(0.02, 0.05))))
     # A mantle, a lid and a base; as a polygon it would have many sides.
     assert len(solid.faces) == 3
     assert sum(face.mass for face in solid.faces) == pytest.approx(2 * np.pi * 20 * (20 + 50), rel=1e-9)
@@ -92,7 +81,7 @@ def test_placement_takes_each_corner_to_rotation_times_local_plus_position(rotat
     a, b, c = 0.01, 0.02, 0.04
     local = np.array([[x, y, z] for x in (-a / 2, a / 2) for y in (-b / 2, b / 2) for z in (0, c)])
     expected = (local @ rotation.T + position) * 1e3
-    solid = body_solid(body(Part(Box((a, b, c)), Placement(position, rotation))))
+    solid = body_solid(body(fm.Part(fm.Box((a, b, c)), fm.Placement(position, rotation))))
     corners = [vertex.p for vertex in set(solid.vertices)]
     found = np.array([(p.x, p.y, p.z) for p in corners])
     assert len(found) == 8
@@ -101,7 +90,9 @@ def test_placement_takes_each_corner_to_rotation_times_local_plus_position(rotat
 
 
 def test_every_solid_carries_its_name_and_mesh_size_in_millimetres():
-    solid = body_solid(body(Part(Sphere(0.01)), Part(Sphere(0.01), Placement(np.array([0.1, 0, 0])))))
+    solid = body_solid(
+        body(fm.Part(fm.Sphere(0.01)), fm.Part(fm.Sphere(0.01), fm.Placement(np.array([0.1, 0, 0]))))
+    )
     assert [(piece.name, piece.maxh) for piece in solid.solids] == [("piece", 5.0), ("piece", 5.0)]
 
 
@@ -109,28 +100,28 @@ def test_every_solid_carries_its_name_and_mesh_size_in_millimetres():
 
 
 def test_overlapping_parts_count_once():
-    a = Part(Box((0.02, 0.02, 0.02)))
-    b = Part(Box((0.02, 0.02, 0.02)), Placement(np.array([0.01, 0.0, 0.0])))
+    a = fm.Part(fm.Box((0.02, 0.02, 0.02)))
+    b = fm.Part(fm.Box((0.02, 0.02, 0.02)), fm.Placement(np.array([0.01, 0.0, 0.0])))
     assert body_solid(body(a, b)).mass == pytest.approx(1.5 * 8000, rel=1e-12)
 
 
 def test_a_cut_takes_away_what_is_in_common():
-    plate = Part(Box((0.04, 0.04, 0.01)))
-    hole = Part(Cylinder(0.005, 0.02), Placement(np.array([0.01, 0.0, -0.005])), "cut")
+    plate = fm.Part(fm.Box((0.04, 0.04, 0.01)))
+    hole = fm.Part(fm.Cylinder(0.005, 0.02), fm.Placement(np.array([0.01, 0.0, -0.005])), "cut")
     assert body_solid(body(plate, hole)).mass == pytest.approx(16000 - np.pi * 25 * 10, rel=1e-9)
 
 
 def test_parts_are_taken_in_order():
-    block = Box((0.02, 0.02, 0.02))
-    cut_then_filled = body_solid(body(Part(block), Part(block, operation="cut"), Part(block)))
-    filled_then_cut = body_solid(body(Part(block), Part(block), Part(block, operation="cut")))
+    block = fm.Box((0.02, 0.02, 0.02))
+    cut_then_filled = body_solid(body(fm.Part(block), fm.Part(block, operation="cut"), fm.Part(block)))
+    filled_then_cut = body_solid(body(fm.Part(block), fm.Part(block), fm.Part(block, operation="cut")))
     assert cut_then_filled.mass == pytest.approx(8000)
     assert filled_then_cut.mass == 0.0
 
 
 def test_added_parts_leave_no_edges_between_them():
     # Three boxes in a row make one box: six faces, twelve edges (each seen from two faces).
-    row = [Part(Box((0.01, 0.01, 0.01)), Placement(np.array([0.01 * i, 0, 0]))) for i in range(3)]
+    row = [fm.Part(fm.Box((0.01, 0.01, 0.01)), fm.Placement(np.array([0.01 * i, 0, 0]))) for i in range(3)]
     solid = body_solid(body(*row))
     assert (len(solid.solids), len(solid.faces), len(set(solid.edges)), len(set(solid.vertices))) == (
         1,
@@ -146,28 +137,28 @@ def test_added_parts_leave_no_edges_between_them():
 @pytest.mark.parametrize(
     ("shape", "fragment"),
     [
-        (Cylinder(0.01, 0.0), "height = 0.0 m"),
-        (Cylinder(-0.01, 0.01), "radius = -0.01 m"),
-        (Cylinder(float("nan"), 0.01), "radius = nan m"),
-        (Box((0.01, -0.01, 0.01)), "(0.01, -0.01, 0.01) m"),
-        (Sphere(0.0), "radius = 0.0 m"),
-        (Ring(0.02, 0.01, 0.01), "inner radius 0.02 m"),
-        (ExtrudedPolygon(TRIANGLE[:2], 0.01), "polygon"),
-        (ExtrudedPolygon(np.array([[0, 0], [1, 1], [1, 0], [0, 1.5]]) * 0.01, 0.01), "meets"),
-        (ExtrudedPolygon(TRIANGLE * np.nan, 0.01), "finite"),
-        (RevolvedProfile(CONE - [0.001, 0.0]), "-1 mm"),
-        (RevolvedProfile(np.array([[0, 0], [0.01, -0.01], [0.01, 0.01]])), "axis"),
-        (TriangleSurface(TETRAHEDRON, FACES[:3]), "open edge between points 0 and 1"),
-        (TriangleSurface(TETRAHEDRON, FACES[:, ::-1]), "enclosed volume of -1.667e-07"),
+        (fm.Cylinder(0.01, 0.0), "height = 0.0 m"),
+        (fm.Cylinder(-0.01, 0.01), "radius = -0.01 m"),
+        (fm.Cylinder(float("nan"), 0.01), "radius = nan m"),
+        (fm.Box((0.01, -0.01, 0.01)), "(0.01, -0.01, 0.01) m"),
+        (fm.Sphere(0.0), "radius = 0.0 m"),
+        (fm.Ring(0.02, 0.01, 0.01), "inner radius 0.02 m"),
+        (fm.ExtrudedPolygon(TRIANGLE[:2], 0.01), "polygon"),
+        (fm.ExtrudedPolygon(np.array([[0, 0], [1, 1], [1, 0], [0, 1.5]]) * 0.01, 0.01), "meets"),
+        (fm.ExtrudedPolygon(TRIANGLE * np.nan, 0.01), "finite"),
+        (fm.RevolvedProfile(CONE - [0.001, 0.0]), "-1 mm"),
+        (fm.RevolvedProfile(np.array([[0, 0], [0.01, -0.01], [0.01, 0.01]])), "axis"),
+        (fm.TriangleSurface(TETRAHEDRON, FACES[:3]), "open edge between points 0 and 1"),
+        (fm.TriangleSurface(TETRAHEDRON, FACES[:, ::-1]), "enclosed volume of -1.667e-07"),
         (
-            TriangleSurface(np.vstack([TETRAHEDRON, TETRAHEDRON + 0.002]), np.vstack([FACES, FACES + 4])),
+            fm.TriangleSurface(np.vstack([TETRAHEDRON, TETRAHEDRON + 0.002]), np.vstack([FACES, FACES + 4])),
             "triangles 0 and ",
         ),
     ],
 )
 def test_what_cannot_be_built_is_named(shape, fragment):
     with pytest.raises(GeometryError) as caught:
-        body_solid(body(Part(shape)), "unit.toml")
+        body_solid(body(fm.Part(shape)), "unit.toml")
     (problem,) = caught.value.problems
     assert problem.where.startswith("unit.toml: ")
     assert "'piece'" in problem.where
@@ -177,7 +168,7 @@ def test_what_cannot_be_built_is_named(shape, fragment):
 
 def test_a_body_must_begin_with_something_to_cut_from():
     for parts, where in (
-        ([Part(Sphere(0.01), operation="cut")], "body 'piece', part 1"),
+        ([fm.Part(fm.Sphere(0.01), operation="cut")], "body 'piece', part 1"),
         ([], "body 'piece'"),
     ):
         with pytest.raises(GeometryError) as caught:
@@ -187,7 +178,7 @@ def test_a_body_must_begin_with_something_to_cut_from():
 
 def test_a_place_that_is_not_a_number_is_refused():
     with pytest.raises(GeometryError, match="position"):
-        body_solid(body(Part(Sphere(0.01), Placement(np.array([np.nan, 0, 0])))))
+        body_solid(body(fm.Part(fm.Sphere(0.01), fm.Placement(np.array([np.nan, 0, 0])))))
 
 
 def test_a_ring_is_full_without_a_bore_and_no_other_bore_is_none():

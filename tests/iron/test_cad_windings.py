@@ -3,22 +3,15 @@
 import numpy as np
 import pytest
 
-from fieldmap.device.model import (
-    CircularCoil,
-    PathCoil,
-    Placement,
-    RoundedRectangleCoil,
-    WorkspaceBox,
-    WorkspaceCylinder,
-)
+import fieldmap as fm
 from fieldmap.iron.geometry.shapes import winding_solid, workspace_solid
 
 # The rounded-square coil of thesis Appendix A-3 (RACE elements): half-width 16 mm, corner radius 15 mm.
-A3 = RoundedRectangleCoil("5", 0.016, 0.016, 0.015, 0.010, 0.039, 840)
+A3 = fm.RoundedRectangleCoil("5", 0.016, 0.016, 0.015, 0.010, 0.039, 840)
 
 
-def square_path(corners, radius=0.004, thickness=0.004, height=0.01) -> PathCoil:
-    return PathCoil("path", np.array(corners) * 1e-3, radius, thickness, height, 100)
+def square_path(corners, radius=0.004, thickness=0.004, height=0.01) -> fm.PathCoil:
+    return fm.PathCoil("path", np.array(corners) * 1e-3, radius, thickness, height, 100)
 
 
 def extent(solid) -> np.ndarray:
@@ -27,7 +20,9 @@ def extent(solid) -> np.ndarray:
 
 
 def test_circular_winding_is_a_ring_centred_on_its_place():
-    coil = CircularCoil("c", 0.011, 0.021, 0.039, 840, placement=Placement(np.array([0.044, 0.0, 0.026])))
+    coil = fm.CircularCoil(
+        "c", 0.011, 0.021, 0.039, 840, placement=fm.Placement(np.array([0.044, 0.0, 0.026]))
+    )
     solid = winding_solid(coil)
     assert solid.mass == pytest.approx(np.pi * (21**2 - 11**2) * 39, rel=1e-9)
     assert extent(solid) == pytest.approx(np.array([[23, -21, 6.5], [65, 21, 45.5]]), abs=1e-5)
@@ -60,7 +55,7 @@ def test_a_winding_of_half_a_millimetre_keeps_all_its_edges():
 
 def test_corners_as_tight_as_the_winding_is_wide_close_to_a_point_inside():
     # corner_radius = thickness / 2: the inner outline is a plain rectangle.
-    coil = RoundedRectangleCoil("c", 0.02, 0.01, 0.002, 0.004, 0.005, 10)
+    coil = fm.RoundedRectangleCoil("c", 0.02, 0.01, 0.002, 0.004, 0.005, 10)
     length = 2 * (40 + 20) - 4 * 2 * 2 + 2 * np.pi * 2
     assert winding_solid(coil).mass == pytest.approx(length * 4 * 5, rel=1e-9)
 
@@ -70,7 +65,7 @@ def test_corners_as_tight_as_the_winding_is_wide_close_to_a_point_inside():
 )
 def test_windings_of_arcs_alone_and_of_arcs_that_follow_each_other(half, straight):
     """Corners as wide as the winding: a ring, and a stadium with two straight sides of 20 mm."""
-    solid = winding_solid(RoundedRectangleCoil("c", *half, 0.02, 0.004, 0.005, 10))
+    solid = winding_solid(fm.RoundedRectangleCoil("c", *half, 0.02, 0.004, 0.005, 10))
     assert solid.mass == pytest.approx((2 * np.pi * 20 + straight) * 4 * 5, rel=1e-9)
     reach = 1e3 * np.array(half) + 2
     assert extent(solid)[:, :2] == pytest.approx(np.array([-reach, reach]), abs=1e-4)
@@ -78,15 +73,15 @@ def test_windings_of_arcs_alone_and_of_arcs_that_follow_each_other(half, straigh
 
 def test_a_turned_winding_stands_where_its_placement_says():
     on_its_side = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
-    coil = RoundedRectangleCoil(
-        "c", 0.02, 0.01, 0.004, 0.004, 0.006, 10, placement=Placement(np.array([0.1, 0, 0]), on_its_side)
+    coil = fm.RoundedRectangleCoil(
+        "c", 0.02, 0.01, 0.004, 0.004, 0.006, 10, placement=fm.Placement(np.array([0.1, 0, 0]), on_its_side)
     )
     expected = np.array([[100 - 22, -3, -12], [100 + 22, 3, 12]])
     assert extent(winding_solid(coil)) == pytest.approx(expected, abs=1e-5)
     assert {piece.name for piece in winding_solid(coil).solids} == {"c"}
 
 
-def keyhole(slot: float) -> PathCoil:
+def keyhole(slot: float) -> fm.PathCoil:
     """A path around a keyhole whose slot is `slot` mm wide; the winding is 4 mm thick."""
     left, right = 23 - slot / 2, 23 + slot / 2
     outside = [[0, 60], [0, 0], [46, 0], [46, 60]]
@@ -103,9 +98,9 @@ def test_turns_must_not_run_into_each_other():
 @pytest.mark.parametrize(
     ("coil", "word"),
     [
-        (RoundedRectangleCoil("c", 0.02, 0.02, 0.004, 0.010, 0.01, 1), "corner_radius"),
-        (RoundedRectangleCoil("c", 0.02, 0.01, 0.015, 0.010, 0.01, 1), "edge"),
-        (CircularCoil("c", 0.02, 0.01, 0.01, 1), "radius"),
+        (fm.RoundedRectangleCoil("c", 0.02, 0.02, 0.004, 0.010, 0.01, 1), "corner_radius"),
+        (fm.RoundedRectangleCoil("c", 0.02, 0.01, 0.015, 0.010, 0.01, 1), "edge"),
+        (fm.CircularCoil("c", 0.02, 0.01, 0.01, 1), "radius"),
         (square_path([[0, 0], [40, 40], [40, 0], [0, 40]]), "line"),
         (square_path([[0, 0], [40, 0], [40, 40], [0, 40]], thickness=0.0), "thickness"),
         (square_path([[0, 0], [np.nan, 0], [40, 40], [0, 40]]), "finite"),
@@ -117,13 +112,13 @@ def test_windings_that_cannot_be_wound_are_refused(coil, word):
 
 
 def test_workspaces():
-    box = WorkspaceBox(np.array([-0.02, -0.03, -0.11]), np.array([0.02, 0.03, -0.07]))
+    box = fm.WorkspaceBox(np.array([-0.02, -0.03, -0.11]), np.array([0.02, 0.03, -0.07]))
     assert workspace_solid(box).mass == pytest.approx(40 * 60 * 40)
     assert extent(workspace_solid(box)) == pytest.approx(
         np.array([[-20, -30, -110], [20, 30, -70]]), abs=1e-5
     )
-    cylinder = WorkspaceCylinder(np.array([0.01, 0.0, -0.11]), 0.02, 0.04)
+    cylinder = fm.WorkspaceCylinder(np.array([0.01, 0.0, -0.11]), 0.02, 0.04)
     assert workspace_solid(cylinder).mass == pytest.approx(np.pi * 400 * 40)
     assert workspace_solid(cylinder).center.z == pytest.approx(-90)
     with pytest.raises(ValueError, match="zero"):
-        workspace_solid(WorkspaceBox(box.upper, box.lower))
+        workspace_solid(fm.WorkspaceBox(box.upper, box.lower))

@@ -2,21 +2,9 @@
 
 import numpy as np
 import pytest
-from numpy.polynomial import Chebyshev
 
-from fieldmap.errors import InputError
-from fieldmap.iron.mesh.charged_faces import NEAR_RADII, ChargedFaces
-from fieldmap.iron.operators import assembled
-from fieldmap.iron.operators.compressed import (
-    BlockPartition,
-    Clusters,
-    CompressedMutualPotential,
-    chebyshev,
-    earlier_neighbours,
-    predicted_bytes,
-    spectrum,
-    steps_needed,
-)
+from fieldmap.iron.mesh.charged_faces import ChargedFaces
+from fieldmap.iron.operators.compressed import CompressedMutualPotential
 from fieldmap.iron.operators.compressed import _quarters as quarters
 
 
@@ -56,29 +44,6 @@ def test_quarters_cover_their_blocks_once():
         assert max(r1 - r0, c1 - c0) <= 5
         seen[r0:r1, c0:c1] += 1
     assert (seen == 1).all()
-
-
-def test_blocks_cover_every_pair_once(faces):
-    clusters = Clusters.of(faces, 20)
-    assert np.diff(clusters.offset[-1]).max() <= 20
-    assert (np.sort(clusters.order) == np.arange(len(faces.areas))).all()
-    partition = BlockPartition.of(clusters, 0.7, NEAR_RADII)
-    seen = np.zeros((len(faces.areas),) * 2, int)
-    for r0, r1, c0, c1 in np.vstack([partition.far, partition.near]):
-        seen[r0:r1, c0:c1] += 1
-        if r0 != c0:
-            seen[c0:c1, r0:r1] += 1
-    assert (seen == 1).all()
-
-
-def test_far_blocks_hold_no_near_pair(faces):
-    clusters = Clusters.of(faces, 20)
-    partition = BlockPartition.of(clusters, 0.7, NEAR_RADII)
-    centres, radii = faces.centres[clusters.order], faces.radii[clusters.order]
-    assert len(partition.far) > 10
-    for r0, r1, c0, c1 in partition.far:
-        distance = np.linalg.norm(centres[r0:r1, None] - centres[None, c0:c1], axis=2)
-        assert (distance > NEAR_RADII * (radii[r0:r1, None] + radii[None, c0:c1])).all()
 
 
 def test_error_follows_the_tolerance_and_rank_grows_with_its_logarithm(faces, dense):
@@ -160,92 +125,3 @@ def sphere(level):
         parts = [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]
         corners = np.concatenate([np.stack(part, axis=1) for part in parts])
     return ChargedFaces.from_nodes(corners.reshape(-1, 3), np.arange(3 * len(corners)).reshape(-1, 3))
-
-
-def test_memory_is_predicted(compressed, faces):
-    """Four bytes a number: near blocks as they are, 14 rows and columns of each far block, 96 entries a row of the
-    sparse inverse, twice, with their columns and as much again while it is made; and 200 MB of scratch."""
-
-    def sides(blocks):
-        return blocks[:, 1] - blocks[:, 0], blocks[:, 3] - blocks[:, 2]
-
-    (rows, columns), far = sides(compressed._near), [sides(part.blocks) for part in compressed._far]
-    both = sum(int((one + other).sum()) for one, other in far)
-    predicted = 4 * (rows * columns).sum() + 4 * 14 * both
-    assert predicted_bytes(faces) == predicted + 4 * 8 * 96 * len(faces.areas) + 200_000_000
-    assert compressed._near_data.nbytes == 4 * (rows * columns).sum()
-    terms = sum(
-        int(part.ranks @ (one + other)) for part, (one, other) in zip(compressed._far, far, strict=True)
-    )
-    held = sum(part.data.nbytes for part in compressed._far)
-    assert held == 4 * terms
-    assert compressed.mean_rank == pytest.approx(terms / both)
-    sparse = sum(m.data.nbytes + m.indices.nbytes for m in (compressed._factor, compressed._transposed))
-    assert compressed.bytes == compressed._near_data.nbytes + held + sparse
-    count = len(faces.areas)
-    share = f"{100 * compressed.bytes / (2 * count * (count + 1)):.0f} % of one dense triangle"
-    assert compressed.storage.endswith(f"(mean {compressed.mean_rank:.1f}), {share}")
-
-
-@pytest.mark.parametrize("steps", [1, 2, 5, 9])
-def test_chebyshev_steps_leave_the_polynomial_that_is_smallest(steps):
-    """T_k((c - v) / h) / T_k(c / h) at the eigenvalue v, for eigenvalues within c - h and c + h."""
-    low, high = 0.5, 4.0
-    values = np.array([[0.5, 0.8, 2.0, 3.1, 4.0, 5.0]]).T
-    centre, half = (low + high) / 2, (high - low) / 2
-    found = values * chebyshev(lambda x: values * x, lambda x: x, np.ones_like(values), (low, high), steps)
-    polynomial = Chebyshev.basis(steps)
-    assert 1 - found == pytest.approx(
-        polynomial((centre - values) / half) / polynomial(centre / half), rel=1e-9
-    )
-    # The same of a preconditioned map, whose eigenvalues these are.
-    scaled = chebyshev(lambda x: 3 * values * x, lambda x: x / 3, np.ones_like(values), (low, high), steps)
-    assert 3 * values * scaled == pytest.approx(found, rel=1e-12)
-
-
-@pytest.mark.parametrize("condition", [1.5, 30.0, 1e3])
-@pytest.mark.parametrize("tolerance", [1e-1, 3e-4, 1e-8])
-def test_as_many_steps_as_the_tolerance_takes(condition, tolerance):
-    """The error of k steps is below 2 r^k, r = (root - 1) / (root + 1) of the root of the condition."""
-    steps = steps_needed((0.2, 0.2 * condition), tolerance)
-    rate = (np.sqrt(condition) - 1) / (np.sqrt(condition) + 1)
-    assert 2 * rate**steps <= tolerance * (1 + 1e-12)
-    assert steps == 1 or 2 * rate ** (steps - 1) > tolerance
-    assert steps_needed((1.0, 1.0), 0.5) == 1
-
-
-def test_bounds_of_a_spectrum_that_is_known():
-    values = np.geomspace(0.3, 7.0, 12)[:, None]
-    low, high = spectrum(lambda x: values * x, 12)
-    assert (low, high) == (pytest.approx(0.85 * 0.3), pytest.approx(1.05 * 7.0))
-    many = np.linspace(1.0, 2.0, 500)[:, None]
-    low, high = spectrum(lambda x: many * x, 500)
-    assert 0.84 < low < 0.9
-    assert 2.0 < high < 2.11
-
-
-def test_neighbours_are_the_nearest_that_come_before():
-    """By looking at all of them; in steps that double the number of faces, of the nearest 24."""
-    rng = np.random.default_rng(8)
-    centres, order, width = rng.uniform(size=(70, 3)), rng.permutation(70), 8
-    columns, filled = earlier_neighbours(order, centres, width)
-    x, begin, end = centres[order], 0, 8
-    while begin < 70:
-        for place in range(begin, end):
-            near = np.argsort(np.linalg.norm(x[:end] - x[place], axis=1))[: 3 * width]
-            expected = order[near[near < place][: width - 1]].tolist()
-            assert columns[place, : filled[place]].tolist() == [*expected, order[place]]
-        begin, end = end, min(70, 2 * end)
-
-
-def test_storage_is_chosen_by_size(monkeypatch):
-    assert assembled.chosen_storage(1_000, 1) == "dense"
-    assert assembled.chosen_storage(100_000, 1) == "compressed"
-    monkeypatch.setattr(assembled, "memory_bytes", lambda: 1e6)
-    assert assembled.chosen_storage(1_000, 1) == "compressed"
-    assert assembled.chosen_storage(1_000, 20) == "dense"
-
-
-def test_unknown_storage_is_refused():
-    with pytest.raises(InputError, match="storage"):
-        assembled.assemble(None, "sparse")

@@ -1,7 +1,5 @@
 """Continuation in the currents: what happens where Newton's method alone fails."""
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 from scipy.constants import mu_0
@@ -10,9 +8,6 @@ from fieldmap.device.model import BHTable, Body, CircularCoil, Cylinder, Device,
 from fieldmap.errors import NotConverged
 from fieldmap.iron import NonlinearSolver
 from fieldmap.iron.elements import potential_form
-from fieldmap.iron.elements.bh_law import Magnetisation
-from fieldmap.iron.elements.nodal_elements import CoilField
-from fieldmap.iron.solvers.nonlinear import solve_with_continuation
 
 CURRENT = np.array([20.0])
 
@@ -61,59 +56,6 @@ def test_newton_takes_few_steps_and_ends_quadratically():
         *_, before, last = state.state.iron.residuals
         assert last < 30 * before**1.5
     assert solver.solve(np.array([201.0]), start=states[-1]).report.iterations <= 5
-
-
-class Reach:
-    """A form that solves a share of the sources from a potential no farther from it than `reach`; the potential that
-    solves is that share of one."""
-
-    def __init__(self, reach):
-        self.reach, self.asked = reach, []
-
-    def solve(self, material, field, tolerance, start):
-        share = float(field.bubble[0, 0])
-        assert material.remanence == pytest.approx(share * REMANENCE)
-        assert field.constant == pytest.approx(share * np.ones((1, 2, 3)))
-        begin = None if start is None else float(start[0, 0])
-        self.asked.append((share, begin, tolerance))
-        if abs(share - (begin or 0.0)) > self.reach:
-            raise NotConverged(residuals=(1.0, 0.5))
-        return SimpleNamespace(potential=np.array([[share]]))
-
-
-REMANENCE = np.arange(6.0).reshape(1, 2, 3)
-
-
-def walked(reach, start=None, tolerance=1e-6):
-    form = Reach(reach)
-    sources = Magnetisation(np.zeros(2, int), None, REMANENCE), CoilField(np.ones((1, 2, 3)), np.ones((1, 1)))
-    try:
-        return *solve_with_continuation(form, *sources, tolerance, start), form.asked
-    except NotConverged as error:
-        return error, (), form.asked
-
-
-def test_steps_of_the_sources():
-    """Halved where Newton fails, doubled where it succeeds, from the last potential in proportion."""
-    state, shares, asked = walked(1.0)
-    assert (state.potential[0, 0], shares, asked) == (1.0, (), [(1.0, None, 1e-6)])
-    # A bad beginning is followed by none.
-    state, shares, asked = walked(1.0, np.array([[9.0]]))
-    assert (shares, [begin for _, begin, _ in asked]) == ((), [9.0, None])
-    # From a half of the sources scaled up to all of them.
-    state, shares, asked = walked(0.5)
-    assert shares == (0.5, 1.0)
-    assert asked == [(1.0, None, 1e-6), (0.5, None, 1e-4), (1.0, 1.0, 1e-6)]
-    # States on the way need not be better than the last.
-    assert walked(0.5, tolerance=1e-2)[2][1] == (0.5, None, 1e-2)
-    state, shares, asked = walked(0.1)
-    assert shares == (0.0625, 0.1875, 0.4375, 0.9375, 1.0)
-    assert [share for share, *_ in asked[:5]] == [1.0, 0.5, 0.25, 0.125, 0.0625]
-    error, _, asked = walked(0.01)
-    assert isinstance(error, NotConverged)
-    assert [share for share, *_ in asked] == [1.0, *(0.5**k for k in range(1, 7))]
-    assert error.residuals == (1.0, 0.5) * 7
-    assert "no state beyond 0 %" in error.problems[0].received
 
 
 def test_a_law_with_a_cliff_is_solved():

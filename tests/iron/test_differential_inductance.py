@@ -4,43 +4,28 @@ import numpy as np
 import pytest
 
 import fieldmap as fm
-from fieldmap.device.model import (
-    Arctangent,
-    Background,
-    Body,
-    CircularCoil,
-    Cylinder,
-    Device,
-    LinearMaterial,
-    Part,
-    PermanentMagnet,
-    Placement,
-)
 from fieldmap.errors import InputError
 from fieldmap.field import dipole_wrench
 from fieldmap.iron import NonlinearSolver
 from fieldmap.lookup import wrench_actuation
-
-
-def at(x, y, z):
-    return Placement(np.array([x, y, z], float), np.eye(3))
+from tests.iron.shared import at
 
 
 def device(material):
     """A core in a coil, a second coil to its side, and a magnet beside it."""
-    core = Body("core", "iron", (Part(Cylinder(0.005, 0.03)),), 0.006)
-    magnet = Body("magnet", "magnet", (Part(Cylinder(0.004, 0.006), at(0.012, 0, 0)),), 0.004)
+    core = fm.Body("core", "iron", (fm.Part(fm.Cylinder(0.005, 0.03)),), 0.006)
+    magnet = fm.Body("magnet", "magnet", (fm.Part(fm.Cylinder(0.004, 0.006), at(0.012, 0, 0)),), 0.004)
     coils = (
-        CircularCoil("around", 0.006, 0.007, 0.02, 200.0, placement=at(0, 0, 0.015)),
-        CircularCoil("beside", 0.005, 0.008, 0.01, 100.0, -1, placement=at(0.015, 0.004, 0.04)),
+        fm.CircularCoil("around", 0.006, 0.007, 0.02, 200.0, placement=at(0, 0, 0.015)),
+        fm.CircularCoil("beside", 0.005, 0.008, 0.01, 100.0, -1, placement=at(0.015, 0.004, 0.04)),
     )
-    magnetised = PermanentMagnet("magnet", np.array([0.2, 0.0, 1.0]), 1.05)
-    return Device("d", "", coils, (core, magnet), {"iron": material, "magnet": magnetised})
+    magnetised = fm.PermanentMagnet("magnet", np.array([0.2, 0.0, 1.0]), 1.05)
+    return fm.Device("d", "", coils, (core, magnet), {"iron": material, "magnet": magnetised})
 
 
 @pytest.fixture(scope="module")
 def solver():
-    return NonlinearSolver(device(Arctangent("steel", 2000.0, 2.0)))
+    return NonlinearSolver(device(fm.Arctangent("steel", 2000.0, 2.0)))
 
 
 @pytest.mark.parametrize("currents", [[0.0, 0.0], [60.0, 20.0]])
@@ -64,14 +49,14 @@ def test_saturation_lowers_it(solver):
 
 
 def test_of_linear_iron_is_its_inductance():
-    linear = device(LinearMaterial("iron", 300.0))
+    linear = device(fm.LinearMaterial("iron", 300.0))
     solver = NonlinearSolver(linear)
     matrix = solver.differential_inductance(solver.solve([3.0, 1.0]))
     assert matrix == pytest.approx(fm.solve_linear(linear).inductance(), rel=1e-5)
 
 
 def test_a_state_of_another_solver_is_refused(solver):
-    other = NonlinearSolver(device(LinearMaterial("iron", 300.0)), refinement=0.7).solve([1.0, 0.0])
+    other = NonlinearSolver(device(fm.LinearMaterial("iron", 300.0)), refinement=0.7).solve([1.0, 0.0])
     with pytest.raises(InputError) as caught:
         solver.differential_inductance(other)
     assert caught.value.problems[0].where == "differential_inductance, state"
@@ -83,8 +68,8 @@ PLACES = np.array([[0.003, -0.002, 0.042], [0.02, 0.01, 0.03], [0.0, 0.03, 0.0]]
 @pytest.mark.parametrize("currents", [[0.0, 0.0], [60.0, 20.0]])
 def test_derivative_of_the_field(currents):
     """With a magnet and a background; central differences of states, and the state itself."""
-    whole = device(Arctangent("steel", 2000.0, 2.0))
-    whole = whole.replace(background=Background(np.array([1e-3, -2e-3, 5e-3])))
+    whole = device(fm.Arctangent("steel", 2000.0, 2.0))
+    whole = whole.replace(background=fm.Background(np.array([1e-3, -2e-3, 5e-3])))
     solver = NonlinearSolver(whole, tolerance=1e-6)
     currents, step = np.array(currents), 0.05
     flux, slope, by_flux, by_slope = solver.by_currents(PLACES, currents)

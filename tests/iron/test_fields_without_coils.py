@@ -4,31 +4,20 @@ import numpy as np
 import pytest
 
 import fieldmap as fm
-from fieldmap.device.model import (
-    Body,
-    Box,
-    CircularCoil,
-    Device,
-    FluxBarrier,
-    LinearMaterial,
-    PermanentMagnet,
-    Sphere,
-    WorkspaceBox,
-)
 from fieldmap.errors import InputError
 from fieldmap.iron.error import workspace_surface
 
-SPACE = WorkspaceBox(np.array([-0.005, -0.005, 0.025]), np.array([0.005, 0.005, 0.03]))
-IRON = LinearMaterial("iron", 1000.0)
-MAGNET = Body("magnet", "ndfeb", Box((0.015, 0.015, 0.015)), mesh_size=0.006)
-CUBE = Body("cube", "iron", Box((0.004, 0.004, 0.004)), mesh_size=0.002).moved([0.0, 0.0, 0.0155])
-COIL = CircularCoil("coil", 0.02, 0.03, 0.01, 100.0)
+SPACE = fm.WorkspaceBox(np.array([-0.005, -0.005, 0.025]), np.array([0.005, 0.005, 0.03]))
+IRON = fm.LinearMaterial("iron", 1000.0)
+MAGNET = fm.Body("magnet", "ndfeb", fm.Box((0.015, 0.015, 0.015)), mesh_size=0.006)
+CUBE = fm.Body("cube", "iron", fm.Box((0.004, 0.004, 0.004)), mesh_size=0.002).moved([0.0, 0.0, 0.0155])
+COIL = fm.CircularCoil("coil", 0.02, 0.03, 0.01, 100.0)
 
 
 def machine(*bodies, coils=(), **materials):
-    kinds = {"ndfeb": PermanentMagnet("ndfeb", np.array([0.0, 0.0, 1.2]), 1.05), "iron": IRON} | materials
+    kinds = {"ndfeb": fm.PermanentMagnet("ndfeb", np.array([0.0, 0.0, 1.2]), 1.05), "iron": IRON} | materials
     used = {body.material: kinds[body.material] for body in bodies}
-    return Device("machine", "", coils, bodies, used, workspace=SPACE)
+    return fm.Device("machine", "", coils, bodies, used, workspace=SPACE)
 
 
 def largest(difference, whole):
@@ -57,8 +46,8 @@ def test_a_magnet_and_a_soft_cube_to_a_tolerance(points):
 def test_a_spherical_magnet_to_a_tolerance(points, tolerance):
     """At mu_r = 1 a dipole: mu0 m = remanence x volume. Dipoles in the workspace leave no charges on such a magnet, and
     the second mesh for the finer tolerance hardly differs from the first."""
-    ball = Body("ball", "ndfeb", Sphere(0.01), mesh_size=0.008)
-    device = machine(ball, ndfeb=PermanentMagnet("ndfeb", np.array([0.0, 0.0, 1.2]), 1.0))
+    ball = fm.Body("ball", "ndfeb", fm.Sphere(0.01), mesh_size=0.008)
+    device = machine(ball, ndfeb=fm.PermanentMagnet("ndfeb", np.array([0.0, 0.0, 1.2]), 1.0))
     solution = fm.solve_to_tolerance(device, tolerance)
     r = np.linalg.norm(points, axis=1)[:, None]
     up = np.array([0.0, 0.0, 1.0])
@@ -69,8 +58,8 @@ def test_a_spherical_magnet_to_a_tolerance(points, tolerance):
 
 def test_the_estimate_of_one_form_alone_sees_the_magnet():
     """With a flux barrier there is no second form: the estimate was 0 without a coil, whatever the mesh."""
-    barrier = Body("barrier", "shield", CUBE.parts, mesh_size=0.002)
-    solution = fm.solve_to_tolerance(machine(MAGNET, barrier, shield=FluxBarrier("shield")), 0.02)
+    barrier = fm.Body("barrier", "shield", CUBE.parts, mesh_size=0.002)
+    solution = fm.solve_to_tolerance(machine(MAGNET, barrier, shield=fm.FluxBarrier("shield")), 0.02)
     assert 1e-5 < solution.report.error.flux_density <= 0.02
 
 

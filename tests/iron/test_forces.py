@@ -1,39 +1,25 @@
 """Forces and torques against closed forms, virtual displacement, and each other."""
 
 from dataclasses import replace
-from math import comb
 
 import numpy as np
 import pytest
 from scipy.constants import mu_0
 
 import fieldmap as fm
-from fieldmap.device.model import (
-    Body,
-    Box,
-    CircularCoil,
-    Cylinder,
-    Device,
-    Froehlich,
-    LinearMaterial,
-    Part,
-    PermanentMagnet,
-    Placement,
-    RoundedRectangleCoil,
-    Sphere,
-)
 from fieldmap.errors import InputError
 from fieldmap.iron.elements.bh_law import Magnetisation, law_tables
 from fieldmap.iron.elements.potential_form import PotentialForm
 from fieldmap.iron.forces import Magnetised, force_and_torque
 from fieldmap.iron.mesh.mesh import generate_mesh
 from fieldmap.iron.operators.assembled import assemble
+from tests.iron.shared import moments_of_two_spheres, sphere_inductance
 
 TILT = np.array([[1.0, 0.0, 0.0], [0.0, 0.8, -0.6], [0.0, 0.6, 0.8]])
 
 
 def at(x, y, z, rotation=None):
-    return Placement(np.array([x, y, z], float), np.eye(3) if rotation is None else rotation)
+    return fm.Placement(np.array([x, y, z], float), np.eye(3) if rotation is None else rotation)
 
 
 def turned(angle):
@@ -45,15 +31,17 @@ def turned(angle):
 def block_and_coils(shift=0.0, angle=0.0):
     """A block, a ball apart from it, a tilted ring coil and a rounded rectangle; the ring moves along y or turns."""
     bodies = (
-        Body("block", "iron", (Part(Box((0.03, 0.02, 0.01))),), 0.006),
-        Body("ball", "iron", (Part(Sphere(0.006), at(0.004, 0.0, 0.019)),), 0.003),
+        fm.Body("block", "iron", (fm.Part(fm.Box((0.03, 0.02, 0.01))),), 0.006),
+        fm.Body("ball", "iron", (fm.Part(fm.Sphere(0.006), at(0.004, 0.0, 0.019)),), 0.003),
     )
     centre = np.array([0.003, -0.004 + shift, 0.042])
-    ring = CircularCoil("ring", 0.008, 0.012, 0.006, 100.0, placement=Placement(centre, turned(angle) @ TILT))
-    frame = RoundedRectangleCoil(
+    ring = fm.CircularCoil(
+        "ring", 0.008, 0.012, 0.006, 100.0, placement=fm.Placement(centre, turned(angle) @ TILT)
+    )
+    frame = fm.RoundedRectangleCoil(
         "frame", 0.02, 0.015, 0.004, 0.004, 0.006, 60.0, -1, placement=at(0, 0, -0.01)
     )
-    return Device("block", "", (ring, frame), bodies, {"iron": LinearMaterial("iron", 300.0)})
+    return fm.Device("block", "", (ring, frame), bodies, {"iron": fm.LinearMaterial("iron", 300.0)})
 
 
 CURRENTS = np.array([3.0, 2.0])
@@ -111,22 +99,10 @@ def test_virtual_displacement_and_rotation():
     assert slope(0.02, angle=0.02) == pytest.approx(torque[0], rel=3e-3)
 
 
-def loop_and_sphere_force(height, radius=0.01, mu_r=1000.0, turns=100, terms=60):
-    """Axial force on a coil of 1 A above a sphere, closed form: half the derivative of the inductance that the
-    sphere adds, the series of geometry/loop_and_sphere.toml linked with the coil (see test_linkage)."""
-    x = np.array([-1, 1]) / np.sqrt(3)
-    r, z = (grid.ravel() for grid in np.meshgrid(0.03 + 5e-4 * x, height + 5e-4 * x, indexing="ij"))
-
-    def inductance(shift):
-        d, cosine = np.hypot(r, z + shift), (z + shift) / np.hypot(r, z + shift)
-        total = 0.0
-        for n in range(1, terms):
-            legendre = np.polynomial.legendre.Legendre.basis(n).deriv()(cosine)
-            strength = (1 - cosine**2) * legendre * (radius / d) ** n
-            total += n * (mu_r - 1) / (n * mu_r + n + 1) / n**2 * np.mean(strength) ** 2
-        return np.pi * mu_0 * radius * turns**2 * total
-
-    return 0.5 * (inductance(1e-5) - inductance(-1e-5)) / 2e-5
+def loop_and_sphere_force(height, step=1e-5):
+    """Axial force on a coil of 1 A above a sphere, closed form: half the derivative of the inductance that the sphere
+    adds."""
+    return 0.5 * (sphere_inductance(height + step) - sphere_inductance(height - step)) / (2 * step)
 
 
 @pytest.mark.parametrize("form", ["potential", "flux"])
@@ -137,41 +113,25 @@ def test_loop_and_sphere_against_its_closed_form(form):
         assert unit.force_on(name, [1.0]) == pytest.approx([0, 0, sign * exact], abs=1e-3 * abs(exact))
 
 
-def pair_moment(distance, mu, terms=40):
-    """Moment coefficient of each of two unit spheres on the z axis in a unit field along z, exact as terms grows.
-
-    By symmetry both have the same multipoles up to (-1)^l; re-expansion as in tests/physics/test_spheres.py.
-    """
-    order = np.arange(1, terms + 1)
-    response = -order * (mu - 1) / (order * (mu + 1) + 1)
-    couple = np.array([[comb(el + k, k) / distance ** (el + k + 1.0) for el in order] for k in order])
-    from_above, from_below = couple * (-1.0) ** order, couple * ((-1.0) ** order)[:, None]
-    eye = np.eye(terms)
-    matrix = np.block([[eye, -response[:, None] * from_above], [-response[:, None] * from_below, eye]])
-    right = np.zeros(2 * terms)
-    right[[0, terms]] = -response[0]
-    solved = np.linalg.solve(matrix, right)
-    return solved[0] + solved[terms]
-
-
 @pytest.mark.parametrize("gap", [0.4, 1.0])
 def test_two_spheres_in_a_uniform_field(gap):
     """F = d/dx of half the total moment times the field (linear): spheres of 50 mm in 1 T along their axis."""
     radius, mu, distance = 0.05, 1000.0, 2 + gap
     bodies = tuple(
-        Body(name, "iron", (Part(Sphere(radius), at(0, 0, z)),), 0.011)
+        fm.Body(name, "iron", (fm.Part(fm.Sphere(radius), at(0, 0, z)),), 0.011)
         for name, z in (("low", 0.0), ("high", radius * distance))
     )
-    iron = assemble(generate_mesh(Device("d", "", (), bodies, {"iron": LinearMaterial("iron", mu)})))
+    iron = assemble(generate_mesh(fm.Device("d", "", (), bodies, {"iron": fm.LinearMaterial("iron", mu)})))
     form, count = PotentialForm(iron), len(iron.mesh.tets)
     field = form.elements.coil_field(lambda p: np.broadcast_to([0.0, 0.0, 1.0], (1, *p.shape)))
     law = Magnetisation(
-        np.zeros(count, np.int64), law_tables([LinearMaterial("iron", mu)]), np.zeros((1, count, 3))
+        np.zeros(count, np.int64), law_tables([fm.LinearMaterial("iron", mu)]), np.zeros((1, count, 3))
     )
     state = form.solve_linear(law, field, 1e-8).iron
     device = Magnetised((), np.zeros(0), iron.mesh, state.faces, state.density[0])
     step = 1e-4
-    slope = (pair_moment(distance + step, mu) - pair_moment(distance - step, mu)) / (2 * step)
+    ahead, behind = (2 * moments_of_two_spheres(mu, distance + s * step)[0] for s in (1, -1))
+    slope = (ahead - behind) / (2 * step)
     exact = 0.5 * 4 * np.pi / mu_0 * radius**2 * slope
     high, _ = force_and_torque(device, "high", [0, 0, 0])
     low, _ = force_and_torque(device, "low", [0, 0, 0])
@@ -184,16 +144,16 @@ def test_magnet_and_plate():
     """A magnetised ball is a dipole; an iron plate mirrors it: F = 3 mu0 m^2 / (32 pi d^4) for a moment along the
     normal (Jackson, section 5.12 and the dipole force). The plate is finite: 2 %."""
     radius, height, remanence = 0.004, 0.008, 1.2
-    plate = Body("plate", "iron", (Part(Cylinder(0.03, 0.006), at(0, 0, -0.006)),), 0.003)
-    ball = Body("ball", "magnet", (Part(Sphere(radius), at(0, 0, height)),), 0.0015)
+    plate = fm.Body("plate", "iron", (fm.Part(fm.Cylinder(0.03, 0.006), at(0, 0, -0.006)),), 0.003)
+    ball = fm.Body("ball", "magnet", (fm.Part(fm.Sphere(radius), at(0, 0, height)),), 0.0015)
     materials = {
-        "iron": LinearMaterial("iron", 1000.0),
-        "magnet": PermanentMagnet("magnet", np.array([0, 0, remanence]), 1.0),
+        "iron": fm.LinearMaterial("iron", 1000.0),
+        "magnet": fm.PermanentMagnet("magnet", np.array([0, 0, remanence]), 1.0),
     }
-    idle = CircularCoil("idle", 0.01, 0.012, 0.002, 1.0, placement=at(0, 0, 0.05))
+    idle = fm.CircularCoil("idle", 0.01, 0.012, 0.002, 1.0, placement=at(0, 0, 0.05))
     moment = remanence / mu_0 * 4 / 3 * np.pi * radius**3
     exact = 999 / 1001 * 3 * mu_0 * moment**2 / (32 * np.pi * height**4)
-    unit = fm.solve_linear(Device("d", "", (idle,), (plate, ball), materials))
+    unit = fm.solve_linear(fm.Device("d", "", (idle,), (plate, ball), materials))
     assert unit.force_on("ball", [0.0]) == pytest.approx([0, 0, -exact], abs=0.02 * exact)
     assert unit.force_on("plate", [0.0]) == pytest.approx([0, 0, exact], abs=0.02 * exact)
 
@@ -201,15 +161,17 @@ def test_magnet_and_plate():
 def test_action_is_reaction_between_saturated_iron_magnet_and_coil():
     """All three kinds of bodies in one state, without symmetry: forces, and torques about any point, cancel to 1 %."""
     bodies = (
-        Body("core", "steel", (Part(Cylinder(0.005, 0.02)),), 0.004),
-        Body("magnet", "magnet", (Part(Box((0.008, 0.006, 0.005)), at(0.004, 0.002, 0.022)),), 0.003),
+        fm.Body("core", "steel", (fm.Part(fm.Cylinder(0.005, 0.02)),), 0.004),
+        fm.Body(
+            "magnet", "magnet", (fm.Part(fm.Box((0.008, 0.006, 0.005)), at(0.004, 0.002, 0.022)),), 0.003
+        ),
     )
     materials = {
-        "steel": Froehlich("steel", 3000.0, 2.0),
-        "magnet": PermanentMagnet("magnet", np.array([0.5, -0.2, 1.0]), 1.05),
+        "steel": fm.Froehlich("steel", 3000.0, 2.0),
+        "magnet": fm.PermanentMagnet("magnet", np.array([0.5, -0.2, 1.0]), 1.05),
     }
-    coil = CircularCoil("coil", 0.006, 0.008, 0.012, 300.0, placement=at(0.0005, 0, 0.012))
-    state = fm.solve(Device("d", "", (coil,), bodies, materials), [10.0])
+    coil = fm.CircularCoil("coil", 0.006, 0.008, 0.012, 300.0, placement=at(0.0005, 0, 0.012))
+    state = fm.solve(fm.Device("d", "", (coil,), bodies, materials), [10.0])
     assert state.report.largest_flux_density > 1.6
     about = [0.01, 0.02, -0.03]
     names = ("core", "magnet", "coil")
@@ -223,9 +185,10 @@ def test_action_is_reaction_between_saturated_iron_magnet_and_coil():
 def test_coaxial_coils_without_iron():
     """Two far, small loops: the force between dipoles on one axis, 3 mu0 m m' / (2 pi d^4)."""
     coils = tuple(
-        CircularCoil(n, 0.009, 0.011, 0.002, 50.0, placement=at(0, 0, z)) for n, z in (("a", 0), ("b", 0.8))
+        fm.CircularCoil(n, 0.009, 0.011, 0.002, 50.0, placement=at(0, 0, z))
+        for n, z in (("a", 0), ("b", 0.8))
     )
-    unit = fm.solve_linear(Device("d", "", coils))
+    unit = fm.solve_linear(fm.Device("d", "", coils))
     moment = 50 * np.pi * (0.009**2 + 0.009 * 0.011 + 0.011**2) / 3
     exact = 3 * mu_0 * moment**2 / (2 * np.pi * 0.8**4)
     assert unit.force_on("a", [1.0, 1.0]) == pytest.approx([0, 0, exact], rel=3e-3, abs=1e-6 * exact)
@@ -234,7 +197,7 @@ def test_coaxial_coils_without_iron():
 
 def test_bodies_that_touch_have_a_force_together_only():
     device = block_and_coils()
-    lid = Body("lid", "iron", (Part(Cylinder(0.008, 0.002), at(0, 0, -0.002)),), 0.004)
+    lid = fm.Body("lid", "iron", (fm.Part(fm.Cylinder(0.008, 0.002), at(0, 0, -0.002)),), 0.004)
     unit = fm.solve_linear(replace(device, bodies=(*device.bodies, lid), coils=device.coils[:1]))
     with pytest.raises(InputError) as caught:
         unit.force_on("lid", [1.0])

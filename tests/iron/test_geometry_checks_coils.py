@@ -7,18 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fieldmap.device.model import (
-    Body,
-    Box,
-    CircularCoil,
-    Cylinder,
-    Device,
-    Part,
-    Placement,
-    RoundedRectangleCoil,
-    WorkspaceBox,
-    WorkspaceCylinder,
-)
+import fieldmap as fm
 from fieldmap.errors import GeometryError, Problem
 from fieldmap.iron.geometry.checks import check_geometry, geometry_notes
 from fieldmap.iron.geometry.contacts import contact_areas
@@ -26,28 +15,28 @@ from fieldmap.iron.geometry.shapes import winding_solid
 from fieldmap.iron.geometry.solids import glue_bodies
 
 
-def at(x: float, y: float, z: float) -> Placement:
-    return Placement(np.array([x, y, z]) * 1e-3)
+def at(x: float, y: float, z: float) -> fm.Placement:
+    return fm.Placement(np.array([x, y, z]) * 1e-3)
 
 
-def body(name: str, *parts: Part) -> Body:
-    return Body(name, "iron", parts, mesh_size=0.01)
+def body(name: str, *parts: fm.Part) -> fm.Body:
+    return fm.Body(name, "iron", parts, mesh_size=0.01)
 
 
-def rod(name: str, radius: float, height: float, x: float, y: float, z: float) -> Body:
-    return body(name, Part(Cylinder(radius * 1e-3, height * 1e-3), at(x, y, z)))
+def rod(name: str, radius: float, height: float, x: float, y: float, z: float) -> fm.Body:
+    return body(name, fm.Part(fm.Cylinder(radius * 1e-3, height * 1e-3), at(x, y, z)))
 
 
 def ring_coil(
     name: str, inner: float, outer: float, x: float = 0, y: float = 0, z: float = 0
-) -> CircularCoil:
-    return CircularCoil(name, inner * 1e-3, outer * 1e-3, 0.039, 840, placement=at(x, y, z))
+) -> fm.CircularCoil:
+    return fm.CircularCoil(name, inner * 1e-3, outer * 1e-3, 0.039, 840, placement=at(x, y, z))
 
 
 CORE = rod("core", 10, 40, 0, 0, -20)
 
 
-def problems(device: Device) -> tuple[Problem, ...]:
+def problems(device: fm.Device) -> tuple[Problem, ...]:
     try:
         check_geometry(device)
     except GeometryError as error:
@@ -55,8 +44,10 @@ def problems(device: Device) -> tuple[Problem, ...]:
     return ()
 
 
-def device(coils=(), bodies=(), workspace=None) -> Device:
-    return Device.unchecked(name="d", coils=coils, bodies=bodies, workspace=workspace, source=Path("d.toml"))
+def device(coils=(), bodies=(), workspace=None) -> fm.Device:
+    return fm.Device.unchecked(
+        name="d", coils=coils, bodies=bodies, workspace=workspace, source=Path("d.toml")
+    )
 
 
 # ---- windings ----
@@ -104,7 +95,10 @@ def test_a_winding_inside_another_is_not_the_same_space():
 def test_windings_that_cannot_be_built_are_named():
     found = problems(
         device(
-            (ring_coil("inside out", 21, 11), RoundedRectangleCoil("tight", 0.02, 0.02, 0.004, 0.01, 0.01, 1))
+            (
+                ring_coil("inside out", 21, 11),
+                fm.RoundedRectangleCoil("tight", 0.02, 0.02, 0.004, 0.01, 0.01, 1),
+            )
         )
     )
     assert [named(problem) for problem in found] == [["inside out"], ["tight"]]
@@ -117,9 +111,9 @@ def test_windings_that_cannot_be_built_are_named():
 
 def test_a_workspace_that_cuts_iron_says_how_deep():
     disk = rod("disk", 66, 6, 0, 0, 0)
-    clear = WorkspaceBox(np.array([-0.02, -0.02, -0.11]), np.array([0.02, 0.02, 0.0]))
+    clear = fm.WorkspaceBox(np.array([-0.02, -0.02, -0.11]), np.array([0.02, 0.02, 0.0]))
     assert problems(device(bodies=(disk,), workspace=clear)) == ()
-    cutting = WorkspaceBox(clear.lower, np.array([0.02, 0.02, 0.002]))
+    cutting = fm.WorkspaceBox(clear.lower, np.array([0.02, 0.02, 0.002]))
     (problem,) = problems(device(bodies=(disk,), workspace=cutting))
     assert "workspace" in problem.where
     assert named(problem) == ["disk"]
@@ -129,7 +123,7 @@ def test_a_workspace_that_cuts_iron_says_how_deep():
 
 def test_a_workspace_that_holds_a_winding_or_is_empty_is_refused():
     coil = ring_coil("c", 11, 21)
-    cylinder = WorkspaceCylinder(np.array([0.0, 0.0, -0.03]), 0.05, 0.06)
+    cylinder = fm.WorkspaceCylinder(np.array([0.0, 0.0, -0.03]), 0.05, 0.06)
     (problem,) = problems(device((coil,), workspace=cylinder))
     assert "workspace" in problem.where
     assert named(problem) == ["c"]
@@ -142,13 +136,13 @@ def test_a_workspace_that_holds_a_winding_or_is_empty_is_refused():
 # ---- the drive unit of thesis Appendix A-3, with the 283 mm gap of thesis 3.1 ----
 
 
-def box(x: tuple[float, float], y: tuple[float, float], z: tuple[float, float]) -> Part:
+def box(x: tuple[float, float], y: tuple[float, float], z: tuple[float, float]) -> fm.Part:
     size = tuple((upper - lower) * 1e-3 for lower, upper in (x, y, z))
-    return Part(Box(size), at(sum(x) / 2, sum(y) / 2, z[0]))
+    return fm.Part(fm.Box(size), at(sum(x) / 2, sum(y) / 2, z[0]))
 
 
 @pytest.fixture(scope="module")
-def drive_unit() -> Device:
+def drive_unit() -> fm.Device:
     angles = np.deg2rad(60.0) * np.arange(6)
     places = [(44 * np.cos(a), 44 * np.sin(a)) for a in angles]
     cores = [rod(f"core {i}", 10, 40, x, y, 6) for i, (x, y) in enumerate(places)]
@@ -170,10 +164,12 @@ def drive_unit() -> Device:
         rod("lower plate", 66, 6, 0, 0, -289),
     )
     coils = tuple(
-        RoundedRectangleCoil(str(i), 0.016, 0.016, 0.015, 0.010, 0.039, 840, placement=at(x, y, 26))
+        fm.RoundedRectangleCoil(str(i), 0.016, 0.016, 0.015, 0.010, 0.039, 840, placement=at(x, y, 26))
         for i, (x, y) in enumerate(places)
     )
-    return device(coils, bodies, WorkspaceBox(np.array([-0.02, -0.02, -0.11]), np.array([0.02, 0.02, -0.07])))
+    return device(
+        coils, bodies, fm.WorkspaceBox(np.array([-0.02, -0.02, -0.11]), np.array([0.02, 0.02, -0.07]))
+    )
 
 
 def test_the_drive_unit_is_sound_and_one_magnetic_body(drive_unit):

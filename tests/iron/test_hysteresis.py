@@ -18,7 +18,6 @@ from fieldmap.iron.solvers.hysteresis import (
     HysteresisForm,
     HysteresisMagnetisation,
     HysteresisSolver,
-    IronMemory,
     Pinning,
 )
 
@@ -76,8 +75,8 @@ def test_sphere_through_a_cycle(form):
         field = uniform(form, applied)
         state = form.solve(iron, field, 1e-7, potential)
         potential = state.potential
-        h = form.elements.strength(potential[:, 0], field)[0]
-        mean = volume @ iron.response(h)[0].mean(axis=1)
+        h = form.elements.strength_at_points(potential, field, iron)[0]
+        mean = volume @ iron.polarisation(h, 0).mean(axis=1)
         iron = iron.after(h)
         expected, remembered = sphere_by_formula(applied, remembered)
         assert mean == pytest.approx(expected * DIRECTION, abs=0.006)
@@ -90,10 +89,10 @@ def test_tangent_is_the_derivative_of_the_residual(form):
     iron = material(form, PINNING)
     forth, back = uniform(form, 0.8), uniform(form, 0.5)
     state = form.solve(iron, forth, 1e-6)
-    iron = iron.after(form.elements.strength(state.potential[:, 0], forth)[0])
+    iron = iron.after(form.elements.strength_at_points(state.potential, forth, iron)[0])
     phi = form.solve(iron, back, 1e-6, state.potential).potential[:, 0]
     step = np.random.default_rng(0).normal(size=phi.size) * np.abs(phi).max() * 1e-4
-    slope = -form._tangent(phi, back, 0, iron) @ step
+    slope = -form.tangent(phi, back, iron) @ step
     base = form._residual(phi, back, 0, iron)
     left = [
         np.linalg.norm(form._residual(phi + a * step, back, 0, iron) - base - a * slope)
@@ -252,34 +251,6 @@ def test_first_guess_of_a_step(solver, currents):
     found = solver.step(currents, memory).memory.potential
     guess = memory.continued(np.array(currents))
     assert np.linalg.norm(guess - found) < 0.4 * np.linalg.norm(memory.potential - found)
-
-
-def test_the_first_guess_goes_on_along_a_ray_and_turns_in_proportion():
-    """A potential that is linear in two currents, p = 3 a + 4 b in one node and -a in the other: on by the share that
-    the new change has of the last, up to twice; else by the share that the currents have of the last currents."""
-
-    def potential(currents):
-        return np.array([3.0 * currents[0] + 4.0 * currents[1], -currents[0]])
-
-    def after(before, now):
-        return IronMemory(None, potential(now), now, potential(now - before), now - before)
-
-    memory = after(np.array([10.0, 5.0]), np.array([20.0, 15.0]))
-    # Straight on, along (1, 1).
-    for step in (1.0, 7.0, 20.0):
-        currents = memory.currents + step
-        np.testing.assert_allclose(memory.continued(currents), potential(currents), rtol=1e-14)
-    # No farther than twice the last step.
-    np.testing.assert_allclose(memory.continued(memory.currents + 70.0), potential(memory.currents + 20.0))
-    # Within 36.9 degrees of it on by what lies along it, beyond in proportion.
-    on = memory.continued(memory.currents + [4.0, 0.8])
-    np.testing.assert_allclose(on, potential(memory.currents + 2.4), rtol=1e-14)
-    turned = memory.continued(memory.currents + [4.0, 0.4])
-    share = (20.0 * 24.0 + 15.0 * 15.4) / (20.0**2 + 15.0**2)
-    np.testing.assert_allclose(turned, potential(share * memory.currents), rtol=1e-14)
-    np.testing.assert_allclose(memory.continued(0.3 * memory.currents), potential(0.3 * memory.currents))
-    rest = after(np.array([10.0, 5.0]), np.zeros(2))
-    np.testing.assert_array_equal(rest.continued(np.array([-1.0, 5.0])), rest.potential)
 
 
 def test_a_step_that_fails_is_divided(solver, monkeypatch):

@@ -12,7 +12,7 @@ from fieldmap.device.model import Body, Box, Device, ExtrudedPolygon, Part, Revo
 from fieldmap.errors import GeometryError, InputError
 from fieldmap.iron import HysteresisSolver, Pinning, generate_mesh
 from fieldmap.iron.geometry import thin_gaps
-from fieldmap.iron.mesh.joints import Sheet, _displaced, _near_rim, _shifts, open_sheets, with_rims
+from fieldmap.iron.mesh.joints import Sheet, open_sheets, with_rims
 from fieldmap.iron.mesh.mesh import volumes
 from fieldmap.iron.symmetry import find_symmetry
 from fieldmap.iron.topology import build_faces
@@ -21,28 +21,22 @@ WIDTH, THICKNESS = 0.04, 0.01
 
 
 def body(name, shape, position=(0.0, 0.0, 0.0), rotation=None, size=0.004, edge=None):
-    return Body(
-        name,
-        "iron",
-        (Part(shape, placed(position, rotation or (0.0, 0.0, 0.0))),),
-        mesh_size=size,
-        edge_size=edge,
-    )
+    parts = (Part(shape, placed(position, rotation or (0.0, 0.0, 0.0))),)
+    return Body(name, "iron", parts, mesh_size=size, edge_size=edge)
+
+
+def blocks(places, joints):
+    """Boxes of 10 mm by 10 mm, by their names: place and length along x; a coil around them."""
+    bodies = [body(name, Box((length, 0.01, 0.01)), place) for name, (place, length) in places.items()]
+    coil = fm.CircularCoil("coil", 0.05, 0.052, 0.01, 100)
+    return Device("blocks", "", [coil], bodies, {"iron": fm.LinearMaterial("iron", 100.0)}, joints=joints)
 
 
 def c_core(joints=(), gap=0.0, size=0.004, edge=0.001, material=None):
     """Two legs on a base, a bar on both; gap: drawn below the bar, cut out of the legs."""
     a, w, height = THICKNESS, WIDTH / 2, 0.03 - gap
-    outline = [
-        (-w, 0),
-        (w, 0),
-        (w, height),
-        (w - a, height),
-        (w - a, a),
-        (a - w, a),
-        (a - w, height),
-        (-w, height),
-    ]
+    right = [(w, 0), (w, height), (w - a, height), (w - a, a)]
+    outline = right + [(-x, y) for x, y in reversed(right)]
     base = body("base", ExtrudedPolygon(np.array(outline), a), (0, a / 2, 0), (90, 0, 0), size, edge)
     bar = body("bar", Box((WIDTH, a, a)), (0.0, 0.0, 0.03), None, size, edge)
     coil = fm.CircularCoil("coil", 0.0075, 0.0095, 0.012, 100, placement=placed((-w + a / 2, 0, 0.02)))
@@ -50,14 +44,9 @@ def c_core(joints=(), gap=0.0, size=0.004, edge=0.001, material=None):
         "leg", np.array([w - a / 2, 0, 0.015]), np.array([0, 0, 1.0]), ("base",), [0.006] * 3
     )
     return Device(
-        "core",
-        "",
-        coils=[coil],
-        bodies=[base, bar],
-        materials={"iron": material or fm.LinearMaterial("iron", 1000.0)},
-        sections=[section],
-        joints=joints,
-    )
+        "core", "", [coil], [base, bar], {"iron": material or fm.LinearMaterial("iron", 1000.0)},
+        sections=[section], joints=joints,
+    )  # fmt: skip
 
 
 JOINT = (fm.Joint(0.5e-3, ("base", "bar")),)
@@ -103,61 +92,33 @@ def test_the_last_joint_that_names_a_pair_holds_it():
 
 
 def test_a_joint_in_a_wall_of_symmetry_is_meshed_whole():
-    halves = [
-        body(name, Box((0.02, 0.01, 0.01)), (x, 0, 0)) for name, x in (("left", -0.01), ("right", 0.01))
-    ]
-    coil = fm.CircularCoil("coil", 0.03, 0.032, 0.01, 100)
-    device = Device(
-        "halves", "", [coil], halves, {"iron": fm.LinearMaterial("iron", 100.0)}, joints=[fm.Joint(1e-4)]
-    )
-    mesh = generate_mesh(device, symmetry="auto")
+    halves = {"left": ((-0.01, 0, 0), 0.02), "right": ((0.01, 0, 0), 0.02)}
+    mesh = generate_mesh(blocks(halves, [fm.Joint(1e-4)]), symmetry="auto")
     sheet = volumes(mesh.points, mesh.tets)[mesh.body == 2].sum()
     assert sheet == pytest.approx(1e-8, rel=1e-12)
 
 
 def test_joints_that_differ_break_the_symmetry():
-    def bars(joints):
-        base = body("base", Box((WIDTH, 0.01, 0.01)))
-        legs = [body(f"leg {k}", Box((0.01, 0.01, 0.01)), (x, 0, 0.01)) for k, x in ((1, -0.015), (2, 0.015))]
-        return Device(
-            "bars",
-            "",
-            [fm.CircularCoil("coil", 0.05, 0.052, 0.01, 100)],
-            [base, *legs],
-            {"iron": fm.LinearMaterial("iron", 100.0)},
-            joints=joints,
-        )
-
-    one = fm.Joint(1e-4, ("leg 1", "base"))
-    assert find_symmetry(bars([fm.Joint(1e-4)])).order == 4
-    assert find_symmetry(bars([one])).order == 2
-    mesh = generate_mesh(bars([one]), symmetry="auto")
+    legs = {f"leg {k}": ((x, 0, 0.01), 0.01) for k, x in ((1, -0.015), (2, 0.015))}
+    bars, one = {"base": ((0, 0, 0), WIDTH), **legs}, fm.Joint(1e-4, ("leg 1", "base"))
+    assert find_symmetry(blocks(bars, [fm.Joint(1e-4)])).order == 4
+    assert find_symmetry(blocks(bars, [one])).order == 2
+    mesh = generate_mesh(blocks(bars, [one]), symmetry="auto")
     assert [sheet.name for sheet in mesh.sheets] == ["base | leg 1"]
     assert volumes(mesh.points, mesh.tets)[mesh.body == 3].sum() == pytest.approx(1e-8, rel=1e-12)
 
 
 def test_a_third_body_at_the_rim_closes_the_sheet_there():
     """Two blocks side by side on a third: the joint of the blocks ends in the edge that all three share."""
-    blocks = [
-        body(name, Box((0.01, 0.01, 0.01)), (x, 0, 0.01)) for name, x in (("left", -0.005), ("right", 0.005))
-    ]
-    base = body("base", Box((0.02, 0.01, 0.01)))
-    device = Device(
-        "blocks",
-        "",
-        [fm.CircularCoil("coil", 0.03, 0.032, 0.01, 100)],
-        [base, *blocks],
-        {"iron": fm.LinearMaterial("iron", 100.0)},
-        joints=[fm.Joint(1e-4, ("left", "right"))],
-    )
-    mesh = generate_mesh(device)
+    upper = {"left": ((-0.005, 0, 0.01), 0.01), "right": ((0.005, 0, 0.01), 0.01)}
+    three = {"base": ((0, 0, 0), 0.02), **upper}
+    mesh = generate_mesh(blocks(three, [fm.Joint(1e-4, ("left", "right"))]))
     volume = volumes(mesh.points, mesh.tets)
     assert volume.min() > 0
     sheet = volume[mesh.body == 3].sum()
     # Half of the gap is missing in the lowest row of elements, 4 mm of 10 mm high.
     assert 0.75e-8 < sheet < 1e-8
-    with_base = Device(**{**vars(device), "joints": (fm.Joint(1e-4),), "text": ""})
-    mesh = generate_mesh(with_base)
+    mesh = generate_mesh(blocks(three, [fm.Joint(1e-4)]))
     assert volumes(mesh.points, mesh.tets).min() > 0
     assert [sheet.name for sheet in mesh.sheets] == ["base | left", "base | right", "left | right"]
 
@@ -254,51 +215,6 @@ def test_a_gap_is_cut_out_of_what_slides_along_its_walls(lower, upper, heights, 
     assert lost[1 - out_of] == pytest.approx(0.0, abs=1e-9 * side**3)
 
 
-def test_nodes_move_by_the_gap_of_each_joint_that_they_are_on():
-    """The shortest step whose component along each normal is that gap; nodes that both sides share stay."""
-    rng = np.random.default_rng(9)
-    normal, gap = rng.standard_normal((6, 3)), np.array([1.0, 2.0, 3.0, 4.0, 5.0, 6.0])
-    normal /= np.linalg.norm(normal, axis=1)[:, None]
-    # Node 0 on one joint, 1 on two, 2 on three; 6 on both sides; 7 on none.
-    moving = np.array([[0, 1, 2], [3, 1, 2], [3, 4, 2], [5, 5, 6], [5, 5, 6], [3, 6, 6]])
-    staying = moving + 10
-    staying[moving == 6] = 6
-    found = _shifts(20, moving, staying, normal, gap)
-    for node, faces in ((0, [0]), (1, [0, 1]), (2, [0, 1, 2]), (4, [2])):
-        assert found[node] == pytest.approx(np.linalg.pinv(normal[faces]) @ gap[faces], rel=1e-9)
-    assert (found[[6, 10, 15]] == 0).all()
-    assert np.isnan(found[[7, 8, 16]]).all()
-    # Normals of one plane, but for what its triangles are off: one step.
-    bent = np.array([[0.0, 0.0, 1.0], [0.0, 0.1, 1.0]])
-    bent /= np.linalg.norm(bent, axis=1)[:, None]
-    (step,) = _shifts(2, np.zeros((2, 3), int), np.ones((2, 3), int), bent, np.ones(2))[:1]
-    assert np.linalg.norm(step) == pytest.approx(1.0, abs=0.01)
-
-
-def test_what_is_behind_a_joint_makes_room_by_its_distance():
-    """Of a bar 40 mm high, in layers of 5 mm: the half beyond 20 mm stays; between, the step falls in proportion."""
-    points, tets, body = column(0.01, 8, (8,))
-    shift, step = np.full((len(points), 3), np.nan), np.array([1e-5, 2e-5, 1e-4])
-    z = points[:, 2]
-    shift[z == 0] = step
-    share = np.where(z <= 0.02 + 1e-9, (0.025 - z) / 0.025, 0.0)
-    assert _displaced(points, tets, body, shift) == pytest.approx(points + share[:, None] * step, abs=1e-12)
-    # Nodes that another body shares stay as well, at 15 mm, and so does what lies beyond half the way to them.
-    upper = (points[tets].mean(axis=1)[:, 2] > 0.015).astype(int)
-    share = np.select([z < 1e-9, z < 0.0075], [1.0, 0.5], 0.0)
-    assert _displaced(points, tets, upper, shift) == pytest.approx(points + share[:, None] * step, abs=1e-12)
-
-
-def test_two_rings_of_elements_are_near_a_rim():
-    """On a strip of 8 x 2 squares, whose rim is its short side x = 0: as far as two squares from there."""
-    number = np.arange(27).reshape(9, 3)
-    a, b, c, d = (number[k : 8 + k, j : 2 + j].ravel() for k, j in ((0, 0), (1, 0), (1, 1), (0, 1)))
-    faces = np.concatenate([np.column_stack([a, b, c]), np.column_stack([a, c, d])])
-    rim = np.zeros(27, bool)
-    rim[number[0]] = True
-    assert np.array_equal(_near_rim(faces, rim), (faces // 3) <= 2)
-
-
 @pytest.fixture(scope="module")
 def joined():
     return fm.solve_linear(c_core(JOINT, size=0.006, edge=0.003)).at([1.0])
@@ -364,14 +280,8 @@ def test_a_ring_with_joints_obeys_amperes_law(form):
     angle = 2 * np.pi * (np.arange(count) + 0.5) / count
     circle = np.column_stack([0.035 * np.cos(angle), 0.035 * np.sin(angle), np.full(count, 0.005)])
     along = np.column_stack([-np.sin(angle), np.cos(angle), np.zeros(count)])
-    iron = (
-        np.einsum("nd,nd->", flux_density_inside(state, circle), along)
-        * 0.035
-        * 2
-        * np.pi
-        / count
-        / (mu_r * mu_0)
-    )
+    step = 2 * np.pi * 0.035 / count
+    iron = np.einsum("nd,nd->", flux_density_inside(state, circle), along) * step / (mu_r * mu_0)
     across = flux_density_inside(state, np.array([[0.035, gap / 2, 0.005], [-0.035, gap / 2, 0.005]]))[:, 1]
     air = (across[0] - across[1]) * gap / mu_0
     assert iron + air == pytest.approx(400.0, rel=1e-3)

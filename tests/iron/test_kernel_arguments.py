@@ -51,11 +51,10 @@ def test_nodal_elements(elements):
         return (
             nodal.residual(potential, field, 0, material),
             nodal.tangent(potential, field, 0, material),
-            *nodal.mean_fields(potential, field, 0, material),
-            nodal.source_response(potential, field, material, field, 0),
+            nodal.strength_at_points(potential[:, None], field, material),
         )
 
-    names = ("residual", "tangent", "mean_fields", "source_response")
+    names = ("sample_gradients", "tested_vectors", "tested_matrices")
     one, other = CoilField(constant, bubble), CoilField(np.asfortranarray(constant), bubble)
     same(ask, one, other, *(getattr(quadratic_potential, name) for name in names))
 
@@ -68,11 +67,10 @@ def test_flux_elements(elements):
         return (
             flux.residual(potential, field, 0, material),
             flux.tangent(potential, field, 0, material),
-            *flux.mean_fields(potential, field, 0, material),
             flux.strength_at_points(potential[:, None], field, material),
         )
 
-    names = ("residual", "tangent", "mean_fields", "strength")
+    names = ("strength", "moment_matrices")
     same(ask, field, np.asfortranarray(field), *(getattr(linear_flux, name) for name in names))
 
 

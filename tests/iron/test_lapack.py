@@ -1,6 +1,4 @@
-"""Factors and inverses by LAPACK's addresses against dense algebra, from several threads too."""
-
-from concurrent.futures import ThreadPoolExecutor
+"""Factors and inverses by LAPACK's addresses against dense algebra."""
 
 import numpy as np
 import pytest
@@ -26,19 +24,6 @@ def test_lower_triangles_are_those_of_the_factor_and_the_inverse(size, precision
     inverse_in_place(held)
     exact = np.linalg.inv(matrix.astype(float))
     assert np.tril(held) == pytest.approx(np.tril(exact), abs=digits * np.abs(exact).max())
-
-
-def test_threads_give_the_bits_of_one():
-    matrices = [positive(size, np.float64) for size in (40, 41, 42, 43)]
-
-    def inverse(matrix):
-        held = matrix.copy(order="F")
-        cholesky_in_place(held)
-        inverse_in_place(held)
-        return held.tobytes()
-
-    with ThreadPoolExecutor(4) as executor:
-        assert list(executor.map(inverse, matrices)) == [inverse(matrix) for matrix in matrices]
 
 
 def test_what_has_no_factor_or_is_stored_otherwise_is_refused():

@@ -9,27 +9,15 @@ from scipy.constants import mu_0
 from scipy.integrate import quad
 
 import fieldmap as fm
-from fieldmap.device.model import (
-    BHTable,
-    Body,
-    Box,
-    CircularCoil,
-    Cylinder,
-    Device,
-    LinearMaterial,
-    Part,
-    PermanentMagnet,
-    Placement,
-    Ring,
-)
 from fieldmap.errors import InputError
 from fieldmap.iron import NonlinearSolver
-from fieldmap.iron.elements.bh_law import law_tables, law_values
+from fieldmap.iron.elements.bh_law import law_tables
 from fieldmap.maps.fields import from_arrays, to_arrays
 from fieldmap.sources import unit_flux_density
 from fieldmap.sources.inductance import bare_inductance
+from tests.iron.shared import RING, at, core_and_coils, sphere_inductance, toroid
 
-STEEL = BHTable(
+STEEL = fm.BHTable(
     "steel",
     np.array([200.0, 400.0, 1000.0, 3000.0, 1e4, 1e5]),
     np.array([0.7, 1.1, 1.45, 1.65, 1.85, 2.3]),
@@ -39,40 +27,9 @@ STEEL = BHTable(
 )
 
 
-def at(x, y, z):
-    return Placement(np.array([x, y, z], float), np.eye(3))
-
-
-def core_and_coils(material=None, shift=0.0):
-    """A core with a coil around it, and a second coil to one side of it."""
-    material = material or LinearMaterial("iron", 500.0)
-    core = Body("core", "iron", (Part(Cylinder(0.005, 0.03)),), 0.005)
-    coils = (
-        CircularCoil("around", 0.006, 0.010, 0.02, 200.0, placement=at(0, 0, 0.015 + shift)),
-        CircularCoil("beside", 0.005, 0.008, 0.01, 100.0, -1, placement=at(0.015, 0.004, 0.04)),
-    )
-    return Device("d", "", coils, (core,), {"iron": material})
-
-
 @pytest.fixture(scope="module")
 def forms():
     return {form: fm.solve_linear(core_and_coils(), form=form) for form in ("potential", "flux")}
-
-
-def sphere_inductance(radius=0.01, mu_r=1000.0, turns=100, height=0.025, terms=60):
-    """What a sphere adds to the inductance of a coaxial coil: its response to every multipole of a loop, linked with
-    the loop. Flux of P_n through the cap of angle alpha: 2 pi d^2 sin(alpha) P_n^1(cos alpha) / (n (n + 1)) times the
-    radial field; with b_n of geometry/loop_and_sphere.toml, L = pi mu0 R sum -b_n (sin(alpha) P_n^1)^2 (R/d)^2n / n^2,
-    averaged over the winding's section."""
-    x = np.array([-1, 1]) / np.sqrt(3)
-    r, z = (grid.ravel() for grid in np.meshgrid(0.03 + 5e-4 * x, height + 5e-4 * x, indexing="ij"))
-    d, cosine = np.hypot(r, z), z / np.hypot(r, z)
-    total = 0.0
-    for n in range(1, terms):
-        legendre = np.polynomial.legendre.Legendre.basis(n).deriv()(cosine)
-        strength = (1 - cosine**2) * legendre * (radius / d) ** n
-        total += (mu_r - 1) / (n * (n * mu_r + n + 1)) * np.mean(strength) ** 2
-    return np.pi * mu_0 * radius * turns**2 * total
 
 
 @pytest.mark.parametrize("form", ["potential", "flux"])
@@ -103,18 +60,11 @@ def test_linkage_and_energy_are_those_of_the_matrix(forms):
 def test_ring_linked_with_coils_is_a_toroid(form):
     """A closed circuit, where the coils' field has a circulation in the iron: six coils evenly round an iron ring
     link mu0 mu_r N^2 A / (2 pi r) with each other, hardly anything leaks, and to that comes what they have in air."""
-    inner, outer, height, mu_r, turns = 0.018, 0.022, 0.004, 2000.0, 10.0
-    ring = Body("ring", "iron", (Part(Ring(inner, outer, height), at(0, 0, -height / 2)),), 0.004)
-    coils = []
-    for angle in np.pi / 3 * np.arange(6):
-        out, along = np.array([np.cos(angle), np.sin(angle), 0]), np.array([-np.sin(angle), np.cos(angle), 0])
-        place = Placement(0.02 * out, np.column_stack([out, [0, 0, -1.0], along]))
-        coils.append(CircularCoil(f"{len(coils)}", 0.006, 0.008, 0.003, turns, placement=place))
-    unit = fm.solve_linear(
-        Device("d", "", tuple(coils), (ring,), {"iron": LinearMaterial("iron", mu_r)}), form=form
-    )
+    (inner, outer, height), mu_r, turns = RING, 2000.0, 10.0
+    device = toroid(fm.LinearMaterial("iron", mu_r))
+    unit = fm.solve_linear(device, form=form)
     exact = mu_0 * mu_r * (6 * turns) ** 2 * height * np.log(outer / inner) / (2 * np.pi)
-    air = bare_inductance(coils)
+    air = bare_inductance(device.coils)
     assert unit.inductance().sum() - air.sum() == pytest.approx(exact, rel=0.01)
 
 
@@ -187,10 +137,10 @@ def test_linear_law_in_the_nonlinear_solver(forms):
 def test_magnet_links_its_flux_with_a_coil(form, mu_r):
     """Reciprocity at mu_r = 1: linkage = int Br/mu0 . B_coil dV. With recoil permeability, both forms agree and
     so does the saturating door."""
-    magnet = Body("magnet", "magnet", (Part(Box((0.01, 0.008, 0.006))),), 0.0025)
+    magnet = fm.Body("magnet", "magnet", (fm.Part(fm.Box((0.01, 0.008, 0.006))),), 0.0025)
     remanence = np.array([0.3, -0.2, 1.1])
-    coil = CircularCoil("coil", 0.012, 0.016, 0.006, 150.0, placement=at(0.002, 0, 0.003))
-    device = Device("d", "", (coil,), (magnet,), {"magnet": PermanentMagnet("magnet", remanence, mu_r)})
+    coil = fm.CircularCoil("coil", 0.012, 0.016, 0.006, 150.0, placement=at(0.002, 0, 0.003))
+    device = fm.Device("d", "", (coil,), (magnet,), {"magnet": fm.PermanentMagnet("magnet", remanence, mu_r)})
     unit = fm.solve_linear(device, form=form)
     linkage = unit.flux_linkage([0.0])[0]
     assert fm.solve(device, [0.0]).flux_linkage()[0] == pytest.approx(linkage, rel=3e-3)
@@ -208,19 +158,20 @@ def test_magnet_links_its_flux_with_a_coil(form, mu_r):
 
 def test_law_integral():
     """int b dh of the fitted law by quadrature, from below the first point to beyond the last."""
-    tables = law_tables([LinearMaterial("other", 7.0), STEEL])
+    tables = law_tables([fm.LinearMaterial("other", 7.0), STEEL])
     h = mu_0 * np.array([50.0, 300.0, 900.0, 5e4, 3e5])
     number = np.full(5, 1)
-    b, stored = law_values(tables, number, h)
+    b, stored = tables.flux_density(h, number)[0], tables.integral(h, number)
     for k in range(5):
         knots = np.sort(np.append(mu_0 * STEEL.h[mu_0 * STEEL.h < h[k]], [0.0, h[k]]))
         exact = sum(
-            quad(lambda x: law_values(tables, number[:1], np.array([x]))[0][0], low, high)[0]
+            quad(lambda x: tables.flux_density(np.array([x]), number[:1])[0][0], low, high)[0]
             for low, high in pairwise(knots)
         )
         assert stored[k] == pytest.approx(exact, rel=1e-9)
     assert b[-1] == pytest.approx(2.3 + mu_0 * 2e5)
-    other, energy = law_values(tables, np.zeros(1, int), np.array([0.2]))
+    at, straight = np.array([0.2]), np.zeros(1, int)
+    other, energy = tables.flux_density(at, straight)[0], tables.integral(at, straight)
     assert (other[0], energy[0]) == pytest.approx((1.4, 0.14))
 
 

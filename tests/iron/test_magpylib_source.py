@@ -6,17 +6,6 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import fieldmap as fm
-from fieldmap.device.model import (
-    Body,
-    Box,
-    CircularCoil,
-    Cylinder,
-    Device,
-    Froehlich,
-    LinearMaterial,
-    PermanentMagnet,
-    Sphere,
-)
 from fieldmap.errors import InputError
 from fieldmap.iron import NonlinearSolver
 from fieldmap.maps.fields import from_arrays, to_arrays
@@ -35,21 +24,21 @@ BLOCK = magpylib.magnet.Cuboid(
 
 
 def device(material):
-    core = Body("core", "iron", Cylinder(0.005, 0.02), 0.004, 0.001)
-    magnet = Body("magnet", "magnet", Sphere(0.003), 0.0015).moved([0, 0, 0.03])
-    coil = CircularCoil("coil", 0.006, 0.008, 0.01, 100.0).moved([0, 0, 0.01])
-    magnetised = PermanentMagnet("magnet", np.array([0.3, 0.0, 1.0]), 1.05)
-    return Device("d", "", (coil,), (core, magnet), {"iron": material, "magnet": magnetised})
+    core = fm.Body("core", "iron", fm.Cylinder(0.005, 0.02), 0.004, 0.001)
+    magnet = fm.Body("magnet", "magnet", fm.Sphere(0.003), 0.0015).moved([0, 0, 0.03])
+    coil = fm.CircularCoil("coil", 0.006, 0.008, 0.01, 100.0).moved([0, 0, 0.01])
+    magnetised = fm.PermanentMagnet("magnet", np.array([0.3, 0.0, 1.0]), 1.05)
+    return fm.Device("d", "", (coil,), (core, magnet), {"iron": material, "magnet": magnetised})
 
 
 @pytest.fixture(scope="module")
 def unit():
-    return fm.solve_linear(device(LinearMaterial("iron", 200.0)))
+    return fm.solve_linear(device(fm.LinearMaterial("iron", 200.0)))
 
 
 @pytest.fixture(scope="module")
 def solver():
-    return NonlinearSolver(device(Froehlich("iron", 2000.0, 2.1)))
+    return NonlinearSolver(device(fm.Froehlich("iron", 2000.0, 2.1)))
 
 
 @pytest.fixture(scope="module")
@@ -194,10 +183,10 @@ def test_outlines_are_closed_and_turn_outward(unit):
 def test_the_polarisation_of_a_magnet_makes_magpylibs_field(form):
     """At mu_r = 1 it is the remanence whatever the coil does: magpylib's own block and coil, and its tetrahedra."""
     remanence = np.array([0.3, -0.2, 1.0])
-    block = Body("block", "magnet", Box((0.01, 0.008, 0.006)), 0.003).moved([0, 0, 0.02])
-    coil = CircularCoil("coil", 0.006, 0.008, 0.01, 100.0).moved([0, 0, 0.008])
-    magnet = {"magnet": PermanentMagnet("magnet", remanence, 1.0)}
-    unit = fm.solve_linear(Device("d", "", (coil,), (block,), magnet), form=form, tolerance=1e-7)
+    block = fm.Body("block", "magnet", fm.Box((0.01, 0.008, 0.006)), 0.003).moved([0, 0, 0.02])
+    coil = fm.CircularCoil("coil", 0.006, 0.008, 0.01, 100.0).moved([0, 0, 0.008])
+    magnet = {"magnet": fm.PermanentMagnet("magnet", remanence, 1.0)}
+    unit = fm.solve_linear(fm.Device("d", "", (coil,), (block,), magnet), form=form, tolerance=1e-7)
     exact = magpylib.magnet.Cuboid(
         polarization=remanence, dimension=(0.01, 0.008, 0.006), position=(0, 0, 0.023)
     ).getB(AIR) + magpylib_coil(coil, 3.0).getB(AIR)
@@ -215,7 +204,7 @@ def tetrahedra_of(state):
 @pytest.mark.parametrize("form", ["potential", "flux"])
 def test_the_polarisation_of_linear_iron_makes_its_field(form):
     """Of constant tetrahedra, to their discretisation."""
-    unit = fm.solve_linear(device(LinearMaterial("iron", 200.0)), form=form, refinement=1.3)
+    unit = fm.solve_linear(device(fm.LinearMaterial("iron", 200.0)), form=form, refinement=1.3)
     ours = unit.field(AIR, [3.0])
     theirs = tetrahedra_of(unit.at([3.0])).getB(AIR) + magpylib_coil(unit.coils[0], 3.0).getB(AIR)
     assert (np.linalg.norm(theirs - ours, axis=1) / np.linalg.norm(ours, axis=1)).max() < 0.03
@@ -225,7 +214,7 @@ def test_the_polarisation_of_a_saturated_state_makes_its_field():
     """Means of the polarisation in place of the second-order form's charges: a difference that the mesh makes small."""
 
     def error(refinement):
-        state = fm.solve(device(Froehlich("iron", 2000.0, 2.1)), [30.0], refinement=refinement)
+        state = fm.solve(device(fm.Froehlich("iron", 2000.0, 2.1)), [30.0], refinement=refinement)
         ours = state.field(AIR)
         theirs = tetrahedra_of(state).getB(AIR) + magpylib_coil(state.coils[0], 30.0).getB(AIR)
         return np.linalg.norm(theirs - ours, axis=1) / np.linalg.norm(ours, axis=1)
@@ -236,13 +225,17 @@ def test_the_polarisation_of_a_saturated_state_makes_its_field():
 
 
 def test_coils_alone_and_solutions_read_back(unit):
-    coils = device(LinearMaterial("iron", 2.0)).coils
+    coils = device(fm.LinearMaterial("iron", 2.0)).coils
     source = CoilSet(coils).as_magpylib(2.0)
     assert relative(source.getB(EVERYWHERE), CoilSet(coils).field(EVERYWHERE, 2.0)) < 1e-15
     assert relative(source.getB(AIR), magpylib_coil(coils[0], 2.0).getB(AIR)) < 1e-6
     assert not source.getJ(EVERYWHERE).any()
-    core = Device(
-        "d", "", coils, device(LinearMaterial("iron", 2.0)).bodies[:1], {"iron": LinearMaterial("iron", 2.0)}
+    core = fm.Device(
+        "d",
+        "",
+        coils,
+        device(fm.LinearMaterial("iron", 2.0)).bodies[:1],
+        {"iron": fm.LinearMaterial("iron", 2.0)},
     )
     solved = fm.solve_linear(core)
     stored = from_arrays(core, *to_arrays(solved)).as_magpylib([1.0])

@@ -22,7 +22,6 @@ from fieldmap.iron.materials import (
 from fieldmap.iron.mesh.mesher import LocalSizes, MesherCells
 from fieldmap.iron.notes import BodyBeyondSaturation
 from fieldmap.iron.report import SolverReport, Stages
-from fieldmap.iron.solution import NonlinearSolution
 
 LAWS = {
     "plain": fm.LinearMaterial("plain", 100.0),
@@ -150,26 +149,6 @@ def test_a_report_in_words_and_back_from_json():
     assert replace(MADE, tetrahedra=0).card_rows()["size"] == "4500 unknowns, 3 MB"
 
 
-def test_a_report_of_a_mesh_counts_what_is_there():
-    points, tets = np.zeros((4, 3)), np.zeros((7, 4), int)
-    sheets = [
-        SimpleNamespace(name="a | b", gap=2.5e-4, drawn=True),
-        SimpleNamespace(name="a | c", gap=1e-3, drawn=False),
-    ]
-    iron = SimpleNamespace(
-        mesh=SimpleNamespace(tets=tets, sheets=sheets),
-        surface=SimpleNamespace(areas=np.ones(1), centres=points[:1], radii=np.ones(1)),
-        magnetic_bodies=3, symmetry="mirror x = 0", mutual=SimpleNamespace(bytes=800, storage="dense"),
-    )  # fmt: skip
-    state = SimpleNamespace(faces=SimpleNamespace(areas=np.ones(5)), iterations=4, residuals=(1.0, 0.5, 1e-3))
-    made = report.report_of("flux", iron, 11, state, {"solve": 1.0}, ("one",))
-    assert (made.form, made.tetrahedra, made.surface_faces, made.charged_faces) == ("flux", 7, 1, 5)
-    assert (made.unknowns, made.magnetic_bodies, made.iterations, made.residual) == (11, 3, 4, 1e-3)
-    assert (made.matrix_bytes, made.storage, made.symmetry) == (800, "dense", "mirror x = 0")
-    # Gaps of the drawing, not those of joints, which are assumptions of the device.
-    assert made.assumptions == ("one", "gap of 0.25 mm between a and b: meshed as a sheet")
-
-
 def test_notes_of_a_state_are_those_of_its_kind():
     """What a linear state rests on, and how far saturating iron is driven; a field of something else says its own."""
     machine = device("plain", coils=(fm.CircularCoil("c", 0.05, 0.06, 0.01, 100),))
@@ -204,24 +183,6 @@ def test_stages_tell_and_time_each_step(monkeypatch):
     assert told == [("mesh", 0.0), ("solve", 0.5), ("solved", 1.0)]
     stages.done("again")
     assert stages.seconds == {"mesh": 0.5, "solve": 7.0}
-
-
-def test_fields_of_a_state_are_those_of_all_its_sources():
-    points = np.array([[0.0, 0.01, 0.02], [0.03, 0.0, 0.01]])
-    iron = np.arange(6.0).reshape(1, 2, 3), np.arange(18.0).reshape(1, 2, 3, 3)
-    faces = SimpleNamespace(centres=points + 1, field_and_gradient=lambda *_: tuple(a.copy() for a in iron))
-    coils = tuple(fm.CircularCoil(name, 0.05, 0.06, 0.01, 10) for name in "ab")
-    background = Background(np.array([0.1, 0.2, 0.3]), np.diag([1.0, 2.0, -3.0]))
-    charged = SimpleNamespace(faces=faces, density=np.zeros((1, 2)), separated=None)
-    about = (coils, np.array([3.0, -1.0]), None, charged, np.ones(1), None, ())
-    state = NonlinearSolution(*about, SimpleNamespace(iron=charged), np.zeros(2), 0.0, background=background)
-    b, g = state.source_fields(points)
-    air = fm.solve_linear(Device("d", "", coils, (), {})).at([3.0, -1.0])
-    acts = background.field_and_gradient(points)
-    assert b[0] == pytest.approx(iron[0][0] + air.field(points) + acts[0])
-    assert g[0] == pytest.approx(iron[1][0] + air.gradient(points) + acts[1])
-    assert len(state.sources) == 1
-    assert np.array_equal(state.iron_points, points + 1)
 
 
 def test_sizes_grow_with_the_distance_from_where_they_are_asked():

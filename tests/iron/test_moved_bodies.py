@@ -12,7 +12,7 @@ from fieldmap.iron import FluxDensityAt, FluxLinkage, GradientAt, NonlinearSolve
 from fieldmap.iron.mesh import charged_faces
 from fieldmap.iron.mesh.mesh import volumes
 from fieldmap.iron.sensitivity import by_nodes
-from fieldmap.iron.sensitivity.changes import Parameters, same
+from fieldmap.iron.sensitivity.changes import Parameters
 from fieldmap.iron.sensitivity.moved_bodies import MovedBodies
 from fieldmap.iron.solvers import linear, nonlinear
 from fieldmap.iron.topology import build_faces
@@ -254,18 +254,3 @@ def test_a_mesh_with_symmetry_has_the_derivatives_of_the_same_without(monkeypatc
     expected = NonlinearSolver(device).solve([20.0], tolerance=1e-8).derivative(at, keys)
     for key in keys:
         np.testing.assert_allclose(found[key], expected[key], atol=1e-4 * np.abs(expected[key]).max())
-
-
-def test_parts_of_devices_are_the_same_number_by_number():
-    core = fm.read_device(DEVICE).bodies[0]
-    assert same({"a": np.arange(3), "b": [core, 1.0]}, {"b": [replace(core), 1.0], "a": np.arange(3)})
-    for one, other in (
-        ({"a": 1.0}, {"a": 1.0, "b": 2.0}),
-        ({"a": 1.0, "b": 2.0}, {"a": 1.0, "c": 2.0}),
-        ({"a": np.array([1.0, 2.0])}, {"a": np.array([1.0, 2.0 + 1e-15])}),
-        ([core], [core, core]),
-        (core, replace(core, name="another")),
-        (1.0, 1),
-    ):
-        assert not same(one, other)
-        assert not same(other, one)

@@ -3,6 +3,7 @@
 import random
 import sys
 from dataclasses import replace
+from itertools import permutations
 from pathlib import Path
 
 import numpy as np
@@ -282,10 +283,7 @@ def test_without_meshio(monkeypatch, tmp_path):
         ([[0, 1, 2, 3], [3, 2, 1, 0]], "tetrahedra 0 and 1 with the corners 0, 1, 2, 3 (1 pair in all)"),
         ([[0, 1, 2, 3], [0, 1, 2, 5]], "tetrahedra 0 and 1 on one side of theirs (1 in all)"),
         ([[0, 1, 2, 3], [0, 1, 2, 4], [0, 1, 2, 5]], "3 at the face of points 0, 1 and 2"),
-        (
-            [[0, 1, 2, 3], [0, 3, 6, 7]],
-            "pieces that touch only in the edge from point 0 to 3 (1 in all)",
-        ),
+        ([[0, 1, 2, 3], [0, 3, 6, 7]], "pieces that touch only in the edge from point 0 to 3 (1 in all)"),
     ],
     ids=["no such node", "flat", "twice", "folded", "three at a face", "touching in an edge"],
 )
@@ -312,7 +310,8 @@ def test_a_hollow_mesh_and_one_in_its_hole_are_sound():
     """Shells within shells: a block of cubes without the middle one, and half a cube, cut alike, in its place."""
     grid = np.stack(np.meshgrid(*[np.arange(4.0)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
     number = lambda c: int(c[0] * 16 + c[1] * 4 + c[2])  # noqa: E731
-    kuhn = [np.cumsum(np.vstack([np.zeros(3, int), np.eye(3, dtype=int)[list(p)]]), axis=0) for p in PATHS]
+    paths = permutations(range(3))
+    kuhn = [np.cumsum(np.vstack([np.zeros(3, int), np.eye(3, dtype=int)[list(p)]]), axis=0) for p in paths]
     cells = {c: [[number(c + step) for step in path] for path in kuhn] for c in np.ndindex(3, 3, 3)}
     middle = np.array(cells.pop((1, 1, 1)))
     points = np.vstack([grid, 0.5 * (grid - 1.5) + 1.5])
@@ -321,9 +320,6 @@ def test_a_hollow_mesh_and_one_in_its_hole_are_sound():
     (block,) = device_contents(machine(own(shape))).bodies
     assert 1e9 * block.volume == pytest.approx(27 - 1 + 1 / 8)
     assert block.mesh_size == pytest.approx(1e-3 * np.sqrt(3))
-
-
-PATHS = [(0, 1, 2), (0, 2, 1), (1, 0, 2), (1, 2, 0), (2, 0, 1), (2, 1, 0)]
 
 
 # ---- bodies against each other, and options ----
@@ -352,19 +348,14 @@ def test_options_for_shapes_are_refused(coarse):
     for wrong in (0.5, 1.5, 3.0):
         assert "block" in problem_of(lambda wrong=wrong: fm.solve_linear(device, refinement=wrong)).where
     workspace = fm.WorkspaceBox(np.array([-0.01, -0.01, -0.01]), np.array([0.01, 0.01, -0.005]))
-    two = machine(replace(own(shape).moved([0.05, 0, 0]), name="first"), own(shape)).replace(
-        workspace=workspace
-    )
-    assert problem_of(lambda: fm.solve_to_tolerance(device.replace(workspace=workspace))).where.endswith(
-        "'block'"
-    )
-    assert problem_of(lambda: fm.solve_to_tolerance(two)).where.endswith("'first'")
-    assert "mesh_size" in problem_of(lambda: machine(fm.Body("block", "iron", shape, 0.003))).where
-    assert (
-        "shape"
-        in problem_of(lambda: machine(fm.Body("block", "iron", (shape, fm.Box((1, 1, 1))), 0.003))).where
-    )
-    assert "mesh_size" in problem_of(lambda: machine(fm.Body("block", "iron", fm.Box((0.1, 0.1, 0.1))))).where
+    two = machine(replace(own(shape).moved([0.05, 0, 0]), name="first"), own(shape))
+    for bodies, first in ((device, "'block'"), (two, "'first'")):
+        wrong = bodies.replace(workspace=workspace)
+        assert problem_of(lambda wrong=wrong: fm.solve_to_tolerance(wrong)).where.endswith(first)
+    cube = fm.Box((0.1, 0.1, 0.1))
+    for word, *about in (("mesh_size", shape, 0.003), ("shape", (shape, cube), 0.003), ("mesh_size", cube)):
+        body = fm.Body("block", "iron", *about)
+        assert word in problem_of(lambda body=body: machine(body)).where
     with pytest.raises(InputError):
         own(fm.MeshFile(GMSH)).mirrored("x")
 

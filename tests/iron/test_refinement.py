@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from fieldmap.device.model import Body, Box, CircularCoil, Cylinder, Device, LinearMaterial, Part, Placement
+from fieldmap.device.model import Body, Box, Device, LinearMaterial
 from fieldmap.iron.materials import body_properties
 from fieldmap.iron.mesh.charged_faces import ChargedFaces
 from fieldmap.iron.mesh.mesh import LAYER_RATIO, generate_mesh
@@ -29,31 +29,23 @@ from fieldmap.iron.solvers.refinement import (
     smooth_neighbours,
 )
 from fieldmap.iron.topology import build_faces
+from tests.iron.shared import electromagnet
 
+IRON = LinearMaterial("iron", 1000.0)
 PLACES = np.array([[0.005, 0.002, -0.02], [-0.01, 0.006, -0.015]])
 
 
-def iron_of(mesh, topology, surface):
+def iron_of(mesh):
+    """Mesh, faces and surface, without mutual potentials."""
+    topology = build_faces(mesh.points, mesh.tets)
+    surface = ChargedFaces.from_nodes(mesh.points, topology.nodes[topology.surface])
     return SimpleNamespace(mesh=mesh, topology=topology, surface=surface)
-
-
-def device(mu_r=1000.0, size=0.01):
-    """A disk with a core in a coil, coarse."""
-
-    def body(name, radius, height, bottom):
-        at = Placement(np.array([0.0, 0.0, bottom]), np.eye(3))
-        return Body(name, "iron", (Part(Cylinder(radius, height), at),), size, 0.003)
-
-    at = Placement(np.array([0.0, 0.0, 0.026]), np.eye(3))
-    coil = CircularCoil("coil", 0.011, 0.021, 0.039, 840.0, placement=at)
-    bodies = (body("disk", 0.03, 0.006, 0.0), body("core", 0.01, 0.04, 0.006))
-    return Device("electromagnet", "", (coil,), bodies, {"iron": LinearMaterial("iron", mu_r)})
 
 
 @pytest.fixture(scope="module")
 def solved():
     """Both forms, and both in the field of the dipoles."""
-    machine = device()
+    machine = electromagnet(IRON)
     properties, iron = body_properties(machine, None), assemble(generate_mesh(machine))
     forms = [form_on(iron, name) for name in ("potential", "flux")]
     states = [solved_in_form(machine, form, properties, 1e-4, Stages(None)).state for form in forms]
@@ -131,33 +123,25 @@ def quartered(points, cells, parent):
 
 def test_neighbours_are_not_looked_for_round_edges():
     """Of a box every side is a surface of its own."""
-    box = Device(
-        "d",
-        "",
-        (),
-        (Body("b", "iron", (Part(Box((0.02, 0.03, 0.01))),), 0.008),),
-        {"iron": LinearMaterial("iron", 9.0)},
-    )
-    mesh = generate_mesh(box)
-    topology = build_faces(mesh.points, mesh.tets)
-    surface = ChargedFaces.from_nodes(mesh.points, topology.nodes[topology.surface])
-    neighbours = smooth_neighbours(topology.nodes[topology.surface], surface.normals)
+    box = Body("b", "iron", Box((0.02, 0.03, 0.01)), 0.008)
+    iron = iron_of(generate_mesh(Device("d", "", (), (box,), {"iron": IRON})))
+    normals = iron.surface.normals
+    neighbours = smooth_neighbours(iron.topology.nodes[iron.topology.surface], normals)
     one, side = np.nonzero(neighbours >= 0)
-    assert np.allclose(surface.normals[one], surface.normals[neighbours[one, side]])
+    assert np.allclose(normals[one], normals[neighbours[one, side]])
     # Each side of a triangle is an edge of the box or has a neighbour.
     assert (neighbours >= 0).sum() > 2 * len(neighbours)
 
 
 def test_sizes_fall_where_the_shares_are_and_the_mesh_follows():
-    machine = device(size=0.006)
+    machine = electromagnet(IRON, 0.006, 0.006)
     mesh = generate_mesh(machine)
-    topology = build_faces(mesh.points, mesh.tets)
-    surface = ChargedFaces.from_nodes(mesh.points, topology.nodes[topology.surface])
+    iron = iron_of(mesh)
     # All of the error on one side of the disk.
-    share = np.where(surface.centres[:, 0] > 0.02, surface.areas, 0.0)
+    share = np.where(iron.surface.centres[:, 0] > 0.02, iron.surface.areas, 0.0)
     none = np.zeros(len(share))
     shares = FaceShares(none, share / share.sum(), none > 0, np.ones(1))
-    sizes = next_sizes(iron_of(mesh, topology, surface), shares, np.zeros(len(mesh.tets)), 4.0)
+    sizes = next_sizes(iron, shares, np.zeros(len(mesh.tets)), 4.0)
     ratio, x = sizes.sizes / mesh.cells.sizes, sizes.points[:, 0]
     assert ratio[x > 0.024].max() < 0.9
     assert np.median(ratio[x < 0.01]) > 1.2
@@ -177,7 +161,8 @@ def clusters(at_edge=False):
     cells = MesherCells(number, centres[::-1].copy(), 1e-3 * np.repeat([3.0, 2.0, 1.0], 6))
     mesh = SimpleNamespace(cells=cells, tets=np.zeros((18, 4), int))
     topology = SimpleNamespace(owner=np.column_stack([np.arange(18), np.full(18, -1)]), surface=np.arange(18))
-    return mesh, topology, surface, np.full(18, at_edge)
+    iron = SimpleNamespace(mesh=mesh, topology=topology, surface=surface)
+    return iron, np.full(18, at_edge)
 
 
 # Of faces, elements, and layers at edges: the power of the size with which a share falls, the number of pieces of which
@@ -196,12 +181,12 @@ def test_sizes_are_those_of_equal_shares(kind, reduction, spread):
     """h changes by the (p + d)th root of the common share over its own, so that all together are divided by what was
     asked for, four at most."""
     order, dimension, cost, least, most = KINDS[kind]
-    mesh, topology, surface, at_edge = clusters(kind == "layers")
-    share = np.repeat([1.0, spread, spread**2], 6)
+    iron, at_edge = clusters(kind == "layers")
+    cells, share = iron.mesh.cells, np.repeat([1.0, spread, spread**2], 6)
     none = np.zeros(18)
     own = {name: share if name == kind else none for name in KINDS}
     shares = FaceShares(own["layers"], own["faces"], at_edge, np.ones(1))
-    sizes = next_sizes(iron_of(mesh, topology, surface), shares, own["elements"], reduction, 0.0)
+    sizes = next_sizes(iron, shares, own["elements"], reduction, 0.0)
 
     def factors(common):
         return np.clip((cost * common / share) ** (1 / (order + dimension)), least, most)
@@ -215,31 +200,28 @@ def test_sizes_are_those_of_equal_shares(kind, reduction, spread):
     expected = factors(common)
     if kind == "layers":
         assert sizes.layers == pytest.approx(np.maximum(1e-3 * expected, 0.02 * sizes.sizes[::-1]), rel=1e-6)
-        assert np.array_equal(sizes.edge_points, surface.centres)
-        assert sizes.sizes == pytest.approx(1.3 * mesh.cells.sizes)
+        assert np.array_equal(sizes.edge_points, iron.surface.centres)
+        assert sizes.sizes == pytest.approx(1.3 * cells.sizes)
     else:
-        assert sizes.sizes[::-1] == pytest.approx(expected * mesh.cells.sizes[::-1], rel=1e-6)
+        assert sizes.sizes[::-1] == pytest.approx(expected * cells.sizes[::-1], rel=1e-6)
         assert sizes.layers.size == 0
-    assert np.array_equal(sizes.points, mesh.cells.centres)
+    assert np.array_equal(sizes.points, cells.centres)
 
 
 def test_layers_are_no_flatter_than_a_fiftieth_of_the_elements():
-    mesh, topology, surface, at_edge = clusters(True)
-    mesh = SimpleNamespace(cells=replace(mesh.cells, sizes=0.1 * np.arange(1.0, 19.0)), tets=mesh.tets)
+    iron, at_edge = clusters(True)
+    iron.mesh.cells = replace(iron.mesh.cells, sizes=0.1 * np.arange(1.0, 19.0))
     shares = FaceShares(np.ones(18), np.zeros(18), at_edge, np.ones(1))
-    sizes = next_sizes(iron_of(mesh, topology, surface), shares, np.zeros(18), 4.0, 0.0)
+    sizes = next_sizes(iron, shares, np.zeros(18), 4.0, 0.0)
     assert sizes.layers == pytest.approx(0.02 * sizes.sizes[::-1])
 
 
 def test_a_mesh_that_is_to_grow_does():
     """Shares that ask for nothing are lowered together until there are enough faces."""
-    mesh, topology, surface, at_edge = clusters()
+    iron, at_edge = clusters()
     shares = FaceShares(np.zeros(18), np.repeat([1.0, 1.3, 1.69], 6), at_edge, np.ones(1))
-    found = [
-        next_sizes(iron_of(mesh, topology, surface), shares, np.zeros(18), 1.0, growth)
-        for growth in (0.5, 1.5, 2.0)
-    ]
-    grown = [float(np.mean((one.sizes / mesh.cells.sizes) ** -2)) for one in found]
+    found = [next_sizes(iron, shares, np.zeros(18), 1.0, growth) for growth in (0.5, 1.5, 2.0)]
+    grown = [float(np.mean((one.sizes / iron.mesh.cells.sizes) ** -2)) for one in found]
     assert grown[0] == pytest.approx(1.0, abs=0.2)
     assert 1.5 <= grown[1] < 1.6
     assert 2.0 <= grown[2] < 2.1
@@ -248,20 +230,19 @@ def test_a_mesh_that_is_to_grow_does():
 def test_growth_by_its_powers():
     """Faces with the square of the size of their elements, tetrahedra with its power of 2.5; a layer adds 2.8 faces and
     7 tetrahedra to each face along an edge, whose number grows with the size itself."""
-    mesh, topology, surface, _ = clusters()
+    iron, _ = clusters()
+    surface, cells = iron.surface, iron.mesh.cells
     at_edge = np.arange(18) < 6
     factor = np.repeat([0.5, 0.8, 1.25], 6)
     thin = np.full(6, 0.25 * LAYER_RATIO * heights(surface.corners)[0])
-    sizes = LocalSizes(mesh.cells.centres, factor[::-1] * mesh.cells.sizes, surface.centres[:6], thin)
+    sizes = LocalSizes(cells.centres, factor[::-1] * cells.sizes, surface.centres[:6], thin)
     layers = np.log(4 / LAYER_RATIO) / np.log(1 / LAYER_RATIO)
-    faces, tets = expected_growth(iron_of(mesh, topology, surface), at_edge, sizes)
+    faces, tets = expected_growth(iron, at_edge, sizes)
     assert faces == pytest.approx((2.0 * (1 + 2.8 * layers) + 0.8**-2 + 1.25**-2) / 3)
     assert tets == pytest.approx((2.0**2.5 + 0.8**-2.5 + 1.25**-2.5 + 2.0 * 7 * layers) / 3)
     # Layers that are there already cost nothing.
     thick = replace(sizes, layers=np.full(6, 1.0))
-    assert expected_growth(iron_of(mesh, topology, surface), at_edge, thick)[0] == pytest.approx(
-        (2.0 + 0.8**-2 + 1.25**-2) / 3
-    )
+    assert expected_growth(iron, at_edge, thick)[0] == pytest.approx((2.0 + 0.8**-2 + 1.25**-2) / 3)
 
 
 @pytest.mark.parametrize(
@@ -269,18 +250,17 @@ def test_growth_by_its_powers():
 )
 def test_a_mesh_grows_about_as_expected(size, thickness, within):
     """Smaller elements on one side, or thinner layers at all edges."""
-    machine = device(size=0.006)
+    machine = electromagnet(IRON, 0.006, 0.006)
     mesh = generate_mesh(machine)
-    topology = build_faces(mesh.points, mesh.tets)
-    triangles = topology.nodes[topology.surface]
-    surface = ChargedFaces.from_nodes(mesh.points, triangles)
+    iron = iron_of(mesh)
+    triangles, surface = iron.topology.nodes[iron.topology.surface], iron.surface
     none = np.zeros((1, len(surface.areas)))
     shares = face_indicators(surface, triangles, none, none, np.ones(1), np.zeros((1, *none.shape)))
     tips = surface.centres[shares.at_edge]
     factor = np.where(mesh.cells.centres[:, 0] > 0, size, 1.0)
     layers = thickness * heights(surface.corners[shares.at_edge])
     sizes = LocalSizes(mesh.cells.centres, factor * mesh.cells.sizes, tips, layers)
-    expected = expected_growth(iron_of(mesh, topology, surface), shares.at_edge, sizes)
+    expected = expected_growth(iron, shares.at_edge, sizes)
     finer = generate_mesh(machine, local=sizes)
     grown = (
         build_faces(finer.points, finer.tets).surface.size / len(surface.areas),
@@ -332,7 +312,7 @@ def test_a_face_at_an_edge_errs_near_by_as_a_singular_charge_does():
 
 def test_layers_at_edges_are_as_asked():
     """At one place of a disk's rim thin, elsewhere none."""
-    machine = device(size=0.008)
+    machine = electromagnet(IRON, 0.008, 0.008)
     places = np.array([[0.03, 0.0, 0.0], [-0.03, 0.0, 0.0]])
     sizes = LocalSizes(places, np.full(2, 0.008), places, np.array([0.0003, 1.0]))
     mesh = generate_mesh(machine, local=sizes)

@@ -43,10 +43,7 @@ def test_curved_surface_between_two_bodies():
     core = Body("core", "iron", (Part(Cylinder(0.01, 0.03)),), 0.006)
     through = Placement(np.array([0.0, 0, -0.01]), np.eye(3))
     plate = Body(
-        "plate",
-        "iron",
-        (Part(Cylinder(0.04, 0.006)), Part(Cylinder(0.01, 0.05), through, "cut")),
-        0.006,
+        "plate", "iron", (Part(Cylinder(0.04, 0.006)), Part(Cylinder(0.01, 0.05), through, "cut")), 0.006
     )
     exact = np.pi * np.array([0.01**2 * 0.03, (0.04**2 - 0.01**2) * 0.006])
     assert volume(core, plate) == pytest.approx(exact, rel=1.5e-3)

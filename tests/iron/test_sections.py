@@ -6,22 +6,8 @@ from scipy.constants import mu_0
 from scipy.integrate import quad
 
 import fieldmap as fm
-from fieldmap.device.model import (
-    BHTable,
-    Body,
-    Box,
-    CircularCoil,
-    Cylinder,
-    Device,
-    LinearMaterial,
-    Part,
-    Placement,
-    Ring,
-    Section,
-    Sphere,
-)
 from fieldmap.errors import InputError
-from fieldmap.iron.elements.bh_law import law_tables, law_values
+from fieldmap.iron.elements.bh_law import law_tables
 from fieldmap.iron.elements.potential_form import Magnetisation, PotentialForm
 from fieldmap.iron.elements.state import IronState, LinearField
 from fieldmap.iron.mesh.charged_faces import ChargedFaces
@@ -29,29 +15,26 @@ from fieldmap.iron.mesh.mesh import generate_mesh, volumes
 from fieldmap.iron.operators.assembled import assemble
 from fieldmap.iron.sections import section_flux
 from fieldmap.kernels.simplex_rules import tetrahedron_rule
+from tests.iron.shared import RING, at, toroid
 
 ONE = np.ones(1)
 UNIFORM = np.array([0.3, -0.8, 1.1])
 
 
-def at(x, y, z):
-    return Placement(np.array([x, y, z], float), np.eye(3))
-
-
 def plane(origin, normal, bodies=(), half_widths=None):
     widths = None if half_widths is None else np.array(half_widths, float)
-    return Section("plane", np.array(origin, float), np.array(normal, float), bodies, widths)
+    return fm.Section("plane", np.array(origin, float), np.array(normal, float), bodies, widths)
 
 
 @pytest.fixture(scope="module")
 def blocks():
     """Two blocks that touch in the plane z = 20 mm, and a ball apart; magnetised uniformly, all the same."""
     bodies = (
-        Body("low", "iron", (Part(Box((0.03, 0.02, 0.02))),), 0.006),
-        Body("high", "iron", (Part(Box((0.03, 0.02, 0.01)), at(0, 0, 0.02)),), 0.004),
-        Body("ball", "iron", (Part(Sphere(0.01), at(0.05, 0, 0)),), 0.002),
+        fm.Body("low", "iron", (fm.Part(fm.Box((0.03, 0.02, 0.02))),), 0.006),
+        fm.Body("high", "iron", (fm.Part(fm.Box((0.03, 0.02, 0.01)), at(0, 0, 0.02)),), 0.004),
+        fm.Body("ball", "iron", (fm.Part(fm.Sphere(0.01), at(0.05, 0, 0)),), 0.002),
     )
-    mesh = generate_mesh(Device("d", "", (), bodies, {"iron": LinearMaterial("iron", 1.0)}))
+    mesh = generate_mesh(fm.Device("d", "", (), bodies, {"iron": fm.LinearMaterial("iron", 1.0)}))
     field = np.broadcast_to(UNIFORM, (1, len(mesh.tets), 3))
     none = ChargedFaces.from_nodes(mesh.points, np.zeros((0, 3), int))
     inside = np.repeat(field[:, :, None], 4, axis=2)
@@ -117,7 +100,7 @@ def test_nothing_cut_and_bad_planes(blocks):
 
 def in_uniform_field(body, material, field):
     """Mesh and state of one body in a uniform field (3,)."""
-    form = PotentialForm(assemble(generate_mesh(Device("d", "", (), (body,), {"iron": material}))))
+    form = PotentialForm(assemble(generate_mesh(fm.Device("d", "", (), (body,), {"iron": material}))))
     t = form.elements.coil_field(lambda p: np.broadcast_to(field, (1, *p.shape)))
     count = len(form.elements.volume)
     law = Magnetisation(np.zeros(count, np.int64), law_tables([material]), np.zeros((1, count, 3)))
@@ -128,7 +111,7 @@ def test_sphere():
     """Uniform inside: 3 mu_r / (mu_r + 2) times the field, through every plane."""
     field = np.array([0.0, 0.6, 0.8])
     solved = in_uniform_field(
-        Body("b", "iron", (Part(Sphere(0.05)),), 0.012), LinearMaterial("iron", 50.0), field
+        fm.Body("b", "iron", (fm.Part(fm.Sphere(0.05)),), 0.012), fm.LinearMaterial("iron", 50.0), field
     )
     for origin, normal in (([0, 0, 0], [0, 0.6, 0.8]), ([0, 0, 0.02], [0, 0, 1]), ([0.01, 0, 0], [1, 2, 2])):
         section = plane(origin, normal)
@@ -140,8 +123,10 @@ def test_long_bar():
     """B = mu_r B0 / (1 + N (mu_r - 1)) in the middle; N of the two charged square ends, their solid angle over 2 pi,
     which holds for weakly magnetic bars."""
     half, distance = 0.005, 0.1
-    bar = Body("b", "iron", (Part(Box((2 * half, 2 * half, 2 * distance)), at(0, 0, -distance)),), 0.006)
-    solved = in_uniform_field(bar, LinearMaterial("iron", 3.0), np.array([0, 0, 0.5]))
+    bar = fm.Body(
+        "b", "iron", (fm.Part(fm.Box((2 * half, 2 * half, 2 * distance)), at(0, 0, -distance)),), 0.006
+    )
+    solved = in_uniform_field(bar, fm.LinearMaterial("iron", 3.0), np.array([0, 0, 0.5]))
     exact = 0.5 * 3 / (1 + 2 * 4 * np.arcsin(half**2 / (half**2 + distance**2)) / (2 * np.pi))
     assert section_flux(*solved, plane([0, 0, 0], [0, 0, 1]), ONE).flux_density == pytest.approx(
         exact, rel=1e-3
@@ -150,8 +135,8 @@ def test_long_bar():
 
 def test_the_field_inside_elements_has_their_mean():
     """The second-order field at the points of the solver's own rule averages to the mean that it reports."""
-    solid = Body("b", "iron", (Part(Cylinder(0.01, 0.02)),), 0.006)
-    mesh, state = in_uniform_field(solid, LinearMaterial("iron", 200.0), np.array([0.1, 0, 0.4]))
+    solid = fm.Body("b", "iron", (fm.Part(fm.Cylinder(0.01, 0.02)),), 0.006)
+    mesh, state = in_uniform_field(solid, fm.LinearMaterial("iron", 200.0), np.array([0.1, 0, 0.4]))
     points, weights = tetrahedron_rule(2)
     element = np.arange(len(mesh.tets))
     mean = sum(
@@ -163,8 +148,8 @@ def test_the_field_inside_elements_has_their_mean():
     assert volumes(mesh.points, mesh.tets) @ state.flux_density[0] @ [0, 1, 0] == pytest.approx(0, abs=1e-9)
 
 
-INNER, OUTER, HEIGHT, TURNS = 0.018, 0.022, 0.004, 10.0
-FOOT = BHTable(
+(INNER, OUTER, HEIGHT), TURNS = RING, 10.0
+FOOT = fm.BHTable(
     "foot",
     np.array([20.0, 60.0, 150.0, 200.0, 300.0, 600.0, 2e3, 1e4]),
     np.array([0.002, 0.015, 0.08, 0.4, 0.95, 1.3, 1.55, 1.8]),
@@ -175,26 +160,17 @@ FOOT = BHTable(
 )
 
 
-def ring_of_coils(material):
-    """An iron ring linked with six coils: closed, so that flux is conserved along it up to a little leakage."""
-    coils = []
-    for angle in np.pi / 3 * np.arange(6):
-        out, along = np.array([np.cos(angle), np.sin(angle), 0]), np.array([-np.sin(angle), np.cos(angle), 0])
-        place = Placement(0.02 * out, np.column_stack([out, [0, 0, -1.0], along]))
-        coils.append(CircularCoil(f"{len(coils)}", 0.006, 0.008, 0.003, TURNS, placement=place))
-    body = Body("ring", "iron", (Part(Ring(INNER, OUTER, HEIGHT), at(0, 0, -HEIGHT / 2)),), 0.0035)
-    sections = tuple(
-        Section(
-            f"at {degrees}",
-            np.array([0.02 * np.cos(angle), 0.02 * np.sin(angle), 0]),
-            np.array([-np.sin(angle), np.cos(angle), 0]),
-            (),
-            np.full(3, 0.01),
-        )
-        for degrees in (0, 17, 30, 90, 200)
-        for angle in [np.deg2rad(degrees)]
+CUTS = tuple(
+    fm.Section(
+        f"at {degrees}",
+        np.array([0.02 * np.cos(angle), 0.02 * np.sin(angle), 0]),
+        np.array([-np.sin(angle), np.cos(angle), 0]),
+        (),
+        np.full(3, 0.01),
     )
-    return Device("d", "", tuple(coils), (body,), {"iron": material}, sections=sections)
+    for degrees in (0, 17, 30, 90, 200)
+    for angle in [np.deg2rad(degrees)]
+)
 
 
 def toroid_mean(law, current):
@@ -207,7 +183,7 @@ def toroid_mean(law, current):
 def test_linear_ring(form):
     """The meshed ring is a polygon, a little thinner here than there. Each form keeps what it conserves: the
     potential form the field along the ring, hence B; the flux form the flux."""
-    device = ring_of_coils(LinearMaterial("iron", 2000.0))
+    device = toroid(fm.LinearMaterial("iron", 2000.0), 0.0035, CUTS)
     unit = fm.solve_linear(device, form=form)
     exact = toroid_mean(lambda h: 2000.0 * h, 0.3)
     found = [unit.section_flux(section.name, np.full(6, 0.3)) for section in device.sections]
@@ -226,10 +202,10 @@ def test_linear_ring(form):
 @pytest.mark.parametrize("current", [0.45, 0.7, 3.0])
 def test_saturating_ring(current):
     """On the rising part of the permeability, at its top, and in saturation."""
-    device = ring_of_coils(FOOT)
+    device = toroid(FOOT, 0.0035, CUTS)
     state = fm.solve(device, np.full(6, current))
     tables = law_tables([FOOT])
-    exact = toroid_mean(lambda h: law_values(tables, np.zeros(1, int), np.array([h]))[0][0], current)
+    exact = toroid_mean(lambda h: tables.flux_density(np.array([h]), np.zeros(1, int))[0][0], current)
     found = [state.section_flux_density(section) for section in device.sections]
     assert found == pytest.approx([exact] * 5, rel=0.015)
     assert np.ptp(found) < 0.015 * exact
@@ -244,29 +220,13 @@ def test_saturating_ring(current):
 def test_flux_splits_at_a_joint():
     """A three-legged core: what the middle leg carries is the sum of both outer legs, up to what leaks through air."""
     leg = 0.01
-    bars = [Part(Box((0.05, leg, leg)), at(0, 0, z)) for z in (0.0, 0.03)]
-    legs = [Part(Box((leg, leg, 0.02)), at(x, 0, leg)) for x in (-0.02, 0.0, 0.02)]
-    core = Body("core", "iron", (*bars, *legs), 0.005)
-    coil = CircularCoil("coil", 0.0075, 0.009, 0.012, 50.0, placement=at(0, 0, 0.02))
-    state = fm.solve(
-        Device(
-            "d",
-            "",
-            (coil,),
-            (core,),
-            {
-                "iron": BHTable(
-                    "steel",
-                    np.array([200.0, 1e3, 1e4]),
-                    np.array([1.2, 1.6, 1.9]),
-                    "straight line to the origin",
-                    "slope mu0",
-                    4775.0,
-                )
-            },
-        ),
-        [6.0],
-    )
+    bars = [fm.Part(fm.Box((0.05, leg, leg)), at(0, 0, z)) for z in (0.0, 0.03)]
+    legs = [fm.Part(fm.Box((leg, leg, 0.02)), at(x, 0, leg)) for x in (-0.02, 0.0, 0.02)]
+    core = fm.Body("core", "iron", (*bars, *legs), 0.005)
+    coil = fm.CircularCoil("coil", 0.0075, 0.009, 0.012, 50.0, placement=at(0, 0, 0.02))
+    table = np.array([200.0, 1e3, 1e4]), np.array([1.2, 1.6, 1.9])
+    steel = fm.BHTable("steel", *table, "straight line to the origin", "slope mu0", 4775.0)
+    state = fm.solve(fm.Device("d", "", (coil,), (core,), {"iron": steel}), [6.0])
     middle, left, right = (
         state.section_flux(plane([x, 0, 0.02], [0, 0, 1], (), [leg, leg, leg])) for x in (0.0, -0.02, 0.02)
     )

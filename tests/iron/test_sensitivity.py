@@ -76,22 +76,22 @@ def numbers(state):
 
 # Currents at which the core is far in saturation, and at which it is not; and iron that is solved as linear.
 CASES = {"saturated": (60.0, 20.0), "unsaturated": (10.0, 4.0), "linear": (60.0, 20.0)}
-# Key, step of the difference.
+# Step of the difference, and the value in the text of the file.
 KEYS = {
-    "current.around": 0.05,
-    "current.*": 0.02,
-    "coil.around.turns": 0.2,
-    "coil.beside.position_mm.1": 0.02,
-    "coil.beside.rotation_deg.2": 0.1,
-    "coil.around.position_mm.3": 0.01,
-    "coil.beside.inner_radius_mm": 0.01,
-    "material.iron.mu_r": 5.0,
-    "material.iron.saturation_polarisation_T": 2e-3,
-    "material.steel.B_T.2": 2e-4,
-    "material.soft.mu_r": 0.3,
-    "material.magnet.remanence_T.1": 1e-3,
-    "material.magnet.mu_r": 1e-3,
-    "background.flux_density_mT.3": 0.02,
+    "current.around": (0.05, None),
+    "current.*": (0.02, None),
+    "coil.around.turns": (0.2, 200.0),
+    "coil.beside.position_mm.1": (0.02, 18.0),
+    "coil.beside.rotation_deg.2": (0.1, 20.0),
+    "coil.around.position_mm.3": (0.01, 15.0),
+    "coil.beside.inner_radius_mm": (0.01, 5.0),
+    "material.iron.mu_r": (5.0, 2000.0),
+    "material.iron.saturation_polarisation_T": (2e-3, 2.0),
+    "material.steel.B_T.2": (2e-4, 0.06),
+    "material.soft.mu_r": (0.3, 40.0),
+    "material.magnet.remanence_T.1": (1e-3, 0.2),
+    "material.magnet.mu_r": (1e-3, 1.05),
+    "background.flux_density_mT.3": (0.02, 3.0),
 }
 ONLY_SATURATING = {"material.iron.saturation_polarisation_T", "material.steel.B_T.2"}
 
@@ -110,27 +110,11 @@ def base(case):
 
 
 def shifted(case, key, step):
-    """The state with a key a step higher; the value is taken from the text of the file."""
+    """The state with a key a step higher."""
     if key.startswith("current."):
-        name = key.removeprefix("current.")
-        return solved(
-            case, currents=np.array(CASES[case]) + step * np.array([name in (c, "*") for c in COILS])
-        )
-    values = {
-        "coil.around.turns": 200,
-        "coil.beside.position_mm.1": 18.0,
-        "coil.beside.rotation_deg.2": 20.0,
-        "coil.around.position_mm.3": 15.0,
-        "coil.beside.inner_radius_mm": 5.0,
-        "material.iron.mu_r": 2000.0,
-        "material.iron.saturation_polarisation_T": 2.0,
-        "material.steel.B_T.2": 0.06,
-        "material.soft.mu_r": 40.0,
-        "material.magnet.remanence_T.1": 0.2,
-        "material.magnet.mu_r": 1.05,
-        "background.flux_density_mT.3": 3.0,
-    }
-    return solved(case, {key: values[key] + step})
+        driven = np.array([key.removeprefix("current.") in (coil, "*") for coil in COILS])
+        return solved(case, currents=np.array(CASES[case]) + step * driven)
+    return solved(case, {key: KEYS[key][1] + step})
 
 
 @cache
@@ -145,7 +129,7 @@ def test_against_differences_of_whole_solves(case, key):
     """All quantities of the field, within 1e-4 of its size; and what the solves themselves are off by."""
     if case == "linear" and key in ONLY_SATURATING:
         pytest.skip("linear iron has its initial permeability")
-    step = KEYS[key]
+    step, _ = KEYS[key]
     ahead, behind = (numbers(shifted(case, key, side * step)) for side in (1, -1))
     for name in QUANTITIES:
         difference = (ahead[name] - behind[name]) / (2 * step)
@@ -157,17 +141,16 @@ def test_against_differences_of_whole_solves(case, key):
         assert np.abs(derivative - difference).max() <= 1e-4 * size + noise, name
 
 
-@pytest.mark.parametrize("key", ["coil.around.turns", "coil.beside.position_mm.1"])
-def test_flux_linkages_in_air(key):
+@pytest.mark.parametrize(("key", "step"), [("coil.around.turns", 0.5), ("coil.beside.position_mm.1", 0.05)])
+def test_flux_linkages_in_air(key, step):
     """Of coils alone: a turn more, and a coil that moves, in the background."""
     text = fm.read_device(DEVICE).replace(bodies=(), materials={}).to_toml()
-    value, step = {"coil.around.turns": (200.0, 0.5), "coil.beside.position_mm.1": (18.0, 0.05)}[key]
-    alone = fm.solve_linear(fm.read_device(text)).at(CASES["linear"])
-    derivative = alone.derivative(FluxLinkage(), [key])[key]
-    ahead, behind = (
-        fm.solve_linear(fm.read_device(text, {key: value + side * step})).at(CASES["linear"]).flux_linkage()
-        for side in (1, -1)
+    here, ahead, behind = (
+        fm.solve_linear(fm.read_device(text, {key: KEYS[key][1] + shift})).at(CASES["linear"])
+        for shift in (0.0, step, -step)
     )
+    derivative = here.derivative(FluxLinkage(), [key])[key]
+    ahead, behind = ahead.flux_linkage(), behind.flux_linkage()
     difference = (ahead - behind) / (2 * step)
     assert np.abs(derivative - difference).max() <= 1e-4 * np.abs(difference).max()
 
@@ -300,8 +283,9 @@ def test_linkage_of_a_coil_that_moves_beside_iron_is_its_force():
 def test_flux_linkages(key):
     """In saturated iron; the linkage in air, which nothing here is to test, is known to 1e-4 only."""
     derivative = base("saturated").derivative(FluxLinkage(), [key])[key]
-    ahead, behind = (shifted("saturated", key, side * KEYS[key]).flux_linkage() for side in (1, -1))
-    difference = (ahead - behind) / (2 * KEYS[key])
+    step, _ = KEYS[key]
+    ahead, behind = (shifted("saturated", key, side * step).flux_linkage() for side in (1, -1))
+    difference = (ahead - behind) / (2 * step)
     assert np.abs(derivative - difference).max() <= 1e-4 * np.abs(difference).max()
 
 
@@ -349,10 +333,8 @@ def test_the_iron_matters_to_every_key():
 def test_the_iron_of_another_solver_is_made_anew():
     """A state that was pickled, or whose solver is gone, gives the same derivatives."""
     state = solved("saturated")
-    expected, keys = (
-        found("saturated", "field"),
-        ["current.around", "coil.around.turns", "material.iron.mu_r"],
-    )
+    expected = found("saturated", "field")
+    keys = ["current.around", "coil.around.turns", "material.iron.mu_r"]
     gc.collect()
     for other in (state, pickle.loads(pickle.dumps(state)), copy.deepcopy(state)):
         again = other.derivative(QUANTITIES["field"], keys)
@@ -380,13 +362,12 @@ def test_wrenches_on_payloads(name):
     """A soft bead, whose force goes with the square of the field, and a magnet of finite size, by the current of a coil
     in saturated iron: against the difference of two states' own wrenches."""
     body = magnetic_body(fm.read_device(name).payload)
-    place, step = [0.004, 0.001, 0.07], KEYS["current.around"]
-    derivative = base("saturated").derivative(
-        FieldFunction(lambda field: field.wrench(place, body)), ["current.around"]
-    )["current.around"]
-    ahead, behind = (
-        shifted("saturated", "current.around", side * step).wrench(place, body) for side in (1, -1)
-    )
+    place, key = [0.004, 0.001, 0.07], "current.around"
+    step, _ = KEYS[key]
+    derivative = base("saturated").derivative(FieldFunction(lambda field: field.wrench(place, body)), [key])[
+        key
+    ]
+    ahead, behind = (shifted("saturated", key, side * step).wrench(place, body) for side in (1, -1))
     difference = (ahead - behind) / (2 * step)
     assert np.abs(derivative - difference)[:3].max() <= 1e-4 * np.abs(difference[:3]).max()
 
@@ -407,54 +388,11 @@ def test_change_sums_the_first_order():
     np.testing.assert_allclose(result.change(steps), expected)
 
 
-@pytest.mark.parametrize(
-    "key",
-    ["current.none", "coil.*.turns", "coil.around.name"],
-)
+@pytest.mark.parametrize("key", ["current.none", "coil.*.turns", "coil.around.name"])
 def test_keys_that_cannot_be_followed(key):
     with pytest.raises(InputError) as caught:
         base("saturated").derivative(QUANTITIES["field"], [key])
     assert key in caught.value.problems[0].where
-
-
-def test_how_coils_follow_keys():
-    """By key: the two values that are compared lie apart by a share of the value, or by the least step of its unit;
-    which coils move as a whole, by what velocity and angular velocity, or change their turns alone."""
-    text = DEVICE.read_text(encoding="utf-8")
-    parameters = Parameters(fm.read_device(text))
-    # About y, then by 30 degrees about z.
-    along = np.radians(1.0) * np.array([-0.5, np.sqrt(0.75), 0.0])
-    turning = np.cross(along, np.eye(3)).T
-    still = np.zeros((3, 3))
-    for key, width, velocity, spin in (
-        ("coil.beside.position_mm.1", 2 * 18e-4, [1e-3, 0, 0], still),
-        ("coil.beside.position_mm.2", 2 * 1e-3, [0, 1e-3, 0], still),
-        ("coil.beside.rotation_deg.2", 2 * 1e-2, [0, 0, 0], turning),
-    ):
-        change = parameters.change(key)
-        assert change.coils == (1,)
-        assert change.width == pytest.approx(width, rel=1e-9)
-        motion = change.motion(1)
-        assert motion.velocity == pytest.approx(np.array(velocity), abs=1e-9)
-        assert motion.spin == pytest.approx(spin, abs=1e-9)
-        assert change.turns(1) is None
-    change = parameters.change("coil.around.turns")
-    assert (change.coils, change.motion(0), change.turns(0)) == ((0,), None, pytest.approx(1.0))
-    change = parameters.change("coil.beside.inner_radius_mm")
-    assert (change.coils, change.motion(1), change.turns(1)) == ((1,), None, None)
-    change = parameters.change("material.iron.mu_r")
-    assert (change.coils, change.width) == ((), pytest.approx(2 * 0.2))
-    assert (change.has_materials, change.has_background, change.has_shapes, change.has_joints) == (True,) + (
-        False,
-    ) * 3
-    change = parameters.change("background.flux_density_mT.3")
-    assert (change.has_materials, change.has_background) == (False, True)
-    assert change.currents.tolist() == [0.0, 0.0]
-    assert parameters.change("background.flux_density_mT.3", 0.5).width == 1.0
-    change = parameters.change("current.beside")
-    assert (change.coils, change.currents.tolist(), change.has_materials) == ((), [0.0, 1.0], False)
-    with pytest.raises(TypeError):
-        _ = change.sides
 
 
 def test_a_key_that_the_device_lacks():
@@ -499,20 +437,13 @@ def test_spread_against_whole_solves_with_random_numbers():
     }
     quantity = DipoleForce([0.004, 0.001, 0.038], [0.0, 0.2, 1.0])
     found = fm.solve_linear(fm.read_device(device)).at(CASES["linear"]).derivative(quantity, list(deviations))
-    spread = found.spread(deviations)
-    means = {
-        "coil.around.turns": 200.0,
-        "coil.around.position_mm.3": 15.0,
-        "coil.beside.position_mm.1": 18.0,
-        "coil.beside.rotation_deg.2": 20.0,
-        "background.flux_density_mT.3": 3.0,
-    }
+    told = found.spread(deviations)
     generator = np.random.default_rng(7)
     drawn = []
     for _ in range(200):
-        values = {key: means[key] + deviation * generator.normal() for key, deviation in deviations.items()}
+        values = {key: KEYS[key][1] + spread * generator.normal() for key, spread in deviations.items()}
         coils = CoilSet(fm.read_device(device, values).coils)
         drawn.append(coils.gradient(quantity.at, CASES["linear"]).T @ quantity.moment)
-    assert np.std(drawn, axis=0) == pytest.approx(spread.deviation, rel=3 / np.sqrt(400))
-    assert sum(share for share in spread.shares.values()) == pytest.approx(1.0)
-    assert spread.shares["background.flux_density_mT.3"].max() < 1e-9
+    assert np.std(drawn, axis=0) == pytest.approx(told.deviation, rel=3 / np.sqrt(400))
+    assert sum(share for share in told.shares.values()) == pytest.approx(1.0)
+    assert told.shares["background.flux_density_mT.3"].max() < 1e-9

@@ -5,16 +5,6 @@ import numpy as np
 import pytest
 
 import fieldmap as fm
-from fieldmap.device.model import (
-    Body,
-    Box,
-    CircularCoil,
-    Device,
-    LinearMaterial,
-    Part,
-    PermanentMagnet,
-    Placement,
-)
 from fieldmap.errors import FieldmapError, GeometryError, InputError
 from fieldmap.iron.mesh.mesh import IronMesh
 from fieldmap.sources import unit_flux_density
@@ -24,10 +14,12 @@ BELOW = np.array([[0.0, 0.0, -0.02], [0.01, 0.005, -0.03], [-0.02, 0.01, -0.015]
 
 def block_and_coil(mu_r=500.0, scale=1.0):
     """A block with a ring coil above it, all lengths times `scale`."""
-    body = Body("block", "iron", (Part(Box((0.03 * scale, 0.02 * scale, 0.01 * scale))),), 0.006 * scale)
-    at = Placement(np.array([0.002, 0.0, 0.02]) * scale, np.eye(3))
-    coil = CircularCoil("coil", 0.01 * scale, 0.015 * scale, 0.01 * scale, 100.0, placement=at)
-    return Device("block", "", (coil,), (body,), {"iron": LinearMaterial("iron", mu_r)})
+    body = fm.Body(
+        "block", "iron", (fm.Part(fm.Box((0.03 * scale, 0.02 * scale, 0.01 * scale))),), 0.006 * scale
+    )
+    at = fm.Placement(np.array([0.002, 0.0, 0.02]) * scale, np.eye(3))
+    coil = fm.CircularCoil("coil", 0.01 * scale, 0.015 * scale, 0.01 * scale, 100.0, placement=at)
+    return fm.Device("block", "", (coil,), (body,), {"iron": fm.LinearMaterial("iron", mu_r)})
 
 
 @pytest.fixture(scope="module")
@@ -144,7 +136,7 @@ def test_initial_slope_of_a_table_is_named():
 
 def test_coils_without_iron():
     device = block_and_coil()
-    bare = Device("bare", "", device.coils)
+    bare = fm.Device("bare", "", device.coils)
     unit = fm.solve_linear(bare)
     assert unit.field(BELOW, [2.0]) == pytest.approx(2 * unit_flux_density(device.coils[0], BELOW), rel=1e-12)
     assert unit.report.surface_faces == 0
@@ -213,18 +205,18 @@ def test_unknown_body(solution):
 
 def test_a_coil_through_iron_is_refused_before_any_work():
     device = block_and_coil()
-    low = Placement(np.array([0.0, 0.0, 0.005]), np.eye(3))
-    coil = CircularCoil("coil", 0.005, 0.008, 0.01, 100.0, placement=low)
+    low = fm.Placement(np.array([0.0, 0.0, 0.005]), np.eye(3))
+    coil = fm.CircularCoil("coil", 0.005, 0.008, 0.01, 100.0, placement=low)
     with pytest.raises(GeometryError, match="block"):
-        fm.solve_linear(Device("bad", "", (coil,), device.bodies, device.materials))
+        fm.solve_linear(fm.Device("bad", "", (coil,), device.bodies, device.materials))
 
 
 @pytest.mark.parametrize("form", ["potential", "flux"])
 def test_a_magnet_without_any_coil(form):
     """Its remanence is the only source; at mu_r = 1 magpylib's block is exact."""
-    body = Body("block", "magnet", (Part(Box((0.02, 0.03, 0.01))),), 0.006)
-    device = Device(
-        "m", "", (), (body,), {"magnet": PermanentMagnet("magnet", np.array([0.3, 0.0, 1.2]), 1.0)}
+    body = fm.Body("block", "magnet", (fm.Part(fm.Box((0.02, 0.03, 0.01))),), 0.006)
+    device = fm.Device(
+        "m", "", (), (body,), {"magnet": fm.PermanentMagnet("magnet", np.array([0.3, 0.0, 1.2]), 1.0)}
     )
     solution = fm.solve_linear(device, form=form)
     block = magpylib.magnet.Cuboid(

@@ -6,27 +6,14 @@ import numpy as np
 import pytest
 
 import fieldmap as fm
-from fieldmap.device.model import (
-    BHTable,
-    Body,
-    Box,
-    CircularCoil,
-    Cylinder,
-    Device,
-    LinearMaterial,
-    Part,
-    PermanentMagnet,
-    Placement,
-    Section,
-    WorkspaceCylinder,
-)
 from fieldmap.errors import InputError
 from fieldmap.field import Field, FieldAtCurrents, dipole_wrench
 from fieldmap.iron import FluxDensityAt, HysteresisSolver, NonlinearSolver, Pinning
+from tests.iron.shared import core_and_coils
 
 AIR = np.array([[0.0, 0.002, -0.006], [0.012, 0.0, 0.02]])
 INSIDE = np.array([[0.0, 0.001, 0.013]])
-STEEL = BHTable(
+STEEL = fm.BHTable(
     "iron",
     np.array([200.0, 1000.0, 1e4, 1e5]),
     np.array([0.7, 1.4, 1.8, 2.2]),
@@ -34,26 +21,6 @@ STEEL = BHTable(
     "slope mu0",
     2785.0,
 )
-
-
-def at(x, y, z):
-    return Placement(np.array([x, y, z], float), np.eye(3))
-
-
-def core_and_coils(material=None, magnet=False):
-    """A core in one coil beside another, and a magnet aside on request; a workspace below."""
-    coils = (
-        CircularCoil("around", 0.006, 0.010, 0.02, 200.0, placement=at(0, 0, 0.015)),
-        CircularCoil("beside", 0.005, 0.008, 0.01, 100.0, -1, placement=at(0.015, 0.004, 0.04)),
-    )
-    bodies = [Body("core", "iron", (Part(Cylinder(0.005, 0.03)),), 0.005)]
-    materials = {"iron": material or LinearMaterial("iron", 500.0)}
-    if magnet:
-        bodies.append(Body("magnet", "magnet", (Part(Box((0.01, 0.01, 0.01)), at(-0.03, 0, 0)),), 0.005))
-        materials["magnet"] = PermanentMagnet("magnet", np.array([0.0, 0.3, 1.0]), 1.05)
-    cut = Section("middle", np.array([0.0, 0.0, 0.015]), np.array([0.0, 0.0, 1.0]), ("core",))
-    space = WorkspaceCylinder(np.array([0.0, 0.001, -0.012]), 0.004, 0.008)
-    return Device("core", "", coils, tuple(bodies), materials, workspace=space, sections=(cut,))
 
 
 @pytest.fixture(scope="module")

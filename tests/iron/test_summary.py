@@ -9,18 +9,7 @@ import numpy as np
 import pytest
 from scipy.constants import mu_0
 
-from fieldmap.device.model import (
-    BHTable,
-    Body,
-    CircularCoil,
-    Device,
-    LinearMaterial,
-    Part,
-    Placement,
-    Reference,
-    Section,
-    Sphere,
-)
+import fieldmap as fm
 from fieldmap.errors import InputError
 from fieldmap.iron import NonlinearSolver, solve_linear
 from fieldmap.iron.notes import law_range
@@ -49,7 +38,9 @@ INSIDE = 3 * MU_R / (MU_R + 2) * loop_field(HEIGHT)[0]
 
 
 def known(quantity, value, current=1.0, mu_r=None):
-    return Reference(quantity, np.array([0.0, 0.0, HEIGHT + 0.008]), np.array([current]), value, "here", mu_r)
+    return fm.Reference(
+        quantity, np.array([0.0, 0.0, HEIGHT + 0.008]), np.array([current]), value, "here", mu_r
+    )
 
 
 def outside(distance):
@@ -59,20 +50,22 @@ def outside(distance):
 
 @pytest.fixture(scope="module")
 def device():
-    ball = Body("ball", "iron", (Part(Sphere(BALL), Placement(np.array([0.0, 0.0, HEIGHT]))),), 0.001)
-    coil = CircularCoil("loop", inner_radius=0.0995, outer_radius=0.1005, height=0.001, turns=TURNS)
-    section = Section("equator", np.array([0.0, 0.0, HEIGHT]), np.array([0.0, 0.0, 2.0]))
+    ball = fm.Body(
+        "ball", "iron", (fm.Part(fm.Sphere(BALL), fm.Placement(np.array([0.0, 0.0, HEIGHT]))),), 0.001
+    )
+    coil = fm.CircularCoil("loop", inner_radius=0.0995, outer_radius=0.1005, height=0.001, turns=TURNS)
+    section = fm.Section("equator", np.array([0.0, 0.0, HEIGHT]), np.array([0.0, 0.0, 2.0]))
     references = (
         known("Bz", outside(0.008)),
         known("Bz", 2 * outside(0.008), current=2.0, mu_r=MU_R),
         known("Bz", 1.0, mu_r=7.0),
     )
-    return Device(
+    return fm.Device(
         "ball",
         "A ball",
         (coil,),
         (ball,),
-        {"iron": LinearMaterial("iron", MU_R)},
+        {"iron": fm.LinearMaterial("iron", MU_R)},
         sections=(section,),
         references=references,
     )
@@ -154,7 +147,7 @@ def test_entries_by_name():
 def steel(initial=2500.0):
     """Straight up to 100 A/m, a fifth as steep on average up to 1000 A/m."""
     h = np.array([100.0, 1000.0])
-    return BHTable(
+    return fm.BHTable(
         "steel", h, initial * mu_0 * h / [1, 5], "straight line to the origin", "slope mu0", initial
     )
 

@@ -4,35 +4,21 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.special import comb, eval_legendre
+from scipy.special import eval_legendre
 
 import fieldmap as fm
-from fieldmap.device.model import (
-    Background,
-    Body,
-    Box,
-    CircularCoil,
-    Cylinder,
-    Device,
-    LinearMaterial,
-    Part,
-    PermanentMagnet,
-    Placement,
-    Section,
-    Sphere,
-    TriangleSurface,
-)
+from fieldmap.device.surfaces import enclosed_volume
 from fieldmap.errors import InputError
-from fieldmap.iron.elements.surface_form import _projected
 from fieldmap.iron.geometry.solids import glue_bodies
 from fieldmap.iron.mesh import mesh as mesh_module
 from fieldmap.iron.mesh import surface_mesh
 from fieldmap.iron.mesh.mesh import generate_mesh, volumes
 from fieldmap.iron.mesh.mesher import mesh_solids
-from fieldmap.iron.mesh.surface_mesh import AIR, enclosed_volume, generate_surface
+from fieldmap.iron.mesh.surface_mesh import AIR, generate_surface
 from fieldmap.iron.operators import assembled
 from fieldmap.iron.solvers.surface import _areas_above, _enclosed_area
 from fieldmap.sources import unit_flux_density
+from tests.iron.shared import moments_of_two_spheres
 
 RADIUS = 0.05
 UP = np.array([0.0, 0.0, 1.0])
@@ -44,15 +30,17 @@ def in_field(mu_r, *bodies, field=UP, **materials):
     values = {
         body.name: value for body, value in zip(bodies, np.broadcast_to(mu_r, len(bodies)), strict=True)
     }
-    kinds = {name: LinearMaterial(name, float(value)) for name, value in values.items()} | materials
+    kinds = {name: fm.LinearMaterial(name, float(value)) for name, value in values.items()} | materials
     used = {body.material: kinds[body.material] for body in bodies}
-    return fm.solve_linear(Device("d", "", (), bodies, used, background=Background(field)), form="surface")
+    return fm.solve_linear(
+        fm.Device("d", "", (), bodies, used, background=fm.Background(field)), form="surface"
+    )
 
 
 def sphere(name, radius=RADIUS, height=0.0, size=0.009, cut=None):
-    at = Placement(np.array([0.0, 0.0, height]), np.eye(3))
-    parts = (Part(Sphere(radius), at),) + ((Part(Sphere(cut), at, "cut"),) if cut else ())
-    return Body(name, name, parts, size)
+    at = fm.Placement(np.array([0.0, 0.0, height]), np.eye(3))
+    parts = (fm.Part(fm.Sphere(radius), at),) + ((fm.Part(fm.Sphere(cut), at, "cut"),) if cut else ())
+    return fm.Body(name, name, parts, size)
 
 
 def dipole(points, moment):
@@ -114,18 +102,6 @@ def test_coated_sphere_of_two_materials():
     assert solution.report.magnetic_bodies == 1
 
 
-def moments_of_two_spheres(mu_r, distance, count=80):
-    """Multipoles (count,) of order 1, 2, ... of the lower of two equal spheres of radius 1 in a field of 1 along their
-    axis: the other's are re-expanded about it, P_n(cos t') / r'^(n+1) = sum (-1)^n C(n+m, n) r^m P_m(cos t) /
-    d^(n+m+1), and a sphere answers r^m P_m by -m (mu - 1) / (m (mu + 1) + 1)."""
-    n = np.arange(1, count + 1)
-    order, other = n[:, None], n[None, :]
-    answer = n * (mu_r - 1) / (n * (mu_r + 1) + 1)
-    # By symmetry the upper has B_n = (-1)^(n+1) A_n.
-    between = -comb(order + other, other) * distance ** -(order + other + 1.0)
-    return np.linalg.solve(np.eye(count) + answer[:, None] * between, np.where(n == 1, answer, 0.0))
-
-
 def field_of_two_spheres(points, multipoles, distance):
     """Differences of the potential over 2e-6 of the radius, which are right to some 1e-9."""
 
@@ -165,9 +141,12 @@ def test_two_spheres_beside_each_other(mu_r):
 
 def test_a_ball_cut_in_two_of_one_material_is_the_ball():
     """Faces between bodies of one material carry nothing, and B crosses them."""
-    half = (Part(Sphere(RADIUS)), Part(Box((0.2, 0.2, 0.1)), Placement(-0.1 * UP, np.eye(3)), "cut"))
-    low = (Part(Sphere(RADIUS)), Part(Box((0.2, 0.2, 0.1)), operation="cut"))
-    solution = in_field(100.0, Body("upper", "upper", half, 0.009), Body("lower", "lower", low, 0.009))
+    half = (
+        fm.Part(fm.Sphere(RADIUS)),
+        fm.Part(fm.Box((0.2, 0.2, 0.1)), fm.Placement(-0.1 * UP, np.eye(3)), "cut"),
+    )
+    low = (fm.Part(fm.Sphere(RADIUS)), fm.Part(fm.Box((0.2, 0.2, 0.1)), operation="cut"))
+    solution = in_field(100.0, fm.Body("upper", "upper", half, 0.009), fm.Body("lower", "lower", low, 0.009))
     exact = UP + dipole(OUTSIDE, 99 / 102 * RADIUS**3 * UP)
     assert largest(solution.field(OUTSIDE, []) - exact, exact) < 2e-3
     assert solution.flux_density("upper", []) == pytest.approx(300 / 102 * UP, abs=2e-2)
@@ -180,8 +159,8 @@ def test_a_ball_cut_in_two_of_one_material_is_the_ball():
 @pytest.mark.parametrize("mu_r", [1.0, 1.05, 3.0])
 def test_magnetised_sphere(mu_r):
     """Remanence and recoil permeability: polarisation 3 Br / (mu_r + 2); a dipole outside, uniform inside."""
-    magnet = PermanentMagnet("ball", np.array([0.0, 0.0, 1.2]), mu_r)
-    device = Device("d", "", (), (sphere("ball"),), {"ball": magnet})
+    magnet = fm.PermanentMagnet("ball", np.array([0.0, 0.0, 1.2]), mu_r)
+    device = fm.Device("d", "", (), (sphere("ball"),), {"ball": magnet})
     solution = fm.solve_linear(device, form="surface")
     polarisation = 3 * 1.2 / (mu_r + 2)
     exact = dipole(OUTSIDE, polarisation * RADIUS**3 / 3 * UP)
@@ -192,7 +171,7 @@ def test_magnetised_sphere(mu_r):
 @pytest.mark.parametrize(("mu_r", "exact"), [(1e8, 3.644305190268), (1e-9, -1.638415711)])
 def test_polarisability_of_a_cube(mu_r, exact):
     """Published: Helsing and Perfekt, Appl. Comput. Harmon. Anal. 34 (2013) 445."""
-    cube = Body("cube", "cube", (Part(Box((1.0, 1.0, 1.0))),), 0.25, 0.01)
+    cube = fm.Body("cube", "cube", (fm.Part(fm.Box((1.0, 1.0, 1.0))),), 0.25, 0.01)
     solution = in_field(mu_r, cube)
     state = solution.state
     moment = (state.density[0] * state.faces.areas) @ state.faces.centres
@@ -204,15 +183,15 @@ def test_the_volume_is_not_meshed(monkeypatch):
     """Neither for a box nor for a surface of triangles; both are the same body."""
     monkeypatch.setattr(mesh_module, "generate_mesh", None)
     size = 0.02
-    box = Body("cube", "cube", (Part(Box((size, size, size))),), 0.006)
+    box = fm.Body("cube", "cube", (fm.Part(fm.Box((size, size, size))),), 0.006)
     corners = size * np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (0.0, 1.0)])
     quads = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]
     triangles = np.array([t for a, b, c, d in quads for t in ([a, b, c], [a, c, d])])
-    stl = Body("cube", "cube", (Part(TriangleSurface(corners, triangles)),), 0.006)
+    stl = fm.Body("cube", "cube", (fm.Part(fm.TriangleSurface(corners, triangles)),), 0.006)
     fields = []
     for body in (box, stl):
-        device = Device(
-            "d", "", (), (body,), {"cube": LinearMaterial("cube", 100.0)}, background=Background(UP)
+        device = fm.Device(
+            "d", "", (), (body,), {"cube": fm.LinearMaterial("cube", 100.0)}, background=fm.Background(UP)
         )
         mesh = mesh_solids(glue_bodies(device), device, 1.0, surface_only=True)
         assert mesh.elements.shape[1] == 3
@@ -225,12 +204,12 @@ def test_the_volume_is_not_meshed(monkeypatch):
 
 def test_surface_mesh_bounds_the_bodies_of_the_volume_mesh():
     """The same volumes after rounding, closed, layers at the edges; a triangle between bodies has both on its sides."""
-    parts = (Part(Sphere(0.02)), Part(Box((0.1, 0.1, 0.1)), operation="cut"))
+    parts = (fm.Part(fm.Sphere(0.02)), fm.Part(fm.Box((0.1, 0.1, 0.1)), operation="cut"))
     bodies = (
-        Body("cap", "iron", parts, 0.006, 0.0005),
-        Body("block", "iron", (Part(Box((0.05, 0.05, 0.01))),), 0.009),
+        fm.Body("cap", "iron", parts, 0.006, 0.0005),
+        fm.Body("block", "iron", (fm.Part(fm.Box((0.05, 0.05, 0.01))),), 0.009),
     )
-    device = Device("d", "", (), bodies, {"iron": LinearMaterial("iron", 10.0)})
+    device = fm.Device("d", "", (), bodies, {"iron": fm.LinearMaterial("iron", 10.0)})
     surface, mesh = generate_surface(device), generate_mesh(device)
     tets = volumes(mesh.points, mesh.tets)
     for name in surface.body_names:
@@ -246,8 +225,8 @@ def test_surface_mesh_bounds_the_bodies_of_the_volume_mesh():
 
 
 def test_triangles_that_the_mesher_turns_inwards_are_turned_back(monkeypatch):
-    body = Body("block", "iron", (Part(Box((0.03, 0.02, 0.01))),), 0.01)
-    device = Device("d", "", (), (body,), {"iron": LinearMaterial("iron", 10.0)})
+    body = fm.Body("block", "iron", (fm.Part(fm.Box((0.03, 0.02, 0.01))),), 0.01)
+    device = fm.Device("d", "", (), (body,), {"iron": fm.LinearMaterial("iron", 10.0)})
     own = surface_mesh.mesh_solids
 
     def inward(*given, **more):
@@ -269,32 +248,14 @@ def test_triangles_that_the_mesher_turns_inwards_are_turned_back(monkeypatch):
 def test_shadow_of_a_disk_half_a_millimetre_from_a_winding():
     """Behind the disk, its field cancels all but a twentieth of the coil's, of which the errors are told: 4 % with the
     coil's potential at the corners of triangles alone."""
-    body = Body("disk", "iron", (Part(Cylinder(0.066, 0.006)),), 0.011, 0.001)
-    at = Placement(np.array([0.0, 0.0, 0.026]), np.eye(3))
-    coil = CircularCoil("coil", 0.011, 0.021, 0.039, 840.0, placement=at)
-    device = Device("d", "", (coil,), (body,), {"iron": LinearMaterial("iron", 4000.0)})
+    body = fm.Body("disk", "iron", (fm.Part(fm.Cylinder(0.066, 0.006)),), 0.011, 0.001)
+    at = fm.Placement(np.array([0.0, 0.0, 0.026]), np.eye(3))
+    coil = fm.CircularCoil("coil", 0.011, 0.021, 0.039, 840.0, placement=at)
+    device = fm.Device("d", "", (coil,), (body,), {"iron": fm.LinearMaterial("iron", 4000.0)})
     ours, theirs = (fm.solve_linear(device, form=form) for form in ("surface", "potential"))
     behind = np.array([[0.0, 0.0, -0.01], [0.03, 0.0, -0.01], [0.0, 0.05, -0.01], [0.0, 0.0, -0.03]])
     coil_alone = unit_flux_density(coil, behind)
     assert largest(ours.field(behind, [1.0]) - theirs.field(behind, [1.0]), coil_alone) < 4e-3
-
-
-def test_parts_of_triangles_above_a_plane():
-    """By the share of points of each triangle that lie above, whatever corner is the highest."""
-    rng = np.random.default_rng(6)
-    corners = np.repeat(rng.uniform(-1, 1, (8, 3, 3)), 3, axis=0)
-    corners = np.stack([np.roll(one, k % 3, axis=0) for k, one in enumerate(corners)])
-    # Above, below, one corner above, two, and corners in the plane itself.
-    levels = np.array(
-        [[1, 2, 3], [-1, -2, -3], [3, -1, -2], [-1, 2, 4], [0, 1, 2], [0, -1, -2], [0, 0, 1], [0, -1, 3.0]]
-    )
-    height = np.stack([np.roll(one, k % 3) for k, one in enumerate(np.repeat(levels, 3, axis=0))])
-    s, t = (a.ravel() for a in np.meshgrid(*[(np.arange(1000) + 0.5) / 1000] * 2))
-    inside = s + t < 1
-    shape = np.stack([1 - s - t, s, t], axis=1)[inside]
-    for triangle, level, found in zip(corners, height, _areas_above(corners, height), strict=True):
-        area = 0.5 * np.linalg.norm(np.cross(triangle[1] - triangle[0], triangle[2] - triangle[0]))
-        assert found == pytest.approx(area * (shape @ level > 0).mean(), abs=2e-3 * area)
 
 
 @pytest.mark.parametrize("level", [-0.7, -0.2, 0.0, 0.5, 0.9])
@@ -316,42 +277,15 @@ def test_what_a_plane_cuts_out_of_a_closed_surface(level):
     assert flux == pytest.approx(2 * (1 - abs(level)) ** 2, rel=1e-9)
 
 
-def test_bubbles_are_projected_in_the_mean_square():
-    """What a linear function leaves of second-order bubbles is orthogonal to every function of the nodes: by a product
-    of Gauss rules on triangles of any shape, some points of the mesh in none of them."""
-    rng = np.random.default_rng(4)
-    points = rng.uniform(-1, 1, (9, 3))
-    triangles = np.array([[0, 2, 3], [2, 5, 3], [3, 5, 7], [7, 8, 3]])
-    edges = np.unique(np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1), axis=0)
-    bubble = rng.standard_normal((len(edges), 2))
-    nodal = _projected(points, triangles, edges, bubble)
-    x, w = np.polynomial.legendre.leggauss(4)
-    s, t = (a.ravel() for a in np.meshgrid((x + 1) / 2, (x + 1) / 2))
-    corners = np.stack([1 - s, s * (1 - t), s * t])
-    weight = np.outer(w, w).ravel() / 4 * s
-    left = np.zeros_like(nodal)
-    for triangle in triangles:
-        a, b, c = points[triangle]
-        value = corners.T @ nodal[triangle]
-        for (one, other), height in zip(edges, bubble, strict=True):
-            if one in triangle and other in triangle:
-                i, j = (triangle.tolist().index(end) for end in (one, other))
-                value -= 4 * np.outer(corners[i] * corners[j], height)
-        left[triangle] += np.linalg.norm(np.cross(b - a, c - a)) * (corners * weight) @ value
-    assert np.abs(left).max() < 1e-13
-    assert np.abs(nodal).max() > 0.1
-    assert (nodal[[1, 4, 6]] == 0).all()
-
-
 def window(mu_r, size=0.016):
     """A closed iron window about 80 mm long on each side, with a coil around one limb."""
-    hole = Placement(np.array([0.0, 0.0, -0.01]), np.eye(3))
-    parts = (Part(Box((0.1, 0.1, 0.02))), Part(Box((0.06, 0.06, 0.04)), hole, "cut"))
+    hole = fm.Placement(np.array([0.0, 0.0, -0.01]), np.eye(3))
+    parts = (fm.Part(fm.Box((0.1, 0.1, 0.02))), fm.Part(fm.Box((0.06, 0.06, 0.04)), hole, "cut"))
     along_y = np.column_stack([[1, 0, 0], [0, 0, -1], [0, 1, 0]]).astype(float)
-    at = Placement(np.array([0.04, 0.0, 0.01]), along_y)
-    coil = CircularCoil("coil", 0.017, 0.022, 0.03, 100.0, placement=at)
-    body = Body("window", "iron", (Part(Box((0.1, 0.1, 0.02))), parts[1]), size, 0.006)
-    return Device("window", "", (coil,), (body,), {"iron": LinearMaterial("iron", mu_r)})
+    at = fm.Placement(np.array([0.04, 0.0, 0.01]), along_y)
+    coil = fm.CircularCoil("coil", 0.017, 0.022, 0.03, 100.0, placement=at)
+    body = fm.Body("window", "iron", (fm.Part(fm.Box((0.1, 0.1, 0.02))), parts[1]), size, 0.006)
+    return fm.Device("window", "", (coil,), (body,), {"iron": fm.LinearMaterial("iron", mu_r)})
 
 
 @pytest.fixture(scope="module")
@@ -383,14 +317,14 @@ def test_closed_circuit_of_two_materials_obeys_ampere():
     one = window(300.0)
     (whole,) = one.bodies
     away = [
-        Part(Box((0.1, 0.2, 0.06)), Placement(np.array([x, 0.0, -0.02]), np.eye(3)), "cut")
+        fm.Part(fm.Box((0.1, 0.2, 0.06)), fm.Placement(np.array([x, 0.0, -0.02]), np.eye(3)), "cut")
         for x in (-0.05, 0.05)
     ]
     halves = [
         replace(whole, name=name, material=name, parts=(*whole.parts, cut))
         for name, cut in zip(("good", "poor"), away, strict=True)
     ]
-    materials = {"good": LinearMaterial("good", 300.0), "poor": LinearMaterial("poor", 50.0)}
+    materials = {"good": fm.LinearMaterial("good", 300.0), "poor": fm.LinearMaterial("poor", 50.0)}
     device = replace(one, bodies=tuple(halves), materials=materials)
     state, other = (fm.solve_linear(device, form=form).at([1.0]) for form in ("surface", "potential"))
     assert turns_around(state) == pytest.approx(100.0, rel=2e-3)
@@ -405,8 +339,8 @@ def test_closed_circuit_beside_the_potential_form(closed):
     outside = np.array([[-0.07, 0.0, 0.01], [0.0, 0.0, 0.01], [0.0, 0.08, 0.01], [0.04, 0.0, 0.05]])
     ours, theirs = surface.field(outside, [1.0]), potential.field(outside, [1.0])
     assert largest(ours - theirs, theirs) < 5e-3
-    limb = Section("limb", (-0.04, 0.01, 0.01), (0.0, 1.0, 0.0), half_widths=(0.02, 0.05, 0.05))
-    both = Section("both", (0.0, 0.01, 0.01), (0.0, 1.0, 0.0))
+    limb = fm.Section("limb", (-0.04, 0.01, 0.01), (0.0, 1.0, 0.0), half_widths=(0.02, 0.05, 0.05))
+    both = fm.Section("both", (0.0, 0.01, 0.01), (0.0, 1.0, 0.0))
     area = surface.section_flux(both, [1.0]).area
     assert area == pytest.approx(8e-4, rel=1e-9)
     # Through both limbs together nearly as much comes back as goes.

@@ -8,33 +8,11 @@ import numpy as np
 import pytest
 
 import fieldmap as fm
-from fieldmap.device.model import (
-    Background,
-    Body,
-    Box,
-    CircularCoil,
-    Cylinder,
-    Device,
-    ExtrudedPolygon,
-    LinearMaterial,
-    MeshFile,
-    Part,
-    PathCoil,
-    PermanentMagnet,
-    Placement,
-    RevolvedProfile,
-    Ring,
-    RoundedRectangleCoil,
-    Sphere,
-    StepFile,
-    TriangleSurface,
-    VolumeMesh,
-)
 from fieldmap.iron.mesh.chamber import mirror_chamber
 from fieldmap.iron.symmetry import Operation, Outline, exact_matrices, find_symmetry, multiplication_table
 from fieldmap.sources import unit_flux_density
 
-MATERIALS = {"iron": LinearMaterial("iron", 100.0), "steel": LinearMaterial("steel", 200.0)}
+MATERIALS = {"iron": fm.LinearMaterial("iron", 100.0), "steel": fm.LinearMaterial("steel", 200.0)}
 
 
 def turn(axis, degrees):
@@ -45,21 +23,25 @@ def turn(axis, degrees):
     return np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
 
 
-SKEW = Placement(np.array([0.01, -0.02, 0.03]), turn([1, 2, 3], 47.0))
+SKEW = fm.Placement(np.array([0.01, -0.02, 0.03]), turn([1, 2, 3], 47.0))
 
 
 def body(*parts, material="iron", name="b", size=0.005):
-    return Body(name, material, tuple(Part(s, p) if not isinstance(s, Part) else s for s, p in parts), size)
+    return fm.Body(
+        name, material, tuple(fm.Part(s, p) if not isinstance(s, fm.Part) else s for s, p in parts), size
+    )
 
 
 def device(*bodies, coils=()):
-    return Device.unchecked(name="d", coils=tuple(coils), bodies=tuple(bodies), materials=MATERIALS)
+    return fm.Device.unchecked(name="d", coils=tuple(coils), bodies=tuple(bodies), materials=MATERIALS)
 
 
 def ring_of(count, radius, shape=None, start=0.0):
     angles = np.radians(start) + 2 * np.pi * np.arange(count) / count
     places = [np.array([radius * np.cos(a), radius * np.sin(a), 0.0]) for a in angles]
-    return [body((shape or Cylinder(0.005, 0.02), Placement(p)), name=f"b{k}") for k, p in enumerate(places)]
+    return [
+        body((shape or fm.Cylinder(0.005, 0.02), fm.Placement(p)), name=f"b{k}") for k, p in enumerate(places)
+    ]
 
 
 HEXAGON = np.array([[np.cos(a), np.sin(a)] for a in np.pi / 3 * np.arange(6)]) * 0.02
@@ -69,7 +51,7 @@ L_SHAPE = np.array([[0, 0], [3, 0], [3, 1], [1, 1], [1, 2], [0, 2]]) * 0.01
 def around(points, *faces):
     """The surface with these plane convex faces, each cut into triangles from its first corner."""
     triangles = [(face[0], b, c) for face in faces for b, c in pairwise(face[1:])]
-    return TriangleSurface(np.array(points, dtype=float) * 0.01, np.array(triangles))
+    return fm.TriangleSurface(np.array(points, dtype=float) * 0.01, np.array(triangles))
 
 
 def hexahedron(a, b, c):
@@ -92,7 +74,7 @@ TETRAHEDRON = around(
 )
 
 
-@pytest.mark.parametrize("place", [Placement(), SKEW])
+@pytest.mark.parametrize("place", [fm.Placement(), SKEW])
 @pytest.mark.parametrize(
     ("shape", "order"),
     [
@@ -117,9 +99,9 @@ def test_order_of_a_surface(shape, order, place):
 @pytest.mark.parametrize(
     ("bodies", "walls", "order"),
     [
-        ([body((Box((0.01, 0.02, 0.03)), SKEW))], 3, 8),
-        ([body((Box((0.01, 0.02, 0.03)), SKEW))], 2, 4),
-        ([body((Box((0.01, 0.02, 0.03)), SKEW))], 1, 2),
+        ([body((fm.Box((0.01, 0.02, 0.03)), SKEW))], 3, 8),
+        ([body((fm.Box((0.01, 0.02, 0.03)), SKEW))], 2, 4),
+        ([body((fm.Box((0.01, 0.02, 0.03)), SKEW))], 1, 2),
         ([body((hexahedron(X, Y, Z), SKEW))], 3, 48),
         ([body((pyramid(0, 0, 1), SKEW))], 3, 8),
         (ring_of(8, 0.03), 3, 32),
@@ -153,7 +135,7 @@ def test_walls_lie_in_coordinate_planes_where_they_can(start, normal):
 
 
 def test_no_chamber_without_a_mirror():
-    assert mirror_chamber(find_symmetry(device(body((pyramid(0.5, 0.2, 1), Placement()))))) is None
+    assert mirror_chamber(find_symmetry(device(body((pyramid(0.5, 0.2, 1), fm.Placement()))))) is None
 
 
 def test_outlines_are_alike_where_each_row_has_one_like_it():
@@ -178,8 +160,8 @@ def test_items_without_a_symmetry_of_their_own(tmp_path):
 
     def pair(one, other):
         places = (
-            Placement(np.array([0.05, 0, 0])),
-            Placement(np.array([-0.05, 0, 0]), np.diag([-1.0, -1.0, 1.0])),
+            fm.Placement(np.array([0.05, 0, 0])),
+            fm.Placement(np.array([-0.05, 0, 0]), np.diag([-1.0, -1.0, 1.0])),
         )
         bodies = [
             body((shape, place), name=name)
@@ -187,12 +169,12 @@ def test_items_without_a_symmetry_of_their_own(tmp_path):
         ]
         return find_symmetry(device(*bodies))
 
-    mesh, file = VolumeMesh(points, tets), MeshFile(tmp_path / "a.msh", 1e-3, "core")
+    mesh, file = fm.VolumeMesh(points, tets), fm.MeshFile(tmp_path / "a.msh", 1e-3, "core")
     assert str(pair(mesh, mesh)) == "2-fold axis z"
     assert str(pair(file, file)) == "2-fold axis z"
     assert pair(mesh, file).order == 1
     assert str(pair(mesh, file)) == "none"
-    for other in (VolumeMesh(1.1 * points, tets), VolumeMesh(points, tets[:, [1, 0, 3, 2]])):
+    for other in (fm.VolumeMesh(1.1 * points, tets), fm.VolumeMesh(points, tets[:, [1, 0, 3, 2]])):
         assert pair(mesh, other).order == 1
     for change in ({"path": tmp_path / "b.msh"}, {"scale": 1.0}, {"region": None}):
         assert pair(file, replace(file, **change)).order == 1
@@ -225,31 +207,31 @@ def test_names_of_operations():
 
 def test_names_of_groups():
     assert str(
-        find_symmetry(device(body((hexahedron(X, Y + 0.3 * X, 2 * Z + 0.1 * X + 0.2 * Y), Placement()))))
+        find_symmetry(device(body((hexahedron(X, Y + 0.3 * X, 2 * Z + 0.1 * X + 0.2 * Y), fm.Placement()))))
     ) == ("inversion")
     assert (
-        str(find_symmetry(device(body((pyramid(0, 0, 1), Placement())))))
+        str(find_symmetry(device(body((pyramid(0, 0, 1), fm.Placement())))))
         == "4-fold axis z with 4 mirror planes"
     )
-    assert str(find_symmetry(device(body((pyramid(0.5, 0, 1), Placement()))))) == "mirror y = 0"
+    assert str(find_symmetry(device(body((pyramid(0.5, 0, 1), fm.Placement()))))) == "mirror y = 0"
     skew = find_symmetry(device(body((pyramid(0, 0, 1), SKEW))))
     axis = ", ".join(f"{value:.4g}" for value in SKEW.rotation[:, 2])
     assert str(skew) == f"4-fold axis ({axis}) with 4 mirror planes"
 
 
-@pytest.mark.parametrize("place", [Placement(), SKEW])
+@pytest.mark.parametrize("place", [fm.Placement(), SKEW])
 @pytest.mark.parametrize(
     ("shape", "order"),
     [
-        (Box((0.01, 0.02, 0.03)), 8),  # D2h
-        (Box(np.array([0.02, 0.02, 0.03])), 16),  # D4h
-        (Box((0.02, 0.02, 0.02)), 48),  # Oh
-        (ExtrudedPolygon(HEXAGON, 0.01), 24),  # D6h
-        (ExtrudedPolygon(L_SHAPE, 0.01), 2),  # Cs: the plane half way up
-        (Cylinder(0.01, 0.02), 8),  # infinitely many; D2h is used
-        (RevolvedProfile(np.array([[0, 0], [2, 0], [1, 1], [0, 1]]) * 0.01), 4),  # frustum: C2v is used
-        (Sphere(0.01), 8),
-        (Ring(0.01, 0.02, 0.01), 8),
+        (fm.Box((0.01, 0.02, 0.03)), 8),  # D2h
+        (fm.Box(np.array([0.02, 0.02, 0.03])), 16),  # D4h
+        (fm.Box((0.02, 0.02, 0.02)), 48),  # Oh
+        (fm.ExtrudedPolygon(HEXAGON, 0.01), 24),  # D6h
+        (fm.ExtrudedPolygon(L_SHAPE, 0.01), 2),  # Cs: the plane half way up
+        (fm.Cylinder(0.01, 0.02), 8),  # infinitely many; D2h is used
+        (fm.RevolvedProfile(np.array([[0, 0], [2, 0], [1, 1], [0, 1]]) * 0.01), 4),  # frustum: C2v is used
+        (fm.Sphere(0.01), 8),
+        (fm.Ring(0.01, 0.02, 0.01), 8),
     ],
 )
 def test_order_of_a_single_shape(shape, order, place):
@@ -294,7 +276,10 @@ def test_a_pinwheel_has_rotations_and_no_upright_mirror():
     """Boxes turned by 20 degrees out of the radial direction: C4h."""
     bodies = [
         body(
-            (Box((0.02, 0.004, 0.01)), Placement(turn([0, 0, 1], a) @ [0.03, 0, 0], turn([0, 0, 1], a + 20)))
+            (
+                fm.Box((0.02, 0.004, 0.01)),
+                fm.Placement(turn([0, 0, 1], a) @ [0.03, 0, 0], turn([0, 0, 1], a + 20)),
+            )
         )
         for a in (0, 90, 180, 270)
     ]
@@ -310,39 +295,40 @@ def test_material_size_and_place_of_one_body_break_the_symmetry():
     assert find_symmetry(device(other, *bodies[1:])).order == 4  # C2v: y = 0 and the plane half way up
     finer = replace(bodies[0], mesh_size=0.004)
     assert find_symmetry(device(finer, *bodies[1:])).order == 4
-    moved = body((Cylinder(0.005, 0.02), Placement(np.array([0.03001, 0, 0]))))
+    moved = body((fm.Cylinder(0.005, 0.02), fm.Placement(np.array([0.03001, 0, 0]))))
     assert find_symmetry(device(moved, *bodies[1:])).order == 4
-    rounded = body((Cylinder(0.005, 0.02), Placement(np.array([0.03 + 2e-9, 0, 0]))))
+    rounded = body((fm.Cylinder(0.005, 0.02), fm.Placement(np.array([0.03 + 2e-9, 0, 0]))))
     assert find_symmetry(device(rounded, *bodies[1:])).order == 24
 
 
 def test_order_of_parts_counts_only_between_adding_and_cutting():
-    hole = Part(Cylinder(0.002, 0.01), Placement(np.array([0.006, 0, 0])), "cut")
-    twin = Part(Cylinder(0.002, 0.01), Placement(np.array([-0.006, 0, 0])), "cut")
-    plate = Part(Box((0.03, 0.02, 0.01)))
-    both = Body("b", "iron", (plate, hole, twin), 0.005)
+    hole = fm.Part(fm.Cylinder(0.002, 0.01), fm.Placement(np.array([0.006, 0, 0])), "cut")
+    twin = fm.Part(fm.Cylinder(0.002, 0.01), fm.Placement(np.array([-0.006, 0, 0])), "cut")
+    plate = fm.Part(fm.Box((0.03, 0.02, 0.01)))
+    both = fm.Body("b", "iron", (plate, hole, twin), 0.005)
     assert find_symmetry(device(both)).order == 8
-    filled = Body("b", "iron", (plate, hole, twin, Part(hole.shape, hole.placement)), 0.005)
+    filled = fm.Body("b", "iron", (plate, hole, twin, fm.Part(hole.shape, hole.placement)), 0.005)
     assert find_symmetry(device(filled)).order == 4
 
 
 def test_step_bodies_have_no_symmetry_of_their_own(tmp_path):
-    solid = StepFile(tmp_path / "solid.step", 1e-3)
-    group = find_symmetry(device(body((solid, Placement()))))
+    solid = fm.StepFile(tmp_path / "solid.step", 1e-3)
+    group = find_symmetry(device(body((solid, fm.Placement()))))
     assert group.order == 1
     assert "STEP" in group.limits[0]
     three = [
-        body((solid, Placement(turn([0, 0, 1], a) @ [0.03, 0, 0], turn([0, 0, 1], a)))) for a in (0, 120, 240)
+        body((solid, fm.Placement(turn([0, 0, 1], a) @ [0.03, 0, 0], turn([0, 0, 1], a))))
+        for a in (0, 120, 240)
     ]
     assert str(find_symmetry(device(*three))) == "3-fold axis z"
 
 
 COILS = (
-    CircularCoil("round", 0.01, 0.012, 0.01, 100, placement=SKEW),
-    RoundedRectangleCoil(
-        "square", 0.01, 0.006, 0.004, 0.002, 0.01, 50, -1, Placement(np.array([0, 0.05, 0]))
+    fm.CircularCoil("round", 0.01, 0.012, 0.01, 100, placement=SKEW),
+    fm.RoundedRectangleCoil(
+        "square", 0.01, 0.006, 0.004, 0.002, 0.01, 50, -1, fm.Placement(np.array([0, 0.05, 0]))
     ),
-    PathCoil("path", np.array([[0, 0], [2, 0], [0, 1]]) * 0.01, 0.002, 0.001, 0.01, 70),
+    fm.PathCoil("path", np.array([[0, 0], [2, 0], [0, 1]]) * 0.01, 0.002, 0.001, 0.01, 70),
 )
 
 
@@ -354,11 +340,11 @@ def test_coils_and_the_sense_of_their_currents_against_their_fields():
         place = coil.placement
         # The mirror image, with the frame made right-handed by reversing the local x axis.
         frame = mirror @ place.rotation @ mirror
-        extra = {"corners": coil.corners[::-1] * [-1.0, 1.0]} if isinstance(coil, PathCoil) else {}
-        image = replace(coil, placement=Placement(mirror @ place.position + [0.4, 0, 0], frame), **extra)
+        extra = {"corners": coil.corners[::-1] * [-1.0, 1.0]} if isinstance(coil, fm.PathCoil) else {}
+        image = replace(coil, placement=fm.Placement(mirror @ place.position + [0.4, 0, 0], frame), **extra)
         coils += [coil, replace(image, name=coil.name + " image")]
-    bodies = [body((Sphere(0.003), Placement(np.array([x, 0.03, 0.001])))) for x in (0.1, 0.3)]
-    iron = [*bodies, body((Box((0.01, 0.02, 0.03)), Placement(np.array([0.2, 0, 0]))))]
+    bodies = [body((fm.Sphere(0.003), fm.Placement(np.array([x, 0.03, 0.001])))) for x in (0.1, 0.3)]
+    iron = [*bodies, body((fm.Box((0.01, 0.02, 0.03)), fm.Placement(np.array([0.2, 0, 0]))))]
     group = find_symmetry(device(*iron, coils=coils))
     assert str(group) == "mirror x = 200 mm"
     points = np.random.default_rng(1).uniform(-0.05, 0.05, (20, 3)) + [0.1, 0, 0.1]
@@ -385,20 +371,20 @@ def test_shipped_devices():
 
 def test_remanence_is_an_axial_vector():
     magnets = {
-        "up": PermanentMagnet("up", np.array([0, 0, 1.0]), 1.05),
-        "down": PermanentMagnet("down", np.array([0, 0, -1.0]), 1.05),
+        "up": fm.PermanentMagnet("up", np.array([0, 0, 1.0]), 1.05),
+        "down": fm.PermanentMagnet("down", np.array([0, 0, -1.0]), 1.05),
     }
     blocks = [
-        body((Box((0.01, 0.02, 0.03)), Placement(np.array([x, 0, 0]))), material=m, name=m)
+        body((fm.Box((0.01, 0.02, 0.03)), fm.Placement(np.array([x, 0, 0]))), material=m, name=m)
         for x, m in ((0.02, "up"), (-0.02, "down"))
     ]
-    group = find_symmetry(Device.unchecked(name="d", coils=(), bodies=tuple(blocks), materials=magnets))
+    group = find_symmetry(fm.Device.unchecked(name="d", coils=(), bodies=tuple(blocks), materials=magnets))
     assert group.order == 8
     # Kept: what exchanges the blocks and turns a moment along z over, and what does neither.
     kept = {str(operation) for operation in group.operations if operation.keeps_magnets}
     assert kept == {"identity", "mirror x = 0", "mirror z = 15 mm", "rotation by 180 deg about axis y"}
     blocks[1] = replace(blocks[1], material="up")
-    alike = find_symmetry(Device.unchecked(name="d", coils=(), bodies=tuple(blocks), materials=magnets))
+    alike = find_symmetry(fm.Device.unchecked(name="d", coils=(), bodies=tuple(blocks), materials=magnets))
     kept = {str(operation) for operation in alike.operations if operation.keeps_magnets}
     assert kept == {"identity", "mirror z = 15 mm", "rotation by 180 deg about axis z", "inversion"}
     # What has no remanence keeps it.
@@ -407,8 +393,8 @@ def test_remanence_is_an_axial_vector():
 
 
 def test_a_background_is_an_axial_vector():
-    along = Background(np.array([0.0, 0.0, 0.1]))
-    block = body((Box((0.01, 0.02, 0.03)), Placement(np.array([0.0, 0.0, -0.015]))))
+    along = fm.Background(np.array([0.0, 0.0, 0.1]))
+    block = body((fm.Box((0.01, 0.02, 0.03)), fm.Placement(np.array([0.0, 0.0, -0.015]))))
     group = find_symmetry(replace(device(block), background=along))
     assert group.order == 8
     kept = {str(operation) for operation in group.operations if operation.keeps_magnets}

@@ -5,10 +5,7 @@ import numpy as np
 from fieldmap.kernels.iron.containment import find_tetrahedron
 
 CORNERS = np.array(
-    [
-        [[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]],
-        [[2.0, 0, 0], [3, 0, 0], [2, 1, 0], [2, 0, 1]],
-    ]
+    [[[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], [[2.0, 0, 0], [3, 0, 0], [2, 1, 0], [2, 0, 1]]]
 )
 
 

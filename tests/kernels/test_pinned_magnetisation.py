@@ -43,7 +43,7 @@ def vector(r):
 
 
 def law(h, previous, cells=CELLS, weights=WEIGHTS):
-    rest = np.zeros(len(h), np.int64), *LAW
+    rest = np.zeros(len(h), np.int64), LAW
     polarisation, packed, moved = np.empty((len(h), 3)), np.empty((len(h), 6)), np.empty_like(previous)
     respond(0, len(h), h, previous, cells, weights, *rest, polarisation, packed)
     advance(0, len(h), h, previous, cells, weights, *rest, moved)

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from fieldmap.kernels.iron.sample_gradients import sample_gradients
+from fieldmap.kernels.iron.quadratic_potential import sample_gradients
 
 
 def test_gradients_of_a_quadratic_function_are_exact():

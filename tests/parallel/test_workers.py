@@ -141,7 +141,6 @@ def test_a_piece_that_kills_every_process_is_an_outcome_too(two):
 def test_workers_of_a_scheduler_that_is_there_are_used_and_left_alone(two):
     client = two._pool._client
     with Workers(scheduler=client.scheduler.address) as workers:
-        assert workers.elsewhere
         found = workers.results(lambda item: os.getpid(), range(8))
     assert set(found) <= set(client.run(os.getpid).values())
     assert two.results(abs, [-1]) == [1]

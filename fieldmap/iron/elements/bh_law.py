@@ -1,15 +1,15 @@
 """B(H) laws as the solvers evaluate them: piecewise cubics through the points that each material's law hands out."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from scipy.interpolate import CubicHermiteSpline
+from scipy.interpolate import CubicHermiteSpline, PPoly
 
 from fieldmap.device.materials import LawPoints, Material, SaturatingMaterial
-from fieldmap.kernels.iron.magnetisation_law import flux_densities
+from fieldmap.kernels.iron.magnetisation_law import flux_densities, magnetise, susceptibility
 from fieldmap.records import Record
+from fieldmap.threads import over_rows
 from fieldmap.typing import Array, Index
 
 
@@ -31,9 +31,23 @@ class LawTables(Record):
         """The tables in the order in which the kernels take them."""
         return self.offset, self.knots, self.coefficients
 
-    def flux_density(self, h: Array, law: Index) -> Array:
-        """b (n,) at h (n,) >= 0 for the laws (n,)."""
-        return flux_densities(h, law, *self.arrays)
+    def flux_density(self, h: Array, law: Index) -> tuple[Array, Array]:
+        """b and db/dh at h >= 0 for laws with these numbers; all of one shape."""
+        b, slope = flux_densities(h.ravel(), law.ravel(), self.arrays)
+        return b.reshape(h.shape), slope.reshape(h.shape)
+
+    def integral(self, h: Array, law: Index) -> Array:
+        """int_0^h b dh, T^2, for h and laws of one shape."""
+        out = np.empty_like(h)
+        for number in np.unique(law):
+            mine, piece = law == number, slice(self.offset[number], self.offset[number + 1])
+            cubics = PPoly(self.coefficients[piece].T, np.append(self.knots[piece], np.inf))
+            out[mine] = cubics.antiderivative()(h[mine])
+        return out
+
+
+# Where the entries of a symmetric matrix stand among its six.
+_PACKED = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -43,6 +57,28 @@ class Magnetisation(Record):
     law: Index
     tables: LawTables
     remanence: Array
+
+    def polarisation(self, h: Array, source: int) -> Array:
+        """mu0 M (e, k, 3) at mu0 H = h (e, k, 3) at k points of every element, with the remanence of a source, T."""
+        out, law = h.copy(), np.repeat(self.law, h.shape[1])
+        given = (out.reshape(-1, 1), np.ones(len(law)), law, self.tables.arrays)
+        over_rows(magnetise, len(law), *given, work=10.0)
+        return out + self.remanence[source][:, None]
+
+    def flux_density(self, h: Array) -> Array:
+        """B (c, e, k, 3) of all sources at their h (c, e, k, 3), T."""
+        return np.stack([one + self.polarisation(one, source) for source, one in enumerate(h)])
+
+    def susceptibility(self, h: Array) -> Array:
+        """db/dh - 1 (e, k, 6) at h (e, k, 3): xx, xy, xz, yy, yz, zz."""
+        out, law = np.empty((h.size // 3, 6)), np.repeat(self.law, h.shape[1])
+        over_rows(susceptibility, len(law), h.reshape(-1, 3), law, self.tables.arrays, out, work=10.0)
+        return out.reshape(*h.shape[:2], 6)
+
+    def susceptible(self, h: Array, vectors: Array) -> Array:
+        """(db/dh - 1) v for vectors (..., e, k, 3) at h (e, k, 3)."""
+        matrices = self.susceptibility(h)[..., _PACKED]
+        return np.einsum("ekij,...ekj->...eki", matrices, vectors)
 
 
 def law_tables(materials: Sequence[Material], mu_r: float | None = None) -> LawTables:
@@ -95,56 +131,3 @@ def _cubics(points: LawPoints) -> tuple[Array, Array]:
     coefficients[:, 2] += 1.0
     coefficients[:, 3] += field
     return field, coefficients
-
-
-def _by_law(tables: LawTables, law: Index, h: Array) -> Iterator[tuple[Any, ...]]:
-    """For each law: which h are its own, its knots and coefficients, and in which piece these h lie."""
-    for number in np.unique(law):
-        mine = law == number
-        piece = slice(tables.offset[number], tables.offset[number + 1])
-        knots = tables.knots[piece]
-        j = np.clip(np.searchsorted(knots, h[mine], side="right") - 1, 0, len(knots) - 1)
-        yield mine, knots, tables.coefficients[piece], j
-
-
-def law_values(tables: LawTables, law: Index, h: Array) -> tuple[Array, Array]:
-    """Flux density b in T and int_0^h b dh in T^2 at mu0 H = h, for laws with these numbers; all of one shape."""
-    b, stored = np.empty_like(h), np.empty_like(h)
-    for mine, knots, c, j in _by_law(tables, law, h):
-        at_knots = np.concatenate([[0.0], np.cumsum(_integral(c[:-1], np.diff(knots)))])
-        t = h[mine] - knots[j]
-        b[mine] = ((c[j, 0] * t + c[j, 1]) * t + c[j, 2]) * t + c[j, 3]
-        stored[mine] = at_knots[j] + _integral(c[j], t)
-    return b, stored
-
-
-def law_slopes(tables: LawTables, law: Index, h: Array) -> tuple[Array, Array]:
-    """Chord b/h and slope db/dh at mu0 H = h, of the shape of h; at h = 0 both are the initial slope."""
-    chord, slope = np.empty_like(h), np.empty_like(h)
-    for mine, knots, c, j in _by_law(tables, law, h):
-        t = h[mine] - knots[j]
-        slope[mine] = (3 * c[j, 0] * t + 2 * c[j, 1]) * t + c[j, 2]
-        b = ((c[j, 0] * t + c[j, 1]) * t + c[j, 2]) * t + c[j, 3]
-        chord[mine] = np.divide(b, h[mine], out=slope[mine], where=h[mine] > 0.0)
-    return chord, slope
-
-
-def flux_density_vectors(tables: LawTables, law: Index, h: Array) -> Array:
-    """b (e, k, 3) along mu0 H = h (e, k, 3) of elements with these laws (e,)."""
-    size = np.linalg.norm(h, axis=2)
-    chord, _ = law_slopes(tables, np.broadcast_to(law[:, None], size.shape), size)
-    return chord[..., None] * h
-
-
-def susceptible(tables: LawTables, law: Index, h: Array, vectors: Array) -> Array:
-    """(db/dh - 1) v for vectors (..., e, k, 3) at mu0 H = h (e, k, 3) of elements with these laws (e,)."""
-    size = np.linalg.norm(h, axis=2)
-    chord, slope = law_slopes(tables, np.broadcast_to(law[:, None], size.shape), size)
-    direction = np.divide(h, size[..., None], out=np.zeros_like(h), where=size[..., None] > 0.0)
-    along = np.einsum("...ekd,...ekd->...ek", vectors, direction) * (slope - chord)
-    return (chord - 1)[..., None] * vectors + along[..., None] * direction
-
-
-def _integral(c: Array, t: Array) -> Array:
-    """Integral from 0 to t of the cubics c (k, 4)."""
-    return (((c[:, 0] / 4 * t + c[:, 1] / 3) * t + c[:, 2] / 2) * t + c[:, 3]) * t

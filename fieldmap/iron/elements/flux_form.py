@@ -19,17 +19,14 @@ field is that of `fieldmap.iron.elements.nodal_elements`: free of curl by constr
 circuit is driven by the exact circulation, however permeable the iron.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from scipy.sparse import csr_matrix
 
 from fieldmap.iron.elements.bh_law import Magnetisation
-from fieldmap.iron.elements.nodal_elements import Elements, NodalElements
-from fieldmap.iron.elements.potential_form import ConvexForm, Exterior
-from fieldmap.iron.elements.state import ElementField, linear_field
+from fieldmap.iron.elements.nodal_elements import UNIT, Elements, FieldOfPoints, NodalElements
+from fieldmap.iron.elements.potential_form import ConvexForm
 from fieldmap.iron.mesh.chamber import MeshSymmetry
 from fieldmap.iron.operators.assembled import AssembledIron
 from fieldmap.iron.operators.linear_systems import ElementSums, Elimination, block_gmres, nested_dissection
@@ -37,6 +34,11 @@ from fieldmap.iron.topology import TET_EDGES, Faces, distinct_rows
 from fieldmap.kernels.iron import linear_flux
 from fieldmap.threads import over_rows
 from fieldmap.typing import Array, Index
+
+# By face, its potential, and point.
+_SHAPE = linear_flux.SHAPE.reshape(4, 3, 4)
+# Of flows through the faces at the points: their moments.
+_MOMENTS = np.einsum("fiq,fa->aqfi", _SHAPE, np.eye(4)).reshape(16, 12)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -48,7 +50,7 @@ class FluxElements(Elements):
     faces; nodal: the elements that carry the coil field.
     """
 
-    kernel, width, work = linear_flux, 12, 80.0
+    work = 80.0
 
     unknowns: Index
     area: Array
@@ -91,7 +93,7 @@ class FluxElements(Elements):
         """One source that is zero."""
         return np.zeros((1, len(self.volume), 4, 3))
 
-    def coil_field(self, field: Callable[[Array], Array], symmetry: MeshSymmetry | None = None) -> Array:
+    def coil_field(self, field: FieldOfPoints, symmetry: MeshSymmetry | None = None) -> Array:
         """t (c, e, 4, 3) of flux densities field(points (n, 3)) -> (c, n, 3), in T; free of curl in the iron."""
         return self.nodal.coil_field_at_points(self.nodal.coil_field(field, symmetry))
 
@@ -115,36 +117,42 @@ class FluxElements(Elements):
         """The same sources, then `more`."""
         return np.concatenate([field, more])
 
-    def mean_fields(
-        self, potential: Array, field: Array, source: int, material: Magnetisation
-    ) -> tuple[Array, Array]:
-        """Mean flux density (e, 3) of every element and the largest mu0 H (e,) at its points, for potentials (n,)."""
-        count, tables = len(material.law), material.tables.arrays
-        h, mean, largest = np.empty((count, 4, 3)), np.zeros((count, 3)), np.zeros(count)
-        arrays = self._arrays(potential, field, source)
-        over_rows(linear_flux.strength, count, *arrays, material.law, *tables, h, work=self.work)
-        law = (material.law, material.remanence[source], *tables)
-        over_rows(linear_flux.mean_fields, count, h, *law, mean, largest, work=self.work)
-        return mean, largest
+    def residual(self, potential: Array, field: Array, source: int, material: Magnetisation) -> Array:
+        """Element vectors (e, 12): the outward moments of the flux density, less those of the coil field in air."""
+        h = self._strength(potential, field, source, material)
+        flow = self.area @ np.swapaxes(
+            h + material.polarisation(h, source) - self._in_air(field[source]), 1, 2
+        )
+        return (flow.reshape(-1, 16) @ _MOMENTS).reshape(-1, 12)
+
+    def _in_air(self, field: Array) -> Array:
+        """What flows (e, 4, 3) if the iron is air: the part of a field (e, 4, 3) that is free of divergence."""
+        spread = _SHAPE.sum(axis=1).T @ self.area
+        share = np.einsum("eqk,eqk->e", spread, field) / np.einsum("eqk,eqk->e", spread, spread)
+        return field - share[:, None, None] * spread
+
+    def tangent(self, potential: Array, field: Array, source: int, material: Magnetisation) -> Array:
+        """Element matrices (e, 12, 12): minus the derivative of these moments by the potentials. Symmetric; zero for
+        equal potentials on all faces, positive otherwise."""
+        permeability = material.susceptibility(self._strength(potential, field, source, material)) + UNIT
+        out = np.zeros((*self.unknowns.shape, 12))
+        given = (permeability, linear_flux.SHAPE, self.area, self.volume, out)
+        over_rows(linear_flux.moment_matrices, len(out), *given, work=self.work)
+        return out
 
     def strength_at_points(self, potential: Array, field: Array, material: Magnetisation) -> Array:
         """mu0 H (c, e, 4, 3) at the four points of every element, for potentials (n, c)."""
-        law = (material.law, *material.tables.arrays)
-        out = np.empty((potential.shape[1], len(material.law), 4, 3))
-        for c, h in enumerate(out):
-            over_rows(
-                linear_flux.strength,
-                len(h),
-                *self._arrays(potential[:, c], field, c),
-                *law,
-                h,
-                work=self.work,
-            )
-        return out
+        sources = range(potential.shape[1])
+        return np.stack([self._strength(potential[:, c], field, c, material) for c in sources])
 
-    def _arrays(self, potential: Array, field: Array, source: int) -> tuple[Any, ...]:
+    def _strength(self, potential: Array, field: Array, source: int, material: Magnetisation) -> Array:
+        """mu0 H (e, 4, 3) for potentials (n,); rows in order, for which alone the kernel is compiled."""
+        out = np.empty((len(self.volume), 4, 3))
         values, coils = np.ascontiguousarray(potential), np.ascontiguousarray(field[source])
-        return values, coils, linear_flux.SHAPE, self.area, self.volume, self.unknowns
+        elements = (linear_flux.SHAPE, self.area, self.volume, self.unknowns)
+        given = (values, coils, *elements, material.law, material.tables.arrays, out)
+        over_rows(linear_flux.strength, len(out), *given, work=self.work)
+        return out
 
 
 def _means(faces: Index, count: int) -> csr_matrix:
@@ -155,27 +163,21 @@ def _means(faces: Index, count: int) -> csr_matrix:
 
 
 class SurfaceFluxSystem:
-    """K and S of one mesh and material. surface (s,), unknowns (n,): the magnetic body (a connected piece) that surface
-    faces and unknowns belong to; reluctivity (s,): of the elements below the faces."""
+    """K and S of one mesh and material. unknowns (n,): the magnetic body (a connected piece) that unknowns belong to;
+    reluctivity (s,): of the elements below the surface faces."""
 
-    def __init__(
-        self,
-        stiffness: csr_matrix,
-        face_mean: csr_matrix,
-        exterior: Exterior,
-        surface: Index,
-        unknowns: Index,
-        reluctivity: Array,
-    ) -> None:
-        self._mean, self._exterior, self._body, self._stiffness = face_mean, exterior, unknowns, stiffness
+    def __init__(self, stiffness: csr_matrix, form: "FluxForm", unknowns: Index, reluctivity: Array) -> None:
+        self._mean, self._exterior, self._body = form.elements.face_mean, form.exterior, unknowns
+        self._stiffness = stiffness
         # One unknown of each magnetic body is fixed at zero; its equation follows from the others.
         fixed = np.unique(unknowns, return_index=True)[1]
         self._free = np.setdiff1d(np.arange(len(unknowns)), fixed)
         inner = stiffness[self._free][:, self._free]
         self._factor = Elimination.of(inner).factor(inner.data)
         self._scale = 1 / np.maximum(1.0, reluctivity)[:, None]
+        surface = form.iron.topology.group_of_surface
         self._sums = (surface[:, None] == np.arange(len(fixed))).astype(float)
-        self._flux_of_constants = exterior.flux(self._sums)
+        self._flux_of_constants = self._exterior.flux(self._sums)
         self._net = np.linalg.inv(self._sums.T @ (self._scale * self._flux_of_constants))
 
     def solve(self, right: Array, tolerance: float, max_steps: int) -> tuple[Array, list[Array]]:
@@ -235,9 +237,5 @@ class FluxForm(ConvexForm):
         faces, unknowns = self.iron.topology, np.zeros(self.elements.count, np.int64)
         unknowns[self.elements.unknowns] = faces.group_of_tet[:, None]
         below = slope[faces.owner[faces.surface, 0]]
-        pieces = (faces.group_of_surface, unknowns)
-        system = SurfaceFluxSystem(stiffness, self.elements.face_mean, self.exterior, *pieces, 1 / below)
+        system = SurfaceFluxSystem(stiffness, self, unknowns, 1 / below)
         return system.solve(right, tolerance, _MAX_STEPS_OF_WEAK_BODIES)
-
-    def _inside(self, potential: Array, field: Array, material: Magnetisation) -> ElementField:
-        return linear_field(self.elements.strength_at_points(potential, field, material), material)

@@ -20,24 +20,23 @@ from fieldmap.iron.elements.bh_law import Magnetisation
 from fieldmap.iron.mesh.chamber import MeshSymmetry
 from fieldmap.iron.mesh.mesh import IronMesh, volumes
 from fieldmap.iron.operators.linear_systems import ElementSums, nested_dissection
-from fieldmap.iron.topology import (
-    TET_EDGES,
-    Faces,
-    barycentric_gradients,
-    distinct_parts,
-    edge_keys,
-)
-from fieldmap.kernels.iron import quadratic_potential
-from fieldmap.kernels.iron.sample_gradients import sample_gradients
-from fieldmap.kernels.simplex_rules import tetrahedron_rule
+from fieldmap.iron.topology import TET_EDGES, Faces, barycentric_gradients, distinct_parts, edge_keys
+from fieldmap.kernels.iron.quadratic_potential import sample_gradients, tested_matrices, tested_vectors
 from fieldmap.records import Record
 from fieldmap.sources import unit_flux_densities
 from fieldmap.threads import over_rows
 from fieldmap.typing import Array, Index
 
 # Gauss points per half edge: the coil field is smooth over a few millimetres at 1 mm from a winding.
-_POINTS_PER_HALF = 4
+POINTS_PER_HALF = 4
+# Points at which a field is evaluated at a time.
 _BATCH = 200_000
+UNIT = np.array([1.0, 0.0, 0.0, 1.0, 0.0, 1.0])
+"""The unit matrix as xx, xy, xz, yy, yz, zz."""
+
+
+FieldOfPoints = Callable[[Array], Array]
+"""field(points (n, 3)) -> (c, n, 3): flux densities of c sources, T."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -56,40 +55,30 @@ class CoilField(Record):
 
 
 class Elements(Record):
-    """What both families of elements have in common. kernel: their compiled functions; width: unknowns of an element;
-    work: of an element at its four points, as `over_rows` counts it."""
+    """What both families of elements have in common. work: of an element at its four points, as `over_rows` counts
+    it."""
 
-    volume: Array
-    kernel: ClassVar[Any]
-    width: ClassVar[int]
     work: ClassVar[float]
 
     @abstractmethod
-    def coil_field(self, field: Callable[[Array], Array], symmetry: MeshSymmetry | None = None) -> Any:
+    def coil_field(self, field: FieldOfPoints, symmetry: MeshSymmetry | None = None) -> Any:
         """Flux densities field(points (n, 3)) -> (c, n, 3), T, as a field in the iron."""
 
     def unit_fields(self, coils: Sequence[Coil], mesh: IronMesh) -> Any:
         """The field in the iron of one ampere in each coil."""
         return self.coil_field(lambda x: unit_flux_densities(coils, x), mesh.symmetry)
 
+    @abstractmethod
     def residual(self, potential: Array, field: Any, source: int, material: Magnetisation) -> Array:
         """Element vectors (e, k) of the inside's share of R at a potential (n,), in the source of that number."""
-        law = (material.law, material.remanence[source], *material.tables.arrays)
-        arrays, out = self._arrays(potential, field, source), np.zeros((len(self.volume), self.width))
-        over_rows(self.kernel.residual, len(out), *arrays, *law, out, work=self.work)
-        return out
-
-    def tangent(self, potential: Array, field: Any, source: int, material: Magnetisation) -> Array:
-        """Element matrices (e, k, k) of minus its derivative."""
-        law = (material.law, *material.tables.arrays)
-        arrays = self._arrays(potential, field, source)
-        out = np.zeros((len(self.volume), self.width, self.width))
-        over_rows(self.kernel.tangent, len(out), *arrays, *law, out, work=2 * self.work)
-        return out
 
     @abstractmethod
-    def _arrays(self, potential: Array, field: Any, source: int) -> tuple[Any, ...]:
-        """The arguments that all kernels begin with; rows in order, for which alone they are compiled."""
+    def tangent(self, potential: Array, field: Any, source: int, material: Magnetisation) -> Array:
+        """Element matrices (e, k, k) of minus its derivative."""
+
+    @abstractmethod
+    def strength_at_points(self, potential: Array, field: Any, material: Magnetisation) -> Array:
+        """mu0 H (c, e, 4, 3) at the four points of every element, for potentials (n, c)."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -101,7 +90,7 @@ class NodalElements(Elements):
     takes nodal values to their means over the surface faces.
     """
 
-    kernel, width, work = quadratic_potential, 10, 50.0
+    work = 50.0
 
     points: Array
     nodes: Index
@@ -150,7 +139,7 @@ class NodalElements(Elements):
         """Takes nodal values to their means (k, n) over faces with these nodes (k, 3)."""
         return _middles_and_means(triangles, self.edges, len(self.points))[1]
 
-    def coil_field(self, field: Callable[[Array], Array], symmetry: MeshSymmetry | None = None) -> CoilField:
+    def coil_field(self, field: FieldOfPoints, symmetry: MeshSymmetry | None = None) -> CoilField:
         """t of flux densities field(points (n, 3)) -> (c, n, 3), in T; they must be free of curl in the iron.
 
         symmetry: of the mesh, where the fields are those of the device's coils, one after the other: what one operation
@@ -179,12 +168,6 @@ class NodalElements(Elements):
         along = np.stack([np.bincount(number, of.ravel(), len(self.edges)) for of in of_elements])
         return along + 0.5 * bubble, along - 0.5 * bubble
 
-    def half_rule(self) -> tuple[Array, Array]:
-        """Places (q,) along an edge, from 0 to 1, and weights (q,) of the rule for its circulation; the first half of
-        them are those of its first half."""
-        x, w = np.polynomial.legendre.leggauss(_POINTS_PER_HALF)
-        return np.concatenate([(x + 1) / 4, (x + 3) / 4]), np.concatenate([w, w]) / 4
-
     def node_images(self, corners: Index) -> Index:
         """Images (n,) of all nodes, from those of the mesh's points: the midpoints' are those of their edges."""
         count = len(self.points)
@@ -192,12 +175,10 @@ class NodalElements(Elements):
         number = np.searchsorted(edge_keys(self.edges, count), edge_keys(ends, count))
         return np.concatenate([corners, count + number])
 
-    def _half_circulations(
-        self, field: Callable[[Array], Array], symmetry: MeshSymmetry | None
-    ) -> tuple[Array, Array]:
+    def _half_circulations(self, field: FieldOfPoints, symmetry: MeshSymmetry | None) -> tuple[Array, Array]:
         """Line integrals (c, m) of the field along both halves of every edge."""
         if symmetry is None:
-            return self._integrated(field, self.edges)
+            return half_circulations(field, self.points, self.edges, POINTS_PER_HALF)
         # Flux density is an axial vector: a circulation is multiplied by det(M) where the edge is moved by M.
         count, moves = len(self.points), []
         for corners, operation in zip(symmetry.node_images, symmetry.group.operations, strict=True):
@@ -207,26 +188,13 @@ class NodalElements(Elements):
                 signs = operation.handedness * np.array(operation.coil_signs, float)[:, None]
                 moves.append((moved, turned, list(operation.coils), signs))
         own = np.min([moved for moved, *_ in moves], axis=0) == np.arange(len(self.edges))
-        halves = self._integrated(field, self.edges[own])
+        halves = half_circulations(field, self.points, self.edges[own], POINTS_PER_HALF)
         out = np.empty((2, len(halves[0]), len(self.edges)))
         for moved, turned, coils, signs in moves:
             to, back = moved[own], turned[own]
             for k in (0, 1):
                 out[k][np.ix_(coils, to)] = signs * np.where(back, -halves[1 - k], halves[k])
         return out[0], out[1]
-
-    def _integrated(self, field: Callable[[Array], Array], edges: Index) -> tuple[Array, Array]:
-        where, w = self.half_rule()
-        parts = []
-        for batch in np.array_split(edges, max(1, len(edges) * len(where) // _BATCH)):
-            start = self.points[batch[:, 0]]
-            step = self.points[batch[:, 1]] - start
-            x = start + where[:, None, None] * step
-            value = field(x.reshape(-1, 3)).reshape(-1, len(where), len(batch), 3)
-            parts.append(np.einsum("cqmd,md->cqm", value, step))
-        along = np.concatenate(parts, axis=2)
-        n = _POINTS_PER_HALF
-        return np.einsum("q,cqm->cm", w[:n], along[:, :n]), np.einsum("q,cqm->cm", w[n:], along[:, n:])
 
     def no_field(self) -> CoilField:
         """One source that is zero."""
@@ -238,26 +206,30 @@ class NodalElements(Elements):
             np.concatenate([field.constant, more.constant]), np.concatenate([field.bubble, more.bubble])
         )
 
-    def source_response(
-        self, potential: Array, field: CoilField, material: Magnetisation, change: CoilField, number: int
-    ) -> Array:
-        """Element vectors (e, 10) of int (db/dh - 1) t' . grad N at phi (n,) in a field of one source, for a change t'
-        of it: the source of that number of `change`."""
-        law = (material.law, *material.tables.arrays)
-        changed = (np.ascontiguousarray(change.constant[number]), change.bubble[number])
-        arguments, out = (*self._arrays(potential, field, 0), *law, *changed), np.zeros(self.nodes.shape)
-        over_rows(self.kernel.source_response, len(out), *arguments, out, work=self.work)
+    def residual(self, potential: Array, field: CoilField, source: int, material: Magnetisation) -> Array:
+        """Element vectors (e, 10) of int (b(h) + b_r - t) . grad N with h = t - grad phi, for phi (n,)."""
+        h, slope = self._strength(potential, field, source)
+        return self._element_vectors(material.polarisation(h, source) - slope, self.volume)
+
+    def tangent(self, potential: Array, field: CoilField, source: int, material: Magnetisation) -> Array:
+        """Element matrices (e, 10, 10) of int grad N_i . (db/dh) grad N_j at phi (n,)."""
+        permeability = material.susceptibility(self._strength(potential, field, source)[0]) + UNIT
+        out = np.zeros((*self.nodes.shape, 10))
+        given = (permeability, self.gradients, self.volume, out)
+        over_rows(tested_matrices, len(out), *given, work=2 * self.work)
         return out
 
-    def mean_fields(
-        self, potential: Array, field: CoilField, source: int, material: Magnetisation
-    ) -> tuple[Array, Array]:
-        """Mean flux density (e, 3) of every element and the largest mu0 H (e,) at its points, for phi (n,)."""
-        law = (material.law, material.remanence[source], *material.tables.arrays)
-        arguments = (*self._arrays(potential, field, source)[:-1], *law)
-        mean, largest = np.zeros((len(self.volume), 3)), np.zeros(len(self.volume))
-        over_rows(self.kernel.mean_fields, len(mean), *arguments, mean, largest, work=self.work)
-        return mean, largest
+    def _strength(self, potential: Array, field: CoilField, source: int) -> tuple[Array, Array]:
+        """mu0 H and grad phi (e, 4, 3) at the points of every element, for phi (n,)."""
+        bubble, slope = self.point_gradients(np.column_stack([field.bubble[source], potential]))
+        return field.constant[source][:, None] + bubble - slope, slope
+
+    def _element_vectors(self, vectors: Array, volume: Array) -> Array:
+        """Element vectors (e, 10) of int v . grad N for v (e, 4, 3) at the points, over these volumes (e,)."""
+        out = np.zeros(self.nodes.shape)
+        given = (np.ascontiguousarray(vectors), self.gradients, volume, out)
+        over_rows(tested_vectors, len(out), *given, work=self.work)
+        return out
 
     def gradients_at_points(self, values: Array) -> Array:
         """Gradients (e, 4, 3, r) of functions (n, r) at the four points of every element."""
@@ -281,16 +253,37 @@ class NodalElements(Elements):
     def tested(self, vectors: Array) -> Array:
         """Sums (c, n) of vectors (c, e, 4, 3) at the four points of every element times the gradients of the nodes'
         functions there: the transpose of `point_gradients`."""
-        total = np.zeros((len(vectors), *self.nodes.shape))
-        for q, point in enumerate(tetrahedron_rule(2)[0]):
-            along = np.einsum("ced,ekd->cek", vectors[:, :, q], self.gradients, optimize=True)
-            total += along @ shape_gradients(point[None], np.eye(4)[None])[0].T
-        flat = self.nodes.ravel()
-        return np.stack([np.bincount(flat, of.ravel(), self.count) for of in total], dtype=float)
+        # Each point has a quarter of the volume.
+        flat, four = self.nodes.ravel(), np.full(len(self.volume), 4.0)
+        each = (self._element_vectors(of, four).ravel() for of in vectors)
+        return np.stack([np.bincount(flat, of, self.count) for of in each], dtype=float)
 
-    def _arrays(self, potential: Array, field: CoilField, source: int) -> tuple[Any, ...]:
-        values, constant = np.ascontiguousarray(potential), np.ascontiguousarray(field.constant[source])
-        return values, constant, field.bubble[source], self.nodes, self.gradients, self.volume
+
+def half_rule(count: int) -> tuple[Array, Array]:
+    """Places (q,) along an edge, from 0 to 1, and weights (q,) of a rule of `count` points for each half of it, the
+    first half before the second."""
+    x, w = np.polynomial.legendre.leggauss(count)
+    return np.concatenate([(x + 1) / 4, (x + 3) / 4]), np.concatenate([w, w]) / 4
+
+
+def half_circulations(field: FieldOfPoints, points: Array, edges: Index, count: int) -> tuple[Array, Array]:
+    """Line integrals (c, m) of fields field(points (n, 3)) -> (c, n, 3) along the first and the second half of edges
+    (m, 2), by `count` points on each half."""
+    where, weights = half_rule(count)
+    halves = np.kron(np.eye(2), weights[:count]).astype(np.float64)
+    means = field_means(field, points[edges], np.column_stack([1 - where, where]), halves)
+    first, second = np.einsum("hcmd,md->hcm", means, points[edges[:, 1]] - points[edges[:, 0]])
+    return first, second
+
+
+def field_means(field: FieldOfPoints, corners: Array, rule: Array, weights: Array) -> Array:
+    """Means (h, c, m, 3) of a field over simplices with corners (m, k, 3), by rules (q, k) with weights (h, q)."""
+    parts = []
+    for batch in np.array_split(corners, 1 + len(corners) * len(rule) // _BATCH):
+        x = np.einsum("qk,mkd->qmd", rule, batch)
+        value = field(x.reshape(-1, 3)).reshape(-1, *x.shape)
+        parts.append(np.einsum("hq,cqmd->hcmd", weights, value))
+    return np.concatenate(parts, axis=2)
 
 
 def shape_gradients(barycentric: Array, gradients: Array) -> Array:

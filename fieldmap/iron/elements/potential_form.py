@@ -48,11 +48,12 @@ import numpy as np
 from scipy.sparse import csr_matrix, diags
 
 from fieldmap.constants import MU0
-from fieldmap.iron.elements.bh_law import Magnetisation, law_values, straight_laws, susceptible
+from fieldmap.iron.elements.bh_law import Magnetisation, straight_laws
 from fieldmap.iron.elements.nodal_elements import CoilField, NodalElements
 from fieldmap.iron.elements.state import (
     ElementField,
     IronState,
+    LinearField,
     PotentialField,
     SeparatedFaces,
     SeparatedState,
@@ -167,7 +168,7 @@ class ConvexForm:
         self.elements = elements
         self._sums = ElementSums(elements.unknowns, elements.count, elements.elimination_order)
         nothing = elements.no_field()
-        stiffness = self._tangent_entries(np.zeros(elements.count), nothing, 0, vacuum(iron))
+        stiffness = self._tangent_entries(np.zeros(elements.count), nothing, vacuum(iron))
         self.exterior = Exterior(elements.face_mean, iron.mutual, self._sums, stiffness)
         one = np.ones((elements.count, 1))
         # Constants leave the iron's stiffness unmoved; a mass of the body's capacity on the surface stands for S.
@@ -179,7 +180,7 @@ class ConvexForm:
     def solve_linear(self, material: Magnetisation, field: Any, tolerance: float) -> PotentialState:
         """All sources at once, for laws that are straight lines. Raises NotConverged."""
         zero = np.zeros(self.elements.count)
-        stiffness = self._tangent(zero, field, 0, material)
+        stiffness = self.tangent(zero, field, material)
         sources = range(len(material.remanence))
         right = np.column_stack([self._residual(zero, field, c, material) for c in sources])
         potential, history = self._linear_system(stiffness, material, right, tolerance)
@@ -205,7 +206,7 @@ class ConvexForm:
                 if norm < tolerance * scale:
                     residuals.append(norm / scale)
                     return self._state(phi[:, None], field, material, tuple(residuals))
-            entries = self._tangent_entries(phi, field, 0, material)
+            entries = self._tangent_entries(phi, field, material)
             factor = self._factor(entries)
             first = factor.solve(right)
             # The energy norm of the residual, relative to that of the coils' drive.
@@ -216,7 +217,14 @@ class ConvexForm:
             residuals.append(norm / scale)
             if residuals[-1] < tolerance:
                 return self._state(phi[:, None], field, material, tuple(residuals))
-            step = self._newton_step(self._sums.matrix(entries), factor, first, residuals[-1])
+            stiffness = self._sums.matrix(entries)
+
+            def operator(x: Array, factor: SparseFactor = factor, stiffness: csr_matrix = stiffness) -> Array:
+                return factor.solve(stiffness @ x + self.exterior.apply_roughly(x))
+
+            # As exactly as the step is worth.
+            worth = min(0.1, max(1e-4, residuals[-1]))
+            step = block_gmres(operator, first[:, None], worth, _MAX_LINEAR_STEPS)[0][:, 0]
             air_step = self.exterior.apply(step[:, None])[:, 0]
             length, inner = self._line_search(phi, step, right, air, air_step, field, material)
             phi, air = phi + length * step, air + length * air_step
@@ -235,9 +243,9 @@ class ConvexForm:
 
         return block_gmres(operator, factor.solve(right), tolerance, _MAX_LINEAR_STEPS)
 
-    def tangent(self, material: Magnetisation, field: Any, potential: Array) -> csr_matrix:
-        """The iron's tangent stiffness (n, n) at a potential (n,), without the air."""
-        return self._tangent(potential, field, 0, material)
+    def tangent(self, potential: Array, field: Any, material: Magnetisation) -> csr_matrix:
+        """The iron's tangent stiffness (n, n) at a potential (n,) in one source, without the air."""
+        return self._sums.matrix(self._tangent_entries(potential, field, material))
 
     def corrections(
         self, material: Magnetisation, fields: Sequence[Any], potential: Array, air: Array, tolerance: float
@@ -245,7 +253,7 @@ class ConvexForm:
         """What one step of Newton's method would add to potentials (n, s) of as many sources, (n, s), with the tangent
         without sources, the same for all; air: S phi (n, s), as the exterior gives it. Raises NotConverged."""
         zero = np.zeros(self.elements.count)
-        stiffness = self._tangent(zero, self.elements.no_field(), 0, material)
+        stiffness = self.tangent(zero, self.elements.no_field(), material)
         columns = [np.ascontiguousarray(values) for values in potential.T]
         pairs = zip(columns, fields, strict=True)
         right = np.column_stack([self._residual(phi, field, 0, material) for phi, field in pairs]) - air
@@ -270,7 +278,7 @@ class ConvexForm:
         self, potential: Array, field: Any, material: Magnetisation, right: Array, tolerance: float
     ) -> Array:
         """Solve (K + S) x = right (n, c) with the tangent K of the state (n, 1). Raises NotConverged."""
-        stiffness = self._tangent(np.ascontiguousarray(potential[:, 0]), field, 0, material)
+        stiffness = self.tangent(np.ascontiguousarray(potential[:, 0]), field, material)
         return self._solve_linear_system(stiffness, material, right, tolerance)
 
     def _solve_linear_system(
@@ -279,14 +287,6 @@ class ConvexForm:
         solved, history = self._linear_system(stiffness, material, right, tolerance)
         require_convergence("tangent of the potential form", history, tolerance)
         return solved
-
-    def _newton_step(self, stiffness, factor, first, residual: float) -> Array:
-        def operator(x: Array) -> Array:
-            return factor.solve(stiffness @ x + self.exterior.apply_roughly(x))
-
-        tolerance = min(0.1, max(1e-4, residual))
-        step, _ = block_gmres(operator, first[:, None], tolerance, _MAX_LINEAR_STEPS)
-        return step[:, 0]
 
     def _line_search(self, phi, step, right, air, air_step, field, material) -> tuple[float, Array]:
         """Minimum of the functional along the step: root of R(phi + a step) . step, which falls with a.
@@ -321,32 +321,28 @@ class ConvexForm:
     def _residual(self, phi: Array, field: Any, source: int, material: Magnetisation) -> Array:
         return self._sums.vector(self.elements.residual(phi, field, source, material))
 
-    def _tangent_entries(self, phi: Array, field: Any, source: int, material: Magnetisation) -> Array:
-        return self._sums.entries(self.elements.tangent(phi, field, source, material))
+    def _tangent_entries(self, phi: Array, field: Any, material: Magnetisation) -> Array:
+        return self._sums.entries(self.elements.tangent(phi, field, 0, material))
 
-    def _tangent(self, phi: Array, field: Any, source: int, material: Magnetisation) -> csr_matrix:
-        return self._sums.matrix(self._tangent_entries(phi, field, source, material))
-
-    def _inside(self, potential: Array, field: Any, material: Magnetisation) -> ElementField:
-        """The field within elements."""
-        raise NotImplementedError
+    def _inside(
+        self, potential: Array, field: Any, material: Magnetisation, at_points: LinearField
+    ) -> ElementField:
+        """The field within elements; at_points: what it is at their points, linear between them."""
+        return at_points
 
     def _state(self, potential: Array, field: Any, material: Magnetisation, residuals) -> PotentialState:
-        columns = range(potential.shape[1])
-        fields = [self.elements.mean_fields(potential[:, c], field, c, material) for c in columns]
-        density = self.charge_density(potential)
-        mean, largest = (np.stack(values) for values in zip(*fields, strict=True))
-        inside = self._inside(potential, field, material)
-        apart = self._separated(potential)
+        strength = self.elements.strength_at_points(potential, field, material)
+        flux_density = material.flux_density(strength)
+        largest = np.linalg.norm(strength, axis=3).max(axis=2)
+        at_points = LinearField(flux_density, flux_density - strength)
+        inside = self._inside(potential, field, material, at_points)
+        density, mean = self.charge_density(potential), flux_density.mean(axis=2)
+        apart = None
+        if self._apart is not None:
+            means = self.elements.mean_over(self._apart.nodes, self.iron.topology) @ potential
+            apart = SeparatedState(self._apart, np.ascontiguousarray(means.T))
         state = IronState(self.iron.surface, density, mean, len(residuals), residuals, inside, apart)
         return PotentialState(potential, largest, state)
-
-    def _separated(self, potential: Array) -> SeparatedState | None:
-        """The iron with air in drawn gaps, for potentials (n, c); None where there are none."""
-        if self._apart is None:
-            return None
-        means = self.elements.mean_over(self._apart.nodes, self.iron.topology)
-        return SeparatedState(self._apart, np.ascontiguousarray((means @ potential).T))
 
 
 class PotentialForm(ConvexForm):
@@ -372,14 +368,15 @@ class PotentialForm(ConvexForm):
         self, potential: Array, field: CoilField, material: Magnetisation, change: CoilField
     ) -> Array:
         """int (db/dh - 1) t' . grad v (n, c) at a potential (n,), for the sources t' of `change`."""
-        values = np.ascontiguousarray(potential)
-        parts = [
-            self._sums.vector(self.elements.source_response(values, field, material, change, c))
-            for c in range(len(change.bubble))
-        ]
-        return np.column_stack(parts)
+        elements = self.elements
+        h = elements.strength_at_points(potential[:, None], field, material)[0]
+        turned = material.susceptible(h, elements.coil_field_at_points(change))
+        turned *= 0.25 * elements.volume[:, None, None]
+        return np.ascontiguousarray(elements.tested(turned).T)
 
-    def _inside(self, potential: Array, field: Any, material: Magnetisation) -> ElementField:
+    def _inside(
+        self, potential: Array, field: Any, material: Magnetisation, at_points: LinearField
+    ) -> ElementField:
         return PotentialField(self.elements, potential, field, material)
 
 
@@ -402,13 +399,12 @@ def linkage_and_coenergy(
     per_coil = unit.reshape(len(unit), int(np.prod(unit.shape[1:])))
     for s, (h, t) in enumerate(zip(strength, coils, strict=True)):
         remanence = material.remanence[s][:, None]
-        size = np.linalg.norm(h, axis=2)
-        b, stored = law_values(material.tables, np.repeat(material.law[:, None], 4, axis=1), size)
-        slope = np.divide(b, size, out=np.ones_like(size), where=size > 0.0)
-        flux = slope[..., None] * h + remanence
-        added = flux - h
+        stored = material.tables.integral(
+            np.linalg.norm(h, axis=2), np.repeat(material.law[:, None], 4, axis=1)
+        )
+        added = material.polarisation(h, s)
         linkage[:, s] = per_coil @ (share[..., None] * added).ravel()
-        local = np.sum(remanence * h - 0.5 * flux * h + 0.5 * added * t, axis=2)
+        local = np.sum(remanence * h - 0.5 * (h + added) * h + 0.5 * added * t, axis=2)
         coenergy[s] = np.sum(share * (stored + local))
     return linkage, coenergy
 
@@ -425,5 +421,5 @@ def iron_differential_inductance(
     response = form.sensitivities(inside.potential[:, 0], inside.field, material, unit, tolerance)
     elements, t = inside.elements, inside.elements.coil_field_at_points(unit)
     h = elements.strength_at_points(inside.potential, inside.field, material)[0]
-    added = susceptible(material.tables, material.law, h, t - elements.point_gradients(response))
+    added = material.susceptible(h, t - elements.point_gradients(response))
     return np.einsum("e,keqd,jeqd->kj", 0.25 * elements.volume / MU0, t, added, optimize=True)

@@ -9,15 +9,15 @@ those at the gap among them, and charges that make it follow as they do in the a
 potentials of facing charges differ by is found from points that lie opposite to each other.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Protocol
+from typing import Union
 
 import numpy as np
 from scipy.linalg import cho_solve
 
 from fieldmap.errors import InputError, Problem
-from fieldmap.iron.elements.bh_law import Magnetisation, flux_density_vectors
+from fieldmap.iron.elements.bh_law import Magnetisation
 from fieldmap.iron.elements.nodal_elements import CoilField, NodalElements, shape_gradients
 from fieldmap.iron.mesh.charged_faces import ChargedFaces
 from fieldmap.iron.mesh.mesh import IronMesh
@@ -67,16 +67,8 @@ class SeparatedState(Record):
         return np.ascontiguousarray((charge / faces.areas[:, None]).T)
 
 
-class ElementField(Protocol):
-    """The field inside elements, as exactly as a form knows it."""
-
-    def flux_density(self, element: Index, barycentric: Array) -> Array:
-        """B (c, n, 3) in T of every source at points (n, 4), in barycentric coordinates of elements (n,)."""
-        ...
-
-    def polarisation(self, element: Index, barycentric: Array) -> Array:
-        """mu0 M (c, n, 3) in T; otherwise as `flux_density`."""
-        ...
+ElementField = Union["PotentialField", "LinearField"]
+"""The field inside elements, as exactly as a form knows it: B and mu0 M at points (n, 4) of elements (n,)."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -129,25 +121,23 @@ class PotentialField(Record):
     material: Magnetisation
 
     def flux_density(self, element: Index, barycentric: Array) -> Array:
-        """B (c, n, 3), see `fieldmap.iron.elements.state.ElementField`."""
-        return np.stack([b for _, b in self._fields(element, barycentric)])
+        """B (c, n, 3), T, of every source at points (n, 4), in barycentric coordinates of elements (n,)."""
+        return np.stack([h + m for h, m in self._fields(element, barycentric)])
 
     def polarisation(self, element: Index, barycentric: Array) -> Array:
         """mu0 M = B - mu0 H (c, n, 3)."""
-        return np.stack([b - h for h, b in self._fields(element, barycentric)])
-
-    def strength(self, element: Index, barycentric: Array) -> Array:
-        """mu0 H (c, n, 3)."""
-        return np.stack([h for h, _ in self._fields(element, barycentric)])
+        return np.stack([m for _, m in self._fields(element, barycentric)])
 
     def _fields(self, element: Index, barycentric: Array):
+        of = replace(
+            self.material, law=self.material.law[element], remanence=self.material.remanence[:, element]
+        )
         shape = shape_gradients(barycentric, self.elements.gradients[element])
         nodes = self.elements.nodes[element]
         for c in range(self.potential.shape[1]):
             value = (self.field.bubble[c] - self.potential[:, c])[nodes]
             h = self.field.constant[c, element] + np.einsum("ni,nid->nd", value, shape)
-            b = flux_density_vectors(self.material.tables, self.material.law[element], h[:, None])[:, 0]
-            yield h, b + self.material.remanence[c, element]
+            yield h, of.polarisation(h[:, None], c)[:, 0]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -165,13 +155,6 @@ class LinearField(Record):
     def polarisation(self, element: Index, barycentric: Array) -> Array:
         """mu0 M (c, n, 3)."""
         return _interpolated(self.polarisation_at_points, element, barycentric)
-
-
-def linear_field(strength: Array, material: Magnetisation) -> LinearField:
-    """Of mu0 H (c, e, 4, 3) in T at the points of every element."""
-    b = np.stack([flux_density_vectors(material.tables, material.law, h) for h in strength])
-    flux_density = b + material.remanence[:, :, None]
-    return LinearField(flux_density, flux_density - strength)
 
 
 def _interpolated(values: Array, element: Index, barycentric: Array) -> Array:

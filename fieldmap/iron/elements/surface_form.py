@@ -14,7 +14,6 @@ along cuts; its nodal part takes their place in the equation, and what it lacks 
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -25,26 +24,18 @@ from scipy.sparse import csr_matrix, diags
 from scipy.sparse.csgraph import breadth_first_order, connected_components
 from scipy.sparse.linalg import splu
 
+from fieldmap.iron.elements.nodal_elements import FieldOfPoints, field_means, half_circulations
 from fieldmap.iron.mesh.surface_mesh import AIR, IronSurface
 from fieldmap.iron.operators.closed_surface import ClosedSurface, Potentials, Side, corner_curls
 from fieldmap.iron.operators.linear_systems import block_gmres, require_convergence
-from fieldmap.iron.topology import (
-    TRIANGLE_SIDES,
-    area_vectors,
-    connected,
-    distinct_parts,
-    edge_keys,
-)
+from fieldmap.iron.topology import TRIANGLE_SIDES, area_vectors, connected, distinct_parts, edge_keys
 from fieldmap.kernels.simplex_rules import triangle_rule
 from fieldmap.records import Record
 from fieldmap.typing import Array, Index
 
-FieldOfPoints = Callable[[Array], Array]
 # Points on every half edge for the circulations of the sources, and exactness of the rule on faces for their flux.
 _POINTS_PER_HALF = 6
 _FLUX_DEGREE = 6
-# Points at which the sources are evaluated at a time.
-_BATCH = 200_000
 # Round a loop that links a current, the potential ends further from its start than this part of its range: the whole
 # solid angle of a winding is its range. What quadrature misses near a winding is a thousandth.
 _LINKED = 0.3
@@ -104,13 +95,7 @@ def surface_sources(points: Array, triangles: Index, field: FieldOfPoints) -> Su
     """Of fields field(points (n, 3)) -> (c, n, 3) that are free of curl at the triangles (n, 3)."""
     count = len(points)
     edges = distinct_parts(triangles, TRIANGLE_SIDES).rows
-    x, weights = np.polynomial.legendre.leggauss(_POINTS_PER_HALF)
-    along = np.concatenate([(x + 1) / 4, (x + 3) / 4])
-    both = np.zeros((2, len(along)))
-    both[0, : len(x)] = both[1, len(x) :] = weights / 4
-    step = points[edges[:, 1]] - points[edges[:, 0]]
-    mean = _integrated(field, points[edges], np.column_stack([1 - along, along]), both)
-    first, second = -np.einsum("hcmd,md->hmc", mean, step)
+    first, second = (-half.T for half in half_circulations(field, points, edges, _POINTS_PER_HALF))
     difference, bubble = first + second, 0.5 * (first - second)
     gradient = _differences(edges, count)
     linear = _least_squares(gradient, difference)
@@ -136,16 +121,6 @@ def _projected(points: Array, triangles: Index, edges: Index, bubble: Array) -> 
     out = np.zeros_like(right)
     out[used] = splu(matrix[used][:, used].tocsc()).solve(right[used])
     return out
-
-
-def _integrated(field: FieldOfPoints, corners: Array, rule: Array, weights: Array) -> Array:
-    """Means (h, c, m, 3) of a field over simplices with corners (m, k, 3), by rules (q, k) with weights (h, q)."""
-    parts = []
-    for batch in np.array_split(corners, 1 + len(corners) * len(rule) // _BATCH):
-        x = np.einsum("qk,mkd->qmd", rule, batch)
-        value = field(x.reshape(-1, 3)).reshape(-1, *x.shape)
-        parts.append(np.einsum("hq,cqmd->hcmd", weights, value))
-    return np.concatenate(parts, axis=2)
 
 
 def _differences(edges: Index, count: int) -> csr_matrix:
@@ -371,5 +346,5 @@ class SurfaceForm:
 def _normal_field(surface: ClosedSurface, sources: SurfaceSources) -> Array:
     """Mean normal component (n, c) of the sources' field on triangles."""
     rule, weights = triangle_rule(_FLUX_DEGREE)
-    (field,) = _integrated(sources.field, surface.faces.corners, rule, weights[None])
+    (field,) = field_means(sources.field, surface.faces.corners, rule, weights[None])
     return np.einsum("cnd,nd->nc", field, surface.faces.normals)

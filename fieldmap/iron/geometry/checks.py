@@ -40,12 +40,9 @@ from fieldmap.iron.geometry.solids import (
 
 def cannot_build(label: str, kind: str, name: str, error: Exception) -> Problem:
     """A winding or workspace whose numbers make no solid."""
-    return Problem(
-        f"{label}: {kind} '{name}'" if name else f"{label}: {kind}",
-        f"the {kind} must be a solid that the CAD kernel can build",
-        str(error).strip() or type(error).__name__,
-        "correct its dimensions",
-    )
+    where = f"{label}: {kind} '{name}'" if name else f"{label}: {kind}"
+    must_hold = f"the {kind} must be a solid that the CAD kernel can build"
+    return Problem(where, must_hold, str(error).strip() or type(error).__name__, "correct its dimensions")
 
 
 def _overlapping(
@@ -74,18 +71,12 @@ def nearly_touching(label: str, first: str, second: str, distance: float) -> Pro
     """Bodies that touch without a common area, or all but touch."""
     where = f"{label}: bodies '{first}' and '{second}'"
     if distance == 0.0:
-        return Problem(
-            where,
-            "bodies must touch by faces, not only along a line or at a point",
-            "surfaces that touch without a common area",
-            "move the bodies apart, or let them touch over an area",
-        )
-    return Problem(
-        where,
-        f"bodies must touch or leave a gap of at least {contacts.LEAST_GAP:g} mm",
-        f"a gap of {distance:.3g} mm",
-        "give both the same coordinate where they touch, or widen the gap",
-    )
+        must_hold = "bodies must touch by faces, not only along a line or at a point"
+        remedy = "move the bodies apart, or let them touch over an area"
+        return Problem(where, must_hold, "surfaces that touch without a common area", remedy)
+    must_hold = f"bodies must touch or leave a gap of at least {contacts.LEAST_GAP:g} mm"
+    remedy = "give both the same coordinate where they touch, or widen the gap"
+    return Problem(where, must_hold, f"a gap of {distance:.3g} mm", remedy)
 
 
 Item = TypeVar("Item", bound=Body | Coil)
@@ -252,12 +243,9 @@ def _contact_problems(
     areas = contacts.contact_areas(glued) if own or device.joints else {}
     for joint in device.joints:
         if joint.between is not None and not any(joint.holds(*pair) for pair in areas):
-            yield Problem(
-                f"{label}: {joint.description}",
-                "the bodies of a joint must touch over an area",
-                "no such bodies",
-                "draw them in contact: the joint opens the gap; a gap that is drawn needs no joint",
-            )
+            must_hold = "the bodies of a joint must touch over an area"
+            remedy = "draw them in contact: the joint opens the gap; a gap that is drawn needs no joint"
+            yield Problem(f"{label}: {joint.description}", must_hold, "no such bodies", remedy)
     for (first, second), area in areas.items():
         if (first in own or second in own) and frozenset((first, second)) not in told:
             shared = common_area(own[first], own[second]) if first in own and second in own else 0.0

@@ -26,7 +26,7 @@ from fieldmap.iron.geometry.shapes import (
     place,
     polygon_face,
 )
-from fieldmap.iron.topology import area_vectors, connected
+from fieldmap.iron.topology import area_vectors, common_sides, connected
 from fieldmap.typing import Array, Index
 
 _SAME_VOLUME = 1e-6
@@ -141,9 +141,7 @@ def _inside(points: Array, faces: Index) -> occ.TopoDS_Shape:
 
 def _shells(faces: Index) -> list[Index]:
     """Triangles that hang together through their edges."""
-    sides = np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
-    order = np.lexsort(sides.T)
-    label = connected(order.reshape(-1, 2) // 3, len(faces))
+    label = connected(np.column_stack(common_sides(faces)) // 3, len(faces))
     return [faces[label == k] for k in range(label.max() + 1)]
 
 
@@ -196,12 +194,9 @@ def _combined(solid: occ.TopoDS_Shape | None, piece: occ.TopoDS_Shape, operation
 def _cannot_build(where: str, shape: Shape, error: Exception) -> Problem:
     reason = str(error).strip().rstrip(":") or type(error).__name__
     from_file = isinstance(shape, StepFile)
-    return Problem(
-        where,
-        "a part must be a solid that the CAD kernel can build",
-        f"{type(shape).__name__}: {reason}",
-        "export it again as a solid" if from_file else "correct its dimensions",
-    )
+    must_hold = "a part must be a solid that the CAD kernel can build"
+    remedy = "export it again as a solid" if from_file else "correct its dimensions"
+    return Problem(where, must_hold, f"{type(shape).__name__}: {reason}", remedy)
 
 
 def glue_solids(solids: Iterable[occ.TopoDS_Shape]) -> occ.TopoDS_Shape:

@@ -75,13 +75,8 @@ def closed_gaps(device: Device) -> ClosedGaps | None:
         body.moved(move / MILLIMETRES) if move.any() else body
         for body, move in zip(device.bodies, moves, strict=True)
     )
-    moved = Device.unchecked(
-        name=device.name,
-        source=device.source,
-        bodies=bodies,
-        materials=device.materials,
-        joints=device.joints,
-    )
+    same = {"materials": device.materials, "joints": device.joints}
+    moved = Device.unchecked(name=device.name, source=device.source, bodies=bodies, **same)
     widths = {pair: float(np.linalg.norm(steps[pair])) / MILLIMETRES for pair in closed}
     return ClosedGaps(moved, moves / MILLIMETRES, widths)
 

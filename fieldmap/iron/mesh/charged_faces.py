@@ -7,9 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fieldmap.iron.topology import area_vectors
-from fieldmap.kernels.iron.charged_surface import surface_field
-from fieldmap.kernels.iron.charged_surface_gradient import surface_gradient
-from fieldmap.kernels.iron.charged_surface_weights import surface_weights
+from fieldmap.kernels.iron.charged_surface import surface_field, surface_gradient, surface_weights
 from fieldmap.kernels.iron.mutual_potential import copy_lower, mutual_potential
 from fieldmap.kernels.simplex_rules import triangle_rule
 from fieldmap.records import Record
@@ -60,13 +58,8 @@ class ChargedFaces(Record):
 
     def part(self, chosen: Index | NDArray[np.bool_]) -> "ChargedFaces":
         """Some of the triangles, in this order."""
-        return ChargedFaces(
-            np.ascontiguousarray(self.corners[chosen]),
-            self.normals[chosen],
-            self.areas[chosen],
-            self.centres[chosen],
-            self.radii[chosen],
-        )
+        more = (one[chosen] for one in (self.normals, self.areas, self.centres, self.radii))
+        return ChargedFaces(np.ascontiguousarray(self.corners[chosen]), *more)
 
     def mutual_potential_with(
         self, others: "ChargedFaces", symmetric: bool, out: Array | None = None

@@ -209,12 +209,8 @@ def _cut_layer(points, tets, parent, sharp, ratio):
     if tets.shape[1] == 3:
         points = np.vstack([points, cut])
         new = _cut_triangles(points, tets[one], tets[two], singular, on)
-        children = [np.tile(one, 3), np.tile(two, 3)]
-        return (
-            points,
-            np.vstack([tets[untouched], *new]),
-            np.concatenate([parent[untouched], *(parent[rows] for rows in children)]),
-        )
+        children = np.concatenate([untouched, np.tile(one, 3), np.tile(two, 3)])
+        return points, np.vstack([tets[untouched], *new]), parent[children]
     ordered = np.take_along_axis(tets, np.argsort(~singular[tets], axis=1, kind="stable"), axis=1)
     a, b, c, d = ordered[one].T
     ab, ac, ad = on(a, b), on(a, c), on(a, d)
@@ -225,16 +221,8 @@ def _cut_layer(points, tets, parent, sharp, ratio):
     wedge = _split_prism(np.column_stack([a, ac, ad, b, bc, bd]))
     two_rest = _split_prism(np.column_stack([ac, bc, c, ad, bd, d]))
     tets = np.vstack([tets[untouched], tip, one_rest, wedge, two_rest])
-    parent = np.concatenate(
-        [
-            parent[untouched],
-            parent[one],
-            np.repeat(parent[one], 3),
-            np.repeat(parent[two], 3),
-            np.repeat(parent[two], 3),
-        ]
-    )
-    return np.vstack([points, cut]), tets, parent
+    children = np.concatenate([untouched, one, *(np.repeat(rows, 3) for rows in (one, two, two))])
+    return np.vstack([points, cut]), tets, parent[children]
 
 
 def _cut_triangles(

@@ -254,12 +254,8 @@ def open_sheets(
     layered = _near_rim(faces.nodes, rim) & np.array([pair in fine for pair in faces.pair_of_each])[:, None]
     moved, new, of_face = _filled(moved, staying, moving, layered)
     of_sheet = np.array([number[pair] for pair in faces.pair_of_each])
-    return OpenedMesh(
-        moved,
-        np.vstack([opened, new]),
-        np.concatenate([body, of_sheet[of_face]]),
-        np.concatenate([parent, inner[of_face]]),
-    )
+    bodies, parents = np.concatenate([body, of_sheet[of_face]]), np.concatenate([parent, inner[of_face]])
+    return OpenedMesh(moved, np.vstack([opened, new]), bodies, parents)
 
 
 def _filled(points: Array, staying: Index, moving: Index, at_rim: Mask) -> tuple[Array, Index, Index]:

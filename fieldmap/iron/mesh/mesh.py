@@ -168,13 +168,27 @@ def generate_mesh(
 ) -> IronMesh:
     """Mesh all iron bodies of a device.
 
-    refinement: divides every element size of the device file (2 halves them); the first layer at sharp edges is
-    divided by its square, because the error of the graded elements falls twice as fast as that of the layer.
-    symmetry: "auto": where the iron has mirror planes, one chamber between them is meshed and copied, so that the
-    mesh has the symmetry exactly; "none": meshed as a whole. local: element sizes at points, where they are smaller
-    than those of the device file, and layers at sharp edges in their place. Bodies that are meshes are taken as they
-    are; a refinement of 2, 4, ... halves all their edges once, twice, .... Raises InputError for another word, and for
-    another refinement of bodies that are meshes.
+    Parameters
+    ----------
+    device : its bodies.
+    refinement : divides every element size of the device file (2 halves them); the first layer at sharp edges is
+        divided by its square, because the error of the graded elements falls twice as fast as that of the layer.
+        Bodies that are meshes are taken as they are; a refinement of 2, 4, ... halves all their edges once, twice, ....
+    symmetry : "auto": where the iron has mirror planes, one chamber between them is meshed and copied, so that the
+        mesh has the symmetry exactly; "none": meshed as a whole.
+    local : element sizes at points, where they are smaller than those of the device file, and layers at sharp edges in
+        their place.
+
+    Returns
+    -------
+    The tetrahedra of all bodies.
+
+    Raises
+    ------
+    InputError
+        For another word, and for another refinement of bodies that are meshes.
+    GeometryError
+        Where the mesher fails.
     """
     if symmetry not in SYMMETRIES:
         raise InputError.of(
@@ -331,13 +345,7 @@ def _rounded_chamber(chamber: Chamber, points, tets, body, edges, midpoints):
     return copies.onto_walls(rounded[:count]), sharp[(sharp < count).all(axis=1)]
 
 
-def equal_volume_vertices(
-    points: Array,
-    tets: Index,
-    body: Index,
-    edges: Index,
-    midpoints: Array,
-) -> Array:
+def equal_volume_vertices(points: Array, tets: Index, body: Index, edges: Index, midpoints: Array) -> Array:
     """New points (n, 3) for tets (m, 4) of bodies (m,).
 
     edges (k, 2), sorted, lexicographic; midpoints (k, 3) of the edges on the true surface. Works on the surfaces
@@ -346,12 +354,7 @@ def equal_volume_vertices(
     return rounded_vertices(points, _faces_of_bodies(tets, body), edges, midpoints)
 
 
-def rounded_vertices(
-    points: Array,
-    faces: Index,
-    edges: Index,
-    midpoints: Array,
-) -> Array:
+def rounded_vertices(points: Array, faces: Index, edges: Index, midpoints: Array) -> Array:
     """New points (n, 3), so that surfaces of triangles `faces` (f, 3) enclose the true volume; otherwise as
     `equal_volume_vertices`."""
     bulge = midpoints - 0.5 * (points[edges[:, 0]] + points[edges[:, 1]])
@@ -415,12 +418,8 @@ def checked_points(points: ArrayLike) -> tuple[Array, bool]:
     """Points (n, 3) and whether a single point (3,) was given. Raises InputError unless finite and of such a shape."""
     x = np.ascontiguousarray(points, dtype=float)
     if x.shape[-1:] != (3,) or x.ndim > 2 or not np.isfinite(x).all():
-        raise InputError.of(
-            "points",
-            "points must be finite and of shape (n, 3) or (3,)",
-            f"shape {x.shape}",
-            "give x, y, z in m",
-        )
+        must_hold = "points must be finite and of shape (n, 3) or (3,)"
+        raise InputError.of("points", must_hold, f"shape {x.shape}", "give x, y, z in m")
     return np.atleast_2d(x), x.ndim == 1
 
 
@@ -432,9 +431,6 @@ def refuse_inside(mesh: BodyMesh | None, x: Array) -> None:
     inside = np.flatnonzero(within >= 0)
     if len(inside):
         name = mesh.body_names[mesh.body[within[inside[0]]]]
-        raise InputError.of(
-            "points",
-            "the gradient is defined outside the iron only",
-            f"{len(inside)} of {len(x)} points inside, the first at {x[inside[0]]} m in body '{name}'",
-            "keep the points in the air",
-        )
+        must_hold = "the gradient is defined outside the iron only"
+        received = f"{len(inside)} of {len(x)} points inside, the first at {x[inside[0]]} m in body '{name}'"
+        raise InputError.of("points", must_hold, received, "keep the points in the air")

@@ -9,8 +9,10 @@ from functools import cached_property
 
 import numpy as np
 
+from fieldmap.arguments import raise_all
 from fieldmap.device.drawing import Outline
 from fieldmap.device.model import Device
+from fieldmap.device.surfaces import enclosed_volume
 from fieldmap.errors import GeometryError, InputError, Problem
 from fieldmap.iron.geometry.solids import device_label, glue_bodies
 from fieldmap.iron.mesh.charged_faces import ChargedFaces
@@ -103,12 +105,9 @@ def generate_surface(device: Device, refinement: float = 1.0) -> IronSurface:
     Raises GeometryError where the mesher fails, InputError for joints.
     """
     if device.joints:
-        raise InputError.of(
-            f"{device_label(device)}: {device.joints[0].description}",
-            "the surface form has no joints",
-            "a joint",
-            'use form="auto", "potential" or "flux"',
-        )
+        where = f"{device_label(device)}: {device.joints[0].description}"
+        must_hold = "the surface form has no joints"
+        raise InputError.of(where, must_hold, "a joint", 'use form="auto", "potential" or "flux"')
     shape = glue_bodies(device)
     mesh = mesh_solids(shape, device, refinement, surface_only=True)
     names = tuple(body.name for body in device.bodies)
@@ -129,12 +128,6 @@ def generate_surface(device: Device, refinement: float = 1.0) -> IronSurface:
     return surface
 
 
-def enclosed_volume(points: Array, triangles: Index) -> float:
-    """Volume in m^3 inside closed surfaces with outward normals."""
-    a, b, c = np.moveaxis(points[triangles], 1, 0)
-    return float(np.einsum("kd,kd->", a, np.cross(b, c)) / 6)
-
-
 def _require_closed(surface: IronSurface, shape, device: Device) -> None:
     """Raise GeometryError unless the triangles of each body enclose about the volume of its solids."""
     problems = []
@@ -146,5 +139,4 @@ def _require_closed(surface: IronSurface, shape, device: Device) -> None:
             must_hold = "its surface mesh must enclose each of its solids"
             received = f"{meshed:.4g} m^3 in place of {solid:.4g} m^3"
             problems.append(Problem(where, must_hold, received, "take smaller elements: mesh_size_mm"))
-    if problems:
-        raise GeometryError(*problems)
+    raise_all(problems, GeometryError)

@@ -13,7 +13,6 @@ from fieldmap.iron.operators.mutual import DenseMutualPotential, MutualPotential
 from fieldmap.iron.topology import Faces, build_faces
 from fieldmap.records import Record
 
-STORAGES = ("auto", "dense", "compressed")
 # Double matrix and double factor, where a single one is not positive definite; else 13 at peak, 12 kept.
 _BYTES_PER_PAIR = 16
 # About, compressed.
@@ -57,46 +56,54 @@ def fits_into_memory(mesh: IronMesh) -> bool:
 
 
 def chosen_storage(faces: int, operations: int) -> str:
-    """What "auto" stands for with this many surface faces and operations of the mesh's symmetry: "dense" while that is
-    quicker and fits into memory."""
+    """How the mutual potentials of so many surface faces are stored, with so many operations of the mesh's symmetry:
+    "dense" while that is quicker and fits into memory, otherwise "compressed"."""
     have = memory_bytes()
     fits = have is None or _BYTES_PER_PAIR * faces**2 / operations < have
     # The work of the blocks of a symmetry falls with the square of its order, that of the compression does not.
     return "dense" if faces <= _DENSE_FACES * math.sqrt(operations) and fits else "compressed"
 
 
-def assemble(mesh: IronMesh, storage: str = "auto", many_solutions: bool = False) -> AssembledIron:
-    """Mutual potentials of the surface faces, dense or compressed.
+def assemble(mesh: IronMesh, many_solutions: bool = False) -> AssembledIron:
+    """Mutual potentials of the surface faces, dense or compressed (`chosen_storage`).
 
     Dense costs 12 bytes times the square of the number of faces, and half a dense Cholesky factorisation; where the
     mesh has a symmetry of g operations, the memory is divided by g and the factorisation by its square. Compressed
-    (`fieldmap.iron.operators.compressed`) costs about 12 kB per face and uses no symmetry. storage: "auto", or one of
-    the two. many_solutions: prepare more, so that each solution takes less (`DenseMutualPotential`), for tens of
-    solutions or more. Raises InputError for another word, and before it starts if the machine has too little memory.
+    (`fieldmap.iron.operators.compressed`) costs about 12 kB per face and uses no symmetry.
+
+    Parameters
+    ----------
+    mesh
+        All iron bodies.
+    many_solutions
+        Prepare more, so that each of tens of solutions takes less (`DenseMutualPotential`).
+
+    Returns
+    -------
+    AssembledIron
+        The mesh with its faces and their mutual potentials.
+
+    Raises
+    ------
+    InputError
+        Before it starts, if the machine has too little memory.
     """
-    if storage not in STORAGES:
-        raise InputError.of(
-            "assemble, storage", f"must be one of {', '.join(STORAGES)}", repr(storage), 'try "auto"'
-        )
     topology = build_faces(mesh.points, mesh.tets)
     surface = _charged_faces(mesh, topology)
-    if storage == "auto":
-        storage = chosen_storage(len(surface.areas), _operations(mesh))
-    remedy = "use a smaller refinement or larger mesh sizes"
-    needed, received = _needed_bytes(mesh, surface, storage), f"{len(surface.areas)} surface faces"
-    require_memory("mesh of the iron", f"its {storage} mutual potentials", needed, received, remedy)
-    return AssembledIron(mesh, topology, surface, _mutual(mesh, topology, surface, storage, many_solutions))
-
-
-def _mutual(
-    mesh: IronMesh, topology: Faces, surface: ChargedFaces, storage: str, many_solutions: bool
-) -> MutualPotential:
+    count = len(surface.areas)
+    storage = chosen_storage(count, _operations(mesh))
+    remedy, needed = "use a smaller refinement or larger mesh sizes", _needed_bytes(mesh, surface, storage)
+    what = f"its {storage} mutual potentials"
+    require_memory("mesh of the iron", what, needed, f"{count} surface faces", remedy)
+    mutual: MutualPotential
     if storage == "compressed":
-        return CompressedMutualPotential(surface)
-    if mesh.symmetry is not None:
+        mutual = CompressedMutualPotential(surface)
+    elif mesh.symmetry is not None:
         triangles = topology.nodes[topology.surface]
-        return SymmetricMutualPotential(surface, mesh.symmetry, triangles, many_solutions)
-    return DenseMutualPotential(surface.mutual_potential(), many_solutions)
+        mutual = SymmetricMutualPotential(surface, mesh.symmetry, triangles, many_solutions)
+    else:
+        mutual = DenseMutualPotential(surface.mutual_potential(), many_solutions)
+    return AssembledIron(mesh, topology, surface, mutual)
 
 
 def _operations(mesh: IronMesh) -> int:

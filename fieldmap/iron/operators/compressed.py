@@ -55,15 +55,10 @@ class Clusters(Record):
                 place = np.argpartition(centres[:, axis], middle - start)
                 order[start:end] = order[start:end][place]
             offset.append(np.sort(np.concatenate([ends, middles])))
-        centres, radii = faces.centres[order], faces.radii[order]
         starts = [ends[:-1] for ends in offset]
-        return cls(
-            order,
-            tuple(offset),
-            tuple(np.minimum.reduceat(centres, s) for s in starts),
-            tuple(np.maximum.reduceat(centres, s) for s in starts),
-            tuple(np.maximum.reduceat(radii, s) for s in starts),
-        )
+        centres, radii = faces.centres[order], faces.radii[order]
+        lower, upper = (tuple(of.reduceat(centres, s) for s in starts) for of in (np.minimum, np.maximum))
+        return cls(order, tuple(offset), lower, upper, tuple(np.maximum.reduceat(radii, s) for s in starts))
 
     def leaf_of_face(self) -> Index:
         """Number (n,) of the leaf that holds each face, in the new order."""
@@ -106,15 +101,8 @@ def _is_far(clusters: Clusters, level: int, pairs: Index, separation: float, nea
 def _children(pairs: Index) -> Index:
     """Pairs (a, b), a >= b, of the next level below these pairs."""
     a, b = pairs.T
-    off = a != b
-    return np.concatenate(
-        [
-            np.column_stack([2 * a, 2 * b]),
-            np.column_stack([2 * a + 1, 2 * b]),
-            np.column_stack([2 * a + 1, 2 * b + 1]),
-            np.column_stack([2 * a, 2 * b + 1])[off],
-        ]
-    )
+    below = [np.column_stack([2 * a + i, 2 * b + j]) for i, j in ((0, 0), (1, 0), (1, 1))]
+    return np.concatenate([*below, np.column_stack([2 * a, 2 * b + 1])[a != b]])
 
 
 def _ranges(offset: Index, pairs: Index) -> Index:

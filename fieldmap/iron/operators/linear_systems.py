@@ -69,15 +69,9 @@ def require_convergence(what: str, history: Sequence[Array | float], tolerance: 
     if residuals and residuals[-1] <= tolerance:
         return residuals
     last = f"{residuals[-1]:.2e} after {len(residuals)} steps" if residuals else "no step"
-    raise NotConverged(
-        Problem(
-            f"iron solver, {what}",
-            f"the residual must fall to {tolerance:g}",
-            last,
-            "loosen the tolerance, or look for slivers: bodies that nearly touch, very thin parts",
-        ),
-        residuals=residuals,
-    )
+    must_hold = f"the residual must fall to {tolerance:g}"
+    remedy = "loosen the tolerance, or look for slivers: bodies that nearly touch, very thin parts"
+    raise NotConverged(Problem(f"iron solver, {what}", must_hold, last, remedy), residuals=residuals)
 
 
 # Up to so many columns, a supernode and the last of its children are joined if at most this share of the joined columns
@@ -153,19 +147,8 @@ class Elimination(Record):
         place = np.searchsorted(key, entry_rows + count * entry_node) - row_start[entry_node]
         place = place + (entry_columns - start[entry_node]) * sizes[entry_node]
         work = int(kernel.largest_work(start, row_start, node_parent))
-        return cls(
-            order,
-            start,
-            rows,
-            row_start,
-            node_parent,
-            relative,
-            panel_start,
-            entry,
-            pointer[start],
-            place,
-            work,
-        )
+        nodes = (order, start, rows, row_start, node_parent, relative, panel_start)
+        return cls(*nodes, entry, pointer[start], place, work)
 
     def factor(self, values: Array) -> SparseFactor:
         """Factor of the matrix of this pattern with these numbers (k,), in the order of its `data`.
@@ -173,24 +156,12 @@ class Elimination(Record):
         Raises NotConverged if it is not positive definite.
         """
         panels = np.empty(self.panel_start[-1])
-        failed = kernel.factorise(
-            np.ascontiguousarray(values)[self.entry],
-            self.entry_start,
-            self.place,
-            self.start,
-            self.row_start,
-            self.parent,
-            self.relative,
-            self.panel_start,
-            panels,
-            np.empty(self.work),
-        )
-        if failed >= 0:
-            remedy = "look for slivers in the mesh, or for a B-H law that falls"
+        nodes = (self.start, self.row_start, self.parent, self.relative, self.panel_start)
+        entries = (np.ascontiguousarray(values)[self.entry], self.entry_start, self.place)
+        if kernel.factorise(*entries, *nodes, panels, np.empty(self.work)) >= 0:
             must_hold = "must be positive definite"
-            raise NotConverged(
-                Problem("iron solver, stiffness matrix", must_hold, "a pivot below zero", remedy)
-            )
+            remedy = "look for slivers in the mesh, or for a B-H law that falls"
+            raise NotConverged.of("iron solver, stiffness matrix", must_hold, "a pivot below zero", remedy)
         return SparseFactor(self, panels)
 
 

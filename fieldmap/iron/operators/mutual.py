@@ -30,12 +30,7 @@ from scipy.linalg import LinAlgError, cho_solve
 
 from fieldmap.iron.mesh.chamber import MeshSymmetry
 from fieldmap.iron.mesh.charged_faces import ChargedFaces
-from fieldmap.iron.symmetry import (
-    fourier_matrix,
-    inverses,
-    irreducible_representations,
-    multiplication_table,
-)
+from fieldmap.iron.symmetry import fourier_matrix, inverses, irreducible_representations, multiplication_table
 from fieldmap.kernels.iron.symmetric_product import symmetric_product
 from fieldmap.parallel import in_threads, threads_of_kernels, threads_of_linear_algebra
 from fieldmap.typing import Array, Index
@@ -198,11 +193,7 @@ class SymmetricMutualPotential(MutualPotential):
     """W of surface faces that a group of operations permutes, by blocks."""
 
     def __init__(
-        self,
-        surface: ChargedFaces,
-        symmetry: MeshSymmetry,
-        triangles: Index,
-        explicit_inverse: bool = False,
+        self, surface: ChargedFaces, symmetry: MeshSymmetry, triangles: Index, explicit_inverse: bool = False
     ) -> None:
         table = multiplication_table(symmetry.group.matrices)
         if table is None:

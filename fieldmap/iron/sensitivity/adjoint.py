@@ -32,14 +32,7 @@ import numpy as np
 from fieldmap.constants import MU0
 from fieldmap.device.model import Device
 from fieldmap.errors import InputError
-from fieldmap.iron.elements.bh_law import (
-    LawTables,
-    Magnetisation,
-    flux_density_vectors,
-    law_tables,
-    straight_laws,
-    susceptible,
-)
+from fieldmap.iron.elements.bh_law import LawTables, Magnetisation, law_tables, straight_laws
 from fieldmap.iron.elements.nodal_elements import CoilField
 from fieldmap.iron.elements.potential_form import PotentialForm
 from fieldmap.iron.elements.state import PotentialField
@@ -52,11 +45,7 @@ from fieldmap.iron.sensitivity.moved_bodies import MovedBodies
 from fieldmap.iron.sensitivity.quantities import Derivatives, Quantity, Samples, Weights
 from fieldmap.iron.solution import SolvedState
 from fieldmap.records import Record, shortened
-from fieldmap.sources import (
-    bare_inductance,
-    unit_flux_density,
-    unit_flux_density_and_gradient,
-)
+from fieldmap.sources import bare_inductance, unit_flux_density, unit_flux_density_and_gradient
 from fieldmap.sources.inductance import background_linkage, mutual_inductance
 from fieldmap.typing import Array
 
@@ -99,7 +88,7 @@ def derivatives(
         if change.has_joints:
             must_hold, remedy = "must not be a number of a joint", "take differences of two solutions"
             raise InputError.of(f"derivative, {change.key}", must_hold, "a number of a joint", remedy)
-    points = quantity.points
+    points = np.ascontiguousarray(quantity.points)
     samples = _samples(state, quantity, points)
     value = np.asarray(quantity.of(samples), dtype=float)
     weights = quantity.weights(samples)
@@ -143,45 +132,39 @@ class _Direct:
 
     def __init__(self, device: Device, state: SolvedState, points: Array) -> None:
         self._device, self._currents, self._points = device, state.currents, points
-        self._unit: dict[int, tuple[Array, Array]] = {}
+        self._unit: dict[int, Array] = {}
 
     def derivative(self, change: Change, weights: Weights, linkage: bool) -> Array:
         """Of all numbers (k,) by one parameter."""
         total = np.zeros(len(weights.field))
         if len(self._points):
-            field, gradient = self._fields(change)
-            total += np.einsum("knd,nd->k", weights.field, field)
-            total += np.einsum("knij,nij->k", weights.gradient, gradient)
+            total += np.einsum(
+                "knda,nda->k", _side_by_side(weights.field, weights.gradient), self._fields(change)
+            )
         if linkage:
             total += weights.linkage @ self._linkage(change)
         return total
 
-    def _fields(self, change: Change) -> tuple[Array, Array]:
-        """Changes of field (n, 3) and gradient (n, 3, 3) of coils and background."""
-        field, gradient = np.zeros((len(self._points), 3)), np.zeros((len(self._points), 3, 3))
+    def _fields(self, change: Change) -> Array:
+        """Changes (n, 3, 4) of field and gradient of coils and background."""
+        points, total = self._points, np.zeros((len(self._points), 3, 4))
         for k in np.flatnonzero(change.currents).tolist():
-            b, g = self._of_unit(k)
-            field, gradient = field + change.currents[k] * b, gradient + change.currents[k] * g
+            if k not in self._unit:
+                self._unit[k] = _side_by_side(*unit_flux_density_and_gradient(self._device.coils[k], points))
+            total += change.currents[k] * self._unit[k]
         for k in change.coils:
-            (b1, g1), (b0, g0) = (
-                unit_flux_density_and_gradient(coil, self._points) for coil in change.coil_pair(k)
+            total += self._currents[k] * change.slope(
+                lambda side, k=k: _side_by_side(*unit_flux_density_and_gradient(side.coils[k], points))
             )
-            share = self._currents[k] / change.width
-            field, gradient = field + share * (b1 - b0), gradient + share * (g1 - g0)
         if change.has_background:
-            (b1, g1), (b0, g0) = (
-                (np.zeros_like(field), np.zeros_like(gradient))
-                if side.background is None
-                else side.background.field_and_gradient(self._points)
-                for side in change.sides
+            total += change.slope(
+                lambda side: (
+                    _side_by_side(*side.background.field_and_gradient(points))
+                    if side.background is not None
+                    else np.zeros_like(total)
+                )
             )
-            field, gradient = field + (b1 - b0) / change.width, gradient + (g1 - g0) / change.width
-        return field, gradient
-
-    def _of_unit(self, k: int) -> tuple[Array, Array]:
-        if k not in self._unit:
-            self._unit[k] = unit_flux_density_and_gradient(self._device.coils[k], self._points)
-        return self._unit[k]
+        return total
 
     def _linkage(self, change: Change) -> Array:
         """Changes (c,) of the linkages in air."""
@@ -191,8 +174,7 @@ class _Direct:
         if change.coils:
             total += self._changed_inductance(change) @ self._currents
         if change.coils or change.has_background:
-            above, below = (background_linkage(side.coils, side.background) for side in change.sides)
-            total += (above - below) / change.width
+            total += change.slope(lambda side: background_linkage(side.coils, side.background))
         return total
 
     @cached_property
@@ -202,7 +184,6 @@ class _Direct:
     def _changed_inductance(self, change: Change) -> Array:
         """Change (c, c) of the inductances in air: of pairs of coils of which one changes, a second of work each."""
         out = np.zeros((len(self._currents),) * 2)
-        above, below = (side.coils for side in change.sides)
         moved = []
         for k in change.coils:
             turns = change.turns(k)
@@ -213,15 +194,19 @@ class _Direct:
                 continue
             moved.append(k)
             if change.motion(k) is None:
-                pair = (bare_inductance((coil,))[0, 0] for coil in change.coil_pair(k))
-                out[k, k] = (next(pair) - next(pair)) / change.width
+                out[k, k] = change.slope(lambda side, k=k: bare_inductance(side.coils[k : k + 1])[0, 0])
         for k in moved:
-            for j in range(len(above)):
-                if j == k or (j in moved and j < k):
-                    continue
-                one, other = (mutual_inductance(side[k], side[j]) for side in (above, below))
-                out[k, j] = out[j, k] = (one - other) / change.width
+            for j in range(len(out)):
+                if j != k and not (j in moved and j < k):
+                    out[k, j] = out[j, k] = change.slope(
+                        lambda side, k=k, j=j: mutual_inductance(side.coils[k], side.coils[j])
+                    )
         return out
+
+
+def _side_by_side(field: Array, gradient: Array) -> Array:
+    """Field (..., 3) and gradient (..., 3, 3) as (..., 3, 4)."""
+    return np.concatenate([field[..., None], gradient], axis=-1)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -256,7 +241,7 @@ class _Inside:
         )
         h = self._elements.strength_at_points(self._potential[:, None], self._field, self._material)[0]
         self._strength = h
-        self._polarisation = self._flux_density(own.tables, self._material.remanence[0]) - h
+        self._polarisation = self._material.polarisation(h, 0)
         self._share = (0.25 * self._elements.volume)[:, None, None]
         self._unit = self._elements.coil_field_at_points(problem.unit)
         self._moved = MovedBodies(device, problem.form.iron.mesh, problem.form.iron.topology)
@@ -268,8 +253,7 @@ class _Inside:
         cover = elements.point_gradients(adjoint)
         cover += np.tensordot(linkage, self._unit, 1)
         cover *= self._share
-        material = self._material
-        turned = susceptible(material.tables, material.law, self._strength, cover)
+        turned = self._material.susceptible(self._strength, cover)
         by_current = np.einsum("kedx,cedx->kc", turned, self._unit, optimize=True)
         out = np.zeros((len(cover), len(follows)))
         traced = Adjoint(adjoint, points, weights, cover, turned)
@@ -316,10 +300,6 @@ class _Inside:
             right -= form.source_response(self._potential, self._field, self._material, linked) / MU0
         return form.solve_tangent(self._potential[:, None], self._field, self._material, right, _TOLERANCE)
 
-    def _flux_density(self, tables: LawTables, remanence: Array) -> Array:
-        """B (e, 4, 3) at the present field strength, with remanence (e, 3)."""
-        return flux_density_vectors(tables, self._material.law, self._strength) + remanence[:, None]
-
     def follow(self, change: Change) -> _Follow:
         """What follows a parameter in the iron."""
         applied: Array | None = None
@@ -341,18 +321,16 @@ class _Inside:
             coils[k] = self._reshaped(change, k)
             applied = _added(applied, self._currents[k] * coils[k])
         if change.has_background:
-            above, below = (self._background(side) for side in change.sides)
-            applied = _added(applied, (above - below) / change.width)
-        polarisation = self._of_material(change) if change.has_materials else None
+            applied = _added(applied, change.slope(self._background))
+        polarisation = change.slope(self._with_laws_of) if change.has_materials else None
         velocity = self._moved.velocities(change) if change.has_shapes else None
         return _Follow(currents, applied, polarisation, coils, velocity, drifts)
 
     def _reshaped(self, change: Change, k: int) -> Array:
         """Change (e, 4, 3) of the unit field of a coil that changes its shape."""
-        above, below = change.coil_pair(k)
 
         def field(x: Array) -> Array:
-            return (unit_flux_density(above, x) - unit_flux_density(below, x))[None] / change.width
+            return change.slope(lambda side: unit_flux_density(side.coils[k], x))[None]
 
         return self._elements.coil_field_at_points(self._elements.coil_field(field))[0]
 
@@ -363,12 +341,13 @@ class _Inside:
         of = self._elements.coil_field(lambda x: background.field(x)[None])
         return self._elements.coil_field_at_points(of)[0]
 
-    def _of_material(self, change: Change) -> Array:
-        """Change of mu0 M (e, 4, 3) at the present field strength."""
-        above, below = (self._problem.laws(side) for side in change.sides)
-        body = self._material.law
-        ahead, behind = (self._flux_density(tables, own[body]) for tables, own in (above, below))
-        return (ahead - behind) / change.width
+    def _with_laws_of(self, device: Device) -> Array:
+        """B (e, 4, 3) at the present field strength with the materials of a device."""
+        tables, remanence = self._problem.laws(device)
+        law = self._material.law
+        return self._strength + Magnetisation(law, tables, remanence[None, law]).polarisation(
+            self._strength, 0
+        )
 
 
 def _added(one: Array | None, other: Array) -> Array:

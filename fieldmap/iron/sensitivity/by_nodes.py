@@ -42,6 +42,7 @@ from numpy.typing import NDArray
 from fieldmap.constants import MU0
 from fieldmap.device.coils import Coil
 from fieldmap.device.model import Device
+from fieldmap.iron.elements.nodal_elements import POINTS_PER_HALF, half_rule
 from fieldmap.iron.elements.potential_form import PotentialForm
 from fieldmap.iron.mesh.chamber import MeshSymmetry
 from fieldmap.iron.mesh.charged_faces import NEAR_DEGREE, NEAR_RADII, TOUCH_DEGREE, ChargedFaces
@@ -81,10 +82,10 @@ def mutual_gradient(
     first, moves = images.min(axis=0), moving[images]
     charges, of_others = charge[images], np.ascontiguousarray(others[:, images].swapaxes(0, 1))
     geometry, spheres = faces.kernel_geometry(), faces.spheres()
-    near, touch = (triangle_rule(degree)[0] for degree in (NEAR_DEGREE, TOUCH_DEGREE))
+    shapes = (triangle_rule(NEAR_DEGREE)[0], triangle_rule(TOUCH_DEGREE)[0])
     parts = np.zeros((_SHARES, count, len(others), 3))
     any_moves = moves.any(axis=0)
-    given = (geometry, spheres, near, touch, NEAR_RADII, nodes, first, any_moves)
+    given = (geometry, shapes, spheres, NEAR_RADII, nodes, first, any_moves)
     # The pairs of a share, each with a few of its own.
     work = 10.0 * np.count_nonzero(first == np.arange(len(first))) * len(first) / _SHARES
     over_rows(close_gradient, _SHARES, *given, charges, of_others, places, matrices, parts, work=work)
@@ -275,7 +276,7 @@ class ByNodes:
         """How the circulations of a coil's unit field along both halves of edges (m,) follow their ends (m, 2, 2, 3),
         as they are computed."""
         elements = self._form.elements
-        where, weight = elements.half_rule()
+        where, weight = half_rule(POINTS_PER_HALF)
         start, end = np.swapaxes(elements.points[elements.edges[edges]], 0, 1)
         step = end - start
         points = start[:, None] + where[:, None] * step[:, None]

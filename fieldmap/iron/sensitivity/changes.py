@@ -6,6 +6,7 @@ turns and remanences follow their keys so smoothly that their differences are de
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, fields, is_dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -58,6 +59,11 @@ class Change(Record):
         if self.above is None or self.below is None:
             raise TypeError(f"{self.key} is a current")
         return self.above, self.below
+
+    def slope(self, of: Callable[[Device], Any]) -> Any:
+        """How what a device makes follows the key: by the difference of both sides."""
+        above, below = self.sides
+        return (of(above) - of(below)) / self.width
 
     @cached_property
     def coils(self) -> tuple[int, ...]:
@@ -156,10 +162,12 @@ class Parameters:
                 raise InputError.of(f"derivative, {key}", must_hold, repr(name), "use one of these")
             return Change(key, np.array([float(name in (one, "*")) for one in names]))
         value = self.value(key)
-        least = next((least for unit, least in _LEAST.items() if _has_unit(key, unit)), _LEAST_OF_ANY)
+        units = [step.rpartition("_")[2] for step in key.split(".")]
+        least = next((least for unit, least in _LEAST.items() if unit in units), _LEAST_OF_ANY)
         width = step or max(_STEP * abs(value), least)
         try:
-            above, below = (self._with(key, value + side * width) for side in (1, -1))
+            changed = (with_changes(self._document, {key: value + side * width}) for side in (1, -1))
+            above, below = (device_of(document, written=False) for document in changed)
         except DeviceFileError as error:
             raise InputError(*error.problems) from error
         if key.startswith(_PARAMETER) and all(
@@ -172,13 +180,6 @@ class Parameters:
             remedy = "name the keys that follow it"
             raise InputError.of(f"derivative, {key}", must_hold, "nothing follows it", remedy)
         return Change(key, np.zeros(len(names)), above, below, 2 * width)
-
-    def _with(self, key: str, value: float) -> Device:
-        return device_of(with_changes(self._document, {key: value}), written=False)
-
-
-def _has_unit(key: str, unit: str) -> bool:
-    return any(step.endswith(f"_{unit}") for step in key.split("."))
 
 
 def same(one: Any, other: Any) -> bool:

@@ -3,7 +3,13 @@
 A node has a fixed place in its body, in multiples of the body's dimensions: (x, y, z)/size in a box, (x, y)/radius and
 z/height in a cylinder. That carries the whole mesh smoothly along with the shape, its curved faces included. Of a body
 of several parts each part carries its own faces, and nodes inside move smoothly between them. Where a body slides along
-another one that it touches, its nodes are moved on (`fieldmap.iron.sensitivity.contacts`).
+another one that it touches, its nodes are moved on.
+
+Each body of a key has a movement u of its own, which carries its surfaces. Where two bodies touch, their movements may
+differ along the contact, not across it. Nodes there follow the body whose edges bound the contact (the core that stands
+on a disk), and within the other one, b, nodes move by u_b + w: w is the difference on the contact, has no component
+across any other surface, and is smooth inside: the sum over elements of |grad w|^2, small elements counting as much as
+large ones, is smallest. Planes slide within themselves, curved surfaces keep their own movement.
 
 Which part of a body a face of its mesh lies on: parts that change otherwise than together carry their own faces.
 """
@@ -11,18 +17,22 @@ Which part of a body a face of its mesh lies on: parts that change otherwise tha
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import block_diag, coo_matrix, csc_matrix, identity, kron
+from scipy.sparse.csgraph import connected_components
+from scipy.sparse.linalg import splu
 
 from fieldmap.device.model import Body, Box, Cylinder, Device, Part, Ring, Sphere
 from fieldmap.errors import InputError
 from fieldmap.iron.mesh.mesh import IronMesh
 from fieldmap.iron.sensitivity.changes import Change, same
-from fieldmap.iron.sensitivity.contacts import Contacts
-from fieldmap.iron.topology import Faces
-from fieldmap.typing import Array
+from fieldmap.iron.topology import TRIANGLE_SIDES, Faces, area_vectors, barycentric_gradients, distinct_parts
+from fieldmap.records import Record
+from fieldmap.typing import Array, Index
 
 # Of the largest dimension: how far nodes lie off planes. They are on them, but for rounding.
 _ON_PLANE = 1e-7
@@ -77,6 +87,192 @@ def _is_near(distance: Array, radius: float) -> NDArray[np.bool_]:
 
 def _in_plane(local: Array, normal: Array, axis: int, at: float, slack: float) -> NDArray[np.bool_]:
     return np.asarray((np.abs(local[..., axis] - at) < slack).all(axis=1) & (normal[:, axis] > _ALONG))
+
+
+# Sine of the angle at which two faces make an edge.
+_EDGE = 0.1
+# Normals at a node that differ by less belong to one plane; movements across a contact below this share are rounding.
+_SAME_PLANE = 1e-6
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Contact(Record):
+    """One contact of two bodies, by number: its nodes (n,), unit normal (3,), and which of the two has its edges all
+    around it, None where neither has."""
+
+    bodies: tuple[int, int]
+    nodes: Index
+    normal: Array
+    edges_of: int | None
+
+
+class Contacts:
+    """All contacts of the bodies of a mesh, and smooth movements within the bodies."""
+
+    def __init__(self, mesh: IronMesh, topology: Faces) -> None:
+        self._mesh, self._nodes = mesh, topology.nodes
+        owner = topology.owner
+        self._sides = np.sort(np.where(owner < 0, -1, mesh.body[owner]), axis=1)
+        cross = area_vectors(mesh.points[topology.nodes])
+        self._normals = cross / np.linalg.norm(cross, axis=1)[:, None]
+        self._smooth: dict[tuple[int, int], _SmoothMovement] = {}
+
+    @cached_property
+    def contacts(self) -> tuple[Contact, ...]:
+        """Connected pieces of the faces that two bodies share."""
+        out: list[Contact] = []
+        shared = np.flatnonzero((self._sides[:, 0] >= 0) & (self._sides[:, 0] != self._sides[:, 1]))
+        for pair in np.unique(self._sides[shared], axis=0):
+            faces = shared[(self._sides[shared] == pair).all(axis=1)]
+            rows = np.repeat(np.arange(len(faces)), 3)
+            touches = coo_matrix((np.ones(len(rows)), (rows, self._nodes[faces].ravel()))).tocsr()
+            piece = connected_components(touches @ touches.T)[1]
+            out += [self._contact(faces[piece == k], pair) for k in range(piece.max() + 1)]
+        return tuple(out)
+
+    def _contact(self, faces: Index, pair: Index) -> Contact:
+        normal, nodes = self._normals[faces[0]], self._nodes[faces]
+        sides = distinct_parts(nodes, TRIANGLE_SIDES)
+        around = np.unique(sides.rows[sides.times == 1])
+        bent = np.linalg.norm(np.cross(self._normals, normal), axis=1) > _EDGE
+        edged = [bool(np.isin(around, self._nodes[self._boundary(int(one)) & bent]).all()) for one in pair]
+        one, other = (int(k) for k in pair)
+        # Of two whose edges coincide it does not matter which: they can only move together.
+        owner = one if edged[0] else other if edged[1] else None
+        return Contact((one, other), np.unique(nodes), normal, owner)
+
+    def _boundary(self, body: int) -> NDArray[np.bool_]:
+        """Which faces (f,) have this body on one side only."""
+        return np.asarray((self._sides == body).sum(axis=1) == 1)
+
+    def reconciled(self, moved: Sequence[Array], slack: float) -> list[Array] | tuple[int, int]:
+        """Movements (n, 3) of the nodes of each body that agree where bodies touch, from the bodies' own; or two bodies
+        for which there is none. slack: differences that are rounding, m."""
+        own = [_spread(values, nodes, len(self._mesh.points)) for values, nodes in self._of_bodies(moved)]
+        given: dict[int, dict[int, Array]] = {}
+        kept: dict[int, set[int]] = {}
+        for contact in self.contacts:
+            one, other = contact.bodies
+            difference = own[one][contact.nodes] - own[other][contact.nodes]
+            size = float(np.abs(difference).max())
+            if size > slack and (
+                contact.edges_of is None
+                or np.abs(difference @ contact.normal).max() > _SAME_PLANE * size + slack
+            ):
+                return contact.bodies
+            owner = one if contact.edges_of is None else contact.edges_of
+            follower, sign = (other, 1.0) if owner == one else (one, -1.0)
+            kept.setdefault(owner, set()).update(contact.nodes.tolist())
+            wanted = given.setdefault(follower, {})
+            for node, value in zip(contact.nodes.tolist(), sign * difference, strict=True):
+                if np.abs(wanted.setdefault(node, value) - value).max() > slack:
+                    return contact.bodies
+        out = []
+        for number, (values, _) in enumerate(self._of_bodies(moved)):
+            wanted = given.get(number, {})
+            if any(np.abs(value).max() > slack for value in wanted.values()):
+                fixed = {node: np.zeros(3) for node in kept.get(number, ())} | wanted
+                smooth = self._movement(number, np.array(sorted(fixed)))
+                correction = smooth.of(np.array([fixed[node] for node in sorted(fixed)]), slack)
+                if correction is None:
+                    return self._pair_of(number)
+                values = values + correction
+            out.append(values)
+        return out
+
+    def _of_bodies(self, moved: Sequence[Array]):
+        return zip(moved, self._mesh.nodes_of_bodies, strict=True)
+
+    def _pair_of(self, number: int) -> tuple[int, int]:
+        return next(contact.bodies for contact in self.contacts if number in contact.bodies)
+
+    def surface(self, number: int) -> tuple[Index, Array]:
+        """Faces of a body: numbers (f, 3) of their corners among its nodes, and unit normals (f, 3)."""
+        faces = self._boundary(number)
+        triangles = np.searchsorted(self._mesh.nodes_of_bodies[number], self._nodes[faces])
+        return triangles, self._normals[faces]
+
+    def carried(self, number: int, surface: Array, slack: float) -> Array | None:
+        """Smooth movement (n, 3) of the nodes of a body whose faces' corners have these movements (f, 3, 3), of which
+        the part across the face counts; None where faces that meet would part."""
+        across = np.einsum("fkd,fd->fk", surface, self.surface(number)[1])
+        return self._movement(number, np.zeros(0, int)).of(np.zeros((0, 3)), slack, across)
+
+    def _movement(self, number: int, fixed: Index) -> _SmoothMovement:
+        known = self._smooth.get((number, len(fixed)))
+        if known is None:
+            mesh = self._mesh
+            nodes = mesh.nodes_of_bodies[number]
+            tets = np.searchsorted(nodes, mesh.tets[mesh.body == number])
+            at = np.searchsorted(nodes, fixed)
+            known = _SmoothMovement(mesh.points[nodes], tets, *self.surface(number), at)
+            self._smooth[number, len(fixed)] = known
+        return known
+
+
+class _SmoothMovement:
+    """Movements of the nodes of one body that are given at fixed ones, and elsewhere across its surface alone."""
+
+    def __init__(self, points: Array, tets: Index, triangles: Index, normals: Array, fixed: Index) -> None:
+        self._fixed, self._triangles, self._normals = fixed, triangles, normals
+        count = len(points)
+        is_fixed = np.zeros(count, bool)
+        is_fixed[fixed] = True
+        along, self._across = _planes(triangles, normals, count)
+        free = [along.get(node, np.eye(3)) for node in np.flatnonzero(~is_fixed).tolist()]
+        # (3 n, r): what the unknowns are in coordinates of the nodes that are not fixed.
+        here = 3 * np.flatnonzero(~is_fixed)[:, None] + np.arange(3)
+        place = csc_matrix(
+            (np.ones(here.size), (here.ravel(), np.arange(here.size))), shape=(3 * count, here.size)
+        )
+        self._basis = csc_matrix(place @ block_diag(free, format="csc"))
+        self._matrix = csc_matrix(kron(_stiffness(points, tets), identity(3)))
+        self._factor = splu(csc_matrix(self._basis.T @ self._matrix @ self._basis))
+
+    def of(self, values: Array, slack: float, across: Array | float = 0.0) -> Array | None:
+        """Movement (n, 3) of all nodes, from that of the fixed ones (m, 3), and of the corners of faces across these
+        (f, 3); None where they do not agree."""
+        out = np.zeros((self._matrix.shape[0] // 3, 3))
+        pushes = self._normals[:, None] * np.broadcast_to(across, self._triangles.shape)[..., None]
+        np.add.at(out, self._triangles, pushes)
+        out = np.einsum("nij,nj->ni", self._across, out)
+        out[self._fixed] = values
+        left = np.abs(np.einsum("fkd,fd->fk", out[self._triangles], self._normals) - across)
+        if left.max() > _SAME_PLANE * np.abs(out).max() + slack:
+            return None
+        right = -(self._basis.T @ (self._matrix @ out.ravel()))
+        return out + (self._basis @ self._factor.solve(right)).reshape(-1, 3)
+
+
+def _planes(triangles: Index, normals: Array, count: int) -> tuple[dict[int, Array], Array]:
+    """Of each node of a surface the directions (3, r) that lie in all faces that meet there; and the inverses (n, 3, 3)
+    of the sums of n n over the normals of these, in the directions that do not."""
+    nodes = triangles.ravel()
+    order = np.argsort(nodes, kind="stable")
+    at = np.repeat(normals, 3, axis=0)[order]
+    squares = np.zeros((count, 3, 3))
+    np.add.at(squares, nodes[order], at[:, :, None] * at[:, None, :])
+    values, vectors = np.linalg.eigh(squares)
+    flat = values < np.maximum(_SAME_PLANE * values[:, 2:], 1e-300)
+    inverse = np.where(flat, 0.0, 1 / np.where(flat, 1.0, values))
+    along = {int(k): vectors[k][:, flat[k]] for k in np.unique(nodes)}
+    return along, np.einsum("nij,nj,nkj->nik", vectors, inverse, vectors)
+
+
+def _stiffness(points: Array, tets: Index) -> coo_matrix:
+    """Of sums over elements of |grad w|^2 (n, n)."""
+    gradients = barycentric_gradients(points[tets])
+    local = gradients @ np.swapaxes(gradients, 1, 2)
+    rows, columns = np.broadcast_arrays(tets[:, :, None], tets[:, None, :])
+    shape = (len(points), len(points))
+    return coo_matrix((local.ravel(), (rows.ravel(), columns.ravel())), shape=shape)
+
+
+def _spread(values: Array, nodes: Index, count: int) -> Array:
+    """Values (count, 3) that are known at some nodes, NaN elsewhere."""
+    out = np.full((count, 3), np.nan)
+    out[nodes] = values
+    return out
 
 
 # Nodes that two bodies share, and that both move, agree within this share of the device's size.

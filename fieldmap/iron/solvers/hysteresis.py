@@ -21,9 +21,8 @@ from fieldmap.device.model import Device
 from fieldmap.errors import InputError, NotConverged
 from fieldmap.field import Currents, coil_currents
 from fieldmap.iron.elements.bh_law import Magnetisation, law_tables
-from fieldmap.iron.elements.nodal_elements import CoilField, NodalElements
+from fieldmap.iron.elements.nodal_elements import NodalElements
 from fieldmap.iron.elements.potential_form import ConvexForm
-from fieldmap.iron.elements.state import ElementField, LinearField
 from fieldmap.iron.geometry.checks import check_geometry, geometry_notes
 from fieldmap.iron.materials import materials_on, require_soft_bodies
 from fieldmap.iron.mesh.mesh import generate_mesh
@@ -32,12 +31,9 @@ from fieldmap.iron.report import report_of
 from fieldmap.iron.solution import PotentialSolution
 from fieldmap.iron.solvers.linear import check_arguments
 from fieldmap.kernels.iron import hysteresis as law_kernel
-from fieldmap.kernels.iron.hysteresis import tested_matrices, tested_vectors
 from fieldmap.records import Record
 from fieldmap.threads import over_rows
 from fieldmap.typing import Array
-
-_UNIT = np.array([1.0, 0.0, 0.0, 1.0, 0.0, 1.0])
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -52,12 +48,25 @@ class HysteresisMagnetisation(Magnetisation):
     weights: Array
     reversible: Array
 
-    def response(self, h: Array) -> tuple[Array, Array]:
-        """Polarisation (e, 4, 3), remanence of magnets included, and its derivative (e, 4, 6) at h (e, 4, 3), T."""
-        polarisation, tangent = np.empty((h.size // 3, 3)), np.empty((h.size // 3, 6))
-        arguments = (*self._arguments(h), polarisation, tangent)
-        over_rows(law_kernel.respond, len(tangent), *arguments, work=40.0 * self.weights.size)
-        return polarisation.reshape(h.shape) + self.remanence[0][:, None], tangent.reshape(*h.shape[:2], 6)
+    _last: list[tuple[Array, Array, Array]] = field(default_factory=list, init=False, repr=False)
+
+    def polarisation(self, h: Array, source: int) -> Array:
+        """mu0 M (e, 4, 3), remanence of magnets included, at h (e, 4, 3), T; there is one source."""
+        return self._response(h)[0]
+
+    def susceptibility(self, h: Array) -> Array:
+        """Its derivative (e, 4, 6) by h: xx, xy, xz, yy, yz, zz."""
+        return self._response(h)[1]
+
+    def _response(self, h: Array) -> tuple[Array, Array]:
+        """Both; the last is kept, for residual, tangent and line search ask for the same field one after the other."""
+        if not self._last or not np.array_equal(self._last[0][0], h):
+            polarisation, tangent = np.empty((h.size // 3, 3)), np.empty((h.size // 3, 6))
+            arguments = (*self._arguments(h), polarisation, tangent)
+            over_rows(law_kernel.respond, len(tangent), *arguments, work=40.0 * self.weights.size)
+            polarisation = polarisation.reshape(h.shape) + self.remanence[0][:, None]
+            self._last[:] = [(h, polarisation, tangent.reshape(*h.shape[:2], 6))]
+        return self._last[0][1:]
 
     def after(self, h: Array) -> HysteresisMagnetisation:
         """The same iron after the field h (e, 4, 3)."""
@@ -65,6 +74,8 @@ class HysteresisMagnetisation(Magnetisation):
         cells = moved.reshape(-1, *moved.shape[2:])
         arguments = (*self._arguments(h), cells)
         over_rows(law_kernel.advance, len(cells), *arguments, work=20.0 * self.weights.size)
+        # The step is done; whoever keeps this memory does not need what was computed on the way.
+        self._last.clear()
         return replace(self, reversible=moved)
 
     def dissipated(self, after: HysteresisMagnetisation, volume: Array) -> float:
@@ -76,90 +87,25 @@ class HysteresisMagnetisation(Magnetisation):
     def _cells(self, reversible: Array) -> Array:
         """Polarisation (e, 4, k, 3) of every cell."""
         size = np.linalg.norm(reversible, axis=-1)
-        law = np.broadcast_to(self.law[:, None, None], size.shape).ravel()
-        j = self.tables.flux_density(size.ravel(), law).reshape(size.shape) - size
+        law = np.broadcast_to(self.law[:, None, None], size.shape)
+        j = self.tables.flux_density(size, law)[0] - size
         share = np.divide(j, size, out=np.zeros_like(j), where=size > 0.0)
         return np.asarray(share[..., None] * reversible)
 
     def _arguments(self, h: Array) -> tuple[Any, ...]:
         points = np.ascontiguousarray(h.reshape(-1, 3))
         reversible = self.reversible.reshape(len(points), -1, 3)
-        return points, reversible, self.pinning, self.weights, np.repeat(self.law, 4), *self.tables.arrays
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class HysteresisElements(NodalElements):
-    """Second-order nodal elements of iron with hysteresis; of other iron where the material has none.
-
-    Residual, tangent and line search ask for the law at the same potential one after the other: the last is cached.
-    """
-
-    _last: list[tuple[Any, ...]] = field(default_factory=list, init=False, repr=False)
-
-    def residual(self, potential: Array, field: CoilField, source: int, material: Magnetisation) -> Array:
-        """Element vectors (e, 10) of int (b(h) - t) . grad N with h = t - grad phi, for phi (n,)."""
-        if not isinstance(material, HysteresisMagnetisation):
-            return super().residual(potential, field, source, material)
-        _, slope, polarisation, _ = self.evaluated(potential, field, source, material)
-        out = np.zeros(self.nodes.shape)
-        over_rows(
-            tested_vectors, len(out), polarisation - slope, self.gradients, self.volume, out, work=self.work
-        )
-        return out
-
-    def tangent(self, potential: Array, field: CoilField, source: int, material: Magnetisation) -> Array:
-        """Element matrices (e, 10, 10) of int grad N_i . (db/dh) grad N_j at phi (n,)."""
-        if not isinstance(material, HysteresisMagnetisation):
-            return super().tangent(potential, field, source, material)
-        tangent = self.evaluated(potential, field, source, material)[3]
-        out = np.zeros((*self.nodes.shape, 10))
-        over_rows(
-            tested_matrices, len(out), tangent + _UNIT, self.gradients, self.volume, out, work=2 * self.work
-        )
-        return out
-
-    def mean_fields(
-        self, potential: Array, field: CoilField, source: int, material: Magnetisation
-    ) -> tuple[Array, Array]:
-        """Mean flux density (e, 3) of every element and the largest mu0 H (e,) at its points, for phi (n,)."""
-        if not isinstance(material, HysteresisMagnetisation):
-            return super().mean_fields(potential, field, source, material)
-        h, _, polarisation, _ = self.evaluated(potential, field, source, material)
-        return (h + polarisation).mean(axis=1), np.linalg.norm(h, axis=2).max(axis=1)
-
-    def evaluated(
-        self, potential: Array, field: CoilField, source: int, material: HysteresisMagnetisation
-    ) -> tuple[Array, Array, Array, Array]:
-        """mu0 H, grad phi, polarisation (e, 4, 3) and its derivative (e, 4, 6) at the points, for phi (n,)."""
-        if self._last:
-            about, known, found = self._last[0]
-            if about[0] is field and about[1] is material and np.array_equal(known, potential):
-                return found
-        h, slope = self.strength(potential, field, source)
-        self._last[:] = [((field, material), potential.copy(), (h, slope, *material.response(h)))]
-        return self._last[0][2]
-
-    def strength(self, potential: Array, field: CoilField, source: int = 0) -> tuple[Array, Array]:
-        """mu0 H and grad phi (e, 4, 3) at the points of every element, for phi (n,)."""
-        values = np.ascontiguousarray(np.column_stack([potential, field.bubble[source]]))
-        both = self.gradients_at_points(values)
-        slope = np.ascontiguousarray(both[..., 0])
-        return field.constant[source][:, None] + both[..., 1] - slope, slope
+        return points, reversible, self.pinning, self.weights, np.repeat(self.law, 4), self.tables.arrays
 
 
 class HysteresisForm(ConvexForm):
     """One mesh in the potential form, for iron with hysteresis."""
 
     name = "potential"
-    elements: HysteresisElements
+    elements: NodalElements
 
     def __init__(self, iron: AssembledIron) -> None:
-        super().__init__(iron, HysteresisElements.from_mesh(iron.mesh, iron.topology))
-
-    def _inside(self, potential: Array, field: Any, material: Magnetisation) -> ElementField:
-        assert isinstance(material, HysteresisMagnetisation)
-        h, _, polarisation, _ = self.elements.evaluated(potential[:, 0], field, 0, material)
-        return LinearField((h + polarisation)[None], polarisation[None])
+        super().__init__(iron, NodalElements.from_mesh(iron.mesh, iron.topology))
 
 
 # As in `fieldmap.iron.solvers.nonlinear`: the residual as a fraction of the requested tolerance.
@@ -258,9 +204,17 @@ class HystereticState(PotentialSolution):
 class HysteresisSolver:
     """A device with hysteresis, meshed and assembled once.
 
-    pinning: the same in all saturating materials; left out, each has its own `coercive_field`, as the device file
-    states it, with six cells. Magnets and linear iron have none. refinement divides the mesh sizes of the device
-    file. Raises GeometryError and InputError like `fieldmap.solve`.
+    Parameters
+    ----------
+    device : without a background field.
+    pinning : the same in all saturating materials; left out, each has its own `coercive_field`, as the device file
+        states it, with six cells. Magnets and linear iron have none.
+    refinement : divides the mesh sizes of the device file.
+
+    Raises
+    ------
+    GeometryError, InputError
+        As `fieldmap.solve`.
 
     Example::
 
@@ -315,13 +269,10 @@ class HysteresisSolver:
         pinning = [self._pinnings[one.name].fields if one.saturates else without for one in materials]
         remanence = np.array([material.remanence for material in materials])
         law, count = self._mesh.body, self._form.elements.count
+        cells = MU0 * np.array(pinning), (self.pinning or Pinning(0.0)).weights
+        reversible = np.zeros((len(law), 4, self._cells, 3))
         material = HysteresisMagnetisation(
-            law,
-            law_tables(materials),
-            remanence[law][None],
-            MU0 * np.array(pinning),
-            (self.pinning or Pinning(0.0)).weights,
-            np.zeros((len(law), 4, self._cells, 3)),
+            law, law_tables(materials), remanence[law][None], *cells, reversible
         )
         nothing, coils = np.zeros(count), np.zeros(len(self.device.coils))
         return IronMemory(material, nothing, coils, nothing, coils)
@@ -342,12 +293,27 @@ class HysteresisSolver:
         tolerance: float = 1e-3,
         near: HystereticState | None = None,
     ) -> HystereticState:
-        """The state at currents (c,) in A, after a straight path from those of `memory`.
-
-        near: a state of this device that is likely to be close, where Newton's method begins; it leaves no trace.
+        """The state after a straight path from the currents of `memory`.
 
         The cells move once in a step: currents that turn back must do so between steps. Where Newton's method fails,
-        the step is halved, up to four times. Raises InputError for bad arguments, NotConverged.
+        the step is halved, up to four times.
+
+        Parameters
+        ----------
+        currents : (c,), A.
+        memory : of the state where the path begins, or `demagnetised`.
+        tolerance : bounds the algebraic error.
+        near : a state of this device that is likely to be close, where Newton's method begins; it leaves no trace.
+
+        Returns
+        -------
+        The state, with the memory from which the next step goes on.
+
+        Raises
+        ------
+        InputError
+            For bad arguments.
+        NotConverged
         """
         values = np.array(coil_currents(currents, self.device.coil_names))
         check_arguments("step", tolerance)
@@ -368,33 +334,23 @@ class HysteresisSolver:
                 raise
         first = self._step(0.5 * (currents + memory.currents), memory, residual, halvings - 1)
         second = self._step(currents, first.memory, residual, halvings - 1)
-        return replace(
-            second,
-            loss=first.loss + second.loss,
-            steps=first.steps + second.steps,
-            parts=first.parts + second.parts,
-        )
+        both = {name: getattr(first, name) + getattr(second, name) for name in ("loss", "steps", "parts")}
+        return replace(second, **both)
 
     def _at(self, currents: Array, memory: IronMemory, residual: float, start: Array) -> HystereticState:
         field = self._unit.combined(currents[None])
         elements, before = self._form.elements, memory.material
         state = self._form.solve(before, field, residual, start[:, None])
         potential = state.potential[:, 0]
-        h, _, polarisation, _ = elements.evaluated(potential, field, 0, before)
-        after = before.after(h)
-        form = self._form
-        report = report_of(form.name, form.iron, elements.count, state.iron, {}, self.assumptions)
-        device = self.device
+        h = elements.strength_at_points(state.potential, field, before)[0]
+        polarisation, after = before.polarisation(h, 0), before.after(h)
+        report, device = report_of(self._form, state.iron, {}, self.assumptions), self.device
         about = (device.coils, currents, self._mesh, state.iron, np.ones(1), report, device.sections)
-        return HystereticState(
-            *about,
-            state,
-            self._linkage(polarisation),
-            IronMemory(after, potential, currents, potential - memory.potential, currents - memory.currents),
-            before.dissipated(after, elements.volume) / MU0,
-            state.iron.iterations,
-            bounds=device.bounds,
-        )
+        changes = (potential - memory.potential, currents - memory.currents)
+        now = IronMemory(after, potential, currents, *changes)
+        loss = before.dissipated(after, elements.volume) / MU0
+        iron = (state, self._linkage(polarisation), now, loss, state.iron.iterations)
+        return HystereticState(*about, *iron, bounds=device.bounds)
 
     def _linkage(self, polarisation: Array) -> Array:
         """Flux linkages (c,), Wb, that polarisation (e, 4, 3), T, adds: docs/theory/forces.md (5)."""

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from fieldmap.arguments import raise_all
 from fieldmap.device import read_device
 from fieldmap.device.model import Device
 from fieldmap.errors import InputError, Problem
@@ -42,18 +43,33 @@ def solve_linear(
     symmetry: str = "auto",
 ) -> LinearSolution:
     """Solve a device with iron of constant permeability, once per coil (and once for what no current drives: the
-    remanence of magnets and the background).
+    remanence of magnets and the background). Methods: docs/theory/iron_elements.md.
 
-    device: the machine, its file, or the name of a shipped one. mu_r: relative permeability of all soft iron; None:
-    the device's own, for a B-H table its initial slope.
-    tolerance: bounds the algebraic error (the residual is 1e-4 of it); the mesh error is set by the mesh sizes of
-    the device file and by `refinement`, which divides them. progress(message, fraction) is called between steps.
-    form: "potential" (second order; every mu_r >= 1), "flux" (second order; any mu_r, flux barriers too), or "auto":
-    potential where it may be used. The two err to opposite sides in closed magnetic circuits. "surface" needs no mesh
-    of the volume, takes any mu_r, and a few thousand faces. symmetry: "auto" uses
-    the mirror planes of the iron, "none" does not look for them. Methods: docs/theory/iron_elements.md. Raises
-    GeometryError if bodies, windings and workspace do not fit together, InputError for bad arguments, NotConverged with
-    the residual history.
+    Parameters
+    ----------
+    device : the machine, its file, or the name of a shipped one.
+    mu_r : relative permeability of all soft iron; None: the device's own, for a B-H table its initial slope.
+    tolerance : bounds the algebraic error (the residual is 1e-4 of it). The mesh error is set by the mesh sizes of the
+        device file and by `refinement`.
+    progress : progress(message, fraction) is called between steps.
+    refinement : divides the mesh sizes.
+    form : "potential" (second order; every mu_r >= 1), "flux" (second order; any mu_r, flux barriers too), or "auto":
+        potential where it may be used. The two err to opposite sides in closed magnetic circuits. "surface" needs no
+        mesh of the volume, takes any mu_r, and a few thousand faces.
+    symmetry : "auto" uses the mirror planes of the iron, "none" does not look for them.
+
+    Returns
+    -------
+    The fields per ampere of every coil, and that of what no current drives.
+
+    Raises
+    ------
+    GeometryError
+        If bodies, windings and workspace do not fit together.
+    InputError
+        For bad arguments.
+    NotConverged
+        With the residual history.
 
     >>> import fieldmap as fm
     >>> unit = fm.solve_linear(fm.read_device("loop_and_sphere"), mu_r=1000.0)
@@ -100,7 +116,7 @@ def solved_in_form(
     iron = problem.iron
     state, linkage = _solve(device, problem, properties, tolerance * _RESIDUAL_PER_TOLERANCE)
     assumptions = properties.assumptions + geometry_notes(device)
-    report = report_of(problem.name, iron, problem.elements.count, state, stages.seconds, assumptions)
+    report = report_of(problem, state, stages.seconds, assumptions)
     has_remanence = bool(properties.remanence.any())
     about = (device.sections, device.bounds, device.background)
     return LinearSolution(device.coils, iron.mesh, state, has_remanence, report, linkage, *about)
@@ -137,12 +153,9 @@ def chosen_form(form: str, properties: BodyProperties) -> str:
     if form == "auto":
         return "potential" if weakest >= 1 else "flux"
     if form == "potential" and weakest < 1:
-        raise InputError.of(
-            "solve_linear, form",
-            "the potential form needs mu_r >= 1 in every body and joint",
-            f"mu_r = {weakest:g}",
-            'use form="flux" or form="auto"',
-        )
+        must_hold = "the potential form needs mu_r >= 1 in every body and joint"
+        remedy = 'use form="flux" or form="auto"'
+        raise InputError.of("solve_linear, form", must_hold, f"mu_r = {weakest:g}", remedy)
     return form
 
 
@@ -153,13 +166,11 @@ def check_arguments(where: str, tolerance: float, refinement: float = 1.0, form:
         ("refinement", refinement, "must be a finite number > 0", "try 1.0", 0 < refinement < np.inf),
         ("form", form, f"must be one of {', '.join(FORMS)}", 'try "auto"', form in FORMS),
     )
-    problems = [
+    raise_all(
         Problem(f"{where}, {name}", must_hold, repr(value), remedy)
         for name, value, must_hold, remedy, right in wanted
         if not right
-    ]
-    if problems:
-        raise InputError(*problems)
+    )
 
 
 def require_source(device: Device, properties: BodyProperties) -> None:

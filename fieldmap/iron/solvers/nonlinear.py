@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -88,16 +89,14 @@ def solve_with_continuation(
         if share == 1.0:
             return state, tuple(shares)
         reached, step, potential = share, 2 * step, state.potential
-    raise NotConverged(
-        Problem(
-            "iron solver, Newton and continuation in the currents",
-            f"the residual must fall to {tolerance:g}",
-            f"no state beyond {100 * reached:.3g} % of the currents; last residual "
-            f"{residuals[-1]:.2e} after {len(residuals)} steps in all",
-            "loosen the tolerance, smooth the B-H table where its slope jumps, or look for slivers in the mesh",
-        ),
-        residuals=tuple(residuals),
+    where = "iron solver, Newton and continuation in the currents"
+    must_hold = f"the residual must fall to {tolerance:g}"
+    last = f"last residual {residuals[-1]:.2e} after {len(residuals)} steps in all"
+    received = f"no state beyond {100 * reached:.3g} % of the currents; {last}"
+    remedy = (
+        "loosen the tolerance, smooth the B-H table where its slope jumps, or look for slivers in the mesh"
     )
+    raise NotConverged(Problem(where, must_hold, received, remedy), residuals=tuple(residuals))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -165,9 +164,20 @@ class NonlinearSolver(FieldOfStates):
     """A device meshed and assembled once: a field that solves a state for each new set of currents.
 
     `at(currents)` is the state at these currents; it is solved once and kept. `field` and its derivatives with currents
-    are those of the state. refinement divides the mesh sizes of the device file; symmetry: "auto" uses the mirror
-    planes of the iron, "none" does not look for them; tolerance: of the states that `at` solves. Raises GeometryError
-    and InputError like `solve`.
+    are those of the state.
+
+    Parameters
+    ----------
+    device : the machine, its file, or the name of a shipped one.
+    refinement : divides the mesh sizes of the device file.
+    progress : progress(message, fraction) is called between steps.
+    symmetry : "auto" uses the mirror planes of the iron, "none" does not look for them.
+    tolerance : of the states that `at` solves.
+
+    Raises
+    ------
+    GeometryError, InputError
+        As `solve`.
 
     >>> import fieldmap as fm
     >>> solver = fm.iron.NonlinearSolver(fm.read_device("loop_and_sphere"))
@@ -251,12 +261,24 @@ class NonlinearSolver(FieldOfStates):
         return self._last
 
     def by_currents(self, points: ArrayLike, currents: Currents) -> tuple[Array, Array, Array, Array]:
-        """B (n, 3), T, and G (n, 3, 3), T/m, of the state at these currents, and their derivatives by the currents:
-        dB/dI (n, c, 3), T/A, and dG/dI (n, c, 3, 3), T/(m A), exact for the discrete equations.
+        """Flux density and gradient of a state, and their derivatives by the currents, exact for the discrete
+        equations.
 
         From one linear solve with the tangent of the state for all coils. The state is solved from the one asked for
-        last unless `at` has solved it, and is not kept for `at`: a search goes through thousands. Points in the air.
-        Raises InputError, NotConverged.
+        last unless `at` has solved it, and is not kept for `at`: a search goes through thousands.
+
+        Parameters
+        ----------
+        points : (n, 3) or (3,), m, in the air.
+        currents : (c,), A.
+
+        Returns
+        -------
+        B (n, 3), T; G (n, 3, 3), T/m; dB/dI (n, c, 3), T/A; dG/dI (n, c, 3, 3), T/(m A). Without n for one point.
+
+        Raises
+        ------
+        InputError, NotConverged
         """
         values = coil_currents(currents, self.coil_names)
         where, single = checked_points(points)
@@ -281,16 +303,30 @@ class NonlinearSolver(FieldOfStates):
         return (found[0][0], found[1][0], found[2][0], found[3][0]) if single else found
 
     def solve(
-        self,
-        currents: Currents,
-        tolerance: float = 1e-3,
-        start: NonlinearSolution | Array | None = None,
+        self, currents: Currents, tolerance: float = 1e-3, start: NonlinearSolution | Array | None = None
     ) -> NonlinearSolution:
-        """A new state at currents (c,) in A, from `start` (a neighbouring state of this solver, or its nodal potential
-        (n,)) or from zero; not kept for `at`.
+        """A new state, not kept for `at`.
 
         Where Newton's method fails, the state is approached in steps of the currents; `report.continuation` names
-        them. Raises InputError for bad arguments, NotConverged with the residual history once that has failed too.
+        them.
+
+        Parameters
+        ----------
+        currents : (c,), A.
+        tolerance : bounds the algebraic error.
+        start : a neighbouring state of this solver, or its nodal potential (n,), from which Newton's method begins;
+            from zero if None.
+
+        Returns
+        -------
+        The state.
+
+        Raises
+        ------
+        InputError
+            For bad arguments.
+        NotConverged
+            With the residual history, once the steps have failed too.
         """
         values = np.array(coil_currents(currents, self.coil_names))
         check_arguments("solve", tolerance)
@@ -302,28 +338,16 @@ class NonlinearSolver(FieldOfStates):
         residual = tolerance * _RESIDUAL_PER_TOLERANCE
         state, shares = solve_with_continuation(self._form, self._material, field, residual, begin)
         stages.done()
-        report = self._report(
-            state, {**({} if start is not None else self._seconds), **stages.seconds}, shares
-        )
-        device, mesh = self.device, self._iron.mesh
-        about = (device.coils, values, mesh, state.iron, np.ones(1), report, device.sections)
-        elements, material = self._form.elements, self._material
-        linkage, coenergy = linkage_and_coenergy(
-            elements.volume,
-            material,
-            elements.strength_at_points(state.potential, field, material),
-            elements.coil_field_at_points(field),
-            elements.coil_field_at_points(self._unit),
-        )
-        return NonlinearSolution(
-            *about,
-            state,
-            linkage[:, 0],
-            float(coenergy[0]),
-            bounds=device.bounds,
-            background=device.background,
-            origin=self._origin,
-        )
+        seconds = stages.seconds if start is not None else self._seconds | stages.seconds
+        report = self._report(state, seconds, shares)
+        device, elements, material = self.device, self._form.elements, self._material
+        strength = elements.strength_at_points(state.potential, field, material)
+        coils, unit = (elements.coil_field_at_points(one) for one in (field, self._unit))
+        linkage, coenergy = linkage_and_coenergy(elements.volume, material, strength, coils, unit)
+        about = (device.coils, values, self._iron.mesh, state.iron, np.ones(1), report, device.sections)
+        iron = (state, linkage[:, 0], float(coenergy[0]))
+        around: dict[str, Any] = {"bounds": device.bounds, "background": device.background}
+        return NonlinearSolution(*about, *iron, **around, origin=self._origin)
 
     @property
     def surface(self) -> ChargedFaces:
@@ -354,7 +378,7 @@ class NonlinearSolver(FieldOfStates):
 
     def tangent(self, currents: Array, potential: Array) -> csr_matrix:
         """The iron's tangent stiffness (n, n) at a state of currents (c,) and potential (n,), without the air."""
-        return self._form.tangent(self._material, self.coil_field(currents), potential)
+        return self._form.tangent(potential, self.coil_field(currents), self._material)
 
     def sensitivities(
         self, currents: Array, potential: Array, directions: Array, tolerance: float = 1e-3
@@ -387,10 +411,23 @@ class NonlinearSolver(FieldOfStates):
         return own if self._background is None else own + self._background
 
     def differential_inductance(self, state: NonlinearSolution, tolerance: float = 1e-8) -> Array:
-        """Derivatives (c, c) in H of the flux linkages by the currents at a state of this solver; symmetric.
+        """Derivatives of the flux linkages by the currents. Where the iron saturates they are less than linkage per
+        current.
 
-        Where the iron saturates it is less than linkage per current. tolerance: of the linear solve. Raises
-        InputError for a state of another solver, NotConverged.
+        Parameters
+        ----------
+        state : one of this solver.
+        tolerance : of the linear solve.
+
+        Returns
+        -------
+        (c, c), H; symmetric.
+
+        Raises
+        ------
+        InputError
+            For a state of another solver.
+        NotConverged
         """
         inside = state.state.iron.inside
         if not isinstance(inside, PotentialField) or inside.elements is not self._form.elements:
@@ -406,10 +443,26 @@ class NonlinearSolver(FieldOfStates):
         return bare_inductance(self.device.coils)
 
     def estimate_error(self, solution: NonlinearSolution, tolerance: float = 1e-3) -> ErrorEstimate:
-        """How far a state of this solver is from the truth in the workspace (`fieldmap.iron.error`).
+        """How far a state is from the truth in the workspace (`fieldmap.iron.error`).
 
         Solves it again in the flux form, from the potential found, and on a mesh 1.4 times coarser; both are kept for
-        further states. Raises InputError if the device has no workspace, NotConverged as `solve`.
+        further states.
+
+        Parameters
+        ----------
+        solution : a state of this solver.
+        tolerance : bounds the algebraic error of the two others.
+
+        Returns
+        -------
+        The estimate, relative to the largest field in the workspace.
+
+        Raises
+        ------
+        InputError
+            If the device has no workspace.
+        NotConverged
+            As `solve`.
         """
         points = workspace_surface(self.device)
         stages, field = Stages(self._progress), self.coil_field(solution.currents)
@@ -444,16 +497,12 @@ class NonlinearSolver(FieldOfStates):
     ) -> SolverReport:
         low, high = self._material.tables.range_h[:, self._material.law]
         largest = state.largest_h[0]
-        report = report_of(
-            self._form.name, self._iron, self._form.elements.count, state.iron, seconds, self._assumptions
-        )
-        return replace(
-            report,
-            largest_flux_density=float(np.linalg.norm(state.iron.flux_density[0], axis=1).max()),
-            beyond_table=int((largest > high).sum()),
-            below_table=int((largest < np.where(np.isfinite(low), low, 0.0)).sum()),
-            continuation=shares,
-        )
+        report = report_of(self._form, state.iron, seconds, self._assumptions)
+        below = np.where(np.isfinite(low), low, 0.0)
+        peak = float(np.linalg.norm(state.iron.flux_density[0], axis=1).max())
+        beyond, under = int((largest > high).sum()), int((largest < below).sum())
+        known = replace(report, largest_flux_density=peak, continuation=shares)
+        return replace(known, beyond_table=beyond, below_table=under)
 
 
 def solve(
@@ -465,14 +514,34 @@ def solve(
     estimate: bool = False,
     symmetry: str = "auto",
 ) -> NonlinearSolution:
-    """Solve a device with nonlinear iron at currents (c,) in A.
+    """Solve a device with nonlinear iron. For many currents make a `NonlinearSolver` once.
 
-    Second-order potential form, Newton's method with exact line search (docs/theory/iron_saturation.md). tolerance
-    bounds the algebraic error; the mesh error is set by the mesh sizes of the device file and `refinement`. symmetry:
-    "auto" uses the mirror planes of the iron, "none" does not look for them. With `estimate`, `report.error` tells how
-    far the field in the workspace is from the truth, see `NonlinearSolver.estimate_error`; that takes about as long
-    again. For many currents make a `NonlinearSolver` once. Raises GeometryError if bodies, windings and workspace do
-    not fit together, InputError for bad arguments or a body without a B(H) law, NotConverged with the residual history.
+    Second-order potential form, Newton's method with exact line search (docs/theory/iron_saturation.md).
+
+    Parameters
+    ----------
+    device : the machine, its file, or the name of a shipped one.
+    currents : (c,), A.
+    tolerance : bounds the algebraic error. The mesh error is set by the mesh sizes of the device file and
+        `refinement`.
+    progress : progress(message, fraction) is called between steps.
+    refinement : divides the mesh sizes.
+    estimate : let `report.error` tell how far the field in the workspace is from the truth, see
+        `NonlinearSolver.estimate_error`; that takes about as long again.
+    symmetry : "auto" uses the mirror planes of the iron, "none" does not look for them.
+
+    Returns
+    -------
+    The state at these currents.
+
+    Raises
+    ------
+    GeometryError
+        If bodies, windings and workspace do not fit together.
+    InputError
+        For bad arguments or a body without a B(H) law.
+    NotConverged
+        With the residual history.
 
     >>> import fieldmap as fm
     >>> state = fm.solve(fm.read_device("loop_and_sphere"), currents=[1.0])

@@ -6,6 +6,7 @@ law B(H) is evaluated at the points of the elements, as in the full model, and t
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +17,7 @@ from fieldmap.core.iron_numbers import numbers_in_fields
 from fieldmap.iron.elements.bh_law import LawTables
 from fieldmap.iron.elements.nodal_elements import CoilField
 from fieldmap.iron.elements.potential_form import Magnetisation, PotentialForm
-from fieldmap.kernels.iron.sample_gradients import magnetise_states, point_moments, root_of_susceptibility
+from fieldmap.kernels.iron.magnetisation_law import magnetise, root_of_susceptibility
 from fieldmap.parallel import in_threads, threads_of_kernels
 from fieldmap.records import Record
 from fieldmap.threads import over_rows
@@ -54,6 +55,13 @@ class GalerkinModel(Record):
         own = self.source @ currents
         return own if self.fixed is None else own + self.fixed
 
+    def _strength(self, rows: slice, currents: Array, amplitudes: Array) -> Array:
+        """mu0 H (3 p, s) in some rows at currents (c, s) and amplitudes (r, s), T."""
+        h = self.source[rows] @ currents - self.gradients[rows] @ amplitudes
+        if self.fixed is not None:
+            h += self.fixed[rows, None]
+        return h
+
     @property
     def modes(self) -> int:
         """Number of amplitudes."""
@@ -79,18 +87,13 @@ class GalerkinModel(Record):
     def _solutions(self, currents: Array, starts: Array, near: "GalerkinModel", tolerance: float) -> Array:
         found, last = starts.copy(), np.full(len(starts), np.inf)
         pairs = list(zip(currents, starts, strict=True))
-        factors = np.array(
-            [
-                part.result()
-                for part in in_threads(lambda pair: near.tangent_factor(*pair), pairs, threads_of_kernels())
-            ]
-        )
+        factor = in_threads(lambda pair: near.tangent_factor(*pair), pairs, threads_of_kernels())
+        factors = np.array([part.result() for part in factor])
         left, slow = np.arange(len(starts)), []
         for _ in range(_STEPS):
             residuals = self.residuals(currents[left], found[left])
-            steps = np.array(
-                [cho_solve((factors[k], True), row) for k, row in zip(left, residuals, strict=True)]
-            )
+            solved = (cho_solve((factors[k], True), row) for k, row in zip(left, residuals, strict=True))
+            steps = np.array(list(solved))
             energy = np.array([np.sum((found[k] @ factors[k]) ** 2) for k in left])
             decrement = np.sqrt(np.maximum((residuals * steps).sum(axis=1), 0.0) / np.maximum(energy, 1e-300))
             worse = decrement > _SLOW * last[left]
@@ -110,10 +113,8 @@ class GalerkinModel(Record):
         def of(first: int) -> Array:
             points = slice(first, first + _BLOCK)
             rows = slice(3 * first, 3 * (first + _BLOCK))
-            h = self.source[rows] @ currents.T - self.gradients[rows] @ amplitudes.T
-            if self.fixed is not None:
-                h += self.fixed[rows, None]
-            magnetise_states(h, self.weights[points], self.law[points], *self.tables.arrays)
+            h = self._strength(rows, currents.T, amplitudes.T)
+            magnetise(0, h.shape[0] // 3, h, self.weights[points], self.law[points], self.tables.arrays)
             return np.asarray(h.T @ self.gradients[rows])
 
         total = self.constant - amplitudes @ self.air
@@ -139,11 +140,9 @@ class GalerkinModel(Record):
     def _roots(self, first: int, currents: Array, amplitude: Array, of: Array) -> Array:
         """Functions `of` (3 p, r) at points from number `first` on, times the root of w (db/dh - 1): (p, 3, r)."""
         points, rows = slice(first, first + len(of) // 3), slice(3 * first, 3 * first + len(of))
-        h = self.source[rows] @ currents - self.gradients[rows] @ amplitude
-        if self.fixed is not None:
-            h += self.fixed[rows]
+        h = self._strength(rows, currents[:, None], amplitude[:, None])[:, 0]
         out = of.reshape(-1, 3, self.modes).copy()
-        root_of_susceptibility(h, self.weights[points], self.law[points], *self.tables.arrays, out)
+        root_of_susceptibility(h, self.weights[points], self.law[points], self.tables.arrays, out)
         return out
 
     @cached_property
@@ -177,11 +176,10 @@ class GalerkinModel(Record):
 
     def moments(self, currents: Array, amplitude: Array) -> Array:
         """mu0 times the magnetic moment (p, 3) that every point stands for, T m^3."""
-        laws = (self.weights, self.law, *self.tables.arrays)
-        out = np.empty((len(self.weights), 3))
-        given = (self.applied(currents), self.gradients, *laws, amplitude, out)
-        over_rows(point_moments, len(out), *given, work=amplitude.size)
-        return out
+        h = self._strength(slice(None), currents[:, None], amplitude[:, None])
+        given = (h, self.weights, self.law, self.tables.arrays)
+        over_rows(magnetise, len(self.weights), *given, work=10.0)
+        return h.reshape(-1, 3)
 
     def residual(self, moments: Array) -> Array:
         """What moments (p, 3) add to the residual (r,)."""
@@ -194,27 +192,18 @@ class GalerkinModel(Record):
 
     def combined(self, basis: Array) -> "GalerkinModel":
         """The same model on combinations (r, q) of its modes."""
-        air = basis.T @ self.air @ basis
-        return replace(
-            self,
-            gradients=np.ascontiguousarray(self.gradients @ basis),
-            air=0.5 * (air + air.T),
-            constant=basis.T @ self.constant,
-        )
+        air, gradients = basis.T @ self.air @ basis, np.ascontiguousarray(self.gradients @ basis)
+        return replace(self, gradients=gradients, air=0.5 * (air + air.T), constant=basis.T @ self.constant)
 
     def sampled(self, points: NDArray[np.int64], weights: Array) -> "GalerkinModel":
         """The same model on some of its points with other weights (hyper-reduction)."""
         rows = (3 * points[:, None] + np.arange(3)).ravel()
-        return GalerkinModel(
-            np.ascontiguousarray(self.gradients[rows]),
-            np.ascontiguousarray(self.source[rows]),
-            weights,
-            self.law[points],
-            self.tables,
-            self.air,
-            self.constant,
-            None if self.fixed is None else np.ascontiguousarray(self.fixed[rows]),
-        )
+        at_points: dict[str, Any] = {
+            name: np.ascontiguousarray(getattr(self, name)[rows])
+            for name in ("gradients", "source", "fixed")
+            if getattr(self, name) is not None
+        }
+        return replace(self, weights=weights, law=self.law[points], **at_points)
 
 
 def same_lengths(rows: Array) -> Array:
@@ -239,20 +228,11 @@ def project(
         bubble = elements.gradients_at_points(field.bubble.T)
         return bubble + np.moveaxis(field.constant, 0, 2)[:, None]
 
-    source = at_points(unit)
-    points = gradients.shape[0] * 4
-    gradients = gradients.reshape(3 * points, -1)
-    weights = np.repeat(0.25 * elements.volume, 4)
+    rows = 12 * len(gradients)
+    gradients, weights = gradients.reshape(rows, -1), np.repeat(0.25 * elements.volume, 4)
     weighted = np.repeat(weights, 3)[:, None] * gradients
-    remanence = np.repeat(material.remanence[0], 4, axis=0).reshape(-1)
     air = gradients.T @ weighted + basis.T @ of_air
-    return GalerkinModel(
-        gradients,
-        source.reshape(3 * points, -1),
-        weights,
-        np.repeat(material.law, 4),
-        material.tables,
-        0.5 * (air + air.T),
-        weighted.T @ remanence,
-        None if background is None else at_points(background).reshape(3 * points),
-    )
+    constant = weighted.T @ np.repeat(material.remanence[0], 4, axis=0).reshape(-1)
+    fixed = None if background is None else at_points(background).reshape(rows)
+    law, source = (np.repeat(material.law, 4), material.tables), at_points(unit).reshape(rows, -1)
+    return GalerkinModel(gradients, source, weights, *law, 0.5 * (air + air.T), constant, fixed)

@@ -23,6 +23,7 @@ from fieldmap.iron.mesh.charged_faces import ChargedFaces
 from fieldmap.iron.mesh.mesh import LAYER_RATIO
 from fieldmap.iron.mesh.mesher import LocalSizes, MesherCells
 from fieldmap.iron.operators.assembled import AssembledIron
+from fieldmap.iron.topology import TRIANGLE_TURN, common_sides
 from fieldmap.kernels.simplex_rules import tetrahedron_rule
 from fieldmap.records import Record
 from fieldmap.typing import Array, Index
@@ -80,7 +81,6 @@ _TIP_DEVIATION = 0.58
 _NEAR = 0.015
 # Faces that meet at more than this angle (radians) have charges of their own; coarse polygons are kinked by less.
 _SHARP_ANGLE = 1.0
-_SIDES = np.array([[0, 1], [1, 2], [2, 0]])
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -135,7 +135,7 @@ def face_indicators(
     # Between a triangle with corners on a surface and that surface: 1.5 x variance x curvature along each axis.
     cut_off = 1.5 * surface.areas * (np.sqrt(curvature) * deviation**2).sum(axis=1)
     edge = np.zeros(int(triangles.max()) + 1, bool)
-    edge[triangles[:, _SIDES][neighbours < 0]] = True
+    edge[triangles[:, TRIANGLE_TURN][neighbours < 0]] = True
     at_edge = np.asarray(edge[triangles].any(axis=1), bool)
     tip = np.where(at_edge, _TIP * surface.areas * heights(surface.corners), 0.0)
     dual_slopes, across, rest = slopes_of(dual_charge), np.zeros(len(weight)), np.zeros(len(weight))
@@ -172,11 +172,7 @@ def near_kernels(surface: ChargedFaces, places: Array) -> Array:
 
 
 def element_indicators(
-    volume: Array,
-    mu_r: Array,
-    forms: tuple[IronState, ...],
-    dual_forms: tuple[IronState, ...],
-    size: Array,
+    volume: Array, mu_r: Array, forms: tuple[IronState, ...], dual_forms: tuple[IronState, ...], size: Array
 ) -> Array:
     """Shares (e,) of the elements of relative permeability mu_r (e,), for the worst source and dipole.
 
@@ -197,11 +193,8 @@ def element_indicators(
 
 def smooth_neighbours(triangles: Index, normals: Array) -> Index:
     """Faces (s, 3) across the three sides of each of a closed surface; -1 where the surface is kinked."""
-    sides = np.sort(triangles[:, _SIDES], axis=2).reshape(-1, 2)
-    order = np.lexsort(sides.T)
-    same = np.flatnonzero((sides[order[1:]] == sides[order[:-1]]).all(axis=1))
-    one, other = order[same], order[same + 1]
-    out = np.full(len(sides), -1)
+    one, other = common_sides(triangles)
+    out = np.full(triangles.size, -1)
     cosine = np.einsum("id,id->i", normals[one // 3], normals[other // 3])
     smooth = cosine > np.cos(_SHARP_ANGLE)
     out[one[smooth]], out[other[smooth]] = other[smooth] // 3, one[smooth] // 3
@@ -276,11 +269,7 @@ class _Shares:
 
 
 def next_sizes(
-    iron: AssembledIron,
-    faces: FaceShares,
-    elements: Array,
-    reduction: float,
-    least_growth: float = 1.0,
+    iron: AssembledIron, faces: FaceShares, elements: Array, reduction: float, least_growth: float = 1.0
 ) -> LocalSizes:
     """Sizes and layers that divide the predicted error by `reduction`, at most 4, from the shares of faces and of
     elements (e,); smaller ones where these would not give `least_growth` times as many surface faces."""

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from fieldmap.constants import MU0
 from fieldmap.device.model import Device, Section
+from fieldmap.device.surfaces import enclosed_volume
 from fieldmap.errors import InputError
 from fieldmap.field import Currents
 from fieldmap.iron.elements.state import IronState
@@ -23,7 +24,7 @@ from fieldmap.iron.elements.surface_form import RegionPotential, SurfaceForm, Su
 from fieldmap.iron.geometry.checks import geometry_notes
 from fieldmap.iron.materials import BodyProperties
 from fieldmap.iron.mesh.charged_faces import ChargedFaces
-from fieldmap.iron.mesh.surface_mesh import IronSurface, enclosed_volume, generate_surface
+from fieldmap.iron.mesh.surface_mesh import IronSurface, generate_surface
 from fieldmap.iron.operators.assembled import require_memory
 from fieldmap.iron.report import SolverReport, Stages
 from fieldmap.iron.sections import SNAP, SectionFlux, check_section, named_section, no_iron_at
@@ -235,19 +236,11 @@ def region_field(
     means = own.means @ potential
     # A constant has no field inside, but for the discretisation: at large mu_r it would be all there is.
     means = means - own.faces.areas @ means / own.faces.areas.sum()
-    density = own.charge(means) / own.faces.areas[:, None]
+    density = np.ascontiguousarray((own.charge(means) / own.faces.areas[:, None]).T)
     turned = np.where(np.isin(surface.sides[triangles, 0], region.solids), 1.0, -1.0)
-    return RegionField(
-        region.solids,
-        region.mu_r,
-        remanence,
-        own.faces,
-        triangles,
-        turned,
-        np.ascontiguousarray(np.moveaxis(strength, 2, 0)),
-        np.ascontiguousarray(density.T),
-        solved.linked,
-    )
+    strength = np.ascontiguousarray(np.moveaxis(strength, 2, 0))
+    of_region = (region.solids, region.mu_r, remanence)
+    return RegionField(*of_region, own.faces, triangles, turned, strength, density, solved.linked)
 
 
 def iron_linkages(solved: SurfacePotential, coils: int) -> Array:

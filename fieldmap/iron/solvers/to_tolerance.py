@@ -83,17 +83,33 @@ def solve_to_tolerance(
 ) -> LinearSolution:
     """Refine until the estimated error in the workspace is within the tolerance; `report.error` tells it.
 
-    tolerance: of the flux density, relative to its largest value in the workspace, for each coil and for the permanent
-    magnets; gradient_tolerance: of the gradient, 3 x tolerance if None, relative to the larger of its largest value and
-    of |B| over a length (`fieldmap.iron.error`). A `Tolerance` in place of the number says it for each
-    quantity, relative or absolute. Elements get smaller where the field in the workspace depends on it
-    (`fieldmap.iron.error`); the estimate compares the last two meshes and both forms on the last, and adds up what flat
-    faces of constant charge leave out.
+    Elements get smaller where the field in the workspace depends on it (`fieldmap.iron.error`); the estimate compares
+    the last two meshes and both forms on the last, and adds up what flat faces of constant charge leave out.
 
-    `report.tolerance` says how the run went: all meshes, the place of the largest error, the share of every body.
-    Raises ToleranceNotReached, with the best solution and the same report, when the estimate falls no further, when
-    the next mesh would not fit into memory, and after `most_meshes`: its text says which part of which body would have
-    to be refined and what that would cost. Otherwise raises as `solve_linear`.
+    Parameters
+    ----------
+    device : the machine, its file, or the name of a shipped one.
+    tolerance : of the flux density, relative to its largest value in the workspace, for each coil and for the permanent
+        magnets. A `Tolerance` says it for each quantity, relative or absolute.
+    mu_r : relative permeability of all soft iron; None: the device's own.
+    progress : progress(message, fraction) is called between steps.
+    gradient_tolerance : of the gradient, relative to the larger of its largest value and of |B| over a length
+        (`fieldmap.iron.error`); 3 x tolerance if None.
+    most_meshes : after which the run ends.
+
+    Returns
+    -------
+    The solution on the last mesh. `report.tolerance` says how the run went: all meshes, the place of the largest error,
+    the share of every body.
+
+    Raises
+    ------
+    ToleranceNotReached
+        With the best solution and the same report, when the estimate falls no further, when the next mesh would not fit
+        into memory, and after `most_meshes`. Its text says which part of which body would have to be refined and what
+        that would cost.
+    GeometryError, InputError, NotConverged
+        As `solve_linear`.
 
     >>> import fieldmap as fm
     >>> device = fm.read_device("sphere_in_field", {"body.sphere.mesh_size_mm": 3.0})

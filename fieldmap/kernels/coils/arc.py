@@ -12,7 +12,7 @@ from typing import Any
 
 from fieldmap.kernels.coils.elementary import exp
 from fieldmap.kernels.coils.filament import filament, filament_slice, section_points
-from fieldmap.kernels.coils.quadrature import even_points, graded_points, section_distance
+from fieldmap.kernels.coils.quadrature import Section, even_points, graded_points, section_distance
 from fieldmap.kernels.coils.slice import arc_slice
 from fieldmap.kernels.compilation import inlined, njit
 from fieldmap.kernels.gauss import GAUSS_NODES, GAUSS_WEIGHTS, gauss_start
@@ -53,6 +53,15 @@ def _arc_ellipse(cp: float, cm: float, nearness2: float, chords: float) -> float
 
 
 @inlined
+def nearness(rho: float, section: Section) -> tuple[float, bool]:
+    """(distance / 2)^2 / (rho r) of a point at rho from the axis of an arc, and whether it lies inside the section."""
+    distance, inside = section_distance(rho, section)
+    r1, r2 = section[0], section[1]
+    distance = max(distance, _NEAREST * r2)
+    return 0.25 * distance * distance / max(rho * min(max(rho, r1), r2), 1e-300), inside
+
+
+@inlined
 def graded_panel(
     azimuths: Array, first: int, t1: float, t2: float, kappa: float, cosine: float, sine: float, limits: Array
 ) -> int:
@@ -77,25 +86,13 @@ def graded_panel(
 
 
 @inlined
-def arc_azimuths(
-    px: float,
-    py: float,
-    r1: float,
-    r2: float,
-    h1: float,
-    h2: float,
-    even: Array,
-    limits: Array,
-    azimuths: Array,
-) -> int:
+def arc_azimuths(px: float, py: float, section: Section, even: Array, limits: Array, azimuths: Array) -> int:
     """Choose the azimuths for a field point (px, py) of the arc's frame; fill azimuths (3, :); returns how many."""
     rho = math.sqrt(px * px + py * py)
     cosine, sine = 1.0, 0.0
     if rho > 0.0:
         cosine, sine = px / rho, py / rho
-    distance, inside = section_distance(rho, r1, r2, h1, h2)
-    distance = max(distance, _NEAREST * r2)
-    nearness2 = 0.25 * distance * distance / max(rho * min(max(rho, r1), r2), 1e-300)
+    nearness2, inside = nearness(rho, section)
     c0, s0 = even[0, 24], even[1, 24]
     # angles from the point to the ends: span - theta and -span - theta
     cp, sp = c0 * cosine + s0 * sine, s0 * cosine - c0 * sine
@@ -129,7 +126,7 @@ def _arc_sum(
     n: int,
     px: float,
     py: float,
-    *section: float,
+    section: tuple[float, ...],
 ) -> ArcIntegrals:
     """total and `factor` times the sum over n azimuths of slice_of(X, v, *section)."""
     bx, by, bz, g00, g01, g02, g10, g11, g12 = total
@@ -152,16 +149,7 @@ def _arc_sum(
 
 @inlined
 def arc_integrals(
-    azimuths: Array,
-    n: int,
-    px: float,
-    py: float,
-    r1: float,
-    r2: float,
-    h1: float,
-    h2: float,
-    gap: float,
-    digits: float,
+    azimuths: Array, n: int, px: float, py: float, section: Section, gap: float, digits: float
 ) -> ArcIntegrals:
     """Field integrals (3) and the derivatives of the in-plane ones along the axes of the arc's frame, row by row.
 
@@ -169,10 +157,10 @@ def arc_integrals(
     """
     total = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     if gap == 0.0:
-        return _arc_sum(arc_slice, total, 1.0, azimuths, n, px, py, r1, r2, h1, h2)
-    nr, nz = section_points(r1, r2, h1, h2, gap, digits)
+        return _arc_sum(arc_slice, total, 1.0, azimuths, n, px, py, section)
+    nr, nz = section_points(section, gap, digits)
     for i in range(nr):
         for j in range(nz):
-            r, h, area = filament(nr, i, nz, j, r1, r2, h1, h2)
-            total = _arc_sum(filament_slice, total, area * r, azimuths, n, px, py, r, h)
+            r, h, area = filament(nr, i, nz, j, section)
+            total = _arc_sum(filament_slice, total, area * r, azimuths, n, px, py, (r, h))
     return total

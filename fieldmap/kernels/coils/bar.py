@@ -12,7 +12,7 @@ from typing import Any
 
 from fieldmap.kernels.coils.elementary import log
 from fieldmap.kernels.coils.filament import filament, filament_slice, section_points
-from fieldmap.kernels.coils.quadrature import even_points, section_distance
+from fieldmap.kernels.coils.quadrature import Section, even_points, section_distance
 from fieldmap.kernels.coils.slice import angle_difference, bar_slice, log_ratio
 from fieldmap.kernels.compilation import inlined, njit
 from fieldmap.kernels.gauss import GAUSS_NODES, GAUSS_WEIGHTS, gauss_start
@@ -25,11 +25,9 @@ _MOST_FAR = 32
 
 
 @inlined
-def _bar_points(
-    v1: float, v2: float, X: float, r1: float, r2: float, h1: float, h2: float, limits: Array
-) -> int:
+def _bar_points(v1: float, v2: float, X: float, section: Section, limits: Array) -> int:
     """Points along the bar, or 0 for closed form."""
-    distance, inside = section_distance(X, r1, r2, h1, h2)
+    distance, inside = section_distance(X, section)
     if inside:
         return 0
     ends = math.sqrt(v1 * v1 + distance * distance) + math.sqrt(v2 * v2 + distance * distance)
@@ -81,7 +79,7 @@ def _bar_sum(
     v1: float,
     v2: float,
     X: float,
-    *section: float,
+    section: tuple[float, ...],
 ) -> BarIntegrals:
     """total and `factor` times the sum over n points along the bar of slice_of(X, v, *section)."""
     outward, axial, dX, dv, dz = total
@@ -100,28 +98,20 @@ def _bar_sum(
 
 @inlined
 def bar_integrals(
-    v1: float,
-    v2: float,
-    X: float,
-    r1: float,
-    r2: float,
-    h1: float,
-    h2: float,
-    limits: Array,
-    gap: float,
-    digits: float,
+    v1: float, v2: float, X: float, section: Section, limits: Array, gap: float, digits: float
 ) -> BarIntegrals:
     """(outward, axial) and d(outward)/d(outward, current, z) of a bar; gap: of `arc.arc_integrals`."""
-    n = _bar_points(v1, v2, X, r1, r2, h1, h2, limits)
+    n = _bar_points(v1, v2, X, section, limits)
     total = (0.0, 0.0, 0.0, 0.0, 0.0)
     if gap == 0.0:
         if n == 0:
+            r1, r2, h1, h2 = section
             return bar_closed_form(v1, v2, r1 - X, r2 - X, h1, h2)
-        return _bar_sum(bar_slice, total, 1.0, n, v1, v2, X, r1, r2, h1, h2)
+        return _bar_sum(bar_slice, total, 1.0, n, v1, v2, X, section)
     n = _MOST_FAR if n == 0 else n
-    nr, nz = section_points(r1, r2, h1, h2, gap, digits)
+    nr, nz = section_points(section, gap, digits)
     for i in range(nr):
         for j in range(nz):
-            r, h, area = filament(nr, i, nz, j, r1, r2, h1, h2)
-            total = _bar_sum(filament_slice, total, area, n, v1, v2, X, r, h)
+            r, h, area = filament(nr, i, nz, j, section)
+            total = _bar_sum(filament_slice, total, area, n, v1, v2, X, (r, h))
     return total

@@ -6,6 +6,7 @@ of the sixteen digits; filaments lose nothing. Names and frames as in `slice` an
 
 import math
 
+from fieldmap.kernels.coils.quadrature import Section
 from fieldmap.kernels.compilation import inlined, njit
 from fieldmap.kernels.gauss import GAUSS_NODES, GAUSS_WEIGHTS, MOST_POINTS, gauss_start
 
@@ -42,16 +43,16 @@ def filament_slice(X: float, v: float, r: float, h: float) -> tuple[float, float
 
 
 @inlined
-def section_points(r1: float, r2: float, h1: float, h2: float, gap: float, digits: float) -> tuple[int, int]:
+def section_points(section: Section, gap: float, digits: float) -> tuple[int, int]:
     """How many filaments across and along a section at least `gap` away, eq. (27)."""
+    r1, r2, h1, h2 = section
     return _points(0.5 * (r2 - r1), gap, digits), _points(0.5 * (h1 - h2), gap, digits)
 
 
 @inlined
-def filament(
-    nr: int, i: int, nz: int, j: int, r1: float, r2: float, h1: float, h2: float
-) -> tuple[float, float, float]:
+def filament(nr: int, i: int, nz: int, j: int, section: Section) -> tuple[float, float, float]:
     """r, h and area of filament (i, j) of nr by nz."""
+    r1, r2, h1, h2 = section
     half_r, half_z = 0.5 * (r2 - r1), 0.5 * (h1 - h2)
     i += gauss_start(nr)
     j += gauss_start(nz)

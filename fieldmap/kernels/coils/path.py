@@ -56,8 +56,7 @@ def add_arc(
     arc: Arc,
     x: float,
     y: float,
-    h1: float,
-    h2: float,
+    heights: tuple[float, float],
     even: Array,
     limits: Array,
     azimuths: Array,
@@ -68,8 +67,9 @@ def add_arc(
     px, py = x - arc.x, y - arc.y
     mx, my = arc.middle_x, arc.middle_y
     px, py = px * mx + py * my, py * mx - px * my
-    n = arc_azimuths(px, py, arc.inner, arc.outer, h1, h2, even, limits, azimuths)
-    r = arc_integrals(azimuths, n, px, py, arc.inner, arc.outer, h1, h2, gap, digits)
+    section = (arc.inner, arc.outer, *heights)
+    n = arc_azimuths(px, py, section, even, limits, azimuths)
+    r = arc_integrals(azimuths, n, px, py, section, gap, digits)
     s = arc.sense
     B[0] += s * (mx * r[0] - my * r[1])
     B[1] += s * (my * r[0] + mx * r[1])
@@ -85,8 +85,7 @@ def add_bar(
     half_thickness: float,
     x: float,
     y: float,
-    h1: float,
-    h2: float,
+    heights: tuple[float, float],
     limits: Array,
     gap: float,
     digits: float,
@@ -95,7 +94,8 @@ def add_bar(
     tx, ty, half = bar.along_x, bar.along_y, bar.half_length
     px, py = x - bar.x, y - bar.y
     v, X = px * tx + py * ty, px * ty - py * tx
-    r = bar_integrals(v - half, v + half, X, -half_thickness, half_thickness, h1, h2, limits, gap, digits)
+    section = (-half_thickness, half_thickness, *heights)
+    r = bar_integrals(v - half, v + half, X, section, limits, gap, digits)
     B[0] += ty * r[0]
     B[1] -= tx * r[0]
     B[2] += r[1]
@@ -152,11 +152,12 @@ def _even_tables(arcs: Array) -> Array:
 
 @njit
 def _close_gradient(
-    G: Array, arcs: Array, bars: Array, half_thickness: float, x: float, y: float, h1: float, h2: float
+    G: Array, arcs: Array, bars: Array, half_thickness: float, x: float, y: float, within: bool
 ) -> None:
-    """Fill the last row of G from div B = 0 and curl B = mu0 J, in units of mu0/(4 pi) times the density."""
+    """Fill the last row of G from div B = 0 and curl B = mu0 J, in units of mu0/(4 pi) times the density; within: the
+    height of the winding."""
     jx, jy = 0.0, 0.0
-    if h1 > 0.0 and h2 < 0.0:
+    if within:
         jx, jy = current_direction(arcs, bars, half_thickness, x, y)
     G[2, 0] = G[0, 2] - 4.0 * math.pi * jy
     G[2, 1] = G[1, 2] + 4.0 * math.pi * jx
@@ -180,17 +181,17 @@ def _path_rows(begin, end, points, arcs, bars, thickness, height, digits, field,
     both, unwanted = len(gradient) > 0, np.zeros((3, 3))
     for i in range(begin, end):
         x, y, z = points[i, 0], points[i, 1], points[i, 2]
-        h1, h2 = z + 0.5 * height, z - 0.5 * height
+        heights = (z + 0.5 * height, z - 0.5 * height)
         distance = math.sqrt((x - mid_x) ** 2 + (y - mid_y) ** 2 + z * z)
         B, G = field[i], gradient[i] if both else unwanted
         gap = distance - size if distance > far else 0.0
         for k in range(len(arcs)):
-            add_arc(B, G, _arc(arcs, k), x, y, h1, h2, even[k], limits, azimuths, gap, digits)
+            add_arc(B, G, _arc(arcs, k), x, y, heights, even[k], limits, azimuths, gap, digits)
         for k in range(len(bars)):
-            add_bar(B, G, _bar(bars, k), 0.5 * thickness, x, y, h1, h2, limits, gap, digits)
+            add_bar(B, G, _bar(bars, k), 0.5 * thickness, x, y, heights, limits, gap, digits)
         _scale(B, factor)
         if both:
-            _close_gradient(G, arcs, bars, 0.5 * thickness, x, y, h1, h2)
+            _close_gradient(G, arcs, bars, 0.5 * thickness, x, y, 2.0 * abs(z) < height)
             for row in range(3):
                 _scale(G[row], factor)
 

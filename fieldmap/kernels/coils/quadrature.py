@@ -14,6 +14,8 @@ import numpy as np
 from fieldmap.kernels.compilation import inlined, njit
 from fieldmap.typing import Array
 
+Section = tuple[float, float, float, float]
+"""r1, r2, h1, h2: a winding's section as a field point sees it, see `fieldmap.kernels.coils.slice`."""
 STEP = 8
 RULES = 8  # 8, 16, ... 64 points
 MARGIN = 1.5  # decimal digits on top of those asked for: cancellation between opposite sides of a coil
@@ -50,8 +52,9 @@ def graded_points(half: float, limits: Array) -> int:
 
 
 @inlined
-def section_distance(X: float, r1: float, r2: float, h1: float, h2: float) -> tuple[float, bool]:
-    """Distance of a point from the boundary of a section and whether it is inside; h1 > h2 as in `slice`."""
+def section_distance(X: float, section: Section) -> tuple[float, bool]:
+    """Distance of a point from the boundary of a section and whether it is inside."""
+    r1, r2, h1, h2 = section
     across = max(r1 - X, X - r2)
     along = max(-h1, h2)
     if across < 0.0 and along < 0.0:

@@ -10,17 +10,16 @@ import math
 import numpy as np
 
 from fieldmap.constants import MU0_OVER_4PI
-from fieldmap.kernels.coils.arc import MOST_AZIMUTHS, arc_integrals, graded_panel
+from fieldmap.kernels.coils.arc import MOST_AZIMUTHS, arc_integrals, graded_panel, nearness
 from fieldmap.kernels.coils.fields import flux_density, flux_density_and_gradient
 from fieldmap.kernels.coils.filament import far_distance
 from fieldmap.kernels.coils.meridian import set_field, set_gradient
-from fieldmap.kernels.coils.quadrature import MARGIN, STEP, rule_limits, section_distance
+from fieldmap.kernels.coils.quadrature import MARGIN, STEP, Section, rule_limits
 from fieldmap.kernels.compilation import njit
 from fieldmap.kernels.gauss import GAUSS_NODES, GAUSS_WEIGHTS, gauss_start
 from fieldmap.typing import Array
 
 _WORK = 400.0  # of one point: some microseconds
-_NEAREST = 1e-9  # of the outer radius
 _MOST_EQUAL = 24
 
 
@@ -64,20 +63,10 @@ def _opposite_panel(azimuths: Array, first: int, digits: float) -> int:
 
 @njit
 def ring_azimuths(
-    rho: float,
-    r1: float,
-    r2: float,
-    h1: float,
-    h2: float,
-    tables: Array,
-    limits: Array,
-    digits: float,
-    azimuths: Array,
+    rho: float, section: Section, tables: Array, limits: Array, digits: float, azimuths: Array
 ) -> int:
     """Choose the azimuths for a point at distance rho from the axis; fill azimuths (3, :); returns how many."""
-    distance, inside = section_distance(rho, r1, r2, h1, h2)
-    distance = max(distance, _NEAREST * r2)
-    nearness2 = 0.25 * distance * distance / max(rho * min(max(rho, r1), r2), 1e-300)
+    nearness2, inside = nearness(rho, section)
     n = 0 if inside else _equal_points(nearness2, digits)
     if n > 0:
         for row in range(3):
@@ -102,12 +91,12 @@ def _ring_rows(begin, end, points, inner, outer, height, digits, field, gradient
         rho = math.sqrt(x * x + y * y)
         distance = math.sqrt(rho * rho + z * z)
         gap = distance - size if distance > far else 0.0
-        h1, h2 = z + half, z - half
-        n = ring_azimuths(rho, inner, outer, h1, h2, tables, limits, digits, azimuths)
-        r = arc_integrals(azimuths, n, rho, 0.0, inner, outer, h1, h2, gap, digits)
+        section = (inner, outer, z + half, z - half)
+        n = ring_azimuths(rho, section, tables, limits, digits, azimuths)
+        r = arc_integrals(azimuths, n, rho, 0.0, section, gap, digits)
         set_field(field[i], x, y, factor * r[0] / max(rho, 1e-300), factor * r[2])
         if len(gradient) > 0:
-            within = inner < rho < outer and h1 > 0.0 and h2 < 0.0
+            within = inner < rho < outer and abs(z) < half
             curl = 2.0 * math.pi if within else 0.0
             around = factor * r[7]  # B_rho / rho, also on the axis
             dz = -factor * (r[3] + r[7])

@@ -1,5 +1,7 @@
 """Field and gradient of many charged triangles at many points: closed form near by, three point charges far off.
 
+Weighted sums of them over the points follow each charge (the transpose), and the corners of each triangle.
+
 Triangles are taken a block at a time: what each of them gives per density is written into rows, of which one is filled
 by one loop over contiguous arrays without branches (a division that may raise is one). The compiler turns such loops
 into vector code; of a loop that fills two rows it cannot tell that they do not overlap.
@@ -12,10 +14,13 @@ import numpy as np
 
 from fieldmap.kernels.compilation import inlined, njit
 from fieldmap.kernels.iron.charged_triangle import triangle_field, triangle_field_and_gradient
+from fieldmap.kernels.iron.mutual_potential import inverse_distance
 
 _INVERSE_4PI = 1.0 / (4.0 * math.pi)
 # Triangles of a block: its rows stay in the processor's first two caches.
 _BLOCK = 512
+# Of the differences of the closed form, as a share of the triangle's size: rounding and the step squared are 1e-9.
+_STEP = 1e-5
 # Without counts of references, which threads would fight for.
 _PLAIN: dict[str, Any] = {"_nrt": False}
 _FAST: dict[str, Any] = {**_PLAIN, "fastmath": True}
@@ -25,11 +30,8 @@ _FAST: dict[str, Any] = {**_PLAIN, "fastmath": True}
 def _inverse_distances(x, y, z, px, py, pz, out):
     """1/|x - p| in single precision, which costs a fraction, and one step of Newton's method."""
     for j in range(out.size):
-        dx, dy, dz = x - px[j], y - py[j], z - pz[j]
         # At a charge itself the triangle is near: the value is not used.
-        square = dx * dx + dy * dy + dz * dz + 1e-30
-        guess = np.float64(np.float32(1.0) / np.sqrt(np.float32(square)))
-        out[j] = guess * (1.5 - 0.5 * square * guess * guess)
+        out[j] = inverse_distance(x - px[j], y - py[j], z - pz[j])
 
 
 @inlined(**_FAST)
@@ -208,3 +210,125 @@ def surface_field(begin, end, points, corners, normals, far, density, field, gra
                 gradient[k, i, 0, 1] = gradient[k, i, 1, 0] = s[4]
                 gradient[k, i, 0, 2] = gradient[k, i, 2, 0] = s[5]
                 gradient[k, i, 1, 2] = gradient[k, i, 2, 1] = s[7]
+
+
+@njit(fastmath=True, inline="always")
+def _far(x, y, z, far, j, out):
+    """out (8,): ex, ey, ez, gxx, gxy, gxz, gyy, gyz at a point, of triangle j as three charges."""
+    out[:] = 0.0
+    third = far[9, j]
+    for q in range(3):
+        dx, dy, dz = x - far[3 * q, j], y - far[3 * q + 1, j], z - far[3 * q + 2, j]
+        square = 1.0 / (dx * dx + dy * dy + dz * dz)
+        strength = third * square * math.sqrt(square)
+        slope = 3.0 * strength * square
+        out[0] += strength * dx
+        out[1] += strength * dy
+        out[2] += strength * dz
+        out[3] += strength - slope * dx * dx
+        out[4] -= slope * dx * dy
+        out[5] -= slope * dx * dz
+        out[6] += strength - slope * dy * dy
+        out[7] -= slope * dy * dz
+
+
+@njit(nogil=True)
+def surface_weights(begin, end, points, corners, normals, far, weights, out):
+    """Add to out (k, m) the share of a unit density on every triangle in k sums over points (n, 3): sum of weights
+    (k, n, 8) times Bx, By, Bz, dBx/dx, dBx/dy, dBx/dz, dBy/dy, dBy/dz. The other arguments as for
+    `surface_field`."""
+    count, rows = points.shape[0], weights.shape[0]
+    one = np.empty(8)
+    for j in range(begin, end):
+        for i in range(count):
+            x, y, z = points[i, 0], points[i, 1], points[i, 2]
+            dx, dy, dz = x - far[10, j], y - far[11, j], z - far[12, j]
+            if dx * dx + dy * dy + dz * dz < far[13, j]:
+                g = triangle_field_and_gradient(x, y, z, corners[j], normals[j])
+                one[0], one[1], one[2] = g[0], g[1], g[2]
+                one[3], one[4], one[5], one[6], one[7] = g[3], g[4], g[5], g[6], g[7]
+            else:
+                _far(x, y, z, far, j, one)
+            for k in range(rows):
+                total = 0.0
+                for a in range(8):
+                    total += weights[k, i, a] * one[a]
+                out[k, j] += _INVERSE_4PI * total
+
+
+@inlined
+def _closed_form(x, y, z, p, out):
+    """out (8,): ex, ey, ez, gxx, gxy, gxz, gyy, gyz at a point, of a triangle p (3, 3) with unit charge."""
+    ax, ay, az = p[1, 0] - p[0, 0], p[1, 1] - p[0, 1], p[1, 2] - p[0, 2]
+    bx, by, bz = p[2, 0] - p[0, 0], p[2, 1] - p[0, 1], p[2, 2] - p[0, 2]
+    n = np.array([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])
+    twice = math.sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2])
+    for a in range(3):
+        n[a] /= twice
+    g = triangle_field_and_gradient(x, y, z, p, n)
+    out[0], out[1], out[2] = g[0], g[1], g[2]
+    out[3], out[4], out[5], out[6], out[7] = g[3], g[4], g[5], g[6], g[7]
+    for a in range(8):
+        out[a] *= 2.0 / twice
+
+
+@njit
+def _add_far(x, y, z, w, far, j, shapes, strength, out):
+    """Add to out (3, 3) what three charges, a third of `strength` each, make of weights w (8,) at a point, by the
+    corners; shapes (3, 3) of these at the charges."""
+    for q in range(3):
+        dx, dy, dz = x - far[3 * q, j], y - far[3 * q + 1, j], z - far[3 * q + 2, j]
+        square = 1.0 / (dx * dx + dy * dy + dz * dz)
+        cube = square * math.sqrt(square) * strength / 3.0
+        # Half of the gradient of d . M d, with M symmetric; the field's gradient is free of trace, M need not be.
+        mx = w[3] * dx + 0.5 * (w[4] * dy + w[5] * dz)
+        my = 0.5 * w[4] * dx + w[6] * dy + 0.5 * w[7] * dz
+        mz = 0.5 * (w[5] * dx + w[7] * dy)
+        along = w[0] * dx + w[1] * dy + w[2] * dz
+        twice = mx * dx + my * dy + mz * dz
+        straight = (-3.0 * (along + w[3] + w[6]) + 15.0 * twice * square) * square
+        gx = cube * (w[0] - 6.0 * mx * square + straight * dx)
+        gy = cube * (w[1] - 6.0 * my * square + straight * dy)
+        gz = cube * (w[2] - 6.0 * mz * square + straight * dz)
+        for c in range(3):
+            out[c, 0] -= shapes[q, c] * gx
+            out[c, 1] -= shapes[q, c] * gy
+            out[c, 2] -= shapes[q, c] * gz
+
+
+@njit(nogil=True)
+def surface_gradient(begin, end, points, corners, far, shapes, charge, moving, weights, out):
+    """Add to out (m, k, 3, 3) the derivatives by the corners (m, 3, 3) of the triangles that are moving (m,), of k sums
+    over points (n, 3) with weights (k, n, 8), as in `surface_weights`, for charges (m,).
+
+    far (14, m): as there; shapes (3, 3): of the corners at its three points. Where the closed form is used, its central
+    differences.
+    """
+    count, rows = points.shape[0], weights.shape[0]
+    ahead, behind, moved = np.empty(8), np.empty(8), np.empty((3, 3))
+    for j in range(begin, end):
+        if not moving[j]:
+            continue
+        step = _STEP * math.sqrt(far[9, j])
+        for i in range(count):
+            x, y, z = points[i, 0], points[i, 1], points[i, 2]
+            dx, dy, dz = x - far[10, j], y - far[11, j], z - far[12, j]
+            if dx * dx + dy * dy + dz * dz >= far[13, j]:
+                for k in range(rows):
+                    _add_far(x, y, z, weights[k, i], far, j, shapes, _INVERSE_4PI * charge[j], out[j, k])
+                continue
+            for c in range(3):
+                for a in range(3):
+                    moved[c, a] = corners[j, c, a]
+            for c in range(3):
+                for a in range(3):
+                    moved[c, a] = corners[j, c, a] + step
+                    _closed_form(x, y, z, moved, ahead)
+                    moved[c, a] = corners[j, c, a] - step
+                    _closed_form(x, y, z, moved, behind)
+                    moved[c, a] = corners[j, c, a]
+                    for k in range(rows):
+                        total = 0.0
+                        for b in range(8):
+                            total += weights[k, i, b] * (ahead[b] - behind[b])
+                        out[j, k, c, a] += _INVERSE_4PI * charge[j] * total / (2.0 * step)

@@ -41,21 +41,32 @@ def solid_angle(x, y, z, p):
 
 
 @inlined(fastmath=True)
+def edge(k, x, y, z, p, n):
+    """Of edge k of the triangle p (3, 3) with unit normal n (3,), seen from (x, y, z): the ways to its start and along
+    it, the distances of its ends, its length, the outward in-plane normal m_k and f_k; the three vectors as tuples."""
+    k1 = k + 1 if k < 2 else 0
+    ux, uy, uz = p[k, 0] - x, p[k, 1] - y, p[k, 2] - z
+    vx, vy, vz = p[k1, 0] - x, p[k1, 1] - y, p[k1, 2] - z
+    tx, ty, tz = vx - ux, vy - uy, vz - uz
+    length = math.sqrt(tx * tx + ty * ty + tz * tz)
+    ru, rv = math.sqrt(ux * ux + uy * uy + uz * uz), math.sqrt(vx * vx + vy * vy + vz * vz)
+    mx, my, mz = (
+        (ty * n[2] - tz * n[1]) / length,
+        (tz * n[0] - tx * n[2]) / length,
+        (tx * n[1] - ty * n[0]) / length,
+    )
+    f = math.log((ru + rv + length) / max(ru + rv - length, 1e-16 * length))
+    return (ux, uy, uz), (tx, ty, tz), ru, rv, length, (mx, my, mz), f
+
+
+@inlined(fastmath=True)
 def triangle_potential(x, y, z, p, n):
     """Potential at (x, y, z) of the triangle p (3, 3) with unit normal n (3,). Finite everywhere."""
     potential = 0.0
     for k in range(3):
-        k1 = k + 1 if k < 2 else 0
-        ux, uy, uz = p[k, 0] - x, p[k, 1] - y, p[k, 2] - z
-        vx, vy, vz = p[k1, 0] - x, p[k1, 1] - y, p[k1, 2] - z
-        tx, ty, tz = vx - ux, vy - uy, vz - uz
-        length = math.sqrt(tx * tx + ty * ty + tz * tz)
-        radii = math.sqrt(ux * ux + uy * uy + uz * uz) + math.sqrt(vx * vx + vy * vy + vz * vz)
+        u, _, _, _, _, m, f = edge(k, x, y, z, p, n)
         # m . u vanishes on the edge's line, where the logarithm may diverge.
-        distance = (
-            (ty * n[2] - tz * n[1]) * ux + (tz * n[0] - tx * n[2]) * uy + (tx * n[1] - ty * n[0]) * uz
-        ) / length
-        potential += distance * math.log((radii + length) / max(radii - length, 1e-16 * length))
+        potential += (m[0] * u[0] + m[1] * u[1] + m[2] * u[2]) * f
     height = (x - p[0, 0]) * n[0] + (y - p[0, 1]) * n[1] + (z - p[0, 2]) * n[2]
     return potential - height * solid_angle(x, y, z, p)
 
@@ -65,16 +76,10 @@ def edge_sums(x, y, z, p, n):
     """Sum of f_k m_k (three numbers) over the edges of the triangle p (3, 3) with unit normal n (3,)."""
     sx = sy = sz = 0.0
     for k in range(3):
-        k1 = k + 1 if k < 2 else 0
-        ux, uy, uz = p[k, 0] - x, p[k, 1] - y, p[k, 2] - z
-        vx, vy, vz = p[k1, 0] - x, p[k1, 1] - y, p[k1, 2] - z
-        tx, ty, tz = vx - ux, vy - uy, vz - uz
-        length = math.sqrt(tx * tx + ty * ty + tz * tz)
-        radii = math.sqrt(ux * ux + uy * uy + uz * uz) + math.sqrt(vx * vx + vy * vy + vz * vz)
-        f = math.log((radii + length) / max(radii - length, 1e-16 * length)) / length
-        sx += f * (ty * n[2] - tz * n[1])
-        sy += f * (tz * n[0] - tx * n[2])
-        sz += f * (tx * n[1] - ty * n[0])
+        _, _, _, _, _, m, f = edge(k, x, y, z, p, n)
+        sx += f * m[0]
+        sy += f * m[1]
+        sz += f * m[2]
     return sx, sy, sz
 
 
@@ -129,17 +134,6 @@ def triangle_field_and_gradient(x, y, z, p, n):
         gyz += my * fz - n[1] * oz
     omega = solid_angle(x, y, z, p)
     return ex + n[0] * omega, ey + n[1] * omega, ez + n[2] * omega, gxx, gxy, gxz, gyy, gyz, gzz
-
-
-@njit
-def triangles_potential(points, corners, normals, density):
-    """Potential (n,) at points (n, 3) of triangles corners (m, 3, 3) with normals (m, 3) and density (m,)."""
-    out = np.zeros(points.shape[0])
-    for i in range(points.shape[0]):
-        x, y, z = points[i, 0], points[i, 1], points[i, 2]
-        for j in range(corners.shape[0]):
-            out[i] += density[j] * triangle_potential(x, y, z, corners[j], normals[j])
-    return out
 
 
 @njit

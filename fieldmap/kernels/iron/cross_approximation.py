@@ -90,64 +90,20 @@ def cross(block, x, y, z, tolerance, left, right):
     return -1
 
 
-@inlined(fastmath=True)
-def _orthonormalise(rows, rank, triangle):
-    """Gram-Schmidt, twice: rows (r, m) become q, orthonormal, with rows_before = triangle (r, r) q."""
-    triangle[:rank, :rank] = 0.0
-    for k in range(rank):
-        before = math.sqrt(_dot(rows[k], rows[k]))
-        for _ in range(2):
-            for j in range(k):
-                w = _dot(rows[j], rows[k])
-                triangle[k, j] += w
-                for i in range(rows.shape[1]):
-                    rows[k, i] -= w * rows[j, i]
-        length = math.sqrt(_dot(rows[k], rows[k]))
-        # What is left of a dependent row is noise; it must not become a direction of its own.
-        if length <= 1e-13 * before:
-            rows[k] = 0.0
-            length = 0.0
-        triangle[k, k] = length
-        for i in range(rows.shape[1]):
-            rows[k, i] *= 1.0 / length if length > 0.0 else 0.0
-
-
-@inlined(fastmath=True)
-def _combine(rows, rank, mix, count):
-    """rows[a] = sum_k mix[k, a] rows[k] for a < count, in place."""
-    total = np.empty(count)
-    for i in range(rows.shape[1]):
-        for a in range(count):
-            total[a] = 0.0
-        for k in range(rank):
-            value = rows[k, i]
-            for a in range(count):
-                total[a] += mix[k, a] * value
-        for a in range(count):
-            rows[a, i] = total[a]
-
-
 @njit(forceinline=True)
 def recompress(left, right, rank, tolerance):
     """Lower the rank of left^T right as far as the tolerance allows; returns the new one. Works in place."""
-    a, b = np.zeros((rank, rank)), np.zeros((rank, rank))
-    _orthonormalise(left, rank, a)
-    _orthonormalise(right, rank, b)
-    p, s, qt = np.linalg.svd(a.T @ b)
-    total = 0.0
-    for k in range(rank):
-        total += s[k] * s[k]
-    kept, tail = rank, 0.0
-    while kept > 1 and tail + s[kept - 1] * s[kept - 1] <= tolerance * tolerance * total:
-        tail += s[kept - 1] * s[kept - 1]
+    rows, a = np.linalg.qr(left[:rank].T)
+    columns, b = np.linalg.qr(right[:rank].T)
+    p, s, qt = np.linalg.svd(np.ascontiguousarray(a) @ np.ascontiguousarray(b).T)
+    tail, total = 0.0, np.sum(s * s)
+    kept = s.size
+    while kept > 1 and tail + s[kept - 1] ** 2 <= tolerance * tolerance * total:
+        tail += s[kept - 1] ** 2
         kept -= 1
-    for k in range(rank):
-        scale = math.sqrt(s[k])
-        for j in range(rank):
-            p[j, k] *= scale
-            qt[k, j] *= scale
-    _combine(left, rank, p, kept)
-    _combine(right, rank, qt.T.copy(), kept)
+    root = np.sqrt(s[:kept]).reshape(kept, 1)
+    left[:kept] = root * (np.ascontiguousarray(p.T)[:kept] @ np.ascontiguousarray(rows.T))
+    right[:kept] = root * (np.ascontiguousarray(qt)[:kept] @ np.ascontiguousarray(columns.T))
     return kept
 
 

@@ -17,7 +17,7 @@ import numpy as np
 
 from fieldmap.kernels.compilation import inlined, njit
 from fieldmap.kernels.iron.charged_triangle import edge_sums, solid_angle
-from fieldmap.kernels.iron.mutual_potential import separation
+from fieldmap.kernels.iron.mutual_potential import inverse_distance, separation
 
 _INVERSE_4PI = 1.0 / (4.0 * math.pi)
 # Heights below this many radii lie in the plane.
@@ -76,9 +76,7 @@ def _far_row(i, far, normals, sums):
         px, py, pz = x[p], y[p], z[p]
         for q in range(sums.size):
             dx, dy, dz = px - x[q], py - y[q], pz - z[q]
-            square = dx * dx + dy * dy + dz * dz + 1e-30
-            guess = np.float64(np.float32(1.0) / np.sqrt(np.float32(square)))
-            inverse = guess * (1.5 - 0.5 * square * guess * guess)
+            inverse = inverse_distance(dx, dy, dz)
             sums[q] += (dx * nx[q] + dy * ny[q] + dz * nz[q]) * inverse * inverse * inverse
 
 

@@ -1,7 +1,4 @@
-"""Vectors and matrices at the four points of second-order tetrahedra, tested with the gradients of the shape functions.
-
-Points, nodes and shape functions are those of `fieldmap.kernels.iron.quadratic_potential`.
-"""
+"""Iron with memory: play cells at points, each with a pinning field (docs/theory/hysteresis.md)."""
 
 import math
 
@@ -9,50 +6,6 @@ import numpy as np
 
 from fieldmap.kernels.compilation import njit
 from fieldmap.kernels.iron.magnetisation_law import flux_density
-from fieldmap.kernels.iron.quadratic_potential import shape_gradients
-
-
-@njit(nogil=True)
-def tested_vectors(begin, end, values, gradients, volume, out):
-    """Add to out (e, 10) the element vectors of int v . grad N_i for v = `values` (e, 4, 3) at the points.
-
-    gradients (e, 4, 3) of the barycentric coordinates; volume (e,).
-    """
-    d = np.empty((10, 3))
-    for e in range(begin, end):
-        for q in range(4):
-            shape_gradients(q, gradients[e], d)
-            w = 0.25 * volume[e]
-            x, y, z = w * values[e, q, 0], w * values[e, q, 1], w * values[e, q, 2]
-            for i in range(10):
-                out[e, i] += d[i, 0] * x + d[i, 1] * y + d[i, 2] * z
-
-
-@njit(nogil=True)
-def tested_matrices(begin, end, values, gradients, volume, out):
-    """Add to out (e, 10, 10) the element matrices of int grad N_i . D grad N_j for symmetric D = `values` (e, 4, 6) at
-    the points.
-
-    The six numbers are xx, xy, xz, yy, yz, zz; otherwise as `tested_vectors`.
-    """
-    d, image = np.empty((10, 3)), np.empty((10, 3))
-    for e in range(begin, end):
-        for q in range(4):
-            shape_gradients(q, gradients[e], d)
-            w = 0.25 * volume[e]
-            xx, xy, xz = w * values[e, q, 0], w * values[e, q, 1], w * values[e, q, 2]
-            yy, yz, zz = w * values[e, q, 3], w * values[e, q, 4], w * values[e, q, 5]
-            for i in range(10):
-                image[i, 0] = xx * d[i, 0] + xy * d[i, 1] + xz * d[i, 2]
-                image[i, 1] = xy * d[i, 0] + yy * d[i, 1] + yz * d[i, 2]
-                image[i, 2] = xz * d[i, 0] + yz * d[i, 1] + zz * d[i, 2]
-            for i in range(10):
-                for j in range(i + 1):
-                    out[e, i, j] += image[i, 0] * d[j, 0] + image[i, 1] * d[j, 1] + image[i, 2] * d[j, 2]
-        for i in range(10):
-            for j in range(i):
-                out[e, j, i] = out[e, i, j]
-
 
 _STEPS, _INNER_STEPS = 60, 60
 _CLOSE, _INNER_CLOSE = 1e-12, 1e-15
@@ -66,26 +19,26 @@ def _norm(x, y, z):
 
 
 @njit
-def _polarisation(s, law, offset, knots, coefficients):
+def _polarisation(s, law, tables):
     """j and dj/ds at s >= 0 without hysteresis."""
-    b, slope = flux_density(s, law, offset, knots, coefficients)
+    b, slope = flux_density(s, law, tables)
     return b - s, slope - 1.0
 
 
 @njit
-def _chord(p, law, offset, knots, coefficients):
+def _chord(p, law, tables):
     """Size of a reversible field, and dj/ds and j/s there."""
     s = _norm(p[0], p[1], p[2])
-    j, slope = _polarisation(s, law, offset, knots, coefficients)
+    j, slope = _polarisation(s, law, tables)
     return s, slope, j / s if s > 1e-30 else slope
 
 
 @njit
-def _drawn_back(wanted, mu, guess, law, offset, knots, coefficients):
+def _drawn_back(wanted, mu, guess, law, tables):
     """s >= 0 with j(s) + mu s = wanted, by Newton's method between two bounds."""
     low, high, s = 0.0, math.inf, guess
     for _ in range(_INNER_STEPS):
-        j, slope = _polarisation(s, law, offset, knots, coefficients)
+        j, slope = _polarisation(s, law, tables)
         rest = j + mu * s - wanted
         if abs(rest) <= _INNER_CLOSE * wanted:
             break
@@ -103,24 +56,24 @@ def _drawn_back(wanted, mu, guess, law, offset, knots, coefficients):
 
 
 @njit
-def _straight(h, p, kappa, share, law, offset, knots, coefficients, r):
+def _straight(h, p, kappa, share, law, tables, r):
     """Fill r with the field straight towards h, as in one dimension; J(p), the size of r, and mu there."""
-    _, _, chord = _chord(p, law, offset, knots, coefficients)
+    _, _, chord = _chord(p, law, tables)
     jx, jy, jz = chord * p[0], chord * p[1], chord * p[2]
     for i in range(3):
         r[i] = h[i] - share * (h[i] - p[i])
-    s, _, chord = _chord(r, law, offset, knots, coefficients)
+    s, _, chord = _chord(r, law, tables)
     return jx, jy, jz, s, max(_norm(chord * r[0] - jx, chord * r[1] - jy, chord * r[2] - jz) / kappa, _LEAST)
 
 
 @njit
-def _turned(h, p, kappa, away, law, offset, knots, coefficients, r):
+def _turned(h, p, kappa, away, law, tables, r):
     """Fill r (3,) with the new reversible field of a cell that moves and return mu; -1 where the search does not end.
 
     r lies on the circle of radius kappa about h, in the plane of h and p: Newton's method for the direction of h - r,
     along which J(r) - J(p) has to point. It begins straight towards h. A step asks for the law once.
     """
-    _, _, chord = _chord(p, law, offset, knots, coefficients)
+    _, _, chord = _chord(p, law, tables)
     # u: from p to h; v: across, in the plane of both. All vectors of the search have these two components.
     ux, uy, uz = (h[0] - p[0]) / away, (h[1] - p[1]) / away, (h[2] - p[2]) / away
     h_u = h[0] * ux + h[1] * uy + h[2] * uz
@@ -133,7 +86,7 @@ def _turned(h, p, kappa, away, law, offset, knots, coefficients, r):
     for _ in range(_TURNS):
         r_u, r_v = h_u - kappa * n_u, h_v - kappa * n_v
         s = math.sqrt(r_u * r_u + r_v * r_v)
-        j, slope = _polarisation(s, law, offset, knots, coefficients)
+        j, slope = _polarisation(s, law, tables)
         chord = j / s if s > 1e-30 else slope
         g_u, g_v = chord * r_u - jp_u, chord * r_v - jp_v
         along, across = g_u * n_u + g_v * n_v, g_v * n_u - g_u * n_v
@@ -156,7 +109,7 @@ def _turned(h, p, kappa, away, law, offset, knots, coefficients, r):
 
 
 @njit
-def _moved(h, p, kappa, law, offset, knots, coefficients, r):
+def _moved(h, p, kappa, law, tables, r):
     """Fill r (3,) with the new reversible field of a cell and return mu; 0 where it stays, infinity if kappa is 0.
 
     1/|h - r| is nearly linear in mu, which Newton's method makes use of (More and Sorensen 1983).
@@ -168,10 +121,10 @@ def _moved(h, p, kappa, law, offset, knots, coefficients, r):
     if away <= kappa:
         r[0], r[1], r[2] = p[0], p[1], p[2]
         return 0.0
-    mu = _turned(h, p, kappa, away, law, offset, knots, coefficients, r)
+    mu = _turned(h, p, kappa, away, law, tables, r)
     if mu > 0.0:
         return mu
-    jx, jy, jz, s, mu = _straight(h, p, kappa, kappa / away, law, offset, knots, coefficients, r)
+    jx, jy, jz, s, mu = _straight(h, p, kappa, kappa / away, law, tables, r)
     low, high = 0.0, math.inf
     for _ in range(_STEPS):
         qx, qy, qz = jx + mu * h[0], jy + mu * h[1], jz + mu * h[2]
@@ -179,7 +132,7 @@ def _moved(h, p, kappa, law, offset, knots, coefficients, r):
         if q < 1e-30:
             s, factor = 0.0, 0.0
         else:
-            s = _drawn_back(q, mu, s, law, offset, knots, coefficients)
+            s = _drawn_back(q, mu, s, law, tables)
             factor = s / q
         r[0], r[1], r[2] = factor * qx, factor * qy, factor * qz
         dx, dy, dz = h[0] - r[0], h[1] - r[1], h[2] - r[2]
@@ -190,7 +143,7 @@ def _moved(h, p, kappa, law, offset, knots, coefficients, r):
             low = mu
         else:
             high = mu
-        j, slope = _polarisation(s, law, offset, knots, coefficients)
+        j, slope = _polarisation(s, law, tables)
         chord = j / s if s > 1e-30 else slope
         along = (dx * r[0] + dy * r[1] + dz * r[2]) / s if s > 1e-30 else 0.0
         pull = (d * d - along * along) / (chord + mu) + along * along / (slope + mu)
@@ -204,14 +157,14 @@ def _moved(h, p, kappa, law, offset, knots, coefficients, r):
 
 
 @njit
-def _respond(h, previous, pinning, weights, law, offset, knots, coefficients, polarisation, tangent, r):
+def _respond(h, previous, pinning, weights, law, tables, polarisation, tangent, r):
     """Add up one point: polarisation (3,), tangent (6,) = dj/dh in the order xx, xy, xz, yy, yz, zz."""
     polarisation[:] = 0.0
     tangent[:] = 0.0
     e, n = np.empty(3), np.empty(3)
     for k in range(weights.size):
-        mu = _moved(h, previous[k], pinning[k], law, offset, knots, coefficients, r)
-        s, slope, chord = _chord(r, law, offset, knots, coefficients)
+        mu = _moved(h, previous[k], pinning[k], law, tables, r)
+        s, slope, chord = _chord(r, law, tables)
         for i in range(3):
             polarisation[i] += weights[k] * chord * r[i]
             e[i] = r[i] / s if s > 1e-30 else 0.0
@@ -237,9 +190,7 @@ def _respond(h, previous, pinning, weights, law, offset, knots, coefficients, po
 
 
 @njit(nogil=True)
-def respond(
-    begin, end, h, previous, pinning, weights, law, offset, knots, coefficients, polarisation, tangent
-):
+def respond(begin, end, h, previous, pinning, weights, law, tables, polarisation, tangent):
     """Fill polarisation (p, 3) in T and tangent (p, 6), its derivative by h, at points that remember `previous`
     (p, k, 3).
 
@@ -250,14 +201,14 @@ def respond(
     for i in range(begin, end):
         kappa = pinning[law[i]]
         _respond(
-            h[i], previous[i], kappa, weights, law[i], offset, knots, coefficients, polarisation[i], tangent[i], r
+            h[i], previous[i], kappa, weights, law[i], tables, polarisation[i], tangent[i], r
         )  # fmt: skip
 
 
 @njit(nogil=True)
-def advance(begin, end, h, previous, pinning, weights, law, offset, knots, coefficients, out):
+def advance(begin, end, h, previous, pinning, weights, law, tables, out):
     """Fill out (p, k, 3) with what the cells remember after h (p, 3); arguments as for `respond`."""
     for i in range(begin, end):
         for k in range(weights.size):
             kappa = pinning[law[i], k]
-            _moved(h[i], previous[i, k], kappa, law[i], offset, knots, coefficients, out[i, k])
+            _moved(h[i], previous[i, k], kappa, law[i], tables, out[i, k])

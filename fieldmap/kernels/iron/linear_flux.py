@@ -66,20 +66,17 @@ def _drive(potential, dofs, t, shape, area, scale, r):
 
 
 @njit
-def _net_flux(p, r, d, scale, law, offset, knots, coefficients):
+def _net_flux(p, r, d, scale, law, tables):
     """sum_q D_q . b(h_q) at h_q = r_q + scale p D_q, its derivative by p, and sum_q |D_q| |b_q|."""
     total, slope, size = 0.0, 0.0, 0.0
     for q in range(4):
-        hx, hy, hz = (
-            r[q, 0] + scale * p * d[q, 0],
-            r[q, 1] + scale * p * d[q, 1],
-            r[q, 2] + scale * p * d[q, 2],
-        )
+        dx, dy, dz = d[q, 0], d[q, 1], d[q, 2]
+        hx, hy, hz = r[q, 0] + scale * p * dx, r[q, 1] + scale * p * dy, r[q, 2] + scale * p * dz
         h = math.sqrt(hx * hx + hy * hy + hz * hz)
-        b, rise = flux_density(h, law, offset, knots, coefficients)
+        b, rise = flux_density(h, law, tables)
         m = b / h if h > 1e-30 else rise
-        along = d[q, 0] * hx + d[q, 1] * hy + d[q, 2] * hz
-        square = d[q, 0] * d[q, 0] + d[q, 1] * d[q, 1] + d[q, 2] * d[q, 2]
+        along = dx * hx + dy * hy + dz * hz
+        square = dx * dx + dy * dy + dz * dz
         total += m * along
         slope += scale * m * square
         if h > 1e-30:
@@ -89,14 +86,14 @@ def _net_flux(p, r, d, scale, law, offset, knots, coefficients):
 
 
 @njit
-def _balance(r, d, scale, law, offset, knots, coefficients):
+def _balance(r, d, scale, law, tables):
     """The p that makes div B = 0: Newton's method inside the shrinking bracket of the root, bisection where it is slow.
 
     At a knee of the B-H law Newton alone can jump from one side to the other and hardly gain.
     """
     p, low, high, last = 0.0, -np.inf, np.inf, np.inf
     for _ in range(_MAX_STEPS):
-        total, slope, size = _net_flux(p, r, d, scale, law, offset, knots, coefficients)
+        total, slope, size = _net_flux(p, r, d, scale, law, tables)
         if abs(total) <= 1e-14 * size:
             return p
         if total > 0.0:
@@ -115,90 +112,48 @@ def _balance(r, d, scale, law, offset, knots, coefficients):
 
 
 @njit(inline="always")
-def _strength(potential, dofs, t, shape, area, volume, d, h, law, offset, knots, coefficients):
+def _strength(potential, dofs, t, shape, area, volume, d, h, law, tables):
     """Fill d (4, 3) with D_q and h (4, 3) with the field strength at the points of one element."""
     scale = 4.0 / volume
     _divergence(shape, area, d)
     _drive(potential, dofs, t, shape, area, scale, h)
-    p = _balance(h, d, scale, law, offset, knots, coefficients)
+    p = _balance(h, d, scale, law, tables)
     for q in range(4):
         for k in range(3):
             h[q, k] += scale * p * d[q, k]
 
 
-@njit(inline="always")
-def _solenoidal(t, d, out):
-    """Fill out (4, 3) with the part of t (4, 3) that is free of divergence: what flows if the iron is air."""
-    total, square = 0.0, 0.0
-    for q in range(4):
-        for k in range(3):
-            total += d[q, k] * t[q, k]
-            square += d[q, k] * d[q, k]
-    for q in range(4):
-        for k in range(3):
-            out[q, k] = t[q, k] - total / square * d[q, k]
-
-
 @njit(nogil=True)
-def residual(
-    begin, end, potential, t, shape, area, volume, dofs, law, remanence, offset, knots, coefficients, out
-):
-    """Add to out (e, 12), element by element, outward moments of the flux density, less those of the coil field if the
-    iron were air.
+def strength(begin, end, potential, t, shape, area, volume, dofs, law, tables, out):
+    """Fill out (e, 4, 3) with the field strength mu0 H at the points of every element.
 
     potential (n,): values of the face potentials at the faces' corners; t (e, 4, 3): coil field at the points;
-    shape: `SHAPE`; area (e, 4, 3), volume (e,); dofs (e, 12): numbers of the elements' potentials; law (e,),
-    remanence (e, 3) and the tables of `fieldmap.kernels.iron.magnetisation_law`.
+    shape: `SHAPE`; area (e, 4, 3), volume (e,); dofs (e, 12): numbers of the elements' potentials; law (e,) and the
+    tables of `fieldmap.kernels.iron.magnetisation_law`.
     """
-    d, h, air = np.empty((4, 3)), np.empty((4, 3)), np.empty((4, 3))
+    d = np.empty((4, 3))
     for e in range(begin, end):
-        _strength(
-            potential, dofs[e], t[e], shape, area[e], volume[e], d, h, law[e], offset, knots, coefficients
-        )
-        _solenoidal(t[e], d, air)
-        for q in range(4):
-            size = math.sqrt(h[q, 0] * h[q, 0] + h[q, 1] * h[q, 1] + h[q, 2] * h[q, 2])
-            b, slope = flux_density(size, law[e], offset, knots, coefficients)
-            m = b / size if size > 1e-30 else slope
-            bx = m * h[q, 0] + remanence[e, 0] - air[q, 0]
-            by = m * h[q, 1] + remanence[e, 1] - air[q, 1]
-            bz = m * h[q, 2] + remanence[e, 2] - air[q, 2]
-            for f in range(4):
-                flow = area[e, f, 0] * bx + area[e, f, 1] * by + area[e, f, 2] * bz
-                for i in range(3 * f, 3 * f + 3):
-                    out[e, i] += shape[i, q] * flow
+        _strength(potential, dofs[e], t[e], shape, area[e], volume[e], d, out[e], law[e], tables)
 
 
 @njit(nogil=True)
-def tangent(begin, end, potential, t, shape, area, volume, dofs, law, offset, knots, coefficients, out):
-    """Fill out (e, 12, 12), zeros before, element by element: minus the derivative of the outward moments by the face
-    potentials.
+def moment_matrices(begin, end, values, shape, area, volume, out):
+    """Add to out (e, 12, 12) minus the derivative of the outward moments of B by the face potentials, for the symmetric
+    db/dh = `values` (e, 4, 6) at the points: xx, xy, xz, yy, yz, zz.
 
-    Symmetric; zero for equal potentials on all faces, positive otherwise. Arguments as for `residual`.
+    Symmetric; zero for equal potentials on all faces, positive otherwise. Otherwise as `strength`.
     """
-    d, h = np.empty((4, 3)), np.empty((4, 3))
     pair = np.empty((4, 4))
-    along = np.empty(4)
     for e in range(begin, end):
-        _strength(
-            potential, dofs[e], t[e], shape, area[e], volume[e], d, h, law[e], offset, knots, coefficients
-        )
         scale = 4.0 / volume[e]
         for q in range(4):
-            size = math.sqrt(h[q, 0] * h[q, 0] + h[q, 1] * h[q, 1] + h[q, 2] * h[q, 2])
-            b, slope = flux_density(size, law[e], offset, knots, coefficients)
-            m = b / size if size > 1e-30 else slope
-            extra = (slope - m) / (size * size) if size > 1e-30 else 0.0
+            xx, xy, xz = scale * values[e, q, 0], scale * values[e, q, 1], scale * values[e, q, 2]
+            yy, yz, zz = scale * values[e, q, 3], scale * values[e, q, 4], scale * values[e, q, 5]
             for f in range(4):
-                along[f] = area[e, f, 0] * h[q, 0] + area[e, f, 1] * h[q, 1] + area[e, f, 2] * h[q, 2]
-            for f in range(4):
-                for g in range(4):
-                    dot = (
-                        area[e, f, 0] * area[e, g, 0]
-                        + area[e, f, 1] * area[e, g, 1]
-                        + area[e, f, 2] * area[e, g, 2]
-                    )
-                    pair[f, g] = scale * (m * dot + extra * along[f] * along[g])
+                x, y, z = area[e, f, 0], area[e, f, 1], area[e, f, 2]
+                u, v, w = xx * x + xy * y + xz * z, xy * x + yy * y + yz * z, xz * x + yz * y + zz * z
+                for g in range(f + 1):
+                    pair[f, g] = pair[g, f] = u * area[e, g, 0] + v * area[e, g, 1] + w * area[e, g, 2]
             for i in range(12):
                 for j in range(12):
                     out[e, i, j] += shape[i, q] * shape[j, q] * pair[i // 3, j // 3]
@@ -217,38 +172,3 @@ def _remove_net_flux(matrix):
     for i in range(12):
         for j in range(12):
             matrix[i, j] -= row[i] * row[j] / total
-
-
-@njit(nogil=True)
-def strength(begin, end, potential, t, shape, area, volume, dofs, law, offset, knots, coefficients, out):
-    """Fill out (e, 4, 3) with the field strength mu0 H at the points of every element; arguments as for `residual`."""
-    d = np.empty((4, 3))
-    for e in range(begin, end):
-        _strength(
-            potential,
-            dofs[e],
-            t[e],
-            shape,
-            area[e],
-            volume[e],
-            d,
-            out[e],
-            law[e],
-            offset,
-            knots,
-            coefficients,
-        )
-
-
-@njit(nogil=True)
-def mean_fields(begin, end, h, law, remanence, offset, knots, coefficients, mean, largest):
-    """Add to mean (e, 3) the mean flux density of every element, and to largest (e,) the largest mu0 H at its points;
-    both are zeros before. h (e, 4, 3): as of `strength`."""
-    for e in range(begin, end):
-        for q in range(4):
-            size = math.sqrt(h[e, q, 0] ** 2 + h[e, q, 1] ** 2 + h[e, q, 2] ** 2)
-            b, slope = flux_density(size, law[e], offset, knots, coefficients)
-            m = b / size if size > 1e-30 else slope
-            largest[e] = max(largest[e], size)
-            for k in range(3):
-                mean[e, k] += 0.25 * (m * h[e, q, k] + remanence[e, k])

@@ -14,8 +14,8 @@ import math
 import numpy as np
 
 from fieldmap.kernels.compilation import inlined, njit
-from fieldmap.kernels.iron.charged_triangle import solid_angle
-from fieldmap.kernels.iron.mutual_potential import row_beyond, separation
+from fieldmap.kernels.iron.charged_triangle import edge, solid_angle
+from fieldmap.kernels.iron.mutual_potential import inverse_distance, row_beyond, separation
 
 _INVERSE_4PI = 1.0 / (4.0 * math.pi)
 
@@ -26,33 +26,18 @@ def corner_gradient(x, y, z, p, n, area, field, by_corner):
     and the potential's derivative by the corners (3, 3)."""
     tx_sum = ty_sum = tz_sum = 0.0
     potential = 0.0
-    for k in range(3):
-        for a in range(3):
-            by_corner[k, a] = 0.0
+    by_corner[:] = 0.0
     for k in range(3):
         k1 = k + 1 if k < 2 else 0
-        ux, uy, uz = p[k, 0] - x, p[k, 1] - y, p[k, 2] - z
-        vx, vy, vz = p[k1, 0] - x, p[k1, 1] - y, p[k1, 2] - z
-        tx, ty, tz = vx - ux, vy - uy, vz - uz
-        length = math.sqrt(tx * tx + ty * ty + tz * tz)
-        ru = math.sqrt(ux * ux + uy * uy + uz * uz)
-        rv = math.sqrt(vx * vx + vy * vy + vz * vz)
-        f = math.log((ru + rv + length) / max(ru + rv - length, 1e-16 * length))
-        mx = (ty * n[2] - tz * n[1]) / length
-        my = (tz * n[0] - tx * n[2]) / length
-        mz = (tx * n[1] - ty * n[0]) / length
-        potential += (mx * ux + my * uy + mz * uz) * f
-        tx_sum += mx * f
-        ty_sum += my * f
-        tz_sum += mz * f
-        end = ((rv - ru) - (ux * tx + uy * ty + uz * tz) / length * f) / length
-        start = f - end
-        by_corner[k, 0] += mx * start
-        by_corner[k, 1] += my * start
-        by_corner[k, 2] += mz * start
-        by_corner[k1, 0] += mx * end
-        by_corner[k1, 1] += my * end
-        by_corner[k1, 2] += mz * end
+        u, t, ru, rv, length, m, f = edge(k, x, y, z, p, n)
+        potential += (m[0] * u[0] + m[1] * u[1] + m[2] * u[2]) * f
+        tx_sum += m[0] * f
+        ty_sum += m[1] * f
+        tz_sum += m[2] * f
+        end = ((rv - ru) - (u[0] * t[0] + u[1] * t[1] + u[2] * t[2]) / length * f) / length
+        for a in range(3):
+            by_corner[k, a] += m[a] * (f - end)
+            by_corner[k1, a] += m[a] * end
     omega = solid_angle(x, y, z, p)
     height = (x - p[0, 0]) * n[0] + (y - p[0, 1]) * n[1] + (z - p[0, 2]) * n[2]
     for k in range(3):
@@ -74,9 +59,11 @@ def corner_gradient(x, y, z, p, n, area, field, by_corner):
 
 
 @inlined(fastmath=True)
-def _add_mean(share, points, weights, shapes, p, n, area, by_outer, by_inner, field, by_corner):
+def _add_mean(share, points, weights, shapes, inner, by_outer, by_inner, field, by_corner):
     """Add `share` times the derivative of the mean over points (q, 3) of an outer triangle, of shapes (q, 3) at them,
-    of the potential of the triangle p with unit charge: by the outer and the inner triangle's corners (3, 3)."""
+    of the potential of an inner one with unit charge: by the outer and the inner triangle's corners (3, 3). inner: its
+    corners, normal and area."""
+    p, n, area = inner
     total = 0.0
     for q in range(weights.size):
         w = share * weights[q] / area
@@ -96,66 +83,20 @@ def _add_mean(share, points, weights, shapes, p, n, area, by_outer, by_inner, fi
 
 
 @inlined(fastmath=True)
-def _close_pair(i, j, apart, faces, near_shapes, touch_shapes, by_one, by_other, field, by_corner):
+def _close_pair(i, j, apart, faces, shapes, by_one, by_other, field, by_corner):
     """Derivative of `fieldmap.kernels.iron.mutual_potential.close_pair` by the corners (3, 3) of both triangles."""
     corners, normals, areas, _, _, near, near_weights, touch, touch_weights = faces
+    near_shapes, touch_shapes = shapes
+    one, other = (corners[i], normals[i], areas[i]), (corners[j], normals[j], areas[j])
     by_one[:] = 0.0
     by_other[:] = 0.0
     if not apart:
-        _add_mean(
-            0.5,
-            touch[i],
-            touch_weights,
-            touch_shapes,
-            corners[j],
-            normals[j],
-            areas[j],
-            by_one,
-            by_other,
-            field,
-            by_corner,
-        )
-        _add_mean(
-            0.5,
-            touch[j],
-            touch_weights,
-            touch_shapes,
-            corners[i],
-            normals[i],
-            areas[i],
-            by_other,
-            by_one,
-            field,
-            by_corner,
-        )
+        _add_mean(0.5, touch[i], touch_weights, touch_shapes, other, by_one, by_other, field, by_corner)
+        _add_mean(0.5, touch[j], touch_weights, touch_shapes, one, by_other, by_one, field, by_corner)
     elif areas[i] < areas[j]:
-        _add_mean(
-            1.0,
-            near[i],
-            near_weights,
-            near_shapes,
-            corners[j],
-            normals[j],
-            areas[j],
-            by_one,
-            by_other,
-            field,
-            by_corner,
-        )
+        _add_mean(1.0, near[i], near_weights, near_shapes, other, by_one, by_other, field, by_corner)
     else:
-        _add_mean(
-            1.0,
-            near[j],
-            near_weights,
-            near_shapes,
-            corners[i],
-            normals[i],
-            areas[i],
-            by_other,
-            by_one,
-            field,
-            by_corner,
-        )
+        _add_mean(1.0, near[j], near_weights, near_shapes, one, by_other, by_one, field, by_corner)
 
 
 @inlined(fastmath=True)
@@ -172,29 +113,16 @@ def _add_turned(share, matrix, by_corner, corners, places, out):
 
 @njit(nogil=True, fastmath=True)
 def close_gradient(
-    begin,
-    end,
-    faces,
-    spheres,
-    near_shapes,
-    touch_shapes,
-    reach,
-    nodes,
-    first,
-    moving,
-    charge,
-    others,
-    places,
-    matrices,
-    parts,
+    begin, end, faces, shapes, spheres, reach, nodes, first, moving, charge, others, places, matrices, parts
 ):
     """Add to parts (t, p, k, 3), t from begin to end, whose sum over t it is, the derivative of others (k, n) . W
     charge (n,) by p nodes: what the close pairs make of it of which a triangle is moving (n,).
 
-    faces, spheres (4, n) and reach: as in `mutual_potential`; near_shapes, touch_shapes (q, 3): of the corners at the
-    points of the outer rules; nodes (n, 3): numbers of the corners. The pairs of one chamber stand for those that g
-    operations with matrices (g, 3, 3) make of them: first (n,): the one among the images of each triangle that lies
-    there; places (g, p): images of the nodes; charge (g, n) and others (g, k, n): those of each triangle's images.
+    faces, spheres (4, n) and reach: as in `mutual_potential`; shapes: of the corners at the points of the outer rules,
+    (q, 3) for pairs apart and (t, 3) for those whose circles overlap; nodes (n, 3): numbers of the corners. The pairs
+    of one chamber stand for those that g operations with matrices (g, 3, 3) make of them: first (n,): the one among the
+    images of each triangle that lies there; places (g, p): images of the nodes; charge (g, n) and others (g, k, n):
+    those of each triangle's images.
     """
     n, shares, rows = nodes.shape[0], parts.shape[0], others.shape[1]
     by_one, by_other = np.empty((3, 3)), np.empty((3, 3))
@@ -210,18 +138,8 @@ def close_gradient(
                 if beyond[j] > 0.0 or first[j] > i or not (moving[i] or moving[j]):
                     continue
                 distance2, size = separation(i, j, faces, faces)
-                _close_pair(
-                    i,
-                    j,
-                    distance2 > size * size,
-                    faces,
-                    near_shapes,
-                    touch_shapes,
-                    by_one,
-                    by_other,
-                    field,
-                    by_corner,
-                )
+                apart = distance2 > size * size
+                _close_pair(i, j, apart, faces, shapes, by_one, by_other, field, by_corner)
                 weight = _INVERSE_4PI if first[j] < i else 0.5 * _INVERSE_4PI
                 for a in range(matrices.shape[0]):
                     for k in range(rows):
@@ -238,9 +156,7 @@ def _pulls(px, py, pz, x, y, z, beyond, gx, gy, gz):
         sx = sy = sz = 0.0
         for q in range(3):
             dx, dy, dz = x[q, j] - px, y[q, j] - py, z[q, j] - pz
-            square = dx * dx + dy * dy + dz * dz + 1e-30
-            guess = np.float64(np.float32(1.0) / np.sqrt(np.float32(square)))
-            inverse = guess * (1.5 - 0.5 * square * guess * guess)
+            inverse = inverse_distance(dx, dy, dz)
             cube = inverse * inverse * inverse
             sx += cube * dx
             sy += cube * dy

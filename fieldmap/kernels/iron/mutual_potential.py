@@ -21,7 +21,7 @@ def _mean_potential(points, weights, corners, normal):
 
 
 @inlined(fastmath=True)
-def _inverse_distance(dx, dy, dz):
+def inverse_distance(dx, dy, dz):
     """1/sqrt of a sum of squares: in single precision, which costs a fraction, and one step of Newton's method."""
     # A triangle meets itself, or is its own image; its pair is near, the sum is not used.
     square = dx * dx + dy * dy + dz * dz + 1e-30
@@ -41,9 +41,9 @@ def _far_row(i, far, other_far, sums):
     cx, cy, cz = far[0, c], far[1, c], far[2, c]
     for q in range(sums.size):
         sums[q] = (
-            _inverse_distance(ax - x[q], ay - y[q], az - z[q])
-            + _inverse_distance(bx - x[q], by - y[q], bz - z[q])
-            + _inverse_distance(cx - x[q], cy - y[q], cz - z[q])
+            inverse_distance(ax - x[q], ay - y[q], az - z[q])
+            + inverse_distance(bx - x[q], by - y[q], bz - z[q])
+            + inverse_distance(cx - x[q], cy - y[q], cz - z[q])
         )
 
 

@@ -40,16 +40,7 @@ def symmetric_product(matrix, right, out):
                     y[j] += matrix[i, j] * x[i]
             if last == n:
                 continue
-            sums = _beyond(
-                matrix[first, last:],
-                matrix[first + 1, last:],
-                matrix[first + 2, last:],
-                matrix[first + 3, last:],
-                x[last:],
-                y[last:],
-                x[first:last],
-            )
-            y[first] += sums[0]
-            y[first + 1] += sums[1]
-            y[first + 2] += sums[2]
-            y[first + 3] += sums[3]
+            a, b, c, d = matrix[first], matrix[first + 1], matrix[first + 2], matrix[first + 3]
+            sums = _beyond(a[last:], b[last:], c[last:], d[last:], x[last:], y[last:], x[first:last])
+            for i in range(_ROWS):
+                y[first + i] += sums[i]
