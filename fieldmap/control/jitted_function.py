@@ -14,7 +14,7 @@ from numba.core.ccallback import CFunc as CFunc
 from numba.core.errors import NumbaError
 from numba.extending import is_jitted as is_jitted
 
-from fieldmap.control.function_controller import CALL, WHERE, BoundFunction, guarded, reason, wrong_outputs
+from fieldmap.control.bound_function import CALL, WHERE, BoundFunction, guarded, reason, wrong_outputs
 from fieldmap.core.controller import DONE, FAILED, WRONG_LENGTH
 from fieldmap.errors import InputError
 from fieldmap.typing import Array

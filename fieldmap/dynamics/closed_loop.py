@@ -16,13 +16,8 @@ from numpy.typing import ArrayLike
 
 from fieldmap.arguments import check, check_count, check_positive, check_signal
 from fieldmap.control.blocks import Controller
-from fieldmap.control.function_controller import (
-    BoundFunction,
-    FunctionController,
-    failure,
-    guarded,
-    written_beside,
-)
+from fieldmap.control.bound_function import BoundFunction, failure, guarded, written_beside
+from fieldmap.control.function_controller import FunctionController
 from fieldmap.core.closed_loop import GOES_ON, NO_FUNCTION, ControlLaw, Loop, Progress, Signals, Timing
 from fieldmap.core.controller import SIGNALS, CoreController
 from fieldmap.core.library import LIBRARY

@@ -2,7 +2,7 @@
 
 import pytest
 
-from fieldmap.control.function_controller import guarded, written_beside
+from fieldmap.control.bound_function import guarded, written_beside
 
 
 @pytest.mark.parametrize(
