@@ -8,7 +8,7 @@ import pytest
 
 from fieldmap.cli import main
 from fieldmap.cli.application import COMMANDS, FIRST_STEPS
-from fieldmap.cli.log import LOG
+from fieldmap.cli.messages import LOG
 from fieldmap.cli.run import common_first
 from fieldmap.progress import Progress, must_compile
 

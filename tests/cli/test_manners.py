@@ -61,7 +61,7 @@ MAP_WORDS = ["--at", "0", "0", "-0.09", "--currents", "1"]
         ["equilibrium", "{map}"],
         ["equilibrium", "{map}", "--currents", "1", "--height-mm", "-90"],
         ["equilibrium", "{map}", "--height-mm", "90"],
-        ["equilibrium", "{map}", "--currents", "1", "--moment", "loose"],
+        ["equilibrium", "{map}", "--currents", "1", "--orientation", "loose"],
         ["equilibrium", "{map}", "--currents", "1", "--start", "0", "0", "7"],
         ["equilibrium", "loop_and_sphere", "--currents", "1"],
     ],
@@ -141,7 +141,7 @@ def test_version(capsys):
 def test_lists_of_numbers_after_an_option():
     words = ["probe", "unit", "--currents", "1", "-2,", ".5", "--at", "0", "0", "-1e-1", "--json"]
     assert join_lists(words) == ["probe", "unit", "--currents=1,-2,.5", "--at=0,0,-1e-1", "--json"]
-    assert join_lists(["equilibrium", "--moment", "aligned"]) == ["equilibrium", "--moment", "aligned"]
+    assert join_lists(["equilibrium", "--start", "aligned"]) == ["equilibrium", "--start", "aligned"]
     assert join_lists(["probe", "--currents"]) == ["probe", "--currents"]
     named = ["probe", "--currents", "1=5", "in front=-5,", "unit", "--set", "a=1"]
     assert join_lists(named) == ["probe", "--currents=1=5,in front=-5", "unit", "--set", "a=1"]

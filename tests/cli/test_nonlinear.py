@@ -221,7 +221,10 @@ def test_form_and_refinement_reach_the_solver(capsys):
         (["probe", "{map}", "--nonlinear", "--currents", "1", "--at-mm", "0 0 -90"], "must go with a device"),
         (["equilibrium", "{map}", "--form", "flux", "--currents", "1"], "must go with a device"),
         (["equilibrium", "{ball}", "--nonlinear", "--height-mm", "-90"], "must lie in the box"),
-        (["equilibrium", "{ball}", "--nonlinear", "--currents", "1", "--moment", "up"], "fixed or aligned"),
+        (
+            ["equilibrium", "{ball}", "--nonlinear", "--currents", "1", "--orientation", "up"],
+            "fixed or aligned",
+        ),
     ],
     ids=lambda value: " ".join(value) if isinstance(value, list) else "",
 )

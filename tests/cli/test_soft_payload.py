@@ -71,7 +71,7 @@ def test_equilibrium(bead, capsys):
     assert force(-0.025, lift["lift_current"]) == pytest.approx(MASS * gravity, rel=1e-4)
     assert main(["equilibrium", bead, "--currents", "5"]) == 0
     assert "soft sphere of 4 mm" in capsys.readouterr().out
-    assert main(["equilibrium", bead, "--currents", "5", "--moment", "aligned"]) == 2
+    assert main(["equilibrium", bead, "--currents", "5", "--orientation", "aligned"]) == 2
 
 
 @pytest.mark.parametrize(("amperes", "told"), [("5", "coils above"), ("0", "turn the currents on")])

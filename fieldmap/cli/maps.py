@@ -1,74 +1,138 @@
-"""`fieldmap info`: what a map holds; `fieldmap map --summary` prints the same."""
+"""`fieldmap map` computes a map; `fieldmap info` and `fieldmap map --summary` print what a map holds."""
 
-from typing import TYPE_CHECKING
+from __future__ import annotations
 
-from fieldmap.cli.options import Json, MapArgument
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import numpy as np
+import typer
+from rich.console import Group, RenderableType
+from rich.text import Text
+
+from fieldmap.cli import options, page
+from fieldmap.cli.arguments import parse_settings
+from fieldmap.cli.messages import resumable
+from fieldmap.cli.solve import FORMS_IN_WORDS
+from fieldmap.records import count_of
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
-    from os import PathLike
-    from typing import Any
-
-    from rich.console import RenderableType
-
-    from fieldmap.cli.printing import Section
     from fieldmap.io.map_summary import ErrorShares, MapSummary
     from fieldmap.levitation.comparison import LiftAtHeight, ShiftBesideMeasured
     from fieldmap.plot.map_pictures import MapPicture
     from fieldmap.store import FieldError
-    from fieldmap.typing import Array
-
+    from fieldmap.typing import PathLike
 
 TRAINED_ON = "trained on"
 """The kind of the states that a current model was trained on, among those at which it was tried."""
 _KINDS = {"searched for": "found by a search", TRAINED_ON: "of the training"}
 
 
-def info(
-    source: MapArgument,
-    json: Json = False,
+def make_map(
+    recipe: Annotated[
+        str, options.file_argument("RECIPE", "Recipe file, or the name of a shipped recipe.", "maps")
+    ],
+    target: Annotated[Path | None, options.output("Map file to write. Default: maps/out/RECIPE.h5.")] = None,
+    changes: options.Changes = None,
+    resume: options.Resume = True,
+    summary: Annotated[
+        bool, typer.Option("--summary", help="Print a summary of the map when it is done.")
+    ] = False,
+    json: options.Json = False,
+    pictures: Annotated[
+        bool | None,
+        typer.Option(
+            "--pictures/--no-pictures",
+            help="Draw the map in two pictures beside it, NAME.png and NAME_3d.png. Default: with --summary.",
+        ),
+    ] = None,
+    accept_error: Annotated[
+        bool,
+        typer.Option(
+            "--accept-error",
+            help="Write the map even if the error of its current model is more than twice the recipe's.",
+        ),
+    ] = False,
+    workers: options.Workers = 1,
+    scheduler: options.Scheduler = None,
 ) -> None:
+    """Compute the map that a recipe describes. A stopped run continues where it was.
+
+    --json prints the summary.
+    """
+    from fieldmap import maps
+    from fieldmap.io import refuse_directory
+
+    refuse_directory(recipe)
+    settings = parse_settings(changes)
+    with resumable("map") as progress:
+        path = maps.generate(
+            recipe, target, resume, progress, workers, scheduler, changes=settings, accept_error=accept_error
+        )
+    _tell_what_is_missing(path)
+    if summary or json or pictures:
+        print_summary(path, json, (summary and not json) if pictures is None else pictures)
+    else:
+        print(path)
+
+
+def _tell_what_is_missing(path: Path) -> None:
+    """States that failed, and an accuracy that is not reached."""
+    from fieldmap.store import read_info, warn_of_missed_accuracy
+
+    report = read_info(path).provenance.solver_report
+    for number, reason in report.get("states_failed", {}).items():
+        print(f"state {number} could not be solved and was left out: {reason}", file=sys.stderr)
+    warn_of_missed_accuracy(path, report)
+
+
+def info(source: options.MapArgument, json: options.Json = False) -> None:
     """Print what a map holds: device, grid, field, gradient, lift current, and how accurate it is."""
     print_summary(source, json)
 
 
-def print_summary(path: "str | PathLike[str]", json: bool, pictures: bool = False) -> None:
-    """Open a map and print what it holds. pictures: draw it too, beside the map, and say where they are."""
-    from fieldmap.cli.printing import print_result
-    from fieldmap.io.map_summary import summarise_map
+def print_summary(path: PathLike, json: bool, pictures: bool = False) -> None:
+    """Open a map and print what it holds.
 
-    summary = summarise_map(path)
+    Parameters
+    ----------
+    path : path
+        The map.
+    json : bool
+        Print JSON instead of a page.
+    pictures : bool
+        Draw the map too, beside its file, and print where the pictures are.
+    """
+    from fieldmap.io import map_summary
+
+    summary = map_summary.summarise_map(path)
     saved: tuple[MapPicture, ...] = ()
     if pictures:
         from fieldmap.plot.map_pictures import save_map_pictures
 
         saved = save_map_pictures(summary)
-    print_result(summary, lambda of: _page(of, saved), json, **({"pictures": saved} if saved else {}))
+    page.print_result(summary, partial(_page, saved), json, **({"pictures": saved} if saved else {}))
 
 
-def _page(summary: "MapSummary", pictures: "Sequence[MapPicture]") -> "Iterator[Section]":
-    from rich.console import Group
-    from rich.text import Text
-
-    from fieldmap.cli.printing import assumption_lines, facts, heading
-
+def _page(pictures: Sequence[MapPicture], summary: MapSummary) -> Iterator[page.Section]:
     record = summary.info.provenance
     payload = () if summary.payload is None else summary.payload.assumptions
-    yield Group(heading(str(summary.path), record.title), facts(_facts(summary)))
-    yield facts(_accuracy(summary))
+    yield Group(page.heading(str(summary.path), record.title), page.facts(_facts(summary)))
+    yield page.facts(_accuracy(summary))
     yield _unit_table(summary) if summary.domain is None else None
     yield _lift_table(summary) if summary.lift else None
     for shift in summary.shifts:
         yield _shift_table(shift)
-    yield facts(assumption_lines((*record.assumptions, *payload)))
+    yield page.assumed((*record.assumptions, *payload))
     yield Text(summary.saturation, style="bold") if summary.saturation else None
     if pictures:
-        yield facts((one.shows, str(one.path or one.problem)) for one in pictures)
+        yield page.facts((one.shows, str(one.path or one.problem)) for one in pictures)
 
 
-def _facts(summary: "MapSummary") -> "Iterator[tuple[str, str]]":
-    from fieldmap.records import count_of
-
+def _facts(summary: MapSummary) -> Iterator[tuple[str, str]]:
     info, record, grid = summary.info, summary.info.provenance, summary.info.grid
     names, solver = info.coil_names, info.provenance.solver_report
     yield "device", f"{record.device_name}, {count_of(len(names), 'coil', 'coils')}: {', '.join(names)}"
@@ -82,7 +146,7 @@ def _facts(summary: "MapSummary") -> "Iterator[tuple[str, str]]":
     shape = " x ".join(str(n) for n in grid.shape)
     steps = dict.fromkeys(grid.spacing.round(9).tolist())
     spacing = " x ".join(f"{1e3 * step:g}" for step in steps)
-    corners = f"{_mm(grid.lower)} to {_mm(grid.upper)} mm"
+    corners = f"{page.place(grid.lower)} to {page.place(grid.upper)} mm"
     yield "grid", f"{shape} nodes, {spacing} mm apart, from {corners}"
     if summary.domain is not None:
         yield "field", _middle(summary)
@@ -95,7 +159,7 @@ def _facts(summary: "MapSummary") -> "Iterator[tuple[str, str]]":
         yield f"state {number}", f"not solved: {reason}"
 
 
-def _cost(solver: "Mapping[str, Any]") -> str:
+def _cost(solver: Mapping[str, Any]) -> str:
     words = (
         f"{solver['states_solved']} states in {solver['generation_seconds'] / 60:.1f} minutes, "
         f"{solver['generation_processor_seconds'] / 60:.1f} of processor time"
@@ -105,7 +169,7 @@ def _cost(solver: "Mapping[str, Any]") -> str:
     return words if peak is None else f"{words}, {peak / 1e9:.1f} GB of memory"
 
 
-def _currents(summary: "MapSummary") -> str:
+def _currents(summary: MapSummary) -> str:
     domain, ranges = summary.domain, summary.signal_ranges()
     assert domain is not None
     of = domain.parametrisation
@@ -127,14 +191,16 @@ def _currents(summary: "MapSummary") -> str:
     return f"{of.name}: {', '.join(words)}{limit}"
 
 
-def _middle(summary: "MapSummary") -> str:
+def _middle(summary: MapSummary) -> str:
     """Of a map over currents: at its reference currents."""
     middle = summary.middle
     flux, slope = 1e3 * middle.Bz[0], 1e3 * middle.dBz_dz[0]
-    return f"Bz {flux:.4f} mT, dBz/dz {slope:.3f} mT/m at {_mm(middle.at)} mm with {_reference(summary)}"
+    return (
+        f"Bz {flux:.4f} mT, dBz/dz {slope:.3f} mT/m at {page.place(middle.at)} mm with {_reference(summary)}"
+    )
 
 
-def _without_currents(summary: "MapSummary") -> str:
+def _without_currents(summary: MapSummary) -> str:
     sources, off = ", ".join(summary.info.fixed_sources), summary.middle.without_currents
     if off is None:
         return f"drives the field of {sources}"
@@ -142,14 +208,14 @@ def _without_currents(summary: "MapSummary") -> str:
     return f"drives the field of {sources}: Bz {flux:.4f} mT, dBz/dz {slope:.3f} mT/m in the middle"
 
 
-def _reference(summary: "MapSummary") -> str:
+def _reference(summary: MapSummary) -> str:
     currents = summary.info.reference_current
     if len(set(currents.tolist())) == 1:
         return f"{currents[0]:.4g} A in every coil"
     return ", ".join(f"{i:.4g}" for i in currents) + " A"
 
 
-def _accuracy(summary: "MapSummary") -> "Iterator[tuple[str, str]]":
+def _accuracy(summary: MapSummary) -> Iterator[tuple[str, str]]:
     """Each kind of error by name."""
     of = summary.accuracy
     if of.meshed:
@@ -160,7 +226,7 @@ def _accuracy(summary: "MapSummary") -> "Iterator[tuple[str, str]]":
         yield "current model", _current_model(summary)
 
 
-def _interpolation(summary: "MapSummary") -> str:
+def _interpolation(summary: MapSummary) -> str:
     """The bound of the form that `open_map` takes; where there is none, what was sampled of the other form."""
     of, reference = summary.accuracy, _reference(summary)
     if of.bound is not None:
@@ -176,15 +242,15 @@ def _interpolation(summary: "MapSummary") -> str:
     return "not measured"
 
 
-def _shares(error: "ErrorShares") -> str:
+def _shares(error: ErrorShares) -> str:
     return f"{100 * error.flux_density:.2g} % of B, {100 * error.gradient:.2g} % of the gradient"
 
 
-def _sizes(error: "FieldError") -> str:
+def _sizes(error: FieldError) -> str:
     return f"{1e6 * error.flux_density:.2g} uT, {1e3 * error.gradient:.2g} mT/m"
 
 
-def _current_model(summary: "MapSummary") -> str:
+def _current_model(summary: MapSummary) -> str:
     solver, of, error = summary.info.provenance.solver_report, summary.accuracy, summary.info.current_error
     text = "not measured"
     if of.current_model is not None:
@@ -217,7 +283,7 @@ def _current_model(summary: "MapSummary") -> str:
     return "\n".join([text, *_missed(summary), *_corners(solver), ", ".join(trained)])
 
 
-def _missed(summary: "MapSummary") -> "Iterator[str]":
+def _missed(summary: MapSummary) -> Iterator[str]:
     """What the recipe asked for, where the model is less accurate; files of before do not say."""
     from fieldmap.store.stated_accuracy import GRADIENT, HELD_OUT, percent
 
@@ -231,7 +297,7 @@ def _missed(summary: "MapSummary") -> "Iterator[str]":
         )
 
 
-def _corners(solver: "Mapping[str, Any]") -> "Iterator[str]":
+def _corners(solver: Mapping[str, Any]) -> Iterator[str]:
     """At which extremes of the currents the model was tried. Of a map of an earlier version that they were not
     searched, and how the corners of the domain were chosen, where not all of them were solved."""
     extremes, corners = solver.get("extremes"), solver.get("corners")
@@ -251,7 +317,7 @@ def _corners(solver: "Mapping[str, Any]") -> "Iterator[str]":
         )
 
 
-def _extremes(extremes: "Mapping[str, Any]") -> str:
+def _extremes(extremes: Mapping[str, Any]) -> str:
     looked, different, searched = (extremes[name] for name in ("looked_at", "different", "searched"))
     text = f"extremes of the currents (corners, single coils, equal and opposed currents): {looked}"
     if different < looked:
@@ -262,11 +328,7 @@ def _extremes(extremes: "Mapping[str, Any]") -> str:
     return f"{text}; search by the residual among {searched} further currents" if searched else text
 
 
-def _solver_words(solver: "Mapping[str, object]") -> list[str]:
-    from collections.abc import Mapping
-
-    from fieldmap.cli.solve import FORMS_IN_WORDS
-
+def _solver_words(solver: Mapping[str, object]) -> list[str]:
     if solver.get("form") == "coils":
         return [FORMS_IN_WORDS["coils"]]
     words = ["saturating" if "modes" in solver else "linear"]
@@ -282,27 +344,17 @@ def _solver_words(solver: "Mapping[str, object]") -> list[str]:
     return words
 
 
-def _mm(point: "Array") -> str:
-    return "(" + ", ".join(f"{1e3 * x:g}" for x in point.round(9)) + ")"
-
-
-def _unit_table(summary: "MapSummary") -> "RenderableType":
-    from fieldmap.cli.printing import table
-
+def _unit_table(summary: MapSummary) -> RenderableType:
     middle = summary.middle
     names = (*(f"coil {name}" for name in summary.info.coil_names), "all")
     rows = (
-        (name, f"{1e3 * flux:.4f}", f"{1e3 * slope:.4f}")
-        for name, flux, slope in zip(names, middle.Bz, middle.dBz_dz, strict=True)
+        (name, *page.cells(values, ".4f", 1e3))
+        for name, *values in zip(names, middle.Bz, middle.dBz_dz, strict=True)
     )
-    return table((f"1 A, at {_mm(middle.at)} mm", "Bz, mT", "dBz/dz, mT/m"), rows)
+    return page.table((f"1 A, at {page.place(middle.at)} mm", "Bz, mT", "dBz/dz, mT/m"), rows)
 
 
-def _lift_table(summary: "MapSummary") -> "RenderableType":
-    from rich.console import Group
-
-    from fieldmap.cli.printing import remark, table
-
+def _lift_table(summary: MapSummary) -> RenderableType:
     payload, fit = summary.payload, summary.force_fit
     assert payload is not None
     title = f"lift {1e3 * payload.mass:.4g} g, "
@@ -310,24 +362,16 @@ def _lift_table(summary: "MapSummary") -> "RenderableType":
     if fit is None:
         iron = "A per coil (linear)" if summary.domain is None else "A per coil"
         rows = ((f"magnet at z = {1e3 * row.height:.1f} mm", _amperes(row)) for row in summary.lift)
-        return table((title, iron), rows)
-    columns = (
-        title,
-        "z, mm",
-        "measured, A",
-        "lift/weight",
-        "ours, A",
-        f"force x {fit.factor:.2f}, A",
-        "off by",
-    )
+        return page.table((title, iron), rows)
+    forced = f"force x {fit.factor:.2f}, A"
+    columns = (title, "z, mm", "measured, A", "lift/weight", "ours, A", forced, "off by")
     fitted = (
         (
             f"sensor {row.sensor_mm:g} mm",
             f"{1e3 * row.height:.1f}",
-            f"{row.measured:.3f}",
-            "-" if row.lift_share is None else f"{row.lift_share:.3f}",
+            *page.cells((row.measured, row.lift_share), ".3f"),
             _amperes(row),
-            "-" if current is None else f"{current:.3f}",
+            *page.cells((current,), ".3f"),
             "-" if deviation is None else f"{100 * deviation:+.1f} %",
         )
         for row, current, deviation in zip(summary.lift, fit.currents, fit.deviations, strict=True)
@@ -337,25 +381,20 @@ def _lift_table(summary: "MapSummary") -> "RenderableType":
         f"{fit.factor:.3f} on the calculated force is fitted to lift/weight by least squares. No other number here "
         "contains it."
     )
-    return Group(table(columns, fitted), remark(words))
+    return Group(page.table(columns, fitted), page.remark(words))
 
 
-def _amperes(row: "LiftAtHeight") -> str:
+def _amperes(row: LiftAtHeight) -> str:
     if row.current is not None:
         return f"{row.current:.3f}"
     return "beyond the map" if row.beyond is None else f"> {row.beyond:.3g}"
 
 
-def _shift_table(shift: "ShiftBesideMeasured") -> "RenderableType":
-    import numpy as np
-    from rich.console import Group
-
-    from fieldmap.cli.printing import remark, table
-
+def _shift_table(shift: ShiftBesideMeasured) -> RenderableType:
     rows = (
-        (f"measured, {shift.source}", *_millimetres(shift.measured)),
-        ("ours, lift constant", *_millimetres(shift.constant_lift)),
-        ("ours, level constant", *_millimetres(shift.constant_level)),
+        (f"measured, {shift.source}", *page.cells(shift.measured, ".2f", 1e3)),
+        ("ours, lift constant", *page.cells(shift.constant_lift, ".2f", 1e3)),
+        ("ours, level constant", *page.cells(shift.constant_level, ".2f", 1e3)),
     )
     columns = ("x of the magnet, mm, at x signal", *(f"{signal:g}" for signal in shift.signals))
     held = shift.levels[np.isfinite(shift.levels)]
@@ -366,8 +405,4 @@ def _shift_table(shift: "ShiftBesideMeasured") -> "RenderableType":
         "height."
     )
     beyond = " -: beyond the map." if len(held) < len(shift.signals) else ""
-    return Group(table(columns, rows), remark(words + beyond))
-
-
-def _millimetres(places: "Array") -> list[str]:
-    return [f"{1e3 * x:.2f}" if x == x else "-" for x in places]
+    return Group(page.table(columns, rows), page.remark(words + beyond))
