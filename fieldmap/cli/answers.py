@@ -22,6 +22,7 @@ from fieldmap.cli.arguments import (
     parse_wanted,
     positive_problems,
 )
+from fieldmap.cli.options import option
 from fieldmap.constants import GRAVITY
 from fieldmap.errors import InputError, OutsideMapError, Problem
 from fieldmap.progress import Progress
@@ -61,7 +62,7 @@ def probe(
     points = parse_points(at, at_mm)
     if not len(points):
         remedy = "add --at X Y Z (m) or --at-mm X Y Z"
-        raise InputError(Problem("--at", "must give at least one point", "none", remedy))
+        raise InputError.of("--at", "must give at least one point", "none", remedy)
     iron, settings = options.checked_iron(mu_r, nonlinear, refinement, form), parse_settings(changes)
     if moment and payload_of:
         raise InputError(_payload_and_moment(moment))
@@ -69,9 +70,9 @@ def probe(
         found = options.find_named(source, iron, progress, settings)
         magnet: Array | MagneticBody | None = None if moment is None else parse_moment(moment)
         if payload_of or (payload and moment is None):
-            option = "--payload-of" if payload_of else "--payload"
+            wanted_by = "--payload-of" if payload_of else "--payload"
             magnet = options.acted_on(
-                payload_of or found.name, options.payload_of_option(found, payload_of), option
+                payload_of or found.name, options.payload_of_option(found, payload_of), wanted_by
             )
         try:
             answer = answers.probe(found, points, parse_currents(currents, found.coil_names), magnet)
@@ -126,16 +127,12 @@ def currents(
             "--lift", help="The payload's weight, upward; of three coils or more no force sideways."
         ),
     ] = False,
-    force: Annotated[
-        str | None, typer.Option("--force", metavar="X Y Z", help="Force, N; nan leaves a component free.")
-    ] = None,
+    force: Annotated[str | None, option("--force", "X Y Z", "Force, N; nan leaves a component free.")] = None,
     torque: Annotated[
-        str | None,
-        typer.Option("--torque", metavar="X Y Z", help="Torque, N m; nan leaves a component free."),
+        str | None, option("--torque", "X Y Z", "Torque, N m; nan leaves a component free.")
     ] = None,
     field: Annotated[
-        str | None,
-        typer.Option("--field", metavar="X Y Z", help="Flux density, T; nan leaves a component free."),
+        str | None, option("--field", "X Y Z", "Flux density, T; nan leaves a component free.")
     ] = None,
     moment: options.Moment = None,
     payload_of: options.PayloadOf = None,
@@ -169,8 +166,8 @@ def currents(
         payload = options.payload_of_option(found, payload_of)
         magnet: Array | MagneticBody | None = None if moment is None else parse_moment(moment)
         if magnet is None and (lift or force or torque):
-            option = "--payload-of" if payload_of else "a force"
-            magnet = options.acted_on(payload_of or found.name, payload, option)
+            wanted_by = "--payload-of" if payload_of else "a force"
+            magnet = options.acted_on(payload_of or found.name, payload, wanted_by)
         if lift:
             asked["force"] = lift_force(payload, len(found.coil_names))
         driver = None if found.driver is None else found.driver.current_limit
@@ -237,21 +234,12 @@ def equilibrium(
     currents: options.Currents = None,
     height_mm: options.HeightMm = None,
     sensor_mm: Annotated[
-        float | None,
-        typer.Option(
-            "--sensor-mm", metavar="MM", help="Height as a reading of the vertical sensor, mm downward."
-        ),
+        float | None, option("--sensor-mm", "MM", "Height as a reading of the vertical sensor, mm downward.")
     ] = None,
-    start: Annotated[
-        str | None, typer.Option("--start", metavar="X Y Z", help="Where the search begins, m.")
-    ] = None,
+    start: Annotated[str | None, option("--start", "X Y Z", "Where the search begins, m.")] = None,
     orientation: Annotated[
         str,
-        typer.Option(
-            "--orientation",
-            metavar="NAME",
-            help="fixed: the magnet stays vertical; aligned: it follows the field.",
-        ),
+        option("--orientation", "NAME", "fixed: the magnet stays vertical; aligned: it follows the field."),
     ] = "fixed",
     payload_of: options.PayloadOf = None,
     changes: options.Changes = None,
@@ -290,7 +278,7 @@ def _exactly_one(currents: list[str] | None, height_mm: float | None, sensor_mm:
     if count != 1:
         must_hold = "must have exactly one of --currents, --height-mm and --sensor-mm"
         remedy = "--currents asks where the payload floats, the other two ask for the current that lifts it"
-        raise InputError(Problem("equilibrium", must_hold, f"{count} of them", remedy))
+        raise InputError.of("equilibrium", must_hold, f"{count} of them", remedy)
 
 
 def _check_search(found: FieldSource, start: Array | None, orientation: str) -> None:
@@ -301,7 +289,7 @@ def _check_search(found: FieldSource, start: Array | None, orientation: str) -> 
     if start is not None:
         check_position(require_box(found), start, "--start")
     if orientation not in MOMENTS:
-        raise InputError(Problem("--orientation", "must be fixed or aligned", orientation, "choose one"))
+        raise InputError.of("--orientation", "must be fixed or aligned", orientation, "choose one")
 
 
 def _tell_state(current: float, share: float) -> None:

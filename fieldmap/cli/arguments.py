@@ -55,14 +55,12 @@ def parse_currents(texts: list[str], coil_names: tuple[str, ...]) -> Array:
     if len(values) == 1:
         values = values * count
     if len(values) != count:
-        raise InputError(
-            Problem(
-                where="--currents",
-                must_hold=f"must be one current per coil ({', '.join(coil_names)}), or one number for all",
-                received=f"{len(values)} numbers: {', '.join(texts)}",
-                remedy=f"give {count} numbers in A, for example --currents {','.join(['1.0'] * count)}, or those of "
-                f"some coils by name: --currents {coil_names[-1]}=1.0",
-            )
+        raise InputError.of(
+            "--currents",
+            f"must be one current per coil ({', '.join(coil_names)}), or one number for all",
+            f"{len(values)} numbers: {', '.join(texts)}",
+            f"give {count} numbers in A, for example --currents {','.join(['1.0'] * count)}, or those of "
+            f"some coils by name: --currents {coil_names[-1]}=1.0",
         )
     return np.array(values)
 
@@ -73,7 +71,7 @@ def _named_currents(texts: list[str], coil_names: tuple[str, ...]) -> Array:
     given, example = ", ".join(texts), f"for example --currents {coil_names[-1]}=1.0"
     if not all("=" in word for word in words):
         must_hold = "must be NAME=A throughout, or numbers alone"
-        raise InputError(Problem("--currents", must_hold, given, example))
+        raise InputError.of("--currents", must_hold, given, example)
     names = [name for name, _ in pairs]
     problems = [
         Problem("--currents", f"must name coils ({', '.join(coil_names)})", repr(name), example)
@@ -123,7 +121,7 @@ def _triple(text: str, option: str, unit: str) -> list[float]:
     values = _floats([text], option)
     if len(values) != 3:
         must_hold, remedy = f"must be three numbers in {unit}", f"{option} X Y Z"
-        raise InputError(Problem(option, must_hold, f"{len(values)}: {text}", remedy))
+        raise InputError.of(option, must_hold, f"{len(values)}: {text}", remedy)
     return values
 
 
@@ -136,7 +134,7 @@ def _floats(texts: list[str], option: str) -> list[float]:
             values.append(float("nan"))
         if not np.isfinite(values[-1]):
             remedy = "use a decimal point, and commas or spaces between"
-            raise InputError(Problem(option, "must be finite numbers", repr(word), remedy))
+            raise InputError.of(option, "must be finite numbers", repr(word), remedy)
     return values
 
 
@@ -152,7 +150,7 @@ def parse_settings(texts: list[str] | None, example: str = "parameters.gap=120")
     for text in texts or []:
         key, sign, value = (part.strip() for part in text.partition("="))
         if not (sign and key and value):
-            raise InputError(Problem("--set", "must be KEY=VALUE", text, f"write for example {example}"))
+            raise InputError.of("--set", "must be KEY=VALUE", text, f"write for example {example}")
         pairs[key] = _toml_value(value)
     return pairs
 
@@ -167,7 +165,7 @@ def parse_variation(text: str) -> tuple[str, list[object]]:
     parts = [part for part in values.split(",") if part.strip()]
     if not (sign and key.strip() and parts):
         remedy = "write for example control.z.Kc=0.2,0.334,0.5"
-        raise InputError(Problem("--vary", "must be KEY=A,B,...", text, remedy))
+        raise InputError.of("--vary", "must be KEY=A,B,...", text, remedy)
     return key.strip(), [_toml_value(part.strip()) for part in parts]
 
 

@@ -11,7 +11,7 @@ import typer
 
 from fieldmap.cli import options, page
 from fieldmap.cli.arguments import parse_settings
-from fieldmap.errors import InputError, Problem
+from fieldmap.errors import InputError
 from fieldmap.records import count_of
 
 if TYPE_CHECKING:
@@ -176,5 +176,5 @@ def schema(
     schemas = {one.name.replace(" ", "-"): one.schema for one in FILE_KINDS}
     if kind not in schemas:
         must_hold = f"must be one of {', '.join(schemas)}"
-        raise InputError(Problem("schema", must_hold, kind, "choose one of these"))
+        raise InputError.of("schema", must_hold, kind, "choose one of these")
     print(schema_text(schemas[kind]), end="")

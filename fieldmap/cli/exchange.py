@@ -12,7 +12,8 @@ import typer
 
 from fieldmap.cli import options, page
 from fieldmap.cli.arguments import output_problems, parse_currents, parse_moment, parse_settings
-from fieldmap.errors import InputError, Problem
+from fieldmap.cli.options import option
+from fieldmap.errors import InputError
 from fieldmap.progress import Progress
 
 if TYPE_CHECKING:
@@ -43,48 +44,43 @@ def export(
     ],
     to: Annotated[
         str,
-        typer.Option(
+        option(
             "--to",
-            metavar="NAME",
-            help="c: one flat file and its header. c32: constants in single precision and their header. csv: a table. "
+            "NAME",
+            "c: one flat file and its header. c32: constants in single precision and their header. csv: a table. "
             "fmu: a unit of FMI, compiled here. mag-manip: YAML. vti: VTK image data.",
         ),
     ],
     target: Annotated[Path, options.output("File to write.")],
     kind: Annotated[
         str,
-        typer.Option(
+        option(
             "--kind",
-            metavar="NAME",
-            help="For c, c32 and fmu: harmonic (one polynomial per cell) or global (one for the box, a few kB).",
+            "NAME",
+            "For c, c32 and fmu: harmonic (one polynomial per cell) or global (one for the box, a few kB).",
         ),
     ] = "harmonic",
     currents: options.Currents = None,
     spacing_mm: Annotated[
         float | None,
-        typer.Option(
+        option(
             "--spacing-mm",
-            metavar="MM",
-            help="For csv, vti and mag-manip: largest distance between nodes. Default: the map's nodes, for mag-manip "
+            "MM",
+            "For csv, vti and mag-manip: largest distance between nodes. Default: the map's nodes, for mag-manip "
             "as many as it needs; a device needs it.",
         ),
     ] = None,
     outside: Annotated[
-        str,
-        typer.Option(
-            "--outside", metavar="RULE", help="For c, c32 and fmu: the result outside the map, nan or clamp."
-        ),
+        str, option("--outside", "RULE", "For c, c32 and fmu: the result outside the map, nan or clamp.")
     ] = "nan",
-    fmi: Annotated[
-        int | None, typer.Option("--fmi", metavar="2|3", help="For fmu: version of FMI. Default: 2.")
-    ] = None,
+    fmi: Annotated[int | None, option("--fmi", "2|3", "For fmu: version of FMI. Default: 2.")] = None,
     moment: options.Moment = None,
     body: Annotated[
         str | None,
-        typer.Option(
+        option(
             "--body",
-            metavar="DEVICE",
-            help="For fmu: the payload of this device moves inside, as a rigid body.",
+            "DEVICE",
+            "For fmu: the payload of this device moves inside, as a rigid body.",
             autocompletion=options.shipped("geometry"),
         ),
     ] = None,
@@ -151,11 +147,11 @@ def export(
 
 def _check_format(to: str, given: list[str]) -> None:
     if to not in FORMATS:
-        raise InputError(Problem("--to", f"must be one of {', '.join(FORMATS)}", to, "choose one of these"))
+        raise InputError.of("--to", f"must be one of {', '.join(FORMATS)}", to, "choose one of these")
     wrong = [option for option in given if option not in FORMATS[to]]
     if wrong:
         must_hold, received = "must be a format that has these options", f"{', '.join(wrong)} with {to}"
-        raise InputError(Problem("--to", must_hold, received, "leave them out"))
+        raise InputError.of("--to", must_hold, received, "leave them out")
 
 
 def _of_device(
@@ -171,10 +167,10 @@ def _of_device(
 
     if to not in _OF_ANY_FIELD:
         remedy = "make a map first: fieldmap map RECIPE"
-        raise InputError(Problem(source, f"must be a map file for --to {to}", "a device", remedy))
+        raise InputError.of(source, f"must be a map file for --to {to}", "a device", remedy)
     if spacing is None:
         must_hold, remedy = "must come with a device, which has no nodes", "add for example --spacing-mm 2"
-        raise InputError(Problem("--spacing-mm", must_hold, "none", remedy))
+        raise InputError.of("--spacing-mm", must_hold, "none", remedy)
     options.require_currents(iron.nonlinear, currents)
     with Progress("export") as progress:
         found = options.find_named(source, iron, progress, settings)
@@ -212,7 +208,7 @@ def _unit(
         if payload is None or moment is not None:
             must = "must be a device with a [payload], whose moment is that of the unit"
             received = device if payload is None else "--moment as well"
-            raise InputError(Problem("--body", must, received, "choose another, or leave it out"))
+            raise InputError.of("--body", must, received, "choose another, or leave it out")
         from fieldmap.dynamics import body_of_payload
 
         body = body_of_payload(payload)
@@ -229,7 +225,7 @@ def import_map(
     ],
     target: Annotated[Path, options.output("Map file to write (.h5).")],
     spacing: Annotated[
-        float, typer.Option("--spacing-mm", metavar="MM", help="Largest distance between nodes of the map.")
+        float, option("--spacing-mm", "MM", "Largest distance between nodes of the map.")
     ] = 5.0,
     degree: Annotated[
         int | None,

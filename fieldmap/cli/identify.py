@@ -12,6 +12,7 @@ import typer
 
 from fieldmap.cli import options, page
 from fieldmap.cli.arguments import parse_pairs
+from fieldmap.cli.options import option
 from fieldmap.errors import InputError, Problem
 
 if TYPE_CHECKING:
@@ -23,54 +24,44 @@ def identify(
         Path, typer.Argument(metavar="LOG", help="Text file of columns below a line of names, such as CSV.")
     ],
     source: Annotated[
-        str | None,
-        typer.Option("--from", metavar="NAME", help="Column of the input. Default: recognised by its name."),
+        str | None, option("--from", "NAME", "Column of the input. Default: recognised by its name.")
     ] = None,
     target: Annotated[
-        str | None, typer.Option("--to", metavar="NAME", help="Column of the output. Default: recognised.")
+        str | None, option("--to", "NAME", "Column of the output. Default: recognised.")
     ] = None,
     reference: Annotated[
-        str | None,
-        typer.Option("--reference", metavar="NAME", help="Column of the reference, if there is one."),
+        str | None, option("--reference", "NAME", "Column of the reference, if there is one.")
     ] = None,
-    time: Annotated[
-        str | None, typer.Option("--time", metavar="NAME", help="Column of the time. Default: recognised.")
-    ] = None,
+    time: Annotated[str | None, option("--time", "NAME", "Column of the time. Default: recognised.")] = None,
     sampling: Annotated[
-        float | None, typer.Option("--sampling-ms", metavar="MS", help="Sampling time of a log without time.")
+        float | None, option("--sampling-ms", "MS", "Sampling time of a log without time.")
     ] = None,
     units: options.Units = None,
     delimiter: Annotated[
-        str | None,
-        typer.Option(
-            "--delimiter", metavar="NAME", help="comma, semicolon, tab or blanks. Default: recognised."
-        ),
+        str | None, option("--delimiter", "NAME", "comma, semicolon, tab or blanks. Default: recognised.")
     ] = None,
     decimal: Annotated[
-        str | None, typer.Option("--decimal", metavar="MARK", help="point or comma. Default: recognised.")
+        str | None, option("--decimal", "MARK", "point or comma. Default: recognised.")
     ] = None,
-    poles: Annotated[int, typer.Option("--poles", metavar="N", help="Poles of the sampled model.")] = 2,
-    zeros: Annotated[int, typer.Option("--zeros", metavar="N", help="Zeros of the sampled model.")] = 1,
+    poles: Annotated[int, option("--poles", "N", "Poles of the sampled model.")] = 2,
+    zeros: Annotated[int, option("--zeros", "N", "Zeros of the sampled model.")] = 1,
     dead_time: Annotated[
-        int,
-        typer.Option(
-            "--dead-time", metavar="N", help="Samples of dead time beyond the poles less the zeros."
-        ),
+        int, option("--dead-time", "N", "Samples of dead time beyond the poles less the zeros.")
     ] = 0,
     method: Annotated[
         str,
-        typer.Option(
+        option(
             "--method",
-            metavar="NAME",
-            help="direct; armax, for coloured noise; two-stage, with a reference; least-squares, biased by noise.",
+            "NAME",
+            "direct; armax, for coloured noise; two-stage, with a reference; least-squares, biased by noise.",
         ),
     ] = "direct",
     rest: Annotated[
         int | None,
-        typer.Option(
+        option(
             "--rest",
-            metavar="N",
-            help="Samples at rest at the beginning. Default: those before the reference moves, or one.",
+            "N",
+            "Samples at rest at the beginning. Default: those before the reference moves, or one.",
         ),
     ] = None,
     json: options.Json = False,

@@ -38,12 +38,12 @@ def log_to_file(path: Path) -> None:
             "must be a text file for lines about what is done",
             "a log of a rig goes behind --measured",
         )
-        raise InputError(Problem("--log", must, str(path), remedy))
+        raise InputError.of("--log", must, str(path), remedy)
     try:
         _log_to(logging.FileHandler(path, encoding="utf-8"))
     except OSError as error:
         must, received = "must be a file that can be written", f"{path}: {error.strerror}"
-        raise InputError(Problem("--log", must, received, "name another")) from None
+        raise InputError.of("--log", must, received, "name another") from None
 
 
 def log_to_stderr() -> None:

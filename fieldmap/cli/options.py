@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -39,6 +40,11 @@ def file_argument(metavar: str, text: str, folder: str, subfolder: str = "") -> 
     return typer.Argument(metavar=metavar, help=text, autocompletion=shipped(folder, subfolder))
 
 
+def option(name: str, metavar: str, text: str, **more: Any) -> Any:
+    """An option that takes a value: its name, the word for its value in the help, and its help text."""
+    return typer.Option(name, metavar=metavar, help=text, **more)
+
+
 def output(text: str) -> Any:
     """The option `--output` of a command that writes one file."""
     return typer.Option("--output", "-o", metavar="FILE", help=text)
@@ -70,48 +76,30 @@ ScenarioArgument = Annotated[
     ),
 ]
 ScenarioMap = Annotated[
-    Path | None,
-    typer.Option(
-        "--map", metavar="FILE", help="Map file in place of the scenario's, or a device with linear iron."
-    ),
+    Path | None, option("--map", "FILE", "Map file in place of the scenario's, or a device with linear iron.")
 ]
 Changes = Annotated[list[str] | None, setting("device", "parameters.gap=120")]
 ScenarioChanges = Annotated[list[str] | None, setting("scenario", "control.z.Kc=0.2")]
 Units = Annotated[
     list[str] | None,
-    typer.Option(
-        "--unit",
-        metavar="NAME=UNIT",
-        help="Unit of a column of the log whose heading does not state it; may be repeated.",
+    option(
+        "--unit", "NAME=UNIT", "Unit of a column of the log whose heading does not state it; may be repeated."
     ),
 ]
-CURRENTS = typer.Option(
-    "--currents", metavar="A[,A...]", help="Currents, A: one for all coils, one per coil, or NAME=A."
-)
+CURRENTS = option("--currents", "A[,A...]", "Currents, A: one for all coils, one per coil, or NAME=A.")
 Currents = Annotated[list[str] | None, CURRENTS]
-At = Annotated[list[str] | None, typer.Option("--at", metavar="X Y Z", help="Point in m; may be repeated.")]
-AtMm = Annotated[
-    list[str] | None, typer.Option("--at-mm", metavar="X Y Z", help="Point in mm; may be repeated.")
-]
+At = Annotated[list[str] | None, option("--at", "X Y Z", "Point in m; may be repeated.")]
+AtMm = Annotated[list[str] | None, option("--at-mm", "X Y Z", "Point in mm; may be repeated.")]
 HeightMm = Annotated[
-    float | None,
-    typer.Option(
-        "--height-mm", metavar="MM", help="z of the magnet's centre; below the origin it is negative."
-    ),
+    float | None, option("--height-mm", "MM", "z of the magnet's centre; below the origin it is negative.")
 ]
 Moment = Annotated[
-    str | None,
-    typer.Option(
-        "--moment", metavar="X Y Z", help="Moment of the magnet, A m2; one number is a moment upward."
-    ),
+    str | None, option("--moment", "X Y Z", "Moment of the magnet, A m2; one number is a moment upward.")
 ]
 PayloadOf = Annotated[
     str | None,
-    typer.Option(
-        "--payload-of",
-        metavar="DEVICE",
-        help="Take the payload from this device.",
-        autocompletion=shipped("geometry"),
+    option(
+        "--payload-of", "DEVICE", "Take the payload from this device.", autocompletion=shipped("geometry")
     ),
 ]
 Limit = Annotated[
@@ -123,61 +111,38 @@ Limit = Annotated[
         help="Largest current of every coil. Default: the driver's.",
     ),
 ]
-Save = Annotated[Path | None, typer.Option("--save", metavar="FILE", help="Save the picture to this file.")]
+Save = Annotated[Path | None, option("--save", "FILE", "Save the picture to this file.")]
 Plot = Annotated[bool, typer.Option("--plot/--no-plot", help="Draw the results beside the file.")]
 Resume = Annotated[bool, typer.Option("--resume/--fresh", help="Continue a stopped run, or start again.")]
-Workers = Annotated[
-    int, typer.Option("--workers", metavar="N", min=1, help="Number of processes on this machine.")
-]
+Workers = Annotated[int, option("--workers", "N", "Number of processes on this machine.", min=1)]
 Scheduler = Annotated[
-    str | None,
-    typer.Option("--scheduler", metavar="ADDRESS", help="Address of a dask scheduler, whose workers solve."),
+    str | None, option("--scheduler", "ADDRESS", "Address of a dask scheduler, whose workers solve.")
 ]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 
-_IRON = "Iron (of a device)"
+iron_option = partial(option, rich_help_panel="Iron (of a device)")
 MuR = Annotated[
     float | None,
-    typer.Option(
-        "--mu-r",
-        metavar="NUMBER",
-        help="Relative permeability of all iron, in place of the file's.",
-        rich_help_panel=_IRON,
-    ),
+    iron_option("--mu-r", "NUMBER", "Relative permeability of all iron, in place of the file's."),
 ]
 Nonlinear = Annotated[
-    bool,
-    typer.Option(
-        "--nonlinear",
-        help="Let the iron saturate by its B-H table, at the given currents.",
-        rich_help_panel=_IRON,
-    ),
+    bool, iron_option("--nonlinear", "", "Let the iron saturate by its B-H table, at the given currents.")
 ]
 Refinement = Annotated[
-    float,
-    typer.Option(
-        "--refinement",
-        metavar="NUMBER",
-        help="Divide the mesh sizes of the file by this.",
-        rich_help_panel=_IRON,
-    ),
+    float, iron_option("--refinement", "NUMBER", "Divide the mesh sizes of the file by this.")
 ]
 Form = Annotated[
     str,
-    typer.Option(
-        "--form",
-        metavar="NAME",
-        help="potential, flux (any mu_r), surface, or auto: potential where all mu_r >= 1.",
-        rich_help_panel=_IRON,
+    iron_option(
+        "--form", "NAME", "potential, flux (any mu_r), surface, or auto: potential where all mu_r >= 1."
     ),
 ]
 Tolerance = Annotated[
     float | None,
-    typer.Option(
+    iron_option(
         "--tolerance",
-        metavar="NUMBER",
-        help="Refine until the estimated error of B in the workspace is below this (linear iron).",
-        rich_help_panel=_IRON,
+        "NUMBER",
+        "Refine until the estimated error of B in the workspace is below this (linear iron).",
     ),
 ]
 
@@ -244,7 +209,7 @@ def refuse_iron_of_map(options: IronOptions, changes: Mapping[str, Any]) -> None
     given = ", ".join(changed_iron(options, changes))
     if given:
         remedy = "leave it out, or name a device"
-        raise InputError(Problem(given, "must go with a device", "a map, whose iron is fixed", remedy))
+        raise InputError.of(given, "must go with a device", "a map, whose iron is fixed", remedy)
 
 
 def require_currents(nonlinear: bool, currents: list[str] | None, where: str = "--nonlinear") -> None:
@@ -260,13 +225,11 @@ def require_currents(nonlinear: bool, currents: list[str] | None, where: str = "
         The option or file that makes it so.
     """
     if nonlinear and not currents:
-        raise InputError(
-            Problem(
-                where,
-                "must come with --currents: how far iron saturates depends on them",
-                "no --currents",
-                "add --currents A (one number for all coils, or one per coil)",
-            )
+        raise InputError.of(
+            where,
+            "must come with --currents: how far iron saturates depends on them",
+            "no --currents",
+            "add --currents A (one number for all coils, or one per coil)",
         )
 
 
@@ -305,7 +268,7 @@ def acted_on(name: str, payload: Payload | None, option: str) -> Array | Magneti
     if payload is None:
         must_hold = f"must have a [payload] table for {option}"
         remedy = "add one, name a device that has one with --payload-of, or give --moment X Y Z"
-        raise InputError(Problem(name, must_hold, "none", remedy))
+        raise InputError.of(name, must_hold, "none", remedy)
     if payload.pieces:
         from fieldmap.lookup import magnetic_body
 

@@ -10,6 +10,7 @@ import typer
 
 from fieldmap.cli import options, page
 from fieldmap.cli.arguments import parse_currents, parse_points, parse_settings, positive_problems
+from fieldmap.cli.options import option
 from fieldmap.errors import InputError, Problem
 from fieldmap.progress import Progress
 
@@ -32,28 +33,25 @@ def show(
     ],
     what: Annotated[
         str,
-        typer.Option(
+        option(
             "--what",
-            metavar="NAME",
-            help="What to draw: device, mesh, iron, lines, slices, surfaces, forces, equilibrium, difference, "
+            "NAME",
+            "What to draw: device, mesh, iron, lines, slices, surfaces, forces, equilibrium, difference, "
             "shift or reachable; path for a run.",
         ),
     ] = "",
     currents: options.Currents = None,
     quantity: Annotated[
         str,
-        typer.Option(
+        option(
             "--quantity",
-            metavar="NAME",
-            help="For slices, surfaces and difference: B, Bz or gradB. For shift: x or y. For reachable: "
+            "NAME",
+            "For slices, surfaces and difference: B, Bz or gradB. For shift: x or y. For reachable: "
             "force or B.",
         ),
     ] = "",
     minus: Annotated[
-        str | None,
-        typer.Option(
-            "--minus", metavar="DEVICE_OR_MAP", help="Subtract this field, and draw the difference."
-        ),
+        str | None, option("--minus", "DEVICE_OR_MAP", "Subtract this field, and draw the difference.")
     ] = None,
     height_mm: options.HeightMm = None,
     at_mm: options.AtMm = None,
@@ -123,7 +121,7 @@ def _one_place(at_mm: list[str] | None) -> Array | None:
     """The point of `--at-mm`, m. Raises InputError for several."""
     points = parse_points(None, at_mm)
     if len(points) > 1:
-        raise InputError(Problem("--at-mm", "must give one point", f"{len(points)} points", "give it once"))
+        raise InputError.of("--at-mm", "must give one point", f"{len(points)} points", "give it once")
     return points[0] if len(points) else None
 
 
@@ -174,23 +172,15 @@ def app(
     map_file: options.MapArgument,
     limit: options.Limit = None,
     force_scale: Annotated[
-        float,
-        typer.Option(
-            "--force-scale", metavar="NUMBER", help="Multiply every force by this, from a calibration."
-        ),
+        float, option("--force-scale", "NUMBER", "Multiply every force by this, from a calibration.")
     ] = 1.0,
     payload_of: options.PayloadOf = None,
     web: Annotated[
         bool, typer.Option("--web", help="Serve a page for a browser instead of a window.")
     ] = False,
-    port: Annotated[
-        int, typer.Option("--port", metavar="N", min=0, max=65535, help="Of the page; 0: any free one.")
-    ] = 8080,
+    port: Annotated[int, option("--port", "N", "Of the page; 0: any free one.", min=0, max=65535)] = 8080,
     states: Annotated[
-        Path | None,
-        typer.Option(
-            "--states", metavar="FILE", help="Saved states of the page, JSON. Default: MAP.states.json."
-        ),
+        Path | None, option("--states", "FILE", "Saved states of the page, JSON. Default: MAP.states.json.")
     ] = None,
     save: options.Save = None,
     json: options.Json = False,

@@ -15,6 +15,7 @@ from rich.table import Table
 
 from fieldmap.cli import options, page
 from fieldmap.cli.arguments import output_problems, parse_pairs, parse_settings, parse_variation
+from fieldmap.cli.options import option
 from fieldmap.errors import InputError, Problem
 from fieldmap.progress import Progress
 from fieldmap.records import count_of
@@ -34,51 +35,40 @@ def simulate(
     map_file: options.ScenarioMap = None,
     target: Annotated[Path | None, options.output("Write the runs: .h5, or .csv of a single run.")] = None,
     save: options.Save = None,
-    runs: Annotated[
-        int, typer.Option("--runs", metavar="N", help="Number of runs, each with its own noise.")
-    ] = 1,
+    runs: Annotated[int, option("--runs", "N", "Number of runs, each with its own noise.")] = 1,
     seed: Annotated[
-        int | None, typer.Option("--seed", metavar="N", help="Seed of the noise, in place of the scenario's.")
+        int | None, option("--seed", "N", "Seed of the noise, in place of the scenario's.")
     ] = None,
-    threads: Annotated[
-        int, typer.Option("--threads", metavar="N", help="Number of threads; 0: one per processor.")
-    ] = 0,
+    threads: Annotated[int, option("--threads", "N", "Number of threads; 0: one per processor.")] = 0,
     changes: options.ScenarioChanges = None,
     vary: Annotated[
-        str | None,
-        typer.Option("--vary", metavar="KEY=A,B,...", help="Repeat the runs for each value of a key."),
+        str | None, option("--vary", "KEY=A,B,...", "Repeat the runs for each value of a key.")
     ] = None,
     controller: Annotated[
         str | None,
-        typer.Option(
+        option(
             "--controller",
-            metavar="FILE.py:NAME",
-            help="A function of your own in the place of the controllers: outputs = NAME(time, measured, reference, "
+            "FILE.py:NAME",
+            "A function of your own in the place of the controllers: outputs = NAME(time, measured, reference, "
             "state), or a FunctionController.",
         ),
     ] = None,
     log: Annotated[
         Path | None,
-        typer.Option(
+        option(
             "--measured",
-            metavar="LOG.csv",
-            help="A measured log to lay over the run: columns time, x, y, depth or z, and currents of coils.",
+            "LOG.csv",
+            "A measured log to lay over the run: columns time, x, y, depth or z, and currents of coils.",
         ),
     ] = None,
     log_columns: Annotated[
         list[str] | None,
-        typer.Option(
-            "--column",
-            metavar="ROLE=NAME",
-            help="Name of the log's column time, x, y, depth, z or of a coil.",
-        ),
+        option("--column", "ROLE=NAME", "Name of the log's column time, x, y, depth, z or of a coil."),
     ] = None,
     log_units: options.Units = None,
     log_begins: Annotated[
         float | None,
-        typer.Option(
-            "--begins", metavar="S", help="Time of the run at the log's first sample. Default: its own time."
-        ),
+        option("--begins", "S", "Time of the run at the log's first sample. Default: its own time."),
     ] = None,
     json: options.Json = False,
 ) -> None:
@@ -135,7 +125,7 @@ def _function_in(text: str) -> FunctionController:
     from fieldmap.control import FunctionController
 
     def refused(must_hold: str, received: str, remedy: str) -> InputError:
-        return InputError(Problem("--controller", must_hold, received, remedy))
+        return InputError.of("--controller", must_hold, received, remedy)
 
     file, sign, name = text.rpartition(":")
     path = Path(file)
@@ -334,11 +324,7 @@ def linearise(
     map_file: options.ScenarioMap = None,
     depths: Annotated[
         str | None,
-        typer.Option(
-            "--depths",
-            metavar="A,B,...",
-            help="Readings of the vertical sensor, mm. Default: the one at the start.",
-        ),
+        option("--depths", "A,B,...", "Readings of the vertical sensor, mm. Default: the one at the start."),
     ] = None,
     changes: options.ScenarioChanges = None,
     target: Annotated[Path | None, options.output("Write the models: .json or .npz.")] = None,

@@ -13,7 +13,8 @@ from rich.text import Text
 
 from fieldmap.cli import options, page
 from fieldmap.cli.arguments import parse_currents, parse_points, parse_settings
-from fieldmap.errors import InputError, Problem
+from fieldmap.cli.options import option
+from fieldmap.errors import InputError
 from fieldmap.progress import Progress
 from fieldmap.records import count_of
 
@@ -34,15 +35,14 @@ def solve(
     tolerance: options.Tolerance = None,
     force: Annotated[
         list[str] | None,
-        typer.Option(
+        option(
             "--force",
-            metavar="NAME[,NAME...]",
-            help="Force and torque on a body or coil, or on several together; may be repeated.",
+            "NAME[,NAME...]",
+            "Force and torque on a body or coil, or on several together; may be repeated.",
         ),
     ] = None,
     section: Annotated[
-        list[str] | None,
-        typer.Option("--section", metavar="NAME", help="Only this section of the file; may be repeated."),
+        list[str] | None, option("--section", "NAME", "Only this section of the file; may be repeated.")
     ] = None,
     design: Annotated[
         bool,
@@ -53,10 +53,10 @@ def solve(
     ] = False,
     thermal_resistance: Annotated[
         float | None,
-        typer.Option(
+        option(
             "--thermal-resistance",
-            metavar="K/W",
-            help="Of each winding to its surroundings, for the rise of its temperature; with --design.",
+            "K/W",
+            "Of each winding to its surroundings, for the rise of its temperature; with --design.",
         ),
     ] = None,
     json: options.Json = False,
@@ -80,9 +80,9 @@ def solve(
     amperes = parse_currents(currents or ["1"], machine.coil_names) if machine.coils else None
     if thermal_resistance is not None and not design:
         must = "must come with --design"
-        raise InputError(Problem("--thermal-resistance", must, "without", "add --design, or leave it out"))
+        raise InputError.of("--thermal-resistance", must, "without", "add --design, or leave it out")
     if design and amperes is None:
-        raise InputError(Problem("--design", "must be a device with coils", device, "leave it out"))
+        raise InputError.of("--design", "must be a device with coils", device, "leave it out")
     groups = [[name.strip() for name in text.split(",") if name.strip()] for text in force or []]
     checked_groups(machine, groups, "--force")
     sections = named_sections(machine, section, "--section") if section else None

@@ -257,10 +257,10 @@ def _refuse(target: Path, asked: Fit) -> None:
     """Raise InputError for a file that is not to be written."""
     if target.suffix != ".toml" or target.is_dir():
         remedy = "end it with .toml"
-        raise InputError(Problem("--output", "must be a device file to write", str(target), remedy))
+        raise InputError.of("--output", "must be a device file to write", str(target), remedy)
     if target.exists() and any(target.samefile(path) for path in (asked.path, asked.device_path)):
         must_hold = "must not be the file that is read"
-        raise InputError(Problem("--output", must_hold, str(target), "give another name"))
+        raise InputError.of("--output", must_hold, str(target), "give another name")
 
 
 def _after_each_solve(

@@ -12,6 +12,7 @@ import typer
 from rich.text import Text
 
 from fieldmap.cli import options, page
+from fieldmap.cli.options import option
 from fieldmap.progress import Progress, must_compile
 
 if TYPE_CHECKING:
@@ -46,15 +47,15 @@ def thesis(
     json: options.Json = False,
     report: Annotated[
         Path | None,
-        typer.Option(
+        option(
             "--report",
-            metavar="FOLDER",
-            help="Write index.html, report.md, numbers.csv and plots to it as rows are done; a second call continues.",
+            "FOLDER",
+            "Write index.html, report.md, numbers.csv and plots to it as rows are done; a second call continues.",
         ),
     ] = None,
-    maps: Annotated[
-        Path, typer.Option("--maps", metavar="FOLDER", help="Folder with the maps that rows need.")
-    ] = Path("maps/out"),
+    maps: Annotated[Path, option("--maps", "FOLDER", "Folder with the maps that rows need.")] = Path(
+        "maps/out"
+    ),
     make_maps: Annotated[
         bool, typer.Option("--make-maps", help="Make the maps that are missing, when rows need them.")
     ] = False,
