@@ -164,7 +164,7 @@ def schema(
     kind: Annotated[
         str,
         typer.Argument(
-            metavar="[KIND]",
+            metavar="KIND",
             help="Kind of file: device, material, planar-device, recipe, study, fit or scenario.",
             autocompletion=kinds_of_file,
         ),

@@ -3,6 +3,7 @@
 import contextlib
 import difflib
 import io
+import json
 import re
 from pathlib import Path
 from types import SimpleNamespace
@@ -57,6 +58,18 @@ def command(capsys):
     def run(*words):
         code = main([str(word) for word in words])
         return code, *capsys.readouterr()
+
+    return run
+
+
+@pytest.fixture
+def answer(command):
+    """answer(*words): what `fieldmap WORDS --json` prints, as Python."""
+
+    def run(*words):
+        code, out, err = command(*words, "--json")
+        assert code == 0, err
+        return json.loads(out)
 
     return run
 

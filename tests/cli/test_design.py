@@ -23,10 +23,3 @@ def test_what_a_designer_asks_for(capsys):
     whole = [part["force"] for part in (*found["coil_forces"], *found["iron_forces"])]
     # Action and reaction.
     assert sum(force[2] for force in whole) == pytest.approx(0.0, abs=0.05 * max(abs(f[2]) for f in whole))
-
-
-def test_a_thermal_resistance_alone_says_nothing(capsys):
-    assert main(["solve", "loop_and_sphere", "--thermal-resistance", "3"]) == 2
-    told = capsys.readouterr().err
-    assert "--thermal-resistance" in told
-    assert "--design" in told

@@ -129,34 +129,3 @@ def test_the_field_of_a_device(machine, tmp_path, to):
     if to == "csv":
         rows = read_measurements(target)
         np.testing.assert_array_equal(rows.flux_density, solved.field(rows.points, [2.0]))
-
-
-@pytest.mark.parametrize("to", ["c", "mag-manip", "csv"])
-def test_what_needs_the_nodes_of_a_map(machine, tmp_path, capsys, to):
-    target = tmp_path / "loop.out"
-    assert main(["export", machine.device, "--to", to, "-o", str(target)]) == 2
-    assert ("--spacing-mm" if to == "csv" else "map") in capsys.readouterr().err
-    assert not target.exists()
-
-
-@pytest.mark.parametrize(
-    "change",
-    [
-        ["--to", "matlab"],
-        ["--to", "csv", "--kind", "global"],
-        ["--to", "vti", "--outside", "clamp"],
-        ["--to", "vti"],  # to a file that does not end in .vti
-        ["--to", "mag-manip", "--kind", "global"],
-        ["--spacing-mm", "2"],
-        ["--to", "csv", "--spacing-mm", "-2"],
-        ["--to", "csv", "--nonlinear"],
-        ["--kind", "hermite"],
-        ["--outside", "zero"],
-        ["--currents", "1,2"],
-    ],
-)
-def test_refuses_what_it_cannot_write(machine, tmp_path, capsys, change):
-    arguments = ["export", machine.map, "--to", "c", "-o", str(tmp_path / "loop.fmap"), *change]
-    assert main(arguments) == 2
-    assert capsys.readouterr().err
-    assert not list(tmp_path.iterdir())

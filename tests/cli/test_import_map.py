@@ -45,19 +45,3 @@ def test_json_has_the_residual_in_tesla(readings, tmp_path, capsys):
     assert found["report"]["degree"] == 2
     assert found["report"]["residual"] == pytest.approx(NOISE, rel=0.1)
     assert found["report"]["standard_error"]["flux_density"] < NOISE
-
-
-@pytest.mark.parametrize(
-    ("source", "target", "words"),
-    [
-        ("none.csv", "m.h5", "none.csv"),
-        ("readings.csv", "m.txt", "--output"),
-        ("readings.csv", "nowhere/m.h5", "--output"),
-        ("bad.csv", "m.h5", "Bz"),
-    ],
-)
-def test_what_is_refused_leaves_no_file(readings, tmp_path, capsys, source, target, words):
-    (tmp_path / "bad.csv").write_text("x_mm,y_mm,z_mm,I_a_A,Bx_mT,By_mT\n1,2,3,4,5,6\n")
-    assert main(["import", str(tmp_path / source), "-o", str(tmp_path / target)]) == 2
-    assert words in capsys.readouterr().err
-    assert not (tmp_path / target).exists()

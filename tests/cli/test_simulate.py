@@ -61,24 +61,6 @@ def test_a_run_that_fails_says_so_and_keeps_its_data(command, written, tmp_path)
     assert 50 < len(run.arrays["time"][0]) < 2500
 
 
-@pytest.mark.parametrize(
-    ("words", "told"),
-    [
-        (("--runs", "0"), "--runs"),
-        (("-o", "run.txt"), ".h5 or .csv"),
-        (("-o", "run.csv", "--runs", "2"), "one run"),
-        (("--save", "run.bmp"), ".png"),
-        (("--set", "control.z.Kc"), "KEY=VALUE"),
-        (("--set", "control.z.Ti=1"), "Ti_s"),
-        (("--vary", "control.z.Kc="), "KEY=A,B"),
-    ],
-)
-def test_wrong_words_are_told_before_anything_runs(command, written, words, told):
-    code, _, err = command("simulate", written(), *words)
-    assert code == 2
-    assert told in " ".join(err.split())
-
-
 OWN = """
 from fieldmap.control import FunctionController
 
@@ -250,11 +232,3 @@ def test_a_log_in_the_frame_of_the_map_is_what_simulate_writes(command, written,
     apart = json.loads(out)["log"]["differences"]
     assert apart["depth"]["rms"] == pytest.approx(0.01, rel=0.4)
     assert apart["1"]["rms"] < 1e-8
-
-
-def test_the_log_of_the_program_does_not_go_into_a_table(command, written, tmp_path):
-    (tmp_path / "rig.csv").write_text("t (s),depth (mm)\n0,1\n")
-    code, _, err = command("simulate", written(), "--log", tmp_path / "rig.csv")
-    assert code == 2
-    assert "--measured" in err
-    assert (tmp_path / "rig.csv").read_text() == "t (s),depth (mm)\n0,1\n"
