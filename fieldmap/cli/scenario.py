@@ -18,15 +18,13 @@ from fieldmap.cli.arguments import output_problems, parse_pairs, parse_settings,
 from fieldmap.cli.options import option
 from fieldmap.errors import InputError, Problem
 from fieldmap.progress import Progress
-from fieldmap.records import count_of
 from fieldmap.shipped import is_file
 
 if TYPE_CHECKING:
     from fieldmap.control import FunctionController
-    from fieldmap.dynamics.scenario import Batch, LaidLog, Linearisation, LinearPoint, RunMetrics, Simulation
+    from fieldmap.dynamics.scenario import Batch, LaidLog, Linearisation, LinearPoint, Simulation
     from fieldmap.plot.runs import DrawnRun
 
-AXES = ("x", "y", "depth")
 _EXAMPLE = "control.z.Kc=0.2"
 
 
@@ -193,12 +191,13 @@ def _run_page(
     scenario: str, files: list[Path], laid: LaidLog | None, simulation: Simulation
 ) -> Iterator[page.Section]:
     from fieldmap.control import FunctionController
+    from fieldmap.dynamics.scenario.batch_words import batch_words
 
     own = simulation.first.controller
     of = f", with {own.name} as its controller" if isinstance(own, FunctionController) else ""
     yield page.heading(simulation.first.scenario.contents.title, f"{scenario}{of}")
     for batch in simulation.batches:
-        yield page.facts(_batch_facts(batch))
+        yield page.facts(batch_words(batch))
         yield _axes(batch)
     for batch in simulation.batches:
         yield _steps(batch)
@@ -216,105 +215,30 @@ def _differences(laid: LaidLog) -> Table:
     return page.table(("log less run", "samples", "RMS", "mean", "largest"), rows)
 
 
-def _batch_facts(batch: Batch) -> Iterator[tuple[str, str]]:
-    from fieldmap.dynamics.scenario import reading_mm
-
-    scenario, rest = batch.experiment.scenario, batch.experiment.operating_point
-    # A force that steps between cells of a coarse map has no zero.
-    left = f"; {rest.residual:.0e} of the weight left" if rest.residual > 1e-6 else ""
-    x, y, depth = reading_mm(scenario, rest.sensed)
-    amperes = ", ".join(page.cells(rest.currents, ".4g"))
-    runs = [one.metrics for one in batch.runs]
-    speed = sum(one.end_s for one in runs) / max(batch.seconds, 1e-9)
-    if batch.label:
-        yield "value", batch.label
-    yield "at rest", f"x {x:.3f}, y {y:.3f}, depth {depth:.3f} mm; currents {amperes} A{left}"
-    yield (
-        "simulated",
-        f"{count_of(len(runs), 'run', 'runs')} of {scenario.contents.duration_s:g} s in {batch.seconds:.2f} s of "
-        f"one processor: {speed:.0f} times real time",
-    )
-    for text in _events(runs):
-        yield "events", text
-    for text in _not_settled(runs):
-        yield "settling", text
-    lean, current = max(one.largest_lean_deg for one in runs), max(one.largest_current_A for one in runs)
-    yield "largest", f"lean {lean:.2f} degrees, current {current:.3f} A"
-    for text in _iron(runs):
-        yield "iron", text
-
-
-def _events(runs: list[RunMetrics]) -> Iterator[str]:
-    names = dict.fromkeys(one.event for one in runs if one.event)
-    for name in names:
-        ended = [one for one in runs if one.event == name]
-        yield f"{name}: {len(ended)}, {_first(ended)}"
-    if not names:
-        yield "none"
-    words = {"currents": "currents beyond those of the map, where its iron is extrapolated"}
-    for name in sorted({name for one in runs for name in one.touched}):
-        yield words.get(name, f"touched the {name}")
-
-
-def _first(ended: list[RunMetrics]) -> str:
-    """When, where, how fast and with which currents the first of them ended."""
-    first = min(ended, key=lambda metrics: metrics.end_s)
-    x, y, depth = first.end_mm
-    speed, amperes = np.linalg.norm(first.end_mm_per_s), ", ".join(page.cells(first.end_A, ".3g"))
-    return (
-        f"first at {first.end_s:.3f} s: x {x:.2f}, y {y:.2f}, depth {depth:.2f} mm, "
-        f"{speed:.3g} mm/s; currents {amperes} A"
-    )
-
-
-def _not_settled(runs: list[RunMetrics]) -> Iterator[str]:
-    """A line for each axis that does not come to rest after its step, of the runs that no event ended."""
-    whole = [one for one in runs if not one.event]
-    for k, axis in enumerate(AXES):
-        steps = [step for one in whole if (step := one.axes[k].step) is not None]
-        left = [step.steady_rms for step in steps if not np.isfinite(step.settling_time)]
-        if left:
-            of = "" if len(whole) == 1 else f" in {len(left)} of {len(whole)} runs"
-            off = f"{float(np.mean(left)):.3g} mm RMS off over the last quarter"
-            yield f"{axis} does not settle within 2 % of its step{of}: {off}"
-
-
-def _iron(runs: list[RunMetrics]) -> Iterator[str]:
-    """How the solves of saturating iron went; nothing where there are none."""
-    solves = sum(one.iron.solves for one in runs)
-    steps = sum(one.iron.newton_steps for one in runs)
-    unsolved = sum(one.iron.unsolved for one in runs)
-    if solves:
-        each = f"{steps / solves:.2f} Newton steps each"
-        yield f"solved at {solves} steps, {each}; {unsolved} did not converge"
-    if unsolved:
-        yield f"WARNING: at {unsolved} steps the iron stayed as it was at the step before"
-
-
 def _axes(batch: Batch) -> Table:
     rows = []
-    for k, axis in enumerate(AXES):
+    for k, first in enumerate(batch.runs[0].metrics.axes):
         parts = [one.metrics.axes[k] for one in batch.runs]
         means = (
             np.mean([part.rms_error_mm for part in parts]),
             np.mean([part.rms_seen_mm for part in parts]),
         )
         largest = (max(part.largest_error_mm for part in parts), max(part.travel_mm for part in parts))
-        rows.append((axis, *page.cells(means, ".5f"), *page.cells(largest, ".4f")))
+        rows.append((first.axis, *page.cells(means, ".5f"), *page.cells(largest, ".4f")))
     return page.table(("axis", "RMS error mm", "of the reading mm", "largest mm", "travel mm"), rows)
 
 
 def _steps(batch: Batch) -> Table | None:
     """Mean over the runs of the metrics of every axis with a step."""
     rows = []
-    for k, axis in enumerate(AXES):
+    for k, first in enumerate(batch.runs[0].metrics.axes):
         steps = [step for one in batch.runs if (step := one.metrics.axes[k].step) is not None]
         if not steps:
             continue
         names = ("rise_time", "peak_time", "settling_time", "overshoot", "steady_rms")
         *times, overshoot, steady = (np.mean([getattr(step, name) for step in steps]) for name in names)
         numbers = (*(f"{time:.4f}" for time in times), f"{100 * overshoot:.1f}", f"{steady:.5f}")
-        rows.append((f"{axis} {batch.label}".strip(), *numbers))
+        rows.append((f"{first.axis} {batch.label}".strip(), *numbers))
     columns = ("step of", "rise s", "peak s", "settling s", "overshoot %", "steady RMS mm")
     return page.table(columns, rows) if rows else None
 
