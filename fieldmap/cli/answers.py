@@ -16,7 +16,6 @@ from rich.text import Text
 from fieldmap.cli import options, page
 from fieldmap.cli.arguments import (
     parse_currents,
-    parse_moment,
     parse_points,
     parse_settings,
     parse_wanted,
@@ -32,7 +31,6 @@ if TYPE_CHECKING:
     from fieldmap.io import FieldSource
     from fieldmap.io.answers import LeastPower, Levitation, Probe
     from fieldmap.levitation import Equilibrium, LiftCurrent
-    from fieldmap.lookup import MagneticBody
     from fieldmap.typing import Array
 
 
@@ -68,12 +66,7 @@ def probe(
         raise InputError(_payload_and_moment(moment))
     with Progress("solving") as progress:
         found = options.find_named(source, iron, progress, settings)
-        magnet: Array | MagneticBody | None = None if moment is None else parse_moment(moment)
-        if payload_of or (payload and moment is None):
-            wanted_by = "--payload-of" if payload_of else "--payload"
-            magnet = options.acted_on(
-                payload_of or found.name, options.payload_of_option(found, payload_of), wanted_by
-            )
+        magnet = options.magnet_of_options(found, moment, payload_of, "--payload" if payload else "")
         try:
             answer = answers.probe(found, points, parse_currents(currents, found.coil_names), magnet)
         except OutsideMapError as error:
@@ -163,12 +156,10 @@ def currents(
     }
     with Progress("solving") as progress:
         found = options.find_named(source, iron, progress, settings)
-        payload = options.payload_of_option(found, payload_of)
-        magnet: Array | MagneticBody | None = None if moment is None else parse_moment(moment)
-        if magnet is None and (lift or force or torque):
-            wanted_by = "--payload-of" if payload_of else "a force"
-            magnet = options.acted_on(payload_of or found.name, payload, wanted_by)
+        acts = moment or lift or force or torque
+        magnet = options.magnet_of_options(found, moment, payload_of, "a force") if acts else None
         if lift:
+            payload = options.payload_of_option(found, payload_of)
             asked["force"] = lift_force(payload, len(found.coil_names))
         driver = None if found.driver is None else found.driver.current_limit
         answer = least_power(found, points[0], magnet, driver if limit is None else limit, **asked)

@@ -112,7 +112,7 @@ def export(
         "--body": body is not None,
         "--sources": sources,
     }
-    _check_format(to, [option for option, there in given.items() if there])
+    _check_format(to, [name for name, there in given.items() if there])
     iron, settings = options.checked_iron(mu_r, nonlinear, refinement), parse_settings(changes)
     spacing = None if spacing_mm is None else 1e-3 * spacing_mm
     sampled, files = None, tuple[Path, ...]()
@@ -148,7 +148,7 @@ def export(
 def _check_format(to: str, given: list[str]) -> None:
     if to not in FORMATS:
         raise InputError.of("--to", f"must be one of {', '.join(FORMATS)}", to, "choose one of these")
-    wrong = [option for option in given if option not in FORMATS[to]]
+    wrong = [name for name in given if name not in FORMATS[to]]
     if wrong:
         must_hold, received = "must be a format that has these options", f"{', '.join(wrong)} with {to}"
         raise InputError.of("--to", must_hold, received, "leave them out")
@@ -229,10 +229,11 @@ def import_map(
     ] = 5.0,
     degree: Annotated[
         int | None,
-        typer.Option(
+        option(
             "--degree",
+            "N",
+            "Degree of the polynomials: lower is smoother. Default: the one that predicts held-out readings best.",
             min=2,
-            help="Degree of the polynomials: lower is smoother. Default: the one that predicts held-out readings best.",
         ),
     ] = None,
     json: options.Json = False,

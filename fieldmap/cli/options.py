@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from fieldmap.cli.arguments import positive_problems
+from fieldmap.cli.arguments import parse_moment, positive_problems
 from fieldmap.errors import InputError, Problem
 from fieldmap.shipped import shipped_names
 
@@ -103,13 +103,7 @@ PayloadOf = Annotated[
     ),
 ]
 Limit = Annotated[
-    float | None,
-    typer.Option(
-        "--limit",
-        "--current-limit",
-        metavar="A",
-        help="Largest current of every coil. Default: the driver's.",
-    ),
+    float | None, option("--limit", "A", "Largest current of every coil. Default: the driver's.")
 ]
 Save = Annotated[Path | None, option("--save", "FILE", "Save the picture to this file.")]
 Plot = Annotated[bool, typer.Option("--plot/--no-plot", help="Draw the results beside the file.")]
@@ -251,24 +245,41 @@ def payload_of_option(found: FieldSource, payload_of: str | None) -> Payload | N
     return found.payload if payload_of is None else named_device(payload_of).payload
 
 
-def acted_on(name: str, payload: Payload | None, option: str) -> Array | MagneticBody:
-    """The upward moment (3,), A m^2, of a payload, or the body of its pieces.
+def magnet_of_options(
+    found: FieldSource, moment: str | None, payload_of: str | None, needed_by: str = ""
+) -> Array | MagneticBody | None:
+    """The magnet of `--moment` or `--payload-of`, otherwise the payload of the source.
 
     Parameters
     ----------
-    name : str
-        The device or map that has the payload.
-    payload : Payload or None
-        None raises InputError.
-    option : str
-        The option that needs a payload.
+    found : FieldSource
+        The map or device.
+    moment, payload_of : str or None
+        The values of the two options.
+    needed_by : str
+        What needs the payload of the source, for the message if there is none. Empty: nothing needs it.
+
+    Returns
+    -------
+    array (3,), MagneticBody or None
+        A moment, A m^2, upward for a payload; the body of a payload of pieces; None if no magnet was asked for.
+
+    Raises
+    ------
+    InputError
+        If the device has no payload.
     """
     import numpy as np
 
+    if moment is not None:
+        return parse_moment(moment)
+    if not (payload_of or needed_by):
+        return None
+    payload = payload_of_option(found, payload_of)
     if payload is None:
-        must_hold = f"must have a [payload] table for {option}"
+        must_hold = f"must have a [payload] table for {'--payload-of' if payload_of else needed_by}"
         remedy = "add one, name a device that has one with --payload-of, or give --moment X Y Z"
-        raise InputError.of(name, must_hold, "none", remedy)
+        raise InputError.of(payload_of or found.name, must_hold, "none", remedy)
     if payload.pieces:
         from fieldmap.lookup import magnetic_body
 
