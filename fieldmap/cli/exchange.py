@@ -95,8 +95,8 @@ def export(
 ) -> None:
     """Write a map, or the field in the workspace of a device, for other programs.
 
-    --currents fixes the currents; without it the other program sets them. --moment is that of the magnet in an fmu, 1
-    A m2 upward by default.
+    --currents fixes the currents; without it the other program sets them. An fmu has a magnet of --moment, by default 1
+    A m2 upward.
     """
     from fieldmap import interop
     from fieldmap.io import existing_map, is_map_file

@@ -133,12 +133,12 @@ def optimise(
 ) -> None:
     """Find the best values of a device's keys within limits, and check them on a finer mesh.
 
-    The table [optimise] of the study file states the keys, their limits, and the number to make small or large.
+    The table `optimise` of the study file states the keys, their limits, and the number to make small or large.
     """
     from fieldmap.io import refuse_directory
     from fieldmap.studies import read_design_problem, solve_problem
-    from fieldmap.studies.run import output_file
     from fieldmap.studies.reading import STUDY
+    from fieldmap.studies.run import output_file
 
     refuse_directory(file)
     problem = read_design_problem(file)
@@ -236,7 +236,7 @@ def fit(
     """Find unknown numbers of a device from measurements on it: values with their errors, what the readings cannot tell
     apart, and every reading beside what the fitted device gives.
 
-    Each solve is of the whole device: some ten for each unknown.
+    The whole device is solved some ten times for each unknown.
     """
     from fieldmap.io import refuse_directory
     from fieldmap.studies import read_fit

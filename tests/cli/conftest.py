@@ -82,10 +82,7 @@ VARIES = (
     # A direction and its opposite are the same eigenvector.
     (re.compile(r"^ \([-+](.{5}), [-+](.{5}), [-+](.{5})\)", re.MULTILINE), r" (±\1, ±\2, ±\3)"),
     (re.compile(r"\d+ starts, \d+ field points"), "<n> starts, <n> field points"),
-    (
-        re.compile(r"[\d.]+ s of one processor: \d+ times"),
-        "<seconds> s of one processor: <n> times",
-    ),
+    (re.compile(r"[\d.]+ s of one processor: \d+ times"), "<seconds> s of one processor: <n> times"),
     (re.compile(r"\d+\.\d+ MB"), "<size> MB"),
 )
 

@@ -5,14 +5,20 @@ Bz = mu0 N i a^2 / 2 (a^2 + z^2)^1.5 on the axis; dBz/dz and d2Bz/dz2 by differe
 
 import json
 import re
+import tomllib
 from pathlib import Path
 
+import jsonschema
 import numpy as np
 import pytest
 from scipy.constants import g as gravity
 from scipy.constants import mu_0
 
 from fieldmap.cli import main
+from fieldmap.cli.check import kinds_of_file
+from fieldmap.device import read_device
+from fieldmap.io.json_schema import FILE_KINDS
+from fieldmap.shipped import shipped_file
 
 A, N, MASS, MOMENT = 0.044, 1000.0, 0.010, 0.8
 
@@ -124,33 +130,7 @@ def test_info(answer, machine):
         assert row["measured"] is None  # (7-18) was measured on another machine
 
 
-def test_schema_accepts_a_shipped_device(capsys):
-    import tomllib
-
-    import jsonschema
-
-    from fieldmap.shipped import shipped_file
-
-    assert main(["schema"]) == 0
-    printed = capsys.readouterr().out
-    assert printed == shipped_file("geometry", "device.schema.json").read_text()
-    schema = json.loads(printed)
-    # tests/device/test_json_schema.py holds this file to the schema of all schemas, which takes most of a second.
-    validator = jsonschema.validators.validator_for(schema)(schema)
-    short = tomllib.loads(shipped_file("geometry", "drive_unit").read_text())
-    validator.validate(short)
-    device = tomllib.loads(shipped_file("geometry", "loop_and_sphere").read_text())
-    validator.validate(device)
-    device["coil"][0]["turns"] = "many"
-    with pytest.raises(jsonschema.ValidationError):
-        validator.validate(device)
-
-
 def test_check_prints_the_machine_that_short_forms_make(capsys, tmp_path):
-    import tomllib
-
-    from fieldmap.device import read_device
-
     assert main(["check", "disk_six_cores", "--toml"]) == 0
     path = tmp_path / "whole.toml"
     path.write_text(capsys.readouterr().out)
@@ -167,3 +147,32 @@ def test_linear_iron_that_would_saturate_is_named(answer):
     words = ["probe", "single_electromagnet", "--refinement", "0.5", "--at-mm", "0,0,-40", "--currents"]
     warned = [any("saturate" in text for text in answer(*words, i)["assumptions"]) for i in ("80", "1")]
     assert warned == [True, False]
+
+
+@pytest.mark.parametrize(
+    ("kind", "file", "wrong"),
+    [
+        ("device", "geometry/loop_and_sphere.toml", "name"),
+        ("material", "geometry/materials/steel_a3.toml", "B_T"),
+        ("planar-device", "geometry/planar_drive_unit.toml", "name"),
+        ("recipe", "maps/quick.toml", "spacing_mm"),
+        ("study", "maps/studies/pole_disk.toml", "device"),
+        ("fit", "maps/fits/loop_and_sphere.toml", "unknown"),
+        ("scenario", "maps/scenarios/hold.toml", "duration_s"),
+    ],
+)
+def test_the_schema_of_a_kind_of_file_accepts_a_shipped_one(capsys, kind, file, wrong):
+    """tests/device/test_json_schema.py holds the schema itself to the schema of all schemas."""
+    assert main(["schema", kind]) == 0
+    schema = json.loads(capsys.readouterr().out)
+    validator = jsonschema.validators.validator_for(schema)(schema)
+    data = tomllib.loads((Path(__file__).parents[2] / file).read_text())
+    validator.validate(data)
+    with pytest.raises(jsonschema.ValidationError):
+        validator.validate(data | {wrong: True})
+
+
+def test_every_kind_of_file_has_a_schema(capsys):
+    assert kinds_of_file() == [kind.name.replace(" ", "-") for kind in FILE_KINDS]
+    assert main(["schema"]) == 0
+    assert capsys.readouterr().out == shipped_file("geometry", "device.schema.json").read_text()

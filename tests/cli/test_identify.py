@@ -6,11 +6,7 @@ import numpy as np
 import pytest
 
 from fieldmap.control import PID, from_roots, simulate_loop
-from fieldmap.control.identification import (
-    make_log,
-    pseudo_random_binary,
-    write_log,
-)
+from fieldmap.control.identification import make_log, pseudo_random_binary, write_log
 from fieldmap.dynamics import linear_points, prepare, read_scenario
 
 TS = 2e-3

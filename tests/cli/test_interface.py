@@ -10,7 +10,6 @@ from fieldmap.cli import main
 from fieldmap.cli.application import COMMANDS, FIRST_STEPS
 from fieldmap.cli.messages import LOG
 from fieldmap.cli.run import common_first
-from fieldmap.progress import Progress, must_compile
 
 
 def test_the_first_steps_of_the_help_are_commands_that_exist():
@@ -53,22 +52,6 @@ def test_verbose_tells_every_step_on_stderr(capsys, machine):
     assert "complete already" in caught.err
     assert re.search(r"^\d{4}-.* INFO .* 0 after \d", caught.err, re.MULTILINE)
     assert "INFO" not in caught.out
-
-
-def test_a_first_run_says_that_it_compiles(monkeypatch, capsys, tmp_path):
-    monkeypatch.setattr(Progress, "shown", True)
-    monkeypatch.delenv("NUMBA_CACHE_DIR", raising=False)
-    package = tmp_path / "fieldmap"
-    (package / "kernels" / "__pycache__").mkdir(parents=True)
-    monkeypatch.setattr("fieldmap.progress.__file__", str(package / "progress.py"))
-    assert must_compile()
-    with Progress("map", compiles=True):
-        pass
-    assert "first run" in capsys.readouterr().err
-    compiled = package / "kernels" / "coils" / "__pycache__"
-    compiled.mkdir(parents=True)
-    (compiled / "loop.f-1.py311.nbi").touch()
-    assert not must_compile()
 
 
 def test_the_module_is_the_program():

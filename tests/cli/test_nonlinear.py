@@ -155,10 +155,7 @@ def test_lift_current(capsys, request, device, mass):
     lift = 0.01 * on_axis(-0.006, found["lift_current"])[1]
     assert lift == pytest.approx(mass * gravity, rel=0.02)
     assert found["force"][2] == pytest.approx(mass * gravity, rel=1e-4)
-    assert found["states"][-1] == {
-        "current": found["lift_current"],
-        "lift": pytest.approx(found["force"][2]),
-    }
+    assert found["states"][-1] == {"current": found["lift_current"], "lift": pytest.approx(found["force"][2])}
     assert found["measured"] is None
     # Below the knee force is proportional to current; above it only the loop's own share grows.
     i = found["lift_current"]

@@ -66,9 +66,7 @@ def test_reachable_flux_densities_in_numbers(six_coils, tmp_path, capsys):
 
 @pytest.mark.usefixtures("unsmoothed")
 def test_the_app_in_numbers(machine, tmp_path, capsys):
-    assert (
-        main(["app", machine.map, "--save", str(tmp_path / "app.png"), "--json", "--limit", "5"]) == 0
-    )
+    assert main(["app", machine.map, "--save", str(tmp_path / "app.png"), "--json", "--limit", "5"]) == 0
     told = json.loads(capsys.readouterr().out)
     assert [slider["name"] for slider in told["sliders"]] == ["coil loop", "magnet z"]
     assert told["lift"] == pytest.approx(1.0)
