@@ -1,6 +1,7 @@
-"""Exit codes, messages, help, progress: how the commands behave when things go wrong or take long."""
+"""What every command shares: exit codes, help, examples, lists of numbers, options anywhere, a log, completion."""
 
 import json
+import os
 import re
 import shlex
 import subprocess
@@ -10,8 +11,10 @@ from pathlib import Path
 import pytest
 
 from fieldmap.cli import main
-from fieldmap.cli.application import COMMANDS, application
+from fieldmap.cli.application import COMMANDS, FIRST_STEPS, application
 from fieldmap.cli.arguments import join_lists, parse_currents
+from fieldmap.cli.messages import LOG
+from fieldmap.cli.run import common_first
 from fieldmap.errors import InputError
 from fieldmap.plot.rendering import can_render
 
@@ -147,3 +150,92 @@ def test_the_pictures_of_a_map_lie_beside_it(capsys, machine, tmp_path, asked):
     if "--json" in asked:
         shown = json.loads(printed)["pictures"]
         assert [one["path"] for one in shown][: len(written)] == [str(one) for one in written]
+
+
+def test_the_first_steps_of_the_help_are_commands_that_exist():
+    steps = re.findall(r"^  fieldmap (\w+)", FIRST_STEPS, re.MULTILINE)
+    assert len(steps) >= 4
+    assert set(steps) <= set(COMMANDS)
+
+
+@pytest.mark.parametrize("words", [["-q"], ["--quiet"]])
+def test_quiet_may_stand_anywhere(capsys, machine, words):
+    assert main(["map", machine.recipe, "-o", machine.map, *words]) == 0
+    assert capsys.readouterr().err == ""
+
+
+def test_words_of_options_stay_with_them():
+    words = ["map", "quick", "--log", "-q", "--log=a", "-o", "x"]
+    assert common_first(words) == ["--log", "-q", "--log=a", "map", "quick", "-o", "x"]
+    assert common_first(["map", "--log"]) == ["map", "--log"]
+
+
+def test_a_log_holds_command_steps_and_end_with_their_time(tmp_path, machine):
+    log = tmp_path / "run.log"
+    assert main(["map", machine.recipe, "-o", machine.map, "--log", str(log)]) == 0
+    assert main(["check", "no_such_device", "--log", str(log)]) == 2
+    lines = log.read_text().splitlines()
+    assert all(re.match(r"\d{4}-\d\d-\d\d \d\d:\d\d:\d\d,\d{3} (INFO|ERROR) ", line) for line in lines)
+    assert f"fieldmap map {machine.recipe}" in lines[0]
+    assert any("map: 100 %" in line for line in lines)
+    assert [line.split(" after ")[0][-11:] for line in lines if "exit code" in line] == [
+        "exit code 0",
+        "exit code 2",
+    ]
+    assert any(" ERROR " in line and "no_such_device" in line for line in lines)
+    assert len(LOG.handlers) == 1
+
+
+def test_verbose_tells_every_step_on_stderr(capsys, machine):
+    assert main(["map", machine.recipe, "-o", machine.map, "--verbose"]) == 0
+    caught = capsys.readouterr()
+    assert "complete already" in caught.err
+    assert re.search(r"^\d{4}-.* INFO .* 0 after \d", caught.err, re.MULTILINE)
+    assert "INFO" not in caught.out
+
+
+def test_the_module_is_the_program():
+    done = subprocess.run([sys.executable, "-m", "fieldmap"], capture_output=True, text=True)
+    assert "First steps" in done.stdout + done.stderr
+
+
+def completed(line):
+    """What the shell would be offered for a line of words, the last of them unfinished."""
+    words = {
+        "_FIELDMAP_COMPLETE": "complete_bash",
+        "COMP_WORDS": line,
+        "COMP_CWORD": str(len(line.split(" ")) - 1),
+    }
+    run = [sys.executable, "-c", "import sys; from fieldmap.cli import main; sys.exit(main([]))"]
+    return subprocess.run(
+        run, env=os.environ | words, capture_output=True, text=True, timeout=60
+    ).stdout.split()
+
+
+@pytest.mark.parametrize(
+    ("line", "offered"),
+    [
+        ("fieldmap ma", ["map"]),
+        ("fieldmap check loop", ["loop_and_sphere"]),
+        ("fieldmap map qui", ["quick"]),
+        ("fieldmap simulate vertical_r", ["vertical_ramp"]),
+        ("fieldmap thesis S2", ["S20"]),
+        ("fieldmap map no_such", []),
+    ],
+)
+def test_commands_and_shipped_names_are_completed(line, offered):
+    assert completed(line) == offered
+
+
+def test_quiet_leaves_the_result_alone(capsys):
+    words = ["solve", "loop_and_sphere", "--refinement", "0.4"]
+    assert main(words) == 0
+    loud = capsys.readouterr()
+    assert main(["--quiet", *words]) == 0
+    quiet = capsys.readouterr()
+    assert "solving" in loud.err
+    assert quiet.err == ""
+    # The cost in seconds differs from run to run.
+    assert quiet.out.splitlines()[-3:] == loud.out.splitlines()[-3:]
+    assert main(["--quiet", "check", "no_such_device"]) == 2
+    assert "no_such_device" in capsys.readouterr().err
