@@ -59,9 +59,7 @@ def make_map(
     --json prints the summary.
     """
     from fieldmap import maps
-    from fieldmap.io import refuse_directory
 
-    refuse_directory(recipe)
     settings = parse_settings(changes)
     with resumable("map") as progress:
         path = maps.generate(

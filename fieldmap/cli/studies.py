@@ -39,10 +39,8 @@ def study(
     json: options.Json = False,
 ) -> None:
     """Solve every variant of a study, and write what is recorded as NetCDF, CSV and a plot."""
-    from fieldmap.io import refuse_directory
     from fieldmap.studies import run_study
 
-    refuse_directory(file)
     with resumable("study") as progress:
         run = run_study(file, target, resume, retry, workers, progress, scheduler)
     files = [run.path, run.table]
@@ -135,12 +133,10 @@ def optimise(
 
     The table `optimise` of the study file states the keys, their limits, and the number to make small or large.
     """
-    from fieldmap.io import refuse_directory
     from fieldmap.studies import read_design_problem, solve_problem
     from fieldmap.studies.reading import STUDY
     from fieldmap.studies.run import output_file
 
-    refuse_directory(file)
     problem = read_design_problem(file)
     path = output_file(STUDY.find(file), target)
     with resumable("optimise") as progress:
@@ -238,10 +234,8 @@ def fit(
 
     The whole device is solved some ten times for each unknown.
     """
-    from fieldmap.io import refuse_directory
     from fieldmap.studies import read_fit
 
-    refuse_directory(file)
     asked = read_fit(file)
     if target is not None:
         _refuse(target, asked)

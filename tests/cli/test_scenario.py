@@ -45,24 +45,6 @@ def test_many_runs_and_values(command, written, tmp_path):
     assert len(read_runs(tmp_path / "many.h5")[0]) == 6
 
 
-def test_a_run_that_fails_says_so_and_keeps_its_data(command, written, tmp_path):
-    path = written()
-    failing = (
-        "--set",
-        "control.z.Kc=0.0",
-        "--set",
-        "start.shift_mm=[0.0, 0.0, 1.0]",
-        "--set",
-        "duration_s=5.0",
-    )
-    code, _, _ = command("simulate", path, *failing, "-o", tmp_path / "fell.h5")
-    assert code == 1
-    (run,), _ = read_runs(tmp_path / "fell.h5")
-    assert run.about["event"] == "fell out"
-    assert len(run.about["state"]) == 13
-    assert 50 < len(run.arrays["time"][0]) < 2500
-
-
 OWN = """
 from fieldmap.control import FunctionController
 
