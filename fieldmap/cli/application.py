@@ -10,27 +10,9 @@ import typer
 import typer.main
 from typer.core import TyperCommand, TyperGroup
 
-from fieldmap.cli import (
-    app,
-    check,
-    currents,
-    equilibrium,
-    export,
-    fit,
-    identify,
-    import_map,
-    info,
-    linearise,
-    make_map,
-    optimise,
-    probe,
-    schema,
-    show,
-    simulate,
-    solve,
-    study,
-    thesis,
-)
+from fieldmap.cli import answers, check, exchange, identify, maps, pictures, scenario, solve, studies, thesis
+from fieldmap.cli.messages import log_to_file, log_to_stderr, map_warnings_as_lines
+from fieldmap.progress import Progress
 
 if TYPE_CHECKING:
     from typer._click import Context as CoreContext
@@ -76,104 +58,104 @@ class Group(TyperGroup):
 
 
 class Entry(NamedTuple):
-    """A command: what it calls, an example, its line in the list of commands, and the part of that list."""
+    """A command: what it calls, the part of the list of commands, its line there, and an example."""
 
     call: Callable[..., None]
-    example: str
-    line: str
     part: str
+    line: str
+    example: str
 
 
 COMMANDS: dict[str, Entry] = {
-    "check": Entry(check.check, "fieldmap check drive_unit", "Is this device or map file sound?", DEVICES),
+    "check": Entry(check.check, DEVICES, "Is this device or map file sound?", "fieldmap check drive_unit"),
     "solve": Entry(
-        solve.solve, "fieldmap solve loop_and_sphere", "The field of a device, beside known values.", DEVICES
+        solve.solve, DEVICES, "The field of a device, beside known values.", "fieldmap solve loop_and_sphere"
     ),
     "show": Entry(
-        show.show,
-        "fieldmap show drive_unit --what iron --currents 1.5 --save iron.png",
-        "Pictures of a device, its iron, its field, or a run.",
+        pictures.show,
         DEVICES,
+        "Pictures of a device, its iron, its field, or a run.",
+        "fieldmap show drive_unit --what iron --currents 1.5 --save iron.png",
     ),
     "schema": Entry(
-        schema.schema,
-        "fieldmap schema > device.schema.json",
-        "JSON Schema of device files, for editors.",
+        check.schema,
         DEVICES,
+        "JSON Schema of a kind of file, for editors.",
+        "fieldmap schema recipe > recipe.schema.json",
     ),
     "map": Entry(
-        make_map.make_map,
-        "fieldmap map maps/workspace.toml -o maps/out/workspace.h5 --summary",
+        maps.make_map,
+        MAPS,
         "Compute the map that a recipe describes.",
-        MAPS,
+        "fieldmap map maps/workspace.toml -o maps/out/workspace.h5 --summary",
     ),
-    "info": Entry(info.info, "fieldmap info maps/out/workspace.h5", "What a map holds.", MAPS),
+    "info": Entry(maps.info, MAPS, "The contents of a map.", "fieldmap info maps/out/workspace.h5"),
     "probe": Entry(
-        probe.probe,
-        "fieldmap probe drive_unit --at 0 0 -0.1 --currents 1.5 --payload",
-        "Field, gradient and force at points.",
+        answers.probe,
         MAPS,
+        "Field, gradient and force at points.",
+        "fieldmap probe drive_unit --at 0 0 -0.1 --currents 1.5 --payload",
     ),
     "import": Entry(
-        import_map.import_map,
-        "fieldmap import readings.csv -o maps/out/measured.h5 --spacing-mm 5",
-        "A table of flux densities becomes a map.",
+        exchange.import_map,
         MAPS,
+        "A table of flux densities becomes a map.",
+        "fieldmap import readings.csv -o maps/out/measured.h5 --spacing-mm 5",
     ),
     "export": Entry(
-        export.export,
-        "fieldmap export maps/out/linear.h5 --to c -o linear.fmap",
-        "A map for C or mag_manip; any field as CSV or for ParaView.",
+        exchange.export,
         MAPS,
+        "A map for C or mag_manip; any field as CSV or for ParaView.",
+        "fieldmap export maps/out/linear.h5 --to c -o linear.fmap",
     ),
     "app": Entry(
-        app.app,
-        "fieldmap app maps/out/workspace.h5",
-        "A window with sliders for the currents of a map.",
+        pictures.app,
         MAPS,
+        "A window with sliders for the currents of a map.",
+        "fieldmap app maps/out/workspace.h5",
     ),
     "equilibrium": Entry(
-        equilibrium.equilibrium,
-        "fieldmap equilibrium maps/out/workspace.h5 --sensor-mm 5",
-        "Where a magnet floats, or the current that lifts it.",
+        answers.equilibrium,
         MAGNETS,
+        "Where a magnet floats, or the current that lifts it.",
+        "fieldmap equilibrium maps/out/workspace.h5 --sensor-mm 5",
     ),
     "currents": Entry(
-        currents.currents,
-        "fieldmap currents eight_coils_bead --at-mm 0 0 0 --lift",
-        "The least currents for a force or a field at a point.",
+        answers.currents,
         MAGNETS,
+        "The least currents for a force or a field at a point.",
+        "fieldmap currents eight_coils_bead --at-mm 0 0 0 --lift",
     ),
     "simulate": Entry(
-        simulate.simulate,
-        "fieldmap simulate hold --map square.h5 --save held.png",
-        "Run a closed loop from a scenario file.",
+        scenario.simulate,
         MAGNETS,
+        "Run a closed loop from a scenario file.",
+        "fieldmap simulate hold --map square.h5 --save held.png",
     ),
     "linearise": Entry(
-        linearise.linearise,
-        "fieldmap linearise hold --map square.h5 --depths 40,50,60",
-        "Poles, coupling and margins by height.",
+        scenario.linearise,
         MAGNETS,
+        "Poles, coupling and margins by height.",
+        "fieldmap linearise hold --map square.h5 --depths 40,50,60",
     ),
     "identify": Entry(
         identify.identify,
-        "fieldmap identify rig.csv --from control --to position",
-        "A model with its errors from a log of a rig.",
         MAGNETS,
+        "A model with its errors from a log of a rig.",
+        "fieldmap identify rig.csv --from control --to position",
     ),
-    "study": Entry(study.study, "fieldmap study pole_disk", "A device with some keys varied.", STUDIES),
+    "study": Entry(studies.study, STUDIES, "A device with some keys varied.", "fieldmap study pole_disk"),
     "optimise": Entry(
-        optimise.optimise, "fieldmap optimise pole_piece", "The best values of keys, within limits.", STUDIES
+        studies.optimise, STUDIES, "The best values of keys, within limits.", "fieldmap optimise pole_piece"
     ),
     "fit": Entry(
-        fit.fit,
-        "fieldmap fit loop_and_sphere -o fitted.toml",
-        "Unknown numbers of a device, from measurements.",
+        studies.fit,
         STUDIES,
+        "Unknown numbers of a device, from measurements.",
+        "fieldmap fit loop_and_sphere -o fitted.toml",
     ),
     "thesis": Entry(
-        thesis.thesis, "fieldmap thesis S7 S20", "The numbers of the thesis beside ours.", STUDIES
+        thesis.thesis, STUDIES, "The numbers of the thesis beside ours.", "fieldmap thesis S7 S20"
     ),
 }
 
@@ -226,46 +208,22 @@ def _print_version(wanted: bool) -> None:
         raise typer.Exit
 
 
-def _be_quiet(wanted: bool) -> None:
-    from fieldmap.progress import Progress
-
-    Progress.shown = not wanted
-
-
-def _be_verbose(wanted: bool) -> None:
-    if wanted:
-        from fieldmap.cli.log import log_to_stderr
-        from fieldmap.progress import Progress
-
-        Progress.shown = False
-        log_to_stderr()
-
-
-def _keep_log(path: Path | None) -> None:
-    if path is not None:
-        from fieldmap.cli.log import log_to_file
-
-        log_to_file(path)
-
-
 def _common(
     context: typer.Context,
     version: Annotated[
         bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version.")
     ] = False,
-    quiet: Annotated[
-        bool, typer.Option("--quiet", "-q", callback=_be_quiet, help="Print results and problems only.")
-    ] = False,
-    verbose: Annotated[
-        bool, typer.Option("--verbose", "-v", callback=_be_verbose, help="Print every step with its time.")
-    ] = False,
+    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print results and problems only.")] = False,
+    verbose: Annotated[bool, typer.Option("--verbose", "-v", help="Print every step with its time.")] = False,
     log: Annotated[
-        Path | None,
-        typer.Option("--log", metavar="FILE", callback=_keep_log, help="Append the same to a file."),
+        Path | None, typer.Option("--log", metavar="FILE", help="Append every step with its time to a file.")
     ] = None,
 ) -> None:
     """Fields, gradients and forces of coils with soft iron. Only the iron is meshed, never the air."""
-    from fieldmap.cli.map_warnings import map_warnings_as_lines
-
+    Progress.shown = not (quiet or verbose)
+    if verbose:
+        log_to_stderr()
+    if log is not None:
+        log_to_file(log)
     # After the options: a log takes over all warnings.
     context.with_resource(map_warnings_as_lines())

@@ -55,14 +55,12 @@ def parse_currents(texts: list[str], coil_names: tuple[str, ...]) -> Array:
     if len(values) == 1:
         values = values * count
     if len(values) != count:
-        raise InputError(
-            Problem(
-                where="--currents",
-                must_hold=f"must be one current per coil ({', '.join(coil_names)}), or one number for all",
-                received=f"{len(values)} numbers: {', '.join(texts)}",
-                remedy=f"give {count} numbers in A, for example --currents {','.join(['1.0'] * count)}, or those of "
-                f"some coils by name: --currents {coil_names[-1]}=1.0",
-            )
+        raise InputError.of(
+            "--currents",
+            f"must be one current per coil ({', '.join(coil_names)}), or one number for all",
+            f"{len(values)} numbers: {', '.join(texts)}",
+            f"give {count} numbers in A, for example --currents {','.join(['1.0'] * count)}, or those of "
+            f"some coils by name: --currents {coil_names[-1]}=1.0",
         )
     return np.array(values)
 
@@ -73,7 +71,7 @@ def _named_currents(texts: list[str], coil_names: tuple[str, ...]) -> Array:
     given, example = ", ".join(texts), f"for example --currents {coil_names[-1]}=1.0"
     if not all("=" in word for word in words):
         must_hold = "must be NAME=A throughout, or numbers alone"
-        raise InputError(Problem("--currents", must_hold, given, example))
+        raise InputError.of("--currents", must_hold, given, example)
     names = [name for name, _ in pairs]
     problems = [
         Problem("--currents", f"must name coils ({', '.join(coil_names)})", repr(name), example)
@@ -91,16 +89,21 @@ def _named_currents(texts: list[str], coil_names: tuple[str, ...]) -> Array:
     return np.array([amperes.get(name, 0.0) for name in coil_names])
 
 
-def parse_points(metres: list[str], millimetres: list[str]) -> Array:
+def parse_points(metres: list[str] | None, millimetres: list[str] | None) -> Array:
     """Points (n, 3), m, from the values of `--at` and `--at-mm`, in that order."""
-    points = [_triple(text, "--at", "m") for text in metres]
-    points += [[1e-3 * x for x in _triple(text, "--at-mm", "mm")] for text in millimetres]
+    points = [_triple(text, "--at", "m") for text in metres or []]
+    points += [[1e-3 * x for x in _triple(text, "--at-mm", "mm")] for text in millimetres or []]
     return np.array(points).reshape(-1, 3)
 
 
 def parse_moment(text: str) -> Array:
-    """A dipole moment (3,), A m^2, from the value of `--moment`."""
-    return np.array(_triple(text, "--moment", "A m2"))
+    """A dipole moment (3,), A m^2, from the value of `--moment`; one number is a moment upward.
+
+    >>> parse_moment("0.5"), parse_moment("1,0,0")
+    (array([0. , 0. , 0.5]), array([1., 0., 0.]))
+    """
+    values = _floats([text], "--moment")
+    return np.array([0.0, 0.0, *values] if len(values) == 1 else _triple(text, "--moment", "A m2"))
 
 
 def parse_wanted(text: str, option: str, unit: str) -> Array:
@@ -117,9 +120,8 @@ def parse_wanted(text: str, option: str, unit: str) -> Array:
 def _triple(text: str, option: str, unit: str) -> list[float]:
     values = _floats([text], option)
     if len(values) != 3:
-        raise InputError(
-            Problem(option, f"must be three numbers in {unit}", f"{len(values)}: {text}", f"{option} X Y Z")
-        )
+        must_hold, remedy = f"must be three numbers in {unit}", f"{option} X Y Z"
+        raise InputError.of(option, must_hold, f"{len(values)}: {text}", remedy)
     return values
 
 
@@ -131,41 +133,39 @@ def _floats(texts: list[str], option: str) -> list[float]:
         except ValueError:
             values.append(float("nan"))
         if not np.isfinite(values[-1]):
-            raise InputError(
-                Problem(
-                    option,
-                    "must be finite numbers",
-                    repr(word),
-                    "use a decimal point, and commas or spaces between",
-                )
-            )
+            remedy = "use a decimal point, and commas or spaces between"
+            raise InputError.of(option, "must be finite numbers", repr(word), remedy)
     return values
 
 
-def parse_setting(text: str, option: str, example: str = "control.z.Kc=0.2") -> tuple[str, object]:
-    """Key and value of KEY=VALUE, the value as TOML reads it; text needs no quotes. Raises InputError otherwise.
+def parse_settings(texts: list[str] | None, example: str = "parameters.gap=120") -> dict[str, object]:
+    """Values by key from the values of `--set`. Raises InputError for a text that is not KEY=VALUE.
 
-    >>> parse_setting("control.z.Kc=0.2", "--set")
-    ('control.z.Kc', 0.2)
+    A value is read as TOML does; text needs no quotes.
+
+    >>> parse_settings(["control.z.Kc=0.2", "name=unit"])
+    {'control.z.Kc': 0.2, 'name': 'unit'}
     """
-    key, sign, value = text.partition("=")
-    if not (sign and key.strip() and value.strip()):
-        raise InputError(Problem(option, "must be KEY=VALUE", text, f"write for example {example}"))
-    return key.strip(), _toml_value(value.strip())
+    pairs = {}
+    for text in texts or []:
+        key, sign, value = (part.strip() for part in text.partition("="))
+        if not (sign and key and value):
+            raise InputError.of("--set", "must be KEY=VALUE", text, f"write for example {example}")
+        pairs[key] = _toml_value(value)
+    return pairs
 
 
-def parse_variation(text: str, option: str) -> tuple[str, list[object]]:
-    """Key and values of KEY=A,B,..., otherwise as `parse_setting`.
+def parse_variation(text: str) -> tuple[str, list[object]]:
+    """Key and values of KEY=A,B,... from the value of `--vary`, otherwise as `parse_settings`.
 
-    >>> parse_variation("control.z.Kc=0.2,0.5", "--vary")
+    >>> parse_variation("control.z.Kc=0.2,0.5")
     ('control.z.Kc', [0.2, 0.5])
     """
     key, sign, values = text.partition("=")
     parts = [part for part in values.split(",") if part.strip()]
     if not (sign and key.strip() and parts):
-        raise InputError(
-            Problem(option, "must be KEY=A,B,...", text, "write for example control.z.Kc=0.2,0.334,0.5")
-        )
+        remedy = "write for example control.z.Kc=0.2,0.334,0.5"
+        raise InputError.of("--vary", "must be KEY=A,B,...", text, remedy)
     return key.strip(), [_toml_value(part.strip()) for part in parts]
 
 
@@ -176,6 +176,30 @@ def _toml_value(text: str) -> object:
         # No TOML, or a whole number of more digits than Python reads.
         return text
     return value
+
+
+def parse_pairs(
+    texts: list[str] | None, option: str, form: str, example: str
+) -> tuple[dict[str, str], list[Problem]]:
+    """Two words around the last =, and what is wrong with the texts that are not.
+
+    >>> parse_pairs(["ch 1=mm"], "--unit", "NAME=UNIT", "depth=mm")
+    ({'ch 1': 'mm'}, [])
+    """
+    pairs, problems = {}, []
+    for text in texts or []:
+        key, sign, value = (part.strip() for part in text.rpartition("="))
+        if not (sign and key and value):
+            problems.append(Problem(option, f"must be {form}", text, f"write for example {option} {example}"))
+        pairs[key] = value
+    return pairs, problems
+
+
+def positive_problems(option: str, value: float | None, remedy: str) -> list[Problem]:
+    """What is wrong with a number that must be positive. Nothing if it was not given."""
+    if value is None or 0.0 < value < float("inf"):
+        return []
+    return [Problem(option, "must be a positive number", f"{value}", remedy)]
 
 
 def output_problems(option: str, path: Path | None, suffixes: tuple[str, ...]) -> list[Problem]:

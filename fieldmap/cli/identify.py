@@ -1,17 +1,21 @@
 """`fieldmap identify`: a model of a rig, with its uncertainty, from a log."""
 
+from __future__ import annotations
+
+from collections.abc import Iterator
 from functools import partial
+from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from fieldmap.cli.options import Json
+from fieldmap.cli import options, page
+from fieldmap.cli.arguments import parse_pairs
+from fieldmap.cli.options import option
+from fieldmap.errors import InputError, Problem
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from fieldmap.cli.printing import Section
     from fieldmap.control.identification import IdentifiedLog, Log, Orders
 
 
@@ -20,125 +24,97 @@ def identify(
         Path, typer.Argument(metavar="LOG", help="Text file of columns below a line of names, such as CSV.")
     ],
     source: Annotated[
-        str | None,
-        typer.Option("--from", metavar="NAME", help="Column of the input. Default: recognised by its name."),
+        str | None, option("--from", "NAME", "Column of the input. Default: recognised by its name.")
     ] = None,
     target: Annotated[
-        str | None, typer.Option("--to", metavar="NAME", help="Column of the output. Default: recognised.")
+        str | None, option("--to", "NAME", "Column of the output. Default: recognised.")
     ] = None,
     reference: Annotated[
-        str | None,
-        typer.Option("--reference", metavar="NAME", help="Column of the reference, if there is one."),
+        str | None, option("--reference", "NAME", "Column of the reference, if there is one.")
     ] = None,
-    time: Annotated[
-        str | None, typer.Option("--time", metavar="NAME", help="Column of the time. Default: recognised.")
-    ] = None,
+    time: Annotated[str | None, option("--time", "NAME", "Column of the time. Default: recognised.")] = None,
     sampling: Annotated[
-        float | None, typer.Option("--sampling-ms", metavar="MS", help="Sampling time of a log without time.")
+        float | None, option("--sampling-ms", "MS", "Sampling time of a log without time.")
     ] = None,
-    units: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--unit",
-            metavar="NAME=UNIT",
-            help="Unit of a column whose heading does not say; may be repeated.",
-        ),
-    ] = None,
+    units: options.Units = None,
     delimiter: Annotated[
-        str | None,
-        typer.Option(
-            "--delimiter", metavar="NAME", help="comma, semicolon, tab or blanks. Default: recognised."
-        ),
+        str | None, option("--delimiter", "NAME", "comma, semicolon, tab or blanks. Default: recognised.")
     ] = None,
     decimal: Annotated[
-        str | None, typer.Option("--decimal", metavar="MARK", help="point or comma. Default: recognised.")
+        str | None, option("--decimal", "MARK", "point or comma. Default: recognised.")
     ] = None,
-    poles: Annotated[int, typer.Option("--poles", metavar="N", help="Poles of the sampled model.")] = 2,
-    zeros: Annotated[int, typer.Option("--zeros", metavar="N", help="Zeros of the sampled model.")] = 1,
+    poles: Annotated[int, option("--poles", "N", "Poles of the sampled model.")] = 2,
+    zeros: Annotated[int, option("--zeros", "N", "Zeros of the sampled model.")] = 1,
     dead_time: Annotated[
-        int,
-        typer.Option(
-            "--dead-time", metavar="N", help="Samples of dead time beyond the poles less the zeros."
-        ),
+        int, option("--dead-time", "N", "Samples of dead time beyond the poles less the zeros.")
     ] = 0,
     method: Annotated[
         str,
-        typer.Option(
+        option(
             "--method",
-            metavar="NAME",
-            help="direct; armax, for coloured noise; two-stage, with a reference; least-squares, biased by noise.",
+            "NAME",
+            "direct; armax, for coloured noise; two-stage, with a reference; least-squares, biased by noise.",
         ),
     ] = "direct",
     rest: Annotated[
         int | None,
-        typer.Option(
+        option(
             "--rest",
-            metavar="N",
-            help="Samples at rest at the beginning. Default: those before the reference moves, or one.",
+            "N",
+            "Samples at rest at the beginning. Default: those before the reference moves, or one.",
         ),
     ] = None,
-    json: Json = False,
+    json: options.Json = False,
 ) -> None:
     """Identify the model from an input to an output in a log of a rig, in open or closed loop; print it with errors.
 
     The exit code is 2 with every problem of the file at once, 1 if the estimate does not settle.
     """
-    from fieldmap.cli.printing import print_result
     from fieldmap.control.identification import identify_log
 
     names = {"input": source, "output": target, "reference": reference, "time": time}
-    recognised, orders = _checked(
-        log, names, sampling, units or [], delimiter, decimal, (poles, zeros, dead_time), method
-    )
+    marks = (delimiter, decimal)
+    recognised, orders = _checked(log, names, sampling, units, marks, (poles, zeros, dead_time), method)
     found = identify_log(recognised, orders, method, rest)
-    print_result(found, partial(_page, log, recognised), json, log=log)
+    page.print_result(found, partial(_page, log, recognised), json, log=log)
 
 
 def _checked(
     log: Path,
     names: dict[str, str | None],
     sampling: float | None,
-    units: list[str],
-    delimiter: str | None,
-    decimal: str | None,
+    units: list[str] | None,
+    marks: tuple[str | None, str | None],
     numbers: tuple[int, int, int],
     method: str,
-) -> "tuple[Log, Orders]":
+) -> tuple[Log, Orders]:
     """The log and the orders. Raises InputError with the problems of the options and of the file."""
     from fieldmap.control.identification import METHODS, ROLES, Orders, read_log
-    from fieldmap.errors import InputError, Problem
 
-    problems: list[Problem] = []
-    said = {}
-    for text in units:
-        name, sign, unit = text.rpartition("=")
-        if not (sign and name and unit):
-            problems.append(
-                Problem("--unit", "must be NAME=UNIT", text, "write for example --unit position=mm")
-            )
-        said[name] = unit
-    marks = {"point": ".", "comma": ",", ".": ".", ",": ","}
-    if decimal is not None and decimal not in marks:
+    delimiter, decimal = marks
+    unit_of, problems = parse_pairs(units, "--unit", "NAME=UNIT", "position=mm")
+    decimals = {"point": ".", "comma": ",", ".": ".", ",": ","}
+    if decimal is not None and decimal not in decimals:
         problems.append(Problem("--decimal", "must be point or comma", decimal, "choose one"))
     if method not in METHODS:
         problems.append(Problem("--method", f"must be one of {', '.join(METHODS)}", method, "choose one"))
+    given_by = {"delimiter": "--delimiter", "units": "--unit", "input": "--from", "output": "--to"}
     orders, recognised = None, None
     try:
         orders = Orders(*numbers)
     except InputError as error:
         problems += error.problems
-    options = {"delimiter": "--delimiter", "units": "--unit", "input": "--from", "output": "--to"}
     try:
         recognised = read_log(
             log,
             ROLES,
             required=("input", "output", *(("reference",) if method == "two-stage" else ())),
             names={role: name for role, name in names.items() if name is not None},
-            units=said,
+            units=unit_of,
             delimiter=delimiter,
-            decimal=None if decimal is None else marks.get(decimal),
+            decimal=None if decimal is None else decimals.get(decimal),
             sampling_time=None if sampling is None else 1e-3 * sampling,
-            options={**options, "reference": "--reference", "time": "--time"},
+            options={**given_by, "reference": "--reference", "time": "--time"},
         )
     except InputError as error:
         problems += error.problems
@@ -147,49 +123,37 @@ def _checked(
     return recognised, orders
 
 
-def _page(log: Path, recognised: "Log", found: "IdentifiedLog") -> "Iterator[Section]":
-    from fieldmap.cli.printing import assumption_lines, facts, heading, remark, table
-
+def _page(log: Path, recognised: Log, found: IdentifiedLog) -> Iterator[page.Section]:
     estimate, columns = found.estimate, found.columns
     units = {role: column.unit for role, column in columns.items()}
     per = f"{units['output']}/{units['input']}"
-    yield heading(f"from {columns['input'].name} to {columns['output'].name}", str(log))
-    at = ", ".join(
-        f"{columns[role].name} {mean:.6g} {units[role]}" for role, mean in found.operating_point.items()
-    )
+    at = (f"{columns[role].name} {mean:.6g} {units[role]}" for role, mean in found.operating_point.items())
+    read = f"{found.samples} samples every {1e3 * estimate.Ts:.6g} ms; {recognised.delimiter}"
     mark = "decimal comma" if recognised.decimal == "," else "decimal point"
-    yield facts(
+    yield page.heading(f"from {columns['input'].name} to {columns['output'].name}", str(log))
+    yield page.facts(
         [
-            (
-                "read",
-                f"{found.samples} samples every {1e3 * estimate.Ts:.6g} ms; {recognised.delimiter}, {mark}",
-            ),
-            ("at rest", f"{at}: mean of the first {found.rest}"),
+            ("read", f"{read}, {mark}"),
+            ("at rest", f"{', '.join(at)}: mean of the first {found.rest}"),
             ("method", f"{estimate.method}, {estimate.iterations} iterations"),
             ("gain", f"{estimate.gain:.6g} {per} in front; at rest {estimate.steady_gain:.6g} {per}"),
             ("left over", f"{estimate.residual_rms:.4g} {units['output']} RMS, of the last equation"),
         ]
     )
-    slow, slow_errors = found.continuous_poles
-    lines = [
-        ("pole", _with_error(q, e), _with_error(s, se))
-        for q, e, s, se in zip(estimate.poles, estimate.pole_errors, slow, slow_errors, strict=False)
-    ]
-    lines += [
-        ("zero", _with_error(z, e), "") for z, e in zip(estimate.zeros, estimate.zero_errors, strict=True)
-    ]
-    yield table(("", "in q", "1/s"), lines)
+    poles = zip(estimate.poles, estimate.pole_errors, *found.continuous_poles, strict=False)
+    zeros = zip(estimate.zeros, estimate.zero_errors, strict=True)
+    lines = [("pole", _with_error(q, e), _with_error(s, of_s)) for q, e, s, of_s in poles]
+    lines += [("zero", _with_error(q, e), "") for q, e in zeros]
+    yield page.table(("", "in q", "1/s"), lines)
     rows = [(name, f"{value:.8g}", f"{error:.2g}") for name, value, error in found.coefficients]
-    yield table(("coefficient", "value", "standard error"), rows)
+    yield page.table(("coefficient", "value", "standard error"), rows)
     if found.rest == 1:
-        yield remark(
+        yield page.remark(
             "The first sample alone was taken for the operating point: --rest N takes the mean of N."
         )
-    yield facts(assumption_lines(estimate.assumptions))
+    yield page.assumed(estimate.assumptions)
 
 
 def _with_error(value: complex, error: float) -> str:
-    from math import isfinite
-
     number = f"{value.real:.6g}" if abs(value.imag) < 1e-12 else f"{value.real:.6g} {value.imag:+.6g}i"
     return f"{number} ± {error:.2g}" if isfinite(error) else number

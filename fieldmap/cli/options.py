@@ -1,178 +1,156 @@
-"""Arguments and options that several commands share, with one wording each, and what the shell completes them to."""
+"""Arguments and options that several commands share: each has one name, one type and one help text."""
 
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from fieldmap.cli.arguments import parse_moment, positive_problems
+from fieldmap.errors import InputError, Problem
 from fieldmap.shipped import shipped_names
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
-    from typing import Any
-
-    from fieldmap.device.model import Device
-    from fieldmap.errors import Problem
+    from fieldmap.device.model import Device, Payload
     from fieldmap.field import Field
     from fieldmap.io import FieldSource, IronOptions
-    from fieldmap.typing import Progress
+    from fieldmap.lookup import MagneticBody
+    from fieldmap.typing import Array, Progress
 
 
-def devices(incomplete: str) -> list[str]:
-    """Names of shipped devices that begin like this.
+def shipped(folder: str, subfolder: str = "") -> Callable[[str], list[str]]:
+    """A function that completes the names of shipped files.
 
-    >>> devices("drive_unit_n")
-    ['drive_unit_no_centre_core']
+    >>> shipped("geometry")("drive_unit_n"), shipped("maps", "fits")("loop")
+    (['drive_unit_no_centre_core'], ['loop_and_sphere'])
     """
-    return _begin(shipped_names("geometry"), incomplete)
+
+    def completed(incomplete: str) -> list[str]:
+        names = (name.split("/")[-1] for name in shipped_names(folder, subfolder))
+        return [name for name in names if name.startswith(incomplete)]
+
+    return completed
 
 
-def recipes(incomplete: str) -> list[str]:
-    """Names of shipped recipes that begin like this.
-
-    >>> recipes("qu")
-    ['quick']
-    """
-    return _begin(shipped_names("maps"), incomplete)
+def file_argument(metavar: str, text: str, folder: str, subfolder: str = "") -> Any:
+    """An argument that is a file or the name of a shipped one."""
+    return typer.Argument(metavar=metavar, help=text, autocompletion=shipped(folder, subfolder))
 
 
-def studies(incomplete: str) -> list[str]:
-    """Names of shipped studies that begin like this.
-
-    >>> studies("pole_d")
-    ['pole_disk']
-    """
-    return _begin([name.split("/")[-1] for name in shipped_names("maps", "studies")], incomplete)
+def option(name: str, metavar: str, text: str, **more: Any) -> Any:
+    """An option that takes a value: its name, the word for its value in the help, and its help text."""
+    return typer.Option(name, metavar=metavar, help=text, **more)
 
 
-def fits(incomplete: str) -> list[str]:
-    """Names of shipped fits that begin like this.
-
-    >>> fits("loop")
-    ['loop_and_sphere']
-    """
-    return _begin([name.split("/")[-1] for name in shipped_names("maps", "fits")], incomplete)
+def output(text: str) -> Any:
+    """The option `--output` of a command that writes one file."""
+    return typer.Option("--output", "-o", metavar="FILE", help=text)
 
 
-def scenarios(incomplete: str) -> list[str]:
-    """Names of shipped scenarios that begin like this.
-
-    >>> scenarios("vertical_r")
-    ['vertical_ramp']
-    """
-    return _begin([name.split("/")[-1] for name in shipped_names("maps", "scenarios")], incomplete)
-
-
-def _begin(names: list[str], start: str) -> list[str]:
-    return [name for name in names if name.startswith(start)]
+def setting(what: str, example: str) -> Any:
+    """The option `--set` for the keys of a kind of file."""
+    text = f"Change a key of the {what} for this run, such as {example}; may be repeated."
+    return typer.Option("--set", metavar="KEY=VALUE", help=text)
 
 
 DeviceArgument = Annotated[
-    str,
-    typer.Argument(
-        metavar="DEVICE", help="Device file, or the name of a shipped device.", autocompletion=devices
-    ),
+    str, file_argument("DEVICE", "Device file, or the name of a shipped device.", "geometry")
 ]
 DeviceOrMapArgument = Annotated[
-    str,
-    typer.Argument(
-        metavar="DEVICE_OR_MAP",
-        help="Device file, name of a shipped device, or map file.",
-        autocompletion=devices,
-    ),
+    str, file_argument("DEVICE_OR_MAP", "Device file, name of a shipped device, or map file.", "geometry")
 ]
 MapArgument = Annotated[str, typer.Argument(metavar="MAP", help="Map file.")]
+StudyArgument = Annotated[
+    str, file_argument("STUDY", "Study file, or the name of a shipped study.", "maps", "studies")
+]
 ScenarioArgument = Annotated[
     str,
-    typer.Argument(
-        metavar="SCENARIO",
-        help="Scenario file, or the name of a shipped scenario: `hold` takes any map.",
-        autocompletion=scenarios,
+    file_argument(
+        "SCENARIO",
+        "Scenario file, or the name of a shipped scenario: `hold` takes any map.",
+        "maps",
+        "scenarios",
     ),
 ]
 ScenarioMap = Annotated[
-    Path | None,
-    typer.Option(
-        "--map", metavar="FILE", help="Map file in place of the scenario's, or a device with linear iron."
-    ),
+    Path | None, option("--map", "FILE", "Map file in place of the scenario's, or a device with linear iron.")
 ]
-Changes = Annotated[
+Changes = Annotated[list[str] | None, setting("device", "parameters.gap=120")]
+ScenarioChanges = Annotated[list[str] | None, setting("scenario", "control.z.Kc=0.2")]
+Units = Annotated[
     list[str] | None,
-    typer.Option(
-        "--set",
-        metavar="KEY=VALUE",
-        help="Change a key of the device, such as parameters.gap=120; may be repeated.",
+    option(
+        "--unit", "NAME=UNIT", "Unit of a column of the log whose heading does not state it; may be repeated."
     ),
 ]
-At = Annotated[list[str] | None, typer.Option("--at", metavar="X Y Z", help="Point in m; may be repeated.")]
-AtMm = Annotated[
-    list[str] | None, typer.Option("--at-mm", metavar="X Y Z", help="Point in mm; may be repeated.")
+CURRENTS = option("--currents", "A[,A...]", "Currents, A: one for all coils, one per coil, or NAME=A.")
+Currents = Annotated[list[str] | None, CURRENTS]
+At = Annotated[list[str] | None, option("--at", "X Y Z", "Point in m; may be repeated.")]
+AtMm = Annotated[list[str] | None, option("--at-mm", "X Y Z", "Point in mm; may be repeated.")]
+HeightMm = Annotated[
+    float | None, option("--height-mm", "MM", "z of the magnet's centre; below the origin it is negative.")
+]
+Moment = Annotated[
+    str | None, option("--moment", "X Y Z", "Moment of the magnet, A m2; one number is a moment upward.")
 ]
 PayloadOf = Annotated[
-    str | None, typer.Option("--payload-of", metavar="DEVICE", help="Take the payload from this device.")
-]
-Resume = Annotated[bool, typer.Option("--resume/--fresh", help="Continue a stopped run, or start again.")]
-NumberOfWorkers = Annotated[
-    int, typer.Option("--workers", metavar="N", min=1, help="Number of processes on this machine.")
-]
-Scheduler = Annotated[
     str | None,
-    typer.Option("--scheduler", metavar="ADDRESS", help="Address of a dask scheduler, whose workers solve."),
+    option(
+        "--payload-of", "DEVICE", "Take the payload from this device.", autocompletion=shipped("geometry")
+    ),
+]
+Limit = Annotated[
+    float | None, option("--limit", "A", "Largest current of every coil. Default: the driver's.")
+]
+Save = Annotated[Path | None, option("--save", "FILE", "Save the picture to this file.")]
+Plot = Annotated[bool, typer.Option("--plot/--no-plot", help="Draw the results beside the file.")]
+Resume = Annotated[bool, typer.Option("--resume/--fresh", help="Continue a stopped run, or start again.")]
+Workers = Annotated[int, option("--workers", "N", "Number of processes on this machine.", min=1)]
+Scheduler = Annotated[
+    str | None, option("--scheduler", "ADDRESS", "Address of a dask scheduler, whose workers solve.")
 ]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 
-_IRON = "Iron (of a device)"
+iron_option = partial(option, rich_help_panel="Iron (of a device)")
 MuR = Annotated[
     float | None,
-    typer.Option(
-        "--mu-r",
-        metavar="NUMBER",
-        help="Relative permeability of all iron, in place of the file's.",
-        rich_help_panel=_IRON,
-    ),
+    iron_option("--mu-r", "NUMBER", "Relative permeability of all iron, in place of the file's."),
 ]
 Nonlinear = Annotated[
-    bool,
-    typer.Option(
-        "--nonlinear",
-        help="Let the iron saturate by its B-H table, at the given currents.",
-        rich_help_panel=_IRON,
-    ),
+    bool, iron_option("--nonlinear", "", "Let the iron saturate by its B-H table, at the given currents.")
 ]
 Refinement = Annotated[
-    float,
-    typer.Option(
-        "--refinement",
-        metavar="NUMBER",
-        help="Divide the mesh sizes of the file by this.",
-        rich_help_panel=_IRON,
-    ),
+    float, iron_option("--refinement", "NUMBER", "Divide the mesh sizes of the file by this.")
 ]
 Form = Annotated[
     str,
-    typer.Option(
-        "--form",
-        metavar="NAME",
-        help="potential, flux (any mu_r), or auto: potential where all mu_r >= 1.",
-        rich_help_panel=_IRON,
+    iron_option(
+        "--form", "NAME", "potential, flux (any mu_r), surface, or auto: potential where all mu_r >= 1."
+    ),
+]
+Tolerance = Annotated[
+    float | None,
+    iron_option(
+        "--tolerance",
+        "NUMBER",
+        "Refine until the estimated error of B in the workspace is below this (linear iron).",
     ),
 ]
 
 
 def checked_iron(
-    mu_r: float | None, nonlinear: bool, refinement: float, form: str, tolerance: float | None = None
-) -> "IronOptions":
+    mu_r: float | None, nonlinear: bool, refinement: float, form: str = "auto", tolerance: float | None = None
+) -> IronOptions:
     """The options of the iron. Raises InputError for everything that is wrong with them."""
-    from fieldmap.errors import InputError, Problem
     from fieldmap.io import IronOptions
 
-    problems = []
-    if mu_r is not None and not 0.0 < mu_r < float("inf"):
-        remedy = "give the relative permeability"
-        problems.append(Problem("--mu-r", "must be a positive number", f"{mu_r}", remedy))
-    if not 0.0 < refinement < float("inf"):
-        remedy = "try 1.5 for a finer mesh, 0.7 for a coarser one"
-        problems.append(Problem("--refinement", "must be a positive number", f"{refinement}", remedy))
+    problems = positive_problems("--mu-r", mu_r, "give the relative permeability")
+    problems += positive_problems(
+        "--refinement", refinement, "try 1.5 for a finer mesh, 0.7 for a coarser one"
+    )
     if form != IronOptions.form:
         # Not for a map, whose lookup needs no solver.
         from fieldmap.iron.solvers.linear import FORMS
@@ -192,10 +170,8 @@ def checked_iron(
     return IronOptions(mu_r, nonlinear, refinement, form, tolerance)
 
 
-def _tolerance_problems(tolerance: float, nonlinear: bool, refinement: float, form: str) -> "list[Problem]":
+def _tolerance_problems(tolerance: float, nonlinear: bool, refinement: float, form: str) -> list[Problem]:
     """--tolerance chooses the mesh and the form itself, and estimates the error of linear iron only."""
-    from fieldmap.errors import Problem
-
     problems = []
     if not 0.0 < tolerance < 1.0:
         problems.append(Problem("--tolerance", "must lie between 0 and 1", f"{tolerance}", "try 1e-3"))
@@ -204,33 +180,56 @@ def _tolerance_problems(tolerance: float, nonlinear: bool, refinement: float, fo
         f"--refinement {refinement:g}": refinement != 1.0,
         f"--form {form}": form != "auto",
     }
+    remedy = "leave one of them out: --tolerance refines linear iron by itself"
     for other in (name for name, given in others.items() if given):
-        remedy = "leave one of them out: --tolerance refines linear iron by itself"
         problems.append(Problem("--tolerance", "must stand alone", other, remedy))
     return problems
 
 
-def require_currents(nonlinear: bool, currents: list[str] | None, where: str = "--nonlinear") -> None:
-    """Currents must be given where the answer is not proportional to them. where: what is not."""
-    from fieldmap.errors import InputError, Problem
+def changed_iron(options: IronOptions, changes: Mapping[str, Any]) -> list[str]:
+    """The options of the iron, and `--set`, that were given."""
+    given = {
+        "--mu-r": options.mu_r is not None,
+        "--nonlinear": options.nonlinear,
+        "--refinement": options.refinement != 1.0,
+        "--form": options.form != "auto",
+        "--set": bool(changes),
+    }
+    return [name for name, there in given.items() if there]
 
+
+def refuse_iron_of_map(options: IronOptions, changes: Mapping[str, Any]) -> None:
+    """Raise InputError for options of the iron and changes of the device, which a map does not take."""
+    given = ", ".join(changed_iron(options, changes))
+    if given:
+        remedy = "leave it out, or name a device"
+        raise InputError.of(given, "must go with a device", "a map, whose iron is fixed", remedy)
+
+
+def require_currents(nonlinear: bool, currents: list[str] | None, where: str = "--nonlinear") -> None:
+    """Raise InputError if currents are missing where the answer is not proportional to them.
+
+    Parameters
+    ----------
+    nonlinear : bool
+        Whether the answer is not proportional to the currents.
+    currents : list of str or None
+        The values of `--currents`.
+    where : str
+        The option or file that makes it so.
+    """
     if nonlinear and not currents:
-        raise InputError(
-            Problem(
-                where,
-                "must come with --currents: how far iron saturates depends on them",
-                "no --currents",
-                "add --currents A (one number for all coils, or one per coil)",
-            )
+        raise InputError.of(
+            where,
+            "must come with --currents: how far iron saturates depends on them",
+            "no --currents",
+            "add --currents A (one number for all coils, or one per coil)",
         )
 
 
 def find_named(
-    name: str,
-    options: "IronOptions",
-    progress: "Progress | None" = None,
-    changes: "Mapping[str, Any] | None" = None,
-) -> "FieldSource":
+    name: str, options: IronOptions, progress: Progress | None, changes: Mapping[str, Any]
+) -> FieldSource:
     """The map or device of this name. Raises InputError for options of a device that stand beside a map."""
     from fieldmap.io import find_source, is_map_file
 
@@ -239,54 +238,65 @@ def find_named(
     return find_source(name, options, progress, changes)
 
 
-def changes_of_device(texts: list[str] | None) -> "dict[str, Any]":
-    """Values by key from the values of `--set`. Raises InputError for a text that is not KEY=VALUE."""
-    from fieldmap.cli.arguments import parse_setting
+def payload_of_option(found: FieldSource, payload_of: str | None) -> Payload | None:
+    """The payload of the device that `--payload-of` names, otherwise that of the source."""
+    from fieldmap.io import named_device
 
-    return dict(parse_setting(text, "--set", "parameters.gap=120") for text in texts or [])
-
-
-def refuse_iron_of_map(options: "IronOptions", changes: "Mapping[str, Any] | None" = None) -> None:
-    """Raise InputError for options of the iron and changes of the device, which a map does not take."""
-    from fieldmap.errors import InputError, Problem
-
-    changed = {
-        "--mu-r": options.mu_r is not None,
-        "--nonlinear": options.nonlinear,
-        "--refinement": options.refinement != 1.0,
-        "--form": options.form != "auto",
-        "--set": bool(changes),
-    }
-    given = ", ".join(name for name, differs in changed.items() if differs)
-    if given:
-        remedy = "leave it out, or name a device"
-        raise InputError(Problem(given, "must go with a device", "a map, whose iron is fixed", remedy))
+    return found.payload if payload_of is None else named_device(payload_of).payload
 
 
-def field_opener(name: Path | None) -> "Callable[[], Field] | None":
-    """What opens the map of `--map`, for currents beyond its table too, or solves the device that is named there."""
-    if name is None:
+def magnet_of_options(
+    found: FieldSource, moment: str | None, payload_of: str | None, needed_by: str = ""
+) -> Array | MagneticBody | None:
+    """The magnet of `--moment` or `--payload-of`, otherwise the payload of the source.
+
+    Parameters
+    ----------
+    found : FieldSource
+        The map or device.
+    moment, payload_of : str or None
+        The values of the two options.
+    needed_by : str
+        What needs the payload of the source, for the message if there is none. Empty: nothing needs it.
+
+    Returns
+    -------
+    array (3,), MagneticBody or None
+        A moment, A m^2, upward for a payload; the body of a payload of pieces; None if no magnet was asked for.
+
+    Raises
+    ------
+    InputError
+        If the device has no payload.
+    """
+    import numpy as np
+
+    if moment is not None:
+        return parse_moment(moment)
+    if not (payload_of or needed_by):
         return None
+    payload = payload_of_option(found, payload_of)
+    if payload is None:
+        must_hold = f"must have a [payload] table for {'--payload-of' if payload_of else needed_by}"
+        remedy = "add one, name a device that has one with --payload-of, or give --moment X Y Z"
+        raise InputError.of(payload_of or found.name, must_hold, "none", remedy)
+    if payload.pieces:
+        from fieldmap.lookup import magnetic_body
+
+        return magnetic_body(payload)
+    return np.array([0.0, 0.0, payload.moment])
+
+
+def field_of_option(name: Path | None) -> tuple[Callable[[], Field] | None, Device | None]:
+    """What opens the map or solves the device that `--map` names, and that device; None without one."""
+    from fieldmap.io import existing_map, is_map_file, named_device, open_field
+    from fieldmap.lookup import open_map
+
+    if name is None:
+        return None, None
     given = str(name)
-
-    def opened() -> "Field":
-        from fieldmap.io import existing_map, is_map_file, open_field
-        from fieldmap.lookup import open_map
-
-        if is_map_file(given) or not _names_device(given):
-            return open_map(existing_map(given), outside_currents="evaluate")
-        return open_field(given)
-
-    return opened
-
-
-def device_of_option(name: Path | None) -> "Device | None":
-    """The device that `--map` names in the place of a map: for scenarios that name none."""
-    from fieldmap.io import is_map_file, named_device
-
-    given = str(name)
-    return None if name is None or is_map_file(given) or not _names_device(given) else named_device(given)
-
-
-def _names_device(name: str) -> bool:
-    return name.endswith(".toml") or name in shipped_names("geometry")
+    names_device = given.endswith(".toml") or given in shipped_names("geometry")
+    if is_map_file(given) or not names_device:
+        # A controller may ask for currents beyond the map's table.
+        return lambda: open_map(existing_map(given), outside_currents="evaluate"), None
+    return lambda: open_field(given), named_device(given)

@@ -4,8 +4,7 @@ import sys
 import time
 
 from fieldmap.cli.arguments import join_lists
-from fieldmap.cli.log import LOG, begin_log, close_log
-from fieldmap.cli.problems import print_as_json, print_problems
+from fieldmap.cli.messages import LOG, begin_log, close_log, print_as_json, print_problems
 from fieldmap.errors import FieldmapError
 from fieldmap.extras import require
 

@@ -1,71 +1,48 @@
 """`fieldmap solve`: the field of a device, linear or at given currents, beside the known values of its file."""
 
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Iterator
 from typing import TYPE_CHECKING, Annotated
 
 import typer
+from rich.console import Group, RenderableType
+from rich.table import Table
+from rich.text import Text
 
-from fieldmap.cli.options import (
-    At,
-    AtMm,
-    Changes,
-    DeviceArgument,
-    Form,
-    Json,
-    MuR,
-    Nonlinear,
-    Refinement,
-    changes_of_device,
-    checked_iron,
-    require_currents,
-)
+from fieldmap.cli import options, page
+from fieldmap.cli.arguments import parse_currents, parse_points, parse_settings
+from fieldmap.cli.options import option
+from fieldmap.errors import InputError
+from fieldmap.progress import Progress
+from fieldmap.records import count_of
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from rich.console import RenderableType
-    from rich.table import Table
-
-    from fieldmap.cli.printing import Section
-    from fieldmap.iron.summary import DesignFigures, ReferenceComparison, SolutionSummary
+    from fieldmap.iron.summary import BodyFlux, DesignFigures, ReferenceComparison, SolutionSummary
 
 
 def solve(
-    device: DeviceArgument,
-    currents: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--currents",
-            metavar="A[,A...]",
-            help="One per coil, one for all, or NAME=A. Default for linear iron: 1 A.",
-        ),
-    ] = None,
-    at: At = None,
-    at_mm: AtMm = None,
-    changes: Changes = None,
-    mu_r: MuR = None,
-    nonlinear: Nonlinear = False,
-    refinement: Refinement = 1.0,
-    form: Form = "auto",
-    tolerance: Annotated[
-        float | None,
-        typer.Option(
-            "--tolerance",
-            metavar="NUMBER",
-            help="Refine until the estimated error of B in the workspace is below this (linear iron).",
-            rich_help_panel="Iron (of a device)",
-        ),
-    ] = None,
+    device: options.DeviceArgument,
+    currents: options.Currents = None,
+    at: options.At = None,
+    at_mm: options.AtMm = None,
+    changes: options.Changes = None,
+    mu_r: options.MuR = None,
+    nonlinear: options.Nonlinear = False,
+    refinement: options.Refinement = 1.0,
+    form: options.Form = "auto",
+    tolerance: options.Tolerance = None,
     force: Annotated[
         list[str] | None,
-        typer.Option(
+        option(
             "--force",
-            metavar="NAME[,NAME...]",
-            help="Force and torque on a body or coil, or on several together; may be repeated.",
+            "NAME[,NAME...]",
+            "Force and torque on a body or coil, or on several together; may be repeated.",
         ),
     ] = None,
     section: Annotated[
-        list[str] | None,
-        typer.Option("--section", metavar="NAME", help="Only this section of the file; may be repeated."),
+        list[str] | None, option("--section", "NAME", "Only this section of the file; may be repeated.")
     ] = None,
     design: Annotated[
         bool,
@@ -76,77 +53,69 @@ def solve(
     ] = False,
     thermal_resistance: Annotated[
         float | None,
-        typer.Option(
+        option(
             "--thermal-resistance",
-            metavar="K/W",
-            help="Of each winding to its surroundings, for the rise of its temperature; with --design.",
+            "K/W",
+            "Of each winding to its surroundings, for the rise of its temperature; with --design.",
         ),
     ] = None,
-    json: Json = False,
+    json: options.Json = False,
 ) -> None:
     """Solve a device: the solver's report, the field at points, and the file's known values beside ours.
 
-    Iron is linear unless --nonlinear is given, which also prints the flux density in every body. Sections of the
-    device file are printed with their mean flux density. --design prints what a designer asks of the machine.
+    Iron is linear unless --nonlinear is given, which also prints the flux density in every body. Without --currents
+    every coil of a device with linear iron carries 1 A. Sections of the device file are printed with their mean flux
+    density. --design prints the figures of a design.
     """
-    from fieldmap.cli.arguments import parse_currents, parse_points
-    from fieldmap.cli.printing import print_result
-    from fieldmap.errors import InputError, Problem
     from fieldmap.io import named_device, solve_device
     from fieldmap.iron.materials import require_soft_bodies
-    from fieldmap.iron.summary import checked_groups, named_sections, summarise_solution
-    from fieldmap.progress import Progress
+    from fieldmap.iron.summary import checked_groups, design_figures, named_sections, summarise_solution
 
-    options = checked_iron(mu_r, nonlinear, refinement, form, tolerance)
-    require_currents(nonlinear, currents)
-    machine = named_device(device, changes_of_device(changes))
+    iron = options.checked_iron(mu_r, nonlinear, refinement, form, tolerance)
+    options.require_currents(nonlinear, currents)
+    machine = named_device(device, parse_settings(changes))
     if nonlinear:
         require_soft_bodies(machine)
-    points = parse_points(at or [], at_mm or [])
+    points = parse_points(at, at_mm)
     amperes = parse_currents(currents or ["1"], machine.coil_names) if machine.coils else None
     if thermal_resistance is not None and not design:
         must = "must come with --design"
-        raise InputError(Problem("--thermal-resistance", must, "without", "add --design, or leave it out"))
+        raise InputError.of("--thermal-resistance", must, "without", "add --design, or leave it out")
     if design and amperes is None:
-        raise InputError(Problem("--design", "must be a device with coils", device, "leave it out"))
+        raise InputError.of("--design", "must be a device with coils", device, "leave it out")
     groups = [[name.strip() for name in text.split(",") if name.strip()] for text in force or []]
     checked_groups(machine, groups, "--force")
     sections = named_sections(machine, section, "--section") if section else None
     with Progress("solving", compiles=True) as progress:
-        solved = solve_device(machine, options, progress)
+        solved = solve_device(machine, iron, progress)
         if design:
             assert amperes is not None
-            from fieldmap.iron.summary import design_figures
-
-            figures = design_figures(machine, amperes, solved, thermal_resistance)
-            print_result(figures, _design_page, json)
+            page.print_result(
+                design_figures(machine, amperes, solved, thermal_resistance), _design_page, json
+            )
             return
         summary = summarise_solution(machine, solved, amperes, points, groups, sections, mu_r)
-    print_result(summary, _page, json)
+    page.print_result(summary, _page, json)
 
 
-def _page(summary: "SolutionSummary") -> "Iterator[Section]":
-    from fieldmap.cli.fields import currents_text, field_table
-    from fieldmap.cli.printing import assumption_lines, facts, heading
-
+def _page(summary: SolutionSummary) -> Iterator[page.Section]:
     device, names = summary.device, summary.device.coil_names
     currents = () if summary.currents is None else summary.currents
     rows = list(_report(summary))
     if summary.nonlinear:
-        rows.insert(0, ("currents", currents_text(names, currents)))
-    yield heading(device.name, device.title)
-    yield facts([*rows, *assumption_lines((*summary.report.assumptions, *summary.warnings))])
-    yield _body_table(summary) if summary.bodies else None
+        rows.insert(0, ("currents", page.currents_text(names, currents)))
+    yield page.heading(device.name, device.title)
+    yield page.facts([*rows, *page.assumption_lines((*summary.report.assumptions, *summary.warnings))])
+    if summary.bodies:
+        yield _body_table(summary.bodies, ("mean Bx", "mean By", "mean Bz"))
     yield _section_table(summary) if summary.sections else None
     yield _force_table(summary) if summary.forces else None
-    yield field_table(summary.points, names, currents) if summary.points else None
+    yield page.field_table(summary.points, names, currents) if summary.points else None
     yield _reference_table(summary) if summary.references else None
 
 
-def _design_page(figures: "DesignFigures") -> "Iterator[Section]":
-    from fieldmap.cli.printing import assumption_lines, facts, heading, table, without_noise
-
-    yield heading(figures.device, f"{figures.power:.4g} W in all windings")
+def _design_page(figures: DesignFigures) -> Iterator[page.Section]:
+    yield page.heading(figures.device, f"{figures.power:.4g} W in all windings")
     rows = (
         (
             one.coil,
@@ -154,31 +123,24 @@ def _design_page(figures: "DesignFigures") -> "Iterator[Section]":
             f"{one.resistance:.4g}" + ("" if one.resistance_is_stated else " (copper)"),
             f"{one.power:.4g}",
             f"{1e-6 * one.current_density:.3g}",
-            f"{1e3 * one.inductance:.4g}",
-            f"{1e3 * one.time_constant:.4g}",
-            "-" if one.temperature_rise is None else f"{one.temperature_rise:.4g}",
+            *page.cells((one.inductance, one.time_constant), ".4g", 1e3),
+            *page.cells((one.temperature_rise,), ".4g"),
         )
         for one in figures.windings
     )
-    yield table(("winding", "A", "ohm", "W", "A/mm2", "dL/di mH", "L/R ms", "rise K"), rows)
+    yield page.table(("winding", "A", "ohm", "W", "A/mm2", "dL/di mH", "L/R ms", "rise K"), rows)
     names = [one.coil for one in figures.windings]
-    matrix = (
-        (name, *(f"{1e3 * value:.4g}" for value in row))
-        for name, row in zip(names, without_noise(figures.inductance), strict=True)
-    )
-    yield table(("mH", *names), matrix)
+    matrix = zip(names, page.without_noise(figures.inductance), strict=True)
+    yield page.table(("mH", *names), ((name, *page.cells(row, ".4g", 1e3)) for name, row in matrix))
     groups = (*figures.coil_forces, *figures.iron_forces)
     largest = max((float(abs(group.force).max()) for group in groups), default=0.0)
     forces = (
-        (", ".join(group.names), *(f"{value:.4g}" for value in without_noise(group.force, beside=largest)))
+        (", ".join(group.names), *page.cells(page.without_noise(group.force, beside=largest), ".4g"))
         for group in groups
     )
-    yield table(("force on", "Fx N", "Fy N", "Fz N"), forces)
-    bodies = (
-        (body.body, f"{body.mean_magnitude:.3f}", f"{body.largest_magnitude:.3f}") for body in figures.bodies
-    )
-    yield table(("in the iron, T", "mean |B|", "largest |B|"), bodies) if figures.bodies else None
-    yield facts(assumption_lines(figures.assumptions))
+    yield page.table(("force on", "Fx N", "Fy N", "Fz N"), forces)
+    yield _body_table(figures.bodies) if figures.bodies else None
+    yield page.assumed(figures.assumptions)
 
 
 FORMS_IN_WORDS = {
@@ -189,9 +151,8 @@ FORMS_IN_WORDS = {
 }
 
 
-def _report(summary: "SolutionSummary") -> "Iterator[tuple[str, str]]":
+def _report(summary: SolutionSummary) -> Iterator[tuple[str, str]]:
     from fieldmap.iron.notes import law_range
-    from fieldmap.records import count_of
 
     report = summary.report
     words = FORMS_IN_WORDS.get(report.form, report.form)
@@ -206,8 +167,10 @@ def _report(summary: "SolutionSummary") -> "Iterator[tuple[str, str]]":
     yield "mesh", f"{sizes}, {report.unknowns:,} unknowns, {pieces}"
     yield "symmetry", report.symmetry
     steps = "Newton steps" if summary.nonlinear else "iterations"
-    residual = f"a residual of {report.residual:.1e}{report.steps_text}"
-    yield "solution", f"{report.iterations} {steps} to {residual}"
+    yield (
+        "solution",
+        f"{report.iterations} {steps} to a residual of {report.residual:.1e}{report.steps_text}",
+    )
     if report.error is not None:
         yield "error", str(report.error)
     if report.refinement:
@@ -222,80 +185,63 @@ def _report(summary: "SolutionSummary") -> "Iterator[tuple[str, str]]":
         yield "B-H law", law_range(report, summary.device)
 
 
-def _body_table(summary: "SolutionSummary") -> "Table":
-    from fieldmap.cli.printing import table
-
-    cells = (
+def _body_table(bodies: Iterable[BodyFlux], components: tuple[str, ...] = ()) -> Table:
+    """Flux density in each body; with the components of its mean if they have heads."""
+    rows = (
         (
             body.body,
-            f"{body.mean_magnitude:.3f}",
-            f"{body.largest_magnitude:.3f}",
-            *(f"{round(float(value), 3) + 0.0:.3f}" for value in body.mean),
+            *page.cells((body.mean_magnitude, body.largest_magnitude), ".3f"),
+            *(page.cells(body.mean, ".3f") if components else ()),
         )
-        for body in summary.bodies
+        for body in bodies
     )
-    return table(("in the iron, T", "mean |B|", "largest |B|", "mean Bx", "mean By", "mean Bz"), cells)
+    return page.table(("in the iron, T", "mean |B|", "largest |B|", *components), rows)
 
 
-def _section_table(summary: "SolutionSummary") -> "Table":
-    from fieldmap.cli.printing import table, without_noise
-
-    # Beside 1 T across the section.
-    cells = (
+def _section_table(summary: SolutionSummary) -> Table:
+    rows = (
         (
             section.section,
             f"{section.flux_density:.5f}",
-            f"{1e6 * float(without_noise(section.flux, beside=section.area)):.5g}",
-            f"{1e6 * section.area:.5g}",
+            # Noise is judged beside a flux density of 1 T across the section.
+            *page.cells((page.without_noise(section.flux, beside=section.area), section.area), ".5g", 1e6),
         )
         for section in summary.sections
     )
-    return table(("section", "mean B along its normal, T", "flux uWb", "area mm2"), cells)
+    return page.table(("section", "mean B along its normal, T", "flux uWb", "area mm2"), rows)
 
 
-def _force_table(summary: "SolutionSummary") -> "Table":
-    from fieldmap.cli.printing import table, without_noise
-
+def _force_table(summary: SolutionSummary) -> Table:
     largest = max((float(abs(group.force).max()) for group in summary.forces), default=0.0)
-    cells = (
+    rows = (
         (
             ", ".join(group.names),
-            *(f"{1e3 * value:.5g}" for value in without_noise(group.force, beside=largest)),
-            # Beside the largest force at a lever of 1 mm.
-            *(f"{1e3 * value:.5g}" for value in without_noise(group.torque, beside=1e-3 * largest)),
+            *page.cells(page.without_noise(group.force, beside=largest), ".5g", 1e3),
+            # Noise is judged beside the torque of the largest force at a lever of 1 mm.
+            *page.cells(page.without_noise(group.torque, beside=1e-3 * largest), ".5g", 1e3),
         )
         for group in summary.forces
     )
-    return table(("force on", "Fx mN", "Fy", "Fz", "torque Tx mN m", "Ty", "Tz"), cells)
+    return page.table(("force on", "Fx mN", "Fy", "Fz", "torque Tx mN m", "Ty", "Tz"), rows)
 
 
-def _reference_table(summary: "SolutionSummary") -> "RenderableType":
+def _reference_table(summary: SolutionSummary) -> RenderableType:
     """The known values that hold, ours, and their sources; of the others, how many and what they need."""
-    from collections import Counter
-
-    from rich.console import Group, RenderableType
-    from rich.text import Text
-
-    from fieldmap.cli.printing import table
-
     compared = [one for one in summary.references if one.ours is not None]
     parts: list[RenderableType] = []
     if compared:
         columns = ("known value", "at, mm", "reference", "ours", "deviation", "known to")
-        parts.append(table(columns, (_reference(one) for one in compared), left=2))
-        parts += [
-            Text(f" source: {source}", style="dim") for source in dict.fromkeys(o.source for o in compared)
-        ]
+        parts.append(page.table(columns, (_reference(one) for one in compared), left=2))
+        sources = dict.fromkeys(one.source for one in compared)
+        parts += [Text(f" source: {source}", style="dim") for source in sources]
     for why_not, count in Counter(one.why_not for one in summary.references if one.why_not).items():
         values = "1 known value of the file holds" if count == 1 else f"{count} known values of the file hold"
         parts.append(Text(f" Not compared: {values} for {why_not}."))
     return Group(*parts)
 
 
-def _reference(one: "ReferenceComparison") -> tuple[str, ...]:
-    from fieldmap.cli.printing import place
-
+def _reference(one: ReferenceComparison) -> tuple[str, ...]:
     unit = "T/m" if "/" in one.quantity else "T"
     known = "" if one.tolerance is None else f"{100 * one.tolerance:.2g} %"
     ours = (f"{one.ours:.6g}", f"{100 * (one.deviation or 0.0):+.3f} %", known)
-    return (one.quantity, place(one.at).removesuffix(" mm"), f"{one.reference:.6g} {unit}", *ours)
+    return (one.quantity, page.place(one.at), f"{one.reference:.6g} {unit}", *ours)

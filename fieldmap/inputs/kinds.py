@@ -93,13 +93,15 @@ class FileKind(Record, Generic[Contents]):
     short_forms: frozenset[str] = frozenset()
 
     def find(self, path_or_name: PathLike) -> Path:
-        """The file at a path, or the shipped one of that name; raises `error` if there is neither."""
+        """The file at a path, or the shipped one of that name; raises `error` if there is neither, or a directory."""
         if not isinstance(path_or_name, str | os.PathLike):
             must_hold, remedy = f"must be the path or name of a {self.name} file", "write it in quotes"
             raise self.error(Problem(self.name, must_hold, type(path_or_name).__name__, remedy))
         path = Path(path_or_name)
         if is_file(path):
             return path
+        if os.path.isdir(path):
+            raise self.error(Problem(str(path), "must be a file", "a directory", "name the file inside it"))
         shipped = shipped_file(self.folder, str(Path(self.subfolder) / path))
         if shipped is not None:
             return shipped

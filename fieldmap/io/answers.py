@@ -17,6 +17,7 @@ from fieldmap.field import Bounds, dipole_wrench
 from fieldmap.io.field_source import FieldSource
 from fieldmap.lookup.inverse_of_field import currents_for
 from fieldmap.lookup.magnetic_body import MagneticBody
+from fieldmap.lookup.payload import check_payload
 from fieldmap.plain import Plain, plain_fields, plain_items
 from fieldmap.records import Record
 from fieldmap.typing import Array
@@ -144,6 +145,26 @@ def least_power(
         flux_density=wanted.get("field"),
     )
     return LeastPower(source, currents, wanted, limit, probe(source, at[None, :], currents, moment))
+
+
+def lift_force(payload: Payload | None, coils: int) -> Array:
+    """The force that carries a payload.
+
+    Parameters
+    ----------
+    payload : Payload or None
+        None raises InputError.
+    coils : int
+        Number of coils. One or two coils cannot hold three components: those along x and y stay free.
+
+    Returns
+    -------
+    array (3,)
+        The weight, upward, N; NaN for a free component.
+    """
+    sideways = 0.0 if coils >= 3 else np.nan
+    mass = check_payload(payload, "--lift", pieces=True).mass
+    return np.array([sideways, sideways, mass * GRAVITY])
 
 
 @dataclass(frozen=True, eq=False, repr=False)

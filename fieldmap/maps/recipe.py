@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydantic import BeforeValidator, Field, model_validator
+from pydantic import BeforeValidator, Field, WithJsonSchema, model_validator
 
 from fieldmap.currents import CoilGroups, CurrentDomain, IndependentCurrents, LiftAndDirections
 from fieldmap.device import Device, read_device
@@ -52,6 +52,14 @@ def _three_spacings(value: Any) -> Any:
         must_hold = "one positive number, or three for x, y and z"
         raise broken(must_hold, shown(value), "write for example spacing_mm = 4.0 or [4.0, 4.0, 2.0]")
     return [float(n) for n in numbers]
+
+
+_SPACING = {"type": "number", "exclusiveMinimum": 0}
+Spacings = Annotated[
+    list[float],
+    BeforeValidator(_three_spacings),
+    WithJsonSchema({"anyOf": [_SPACING, {"type": "array", "items": _SPACING, "minItems": 3, "maxItems": 3}]}),
+]
 
 
 def _permeability(value: Any) -> Any:
@@ -283,7 +291,7 @@ class Recipe(Record):
     spacing: Annotated[
         Array,
         Key(
-            Annotated[list[float], BeforeValidator(_three_spacings)],
+            Spacings,
             "largest distance of neighbouring nodes, one number or [x, y, z]",
             "mm",
         ),

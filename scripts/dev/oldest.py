@@ -36,7 +36,6 @@ TESTS = (
     "tests/plot/test_figures.py",
     "tests/plot/test_device_drawing.py",
     "tests/cli/test_manners.py",
-    "tests/cli/test_mistakes.py",
 )
 
 
@@ -100,9 +99,6 @@ def main() -> int:
         without.append(
             "--deselect=tests/device/test_json_schema.py::test_the_schema_file_is_in_step_with_the_reader"
         )
-        # It asks for the extra `studies`.
-        mistake = "test_a_file_of_another_kind_is_named[study-recipe-study-`fieldmap map`]"
-        without.append(f"--deselect=tests/cli/test_mistakes.py::{mistake}")
         return subprocess.run([*tests, *quiet, *without, *given.tests], cwd=ROOT, env=clean).returncode
     finally:
         if given.folder is None:

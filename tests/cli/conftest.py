@@ -3,6 +3,7 @@
 import contextlib
 import difflib
 import io
+import json
 import re
 from pathlib import Path
 from types import SimpleNamespace
@@ -61,6 +62,18 @@ def command(capsys):
     return run
 
 
+@pytest.fixture
+def answer(command):
+    """answer(*words): what `fieldmap WORDS --json` prints, as Python."""
+
+    def run(*words):
+        code, out, err = command(*words, "--json")
+        assert code == 0, err
+        return json.loads(out)
+
+    return run
+
+
 VARIES = (
     # Colours, which some services ask for.
     (re.compile(r"\x1b\[[\d;]*m"), ""),
@@ -69,10 +82,7 @@ VARIES = (
     # A direction and its opposite are the same eigenvector.
     (re.compile(r"^ \([-+](.{5}), [-+](.{5}), [-+](.{5})\)", re.MULTILINE), r" (±\1, ±\2, ±\3)"),
     (re.compile(r"\d+ starts, \d+ field points"), "<n> starts, <n> field points"),
-    (
-        re.compile(r"[\d.]+ s of one processor: \d+ times"),
-        "<seconds> s of one processor: <n> times",
-    ),
+    (re.compile(r"[\d.]+ s of one processor: \d+ times"), "<seconds> s of one processor: <n> times"),
     (re.compile(r"\d+\.\d+ MB"), "<size> MB"),
 )
 

@@ -5,14 +5,20 @@ Bz = mu0 N i a^2 / 2 (a^2 + z^2)^1.5 on the axis; dBz/dz and d2Bz/dz2 by differe
 
 import json
 import re
+import tomllib
 from pathlib import Path
 
+import jsonschema
 import numpy as np
 import pytest
 from scipy.constants import g as gravity
 from scipy.constants import mu_0
 
 from fieldmap.cli import main
+from fieldmap.cli.check import kinds_of_file
+from fieldmap.device import read_device
+from fieldmap.io.json_schema import FILE_KINDS
+from fieldmap.shipped import shipped_file
 
 A, N, MASS, MOMENT = 0.044, 1000.0, 0.010, 0.8
 
@@ -29,15 +35,10 @@ def bend(z):
     return -1.5 * mu_0 * N * A**2 * (A**2 - 4 * z**2) / (A**2 + z**2) ** 3.5
 
 
-def answer(capsys, *words):
-    assert main([*words, "--json"]) == 0
-    return json.loads(capsys.readouterr().out)
-
-
 @pytest.mark.parametrize("source", ["device", "map"])
-def test_probe(capsys, machine, source):
+def test_probe(answer, machine, source):
     found = answer(
-        capsys, "probe", getattr(machine, source), "--at", "0", "0", "-0.09", "--currents", "2", "--payload"
+        "probe", getattr(machine, source), "--at", "0", "0", "-0.09", "--currents", "2", "--payload"
     )
     assert found["at"] == [0, 0, -0.09]
     assert found["currents"] == [2.0]
@@ -48,22 +49,20 @@ def test_probe(capsys, machine, source):
     np.testing.assert_allclose(found["torque"], 0.0, atol=1e-9)
 
 
-def test_probe_with_a_moment_of_ones_own(capsys, machine):
-    found = answer(
-        capsys, "probe", machine.map, "--at-mm", "0,0,-90", "--currents", "1", "--moment", "0.5", "0", "0"
-    )
+def test_probe_with_a_moment_of_ones_own(answer, machine):
+    found = answer("probe", machine.map, "--at-mm", "0,0,-90", "--currents", "1", "--moment", "0.5", "0", "0")
     # T = m x B turns the dipole about -y; F_x = m dBx/dx.
     np.testing.assert_allclose(found["torque"], [0, -0.5 * flux(-0.09), 0], rtol=2e-4, atol=1e-9)
     np.testing.assert_allclose(found["force"], [-0.25 * slope(-0.09), 0, 0], rtol=1e-3, atol=1e-6)
 
 
-def test_probe_with_the_payload_of_another_device(capsys, machine, tmp_path):
+def test_probe_with_the_payload_of_another_device(answer, capsys, machine, tmp_path):
     other = tmp_path / "other.toml"
     other.write_text(
         re.sub(r"(?m)^moment_A_m2 = .*$", f"moment_A_m2 = {3 * MOMENT}", Path(machine.device).read_text())
     )
     words = ["probe", machine.map, "--at", "0", "0", "-0.09", "--currents", "2"]
-    found = answer(capsys, *words, "--payload-of", str(other))
+    found = answer(*words, "--payload-of", str(other))
     assert found["moment"] == pytest.approx([0, 0, 3 * MOMENT])
     assert found["force"][2] == pytest.approx(3 * MOMENT * 2 * slope(-0.09), rel=1e-3)
     assert main([*words, "--payload-of", str(other), "--moment", "0", "0", "1"]) == 2
@@ -71,25 +70,25 @@ def test_probe_with_the_payload_of_another_device(capsys, machine, tmp_path):
     assert "--payload-of" in capsys.readouterr().err
 
 
-def test_several_points_give_a_list(capsys, machine):
-    found = answer(capsys, "probe", machine.map, "--at-mm", "0 0 -70", "--at", "0 0 -0.1", "--currents", "1")
+def test_several_points_give_a_list(answer, machine):
+    found = answer("probe", machine.map, "--at-mm", "0 0 -70", "--at", "0 0 -0.1", "--currents", "1")
     assert [row["at"][2] for row in found] == pytest.approx([-0.1, -0.07])
     np.testing.assert_allclose([row["B"][2] for row in found], [flux(-0.1), flux(-0.07)], rtol=2e-4)
 
 
 @pytest.mark.parametrize("source", ["device", "map"])
-def test_lift_current_at_a_height(capsys, machine, source):
-    found = answer(capsys, "equilibrium", getattr(machine, source), "--height-mm", "-95")
+def test_lift_current_at_a_height(answer, machine, source):
+    found = answer("equilibrium", getattr(machine, source), "--height-mm", "-95")
     assert found["lift_current"] == pytest.approx(MASS * gravity / (MOMENT * slope(-0.095)), rel=1e-3)
     assert found["sensor_mm"] == pytest.approx(95 - 77 - 5)
-    by_sensor = answer(capsys, "equilibrium", getattr(machine, source), "--sensor-mm", "13")
+    by_sensor = answer("equilibrium", getattr(machine, source), "--sensor-mm", "13")
     assert by_sensor["position"] == pytest.approx(found["position"])
 
 
 @pytest.mark.parametrize("source", ["device", "map"])
-def test_equilibrium_at_given_currents(capsys, machine, source):
+def test_equilibrium_at_given_currents(answer, machine, source):
     current = MASS * gravity / (MOMENT * slope(-0.095))
-    found = answer(capsys, "equilibrium", getattr(machine, source), "--currents", f"{current}")
+    found = answer("equilibrium", getattr(machine, source), "--currents", f"{current}")
     np.testing.assert_allclose(found["position"], [0, 0, -0.095], atol=2e-5)
     stiffness = MOMENT * current * bend(-0.095) * np.diag([0.5, 0.5, -1.0])
     np.testing.assert_allclose(found["stiffness"], stiffness, rtol=0.02, atol=5e-3 * abs(stiffness[2, 2]))
@@ -97,22 +96,22 @@ def test_equilibrium_at_given_currents(capsys, machine, source):
     assert found["weight"] == pytest.approx(MASS * gravity)
 
 
-def test_solve_prints_the_known_values_of_the_file(capsys):
+def test_solve_prints_the_known_values_of_the_file(answer):
     """Closed form beside the result, for the smallest device with iron."""
-    found = answer(capsys, "solve", "loop_and_sphere")
+    found = answer("solve", "loop_and_sphere")
     assert len(found["references"]) == 8
     for row in found["references"]:
         assert abs(row["ours"] / row["reference"] - 1) == pytest.approx(abs(row["deviation"]))
         assert abs(row["deviation"]) < 2e-3
 
 
-def test_known_values_for_another_permeability_are_not_compared(capsys):
-    found = answer(capsys, "solve", "loop_and_sphere", "--mu-r", "10")
+def test_known_values_for_another_permeability_are_not_compared(answer):
+    found = answer("solve", "loop_and_sphere", "--mu-r", "10")
     assert [row["ours"] for row in found["references"]] == [None] * 8
 
 
-def test_check_lists_what_is_there(capsys):
-    found = answer(capsys, "check", "drive_unit")
+def test_check_lists_what_is_there(answer):
+    found = answer("check", "drive_unit")
     assert [coil["name"] for coil in found["coils"]] == ["1", "2", "3", "4", "5", "6"]
     assert {coil["turns"] for coil in found["coils"]} == {840}
     volumes = {body["name"]: body["volume"] for body in found["bodies"]}
@@ -120,8 +119,8 @@ def test_check_lists_what_is_there(capsys):
     assert any("magnet_offset" in text for text in found["assumptions"])
 
 
-def test_info(capsys, machine):
-    found = answer(capsys, "info", machine.map)
+def test_info(answer, machine):
+    found = answer("info", machine.map)
     assert found["coil_names"] == ["loop"]
     np.testing.assert_allclose(found["middle"]["at"], [0, 0, -0.092], atol=1e-12)
     np.testing.assert_allclose(found["middle"]["Bz"], [flux(-0.092)] * 2, rtol=2e-4)
@@ -131,33 +130,7 @@ def test_info(capsys, machine):
         assert row["measured"] is None  # (7-18) was measured on another machine
 
 
-def test_schema_accepts_a_shipped_device(capsys):
-    import tomllib
-
-    import jsonschema
-
-    from fieldmap.shipped import shipped_file
-
-    assert main(["schema"]) == 0
-    printed = capsys.readouterr().out
-    assert printed == shipped_file("geometry", "device.schema.json").read_text()
-    schema = json.loads(printed)
-    # tests/device/test_json_schema.py holds this file to the schema of all schemas, which takes most of a second.
-    validator = jsonschema.validators.validator_for(schema)(schema)
-    short = tomllib.loads(shipped_file("geometry", "drive_unit").read_text())
-    validator.validate(short)
-    device = tomllib.loads(shipped_file("geometry", "loop_and_sphere").read_text())
-    validator.validate(device)
-    device["coil"][0]["turns"] = "many"
-    with pytest.raises(jsonschema.ValidationError):
-        validator.validate(device)
-
-
 def test_check_prints_the_machine_that_short_forms_make(capsys, tmp_path):
-    import tomllib
-
-    from fieldmap.device import read_device
-
     assert main(["check", "disk_six_cores", "--toml"]) == 0
     path = tmp_path / "whole.toml"
     path.write_text(capsys.readouterr().out)
@@ -169,10 +142,37 @@ def test_check_prints_the_machine_that_short_forms_make(capsys, tmp_path):
     ]
 
 
-def test_linear_iron_that_would_saturate_is_named(capsys):
+def test_linear_iron_that_would_saturate_is_named(answer):
     """At 80 A the core of mu_r = 4000 carries some 4 T."""
     words = ["probe", "single_electromagnet", "--refinement", "0.5", "--at-mm", "0,0,-40", "--currents"]
-    warned = [
-        any("saturate" in text for text in answer(capsys, *words, i)["assumptions"]) for i in ("80", "1")
-    ]
+    warned = [any("saturate" in text for text in answer(*words, i)["assumptions"]) for i in ("80", "1")]
     assert warned == [True, False]
+
+
+@pytest.mark.parametrize(
+    ("kind", "file", "wrong"),
+    [
+        ("device", "geometry/loop_and_sphere.toml", "name"),
+        ("material", "geometry/materials/steel_a3.toml", "B_T"),
+        ("planar-device", "geometry/planar_drive_unit.toml", "name"),
+        ("recipe", "maps/quick.toml", "spacing_mm"),
+        ("study", "maps/studies/pole_disk.toml", "device"),
+        ("fit", "maps/fits/loop_and_sphere.toml", "unknown"),
+        ("scenario", "maps/scenarios/hold.toml", "duration_s"),
+    ],
+)
+def test_the_schema_of_a_kind_of_file_accepts_a_shipped_one(capsys, kind, file, wrong):
+    """tests/device/test_json_schema.py holds the schema itself to the schema of all schemas."""
+    assert main(["schema", kind]) == 0
+    schema = json.loads(capsys.readouterr().out)
+    validator = jsonschema.validators.validator_for(schema)(schema)
+    data = tomllib.loads((Path(__file__).parents[2] / file).read_text())
+    validator.validate(data)
+    with pytest.raises(jsonschema.ValidationError):
+        validator.validate(data | {wrong: True})
+
+
+def test_every_kind_of_file_has_a_schema(capsys):
+    assert kinds_of_file() == [kind.name.replace(" ", "-") for kind in FILE_KINDS]
+    assert main(["schema"]) == 0
+    assert capsys.readouterr().out == shipped_file("geometry", "device.schema.json").read_text()

@@ -1,23 +1,13 @@
 """`fieldmap identify`: known models recovered from logs, and everything that is wrong with a log told at once."""
 
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from fieldmap.control import PID, from_roots, simulate_loop
-from fieldmap.control.identification import (
-    ROLES,
-    Orders,
-    identify_log,
-    make_log,
-    pseudo_random_binary,
-    read_log,
-    write_log,
-)
+from fieldmap.control.identification import make_log, pseudo_random_binary, write_log
 from fieldmap.dynamics import linear_points, prepare, read_scenario
-from fieldmap.errors import InputError
 
 TS = 2e-3
 POLES, ZERO, GAIN = (1.01, 0.905), 0.9935, -0.03
@@ -140,27 +130,6 @@ def test_all_problems_of_a_file_and_of_the_options_are_told_at_once(command, tmp
         assert where in err
 
 
-@pytest.mark.parametrize(
-    ("text", "wheres"),
-    [
-        (BROKEN, ["log.csv: column position", "log.csv:3", "log.csv:4", "log.csv:5"]),
-        ("time (s),u (V),y (m)\n0,1,1\n1,1,1\n2,1,1\n3,1,1\n9,1,1\n", ["log.csv:6"]),
-        ("a (s),u (V),y (m)\n0,1,1\n1,1,1\n", ["log.csv: time"]),
-        ("time (m),u (V),y (m)\n0,1,1\n1,1,1\n", ["log.csv: column time"]),
-        ("time (s),u (V),u2 (V)\n0,1,1\n1,1,1\n", ["log.csv: output"]),
-        ("time (s),u (V),Y (m),y (m)\n0,1,1,1\n1,1,1,1\n", ["log.csv: output"]),
-        ("one\ntwo\nthree\n", ["log.csv:1"]),
-        ("one\n", ["log.csv"]),
-    ],
-)
-def test_logs_that_cannot_be_read(tmp_path, text, wheres):
-    (tmp_path / "log.csv").write_text(text)
-    with pytest.raises(InputError) as error:
-        read_log(tmp_path / "log.csv", ROLES, required=("input", "output"))
-    found = [problem.where for problem in error.value.problems]
-    assert [Path(where).name if "/" in where else where for where in found] == wheres
-
-
 def test_a_log_of_a_simulated_rig_has_the_poles_of_the_machine(command, written, tmp_path):
     """PID on six dipoles with a pseudo-random reference; the machine's own linear model knows the poles."""
     changes = {
@@ -207,21 +176,3 @@ def test_a_log_of_a_simulated_rig_has_the_poles_of_the_machine(command, written,
     # The errors are those of the noise: that the force is not quite linear over 0.1 mm is beside them.
     assert (errors < 0.02).all()
     np.testing.assert_allclose(found[order], wanted, rtol=0.015)
-
-
-def test_a_log_without_a_reference_is_at_rest_at_its_first_sample(tmp_path, signals):
-    columns = {name: values for name, values in signals.items() if name != "reference"}
-    log = read_log(written_as(columns, tmp_path / "log.csv", ","), ROLES)
-    found = identify_log(log, Orders(2, 1))
-    assert found.rest == 1
-    assert found.operating_point["output"] == pytest.approx(signals["position"][0], abs=1e-6)
-
-
-def test_what_cuts_every_line_alike_is_the_delimiter(tmp_path):
-    """Also where the numbers' commas, of which one row has fewer, would cut most of them."""
-    rows = "".join(f"{k} {k},5\n" for k in range(9)) + "9 10\n"
-    path = tmp_path / "log.txt"
-    path.write_text("u,in_mV y_mV\n" + rows)
-    log = read_log(path, {"input": ("u,in",), "output": ("y",)}, sampling_time=0.1)
-    assert (log.delimiter, log.decimal) == ("blanks", ",")
-    assert log["output"] == pytest.approx(1e-3 * np.array([*np.arange(9) + 0.5, 10.0]))

@@ -4,6 +4,7 @@ The numbers themselves are judged by the tests of what computes them. Here all d
 place of another.
 """
 
+import shlex
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -79,6 +80,50 @@ SCENARIO = (
 )
 
 
+STUDY = """
+format = 1
+title = "Turns of a thin loop"
+device = "thin_loop.toml"
+vary = [{ name = "turns", key = "coil.loop.turns", values = [500, 1000] }]
+record = { quantities = ["currents", "equilibrium", "equilibrium_area"] }
+
+[[currents]]
+name = "carries low"
+carries_at_mm = [0, 0, -90]
+
+[[currents]]
+name = "carries higher"
+carries_at_mm = [0, 0, -80]
+"""
+
+MISTAKES = """
+format = 1
+name = 3
+title = "Several mistakes"
+
+[[coil]]
+name = "1"
+kind = "circular"
+inner_radius_mm = 11
+outer_radius_mm = 21
+height_mm = 39
+turns = -840
+
+[payload]
+mass = 11.19
+"""
+
+
+def readings():
+    """A table of B = G r per ampere at 2 A, of a quadrupole, with an error that changes its sign from row to row."""
+    steps = np.linspace(-10.0, 10.0, 6)
+    points = np.stack(np.meshgrid(steps, steps, steps, indexing="ij"), axis=-1).reshape(-1, 3)
+    flux = 2.0 * points @ np.diag([200.0, 200.0, -400.0])
+    flux[:, 0] += 10.0 * (-1.0) ** np.arange(len(flux))
+    rows = [",".join(f"{value:.6f}" for value in (*p, 2.0, *b)) for p, b in zip(points, flux, strict=True)]
+    return "\n".join(["x_mm,y_mm,z_mm,I_loop_A,Bx_uT,By_uT,Bz_uT", *rows])
+
+
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory, circle_of_six, dipole_map, machine):
     """Where the commands run, so that no path depends on the machine."""
@@ -96,6 +141,9 @@ def folder(tmp_path_factory, circle_of_six, dipole_map, machine):
     (place / "everything.toml").write_text((DEVICES / "everything.toml").read_text())
     (place / "thin_loop.toml").write_text((DEVICES / "thin_loop_with_driver.toml").read_text())
     (place / "step.toml").write_text(SCENARIO)
+    (place / "turns.toml").write_text(STUDY)
+    (place / "mistakes.toml").write_text(MISTAKES)
+    (place / "readings.csv").write_text(readings())
     return place
 
 
@@ -115,29 +163,40 @@ def printed(folder, monkeypatch, capsys):
     return run
 
 
-def test_help(printed, golden):
-    golden("help", printed("--help"))
+LAYOUTS = {
+    "help": "--help",
+    "help_of_equilibrium": "equilibrium --help",
+    "check_device": "check everything.toml",
+    "check_map": "check six.h5",
+    "currents": "currents six.h5 --at-mm 7 4 -100 --moment 0 0 0.8 --force nan 0.01 0.05 --limit 3",
+    "info_measured": "info six.h5",
+    "probe": "probe six.h5 --at-mm 1 2 -90 --at-mm 0 0 -80 --currents 1,1.1,1.2,1.3,1.4,1.5 --payload",
+    "equilibrium_at_currents": "equilibrium six.h5 --currents 4.4,4.2,4,4.1,4,3.9",
+    "equilibrium_at_a_height": "equilibrium six.h5 --sensor-mm 10",
+    "solve_coils": "solve thin_loop.toml --currents 2 --at-mm 1 0 -90",
+    "simulate": "simulate step.toml --vary control.z.Kc=0.4,0.6 -o runs.h5",
+    "linearise": "linearise step.toml --depths 9,11 -o linear.npz",
+    "study": "study turns.toml -o turns.nc --no-plot",
+    "import": "import readings.csv -o measured.h5 --spacing-mm 5 --degree 2",
+}
+FAILURES = {
+    "mistakes": (2, "check mistakes.toml"),
+    "simulate_ended_early": (
+        1,
+        "simulate step.toml --set control.z.Kc=0.0 --set 'start.shift_mm=[0.0, 0.0, 1.0]' --set duration_s=20.0",
+    ),
+}
 
 
-def test_help_of_a_command(printed, golden):
-    golden("help_of_equilibrium", printed("equilibrium", "--help"))
+@pytest.mark.parametrize("name", LAYOUTS)
+def test_page(printed, golden, name):
+    golden(name, printed(*shlex.split(LAYOUTS[name])))
 
 
-def test_check_of_a_device(printed, golden):
-    golden("check_device", printed("check", "everything.toml"))
-
-
-def test_check_of_a_map(printed, golden):
-    golden("check_map", printed("check", "six.h5"))
-
-
-def test_currents_of_a_map(printed, golden):
-    words = ["currents", "six.h5", "--at-mm", "7", "4", "-100", "--moment", "0", "0", "0.8"]
-    golden("currents", printed(*words, "--force", "nan", "0.01", "0.05", "--limit", "3"))
-
-
-def test_info_beside_what_was_measured(printed, golden):
-    golden("info_measured", printed("info", "six.h5"))
+@pytest.mark.parametrize("name", FAILURES)
+def test_page_of_a_failure(printed, golden, name):
+    code, line = FAILURES[name]
+    golden(name, printed(*shlex.split(line), code=code))
 
 
 def summary_of(domain, names, measured=False):
@@ -248,19 +307,6 @@ def test_info_of_a_map_over_currents(printed, golden, monkeypatch, name, domain,
     golden(name, printed("info", "over_currents.h5"))
 
 
-def test_probe(printed, golden):
-    words = ("--at-mm", "1 2 -90", "--at-mm", "0 0 -80", "--currents", "1,1.1,1.2,1.3,1.4,1.5", "--payload")
-    golden("probe", printed("probe", "six.h5", *words))
-
-
-def test_equilibrium_at_currents(printed, golden):
-    golden("equilibrium_at_currents", printed("equilibrium", "six.h5", "--currents", "4.4,4.2,4,4.1,4,3.9"))
-
-
-def test_equilibrium_at_a_height(printed, golden):
-    golden("equilibrium_at_a_height", printed("equilibrium", "six.h5", "--sensor-mm", "10"))
-
-
 def test_equilibrium_of_states(printed, golden, monkeypatch):
     """The states on the way, and a driver that gives less than the lift current."""
 
@@ -351,54 +397,6 @@ def test_solve(printed, golden, monkeypatch, words):
     golden("solve_state" if words else "solve_linear", printed("solve", "everything.toml", *words))
 
 
-def test_solve_coils_alone(printed, golden):
-    words = ("--currents", "2", "--at-mm", "1 0 -90")
-    golden("solve_coils", printed("solve", "thin_loop.toml", *words))
-
-
-def test_simulate(printed, golden):
-    words = ("--vary", "control.z.Kc=0.4,0.6", "-o", "runs.h5")
-    golden("simulate", printed("simulate", "step.toml", *words))
-
-
-def test_simulate_runs_that_end_early(printed, golden):
-    words = (
-        "--set",
-        "control.z.Kc=0.0",
-        "--set",
-        "start.shift_mm=[0.0, 0.0, 1.0]",
-        "--set",
-        "duration_s=20.0",
-    )
-    golden("simulate_ended_early", printed("simulate", "step.toml", *words, code=1))
-
-
-def test_linearise(printed, golden):
-    golden("linearise", printed("linearise", "step.toml", "--depths", "9,11", "-o", "linear.npz"))
-
-
-STUDY = """
-format = 1
-title = "Turns of a thin loop"
-device = "thin_loop.toml"
-vary = [{ name = "turns", key = "coil.loop.turns", values = [500, 1000] }]
-record = { quantities = ["currents", "equilibrium", "equilibrium_area"] }
-
-[[currents]]
-name = "carries low"
-carries_at_mm = [0, 0, -90]
-
-[[currents]]
-name = "carries higher"
-carries_at_mm = [0, 0, -80]
-"""
-
-
-def test_study(printed, golden, folder):
-    (folder / "turns.toml").write_text(STUDY)
-    golden("study", printed("study", "turns.toml", "-o", "turns.nc", "--no-plot"))
-
-
 def comparison(name, thesis, ours, kind, agrees=None, misprint="", place="Table 2-2"):
     return Comparison(
         "S3", name, f"the {name}", "A m2", thesis, ours, ours / thesis - 1, kind, agrees, misprint, place,
@@ -419,44 +417,5 @@ def test_thesis(printed, golden, monkeypatch):
         PartResult("S3", "Magnets", numbers, explanations={"": "All of it.", "lift": "Iron."}),
         PartResult("S10", "A map", problem="map missing", remedy="fieldmap map quick", map="quick"),
     ]
-    monkeypatch.setattr("fieldmap.cli.thesis.computed", lambda *given: iter(results))
+    monkeypatch.setattr("fieldmap.thesis.run_of_plan.computed", lambda *given: iter(results))
     golden("thesis", printed("thesis"))
-
-
-def readings():
-    """A table of B = G r per ampere at 2 A, of a quadrupole, with an error that changes its sign from row to row."""
-    steps = np.linspace(-10.0, 10.0, 6)
-    points = np.stack(np.meshgrid(steps, steps, steps, indexing="ij"), axis=-1).reshape(-1, 3)
-    flux = 2.0 * points @ np.diag([200.0, 200.0, -400.0])
-    flux[:, 0] += 10.0 * (-1.0) ** np.arange(len(flux))
-    rows = [",".join(f"{value:.6f}" for value in (*p, 2.0, *b)) for p, b in zip(points, flux, strict=True)]
-    return "\n".join(["x_mm,y_mm,z_mm,I_loop_A,Bx_uT,By_uT,Bz_uT", *rows])
-
-
-def test_import(printed, golden, folder):
-    (folder / "readings.csv").write_text(readings())
-    words = ("-o", "measured.h5", "--spacing-mm", "5", "--degree", "2")
-    golden("import", printed("import", "readings.csv", *words))
-
-
-MISTAKES = """
-format = 1
-name = 3
-title = "Several mistakes"
-
-[[coil]]
-name = "1"
-kind = "circular"
-inner_radius_mm = 11
-outer_radius_mm = 21
-height_mm = 39
-turns = -840
-
-[payload]
-mass = 11.19
-"""
-
-
-def test_mistakes_of_a_device(printed, golden, folder):
-    (folder / "mistakes.toml").write_text(MISTAKES)
-    golden("mistakes", printed("check", "mistakes.toml", code=2))

@@ -6,9 +6,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from fieldmap.cli.info import _unit_table
-from fieldmap.cli.printing import WIDTH, axis_text, facts, print_page, table, unsigned_zeros
-from fieldmap.cli.probe import force_table
+from fieldmap.cli.answers import force_table
+from fieldmap.cli.maps import _unit_table
+from fieldmap.cli.page import WIDTH, axis_text, facts, print_page, table, unsigned_zeros
 from fieldmap.io.map_summary import MiddleField
 
 NUMBER = re.compile(r"-?\d+\.\d+")

@@ -1,6 +1,5 @@
 """Commands on a device whose payload is a bead of soft iron below a thin loop, i = 5 A: closed forms on the axis."""
 
-import json
 from pathlib import Path
 
 import numpy as np
@@ -51,27 +50,22 @@ def bead(tmp_path):
     return str(path)
 
 
-def answer(capsys, *words):
-    assert main([*words, "--json"]) == 0
-    return json.loads(capsys.readouterr().out)
-
-
-def test_probe(bead, capsys):
-    found = answer(capsys, "probe", bead, "--at", "0", "0", "-0.02", "--currents", "5", "--payload")
+def test_probe(bead, answer):
+    found = answer("probe", bead, "--at", "0", "0", "-0.02", "--currents", "5", "--payload")
     assert found["force"][2] == pytest.approx(force(-0.02, 5.0), rel=1e-4)
     assert found["moment"][2] == pytest.approx(np.pi * DIAMETER**3 / 2 / mu_0 * found["B"][2], rel=1e-4)
     assert any("soft iron" in words for words in found["assumptions"])
     assert main(["probe", bead, "--at", "0", "0", "-0.02", "--currents", "5", "--payload"]) == 0
 
 
-def test_equilibrium(bead, capsys):
-    found = answer(capsys, "equilibrium", bead, "--currents", "5")
+def test_equilibrium(bead, answer, capsys):
+    found = answer("equilibrium", bead, "--currents", "5")
     assert force(found["position"][2], 5.0) == pytest.approx(MASS * gravity, rel=1e-4)
-    lift = answer(capsys, "equilibrium", bead, "--height-mm", "-25")
+    lift = answer("equilibrium", bead, "--height-mm", "-25")
     assert force(-0.025, lift["lift_current"]) == pytest.approx(MASS * gravity, rel=1e-4)
     assert main(["equilibrium", bead, "--currents", "5"]) == 0
     assert "soft sphere of 4 mm" in capsys.readouterr().out
-    assert main(["equilibrium", bead, "--currents", "5", "--moment", "aligned"]) == 2
+    assert main(["equilibrium", bead, "--currents", "5", "--orientation", "aligned"]) == 2
 
 
 @pytest.mark.parametrize(("amperes", "told"), [("5", "coils above"), ("0", "turn the currents on")])

@@ -2,7 +2,7 @@
 
 import pytest
 
-from fieldmap.cli.arguments import parse_setting
+from fieldmap.cli.arguments import parse_settings
 from fieldmap.device import read_device
 from fieldmap.dynamics import read_scenario
 from fieldmap.errors import DeviceFileError, InputError, RecipeError, ScenarioError, StudyError
@@ -40,7 +40,7 @@ def test_a_whole_number_that_python_does_not_read(tmp_path):
         read_device(path)
     line = path.read_text().splitlines().index(f"turns = {'9' * 5000}") + 1
     assert [problem.where for problem in caught.value.problems] == [f"{path}:{line}"]
-    assert parse_setting(f"coil.c.turns={'9' * 5000}", "--set")[1] == "9" * 5000
+    assert parse_settings([f"coil.c.turns={'9' * 5000}"]) == {"coil.c.turns": "9" * 5000}
 
 
 def test_such_a_name_for_any_file():

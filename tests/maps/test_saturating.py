@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import fieldmap as fm
-from fieldmap.cli.info import print_summary
+from fieldmap.cli.maps import print_summary
 from fieldmap.currents import (
     CoilGroups,
     CurrentDomain,

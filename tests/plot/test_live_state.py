@@ -236,7 +236,7 @@ def test_the_page_in_a_browser(six_map_with_payload, payload, tmp_path):
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
-    words = ["app", str(six_map_with_payload), "--web", "--port", str(port), "--current-limit", "5"]
+    words = ["app", str(six_map_with_payload), "--web", "--port", str(port), "--limit", "5"]
     environment = {**os.environ, "DISPLAY": ""}
     server = subprocess.Popen(
         [sys.executable, "-m", "fieldmap", *words],

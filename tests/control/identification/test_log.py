@@ -1,7 +1,9 @@
+from pathlib import Path
+
 import numpy as np
 import pytest
 
-from fieldmap.control.identification import make_log, read_log, write_log
+from fieldmap.control.identification import ROLES, Orders, identify_log, make_log, read_log, write_log
 from fieldmap.errors import InputError
 from tests.refusals import refused
 
@@ -140,3 +142,49 @@ def test_a_number_behind_a_name_is_no_unit(tmp_path):
         "y": ("y", "mm"),
         "v": ("v", "1"),
     }
+
+
+BROKEN = "time (s),control (V),position (furlong)\n0,1,2\n0.1,x,3\n0.2,1\n0.3,nan,3\n0.9,1,2\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "wheres"),
+    [
+        (BROKEN, ["log.csv: column position", "log.csv:3", "log.csv:4", "log.csv:5"]),
+        ("time (s),u (V),y (m)\n0,1,1\n1,1,1\n2,1,1\n3,1,1\n9,1,1\n", ["log.csv:6"]),
+        ("a (s),u (V),y (m)\n0,1,1\n1,1,1\n", ["log.csv: time"]),
+        ("time (m),u (V),y (m)\n0,1,1\n1,1,1\n", ["log.csv: column time"]),
+        ("time (s),u (V),u2 (V)\n0,1,1\n1,1,1\n", ["log.csv: output"]),
+        ("time (s),u (V),Y (m),y (m)\n0,1,1,1\n1,1,1,1\n", ["log.csv: output"]),
+        ("one\ntwo\nthree\n", ["log.csv:1"]),
+        ("one\n", ["log.csv"]),
+    ],
+)
+def test_logs_that_cannot_be_read(tmp_path, text, wheres):
+    (tmp_path / "log.csv").write_text(text)
+    with pytest.raises(InputError) as error:
+        read_log(tmp_path / "log.csv", ROLES, required=("input", "output"))
+    found = [problem.where for problem in error.value.problems]
+    assert [Path(where).name if "/" in where else where for where in found] == wheres
+
+
+def test_a_log_without_a_reference_is_at_rest_at_its_first_sample(tmp_path):
+    rng = np.random.default_rng(3)
+    control, position = rng.normal(4.2, 0.1, 500), 8.0 + np.cumsum(rng.normal(0.0, 0.01, 500))
+    rows = (
+        f"{0.002 * k:.3f},{u:.6f},{y:.6f}" for k, (u, y) in enumerate(zip(control, position, strict=True))
+    )
+    (tmp_path / "log.csv").write_text("time (s),control (V),position (mm)\n" + "\n".join(rows))
+    found = identify_log(read_log(tmp_path / "log.csv", ROLES), Orders(2, 1))
+    assert found.rest == 1
+    assert found.operating_point["output"] == pytest.approx(position[0], abs=1e-6)
+
+
+def test_what_cuts_every_line_alike_is_the_delimiter(tmp_path):
+    """Also where the numbers' commas, of which one row has fewer, would cut most of them."""
+    rows = "".join(f"{k} {k},5\n" for k in range(9)) + "9 10\n"
+    path = tmp_path / "log.txt"
+    path.write_text("u,in_mV y_mV\n" + rows)
+    log = read_log(path, {"input": ("u,in",), "output": ("y",)}, sampling_time=0.1)
+    assert (log.delimiter, log.decimal) == ("blanks", ",")
+    assert log["output"] == pytest.approx(1e-3 * np.array([*np.arange(9) + 0.5, 10.0]))

@@ -1,7 +1,9 @@
-"""`fieldmap simulate`: what is run, written and refused."""
+"""`fieldmap simulate` and `fieldmap linearise`: runs, files, events, logs laid over a run."""
 
+import csv
 import json
 import sys
+from functools import partial
 
 import numpy as np
 import pytest
@@ -41,42 +43,6 @@ def test_many_runs_and_values(command, written, tmp_path):
     errors = [[run["axes"][2]["rms_error_mm"] for run in batch["runs"]] for batch in batches]
     assert len({*errors[0], *errors[1]}) == 6
     assert len(read_runs(tmp_path / "many.h5")[0]) == 6
-
-
-def test_a_run_that_fails_says_so_and_keeps_its_data(command, written, tmp_path):
-    path = written()
-    failing = (
-        "--set",
-        "control.z.Kc=0.0",
-        "--set",
-        "start.shift_mm=[0.0, 0.0, 1.0]",
-        "--set",
-        "duration_s=5.0",
-    )
-    code, _, _ = command("simulate", path, *failing, "-o", tmp_path / "fell.h5")
-    assert code == 1
-    (run,), _ = read_runs(tmp_path / "fell.h5")
-    assert run.about["event"] == "fell out"
-    assert len(run.about["state"]) == 13
-    assert 50 < len(run.arrays["time"][0]) < 2500
-
-
-@pytest.mark.parametrize(
-    ("words", "told"),
-    [
-        (("--runs", "0"), "--runs"),
-        (("-o", "run.txt"), ".h5 or .csv"),
-        (("-o", "run.csv", "--runs", "2"), "one run"),
-        (("--save", "run.bmp"), ".png"),
-        (("--set", "control.z.Kc"), "KEY=VALUE"),
-        (("--set", "control.z.Ti=1"), "Ti_s"),
-        (("--vary", "control.z.Kc="), "KEY=A,B"),
-    ],
-)
-def test_wrong_words_are_told_before_anything_runs(command, written, words, told):
-    code, _, err = command("simulate", written(), *words)
-    assert code == 2
-    assert told in " ".join(err.split())
 
 
 OWN = """
@@ -252,9 +218,129 @@ def test_a_log_in_the_frame_of_the_map_is_what_simulate_writes(command, written,
     assert apart["1"]["rms"] < 1e-8
 
 
-def test_the_log_of_the_program_does_not_go_into_a_table(command, written, tmp_path):
-    (tmp_path / "rig.csv").write_text("t (s),depth (mm)\n0,1\n")
-    code, _, err = command("simulate", written(), "--log", tmp_path / "rig.csv")
+# What fails, and by what: a controller that does nothing, a gust, a wall in the way.
+QUIET = ("--set", "control.z.Kc=0.0", "--set", "noise.off=true", "--set", "duration_s=3.0")
+GUST = "disturbance=[{{force_mN=[{}, 0.0, {}], from_s=0.1, until_s=3.0}}]"
+FAILING = {
+    "fell out": (*QUIET, "--set", "start.shift_mm=[0.0, 0.0, 1.0]"),
+    "hit the pole": (*QUIET, "--set", "start.shift_mm=[0.0, 0.0, -1.0]"),
+    "left the map": ("--set", GUST.format(40.0, 0.0), "--set", "duration_s=3.0"),
+    "current saturates": (
+        *("--set", GUST.format(0.0, -400.0), "--set", "duration_s=3.0"),
+        *("--set", "coils.longest_saturation_s=0.03"),
+    ),
+    "hit the floor": (*QUIET, "--set", "start.shift_mm=[0.0, 0.0, 1.0]", "--set", "walls={floor_mm=-112.0}"),
+    "hit the tube": ("--set", GUST.format(40.0, 0.0), "--set", "walls={tube_radius_mm=8.0}"),
+}
+
+
+def at_the_edge(name, state, currents):
+    """Whether the state at the event is where the event happens; lengths in m."""
+    x, y, z = state[:3]
+    return {
+        "fell out": z < -0.139,
+        "hit the pole": z > -0.077,
+        "left the map": np.hypot(x, y) > 0.0199,
+        "current saturates": max(currents) > 0.8 * 3.55,
+        "hit the floor": abs(z - 0.005 + 0.112) < 1e-4,  # the body ends with the magnet
+        "hit the tube": abs(x - 2.1e-3) < 1e-3,
+    }[name]
+
+
+@pytest.fixture
+def simulated(command, six_coils):
+    """Runs the shipped step on a map made up, with changes: exit code, what is printed, errors."""
+
+    return partial(command, "simulate", "vertical_step", "--map", six_coils)
+
+
+@pytest.mark.parametrize("name", FAILING)
+def test_a_failing_run_ends_with_its_event_and_keeps_its_data(simulated, tmp_path, name):
+    file = tmp_path / "run.h5"
+    code, out, err = simulated(*FAILING[name], "-o", file)
+    assert code == 1, err
+    (run,), about = read_runs(file)
+    assert run.about["event"] == name
+    state, currents, end = run.about["state"], run.about["currents"], run.about["end_s"]
+    assert len(state) == 13
+    assert at_the_edge(name, state, currents), (state, currents)
+    time = run.arrays["time"][0]
+    # One row a control period up to the event, and none after it.
+    assert 10 < len(time) < 1500
+    assert end - 2.1e-3 < time[-1] <= end
+    assert all(len(values) == len(time) and np.isfinite(values).all() for values, *_ in run.arrays.values())
+    # The last row is the state of one period before at most: that far the body moves in that time.
+    travel = np.linalg.norm(run.arrays["position"][0][-1] - state[:3])
+    assert travel <= 2.2e-3 * np.linalg.norm(state[3:6]) + 1e-6
+    assert "step" in about["scenario"].lower()
+    words = " ".join(out.split())
+    assert f"{name}: 1, first at {end:.3f} s: x {round(1e3 * state[0], 2) + 0.0:.2f}" in words
+
+
+def test_a_failing_run_as_a_table_and_as_numbers(simulated, tmp_path):
+    file = tmp_path / "run.csv"
+    code, out, _ = simulated(*FAILING["fell out"], "-o", file, "--json")
+    assert code == 1
+    (run,) = json.loads(out)["batches"][0]["runs"]
+    assert run["event"] == "fell out"
+    assert run["end_mm"][2] > 140 - 77 - 15 - 1
+    assert run["end_mm_per_s"][2] > 0
+    assert len(run["end_A"]) == 6
+    rows = list(csv.reader(file.read_text().splitlines()))
+    assert len(rows) - 1 == pytest.approx(run["end_s"] / 2e-3, abs=1.01)
+
+
+def test_one_run_of_several_that_fails_is_no_failure_of_all(simulated):
+    words = ("--set", "start.shift_mm=[0.0, 0.0, 1.0]", "--set", "duration_s=3.0", "--set", "reference=[]")
+    code, out, _ = simulated(*words, "--vary", "control.z.Kc=0.0,0.5")
+    assert code == 0
+    assert "fell out: 1" in out
+    assert "events none" in " ".join(out.split())
+
+
+def test_models_are_written(command, six_coils, tmp_path):
+    words = (
+        "linearise",
+        "horizontal_pid",
+        "--map",
+        six_coils,
+        "--set",
+        "plate.thickness_mm=1.0",
+        "--depths",
+        "9,11",
+    )
+    code, _, err = command(*words, "-o", tmp_path / "linear.npz")
+    assert code == 0, err
+    stored = np.load(tmp_path / "linear.npz")
+    assert stored["A"].shape == (2, 6, 6)
+    assert stored["loop_A"].shape[0] == 2
+    code, text, err = command(*words, "--json")
+    answer = json.loads(text)
+    np.testing.assert_allclose([point["A"] for point in answer["points"]], stored["A"])
+    poles = np.linalg.eigvals(stored["A"][1])
+    assert max(pole for pole, _ in (mode["pole"] for mode in answer["points"][1]["modes"])) == pytest.approx(
+        poles.real.max()
+    )
+    code, _, _ = command(*words, "--set", "control.z.Kc=0.0")
+    assert code == 1
+    code, _, err = command(*words[:4], "--depths", "a", "-o", tmp_path / "x.csv")
     assert code == 2
-    assert "--measured" in err
-    assert (tmp_path / "rig.csv").read_text() == "t (s),depth (mm)\n0,1\n"
+    assert "--depths" in err
+    assert ".npz" in err
+
+
+def test_what_rounding_leaves_of_a_mode_is_printed_as_zero(command):
+    # Nothing but rounding turns an upright magnet of one axis about that axis.
+    code, text, err = command("linearise", "hold", "--map", "sample", "--set", "field.scale=2")
+    assert code == 0, err
+    turning = [line.split() for line in text.splitlines() if "turn_z" in line]
+    assert [words[-2] for words in turning] == ["0", "0"]
+
+
+def test_a_machine_that_cannot_carry_its_payload_anywhere_says_so(command):
+    # The shipped map's six coils need 5.8 A at its highest place, and their driver gives 3.55 A.
+    code, _, err = command("simulate", "hold", "--map", "sample")
+    assert code == 1
+    told = " ".join(err.split())
+    assert "3.55 A" in told
+    assert "lighter payload" in told

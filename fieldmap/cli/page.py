@@ -1,20 +1,27 @@
 """How results are printed: one page of headings, facts and tables for people, or JSON."""
 
+from __future__ import annotations
+
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from json import dumps
-from typing import TypeAlias, TypeVar
+from math import isfinite
+from typing import TYPE_CHECKING, SupportsFloat, TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 from rich import box
-from rich.console import Console, RenderableType
+from rich.console import Console, Group, RenderableType
 from rich.padding import Padding
 from rich.table import Table
 from rich.text import Text
 
 from fieldmap.plain import Result, plain
 from fieldmap.typing import Array
+
+if TYPE_CHECKING:
+    from fieldmap.io.answers import ProbedPoint
+    from fieldmap.iron.summary import PointField
 
 WIDTH = 100
 
@@ -96,22 +103,39 @@ def remark(words: str) -> RenderableType:
 
 
 def assumption_lines(assumptions: Iterable[str]) -> list[tuple[str, str]]:
-    """What the numbers rest on, as rows for `facts`."""
+    """The assumptions of the numbers, as rows for `facts`."""
     return [("assumes" if index == 0 else "", text) for index, text in enumerate(assumptions)]
 
 
-def millimetres(point: Iterable[float]) -> str:
-    """A point in mm, to 1 um: (0.000, 0.000, -87.000) mm."""
-    return "(" + ", ".join(f"{round(1e3 * x, 3) + 0.0:.3f}" for x in point) + ") mm"
+def assumed(assumptions: Iterable[str]) -> Table:
+    """The assumptions of the numbers."""
+    return facts(assumption_lines(assumptions))
+
+
+def written(paths: Sequence[object]) -> Table | None:
+    """The files that a command has written."""
+    rows = [("written" if index == 0 else "", str(path)) for index, path in enumerate(paths)]
+    return facts(rows) if rows else None
+
+
+def cells(values: Iterable[SupportsFloat | None], spec: str, scale: float = 1.0) -> list[str]:
+    """Numbers as text; "-" stands for a number that is not there.
+
+    >>> cells([0.00123, None, float("nan")], ".4g", 1e3)
+    ['1.23', '-', '-']
+    """
+    return [
+        "-" if value is None or not isfinite(value) else f"{scale * float(value):{spec}}" for value in values
+    ]
 
 
 def place(point: Iterable[float], decimals: int = 3) -> str:
     """A point that was given, in mm, without trailing zeros.
 
     >>> place([0.0, -0.0381051, -0.087])
-    '(0, -38.105, -87) mm'
+    '(0, -38.105, -87)'
     """
-    return "(" + ", ".join(f"{round(1e3 * float(x), decimals) + 0.0:g}" for x in point) + ") mm"
+    return "(" + ", ".join(f"{round(1e3 * float(x), decimals) + 0.0:g}" for x in point) + ")"
 
 
 def axis_text(axis: Array | None) -> str:
@@ -141,6 +165,40 @@ def without_noise(values: ArrayLike, beside: float = 0.0) -> Array:
     """
     array = np.asarray(values, dtype=float)
     return np.where(np.abs(array) <= 1e-9 * np.abs(array).max(initial=beside), 0.0, array)
+
+
+def currents_text(coil_names: tuple[str, ...], currents: Iterable[float]) -> str:
+    """The currents in words.
+
+    >>> currents_text(("left", "right"), [1.5, 1.5]), currents_text(("loop",), [2.0])
+    ('1.5 A in each of 2 coils', '2 A in coil loop')
+    """
+    values = [float(value) for value in currents]
+    if len(values) == 1:
+        return f"{values[0]:g} A in coil {coil_names[0]}"
+    if len(set(values)) == 1:
+        return f"{values[0]:g} A in each of {len(values)} coils"
+    return ", ".join(f"{name}: {value:g} A" for name, value in zip(coil_names, values, strict=True))
+
+
+def field_table(
+    points: Iterable[ProbedPoint | PointField],
+    coil_names: tuple[str, ...] = (),
+    currents: Iterable[float] = (),
+) -> RenderableType:
+    """B and the gradient at each point, below the currents, unless these stand elsewhere."""
+    parts: list[RenderableType] = [Text(currents_text(coil_names, currents))] if coil_names else []
+    for point in points:
+        lines = [
+            (f"B{axis}", *cells((flux, *row), ".6g", 1e3))
+            for axis, flux, row in zip(
+                "xyz", without_noise(point.B), without_noise(point.gradient), strict=True
+            )
+        ]
+        parts.append(
+            table((f"at {place(point.at)} mm", "mT", "d/dx  mT/m", "d/dy  mT/m", "d/dz  mT/m"), lines)
+        )
+    return Group(*parts)
 
 
 R = TypeVar("R", bound=Result)

@@ -1,0 +1,268 @@
+"""Fields to and from other programs: `fieldmap export` and `fieldmap import`."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from fieldmap.cli import options, page
+from fieldmap.cli.arguments import output_problems, parse_currents, parse_moment, parse_settings
+from fieldmap.cli.options import option
+from fieldmap.errors import InputError
+from fieldmap.progress import Progress
+
+if TYPE_CHECKING:
+    from fieldmap.interop import MeasuredMap
+    from fieldmap.io import IronOptions
+    from fieldmap.lookup import FieldMap, MapAtCurrents
+
+# The options that each format takes.
+FORMATS = {
+    "c": ("--kind", "--currents", "--outside"),
+    "c32": ("--kind", "--currents", "--outside"),
+    "csv": ("--currents", "--spacing-mm"),
+    "fmu": ("--kind", "--currents", "--outside", "--fmi", "--moment", "--body", "--sources"),
+    "mag-manip": ("--currents", "--spacing-mm"),
+    "vti": ("--currents", "--spacing-mm"),
+}
+_OF_ANY_FIELD = ("csv", "vti")
+
+
+def export(
+    source: Annotated[
+        str,
+        options.file_argument(
+            "DEVICE_OR_MAP",
+            "Map file; for csv and vti also a device file or name, which is solved.",
+            "geometry",
+        ),
+    ],
+    to: Annotated[
+        str,
+        option(
+            "--to",
+            "NAME",
+            "c: one flat file and its header. c32: constants in single precision and their header. csv: a table. "
+            "fmu: a unit of FMI, compiled here. mag-manip: YAML. vti: VTK image data.",
+        ),
+    ],
+    target: Annotated[Path, options.output("File to write.")],
+    kind: Annotated[
+        str,
+        option(
+            "--kind",
+            "NAME",
+            "For c, c32 and fmu: harmonic (one polynomial per cell) or global (one for the box, a few kB).",
+        ),
+    ] = "harmonic",
+    currents: options.Currents = None,
+    spacing_mm: Annotated[
+        float | None,
+        option(
+            "--spacing-mm",
+            "MM",
+            "For csv, vti and mag-manip: largest distance between nodes. Default: the map's nodes, for mag-manip "
+            "as many as it needs; a device needs it.",
+        ),
+    ] = None,
+    outside: Annotated[
+        str, option("--outside", "RULE", "For c, c32 and fmu: the result outside the map, nan or clamp.")
+    ] = "nan",
+    fmi: Annotated[int | None, option("--fmi", "2|3", "For fmu: version of FMI. Default: 2.")] = None,
+    moment: options.Moment = None,
+    body: Annotated[
+        str | None,
+        option(
+            "--body",
+            "DEVICE",
+            "For fmu: the payload of this device moves inside, as a rigid body.",
+            autocompletion=options.shipped("geometry"),
+        ),
+    ] = None,
+    sources: Annotated[
+        bool, typer.Option("--sources", help="For fmu: C sources alone, for an importer that compiles them.")
+    ] = False,
+    changes: options.Changes = None,
+    mu_r: options.MuR = None,
+    nonlinear: options.Nonlinear = False,
+    refinement: options.Refinement = 1.0,
+    json: options.Json = False,
+) -> None:
+    """Write a map, or the field in the workspace of a device, for other programs.
+
+    --currents fixes the currents; without it the other program sets them. An fmu has a magnet of --moment, by default 1
+    A m2 upward.
+    """
+    from fieldmap import interop
+    from fieldmap.io import existing_map, is_map_file
+    from fieldmap.lookup import open_map
+
+    given = {
+        "--kind": kind != "harmonic",
+        "--currents": bool(currents),
+        "--spacing-mm": spacing_mm is not None,
+        "--outside": outside != "nan",
+        "--fmi": fmi is not None,
+        "--moment": moment is not None,
+        "--body": body is not None,
+        "--sources": sources,
+    }
+    _check_format(to, [name for name, there in given.items() if there])
+    iron, settings = options.checked_iron(mu_r, nonlinear, refinement), parse_settings(changes)
+    spacing = None if spacing_mm is None else 1e-3 * spacing_mm
+    sampled, files = None, tuple[Path, ...]()
+    if not is_map_file(source):
+        files = (_of_device(source, to, target, currents, spacing, iron, settings),)
+    else:
+        options.refuse_iron_of_map(iron, settings)
+        field = open_map(existing_map(source), kind, outside)
+        amperes = parse_currents(currents, field.coil_names) if currents else None
+        if to in _OF_ANY_FIELD:
+            files = (_writer(to)(field, target, amperes, spacing),)
+        elif to == "mag-manip":
+            sampled = interop.sample_for_mag_manip(field, spacing, amperes)
+            files = (sampled.write(target),)
+        elif to == "c" and amperes is None and not field.affine:
+            files = interop.write_c_iron_files(field, target)
+        else:
+            options.require_currents(not field.affine, currents, f"{source} --to {to}")
+            fixed = field if amperes is None else field.at(amperes)
+            if to == "fmu":
+                files = (_unit(fixed, target, fmi, moment, body, sources),)
+            else:
+                write = interop.write_c_files if to == "c" else interop.write_c32_files
+                files = write(fixed, target)
+    if json:
+        page.print_json({"written": files} | ({} if sampled is None else sampled.to_dict()))
+        return
+    print(*files, sep="\n")
+    if sampled is not None:
+        print(sampled.summary, file=sys.stderr)
+
+
+def _check_format(to: str, given: list[str]) -> None:
+    if to not in FORMATS:
+        raise InputError.of("--to", f"must be one of {', '.join(FORMATS)}", to, "choose one of these")
+    wrong = [name for name in given if name not in FORMATS[to]]
+    if wrong:
+        must_hold, received = "must be a format that has these options", f"{', '.join(wrong)} with {to}"
+        raise InputError.of("--to", must_hold, received, "leave them out")
+
+
+def _of_device(
+    source: str,
+    to: str,
+    target: Path,
+    currents: list[str] | None,
+    spacing: float | None,
+    iron: IronOptions,
+    settings: dict[str, object],
+) -> Path:
+    from fieldmap.io.answers import require_box
+
+    if to not in _OF_ANY_FIELD:
+        remedy = "make a map first: fieldmap map RECIPE"
+        raise InputError.of(source, f"must be a map file for --to {to}", "a device", remedy)
+    if spacing is None:
+        must_hold, remedy = "must come with a device, which has no nodes", "add for example --spacing-mm 2"
+        raise InputError.of("--spacing-mm", must_hold, "none", remedy)
+    options.require_currents(iron.nonlinear, currents)
+    with Progress("export") as progress:
+        found = options.find_named(source, iron, progress, settings)
+        require_box(found)
+        amperes = parse_currents(currents, found.coil_names) if currents else None
+        return _writer(to)(found.field, target, amperes, spacing, found.device_name)
+
+
+def _writer(to: str) -> Callable[..., Path]:
+    if to == "vti":
+        from fieldmap.plot.vti import write_vti
+
+        return write_vti
+    from fieldmap.interop import write_csv
+
+    return write_csv
+
+
+def _unit(
+    field: FieldMap | MapAtCurrents,
+    target: Path,
+    fmi: int | None,
+    moment: str | None,
+    device: str | None,
+    sources: bool,
+) -> Path:
+    """The unit of FMI with the magnet of `--moment`, or with the payload of a device inside."""
+    from fieldmap.interop import write_fmu
+
+    body = None
+    if device is not None:
+        from fieldmap.device import read_device
+
+        payload = read_device(device).payload
+        if payload is None or moment is not None:
+            must = "must be a device with a [payload], whose moment is that of the unit"
+            received = device if payload is None else "--moment as well"
+            raise InputError.of("--body", must, received, "choose another, or leave it out")
+        from fieldmap.dynamics import body_of_payload
+
+        body = body_of_payload(payload)
+    magnet = parse_moment("1" if moment is None else moment)
+    return write_fmu(field, target, magnet, body, version=2 if fmi is None else fmi, binary=not sources)
+
+
+def import_map(
+    source: Annotated[
+        Path,
+        typer.Argument(
+            metavar="CSV", help="Table with columns x_mm, y_mm, z_mm, I_NAME_A ..., Bx_mT, By_mT, Bz_mT."
+        ),
+    ],
+    target: Annotated[Path, options.output("Map file to write (.h5).")],
+    spacing: Annotated[
+        float, option("--spacing-mm", "MM", "Largest distance between nodes of the map.")
+    ] = 5.0,
+    degree: Annotated[
+        int | None,
+        option(
+            "--degree",
+            "N",
+            "Degree of the polynomials: lower is smoother. Default: the one that predicts held-out readings best.",
+            min=2,
+        ),
+    ] = None,
+    json: options.Json = False,
+) -> None:
+    """Fit harmonic polynomials to a table of flux densities and write them as a map; print how well they fit."""
+    from fieldmap.interop import fit_map, read_measurements
+    from fieldmap.store import write_map
+
+    if problems := output_problems("--output", target, (".h5", ".hdf5")):
+        raise InputError(*problems)
+    measured = fit_map(read_measurements(source), 1e-3 * spacing, degree=degree)
+    write_map(target, measured.data)
+    page.print_result(measured, partial(_import_page, source, target), json, map=target)
+
+
+def _import_page(source: Path, target: Path, measured: MeasuredMap) -> Iterator[page.Section]:
+    report, data, error = measured.report, measured.data, measured.report.standard_error
+    held_out = f"{1e6 * report.held_out:.3g} uT rms, {1e6 * report.held_out_worst:.3g} uT at worst"
+    at_nodes = f"{1e6 * error.flux_density:.3g} uT, {1e3 * error.gradient:.3g} mT/m at the nodes"
+    assumptions = (text.removeprefix("measured: ") for text in data.provenance.assumptions[:2])
+    yield page.heading(str(target), f"from {source}")
+    yield page.facts(
+        [
+            ("readings", f"{report.readings}, coils {', '.join(data.coil_names)}"),
+            ("nodes", " x ".join(map(str, data.grid.shape))),
+            ("degree", f"{report.degree}"),
+            ("residual", f"{1e6 * report.residual:.3g} uT rms per component"),
+            ("held out", f"{held_out}, of readings predicted without them"),
+            ("standard error", f"{at_nodes}, from scatter alone"),
+            ("assumed", "; ".join(assumptions)),
+        ]
+    )

@@ -1,0 +1,232 @@
+"""What people look at: `fieldmap show` draws a device, a map or a run; `fieldmap app` has sliders for the currents."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from fieldmap.cli import options, page
+from fieldmap.cli.arguments import parse_currents, parse_points, parse_settings, positive_problems
+from fieldmap.cli.options import option
+from fieldmap.errors import InputError, Problem
+from fieldmap.progress import Progress
+
+if TYPE_CHECKING:
+    from fieldmap.plot.live_window import LiveWindow
+    from fieldmap.plot.shown import Shown
+    from fieldmap.typing import Array
+
+PAGE_WINDOW = (900, 700)
+
+
+def show(
+    source: Annotated[
+        str,
+        options.file_argument(
+            "DEVICE_OR_MAP_OR_RUN",
+            "Device file or name, map file, or a run that `fieldmap simulate -o RUN.h5` wrote.",
+            "geometry",
+        ),
+    ],
+    what: Annotated[
+        str,
+        option(
+            "--what",
+            "NAME",
+            "What to draw: device, mesh, iron, lines, slices, surfaces, forces, equilibrium, difference, "
+            "shift or reachable; path for a run.",
+        ),
+    ] = "",
+    currents: options.Currents = None,
+    quantity: Annotated[
+        str,
+        option(
+            "--quantity",
+            "NAME",
+            "For slices, surfaces and difference: B, Bz or gradB. For shift: x or y. For reachable: "
+            "force or B.",
+        ),
+    ] = "",
+    minus: Annotated[
+        str | None, option("--minus", "DEVICE_OR_MAP", "Subtract this field, and draw the difference.")
+    ] = None,
+    height_mm: options.HeightMm = None,
+    at_mm: options.AtMm = None,
+    limit: options.Limit = None,
+    save: options.Save = None,
+    changes: options.Changes = None,
+    mu_r: options.MuR = None,
+    nonlinear: options.Nonlinear = False,
+    refinement: options.Refinement = 1.0,
+    json: options.Json = False,
+) -> None:
+    """Draw a device, its iron, its field, or a simulated run; a window opens unless --save names a file.
+
+    The file is .png, .html (for a browser, no server) or .vtm (ParaView); for a run also .gif or .mp4. Without
+    --currents every coil carries 1 A. For shift, --height-mm is where the magnet is held, by default where it floats.
+    For reachable, --at-mm is the point, by default the middle of the workspace.
+    """
+    from fieldmap.io import IronOptions, is_map_file
+    from fieldmap.plot import gather
+    from fieldmap.plot.scenes import FORMATS, MOVIES, check_format, check_scene
+    from fieldmap.store import is_run_file
+
+    of_map = is_map_file(source)
+    recorded = of_map and is_run_file(source)
+    if save is not None:
+        check_format(save, (*MOVIES, *FORMATS) if recorded else FORMATS)
+    iron, settings = options.checked_iron(mu_r, nonlinear, refinement), parse_settings(changes)
+    chosen = what or _default_scene(of_map, recorded, minus)
+    check_scene(chosen, quantity)
+    if recorded:
+        given = [name for name, there in (("--currents", currents), ("--minus", minus)) if there]
+        _refuse_for_runs(chosen, given + options.changed_iron(iron, settings))
+        shown = gather.shown_run(source)
+    elif chosen in ("device", "mesh") and not of_map:
+        shown = _drawn_device(source, settings, chosen, refinement)
+    else:
+        place = _one_place(at_mm)
+        if problems := positive_problems("--limit", limit, "give amperes"):
+            raise InputError(*problems)
+        height = None if height_mm is None else 1e-3 * height_mm
+        with Progress("show") as progress:
+            found, other = options.find_named(source, iron, progress, settings), None
+            if minus is not None and chosen == "difference":
+                of_other = IronOptions() if is_map_file(minus) else iron
+                other = options.find_named(minus, of_other, progress, {})
+            amperes = parse_currents(currents or ["1"], found.coil_names)
+            shown = gather.shown_field(found, amperes, chosen, other, height, place, limit, quantity)
+    if save is not None and save.suffix in MOVIES:
+        ranges = _animate(shown, save)
+    else:
+        ranges = _draw(shown, chosen, quantity, save)
+    if json:
+        page.print_json({"source": source, "what": chosen, "saved": save, "ranges": ranges} | shown.to_dict())
+    elif save is not None:
+        print(save)
+
+
+def _drawn_device(source: str, settings: dict[str, object], what: str, refinement: float) -> Shown:
+    from fieldmap.io import named_device
+    from fieldmap.plot.gather import shown_device, shown_mesh
+
+    device = named_device(source, settings)
+    return shown_device(device) if what == "device" else shown_mesh(device, refinement)
+
+
+def _one_place(at_mm: list[str] | None) -> Array | None:
+    """The point of `--at-mm`, m. Raises InputError for several."""
+    points = parse_points(None, at_mm)
+    if len(points) > 1:
+        raise InputError.of("--at-mm", "must give one point", f"{len(points)} points", "give it once")
+    return points[0] if len(points) else None
+
+
+def _default_scene(of_map: bool, recorded: bool, minus: str | None) -> str:
+    """What is shown without --what."""
+    if recorded:
+        return "path"
+    if minus:
+        return "difference"
+    return "slices" if of_map else "device"
+
+
+def _refuse_for_runs(what: str, given: list[str]) -> None:
+    problems = [Problem(name, "must not come with a run", "given", "leave it out") for name in given]
+    if what != "path":
+        remedy = "leave it out, or name a device or a map"
+        problems.append(Problem("--what", "must be path for a run", what, remedy))
+    if problems:
+        raise InputError(*problems)
+
+
+def _draw(shown: Shown, what: str, quantity: str, save: Path | None) -> dict[str, list[float]]:
+    """Show or save; the ranges of what is coloured, by its title."""
+    from fieldmap.plot.rendering import require_window
+    from fieldmap.plot.scenes import axes_of, drawn_ranges, make_scene, save_scene
+
+    scene = make_scene(shown, what, quantity, off_screen=save is not None)
+    ranges = drawn_ranges(scene)
+    if save is None:
+        require_window(scene)
+        scene.show()
+    else:
+        save_scene(scene, save, shown.title, axes_of(what, quantity, shown))
+        scene.close()
+    return ranges
+
+
+def _animate(shown: Shown, save: Path) -> dict[str, list[float]]:
+    from fieldmap.plot.animation import CURRENT, save_animation
+
+    assert shown.run is not None
+    with Progress("show") as progress:
+        save_animation(shown.run, save, progress)
+    return {CURRENT: [float(shown.run.currents.min()), float(shown.run.currents.max())]}
+
+
+def app(
+    map_file: options.MapArgument,
+    limit: options.Limit = None,
+    force_scale: Annotated[
+        float, option("--force-scale", "NUMBER", "Multiply every force by this, from a calibration.")
+    ] = 1.0,
+    payload_of: options.PayloadOf = None,
+    web: Annotated[
+        bool, typer.Option("--web", help="Serve a page for a browser instead of a window.")
+    ] = False,
+    port: Annotated[int, option("--port", "N", "Of the page; 0: any free one.", min=0, max=65535)] = 8080,
+    states: Annotated[
+        Path | None, option("--states", "FILE", "Saved states of the page, JSON. Default: MAP.states.json.")
+    ] = None,
+    save: options.Save = None,
+    json: options.Json = False,
+) -> None:
+    """Open a window, or a page, with sliders for the currents of a map: field, force and equilibrium are updated.
+
+    --save draws the start as .png without a window. --limit is the end of the sliders of a linear map; a map of
+    saturating iron has its own.
+    """
+    from fieldmap.io import existing_map, find_source
+    from fieldmap.lookup import FieldMap
+    from fieldmap.plot.gather import DEFAULT_LIMIT
+    from fieldmap.plot.live_window import LiveWindow
+    from fieldmap.plot.scenes import check_format
+
+    if save is not None:
+        check_format(save, (".png",))
+    found = find_source(existing_map(map_file))
+    assert isinstance(found.field, FieldMap)
+    driver = DEFAULT_LIMIT if found.driver is None else found.driver.current_limit
+    scaled = "" if force_scale == 1.0 else f", forces times {force_scale:g} (calibration)"
+    title = f"{found.name}: {found.field.info.provenance.title}{scaled}"
+    about = (found.field, options.payload_of_option(found, payload_of), limit or driver, force_scale)
+    if web:
+        from fieldmap.extras import require
+        from fieldmap.plot.live_web import WHERE, LivePage
+
+        require("trame.app", "web", WHERE)
+        file = states or Path(map_file).with_suffix(".states.json")
+        window = LiveWindow(*about, "", True, PAGE_WINDOW, sliders=False, states_file=file)
+        LivePage(window, title).serve(port, open_browser=bool(os.environ.get("DISPLAY")))
+        return
+    window = LiveWindow(*about, title, off_screen=save is not None)
+    _open_or_save(window, save)
+    if json:
+        page.print_json({"source": map_file, "saved": save} | window.as_numbers())
+    elif save is not None:
+        print(save)
+
+
+def _open_or_save(window: LiveWindow, save: Path | None) -> None:
+    from fieldmap.plot.style import save_screenshot
+
+    if save is None:
+        window.show()
+        return
+    save.parent.mkdir(parents=True, exist_ok=True)
+    save_screenshot(window.scene, save)
+    window.scene.close()

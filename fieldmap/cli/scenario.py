@@ -1,0 +1,345 @@
+"""Machines in closed loop: `fieldmap simulate` runs a scenario, `fieldmap linearise` gives its linear model."""
+
+from __future__ import annotations
+
+import importlib.util
+import sys
+from collections.abc import Iterator
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import numpy as np
+import typer
+from rich.table import Table
+
+from fieldmap.cli import options, page
+from fieldmap.cli.arguments import output_problems, parse_pairs, parse_settings, parse_variation
+from fieldmap.cli.options import option
+from fieldmap.errors import InputError, Problem
+from fieldmap.progress import Progress
+from fieldmap.shipped import is_file
+
+if TYPE_CHECKING:
+    from fieldmap.control import FunctionController
+    from fieldmap.dynamics.scenario import Batch, LaidLog, Linearisation, LinearPoint, Simulation
+    from fieldmap.plot.runs import DrawnRun
+
+_EXAMPLE = "control.z.Kc=0.2"
+
+
+def simulate(
+    scenario: options.ScenarioArgument,
+    map_file: options.ScenarioMap = None,
+    target: Annotated[Path | None, options.output("Write the runs: .h5, or .csv of a single run.")] = None,
+    save: options.Save = None,
+    runs: Annotated[int, option("--runs", "N", "Number of runs, each with its own noise.")] = 1,
+    seed: Annotated[
+        int | None, option("--seed", "N", "Seed of the noise, in place of the scenario's.")
+    ] = None,
+    threads: Annotated[int, option("--threads", "N", "Number of threads; 0: one per processor.")] = 0,
+    changes: options.ScenarioChanges = None,
+    vary: Annotated[
+        str | None, option("--vary", "KEY=A,B,...", "Repeat the runs for each value of a key.")
+    ] = None,
+    controller: Annotated[
+        str | None,
+        option(
+            "--controller",
+            "FILE.py:NAME",
+            "A function of your own in the place of the controllers: outputs = NAME(time, measured, reference, "
+            "state), or a FunctionController.",
+        ),
+    ] = None,
+    log: Annotated[
+        Path | None,
+        option(
+            "--measured",
+            "LOG.csv",
+            "A measured log to lay over the run: columns time, x, y, depth or z, and currents of coils.",
+        ),
+    ] = None,
+    log_columns: Annotated[
+        list[str] | None,
+        option("--column", "ROLE=NAME", "Name of the log's column time, x, y, depth, z or of a coil."),
+    ] = None,
+    log_units: options.Units = None,
+    log_begins: Annotated[
+        float | None,
+        option("--begins", "S", "Time of the run at the log's first sample. Default: its own time."),
+    ] = None,
+    json: options.Json = False,
+) -> None:
+    """Run a scenario: a levitated magnet with coils, sensors and controllers in closed loop on a map.
+
+    --save draws the runs: .png, .svg or .pdf. A run that fails (leaves the map, hits a wall, saturates) names the event
+    that ended it. The exit code is 1 if all runs fail.
+    """
+    from fieldmap.dynamics.scenario import simulate_batches, write_simulation
+
+    _check_files(target, save, runs, vary, log)
+    fixed = parse_settings(changes, _EXAMPLE)
+    varied = None if vary is None else parse_variation(vary)
+    own = None if controller is None else _function_in(controller)
+    kept = target is not None or save is not None or log is not None
+    field, device = options.field_of_option(map_file)
+    with Progress("simulate") as progress:
+        simulation = simulate_batches(
+            scenario, field, fixed, varied, runs, seed, threads, kept, progress, device, own
+        )
+    laid = None if log is None else _laid(simulation, log, log_columns, log_units, log_begins)
+    files = [] if target is None else [write_simulation(target, simulation)]
+    if save is not None:
+        from fieldmap.plot.runs import save_run_figure
+
+        title = simulation.first.scenario.contents.title
+        files.append(save_run_figure(save, title, _drawn(simulation, laid)))
+    about = {} if laid is None else {"log": {"file": log, **laid.to_dict()}}
+    page.print_result(simulation, partial(_run_page, scenario, files, laid), json, written=files, **about)
+    if simulation.all_ended_early:
+        raise typer.Exit(1)
+
+
+def _check_files(
+    target: Path | None, save: Path | None, runs: int, vary: str | None, log: Path | None
+) -> None:
+    several = runs > 1 or vary is not None
+    problems = []
+    if runs < 1:
+        problems.append(Problem("--runs", "must be 1 or more", str(runs), "give a whole number"))
+    problems += output_problems("--output", target, (".h5", ".csv"))
+    if several and target is not None and target.suffix == ".csv":
+        problems.append(Problem("--output", "a .csv file holds one run", "several runs", "take .h5"))
+    problems += output_problems("--save", save, (".png", ".svg", ".pdf"))
+    if several and log is not None:
+        remedy = "leave out --runs and --vary"
+        problems.append(Problem("--measured", "is laid over one run", "several runs", remedy))
+    if problems:
+        raise InputError(*problems)
+
+
+def _function_in(text: str) -> FunctionController:
+    """The controller NAME of FILE.py, which is run as Python runs a script's imports. Raises InputError."""
+    from fieldmap.control import FunctionController
+
+    def refused(must_hold: str, received: str, remedy: str) -> InputError:
+        return InputError.of("--controller", must_hold, received, remedy)
+
+    file, sign, name = text.rpartition(":")
+    path = Path(file)
+    if not (sign and name and path.suffix == ".py" and is_file(path)):
+        must_hold = "must be FILE.py:NAME with a file that is there"
+        raise refused(must_hold, text, "write for example my_loop.py:control")
+    spec = importlib.util.spec_from_file_location(path.stem, path)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    # As with `python FILE.py`, modules in the folder of the file are found.
+    folder = str(path.resolve().parent)
+    sys.path.insert(0, folder)
+    try:
+        spec.loader.exec_module(module)
+    except Exception as error:
+        received = f"{type(error).__name__}: {error}"
+        raise refused(f"{path} must run", received, f"see what python {path} says") from error
+    finally:
+        sys.path.remove(folder)
+    if not hasattr(module, name):
+        functions = [each for each, value in vars(module).items() if callable(value) and each[0] != "_"]
+        choice = f"choose among {', '.join(functions) or 'none: write one'}"
+        raise refused(f"must be in {path}", name, choice)
+    found = getattr(module, name)
+    return found if isinstance(found, FunctionController) else FunctionController(found)
+
+
+def _laid(
+    simulation: Simulation,
+    log: Path,
+    columns: list[str] | None,
+    units: list[str] | None,
+    begins: float | None,
+) -> LaidLog:
+    """The log over the one run. Raises InputError with every problem of the options and of the log."""
+    from fieldmap.dynamics.scenario import lay_over, read_measured_log
+
+    names, of_names = parse_pairs(columns, "--column", "ROLE=NAME", "depth=ch 1")
+    unit_of, of_units = parse_pairs(units, "--unit", "NAME=UNIT", "depth=mm")
+    if problems := of_names + of_units:
+        raise InputError(*problems)
+    given_by = {"units": "--unit", "names": "--column"}
+    experiment, run = simulation.first, simulation.batches[0].runs[0].run
+    assert run is not None
+    measured = read_measured_log(log, experiment.device.coil_names, names, unit_of, given_by)
+    return lay_over(experiment, run, measured, begins)
+
+
+def _drawn(simulation: Simulation, laid: LaidLog | None) -> list[DrawnRun]:
+    from fieldmap.plot.runs import drawn_run
+
+    drawn = [
+        drawn_run(batch.experiment, one.run, one.metrics.event)
+        for batch in simulation.batches
+        for one in batch.runs
+        if one.run is not None
+    ]
+    if laid is not None:
+        drawn[0]["measured"] = laid
+    return drawn
+
+
+def _run_page(
+    scenario: str, files: list[Path], laid: LaidLog | None, simulation: Simulation
+) -> Iterator[page.Section]:
+    from fieldmap.control import FunctionController
+    from fieldmap.dynamics.scenario.batch_words import batch_words
+
+    own = simulation.first.controller
+    of = f", with {own.name} as its controller" if isinstance(own, FunctionController) else ""
+    yield page.heading(simulation.first.scenario.contents.title, f"{scenario}{of}")
+    for batch in simulation.batches:
+        yield page.facts(batch_words(batch))
+        yield _axes(batch)
+    for batch in simulation.batches:
+        yield _steps(batch)
+    yield None if laid is None else _differences(laid)
+    yield page.assumed(simulation.first.assumptions)
+    yield page.written(files)
+
+
+def _differences(laid: LaidLog) -> Table:
+    rows = []
+    for name, signal in laid.signals.items():
+        numbers = signal.to_dict()
+        sizes = (f"{numbers[key]:.5g}" for key in ("rms", "mean", "largest"))
+        rows.append((f"{name}, {signal.unit}", f"{len(laid.time)}", *sizes))
+    return page.table(("log less run", "samples", "RMS", "mean", "largest"), rows)
+
+
+def _axes(batch: Batch) -> Table:
+    rows = []
+    for k, first in enumerate(batch.runs[0].metrics.axes):
+        parts = [one.metrics.axes[k] for one in batch.runs]
+        means = (
+            np.mean([part.rms_error_mm for part in parts]),
+            np.mean([part.rms_seen_mm for part in parts]),
+        )
+        largest = (max(part.largest_error_mm for part in parts), max(part.travel_mm for part in parts))
+        rows.append((first.axis, *page.cells(means, ".5f"), *page.cells(largest, ".4f")))
+    return page.table(("axis", "RMS error mm", "of the reading mm", "largest mm", "travel mm"), rows)
+
+
+def _steps(batch: Batch) -> Table | None:
+    """Mean over the runs of the metrics of every axis with a step."""
+    rows = []
+    for k, first in enumerate(batch.runs[0].metrics.axes):
+        steps = [step for one in batch.runs if (step := one.metrics.axes[k].step) is not None]
+        if not steps:
+            continue
+        names = ("rise_time", "peak_time", "settling_time", "overshoot", "steady_rms")
+        *times, overshoot, steady = (np.mean([getattr(step, name) for step in steps]) for name in names)
+        numbers = (*(f"{time:.4f}" for time in times), f"{100 * overshoot:.1f}", f"{steady:.5f}")
+        rows.append((f"{first.axis} {batch.label}".strip(), *numbers))
+    columns = ("step of", "rise s", "peak s", "settling s", "overshoot %", "steady RMS mm")
+    return page.table(columns, rows) if rows else None
+
+
+def linearise(
+    scenario: options.ScenarioArgument,
+    map_file: options.ScenarioMap = None,
+    depths: Annotated[
+        str | None,
+        option("--depths", "A,B,...", "Readings of the vertical sensor, mm. Default: the one at the start."),
+    ] = None,
+    changes: options.ScenarioChanges = None,
+    target: Annotated[Path | None, options.output("Write the models: .json or .npz.")] = None,
+    json: options.Json = False,
+) -> None:
+    """Linearise the machine of a scenario about its operating point: poles, coupling, margins.
+
+    The exit code is 1 if the loop is unstable at any depth.
+    """
+    from fieldmap.dynamics.scenario import Linearisation, linear_points, prepare, read_scenario
+
+    readings = _checked_depths(depths, target)
+    read = read_scenario(scenario, parse_settings(changes, _EXAMPLE))
+    opener, device = options.field_of_option(map_file)
+    field = None if opener is None else opener()
+    experiment = prepare(read, field, device if read.contents.device is None else None)
+    found = Linearisation(experiment, tuple(linear_points(experiment, readings)))
+    if target is not None:
+        found.write(target)
+    page.print_result(found, partial(_linear_page, scenario, target), json, written=target)
+    if not found.stable:
+        raise typer.Exit(1)
+
+
+def _checked_depths(depths: str | None, target: Path | None) -> list[float] | None:
+    """The depths, mm. Raises InputError for them and for the file, before any work."""
+    problems, readings = output_problems("--output", target, (".json", ".npz")), None
+    try:
+        readings = None if depths is None else [float(part) for part in depths.split(",")]
+    except ValueError:
+        remedy = "write for example 0,10,20"
+        problems.append(Problem("--depths", "must be numbers A,B,...", str(depths), remedy))
+    if problems:
+        raise InputError(*problems)
+    return readings
+
+
+def _linear_page(scenario: str, target: Path | None, found: Linearisation) -> Iterator[page.Section]:
+    yield page.heading(found.experiment.scenario.contents.title, scenario)
+    tables = {
+        ("pole 1/s", "Hz", "damping", "moves", "input gain", "output gain"): _modes,
+        ("from", "to x mm", "to y mm", "to z mm", "relative gain"): _coupling,
+        ("loop", "slowest pole 1/s", "least damping", "at Hz"): _loop,
+        ("loop at", "phase deg", "at Hz", "gain up", "gain down", "modulus"): _margins,
+    }
+    for columns, rows_at in tables.items():
+        rows = [(f"{point.depth_mm:g}", *row) for point in found.points for row in rows_at(point)]
+        yield page.table(("depth mm", *columns), rows)
+    yield page.assumed(found.points[0].linear.assumptions)
+    yield page.written([target]) if target else None
+
+
+def _modes(point: LinearPoint) -> Iterator[tuple[str, ...]]:
+    reached = page.without_noise([mode.input_gains.max() for mode in point.modes])
+    seen = page.without_noise([mode.output_gains.max() for mode in point.modes])
+    for mode, *gains in zip(point.modes, reached, seen, strict=True):
+        # One line for a pair.
+        if mode.pole.imag < -1e-9:
+            continue
+        shares = mode.named_shares(point.linear)
+        moves = ", ".join(sorted(shares, key=lambda name: -shares[name]))
+        numbers = page.cells((mode.frequency, mode.damping), ".3f")
+        yield _complex(mode.pole), *numbers, moves, *page.cells(gains, ".3g")
+
+
+def _complex(value: complex) -> str:
+    return f"{value.real:.3f}" + (f" ± {abs(value.imag):.3f}i" if abs(value.imag) > 1e-9 else "")
+
+
+def _coupling(point: LinearPoint) -> Iterator[tuple[str, ...]]:
+    """Where each signal moves the body, its loops open; and its relative gain with the axis that it belongs to."""
+    from fieldmap.dynamics.scenario.linear_points import coupling_signals
+
+    gain, relative = page.without_noise(1e3 * point.coupling.gain), point.coupling.relative
+    for k, name in enumerate(coupling_signals(point)):
+        yield name, *page.cells(gain[:, k], ".4g"), f"{relative[k, k]:.3f}"
+
+
+def _loop(point: LinearPoint) -> Iterator[tuple[str, ...]]:
+    from fieldmap.dynamics.scenario.linear_points import loop_poles
+
+    poles = loop_poles(point)
+    damping = -poles.real / np.maximum(np.abs(poles), 1e-12)
+    least = int(np.argmin(damping))
+    frequency = abs(poles[least].imag) / (2 * np.pi)
+    state = "stable" if point.loop.stable else "UNSTABLE"
+    yield state, _complex(complex(poles[0])), *page.cells((damping[least], frequency), ".3f")
+
+
+def _margins(point: LinearPoint) -> Iterator[tuple[str, ...]]:
+    for found in point.margins:
+        # Of a factor that no gain reaches, "inf" is the value.
+        gains = (f"{found.gain_up:.3g}", f"{found.gain_down:.3g}")
+        yield found.output, f"{found.phase:.1f}", f"{found.crossover:.3f}", *gains, f"{found.modulus:.3f}"

@@ -1,0 +1,180 @@
+"""`fieldmap study`, `optimise` and `fit`: files, tables, JSON, exit codes."""
+
+import json
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.constants import mu_0
+
+import fieldmap as fm
+from fieldmap.cli import main
+from fieldmap.plot.rendering import can_render
+from tests.conftest import DEVICES
+from tests.studies.test_design_file import GOOD
+
+with warnings.catch_warnings():
+    warnings.simplefilter("ignore")  # of its own imports
+    import xarray  # noqa: F401
+
+STUDY = """
+format = 1
+title = "Turns of a thin loop"
+device = "{device}"
+vary = [{{ name = "turns", key = "coil.loop.turns", values = {values} }}]
+currents = [{{ name = "carries", carries_at_mm = [0, 0, -90] }}]
+record = {{ quantities = ["currents", "equilibrium", "equilibrium_area"] }}
+"""
+
+
+@pytest.fixture
+def study(machine, tmp_path):
+    path = tmp_path / "turns.toml"
+    path.write_text(STUDY.format(device=machine.device, values=[500, 1000]))
+    return path
+
+
+def test_files_table_and_numbers(study, tmp_path, capsys):
+    target = tmp_path / "out" / "turns.nc"
+    assert main(["study", str(study), "-o", str(target)]) == 0
+    printed = capsys.readouterr().out
+    files = [target.with_suffix(suffix) for suffix in (".nc", ".csv", ".png")]
+    assert all(path.is_file() and str(path) in printed for path in files)
+    assert main(["study", str(study), "-o", str(target), "--json", "--no-plot"]) == 0
+    answer = json.loads(capsys.readouterr().out)
+    assert [Path(path).suffix for path in answer["files"]] == [".nc", ".csv"]
+    few, many = answer["rows"]
+    assert (few["turns"], few["currents"], few["problem"]) == (500, "carries", "")
+    assert few["common_current"] == pytest.approx(2 * many["common_current"], rel=1e-9)
+    assert few["equilibrium_z"] == pytest.approx(-0.09, abs=1e-9)
+    assert f"{few['common_current']:.4g}" in printed
+
+
+def test_a_study_in_which_every_variant_fails(study, machine, tmp_path, capsys):
+    # A place that the currents cannot carry at: outside the workspace, in every variant.
+    study.write_text(study.read_text().replace("-90]", "-900]"))
+    assert main(["study", str(study), "-o", str(tmp_path / "turns.nc")]) == 1
+    out = capsys.readouterr()
+    assert "OutsideMapError" in out.out
+    assert "OutsideMapError" in out.err
+    # One document for programs: the rows say why each variant failed.
+    words = ["study", str(study), "-o", str(tmp_path / "again.nc"), "--json", "--no-plot"]
+    assert main(words) == 1
+    out = capsys.readouterr()
+    assert all("OutsideMapError" in row["problem"] for row in json.loads(out.out)["rows"])
+    assert "remedy" in out.err
+
+
+@pytest.fixture
+def best(tmp_path):
+    """Path of a study file with [optimise], its device beside it."""
+    (tmp_path / "thin_loop.toml").write_text((DEVICES / "thin_loop_with_driver.toml").read_text())
+    (tmp_path / "best.toml").write_text(GOOD.replace('method = "trust-constr"', ""))
+    return tmp_path / "best.toml"
+
+
+@pytest.mark.usefixtures("unsmoothed")
+def test_the_best_design(best, tmp_path, capsys):
+    target = tmp_path / "best.nc"
+    assert main(["optimise", str(best), "-o", str(target)]) == 0
+    printed = capsys.readouterr().out
+    for part in (
+        "coil.loop.inner_radius_mm",
+        "gradient 1 z z",
+        "<= 2",
+        "holds, active",
+        "exact: all",
+        "best.csv",
+    ):
+        assert part in printed
+    assert target.is_file()
+    assert (tmp_path / "best.png").is_file()
+    assert (tmp_path / "best_device.png").is_file() == can_render()
+    assert main(["optimise", str(best), "-o", str(target), "--no-plot", "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["solves"] == 0
+    assert told["kept"] == len(told["path"]) > 3
+    assert told["values"]["current.loop"] == pytest.approx(2.0, rel=1e-5)
+
+
+def test_limits_that_cannot_hold(best, tmp_path, capsys):
+    assert main(["study", str(best)]) == 2
+    capsys.readouterr()
+    best.write_text(best.read_text().replace("upper = 2.0", "upper = 0.1"))
+    assert main(["optimise", str(best), "-o", str(tmp_path / "best.nc")]) == 1
+    assert "common_current" in capsys.readouterr().err
+
+
+KEY = "coil.loop.position_mm.3"
+HEIGHT_MM = 1.5
+
+
+def on_axis(z_mm):
+    """B, mT, of the loop at HEIGHT_MM as a filament, 2 A."""
+    d, radius = 1e-3 * (z_mm - HEIGHT_MM), 0.044
+    return 1e3 * 0.5 * mu_0 * 2000 * radius**2 / (radius**2 + d**2) ** 1.5
+
+
+@pytest.fixture
+def fit_file(tmp_path):
+    (tmp_path / "thin_loop.toml").write_text((DEVICES / "thin_loop.toml").read_text())
+    tables = ""
+    for name, use, heights in (("near", "fit", [-70, -80]), ("far", "predict", [-110])):
+        tables += f"""
+[[flux_density]]
+name = "{name}"
+use = "{use}"
+components = ["z"]
+currents_A = 2.0
+points_mm = {[[0, 0, z] for z in heights]}
+measured_mT = {[[float(on_axis(z))] for z in heights]}
+deviation_mT = 0.01
+"""
+    path = tmp_path / "height.toml"
+    path.write_text(f"""format = 1
+title = "Where the loop hangs"
+device = "thin_loop.toml"
+unknown = [{{ key = "{KEY}", start = 0.0, lower = -5.0, upper = 5.0 }}]
+{tables}""")
+    return path
+
+
+def test_values_are_printed_and_the_device_is_written(fit_file, command, tmp_path):
+    target = tmp_path / "out" / "fitted.toml"
+    code, out, err = command("fit", fit_file, "-o", target)
+    assert code == 0
+    assert KEY in err
+    written = fm.read_device(target).coils[0].placement.position[2]
+    assert 1e3 * written == pytest.approx(HEIGHT_MM, abs=0.01)
+    assert f"{1e3 * written:.6g}" in out
+    rows = [line.split() for line in out.splitlines()]
+    at_70 = next(row for row in rows if row[:2] == ["Bz", "at"] and "-70)" in row)
+    measured, computed, _, before = map(float, at_70[-4:])
+    assert measured == pytest.approx(on_axis(-70), rel=1e-4)
+    assert computed == pytest.approx(measured, rel=1e-4)
+    assert before != pytest.approx(measured, rel=0.01)
+    assert str(target) in out.replace("\n", "")
+
+
+def test_a_fit_as_json(fit_file, command):
+    code, out, _ = command("fit", fit_file, "--json")
+    assert code == 0
+    answer = json.loads(out)
+    assert answer["values"][KEY] == pytest.approx(HEIGHT_MM, abs=0.01)
+    near, far = answer["tables"]
+    assert (near["used"], far["used"]) == (True, False)
+    np.testing.assert_allclose(far["after"], [1e-3 * on_axis(-110)], rtol=1e-3)
+    assert Path(answer["file"]) == fit_file
+
+
+def test_files_that_a_fit_does_not_write(fit_file, tmp_path, capsys):
+    for name in ("fitted.h5", "height.toml", "thin_loop.toml"):
+        before = fit_file.read_text()
+        assert main(["fit", str(fit_file), "-o", str(tmp_path / name)]) == 2
+        assert fit_file.read_text() == before
+    assert main(["study", str(fit_file)]) == 2
+    assert "`fieldmap fit` takes it" in " ".join(capsys.readouterr().err.split())
+    fit_file.write_text(fit_file.read_text().replace(KEY, "coil.loop.position_mm.4"))
+    assert main(["fit", str(fit_file)]) == 2
+    assert "unknown.1.key" in capsys.readouterr().err
