@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal
 from pydantic import model_validator
 
 from fieldmap.device.made import Made
-from fieldmap.device.placement import Placement, PlacementKeys
+from fieldmap.device.placement import PLACEMENT, Placement
 from fieldmap.inputs.declared import Key, table_of
 from fieldmap.inputs.tables import Length, NotNegative, Point, Vector, broken
 from fieldmap.typing import Array, Index
@@ -95,8 +95,8 @@ class AirSource(Made):
         return 0.0 if self.current is None else self.current
 
 
-_KEYS: Any = table_of(AirSource, bases=(PlacementKeys,))
-_NAMES = {attribute: key for key, (attribute, _) in _KEYS.declared.items() if attribute != "kind"}
+_KEYS: Any = table_of(AirSource, beside={"placement": PLACEMENT})
+_NAMES = {attribute: key for key, (attribute, _, _) in _KEYS.declared.items() if attribute != "kind"}
 
 
 class AirSourceKeys(_KEYS):

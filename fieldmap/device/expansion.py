@@ -12,13 +12,16 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from fieldmap.device.coils import COIL_KEYS, Coil
 from fieldmap.device.placement import AXES, MOST_COPIES, mirrored_keys, moved_keys, turned_keys
-from fieldmap.device.polygons import reflected_polygon
+from fieldmap.device.shapes import SHAPE_KEYS, Shape
 from fieldmap.errors import DeviceFileError, InputError, Problem
-from fieldmap.inputs.document import Document, parse
+from fieldmap.inputs.declared import record_of
+from fieldmap.inputs.document import Document, parse, schema_findings
 from fieldmap.inputs.expressions import ExpressionError, Value, evaluate, is_expression
 from fieldmap.inputs.findings import Finding, one_of, shown
 from fieldmap.inputs.key_paths import Location, matches
+from fieldmap.inputs.writing import Writing
 from fieldmap.shipped import is_file, shipped_file
 
 TABLES = ("body", "coil")
@@ -481,15 +484,31 @@ class _Expansion:
         plane, at = given["plane"], given.get("at_mm", 0.0)
         axis = 1 if plane == "y" else 0
         for part in (image, *_part_tables(image)):
-            for key in ("points_mm", "corners_mm"):
-                if part.get("shape") == "extruded_polygon" or part.get("kind") == "path":
-                    points = part.get(key)
-                    if isinstance(points, list) and all(_is_vector(point, 2) for point in points):
-                        part[key] = reflected_polygon(points, axis)
-            if part.get("shape") == "step_file":
-                remedy = "make the mirrored solid in the program that wrote the file"
-                self.refuse(here, "must be a shape that can be mirrored", "a STEP file", remedy)
+            self._reflect(part, axis, here)
         return _placed(image, lambda position, rotation: mirrored_keys(position, rotation, plane, at)[:2])
+
+    def _reflect(self, table: Table, axis: int, here: Location) -> None:
+        """Turn over a shape or a winding that is not symmetric; what is wrong stays for the schema to refuse."""
+        keys = SHAPE_KEYS.get(table.get("shape", "")) or COIL_KEYS.get(table.get("kind", ""))
+        own = {key: value for key, value in table.items() if keys is not None and key in keys.model_fields}
+        if keys is None or schema_findings(keys, own):
+            return
+        record = record_of(keys.model_validate(own))
+        try:
+            reflected = record.reflected(axis)
+        except InputError as error:
+            for one in error.problems:
+                self.refuse(here, f"must be {one.must_hold}", one.received, one.remedy)
+            return
+        if reflected is not record:
+            for key in _written(record):
+                del table[key]
+            table |= _written(reflected)
+
+
+def _written(thing: Shape | Coil) -> Table:
+    keys = SHAPE_KEYS[thing.kind] if isinstance(thing, Shape) else COIL_KEYS[thing.kind]
+    return Writing("").table(thing, keys)
 
 
 def _placed(

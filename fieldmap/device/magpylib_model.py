@@ -17,17 +17,11 @@ from fieldmap.device.background import Background
 from fieldmap.device.coils.magpylib import MagpylibCoil
 from fieldmap.device.magpylib_sources import SOLIDS, leaves, per_ampere, source_of
 from fieldmap.device.materials import Material, keys_of_table, material_of
-from fieldmap.device.parts import (
-    Body,
-    Box,
-    Cylinder,
-    ExtrudedPolygon,
-    Part,
-    Ring,
-    Sphere,
-    TriangleSurface,
-)
+from fieldmap.device.parts import Body, Part
 from fieldmap.device.placement import Placement
+from fieldmap.device.shapes.prisms import Box, ExtrudedPolygon
+from fieldmap.device.shapes.triangle_surface import TriangleSurface
+from fieldmap.device.shapes.turned import Cylinder, Ring, Sphere
 from fieldmap.errors import InputError, Problem
 from fieldmap.inputs.document import schema_findings
 from fieldmap.typing import Array

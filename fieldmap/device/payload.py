@@ -6,7 +6,7 @@ import contextlib
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Annotated, ClassVar
+from typing import Annotated, Any, ClassVar, get_args
 
 import numpy as np
 from pydantic import Field, ValidationInfo
@@ -14,8 +14,8 @@ from pydantic import Field, ValidationInfo
 from fieldmap.constants import MU0
 from fieldmap.device.made import Made
 from fieldmap.device.materials import Material
-from fieldmap.device.placement import Placement
-from fieldmap.inputs.declared import Key
+from fieldmap.device.placement import PLACEMENT, Placement
+from fieldmap.inputs.declared import Key, choice_of, choice_with, first_line, table_of
 from fieldmap.inputs.tables import Coordinate, Length, Name, NotNegative, Positive, Size, broken
 from fieldmap.typing import Array
 
@@ -115,9 +115,18 @@ def _one_law(mu_r: float | None, info: ValidationInfo) -> None:
         raise broken("soft iron has a material or a mu_r", received, "give one of them")
 
 
+def _name_of(material: object) -> object:
+    """The name that stands for a material in a file."""
+    return material.name if isinstance(material, Material) else material
+
+
 MaterialOfPiece = Annotated[
     Material | str | None,
-    Key(Name | None, "name of a [material.NAME] table of this file; or give mu_r instead"),
+    Key(
+        Name | None,
+        "name of a [material.NAME] table of this file; or give mu_r instead",
+        write=_name_of,
+    ),
 ]
 PermeabilityOfPiece = Annotated[
     float | None,
@@ -209,6 +218,21 @@ class PayloadPiece(Made):
     placement: Placement = field(default_factory=Placement)
 
 
+AnyMagnet: Any = choice_of((table_of(magnet, "shape") for magnet in get_args(Magnet)), "shape")
+AnyPiece: Any = choice_of(
+    (
+        table_of(
+            PayloadPiece,
+            name=f"{shape.__name__}Piece",
+            beside={"shape": table_of(shape, "shape"), "placement": PLACEMENT},
+            text=first_line(shape),
+        )
+        for shape in (*get_args(Magnet), *get_args(SoftBody))
+    ),
+    "shape",
+)
+
+
 Inertia = Annotated[list[Positive], Field(min_length=3, max_length=3)]
 
 
@@ -238,7 +262,14 @@ class Payload(Made):
 
     mass: Annotated[float, Key(Positive, "mass of everything that is levitated", "g")]
     moment: float = 0.0
-    magnet: Magnet | None = None
+    magnet: Annotated[
+        Magnet | None,
+        Key(
+            AnyMagnet,
+            "[payload.magnet] table: shape, dimensions, remanence_T; or give moment_A_m2 instead, or "
+            "[[payload.piece]] tables",
+        ),
+    ] = None
     magnet_offset: Annotated[
         float,
         Key(Coordinate, "depth of the magnet's centre below the point that the sensor reads", "mm"),
@@ -254,7 +285,14 @@ class Payload(Made):
         ),
     ] = None
     drag: Annotated[float, Key(NotNegative, "linear drag", "N_s_per_m")] = 0.0
-    pieces: tuple[PayloadPiece, ...] = ()
+    pieces: Annotated[
+        tuple[PayloadPiece, ...],
+        Key(
+            Annotated[list[AnyPiece], Field(min_length=1)],
+            "[[payload.piece]] tables: magnets and soft iron, and where they stand",
+            name="piece",
+        ),
+    ] = ()
 
     def __post_init__(self) -> None:
         if isinstance(self.pieces, list | tuple):
@@ -306,6 +344,46 @@ class Payload(Made):
             return replace(piece, shape=replace(shape, material=material))
 
         return replace(self, pieces=tuple(named(piece) for piece in self.pieces))
+
+
+def _alone(payload: Payload) -> bool:
+    return isinstance(payload.pieces, tuple) and not payload.pieces
+
+
+def _kind_of_payload(table: dict[str, Any]) -> str:
+    if "piece" in table:
+        return "with pieces"
+    return "with a moment" if "moment_A_m2" in table else "with a magnet"
+
+
+AnyPayload: Any = choice_with(
+    {
+        "with a magnet": table_of(
+            Payload,
+            name="PayloadWithMagnet",
+            without=("pieces",),
+            needed=("magnet",),
+            takes=lambda payload: _alone(payload) and payload.magnet is not None,
+            text="Payload whose moment follows from its magnet: volume times remanence over mu0.",
+        ),
+        "with a moment": table_of(
+            Payload,
+            name="PayloadWithMoment",
+            without=("magnet", "pieces"),
+            instead={"moment": Key(Positive, "magnitude of the dipole moment", "A_m2")},
+            takes=lambda payload: _alone(payload) and payload.magnet is None,
+            text="Payload that is only a dipole.",
+        ),
+        "with pieces": table_of(
+            Payload,
+            name="PayloadWithPieces",
+            without=("magnet",),
+            needed=("pieces",),
+            text="Payload of several magnets, or of soft iron, or of both.",
+        ),
+    },
+    _kind_of_payload,
+)
 
 
 def _moment_of(pieces: tuple[PayloadPiece, ...]) -> Array:

@@ -16,11 +16,12 @@ from fieldmap.device.cross_checks import cross_findings
 from fieldmap.device.materials import Curves, Material, SaturatingMaterial, material_of, named_file
 from fieldmap.device.materials.bh_table import STRAIGHT_LINE, BHTableFromFileKeys, require_room_to_saturate
 from fieldmap.device.measured import DEFAULT
-from fieldmap.device.model import Device, MeshFile, StepFile, hashes_of_files
+from fieldmap.device.model import Device, hashes_of_files
 from fieldmap.device.schema import DEVICE, MATERIAL, DeviceFile, MaterialFile
+from fieldmap.device.shapes import ShapeOfFile
 from fieldmap.device.toml_text import toml_text
 from fieldmap.errors import DeviceFileError, Problem
-from fieldmap.inputs.declared import record_of
+from fieldmap.inputs.declared import fields_of, record_of
 from fieldmap.inputs.document import Document, parsed, schema_findings
 from fieldmap.inputs.explain import REQUIRED
 from fieldmap.inputs.findings import Finding, one_of, shown
@@ -185,24 +186,21 @@ def recorded_device(text: str, solids: bool = False) -> Device:
     document = parsed(Path("device recorded in the map"), text, DeviceFileError)
     document = DEVICE.prepared(replace(document, alone=True))
     contents = DEVICE.contents(document)
-    bodies = (body.to_model(Path()) for body in contents.body) if solids else ()
-    return Device.unchecked(
-        name=contents.name,
-        title=contents.title,
-        coils=tuple(map(record_of, contents.coil)),
+    bodies = map(record_of, contents.body) if solids else ()
+    values = fields_of(
+        contents,
         bodies=tuple(
-            one
-            for one in bodies
-            if not any(isinstance(part.shape, StepFile | MeshFile) for part in one.parts)
+            one for one in bodies if not any(isinstance(part.shape, ShapeOfFile) for part in one.parts)
         ),
-        payload=contents.payload.to_model().with_materials(_available_materials(document, contents))
-        if contents.payload
-        else None,
-        driver=record_of(contents.driver) if contents.driver else None,
-        workspace=record_of(contents.workspace) if contents.workspace else None,
-        background=record_of(contents.background) if contents.background else None,
-        text=text,
+        materials=FrozenDict(),
+        references=(),
+        sections=(),
+        joints=(),
+        provenance=FrozenDict(),
     )
+    if values["payload"] is not None:
+        values["payload"] = values["payload"].with_materials(_available_materials(document, contents))
+    return Device.unchecked(**values, text=text)
 
 
 def _available_materials(document: Document, contents: DeviceFile) -> dict[str, Material]:
@@ -239,26 +237,15 @@ def _build(
     contents: DeviceFile, document: Document, curves: Curves, included: dict[str, str], text: str
 ) -> Device:
     folder = document.path.parent
-    bodies = tuple(body.to_model(folder) for body in contents.body)
     materials = {name: material_of(table, name, curves) for name, table in contents.material.items()}
-    included = included | hashes_of_files(bodies, folder)
+    values = fields_of(contents, folder, materials=FrozenDict(materials))
+    if values["payload"] is not None:
+        values["payload"] = values["payload"].with_materials(materials)
     return Device.unchecked(
-        name=contents.name,
-        title=contents.title,
-        coils=tuple(map(record_of, contents.coil)),
-        bodies=bodies,
-        materials=FrozenDict(materials),
-        payload=contents.payload.to_model().with_materials(materials) if contents.payload else None,
-        driver=record_of(contents.driver) if contents.driver else None,
-        workspace=record_of(contents.workspace) if contents.workspace else None,
-        references=tuple(reference.to_model() for reference in contents.reference),
-        sections=tuple(map(record_of, contents.section)),
-        provenance=FrozenDict(dict(contents.provenance)),
+        **values,
         source=None if document.path == Path(TEXT) else document.path,
         text=text,
-        included=FrozenDict(included),
-        background=record_of(contents.background) if contents.background else None,
-        joints=tuple(map(record_of, contents.joint)),
+        included=FrozenDict(included | hashes_of_files(values["bodies"], folder)),
     )
 
 

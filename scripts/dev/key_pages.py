@@ -16,7 +16,7 @@ from typing import Annotated, Any, Literal, get_args, get_origin
 from pydantic import BaseModel, Discriminator, Tag, TypeAdapter, ValidationError
 from pydantic.fields import FieldInfo
 
-from fieldmap.device.schema.file import _IMAGE, _REPEAT
+from fieldmap.device.short_forms import _IMAGE, _REPEAT
 from fieldmap.inputs.document import Document
 from fieldmap.inputs.kinds import MARKS, FileKind
 from fieldmap.inputs.tables import LARGEST_LENGTH_MM, LARGEST_NUMBER

@@ -1,66 +1,6 @@
-"""The whole of a device file, and the whole of a material file."""
+"""The short forms of device files in the JSON Schema for editors; `fieldmap.device.expansion` writes them out."""
 
-from typing import TYPE_CHECKING, Any, TypeAlias
-
-from pydantic import Field
-
-from fieldmap.device import parts as model
-from fieldmap.device.background import Background
-from fieldmap.device.coils import AnyCoil
-from fieldmap.device.expansion import expand
-from fieldmap.device.materials import AnyMaterial
-from fieldmap.device.materials.bh_table import CurveKeys
-from fieldmap.device.schema.bodies import AnyBody
-from fieldmap.device.schema.payload import AnyPayload
-from fieldmap.device.schema.workspace import AnyReference, AnyWorkspace
-from fieldmap.errors import DeviceFileError
-from fieldmap.inputs.declared import table_of
-from fieldmap.inputs.kinds import FileKind
-from fieldmap.inputs.tables import Format, Name, Table, Text
-
-if TYPE_CHECKING:
-    BackgroundKeys: TypeAlias = Table
-    JointKeys: TypeAlias = Table
-    DriverKeys: TypeAlias = Table
-    SectionKeys: TypeAlias = Table
-else:
-    BackgroundKeys, JointKeys, DriverKeys, SectionKeys = map(
-        table_of, (Background, model.Joint, model.Driver, model.Section)
-    )
-
-
-class DeviceFile(Table):
-    """A device file."""
-
-    format: Format
-    name: Name = Field(description="short name of the device")
-    title: Text = Field(description="one line about the device")
-    body: list[AnyBody] = Field(default=[], description="[[body]] tables: the iron and the magnets")
-    material: dict[Name, AnyMaterial] = Field(default={}, description="[material.NAME] tables")
-    joint: list[JointKeys] = Field(
-        default=[], description="[[joint]] tables: thin gaps between bodies that touch"
-    )
-    coil: list[AnyCoil] = Field(default=[], description="[[coil]] tables; currents follow this order")
-    background: BackgroundKeys | None = Field(
-        default=None, description="a field that nothing in the device drives"
-    )
-    payload: AnyPayload | None = Field(default=None, description="the levitated body")
-    driver: DriverKeys | None = Field(default=None, description="the amplifiers of the coils")
-    workspace: AnyWorkspace | None = Field(default=None, description="where the payload may go")
-    section: list[SectionKeys] = Field(default=[], description="[[section]] tables: cross-sections of iron")
-    reference: list[AnyReference] = Field(default=[], description="[[reference]] tables: known values")
-    provenance: dict[str, Text] = Field(
-        default={}, description='"key.path" = "source of the number"; * means any one step'
-    )
-    parameters: dict[str, Any] = Field(
-        default={}, description='numbers, texts and lists that expressions such as "= 2*gap" use'
-    )
-
-    @classmethod
-    def model_json_schema(cls, *arguments: Any, **named: Any) -> dict[str, Any]:
-        """With the short forms that `fieldmap.device.expansion` writes out."""
-        return with_short_forms(super().model_json_schema(*arguments, **named))
-
+from typing import Any
 
 _AXIS = {"enum": ["x", "y", "z"]}
 _PLACE = {"type": "array", "minItems": 3, "maxItems": 3}
@@ -145,31 +85,3 @@ def _computable(about: Any) -> Any:
         return inner
     outer = {key: inner.pop(key) for key in ("description", "default") if key in inner}
     return {"anyOf": [inner, _EXPRESSION], **outer}
-
-
-class MaterialFile(CurveKeys):
-    """A file that holds one measured B-H curve."""
-
-    format: Format
-    name: Name = Field(description="short name of the material")
-    title: Text = Field(description="one line about the material")
-    provenance: dict[str, Text] = Field(default={}, description='"key" = "where the numbers come from"')
-
-
-DEVICE = FileKind(
-    "device",
-    DeviceFile,
-    DeviceFileError,
-    "geometry",
-    json_schema="device.schema.json",
-    expand=expand,
-    short_forms=frozenset({"include", "without", "defaults"}),
-)
-MATERIAL = FileKind(
-    "material",
-    MaterialFile,
-    DeviceFileError,
-    "geometry",
-    "materials",
-    json_schema="material.schema.json",
-)
