@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from fieldmap.constants import MU0
 from fieldmap.device.air_sources import OTHER, AirSource
-from fieldmap.errors import InputError, Problem
+from fieldmap.errors import InputError
 from fieldmap.extras import needs
 from fieldmap.kernels.coils.loop import loop_flux_density, loop_flux_density_and_gradient
 from fieldmap.kernels.coils.sheet import sheet_flux_density, sheet_flux_density_and_gradient
@@ -321,9 +321,7 @@ def _by_magpylib(source: AirSource, points: Array, both: bool) -> tuple[Array, A
         if not np.isfinite(values).all():
             received = f"{int((~np.isfinite(values)).any(axis=1).sum())} of {len(values)} that are not"
             remedy = "keep to where it is known"
-            raise InputError(
-                Problem(f"magpylib {type(thing).__name__}", "B must be finite", received, remedy)
-            )
+            raise InputError.of(f"magpylib {type(thing).__name__}", "B must be finite", received, remedy)
         return values
 
     return field(points), differenced(field, points, STEP * size_of(source)) if both else _None

@@ -61,9 +61,7 @@ def device_arguments(
     """
     if coils not in ("each", "collections"):
         remedy = 'give "each" or "collections"'
-        raise InputError(
-            Problem("from_magpylib, coils", 'must be "each" or "collections"', repr(coils), remedy)
-        )
+        raise InputError.of("from_magpylib, coils", 'must be "each" or "collections"', repr(coils), remedy)
     found = _Found(dict(materials or {}), mesh_size)
     groups: dict[int, list[Any]] = {}
     for thing in leaves(model):

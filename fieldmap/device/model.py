@@ -275,7 +275,7 @@ class Device(Made):
             received = ", ".join(written.unwritten)
             remedy = "give its class keys (docs/extend.md)"
             must_hold = "coils and materials that a device file can hold"
-            raise InputError(Problem(f'Device "{self.name}"', must_hold, received, remedy))
+            raise InputError.of(f'Device "{self.name}"', must_hold, received, remedy)
         return toml_text(written.data)
 
 

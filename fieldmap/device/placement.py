@@ -298,15 +298,15 @@ class Movable(Made):
     def _names(self, count: int, names: Sequence[str] | str | None) -> list[str]:
         if not isinstance(count, int | np.integer) or not 1 <= count <= MOST_COPIES:
             must_hold = f"must be a whole number from 1 to {MOST_COPIES}"
-            raise InputError(Problem("count", must_hold, repr(count), "give the number of copies"))
+            raise InputError.of("count", must_hold, repr(count), "give the number of copies")
         if names is None or isinstance(names, str):
             pattern = self._pattern() if names is None else names
             if "{k}" not in pattern and count > 1:
                 remedy = 'write for instance "core {k}"'
-                raise InputError(Problem("names", "a pattern has {k} in it", repr(pattern), remedy))
+                raise InputError.of("names", "a pattern has {k} in it", repr(pattern), remedy)
             return [pattern.replace("{k}", str(k + 1)) for k in range(count)]
         if len(names) != count:
-            raise InputError(Problem("names", f"must be {count} names", f"{len(names)}", "name every copy"))
+            raise InputError.of("names", f"must be {count} names", f"{len(names)}", "name every copy")
         return list(names)
 
 
@@ -342,10 +342,10 @@ def _vector(where: str, values: ArrayLike, count: int = 3) -> list[float]:
         array = np.empty(0)
     if array.shape != (count,) or not np.isfinite(array).all():
         must_hold = f"must be {count} finite numbers" if count > 1 else "must be a finite number"
-        raise InputError(Problem(where, must_hold, repr(values)[:80], "give lengths in m, angles in degrees"))
+        raise InputError.of(where, must_hold, repr(values)[:80], "give lengths in m, angles in degrees")
     return [float(x) for x in array]
 
 
 def _check_axis(where: str, axis: str) -> None:
     if not isinstance(axis, str) or axis not in AXES:
-        raise InputError(Problem(where, 'must be "x", "y" or "z"', repr(axis)[:80], "choose one of these"))
+        raise InputError.of(where, 'must be "x", "y" or "z"', repr(axis)[:80], "choose one of these")

@@ -126,7 +126,7 @@ def read_device(path_or_name: PathLike | Device, changes: Mapping[str, Any] | No
     if isinstance(path_or_name, Device):
         if changes is not None:
             must_hold, remedy = "must be a file or a name where keys are changed", "write device.replace(...)"
-            raise DeviceFileError(Problem("read_device", must_hold, "a device", remedy))
+            raise DeviceFileError.of("read_device", must_hold, "a device", remedy)
         return path_or_name
     if isinstance(path_or_name, str) and "\n" in path_or_name:
         document = DEVICE.prepared(parsed(Path(TEXT), path_or_name, DeviceFileError))
@@ -134,7 +134,7 @@ def read_device(path_or_name: PathLike | Device, changes: Mapping[str, Any] | No
     if not isinstance(path_or_name, str | os.PathLike):
         must_hold = "must be the path or text of a device file, or the name of a shipped device"
         remedy = f'write for instance read_device("{DEFAULT}")'
-        raise DeviceFileError(Problem("read_device", must_hold, type(path_or_name).__name__, remedy))
+        raise DeviceFileError.of("read_device", must_hold, type(path_or_name).__name__, remedy)
     document = DEVICE.load(DEVICE.find(path_or_name))
     return device_of(document if changes is None else with_changes(document, changes))
 
@@ -157,7 +157,7 @@ def material(
     contents = MATERIAL.contents(MATERIAL.load(MATERIAL.find(path_or_name)))
     if name is not None and not isinstance(name, str):
         must_hold, remedy = "must be a text", 'write for instance name="steel"'
-        raise DeviceFileError(Problem("material(name)", must_hold, type(name).__name__, remedy))
+        raise DeviceFileError.of("material(name)", must_hold, type(name).__name__, remedy)
     made: SaturatingMaterial = record_of(
         contents, name=name or contents.name, below=STRAIGHT_LINE, above=above, saturation=saturation
     )

@@ -29,7 +29,7 @@ from pathlib import Path
 
 from fieldmap.core.headers import FOLDER, in_one
 from fieldmap.core.iron_numbers import core_numbers
-from fieldmap.errors import InputError, Problem
+from fieldmap.errors import InputError
 from fieldmap.interop.c_map import c_header, check_harmonic, map_bytes
 from fieldmap.lookup import FieldMap, compiled_currents, unit_block
 from fieldmap.store.whole_files import write_whole
@@ -53,9 +53,7 @@ def write_c_iron_map(field: FieldMap, path: str | PathLike[str]) -> Path:
     """
     if field.affine:
         must_hold = "must be a map of saturating iron"
-        raise InputError(
-            Problem("write_c_iron_map, field", must_hold, "one that superposes", "use write_c_map")
-        )
+        raise InputError.of("write_c_iron_map, field", must_hold, "one that superposes", "use write_c_map")
     block, model = unit_block(field), compiled_currents(field)
     check_harmonic(block, "write_c_iron_map, field")
     target = Path(path)

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from fieldmap.core import block as map_block
 from fieldmap.core.headers import FOLDER, in_one
-from fieldmap.errors import InputError, Problem
+from fieldmap.errors import InputError
 from fieldmap.field import require_affine
 from fieldmap.interpolants import INTERPOLANTS
 from fieldmap.lookup import FieldMap, MapAtCurrents, unit_block
@@ -94,7 +94,7 @@ def write_c32_files(field: FieldMap | MapAtCurrents, path: str | PathLike[str]) 
     if count > _MOST_CONSTANTS:
         must_hold = f"must have at most {_MOST_CONSTANTS} coefficients"
         remedy = 'open it with kind="global", or write_c_map for a file'
-        raise InputError(Problem(where, must_hold, f"{count}", remedy))
+        raise InputError.of(where, must_hold, f"{count}", remedy)
     header = target.with_name("fieldmap32.h")
     write_whole(target, _constants(block, names, target.stem, constant).encode())
     write_whole(header, in_one(header.name).encode())
@@ -158,9 +158,7 @@ def check_harmonic(block: NDArray[np.float64], where: str) -> None:
     if not any(each.kind == kind and each.in_c for each in INTERPOLANTS.values()):
         readable = " or ".join(f'kind="{each.name}"' for each in INTERPOLANTS.values() if each.in_c)
         received = " or ".join(each.name for each in INTERPOLANTS.values() if each.kind == kind)
-        raise InputError(
-            Problem(where, f"must be harmonic polynomials: {readable}", received, "open the map so")
-        )
+        raise InputError.of(where, f"must be harmonic polynomials: {readable}", received, "open the map so")
 
 
 def map_bytes(block: NDArray[np.float64], names: tuple[str, ...], constant: bool) -> bytes:

@@ -28,7 +28,7 @@ from numpy.typing import ArrayLike
 
 from fieldmap.arguments import check_choice, check_signal
 from fieldmap.core.headers import in_one
-from fieldmap.errors import FieldmapError, InputError, Problem
+from fieldmap.errors import FieldmapError, InputError
 from fieldmap.interop.c_map import write_c_map
 from fieldmap.lookup import FieldMap, MagneticBody, MapAtCurrents
 from fieldmap.store.whole_files import write_whole
@@ -155,7 +155,7 @@ def _dipoles(magnet: MagneticBody | ArrayLike) -> MagneticBody:
         if magnet.soft:
             must_hold = "magnets only: the unit's code knows no soft iron"
             received, remedy = f"{len(magnet.soft)} soft pieces", "give the moment that it has at its place"
-            raise InputError(Problem("write_fmu(magnet)", must_hold, received, remedy))
+            raise InputError.of("write_fmu(magnet)", must_hold, received, remedy)
         return magnet
     moment = np.array(check_signal("write_fmu(magnet)", magnet, columns=3))
     return MagneticBody(np.zeros((1, 3)), moment.reshape(1, 3))
@@ -276,16 +276,14 @@ def _compiled(folder: Path, identifier: str) -> Path:
     if compiler is None:
         remedy = "install gcc or clang, name one in CC, or write the sources alone (binary=False, --sources)"
         received = f"no {named} (CC)" if named else f"none of {', '.join(_COMPILERS)}"
-        raise FieldmapError(Problem("write_fmu", "needs a C compiler", received, remedy))
+        raise FieldmapError.of("write_fmu", "needs a C compiler", received, remedy)
     library = folder / f"{identifier}{_suffix()}"
     command = [compiler, *_FLAGS, "-I", str(folder), str(folder / "fmu.c"), "-o", str(library), "-lm"]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     if done.returncode:
         lines = [line for line in done.stderr.splitlines() if "error" in line]
         said = (lines or [f"exit code {done.returncode}"])[0]
-        raise FieldmapError(
-            Problem("write_fmu", f"{compiler} must compile the unit", said, "name another in CC")
-        )
+        raise FieldmapError.of("write_fmu", f"{compiler} must compile the unit", said, "name another in CC")
     return library
 
 

@@ -29,7 +29,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from fieldmap.errors import InputError, MapFileError, Problem
+from fieldmap.errors import InputError, MapFileError
 from fieldmap.extras import require
 from fieldmap.field import coil_currents
 from fieldmap.interop.measured_map import MeasuredMap, fit_map
@@ -151,11 +151,11 @@ def sample_for_mag_manip(
         must_hold = "must be a map of coils alone: mag_manip gives no field at zero currents"
         received = f"a field that no current drives, of {', '.join(field.fixed_sources)}"
         remedy = "add that field yourself, and write a map of the device without it"
-        raise InputError(Problem("sample_for_mag_manip(field)", must_hold, received, remedy))
+        raise InputError.of("sample_for_mag_manip(field)", must_hold, received, remedy)
     if currents is None and not field.proportional:
         must_hold = "must be given for a map of saturating iron: mag_manip adds the fields of coils"
         remedy = "give currents, or --currents on the command line"
-        raise InputError(Problem("sample_for_mag_manip(currents)", must_hold, "none", remedy))
+        raise InputError.of("sample_for_mag_manip(currents)", must_hold, "none", remedy)
     count = max(sample_grid(field, spacing).shape)
     source = _coil_by_coil(field) if currents is None else _at_currents(field, currents)
     sampled = _sample(field, source, count)
@@ -293,7 +293,7 @@ def read_mag_manip(path: str | PathLike[str], spacing: float | None = None) -> M
     ) as error:
         must_hold = "must be a mag_manip file with vfields: dim_, min_, max_ of x, y, z, and data"
         received = " ".join(str(error).split())[:80] or type(error).__name__
-        raise MapFileError(Problem(str(source), must_hold, received, "check the file")) from None
+        raise MapFileError.of(str(source), must_hold, received, "check the file") from None
     count = len(coils)
     points = [grid.points() for grid, _ in coils.values()]
     currents = np.repeat(np.eye(count), [len(part) for part in points], axis=0)
