@@ -44,6 +44,7 @@ from fieldmap.device.parts import Section as Section
 from fieldmap.device.parts import Workspace as Workspace
 from fieldmap.device.parts import WorkspaceBox as WorkspaceBox
 from fieldmap.device.parts import WorkspaceCylinder as WorkspaceCylinder
+from fieldmap.device.patterns import Image, Repeat
 from fieldmap.device.payload import AnyPayload
 from fieldmap.device.payload import MagnetBlock as MagnetBlock
 from fieldmap.device.payload import MagnetCylinder as MagnetCylinder
@@ -305,7 +306,8 @@ class DeviceFile(_DEVICE):
     @classmethod
     def model_json_schema(cls, *arguments: Any, **named: Any) -> dict[str, Any]:
         """With the short forms that `fieldmap.device.expansion` writes out."""
-        return with_short_forms(super().model_json_schema(*arguments, **named))
+        schemas = (one.model_json_schema(*arguments, **named) for one in (super(), Repeat, Image))
+        return with_short_forms(*schemas)
 
 
 @dataclass(repr=False)

@@ -2,47 +2,29 @@
 
 from typing import Any
 
-_AXIS = {"enum": ["x", "y", "z"]}
-_PLACE = {"type": "array", "minItems": 3, "maxItems": 3}
 _EXPRESSION = {"type": "string", "pattern": "^="}
-_REPEAT = {
-    "description": "copies of this table; other keys are lists of values, one for each copy",
-    "type": "object",
-    "properties": {
-        "count": {"description": "how many", "anyOf": [{"type": "integer"}, _EXPRESSION]},
-        "about": {"description": "axis that they are turned about", **_AXIS},
-        "step_deg": {"description": "from one to the next; a full turn divided by count if left out"},
-        "centre_mm": {"description": "[x, y, z] of a point of the axis", **_PLACE},
-        "step_mm": {"description": "[x, y, z] from one to the next", **_PLACE},
-    },
-    "additionalProperties": {"anyOf": [{"type": "array"}, _EXPRESSION]},
-}
-_IMAGE = {
-    "type": "object",
-    "properties": {
-        "plane": {"description": "axis that the mirror is square to", **_AXIS},
-        "at_mm": {"description": "where the mirror crosses that axis"},
-        "name": {"description": "of the image; {name} stands for the name of the table"},
-    },
-    "required": ["plane"],
-    "additionalProperties": False,
-}
-_MIRROR = {
-    "description": "mirror images beside this table: one mirror, or several in turn",
-    "anyOf": [_AXIS, _IMAGE, {"type": "array", "items": {"anyOf": [_AXIS, _IMAGE]}}],
-}
+_TEXTS = {"anyOf": [{"type": "string"}, {"type": "array", "items": {"type": "string"}}]}
 
 
-def with_short_forms(schema: dict[str, Any]) -> dict[str, Any]:
-    """The JSON Schema of a device file that may have short forms."""
+def with_short_forms(schema: dict[str, Any], copies: dict[str, Any], image: dict[str, Any]) -> dict[str, Any]:
+    """The JSON Schema of a device file that may have short forms, and those of the tables of copies and of an image."""
+    for keys in (copies["properties"], image["properties"]):
+        keys |= {key: _computable(about) for key, about in keys.items()}
+    copies["properties"]["count"]["anyOf"].append(_EXPRESSION)
+    copies["additionalProperties"] = {"anyOf": [{"type": "array"}, _EXPRESSION]}
+    one = {"anyOf": [{"enum": ["x", "y", "z"]}, {"$ref": "#/$defs/Image"}]}
+    mirror = {
+        "description": "mirror images beside this table: one mirror, or several in turn",
+        "anyOf": [*one["anyOf"], {"type": "array", "items": one}],
+    }
     schema["properties"] |= {
         "include": {
             "description": "device files that this one begins with, relative to it, or shipped ones",
-            "anyOf": [{"type": "string"}, {"type": "array", "items": {"type": "string"}}],
+            **_TEXTS,
         },
         "without": {
             "description": "key paths of included files that are left out, such as body.disk",
-            "anyOf": [{"type": "string"}, {"type": "array", "items": {"type": "string"}}],
+            **_TEXTS,
         },
         "defaults": {
             "description": "[defaults.body], [defaults.coil]: keys of all tables of this file that lack them",
@@ -54,8 +36,9 @@ def with_short_forms(schema: dict[str, Any]) -> dict[str, Any]:
         for key in keys:
             keys[key] = _computable(keys[key])
         if "name" in keys and ("kind" in keys or "mesh_size_mm" in keys):
-            keys["repeat"], keys["mirror"] = _REPEAT, _MIRROR
+            keys["repeat"], keys["mirror"] = {"$ref": "#/$defs/Repeat"}, {"$ref": "#/$defs/Mirror"}
             keys["name"] = {"anyOf": [keys["name"], {"type": "string", "pattern": "[{].*[}]"}]}
+    schema["$defs"] |= {"Repeat": copies, "Image": image, "Mirror": mirror}
     # A file that begins with others, or has defaults, need not be complete by itself.
     short = {"anyOf": [{"required": ["include"]}, {"required": ["defaults"]}]}
     whole = {key: schema.pop(key) for key in ("properties", "required", "additionalProperties", "type")}

@@ -16,7 +16,7 @@ from typing import Annotated, Any, Literal, get_args, get_origin
 from pydantic import BaseModel, Discriminator, Tag, TypeAdapter, ValidationError
 from pydantic.fields import FieldInfo
 
-from fieldmap.device.short_forms import _IMAGE, _REPEAT
+from fieldmap.device.patterns import Image, Repeat
 from fieldmap.inputs.document import Document
 from fieldmap.inputs.kinds import MARKS, FileKind
 from fieldmap.inputs.tables import LARGEST_LENGTH_MM, LARGEST_NUMBER
@@ -138,6 +138,14 @@ EXAMPLES: dict[str, Any] = {
     "path, relative to the scenario": "path.csv",
     "its value; that of the equilibrium at the start unless given": 4.4,
     "name of a [material.NAME] table of this file; or give mu_r instead": "steel",
+    "how many; as many as the lists have values if left out": 6,
+    "axis that they are turned about": "z",
+    "from one to the next; a full turn divided by count if left out": 60.0,
+    "[x, y, z] of a point of the axis": [0.0, 0.0, 10.0],
+    "[x, y, z] from one to the next": [20.0, 0.0, 0.0],
+    "axis that the mirror is square to": "x",
+    "where the mirror crosses that axis": 10.0,
+    "of the image; {name} stands for the name of the table": "{name} left",
     "deviation of the readings of x, y and depth; by default from [sensors]": [0.02, 0.02, 0.02],
 }  # fmt: skip
 
@@ -496,24 +504,6 @@ def short_forms_text() -> str:
     def row(key: str, what: str, unit: str, default: str, meaning: str, example: str) -> str:
         return "| " + " | ".join((f"`{key}`", what, unit, default, cell(meaning), f"`{example}`")) + " |"
 
-    examples = {
-        "count": "count = 6",
-        "about": 'about = "z"',
-        "step_deg": "step_deg = 60",
-        "centre_mm": "centre_mm = [0, 0, 10]",
-        "step_mm": "step_mm = [20, 0, 0]",
-        "plane": 'plane = "x"',
-        "at_mm": "at_mm = 10",
-        "name": 'name = "{name} left"',
-    }
-    types = {"count": "integer", "about": '`"x"` or `"y"` or `"z"`', "step_deg": "number", "at_mm": "number"}
-    types |= {
-        "plane": '`"x"` or `"y"` or `"z"`',
-        "name": "text",
-        "centre_mm": "3 × number",
-        "step_mm": "3 × number",
-    }
-    defaults = {"plane": "**required**", "centre_mm": "`[0, 0, 0]`", "at_mm": "`0`"}
     listed = "`[defaults.body]`, `[defaults.coil]`: keys of all tables of this file that lack them"
     paths = "text or list of text"
     begins = "device files that this one begins with, relative to it, or shipped ones"
@@ -529,12 +519,8 @@ def short_forms_text() -> str:
         "[short forms](../device_files.md#short-forms).",
         "\n".join([HEAD, *top]),
     ]
-    for name, schema in (("repeat", _REPEAT), ("mirror", _IMAGE)):
-        rows = [
-            row(key, types[key], unit_of(key), defaults.get(key, "none"), about["description"], examples[key])
-            for key, about in schema["properties"].items()  # type: ignore[attr-defined]
-        ]
-        parts += [f"### `{name}` of `[[body]]` and `[[coil]]`", "\n".join([HEAD, *rows])]
+    for name, model in (("repeat", Repeat), ("mirror", Image)):
+        parts += [f"### `{name}` of `[[body]]` and `[[coil]]`", table_text(rows_of(model, Examples()))]
     return "\n\n".join(parts)
 
 
