@@ -80,13 +80,10 @@ FACES = [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]
 CORNERS = [[0, 0, 0], [10, 0, 0], [0, 10, 0], [0, 0, 10]]
 # By meaning, for keys that no file, page or test has. A meaning that changes asks for its example anew.
 EXAMPLES: dict[str, Any] = {
-    "[[x, y, z], ...] corners": CORNERS,
     "[[i, j, k], ...] numbers of corners from 0, counter-clockwise from outside": FACES,
     "[x, y, z] of the centre of its lower face": [0.0, 0.0, -110.0],
     '"key.path" = "source of the number"; * means any one step': {"coil.*.turns": "drawing 12"},
-    "[[x, y, z], ...] nodes": CORNERS,
     "how far the reference is pushed": 0.05,
-    "how long the push lasts": 10.0,
     "[[i, j, k, l], ...] numbers of nodes from 0": [[0, 1, 2, 3]],
     "the coil's current in the original model": 2.5,
     "thickness, cut out of the body whose end the joint is; 0: no joint": 0.1,
@@ -101,7 +98,6 @@ EXAMPLES: dict[str, Any] = {
         10.0, 20.0, 5.0,
     ],
     "of a CylinderSegment, [first, last]": [0.0, 90.0],
-    "[[x, y, z], ...]": CORNERS,
     "[[i, j, k], ...], numbers of vertices from 0": [[0, 1, 2]],
     "of a TriangleSheet, [x, y, z] for each face, in a coil those for 1 A in the coil": [[100.0, 0.0, 0.0]],
     "[x, y, z] of a magnet": [0.0, 0.0, 1.2],
@@ -126,7 +122,6 @@ EXAMPLES: dict[str, Any] = {
     "of every coil; the driver's if left out": 3.5,
     "mean current; left out where it is looked for": 1.5,
     "nodes of that table for u, x and y, each at least 4; as many as it needs unless given": [7, 21, 21],
-    "magnet's centre above the lower face": 10.0,
     "magnet's centre below the sensed point; the device's unless given": 15.0,
     "z of a floor": -120.0,
     "z of a ceiling": -10.0,
@@ -137,17 +132,19 @@ EXAMPLES: dict[str, Any] = {
     "frequency": 2.0,
     "path, relative to the scenario": "path.csv",
     "its value; that of the equilibrium at the start unless given": 4.4,
-    "name of a [material.NAME] table of this file; or give mu_r instead": "steel",
     "how many; as many as the lists have values if left out": 6,
     "axis that they are turned about": "z",
     "from one to the next; a full turn divided by count if left out": 60.0,
     "[x, y, z] of a point of the axis": [0.0, 0.0, 10.0],
     "[x, y, z] from one to the next": [20.0, 0.0, 0.0],
-    "axis that the mirror is square to": "x",
     "where the mirror crosses that axis": 10.0,
     "of the image; {name} stands for the name of the table": "{name} left",
     "deviation of the readings of x, y and depth; by default from [sensors]": [0.02, 0.02, 0.02],
 }  # fmt: skip
+
+
+# For any other such key: the first that it takes.
+USUAL: tuple[Any, ...] = (10.0, 1, 0.5, "name", [10.0, 20.0], [10.0, 20.0, 5.0], CORNERS)
 
 
 @dataclass(frozen=True)
@@ -404,12 +401,12 @@ def example_text(examples: Examples, model: type[BaseModel], key: str, schema: M
 
 
 def written_here(schema: Mapping[str, Any], about: FieldInfo) -> Any:
-    """The value that only the reader's schema or this program has for a key that no file has."""
+    """The first choice, or the first usual value that the reader takes, for a key that no file has."""
     choices = [schema["const"]] if "const" in schema else list(schema.get("enum", []))
-    value = choices[0] if choices else EXAMPLES.get(about.description or "")
-    if value is None or not fits(about, value):
-        raise LookupError(f"EXAMPLES needs an entry for {about}")
-    return value
+    for value in (*choices, *USUAL):
+        if fits(about, value):
+            return value
+    raise LookupError(f"EXAMPLES needs an entry for {about}")
 
 
 Row = tuple[str, str, str, str, str, str]
