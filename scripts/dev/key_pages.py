@@ -43,38 +43,38 @@ ABOUT = {
     "fit": "[A machine's unknown numbers](../fit_machine.md) explains what is fitted to what.",
     "scenario": "[Simulation](../dynamics.md) explains what a run is.",
 }
-# The unit is the last part of a key. Longer ones first: A_per_m ends in m as well.
-UNITS = {
-    "N_s2_per_m2": "N s²/m²",
-    "N_s_per_m": "N s/m",
-    "N_m_s2": "N m s²",
-    "N_m_s": "N m s",
-    "mm_per_s": "mm/s",
-    "m_per_s2": "m/s²",
-    "rad_per_s": "rad/s",
-    "mT_per_m": "mT/m",
-    "T_per_m": "T/m",
-    "A_per_m": "A/m",
-    "A_per_V": "A/V",
-    "S_per_m": "S/m",
-    "mm_per_V": "mm/V",
-    "A_m2": "A m²",
-    "A_mm2": "A mm²",
-    "g_mm2": "g mm²",
-    "mm": "mm",
-    "deg": "degree",
-    "ohm": "Ω",
-    "mH": "mH",
-    "mT": "mT",
-    "mN": "mN",
-    "ms": "ms",
-    "Hz": "Hz",
-    "T": "T",
-    "A": "A",
-    "V": "V",
-    "s": "s",
-    "g": "g",
-}
+# Of tables whose keys say nothing of their unit: the last part of a key. Longer ones first: A_per_m ends in m as well.
+UNITS = (
+    "N_s2_per_m2",
+    "N_s_per_m",
+    "N_m_s2",
+    "N_m_s",
+    "mm_per_s",
+    "m_per_s2",
+    "rad_per_s",
+    "mT_per_m",
+    "T_per_m",
+    "A_per_m",
+    "A_per_V",
+    "S_per_m",
+    "mm_per_V",
+    "A_m2",
+    "A_mm2",
+    "g_mm2",
+    "mm",
+    "deg",
+    "ohm",
+    "mH",
+    "mT",
+    "mN",
+    "ms",
+    "Hz",
+    "T",
+    "A",
+    "V",
+    "s",
+    "g",
+)
 UNIT = re.compile(r"_(" + "|".join(UNITS) + r")$")
 FACES = [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]
 CORNERS = [[0, 0, 0], [10, 0, 0], [0, 10, 0], [0, 0, 10]]
@@ -368,10 +368,13 @@ def type_text(schema: Mapping[str, Any]) -> str:
     return "number or text"
 
 
-def unit_of(key: str) -> str:
-    """The unit that a key ends in."""
+def unit_of(key: str, model: type[BaseModel] | None = None) -> str:
+    """The unit of a key, as it is printed."""
+    declared = getattr(model, "declared", {})
     found = UNIT.search(key)
-    return UNITS[found[1]] if found else "—"
+    unit = declared[key][1].unit if key in declared else found[1] if found else ""
+    text = unit.replace("_per_", "/").replace("_", " ").replace("2", "²")
+    return {"": "—", "deg": "degree", "ohm": "Ω"}.get(text, text)
 
 
 def default_text(about: FieldInfo) -> str:
@@ -433,7 +436,7 @@ def rows_of(model: type[BaseModel], examples: Examples) -> dict[str, Row]:
         else:
             what, example = type_text(schema), example_text(examples, model, key, schema)
         meaning = about.description or ""
-        rows[key] = f"`{key}`", what, unit_of(key), default_text(about), cell(meaning), cell(example)
+        rows[key] = f"`{key}`", what, unit_of(key, model), default_text(about), cell(meaning), cell(example)
     return rows
 
 
