@@ -19,7 +19,7 @@ from pydantic.fields import FieldInfo
 from fieldmap.device.patterns import Image, Repeat
 from fieldmap.inputs.document import Document
 from fieldmap.inputs.kinds import MARKS, FileKind
-from fieldmap.inputs.tables import LARGEST_LENGTH_MM, LARGEST_NUMBER
+from fieldmap.inputs.tables import LARGEST_LENGTH_MM, LARGEST_NUMBER, UNITS
 from fieldmap.io.json_schema import FILE_KINDS, _WithoutTitles
 from fieldmap.shipped import shipped_folder
 
@@ -43,39 +43,8 @@ ABOUT = {
     "fit": "[A machine's unknown numbers](../fit_machine.md) explains what is fitted to what.",
     "scenario": "[Simulation](../dynamics.md) explains what a run is.",
 }
-# Of tables whose keys say nothing of their unit: the last part of a key. Longer ones first: A_per_m ends in m as well.
-UNITS = (
-    "N_s2_per_m2",
-    "N_s_per_m",
-    "N_m_s2",
-    "N_m_s",
-    "mm_per_s",
-    "m_per_s2",
-    "rad_per_s",
-    "mT_per_m",
-    "T_per_m",
-    "A_per_m",
-    "A_per_V",
-    "S_per_m",
-    "mm_per_V",
-    "A_m2",
-    "A_mm2",
-    "g_mm2",
-    "mm",
-    "deg",
-    "ohm",
-    "mH",
-    "mT",
-    "mN",
-    "ms",
-    "Hz",
-    "T",
-    "A",
-    "V",
-    "s",
-    "g",
-)
-UNIT = re.compile(r"_(" + "|".join(UNITS) + r")$")
+# Of keys that say nothing of their unit: their last part, the longest that is a unit. A_per_m ends in m as well.
+UNIT = re.compile(r"_(" + "|".join(sorted((*UNITS, "A_mm2"), key=len, reverse=True)) + r")$")
 FACES = [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]
 CORNERS = [[0, 0, 0], [10, 0, 0], [0, 10, 0], [0, 0, 10]]
 # By meaning, for keys that no file, page or test has. A meaning that changes asks for its example anew.
