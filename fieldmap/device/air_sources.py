@@ -7,6 +7,7 @@ background (`fieldmap.device.background`), which no current drives. Fields: `fie
 from dataclasses import dataclass, field
 from typing import Annotated, Any, Literal
 
+import numpy as np
 from pydantic import model_validator
 
 from fieldmap.device.made import Made
@@ -88,6 +89,20 @@ class AirSource(Made):
     def is_current(self) -> bool:
         """Whether it is a current, or an object of another class that a coil drives."""
         return self.kind in CURRENTS
+
+    @property
+    def extents(self) -> Array:
+        """Extents (3,), m, along the local axes; of a hollow solid the wall counts. Of an object of an unknown class
+        1 mm."""
+        if self.kind == "CylinderSegment":
+            inner, outer, height = np.asarray(self.dimension)
+            return np.array([2 * outer, outer - inner, height])
+        if self.dimension is not None:
+            size = np.asarray(self.dimension)
+            return size if len(size) == 3 else size[[0, 0, 1]]
+        if self.diameter is not None:
+            return np.full(3, self.diameter)
+        return np.full(3, 1e-3) if self.vertices is None else np.ptp(np.asarray(self.vertices), axis=0)
 
     @property
     def amperes(self) -> float:

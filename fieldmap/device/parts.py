@@ -92,6 +92,7 @@ class Body(Movable, Made):
     None for a body with a mesh of its own (`VolumeMesh`, `MeshFile`). edge_size: size of the first element layer at
     sharp edges, m, or None for no grading.
 
+    >>> from fieldmap.device.shapes.turned import Cylinder
     >>> core = Body("core {k}", "steel", Cylinder(0.01, 0.04), mesh_size=5e-3).moved([0.044, 0.0, 0.006])
     >>> [one.name for one in core.around("z", 3)]
     ['core 1', 'core 2', 'core 3']

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import math
+from abc import abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Annotated, Any, ClassVar, get_args
@@ -20,8 +21,38 @@ from fieldmap.inputs.tables import Coordinate, Length, Name, NotNegative, Positi
 from fieldmap.typing import Array
 
 
+class _Uniform(Made):
+    """A shape of one density about its centre, whose axes are principal axes."""
+
+    @property
+    @abstractmethod
+    def mean_squares(self) -> tuple[float, float, float]:
+        """Of x, y and z over the body, m^2."""
+
+    def uniform_inertia(self, mass: float) -> tuple[float, float, float]:
+        """Principal moments of a uniform body of this shape about its centre.
+
+        Parameters
+        ----------
+        mass
+            Of the body, kg.
+
+        Returns
+        -------
+        tuple of float
+            About x, y and z, kg m^2.
+
+        Examples
+        --------
+        >>> [round(1e7 * moment, 3) for moment in MagnetCylinder(0.01, 0.01, 1.3).uniform_inertia(6e-3)]
+        [0.875, 0.875, 0.75]
+        """
+        x, y, z = self.mean_squares
+        return mass * (y + z), mass * (x + z), mass * (x + y)
+
+
 @dataclass(frozen=True, repr=False)
-class MagnetCylinder(Made):
+class MagnetCylinder(_Uniform):
     """Axially magnetised cylinder.
 
     remanence in T.
@@ -43,18 +74,15 @@ class MagnetCylinder(Made):
         """Of the ball about its centre that holds it, m."""
         return math.hypot(self.diameter, self.height) / 2
 
-    def uniform_inertia(self, mass: float) -> tuple[float, float, float]:
-        """Principal moments, kg m^2, of a uniform body of this shape and mass about its centre.
-
-        >>> [round(1e7 * moment, 3) for moment in MagnetCylinder(0.01, 0.01, 1.3).uniform_inertia(6e-3)]
-        [0.875, 0.875, 0.75]
-        """
-        across = mass * ((self.diameter / 2) ** 2 / 4 + self.height**2 / 12)
-        return across, across, mass * (self.diameter / 2) ** 2 / 2
+    @property
+    def mean_squares(self) -> tuple[float, float, float]:
+        """Of x, y and z over the body, m^2."""
+        across = self.diameter**2 / 16
+        return across, across, self.height**2 / 12
 
 
 @dataclass(frozen=True, repr=False)
-class MagnetSphere(Made):
+class MagnetSphere(_Uniform):
     """Uniformly magnetised sphere.
 
     remanence in T.
@@ -75,14 +103,15 @@ class MagnetSphere(Made):
         """Of the ball about its centre that holds it, m."""
         return self.diameter / 2
 
-    def uniform_inertia(self, mass: float) -> tuple[float, float, float]:
-        """Principal moments, kg m^2, of a uniform ball of this size and mass about its centre."""
-        moment = mass * self.diameter**2 / 10
-        return moment, moment, moment
+    @property
+    def mean_squares(self) -> tuple[float, float, float]:
+        """Of x, y and z over the body, m^2."""
+        along = self.diameter**2 / 20
+        return along, along, along
 
 
 @dataclass(frozen=True, repr=False)
-class MagnetBlock(Made):
+class MagnetBlock(_Uniform):
     """Block magnetised along its z edge.
 
     remanence in T.
@@ -103,10 +132,11 @@ class MagnetBlock(Made):
         """Of the ball about its centre that holds it, m."""
         return math.hypot(*self.size) / 2
 
-    def uniform_inertia(self, mass: float) -> tuple[float, float, float]:
-        """Principal moments, kg m^2, of a uniform block of this size and mass about its centre."""
-        x, y, z = self.size
-        return mass * (y * y + z * z) / 12, mass * (x * x + z * z) / 12, mass * (x * x + y * y) / 12
+    @property
+    def mean_squares(self) -> tuple[float, float, float]:
+        """Of x, y and z over the body, m^2."""
+        x, y, z = (edge**2 / 12 for edge in self.size)
+        return x, y, z
 
 
 def _one_law(mu_r: float | None, info: ValidationInfo) -> None:
@@ -138,8 +168,28 @@ PermeabilityOfPiece = Annotated[
 ]
 
 
+class _Soft(_Uniform):
+    """An ellipsoid of soft iron."""
+
+    @property
+    @abstractmethod
+    def axes(self) -> tuple[float, float, float]:
+        """Lengths of the three axes, m."""
+
+    @property
+    def volume(self) -> float:
+        """In cubic metres."""
+        return math.pi / 6 * math.prod(self.axes)
+
+    @property
+    def mean_squares(self) -> tuple[float, float, float]:
+        """Of x, y and z over the body, m^2."""
+        x, y, z = (axis**2 / 20 for axis in self.axes)
+        return x, y, z
+
+
 @dataclass(frozen=True, repr=False)
-class SoftSphere(Made):
+class SoftSphere(_Soft):
     """Sphere of soft iron.
 
     material: its law, or the name of a material of the device; mu_r: a constant relative
@@ -157,21 +207,15 @@ class SoftSphere(Made):
         """Lengths of the three axes, m."""
         return self.diameter, self.diameter, self.diameter
 
-    @property
-    def volume(self) -> float:
-        """In cubic metres."""
-        return math.pi / 6 * self.diameter**3
-
-    def uniform_inertia(self, mass: float) -> tuple[float, float, float]:
-        """Principal moments, kg m^2, of a uniform ball of this size and mass about its centre."""
-        return _inertia_of_ellipsoid(self.axes, mass)
-
 
 @dataclass(frozen=True, repr=False)
-class SoftEllipsoid(Made):
+class SoftEllipsoid(_Soft):
     """Ellipsoid of soft iron.
 
     size: its whole axes along x, y and z, m; material and mu_r as of `SoftSphere`.
+
+    >>> [round(1e9 * moment, 3) for moment in SoftEllipsoid((0.002, 0.002, 0.006)).uniform_inertia(1e-3)]
+    [2.0, 2.0, 0.4]
     """
 
     kind: ClassVar[str] = "soft_ellipsoid"
@@ -184,24 +228,6 @@ class SoftEllipsoid(Made):
     def axes(self) -> tuple[float, float, float]:
         """Lengths of the three axes, m."""
         return self.size
-
-    @property
-    def volume(self) -> float:
-        """In cubic metres."""
-        return math.pi / 6 * math.prod(self.size)
-
-    def uniform_inertia(self, mass: float) -> tuple[float, float, float]:
-        """Principal moments, kg m^2, of a uniform ellipsoid of this size and mass about its centre.
-
-        >>> [round(1e9 * moment, 3) for moment in SoftEllipsoid((0.002, 0.002, 0.006)).uniform_inertia(1e-3)]
-        [2.0, 2.0, 0.4]
-        """
-        return _inertia_of_ellipsoid(self.size, mass)
-
-
-def _inertia_of_ellipsoid(axes: tuple[float, float, float], mass: float) -> tuple[float, float, float]:
-    x, y, z = (axis * axis for axis in axes)
-    return mass * (y + z) / 20, mass * (x + z) / 20, mass * (x + y) / 20
 
 
 Magnet = MagnetCylinder | MagnetSphere | MagnetBlock
