@@ -6,7 +6,6 @@ import contextlib
 import csv
 import re
 from dataclasses import dataclass
-from os import PathLike
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +13,7 @@ import numpy as np
 from fieldmap.arguments import LARGEST_NUMBER
 from fieldmap.errors import InputError, Problem
 from fieldmap.records import Record
-from fieldmap.typing import Array
+from fieldmap.typing import Array, PathLike
 
 _UNITS = {"m": 1.0, "mm": 1e-3, "A": 1.0, "T": 1.0, "mT": 1e-3, "uT": 1e-6}
 _PLACE = re.compile(r"([xyz])_(mm|m)")
@@ -54,7 +53,7 @@ class Measurements(Record):
             raise InputError(*problems)
 
 
-def read_measurements(path: str | PathLike[str]) -> Measurements:
+def read_measurements(path: PathLike) -> Measurements:
     """Read a CSV file, one reading a row, with the columns
 
         x_mm, y_mm, z_mm (or _m), I_NAME_A for every coil, Bx_mT, By_mT, Bz_mT (or _T, _uT)
