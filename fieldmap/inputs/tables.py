@@ -137,11 +137,6 @@ class Choice(Discriminator):
     key: str = "kind"
 
 
-def chosen_by(key: str) -> Choice:
-    """Pick the member of a union by the value of one key of the table."""
-    return chosen_with(lambda table: table.get(key), key)
-
-
 def chosen_with(choose: Callable[[dict[str, Any]], Any], key: str = "kind") -> Choice:
     """Pick the member of a union by a function of the raw table; `key` has most to do with it."""
     return Choice(lambda table: choose(table) if isinstance(table, dict) else None, key=key)
