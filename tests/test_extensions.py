@@ -1,4 +1,4 @@
-"""Coils, laws and interpolants of another package that is installed: named as entry points, used by their names."""
+"""Coils, laws, shapes and interpolants of an installed package: named as entry points, used by their names."""
 
 import subprocess
 import sys
@@ -30,6 +30,25 @@ class Hyperbolic(TwoConstantLaw):
     def susceptibility(self, x):
         return (self.mu_r - 1) / np.cosh(np.minimum(x, 300.0)) ** 2
 """,
+    "plinth": """
+from dataclasses import dataclass
+from typing import Annotated, ClassVar
+from fieldmap.device.shapes import Shape
+from fieldmap.device.shapes.prisms import Box
+from fieldmap.inputs.declared import Key
+from fieldmap.inputs.tables import Length
+
+@dataclass(frozen=True, repr=False)
+class Plinth(Shape):
+    '''Square block.'''
+    kind: ClassVar[str] = "plinth"
+    side: Annotated[float, Key(Length, "side of the square", "mm")]
+    rise: Annotated[float, Key(Length, "height", "mm")]
+
+    @property
+    def primitive(self):
+        return Box((self.side, self.side, self.rise))
+""",
     "other_cells": """
 from dataclasses import replace
 from fieldmap.interpolants.hermite import INTERPOLANT as HERMITE
@@ -39,6 +58,7 @@ INTERPOLANT = replace(HERMITE, name="other cells")
 GROUPS = {
     "fieldmap.coils": "ring_of_wire",
     "fieldmap.materials": "hyperbolic",
+    "fieldmap.shapes": "plinth",
     "fieldmap.interpolants": "other_cells",
 }
 
@@ -60,9 +80,9 @@ saturation_polarisation_T = 2
 [[body]]
 name = "b"
 material = "iron"
-shape = "cylinder"
-radius_mm = 5
-height_mm = 4
+shape = "plinth"
+side_mm = 5
+rise_mm = 4
 mesh_size_mm = 2
 """
 
@@ -74,7 +94,9 @@ device = fm.read_device({DEVICE!r})
 assert type(device.coils[0]).__name__ == "Wire" and device.coils[0].outer_radius == 0.012
 law = device.materials["iron"]
 assert type(law).__name__ == "Hyperbolic" and law.polarisation(np.array([1.0]))[0] == 2.0 * np.tanh(1.0)
-assert fm.read_device(device.to_toml()).coils[0].kind == "ring_of_wire"
+again = fm.read_device(device.to_toml())
+assert again.coils[0].kind == "ring_of_wire" and again.bodies[0].parts[0].shape.kind == "plinth"
+assert device.bodies[0].mirrored("x").parts[0].shape.hull()[:, 2].max() == 0.004
 assert "other cells" not in INTERPOLANTS
 m = fm.open_map("maps/sample.h5", kind="other cells")
 same = fm.open_map("maps/sample.h5", kind="hermite")
@@ -83,7 +105,7 @@ assert np.array_equal(m.field(point, np.ones(len(m.coil_names))), same.field(poi
 """
 
 
-def test_an_installed_package_adds_a_coil_a_law_and_an_interpolant(tmp_path):
+def test_an_installed_package_adds_a_coil_a_law_a_shape_and_an_interpolant(tmp_path):
     for name, text in MODULES.items():
         (tmp_path / f"{name}.py").write_text(text)
     info = tmp_path / "magnets-1.0.dist-info"

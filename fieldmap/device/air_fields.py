@@ -21,7 +21,8 @@ from numpy.typing import NDArray
 
 from fieldmap.constants import MU0
 from fieldmap.device.air_sources import OTHER, AirSource
-from fieldmap.errors import InputError, Problem
+from fieldmap.device.tetrahedra import OUTWARD
+from fieldmap.errors import InputError
 from fieldmap.extras import needs
 from fieldmap.kernels.coils.loop import loop_flux_density, loop_flux_density_and_gradient
 from fieldmap.kernels.coils.sheet import sheet_flux_density, sheet_flux_density_and_gradient
@@ -177,8 +178,7 @@ def faces_of(source: AirSource) -> Array:
         return vertices[None]
     if source.kind == "Tetrahedron":
         volume = np.linalg.det(vertices[1:] - vertices[0])
-        faces = np.array([[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]])
-        return vertices[faces if volume > 0 else faces[:, ::-1]]
+        return vertices[OUTWARD if volume > 0 else OUTWARD[:, ::-1]]
     corners = vertices[source.faces]
     volume = np.einsum("md,md->", corners[:, 0], np.cross(corners[:, 1], corners[:, 2]))
     return corners if volume > 0 else corners[:, ::-1]
@@ -299,19 +299,6 @@ _VALUES = (
 )
 
 
-def size_of(source: AirSource) -> float:
-    """Largest extent of a source, m; of an object of an unknown class 1 mm."""
-    if source.diameter is not None:
-        return float(source.diameter)
-    if source.kind == "CylinderSegment":
-        return float(max(2 * source.dimension[1], source.dimension[2]))  # type: ignore[index]
-    if source.dimension is not None:
-        return float(np.max(source.dimension))
-    if source.vertices is not None:
-        return float(np.ptp(source.vertices, axis=0).max())
-    return 1e-3
-
-
 def _by_magpylib(source: AirSource, points: Array, both: bool) -> tuple[Array, Array]:
     """As magpylib computes it, which has to be finite."""
     thing = magpylib_object(source)
@@ -321,12 +308,10 @@ def _by_magpylib(source: AirSource, points: Array, both: bool) -> tuple[Array, A
         if not np.isfinite(values).all():
             received = f"{int((~np.isfinite(values)).any(axis=1).sum())} of {len(values)} that are not"
             remedy = "keep to where it is known"
-            raise InputError(
-                Problem(f"magpylib {type(thing).__name__}", "B must be finite", received, remedy)
-            )
+            raise InputError.of(f"magpylib {type(thing).__name__}", "B must be finite", received, remedy)
         return values
 
-    return field(points), differenced(field, points, STEP * size_of(source)) if both else _None
+    return field(points), differenced(field, points, STEP * float(source.extents.max())) if both else _None
 
 
 def differenced(field: Callable[[Array], Array], points: Array, step: float) -> Array:

@@ -7,10 +7,11 @@ background (`fieldmap.device.background`), which no current drives. Fields: `fie
 from dataclasses import dataclass, field
 from typing import Annotated, Any, Literal
 
+import numpy as np
 from pydantic import model_validator
 
 from fieldmap.device.made import Made
-from fieldmap.device.placement import Placement, PlacementKeys
+from fieldmap.device.placement import PLACEMENT, Placement
 from fieldmap.inputs.declared import Key, table_of
 from fieldmap.inputs.tables import Length, NotNegative, Point, Vector, broken
 from fieldmap.typing import Array, Index
@@ -90,13 +91,27 @@ class AirSource(Made):
         return self.kind in CURRENTS
 
     @property
+    def extents(self) -> Array:
+        """Extents (3,), m, along the local axes; of a hollow solid the wall counts. Of an object of an unknown class
+        1 mm."""
+        if self.kind == "CylinderSegment":
+            inner, outer, height = np.asarray(self.dimension)
+            return np.array([2 * outer, outer - inner, height])
+        if self.dimension is not None:
+            size = np.asarray(self.dimension)
+            return size if len(size) == 3 else size[[0, 0, 1]]
+        if self.diameter is not None:
+            return np.full(3, self.diameter)
+        return np.full(3, 1e-3) if self.vertices is None else np.ptp(np.asarray(self.vertices), axis=0)
+
+    @property
     def amperes(self) -> float:
         """The current, A; 0 of what has none."""
         return 0.0 if self.current is None else self.current
 
 
-_KEYS: Any = table_of(AirSource, bases=(PlacementKeys,))
-_NAMES = {attribute: key for key, (attribute, _) in _KEYS.declared.items() if attribute != "kind"}
+_KEYS: Any = table_of(AirSource, beside={"placement": PLACEMENT})
+_NAMES = {attribute: key for key, (attribute, _, _) in _KEYS.declared.items() if attribute != "kind"}
 
 
 class AirSourceKeys(_KEYS):

@@ -10,7 +10,7 @@ import numpy as np
 
 from fieldmap.device.cross_checks import all_paths
 from fieldmap.device.expansion import expand
-from fieldmap.errors import DeviceFileError, Problem
+from fieldmap.errors import DeviceFileError
 from fieldmap.inputs.document import Document
 from fieldmap.inputs.findings import Finding, closest, shown
 from fieldmap.inputs.key_paths import Location, matches, value_at
@@ -49,7 +49,7 @@ def with_changes(document: Document, changes: Mapping[str, Any]) -> Document:
     if not isinstance(changes, Mapping) or not all(isinstance(key, str) for key in changes):
         must_hold = "must be a mapping of key paths to values"
         remedy = 'write for instance {"parameters.gap": 120.0}'
-        raise DeviceFileError(Problem("changes", must_hold, shown(changes), remedy))
+        raise DeviceFileError.of("changes", must_hold, shown(changes), remedy)
     changes = {key: _plain(value) for key, value in changes.items()}
     parameters = {key: value for key, value in changes.items() if _is_parameter(key)}
     after = changed(document, parameters.items()) if parameters else document

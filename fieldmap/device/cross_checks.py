@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from fieldmap.device.materials import keys_of_table
+from fieldmap.device.shapes import SHAPE_KEYS, ShapeOfFile
 from fieldmap.inputs.findings import Finding, closest, one_of, shown
 from fieldmap.inputs.key_paths import dotted, matches, tables
 from fieldmap.records import count_of
@@ -21,8 +22,9 @@ def cross_findings(data: dict[str, Any], folder: Path, missing: set[str]) -> lis
     missing: dotted paths of required keys that are already known to be missing; their sources are no mistake.
     """
     found = [finding for key in ("body", "coil", "section") for finding in _duplicate_names(data, key)]
-    found += [*_unknown_materials(data), *_pieces_of_no_iron(data), *_sections_of_no_body(data)]
-    found += _joints_of_no_body(data)
+    found += [*_unknown_materials(data), *_pieces_of_no_iron(data)]
+    found += _names_of_no_body(data, "section", "bodies", patterns=False)
+    found += _names_of_no_body(data, "joint", "between", patterns=True)
     found += [*_numbers_of_currents(data), *_sources_of_nothing(data, missing)]
     return [*found, *_missing_files(data, folder), *_nothing_to_compute(data)]
 
@@ -73,28 +75,21 @@ def _pieces_of_no_iron(data: dict[str, Any]) -> Iterator[Finding]:
             yield Finding((*location, "material"), must_hold, f'"{name}", a {keys.makes.role}', remedy)
 
 
-def _sections_of_no_body(data: dict[str, Any]) -> Iterator[Finding]:
+def _names_of_no_body(data: dict[str, Any], array: str, key: str, patterns: bool) -> Iterator[Finding]:
+    """Names in a list of sections or joints that no body has. patterns: whether * and ? stand for several."""
     known = [name for _, table in tables(data, "body") if isinstance(name := table.get("name"), str)]
-    for location, table in tables(data, "section"):
-        names = table.get("bodies")
+    for location, table in tables(data, array):
+        names = table.get(key)
         for k, name in enumerate(names if isinstance(names, list) else []):
-            if isinstance(name, str) and name not in known:
-                guess = closest(name, known)
-                remedy = f'did you mean "{guess}"?' if guess else "name a [[body]] of this file"
-                allowed = f"bodies must be bodies of the file: {one_of(known) or 'there are none'}"
-                yield Finding((*location, "bodies", k), allowed, shown(name), remedy)
-
-
-def _joints_of_no_body(data: dict[str, Any]) -> Iterator[Finding]:
-    known = [name for _, table in tables(data, "body") if isinstance(name := table.get("name"), str)]
-    for location, table in tables(data, "joint"):
-        names = table.get("between")
-        for k, name in enumerate(names if isinstance(names, list) else []):
-            if isinstance(name, str) and not any(fnmatchcase(one, name) for one in known):
-                guess = closest(name, known)
-                remedy = f'did you mean "{guess}"?' if guess else "name a [[body]] of this file"
-                allowed = f"between must name bodies of the file: {one_of(known) or 'there are none'}"
-                yield Finding((*location, "between", k), allowed, shown(name), remedy)
+            if not isinstance(name, str) or name in known:
+                continue
+            if patterns and any(fnmatchcase(one, name) for one in known):
+                continue
+            guess = closest(name, known)
+            remedy = f'did you mean "{guess}"?' if guess else "name a [[body]] of this file"
+            must = "must name bodies" if patterns else "must be bodies"
+            allowed = f"{key} {must} of the file: {one_of(known) or 'there are none'}"
+            yield Finding((*location, key, k), allowed, shown(name), remedy)
 
 
 def _numbers_of_currents(data: dict[str, Any]) -> Iterator[Finding]:
@@ -142,12 +137,13 @@ def all_paths(data: dict[str, Any]) -> list[str]:
 def _missing_files(data: dict[str, Any], folder: Path) -> Iterator[Finding]:
     for location, body in tables(data, "body"):
         for part_location, part in [(location, body), *_parts(location, body)]:
-            name = part.get("file")
-            kind = {"step_file": "STEP", "mesh_file": "mesh"}.get(str(part.get("shape")))
-            if kind is not None and isinstance(name, str) and not is_file(folder / name):
+            name, keys = part.get("file"), SHAPE_KEYS.get(str(part.get("shape")))
+            if keys is None or not issubclass(keys.makes, ShapeOfFile):
+                continue
+            if isinstance(name, str) and not is_file(folder / name):
                 yield Finding(
                     (*part_location, "file"),
-                    f"the {kind} file must exist; its path is relative to the device file",
+                    f"the {keys.makes.program} file must exist; its path is relative to the device file",
                     shown(name),
                     f"put the file at {folder / name} or correct the path",
                 )

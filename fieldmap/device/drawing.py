@@ -1,7 +1,6 @@
 """Outlines of a machine without any program for pictures: triangles, and a small picture as SVG for notebooks."""
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass
 from types import ModuleType
 
@@ -9,23 +8,14 @@ import numpy as np
 
 from fieldmap.device.air_sources import AirSource
 from fieldmap.device.coils import Coil
-from fieldmap.device.parts import (
-    Body,
-    Box,
-    ExtrudedPolygon,
-    Part,
-    RevolvedProfile,
-    Ring,
-    Sphere,
-    TriangleSurface,
-    VolumeMesh,
-)
+from fieldmap.device.parts import Body, Part
+from fieldmap.device.shapes.base import ROUND
+from fieldmap.device.shapes.turned import Sphere
 from fieldmap.errors import MissingExtraError
 from fieldmap.extras import require
 from fieldmap.records import Record
 from fieldmap.typing import Array, Index
 
-_ROUND = 24
 _SIZE = 220.0
 _MARGIN = 6.0
 _IRON, _COPPER = "#9aa5b1", "#d08b5b"
@@ -80,7 +70,7 @@ def winding_outline(coil: Coil) -> Outline:
     if not coil.has_winding:
         return _filaments_outline(coil)
     path = coil.winding()
-    pieces = path.outline(0.0, _ROUND)
+    pieces = path.outline(0.0, ROUND)
     line, normal = (np.concatenate([piece[k] for piece in pieces]) for k in range(2))
     width, height = path.thickness / 2, path.height / 2
     section = ((-width, -height), (width, -height), (width, height), (-width, height))
@@ -92,8 +82,7 @@ def winding_outline(coil: Coil) -> Outline:
     halves = [
         np.stack(three, axis=-1).reshape(-1, 3) for three in ((index, ahead, corner), (index, corner, beside))
     ]
-    points = local @ np.asarray(coil.placement.rotation).T + coil.placement.position
-    return Outline(coil.name, "coil", points, np.concatenate(halves))
+    return Outline(coil.name, "coil", coil.placement.to_device(local), np.concatenate(halves))
 
 
 def _filaments_outline(coil: Coil) -> Outline:
@@ -101,8 +90,7 @@ def _filaments_outline(coil: Coil) -> Outline:
     shifts = np.cumsum([0, *(len(part.points) for part in parts)])
     triangles = [part.triangles + shift for part, shift in zip(parts, shifts, strict=False)]
     points = np.concatenate([part.points for part in parts])
-    placed = points @ np.asarray(coil.placement.rotation).T + coil.placement.position
-    return Outline(coil.name, "coil", placed, np.concatenate(triangles))
+    return Outline(coil.name, "coil", coil.placement.to_device(points), np.concatenate(triangles))
 
 
 def source_outline(source: AirSource) -> Outline:
@@ -110,7 +98,7 @@ def source_outline(source: AirSource) -> Outline:
     Of objects of other classes a point, as three equal ones."""
     triangles = np.array([[0, 1, 2]])
     if source.kind == "Circle":
-        points, triangles = _tube(source.diameter / 2 * _circle(3 * _ROUND))  # type: ignore[operator]
+        points, triangles = _tube(source.diameter / 2 * _circle(3 * ROUND))  # type: ignore[operator]
     elif source.kind == "Polyline":
         points, triangles = _tube(np.asarray(source.vertices))
     elif source.kind in ("TriangleSheet", "TriangleStrip", "TriangularMesh"):
@@ -121,8 +109,8 @@ def source_outline(source: AirSource) -> Outline:
         points = _magnet_points(source)
         if len(points) > 3:
             triangles = _hull_triangles(points)
-    placed = points @ np.asarray(source.placement.rotation).T + source.placement.position
-    return Outline(source.kind, "coil" if source.is_current else "magnet", placed, triangles)
+    kind = "coil" if source.is_current else "magnet"
+    return Outline(source.kind, kind, source.placement.to_device(points), triangles)
 
 
 def _magnet_points(source: AirSource) -> Array:
@@ -132,13 +120,12 @@ def _magnet_points(source: AirSource) -> Array:
         half = np.asarray(source.dimension) / 2
         return half * [[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]
     if source.kind == "Sphere":
-        part = Part(Sphere(source.diameter / 2))  # type: ignore[operator]
-        return part_points(part)
+        return Sphere(source.diameter / 2).hull()  # type: ignore[operator]
     if source.kind in ("Cylinder", "CylinderSegment"):
         size = np.asarray(source.dimension)
         radii = [size[0] / 2] if source.kind == "Cylinder" else size[:2]
         first, last = (0.0, 360.0) if source.angles is None else source.angles
-        angles = np.radians(np.linspace(first, last, _ROUND + 1))
+        angles = np.radians(np.linspace(first, last, ROUND + 1))
         flat = [[r * math.cos(a), r * math.sin(a)] for r in radii for a in angles]
         return np.array([[x, y, side * size[-1] / 2] for x, y in flat for side in (-1, 1)])
     return np.zeros((3, 3))
@@ -185,38 +172,9 @@ def box_outline(name: str, lower: Array, upper: Array) -> Outline:
 
 def part_points(part: Part) -> Array:
     """Points (n, 3), m, whose convex hull is that of a part; none of a STEP or mesh file or of what is cut."""
-    shape = part.shape
     if part.operation != "add":
         return np.zeros((0, 3))
-    if isinstance(shape, Box):
-        half = np.array(shape.size[:2]) / 2
-        local = [
-            [x, y, z] for x in (-half[0], half[0]) for y in (-half[1], half[1]) for z in (0, shape.size[2])
-        ]
-    elif isinstance(shape, TriangleSurface | VolumeMesh):
-        local = np.asarray(shape.points).tolist()
-    elif isinstance(shape, ExtrudedPolygon):
-        local = [[x, y, z] for x, y in shape.points for z in (0.0, shape.height)]
-    else:
-        local = [
-            [r * math.cos(angle), r * math.sin(angle), z]
-            for r, z in _profile(shape)
-            for angle in np.linspace(0.0, 2 * math.pi, _ROUND, endpoint=False)
-        ]
-    points = np.array(local, dtype=float).reshape(-1, 3)
-    return points @ np.asarray(part.placement.rotation).T + part.placement.position
-
-
-def _profile(shape: object) -> Iterator[tuple[float, float]]:
-    """Corners (r, z) of a body of revolution."""
-    if isinstance(shape, RevolvedProfile):
-        yield from ((float(r), float(z)) for r, z in shape.points)
-    elif isinstance(shape, Sphere):
-        angles = np.linspace(-math.pi / 2, math.pi / 2, _ROUND // 2 + 1)
-        yield from ((shape.radius * math.cos(a), shape.radius * math.sin(a)) for a in angles)
-    elif hasattr(shape, "height"):
-        radius = shape.outer_radius if isinstance(shape, Ring) else shape.radius  # type: ignore[attr-defined]
-        yield from ((radius, z) for z in (0.0, shape.height))
+    return part.placement.to_device(part.shape.hull())
 
 
 def coil_points(coil: Coil) -> Array:
@@ -224,11 +182,11 @@ def coil_points(coil: Coil) -> Array:
     if not coil.has_winding:
         return winding_outline(coil).points
     path = coil.winding()
-    edge = np.concatenate([points for points, _ in path.outline(path.turning * path.thickness / 2, _ROUND)])
+    edge = np.concatenate([points for points, _ in path.outline(path.turning * path.thickness / 2, ROUND)])
     local = np.concatenate(
         [np.column_stack([edge, np.full(len(edge), z)]) for z in (-path.height / 2, path.height / 2)]
     )
-    return local @ np.asarray(coil.placement.rotation).T + coil.placement.position
+    return coil.placement.to_device(local)
 
 
 def _hull_triangles(points: Array) -> Index:

@@ -10,29 +10,32 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
-from fieldmap.device.placement import AXES, MOST_COPIES, mirrored_keys, moved_keys, turned_keys
-from fieldmap.device.polygons import reflected_polygon
+from fieldmap.device.coils import COIL_KEYS, Coil
+from fieldmap.device.patterns import Image, Place, Repeat
+from fieldmap.device.placement import MOST_COPIES
+from fieldmap.device.shapes import SHAPE_KEYS, Shape
 from fieldmap.errors import DeviceFileError, InputError, Problem
-from fieldmap.inputs.document import Document, parse
+from fieldmap.inputs.declared import record_of
+from fieldmap.inputs.document import Document, parse, schema_findings
 from fieldmap.inputs.expressions import ExpressionError, Value, evaluate, is_expression
 from fieldmap.inputs.findings import Finding, one_of, shown
 from fieldmap.inputs.key_paths import Location, matches
+from fieldmap.inputs.writing import Writing
 from fieldmap.shipped import is_file, shipped_file
 
 TABLES = ("body", "coil")
 """Arrays of tables that are repeated, mirrored and have defaults."""
 _NAMED = (*TABLES, "section", "joint")
 _OWN = ("include", "without", "parameters", "defaults")
-_REPEAT = ("count", "about", "step_deg", "centre_mm", "step_mm")
-_MIRROR = ("plane", "at_mm", "name")
 DEEPEST = 8
 MOST_FILES = 32
 MOST_TABLES = 5000
 MOST_STEPS = 50
 Table = dict[str, Any]
 Names = Mapping[str, Value]
+_Pattern = TypeVar("_Pattern", Repeat, Image)
 
 
 def expand(document: Document, parameters: Mapping[str, Value] | None = None) -> Document:
@@ -376,11 +379,11 @@ class _Expansion:
         settings = self._settings(repeat, here)
         if settings is None:
             return
-        count, move, local = settings
-        for k in range(count):
+        copies, local = settings
+        for k in range(copies.count or 0):
             names = {**self.names, "k": float(k + 1), **{name: one[k] for name, one in local.items()}}
             copied, computed = self._copy(table, names, place, True)
-            yield _placed(copied, partial(move, k)), computed
+            yield _placed(copied, partial(copies.place, k)), computed
 
     def _copy(
         self, table: Table, names: Names, place: Location, pattern: bool
@@ -392,65 +395,37 @@ class _Expansion:
         self.computed = before
         return copied, computed
 
-    def _settings(
-        self, repeat: Any, here: Location
-    ) -> tuple[int, Callable[..., tuple[list[float], list[float]]], dict[str, list[Any]]] | None:
-        """Count, movement of the k-th copy, and values per copy; None where something is wrong."""
+    def _settings(self, repeat: Any, here: Location) -> tuple[Repeat, dict[str, list[Any]]] | None:
+        """The copies, and values per copy; None where something is wrong."""
         if not isinstance(repeat, dict):
             remedy = 'write repeat = { count = 6, about = "z" }'
             self.refuse(here, "must be a table", shown(repeat), remedy)
             return None
         before = len(self.findings)
         given = self.values(repeat, self.names, here)
-        local = {name: value for name, value in given.items() if name not in _REPEAT}
+        local = {name: value for name, value in given.items() if name not in Repeat.model_fields}
         for name, value in local.items():
             if not isinstance(value, list) or not name.isidentifier() or name == "k":
-                must_hold = (
-                    f"values per copy are lists by names of their own; known keys are {one_of(list(_REPEAT))}"
-                )
+                known = one_of(list(Repeat.model_fields))
+                must_hold = f"values per copy are lists by names of their own; known keys are {known}"
                 self.refuse((*here, name), must_hold, shown(value), "write for instance x = [1, 2, 3]")
         lengths = {len(value) for value in local.values() if isinstance(value, list)}
-        count = given.get("count", max(lengths) if lengths else None)
-        count = int(count) if isinstance(count, float) and count.is_integer() else count
-        if not isinstance(count, int) or isinstance(count, bool) or not 1 <= count <= MOST_COPIES:
-            must_hold = f"count must be a whole number from 1 to {MOST_COPIES}"
-            self.refuse((*here, "count"), must_hold, shown(count), "write for instance count = 6")
-            return None
+        own: Table = {"count": max(lengths)} if lengths else {}
+        own |= {key: value for key, value in given.items() if key not in local}
+        count = own.get("count")
+        own |= {"count": int(count)} if isinstance(count, float) and count.is_integer() else {}
+        made = self._checked(Repeat, own, here)
         for name, value in local.items():
-            if isinstance(value, list) and len(value) != count:
-                must_hold = f"must have one value for each of the {count} copies"
+            if made is not None and isinstance(value, list) and len(value) != made.count:
+                must_hold = f"must have one value for each of the {made.count} copies"
                 self.refuse((*here, name), must_hold, f"{len(value)} values", "list one for each copy")
-        move = self._movement(given, count, here)
-        return None if len(self.findings) > before or move is None else (count, move, local)
+        return None if len(self.findings) > before or made is None else (made, local)
 
-    def _movement(
-        self, given: Table, count: int, here: Location
-    ) -> Callable[..., tuple[list[float], list[float]]] | None:
-        axis, step = given.get("about"), given.get("step_mm")
-        angle, centre = given.get("step_deg", 360.0 / count), given.get("centre_mm", [0.0, 0.0, 0.0])
-        checks = (
-            ("about", axis is None or axis in AXES, '"x", "y" or "z"', axis),
-            ("step_mm", step is None or _is_vector(step), "[x, y, z] in mm", step),
-            ("step_deg", _is_number(angle), "an angle in degrees", angle),
-            ("centre_mm", _is_vector(centre), "[x, y, z] in mm", centre),
-        )
-        wrong = [check for check in checks if not check[1]]
-        for key, _, must_be, value in wrong:
-            self.refuse((*here, key), f"must be {must_be}", shown(value), f"correct {key}")
-        if wrong:
-            return None
-        if axis is None and ("step_deg" in given or "centre_mm" in given):
-            self.refuse(here, "step_deg and centre_mm belong to about", "no about", 'add about = "z"')
-            return None
-
-        def move(k: int, position: list[float], rotation: list[float]) -> tuple[list[float], list[float]]:
-            if axis is not None:
-                position, rotation = turned_keys(position, rotation, axis, k * angle, centre)
-            if step is not None:
-                position = moved_keys(position, [k * x for x in step])
-            return position, rotation
-
-        return move
+    def _checked(self, table: type[_Pattern], given: Table, here: Location) -> _Pattern | None:
+        """The table of copies or of an image; None where something is wrong."""
+        found = schema_findings(table, given)
+        self.findings += [replace(one, location=(*here, *one.location)) for one in found]
+        return None if found else table.model_validate(given)
 
     def _images(
         self, mirror: Any, copies: list[tuple[Table, dict[Location, str]]], place: Location, mirrored: bool
@@ -459,42 +434,52 @@ class _Expansion:
         here: Location = (*place, "mirror")
         for one in (mirror if isinstance(mirror, list) else [mirror]) if mirrored else []:
             given = {"plane": one} if isinstance(one, str) else one
-            good = isinstance(given, dict) and set(given) <= set(_MIRROR) and given.get("plane") in AXES
-            if good:
-                given = self.values(given, self.names, here)
-                good = _is_number(given.get("at_mm", 0.0)) and isinstance(given.get("name", ""), str)
-            if not good or 2 * len(copies) > MOST_COPIES:
+            if not isinstance(given, dict) or 2 * len(copies) > MOST_COPIES:
                 remedy = 'write mirror = "x", or mirror = { plane = "x", at_mm = 10, name = "{name} left" }'
                 self.refuse(here, 'must be the plane, "x", "y" or "z"', shown(one), remedy)
                 return copies
-            images = [(self._image(table, given, here), texts) for table, texts in copies]
+            image = self._checked(Image, self.values(given, self.names, here), here)
+            if image is None:
+                return copies
+            images = [(self._image(table, image, here), texts) for table, texts in copies]
             copies = [*copies, *images]
         return copies
 
-    def _image(self, table: Table, given: Table, here: Location) -> Table:
-        coil = here[0] == "coil"
-        pattern = given.get("name", "{name}_mirrored_" if coil else "{name} mirrored ")
-        pattern += "" if "name" in given else given["plane"]
+    def _image(self, table: Table, mirror: Image, here: Location) -> Table:
+        usual = "{name}_mirrored_" if here[0] == "coil" else "{name} mirrored "
+        pattern = usual + mirror.plane if mirror.name is None else mirror.name
         image = copy.deepcopy(table)
         if isinstance(table.get("name"), str):
             image["name"] = self._filled(pattern, {**self.names, "name": table["name"]}, here)
-        plane, at = given["plane"], given.get("at_mm", 0.0)
-        axis = 1 if plane == "y" else 0
         for part in (image, *_part_tables(image)):
-            for key in ("points_mm", "corners_mm"):
-                if part.get("shape") == "extruded_polygon" or part.get("kind") == "path":
-                    points = part.get(key)
-                    if isinstance(points, list) and all(_is_vector(point, 2) for point in points):
-                        part[key] = reflected_polygon(points, axis)
-            if part.get("shape") == "step_file":
-                remedy = "make the mirrored solid in the program that wrote the file"
-                self.refuse(here, "must be a shape that can be mirrored", "a STEP file", remedy)
-        return _placed(image, lambda position, rotation: mirrored_keys(position, rotation, plane, at)[:2])
+            self._reflect(part, mirror.axis, here)
+        return _placed(image, mirror.place)
+
+    def _reflect(self, table: Table, axis: int, here: Location) -> None:
+        """Turn over a shape or a winding that is not symmetric; what is wrong stays for the schema to refuse."""
+        keys = SHAPE_KEYS.get(table.get("shape", "")) or COIL_KEYS.get(table.get("kind", ""))
+        own = {key: value for key, value in table.items() if keys is not None and key in keys.model_fields}
+        if keys is None or schema_findings(keys, own):
+            return
+        record = record_of(keys.model_validate(own))
+        try:
+            reflected = record.reflected(axis)
+        except InputError as error:
+            for one in error.problems:
+                self.refuse(here, f"must be {one.must_hold}", one.received, one.remedy)
+            return
+        if reflected is not record:
+            for key in _written(record):
+                del table[key]
+            table |= _written(reflected)
 
 
-def _placed(
-    table: Table, change: Callable[[list[float], list[float]], tuple[list[float], list[float]]]
-) -> Table:
+def _written(thing: Shape | Coil) -> Table:
+    keys = SHAPE_KEYS[thing.kind] if isinstance(thing, Shape) else COIL_KEYS[thing.kind]
+    return Writing("").table(thing, keys)
+
+
+def _placed(table: Table, change: Callable[[list[float], list[float]], Place]) -> Table:
     """A table with the places of it, or of its parts, changed; what is no place stays for the schema to refuse.
 
     A table without a place that does not move stays without one: it may be of a body that an included file places.

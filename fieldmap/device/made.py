@@ -2,6 +2,7 @@
 
 import dataclasses
 import inspect
+import re
 from abc import ABCMeta
 from functools import cache
 from typing import Annotated, Any, get_args, get_origin, get_type_hints
@@ -38,12 +39,17 @@ class _TellsWrongArguments(ABCMeta):
         # Plain types: what a file says of a field is no business of callers.
         types = get_type_hints(cls, include_extras=True)
         own = [
-            one.replace(annotation=get_args(types[name])[0])
+            one.replace(annotation=_in_short(get_args(types[name])[0]))
             if get_origin(types.get(name)) is Annotated
             else one
             for name, one in list(whole.parameters.items())[1:]
         ]
         return whole.replace(parameters=own, return_annotation=inspect.Signature.empty)
+
+
+def _in_short(kind: Any) -> str:
+    """A type as people write it: classes of this package without their modules."""
+    return re.sub(r"fieldmap\.[\w.]*\.", "", inspect.formatannotation(kind))
 
 
 def _take_arrays(made: Any) -> None:

@@ -17,17 +17,12 @@ from fieldmap.device.background import Background
 from fieldmap.device.coils.magpylib import MagpylibCoil
 from fieldmap.device.magpylib_sources import SOLIDS, leaves, per_ampere, source_of
 from fieldmap.device.materials import Material, keys_of_table, material_of
-from fieldmap.device.parts import (
-    Body,
-    Box,
-    Cylinder,
-    ExtrudedPolygon,
-    Part,
-    Ring,
-    Sphere,
-    TriangleSurface,
-)
+from fieldmap.device.parts import Body, Part
 from fieldmap.device.placement import Placement
+from fieldmap.device.shapes.prisms import Box, ExtrudedPolygon
+from fieldmap.device.shapes.triangle_surface import TriangleSurface
+from fieldmap.device.shapes.turned import Cylinder, Ring, Sphere
+from fieldmap.device.tetrahedra import OUTWARD
 from fieldmap.errors import InputError, Problem
 from fieldmap.inputs.document import schema_findings
 from fieldmap.typing import Array
@@ -67,9 +62,7 @@ def device_arguments(
     """
     if coils not in ("each", "collections"):
         remedy = 'give "each" or "collections"'
-        raise InputError(
-            Problem("from_magpylib, coils", 'must be "each" or "collections"', repr(coils), remedy)
-        )
+        raise InputError.of("from_magpylib, coils", 'must be "each" or "collections"', repr(coils), remedy)
     found = _Found(dict(materials or {}), mesh_size)
     groups: dict[int, list[Any]] = {}
     for thing in leaves(model):
@@ -194,7 +187,7 @@ class _Found:
         given = self.mesh_size.get(label) if isinstance(self.mesh_size, Mapping) else self.mesh_size
         if given is not None:
             return float(given)
-        extent = _extent(source)
+        extent = source.extents
         return float(min(extent.max() / _MESH, extent.min()))
 
 
@@ -240,21 +233,6 @@ def _made(name: str, kind: str, **keys: Any) -> Material | Problem:
     return material_of(of_kind.model_validate(table), name, {})
 
 
-def _extent(source: AirSource) -> Array:
-    """Extents (3,) of a solid along its local axes, m; of a hollow one the wall counts."""
-    size = source.dimension
-    if source.kind == "Cuboid":
-        return np.asarray(size)
-    if source.kind == "Cylinder":
-        return np.array([size[0], size[0], size[1]])  # type: ignore[index]
-    if source.kind == "CylinderSegment":
-        inner, outer, height = size  # type: ignore[misc]
-        return np.array([2 * outer, outer - inner, height])
-    if source.kind == "Sphere":
-        return np.full(3, source.diameter)
-    return np.ptp(np.asarray(source.vertices), axis=0)
-
-
 def _parts(source: AirSource) -> tuple[Part, ...]:
     """The shapes of a body: magpylib's are centred, ours stand on z = 0."""
     at, size = source.placement, source.dimension
@@ -296,6 +274,5 @@ def _surface(source: AirSource, corners: Array) -> TriangleSurface:
         volume = np.linalg.det(corners[1:] - corners[0])
         if volume == 0:
             raise ValueError("a tetrahedron without volume")
-        faces = np.array([[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]])
-        return TriangleSurface(corners, faces if volume > 0 else faces[:, ::-1])
+        return TriangleSurface(corners, OUTWARD if volume > 0 else OUTWARD[:, ::-1])
     return TriangleSurface(corners, np.asarray(source.faces))

@@ -57,9 +57,7 @@ def leaves(model: Any) -> Iterable[Any]:
     if not hasattr(model, "getB") or not hasattr(model, "orientation"):
         received = type(model).__name__
         remedy = "give a Collection or a list of sources"
-        raise InputError(
-            Problem("from_magpylib, model", "magpylib sources and Collections", received, remedy)
-        )
+        raise InputError.of("from_magpylib, model", "magpylib sources and Collections", received, remedy)
     return [model]
 
 

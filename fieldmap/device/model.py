@@ -8,19 +8,23 @@ from __future__ import annotations
 import hashlib
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
-from typing import Any, Self
+from typing import Annotated, Any, Self
+
+from pydantic import Field
 
 from fieldmap.device.background import Background as Background
+from fieldmap.device.coils import AnyCoil
 from fieldmap.device.coils import Coil as Coil
 from fieldmap.device.coils.circular import CircularCoil as CircularCoil
 from fieldmap.device.coils.magpylib import MagpylibCoil as MagpylibCoil
 from fieldmap.device.coils.path import PathCoil as PathCoil
 from fieldmap.device.coils.rounded_rectangle import RoundedRectangleCoil as RoundedRectangleCoil
-from fieldmap.device.keys import checked_data, device_data
+from fieldmap.device.cross_checks import cross_findings
 from fieldmap.device.made import Made
 from fieldmap.device.magpylib_model import device_arguments
+from fieldmap.device.materials import MATERIAL_KEYS, AnyMaterial
 from fieldmap.device.materials import Material as Material
 from fieldmap.device.materials import SaturatingMaterial as SaturatingMaterial
 from fieldmap.device.materials.arctangent import Arctangent as Arctangent
@@ -30,26 +34,18 @@ from fieldmap.device.materials.froehlich import Froehlich as Froehlich
 from fieldmap.device.materials.linear import LinearMaterial as LinearMaterial
 from fieldmap.device.materials.marrocco import Marrocco as Marrocco
 from fieldmap.device.materials.permanent_magnet import PermanentMagnet as PermanentMagnet
+from fieldmap.device.parts import AnyBody, AnyReference, AnyWorkspace
 from fieldmap.device.parts import Body as Body
-from fieldmap.device.parts import Box as Box
-from fieldmap.device.parts import Cylinder as Cylinder
 from fieldmap.device.parts import Driver as Driver
-from fieldmap.device.parts import ExtrudedPolygon as ExtrudedPolygon
 from fieldmap.device.parts import Joint as Joint
-from fieldmap.device.parts import MeshFile as MeshFile
 from fieldmap.device.parts import Part as Part
 from fieldmap.device.parts import Reference as Reference
-from fieldmap.device.parts import RevolvedProfile as RevolvedProfile
-from fieldmap.device.parts import Ring as Ring
 from fieldmap.device.parts import Section as Section
-from fieldmap.device.parts import Shape as Shape
-from fieldmap.device.parts import Sphere as Sphere
-from fieldmap.device.parts import StepFile as StepFile
-from fieldmap.device.parts import TriangleSurface as TriangleSurface
-from fieldmap.device.parts import VolumeMesh as VolumeMesh
 from fieldmap.device.parts import Workspace as Workspace
 from fieldmap.device.parts import WorkspaceBox as WorkspaceBox
 from fieldmap.device.parts import WorkspaceCylinder as WorkspaceCylinder
+from fieldmap.device.patterns import Image, Repeat
+from fieldmap.device.payload import AnyPayload
 from fieldmap.device.payload import MagnetBlock as MagnetBlock
 from fieldmap.device.payload import MagnetCylinder as MagnetCylinder
 from fieldmap.device.payload import MagnetSphere as MagnetSphere
@@ -59,13 +55,33 @@ from fieldmap.device.payload import SoftEllipsoid as SoftEllipsoid
 from fieldmap.device.payload import SoftSphere as SoftSphere
 from fieldmap.device.placement import Placement as Placement
 from fieldmap.device.placement import placed as placed
+from fieldmap.device.shapes import Shape as Shape
+from fieldmap.device.shapes import ShapeOfFile
+from fieldmap.device.shapes.meshes import MeshFile as MeshFile
+from fieldmap.device.shapes.meshes import VolumeMesh as VolumeMesh
+from fieldmap.device.shapes.prisms import Box as Box
+from fieldmap.device.shapes.prisms import ExtrudedPolygon as ExtrudedPolygon
+from fieldmap.device.shapes.step_file import StepFile as StepFile
+from fieldmap.device.shapes.triangle_surface import TriangleSurface as TriangleSurface
+from fieldmap.device.shapes.turned import Cylinder as Cylinder
+from fieldmap.device.shapes.turned import RevolvedProfile as RevolvedProfile
+from fieldmap.device.shapes.turned import Ring as Ring
+from fieldmap.device.shapes.turned import Sphere as Sphere
+from fieldmap.device.short_forms import with_short_forms
 from fieldmap.device.toml_text import toml_text
 from fieldmap.errors import InputError, Problem
 from fieldmap.field import Bounds
-from fieldmap.inputs.key_paths import matches
+from fieldmap.inputs.declared import Key, default_of, table_of
+from fieldmap.inputs.document import schema_findings
+from fieldmap.inputs.explain import REQUIRED
+from fieldmap.inputs.findings import Finding, shown
+from fieldmap.inputs.key_paths import Location, dotted, matches, value_at
+from fieldmap.inputs.tables import Format, Name, Text
+from fieldmap.inputs.writing import Writing
 from fieldmap.records import FrozenDict, card
 
 _EMPTY: Mapping[str, str] = FrozenDict({})
+BACKGROUND, DRIVER, JOINT, SECTION = map(table_of, (Background, Driver, Joint, Section))
 _SEQUENCES = ("coils", "bodies", "references", "sections", "joints")
 
 
@@ -88,22 +104,43 @@ class Device(Made):
     fieldmap.errors.InputError: Device "none", coil "a": coils[0].turns: must be greater than 0; received -100; ...
     """
 
-    name: str
-    title: str
-    coils: tuple[Coil, ...] = ()
-    bodies: tuple[Body, ...] = ()
-    materials: Mapping[str, Material] = field(default_factory=dict)
-    payload: Payload | None = None
-    driver: Driver | None = None
-    workspace: Workspace | None = None
-    references: tuple[Reference, ...] = ()
-    sections: tuple[Section, ...] = ()
-    provenance: Mapping[str, str] = field(default_factory=lambda: _EMPTY)
+    name: Annotated[str, Key(Name, "short name of the device")]
+    title: Annotated[str, Key(Text, "one line about the device")]
+    coils: Annotated[
+        tuple[Coil, ...],
+        Key(list[AnyCoil], "[[coil]] tables; currents follow this order", name="coil"),
+    ] = ()
+    bodies: Annotated[
+        tuple[Body, ...], Key(list[AnyBody], "[[body]] tables: the iron and the magnets", name="body")
+    ] = ()
+    materials: Annotated[
+        Mapping[str, Material], Key(dict[Name, AnyMaterial], "[material.NAME] tables", name="material")
+    ] = field(default_factory=dict)
+    payload: Annotated[Payload | None, Key(AnyPayload | None, "the levitated body")] = None
+    driver: Annotated[Driver | None, Key(DRIVER | None, "the amplifiers of the coils")] = None
+    workspace: Annotated[Workspace | None, Key(AnyWorkspace | None, "where the payload may go")] = None
+    references: Annotated[
+        tuple[Reference, ...],
+        Key(list[AnyReference], "[[reference]] tables: known values", name="reference"),
+    ] = ()
+    sections: Annotated[
+        tuple[Section, ...],
+        Key(list[SECTION], "[[section]] tables: cross-sections of iron", name="section"),
+    ] = ()
+    provenance: Annotated[
+        Mapping[str, str],
+        Key(dict[str, Text], '"key.path" = "source of the number"; * means any one step'),
+    ] = field(default_factory=lambda: _EMPTY)
     source: Path | None = None
     text: str = field(default="", repr=False)
     included: Mapping[str, str] = field(default_factory=lambda: _EMPTY, repr=False)
-    background: Background | None = None
-    joints: tuple[Joint, ...] = ()
+    background: Annotated[
+        Background | None, Key(BACKGROUND | None, "a field that nothing in the device drives")
+    ] = None
+    joints: Annotated[
+        tuple[Joint, ...],
+        Key(list[JOINT], "[[joint]] tables: thin gaps between bodies that touch", name="joint"),
+    ] = ()
 
     def __post_init__(self) -> None:
         problems = []
@@ -125,9 +162,9 @@ class Device(Made):
             raise InputError(*problems)
         self._name_materials()
         self._take_materials_of_payload()
-        made = checked_data(self)
-        if not self.text and not made.unwritten:
-            object.__setattr__(self, "text", toml_text(made.data))
+        written = _checked(self)
+        if not self.text and not written.unwritten:
+            object.__setattr__(self, "text", toml_text(written.data))
             object.__setattr__(self, "included", FrozenDict(hashes_of_files(self.bodies, Path())))
 
     def _name_materials(self) -> None:
@@ -154,23 +191,8 @@ class Device(Made):
     def unchecked(cls, **values: Any) -> Self:
         """A device of values that were checked as keys of a file, or whose bodies lack their materials on purpose."""
         device = object.__new__(cls)
-        defaults = {
-            "title": "",
-            "bodies": (),
-            "materials": FrozenDict(),
-            "payload": None,
-            "driver": None,
-            "workspace": None,
-            "references": (),
-            "sections": (),
-            "provenance": _EMPTY,
-            "source": None,
-            "text": "",
-            "included": _EMPTY,
-            "background": None,
-            "joints": (),
-        }
-        for name, value in (defaults | values).items():
+        defaults = {one.name: default_of(one) for one in fields(cls)}
+        for name, value in (defaults | {"title": ""} | values).items():
             object.__setattr__(device, name, value)
         return device
 
@@ -238,7 +260,7 @@ class Device(Made):
         """
         about: dict[str, Any] = {"source": None, "text": "", "included": {}} | changes
         bare = replace(self, **{**about, "provenance": {}})
-        data = device_data(bare).data
+        data = written_device(bare).data
         wanted = about.get("provenance") or {
             path: text for path, text in self.provenance.items() if matches(data, path)
         }
@@ -249,20 +271,142 @@ class Device(Made):
 
         Raises InputError for coils and materials of classes that have no keys.
         """
-        made = device_data(self.replace() if self.text else self)
-        if made.unwritten:
-            received = ", ".join(made.unwritten)
+        written = written_device(self.replace() if self.text else self)
+        if written.unwritten:
+            received = ", ".join(written.unwritten)
             remedy = "give its class keys (docs/extend.md)"
             must_hold = "coils and materials that a device file can hold"
-            raise InputError(Problem(f'Device "{self.name}"', must_hold, received, remedy))
-        return toml_text(made.data)
+            raise InputError.of(f'Device "{self.name}"', must_hold, received, remedy)
+        return toml_text(written.data)
 
 
 def hashes_of_files(bodies: tuple[Body, ...], folder: Path) -> dict[str, str]:
     """SHA-256 of the STEP and mesh files that bodies name, by their paths relative to a folder."""
     shapes = [part.shape for body in bodies for part in body.parts]
-    files = {shape.path for shape in shapes if isinstance(shape, StepFile | MeshFile)}
+    files = {shape.path for shape in shapes if isinstance(shape, ShapeOfFile)}
     return {
         os.path.relpath(path, folder): "sha256:" + hashlib.sha256(path.read_bytes()).hexdigest()
         for path in sorted(files)
     }
+
+
+# ---- the file of a device, and what is wrong with a device ----
+
+_DEVICE: Any = table_of(Device, "", "DeviceKeys")
+
+
+class DeviceFile(_DEVICE):
+    """A device file."""
+
+    format: Format
+    parameters: dict[str, Any] = Field(
+        default={}, description='numbers, texts and lists that expressions such as "= 2*gap" use'
+    )
+
+    @classmethod
+    def model_json_schema(cls, *arguments: Any, **named: Any) -> dict[str, Any]:
+        """With the short forms that `fieldmap.device.expansion` writes out."""
+        schemas = (one.model_json_schema(*arguments, **named) for one in (super(), Repeat, Image))
+        return with_short_forms(*schemas)
+
+
+@dataclass(repr=False)
+class WrittenDevice(Writing):
+    """The data of a device file that a device is written as."""
+
+    data: dict[str, Any] = field(default_factory=dict)
+
+
+def written_device(device: Device, whole: bool = True) -> WrittenDevice:
+    """The data of a device, whatever its values are. whole: with what a file says about the machine, too: sections,
+    known values and where numbers come from."""
+    written = WrittenDevice("see help(fieldmap.Device)")
+    without = () if whole else ("sections", "references", "provenance")
+    written.data = {"format": 1} | written.table(device, DeviceFile, without=without)
+    if isinstance(device.title, str) and not device.title and isinstance(device.name, str):
+        written.data["title"] = device.name
+    _check_payload(written, device)
+    return written
+
+
+def _check_payload(written: Writing, device: Device) -> None:
+    """A moment that is given with magnets must be theirs, and a material the device's of that name."""
+    payload = device.payload
+    if not isinstance(payload, Payload):
+        return
+    if not payload.pieces:
+        if payload.magnet is not None:
+            _check_moment(written, payload, "the magnet", magnet=payload.magnet)
+        return
+    if payload.magnet is not None:
+        written.refuse(("payload", "magnet"), "payload.magnet", "must be one of the pieces", payload.magnet)
+    _check_moment(written, payload, "the magnets among the pieces", pieces=payload.pieces)
+    for k, piece in enumerate(payload.pieces):
+        material = getattr(getattr(piece, "shape", None), "material", None)
+        if isinstance(material, Material) and not _are_alike(material, device.materials.get(material.name)):
+            place: Location = ("payload", "piece", k, "material")
+            must_hold = "must be the material that the device has by this name"
+            received = f'another material called "{material.name}"'
+            written.findings.append(Finding(place, must_hold, received, "give one of the two another name"))
+
+
+def _check_moment(written: Writing, payload: Payload, whose: str, **magnets: Any) -> None:
+    try:
+        moment = Payload(mass=1.0, **magnets).moment
+        agree = abs(payload.moment - moment) <= 1e-9 * abs(moment)
+    except (TypeError, ValueError, AttributeError, OverflowError):
+        return  # told at the magnet
+    if not agree:
+        must_hold = f"must be that of {whose}, {moment:.6g}: volume times remanence over mu0"
+        place = ("payload", "moment_A_m2")
+        written.paths[place] = "payload.moment"
+        remedy = f"leave the moment out, or {whose}"
+        written.findings.append(Finding(place, must_hold, shown(payload.moment), remedy))
+
+
+def _are_alike(one: Material, other: object) -> bool:
+    """Whether two materials are written alike; those of classes without keys count as such."""
+    keys = MATERIAL_KEYS.get(getattr(one, "kind", ""))
+    if one is other or keys is None or keys.makes is not type(one):
+        return True
+    return type(one) is type(other) and Writing("").table(one, keys) == Writing("").table(other, keys)
+
+
+def _checked(device: Device) -> WrittenDevice:
+    """The data of a device. Raises InputError with one Problem for everything that is wrong with it."""
+    # Of a device that was read, and of which some parts were replaced, the text speaks of those that it had.
+    read = bool(device.text)
+    written = written_device(device, whole=not read)
+    findings = list(written.findings)
+    if not findings:
+        findings = schema_findings(DeviceFile, written.data)
+        missing = {dotted(written.data, one.location) for one in findings if one.must_hold == REQUIRED}
+        findings += [
+            one
+            for one in cross_findings(written.data, Path(), missing)
+            if not _follows_from_what_is_left_out(one, written, read and not device.materials)
+        ]
+    if findings:
+        raise InputError(*(_problem(written, finding) for finding in findings))
+    return written
+
+
+def _follows_from_what_is_left_out(finding: Finding, written: WrittenDevice, without_materials: bool) -> bool:
+    """Whether a finding is of things of classes without keys, or of the materials that a recorded device lacks."""
+    place = finding.location
+    if place[-1:] == ("material",):
+        return without_materials or value_at(written.data, place) in written.unwritten
+    return bool(written.unwritten) and place[:1] in ((), ("reference",))
+
+
+def _problem(written: WrittenDevice, finding: Finding) -> Problem:
+    location = finding.location
+    title = f'Device "{written.data.get("name")}"'
+    if len(location) > 1 and location[0] in ("body", "coil", "section", "material"):
+        at = (*location[:2], "name")
+        name = location[1] if location[0] == "material" else value_at(written.data, at)
+        title += f', {location[0]} "{name}"' if isinstance(name, str) else ""
+    if location[:1] == ("provenance",):  # about keys of the text
+        path = f"provenance[{location[1]!r}]" if len(location) > 1 else "provenance"
+        return Problem(f"{title}: {path}", finding.must_hold, finding.received, finding.remedy)
+    return written.problem(finding, title)

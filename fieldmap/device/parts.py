@@ -1,7 +1,8 @@
 """What a machine is made of: frozen data, SI units, right-handed frame with z up.
 
-Coils and materials have folders of their own, `fieldmap.device.coils` and `fieldmap.device.materials`; what is
-levitated is in `fieldmap.device.payload`. Values are checked when a `Device` is made of the parts.
+Coils, materials and shapes have folders of their own, `fieldmap.device.coils`, `fieldmap.device.materials` and
+`fieldmap.device.shapes`; what is levitated is in `fieldmap.device.payload`. Values are checked when a `Device` is made
+of the parts.
 """
 
 from __future__ import annotations
@@ -9,226 +10,29 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
-from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, ClassVar, Self, get_args
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 import numpy as np
+from pydantic import AfterValidator, Field, ValidationInfo
 
-from fieldmap.device.dimensions import (
-    FourPoints,
-    Gap,
-    HalfSection,
-    PairOfPatterns,
-    SimplePolygon,
-    Tetrahedra,
-    Triangles,
-    counter_clockwise,
-    require_above_lower,
-    require_closed,
-    require_direction,
-    require_larger_radius,
-    require_solid,
-)
 from fieldmap.device.made import Made
-from fieldmap.device.placement import Movable, Placement
-from fieldmap.device.polygons import reflected_polygon
-from fieldmap.device.surfaces import read_stl
-from fieldmap.errors import InputError, Problem
+from fieldmap.device.placement import PLACEMENT, Movable, Placement
+from fieldmap.device.shapes import SHAPE_KEYS, Shape
 from fieldmap.field import Bounds
-from fieldmap.inputs.declared import Key
-from fieldmap.inputs.tables import Length, Name, Point, Positive, Size, Text, Vector, read_only
-from fieldmap.typing import Array, Index, PathLike
-
-# ---- shapes, in their local frame: axis along z, base in the plane z = 0, centred in x and y ---------------
-
-
-@dataclass(frozen=True, repr=False)
-class Cylinder(Made):
-    """Solid cylinder, 0 <= z <= height."""
-
-    kind: ClassVar[str] = "cylinder"
-
-    radius: Annotated[float, Key(Length, "radius", "mm")]
-    height: Annotated[float, Key(Length, "height along the local z axis", "mm")]
-
-
-@dataclass(frozen=True, repr=False)
-class Ring(Made):
-    """Hollow cylinder, 0 <= z <= height."""
-
-    kind: ClassVar[str] = "ring"
-
-    inner_radius: Annotated[float, Key(Length, "radius of the bore", "mm")]
-    outer_radius: Annotated[float, Key(Length, "outer radius", "mm", check=require_larger_radius)]
-    height: Annotated[float, Key(Length, "height along the local z axis", "mm")]
-
-
-@dataclass(frozen=True, repr=False)
-class Box(Made):
-    """Block, centred in x and y, 0 <= z <= size[2]."""
-
-    kind: ClassVar[str] = "box"
-
-    size: Annotated[tuple[float, float, float], Key(Size, "[x, y, z] edge lengths", "mm")]
-
-    def __post_init__(self) -> None:
-        # An array would be no tuple to those that look for one, and boxes could not be compared.
-        if isinstance(self.size, np.ndarray) and self.size.ndim == 1:
-            object.__setattr__(self, "size", tuple(self.size.tolist()))
-
-
-@dataclass(frozen=True, repr=False)
-class Sphere(Made):
-    """Ball, centred at the local origin."""
-
-    kind: ClassVar[str] = "sphere"
-
-    radius: Annotated[float, Key(Length, "radius", "mm")]
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class ExtrudedPolygon(Made):
-    """Polygon in the local x-y plane, 0 <= z <= height.
-
-    points (n, 2): corners of a simple polygon.
-    """
-
-    kind: ClassVar[str] = "extruded_polygon"
-
-    points: Annotated[
-        Array,
-        Key(SimplePolygon, "[[x, y], ...] corners once round the outline", "mm", make=counter_clockwise),
-    ]
-    height: Annotated[float, Key(Length, "height along the local z axis", "mm")]
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class RevolvedProfile(Made):
-    """Profile turned fully about the local z axis.
-
-    points (n, 2): corners (r, z) of a simple polygon, r >= 0.
-    """
-
-    kind: ClassVar[str] = "revolved_profile"
-
-    points: Annotated[
-        Array,
-        Key(
-            HalfSection,
-            "[[r, z], ...] corners of the half section, r >= 0",
-            "mm",
-            make=counter_clockwise,
-        ),
-    ]
-
-
-@dataclass(frozen=True, repr=False)
-class StepFile(Made):
-    """Solids of a STEP file.
-
-    `scale` turns the file's length unit into metres.
-    """
-
-    kind: ClassVar[str] = "step_file"
-
-    path: Annotated[Path, Key(Text, "path of the STEP file, relative to the device file", name="file")]
-    scale: Annotated[float, Key(Length, "length of the STEP file's unit", "mm", "unit")] = 1e-3
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class TriangleSurface(Made):
-    """Solid inside a closed surface of triangles.
-
-    triangles (m, 3) are numbers of `points` (n, 3), in m, from 0. Each edge belongs to two triangles, which run along
-    it in opposite ways; seen from outside, corners run counter-clockwise.
-    """
-
-    kind: ClassVar[str] = "triangle_surface"
-
-    points: Annotated[Array, Key(FourPoints, "[[x, y, z], ...] corners", "mm")]
-    triangles: Annotated[
-        Index,
-        Key(
-            Triangles,
-            "[[i, j, k], ...] numbers of corners from 0, counter-clockwise from outside",
-            check=require_closed,
-        ),
-    ]
-
-    @classmethod
-    def from_stl(cls, path: PathLike, unit: float = 1e-3) -> Self:
-        """The surface of an STL file, binary or text; unit: length of the file's unit, m, of which STL says nothing.
-
-        Raises InputError for a file that is none. Whether it bounds a solid is checked when a device is made of it.
-        """
-        points, triangles = read_stl(Path(path))
-        return cls(unit * points, triangles)
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class VolumeMesh(Made):
-    """Mesh of tetrahedra, used as it is.
-
-    tetrahedra (m, 4) are numbers of `points` (n, 3), in m, from 0. The shape of a body of its own,
-    without `mesh_size`: nothing is added to it or cut from it.
-    """
-
-    kind: ClassVar[str] = "volume_mesh"
-
-    points: Annotated[Array, Key(FourPoints, "[[x, y, z], ...] nodes", "mm")]
-    tetrahedra: Annotated[
-        Index, Key(Tetrahedra, "[[i, j, k, l], ...] numbers of nodes from 0", check=require_solid)
-    ]
-
-    @classmethod
-    def from_file(cls, path: PathLike, unit: float = 1e-3, region: str | None = None) -> Self:
-        """The tetrahedra of a mesh file: see `MeshFile`, of which this keeps the numbers.
-
-        Raises InputError for a file that cannot be read, has no tetrahedra or lacks the region.
-        """
-        from fieldmap.device.mesh_files import read_mesh
-
-        mesh = read_mesh(Path(path), region)
-        return cls(unit * mesh.points, mesh.tets)
-
-
-@dataclass(frozen=True, repr=False)
-class MeshFile(Made):
-    """Tetrahedra of a mesh file, used as they are.
-
-    Files of gmsh, VTK and what else meshio reads. `scale` turns the file's length unit into metres. region: name of
-    those cells that are meant, or their number as a text; None for all. The shape of a body of its own, without
-    `mesh_size`.
-    """
-
-    kind: ClassVar[str] = "mesh_file"
-
-    path: Annotated[Path, Key(Text, "path of the mesh file, relative to the device file", name="file")]
-    scale: Annotated[float, Key(Length, "length of the mesh file's unit", "mm", "unit")] = 1e-3
-    region: Annotated[
-        str | None,
-        Key(
-            Text | None,
-            'name of the cells that are this body, or their number in quotes, "7"; all if left out',
-        ),
-    ] = None
-
-
-Shape = (
-    Cylinder
-    | Ring
-    | Box
-    | Sphere
-    | ExtrudedPolygon
-    | RevolvedProfile
-    | StepFile
-    | TriangleSurface
-    | VolumeMesh
-    | MeshFile
+from fieldmap.inputs.declared import Key, choice_of, choice_with, first_line, table_of
+from fieldmap.inputs.tables import (
+    LARGEST_LENGTH_MM,
+    Length,
+    Name,
+    Point,
+    Positive,
+    Size,
+    Text,
+    Vector,
+    broken,
+    text_like,
 )
-SHAPES = get_args(Shape)
-OWN_MESHES = (VolumeMesh, MeshFile)
-"""Shapes that are meshes already: of a body of its own, without `mesh_size`."""
+from fieldmap.typing import Array
 
 
 @dataclass(frozen=True, repr=False)
@@ -237,7 +41,47 @@ class Part(Made):
 
     shape: Shape
     placement: Placement = field(default_factory=Placement)
-    operation: str = "add"
+    operation: Annotated[
+        str,
+        Key(
+            Literal["add", "cut"],
+            "add this shape to the body, or cut it out of the parts before it",
+        ),
+    ] = "add"
+
+
+AnyPart: Any = choice_of(
+    (
+        table_of(
+            Part,
+            name=f"{keys.makes.__name__}Part",
+            beside={"shape": keys, "placement": PLACEMENT},
+            text=first_line(keys.makes),
+        )
+        for keys in SHAPE_KEYS.values()
+        if not keys.makes.has_own_mesh
+    ),
+    "shape",
+)
+
+
+def _finer_than_the_mesh(edge_size: float | None, info: ValidationInfo) -> None:
+    mesh_size = info.data.get("mesh_size_mm")
+    if edge_size is not None and mesh_size is not None and edge_size > mesh_size:
+        raise broken(
+            f"edge_size_mm must not be larger than mesh_size_mm = {mesh_size:g}",
+            f"{edge_size:g}",
+            "give the size of the fine layer at the edges (0.25 to 1 mm is usual), or leave the key out",
+        )
+
+
+def _begins_with_something(parts: list[Any], info: ValidationInfo) -> None:
+    if parts and parts[0].operation != "add":
+        raise broken(
+            "the first part of a body must be added",
+            'operation = "cut" in part 1',
+            'begin with an "add" part; later parts cut from it',
+        )
 
 
 @dataclass(frozen=True, repr=False)
@@ -248,16 +92,33 @@ class Body(Movable, Made):
     None for a body with a mesh of its own (`VolumeMesh`, `MeshFile`). edge_size: size of the first element layer at
     sharp edges, m, or None for no grading.
 
+    >>> from fieldmap.device.shapes.turned import Cylinder
     >>> core = Body("core {k}", "steel", Cylinder(0.01, 0.04), mesh_size=5e-3).moved([0.044, 0.0, 0.006])
     >>> [one.name for one in core.around("z", 3)]
     ['core 1', 'core 2', 'core 3']
     """
 
-    name: str
-    material: str
-    parts: tuple[Part, ...]
-    mesh_size: float | None = None
-    edge_size: float | None = None
+    name: Annotated[str, Key(Name, "the body's name: letters, digits, spaces, _ + -")]
+    material: Annotated[str, Key(Name, "name of a [material.NAME] table of this file")]
+    parts: Annotated[
+        tuple[Part, ...],
+        Key(
+            Annotated[list[AnyPart], Field(min_length=1)],
+            "[[body.part]] tables, applied in order",
+            name="part",
+            check=_begins_with_something,
+        ),
+    ]
+    mesh_size: Annotated[float | None, Key(Length, "largest element edge", "mm")] = None
+    edge_size: Annotated[
+        float | None,
+        Key(
+            Length | None,
+            "size of the first element layer at sharp edges; leave out for no grading",
+            "mm",
+            check=_finer_than_the_mesh,
+        ),
+    ] = None
 
     if TYPE_CHECKING:  # what may be given for the parts
 
@@ -272,18 +133,21 @@ class Body(Movable, Made):
 
     def __post_init__(self) -> None:
         given = self.parts if isinstance(self.parts, list | tuple) else (self.parts,)
-        parts = tuple(Part(one) if isinstance(one, SHAPES) else one for one in given)
+        parts = tuple(Part(one) if isinstance(one, Shape) else one for one in given)
         object.__setattr__(self, "parts", parts)
 
     @property
     def has_own_mesh(self) -> bool:
         """Whether it is a mesh, not a shape to be meshed."""
-        return any(isinstance(part.shape, OWN_MESHES) for part in self.parts)
+        return any(part.shape.has_own_mesh for part in self.parts)
 
     def _placed(self, change: Callable[[Placement], Placement], mirror_axis: int | None = None) -> Body:
+        shapes = [
+            part.shape if mirror_axis is None else part.shape.reflected(mirror_axis) for part in self.parts
+        ]
         parts = tuple(
-            replace(part, shape=_reflected(part.shape, mirror_axis), placement=change(part.placement))
-            for part in self.parts
+            replace(part, shape=shape, placement=change(part.placement))
+            for part, shape in zip(self.parts, shapes, strict=True)
         )
         return replace(self, parts=parts)
 
@@ -291,27 +155,59 @@ class Body(Movable, Made):
         return self.name if "{k}" in self.name else self.name + " {k}"
 
 
-def _reflected(shape: Shape, axis: int | None) -> Shape:
-    """The shape seen in a mirror across a local axis, 0 or 1; the same where it is symmetric."""
-    if axis is None:
-        return shape
-    if isinstance(shape, StepFile):
-        remedy = "make the mirrored solid in the program that wrote the file"
-        raise InputError(Problem("mirrored", "a shape that can be mirrored", "a STEP file", remedy))
-    if isinstance(shape, MeshFile):
-        remedy = "read it by VolumeMesh.from_file, which can be"
-        raise InputError(Problem("mirrored", "a shape that can be mirrored", "a mesh file", remedy))
-    if isinstance(shape, TriangleSurface):
-        points = np.array(shape.points, dtype=float)
-        points[:, axis] *= -1
-        return replace(shape, points=points, triangles=np.asarray(shape.triangles)[:, ::-1])
-    if isinstance(shape, VolumeMesh):
-        points = np.array(shape.points, dtype=float)
-        points[:, axis] *= -1
-        return replace(shape, points=points, tetrahedra=np.asarray(shape.tetrahedra)[:, [0, 2, 1, 3]])
-    if isinstance(shape, ExtrudedPolygon):
-        return replace(shape, points=read_only(reflected_polygon(shape.points.tolist(), axis)))
-    return shape
+def _inline(keys: Any) -> Any:
+    """The table of a body of one shape, whose keys stand beside the name."""
+    shape = keys.makes
+    part = table_of(
+        Part,
+        name=f"{shape.__name__}Alone",
+        without=("operation",),
+        beside={"shape": keys, "placement": PLACEMENT},
+        takes=lambda one: one.operation == "add",
+    )
+    of_mesh = ("mesh_size", "edge_size") if shape.has_own_mesh else ()
+    return table_of(
+        Body,
+        name=f"{shape.__name__}Body",
+        without=("parts", *of_mesh),
+        beside={"parts": part},
+        needed=() if of_mesh else ("mesh_size",),
+        text=first_line(shape),
+    )
+
+
+_OF_PARTS: Any = table_of(
+    Body, name="CompositeBody", needed=("mesh_size",), text="A body of several parts, added and cut in order."
+)
+_OF_PARTS.written_as = "write [[body.part]] tables"
+_SEVERAL_PARTS = "several parts"
+AnyBody: Any = choice_with(
+    {kind: _inline(keys) for kind, keys in SHAPE_KEYS.items()} | {_SEVERAL_PARTS: _OF_PARTS},
+    lambda table: _SEVERAL_PARTS if "part" in table else table.get("shape"),
+    "shape",
+)
+
+
+_LEAST_GAP_MM = 1e-3
+
+
+def _no_gap_or_a_micrometre(gap: float) -> float:
+    if 0 < gap < _LEAST_GAP_MM:
+        must_hold = f"gap_mm must be 0 or at least {_LEAST_GAP_MM:g}"
+        raise broken(must_hold, f"{gap:g}", "no ground face is known to a micrometre: leave the joint out")
+    return gap
+
+
+_Gap = Annotated[Annotated[float, Field(ge=0, le=LARGEST_LENGTH_MM)], AfterValidator(_no_gap_or_a_micrometre)]
+_BodyPattern = Annotated[
+    str,
+    text_like(
+        r"^[A-Za-z0-9*?][A-Za-z0-9 _+\-*?]*$",
+        "the name of a body, or a pattern with * and ? for several",
+        "write it as at the [[body]]",
+    ),
+]
+_PairOfPatterns = Annotated[list[_BodyPattern], Field(min_length=2, max_length=2)]
 
 
 @dataclass(frozen=True, repr=False)
@@ -330,12 +226,12 @@ class Joint(Made):
 
     gap: Annotated[
         float,
-        Key(Gap, "thickness, cut out of the body whose end the joint is; 0: no joint", "mm"),
+        Key(_Gap, "thickness, cut out of the body whose end the joint is; 0: no joint", "mm"),
     ]
     between: Annotated[
         tuple[str, str] | None,
         Key(
-            PairOfPatterns | None,
+            _PairOfPatterns | None,
             "names of the two bodies, with * and ? as wildcards. A pair takes the last joint that names it. Without "
             "this key: all contacts that no other joint names",
         ),
@@ -382,6 +278,11 @@ def joint_of(joints: Sequence[Joint], first: str, second: str) -> Joint | None:
     return found[-1] if found and found[-1].gap > 0 else None
 
 
+def _require_direction(normal: list[float], info: ValidationInfo) -> None:
+    if not any(normal):
+        raise broken("the normal must have a direction", "[0, 0, 0]", "give for instance [0, 0, 1]")
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Section(Made):
     """What a plane cuts out of iron: origin (3,) in m, normal (3,) of any length; positive flux runs along it.
@@ -397,7 +298,7 @@ class Section(Made):
         Key(
             Vector,
             "[x, y, z] along the flux that counts as positive; any length",
-            check=require_direction,
+            check=_require_direction,
         ),
     ]
     bodies: Annotated[
@@ -422,6 +323,17 @@ class Driver(Made):
     supply_voltage: Annotated[float | None, Key(Positive | None, "voltage of the supply", "V")] = None
 
 
+def _require_above_lower(upper: list[float], info: ValidationInfo) -> None:
+    lower = info.data.get("lower_mm", [])
+    empty = [axis for axis, low, high in zip("xyz", lower, upper, strict=False) if high <= low]
+    if empty:
+        raise broken(
+            "the box must not be empty: every entry of upper_mm above that of lower_mm",
+            f"upper_mm = {upper} with lower_mm = {lower} (along {', '.join(empty)})",
+            "swap the two corners, or correct them; z is up, so -140 lies below -76",
+        )
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class WorkspaceBox(Made):
     """Axis-parallel box.
@@ -432,7 +344,7 @@ class WorkspaceBox(Made):
     kind: ClassVar[str] = "box"
 
     lower: Annotated[Array, Key(Point, "[x, y, z] of the corner with the smallest coordinates", "mm")]
-    upper: Annotated[Array, Key(Point, "[x, y, z] of the opposite corner", "mm", check=require_above_lower)]
+    upper: Annotated[Array, Key(Point, "[x, y, z] of the opposite corner", "mm", check=_require_above_lower)]
 
     @property
     def bounds(self) -> Bounds:
@@ -462,6 +374,9 @@ class WorkspaceCylinder(Made):
 
 
 Workspace = WorkspaceBox | WorkspaceCylinder
+AnyWorkspace: Any = choice_of(
+    (table_of(space, "shape") for space in (WorkspaceBox, WorkspaceCylinder)), "shape"
+)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -482,3 +397,37 @@ class Reference(Made):
         Key(Positive | None, "relative permeability of the iron for which the value holds"),
     ] = None
     tolerance: Annotated[float | None, Key(Positive | None, "relative uncertainty of the value")] = None
+
+
+_FLUX = ("Bx", "By", "Bz")
+_SLOPES = tuple(f"dB{i}/d{j}" for i in "xyz" for j in "xyz")
+
+
+def _reference(name: str, quantities: tuple[str, ...], what: str, unit: str, text: str) -> Any:
+    """The table of references of one kind of quantity, whose value has this unit."""
+    allowed: Any = Literal.__getitem__(quantities)
+    return table_of(
+        Reference,
+        name=name,
+        instead={"quantity": Key(allowed, what), "value": Key(float, "its value", unit)},
+        takes=lambda one: isinstance(one.quantity, str) and one.quantity in quantities,
+        text=text,
+    )
+
+
+_FLUX_DENSITY = _reference(
+    "FluxDensityReference", _FLUX, "component of the flux density", "T", "A known component of B."
+)
+_GRADIENT = _reference(
+    "GradientReference", _SLOPES, "entry of the gradient", "T_per_m", "A known entry of the gradient of B."
+)
+
+
+def _kind_of_reference(table: dict[str, Any]) -> Any:
+    quantity = table.get("quantity")
+    return "flux density" if quantity in _FLUX else "gradient" if quantity in _SLOPES else quantity
+
+
+AnyReference: Any = choice_with(
+    {"flux density": _FLUX_DENSITY, "gradient": _GRADIENT}, _kind_of_reference, "quantity"
+)

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import contextlib
 import math
+from abc import abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Annotated, ClassVar
+from typing import Annotated, Any, ClassVar, get_args
 
 import numpy as np
 from pydantic import Field, ValidationInfo
@@ -14,14 +15,44 @@ from pydantic import Field, ValidationInfo
 from fieldmap.constants import MU0
 from fieldmap.device.made import Made
 from fieldmap.device.materials import Material
-from fieldmap.device.placement import Placement
-from fieldmap.inputs.declared import Key
+from fieldmap.device.placement import PLACEMENT, Placement
+from fieldmap.inputs.declared import Key, choice_of, choice_with, first_line, table_of
 from fieldmap.inputs.tables import Coordinate, Length, Name, NotNegative, Positive, Size, broken
 from fieldmap.typing import Array
 
 
+class _Uniform(Made):
+    """A shape of one density about its centre, whose axes are principal axes."""
+
+    @property
+    @abstractmethod
+    def mean_squares(self) -> tuple[float, float, float]:
+        """Of x, y and z over the body, m^2."""
+
+    def uniform_inertia(self, mass: float) -> tuple[float, float, float]:
+        """Principal moments of a uniform body of this shape about its centre.
+
+        Parameters
+        ----------
+        mass
+            Of the body, kg.
+
+        Returns
+        -------
+        tuple of float
+            About x, y and z, kg m^2.
+
+        Examples
+        --------
+        >>> [round(1e7 * moment, 3) for moment in MagnetCylinder(0.01, 0.01, 1.3).uniform_inertia(6e-3)]
+        [0.875, 0.875, 0.75]
+        """
+        x, y, z = self.mean_squares
+        return mass * (y + z), mass * (x + z), mass * (x + y)
+
+
 @dataclass(frozen=True, repr=False)
-class MagnetCylinder(Made):
+class MagnetCylinder(_Uniform):
     """Axially magnetised cylinder.
 
     remanence in T.
@@ -43,18 +74,15 @@ class MagnetCylinder(Made):
         """Of the ball about its centre that holds it, m."""
         return math.hypot(self.diameter, self.height) / 2
 
-    def uniform_inertia(self, mass: float) -> tuple[float, float, float]:
-        """Principal moments, kg m^2, of a uniform body of this shape and mass about its centre.
-
-        >>> [round(1e7 * moment, 3) for moment in MagnetCylinder(0.01, 0.01, 1.3).uniform_inertia(6e-3)]
-        [0.875, 0.875, 0.75]
-        """
-        across = mass * ((self.diameter / 2) ** 2 / 4 + self.height**2 / 12)
-        return across, across, mass * (self.diameter / 2) ** 2 / 2
+    @property
+    def mean_squares(self) -> tuple[float, float, float]:
+        """Of x, y and z over the body, m^2."""
+        across = self.diameter**2 / 16
+        return across, across, self.height**2 / 12
 
 
 @dataclass(frozen=True, repr=False)
-class MagnetSphere(Made):
+class MagnetSphere(_Uniform):
     """Uniformly magnetised sphere.
 
     remanence in T.
@@ -75,14 +103,15 @@ class MagnetSphere(Made):
         """Of the ball about its centre that holds it, m."""
         return self.diameter / 2
 
-    def uniform_inertia(self, mass: float) -> tuple[float, float, float]:
-        """Principal moments, kg m^2, of a uniform ball of this size and mass about its centre."""
-        moment = mass * self.diameter**2 / 10
-        return moment, moment, moment
+    @property
+    def mean_squares(self) -> tuple[float, float, float]:
+        """Of x, y and z over the body, m^2."""
+        along = self.diameter**2 / 20
+        return along, along, along
 
 
 @dataclass(frozen=True, repr=False)
-class MagnetBlock(Made):
+class MagnetBlock(_Uniform):
     """Block magnetised along its z edge.
 
     remanence in T.
@@ -103,10 +132,11 @@ class MagnetBlock(Made):
         """Of the ball about its centre that holds it, m."""
         return math.hypot(*self.size) / 2
 
-    def uniform_inertia(self, mass: float) -> tuple[float, float, float]:
-        """Principal moments, kg m^2, of a uniform block of this size and mass about its centre."""
-        x, y, z = self.size
-        return mass * (y * y + z * z) / 12, mass * (x * x + z * z) / 12, mass * (x * x + y * y) / 12
+    @property
+    def mean_squares(self) -> tuple[float, float, float]:
+        """Of x, y and z over the body, m^2."""
+        x, y, z = (edge**2 / 12 for edge in self.size)
+        return x, y, z
 
 
 def _one_law(mu_r: float | None, info: ValidationInfo) -> None:
@@ -115,9 +145,18 @@ def _one_law(mu_r: float | None, info: ValidationInfo) -> None:
         raise broken("soft iron has a material or a mu_r", received, "give one of them")
 
 
+def _name_of(material: object) -> object:
+    """The name that stands for a material in a file."""
+    return material.name if isinstance(material, Material) else material
+
+
 MaterialOfPiece = Annotated[
     Material | str | None,
-    Key(Name | None, "name of a [material.NAME] table of this file; or give mu_r instead"),
+    Key(
+        Name | None,
+        "name of a [material.NAME] table of this file; or give mu_r instead",
+        write=_name_of,
+    ),
 ]
 PermeabilityOfPiece = Annotated[
     float | None,
@@ -129,8 +168,28 @@ PermeabilityOfPiece = Annotated[
 ]
 
 
+class _Soft(_Uniform):
+    """An ellipsoid of soft iron."""
+
+    @property
+    @abstractmethod
+    def axes(self) -> tuple[float, float, float]:
+        """Lengths of the three axes, m."""
+
+    @property
+    def volume(self) -> float:
+        """In cubic metres."""
+        return math.pi / 6 * math.prod(self.axes)
+
+    @property
+    def mean_squares(self) -> tuple[float, float, float]:
+        """Of x, y and z over the body, m^2."""
+        x, y, z = (axis**2 / 20 for axis in self.axes)
+        return x, y, z
+
+
 @dataclass(frozen=True, repr=False)
-class SoftSphere(Made):
+class SoftSphere(_Soft):
     """Sphere of soft iron.
 
     material: its law, or the name of a material of the device; mu_r: a constant relative
@@ -148,21 +207,15 @@ class SoftSphere(Made):
         """Lengths of the three axes, m."""
         return self.diameter, self.diameter, self.diameter
 
-    @property
-    def volume(self) -> float:
-        """In cubic metres."""
-        return math.pi / 6 * self.diameter**3
-
-    def uniform_inertia(self, mass: float) -> tuple[float, float, float]:
-        """Principal moments, kg m^2, of a uniform ball of this size and mass about its centre."""
-        return _inertia_of_ellipsoid(self.axes, mass)
-
 
 @dataclass(frozen=True, repr=False)
-class SoftEllipsoid(Made):
+class SoftEllipsoid(_Soft):
     """Ellipsoid of soft iron.
 
     size: its whole axes along x, y and z, m; material and mu_r as of `SoftSphere`.
+
+    >>> [round(1e9 * moment, 3) for moment in SoftEllipsoid((0.002, 0.002, 0.006)).uniform_inertia(1e-3)]
+    [2.0, 2.0, 0.4]
     """
 
     kind: ClassVar[str] = "soft_ellipsoid"
@@ -175,24 +228,6 @@ class SoftEllipsoid(Made):
     def axes(self) -> tuple[float, float, float]:
         """Lengths of the three axes, m."""
         return self.size
-
-    @property
-    def volume(self) -> float:
-        """In cubic metres."""
-        return math.pi / 6 * math.prod(self.size)
-
-    def uniform_inertia(self, mass: float) -> tuple[float, float, float]:
-        """Principal moments, kg m^2, of a uniform ellipsoid of this size and mass about its centre.
-
-        >>> [round(1e9 * moment, 3) for moment in SoftEllipsoid((0.002, 0.002, 0.006)).uniform_inertia(1e-3)]
-        [2.0, 2.0, 0.4]
-        """
-        return _inertia_of_ellipsoid(self.size, mass)
-
-
-def _inertia_of_ellipsoid(axes: tuple[float, float, float], mass: float) -> tuple[float, float, float]:
-    x, y, z = (axis * axis for axis in axes)
-    return mass * (y + z) / 20, mass * (x + z) / 20, mass * (x + y) / 20
 
 
 Magnet = MagnetCylinder | MagnetSphere | MagnetBlock
@@ -207,6 +242,21 @@ class PayloadPiece(Made):
 
     shape: Magnet | SoftBody
     placement: Placement = field(default_factory=Placement)
+
+
+AnyMagnet: Any = choice_of((table_of(magnet, "shape") for magnet in get_args(Magnet)), "shape")
+AnyPiece: Any = choice_of(
+    (
+        table_of(
+            PayloadPiece,
+            name=f"{shape.__name__}Piece",
+            beside={"shape": table_of(shape, "shape"), "placement": PLACEMENT},
+            text=first_line(shape),
+        )
+        for shape in (*get_args(Magnet), *get_args(SoftBody))
+    ),
+    "shape",
+)
 
 
 Inertia = Annotated[list[Positive], Field(min_length=3, max_length=3)]
@@ -238,7 +288,14 @@ class Payload(Made):
 
     mass: Annotated[float, Key(Positive, "mass of everything that is levitated", "g")]
     moment: float = 0.0
-    magnet: Magnet | None = None
+    magnet: Annotated[
+        Magnet | None,
+        Key(
+            AnyMagnet,
+            "[payload.magnet] table: shape, dimensions, remanence_T; or give moment_A_m2 instead, or "
+            "[[payload.piece]] tables",
+        ),
+    ] = None
     magnet_offset: Annotated[
         float,
         Key(Coordinate, "depth of the magnet's centre below the point that the sensor reads", "mm"),
@@ -254,7 +311,14 @@ class Payload(Made):
         ),
     ] = None
     drag: Annotated[float, Key(NotNegative, "linear drag", "N_s_per_m")] = 0.0
-    pieces: tuple[PayloadPiece, ...] = ()
+    pieces: Annotated[
+        tuple[PayloadPiece, ...],
+        Key(
+            Annotated[list[AnyPiece], Field(min_length=1)],
+            "[[payload.piece]] tables: magnets and soft iron, and where they stand",
+            name="piece",
+        ),
+    ] = ()
 
     def __post_init__(self) -> None:
         if isinstance(self.pieces, list | tuple):
@@ -306,6 +370,46 @@ class Payload(Made):
             return replace(piece, shape=replace(shape, material=material))
 
         return replace(self, pieces=tuple(named(piece) for piece in self.pieces))
+
+
+def _alone(payload: Payload) -> bool:
+    return isinstance(payload.pieces, tuple) and not payload.pieces
+
+
+def _kind_of_payload(table: dict[str, Any]) -> str:
+    if "piece" in table:
+        return "with pieces"
+    return "with a moment" if "moment_A_m2" in table else "with a magnet"
+
+
+AnyPayload: Any = choice_with(
+    {
+        "with a magnet": table_of(
+            Payload,
+            name="PayloadWithMagnet",
+            without=("pieces",),
+            needed=("magnet",),
+            takes=lambda payload: _alone(payload) and payload.magnet is not None,
+            text="Payload whose moment follows from its magnet: volume times remanence over mu0.",
+        ),
+        "with a moment": table_of(
+            Payload,
+            name="PayloadWithMoment",
+            without=("magnet", "pieces"),
+            instead={"moment": Key(Positive, "magnitude of the dipole moment", "A_m2")},
+            takes=lambda payload: _alone(payload) and payload.magnet is None,
+            text="Payload that is only a dipole.",
+        ),
+        "with pieces": table_of(
+            Payload,
+            name="PayloadWithPieces",
+            without=("magnet",),
+            needed=("pieces",),
+            text="Payload of several magnets, or of soft iron, or of both.",
+        ),
+    },
+    _kind_of_payload,
+)
 
 
 def _moment_of(pieces: tuple[PayloadPiece, ...]) -> Array:

@@ -13,53 +13,19 @@ from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydantic import Field, ValidationError
+from pydantic import Field
 
 from fieldmap.device.made import Made
 from fieldmap.errors import InputError, Problem
+from fieldmap.inputs.declared import Key, record_of, table_of
 from fieldmap.inputs.document import schema_findings
-from fieldmap.inputs.tables import MILLI, Point, Table, read_only
+from fieldmap.inputs.findings import shown
+from fieldmap.inputs.tables import MILLI, Point, broken, in_unit
 from fieldmap.typing import Array
 
 Axis = Literal["x", "y", "z"]
 AXES: tuple[Axis, ...] = ("x", "y", "z")
 MOST_COPIES = 1000
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class Placement(Made):
-    """global = rotation @ local + position.
-
-    position (3,) in m; rotation (3, 3), orthonormal, determinant +1.
-    """
-
-    position: Array = field(default_factory=lambda: np.zeros(3))
-    rotation: Array = field(default_factory=lambda: np.eye(3))
-
-    def keys(self) -> PlacementKeys:
-        """The keys of a file that give this placement."""
-        return PlacementKeys(
-            position_mm=[in_unit(float(x), MILLI) for x in np.asarray(self.position)],
-            rotation_deg=rotation_angles(np.asarray(self.rotation)),
-        )
-
-
-Angle = Annotated[float, Field(ge=-360, le=360)]
-Angles = Annotated[list[Angle], Field(min_length=3, max_length=3)]
-
-
-def in_unit(value: float, unit: float) -> float:
-    """The number in a unit whose product with it is this value, to the last bit where there is one; as short as can be.
-
-    >>> in_unit(38.10512e-3, 1e-3), in_unit(0.1 + 0.2, 1e-3)
-    (38.10512, 300.00000000000006)
-    """
-    near = value / unit
-    for digits in range(6, 18):
-        short = float(f"{near:.{digits}g}")
-        if short * unit == value:
-            return short
-    return next((x for x in np.nextafter(near, [-np.inf, np.inf]).tolist() if x * unit == value), near)
 
 
 def cosine_and_sine(angle_deg: float) -> tuple[float, float]:
@@ -124,23 +90,70 @@ def rotation_angles(rotation: Array) -> list[float]:
     return [float(angle) for angle in best]
 
 
-class PlacementKeys(Table):
-    """Where the local frame stands in the device's frame."""
+_ROTATION = "must be a rotation matrix (3, 3): orthonormal, with determinant 1"
 
-    position_mm: Point = Field(default=[0.0, 0.0, 0.0], description="[x, y, z] of the local origin")
-    rotation_deg: Angles = Field(
-        default=[0.0, 0.0, 0.0],
-        description="[x, y, z] angles, turned about the fixed x, then the fixed y, then the fixed z axis",
+
+def _matrix_of(rotation_deg: list[float]) -> list[list[float]]:
+    matrix: list[list[float]] = rotation_matrix(rotation_deg).tolist()
+    return matrix
+
+
+def _angles_of(rotation: Any) -> list[float]:
+    """The angles of a rotation; raises `broken` for what is none."""
+    try:
+        matrix = np.asarray(rotation, dtype=float)
+        bounded = matrix.shape == (3, 3) and bool(np.abs(matrix).max() <= 2.0)
+    except (TypeError, ValueError):
+        bounded = False
+    if not bounded or np.abs(matrix @ matrix.T - np.eye(3)).max() >= 1e-9 or np.linalg.det(matrix) <= 0.0:
+        received = shown(np.asarray(rotation, dtype=object).tolist())
+        remedy = "use fieldmap.placed(position, rotation_deg), or turned(axis, angle_deg)"
+        raise broken(_ROTATION, received, remedy)
+    return rotation_angles(matrix)
+
+
+Angle = Annotated[float, Field(ge=-360, le=360)]
+Angles = Annotated[list[Angle], Field(min_length=3, max_length=3)]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Placement(Made):
+    """Where the local frame stands in the device's frame.
+
+    global = rotation @ local + position.
+
+    position (3,) in m; rotation (3, 3), orthonormal, determinant +1.
+    """
+
+    position: Annotated[Array, Key(Point, "[x, y, z] of the local origin", "mm")] = field(
+        default_factory=lambda: np.zeros(3)
     )
+    rotation: Annotated[
+        Array,
+        Key(
+            Angles,
+            "[x, y, z] angles, turned about the fixed x, then the fixed y, then the fixed z axis",
+            "deg",
+            make=_matrix_of,
+            write=_angles_of,
+        ),
+    ] = field(default_factory=lambda: np.eye(3))
 
-    def placement(self) -> Placement:
-        """In SI."""
-        rotation = read_only(rotation_matrix(self.rotation_deg).tolist())
-        return Placement(read_only(self.position_mm, MILLI), rotation)
+    def keys(self) -> Any:
+        """The keys of a file that give this placement."""
+        return PLACEMENT(
+            position_mm=[in_unit(float(x), MILLI) for x in np.asarray(self.position)],
+            rotation_deg=rotation_angles(np.asarray(self.rotation)),
+        )
 
-    def also_makes(self) -> dict[str, Any]:
-        """The placement."""
-        return {"placement": self.placement()}
+    def to_device(self, points: ArrayLike) -> Array:
+        """Local points (n, 3) in the device's frame, m."""
+        turned: Array = np.asarray(points, dtype=float) @ np.asarray(self.rotation).T + self.position
+        return turned
+
+
+PLACEMENT: Any = table_of(Placement, name="PlacementKeys")
+"""The keys position_mm and rotation_deg, beside those of a thing that has a place."""
 
 
 # ---- moving, turning and mirroring keys ----
@@ -285,15 +298,15 @@ class Movable(Made):
     def _names(self, count: int, names: Sequence[str] | str | None) -> list[str]:
         if not isinstance(count, int | np.integer) or not 1 <= count <= MOST_COPIES:
             must_hold = f"must be a whole number from 1 to {MOST_COPIES}"
-            raise InputError(Problem("count", must_hold, repr(count), "give the number of copies"))
+            raise InputError.of("count", must_hold, repr(count), "give the number of copies")
         if names is None or isinstance(names, str):
             pattern = self._pattern() if names is None else names
             if "{k}" not in pattern and count > 1:
                 remedy = 'write for instance "core {k}"'
-                raise InputError(Problem("names", "a pattern has {k} in it", repr(pattern), remedy))
+                raise InputError.of("names", "a pattern has {k} in it", repr(pattern), remedy)
             return [pattern.replace("{k}", str(k + 1)) for k in range(count)]
         if len(names) != count:
-            raise InputError(Problem("names", f"must be {count} names", f"{len(names)}", "name every copy"))
+            raise InputError.of("names", f"must be {count} names", f"{len(names)}", "name every copy")
         return list(names)
 
 
@@ -305,17 +318,21 @@ def placed(position: ArrayLike = (0.0, 0.0, 0.0), rotation_deg: ArrayLike = (0.0
 
 def _placement(position_mm: Sequence[float], rotation_deg: Sequence[float]) -> Placement:
     keys: dict[str, Any] = {"position_mm": list(position_mm), "rotation_deg": list(rotation_deg)}
-    try:
-        return PlacementKeys.model_validate(keys).placement()
-    except ValidationError:
-        findings = schema_findings(PlacementKeys, keys)
-        places = [".".join(map(str, one.location)) for one in findings]
+    findings = schema_findings(PLACEMENT, keys)
+    if findings:
         raise InputError(
             *(
-                Problem(f"placement, {place}", one.must_hold, one.received, one.remedy)
-                for place, one in zip(places, findings, strict=True)
+                Problem(
+                    f"placement, {'.'.join(map(str, one.location))}",
+                    one.must_hold,
+                    one.received,
+                    one.remedy,
+                )
+                for one in findings
             )
-        ) from None
+        )
+    made: Placement = record_of(PLACEMENT.model_validate(keys))
+    return made
 
 
 def _vector(where: str, values: ArrayLike, count: int = 3) -> list[float]:
@@ -325,10 +342,10 @@ def _vector(where: str, values: ArrayLike, count: int = 3) -> list[float]:
         array = np.empty(0)
     if array.shape != (count,) or not np.isfinite(array).all():
         must_hold = f"must be {count} finite numbers" if count > 1 else "must be a finite number"
-        raise InputError(Problem(where, must_hold, repr(values)[:80], "give lengths in m, angles in degrees"))
+        raise InputError.of(where, must_hold, repr(values)[:80], "give lengths in m, angles in degrees")
     return [float(x) for x in array]
 
 
 def _check_axis(where: str, axis: str) -> None:
     if not isinstance(axis, str) or axis not in AXES:
-        raise InputError(Problem(where, 'must be "x", "y" or "z"', repr(axis)[:80], "choose one of these"))
+        raise InputError.of(where, 'must be "x", "y" or "z"', repr(axis)[:80], "choose one of these")

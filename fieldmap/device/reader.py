@@ -16,11 +16,12 @@ from fieldmap.device.cross_checks import cross_findings
 from fieldmap.device.materials import Curves, Material, SaturatingMaterial, material_of, named_file
 from fieldmap.device.materials.bh_table import STRAIGHT_LINE, BHTableFromFileKeys, require_room_to_saturate
 from fieldmap.device.measured import DEFAULT
-from fieldmap.device.model import Device, MeshFile, StepFile, hashes_of_files
+from fieldmap.device.model import Device, hashes_of_files
 from fieldmap.device.schema import DEVICE, MATERIAL, DeviceFile, MaterialFile
+from fieldmap.device.shapes import ShapeOfFile
 from fieldmap.device.toml_text import toml_text
 from fieldmap.errors import DeviceFileError, Problem
-from fieldmap.inputs.declared import record_of
+from fieldmap.inputs.declared import fields_of, record_of
 from fieldmap.inputs.document import Document, parsed, schema_findings
 from fieldmap.inputs.explain import REQUIRED
 from fieldmap.inputs.findings import Finding, one_of, shown
@@ -125,7 +126,7 @@ def read_device(path_or_name: PathLike | Device, changes: Mapping[str, Any] | No
     if isinstance(path_or_name, Device):
         if changes is not None:
             must_hold, remedy = "must be a file or a name where keys are changed", "write device.replace(...)"
-            raise DeviceFileError(Problem("read_device", must_hold, "a device", remedy))
+            raise DeviceFileError.of("read_device", must_hold, "a device", remedy)
         return path_or_name
     if isinstance(path_or_name, str) and "\n" in path_or_name:
         document = DEVICE.prepared(parsed(Path(TEXT), path_or_name, DeviceFileError))
@@ -133,7 +134,7 @@ def read_device(path_or_name: PathLike | Device, changes: Mapping[str, Any] | No
     if not isinstance(path_or_name, str | os.PathLike):
         must_hold = "must be the path or text of a device file, or the name of a shipped device"
         remedy = f'write for instance read_device("{DEFAULT}")'
-        raise DeviceFileError(Problem("read_device", must_hold, type(path_or_name).__name__, remedy))
+        raise DeviceFileError.of("read_device", must_hold, type(path_or_name).__name__, remedy)
     document = DEVICE.load(DEVICE.find(path_or_name))
     return device_of(document if changes is None else with_changes(document, changes))
 
@@ -156,7 +157,7 @@ def material(
     contents = MATERIAL.contents(MATERIAL.load(MATERIAL.find(path_or_name)))
     if name is not None and not isinstance(name, str):
         must_hold, remedy = "must be a text", 'write for instance name="steel"'
-        raise DeviceFileError(Problem("material(name)", must_hold, type(name).__name__, remedy))
+        raise DeviceFileError.of("material(name)", must_hold, type(name).__name__, remedy)
     made: SaturatingMaterial = record_of(
         contents, name=name or contents.name, below=STRAIGHT_LINE, above=above, saturation=saturation
     )
@@ -185,24 +186,21 @@ def recorded_device(text: str, solids: bool = False) -> Device:
     document = parsed(Path("device recorded in the map"), text, DeviceFileError)
     document = DEVICE.prepared(replace(document, alone=True))
     contents = DEVICE.contents(document)
-    bodies = (body.to_model(Path()) for body in contents.body) if solids else ()
-    return Device.unchecked(
-        name=contents.name,
-        title=contents.title,
-        coils=tuple(map(record_of, contents.coil)),
+    bodies = map(record_of, contents.body) if solids else ()
+    values = fields_of(
+        contents,
         bodies=tuple(
-            one
-            for one in bodies
-            if not any(isinstance(part.shape, StepFile | MeshFile) for part in one.parts)
+            one for one in bodies if not any(isinstance(part.shape, ShapeOfFile) for part in one.parts)
         ),
-        payload=contents.payload.to_model().with_materials(_available_materials(document, contents))
-        if contents.payload
-        else None,
-        driver=record_of(contents.driver) if contents.driver else None,
-        workspace=record_of(contents.workspace) if contents.workspace else None,
-        background=record_of(contents.background) if contents.background else None,
-        text=text,
+        materials=FrozenDict(),
+        references=(),
+        sections=(),
+        joints=(),
+        provenance=FrozenDict(),
     )
+    if values["payload"] is not None:
+        values["payload"] = values["payload"].with_materials(_available_materials(document, contents))
+    return Device.unchecked(**values, text=text)
 
 
 def _available_materials(document: Document, contents: DeviceFile) -> dict[str, Material]:
@@ -239,26 +237,15 @@ def _build(
     contents: DeviceFile, document: Document, curves: Curves, included: dict[str, str], text: str
 ) -> Device:
     folder = document.path.parent
-    bodies = tuple(body.to_model(folder) for body in contents.body)
     materials = {name: material_of(table, name, curves) for name, table in contents.material.items()}
-    included = included | hashes_of_files(bodies, folder)
+    values = fields_of(contents, folder, materials=FrozenDict(materials))
+    if values["payload"] is not None:
+        values["payload"] = values["payload"].with_materials(materials)
     return Device.unchecked(
-        name=contents.name,
-        title=contents.title,
-        coils=tuple(map(record_of, contents.coil)),
-        bodies=bodies,
-        materials=FrozenDict(materials),
-        payload=contents.payload.to_model().with_materials(materials) if contents.payload else None,
-        driver=record_of(contents.driver) if contents.driver else None,
-        workspace=record_of(contents.workspace) if contents.workspace else None,
-        references=tuple(reference.to_model() for reference in contents.reference),
-        sections=tuple(map(record_of, contents.section)),
-        provenance=FrozenDict(dict(contents.provenance)),
+        **values,
         source=None if document.path == Path(TEXT) else document.path,
         text=text,
-        included=FrozenDict(included),
-        background=record_of(contents.background) if contents.background else None,
-        joints=tuple(map(record_of, contents.joint)),
+        included=FrozenDict(included | hashes_of_files(values["bodies"], folder)),
     )
 
 

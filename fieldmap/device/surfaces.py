@@ -143,7 +143,7 @@ def read_stl(path: Path) -> tuple[Array, Index]:
     if not len(numbers) or numbers.size % 9 or not (np.abs(numbers) <= LARGEST_NUMBER).all():
         received = f"{len(data)} bytes, {numbers.size // 3} corners, or numbers beyond {LARGEST_NUMBER:g}"
         remedy = "write it again as STL, binary or text"
-        raise InputError(Problem(str(path), "must be an STL file with whole triangles", received, remedy))
+        raise InputError.of(str(path), "must be an STL file with whole triangles", received, remedy)
     points, index = np.unique(numbers.reshape(-1, 3) + 0.0, axis=0, return_inverse=True)
     triangles = index.reshape(-1, 3).astype(np.int64)
     corners = points[triangles]

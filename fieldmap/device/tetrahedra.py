@@ -6,7 +6,7 @@ from fieldmap.arguments import LARGEST_NUMBER
 from fieldmap.typing import Array, Index
 
 # Faces of a tetrahedron of positive volume, counter-clockwise seen from outside; face k is opposite corner k.
-_FACES = np.array([[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]])
+OUTWARD = np.array([[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]])
 # A tetrahedron with less volume than this times the cube of its longest edge is flat.
 _FLAT = 1e-12
 
@@ -30,7 +30,7 @@ def oriented(points: Array, tets: Index) -> Index:
 
 def boundary(points: Array, tets: Index) -> Index:
     """Triangles (k, 3) that belong to one tetrahedron only, counter-clockwise seen from outside."""
-    faces = oriented(points, tets)[:, _FACES].reshape(-1, 3)
+    faces = oriented(points, tets)[:, OUTWARD].reshape(-1, 3)
     _, first, count = np.unique(np.sort(faces, axis=1), axis=0, return_index=True, return_counts=True)
     return faces[first[count == 1]]
 
@@ -125,7 +125,7 @@ def _twice(tets: Index) -> Fault | None:
 
 
 def _fault_of_faces(points: Array, tets: Index) -> Fault | None:
-    faces = np.sort(tets[:, _FACES].reshape(-1, 3), axis=1)
+    faces = np.sort(tets[:, OUTWARD].reshape(-1, 3), axis=1)
     rows, number, count = np.unique(faces, axis=0, return_inverse=True, return_counts=True)
     number = number.ravel()
     if count.max() > 2:

@@ -2,7 +2,7 @@
 
 A field of a frozen class is annotated with a `Key`: the rule for its value in the unit of the file, its meaning, and
 the unit. From these follow the table that reads files (`table_of`), the object that the table makes (`record_of`), and
-the key that an attribute is written as (`Table.declared`).
+the data of a file that a record is written as (`fieldmap.inputs.writing`).
 
 >>> from dataclasses import dataclass
 >>> from typing import ClassVar
@@ -11,7 +11,7 @@ the key that an attribute is written as (`Table.declared`).
 ... class Ball:
 ...     '''Ball, centred at the origin.'''
 ...     kind: ClassVar[str] = "ball"
-...     radius: Annotated[Length, Key(..., "radius", "mm")]
+...     radius: Annotated[float, Key(Length, "radius", "mm")]
 >>> table = table_of(Ball, "shape")
 >>> record_of(table.model_validate({"shape": "ball", "radius_mm": 20.0}))
 Ball(radius=0.02)
@@ -19,7 +19,7 @@ Ball(radius=0.02)
 
 import dataclasses
 import types
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from functools import cache
 from pathlib import Path
 from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
@@ -30,8 +30,8 @@ from pydantic import Field, Tag, ValidationInfo, create_model, field_validator, 
 
 from fieldmap.errors import InputError, Problem
 from fieldmap.inputs.document import schema_findings
-from fieldmap.inputs.tables import UNITS, Table, chosen_by, read_only
-from fieldmap.records import Record
+from fieldmap.inputs.tables import UNITS, Table, chosen_with, read_only
+from fieldmap.records import FrozenDict, Record
 
 # Of members that are not known before the program runs.
 _ANNOTATED: Any = Annotated
@@ -44,10 +44,11 @@ class Key(Record):
     """How a field of a record is written in files.
 
     rule: annotation of the value in the unit of the file, with its bounds; `...` where that is the type of the field.
-    text: what the value is. unit: the last part
-    of the key, one of `UNITS`. name: of the key, where it is not that of the field. check: raises `broken` for a value
-    that does not go with the keys before it. make: what becomes of the value before its unit is applied. written: the
-    default in files, where it is not that of the field. examples: for the pages of keys.
+    text: what the value is. unit: the last part of the key, one of `UNITS`. name: of the key, where it is not that of
+    the field. check: raises `broken` for a value that does not go with the keys before it. make: what becomes of the
+    value before its unit is applied. write: the way back, the value of a file of that of a record; raises `broken`
+    where there is none. written: the default in files, where it is not that of the field. examples: for the pages of
+    keys.
     """
 
     rule: Any
@@ -56,6 +57,7 @@ class Key(Record):
     name: str = ""
     check: Callable[[Any, ValidationInfo], None] | None = None
     make: Callable[[Any], Any] | None = None
+    write: Callable[[Any], Any] | None = None
     written: Any = None
     examples: tuple[Any, ...] = ()
 
@@ -69,12 +71,12 @@ def keys_of(record: type) -> dict[str, tuple[str, Key, Any]]:
         hint = hints[field.name]
         about = next((one for one in getattr(hint, "__metadata__", ()) if isinstance(one, Key)), None)
         if about is not None:
-            name, kind = about.name or field.name, get_args(hint)[0]
+            kind = get_args(hint)[0]
             if about.rule is ...:
                 # Annotations of annotations are one: the bounds of the type stand beside the key.
                 bounds = [one for one in hint.__metadata__ if one is not about]
                 about = dataclasses.replace(about, rule=_ANNOTATED[kind, *bounds] if bounds else kind)
-            found[f"{name}_{about.unit}" if about.unit else name] = (field.name, about, kind)
+            found[_key_name(field.name, about)] = (field.name, about, kind)
     return found
 
 
@@ -90,49 +92,95 @@ def table_of(
     bases: tuple[type[Table], ...] = (Table,),
     without: tuple[str, ...] = (),
     rules: tuple[Callable[[Any], None], ...] = (),
+    *,
+    beside: Mapping[str, type[Table]] | None = None,
+    needed: tuple[str, ...] = (),
+    instead: Mapping[str, Key] | None = None,
+    takes: Callable[[Any], bool] | None = None,
+    text: str = "",
 ) -> Any:
-    """The table of a file that makes a record. choose: the key whose value, `record.kind`, chooses it among others;
-    name: of the table's class; bases: tables whose keys it has as well; without: fields that the file does not state;
-    rules: raise `broken` for tables whose keys do not go together.
+    """The table of a file that makes a record.
 
     Keys with a check come behind the others, which the check may look at.
+
+    Parameters
+    ----------
+    record
+        Frozen data class whose fields have keys.
+    choose
+        Key whose value, `record.kind`, chooses the table among others.
+    name
+        Of the table's class.
+    bases
+        Tables whose keys it has as well, and which make nothing.
+    without
+        Fields that the file does not state.
+    rules
+        Raise `broken` for tables whose keys do not go together.
+    beside
+        Tables of fields that are records themselves, or sequences of one record: their keys stand beside the others.
+    needed
+        Fields that the file must state, whatever their default is.
+    instead
+        Keys of fields that this table states in another way than the class says.
+    takes
+        Of tables that make the same record: whether a record is written in this one.
+    text
+        One line about it, that of the record unless given.
     """
-    text = first_line(record)
+    text = text or first_line(record)
     fields: dict[str, Any] = {}
     if choose:
         fields[choose] = (_LITERAL[record.kind], Field(description=text.removesuffix(".")))  # type: ignore[attr-defined]
-    keys = {key: found for key, found in keys_of(record).items() if found[0] not in without}
+    keys = _keys_of_table(record, without, instead or {})
     stated = {field.name: field for field in dataclasses.fields(record)}
     checks: dict[str, Any] = {}
-    for key, (attribute, about, _) in sorted(keys.items(), key=lambda each: each[1][1].check is not None):
+    for key, (attribute, about, _) in keys.items():
         options: dict[str, Any] = {"description": about.text}
         if about.examples:
             options["examples"] = list(about.examples)
-        default = _default_of(stated[attribute])
-        if about.written is not None or _stands_for_none(default):
+        has_default = attribute not in (*needed, *(instead or {}))
+        default = default_of(stated[attribute]) if has_default else dataclasses.MISSING
+        if has_default and (about.written is not None or _stands_for_none(default)):
             options["default"] = about.written
         elif isinstance(default, Record):
             options["default"] = about.rule()
         elif default is not dataclasses.MISSING:
-            options |= {"default": _in_file(default, about.unit), "validate_default": about.check is not None}
+            options["default"] = in_file(default, about)
+            options["validate_default"] = about.check is not None
         fields[key] = (about.rule, Field(**options))
         if about.check is not None:
             checks[f"_check_{key}"] = field_validator(key)(_checked(about.check))
     if rules:
         checks["_keep_rules"] = _keeping(rules)
+    parts = dict(beside or {})
     made = create_model(
         name or f"{record.__name__}Keys",
-        __base__=bases,
+        __base__=(*parts.values(), *bases) if bases != (Table,) else tuple(parts.values()) or bases,
         __doc__=text,
         __module__=record.__module__,
         __validators__=checks,
         **fields,
     )
-    made.makes = record
-    made.declared = {
-        key: (attribute, UNITS.get(about.unit, 1.0)) for key, (attribute, about, _) in keys.items()
-    }
+    made.makes, made.declared, made.beside, made.takes = record, keys, parts, takes
+    made.choice = (choose, record.kind) if choose else None  # type: ignore[attr-defined]
     return made
+
+
+def _keys_of_table(
+    record: type, without: tuple[str, ...], instead: Mapping[str, Key]
+) -> dict[str, tuple[str, Key, Any]]:
+    """As `keys_of`, without some fields and with other keys of some; those with a check come last."""
+    found = {key: one for key, one in keys_of(record).items() if one[0] not in (*without, *instead)}
+    hints = get_type_hints(record)
+    for attribute, about in instead.items():
+        found[_key_name(attribute, about)] = attribute, about, hints[attribute]
+    return dict(sorted(found.items(), key=lambda each: each[1][1].check is not None))
+
+
+def _key_name(attribute: str, about: Key) -> str:
+    name = about.name or attribute
+    return f"{name}_{about.unit}" if about.unit else name
 
 
 def _checked(check: Callable[[Any, ValidationInfo], None]) -> Any:
@@ -152,7 +200,8 @@ def _keeping(rules: tuple[Callable[[Any], None], ...]) -> Any:
     return model_validator(mode="after")(keep)
 
 
-def _default_of(field: dataclasses.Field[Any]) -> Any:
+def default_of(field: dataclasses.Field[Any]) -> Any:
+    """What a field holds unless it is given; `dataclasses.MISSING` where it must be."""
     if field.default_factory is not dataclasses.MISSING:
         return field.default_factory()
     return field.default
@@ -163,20 +212,25 @@ def _stands_for_none(default: Any) -> bool:
     return default == "" if isinstance(default, str) else isinstance(default, float) and np.isinf(default)
 
 
-def _in_file(default: Any, unit: str) -> Any:
+def in_file(value: Any, about: Key) -> Any:
     """A default in the unit of the file; what is no number stays as it is."""
-    if isinstance(default, tuple | np.ndarray):
-        return [_in_file(one, unit) for one in default]
-    default = default.item() if isinstance(default, np.generic) else default
-    scale = UNITS.get(unit, 1.0)
-    return default / scale if isinstance(default, float) and scale != 1.0 else default
+    return _in_unit(about.write(value) if about.write else value, UNITS.get(about.unit, 1.0))
+
+
+def _in_unit(value: Any, scale: float) -> Any:
+    if isinstance(value, tuple | list | np.ndarray):
+        return [_in_unit(one, scale) for one in value]
+    if isinstance(value, Mapping):
+        return dict(value)
+    value = value.item() if isinstance(value, np.generic) else value
+    return value / scale if isinstance(value, float) and scale != 1.0 else value
 
 
 def check_fields(record: Any) -> None:
     """The rules of its keys, of a record made in Python. Raises InputError with every field that breaks one."""
     kind, table = type(record), _plain_table(type(record))
     keys = keys_of(kind)
-    data = {key: _in_file(getattr(record, name), about.unit) for key, (name, about, _) in keys.items()}
+    data = {key: in_file(getattr(record, name), about) for key, (name, about, _) in keys.items()}
     problems: dict[str, Problem] = {}
     for finding in schema_findings(table, data):
         name, about, _ = keys[str(finding.location[0])]
@@ -213,25 +267,51 @@ def kinds_of(base: type) -> dict[str, type]:
 
 def choice_of(tables: Iterable[Any], key: str) -> Any:
     """The annotation of a table that is one of several, chosen by the value of a key."""
-    tagged = [Annotated[table, Tag(get_args(table.model_fields[key].annotation)[0])] for table in tables]
-    return Annotated[_UNION[tuple(tagged)], chosen_by(key)]
+    by_tag = {get_args(table.model_fields[key].annotation)[0]: table for table in tables}
+    return choice_with(by_tag, lambda table: table.get(key), key)
+
+
+def choice_with(tables: Mapping[str, Any], choose: Callable[[dict[str, Any]], Any], key: str = "kind") -> Any:
+    """The annotation of a table that is one of several, by tags that a function of the raw table chooses; `key` has
+    most to do with it."""
+    tagged = [Annotated[table, Tag(tag)] for tag, table in tables.items()]
+    return Annotated[_UNION[tuple(tagged)], chosen_with(choose, key)]
 
 
 def record_of(table: Table, folder: Path = Path(), **others: Any) -> Any:
     """The record of a table that `table_of` made, in SI. folder: that paths are relative to. others: fields of the
-    record that its table does not have."""
+    record that are not read from its table."""
     record = type(table).makes
     assert record is not None
-    fields, stated = keys_of(record), {field.name: field for field in dataclasses.fields(record)}
-    values = {}
-    for key in type(table).declared:
-        attribute, about, hint = fields[key]
+    return record(**fields_of(table, folder, **others))
+
+
+def fields_of(table: Table, folder: Path = Path(), **others: Any) -> dict[str, Any]:
+    """The fields of the record of a table, as `record_of` gives them to its class."""
+    return _fields_in(type(table), table, folder, others)
+
+
+def _fields_in(kind: type[Table], table: Table, folder: Path, others: Mapping[str, Any]) -> dict[str, Any]:
+    """Fields of the record of `kind`, whose keys the table has among others."""
+    assert kind.makes is not None
+    values, stated = {}, {field.name: field for field in dataclasses.fields(kind.makes)}
+    for key, (attribute, about, hint) in kind.declared.items():
         value = getattr(table, key)
-        if value is None and _stands_for_none(_default_of(stated[attribute])):
-            continue
-        values[attribute] = _in_si(about.make(value) if about.make else value, about, hint, folder)
+        left_out = value is None and _stands_for_none(default_of(stated[attribute]))
+        if attribute not in others and not left_out:
+            values[attribute] = _in_si(about.make(value) if about.make else value, about, hint, folder)
+    for attribute, inner in kind.beside.items():
+        assert inner.makes is not None
+        part = inner.makes(**_fields_in(inner, table, folder, {}))
+        values[attribute] = (part,) if is_sequence_of(kind.makes, attribute) else part
     more = {name: value for name, value in table.also_makes().items() if name in stated}
-    return record(**(values | more | others))
+    return values | more | dict(others)
+
+
+@cache
+def is_sequence_of(record: type, attribute: str) -> bool:
+    """Whether a field holds several records."""
+    return get_origin(get_type_hints(record)[attribute]) is tuple
 
 
 def _in_si(value: Any, about: Key, hint: Any, folder: Path) -> Any:
@@ -243,6 +323,8 @@ def _in_si(value: Any, about: Key, hint: Any, folder: Path) -> Any:
         return record_of(value, folder)
     if Path in kinds:
         return (folder / value).resolve()
+    if isinstance(value, dict):
+        return FrozenDict({name: _in_si(one, about, None, folder) for name, one in value.items()})
     if isinstance(value, list | np.ndarray):
         if any(get_origin(kind) is tuple for kind in kinds) or any(isinstance(one, str) for one in value):
             return tuple(_in_si(one, about, None, folder) for one in value)

@@ -108,7 +108,7 @@ def parse(path: Path, error: type[InputError]) -> Document:
         if content.startswith(_HDF5):
             remedy = "name the text file (.toml) here"
             received = "an HDF5 file, such as a map"
-            raise error(Problem(str(path), "must be a text file (TOML)", received, remedy))
+            raise error.of(str(path), "must be a text file (TOML)", received, remedy)
         text = content.decode("utf-8-sig")
     except (OSError, UnicodeDecodeError) as unreadable:
         remedy = "check the path and its permissions, and save the file as UTF-8 text"
@@ -124,7 +124,7 @@ def parsed(path: Path, text: str, error: type[InputError]) -> Document:
         return Document(path, text, tomllib.loads(text))
     except RecursionError:
         received = "arrays or tables hundreds of levels deep"
-        raise error(Problem(str(path), "must be valid TOML", received, "write them flat")) from None
+        raise error.of(str(path), "must be valid TOML", received, "write them flat") from None
     except tomllib.TOMLDecodeError as wrong:
         raise error(_syntax_problem(path, text, str(wrong))) from wrong
     except ValueError:
@@ -132,7 +132,7 @@ def parsed(path: Path, text: str, error: type[InputError]) -> Document:
         long = re.search(rf"[\d_]{{{sys.get_int_max_str_digits() or 1}}}", text)
         where = str(path) if long is None else f"{path}:{text.count(chr(10), 0, long.start()) + 1}"
         must_hold, received = "the file must be valid TOML", "a whole number of thousands of digits"
-        raise error(Problem(where, must_hold, received, "write it with fewer digits")) from None
+        raise error.of(where, must_hold, received, "write it with fewer digits") from None
 
 
 def _syntax_problem(path: Path, text: str, message: str) -> Problem:

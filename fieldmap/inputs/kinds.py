@@ -13,7 +13,7 @@ from typing import Any, Generic, TypeVar
 
 from pydantic import BaseModel
 
-from fieldmap.errors import InputError, Problem
+from fieldmap.errors import InputError
 from fieldmap.inputs.document import Document, parse, schema_findings
 from fieldmap.inputs.findings import closest, one_of
 from fieldmap.records import Record
@@ -96,7 +96,7 @@ class FileKind(Record, Generic[Contents]):
         """The file at a path, or the shipped one of that name; raises `error` if there is neither, or a directory."""
         if not isinstance(path_or_name, str | os.PathLike):
             must_hold, remedy = f"must be the path or name of a {self.name} file", "write it in quotes"
-            raise self.error(Problem(self.name, must_hold, type(path_or_name).__name__, remedy))
+            raise self.error.of(self.name, must_hold, type(path_or_name).__name__, remedy)
         path = Path(path_or_name)
         if is_file(path):
             return path
@@ -109,7 +109,7 @@ class FileKind(Record, Generic[Contents]):
         guess = closest(path.stem, names)
         remedy = f'did you mean "{guess}"?' if guess else f"give a path, or one of {one_of(names)}"
         must_hold = f"must be a {self.name} file or the name of a shipped {self.name}"
-        raise self.error(Problem(str(path_or_name), must_hold, "no such file", remedy))
+        raise self.error.of(str(path_or_name), must_hold, "no such file", remedy)
 
     def load(self, path: Path) -> Document:
         """The file, parsed; raises `error` if it cannot be read, or is clearly of another kind."""
@@ -142,7 +142,7 @@ class FileKind(Record, Generic[Contents]):
         if found in self.refers_to:
             remedy += "; " + self.refers_to[found].format(file=document.path.name)
         received = f'a {found} file, by its key "{key}"'
-        raise self.error(Problem(str(document.path), f"must be a {self.name} file", received, remedy))
+        raise self.error.of(str(document.path), f"must be a {self.name} file", received, remedy)
 
 
 def kind_of(data: Mapping[str, Any]) -> str | None:

@@ -36,6 +36,7 @@ UNITS = {
     "mT_per_m": 1e-3,
     "g_mm2": 1e-9,
     **dict.fromkeys(("deg", "ohm", "T", "T_per_m", "A", "A_per_m", "A_per_V", "A_m2", "V", "N_s_per_m"), 1.0),
+    **dict.fromkeys(("s", "Hz", "rad_per_s", "m_per_s2", "N_m_s", "N_m_s2", "N_s2_per_m2", "S_per_m"), 1.0),
 }
 """SI values of the units that keys end with."""
 
@@ -99,8 +100,15 @@ class Table(BaseModel):
     """Of a table that is chosen in another way than by one key's value: how it is written."""
 
     makes: ClassVar[type | None] = None
-    declared: ClassVar[Mapping[str, tuple[str, float]]] = {}
-    """Of a table that `fieldmap.inputs.declared` made: its record, and key -> (attribute, SI value of the unit)."""
+    """Of a table that `fieldmap.inputs.declared` made: its record. All below is of such tables."""
+    declared: ClassVar[Mapping[str, tuple[str, Any, Any]]] = {}
+    """Key -> (attribute, its `Key`, type of the attribute)."""
+    beside: ClassVar[Mapping[str, Any]] = {}
+    """Attribute -> table of that record, whose keys stand beside the others."""
+    choice: ClassVar[tuple[str, str] | None] = None
+    """The key that chooses the table among others, and its value."""
+    takes: ClassVar[Callable[[Any], bool] | None] = None
+    """Of tables that make the same record: whether a record is written in this one."""
 
     def also_makes(self) -> Mapping[str, Any]:
         """Fields of the record that several keys make together, as those of a placement."""
@@ -129,14 +137,23 @@ class Choice(Discriminator):
     key: str = "kind"
 
 
-def chosen_by(key: str) -> Choice:
-    """Pick the member of a union by the value of one key of the table."""
-    return chosen_with(lambda table: table.get(key), key)
-
-
 def chosen_with(choose: Callable[[dict[str, Any]], Any], key: str = "kind") -> Choice:
     """Pick the member of a union by a function of the raw table; `key` has most to do with it."""
     return Choice(lambda table: choose(table) if isinstance(table, dict) else None, key=key)
+
+
+def in_unit(value: float, unit: float) -> float:
+    """The number in a unit whose product with it is this value, to the last bit where there is one; as short as can be.
+
+    >>> in_unit(38.10512e-3, 1e-3), in_unit(0.1 + 0.2, 1e-3)
+    (38.10512, 300.00000000000006)
+    """
+    near = value / unit
+    for digits in range(6, 18):
+        short = float(f"{near:.{digits}g}")
+        if short * unit == value:
+            return short
+    return next((x for x in np.nextafter(near, [-np.inf, np.inf]).tolist() if x * unit == value), near)
 
 
 def is_number(value: Any) -> bool:

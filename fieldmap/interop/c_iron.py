@@ -23,16 +23,15 @@ Layout, in the byte order of the machine that writes:
 from __future__ import annotations
 
 import struct
-import zlib
-from os import PathLike
 from pathlib import Path
 
-from fieldmap.core.headers import FOLDER, in_one
+from fieldmap.core.headers import FOLDER
 from fieldmap.core.iron_numbers import core_numbers
-from fieldmap.errors import InputError, Problem
-from fieldmap.interop.c_map import c_header, check_harmonic, map_bytes
+from fieldmap.errors import InputError
+from fieldmap.interop.c_map import c_header, check_harmonic, header_beside, map_bytes, sealed
 from fieldmap.lookup import FieldMap, compiled_currents, unit_block
 from fieldmap.store.whole_files import write_whole
+from fieldmap.typing import PathLike
 
 VERSION = 1
 
@@ -42,7 +41,7 @@ def c_iron_header() -> Path:
     return FOLDER / "fieldmap_iron.h"
 
 
-def write_c_iron_map(field: FieldMap, path: str | PathLike[str]) -> Path:
+def write_c_iron_map(field: FieldMap, path: PathLike) -> Path:
     """Write an opened map of saturating iron for C programs that set its currents.
 
     The rules for points and currents outside go with it: clamp or NaN, NaN or "evaluate". Raises InputError for a map
@@ -53,26 +52,20 @@ def write_c_iron_map(field: FieldMap, path: str | PathLike[str]) -> Path:
     """
     if field.affine:
         must_hold = "must be a map of saturating iron"
-        raise InputError(
-            Problem("write_c_iron_map, field", must_hold, "one that superposes", "use write_c_map")
-        )
+        raise InputError.of("write_c_iron_map, field", must_hold, "one that superposes", "use write_c_map")
     block, model = unit_block(field), compiled_currents(field)
     check_harmonic(block, "write_c_iron_map, field")
-    target = Path(path)
     names = (*field.coil_names, *(f"iron {k + 1}" for k in range(len(model.output))))
     names += ("background",) if model.fixed.size else ()
     numbers = core_numbers(model)
     behind = map_bytes(block, names, constant=False)
-    tail = struct.pack("=IQ", 0, len(numbers)) + numbers.tobytes() + behind
-    head = struct.pack("=8sIIQ", b"fmapiron", 0x01020304, VERSION, 28 + len(tail))
-    write_whole(target, head + struct.pack("=I", zlib.crc32(tail)) + tail)
-    return target
+    content = struct.pack("=IQ", 0, len(numbers)) + numbers.tobytes() + behind
+    return write_whole(path, sealed(b"fmapiron", VERSION, content))
 
 
-def write_c_iron_files(field: FieldMap, path: str | PathLike[str]) -> tuple[Path, Path, Path]:
+def write_c_iron_files(field: FieldMap, path: PathLike) -> tuple[Path, Path, Path]:
     """`write_c_iron_map`, and the two headers that read it beside it."""
     written = write_c_iron_map(field, path)
-    headers = [written.with_name(header.name) for header in (c_iron_header(), c_header())]
-    write_whole(headers[0], in_one(headers[0].name, without=frozenset({headers[1].name})).encode())
-    write_whole(headers[1], in_one(headers[1].name).encode())
-    return written, headers[0], headers[1]
+    names = c_iron_header().name, c_header().name
+    of_iron = header_beside(written, names[0], without=frozenset({names[1]}))
+    return written, of_iron, header_beside(written, names[1])

@@ -17,7 +17,6 @@ from __future__ import annotations
 
 import struct
 import zlib
-from os import PathLike
 from pathlib import Path
 
 import numpy as np
@@ -25,11 +24,12 @@ from numpy.typing import NDArray
 
 from fieldmap.core import block as map_block
 from fieldmap.core.headers import FOLDER, in_one
-from fieldmap.errors import InputError, Problem
+from fieldmap.errors import InputError
 from fieldmap.field import require_affine
 from fieldmap.interpolants import INTERPOLANTS
 from fieldmap.lookup import FieldMap, MapAtCurrents, unit_block
 from fieldmap.store.whole_files import write_whole
+from fieldmap.typing import PathLike
 
 VERSION, WITH_CONSTANT = 1, 2
 _MOST_CONSTANTS = 1_000_000
@@ -42,7 +42,7 @@ def c_header() -> Path:
     return FOLDER / "fieldmap.h"
 
 
-def write_c_map(field: FieldMap | MapAtCurrents, path: str | PathLike[str]) -> Path:
+def write_c_map(field: FieldMap | MapAtCurrents, path: PathLike) -> Path:
     """Write an opened map, or a map at fixed currents, for C programs.
 
     A map keeps its coils, and the C program sets currents; a field that no current drives goes with them. A map of
@@ -55,9 +55,7 @@ def write_c_map(field: FieldMap | MapAtCurrents, path: str | PathLike[str]) -> P
     """
     block, names, constant = _contents(field)
     check_harmonic(block, "write_c_map, field")
-    target = Path(path)
-    write_whole(target, map_bytes(block, names, constant))
-    return target
+    return write_whole(path, map_bytes(block, names, constant))
 
 
 def _contents(field: FieldMap | MapAtCurrents) -> tuple[NDArray[np.float64], tuple[str, ...], bool]:
@@ -71,15 +69,18 @@ def _contents(field: FieldMap | MapAtCurrents) -> tuple[NDArray[np.float64], tup
     return block, ("fixed currents",), False
 
 
-def write_c_files(field: FieldMap | MapAtCurrents, path: str | PathLike[str]) -> tuple[Path, Path]:
+def write_c_files(field: FieldMap | MapAtCurrents, path: PathLike) -> tuple[Path, Path]:
     """`write_c_map`, and the header that reads the map beside it, in one piece."""
     written = write_c_map(field, path)
-    header = written.with_name(c_header().name)
-    write_whole(header, in_one(header.name).encode())
-    return written, header
+    return written, header_beside(written, c_header().name)
 
 
-def write_c32_files(field: FieldMap | MapAtCurrents, path: str | PathLike[str]) -> tuple[Path, Path]:
+def header_beside(path: Path, name: str, without: frozenset[str] = frozenset()) -> Path:
+    """Write a header of the C core in one piece beside a file. without: names of headers that it goes on including."""
+    return write_whole(path.with_name(name), in_one(name, without=without))
+
+
+def write_c32_files(field: FieldMap | MapAtCurrents, path: PathLike) -> tuple[Path, Path]:
     """Write a map as a C header of constants in single precision, and fieldmap32.h, which evaluates it, beside it.
 
     For microcontrollers: no file, no memory taken, no library. The constant has the name of the file. As `write_c_map`
@@ -94,11 +95,9 @@ def write_c32_files(field: FieldMap | MapAtCurrents, path: str | PathLike[str]) 
     if count > _MOST_CONSTANTS:
         must_hold = f"must have at most {_MOST_CONSTANTS} coefficients"
         remedy = 'open it with kind="global", or write_c_map for a file'
-        raise InputError(Problem(where, must_hold, f"{count}", remedy))
-    header = target.with_name("fieldmap32.h")
-    write_whole(target, _constants(block, names, target.stem, constant).encode())
-    write_whole(header, in_one(header.name).encode())
-    return target, header
+        raise InputError.of(where, must_hold, f"{count}", remedy)
+    write_whole(target, _constants(block, names, target.stem, constant))
+    return target, header_beside(target, "fieldmap32.h")
 
 
 def _constants(block: NDArray[np.float64], names: tuple[str, ...], stem: str, constant: bool) -> str:
@@ -146,10 +145,10 @@ def _in_comment(text: str) -> str:
     return "".join(c if c.isprintable() else "?" for c in text).replace("*/", "* /")
 
 
-def c_identifier(text: str) -> str:
-    """The text without what C does not take in a name."""
+def c_identifier(text: str, prefix: str = "map") -> str:
+    """The text without what C does not take in a name, with a prefix where it does not begin with a letter."""
     plain = "".join(c if c.isascii() and c.isalnum() else "_" for c in text)
-    return plain if plain[:1].isalpha() else f"map_{plain}"
+    return plain if plain[:1].isalpha() else f"{prefix}_{plain}"
 
 
 def check_harmonic(block: NDArray[np.float64], where: str) -> None:
@@ -158,9 +157,7 @@ def check_harmonic(block: NDArray[np.float64], where: str) -> None:
     if not any(each.kind == kind and each.in_c for each in INTERPOLANTS.values()):
         readable = " or ".join(f'kind="{each.name}"' for each in INTERPOLANTS.values() if each.in_c)
         received = " or ".join(each.name for each in INTERPOLANTS.values() if each.kind == kind)
-        raise InputError(
-            Problem(where, f"must be harmonic polynomials: {readable}", received, "open the map so")
-        )
+        raise InputError.of(where, f"must be harmonic polynomials: {readable}", received, "open the map so")
 
 
 def map_bytes(block: NDArray[np.float64], names: tuple[str, ...], constant: bool) -> bytes:
@@ -169,8 +166,11 @@ def map_bytes(block: NDArray[np.float64], names: tuple[str, ...], constant: bool
     block[_CONSTANT] = float(constant)
     text = b"".join(name.encode() + b"\0" for name in names)
     text += bytes(-len(text) % 8)
-    tail = struct.pack("=IQ", len(text), len(block)) + text + block.tobytes()
-    head = struct.pack(
-        "=8sIIQ", b"fieldmap", 0x01020304, WITH_CONSTANT if constant else VERSION, 28 + len(tail)
-    )
-    return head + struct.pack("=I", zlib.crc32(tail)) + tail
+    version = WITH_CONSTANT if constant else VERSION
+    return sealed(b"fieldmap", version, struct.pack("=IQ", len(text), len(block)) + text + block.tobytes())
+
+
+def sealed(mark: bytes, version: int, content: bytes) -> bytes:
+    """A flat file for C: its mark of 8 bytes, byte order, version, size and checksum before its content."""
+    head = struct.pack("=8sIIQ", mark, 0x01020304, version, 28 + len(content))
+    return head + struct.pack("=I", zlib.crc32(content)) + content

@@ -9,7 +9,6 @@ Lines that begin with # are remarks. Numbers are written so that they read back 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from os import PathLike
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +17,7 @@ from numpy.typing import ArrayLike
 from fieldmap.field import AnyField
 from fieldmap.interop.sampling import FRAME, Samples, sample
 from fieldmap.store.whole_files import write_whole
-from fieldmap.typing import Array
+from fieldmap.typing import Array, PathLike
 
 FIXED = "fixed"
 """Name of the one coil of a map that was written at fixed currents: its 1 A stands for all of them."""
@@ -28,7 +27,7 @@ _AXES = "xyz"
 
 def write_csv(
     field: AnyField,
-    path: str | PathLike[str],
+    path: PathLike,
     currents: ArrayLike | None = None,
     spacing: float | None = None,
     device: str = "",
@@ -60,9 +59,7 @@ def write_csv(
         given = np.broadcast_to(amperes, (len(points), len(names)))
         table = np.hstack([points, given, flux, slope.reshape(-1, 9)])
         lines += [",".join(map(repr, row)) for row in table.tolist()]
-    target = Path(path)
-    write_whole(target, ("\n".join(lines) + "\n").encode())
-    return target
+    return write_whole(path, "\n".join(lines) + "\n")
 
 
 def _coil_by_coil(samples: Samples) -> Iterator[tuple[Array, Array, Array]]:

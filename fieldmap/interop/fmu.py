@@ -7,6 +7,7 @@ see fmu.c.
 
 from __future__ import annotations
 
+import copy
 import os
 import platform
 import shutil
@@ -17,10 +18,9 @@ import uuid
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from hashlib import sha256
-from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING
-from xml.sax.saxutils import quoteattr
+from xml.etree.ElementTree import Element, indent, tostring
 from zipfile import ZIP_DEFLATED, ZipFile, ZipInfo
 
 import numpy as np
@@ -28,11 +28,11 @@ from numpy.typing import ArrayLike
 
 from fieldmap.arguments import check_choice, check_signal
 from fieldmap.core.headers import in_one
-from fieldmap.errors import FieldmapError, InputError, Problem
-from fieldmap.interop.c_map import write_c_map
+from fieldmap.errors import FieldmapError, InputError
+from fieldmap.interop.c_map import c_identifier, write_c_map
 from fieldmap.lookup import FieldMap, MagneticBody, MapAtCurrents
 from fieldmap.store.whole_files import write_whole
-from fieldmap.typing import Array
+from fieldmap.typing import Array, PathLike
 
 if TYPE_CHECKING:
     from fieldmap.dynamics import RigidBody
@@ -99,7 +99,7 @@ class _Variable:
 
 def write_fmu(
     field: FieldMap | MapAtCurrents,
-    path: str | PathLike[str],
+    path: PathLike,
     magnet: MagneticBody | ArrayLike = (0.0, 0.0, 1.0),
     body: RigidBody | None = None,
     *,
@@ -125,7 +125,7 @@ def write_fmu(
     seat = np.zeros(3) if body is None else body.magnet_at
     coils = field.coil_names if isinstance(field, FieldMap) else ()
     variables = _variables(coils, _middle(field), body)
-    identifier = _identifier(target)
+    identifier = c_identifier(target.stem, "fmu")
     with tempfile.TemporaryDirectory() as folder:
         work = Path(folder)
         flat = write_c_map(field, work / "map.fmap")
@@ -136,7 +136,7 @@ def write_fmu(
         token = str(uuid.uuid5(uuid.NAMESPACE_URL, numbers + sha256(flat.read_bytes()).hexdigest()))
         (work / "fmu_model.h").write_text(numbers.replace("@TOKEN@", token), encoding="utf-8")
         files = {
-            "modelDescription.xml": _description(version, identifier, token, variables).encode(),
+            "modelDescription.xml": _document(_description(version, identifier, token, variables)),
             "resources/map.fmap": flat.read_bytes(),
         }
         if binary:
@@ -145,9 +145,8 @@ def write_fmu(
         for name in ("fmu.c", "fieldmap_body.h", "fmu_model.h"):
             files[f"sources/{name}"] = (work / name).read_bytes()
         if version == 3:
-            files["sources/buildDescription.xml"] = _build_description(identifier).encode()
-        write_whole(target, _zipped(files, work / "unit.zip"))
-    return target
+            files["sources/buildDescription.xml"] = _document(_build_description(identifier))
+        return write_whole(target, _zipped(files, work / "unit.zip"))
 
 
 def _dipoles(magnet: MagneticBody | ArrayLike) -> MagneticBody:
@@ -155,7 +154,7 @@ def _dipoles(magnet: MagneticBody | ArrayLike) -> MagneticBody:
         if magnet.soft:
             must_hold = "magnets only: the unit's code knows no soft iron"
             received, remedy = f"{len(magnet.soft)} soft pieces", "give the moment that it has at its place"
-            raise InputError(Problem("write_fmu(magnet)", must_hold, received, remedy))
+            raise InputError.of("write_fmu(magnet)", must_hold, received, remedy)
         return magnet
     moment = np.array(check_signal("write_fmu(magnet)", magnet, columns=3))
     return MagneticBody(np.zeros((1, 3)), moment.reshape(1, 3))
@@ -167,12 +166,6 @@ def _source() -> Path:
 
 def _middle(field: FieldMap | MapAtCurrents) -> Array:
     return (np.asarray(field.lower) + np.asarray(field.upper)) / 2
-
-
-def _identifier(path: Path) -> str:
-    """The name without what C does not take in a name."""
-    plain = "".join(c if c.isascii() and c.isalnum() else "_" for c in path.stem)
-    return plain if plain[:1].isalpha() else f"fmu_{plain}"
 
 
 def _variables(coils: Sequence[str], middle: Array, body: RigidBody | None) -> list[_Variable]:
@@ -276,16 +269,14 @@ def _compiled(folder: Path, identifier: str) -> Path:
     if compiler is None:
         remedy = "install gcc or clang, name one in CC, or write the sources alone (binary=False, --sources)"
         received = f"no {named} (CC)" if named else f"none of {', '.join(_COMPILERS)}"
-        raise FieldmapError(Problem("write_fmu", "needs a C compiler", received, remedy))
+        raise FieldmapError.of("write_fmu", "needs a C compiler", received, remedy)
     library = folder / f"{identifier}{_suffix()}"
     command = [compiler, *_FLAGS, "-I", str(folder), str(folder / "fmu.c"), "-o", str(library), "-lm"]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     if done.returncode:
         lines = [line for line in done.stderr.splitlines() if "error" in line]
         said = (lines or [f"exit code {done.returncode}"])[0]
-        raise FieldmapError(
-            Problem("write_fmu", f"{compiler} must compile the unit", said, "name another in CC")
-        )
+        raise FieldmapError.of("write_fmu", f"{compiler} must compile the unit", said, "name another in CC")
     return library
 
 
@@ -312,73 +303,58 @@ def _zipped(files: dict[str, bytes], path: Path) -> bytes:
     return path.read_bytes()
 
 
-def _build_description(identifier: str) -> str:
-    return (
-        '<?xml version="1.0" encoding="UTF-8"?>\n<fmiBuildDescription fmiVersion="3.0">\n'
-        f'  <BuildConfiguration modelIdentifier="{identifier}">\n    <SourceFileSet language="C99">\n'
-        '      <SourceFile name="fmu.c"/>\n    </SourceFileSet>\n  </BuildConfiguration>\n</fmiBuildDescription>\n'
-    )
+def _element(name: str, /, *inside: Element, **attributes: str | None) -> Element:
+    """An element of XML; attributes that are None are left out."""
+    made = Element(name, {key: value for key, value in attributes.items() if value is not None})
+    made.extend(inside)
+    return made
 
 
-def _description(version: int, identifier: str, token: str, variables: list[_Variable]) -> str:
+def _document(root: Element) -> bytes:
+    indent(root)
+    return tostring(root, encoding="UTF-8", xml_declaration=True)
+
+
+def _build_description(identifier: str) -> Element:
+    sources = _element("SourceFileSet", _element("SourceFile", name="fmu.c"), language="C99")
+    build = _element("BuildConfiguration", sources, modelIdentifier=identifier)
+    return _element("fmiBuildDescription", build, fmiVersion="3.0")
+
+
+def _description(version: int, identifier: str, token: str, variables: list[_Variable]) -> Element:
     """modelDescription.xml."""
-    name = "guid" if version == 2 else "instantiationToken"
-    keeps = "canGetAndSetFMUstate" if version == 2 else "canGetAndSetFMUState"
-    head = _tag(
+    sources = [_element("SourceFiles", _element("File", name="fmu.c"))] if version == 2 else []
+    keeps = {"canGetAndSetFMUstate" if version == 2 else "canGetAndSetFMUState": "true"}
+    units = [
+        _element("Unit", _element("BaseUnit", **{k: str(v) for k, v in _UNITS[unit].items()}), name=unit)
+        for unit in sorted({each.unit for each in variables} - {"1"})
+    ]
+    about = {"guid" if version == 2 else "instantiationToken": token}
+    if version == 2:
+        about |= {"variableNamingConvention": "structured", "numberOfEventIndicators": "0"}
+    return _element(
         "fmiModelDescription",
-        ">",
-        fmiVersion=VERSIONS[version],
-        modelName=identifier,
-        **{name: token},
-        description="Field of a map and what it does to a magnet",
-        generationTool="fieldmap",
-        **(
-            {"variableNamingConvention": "structured", "numberOfEventIndicators": "0"} if version == 2 else {}
-        ),
-    )
-    kinds = [
-        _tag("ModelExchange", modelIdentifier=identifier, **{keeps: "true"}),
-        _tag(
+        _element("ModelExchange", *sources, modelIdentifier=identifier, **keeps),
+        _element(
             "CoSimulation",
+            *copy.deepcopy(sources),
             modelIdentifier=identifier,
             canHandleVariableCommunicationStepSize="true",
-            **{keeps: "true"},
+            **keeps,
         ),
-    ]
-    if version == 2:
-        sources = '<SourceFiles><File name="fmu.c"/></SourceFiles>'
-        kinds = [f"{kind[:-2]}>{sources}</{kind[1:].split()[0]}>" for kind in kinds]
-    used = sorted({each.unit for each in variables} - {"1"})
-    units = [
-        f'<Unit name="{unit}">{_tag("BaseUnit", **{k: str(v) for k, v in _UNITS[unit].items()})}</Unit>'
-        for unit in used
-    ]
-    described = [_described(version, each, variables) for each in variables]
-    lines = [
-        '<?xml version="1.0" encoding="UTF-8"?>',
-        head,
-        *kinds,
-        "<UnitDefinitions>",
-        *units,
-        "</UnitDefinitions>",
-        '<DefaultExperiment startTime="0" stopTime="1" stepSize="0.001"/>',
-        "<ModelVariables>",
-        *described,
-        "</ModelVariables>",
-        "<ModelStructure>",
-        *_structure(version, variables),
-        "</ModelStructure>",
-        "</fmiModelDescription>",
-    ]
-    return "\n".join(lines) + "\n"
+        _element("UnitDefinitions", *units),
+        _element("DefaultExperiment", startTime="0", stopTime="1", stepSize="0.001"),
+        _element("ModelVariables", *(_described(version, each, variables) for each in variables)),
+        _element("ModelStructure", *_structure(version, variables)),
+        fmiVersion=VERSIONS[version],
+        modelName=identifier,
+        description="Field of a map and what it does to a magnet",
+        generationTool="fieldmap",
+        **about,
+    )
 
 
-def _tag(element: str, close: str = "/>", /, **attributes: str | None) -> str:
-    given = "".join(f" {key}={quoteattr(value)}" for key, value in attributes.items() if value is not None)
-    return f"<{element}{given}{close}"
-
-
-def _described(version: int, each: _Variable, variables: list[_Variable]) -> str:
+def _described(version: int, each: _Variable, variables: list[_Variable]) -> Element:
     common: dict[str, str | None] = {
         "name": each.name,
         "valueReference": str(each.reference),
@@ -387,34 +363,39 @@ def _described(version: int, each: _Variable, variables: list[_Variable]) -> str
         "initial": each.initial,
         "description": each.about or None,
     }
-    start = None if each.start is None else repr(each.start)
-    unit = None if each.unit == "1" else each.unit
+    value = {
+        "unit": None if each.unit == "1" else each.unit,
+        "start": None if each.start is None else repr(each.start),
+        "derivative": None if each.state is None else _number_of(version, each.state, variables),
+    }
     if version == 3:
-        state = None if each.state is None else str(each.state)
-        return _tag("Float64", **common, unit=unit, start=start, derivative=state)
-    # FMI 2 counts the variables from 1.
-    order = {other.reference: str(n) for n, other in enumerate(variables, 1)}
-    real = _tag("Real", unit=unit, start=start, derivative=None if each.state is None else order[each.state])
-    return f"{_tag('ScalarVariable', '>', **common)}{real}</ScalarVariable>"
+        return _element("Float64", **common, **value)
+    return _element("ScalarVariable", _element("Real", **value), **common)
 
 
-def _structure(version: int, variables: list[_Variable]) -> list[str]:
-    outputs = [each for each in variables if each.causality == "output"]
-    rates = [each for each in variables if each.state is not None]
-    unknown = [each for each in variables if each.initial == "calculated"]
+def _number_of(version: int, reference: int, variables: list[_Variable]) -> str:
+    """How other variables name one: FMI 2 counts the variables from 1, FMI 3 takes value references."""
     if version == 3:
-        return [
-            *(_tag("Output", valueReference=str(each.reference)) for each in outputs),
-            *(_tag("ContinuousStateDerivative", valueReference=str(each.reference)) for each in rates),
-            *(_tag("InitialUnknown", valueReference=str(each.reference)) for each in unknown),
-        ]
-    order = {each.reference: str(n) for n, each in enumerate(variables, 1)}
-    lines = []
-    for name, those in (("Outputs", outputs), ("Derivatives", rates), ("InitialUnknowns", unknown)):
-        if those:
-            lines += [
-                f"<{name}>",
-                *(_tag("Unknown", index=order[each.reference]) for each in those),
-                f"</{name}>",
-            ]
-    return lines
+        return str(reference)
+    return str(1 + next(n for n, each in enumerate(variables) if each.reference == reference))
+
+
+def _structure(version: int, variables: list[_Variable]) -> list[Element]:
+    groups = {
+        "Output": [each for each in variables if each.causality == "output"],
+        "Derivative" if version == 2 else "ContinuousStateDerivative": [
+            each for each in variables if each.state is not None
+        ],
+        "InitialUnknown": [each for each in variables if each.initial == "calculated"],
+    }
+    numbers = {
+        name: [_number_of(version, each.reference, variables) for each in those]
+        for name, those in groups.items()
+    }
+    if version == 3:
+        return [_element(name, valueReference=one) for name, those in numbers.items() for one in those]
+    return [
+        _element(f"{name}s", *(_element("Unknown", index=one) for one in those))
+        for name, those in numbers.items()
+        if those
+    ]

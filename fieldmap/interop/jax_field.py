@@ -117,9 +117,7 @@ class JaxField:
         if (currents is None) != self._fixed:
             must = "must be left out at fixed currents, and given otherwise"
             received = "none" if currents is None else "currents"
-            raise InputError(
-                Problem("currents", must, received, "jax_field(m), or jax_field(m.at(currents))")
-            )
+            raise InputError.of("currents", must, received, "jax_field(m), or jax_field(m.at(currents))")
         if currents is None:
             return jnp.ones(1)
         given = jnp.asarray(currents, jnp.result_type(float))

@@ -22,14 +22,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from os import PathLike
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fieldmap.errors import InputError, MapFileError, Problem
+from fieldmap.errors import InputError, MapFileError
 from fieldmap.extras import require
 from fieldmap.field import coil_currents
 from fieldmap.interop.measured_map import MeasuredMap, fit_map
@@ -39,7 +38,7 @@ from fieldmap.lookup import FieldMap
 from fieldmap.records import Record
 from fieldmap.store import Grid
 from fieldmap.store.whole_files import write_whole
-from fieldmap.typing import Array
+from fieldmap.typing import Array, PathLike
 
 ACCURACY = 1e-4
 """What the reader's interpolation may change of B where no spacing is given, as a share of the largest B."""
@@ -101,7 +100,7 @@ class VectorFields(Record):
             "gradient_error": self.gradient_error,
         }
 
-    def write(self, path: str | PathLike[str]) -> Path:
+    def write(self, path: PathLike) -> Path:
         """Write the file, complete or not at all. Raises InputError for a place that cannot be written."""
         lines = [
             f"# coils in current order: {_plain(', '.join(self.coil_names))}",
@@ -120,13 +119,11 @@ class VectorFields(Record):
                     f"    min_{axis}: {low:.9g}",
                     f"    max_{axis}: {high:.9g}",
                 ]
-        target = Path(path)
-        write_whole(target, ("\n".join(lines) + "\n").encode())
-        return target
+        return write_whole(path, "\n".join(lines) + "\n")
 
 
 def write_mag_manip(
-    field: FieldMap, path: str | PathLike[str], spacing: float | None = None, currents: object = None
+    field: FieldMap, path: PathLike, spacing: float | None = None, currents: object = None
 ) -> Path:
     """Write a map for mag_manip, on as many nodes as `sample_for_mag_manip` takes.
 
@@ -151,11 +148,11 @@ def sample_for_mag_manip(
         must_hold = "must be a map of coils alone: mag_manip gives no field at zero currents"
         received = f"a field that no current drives, of {', '.join(field.fixed_sources)}"
         remedy = "add that field yourself, and write a map of the device without it"
-        raise InputError(Problem("sample_for_mag_manip(field)", must_hold, received, remedy))
+        raise InputError.of("sample_for_mag_manip(field)", must_hold, received, remedy)
     if currents is None and not field.proportional:
         must_hold = "must be given for a map of saturating iron: mag_manip adds the fields of coils"
         remedy = "give currents, or --currents on the command line"
-        raise InputError(Problem("sample_for_mag_manip(currents)", must_hold, "none", remedy))
+        raise InputError.of("sample_for_mag_manip(currents)", must_hold, "none", remedy)
     count = max(sample_grid(field, spacing).shape)
     source = _coil_by_coil(field) if currents is None else _at_currents(field, currents)
     sampled = _sample(field, source, count)
@@ -264,7 +261,7 @@ def _share(read: Array, exact: Array) -> float:
     return float(np.max(off / np.where(size > 0, size, 1.0)))
 
 
-def read_mag_manip(path: str | PathLike[str], spacing: float | None = None) -> MeasuredMap:
+def read_mag_manip(path: PathLike, spacing: float | None = None) -> MeasuredMap:
     """A map from a mag_manip file of vector fields (needs PyYAML), its nodes at most `spacing` (m) apart.
 
     Harmonic polynomials are fitted to its numbers as to measured ones, which restores gradients free of curl and
@@ -293,7 +290,7 @@ def read_mag_manip(path: str | PathLike[str], spacing: float | None = None) -> M
     ) as error:
         must_hold = "must be a mag_manip file with vfields: dim_, min_, max_ of x, y, z, and data"
         received = " ".join(str(error).split())[:80] or type(error).__name__
-        raise MapFileError(Problem(str(source), must_hold, received, "check the file")) from None
+        raise MapFileError.of(str(source), must_hold, received, "check the file") from None
     count = len(coils)
     points = [grid.points() for grid, _ in coils.values()]
     currents = np.repeat(np.eye(count), [len(part) for part in points], axis=0)

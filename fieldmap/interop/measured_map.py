@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fieldmap.errors import InputError, Problem
+from fieldmap.errors import InputError
 from fieldmap.interop.measurements import Measurements
 from fieldmap.interpolants.harmonic_matrix import field_matrix, gradient_matrix
 from fieldmap.plain import Plain, plain_items
@@ -87,9 +87,7 @@ def fit_map(
     if needed > MOST_BYTES:
         received = f"{needed / 1e9:.3g} GB for {len(local)} readings at degree {chosen}"
         remedy = "take fewer readings, or a lower degree"
-        raise InputError(
-            Problem("fit_map", f"equations of at most {MOST_BYTES / 1e9:g} GB", received, remedy)
-        )
+        raise InputError.of("fit_map", f"equations of at most {MOST_BYTES / 1e9:g} GB", received, remedy)
     held = _held_out(measurements, local, chosen)
     design = _design(measurements, local, chosen)
     values = measurements.flux_density.ravel()
@@ -162,12 +160,12 @@ def _map(
 def _grid(low: Array, high: Array, spacing: float) -> Grid:
     if not (spacing > 0 and np.isfinite(spacing) and np.all(high > low)):
         received = f"spacing {spacing!r}, box {low} to {high} m"
-        raise InputError(Problem("fit_map", "spacing > 0 and a box with a volume", received, "correct it"))
+        raise InputError.of("fit_map", "spacing > 0 and a box with a volume", received, "correct it")
     cells = np.maximum(np.ceil((high - low) / spacing - 1e-9), 1.0)
     if np.prod(cells + 1) > MOST_NODES:
         received = f"{np.prod(cells + 1):.3g}, by a spacing of {spacing:g} m in a box from {low} to {high} m"
         remedy = "take a larger spacing, or correct the places; lengths are in m"
-        raise InputError(Problem("fit_map", f"at most {MOST_NODES} nodes", received, remedy))
+        raise InputError.of("fit_map", f"at most {MOST_NODES} nodes", received, remedy)
     nx, ny, nz = (int(count) for count in cells)
     return Grid(low, (high - low) / np.array([nx, ny, nz]), (nx + 1, ny + 1, nz + 1))
 
@@ -247,4 +245,4 @@ def _parts(nodes: int) -> Iterator[slice]:
 
 def _too_few(received: str) -> InputError:
     must_hold = "readings enough to tell the coils apart, all over the box"
-    return InputError(Problem("fit_map", must_hold, received, "measure more, or ask for a lower degree"))
+    return InputError.of("fit_map", must_hold, received, "measure more, or ask for a lower degree")

@@ -6,7 +6,6 @@ import contextlib
 import csv
 import re
 from dataclasses import dataclass
-from os import PathLike
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +13,7 @@ import numpy as np
 from fieldmap.arguments import LARGEST_NUMBER
 from fieldmap.errors import InputError, Problem
 from fieldmap.records import Record
-from fieldmap.typing import Array
+from fieldmap.typing import Array, PathLike
 
 _UNITS = {"m": 1.0, "mm": 1e-3, "A": 1.0, "T": 1.0, "mT": 1e-3, "uT": 1e-6}
 _PLACE = re.compile(r"([xyz])_(mm|m)")
@@ -54,7 +53,7 @@ class Measurements(Record):
             raise InputError(*problems)
 
 
-def read_measurements(path: str | PathLike[str]) -> Measurements:
+def read_measurements(path: PathLike) -> Measurements:
     """Read a CSV file, one reading a row, with the columns
 
         x_mm, y_mm, z_mm (or _m), I_NAME_A for every coil, Bx_mT, By_mT, Bz_mT (or _T, _uT)
@@ -72,14 +71,14 @@ def read_measurements(path: str | PathLike[str]) -> Measurements:
                 if any(cell.strip() for cell in row) and not row[0].lstrip().startswith("#")
             ]
     except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise InputError(Problem(str(source), "must be a CSV file", str(error), "check the name")) from None
+        raise InputError.of(str(source), "must be a CSV file", str(error), "check the name") from None
     must_hold, remedy = "must have a header and readings", "see the manual"
     if not rows:
-        raise InputError(Problem(str(source), must_hold, "an empty file", remedy))
+        raise InputError.of(str(source), must_hold, "an empty file", remedy)
     header = [cell.strip() for cell in rows[0][1]]
     places, coils, scales = _columns(source, header)
     if len(rows) < 2:
-        raise InputError(Problem(str(source), must_hold, "a header alone", remedy))
+        raise InputError.of(str(source), must_hold, "a header alone", remedy)
     values = _numbers(source, header, rows[1:]) * scales
     order = [places[name] for name in ("x", "y", "z", "Bx", "By", "Bz")]
     return Measurements(
@@ -111,7 +110,7 @@ def _columns(source: Path, header: list[str]) -> tuple[dict[str, int], dict[str,
     found = [("unknown", unknown), ("twice", double), ("missing", missing)]
     received = "; ".join(f"{what}: {', '.join(names)}" for what, names in found if names)
     if received:
-        raise InputError(Problem(f"{source}:1", f"columns {wanted}", received, "correct the header"))
+        raise InputError.of(f"{source}:1", f"columns {wanted}", received, "correct the header")
     return places, coils, scales
 
 

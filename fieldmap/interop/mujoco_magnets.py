@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike
 
 from fieldmap.core import CoreMap
 from fieldmap.core.mujoco import Layout, Magnet, Task, callback
-from fieldmap.errors import InputError, Problem
+from fieldmap.errors import InputError
 from fieldmap.extras import require
 from fieldmap.field import coil_currents
 from fieldmap.lookup import FieldMap, MagneticBody, core_map
@@ -74,9 +74,7 @@ class MagnetForces:
         for name, magnet in magnets.items():
             body = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, name)
             if body < 0:
-                raise InputError(
-                    Problem("MagnetForces, magnets", "bodies of the model", name, "check its name")
-                )
+                raise InputError.of("MagnetForces, magnets", "bodies of the model", name, "check its name")
             known = magnet if isinstance(magnet, MagneticBody) else np.array(magnet, dtype=np.float64)
             self._bodies.append((body, known))
         self._before: Any = None
@@ -86,10 +84,8 @@ class MagnetForces:
         if core is not None and library is not None:
             self._compiled = _Compiled(mujoco, model, library, core, self)
         elif mutual:
-            raise InputError(
-                Problem(
-                    "MagnetForces(mutual)", "needs the compiled callback", "one in Python", "leave it out"
-                )
+            raise InputError.of(
+                "MagnetForces(mutual)", "needs the compiled callback", "one in Python", "leave it out"
             )
 
     @property
@@ -224,4 +220,4 @@ def _offset_of(data: Any, array: Array) -> int:
         if ctypes.c_size_t.from_address(start + offset).value == wanted:
             return offset
     must_hold = "must keep pointers to its arrays in the structure of its data"
-    raise InputError(Problem("MagnetForces", must_hold, "another version of MuJoCo", "use compiled=False"))
+    raise InputError.of("MagnetForces", must_hold, "another version of MuJoCo", "use compiled=False")

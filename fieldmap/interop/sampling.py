@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fieldmap.errors import InputError, Problem
+from fieldmap.errors import InputError
 from fieldmap.field import AnyField, Field, StateField, as_field, coil_currents, require_bounds
 from fieldmap.lookup import FieldMap
 from fieldmap.records import Record
@@ -94,11 +94,11 @@ def sample_grid(field: Field, spacing: float | None = None) -> Grid:
     if spacing is None:
         if not isinstance(field, FieldMap):
             must_hold, remedy = "must be given for a field that has no nodes of its own", "try 0.002 (2 mm)"
-            raise InputError(Problem("spacing", must_hold, "none", remedy))
+            raise InputError.of("spacing", must_hold, "none", remedy)
         shape = field.info.grid.shape
     elif spacing > 0:
         nx, ny, nz = (int(np.ceil(x / spacing - 1e-9)) + 1 for x in upper - lower)
         shape = (nx, ny, nz)
     else:
-        raise InputError(Problem("spacing", "must be greater than 0 m", repr(spacing), "correct it"))
+        raise InputError.of("spacing", "must be greater than 0 m", repr(spacing), "correct it")
     return Grid(lower, (upper - lower) / (np.array(shape) - 1), shape)

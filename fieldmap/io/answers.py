@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from fieldmap.constants import GRAVITY
 from fieldmap.device.measured import MeasuredMachine, measured_machine, measured_on
 from fieldmap.device.model import Payload
-from fieldmap.errors import InputError, Problem
+from fieldmap.errors import InputError
 from fieldmap.field import Bounds, dipole_wrench
 from fieldmap.io.field_source import FieldSource
 from fieldmap.lookup.inverse_of_field import currents_for
@@ -243,7 +243,7 @@ def floating(
     if start is not None:
         check_position(bounds, start, "start")
     if moment not in MOMENTS:
-        raise InputError(Problem("moment", "must be fixed or aligned", moment, "choose one"))
+        raise InputError.of("moment", "must be fixed or aligned", moment, "choose one")
     found = find_equilibrium(source.field, amperes, payload, start, cast(Moment, moment))
     return Levitation(source, payload, found, (*found.assumptions, *source.assumptions(amperes)))
 
@@ -278,5 +278,5 @@ def require_box(source: FieldSource) -> Bounds:
     """The box in which a magnet may be, before anything is solved. Raises InputError for a source without one."""
     if source.bounds is None:
         remedy = "add a [workspace] table to the device file"
-        raise InputError(Problem(source.name, "must have a [workspace] to search", "none", remedy))
+        raise InputError.of(source.name, "must have a [workspace] to search", "none", remedy)
     return source.bounds

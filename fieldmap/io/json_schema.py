@@ -12,7 +12,7 @@ from typing import Any
 from pydantic import BaseModel
 from pydantic.json_schema import GenerateJsonSchema
 
-from fieldmap.device.schema.file import DEVICE, MATERIAL
+from fieldmap.device.schema import DEVICE, MATERIAL
 from fieldmap.dynamics.scenario.schema import SCENARIO
 from fieldmap.inputs.kinds import FileKind
 from fieldmap.maps.recipe import RECIPE

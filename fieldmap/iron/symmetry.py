@@ -369,7 +369,7 @@ def _bar_rows(path: WindingPath) -> Array:
 
 
 def _shape_rows(shape: model.Shape) -> tuple[tuple[object, ...], Array]:
-    match shape:
+    match shape.primitive:
         case model.Cylinder(radius, height):
             return ("turned",), _turned(np.array([[0, 0], [radius, 0], [radius, height], [0, height]]))
         case model.Ring(inner, outer, height):
@@ -394,6 +394,7 @@ def _shape_rows(shape: model.Shape) -> tuple[tuple[object, ...], Array]:
             # As that of a STEP file: nothing but a copy of the same mesh is its image.
             kind = ("mesh", np.asarray(points).tobytes(), np.asarray(tets).tobytes())
             return kind, _labelled_frame()
+    raise TypeError(f"{type(shape).__name__}.primitive is no shape that is known here")
 
 
 def _labelled_frame() -> Array:

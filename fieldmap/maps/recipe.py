@@ -13,7 +13,6 @@ from pydantic import BeforeValidator, Field, WithJsonSchema, model_validator
 from fieldmap.currents import CoilGroups, CurrentDomain, IndependentCurrents, LiftAndDirections
 from fieldmap.device import Device, read_device
 from fieldmap.device.parts import WorkspaceBox
-from fieldmap.device.placement import in_unit
 from fieldmap.device.toml_text import toml_text
 from fieldmap.errors import RecipeError
 from fieldmap.field import Bounds
@@ -27,6 +26,7 @@ from fieldmap.inputs.tables import (
     Text,
     Versioned,
     broken,
+    in_unit,
     is_number,
     one_or_each,
 )

@@ -1,11 +1,10 @@
 """A planar device file: its tables, and the reader that checks it and makes the frozen PlanarDevice in SI units."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias
+from typing import Annotated, Any, Literal
 
 from pydantic import Field, ValidationInfo, field_validator
 
-from fieldmap.device.coils.base import CoilName
 from fieldmap.device.materials import AnyMaterial, Curves, material_of
 from fieldmap.device.reader import checked_contents
 from fieldmap.errors import DeviceFileError
@@ -28,25 +27,17 @@ from fieldmap.planar.geometry import check_planar_geometry
 from fieldmap.planar.model import PlanarBody, PlanarCoil, PlanarDevice, RectangularWire, RoundWire, Wire
 from fieldmap.records import FrozenDict
 
-Points = Annotated[list[PlanePoint], Field(min_length=1)]
-if TYPE_CHECKING:
-    PlanarBodyKeys: TypeAlias = Table
-else:
-    PlanarBodyKeys = table_of(PlanarBody)
+PlanarBodyKeys: Any = table_of(PlanarBody)
 Sides = Annotated[list[Length], Field(min_length=2, max_length=2)]
+_COIL: Any = table_of(PlanarCoil)
 
 
-class PlanarCoilKeys(Table):
+class PlanarCoilKeys(_COIL):
     """Conductors in series, all of one section."""
 
-    name: CoilName = Field(description="the coil's name: letters, digits, underscores")
     wire_diameter_mm: Length | None = Field(default=None, description="diameter of round conductors")
     wire_size_mm: Sides | None = Field(
         default=None, validate_default=True, description="[width, height] of rectangular conductors"
-    )
-    into_page_mm: Points = Field(description="[[x, z], ...] conductors whose positive current flows along +y")
-    out_of_page_mm: Points = Field(
-        description="[[x, z], ...] conductors whose positive current flows along -y"
     )
 
     @field_validator("wire_size_mm")
@@ -61,17 +52,13 @@ class PlanarCoilKeys(Table):
             )
         return value
 
-    def to_model(self) -> PlanarCoil:
-        """In SI."""
-        wire: Wire
+    def also_makes(self) -> dict[str, Wire]:
+        """The section of the conductors."""
         if self.wire_diameter_mm is not None:
-            wire = RoundWire(0.5 * self.wire_diameter_mm * MILLI)
-        else:
-            assert self.wire_size_mm is not None
-            wire = RectangularWire(self.wire_size_mm[0] * MILLI, self.wire_size_mm[1] * MILLI)
-        return PlanarCoil(
-            self.name, wire, read_only(self.into_page_mm, MILLI), read_only(self.out_of_page_mm, MILLI)
-        )
+            return {"wire": RoundWire(0.5 * self.wire_diameter_mm * MILLI)}
+        assert self.wire_size_mm is not None
+        width, height = self.wire_size_mm
+        return {"wire": RectangularWire(width * MILLI, height * MILLI)}
 
 
 class WallKeys(Table):
@@ -144,7 +131,7 @@ def _build(contents: PlanarFile, document: Document, curves: Curves) -> PlanarDe
     return PlanarDevice(
         name=contents.name,
         title=contents.title,
-        coils=tuple(coil.to_model() for coil in contents.coil),
+        coils=tuple(map(record_of, contents.coil)),
         bodies=tuple(map(record_of, contents.body)),
         materials=FrozenDict(materials),
         walls=None if contents.walls is None else _corners(contents.walls),

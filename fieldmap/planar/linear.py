@@ -8,7 +8,7 @@ from scipy.linalg import cho_factor, cho_solve
 
 from fieldmap.arguments import check_positive
 from fieldmap.device.materials import Material
-from fieldmap.errors import InputError, Problem
+from fieldmap.errors import InputError
 from fieldmap.kernels.gauss import GAUSS_NODES, GAUSS_WEIGHTS, gauss_start
 from fieldmap.planar.boundary_operator import BoundaryOperator, boundary_operator
 from fieldmap.planar.conductors import coil_derivatives, coil_vector_potential, complex_points
@@ -89,13 +89,11 @@ def permeabilities(device: PlanarDevice, mu_r: float | None) -> tuple[Array, tup
 
 def _permeability(material: Material, mu_r: float | None) -> float:
     if material.role == "magnet":
-        raise InputError(
-            Problem(
-                f"solve_planar, material {material.name}",
-                "permanent magnets have no place in the planar model",
-                "a permanent magnet",
-                "use soft iron, or the three-dimensional model",
-            )
+        raise InputError.of(
+            f"solve_planar, material {material.name}",
+            "permanent magnets have no place in the planar model",
+            "a permanent magnet",
+            "use soft iron, or the three-dimensional model",
         )
     if material.role == "flux barrier":
         return _BARRIER_MU_R

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import Delaunay, cKDTree
 
-from fieldmap.errors import GeometryError, Problem
+from fieldmap.errors import GeometryError
 from fieldmap.planar.conductors import complex_points
 from fieldmap.planar.geometry import distance_to_edges, inside
 from fieldmap.planar.model import PlanarDevice
@@ -200,11 +200,9 @@ def _require_edges(triangles: Indices, ring: Complex) -> None:
     lost = [k for k in range(count) if (k, (k + 1) % count) not in have]
     if lost:
         x, z = 1e3 * ring[lost[0]].real, 1e3 * ring[lost[0]].imag
-        raise GeometryError(
-            Problem(
-                f"triangles inside the iron, edge at ({x:.4g}, {z:.4g}) mm ({len(lost)} such)",
-                "edges must be shorter than iron is thick and gaps are wide, corners no sharper than about 60 degrees",
-                "an edge that no triangle has",
-                "give a smaller size",
-            )
+        raise GeometryError.of(
+            f"triangles inside the iron, edge at ({x:.4g}, {z:.4g}) mm ({len(lost)} such)",
+            "edges must be shorter than iron is thick and gaps are wide, corners no sharper than about 60 degrees",
+            "an edge that no triangle has",
+            "give a smaller size",
         )

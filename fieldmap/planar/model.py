@@ -8,10 +8,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated
 
+from pydantic import Field
+
+from fieldmap.device.coils.base import CoilName
 from fieldmap.device.dimensions import SimplePolygon, counter_clockwise
 from fieldmap.device.materials import Material
 from fieldmap.inputs.declared import Key
-from fieldmap.inputs.tables import Name
+from fieldmap.inputs.tables import Name, PlanePoint
 from fieldmap.records import FrozenDict, Record
 from fieldmap.typing import Array
 
@@ -34,6 +37,7 @@ class RectangularWire(Record):
 
 
 Wire = RoundWire | RectangularWire
+Points = Annotated[list[PlanePoint], Field(min_length=1)]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -44,10 +48,14 @@ class PlanarCoil(Record):
     along -y when the coil's current is positive.
     """
 
-    name: str
+    name: Annotated[str, Key(CoilName, "the coil's name: letters, digits, underscores")]
     wire: Wire
-    into_page: Array
-    out_of_page: Array
+    into_page: Annotated[
+        Array, Key(Points, "[[x, z], ...] conductors whose positive current flows along +y", "mm")
+    ]
+    out_of_page: Annotated[
+        Array, Key(Points, "[[x, z], ...] conductors whose positive current flows along -y", "mm")
+    ]
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -222,10 +222,8 @@ class PlanarState(PlanarFieldAtCurrents):
     def at(self, currents: Currents) -> PlanarState:
         """This state. Raises InputError for other currents than its own."""
         if not np.array_equal(planar_currents(self.device, currents), self.currents):
-            raise InputError(
-                Problem(
-                    "PlanarState(currents)", f"{self.currents.tolist()} A", repr(currents), "solve them anew"
-                )
+            raise InputError.of(
+                "PlanarState(currents)", f"{self.currents.tolist()} A", repr(currents), "solve them anew"
             )
         return self
 
@@ -241,7 +239,7 @@ class PlanarState(PlanarFieldAtCurrents):
         for body in self.device.bodies:
             if inside(places, complex_points(body.corners)).any():
                 must = "points outside the iron; iron_flux_density has the field inside"
-                raise InputError(Problem("PlanarState(points)", must, f"points in {body.name}", "move them"))
+                raise InputError.of("PlanarState(points)", must, f"points in {body.name}", "move them")
         total = conductor_derivatives(self.device, self.currents, places)
         return np.asarray(-1j * (total + harmonic_derivatives(self.air, self.reaction, places)))
 
@@ -249,8 +247,8 @@ class PlanarState(PlanarFieldAtCurrents):
         """Middles (t, 2) in m of a body's triangles, and the flux density (t, 2) of (B_x, B_z) in T in them."""
         names = [known.name for known in self.device.bodies]
         if body not in names:
-            raise InputError(
-                Problem("PlanarState(body)", f"one of {', '.join(names)}", f"{body!r}", "choose one of them")
+            raise InputError.of(
+                "PlanarState(body)", f"one of {', '.join(names)}", f"{body!r}", "choose one of them"
             )
         mine = self.iron.body == names.index(body)
         middle = self.iron.points[self.iron.triangles[mine]].mean(axis=1)
@@ -309,17 +307,15 @@ def _meshed(device: PlanarDevice, size: float) -> tuple[Outline, IronTriangles, 
 def _check_materials(device: PlanarDevice) -> None:
     for body in device.bodies:
         if device.materials[body.material].role != "iron":
-            raise InputError(
-                Problem(
-                    f"solve_planar_state, body {body.name}",
-                    "must be soft iron",
-                    f"material {body.material}",
-                    "use solve_planar, or walls instead of flux barriers",
-                )
+            raise InputError.of(
+                f"solve_planar_state, body {body.name}",
+                "must be soft iron",
+                f"material {body.material}",
+                "use solve_planar, or walls instead of flux barriers",
             )
     if not device.bodies:
-        raise InputError(
-            Problem("solve_planar_state", "a device with iron", "none", "use solve_planar for coils alone")
+        raise InputError.of(
+            "solve_planar_state", "a device with iron", "none", "use solve_planar for coils alone"
         )
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from fieldmap.arguments import check_signal
-from fieldmap.errors import InputError, Problem
+from fieldmap.errors import InputError
 from fieldmap.field import Currents, coil_currents
 from fieldmap.kernels.iron.plane import segment_derivatives
 from fieldmap.planar.boundary_operator import BoundaryOperator
@@ -182,4 +182,4 @@ def _refuse(points: Array, bad: NDArray[np.bool_], must: str, remedy: str) -> No
     if bad.any():
         x, z = 1e3 * points[int(np.flatnonzero(bad)[0])]
         received = f"({x:g}, {z:g}) mm ({int(bad.sum())} such)"
-        raise InputError(Problem("planar field(points)", f"must lie {must}", received, remedy))
+        raise InputError.of("planar field(points)", f"must lie {must}", received, remedy)

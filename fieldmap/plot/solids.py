@@ -67,7 +67,7 @@ def _part_surface(part: Part) -> pv.PolyData:
 
 def _local_surface(shape: Shape) -> pv.PolyData | None:
     """The shape in its local frame, mm, or None where it is no simple one."""
-    match shape:
+    match shape.primitive:
         case Cylinder(radius, height):
             return pv.Cylinder(
                 center=(0, 0, MM * height / 2),
@@ -85,12 +85,12 @@ def _local_surface(shape: Shape) -> pv.PolyData | None:
             return pv.Box((-x / 2, x / 2, -y / 2, y / 2, 0, z))
         case Sphere(radius):
             return pv.Sphere(radius=MM * radius, theta_resolution=SEGMENTS, phi_resolution=SEGMENTS // 2)
-        case RevolvedProfile():
-            return _revolved(MM * shape.points, SEGMENTS)
-        case ExtrudedPolygon():
-            corners = np.column_stack([MM * shape.points, np.zeros(len(shape.points))])
+        case RevolvedProfile(points):
+            return _revolved(MM * points, SEGMENTS)
+        case ExtrudedPolygon(points, height):
+            corners = np.column_stack([MM * points, np.zeros(len(points))])
             outline = pv.PolyData(corners, faces=[len(corners), *range(len(corners))]).triangulate()
-            solid = outline.extrude((0, 0, MM * shape.height), capping=True).triangulate().clean()
+            solid = outline.extrude((0, 0, MM * height), capping=True).triangulate().clean()
             # Extrusion leaves sides and caps facing different ways.
             return solid.compute_normals(point_normals=False, auto_orient_normals=True)
     return None

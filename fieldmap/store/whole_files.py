@@ -32,10 +32,29 @@ def whole_file(path: PathLike) -> Iterator[Path]:
             partial.unlink()
 
 
-def write_whole(path: PathLike, content: bytes) -> None:
-    """Write a file from memory, complete or not at all. Raises InputError if the place cannot be written."""
+def write_whole(path: PathLike, content: bytes | str) -> Path:
+    """Write a file from memory, complete or not at all, and return its path.
+
+    Parameters
+    ----------
+    path
+        Of the file.
+    content
+        Bytes, or a text that is written as UTF-8.
+
+    Returns
+    -------
+    Path
+        The path.
+
+    Raises
+    ------
+    InputError
+        If the place cannot be written.
+    """
     with whole_file(path) as partial:
-        partial.write_bytes(content)
+        partial.write_bytes(content.encode() if isinstance(content, str) else content)
+    return Path(path)
 
 
 @contextmanager

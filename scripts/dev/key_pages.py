@@ -16,10 +16,10 @@ from typing import Annotated, Any, Literal, get_args, get_origin
 from pydantic import BaseModel, Discriminator, Tag, TypeAdapter, ValidationError
 from pydantic.fields import FieldInfo
 
-from fieldmap.device.schema.file import _IMAGE, _REPEAT
+from fieldmap.device.patterns import Image, Repeat
 from fieldmap.inputs.document import Document
 from fieldmap.inputs.kinds import MARKS, FileKind
-from fieldmap.inputs.tables import LARGEST_LENGTH_MM, LARGEST_NUMBER
+from fieldmap.inputs.tables import LARGEST_LENGTH_MM, LARGEST_NUMBER, UNITS
 from fieldmap.io.json_schema import FILE_KINDS, _WithoutTitles
 from fieldmap.shipped import shipped_folder
 
@@ -43,50 +43,16 @@ ABOUT = {
     "fit": "[A machine's unknown numbers](../fit_machine.md) explains what is fitted to what.",
     "scenario": "[Simulation](../dynamics.md) explains what a run is.",
 }
-# The unit is the last part of a key. Longer ones first: A_per_m ends in m as well.
-UNITS = {
-    "N_s2_per_m2": "N s²/m²",
-    "N_s_per_m": "N s/m",
-    "N_m_s2": "N m s²",
-    "N_m_s": "N m s",
-    "mm_per_s": "mm/s",
-    "m_per_s2": "m/s²",
-    "rad_per_s": "rad/s",
-    "mT_per_m": "mT/m",
-    "T_per_m": "T/m",
-    "A_per_m": "A/m",
-    "A_per_V": "A/V",
-    "S_per_m": "S/m",
-    "mm_per_V": "mm/V",
-    "A_m2": "A m²",
-    "A_mm2": "A mm²",
-    "g_mm2": "g mm²",
-    "mm": "mm",
-    "deg": "degree",
-    "ohm": "Ω",
-    "mH": "mH",
-    "mT": "mT",
-    "mN": "mN",
-    "ms": "ms",
-    "Hz": "Hz",
-    "T": "T",
-    "A": "A",
-    "V": "V",
-    "s": "s",
-    "g": "g",
-}
-UNIT = re.compile(r"_(" + "|".join(UNITS) + r")$")
+# Of keys that say nothing of their unit: their last part, the longest that is a unit. A_per_m ends in m as well.
+UNIT = re.compile(r"_(" + "|".join(sorted((*UNITS, "A_mm2"), key=len, reverse=True)) + r")$")
 FACES = [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]
 CORNERS = [[0, 0, 0], [10, 0, 0], [0, 10, 0], [0, 0, 10]]
 # By meaning, for keys that no file, page or test has. A meaning that changes asks for its example anew.
 EXAMPLES: dict[str, Any] = {
-    "[[x, y, z], ...] corners": CORNERS,
     "[[i, j, k], ...] numbers of corners from 0, counter-clockwise from outside": FACES,
     "[x, y, z] of the centre of its lower face": [0.0, 0.0, -110.0],
     '"key.path" = "source of the number"; * means any one step': {"coil.*.turns": "drawing 12"},
-    "[[x, y, z], ...] nodes": CORNERS,
     "how far the reference is pushed": 0.05,
-    "how long the push lasts": 10.0,
     "[[i, j, k, l], ...] numbers of nodes from 0": [[0, 1, 2, 3]],
     "the coil's current in the original model": 2.5,
     "thickness, cut out of the body whose end the joint is; 0: no joint": 0.1,
@@ -101,7 +67,6 @@ EXAMPLES: dict[str, Any] = {
         10.0, 20.0, 5.0,
     ],
     "of a CylinderSegment, [first, last]": [0.0, 90.0],
-    "[[x, y, z], ...]": CORNERS,
     "[[i, j, k], ...], numbers of vertices from 0": [[0, 1, 2]],
     "of a TriangleSheet, [x, y, z] for each face, in a coil those for 1 A in the coil": [[100.0, 0.0, 0.0]],
     "[x, y, z] of a magnet": [0.0, 0.0, 1.2],
@@ -126,7 +91,6 @@ EXAMPLES: dict[str, Any] = {
     "of every coil; the driver's if left out": 3.5,
     "mean current; left out where it is looked for": 1.5,
     "nodes of that table for u, x and y, each at least 4; as many as it needs unless given": [7, 21, 21],
-    "magnet's centre above the lower face": 10.0,
     "magnet's centre below the sensed point; the device's unless given": 15.0,
     "z of a floor": -120.0,
     "z of a ceiling": -10.0,
@@ -137,9 +101,19 @@ EXAMPLES: dict[str, Any] = {
     "frequency": 2.0,
     "path, relative to the scenario": "path.csv",
     "its value; that of the equilibrium at the start unless given": 4.4,
-    "name of a [material.NAME] table of this file; or give mu_r instead": "steel",
+    "how many; as many as the lists have values if left out": 6,
+    "axis that they are turned about": "z",
+    "from one to the next; a full turn divided by count if left out": 60.0,
+    "[x, y, z] of a point of the axis": [0.0, 0.0, 10.0],
+    "[x, y, z] from one to the next": [20.0, 0.0, 0.0],
+    "where the mirror crosses that axis": 10.0,
+    "of the image; {name} stands for the name of the table": "{name} left",
     "deviation of the readings of x, y and depth; by default from [sensors]": [0.02, 0.02, 0.02],
 }  # fmt: skip
+
+
+# For any other such key: the first that it takes.
+USUAL: tuple[Any, ...] = (10.0, 1, 0.5, "name", [10.0, 20.0], [10.0, 20.0, 5.0], CORNERS)
 
 
 @dataclass(frozen=True)
@@ -363,10 +337,13 @@ def type_text(schema: Mapping[str, Any]) -> str:
     return "number or text"
 
 
-def unit_of(key: str) -> str:
-    """The unit that a key ends in."""
+def unit_of(key: str, model: type[BaseModel] | None = None) -> str:
+    """The unit of a key, as it is printed."""
+    declared = getattr(model, "declared", {})
     found = UNIT.search(key)
-    return UNITS[found[1]] if found else "—"
+    unit = declared[key][1].unit if key in declared else found[1] if found else ""
+    text = unit.replace("_per_", "/").replace("_", " ").replace("2", "²")
+    return {"": "—", "deg": "degree", "ohm": "Ω"}.get(text, text)
 
 
 def default_text(about: FieldInfo) -> str:
@@ -396,12 +373,12 @@ def example_text(examples: Examples, model: type[BaseModel], key: str, schema: M
 
 
 def written_here(schema: Mapping[str, Any], about: FieldInfo) -> Any:
-    """The value that only the reader's schema or this program has for a key that no file has."""
+    """The first choice, or the first usual value that the reader takes, for a key that no file has."""
     choices = [schema["const"]] if "const" in schema else list(schema.get("enum", []))
-    value = choices[0] if choices else EXAMPLES.get(about.description or "")
-    if value is None or not fits(about, value):
-        raise LookupError(f"EXAMPLES needs an entry for {about}")
-    return value
+    for value in (*choices, *USUAL):
+        if fits(about, value):
+            return value
+    raise LookupError(f"EXAMPLES needs an entry for {about}")
 
 
 Row = tuple[str, str, str, str, str, str]
@@ -428,7 +405,7 @@ def rows_of(model: type[BaseModel], examples: Examples) -> dict[str, Row]:
         else:
             what, example = type_text(schema), example_text(examples, model, key, schema)
         meaning = about.description or ""
-        rows[key] = f"`{key}`", what, unit_of(key), default_text(about), cell(meaning), cell(example)
+        rows[key] = f"`{key}`", what, unit_of(key, model), default_text(about), cell(meaning), cell(example)
     return rows
 
 
@@ -496,24 +473,6 @@ def short_forms_text() -> str:
     def row(key: str, what: str, unit: str, default: str, meaning: str, example: str) -> str:
         return "| " + " | ".join((f"`{key}`", what, unit, default, cell(meaning), f"`{example}`")) + " |"
 
-    examples = {
-        "count": "count = 6",
-        "about": 'about = "z"',
-        "step_deg": "step_deg = 60",
-        "centre_mm": "centre_mm = [0, 0, 10]",
-        "step_mm": "step_mm = [20, 0, 0]",
-        "plane": 'plane = "x"',
-        "at_mm": "at_mm = 10",
-        "name": 'name = "{name} left"',
-    }
-    types = {"count": "integer", "about": '`"x"` or `"y"` or `"z"`', "step_deg": "number", "at_mm": "number"}
-    types |= {
-        "plane": '`"x"` or `"y"` or `"z"`',
-        "name": "text",
-        "centre_mm": "3 × number",
-        "step_mm": "3 × number",
-    }
-    defaults = {"plane": "**required**", "centre_mm": "`[0, 0, 0]`", "at_mm": "`0`"}
     listed = "`[defaults.body]`, `[defaults.coil]`: keys of all tables of this file that lack them"
     paths = "text or list of text"
     begins = "device files that this one begins with, relative to it, or shipped ones"
@@ -529,12 +488,8 @@ def short_forms_text() -> str:
         "[short forms](../device_files.md#short-forms).",
         "\n".join([HEAD, *top]),
     ]
-    for name, schema in (("repeat", _REPEAT), ("mirror", _IMAGE)):
-        rows = [
-            row(key, types[key], unit_of(key), defaults.get(key, "none"), about["description"], examples[key])
-            for key, about in schema["properties"].items()  # type: ignore[attr-defined]
-        ]
-        parts += [f"### `{name}` of `[[body]]` and `[[coil]]`", "\n".join([HEAD, *rows])]
+    for name, model in (("repeat", Repeat), ("mirror", Image)):
+        parts += [f"### `{name}` of `[[body]]` and `[[coil]]`", table_text(rows_of(model, Examples()))]
     return "\n\n".join(parts)
 
 

@@ -272,3 +272,34 @@ def test_what_cannot_be_left_out(wrong, tmp_path):
     with pytest.raises(DeviceFileError) as caught:
         read_device(tmp_path / "main.toml")
     assert caught.value.problems[0].where == f"{tmp_path / 'main.toml'}:5: without"
+
+
+TETRAHEDRON = """
+[material.steel]
+kind = "linear"
+mu_r = 100
+[[body]]
+name = "b"
+material = "steel"
+shape = "triangle_surface"
+points_mm = [[0, 0, 0], [10, 0, 0], [0, 20, 0], [0, 0, 30]]
+triangles = [[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]]
+mesh_size_mm = 5
+mirror = "x"
+"""
+
+
+def test_a_surface_is_turned_over_in_a_mirror():
+    body, image = read_device(HEAD + TETRAHEDRON).bodies
+    at = [one.parts[0].placement.to_device(one.parts[0].shape.points) for one in (body, image)]
+    assert np.array_equal(at[1], at[0] * [-1, 1, 1])
+
+
+def test_what_cannot_be_mirrored_is_told(tmp_path):
+    (tmp_path / "block.msh").write_text("")
+    shape = TETRAHEDRON.partition("shape")[0] + 'shape = "mesh_file"\nfile = "block.msh"\nmirror = "x"\n'
+    (tmp_path / "main.toml").write_text(HEAD + shape)
+    with pytest.raises(DeviceFileError) as caught:
+        read_device(tmp_path / "main.toml")
+    assert caught.value.problems[0].where.endswith("body.b.mirror")
+    assert caught.value.problems[0].received == "a mesh file"

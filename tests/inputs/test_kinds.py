@@ -6,6 +6,7 @@ import sys
 import pytest
 
 from fieldmap.inputs.kinds import MARKS, kind_of
+from fieldmap.inputs.tables import UNITS, Table
 from fieldmap.io.json_schema import FILE_KINDS
 from fieldmap.shipped import shipped_folder, shipped_names
 
@@ -24,6 +25,18 @@ def test_every_kind_has_marks_that_its_files_may_have():
         known = kind.schema.model_fields.keys() | kind.short_forms
         assert MARKS[kind.name].keys <= known
         assert {MARKS[kind.name].key} - {""} <= known
+
+
+def declared_keys(table=Table):
+    """(key, unit) of every table that was made of a declaration."""
+    for one in table.__subclasses__():
+        yield from ((key, about.unit) for key, (_, about, _) in one.declared.items())
+        yield from declared_keys(one)
+
+
+def test_every_declared_unit_has_its_si_value():
+    # One without would be taken for an SI unit.
+    assert {key for key, unit in declared_keys() if unit and unit not in UNITS} == set()
 
 
 @pytest.mark.parametrize(("kind", "name"), SHIPPED, ids=lambda value: str(getattr(value, "name", value)))

@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 from fieldmap.device.coils.base import Coil
 from fieldmap.device.coils.winding import WindingPath
-from fieldmap.device.placement import PlacementKeys
+from fieldmap.device.placement import PLACEMENT
 from fieldmap.extensions import import_modules, installed_modules
 from fieldmap.inputs.declared import choice_of, kinds_of, table_of
+from fieldmap.inputs.tables import Table
 
 import_modules(__name__, Path(__file__).parent)
 installed_modules("fieldmap.coils")
@@ -17,11 +18,11 @@ installed_modules("fieldmap.coils")
 __all__ = ["COIL_KEYS", "AnyCoil", "Coil", "WindingPath"]
 
 COIL_KEYS: dict[str, Any] = {
-    kind: table_of(shape, "kind", bases=(PlacementKeys,)) for kind, shape in kinds_of(Coil).items()
+    kind: table_of(shape, "kind", beside={"placement": PLACEMENT}) for kind, shape in kinds_of(Coil).items()
 }
 """Tables of device files, by kind."""
 
 if TYPE_CHECKING:
-    AnyCoil: TypeAlias = PlacementKeys
+    AnyCoil: TypeAlias = Table
 else:
     AnyCoil = choice_of(COIL_KEYS.values(), "kind")

@@ -11,7 +11,7 @@ from fieldmap.device.coils.base import Coil, Inductance, Named, Polarity, Resist
 from fieldmap.device.coils.winding import WindingPath
 from fieldmap.device.magpylib_sources import per_ampere, sources_of
 from fieldmap.device.placement import Placement
-from fieldmap.errors import InputError, Problem
+from fieldmap.errors import InputError
 from fieldmap.inputs.declared import Key
 from fieldmap.inputs.tables import Length, Positive
 from fieldmap.typing import Array
@@ -93,12 +93,12 @@ class MagpylibCoil(Coil):
     def winding(self) -> WindingPath:
         """Raises InputError: there is none."""
         must_hold, remedy = "a winding of rectangular section is needed", "give a coil of another kind"
-        raise InputError(Problem(f"coil {self.name!r}", must_hold, "magpylib sources", remedy))
+        raise InputError.of(f"coil {self.name!r}", must_hold, "magpylib sources", remedy)
 
     def reflected(self, axis: int) -> Self:
         """Raises InputError: mirror the model in magpylib."""
         remedy = "mirror the sources in magpylib"
-        raise InputError(Problem("mirrored", "a coil that can be mirrored", f"coil {self.name!r}", remedy))
+        raise InputError.of("mirrored", "a coil that can be mirrored", f"coil {self.name!r}", remedy)
 
     def unit_flux_density(self, points: Array, digits: float) -> Array:
         """As `Coil.unit_flux_density`; exact, whatever the digits."""

@@ -121,7 +121,7 @@ def rounded_path(
     if len(corners) < 3 or np.any(np.all(corners == np.roll(corners, 1, axis=0), axis=1)):
         received = f"{len(corners)} corners, or two equal ones in a row"
         must_hold = "a closed path needs three or more corners, each apart from the next"
-        raise InputError(Problem(f"coil {name!r}, corners", must_hold, received, "correct the corners"))
+        raise InputError.of(f"coil {name!r}, corners", must_hold, received, "correct the corners")
     edges = np.roll(corners, -1, axis=0) - corners  # edge k runs from corner k to corner k + 1
     lengths = np.hypot(edges[:, 0], edges[:, 1])
     directions = edges / lengths[:, None]
@@ -211,9 +211,7 @@ def _order(pieces: list[Array]) -> list[int]:
         gaps = np.linalg.norm(first[candidates] - last[order[-1]], axis=1)
         if not gaps.min() <= 1e-6 * np.abs(first - first[0]).max():
             received = f"a gap of {gaps.min():.3g} m"
-            raise InputError(
-                Problem("winding", "the pieces must make a closed curve", received, "correct them")
-            )
+            raise InputError.of("winding", "the pieces must make a closed curve", received, "correct them")
         if not waiting:
             return order
         order.append(waiting.pop(int(gaps.argmin())))

@@ -4,15 +4,13 @@ that an installed package names as an entry point of the group "fieldmap.materia
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, TypeAlias, Union
-
-from pydantic import Tag
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 from fieldmap.device.materials.base import LawPoints, Material, SaturatingMaterial
 from fieldmap.device.materials.bh_table import BHTableFromFileKeys
 from fieldmap.extensions import import_modules, installed_modules
-from fieldmap.inputs.declared import kinds_of, record_of, table_of
-from fieldmap.inputs.tables import Table, chosen_with, read_only
+from fieldmap.inputs.declared import choice_with, kinds_of, record_of, table_of
+from fieldmap.inputs.tables import Table, read_only
 
 import_modules(__name__, Path(__file__).parent)
 installed_modules("fieldmap.materials")
@@ -72,7 +70,4 @@ def material_of(table: Table, name: str, curves: Curves) -> Material:
 if TYPE_CHECKING:
     AnyMaterial: TypeAlias = Table
 else:
-    AnyMaterial = Annotated[
-        Union[tuple(Annotated[keys, Tag(tag)] for tag, keys in MATERIAL_KEYS.items())],  # noqa: UP007
-        chosen_with(_tag),
-    ]
+    AnyMaterial = choice_with(MATERIAL_KEYS, _tag)

@@ -13,7 +13,7 @@ import numpy as np
 from pydantic import Field
 
 from fieldmap.device.made import Made
-from fieldmap.errors import InputError, Problem
+from fieldmap.errors import InputError
 from fieldmap.inputs.declared import Key
 from fieldmap.records import Record
 from fieldmap.typing import Array
@@ -129,7 +129,7 @@ class SaturatingMaterial(Iron):
         fault = self.fault()
         if fault is not None:
             where = f"material '{self.name}'"
-            raise InputError(Problem(where, *fault, "correct the law; docs/device_files.md describes them"))
+            raise InputError.of(where, *fault, "correct the law; docs/device_files.md describes them")
 
 
 @dataclass(frozen=True, repr=False)

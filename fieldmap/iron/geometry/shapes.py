@@ -158,7 +158,7 @@ def place(solid: occ.TopoDS_Shape, placement: model.Placement) -> occ.TopoDS_Sha
 
 def local_solid(shape: model.Shape) -> occ.TopoDS_Shape:
     """The solid of a shape in its local frame, mm. Raises one of kernel_errors() where it cannot be built."""
-    match shape:
+    match shape.primitive:
         case model.Cylinder(radius, height):
             return cylinder(radius, 0.0, height)
         case model.Ring(inner, outer, height):
@@ -174,10 +174,11 @@ def local_solid(shape: model.Shape) -> occ.TopoDS_Shape:
             return _revolved(points)
         case model.StepFile(path, scale):
             return solid_of_step_file(path, scale)
-        case model.TriangleSurface():
-            return _inside_surface(shape)
+        case model.TriangleSurface() as surface:
+            return _inside_surface(surface)
         case model.VolumeMesh() | model.MeshFile():
             raise ValueError("a mesh must be a body of its own")
+    raise TypeError(f"{type(shape).__name__}.primitive is no shape that is known here")
 
 
 # ---- the pieces ----

@@ -330,7 +330,9 @@ def _with_own_meshes(device: Device, own: tuple[Body, ...], refinement: float) -
 def _chamber(device: Device) -> Chamber | None:
     """Where mirrors meet on a sphere, four faces meet at a pole, and the field near it suffers (measured: errors
     three to eight times those of other meshes): such devices use one mirror only."""
-    round_ends = any(isinstance(part.shape, Sphere) for body in device.bodies for part in body.parts)
+    round_ends = any(
+        isinstance(part.shape.primitive, Sphere) for body in device.bodies for part in body.parts
+    )
     return mirror_chamber(find_symmetry(device), most_walls=1 if round_ends else 3)
 
 

@@ -49,7 +49,7 @@ def lies_on(part: Part, corners: Array, normals: Array) -> NDArray[np.bool_]:
     """
     turn, shift = part.placement.rotation, part.placement.position
     local, normal = (corners - shift) @ turn, np.abs(normals @ turn)
-    match part.shape:
+    match part.shape.primitive:
         case Box(size):
             low, high = (
                 np.array([-size[0] / 2, -size[1] / 2, 0.0]),
@@ -380,7 +380,7 @@ def _map(one: Part, other: Part) -> Callable[[Array], Array] | None:
 
 def _stretch(one: Part, other: Part) -> Callable[[Array], Array] | None:
     """How local points follow the dimensions of another shape of the same kind; None for kinds without such a map."""
-    match one.shape, other.shape:
+    match one.shape.primitive, other.shape.primitive:
         case Box(size), Box(resized):
             return lambda x: x * (np.array(resized) / np.array(size))
         case Cylinder(radius, height), Cylinder(wider, higher):

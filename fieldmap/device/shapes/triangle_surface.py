@@ -1,0 +1,65 @@
+"""Solids inside closed surfaces of triangles."""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Annotated, ClassVar, Self
+
+import numpy as np
+from pydantic import Field, ValidationInfo
+
+from fieldmap.device.dimensions import FourPoints
+from fieldmap.device.shapes.base import Shape
+from fieldmap.device.surfaces import read_stl, surface_fault
+from fieldmap.inputs.declared import Key
+from fieldmap.inputs.tables import broken
+from fieldmap.typing import Array, Index, PathLike
+
+Triangles = Annotated[list[Annotated[list[int], Field(min_length=3, max_length=3)]], Field(min_length=4)]
+
+
+def _require_closed(triangles: list[list[int]], info: ValidationInfo) -> None:
+    """Raise unless the triangles bound a solid."""
+    points = info.data.get("points_mm")
+    fault = None if points is None else surface_fault(np.array(points), np.array(triangles))
+    if fault is not None:
+        raise broken(*fault)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class TriangleSurface(Shape):
+    """Solid inside a closed surface of triangles.
+
+    triangles (m, 3) are numbers of `points` (n, 3), in m, from 0. Each edge belongs to two triangles, which run along
+    it in opposite ways; seen from outside, corners run counter-clockwise.
+    """
+
+    kind: ClassVar[str] = "triangle_surface"
+
+    points: Annotated[Array, Key(FourPoints, "[[x, y, z], ...] corners", "mm")]
+    triangles: Annotated[
+        Index,
+        Key(
+            Triangles,
+            "[[i, j, k], ...] numbers of corners from 0, counter-clockwise from outside",
+            check=_require_closed,
+        ),
+    ]
+
+    @classmethod
+    def from_stl(cls, path: PathLike, unit: float = 1e-3) -> Self:
+        """The surface of an STL file, binary or text; unit: length of the file's unit, m, of which STL says nothing.
+
+        Raises InputError for a file that is none. Whether it bounds a solid is checked when a device is made of it.
+        """
+        points, triangles = read_stl(Path(path))
+        return cls(unit * points, triangles)
+
+    def hull(self) -> Array:
+        """See `Shape.hull`."""
+        return np.asarray(self.points, dtype=float)
+
+    def reflected(self, axis: int) -> Self:
+        """See `Shape.reflected`."""
+        points = np.array(self.points, dtype=float)
+        points[:, axis] *= -1
+        return replace(self, points=points, triangles=np.asarray(self.triangles)[:, ::-1])

@@ -1,0 +1,257 @@
+"""Records as the data of a file: the way back of `fieldmap.inputs.declared`, and what is wrong with them.
+
+The rules are those of files: the data are checked by the schema, and each finding is told at the path of the attribute.
+"""
+
+import dataclasses
+import re
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import UnionType
+from typing import Annotated, Any, Union, get_args, get_origin
+
+import numpy as np
+from pydantic_core import PydanticCustomError
+
+from fieldmap.errors import Problem
+from fieldmap.inputs.declared import Key, default_of, in_file, is_sequence_of, keys_of
+from fieldmap.inputs.findings import Finding, shown
+from fieldmap.inputs.key_paths import Location
+from fieldmap.inputs.tables import UNITS, Table, in_unit
+from fieldmap.records import Record
+
+_BOUND = re.compile(r"^must be (greater than|at least|less than|at most) [-\d.e+]+$")
+_NUMBER = re.compile(r"-?\d[\d.e+-]*")
+
+
+@dataclass(repr=False)
+class Writing(Record):
+    """Data of a file that are written of records.
+
+    paths: of attributes, by locations of the data. keys: by locations as well, the attribute and its `Key`. findings:
+    what cannot be written as data at all. unwritten: names of records of classes that have no keys, which are left out.
+    see: where people read what is expected.
+    """
+
+    see: str
+    paths: dict[Location, str] = field(default_factory=dict)
+    keys: dict[Location, tuple[str, Key]] = field(default_factory=dict)
+    findings: list[Finding] = field(default_factory=list)
+    unwritten: list[str] = field(default_factory=list)
+
+    def refuse(self, location: Location, path: str, must_hold: str, value: object) -> None:
+        """A value of a type that the data of a file cannot hold."""
+        self.paths[location] = path
+        received = shown(value) if isinstance(value, str | bool | int | float) else type(value).__name__
+        self.findings.append(Finding(location, must_hold, received, self.see))
+
+    def table(
+        self,
+        record: Any,
+        table: type[Table],
+        location: Location = (),
+        path: str = "",
+        without: tuple[str, ...] = (),
+    ) -> dict[str, Any]:
+        """The keys of a record, but for those at their defaults. without: attributes that are left out.
+
+        Keys that the table does not have are written as well, for the schema to refuse.
+        """
+        data: dict[str, Any] = {table.choice[0]: table.choice[1]} if table.choice else {}
+        defaults = {one.name: default_of(one) for one in dataclasses.fields(record)}
+        elsewhere = {*without, *table.beside, *(attribute for attribute, _, _ in table.declared.values())}
+        known = {key: one for key, one in keys_of(type(record)).items() if one[0] not in elsewhere}
+        for key, (attribute, about, hint) in {**table.declared, **known}.items():
+            if attribute in without:
+                continue
+            place: Location = (*location, key)
+            self.paths[place] = f"{path}.{attribute}" if path else attribute
+            self.keys[place] = attribute, about
+            value = self._value(getattr(record, attribute), about, hint, place)
+            default = in_file(defaults[attribute], about)
+            needed = key in table.model_fields and table.model_fields[key].is_required()
+            if value is not None and (needed or (type(value), value) != (type(default), default)):
+                data[key] = value
+        for attribute, inner in table.beside.items():
+            part, at = getattr(record, attribute), f"{path}.{attribute}"
+            if is_sequence_of(type(record), attribute):
+                (part,), at = part, f"{at}[0]"
+            data |= self._record(part, [inner], location, at)
+        return data
+
+    def _value(self, value: Any, about: Key, hint: Any, place: Location) -> Any:
+        tables = list(tables_of(about.rule))
+        if value is None:
+            return None
+        if tables:
+            return self._records(value, tables, hint, place)
+        if about.write is None:
+            return _plain(value, UNITS.get(about.unit, 1.0))
+        try:
+            return _plain(about.write(value), UNITS.get(about.unit, 1.0))
+        except PydanticCustomError as error:
+            told = error.context or {}
+            self.findings.append(Finding(place, told["must_hold"], told["received"], told["remedy"]))
+            return None
+
+    def _records(self, value: Any, tables: list[type[Table]], hint: Any, place: Location) -> Any:
+        """A record, or several of them: the data of a sequence as a list, of a mapping by the same names."""
+        path = self.paths[place]
+        if isinstance(value, Mapping):
+            by_name = {
+                name: self._record(one, tables, (*place, name), f"{path}[{name!r}]")
+                for name, one in value.items()
+                if not self._leaves_out(one, tables, hint, str(name))
+            }
+            return by_name or None
+        if isinstance(value, tuple) and get_origin(hint) is tuple:
+            found: list[Any] = []
+            for k, one in enumerate(value):
+                if not self._leaves_out(one, tables, hint, str(getattr(one, "name", place[-1]))):
+                    found.append(self._record(one, tables, (*place, len(found)), f"{path}[{k}]"))
+            return found
+        if self._leaves_out(value, tables, hint, str(place[-1])):
+            return None
+        return self._record(value, tables, place, path)
+
+    def _leaves_out(self, record: Any, tables: list[type[Table]], hint: Any, name: str) -> bool:
+        """Whether a record is of a class that users derived, or holds what no file can."""
+        derived = isinstance(record, _classes_in(hint)) and all(
+            one.makes is not type(record) for one in tables
+        )
+        if derived or getattr(record, "unwritten", False):
+            self.unwritten.append(name)
+            return True
+        return False
+
+    def _record(
+        self, record: Any, tables: list[type[Table]], location: Location, path: str
+    ) -> dict[str, Any]:
+        """The table of a record that is written in one of several."""
+        self.paths.setdefault(location, path)
+        own = [one for one in tables if one.makes is type(record)]
+        if not own:
+            names = dict.fromkeys(one.makes.__name__ for one in tables if one.makes)
+            self.refuse(location, path, f"must be one of {', '.join(names)}", record)
+            return {}
+        chosen = next((one for one in own if _takes(one, record)), None)
+        if chosen is not None:
+            return self.table(record, chosen, location, path)
+        # A part of it is what no table knows, or it lacks what chooses among them.
+        for attribute in own[0].beside:
+            inner = [one.beside[attribute] for one in own if attribute in one.beside]
+            part = getattr(record, attribute)
+            if not any(_takes(one, part) for one in inner):
+                return self._record(part, inner, (*location, attribute), f"{path}.{attribute}")
+        return self.table(record, own[-1], location, path)
+
+    # ---- what is wrong ----
+
+    def problem(self, finding: Finding, title: str) -> Problem:
+        """A finding of the data at the path of its attribute, behind a title."""
+        path, unit = self._attribute_path(finding.location), ""
+        place = _of_key(finding.location)
+        if place in self.keys and UNITS.get(self.keys[place][1].unit, 1.0) != 1.0:
+            unit = f" {_in_words(self.keys[place][1].unit)}"
+        number = _NUMBER.fullmatch(finding.received)
+        must_hold, received, remedy = (
+            self._in_code(text, place[:-1]) for text in (finding.must_hold, finding.received, finding.remedy)
+        )
+        return Problem(
+            f"{title}: {path}" if path else title,
+            must_hold + (unit if _BOUND.match(finding.must_hold) else ""),
+            received + (unit if number else ""),
+            remedy.replace(
+                "its unit is the last part of the key",
+                "lengths are in m, masses in kg, all else in SI units as well",
+            ),
+        )
+
+    def _in_code(self, text: str, table: Location) -> str:
+        """A text about keys of a table, for attributes: numbers in the unit of a key keep it."""
+        for known, (attribute, about) in self.keys.items():
+            key = str(known[-1])
+            if known[:-1] == table and UNITS.get(about.unit, 1.0) != 1.0 and key in text:
+                with_number = rf"\b{key}\b((?:/2)? = [-\d.e+]+)"
+                text = re.sub(with_number, rf"{attribute}\1 {_in_words(about.unit)}", text)
+                text = re.sub(rf"\b{key}\b", attribute, text)
+        return text
+
+    def _attribute_path(self, location: Location) -> str:
+        for length in range(len(location), 0, -1):
+            if location[:length] in self.paths:
+                path, rest = self.paths[location[:length]], location[length:]
+                break
+        else:
+            path, rest = "", location
+        for step in rest:
+            if isinstance(step, int):
+                path += f"[{step}]"
+            else:
+                path += f".{step}" if path else step
+        return path
+
+
+def _of_key(location: Location) -> Location:
+    """The location of a key, without numbers of entries behind it."""
+    end = len(location)
+    while end and isinstance(location[end - 1], int):
+        end -= 1
+    return location[:end]
+
+
+def tables_of(rule: Any) -> Iterable[type[Table]]:
+    """The tables that an annotation has in it: of a choice all, of a list or mapping those of its entries."""
+    if isinstance(rule, type) and issubclass(rule, Table):
+        yield rule
+    origin, arguments = get_origin(rule), get_args(rule)
+    if origin is Annotated:
+        yield from tables_of(arguments[0])
+    elif origin in (Union, UnionType, list, dict):
+        for one in arguments:
+            yield from tables_of(one)
+
+
+def _classes_in(hint: Any) -> tuple[type, ...]:
+    """The classes of records that the type of a field names."""
+    if isinstance(hint, type) and not get_args(hint):
+        return (hint,) if issubclass(hint, Record) else ()
+    return tuple(one for argument in get_args(hint) for one in _classes_in(argument))
+
+
+def _takes(table: type[Table], record: Any) -> bool:
+    """Whether a record, and what stands in it, is written in a table."""
+    if table.makes is not type(record) or not (table.takes is None or table.takes(record)):
+        return False
+    return all(_takes_beside(inner, record, attribute) for attribute, inner in table.beside.items())
+
+
+def _takes_beside(inner: type[Table], record: Any, attribute: str) -> bool:
+    part = getattr(record, attribute)
+    if is_sequence_of(type(record), attribute):
+        return isinstance(part, tuple) and len(part) == 1 and _takes(inner, part[0])
+    return _takes(inner, part)
+
+
+def _plain(value: Any, unit: float) -> Any:
+    """A value in the unit of its key, as plain data; what is no number stays as it is."""
+    if isinstance(value, np.generic | np.ndarray):
+        value = value.tolist()
+    if isinstance(value, list | tuple):
+        return [_plain(one, unit) for one in value]
+    if isinstance(value, Mapping):
+        return dict(value)
+    if isinstance(value, Path):
+        return str(value)
+    if isinstance(value, int | float) and not isinstance(value, bool) and unit != 1.0:
+        try:
+            number = float(value)
+        except OverflowError:
+            return float("inf")
+        return in_unit(number, unit) if np.isfinite(number) else number
+    return value
+
+
+def _in_words(unit: str) -> str:
+    return unit.replace("g_mm2", "g mm^2")
