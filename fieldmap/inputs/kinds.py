@@ -101,7 +101,7 @@ class FileKind(Record, Generic[Contents]):
         if is_file(path):
             return path
         if os.path.isdir(path):
-            raise self.error(Problem(str(path), "must be a file", "a directory", "name the file inside it"))
+            raise self.error.of(str(path), "must be a file", "a directory", "name the file inside it")
         shipped = shipped_file(self.folder, str(Path(self.subfolder) / path))
         if shipped is not None:
             return shipped
