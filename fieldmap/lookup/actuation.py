@@ -99,7 +99,7 @@ def actuation(
         return _joined(field_rows, _on_body(field, position, moment, currents, orientation))
     if moment is not None:
         rows += FORCE_ROWS + TORQUE_ROWS
-        selection = np.concatenate([_SELECTED, _on_dipole(_one(moment))])
+        selection = np.concatenate([_SELECTED, dipole_rows(_one(moment))])
     return _selected(field, position, rows, selection, currents)
 
 
@@ -124,14 +124,14 @@ def wrench_actuation(
     orientation (3, 3). currents: about which, where iron saturates, that of the coils or of the body."""
     if isinstance(moment, MagneticBody):
         return _on_body(field, position, moment, currents, orientation)
-    return _selected(field, position, FORCE_ROWS + TORQUE_ROWS, _on_dipole(_one(moment)), currents)
+    return _selected(field, position, FORCE_ROWS + TORQUE_ROWS, dipole_rows(_one(moment)), currents)
 
 
 # Rows of B and the independent entries of G on (B, G row by row).
 _SELECTED = np.eye(12)[[0, 1, 2, 3, 4, 5, 7, 8]]
 
 
-def _on_dipole(moment: Array) -> Array:
+def dipole_rows(moment: Array) -> Array:
     """(6, 12): force F_j = m_i G_ij and torque m x B of (B, G row by row)."""
     force = np.hstack([np.zeros((3, 3)), np.kron(moment, np.eye(3))])
     x, y, z = moment
@@ -226,6 +226,8 @@ def checked_limits(limits: Limits, n_coils: int) -> tuple[Array, Array]:
     """Lower and upper limits (n_coils,), A, from a number (both ways), a pair, or None. Raises InputError."""
     if limits is None:
         return np.full(n_coils, -np.inf), np.full(n_coils, np.inf)
+    if isinstance(limits, int | float) and limits >= 0:
+        return np.full(n_coils, -float(limits)), np.full(n_coils, float(limits))
     try:
         # The ends of a pair may be of different shapes, a number and one number per coil.
         pair = limits if isinstance(limits, Sequence | np.ndarray) else (np.negative(limits), limits)
