@@ -155,7 +155,8 @@ def test_points_that_are_none(points):
 
 PLAIN_TYPES = {bool, int, float, bool | None, int | None, float | None}
 PLAIN_TYPES |= {"bool", "int", "float", "bool | None", "int | None", "float | None"}
-# Texts of messages, which say what they have to; keys of file formats that pydantic reads; data that change.
+# Texts of messages, which say what they have to; keys of file formats that pydantic reads; data that change; the
+# parts of an inverse.
 NOT_RECORDS = {
     "AtKey",
     "Problem",
@@ -166,6 +167,10 @@ NOT_RECORDS = {
     "RigidBalance",
     "BodyBalance",
     "SolvedStates",
+    "SumOfFields",
+    "SolvedField",
+    "Variables",
+    "Goal",
 }
 
 

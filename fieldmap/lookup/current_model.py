@@ -31,25 +31,17 @@ class CurrentSearch:
     def __init__(self, state: IronState, field_count: int) -> None:
         self._state, self._count, self._fresh = state, field_count, True
 
-    def weights(self, currents: Array) -> Array:
-        """Weights (n_fields,) at currents (c,)."""
-        weights = np.empty(self._count)
-        self._solve(currents, weights, None, _OF_SEARCH)
-        return weights
-
-    def slopes(self, currents: Array) -> Array:
-        """Their derivatives (n_fields, c) by the currents, 1/A."""
+    def weights_and_slopes(self, currents: Array) -> tuple[Array, Array]:
+        """Weights (n_fields,) at currents (c,), and their derivatives (n_fields, c) by the currents, 1/A."""
+        amperes, weights = np.array(currents, dtype=np.float64), np.empty(self._count)
         slopes = np.empty((self._count, len(currents)))
-        # The state is found to a hundredth of the tolerance: as exactly, then.
-        self._solve(currents, np.empty(self._count), slopes, 100.0 * _OF_SEARCH)
-        return slopes
-
-    def _solve(self, currents: Array, weights: Array, slopes: Array | None, tolerance: float) -> None:
-        amperes = np.array(currents, dtype=np.float64)
+        # With slopes the state is found to a hundredth of the tolerance.
+        tolerance = 100.0 * _OF_SEARCH
         status = self._state.solve(amperes, weights, slopes, tolerance=tolerance, fresh=self._fresh)
         self._fresh = False
         if status != FOUND:
             raise not_converged(currents, self._state.left)
+        return weights, slopes
 
 
 class CurrentModel:
@@ -69,7 +61,6 @@ class CurrentModel:
         self._names = coil_names
         self._outside = outside
         self._own = threading.local()
-        self._last_slopes: tuple[bytes, Array] = (b"", np.empty(0))
 
     @cached_property
     def compiled(self) -> CompiledModel:
@@ -114,15 +105,6 @@ class CurrentModel:
     def search(self) -> CurrentSearch:
         """Weights and slopes for a search from currents to currents; the one before it in this thread ends."""
         return CurrentSearch(self._state("search"), self.model.coil_count + self.fields_beside_coils)
-
-    def slopes_at(self, currents: Array) -> Array:
-        """The slopes of a search at currents (c,): (n_fields, c). The last ones are cached."""
-        key = currents.tobytes()
-        known, slopes = self._last_slopes
-        if known != key:
-            slopes = self.search().slopes(currents)
-            self._last_slopes = (key, slopes)
-        return slopes
 
     def amplitudes(self, currents: Array) -> Array:
         """Amplitudes (r,) of the modes at currents (c,), wherever they lie, more exactly than for a lookup."""

@@ -31,6 +31,7 @@ from fieldmap.interpolants import INTERPOLANTS, OUTSIDE_RULES, Form, Jump, known
 from fieldmap.lookup.actuation import Actuation, Limits, actuation
 from fieldmap.lookup.current_model import OUTSIDE_CURRENTS, CurrentModel
 from fieldmap.lookup.current_table import CurrentTable, tabulate
+from fieldmap.lookup.demand import demand_of
 from fieldmap.lookup.evaluation import (
     ONE_POINT,
     Box,
@@ -41,8 +42,8 @@ from fieldmap.lookup.evaluation import (
     in_chunks,
     written,
 )
-from fieldmap.lookup.inverse import checked_weight, currents_of_model, currents_of_sum, demand_of
-from fieldmap.lookup.inverse_on_body import currents_on_body, wrench_demand
+from fieldmap.lookup.inverse import least_power_currents
+from fieldmap.lookup.inverse_fields import SumOfFields
 from fieldmap.lookup.magnetic_body import MagneticBody
 from fieldmap.records import card, count_of
 from fieldmap.store import FieldError, MapData, MapInfo, read_map, warn_of_missed_accuracy
@@ -407,34 +408,45 @@ class FieldMap(Field, own_shapes=ONE_POINT):
         start: ArrayLike | None = None,
         orientation: ArrayLike | None = None,
     ) -> Array:
-        """Currents (n_coils,), A, of least power that give what is asked for at a position (3,).
+        """Currents of least power, sum(resistance currents^2), that give what is asked for at a position.
 
-        Any of force (3,), N, and torque (3,), N m, on a dipole of moment (3,), A m^2; field (3,), T; gradient (3, 3),
-        T/m (its five independent entries); NaN leaves a component free. limits: a number for both directions, (lower,
-        upper), each a number or one per coil, or None. resistance: of each coil if they differ; sum(resistance
-        currents^2) is least. start: currents from which the search begins in a map of saturating iron. In place of the
-        moment a `MagneticBody`, with an orientation (3, 3), columns its axes: the force on soft iron is no linear
-        function of the currents, and several searches, or the one from `start`, look for a local optimum. In a map over
-        a current parametrisation currents that its signals make, within its domain; of least power where each coil
-        follows one signal.
+        Where iron saturates, in the map or in a body, this is no linear problem, and a search finds a local optimum. In
+        a map over a current parametrisation the currents are those of its signals, within its domain; they are of least
+        power where each coil follows one signal.
 
-        Raises Infeasible, which names the limits that bind and what can be had; OutsideMapError; InputError;
-        NotConverged.
+        Parameters
+        ----------
+        position : (3,), m, of the dipole, or of the centre of the body.
+        force, torque : (3,), N and N m. NaN leaves a component free, here and in `field` and `gradient`.
+        moment : (3,), A m^2, of a dipole, or a `MagneticBody`.
+        limits : A; a number for both directions, or (lower, upper), each a number or one per coil.
+        field : (3,), T.
+        gradient : (3, 3), T/m, of which the five independent entries count.
+        resistance : a number, or (n_coils,), of each coil if they differ.
+        start : currents (n_coils,), A, from which a search begins.
+        orientation : (3, 3), whose columns are the axes of the body; upright without.
+
+        Returns
+        -------
+        Currents (n_coils,), A.
+
+        Raises
+        ------
+        Infeasible
+            Names the limits that bind and what can be had. Of a search it says where this ended, which is no proof that
+            no currents exist.
+        OutsideMapError, InputError, NotConverged
+            For a place outside the box, for what cannot be read, and where a search has no end.
 
         >>> m = open_map("workspace.h5")                                                     # doctest: +SKIP
         >>> m.currents_for([0, 0, -0.1], force=[0, 0, 0.11], moment=[0, 0, 0.8], limits=3.5)  # doctest: +SKIP
         """
-        weight = checked_weight(resistance, len(self.coil_names))
-        if isinstance(moment, MagneticBody):
-            wanted = wrench_demand(force, torque, field, gradient)
-            at = (self._evaluator, self.coil_names, self._model, self._constant)
-            return currents_on_body(*at, position, moment, orientation, wanted, limits, weight, start)
-        demand = demand_of(force, moment, torque, field, gradient)
-        if self._model is None:
-            about_sum = (self._evaluator, self.coil_names, position, demand, limits, weight)
-            return currents_of_sum(*about_sum, self._constant)
-        about = (self._evaluator, self.coil_names, self._model)
-        return currents_of_model(*about, position, demand, limits, weight, start)
+        demand, fields = demand_of(force, moment, torque, field, gradient), self._fields_of_currents()
+        return least_power_currents(fields, position, demand, limits, resistance, start, orientation)
+
+    def _fields_of_currents(self) -> SumOfFields:
+        """The field as an inverse takes it."""
+        return SumOfFields(self._evaluator.each_field, self.coil_names, self._constant, self._model)
 
     def to_xarray(self, currents: Any = None) -> xarray.Dataset:
         """B and gradient on the nodes, with coordinates, units and attributes: an xarray.Dataset.

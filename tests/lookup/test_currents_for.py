@@ -4,25 +4,49 @@ import numpy as np
 import pytest
 from scipy.optimize import linprog
 
+from fieldmap.currents import IndependentCurrents
+from fieldmap.device.payload import MagnetSphere, Payload, PayloadPiece, SoftSphere
 from fieldmap.errors import Infeasible, InputError, OutsideMapError
 from fieldmap.kernels.coils.loop import loop_flux_density_and_gradient
-from fieldmap.lookup import capability, field_actuation, gradient_actuation, interpolate, wrench_actuation
+from fieldmap.lookup import (
+    MagneticBody,
+    capability,
+    field_actuation,
+    gradient_actuation,
+    interpolate,
+    magnetic_body,
+    wrench_actuation,
+)
 from fieldmap.store import Grid, MapData
+from tests.dynamics.conftest import saturating_map
 
 MOMENT = np.array([0.1, -0.2, 0.8])
 LIMIT = 3.5
+BEAD = magnetic_body(SoftSphere(3e-3, mu_r=1000.0))
+MAGNETS = MagneticBody(
+    np.array([[1e-3, 0.0, 0.0], [0.0, 0.0, 1e-3]]), np.array([MOMENT, -0.5 * MOMENT[::-1]])
+)
+PAIR = magnetic_body(
+    Payload(1e-3, pieces=[PayloadPiece(MagnetSphere(2e-3, 1.2)), PayloadPiece(SoftSphere(3e-3, mu_r=100.0))])
+)
 
 
 @pytest.fixture(scope="module")
 def eight():
     """A map of eight loops: six on a ring, one in its middle, one above."""
+    return loops()
+
+
+def loops(constant=False):
+    """The map; constant: with the field of a ninth loop that no current drives."""
     angles = np.arange(6) * np.pi / 3
     ring = np.stack([0.044 * np.cos(angles), 0.044 * np.sin(angles), np.full(6, 0.026)], axis=1)
-    centres = np.concatenate([ring, [[0.0, 0.0, 0.026], [0.01, 0.02, 0.06]]])
+    others = [[0.0, 0.0, 0.026], [0.01, 0.02, 0.06], [0.02, -0.01, 0.03]]
+    centres = np.concatenate([ring, others])[: 8 + constant]
     grid = Grid([-0.02, -0.02, -0.08], [0.01, 0.01, 0.01], (5, 5, 5))
     parts = [loop_flux_density_and_gradient(grid.points() - centre, 0.016) for centre in centres]
     flux, slope = (1e3 * np.stack(part) for part in zip(*parts, strict=True))
-    shape = (8, *grid.shape, 3)
+    shape = (8 + constant, *grid.shape, 3)
     return interpolate(
         MapData(
             grid,
@@ -30,8 +54,59 @@ def eight():
             np.ones(8),
             flux_density=flux.reshape(shape),
             gradient=slope.reshape(*shape, 3),
+            constant_field=constant,
+            fixed_sources=("loop",) if constant else (),
         )
     )
+
+
+MAPS = {
+    "linear": loops,
+    "constant field": lambda: loops(True),
+    "saturating iron": lambda: saturating_map(free=True),
+    "divided currents": saturating_map,
+}
+
+
+@pytest.fixture(scope="module", params=MAPS)
+def any_map(request):
+    return MAPS[request.param]()
+
+
+def known_currents(m, rng):
+    model = m.info.reduced_model
+    if m.parametrisation is None or isinstance(m.parametrisation, IndependentCurrents):
+        return rng.uniform(-1.5, 1.5, len(m.coil_names))
+    return model.domain.at(rng.uniform(0.1, 0.9, 3))
+
+
+@pytest.mark.parametrize("load", [MOMENT, MAGNETS, BEAD, PAIR], ids=["dipole", "magnets", "bead", "pair"])
+@pytest.mark.parametrize("started", [False, True])
+def test_a_force_is_met_in_every_map_on_every_load(any_map, load, started):
+    """With no more power than currents that are known to give it, where these are free."""
+    rng, turn = np.random.default_rng(7), None
+    middle, size = 0.5 * (any_map.lower + any_map.upper), any_map.upper - any_map.lower
+    if isinstance(load, MagneticBody):
+        turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+    for _ in range(4):
+        position, known = middle + 0.3 * (rng.random(3) - 0.5) * size, known_currents(any_map, rng)
+        force = any_map.wrench(position, load, known, turn)[:3]
+        start = 1.02 * known if started else None
+        found = any_map.currents_for(position, force, load, 6.0, start=start, orientation=turn)
+        made = any_map.wrench(position, load, found, turn)[:3]
+        np.testing.assert_allclose(made, force, rtol=0, atol=2e-6 * np.abs(force).max())
+        if any_map.info.reduced_model is not None:
+            assert any_map.info.reduced_model.domain.holds(found)
+        if len(any_map.coil_names) == 8 or isinstance(any_map.parametrisation, IndependentCurrents):
+            assert found @ found <= (1 + 1e-5) * (known @ known)
+
+
+@pytest.mark.parametrize("load", [MOMENT, BEAD], ids=["dipole", "bead"])
+def test_a_torque_that_nothing_gives_is_infeasible_in_every_map(any_map, load):
+    """Along the moment of a dipole; on a sphere of soft iron in any direction. What is received is the demand."""
+    position = 0.5 * (any_map.lower + any_map.upper)
+    with pytest.raises(Infeasible, match=r"received Tx = 0\.0001 N m, Ty = -0\.0002 N m, Tz = 0\.0008 N m"):
+        any_map.currents_for(position, torque=1e-3 * MOMENT, moment=load)
 
 
 def places(m, n, seed=3):
@@ -173,6 +248,12 @@ def test_nan_leaves_a_component_free(eight):
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
+        ({"field": [0, 0, 1e-3], "start": [1.0]}, "one finite current per coil"),
+        ({"force": "up", "moment": BEAD}, "force.*none infinite"),
+        ({"torque": [0, 0, np.inf], "moment": BEAD}, "torque.*none infinite"),
+        ({"moment": BEAD}, "force, torque, field or gradient"),
+        ({"force": [np.nan] * 3, "moment": BEAD}, "not NaN"),
+        ({"force": [0, 0, 1], "moment": BEAD, "orientation": np.ones((3, 3))}, "rotation matrices"),
         ({}, "force, torque, field or gradient"),
         ({"force": [0, 0, 1]}, "moment"),
         ({"force": [0, 1], "moment": MOMENT}, r"force.*shape \(3,\)"),
@@ -197,5 +278,7 @@ def test_arguments_that_cannot_be_used(eight, arguments, words):
 
 def test_outside_the_map(eight):
     for position in ([0, 0, 0.5], [np.nan, 0, 0]):
-        with pytest.raises(OutsideMapError, match="currents_for, position"):
+        with pytest.raises(OutsideMapError, match="currents_for, position: a place"):
             eight.currents_for(position, field=[0, 0, 1e-3])
+    with pytest.raises(OutsideMapError, match="currents_for, position: the whole body"):
+        eight.currents_for([eight.upper[0] - 1e-4, 0, -0.06], [0, 0, 1e-3], MAGNETS)

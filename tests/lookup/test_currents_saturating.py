@@ -9,10 +9,15 @@ from scipy.optimize import linprog, minimize
 from fieldmap.currents import CoilGroups, IndependentCurrents, LiftAndDirections
 from fieldmap.device.model import Arctangent
 from fieldmap.device.payload import SoftSphere
-from fieldmap.errors import Infeasible, InputError, OutsideMapError
+from fieldmap.errors import Infeasible, InputError, OutsideMapError, Problem
 from fieldmap.iron import NonlinearSolver
 from fieldmap.lookup import MagneticBody, currents_for, interpolate, magnetic_body
-from fieldmap.lookup.inverse import Search, currents_of_model, demand_of
+from fieldmap.lookup.current_model import CurrentSearch
+from fieldmap.lookup.demand import Demand, demand_of
+from fieldmap.lookup.inverse import best_of, least_power_currents
+from fieldmap.lookup.inverse_fields import SumOfFields
+from fieldmap.lookup.inverse_goal import Variables
+from fieldmap.lookup.inverse_search import Search
 from fieldmap.store import Grid, MapData
 from tests.dynamics.conftest import saturating_map
 from tests.iron.test_differential_inductance import device as core_beside_magnet
@@ -65,24 +70,26 @@ def bent(currents):
 
 
 def fake(data, amplitudes, derivative):
-    def weights(currents):
-        return np.concatenate([currents, amplitudes(currents)])
-
-    def slopes(currents):
-        return np.concatenate([np.eye(len(currents)), derivative(currents)])
+    def weights_and_slopes(currents):
+        weights = np.concatenate([currents, amplitudes(currents)])
+        return weights, np.concatenate([np.eye(len(currents)), derivative(currents)])
 
     return SimpleNamespace(
         model=data,
         fields_beside_coils=2,
-        search=lambda: SimpleNamespace(weights=weights, slopes=slopes),
-        slopes_at=slopes,
+        search=lambda: SimpleNamespace(weights_and_slopes=weights_and_slopes),
     )
 
 
-def unit_rows(block, demand):
-    from fieldmap.lookup.inverse import rows_at
+def ask(block, model, demand, limits=None, start=None, position=POSITION, names=NAMES):
+    fields = SumOfFields(block.each_field, names, iron=model)
+    return least_power_currents(fields, position, demand, limits, None, start, None)
 
-    return rows_at(block, POSITION, demand, 7)
+
+def unit_rows(block, demand):
+    flux, slope = np.empty((1, 7, 3)), np.empty((1, 7, 3, 3))
+    block.each_field(POSITION[None], flux, slope)
+    return demand.selection @ np.concatenate([flux[0], slope[0].reshape(7, 9)], axis=1).T
 
 
 def given(rows, currents):
@@ -101,7 +108,7 @@ def test_demands_are_met_with_least_power(block, model):
         rows = unit_rows(block, demand)
         wanted = given(rows, rng.uniform(-2.5, 2.5, 5))
         demand = demand_of(None, None, None, wanted, None)
-        found = currents_of_model(block, NAMES, model, POSITION, demand, 2.5, np.ones(5), None)
+        found = ask(block, model, demand, 2.5)
         np.testing.assert_allclose(given(rows, found), wanted, rtol=0, atol=1e-8 * np.abs(wanted).max())
         assert np.abs(found).max() <= 2.5
         bound_somewhere += np.abs(found).max() > 2.4999
@@ -114,12 +121,12 @@ def test_demands_are_met_with_least_power(block, model):
 
 def test_a_start_close_by_leads_to_the_same_currents(block, model):
     demand = demand_of([0.1, -0.2, 0.5], [0.0, 0.1, 0.4], None, None, None)
-    cold = currents_of_model(block, NAMES, model, POSITION, demand, None, np.ones(5), None)
+    cold = ask(block, model, demand)
     calls = []
     counting = fake(model.model, lambda i: calls.append(0) or 1.5 * np.tanh(MIX @ i), bent)
-    warm = currents_of_model(block, NAMES, counting, POSITION, demand, None, np.ones(5), cold + 1e-3)
+    warm = ask(block, counting, demand, start=cold + 1e-3)
     many = len(calls)
-    again = currents_of_model(block, NAMES, counting, POSITION, demand, None, np.ones(5), [3.0, -3, 3, -3, 3])
+    again = ask(block, counting, demand, start=[3.0, -3, 3, -3, 3])
     np.testing.assert_allclose(warm, cold, atol=1e-6)
     np.testing.assert_allclose(again, cold, atol=1e-6)
     assert many < len(calls) - many
@@ -128,36 +135,81 @@ def test_a_start_close_by_leads_to_the_same_currents(block, model):
 def test_what_cannot_be_reached_says_where_the_search_ended(block, model):
     demand = demand_of(None, None, None, [5.0, 0.0, 0.0], None)
     with pytest.raises(Infeasible, match=r"reached: B.*start") as caught:
-        currents_of_model(block, NAMES, model, POSITION, demand, 1.0, np.ones(5), None)
+        ask(block, model, demand, 1.0)
     assert caught.value.binding
     assert set(np.abs(list(caught.value.binding.values())).round(5)) == {1.0}
     assert 0 < caught.value.reachable[0] < 5
 
 
+def goal(wanted, limit, about):
+    """One row of a demand on coils within a limit."""
+    coils = len(limit)
+    demand = SimpleNamespace(names=("B",), values=np.array([wanted]), text=str)
+    variables = Variables(tuple("ab")[:coils], -np.array(limit), np.array(limit), np.ones(coils))
+    return SimpleNamespace(demand=demand, variables=variables, about=about)
+
+
 def test_power_that_a_demand_costs_does_not_stand_in_its_way():
     """One coil that saturates, and a first price of the demand far below what it costs."""
-    demand = SimpleNamespace(names=("B",), values=np.array([0.9]))
-    goal = SimpleNamespace(
-        demand=demand, size=np.ones(1), given=np.tanh, slope=lambda i: 1.0 / np.cosh(i)[:, None] ** 2
-    )
-    search = Search(goal, ("a",), np.full(1, -10.0), np.full(1, 10.0), np.ones(1), np.full(1, 0.1))
-    np.testing.assert_allclose(search.run(np.zeros(1)), np.arctanh(0.9), rtol=1e-7)
+    saturating = goal(0.9, [10.0], lambda i: (np.tanh(i), 1.0 / np.cosh(i)[:, None] ** 2))
+    search = Search(saturating, np.zeros(1), np.full(1, 0.1))
+    search.price = 0.1
+    np.testing.assert_allclose(search.run(), np.arctanh(0.9), rtol=1e-7)
 
 
 def test_what_a_search_leaves_of_a_demand_is_met_by_the_least_change():
     """Of two coils that give 1 and 2: by the line from where they are to the nearest point that meets it."""
     slope = np.array([[1.0, 2.0]])
-    demand = SimpleNamespace(names=("B",), values=np.array([3.0]))
-    goal = SimpleNamespace(
-        demand=demand, size=np.ones(1), given=lambda i: slope @ i, slope=lambda i: slope.copy()
-    )
-    limits = np.full(2, 10.0)
-    search = Search(goal, ("a", "b"), -limits, limits, np.ones(2), np.full(2, 0.1))
     here = np.array([1.0, 0.9])
+    search = Search(goal(3.0, [10.0, 10.0], lambda i: (slope @ i, slope)), here, np.full(2, 0.1))
     np.testing.assert_allclose(search._met(here), here + 0.2 / 5.0 * slope[0], rtol=1e-12)
     met = np.array([1.0, 1.0])
     assert search._met(met) is met
     assert search._met(met + [1e-12, 0.0])[0] == 1.0 + 1e-12
+
+
+def test_a_search_does_not_go_on_for_rounding(divided, monkeypatch):
+    """The field of a reduced model is known to 1e-13 or so; the search takes less than 20 steps to this end."""
+    domain, moment = divided.info.reduced_model.domain, np.array([0.1, -0.2, 0.8])
+    place = 0.5 * (divided.lower + divided.upper)
+    force = divided.wrench(place, moment, domain.middle)[:3]
+    asked, about = [], CurrentSearch.weights_and_slopes
+
+    def counting(self, currents):
+        asked.append(currents)
+        return about(self, currents)
+
+    monkeypatch.setattr(CurrentSearch, "weights_and_slopes", counting)
+    found = divided.currents_for(place, force, moment)
+    assert len(asked) < 30
+    np.testing.assert_allclose(divided.wrench(place, moment, found)[:3], force, rtol=0, atol=1e-9)
+
+
+def test_what_a_search_can_have_at_most_counts_what_no_current_drives():
+    """Two components of which one coil commands the first alone; without current there are 0.5 and 1."""
+    rows = goal(2.0, [10.0], lambda i: (np.array([i[0] + 0.5, 1.0]), np.array([[1.0], [0.0]])))
+    rows.demand = Demand(("Bx", "By"), np.zeros((2, 12)), np.array([2.0, 3.0]))
+    with pytest.raises(Infeasible) as caught:
+        Search(rows, np.array([0.3]), np.ones(1)).run()
+    np.testing.assert_allclose(caught.value.reachable, [2.0, 1.0], rtol=1e-12)
+
+
+def test_of_several_searches_the_one_of_least_power_counts():
+    def ended(*currents):
+        variables = Variables(tuple("ab"), -np.ones(2), np.ones(2), np.array([1.0, 2.0]))
+        return SimpleNamespace(run=lambda: np.array(currents), variables=variables)
+
+    def failed(reachable):
+        def run():
+            raise Infeasible(Problem("currents_for", "", "", ""), reachable=np.array([reachable]))
+
+        return SimpleNamespace(run=run, left_by=lambda error: 1.0 - error.reachable[0])
+
+    found = best_of([ended(1.0, 1.0), ended(1.0, -0.5), failed(0.9), ended(-1.0, 1.0)])
+    np.testing.assert_array_equal(found, [1.0, -0.5])
+    with pytest.raises(Infeasible) as caught:
+        best_of([failed(0.2), failed(0.9), failed(0.5)])
+    assert caught.value.reachable == 0.9
 
 
 def over(model, parametrisation, lower, upper, known):
@@ -178,7 +230,7 @@ def test_groups_of_coils_meet_a_demand_with_least_power_of_the_currents(block, m
         rows = unit_rows(block, demand)
         wanted = given(rows, known)
         demand = demand_of(None, None, None, [*wanted, np.nan], None)
-        found = currents_of_model(block, NAMES, grouped, POSITION, demand, None, np.ones(5), None)
+        found = ask(block, grouped, demand)
         assert np.ptp(found[[0, 3]]) == np.ptp(found[[2, 4]]) == 0.0
         np.testing.assert_allclose(given(rows, found), wanted, rtol=0, atol=1e-8 * np.abs(wanted).max())
         held = {
@@ -192,24 +244,16 @@ def test_groups_of_coils_meet_a_demand_with_least_power_of_the_currents(block, m
         # Three components leave no choice.
         wanted = given(unit_rows(block, demand_of(None, None, None, np.zeros(3), None)), known)
         demand = demand_of(None, None, None, wanted, None)
-        found = currents_of_model(block, NAMES, grouped, POSITION, demand, None, np.ones(5), None)
+        found = ask(block, grouped, demand)
         np.testing.assert_allclose(found, known, atol=1e-6)
 
 
 def test_a_force_by_the_signals_of_a_division(divided):
-    """Currents of the division that make it; of this field along an axis there are many."""
+    """Within the limits of the currents, and of the signals."""
     domain, moment = divided.info.reduced_model.domain, np.array([0.1, -0.2, 0.8])
-    body = MagneticBody(np.zeros((1, 3)), moment[None])
-    rng = np.random.default_rng(5)
-    for _ in range(10):
-        known = domain.at(rng.uniform(0.1, 0.9, 3))
-        force = divided.wrench(POSITION, moment, known)[:3]
-        for load in (moment, body):
-            for start in (None, known):
-                found = divided.currents_for(POSITION, force, load, start=start)
-                made = divided.wrench(POSITION, moment, found)[:3]
-                np.testing.assert_allclose(made, force, rtol=0, atol=1e-6 * np.abs(force).max())
-                assert domain.holds(found)
+    body, known = MagneticBody(np.zeros((1, 3)), moment[None]), domain.at(np.array([0.3, 0.7, 0.6]))
+    force = divided.wrench(POSITION, moment, known)[:3]
+    found = divided.currents_for(POSITION, force, body, start=known)
     most = np.abs(found).max()
     np.testing.assert_array_equal(
         divided.currents_for(POSITION, force, body, 1.01 * most, start=known), found
@@ -236,12 +280,12 @@ def test_a_limit_of_the_division_itself_binds(divided):
         domain.upper,
         [[1.6, 0, 0]],
     )
-    limited.search, limited.slopes_at = divided._model.search, divided._model.slopes_at
+    limited.search = divided._model.search
     limited.fields_beside_coils = divided._model.fields_beside_coils
     limited.model.coil_count = 6
     demand = demand_of(force, moment, None, None, None)
     with pytest.raises(Infeasible, match="limits"):
-        currents_of_model(divided._evaluator, "123456", limited, POSITION, demand, None, np.ones(6), None)
+        ask(divided._evaluator, limited, demand, names=tuple("123456"))
 
 
 @pytest.fixture(scope="module")
@@ -263,7 +307,7 @@ def saturated(solved):
     return state
 
 
-@pytest.mark.parametrize("load", ["field", "dipole", "magnets", "soft iron"])
+@pytest.mark.parametrize("load", ["field", "dipole", "magnets", "soft iron", "soft iron of one sense"])
 def test_a_solved_device_has_the_currents_back(solved, saturated, load, monkeypatch):
     """Two coils and two components: the currents of a state that saturates, from nothing; by the state's own field and
     a body's own wrench."""
@@ -271,9 +315,11 @@ def test_a_solved_device_has_the_currents_back(solved, saturated, load, monkeypa
     start, on = None, moment
     if load == "magnets":
         on = MagneticBody(np.array([[1e-3, 0.0, 0.0], [0.0, 0.0, 1e-3]]), np.array([moment, -0.5 * moment]))
-    if load == "soft iron":
+    limits = None
+    if load.startswith("soft iron"):
         # The square of the field has its force: the currents of both senses would do.
-        on, start = magnetic_body(SoftSphere(1e-3, mu_r=100.0)), 0.8 * known
+        on = magnetic_body(SoftSphere(1e-3, mu_r=100.0))
+        start, limits = (0.8 * known, None) if load == "soft iron" else (None, (10.0, 100.0))
     if load == "field":
         asked = {"flux_density": [np.nan, *state.field(BESIDE)[1:]]}
     else:
@@ -284,7 +330,7 @@ def test_a_solved_device_has_the_currents_back(solved, saturated, load, monkeypa
     calls, by_currents = [], solved.by_currents
     with monkeypatch.context() as patch:
         patch.setattr(solved, "by_currents", lambda *given: calls.append(1) or by_currents(*given))
-        found = currents_for(solved, BESIDE, **asked, start=start)
+        found = currents_for(solved, BESIDE, **asked, start=start, limits=limits)
     np.testing.assert_allclose(found, known, rtol=2e-5)
     # Newton's method with the exact derivative: with one that is half as large again it takes twelve.
     assert len(calls) <= 8
@@ -298,6 +344,6 @@ def test_a_solved_device_has_the_currents_back(solved, saturated, load, monkeypa
 def test_refusals(block, model):
     demand = demand_of(None, None, None, [1e-3, 0.0, 0.0], None)
     with pytest.raises(OutsideMapError):
-        currents_of_model(block, NAMES, model, [0, 0, 1.0], demand, None, np.ones(5), None)
+        ask(block, model, demand, position=[0, 0, 1.0])
     with pytest.raises(InputError, match="currents"):
-        currents_of_model(block, NAMES, model, POSITION, demand, None, np.ones(5), [1.0])
+        ask(block, model, demand, start=[1.0])
