@@ -75,6 +75,9 @@ def keys_of(record: type) -> dict[str, tuple[str, Key, Any]]:
             if about.rule is ...:
                 # Annotations of annotations are one: the bounds of the type stand beside the key.
                 bounds = [one for one in hint.__metadata__ if one is not about]
+                if get_origin(kind) is tuple:
+                    # A file has lists.
+                    bounds.append(Field(strict=False))
                 about = dataclasses.replace(about, rule=_ANNOTATED[kind, *bounds] if bounds else kind)
             found[_key_name(field.name, about)] = (field.name, about, kind)
     return found
@@ -146,7 +149,8 @@ def table_of(
         elif isinstance(default, Record):
             options["default"] = about.rule()
         elif default is not dataclasses.MISSING:
-            options["default"] = in_file(default, about)
+            written = in_file(default, about)
+            options["default"] = tuple(written) if _is_tuple(about.rule) else written
             options["validate_default"] = about.check is not None
         fields[key] = (about.rule, Field(**options))
         if about.check is not None:
@@ -176,6 +180,11 @@ def _keys_of_table(
     for attribute, about in instead.items():
         found[_key_name(attribute, about)] = attribute, about, hints[attribute]
     return dict(sorted(found.items(), key=lambda each: each[1][1].check is not None))
+
+
+def _is_tuple(rule: Any) -> bool:
+    """Whether the values of a rule are tuples, with bounds or without."""
+    return get_origin(get_args(rule)[0] if get_origin(rule) is Annotated else rule) is tuple
 
 
 def _key_name(attribute: str, about: Key) -> str:
@@ -325,7 +334,7 @@ def _in_si(value: Any, about: Key, hint: Any, folder: Path) -> Any:
         return (folder / value).resolve()
     if isinstance(value, dict):
         return FrozenDict({name: _in_si(one, about, None, folder) for name, one in value.items()})
-    if isinstance(value, list | np.ndarray):
+    if isinstance(value, list | tuple | np.ndarray):
         if any(get_origin(kind) is tuple for kind in kinds) or any(isinstance(one, str) for one in value):
             return tuple(_in_si(one, about, None, folder) for one in value)
         if np.dtype(np.int64) in map(_number, kinds):
