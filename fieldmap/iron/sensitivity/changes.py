@@ -166,8 +166,7 @@ class Parameters:
         least = next((least for unit, least in _LEAST.items() if unit in units), _LEAST_OF_ANY)
         width = step or max(_STEP * abs(value), least)
         try:
-            changed = (with_changes(self._document, {key: value + side * width}) for side in (1, -1))
-            above, below = (device_of(document, written=False) for document in changed)
+            above, below = (self._with(key, value + side * width) for side in (1, -1))
         except DeviceFileError as error:
             raise InputError(*error.problems) from error
         if key.startswith(_PARAMETER) and all(
@@ -180,6 +179,10 @@ class Parameters:
             remedy = "name the keys that follow it"
             raise InputError.of(f"derivative, {key}", must_hold, "nothing follows it", remedy)
         return Change(key, np.zeros(len(names)), above, below, 2 * width)
+
+    def _with(self, key: str, value: float) -> Device:
+        """The device with a key changed; what else follows the key is for derived classes to say."""
+        return device_of(with_changes(self._document, {key: value}), written=False)
 
 
 def same(one: Any, other: Any) -> bool:
