@@ -363,7 +363,7 @@ def test_the_lines_of_the_documentation(ring, fmpy, tmp_path):
         "0.8",
     ]
     assert main(names) == 0
-    section = (ROOT / "docs" / "other_programs.md").read_text().split("## FMI")[1]
+    section = (ROOT / "docs" / "simulators.md").read_text().split("## FMI")[1]
     lines = re.search(r"```python\n(.*?)```", section, re.DOTALL)[1] + "\nprint(repr(float(force)))"
     done = subprocess.run(
         [fmpy.python, "-c", lines], cwd=tmp_path, check=True, capture_output=True, text=True

@@ -307,7 +307,7 @@ def test_what_does_not_fit(ring):
 
 
 def test_the_lines_of_the_documentation(capsys):
-    section = (ROOT / "docs" / "other_programs.md").read_text().split("## Gymnasium")[1]
+    section = (ROOT / "docs" / "simulators.md").read_text().split("## Gymnasium")[1]
     names = {}
     exec(re.search(r"```python\n(.*?)```", section, re.DOTALL)[1], names)
     assert names["steps"] == 5000

@@ -364,7 +364,7 @@ def test_another_model_feels_nothing_and_contexts_nest(ring):
 def test_the_lines_of_the_documentation(ring, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     write_map("linear.h5", ring.data)
-    section = (Path(__file__).parents[2] / "docs" / "other_programs.md").read_text().split("## MuJoCo")[1]
+    section = (Path(__file__).parents[2] / "docs" / "simulators.md").read_text().split("## MuJoCo")[1]
     Path("levitator.xml").write_text(re.search(r"```xml\n(.*?)```", section, re.DOTALL)[1])
     names = {}
     exec(re.search(r"```python\n(.*?)```", section, re.DOTALL)[1], names)
