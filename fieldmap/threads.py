@@ -1,7 +1,7 @@
-"""Compiled functions that fill rows of their results, in several threads.
+"""Serial kernels in several threads, each on some rows of the result.
 
-Such a function is a serial one that lets go of the interpreter's lock. It takes the first row and the last + 1 before
-its other arguments, and writes to no other rows.
+Such a kernel is a compiled function that releases the interpreter's lock. Its first two arguments are the first row and
+the last row + 1. It writes to these rows only.
 """
 
 import os
@@ -14,13 +14,13 @@ from typing import Any
 
 _own = threading.local()
 _LEAST_WORK = 20_000
-"""Units of work, some five nanoseconds each, for which it pays to wake a thread."""
+"""Least work of one thread, in units of about five nanoseconds: for less it does not pay to wake it."""
 # More pieces than threads: a thread that is slow leaves the remaining pieces to the others.
 _PIECES_PER_THREAD = 4
 
 
 def most_threads() -> int:
-    """One for each processor that this process may use, or as many as OMP_NUM_THREADS says."""
+    """Number of threads: OMP_NUM_THREADS if it is set, otherwise one for each processor that this process may use."""
     asked = os.environ.get("OMP_NUM_THREADS", "")
     if asked.isdigit() and int(asked) > 0:
         return int(asked)
@@ -28,33 +28,49 @@ def most_threads() -> int:
 
 
 def thread_count() -> int:
-    """How many threads a call from this thread takes: `most_threads`, unless `use_threads` was told otherwise here."""
+    """Number of threads for calls from this thread: `most_threads`, or less if `use_threads` was called in it."""
     return int(getattr(_own, "count", None) or most_threads())
 
 
 def use_threads(count: int) -> None:
-    """Calls from this thread take so many threads from now on, and no more than `most_threads`."""
+    """Set the number of threads for later calls from this thread; `most_threads` is the upper limit."""
     _own.count = min(count, most_threads())
 
 
 def over_rows(kernel: Callable[..., Any], rows: int, *arguments: Any, work: float = 1.0) -> None:
-    """kernel(first, last + 1, *arguments) for all of `rows` rows, in as many threads as `thread_count` says.
+    """Call kernel(first, last + 1, *arguments) on pieces of all rows, in `thread_count` threads.
 
-    work: of one row, in units of some five nanoseconds (one pair of far triangles): few rows of little work are done
-    in one thread. A row must not depend on the piece that it lies in: then the number of threads changes no bit of
-    the results.
+    The result of a row must not depend on the piece in which it lies. Then results have the same bits for any number of
+    threads.
+
+    Parameters
+    ----------
+    kernel : function that releases the interpreter's lock.
+    rows : number of rows.
+    arguments : further arguments of the kernel.
+    work : work of one row, in units of about five nanoseconds (one pair of far triangles). A small total is done in one
+        thread.
     """
     least = max(1, round(_LEAST_WORK / max(work, 1.0)))
     in_pieces(lambda start, stop: kernel(start, stop, *arguments), rows, least, thread_count())
 
 
 def in_pieces(part: Callable[[int, int], Any], count: int, least: int, threads: int) -> list[Any]:
-    """part(start, stop) over 0..count in pieces of at least `least`, by so many threads, if there are several pieces;
-    what they return, in no order.
+    """Call part(start, stop) on pieces of 0..count, in several threads if there are several pieces.
 
-    `part` must let go of the interpreter's lock, and must not come here itself. Threads are kept between calls, and the
-    caller sleeps meanwhile: a thread that is new, or woken by one that goes on running, begins on the same processor
-    and waits there for milliseconds.
+    Threads are kept between calls, and the caller waits while they work. A new thread, or one that is woken by a thread
+    that goes on running, would begin on the processor of that thread and wait there for milliseconds.
+
+    Parameters
+    ----------
+    part : function that releases the interpreter's lock and does not call `in_pieces`.
+    count : number of items.
+    least : smallest number of items in a piece.
+    threads : most threads.
+
+    Returns
+    -------
+    The results of the pieces, in no particular order.
     """
     most = count // least
     workers = min(threads, most)
@@ -71,7 +87,7 @@ def in_pieces(part: Callable[[int, int], Any], count: int, least: int, threads: 
         try:
             return [part(*both) for both in bounds]
         except BaseException:
-            # The caller may be waiting for another thread.
+            # The other threads stop as well: the caller may be waiting for one of them.
             leave_the_rest()
             raise
 
@@ -79,7 +95,8 @@ def in_pieces(part: Callable[[int, int], Any], count: int, least: int, threads: 
     try:
         return [value for future in waiting for value in future.result()]
     except BaseException:
-        # An interruption: no further pieces, and nothing that still writes when the caller is told.
+        # After an error or an interruption no further piece begins, and every thread ends before the caller gets the
+        # exception: none may still write to its arrays.
         leave_the_rest()
         for future in waiting:
             future.cancel() or future.exception()

@@ -16,17 +16,21 @@ from fieldmap.store import ReducedModel
 from fieldmap.typing import Array
 
 OUTSIDE_CURRENTS = ("raise", "nan", "evaluate")
-# What Newton's method may leave, of the state, in the norm of the energy: where results are tabulated or searched.
+# Tolerances of Newton's method: the error of the state in the energy norm, as a share. `_TIGHT` is for tables,
+# `_OF_SEARCH` for searches over currents.
 _TIGHT, _OF_SEARCH = 1e-8, 1e-10
-# Of lookups from Python, which cost more by themselves than the step that this takes: two solves of the same currents,
-# from other starts, then agree within 1e-6.
+# Tolerance of lookups from Python. With it two solves of the same currents that begin at different states agree within
+# 1e-6. The extra step of Newton's method costs less than the call itself.
 _OF_LOOKUPS = 5e-7
 _REMEDY = 'make a map with a wider [currents], or open this one with outside_currents="evaluate"'
 
 
 class CurrentSearch:
-    """The model from point to point of a search: each solve begins from the last, wherever the currents lie, and is
-    exact enough to meet a demand to 1e-9."""
+    """The model in a search over currents.
+
+    Each solve begins at the state of the previous one. Currents outside the domain are allowed. The tolerance is small
+    enough for a search that must meet its demand within 1e-9.
+    """
 
     def __init__(self, state: IronState, field_count: int) -> None:
         self._state, self._count, self._fresh = state, field_count, True
@@ -35,7 +39,7 @@ class CurrentSearch:
         """Weights (n_fields,) at currents (c,), and their derivatives (n_fields, c) by the currents, 1/A."""
         amperes, weights = np.array(currents, dtype=np.float64), np.empty(self._count)
         slopes = np.empty((self._count, len(currents)))
-        # With slopes the state is found to a hundredth of the tolerance.
+        # A solve with slopes finds the state to a hundredth of the tolerance.
         tolerance = 100.0 * _OF_SEARCH
         status = self._state.solve(amperes, weights, slopes, tolerance=tolerance, fresh=self._fresh)
         self._fresh = False
@@ -47,10 +51,14 @@ class CurrentSearch:
 class CurrentModel:
     """Weights of the fields of a map of saturating iron.
 
-    outside: what currents beyond the map's domain give: "raise" (OutsideMapError), "nan", or "evaluate", which
-    evaluates the model there without a statement of its error. follow: begin from the currents asked for before, which
-    is quicker where they change little from call to call; the results then depend on earlier calls, by 1e-6 at
-    most, and each thread follows its own.
+    Parameters
+    ----------
+    model : the reduced model of the map.
+    coil_names : for messages.
+    outside : rule for currents outside the domain: "raise" (OutsideMapError), "nan", or "evaluate", which evaluates the
+        model there without a statement of its error.
+    follow : begin each solve at the state of the previous call. This is quicker where currents change little from call
+        to call. Results then depend on earlier calls, by 1e-6 at most. Each thread has a state of its own.
     """
 
     def __init__(
@@ -64,30 +72,46 @@ class CurrentModel:
 
     @cached_property
     def compiled(self) -> CompiledModel:
-        """What solves take; made when it is first asked for, in a second or less.
+        """The model as arrays for the C core. It is made at the first call, in a second or less.
 
-        Currents outside the domain get no weights there, unless the model evaluates them. Raises NotConverged.
+        The core refuses currents outside the domain unless `outside` is "evaluate". Raises NotConverged.
         """
         return compiled_model(self.model, checked=self._outside != "evaluate")
 
     @property
     def fields_beside_coils(self) -> int:
-        """How many fields a map has behind those of its coils: the iron's, and that of the background if any."""
+        """Number of fields that follow those of the coils: those of the iron, and the background if any."""
         return self.model.field_count + (self.model.fixed.size > 0)
 
     def of_amplitudes(self, amplitudes: Array) -> Array:
-        """Weights (..., f) of the fields behind the coils' for amplitudes (..., r): the iron's, then 1 for the
-        background if there is any."""
+        """Weights (..., f) of the fields that follow those of the coils, for amplitudes (..., r) of the modes.
+
+        The weights of the iron come first, then 1 for the background if there is one.
+        """
         iron = amplitudes @ self.model.output.T
         if not self.model.fixed.size:
             return iron
         return np.concatenate([iron, np.ones((*iron.shape[:-1], 1))], axis=-1)
 
     def weights(self, currents: Array) -> Array:
-        """Weights (..., n_fields): the currents (..., c) in A, then those of the fields behind them.
+        """Weights of all fields at currents.
 
-        Equal currents give equal bits, unless the model follows. Raises OutsideMapError for currents beyond the
-        domain, if asked to, and NotConverged if Newton's method fails.
+        Equal currents give equal bits, unless `follow` is set.
+
+        Parameters
+        ----------
+        currents : (..., c), A.
+
+        Returns
+        -------
+        (..., n_fields): the currents themselves, then the weights of the fields of the iron and the background.
+
+        Raises
+        ------
+        OutsideMapError
+            For currents outside the domain, if `outside` is "raise".
+        NotConverged
+            If Newton's method fails.
         """
         rows = currents.reshape(-1, currents.shape[-1])
         result = np.empty((len(rows), rows.shape[1] + self.fields_beside_coils))
@@ -103,11 +127,11 @@ class CurrentModel:
         return weights, slopes
 
     def search(self) -> CurrentSearch:
-        """Weights and slopes for a search from currents to currents; the one before it in this thread ends."""
+        """A new search. It ends an earlier search in this thread: both use the same memory."""
         return CurrentSearch(self._state("search"), self.model.coil_count + self.fields_beside_coils)
 
     def amplitudes(self, currents: Array) -> Array:
-        """Amplitudes (r,) of the modes at currents (c,), wherever they lie, more exactly than for a lookup."""
+        """Amplitudes (r,) of the modes at currents (c,), inside the domain or outside, more exact than in a lookup."""
         state, amperes = self._state("tight"), np.array(currents, dtype=np.float64)
         weights = np.empty(len(amperes) + self.fields_beside_coils)
         if state.solve(amperes, weights, tolerance=_TIGHT, fresh=True) != FOUND:
@@ -115,13 +139,13 @@ class CurrentModel:
         return state.amplitudes
 
     def slopes(self, currents: Array) -> Array:
-        """Derivatives (s, f, c) of the weights of the fields behind the coils' by the currents, at currents (s, c),
-        wherever they lie."""
+        """Derivatives (s, f, c), 1/A, of the weights of the fields that follow those of the coils, at currents (s, c),
+        inside the domain or outside."""
         rows, coils = np.array(currents, dtype=np.float64, order="C"), currents.shape[1]
         state, weights = self._state("tight"), np.empty(coils + self.fields_beside_coils)
         slopes = np.empty((len(rows), len(weights), coils))
         for row, out in zip(rows, slopes, strict=True):
-            # The state is found to a hundredth of the tolerance.
+            # A solve with slopes finds the state to a hundredth of the tolerance.
             if state.solve(row, weights, out, tolerance=100.0 * _TIGHT, fresh=True) != FOUND:
                 raise not_converged(row, state.left)
         return slopes[:, coils:]
@@ -131,11 +155,11 @@ class CurrentModel:
         return CoreIron(core_numbers(self.compiled))
 
     def state_of_caller(self) -> IronState:
-        """What the solves of one compiled caller remember, nothing yet. Raises NotConverged as `compiled`."""
+        """A new state for the solves of one compiled caller. Raises NotConverged as `compiled` does."""
         return self._core.state()
 
     def _state(self, name: str) -> IronState:
-        """What solves of this name remember in this thread."""
+        """The state in which solves of this name begin and end, one for each thread."""
         known = self._own.__dict__
         if name not in known:
             known[name] = self._core.state()
@@ -143,7 +167,7 @@ class CurrentModel:
         return state
 
     def _solve(self, currents: Array, weights: Array, slopes: Array | None = None) -> None:
-        """Fill weights and slopes at currents (c,); raise, or leave NaN, where they lie outside."""
+        """Fill weights and slopes at currents (c,). For currents outside the domain follow the rule `outside`."""
         state, fresh = self._state("lookups"), not self._follow
         solve = partial(state.solve, currents, weights, slopes)
         checked = self._outside != "evaluate"
@@ -154,7 +178,8 @@ class CurrentModel:
             problem = self._outside_domain(currents)
             if problem is not None:
                 raise OutsideMapError(problem)
-            # Beyond the margin of one rule and within that of the other, which counts.
+            # The C core and `CurrentDomain` allow different rounding. The core finds these currents outside and
+            # `CurrentDomain`, which decides, finds them inside.
             status = solve(tolerance=_TIGHT)
         if status == NOT_CONVERGED:
             raise not_converged(currents, state.left)

@@ -1,7 +1,7 @@
-"""Evaluation of an opened map: who evaluates its coefficients, and what stands in front of that.
+"""Evaluation of an opened map: the evaluators, and the checks before they are called.
 
-An `Evaluator` turns coefficients, points and weights into fields; `CompiledEvaluator` is the package's own. In front of
-it shapes are checked, batches are shared among threads, and points outside the box become an error.
+An `Evaluator` turns coefficients, points and weights into fields. `CompiledEvaluator` does it with the C core.
+`MapAtCurrents` checks shapes, divides batches among threads, and raises an error for points outside the box.
 """
 
 from __future__ import annotations
@@ -33,25 +33,27 @@ from fieldmap.typing import Array
 if TYPE_CHECKING:
     from fieldmap.device.drawing import Outline
 
-# Points below which a second thread costs more than it saves: a chunk of this size takes about a millisecond.
+# Fewest points for each thread: a chunk of this size takes about a millisecond. For fewer points a second thread costs
+# more than it saves.
 CHUNK = 16384
-# What takes points of any leading shape by itself, so that nothing stands before it where one point is asked for.
+# Methods that handle points of any leading shape themselves, so that the base class does not wrap them. A call with one
+# point is then as quick as it can be.
 ONE_POINT = ("field", "gradient", "field_and_gradient", "wrench")
 _ONE = np.ones((1, 1))
 
 
 class Evaluator(Protocol):
-    """What evaluates the coefficients of a map's fields (`Form`).
+    """Evaluates the coefficients of a map's fields (`Form`).
 
-    Arrays are float64 and C-contiguous: points (n, 3), m; weights (n, n_fields), or (1, n_fields) for all points.
-    Results are written to the arrays given for them, NaN for a point that is not finite or lies outside a box whose
-    rule is not to clamp. Each method returns how many points lie outside. Calls from several threads must not disturb
-    each other.
+    All arrays are float64 and C-contiguous. Points are (n, 3), m; weights are (n, n_fields), or (1, n_fields) for all
+    points. Each method writes its results to the arrays that it is given, and returns the number of points outside the
+    box. A point that is not finite gets NaN, and so does a point outside a box whose rule is not "clamp". Several
+    threads may call a method at the same time.
     """
 
     @property
     def places(self) -> int:
-        """Number of cells or nodes that hold coefficients: what `at` costs, in evaluations at a point."""
+        """Number of cells or nodes that hold coefficients. `at` takes as long as so many points."""
 
     def field_and_gradient(self, points: Array, weights: Array, flux: Array, slope: Array) -> int:
         """flux (n, 3), T, and slope (n, 3, 3), T/m, or (n, 0, 0) for the field alone."""
@@ -66,19 +68,30 @@ class Evaluator(Protocol):
         """flux (n, n_fields, 3) and slope (n, n_fields, 3, 3) of every field at weight 1, or (n, n_fields, 0, 0)."""
 
     def at(self, weights: Array) -> Evaluator:
-        """The sum of the fields at weights (n_fields,), an evaluator of one field whose weight is 1."""
+        """An evaluator of one field: the sum of the fields at weights (n_fields,). Its own weight is 1."""
 
     def field_at(self, point: Any, weights: Any) -> tuple[Array, Array] | None:
-        """B (3,), T, and gradient (3, 3), T/m, at one point (3,) for weights (n_fields,), or None where this is no
-        quicker, what is given does not fit, or the point lies outside. Evaluators of one field are given None for
-        weights, those of a form with a constant field the currents of the coils."""
+        """B (3,), T, and gradient (3, 3), T/m, at one point.
+
+        Parameters
+        ----------
+        point : (3,), m.
+        weights : (n_fields,); None for an evaluator of one field; the currents of the coils for a form with a constant
+            field.
+
+        Returns
+        -------
+        Both, or None if the caller must use `field_and_gradient` instead: the point lies outside, the arguments do not
+        fit, or the evaluator has no quicker way for one point.
+        """
 
     def dipole_wrench_at(self, point: Any, moment: Any, weights: Any) -> Array | None:
-        """Force, N, and torque, N m, (6,), on a dipole of moment (3,), A m^2; otherwise as `field_at`."""
+        """Force, N, and torque, N m, (6,), on a dipole of moment (3,), A m^2. Point, weights and None are as in
+        `field_at`."""
 
     def core(self) -> CoreMap:
-        """The map as the C core takes it, for compiled callers; of a form with a constant field, one that takes the
-        currents of the coils. Raises InputError without one."""
+        """The map in the form that the C core reads, for compiled callers. For a form with a constant field its weights
+        are the currents of the coils. Raises InputError for an evaluator that does not use the C core."""
 
 
 class CompiledEvaluator:
@@ -120,7 +133,7 @@ class CompiledEvaluator:
 
 
 class ContractedEvaluator:
-    """The same on a block that holds the sum of the fields."""
+    """The C core on a block of one field, the sum of a map's fields."""
 
     places = 1
 
@@ -146,7 +159,7 @@ class ContractedEvaluator:
         return self.field_and_gradient(points, _ONE, flux[:, 0], slope[:, 0])
 
     def at(self, weights: Array) -> ContractedEvaluator:
-        """See `Evaluator`: there is nothing left to sum."""
+        """See `Evaluator`. The sum is made already."""
         return self
 
     def core(self) -> CoreMap:
@@ -155,13 +168,13 @@ class ContractedEvaluator:
 
 
 def _potential_core(core: CoreMap, block: Array, potential_block: Array) -> CoreMap:
-    """What evaluates the potential: its own block, unless that of the field holds it."""
+    """The core that evaluates the potential: the field's own if both use one block, otherwise one on its own block."""
     return core if potential_block is block else CoreMap(potential_block, components=1)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Box(Record):
-    """Where a map holds, what a point outside does, and how many threads a large batch may use."""
+    """The box of a map, the rule for points outside, and the number of threads for a large batch."""
 
     lower: Array
     upper: Array
@@ -169,13 +182,13 @@ class Box(Record):
     threads: int
 
     def check(self, points: Array, n_outside: int) -> None:
-        """Raise OutsideMapError if that is the rule and points lie outside."""
+        """Raise OutsideMapError if points lie outside and the rule is "raise"."""
         if n_outside and self.outside == "raise":
             raise outside_error(points, n_outside, self.lower, self.upper)
 
 
 def default_threads() -> int:
-    """One per processor that this process may use, or OMP_NUM_THREADS."""
+    """Number of threads: one for each processor that this process may use, or OMP_NUM_THREADS if it is set."""
     return most_threads()
 
 
@@ -194,9 +207,9 @@ def result_array(out: Array | None, shape: tuple[int, ...]) -> Array:
 
 
 def in_chunks(evaluate: Callable[..., int], points: Array, others: Sequence[Array], box: Box) -> None:
-    """evaluate(points[a:b], *(other[a:b])) over all points, on several threads if there are many.
+    """Call evaluate(points[a:b], other[a:b], ...) for all points, on several threads if there are many points.
 
-    Arrays of another length than the points are passed whole.
+    An array in `others` whose length is not that of the points is passed whole.
     """
     n = len(points)
 
@@ -226,8 +239,17 @@ def outside_error(points: Array, outside: int, lower: Array, upper: Array) -> Ou
 class MapAtCurrents(FieldAtCurrents, own_shapes=ONE_POINT):
     """The field of a map at fixed currents (`FieldMap.at`): summed once, evaluated as often as you like.
 
-    Points, shapes and what happens outside are as for `FieldMap`; there is no argument `currents`. weights: None for an
-    evaluator of the sum; otherwise those (n or 1, n_fields) of its fields, for all points or for each of n.
+    Points, shapes and the rule for points outside are those of `FieldMap`. No method has an argument `currents`.
+
+    Parameters
+    ----------
+    evaluator : the evaluator of the map's fields, or of their sum.
+    box : the box of the map and its rule for points outside.
+    coil_names : in the order of the currents.
+    currents : (n_coils,), A.
+    assumptions : of the map.
+    weights : (1, n_fields) for all points, or (n, n_fields), one row for each of n points; None if the evaluator has
+        one field, the sum.
     """
 
     def __init__(
@@ -252,7 +274,7 @@ class MapAtCurrents(FieldAtCurrents, own_shapes=ONE_POINT):
 
     @property
     def assumptions(self) -> tuple[str, ...]:
-        """What the map rests on."""
+        """The assumptions of the map."""
         return self._assumptions
 
     @property
@@ -267,7 +289,7 @@ class MapAtCurrents(FieldAtCurrents, own_shapes=ONE_POINT):
 
     @property
     def bounds(self) -> Bounds:
-        """Lower and upper corner of that box, m."""
+        """Lower and upper corner of the map's box, m."""
         return self._box.lower, self._box.upper
 
     def field(self, points: ArrayLike, out: Array | None = None) -> Array:
@@ -349,7 +371,7 @@ class MapAtCurrents(FieldAtCurrents, own_shapes=ONE_POINT):
     def compiled(self) -> tuple[Any, Any]:
         """(function, data) for numba functions: see `FieldMap.compiled`."""
         words = caller(self._evaluator.core())
-        # Only who compiles functions of their own needs numba.
+        # Imported here: numba is needed only for compiled functions.
         from fieldmap.lookup.compiled import at
 
         return at, words
@@ -360,7 +382,10 @@ class MapAtCurrents(FieldAtCurrents, own_shapes=ONE_POINT):
 
 
 def written(found: tuple[Array, Array], out: tuple[Array, Array]) -> tuple[Array, Array]:
-    """What was found at one point, in the arrays given for it. Raises InputError if they do not fit."""
+    """Copy the field and the gradient at one point to the arrays `out`, and return these.
+
+    Raises InputError if an array does not fit.
+    """
     pairs = [(result_array(to, of.shape), of) for to, of in zip(out, found, strict=True)]
     for to, of in pairs:
         to[...] = of

@@ -1,9 +1,10 @@
-"""How the fields of a map follow the currents, for compiled callers whose currents change at every call.
+"""Weights of a map's fields as functions of the currents, for compiled callers whose currents change at every call.
 
-A linear map superposes one field per coil, and behind them one of weight 1 if something makes a field that no current
-drives. A map of saturating iron has fields of its own behind those of the coils, whose weights w(i) its reduced model
-gives (that of a background is 1); what is here are these weights, their slopes, and the map linear in the currents that
-touches it:  B(i) = sum_k i_k (B_k + sum_f J_fk B_f) + sum_f (w_f - J_f . i0) B_f.
+A linear map is the sum of one field per coil times its current, and of a constant field, weight 1, if there is a source
+that no current drives. A map of saturating iron has more fields: those of the iron, whose weights w(i) the reduced
+model gives, and the background, weight 1. This module gives these weights, their derivatives J = dw/di, and the tangent
+of the map at currents i0, which is linear in the currents:
+B(i) = sum_k i_k (B_k + sum_f J_fk B_f) + sum_f (w_f(i0) - J_f . i0) B_f.
 """
 
 from __future__ import annotations
@@ -30,16 +31,28 @@ _made: WeakKeyDictionary[FieldMap, dict[tuple[int, int, int] | None, CurrentTabl
 
 
 def core_map(field_map: FieldMap | MapAtCurrents) -> CoreMap:
-    """The map as the C core takes it: of all fields that `unit_block` has. Of a map with linear iron its weights are
-    the currents of the coils. Raises InputError for a map whose evaluator is not the C core."""
+    """The map in the form that the C core reads, with all fields of `unit_block`.
+
+    For a map with linear iron the weights are the currents of the coils.
+
+    Raises
+    ------
+    InputError
+        For a map that the C core does not evaluate.
+    """
     return field_map._evaluator.core()
 
 
 def unit_block(field_map: FieldMap | MapAtCurrents) -> Array:
-    """The coefficients of all of a map's fields: of the coils per ampere, then of saturating iron at weight 1, then of
-    what no current drives. Of a map at given currents: those of their sum.
+    """The coefficients of all fields of a map.
 
-    Raises InputError for an interpolant without kernels, which compiled loops cannot evaluate.
+    The order is: the coils, per ampere; saturating iron, at weight 1; the field that no current drives. For a map at
+    fixed currents the block has one field, their sum.
+
+    Raises
+    ------
+    InputError
+        For an interpolant that the C core cannot evaluate.
     """
     if isinstance(field_map, MapAtCurrents):
         return core_map(field_map).block
@@ -57,8 +70,12 @@ def saturates(field_map: FieldMap) -> bool:
 
 
 def division_domain(field_map: FieldMap) -> tuple[Array, Array, float] | None:
-    """Lowest and highest (u, x, y) of a map of saturating iron over a division of six currents, and the exponent n of
-    the division; None for any other map."""
+    """The domain of a map of saturating iron whose currents are divided by lift and directions.
+
+    Returns
+    -------
+    Lowest and highest (u, x, y), and the exponent n of the division; None for any other map.
+    """
     model = field_map._model
     if model is None or not isinstance(model.model.parametrisation, LiftAndDirections):
         return None
@@ -66,10 +83,23 @@ def division_domain(field_map: FieldMap) -> tuple[Array, Array, float] | None:
 
 
 def iron_weights(field_map: FieldMap, currents: ArrayLike) -> tuple[Array, Array]:
-    """Weights (s, f) of the fields behind the coils', the iron's and that of a background, at currents (s, n), A, and
-    their slopes (s, f, n), 1/A.
+    """Weights of the fields of the iron and the background, and their derivatives by the currents.
 
-    Raises InputError for a map that superposes, OutsideMapError for currents beyond its domain.
+    Parameters
+    ----------
+    field_map : a map of saturating iron.
+    currents : (s, n), A.
+
+    Returns
+    -------
+    Weights (s, f), and derivatives (s, f, n), 1/A.
+
+    Raises
+    ------
+    InputError
+        For a linear map.
+    OutsideMapError
+        For currents outside the domain.
     """
     model = _model(field_map)
     amperes = coil_currents(currents, field_map.coil_names, len(np.atleast_2d(currents)), finite=False)
@@ -80,18 +110,30 @@ def iron_weights(field_map: FieldMap, currents: ArrayLike) -> tuple[Array, Array
 
 
 def compiled_currents(field_map: FieldMap) -> CompiledModel:
-    """The model of a map of saturating iron, from which the C core gets the weights of its fields at any currents.
+    """The reduced model of a map of saturating iron as arrays for the C core.
 
-    Raises InputError for a map that superposes.
+    Raises
+    ------
+    InputError
+        For a linear map.
     """
     return _model(field_map).compiled
 
 
 def table_of_currents(field_map: FieldMap, nodes: tuple[int, int, int] | None = None) -> CurrentTable:
-    """The table of a map of saturating iron over a division: its own, or one made now, with `nodes` of u, x and y,
-    and kept for the next call.
+    """The table of weights of a map of saturating iron whose currents are divided by lift and directions.
 
-    Raises InputError for any other map.
+    A table that is not stored with the map is made now and kept for later calls.
+
+    Parameters
+    ----------
+    field_map : the map.
+    nodes : numbers of nodes for u, x and y; the map's own table, or as many as it needs, unless given.
+
+    Raises
+    ------
+    InputError
+        For any other map.
     """
     known = field_map.current_table
     if known is not None and nodes in (None, known.nodes):
@@ -104,9 +146,14 @@ def table_of_currents(field_map: FieldMap, nodes: tuple[int, int, int] | None = 
 
 
 def tangent_block(field_map: FieldMap, currents: ArrayLike) -> Array:
-    """A block of n_coils + 1 fields whose sum with weights (i, 1) touches the map at currents (n_coils,), A.
+    """The tangent of a map of saturating iron at currents (n_coils,), A, as a block of n_coils + 1 fields.
 
-    Raises InputError for a map that superposes.
+    With weights (i, 1) their sum has the value and the slope of the map at these currents.
+
+    Raises
+    ------
+    InputError
+        For a linear map.
     """
     amperes = coil_currents(currents, field_map.coil_names)
     values, slopes = iron_weights(field_map, amperes[None])
@@ -118,7 +165,7 @@ def tangent_block(field_map: FieldMap, currents: ArrayLike) -> Array:
 
 
 def _mixed(block: Array, mix: Array) -> Array:
-    """The block of sets mix (new, old) @ those of `block`."""
+    """A block whose fields are combinations of the fields of `block`: mix (new, old) @ old fields."""
     size = set_size(block)
     sets = block[map_block.HEADER :].reshape(-1, mix.shape[1], size)
     header = block[: map_block.HEADER].copy()
