@@ -1,4 +1,4 @@
-"""Whether a current model is as accurate as its recipe asks; if not, which part falls short, and what would help."""
+"""Acceptance of a current model: does it reach the accuracy of its recipe, and if not, which part is to blame?"""
 
 from __future__ import annotations
 
@@ -22,9 +22,10 @@ from fieldmap.store.stated_accuracy import (
     percent,
 )
 
-# Where the rounds do not tell how many states are needed: so many times as many. They are believed up to so many times.
+# The next number of states is extrapolated from the errors of the rounds, up to `_BELIEVED` times the present number.
+# Where that fails, it is `_MORE` times the present number.
 _MORE, _BELIEVED = 2, 8
-# What each part of the error is called.
+# Wording of messages for each part of the error.
 _LEFT = {
     "states": "states and modes leave",
     "points": "sample points change",
@@ -39,7 +40,8 @@ _SHORT = {
     "fields": "the fields of the map fall short",
     "": "no part is known to fall short",
 }
-# What lessens each part. Of these the training takes as many as it needs, but for states: these the recipe limits.
+# Keys of the recipe that make each part smaller. The recipe limits the states; the training takes as many of the others
+# as it needs.
 _LESSENED_BY = {
     "states": ("states", "modes"),
     "points": ("points",),
@@ -51,12 +53,14 @@ _LESSENED_BY = {
 
 @dataclass(frozen=True, repr=False)
 class Shortfall(Record):
-    """Why a current model is less accurate than was asked for.
+    """Why a current model is less accurate than the recipe asks.
 
-    part: "states", "modes", "points", "fields" or "condensation", "" where that is not known; text: that in words, with
-    what each part leaves, and what was used up; states: as many as the recipe would have to allow, None where more of
-    them do not help; seconds: what making the map would take then, by the states solved so far, None where that is not
-    known.
+    Attributes
+    ----------
+    part : the part with the largest error: "states", "modes", "points", "fields" or "condensation"; "" if not known.
+    text : the same in words, with the error of each part and the limits that were reached.
+    states : number of states that the recipe should allow; None if more states do not help.
+    seconds : estimated time to make the map with them, from the time of the states solved so far; None if not known.
     """
 
     part: str
@@ -68,8 +72,24 @@ class Shortfall(Record):
 def require_accuracy(
     about: Mapping[str, Any], plan: Plan | None, target: Path, accept_error: bool
 ) -> MissedAccuracy | None:
-    """What a map misses of the accuracy that was planned. about: its report, or what was found in training, with
-    `generation_seconds`. Raises MapErrorTooLarge unless that is nothing, or accepted."""
+    """Check the accuracy of a map against its plan.
+
+    Parameters
+    ----------
+    about : the report of the map, or that of its training with `generation_seconds`.
+    plan : of the training; None for a map of linear iron.
+    target : path of the map, for the message.
+    accept_error : return a missed accuracy instead of raising an error.
+
+    Returns
+    -------
+    The missed accuracy; None if the map is accurate enough.
+
+    Raises
+    ------
+    MapErrorTooLarge
+        If the accuracy is missed and `accept_error` is false.
+    """
     missed = missed_accuracy(about)
     if missed is not None and plan is not None and not accept_error:
         raise _error_too_large(missed, about, plan, target)
@@ -79,7 +99,7 @@ def require_accuracy(
 def _error_too_large(
     missed: MissedAccuracy, about: Mapping[str, Any], plan: Plan, target: Path
 ) -> MapErrorTooLarge:
-    """The error of a map that is not written, or of one that was because its error was accepted."""
+    """The exception for a map that is not written, or that was written earlier because its error was accepted."""
     found, within = shortfall(about, plan), HELD_OUT * missed.asked
     must_hold = (
         "the largest error found must be at most twice the accuracy, "
@@ -95,13 +115,19 @@ def _error_too_large(
 
 
 def shortfall(about: Mapping[str, Any], plan: Plan) -> Shortfall:
-    """Which part of a current model falls short, by what was found in training: `error_parts`, where they are there."""
+    """Find the part of a current model with the largest error.
+
+    Parameters
+    ----------
+    about : the report of the map or of its training; `error_parts` in it are used if present.
+    plan : of the training.
+    """
     parts: Mapping[str, Any] = about.get("error_parts") or {}
     shares = {name: float(parts[name]) for name in _LEFT if name in parts}
     limits, taken = parts.get("limits", ()), parts.get("taken", {})
     reached = missed_accuracy(about)
     if shares and reached is not None and "fields" in limits:
-        # What none of the others accounts for.
+        # The rest of the error is due to the fields.
         rest = reached.largest_share - sum(shares.values())
         shares |= {"fields": rest} if rest > 0.0 else {}
     largest = max(shares, key=lambda name: shares[name]) if shares else ""
@@ -120,7 +146,10 @@ def shortfall(about: Mapping[str, Any], plan: Plan) -> Shortfall:
 
 
 def _states(about: Mapping[str, Any], plan: Plan) -> int | None:
-    """How many states to try next: as many as the errors of the rounds lead to, if they do; otherwise twice as many."""
+    """Number of states to suggest: extrapolated from the errors of the rounds where possible, otherwise twice as many.
+
+    None if the recipe allows the largest number already.
+    """
     wanted, rounds = _MORE * plan.states, about.get("rounds", ())
     if len(rounds) > 1:
         errors = [found["errors"] for found in rounds]
@@ -132,7 +161,7 @@ def _states(about: Mapping[str, Any], plan: Plan) -> int | None:
 
 
 def _seconds(about: Mapping[str, Any], plan: Plan, states: int | None) -> float | None:
-    """What making the map would take, by the seconds of a state: another recipe begins from nothing."""
+    """Estimated time to make the map, from the time per state. A changed recipe solves all states again."""
     solved, seconds = about.get("states_solved"), about.get("generation_seconds")
     if not solved or seconds is None:
         return None
@@ -162,7 +191,7 @@ def _acceptance(target: Path, written: bool) -> str:
 
 
 def _rounded_up(value: float) -> float:
-    """To two digits.
+    """A value rounded up to two digits.
 
     >>> _rounded_up(0.0061), _rounded_up(0.14201)
     (0.0061, 0.15)
@@ -174,7 +203,7 @@ def _rounded_up(value: float) -> float:
 
 
 def _duration(seconds: float) -> str:
-    """Roughly.
+    """A duration in words, in a rough unit.
 
     >>> _duration(42.0), _duration(754.0), _duration(9000.0)
     ('42 s', '13 minutes', '2.5 hours')

@@ -1,13 +1,15 @@
-"""A trained model on fewer modes and points: those on which the field in the workspace depends.
+"""Condensation: a trained model on fewer modes and points, as few as the field in the workspace needs.
 
-Trained modes hold the solved states in the whole iron, and what new currents cost grows with points times modes, where
-the tangent is summed with points times their square. The workspace sees less of the iron. Once trained, a state costs a
-millisecond, so that hundreds are asked for, and with the tangent K of each the adjoint states K^-1 f for the fields f
-of the map. What a basis leaves of a field is, to first order, the energy product of what it leaves of the state and of
-the adjoint state (R. Becker and R. Rannacher, An optimal control approach to a posteriori error estimation, Acta
-Numerica 10 (2001) 1, section 2): so it holds both, as proper modes of the two together. States that come out worse than
-others count more in the next choice. The points are then chosen anew among those of the trained model, by what they add
-to the fields of all these states.
+The trained modes represent the solved states in the whole iron. The time of a solve grows with points times modes, and
+where the tangent is summed with points times modes squared. The field in the workspace depends on less of the iron.
+
+A solve of the trained model takes about a millisecond. So hundreds of states are solved, and with the tangent K of each
+the adjoint states K^-1 f for the fields f of the map. To first order the error of a field on a smaller basis is the
+energy product of two projection errors, of the state and of the adjoint state (R. Becker and R. Rannacher, An optimal
+control approach to a posteriori error estimation, Acta Numerica 10 (2001) 1, section 2). The basis is therefore the
+proper modes of states and adjoint states together. The choice is repeated with larger weights for the states with
+larger errors. Then points are chosen among those of the trained model, by their contributions to the fields of all
+states.
 """
 
 from collections.abc import Callable
@@ -27,27 +29,31 @@ from fieldmap.parallel import results_of
 from fieldmap.records import Record
 from fieldmap.typing import Array
 
-# States to choose by, and others to try the choice on, each with half of the extremes of the domain, so many at most.
-# Where signals do not reach all currents, as many states beside the domain are chosen by: coils do not follow their
-# signals at once. Each current of these is off by up to this share of the largest.
-_STATES, _TRIED, _EXTREMES, _BESIDE, _SEED = 400, 200, 64, 0.05, 20262
-# Modes come in whole vector registers.
+# Number of states that the choice is made with, number of other states that test it, and the most extremes of the
+# domain in each of the two sets; each set gets one half of the extremes.
+_STATES, _TRIED, _EXTREMES = 400, 200, 64
+# Where fewer signals than coils set the currents, the first set is doubled by states whose currents do not belong to
+# any signals, because real currents follow the signals with a delay. Each differs by up to this share of the largest.
+_BESIDE = 0.05
+_SEED = 20262
+# Numbers of modes are multiples of this, the width of a vector register.
 _STEP = 8
-# What fewer modes, and in the end fewer points too, may change of any state's field, over the accuracy. Where modes
-# leave nearly all of it, half as many points again are needed, and eight modes more cost less.
+# Largest change of the field of a tested state, as a multiple of the accuracy: by fewer modes, and by fewer modes and
+# points together. If the modes used up nearly all of it, the points would have to be half as many again, which costs
+# more than eight more modes.
 _OF_MODES, _IN_ALL = 0.9, 1.1
-# How much adjoint states count beside states, each with its own energies added up, and how often the states that come
-# out worse are given more weight.
+# Weight of the adjoint states relative to the states, after both are divided by their total energies; number of times
+# that the weights of single states are changed according to their errors.
 _ADJOINT, _ROUNDS = 0.07, 3
-# How much the energy of the error counts for the points, beside its field: a tenth of what it does in the training, for
-# there are many more states.
+# Weight of the energy of the error relative to its field, in the choice of points. It is a tenth of that in training,
+# because there are many more states.
 _ENERGY = 0.03
-# What the points may change of a state's field, root mean square, over the accuracy: from coarse to fine, until it is
-# fine enough.
+# Root mean square, over the states, of the change of the field by fewer points, as a multiple of the accuracy: the
+# first value tried, the factor to the next one, and the last one.
 _COARSE, _FINER, _FINEST = 0.5, 0.95, 0.02
-# What the volume may be off where all that the points may change is spent on it.
+# Relative error of the volume that counts as much as an error of `_COARSE` in the fields.
 _VOLUME = 1e-2
-# States are solved to this share, and those of fewer modes only looked at.
+# Tolerances of solves: of states that errors are measured with, and of trial solves during the choice.
 _EXACT, _ROUGH = 1e-7, 1e-5
 
 Few: TypeAlias = tuple[GalerkinModel, Array]
@@ -55,8 +61,14 @@ Few: TypeAlias = tuple[GalerkinModel, Array]
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Condensed(Record):
-    """A model whose modes are combinations of others': basis (r, q); changed: the largest change of the field at states
-    that it was not made by, over the accuracy."""
+    """A condensed model.
+
+    Attributes
+    ----------
+    model : with q modes.
+    basis : (r, q), its modes as combinations of the r modes of the trained model.
+    changed : largest change of the field at states that were not used for the choice, as a multiple of the accuracy.
+    """
 
     model: GalerkinModel
     basis: Array
@@ -71,11 +83,21 @@ def condensed(
     off: Off,
     accuracy: float,
 ) -> Condensed:
-    """The model on fewer modes and points, or itself where fewer do not do.
+    """Condense a model to fewer modes and points.
 
-    known: currents (s, c) and amplitudes (s, r) of states, from which others are solved. fields (r, k): numbers of the
-    modes whose lengths tell how large a field is; off(currents (s, c), amplitudes (s, r), changes (s, r)): what changes
-    of the amplitudes change of the fields there, as a share.
+    Parameters
+    ----------
+    trained : the model.
+    known : currents (s, c) and amplitudes (s, r) of solved states, from which other solves begin.
+    domain : of the currents.
+    fields : (r, k), one row per mode; the Euclidean norm of amplitudes @ fields measures the size of a field.
+    off : off(currents (s, c), amplitudes (s, r), changes (s, r)) gives the relative change (s,) of the field that
+        changes of the amplitudes make.
+    accuracy : largest relative change of a field.
+
+    Returns
+    -------
+    The condensed model; the trained model with an identity as basis if fewer modes and points are not accurate enough.
     """
 
     by, tried = _currents(domain)
@@ -108,7 +130,7 @@ def condensed(
 
 
 def _fewest(modes: int, combined: Callable[[int], Few], enough: Callable[[Few], bool]) -> Few | None:
-    """The fewest modes, in whole steps, that are enough; None where all are needed."""
+    """The smallest multiple of `_STEP` modes that is enough, found by bisection; None if all are needed."""
     low, high, best = 0, -(-modes // _STEP), None
     while high - low > 1:
         middle = (low + high) // 2
@@ -121,12 +143,12 @@ def _fewest(modes: int, combined: Callable[[int], Few], enough: Callable[[Few], 
 
 
 class _States:
-    """States of a model by which it is condensed: currents (s, c), amplitudes (s, r)."""
+    """The states that modes and points are chosen with: currents (s, c), amplitudes (s, r), adjoint states."""
 
     def __init__(self, model: GalerkinModel, currents: Array, amplitudes: Array, fields: Array) -> None:
         self._model, self._currents, self._amplitudes, self._fields = model, currents, amplitudes, fields
         size = np.linalg.norm(amplitudes @ fields, axis=1)
-        # A state without a field has no share of it.
+        # The least size avoids division by zero for a state without a field.
         self._size = np.maximum(size, 1e-3 * size.max()) if size.any() else np.ones(len(size))
 
         def adjoint(k: int) -> Array:
@@ -136,8 +158,8 @@ class _States:
         self._adjoint = np.array(list(results_of(adjoint, range(len(currents)))))
 
     def combined(self, count: int, off: Off) -> Few:
-        """The model on `count` combinations of its modes, and these (r, count)."""
-        # From equal weights, so that what is found does not depend on the counts of modes that were tried before.
+        """The model on `count` combinations of its modes, and the basis (r, count)."""
+        # The weights begin equal, so that the result does not depend on numbers of modes that were tried before.
         weights = np.ones(len(self._currents))
         for _ in range(_ROUNDS):
             model, basis = self._combined(count, weights)
@@ -157,8 +179,13 @@ class _States:
         return self._model.combined(basis), basis
 
     def conditions(self, model: GalerkinModel, basis: Array, accuracy: float) -> tuple[Array, Array, float]:
-        """Normal equations of the points' weights, as factors on those that they have: products (p, p) and right-hand
-        side (p,), and the length of what is wanted; in shares of the accuracy, for all states."""
+        """Normal equations for factors (p,) on the weights of the points.
+
+        Returns
+        -------
+        Matrix (p, p), right-hand side (p,), and the norm of the wanted values. All are in multiples of the accuracy,
+        summed over all states.
+        """
         fields, volume = basis.T @ self._fields, model.weights / model.weights.sum()
 
         def of(k: int) -> Array:
@@ -179,7 +206,7 @@ class _States:
 
 
 def _currents(domain: CurrentDomain) -> tuple[Array, Array]:
-    """Currents (s, c) of the states to choose by, and of those to try the choice on."""
+    """Currents (s, c) of the states that the choice is made with, and of the states that test it."""
     of, random = domain.parametrisation, np.random.default_rng(_SEED)
     edges = of.currents(extreme_signals(domain))
     edges = edges[random.permutation(len(edges))]
@@ -193,13 +220,13 @@ def _currents(domain: CurrentDomain) -> tuple[Array, Array]:
 
 
 def _changes(model: GalerkinModel, basis: Array, currents: Array, amplitudes: Array, exact: float) -> Array:
-    """Of the amplitudes (s, r) at currents (s, c), where the model on a basis (r, q) gives them."""
+    """Changes (s, r) of the amplitudes (s, r) at currents (s, c) by the model on a basis (r, q). `exact`: tolerance."""
     starts = [basis.T @ amplitude for amplitude in amplitudes]
     found = solved(model, currents, np.array(starts), exact)
-    # One by one: a product of all at once rounds otherwise.
+    # Each state by itself: one product of all states would round differently for different numbers of states.
     return np.array([basis @ few for few in found]) - amplitudes
 
 
 def _one(product: Array) -> Array:
-    """A symmetric product (r, r) with the trace 1."""
+    """A symmetric matrix (r, r) divided by its trace."""
     return product / (float(np.trace(product)) or 1.0)

@@ -1,21 +1,22 @@
-"""Hyper-reduction: few sample points with positive weights that integrate the projected law as all points do.
+"""Hyper-reduction: few sample points with positive weights that integrate the projected B(H) law as all points do.
 
-Empirical cubature: what the points add to the residuals of known states is matched by non-negative least squares
-(Lawson and Hanson), whose solution is sparse. Positive weights keep the reduced functional convex. Farhat, Avery,
-Chapman and Cortial, Int. J. Numer. Meth. Engng 98 (2014) 625; Hernandez, Caicedo and Ferrer, Comput. Methods Appl.
-Mech. Engrg 313 (2017) 687. There the residuals are compressed to about as many conditions as there will be points. Then
-the fit meets these few far better than the residuals themselves: m points fitted to k random combinations of them leave
-about 1 / (1 - m / k)^2 of the error that the fit states. Here every residual of every state is a condition, at the
-points that the fit may choose.
+The method is empirical cubature. Non-negative least squares (Lawson and Hanson) fit the contributions of the points to
+the residuals of known states; their solution is sparse. Positive weights keep the reduced functional convex. Farhat,
+Avery, Chapman and Cortial, Int. J. Numer. Meth. Engng 98 (2014) 625; Hernandez, Caicedo and Ferrer, Comput. Methods
+Appl. Mech. Engrg 313 (2017) 687. These authors compress the residuals to about as many conditions as there will be
+points. The fit then meets the conditions far better than the residuals: if m points are fitted to k random
+combinations, the true error is about 1 / (1 - m / k)^2 times the error of the fit. Here every residual of every state
+is a condition.
 
-Residuals alone do not do. Iron of high permeability that hardly saturates is nearly linear: its states are combinations
-of as many as there are currents, and a handful of points meets all their residuals while the tangent that they make is
-softer than the true one by hundreds of times in other directions. New states then go there. So the law's share in the
-tangent is matched too, in coordinates in which the tangent is the unit matrix.
+Residuals alone are not enough. Iron of high permeability that hardly saturates is nearly linear: its states are
+combinations of as many states as there are currents. A handful of points then meets all residuals, but in other
+directions the tangent of these points can be hundreds of times softer than the true one, and new states move far along
+them. So the fit also matches the contribution of the law to the tangent, in coordinates in which the tangent is the
+unit matrix.
 
-The least squares (Lawson and Hanson, Solving Least Squares Problems, 1974, chapter 23) have several unknowns entering
-at a time, on the normal equations: the products of the columns are formed once, and the Cholesky factor of those of the
-passive set follows its changes.
+The least squares (Lawson and Hanson, Solving Least Squares Problems, 1974, chapter 23) work on the normal equations,
+and several unknowns enter at a time. The products of the columns are formed once. The Cholesky factor of the passive
+set is updated when the set changes.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -28,28 +29,31 @@ from fieldmap.kernels.growing_cholesky import append, remove, solve_lower, solve
 from fieldmap.parallel import results_of
 from fieldmap.typing import Array
 
-# How well the volume is met, as a share.
+# Relative error of the volume that counts as much as the errors of all states together.
 _VOLUME = 1e-3
-# How far eigenvalues of the tangent of the sample points may be off from one, if its error is like a random matrix.
+# Largest deviation from one of the eigenvalues of the tangent of the sample points, if its error is a random matrix.
 _TANGENT = 0.5
-# What the normal equations cannot tell from zero, of what is wanted.
+# Least relative error of the fit: the normal equations cannot resolve a smaller one.
 _LEAST = 1e-7
-# Points whose products with all others are formed at a time, and states whose conditions are in memory.
+# Number of points whose products with all others are formed at a time; number of states whose conditions are in memory.
 _POINTS, _STATES = 256, 32
-# Unknowns that enter at a time: those of the steepest gradient, and not less steep than this share of it.
+# Most unknowns that enter at a time, and the least gradient of an unknown that enters, as a share of the steepest.
 _AT_ONCE, _STEEP = 12, 0.5
 _ROUNDING = 1e-13
 # Columns whose products with others are formed at a time.
 _COLUMNS = 512
 
 OfPoints: TypeAlias = Callable[[NDArray[np.int64]], Array]
-"""Numbers (m, ...) of some points (m,); called from several threads."""
+"""Function from indices (m,) of points to an array (m, ...) for these points. It is called from several threads."""
 
 
 class Cubature:
-    """Conditions on the weights of the points that may be chosen, as normal equations; states may be added to them.
+    """Normal equations of the conditions on the weights of the candidate points. States can be added later.
 
-    count: points in all; candidates (n,): those that may be chosen.
+    Parameters
+    ----------
+    count : number of all points.
+    candidates : (n,), indices of the points that may be chosen.
     """
 
     def __init__(self, count: int, candidates: NDArray[np.int64]) -> None:
@@ -62,7 +66,13 @@ class Cubature:
         self._taken = np.zeros(0, np.int64)
 
     def add(self, contributions: Sequence[OfPoints], totals: Sequence[Array]) -> None:
-        """Residuals of states: what points add to each (m, r), and what all of them add (r,)."""
+        """Add the residuals of states as conditions.
+
+        Parameters
+        ----------
+        contributions : for each state a function that gives the contributions (m, r) of m points to its residual.
+        totals : for each state the sum (r,) over all points.
+        """
         for first in range(0, len(contributions), _STATES):
             some = contributions[first : first + _STATES]
             parts = results_of(lambda of: of(self.candidates), some)
@@ -74,10 +84,15 @@ class Cubature:
         self._states += len(contributions)
 
     def add_tangent(self, whole: Array, roots: OfPoints) -> None:
-        """The law's share T in the tangent of one state, in coordinates in which the tangent is the unit matrix: the
-        squares of its entries add up to the squared error.
+        """Add the contribution T of the law to the tangent of one state as a condition.
 
-        whole (r, r): T of all points; roots: rows H (m, 3, r) of points, whose H^T H add up to T.
+        The coordinates are those in which the tangent is the unit matrix. The squared error is the sum of the squared
+        entries of the error of T.
+
+        Parameters
+        ----------
+        whole : (r, r), T of all points.
+        roots : function that gives rows H (m, 3, r) of m points; T is the sum of H^T H over all points.
         """
         rows = roots(self.candidates)
         modes = rows.shape[2]
@@ -98,12 +113,20 @@ class Cubature:
         self._allowed_of_tangents += _TANGENT**2 * max(modes, 4) / 4.0
 
     def factors(self, tolerance: float, most: int) -> tuple[Array, float]:
-        """Factors (n,) >= 0 on the candidates' own weights, of which at most `most` differ from zero, and what they
-        leave over what is allowed: above one where no more points help.
+        """Solve for factors on the weights of the candidates.
 
-        tolerance: length of what the residuals of a state may be off, root mean square over the states, in their unit.
-        What the volume, the sum over points without any law, may be off, and what the tangents may, counts as much as
-        that of all states.
+        The allowed errors of the volume (the sum over points without the law) and of the tangents count as much as the
+        allowed error of all states.
+
+        Parameters
+        ----------
+        tolerance : allowed norm of the error of a state's residual, root mean square over the states.
+        most : most points.
+
+        Returns
+        -------
+        Factors (n,) >= 0, and the error over the allowed error. The ratio is above one if `most` points are too few, or
+        if more points do not help.
         """
         allowed = tolerance**2 * self._states
         of_volume = allowed / (_VOLUME * self._count) ** 2
@@ -117,14 +140,27 @@ class Cubature:
         factors, left = next(path)
         while left > enough and (further := next(path, None)) is not None:
             factors, left = further
-        # Where states are added, the next choice begins with the points of this one.
+        # After states are added, the next choice begins with the points of this one.
         self._taken = np.flatnonzero(factors)
         return factors, left / enough
 
 
 def candidates(importance: Array, count: int, seed: int = 0) -> NDArray[np.int64]:
-    """Numbers of `count` points, in their order, drawn by what they add, importance (p,); all where there are no more.
-    Points that matter for the volume alone must be there to choose from."""
+    """Draw candidate points at random.
+
+    The probability of a point is its importance plus a constant, so that points that matter for the volume alone are
+    among the candidates.
+
+    Parameters
+    ----------
+    importance : (p,), size of each point's contribution to the residuals.
+    count : number of candidates; all points if there are not more.
+    seed : of the random numbers.
+
+    Returns
+    -------
+    Indices of the candidates, ascending.
+    """
     if count >= len(importance):
         return np.arange(len(importance))
     weight = importance + 0.1 * importance.mean()
@@ -139,11 +175,21 @@ def nonnegative_path(
     most: int | None = None,
     begin: NDArray[np.int64] | None = None,
 ) -> Iterator[tuple[Array, float]]:
-    """x (n,) >= 0 on the way to the least error, and what each leaves, |matrix x - wanted| / |wanted|.
+    """Iterates x (n,) >= 0 of the non-negative least squares |matrix x - wanted|.
 
-    products (n, n) of the columns of the matrix, theirs (n,) with what is wanted, and its length `size`. The first x is
-    zero, or the least squares of the unknowns `begin`; each that follows leaves less. At most `most` of the unknowns
-    differ from zero.
+    The first x is zero, or the least squares of the unknowns `begin`. The error decreases from one to the next.
+
+    Parameters
+    ----------
+    products : (n, n), matrix^T matrix.
+    with_wanted : (n,), matrix^T wanted.
+    size : |wanted|.
+    most : most unknowns that differ from zero; all unless given.
+    begin : indices of the unknowns that enter first.
+
+    Yields
+    ------
+    x, and its relative error |matrix x - wanted| / |wanted|.
     """
     most = len(products) if most is None else min(most, len(products))
     passive = _Passive(products, with_wanted, most)
@@ -158,7 +204,7 @@ def nonnegative_path(
         yield passive.unknowns(), np.sqrt(max(rest, 0.0)) / size
         if len(passive.numbers) >= most:
             return
-        # Where several at a time have not gained anything, one does.
+        # If a step with several new unknowns did not reduce the error, the next one takes a single unknown.
         at_once = _AT_ONCE if rest < (1.0 - 1e-12) * last else 1
         last = rest
         slope[passive.numbers] = -np.inf
@@ -169,7 +215,7 @@ def nonnegative_path(
         entering = np.argsort(-slope, kind="stable")[: min(at_once, most - len(passive.numbers))]
         entering = entering[slope[entering] >= _STEEP * steepest]
         if not passive.enter(entering):
-            # They depend on those that are there, until these change.
+            # These columns depend linearly on the passive set. They are barred until the set changes.
             barred += entering.tolist()
             continue
         barred = []
@@ -195,9 +241,12 @@ def products_of_columns(matrix: Array) -> Array:
 
 
 class _Passive:
-    """The unknowns that may differ from zero, their values, and the factored normal equations.
+    """The passive set: the unknowns that may differ from zero, their values, and the factored normal equations.
 
-    products (n, n) of all columns, with_wanted (n,): theirs with what is wanted; most: unknowns at a time.
+    Parameters
+    ----------
+    products, with_wanted : as in `nonnegative_path`.
+    most : most unknowns in the set.
     """
 
     def __init__(self, products: Array, with_wanted: Array, most: int) -> None:
@@ -205,24 +254,27 @@ class _Passive:
         self.numbers, self.values, self.right = np.zeros(0, np.int64), np.zeros(0), np.zeros(0)
         most += _AT_ONCE
         self._factor = np.zeros((most, most))
-        # Their products with all, each in a place that it keeps.
+        # Rows of `products` of the set. A row stays in its place when other unknowns leave.
         self._held, self._places = np.zeros((most, len(products))), np.zeros(0, np.int64)
         self._free = list(range(most))
 
     def unknowns(self) -> Array:
-        """All (n,)."""
+        """Values (n,) of all unknowns."""
         x = np.zeros(len(self._products))
         x[self.numbers] = self.values
         return x
 
     def slope(self) -> Array:
-        """Products (n,) of all columns with what the values leave."""
+        """Negative gradient (n,): products of all columns with the residual."""
         spread = np.zeros(len(self._held))
         spread[self._places] = self.values
         return self._with_wanted - spread @ self._held
 
     def enter(self, numbers: NDArray[np.int64]) -> bool:
-        """With the value zero, but for those that depend on the ones that are there; whether any could."""
+        """Add unknowns to the set, with the value zero, except those whose columns depend on columns in the set.
+
+        Returns whether any was added.
+        """
         before = len(self.numbers)
         for number in numbers:
             row, count = self._products[number], len(self.numbers)
@@ -237,7 +289,7 @@ class _Passive:
         return len(self.numbers) > before
 
     def solve(self) -> None:
-        """The least squares; unknowns that would become negative leave."""
+        """Solve the least squares of the set. Unknowns that would become negative leave it."""
         while len(self.numbers):
             trial = self.right.copy()
             solve_lower(self._factor, len(trial), trial)
@@ -246,8 +298,8 @@ class _Passive:
             if not negative.any():
                 self.values = trial
                 return
-            # As far towards the trial as no unknown is negative; those that are zero then leave.
-            # One that is zero and stays so goes no way at all.
+            # The values move towards the trial until one becomes zero; unknowns that are zero then leave. An unknown
+            # that is zero before and after has no way to go: its share is zero, without a division by zero.
             way = self.values[negative] - trial[negative]
             shares = np.divide(self.values[negative], way, out=np.zeros_like(way), where=way > 0.0)
             step = float(shares.min())

@@ -1,4 +1,4 @@
-"""At which currents states are solved, and models tried: in the box of a domain, on its faces, edges and corners."""
+"""Currents at which states are solved and models are tried: inside the box of a domain, on its edges and corners."""
 
 import itertools
 from collections.abc import Callable, Sequence
@@ -10,26 +10,28 @@ from fieldmap.currents import CurrentDomain
 from fieldmap.iron.solvers.nonlinear import StateImage
 from fieldmap.typing import Array
 
-# Of more corners so many are looked at, at random.
+# Most corners of the domain. If it has more, as many are drawn at random.
 MOST_CORNERS = 256
-# Of more pairs of signals at their ends so many are looked at, at random.
+# Most pairs of signals at the ends of their ranges. If there are more, as many are drawn at random.
 _MOST_PAIRS = 128
-# Share of a signal's range that a tangent stands for.
+# Step of a signal, as a share of its range, by which its tangent is multiplied.
 REACH = 0.125
-# Of the states to train on, one in so many is its own image.
+# One in so many training states lies on a symmetry plane, where it is its own image.
 _ON_MIRROR = 4
 # Currents that differ by less than this share of the largest are the same state.
 _SAME = 1e-9
-# The search for the largest of something: from how many of the worst it goes on, to how many neighbours each, and how
-# far away as a share of the ranges.
+# Search for a maximum: number of places from which each round goes on, number of random neighbours of each, and their
+# distances in the rounds, as shares of the ranges.
 STARTS, _NEIGHBOURS, _WIDTHS = 10, 3, (0.15, 0.05)
 _SEED, _ORDER_SEED, _HELD_OUT_SEED = 3, 7, 20261
 
 
 def sequence(domain: CurrentDomain, count: int) -> Array:
-    """Signals (count, d) of a sequence that fills the domain evenly: the middle, then low discrepancy (Sobol), denser
-    towards the faces, where a model has neighbours on one side only."""
-    # Here: only who trains a model needs scipy.stats, which takes a second to load.
+    """Signals (count, d) that fill the domain evenly: the middle, then a Sobol sequence.
+
+    The sequence is denser towards the faces, because a state there has neighbours on one side only.
+    """
+    # Imported here: scipy.stats takes a second to load, and only training needs it.
     from scipy.stats import qmc
 
     d = domain.parametrisation.signal_count
@@ -42,10 +44,19 @@ def sequence(domain: CurrentDomain, count: int) -> Array:
 def training_signals(
     domain: CurrentDomain, count: int, images: Sequence[StateImage], off: bool = False
 ) -> Array:
-    """Signals (count, d) of the states to train on: `sequence`, but every fourth has the currents half way between its
-    own and those of an image. There the iron's symmetric parts are magnetised alike, and the field may turn sharply
-    when the currents leave that plane; a sequence that fills the box meets no such place but its middle. off: the
-    second is that without currents, if the domain has it and the first is another."""
+    """Signals (count, d) of the states to train on.
+
+    They are those of `sequence`, but every fourth state is moved half way to its image by a symmetry of the device.
+    There symmetric parts of the iron are magnetised alike, and the field may change sharply when the currents leave
+    this plane. The sequence itself has no state in these planes except its middle.
+
+    Parameters
+    ----------
+    domain : of the currents.
+    count : number of states.
+    images : symmetries of the device.
+    off : make the second state the one without currents, if it lies in the domain and is not the first.
+    """
     signals = sequence(domain, count)
     without = np.zeros(domain.parametrisation.coil_count)
     if off and count > 1 and domain.holds(without) and domain.middle.any():
@@ -54,7 +65,7 @@ def training_signals(
         own = domain.parametrisation.currents(signals[k])
         others = [image.currents(own) for image in images]
         others = [other for other in others if domain.holds(other) and not is_among(own, other[None]).any()]
-        # The reversed currents are an image too: half way there is no state.
+        # The reversed currents are an image too. Half way to them the currents are zero, which is no state to train on.
         between = [0.5 * (own + other) for other in others]
         between = [values for values in between if np.linalg.norm(values) > 0.5 * np.linalg.norm(own)]
         if between:
@@ -63,21 +74,26 @@ def training_signals(
 
 
 def held_out(domain: CurrentDomain, count: int) -> Array:
-    """Currents (count, c) at random, uniform over the domain, to try a trained model at."""
+    """Random currents (count, c), uniform over the domain, at which a trained model is tested."""
     d = domain.parametrisation.signal_count
     return domain.at(np.random.default_rng(_HELD_OUT_SEED).random((count, d)))
 
 
 def reaches(domain: CurrentDomain, signals: Array) -> Array:
-    """Changes (c, d) of the currents about signals (d,): along each, by an eighth of its range."""
+    """Changes (c, d) of the currents when each of the signals (d,) changes by `REACH` of its range."""
     return domain.parametrisation.derivative(signals) * (REACH * (domain.upper - domain.lower))
 
 
 def extreme_signals(domain: CurrentDomain) -> Array:
-    """Signals (m, d) where a model is likely to be worst: lines of one signal alone, the others at rest (`at_rest`), at
-    both ends, half way and a fiftieth of the way; all signals at equal shares of their ranges; two signals at their
-    ends, with the others at rest, which holds opposite coils and edges; and the corners. In this order; of more than
-    128 pairs and 256 corners as many at random."""
+    """Signals (m, d) at which a model is likely to have its largest errors, in this order:
+
+    - one signal at both ends of its range, half way and a fiftieth of the way to them, the others at rest (`at_rest`);
+    - all signals at equal shares of their ranges;
+    - two signals at ends of their ranges, the others at rest, which includes opposite coils; at most 128 of these;
+    - the corners, at most 256.
+
+    Repeated signals are left out, and signals without currents.
+    """
     d, neutral = domain.parametrisation.signal_count, at_rest(domain)
 
     def moved(ends: Sequence[tuple[int, float]]) -> Array:
@@ -95,7 +111,7 @@ def extreme_signals(domain: CurrentDomain) -> Array:
     rows += [pairs[k] for k in order]
     signals = domain.parametrisation.within(domain.lower, domain.upper, np.array(rows).reshape(-1, d))
     signals = np.concatenate([signals, corner_signals(domain)])
-    # Each once, and none without any currents, whose field is that of magnets and background alone.
+    # Without currents the field is that of magnets and background alone.
     _, first = np.unique(shares_of(domain, signals).round(9), axis=0, return_index=True)
     kept = np.sort(first)
     moving = np.abs(domain.parametrisation.currents(signals[kept])).max(axis=1) > 0.0
@@ -108,33 +124,36 @@ def shares_of(domain: CurrentDomain, signals: Array) -> Array:
 
 
 def at_rest(domain: CurrentDomain) -> Array:
-    """Shares (d,) of the ranges where the signals are zero, or half where they do not reach it."""
+    """Shares (d,) of the ranges at which the signals are zero; one half for a range that does not contain zero."""
     inside = (domain.lower <= 0.0) & (domain.upper >= 0.0)
     return np.where(inside, -domain.lower / (domain.upper - domain.lower), 0.5)
 
 
 def drawn(domain: CurrentDomain, count: int, random: np.random.Generator) -> Array:
-    """Currents (count, c) drawn at random, every second one nearer to rest: see `drawn_shares`."""
+    """Random currents (count, c), every second one nearer to rest: see `drawn_shares`."""
     return domain.at(drawn_shares(domain, count, random))
 
 
 def drawn_shares(domain: CurrentDomain, count: int, random: np.random.Generator) -> Array:
-    """Shares (count, d) of the ranges, drawn at random, every second one nearer to rest, by up to a factor of a
-    hundred: iron has another permeability in weak fields, and what is small in most states is all there is in these."""
+    """Random shares (count, d) of the ranges, every second one nearer to rest by a factor of up to a hundred.
+
+    Weak currents need states of their own: the permeability of iron differs in weak fields, and an error that is small
+    beside the field of most states may be large beside a weak one.
+    """
     shares, rest = random.random((count, len(domain.lower))), at_rest(domain)
     nearer = np.where(np.arange(count) % 2 == 1, 10.0 ** (-2.0 * random.random(count)), 1.0)
     return np.asarray(rest + nearer[:, None] * (shares - rest))
 
 
 def edge_shares(domain: CurrentDomain, count: int, random: np.random.Generator) -> Array:
-    """Shares (count, d) of the ranges at random places on edges: all signals but one at an end of their range."""
+    """Random shares (count, d) of the ranges on edges of the box: all signals but one are at an end of their range."""
     shares = random.integers(0, 2, (count, len(domain.lower))).astype(float)
     shares[np.arange(count), random.integers(0, shares.shape[1], count)] = random.random(count)
     return shares
 
 
 def corner_signals(domain: CurrentDomain) -> Array:
-    """Signals (m, d) of the corners, in a random order; of more than 256, as many of them at random."""
+    """Signals (m, d) of the corners in random order; a random choice of 256 if there are more."""
     d = domain.parametrisation.signal_count
     random = np.random.default_rng(_ORDER_SEED)
     if 2**d <= MOST_CORNERS:
@@ -153,9 +172,23 @@ def climbed(
     random: np.random.Generator,
     tell: Callable[[float], None] = lambda share: None,
 ) -> tuple[Array, int]:
-    """Shares (m, d) of the ranges at which looks(currents (s, c)) (s,) is largest, the largest first: from the worst of
-    `shares` (s, d) on to random neighbours, nearer each time, and nearer in weak currents, where little changes much;
-    and at how many it was looked at."""
+    """Search the domain for the currents at which a function is largest.
+
+    The search goes on from the `STARTS` best places to random neighbours of each, nearer in each round. Neighbours of
+    weak currents are nearer in proportion, because small changes matter there.
+
+    Parameters
+    ----------
+    looks : looks(currents (s, c)) gives the values (s,).
+    domain : of the currents.
+    shares : (s, d), shares of the ranges at which the search begins.
+    random : generator of the neighbours.
+    tell : called with the share of the search that is done.
+
+    Returns
+    -------
+    Shares (m, d) of the ranges, the largest value first, and the number of currents that were evaluated.
+    """
     rest = at_rest(domain)
     farthest = np.maximum(rest, 1.0 - rest)
     tell(0.0)
@@ -178,10 +211,10 @@ def climbed(
 
 
 def nearest_of(currents: Array, states: Array) -> int:
-    """Which of the states' currents (s, c) are nearest to currents (c,)."""
+    """Index of the state whose currents, a row of `states` (s, c), are nearest to currents (c,)."""
     return int(np.linalg.norm(states - currents, axis=1).argmin())
 
 
 def is_among(currents: Array, states: Array) -> NDArray[np.bool_]:
-    """Which of the states' currents (s, c) are currents (c,), up to rounding."""
+    """Mask (s,) of the states whose currents, rows of `states` (s, c), equal currents (c,) up to rounding."""
     return np.asarray(np.abs(states - currents).max(axis=1) <= _SAME * np.abs(states).max(initial=0.0))

@@ -1,4 +1,4 @@
-"""A reduced model tried on solved states: how far its field is from theirs in the workspace."""
+"""Errors of a reduced model: the difference of its field from the field of solved states, in the workspace."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -13,24 +13,28 @@ from fieldmap.sources import unit_flux_density_and_gradient
 from fieldmap.store.stated_accuracy import GRADIENT, largest_share
 from fieldmap.typing import Array
 
-# A state whose field is a smaller share of what the coils make at their largest currents, without iron, has none to
-# compare with: its errors are shares of that.
+# Least field that errors are compared with, as a share of the field of the coils alone at their largest currents. A
+# state with a weaker field would have a large relative error for no reason.
 _NO_FIELD = 1e-3
-# Numbers of the fields of several states that are summed at a time.
+# Most numbers of the fields of several states that are summed at a time.
 _AT_A_TIME = 2**17
 
 Off: TypeAlias = Callable[[Array, Array, Array], Array]
-"""`ModeFields.changed`."""
+"""Function such as `ModeFields.changed`."""
 
 
 @dataclass(frozen=True)
 class Errors(Record):
-    """Largest of `states` states, `solved` of them solved and the others images of these.
+    """Largest errors of a model over several states.
 
-    flux_density, gradient: difference from the solver, T and T/m; flux_density_share, gradient_share: the same
-    divided by the largest norm of that state's whole field in the workspace, or, of a state without a field, by a
-    thousandth of what the coils make at their largest currents; largest_flux_density, largest_gradient:
-    of all states, T and T/m.
+    Attributes
+    ----------
+    states : number of states.
+    solved : number of states that were solved; the others are images of these.
+    flux_density, gradient : largest difference from the solver, T and T/m.
+    flux_density_share, gradient_share : largest difference divided by the largest norm of the same state's field in the
+        workspace, or by a thousandth of the field of the coils alone at their largest currents if that is larger.
+    largest_flux_density, largest_gradient : largest field of all states, T and T/m.
     """
 
     states: int
@@ -44,12 +48,19 @@ class Errors(Record):
 
     @property
     def share(self) -> float:
-        """`largest_share` of both."""
+        """`largest_share` of the two shares."""
         return largest_share(self.flux_density_share, self.gradient_share)
 
 
 class Trial:
-    """The solver's surface and the places (n, 3) in the air at which fields are compared; largest (c,): currents, A."""
+    """Compares fields at points in the air.
+
+    Parameters
+    ----------
+    solver : its surface charges give the field of the iron.
+    points : (n, 3), m.
+    largest : (c,), largest currents of the coils, A.
+    """
 
     def __init__(self, solver: NonlinearSolver, points: Array, largest: Array) -> None:
         self._solver, self._points = solver, points
@@ -63,8 +74,18 @@ class Trial:
         self._constant = (0.0, 0.0) if background is None else background.field_and_gradient(points)
 
     def shares(self, currents: Array, charge: Array, change: Array) -> Array:
-        """Largest flux density and gradient (s, 2) that changes (s, faces) of the iron's charges (s, faces) make at
-        currents (s, c), as shares of the largest of the same state."""
+        """Relative changes of the field when the charges of the iron change.
+
+        Parameters
+        ----------
+        currents : (s, c), A.
+        charge : (s, faces), charges of the states.
+        change : (s, faces), changes of these.
+
+        Returns
+        -------
+        (s, 2): largest change of flux density and of the gradient, each as a share of the state's largest.
+        """
         changed, whole = self.fields(change), self.fields(charge)
         rows = np.empty((len(currents), 2))
         for k, values in enumerate(currents):
@@ -76,8 +97,8 @@ class Trial:
     def shares_of_sums(
         self, currents: Array, fields: tuple[Array, Array], weights: Array, changes: Array
     ) -> Array:
-        """The same of changes (s, k) of weights (s, k) of fields of the iron, flux densities (k, n, 3) and gradients
-        (k, n, 3, 3)."""
+        """As `shares`, for changes (s, k) of the weights (s, k) of k fields of the iron, given as flux densities (k, n,
+        3) and gradients (k, n, 3, 3)."""
         rows = np.empty((len(currents), 2))
         for j, each in enumerate(fields):
             whole = np.concatenate([each, self._bare[j]])
@@ -87,7 +108,7 @@ class Trial:
         return rows
 
     def errors(self, weights: Array, charge: Array, tried: Snapshots) -> Errors:
-        """Of charges weights (s, k) @ charge (k, faces) that a model gives for the solved states, one at least."""
+        """Errors of a model with charges weights (s, k) @ charge (k, faces) at solved states, at least one."""
         currents, potentials = tried.currents, tried.potentials
         ours = self.fields(charge)
         theirs = self.fields(self._solver.charge_density(potentials))
@@ -115,8 +136,7 @@ class Trial:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ModeFields(Record):
-    """Fields of modes of the iron where a trial compares fields: flux (r, n, 3) and gradient (r, n, 3, 3), T and
-    T/m."""
+    """Fields of the modes of the iron at the points of a trial: flux (r, n, 3), T, and gradient (r, n, 3, 3), T/m."""
 
     trial: Trial
     flux: Array
@@ -124,19 +144,20 @@ class ModeFields(Record):
 
     @property
     def rows(self) -> Array:
-        """Both of one mode as a row (r, m), and both of the same size."""
+        """Flux density and gradient of each mode as one row (r, m); the gradient is scaled to equal size."""
         length = np.abs(self.flux).max() / np.abs(self.gradient).max()
         parts = (self.flux, length * self.gradient)
         return np.concatenate([part.reshape(len(part), -1) for part in parts], axis=1)
 
     def combined(self, combination: Array) -> "ModeFields":
-        """Those of combinations (k, r) of the modes."""
+        """Fields of combinations (k, r) of the modes."""
         return ModeFields(
             self.trial, *(np.tensordot(combination, of, 1) for of in (self.flux, self.gradient))
         )
 
     def changed(self, currents: Array, amplitudes: Array, changes: Array) -> Array:
-        """What changes (s, r) of the amplitudes (s, r) change of the fields at currents (s, c), as `larger`."""
+        """Relative change (s,) of the field at currents (s, c) when the amplitudes (s, r) change by changes (s, r); the
+        larger of flux density and gradient, as in `larger`."""
         return larger(self.trial.shares_of_sums(currents, (self.flux, self.gradient), amplitudes, changes))
 
 
@@ -151,9 +172,9 @@ def _largest(values: Array) -> float:
 
 
 def _largest_of_sums(weights: Array, fields: Array, constant: Array | float = 0.0) -> Array:
-    """Largest norms (s,) over the points of sums by weights (s, k) of fields (k, n, ...) and a constant one (n, ...).
+    """Largest norms (s,), over n points, of the fields weights (s, k) @ fields (k, n, ...) + constant (n, ...).
 
-    Of many states at a time, as many as a processor's cache has room for.
+    As many states are summed at a time as fit into a processor's cache.
     """
     flat, points = fields.reshape(len(fields), -1), fields.shape[1]
     always = np.broadcast_to(constant, fields.shape[1:]).reshape(-1)

@@ -1,4 +1,4 @@
-"""Modes of solved states, the few fields they make in the workspace, and which states they lack most."""
+"""Proper modes of solved states, the few fields of the map that they make, and the states that they represent worst."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,15 +11,22 @@ from fieldmap.maps.training.states import Snapshots, Solved
 from fieldmap.parallel import results_of
 from fieldmap.typing import Array
 
-# Directions whose share of the energy is below rounding.
+# Directions with a smaller share of the energy are rounding errors.
 _NEGLIGIBLE = 1e-13
 
 
 def proper_modes(states: Array, applied: Array, most: int) -> Array:
-    """Combinations (s, r) of `states` (n, s) that are orthonormal modes, at most `most`, with the largest shares of the
-    energy of all, the largest first; applied (n, s): the symmetric positive operator of the energy on the states.
+    """Proper orthogonal modes by the method of snapshots (Sirovich, Quart. Appl. Math. 45 (1987) 561).
 
-    Sirovich, Quart. Appl. Math. 45 (1987) 561: the method of snapshots.
+    Parameters
+    ----------
+    states : (n, s).
+    applied : (n, s), the symmetric positive operator of the energy times the states.
+    most : most modes.
+
+    Returns
+    -------
+    (s, r): the modes are states @ these; they are orthonormal in the energy, that of the largest energy first.
     """
     gram = states.T @ applied
     last = len(gram) - 1
@@ -30,19 +37,28 @@ def proper_modes(states: Array, applied: Array, most: int) -> Array:
 
 
 def enough(coordinates: Array, tolerance: float) -> int:
-    """How many of the orthonormal directions leave at most `tolerance` of every row of coordinates (s, r), one at
-    least."""
+    """Number of leading columns of the coordinates (s, r) after which every row has a rest of at most `tolerance`; at
+    least one. The coordinates belong to orthonormal directions."""
     left = np.cumsum(coordinates[:, ::-1] ** 2, axis=1)[:, ::-1].max(axis=0)
     return max(1, int((left > tolerance**2).sum()))
 
 
 def output_fields(amplitudes: Array, fields: Array, most: int, tolerance: float = 0.0) -> tuple[Array, Array]:
-    """Combinations of the modes whose fields are enough for all states: `combination` (k, r) and `weights` (k, r).
+    """Few fields whose sums represent the fields of all states.
 
-    amplitudes (s, r) of the states, fields (r, m) of the modes at m numbers of interest. Field j is
-    combination[j] @ fields; a state of amplitudes a has the field sum_j (weights @ a)_j field_j, up to the k + 1st
-    singular value of the states' fields. Every weight is of order one at the largest state. tolerance: no more fields
-    than leave at most this share of any state's own.
+    Field j is combination[j] @ fields. A state of amplitudes a has the field sum_j (weights @ a)_j field_j, with an
+    error of the order of singular value k + 1 of the states' fields.
+
+    Parameters
+    ----------
+    amplitudes : (s, r), of the states.
+    fields : (r, m), m numbers that describe the field of each mode.
+    most : most fields.
+    tolerance : largest error of a state's field, as a share of it; fewer fields are returned if they reach this.
+
+    Returns
+    -------
+    combination (k, r) and weights (k, r). The largest weight of each field over the states is one.
     """
     count, modes = amplitudes.shape
     values, vectors = np.linalg.eigh(amplitudes.T @ amplitudes / count)
@@ -60,18 +76,25 @@ def output_fields(amplitudes: Array, fields: Array, most: int, tolerance: float 
     return combination * scale[:, None], weights / scale[:, None]
 
 
-# Amplitudes need only be as good as the modes; the last step of Newton's method goes past this.
+# Default tolerance of Newton's method. Amplitudes need not be more accurate than the modes, and the last step of the
+# method makes them more accurate than this.
 _TOLERANCE = 1e-3
-# Of many columns the modes are sought in fewer combinations of them, so many more than modes, which so many passes over
-# all columns turn towards the largest shares of the energy. Up to so many times as many columns are taken as they are.
+# Randomised subspace iteration, for many columns: number of combinations beyond the number of modes, number of passes
+# over all columns, and the seed. Up to `_AS_THEY_ARE` times as many columns as combinations are used without it.
 _MORE, _PASSES, _SEED, _AS_THEY_ARE = 40, 3, 20265, 4
 
 
 class SolvedModes:
-    """The iron on the modes of the solved states and their tangents, with the law at all points.
+    """The reduced model on the modes of the solved states and their tangents, with the law at all points.
 
-    most: modes; tolerance: no more of them than leave at most this share of any state or tangent. left: the largest
-    share that they leave, in the norm of the energy.
+    Its attribute `left` is the largest projection error of a state or tangent, as a share of it in the energy norm.
+
+    Parameters
+    ----------
+    solver : of the whole iron.
+    snapshots : solved states.
+    most : most modes.
+    tolerance : allowed projection error; fewer modes are taken if they reach it.
     """
 
     def __init__(
@@ -98,10 +121,10 @@ class SolvedModes:
         return self.model.solve(currents, start, tolerance)[0]
 
     def missing(self, tried: Snapshots, accuracy: float) -> NDArray[np.int64]:
-        """Which of some solved states these modes need, so that they hold all within `accuracy` in the energy.
+        """Indices of the solved states that must be added to these modes to represent all of them within `accuracy`.
 
-        Of states that lack the same mode only one is taken: the next is always the one of which most is left when it is
-        projected onto the modes and those chosen.
+        The choice is greedy: the next state is always the one with the largest projection error, in the energy norm,
+        onto the modes and the states chosen before. Of several states that need the same mode only one is taken.
         """
         energy = self._solver.energy_operator(self.currents[0], self._first)
         states = tried.potentials / np.sqrt(np.einsum("ns,ns->s", tried.potentials, energy(tried.potentials)))
@@ -126,11 +149,17 @@ def solved_from(
 
 
 class _Columns:
-    """Solved states and their tangents as columns, each state's by its own size; they are passed over state by state,
-    since images need not be in memory all at once.
+    """Solved states and their tangents as columns of a matrix, divided by the size of the state.
 
-    tangent: the energy's share of the iron, that of the tangent at the first state; energies: of each column, of states
-    one; first: which columns are states; sizes: of these.
+    The matrix is never formed as a whole: methods go through it state by state, because images of states are made only
+    when they are needed.
+
+    Attributes
+    ----------
+    tangent : the contribution of the iron to the energy operator, the tangent matrix at the first state.
+    energies : energy of each column; one for a state.
+    first : indices of the columns that are states.
+    sizes : energy norms of the states.
     """
 
     def __init__(self, solver: NonlinearSolver, snapshots: Snapshots) -> None:
@@ -141,8 +170,8 @@ class _Columns:
             vectors = _vectors(state)
             energy = np.einsum("nk,nk->k", vectors, self.tangent @ vectors + state.air)
             largest = energy.max(initial=0.0)
-            # Every state counts alike, whatever its currents: errors are stated as shares of a state's own field. One
-            # without currents counts by the largest of its tangents.
+            # Errors are shares of a state's own field, so all states get the same energy. A state without currents has
+            # none and is divided by its largest tangent.
             sizes.append(np.sqrt(energy[0] if energy[0] > _NEGLIGIBLE * largest else largest) or 1.0)
             energies.append(energy / sizes[-1] ** 2)
         self.sizes, self.energies = np.array(sizes), np.concatenate(energies)
@@ -151,8 +180,9 @@ class _Columns:
         self._places = [slice(*ends_of) for ends_of in zip(self.first, ends, strict=True)]
 
     def block(self, most: int) -> tuple[Array, Array]:
-        """Columns (n, b) with nearly all of the energy of all, and the air's share S of them: all columns, or of many
-        `most` combinations.
+        """Columns (n, b) that span nearly all of the energy, and the air operator times them.
+
+        They are all columns, or `most` combinations of them if there are many.
 
         N. Halko, P.-G. Martinsson, J. A. Tropp, SIAM Review 53 (2011) 217, algorithm 4.4.
         """
@@ -168,7 +198,7 @@ class _Columns:
         return self._combined(factors)
 
     def products(self, applied: Array) -> Array:
-        """Scalar products (s, k) of all columns with (n, k)."""
+        """Scalar products (s, k) of all columns with the columns of `applied` (n, k)."""
         return np.concatenate(
             [
                 _vectors(state).T @ applied / size
@@ -177,7 +207,7 @@ class _Columns:
         )
 
     def _combined(self, factors: Array) -> tuple[Array, Array]:
-        """All columns times factors (s, k), and the air's share of these."""
+        """All columns times factors (s, k), and the air operator times these."""
         vectors, air = np.zeros((2, self.tangent.shape[0], factors.shape[1]))
         for state, place, size in zip(self._snapshots.states, self._places, self.sizes, strict=True):
             vectors += _vectors(state) @ (factors[place] / size)
@@ -190,8 +220,10 @@ def _vectors(state: Solved) -> Array:
 
 
 def pivots(product: Array, count: int, least: float = 0.0) -> NDArray[np.int64]:
-    """The first `count` pivots of a Cholesky factorisation of a symmetric positive matrix (m, m), largest first, as
-    long as they are above `least`."""
+    """Indices of the first `count` pivots of the pivoted Cholesky factorisation of a symmetric positive matrix (m, m).
+
+    They come in order of their values; a pivot that is not above `least` ends them.
+    """
     rest = np.diag(product).copy()
     columns = np.zeros((len(product), 0))
     chosen: list[int] = []

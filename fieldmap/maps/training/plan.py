@@ -1,4 +1,4 @@
-"""What training a reduced model may take, and how accurate it must be."""
+"""Limits of the training of a reduced model, and its accuracy."""
 
 from dataclasses import dataclass
 from typing import Annotated
@@ -17,8 +17,8 @@ Accuracy = Annotated[float, Field(gt=0, lt=1)]
 class Plan(Record):
     """How a reduced model is trained.
 
-    The states held out must be predicted within twice the accuracy, or more of them are solved. tolerance: of the
-    solver.
+    The model must predict the states that it was not trained on within twice the accuracy; otherwise more states are
+    solved. `tolerance` is that of the solver.
     """
 
     states: Annotated[int, Key(whole(4, MOST_STATES), "most states solved to train it")] = 64

@@ -1,4 +1,4 @@
-"""The iron on modes of solved states, with the law at sample points: its states, and how far they are off."""
+"""The trained model: the iron on modes of solved states, with the law at sample points."""
 
 from dataclasses import dataclass
 
@@ -13,16 +13,23 @@ from fieldmap.maps.training.states import Snapshots
 from fieldmap.records import Record
 from fieldmap.typing import Array
 
-# Currents whose residuals are computed at a time: so many nodal potentials are in memory.
+# Number of currents whose residuals are computed at a time, and so of nodal potentials in memory.
 _RANKED = 64
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Reduction(Record):
-    """The iron on modes of solved states, with the law at all points (`modes`) and at sample `points`;
-    charge (r, faces): density of the modes on the solver's surface faces, T; fields: of the modes in the workspace;
-    in_vain: whether no choice of modes and points can hold the states. How far something is off is `larger`
-    everywhere, a share of the state's own field."""
+    """The iron on modes of solved states. All errors are relative to the state's own field, as `larger` gives them.
+
+    Attributes
+    ----------
+    solver : of the whole iron.
+    modes : the modes, and the model with the law at all points.
+    points : the model with the law at sample points.
+    charge : (r, faces), surface charge density of each mode, T.
+    fields : fields of the modes in the workspace.
+    in_vain : whether even the most modes represent the states too badly for any choice of points.
+    """
 
     solver: NonlinearSolver
     modes: SolvedModes
@@ -37,7 +44,7 @@ class Reduction(Record):
         return self.points.model
 
     def amplitudes(self, currents: Array) -> Array:
-        """Amplitudes (s, r) at currents (s, c), by the sample points."""
+        """Amplitudes (s, r) at currents (s, c) of the model with the law at sample points."""
         return solved_from(self.sampled, (self.modes.currents, self.modes.amplitudes), currents)
 
     def potential(self, currents: Array) -> Array:
@@ -45,8 +52,11 @@ class Reduction(Record):
         return np.asarray(self.modes.basis @ self.amplitudes(currents[None])[0])
 
     def shortfall(self, currents: Array) -> Array:
-        """How far the model looks to be off at currents (s, c): by the correction that its residual, with the law at
-        all points, asks for in unsaturated iron. A measure to compare currents by, not an error."""
+        """Error indicator (s,) at currents (s, c).
+
+        It is the relative change of the field by one Newton step of the whole iron, with the residual at all points and
+        the tangent of unsaturated iron. It compares currents with each other; it is no estimate of the error.
+        """
         parts = []
         for first in range(0, len(currents), _RANKED):
             some = currents[first : first + _RANKED]
@@ -57,7 +67,7 @@ class Reduction(Record):
         return np.concatenate(parts)
 
     def off(self, tried: Snapshots) -> Array:
-        """Errors (s,) on solved states."""
+        """Errors (s,) at solved states."""
         if not tried.solved:
             return np.zeros(0)
         charge = self.amplitudes(tried.currents) @ self.charge

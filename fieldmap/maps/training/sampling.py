@@ -1,8 +1,8 @@
-"""The law at few points in the place of all: points are added until new states come out as with the law at all points.
+"""Choice of the sample points: the law at few points gives the same states as the law at all points.
 
-What sample points are to hold are states that took no part in their choice. So the law at all points is solved, too, at
-extremes of the domain and at currents drawn at random: a thousandth of what the states of the whole iron cost. Those
-that the points do not give well enough become conditions of the next choice, and others are drawn in their place.
+The points must be accurate at states that took no part in their choice. Such states are solved with the law at all
+points, at extremes of the domain and at random currents; this takes a thousandth of the time of a state of the whole
+iron. States with too large an error become conditions of the next choice, and others are drawn to replace them.
 """
 
 from collections.abc import Callable, Sequence
@@ -23,33 +23,31 @@ from fieldmap.parallel import results_of
 from fieldmap.records import Record
 from fieldmap.typing import Array
 
-# Points from which the fit may choose at first, per mode and at least, and per point that it may take at most; drawn by
-# what they add.
+# Number of candidate points in the first round: per mode, at least, and at most per point that may be chosen.
 _CANDIDATES_PER_MODE, _FEWEST_CANDIDATES, _CANDIDATES_PER_POINT = 50, 1000, 4
-# And in the end: their products with each other take a gigabyte, three times over.
+# Most candidates in the last round: three matrices of their products take a gigabyte each.
 _MOST_CANDIDATES = 12_000
-# How much the energy of the error counts that sample points cause, beside its field in the workspace. Without it points
-# are chosen that keep the fields of the states that are known, and no others.
+# Weight of the energy of the error relative to its field in the workspace. Without the energy, points are chosen that
+# reproduce the fields of the known states only.
 _ENERGY = 0.3
-# Random projections that tell how much a point adds.
+# Number of random projections that estimate the size of a point's contribution.
 _PROJECTIONS = 8
-# States whose tangents are matched: those whose iron is magnetised most differently.
+# Number of states whose tangents are conditions: those whose iron is magnetised most differently.
 _TANGENTS = 3
-# What the points may change, over the accuracy: of the states of the fit, root mean square; of any state that is tried.
-# Where a state is worse, the first becomes smaller by this factor, down to this share of itself.
+# Allowed change of the field as a multiple of the accuracy: of the states of the fit, root mean square, and of a tested
+# state. While a tested state exceeds it, the first is multiplied by `_FINER`, down to `_FINEST`.
 _FITTED, _TRIED, _FINER, _FINEST = 0.4, 0.5, 0.7, 0.05
-# Extremes and random states that are tried first, and random ones in each further round; of those that fall short so
-# many become conditions.
+# Tested states: extremes in the first round, random states in each round; most that become conditions in a round.
 _EXTREMES, _RANDOM, _WORST, _SEED = 64, 96, 24, 20263
-# Known states that a choice begins with: of more, where symmetry makes many of one, so many at random.
+# Most known states in the first choice. If symmetry makes more of them, as many are drawn at random.
 _MOST_STATES = 200
-# States with the law at all points are solved to this share of the accuracy.
+# Tolerance of states with the law at all points, as a share of the accuracy.
 _EXACT = 0.02
 ROUNDS = 12
-"""Of the choice of sample points; without more candidates or points it ends earlier."""
+"""Most rounds of the choice of sample points."""
 OF_STATES = 0.1
-"""What of the time for the sample points goes into what the states tell of them, before their choice."""
-# What the conditions, and then each round, leave of the rest.
+"""Share of the time for the sample points that is spent on the conditions, before the first choice."""
+# Share of the remaining time that is left after the conditions, and after each round.
 _EACH = 0.6
 
 
@@ -57,8 +55,12 @@ _EACH = 0.6
 class Sampled(Record):
     """A model with the law at sample points.
 
-    changed: the largest change of the field of a state that took no part in their choice, as a share of its own;
-    tried: how many of these were looked at; enough: whether none changes by more than it may.
+    Attributes
+    ----------
+    model : the model.
+    changed : largest relative change of the field of a tested state. Tested states took no part in the choice.
+    tried : number of tested states.
+    enough : whether `changed` is as small as allowed.
     """
 
     model: GalerkinModel
@@ -79,13 +81,21 @@ def sampled(
     tell: Callable[[str, float], None] = lambda message, share: None,
     rounds: int = ROUNDS,
 ) -> Sampled:
-    """Choose points of the law, and weights on them.
+    """Choose sample points of the law, and their weights.
 
-    known: currents (s, c) and amplitudes (s, r) of states to fit; extremes (m, c): currents to try first.
-    fields (r, k): numbers of the modes whose lengths tell how large a field is; off(currents (s, c),
-    amplitudes (s, r), changes (s, r)): what changes of the amplitudes change of the fields, as a share. accuracy: share
-    of the field; most: points to be chosen, and more only where so many do not do. tell(message,
-    share) is called on the way, with how much of it is done, about. rounds: how often points are chosen at most.
+    Parameters
+    ----------
+    full : the model with the law at all points.
+    known : currents (s, c) and amplitudes (s, r) of the states to fit.
+    extremes : (m, c), currents that are tested first.
+    domain : of the currents.
+    fields : (r, k), one row per mode; the Euclidean norm of amplitudes @ fields measures the size of a field.
+    off : off(currents (s, c), amplitudes (s, r), changes (s, r)) gives the relative change (s,) of the field that
+        changes of the amplitudes make.
+    accuracy : relative, of the field.
+    most : most points; it is doubled if the points are not accurate enough.
+    tell : tell(message, share) reports progress, with the share that is done.
+    rounds : most choices.
     """
     choice = _Choice(full, known, fields, most, tell)
     tried = _Tried(full, known, domain, off, _EXACT * accuracy)
@@ -115,7 +125,7 @@ def sampled(
 
 
 class _Choice:
-    """Points to choose from, states whose residuals they are to give, and at most how many of them may be taken."""
+    """The fit: candidate points, the states whose residuals are conditions, and the most points that may be chosen."""
 
     def __init__(
         self,
@@ -128,7 +138,7 @@ class _Choice:
         self._full, self._fields, self._most = full, fields, most
         self._states = list(zip(*known, strict=True))
         if len(self._states) > _MOST_STATES:
-            # Those that are tried tell what the others would have.
+            # The others are not missed: the tests find what the fit lacks.
             kept = np.random.default_rng(_SEED).choice(len(self._states), _MOST_STATES, replace=False)
             self._states = [self._states[k] for k in np.sort(kept)]
         self._contributions: list[OfPoints] = []
@@ -154,7 +164,7 @@ class _Choice:
             self._cubature.add_tangent(*_tangent(self._full, *self._states[k]))
 
     def model(self, tolerance: float) -> tuple[GalerkinModel, float]:
-        """The model at chosen points, and what these leave over what is allowed."""
+        """Fit the points: the model with the law at them, and the error of the fit over the allowed error."""
         factors, left = self._cubature.factors(tolerance, self._most)
         taken = np.flatnonzero(factors)
         self._taken = len(taken)
@@ -162,7 +172,7 @@ class _Choice:
         return self._full.sampled(points, factors[taken] * self._full.weights[points]), left
 
     def add(self, currents: Array, amplitudes: Array) -> None:
-        """States (s, c), (s, r) whose residuals are to be given as well."""
+        """Add the residuals of states, currents (s, c) and amplitudes (s, r), as conditions."""
         before = len(self._totals)
         self._count_in(list(zip(currents, amplitudes, strict=True)))
         self._cubature.add(self._contributions[before:], self._totals[before:])
@@ -170,8 +180,11 @@ class _Choice:
     def _count_in(
         self, states: Sequence[tuple[Array, Array]], tell: Callable[[int], None] = lambda done: None
     ) -> Array:
-        """Note what points add to the residuals of states, and all of them; the root of the sum of the squares of what
-        each point adds (p,), about. tell(k) is called when k states have been asked."""
+        """Store the contributions of points to the residuals of states, and the residuals.
+
+        Returns the importance (p,) of the points: about the root of the sum, over states, of their squared
+        contributions. tell(k) is called when k states are done.
+        """
         pairs = [_contributions(self._full, *state, self._fields) for state in states]
         self._contributions += [of for _, of in pairs]
         squares = np.zeros(len(self._full.weights))
@@ -183,7 +196,7 @@ class _Choice:
         return np.asarray(np.sqrt(squares))
 
     def widen(self) -> bool:
-        """Allow more points, where all were taken that may be; else choose out of more. Whether there are any."""
+        """Double the most points if all of them are used, otherwise the candidates; False if there are no more."""
         every = min(len(self._full.weights), _MOST_CANDIDATES)
         if self._taken >= min(self._most, every):
             if self._most >= every:
@@ -197,7 +210,7 @@ class _Choice:
         return True
 
     def _differently_magnetised(self, points: NDArray[np.int64]) -> list[int]:
-        """Numbers of states, each the farthest from those before it in the logarithm of the permeability at points."""
+        """Indices of states, each the farthest from those before it in the logarithm of the permeability."""
         some = self._full.sampled(points, self._full.weights[points])
         moments = [np.linalg.norm(some.moments(*state), axis=1) for state in self._states]
         fields = [
@@ -215,7 +228,7 @@ class _Choice:
 
 
 class _Tried:
-    """States with the law at all points that take no part in the choice: currents, amplitudes."""
+    """The tested states: currents, and amplitudes with the law at all points. They take no part in the choice."""
 
     def __init__(
         self,
@@ -230,11 +243,11 @@ class _Tried:
         self._currents, self._amplitudes = known[0][:0], known[1][:0]
 
     def random(self, count: int) -> Array:
-        """Currents (count, c) that were not drawn before."""
+        """The next random currents (count, c)."""
         return drawn(self._domain, count, self._random)
 
     def draw(self, model: GalerkinModel, currents: Array) -> int:
-        """Solve states at more currents (s, c), from those of the model; how many."""
+        """Solve states at more currents (s, c), beginning at the states of `model`. Returns the number of states."""
         starts = solved_from(model, self._known, currents)
         amplitudes = self._full.solutions(currents, starts, model, self._tolerance)
         self._currents = np.concatenate([self._currents, currents])
@@ -242,12 +255,12 @@ class _Tried:
         return len(currents)
 
     def changed(self, model: GalerkinModel) -> Array:
-        """What the model changes of the fields of these states (s,)."""
+        """Relative changes (s,) of the fields of the tested states by the sample points of `model`."""
         found = solved(model, self._currents, self._amplitudes)
         return self._off(self._currents, self._amplitudes, found - self._amplitudes)
 
     def take(self, changed: Array, allowed: float, most: int) -> tuple[Array, Array]:
-        """Take away those that change by more than allowed, the worst of them; their currents and amplitudes."""
+        """Remove the worst states, at most `most`, that change by more than allowed, and return them."""
         worst = np.argsort(-changed, kind="stable")[:most]
         worst = worst[changed[worst] > allowed]
         taken = self._currents[worst], self._amplitudes[worst]
@@ -257,7 +270,7 @@ class _Tried:
 
 
 def _tangent(model: GalerkinModel, currents: Array, amplitude: Array) -> tuple[Array, OfPoints]:
-    """What `Cubature.add_tangent` takes of a state."""
+    """Arguments of `Cubature.add_tangent` for a state."""
     factor = model.tangent_factor(currents, amplitude)
     of_air = solve_triangular(factor, solve_triangular(factor, model.air, lower=True).T, lower=True)
 
@@ -270,9 +283,14 @@ def _tangent(model: GalerkinModel, currents: Array, amplitude: Array) -> tuple[A
 def _contributions(
     model: GalerkinModel, currents: Array, amplitude: Array, fields: Array
 ) -> tuple[Callable[[], tuple[Array, Array]], OfPoints]:
-    """Of the points to a state's residual, counted by the error that they cause in its fields (r, m) and energy: what
-    all of them add (r,), and about how large what each adds is (p,); and what some add (m, r)."""
-    # Lengths are told by some random projections (Drineas, Magdon-Ismail, Mahoney and Woodruff, J. Mach. Learn. Res. 13
+    """Contributions of the points to a state's residual, in coordinates that measure the error of its field and energy.
+
+    Returns
+    -------
+    A function that gives the sum (r,) over all points and the approximate size (p,) of each contribution, and a
+    function that gives the contributions (m, r) of some points.
+    """
+    # Random projections estimate the sizes (Drineas, Magdon-Ismail, Mahoney and Woodruff, J. Mach. Learn. Res. 13
     # (2012) 3475).
     mixing = np.random.default_rng(0).standard_normal((model.modes, _PROJECTIONS))
 

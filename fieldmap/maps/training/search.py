@@ -1,7 +1,7 @@
-"""Where a model is worst: at extremes of the domain, and at currents that are searched for.
+"""Search for the largest errors of a model: at extremes of the domain, and at currents that a search finds.
 
-What the model's residual, or fewer modes and points, change of the field is cheap to look at. States that look worst
-are solved, to measure the error and to train on.
+Indicators of the error are cheap: the residual of the model, or the change by condensation. States with the largest
+indicators are solved. They measure the error, and the model is trained on those that it lacks.
 """
 
 from collections.abc import Callable, Sequence
@@ -26,30 +26,38 @@ from fieldmap.records import Record
 from fieldmap.store.stated_accuracy import HELD_OUT
 from fieldmap.typing import Array
 
-# So many extremes, images apart, are all solved. Of more, those that look worst and some at random, then those that may
-# be worse than these; if any of them falls short, as many as there may be, and once the model knows what it lacked,
-# again those of the others that look worst.
+# Up to `_FEW_EXTREMES` extremes, images not counted, are all solved. If there are more, the `_WORST` by the indicator
+# and `_RANDOM` others are solved, then those whose errors may be larger. If an error is too large, up to `_MOST_SOLVED`
+# are solved, and after the training on them again the `_WORST` of the rest.
 _FEW_EXTREMES, _WORST, _RANDOM, _MOST_SOLVED = 32, 8, 4, 64
 _RANDOM_SEED = 11
-# The search for the worst currents: extremes, currents at random, and as many on edges, to begin with, and how many of
-# those found are solved.
+# Search for the worst currents: number of extremes and of random currents that it begins with (as many on edges are
+# added), and number of the found currents that are solved.
 _SEARCHED_EXTREMES, _SEARCHED_RANDOM, _SEARCHED_SOLVED = 32, 32, 4
-# What of the time for the search goes into these solves.
+# Share of the time of a search that these solves take.
 _OF_SOLVES = 0.4
 _SEARCH_SEED = 20264
-# From how many random currents, and as many on edges, the search of what fewer modes and points change begins, beside
-# all extremes, and how many of those found are solved.
+# Search for the largest change by condensation: number of random currents that it begins with (as many on edges and all
+# extremes are added), and number of the found currents that are solved.
 _SEARCHED_CONDENSED, _SOLVED_CONDENSED = 200, 8
-# Number of the first state that a search of the condensed model solves, behind all numbers of other searches.
+# Number of the first state that is solved for the condensed model. It is larger than all numbers of other searches.
 _BEHIND_ALL = 1_000_000
 
 
 @dataclass(frozen=True)
 class ExtremesTried(Record):
-    """What was done about the extremes of the domain: how many corners it has; at how many extremes, corners among
-    them, the model was looked at; how many of these are no images of each other; how many of them were solved, and how
-    many of these trained on. by_residual: whether those solved were chosen by the residual: the worst, some at random,
-    and all that may be worse still. searched: currents at which a search for the worst looked at the residual."""
+    """What was done at the extremes of the domain.
+
+    Attributes
+    ----------
+    corners : number of corners of the domain.
+    looked_at : number of extremes, corners included.
+    different : number of extremes that are not images of each other.
+    solved : number of these that were solved.
+    trained_on : number of the solved ones that the model was trained on.
+    by_residual : whether the solved ones were chosen by the residual; otherwise all were solved.
+    searched : number of currents at which the search for the worst currents evaluated the residual.
+    """
 
     corners: int
     looked_at: int
@@ -60,7 +68,7 @@ class ExtremesTried(Record):
     searched: int = 0
 
     def and_again(self, later: "ExtremesTried") -> "ExtremesTried":
-        """What was done in both, the later one with a model that knew more states."""
+        """The sum of two tries; the model of the later one was trained on more states."""
         return replace(
             later,
             solved=max(self.solved, later.solved),
@@ -70,13 +78,17 @@ class ExtremesTried(Record):
 
 
 def allowed(training: Training) -> float:
-    """The largest error at a state that a model was not trained on."""
+    """The largest error that is allowed at a state that the model was not trained on."""
     return HELD_OUT * training.plan.accuracy
 
 
 def try_extremes(training: Training) -> tuple[Reduction, Snapshots, ExtremesTried]:
-    """Solve extremes of the domain, train on those that the model lacks, and reduce: the model, and the solved extremes
-    that are left to measure its error."""
+    """Solve extremes of the domain, train on those that the model lacks, and reduce the model.
+
+    Returns
+    -------
+    The model, the solved extremes that it was not trained on, which measure its error, and the counters.
+    """
     domain, accuracy, before = training.domain, training.plan.accuracy, training.known.solved
     signals = extreme_signals(domain)
     currents = domain.parametrisation.currents(signals)
@@ -93,7 +105,7 @@ def try_extremes(training: Training) -> tuple[Reduction, Snapshots, ExtremesTrie
         return training.solve_tried(predict, currents, *about, numbers, found)
 
     def looks_worst(reduction: Reduction, numbers: list[int]) -> dict[int, float]:
-        """Numbers in the order of how far the model looks to be off there, and that."""
+        """Error indicators by number of the extreme, the largest first."""
         looks = reduction.shortfall(currents[numbers])
         return {numbers[k]: float(looks[k]) for k in np.argsort(-looks, kind="stable")}
 
@@ -122,7 +134,7 @@ def try_extremes(training: Training) -> tuple[Reduction, Snapshots, ExtremesTrie
             chosen = [*chosen, *worse]
             left = solve(reduction.potential, worse, left)
         if off.max(initial=0.0) > accuracy:
-            # Many extremes fall short where one does: they are solved to train on.
+            # If one extreme has too large an error, many have. More are solved to train on.
             more, rest = rest[: _MOST_SOLVED - len(chosen)], rest[_MOST_SOLVED - len(chosen) :]
             left = add_missing(training, reduction.modes, solve(reduction.potential, more, left))
         if training.known.solved > before:
@@ -134,19 +146,29 @@ def try_extremes(training: Training) -> tuple[Reduction, Snapshots, ExtremesTrie
 
 
 def _perhaps_worse(errors: dict[int, float], rest: list[int], looks: dict[int, float]) -> list[int]:
-    """Of extremes that are not solved those whose error may be larger than the largest found, if the error is no more
-    times what it looks to be than at any extreme solved. errors: those found."""
+    """Unsolved extremes whose errors may be larger than the largest one found.
+
+    The estimate assumes that the ratio of error and indicator is nowhere larger than at the solved extremes.
+
+    Parameters
+    ----------
+    errors : errors by number of the solved extremes.
+    rest : numbers of the others.
+    looks : indicators by number.
+    """
     most = max((error / looks[k] for k, error in errors.items() if looks[k] > 0.0), default=0.0)
     return [k for k in rest if most * looks[k] > max(errors.values())] if errors else []
 
 
 def add_missing(training: Training, modes: SolvedModes, tried: Snapshots) -> Snapshots:
-    """Train on those of the tried states that the modes lack; the others, still to try the model on.
+    """Train on the solved states that the modes do not represent within the accuracy.
 
-    They are solved already, and what a model does not predict must be among its states.
+    Returns
+    -------
+    The other solved states, which still measure the error.
     """
     for k in modes.missing(tried, training.plan.accuracy) if tried.solved else ():
-        # It may be the image of one that was just added.
+        # The state may be an image of another one that was just added.
         if training.known.number(tried.currents[k]) is None:
             training.known.add(tried.currents[k], tried.state(int(k)))
     return tried.without(training.known)
@@ -155,11 +177,20 @@ def add_missing(training: Training, modes: SolvedModes, tried: Snapshots) -> Sna
 def search_worst(
     training: Training, reduction: Reduction, number: int, before: Snapshots
 ) -> tuple[Snapshots, int]:
-    """Solve the states of currents at which the model's residual is largest, numbered from `number`: those states, with
-    those of the search before that were not trained on, and at how many currents the residual was looked at.
+    """Search for the currents at which the model's residual is largest, and solve the states there.
 
-    The worst of extremes and of currents drawn at random, inside the domain and on its edges; from the ten worst the
-    search goes on to random neighbours, nearer each time.
+    The search begins at extremes and at random currents, inside the domain and on its edges: see `climbed`.
+
+    Parameters
+    ----------
+    training, reduction : the model.
+    number : number of the first state that is solved.
+    before : states of the search before.
+
+    Returns
+    -------
+    The new states and those of the search before, without states that the model is trained on, and the number of
+    currents at which the residual was evaluated.
     """
     domain, random = training.domain, np.random.default_rng(_SEARCH_SEED + number)
 
@@ -173,14 +204,16 @@ def search_worst(
     about = (training, reduction, shares, number, "of the largest residual")
     found = _solve_found(*about, _SEARCHED_SOLVED)
     if reduction.off(found).max(initial=0.0) > allowed(training):
-        # Many fall short where one does: they are solved to train on.
+        # If one state has too large an error, many have. More are solved to train on.
         found = _solve_found(*about, len(shares))
     return found.with_earlier(before).without(training.known), looked_at
 
 
 def search_condensed(training: Training, reduction: Reduction, few: Condensed, attempt: int) -> Snapshots:
-    """Solve the states whose field fewer modes and points change most, sought as in `search_worst`, but from more
-    currents, since no state of the solver is needed to look."""
+    """Search for the states whose fields condensation changes most, and solve them.
+
+    The search is that of `search_worst`, from more currents, because the change is known without a state of the solver.
+    """
     domain, random = training.domain, np.random.default_rng(_SEARCH_SEED - 1 - attempt)
 
     def change(currents: Array) -> Array:
@@ -195,7 +228,7 @@ def search_condensed(training: Training, reduction: Reduction, few: Condensed, a
 
 
 def _beginning(training: Training, extremes: Array, count: int, random: np.random.Generator) -> Array:
-    """Shares (m, d) of the ranges: of extremes, at random, and as many on edges."""
+    """Shares (m, d) of the ranges at which a search begins: extremes, `count` random ones, and as many on edges."""
     drawn = (draw(training.domain, count, random) for draw in (drawn_shares, edge_shares))
     return np.concatenate([extremes, *drawn])
 
@@ -203,8 +236,11 @@ def _beginning(training: Training, extremes: Array, count: int, random: np.rando
 def _solve_found(
     training: Training, reduction: Reduction, shares: Array, first: int, text: str, most: int
 ) -> Snapshots:
-    """Solve the first of those at shares (s, d) of the ranges that are not trained on, `most` of them, with what it
-    takes to train on them; numbers and text: see `Training.solve_tried`."""
+    """Solve the first states, at most `most`, at shares (s, d) of the ranges that the model is not trained on.
+
+    Their tangents are solved too, so that the model can be trained on them. For `first` and `text` see
+    `Training.solve_tried`.
+    """
     domain = training.domain
     currents = domain.at(shares)
     chosen = training.unknown(currents, training.different(currents, range(len(currents))))[:most]

@@ -1,4 +1,4 @@
-"""The states to train on: of a sequence that fills the domain, solved as far as the model needs them."""
+"""The states to train on: a sequence that fills the domain, solved until the model is accurate enough."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -19,37 +19,47 @@ from fieldmap.maps.training.states import Snapshots, Solved, SolvedStates, Wante
 from fieldmap.records import Record
 from fieldmap.typing import Array
 
-# States to begin with, of a sequence that fills the domain; then so many at once.
+# Number of states before the first round, and in each round.
 _FIRST, _AT_ONCE = 3, 4
-# States are solved so much better than they are wanted; the tolerance of the solver is a thousand times its residual.
+# Tolerance of the solver for states, as a multiple of the accuracy. The residual is a thousandth of it.
 _SOLVED_BETTER = 10.0
-# What the modes may leave of a state, its energy's root as a share, over the accuracy.
+# Allowed projection error of a state onto the modes, in the energy norm, as a multiple of the accuracy.
 _MODES = 0.2
-# What the recipe's modes may grow to where they leave so many times the accuracy of a state that they are made of, in
-# the norm of the energy. Where these leave as much, no states or points help: the map is refused, and what it would be
-# off is found with as many rounds of the choice of sample points.
+# If the projection error of a training state is larger than `_TOO_FEW_MODES` times the accuracy, the limit of the
+# recipe is raised to `MOST_MODES`. If that is not enough, more states or points do not help and the map is refused; the
+# choice of sample points then has `_ROUNDS_IN_VAIN` rounds, which only serve to state the error.
 MOST_MODES, _TOO_FEW_MODES, _ROUNDS_IN_VAIN = 200, 4.0, 2
-# How exactly a state with the law at all points is solved, over the accuracy, where its error is asked.
+# Tolerance, as a multiple of the accuracy, of a state with the law at all points whose error is measured.
 _EXACT = 0.01
-# Of second-order tetrahedra with four points each.
+# Sample points per unknown, for second-order tetrahedra with four points each.
 _POINTS_PER_UNKNOWN = 2.75
 
 
 @dataclass(frozen=True, repr=False)
 class Round(Record):
-    """How far what the model predicted of some states was off when they were solved, and how many it knew by then."""
+    """Errors of the model's predictions of new states, before it was trained on them.
+
+    Attributes
+    ----------
+    solved : number of states that the model was trained on.
+    errors : errors of its predictions.
+    """
 
     solved: int
     errors: Errors
 
 
 class Training:
-    """What solves states, and those that a model is trained on.
+    """A training in progress: it solves states and holds those that the model is trained on.
 
-    known: states that are solved, with their images, and what is added to them; rounds: how well each four of the
-    sequence were predicted by those before; currents (m, c): of the whole sequence; taken: how many of them were asked
-    for; most_modes: the recipe's, or more where these are too few; trial: the places (n, 3) in the air at which fields
-    are compared.
+    Attributes
+    ----------
+    known : the states that the model is trained on, with their images.
+    rounds : errors of the predictions of each round of the sequence.
+    currents : (m, c), of the whole sequence, A.
+    taken : number of states of the sequence that were solved or failed.
+    most_modes : most modes; the limit of the recipe, or `MOST_MODES` after that was too small.
+    trial : compares fields at points in the air.
     """
 
     def __init__(
@@ -80,18 +90,21 @@ class Training:
         return self.taken >= self.plan.states or not self.known.solved
 
     def more_modes(self) -> bool:
-        """Train on as many modes as there may be from now on, the recipe's are too few; whether these are more."""
+        """Raise the limit of modes to `MOST_MODES`. Returns whether it was smaller before."""
         before, self.most_modes = self.most_modes, max(self.most_modes, MOST_MODES)
         return self.most_modes > before
 
     def go_on(self) -> None:
-        """Solve states until the model has predicted the last of them as accurately as planned, or at the end. They
-        were not among those that it knew, so that they say how good it is."""
+        """Solve states of the sequence, round by round, until those of a round were predicted within the accuracy.
+
+        The model is trained on the states of a round only after their prediction, so that they measure its error. The
+        training also ends when no more states may be solved.
+        """
         plan = self.plan
         while not self.at_its_end:
             count, needed = min(_AT_ONCE, plan.states - self.taken), self._needed()
             if self.rounds:
-                # A round that is tried on the states before it tells that these were enough.
+                # One more round is expected: only the round after the last state shows that it was enough.
                 needed = min(max(needed, self.taken) + _AT_ONCE, plan.states)
             found = next_round(self, range(self.taken, self.taken + count), needed)
             self.taken += count
@@ -108,11 +121,11 @@ class Training:
         return states_needed(shares, solved, self.plan.states, self.plan.accuracy)
 
     def _begin(self) -> None:
-        """Solve the state in the middle, and the two that begin from it and follow its tangents."""
+        """Solve the state in the middle of the domain, and the next two, which begin at its linear extrapolation."""
         needed, currents, signals = self._needed(), self.currents, self._signals
         self.solve(range(1), [None], needed)
         starts: list[Array | None] = [None] * (self.taken - 1)
-        # If there is any field in the first.
+        # There is nothing to extrapolate from if the first state has no field.
         if self.known.solved and (self._off or currents[0].any()):
             first, span = self.known.state(0), self.domain.upper - self.domain.lower
             steps = (signals[1 : self.taken] - signals[0]) / (REACH * span)
@@ -120,8 +133,18 @@ class Training:
         self.solve(range(1, self.taken), starts, needed)
 
     def solve(self, numbers: range, starts: Sequence[Array | None], needed: int) -> list[Solved | None]:
-        """Solve states of the sequence from nodal potentials (n,), and train on those that could be. needed: how many
-        will be, about."""
+        """Solve states of the sequence, and train on those that converge.
+
+        Parameters
+        ----------
+        numbers : of the states in the sequence.
+        starts : nodal potential (n,) at which each solve begins, or None.
+        needed : expected number of states of the whole training, for the forecast.
+
+        Returns
+        -------
+        The states; None for one that failed.
+        """
         most, forecast, images = self.plan.states, self.forecast, self.solver.images
 
         def tell(done: int) -> None:
@@ -155,11 +178,18 @@ class Training:
         numbers: Sequence[int] | None = None,
         found: Snapshots | None = None,
     ) -> Snapshots:
-        """The states of currents (s, c), numbered from `first`; images are taken where both are among them.
+        """Solve states to test the model. A state that is an image of another one of them is not solved again.
 
-        predict(currents (c,)): nodal potential (n,) to begin from. stage, text: what is told; without a stage the text
-        alone. directions: of each, where they may be trained on. numbers: which of them, all if left out; found: those
-        that are there already, to add to.
+        Parameters
+        ----------
+        predict : predict(currents (c,)) gives the nodal potential (n,) at which the solve begins.
+        currents : (s, c), A.
+        first : number of the first of these states in the checkpoint.
+        text : what these states are, for the forecast.
+        stage : stage of the forecast; only the text is shown unless given.
+        directions : (c, d) for each state, the directions of its tangents, if the model may be trained on it.
+        numbers : indices of the states to solve; all unless given.
+        found : solved states to which these are added.
         """
         if found is None:
             found = Snapshots(self.solver, lambda values: bool(is_among(values, currents).any()))
@@ -195,7 +225,7 @@ class Training:
         return found
 
     def different(self, currents: Array, numbers: Sequence[int]) -> list[int]:
-        """Of the states of these numbers, of currents (s, c), those that are images of none before them."""
+        """Those of `numbers`, rows of currents (s, c), that are not images of earlier ones."""
         chosen: list[int] = []
         taken = np.zeros(len(currents), bool)
         for k in numbers:
@@ -206,25 +236,25 @@ class Training:
         return chosen
 
     def unknown(self, currents: Array, numbers: Sequence[int]) -> list[int]:
-        """Of these, those that are not trained on: such a state tells nothing of the error."""
+        """Those of `numbers`, rows of currents (s, c), that the model is not trained on: they measure its error."""
         return [k for k in numbers if self.known.number(currents[k]) is None]
 
     def modes(self) -> SolvedModes:
-        """Of all that is known."""
+        """The modes of all states that the model is trained on."""
         return SolvedModes(self.solver, self.known, self.most_modes, _MODES * self.plan.accuracy)
 
     def too_few(self, modes: SolvedModes) -> bool:
-        """Whether modes leave so much that states and points do not help."""
+        """Whether the projection error onto the modes is so large that more states and points do not help."""
         return modes.left > _TOO_FEW_MODES * self.plan.accuracy
 
     def reduce(self, modes: SolvedModes, extremes: Array) -> Reduction:
-        """Choose the sample points. extremes (m, c): currents that they are tried at, beside others."""
+        """Choose the sample points. extremes (m, c): currents at which they are tested, with others."""
         charge = self.solver.charge_density(modes.basis)
         fields = ModeFields(self.trial, *self.trial.fields(charge))
         in_vain = modes.model.modes >= self.most_modes >= MOST_MODES and self.too_few(modes)
 
         def tell(message: str, share: float) -> None:
-            # The first states say nothing of the whole: until they are done, what was expected counts.
+            # The time of the conditions does not predict that of the choice. Until they are done the forecast stands.
             self.forecast.at("points", message, share if share >= OF_STATES else 0.0)
 
         points = sampled(
@@ -242,7 +272,7 @@ class Training:
         return Reduction(self.solver, modes, points, charge, fields, in_vain)
 
     def off_of_modes(self, modes: SolvedModes, tried: Snapshots, number: int) -> float:
-        """Error at one of the tried states of modes, with the law at all points."""
+        """Error of the modes, with the law at all points, at state `number` of `tried`."""
         amplitude = modes.amplitude(tried.currents[number], _EXACT * self.plan.accuracy)
         potential = modes.basis @ amplitude
         pair = np.column_stack([potential, tried.potentials[:, number] - potential])
@@ -252,8 +282,12 @@ class Training:
 
 
 def next_round(training: Training, numbers: range, needed: int) -> Round | None:
-    """Solve some states of the sequence, see how well they were predicted, and train on them. needed: see
-    `Training.solve`."""
+    """Solve states of the sequence, compare them with the model's predictions, and train on them.
+
+    Returns
+    -------
+    The errors of the predictions; None if no state converged.
+    """
     before, modes = training.known.solved, training.modes()
     currents = training.currents[numbers.start : numbers.stop]
     starts = modes.basis @ np.array([modes.amplitude(values) for values in currents]).T

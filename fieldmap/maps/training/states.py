@@ -14,7 +14,7 @@ from fieldmap.records import Record
 from fieldmap.store import Checkpoint
 from fieldmap.typing import Array
 
-# Not the state's fault: another day, or another machine, and it is solved.
+# Errors of the machine, not of the state: a later run, or one on another machine, can solve it.
 _OF_THE_MACHINE = (WorkerDied, MemoryError, OSError)
 # Names of a solved state's arrays in the checkpoint.
 _ARRAYS = ("potential", "tangents", "air")
@@ -22,23 +22,35 @@ _ARRAYS = ("potential", "tangents", "air")
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Solved(Record):
-    """A solved state: its nodal potential (n,); its derivatives along the signals (n, d), each times what `reaches`
-    gives; and the air's share S of both, (n, 1 + d). The last two are empty where a state is not to train on."""
+    """A solved state.
+
+    Attributes
+    ----------
+    potential : (n,), nodal potential.
+    tangents : (n, d), its derivatives by the signals times the steps of `reaches`.
+    air : (n, 1 + d), the air operator S times the potential and the tangents.
+
+    A state that the model is not trained on has no tangents: then the last two are empty.
+    """
 
     potential: Array
     tangents: Array
     air: Array
 
     def image(self, of: StateImage) -> "Solved":
-        """The state that a symmetry makes of it."""
+        """The image of this state by a symmetry."""
         return Solved(of.potential(self.potential), of.potential(self.tangents), of.potential(self.air))
 
 
 class Snapshots:
-    """Currents and solved states, in the order in which they came; an image costs no solve, and no memory but that of
-    its currents: it is made anew each time it is asked for.
+    """Solved states and their currents, in the order in which they were added, with images by symmetry.
 
-    admits(currents (c,)): whether an image is wanted; none is if left out.
+    An image takes no solve. Only its currents are stored: the state is computed each time that it is read.
+
+    Parameters
+    ----------
+    solver : knows the symmetries.
+    admits : admits(currents (c,)) says whether an image with these currents is added; no images unless given.
     """
 
     def __init__(
@@ -50,17 +62,17 @@ class Snapshots:
 
     @property
     def own(self) -> tuple[bool, ...]:
-        """Which are no images."""
+        """For each state whether it was solved, and is not an image."""
         return tuple(image is None for _, image in self._states)
 
     @property
     def solved(self) -> int:
-        """How many are no images."""
+        """Number of states that were solved, images not counted."""
         return sum(self.own)
 
     @property
     def currents(self) -> Array:
-        """(s, c), A."""
+        """Currents (s, c), A."""
         return np.array(self._currents)
 
     @property
@@ -72,16 +84,16 @@ class Snapshots:
 
     @property
     def states(self) -> Iterator[Solved]:
-        """All of them, images too, one at a time."""
+        """All states, images included, one at a time."""
         return (self.state(k) for k in range(len(self._states)))
 
     def state(self, number: int) -> Solved:
-        """One of them."""
+        """State `number`; an image is computed now."""
         of, image = self._states[number]
         return of if image is None else of.image(image)
 
     def add(self, currents: Array, state: Solved) -> None:
-        """A solved state of currents (c,), and its images."""
+        """Add a solved state of currents (c,), and its images that `admits` allows."""
         self._put(currents, state, None)
         for image in self._solver.images:
             values = image.currents(currents)
@@ -93,18 +105,18 @@ class Snapshots:
         self._states.append((state, image))
 
     def some(self, numbers: Iterable[int]) -> "Snapshots":
-        """Those of these numbers; images of others are not wanted."""
+        """The states of these numbers. States that are added to the result later get no images."""
         found = Snapshots(self._solver)
         for k in numbers:
             found._put(self._currents[k], *self._states[k])
         return found
 
     def without(self, known: "Snapshots") -> "Snapshots":
-        """Those that are not among others."""
+        """The states that are not in `known`."""
         return self.some(k for k, values in enumerate(self._currents) if known.number(values) is None)
 
     def with_earlier(self, earlier: "Snapshots") -> "Snapshots":
-        """These, and those of earlier ones that are no images and are not among them."""
+        """These states, and the solved ones of `earlier` that are not among them."""
         both = self.some(range(len(self._currents)))
         for k, own in enumerate(earlier.own):
             if own and both.number(earlier._currents[k]) is None:
@@ -112,14 +124,14 @@ class Snapshots:
         return both
 
     def number(self, currents: Array) -> int | None:
-        """Which state has these currents (c,)."""
+        """Number of the state with currents (c,); None if there is none."""
         if not self._currents:
             return None
         same = is_among(currents, self.currents)
         return int(same.argmax()) if same.any() else None
 
     def nearest(self, currents: Array) -> Array | None:
-        """Potential (n,) of the state nearest to currents (c,) that carries any."""
+        """Potential (n,) of the nearest state to currents (c,), among states with currents; None if there is none."""
         if not self._currents:
             return None
         away = np.linalg.norm(self.currents - currents, axis=1)
@@ -129,9 +141,16 @@ class Snapshots:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Wanted(Record):
-    """A state to solve: its number, currents (c,), nodal potential (n,) to begin from, and the directions (c, d) of the
-    currents along which its derivatives are wanted, where it is to train on. Where it begins must not depend on which
-    others happen to be solved already."""
+    """A state to solve.
+
+    Attributes
+    ----------
+    number : of the state in the checkpoint.
+    currents : (c,), A.
+    start : nodal potential (n,) at which the solve begins. It must not depend on which other states are solved already,
+        so that a resumed run gives the same bits.
+    directions : (c, d), changes of the currents along which tangents are solved, if the model may be trained on it.
+    """
 
     number: int
     currents: Array
@@ -141,7 +160,7 @@ class Wanted(Record):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class TriedState(Record):
-    """A state, or the reason why there is none; seconds of the clock and of the processors that it took."""
+    """The outcome of a solve: the state, or the reason of its failure; seconds of wall-clock and of processor time."""
 
     state: Solved | str
     seconds: float
@@ -149,11 +168,14 @@ class TriedState(Record):
 
 
 class SolvedStates:
-    """Solves states, or takes them from the checkpoint where they are there already.
+    """Solves states, or takes them from the checkpoint if they are there already.
 
-    failed: number of the state -> why it could not be solved; count: states that were; computed: how many this run has
-    tried, not found; earlier_seconds and earlier_processor_seconds: what those from the checkpoint took in the runs
-    that solved them.
+    Attributes
+    ----------
+    failed : reasons by number, of the states that could not be solved.
+    count : number of solved states.
+    computed : number of states that this run tried to solve, those from the checkpoint not counted.
+    earlier_seconds, earlier_processor_seconds : time that earlier runs took for the states from the checkpoint.
     """
 
     def __init__(self, checkpoint: Checkpoint, solver: Common[NonlinearSolver], workers: Workers) -> None:
@@ -175,14 +197,22 @@ class SolvedStates:
     def solve(
         self, wanted: Sequence[Wanted], tolerance: float, tell: Callable[[int], None]
     ) -> list[Solved | None]:
-        """Every state, in their order; None where it could not be solved.
+        """Solve states.
 
-        tell(k) is called once k of them are there and others are not.
+        Parameters
+        ----------
+        wanted : the states.
+        tolerance : of the solver.
+        tell : tell(k) is called when k states are done and others are not.
+
+        Returns
+        -------
+        The states in the order of `wanted`; None for one that could not be solved.
         """
         known = (self.known(state.number, state.currents) for state in wanted)
         tried = {k: one for k, one in enumerate(known) if one is not None}
         for k, one in tried.items():
-            # Asked for once more, a state of this run is neither earlier nor another.
+            # A state that this run has counted already does not add to the time of earlier runs.
             if wanted[k].number not in self._counted:
                 self.earlier_seconds += one.seconds
                 self.earlier_processor_seconds += one.processor_seconds
@@ -200,7 +230,7 @@ class SolvedStates:
         return [self._counting(state.number, tried[k].state) for k, state in enumerate(wanted)]
 
     def _put(self, state: Wanted, outcome: Outcome[Solved], seconds: float) -> TriedState:
-        """seconds: since the state before; of several at a time each counts its share."""
+        """Store the outcome. seconds: time since the last outcome; states solved in parallel share the time."""
         if isinstance(outcome.error, _OF_THE_MACHINE):
             raise outcome.error
         self.computed += 1

@@ -1,8 +1,10 @@
-"""From solved states of saturating iron to a reduced model, its fields' charges, and its errors on other states.
+"""Training of a reduced model of saturating iron: from solved states to the model, its fields, and its errors.
 
-The story in short: states are solved until the model predicts new ones (`sequence`); extremes, states at random and
-those of a search for the worst are tried (`search`), and what falls short is trained on; the model is condensed to what
-the workspace sees (`condensation`), and what that changes most is tried again.
+1. States are solved until the model predicts new ones (`sequence`).
+2. The model is tested at extremes, at random currents, and at currents that a search for the largest errors finds
+   (`search`). It is trained on the states with too large errors.
+3. The model is condensed to the modes and points that the field in the workspace needs (`condensation`). It is tested
+   again at the states that this changes most.
 """
 
 from collections.abc import Mapping, Sequence
@@ -34,26 +36,33 @@ from fieldmap.records import Record
 from fieldmap.store import ReducedModel
 from fieldmap.typing import Array
 
-# What the fields of the map may leave of a state's field, over the accuracy; where the recipe names fewer than that
-# takes; and as many as there may be.
+# Allowed error of a state's field by the number of fields of the map, as a multiple of the accuracy: with the fields of
+# the recipe, and if these are too few, with up to `_MOST_FIELDS`.
 _FIELDS, _FIELDS_AT_MOST, _MOST_FIELDS = 0.05, 0.3, 100
-# Fields that make less of any state are rough, and worse for the nodes of the map than for its error.
+# Fields with a smaller share of any state are rough. They make the interpolation error of the map larger than they make
+# the error of the model smaller.
 _ROUGH_FIELDS = 1e-4
 _SEARCHED = "searched for"
-# How often at most a model is made anew of states of the search for the worst currents that fell short, and how often
-# of those of the search of the condensed model.
+# Most repetitions of the training with states of the search for the worst currents, and with states of the search of
+# the condensed model.
 _AGAIN, _AGAIN_CONDENSED = 8, 2
-# What fewer modes and points may change, over what they may at first: less where a solved state falls short by it.
+# Allowed change by condensation, as multiples of the accuracy: the next is tried if an error is too large.
 _CONDENSED = (1.0, 0.5, 0.2)
-# At how many extremes of the domain, and other currents, the weights of the iron's fields are looked at, and
-# how much larger they may be in between. They are smooth and largest at the rim, where both are.
+# Number of extremes, and of other currents, at which the weights of the iron's fields are evaluated to find the largest
+# ones, and the factor for larger weights in between. The weights are smooth and largest at the boundary of the domain,
+# where many of these currents lie.
 _WEIGHED, _MARGIN, _RANDOM_SEED = 128, 1.1, 11
 
 
 @dataclass(frozen=True)
 class Condensation(Record):
-    """Modes and sample points that were trained, and what fewer of them change of the field of any state, at most,
-    over the accuracy: the largest found."""
+    """The condensation of a model.
+
+    Attributes
+    ----------
+    modes, points : numbers of modes and sample points before.
+    changed : largest change of a state's field that was found, as a multiple of the accuracy.
+    """
 
     modes: int
     points: int
@@ -62,13 +71,17 @@ class Condensation(Record):
 
 @dataclass(frozen=True, repr=False)
 class ErrorParts(Record):
-    """What the error of a map's model is made of, as shares of B: states, what solved states and their modes leave of
-    the worst states tried, with the law at all points; points, the largest change by sample points, and condensation
-    that by fewer modes and points.
+    """Parts of the error of a map's model, as shares of B.
 
-    taken: how many states, modes, points and fields were trained; limits: of which of them there could not be more.
-    modes_leave: of the energy's root of a solved state; in_vain: whether that is too much for any choice of points, so
-    that few were tried.
+    Attributes
+    ----------
+    states : error of the modes, with the law at all points, at the worst tested states.
+    points : largest change of a field by the sample points.
+    condensation : largest change of a field by condensation.
+    taken : numbers of states, modes, points and fields.
+    limits : those of the four that reached their limits.
+    modes_leave : largest projection error of a training state onto the modes, in the energy norm.
+    in_vain : whether `modes_leave` is too large for any choice of points, so that only few choices were tried.
     """
 
     states: float
@@ -82,10 +95,20 @@ class ErrorParts(Record):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Trained(Record):
-    """A reduced model; charge (k, s): density of its iron fields on the solver's surface faces, T; what it was
-    trained on, what was done about the extremes of the domain, and how the other states were chosen; what it was
-    condensed from; its errors at solved states, by their kind; the largest weights (c + k,) of the
-    map's fields over the domain; and what its error is made of."""
+    """The result of a training.
+
+    Attributes
+    ----------
+    model : the reduced model.
+    charge : (k, s), surface charge density of the iron's fields on s faces, T.
+    snapshots : the states that it was trained on.
+    extremes : what was done at the extremes of the domain.
+    rounds : prediction errors while the states of the sequence were solved.
+    condensation : what the model was condensed from.
+    errors : errors at tested states, by the kind of states.
+    largest_weights : (c + k,), largest weights of the map's fields over the domain.
+    parts : parts of the error.
+    """
 
     model: ReducedModel
     charge: Array
@@ -107,16 +130,30 @@ def train(
     states: SolvedStates,
     forecast: Forecast,
 ) -> Trained:
-    """Solve, reduce and try. points (n, 3): where the field matters, in the air; reference (c,): the currents at which
-    the map states its total field; states: keeps what was solved, so that a stopped run goes on. Raises NotConverged
-    if no state at all could be solved."""
+    """Train a reduced model.
+
+    Parameters
+    ----------
+    solver : of the whole iron.
+    domain : of the currents.
+    plan : limits and accuracy.
+    points : (n, 3), in the air, m: errors of the field are measured there.
+    reference : (c,), currents at which the map states its total field, A.
+    states : solves states and keeps them, so that a stopped run can go on.
+    forecast : of the time.
+
+    Raises
+    ------
+    NotConverged
+        If less than half of the states, or no state to test the model, could be solved.
+    """
     training = Training(solver, domain, plan, points, states, forecast)
     tries = Tries()
     while True:
         reduction = _trained_and_tried(training, tries)
         require_some(tries.found, states)
         found = _condensed_and_tried(training, reduction, tries)
-        # Where states at random fall short, or too many others do, more of these do not help.
+        # The states that the search of the condensed model found are trained on only if all other states came out well.
         again = tries.none_short and tries.condensed < _AGAIN_CONDENSED
         short = _fall_short(training, reduction, [found.tried[_SEARCHED]]) if again else []
         if not short:
@@ -140,11 +177,15 @@ def train(
 
 
 class Tries:
-    """What a model was tried on while it was trained.
+    """The tests of a model during its training.
 
-    found: states that it was not trained on, by their kind; extremes: what was done about the extremes; none_short:
-    whether all of them came out as they must; searches: how often the worst currents were searched for, and condensed:
-    how often states that the search of the condensed model found were trained on.
+    Attributes
+    ----------
+    found : tested states that it was not trained on, by their kind.
+    extremes : what was done at the extremes of the domain.
+    none_short : whether the errors at all tested states were small enough.
+    searches : number of searches for the worst currents.
+    condensed : number of trainings on states that the search of the condensed model found.
     """
 
     def __init__(self) -> None:
@@ -155,15 +196,15 @@ class Tries:
 
 
 def _trained_and_tried(training: Training, tries: Tries) -> Reduction:
-    """Train until no state that is tried falls short, or no more may be solved."""
+    """Train until the errors at all tested states are small enough, or no more states may be solved."""
     tried, plan = tries.found, training.plan
-    # States at random fall short, which worst.
+    # more: errors at random states are too large; worst: number of the random state with the largest error.
     more, worst = not tried, -1
     while True:
         if more:
             training.go_on()
         require_states(training.states)
-        # Sample points are dear: they are not chosen again before the modes hold the state that was worst.
+        # The choice of sample points is slow. It is not repeated before the modes represent the state that was worst.
         while (
             more
             and tried
@@ -175,12 +216,12 @@ def _trained_and_tried(training: Training, tries: Tries) -> Reduction:
         expect_modes(training.forecast, len(reduction.sampled.weights), reduction.sampled.modes)
         first, random = plan.states + extremes.looked_at, held_out(training.domain, plan.held_out)
         tried["at random"] = training.solve_tried(reduction.potential, random, first, "at random", "random")
-        # Four states that happen to be predicted well do not tell that all are: where one of those at random is not,
-        # the sequence goes on. They are never trained on.
+        # A round of four states may be predicted well by chance. If the error at a random state is too large, the
+        # sequence goes on. The model is never trained on the random states.
         off = reduction.off(tried["at random"])
         more, worst = bool(off.max(initial=0.0) > allowed(training)), int(off.argmax()) if len(off) else -1
         short: list[tuple[Array, Solved]] = []
-        # The search is for errors of which neither tells.
+        # The search finds errors that extremes and random states do not show.
         if not more:
             number = first + len(random) + tries.searches * STARTS
             before = tried.get(_SEARCHED, Snapshots(training.solver))
@@ -197,7 +238,7 @@ def _trained_and_tried(training: Training, tries: Tries) -> Reduction:
 
 
 def _train_on(training: Training, reduction: Reduction, short: Sequence[tuple[Array, Solved]]) -> None:
-    """Train on states that a model lacked, on more modes if it has as many as there may be."""
+    """Add states to the training. If the model has the most modes already, raise their limit."""
     if reduction.sampled.modes >= training.most_modes:
         training.more_modes()
     for currents, state in short:
@@ -207,8 +248,11 @@ def _train_on(training: Training, reduction: Reduction, short: Sequence[tuple[Ar
 def _fall_short(
     training: Training, reduction: Reduction, tried: Sequence[Snapshots]
 ) -> list[tuple[Array, Solved]]:
-    """Solved states, images left out, that a model is to be trained on, with their currents: if any is off by more than
-    is allowed, all that are off by more than the accuracy."""
+    """States that the model must be trained on, with their currents; images are left out.
+
+    If an error at any of the tested states is larger than allowed, these are all states with errors above the accuracy.
+    Otherwise there are none.
+    """
     off = [reduction.off(some) for some in tried]
     if max(of_some.max(initial=0.0) for of_some in off) <= allowed(training):
         return []
@@ -221,9 +265,17 @@ def _fall_short(
 
 @dataclass(frozen=True, eq=False, repr=False)
 class CondensedAndTried(Record):
-    """A condensed model; output (k, q): the map's fields by its modes; charge (k, s): densities of these fields on the
-    surface faces; changed: what condensation changes of a state's field at most, as a share; all states that were
-    tried, by their kind, and the errors there."""
+    """A condensed model after its tests.
+
+    Attributes
+    ----------
+    few : the condensed model.
+    output : (k, q), weights of the map's fields per amplitude of its modes.
+    charge : (k, s), surface charge densities of these fields, T.
+    changed : largest relative change of a state's field by condensation.
+    tried : tested states by their kind.
+    errors : errors at these states by their kind.
+    """
 
     few: Condensed
     output: Array
@@ -234,13 +286,16 @@ class CondensedAndTried(Record):
 
 
 def _condensed_and_tried(training: Training, reduction: Reduction, tries: Tries) -> CondensedAndTried:
-    """Condense a model until the states that it changes most come out as they must, or the fault is the model's own."""
+    """Condense a model, less and less, until the errors at the states that it changes most are small enough.
+
+    It also ends if the errors of the model were too large before.
+    """
     plan, forecast = training.plan, training.forecast
     forecast.at("modes", "fields of the modes")
     combination, of_modes = _fields_of_map(reduction, training.domain, plan)
     charge = combination @ reduction.charge
     forecast.at("modes", "modes and points that the workspace sees")
-    # What is trained on may be off as well, by points and by what is condensed.
+    # Sample points and condensation make errors at the training states as well.
     own = training.known.some(np.flatnonzero(training.known.own))
     tried = tries.found | {"trained on": own}
     for number, share in enumerate(_CONDENSED):
@@ -261,22 +316,26 @@ def _condensed_and_tried(training: Training, reduction: Reduction, tries: Tries)
             if some.solved
         }
         largest = max(found.share for found in errors.values())
-        # Where the trained model is off by more itself, no other choice helps.
+        # If the error of the trained model is too large by itself, less condensation does not help.
         if of_trained > allowed(training) or largest <= allowed(training):
             break
     return CondensedAndTried(few, output, charge, accuracy * few.changed, tried, errors)
 
 
 def _fields_of_map(reduction: Reduction, domain: CurrentDomain, plan: Plan) -> tuple[Array, Array]:
-    """The iron's fields that the map keeps, as combinations (k, r) of those of the modes, and their weights by those
-    of the modes (k, r)."""
-    # States that are not solved need fields that those solved do not.
+    """The fields of the iron that the map keeps.
+
+    Returns
+    -------
+    The fields as combinations (k, r) of the fields of the modes, and their weights (k, r) per amplitude of the modes.
+    """
+    # States that were not solved are included, because they can need fields that solved states do not.
     amplitudes = np.concatenate([reduction.modes.amplitudes, reduction.amplitudes(_places(domain))])
     rows = reduction.fields.rows
     found = output_fields(amplitudes, rows, plan.fields, _FIELDS * plan.accuracy)
     if len(found[1]) < plan.fields:
         return found
-    # More than the recipe names where these leave a part of the error that counts.
+    # If the fields of the recipe leave a considerable error, the map gets more of them.
     leave = max(_FIELDS_AT_MOST * plan.accuracy, _ROUGH_FIELDS)
     more = output_fields(amplitudes, rows, _MOST_FIELDS, leave)
     return max(found, more, key=lambda both: len(both[1]))
@@ -285,8 +344,16 @@ def _fields_of_map(reduction: Reduction, domain: CurrentDomain, plan: Plan) -> t
 def condense(
     reduction: Reduction, domain: CurrentDomain, combination: Array, output: Array, accuracy: float
 ) -> Condensed:
-    """The model at the sample points on fewer modes and points, as the fields of the map (k, r) see it, which are
-    combinations (k, r) of those of the modes."""
+    """Condense a model, with errors measured in the fields of the map.
+
+    Parameters
+    ----------
+    reduction : the trained model.
+    domain : of the currents.
+    combination : (k, r), the fields of the map as combinations of the fields of the modes.
+    output : (k, r), weights of these fields per amplitude of the modes.
+    accuracy : largest relative change of a field.
+    """
     fields = reduction.fields.combined(combination)
 
     def off(currents: Array, amplitudes: Array, changes: Array) -> Array:
@@ -304,10 +371,10 @@ def _error_parts(training: Training, reduction: Reduction, condensed: CondensedA
             off = reduction.off(some)
             number = int(off.argmax())
             own = training.off_of_modes(reduction.modes, some, number)
-            # What the law at all points would not leave of the worst state is due to the points.
+            # The model with the law at all points has a smaller error. The difference is due to the points.
             of_states, of_points = max(of_states, own), max(of_points, float(off[number]) - own)
     modes, fields = reduction.sampled.modes, len(condensed.output)
-    # How many were trained, and whether there could not be more.
+    # Number of each, and whether it reached its limit.
     parts = {
         "states": (training.taken, training.at_its_end),
         "modes": (modes, modes >= max(training.most_modes, MOST_MODES)),
@@ -326,14 +393,16 @@ def _error_parts(training: Training, reduction: Reduction, condensed: CondensedA
 
 
 def _largest_weights(domain: CurrentDomain, model: GalerkinModel, output: Array, known: Array) -> Array:
-    """Largest currents (c,) of the domain, exactly, and largest weights (k,) of the iron's fields: those found at
-    known currents (s, c) and all over it, and a margin for the places between."""
+    """Largest currents (c,) of the domain, which are exact, and largest weights (k,) of the fields of the iron.
+
+    The weights are evaluated at known currents (s, c) and over the domain; a margin covers the currents in between.
+    """
     places = np.concatenate([known, _places(domain)])
     return np.concatenate([domain.largest, _MARGIN * np.abs(weights(model, output, places)).max(axis=0)])
 
 
 def _places(domain: CurrentDomain) -> Array:
-    """Currents (s, c): extremes of the domain, in a random order and not all of many, and as many that fill it."""
+    """Currents (s, c) over the domain: at most `_WEIGHED` extremes, chosen at random, and `_WEIGHED` that fill it."""
     extremes = np.random.default_rng(_RANDOM_SEED).permutation(extreme_signals(domain))[:_WEIGHED]
     return domain.parametrisation.currents(np.concatenate([extremes, sequence(domain, _WEIGHED)]))
 
@@ -341,7 +410,7 @@ def _places(domain: CurrentDomain) -> Array:
 def weights(model: GalerkinModel, output: Array, currents: Array) -> Array:
     """Weights (s, k) of the iron's fields at currents (s, c)."""
     found = solved(model, currents, np.zeros((len(currents), output.shape[1])))
-    # One by one: a product of all at once rounds otherwise.
+    # Each state by itself: one product of all states would round differently for different numbers of states.
     return np.array([output @ amplitude for amplitude in found])
 
 
@@ -355,7 +424,7 @@ def require_states(states: SolvedStates) -> None:
 
 
 def require_some(tried: Mapping[str, Snapshots], states: SolvedStates) -> None:
-    """Raise NotConverged unless a state was solved that the model can be tried on: a map states its error."""
+    """Raise NotConverged if no state to test the model was solved: a map must state its error."""
     if not any(found.solved for found in tried.values()):
         received = f"none; the last to fail: {list(states.failed.values())[-1]}"
         remedy = "raise held_out, make the range of the currents smaller, or refine the mesh"
