@@ -22,7 +22,7 @@ from fieldmap.store import write_runs
 from fieldmap.typing import Progress
 
 MOST_KEPT = 50
-"""Runs of one batch whose signals are kept, for a file or a picture."""
+"""Most runs in a batch for which signals are kept, for a file or a picture."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -35,7 +35,15 @@ class BatchRun(Record):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Batch(Record):
-    """Runs of one set of values. label: the varied value, or ""; seconds: processor time of the runs alone."""
+    """Runs with one value of the varied key.
+
+    Attributes
+    ----------
+    label : "KEY = VALUE", or "" if no key varies.
+    experiment : what was run.
+    runs : metrics of each run, and its signals if they are kept.
+    seconds : processor time of the runs alone.
+    """
 
     label: str
     experiment: Experiment
@@ -43,7 +51,7 @@ class Batch(Record):
     seconds: float
 
     def to_dict(self) -> dict[str, Plain]:
-        """The batch as plain Python; SI units but for names that end in _mm and _deg."""
+        """The batch as plain Python, in SI units except for names that end in _mm and _deg."""
         names = ("sensed", "currents", "outputs", "residual")
         rest = {name: getattr(self.experiment.operating_point, name) for name in names}
         runs = [one.metrics for one in self.runs]
@@ -58,7 +66,7 @@ class Simulation(Record):
 
     @property
     def first(self) -> Experiment:
-        """The first experiment, which states title and assumptions of all."""
+        """The first experiment. Its title and assumptions hold for all."""
         return self.batches[0].experiment
 
     @property
@@ -67,7 +75,7 @@ class Simulation(Record):
         return all(one.metrics.event for batch in self.batches for one in batch.runs)
 
     def to_dict(self) -> dict[str, Plain]:
-        """The simulation as plain Python; SI units but for names that end in _mm and _deg."""
+        """The simulation as plain Python, in SI units except for names that end in _mm and _deg."""
         return plain_items(
             scenario=self.first.scenario.path.name,
             title=self.first.scenario.contents.title,
@@ -89,21 +97,22 @@ def simulate_batches(
     device: Device | None = None,
     controller: Controller | FunctionController | None = None,
 ) -> Simulation:
-    """Run a scenario, once or with noise of its own in each of `runs` runs, for each value of a varied key.
+    """Run a scenario `runs` times, each with its own noise, for each value of a varied key.
 
     Parameters
     ----------
-    scenario : its file, or the name of a shipped one.
-    field : opens a map, or any field, in the place of the scenario's; called once, after the scenario was read.
-    changes : values by dotted key.
+    scenario : path of the file, or the name of a shipped scenario.
+    field : function that opens a map or any field, which replaces the scenario's map. It is called once, after the
+        scenario was read.
+    changes : values by dotted key that replace those of the file.
     vary : a key and its values.
-    runs : of each value.
-    seed : in the place of the scenario's.
-    threads : 0 for one per processor.
-    keep_signals : of at most MOST_KEPT runs in each batch.
-    progress : is told how far the runs are.
-    device : for a scenario that names none, in the place of the map's.
-    controller : in the place of the scenario's; one that is a Python function runs on one thread.
+    runs : number of runs for each value.
+    seed : replaces the seed of the scenario.
+    threads : number of threads; 0 for one per processor.
+    keep_signals : keep the signals of the runs, if a batch has at most MOST_KEPT runs.
+    progress : progress(message, fraction) is called during the runs.
+    device : replaces the map's device for a scenario that names none.
+    controller : replaces the scenario's controller. A Python function runs on one thread.
 
     Returns
     -------
@@ -112,7 +121,7 @@ def simulate_batches(
     Raises
     ------
     InputError
-        As `read_scenario` and `prepare`.
+        As in `read_scenario` and `prepare`.
     """
     check(runs >= 1, "runs", "must be 1 or more", runs, "give a whole number")
     fixed, opened = dict(changes or {}), None

@@ -1,5 +1,8 @@
-"""Controllers of a scenario: of one axis, from depth in mm to lift in V and from x or y in mm to its signal; of all
-axes; feed-forward."""
+"""Controllers of a scenario.
+
+A controller of one axis turns depth in mm into lift in V, or x or y in mm into the signal of that axis. A coupled
+controller acts on all axes. Feed-forward can be added to either.
+"""
 
 from __future__ import annotations
 
@@ -54,7 +57,7 @@ _LIMITS = (
 )
 _EQUILIBRIUM = "[V, V/mm]: lift that carries the body; that of the equilibrium at the start unless given"
 PointsAt = Callable[[Sequence[float]], list[OperatingPoint]]
-"""Operating points with the sensed point at these heights, m."""
+"""Function from heights of the sensed point, m, to the operating points there."""
 
 
 def _rises(upper: Any, info: ValidationInfo) -> None:
@@ -78,7 +81,15 @@ class AxisController(Record):
 
     @abstractmethod
     def block(self, reading: AxisReading, period: float, output: float, at: Array) -> ControllerBlock:
-        """Every `period`, s; in equilibrium with this output where reference and position are `at` (7,)."""
+        """The controller as a linear block.
+
+        Parameters
+        ----------
+        reading : of the axis.
+        period : of the control task, s.
+        output : of the controller in equilibrium.
+        at : (7,), reference and position in equilibrium, m, and 1, as a block takes them.
+        """
 
 
 @dataclass(frozen=True, repr=False)
@@ -99,7 +110,7 @@ class Pid(AxisController):
     derivative: Annotated[Literal["error", "measurement"], Key(..., "of what")] = "error"
 
     def block(self, reading: AxisReading, period: float, output: float, at: Array) -> ControllerBlock:
-        """Of the depth it acts on minus the error: more lift makes that less."""
+        """See `AxisController`. The controller of the depth acts on minus the error: more lift reduces the depth."""
         times, minus = (np.inf if self.Ti is None else self.Ti, self.Td, period), reading.axis == "z"
         rules = {name: getattr(self, name) for name in ("integration", "anti_windup", "derivative")}
         pid = PID(self.Kc, *times, *_limits_of(self), **rules, acts_on_minus_error=minus)
@@ -117,7 +128,7 @@ class Constant(AxisController):
     ] = None
 
     def block(self, reading: AxisReading, period: float, output: float, at: Array) -> ControllerBlock:
-        """The given output, or that of the equilibrium."""
+        """See `AxisController`. The output is the given one, or that of the equilibrium."""
         return constant_block(output if self.output is None else self.output)
 
 
@@ -164,7 +175,7 @@ class AxisRegulator(AxisController):
     upper: Upper = None
 
     def block(self, reading: AxisReading, period: float, output: float, at: Array) -> ControllerBlock:
-        """Designed on its model; from its equilibrium."""
+        """See `AxisController`. The controller is designed for its own model and equilibrium."""
         A, B, C = np.array(self.A), np.array(self.B)[:, None], np.array(self.C)[None]
         wide = with_output_integral(A, B, C)
         weights = np.diag(self.Q) if self.Q.ndim == 1 else self.Q
@@ -184,8 +195,11 @@ def _limits_of(controller: Pid | AxisRegulator) -> tuple[float, float]:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class CoupledController(LqgWeights):
-    """A controller of all axes, designed on the machine itself for deviations that count alike, and noise. Without
-    sensor the noise is that of the machine's sensors."""
+    """A controller of all axes.
+
+    It is designed for the machine, with weights from deviations that count alike, and with noise. The noise is that of
+    the machine's sensors unless `sensor` gives another one.
+    """
 
     kind: ClassVar[str]
 
@@ -193,7 +207,10 @@ class CoupledController(LqgWeights):
     upper: UpperLimits = None
 
     def prepared(self, machine: Machine, start: OperatingPoint) -> tuple[LqgWeights, tuple[Array, Array]]:
-        """What it is designed for, with a sensor's noise, and its limits. Raises Infeasible."""
+        """The weights with the noise of the sensors, and the limits of the outputs.
+
+        Raises Infeasible if the outputs at the operating point lie outside the limits.
+        """
         limits = limits_of(machine, self.lower, self.upper)
         lower, upper = limits
         if not ((lower <= start.outputs) & (start.outputs <= upper)).all():
@@ -208,7 +225,21 @@ class CoupledController(LqgWeights):
     def controller(
         self, machine: Machine, start: OperatingPoint, points_at: PointsAt, period: float, delay: float
     ) -> Controller:
-        """In equilibrium where the run begins. Raises Infeasible."""
+        """The controller, in equilibrium at the start.
+
+        Parameters
+        ----------
+        machine : what is controlled.
+        start : operating point at the start of the run.
+        points_at : gives operating points at other heights.
+        period : of the control task, s.
+        delay : from sample to command, s.
+
+        Raises
+        ------
+        Infeasible
+            For an operating point with outputs outside the limits.
+        """
 
 
 def _depths_rise(depths: list[float] | None, info: ValidationInfo) -> None:
@@ -242,12 +273,12 @@ class Lqg(CoupledController):
     def controller(
         self, machine: Machine, start: OperatingPoint, points_at: PointsAt, period: float, delay: float
     ) -> Controller:
-        """In equilibrium where the run begins. Raises Infeasible."""
+        """See `CoupledController`."""
         weights, limits = self.prepared(machine, start)
         at_start = lqg_block(linearise(machine, start), weights, period, delay, limits)
         if self.depths is None:
             return at_start
-        # Heights rise, so the deepest comes first.
+        # `ScheduledController` wants rising heights, so the deepest comes first.
         depths = np.linspace(self.depths[1], self.depths[0], self.designs)
         points = points_at((-(depths + machine.sensors.zero_depth)).tolist())
         blocks = [lqg_block(linearise(machine, there), weights, period, delay, limits) for there in points]
@@ -272,7 +303,7 @@ class FeedbackLinearisation(CoupledController):
     def controller(
         self, machine: Machine, start: OperatingPoint, points_at: PointsAt, period: float, delay: float
     ) -> Controller:
-        """In equilibrium where the run begins. Raises Infeasible."""
+        """See `CoupledController`."""
         weights, limits = self.prepared(machine, start)
         return force_controller(machine, start, weights, period, *limits, delay, self.rounds)
 
@@ -308,7 +339,7 @@ class Feedforward(Record):
     def added(
         self, machine: Machine, controller: Controller, start: OperatingPoint, schedule: Schedule
     ) -> Schedule:
-        """The schedule with the outputs along its references added to those in open loop."""
+        """Add the outputs along the references to the feed-forward of a schedule."""
         field = machine.magnetic
         believed = replace(machine, magnetic=replace(field, scale=field.scale * (1.0 + self.field_error)))
         limits = limits_of(machine, self.lower, self.upper)
@@ -322,17 +353,18 @@ CoupledKeys = choice_of([table_of(kind, "kind") for kind in (Lqg, FeedbackLinear
 
 
 def limits_of(machine: Machine, lower: Array | None, upper: Array | None) -> tuple[Array, Array]:
-    """Lowest and highest lift, V, x and y signals: as given, or what suits the allocation."""
+    """Lowest and highest lift, V, and x and y signals (3,) each: as given, or defaults for the allocation."""
     divided, amplifier = isinstance(machine.allocation, ParametrisedAllocation), machine.drive.amplifier
     lift, signal = (10.0, 0.4) if divided else (amplifier.largest_current / amplifier.gain, 1.0)
-    # Beside what no current drives, the coils may have to take lift away.
+    # If something that no current drives lifts too, the coils may have to pull down.
     least = -lift if machine.magnetic.constant and not divided else 0.0
     low = np.array([least, -signal, -signal]) if lower is None else lower
     return low, np.array([lift, signal, signal]) if upper is None else upper
 
 
 def _noise(machine: Machine) -> Three:
-    """Of x, y and z, m: of crossed sensors both get the root mean square of the two; 1 um where there is none."""
+    """Standard deviations of the sensors along x, y and z, m; at least 1 um. Noise of sensors at an angle to the axes
+    is turned into the frame of the map."""
     a, b, depth = machine.sensors.deviations
     if machine.sensors.frame is not None:
         c, s = np.cos(machine.sensors.frame.angle), np.sin(machine.sensors.frame.angle)

@@ -35,13 +35,24 @@ from fieldmap.shipped import is_file, shipped_file
 from fieldmap.typing import Array
 
 _ROUNDS = 12
-"""Of linearising saturating iron about the currents of the operating point, at most."""
+"""Most iterations that find the operating point with saturating iron linearised about its currents."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Experiment(Record):
-    """A scenario made ready: machine, controller, schedule, state (13,) and currents (n,) at the start; its
-    operating point there; device: what it is made of. controller: None for a scenario that leaves it to the caller."""
+    """A scenario that is ready to run.
+
+    Attributes
+    ----------
+    scenario : as read.
+    machine : what is simulated.
+    controller : None for a scenario that leaves it to the caller.
+    schedule : references, disturbances and the clock.
+    state : (13,), at the start.
+    currents : (n,), at the start, A.
+    operating_point : at the start.
+    device : of the machine.
+    """
 
     scenario: Scenario
     machine: Machine
@@ -54,17 +65,17 @@ class Experiment(Record):
 
     @property
     def assumptions(self) -> tuple[str, ...]:
-        """What its runs rest on: the machine's, and a controller of the caller's own."""
+        """Assumptions of the machine, and of a controller that is a function."""
         own = self.controller
         return (*self.machine.assumptions, *([own.assumption] if isinstance(own, FunctionController) else []))
 
     def warm(self) -> None:
-        """Compile a controller that is a function, so that what is timed after it is not that."""
+        """Compile a controller that is a function, so that the time of later runs does not include it."""
         if isinstance(self.controller, FunctionController):
             self.controller.bound(machine_for(self.machine, self.controller.gives).allocation.output_names)
 
     def run(self, seed: int | np.random.SeedSequence | None = None) -> LevitationRun:
-        """One run; the scenario's own seed unless one is given."""
+        """Simulate one run, with the seed of the scenario unless one is given."""
         given, start = self._given(), (self.state, self.currents)
         return simulate_closed_loop(self.machine, given, self.schedule, *start, self._noise(seed))
 
@@ -102,9 +113,9 @@ def prepare(
     Parameters
     ----------
     scenario : as read.
-    field_map : in the place of the scenario's map, a map or any field, which is sampled: `sampled_field`.
-    device : in the place of the scenario's or the map's.
-    controller : in the place of the scenario's, a function or any other.
+    field_map : replaces the scenario's map. A field that is not a map is sampled: `sampled_field`.
+    device : replaces the device of the scenario or the map.
+    controller : replaces the scenario's controller; a function, or any controller.
 
     Returns
     -------
@@ -133,7 +144,7 @@ def _prepared(scenario: Scenario, field: Field | None, device: Device | None, ow
     assert device.driver is not None
     body = settings.body.body(device.payload, opened)
 
-    # Where the run begins, currents that about carry the body there, and how outputs become currents.
+    # The place at the start, approximate currents that carry the body there, and the allocation.
     limits = drive_of_device(device, settings.coils.lowest_voltage).steady
     signals = _lift_and_directions(opened, control.allocation, control.allocation_n)
     lift = Lift(opened, device.payload, body, settings.field.scale, limits, signals is not None)
@@ -147,7 +158,8 @@ def _prepared(scenario: Scenario, field: Field | None, device: Device | None, ow
     allocation = signals or lift.allocation(magnet, currents, device.driver.gain)
     settings.refuse_idle(allocation.idle)
 
-    # The machine in equilibrium, about whose currents saturating iron is linearised if that is asked for.
+    # The machine in equilibrium. Saturating iron can be linearised about the currents of the equilibrium, which depend
+    # on the linearisation; hence the iteration.
     walls, beyond = scenario.contents.walls, settings.coils.end_beyond_table
     about_currents = settings.field.iron == "linearised" and saturates(opened)
     for _ in range(_ROUNDS if about_currents else 1):
@@ -171,7 +183,7 @@ def _prepared(scenario: Scenario, field: Field | None, device: Device | None, ow
         must, remedy = "currents of the operating point must settle", 'take field.iron = "model"'
         raise NoEquilibrium(AtKey("start", must, f"a change of {change:.1e} A", remedy))
 
-    # What is asked for, and the controllers.
+    # References and disturbances, and the controllers.
     time, zero = control_times(settings.duration, period), np.array([0.0, 0.0, settings.zero_depth])
     down = np.array([1.0, 1.0, -1.0])
     wanted = references(settings.reference, control.compensator, point.sensed * down - zero, time, period)
@@ -195,7 +207,7 @@ def _prepared(scenario: Scenario, field: Field | None, device: Device | None, ow
 
 
 def _refuse_beside(controller: FunctionController, feedforward: bool, signals: bool) -> None:
-    """Raises ScenarioError for keys that a function cannot follow."""
+    """Raise ScenarioError for keys that do not go with a controller that is a function."""
     if feedforward:
         must, remedy = "must be left out beside a controller that is a function", "add it in the function"
         raise ScenarioError(AtKey("control.feedforward", must, "both", remedy))
@@ -207,10 +219,13 @@ def _refuse_beside(controller: FunctionController, feedforward: bool, signals: b
 def _device_and_map(
     folder: Path, map_name: str, device_name: str | None, field: Field | None, device: Device | None
 ) -> tuple[Device, FieldMap]:
-    """The device, the map's own unless one is given or named, and the opened map, or one of the given field. Raises
-    ScenarioError, MapFileError, InputError."""
+    """The device and the map. Raises ScenarioError, MapFileError, InputError.
+
+    The device is the given one, the one that the scenario names, or the one that the map records. The map is that of
+    the scenario, or one that is sampled from the given field.
+    """
     if device is None and device_name is not None:
-        # The last is that of a shipped scenario, given on the command line.
+        # The last place is for a shipped scenario with a device file that the command line names.
         places = (folder / device_name, shipped_file("geometry", device_name), Path(device_name))
         found = next((path for path in places if path is not None and is_file(path)), None)
         if found is None:
@@ -238,7 +253,7 @@ def _device_and_map(
 
 
 def _open_map(folder: Path, name: str) -> FieldMap:
-    """The map: relative to the scenario, as given, or by its name in maps/out."""
+    """Open the map: a path relative to the scenario or to the working directory, or a name in maps/out."""
     out = Path("maps") / "out"
     for path in (folder / name, Path(name), out / name, out / f"{name}.h5"):
         if is_file(path):
@@ -251,7 +266,10 @@ def _open_map(folder: Path, name: str) -> FieldMap:
 def _lift_and_directions(
     opened: FieldMap, allocation: str | None, n: float | None
 ) -> ControlAllocation | None:
-    """The allocation to six coils in two rows, if it is asked for or the map was made for it. Raises ScenarioError."""
+    """The allocation by lift and directions for six coils in two rows. Raises ScenarioError.
+
+    None unless the scenario names it, or names no allocation and the map was made for this one.
+    """
     coils, own = len(opened.coil_names), opened.parametrisation
     if allocation == "least_power" or (allocation is None and not isinstance(own, LiftAndDirections)):
         return None
@@ -269,7 +287,7 @@ def _lift_and_directions(
 def _of_axes(
     controllers: Sequence[AxisController | None], point: OperatingPoint, period: float, zero_depth: float
 ) -> Controller:
-    """One controller of those of lift, x and y."""
+    """The controllers of depth, x and y as one controller."""
     at = np.concatenate([point.sensed, point.sensed, [1.0]])
     depth = AxisReading("z", -1e3, -1e3 * zero_depth)
     readings = (depth, AxisReading("x", 1e3), AxisReading("y", 1e3))
@@ -278,7 +296,7 @@ def _of_axes(
 
 
 def _begin(start: Start, point: OperatingPoint) -> Array:
-    """The state of the operating point, shifted, leaning and moving as asked for."""
+    """The state at the start: the operating point with the shift, lean and velocity of the scenario."""
     state = point.state.copy()
     x, y, depth = start.shift
     state[POSITION : POSITION + 3] += x, y, -depth
@@ -292,7 +310,7 @@ def _begin(start: Start, point: OperatingPoint) -> Array:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ScenarioRun(LevitationRun):
-    """A run (`LevitationRun`) with its scenario and its metrics. `print(run)` tells what became of it."""
+    """A run (`LevitationRun`) with its scenario and its metrics. `print(run)` shows the metrics."""
 
     scenario: Scenario
     metrics: RunMetrics
@@ -310,20 +328,21 @@ def simulate(
     seed: int | None = None,
     controller: Controller | FunctionController | Callable[..., Any] | None = None,
 ) -> ScenarioRun:
-    """Run a scenario: its file, or the name of a shipped one.
+    """Run a scenario.
 
-    A run that fails does not raise: `event` says what happened.
+    A run in which the body falls or leaves the map does not raise an error: `event` of the run says what happened.
 
     Parameters
     ----------
-    path_or_name : of the scenario.
-    changes : values by dotted key in the place of the file's, such as {"control.z.Kc": 0.2}.
-    field_map : in the place of the scenario's map, an opened map or any field that is the sum of its coils' fields,
-        such as a solution; the latter is sampled, see `sampled_field`.
-    device : in the place of the scenario's or the map's.
-    seed : in the place of the scenario's own.
-    controller : in the place of the scenario's, a function `outputs = f(time, measured, reference, state)` in Python or
-        jitted by numba, a C function, or a `fieldmap.control.FunctionController` of one, which says more.
+    path_or_name : path of the scenario file, or the name of a shipped scenario.
+    changes : values by dotted key that replace those of the file, such as {"control.z.Kc": 0.2}.
+    field_map : replaces the scenario's map: an opened map, or any field that is the sum of its coils' fields, such as a
+        solution, which is sampled (`sampled_field`).
+    device : replaces the device of the scenario or the map.
+    seed : replaces the seed of the scenario.
+    controller : replaces the scenario's controller: a function `outputs = f(time, measured, reference, state)` in
+        Python or jitted by numba, a C function, or a `fieldmap.control.FunctionController`, which also states limits,
+        period and outputs.
 
     Returns
     -------
@@ -365,14 +384,15 @@ def open_machine(
 ) -> RunningMachine:
     """The machine of a scenario at its start, for a loop written by hand: `RunningMachine.step(outputs)`.
 
-    The controllers of the scenario are not used. Runs of `simulate` with the same function as `controller` have the
-    same bits.
+    The controllers of the scenario are not used. `simulate` with the same control law as `controller` gives the same
+    bits.
 
     Parameters
     ----------
     path_or_name, changes, field_map, device, seed : as in `simulate`.
-    gives : what is put in: "signals", "currents" of the coils, A, or "voltages" of their amplifiers.
-    lower, upper : limits of these.
+    gives : kind of the outputs that `step` takes: "signals", "currents" of the coils, A, or "voltages" of their
+        amplifiers.
+    lower, upper : limits of the outputs.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""The machine of a scenario, linear about its operating point at one height or at several."""
+"""The machine of a scenario, linearised about its operating points at one height or at several."""
 
 import json
 from collections.abc import Sequence
@@ -35,8 +35,18 @@ _REST = ("sensed", "currents", "outputs")
 
 @dataclass(frozen=True, eq=False, repr=False)
 class LinearPoint(Record):
-    """At one depth, mm: the linear machine, its modes, their controllability, the coupling of its axes, its closed
-    loop, and the loop's margins (none where it is unstable)."""
+    """The linear machine at one depth.
+
+    Attributes
+    ----------
+    depth_mm : reading of the vertical sensor.
+    linear : the linear machine.
+    modes : of the machine without controller.
+    controllability : of the modes, and their observability.
+    coupling : of the axes.
+    loop : the closed loop.
+    margins : of the loop; none if it is unstable.
+    """
 
     depth_mm: float
     linear: LinearMachine
@@ -48,10 +58,19 @@ class LinearPoint(Record):
 
 
 def linear_points(experiment: Experiment, depths_mm: Sequence[float] | None = None) -> list[LinearPoint]:
-    """The machine of a scenario about its operating point at the start, or at each of these depths, mm.
+    """Linearise the machine of a scenario, at the start or at several depths.
 
-    Raises NoEquilibrium, Infeasible or OutsideMapError where it has no equilibrium at a depth; ScenarioError for a
-    controller that is a function, whose slopes are not known: `linearise` gives the machine by itself.
+    Parameters
+    ----------
+    experiment : the scenario, ready to run.
+    depths_mm : readings of the vertical sensor, mm; that of the start unless given.
+
+    Raises
+    ------
+    NoEquilibrium, Infeasible, OutsideMapError
+        For a depth at which the machine has no equilibrium.
+    ScenarioError
+        For a controller that is a function, whose derivatives are not known. `linearise` gives the machine without it.
     """
     scenario, machine, start = experiment.scenario, experiment.machine, experiment.operating_point
     controller = experiment.controller
@@ -76,7 +95,7 @@ def _point(
     mass, moves = experiment.machine.body.mass, [linear.states.index(name) for name in VELOCITIES]
     block = controller.at(linear.operating_point.sensed, -mass * linear.A[moves, :3], mass * linear.B[moves])
     sensors = experiment.machine.sensors
-    # A body's turn about its magnet's axis is felt by nothing and no mode of the loop.
+    # The rotation of the body about its magnet's axis has no effect on the field, so it is left out of the loop.
     felt = linear.only(tuple(name for name in linear.states if name not in ABOUT_Z))
     loop = close_loop(felt, block, experiment.schedule, sensors)
     return LinearPoint(
@@ -103,8 +122,8 @@ class Linearisation(Record):
         return all(point.loop.stable for point in self.points)
 
     def to_dict(self) -> dict[str, Plain]:
-        """The linearisation as plain Python: SI units, but for names that end in _mm and for margins in degrees. Poles
-        as [real, imaginary]."""
+        """The linearisation as plain Python, in SI units except for names that end in _mm and margins in degrees. A
+        pole is [real, imaginary]."""
         first, scenario = self.points[0].linear, self.experiment.scenario
         return plain_items(
             scenario=scenario.path.name,
@@ -117,7 +136,8 @@ class Linearisation(Record):
         )
 
     def write(self, path: Path) -> Path:
-        """Write the models as .json, the same as `to_dict`, or as .npz, stacks over the depths."""
+        """Write the models as .json with the contents of `to_dict`, or as .npz with one stack of matrices over the
+        depths for each name."""
         if path.suffix == ".npz":
             np.savez(path, **_arrays(self.points))  # type: ignore[arg-type]
         else:
@@ -127,7 +147,7 @@ class Linearisation(Record):
 
 
 def loop_poles(point: LinearPoint) -> NDArray[np.complex128]:
-    """Poles of the closed loop in 1/s, without those of pure delays; the slowest or unstable first."""
+    """Poles of the closed loop, 1/s, in order of falling real part, without the poles of pure delays."""
     poles = point.loop.poles
     there = poles[np.abs(poles) > 1e-6]
     found = np.log(there.astype(complex)) / point.loop.period
@@ -179,7 +199,7 @@ def _pair(value: complex) -> list[float]:
 
 
 def _arrays(points: tuple[LinearPoint, ...]) -> dict[str, object]:
-    """Stacks over the depths: A (k, n, n), B, C, D, G; of the loop loop_A, loop_B, loop_C; names."""
+    """Stacks over k depths: A (k, n, n), B, C, D, G of the machine; loop_A, loop_B, loop_C of the loop; and names."""
     first = points[0].linear
 
     def stacks(prefix: str, names: Sequence[str], of: Sequence[object]) -> dict[str, object]:

@@ -1,4 +1,4 @@
-"""A measured log laid over a run: the same times, the same readings, and how far they are apart."""
+"""A measured log compared with a run: both at the times of the log and in the same units, and their differences."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ ROLES: dict[str, tuple[str, ...]] = {
     "depth": ("depth", "reading", "position"),
     "z": ("z", "seen z", "sensed z", "position z"),
 }
-"""Names by which columns are recognised: x, y and depth as the sensors read; z in the frame of the map."""
+"""Names of columns that are recognised. x, y and depth are readings of the sensors; z is in the frame of the map."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class LaidSignal(Record):
-    """One signal of a log and of a run at the log's times (n,): measured, simulated, in a unit."""
+    """One signal of a log and of a run, (n,) each, at the times of the log."""
 
     unit: str
     measured: Array
@@ -39,11 +39,11 @@ class LaidSignal(Record):
 
     @property
     def difference(self) -> Array:
-        """Measured less simulated."""
+        """Measured minus simulated."""
         return self.measured - self.simulated
 
     def to_dict(self) -> dict[str, Plain]:
-        """How far they are apart: root of the mean square, mean, largest."""
+        """Root mean square, mean, and largest absolute value of the difference, as plain Python."""
         apart = self.difference
         rms, largest = np.sqrt(np.mean(apart**2)), np.abs(apart).max()
         return plain_items(unit=self.unit, rms=float(rms), mean=float(apart.mean()), largest=float(largest))
@@ -51,14 +51,19 @@ class LaidSignal(Record):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class LaidLog(Record):
-    """A log over a run. time (n,), s, of the run; signals: x, y, depth in mm, and coils by their names in A, those of
-    them that the log holds."""
+    """A log laid over a run.
+
+    Attributes
+    ----------
+    time : (n,), time of the run, s.
+    signals : the signals that the log holds, by name: x, y, depth in mm, and currents by the names of the coils in A.
+    """
 
     time: Array
     signals: Mapping[str, LaidSignal]
 
     def to_dict(self) -> dict[str, Plain]:
-        """Samples, and of every signal how far it is apart."""
+        """Number of samples, and the difference of every signal, as plain Python."""
         apart = {name: signal.to_dict() for name, signal in self.signals.items()}
         return plain_items(samples=len(self.time), differences=apart)
 
@@ -70,11 +75,22 @@ def read_measured_log(
     units: Mapping[str, str] | None = None,
     options: Mapping[str, str] | None = None,
 ) -> Log:
-    """A log with any of x, y, depth, z (m, mm ...) and currents of the coils, whose columns are "current NAME",
-    "currents NAME", "I_NAME" or the coil's name.
+    """Read a log with some of x, y, depth, z and currents of the coils.
 
-    names: role -> column; units: column -> unit; options: what the caller calls these, as of `read_log`. Raises
-    InputError with every problem of the file.
+    Columns of currents are "current NAME", "currents NAME", "I_NAME", "coil NAME" or the coil's name.
+
+    Parameters
+    ----------
+    path : of the file.
+    coil_names : names of the coils.
+    names : columns by role, for columns that are not recognised.
+    units : units by column, where the file does not state them.
+    options : how the caller calls these two arguments in messages: see `read_log`.
+
+    Raises
+    ------
+    InputError
+        With every problem of the file.
     """
     known = dict(ROLES)
     for coil in coil_names:
@@ -99,16 +115,16 @@ def read_measured_log(
 
 
 def lay_over(experiment: Experiment, run: LevitationRun, log: Log, begins: float | None = None) -> LaidLog:
-    """A log over a run: signals of the run, as they truly were, at the times of the log.
+    """Lay a log over a run: compare it with the true signals of the run, at the times of the log.
 
-    Samples before or behind the run are left out.
+    Samples before or after the run are left out.
 
     Parameters
     ----------
     experiment : of the run.
-    run : what was simulated.
-    log : what was measured.
-    begins : time of the run, s, of the log's first sample; its own time unless given.
+    run : the simulated run.
+    log : the measured log.
+    begins : time of the run, s, at which the log begins; the log's own times are used unless given.
 
     Returns
     -------
@@ -140,7 +156,7 @@ def lay_over(experiment: Experiment, run: LevitationRun, log: Log, begins: float
 
 
 def _reading(signals: Mapping[str, Array], axis: str, zero_mm: float) -> Array | None:
-    """x, y or depth in mm; the depth from z where the log has that."""
+    """x, y or depth in mm; None if the log does not hold it. The depth is computed from z if there is only z."""
     if axis in signals:
         return np.asarray(1e3 * signals[axis])
     if axis == "depth" and "z" in signals:

@@ -1,4 +1,4 @@
-"""What a run of a scenario is judged by."""
+"""Metrics of a run of a scenario."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -17,8 +17,17 @@ from fieldmap.typing import Array
 
 @dataclass(frozen=True, repr=False)
 class AxisMetrics(Record):
-    """Of one axis: root mean square and largest error of the true position against the reference, and of what the
-    controller sees, mm; how far it moved, peak to peak, mm; its only or first step, None without one."""
+    """Metrics of one axis.
+
+    Attributes
+    ----------
+    axis : "x", "y" or "depth".
+    rms_error_mm : root mean square of the true position minus the reference.
+    largest_error_mm : largest absolute value of it.
+    rms_seen_mm : root mean square of the measured position minus the reference.
+    travel_mm : range of the true position, peak to peak.
+    step : metrics of the first step of the reference; None if there is none.
+    """
 
     axis: str
     rms_error_mm: float
@@ -30,10 +39,20 @@ class AxisMetrics(Record):
 
 @dataclass(frozen=True, repr=False)
 class RunMetrics(Record):
-    """Of a run: its axes; end of it, s; name of the event, "" without one; walls that
-    were met, and "currents" beyond the table or the model of the iron; largest lean, deg and current, A. At the end or
-    the event: end_mm: sensed point as x, y, depth; end_mm_per_s: velocity along x, y and of the depth; end_A: currents.
-    iron: what was taken for it."""
+    """Metrics of a run.
+
+    Attributes
+    ----------
+    axes : metrics of x, y and depth.
+    end_s : time of the end.
+    event : name of the event that ended the run; "" if there was none.
+    touched : walls that the body touched, and "currents" if currents left the table or the model of the iron.
+    largest_lean_deg, largest_current_A : over the run.
+    end_mm : sensed point at the end, as x, y, depth.
+    end_mm_per_s : its velocity along x, y and depth.
+    end_A : currents at the end.
+    iron : how the field of the iron was computed.
+    """
 
     axes: tuple[AxisMetrics, ...]
     end_s: float
@@ -78,7 +97,7 @@ def reading_mm(scenario: Scenario, points: Array) -> Array:
 
 
 def run_metrics(scenario: Scenario, run: LevitationRun) -> RunMetrics:
-    """The metrics of a run; those of a step are taken over the part of the run from it to the next on its axis."""
+    """Compute the metrics of a run. Those of a step use the time from it to the next step on the same axis."""
     signals = [reading_mm(scenario, points).T for points in (run.sensed, run.seen, run.references)]
     end, name = (run.event.time, run.event.name) if run.event else (run.time.max(initial=0.0), "")
     return RunMetrics(
@@ -96,7 +115,7 @@ def run_metrics(scenario: Scenario, run: LevitationRun) -> RunMetrics:
 def _of_axis(
     scenario: Scenario, time: Array, axis: str, true: Array, seen: Array, wanted: Array
 ) -> AxisMetrics:
-    """Of one axis, whose readings are in mm; zeros for a run that ended before its first sample."""
+    """Metrics of one axis from its readings in mm; zeros for a run that ended before its first sample."""
     if not len(time):
         return AxisMetrics(axis, 0.0, 0.0, 0.0, 0.0, None)
     error, seen_error = true - wanted, seen - wanted
@@ -111,7 +130,7 @@ def _of_axis(
 
 
 def _end(scenario: Scenario, run: LevitationRun) -> tuple[Any, Any, tuple[float, ...]]:
-    """Place and velocity in the reading of the sensors, and currents, at the event or in the last row."""
+    """Position and velocity as the sensors read them, and currents, at the event or in the last row."""
     if run.event is not None:
         state, currents = run.event.state, run.event.currents
     elif len(run.rows):
@@ -124,7 +143,7 @@ def _end(scenario: Scenario, run: LevitationRun) -> tuple[Any, Any, tuple[float,
 
 
 def _step(scenario: Scenario, time: Array, true: Array, wanted: Array, axis: str) -> StepMetrics | None:
-    """Of the first step of an axis whose reference does nothing else until the next."""
+    """Metrics of the first step of an axis; None unless all changes of its reference are steps."""
     moves = [piece for piece in scenario.settings.reference if piece.moves(axis)]
     pieces = [piece for piece in moves if getattr(piece, "by", None) != 0.0]
     steps = sorted((piece for piece in pieces if isinstance(piece, Step)), key=lambda piece: piece.at)

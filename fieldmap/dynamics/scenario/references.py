@@ -1,4 +1,4 @@
-"""Signals of a scenario: references, outputs in open loop, disturbances, one row per control period."""
+"""Signals of a scenario, one row per control period: references, outputs in open loop, and disturbances."""
 
 from abc import abstractmethod
 from collections.abc import Sequence
@@ -21,7 +21,7 @@ from fieldmap.typing import Array
 AXES = ("x", "y", "depth")
 OUTPUTS = ("lift_V", "x", "y")
 MOST_PERIODS = 5_000_000
-"""Of a run, which then takes some 2.5 GB."""
+"""Most control periods of a run. Such a run takes about 2.5 GB of memory."""
 
 Axis = Annotated[Literal["x", "y", "depth"], Key(..., "whose reference")]
 Begins = Annotated[NotNegative, Key(..., "when it begins", "s")]
@@ -29,17 +29,27 @@ Amplitude = Annotated[float, Key(..., "amplitude", "mm")]
 
 
 class Reference(Record):
-    """A change of the references; the classes derived from it are its kinds."""
+    """A change of the references. Each derived class is one kind."""
 
     kind: ClassVar[str]
 
     @abstractmethod
     def changed(self, wanted: Array, time: Array, key: str) -> Array:
-        """The references (p, 3), x, y and depth in m, at times (p,), s, with this change. key: its place in the
-        file."""
+        """Apply the change to the references.
+
+        Parameters
+        ----------
+        wanted : (p, 3), references x, y and depth, m.
+        time : (p,), s.
+        key : of this change in the file, for messages.
+
+        Returns
+        -------
+        The changed references (p, 3), m.
+        """
 
     def moves(self, axis: str) -> bool:
-        """Whether it asks something of this axis."""
+        """Whether it changes the reference of this axis."""
         return getattr(self, "axis", axis) == axis
 
 
@@ -50,14 +60,14 @@ class _AlongAxis(Reference):
     axis: Axis
 
     def changed(self, wanted: Array, time: Array, key: str) -> Array:
-        """With what is added along the axis."""
+        """See `Reference`."""
         added = np.zeros_like(wanted)
         added[:, AXES.index(self.axis)] = self.added(time)
         return wanted + added
 
     @abstractmethod
     def added(self, time: Array) -> Array:
-        """(p,), m."""
+        """Change (p,) of the reference along the axis, m, at times (p,), s."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -72,7 +82,7 @@ class Step(_AlongAxis):
     every: Annotated[Positive, Key(..., "time from one to the next", "s")] = 1.0
 
     def added(self, time: Array) -> Array:
-        """(p,), m."""
+        """See `_AlongAxis`."""
         made = np.floor(_since(time, self.at) / self.every + 1e-9) + 1.0
         return self.by * np.clip(made, 0.0, self.times)
 
@@ -88,7 +98,7 @@ class Ramp(_AlongAxis):
     rate: Annotated[Positive, Key(..., "how fast", "mm_per_s")]
 
     def added(self, time: Array) -> Array:
-        """(p,), m."""
+        """See `_AlongAxis`."""
         gone = np.clip(_since(time, self.at), 0.0, None) * self.rate
         return np.sign(self.by) * np.minimum(gone, abs(self.by))
 
@@ -104,7 +114,7 @@ class Sine(_AlongAxis):
     at: Begins = 0.0
 
     def added(self, time: Array) -> Array:
-        """(p,), m."""
+        """See `_AlongAxis`."""
         since = _since(time, self.at)
         return np.where(since >= 0.0, self.amplitude * np.sin(2.0 * np.pi * self.frequency * since), 0.0)
 
@@ -121,7 +131,7 @@ class BinarySequence(_AlongAxis):
     order: Annotated[Annotated[int, Field(ge=3, le=16)], Key(..., "of the shift register")] = 8
 
     def added(self, time: Array) -> Array:
-        """(p,), m."""
+        """See `_AlongAxis`."""
         since, bits = _since(time, self.at), pseudo_random_binary(self.order)
         index = np.floor(np.clip(since, 0.0, None) / self.bit).astype(int) % len(bits)
         return np.where(since >= 0.0, self.amplitude * (bits[index] > 0), 0.0)
@@ -144,7 +154,7 @@ class Circle(Reference):
     out: Annotated[Positive, Key(..., "how fast it goes there", "mm_per_s")] = 1e-3
 
     def changed(self, wanted: Array, time: Array, key: str) -> Array:
-        """Out along x to the radius, then the angle grows by rate Ts every period."""
+        """See `Reference`. The path goes along x to the radius, then round with the angular velocity `rate`."""
         since = _since(time, self.at)
         angle, on = self.rate * np.clip(since - 1e-9, 0.0, None), since >= 0.0
         circle = np.column_stack([np.cos(angle), np.sin(angle), np.zeros_like(time)])
@@ -164,7 +174,7 @@ class TableOfReferences(Reference):
     file: Annotated[Path, Key(Text, "path, relative to the scenario")]
 
     def changed(self, wanted: Array, time: Array, key: str) -> Array:
-        """What the file says in the place of all before."""
+        """See `Reference`. The file replaces the changes before it."""
         must = "must be a CSV file of time in s and x, y, depth in mm, with a line of names"
         try:
             rows = np.loadtxt(self.file, delimiter=",", skiprows=1, ndmin=2)
@@ -220,14 +230,27 @@ def control_times(duration: float, period: float) -> Array:
 
 
 def _since(time: Array, at: float) -> Array:
-    """Time since `at`, with the first sample at or after it counted as its beginning; negative before."""
+    """Time since `at`, negative before it. A nanosecond is added because of rounding: a sample at `at` counts."""
     return time - at + 1e-9
 
 
 def references(
     changes: Sequence[Reference], compensator: Compensator | None, start: Array, time: Array, period: float
 ) -> Array:
-    """(p, 3) x, y, depth in m of the sensed point at times (p,), s, from the start's (3,) on."""
+    """References of a run.
+
+    Parameters
+    ----------
+    changes : applied one after the other.
+    compensator : pushes the depth when x or y moves.
+    start : (3,), reference x, y and depth at the start, m.
+    time : (p,), s.
+    period : of the control task, s.
+
+    Returns
+    -------
+    (p, 3): x, y and depth of the sensed point, m.
+    """
     wanted: Array = np.tile(np.asarray(start, float), (len(time), 1))
     for number, change in enumerate(changes):
         wanted = change.changed(wanted, time, f"reference.{number}")
@@ -239,7 +262,7 @@ def references(
 
 
 def open_loop_signals(signals: Sequence[Signal], time: Array) -> Array | None:
-    """(p, 3): what is added to the outputs; None where nothing is."""
+    """Steps (p, 3) that are added to the outputs at times (p,); None if there are none."""
     if not signals:
         return None
     added = np.zeros((len(time), 3))
@@ -249,7 +272,7 @@ def open_loop_signals(signals: Sequence[Signal], time: Array) -> Array | None:
 
 
 def disturbances(forces: Sequence[Disturbance], time: Array) -> Array | None:
-    """(p, 6) force in N and torque; None where there is none."""
+    """Force, N, and torque, N m, (p, 6), at times (p,); None if there are none."""
     if not forces:
         return None
     loads = np.zeros((len(time), 6))

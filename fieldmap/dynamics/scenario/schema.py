@@ -1,4 +1,4 @@
-"""What a scenario file may hold, table by table, and how it is read."""
+"""The keys of a scenario file, table by table, and its reader."""
 
 import tomllib
 from collections.abc import Mapping
@@ -46,7 +46,7 @@ from fieldmap.records import Record
 from fieldmap.typing import Array
 
 MOST_STEPS = 1_000_000
-"""Of the mechanics in one control period."""
+"""Most steps of the mechanics in one control period."""
 _Nodes = Annotated[list[Annotated[int, Field(ge=4)]], Field(min_length=3, max_length=3)]
 _ZERO: Three = (0.0, 0.0, 0.0)
 _NO_DRAG, _IDEAL = Drag(), Sensors()
@@ -75,7 +75,7 @@ class FieldSettings(Record):
     ] = None
 
     def field(self, opened: FieldMap, currents: Array) -> FieldOfCurrents:
-        """The field of the currents, about these (n,), A, where it is linearised."""
+        """The field as a function of the currents; "linearised" iron is linearised about currents (n,), A."""
         if not saturates(opened):
             return superposed(opened, self.scale)
         if self.iron == "linearised":
@@ -158,7 +158,7 @@ class CoilSettings(Record):
 
 
 class WallEndKeys(Table):
-    """What a scenario says of walls besides what they are."""
+    """Keys of walls that a scenario adds to those of `Walls`."""
 
     end: list[Literal["floor", "ceiling", "tube"]] = Field(
         default=["floor", "ceiling", "tube"], description="contacts that end the run"
@@ -305,8 +305,10 @@ class Settings(Record):
     )
 
     def held(self) -> tuple[Array, Array]:
-        """What is given of the sensed point (3,), m, and of the outputs (3,) at rest; NaN where it is free. The height
-        is that of the start's depth."""
+        """The held components of the sensed point (3,), m, and of the outputs (3,) at rest; NaN for free components.
+
+        Along x and y either the position is held or the output. The height is held if the start states a depth.
+        """
         place, outputs = np.full(3, np.nan), np.full(3, np.nan)
         for k, axis in enumerate("xy"):
             given, controller = getattr(self.start, axis), getattr(self.control, axis)
@@ -328,7 +330,7 @@ class Settings(Record):
         return self.sensors.zero_depth
 
     def refuse_idle(self, idle: tuple[str, ...]) -> None:
-        """What is asked of axes along which the coils do not push by themselves. Raises ScenarioError."""
+        """Raise ScenarioError if a key asks for control along an axis of `idle`, along which the coils do not push."""
         control = self.control
         for axis in idle:
             why = f"the coils do not push along {axis} by themselves at the start"
@@ -357,7 +359,14 @@ SCENARIO = FileKind("scenario", ScenarioFile, ScenarioError, "maps", "scenarios"
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Scenario(Record):
-    """A scenario as written: path and text of the file, its contents, and what was changed of them by the caller."""
+    """A scenario as written.
+
+    Attributes
+    ----------
+    path, text : of the file.
+    contents : the table of the file, in the units of the file.
+    changes : values by dotted key that the caller changed; they are in the contents.
+    """
 
     path: Path
     text: str
@@ -381,7 +390,8 @@ class Scenario(Record):
         return Document(self.path, self.text, {})
 
     def __reduce__(self) -> tuple[Any, ...]:
-        # The classes of the tables are made when this module is imported; pickles look for classes by name.
+        # The classes of the tables are made while this module is imported. A pickle looks for classes by name and would
+        # not find them, so it takes the values.
         data = self.contents.model_dump(exclude_unset=True, warnings=False)
         return _scenario_of, (self.path, self.text, data, self.changes)
 
@@ -395,8 +405,8 @@ def read_scenario(path_or_name: str | Path, changes: Mapping[str, Any] | None = 
 
     Parameters
     ----------
-    path_or_name : of the file, or the name of a shipped one ("vertical_step").
-    changes : values by dotted key, such as {"control.z.Kc": 0.2}, in the place of those of the file.
+    path_or_name : path of the file, or the name of a shipped scenario ("vertical_step").
+    changes : values by dotted key that replace those of the file, such as {"control.z.Kc": 0.2}.
 
     Returns
     -------
@@ -420,7 +430,7 @@ def read_scenario(path_or_name: str | Path, changes: Mapping[str, Any] | None = 
 
 
 def find_scenario(path_or_name: str | Path) -> Path:
-    """The file at a path, or the shipped one of that name; ScenarioError if there is neither."""
+    """The file at a path, or the shipped scenario of that name. Raises ScenarioError if there is neither."""
     if Path(path_or_name).suffix.lower() in (".h5", ".hdf5"):
         remedy = f"a scenario says what happens in it: fieldmap simulate hold --map {path_or_name}"
         raise ScenarioError.of(str(path_or_name), "must be a scenario file", "the name of a map", remedy)
@@ -428,7 +438,7 @@ def find_scenario(path_or_name: str | Path) -> Path:
 
 
 def _change(data: dict[str, Any], path: Path, key: str, value: Any) -> None:
-    """Set a value by its dotted key; steps that are numbers count in a list."""
+    """Set a value by its dotted key. A number in the key is an index of a list."""
     *steps, last = key.split(".")
     here: Any = data
     for step in steps:

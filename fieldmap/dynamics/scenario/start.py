@@ -1,4 +1,4 @@
-"""Where a scenario begins: the currents that carry the body, the control allocation, the operating point."""
+"""Start of a scenario: the currents that carry the body, the control allocation, the operating point."""
 
 from __future__ import annotations
 
@@ -21,21 +21,27 @@ from fieldmap.lookup import FieldMap, division_domain, saturates, wrench_actuati
 from fieldmap.records import Record
 from fieldmap.typing import Array
 
-# Share of what amplifiers and supply give for long that a start chosen by the program takes; what is left is for
-# control.
+# A height that the program chooses takes at most this share of the lasting currents of amplifiers and supply; the rest
+# is left for control.
 _EASY = 0.5
-# Share of it within which currents for soft iron are looked for first: of several sets of them one is even.
+# Currents for soft iron are first looked for within this share of the lasting currents: there may be several solutions,
+# and the limits exclude uneven ones.
 _EASIER = 0.9
-# Heights of the map at which that is tried.
+# Number of heights of the map at which a start is tried.
 _HEIGHTS = 21
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Lift(Record):
-    """What carries a body in a map, for the search of the operating point to begin with.
+    """First guess of the operating point: currents that approximately carry a body in a map.
 
-    scale: of the map's field; limits (n,) each: currents that last, A; divided: whether the currents are those of
-    lift and directions.
+    Attributes
+    ----------
+    opened : the map.
+    payload, body : what is carried.
+    scale : factor of the map's field.
+    limits : lowest and highest lasting currents (n,), A.
+    divided : whether the currents are divided by lift and directions.
     """
 
     opened: FieldMap
@@ -47,11 +53,14 @@ class Lift(Record):
 
     @property
     def weight(self) -> float:
-        """N."""
+        """Weight of the body, N."""
         return self.body.mass * self.body.gravity
 
     def currents(self, point: Array) -> Array:
-        """Currents (n,) that about lift the magnet at a point (3,), m. Raises ScenarioError, Infeasible."""
+        """Currents (n,), A, that approximately carry the body with the magnet at a point (3,), m.
+
+        Raises ScenarioError for a point outside the map, Infeasible if no currents carry the body.
+        """
         lower, upper = self.opened.lower, self.opened.upper
         if not (lower <= point).all() or not (point <= upper).all():
             received = f"the magnet at {[round(1e3 * float(p), 3) for p in point]} mm"
@@ -67,11 +76,11 @@ class Lift(Record):
         return self._for_soft_iron(point) if soft else self._least_power(point)
 
     def height(self, x: float, y: float) -> float:
-        """Height of the magnet, m, above x and y at which the body is carried easily.
+        """Height of the magnet, m, at x and y at which the body is carried easily.
 
-        In the middle of the map, or at the place next to it at which half of what amplifiers and supply give carries
-        the body, with its moment along the field if it may turn. Where there is none, at the place that takes the
-        least, and in the middle where nothing lifts.
+        It is the height nearest to the middle of the map at which half of the lasting currents carry the body. If the
+        body may turn, its moment must point along the field there. If there is no such height, it is the one that takes
+        the least share of the lasting currents; the middle if no height is possible.
         """
         low, high = (float(corner[2]) for corner in (self.opened.lower, self.opened.upper))
         middle, room = 0.5 * (low + high), 0.05 * (high - low)
@@ -94,10 +103,11 @@ class Lift(Record):
         return chosen
 
     def allocation(self, point: Array, currents: Array, gain: float) -> ControlAllocation:
-        """That of least power about the currents (n,) at a point; gain: of the amplifiers, A/V.
+        """The allocation by least power, linearised at a point (3,), m, and currents (n,), A; gain: of the amplifiers,
+        A/V.
 
-        Where something that no current drives lifts, too, the currents that carry the body may be zero or take away.
-        The scale is then that of the currents which would carry the weight alone.
+        Its scale is the largest of the currents that carry the body. If something that no current drives lifts too,
+        these may be zero or pull down; the scale is then that of currents that carry the weight alone.
         """
         force = self._force_per_ampere(point, currents)
         if self.opened.fixed_sources:
@@ -109,14 +119,18 @@ class Lift(Record):
         return least_power_allocation(force, shares, largest / gain)
 
     def _force_per_ampere(self, point: Array, currents: Array) -> Array:
-        """Force (3, n), N/A, of the map as it is; of soft iron about the currents as the scale of the field has it."""
+        """Force per ampere (3, n), N/A, of the map without its scale. For soft iron it depends on the currents, and is
+        taken at the currents times the scale."""
         if not self.body.magnet.soft:
             return force_per_ampere(self.opened, self.body.magnet.moments.sum(axis=0), point, currents)
         return wrench_actuation(self.opened, point, self.body.magnet, self.scale * currents).matrix[:3]
 
     def _for_soft_iron(self, point: Array) -> Array:
-        """What carries a body of soft iron with least power, and pushes it nowhere else if the coils can do that; with
-        room left of what the amplifiers give, if there is."""
+        """Currents of least power that carry a body of soft iron.
+
+        The horizontal force is zero and the currents keep a distance from their limits, if the coils can do that. Then
+        the conditions are dropped one after the other.
+        """
         low, high = self.limits
         within = _EASIER * self.scale * low, _EASIER * self.scale * high
         upward, free = np.array([0.0, 0.0, self.weight]), np.array([np.nan, np.nan, self.weight])
@@ -130,7 +144,7 @@ class Lift(Record):
         raise _at_start(problem)
 
     def _least_power(self, point: Array) -> Array:
-        """Of linear iron: what carries the weight."""
+        """Currents of least power that carry the weight, for linear iron."""
         moment, ones = self.body.magnet.moments.sum(axis=0), np.ones(len(self.opened.coil_names))
         force = self.scale * force_per_ampere(self.opened, moment, point, ones)
         try:
@@ -143,12 +157,12 @@ class Lift(Record):
         return np.asarray(carried / (force[2] @ shares))
 
     def _equal(self, point: Array) -> Array:
-        """Of saturating iron: the same current in every coil."""
+        """Equal currents in all coils that carry the weight, for saturating iron."""
         opened, scale = self.opened, self.scale
         coils, domain, reduced = len(opened.coil_names), division_domain(opened), opened.info.reduced_model
         levels = np.linspace(domain[0][0], domain[1][0], 9) if domain else np.linspace(0.3, 3.0, 10)
         if opened.fixed_sources and not domain and isinstance(opened.parametrisation, IndependentCurrents):
-            # What no current drives may lift enough by itself, or too much.
+            # A source that no current drives may lift too much, so negative currents are tried too.
             assert reduced is not None
             levels = np.linspace(float(reduced.lower.max()), float(reduced.upper.min()), 25)
         equal = [np.full(coils, level) for level in levels]
@@ -171,7 +185,7 @@ def _at_start(problem: Problem) -> Infeasible:
 
 
 def outputs_near(machine: Machine, opened: FieldMap, currents: Array) -> list[float]:
-    """Outputs that about make currents (n,), A, for the search to begin with."""
+    """Outputs (3,) that approximately give currents (n,), A: the first guess of the search for the operating point."""
     divided = isinstance(machine.allocation, ParametrisedAllocation)
     level = float(np.mean(currents) if divided else np.abs(currents).max())
     if not divided and opened.fixed_sources:
@@ -181,10 +195,20 @@ def outputs_near(machine: Machine, opened: FieldMap, currents: Array) -> list[fl
 
 
 def floating(machine: Machine, held: tuple[Array, Array], guess: ArrayLike) -> OperatingPoint:
-    """The operating point of a machine: held: what is given of the sensed point (3,), m, and of the outputs (3,), NaN
-    for what is free; guess (3,): outputs near it.
+    """Find the operating point of a machine.
 
-    Raises NoEquilibrium, and Infeasible where it takes more than the amplifiers give.
+    Parameters
+    ----------
+    machine : the machine.
+    held : sensed point (3,), m, and outputs (3,); NaN for components that are free.
+    guess : (3,), outputs near the solution.
+
+    Raises
+    ------
+    NoEquilibrium
+        If there is none.
+    Infeasible
+        If its currents are beyond the amplifiers or the supply.
     """
     point = find_operating_point(machine, *held, guess)
     low, high = machine.drive.steady
@@ -203,9 +227,20 @@ def floating(machine: Machine, held: tuple[Array, Array], guess: ArrayLike) -> O
 def floating_at(
     machine: Machine, held: tuple[Array, Array], start: OperatingPoint, heights: Sequence[float]
 ) -> list[OperatingPoint]:
-    """As `floating` with the sensed point at each of these heights, m; start: the operating point at one of them.
+    """Operating points with the sensed point at several heights.
 
-    The search goes from the start outward, each time from the point nearest to the height.
+    Each search begins at the nearest height that is solved already.
+
+    Parameters
+    ----------
+    machine, held : as in `floating`; the held height is replaced.
+    start : a known operating point.
+    heights : of the sensed point, m.
+
+    Raises
+    ------
+    NoEquilibrium, Infeasible
+        As in `floating`.
     """
     (x, y, _), outputs = held
     begin = float(start.sensed[2])
