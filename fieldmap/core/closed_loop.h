@@ -1,10 +1,10 @@
 /* closed_loop.h: a levitated magnet in closed loop, from sensor to current to motion and back, at two rates
  * (docs/theory/closed_loop.md (6)).
  *
- * Every control period: sense, compute, allocate, convert. `delay` mechanical steps later the new currents are asked for.
- * Every mechanical step: currents move, then the body. A run can stop between sensing and computing, where somebody else
- * gives the outputs, and go on from there: loops that are written by hand, sample by sample, pass through the same code as
- * whole runs. In double precision.
+ * Every control period: sense, compute, allocate, convert. The new currents are commanded `delay` mechanical steps later.
+ * Every mechanical step: the currents advance, then the body. A run can pause between sensing and computing, so that the caller
+ * gives the outputs, and go on from there. A loop that the caller writes, sample by sample, thus runs the same code as a whole
+ * run. All numbers are double.
  *
  * BSD-3-Clause, the fieldmap developers.
  */
@@ -14,49 +14,55 @@
 #include "controller.h"
 #include "inverse.h"
 
-/* What ends a run. FIELDMAP_PAUSED is no end: the outputs of the next sample are to be given. */
+/* Events that end a run. FIELDMAP_GOES_ON is no event. FIELDMAP_PAUSED is no end: the caller must give the outputs of the next
+ * sample. */
 enum {
     FIELDMAP_GOES_ON, FIELDMAP_FELL_OUT, FIELDMAP_LEFT_ABOVE, FIELDMAP_LEFT_SIDEWAYS, FIELDMAP_NOT_A_NUMBER,
     FIELDMAP_HIT_FLOOR, FIELDMAP_HIT_POLE, FIELDMAP_HIT_TUBE, FIELDMAP_SATURATED, FIELDMAP_BEYOND_CURRENTS,
     FIELDMAP_CONTROLLER_FAILED, FIELDMAP_OUTPUTS_NOT_FINITE, FIELDMAP_PAUSED
 };
 
-/* Beside what is touched: the currents lay where it is not known how the field follows them. */
+/* Another flag for `touched`: currents lay outside the table or the model of the iron. */
 enum { FIELDMAP_BEYOND = 8 };
 
-/* A controller of one's own. It fills the outputs, may change its state, and returns 0; any other number ends the run. */
+/* A controller function of the caller. It fills the outputs, may change its state, and returns 0. Any other number ends the
+ * run. */
 typedef int fieldmap_control_function(
     double time, const double *measured, const double *reference, double *state, double *outputs);
 
-/* Three sensors. An ideal one reads into p + shift; chains: what becomes of a reading; back: the inverse of `into`.
- * scan_time: s from scan to scan, 0 for sensors that show what is at the moment of sampling; latency: scans by which a mean
- * comes late; averages: scans whose mean each shows. */
+/* Three sensors. An ideal sensor reads into p + shift at the sensed point p. chains: the instruments that a reading passes;
+ * back: the inverse of `into`. scan_time: time between scans, s, or 0 for sensors that read at the moment of sampling;
+ * averages: number of scans that each sensor averages; latency: delay of the average, in scans. */
 typedef struct fieldmap_sensing {
     double into[9], shift[3], back[9], scan_time;
     int latency, averages[3];
     fieldmap_chain chains[3];
 } fieldmap_sensing;
 
-/* What a run has done so far: samples, mechanical steps, rows; periods that a limit has held without a break; whether the
- * next sample is sensed; what its controller returned; the number of the next scan; what was ever touched; whether the
- * currents lie where it is known how the field follows them. */
+/* State of a run. samples, steps, rows: numbers of control samples, mechanical steps and recorded rows so far. held: number of
+ * consecutive periods in which a limit was active. sensed: whether the next sample is sensed already. answer: the number that
+ * the controller function returned. scan: index of the next scan. touched: flags of all contacts so far. within: whether the
+ * currents lie in the table or the model of the iron. */
 typedef struct fieldmap_progress {
     int64_t samples, steps, rows, held, sensed, answer, scan, touched, within;
 } fieldmap_progress;
 
-/* A run. step: s; steps of a period and of the delay; periods from row to row; contacts: the sum of those that end it;
- * longest_saturation: in periods, 0 for any.
+/* A run. step: mechanical step, s; per_period, delay: mechanical steps of a control period and of the delay; every: control
+ * periods per recorded row; contacts: flags of the contacts that end the run; longest_saturation: periods with an active limit
+ * that end the run, 0 for never.
  *
- * The outputs are those of `function` unless NULL, or are given from outside where `given` is 1, in both cases within the
- * limits of `controller`; else they are those of the controller. They go to the allocation, or are forces of `inverse`
- * unless NULL.
+ * The outputs come from `function` unless it is NULL, or from the caller if `given` is 1; both are limited as those of
+ * `controller`. Otherwise they come from `controller`. They go to the allocation, or are forces for `inverse` unless it is
+ * NULL.
  *
- * By sample: references[3], feedforward[outputs], disturbances[6], of `disturbed` samples, 1 for all the same, noise[3] of
- * the position, voltage_noise[3] of the input converters, current_noise[n_coils]. scans[3 * n_scans]: hold their noise.
+ * Arrays with a row for each sample: references[3], feedforward[outputs], noise[3] of the position, voltage_noise[3] of the
+ * input converters, current_noise[n_coils]; disturbances[6] has `disturbed` rows, or one for all samples.
+ * scans[3 * n_scans]: the caller puts the noise there, and the run adds the readings.
  *
- * state, currents, memory, load: are advanced. commands now, the last and those before; signals: as a controller takes them,
- * reference and what is seen first; scratch: of the memory's length and twice the outputs'; voltages. rows: at most
- * max_rows of state, currents, commands, what is seen, and outputs. */
+ * The run advances state, currents, memory and load. commands: the present commanded currents; waiting: those of the last
+ * sample; late: those of the sample before. signals: input of the controller, reference and measured position first. scratch:
+ * as long as the memory and twice the outputs. rows: at most max_rows rows of state, currents, commands, measured position and
+ * outputs. */
 typedef struct fieldmap_loop {
     fieldmap_machine *machine;
     double step;
@@ -74,7 +80,7 @@ typedef struct fieldmap_loop {
     fieldmap_progress *progress;
 } fieldmap_loop;
 
-/* How a body left the map. */
+/* The event of a body that left the map. */
 static inline int fieldmap_way_out(const fieldmap *map, int status, double z)
 {
     if (status == FIELDMAP_NOT_FINITE || z != z) return FIELDMAP_NOT_A_NUMBER;
@@ -82,7 +88,7 @@ static inline int fieldmap_way_out(const fieldmap *map, int status, double z)
     return z > map->lower[2] + map->cells[2] / map->inverse[2] ? FIELDMAP_LEFT_ABOVE : FIELDMAP_LEFT_SIDEWAYS;
 }
 
-/* The event of what is touched, if it is among those that end a run. */
+/* The event of a contact. ends: flags of present contacts that end a run. */
 static inline int fieldmap_hit(int64_t ends)
 {
     if (ends & FIELDMAP_ON_FLOOR) return FIELDMAP_HIT_FLOOR;
@@ -90,8 +96,8 @@ static inline int fieldmap_hit(int64_t ends)
     return ends & FIELDMAP_ON_WALL ? FIELDMAP_HIT_TUBE : FIELDMAP_GOES_ON;
 }
 
-/* Add to the scans what sensors see between start and start + h, when the sensed point goes from before[3] to after[3].
- * Scan k is taken at k * scan_time. */
+/* Add the readings of the sensors to the scans between the times start and start + h, in which the sensed point moves from
+ * before[3] to after[3]. Scan k is taken at k * scan_time. */
 static inline void fieldmap_add_scans(fieldmap_loop *loop, const double *before, const double *after, double start, double h)
 {
     const fieldmap_sensing *sensing = &loop->sensing;
@@ -108,7 +114,7 @@ static inline void fieldmap_add_scans(fieldmap_loop *loop, const double *before,
     loop->progress->scan = k;
 }
 
-/* Fill what is seen at a sample, and the signals of the controller. */
+/* Measure the sensed point at a sample, and fill the reference and the measured position in the signals of the controller. */
 static inline void fieldmap_sense(fieldmap_loop *loop, int64_t sample, double time)
 {
     const fieldmap_sensing *sensing = &loop->sensing;
@@ -126,13 +132,13 @@ static inline void fieldmap_sense(fieldmap_loop *loop, int64_t sample, double ti
     for (i = 0; i < 3; i++) loop->signals[i] = loop->references[3 * sample + i], loop->signals[3 + i] = seen[i];
 }
 
-/* Outputs of a function, or those that are given, with the feed-forward and within the limits: an event. */
+/* Fill the outputs of the controller function or of the caller, with feed-forward and limits. Returns an event. */
 static inline int fieldmap_own_outputs(fieldmap_loop *loop, double time, const double *feedforward, int *held)
 {
     const fieldmap_controller *limits = loop->controller;
     int j;
     if (loop->function != NULL) {
-        /* What it is called with, should it fail. */
+        /* If the function fails, the caller shows the memory that it was called with. */
         for (j = 0; j < loop->memory_size; j++) loop->scratch[j] = loop->memory[j];
         loop->progress->answer = loop->function(time, loop->signals + 3, loop->signals, loop->memory, loop->outputs);
         if (loop->progress->answer != 0) return FIELDMAP_CONTROLLER_FAILED;
@@ -146,7 +152,7 @@ static inline int fieldmap_own_outputs(fieldmap_loop *loop, double time, const d
     return FIELDMAP_GOES_ON;
 }
 
-/* Voltages of the coils: from the outputs, or from the forces that they are at the place that is seen. */
+/* Fill the voltages of the coils from the outputs. With an inverse map the outputs are forces at the measured position. */
 static inline void fieldmap_to_coils(const fieldmap_loop *loop)
 {
     const fieldmap_inverse_map *inverse = loop->inverse;
@@ -162,7 +168,7 @@ static inline void fieldmap_to_coils(const fieldmap_loop *loop)
     fieldmap_allocate(&loop->allocation, inverse->signals, loop->voltages);
 }
 
-/* Compute, allocate, convert: fill what waits to be commanded; an event, and whether a limit held anything back. */
+/* Compute, allocate, convert: fill `waiting`. held: whether a limit was active. Returns an event. */
 static inline int fieldmap_compute(fieldmap_loop *loop, int64_t sample, double time, int *held)
 {
     const fieldmap_machine *machine = loop->machine;
@@ -198,7 +204,8 @@ static inline void fieldmap_record(fieldmap_loop *loop)
     loop->progress->rows++;
 }
 
-/* One step of the currents, and the weights if any moved; whether any moved, and whether a supply held one back. */
+/* Advance the currents by one step, and the weights of the fields if a current changed. Returns whether one changed. held: set
+ * if a supply limited one. */
 static inline int fieldmap_move_currents(fieldmap_loop *loop, int *held)
 {
     fieldmap_machine *machine = loop->machine;
@@ -214,7 +221,8 @@ static inline int fieldmap_load_now(fieldmap_loop *loop, int *touched)
     return fieldmap_load(&loop->machine->field, &loop->machine->body, loop->state, loop->load, touched);
 }
 
-/* One mechanical step, of number `first` + `number`, in a period: an event, and whether a supply held a current back. */
+/* Mechanical step `number` of a period whose first step is `first`. at_once: the currents follow commands without delay. held:
+ * set if a supply limited a current. Returns an event. */
 static inline int fieldmap_mechanical_step(fieldmap_loop *loop, int64_t first, int64_t number, int at_once, int *held)
 {
     const int scanning = loop->sensing.scan_time > 0.0;
@@ -246,7 +254,7 @@ static inline int fieldmap_mechanical_step(fieldmap_loop *loop, int64_t first, i
     return FIELDMAP_GOES_ON;
 }
 
-/* The beginning of a run: the load of the state, and the first scan; an event, if there is one already. */
+/* Begin a run: compute the load of the state, and take the first scan. Returns an event, if the body is outside already. */
 static inline int fieldmap_loop_begin(fieldmap_loop *loop)
 {
     fieldmap_machine *machine = loop->machine;
@@ -264,8 +272,8 @@ static inline int fieldmap_loop_begin(fieldmap_loop *loop)
                                  : fieldmap_way_out(machine->field.map, status, loop->state->position[2]);
 }
 
-/* Run from where the last call ended until the end or an event, which is returned; with outputs that are given until they
- * are asked for. The body is left with the disturbances of the last sample. */
+/* Run on from the end of the last call until the end of the run or an event. Returns the event. If the caller gives the
+ * outputs, the run pauses at each sample. The body keeps the disturbance of the last sample. */
 static inline int fieldmap_loop_run(fieldmap_loop *loop)
 {
     fieldmap_machine *machine = loop->machine;

@@ -1,10 +1,10 @@
-/* controller.h: a sampled controller of any kind as one linear block with limits (docs/theory/closed_loop.md (5)).
+/* controller.h: every sampled controller as one linear block with limits (docs/theory/closed_loop.md (5)).
  *
  *     u = C xi + D v + f     s = u within its limits     xi <- A xi + B v + E (s - f) + F f
  *
- * v[7]: reference[3] and measured position[3] of the sensed point, both m in the frame of the map, and 1. xi: memory; f:
- * feed-forward. An observer is fed with what was applied by E and F; an integral that tracks its limit by E. In double
- * precision.
+ * v[7]: reference[3] and measured position[3] of the sensed point, both m in the frame of the map, and 1. xi: memory.
+ * f: feed-forward. E and F feed the applied outputs s to an observer; E also feeds them to an integral that tracks its limit.
+ * All numbers are double.
  *
  * BSD-3-Clause, the fieldmap developers.
  */
@@ -19,10 +19,10 @@
 
 enum { FIELDMAP_SIGNALS = 7 };
 
-/* A, F and E, C and so on: one matrix each, row by row, or one for each of `nodes` equal steps of a signal, one behind the
- * other, between which they are linear. lower, upper: limits of the outputs. hold: for an integral that stops while it would
- * drive an output further past a limit, the number of that output; -1 elsewhere. first, step, signal: the value of v[signal]
- * at the first node, and from node to node. */
+/* A to F: the matrices, row by row. A scheduled controller has one of each for `nodes` equidistant values of v[signal], one
+ * after the other, and interpolates linearly between them. first, step: v[signal] at the first node, and its step from node to
+ * node. lower, upper: limits of the outputs. hold: one number for each number of the memory. It is the index of an output if
+ * the memory is an integral that must not drive this output further beyond a limit, otherwise -1. */
 typedef struct fieldmap_controller {
     int nodes, states, outputs, signal;
     double first, step;
@@ -30,7 +30,7 @@ typedef struct fieldmap_controller {
     const int64_t *hold;
 } fieldmap_controller;
 
-/* Between which nodes a signal lies: the lower one, and the share of the upper one. */
+/* Position of a signal between two nodes. node: the lower one; share: weight of the upper one. */
 typedef struct fieldmap_between {
     int node;
     double share;
@@ -47,7 +47,7 @@ static inline fieldmap_between fieldmap_node(const fieldmap_controller *of, cons
     return found;
 }
 
-/* Row i of a matrix (rows, columns) at nodes, times a vector. */
+/* Product of row i of a matrix (rows, columns), interpolated between nodes, and a vector. */
 static inline double fieldmap_row_times(
     const double *stack, fieldmap_between at, int rows, int columns, int i, const double *vector)
 {
@@ -71,7 +71,7 @@ static inline double fieldmap_wanted_output(
         + fieldmap_row_times(of->D, at, of->outputs, FIELDMAP_SIGNALS, j, v);
 }
 
-/* Number i of the memory after this sample. without[outputs]: the outputs as they left, less the feed-forward. */
+/* Number i of the memory after this sample. without[outputs]: the limited outputs minus the feed-forward. */
 static inline double fieldmap_next_memory(const fieldmap_controller *of, fieldmap_between at, int i, const double *memory,
                                           const double *v, const double *without, const double *feedforward)
 {
@@ -81,13 +81,13 @@ static inline double fieldmap_next_memory(const fieldmap_controller *of, fieldma
         + fieldmap_row_times(of->F, at, of->states, of->outputs, i, feedforward);
 }
 
-/* How many numbers of scratch a sample takes. */
+/* Length of the scratch array. */
 static inline int fieldmap_controller_scratch(const fieldmap_controller *of)
 {
     return of->states + 2 * of->outputs;
 }
 
-/* Fill outputs[], feed-forward included, and advance memory[]; whether a limit held an output back. */
+/* Fill outputs[], feed-forward included, and advance memory[]. Returns whether a limit changed an output. */
 static inline int fieldmap_control(const fieldmap_controller *of, const double *v, const double *feedforward, double *memory,
                                    double *scratch, double *outputs)
 {
@@ -106,7 +106,7 @@ static inline int fieldmap_control(const fieldmap_controller *of, const double *
     for (i = 0; i < n; i++) {
         const int64_t output = of->hold[i];
         if (output >= 0) {
-            /* How much this number of the memory drives its output. */
+            /* Coefficient of this number of the memory in its output. */
             const double *by_memory = of->C + ((size_t)at.node * (size_t)m + (size_t)output) * (size_t)n + (size_t)i;
             double drives = by_memory[0];
             if (at.share != 0.0) drives = (1.0 - at.share) * drives + at.share * by_memory[(size_t)m * (size_t)n];
@@ -117,8 +117,8 @@ static inline int fieldmap_control(const fieldmap_controller *of, const double *
     return held;
 }
 
-/* Fill feedforward[], with which a controller gives the outputs wanted[] where the sensed point is at its reference[3]: what
- * is wanted less what it would say by itself; and advance memory[]. */
+/* Fill feedforward[] so that the controller gives the outputs wanted[] while the sensed point is at its reference[3], and
+ * advance memory[]. The feed-forward is wanted[] minus the outputs of the controller alone. */
 static inline void fieldmap_quiet_feedforward(const fieldmap_controller *of, const double *reference, const double *wanted,
                                               double *memory, double *scratch, double *feedforward)
 {

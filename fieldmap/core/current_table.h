@@ -1,9 +1,9 @@
 /* current_table.h: weights of a map's fields from a table over the signals of a division of six currents.
  *
- * Between the nodes lies a tensor product of cubic splines. A spline's basis follows from the recurrence of Cox and de Boor
- * (C. de Boor, A Practical Guide to Splines, Springer 1978, X (4)). Currents off the division, or beyond the table, go on
- * from the nearest division in it with the slopes of the weights by the six currents: docs/theory/current_dependence.md (6).
- * A table is never written to. In double precision.
+ * The table is interpolated by a tensor product of cubic splines. The basis functions follow from the recurrence of Cox and
+ * de Boor (C. de Boor, A Practical Guide to Splines, Springer 1978, X (4)). For currents that do not belong to any signals,
+ * or lie outside the table, the weights are extrapolated linearly from the nearest signals in the table, with their slopes by
+ * the six currents: docs/theory/current_dependence.md (6). Tables are read-only. All numbers are double.
  *
  * BSD-3-Clause, the fieldmap developers.
  */
@@ -15,28 +15,29 @@
 #include "division.h"
 #include "real.h"
 
-/* How good the weights of a table are: of a division in it; of currents beside every division; of a division beyond the
- * table, or with a coil beyond the limit. */
+/* Status of the weights of a table. FOUND: interpolated. BESIDE: the currents do not belong to any signals. BEYOND: the
+ * signals lie outside the table, or the current of a coil exceeds the limit. */
 enum { FIELDMAP_TABLE_FOUND = 0, FIELDMAP_TABLE_BESIDE = 48, FIELDMAP_TABLE_BEYOND = 49 };
 
-/* exponent: of the division; limit: of a coil's current, A, or infinity; mismatch: share of u by which currents may be off
- * their division; lower, upper: of u, x, y. sizes: how many nodes u, x and y have; fields: how many weights the table gives.
- * nodes: of u, x, y; knots: of their splines, four more, the first four and the last four equal. coefficients (sizes, fields)
- * of the splines; slopes (sizes, 6, fields) at the nodes, 1/A, or NULL for a table that stays constant outside. */
+/* exponent: n of the division; limit: largest current of a coil, A, or infinity; mismatch: allowed difference between the
+ * currents and those of their signals, as a share of u; lower, upper: range of u, x, y. sizes: numbers of nodes for u, x, y;
+ * fields: number of weights. nodes: for u, x, y; knots: of the splines, four more than nodes, the first four and the last four
+ * equal. coefficients (sizes, fields): of the splines; slopes (sizes, 6, fields): d weights / d currents at the nodes, 1/A, or
+ * NULL for weights that are constant outside. */
 typedef struct fieldmap_current_table {
     double exponent, limit, mismatch, lower[3], upper[3];
     int sizes[3], fields;
     const double *knots[3], *nodes[3], *coefficients, *slopes;
 } fieldmap_current_table;
 
-/* value[4]: the cubic basis functions that are not zero at v; the number of the first. */
+/* Fill value[4] with the cubic basis functions that are not zero at v. Returns the index of the first one. */
 static inline int fieldmap_spline_basis(const double *knots, int count, double v, double value[4])
 {
     const double *t;
     double share, p, q, a, b, c;
     int span = 3;
     while (span < count - 1 && v >= knots[span + 1]) span++;
-    /* From t[0] on: the two knots below v and before it, those around v at t[2] and t[3], and the two behind. */
+    /* t[2] <= v < t[3]; t[0] to t[5] are the knots that the recurrence uses. */
     t = knots + span - 2;
     share = 1.0 / (t[3] - t[2]);
     p = (t[3] - v) * share / (t[3] - t[1]), q = (v - t[2]) * share / (t[4] - t[2]);
@@ -50,7 +51,7 @@ static inline int fieldmap_spline_basis(const double *knots, int count, double v
     return span - 3;
 }
 
-/* weights[fields]: 64 coefficients of every weight times the three bases. */
+/* Fill weights[fields] with the spline at signals[3]: the sum of 64 coefficients times the basis functions. */
 static inline void fieldmap_table_sum(const fieldmap_current_table *table, const double *signals, double *FIELDMAP_RESTRICT weights)
 {
     const int n = table->fields;
@@ -68,7 +69,7 @@ static inline void fieldmap_table_sum(const fieldmap_current_table *table, const
         }
 }
 
-/* The cell of nodes that v lies in, and the share of its upper end. */
+/* Index of the cell of nodes that contains v. share: position of v in it, from 0 to 1. */
 static inline int fieldmap_table_cell(const double *nodes, int count, double v, double *share)
 {
     int i = 0;
@@ -77,7 +78,8 @@ static inline int fieldmap_table_cell(const double *nodes, int count, double v, 
     return i;
 }
 
-/* Add to weights[fields] what currents that are off[6] from a division change: slopes at nodes, trilinear. */
+/* Add to weights[fields] the slopes at signals[3], interpolated trilinearly, times off[6], the difference of the currents from
+ * those of the signals. */
 static inline void fieldmap_table_add_slopes(
     const fieldmap_current_table *table, const double *signals, const double *off, double *FIELDMAP_RESTRICT weights)
 {
@@ -100,8 +102,8 @@ static inline void fieldmap_table_add_slopes(
     }
 }
 
-/* weights[6 + fields] at currents[6]: the currents themselves, then what the table gives; how good they are, one of the
- * above. NaN in the currents gives NaN, and is beyond. */
+/* Fill weights[6 + fields] at currents[6]: the currents themselves, then the weights of the table. Returns one of the statuses
+ * above. If a current is NaN, so are the weights of the table, and the status is BEYOND. */
 static inline int fieldmap_table_weights(const fieldmap_current_table *table, const double *currents, double *weights)
 {
     double *iron = weights + 6, signals[3], within[3], largest = 0.0;

@@ -1,9 +1,9 @@
 /* iron.h: the weights of the fields of saturating iron at any currents, and their derivatives.
  *
- * A reduced model of the iron is solved by Newton's method (docs/theory/current_dependence.md). What a solve remembers and
- * works with lies in memory of the caller, fieldmap_iron_memory() bytes for each thread: nothing here allocates. A solve
- * takes FIELDMAP_IRON_STEPS steps at most. Equal currents one after the other are solved once. In double precision, with
- * sums in single precision where these are corrected.
+ * A reduced model of the iron is solved by Newton's method (docs/theory/current_dependence.md). The caller gives the memory of
+ * a solver state, fieldmap_iron_memory() bytes for each thread; nothing here allocates. A solve takes at most
+ * FIELDMAP_IRON_STEPS steps. A solve with the currents of the last one returns at once. Results are double; some sums are in
+ * single precision, where a later step corrects their rounding.
  *
  * BSD-3-Clause, the fieldmap developers.
  */
@@ -24,9 +24,10 @@ enum {
     FIELDMAP_IRON_MAX_SIGNALS = 64, FIELDMAP_IRON_MAX_DEGREE = 30
 };
 
-/* A map of saturating iron: treat as read-only. fields: those of the coils, the iron and a background, of whose weights
- * the field is the sum. p points, r modes, of which rows of `wide` numbers are stored, c coils, k fields of the iron. A model
- * without coils, signals and terms is one that is solved in fields at its points, as maps are made. */
+/* A map of saturating iron; treat it as read-only. fields: the fields of the coils, the iron and a background; their weighted
+ * sum is the field of the map. The model has p points, r modes, c coils and k fields of the iron. Rows over the modes are
+ * padded with zeros to `wide` numbers. A model without coils, signals and terms is used while maps are made: it is solved for
+ * applied fields at its points (fieldmap_iron_solve_in). */
 typedef struct fieldmap_iron {
     fieldmap fields;
     int n_coils, n_fields, p, r, wide, k, has_fixed, n_laws, n_knots, n_terms, n_signals, division, checked;
@@ -37,9 +38,9 @@ typedef struct fieldmap_iron {
     void *owned;
 } fieldmap_iron;
 
-/* What solves remember and work with; one for each thread. steps, left_over: of the last solve, its number of steps and
- * what they left of the state, estimated, in the norm of the energy. tolerance: what they may leave; checked: whether
- * currents outside the domain are refused; both may be set. */
+/* State and work space of the solver; one for each thread. steps, left_over: number of steps and estimated relative error, in
+ * the energy norm, of the last solve. tolerance: allowed relative error; checked: whether currents outside the domain are
+ * refused. The caller may set these two. */
 typedef struct fieldmap_iron_state {
     const fieldmap_iron *map;
     int count, steps, checked;
@@ -50,7 +51,7 @@ typedef struct fieldmap_iron_state {
     int *piece;
 } fieldmap_iron_state;
 
-/* The next `count` numbers of a file of which `left` are not taken yet, or NULL if there are not as many. */
+/* The next `count` of `left` unread numbers, or NULL if there are fewer. */
 static inline const double *fieldmap_iron_take(const double **at, uint64_t *left, uint64_t count)
 {
     const double *here = *at;
@@ -60,7 +61,7 @@ static inline const double *fieldmap_iron_take(const double **at, uint64_t *left
     return here;
 }
 
-/* Whether numbers that are positions lie in low..high, each at `step` from the last. */
+/* Whether `count` numbers, `step` apart, are whole and lie in low..high, so that they can be used as indices. */
 static inline int fieldmap_iron_positions(const double *values, int count, int step, long low, long high)
 {
     int i;
@@ -69,7 +70,7 @@ static inline int fieldmap_iron_positions(const double *values, int count, int s
     return 1;
 }
 
-/* Take the arrays of the model behind its sizes, and check what positions are read through. */
+/* Take the arrays of the model, which follow its sizes, and check the numbers that are used as indices. */
 static inline int fieldmap_iron_arrays(fieldmap_iron *map, const double *at, uint64_t left)
 {
     const uint64_t p = (uint64_t)map->p, r = (uint64_t)map->r, c = (uint64_t)map->n_coils, d = (uint64_t)map->n_signals;
@@ -112,10 +113,10 @@ static inline int fieldmap_iron_arrays(fieldmap_iron *map, const double *at, uin
     return FIELDMAP_OK;
 }
 
-/* A model that lies in `count` numbers, which must outlive it: sizes, and the arrays behind them. */
+/* Make a model of `count` numbers, which must outlive it: sizes, and the arrays behind them. */
 static inline int fieldmap_iron_of_numbers(fieldmap_iron *map, const double *numbers, uint64_t count)
 {
-    /* 3 p, and the sums over modes, are counted in int. */
+    /* Upper limits of the sizes: 3 p, and products of numbers of modes, must fit into an int. */
     static const long most[13] = {500000000, 4096, 4096 + 16, 256, 4096, 1, 4096, 1000000, 100000,
                                   FIELDMAP_IRON_MAX_SIGNALS, 1, 1, 4096 + 257};
     long sizes[13];
@@ -139,13 +140,13 @@ static inline int fieldmap_iron_of_numbers(fieldmap_iron *map, const double *num
     return fieldmap_iron_arrays(map, numbers + FIELDMAP_IRON_SIZES, count - FIELDMAP_IRON_SIZES);
 }
 
-/* As many rows as whole tiles have. */
+/* Number of rows, rounded up to whole tiles. */
 static inline int fieldmap_iron_tiles(int rows)
 {
     return (rows + FIELDMAP_IRON_TILE - 1) / FIELDMAP_IRON_TILE * FIELDMAP_IRON_TILE;
 }
 
-/* Where the next array of `count` things of `size` bytes begins, in steps of 64 bytes. */
+/* Address of the next array of `count` elements of `size` bytes, aligned to 64 bytes; NULL if memory is NULL. */
 static inline void *fieldmap_iron_place(unsigned char *memory, size_t *used, size_t count, size_t size)
 {
     void *here = memory == NULL ? NULL : memory + *used;
@@ -153,7 +154,7 @@ static inline void *fieldmap_iron_place(unsigned char *memory, size_t *used, siz
     return here;
 }
 
-/* Lay out the arrays of a state; how many bytes they take. */
+/* Lay out the arrays of a state in memory, which may be NULL. Returns the number of bytes that they take. */
 static inline size_t fieldmap_iron_lay_out(const fieldmap_iron *map, fieldmap_iron_state *s, unsigned char *memory)
 {
     const size_t n = 3 * (size_t)map->p, p = (size_t)map->p, r = (size_t)map->r, w = (size_t)map->wide, d = sizeof(double);
@@ -195,7 +196,7 @@ static inline size_t fieldmap_iron_memory(const fieldmap_iron *map)
     return map == NULL || map->p == 0 ? 0 : fieldmap_iron_lay_out(map, &state, NULL);
 }
 
-/* Begin a state in memory of the caller, at an address that is a multiple of 64, which must outlive it. */
+/* Begin a state. memory: of the caller, at an address that is a multiple of 64; it must outlive the state. */
 static inline int fieldmap_iron_start(
     fieldmap_iron_state *state, const fieldmap_iron *map, void *memory, size_t size)
 {
@@ -212,7 +213,7 @@ static inline int fieldmap_iron_start(
     return FIELDMAP_OK;
 }
 
-/* Sums of lanes, by halves, which are vectors too. */
+/* Sum of lanes, which are overwritten. Halves are added, so that a compiler can use vectors. */
 FIELDMAP_INLINE float fieldmap_iron_sum(float *FIELDMAP_RESTRICT lanes)
 {
     int j;
@@ -221,7 +222,7 @@ FIELDMAP_INLINE float fieldmap_iron_sum(float *FIELDMAP_RESTRICT lanes)
     return (lanes[0] + lanes[2]) + (lanes[1] + lanes[3]);
 }
 
-/* Sums of `wide` products of each of the three rows of a point with b, in lanes that a compiler makes vectors of. */
+/* Scalar products out[3] of the three rows of a point and b, `wide` numbers each, in lanes that a compiler can vectorise. */
 FIELDMAP_INLINE void fieldmap_iron_dots(
     const float *FIELDMAP_RESTRICT g, const float *FIELDMAP_RESTRICT b, int wide, float out[3])
 {
@@ -257,7 +258,7 @@ static inline double fieldmap_iron_product(const double *a, const double *b, int
     return total + ((lanes[0] + lanes[2]) + (lanes[1] + lanes[3]));
 }
 
-/* The signals nearest to currents; whether they lie in the domain. */
+/* Fill out[] with the signals nearest to currents. Returns whether the currents lie in the domain. */
 static inline int fieldmap_iron_signals(const fieldmap_iron *map, const double *currents, double *out)
 {
     double largest = 0.0, worst = 0.0;
@@ -278,7 +279,8 @@ static inline int fieldmap_iron_signals(const fieldmap_iron *map, const double *
     return inside;
 }
 
-/* Amplitudes to begin with, at signals that are taken to the nearest of the domain. */
+/* Fill the first guess a[] of the amplitudes: a Chebyshev expansion at the signals, moved into the domain if they lie outside.
+ * */
 static inline void fieldmap_iron_expand(const fieldmap_iron *map, fieldmap_iron_state *s, const double *values, double *a)
 {
     double t[FIELDMAP_IRON_MAX_SIGNALS][FIELDMAP_IRON_MAX_DEGREE + 1];
@@ -301,7 +303,7 @@ static inline void fieldmap_iron_expand(const fieldmap_iron *map, fieldmap_iron_
     for (m = 0; m < map->r; m++) a[m] = (double)s->single[m];
 }
 
-/* b and db/dh at point p; its piece of the law is renewed. */
+/* b at field strength h of point p; slope: db/dh. piece[p] keeps the interval of the knots for the next call. */
 static inline double fieldmap_iron_law(const fieldmap_iron *map, int *piece, int p, double h, double *slope)
 {
     const int law = (int)map->law[p], high = (int)map->offset[law + 1] - 1;
@@ -328,14 +330,14 @@ static inline double fieldmap_iron_law(const fieldmap_iron *map, int *piece, int
     return ((c0 * t + c1) * t + c[2]) * t + c[3];
 }
 
-/* w m(|h|) of point p. */
+/* w m(|h|) at point p, where w is its weight and m(|h|) h is the magnetisation. */
 static inline double fieldmap_iron_magnetised(const fieldmap_iron *map, int *piece, int p, const double *h)
 {
     double size = sqrt(h[0] * h[0] + h[1] * h[1] + h[2] * h[2]) + 1e-14, slope;
     return map->weights[p] * (fieldmap_iron_law(map, piece, p, size, &slope) / size - 1.0);
 }
 
-/* h at amplitudes a (wide numbers, zero behind the last): sums in double precision. */
+/* Fill h at amplitudes a (padded with zeros to `wide` numbers), with sums in double precision. */
 static inline void fieldmap_iron_field_at(const fieldmap_iron *map, fieldmap_iron_state *s, const double *a)
 {
     int i;
@@ -343,7 +345,7 @@ static inline void fieldmap_iron_field_at(const fieldmap_iron *map, fieldmap_iro
         s->h[i] = s->applied[i] - fieldmap_iron_mixed_dot(map->gradients + (size_t)i * (size_t)map->wide, a, map->wide);
 }
 
-/* h, vector = w m h and the residual at amplitudes a (wide numbers, zero behind the last): sums in double precision. */
+/* Fill h, vector = w m h and the residual at amplitudes a (padded to `wide` numbers), with sums in double precision. */
 static inline void fieldmap_iron_evaluate(const fieldmap_iron *map, fieldmap_iron_state *s, const double *a)
 {
     const int w = map->wide, r = map->r;
@@ -362,7 +364,7 @@ static inline void fieldmap_iron_evaluate(const fieldmap_iron *map, fieldmap_iro
         s->residual[i] += map->constant[i] - fieldmap_iron_product(map->air + (size_t)i * (size_t)r, a, r);
 }
 
-/* out (wide numbers) += the three rows of a point, each times its share. */
+/* out (`wide` numbers) += the three rows of a point, each times its share. */
 FIELDMAP_INLINE void fieldmap_iron_add_rows(
     const float *FIELDMAP_RESTRICT g, int w, const float share[3], float *FIELDMAP_RESTRICT out)
 {
@@ -371,8 +373,8 @@ FIELDMAP_INLINE void fieldmap_iron_add_rows(
     for (j = 0; j < w; j++) out[j] += x * g[j] + y * g[w + j] + z * g[2 * w + j];
 }
 
-/* Add what the points since the last call left in `single` to `material`. Sums in single precision over all points of a model
- * with a hundred thousand of them would lose 1e-4. */
+/* Add the sum over some points in `single` to `material`, and clear it. Single precision over all points of a model with a
+ * hundred thousand points would lose 1e-4. */
 static inline void fieldmap_iron_collect(fieldmap_iron_state *s)
 {
     int j;
@@ -382,8 +384,9 @@ static inline void fieldmap_iron_collect(fieldmap_iron_state *s)
     }
 }
 
-/* step_h = G change, moved = w m h at h - step_h, material = G^T (moved - vector), in one pass; the law's slopes along the
- * step before and behind it. */
+/* One pass over the points after a change of the amplitudes: step_h = G change, moved = w m h at h - step_h,
+ * material = G^T (moved - vector). before, behind: derivative of the functional of the law along the step, at its beginning and
+ * its end. */
 static inline void fieldmap_iron_pass(const fieldmap_iron *map, fieldmap_iron_state *s, double *before, double *behind)
 {
     const int w = map->wide;
@@ -414,7 +417,8 @@ static inline void fieldmap_iron_pass(const fieldmap_iron *map, fieldmap_iron_st
     fieldmap_iron_collect(s);
 }
 
-/* The share in (0, 1) of a step that is too long at which the functional is least; moved and material as behind a pass. */
+/* Line search for a step that is too long: returns the share in (0, 1) of the step at which the functional is least. moved and
+ * material are those of the shorter step. */
 static inline double fieldmap_iron_shorter(
     const fieldmap_iron *map, fieldmap_iron_state *s, double rest, double curved, double start, double end)
 {
@@ -454,7 +458,7 @@ static inline double fieldmap_iron_shorter(
     return t;
 }
 
-/* out: one row (wide numbers) each of w (db/dh - 1) G for the three components of point p. */
+/* Fill out with three rows (`wide` numbers each) of w (db/dh - 1) G at a point, one for each component. */
 FIELDMAP_INLINE void fieldmap_iron_rows(
     const float *FIELDMAP_RESTRICT g, int w, const double *h, double isotropic, double along, float *FIELDMAP_RESTRICT out)
 {
@@ -468,8 +472,9 @@ FIELDMAP_INLINE void fieldmap_iron_rows(
     }
 }
 
-/* out[i * w + j] += sum over k of left[k * step + i] right[k * w + j] for FIELDMAP_IRON_TILE numbers i and
- * FIELDMAP_IRON_LANES numbers j, over the three k of each of so many points: a compiler keeps the sums in registers. */
+/* out[i * w + j] += sum over k of left[k * step + i] right[k * w + j], for FIELDMAP_IRON_TILE values of i and
+ * FIELDMAP_IRON_LANES values of j. k runs over the three components of each of `points` points. The tile is small enough for a
+ * compiler to keep the sums in registers. */
 FIELDMAP_INLINE void fieldmap_iron_add_tile(const float *FIELDMAP_RESTRICT left, int step,
     const float *FIELDMAP_RESTRICT right, int w, int points, float *FIELDMAP_RESTRICT out)
 {
@@ -500,7 +505,7 @@ FIELDMAP_INLINE void fieldmap_iron_subtract(
     for (j = 0; j < count; j++) out[j] -= share * row[j];
 }
 
-/* Row i of the tangent, from the diagonal on. */
+/* Row i of the upper triangle of the tangent. */
 FIELDMAP_INLINE void fieldmap_iron_tangent_row(const fieldmap_iron *map, const fieldmap_iron_state *s, int i, double *row)
 {
     const float *of_law = s->total + (size_t)i * (size_t)map->wide;
@@ -509,7 +514,7 @@ FIELDMAP_INLINE void fieldmap_iron_tangent_row(const fieldmap_iron *map, const f
     for (j = i; j < map->r; j++) row[j] = (double)of_law[j] + of_air[j];
 }
 
-/* The factor U of Cholesky, K = U^T U, row by row: what is left of K behind a row is made smaller by it. */
+/* Cholesky factor U of the tangent, K = U^T U. Each finished row is subtracted from the rest of K. */
 static inline void fieldmap_iron_factorise(const fieldmap_iron *map, fieldmap_iron_state *s)
 {
     const int r = map->r;
@@ -519,7 +524,7 @@ static inline void fieldmap_iron_factorise(const fieldmap_iron *map, fieldmap_ir
         double *row = s->factor + (size_t)i * (size_t)r, pivot;
         const double whole = (double)s->total[(size_t)i * (size_t)map->wide + (size_t)i] + map->air[(size_t)i * (size_t)r + (size_t)i];
         if (row[i] < 1e-7 * whole) {
-            /* Rounding alone: the factor has this mode by itself. */
+            /* The pivot is only rounding: this mode depends on earlier ones. It is decoupled from them. */
             for (k = 0; k < i; k++) s->factor[(size_t)k * (size_t)r + (size_t)i] = 0.0;
             fieldmap_iron_tangent_row(map, s, i, row);
         }
@@ -530,7 +535,8 @@ static inline void fieldmap_iron_factorise(const fieldmap_iron *map, fieldmap_ir
     }
 }
 
-/* The factor of Cholesky of the tangent at h, and the right-hand sides of the first `coils` coils' fields per ampere. */
+/* Fill the Cholesky factor of the tangent at h, and `sides`, the right-hand sides for the fields per ampere of the first
+ * `coils` coils. */
 static inline void fieldmap_iron_tangent(const fieldmap_iron *map, fieldmap_iron_state *s, int coils)
 {
     const int w = map->wide, r = map->r;
@@ -552,7 +558,7 @@ static inline void fieldmap_iron_tangent(const fieldmap_iron *map, fieldmap_iron
             fieldmap_iron_rows(g + 3 * p * w, w, h, s->isotropic[first + p], s->along[first + p], s->rows + 3 * p * w);
         }
         for (i = 0; i < r; i += FIELDMAP_IRON_TILE)
-            /* From the diagonal on. */
+            /* Only the upper triangle is needed. */
             for (j = i / FIELDMAP_IRON_LANES * FIELDMAP_IRON_LANES; j < w; j += FIELDMAP_IRON_LANES)
                 fieldmap_iron_add_tile(g + i, w, s->rows + j, w, points, s->total + (size_t)i * (size_t)w + j);
         for (i = 0; i < coils; i += FIELDMAP_IRON_TILE) {
@@ -570,7 +576,7 @@ static inline void fieldmap_iron_tangent(const fieldmap_iron *map, fieldmap_iron
     fieldmap_iron_factorise(map, s);
 }
 
-/* out = (U^T U)^-1 right; right is lost. */
+/* out = (U^T U)^-1 right; right is overwritten. */
 static inline void fieldmap_iron_solve(const fieldmap_iron_state *s, double *right, double *out)
 {
     const int r = s->map->r;
@@ -586,7 +592,7 @@ static inline void fieldmap_iron_solve(const fieldmap_iron_state *s, double *rig
     }
 }
 
-/* change: what the factor and the pairs of the last steps propose for the residual (limited-memory BFGS). */
+/* Fill change, the step that limited-memory BFGS gives for the residual, from the factor and the pairs of the last steps. */
 static inline void fieldmap_iron_direction(fieldmap_iron_state *s, int pairs)
 {
     const int r = s->map->r;
@@ -606,7 +612,7 @@ static inline void fieldmap_iron_direction(fieldmap_iron_state *s, int pairs)
     }
 }
 
-/* Number of pairs behind a step; the oldest gives way. */
+/* Store the pair (change, response) of a step, in place of the oldest if there is no room. Returns the number of pairs. */
 static inline int fieldmap_iron_keep(fieldmap_iron_state *s, int pairs)
 {
     const size_t r = (size_t)s->map->r, all = (FIELDMAP_IRON_PAIRS - 1) * r;
@@ -634,7 +640,7 @@ static inline double fieldmap_iron_energy(const fieldmap_iron_state *s, const do
     return total;
 }
 
-/* How far a place lies from the newest currents along the last step, times that step's length. */
+/* Scalar product of the last step of the currents and the vector from the newest currents to `place`. */
 static inline double fieldmap_iron_along(const fieldmap_iron_state *s, const double *place)
 {
     const int c = s->map->n_coils;
@@ -645,7 +651,8 @@ static inline double fieldmap_iron_along(const fieldmap_iron_state *s, const dou
     return total;
 }
 
-/* Weights of values at nodes[first] and behind for their polynomial's value at `at`; of those before them 0. */
+/* Weights of values at the nodes from `first` on, for the value at `at` of the polynomial through them; zero for earlier nodes.
+ * */
 static inline void fieldmap_iron_lagrange(const double *nodes, int count, double at, int first, double *weights)
 {
     int j, m;
@@ -656,10 +663,11 @@ static inline void fieldmap_iron_lagrange(const double *nodes, int count, double
     }
 }
 
-/* Amplitudes a[r] where the states passed lead to at the currents aimed at. Of the polynomials through the last one, two and
- * three states, over how far the currents went along the last step, the one that predicts the currents themselves best: on
- * a smooth path the highest, after a leap or among noise a lower one. It reaches two of the last steps forward, and a third
- * state must lie a quarter of a step behind the last but one. Misses that differ by 1e-9 of the step are equal. */
+/* Fill the first guess a[r] of the amplitudes at currents `aim` by extrapolation of the last states. The polynomials through
+ * the last one, two and three states are functions of the position of the currents along the last step. The one that predicts
+ * the currents `aim` best is taken: on a smooth path that of the highest degree, after a jump or with noise a lower one.
+ * Extrapolation goes at most two steps forward. The oldest state is used only if it lies at least a quarter of a step behind
+ * the next one. Errors that differ by less than 1e-9 of the step count as equal. */
 static inline void fieldmap_iron_continue(const fieldmap_iron *map, fieldmap_iron_state *s, const double *aim, double *a)
 {
     const int c = map->n_coils, r = map->r, count = s->count, last = s->count - 1;
@@ -693,7 +701,7 @@ static inline void fieldmap_iron_continue(const fieldmap_iron *map, fieldmap_iro
     }
 }
 
-/* h at the newest currents and everything a solve leaves. */
+/* Fill applied[3 p], the field of coils and background at the points, T. */
 static inline void fieldmap_iron_apply(const fieldmap_iron *map, fieldmap_iron_state *s, const double *currents)
 {
     const int c = map->n_coils;
@@ -706,7 +714,8 @@ static inline void fieldmap_iron_apply(const fieldmap_iron *map, fieldmap_iron_s
     }
 }
 
-/* Put the newest state behind the others, or in place of them where it did not begin from them. */
+/* Store the newest state after the others, or instead of them if it did not begin at them (near = 0), and fill solution, the
+ * weights of all fields. */
 static inline void fieldmap_iron_remember(
     const fieldmap_iron *map, fieldmap_iron_state *s, const double *currents, const double *a, int near)
 {
@@ -724,10 +733,10 @@ static inline void fieldmap_iron_remember(
     if (map->has_fixed) s->solution[c + (size_t)map->k] = 1.0;
 }
 
-/* Newton's method in the field `applied` of the state, from amplitudes a (wide numbers, zero behind the last), where it leaves
- * what it found; whether it did. tolerance: share of the state that may be left, in the norm of the energy. near: whether the
- * factor is that of a state nearby; otherwise the tangent is made first. It is kept below a decrement of 0.1, as long as a step
- * leaves less than 0.6 of it; what it misses is learned from the steps. */
+/* Newton's method in the field `applied`. a (padded to `wide` numbers): first guess, overwritten by the result. Returns whether
+ * it converged. tolerance: allowed relative error in the energy norm. near: the factor is that of a state nearby; otherwise the
+ * tangent is computed first. While the decrement is below 0.1 and each step reduces it to less than 0.6, the factor is kept and
+ * BFGS pairs correct it. */
 static inline int fieldmap_iron_newton(fieldmap_iron_state *s, double *a, int near, double tolerance)
 {
     const fieldmap_iron *map = s->map;
@@ -794,9 +803,9 @@ static inline int fieldmap_iron_newton(fieldmap_iron_state *s, double *a, int ne
     return found;
 }
 
-/* The amplitudes at currents[n_coils], left in the state, to `tolerance`. A state that was not found forgets what it passed.
- * Currents as those of before, solved as exactly, cost nothing. Near the last currents, within a tenth of the range of the
- * signals, a solve begins from the states behind; elsewhere from the expansion. */
+/* Solve for the amplitudes at currents[n_coils]; the result stays in the state. If the last solve had the same currents and
+ * reached this tolerance, it is used again. Within a tenth of the range of each signal from the last currents the solve begins
+ * at the extrapolation of the last states, otherwise at the expansion. A solve that fails clears the last states. */
 static inline int fieldmap_iron_solve_at(fieldmap_iron_state *s, const double *currents, double tolerance)
 {
     const fieldmap_iron *map = s->map;
@@ -827,9 +836,9 @@ static inline int fieldmap_iron_solve_at(fieldmap_iron_state *s, const double *c
     return FIELDMAP_OK;
 }
 
-/* Solve in the field applied[3 p] of coils and background at the points, T, from amplitudes[r], in place of which stand those
- * that were found, or those after the last step, or NaN where a number that was given is none. Solves at currents begin anew
- * behind this. */
+/* Solve in the field applied[3 p] of coils and background at the points, T. amplitudes[r]: first guess, overwritten by the
+ * result, by the last iterate if the solve fails, or by NaN if an input is not finite. The next solve at currents does not use
+ * earlier states. */
 static inline int fieldmap_iron_solve_in(
     fieldmap_iron_state *state, const double *applied, double *amplitudes, double tolerance)
 {
@@ -852,7 +861,8 @@ static inline int fieldmap_iron_solve_in(
     return found ? FIELDMAP_OK : FIELDMAP_IRON_NOT_CONVERGED;
 }
 
-/* For currents that change little by little: a solve that begins from the last states and fails begins anew. */
+/* Solve at currents that change little from call to call. A solve that begins at the last states and fails is repeated from the
+ * expansion. */
 static inline int fieldmap_iron_follow(fieldmap_iron_state *state, const double *currents)
 {
     const int status = fieldmap_iron_solve_at(state, currents, state->tolerance), steps = state->steps;
@@ -863,8 +873,8 @@ static inline int fieldmap_iron_follow(fieldmap_iron_state *state, const double 
     return again;
 }
 
-/* weights[n_fields] of the map's fields at currents[n_coils]: the currents, then those of the iron's fields, then 1 for a
- * background if there is any. */
+/* Fill weights[n_fields] of the map's fields at currents[n_coils]: the currents, the weights of the fields of the iron, and 1
+ * for a background if there is one. */
 static inline int fieldmap_iron_weights(fieldmap_iron_state *state, const double *currents, double *weights)
 {
     int f, status;
@@ -874,8 +884,8 @@ static inline int fieldmap_iron_weights(fieldmap_iron_state *state, const double
     return status;
 }
 
-/* residual = G^T w (db/dh - 1) (s - G change) - A change for the field s of a coil: what `change`, its derivative of the
- * amplitudes, leaves of its equation, with sums in double precision. */
+/* residual = G^T w (db/dh - 1) (s - G change) - A change, for the field per ampere s of a coil: the residual of the equation
+ * for `change`, the derivative of the amplitudes by the coil's current. Sums are in double precision. */
 static inline void fieldmap_iron_left_of_slope(const fieldmap_iron *map, fieldmap_iron_state *s, int coil)
 {
     const int w = map->wide, r = map->r;
@@ -895,7 +905,8 @@ static inline void fieldmap_iron_left_of_slope(const fieldmap_iron *map, fieldma
     for (i = 0; i < r; i++) residual[i] -= fieldmap_iron_product(map->air + (size_t)i * (size_t)r, s->change, r);
 }
 
-/* The same, to a hundredth of the tolerance, and slopes[n_coils * f + c] = d weights[f] / d currents[c], 1/A. */
+/* As fieldmap_iron_weights, to a hundredth of the tolerance; also fills slopes[n_coils * f + c] = d weights[f] / d currents[c],
+ * 1/A. */
 static inline int fieldmap_iron_slopes(
     fieldmap_iron_state *state, const double *currents, double *weights, double *slopes)
 {
@@ -916,7 +927,8 @@ static inline int fieldmap_iron_slopes(
         slopes[c * coils + c] = 1.0;
         for (i = 0; i < r; i++) state->left[i] = (double)state->sides[(size_t)c * (size_t)w + (size_t)i];
         fieldmap_iron_solve(state, state->left, state->change);
-        /* The tangent is summed in single precision, which leaves some 1e-6 of a slope: a tolerance below 1e-9 asks for more. */
+        /* The tangent is summed in single precision; slopes then have a relative error of about 1e-6. For a tolerance below
+         * 1e-9 iterative refinement makes it smaller. */
         for (k = 0; k < (state->tolerance < 1e-9 ? 3 : 0); k++) {
             fieldmap_iron_left_of_slope(map, state, c);
             fieldmap_iron_solve(state, state->residual, state->response);
