@@ -1,4 +1,4 @@
-"""The place of a levitated magnet followed in a parameter: current ratio, control signal, depth, current level."""
+"""Branches of equilibria of a levitated magnet, followed in a parameter such as a control signal, depth or current."""
 
 from __future__ import annotations
 
@@ -28,18 +28,25 @@ from fieldmap.typing import Array
 _STEPS = 40
 _CLOSE = 1e-8
 _WELL_ENOUGH = 1e-6
-"""Last step, m, at once and after some steps."""
+"""Newton's method has converged when its step is shorter than this, m: the first in early steps, the second later."""
 _LEVEL_STEP = 1e-3
 Path = Callable[[float, float], tuple[Array, float]]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class EquilibriumBranch(Record):
-    """Places of the magnet along a branch, in the order in which it was followed.
+    """Positions of the magnet along a branch, in the order in which it was followed.
 
-    parameters (n,); positions (n, 3), m; levels (n,): current level, constant unless the height is held. at_stops: the
-    point at each stop that was reached before the first fold, and levels_at_stops. folds: where the branch turns back,
-    unknowns (x, y) or (x, y, level). ended: "last stop", "edge" of map, window or parameter, or "steps".
+    Attributes
+    ----------
+    parameters : (n,).
+    positions : (n, 3), m.
+    levels : (n,), current level, A; constant unless the height is held.
+    at_stops : points at the stops that were reached before the first fold.
+    levels_at_stops : current level at these.
+    folds : points at which the branch turns back, with unknowns (x, y) or (x, y, level).
+    ended : "last stop"; "edge" of the map or of the parameter's range; or "steps", when the most steps were done.
+    assumptions : of the model of the magnet.
     """
 
     parameters: Array
@@ -53,7 +60,7 @@ class EquilibriumBranch(Record):
 
     @property
     def positions_at_stops(self) -> Array:
-        """Places (n, 3) at the stops that were reached, m."""
+        """Positions (n, 3) at the stops that were reached, m."""
         return np.array([point.position for point in self.at_stops]).reshape(-1, 3)
 
 
@@ -70,20 +77,20 @@ def follow_equilibrium(
     lever: float = 0.0,
     step: float = 0.05,
 ) -> EquilibriumBranch:
-    """Follow the point of no horizontal force through the parameters `stops`, round folds.
+    """Follow the point without horizontal force through the parameters `stops`, around folds.
 
     Parameters
     ----------
     field : any field with a box.
-    payload : what is levitated.
+    payload : the levitated body.
     path : path(parameter, level) gives currents (n_coils,), A, and the height z of the magnet, m, such as `lambda x, u:
         (divide_currents(u, x, 0.0, 1.25), -0.102)`.
     start : (x, y), m, near the solution at the first stop.
-    stops : (n,), rising or falling.
-    level : current level, A; where it begins, if the height is held.
-    hold_height : whether the level follows so that the lift carries the weight, as a vertical controller makes it.
-        Otherwise it is constant, and the vertical force is what it is.
-    field_scale : what every field is multiplied by, a calibration; it matters only where the height is held.
+    stops : (n,), parameters in rising or falling order.
+    level : current level, A; only its first value if the height is held.
+    hold_height : the level is an unknown, so that the lift equals the weight, as with a vertical controller. Otherwise
+        the level is constant and there is no condition on the vertical force.
+    field_scale : factor of every field, a calibration; it has an effect only if the height is held.
     moment, lever : as in `magnet_balance`.
     step : largest step, in units of a quarter of the map's width, the range of the stops and the level.
 
@@ -139,15 +146,15 @@ def equilibrium_at(
     moment: MagnetModel = "fixed",
     lever: float = 0.0,
 ) -> tuple[StationaryPoint, float]:
-    """The point of no horizontal force that Newton's method reaches from a start, and the current level.
+    """Find the point without horizontal force near a start, by Newton's method, and the current level.
 
     Parameters
     ----------
     field : any field with a box.
-    payload : what is levitated.
+    payload : the levitated body.
     path : path(level) gives currents (n_coils,), A, and the height z of the magnet, m.
     start : (x, y), m.
-    level : current level, A; where it begins, if the height is held.
+    level : current level, A; only its first value if the height is held.
     hold_height, field_scale, moment, lever : as in `follow_equilibrium`.
 
     Returns
@@ -166,11 +173,12 @@ def equilibrium_at(
     begin = q[:2].copy()
     for count in range(_STEPS):
         step = np.linalg.solve(_square(along, q), along.residual(q, 0.0))
-        # No farther than a fifth of the map, and of the level, at once.
+        # A step is limited to a fifth of the map, and of the level.
         q -= step / max(1.0, float(np.abs(step[:2]).max() / (0.2 * (high - low).min())))
         q[:2] = np.clip(q[:2], low, high)
         q[2:] = np.clip(q[2:], 0.8 * (q + step)[2:], 1.25 * (q + step)[2:])
-        # A force that jumps between a map's cells is smooth to its own error only.
+        # The interpolated force may jump between cells of a map by its error. Steps then stay
+        # larger than `_CLOSE`.
         close = _CLOSE if count < _STEPS // 4 else _WELL_ENOUGH
         last = float(np.abs(step[:2]).max())
         if last < close and (not hold_height or abs(step[2]) < close / _CLOSE * 1e-8 * level):
@@ -195,7 +203,7 @@ def _begin(
     moment: MagnetModel,
     lever: float,
 ) -> tuple[_Along, Array, Bounds]:
-    """The balance along a path, the unknowns (2,) or (3,) where it begins, and corners (2,) of the field's box."""
+    """The balance along a path, the unknowns (2,) or (3,) at its start, and the corners (2,) of the field's box."""
     carried = check_payload(payload, where)
     check_positive(where, level=level, field_scale=field_scale)
     begin, source = np.asarray(start, dtype=float), as_field(field)
@@ -208,7 +216,7 @@ def _begin(
 
 
 def _square(along: _Along, q: Array) -> Array:
-    """Derivative of the residual by the unknowns: by place from the stiffness, by level from a difference."""
+    """Derivative of the residual by x and y, from the stiffness, and by the level, from a central difference."""
     if not along.hold_height:
         return along.slope(q, 0.0)
     balance, place = along.at(q, 0.0)
@@ -233,7 +241,7 @@ class _Along:
     field_scale: float
 
     def at(self, q: Array, parameter: float) -> tuple[MagnetBalance, Array]:
-        """The balance, and the magnet's place (3,)."""
+        """The balance with the currents at unknowns q, and the position (3,) of the magnet, m."""
         currents, height = self.path(parameter, self.level_of(q))
         balance = replace(self.balance, currents=np.asarray(currents, dtype=float))
         return balance, np.array([q[0], q[1], height])

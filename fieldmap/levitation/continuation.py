@@ -1,4 +1,4 @@
-"""Solutions of R(q, p) = 0 followed in the parameter p, round folds: pseudo-arclength continuation [1].
+"""Pseudo-arclength continuation [1]: solutions of R(q, p) = 0 are followed in the parameter p, around folds.
 
 1. H. B. Keller, Numerical solution of bifurcation and nonlinear eigenvalue problems, in Applications of Bifurcation
    Theory (ed. P. H. Rabinowitz), Academic Press, 1977, 359-384.
@@ -38,9 +38,14 @@ class Fold(Record):
 class FollowedBranch(Record):
     """A branch in the order in which it was followed.
 
-    parameters (n,), unknowns (n, k). at_stops: the unknowns at each parameter that was asked for and was reached before
-    the first fold or edge; shorter than the list where it ended before. folds: in the order passed. ended: "last stop",
-    "edge" (the unknowns or the parameter left where they may be), or "steps".
+    Attributes
+    ----------
+    parameters : (n,).
+    unknowns : (n, k).
+    at_stops : unknowns at the stops that were reached before the first fold or edge.
+    folds : in the order in which they were passed.
+    ended : "last stop"; "edge", when the unknowns or the parameter left their range; or "steps", when the most steps
+        were done.
     """
 
     parameters: Array
@@ -61,16 +66,32 @@ def follow_branch(
     step: float = 0.05,
     most_steps: int = 400,
 ) -> FollowedBranch:
-    """Follow the solution of residual(q (k,), p) = 0 (k,) that begins at `start` through the parameters `stops`.
+    """Follow the solution of residual(q, p) = 0 through the parameters `stops`.
 
-    start (k,): near the solution at stops[0]. stops (n,): parameters, n >= 2, monotonic; the branch is corrected at
-    exactly each of them, and ends behind the last one. scale (k + 1,): a typical change of each unknown and of the
-    parameter; step: the largest step, in these. slope(q, p): dR/dq (k, k) if it is known; differences otherwise.
-    inside(q): whether the unknowns are where they may be. limits: of the parameter, which may turn back at folds; the
-    range of the stops unless given.
+    Parameters
+    ----------
+    residual : residual(q (k,), p) gives (k,).
+    start : (k,), near the solution at stops[0].
+    stops : (n,), at least two parameters in rising or falling order. The branch has a point at exactly each of them,
+        and ends at the last one.
+    scale : (k + 1,), a typical change of each unknown and of the parameter.
+    slope : slope(q, p) gives dR/dq (k, k); differences are used unless given.
+    inside : inside(q) says whether the unknowns lie in their range.
+    limits : range of the parameter, which may turn back at folds; the range of the stops unless given.
+    step : largest step, in units of `scale`.
+    most_steps : most steps.
 
-    Raises NotConverged if there is no solution near the start.
+    Returns
+    -------
+    The branch.
 
+    Raises
+    ------
+    NotConverged
+        If there is no solution near the start.
+
+    Examples
+    --------
     >>> found = follow_branch(lambda q, p: q**3 - q + p, [1.0], [0.0, 0.3, 0.6], [1.0, 1.0], limits=(-1.0, 1.0))
     >>> print([round(fold.parameter, 4) for fold in found.folds], len(found.at_stops), found.ended)
     [0.3849, -0.3849] 2 edge
@@ -87,7 +108,7 @@ def follow_branch(
 
 @dataclass
 class _Walk:
-    """Everything in scaled variables v = (q / q_scale, p / p_scale)."""
+    """The continuation in scaled variables v = (q / q_scale, p / p_scale)."""
 
     residual: Residual
     slope: Slope | None
@@ -105,7 +126,7 @@ class _Walk:
         self.folds: list[Fold] = []
 
     def go(self, v: Array, most_steps: int) -> FollowedBranch:
-        """From a point of the branch on."""
+        """Follow the branch from the point v."""
         self.points, self.reached = [v], [v]
         tangent = self._tangent(v, None)
         tangent = tangent if tangent[-1] * self.way > 0 else -tangent
@@ -140,7 +161,7 @@ class _Walk:
         return None, length
 
     def _next_stop(self, v: Array, tangent: Array, length: float) -> Array | None:
-        """The last stop itself, where this step would pass it: the parameter must not be asked for beyond."""
+        """The point at the last stop if this step would pass it, else None. The residual may not exist beyond it."""
         last = self.stops[-1] / self.scale[-1]
         beyond = (v[-1] + length * tangent[-1] - last) * self.way
         if self.folds or beyond < 0 or tangent[-1] * self.way <= 0:
@@ -179,8 +200,8 @@ class _Walk:
         return tangent if before is None or tangent @ before >= 0 else -tangent
 
     def _corrected(self, v: Array, tangent: Array, length: float) -> Array | None:
-        """The point of the branch in the plane that lies `length` ahead, by Newton's method; None if there is none
-        near."""
+        """The point of the branch in the plane normal to the tangent, `length` ahead of v, by Newton's method. None if
+        it does not converge nearby."""
         return self._newton(v + length * tangent, tangent, float(tangent @ v) + length, 2.0 * length)
 
     def at(self, guess: Array, parameter: float) -> Array | None:
@@ -203,7 +224,7 @@ class _Walk:
             last, size = size, float(np.abs(step).max())
             if np.linalg.norm(w - guess) > farthest:
                 return None
-            # An interpolated force is smooth to its own error only: then steps stop shrinking.
+            # An interpolated force may jump between cells by its error. If steps stop shrinking, the point is taken.
             if size < _TOLERANCE or (size < 1e-5 and size > 0.5 * last):
                 return w if self._holds(w) else None
         return w if size < 1e-5 and self._holds(w) else None

@@ -1,17 +1,17 @@
-"""What the coils can do at a point within the limits of their currents: the set of forces, or of flux densities.
+"""The set of forces, or of flux densities, that the coils can make at a point within the limits of their currents.
 
-Both are linear in the currents where the iron is, so that the box of currents becomes a zonotope: the sum of one line
-segment for each coil (G. M. Ziegler, Lectures on Polytopes, section 7.3). Segments are added one after the other, and
-only corners of the hull are kept, of which there are some n^2 and not 2^n.
+Linear iron: the quantity is linear in the currents, so the image of the box of currents is a zonotope, the sum of one
+line segment for each coil (G. M. Ziegler, Lectures on Polytopes, section 7.3). Segments are added one after the other.
+Only the corners of the hull are kept; there are about n^2 of them, not 2^n.
 
-What is not linear is searched. The force on soft iron grows with the square of the currents, and iron that saturates
-bends everything: the largest force along a direction is then no linear program, and may have several local ones. From
-the best currents that are known, and from others far from these, a search climbs with the exact derivative
-(`fieldmap.lookup.wrench_actuation`) to a local optimum: first from corner to corner of the box, which ends at once
-where all is linear or only the sense of each current counts, then by L-BFGS-B, or SLSQP where a division of the
-currents lets several coils meet their limits (J. Nocedal, S. J. Wright, Numerical Optimization, 2nd ed., chapters 16.7
-and 18). What one direction finds is a start for all others. So every value is one that the currents beside it make, and
-the true set may reach further.
+Otherwise the set is searched: the force on soft iron grows with the square of the currents, and saturating iron makes
+every quantity nonlinear. The largest force along a direction can then have several local maxima. Searches begin at the
+best known currents and at others far from these. They climb with the exact derivative
+(`fieldmap.lookup.wrench_actuation`): first from corner to corner of the box, then by L-BFGS-B, or by SLSQP if the
+currents are divided by lift and directions and several coils can reach their limits (J. Nocedal, S. J. Wright,
+Numerical Optimization, 2nd ed., chapters 16.7 and 18). The steps between corners suffice for a linear quantity. The
+result of one direction is a start for all others. Every value is stored with the currents that make it, so the values
+are lower bounds: the true set may reach further.
 """
 
 from __future__ import annotations
@@ -35,16 +35,29 @@ from fieldmap.lookup.magnetic_body import MagneticBody, checked_turns
 from fieldmap.records import Record
 from fieldmap.typing import Array, Index
 
-_APART = 0.3  # of the range of a signal: starts that differ by less are one
-_GAIN = 1e-7  # of the size of the set: what another sweep must promise
-_ROUNDING = 1e-9  # of the limits
-_THIN = 1e-9  # of its length: a hull without a volume
-_ON = 1e-9  # of the size of the set: points that lie outside by less are on its surface
+# Least difference of two starts of a search, as a share of the range of a signal.
+_APART = 0.3
+# Least gain of another sweep, as a share of the size of the set.
+_GAIN = 1e-7
+# Currents may exceed their limits by this share: rounding.
+_ROUNDING = 1e-9
+# A hull is flat if its thickness is less than this share of its length.
+_THIN = 1e-9
+# Points that lie outside the set by less than this share of its size count as inside.
+_ON = 1e-9
 
 
 class _Effort(NamedTuple):
-    """Directions beside the six of the axes; seeds of currents, from which the first searches begin; starts of every
-    direction; steps of a search; sweeps over directions that others help."""
+    """Size of a search.
+
+    Attributes
+    ----------
+    directions : number of directions, without the six along the axes.
+    seeds : number of currents that are evaluated first.
+    starts : number of searches for each direction.
+    steps : most steps of a search.
+    sweeps : most repetitions for directions with better starts than before.
+    """
 
     directions: int
     seeds: int
@@ -53,13 +66,14 @@ class _Effort(NamedTuple):
     sweeps: int
 
 
-# Some thousands of currents of a map, some hundreds of a device that is solved for each of them, which takes a second.
+# A map is evaluated at some thousands of currents. A device that is solved at each of them, about a second each, is
+# evaluated at some hundreds.
 _OF_MAPS, _OF_SOLVED = _Effort(128, 128, 3, 60, 5), _Effort(20, 8, 1, 12, 2)
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class SetAtPoint(Record):
-    """What limited currents make at a point: see `ReachableSet` and `SearchedSet`."""
+    """The set of a quantity at a point: see `ReachableSet` and `SearchedSet`."""
 
     quantity: str
     position: Array
@@ -73,7 +87,7 @@ class SetAtPoint(Record):
 
     @property
     def unit(self) -> str:
-        """Of the quantity."""
+        """Unit of the quantity."""
         return "N" if self.quantity == "force" else "T"
 
 
@@ -81,12 +95,23 @@ class SetAtPoint(Record):
 class SearchedSet(SetAtPoint):
     """Forces or flux densities that the coils can make at one point, found by searches along many directions.
 
-    quantity: "force", N, or "field", T. position (3,), m; moment: (3,), A m^2, or the body that the force acts on, None
-    for the field; orientation (3, 3): columns its axes. lower, upper (n,): limits of the currents, A. directions
-    (d, 3): unit vectors; values (d, 3): the furthest along each that was found, made by currents (d, n), A. vertices
-    (v, 3) of the hull of these, and triangles (t, 3): their indices, outward side first; volume: in N^3 or T^3. What
-    lies between the values need not be reached at once: the true set may be hollow, and may reach further. It has no
-    `at`, since what other currents make is no function of these numbers: ask the field, `wrench` or `field`.
+    The values are lower bounds: the true set may reach further. Points between them may be out of reach, because the
+    true set need not be convex. For the quantity at other currents call `wrench` or `field` of the field.
+
+    Attributes
+    ----------
+    quantity : "force", N, or "field", T.
+    position : (3,), m.
+    moment : (3,), A m^2, or the body that the force acts on; None for the field.
+    orientation : (3, 3), its columns are the axes of the body.
+    coil_names : in the order of the currents.
+    lower, upper : (n,), limits of the currents, A.
+    directions : (d, 3), unit vectors.
+    values : (d, 3), the furthest value that was found along each direction.
+    currents : (d, n), currents that make these values, A.
+    vertices : (v, 3), corners of the convex hull of the values.
+    triangles : (t, 3), indices of corners, counterclockwise seen from outside.
+    volume : of the hull, N^3 or T^3.
     """
 
     exact: ClassVar[bool] = False
@@ -97,12 +122,11 @@ class SearchedSet(SetAtPoint):
     currents: Array
 
     def currents_along(self, direction: ArrayLike) -> Array:
-        """Those of the currents found, (n,), A, that bring it furthest along a direction (3,)."""
+        """The currents (n,), A, among those found, whose value lies furthest along a direction (3,)."""
         return self.currents[int(np.argmax(self.values @ np.asarray(direction, dtype=float)))]
 
     def largest_along(self, direction: ArrayLike) -> float:
-        """How far `currents_along` reaches along a direction (3,), whose length does not matter, in its unit: a lower
-        bound, and between the directions that were searched one of the hull."""
+        """Component along a direction (3,), of any length, of the value of `currents_along`: a lower bound."""
         unit = np.asarray(direction, dtype=float) / np.linalg.norm(direction)
         return float((self.values @ unit).max())
 
@@ -116,7 +140,7 @@ def searched_set(
     orientation: Array,
     progress: Callable[[str, float], None] | None = None,
 ) -> SearchedSet:
-    """The forces on a dipole or body, or the flux densities, at a position (3,), m: see `reachable`."""
+    """Search the set of forces on a dipole or body, or of flux densities. Arguments are as in `reachable`."""
     source = as_field(field)
     effort = _OF_MAPS if source.affine or isinstance(source, FieldMap) else _OF_SOLVED
     climb = _Climb(source, position, lower, upper, moment, orientation, effort)
@@ -127,7 +151,7 @@ def searched_set(
         found[k] = climb.furthest(direction)
         if progress is not None:
             progress("searching", (k + 1) / len(directions))
-    # What other directions have found since may be a better start.
+    # Later directions may have found better starts for earlier ones.
     for _ in range(effort.sweeps):
         values = np.array(climb.values)
         best = np.argmax(values @ directions.T, axis=0)
@@ -138,7 +162,7 @@ def searched_set(
         if not better.size:
             break
     values, currents = np.array(climb.values)[found], np.array(climb.currents)[found]
-    # Searches that end at one corner differ by rounding.
+    # Searches that end at the same corner differ by rounding.
     distinct = np.unique(np.round(values / climb.size, 9), axis=0, return_index=True)[1]
     kept, triangles, volume = hull_of(values[distinct])
     return SearchedSet(
@@ -159,8 +183,8 @@ def searched_set(
 
 
 def even_directions(count: int) -> Array:
-    """Unit vectors (6 + count, 3): both ways along the axes, and a spiral from pole to pole that covers the sphere
-    evenly (R. Swinbank, R. J. Purser, Fibonacci grids, 2006)."""
+    """Unit vectors (6 + count, 3): along the axes in both senses, and a spiral that covers the sphere evenly (R.
+    Swinbank, R. J. Purser, Fibonacci grids, 2006)."""
     height = 1.0 - (2.0 * np.arange(count) + 1.0) / count
     angle = np.pi * (3.0 - np.sqrt(5.0)) * np.arange(count)
     across = np.sqrt(1.0 - height**2)
@@ -171,12 +195,20 @@ def even_directions(count: int) -> Array:
 def quantity_of(
     source: Field, position: Array, moment: Array | MagneticBody | None, orientation: Array
 ) -> Callable[[Array], tuple[Array, Array]]:
-    """A function of currents (n,), A: the force or flux density (3,) there and its derivatives (3, n).
+    """The quantity as a function of the currents.
 
-    Raises InputError for a field that neither superposes nor has derivatives by its currents.
+    Returns
+    -------
+    A function of currents (n,), A, that gives the force or flux density (3,) and its derivatives (3, n) by the
+    currents.
+
+    Raises
+    ------
+    InputError
+        For a field that is not linear in the currents and has no derivatives by them.
     """
     if isinstance(moment, MagneticBody) and source.affine:
-        # The fields of the coils are asked for once, whatever they cost.
+        # The fields of the coils are computed only once, because that may be slow.
         points = position + moment.all_points @ orientation.T
         flux = np.concatenate([source.unit_field(points), source.constant_field(points)[:, None]], axis=1)
         slope = np.concatenate(
@@ -207,9 +239,9 @@ def quantity_of(
 
 
 class _Climb:
-    """Searches of one set, and all currents (k, n) and values (k, 3) that they have found on the way.
+    """The searches of one set, and all currents (k, n) and values (k, 3) that they have found.
 
-    They move shares (s,), from 0 to 1, of the ranges of the signals that make the currents.
+    The unknowns of a search are shares (s,), from 0 to 1, of the ranges of the signals that determine the currents.
     """
 
     def __init__(
@@ -225,12 +257,12 @@ class _Climb:
         self._effort = effort
         self._make = quantity_of(source, position, moment, orientation)
         self._domain = _domain_of(source, lower, upper)
-        # Limits of the domain's own, such as a driver's, bind as those that are asked for.
+        # The domain may have limits of its own, such as a driver's. They hold in addition.
         most = self._domain.largest
         self._low, self._high = np.maximum(lower, -most), np.minimum(upper, most)
         self._free = isinstance(self._domain.parametrisation, IndependentCurrents)
         self._range = self._domain.upper - self._domain.lower
-        # Searches come to one place again and again, most of all to corners.
+        # Searches often evaluate the same place, above all corners.
         self._seen: dict[bytes, tuple[Array, Array]] = {}
         self.shares: list[Array] = []
         self.currents: list[Array] = []
@@ -238,8 +270,7 @@ class _Climb:
         self.size = 1.0
 
     def know_seeds(self) -> None:
-        """Add corners of the domain, its middle and random places. Raises InputError where none is within the
-        limits."""
+        """Evaluate corners of the domain, its middle and random places. Raises InputError if the limits exclude all."""
         count, half = len(self._range), self._effort.seeds // 2
         random = np.random.default_rng(0)
         few = 2**count <= self._effort.seeds
@@ -249,7 +280,7 @@ class _Climb:
             [corners if len(corners) else some, np.full((1, count), 0.5), random.random((half, count))]
         )
         if not self._free:
-            # The corner of smallest currents is the last that limits rule out.
+            # Seeds with the smallest lift are added: they have the smallest currents, which stay within narrow limits.
             signals = self._domain.parametrisation.within(self._domain.lower, self._domain.upper, seeds)
             safe = np.where(self._range > 0.0, self._range, 1.0)
             seeds = (signals - self._domain.lower) / safe
@@ -262,7 +293,7 @@ class _Climb:
         self.size = max(spread, float(np.abs(self.values).max()) * 1e-9, 1e-300)
 
     def furthest(self, direction: Array) -> int:
-        """Which of the known currents reach furthest along a unit vector (3,), after searches for better ones."""
+        """Index of the known currents that reach furthest along a unit vector (3,), after searches for better ones."""
         along = np.array(self.values) @ direction
         starts: list[Array] = []
         for k in np.argsort(-along, kind="stable"):
@@ -279,12 +310,12 @@ class _Climb:
         return np.ascontiguousarray(self._domain.parametrisation.currents(signals))
 
     def _by_shares(self, shares: Array) -> Array:
-        """d currents / d shares (n, s) at shares (s,)."""
+        """Derivatives (n, s) of the currents by the shares, at shares (s,)."""
         signals = self._domain.lower + shares * self._range
         return self._domain.parametrisation.derivative(signals) * self._range
 
     def _look(self, shares: Array) -> tuple[Array, Array]:
-        """Value (3,) and its derivatives (3, s) at shares (s,), which are known from now on if within the limits."""
+        """Value (3,) and its derivatives (3, s) at shares (s,). Places within the limits are stored."""
         key = shares.tobytes()
         if key in self._seen:
             return self._seen[key]
@@ -301,7 +332,7 @@ class _Climb:
         return self._seen[key]
 
     def _through_corners(self, shares: Array, direction: Array) -> Array:
-        """To the corner that would be best if all were linear, and on from there as long as it is better."""
+        """Go to the corner that is best for the linearised quantity, and on from there while the value increases."""
         value, slope = self._look(shares)
         for _ in range(self._effort.steps if self._free else 0):
             along = direction @ slope
@@ -321,7 +352,7 @@ class _Climb:
             try:
                 value, slope = self._look(here)
             except OutsideMapError:
-                # A step of SLSQP beyond the limits of a division: on as the last place says, until it comes back.
+                # SLSQP may evaluate outside the domain. The value is then extrapolated linearly from the last place.
                 value, slope = last[1] + last[2] @ (here - last[0]), last[2]
             else:
                 last = here, value, slope
@@ -350,7 +381,8 @@ class _Climb:
 
 
 def _domain_of(source: Field, lower: Array, upper: Array) -> CurrentDomain:
-    """The signals that may be searched: those of the map within the limits, or every current by itself."""
+    """Domain of a search: the domain of the map, within the limits if its currents are independent; otherwise the box
+    of the limits."""
     reduced = getattr(getattr(source, "info", None), "reduced_model", None)
     if reduced is None:
         return CurrentDomain(IndependentCurrents(len(lower)), lower, upper)
@@ -363,15 +395,20 @@ def _domain_of(source: Field, lower: Array, upper: Array) -> CurrentDomain:
 
 
 def _check_leaves(some: bool, lower: Array, upper: Array) -> None:
-    """Raises InputError for limits (n,) each, A, that leave none of the currents of the map."""
+    """Raise InputError for limits (n,), A, that exclude all currents of the map."""
     must = "must leave some of the currents that the map is made for"
     received = f"{lower.tolist()} to {upper.tolist()} A"[:80]
     check(some, "reachable(limits)", must, received, "widen the limits")
 
 
 def hull_of(points: Array) -> tuple[Index, Index, float]:
-    """Which of points (n, 3) are corners of their hull, (v,); triangles (t, 3), of numbers of corners, outward side
-    first; and the volume. Of a flat one no triangles, and 0."""
+    """Convex hull of points (n, 3).
+
+    Returns
+    -------
+    Indices (v,) of the points that are corners; triangles (t, 3) of indices into these, counterclockwise seen from
+    outside; volume. A flat hull has no triangles and the volume 0.
+    """
     _, size, axes = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)
     rank = int((size > _THIN * size[0]).sum()) if size[0] > 0.0 else 0
     if rank < 3:
@@ -385,7 +422,7 @@ def hull_of(points: Array) -> tuple[Index, Index, float]:
     number[kept] = np.arange(len(kept))
     triangles = number[hull.simplices]
     corners = points[kept]
-    # Qhull leaves the sense of its triangles open.
+    # The orientation of Qhull's triangles is arbitrary.
     edges = corners[triangles[:, 1:]] - corners[triangles[:, :1]]
     inward = np.einsum("ti,ti->t", np.cross(edges[:, 0], edges[:, 1]), hull.equations[:, :3]) < 0
     triangles[inward] = triangles[inward][:, ::-1]
@@ -394,13 +431,20 @@ def hull_of(points: Array) -> tuple[Index, Index, float]:
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class ReachableSet(SetAtPoint):
-    """Forces or flux densities that the coils can make at one point, where these are linear in the currents: all of
-    them.
+    """All forces or flux densities that the coils can make at one point, for a quantity that is linear in the currents.
 
-    quantity: "force", N, or "field", T. position (3,), m; moment (3,), A m^2, or the body of magnets that the force
-    acts on, None for the field. lower, upper (n,): limits of the currents, A. constant (3,): without currents.
-    per_ampere (n, 3): of each coil, per A. vertices (v, 3): corners of the set, and triangles (t, 3): their indices,
-    outward side first; empty where the set is flat. volume: in N^3 or T^3.
+    Attributes
+    ----------
+    quantity : "force", N, or "field", T.
+    position : (3,), m.
+    moment : (3,), A m^2, or the body of magnets that the force acts on; None for the field.
+    coil_names : in the order of the currents.
+    lower, upper : (n,), limits of the currents, A.
+    constant : (3,), the quantity without currents.
+    per_ampere : (n, 3), the quantity of each coil, per A.
+    vertices : (v, 3), corners of the set.
+    triangles : (t, 3), indices of corners, counterclockwise seen from outside; none if the set is flat.
+    volume : N^3 or T^3.
     """
 
     exact: ClassVar[bool] = True
@@ -413,19 +457,19 @@ class ReachableSet(SetAtPoint):
         return np.asarray(currents, dtype=float) @ self.per_ampere + self.constant
 
     def currents_along(self, direction: ArrayLike) -> Array:
-        """Currents (n,), A, within the limits that bring it furthest along a direction (3,); 0 in coils that do not
-        matter, or the limit that is nearest to it."""
+        """Currents (n,), A, within the limits whose value lies furthest along a direction (3,). Coils without influence
+        get the current 0, or the limit nearest to it."""
         share = self.per_ampere @ np.asarray(direction, dtype=float)
         rest = np.clip(0.0, self.lower, self.upper)
         return np.where(share > 0, self.upper, np.where(share < 0, self.lower, rest))
 
     def largest_along(self, direction: ArrayLike) -> float:
-        """How far the set reaches along a direction (3,), whose length does not matter, in its unit."""
+        """Largest component of the set along a direction (3,) of any length."""
         unit = np.asarray(direction, dtype=float) / np.linalg.norm(direction)
         return float(self.at(self.currents_along(unit)) @ unit)
 
     def holds(self, values: ArrayLike) -> Array:
-        """Whether values (..., 3) can be reached, to rounding. Raises InputError for a flat set."""
+        """Whether values (..., 3) lie in the set, up to rounding. Raises InputError for a flat set."""
         remedy = "ask largest_along, or add a coil"
         check(len(self.triangles) > 0, "ReachableSet.holds", "the set must have a volume", "none", remedy)
         faces = scipy.spatial.ConvexHull(self.vertices).equations
@@ -442,22 +486,22 @@ def reachable(
     orientation: ArrayLike | None = None,
     progress: Callable[[str, float], None] | None = None,
 ) -> ReachableSet | SearchedSet:
-    """The forces on a dipole or a body that currents within limits make; or, without a moment, the flux densities.
+    """Find the forces on a dipole or a body, or the flux densities, that currents within limits can make at a point.
 
-    What is linear in the currents, with a constant part or not, is found exactly (`ReachableSet`). Otherwise, for soft
-    iron and for a map whose iron saturates, it is searched along 134 directions (`SearchedSet`, whose `exact` is
-    False), within the currents that the map is made for: lower bounds, each with the currents that make it. A device
-    whose saturating iron is solved for all currents anew (`fieldmap.iron.NonlinearSolver`) is searched along 26
-    directions, with some hundred solves; a map of it is quicker and thorough.
+    A quantity that is linear in the currents, with or without a constant part, is found exactly (`ReachableSet`).
+    Otherwise, for soft iron or a map with saturating iron, the set is searched along 134 directions within the domain
+    of the map (`SearchedSet`, whose `exact` is False). The results are lower bounds, each with the currents that make
+    it. A device with saturating iron that is solved at each set of currents (`fieldmap.iron.NonlinearSolver`) is
+    searched along 26 directions, with some hundred solves; a map of it is quicker and is searched more thoroughly.
 
     Parameters
     ----------
     field : any field.
     position : (3,), m.
-    limits : the largest size of all currents, A, or of each (n,), or their lower and upper ones (2, n).
-    moment : of a dipole (3,), A m^2, or a `MagneticBody`; none for the flux densities.
-    orientation : of a body (3, 3), columns its axes; upright unless given.
-    progress : is told how far a search is.
+    limits : largest absolute value of all currents, A, or of each (n,), or lower and upper limits (2, n).
+    moment : of a dipole (3,), A m^2, or a `MagneticBody`; flux densities are found unless given.
+    orientation : of a body (3, 3), its columns are its axes; upright unless given.
+    progress : progress(message, share) is called during a search.
 
     Returns
     -------
@@ -466,10 +510,10 @@ def reachable(
     Raises
     ------
     InputError
-        For a field that neither superposes nor has derivatives by its currents, and for limits that are none or leave
-        no currents.
+        For a field that is not linear in the currents and has no derivatives by them, and for limits that are not
+        finite or exclude all currents.
     OutsideMapError
-        For a position beyond the field.
+        For a position outside the box of the field.
 
     Examples
     --------
@@ -509,9 +553,14 @@ def reachable(
 
 
 def zonotope(directions: ArrayLike, lower: ArrayLike, upper: ArrayLike) -> tuple[Array, Index, float]:
-    """Corners (v, 3), triangles (t, 3) and volume of all sums of directions (n, 3) times numbers between lower (n,) and
-    upper (n,). Of a flat one no triangles, and 0.
+    """The zonotope of all sums of directions (n, 3) times factors between lower (n,) and upper (n,).
 
+    Returns
+    -------
+    Corners (v, 3), triangles (t, 3) of their indices, and volume. A flat zonotope has no triangles and the volume 0.
+
+    Examples
+    --------
     >>> corners, triangles, volume = zonotope(np.eye(3), [0, 0, 0], [1, 2, 3])
     >>> len(corners), len(triangles), round(volume, 12)
     (8, 12, 6.0)

@@ -1,4 +1,4 @@
-"""All points of a horizontal window at which the horizontal force on a magnet vanishes, and a count that says so."""
+"""All points of a horizontal window at which the horizontal force on a magnet vanishes, and a check of their number."""
 
 from __future__ import annotations
 
@@ -20,19 +20,23 @@ Kind = Literal["stable", "saddle", "unstable"]
 
 _STEPS = 30
 _CLOSE = 1e-9
-"""Newton's last step, m."""
+"""Newton's method has converged when its step is shorter than this, m."""
 _WELL_ENOUGH = 1e-6
-"""The last step, m, that is accepted where an interpolated force jumps between cells."""
+"""The last step, m, that is accepted after all iterations: an interpolated force may jump between cells."""
 _ROUNDS = 3
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class StationaryPoint(Record):
-    """A point with no horizontal force, the height being held.
+    """A point with no horizontal force, at a fixed height.
 
-    position (3,), m. stiffness (3, 3) = -dF_i/dx_j, N/m; horizontal (2,): eigenvalues of its horizontal part, N/m,
-    ascending. kind: "stable" where both are positive, "saddle" where one is, "unstable" where none is. lift: vertical
-    magnetic force, N.
+    Attributes
+    ----------
+    position : (3,), m.
+    stiffness : (3, 3), -dF_i/dx_j, N/m.
+    horizontal : (2,), eigenvalues of the horizontal part of the stiffness, ascending, N/m.
+    kind : "stable" if both eigenvalues are positive, "saddle" if one is, "unstable" if none is.
+    lift : vertical magnetic force, N.
     """
 
     position: Array
@@ -49,11 +53,17 @@ class StationaryPoint(Record):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class StationarySet(Record):
-    """All points found in a window, and the count that they must have.
+    """All points found in a window, and the number that checks them.
 
-    points: in the order of their distance from the window's middle. boundary_index: how often the horizontal force
-    turns round along the window's edge; it equals stable + unstable - saddles of all points inside (Poincare and Hopf),
-    so that `complete` says whether some are missing, save for pairs that cancel.
+    By the theorem of Poincare and Hopf the number of stable and unstable points minus the number of saddles equals
+    `boundary_index`. `complete` compares the two. It does not notice pairs of missing points that cancel.
+
+    Attributes
+    ----------
+    points : in the order of their distance from the middle of the window.
+    boundary_index : number of turns of the horizontal force along the edge of the window.
+    lower, upper : (2,), corners of the window, m.
+    height : z of the magnet's centre, m.
     """
 
     points: tuple[StationaryPoint, ...]
@@ -63,12 +73,12 @@ class StationarySet(Record):
     height: float
 
     def of(self, kind: Kind) -> tuple[StationaryPoint, ...]:
-        """Those of one kind."""
+        """Points of one kind."""
         return tuple(point for point in self.points if point.kind == kind)
 
     @property
     def index(self) -> int:
-        """Stable + unstable - saddles of the points found."""
+        """Number of stable and unstable points found, minus the number of saddles."""
         return len(self.points) - 2 * len(self.of("saddle"))
 
     @property
@@ -87,28 +97,28 @@ def stationary_points(
     samples: int = 24,
     lever: float = 0.0,
 ) -> StationarySet:
-    """Every point of a horizontal window where the horizontal force on a magnet vanishes, at one height.
+    """Find all points of a horizontal window at which the horizontal force on a magnet vanishes, at one height.
 
     Parameters
     ----------
     field, currents, payload : as in `find_equilibrium`.
     height : z of the magnet's centre, m.
-    window : lower and upper corner (2,), m; the whole box of the map, less a rim for a magnet of finite size, unless
+    window : lower and upper corner (2,), m; the whole box of the map, minus a rim for a magnet of finite size, unless
         given.
     moment, lever : as in `magnet_balance`.
-    samples : intervals along each side at which the search begins; they are halved up to three times until the points
-        found agree with the turns of the force along the window's edge.
+    samples : intervals along each side of the grid from which the search begins. They are halved up to two times if the
+        points found disagree with the turns of the force along the edge of the window.
 
     Returns
     -------
-    The points, and the count that they must have.
+    The points, and the number that checks them.
 
     Raises
     ------
     InputError
         For arguments that do not fit.
     OutsideMapError
-        For a window beyond the map.
+        For a window that extends beyond the map.
     """
     carried = check_payload(payload, "stationary_points", pieces=True)
     source, amperes = resolve_currents(field, currents)
@@ -137,8 +147,12 @@ def describe(balance: MagnetBalance, position: Array) -> StationaryPoint:
 
 
 def to_equilibrium(balance: MagnetBalance, start: Array, low: Array, high: Array) -> Array | None:
-    """The point (3,) that Newton's method on the horizontal force reaches from start (3,), or None if it leaves the
-    window or does not settle."""
+    """Newton's method on the horizontal force from a point (3,), m.
+
+    Returns
+    -------
+    The stationary point (3,); None if the iteration leaves the window (corners low and high (2,)) or does not converge.
+    """
     point, largest = start.copy(), 0.25 * float((high - low).min())
     step = np.full(2, np.inf)
     for _ in range(_STEPS):
@@ -176,7 +190,7 @@ def _window(
 
 
 def _half_diagonal(payload: Payload) -> float:
-    """How far the magnet extends from its centre, m, and a little more."""
+    """Half the diagonal of the magnet, m, a little enlarged for a cylinder."""
     magnet = payload.magnet
     size = getattr(magnet, "size", None)
     if size is not None:
@@ -185,14 +199,14 @@ def _half_diagonal(payload: Payload) -> float:
 
 
 def _search(balance: MagnetBalance, low: Array, high: Array, height: float, count: int) -> list[Array]:
-    """Newton's method from every square of a grid at whose corners both components of the force change sign."""
+    """Apply Newton's method in every square of a grid in which both components of the force change sign."""
     x, y = (np.linspace(low[k], high[k], count + 1) for k in range(2))
     grid = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1)
     points = np.concatenate([grid, np.full((*grid.shape[:2], 1), height)], axis=-1)
     force = balance.magnetic_force(points.reshape(-1, 3))[:, :2].reshape(count + 1, count + 1, 2)
     corners = np.stack([force[:-1, :-1], force[1:, :-1], force[:-1, 1:], force[1:, 1:]])
     spread = np.abs(np.ptp(corners, axis=0))
-    # A little beyond the change of sign: a curved zero line may enter a square through one side.
+    # Squares that just miss a change of sign count as well: a curved zero line may enter and leave through one side.
     changes = ((corners.min(axis=0) <= 0.2 * spread) & (corners.max(axis=0) >= -0.2 * spread)).all(axis=-1)
     apart = 1e-3 * float((high - low).max()) / count
     found: list[Array] = []
