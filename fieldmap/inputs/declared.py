@@ -1,8 +1,8 @@
-"""Records that people write, declared once: what a file says of a field stands beside the field.
+"""Records of input files, declared once.
 
-A field of a frozen class is annotated with a `Key`: the rule for its value in the unit of the file, its meaning, and
-the unit. From these follow the table that reads files (`table_of`), the object that the table makes (`record_of`), and
-the data of a file that a record is written as (`fieldmap.inputs.writing`).
+Each field of a frozen class is annotated with a `Key`: the rule for its value in the unit of the file, its meaning, and
+its unit. From these follow the table that reads files (`table_of`), the record that is made of a table (`record_of`),
+and the data of a file that a record is written as (`fieldmap.inputs.writing`).
 
 >>> from dataclasses import dataclass
 >>> from typing import ClassVar
@@ -33,7 +33,7 @@ from fieldmap.inputs.document import schema_findings
 from fieldmap.inputs.tables import UNITS, Table, chosen_with, read_only
 from fieldmap.records import FrozenDict, Record
 
-# Of members that are not known before the program runs.
+# Aliases of type Any: their members are known only when the program runs, which type checkers do not accept.
 _ANNOTATED: Any = Annotated
 _LITERAL: Any = Literal
 _UNION: Any = Union
@@ -43,12 +43,17 @@ _UNION: Any = Union
 class Key(Record):
     """How a field of a record is written in files.
 
-    rule: annotation of the value in the unit of the file, with its bounds; `...` where that is the type of the field.
-    text: what the value is. unit: the last part of the key, one of `UNITS`. name: of the key, where it is not that of
-    the field. check: raises `broken` for a value that does not go with the keys before it. make: what becomes of the
-    value before its unit is applied. write: the way back, the value of a file of that of a record; raises `broken`
-    where there is none. written: the default in files, where it is not that of the field. examples: for the pages of
-    keys.
+    Attributes
+    ----------
+    rule : annotation of the value in the unit of the file, with its bounds; `...` if it is the type of the field.
+    text : meaning of the value.
+    unit : last part of the key, one of `UNITS`.
+    name : name of the key, if it is not the name of the field.
+    check : function that raises `broken` for a value that contradicts the keys before it.
+    make : function that converts the value of a file before its unit is applied.
+    write : inverse of `make`; raises `broken` for a value that a file cannot state.
+    written : default in files, if it is not the default of the field.
+    examples : for the pages of keys.
     """
 
     rule: Any
@@ -64,7 +69,7 @@ class Key(Record):
 
 @cache
 def keys_of(record: type) -> dict[str, tuple[str, Key, Any]]:
-    """Of each field with a `Key`: the key in files -> (name of the field, its `Key`, the type of the field)."""
+    """The fields that have a `Key`: key in files -> (name of the field, its `Key`, type of the field)."""
     found = {}
     hints = get_type_hints(record, include_extras=True)
     for field in dataclasses.fields(record):
@@ -73,10 +78,10 @@ def keys_of(record: type) -> dict[str, tuple[str, Key, Any]]:
         if about is not None:
             kind = get_args(hint)[0]
             if about.rule is ...:
-                # Annotations of annotations are one: the bounds of the type stand beside the key.
+                # Python flattens nested annotations: the bounds of the type are in the same list as the key.
                 bounds = [one for one in hint.__metadata__ if one is not about]
                 if get_origin(kind) is tuple:
-                    # A file has lists.
+                    # A list in a file is accepted for a tuple.
                     bounds.append(Field(strict=False))
                 about = dataclasses.replace(about, rule=_ANNOTATED[kind, *bounds] if bounds else kind)
             found[_key_name(field.name, about)] = (field.name, about, kind)
@@ -84,7 +89,7 @@ def keys_of(record: type) -> dict[str, tuple[str, Key, Any]]:
 
 
 def first_line(record: type) -> str:
-    """The first sentence of a class's description."""
+    """The first line of a class's docstring."""
     return (record.__doc__ or "").split("\n", 1)[0]
 
 
@@ -102,34 +107,39 @@ def table_of(
     takes: Callable[[Any], bool] | None = None,
     text: str = "",
 ) -> Any:
-    """The table of a file that makes a record.
+    """Make the table (a pydantic model) that reads a record from a file.
 
-    Keys with a check come behind the others, which the check may look at.
+    Keys with a check come after the others, because a check may read them.
 
     Parameters
     ----------
     record
         Frozen data class whose fields have keys.
     choose
-        Key whose value, `record.kind`, chooses the table among others.
+        Key whose value, `record.kind`, selects this table among several.
     name
-        Of the table's class.
+        Name of the table's class.
     bases
-        Tables whose keys it has as well, and which make nothing.
+        Tables whose keys the new one has as well. They make no records.
     without
-        Fields that the file does not state.
+        Fields that have no key in the file.
     rules
-        Raise `broken` for tables whose keys do not go together.
+        Functions that raise `broken` for keys that contradict each other.
     beside
-        Tables of fields that are records themselves, or sequences of one record: their keys stand beside the others.
+        Tables of fields that are records themselves, or sequences of one record. Their keys are keys of this table.
     needed
-        Fields that the file must state, whatever their default is.
+        Fields that the file must state although they have a default.
     instead
-        Keys of fields that this table states in another way than the class says.
+        Keys that replace those of the class.
     takes
-        Of tables that make the same record: whether a record is written in this one.
+        Function that says whether a record is written in this table, for several tables that make the same record.
     text
-        One line about it, that of the record unless given.
+        Description in one line; that of the record unless given.
+
+    Returns
+    -------
+    type
+        The class of the table.
     """
     text = text or first_line(record)
     fields: dict[str, Any] = {}
@@ -174,7 +184,7 @@ def table_of(
 def _keys_of_table(
     record: type, without: tuple[str, ...], instead: Mapping[str, Key]
 ) -> dict[str, tuple[str, Key, Any]]:
-    """As `keys_of`, without some fields and with other keys of some; those with a check come last."""
+    """As `keys_of`, without the fields `without`, and with the keys `instead`. Keys with a check come last."""
     found = {key: one for key, one in keys_of(record).items() if one[0] not in (*without, *instead)}
     hints = get_type_hints(record)
     for attribute, about in instead.items():
@@ -210,19 +220,19 @@ def _keeping(rules: tuple[Callable[[Any], None], ...]) -> Any:
 
 
 def default_of(field: dataclasses.Field[Any]) -> Any:
-    """What a field holds unless it is given; `dataclasses.MISSING` where it must be."""
+    """Default of a field; `dataclasses.MISSING` if it has none."""
     if field.default_factory is not dataclasses.MISSING:
         return field.default_factory()
     return field.default
 
 
 def _stands_for_none(default: Any) -> bool:
-    """Whether a default cannot be written: an empty text, or a bound at infinity."""
+    """Whether a default is None in the table of a file: an empty text, or an infinite bound."""
     return default == "" if isinstance(default, str) else isinstance(default, float) and np.isinf(default)
 
 
 def in_file(value: Any, about: Key) -> Any:
-    """A default in the unit of the file; what is no number stays as it is."""
+    """A value in the unit of the file. A value that is not a number stays as it is."""
     return _in_unit(about.write(value) if about.write else value, UNITS.get(about.unit, 1.0))
 
 
@@ -236,7 +246,13 @@ def _in_unit(value: Any, scale: float) -> Any:
 
 
 def check_fields(record: Any) -> None:
-    """The rules of its keys, of a record made in Python. Raises InputError with every field that breaks one."""
+    """Check a record that was made in Python against the rules of its keys.
+
+    Raises
+    ------
+    InputError
+        With a problem for every field that breaks a rule.
+    """
     kind, table = type(record), _plain_table(type(record))
     keys = keys_of(kind)
     data = {key: in_file(getattr(record, name), about) for key, (name, about, _) in keys.items()}
@@ -244,7 +260,7 @@ def check_fields(record: Any) -> None:
     for finding in schema_findings(table, data):
         name, about, _ = keys[str(finding.location[0])]
         entry = "".join(f"[{step}]" for step in finding.location[1:] if isinstance(step, int))
-        # A bound is that of the file, in its unit.
+        # The bound in the message is in the unit of the file.
         must_hold = (
             f"{finding.must_hold} {about.unit}" if finding.must_hold[-1].isdigit() else finding.must_hold
         )
@@ -265,7 +281,7 @@ def _plain_table(record: type) -> Any:
 
 
 def kinds_of(base: type) -> dict[str, type]:
-    """The classes derived from a base that have a `kind` of their own, by kind."""
+    """Classes derived from `base` that define `kind`, by its value."""
     waiting, found = [base], dict[str, type]()
     while waiting:
         derived = type.__subclasses__(waiting.pop())
@@ -275,33 +291,41 @@ def kinds_of(base: type) -> dict[str, type]:
 
 
 def choice_of(tables: Iterable[Any], key: str) -> Any:
-    """The annotation of a table that is one of several, chosen by the value of a key."""
+    """Annotation for one of several tables; the value of `key` selects which."""
     by_tag = {get_args(table.model_fields[key].annotation)[0]: table for table in tables}
     return choice_with(by_tag, lambda table: table.get(key), key)
 
 
 def choice_with(tables: Mapping[str, Any], choose: Callable[[dict[str, Any]], Any], key: str = "kind") -> Any:
-    """The annotation of a table that is one of several, by tags that a function of the raw table chooses; `key` has
-    most to do with it."""
+    """Annotation for one of several tables by tag; `choose` gives the tag of a raw table. `key` is named in messages."""
     tagged = [Annotated[table, Tag(tag)] for tag, table in tables.items()]
     return Annotated[_UNION[tuple(tagged)], chosen_with(choose, key)]
 
 
 def record_of(table: Table, folder: Path = Path(), **others: Any) -> Any:
-    """The record of a table that `table_of` made, in SI. folder: that paths are relative to. others: fields of the
-    record that are not read from its table."""
+    """Make the record of a table, in SI units.
+
+    Parameters
+    ----------
+    table
+        Table of a class that `table_of` made.
+    folder
+        Folder to which paths in the table are relative.
+    others
+        Values of the fields that are not read from the table.
+    """
     record = type(table).makes
     assert record is not None
     return record(**fields_of(table, folder, **others))
 
 
 def fields_of(table: Table, folder: Path = Path(), **others: Any) -> dict[str, Any]:
-    """The fields of the record of a table, as `record_of` gives them to its class."""
+    """The arguments with which `record_of` makes the record of a table."""
     return _fields_in(type(table), table, folder, others)
 
 
 def _fields_in(kind: type[Table], table: Table, folder: Path, others: Mapping[str, Any]) -> dict[str, Any]:
-    """Fields of the record of `kind`, whose keys the table has among others."""
+    """Fields of the record that `kind` makes. The table has the keys of `kind`, and maybe others."""
     assert kind.makes is not None
     values, stated = {}, {field.name: field for field in dataclasses.fields(kind.makes)}
     for key, (attribute, about, hint) in kind.declared.items():
@@ -344,7 +368,7 @@ def _in_si(value: Any, about: Key, hint: Any, folder: Path) -> Any:
 
 
 def _number(hint: Any) -> Any:
-    """The type of the numbers of an array's annotation."""
+    """The dtype in the annotation of an array; None for other annotations."""
     if get_origin(hint) is get_origin(NDArray[Any]):
         return np.dtype(get_args(get_args(hint)[1])[0])
     return None

@@ -1,8 +1,6 @@
-"""The map as data, its file, and the one way to keep long work: see `fieldmap.store.checkpoint`.
+"""Files of maps and runs, and checkpoints of long work (`fieldmap.store.checkpoint`).
 
 A map is written by `map_writer`, read by `map_reader` and verified by `map_check`.
-
-Depends on: errors, typing, currents, h5py, numpy.
 """
 
 from fieldmap.store.checkpoint import Checkpoint, Piece, checkpoint_path

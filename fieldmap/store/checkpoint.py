@@ -1,7 +1,7 @@
-"""Long work that survives a kill: finished pieces in one file, taken up again by the next run.
+"""Checkpoints: finished pieces of long work in one file. A run that was killed is resumed from them.
 
-Everything that takes long is kept in this way: the parts of a map and the states that train it, the variants of a
-study, the states and parts of a report. For example::
+All long work uses them: the parts of a map and the states that train it, the variants of a study, the parts of a
+report. For example::
 
     with Checkpoint(target.with_name("report.partial"), fingerprint(settings, packages)) as checkpoint:
         for name in parts:
@@ -10,9 +10,10 @@ study, the states and parts of a report. For example::
                 checkpoint.put(name, arrays={"field": compute(name)}, about={"seconds": 12.0})
     checkpoint.remove()     # once the result that the pieces are for is written
 
-A file begins with a line of JSON that holds the fingerprint. Pieces are appended: a line with the SHA-256 of what
-follows and its lengths, then key, `about` and the names, types and shapes of the arrays as JSON, then their bytes. A
-piece is on the disk before `put` returns. One that a kill has cut, or whose SHA-256 is another, counts as absent.
+A file begins with a line of JSON that holds the fingerprint. Pieces are appended. Each has a line with the SHA-256 of
+the following bytes and their lengths, a header (JSON with key, `about`, and names, types and shapes of the arrays), and
+the bytes of the arrays. A piece is on the disk before `put` returns. An incomplete piece, or one with a wrong SHA-256,
+is ignored.
 """
 
 from __future__ import annotations
@@ -38,18 +39,18 @@ from fieldmap.typing import PathLike
 
 FORMAT = 1
 SUFFIX = ".partial"
-# Of a piece's first line: 64 digits of the SHA-256 and two lengths of 16, each with one character behind it.
+# Length of a piece's first line: 64 digits of the SHA-256 and two lengths of 16 digits, each followed by one character.
 _PREFIX = 64 + 1 + 16 + 1 + 16 + 1
-# Seconds from one look at a file that another run has open to the next.
+# Seconds between attempts to lock a file that another run has open.
 _PAUSE = 0.05
-# Of the lock of Windows: its calls count in 32 bits.
+# Byte that is locked on Windows: the largest offset of a 32-bit call.
 _LOCKED_BYTE = (1 << 31) - 2
-# Longer first lines are another program's.
+# Longest first line. A file with a longer one belongs to another program.
 _LONGEST_LINE = 1 << 22
 
 
 class Piece(NamedTuple):
-    """What `Checkpoint.put` was given: arrays by name, and plain JSON."""
+    """The contents of a piece: arrays by name, and plain JSON."""
 
     arrays: dict[str, NDArray[Any]]
     about: dict[str, Any]
@@ -65,18 +66,27 @@ class _Place(NamedTuple):
 
 
 def checkpoint_path(target: PathLike) -> Path:
-    """Where the work on `target` is kept while it is being made."""
+    """Path of the checkpoint of the file `target`."""
     return Path(target).with_name(Path(target).name + SUFFIX)
 
 
 class Checkpoint:
-    """Pieces of work by key, under one fingerprint; a context manager that closes the file.
+    """Pieces of work by key. A context manager that closes the file.
 
-    path: the file, made with its folder unless it is there. fingerprint: whatever decides the pieces, as text or as
-    texts by name; a file with another one is begun anew, as is a damaged or foreign one, or any with resume=False.
-    note: why an earlier file was not used, or "". wait: how many seconds to wait for another run that has the file
-    open, where runs open it for a moment only. Raises InputError if the place cannot be written or another run has the
-    file open after that (where the operating system knows locks).
+    An existing file is used only if its fingerprint is the same. A file with another fingerprint is emptied, and so is
+    a damaged or foreign one. The attribute `note` then gives the reason; otherwise it is "".
+
+    Parameters
+    ----------
+    path : of the file. It is made, with its folder, if it does not exist.
+    fingerprint : all inputs that determine the pieces, as one text or as texts by name.
+    resume : False to empty any existing file.
+    wait : seconds to wait for another run that has the file open.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be written, or another run still has it open (on systems with file locks).
     """
 
     def __init__(
@@ -110,14 +120,14 @@ class Checkpoint:
         return key in self._places
 
     def __iter__(self) -> Iterator[str]:
-        """Keys in the order in which the pieces came."""
+        """Keys in the order in which the pieces were added."""
         return iter(tuple(self._places))
 
     def __len__(self) -> int:
         return len(self._places)
 
     def get(self, key: str) -> Piece | None:
-        """The piece of this key, or None. Arrays have the bits, types and shapes that they were given with."""
+        """Read the piece of a key; None if there is none. Arrays have the bits, types and shapes as put."""
         place = self._places.get(key)
         if place is None:
             return None
@@ -136,9 +146,18 @@ class Checkpoint:
         arrays: Mapping[str, NDArray[Any]] | None = None,
         about: Mapping[str, Any] | None = None,
     ) -> None:
-        """Add a piece, in the place of an earlier one of the same key; it is on the disk when this returns.
+        """Add a piece, or replace the one of the same key. It is on the disk when this returns.
 
-        Raises FieldmapError if the disk is full; the pieces before remain.
+        Parameters
+        ----------
+        key : of the piece.
+        arrays : by name.
+        about : plain JSON.
+
+        Raises
+        ------
+        FieldmapError
+            If the disk is full. Earlier pieces remain.
         """
         contents = {name: np.asarray(values) for name, values in (arrays or {}).items()}
         shapes = [[name, values.dtype.str, list(values.shape)] for name, values in contents.items()]
@@ -162,8 +181,8 @@ class Checkpoint:
         self._file.close()
 
     def remove(self) -> None:
-        """Close and delete the file: what the pieces are for is done."""
-        # Deleted while it is locked, where an open file can be: another run cannot have begun with it.
+        """Close and delete the file, after the work is complete."""
+        # The file is deleted while it is locked, so that no other run opens it first. Windows cannot delete open files.
         try:
             self.path.unlink(missing_ok=True)
             self.close()
@@ -179,7 +198,10 @@ class Checkpoint:
             self._append(json.dumps(_first_line(decides)).encode() + b"\n")
 
     def _find(self, decides: Mapping[str, str]) -> str:
-        """Find the pieces and cut off what follows the last whole one; why the file cannot be used, or ""."""
+        """Find the pieces, and cut off the bytes after the last complete one.
+
+        Returns the reason if the file cannot be used, otherwise "".
+        """
         self._file.seek(0)
         try:
             line = self._file.readline(_LONGEST_LINE)
@@ -203,7 +225,7 @@ class Checkpoint:
         return ""
 
     def _append(self, content: bytes) -> None:
-        """Write here; it is on the disk when this returns, not only with the operating system."""
+        """Write at the present position and flush to the disk (fsync)."""
         left = memoryview(content)
         while left:
             left = left[self._file.write(left) :]
@@ -215,7 +237,7 @@ def _first_line(decides: Mapping[str, str]) -> dict[str, Any]:
 
 
 def _read(file: FileIO, count: int) -> bytes:
-    """The next bytes, fewer only at the end of the file: one call of the operating system may give less."""
+    """The next `count` bytes; fewer only at the end of the file. One read call may return less than asked for."""
     content = file.read(count)
     while len(content) < count and (more := file.read(count - len(content))):
         content += more
@@ -223,8 +245,10 @@ def _read(file: FileIO, count: int) -> bytes:
 
 
 def _next_piece(file: FileIO) -> tuple[str, _Place] | None:
-    """Key and place of the piece that begins here, the file then at its end; an empty key if its SHA-256 is wrong,
-    None where no whole piece follows."""
+    """Read the piece at the present position, and move to its end.
+
+    Returns its key and place; an empty key if its SHA-256 is wrong; None if no complete piece follows.
+    """
     begin = file.tell()
     prefix = _read(file, _PREFIX)
     try:
@@ -243,15 +267,15 @@ def _next_piece(file: FileIO) -> tuple[str, _Place] | None:
 
 
 def _opened(path: Path, wait: float) -> FileIO:
-    """The file, made if need be, for this process alone where the operating system has such locks."""
+    """Open the file, or make it, and lock it for this process if the system has file locks."""
     until = time.monotonic() + wait
     while True:
         handle = os.open(path, os.O_RDWR | os.O_CREAT | getattr(os, "O_BINARY", 0), 0o666)
-        # Without a buffer: what a full disk does not take would be written again on closing.
+        # The file has no buffer: bytes that a full disk refused would be written again when the file is closed.
         file = FileIO(handle, "r+b")
         try:
             _lock(file)
-            # Another run may have deleted the file between the two steps.
+            # Another run may have deleted the file between opening and locking.
             with suppress(FileNotFoundError):
                 if os.path.samestat(os.fstat(handle), os.stat(path)):
                     return file
@@ -267,11 +291,11 @@ def _opened(path: Path, wait: float) -> FileIO:
 
 
 def _lock(file: FileIO) -> None:
-    """Raise BlockingIOError if another process has the file."""
+    """Lock the file. Raises BlockingIOError if another process has locked it."""
     if sys.platform == "win32":
         import msvcrt
 
-        # Windows forbids reading what is locked, too: one byte, farther than pieces are read from.
+        # On Windows locked bytes cannot be read either. So one byte is locked, beyond all pieces.
         place = file.tell()
         file.seek(_LOCKED_BYTE)
         try:

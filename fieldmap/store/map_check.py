@@ -1,4 +1,4 @@
-"""Everything that can be verified about a map file without what made it; all problems at once."""
+"""Verification of a map file without the solver; all problems are reported at once."""
 
 from __future__ import annotations
 
@@ -30,21 +30,28 @@ from fieldmap.store.stated_accuracy import MissedAccuracy, missed_accuracy
 from fieldmap.typing import Array
 
 DIVERGENCE_AND_CURL = 1e-4
-"""Largest divergence, and largest curl, of a stored gradient at a node, of the largest gradient of that field."""
+"""Allowed divergence and curl of a stored gradient at a node, as a share of the largest gradient of that field."""
 VALUES_AND_GRADIENTS = 0.05
-"""Largest difference between steps of B from node to node and Simpson's integral of the gradients along them, of the
-largest such integral: a swapped component or a wrong unit is of order 1, what the rule lacks O(spacing^4)."""
+"""Allowed difference between steps of B over two cells and Simpson's integral of the gradient, as a share of the
+largest integral. A swapped component or a wrong unit is an error of order 1; Simpson's rule has O(spacing^4)."""
 TOTAL = 1e-9
-"""Largest difference between the stored total and the sum of the fields, of the largest total."""
+"""Allowed difference between the stored total and the sum of the fields, as a share of the largest total."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class MapCheck(Record):
-    """What was verified: the description, how many data sets and bytes, and what the numbers say of themselves.
+    """Result of a verification. All deviations are relative: see the constants of this module.
 
-    divergence, curl: largest over fields and nodes, of the field's largest gradient; values_and_gradients: largest
-    disagreement of B's steps with the gradients (None where an axis has fewer than three nodes); total: largest
-    difference between the stored total and the sum of the fields. notes: what is allowed, but worth knowing.
+    Attributes
+    ----------
+    info : description of the map.
+    bytes : length of the file.
+    data_sets : number of data sets that were checked.
+    divergence, curl : largest over fields and nodes.
+    values_and_gradients : largest difference between steps of B and the integrated gradient; None if no axis has three
+        nodes.
+    total : largest difference between the stored total and the sum of the fields.
+    notes : facts that are allowed but worth knowing.
     """
 
     info: MapInfo
@@ -58,11 +65,11 @@ class MapCheck(Record):
 
     @property
     def missed_accuracy(self) -> MissedAccuracy | None:
-        """How far the current model is off, if by more than was asked for."""
+        """Errors of the current model if they are larger than the recipe allows, otherwise None."""
         return missed_accuracy(self.info.provenance.solver_report)
 
     def to_dict(self) -> dict[str, Plain]:
-        """What was verified, with what the file says of itself, as plain Python."""
+        """The result and the description of the file as plain Python."""
         info = self.info
         return plain_items(
             title=info.provenance.title,
@@ -99,7 +106,7 @@ class _Findings:
         self.problems.append(Problem(self.where, must_hold, received, remedy))
 
     def attempt(self, step: Callable[..., Any], *arguments: Any) -> Any:
-        """What the step returns, or None and a problem more."""
+        """Call a step of the verification. Returns its result, or adds a problem and returns None if it fails."""
         try:
             return step(*arguments)
         except Refused as refusal:
@@ -112,20 +119,33 @@ class _Findings:
         return None
 
     def figure(self, name: str, value: float, limit: float, of: str) -> None:
-        """Note a figure of a field, and a problem where it is beyond its limit."""
+        """Store a figure of a field, and add a problem if it exceeds its limit."""
         self.figures.setdefault(name, []).append(value)
         if not value <= limit:
             self.add(f"{of}: {name.replace('_', ' ')} up to {limit:g} of the largest", f"{value:.3g}")
 
 
 def check_map(path: str | os.PathLike[str]) -> MapCheck:
-    """Verify a map file: seal (length and SHA-256 of the whole file), format version, completeness, every data set
-    (its checksum, shape, type, unit, grid, finite values), recipe and device texts with their hashes, provenance, the
-    reduced model of saturating iron, the links that other programs follow, and that the numbers are a magnetic field:
-    stored gradients without divergence and curl, steps of B that agree with them, a total that is the sum.
+    """Verify a map file.
 
-    Raises MapFileError with every problem found; where the file cannot be opened safely, with that one alone. The
-    limits are constants of this module. Needs the memory of one field.
+    These are checked: the seal (length and SHA-256 of the whole file), format version and completeness; checksum,
+    shape, type, unit, grid and finite values of every data set; recipe and device texts with their hashes, and
+    provenance; the reduced model of saturating iron; the links for other programs. The numbers must be a magnetic
+    field: gradients have no divergence and no curl, steps of B agree with them, and the total is the sum of the fields.
+    The limits are constants of this module. The check needs the memory of one field.
+
+    Parameters
+    ----------
+    path : of the file.
+
+    Returns
+    -------
+    The description of the map and the deviations found.
+
+    Raises
+    ------
+    MapFileError
+        With every problem found; only with the first one if the file cannot be opened safely.
     """
     with opened_map(path) as file:
         info, records = read_header(file)
@@ -182,7 +202,7 @@ def _check_completion(file: h5py.File, info: MapInfo) -> None:
 
 
 def _check_field(file: h5py.File, record: str, of: str, grid: Grid, findings: _Findings) -> Array | None:
-    """One field: its data sets, and whether they are a magnetic field; B (nx, ny, nz, 3) as stored, or None."""
+    """Check the data sets of one field, and whether they are a magnetic field. Returns B (nx, ny, nz, 3) or None."""
     flux = _components(file, f"{MESHES}/B_{record}", VECTOR, TESLA, grid, findings)
     slope = _components(file, f"{MESHES}/gradB_{record}", TENSOR, TESLA_PER_METRE, grid, findings)
     if slope is not None:
@@ -205,7 +225,8 @@ def _check_steps(flux: Array, gradient: Array, of: str, grid: Grid, findings: _F
 
 
 def _mismatch(flux: Array, gradient: Array, grid: Grid, axis: int) -> tuple[float, float]:
-    """Largest difference between B over two steps along an axis and Simpson's integral of dB/dx; largest integral."""
+    """Largest difference between the change of B over two cells along an axis and Simpson's integral of its derivative,
+    and the largest integral."""
     values, slopes = np.moveaxis(flux, axis, 0), np.moveaxis(gradient[..., axis], axis, 0)
     integral = grid.spacing[axis] / 3.0 * (slopes[:-2] + 4.0 * slopes[1:-1] + slopes[2:])
     return float(np.abs(values[2:] - values[:-2] - integral).max()), float(np.abs(integral).max())
@@ -214,7 +235,7 @@ def _mismatch(flux: Array, gradient: Array, grid: Grid, axis: int) -> tuple[floa
 def _components(
     file: h5py.File, record: str, components: tuple[str, ...], unit: Array, grid: Grid, findings: _Findings
 ) -> Array | None:
-    """Every component of a record, (nx, ny, nz, n); None if one of them cannot be had."""
+    """All components of a record (nx, ny, nz, n); None if one of them cannot be read."""
     findings.attempt(_check_attributes, file, record, unit, components)
     values = [findings.attempt(read_numbers, file, f"{record}/{name}", grid) for name in components]
     findings.data_sets += len(values)
@@ -222,7 +243,7 @@ def _components(
 
 
 def _check_attributes(file: h5py.File, record: str, unit: Array, components: tuple[str, ...]) -> None:
-    """Units, axes and order, as other programs read them."""
+    """Check the attributes that other programs read: units, axes and order."""
     at = hard(file, record).attrs
     wanted = {"dataOrder": b"C", "geometry": b"cartesian", "gridUnitSI": 1.0}
     for name, value in wanted.items():
@@ -239,7 +260,7 @@ def _check_attributes(file: h5py.File, record: str, unit: Array, components: tup
 
 
 def _check_link(file: h5py.File, path: str, target: str) -> None:
-    """The soft link that openPMD-beamphysics follows leads to the record."""
+    """Check that the soft link for openPMD-beamphysics leads to the record."""
     link = hard(file, path).get("magneticField", getlink=True)
     if not isinstance(link, h5py.SoftLink) or link.path != target:
         raise Refused(f"{path}/magneticField: a soft link to {target}", f"{type(link).__name__}", REMAKE)

@@ -1,4 +1,4 @@
-"""A map in memory: arrays over the nodes of a grid, and where they come from."""
+"""A map in memory: arrays over the nodes of a grid, and their provenance."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -79,13 +79,21 @@ class FieldError(Record):
 
 @dataclass(frozen=True, repr=False)
 class Provenance(Record):
-    """What made a map.
+    """Origin of a map.
 
-    recipe_text, device_text: the files as read. included: what the device file took from other files, by their paths
-    relative to it: texts of materials, SHA-256 of solids. fingerprint: hash of everything that decides the data
-    (settings, the device as understood, versions); a run is resumed only under the same fingerprint.
-    versions: of Python and every library that took part. solver_report: plain numbers, texts and lists; assumptions:
-    what the solver took for granted, one sentence each. created: date and time, UTC, as openPMD writes it.
+    Attributes
+    ----------
+    title : of the recipe.
+    device_name : of the device.
+    recipe_text, device_text : contents of the files.
+    fingerprint : hash of all inputs of the data (settings, the device after reading, versions). A run is resumed only
+        if the fingerprint is the same.
+    versions : of Python and all libraries involved.
+    solver_report : plain numbers, texts and lists.
+    assumptions : of the solver, one sentence each.
+    created : date and time, UTC, as openPMD writes it.
+    included : other files that the device file refers to, by path relative to it: texts of materials, SHA-256 of
+        solids.
     """
 
     title: str = ""
@@ -102,18 +110,25 @@ class Provenance(Record):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class MapInfo(Record):
-    """All of a map but its arrays.
+    """Description of a map: everything but its arrays.
 
-    reference_current (n_coils,): the currents, A, at which the file states its fields.
-    interpolation_error: largest difference found between interpolant and solver at sampled points, summed
-    over the coils at their reference currents; a sample, no bound. error_bounds: certified
-    bounds by kind of lookup, empty for a map that is not certified.
-    reduced_model: where iron saturates, what turns currents into the weights of the iron's fields; None where the
-    field is linear in the currents. current_error: largest difference between that model and the solver on
-    solved states that it was tried at; files of earlier versions: that it was not trained on.
-    fixed_sources: names of what makes a field that no current drives, such as bodies that are magnets and "background".
-    constant_field: whether the last field is one of weight 1 whatever the currents: that of these sources, iron
-    included; with a reduced model, whose fields hold the iron and its magnets, that of the background alone.
+    Attributes
+    ----------
+    grid : of the nodes.
+    coil_names : in the order of the currents.
+    reference_current : (n_coils,), currents at which the file states its fields, A.
+    provenance : origin of the map.
+    interpolation_error : largest difference between interpolant and solver at sampled points, summed over the coils at
+        their reference currents. It is a sample, not a bound.
+    error_bounds : certified bounds by kind of lookup; empty for a map without certificate.
+    reduced_model : turns currents into the weights of the iron's fields, if the iron saturates; None for a field that
+        is linear in the currents.
+    current_error : largest difference between the reduced model and the solver at tested states. In files of earlier
+        versions these are states that the model was not trained on.
+    fixed_sources : names of the sources that no current drives, such as magnets and "background".
+    constant_field : whether the last field has the weight 1 at all currents. It is the field of the fixed sources and
+        of the iron that they magnetise. With a reduced model, whose fields include iron and magnets, it is the
+        background alone.
     """
 
     grid: Grid
@@ -159,7 +174,7 @@ class MapInfo(Record):
 
     @property
     def field_scale(self) -> Array:
-        """What every field is multiplied by in the file: reference currents in A, and 1 for the others."""
+        """Factors of the fields in the file: the reference currents, A, for coils, and 1 for the other fields."""
         return np.append(self.reference_current, np.ones(len(self.field_names) - len(self.coil_names)))
 
     @property
@@ -173,12 +188,20 @@ class MapInfo(Record):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class MapData(MapInfo):
-    """A map: unit fields of every coil on a grid.
+    """A map: fields on a grid, those of the coils per ampere.
 
-    flux_density (n_fields, nx, ny, nz, 3) in T/A and gradient (n_fields, nx, ny, nz, 3, 3) in T/(m A), per
-    ampere of coil current; gradient[..., i, j] = dB_i/dx_j. The fields are those of the coils, iron included; with
-    a reduced model those of the coils without iron, then the iron's in T and T/m at weight 1. The constant field, if
-    any, is the last, in T and T/m. Raises InputError if a shape does not fit.
+    The first fields are those of the coils. They include the iron if it is linear. With a reduced model they do not,
+    and the fields of the iron at weight 1 follow, in T and T/m. A constant field is the last one, in T and T/m.
+
+    Attributes
+    ----------
+    flux_density : (n_fields, nx, ny, nz, 3), T/A for coils.
+    gradient : (n_fields, nx, ny, nz, 3, 3), T/(m A) for coils; gradient[..., i, j] = dB_i/dx_j.
+
+    Raises
+    ------
+    InputError
+        If a shape does not fit.
     """
 
     flux_density: Array = field(default_factory=lambda: np.empty(0))
@@ -194,7 +217,7 @@ class MapData(MapInfo):
             object.__setattr__(self, name, values)
 
     def as_read(self) -> "MapData":
-        """The map as a reader of its file has it: its fields were multiplied by their scale and are divided by it."""
+        """The map with the rounding of a file: its fields are multiplied by their scale and divided by it again."""
         scale = self.field_scale.reshape(-1, 1, 1, 1, 1)
         flux, gradient = (
             self.flux_density * scale / scale,

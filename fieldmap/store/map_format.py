@@ -1,4 +1,4 @@
-"""The layout of a map file: where things lie, what they are called, and header and report as JSON with hashes."""
+"""The layout of a map file: paths and names in it, and its header and report as JSON with hashes."""
 
 import hashlib
 import json
@@ -15,23 +15,23 @@ from fieldmap.store.map_data import FieldError, Grid, MapInfo, Provenance
 from fieldmap.store.reduced_model import ReducedModel
 
 FORMAT_VERSION, WITH_FIXED_SOURCES = 1, 2
-"""Version of the format, and of one with sources that no current drives: readers of before refuse it."""
-# Nodes per chunk: few enough that a killed run loses little, enough that a solver works on many at once.
+"""Version of the format, and version of maps with sources that no current drives, which older readers refuse."""
+# Most nodes of a chunk: few enough that a killed run loses little, many enough that the solver is efficient.
 NODES_PER_CHUNK = 1000
 MESHES = "/data/0/meshes"
 OWN = "/fieldmap"
 REDUCED_MODEL = f"{OWN}/reduced_model"
 PARAMETRISATION = "parametrisation"
-"""Attribute of the reduced model: name and parameters of the parametrisation of its currents, JSON."""
+"""Attribute of the reduced model, JSON: name and parameters of the parametrisation of the currents."""
 DIVISION_EXPONENT = "division_exponent"
-"""What readers before the parametrisation look for: n of `LiftAndDirections`, or nothing for independent currents."""
+"""Data set that older readers need: n of `LiftAndDirections`, or an empty array for independent currents."""
 VECTOR = ("x", "y", "z")
 TENSOR = tuple(i + j for i in VECTOR for j in VECTOR)
 """Components of the gradient: "xy" is dB_x/dy."""
 
 
 def record_names(coil_names: Sequence[str]) -> tuple[str, ...]:
-    """One distinct record name part per coil, of ASCII letters, digits and underscores only.
+    """One distinct part of a record's name for each coil, of ASCII letters, digits and underscores only.
 
     >>> record_names(["1", "upper left", "upper-left"])
     ('1', 'upper_left', 'upper_left_2')
@@ -49,7 +49,7 @@ def record_names(coil_names: Sequence[str]) -> tuple[str, ...]:
 
 @dataclass(frozen=True)
 class Chunk(Record):
-    """The x-planes first <= i < last of the grid."""
+    """A part of a map: the x-planes first <= i < last of the grid."""
 
     number: int
     first: int
@@ -57,10 +57,11 @@ class Chunk(Record):
 
 
 def planes_per_chunk(grid: Grid) -> int:
-    """How many x-planes are stored, and computed, at a time: depends on the grid alone, so that a resumed run fits."""
+    """Number of x-planes in a chunk. It depends on the grid alone, so that a resumed run has the same chunks."""
     nx, ny, nz = grid.shape
     most = max(1, min(nx, NODES_PER_CHUNK // (ny * nz)))
-    return -(-nx // -(-nx // most))  # the same number of chunks, as equal as can be
+    # The fewest chunks of at most `most` planes, all but the last equal.
+    return -(-nx // -(-nx // most))
 
 
 def chunks_of(grid: Grid) -> tuple[Chunk, ...]:
@@ -71,7 +72,7 @@ def chunks_of(grid: Grid) -> tuple[Chunk, ...]:
 
 
 def component_paths(record: str) -> dict[str, list[str]]:
-    """Paths of the flux density's and the gradient's components of one coil."""
+    """Paths of the components of flux density and gradient of one field."""
     return {
         "flux_density": [f"{MESHES}/B_{record}/{c}" for c in VECTOR],
         "gradient": [f"{MESHES}/gradB_{record}/{c}" for c in TENSOR],
@@ -80,7 +81,7 @@ def component_paths(record: str) -> dict[str, list[str]]:
 
 Value = TypeVar("Value")
 
-# What h5py raises on a file that is not as it should be.
+# Exceptions of h5py for a damaged or foreign file.
 UNREADABLE = (OSError, KeyError, ValueError, TypeError, RuntimeError, AttributeError)
 _EMPTY = b"\n"  # HDF5 knows no string of length 0
 
@@ -105,7 +106,7 @@ def write_text(file: h5py.File, name: str, text: str) -> None:
 
 
 def read_text(data: h5py.Dataset) -> str:
-    """A stored text; raises DamagedText if it does not have its hash."""
+    """Read a stored text. Raises DamagedText if its hash is not the recorded one."""
     raw = bytes(data[()])
     if hashlib.sha256(raw).hexdigest().encode() != bytes(data.attrs["sha256"]):
         raise DamagedText(data.name)
@@ -118,7 +119,7 @@ def format_of(info: MapInfo) -> int:
 
 
 def header_of(info: MapInfo) -> dict[str, Any]:
-    """All that is known of a map before it is computed, as plain JSON."""
+    """The part of a map's description that is known before it is computed, as plain JSON."""
     source = info.provenance
     fixed = {"fixed_sources": list(info.fixed_sources), "constant_field": info.constant_field}
     return {
@@ -143,7 +144,7 @@ def header_of(info: MapInfo) -> dict[str, Any]:
 
 
 def report_of(info: MapInfo) -> dict[str, Any]:
-    """What is known of a map only after it was computed, as plain JSON."""
+    """The part of a map's description that is known only after it was computed, as plain JSON."""
     return {
         "solver_report": dict(info.provenance.solver_report),
         "assumptions": list(info.provenance.assumptions),

@@ -1,7 +1,8 @@
-"""Read a map file, believing nothing: complete, undamaged, self-contained, and saying one thing only.
+"""Reader of map files. It trusts nothing in a file that it has not checked.
 
-What is taken from a file are objects at hard links and arrays that are wholly in it and as large as it says, and
-nothing else. All of it is checked before memory is asked for or a number is read.
+A file must be complete and undamaged, must not refer to other files, and must not contradict itself. Only objects at
+hard links are read, and only arrays whose bytes are all in the file. This is checked before memory is allocated or a
+number is read.
 """
 
 from __future__ import annotations
@@ -55,9 +56,12 @@ class Refused(Exception):  # noqa: N818 - internal, turned into MapFileError by 
 
 
 def hard(file: h5py.Group, path: str) -> h5py.Group | h5py.Dataset:
-    """The object at a path of hard links: nothing is taken from elsewhere."""
-    # From the root on, so that no link is followed before it is known to be hard. Only the object at the end is opened:
-    # to open all groups on the way, for every array, takes most of the time of reading a map.
+    """Open the object at a path. Every link of the path must be hard; otherwise it could lead to another file.
+
+    Raises Refused if one is not.
+    """
+    # The check goes from the root on, so that no link is followed before it is known to be hard. Only the last object
+    # is opened: opening all groups on the way, for every array, would take most of the time of reading a map.
     names = path.strip("/").split("/")
     for depth in range(len(names)):
         if not is_hard(file, "/".join(names[: depth + 1])):
@@ -70,24 +74,33 @@ def hard(file: h5py.Group, path: str) -> h5py.Group | h5py.Dataset:
 
 
 def is_hard(group: h5py.Group | h5py.Dataset, path: str) -> bool:
-    """Whether a group has an object of its own by that name, or by a path of which all but the last name is known to be
-    hard; does not follow the last link to find out."""
+    """Whether the last link of a path is a hard link of an existing object. The earlier links must be known to be hard.
+    The last one is not followed."""
     if not isinstance(group, h5py.Group):
         return False
     links, name = group.id.links, path.encode()
     try:
         return bool(links.exists(name)) and links.get_info(name).type == h5py.h5l.TYPE_HARD
     except RuntimeError:
-        # There are numbers where a group should be.
+        # A data set lies where a group should be.
         return False
 
 
 def stored(file: h5py.Group, path: str, kinds: str) -> h5py.Dataset:
-    """The data set at a path of hard links, all of whose bytes lie in this file.
+    """Open the data set at a path of hard links, if all of its bytes lie in this file.
 
-    kinds: its type must be one of these of numpy (a key of _NAMES). Refused are numbers kept in other files, filters
-    other than checksums (a few bytes could declare any size), arrays larger than what is stored of them, and numbers
-    that stand in several places (those of one component in that of another).
+    Parameters
+    ----------
+    file : open file.
+    path : of the data set.
+    kinds : allowed kinds of numpy types, a key of `_NAMES`.
+
+    Raises
+    ------
+    Refused
+        For another type, numbers in other files, filters other than checksums (a few bytes could declare any size),
+        arrays larger than their stored bytes, and data sets with a second name (one component could be given as
+        another).
     """
     data = hard(file, path)
     if not isinstance(data, h5py.Dataset) or (dtype := data.dtype).kind not in kinds or dtype.hasobject:
@@ -111,12 +124,23 @@ def stored(file: h5py.Group, path: str, kinds: str) -> h5py.Dataset:
 
 
 def read_map(path: str | os.PathLike[str]) -> MapData:
-    """The map in the file at `path`, with all of its numbers, per ampere of coil current. A name without folder or
-    ending that is no file is that of a shipped map: "sample".
+    """Read a map file with all of its numbers.
 
-    Raises MapFileError if the file is missing, not byte for byte what was sealed when it was finished, not written by
-    fieldmap or by another version, not complete, holds numbers that are not finite, or would take its numbers from
-    another file. Links are not followed, and no memory is asked for that the file does not fill.
+    Links are not followed, and no more memory is allocated than the file fills.
+
+    Parameters
+    ----------
+    path : of the file, or the name of a shipped map, such as "sample".
+
+    Returns
+    -------
+    The map; fields of coils are per ampere.
+
+    Raises
+    ------
+    MapFileError
+        If the file is missing, incomplete, or different from its seal; if it was not written by fieldmap, or by a
+        version with another format; if a number is not finite or lies in another file.
     """
     with opened_map(path) as file:
         info, records = read_header(file)
@@ -130,14 +154,23 @@ def read_map(path: str | os.PathLike[str]) -> MapData:
 
 
 def read_info(path: str | os.PathLike[str]) -> MapInfo:
-    """All of a map but its numbers: grid, coils, provenance, errors. Raises MapFileError as `read_map` does,
-    but does not look at the numbers."""
+    """Read the description of a map: grid, coils, provenance, errors. The arrays are not read.
+
+    Parameters
+    ----------
+    path : as in `read_map`.
+
+    Raises
+    ------
+    MapFileError
+        As in `read_map`, except for errors of the arrays.
+    """
     with opened_map(path) as file:
         return read_header(file)[0]
 
 
 def map_path(path: str | os.PathLike[str]) -> Path:
-    """The path itself; of a name without folder and ending that is no file, the shipped map of this name, if any."""
+    """Path of a map file. A name without folder and suffix that is not a file may be that of a shipped map."""
     given = Path(path)
     if is_file(given) or given.name != str(path) or given.suffix:
         return given
@@ -146,7 +179,7 @@ def map_path(path: str | os.PathLike[str]) -> Path:
 
 @contextmanager
 def opened_map(path: str | os.PathLike[str]) -> Iterator[h5py.File]:
-    """The file, its seal verified before HDF5 opens it; whatever is wrong inside the block becomes a MapFileError."""
+    """Open a map file after its seal was verified. Errors inside the block become MapFileError."""
     where, path = str(path), map_path(path)
     if not is_file(path):
         raise MapFileError.of(where, "an existing map file", "no such file", REMAKE)
@@ -174,7 +207,7 @@ def opened_map(path: str | os.PathLike[str]) -> Iterator[h5py.File]:
 
 
 def read_header(file: h5py.File) -> tuple[MapInfo, tuple[str, ...]]:
-    """Description of the map and the names of its records."""
+    """Read the description of a map and the names of its records. Raises Refused."""
     if not is_hard(file, OWN.strip("/")):
         raise Refused("a map written by fieldmap", "an HDF5 file without the group /fieldmap", REMAKE)
     version = int(hard(file, OWN).attrs["format_version"])
@@ -205,9 +238,9 @@ def read_header(file: h5py.File) -> tuple[MapInfo, tuple[str, ...]]:
 
 
 def _read_reduced_model(file: h5py.File) -> ReducedModel:
-    """The model of a map of saturating iron; Refused, ValueError or InputError if the arrays are no such model."""
+    """Read the model of a map of saturating iron. Raises Refused, ValueError or InputError if the arrays do not fit."""
     group = hard(file, REDUCED_MODEL)
-    # Asking numbers for a name reads them, from wherever they are.
+    # `in` on a data set would read its numbers, possibly from another file.
     if not isinstance(group, h5py.Group):
         raise Refused(f"{REDUCED_MODEL}: a group", "numbers", REMAKE)
     there = [name for name in ARRAYS if name not in OPTIONAL or name in group]
@@ -216,14 +249,15 @@ def _read_reduced_model(file: h5py.File) -> ReducedModel:
 
 
 def _parametrisation(file: h5py.File, coils: int) -> CurrentParametrisation:
-    """As named in the file, or as an older file says it; both must agree."""
+    """Read the parametrisation of the currents, in the present form or in that of older files. If both are there, they
+    must agree."""
     exponent = stored(file, f"{REDUCED_MODEL}/{DIVISION_EXPONENT}", "fi")[()]
     stated = hard(file, REDUCED_MODEL).attrs.get(PARAMETRISATION)
     older = parametrisation_of(exponent, coils)
     if stated is None:
         return older
     named = parametrisation_from_json(bytes(stated).decode())
-    # Older files know no limit of the currents.
+    # The older form has no limit of the currents.
     without = replace(named, limit=None) if isinstance(named, LiftAndDirections) else named
     if exponent.size and without != older:
         raise Refused(f"one parametrisation of the currents, {named}", f"{older} as well", REMAKE)
@@ -231,7 +265,7 @@ def _parametrisation(file: h5py.File, coils: int) -> CurrentParametrisation:
 
 
 def _components(file: h5py.File, paths: list[list[str]], info: MapInfo, tail: tuple[int, ...]) -> Array:
-    """(n_fields, nx, ny, nz, *tail) per ampere, or at weight 1."""
+    """Read components as an array (n_fields, nx, ny, nz, *tail), per ampere for coils, at weight 1 for other fields."""
     checked = [[check_numbers(file, path, info.grid) for path in components] for components in paths]
     needed = len(paths) * int(np.prod(tail)) * info.grid.size * 8
     if needed > file.id.get_filesize():
@@ -246,8 +280,10 @@ def _components(file: h5py.File, paths: list[list[str]], info: MapInfo, tail: tu
 
 
 def check_record(file: h5py.File, path: str, grid: Grid, name: str = "", scale: float = 1.0) -> None:
-    """Grid, coil and reference current that other readers see must be those that we read. name: of the field; "" for
-    the total, which has none."""
+    """Check that the attributes for other programs state the same grid, coil and reference current as the header.
+
+    name: of the field; "" for the total, which has no name. Raises Refused.
+    """
     at = hard(file, path).attrs
     same = np.array_equal(at["gridSpacing"], grid.spacing)
     if not (same and np.array_equal(at["gridGlobalOffset"], grid.lower)):
@@ -257,7 +293,7 @@ def check_record(file: h5py.File, path: str, grid: Grid, name: str = "", scale: 
 
 
 def check_numbers(file: h5py.File, path: str, grid: Grid) -> h5py.Dataset:
-    """A data set with one float64 for every node, without reading it."""
+    """Open a data set with one float64 for every node, without reading it. Raises Refused."""
     data = stored(file, path, "f")
     if data.shape != grid.shape or data.dtype != np.float64:
         raise Refused(f"{path}: float64 numbers of shape {grid.shape}", f"{data.shape}, {data.dtype}", REMAKE)
@@ -265,7 +301,7 @@ def check_numbers(file: h5py.File, path: str, grid: Grid) -> h5py.Dataset:
 
 
 def read_numbers(file: h5py.File, path: str, grid: Grid) -> Array:
-    """One component at every node, finite."""
+    """Read one component at every node. Raises Refused if a number is not finite."""
     return _finite(check_numbers(file, path, grid))
 
 

@@ -1,6 +1,7 @@
-"""Write a map file: at once from memory, or from chunks of nodes that a killed run finds again.
+"""Writer of map files: from memory, or from chunks of nodes that survive a killed run.
 
-The file is written whole, to another name first. Until then chunks lie in a `Checkpoint` beside it, TARGET.partial.
+Chunks lie in a `Checkpoint`, TARGET.partial, until the map is complete. The file is written under another name and then
+renamed.
 """
 
 from __future__ import annotations
@@ -37,7 +38,8 @@ from fieldmap.store.seal import seal_map
 from fieldmap.store.whole_files import disk_errors, sync_folder, whole_file
 from fieldmap.typing import Array, PathLike
 
-# Keys of the header that do not decide the numbers of a map, or are known only once some of them are there.
+# Keys of the header that are not part of the fingerprint of a checkpoint: they have no influence on the numbers of the
+# map, or are known only during the run.
 _FREE_KEYS = ("created", "title", "record_names")
 _CALLED = {
     "recipe_sha256": "recipe",
@@ -50,9 +52,23 @@ _CALLED = {
 
 
 def write_map(target: PathLike, data: MapData) -> Path:
-    """Write a whole map from memory. Replaces an existing file in one step; returns the path.
+    """Write a map from memory. An existing file is replaced in one step.
 
-    Raises FieldmapError if a number is not finite or the disk is full, InputError if the place cannot be written.
+    Parameters
+    ----------
+    target : path of the file.
+    data : the map.
+
+    Returns
+    -------
+    The path.
+
+    Raises
+    ------
+    FieldmapError
+        If a number is not finite or the disk is full.
+    InputError
+        If the file cannot be written.
     """
     path = Path(target)
     for chunk in chunks_of(data.grid):
@@ -84,7 +100,7 @@ def _write(file: h5py.File, data: MapData) -> None:
 
 
 def _write_reduced_model(file: h5py.File, model: ReducedModel | None) -> None:
-    """One array per field, each with its checksum; nothing where there is no model."""
+    """Write one array for each field of the model, with a checksum; nothing if there is no model."""
     if model is None:
         return
     group = file.create_group(REDUCED_MODEL)
@@ -94,16 +110,23 @@ def _write_reduced_model(file: h5py.File, model: ReducedModel | None) -> None:
         values = getattr(model, name)
         if name in OPTIONAL and not values.size:
             continue
-        # What HDF5 gives for a block that it does not find is no number of any model.
+        # The fill value, which HDF5 gives for a missing block, is never a number of a model, so that it is noticed.
         missing = np.nan if values.dtype.kind == "f" else -1
         checked = {"fletcher32": True, "fillvalue": missing} if values.size else {}
         group.create_dataset(name, data=values, **checked)
 
 
 class MapWriter:
-    """The chunks of a map in the making, in a checkpoint. A context manager; leaving without `finish` keeps them.
+    """The chunks of an unfinished map, in a checkpoint. A context manager; leaving it without `finish` keeps the
+    chunks.
 
-    target: the file that they are for; chunks: all of them; resumed: how many were there at the beginning.
+    Attributes
+    ----------
+    target : path of the map file.
+    checkpoint : holds the chunks.
+    info : description of the map.
+    chunks : all chunks of the map.
+    resumed : number of chunks that an earlier run has written.
     """
 
     def __init__(self, target: Path, info: MapInfo, checkpoint: Checkpoint) -> None:
@@ -121,7 +144,7 @@ class MapWriter:
 
     @property
     def note(self) -> str:
-        """Why a checkpoint that was there is not used, or ""."""
+        """Reason why an existing checkpoint was not used, or ""."""
         return self.checkpoint.note
 
     @property
@@ -130,22 +153,31 @@ class MapWriter:
         return tuple(chunk for chunk in self.chunks if _key(chunk) not in self.checkpoint)
 
     def write(self, chunk: Chunk, flux_density: Array, gradient: Array) -> None:
-        """Keep a chunk: (n_fields, planes, ny, nz, 3) in T/A and (n_fields, planes, ny, nz, 3, 3) in T/(m A).
+        """Add a chunk to the checkpoint.
 
-        Raises FieldmapError if a number is not finite or the disk is full.
+        Parameters
+        ----------
+        chunk : which one.
+        flux_density : (n_fields, planes, ny, nz, 3), T/A for coils.
+        gradient : (n_fields, planes, ny, nz, 3, 3), T/(m A) for coils.
+
+        Raises
+        ------
+        FieldmapError
+            If a number is not finite or the disk is full.
         """
         _check_finite(self.target, chunk, flux_density, gradient)
         self.checkpoint.put(_key(chunk), {"flux_density": flux_density, "gradient": gradient})
 
     def read(self, chunk: Chunk) -> tuple[Array, Array]:
-        """What `write` was given for a chunk. Raises KeyError if it is missing."""
+        """Flux density and gradient of a chunk, as written. Raises KeyError if it is missing."""
         piece = self.checkpoint.get(_key(chunk))
         if piece is None:
             raise KeyError(chunk)
         return piece.arrays["flux_density"], piece.arrays["gradient"]
 
     def data(self) -> MapData:
-        """The map, all of whose chunks must be written."""
+        """The map of all chunks. Raises ValueError if one is missing."""
         if self.missing:
             raise ValueError(f"{len(self.missing)} of {len(self.chunks)} chunks are not written yet")
         parts = [self.read(chunk) for chunk in self.chunks]
@@ -160,7 +192,17 @@ class MapWriter:
         error_bounds: Mapping[str, FieldError] = MappingProxyType({}),
         data: MapData | None = None,
     ) -> Path:
-        """Write the file, from `data` if it is in memory already, and remove the checkpoint. Returns the path."""
+        """Write the map file and remove the checkpoint.
+
+        Parameters
+        ----------
+        solver_report, assumptions, interpolation_error, error_bounds : as in `Provenance` and `MapInfo`.
+        data : the map, if it is in memory already; it is read from the chunks unless given.
+
+        Returns
+        -------
+        The path.
+        """
         whole = self.data() if data is None else data
         source = replace(self.info.provenance, solver_report=solver_report, assumptions=tuple(assumptions))
         path = write_map(
@@ -174,17 +216,28 @@ class MapWriter:
 
 
 def open_writer(target: PathLike, info: MapInfo, resume: bool = True) -> MapWriter:
-    """The chunks of `target` that an earlier run has written, or none yet.
+    """Open the checkpoint of a map, with the chunks that an earlier run has written, if any.
 
-    They are used only if fingerprint, grid, coils and reference currents are those of `info`; `note` says why they
-    were not. Raises InputError if the place cannot be written or another run writes there.
+    They are used only if fingerprint, grid, coils and reference currents are those of `info`. Otherwise `note` of the
+    result gives the reason.
+
+    Parameters
+    ----------
+    target : path of the map file.
+    info : description of the map.
+    resume : False to begin without earlier chunks.
+
+    Raises
+    ------
+    InputError
+        If the checkpoint cannot be written, or another run has it open.
     """
     path = Path(target)
     return MapWriter(path, info, Checkpoint(checkpoint_path(path), what_decides(info), resume))
 
 
 def what_decides(info: MapInfo) -> dict[str, str]:
-    """What decides the numbers of a map, as texts by name: the fingerprint of its checkpoint."""
+    """Fingerprint of a map's checkpoint: the inputs that determine its numbers, as texts by name."""
     return {
         _CALLED.get(key, key.replace("_", " ")): json.dumps(value)
         for key, value in header_of(info).items()
@@ -193,7 +246,7 @@ def what_decides(info: MapInfo) -> dict[str, str]:
 
 
 def make_folder(path: Path) -> None:
-    """The folder of a file. Raises InputError if it cannot be made."""
+    """Make the folder of a file. Raises InputError if that fails."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:

@@ -1,4 +1,4 @@
-"""The part of a map file that any openPMD 1.1 reader understands.
+"""The part of a map file that follows the openPMD 1.1 standard, for other programs.
 
 Standard: openPMD 1.1.0 (doi:10.5281/zenodo.1167843); external fields as openPMD-beamphysics reads them.
 All strings are of fixed length.
@@ -70,7 +70,7 @@ def _source(info: MapInfo, name: str, scale: float) -> str:
 
 
 def fixed(text: str) -> np.bytes_:
-    """Text as a string of fixed length; at least one byte, which HDF5 wants."""
+    """A text as a string of fixed length, at least one byte long, because HDF5 has no empty ones."""
     return np.bytes_(text.encode() or b" ")
 
 
@@ -105,7 +105,7 @@ def _write_record(
     values: Array,
     scale: float = 1.0,
 ) -> h5py.Group:
-    """values: (nx, ny, nz, n components), in the file times scale."""
+    """Write a record with its attributes. values (nx, ny, nz, n components) are multiplied by scale."""
     record = file.create_group(f"{MESHES}/{name}")
     _describe(
         record.id,
@@ -119,7 +119,7 @@ def _write_record(
         timeOffset=np.float64(0),
         comment=fixed(comment),
     )
-    # By HDF5's own calls: what h5py does around them for every data set takes longer than they do.
+    # The low-level calls of HDF5 are used, because the high-level ones of h5py take longer than the writing.
     kind, space, created = h5py.h5t.IEEE_F64LE, h5py.h5s.create_simple(grid.shape), _storage(grid)
     for c, component in enumerate(components):
         data = h5py.h5d.create(record.id, component.encode(), kind, space, dcpl=created)
@@ -129,7 +129,7 @@ def _write_record(
 
 
 def _storage(grid: Grid) -> h5py.h5p.PropDCID:
-    """How every component is stored: by chunks with checksums, NaN where one is missing, no time of its making."""
+    """Properties of a component's data set: chunks with checksums, NaN for a missing chunk, no time stamp."""
     created = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
     created.set_chunk((planes_per_chunk(grid), *grid.shape[1:]))
     created.set_fletcher32()
@@ -139,7 +139,7 @@ def _storage(grid: Grid) -> h5py.h5p.PropDCID:
 
 
 def _describe(target: h5py.h5g.GroupID | h5py.h5d.DatasetID, **attributes: Any) -> None:
-    """Write attributes that are not there yet: arrays, numbers, texts of fixed length."""
+    """Write new attributes: arrays, numbers, texts of fixed length."""
     for name, value in attributes.items():
         values = np.asarray(value)
         kind = h5py.h5t.py_create(values.dtype)
@@ -148,7 +148,7 @@ def _describe(target: h5py.h5g.GroupID | h5py.h5d.DatasetID, **attributes: Any) 
 
 
 def _link_external_field(file: h5py.File, number: int, record: str, grid: Grid, master: str) -> None:
-    """Entry that openPMD-beamphysics FieldMesh reads: attributes, and a soft link to the numbers."""
+    """Write the entry that `FieldMesh` of openPMD-beamphysics reads: attributes and a soft link to the numbers."""
     group = file.create_group(f"/ExternalFieldPath/{number}")
     _describe(
         group.id,

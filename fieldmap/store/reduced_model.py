@@ -1,4 +1,4 @@
-"""Saturating iron on few modes, as data: what a map needs to turn currents into weights of its fields."""
+"""The reduced model of saturating iron as data: a map computes the weights of its fields from it."""
 
 from __future__ import annotations
 
@@ -17,16 +17,27 @@ _INTEGER = ("law", "law_offset")
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ReducedModel(Record):
-    """r amplitudes, p sample points, c coils, k fields of the iron; see docs/theory/current_dependence.md.
+    """Reduced model with r modes, p sample points, c coils and k fields of the iron: docs/theory/current_dependence.md.
 
-    gradients (3 p, r) and source (3 p, c): gradients of the modes and the coils' field per ampere at the sample
-    points, T; weights (p,), m^3; law (p,) and law_offset, law_knots, law_coefficients: B(H) there, as in
-    `fieldmap.kernels.iron.magnetisation_law`; air (r, r) and constant (r,): A and r0 there; output (k, r): weights
-    of the map's iron fields per amplitude; known_currents (s, c) and known_amplitudes (s, r): of the states that
-    trained it, from the nearest of which Newton's method starts; lower and upper (d,): the domain, of the signals
-    of `parametrisation`; reference_weights (k,): of the iron fields at the map's reference currents; fixed (3 p,):
-    field of the background at the sample points, T, or nothing where there is none. Raises InputError where shapes
-    do not fit together or numbers are not finite.
+    Attributes
+    ----------
+    gradients : (3 p, r), gradients of the modes at the sample points, T.
+    source : (3 p, c), fields of the coils per ampere at the sample points, T.
+    weights : (p,), of the sample points, m^3.
+    law : (p,), index of the B(H) law of each sample point.
+    law_offset, law_knots, law_coefficients : the laws, as in `fieldmap.kernels.iron.magnetisation_law`.
+    air, constant : (r, r) and (r,), A and r0 of the theory.
+    output : (k, r), weights of the map's iron fields per amplitude.
+    known_currents, known_amplitudes : (s, c) and (s, r), of the training states; solves begin at the nearest one.
+    lower, upper : (d,), domain of the signals of `parametrisation`.
+    parametrisation : of the currents.
+    reference_weights : (k,), of the iron fields at the map's reference currents.
+    fixed : (3 p,), field of the background at the sample points, T; empty if there is none.
+
+    Raises
+    ------
+    InputError
+        If shapes do not fit together or numbers are not finite.
     """
 
     gradients: Array
@@ -53,7 +64,7 @@ class ReducedModel(Record):
         ):
             raise _broken("source", "coils' fields at points", "arrays of other dimensions")
         p, r, c, k = len(self.weights), len(self.constant), self.coil_count, len(self.output)
-        # Before its signals are asked for: a file may name any number of coils.
+        # This check comes before `signal_count` is used: a file may name any number of coils.
         if self.parametrisation.coil_count != c:
             received = f"one of {self.parametrisation.coil_count} coils"
             raise _broken("parametrisation", f"one of {c} coils", received)
@@ -93,12 +104,12 @@ class ReducedModel(Record):
 
     @property
     def arrays(self) -> dict[str, Array]:
-        """All but the parametrisation, by name."""
+        """All arrays by name."""
         return {name: getattr(self, name) for name in ARRAYS}
 
     @property
     def domain(self) -> CurrentDomain:
-        """The currents that the model is for."""
+        """Domain of the currents."""
         return CurrentDomain(self.parametrisation, self.lower, self.upper)
 
     @property
@@ -119,17 +130,17 @@ class ReducedModel(Record):
 
     @property
     def laws(self) -> tuple[NDArray[np.int64], Array, Array]:
-        """The tables of the laws in the order in which kernels take them."""
+        """The tables of the B(H) laws, in the order of the kernels' arguments."""
         return self.law_offset, self.law_knots, self.law_coefficients
 
 
 ARRAYS = tuple(one.name for one in fields(ReducedModel) if one.name != "parametrisation")
 OPTIONAL = ("fixed",)
-"""Of these, what a file leaves out where it is empty."""
+"""Names of arrays that a file leaves out if they are empty."""
 
 
 def parametrisation_of(division_exponent: Array, coils: int) -> CurrentParametrisation:
-    """What `ReducedModel.division_exponent` says: all that map files stated before they named a parametrisation."""
+    """The parametrisation that `ReducedModel.division_exponent` states, which is all that older map files have."""
     exponents = np.ravel(division_exponent)
     if exponents.size > 1:
         raise _broken("division_exponent", "one number or none", f"{exponents.size} numbers")

@@ -1,4 +1,4 @@
-"""Recorded runs of a simulation as HDF5: one group a run, arrays with units, and how each run ended."""
+"""Recorded runs of a simulation as HDF5: one group for each run, with arrays, their units, and the end of the run."""
 
 from __future__ import annotations
 
@@ -25,17 +25,34 @@ FORMAT = "fieldmap run 1"
 
 @dataclass(frozen=True, eq=False, repr=False)
 class RunRecord(Record):
-    """arrays: by name, each with its unit and what its columns are; about: texts and numbers about the run."""
+    """A recorded run.
+
+    Attributes
+    ----------
+    arrays : by name: the array, its unit, and the names of its columns.
+    about : texts and numbers about the run.
+    """
 
     arrays: Mapping[str, tuple[Array, str, str]]
     about: Mapping[str, Any]
 
 
 def write_runs(path: str | os.PathLike[str], runs: Iterable[RunRecord], about: Mapping[str, str]) -> Path:
-    """Write runs into one file; it appears complete or not at all, sealed as maps are. about: texts about all of them.
+    """Write runs into one file, which appears complete or not at all. It is sealed like a map.
 
-    /run_0000/time, /run_0000/position, ...: datasets with attributes `unit` and `columns`; /run_0000 has the attribute
-    `about`, JSON. Raises InputError where the place cannot be written.
+    The data sets are /run_0000/time, /run_0000/position and so on, with attributes `unit` and `columns`. The group
+    /run_0000 has the attribute `about`, JSON.
+
+    Parameters
+    ----------
+    path : of the file.
+    runs : the runs.
+    about : texts about all of them.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be written.
     """
     target = Path(path)
     with whole_file(target) as partial:
@@ -57,7 +74,7 @@ def _write(group: h5py.Group, run: RunRecord) -> None:
 
 
 def is_run_file(path: str | os.PathLike[str]) -> bool:
-    """Whether a file says of itself that it holds runs."""
+    """Whether a file states the format of runs."""
     try:
         with h5py.File(path, "r") as file:
             return str(file.attrs.get("format", "")) == FORMAT
@@ -66,10 +83,19 @@ def is_run_file(path: str | os.PathLike[str]) -> bool:
 
 
 def read_runs(path: str | os.PathLike[str]) -> tuple[list[RunRecord], dict[str, str]]:
-    """The runs of a file, and the texts about all of them.
+    """Read the runs of a file, and the texts about all of them.
 
-    Raises InputError for a file that is none, or is not byte for byte what was sealed; files of versions before 0.2
-    have no seal. As with maps links are not followed, and no memory is asked for that the file does not fill.
+    Links are not followed, and no more memory is allocated than the file fills. Files of versions before 0.2 have no
+    seal.
+
+    Parameters
+    ----------
+    path : of the file.
+
+    Raises
+    ------
+    InputError
+        For a file that does not hold runs, or differs from its seal.
     """
     source = Path(path)
     must, remedy = "must be a file of runs, written by `fieldmap simulate -o`", "simulate again"
@@ -92,7 +118,7 @@ def read_runs(path: str | os.PathLike[str]) -> tuple[list[RunRecord], dict[str, 
 
 
 def _run(file: h5py.File, name: str) -> RunRecord:
-    """One run; everything in it has its bytes in this file."""
+    """Read one run. Raises Refused if part of it lies in another file."""
     group = hard(file, name)
     if not isinstance(group, h5py.Group):
         raise Refused(f"{name}: a run", "numbers", "")

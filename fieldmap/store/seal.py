@@ -1,8 +1,8 @@
-"""The seal of a finished map file: its length and SHA-256 behind its last byte, checked before HDF5 sees the file.
+"""The seal of a finished map file: its length and SHA-256, appended to it, and checked before HDF5 opens the file.
 
-HDF5 checks the numbers of a file, not its structure, and a structure with a wrong byte in it can lead a reader
-anywhere. So nothing is opened that is not, byte for byte, what was written. Other programs do not see the seal: what
-stands behind the end of an HDF5 file is not read. One that changes the file cuts the seal off.
+HDF5 has checksums for the numbers of a file, but not for its structure. A wrong byte in the structure can make a reader
+read anything. So a file is opened only if all of its bytes are those that were written. Other programs ignore the seal,
+because they do not read beyond the end of the HDF5 data. A program that changes the file cuts the seal off.
 """
 
 from __future__ import annotations
@@ -21,10 +21,18 @@ REMAKE = "make the map again: fieldmap map RECIPE"
 
 
 def seal_map(path: str | os.PathLike[str]) -> None:
-    """Seal the file at `path` as it is now; an earlier seal is replaced.
+    """Seal a file as it is now. An earlier seal is replaced.
 
-    For a map that was changed on purpose with another program: from now on these are its bytes. Raises OSError if the
-    file cannot be written.
+    Use this for a map that another program has changed on purpose.
+
+    Parameters
+    ----------
+    path : of the file.
+
+    Raises
+    ------
+    OSError
+        If the file cannot be written.
     """
     with Path(path).open("r+b") as stream:
         length = _length(stream)
@@ -39,15 +47,25 @@ def seal_map(path: str | os.PathLike[str]) -> None:
 
 
 def is_sealed(path: str | os.PathLike[str]) -> bool:
-    """Whether a seal stands at the end of the file, right or wrong. Raises OSError if it cannot be read."""
+    """Whether there is a seal at the end of a file, valid or not. Raises OSError if the file cannot be read."""
     with Path(path).open("rb") as stream:
         return _read_seal(stream, _length(stream)) is not None
 
 
 def check_seal(path: str | os.PathLike[str], remedy: str = REMAKE) -> None:
-    """Raise MapFileError if the file is not what was sealed: changed, cut off, or never finished.
+    """Check the seal of a file.
 
-    remedy: what to do in the place of copying it again. Raises OSError if it cannot be read.
+    Parameters
+    ----------
+    path : of the file.
+    remedy : for the message, as an alternative to copying the file again.
+
+    Raises
+    ------
+    MapFileError
+        If the file was changed, cut off, or never finished.
+    OSError
+        If it cannot be read.
     """
     with Path(path).open("rb") as stream:
         length = _length(stream)

@@ -1,4 +1,4 @@
-"""Maps of saturating iron that are less accurate than was asked for: how their reports tell, and the warning."""
+"""Maps of saturating iron that missed the accuracy of their recipe: what their reports say, and the warning."""
 
 from __future__ import annotations
 
@@ -12,21 +12,24 @@ from fieldmap.errors import MapAccuracyWarning
 from fieldmap.records import Record
 
 HELD_OUT = 2.0
-"""States at which a current model is tried may be off by so many times the accuracy that was asked for."""
+"""Allowed error at a tested state, as a multiple of the accuracy of the recipe."""
 GRADIENT = 2.0
-"""A gradient may be off by so much more than a flux density, each as a share of its largest."""
+"""Allowed relative error of the gradient over that of the flux density."""
 
-# Each time that such a map is opened, not once for each line that opens some. Behind all other rules, so that those of
-# the program that imports this hold.
+# Python shows a warning once for each line of code. This filter shows it each time that such a map is opened. It is the
+# last filter, so that those of the importing program have priority.
 warnings.simplefilter("always", MapAccuracyWarning, append=True)
 
 
 @dataclass(frozen=True)
 class MissedAccuracy(Record):
-    """The largest errors of a current model at the states at which it was tried, beyond what was asked for.
+    """The largest errors of a current model that missed its accuracy.
 
-    flux_density_share, gradient_share: of the state's largest B and gradient; asked: the accuracy of the recipe, a
-    share of B; states: at how many they were looked for.
+    Attributes
+    ----------
+    flux_density_share, gradient_share : largest errors, as shares of the largest B and gradient of the same state.
+    asked : accuracy of the recipe, a share of B.
+    states : number of tested states.
     """
 
     flux_density_share: float
@@ -36,20 +39,30 @@ class MissedAccuracy(Record):
 
     @property
     def largest_share(self) -> float:
-        """`largest_share` of both."""
+        """`largest_share` of the two shares."""
         return largest_share(self.flux_density_share, self.gradient_share)
 
     @property
     def text(self) -> str:
-        """What a person reads: the errors found and what was asked for."""
+        """The errors found and the accuracy of the recipe, in words."""
         found = f"{percent(self.flux_density_share)} of B and {percent(self.gradient_share)} of the gradient"
         return f"current model off by up to {found} ({percent(self.asked)} of B asked for)"
 
 
 def missed_accuracy(report: Mapping[str, Any]) -> MissedAccuracy | None:
-    """What the report of a map says of its current model, if its largest error is more than twice what was asked for:
-    `HELD_OUT` times the accuracy of B, and `GRADIENT` times that of the gradient. None where it is within that, where
-    nothing was tried, and for reports that do not say what was asked for or found, as those of other programs."""
+    """Find out from the report of a map whether it missed its accuracy.
+
+    The error of B may be `HELD_OUT` times the accuracy, and that of the gradient `GRADIENT` times as large.
+
+    Parameters
+    ----------
+    report : solver report of the map.
+
+    Returns
+    -------
+    The errors if they are larger; None if they are not, or if the report does not state accuracy and errors, as for
+    maps of linear iron and of other programs.
+    """
     try:
         within, tried = float(report["held_out_within"]), list(report["states_tried"].values())
         flux, gradient = (
@@ -66,20 +79,26 @@ def missed_accuracy(report: Mapping[str, Any]) -> MissedAccuracy | None:
 def warn_of_missed_accuracy(
     path: str | os.PathLike[str], report: Mapping[str, Any], stacklevel: int = 1
 ) -> None:
-    """Warn (MapAccuracyWarning) if a map, by its report, is less accurate than was asked for. stacklevel: as of
-    `warnings.warn` in the function that calls this."""
+    """Warn (MapAccuracyWarning) if a map missed its accuracy.
+
+    Parameters
+    ----------
+    path : of the map, for the text.
+    report : solver report of the map.
+    stacklevel : as of `warnings.warn` in the function that calls this one.
+    """
     missed = missed_accuracy(report)
     if missed is not None:
         warnings.warn(f"{path}: {missed.text}", MapAccuracyWarning, stacklevel=stacklevel + 1)
 
 
 def largest_share(of_flux_density: float, of_gradient: float) -> float:
-    """That of B, or that of the gradient over `GRADIENT`, whichever is larger: to compare with the accuracy."""
+    """The larger of two relative errors: of B, and of the gradient over `GRADIENT`."""
     return max(of_flux_density, of_gradient / GRADIENT)
 
 
 def percent(share: float) -> str:
-    """A share with two digits.
+    """A share as per cent with two digits.
 
     >>> percent(0.6149), percent(0.002), percent(12.0)
     ('61 %', '0.2 %', '1200 %')

@@ -1,4 +1,4 @@
-"""Files that appear under their name complete, or not at all."""
+"""Files that appear under their names complete or not at all."""
 
 from __future__ import annotations
 
@@ -13,9 +13,10 @@ from fieldmap.typing import PathLike
 
 @contextmanager
 def whole_file(path: PathLike) -> Iterator[Path]:
-    """A name beside `path`, with its suffix, to write to; what lies there at the end is renamed to `path`.
+    """Give a temporary path in the same folder, with the same suffix, to write to. At the end of the block the file is
+    renamed to `path`.
 
-    Leaving with an error deletes it. Raises InputError if the place cannot be written.
+    An error in the block deletes the temporary file. Raises InputError if the file cannot be written.
     """
     target = Path(path)
     partial = target.with_name(f"{target.stem}.{os.getpid()}.part{target.suffix}")
@@ -59,7 +60,7 @@ def write_whole(path: PathLike, content: bytes | str) -> Path:
 
 @contextmanager
 def disk_errors(path: PathLike) -> Iterator[None]:
-    """Turn a failure to write into an error that says what to do."""
+    """Turn an OSError or RuntimeError of writing into a FieldmapError with a remedy."""
     try:
         yield
     except (OSError, RuntimeError) as error:
@@ -71,7 +72,7 @@ def disk_errors(path: PathLike) -> Iterator[None]:
 
 
 def sync_folder(folder: Path) -> None:
-    """Bring a renaming to disk; where folders cannot be opened, the operating system does it in its time."""
+    """Flush a renaming in a folder to the disk, on systems that can open folders."""
     with suppress(OSError):
         handle = os.open(folder, os.O_RDONLY)
         try:
