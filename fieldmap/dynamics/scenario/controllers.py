@@ -103,11 +103,15 @@ class Pid(AxisController):
     Td: Annotated[NotNegative, Key(..., "derivative time in seconds", "s")] = 0.0
     lower: Lower = None
     upper: Upper = None
-    integration: Annotated[Literal["rectangular", "trapezoidal"], Key(..., "of the error")] = "trapezoidal"
+    integration: Annotated[Literal["rectangular", "trapezoidal"], Key(..., "rule of the integral")] = (
+        "trapezoidal"
+    )
     anti_windup: Annotated[
         Literal["none", "hold", "track"], Key(..., "behaviour of the integral at a limit")
     ] = "none"
-    derivative: Annotated[Literal["error", "measurement"], Key(..., "of what")] = "error"
+    derivative: Annotated[Literal["error", "measurement"], Key(..., "signal that is differentiated")] = (
+        "error"
+    )
 
     def block(self, reading: AxisReading, period: float, output: float, at: Array) -> ControllerBlock:
         """See `AxisController`. The controller of the depth acts on minus the error: more lift reduces the depth."""
@@ -123,9 +127,9 @@ class Constant(AxisController):
 
     kind: ClassVar[str] = "constant"
 
-    output: Annotated[
-        float | None, Key(..., "its value; that of the equilibrium at the start unless given")
-    ] = None
+    output: Annotated[float | None, Key(..., "value; that of the equilibrium at the start unless given")] = (
+        None
+    )
 
     def block(self, reading: AxisReading, period: float, output: float, at: Array) -> ControllerBlock:
         """See `AxisController`. The output is the given one, or that of the equilibrium."""
@@ -166,11 +170,13 @@ class AxisRegulator(AxisController):
     process_noise: Annotated[Positive, Key(..., "variance of the input's disturbance")]
     measurement_noise: Annotated[Positive, Key(..., "variance of the measurement, mm^2")]
     equilibrium: Annotated[tuple[float, float] | None, Key(_Pair | None, _EQUILIBRIUM)] = None
-    equilibrium_at: Annotated[Literal["reference", "measured"], Key(..., "where it is taken")] = "reference"
-    estimate: Annotated[Literal["predicted", "filtered", "delayed"], Key(..., "what is fed back")] = (
-        "filtered"
+    equilibrium_at: Annotated[Literal["reference", "measured"], Key(..., "position of that equilibrium")] = (
+        "reference"
     )
-    divisor: Annotated[Positive, Key(..., "of the feedback")] = 1.0
+    estimate: Annotated[
+        Literal["predicted", "filtered", "delayed"], Key(..., "estimate that is fed back")
+    ] = "filtered"
+    divisor: Annotated[Positive, Key(..., "number that divides the feedback")] = 1.0
     lower: Lower = None
     upper: Upper = None
 
@@ -263,12 +269,14 @@ class Lqg(CoupledController):
         tuple[float, float] | None,
         Key(
             _Pair | None,
-            "from where to where it is designed; at the start alone unless given",
+            "range of depths of the designs; the depth at the start alone unless given",
             "mm",
             check=_depths_rise,
         ),
     ] = None
-    designs: Annotated[Annotated[int, Field(ge=2, le=100)], Key(..., "how many, evenly between them")] = 11
+    designs: Annotated[
+        Annotated[int, Field(ge=2, le=100)], Key(..., "number of designs, evenly over these depths")
+    ] = 11
 
     def controller(
         self, machine: Machine, start: OperatingPoint, points_at: PointsAt, period: float, delay: float
@@ -298,7 +306,9 @@ class FeedbackLinearisation(CoupledController):
         5e-3,
         20e-3,
     )
-    rounds: Annotated[Annotated[int, Field(ge=1, le=20)], Key(..., "of Newton's method at a sample")] = 2
+    rounds: Annotated[
+        Annotated[int, Field(ge=1, le=20)], Key(..., "steps of Newton's method at a sample")
+    ] = 2
 
     def controller(
         self, machine: Machine, start: OperatingPoint, points_at: PointsAt, period: float, delay: float
@@ -310,7 +320,7 @@ class FeedbackLinearisation(CoupledController):
 
 @dataclass(frozen=True, repr=False)
 class Own(Record):
-    """A function of one's own, which the caller gives.
+    """A controller function that the caller gives.
 
     `fieldmap.simulate(..., controller=function)`, or `fieldmap simulate --controller FILE.py:NAME`.
     """
@@ -318,21 +328,21 @@ class Own(Record):
     kind: ClassVar[str] = "own"
 
     def controller(self, *machine: Any) -> None:
-        """None: the caller gives it."""
+        """See `CoupledController`. There is none: the caller gives it."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Feedforward(Record):
-    """Outputs along the reference by the inverse map, beside any controller."""
+    """Outputs along the reference by the inverse map, added to those of the controller."""
 
     field_error: Annotated[
         Annotated[float, Field(gt=-0.9, lt=9.0)],
-        Key(..., "share by which its field is larger than the machine's: a model that is wrong"),
+        Key(..., "share by which the inverse map's field is larger than the machine's, as in a wrong model"),
     ] = 0.0
-    fastest: Annotated[Positive, Key(..., "beyond it a change of the reference is a step", "mm_per_s")] = (
-        50e-3
-    )
-    largest: Annotated[Positive, Key(..., "acceleration that is fed forward at most", "m_per_s2")] = 3.0
+    fastest: Annotated[
+        Positive, Key(..., "largest speed of the reference; a faster change is a step", "mm_per_s")
+    ] = 50e-3
+    largest: Annotated[Positive, Key(..., "largest acceleration that is fed forward", "m_per_s2")] = 3.0
     lower: LowerLimits = None
     upper: UpperLimits = None
 

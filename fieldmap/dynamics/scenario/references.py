@@ -23,7 +23,7 @@ OUTPUTS = ("lift_V", "x", "y")
 MOST_PERIODS = 5_000_000
 """Most control periods of a run. Such a run takes about 2.5 GB of memory."""
 
-Axis = Annotated[Literal["x", "y", "depth"], Key(..., "whose reference")]
+Axis = Annotated[Literal["x", "y", "depth"], Key(..., "axis of the reference")]
 Begins = Annotated[NotNegative, Key(..., "when it begins", "s")]
 Amplitude = Annotated[float, Key(..., "amplitude", "mm")]
 
@@ -76,10 +76,10 @@ class Step(_AlongAxis):
 
     kind: ClassVar[str] = "step"
 
-    at: Annotated[NotNegative, Key(..., "when", "s")]
-    by: Annotated[float, Key(..., "by how much", "mm")]
-    times: Annotated[Annotated[int, Field(ge=1, le=MOST_PERIODS)], Key(..., "how many of them")] = 1
-    every: Annotated[Positive, Key(..., "time from one to the next", "s")] = 1.0
+    at: Annotated[NotNegative, Key(..., "time of the first step", "s")]
+    by: Annotated[float, Key(..., "size of a step", "mm")]
+    times: Annotated[Annotated[int, Field(ge=1, le=MOST_PERIODS)], Key(..., "number of steps")] = 1
+    every: Annotated[Positive, Key(..., "time from one step to the next", "s")] = 1.0
 
     def added(self, time: Array) -> Array:
         """See `_AlongAxis`."""
@@ -94,8 +94,8 @@ class Ramp(_AlongAxis):
     kind: ClassVar[str] = "ramp"
 
     at: Begins
-    by: Annotated[float, Key(..., "by how much in all", "mm")]
-    rate: Annotated[Positive, Key(..., "how fast", "mm_per_s")]
+    by: Annotated[float, Key(..., "change in all", "mm")]
+    rate: Annotated[Positive, Key(..., "speed", "mm_per_s")]
 
     def added(self, time: Array) -> Array:
         """See `_AlongAxis`."""
@@ -128,7 +128,7 @@ class BinarySequence(_AlongAxis):
     amplitude: Amplitude
     bit: Annotated[Positive, Key(..., "length of a bit", "ms")]
     at: Begins = 0.0
-    order: Annotated[Annotated[int, Field(ge=3, le=16)], Key(..., "of the shift register")] = 8
+    order: Annotated[Annotated[int, Field(ge=3, le=16)], Key(..., "order of the shift register")] = 8
 
     def added(self, time: Array) -> Array:
         """See `_AlongAxis`."""
@@ -149,9 +149,9 @@ class Circle(Reference):
         NotNegative, Key(..., "when it begins; the reference is at x = radius from there on", "s")
     ] = 0.0
     out_at: Annotated[
-        NotNegative | None, Key(..., "when it leaves for x = radius; at at_s, in one step, unless given", "s")
+        NotNegative | None, Key(..., "when it leaves for x = radius; in one step at at_s unless given", "s")
     ] = None
-    out: Annotated[Positive, Key(..., "how fast it goes there", "mm_per_s")] = 1e-3
+    out: Annotated[Positive, Key(..., "speed on the way there", "mm_per_s")] = 1e-3
 
     def changed(self, wanted: Array, time: Array, key: str) -> Array:
         """See `Reference`. The path goes along x to the radius, then round with the angular velocity `rate`."""
@@ -193,16 +193,16 @@ class Compensator(Record):
 
     push: Annotated[float, Key(..., "how far the reference is pushed", "mm")]
     duration: Annotated[Positive, Key(..., "how long the push lasts", "ms")]
-    axis: Annotated[Literal["x", "y"], Key(..., "whose reference sets it off")] = "x"
+    axis: Annotated[Literal["x", "y"], Key(..., "axis whose reference sets it off")] = "x"
 
 
 @dataclass(frozen=True, repr=False)
 class Signal(Record):
     """A step of an output that no controller sets: an axis in open loop."""
 
-    output: Annotated[Literal["lift_V", "x", "y"], Key(..., "of which output")]
-    at: Annotated[NotNegative, Key(..., "when", "s")]
-    by: Annotated[float, Key(..., "by how much")]
+    output: Annotated[Literal["lift_V", "x", "y"], Key(..., "output that is changed")]
+    at: Annotated[NotNegative, Key(..., "time of the step", "s")]
+    by: Annotated[float, Key(..., "size of the step")]
 
 
 def _later(until: float, info: ValidationInfo) -> None:
@@ -216,7 +216,7 @@ def _later(until: float, info: ValidationInfo) -> None:
 class Disturbance(Record):
     """A force on the body."""
 
-    force: Annotated[Array, Key(Vector, "x, y, z", "mN")]
+    force: Annotated[Array, Key(Vector, "force along x, y, z", "mN")]
     begin: Annotated[NotNegative, Key(..., "when it begins", "s", name="from")]
     end: Annotated[NotNegative, Key(..., "when it ends", "s", name="until", check=_later)]
 

@@ -92,13 +92,19 @@ class BodySettings(Record):
     turning: Annotated[
         Literal["free", "upright"], Key(..., "free: six degrees of freedom; upright: it does not turn")
     ] = "free"
-    radius: Annotated[Positive | None, Key(..., "of the cylinder; the magnet's unless given", "mm")] = None
-    height: Annotated[Positive | None, Key(..., "of the cylinder; the magnet's unless given", "mm")] = None
-    below: Annotated[Positive | None, Key(..., "magnet's centre above the lower face", "mm")] = None
-    centre_of_mass: Annotated[float, Key(..., "above the magnet's centre", "mm")] = 0.0
+    radius: Annotated[
+        Positive | None, Key(..., "radius of the cylinder; the magnet's unless given", "mm")
+    ] = None
+    height: Annotated[
+        Positive | None, Key(..., "height of the cylinder; the magnet's unless given", "mm")
+    ] = None
+    below: Annotated[
+        Positive | None, Key(..., "height of the magnet's centre above the lower face", "mm")
+    ] = None
+    centre_of_mass: Annotated[float, Key(..., "height above the magnet's centre", "mm")] = 0.0
     magnet_offset: Annotated[
         NotNegative | None,
-        Key(..., "magnet's centre below the sensed point; the device's unless given", "mm"),
+        Key(..., "depth of the magnet's centre below the sensed point; the device's unless given", "mm"),
     ] = None
     finite_magnet: Annotated[bool, Key(..., "the magnet's volume instead of a point dipole")] = False
 
@@ -132,13 +138,13 @@ class CoilSettings(Record):
         True
     )
     lowest_voltage: Annotated[
-        float | None, Key(..., "at a winding; minus the supply's unless given", "V")
+        float | None, Key(..., "lowest voltage at a winding; minus the supply's unless given", "V")
     ] = None
-    time_constant: Annotated[NotNegative, Key(..., "of the amplifier's own answer", "ms")] = 0.0
+    time_constant: Annotated[NotNegative, Key(..., "time constant of the amplifier", "ms")] = 0.0
     noise: Annotated[NotNegative, Key(..., "standard deviation of the current", "A")] = 0.0
-    output_bits: Annotated[Bits | None, Key(..., "of the output converter")] = None
+    output_bits: Annotated[Bits | None, Key(..., "bits of the output converter")] = None
     output_range: Annotated[
-        Positive, Key(..., "of the output converter, to both sides; assumed unless given", "V")
+        Positive, Key(..., "range of the output converter, to both sides; assumed unless given", "V")
     ] = USUAL_RANGE
     end_beyond_table: Annotated[
         bool, Key(..., "currents beyond the table of the iron, or its model's domain, end the run")
@@ -186,9 +192,9 @@ def _axes_or_coupled(coupled: Any, info: ValidationInfo) -> None:
 class ControlSettings(Record):
     """The controllers and their clock."""
 
-    period: Annotated[Positive, Key(..., "of the control task", "ms")] = 2e-3
-    delay: Annotated[NotNegative, Key(..., "from sample to command, at most one period", "ms")] = 0.0
-    step: Annotated[Positive, Key(..., "of the mechanics", "ms", check=_of_bounded_number)] = 1e-4
+    period: Annotated[Positive, Key(..., "period of the control task", "ms")] = 2e-3
+    delay: Annotated[NotNegative, Key(..., "delay from sample to command, at most one period", "ms")] = 0.0
+    step: Annotated[Positive, Key(..., "time step of the mechanics", "ms", check=_of_bounded_number)] = 1e-4
     allocation: Annotated[
         Literal["lift_and_directions", "least_power"] | None,
         Key(
@@ -235,9 +241,9 @@ class Start(Record):
     ] = None
     x: Annotated[float | None, Key(..., "left out: where the x signal lets the body float", "mm")] = None
     y: Annotated[float | None, Key(..., "left out: where the y signal lets the body float", "mm")] = None
-    shift: Annotated[Three, Key(Vector, "away from equilibrium: x, y, depth", "mm")] = _ZERO
-    velocity: Annotated[Three, Key(Vector, "x, y, z", "mm_per_s")] = _ZERO
-    lean: Annotated[float, Key(..., "about x, away from equilibrium", "deg", make=np.deg2rad)] = 0.0
+    shift: Annotated[Three, Key(Vector, "distance from equilibrium along x, y, depth", "mm")] = _ZERO
+    velocity: Annotated[Three, Key(Vector, "velocity along x, y, z", "mm_per_s")] = _ZERO
+    lean: Annotated[float, Key(..., "angle about x from equilibrium", "deg", make=np.deg2rad)] = 0.0
 
 
 @dataclass(frozen=True, repr=False)
@@ -250,7 +256,7 @@ class Noise(Record):
 
 @dataclass(frozen=True, repr=False)
 class RecordSettings(Record):
-    """What is recorded of a run."""
+    """The recorded samples of a run."""
 
     every: Annotated[
         Annotated[int, Field(ge=1, le=MOST_PERIODS)], Key(..., "control periods from row to row")
