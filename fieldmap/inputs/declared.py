@@ -297,7 +297,7 @@ def choice_of(tables: Iterable[Any], key: str) -> Any:
 
 
 def choice_with(tables: Mapping[str, Any], choose: Callable[[dict[str, Any]], Any], key: str = "kind") -> Any:
-    """Annotation for one of several tables by tag; `choose` gives the tag of a raw table. `key` is named in messages."""
+    """Annotation for one of several tables by tag; `choose` gives the tag of a raw table, mainly by `key`."""
     tagged = [Annotated[table, Tag(tag)] for tag, table in tables.items()]
     return Annotated[_UNION[tuple(tagged)], chosen_with(choose, key)]
 

@@ -132,13 +132,13 @@ def broken(must_hold: str, received: str, remedy: str) -> PydanticCustomError:
 
 @dataclass(frozen=True, slots=True)
 class Choice(Discriminator):
-    """Picks the member of a union by a function of the raw table; `key` is what people choose it by."""
+    """Picks the member of a union by a function of the raw table; `key` is the key that mainly decides."""
 
     key: str = "kind"
 
 
 def chosen_with(choose: Callable[[dict[str, Any]], Any], key: str = "kind") -> Choice:
-    """Pick the member of a union by a function of the raw table; `key` has most to do with it."""
+    """Pick the member of a union by a function of the raw table; `key` is the key that mainly decides."""
     return Choice(lambda table: choose(table) if isinstance(table, dict) else None, key=key)
 
 

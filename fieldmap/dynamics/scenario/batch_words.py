@@ -1,4 +1,4 @@
-"""What a batch of runs did, in words: its rest, its speed, the events that ended runs, and axes that did not settle."""
+"""A batch of runs in words: its equilibrium, its speed, the events that ended runs, and axes that did not settle."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from fieldmap.records import count_of
 
 
 def batch_words(batch: Batch) -> Iterator[tuple[str, str]]:
-    """What a batch did, one statement after the other.
+    """Statements about a batch.
 
     Parameters
     ----------
     batch : Batch
-        Runs of one set of values.
+        Runs with one value of the varied key.
 
     Yields
     ------
@@ -26,7 +26,7 @@ def batch_words(batch: Batch) -> Iterator[tuple[str, str]]:
         The subject, such as "at rest" or "events", and a statement. A subject may come several times.
     """
     scenario, rest = batch.experiment.scenario, batch.experiment.operating_point
-    # A force that steps between cells of a coarse map has no zero.
+    # The force may jump over zero between cells of a coarse map.
     left = f"; {rest.residual:.0e} of the weight left" if rest.residual > 1e-6 else ""
     x, y, depth = reading_mm(scenario, rest.sensed)
     amperes = ", ".join(f"{value:.4g}" for value in rest.currents)
@@ -63,7 +63,7 @@ def _events(runs: list[RunMetrics]) -> Iterator[str]:
 
 
 def _first(ended: list[RunMetrics]) -> str:
-    """When, where, how fast and with which currents the first of them ended."""
+    """Time, position, speed and currents at the earliest end of the runs."""
     first = min(ended, key=lambda metrics: metrics.end_s)
     x, y, depth = first.end_mm
     speed, amperes = np.linalg.norm(first.end_mm_per_s), ", ".join(f"{value:.3g}" for value in first.end_A)
@@ -86,7 +86,7 @@ def _not_settled(runs: list[RunMetrics]) -> Iterator[str]:
 
 
 def _iron(runs: list[RunMetrics]) -> Iterator[str]:
-    """How the solves of saturating iron went; nothing where there are none."""
+    """Statements about the solves of saturating iron; none if there were no solves."""
     solves = sum(one.iron.solves for one in runs)
     steps = sum(one.iron.newton_steps for one in runs)
     unsolved = sum(one.iron.unsolved for one in runs)
