@@ -56,16 +56,16 @@ class Evaluator(Protocol):
         """Number of cells or nodes that hold coefficients. `at` takes as long as so many points."""
 
     def field_and_gradient(self, points: Array, weights: Array, flux: Array, slope: Array) -> int:
-        """flux (n, 3), T, and slope (n, 3, 3), T/m, or (n, 0, 0) for the field alone."""
+        """Fill flux (n, 3), T, and slope (n, 3, 3), T/m. With a slope (n, 0, 0) only flux is filled."""
 
     def second_gradient(self, points: Array, weights: Array, second: Array) -> int:
-        """second (n, 3, 3, 3), T/m^2."""
+        """Fill second (n, 3, 3, 3), T/m^2."""
 
     def potential(self, points: Array, weights: Array, values: Array) -> int:
-        """values (n,), T m: U with B = -grad U."""
+        """Fill values (n,), T m, of the potential U with B = -grad U."""
 
     def each_field(self, points: Array, flux: Array, slope: Array) -> int:
-        """flux (n, n_fields, 3) and slope (n, n_fields, 3, 3) of every field at weight 1, or (n, n_fields, 0, 0)."""
+        """Fill flux (n, n_fields, 3) and slope (n, n_fields, 3, 3) or (n, n_fields, 0, 0) of each field at weight 1."""
 
     def at(self, weights: Array) -> Evaluator:
         """An evaluator of one field: the sum of the fields at weights (n_fields,). Its own weight is 1."""
@@ -220,7 +220,7 @@ def in_chunks(evaluate: Callable[..., int], points: Array, others: Sequence[Arra
 
 
 def outside_error(points: Array, outside: int, lower: Array, upper: Array) -> OutsideMapError:
-    """The error for points of which `outside` lie outside the box from lower to upper."""
+    """The error for points (n, 3), m, if `outside` of them lie outside the box from lower to upper."""
     with np.errstate(invalid="ignore"):
         excess = np.max(np.maximum(lower - points, points - upper), axis=1)
     worst = points[np.nanargmax(excess)]
@@ -393,7 +393,7 @@ def written(found: tuple[Array, Array], out: tuple[Array, Array]) -> tuple[Array
 
 
 def single_row(result: Array, out: Array | None) -> Array:
-    """The only row of a result, written to `out` if there is one."""
+    """The only row of a result; it is copied to `out` if that is given. Raises InputError if `out` does not fit."""
     if out is None:
         return result[0]
     checked = result_array(out, result.shape[1:])

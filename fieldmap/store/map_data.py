@@ -17,11 +17,23 @@ NO_CURRENT = "no current"
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Grid(Record):
-    """Regular grid of nodes: lower (3,) in m, spacing (3,) in m, shape (nx, ny, nz), each at least 2.
+    """Regular grid of nodes. Node (i, j, k) lies at lower + (i, j, k) * spacing.
 
-    Node (i, j, k) lies at lower + (i, j, k) * spacing; arrays over the grid are in C order of x, y, z.
-    Raises InputError if a number is not finite, a spacing not positive or a shape below 2.
+    Arrays over the grid are in C order of x, y, z.
 
+    Parameters
+    ----------
+    lower : (3,), first node, m.
+    spacing : (3,), m.
+    shape : (nx, ny, nz), numbers of nodes, each at least 2.
+
+    Raises
+    ------
+    InputError
+        If a number is not finite, a spacing not positive or a shape below 2.
+
+    Examples
+    --------
     >>> Grid([0, 0, 0], [0.1, 0.1, 0.1], (3, 2, 2)).points()[1]
     array([0. , 0. , 0.1])
     """

@@ -1,4 +1,4 @@
-"""Scenarios: an experiment in a TOML file, and what comes out of it."""
+"""Scenarios: an experiment in a TOML file, its simulation, and the metrics of its runs."""
 
 from fieldmap.dynamics.scenario.batches import Batch, BatchRun, Simulation, simulate_batches, write_simulation
 from fieldmap.dynamics.scenario.experiment import Experiment, ScenarioRun, open_machine, prepare, simulate

@@ -74,7 +74,7 @@ def _first(ended: list[RunMetrics]) -> str:
 
 
 def _not_settled(runs: list[RunMetrics]) -> Iterator[str]:
-    """A line for each axis that does not come to rest after its step, of the runs that no event ended."""
+    """A line for each axis that does not settle after its step, in runs that no event ended."""
     whole = [one for one in runs if not one.event]
     for k, axis in enumerate(AXES):
         steps = [step for one in whole if (step := one.axes[k].step) is not None]

@@ -1,1 +1,1 @@
-"""The model of the currents of a map of saturating iron: states to solve, modes, sample points, errors."""
+"""Training of the reduced model of a map of saturating iron: states to solve, modes, sample points, errors."""
