@@ -16,7 +16,7 @@ from fieldmap.plot.device_drawing import IRON, MAGNET
 from fieldmap.plot.picture import core_bounds, look_at
 from fieldmap.plot.places import MM
 from fieldmap.plot.rendering import new_scene
-from fieldmap.plot.scales import add_coloured, add_rulers, colour_bar
+from fieldmap.plot.scales import add_coloured, add_rulers, add_words, colour_bar
 from fieldmap.plot.shown import Shown, ShownRun
 from fieldmap.plot.solids import (
     body_surface,
@@ -182,7 +182,7 @@ def _build(scene: pv.Plotter, run: ShownRun, speed: float) -> Callable[[int], No
     look_at(scene, core_bounds(run.device), margin=0.3, panels=_PANELS)
     slower = "" if np.isclose(speed, 1.0) else f"\nshown at {speed:.3g} times real time"
     words = textwrap.fill(run.title, 48) + slower
-    scene.add_text(words, position=(0.04, 0.03), viewport=True, font_size=_FONT, color=INK)
+    add_words(scene, words, (0.04, 0.03), _FONT)
     scene.subplot(0, 1)
     samples, points = path_samples(run), MM * run.position[path_samples(run)]
     trail = _add_near(scene, run, points)
@@ -198,9 +198,8 @@ def _build(scene: pv.Plotter, run: ShownRun, speed: float) -> Callable[[int], No
         # What is still to come lies in one point.
         trail.points = np.where((samples <= k)[:, None], points, MM * run.position[k])
         scene.subplot(0, 1)
-        scene.add_text(
-            _stamp(run, k), position=(0.03, 0.93), viewport=True, font_size=_FONT, color=INK, name="stamp"
-        )
+        add_words(scene, _stamp(run, k), (0.03, 0.97), _FONT, name="stamp")
+        scene.render()
 
     return move
 

@@ -14,7 +14,7 @@ from fieldmap.plot.live_answers import LiveAnswer, LiveMap, LiveState
 from fieldmap.plot.picture import look_at
 from fieldmap.plot.places import MM, grid_points, plane_grids
 from fieldmap.plot.rendering import new_scene, require_window
-from fieldmap.plot.scales import add_rulers, colour_bar
+from fieldmap.plot.scales import add_rulers, add_words, colour_bar
 from fieldmap.plot.solids import box_edges, extent, magnet_surface
 from fieldmap.plot.style import INK, text_properties
 from fieldmap.typing import Array
@@ -24,7 +24,7 @@ FORCE = "#D55E00"
 LEGEND = "red: the magnet where it floats; orange: the force on it at the height of the slider"
 _NUMBER = {"A": "%.3f A", "1": "%.3f", "mm": "%.1f mm"}
 _SMALL = 700
-"""Pixels: in a window that is narrower, words shrink with it."""
+"""Pixels: in a window that is narrower or lower, words shrink with it."""
 
 
 class LiveWindow:
@@ -90,15 +90,7 @@ class LiveWindow:
         if self.sliders:
             acting = ", ".join(text for text in (words["force"], words["lift"]) if text)
             lines = (words["currents"], acting, words["equilibrium"], LEGEND)
-            self.scene.add_text(
-                "\n".join(line for line in lines if line),
-                position=(0.02, 0.02),
-                viewport=True,
-                font_size=11,
-                color=INK,
-                name="words",
-                render=False,
-            )
+            add_words(self.scene, "\n".join(line for line in lines if line), (0.02, 0.02), 11, name="words")
         self.scene.render()
 
     def as_numbers(self) -> dict[str, Any]:
@@ -127,7 +119,7 @@ class LiveWindow:
         scene.add_mesh(box_edges(field_map.bounds), color=INK, line_width=2)
         add_rulers(scene, spread=1.3)
         self._room = extent(scene)
-        scene.add_text(title, position=(0.02, 0.95), viewport=True, font_size=12, color=INK)
+        add_words(scene, title, (0.02, 0.98), 12)
         body = pv.Sphere(radius=3.0) if magnet is None else magnet
         self._floating = scene.add_mesh(
             body, color=MAGNET, ambient=0.3, smooth_shading=True, split_sharp_edges=True
@@ -141,7 +133,7 @@ class LiveWindow:
         window = self._window.GetSize()
         # Below the box stand four lines where the words are in the window.
         look_at(self.scene, self._room, margin=0.6 if self.sliders else 0.42, view=view, size=window)
-        share = min(1.0, window[0] / _SMALL)
+        share = min(1.0, min(window) / _SMALL)
         for words, size in self._sizes:
             words.SetFontSize(round(share * size))
 

@@ -13,8 +13,9 @@ from fieldmap.plot.device_drawing import VIEW, arrows_at, device_scene
 from fieldmap.plot.forces import net_force
 from fieldmap.plot.places import MM, plane_of
 from fieldmap.plot.rendering import new_scene
+from fieldmap.plot.scales import add_words
 from fieldmap.plot.solids import extent, winding_surface, workspace_outline
-from fieldmap.plot.style import INK, save_screenshot
+from fieldmap.plot.style import save_screenshot
 from fieldmap.plot.words import amperes_in_words
 from fieldmap.typing import Array
 
@@ -67,7 +68,7 @@ def save_picture(
         device, currents=_by_name(device, field, currents), magnet_at=magnet_at, plotter=scene, names=False
     )
     look_at(scene, extent(scene), margin=0.14, panels=_PANELS)
-    scene.add_text(device.title, position=(0.03, 0.95), viewport=True, font_size=13, color=INK)
+    add_words(scene, device.title, (0.03, 0.98))
     scene.subplot(0, 1)
     forces = forces and field is not None and device.payload is not None
     device_scene(device, field, currents, magnet_at, axes=False, plotter=scene, directions=not forces)
@@ -79,7 +80,7 @@ def save_picture(
         words = amperes_in_words(coil_currents(1.0 if currents is None else currents, of), of)
         words += "" if forces else "; arrows: direction of B"
         words += f"\n{caption}" if caption else ""
-        scene.add_text(words, position=(0.03, 0.02), viewport=True, font_size=13, color=INK)
+        add_words(scene, words, (0.03, 0.02))
     save_screenshot(scene, path)
     scene.close()
     return Path(path)

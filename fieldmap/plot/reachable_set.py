@@ -15,6 +15,8 @@ from fieldmap.plot.words import fitting_prefix
 from fieldmap.typing import Array
 
 KINDS = ("force", "B")
+# Arrows of coils; black would not be seen on a dark page, where the ink becomes light.
+_ARROWS = tuple(INK if colour == "#000000" else colour for colour in COLOURS)
 _STRETCHES = (1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0, 1000.0)
 
 
@@ -81,5 +83,5 @@ def _add_coils(scene: pv.Plotter, found: ReachableSet, size: float) -> None:
             tip_radius=0.014 * size / length,
             shaft_radius=0.005 * size / length,
         )
-        scene.add_mesh(arrow, color=COLOURS[k % len(COLOURS)], ambient=0.5)
+        scene.add_mesh(arrow, color=_ARROWS[k % len(_ARROWS)], ambient=0.5)
         add_labels(scene, [start + 1.12 * along], [name], 20)

@@ -122,6 +122,27 @@ def _add_ruler(
     add_labels(scene, [places[axis]], [title], font_size)
 
 
+def add_words(
+    scene: pv.Plotter, words: str, at: tuple[float, float], font_size: int = 13, name: str | None = None
+) -> None:
+    """Lines of words on the picture.
+
+    Parameters
+    ----------
+    words : lines.
+    at : place of their left edge, in shares of width and height: of the top in the upper half, of the bottom below.
+    font_size : pixels.
+    name : words of the same name are replaced.
+    """
+    actor = scene.add_text(
+        words, position=at, viewport=True, font_size=font_size, color=INK, name=name, render=False
+    )
+    # VTK puts the lines so near to each other that they touch.
+    actor.prop.SetLineSpacing(1.25)
+    if at[1] > 0.5:
+        actor.prop.SetVerticalJustificationToTop()
+
+
 def add_labels(
     scene: pv.Plotter, places: list[Array], words: list[str], font_size: int, aligned: Aligned = "center"
 ) -> None:

@@ -23,7 +23,7 @@ from fieldmap.plot.forces import add_equilibrium, add_forces
 from fieldmap.plot.picture import FROM_ABOVE, look_at
 from fieldmap.plot.reachable_set import KINDS, add_reachable, reachable_titles
 from fieldmap.plot.rendering import new_scene
-from fieldmap.plot.scales import MILLIMETRES, add_rulers
+from fieldmap.plot.scales import MILLIMETRES, add_rulers, add_words
 from fieldmap.plot.shown import Shown
 from fieldmap.plot.solids import box_edges, extent
 from fieldmap.plot.style import INK, save_screenshot
@@ -135,7 +135,7 @@ def make_scene(
         look_at(scene, extent(scene), margin=0.3)
     legend = _LEGENDS.get(what, "") if chosen == quantities_of(what)[0] else ""
     words = f"{shown.title}\n{legend}".rstrip()
-    scene.add_text(words, position=(0.02, 0.95), viewport=True, font_size=13, color=INK)
+    add_words(scene, words, (0.02, 0.985))
     scene.enable_anti_aliasing("ssaa")
     return scene
 

@@ -134,11 +134,13 @@ def test_sliders_move_the_picture(window, field_map):
 
 
 @needs_opengl
-@pytest.mark.parametrize(("width", "share"), [(400, 400 / 700), (900, 1.0)])
-def test_words_fit_the_page(field_map, width, share):
+@pytest.mark.parametrize(
+    ("size", "share"), [((400, 600), 400 / 700), ((900, 500), 500 / 700), ((1200, 800), 1.0)]
+)
+def test_words_fit_the_page(field_map, size, share):
     page = LiveWindow(field_map, PAYLOAD, 5.0, off_screen=True, window=(900, 700), sliders=False)
     usual = [words.GetFontSize() for words in text_properties(page.scene)]
-    page.scene.render_window.SetSize(width, 380)
+    page.scene.render_window.SetSize(*size)
     now = [words.GetFontSize() for words in text_properties(page.scene)]
     page.scene.close()
     assert len(usual) > 8
