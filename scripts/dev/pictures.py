@@ -25,7 +25,8 @@ from fieldmap.plot.style import DARK, VARIABLE
 
 ROOT = Path(__file__).parents[2]
 IMAGES = ROOT / "docs" / "images"
-# Of the three scenes of show.png: the share of the height that the title takes, air around the rest, and the height.
+# Of the three scenes of show.png: the share of the height that the title takes, air around the rest and between the
+# scene and its colour bar, and the height.
 _TITLE, _AIR, _HEIGHT = 0.09, 20, 900
 Draw = Callable[[Path, Path], None]
 
@@ -59,26 +60,28 @@ def show(folder: Path, maps: Path) -> None:
     )
     for k, words in enumerate(scenes):
         command("show", *words, "--save", str(folder / f"part{k}.png"))
-    boxes = [drawn_box(folder / f"part{k}.png") for k in range(len(scenes))]
+    places = [drawn_places(folder / f"part{k}.png") for k in range(len(scenes))]
     for scheme in ("", DARK):
-        parts = [Image.open(folder / f"part{k}{scheme}.png").crop(box) for k, box in enumerate(boxes)]
-        beside(parts, folder / f"show{scheme}.png")
+        parts = [
+            np.asarray(Image.open(folder / f"part{k}{scheme}.png").convert("RGB")) for k in range(len(scenes))
+        ]
+        kept = [part[np.ix_(*place)] for part, place in zip(parts, places, strict=True)]
+        beside([Image.fromarray(part) for part in kept], folder / f"show{scheme}.png")
 
 
-def drawn_box(path: Path) -> tuple[int, int, int, int]:
-    """Left, top, right and bottom of what is drawn below the title, on white paper."""
+def drawn_places(path: Path) -> tuple[np.ndarray, np.ndarray]:
+    """Rows and columns, below the title, that are drawn on or lie near one that is; the paper is white."""
     image = np.asarray(Image.open(path).convert("L")).copy()
     image[: round(_TITLE * len(image))] = 255
     rows, columns = (np.flatnonzero((image < 250).any(axis=axis)) for axis in (1, 0))
-    return (columns[0] - _AIR, rows[0] - _AIR, columns[-1] + _AIR, rows[-1] + _AIR)
+    near = np.unique(columns[:, None] + np.arange(-_AIR, _AIR + 1))
+    return np.arange(rows[0] - _AIR, rows[-1] + _AIR), near[(near >= 0) & (near < image.shape[1])]
 
 
 def beside(parts: list[Image.Image], target: Path) -> None:
     """Put pictures side by side, made equally high."""
     scaled = [
-        part.convert("RGB").resize(
-            (round(part.width * _HEIGHT / part.height), _HEIGHT), Image.Resampling.LANCZOS
-        )
+        part.resize((round(part.width * _HEIGHT / part.height), _HEIGHT), Image.Resampling.LANCZOS)
         for part in parts
     ]
     Image.fromarray(np.concatenate([np.asarray(part) for part in scaled], axis=1)).save(target)
