@@ -1,6 +1,6 @@
-// Keeps on one line: 14 553, 15 %, 2.5 mT, 2e-7, and options of commands such as --set.
+// Keeps on one line: 14 553, 15 %, 2.5 mT, 2e-7, Table 3-8, and options of commands such as --set.
 const spaces = /(?<=\d) (?=\d{3}(?!\d)|(?:%|[kmµnu]?(?:[msATVNgBHW]|Hz))(?![\w/]))/g;
-const hyphens = /\d[\d.]*e-\d+|(?<![\w-])--?[a-z][\w-]*/gi;
+const hyphens = /\d[\d.]*e?-\d+|(?<![\w-])--?[a-z][\w-]*/gi;
 
 document.addEventListener("DOMContentLoaded", () => {
   for (const block of document.querySelectorAll(".md-typeset :is(td, p, li)")) {

@@ -237,7 +237,7 @@ def test_pages_fit_into_1400_and_400_pixels(site, served, browse):
     assert [(r["page"], r["page_width"]) for r in results if r["page_width"] > r["width"] + 1] == []
     assert [(r["page"], r["wrong"], r["formulas"] - r["typeset"]) for r in results if r["wrong"]] == []
     assert [r["page"] for r in results if r["formulas"] != r["typeset"]] == []
-    # Numbers of more than three digits, which may end a line in their middle.
+    # Numbers of more than three digits and per cents, which may end a line in their middle.
     assert [(r["page"], r["loose"]) for r in results if r["loose"]] == []
     assert [(r["page"], r["broken"]) for r in results if r["broken"]] == []
     assert sum(r["formulas"] for r in results) > 1000
