@@ -94,37 +94,120 @@ class CurrentParametrisation(ABC):
 
     @abstractmethod
     def currents(self, signals: ArrayLike) -> Array:
-        """Currents (..., n_coils), A, of signals (..., n_signals). Raises InputError for what is not finite."""
+        """Currents of signals.
+
+        Parameters
+        ----------
+        signals
+            Signals (..., n_signals).
+
+        Returns
+        -------
+        Array
+            Currents (..., n_coils), A.
+
+        Raises
+        ------
+        InputError
+            For signals that are not finite.
+        """
 
     @abstractmethod
     def derivative(self, signals: ArrayLike) -> Array:
-        """d currents / d signals (..., n_coils, n_signals) at signals (..., n_signals)."""
+        """Derivative of the currents by the signals.
+
+        Parameters
+        ----------
+        signals
+            Signals (..., n_signals).
+
+        Returns
+        -------
+        Array
+            d currents / d signals (..., n_coils, n_signals).
+        """
 
     @abstractmethod
     def nearest(self, currents: ArrayLike) -> NearestSignals:
-        """The signals whose currents are nearest to currents (..., n_coils)."""
+        """The signals whose currents are nearest to given ones.
+
+        Parameters
+        ----------
+        currents
+            Currents (..., n_coils), A.
+
+        Returns
+        -------
+        NearestSignals
+            The signals, and how far their currents are off.
+        """
 
     @abstractmethod
     def largest(self, lower: Array, upper: Array) -> Array:
-        """Largest size (n_coils,) of every current for signals from lower to upper (n_signals,)."""
+        """Largest size of every current in a box of signals.
+
+        Parameters
+        ----------
+        lower, upper
+            Corners (n_signals,) of the box.
+
+        Returns
+        -------
+        Array
+            Largest sizes (n_coils,), A.
+        """
 
     @abstractmethod
     def kernel(self) -> CompiledParametrisation:
         """As the C core takes it."""
 
     def within(self, lower: Array, upper: Array, shares: Array) -> Array:
-        """Signals (..., n_signals) of a domain from lower to upper at shares (..., n_signals) from 0 to 1, which fill
-        it once: the box, unless the parametrisation limits the currents."""
+        """Signals that fill a domain once: the box, unless the parametrisation limits the currents.
+
+        Parameters
+        ----------
+        lower, upper
+            Corners (n_signals,) of the domain.
+        shares
+            Shares (..., n_signals) of the ranges, 0 to 1.
+
+        Returns
+        -------
+        Array
+            Signals (..., n_signals).
+        """
         return np.asarray(lower + shares * (upper - lower))
 
     def excess(self, signals: Array) -> float:
-        """By what share the largest of the currents of signals (n_signals,) is beyond the limit of the parametrisation;
-        0 or less within it, and -1 where it has none."""
+        """By what share the largest current is beyond the limit of the parametrisation.
+
+        Parameters
+        ----------
+        signals
+            Signals (n_signals,).
+
+        Returns
+        -------
+        float
+            The share; 0 or less within the limit, and -1 where there is none.
+        """
         return -1.0
 
     def signals(self, currents: ArrayLike, tolerance: float = TOLERANCE) -> Array:
-        """Signals (..., n_signals) of currents (..., n_coils), A: the inverse of `currents`; NaN where no signals give
-        these currents up to `tolerance`."""
+        """Signals of currents: the inverse of `currents`.
+
+        Parameters
+        ----------
+        currents
+            Currents (..., n_coils), A.
+        tolerance
+            By what share the currents may be off.
+
+        Returns
+        -------
+        Array
+            Signals (..., n_signals); NaN where no signals give these currents up to the tolerance.
+        """
         found = self.nearest(currents)
         return np.where((found.mismatch <= tolerance)[..., None], found.values, np.nan)
 
@@ -143,7 +226,23 @@ P = TypeVar("P", bound=type[CurrentParametrisation])
 
 
 def register(kind: P) -> P:
-    """Class decorator: make a parametrisation known by its name. Raises ValueError for a name that is taken."""
+    """Class decorator: make a parametrisation known by its name.
+
+    Parameters
+    ----------
+    kind
+        The class.
+
+    Returns
+    -------
+    P
+        The class.
+
+    Raises
+    ------
+    ValueError
+        For a name that is taken.
+    """
     if _registered.setdefault(kind.name, kind) is not kind:
         raise ValueError(f"parametrisation {kind.name!r} is registered already")
     return kind
@@ -154,12 +253,15 @@ def parametrisation(name: str, parameters: Mapping[str, Any]) -> CurrentParametr
 
     Parameters
     ----------
-    name : by which it is registered.
-    parameters : by name, plain JSON.
+    name
+        By which it is registered.
+    parameters
+        By name, plain JSON.
 
     Returns
     -------
-    The parametrisation.
+    CurrentParametrisation
+        The parametrisation.
 
     Raises
     ------
@@ -182,8 +284,23 @@ def parametrisation(name: str, parameters: Mapping[str, Any]) -> CurrentParametr
 
 
 def parametrisation_from_json(text: str) -> CurrentParametrisation:
-    """What `CurrentParametrisation.to_json` describes. Raises InputError, ValueError, KeyError or TypeError if it is no
-    such text."""
+    """The parametrisation that `CurrentParametrisation.to_json` describes.
+
+    Parameters
+    ----------
+    text
+        The description.
+
+    Returns
+    -------
+    CurrentParametrisation
+        The parametrisation.
+
+    Raises
+    ------
+    InputError, ValueError, KeyError or TypeError
+        For a text that describes none.
+    """
     content = json.loads(text)
     return parametrisation(content["name"], content["parameters"])
 
@@ -438,19 +555,53 @@ class CurrentDomain(Record):
         return self.parametrisation.largest(self.lower, self.upper)
 
     def at(self, shares: Array) -> Array:
-        """Currents (..., n_coils) at shares (..., n_signals) of the ranges, from 0 to 1; in C order, as compiled
-        functions take them."""
+        """Currents at shares of the ranges.
+
+        Parameters
+        ----------
+        shares
+            Shares (..., n_signals) from 0 to 1.
+
+        Returns
+        -------
+        Array
+            Currents (..., n_coils), A, in C order, as compiled functions take them.
+        """
         signals = self.parametrisation.within(self.lower, self.upper, shares)
         return np.ascontiguousarray(self.parametrisation.currents(signals))
 
     def outside(self, signals: Array, margin: float = ROUNDING) -> int | None:
-        """Number of the first of signals (n_signals,) that is beyond its range by more than `margin` of it, or None."""
+        """The first signal that is beyond its range.
+
+        Parameters
+        ----------
+        signals
+            Signals (n_signals,).
+        margin
+            By what share of the range a signal may be beyond it.
+
+        Returns
+        -------
+        int | None
+            Number of the signal; None where all are within.
+        """
         beside = margin * (self.upper - self.lower)
         beyond = np.flatnonzero(~((signals >= self.lower - beside) & (signals <= self.upper + beside)))
         return int(beyond[0]) if beyond.size else None
 
     def holds(self, currents: Array) -> bool:
-        """Whether currents (n_coils,) lie in the domain, up to rounding."""
+        """Whether currents lie in the domain, up to rounding.
+
+        Parameters
+        ----------
+        currents
+            Currents (n_coils,), A.
+
+        Returns
+        -------
+        bool
+            True for currents in the domain.
+        """
         signals = self.parametrisation.signals(currents, ROUNDING)
         return self.outside(signals) is None and self.parametrisation.excess(signals) <= ROUNDING
 
@@ -488,10 +639,29 @@ class DivisionSignals(Record):
 
 
 def divide_currents(u: ArrayLike, x: ArrayLike, y: ArrayLike, n: float = 1.0) -> Array:
-    """Currents (..., 6) of `LiftAndDirections` with u, x and y, which broadcast against each other.
+    """Currents of `LiftAndDirections`.
 
-    The unit of u is that of the result. Raises InputError for numbers that are not finite.
+    Parameters
+    ----------
+    u
+        Lift signal; its unit is that of the result.
+    x, y
+        Direction signals. The three broadcast against each other.
+    n
+        Exponent of the division.
 
+    Returns
+    -------
+    Array
+        Currents (..., 6).
+
+    Raises
+    ------
+    InputError
+        For numbers that are not finite.
+
+    Examples
+    --------
     >>> divide_currents(1.0, 0.2, 0.1, n=1.25).round(3).tolist()
     [0.72, 0.75, 0.88, 1.08, 1.25, 1.32]
     """
@@ -505,12 +675,15 @@ def undivide_currents(currents: ArrayLike, n: float = 1.0) -> DivisionSignals:
 
     Parameters
     ----------
-    currents : (..., 6).
-    n : of `LiftAndDirections`.
+    currents
+        (..., 6).
+    n
+        Of `LiftAndDirections`.
 
     Returns
     -------
-    u, x and y, and by how much the currents differ from theirs.
+    DivisionSignals
+        u, x and y, and by how much the currents differ from theirs.
 
     Raises
     ------
@@ -532,9 +705,26 @@ def undivide_currents(currents: ArrayLike, n: float = 1.0) -> DivisionSignals:
 
 
 def division_slopes(u: float, x: float, y: float, n: float = 1.0) -> Array:
-    """Derivative (6, 3) of the currents of `LiftAndDirections` by (u, x, y): with the force per ampere of each coil,
-    the forces that lift and direction signals make.
+    """Derivative of the currents of `LiftAndDirections` by its signals.
 
+    With the force per ampere of each coil it gives the forces that lift and direction signals make.
+
+    Parameters
+    ----------
+    u
+        Lift signal, A.
+    x, y
+        Direction signals.
+    n
+        Exponent of the division.
+
+    Returns
+    -------
+    Array
+        Derivative (6, 3) by (u, x, y).
+
+    Examples
+    --------
     >>> division_slopes(1.5, 0.0, 0.0, n=1.25)[:, 1].tolist()
     [-1.5, -1.875, -1.5, 1.5, 1.875, 1.5]
     """

@@ -33,7 +33,24 @@ class FieldmapError(Exception):
 
     @classmethod
     def of(cls, where: str, must_hold: str, received: str, remedy: str) -> Self:
-        """The error of one problem, see `Problem`."""
+        """The error of one problem: see `Problem`.
+
+        Parameters
+        ----------
+        where
+            Place of the problem.
+        must_hold
+            What must hold there.
+        received
+            What was received.
+        remedy
+            What to do.
+
+        Returns
+        -------
+        Self
+            The error, to be raised.
+        """
         return cls(Problem(where, must_hold, received, remedy))
 
     def __reduce__(self) -> tuple[Any, ...]:

@@ -71,8 +71,25 @@ class MagneticLoad(Protocol):
     def wrench(
         self, field: Any, positions: ArrayLike, currents: Any, orientations: ArrayLike | None = None
     ) -> Array:
-        """Force (N) and torque (N m) about its centre, (n, 6), at positions (n, 3), m; orientations (3, 3) or
-        (n, 3, 3): columns are its axes, upright without."""
+        """Force and torque on the load, about its centre.
+
+        Parameters
+        ----------
+        field
+            Any field: see `fieldmap.field.as_field`.
+        positions
+            Centres (n, 3) in the frame of the field, m.
+        currents
+            Currents, A: (n_coils,) in the order of `coil_names`, one number for all coils, or a mapping by
+            name.
+        orientations
+            Rotations (3, 3) or (n, 3, 3) whose columns are the axes of the load; upright unless given.
+
+        Returns
+        -------
+        Array
+            Force, N, and torque, N m (n, 6).
+        """
 
 
 class StateLike(Protocol):
@@ -87,10 +104,32 @@ class StateLike(Protocol):
         """Currents (n_coils,), A."""
 
     def field(self, points: ArrayLike) -> Array:
-        """B (n, 3), T."""
+        """Flux density at points.
+
+        Parameters
+        ----------
+        points
+            Positions (n, 3), m.
+
+        Returns
+        -------
+        Array
+            B (n, 3), T.
+        """
 
     def gradient(self, points: ArrayLike) -> Array:
-        """dB_i/dx_j (n, 3, 3), T/m."""
+        """Gradient of the flux density at points.
+
+        Parameters
+        ----------
+        points
+            Positions (n, 3), m.
+
+        Returns
+        -------
+        Array
+            dB_i/dx_j (n, 3, 3), T/m.
+        """
 
 
 class FieldLike(Protocol):
@@ -101,10 +140,36 @@ class FieldLike(Protocol):
         """Names in the order of the currents."""
 
     def field(self, points: ArrayLike, currents: Any) -> Array:
-        """B (n, 3), T."""
+        """Flux density at points.
+
+        Parameters
+        ----------
+        points
+            Positions (n, 3), m.
+        currents
+            Currents (n_coils,), A.
+
+        Returns
+        -------
+        Array
+            B (n, 3), T.
+        """
 
     def gradient(self, points: ArrayLike, currents: Any) -> Array:
-        """dB_i/dx_j (n, 3, 3), T/m."""
+        """Gradient of the flux density at points.
+
+        Parameters
+        ----------
+        points
+            Positions (n, 3), m.
+        currents
+            Currents (n_coils,), A.
+
+        Returns
+        -------
+        Array
+            dB_i/dx_j (n, 3, 3), T/m.
+        """
 
 
 class PairLike(Protocol):
@@ -115,7 +180,20 @@ class PairLike(Protocol):
         """Names in the order of the currents."""
 
     def field_and_gradient(self, points: ArrayLike, currents: Any) -> tuple[Array, Array]:
-        """B (n, 3), T, and dB_i/dx_j (n, 3, 3), T/m."""
+        """Flux density and its gradient at points.
+
+        Parameters
+        ----------
+        points
+            Positions (n, 3), m.
+        currents
+            Currents (n_coils,), A.
+
+        Returns
+        -------
+        tuple[Array, Array]
+            B (n, 3), T, and dB_i/dx_j (n, 3, 3), T/m.
+        """
 
 
 AnyField: TypeAlias = FieldLike | PairLike | StateLike
@@ -123,10 +201,27 @@ AnyField: TypeAlias = FieldLike | PairLike | StateLike
 
 
 def over_points(method: Callable[..., Any], points: ArrayLike, *arguments: Any, **named: Any) -> Any:
-    """method(points, ...) for points (..., 3), by way of points (n, 3): results keep the leading shape.
+    """Call a method of points (n, 3) with points of any leading shape.
 
-    Of the other arguments those with the same leading shape (a row for every point) are taken row by row as well.
+    Parameters
+    ----------
+    method
+        Called as method(points, ...) with points (n, 3).
+    points
+        Positions (..., 3), m.
+    *arguments
+        Other arguments. Those with the leading shape of the points (a row for every point) are taken row by
+        row.
+    **named
+        Other arguments by name, taken in the same way.
 
+    Returns
+    -------
+    Any
+        What the method returns, with the leading shape of the points.
+
+    Examples
+    --------
     >>> over_points(lambda points, scale: scale * points, np.ones((4, 5, 3)), 2.0).shape
     (4, 5, 3)
     """
@@ -151,7 +246,18 @@ def over_points(method: Callable[..., Any], points: ArrayLike, *arguments: Any, 
 
 
 def has_leading_shape(points: ArrayLike) -> bool:
-    """Whether points have more axes than (n, 3)."""
+    """Whether points have more axes than (n, 3).
+
+    Parameters
+    ----------
+    points
+        Positions, m.
+
+    Returns
+    -------
+    bool
+        True for points (..., 3) with three axes or more.
+    """
     if isinstance(points, np.ndarray):
         return points.ndim > 2
     try:
@@ -171,7 +277,20 @@ def _numbers(where: str, points: ArrayLike) -> Array:
 
 
 def of_any_shape(method: Callable[..., Any], first: str = "points") -> Callable[..., Any]:
-    """A method of points (n, 3) or (3,), for points of any leading shape (..., 3). first: name of that argument."""
+    """Make a method of points (n, 3) or (3,) take points of any leading shape (..., 3).
+
+    Parameters
+    ----------
+    method
+        The method.
+    first
+        Name of its first argument.
+
+    Returns
+    -------
+    Callable[..., Any]
+        The method for all shapes.
+    """
 
     @functools.wraps(method)
     def taking(self: Any, *arguments: Any, **named: Any) -> Any:
@@ -228,11 +347,39 @@ class Field(TakesPoints, ABC):
 
     @abstractmethod
     def field(self, points: ArrayLike, currents: Any) -> Array:
-        """B (n, 3), T."""
+        """Flux density at points.
+
+        Parameters
+        ----------
+        points
+            Positions (3,), (n, 3) or (..., 3) in the frame of the field, m.
+        currents
+            Currents, A: (n_coils,) in the order of `coil_names`, one number for all coils, or a mapping by
+            name.
+
+        Returns
+        -------
+        Array
+            B (..., 3), T.
+        """
 
     @abstractmethod
     def gradient(self, points: ArrayLike, currents: Any) -> Array:
-        """dB_i/dx_j (n, 3, 3), T/m."""
+        """Gradient of the flux density at points.
+
+        Parameters
+        ----------
+        points
+            Positions (3,), (n, 3) or (..., 3) in the frame of the field, m.
+        currents
+            Currents, A: (n_coils,) in the order of `coil_names`, one number for all coils, or a mapping by
+            name.
+
+        Returns
+        -------
+        Array
+            dB_i/dx_j (..., 3, 3), T/m.
+        """
 
     @property
     def bounds(self) -> Bounds | None:
@@ -265,15 +412,56 @@ class Field(TakesPoints, ABC):
         return ()
 
     def field_and_gradient(self, points: ArrayLike, currents: Any) -> tuple[Array, Array]:
-        """B (n, 3), T, and dB_i/dx_j (n, 3, 3), T/m."""
+        """Flux density and its gradient at points.
+
+        Parameters
+        ----------
+        points
+            Positions (3,), (n, 3) or (..., 3) in the frame of the field, m.
+        currents
+            Currents, A: (n_coils,) in the order of `coil_names`, one number for all coils, or a mapping by
+            name.
+
+        Returns
+        -------
+        tuple[Array, Array]
+            B (..., 3), T, and dB_i/dx_j (..., 3, 3), T/m.
+        """
         return self.field(points, currents), self.gradient(points, currents)
 
     def gradient_jump(self, currents: Array) -> float:
-        """Largest step of the gradient from one cell of a map to the next, T/m; 0 where the gradient is continuous."""
+        """Largest step of the gradient from one cell of a map to the next.
+
+        Parameters
+        ----------
+        currents
+            Currents (n_coils,), A.
+
+        Returns
+        -------
+        float
+            The step, T/m; 0 where the gradient is continuous.
+        """
         return 0.0
 
     def unit_field(self, points: ArrayLike) -> Array:
-        """B per ampere in each coil (n, n_coils, 3), T/A. Raises InputError for a field that is not affine."""
+        """Flux density per ampere in each coil.
+
+        Parameters
+        ----------
+        points
+            Positions (3,), (n, 3) or (..., 3) in the frame of the field, m.
+
+        Returns
+        -------
+        Array
+            B per ampere (..., n_coils, 3), T/A.
+
+        Raises
+        ------
+        InputError
+            For a field that is not affine.
+        """
         require_affine(self, "unit_field")
         fields = _of_units(self.field, points, len(self.coil_names))
         if not self.proportional:
@@ -281,7 +469,23 @@ class Field(TakesPoints, ABC):
         return fields
 
     def unit_gradient(self, points: ArrayLike) -> Array:
-        """Gradient per ampere in each coil (n, n_coils, 3, 3), T/(m A). Raises InputError like `unit_field`."""
+        """Gradient per ampere in each coil.
+
+        Parameters
+        ----------
+        points
+            Positions (3,), (n, 3) or (..., 3) in the frame of the field, m.
+
+        Returns
+        -------
+        Array
+            dB_i/dx_j per ampere (..., n_coils, 3, 3), T/(m A).
+
+        Raises
+        ------
+        InputError
+            For a field that is not affine.
+        """
         require_affine(self, "unit_gradient")
         slopes = _of_units(self.gradient, points, len(self.coil_names))
         if not self.proportional:
@@ -289,18 +493,53 @@ class Field(TakesPoints, ABC):
         return slopes
 
     def constant_field(self, points: ArrayLike) -> Array:
-        """B (n, 3) with all currents off, T."""
+        """Flux density with all currents off.
+
+        Parameters
+        ----------
+        points
+            Positions (3,), (n, 3) or (..., 3) in the frame of the field, m.
+
+        Returns
+        -------
+        Array
+            B (..., 3), T.
+        """
         return self.field(points, np.zeros(len(self.coil_names)))
 
     def constant_gradient(self, points: ArrayLike) -> Array:
-        """dB_i/dx_j (n, 3, 3) with all currents off, T/m."""
+        """Gradient with all currents off.
+
+        Parameters
+        ----------
+        points
+            Positions (3,), (n, 3) or (..., 3) in the frame of the field, m.
+
+        Returns
+        -------
+        Array
+            dB_i/dx_j (..., 3, 3), T/m.
+        """
         return self.gradient(points, np.zeros(len(self.coil_names)))
 
     def second_gradient(self, points: ArrayLike, currents: Any) -> Array:
-        """d2B_i/dx_j dx_k (n, 3, 3, 3), T/m^2, by central differences of the gradient.
+        """Second derivatives of the flux density, by central differences of the gradient.
 
-        The error is O(STEP^2) and O(rounding / STEP), some 1e-6 of it at 0.1 m from the iron. The field must hold a
-        step beyond the points.
+        The error is O(STEP^2) and O(rounding / STEP), some 1e-6 of it at 0.1 m from the iron. The field must
+        hold a step beyond the points.
+
+        Parameters
+        ----------
+        points
+            Positions (3,), (n, 3) or (..., 3) in the frame of the field, m.
+        currents
+            Currents, A: (n_coils,) in the order of `coil_names`, one number for all coils, or a mapping by
+            name.
+
+        Returns
+        -------
+        Array
+            d2B_i/dx_j dx_k (..., 3, 3, 3), T/m^2.
         """
         return differenced(lambda x: self.gradient(x, currents), points)
 
@@ -311,13 +550,44 @@ class Field(TakesPoints, ABC):
         currents: Any,
         orientations: ArrayLike | None = None,
     ) -> Array:
-        """Force (N) and torque (N m) on point dipoles (n, 6), about their own positions: see `dipole_wrench`. In place
-        of moments a body of several magnets or soft iron, and its orientations: see `MagneticLoad`."""
+        """Force and torque on point dipoles, or on a body, about their own positions: see `dipole_wrench`.
+
+        Parameters
+        ----------
+        positions
+            Positions of the dipoles or of the body's centre (3,), (n, 3) or (..., 3) in the frame of the
+            field, m.
+        moments
+            Moments (3,) or (n, 3), A m^2, in the frame of the field; or a `MagneticLoad`, a body of several
+            magnets or soft iron.
+        currents
+            Currents, A: (n_coils,) in the order of `coil_names`, one number for all coils, or a mapping by
+            name.
+        orientations
+            Of a body: rotations (3, 3) or (n, 3, 3) whose columns are its axes; upright unless given.
+
+        Returns
+        -------
+        Array
+            Force, N, and torque, N m (..., 6).
+        """
         pair = functools.partial(self.field_and_gradient, currents=currents)
         return _wrench(self, positions, moments, currents, orientations, pair)
 
     def at(self, currents: Any) -> FieldAtCurrents:
-        """The field at these currents."""
+        """The field at these currents.
+
+        Parameters
+        ----------
+        currents
+            Currents, A: (n_coils,) in the order of `coil_names`, one number for all coils, or a mapping by
+            name.
+
+        Returns
+        -------
+        FieldAtCurrents
+            The field of points alone.
+        """
         return FixedCurrents(self, np.array(coil_currents(currents, self.coil_names)))
 
     def outlines(self) -> Sequence[Any]:
@@ -325,14 +595,50 @@ class Field(TakesPoints, ABC):
         return ()
 
     def as_magpylib(self, currents: Any, **options: Any) -> Any:
-        """The field at these currents as a magpylib source: see `FieldAtCurrents.as_magpylib`."""
+        """The field at these currents as a magpylib source: see `FieldAtCurrents.as_magpylib`.
+
+        Parameters
+        ----------
+        currents
+            Currents, A: (n_coils,) in the order of `coil_names`, one number for all coils, or a mapping by
+            name.
+        **options
+            Position, orientation and style of the source.
+
+        Returns
+        -------
+        Any
+            The source.
+
+        Raises
+        ------
+        InputError
+            For options that magpylib refuses.
+        """
         return magpylib_source(self.at(currents), None, self.outlines, **options)
 
 
 def magpylib_source(
     field: FieldAtCurrents, domain: Bounds | None, outlines: Callable[[], Sequence[Any]], **options: Any
 ) -> Any:
-    """A `fieldmap.magpylib_source.FieldSource`; magpylib is loaded on the first call."""
+    """The field as a `fieldmap.magpylib_source.FieldSource`; magpylib is loaded on the first call.
+
+    Parameters
+    ----------
+    field
+        Field at fixed currents.
+    domain
+        Lower and upper corner (3,), m, outside which the source gives NaN; None for no such box.
+    outlines
+        Called for what a drawing shows.
+    **options
+        Position, orientation and style of the source.
+
+    Returns
+    -------
+    Any
+        The source.
+    """
     from fieldmap.magpylib_source import source_of_field
 
     return source_of_field(field, domain, outlines, **options)
@@ -356,11 +662,33 @@ class FieldAtCurrents(TakesPoints, ABC):
 
     @abstractmethod
     def field(self, points: ArrayLike) -> Array:
-        """B (n, 3), T."""
+        """Flux density at points.
+
+        Parameters
+        ----------
+        points
+            Positions (3,), (n, 3) or (..., 3) in the frame of the field, m.
+
+        Returns
+        -------
+        Array
+            B (..., 3), T.
+        """
 
     @abstractmethod
     def gradient(self, points: ArrayLike) -> Array:
-        """dB_i/dx_j (n, 3, 3), T/m."""
+        """Gradient of the flux density at points.
+
+        Parameters
+        ----------
+        points
+            Positions (3,), (n, 3) or (..., 3) in the frame of the field, m.
+
+        Returns
+        -------
+        Array
+            dB_i/dx_j (..., 3, 3), T/m.
+        """
 
     @property
     def bounds(self) -> Bounds | None:
@@ -373,11 +701,34 @@ class FieldAtCurrents(TakesPoints, ABC):
         return ()
 
     def field_and_gradient(self, points: ArrayLike) -> tuple[Array, Array]:
-        """B (n, 3), T, and dB_i/dx_j (n, 3, 3), T/m."""
+        """Flux density and its gradient at points.
+
+        Parameters
+        ----------
+        points
+            Positions (3,), (n, 3) or (..., 3) in the frame of the field, m.
+
+        Returns
+        -------
+        tuple[Array, Array]
+            B (..., 3), T, and dB_i/dx_j (..., 3, 3), T/m.
+        """
         return self.field(points), self.gradient(points)
 
     def second_gradient(self, points: ArrayLike) -> Array:
-        """d2B_i/dx_j dx_k (n, 3, 3, 3), T/m^2, by central differences of the gradient, see `Field`."""
+        """Second derivatives of the flux density, by central differences of the gradient: see
+        `Field.second_gradient`.
+
+        Parameters
+        ----------
+        points
+            Positions (3,), (n, 3) or (..., 3) in the frame of the field, m.
+
+        Returns
+        -------
+        Array
+            d2B_i/dx_j dx_k (..., 3, 3, 3), T/m^2.
+        """
         return differenced(self.gradient, points)
 
     def wrench(
@@ -386,8 +737,24 @@ class FieldAtCurrents(TakesPoints, ABC):
         moments: ArrayLike | MagneticLoad,
         orientations: ArrayLike | None = None,
     ) -> Array:
-        """Force (N) and torque (N m) on point dipoles (n, 6), about their own positions: see `dipole_wrench`. In place
-        of moments a body of several magnets or soft iron, and its orientations: see `MagneticLoad`."""
+        """Force and torque on point dipoles, or on a body, about their own positions: see `dipole_wrench`.
+
+        Parameters
+        ----------
+        positions
+            Positions of the dipoles or of the body's centre (3,), (n, 3) or (..., 3) in the frame of the
+            field, m.
+        moments
+            Moments (3,) or (n, 3), A m^2, in the frame of the field; or a `MagneticLoad`, a body of several
+            magnets or soft iron.
+        orientations
+            Of a body: rotations (3, 3) or (n, 3, 3) whose columns are its axes; upright unless given.
+
+        Returns
+        -------
+        Array
+            Force, N, and torque, N m (..., 6).
+        """
         return _wrench(self, positions, moments, self.currents, orientations, self.field_and_gradient)
 
     def outlines(self) -> Sequence[Any]:
@@ -397,9 +764,23 @@ class FieldAtCurrents(TakesPoints, ABC):
     def as_magpylib(self, **options: Any) -> Any:
         """The field as a magpylib source (`fieldmap.magpylib_source.FieldSource`), exact to rounding.
 
-        It works in getB, getH, getJ, getM and getFT (as a source), with sensors and other sources, moved, turned and on
-        paths; `show` draws its outlines. options: position, orientation and style of the source. Raises InputError for
-        options that magpylib refuses.
+        It works in getB, getH, getJ, getM and getFT (as a source), with sensors and other sources, moved,
+        turned and on paths; `show` draws its outlines.
+
+        Parameters
+        ----------
+        **options
+            Position, orientation and style of the source.
+
+        Returns
+        -------
+        Any
+            The source.
+
+        Raises
+        ------
+        InputError
+            For options that magpylib refuses.
         """
         return magpylib_source(self, None, self.outlines, **options)
 
@@ -618,14 +999,31 @@ class StateField(FieldOfStates):
 
 
 def as_field(source: AnyField, bounds: Bounds | None = None) -> Field:
-    """The object itself if it is a `Field` (and no other box is asked for), otherwise one made of it.
+    """The object itself if it is a `Field` and no other box is asked for; otherwise a `Field` made of it.
 
-    source: anything with `coil_names`, `field(points, currents)` and `gradient(points, currents)`, or
-    `field_and_gradient(points, currents)` in the place of the two; `second_gradient`, `bounds` (or `lower` and
-    `upper`), `proportional` and `assumptions` are used where it has them. Or a state that knows its `currents`, with
-    `field(points)` and `gradient(points)`: a field that holds at these currents. bounds: lower and upper corner (3,),
-    m. Raises InputError for an object that lacks one of these.
+    Parameters
+    ----------
+    source
+        Anything with `coil_names`, `field(points, currents)` and `gradient(points, currents)`, or
+        `field_and_gradient(points, currents)` in the place of the two; `second_gradient`, `bounds` (or
+        `lower` and `upper`), `proportional` and `assumptions` are used where it has them. Or a state that
+        knows its `currents`, with `field(points)` and `gradient(points)`: a field that holds at these
+        currents.
+    bounds
+        Lower and upper corner (3,) of the box, m; the source's own unless given.
 
+    Returns
+    -------
+    Field
+        The field.
+
+    Raises
+    ------
+    InputError
+        For an object that lacks one of these.
+
+    Examples
+    --------
     >>> class Uniform:
     ...     coil_names = ("Helmholtz pair",)
     ...     def field(self, points, currents):
@@ -655,9 +1053,24 @@ def as_field(source: AnyField, bounds: Bounds | None = None) -> Field:
 
 
 def resolve_currents(source: AnyField, currents: Any) -> tuple[Field, Array]:
-    """The field, and currents (n_coils,), A, at which it is asked: the given ones, or those of a state if none are.
+    """The field, and the currents at which it is asked.
 
-    Raises InputError for what is no field, for currents that do not fit, and for none where the field needs some.
+    Parameters
+    ----------
+    source
+        A field, or what `as_field` makes one of.
+    currents
+        Currents as for `Field.field`; those of a state unless given.
+
+    Returns
+    -------
+    tuple[Field, Array]
+        The field, and currents (n_coils,), A.
+
+    Raises
+    ------
+    InputError
+        For what is no field, for currents that do not fit, and for none where the field needs some.
     """
     field = as_field(source)
     if currents is None:
@@ -674,7 +1087,23 @@ def _box(lower: ArrayLike, upper: ArrayLike) -> Bounds:
 
 
 def require_bounds(source: Field) -> Bounds:
-    """The box of a field. Raises InputError where it has none."""
+    """The box of a field.
+
+    Parameters
+    ----------
+    source
+        The field.
+
+    Returns
+    -------
+    Bounds
+        Lower and upper corner (3,), m.
+
+    Raises
+    ------
+    InputError
+        For a field without a box.
+    """
     bounds = source.bounds
     if bounds is None:
         remedy = "add a [workspace] table to the device, or give the box: as_field(field, (lower, upper))"
@@ -685,7 +1114,20 @@ def require_bounds(source: Field) -> Bounds:
 
 
 def require_affine(source: Field, what: str) -> None:
-    """Raise InputError for a field that is not the sum of its coils' fields and a constant. what: who asks."""
+    """Refuse a field that is not the sum of its coils' fields and a constant.
+
+    Parameters
+    ----------
+    source
+        The field.
+    what
+        Who asks; begins the message.
+
+    Raises
+    ------
+    InputError
+        For a field that is not affine.
+    """
     if not source.affine:
         must_hold = "a field that is the sum of its coils' fields, and of one that no current changes"
         received = "one that does not superpose, such as that of saturating iron"
@@ -704,12 +1146,32 @@ def _of_units(method: Callable[..., Array], points: ArrayLike, coils: int) -> Ar
 def coil_currents(
     currents: Any, coil_names: tuple[str, ...], points: int | None = None, finite: bool = True
 ) -> Array:
-    """Currents (n_coils,), A, C order, from an array, one number for all coils, or a mapping by coil name.
+    """Currents in the order of the coils.
 
-    Coils that a mapping does not name carry no current. points: how many points there are, where currents
-    (points, n_coils) are welcome too. finite: whether NaN and infinity are refused. Raises InputError for a wrong
-    number of currents, and for names of coils that do not exist.
+    Parameters
+    ----------
+    currents
+        Currents, A: an array, one number for all coils, or a mapping by coil name, in which coils that are
+        left out carry none.
+    coil_names
+        Names in the order of the currents.
+    points
+        How many points there are, where currents (points, n_coils) are welcome too.
+    finite
+        Whether NaN and infinity are refused.
 
+    Returns
+    -------
+    Array
+        Currents (n_coils,) or (points, n_coils), A, in C order.
+
+    Raises
+    ------
+    InputError
+        For a wrong number of currents, and for names of coils that do not exist.
+
+    Examples
+    --------
     >>> coil_currents(1.5, ("left", "right"))
     array([1.5, 1.5])
     >>> coil_currents({"right": 2.0, "left": 1.0}, ("left", "right"))
@@ -755,10 +1217,25 @@ def _wrong(coil_names: tuple[str, ...], points: int | None, received: str) -> Pr
 
 
 def dipole_wrench(flux: Array, slope: Array, moments: ArrayLike) -> Array:
-    """(n, 6): force (N) and torque (N m) on moments (3,) or (n, 3), A m^2, in flux (n, 3) and slope (n, 3, 3).
+    """Force and torque on point dipoles in a field and its gradient.
 
-    T = m x B and F = grad(m . B) = (grad B)^T m, docs/theory/wrench.md (1) and (2) for a point. F is (m . grad) B where
-    B is curl-free, and is conservative for a fixed moment even if the interpolant is not quite so.
+    T = m x B and F = grad(m . B) = (grad B)^T m, docs/theory/wrench.md (1) and (2) for a point. F is (m .
+    grad) B where B is curl-free, and is conservative for a fixed moment even if the interpolant is not quite
+    so.
+
+    Parameters
+    ----------
+    flux
+        Flux density (n, 3), T.
+    slope
+        Gradient dB_i/dx_j (n, 3, 3), T/m.
+    moments
+        Moments (3,) or (n, 3), A m^2.
+
+    Returns
+    -------
+    Array
+        Force, N, and torque, N m (n, 6).
     """
     dipoles, _ = checked_vectors("moments", moments)
     if len(dipoles) not in (1, len(flux)):
@@ -771,7 +1248,18 @@ def dipole_wrench(flux: Array, slope: Array, moments: ArrayLike) -> Array:
 
 
 def refuse_orientations(orientations: ArrayLike | None) -> None:
-    """Raise InputError for orientations of point dipoles, whose moments are in the frame of the field."""
+    """Refuse orientations of point dipoles, whose moments are in the frame of the field.
+
+    Parameters
+    ----------
+    orientations
+        What the caller was given.
+
+    Raises
+    ------
+    InputError
+        For anything but None.
+    """
     if orientations is not None:
         must_hold, remedy = "orientations are those of a body", "turn the moments, or give a MagneticBody"
         raise InputError(Problem("wrench, orientations", must_hold, "moments and orientations", remedy))
@@ -795,8 +1283,22 @@ def _wrench(
 
 
 def differenced(gradient: Any, points: ArrayLike, step: float = STEP) -> Array:
-    """Second gradient (n, 3, 3, 3), T/m^2, of `gradient(points)` (n, 3, 3) by central differences; the last index is
-    the differenced one. A single point (3,) gives (3, 3, 3)."""
+    """Second gradient by central differences of a gradient.
+
+    Parameters
+    ----------
+    gradient
+        Called as gradient(points), with points (n, 3); gives (n, 3, 3), T/m.
+    points
+        Positions (3,) or (n, 3), m.
+    step
+        Half the distance of the differences, m.
+
+    Returns
+    -------
+    Array
+        (3, 3, 3) or (n, 3, 3, 3), T/m^2; the last index is the differenced one.
+    """
     where = np.asarray(points, dtype=float)
     at = np.atleast_2d(where)
     steps = step * np.eye(3)

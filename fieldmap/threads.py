@@ -45,11 +45,15 @@ def over_rows(kernel: Callable[..., Any], rows: int, *arguments: Any, work: floa
 
     Parameters
     ----------
-    kernel : function that releases the interpreter's lock.
-    rows : number of rows.
-    arguments : further arguments of the kernel.
-    work : work of one row, in units of about five nanoseconds (one pair of far triangles). A small total is done in one
-        thread.
+    kernel
+        Function that releases the interpreter's lock.
+    rows
+        Number of rows.
+    arguments
+        Further arguments of the kernel.
+    work
+        Work of one row, in units of about five nanoseconds (one pair of far triangles). A small total is done
+        in one thread.
     """
     least = max(1, round(_LEAST_WORK / max(work, 1.0)))
     in_pieces(lambda start, stop: kernel(start, stop, *arguments), rows, least, thread_count())
@@ -63,14 +67,19 @@ def in_pieces(part: Callable[[int, int], Any], count: int, least: int, threads: 
 
     Parameters
     ----------
-    part : function that releases the interpreter's lock and does not call `in_pieces`.
-    count : number of items.
-    least : smallest number of items in a piece.
-    threads : most threads.
+    part
+        Function that releases the interpreter's lock and does not call `in_pieces`.
+    count
+        Number of items.
+    least
+        Smallest number of items in a piece.
+    threads
+        Most threads.
 
     Returns
     -------
-    The results of the pieces, in no particular order.
+    list[Any]
+        The results of the pieces, in no particular order.
     """
     most = count // least
     workers = min(threads, most)

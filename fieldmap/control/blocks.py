@@ -71,13 +71,37 @@ class Controller(Protocol):
         """As compiled loops take it."""
 
     def inverse(self, state: Array) -> Any:
-        """None for a controller whose outputs go to the coils as they are; for one whose outputs are forces the
-        `fieldmap.core.machine.InverseMap` of a run that begins at a state (13,), without its machine."""
+        """The inverse map of a controller whose outputs are forces.
+
+        Parameters
+        ----------
+        state
+            State (13,) where the run begins.
+
+        Returns
+        -------
+        Any
+            A `fieldmap.core.machine.InverseMap` without the run's machine; None for a controller whose
+            outputs go to the coils as they are.
+        """
 
     def at(self, sensed: Array, stiffness: ArrayLike, per_output: ArrayLike) -> ControllerBlock:
-        """The one block, from what is seen to outputs, that it is about an operating point. sensed (3,), m: the sensed
-        point there; stiffness (3, 3), N/m: minus the slope of the magnet's force by its place, per_output (3, m): by
-        the outputs."""
+        """The one block, from what is seen to outputs, that the controller is about an operating point.
+
+        Parameters
+        ----------
+        sensed
+            The sensed point there (3,), m.
+        stiffness
+            Minus the slope of the magnet's force by its place (3, 3), N/m.
+        per_output
+            Slope of the magnet's force by the outputs (3, m).
+
+        Returns
+        -------
+        ControllerBlock
+            The block.
+        """
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -113,15 +137,45 @@ class ControllerBlock(Record):
         return arrays_of((self,), (0.0, 1.0, 0.0))
 
     def inverse(self, state: Array) -> None:
-        """None: the outputs go to the coils as they are."""
+        """None: the outputs go to the coils as they are.
+
+        Parameters
+        ----------
+        state
+            State (13,) where the run begins.
+        """
 
     def at(self, sensed: Array, stiffness: ArrayLike, per_output: ArrayLike) -> ControllerBlock:
-        """Itself, everywhere."""
+        """Itself, everywhere.
+
+        Parameters
+        ----------
+        sensed, stiffness, per_output
+            As for `Controller.at`.
+
+        Returns
+        -------
+        ControllerBlock
+            The block.
+        """
         return self
 
 
 def arrays_of(blocks: Sequence[ControllerBlock], nodes: tuple[float, float, float]) -> Block:
-    """Blocks at equal steps of a signal as compiled loops take them; limits and what holds are those of the first."""
+    """Blocks at equal steps of a signal as compiled loops take them.
+
+    Parameters
+    ----------
+    blocks
+        The blocks; limits and what holds are those of the first.
+    nodes
+        As `Block` takes them.
+
+    Returns
+    -------
+    Block
+        The arrays.
+    """
 
     def joined(name: str) -> Array:
         return np.ascontiguousarray(np.stack([getattr(block, name) for block in blocks]), float)
@@ -138,7 +192,18 @@ def arrays_of(blocks: Sequence[ControllerBlock], nodes: tuple[float, float, floa
 
 
 def constant_block(output: float) -> ControllerBlock:
-    """An output that does not listen: an axis in open loop."""
+    """An output that does not listen: an axis in open loop.
+
+    Parameters
+    ----------
+    output
+        The output.
+
+    Returns
+    -------
+    ControllerBlock
+        The block.
+    """
     check_numbers("constant_block", output=output)
     return state_block((), (), (), [[0.0] * (SIGNALS - 1) + [output]])
 
@@ -153,9 +218,26 @@ def state_block(
     upper: ArrayLike = np.inf,
     memory: ArrayLike | None = None,
 ) -> ControllerBlock:
-    """Any linear controller of several axes: matrices as in the head of this file, D (m, 7) first of all.
+    """Any linear controller of several axes, by the matrices in the head of this file.
 
-    lower, upper: limits, one for all outputs or (m,). Raises InputError for matrices that do not fit.
+    Parameters
+    ----------
+    A, B, C, D, E
+        Matrices; D is (m, 7).
+    lower, upper
+        Limits of the outputs, one for all or (m,).
+    memory
+        State (n,) at the start; zeros unless given.
+
+    Returns
+    -------
+    ControllerBlock
+        The block.
+
+    Raises
+    ------
+    InputError
+        For matrices that do not fit.
     """
     direct = check_matrix("state_block(D)", D, (None, SIGNALS))
     m, n = len(direct), len(np.atleast_2d(A)) if np.size(A) else 0
@@ -173,7 +255,18 @@ def state_block(
 
 
 def stacked(*blocks: ControllerBlock) -> ControllerBlock:
-    """Blocks side by side: their outputs one after the other."""
+    """Blocks side by side: their outputs one after the other.
+
+    Parameters
+    ----------
+    *blocks
+        The blocks.
+
+    Returns
+    -------
+    ControllerBlock
+        The one block.
+    """
 
     def of_each(name: str) -> list[Array]:
         return [getattr(block, name) for block in blocks]
@@ -202,7 +295,25 @@ class RunningBlock:
         self._signals, self._output = _signals(0.0, 0.0, 1), np.empty((1, 1))
 
     def step(self, reference: float, measured: float) -> float:
-        """The output at this sample. Raises InputError for numbers that are not finite, before they do harm."""
+        """The output at this sample.
+
+        Parameters
+        ----------
+        reference
+            What is asked for.
+        measured
+            What is measured.
+
+        Returns
+        -------
+        float
+            The output.
+
+        Raises
+        ------
+        InputError
+            For numbers that are not finite, before they do harm.
+        """
         check_numbers(f"{type(self).__name__}.step", reference=reference, measured=measured)
         self._signals[0, 0], self._signals[0, 3] = reference, measured
         self._core.control(self._signals, None, self.memory, self._output)
@@ -212,7 +323,29 @@ class RunningBlock:
 def run_block(
     block: ControllerBlock, where: str, reference: ArrayLike, measured: ArrayLike
 ) -> tuple[Array, Array]:
-    """Outputs (n,) for measurements (n,), open loop, and the memory (n, states) after each sample."""
+    """Run a block in open loop.
+
+    Parameters
+    ----------
+    block
+        The block.
+    where
+        Who asks; begins messages.
+    reference
+        (n,) or one number.
+    measured
+        Measurements (n,).
+
+    Returns
+    -------
+    tuple[Array, Array]
+        Outputs (n,), and the memory (n, states) after each sample.
+
+    Raises
+    ------
+    InputError
+        For signals that are not finite or do not fit.
+    """
     seen = np.atleast_1d(check_signal(f"{where}(measured)", measured))
     target = np.broadcast_to(check_signal(f"{where}(reference)", reference), seen.shape)
     outputs, memories = np.empty((seen.size, 1)), np.empty((seen.size, len(block.memory)))

@@ -112,7 +112,18 @@ class FunctionController(Record):
         return f"controller: {self.name}{form}, which gives {self.gives}, {limits}; a state of {state}"
 
     def limits(self, outputs: int) -> Block:
-        """Limits of so many outputs, as compiled loops take them: a block that holds nothing else."""
+        """Limits of the outputs as compiled loops take them: a block that holds nothing else.
+
+        Parameters
+        ----------
+        outputs
+            How many outputs there are.
+
+        Returns
+        -------
+        Block
+            The block.
+        """
         for name in ("lower", "upper"):
             size, must = np.size(getattr(self, name)), f"must be one limit for all outputs or ({outputs},)"
             where, remedy = f"FunctionController({name})", "give one for each output"
@@ -121,7 +132,23 @@ class FunctionController(Record):
         return state_block((), (), (), nothing, lower=self.lower, upper=self.upper).arrays
 
     def bound(self, names: Sequence[str]) -> BoundFunction:
-        """The function for one run, with outputs of these names. Raises InputError where it cannot give them."""
+        """The function for one run.
+
+        Parameters
+        ----------
+        names
+            Names of the outputs.
+
+        Returns
+        -------
+        BoundFunction
+            The function with these outputs.
+
+        Raises
+        ------
+        InputError
+            Where it cannot give them.
+        """
         function, states = self.function, len(self.memory)
         if self.form == "python":
             return _PythonFunction(function, len(names), states)

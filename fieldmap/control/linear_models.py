@@ -49,9 +49,22 @@ class TransferFunction(NamedTuple):
         return np.roots(self.denominator)
 
     def to_control(self, Ts: float | None = None) -> python_control.TransferFunction:
-        """A transfer function of python-control, in s, or in q with a sampling time Ts, s.
+        """The same in python-control.
 
-        Raises FieldmapError where python-control is not installed.
+        Parameters
+        ----------
+        Ts
+            Sampling time, s, of a transfer function in q; None for one in s.
+
+        Returns
+        -------
+        python_control.TransferFunction
+            A transfer function of python-control.
+
+        Raises
+        ------
+        FieldmapError
+            Where python-control is not installed.
         """
         library = require("control", "control", "TransferFunction.to_control")
         system: python_control.TransferFunction = library.tf(self.numerator, self.denominator, _period(Ts))
@@ -80,9 +93,24 @@ class StateSpace(NamedTuple):
         inputs: Sequence[str] | None = None,
         outputs: Sequence[str] | None = None,
     ) -> python_control.StateSpace:
-        """A state space of python-control, continuous, or sampled with a sampling time Ts, s; with names, if given.
+        """The same in python-control.
 
-        Raises FieldmapError where python-control is not installed.
+        Parameters
+        ----------
+        Ts
+            Sampling time, s, of a sampled model; None for a continuous one.
+        states, inputs, outputs
+            Their names.
+
+        Returns
+        -------
+        python_control.StateSpace
+            A state space of python-control.
+
+        Raises
+        ------
+        FieldmapError
+            Where python-control is not installed.
         """
         library = require("control", "control", "StateSpace.to_control")
         named = {"states": states, "inputs": inputs, "outputs": outputs}
@@ -102,8 +130,23 @@ def _period(Ts: float | None) -> float:
 def transfer_function(numerator: ArrayLike, denominator: ArrayLike) -> TransferFunction:
     """A proper transfer function from coefficients of falling powers; leading zeros are dropped.
 
-    Raises InputError for coefficients that are not finite, a denominator of zeros, or more zeros than poles.
+    Parameters
+    ----------
+    numerator, denominator
+        Coefficients (n,).
 
+    Returns
+    -------
+    TransferFunction
+        The transfer function.
+
+    Raises
+    ------
+    InputError
+        For coefficients that are not finite, a denominator of zeros, or more zeros than poles.
+
+    Examples
+    --------
     >>> transfer_function([0, 2, 4], [2, 0, 8])
     TransferFunction(numerator=[1.0, 2.0], denominator=[1.0, 0.0, 4.0])
     """
@@ -120,8 +163,27 @@ def transfer_function(numerator: ArrayLike, denominator: ArrayLike) -> TransferF
 
 
 def from_roots(gain: float, zeros: ArrayLike, poles: ArrayLike) -> TransferFunction:
-    """gain * prod(q - zeros) / prod(q - poles). Raises InputError for complex roots without their conjugates.
+    """gain * prod(q - zeros) / prod(q - poles).
 
+    Parameters
+    ----------
+    gain
+        The factor.
+    zeros, poles
+        Roots, complex ones with their conjugates.
+
+    Returns
+    -------
+    TransferFunction
+        The transfer function.
+
+    Raises
+    ------
+    InputError
+        For complex roots without their conjugates.
+
+    Examples
+    --------
     >>> from_roots(-0.03, [0.9935], [1.01, 0.905]).denominator.round(5).tolist()
     [1.0, -1.915, 0.91405]
     """
@@ -136,6 +198,23 @@ def from_roots(gain: float, zeros: ArrayLike, poles: ArrayLike) -> TransferFunct
 def controller_form(numerator: ArrayLike, denominator: ArrayLike) -> StateSpace:
     """Realisation with the denominator in the first row of A and B = (1, 0, ...).
 
+    Parameters
+    ----------
+    numerator, denominator
+        Coefficients of falling powers.
+
+    Returns
+    -------
+    StateSpace
+        The model.
+
+    Raises
+    ------
+    InputError
+        As for `transfer_function`.
+
+    Examples
+    --------
     >>> model = controller_form([-15.63, -50.97], [1, 44.94, -248.3])
     >>> model.A.tolist(), model.C.tolist()
     ([[-44.94, 248.3], [1.0, 0.0]], [[-15.63, -50.97]])
@@ -149,7 +228,23 @@ def controller_form(numerator: ArrayLike, denominator: ArrayLike) -> StateSpace:
 
 
 def to_transfer_function(model: StateSpace) -> TransferFunction:
-    """The transfer function of a model with one input and one output: det(s - A + B C) / det(s - A) - 1 + D."""
+    """The transfer function of a model: det(s - A + B C) / det(s - A) - 1 + D.
+
+    Parameters
+    ----------
+    model
+        With one input and one output.
+
+    Returns
+    -------
+    TransferFunction
+        The transfer function.
+
+    Raises
+    ------
+    InputError
+        For a model of more inputs or outputs.
+    """
     A, B, C, D = check_model("to_transfer_function", model, inputs=1, outputs=1)
     bottom = cast(Array, np.poly(A))
     return TransferFunction(np.poly(A - B @ C) + (D[0, 0] - 1.0) * bottom, bottom)
@@ -158,6 +253,23 @@ def to_transfer_function(model: StateSpace) -> TransferFunction:
 def with_output_integral(A: ArrayLike, B: ArrayLike, C: ArrayLike) -> StateSpace:
     """The model with one more state per output, its integral. C keeps the outputs.
 
+    Parameters
+    ----------
+    A, B, C
+        The model, (n, n), (n, m) and (p, n).
+
+    Returns
+    -------
+    StateSpace
+        The longer model.
+
+    Raises
+    ------
+    InputError
+        For matrices that do not fit.
+
+    Examples
+    --------
     >>> with_output_integral([[-44.94, 248.3], [1, 0]], [[1], [0]], [[-15.63, -50.97]]).A[2].tolist()
     [-15.63, -50.97, 0.0]
     """
@@ -169,9 +281,26 @@ def with_output_integral(A: ArrayLike, B: ArrayLike, C: ArrayLike) -> StateSpace
 
 
 def zero_order_hold(A: ArrayLike, B: ArrayLike, Ts: float) -> tuple[Array, Array]:
-    """A and B of the sampled model whose input is held for Ts (s): exp of [[A, B], [0, 0]] Ts.
+    """The sampled model whose input is held: exp of [[A, B], [0, 0]] Ts.
 
     Van Loan, IEEE Trans. Automatic Control 23 (1978) 395. C and D stay.
+
+    Parameters
+    ----------
+    A, B
+        The continuous model, (n, n) and (n, m).
+    Ts
+        Sampling time, s.
+
+    Returns
+    -------
+    tuple[Array, Array]
+        A and B of the sampled model.
+
+    Raises
+    ------
+    InputError
+        For matrices that do not fit.
     """
     A, B, _, _ = check_model("zero_order_hold", (A, B, None, None))
     check_positive("zero_order_hold", Ts=Ts)
@@ -181,10 +310,26 @@ def zero_order_hold(A: ArrayLike, B: ArrayLike, Ts: float) -> tuple[Array, Array
 
 
 def inverse_zero_order_hold(A_d: ArrayLike, B_d: ArrayLike, Ts: float) -> tuple[Array, Array]:
-    """A and B of the continuous model that `zero_order_hold` turns into A_d and B_d.
+    """The continuous model that `zero_order_hold` turns into this one.
 
-    Of the many it is the one without oscillations faster than half the sampling rate (principal logarithm). Raises
-    InputError where there is none: poles at 0 (a dead time) or on the negative real axis.
+    Of the many it is the one without oscillations faster than half the sampling rate (principal logarithm).
+
+    Parameters
+    ----------
+    A_d, B_d
+        The sampled model, (n, n) and (n, m).
+    Ts
+        Sampling time, s.
+
+    Returns
+    -------
+    tuple[Array, Array]
+        A and B of the continuous model.
+
+    Raises
+    ------
+    InputError
+        Where there is none: poles at 0 (a dead time) or on the negative real axis.
     """
     A_d, B_d, _, _ = check_model("inverse_zero_order_hold", (A_d, B_d, None, None))
     check_positive("inverse_zero_order_hold", Ts=Ts)
@@ -202,14 +347,52 @@ def inverse_zero_order_hold(A_d: ArrayLike, B_d: ArrayLike, Ts: float) -> tuple[
 
 
 def sampled(plant: tuple[ArrayLike, ArrayLike], Ts: float) -> TransferFunction:
-    """The transfer function in q of a continuous one whose input is held for Ts (s)."""
+    """The transfer function in q of a continuous one whose input is held.
+
+    Parameters
+    ----------
+    plant
+        Numerator and denominator in s.
+    Ts
+        Sampling time, s.
+
+    Returns
+    -------
+    TransferFunction
+        Numerator and denominator in q.
+
+    Raises
+    ------
+    InputError
+        As for `transfer_function`.
+    """
     model = controller_form(*plant)
     return to_transfer_function(StateSpace(*zero_order_hold(model.A, model.B, Ts), model.C, model.D))
 
 
 def continuous(plant: tuple[ArrayLike, ArrayLike], Ts: float) -> TransferFunction:
-    """The transfer function in s of which this one in q is the sampled form: docs/theory/control.md (4), inverted.
+    """The transfer function in s of which this one in q is the sampled form: docs/theory/control.md (4),
+    inverted.
 
+    Parameters
+    ----------
+    plant
+        Numerator and denominator in q.
+    Ts
+        Sampling time, s.
+
+    Returns
+    -------
+    TransferFunction
+        Numerator and denominator in s.
+
+    Raises
+    ------
+    InputError
+        As for `inverse_zero_order_hold`.
+
+    Examples
+    --------
     >>> vertical = from_roots(-0.03, [0.9935], [1.01, 0.905])
     >>> top, bottom = continuous(vertical, 2e-3)
     >>> top.round(2).tolist(), bottom.round(1).tolist()
@@ -226,7 +409,25 @@ def continuous(plant: tuple[ArrayLike, ArrayLike], Ts: float) -> TransferFunctio
 def closed_loop(
     plant: tuple[ArrayLike, ArrayLike], controller: tuple[ArrayLike, ArrayLike]
 ) -> TransferFunction:
-    """y / r = C P / (1 + C P). For a plant of negative gain give a controller of negative gain."""
+    """y / r = C P / (1 + C P).
+
+    Parameters
+    ----------
+    plant
+        Numerator and denominator of P.
+    controller
+        Numerator and denominator of C; of negative gain for a plant of negative gain.
+
+    Returns
+    -------
+    TransferFunction
+        The transfer function from reference to output.
+
+    Raises
+    ------
+    InputError
+        As for `transfer_function`.
+    """
     top, bottom = transfer_function(*plant)
     ctop, cbottom = transfer_function(*controller)
     forward = np.polymul(top, ctop)
@@ -234,8 +435,25 @@ def closed_loop(
 
 
 def steady_gain(plant: tuple[ArrayLike, ArrayLike], Ts: float | None = None) -> float:
-    """Output per input at rest: the value at s = 0, or at q = 1 if there is a sampling time. Infinite with a pole
-    there."""
+    """Output per input at rest.
+
+    Parameters
+    ----------
+    plant
+        Numerator and denominator.
+    Ts
+        Sampling time, s, of a plant in q; None for one in s.
+
+    Returns
+    -------
+    float
+        The value at s = 0, or at q = 1; infinite with a pole there.
+
+    Raises
+    ------
+    InputError
+        As for `transfer_function`.
+    """
     top, bottom = transfer_function(*plant)
     at = 0.0 if Ts is None else 1.0
     below = np.polyval(bottom, at)
@@ -262,12 +480,34 @@ def root_locus(
     *,
     steps: int = 64,
 ) -> RootLocus:
-    """Roots of 1 + gain * C P = 0 in q for these gains, which must rise (or fall).
+    """Roots of 1 + gain * C P = 0 in q.
 
-    plant, controller: numerator and denominator; the controller at gain 1 with its sign. Between two gains `steps`
-    more are put in, and poles are matched from one to the next so that the sum of their moves is least: branches stay
-    apart unless two meet, where they may be exchanged as in every root locus. Raises InputError.
+    Poles are matched from one gain to the next so that the sum of their moves is least: branches stay apart
+    unless two meet, where they may be exchanged as in every root locus.
 
+    Parameters
+    ----------
+    plant
+        Numerator and denominator of P.
+    controller
+        Numerator and denominator of C at gain 1, with its sign.
+    gains
+        The gains, which must rise (or fall).
+    steps
+        Gains that are put in between two of them.
+
+    Returns
+    -------
+    RootLocus
+        Poles at every gain.
+
+    Raises
+    ------
+    InputError
+        For gains that do not rise or fall, and as for `transfer_function`.
+
+    Examples
+    --------
     >>> locus = root_locus(([1.0], [1.0, -1.0]), ([1.0], [1.0]), [0.5, 1.5, 2.5])  # an integrator
     >>> locus.poles.real.ravel().tolist(), locus.stable.tolist()
     ([0.5, -0.5, -1.5], [True, True, False])
@@ -302,7 +542,22 @@ def _roots(bottom: NDArray[Any], top: NDArray[Any], gains: Array) -> list[NDArra
 
 
 def filter_response(numerator: ArrayLike, denominator: ArrayLike, signal: ArrayLike, axis: int = -1) -> Array:
-    """The answer of a sampled transfer function to a signal, from rest; polynomials in 1/q, as lfilter takes them."""
+    """The answer of a sampled transfer function to a signal, from rest.
+
+    Parameters
+    ----------
+    numerator, denominator
+        Polynomials in 1/q, as scipy's lfilter takes them.
+    signal
+        The signal.
+    axis
+        Its axis of time.
+
+    Returns
+    -------
+    Array
+        The answer, of the signal's shape.
+    """
     # Here: scipy.signal brings scipy.stats, and whoever reads a scenario would load both, which takes a second.
     from scipy.signal import lfilter
 
@@ -312,7 +567,27 @@ def filter_response(numerator: ArrayLike, denominator: ArrayLike, signal: ArrayL
 def check_model(
     where: str, model: tuple, inputs: int | None = None, outputs: int | None = None
 ) -> tuple[Array, Array, Array, Array]:
-    """A, B, C and D that fit each other, all finite; None for C or D that do not matter. Raises InputError."""
+    """Matrices that fit each other, all finite.
+
+    Parameters
+    ----------
+    where
+        Who asks; begins messages.
+    model
+        A, B, C and D; None for C or D that do not matter.
+    inputs, outputs
+        How many there must be; any number unless given.
+
+    Returns
+    -------
+    tuple[Array, Array, Array, Array]
+        A, B, C and D.
+
+    Raises
+    ------
+    InputError
+        For matrices that do not fit.
+    """
     A = check_matrix(f"{where}(A)", model[0], (None, None))
     order = A.shape[0]
     A = check_matrix(f"{where}(A)", A, (order, order))

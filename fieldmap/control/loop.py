@@ -97,20 +97,28 @@ def simulate_loop(
 
     Parameters
     ----------
-    plant : (numerator, denominator) in q or (A, B, C, D), sampled at the controller's Ts; one input, one output,
+    plant
+        (numerator, denominator) in q or (A, B, C, D), sampled at the controller's Ts; one input, one output,
         strictly proper.
-    controller : a PID, a regulator, or a block of one output, whose signals of all axes are this one.
-    reference : (samples,), in the unit of the plant's output.
-    Ts : sampling time of a block, which does not know it, s.
-    runs : how many.
-    position_noise, voltage_noise, current_noise, disturbance : numbers, (samples,) or (runs, samples), for example of a
-        seeded generator. Position noise is in the unit of the plant's output, voltage noise is that at the converter,
-        current noise is in the unit of the drive; the disturbance adds to the plant's input.
-    instruments : converters and drive; ideal unless given.
+    controller
+        A PID, a regulator, or a block of one output, whose signals of all axes are this one.
+    reference
+        (samples,), in the unit of the plant's output.
+    Ts
+        Sampling time of a block, which does not know it, s.
+    runs
+        How many.
+    position_noise, voltage_noise, current_noise, disturbance
+        Numbers, (samples,) or (runs, samples), for example of a seeded generator. Position noise is in the
+        unit of the plant's output, voltage noise is that at the converter, current noise is in the unit of
+        the drive; the disturbance adds to the plant's input.
+    instruments
+        Converters and drive; ideal unless given.
 
     Returns
     -------
-    The runs: time (samples,), y and u (runs, samples).
+    LinearLoopRun
+        The runs: time (samples,), y and u (runs, samples).
 
     Raises
     ------
@@ -188,12 +196,31 @@ def _fitting(name: str, values: ArrayLike, shape: tuple[int, int]) -> Array:
 def compensated_reference(
     height: ArrayLike, horizontal: ArrayLike, Ts: float, push: float, duration: float
 ) -> Array:
-    """The vertical reference (n,), less `push` for `duration` after each change of a horizontal reference (n,).
+    """The vertical reference, less a push for some time after each change of a horizontal reference.
 
-    height: vertical reference in the downward frame of the sensor, (n,) or one number, m. horizontal: reference of
-    the moving axis, (n,). The push has the sign of the change: less for a rising horizontal reference, more for a
-    falling one. A change during a push begins a new one. Ts, duration in s; push in m.
+    The push has the sign of the change: less for a rising horizontal reference, more for a falling one. A
+    change during a push begins a new one.
 
+    Parameters
+    ----------
+    height
+        Vertical reference in the downward frame of the sensor, (n,) or one number, m.
+    horizontal
+        Reference of the moving axis (n,).
+    Ts
+        Sampling time, s.
+    push
+        Its size, m.
+    duration
+        Its duration, s.
+
+    Returns
+    -------
+    Array
+        The vertical reference (n,), m.
+
+    Examples
+    --------
     >>> reference = compensated_reference(0.010, [0, 0, 1e-4, 1e-4, 1e-4, 1e-4], 5e-3, push=5e-5, duration=0.010)
     >>> (1e3 * reference).round(3).tolist()
     [10.0, 10.0, 9.95, 9.95, 10.0, 10.0]

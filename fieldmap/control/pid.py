@@ -73,13 +73,36 @@ def _check_gains(where: str, Kc: float, Ti: float, Td: float, Ts: float) -> None
 def pid_transfer_function(
     Kc: float, Ti: float, Td: float, Ts: float, *, integration: str = "trapezoidal"
 ) -> TransferFunction:
-    """Numerator and denominator in q of the sampled PID controller: docs/theory/control.md (3).
+    """The sampled PID controller as a transfer function in q: docs/theory/control.md (3).
 
-    k1 = Kc (1 + Ts/2Ti + Td/Ts), k2 = Kc (-1 + Ts/2Ti - 2 Td/Ts), k3 = Kc Td/Ts over q^2 - q: the trapezoidal rule for
-    the integral, a backward difference for the derivative. integration="rectangular" has
-    Ts/Ti in k1 and nothing in k2. Times in s. Raises InputError for times that are not positive (Td may be 0, Ti
-    infinite).
+    k1 = Kc (1 + Ts/2Ti + Td/Ts), k2 = Kc (-1 + Ts/2Ti - 2 Td/Ts), k3 = Kc Td/Ts over q^2 - q: the trapezoidal
+    rule for the integral, a backward difference for the derivative.
 
+    Parameters
+    ----------
+    Kc
+        Gain.
+    Ti
+        Integral time, s; may be infinite.
+    Td
+        Derivative time, s; may be 0.
+    Ts
+        Sampling time, s.
+    integration
+        "trapezoidal", or "rectangular", which has Ts/Ti in k1 and nothing in k2.
+
+    Returns
+    -------
+    TransferFunction
+        Numerator and denominator in q.
+
+    Raises
+    ------
+    InputError
+        For times that are not positive.
+
+    Examples
+    --------
     >>> pid_transfer_function(0.5, 0.007, 0.001, 2e-3).numerator.round(5).tolist()
     [0.82143, -0.92857, 0.25]
     """
@@ -96,9 +119,27 @@ def pid_transfer_function(
 def pid_block(
     controller: PID, reading: AxisReading, output: float = 0.0, at: ArrayLike | None = None
 ) -> ControllerBlock:
-    """A PID controller of one axis. It starts with this output where reference and position are `at` (7,), or
-    with nothing before its first sample: docs/theory/control.md (1).
+    """A PID controller of one axis as a block: docs/theory/control.md (1).
 
+    Parameters
+    ----------
+    controller
+        The controller.
+    reading
+        What it reads of its axis.
+    output
+        The output with which it starts.
+    at
+        Reference and position (7,) of that start; without it the block begins with nothing before its first
+        sample.
+
+    Returns
+    -------
+    ControllerBlock
+        The block.
+
+    Examples
+    --------
     >>> block = pid_block(PID(2.0, 0.1, 0.0, 0.01), AxisReading("x", 1e3))
     >>> block.D[0, [0, 3]].tolist()
     [2200.0, -2200.0]
@@ -140,16 +181,41 @@ class RunningPID(RunningBlock):
         self.reset()
 
     def reset(self, integral: float = 0.0) -> None:
-        """Forget the past; the integral part of the output begins at `integral`."""
+        """Forget the past.
+
+        Parameters
+        ----------
+        integral
+            Where the integral part of the output begins.
+        """
         check_numbers("RunningPID.reset", integral=integral)
         self._start(pid_block(self.controller, ALONE, integral))
 
 
 def run_pid(controller: PID, reference: ArrayLike, measured: ArrayLike) -> Array:
-    """Outputs (n,) of a controller that starts from rest, for given measurements (n,); open loop.
+    """Run a controller from rest for given measurements, in open loop.
 
-    reference: (n,) or one number. Raises InputError for signals that are not finite or of different length.
+    Parameters
+    ----------
+    controller
+        The controller.
+    reference
+        (n,) or one number.
+    measured
+        Measurements (n,).
 
+    Returns
+    -------
+    Array
+        Outputs (n,).
+
+    Raises
+    ------
+    InputError
+        For signals that are not finite or of different length.
+
+    Examples
+    --------
     >>> run_pid(PID(0.5, 0.007, 0.001, 2e-3), 1.0, [0.0, 0.0]).round(5).tolist()
     [0.89286, 0.78571]
     """

@@ -34,15 +34,36 @@ if TYPE_CHECKING:
 def levitated_plant(
     mass: float, stiffness: ArrayLike, force_per_ampere: ArrayLike, damping: ArrayLike = 0.0
 ) -> StateSpace:
-    """m d2x/dt2 = -stiffness x - damping dx/dt + force_per_ampere i about an equilibrium, one axis or several.
+    """m d2x/dt2 = -stiffness x - damping dx/dt + force_per_ampere i about an equilibrium, one axis or
+    several.
 
-    mass kg; stiffness = -dF/dx, N/m (negative: unstable), a number or (axes, axes); force_per_ampere, N/A, a number or
-    (axes, inputs); damping, N s/m, a number or (axes, axes). States: positions, then velocities; outputs: positions.
     For one axis take the diagonal of `Equilibrium.stiffness` or `LiftCurrent.stiffness` and its entry of
-    `LiftCurrent.force_per_ampere`; the whole matrix, with the force per ampere of every coil, is the linked model of
-    all axes. The angle of a magnet that turns is not part of it. Raises InputError for numbers that are not finite,
-    matrices that do not fit, a mass that is not positive.
+    `LiftCurrent.force_per_ampere`; the whole matrix, with the force per ampere of every coil, is the linked
+    model of all axes. The angle of a magnet that turns is not part of it.
 
+    Parameters
+    ----------
+    mass
+        kg.
+    stiffness
+        -dF/dx, N/m (negative: unstable), a number or (axes, axes).
+    force_per_ampere
+        N/A, a number or (axes, inputs).
+    damping
+        N s/m, a number or (axes, axes).
+
+    Returns
+    -------
+    StateSpace
+        The model. States: positions, then velocities; outputs: positions.
+
+    Raises
+    ------
+    InputError
+        For numbers that are not finite, matrices that do not fit, a mass that is not positive.
+
+    Examples
+    --------
     >>> levitated_plant(mass=0.01, stiffness=-4.0, force_per_ampere=0.1).A.tolist()
     [[0.0, 1.0], [400.0, -0.0]]
     """
@@ -84,21 +105,72 @@ class LumpedMagnet(Record):
         check_positive("LumpedMagnet", **numbers)
 
     def force(self, z: float, current: float) -> float:
-        """Magnetic force along z, N: negative, as it pulls up."""
+        """Magnetic force along z.
+
+        Parameters
+        ----------
+        z
+            Position, m.
+        current
+            A.
+
+        Returns
+        -------
+        float
+            Force, N: negative, as it pulls up.
+        """
         return -self.inductance * current**2 / (2 * self.length * self._widening(z) ** 2)
 
     def acceleration(self, z: float, velocity: float, current: float) -> float:
-        """d2z/dt2, m/s^2."""
+        """Acceleration along z.
+
+        Parameters
+        ----------
+        z
+            Position, m.
+        velocity
+            m/s.
+        current
+            A.
+
+        Returns
+        -------
+        float
+            d2z/dt2, m/s^2.
+        """
         return self.gravity + (self.force(z, current) - self.damping * velocity) / self.mass
 
     def equilibrium_current(self, z: float) -> float:
-        """The current that carries the weight at z, A: (1 + z/a) sqrt(2 a M g / L0), a straight line in z."""
+        """The current that carries the weight: (1 + z/a) sqrt(2 a M g / L0), a straight line in z.
+
+        Parameters
+        ----------
+        z
+            Position, m.
+
+        Returns
+        -------
+        float
+            Current, A.
+        """
         weight = self.mass * self.gravity
         return self._widening(z) * float(np.sqrt(2 * self.length * weight / self.inductance))
 
     def plant(self, z: float) -> StateSpace:
-        """The motion about the equilibrium at z, current in, position out: (6). Its gain is negative.
+        """The motion about an equilibrium, current in, position out: (6). Its gain is negative.
 
+        Parameters
+        ----------
+        z
+            Position of the equilibrium, m.
+
+        Returns
+        -------
+        StateSpace
+            The model.
+
+        Examples
+        --------
         >>> magnet = LumpedMagnet(inductance=0.01, length=0.05, mass=0.01)
         >>> bool(magnet.plant(0.02).B[1, 0] < 0 < magnet.plant(0.02).A[1, 0])
         True
@@ -116,11 +188,31 @@ class LumpedMagnet(Record):
 def lumped_magnet_from_lift_currents(
     current_at_zero: float, slope: float, mass: float, damping: float = 0.0, gravity: float = GRAVITY
 ) -> LumpedMagnet:
-    """The lumped magnet whose equilibrium current is current_at_zero + slope z (A, A/m), as measured.
+    """The lumped magnet with measured equilibrium currents.
 
-    The model's own law is a straight line, so both constants follow: a = current_at_zero / slope and
-    L0 = 2 a M g / current_at_zero^2.
+    The model's own law is a straight line, so both constants follow: a = current_at_zero / slope and L0 = 2 a
+    M g / current_at_zero^2.
 
+    Parameters
+    ----------
+    current_at_zero
+        Equilibrium current at z = 0, A.
+    slope
+        Its slope along z, A/m.
+    mass
+        M, kg.
+    damping
+        N s/m.
+    gravity
+        g, m/s^2.
+
+    Returns
+    -------
+    LumpedMagnet
+        The magnet.
+
+    Examples
+    --------
     >>> magnet = lumped_magnet_from_lift_currents(1.215, 34.3, mass=0.01119)
     >>> print(round(magnet.equilibrium_current(0.010), 4), "A")
     1.558 A
@@ -170,7 +262,20 @@ class MapPlant(Record):
         return self.model().to_control(None, states, inputs, axes)
 
     def axis(self, axis: Literal["x", "y", "z"], signal: int = 0) -> StateSpace:
-        """One axis alone, the others held: input one of the signals, output the coordinate."""
+        """One axis alone, the others held.
+
+        Parameters
+        ----------
+        axis
+            The axis.
+        signal
+            Number of the signal that is the input.
+
+        Returns
+        -------
+        StateSpace
+            The model from the signal to the coordinate, m.
+        """
         i = self._axis("MapPlant.axis", axis)
         count = self.force_per_signal.shape[1]
         must = f"must be 0 to {count - 1}"
@@ -179,10 +284,22 @@ class MapPlant(Record):
         return levitated_plant(self.mass, self.stiffness[i, i], force, self.damping[i, i])
 
     def damping_for_pole(self, axis: Literal["x", "y", "z"], pole: float) -> float:
-        """The damping rate c/m, 1/s, with which the axis alone has this real pole, 1/s: -(s + K/(m s)).
+        """The damping rate with which an axis alone has this real pole: -(s + K/(m s)).
 
-        A map knows no damping. Where an identification gives a pole, its slow one for instance, this is the damping
-        that it implies together with the map's stiffness.
+        A map knows no damping. Where an identification gives a pole, its slow one for instance, this is the
+        damping that it implies together with the map's stiffness.
+
+        Parameters
+        ----------
+        axis
+            The axis.
+        pole
+            s, 1/s.
+
+        Returns
+        -------
+        float
+            c/m, 1/s.
         """
         good = bool(np.isfinite(pole)) and pole != 0
         check(good, "MapPlant.damping_for_pole(pole)", "must be finite and not 0", pole, "in 1/s")
@@ -207,21 +324,30 @@ def plant_from_map(
 
     Parameters
     ----------
-    field : an opened map, a solution, or any other `fieldmap.field.Field` with a box.
-    payload : whose magnet moves.
-    position : the magnet's centre (3,), m.
-    currents : (n_coils,), A, such as `lift_current(...).currents` or those of `find_equilibrium`.
-    signals : currents (n_coils, k), A, per unit of each input signal, such as `division_slopes(u, x, y, n)`; every coil
-        is an input unless given.
-    damping : N s/m, a number or (3, 3).
-    moment : "fixed" keeps the moment vertical, turned so that it is lifted; "aligned" lets it follow B.
-    signal_steps : (k,), over plus and minus which forces per signal are differenced; unless given, steps in which no
-        current changes by more than 1 % of the largest. The differences are exact where the force is linear in the
-        currents, and of second order in the step where iron saturates.
+    field
+        An opened map, a solution, or any other `fieldmap.field.Field` with a box.
+    payload
+        Whose magnet moves.
+    position
+        The magnet's centre (3,), m.
+    currents
+        (n_coils,), A, such as `lift_current(...).currents` or those of `find_equilibrium`.
+    signals
+        Currents (n_coils, k), A, per unit of each input signal, such as `division_slopes(u, x, y, n)`; every
+        coil is an input unless given.
+    damping
+        N s/m, a number or (3, 3).
+    moment
+        "fixed" keeps the moment vertical, turned so that it is lifted; "aligned" lets it follow B.
+    signal_steps
+        (k,), over plus and minus which forces per signal are differenced; unless given, steps in which no
+        current changes by more than 1 % of the largest. The differences are exact where the force is linear
+        in the currents, and of second order in the step where iron saturates.
 
     Returns
     -------
-    The plant, in the frame of the map.
+    MapPlant
+        The plant, in the frame of the map.
 
     Raises
     ------
@@ -234,11 +360,10 @@ def plant_from_map(
 
     Examples
     --------
-    ::
-
-        lift = lift_current(m, device.payload, point)
-        plant = plant_from_map(m, device.payload, point, lift.currents, division_slopes(lift.current, 0, 0, n=1.25))
-        A, B = zero_order_hold(*plant.axis("z", signal=0)[:2], Ts=2e-3)
+    >>> lift = lift_current(m, device.payload, point)  # doctest: +SKIP
+    >>> slopes = division_slopes(lift.current, 0, 0, n=1.25)  # doctest: +SKIP
+    >>> plant = plant_from_map(m, device.payload, point, lift.currents, slopes)  # doctest: +SKIP
+    >>> A, B = zero_order_hold(*plant.axis("z", signal=0)[:2], Ts=2e-3)  # doctest: +SKIP
     """
     carried, where = check_payload(payload, "plant_from_map"), "plant_from_map"
     source, amperes = resolve_currents(field, currents)

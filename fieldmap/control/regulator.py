@@ -63,14 +63,19 @@ def lqrd(A: ArrayLike, B: ArrayLike, Q: ArrayLike, R: ArrayLike, Ts: float) -> A
 
     Parameters
     ----------
-    A, B : the plant, (n, n) and (n, m).
-    Q : weight of the states (n, n), symmetric, positive semidefinite.
-    R : weight of the inputs (m, m), symmetric, positive definite.
-    Ts : sampling time, s.
+    A, B
+        The plant, (n, n) and (n, m).
+    Q
+        Weight of the states (n, n), symmetric, positive semidefinite.
+    R
+        Weight of the inputs (m, m), symmetric, positive definite.
+    Ts
+        Sampling time, s.
 
     Returns
     -------
-    k (m, n) of u[n] = -k x[n], held for Ts.
+    Array
+        k (m, n) of u[n] = -k x[n], held for Ts.
 
     Raises
     ------
@@ -112,16 +117,23 @@ def kalmd(
 
     Parameters
     ----------
-    A, B, C : the plant, (n, n), (n, m) and (p, n).
-    Qn : spectral density of w.
-    Rn : spectral density of v, so that a sample of v has the covariance Rn / Ts.
-    Ts : sampling time, s.
-    D : direct gain (p, m); none unless given.
-    G : how w enters, (n, k); B unless given.
+    A, B, C
+        The plant, (n, n), (n, m) and (p, n).
+    Qn
+        Spectral density of w.
+    Rn
+        Spectral density of v, so that a sample of v has the covariance Rn / Ts.
+    Ts
+        Sampling time, s.
+    D
+        Direct gain (p, m); none unless given.
+    G
+        How w enters, (n, k); B unless given.
 
     Returns
     -------
-    The sampled filter.
+    Estimator
+        The sampled filter.
 
     Raises
     ------
@@ -242,7 +254,20 @@ class Regulator(Record):
 
 
 def regulator_block(regulator: Regulator, reading: AxisReading) -> ControllerBlock:
-    """A regulator with its estimator on one axis, from its equilibrium: docs/theory/control.md (8), (9)."""
+    """A regulator with its estimator on one axis, from its equilibrium: docs/theory/control.md (8), (9).
+
+    Parameters
+    ----------
+    regulator
+        The regulator.
+    reading
+        What it reads of its axis.
+
+    Returns
+    -------
+    ControllerBlock
+        The block.
+    """
     # Of the prediction, whose inputs are control, then output; and of the filtered states.
     a, b, c, d = (np.asarray(matrix, float) for matrix in regulator.estimator)
     cx, dx, n = c[1:], d[1:, 1], len(a)
@@ -289,9 +314,26 @@ class RunningRegulator(RunningBlock):
 
 
 def run_regulator(regulator: Regulator, reference: ArrayLike, measured: ArrayLike) -> tuple[Array, Array]:
-    """Outputs (n,) and filtered states (n, order) of a regulator that starts at the equilibrium; open loop.
+    """Run a regulator from its equilibrium for given measurements, in open loop.
 
-    measured: (n,); reference: (n,) or one number. Raises InputError for signals that are not finite or do not fit.
+    Parameters
+    ----------
+    regulator
+        The regulator.
+    reference
+        (n,) or one number.
+    measured
+        Measurements (n,).
+
+    Returns
+    -------
+    tuple[Array, Array]
+        Outputs (n,), and filtered states (n, order).
+
+    Raises
+    ------
+    InputError
+        For signals that are not finite or do not fit.
     """
     outputs, memories = run_block(regulator_block(regulator, ALONE), "run_regulator", reference, measured)
     return outputs, _filtered_states(memories)

@@ -44,12 +44,36 @@ def step_metrics(
 ) -> StepMetrics:
     """Rise, peak and settling time, overshoot and steady RMS error of a step response.
 
-    time (n,): rising, s, the step is at time[0]; response (n,); initial, final: value before the step and the value
-    that is asked for. band: of settling, as a share of the step. steady_share: the last share of the record that the
-    RMS is taken over. Crossings are interpolated between samples. Noise is not removed: average it first, or read the
-    settling time of a noisy record with care. Raises InputError for signals that are not finite or too short, and for
-    a step of 0.
+    Crossings are interpolated between samples. Noise is not removed: average it first, or read the settling
+    time of a noisy record with care.
 
+    Parameters
+    ----------
+    time
+        (n,), rising, s; the step is at time[0].
+    response
+        (n,).
+    initial
+        Value before the step.
+    final
+        Value that is asked for.
+    band
+        Band of settling, as a share of the step.
+    steady_share
+        Last share of the record that the RMS is taken over.
+
+    Returns
+    -------
+    StepMetrics
+        The metrics.
+
+    Raises
+    ------
+    InputError
+        For signals that are not finite or too short, and for a step of 0.
+
+    Examples
+    --------
     >>> t = np.linspace(0, 10, 10001)
     >>> m = step_metrics(t, 1 - np.exp(-t))  # first order: ln 9, ln 50, no overshoot
     >>> print(round(m.rise_time, 3), round(m.settling_time, 3), m.overshoot)
@@ -96,10 +120,32 @@ def noisy_step_metrics(
 ) -> StepMetrics:
     """`step_metrics` of a measured response whose levels are not known and whose samples are noisy.
 
-    before: number of samples ahead of the step, whose mean is the initial value; the final value is the mean of the
-    last quarter. window: samples over which a parabola is fitted around each sample (Savitzky and Golay), odd: choose
-    it shorter than a quarter of the rise. A band narrower than four standard deviations of what noise is left is
-    refused: settling would be the noise's. steady_rms is that of the record as measured. Raises InputError.
+    The final value is the mean of the last quarter. A band narrower than four standard deviations of what
+    noise is left is refused: settling would be the noise's. steady_rms is that of the record as measured.
+
+    Parameters
+    ----------
+    time
+        (n,), rising, s.
+    response
+        (n,).
+    before
+        Number of samples ahead of the step, whose mean is the initial value.
+    window
+        Samples over which a parabola is fitted around each sample (Savitzky and Golay), odd: choose it
+        shorter than a quarter of the rise.
+    band
+        Band of settling, as a share of the step.
+
+    Returns
+    -------
+    StepMetrics
+        The metrics.
+
+    Raises
+    ------
+    InputError
+        For signals that do not fit, and for a band that the noise fills.
     """
     where = "noisy_step_metrics"
     check_count(where, before=before, window=window)
@@ -139,11 +185,31 @@ class StepFit(Record):
 
 
 def fit_first_order(time: ArrayLike, response: ArrayLike, step: float = 1.0) -> StepFit:
-    """gain / (time_constant s + 1) from the response to a step of the input at time[0]: (17).
+    """Fit gain / (time_constant s + 1) to the response to a step of the input at time[0]: (17).
 
-    time (n,), s; response (n,): deviation from rest; step: height of the input's step. Raises InputError and
-    NotConverged.
+    Parameters
+    ----------
+    time
+        (n,), s.
+    response
+        Deviation from rest (n,).
+    step
+        Height of the input's step.
 
+    Returns
+    -------
+    StepFit
+        The fit.
+
+    Raises
+    ------
+    InputError
+        For signals that do not fit.
+    NotConverged
+        Where the fit does not end.
+
+    Examples
+    --------
     >>> t = np.linspace(0, 3, 301)
     >>> fit = fit_first_order(t, 4.0 * (1 - np.exp(-t / 0.5)), step=2.0)
     >>> print({name: round(value, 6) for name, value in fit.parameters.items()})
@@ -162,8 +228,31 @@ def fit_first_order(time: ArrayLike, response: ArrayLike, step: float = 1.0) -> 
 
 
 def fit_second_order(time: ArrayLike, response: ArrayLike, step: float = 1.0) -> StepFit:
-    """gain w^2 / (s^2 + 2 damping w s + w^2), w the natural frequency in rad/s, no zeros: (18); arguments as
-    `fit_first_order`. damping > 1 is two real poles."""
+    """Fit gain w^2 / (s^2 + 2 damping w s + w^2), w the natural frequency in rad/s, no zeros: (18).
+
+    damping > 1 is two real poles.
+
+    Parameters
+    ----------
+    time
+        (n,), s.
+    response
+        Deviation from rest (n,).
+    step
+        Height of the input's step.
+
+    Returns
+    -------
+    StepFit
+        The fit.
+
+    Raises
+    ------
+    InputError
+        For signals that do not fit.
+    NotConverged
+        Where the fit does not end.
+    """
     t, y = _response("fit_second_order", time, response, step)
     half = max(_time_to(t, y, 0.5), t[1])
 

@@ -38,5 +38,16 @@ EDGE: float = LIBRARY.EDGE
 
 
 def set_size(block: Array) -> int:
-    """How many numbers a set of a block of a field has at one place."""
+    """How many numbers a set of a block of a field has at one place.
+
+    Parameters
+    ----------
+    block
+        Coefficients behind their header.
+
+    Returns
+    -------
+    int
+        The number.
+    """
     return int(LIBRARY.NODE) if block[KIND] == HERMITE else (int(block[DEGREE]) + 1) ** 2

@@ -119,9 +119,24 @@ class Background(Made):
 
     @classmethod
     def from_magpylib(cls, model: Any, **options: Any) -> Self:
-        """Of a magpylib source, a Collection or a sequence of them; options are the other arguments.
+        """A background of magpylib sources.
 
-        Raises InputError for what is no source.
+        Parameters
+        ----------
+        model
+            A magpylib source, a Collection or a sequence of them.
+        **options
+            The other arguments of the class.
+
+        Returns
+        -------
+        Self
+            The background.
+
+        Raises
+        ------
+        InputError
+            For what is no source.
         """
         return cls(sources=tuple(sources_of(model)), **options)
 
@@ -149,7 +164,18 @@ class Background(Made):
         return np.zeros((3, 3)) if self.gradient is None else gradient_tensor(self.gradient)
 
     def field(self, points: Array) -> Array:
-        """B (n, 3) at points (n, 3), T."""
+        """Flux density of the background.
+
+        Parameters
+        ----------
+        points
+            Positions (n, 3) in the frame of the device, m.
+
+        Returns
+        -------
+        Array
+            B (n, 3), T.
+        """
         field = self.flux_density + (points - self.centre) @ self.tensor.T
         if self.sources:
             from fieldmap.device.air_fields import flux_density
@@ -159,7 +185,18 @@ class Background(Made):
         return field
 
     def field_and_gradient(self, points: Array) -> tuple[Array, Array]:
-        """B (n, 3), T, and dB_i/dx_j (n, 3, 3), T/m."""
+        """Flux density and gradient of the background.
+
+        Parameters
+        ----------
+        points
+            Positions (n, 3) in the frame of the device, m.
+
+        Returns
+        -------
+        tuple[Array, Array]
+            B (n, 3), T, and dB_i/dx_j (n, 3, 3), T/m.
+        """
         field = self.flux_density + (points - self.centre) @ self.tensor.T
         gradient = np.tile(self.tensor, (len(points), 1, 1))
         if self.sources:
@@ -171,8 +208,22 @@ class Background(Made):
         return field, gradient
 
     def is_kept_by(self, matrix: Array, offset: Array) -> bool:
-        """Whether it is its own image under x -> matrix x + offset, an orthogonal matrix: flux density is an axial
-        vector, B'(M x + t) = det(M) M B(x)."""
+        """Whether the background is its own image under x -> matrix x + offset.
+
+        Flux density is an axial vector, B'(M x + t) = det(M) M B(x).
+
+        Parameters
+        ----------
+        matrix
+            Orthogonal matrix (3, 3).
+        offset
+            (3,), m.
+
+        Returns
+        -------
+        bool
+            True if it is.
+        """
         if self.sources:  # their symmetry is not looked at
             return bool(np.array_equal(matrix, np.eye(3)) and not np.any(offset))
         handedness = np.sign(np.linalg.det(matrix))

@@ -189,7 +189,19 @@ class Device(Made):
 
     @classmethod
     def unchecked(cls, **values: Any) -> Self:
-        """A device of values that were checked as keys of a file, or whose bodies lack their materials on purpose."""
+        """A device of values that were checked as keys of a file, or whose bodies lack their materials on
+        purpose.
+
+        Parameters
+        ----------
+        **values
+            Arguments of the class.
+
+        Returns
+        -------
+        Self
+            The device.
+        """
         device = object.__new__(cls)
         defaults = {one.name: default_of(one) for one in fields(cls)}
         for name, value in (defaults | {"title": ""} | values).items():
@@ -198,9 +210,28 @@ class Device(Made):
 
     @classmethod
     def from_magpylib(cls, model: Any, **options: Any) -> Self:
-        """The device of a magpylib source or Collection: see `fieldmap.device.magpylib_model.device_arguments`.
+        """The device of a magpylib source or Collection: see
+        `fieldmap.device.magpylib_model.device_arguments`.
 
-        Currents become coils, objects with a susceptibility or B-H curve iron, magnets without one a background.
+        Currents become coils, objects with a susceptibility or B-H curve iron, magnets without one a
+        background.
+
+        Parameters
+        ----------
+        model
+            A magpylib source or Collection.
+        **options
+            Options of `device_arguments`.
+
+        Returns
+        -------
+        Self
+            The device.
+
+        Raises
+        ------
+        InputError
+            For a model that no device can be.
         """
         return cls(**device_arguments(model, **options))
 
@@ -251,9 +282,27 @@ class Device(Made):
         return (self.text, *(part for pair in sorted(self.included.items()) for part in pair))
 
     def replace(self, **changes: Any) -> Device:
-        """The device with other values, checked anew; its text is that of `to_toml`. Sources of numbers that are gone
-        go with them.
+        """The device with other values, checked anew; its text is that of `to_toml`.
 
+        Sources of numbers that are gone go with them.
+
+        Parameters
+        ----------
+        **changes
+            Arguments of the class.
+
+        Returns
+        -------
+        Device
+            The device.
+
+        Raises
+        ------
+        InputError
+            For values that make no device.
+
+        Examples
+        --------
         >>> import fieldmap as fm
         >>> fm.read_device("loop_and_sphere").replace(name="mine").name
         'mine'

@@ -255,7 +255,18 @@ class Joint(Made):
         )
 
     def holds(self, first: str, second: str) -> bool:
-        """Whether it names these two bodies, in either order."""
+        """Whether the joint names these two bodies, in either order.
+
+        Parameters
+        ----------
+        first, second
+            Names of the bodies.
+
+        Returns
+        -------
+        bool
+            True if it does.
+        """
         if self.between is None:
             return True
         return _are_like((first, second), self.between) or _are_like((second, first), self.between)
@@ -266,9 +277,22 @@ def _are_like(names: tuple[str, str], patterns: tuple[str, str]) -> bool:
 
 
 def joint_of(joints: Sequence[Joint], first: str, second: str) -> Joint | None:
-    """The joint between two bodies that touch: the last that names them, else the last of all contacts; None without
-    one, and for a gap of zero.
+    """The joint between two bodies that touch: the last that names them, else the last of all contacts.
 
+    Parameters
+    ----------
+    joints
+        The joints of a device.
+    first, second
+        Names of the bodies.
+
+    Returns
+    -------
+    Joint | None
+        The joint; None without one, and for a gap of zero.
+
+    Examples
+    --------
     >>> joints = (Joint(0.0, ("yoke", "plate")), Joint(0.2e-3))
     >>> joint_of(joints, "plate", "yoke") is None, joint_of(joints, "core", "plate").gap
     (True, 0.0002)

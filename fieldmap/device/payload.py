@@ -360,7 +360,18 @@ class Payload(Made):
         return _pieces_text(self.pieces) if self.pieces else f"moment {self.moment:.4g} A m2"
 
     def with_materials(self, materials: Mapping[str, Material]) -> Payload:
-        """Names of materials replaced by these (name -> material); names that are not among them stay."""
+        """The payload with materials in the place of their names.
+
+        Parameters
+        ----------
+        materials
+            Name -> material; names that are not among them stay.
+
+        Returns
+        -------
+        Payload
+            The payload.
+        """
 
         def named(piece: PayloadPiece) -> PayloadPiece:
             shape = piece.shape if isinstance(piece, PayloadPiece) else None
@@ -445,7 +456,18 @@ def _pieces_text(pieces: tuple[PayloadPiece, ...]) -> str:
 
 
 def shape_text(shape: Magnet | SoftBody) -> str:
-    """What a piece is, and its size."""
+    """What a piece is, and its size.
+
+    Parameters
+    ----------
+    shape
+        The piece.
+
+    Returns
+    -------
+    str
+        The words.
+    """
     if isinstance(shape, MagnetCylinder):
         return f"magnet cylinder of {1e3 * shape.diameter:g} x {1e3 * shape.height:g} mm"
     kind = "soft" if isinstance(shape, SoftBody) else "magnet"

@@ -147,7 +147,18 @@ class Placement(Made):
         )
 
     def to_device(self, points: ArrayLike) -> Array:
-        """Local points (n, 3) in the device's frame, m."""
+        """Local points in the frame of the device.
+
+        Parameters
+        ----------
+        points
+            Local positions (n, 3), m.
+
+        Returns
+        -------
+        Array
+            Positions (n, 3), m.
+        """
         turned: Array = np.asarray(points, dtype=float) @ np.asarray(self.rotation).T + self.position
         return turned
 
@@ -231,11 +242,33 @@ class Movable(Made):
         """A name with {k}, for copies."""
 
     def named(self, name: str) -> Self:
-        """The same by another name."""
+        """The same by another name.
+
+        Parameters
+        ----------
+        name
+            The name.
+
+        Returns
+        -------
+        Self
+            The copy.
+        """
         return replace(self, name=name)  # zuban: ignore[misc]
 
     def moved(self, by: ArrayLike) -> Self:
-        """Moved by (3,), m."""
+        """The same at another place.
+
+        Parameters
+        ----------
+        by
+            (3,), m.
+
+        Returns
+        -------
+        Self
+            The copy.
+        """
         by_mm = [in_unit(x, MILLI) for x in _vector("moved, by", by)]
 
         def change(place: Placement) -> Placement:
@@ -245,7 +278,22 @@ class Movable(Made):
         return self._placed(change)
 
     def turned(self, axis: Axis, angle_deg: float, centre: ArrayLike = (0.0, 0.0, 0.0)) -> Self:
-        """Turned by an angle in degrees about the x, y or z axis through a centre (3,), m."""
+        """The same, turned about an axis.
+
+        Parameters
+        ----------
+        axis
+            Direction of the axis: "x", "y" or "z".
+        angle_deg
+            Angle, deg.
+        centre
+            Point (3,) of the axis, m.
+
+        Returns
+        -------
+        Self
+            The copy.
+        """
         _check_axis("turned, axis", axis)
         (angle,) = _vector("turned, angle_deg", [angle_deg], 1)
         centre_mm = [in_unit(x, MILLI) for x in _vector("turned, centre", centre)]
@@ -257,9 +305,23 @@ class Movable(Made):
         return self._placed(change)
 
     def mirrored(self, plane: Axis, at: float = 0.0, name: str | None = None) -> Self:
-        """Seen in the mirror x = at (or y, or z), m, by another name if one is given.
+        """The same, seen in a mirror.
 
         `mirrored_keys` says what becomes of currents.
+
+        Parameters
+        ----------
+        plane
+            "x" for the mirror x = at, or "y", or "z".
+        at
+            Where the mirror is, m.
+        name
+            Of the copy; the same unless given.
+
+        Returns
+        -------
+        Self
+            The copy.
         """
         _check_axis("mirrored, plane", plane)
         (at_mm,) = (in_unit(x, MILLI) for x in _vector("mirrored, at", [at], 1))
@@ -279,9 +341,25 @@ class Movable(Made):
         names: Sequence[str] | str | None = None,
         centre: ArrayLike = (0.0, 0.0, 0.0),
     ) -> tuple[Self, ...]:
-        """`count` copies about an axis, step_deg (a full turn divided by count) from each to the next; the first stays.
+        """Copies about an axis; the first stays.
 
-        names: of the copies, or a pattern with {k}, which counts from 1; the name of the thing may be one.
+        Parameters
+        ----------
+        axis
+            Direction of the axis: "x", "y" or "z".
+        count
+            How many copies.
+        step_deg
+            Angle from each to the next, deg; a full turn divided by count unless given.
+        names
+            Of the copies, or a pattern with {k}, which counts from 1; the name of the thing may be one.
+        centre
+            Point (3,) of the axis, m.
+
+        Returns
+        -------
+        tuple[Self, ...]
+            The copies.
         """
         named = self._names(count, names)
         step = 360.0 / len(named) if step_deg is None else step_deg
@@ -290,7 +368,22 @@ class Movable(Made):
     def along(
         self, step: ArrayLike, count: int, names: Sequence[str] | str | None = None
     ) -> tuple[Self, ...]:
-        """`count` copies in a row, each a step (3,), m, from the one before; the first stays. names: as in `around`."""
+        """Copies in a row; the first stays.
+
+        Parameters
+        ----------
+        step
+            From each to the next (3,), m.
+        count
+            How many copies.
+        names
+            As for `around`.
+
+        Returns
+        -------
+        tuple[Self, ...]
+            The copies.
+        """
         named = self._names(count, names)
         shift = np.array(_vector("along, step", step))
         return tuple(self.moved(k * shift).named(name) for k, name in enumerate(named))
@@ -311,7 +404,20 @@ class Movable(Made):
 
 
 def placed(position: ArrayLike = (0.0, 0.0, 0.0), rotation_deg: ArrayLike = (0.0, 0.0, 0.0)) -> Placement:
-    """A placement at a position (3,), m, turned by angles (3,), deg, about the fixed x, then y, then z axis."""
+    """A placement by position and angles.
+
+    Parameters
+    ----------
+    position
+        (3,), m.
+    rotation_deg
+        Angles (3,), deg, about the fixed x, then y, then z axis.
+
+    Returns
+    -------
+    Placement
+        The placement.
+    """
     position_mm = [in_unit(x, MILLI) for x in _vector("placed, position", position)]
     return _placement(position_mm, _vector("placed, rotation_deg", rotation_deg))
 

@@ -106,15 +106,32 @@ _File = TypeVar("_File", bound=BaseModel)
 def read_device(path_or_name: PathLike | Device, changes: Mapping[str, Any] | None = None) -> Device:
     """Read and check a device file.
 
-    path_or_name: path of a TOML file, the name of a shipped device ("drive_unit"), or the text of a device file (what
-    has more than one line). The format is described in docs/device_files.md. Lengths come out in m, the frame is
-    right-handed with z up. changes: values by key path in the place of those of the file, such as
-    {"parameters.gap": 120.0, "coil.*.turns": 900}, in the units of the keys; what follows from a parameter is computed
-    anew. Keys that the file lacks are refused.
+    The format is described in docs/device_files.md. Lengths come out in m, the frame is right-handed with z
+    up.
 
-    Raises DeviceFileError with one Problem for every error of the file: file, line and key path; what must
-    hold; what was received; the remedy.
+    Parameters
+    ----------
+    path_or_name
+        Path of a TOML file, the name of a shipped device ("drive_unit"), or the text of a device file (what
+        has more than one line).
+    changes
+        Values by key path in the place of those of the file, such as {"parameters.gap": 120.0,
+        "coil.*.turns": 900}, in the units of the keys; what follows from a parameter is computed anew. Keys
+        that the file lacks are refused.
 
+    Returns
+    -------
+    Device
+        The device.
+
+    Raises
+    ------
+    DeviceFileError
+        With one Problem for every error of the file: file, line and key path; what must hold; what was
+        received; the remedy.
+
+    Examples
+    --------
     >>> device = read_device("drive_unit")
     >>> device.coil_names
     ('1', '2', '3', '4', '5', '6')
@@ -145,12 +162,32 @@ def material(
     saturation: float | None = None,
     name: str | None = None,
 ) -> SaturatingMaterial:
-    """A measured B-H curve from a material file: a path, or the name of a shipped one ("steel_a3").
+    """A measured B-H curve from a material file.
 
-    above: law past its last point, "slope mu0", or "towards saturation" with the polarisation, T, that it rises to;
-    below the first point a straight line to the origin. name: the file's own unless given; a device names its
-    materials anew. Raises DeviceFileError as `read_device`.
+    Parameters
+    ----------
+    path_or_name
+        Path of the file, or the name of a shipped one ("steel_a3").
+    above
+        Law past its last point: "slope mu0", or "towards saturation". Below the first point it is a straight
+        line to the origin.
+    saturation
+        Polarisation, T, that "towards saturation" rises to.
+    name
+        The file's own unless given; a device names its materials anew.
 
+    Returns
+    -------
+    SaturatingMaterial
+        The material.
+
+    Raises
+    ------
+    DeviceFileError
+        As for `read_device`.
+
+    Examples
+    --------
     >>> material("steel_a3").name
     'steel_a3'
     """

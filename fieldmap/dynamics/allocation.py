@@ -45,11 +45,33 @@ class ControlAllocation(ABC):
 
     @abstractmethod
     def voltages(self, outputs: Array) -> Array:
-        """Voltages (n,), V, of outputs (m,)."""
+        """Voltages of outputs.
+
+        Parameters
+        ----------
+        outputs
+            Outputs (m,) of the controller.
+
+        Returns
+        -------
+        Array
+            Voltages (n,), V.
+        """
 
     @abstractmethod
     def derivative(self, outputs: Array) -> Array:
-        """d voltages / d outputs (n, m) at outputs (m,)."""
+        """Derivative of the voltages by the outputs.
+
+        Parameters
+        ----------
+        outputs
+            Outputs (m,) of the controller.
+
+        Returns
+        -------
+        Array
+            d voltages / d outputs (n, m).
+        """
 
     @abstractmethod
     def numbers(self) -> Allocation:
@@ -91,7 +113,18 @@ class ParametrisedAllocation(Record, ControlAllocation):
 
 
 def lift_and_directions(n: float) -> ParametrisedAllocation:
-    """Outputs lift (V), x and y become the voltages of six coils in two rows of three: `LiftAndDirections`."""
+    """Outputs lift (V), x and y become the voltages of six coils in two rows of three: `LiftAndDirections`.
+
+    Parameters
+    ----------
+    n
+        Exponent of the division.
+
+    Returns
+    -------
+    ParametrisedAllocation
+        The allocation.
+    """
     return ParametrisedAllocation(LiftAndDirections(n), SIGNALS)
 
 
@@ -140,14 +173,18 @@ def least_power_allocation(force_per_ampere: ArrayLike, shares: ArrayLike, volts
 
     Parameters
     ----------
-    force_per_ampere : about the operating point (3, n), N/A.
-    shares : of the lift's volt (n,), such as `lift_shares`.
-    volts : lift at the operating point. An x signal of 1 adds that many volts to the coil that takes most of it, in the
-        proportions that push along x and nowhere else with least power.
+    force_per_ampere
+        About the operating point (3, n), N/A.
+    shares
+        Of the lift's volt (n,), such as `lift_shares`.
+    volts
+        Lift at the operating point. An x signal of 1 adds that many volts to the coil that takes most of it,
+        in the proportions that push along x and nowhere else with least power.
 
     Returns
     -------
-    The allocation.
+    MatrixAllocation
+        The allocation.
 
     Raises
     ------

@@ -99,16 +99,23 @@ def simulate_closed_loop(
 
     Parameters
     ----------
-    machine : what moves, senses and drives.
-    controller : a shipped one, or a function: `FunctionController`.
-    schedule : references, the two rates, feed-forward and loads.
-    state : (13,).
-    currents : (n,), A.
-    seed : of all noise: equal seeds give equal bits; None for a run without noise.
+    machine
+        What moves, senses and drives.
+    controller
+        A shipped one, or a function: `FunctionController`.
+    schedule
+        References, the two rates, feed-forward and loads.
+    state
+        (13,).
+    currents
+        (n,), A.
+    seed
+        Of all noise: equal seeds give equal bits; None for a run without noise.
 
     Returns
     -------
-    The recorded run, and how it ended.
+    LevitationRun
+        The recorded run, and how it ended.
 
     Raises
     ------
@@ -310,16 +317,24 @@ def simulate_many(
 
     Parameters
     ----------
-    runs : how many calls of `one`, or a function for each. Each takes the run's seed and returns its LevitationRun.
-    one : what is called where `runs` is a number.
-    seed : of all runs.
-    threads : how many.
-    keep : what is returned of a run.
-    progress : is told after each run.
+    runs
+        How many calls of `one`, or a function for each. Each takes the run's seed and returns its
+        LevitationRun.
+    one
+        What is called where `runs` is a number.
+    seed
+        Of all runs.
+    threads
+        How many.
+    keep
+        What is returned of a run.
+    progress
+        Is told after each run.
 
     Returns
     -------
-    What `keep` makes of each run, in order.
+    list[Any]
+        What `keep` makes of each run, in order.
     """
     jobs = [one] * runs if isinstance(runs, int) else list(runs)
     seeds = np.random.SeedSequence(seed).spawn(len(jobs))

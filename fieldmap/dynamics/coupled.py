@@ -96,14 +96,19 @@ def lqg_block(
 
     Parameters
     ----------
-    linear : the machine, at whose operating point the memory begins.
-    weights : deviations that count alike, and noise.
-    period, delay : s.
-    limits : lowest and highest outputs (m,), which the estimator is told of.
+    linear
+        The machine, at whose operating point the memory begins.
+    weights
+        Deviations that count alike, and noise.
+    period, delay
+        s.
+    limits
+        Lowest and highest outputs (m,), which the estimator is told of.
 
     Returns
     -------
-    The block.
+    ControllerBlock
+        The block.
 
     Raises
     ------
@@ -250,10 +255,27 @@ class ScheduledController(Record):
         return arrays_of(self.blocks, (self.first, self.step, float(_HEIGHT)))
 
     def inverse(self, state: Array) -> None:
-        """None: the outputs go to the coils as they are."""
+        """None: the outputs go to the coils as they are.
+
+        Parameters
+        ----------
+        state
+            State (13,) where the run begins.
+        """
 
     def at(self, sensed: Array, stiffness: ArrayLike, per_output: ArrayLike) -> ControllerBlock:
-        """The block between the two next to the height of the sensed point."""
+        """The block between the two next to the height of the sensed point.
+
+        Parameters
+        ----------
+        sensed, stiffness, per_output
+            As for `fieldmap.control.blocks.Controller.at`.
+
+        Returns
+        -------
+        ControllerBlock
+            The block.
+        """
         count = len(self.blocks)
         place = float(np.clip((sensed[_HEIGHT] - self.first) / self.step, 0, count - 1))
         low = min(int(place), max(count - 2, 0))
@@ -297,12 +319,34 @@ class ForceController(Record):
         return self.block.arrays
 
     def inverse(self, state: Array) -> InverseMap:
-        """For a run that begins at a state (13,), without its machine."""
+        """The inverse map for a run, without its machine.
+
+        Parameters
+        ----------
+        state
+            State (13,) where the run begins.
+
+        Returns
+        -------
+        InverseMap
+            The inverse map.
+        """
         limits = np.array([self.lower, self.upper], float)
         return InverseMap(None, self.rounds, limits, np.array(self.signals, float), np.array(state, float))
 
     def at(self, sensed: Array, stiffness: ArrayLike, per_output: ArrayLike) -> ControllerBlock:
-        """From what is seen to outputs, about an operating point: u = u0 + (dF/du)^-1 (F - F0 + K (y - y0))."""
+        """From what is seen to outputs, about an operating point: u = u0 + (dF/du)^-1 (F - F0 + K (y - y0)).
+
+        Parameters
+        ----------
+        sensed, stiffness, per_output
+            As for `fieldmap.control.blocks.Controller.at`.
+
+        Returns
+        -------
+        ControllerBlock
+            The block.
+        """
         block, inverse = self.block, np.linalg.inv(np.asarray(per_output, float))
         D = inverse @ block.D
         D[:, 3:6] += inverse @ np.asarray(stiffness, float)
@@ -328,16 +372,23 @@ def force_controller(
 
     Parameters
     ----------
-    machine : whose field is inverted.
-    operating_point : where it begins.
-    weights : their output is the forces, N, that count as much as the deviations.
-    period, delay : s.
-    lower, upper : limits of the outputs (3,).
-    rounds : of Newton's method at a sample.
+    machine
+        Whose field is inverted.
+    operating_point
+        Where it begins.
+    weights
+        Their output is the forces, N, that count as much as the deviations.
+    period, delay
+        s.
+    lower, upper
+        Limits of the outputs (3,).
+    rounds
+        Of Newton's method at a sample.
 
     Returns
     -------
-    The controller.
+    ForceController
+        The controller.
     """
     mass = machine.body.mass
     A, push = np.zeros((6, 6)), np.vstack([np.zeros((3, 3)), np.eye(3) / mass])
@@ -380,13 +431,38 @@ def trajectory(
     fastest: float = 0.05,
     largest: float = 3.0,
 ) -> Trajectory:
-    """Forces and outputs along the references of a schedule: mass times acceleration, drag and eddy currents at the
-    reference's velocity, and the weight, by the inverse map at the reference's place.
+    """Forces and outputs along the references of a schedule.
 
-    Each row is what the middle of the time asks for in which the sample's outputs act. lower, upper (3,): limits of the
-    outputs. fastest: m/s, above which a change of the reference is a step, whose motion is not fed forward; largest:
-    acceleration, m/s^2, that is fed forward. The body keeps the turn of the operating point. Raises Infeasible where
-    the path leaves the map, InputError for a machine whose allocation does not take three outputs.
+    They are mass times acceleration, drag and eddy currents at the reference's velocity, and the weight, by
+    the inverse map at the reference's place. Each row is what the middle of the time asks for in which the
+    sample's outputs act. The body keeps the turn of the operating point.
+
+    Parameters
+    ----------
+    machine
+        The machine; its allocation takes three outputs.
+    operating_point
+        Where the run begins.
+    schedule
+        The references.
+    lower, upper
+        Limits of the outputs (3,).
+    fastest
+        Speed, m/s, above which a change of the reference is a step, whose motion is not fed forward.
+    largest
+        Largest acceleration that is fed forward, m/s^2.
+
+    Returns
+    -------
+    Trajectory
+        Forces and outputs of every sample.
+
+    Raises
+    ------
+    Infeasible
+        Where the path leaves the map.
+    InputError
+        For a machine whose allocation does not take three outputs.
     """
     period = schedule.period
     time = period * np.arange(len(schedule.references))
@@ -420,15 +496,21 @@ def outputs_for(
 
     Parameters
     ----------
-    machine : whose allocation takes three outputs.
-    operating_point : whose turn the body keeps.
-    positions : of the body (p, 3), m.
-    forces : (p, 3), N.
-    lower, upper : limits of the outputs (3,).
+    machine
+        Whose allocation takes three outputs.
+    operating_point
+        Whose turn the body keeps.
+    positions
+        Of the body (p, 3), m.
+    forces
+        (p, 3), N.
+    lower, upper
+        Limits of the outputs (3,).
 
     Returns
     -------
-    Outputs (p, 3), and what is left of the forces (p,), N.
+    tuple[Array, Array]
+        Outputs (p, 3), and what is left of the forces (p,), N.
 
     Raises
     ------
@@ -454,8 +536,25 @@ def outputs_for(
 
 
 def feedforward(controller: Controller, schedule: Schedule, path: Trajectory) -> Array:
-    """(p, m): what is added to a controller's outputs so that they are those of the trajectory where the body is on its
-    way; what the controller would say there by itself is taken off."""
+    """What is added to a controller's outputs so that they are those of the trajectory where the body is on
+    its way.
+
+    What the controller would say there by itself is taken off.
+
+    Parameters
+    ----------
+    controller
+        The controller.
+    schedule
+        The references.
+    path
+        Of `trajectory`.
+
+    Returns
+    -------
+    Array
+        Outputs (p, m).
+    """
     wanted = path.forces if isinstance(controller, ForceController) else path.outputs
     added = np.empty_like(wanted)
     references = schedule.references

@@ -62,8 +62,26 @@ class FieldOfCurrents(Record):
         drives: Array,
         tolerance: float | None = None,
     ) -> Plant:
-        """Body and coils in this field, with a model of the iron that remembers nothing of others. tolerance: another
-        than that of the field."""
+        """Body and coils in this field, with a model of the iron that remembers nothing of others.
+
+        Parameters
+        ----------
+        body
+            Numbers of the body.
+        seen_at
+            Point of the body that the sensors see (3,), m.
+        windings
+            Numbers of the windings, of `CoilDrive.numbers`.
+        drives
+            Numbers of the drives.
+        tolerance
+            Of the model of the iron; that of the field unless given.
+
+        Returns
+        -------
+        Plant
+            The plant for the C core.
+        """
         return Plant(
             map=self.map.map,
             body=body,
@@ -85,12 +103,15 @@ def sampled_field(field: Field, spacing: float = SPACING) -> FieldMap:
 
     Parameters
     ----------
-    field : the sum of its coils' fields and of one that no current drives, with a box.
-    spacing : of the nodes, m, or a little less.
+    field
+        The sum of its coils' fields and of one that no current drives, with a box.
+    spacing
+        Of the nodes, m, or a little less.
 
     Returns
     -------
-    The map.
+    FieldMap
+        The map.
 
     Raises
     ------
@@ -131,17 +152,47 @@ def sampled_field(field: Field, spacing: float = SPACING) -> FieldMap:
 
 
 def superposed(field_map: FieldMap, scale: float = 1.0) -> FieldOfCurrents:
-    """The field of a map of linear iron. scale: a calibration, by which all of it is multiplied.
+    """The field of a map of linear iron.
 
-    Raises InputError for a map of saturating iron.
+    Parameters
+    ----------
+    field_map
+        Opened map of linear iron.
+    scale
+        A calibration, by which all of the field is multiplied.
+
+    Returns
+    -------
+    FieldOfCurrents
+        The field for simulations.
+
+    Raises
+    ------
+    InputError
+        For a map of saturating iron.
     """
     require_affine(field_map, "superposed")
     return _following(field_map, scale, "linear")
 
 
 def linearised(field_map: FieldMap, currents: ArrayLike, scale: float = 1.0) -> FieldOfCurrents:
-    """The field of a map of saturating iron, linear in the currents about `currents` (n,), A: fast, and right near
-    them only. A map of linear iron is taken as it is."""
+    """The field of a map of saturating iron, linear in the currents about given ones: fast, and right near
+    them only.
+
+    Parameters
+    ----------
+    field_map
+        Opened map. One of linear iron is taken as it is.
+    currents
+        Currents (n,), A, about which the field is linear.
+    scale
+        A calibration, by which all of the field is multiplied.
+
+    Returns
+    -------
+    FieldOfCurrents
+        The field for simulations.
+    """
     if not saturates(field_map):
         return superposed(field_map, scale)
     amperes = np.asarray(currents, float)
@@ -151,11 +202,27 @@ def linearised(field_map: FieldMap, currents: ArrayLike, scale: float = 1.0) -> 
 
 
 def modelled(field_map: FieldMap, scale: float = 1.0) -> FieldOfCurrents:
-    """The field of a map of saturating iron at any currents: its model, solved anew at every step at which currents
-    change, each solve from the last ones. A map of linear iron is taken as it is.
+    """The field of a map of saturating iron at any currents: its model.
 
-    Currents beyond the map's domain are solved, too, and noted. Raises NotConverged where the model has no solution in
-    the domain.
+    The model is solved anew at every step at which currents change, each solve from the last ones. Currents
+    beyond the map's domain are solved, too, and noted.
+
+    Parameters
+    ----------
+    field_map
+        Opened map. One of linear iron is taken as it is.
+    scale
+        A calibration, by which all of the field is multiplied.
+
+    Returns
+    -------
+    FieldOfCurrents
+        The field for simulations.
+
+    Raises
+    ------
+    NotConverged
+        Where the model has no solution in the domain.
     """
     if not saturates(field_map):
         return superposed(field_map, scale)
@@ -168,9 +235,30 @@ def modelled(field_map: FieldMap, scale: float = 1.0) -> FieldOfCurrents:
 def tabled(
     field_map: FieldMap, nodes: tuple[int, int, int] | None = None, scale: float = 1.0
 ) -> FieldOfCurrents:
-    """The field of a map of saturating iron over its division (u, x, y) by the table of `open_map(...,
-    tabulate_currents=True)`, or by one of `nodes` made now; beside the division and beyond the table with its slopes.
-    Raises InputError for a map of another domain."""
+    """The field of a map of saturating iron over its division (u, x, y), by a table.
+
+    Beside the division and beyond the table the field goes on with the table's slopes.
+
+    Parameters
+    ----------
+    field_map
+        Opened map of saturating iron over a division.
+    nodes
+        Nodes of u, x and y of a table made now; the table of `open_map(..., tabulate_currents=True)` unless
+        given.
+    scale
+        A calibration, by which all of the field is multiplied.
+
+    Returns
+    -------
+    FieldOfCurrents
+        The field for simulations.
+
+    Raises
+    ------
+    InputError
+        For a map of another domain.
+    """
     table = table_of_currents(field_map, nodes)
     states = " x ".join(map(str, table.nodes))
     off = f"{1e6 * table.error.flux_density:.2g} uT and {1e3 * table.error.gradient:.2g} mT/m"

@@ -56,13 +56,17 @@ def sampled_machine(linear: LinearMachine, period: float, delay: float = 0.0) ->
 
     Parameters
     ----------
-    linear : the machine.
-    period : from sample to sample, s.
-    delay : from a sample to the change of the inputs, s.
+    linear
+        The machine.
+    period
+        From sample to sample, s.
+    delay
+        From a sample to the change of the inputs, s.
 
     Returns
     -------
-    The sampled machine.
+    SampledMachine
+        The sampled machine.
 
     Raises
     ------
@@ -125,14 +129,19 @@ def close_loop(
 
     Parameters
     ----------
-    linear : the machine.
-    controller : its block.
-    schedule : whose period and delay the loop has.
-    sensors : whose scans, means and latency stand between; without them sensors show what is.
+    linear
+        The machine.
+    controller
+        Its block.
+    schedule
+        Whose period and delay the loop has.
+    sensors
+        Whose scans, means and latency stand between; without them sensors show what is.
 
     Returns
     -------
-    The loop as one sampled system.
+    ClosedLoop
+        The loop as one sampled system.
     """
     machine = sampled_machine(linear, schedule.period, schedule.delay)
     k = controller
@@ -192,11 +201,25 @@ class Margins(Record):
 def margins(
     loop: ClosedLoop, names: tuple[str, ...], sensors: Sensors | None = None, points: int = 4000
 ) -> list[Margins]:
-    """Margins at each output of the controller, which `names` names.
+    """Margins at each output of a controller.
 
-    sensors: whose scans, means and latency turn the phase. The scans' clock runs free of the controller's, so their
-    answer is the mean over how the two may lie; without it sensors show what is. points: frequencies, from 1 mHz to
-    half the sampling rate.
+    The scans' clock runs free of the controller's, so their answer is the mean over how the two may lie.
+
+    Parameters
+    ----------
+    loop
+        The closed loop.
+    names
+        Names of the outputs.
+    sensors
+        Whose scans, means and latency turn the phase; sensors show the present position unless given.
+    points
+        Frequencies, from 1 mHz to half the sampling rate.
+
+    Returns
+    -------
+    list[Margins]
+        Margins of each output.
     """
     frequencies = np.geomspace(1e-3, 0.5 / loop.period, points)
     curves = _opened(loop, 2.0 * np.pi * frequencies, sensors)

@@ -80,7 +80,23 @@ class LinearMachine(Record):
         return self.model.to_control(None, self.states, self.inputs, self.outputs)
 
     def only(self, names: tuple[str, ...]) -> LinearMachine:
-        """The same with these states alone, the others held. Raises InputError for names that are not of its states."""
+        """The machine with some of its states alone, the others held.
+
+        Parameters
+        ----------
+        names
+            Names of the states.
+
+        Returns
+        -------
+        LinearMachine
+            The machine.
+
+        Raises
+        ------
+        InputError
+            For names that are not of its states.
+        """
         must = f"must be among {', '.join(self.states)}"
         for name in names:
             check(name in self.states, "LinearMachine.only(names)", must, name, "choose among them")
@@ -99,12 +115,15 @@ def linearise(machine: Machine, operating_point: OperatingPoint) -> LinearMachin
 
     Parameters
     ----------
-    machine : whose motion it is.
-    operating_point : from `find_operating_point`.
+    machine
+        Whose motion it is.
+    operating_point
+        From `find_operating_point`.
 
     Returns
     -------
-    The matrices with the names of states, inputs and outputs.
+    LinearMachine
+        The matrices with the names of states, inputs and outputs.
 
     Raises
     ------
@@ -223,7 +242,18 @@ class Mode(Record):
 
 
 def modes(linear: LinearMachine) -> list[Mode]:
-    """The modes of a linear machine, the most unstable first."""
+    """The modes of a linear machine.
+
+    Parameters
+    ----------
+    linear
+        The machine.
+
+    Returns
+    -------
+    list[Mode]
+        The modes, the most unstable first.
+    """
     A, B, C = _in_units(linear)
     poles, left, right = scipy.linalg.eig(A, left=True)
     found = []
@@ -260,7 +290,20 @@ class Controllability(Record):
 
 
 def controllability(linear: LinearMachine, above: float = -np.inf) -> Controllability:
-    """Controllability and observability of the modes with a real part above a bound, 1/s."""
+    """Controllability and observability of the modes.
+
+    Parameters
+    ----------
+    linear
+        The machine.
+    above
+        Only modes with a real part above this bound, 1/s.
+
+    Returns
+    -------
+    Controllability
+        Controllability and observability of these modes.
+    """
     A, B, C = _in_units(linear)
     poles = [complex(p) for p in scipy.linalg.eigvals(A) if p.real > above]
     if not poles:
@@ -290,8 +333,20 @@ class Coupling(Record):
 
 
 def coupling(linear: LinearMachine, frequency: float = 0.0) -> Coupling:
-    """Gains and relative gains of a machine with as many inputs as outputs. Inputs are taken in the order of x, y, z
-    where they are lift, x and y."""
+    """Gains and relative gains of a machine with as many inputs as outputs.
+
+    Parameters
+    ----------
+    linear
+        The machine. Inputs are taken in the order of x, y, z where they are lift, x and y.
+    frequency
+        Where the gains are taken, Hz.
+
+    Returns
+    -------
+    Coupling
+        The gains.
+    """
     s = 2j * np.pi * frequency
     # A magnet may turn about its axis as it likes: at rest that is a state of pole zero which no input moves. The
     # shortest of all solutions leaves it still; an elimination would divide rounding by rounding.

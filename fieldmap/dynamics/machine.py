@@ -80,7 +80,19 @@ class CoilDrive(Record):
         return np.maximum(low, least), np.minimum(high, most)
 
     def numbers(self, step: float) -> Array:
-        """(n, 4) for a length of step, s, in the order of fieldmap_winding (fieldmap/core/currents.h)."""
+        """The drive as the C core takes it for one step, in the order of fieldmap_winding
+        (fieldmap/core/currents.h).
+
+        Parameters
+        ----------
+        step
+            Length of the step, s.
+
+        Returns
+        -------
+        Array
+            Numbers (n, 4).
+        """
         numbers, largest = np.zeros((self.coils, 4)), np.finfo(float).max
         numbers[:, 1] = np.exp(-step / self.time_constant) if self.time_constant else 0.0
         # Without windings nothing but the amplifier's answer: 0 times infinity must not come up.
@@ -97,13 +109,17 @@ def drive_of_device(device: Device, lowest_voltage: float | None = None, **more:
 
     Parameters
     ----------
-    device : with a [driver].
-    lowest_voltage : that the amplifier can put on a winding, V; minus the supply's unless given.
-    more : fields of `CoilDrive`, in the place of the file's.
+    device
+        With a [driver].
+    lowest_voltage
+        That the amplifier can put on a winding, V; minus the supply's unless given.
+    more
+        Fields of `CoilDrive`, in the place of the file's.
 
     Returns
     -------
-    The drive.
+    CoilDrive
+        The drive.
 
     Raises
     ------
@@ -154,15 +170,38 @@ class Machine(Record):
             check(name in CONTACTS, "Machine(ending)", must, name, "choose among them")
 
     def end_numbers(self, period: float) -> Ending:
-        """What ends a run of this control period, s, as the compiled loop takes it."""
+        """What ends a run, as the compiled loop takes it.
+
+        Parameters
+        ----------
+        period
+            Control period, s.
+
+        Returns
+        -------
+        Ending
+            The rules.
+        """
         longest = round(self.longest_saturation / period)
         return Ending(
             sum(CONTACTS[name] for name in self.ending), max(longest, int(self.longest_saturation > 0))
         )
 
     def core(self, step: float, tolerance: float | None = None) -> CoreMachine:
-        """Everything that moves, as the C core takes it for steps of this length, s; a new one at every call.
-        tolerance: of `FieldOfCurrents.plant`."""
+        """Everything that moves, as the C core takes it; a new one at every call.
+
+        Parameters
+        ----------
+        step
+            Length of a step, s.
+        tolerance
+            Of `FieldOfCurrents.plant`.
+
+        Returns
+        -------
+        CoreMachine
+            The machine for the C core.
+        """
         body, windings = self.body.numbers(self.drag, self.plate, self.walls), self.drive.numbers(step)
         plant = self.magnetic.plant(body, self.body.seen_at, windings, self.drive.drives, tolerance)
         return CoreMachine(plant)

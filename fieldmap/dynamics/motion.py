@@ -47,7 +47,24 @@ def state_of(
     quaternion: ArrayLike = (1, 0, 0, 0),
     angular_velocity: ArrayLike = (0, 0, 0),
 ) -> Array:
-    """A state (13,) from its parts; the quaternion is brought to length 1."""
+    """A state from its parts.
+
+    Parameters
+    ----------
+    position
+        Of the centre (3,), m.
+    velocity
+        (3,), m/s.
+    quaternion
+        Turn of the body (4,), real part first; brought to length 1.
+    angular_velocity
+        (3,), rad/s.
+
+    Returns
+    -------
+    Array
+        State (13,).
+    """
     parts = {"position": position, "velocity": velocity, "angular_velocity": angular_velocity}
     checked = {name: check_signal(f"state_of({name})", part, columns=3) for name, part in parts.items()}
     turn = check_signal("state_of(quaternion)", quaternion, columns=4)
@@ -74,18 +91,26 @@ def move(
 
     Parameters
     ----------
-    field : `m.at(currents)`.
-    body : what moves.
-    state : where it begins (13,).
-    duration, step : s.
-    order : "second", Strang's splitting, one evaluation of the field a step, or "fourth", Yoshida's composition, three.
-        Both are symmetric in time, and symplectic without losses.
-    drag, plate, walls : what it meets.
-    every : steps from one row of the result to the next.
+    field
+        `m.at(currents)`.
+    body
+        What moves.
+    state
+        Where it begins (13,).
+    duration, step
+        s.
+    order
+        "second", Strang's splitting, one evaluation of the field a step, or "fourth", Yoshida's composition,
+        three. Both are symmetric in time, and symplectic without losses.
+    drag, plate, walls
+        What it meets.
+    every
+        Steps from one row of the result to the next.
 
     Returns
     -------
-    The run, which ends where the magnet leaves the map.
+    FixedCurrentsRun
+        The run, which ends where the magnet leaves the map.
 
     Raises
     ------
@@ -118,14 +143,19 @@ def move_adaptively(
 
     Parameters
     ----------
-    field, body, drag, plate : as in `move`.
-    state : where it begins (13,).
-    times : (n,), s, the first that of `state`.
-    tolerance : relative, per step.
+    field, body, drag, plate
+        As in `move`.
+    state
+        Where it begins (13,).
+    times
+        (n,), s, the first that of `state`.
+    tolerance
+        Relative, per step.
 
     Returns
     -------
-    States (n, 13).
+    Array
+        States (n, 13).
 
     Raises
     ------
@@ -150,7 +180,22 @@ def move_adaptively(
 
 
 def energy(field: MapAtCurrents, body: RigidBody, states: ArrayLike) -> Array:
-    """Kinetic energy, interaction -m . B and weight of states (n, 13), J: constant without losses, dynamics.md (8)."""
+    """Kinetic energy, interaction -m . B and weight: constant without losses, dynamics.md (8).
+
+    Parameters
+    ----------
+    field
+        Map at its currents.
+    body
+        The body.
+    states
+        States (n, 13).
+
+    Returns
+    -------
+    Array
+        Energy (n,), J.
+    """
     rows = np.atleast_2d(check_signal("energy(states)", states, columns=STATE))
     machine = _in_field(field, body.numbers())
     magnetic = [machine.energy(row) for row in np.array(rows)]
@@ -160,7 +205,20 @@ def energy(field: MapAtCurrents, body: RigidBody, states: ArrayLike) -> Array:
 
 
 def angular_momentum(body: RigidBody, states: ArrayLike) -> Array:
-    """Angular momentum about the centre of mass (n, 3), kg m^2/s, in the frame of the map."""
+    """Angular momentum about the centre of mass, in the frame of the map.
+
+    Parameters
+    ----------
+    body
+        The body.
+    states
+        States (n, 13).
+
+    Returns
+    -------
+    Array
+        Angular momentum (n, 3), kg m^2/s.
+    """
     rows = np.atleast_2d(check_signal("angular_momentum(states)", states, columns=STATE))
     return turned(rows[:, TURN : TURN + 4], rows[:, ANGULAR_VELOCITY:STATE] * body.inertia)
 

@@ -54,14 +54,19 @@ def find_operating_point(
 
     Parameters
     ----------
-    machine : what is in equilibrium.
-    sensed : (3,), m.
-    outputs : (m,).
-    guess : outputs where the search begins (m,), for those that are free.
+    machine
+        What is in equilibrium.
+    sensed
+        (3,), m.
+    outputs
+        (m,).
+    guess
+        Outputs where the search begins (m,), for those that are free.
 
     Returns
     -------
-    The operating point.
+    OperatingPoint
+        The operating point.
 
     Raises
     ------

@@ -69,7 +69,22 @@ class RigidBody(Record):
     def numbers(
         self, drag: Drag | None = None, plate: Plate | None = None, walls: Walls | None = None
     ) -> BodyNumbers:
-        """Everything about the body and its surroundings, as the C core takes it."""
+        """Everything about the body and its surroundings, as the C core takes it.
+
+        Parameters
+        ----------
+        drag
+            Drag of the air; none unless given.
+        plate
+            Conducting plate below; none unless given.
+        walls
+            Walls that stop the body; none unless given.
+
+        Returns
+        -------
+        BodyNumbers
+            The numbers.
+        """
         return BodyNumbers(
             mass=float(self.mass),
             inertia=np.full(3, _RIGID) if self.upright else self.inertia,
@@ -110,17 +125,26 @@ def body_of_payload(
 
     Parameters
     ----------
-    payload : of a device.
-    radius, height : of the cylinder that the body is taken for, m; the magnet's own unless given.
-    below : how far the magnet's centre lies above the body's lower face, m; half of the magnet's height unless given.
-    centre_of_mass : how far it lies above the magnet's centre, m.
-    direction : +1 for a moment along the body's z axis, -1 against it.
-    magnet : its magnetism; a point dipole for each magnet unless given.
-    upright : whether the body does not turn.
+    payload
+        Of a device.
+    radius, height
+        Of the cylinder that the body is taken for, m; the magnet's own unless given.
+    below
+        How far the magnet's centre lies above the body's lower face, m; half of the magnet's height unless
+        given.
+    centre_of_mass
+        How far it lies above the magnet's centre, m.
+    direction
+        +1 for a moment along the body's z axis, -1 against it.
+    magnet
+        Its magnetism; a point dipole for each magnet unless given.
+    upright
+        Whether the body does not turn.
 
     Returns
     -------
-    The body, and what its numbers rest on.
+    RigidBody
+        The body, and what its numbers rest on.
 
     Raises
     ------

@@ -59,7 +59,18 @@ class RunningMachine(PartsOfState):
         self.reset()
 
     def reset(self, seed: int | np.random.SeedSequence | None = None) -> Array:
-        """Back to the start, with the noise of this seed, or of the last one: what is measured there (3,)."""
+        """Back to the start.
+
+        Parameters
+        ----------
+        seed
+            Of the noise; that of the last run unless given.
+
+        Returns
+        -------
+        Array
+            What is measured at the start (3,), m.
+        """
         self._seed = self._seed if seed is None else seed
         self._generator = None if self._seed is None else np.random.Generator(np.random.PCG64(self._seed))
         self._begun = start_loop(
@@ -76,11 +87,25 @@ class RunningMachine(PartsOfState):
         return self.measured
 
     def step(self, outputs: ArrayLike, dt: float | None = None) -> Array:
-        """Put outputs (m,) in, as a controller does after a sample, and move on to the next one, dt later, s; what is
-        then measured (3,), m.
+        """Put outputs in, as a controller does after a sample, and move on to the next one.
 
-        dt: the schedule's period unless given; a whole number of its mechanical steps, and no less than its delay.
-        Raises InputError for outputs and dt that do not fit, and after an event has ended the run.
+        Parameters
+        ----------
+        outputs
+            Outputs (m,) of the controller.
+        dt
+            Time to the next sample, s: a whole number of mechanical steps of the schedule, and no less than
+            its delay. The schedule's period unless given.
+
+        Returns
+        -------
+        Array
+            What is then measured (3,), m.
+
+        Raises
+        ------
+        InputError
+            For outputs and dt that do not fit, and after an event has ended the run.
         """
         loop, names, given = self._loop, self.output_names, np.asarray(outputs, float)
         fits = given.shape == (len(names),) or (given.ndim == 0 and len(names) == 1)

@@ -97,7 +97,18 @@ class Sensors(Record):
         return np.sqrt(with_how_many) * np.asarray(self.deviations)
 
     def scans(self, duration: float) -> int:
-        """How many scans fall into a run."""
+        """How many scans fall into a run.
+
+        Parameters
+        ----------
+        duration
+            Of the run, s.
+
+        Returns
+        -------
+        int
+            The number.
+        """
         return int(np.floor(duration * self.scan_rate + 1e-9)) + 1 if self.scan_rate else 0
 
 

@@ -108,12 +108,15 @@ class Plate(Record):
 
         Parameters
         ----------
-        position : of the dipole (3,), m.
-        moment : (3,), A m^2.
+        position
+            Of the dipole (3,), m.
+        moment
+            (3,), A m^2.
 
         Returns
         -------
-        (3, 3), N s/m.
+        Array
+            (3, 3), N s/m.
 
         Raises
         ------
@@ -171,7 +174,18 @@ class Walls(Record):
         check_fields(self)
 
     def numbers(self, mass: float) -> Array:
-        """For a body of this mass, in the order of fieldmap_walls (fieldmap/core/contact.h)."""
+        """The walls as the C core takes them, in the order of fieldmap_walls (fieldmap/core/contact.h).
+
+        Parameters
+        ----------
+        mass
+            Of the body, kg.
+
+        Returns
+        -------
+        Array
+            The numbers.
+        """
         share = -np.log(self.restitution) / np.pi
         stiffness = mass * (np.pi / self.contact_time) ** 2 * (1.0 + share**2)
         damping = 2.0 * mass * share * np.pi / self.contact_time

@@ -77,14 +77,37 @@ def absolute_accuracy(
     averages: int = 1,
     coverage: float = 3.0,
 ) -> Accuracy:
-    """Worst-case error of a reading (V): |reading| net gain error + range net offset error + noise uncertainty.
+    """Worst-case error of a reading: |reading| net gain error + range net offset error + noise uncertainty.
 
-    internal_change, external_change: kelvins since the last internal and external calibration; averages: readings
-    whose mean is taken; coverage: how many standard deviations of the noise. Net gain error = gain error + gain drift
-    internal_change + reference drift external_change; net offset error = offset error + offset drift internal_change +
-    nonlinearity; noise uncertainty = coverage noise / sqrt(averages). docs/theory/control.md (10); the makers of
-    such cards give the same sum. Raises InputError for numbers that are not finite or negative.
+    Net gain error = gain error + gain drift internal_change + reference drift external_change; net offset
+    error = offset error + offset drift internal_change + nonlinearity; noise uncertainty = coverage noise /
+    sqrt(averages). docs/theory/control.md (10); the makers of such cards give the same sum.
 
+    Parameters
+    ----------
+    converter
+        The converter.
+    reading
+        Readings, V, of any shape.
+    internal_change, external_change
+        Kelvins since the last internal and external calibration.
+    averages
+        Readings whose mean is taken.
+    coverage
+        How many standard deviations of the noise.
+
+    Returns
+    -------
+    Accuracy
+        The error and its shares, V.
+
+    Raises
+    ------
+    InputError
+        For numbers that are not finite or negative.
+
+    Examples
+    --------
     >>> card = Converter(range=10, bits=16, random_noise=280e-6, gain_error=60e-6, offset_error=20e-6,
     ...     gain_drift=13e-6, offset_drift=21e-6, reference_drift=1e-6, nonlinearity=60e-6)
     >>> (1e6 * absolute_accuracy(card, [0.0, 10.0]).total).round(3).tolist()

@@ -64,16 +64,49 @@ class RigNoise(Record):
 
 
 def draw_noise(rig: Rig, generator: np.random.Generator, shape: tuple[int, ...]) -> RigNoise:
-    """White Gaussian noise of a rig's instruments from a seeded generator; the same seed gives the same noise."""
+    """White Gaussian noise of a rig's instruments; the same seed gives the same noise.
+
+    Parameters
+    ----------
+    rig
+        The rig.
+    generator
+        A seeded generator.
+    shape
+        Of the noise.
+
+    Returns
+    -------
+    RigNoise
+        The noise.
+    """
     deviations = (rig.micrometer.shown_deviation, rig.input.random_noise, rig.amplifier.deviation)
     return RigNoise(*(generator.normal(scale=1.0, size=shape) * deviation for deviation in deviations))
 
 
 def measured_positions(rig: Rig, positions: ArrayLike, generator: np.random.Generator | None = None) -> Array:
-    """What the controller sees of true positions, m, of any shape: noise, sensor steps, converter.
+    """What the controller sees of true positions: noise, sensor steps, converter.
 
-    generator: a seeded one; without it there is no noise. Scanning, averaging and lateness: `watch`. Raises InputError
-    for positions that are not finite.
+    Scanning, averaging and lateness: `watch`.
+
+    Parameters
+    ----------
+    rig
+        The rig.
+    positions
+        m, of any shape.
+    generator
+        A seeded generator; without it there is no noise.
+
+    Returns
+    -------
+    Array
+        Positions, m, of the same shape.
+
+    Raises
+    ------
+    InputError
+        For positions that are not finite.
     """
     given = check_signal("measured_positions(positions)", positions)
     flat = np.array(given).ravel()
@@ -87,7 +120,27 @@ def measured_positions(rig: Rig, positions: ArrayLike, generator: np.random.Gene
 
 
 def driven_currents(rig: Rig, voltages: ArrayLike, generator: np.random.Generator | None = None) -> Array:
-    """The currents, A, that flow for voltages of the controller, V, of any shape: converter, limits, gain, noise."""
+    """The currents that flow for voltages of the controller: converter, limits, gain, noise.
+
+    Parameters
+    ----------
+    rig
+        The rig.
+    voltages
+        V, of any shape.
+    generator
+        A seeded generator; without it there is no noise.
+
+    Returns
+    -------
+    Array
+        Currents, A, of the same shape.
+
+    Raises
+    ------
+    InputError
+        For voltages that are not finite.
+    """
     given = check_signal("driven_currents(voltages)", voltages)
     flat = np.array(given).ravel()
     noise = np.zeros(flat.size) if generator is None else draw_noise(rig, generator, flat.shape).current
@@ -97,9 +150,23 @@ def driven_currents(rig: Rig, voltages: ArrayLike, generator: np.random.Generato
 
 
 def loop_instruments(rig: Rig, position: float = 0.0, output: float = 0.0) -> LoopInstruments:
-    """A rig for `fieldmap.control.simulate_loop`, about an operating position (m) and controller output (V).
+    """A rig for `fieldmap.control.simulate_loop`.
 
     The plant then has the current (A) as input and the position (m) as output.
+
+    Parameters
+    ----------
+    rig
+        The rig.
+    position
+        Operating position, m.
+    output
+        Controller output there, V.
+
+    Returns
+    -------
+    LoopInstruments
+        The instruments.
     """
     check_numbers("loop_instruments", position=position, output=output)
     return LoopInstruments(rig.chain, rig.drive, position, output)
@@ -136,12 +203,38 @@ def error_budget(
     converter_step: float | None = None,
     rounding: str = "up",
 ) -> ErrorBudget:
-    """Worst-case readings of a nominal position (m) by a sensor that is right to +- sensor_accuracy (m).
+    """Worst-case readings of a nominal position.
 
-    The sensor rounds to its resolution, the converter to its step (its resolution unless given, V) and errs by its
-    absolute accuracy either way. rounding: of the converter, "up" (16393.44 becomes 16394) or "nearest". Raises
-    InputError for numbers that are not finite.
+    The sensor rounds to its resolution, the converter to its step, and errs by its absolute accuracy either
+    way.
 
+    Parameters
+    ----------
+    position
+        Nominal position, m.
+    sensor_accuracy
+        The sensor is right to plus or minus this, m.
+    micrometer
+        The sensor.
+    converter
+        The converter.
+    converter_step
+        Its step, V; its resolution unless given.
+    rounding
+        Of the converter: "up" (16393.44 becomes 16394) or "nearest".
+
+    Returns
+    -------
+    ErrorBudget
+        The readings, and how they come about.
+
+    Raises
+    ------
+    InputError
+        For numbers that are not finite.
+
+    Examples
+    --------
     >>> sensor = Micrometer(zero=0.020, scale=2e-3, voltage_step=5e-3)
     >>> card = Converter(range=10, bits=16)
     >>> (1e3 * error_budget(0.030001, 4e-6, sensor, card).shown).round(2).tolist()

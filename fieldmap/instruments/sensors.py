@@ -70,12 +70,35 @@ class Micrometer(Record):
         return self.deviation / float(np.sqrt(self.averages))
 
     def position(self, voltage: ArrayLike) -> Array:
-        """The position, m, that a voltage stands for."""
+        """The position that a voltage stands for.
+
+        Parameters
+        ----------
+        voltage
+            V, of any shape.
+
+        Returns
+        -------
+        Array
+            Position, m.
+        """
         return self.zero + self.scale * check_signal("Micrometer.position(voltage)", voltage)
 
     def voltage(self, position: ArrayLike) -> Array:
-        """The voltage for a position, m, before rounding and limits; inverse of `position`.
+        """The voltage for a position, before rounding and limits; inverse of `position`.
 
+        Parameters
+        ----------
+        position
+            m, of any shape.
+
+        Returns
+        -------
+        Array
+            Voltage, V.
+
+        Examples
+        --------
         >>> round(float(Micrometer(zero=0.020, scale=2e-3).voltage(0.030)), 9)
         5.0
         """
@@ -89,13 +112,36 @@ def watch(
     Ts: float,
     generator: np.random.Generator | None = None,
 ) -> Array:
-    """What the sensor shows every Ts seconds of a motion, m: scanned, averaged, late, held in between.
+    """What the sensor shows of a motion: scanned, averaged, late, held in between.
 
-    times (n,): rising, s; positions (n,), m, with a straight line in between; the samples begin at times[0] and end at
-    or before times[-1]. generator: a seeded one draws a scan's noise; without it there is none. Before the first mean
-    is known the first scan is shown. Rounding and limits of the output are those of `measured_positions`. Raises
-    InputError for signals that are not finite or too short, or times that do not rise.
+    Before the first mean is known the first scan is shown. Rounding and limits of the output are those of
+    `measured_positions`.
 
+    Parameters
+    ----------
+    micrometer
+        The sensor.
+    times
+        (n,), rising, s; the samples begin at times[0] and end at or before times[-1].
+    positions
+        (n,), m, with a straight line in between.
+    Ts
+        Time from sample to sample, s.
+    generator
+        A seeded generator that draws a scan's noise; without it there is none.
+
+    Returns
+    -------
+    Array
+        Positions at every sample, m.
+
+    Raises
+    ------
+    InputError
+        For signals that are not finite or too short, or times that do not rise.
+
+    Examples
+    --------
     >>> still = watch(Micrometer(0.020, 2e-3, scan_rate=1000.0, averages=2), [0, 1e-2], [0, 1e-2], Ts=4e-3)
     >>> (1e3 * still).round(3).tolist()
     [0.0, 2.5, 6.5]
@@ -153,29 +199,67 @@ class SensorFrame(Record):
         return turn @ move
 
     def to_global(self, local: ArrayLike) -> Array:
-        """Positions (..., 3) in the machine's frame, m, of local positions (..., 3).
+        """Positions in the machine's frame.
 
-        Raises InputError for numbers that are not finite, or another shape.
+        Parameters
+        ----------
+        local
+            Local positions (..., 3), m.
+
+        Returns
+        -------
+        Array
+            Positions (..., 3), m.
+
+        Raises
+        ------
+        InputError
+            For numbers that are not finite, or another shape.
         """
         points = check_signal("SensorFrame.to_global(local)", local, columns=3)
         matrix = self.matrix
         return points @ matrix[:3, :3].T + matrix[:3, 3] + [*self.bias, 0.0]
 
     def to_local(self, position: ArrayLike) -> Array:
-        """What the sensors read, (..., 3), m, at positions (..., 3) of the machine's frame; inverse of `to_global`.
+        """What the sensors read; inverse of `to_global`.
 
-        Raises InputError for numbers that are not finite, or another shape.
+        Parameters
+        ----------
+        position
+            Positions (..., 3) in the machine's frame, m.
+
+        Returns
+        -------
+        Array
+            Local positions (..., 3), m.
+
+        Raises
+        ------
+        InputError
+            For numbers that are not finite, or another shape.
         """
         points = check_signal("SensorFrame.to_local(position)", position, columns=3)
         matrix = self.matrix
         return (points - [*self.bias, 0.0] - matrix[:3, 3]) @ matrix[:3, :3]
 
     def global_deviation(self, local_x: float, local_y: float) -> tuple[float, float]:
-        """Standard deviations of the machine's x and y, m, from those of two independent readings, m.
+        """Standard deviations of the machine's x and y from those of two independent readings.
 
-        docs/theory/control.md (11): the diagonal of R diag(local_x^2, local_y^2) R^T. At 45 degrees both are the root
-        mean square of the two.
+        docs/theory/control.md (11): the diagonal of R diag(local_x^2, local_y^2) R^T. At 45 degrees both are
+        the root mean square of the two.
 
+        Parameters
+        ----------
+        local_x, local_y
+            Deviations of the readings, m.
+
+        Returns
+        -------
+        tuple[float, float]
+            Deviations of x and y, m.
+
+        Examples
+        --------
         >>> sx, sy = SensorFrame(np.pi / 4, offset=0.026).global_deviation(5.42e-6, 8.38e-6)
         >>> print(f"{1e3 * sx:.5f} {1e3 * sy:.5f} mm")
         0.00706 0.00706 mm

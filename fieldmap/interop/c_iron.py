@@ -44,9 +44,27 @@ def c_iron_header() -> Path:
 def write_c_iron_map(field: FieldMap, path: PathLike) -> Path:
     """Write an opened map of saturating iron for C programs that set its currents.
 
-    The rules for points and currents outside go with it: clamp or NaN, NaN or "evaluate". Raises InputError for a map
-    whose fields superpose, which `write_c_map` writes, and for a Hermite form.
+    The rules for points and currents outside go with it: clamp or NaN, NaN or "evaluate".
 
+    Parameters
+    ----------
+    field
+        The map.
+    path
+        Path of the file.
+
+    Returns
+    -------
+    Path
+        The path.
+
+    Raises
+    ------
+    InputError
+        For a map whose fields superpose, which `write_c_map` writes, and for a Hermite form.
+
+    Examples
+    --------
     >>> from fieldmap.lookup import open_map                                               # doctest: +SKIP
     >>> write_c_iron_map(open_map("workspace.h5"), "workspace.fmap")                        # doctest: +SKIP
     """
@@ -64,7 +82,25 @@ def write_c_iron_map(field: FieldMap, path: PathLike) -> Path:
 
 
 def write_c_iron_files(field: FieldMap, path: PathLike) -> tuple[Path, Path, Path]:
-    """`write_c_iron_map`, and the two headers that read it beside it."""
+    """`write_c_iron_map`, and the two headers that read the map beside it.
+
+    Parameters
+    ----------
+    field
+        The map.
+    path
+        Of the map's file.
+
+    Returns
+    -------
+    tuple[Path, Path, Path]
+        Paths of the map and the headers.
+
+    Raises
+    ------
+    InputError
+        As for `write_c_iron_map`.
+    """
     written = write_c_iron_map(field, path)
     names = c_iron_header().name, c_header().name
     of_iron = header_beside(written, names[0], without=frozenset({names[1]}))

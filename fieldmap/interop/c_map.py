@@ -45,11 +45,29 @@ def c_header() -> Path:
 def write_c_map(field: FieldMap | MapAtCurrents, path: PathLike) -> Path:
     """Write an opened map, or a map at fixed currents, for C programs.
 
-    A map keeps its coils, and the C program sets currents; a field that no current drives goes with them. A map of
-    saturating iron can be written at fixed currents only. The rule for points outside goes with it: clamp, or NaN.
-    Raises InputError for a Hermite form, whose coefficients the header does not read. The file appears complete or not
-    at all.
+    A map keeps its coils, and the C program sets currents; a field that no current drives goes with them. A
+    map of saturating iron can be written at fixed currents only. The rule for points outside goes with it:
+    clamp, or NaN. The file appears complete or not at all.
 
+    Parameters
+    ----------
+    field
+        The map.
+    path
+        Path of the file.
+
+    Returns
+    -------
+    Path
+        The path.
+
+    Raises
+    ------
+    InputError
+        For a Hermite form, whose coefficients the header does not read.
+
+    Examples
+    --------
     >>> from fieldmap.lookup import open_map                                               # doctest: +SKIP
     >>> write_c_map(open_map("linear.h5"), "linear.fmap")                                   # doctest: +SKIP
     """
@@ -70,7 +88,25 @@ def _contents(field: FieldMap | MapAtCurrents) -> tuple[NDArray[np.float64], tup
 
 
 def write_c_files(field: FieldMap | MapAtCurrents, path: PathLike) -> tuple[Path, Path]:
-    """`write_c_map`, and the header that reads the map beside it, in one piece."""
+    """`write_c_map`, and the header that reads the map beside it, in one piece.
+
+    Parameters
+    ----------
+    field
+        The map.
+    path
+        Of the map's file.
+
+    Returns
+    -------
+    tuple[Path, Path]
+        Paths of the map and the header.
+
+    Raises
+    ------
+    InputError
+        As for `write_c_map`.
+    """
     written = write_c_map(field, path)
     return written, header_beside(written, c_header().name)
 
@@ -81,11 +117,31 @@ def header_beside(path: Path, name: str, without: frozenset[str] = frozenset()) 
 
 
 def write_c32_files(field: FieldMap | MapAtCurrents, path: PathLike) -> tuple[Path, Path]:
-    """Write a map as a C header of constants in single precision, and fieldmap32.h, which evaluates it, beside it.
+    """Write a map as a C header of constants in single precision, and fieldmap32.h, which evaluates it,
+    beside it.
 
-    For microcontrollers: no file, no memory taken, no library. The constant has the name of the file. As `write_c_map`
-    otherwise; raises InputError as well for a map of more than a million numbers.
+    For microcontrollers: no file, no memory taken, no library. The constant has the name of the file. As
+    `write_c_map` otherwise.
 
+    Parameters
+    ----------
+    field
+        The map.
+    path
+        Of the header.
+
+    Returns
+    -------
+    tuple[Path, Path]
+        Paths of both headers.
+
+    Raises
+    ------
+    InputError
+        As for `write_c_map`, and for a map of more than a million numbers.
+
+    Examples
+    --------
     >>> write_c32_files(open_map("linear.h5", kind="global"), "lift.h")                     # doctest: +SKIP
     """
     block, names, constant = _contents(field)

@@ -32,17 +32,38 @@ def write_csv(
     spacing: float | None = None,
     device: str = "",
 ) -> Path:
-    """Write a field as a table: coil by coil, or at fixed currents (n_coils,), A.
+    """Write a field as a table: coil by coil, or at fixed currents.
 
-    field: an opened map, on its nodes, or any field with a box; spacing, m: how far apart nodes lie at most, which a
-    field without nodes of its own needs. device: its name, where the field is no map that records it.
+    Coil by coil there is a row for every node and coil, with the map's reference current (1 A without a map)
+    in that coil and none in the others; where something else makes a field, it is in all of these rows, and
+    rows without any current hold it alone. At fixed currents there is a row for every node, and its
+    `I_fixed_A` = 1 stands for the currents that a remark lists. The file appears complete or not at all.
 
-    Coil by coil there is a row for every node and coil, with the map's reference current (1 A without a map) in that
-    coil and none in the others; where something else makes a field, it is in all of these rows, and rows without any
-    current hold it alone. At fixed currents there is a row for every node, and its `I_fixed_A` = 1 stands for the
-    currents that a remark lists. Raises InputError for currents that do not fit, and for saturating iron without any.
-    The file appears complete or not at all.
+    Parameters
+    ----------
+    field
+        An opened map, on its nodes, or any field with a box.
+    path
+        Path of the file.
+    currents
+        (n_coils,), A; coil by coil unless given.
+    spacing
+        How far apart nodes lie at most, m, which a field without nodes of its own needs.
+    device
+        Its name, where the field is no map that records it.
 
+    Returns
+    -------
+    Path
+        The path.
+
+    Raises
+    ------
+    InputError
+        For currents that do not fit, and for saturating iron without any.
+
+    Examples
+    --------
     >>> from fieldmap.lookup import open_map                                               # doctest: +SKIP
     >>> write_csv(open_map("workspace.h5"), "workspace.csv", currents=[1.5] * 6)           # doctest: +SKIP
     """

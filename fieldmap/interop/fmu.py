@@ -108,16 +108,41 @@ def write_fmu(
 ) -> Path:
     """Write a map as an FMU for co-simulation and model exchange, compiled for this machine.
 
-    Inputs are the coils' currents, A, none for a map at fixed currents, and the magnet's pose; outputs B and gradient
-    at its place, force and torque on it. magnet: a moment (3,), A m^2, or dipoles, in the frame of the pose. body: a
-    rigid body with its own magnet in the place of that; its motion is then inside, inputs are the currents and a force
-    and torque that disturb it. version: 2 or 3, of FMI. Only inertia, weight and the field act on the body: no drag, no
-    walls. binary: compiled for this machine; without, the unit holds its sources alone, for an importer that compiles
-    them, such as `python -m fmpy compile`.
+    Inputs are the coils' currents, A, none for a map at fixed currents, and the magnet's pose; outputs B and
+    gradient at its place, force and torque on it. With a body its motion is inside, and inputs are the
+    currents and a force and torque that disturb it. Only inertia, weight and the field act on the body: no
+    drag, no walls.
 
-    Raises InputError for a saturating map without fixed currents, for a Hermite form and for soft iron, FieldmapError
-    where no C compiler is found (CC, cc, gcc or clang).
+    Parameters
+    ----------
+    field
+        The map.
+    path
+        Path of the file.
+    magnet
+        A moment (3,), A m^2, or dipoles, in the frame of the pose.
+    body
+        A rigid body with its own magnet in the place of that.
+    version
+        Of FMI, 2 or 3.
+    binary
+        Whether it is compiled for this machine; without, the unit holds its sources alone, for an importer
+        that compiles them, such as `python -m fmpy compile`.
 
+    Returns
+    -------
+    Path
+        The path.
+
+    Raises
+    ------
+    InputError
+        For a saturating map without fixed currents, for a Hermite form and for soft iron.
+    FieldmapError
+        Where no C compiler is found (CC, cc, gcc or clang).
+
+    Examples
+    --------
     >>> write_fmu(open_map("linear.h5"), "lift.fmu", magnet=[0, 0, 0.8])                     # doctest: +SKIP
     """
     check_choice("write_fmu(version)", str(version), map(str, VERSIONS))

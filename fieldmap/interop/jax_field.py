@@ -35,10 +35,28 @@ _SHARES = (1.0, 0.6, 0.35, 0.2, 0.1, 0.03, 0.01)
 def jax_field(field: FieldMap | MapAtCurrents) -> JaxField:
     """The field of an opened map as pure functions for JAX.
 
-    field: a map opened with kind="harmonic" or "global", or one at fixed currents, `m.at(currents)`, whose functions
-    are called without currents. Computes in double precision where `jax_enable_x64` is set, else in single. Raises
-    FieldmapError without JAX, InputError for another interpolant.
+    Computes in double precision where `jax_enable_x64` is set, else in single.
 
+    Parameters
+    ----------
+    field
+        A map opened with kind="harmonic" or "global", or one at fixed currents, `m.at(currents)`, whose
+        functions are called without currents.
+
+    Returns
+    -------
+    JaxField
+        The functions.
+
+    Raises
+    ------
+    FieldmapError
+        Where JAX is not installed.
+    InputError
+        For another interpolant.
+
+    Examples
+    --------
     >>> field = jax_field(open_map("linear.h5"))                                           # doctest: +SKIP
     >>> slope = jax.jacfwd(field)(point, currents)          # is m.gradient(point, currents)  # doctest: +SKIP
     """
@@ -84,28 +102,95 @@ class JaxField:
         return self.field(points, currents)
 
     def field(self, points: Any, currents: Any = None) -> Any:
-        """Flux density B (..., 3), T."""
+        """Flux density.
+
+        Parameters
+        ----------
+        points
+            Positions (..., 3), m.
+        currents
+            (n_coils,), A; none for a field at fixed currents.
+
+        Returns
+        -------
+        Any
+            B (..., 3), T.
+        """
         return self._in_pieces(
             lambda *given: self._polynomials.field_and_gradient(*given)[0], points, currents
         )
 
     def gradient(self, points: Any, currents: Any = None) -> Any:
-        """Gradient (..., 3, 3), [..., i, j] = dB_i/dx_j, T/m."""
+        """Gradient of the flux density.
+
+        Parameters
+        ----------
+        points
+            Positions (..., 3), m.
+        currents
+            As for `field`.
+
+        Returns
+        -------
+        Any
+            (..., 3, 3), [..., i, j] = dB_i/dx_j, T/m.
+        """
         return self._in_pieces(
             lambda *given: self._polynomials.field_and_gradient(*given)[1], points, currents
         )
 
     def field_and_gradient(self, points: Any, currents: Any = None) -> tuple[Any, Any]:
-        """B and its gradient in one pass."""
+        """Flux density and its gradient in one pass.
+
+        Parameters
+        ----------
+        points
+            Positions (..., 3), m.
+        currents
+            As for `field`.
+
+        Returns
+        -------
+        tuple[Any, Any]
+            B (..., 3), T, and gradient (..., 3, 3), T/m.
+        """
         flux, slope = self._in_pieces(self._polynomials.field_and_gradient, points, currents)
         return flux, slope
 
     def second_gradient(self, points: Any, currents: Any = None) -> Any:
-        """Second derivatives (..., 3, 3, 3), [..., i, j, k] = d2B_i/dx_j dx_k, T/m^2."""
+        """Second derivatives of the flux density.
+
+        Parameters
+        ----------
+        points
+            Positions (..., 3), m.
+        currents
+            As for `field`.
+
+        Returns
+        -------
+        Any
+            (..., 3, 3, 3), [..., i, j, k] = d2B_i/dx_j dx_k, T/m^2.
+        """
         return self._in_pieces(self._polynomials.second_gradient, points, currents)
 
     def wrench(self, positions: Any, moments: Any, currents: Any = None) -> Any:
-        """Force (N), then torque (N m) on point dipoles, (..., 6); moments (3,) or (..., 3), A m^2."""
+        """Force and torque on point dipoles.
+
+        Parameters
+        ----------
+        positions
+            Of the dipoles (..., 3), m.
+        moments
+            (3,) or (..., 3), A m^2.
+        currents
+            As for `field`.
+
+        Returns
+        -------
+        Any
+            Force, N, then torque, N m (..., 6).
+        """
         jnp = self._jnp
         flux, slope = self.field_and_gradient(positions, currents)
         moment = jnp.broadcast_to(jnp.asarray(moments, flux.dtype), flux.shape)
@@ -406,24 +491,68 @@ class JaxEvaluator:
         return results, self._polynomials.outside(points)
 
     def field_and_gradient(self, points: Array, weights: Array, flux: Array, slope: Array) -> int:
-        """See `fieldmap.lookup.Evaluator`."""
+        """See `fieldmap.lookup.Evaluator.field_and_gradient`.
+
+        Parameters
+        ----------
+        points, weights, flux, slope
+            As there.
+
+        Returns
+        -------
+        int
+            How many points lie outside the box.
+        """
         (flux[:], whole), outside = self._ask("field_and_gradient", points, weights)
         if slope.size:
             slope[:] = whole
         return outside
 
     def second_gradient(self, points: Array, weights: Array, second: Array) -> int:
-        """See `fieldmap.lookup.Evaluator`."""
+        """See `fieldmap.lookup.Evaluator.second_gradient`.
+
+        Parameters
+        ----------
+        points, weights, second
+            As there.
+
+        Returns
+        -------
+        int
+            How many points lie outside the box.
+        """
         (second[:],), outside = self._ask("second_gradient", points, weights)
         return outside
 
     def potential(self, points: Array, weights: Array, values: Array) -> int:
-        """See `fieldmap.lookup.Evaluator`."""
+        """See `fieldmap.lookup.Evaluator.potential`.
+
+        Parameters
+        ----------
+        points, weights, values
+            As there.
+
+        Returns
+        -------
+        int
+            How many points lie outside the box.
+        """
         (values[:],), outside = self._ask("potential", points, weights)
         return outside
 
     def each_field(self, points: Array, flux: Array, slope: Array) -> int:
-        """See `fieldmap.lookup.Evaluator`."""
+        """See `fieldmap.lookup.Evaluator.each_field`.
+
+        Parameters
+        ----------
+        points, flux, slope
+            As there.
+
+        Returns
+        -------
+        int
+            How many points lie outside the box.
+        """
         if self._fixed is not None:
             return self.field_and_gradient(points, np.ones((1, 1)), flux[:, 0], slope[:, 0])
         (flux[:], whole), outside = self._ask("each_field", points, np.ones(1))
@@ -432,15 +561,48 @@ class JaxEvaluator:
         return outside
 
     def at(self, weights: Array) -> JaxEvaluator:
-        """See `fieldmap.lookup.Evaluator`."""
+        """See `fieldmap.lookup.Evaluator.at`.
+
+        Parameters
+        ----------
+        weights
+            As there.
+
+        Returns
+        -------
+        JaxEvaluator
+            The evaluator of one field.
+        """
         return self if self._fixed is not None else JaxEvaluator(self._form, np.array(weights))
 
     def field_at(self, point: Any, weights: Any) -> tuple[Array, Array] | None:
-        """See `fieldmap.lookup.Evaluator`: no quicker."""
+        """See `fieldmap.lookup.Evaluator.field_at`: no quicker.
+
+        Parameters
+        ----------
+        point, weights
+            As there.
+
+        Returns
+        -------
+        tuple[Array, Array] | None
+            None.
+        """
         return None
 
     def dipole_wrench_at(self, point: Any, moment: Any, weights: Any) -> Array | None:
-        """See `fieldmap.lookup.Evaluator`: no quicker."""
+        """See `fieldmap.lookup.Evaluator.dipole_wrench_at`: no quicker.
+
+        Parameters
+        ----------
+        point, moment, weights
+            As there.
+
+        Returns
+        -------
+        Array | None
+            None.
+        """
         return None
 
     def core(self) -> CoreMap:

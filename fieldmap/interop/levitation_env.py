@@ -156,7 +156,20 @@ class LevitationEnv(Env):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Array, dict[str, Any]]:
-        """A new episode: (observation, info), see the class. options: `state` (13,) to begin with."""
+        """A new episode.
+
+        Parameters
+        ----------
+        seed
+            Of the episode's random numbers.
+        options
+            `state` (13,) to begin with.
+
+        Returns
+        -------
+        tuple[Array, dict[str, Any]]
+            (observation, info), see the class.
+        """
         super().reset(seed=seed)
         begin = None if options is None else options.get("state")
         if begin is None:
@@ -176,7 +189,18 @@ class LevitationEnv(Env):
         return self._observed(), self._solves()
 
     def step(self, action: Any) -> tuple[Array, float, bool, bool, dict[str, Any]]:
-        """One control period: (observation, reward, terminated, truncated, info)."""
+        """One control period.
+
+        Parameters
+        ----------
+        action
+            See the class.
+
+        Returns
+        -------
+        tuple[Array, float, bool, bool, dict[str, Any]]
+            (observation, reward, terminated, truncated, info).
+        """
         given = np.minimum(np.maximum(action, -1.0), 1.0)
         wanted = self._variables.currents(self._from_action @ given)
         commands = np.minimum(np.maximum(wanted, self._limits[0]), self._limits[1])

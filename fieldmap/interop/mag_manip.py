@@ -101,7 +101,23 @@ class VectorFields(Record):
         }
 
     def write(self, path: PathLike) -> Path:
-        """Write the file, complete or not at all. Raises InputError for a place that cannot be written."""
+        """Write the file, complete or not at all.
+
+        Parameters
+        ----------
+        path
+            Path of the file.
+
+        Returns
+        -------
+        Path
+            The path.
+
+        Raises
+        ------
+        InputError
+            For a place that cannot be written.
+        """
         lines = [
             f"# coils in current order: {_plain(', '.join(self.coil_names))}",
             f"# {self.summary}",
@@ -127,9 +143,28 @@ def write_mag_manip(
 ) -> Path:
     """Write a map for mag_manip, on as many nodes as `sample_for_mag_manip` takes.
 
-    Raises InputError for a map of saturating iron without currents, because that model superposes its coils, for one
-    with a field that no current drives, which it cannot hold, for currents that do not fit, and for a spacing that is
-    not positive.
+    Parameters
+    ----------
+    field
+        The map.
+    path
+        Path of the file.
+    spacing
+        As for `sample_for_mag_manip`.
+    currents
+        As for `sample_for_mag_manip`.
+
+    Returns
+    -------
+    Path
+        The path.
+
+    Raises
+    ------
+    InputError
+        For a map of saturating iron without currents, because that model superposes its coils, for one with a
+        field that no current drives, which it cannot hold, for currents that do not fit, and for a spacing
+        that is not positive.
     """
     return sample_for_mag_manip(field, spacing, currents).write(path)
 
@@ -139,10 +174,27 @@ def sample_for_mag_manip(
 ) -> VectorFields:
     """A map on equally many nodes in the three directions, over its whole box.
 
-    At least as many as the map has in any direction, and so many that the reader's interpolation keeps `ACCURACY`, up
-    to `MOST_NODES`; with a spacing, m, as few as lie no farther apart than that in any direction. With currents
-    (n_coils,), A, the one field of these: the program's current is its factor. Raises InputError as `write_mag_manip`
-    does.
+    At least as many as the map has in any direction, and so many that the reader's interpolation keeps
+    `ACCURACY`, up to `MOST_NODES`.
+
+    Parameters
+    ----------
+    field
+        The map.
+    spacing
+        m; as few nodes as lie no farther apart than that in any direction.
+    currents
+        (n_coils,), A; with them the one field of these: the program's current is its factor.
+
+    Returns
+    -------
+    VectorFields
+        The fields on the nodes.
+
+    Raises
+    ------
+    InputError
+        As for `write_mag_manip`.
     """
     if field.fixed_sources:
         must_hold = "must be a map of coils alone: mag_manip gives no field at zero currents"
@@ -262,11 +314,29 @@ def _share(read: Array, exact: Array) -> float:
 
 
 def read_mag_manip(path: PathLike, spacing: float | None = None) -> MeasuredMap:
-    """A map from a mag_manip file of vector fields (needs PyYAML), its nodes at most `spacing` (m) apart.
+    """A map from a mag_manip file of vector fields.
 
-    Harmonic polynomials are fitted to its numbers as to measured ones, which restores gradients free of curl and
-    divergence; the report says how well. Coils are named as in the file, in its order of currents. Raises MapFileError
-    if the file is no such model, FieldmapError without PyYAML.
+    Harmonic polynomials are fitted to its numbers as to measured ones, which restores gradients free of curl
+    and divergence; the report says how well. Coils are named as in the file, in its order of currents.
+
+    Parameters
+    ----------
+    path
+        Path of the file.
+    spacing
+        Largest distance of the map's nodes, m.
+
+    Returns
+    -------
+    MeasuredMap
+        The map.
+
+    Raises
+    ------
+    MapFileError
+        If the file is no such model.
+    FieldmapError
+        Where PyYAML is not installed.
     """
     yaml = require("yaml", "mag-manip", "read_mag_manip")
     source = Path(path)

@@ -68,13 +68,33 @@ def fit_map(
     upper: ArrayLike | None = None,
     degree: int | None = None,
 ) -> MeasuredMap:
-    """Fit a map to readings, its nodes at most `spacing` (m) apart.
+    """Fit a map to readings.
 
-    The box from lower to upper (3,), m, is that of the readings unless given. degree: of the potential; unless given,
-    the one from which on readings that were held out are predicted no better. Currents of several coils in one reading
-    are told apart as long as they were varied. The result's `data` goes into `fieldmap.lookup.interpolate` or
-    `fieldmap.store.write_map`, its provenance says what the report says. Raises InputError if the readings cannot
-    tell the coils apart or are too few.
+    Currents of several coils in one reading are told apart as long as they were varied. The result's `data`
+    goes into `fieldmap.lookup.interpolate` or `fieldmap.store.write_map`, its provenance says what the report
+    says.
+
+    Parameters
+    ----------
+    measurements
+        The readings.
+    spacing
+        Largest distance of the map's nodes, m.
+    lower, upper
+        Corners (3,) of the box, m; those of the readings unless given.
+    degree
+        Of the potential; unless given, the one from which on readings that were held out are predicted no
+        better.
+
+    Returns
+    -------
+    MeasuredMap
+        The map, and how well it fits.
+
+    Raises
+    ------
+    InputError
+        If the readings cannot tell the coils apart or are too few.
     """
     points = measurements.points
     low = points.min(axis=0) if lower is None else np.asarray(lower, dtype=float)

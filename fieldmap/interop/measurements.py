@@ -59,8 +59,22 @@ def read_measurements(path: PathLike) -> Measurements:
         x_mm, y_mm, z_mm (or _m), I_NAME_A for every coil, Bx_mT, By_mT, Bz_mT (or _T, _uT)
 
     in any order; the unit is the last part of the name. Lines that begin with # are remarks. Columns of a gradient
-    (dBx_dy_T_per_m), which `write_csv` adds, are not read: a fit has its own. Raises InputError with every mistake of
-    the file at once, and its line; numbers beyond 1e30 are mistakes.
+    (dBx_dy_T_per_m), which `write_csv` adds, are not read: a fit has its own.
+
+    Parameters
+    ----------
+    path
+        Path of the file.
+
+    Returns
+    -------
+    Measurements
+        The readings, in SI units.
+
+    Raises
+    ------
+    InputError
+        With every mistake of the file at once, and its line; numbers beyond 1e30 are mistakes.
     """
     source = Path(path)
     try:

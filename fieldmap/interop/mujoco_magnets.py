@@ -103,7 +103,22 @@ class MagnetForces:
         return self._compiled is not None
 
     def wrench(self, data: Any, body: int, magnet: MagneticBody | Array) -> Array:
-        """Force and torque (6,) on a magnet about its body's origin, world frame."""
+        """Force and torque on a magnet about its body's origin, in the world's frame.
+
+        Parameters
+        ----------
+        data
+            MuJoCo's data.
+        body
+            Number of the body.
+        magnet
+            A `MagneticBody`, or a moment (3,), A m^2.
+
+        Returns
+        -------
+        Array
+            Force, N, and torque, N m (6,).
+        """
         position = data.xpos[body] - self._offset
         turn = data.xmat[body].reshape(3, 3)
         if isinstance(magnet, MagneticBody):

@@ -106,7 +106,22 @@ def header(kind: int, grid: Grid, n_coils: int, outside: str, degree: int = 0, l
 
 
 def contract(block: Array, currents: Array, size: int) -> Array:
-    """The block of one set at currents (n_coils,): what is done once per change of the currents."""
+    """The block of one set at given currents: what is done once per change of the currents.
+
+    Parameters
+    ----------
+    block
+        Coefficients of all fields.
+    currents
+        Currents (n_coils,), A.
+    size
+        Length of a set: `set_size`.
+
+    Returns
+    -------
+    Array
+        Coefficients of their sum.
+    """
     places = (len(block) - map_block.HEADER) // (size * len(currents))
     out = np.empty(map_block.HEADER + places * size)
     out[: map_block.HEADER] = block[: map_block.HEADER]

@@ -25,9 +25,24 @@ LARGEST_MISFIT = 1e-3  # of the largest field
 
 
 def global_form(data: MapData, outside: str) -> Form:
-    """Coefficients (n_coils, (degree + 1)^2) behind a header, and the misfit at the nodes of the map.
+    """One harmonic polynomial for the whole box.
 
-    Raises InputError if the polynomial misses the map by more than LARGEST_MISFIT of the largest field.
+    Parameters
+    ----------
+    data
+        The map.
+    outside
+        Rule of points outside the box, as for `fieldmap.lookup.open_map`.
+
+    Returns
+    -------
+    Form
+        Coefficients (n_coils, (degree + 1)^2) behind a header, and the misfit at the nodes of the map.
+
+    Raises
+    ------
+    InputError
+        If the polynomial misses the map by more than LARGEST_MISFIT of the largest field.
     """
     grid, n_coils = data.grid, len(data.field_names)
     box = Grid(grid.lower, grid.upper - grid.lower, (2, 2, 2))

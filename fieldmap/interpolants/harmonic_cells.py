@@ -32,7 +32,20 @@ LEBESGUE = (np.sum(1 / np.tan((2 * np.arange(5) + 1) * np.pi / 20)) / 5) ** 2
 
 
 def cell_form(data: MapData, outside: str) -> Form:
-    """Coefficients (cells, n_coils, 36) of all coils behind a header, and the largest misfit at the nodes."""
+    """One harmonic polynomial in each cell.
+
+    Parameters
+    ----------
+    data
+        The map.
+    outside
+        Rule of points outside the box, as for `fieldmap.lookup.open_map`.
+
+    Returns
+    -------
+    Form
+        Coefficients (cells, n_coils, 36) of all coils behind a header, and the largest misfit at the nodes.
+    """
     grid, n_coils = data.grid, len(data.field_names)
     length = float(np.max(grid.spacing)) / 2
     corners = (CORNERS - 0.5) * np.array(grid.spacing) / length
@@ -96,6 +109,18 @@ def jump_between_cells(form: Form, info: MapInfo) -> Jump:
     """The jump of a form over all faces between its cells: at 5 x 5 Chebyshev points of every face.
 
     The bound is that times the Lebesgue constant 3.96 of these points (docs/theory/lookup.md (7)).
+
+    Parameters
+    ----------
+    form
+        The form.
+    info
+        The description of its map.
+
+    Returns
+    -------
+    Jump
+        The jump.
     """
     cells = tuple(n - 1 for n in info.grid.shape)
     coefficients = form.unit[map_block.HEADER :].reshape(*cells, form.n_coils, SIZE)

@@ -12,7 +12,20 @@ STENCIL = 5
 
 
 def hermite_form(data: MapData, outside: str) -> Form:
-    """Coefficients of the field (three channels a coil) and of the potential (one), at every node."""
+    """The tricubic Hermite interpolant.
+
+    Parameters
+    ----------
+    data
+        The map.
+    outside
+        Rule of points outside the box, as for `fieldmap.lookup.open_map`.
+
+    Returns
+    -------
+    Form
+        Coefficients of the field (three channels a coil) and of the potential (one), at every node.
+    """
     start = header(HERMITE, data.grid, len(data.field_names), outside)
     field = _coefficients(data, data.flux_density, data.gradient)
     potential = _coefficients(data, node_potential(data)[..., None], data.flux_density[..., None, :])

@@ -65,10 +65,28 @@ class Probe(Record):
 def probe(
     source: FieldSource, points: Array, currents: ArrayLike, moment: Array | MagneticBody | None = None
 ) -> Probe:
-    """The field at points (n, 3), m, and what it does to a moment (3,), A m^2, or an upright body. currents
-    (n_coils,), A.
+    """The field at points, and what it does to a moment or a body.
 
-    Raises InputError and OutsideMapError as the field does.
+    Parameters
+    ----------
+    source
+        Of `find_source`.
+    points
+        (n, 3), m.
+    currents
+        (n_coils,), A.
+    moment
+        (3,), A m^2, or an upright body; none unless given.
+
+    Returns
+    -------
+    Probe
+        The numbers at the points.
+
+    Raises
+    ------
+    InputError and OutsideMapError
+        As the field raises them.
     """
     amperes = source.currents(currents)
     state = source.field.at(amperes)
@@ -129,10 +147,32 @@ def least_power(
     limit: float | None = None,
     **asked: Array | None,
 ) -> LeastPower:
-    """The currents of least power, each within the limit, A, that give what is asked for at a point (3,), m.
+    """The currents of least power that give what is asked for at a point.
 
-    asked: force, torque, both on a moment (3,), A m^2, or an upright body; field: each (3,), NaN for a free component.
-    Raises Infeasible, with what can be had; InputError; OutsideMapError; NotConverged.
+    Parameters
+    ----------
+    source
+        Of `find_source`.
+    at
+        Point (3,), m.
+    moment
+        (3,), A m^2, or an upright body.
+    limit
+        Of each current, A; none unless given.
+    **asked
+        force, torque, both on the moment, and field: each (3,), NaN for a free component.
+
+    Returns
+    -------
+    LeastPower
+        The currents, and what they give.
+
+    Raises
+    ------
+    Infeasible
+        Where the limit does not allow it; with what can be had.
+    InputError, OutsideMapError and NotConverged
+        As `fieldmap.lookup.currents_for` raises them.
     """
     wanted = {name: np.asarray(values, dtype=float) for name, values in asked.items() if values is not None}
     currents = currents_for(
@@ -235,7 +275,31 @@ def floating(
     start: Array | None = None,
     moment: str = "fixed",
 ) -> Levitation:
-    """Where the payload floats at currents (n_coils,), A; otherwise as `find_equilibrium`."""
+    """Where the payload floats at given currents; otherwise as `find_equilibrium`.
+
+    Parameters
+    ----------
+    source
+        Of `find_source`.
+    payload
+        What is levitated.
+    currents
+        (n_coils,), A.
+    start
+        Where the search begins (3,), m; the whole box unless given.
+    moment
+        Model of the magnet, as for `find_equilibrium`.
+
+    Returns
+    -------
+    Levitation
+        The equilibrium.
+
+    Raises
+    ------
+    NoEquilibrium
+        Where there is none.
+    """
     from fieldmap.levitation import find_equilibrium
     from fieldmap.levitation.balance import check_position
 
@@ -254,11 +318,32 @@ def lifted(
     height: float,
     on_state: Callable[[float, float], None] | None = None,
 ) -> Levitation:
-    """The common current that carries the payload with its magnet at z = height, m, on the z axis.
+    """The common current that carries the payload on the z axis.
 
-    on_state(current, share of the weight): after each state of saturating iron. A map of saturating iron is searched
-    from its reference currents on. Raises Infeasible where the field does not lift, OutsideMapError for a place or a
-    current beyond the map.
+    A map of saturating iron is searched from its reference currents on.
+
+    Parameters
+    ----------
+    source
+        Of `find_source`.
+    payload
+        What is levitated.
+    height
+        z of the magnet, m.
+    on_state
+        on_state(current, share of the weight) is called after each state of saturating iron.
+
+    Returns
+    -------
+    Levitation
+        The equilibrium at that current.
+
+    Raises
+    ------
+    Infeasible
+        Where the field does not lift.
+    OutsideMapError
+        For a place or a current beyond the map.
     """
     from fieldmap.levitation import lift_current
     from fieldmap.levitation.balance import check_position
@@ -275,7 +360,23 @@ def lifted(
 
 
 def require_box(source: FieldSource) -> Bounds:
-    """The box in which a magnet may be, before anything is solved. Raises InputError for a source without one."""
+    """The box in which a magnet may be, before anything is solved.
+
+    Parameters
+    ----------
+    source
+        Of `find_source`.
+
+    Returns
+    -------
+    Bounds
+        Lower and upper corner (3,), m.
+
+    Raises
+    ------
+    InputError
+        For a source without one.
+    """
     if source.bounds is None:
         remedy = "add a [workspace] table to the device file"
         raise InputError.of(source.name, "must have a [workspace] to search", "none", remedy)

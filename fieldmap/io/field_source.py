@@ -77,11 +77,39 @@ class FieldSource(Record):
         return self.kind.endswith("nonlinear iron")
 
     def currents(self, currents: Currents) -> Array:
-        """Currents (n_coils,), A, as `coil_currents` takes them. Raises InputError."""
+        """Currents in the order of the coils, as `coil_currents` takes them.
+
+        Parameters
+        ----------
+        currents
+            Currents, A: (n_coils,) in the order of `coil_names`, one number for all coils, or a mapping by
+            name.
+
+        Returns
+        -------
+        Array
+            Currents (n_coils,), A.
+
+        Raises
+        ------
+        InputError
+            For currents that do not fit.
+        """
         return coil_currents(currents, self.coil_names)
 
     def assumptions(self, currents: Currents | None = None) -> tuple[str, ...]:
-        """What the field rests on; at currents also what must be known of them, such as iron beyond saturation."""
+        """What the field rests on.
+
+        Parameters
+        ----------
+        currents
+            At these also what must be known of them, such as iron beyond saturation.
+
+        Returns
+        -------
+        tuple[str, ...]
+            One sentence each.
+        """
         if self.device is None or currents is None:
             return self.field.assumptions
         from fieldmap.iron.notes import state_notes
@@ -95,13 +123,35 @@ def open_field(
     progress: Progress | None = None,
     changes: Mapping[str, Any] | None = None,
 ) -> Field:
-    """The field behind a name: a map file, a device file, or the name of a shipped device; of a device made in Python;
-    or an object that `fieldmap.field.as_field` takes.
+    """The field behind a name.
 
-    A map is opened. A device is solved: a `LinearSolution`, or with `options.nonlinear` a `NonlinearSolver`, which
-    solves a state for each set of currents. changes: of the device file, as `read_device` takes them. Raises
-    InputError and MapFileError as the readers and solvers do.
+    A map is opened. A device is solved: a `LinearSolution`, or with `options.nonlinear` a `NonlinearSolver`,
+    which solves a state for each set of currents.
 
+    Parameters
+    ----------
+    name
+        A map file, a device file, or the name of a shipped device; a device made in Python; or an object that
+        `fieldmap.field.as_field` takes.
+    options
+        How the iron of a device is solved.
+    progress
+        Called as progress(message, fraction) between steps.
+    changes
+        Of the device file, as `read_device` takes them.
+
+    Returns
+    -------
+    Field
+        The field.
+
+    Raises
+    ------
+    InputError and MapFileError
+        As the readers and solvers raise them.
+
+    Examples
+    --------
     >>> field = open_field("loop_and_sphere")
     >>> print(f"{1e3 * field.at(1.0).field([0.0, 0.0, -0.014])[2]:.2f} mT")
     1.01 mT
@@ -119,7 +169,29 @@ def find_source(
     progress: Progress | None = None,
     changes: Mapping[str, Any] | None = None,
 ) -> FieldSource:
-    """What lies behind a name, read and checked; nothing is solved yet. options, changes: of a device."""
+    """What lies behind a name, read and checked; nothing is solved yet.
+
+    Parameters
+    ----------
+    name
+        A map file, a device file, or the name of a shipped device.
+    options
+        How the iron of a device is solved.
+    progress
+        Called as progress(message, fraction) between steps.
+    changes
+        Of the device file, as `read_device` takes them.
+
+    Returns
+    -------
+    FieldSource
+        The source.
+
+    Raises
+    ------
+    InputError and MapFileError
+        As the readers raise them.
+    """
     if is_map_file(name):
         if changes:
             must_hold, remedy = "must be a device where keys are changed", "name the device of the map"
@@ -146,7 +218,27 @@ def find_source(
 def solve_device(
     device: Device, options: IronOptions, progress: Progress | None = None
 ) -> LinearSolution | NonlinearSolver:
-    """The field of a device: its linear solution, or a solver of states. Raises InputError and GeometryError."""
+    """The field of a device: its linear solution, or a solver of states.
+
+    Parameters
+    ----------
+    device
+        The device.
+    options
+        How the iron is solved.
+    progress
+        Called as progress(message, fraction) between steps.
+
+    Returns
+    -------
+    LinearSolution | NonlinearSolver
+        The field.
+
+    Raises
+    ------
+    InputError and GeometryError
+        As the solvers raise them.
+    """
     # Attributes of the package, so that a test or a program may replace them.
     from fieldmap import iron
 
@@ -194,14 +286,40 @@ def _opened(field: Field) -> Field:
 
 
 def refuse_directory(name: PathLike) -> None:
-    """Raise InputError for a directory: a missing file is reported by its reader."""
+    """Refuse a directory; a missing file is reported by its reader.
+
+    Parameters
+    ----------
+    name
+        A path.
+
+    Raises
+    ------
+    InputError
+        For a directory.
+    """
     if os.path.isdir(name):
         raise InputError.of(str(name), "must be a file", "a directory", "name the file inside it")
 
 
 def is_map_file(name: PathLike) -> bool:
-    """Whether a name is that of a map file (or of recorded runs) rather than of a device. Raises InputError for a
-    directory."""
+    """Whether a name is that of a map file (or of recorded runs) rather than of a device.
+
+    Parameters
+    ----------
+    name
+        A path or the name of a device.
+
+    Returns
+    -------
+    bool
+        True for a map file.
+
+    Raises
+    ------
+    InputError
+        For a directory.
+    """
     refuse_directory(name)
     path = map_path(name)
     if path.suffix.lower() in _MAP_SUFFIXES:
@@ -213,7 +331,23 @@ def is_map_file(name: PathLike) -> bool:
 
 
 def existing_map(name: PathLike) -> Path:
-    """The path of an existing HDF5 file. Raises MapFileError."""
+    """The path of an existing HDF5 file.
+
+    Parameters
+    ----------
+    name
+        The path.
+
+    Returns
+    -------
+    Path
+        The path.
+
+    Raises
+    ------
+    MapFileError
+        For a file that is not there.
+    """
     path = map_path(name)
     if not is_map_file(name):
         received = "no such file" if not os.path.exists(path) else "a file that is not HDF5"
@@ -226,9 +360,26 @@ def existing_map(name: PathLike) -> Path:
 
 
 def named_device(name: PathLike, changes: Mapping[str, Any] | None = None) -> Device:
-    """The device of a file or a shipped name, with changes of keys as `read_device` takes them.
+    """The device of a file or a shipped name.
 
-    Raises InputError for a map, DeviceFileError as `read_device`.
+    Parameters
+    ----------
+    name
+        A path or a name.
+    changes
+        Of the device file, as `read_device` takes them.
+
+    Returns
+    -------
+    Device
+        The device.
+
+    Raises
+    ------
+    InputError
+        For a map.
+    DeviceFileError
+        As for `read_device`.
     """
     if is_map_file(name):
         must_hold = "must be a device file or the name of a shipped device"

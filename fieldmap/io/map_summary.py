@@ -202,13 +202,42 @@ class MapSummary(Record):
 
 
 def signal_names(domain: CurrentDomain, coil_names: tuple[str, ...]) -> tuple[str, ...]:
-    """Names of the signals of a domain; of independent currents those of the coils."""
+    """Names of the signals of a domain; of independent currents those of the coils.
+
+    Parameters
+    ----------
+    domain
+        The domain.
+    coil_names
+        Names of the coils.
+
+    Returns
+    -------
+    tuple[str, ...]
+        The names.
+    """
     names = domain.parametrisation.signal_names
     return tuple(coil_names) if domain.parametrisation.name == "independent" else names
 
 
 def summarise_map(path: str | PathLike[str]) -> MapSummary:
-    """What a map file holds. Raises MapFileError as `open_map`."""
+    """What a map file holds.
+
+    Parameters
+    ----------
+    path
+        Path of the file.
+
+    Returns
+    -------
+    MapSummary
+        The summary.
+
+    Raises
+    ------
+    MapFileError
+        As for `open_map`.
+    """
     place = existing_map(path)
     opened = open_map(place)
     record = opened.info.provenance
@@ -245,7 +274,18 @@ def _with_lift(
 
 
 def middle_field(opened: FieldMap) -> MiddleField:
-    """The field in the middle of a map's box."""
+    """The field in the middle of a map's box.
+
+    Parameters
+    ----------
+    opened
+        The map.
+
+    Returns
+    -------
+    MiddleField
+        The field there.
+    """
     centre = 0.5 * (np.asarray(opened.lower) + np.asarray(opened.upper))
     alone = np.eye(len(opened.coil_names))
     saturating = opened.info.reduced_model is not None

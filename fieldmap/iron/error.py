@@ -113,7 +113,18 @@ class ErrorEstimate(Record):
     length: float | None = None
 
     def worst(self, quantity: str) -> LargestError | None:
-        """That of the source with the largest relative error of "B" or "gradient"; None if no places were kept."""
+        """The error of the source with the largest relative error.
+
+        Parameters
+        ----------
+        quantity
+            "B" or "gradient".
+
+        Returns
+        -------
+        LargestError | None
+            The error; None if no places were kept.
+        """
         found = [one for one in self.by_source if one.quantity == quantity]
         return max(found, key=lambda one: one.relative, default=None)
 
@@ -322,8 +333,20 @@ class Tolerance(Record):
 
     @classmethod
     def of(cls, tolerance: float | Tolerance, gradient: float | None = None) -> Tolerance:
-        """A number is relative, of B, and three times it of the gradient, or `gradient` where that is given; inf allows
-        any error of the gradient."""
+        """A tolerance from numbers.
+
+        Parameters
+        ----------
+        tolerance
+            Relative, of B, and three times it of the gradient; or a tolerance, which is taken as it is.
+        gradient
+            Of the gradient; inf allows any error of it.
+
+        Returns
+        -------
+        Tolerance
+            The tolerance.
+        """
         if isinstance(tolerance, Tolerance):
             return tolerance
         allowed = _GRADIENT_PER_FIELD * tolerance if gradient is None else gradient
@@ -338,7 +361,22 @@ class Tolerance(Record):
         return min([*relative, 1e-3] if absolute else relative)
 
     def allowed(self, one: LargestError, source: int, coils: int) -> float:
-        """Of the source with this number among the sources, of which the first are coils: T or T/m; inf if any is."""
+        """What is allowed of one source.
+
+        Parameters
+        ----------
+        one
+            The largest error of the source.
+        source
+            Its number among the sources, of which the first are coils.
+        coils
+            How many coils there are.
+
+        Returns
+        -------
+        float
+            T or T/m; inf if any error is allowed.
+        """
         name = "flux_density" if one.quantity == "B" else "gradient"
         relative, absolute = getattr(self, name), getattr(self, f"absolute_{name}")
         if relative is None and absolute is None:
@@ -350,12 +388,38 @@ class Tolerance(Record):
         return max((relative or 0.0) * one.size, fixed)
 
     def excess(self, estimate: ErrorEstimate, coils: int) -> float:
-        """The largest estimated error over what is allowed: 1 or less is within the tolerance."""
+        """The largest estimated error over what is allowed.
+
+        Parameters
+        ----------
+        estimate
+            The estimate.
+        coils
+            How many coils there are.
+
+        Returns
+        -------
+        float
+            1 or less is within the tolerance.
+        """
         worst = self.worst(estimate, coils)
         return 0.0 if worst is None else worst[1]
 
     def worst(self, estimate: ErrorEstimate, coils: int) -> tuple[LargestError, float] | None:
-        """The error that is the largest multiple of what is allowed, and that multiple."""
+        """The error that is the largest multiple of what is allowed.
+
+        Parameters
+        ----------
+        estimate
+            The estimate.
+        coils
+            How many coils there are.
+
+        Returns
+        -------
+        tuple[LargestError, float] | None
+            The error, and that multiple; None if no places were kept.
+        """
         count = max(1, len(estimate.by_source) // 2)
         found = [
             (one, one.error / max(self.allowed(one, number % count, coils), 1e-300))

@@ -176,14 +176,21 @@ def bodies_beyond_saturation(
 
     Parameters
     ----------
-    solution : of linear iron.
-    device : the one that was solved.
-    currents : (c,), A.
+    solution
+        Of linear iron.
+    device
+        The one that was solved.
+    currents
+        (c,), A.
 
     Returns
     -------
-    One entry for every body that exceeds it in over a hundredth of its volume (of its surface, in the surface form).
+    tuple[BodyBeyondSaturation, ...]
+        One entry for every body that exceeds it in over a hundredth of its volume (of its surface, in the
+        surface form).
 
+    Examples
+    --------
     >>> import fieldmap as fm
     >>> device = fm.read_device("loop_and_sphere")
     >>> unit = fm.solve_linear(device)

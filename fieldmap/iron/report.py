@@ -108,8 +108,18 @@ class SolverReport(Record):
 
     @classmethod
     def from_dict(cls, plain: Mapping[str, Any]) -> "SolverReport":
-        """The report that `dataclasses.asdict` has made plain, also after JSON; without its error estimate and
-        the report of a run to a tolerance."""
+        """The report that `dataclasses.asdict` has made plain, also after JSON.
+
+        Parameters
+        ----------
+        plain
+            The plain report.
+
+        Returns
+        -------
+        'SolverReport'
+            The report without its error estimate and the report of a run to a tolerance.
+        """
         lists = {name: tuple(plain[name]) for name in ("assumptions", "continuation")}
         steps = tuple((int(count), float(error)) for count, error in plain["refinement"])
         return cls(**{**plain, **lists, "refinement": steps, "error": None, "tolerance": None})

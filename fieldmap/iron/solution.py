@@ -106,8 +106,23 @@ class SolvedState(_Reported, FieldAtCurrents):
         return f"{type(self).__name__} at {', '.join(f'{i:g}' for i in self.currents)} A"
 
     def field(self, points: ArrayLike) -> Array:
-        """Flux density (n, 3) or (3,), inside the iron too: of elements their mean. Raises InputError for bad
-        points."""
+        """Flux density at points, inside the iron too: of elements their mean.
+
+        Parameters
+        ----------
+        points
+            Positions (3,), (n, 3) or (..., 3) in the frame of the field, m.
+
+        Returns
+        -------
+        Array
+            B (..., 3), T.
+
+        Raises
+        ------
+        InputError
+            For points that do not fit.
+        """
         x, single = checked_points(points)
         b = np.zeros(x.shape)
         if self.background is not None:
@@ -121,11 +136,43 @@ class SolvedState(_Reported, FieldAtCurrents):
         return b[0] if single else b
 
     def gradient(self, points: ArrayLike) -> Array:
-        """Gradient dB_i/dx_j (n, 3, 3) or (3, 3), outside the iron. Raises InputError for points inside it."""
+        """Gradient of the flux density outside the iron.
+
+        Parameters
+        ----------
+        points
+            Positions (3,), (n, 3) or (..., 3) in the frame of the field, m.
+
+        Returns
+        -------
+        Array
+            dB_i/dx_j (..., 3, 3), T/m.
+
+        Raises
+        ------
+        InputError
+            For points inside the iron.
+        """
         return self.field_and_gradient(points)[1]
 
     def field_and_gradient(self, points: ArrayLike) -> tuple[Array, Array]:
-        """`field` and `gradient`, whose points must lie outside the iron, in one pass."""
+        """`field` and `gradient` in one pass.
+
+        Parameters
+        ----------
+        points
+            Positions outside the iron (3,), (n, 3) or (..., 3), m.
+
+        Returns
+        -------
+        tuple[Array, Array]
+            B (..., 3), T, and dB_i/dx_j (..., 3, 3), T/m.
+
+        Raises
+        ------
+        InputError
+            For points inside the iron.
+        """
         x, single = checked_points(points)
         refuse_inside(self._bodies, x)
         b, g = np.zeros(x.shape), np.zeros((*x.shape, 3))
@@ -155,7 +202,23 @@ class SolvedState(_Reported, FieldAtCurrents):
         return float(size.max()) if len(size) else float("nan")
 
     def flux_density(self, body: str) -> Array:
-        """Mean flux density (3,) in T over the volume of a named body. Raises InputError for an unknown name."""
+        """Mean flux density over the volume of a body.
+
+        Parameters
+        ----------
+        body
+            Name of the body.
+
+        Returns
+        -------
+        Array
+            B (3,), T.
+
+        Raises
+        ------
+        InputError
+            For an unknown name.
+        """
         names = () if self._bodies is None else self._bodies.body_names
         if body not in names:
             must_hold = f"the name must be one of {', '.join(names)}"
@@ -163,22 +226,64 @@ class SolvedState(_Reported, FieldAtCurrents):
         return self._mean_over(body)
 
     def section_flux(self, section: str | Section) -> SectionFlux:
-        """Flux, area and mean normal flux density of a section of the device file, or of any plane.
+        """Flux, area and mean normal flux density of a section.
 
-        The field inside each element is integrated over what the plane cuts out of it. Raises InputError for an
-        unknown name, and for a plane that cuts no iron.
+        The field inside each element is integrated over what the plane cuts out of it.
+
+        Parameters
+        ----------
+        section
+            Name of a section of the device file, or any plane.
+
+        Returns
+        -------
+        SectionFlux
+            Flux, area and flux density.
+
+        Raises
+        ------
+        InputError
+            For an unknown name, and for a plane that cuts no iron.
         """
         return section_flux(self.mesh, self.iron, named_section(self.sections, section), self.weights)
 
     def section_flux_density(self, section: str | Section) -> float:
-        """Mean flux density in T along the normal of a section; see `section_flux`."""
+        """Mean flux density along the normal of a section.
+
+        Parameters
+        ----------
+        section
+            As for `section_flux`.
+
+        Returns
+        -------
+        float
+            Flux density, T.
+
+        Raises
+        ------
+        InputError
+            As for `section_flux`.
+        """
         return self.section_flux(section).flux_density
 
     def force_on(self, name: str | Sequence[str]) -> Array:
-        """Force (3,) in N on a body or coil, or on several together.
+        """Force on a body or coil, or on several together.
 
-        Bodies that touch have a force only together: name them all. Raises InputError otherwise and for unknown
-        names.
+        Parameters
+        ----------
+        name
+            Name, or names. Bodies that touch have a force only together: name them all.
+
+        Returns
+        -------
+        Array
+            Force (3,), N.
+
+        Raises
+        ------
+        InputError
+            For unknown names, and for a body without those that touch it.
         """
         return self.force_and_torque_on(name, np.zeros(3))[0]
 
@@ -192,11 +297,47 @@ class SolvedState(_Reported, FieldAtCurrents):
         return tuple(dict.fromkeys(bodies.touched_by(mesh, name) for name in mesh.iron_names))
 
     def torque_on(self, name: str | Sequence[str], about: ArrayLike) -> Array:
-        """Torque (3,) in N m about a point (3,) in m; otherwise as `force_on`."""
+        """Torque on a body or coil, or on several together.
+
+        Parameters
+        ----------
+        name
+            As for `force_on`.
+        about
+            Point (3,), m.
+
+        Returns
+        -------
+        Array
+            Torque (3,), N m.
+
+        Raises
+        ------
+        InputError
+            As for `force_on`.
+        """
         return self.force_and_torque_on(name, about)[1]
 
     def force_and_torque_on(self, name: str | Sequence[str], about: ArrayLike) -> tuple[Array, Array]:
-        """`force_on` and `torque_on` (about a point (3,) in m) in the time of one."""
+        """`force_on` and `torque_on` in the time of one.
+
+        Parameters
+        ----------
+        name
+            As for `force_on`.
+        about
+            Point (3,) of the torque, m.
+
+        Returns
+        -------
+        tuple[Array, Array]
+            Force (3,), N, and torque (3,), N m.
+
+        Raises
+        ------
+        InputError
+            As for `force_on`.
+        """
         density = None
         if self.iron is not None:
             density = self.weights @ (self.iron.separated or self.iron).density
@@ -210,15 +351,36 @@ class SolvedState(_Reported, FieldAtCurrents):
     def derivative(self, quantity: Quantity, parameters: Sequence[str]) -> Derivatives:
         """Derivatives of a quantity by numbers of the device, exact for the discrete equations.
 
-        quantity: `FluxDensityAt`, `GradientAt`, `DipoleForce`, `FluxLinkage` or `FieldFunction` of `fieldmap.iron`.
-        parameters: key paths of the device file, in the units of their keys, and "current.NAME" for the current of a
-        coil (A; "current.*" for all together): currents, turns, places and sizes of coils, remanence, permeability and
-        B-H parameters, the background, places of bodies, sizes of boxes, cylinders, rings and spheres. One linear solve
-        for each number of the quantity, however many parameters (docs/theory/iron_derivatives.md). Raises
-        InputError for points inside the iron, for keys of joints or that change shapes otherwise, and for a solution
-        that was read from a file, has hysteresis, or is not of the potential form; DeviceFileError for keys that the
-        device lacks; NotConverged.
+        One linear solve for each number of the quantity, however many parameters
+        (docs/theory/iron_derivatives.md).
 
+        Parameters
+        ----------
+        quantity
+            `FluxDensityAt`, `GradientAt`, `DipoleForce`, `FluxLinkage` or `FieldFunction` of `fieldmap.iron`.
+        parameters
+            Key paths of the device file, in the units of their keys, and "current.NAME" for the current of a
+            coil (A; "current.*" for all together): currents, turns, places and sizes of coils, remanence,
+            permeability and B-H parameters, the background, places of bodies, sizes of boxes, cylinders,
+            rings and spheres.
+
+        Returns
+        -------
+        Derivatives
+            The derivatives by key.
+
+        Raises
+        ------
+        InputError
+            For points inside the iron, for keys of joints or that change shapes otherwise, and for a solution
+            that was read from a file, has hysteresis, or is not of the potential form.
+        DeviceFileError
+            For keys that the device lacks.
+        NotConverged
+            Where a linear solve does not end.
+
+        Examples
+        --------
         >>> import fieldmap as fm
         >>> from fieldmap.iron import FluxDensityAt
         >>> state = fm.solve_linear("loop_and_sphere").at([2.0])
@@ -233,9 +395,22 @@ class SolvedState(_Reported, FieldAtCurrents):
         return self.origin.derivative(self, quantity, parameters)
 
     def polarisation(self, points: ArrayLike) -> Array:
-        """mu0 M (n, 3) or (3,), T: inside the iron and magnets that of the element, zero in the air.
+        """mu0 M: inside the iron and magnets that of the element, zero in the air.
 
-        Raises InputError for a solution that was read back from a file, which knows no iron, only its charges.
+        Parameters
+        ----------
+        points
+            Positions (n, 3) or (3,), m.
+
+        Returns
+        -------
+        Array
+            (n, 3) or (3,), T.
+
+        Raises
+        ------
+        InputError
+            For a solution that was read back from a file, which knows no iron, only its charges.
         """
         x, single = checked_points(points)
         values = np.zeros(x.shape)
@@ -374,7 +549,24 @@ class LinearSolution(_Reported, FieldOfStates):
         return np.zeros((0, 3)) if self.state is None else self.state.faces.centres
 
     def at(self, currents: Currents) -> LinearState:
-        """The state at these currents. Raises InputError for currents that do not fit the coils."""
+        """The state at these currents.
+
+        Parameters
+        ----------
+        currents
+            Currents, A: (n_coils,) in the order of `coil_names`, one number for all coils, or a mapping by
+            name.
+
+        Returns
+        -------
+        LinearState
+            The state.
+
+        Raises
+        ------
+        InputError
+            For currents that do not fit the coils.
+        """
         amperes = np.array(coil_currents(currents, self.coil_names))
         weights = np.append(amperes, 1.0) if self.has_constant else amperes
         about = (self.coils, amperes, self.mesh, self.state, weights, self.report, self.sections)
@@ -391,17 +583,49 @@ class LinearSolution(_Reported, FieldOfStates):
         return self.mesh
 
     def unit_fields(self, points: ArrayLike) -> tuple[Array, Array]:
-        """Total field (c, n, 3) in T/A and gradient (c, n, 3, 3) in T/(m A) of 1 A in each coil, outside the iron.
+        """Total field and gradient of 1 A in each coil, outside the iron, without the field that no current
+        drives.
 
-        Without the field that no current drives. Raises InputError for points that are not (n, 3) or not finite, and
-        for points inside the iron, where the gradient is not defined by the solver.
+        Parameters
+        ----------
+        points
+            Positions (n, 3), m.
+
+        Returns
+        -------
+        tuple[Array, Array]
+            B (c, n, 3), T/A, and gradient (c, n, 3, 3), T/(m A).
+
+        Raises
+        ------
+        InputError
+            For points that are not (n, 3) or not finite, and for points inside the iron, where the gradient
+            is not defined by the solver.
         """
         b, g = self.source_fields(points)
         return b[: len(self.coils)], g[: len(self.coils)]
 
     def source_fields(self, points: ArrayLike) -> tuple[Array, Array]:
-        """Fields (columns, n, 3) and gradients (columns, n, 3, 3) of every column: 1 A in each coil, then, if there is
-        such a field, that of permanent magnets and background with all currents off. Raises as `unit_fields`."""
+        """Fields and gradients of every column.
+
+        The columns are 1 A in each coil, then, if there is such a field, that of permanent magnets and
+        background with all currents off.
+
+        Parameters
+        ----------
+        points
+            Positions (n, 3), m.
+
+        Returns
+        -------
+        tuple[Array, Array]
+            B (columns, n, 3), and gradient (columns, n, 3, 3).
+
+        Raises
+        ------
+        InputError
+            As for `unit_fields`.
+        """
         x, _ = checked_points(points)
         refuse_inside(self._bodies, x)
         columns = len(self.coils) + self.has_constant
@@ -417,7 +641,19 @@ class LinearSolution(_Reported, FieldOfStates):
         return b, g
 
     def flux_density_samples(self, currents: Currents) -> FluxDensitySamples:
-        """|B| all over the iron at these currents: here of every element."""
+        """|B| all over the iron: here of every element.
+
+        Parameters
+        ----------
+        currents
+            Currents, A: (n_coils,) in the order of `coil_names`, one number for all coils, or a mapping by
+            name.
+
+        Returns
+        -------
+        FluxDensitySamples
+            The samples.
+        """
         state, mesh = self.at(currents), self.mesh
         if mesh is None:
             return FluxDensitySamples(np.zeros(0), np.zeros(0), np.zeros(0, np.int64), ())
@@ -425,8 +661,23 @@ class LinearSolution(_Reported, FieldOfStates):
         return FluxDensitySamples(size, volumes(mesh.points, mesh.tets), mesh.body, mesh.body_names)
 
     def constant_fields(self, points: ArrayLike) -> tuple[Array, Array]:
-        """Field (n, 3) and gradient (n, 3, 3) with all currents off, outside the iron: that of permanent magnets and
-        background."""
+        """Field and gradient of permanent magnets and background, with all currents off, outside the iron.
+
+        Parameters
+        ----------
+        points
+            Positions (n, 3), m.
+
+        Returns
+        -------
+        tuple[Array, Array]
+            B (n, 3), T, and gradient (n, 3, 3), T/m.
+
+        Raises
+        ------
+        InputError
+            As for `unit_fields`.
+        """
         b, g = self.source_fields(points)
         if not self.has_constant:
             return np.zeros(b.shape[1:]), np.zeros(g.shape[1:])
@@ -440,31 +691,127 @@ class LinearSolution(_Reported, FieldOfStates):
         return self._air_inductance + self._iron_linkages()[:, : len(self.coils)]
 
     def flux_density(self, body: str, currents: Currents) -> Array:
-        """See `SolvedState.flux_density`."""
+        """See `SolvedState.flux_density`.
+
+        Parameters
+        ----------
+        body
+            Name of the body.
+        currents
+            Currents, A: (n_coils,) in the order of `coil_names`, one number for all coils, or a mapping by
+            name.
+
+        Returns
+        -------
+        Array
+            B (3,), T.
+        """
         return self.at(currents).flux_density(body)
 
     def section_flux(self, section: str | Section, currents: Currents) -> SectionFlux:
-        """See `SolvedState.section_flux`."""
+        """See `SolvedState.section_flux`.
+
+        Parameters
+        ----------
+        section
+            Name of a section of the device file, or any plane.
+        currents
+            Currents, A: (n_coils,) in the order of `coil_names`, one number for all coils, or a mapping by
+            name.
+
+        Returns
+        -------
+        SectionFlux
+            Flux, area and flux density.
+        """
         return self.at(currents).section_flux(section)
 
     def section_flux_density(self, section: str | Section, currents: Currents) -> float:
-        """See `SolvedState.section_flux_density`."""
+        """See `SolvedState.section_flux_density`.
+
+        Parameters
+        ----------
+        section
+            Name of a section of the device file, or any plane.
+        currents
+            Currents, A: (n_coils,) in the order of `coil_names`, one number for all coils, or a mapping by
+            name.
+
+        Returns
+        -------
+        float
+            Flux density, T.
+        """
         return self.at(currents).section_flux_density(section)
 
     def force_on(self, name: str | Sequence[str], currents: Currents) -> Array:
-        """See `SolvedState.force_on`."""
+        """See `SolvedState.force_on`.
+
+        Parameters
+        ----------
+        name
+            Name, or names.
+        currents
+            Currents, A: (n_coils,) in the order of `coil_names`, one number for all coils, or a mapping by
+            name.
+
+        Returns
+        -------
+        Array
+            Force (3,), N.
+        """
         return self.at(currents).force_on(name)
 
     def torque_on(self, name: str | Sequence[str], currents: Currents, about: ArrayLike) -> Array:
-        """See `SolvedState.torque_on`."""
+        """See `SolvedState.torque_on`.
+
+        Parameters
+        ----------
+        name
+            Name, or names.
+        currents
+            Currents, A: (n_coils,) in the order of `coil_names`, one number for all coils, or a mapping by
+            name.
+        about
+            Point (3,), m.
+
+        Returns
+        -------
+        Array
+            Torque (3,), N m.
+        """
         return self.at(currents).torque_on(name, about)
 
     def flux_linkage(self, currents: Currents) -> Array:
-        """See `SolvedState.flux_linkage`."""
+        """See `SolvedState.flux_linkage`.
+
+        Parameters
+        ----------
+        currents
+            Currents, A: (n_coils,) in the order of `coil_names`, one number for all coils, or a mapping by
+            name.
+
+        Returns
+        -------
+        Array
+            Linkages (c,), Wb.
+        """
         return self.at(currents).flux_linkage()
 
     def energy(self, currents: Currents) -> float:
-        """See `LinearState.energy`."""
+        """See `LinearState.energy`.
+
+        Parameters
+        ----------
+        currents
+            Currents, A: (n_coils,) in the order of `coil_names`, one number for all coils, or a mapping by
+            name.
+
+        Returns
+        -------
+        float
+            Energy, J.
+        """
         return self.at(currents).energy()
 
     def outlines(self) -> tuple[Outline, ...]:
@@ -544,7 +891,18 @@ class NonlinearSolution(PotentialSolution):
         return self.state.iron.faces.centres
 
     def source_fields(self, points: ArrayLike) -> tuple[Array, Array]:
-        """Field (1, n, 3) and gradient (1, n, 3, 3) of that source at points (n, 3)."""
+        """Field and gradient of the one source of a state.
+
+        Parameters
+        ----------
+        points
+            Positions (n, 3), m.
+
+        Returns
+        -------
+        tuple[Array, Array]
+            B (1, n, 3), T, and gradient (1, n, 3, 3), T/m.
+        """
         flux, slope = self.field_and_gradient(points)
         return flux[None], slope[None]
 

@@ -319,17 +319,23 @@ def design_figures(
 
     Parameters
     ----------
-    device : the machine, its file, or the name of a shipped one.
-    currents : (c,), A.
-    field : the solution of the device, or its solver of saturating iron; a new solver where its iron saturates and a
-        linear solution otherwise, if None.
-    thermal_resistance : of each winding to its surroundings, K/W; the rise of the temperature is that times the power,
-        with the resistance at 20 C.
-    fill : share of copper in a winding's section, for windings whose resistance the device does not state.
+    device
+        The machine, its file, or the name of a shipped one.
+    currents
+        (c,), A.
+    field
+        The solution of the device, or its solver of saturating iron; a new solver where its iron saturates
+        and a linear solution otherwise, if None.
+    thermal_resistance
+        Of each winding to its surroundings, K/W; the rise of the temperature is that times the power, with
+        the resistance at 20 C.
+    fill
+        Share of copper in a winding's section, for windings whose resistance the device does not state.
 
     Returns
     -------
-    What each winding needs, the inductances, and the forces.
+    DesignFigures
+        What each winding needs, the inductances, and the forces.
 
     Raises
     ------
@@ -338,6 +344,8 @@ def design_figures(
     GeometryError, NotConverged
         As the solvers.
 
+    Examples
+    --------
     >>> import fieldmap as fm
     >>> figures = design_figures(fm.read_device("loop_and_sphere"), 1.0)
     >>> figures.windings[0].coil, figures.inductance.shape

@@ -95,13 +95,35 @@ class SymmetryGroup(Record):
         return _group_name(self.operations)
 
     def subgroup(self, members: list[int]) -> "SymmetryGroup":
-        """The operations with these indices; they must form a group, the identity first."""
+        """Some of the operations.
+
+        Parameters
+        ----------
+        members
+            Their indices; they must form a group, the identity first.
+
+        Returns
+        -------
+        'SymmetryGroup'
+            The group.
+        """
         chosen = tuple(self.operations[k] for k in members)
         return SymmetryGroup(chosen, self.centre, self.tolerance, self.limits)
 
 
 def multiplication_table(matrices: Array) -> Index | None:
-    """table[a, b] is the index of matrices[a] @ matrices[b]; None where a product is missing."""
+    """Products of matrices of a group.
+
+    Parameters
+    ----------
+    matrices
+        (g, 3, 3).
+
+    Returns
+    -------
+    Index | None
+        table[a, b] is the index of matrices[a] @ matrices[b]; None where a product is missing.
+    """
     products = np.einsum("aij,bjk->abik", matrices, matrices)
     distance = np.abs(products[:, :, None] - matrices[None, None]).max(axis=(3, 4))
     table = distance.argmin(axis=2)
@@ -109,14 +131,36 @@ def multiplication_table(matrices: Array) -> Index | None:
 
 
 def rotation_axis(turn: Array) -> Array:
-    """Unit vector along the axis of a rotation; of the two, the one whose largest component is positive."""
+    """Axis of a rotation.
+
+    Parameters
+    ----------
+    turn
+        The rotation (3, 3).
+
+    Returns
+    -------
+    Array
+        Unit vector (3,); of the two, the one whose largest component is positive.
+    """
     values, vectors = np.linalg.eigh(turn + turn.T)
     axis = vectors[:, values.argmax()]
     return axis * np.sign(axis[np.abs(axis).argmax()])
 
 
 def mirror_normal(mirror: Array) -> Array:
-    """Unit normal of a mirror's plane; its largest component is positive."""
+    """Normal of a mirror's plane.
+
+    Parameters
+    ----------
+    mirror
+        The reflection (3, 3).
+
+    Returns
+    -------
+    Array
+        Unit vector (3,), whose largest component is positive.
+    """
     values, vectors = np.linalg.eigh(mirror)
     normal = vectors[:, values.argmin()]
     return normal * np.sign(normal[np.abs(normal).argmax()])
@@ -172,16 +216,41 @@ _SAME_EIGENVALUE = 1e-9
 
 
 def inverses(table: Index) -> Index:
-    """Index (g,) of the inverse of each element; the identity is element 0."""
+    """Inverse of each element of a group.
+
+    Parameters
+    ----------
+    table
+        Of `multiplication_table` (g, g); the identity is element 0.
+
+    Returns
+    -------
+    Index
+        Indices (g,).
+    """
     return np.argmax(table == 0, axis=1)
 
 
 def irreducible_representations(table: Index) -> tuple[Array, ...]:
-    """Real orthogonal matrices (g, d, d) of each inequivalent irreducible representation.
+    """Each inequivalent irreducible representation of a group, by real orthogonal matrices.
 
-    table (g, g): index of the product of two elements, element 0 the identity. Raises ValueError for a group that
-    has complex ones (rotations alone, say).
+    Parameters
+    ----------
+    table
+        Index of the product of two elements (g, g), element 0 the identity.
 
+    Returns
+    -------
+    tuple[Array, ...]
+        Matrices (g, d, d) of each.
+
+    Raises
+    ------
+    ValueError
+        For a group that has complex ones (rotations alone, say).
+
+    Examples
+    --------
     >>> [len(m[0]) for m in irreducible_representations(np.array([[0, 1], [1, 0]]))]
     [1, 1]
     """
@@ -211,9 +280,19 @@ def irreducible_representations(table: Index) -> tuple[Array, ...]:
 
 
 def fourier_matrix(representations: tuple[Array, ...]) -> Array:
-    """Orthogonal matrix (g, g): functions on the group to their coefficients, rows in the order (representation, i, j).
+    """Functions on a group to their coefficients.
 
     Coefficient sqrt(d/g) sum_b matrices[b, i, j] f(b), by the orthogonality of matrix entries (Schur).
+
+    Parameters
+    ----------
+    representations
+        Of `irreducible_representations`.
+
+    Returns
+    -------
+    Array
+        Orthogonal matrix (g, g), rows in the order (representation, i, j).
     """
     order = len(representations[0])
     return np.concatenate(
@@ -226,11 +305,21 @@ _EXACT = np.array([0.0, 0.5, 1.0, np.sqrt(0.5), np.sqrt(0.75)])
 
 
 def exact_matrices(found: Array) -> Array | None:
-    """The exact representation next to nearly orthogonal matrices (g, 3, 3), the identity first; None if no group.
+    """The exact representation next to nearly orthogonal matrices.
 
-    A vector v is known by the function h -> matrices[h]^T v on the group. These functions form a subspace that left
-    translations nearly keep; averaged over the group, its projector commutes with them exactly, and its eigenspace
-    carries the exact representation.
+    A vector v is known by the function h -> matrices[h]^T v on the group. These functions form a subspace
+    that left translations nearly keep; averaged over the group, its projector commutes with them exactly, and
+    its eigenspace carries the exact representation.
+
+    Parameters
+    ----------
+    found
+        Matrices (g, 3, 3), the identity first.
+
+    Returns
+    -------
+    Array | None
+        Matrices (g, 3, 3); None if they form no group.
     """
     table = multiplication_table(found)
     if table is None or len(np.unique(table[:, 0])) < len(found):
@@ -270,14 +359,40 @@ class Outline(Record):
     rows: Array
 
     def moved(self, matrix: Array, centre: Array) -> "Outline":
-        """The image under a linear map about `centre`."""
+        """The image under a linear map.
+
+        Parameters
+        ----------
+        matrix
+            The map (3, 3).
+        centre
+            Point (3,), m, that stays.
+
+        Returns
+        -------
+        'Outline'
+            The image.
+        """
         rows = self.rows.copy()
         for part in (slice(0, 3), slice(3, 6)):
             rows[:, part] = (rows[:, part] - centre) @ matrix.T + centre
         return Outline(self.kind, rows)
 
     def is_like(self, other: "Outline", tolerance: float) -> bool:
-        """Whether both are the same set of segments."""
+        """Whether both are the same set of segments.
+
+        Parameters
+        ----------
+        other
+            The other one.
+        tolerance
+            Largest distance that counts as none, m.
+
+        Returns
+        -------
+        bool
+            True if they are.
+        """
         if self.kind != other.kind or len(self.rows) != len(other.rows):
             return False
         distance = np.abs(self.rows[:, None] - other.rows[None]).max(axis=2)
@@ -298,11 +413,37 @@ class Item(Record):
         return np.concatenate([outline.rows[:, :3] for run in self.runs for outline in run])
 
     def moved(self, matrix: Array, centre: Array) -> "Item":
-        """The image under a linear map about `centre`."""
+        """The image under a linear map.
+
+        Parameters
+        ----------
+        matrix
+            The map (3, 3).
+        centre
+            Point (3,), m, that stays.
+
+        Returns
+        -------
+        'Item'
+            The image.
+        """
         return Item(self.kind, tuple(tuple(o.moved(matrix, centre) for o in run) for run in self.runs))
 
     def is_like(self, other: "Item", tolerance: float) -> bool:
-        """Whether both are of one kind and fill the same space, as far as their parts tell."""
+        """Whether both are of one kind and fill the same space, as far as their parts tell.
+
+        Parameters
+        ----------
+        other
+            The other one.
+        tolerance
+            Largest distance that counts as none, m.
+
+        Returns
+        -------
+        bool
+            True if they are.
+        """
         if self.kind != other.kind or [len(r) for r in self.runs] != [len(r) for r in other.runs]:
             return False
         return all(_same_set(a, b, tolerance) for a, b in zip(self.runs, other.runs, strict=True))
@@ -319,7 +460,20 @@ def _same_set(these: tuple[Outline, ...], those: tuple[Outline, ...], tolerance:
 
 
 def body_item(body: model.Body, kind: tuple[object, ...]) -> Item:
-    """A body's parts. `kind` holds whatever else must be equal in bodies that are alike."""
+    """A body's parts.
+
+    Parameters
+    ----------
+    body
+        The body.
+    kind
+        Whatever else must be equal in bodies that are alike.
+
+    Returns
+    -------
+    Item
+        The item.
+    """
     runs: list[tuple[str, list[Outline]]] = []
     for part in body.parts:
         if not runs or runs[-1][0] != part.operation:
@@ -331,7 +485,18 @@ def body_item(body: model.Body, kind: tuple[object, ...]) -> Item:
 
 
 def coil_item(coil: Coil) -> Item:
-    """A winding as a space filled with turns; the sense of the current is left out."""
+    """A winding as a space filled with turns; the sense of the current is left out.
+
+    Parameters
+    ----------
+    coil
+        The coil.
+
+    Returns
+    -------
+    Item
+        The item.
+    """
     path = coil.winding()
     if path.is_circle:
         half = 0.5 * path.height * np.array([0.0, 0.0, 1.0])
@@ -344,7 +509,18 @@ def coil_item(coil: Coil) -> Item:
 
 
 def coil_axis(coil: Coil) -> Array:
-    """Direction (3,) of the moment of a positive current: an axial vector."""
+    """Direction of the moment of a positive current: an axial vector.
+
+    Parameters
+    ----------
+    coil
+        The coil.
+
+    Returns
+    -------
+    Array
+        Unit vector (3,).
+    """
     sense = np.sign(coil.turns) * coil.polarity * coil.winding().turning
     return np.asarray(coil.placement.rotation, dtype=float)[:, 2] * sense
 
@@ -453,11 +629,23 @@ _IDENTITY = np.eye(3)
 def find_symmetry(device: model.Device) -> SymmetryGroup:
     """All mirrors and rotations that map the iron onto itself, and what they do to coils and magnets.
 
-    Bodies are alike where shape, material (for magnets: mu_r) and mesh sizes are. Lengths and positions count as
-    equal within 1e-6 of the iron's size. The parts of the device file are compared, not the solids they add up to:
-    a symmetric body made of parts that are not is not recognised, and a STEP body or a mesh counts as one
-    without any symmetry of its own. Never raises.
+    Bodies are alike where shape, material (for magnets: mu_r) and mesh sizes are. Lengths and positions count
+    as equal within 1e-6 of the iron's size. The parts of the device file are compared, not the solids they
+    add up to: a symmetric body made of parts that are not is not recognised, and a STEP body or a mesh counts
+    as one without any symmetry of its own. Never raises.
 
+    Parameters
+    ----------
+    device
+        The device.
+
+    Returns
+    -------
+    SymmetryGroup
+        The group.
+
+    Examples
+    --------
     >>> import fieldmap as fm
     >>> print(find_symmetry(fm.read_device("drive_unit")))
     mirror y = 0

@@ -61,11 +61,25 @@ def _millimetres(point: Array) -> str:
 
 
 def dipole_force(moment: Array, gradient: Array) -> Array:
-    """F_k = m_i dB_i/dx_k, N, for a field without currents at the dipole: docs/theory/equilibrium.md (1).
+    """F_k = m_i dB_i/dx_k for a field without currents at the dipole: docs/theory/equilibrium.md (1).
 
-    moment (..., 3) in A m^2, gradient (..., 3, 3) in T/m. The same law serves a fixed moment and one that
-    follows the field: a turning moment does no first-order work when it is parallel to B.
+    The same law serves a fixed moment and one that follows the field: a turning moment does no first-order
+    work when it is parallel to B.
 
+    Parameters
+    ----------
+    moment
+        (..., 3), A m^2.
+    gradient
+        dB_i/dx_k (..., 3, 3), T/m.
+
+    Returns
+    -------
+    Array
+        Force (..., 3), N.
+
+    Examples
+    --------
     >>> import numpy as np
     >>> dipole_force(np.array([0.0, 0.0, 2.0]), np.diag([-0.5, -0.5, 1.0])).tolist()
     [0.0, 0.0, 2.0]
@@ -82,10 +96,21 @@ def upright_force(field: AnyField, currents: Any, payload: Payload, points: Arra
 
 
 def dipole_stiffness(moment: Array, second_gradient: Array) -> Array:
-    """K_kl = -dF_k/dx_l = -m_i d2B_i/dx_k dx_l, N/m, for a moment that keeps its direction.
+    """K_kl = -dF_k/dx_l = -m_i d2B_i/dx_k dx_l for a moment that keeps its direction.
 
-    moment (..., 3) in A m^2, second_gradient (..., 3, 3, 3) in T/m^2. Trace-free wherever B is harmonic
-    (Earnshaw): a fixed dipole is never stable in all three directions.
+    Trace-free wherever B is harmonic (Earnshaw): a fixed dipole is never stable in all three directions.
+
+    Parameters
+    ----------
+    moment
+        (..., 3), A m^2.
+    second_gradient
+        (..., 3, 3, 3), T/m^2.
+
+    Returns
+    -------
+    Array
+        Stiffness (..., 3, 3), N/m.
     """
     return -np.einsum("...i,...ikl->...kl", moment, second_gradient)
 
@@ -146,13 +171,17 @@ class MagnetBalance(ABC):
 
         Parameters
         ----------
-        position : the magnet's centre (3,), m.
-        signals : currents (n_coils, k), A, per unit of each signal.
-        steps : half the differences of the signals (k,).
+        position
+            The magnet's centre (3,), m.
+        signals
+            Currents (n_coils, k), A, per unit of each signal.
+        steps
+            Half the differences of the signals (k,).
 
         Returns
         -------
-        Slopes (3, k), N per unit of each signal.
+        Array
+            Slopes (3, k), N per unit of each signal.
         """
 
         def force(change: Array) -> Array:
@@ -314,13 +343,37 @@ def magnet_balance(
     moment: MagnetModel = "fixed",
     lever: float = 0.0,
 ) -> MagnetBalance:
-    """The force balance of a payload's magnet at currents (n_coils,), A.
+    """The force balance of a payload's magnet.
 
-    moment: "fixed", a dipole that stays vertical; "aligned", one that follows B; "rigid", the payload's magnet itself,
-    integrated over its volume and turned until torque vanishes; "rigid upright", the same without turning. A payload of
-    pieces stays upright. A fixed or rigid moment points up or down, whichever is lifted more near a point (3,) or at
-    the best of several (n, 3). lever: of the body's centre of mass below the magnet's centre, m, for "rigid". Raises
-    InputError for another name or a payload without a magnet.
+    A payload of pieces stays upright. A fixed or rigid moment points up or down, whichever is lifted more.
+
+    Parameters
+    ----------
+    field
+        Any field with a box.
+    currents
+        Currents (n_coils,), A.
+    payload
+        What is levitated.
+    near
+        Point (3,), m, near which the direction of the moment is chosen, or several (n, 3), of which the best
+        counts.
+    moment
+        "fixed", a dipole that stays vertical; "aligned", one that follows B; "rigid", the payload's magnet
+        itself, integrated over its volume and turned until torque vanishes; "rigid upright", the same without
+        turning.
+    lever
+        Of the body's centre of mass below the magnet's centre, m, for "rigid".
+
+    Returns
+    -------
+    MagnetBalance
+        The balance.
+
+    Raises
+    ------
+    InputError
+        For another name or a payload without a magnet.
     """
     check_choice("moment", moment, MODELS)
     points = np.asarray(near, dtype=float).reshape(-1, 3)
@@ -349,7 +402,20 @@ def refuse_models_of_pieces(where: str, moment: str) -> None:
 
 
 def model_assumptions(moment: MagnetModel, lever: float = 0.0) -> tuple[str, ...]:
-    """What a model rests on."""
+    """What a model of the magnet rests on.
+
+    Parameters
+    ----------
+    moment
+        As for `magnet_balance`.
+    lever
+        As for `magnet_balance`.
+
+    Returns
+    -------
+    tuple[str, ...]
+        The assumptions.
+    """
     stated = [_HELD[check_choice("moment", moment, MODELS)]]
     if moment == "rigid":
         stated.append(f"the body's centre of mass lies {1e3 * lever:g} mm below the magnet's centre")

@@ -81,22 +81,33 @@ def follow_equilibrium(
 
     Parameters
     ----------
-    field : any field with a box.
-    payload : the levitated body.
-    path : path(parameter, level) gives currents (n_coils,), A, and the height z of the magnet, m, such as `lambda x, u:
-        (divide_currents(u, x, 0.0, 1.25), -0.102)`.
-    start : (x, y), m, near the solution at the first stop.
-    stops : (n,), parameters in rising or falling order.
-    level : current level, A; only its first value if the height is held.
-    hold_height : the level is an unknown, so that the lift equals the weight, as with a vertical controller. Otherwise
+    field
+        Any field with a box.
+    payload
+        The levitated body.
+    path
+        path(parameter, level) gives currents (n_coils,), A, and the height z of the magnet, m, such as
+        `lambda x, u: (divide_currents(u, x, 0.0, 1.25), -0.102)`.
+    start
+        (x, y), m, near the solution at the first stop.
+    stops
+        (n,), parameters in rising or falling order.
+    level
+        Current level, A; only its first value if the height is held.
+    hold_height
+        The level is an unknown, so that the lift equals the weight, as with a vertical controller. Otherwise
         the level is constant and there is no condition on the vertical force.
-    field_scale : factor of every field, a calibration; it has an effect only if the height is held.
-    moment, lever : as in `magnet_balance`.
-    step : largest step, in units of a quarter of the map's width, the range of the stops and the level.
+    field_scale
+        Factor of every field, a calibration; it has an effect only if the height is held.
+    moment, lever
+        As in `magnet_balance`.
+    step
+        Largest step, in units of a quarter of the map's width, the range of the stops and the level.
 
     Returns
     -------
-    The branch, in the order in which it was followed.
+    EquilibriumBranch
+        The branch, in the order in which it was followed.
 
     Raises
     ------
@@ -150,16 +161,23 @@ def equilibrium_at(
 
     Parameters
     ----------
-    field : any field with a box.
-    payload : the levitated body.
-    path : path(level) gives currents (n_coils,), A, and the height z of the magnet, m.
-    start : (x, y), m.
-    level : current level, A; only its first value if the height is held.
-    hold_height, field_scale, moment, lever : as in `follow_equilibrium`.
+    field
+        Any field with a box.
+    payload
+        The levitated body.
+    path
+        path(level) gives currents (n_coils,), A, and the height z of the magnet, m.
+    start
+        (x, y), m.
+    level
+        Current level, A; only its first value if the height is held.
+    hold_height, field_scale, moment, lever
+        As in `follow_equilibrium`.
 
     Returns
     -------
-    The point, and the level, A.
+    tuple[StationaryPoint, float]
+        The point, and the level, A.
 
     Raises
     ------

@@ -92,7 +92,18 @@ class Calibration(Record):
         return dict(zip(self.fitted, np.sqrt(np.diag(self.covariance)).tolist(), strict=True))
 
     def currents(self, currents: ArrayLike) -> Array:
-        """What the field is to be asked at for currents of the rig (..., n_coils): scaled by the fitted gains."""
+        """What the field is to be asked at for currents of the rig: scaled by the fitted gains.
+
+        Parameters
+        ----------
+        currents
+            Currents of the rig (..., n_coils), A.
+
+        Returns
+        -------
+        Array
+            Currents of the field (..., n_coils), A.
+        """
         return np.asarray(currents, dtype=float) * _gains(self.values, np.asarray(currents).shape[-1])
 
 
@@ -177,21 +188,29 @@ def calibrate(
 
     Parameters
     ----------
-    field : any field with a box.
-    payload : what was levitated.
-    lift, positions : the readings; one kind or both.
-    fit : which parameters are free. "field_scale" multiplies every field and force. "magnet_offset" is the depth of the
-        magnet's centre below the point that the sensor reads, m. "current_scale" multiplies all currents before the
-        field is asked (turns, or an amplifier's gain; where iron saturates that is not the same as a field scale).
-        "gains" stands for one such factor for each coil, called "gain NAME".
-    given : values of parameters that are not free, or where the free ones begin; 1, the payload's magnet_offset, and 1
-        unless given.
-    limits : lower and upper bound of free parameters, narrower than those above.
-    moment, lever : as in `magnet_balance`.
+    field
+        Any field with a box.
+    payload
+        What was levitated.
+    lift, positions
+        The readings; one kind or both.
+    fit
+        Which parameters are free. "field_scale" multiplies every field and force. "magnet_offset" is the
+        depth of the magnet's centre below the point that the sensor reads, m. "current_scale" multiplies all
+        currents before the field is asked (turns, or an amplifier's gain; where iron saturates that is not
+        the same as a field scale). "gains" stands for one such factor for each coil, called "gain NAME".
+    given
+        Values of parameters that are not free, or where the free ones begin; 1, the payload's magnet_offset,
+        and 1 unless given.
+    limits
+        Lower and upper bound of free parameters, narrower than those above.
+    moment, lever
+        As in `magnet_balance`.
 
     Returns
     -------
-    The fit, with its covariance and every reading.
+    Calibration
+        The fit, with its covariance and every reading.
 
     Raises
     ------
@@ -201,11 +220,9 @@ def calibrate(
 
     Examples
     --------
-    ::
-
-        readings = LiftReadings(sensed=-0.05 - depths, currents=np.outer(amperes, np.ones(coils)))
-        found = calibrate(m, device.payload, lift=readings)
-        print(found.values, found.deviations, found.misfit)
+    >>> readings = LiftReadings(sensed=-0.05 - depths, currents=np.outer(amperes, np.ones(coils)))  # doctest: +SKIP
+    >>> found = calibrate(m, device.payload, lift=readings)  # doctest: +SKIP
+    >>> print(found.values, found.deviations, found.misfit)  # doctest: +SKIP
     """
     carried = check_payload(payload, "calibrate")
     source = as_field(field)

@@ -58,9 +58,24 @@ def lift_by_height(
 ) -> tuple[LiftAtHeight, ...]:
     """The lift current on the axis at several heights inside the field's box.
 
-    The heights are those of the stated readings of a measured machine, beside what was measured; otherwise they divide
-    the box. Heights where the field does not lift are left out. largest: the largest current in all coils, A, that the
-    field holds, of a field that does not hold for any.
+    Heights where the field does not lift are left out.
+
+    Parameters
+    ----------
+    field
+        Any field with a box.
+    payload
+        What is levitated.
+    machine
+        A measured machine: the heights are those of its stated readings, beside what was measured. Without it
+        the heights divide the box.
+    largest
+        The largest current in all coils, A, that the field holds, of a field that does not hold for any.
+
+    Returns
+    -------
+    tuple[LiftAtHeight, ...]
+        A row for each height.
     """
     rows = []
     for reading, height in _heights(field, payload.magnet_offset, machine):
@@ -97,8 +112,23 @@ class ForceFit(Record):
 
 
 def fit_force(field: Field, payload: Payload, lift: Sequence[LiftAtHeight]) -> ForceFit | None:
-    """The factor for rows of `lift_by_height`, and their currents with it; None if nothing was measured, and for a
-    payload of pieces, whose force no factor on a moment changes."""
+    """The factor on the moment that fits measured lift currents.
+
+    Parameters
+    ----------
+    field
+        Any field with a box.
+    payload
+        What is levitated.
+    lift
+        Rows of `lift_by_height`.
+
+    Returns
+    -------
+    ForceFit | None
+        The factor, and the rows' currents with it; None if nothing was measured, and for a payload of pieces,
+        whose force no factor on a moment changes.
+    """
     if payload.pieces:
         return None
     shares = np.array([row.lift_share for row in lift if row.lift_share is not None])
@@ -147,7 +177,24 @@ def shifts_beside_measured(
 ) -> tuple[ShiftBesideMeasured, ...]:
     """Every measured shift with this parametrisation, the magnet a point dipole that stays upright.
 
-    Those are left out whose height lies outside the field's box, or for which the field has no equilibrium at signal 0.
+    Those are left out whose height lies outside the field's box, or for which the field has no equilibrium at
+    signal 0.
+
+    Parameters
+    ----------
+    field
+        Any field with a box.
+    payload
+        What is levitated.
+    machine
+        The measured machine.
+    parametrisation
+        How signals become currents.
+
+    Returns
+    -------
+    tuple[ShiftBesideMeasured, ...]
+        The shifts.
     """
     if not isinstance(parametrisation, LiftAndDirections):
         return ()

@@ -70,20 +70,30 @@ def follow_branch(
 
     Parameters
     ----------
-    residual : residual(q (k,), p) gives (k,).
-    start : (k,), near the solution at stops[0].
-    stops : (n,), at least two parameters in rising or falling order. The branch has a point at exactly each of them,
-        and ends at the last one.
-    scale : (k + 1,), a typical change of each unknown and of the parameter.
-    slope : slope(q, p) gives dR/dq (k, k); differences are used unless given.
-    inside : inside(q) says whether the unknowns lie in their range.
-    limits : range of the parameter, which may turn back at folds; the range of the stops unless given.
-    step : largest step, in units of `scale`.
-    most_steps : most steps.
+    residual
+        residual(q (k,), p) gives (k,).
+    start
+        (k,), near the solution at stops[0].
+    stops
+        (n,), at least two parameters in rising or falling order. The branch has a point at exactly each of
+        them, and ends at the last one.
+    scale
+        (k + 1,), a typical change of each unknown and of the parameter.
+    slope
+        slope(q, p) gives dR/dq (k, k); differences are used unless given.
+    inside
+        inside(q) says whether the unknowns lie in their range.
+    limits
+        Range of the parameter, which may turn back at folds; the range of the stops unless given.
+    step
+        Largest step, in units of `scale`.
+    most_steps
+        Most steps.
 
     Returns
     -------
-    The branch.
+    FollowedBranch
+        The branch.
 
     Raises
     ------

@@ -113,17 +113,24 @@ def find_equilibrium(
 
     Parameters
     ----------
-    field : an opened map, a solution, the solver of saturating iron, or any other `fieldmap.field.Field` that has a
-        box; a solved state of saturating iron too, whose currents may be left out.
-    currents : (n_coils,), one number for all coils, or by name, A.
-    payload : a point dipole of its mass and moment, or its pieces, which stay upright while soft iron follows B.
-    start : where to begin (3,), m. Without it the whole box is searched. Of several equilibria the one with most stable
-        directions nearest to the box's vertical axis is returned, and the rest are in `.others`.
-    moment : "fixed" keeps the moment vertical, turned so that it is pulled up at the start; "aligned" lets it follow B.
+    field
+        An opened map, a solution, the solver of saturating iron, or any other `fieldmap.field.Field` that has
+        a box; a solved state of saturating iron too, whose currents may be left out.
+    currents
+        (n_coils,), one number for all coils, or by name, A.
+    payload
+        A point dipole of its mass and moment, or its pieces, which stay upright while soft iron follows B.
+    start
+        Where to begin (3,), m. Without it the whole box is searched. Of several equilibria the one with most
+        stable directions nearest to the box's vertical axis is returned, and the rest are in `.others`.
+    moment
+        "fixed" keeps the moment vertical, turned so that it is pulled up at the start; "aligned" lets it
+        follow B.
 
     Returns
     -------
-    The equilibrium: SI units, frame of the field.
+    Equilibrium
+        The equilibrium: SI units, frame of the field.
 
     Raises
     ------
@@ -134,12 +141,10 @@ def find_equilibrium(
 
     Examples
     --------
-    ::
-
-        m = fieldmap.open_map("maps/out/workspace.h5")
-        payload = fieldmap.read_device("drive_unit").payload
-        e = fieldmap.find_equilibrium(m, currents=3.0, payload=payload)
-        print(e.position, e.stable_axes)
+    >>> m = fieldmap.open_map("maps/out/workspace.h5")  # doctest: +SKIP
+    >>> payload = fieldmap.read_device("drive_unit").payload  # doctest: +SKIP
+    >>> e = fieldmap.find_equilibrium(m, currents=3.0, payload=payload)  # doctest: +SKIP
+    >>> print(e.position, e.stable_axes)  # doctest: +SKIP
     """
     carried = check_payload(payload, "find_equilibrium", pieces=True)
     source, amperes = resolve_currents(field, currents)

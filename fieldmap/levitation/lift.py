@@ -84,17 +84,26 @@ def lift_current(
 
     Parameters
     ----------
-    field : any `fieldmap.field.Field` that has a box.
-    payload : what is lifted.
-    position : the magnet's centre (3,), m, inside the box.
-    shares : current of each coil per ampere of common current (n_coils,); 1 in every coil unless given.
-    first : common current of the first state, A, positive.
-    tolerance : of the lift, as a share of the weight.
-    on_state : is called with the common current, A, and F_z / (m g) after each state.
+    field
+        Any `fieldmap.field.Field` that has a box.
+    payload
+        What is lifted.
+    position
+        The magnet's centre (3,), m, inside the box.
+    shares
+        Current of each coil per ampere of common current (n_coils,); 1 in every coil unless given.
+    first
+        Common current of the first state, A, positive.
+    tolerance
+        Of the lift, as a share of the weight.
+    on_state
+        Is called with the common current, A, and F_z / (m g) after each state.
 
     Returns
     -------
-    The currents, and force and stiffness there. force_per_ampere is the difference of two states, some per cent apart.
+    LiftCurrent
+        The currents, and force and stiffness there. force_per_ampere is the difference of two states, some
+        per cent apart.
 
     Raises
     ------
@@ -109,11 +118,10 @@ def lift_current(
 
     Examples
     --------
-    ::
-
-        lift = lift_current(m, device.payload, [0, 0, -0.102])
-        print(lift.current, "A in each coil")
-        lift = lift_current(fieldmap.iron.NonlinearSolver(device), device.payload, [0, 0, -0.102], first=1.5)
+    >>> lift = lift_current(m, device.payload, [0, 0, -0.102])  # doctest: +SKIP
+    >>> print(lift.current, "A in each coil")  # doctest: +SKIP
+    >>> solver = fieldmap.iron.NonlinearSolver(device)  # doctest: +SKIP
+    >>> lift = lift_current(solver, device.payload, [0, 0, -0.102], first=1.5)  # doctest: +SKIP
     """
     carried = check_payload(payload, "lift_current", pieces=True)
     source = as_field(field)
@@ -310,10 +318,26 @@ _LEFT = 0.1
 
 
 def force_per_ampere(field: Field, moment: Array, point: Array, currents: Array) -> Array:
-    """dF/di (3, n), N/A, of a point dipole of moment (3,), A m^2, at a point (3,), about currents (n,), A.
+    """Force of a point dipole per ampere in each coil.
 
-    By central differences over 1 % of the largest current, which are exact for a field that is proportional to the
-    currents, and of second order in the step where iron saturates.
+    By central differences over 1 % of the largest current, which are exact for a field that is proportional
+    to the currents, and of second order in the step where iron saturates.
+
+    Parameters
+    ----------
+    field
+        Any field.
+    moment
+        Of the dipole (3,), A m^2.
+    point
+        Its position (3,), m.
+    currents
+        Currents (n,), A, about which it holds.
+
+    Returns
+    -------
+    Array
+        dF/di (3, n), N/A.
     """
     count, step = len(currents), CURRENT_STEP * (float(np.abs(currents).max()) or 1.0)
     balance = Balance(field, currents, 0.0, float(np.linalg.norm(moment)), moment)
@@ -325,11 +349,13 @@ def lift_shares(force_per_ampere: ArrayLike) -> Array:
 
     Parameters
     ----------
-    force_per_ampere : force of the magnet by the coils' currents (3, n), N/A.
+    force_per_ampere
+        Force of the magnet by the coils' currents (3, n), N/A.
 
     Returns
     -------
-    (n,), the largest of size 1.
+    Array
+        (n,), the largest of size 1.
 
     Raises
     ------
@@ -349,12 +375,15 @@ def push_shares(force_per_ampere: ArrayLike, axis: int) -> Array:
 
     Parameters
     ----------
-    force_per_ampere : force of the magnet by the coils' currents (3, n), N/A.
-    axis : 0 for x, 1 for y.
+    force_per_ampere
+        Force of the magnet by the coils' currents (3, n), N/A.
+    axis
+        0 for x, 1 for y.
 
     Returns
     -------
-    (n,), the largest of size 1.
+    Array
+        (n,), the largest of size 1.
 
     Raises
     ------

@@ -122,11 +122,34 @@ class SearchedSet(SetAtPoint):
     currents: Array
 
     def currents_along(self, direction: ArrayLike) -> Array:
-        """The currents (n,), A, among those found, whose value lies furthest along a direction (3,)."""
+        """Those of the currents found that bring the quantity furthest along a direction.
+
+        Parameters
+        ----------
+        direction
+            (3,).
+
+        Returns
+        -------
+        Array
+            Currents (n,), A.
+        """
         return self.currents[int(np.argmax(self.values @ np.asarray(direction, dtype=float)))]
 
     def largest_along(self, direction: ArrayLike) -> float:
-        """Component along a direction (3,), of any length, of the value of `currents_along`: a lower bound."""
+        """How far `currents_along` reaches along a direction.
+
+        Parameters
+        ----------
+        direction
+            (3,); its length does not matter.
+
+        Returns
+        -------
+        float
+            In the unit of the quantity: a lower bound, and between the directions that were searched one of
+            the hull.
+        """
         unit = np.asarray(direction, dtype=float) / np.linalg.norm(direction)
         return float((self.values @ unit).max())
 
@@ -199,8 +222,9 @@ def quantity_of(
 
     Returns
     -------
-    A function of currents (n,), A, that gives the force or flux density (3,) and its derivatives (3, n) by the
-    currents.
+    Callable[[Array], tuple[Array, Array]]
+        A function of currents (n,), A, that gives the force or flux density (3,) and its derivatives (3, n)
+        by the currents.
 
     Raises
     ------
@@ -406,8 +430,9 @@ def hull_of(points: Array) -> tuple[Index, Index, float]:
 
     Returns
     -------
-    Indices (v,) of the points that are corners; triangles (t, 3) of indices into these, counterclockwise seen from
-    outside; volume. A flat hull has no triangles and the volume 0.
+    tuple[Index, Index, float]
+        Indices (v,) of the points that are corners; triangles (t, 3) of indices into these, counterclockwise
+        seen from outside; volume. A flat hull has no triangles and the volume 0.
     """
     _, size, axes = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)
     rank = int((size > _THIN * size[0]).sum()) if size[0] > 0.0 else 0
@@ -453,23 +478,71 @@ class ReachableSet(SetAtPoint):
     per_ampere: Array
 
     def at(self, currents: ArrayLike) -> Array:
-        """The quantity (..., 3) at currents (..., n), A."""
+        """The quantity at given currents.
+
+        Parameters
+        ----------
+        currents
+            (..., n), A.
+
+        Returns
+        -------
+        Array
+            (..., 3).
+        """
         return np.asarray(currents, dtype=float) @ self.per_ampere + self.constant
 
     def currents_along(self, direction: ArrayLike) -> Array:
-        """Currents (n,), A, within the limits whose value lies furthest along a direction (3,). Coils without influence
-        get the current 0, or the limit nearest to it."""
+        """Currents within the limits that bring the quantity furthest along a direction.
+
+        Parameters
+        ----------
+        direction
+            (3,).
+
+        Returns
+        -------
+        Array
+            Currents (n,), A; 0 in coils that do not matter, or the limit that is nearest to it.
+        """
         share = self.per_ampere @ np.asarray(direction, dtype=float)
         rest = np.clip(0.0, self.lower, self.upper)
         return np.where(share > 0, self.upper, np.where(share < 0, self.lower, rest))
 
     def largest_along(self, direction: ArrayLike) -> float:
-        """Largest component of the set along a direction (3,) of any length."""
+        """How far the set reaches along a direction.
+
+        Parameters
+        ----------
+        direction
+            (3,); its length does not matter.
+
+        Returns
+        -------
+        float
+            In the unit of the quantity.
+        """
         unit = np.asarray(direction, dtype=float) / np.linalg.norm(direction)
         return float(self.at(self.currents_along(unit)) @ unit)
 
     def holds(self, values: ArrayLike) -> Array:
-        """Whether values (..., 3) lie in the set, up to rounding. Raises InputError for a flat set."""
+        """Whether values can be reached, to rounding.
+
+        Parameters
+        ----------
+        values
+            (..., 3).
+
+        Returns
+        -------
+        Array
+            True (...) where they can.
+
+        Raises
+        ------
+        InputError
+            For a flat set.
+        """
         remedy = "ask largest_along, or add a coil"
         check(len(self.triangles) > 0, "ReachableSet.holds", "the set must have a volume", "none", remedy)
         faces = scipy.spatial.ConvexHull(self.vertices).equations
@@ -496,16 +569,23 @@ def reachable(
 
     Parameters
     ----------
-    field : any field.
-    position : (3,), m.
-    limits : largest absolute value of all currents, A, or of each (n,), or lower and upper limits (2, n).
-    moment : of a dipole (3,), A m^2, or a `MagneticBody`; flux densities are found unless given.
-    orientation : of a body (3, 3), its columns are its axes; upright unless given.
-    progress : progress(message, share) is called during a search.
+    field
+        Any field.
+    position
+        (3,), m.
+    limits
+        Largest absolute value of all currents, A, or of each (n,), or lower and upper limits (2, n).
+    moment
+        Of a dipole (3,), A m^2, or a `MagneticBody`; flux densities are found unless given.
+    orientation
+        Of a body (3, 3), its columns are its axes; upright unless given.
+    progress
+        progress(message, share) is called during a search.
 
     Returns
     -------
-    The set of forces, N, or of flux densities, T.
+    ReachableSet | SearchedSet
+        The set of forces, N, or of flux densities, T.
 
     Raises
     ------
@@ -553,11 +633,19 @@ def reachable(
 
 
 def zonotope(directions: ArrayLike, lower: ArrayLike, upper: ArrayLike) -> tuple[Array, Index, float]:
-    """The zonotope of all sums of directions (n, 3) times factors between lower (n,) and upper (n,).
+    """All sums of directions times numbers between limits.
+
+    Parameters
+    ----------
+    directions
+        (n, 3).
+    lower, upper
+        Limits of the numbers (n,).
 
     Returns
     -------
-    Corners (v, 3), triangles (t, 3) of their indices, and volume. A flat zonotope has no triangles and the volume 0.
+    tuple[Array, Index, float]
+        Corners (v, 3), triangles (t, 3) and volume. Of a flat set no triangles, and 0.
 
     Examples
     --------

@@ -37,8 +37,20 @@ class Sensitivity(Record):
     level_per_current: Array
 
     def noise(self, deviation: ArrayLike, lift_held: bool = False) -> Array:
-        """Covariance (2, 2) of x and y, m^2, for currents with independent standard deviations (a number or
-        (n_coils,)), A, that change slowly enough for the magnet to follow."""
+        """Covariance of x and y for noise of the currents that is slow enough for the magnet to follow.
+
+        Parameters
+        ----------
+        deviation
+            Independent standard deviations of the currents, a number or (n_coils,), A.
+        lift_held
+            Whether the lift is held.
+
+        Returns
+        -------
+        Array
+            Covariance (2, 2), m^2.
+        """
         spread = np.broadcast_to(np.asarray(deviation, dtype=float), self.currents.shape)
         check_not_negative("Sensitivity.noise", deviation=float(spread.min()))
         by_current = self.with_lift_held if lift_held else self.at_held_height
@@ -60,17 +72,25 @@ def equilibrium_sensitivity(
 
     Parameters
     ----------
-    field : any `fieldmap.field.Field` with a box, which must hold at these currents.
-    currents : (n_coils,), A.
-    payload : what is levitated.
-    position : the magnet's centre (3,), m.
-    moment, lever : as in `magnet_balance`.
-    step : change of each current, A, over plus and minus which forces are differenced; 1 % of the largest current
-        unless given. Exact where the field is linear in the currents, of second order in the step where iron saturates.
+    field
+        Any `fieldmap.field.Field` with a box, which must hold at these currents.
+    currents
+        (n_coils,), A.
+    payload
+        What is levitated.
+    position
+        The magnet's centre (3,), m.
+    moment, lever
+        As in `magnet_balance`.
+    step
+        Change of each current, A, over plus and minus which forces are differenced; 1 % of the largest
+        current unless given. Exact where the field is linear in the currents, of second order in the step
+        where iron saturates.
 
     Returns
     -------
-    The derivatives, m/A.
+    Sensitivity
+        The derivatives, m/A.
 
     Raises
     ------

@@ -64,21 +64,31 @@ def equilibrium_surface(
 
     Parameters
     ----------
-    field : any `fieldmap.field.Field` with a box.
-    payload : what is levitated.
-    x_signals : (a,), 1.
-    y_signals : (b,), 1.
-    level : lift signal, A.
-    height : z of the magnet's centre, m.
-    parametrisation : how signals become currents; that which the map was made for unless given.
-    hold_height : whether the level follows, so that the lift stays what it is at the signals nearest to 0 and at
-        `level`, as a controller of the height makes it. Otherwise it is constant, and the vertical force is left as it
-        is.
-    shares : currents per ampere of the level (n_coils,), 1 unless given.
+    field
+        Any `fieldmap.field.Field` with a box.
+    payload
+        What is levitated.
+    x_signals
+        (a,), 1.
+    y_signals
+        (b,), 1.
+    level
+        Lift signal, A.
+    height
+        z of the magnet's centre, m.
+    parametrisation
+        How signals become currents; that which the map was made for unless given.
+    hold_height
+        Whether the level follows, so that the lift stays what it is at the signals nearest to 0 and at
+        `level`, as a controller of the height makes it. Otherwise it is constant, and the vertical force is
+        left as it is.
+    shares
+        Currents per ampere of the level (n_coils,), 1 unless given.
 
     Returns
     -------
-    Places, levels and stability over the signals.
+    EquilibriumSurface
+        Places, levels and stability over the signals.
 
     Raises
     ------

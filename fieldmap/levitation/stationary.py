@@ -73,7 +73,18 @@ class StationarySet(Record):
     height: float
 
     def of(self, kind: Kind) -> tuple[StationaryPoint, ...]:
-        """Points of one kind."""
+        """The points of one kind.
+
+        Parameters
+        ----------
+        kind
+            The kind.
+
+        Returns
+        -------
+        tuple[StationaryPoint, ...]
+            The points.
+        """
         return tuple(point for point in self.points if point.kind == kind)
 
     @property
@@ -101,17 +112,23 @@ def stationary_points(
 
     Parameters
     ----------
-    field, currents, payload : as in `find_equilibrium`.
-    height : z of the magnet's centre, m.
-    window : lower and upper corner (2,), m; the whole box of the map, minus a rim for a magnet of finite size, unless
-        given.
-    moment, lever : as in `magnet_balance`.
-    samples : intervals along each side of the grid from which the search begins. They are halved up to two times if the
-        points found disagree with the turns of the force along the edge of the window.
+    field, currents, payload
+        As in `find_equilibrium`.
+    height
+        z of the magnet's centre, m.
+    window
+        Lower and upper corner (2,), m; the whole box of the map, minus a rim for a magnet of finite size,
+        unless given.
+    moment, lever
+        As in `magnet_balance`.
+    samples
+        Intervals along each side of the grid from which the search begins. They are halved up to two times if
+        the points found disagree with the turns of the force along the edge of the window.
 
     Returns
     -------
-    The points, and the number that checks them.
+    StationarySet
+        The points, and the number that checks them.
 
     Raises
     ------
@@ -151,7 +168,9 @@ def to_equilibrium(balance: MagnetBalance, start: Array, low: Array, high: Array
 
     Returns
     -------
-    The stationary point (3,); None if the iteration leaves the window (corners low and high (2,)) or does not converge.
+    Array | None
+        The stationary point (3,); None if the iteration leaves the window (corners low and high (2,)) or does
+        not converge.
     """
     point, largest = start.copy(), 0.25 * float((high - low).min())
     step = np.full(2, np.inf)

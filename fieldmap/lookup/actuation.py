@@ -60,11 +60,25 @@ class Actuation(Record):
         return self.matrix.shape[1] - self.null_space.shape[1]
 
     def largest(self, directions: ArrayLike, limits: Limits) -> Array:
-        """Largest component (k,) along directions (k, rows) that currents within the limits give.
+        """Largest component along given directions that currents within the limits give.
 
-        The others are left free: sum_k max(lower_k a_k, upper_k a_k) with a = direction . matrix, and direction .
-        constant. Infinite limits give infinity.
+        The others are left free: sum_k max(lower_k a_k, upper_k a_k) with a = direction . matrix, and
+        direction . constant.
 
+        Parameters
+        ----------
+        directions
+            Directions (k, rows).
+        limits
+            A number for both directions of the currents, or (lower, upper), A. Infinite limits give infinity.
+
+        Returns
+        -------
+        Array
+            Components (k,), in the rows' units.
+
+        Examples
+        --------
         >>> pair = Actuation(("Fx",), np.array([[0.1, -0.3]]))
         >>> pair.largest([[1.0], [-1.0]], 2.0)
         array([0.8, 0.8])
@@ -84,13 +98,35 @@ def actuation(
     moment: ArrayLike | MagneticBody | None = None,
     orientation: ArrayLike | None = None,
 ) -> Actuation:
-    """The matrix (8 x n) of flux density, T/A, and the five independent entries of its gradient, T/(m A), about
-    currents (n_coils,), A; with a dipole of `moment` (3,), A m^2, or a body in its place, (14 x n): force, N/A, and
-    torque, N m/A, below. orientation (3, 3): columns the body's axes.
+    """What each coil's ampere does at a position: the matrix about given currents.
 
-    matrix @ i + constant is what currents i give: exactly where the field is the sum of its coils' and nothing is soft
-    iron, to first order about `currents` otherwise: with the derivatives of `FieldMap.by_currents`, which says how far
-    they are off. Raises InputError for a field that neither superposes nor has such derivatives.
+    matrix @ i + constant is what currents i give: exactly where the field is the sum of its coils' and
+    nothing is soft iron, to first order about `currents` otherwise: with the derivatives of
+    `FieldMap.by_currents`, which says how far they are off.
+
+    Parameters
+    ----------
+    field
+        Any field: see `fieldmap.field.as_field`.
+    position
+        Position (3,) in the frame of the field, m.
+    currents
+        Currents (n_coils,), A, about which the matrix holds.
+    moment
+        Of a dipole (3,), A m^2, or a `MagneticBody`; none for the flux densities alone.
+    orientation
+        Of a body: rotation (3, 3) whose columns are its axes; upright unless given.
+
+    Returns
+    -------
+    Actuation
+        The matrix (8, n_coils) of flux density, T/A, and the five independent entries of its gradient, T/(m
+        A); with a moment (14, n_coils), force, N/A, and torque, N m/A, below.
+
+    Raises
+    ------
+    InputError
+        For a field that neither superposes nor has derivatives by its currents.
     """
     rows: tuple[str, ...] = FIELD_ROWS + GRADIENT_ROWS
     selection = _SELECTED
@@ -104,12 +140,52 @@ def actuation(
 
 
 def field_actuation(field: AnyField, position: ArrayLike, currents: Any = None) -> Actuation:
-    """The 3 x n matrix of the flux density at a position (3,), T/A. currents: about which, where iron saturates."""
+    """Matrix of the flux density at a position.
+
+    Parameters
+    ----------
+    field
+        Any field: see `fieldmap.field.as_field`.
+    position
+        Position (3,) in the frame of the field, m.
+    currents
+        Currents (n_coils,), A, about which the matrix holds, where iron saturates.
+
+    Returns
+    -------
+    Actuation
+        The matrix (3, n_coils), T/A.
+
+    Raises
+    ------
+    InputError
+        As for `actuation`.
+    """
     return _selected(field, position, FIELD_ROWS, _SELECTED[:3], currents)
 
 
 def gradient_actuation(field: AnyField, position: ArrayLike, currents: Any = None) -> Actuation:
-    """The 8 x n matrix of the flux density, T/A, and the five independent entries of its gradient, T/(m A)."""
+    """Matrix of the flux density and the five independent entries of its gradient.
+
+    Parameters
+    ----------
+    field
+        Any field: see `fieldmap.field.as_field`.
+    position
+        Position (3,) in the frame of the field, m.
+    currents
+        Currents (n_coils,), A, about which the matrix holds, where iron saturates.
+
+    Returns
+    -------
+    Actuation
+        The matrix (8, n_coils), T/A and T/(m A).
+
+    Raises
+    ------
+    InputError
+        As for `actuation`.
+    """
     return _selected(field, position, FIELD_ROWS + GRADIENT_ROWS, _SELECTED, currents)
 
 
@@ -120,8 +196,32 @@ def wrench_actuation(
     currents: Any = None,
     orientation: ArrayLike | None = None,
 ) -> Actuation:
-    """The 6 x n matrix of force, N/A, and torque, N m/A, on a dipole of `moment` (3,), A m^2, or a body of an
-    orientation (3, 3). currents: about which, where iron saturates, that of the coils or of the body."""
+    """Matrix of force and torque on a dipole or a body.
+
+    Parameters
+    ----------
+    field
+        Any field: see `fieldmap.field.as_field`.
+    position
+        Position (3,) in the frame of the field, m.
+    moment
+        Of the dipole (3,), A m^2, or a `MagneticBody`.
+    currents
+        Currents (n_coils,), A, about which the matrix holds, where iron saturates, that of the coils or of
+        the body.
+    orientation
+        Of a body: rotation (3, 3) whose columns are its axes; upright unless given.
+
+    Returns
+    -------
+    Actuation
+        The matrix (6, n_coils), N/A and N m/A.
+
+    Raises
+    ------
+    InputError
+        As for `actuation`.
+    """
     if isinstance(moment, MagneticBody):
         return _on_body(field, position, moment, currents, orientation)
     return _selected(field, position, FORCE_ROWS + TORQUE_ROWS, dipole_rows(_one(moment)), currents)
@@ -200,10 +300,28 @@ def _selected(
 def capability(
     field: AnyField, positions: ArrayLike, moment: ArrayLike, directions: ArrayLike, limits: Limits
 ) -> tuple[Array, Array]:
-    """Largest force and torque (n, k) on a dipole along directions (k, 3), at positions (n, 3), within the limits.
+    """Largest force and torque on a dipole along given directions.
 
-    Of each by itself, the other components left free: see `Actuation.largest`; `currents_for` tells what can be had
-    at once.
+    Each is taken by itself, the other components left free: see `Actuation.largest`. `currents_for` tells
+    what can be had at once.
+
+    Parameters
+    ----------
+    field
+        Any field: see `fieldmap.field.as_field`.
+    positions
+        Positions (n, 3) in the frame of the field, m.
+    moment
+        Of the dipole (3,), A m^2.
+    directions
+        Directions (k, 3).
+    limits
+        A number for both directions of the currents, or (lower, upper), A; None for no limits.
+
+    Returns
+    -------
+    tuple[Array, Array]
+        Force, N, and torque, N m (n, k).
     """
     where, _ = checked_vectors("positions", positions)
     axes, _ = checked_vectors("directions", directions)

@@ -53,12 +53,17 @@ class CurrentModel:
 
     Parameters
     ----------
-    model : the reduced model of the map.
-    coil_names : for messages.
-    outside : rule for currents outside the domain: "raise" (OutsideMapError), "nan", or "evaluate", which evaluates the
-        model there without a statement of its error.
-    follow : begin each solve at the state of the previous call. This is quicker where currents change little from call
-        to call. Results then depend on earlier calls, by 1e-6 at most. Each thread has a state of its own.
+    model
+        The reduced model of the map.
+    coil_names
+        For messages.
+    outside
+        Rule for currents outside the domain: "raise" (OutsideMapError), "nan", or "evaluate", which evaluates
+        the model there without a statement of its error.
+    follow
+        Begin each solve at the state of the previous call. This is quicker where currents change little from
+        call to call. Results then depend on earlier calls, by 1e-6 at most. Each thread has a state of its
+        own.
     """
 
     def __init__(
@@ -100,11 +105,14 @@ class CurrentModel:
 
         Parameters
         ----------
-        currents : (..., c), A.
+        currents
+            (..., c), A.
 
         Returns
         -------
-        (..., n_fields): the currents themselves, then the weights of the fields of the iron and the background.
+        Array
+            (..., n_fields): the currents themselves, then the weights of the fields of the iron and the
+            background.
 
         Raises
         ------

@@ -38,9 +38,17 @@ class CurrentTable(Record):
     error: FieldError
 
     def weights(self, currents: Array) -> Array:
-        """Weights (..., n_fields) of currents (..., 6), as `CurrentModel.weights`.
+        """Weights of the fields at currents, as `CurrentModel.weights`.
 
-        Currents outside the table are the model's affair: it raises, gives NaN, or evaluates.
+        Parameters
+        ----------
+        currents
+            Currents (..., 6), A. For currents outside the table the model raises, gives NaN, or evaluates.
+
+        Returns
+        -------
+        Array
+            Weights (..., n_fields).
         """
         rows = np.ascontiguousarray(currents.reshape(-1, currents.shape[-1]))
         result = np.empty((len(rows), 6 + self.model.fields_beside_coils))

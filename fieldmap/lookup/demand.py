@@ -71,10 +71,14 @@ def demand_of(
 
     Parameters
     ----------
-    force, torque : (3,), N and N m, on a dipole or a body about its centre.
-    moment : (3,), A m^2, of the dipole, or the body.
-    field : (3,), T.
-    gradient : (3, 3), T/m; its five independent entries count.
+    force, torque
+        (3,), N and N m, on a dipole or a body about its centre.
+    moment
+        (3,), A m^2, of the dipole, or the body.
+    field
+        (3,), T.
+    gradient
+        (3, 3), T/m; its five independent entries count.
 
     Raises
     ------

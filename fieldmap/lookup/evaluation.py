@@ -56,38 +56,128 @@ class Evaluator(Protocol):
         """Number of cells or nodes that hold coefficients. `at` takes as long as so many points."""
 
     def field_and_gradient(self, points: Array, weights: Array, flux: Array, slope: Array) -> int:
-        """Fill flux (n, 3), T, and slope (n, 3, 3), T/m. With a slope (n, 0, 0) only flux is filled."""
+        """Fill in flux density and gradient at points.
+
+        Parameters
+        ----------
+        points
+            Positions (n, 3), m.
+        weights
+            Weights of the fields (n, n_fields), or (1, n_fields) for all points.
+        flux
+            Is filled: B (n, 3), T.
+        slope
+            Is filled: dB_i/dx_j (n, 3, 3), T/m; (n, 0, 0) for the flux density alone.
+
+        Returns
+        -------
+        int
+            How many points lie outside the box.
+        """
 
     def second_gradient(self, points: Array, weights: Array, second: Array) -> int:
-        """Fill second (n, 3, 3, 3), T/m^2."""
+        """Fill in second derivatives at points.
+
+        Parameters
+        ----------
+        points
+            Positions (n, 3), m.
+        weights
+            Weights of the fields (n, n_fields), or (1, n_fields) for all points.
+        second
+            Is filled: d2B_i/dx_j dx_k (n, 3, 3, 3), T/m^2.
+
+        Returns
+        -------
+        int
+            How many points lie outside the box.
+        """
 
     def potential(self, points: Array, weights: Array, values: Array) -> int:
-        """Fill values (n,), T m, of the potential U with B = -grad U."""
+        """Fill in the potential U with B = -grad U.
+
+        Parameters
+        ----------
+        points
+            Positions (n, 3), m.
+        weights
+            Weights of the fields (n, n_fields), or (1, n_fields) for all points.
+        values
+            Is filled: U (n,), T m.
+
+        Returns
+        -------
+        int
+            How many points lie outside the box.
+        """
 
     def each_field(self, points: Array, flux: Array, slope: Array) -> int:
-        """Fill flux (n, n_fields, 3) and slope (n, n_fields, 3, 3) or (n, n_fields, 0, 0) of each field at weight 1."""
+        """Fill in flux density and gradient of every field at weight 1.
+
+        Parameters
+        ----------
+        points
+            Positions (n, 3), m.
+        flux
+            Is filled: (n, n_fields, 3).
+        slope
+            Is filled: (n, n_fields, 3, 3); (n, n_fields, 0, 0) for the flux densities alone.
+
+        Returns
+        -------
+        int
+            How many points lie outside the box.
+        """
 
     def at(self, weights: Array) -> Evaluator:
-        """An evaluator of one field: the sum of the fields at weights (n_fields,). Its own weight is 1."""
+        """The sum of the fields as one field.
+
+        Parameters
+        ----------
+        weights
+            Weights of the fields (n_fields,).
+
+        Returns
+        -------
+        Evaluator
+            An evaluator of one field whose weight is 1.
+        """
 
     def field_at(self, point: Any, weights: Any) -> tuple[Array, Array] | None:
         """B (3,), T, and gradient (3, 3), T/m, at one point.
 
         Parameters
         ----------
-        point : (3,), m.
-        weights : (n_fields,); None for an evaluator of one field; the currents of the coils for a form with a constant
-            field.
+        point
+            (3,), m.
+        weights
+            (n_fields,); None for an evaluator of one field; the currents of the coils for a form with a
+            constant field.
 
         Returns
         -------
-        Both, or None if the caller must use `field_and_gradient` instead: the point lies outside, the arguments do not
-        fit, or the evaluator has no quicker way for one point.
+        tuple[Array, Array] | None
+            Both, or None if the caller must use `field_and_gradient` instead: the point lies outside, the
+            arguments do not fit, or the evaluator has no quicker way for one point.
         """
 
     def dipole_wrench_at(self, point: Any, moment: Any, weights: Any) -> Array | None:
-        """Force, N, and torque, N m, (6,), on a dipole of moment (3,), A m^2. Point, weights and None are as in
-        `field_at`."""
+        """Force and torque on one dipole, where this is quicker.
+
+        Parameters
+        ----------
+        point
+            Position (3,), m.
+        moment
+            Of the dipole (3,), A m^2.
+        weights
+            As for `field_at`.
+
+        Returns
+        -------
+        Array | None
+            Force, N, and torque, N m (6,); None as for `field_at`.
+        """
 
     def core(self) -> CoreMap:
         """The map in the form that the C core reads, for compiled callers. For a form with a constant field its weights
@@ -243,13 +333,19 @@ class MapAtCurrents(FieldAtCurrents, own_shapes=ONE_POINT):
 
     Parameters
     ----------
-    evaluator : the evaluator of the map's fields, or of their sum.
-    box : the box of the map and its rule for points outside.
-    coil_names : in the order of the currents.
-    currents : (n_coils,), A.
-    assumptions : of the map.
-    weights : (1, n_fields) for all points, or (n, n_fields), one row for each of n points; None if the evaluator has
-        one field, the sum.
+    evaluator
+        The evaluator of the map's fields, or of their sum.
+    box
+        The box of the map and its rule for points outside.
+    coil_names
+        In the order of the currents.
+    currents
+        (n_coils,), A.
+    assumptions
+        Of the map.
+    weights
+        (1, n_fields) for all points, or (n, n_fields), one row for each of n points; None if the evaluator
+        has one field, the sum.
     """
 
     def __init__(
@@ -293,7 +389,26 @@ class MapAtCurrents(FieldAtCurrents, own_shapes=ONE_POINT):
         return self._box.lower, self._box.upper
 
     def field(self, points: ArrayLike, out: Array | None = None) -> Array:
-        """Flux density B (n, 3), T."""
+        """Flux density at points.
+
+        Parameters
+        ----------
+        points
+            Positions (3,), (n, 3) or (..., 3) in the frame of the field, m.
+        out
+            Array of the result's shape, float64 and C order, that is filled and returned; a new one unless
+            given.
+
+        Returns
+        -------
+        Array
+            B (..., 3), T.
+
+        Raises
+        ------
+        OutsideMapError
+            For points outside the box, by the rule given to `open_map`.
+        """
         if out is None and getattr(points, "ndim", 0) == 1:
             return self.field_and_gradient(points)[0]
         if has_leading_shape(points):
@@ -304,7 +419,26 @@ class MapAtCurrents(FieldAtCurrents, own_shapes=ONE_POINT):
         return single_row(flux, out) if single else flux
 
     def gradient(self, points: ArrayLike, out: Array | None = None) -> Array:
-        """Gradient G (n, 3, 3), G[:, i, j] = dB_i/dx_j, T/m: the exact derivative of `field`."""
+        """Gradient of the flux density: the exact derivative of `field`.
+
+        Parameters
+        ----------
+        points
+            Positions (3,), (n, 3) or (..., 3) in the frame of the field, m.
+        out
+            Array of the result's shape, float64 and C order, that is filled and returned; a new one unless
+            given.
+
+        Returns
+        -------
+        Array
+            G (..., 3, 3), G[..., i, j] = dB_i/dx_j, T/m.
+
+        Raises
+        ------
+        OutsideMapError
+            As for `field`.
+        """
         if out is None and getattr(points, "ndim", 0) == 1:
             return self.field_and_gradient(points)[1]
         if has_leading_shape(points):
@@ -317,7 +451,25 @@ class MapAtCurrents(FieldAtCurrents, own_shapes=ONE_POINT):
     def field_and_gradient(
         self, points: ArrayLike, out: tuple[Array, Array] | None = None
     ) -> tuple[Array, Array]:
-        """B (n, 3) in T and G (n, 3, 3) in T/m in one pass."""
+        """Flux density and its gradient in one pass.
+
+        Parameters
+        ----------
+        points
+            Positions (3,), (n, 3) or (..., 3) in the frame of the field, m.
+        out
+            Two arrays of the results' shapes that are filled and returned; new ones unless given.
+
+        Returns
+        -------
+        tuple[Array, Array]
+            B (..., 3), T, and G (..., 3, 3), T/m.
+
+        Raises
+        ------
+        OutsideMapError
+            As for `field`.
+        """
         found = self._evaluator.field_at(points, None) if self._weights is None else None
         if found is not None:
             return found if out is None else written(found, out)
@@ -338,7 +490,23 @@ class MapAtCurrents(FieldAtCurrents, own_shapes=ONE_POINT):
         return second[0] if single else second
 
     def potential(self, points: ArrayLike) -> Array | float:
-        """Scalar potential U (n,) in T m, B = -grad U."""
+        """Scalar potential U with B = -grad U.
+
+        Parameters
+        ----------
+        points
+            Positions (3,), (n, 3) or (..., 3) in the frame of the field, m.
+
+        Returns
+        -------
+        Array | float
+            U (...), T m.
+
+        Raises
+        ------
+        OutsideMapError
+            As for `field`.
+        """
         where, single = checked_vectors("points", points)
         values = np.empty(len(where))
         self._fill(self._evaluator.potential, where, values)

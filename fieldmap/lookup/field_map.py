@@ -250,12 +250,40 @@ class FieldMap(Field, own_shapes=ONE_POINT):
         return self._table
 
     def gradient_jump(self, currents: Array) -> float:
-        """Bound on the step of the gradient from cell to cell at these currents (n_coils,), T/m."""
+        """Bound on the step of the gradient from cell to cell.
+
+        Parameters
+        ----------
+        currents
+            Currents (n_coils,), A.
+
+        Returns
+        -------
+        float
+            The bound, T/m.
+        """
         share = np.abs(currents / self._info.reference_current).max(initial=1.0)
         return self._jump.gradient_bound * float(share)
 
     def at(self, currents: Any) -> MapAtCurrents:
-        """The field at these currents (n_coils,): summed now, once. The last one is cached."""
+        """The field at these currents: summed now, once. The last one is cached.
+
+        Parameters
+        ----------
+        currents
+            Currents, A: (n_coils,) in the order of `coil_names`, one number for all coils, or a mapping by
+            name.
+
+        Returns
+        -------
+        MapAtCurrents
+            The field of points alone.
+
+        Raises
+        ------
+        OutsideMapError
+            For currents beyond the domain of a map of saturating iron, by the rule `outside_currents`.
+        """
         amperes = self._amperes(currents)
         key = amperes.tobytes()
         known, fixed = self._last
@@ -281,23 +309,56 @@ class FieldMap(Field, own_shapes=ONE_POINT):
         return body_outlines(device.bodies) + tuple(winding_outline(coil) for coil in device.coils) + around
 
     def as_magpylib(self, currents: Any, **options: Any) -> Any:
-        """The map at these currents as a magpylib source, NaN outside: see `FieldAtCurrents.as_magpylib`."""
+        """The map at these currents as a magpylib source, NaN outside: see `FieldAtCurrents.as_magpylib`.
+
+        Parameters
+        ----------
+        currents
+            Currents, A: (n_coils,) in the order of `coil_names`, one number for all coils, or a mapping by
+            name.
+        **options
+            Position, orientation and style of the source.
+
+        Returns
+        -------
+        Any
+            The source.
+
+        Raises
+        ------
+        InputError
+            For options that magpylib refuses.
+        """
         return magpylib_source(self.at(currents), self.bounds, self.outlines, **options)
 
     def compiled(self, currents: Any = None) -> tuple[Any, Any]:
-        """(function, data) to call from your own numba functions, without Python objects.
+        """The lookup for your own numba functions, without Python objects.
 
-        With currents: B, G = function(data, x, y, z). Without: B, G = function(data, currents, x, y, z), the
-        currents a float64 array (n_coils,) that may change from call to call. B is a tuple of three in T, G one
-        of three rows, `G[i][j]` = dB_i/dx_j in T/m. Outside the box: NaN, or the nearest point with
-        outside="clamp"; a compiled function cannot raise OutsideMapError.
+        B is a tuple of three in T, G one of three rows, `G[i][j]` = dB_i/dx_j in T/m. Outside the box: NaN,
+        or the nearest point with outside="clamp"; a compiled function cannot raise OutsideMapError.
 
-        `data` leads to the map by an address, and keeps it alive. Keep it as long as the function that uses it. It
-        holds for this process alone: elsewhere it gives NaN, as in a function with a cache of which it is a global. Of
-        saturating iron without currents it remembers the last currents, from which the next solve begins: ask for one
-        in each thread. Results are off by a fifth of `current_error` or less, more than those of `field`. Currents
-        beyond the domain give NaN, unless outside_currents="evaluate". With tabulate_currents it remembers nothing, and
-        only currents in the table do not give NaN. Raises InputError for a map whose evaluator is not the C core.
+        `data` leads to the map by an address, and keeps it alive. Keep it as long as the function that uses
+        it. It holds for this process alone: elsewhere it gives NaN, as in a function with a cache of which it
+        is a global. Of saturating iron without currents it remembers the last currents, from which the next
+        solve begins: ask for one in each thread. Results are off by a fifth of `current_error` or less, more
+        than those of `field`. Currents beyond the domain give NaN, unless outside_currents="evaluate". With
+        tabulate_currents it remembers nothing, and only currents in the table do not give NaN.
+
+        Parameters
+        ----------
+        currents
+            Currents as for `field`, which stay the same; None for currents that may change from call to call.
+
+        Returns
+        -------
+        tuple[Any, Any]
+            (function, data). With currents: B, G = function(data, x, y, z). Without: B, G = function(data,
+            currents, x, y, z), the currents a float64 array (n_coils,).
+
+        Raises
+        ------
+        InputError
+            For a map whose evaluator is not the C core.
         """
         if currents is not None:
             return self.at(currents).compiled()
@@ -314,7 +375,29 @@ class FieldMap(Field, own_shapes=ONE_POINT):
         return None if self._model is None else self._model.state_of_caller()
 
     def field(self, points: ArrayLike, currents: Any, out: Array | None = None) -> Array:
-        """Flux density B (n, 3), T."""
+        """Flux density at points.
+
+        Parameters
+        ----------
+        points
+            Positions (3,), (n, 3) or (..., 3) in the frame of the field, m.
+        currents
+            Currents, A: (n_coils,) in the order of `coil_names` for all points, or (n, n_coils), a row for
+            each; one number for all coils, or a mapping by name, in which coils left out carry none.
+        out
+            Array of the result's shape, float64 and C order, that is filled and returned; a new one unless
+            given.
+
+        Returns
+        -------
+        Array
+            B (..., 3), T.
+
+        Raises
+        ------
+        OutsideMapError
+            For points outside the box and currents beyond the domain, by the rules given to `open_map`.
+        """
         if out is None and getattr(points, "ndim", 0) == 1:
             return self.field_and_gradient(points, currents)[0]
         if has_leading_shape(points):
@@ -322,7 +405,29 @@ class FieldMap(Field, own_shapes=ONE_POINT):
         return self._lookup(points, currents).field(points, out)
 
     def gradient(self, points: ArrayLike, currents: Any, out: Array | None = None) -> Array:
-        """Gradient G (n, 3, 3), G[:, i, j] = dB_i/dx_j, T/m: the exact derivative of `field`."""
+        """Gradient of the flux density: the exact derivative of `field`.
+
+        Parameters
+        ----------
+        points
+            Positions (3,), (n, 3) or (..., 3) in the frame of the field, m.
+        currents
+            Currents, A: (n_coils,) in the order of `coil_names` for all points, or (n, n_coils), a row for
+            each; one number for all coils, or a mapping by name, in which coils left out carry none.
+        out
+            Array of the result's shape, float64 and C order, that is filled and returned; a new one unless
+            given.
+
+        Returns
+        -------
+        Array
+            G (..., 3, 3), G[..., i, j] = dB_i/dx_j, T/m.
+
+        Raises
+        ------
+        OutsideMapError
+            As for `field`.
+        """
         if out is None and getattr(points, "ndim", 0) == 1:
             return self.field_and_gradient(points, currents)[1]
         if has_leading_shape(points):
@@ -332,7 +437,28 @@ class FieldMap(Field, own_shapes=ONE_POINT):
     def field_and_gradient(
         self, points: ArrayLike, currents: Any, out: tuple[Array, Array] | None = None
     ) -> tuple[Array, Array]:
-        """B (n, 3) in T and G (n, 3, 3) in T/m in one pass."""
+        """Flux density and its gradient in one pass.
+
+        Parameters
+        ----------
+        points
+            Positions (3,), (n, 3) or (..., 3) in the frame of the field, m.
+        currents
+            Currents, A: (n_coils,) in the order of `coil_names` for all points, or (n, n_coils), a row for
+            each; one number for all coils, or a mapping by name, in which coils left out carry none.
+        out
+            Two arrays of the results' shapes that are filled and returned; new ones unless given.
+
+        Returns
+        -------
+        tuple[Array, Array]
+            B (..., 3), T, and G (..., 3, 3), T/m.
+
+        Raises
+        ------
+        OutsideMapError
+            As for `field`.
+        """
         weights = currents if self._model is None else self._known_weights(currents)
         found = None if weights is None else self._evaluator.field_at(points, weights)
         if found is not None:
@@ -342,17 +468,53 @@ class FieldMap(Field, own_shapes=ONE_POINT):
         return self._lookup(points, currents).field_and_gradient(points, out)
 
     def second_gradient(self, points: ArrayLike, currents: Any) -> Array:
-        """Second derivatives (n, 3, 3, 3), [:, i, j, k] = d2B_i/dx_j dx_k, T/m^2.
+        """Second derivatives of the flux density.
 
         Hermite form: error O(spacing^2), discontinuous across the faces of the cells. Harmonic: O(spacing^3).
+
+        Parameters
+        ----------
+        points
+            Positions (3,), (n, 3) or (..., 3) in the frame of the field, m.
+        currents
+            Currents, A: (n_coils,) in the order of `coil_names` for all points, or (n, n_coils), a row for
+            each; one number for all coils, or a mapping by name, in which coils left out carry none.
+
+        Returns
+        -------
+        Array
+            (..., 3, 3, 3), [..., i, j, k] = d2B_i/dx_j dx_k, T/m^2.
+
+        Raises
+        ------
+        OutsideMapError
+            As for `field`.
         """
         return self._lookup(points, currents).second_gradient(points)
 
     def potential(self, points: ArrayLike, currents: Any) -> Array | float:
-        """Scalar potential U (n,), T m, with B = -grad U; zero near the middle of the box.
+        """Scalar potential U with B = -grad U; zero near the middle of the box.
 
         Harmonic forms: -grad U is `field` to rounding. Hermite form: an interpolant of its own, -grad U is
         `field` to the interpolation error.
+
+        Parameters
+        ----------
+        points
+            Positions (3,), (n, 3) or (..., 3) in the frame of the field, m.
+        currents
+            Currents, A: (n_coils,) in the order of `coil_names` for all points, or (n, n_coils), a row for
+            each; one number for all coils, or a mapping by name, in which coils left out carry none.
+
+        Returns
+        -------
+        Array | float
+            U (...), T m.
+
+        Raises
+        ------
+        OutsideMapError
+            As for `field`.
         """
         return self._lookup(points, currents).potential(points)
 
@@ -363,13 +525,35 @@ class FieldMap(Field, own_shapes=ONE_POINT):
         currents: Any,
         orientations: ArrayLike | None = None,
     ) -> Array:
-        """Force (N) and torque (N m) on point dipoles, (n, 6), about their own positions.
+        """Force and torque on point dipoles, or on a body, about their own positions.
 
-        T = m x B and F = grad(m . B) = (grad B)^T m, docs/theory/wrench.md (1) and (2) for a point. F is (m . grad) B
-        where B is curl-free, and is conservative for a fixed moment even if the interpolant is not quite so.
-        moments (3,) for all positions or (n, 3), A m^2. Singular nowhere in the box. In place of moments a
-        `MagneticBody` of soft iron, of several magnets or of one of finite size, with orientations (3, 3) or
-        (n, 3, 3), columns its axes; upright without: (5)..(10) there.
+        T = m x B and F = grad(m . B) = (grad B)^T m, docs/theory/wrench.md (1) and (2) for a point, (5)..(10)
+        for a body. F is (m . grad) B where B is curl-free, and is conservative for a fixed moment even if the
+        interpolant is not quite so. Singular nowhere in the box.
+
+        Parameters
+        ----------
+        positions
+            Positions of the dipoles or of the body's centre (3,), (n, 3) or (..., 3) in the frame of the
+            field, m.
+        moments
+            Moments (3,) or (n, 3), A m^2, in the frame of the field; or a `MagneticBody` of soft iron, of
+            several magnets or of one of finite size.
+        currents
+            Currents, A: (n_coils,) in the order of `coil_names` for all points, or (n, n_coils), a row for
+            each; one number for all coils, or a mapping by name, in which coils left out carry none.
+        orientations
+            Of a body: rotations (3, 3) or (n, 3, 3) whose columns are its axes; upright unless given.
+
+        Returns
+        -------
+        Array
+            Force, N, and torque, N m (..., 6).
+
+        Raises
+        ------
+        OutsideMapError
+            As for `field`.
         """
         if orientations is None:
             weights = currents if self._model is None else self._known_weights(currents)
@@ -385,12 +569,32 @@ class FieldMap(Field, own_shapes=ONE_POINT):
         moment: ArrayLike | MagneticBody | None = None,
         orientation: ArrayLike | None = None,
     ) -> Actuation:
-        """What each coil's ampere does at a position (3,), about currents (n_coils,), A, linear or saturating iron.
+        """What each coil's ampere does at a position, for linear or saturating iron.
 
-        Rows: flux density, T/A, five entries of its gradient, T/(m A); with a dipole of `moment` (3,), A m^2, or a
-        `MagneticBody` of an orientation (3, 3), force, N/A, and torque, N m/A. `matrix @ i + constant` is the map to
-        first order about the currents, and exact where it superposes and nothing is soft iron:
-        docs/theory/actuation.md. Raises OutsideMapError.
+        `matrix @ i + constant` is the map to first order about the currents, and exact where it superposes
+        and nothing is soft iron: docs/theory/actuation.md.
+
+        Parameters
+        ----------
+        position
+            Position (3,) in the frame of the field, m.
+        currents
+            Currents about which the matrix holds, A, as for `field`.
+        moment
+            Of a dipole (3,), A m^2, or a `MagneticBody`; none for the flux densities alone.
+        orientation
+            Of a body: rotation (3, 3) whose columns are its axes; upright unless given.
+
+        Returns
+        -------
+        Actuation
+            Rows: flux density, T/A, and five entries of its gradient, T/(m A); with a moment force, N/A, and
+            torque, N m/A, below them.
+
+        Raises
+        ------
+        OutsideMapError
+            As for `field`.
         """
         return actuation(self, position, currents, moment, orientation)
 
@@ -416,19 +620,29 @@ class FieldMap(Field, own_shapes=ONE_POINT):
 
         Parameters
         ----------
-        position : (3,), m, of the dipole, or of the centre of the body.
-        force, torque : (3,), N and N m. NaN leaves a component free, here and in `field` and `gradient`.
-        moment : (3,), A m^2, of a dipole, or a `MagneticBody`.
-        limits : A; a number for both directions, or (lower, upper), each a number or one per coil.
-        field : (3,), T.
-        gradient : (3, 3), T/m, of which the five independent entries count.
-        resistance : a number, or (n_coils,), of each coil if they differ.
-        start : currents (n_coils,), A, from which a search begins.
-        orientation : (3, 3), whose columns are the axes of the body; upright without.
+        position
+            (3,), m, of the dipole, or of the centre of the body.
+        force, torque
+            (3,), N and N m. NaN leaves a component free, here and in `field` and `gradient`.
+        moment
+            (3,), A m^2, of a dipole, or a `MagneticBody`.
+        limits
+            A; a number for both directions, or (lower, upper), each a number or one per coil.
+        field
+            (3,), T.
+        gradient
+            (3, 3), T/m, of which the five independent entries count.
+        resistance
+            A number, or (n_coils,), of each coil if they differ.
+        start
+            Currents (n_coils,), A, from which a search begins.
+        orientation
+            (3, 3), whose columns are the axes of the body; upright without.
 
         Returns
         -------
-        Currents (n_coils,), A.
+        Array
+            Currents (n_coils,), A.
 
         Raises
         ------
@@ -438,6 +652,8 @@ class FieldMap(Field, own_shapes=ONE_POINT):
         OutsideMapError, InputError, NotConverged
             For a place outside the box, for what cannot be read, and where a search has no end.
 
+        Examples
+        --------
         >>> m = open_map("workspace.h5")                                                     # doctest: +SKIP
         >>> m.currents_for([0, 0, -0.1], force=[0, 0, 0.11], moment=[0, 0, 0.8], limits=3.5)  # doctest: +SKIP
         """
@@ -449,13 +665,27 @@ class FieldMap(Field, own_shapes=ONE_POINT):
         return SumOfFields(self._evaluator.each_field, self.coil_names, self._constant, self._model)
 
     def to_xarray(self, currents: Any = None) -> xarray.Dataset:
-        """B and gradient on the nodes, with coordinates, units and attributes: an xarray.Dataset.
+        """B and gradient on the nodes, with coordinates, units and attributes.
 
-        At currents (n_coils,), A: `flux_density` (x, y, z, component), T, `gradient` (x, y, z, component, direction) =
-        dB_component/dx_direction, T/m, and `current` (coil). Without: `unit_flux_density` and `unit_gradient`, per
-        ampere, with the dimension `coil` after z, and, of a map with a field that no current drives,
-        `constant_flux_density` and `constant_gradient`. Raises FieldmapError where xarray is not installed, InputError
-        for a map of saturating iron without currents.
+        Parameters
+        ----------
+        currents
+            Currents as for `field`; None for the fields per ampere.
+
+        Returns
+        -------
+        xarray.Dataset
+            At currents `flux_density` (x, y, z, component), T, `gradient` (x, y, z, component, direction) =
+            dB_component/dx_direction, T/m, and `current` (coil). Without: `unit_flux_density` and
+            `unit_gradient`, per ampere, with the dimension `coil` after z, and, of a map with a field that no
+            current drives, `constant_flux_density` and `constant_gradient`.
+
+        Raises
+        ------
+        FieldmapError
+            Where xarray is not installed.
+        InputError
+            For a map of saturating iron without currents.
         """
         from fieldmap.lookup.data_set import data_set
 
@@ -468,24 +698,72 @@ class FieldMap(Field, own_shapes=ONE_POINT):
         return data_set(self.info, self.kind, amperes, *self.at(amperes).field_and_gradient(nodes))
 
     def unit_field(self, points: ArrayLike) -> Array:
-        """B per ampere in each coil, (n, n_coils, 3), T/A: what an allocation of currents starts from."""
+        """Flux density per ampere in each coil: what an allocation of currents starts from.
+
+        Parameters
+        ----------
+        points
+            Positions (3,), (n, 3) or (..., 3) in the frame of the field, m.
+
+        Returns
+        -------
+        Array
+            B per ampere (..., n_coils, 3), T/A.
+
+        Raises
+        ------
+        InputError
+            For a map of saturating iron.
+        """
         flux, _, single = self._units(points, 0)
         return flux[0] if single else flux
 
     def unit_gradient(self, points: ArrayLike) -> Array:
-        """Gradient per ampere in each coil, (n, n_coils, 3, 3), T/(m A)."""
+        """Gradient per ampere in each coil.
+
+        Parameters
+        ----------
+        points
+            Positions (3,), (n, 3) or (..., 3) in the frame of the field, m.
+
+        Returns
+        -------
+        Array
+            dB_i/dx_j per ampere (..., n_coils, 3, 3), T/(m A).
+
+        Raises
+        ------
+        InputError
+            For a map of saturating iron.
+        """
         _, slope, single = self._units(points, 3)
         return slope[0] if single else slope
 
     def by_currents(self, points: ArrayLike, currents: Any) -> tuple[Array, Array, Array, Array]:
-        """B (n, 3), T, and G (n, 3, 3), T/m, at currents (n_coils,), A, and their derivatives by the currents: dB/dI
-        (n, n_coils, 3), T/A, and dG/dI (n, n_coils, 3, 3), T/(m A).
+        """Flux density and gradient, and their derivatives by the currents.
 
-        Of a map that superposes the derivatives are `unit_field` and `unit_gradient`, whatever the currents; of
-        saturating iron those of its model, which the map's stated error is not about: of the shipped drive unit within
-        3 % of the solver's along the signals of its division, as a rule 1 %. A map made for divided currents knows no
-        state of a single coil: derivatives by each are off by up to 42 %, as a rule 5 %
-        (docs/theory/current_dependence.md).
+        Of a map that superposes the derivatives are `unit_field` and `unit_gradient`, whatever the currents;
+        of saturating iron those of its model, which the map's stated error is not about: of the shipped drive
+        unit within 3 % of the solver's along the signals of its division, as a rule 1 %. A map made for
+        divided currents knows no state of a single coil: derivatives by each are off by up to 42 %, as a rule
+        5 % (docs/theory/current_dependence.md).
+
+        Parameters
+        ----------
+        points
+            Positions (n, 3) in the frame of the map, m.
+        currents
+            Currents (n_coils,), A.
+
+        Returns
+        -------
+        tuple[Array, Array, Array, Array]
+            B (n, 3), T; G (n, 3, 3), T/m; dB/dI (n, n_coils, 3), T/A; dG/dI (n, n_coils, 3, 3), T/(m A).
+
+        Raises
+        ------
+        OutsideMapError
+            As for `field`.
         """
         amperes = self._amperes(currents)
         if self._model is None:
@@ -606,21 +884,51 @@ def open_map(
     follow_currents: bool = False,
     tabulate_currents: bool = False,
 ) -> FieldMap:
-    """Read and check the map file at `path`, or the shipped map of this name ("sample"), and make it ready for lookups.
+    """Read and check a map file, and make it ready for lookups.
 
-    kind: "harmonic", one harmonic polynomial per cell; "hermite", the tricubic Hermite interpolant, continuous
-    from cell to cell; "global", one polynomial for the whole box (docs/lookup.md: which to take when). outside: what
-    a point outside the map's box gives, "raise" (OutsideMapError), "nan", or "clamp" (the nearest point of the box).
-    threads: for large batches, by default one per processor. outside_currents: what currents beyond the domain of a
-    map of saturating iron give, "raise" (OutsideMapError), "nan", or "evaluate", without a statement of the error
-    there. follow_currents: of such a map, begin each change of the currents from the last, which is quicker along a
-    trajectory; results then depend on earlier calls, by 1e-6 at most. tabulate_currents: of such a map over a current
-    division, tabulate the model once, which takes seconds; any change of the currents then costs microseconds, also
-    from compiled code, and `current_table.error` says how far the table is from the model. Raises MapFileError if the
-    file is no complete, undamaged map and InputError for an unknown kind or outside rule, if no single polynomial
-    holds the map ("global"), or if there is nothing to tabulate. Warns (MapAccuracyWarning) of a map whose current
-    model is off by more than twice what its recipe asks for.
+    Parameters
+    ----------
+    path
+        Path of the file, or the name of the shipped map ("sample").
+    kind
+        "harmonic", one harmonic polynomial per cell; "hermite", the tricubic Hermite interpolant, continuous
+        from cell to cell; "global", one polynomial for the whole box (docs/lookup.md: which to take when).
+    outside
+        What a point outside the map's box gives: "raise" (OutsideMapError), "nan", or "clamp" (the nearest
+        point of the box).
+    threads
+        Threads for large batches; one per processor unless given.
+    outside_currents
+        What currents beyond the domain of a map of saturating iron give: "raise" (OutsideMapError), "nan", or
+        "evaluate", without a statement of the error there.
+    follow_currents
+        Of a map of saturating iron: begin each change of the currents from the last, which is quicker along a
+        trajectory. Results then depend on earlier calls, by 1e-6 at most.
+    tabulate_currents
+        Of a map of saturating iron over a current division: tabulate the model once, which takes seconds. Any
+        change of the currents then costs microseconds, also from compiled code, and `current_table.error`
+        says how far the table is from the model.
 
+    Returns
+    -------
+    FieldMap
+        The map, ready for lookups.
+
+    Raises
+    ------
+    MapFileError
+        If the file is no complete, undamaged map.
+    InputError
+        For an unknown kind or outside rule, if no single polynomial holds the map ("global"), or if there is
+        nothing to tabulate.
+
+    Warns
+    -----
+    MapAccuracyWarning
+        For a map whose current model is off by more than twice what its recipe asks for.
+
+    Examples
+    --------
     >>> m = open_map("maps/out/workspace.h5")                                     # doctest: +SKIP
     >>> m.field([0, 0, -0.09], currents=[1, 1, 1, 1, 1, 1])                       # doctest: +SKIP
     """
@@ -657,6 +965,26 @@ def interpolate(
     tabulate_currents: bool = False,
     evaluator: Callable[[Form], Evaluator] | None = None,
 ) -> FieldMap:
-    """A map in memory made ready for lookups; arguments as in `open_map`. evaluator: see `FieldMap`."""
+    """Make a map in memory ready for lookups.
+
+    Parameters
+    ----------
+    data
+        The map.
+    kind, outside, threads, outside_currents, follow_currents, tabulate_currents
+        As for `open_map`.
+    evaluator
+        Makes the evaluator of a form: see `FieldMap`.
+
+    Returns
+    -------
+    FieldMap
+        The map, ready for lookups.
+
+    Raises
+    ------
+    InputError
+        As for `open_map`.
+    """
     rules = outside_currents, follow_currents, tabulate_currents
     return FieldMap(data, outside, kind, threads, *rules, evaluator)

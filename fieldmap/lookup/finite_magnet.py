@@ -34,13 +34,33 @@ class FiniteMagnet(MagneticBody):
 
 
 def finite_magnet(shape: Magnet, field: AnyField, tolerance: float = 1e-6) -> FiniteMagnet:
-    """The coarsest rule that holds a magnet of `shape` in `field` to a tolerance.
+    """The coarsest rule that holds a magnet in a field to a tolerance.
 
-    Each rule, exact for fields of degree 1, 3, 5, ..., is set against the next at random places and orientations all
-    over the part of the box where the magnet fits, one coil at a time (or a state at its currents), until they agree to
-    `tolerance` of the largest force and torque found: the size of the magnet is judged against the scale of the field
-    by the field itself. The result states the difference. Raises InputError if the magnet does not fit into the box,
-    NotConverged if the finest rule (8) is not enough.
+    Each rule, exact for fields of degree 1, 3, 5, ..., is set against the next at random places and
+    orientations all over the part of the box where the magnet fits, one coil at a time (or a state at its
+    currents), until they agree. The size of the magnet is judged against the scale of the field by the field
+    itself. The result states the difference.
+
+    Parameters
+    ----------
+    shape
+        The magnet.
+    field
+        Any field with a box: see `fieldmap.field.as_field`.
+    tolerance
+        Largest difference of two rules, as a share of the largest force and torque found.
+
+    Returns
+    -------
+    FiniteMagnet
+        The rule, and how far it is off.
+
+    Raises
+    ------
+    InputError
+        If the magnet does not fit into the box.
+    NotConverged
+        If the finest rule (8) is not enough.
     """
     # Here, as in `volume_rule`: maps are opened faster without the package of devices.
     from fieldmap.device.payload import MagnetSphere
@@ -65,8 +85,22 @@ def finite_magnet(shape: Magnet, field: AnyField, tolerance: float = 1e-6) -> Fi
 
 
 def volume_rule(shape: Magnet, level: int) -> FiniteMagnet:
-    """The rule that is exact where B is a polynomial of degree 2 level - 1, level >= 1; a sphere's is exact always.
+    """The rule that is exact where B is a polynomial of degree 2 level - 1; a sphere's is exact always.
 
+    Parameters
+    ----------
+    shape
+        The magnet.
+    level
+        Order of the rule, 1 or more.
+
+    Returns
+    -------
+    FiniteMagnet
+        The rule.
+
+    Examples
+    --------
     >>> from fieldmap.device.payload import MagnetCylinder
     >>> volume_rule(MagnetCylinder(diameter=0.01, height=0.01, remanence=1.3), 3).points.shape
     (36, 3)

@@ -45,7 +45,8 @@ def least_power_currents(
 
     Parameters
     ----------
-    limits, resistance, start, orientation : as in `FieldMap.currents_for`.
+    limits, resistance, start, orientation
+        As in `FieldMap.currents_for`.
 
     Raises
     ------

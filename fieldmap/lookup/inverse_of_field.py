@@ -36,13 +36,17 @@ def currents_for(
 
     Parameters
     ----------
-    field : map, solution, coils, or a field of your own
-    flux_density : (3,), T; NaN leaves a component free.
-    position, force, moment, limits, torque, gradient, resistance, start, orientation : as in `FieldMap.currents_for`.
+    field
+        Map, solution, coils, or a field of your own.
+    flux_density
+        (3,), T; NaN leaves a component free.
+    position, force, moment, limits, torque, gradient, resistance, start, orientation
+        As in `FieldMap.currents_for`.
 
     Returns
     -------
-    Currents (n_coils,), A.
+    Array
+        Currents (n_coils,), A.
 
     Raises
     ------
@@ -51,6 +55,8 @@ def currents_for(
     Infeasible, OutsideMapError, NotConverged
         As `FieldMap.currents_for`.
 
+    Examples
+    --------
     >>> import fieldmap as fm
     >>> unit = fm.solve_linear("loop_and_sphere")
     >>> currents_for(unit, [0, 0, -0.02], flux_density=[np.nan, np.nan, 1e-3]) * unit.field([0, 0, -0.02], 1.0)[2]

@@ -101,11 +101,16 @@ class Search:
 
     Parameters
     ----------
-    first : (n,), where the search begins.
-    scale : (n,), variables of the usual size.
-    met : share of the demand that may be left.
-    saving : share of the power below which more of it is not looked for.
-    remedy : what to try where the search fails.
+    first
+        (n,), where the search begins.
+    scale
+        (n,), variables of the usual size.
+    met
+        Share of the demand that may be left.
+    saving
+        Share of the power below which more of it is not looked for.
+    remedy
+        What to try where the search fails.
     """
 
     def __init__(

@@ -31,28 +31,46 @@ _made: WeakKeyDictionary[FieldMap, dict[tuple[int, int, int] | None, CurrentTabl
 
 
 def core_map(field_map: FieldMap | MapAtCurrents) -> CoreMap:
-    """The map in the form that the C core reads, with all fields of `unit_block`.
+    """The map as the C core takes it: of all fields that `unit_block` has.
 
-    For a map with linear iron the weights are the currents of the coils.
+    Of a map with linear iron its weights are the currents of the coils.
+
+    Parameters
+    ----------
+    field_map
+        Opened map, or one at given currents.
+
+    Returns
+    -------
+    CoreMap
+        The map for the C core.
 
     Raises
     ------
     InputError
-        For a map that the C core does not evaluate.
+        For a map whose evaluator is not the C core.
     """
     return field_map._evaluator.core()
 
 
 def unit_block(field_map: FieldMap | MapAtCurrents) -> Array:
-    """The coefficients of all fields of a map.
+    """The coefficients of all of a map's fields.
 
-    The order is: the coils, per ampere; saturating iron, at weight 1; the field that no current drives. For a map at
-    fixed currents the block has one field, their sum.
+    Parameters
+    ----------
+    field_map
+        Opened map, or one at given currents.
+
+    Returns
+    -------
+    Array
+        The coils' per ampere, then saturating iron's at weight 1, then those of what no current drives. Of a
+        map at given currents: those of their sum.
 
     Raises
     ------
     InputError
-        For an interpolant that the C core cannot evaluate.
+        For an interpolant without kernels, which compiled loops cannot evaluate.
     """
     if isinstance(field_map, MapAtCurrents):
         return core_map(field_map).block
@@ -65,16 +83,33 @@ def unit_block(field_map: FieldMap | MapAtCurrents) -> Array:
 
 
 def saturates(field_map: FieldMap) -> bool:
-    """Whether the field is not the sum of its coils' fields and a constant."""
+    """Whether the field is not the sum of its coils' fields and a constant.
+
+    Parameters
+    ----------
+    field_map
+        Opened map.
+
+    Returns
+    -------
+    bool
+        True for a map of saturating iron.
+    """
     return field_map._model is not None
 
 
 def division_domain(field_map: FieldMap) -> tuple[Array, Array, float] | None:
-    """The domain of a map of saturating iron whose currents are divided by lift and directions.
+    """Domain of a map of saturating iron over a division of six currents.
+
+    Parameters
+    ----------
+    field_map
+        Opened map.
 
     Returns
     -------
-    Lowest and highest (u, x, y), and the exponent n of the division; None for any other map.
+    tuple[Array, Array, float] | None
+        Lowest and highest (u, x, y), and the exponent n of the division; None for any other map.
     """
     model = field_map._model
     if model is None or not isinstance(model.model.parametrisation, LiftAndDirections):
@@ -87,12 +122,15 @@ def iron_weights(field_map: FieldMap, currents: ArrayLike) -> tuple[Array, Array
 
     Parameters
     ----------
-    field_map : a map of saturating iron.
-    currents : (s, n), A.
+    field_map
+        A map of saturating iron.
+    currents
+        (s, n), A.
 
     Returns
     -------
-    Weights (s, f), and derivatives (s, f, n), 1/A.
+    tuple[Array, Array]
+        Weights (s, f), and derivatives (s, f, n), 1/A.
 
     Raises
     ------
@@ -110,12 +148,23 @@ def iron_weights(field_map: FieldMap, currents: ArrayLike) -> tuple[Array, Array
 
 
 def compiled_currents(field_map: FieldMap) -> CompiledModel:
-    """The reduced model of a map of saturating iron as arrays for the C core.
+    """The model of a map of saturating iron, from which the C core gets the weights of its fields at any
+    currents.
+
+    Parameters
+    ----------
+    field_map
+        Opened map of saturating iron.
+
+    Returns
+    -------
+    CompiledModel
+        The model.
 
     Raises
     ------
     InputError
-        For a linear map.
+        For a map that superposes.
     """
     return _model(field_map).compiled
 
@@ -127,8 +176,10 @@ def table_of_currents(field_map: FieldMap, nodes: tuple[int, int, int] | None = 
 
     Parameters
     ----------
-    field_map : the map.
-    nodes : numbers of nodes for u, x and y; the map's own table, or as many as it needs, unless given.
+    field_map
+        The map.
+    nodes
+        Numbers of nodes for u, x and y; the map's own table, or as many as it needs, unless given.
 
     Raises
     ------
@@ -146,14 +197,24 @@ def table_of_currents(field_map: FieldMap, nodes: tuple[int, int, int] | None = 
 
 
 def tangent_block(field_map: FieldMap, currents: ArrayLike) -> Array:
-    """The tangent of a map of saturating iron at currents (n_coils,), A, as a block of n_coils + 1 fields.
+    """A block of n_coils + 1 fields whose sum with weights (i, 1) touches the map at given currents.
 
-    With weights (i, 1) their sum has the value and the slope of the map at these currents.
+    Parameters
+    ----------
+    field_map
+        Opened map of saturating iron.
+    currents
+        Currents (n_coils,), A.
+
+    Returns
+    -------
+    Array
+        The coefficients.
 
     Raises
     ------
     InputError
-        For a linear map.
+        For a map that superposes.
     """
     amperes = coil_currents(currents, field_map.coil_names)
     values, slopes = iron_weights(field_map, amperes[None])

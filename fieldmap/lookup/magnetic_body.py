@@ -74,10 +74,28 @@ class MagneticBody(Record):
     def wrench(
         self, field: AnyField, positions: ArrayLike, currents: Any, orientations: ArrayLike | None = None
     ) -> Array:
-        """Force (N) and torque (N m) about the centre, (n, 6), with the centre at positions (n, 3).
+        """Force and torque on the body about its centre.
 
-        currents (n_coils,) or (n, n_coils), A. orientations (3, 3) or (n, 3, 3): columns are the body's axes; upright
-        without. A position (3,) gives (6,). Raises what the field raises where a part of the body is outside it.
+        Parameters
+        ----------
+        field
+            Any field: see `fieldmap.field.as_field`.
+        positions
+            Centres (3,) or (n, 3) in the frame of the field, m.
+        currents
+            Currents (n_coils,) or (n, n_coils), A.
+        orientations
+            Rotations (3, 3) or (n, 3, 3) whose columns are the body's axes; upright unless given.
+
+        Returns
+        -------
+        Array
+            Force, N, and torque, N m (n, 6); (6,) for one position (3,).
+
+        Raises
+        ------
+        OutsideMapError
+            Where a part of the body is outside the field.
         """
         arms, turn, flux, slope, single = self._asked(field, positions, currents, orientations)
         dipoles, _, _ = self._moments(turn, flux)
@@ -87,8 +105,20 @@ class MagneticBody(Record):
     def energy(
         self, field: AnyField, positions: ArrayLike, currents: Any, orientations: ArrayLike | None = None
     ) -> Array:
-        """Interaction energy, (n,), J: -m . B of the magnets, -integral of m dB of soft iron; `wrench` is minus its
-        gradient, by place and turn."""
+        """Interaction energy: -m . B of the magnets, -integral of m dB of soft iron.
+
+        `wrench` is minus its gradient, by place and turn.
+
+        Parameters
+        ----------
+        field, positions, currents, orientations
+            As for `wrench`.
+
+        Returns
+        -------
+        Array
+            Energy (n,), J.
+        """
         _, turn, flux, _, single = self._asked(field, positions, currents, orientations)
         dipoles, induced, _ = self._moments(turn, flux)
         fixed = len(self.points)
@@ -98,7 +128,18 @@ class MagneticBody(Record):
     def induced_moment(
         self, field: AnyField, positions: ArrayLike, currents: Any, orientations: ArrayLike | None = None
     ) -> Array:
-        """Moments (n, s, 3), A m^2, of the s soft pieces, in the frame of the field; arguments as of `wrench`."""
+        """Moments of the soft pieces in the frame of the field.
+
+        Parameters
+        ----------
+        field, positions, currents, orientations
+            As for `wrench`.
+
+        Returns
+        -------
+        Array
+            Moments (n, s, 3) of s soft pieces, A m^2.
+        """
         _, turn, flux, _, single = self._asked(field, positions, currents, orientations)
         dipoles = self._moments(turn, flux)[0][:, len(self.points) :]
         return dipoles[0] if single else dipoles
@@ -106,7 +147,18 @@ class MagneticBody(Record):
     def whole_moment(
         self, field: AnyField, positions: ArrayLike, currents: Any, orientations: ArrayLike | None = None
     ) -> Array:
-        """The moment (n, 3) of the whole body, A m^2, in the frame of the field; arguments as of `wrench`."""
+        """Moment of the whole body in the frame of the field.
+
+        Parameters
+        ----------
+        field, positions, currents, orientations
+            As for `wrench`.
+
+        Returns
+        -------
+        Array
+            Moment (n, 3), A m^2.
+        """
         _, turn, flux, _, single = self._asked(field, positions, currents, orientations)
         total = self._moments(turn, flux)[0].sum(axis=1)
         return total[0] if single else total
@@ -114,7 +166,24 @@ class MagneticBody(Record):
     def stiffness(
         self, field: AnyField, position: ArrayLike, currents: Any, orientation: ArrayLike | None = None
     ) -> Array:
-        """-dF/dx (3, 3), N/m, of a body that does not turn, at one position (3,); induced moments follow the field."""
+        """Stiffness of a body that does not turn; induced moments follow the field.
+
+        Parameters
+        ----------
+        field
+            Any field: see `fieldmap.field.as_field`.
+        position
+            Centre (3,) in the frame of the field, m.
+        currents
+            Currents (n_coils,), A.
+        orientation
+            Rotation (3, 3) whose columns are the body's axes; upright unless given.
+
+        Returns
+        -------
+        Array
+            -dF/dx (3, 3), N/m.
+        """
         arms, turn, flux, slope, _ = self._asked(field, np.reshape(position, (1, 3)), currents, orientation)
         dipoles, _, by_field = self._moments(turn, flux, slopes=True)
         second = as_field(field).second_gradient(np.reshape(position, (1, 3)) + arms[0], currents)
@@ -125,10 +194,23 @@ class MagneticBody(Record):
     def by_fields(
         self, flux: Array, slope: Array, orientation: Array
     ) -> Callable[[Array], tuple[Array, Array]]:
-        """A function of the weights (k,) of k fields: wrench (6,) and its derivatives (6, k) by the weights.
+        """Force and torque as a function of the weights of k fields.
 
-        flux (count, k, 3), T, and slope (count, k, 3, 3), T/m: of these fields at weight 1, at the points of the body;
-        orientation (3, 3): columns its axes. A soft piece's moment follows the weights, dm/dw = (dm/dB) dB/dw.
+        A soft piece's moment follows the weights, dm/dw = (dm/dB) dB/dw.
+
+        Parameters
+        ----------
+        flux
+            Flux density (count, k, 3), T, of these fields at weight 1 at the points of the body.
+        slope
+            Gradient (count, k, 3, 3), T/m, of these fields at weight 1 there.
+        orientation
+            Rotation (3, 3) whose columns are the body's axes.
+
+        Returns
+        -------
+        Callable[[Array], tuple[Array, Array]]
+            A function of weights (k,) that gives the wrench (6,) and its derivatives (6, k) by the weights.
         """
         turn, k = np.array(orientation, dtype=np.float64, order="C"), flux.shape[1]
         flux, slope = np.ascontiguousarray(flux), np.ascontiguousarray(slope)
@@ -175,7 +257,25 @@ def _wrench(arms: Array, dipoles: Array, flux: Array, slope: Array) -> Array:
 
 
 def checked_turns(orientations: ArrayLike | None, n: int) -> Array:
-    """Rotation matrices (n, 3, 3), upright without. Raises InputError."""
+    """Rotations of a body at every position.
+
+    Parameters
+    ----------
+    orientations
+        Rotations (3, 3) or (n, 3, 3); upright unless given.
+    n
+        How many positions there are.
+
+    Returns
+    -------
+    Array
+        Rotations (n, 3, 3).
+
+    Raises
+    ------
+    InputError
+        For what is no rotation, and for another number.
+    """
     if orientations is None:
         return np.tile(np.eye(3), (n, 1, 1))
     turn = np.asarray(orientations, dtype=np.float64)

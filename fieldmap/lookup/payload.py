@@ -31,11 +31,34 @@ def magnetic_body(
 ) -> MagneticBody:
     """The magnetic body of a payload, a magnet or a soft body, about its centre.
 
-    level: of the volume rule of each magnet (`volume_rule`); 1, a point dipole in its middle. field, tolerance: choose
-    the rules instead, as `finite_magnet` does. A payload of a moment alone is a dipole along z; of a shape and a moment
-    of its own, such as a measured one, the rule of the shape has that moment. Raises InputError for
-    soft iron whose material is a mere name, or is none of soft iron, and what `finite_magnet` raises.
+    A payload of a moment alone is a dipole along z; of a shape and a moment of its own, such as a measured
+    one, the rule of the shape has that moment.
 
+    Parameters
+    ----------
+    payload
+        The payload, magnet or soft body.
+    level
+        Of the volume rule of each magnet (`volume_rule`); 1, a point dipole in its middle.
+    field
+        Any field with a box, which chooses the rules instead, as `finite_magnet` does.
+    tolerance
+        Of that choice.
+
+    Returns
+    -------
+    MagneticBody
+        The body.
+
+    Raises
+    ------
+    InputError
+        For soft iron whose material is a mere name, or is none of soft iron; and as for `finite_magnet`.
+    NotConverged
+        As for `finite_magnet`.
+
+    Examples
+    --------
     >>> from fieldmap.device.payload import MagnetCylinder, Payload, SoftSphere
     >>> pair = Payload(mass=0.01, pieces=[MagnetCylinder(0.01, 0.01, 1.3), SoftSphere(4e-3, mu_r=1e3)])
     >>> magnetic_body(pair, level=3).points.shape, round(magnetic_body(pair).moment, 4)
@@ -83,15 +106,33 @@ def check_payload(payload: Payload | None, where: str, pieces: bool = False) -> 
 
 
 def compiled_wrench(field_map: FieldMap, body: MagneticBody) -> tuple[Any, Any]:
-    """(function, data) for your own numba functions: force and torque on a body, and their derivatives by the currents.
+    """Force and torque on a body, and their derivatives by the currents, for your own numba functions.
 
-    inside = function(data, currents, place, turn, wrench, slopes) with float64 arrays: currents (n_coils,), A; place
-    (3,), m, of the body's centre; turn (3, 3), columns its axes; it fills wrench (6,), N and N m, and slopes (6,
-    n_coils), N/A and N m/A, and is False, and they are NaN, where the body leaves the box or the iron has no solution.
-    data is as that of `FieldMap.compiled`: an argument or a global of your function, for this process alone, and of a
-    map of saturating iron one for each thread. Raises InputError for a map with a table of currents, which has no
-    slopes.
+    inside = function(data, currents, place, turn, wrench, slopes) with float64 arrays: currents (n_coils,),
+    A; place (3,), m, of the body's centre; turn (3, 3), columns its axes. It fills wrench (6,), N and N m,
+    and slopes (6, n_coils), N/A and N m/A. It is False, and they are NaN, where the body leaves the box or
+    the iron has no solution.
 
+    Parameters
+    ----------
+    field_map
+        Opened map.
+    body
+        The body.
+
+    Returns
+    -------
+    tuple[Any, Any]
+        (function, data). The data are as those of `FieldMap.compiled`: an argument or a global of your
+        function, for this process alone, and of a map of saturating iron one for each thread.
+
+    Raises
+    ------
+    InputError
+        For a map with a table of currents, which has no slopes.
+
+    Examples
+    --------
     >>> function, data = compiled_wrench(m, magnetic_body(device.payload))                       # doctest: +SKIP
     """
     if field_map.current_table is not None:

@@ -44,11 +44,28 @@ class SoftPiece(Record):
 
 
 def demagnetising_factors(axes: ArrayLike) -> Array:
-    """Demagnetising factors (3,) of an ellipsoid of these axes (3,), of any unit; their sum is 1.
+    """Demagnetising factors of an ellipsoid.
 
-    N_i = a_1 a_2 a_3 / 3 R_D(a_j^2, a_k^2, a_i^2) with Carlson's integral, DLMF 19.16.5: J. A. Osborn, Phys. Rev. 67
-    (1945) 351. Raises InputError unless the axes are positive.
+    N_i = a_1 a_2 a_3 / 3 R_D(a_j^2, a_k^2, a_i^2) with Carlson's integral, DLMF 19.16.5: J. A. Osborn, Phys.
+    Rev. 67 (1945) 351.
 
+    Parameters
+    ----------
+    axes
+        Axes (3,), of any unit.
+
+    Returns
+    -------
+    Array
+        Factors (3,), whose sum is 1.
+
+    Raises
+    ------
+    InputError
+        Unless the axes are positive.
+
+    Examples
+    --------
     >>> demagnetising_factors([1.0, 1.0, 4.0]).round(4).tolist()
     [0.4623, 0.4623, 0.0754]
     """
@@ -67,8 +84,25 @@ def demagnetising_factors(axes: ArrayLike) -> Array:
 
 
 def soft_piece(shape: SoftBody, placement: Placement | None = None) -> SoftPiece:
-    """A soft sphere or ellipsoid at its place in a body, with its law. Raises InputError for a material that is no soft
-    iron, or a mere name of one."""
+    """A soft sphere or ellipsoid at its place in a body, with its law.
+
+    Parameters
+    ----------
+    shape
+        The sphere or ellipsoid.
+    placement
+        Its place and turn in the body; the body's centre unless given.
+
+    Returns
+    -------
+    SoftPiece
+        The piece.
+
+    Raises
+    ------
+    InputError
+        For a material that is no soft iron, or a mere name of one.
+    """
     # Here, as in _law_of: opening a map takes less time without device.
     from fieldmap.device.placement import Placement
 
@@ -136,12 +170,35 @@ def core_piece(piece: SoftPiece) -> Soft:
 def soft_sphere_force(
     field: AnyField, positions: ArrayLike, currents: Any, diameter: float, mu_r: float = np.inf
 ) -> Array:
-    """Force (n, 3), N, on a sphere of constant permeability with its centre at positions (n, 3); no torque.
+    """Force on a sphere of constant permeability; there is no torque.
 
-    docs/theory/wrench.md (4): the sphere answers the field's own value and gradient exactly. What is left out, the
-    answer to the second gradient, is of the order (radius / R)^4 of the force with R the distance of the nearest
-    source; the sphere's influence on the coils' iron is left out as well. The field is that without the sphere.
-    Raises InputError for a diameter or permeability that cannot be.
+    docs/theory/wrench.md (4): the sphere answers the field's own value and gradient exactly. What is left
+    out, the answer to the second gradient, is of the order (radius / R)^4 of the force with R the distance of
+    the nearest source; the sphere's influence on the coils' iron is left out as well. The field is that
+    without the sphere.
+
+    Parameters
+    ----------
+    field
+        Any field: see `fieldmap.field.as_field`.
+    positions
+        Centres (n, 3) in the frame of the field, m.
+    currents
+        Currents, A: (n_coils,) in the order of `coil_names`, one number for all coils, or a mapping by name.
+    diameter
+        Of the sphere, m.
+    mu_r
+        Its relative permeability.
+
+    Returns
+    -------
+    Array
+        Force (n, 3), N.
+
+    Raises
+    ------
+    InputError
+        For a diameter or permeability that cannot be.
     """
     if not (diameter > 0 and np.isfinite(diameter) and mu_r >= 1):
         received = f"diameter {diameter!r}, mu_r {mu_r!r}"

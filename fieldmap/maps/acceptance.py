@@ -76,14 +76,19 @@ def require_accuracy(
 
     Parameters
     ----------
-    about : the report of the map, or that of its training with `generation_seconds`.
-    plan : of the training; None for a map of linear iron.
-    target : path of the map, for the message.
-    accept_error : return a missed accuracy instead of raising an error.
+    about
+        The report of the map, or that of its training with `generation_seconds`.
+    plan
+        Of the training; None for a map of linear iron.
+    target
+        Path of the map, for the message.
+    accept_error
+        Return a missed accuracy instead of raising an error.
 
     Returns
     -------
-    The missed accuracy; None if the map is accurate enough.
+    MissedAccuracy | None
+        The missed accuracy; None if the map is accurate enough.
 
     Raises
     ------
@@ -119,8 +124,10 @@ def shortfall(about: Mapping[str, Any], plan: Plan) -> Shortfall:
 
     Parameters
     ----------
-    about : the report of the map or of its training; `error_parts` in it are used if present.
-    plan : of the training.
+    about
+        The report of the map or of its training; `error_parts` in it are used if present.
+    plan
+        Of the training.
     """
     parts: Mapping[str, Any] = about.get("error_parts") or {}
     shares = {name: float(parts[name]) for name in _LEFT if name in parts}

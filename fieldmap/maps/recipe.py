@@ -311,11 +311,39 @@ class Recipe(Record):
         return Document(self.path, self.text, {})
 
     def error(self, key: str, must_hold: str, received: str, remedy: str) -> RecipeError:
-        """An error at a key of the file."""
+        """An error at a key of the file.
+
+        Parameters
+        ----------
+        key
+            The key.
+        must_hold
+            What must hold there.
+        received
+            What stands there.
+        remedy
+            What to do.
+
+        Returns
+        -------
+        RecipeError
+            The error, to be raised.
+        """
         return RecipeError(self.document.problem(key, must_hold, received, remedy))
 
     def box(self, device: Device) -> Bounds | None:
-        """Corners of the box of the map, m: the recipe's, or those around the device's workspace."""
+        """The box of the map: the recipe's, or that around the device's workspace.
+
+        Parameters
+        ----------
+        device
+            The device of the recipe.
+
+        Returns
+        -------
+        Bounds | None
+            Lower and upper corner (3,), m; None where there is none.
+        """
         return device.bounds if self.lower is None or self.upper is None else (self.lower, self.upper)
 
 

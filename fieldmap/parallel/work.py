@@ -65,11 +65,33 @@ class Common(Generic[T]):
 
     @classmethod
     def of(cls, value: T) -> "Common[T]":
-        """Something that can travel itself."""
+        """Something that can travel itself.
+
+        Parameters
+        ----------
+        value
+            It.
+
+        Returns
+        -------
+        'Common[T]'
+            It, as a common thing.
+        """
         return cls(_itself, value)
 
     def use(self, made: T) -> T:
-        """What this process has made already, in its own way; returned."""
+        """Take what this process has made already, in its own way.
+
+        Parameters
+        ----------
+        made
+            It.
+
+        Returns
+        -------
+        T
+            It.
+        """
         self._made = made
         return made
 
@@ -133,10 +155,26 @@ def attempt(index: int, function: Callable[..., R], *arguments: Any) -> Outcome[
 def in_threads(
     function: Callable[..., R], items: Sequence[Any], count: int, *shared: Any
 ) -> Iterator[Outcome[R]]:
-    """function(*shared, item) for every item, in `count` threads of this process: outcomes in the order of the items.
+    """function(*shared, item) for every item, in threads of this process.
 
-    Kernels use one thread in each of them. One thread is the caller's own: to hand each item to another and wait for it
-    takes longer than a small one.
+    Kernels use one thread in each of them. One thread is the caller's own: to hand each item to another and
+    wait for it takes longer than a small one.
+
+    Parameters
+    ----------
+    function
+        The function.
+    items
+        The items.
+    count
+        How many threads.
+    *shared
+        First arguments of every call.
+
+    Yields
+    ------
+    Outcome[R]
+        Outcomes in the order of the items.
     """
     if count == 1:
         with same_arithmetic():
@@ -180,7 +218,20 @@ def threads_of_kernels() -> int:
 
 
 def results_of(function: Callable[..., R], items: Sequence[Any]) -> Iterator[R]:
-    """function(item) of every item, in their order, in as many threads as may call kernels."""
+    """function(item) of every item, in as many threads as may call kernels.
+
+    Parameters
+    ----------
+    function
+        The function.
+    items
+        The items.
+
+    Yields
+    ------
+    R
+        Results in the order of the items.
+    """
     return (outcome.result() for outcome in in_threads(function, items, threads_of_kernels()))
 
 

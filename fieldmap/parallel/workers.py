@@ -68,7 +68,13 @@ class Workers:
         return self._processor_seconds
 
     def prepare(self, common: Common[Any]) -> None:
-        """Let other processes make what they need for a `map` to come, while this one does something else."""
+        """Let other processes make what they need for a `map` to come, while this one does something else.
+
+        Parameters
+        ----------
+        common
+            What they need.
+        """
         if self._pool is not None:
             self._pool.prepare(common)
 
@@ -79,13 +85,29 @@ class Workers:
         common: Common[Any] | None = None,
         threads: bool = False,
     ) -> Iterator[Outcome[R]]:
-        """function(item), or function(common.here(), item), for every item: one outcome each, as they are done.
+        """function(item), or function(common.here(), item), for every item: one outcome each, as they are
+        done.
 
-        In this process they come in the order of the items, elsewhere in any. threads: here, several items at a time;
-        the function must allow it. An item whose process dies is given to
-        another one, as if nothing had happened; if that happens to it four times, it is tried again when all else is
-        done, alone, and then its outcome is an error. function,
-        items and results must be picklable where other processes do the work: a function of a module, not a lambda.
+        In this process they come in the order of the items, elsewhere in any. An item whose process dies is
+        given to another one, as if nothing had happened; if that happens to it four times, it is tried again
+        when all else is done, alone, and then its outcome is an error. Where other processes do the work,
+        function, items and results must be picklable: a function of a module, not a lambda.
+
+        Parameters
+        ----------
+        function
+            The function.
+        items
+            The items.
+        common
+            What every call needs, and each process makes once.
+        threads
+            Whether several items are done at a time here; the function must allow it.
+
+        Yields
+        ------
+        Outcome[R]
+            The outcomes.
         """
         if self._pool is not None:
             for outcome in self._pool.map(function, items, common):
@@ -105,6 +127,21 @@ class Workers:
     def results(
         self, function: Callable[..., R], items: Sequence[Any], common: Common[Any] | None = None
     ) -> list[R]:
-        """What `map` gives, in the order of the items; the first error that is met is raised."""
+        """What `map` gives, in the order of the items; the first error that is met is raised.
+
+        Parameters
+        ----------
+        function
+            The function.
+        items
+            The items.
+        common
+            As for `map`.
+
+        Returns
+        -------
+        list[R]
+            The results.
+        """
         found = {outcome.index: outcome.result() for outcome in self.map(function, items, common)}
         return [found[index] for index in range(len(items))]

@@ -111,10 +111,27 @@ PLANAR_DEVICE = FileKind(
 def read_planar_device(path_or_name: str | Path) -> PlanarDevice:
     """Read and check a planar device file.
 
-    path_or_name: path of a TOML file with `space = "plane"`, or the name of a shipped one. Lengths come out in m;
-    x to the right, z up, y into the page. Raises DeviceFileError with one Problem for every error of the file, and
-    GeometryError where iron, conductors and walls do not fit together.
+    Lengths come out in m; x to the right, z up, y into the page.
 
+    Parameters
+    ----------
+    path_or_name
+        Path of a TOML file with `space = "plane"`, or the name of a shipped one.
+
+    Returns
+    -------
+    PlanarDevice
+        The device.
+
+    Raises
+    ------
+    DeviceFileError
+        With one Problem for every error of the file.
+    GeometryError
+        Where iron, conductors and walls do not fit together.
+
+    Examples
+    --------
     >>> device = read_planar_device("planar_drive_unit")
     >>> device.coil_names
     ('left', 'right')

@@ -31,11 +31,32 @@ def solve_planar(
 ) -> PlanarSolution:
     """Solve a planar device with linear iron, once per coil.
 
-    size: longest panel of iron and walls, m; None: a sixtieth of the device's extent. mu_r: relative permeability of
-    all soft iron in the place of the file's own; saturating materials otherwise have their initial one. Method:
-    docs/theory/planar.md. Raises GeometryError where bodies, wires and walls do not fit together, InputError for bad
-    arguments.
+    Method: docs/theory/planar.md.
 
+    Parameters
+    ----------
+    device
+        The device.
+    size
+        Longest panel of iron and walls, m; a sixtieth of the device's extent unless given.
+    mu_r
+        Relative permeability of all soft iron in the place of the file's own; saturating materials otherwise
+        have their initial one.
+
+    Returns
+    -------
+    PlanarSolution
+        The solution.
+
+    Raises
+    ------
+    GeometryError
+        Where bodies, wires and walls do not fit together.
+    InputError
+        For arguments that do not fit.
+
+    Examples
+    --------
     >>> from fieldmap.planar import read_planar_device, solve_planar
     >>> unit = solve_planar(read_planar_device("planar_drive_unit"))
     >>> gradient = unit.gradient([[0.0, -0.1]], [1000.0, 1000.0])

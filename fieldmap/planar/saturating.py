@@ -220,7 +220,23 @@ class PlanarState(PlanarFieldAtCurrents):
     report: PlanarReport
 
     def at(self, currents: Currents) -> PlanarState:
-        """This state. Raises InputError for other currents than its own."""
+        """This state.
+
+        Parameters
+        ----------
+        currents
+            Its currents (n_coils,), A.
+
+        Returns
+        -------
+        PlanarState
+            The state.
+
+        Raises
+        ------
+        InputError
+            For other currents than its own.
+        """
         if not np.array_equal(planar_currents(self.device, currents), self.currents):
             raise InputError.of(
                 "PlanarState(currents)", f"{self.currents.tolist()} A", repr(currents), "solve them anew"
@@ -228,10 +244,24 @@ class PlanarState(PlanarFieldAtCurrents):
         return self
 
     def derivatives(self, points: ArrayLike, currents: Currents | None = None) -> Complex:
-        """f = B_x - i B_z and its first two derivatives (3, n) by x + i z.
+        """f = B_x - i B_z and its first two derivatives by x + i z.
 
-        currents: may be given again, as for linear iron. InputError if they are others; also for points in iron, in
-        conductors or outside the walls.
+        Parameters
+        ----------
+        points
+            Positions (n, 2) of (x, z), m.
+        currents
+            May be given again, as for linear iron.
+
+        Returns
+        -------
+        Complex
+            (3, n), T, T/m and T/m^2.
+
+        Raises
+        ------
+        InputError
+            For other currents than its own, and for points in iron, in conductors or outside the walls.
         """
         if currents is not None:
             self.at(currents)
@@ -244,7 +274,18 @@ class PlanarState(PlanarFieldAtCurrents):
         return np.asarray(-1j * (total + harmonic_derivatives(self.air, self.reaction, places)))
 
     def iron_flux_density(self, body: str) -> tuple[Array, Array]:
-        """Middles (t, 2) in m of a body's triangles, and the flux density (t, 2) of (B_x, B_z) in T in them."""
+        """Flux density in a body's triangles.
+
+        Parameters
+        ----------
+        body
+            Name of the body.
+
+        Returns
+        -------
+        tuple[Array, Array]
+            Middles (t, 2), m, and flux density (t, 2) of (B_x, B_z), T.
+        """
         names = [known.name for known in self.device.bodies]
         if body not in names:
             raise InputError.of(
@@ -263,14 +304,38 @@ _GRADING = 2
 def solve_planar_state(
     device: PlanarDevice, currents: Currents, size: float | None = None, tolerance: float = 1e-9
 ) -> PlanarState:
-    """Solve a planar device whose iron saturates, at these currents (n_coils,) in A.
+    """Solve a planar device whose iron saturates, at given currents.
 
-    size: longest panel of iron and walls, and largest triangle inside the iron, m; None: a sixtieth of the device's
-    extent. tolerance: of the residual, relative to that of a field without iron's response. Only the iron is filled
-    with triangles, of first order; the air is exact. Method: docs/theory/planar.md. Raises GeometryError where parts
-    do not fit together or the iron is thinner than its panels are long, InputError for bad arguments and for flux
-    barriers or magnets, NotConverged with the residuals.
+    Only the iron is filled with triangles, of first order; the air is exact. Method: docs/theory/planar.md.
 
+    Parameters
+    ----------
+    device
+        The device.
+    currents
+        (n_coils,), A.
+    size
+        Longest panel of iron and walls, and largest triangle inside the iron, m; a sixtieth of the device's
+        extent unless given.
+    tolerance
+        Of the residual, relative to that of a field without iron's response.
+
+    Returns
+    -------
+    PlanarState
+        The state.
+
+    Raises
+    ------
+    GeometryError
+        Where parts do not fit together or the iron is thinner than its panels are long.
+    InputError
+        For arguments that do not fit, and for flux barriers or magnets.
+    NotConverged
+        With the residuals.
+
+    Examples
+    --------
     >>> from fieldmap.planar import read_planar_device, solve_planar_state
     >>> state = solve_planar_state(read_planar_device("planar_drive_unit"), [1000.0, 1000.0], size=0.02)
     >>> print(f"{1e3 * state.gradient([[0.0, -0.1]])[0, 1, 1]:.1f} mT/m")

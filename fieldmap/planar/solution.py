@@ -51,17 +51,62 @@ class PlanarFieldAtCurrents(Record, ABC):
 
     @abstractmethod
     def derivatives(self, points: ArrayLike) -> Complex:
-        """f = B_x - i B_z and its first two derivatives (3, n) by x + i z: d2Bz/dx2 = -Im f''.
+        """f = B_x - i B_z and its first two derivatives by x + i z: d2Bz/dx2 = -Im f''.
 
-        InputError for points in a conductor or outside the walls.
+        Parameters
+        ----------
+        points
+            Positions (n, 2) of (x, z), m.
+
+        Returns
+        -------
+        Complex
+            (3, n), T, T/m and T/m^2.
+
+        Raises
+        ------
+        InputError
+            For points in a conductor or outside the walls.
         """
 
     def field(self, points: ArrayLike) -> Array:
-        """Flux density (n, 2) of (B_x, B_z) in T, where `derivatives` has a value."""
+        """Flux density, where `derivatives` has a value.
+
+        Parameters
+        ----------
+        points
+            Positions (n, 2) of (x, z), m.
+
+        Returns
+        -------
+        Array
+            (B_x, B_z) (n, 2), T.
+
+        Raises
+        ------
+        InputError
+            As for `derivatives`.
+        """
         return as_field(self.derivatives(points)[0])
 
     def gradient(self, points: ArrayLike) -> Array:
-        """Gradient (n, 2, 2), G[i, j] = dB_i/dx_j in T/m: symmetric, without trace."""
+        """Gradient of the flux density: symmetric, without trace.
+
+        Parameters
+        ----------
+        points
+            Positions (n, 2) of (x, z), m.
+
+        Returns
+        -------
+        Array
+            G (n, 2, 2), G[i, j] = dB_i/dx_j, T/m.
+
+        Raises
+        ------
+        InputError
+            As for `derivatives`.
+        """
         return as_gradient(self.derivatives(points)[1])
 
 
@@ -92,22 +137,93 @@ class PlanarSolution(Record):
         return self.device.coil_names
 
     def at(self, currents: Currents) -> LinearPlanarState:
-        """The field at these currents. Raises InputError for currents that do not fit the coils."""
+        """The field at these currents.
+
+        Parameters
+        ----------
+        currents
+            Currents, A: (n_coils,) in the order of `coil_names`, one number for all coils, or a mapping by
+            name.
+
+        Returns
+        -------
+        LinearPlanarState
+            The field of points alone.
+
+        Raises
+        ------
+        InputError
+            For currents that do not fit the coils.
+        """
         return LinearPlanarState(self.device, planar_currents(self.device, currents), self)
 
     def field(self, points: ArrayLike, currents: Currents) -> Array:
-        """Flux density (n, 2) of (B_x, B_z) in T at points (n, 2) of (x, z) in m.
+        """Flux density anywhere but inside a conductor and outside the walls.
 
-        Anywhere but inside a conductor and outside the walls, where InputError is raised.
+        Parameters
+        ----------
+        points
+            Positions (n, 2) of (x, z), m.
+        currents
+            Currents, A: (n_coils,) in the order of `coil_names`, one number for all coils, or a mapping by
+            name.
+
+        Returns
+        -------
+        Array
+            (B_x, B_z) (n, 2), T.
+
+        Raises
+        ------
+        InputError
+            For points without a field.
         """
         return self.at(currents).field(points)
 
     def gradient(self, points: ArrayLike, currents: Currents) -> Array:
-        """Gradient (n, 2, 2), G[i, j] = dB_i/dx_j in T/m: symmetric, without trace. Arguments as in `field`."""
+        """Gradient of the flux density: symmetric, without trace.
+
+        Parameters
+        ----------
+        points
+            Positions (n, 2) of (x, z), m.
+        currents
+            Currents, A: (n_coils,) in the order of `coil_names`, one number for all coils, or a mapping by
+            name.
+
+        Returns
+        -------
+        Array
+            G (n, 2, 2), G[i, j] = dB_i/dx_j, T/m.
+
+        Raises
+        ------
+        InputError
+            As for `field`.
+        """
         return self.at(currents).gradient(points)
 
     def derivatives(self, points: ArrayLike, currents: Currents) -> Complex:
-        """f = B_x - i B_z and its first two derivatives (3, n) by x + i z: d2Bz/dx2 = -Im f''."""
+        """f = B_x - i B_z and its first two derivatives by x + i z: d2Bz/dx2 = -Im f''.
+
+        Parameters
+        ----------
+        points
+            Positions (n, 2) of (x, z), m.
+        currents
+            Currents, A: (n_coils,) in the order of `coil_names`, one number for all coils, or a mapping by
+            name.
+
+        Returns
+        -------
+        Complex
+            (3, n), T, T/m and T/m^2.
+
+        Raises
+        ------
+        InputError
+            As for `field`.
+        """
         return self.at(currents).derivatives(points)
 
 

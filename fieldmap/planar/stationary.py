@@ -39,11 +39,35 @@ def stationary_points(
     upper: float,
     samples: int = 400,
 ) -> tuple[StationaryPoint, ...]:
-    """All x of a window at height z where dB_z/dx = 0, in order; x and z in m, currents in A.
+    """All x of a window at a height where dB_z/dx = 0.
 
-    Zeros are bracketed by `samples` equal steps; two that lie within one step are found by the extremum between them.
-    Raises InputError for a window that does not rise or points without a field.
+    Zeros are bracketed by equal steps; two that lie within one step are found by the extremum between them.
 
+    Parameters
+    ----------
+    unit
+        The solution.
+    currents
+        Currents, A: (n_coils,) in the order of `coil_names`, one number for all coils, or a mapping by name.
+    z
+        Height, m.
+    lower, upper
+        Ends of the window, x, m.
+    samples
+        How many steps.
+
+    Returns
+    -------
+    tuple[StationaryPoint, ...]
+        The points, in the order of x.
+
+    Raises
+    ------
+    InputError
+        For a window that does not rise or points without a field.
+
+    Examples
+    --------
     >>> from fieldmap.planar import read_planar_device, solve_planar, stationary_points
     >>> unit = solve_planar(read_planar_device("planar_drive_unit"))
     >>> for point in stationary_points(unit, [800.0, 1200.0], -0.07, -0.16, 0.16):

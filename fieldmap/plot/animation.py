@@ -94,15 +94,21 @@ def save_animation(
 
     Parameters
     ----------
-    run : a recorded run.
-    path : ends in .gif or .mp4.
-    progress : called with a word and the share of the pictures that are drawn.
-    frames : how many pictures; twelve a second unless given.
-    window : their size, pixels; for .mp4 multiples of 16.
+    run
+        A recorded run.
+    path
+        Ends in .gif or .mp4.
+    progress
+        Called with a word and the share of the pictures that are drawn.
+    frames
+        How many pictures; twelve a second unless given.
+    window
+        Their size, pixels; for .mp4 multiples of 16.
 
     Returns
     -------
-    The path.
+    Path
+        The path.
 
     Raises
     ------

@@ -70,21 +70,33 @@ def device_scene(
 
     Parameters
     ----------
-    device : what is drawn; lengths in the scene are millimetres.
-    field : any field with a box.
-    currents : (n_coils,), A, 1 A each unless given; arrows point as they flow, coils without current have none.
-    magnet_at : (3,), m, where the payload's magnet is drawn.
-    hide : names of bodies to leave out.
-    axes : whether there are rulers, in mm.
-    plotter : what is drawn into; a new off-screen one unless given.
-    window_size : of a new plotter, pixels.
-    iron_opacity, coil_opacity : 1 for solid, 0 for invisible.
-    names : whether coils are named; names on the far side are hidden behind the coils in front.
-    directions : whether arrows on the slices show the direction of B.
+    device
+        What is drawn; lengths in the scene are millimetres.
+    field
+        Any field with a box.
+    currents
+        (n_coils,), A, 1 A each unless given; arrows point as they flow, coils without current have none.
+    magnet_at
+        (3,), m, where the payload's magnet is drawn.
+    hide
+        Names of bodies to leave out.
+    axes
+        Whether there are rulers, in mm.
+    plotter
+        What is drawn into; a new off-screen one unless given.
+    window_size
+        Of a new plotter, pixels.
+    iron_opacity, coil_opacity
+        1 for solid, 0 for invisible.
+    names
+        Whether coils are named; names on the far side are hidden behind the coils in front.
+    directions
+        Whether arrows on the slices show the direction of B.
 
     Returns
     -------
-    The plotter: `.screenshot("device.png")` saves it, `.show()` looks at it.
+    pv.Plotter
+        The plotter: `.screenshot("device.png")` saves it, `.show()` looks at it.
 
     Raises
     ------

@@ -43,7 +43,20 @@ _LABEL_SIZE, _SPACING, _MOVED, _SHORT, _LONGEST = 8, 1.35, 2.2, 0.12, 26
 
 
 def save_curves(curves: Curves, path: str | Path) -> Path:
-    """Draw one figure and save it as PNG; the folder must be there."""
+    """Draw one figure and save it as PNG.
+
+    Parameters
+    ----------
+    curves
+        What is drawn.
+    path
+        Of the file, in a folder that is there.
+
+    Returns
+    -------
+    Path
+        The path.
+    """
     return save_figure(curves_figure(curves), path)
 
 

@@ -45,8 +45,18 @@ class MapPicture(Record):
 def save_map_pictures(summary: MapSummary) -> tuple[MapPicture, ...]:
     """Write both pictures beside the map, NAME.png and NAME_3d.png.
 
-    A picture that cannot be drawn, on a machine without OpenGL or of a map that records no device, is left out and says
-    why; nothing is raised for it.
+    A picture that cannot be drawn, on a machine without OpenGL or of a map that records no device, is left
+    out and says why; nothing is raised for it.
+
+    Parameters
+    ----------
+    summary
+        What the map holds: `fieldmap.io.map_summary.summarise_map`.
+
+    Returns
+    -------
+    tuple[MapPicture, ...]
+        The two pictures.
     """
     figure = summary.path.with_suffix(".png")
     scene = figure.with_name(f"{figure.stem}_3d.png")

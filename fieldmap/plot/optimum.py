@@ -31,7 +31,20 @@ _QUANTITIES = {one.name: one for one in QUANTITIES}
 
 
 def save_optimum_plot(found: Optimum, path: str | Path) -> Path:
-    """Draw `optimum_figure` into a PNG file."""
+    """Draw `optimum_figure` into a PNG file.
+
+    Parameters
+    ----------
+    found
+        The best design.
+    path
+        Path of the file.
+
+    Returns
+    -------
+    Path
+        The path.
+    """
     return save_figure(optimum_figure(found), path)
 
 
@@ -192,14 +205,19 @@ def save_before_and_after(
 
     Parameters
     ----------
-    before, after : the devices.
-    path : of the picture.
-    captions : a line or several above each.
-    width : of the picture, pixels; it is as high as the devices need.
+    before, after
+        The devices.
+    path
+        Of the picture.
+    captions
+        A line or several above each.
+    width
+        Of the picture, pixels; it is as high as the devices need.
 
     Returns
     -------
-    The path.
+    Path
+        The path.
 
     Raises
     ------

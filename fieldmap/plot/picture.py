@@ -40,16 +40,23 @@ def save_picture(
 
     Parameters
     ----------
-    path : of the picture.
-    device, field, currents, magnet_at : as for `device_scene`.
-    caption : a line below the field.
-    window_size : of the picture, pixels.
-    forces : whether arrows show magnetic force and weight together on the payload's magnet, with its centre at places
-        of the plane y = middle of the field's box, and not the direction of B. For a device with a payload.
+    path
+        Of the picture.
+    device, field, currents, magnet_at
+        As for `device_scene`.
+    caption
+        A line below the field.
+    window_size
+        Of the picture, pixels.
+    forces
+        Whether arrows show magnetic force and weight together on the payload's magnet, with its centre at
+        places of the plane y = middle of the field's box, and not the direction of B. For a device with a
+        payload.
 
     Returns
     -------
-    The path.
+    Path
+        The path.
 
     Raises
     ------

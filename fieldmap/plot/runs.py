@@ -70,12 +70,15 @@ def run_figure(title: str, runs: Sequence[DrawnRun]) -> Figure:
 
     Parameters
     ----------
-    title : of the figure.
-    runs : one, or several, of which true positions are drawn only, one line each.
+    title
+        Of the figure.
+    runs
+        One, or several, of which true positions are drawn only, one line each.
 
     Returns
     -------
-    The figure.
+    Figure
+        The figure.
     """
     with new_figure(8.0, 7.6, DOTS_PER_INCH) as figure:
         _draw_runs(figure, runs)
@@ -208,5 +211,20 @@ def _label(names: list[str]) -> str:
 
 
 def save_run_figure(path: str | Path, title: str, runs: Sequence[DrawnRun]) -> Path:
-    """Draw `run_figure` and save it by the suffix of the path: PNG, SVG or PDF."""
+    """Draw `run_figure` and save it.
+
+    Parameters
+    ----------
+    path
+        Of the file; its suffix says PNG, SVG or PDF.
+    title
+        Of the figure.
+    runs
+        What was simulated or measured.
+
+    Returns
+    -------
+    Path
+        The path.
+    """
     return save_figure(run_figure(title, runs), path)

@@ -106,15 +106,21 @@ def make_scene(
 
     Parameters
     ----------
-    shown : what there is to draw.
-    what : one of SCENES.
-    quantity : one of `quantities_of(what)`, the first unless given.
-    off_screen : whether no window opens.
-    window : size of the picture, pixels.
+    shown
+        What there is to draw.
+    what
+        One of SCENES.
+    quantity
+        One of `quantities_of(what)`, the first unless given.
+    off_screen
+        Whether no window opens.
+    window
+        Size of the picture, pixels.
 
     Returns
     -------
-    The plotter: `.show()` looks at it, `save_scene` writes it.
+    pv.Plotter
+        The plotter: `.show()` looks at it, `save_scene` writes it.
 
     Raises
     ------
@@ -183,14 +189,19 @@ def save_scene(
 
     Parameters
     ----------
-    scene : of `make_scene`.
-    path : ends in .png (a picture), .html (a page that a browser turns) or .vtm (for ParaView).
-    title : of a page.
-    axes : titles of a page's axes, `axes_of` of the scene.
+    scene
+        Of `make_scene`.
+    path
+        Ends in .png (a picture), .html (a page that a browser turns) or .vtm (for ParaView).
+    title
+        Of a page.
+    axes
+        Titles of a page's axes, `axes_of` of the scene.
 
     Returns
     -------
-    The path.
+    Path
+        The path.
 
     Raises
     ------

@@ -85,7 +85,18 @@ class Shown(Record):
             raise InputError(Problem("Shown(currents)", "must be those of the field", received, remedy))
 
     def need(self, *names: str) -> None:
-        """Raise InputError for what is None though a scene needs it."""
+        """Refuse what a scene needs and is None.
+
+        Parameters
+        ----------
+        *names
+            Names of attributes.
+
+        Raises
+        ------
+        InputError
+            For one that is None.
+        """
         missing = [name for name in names if getattr(self, name) is None]
         usual = "name another device or map"
         problems = [
@@ -101,11 +112,33 @@ class Shown(Record):
         return np.asarray(self.lower, dtype=float), np.asarray(self.upper, dtype=float)
 
     def flux_density_at(self, points: Array) -> Array:
-        """B (n, 3), T."""
+        """Flux density of what is shown.
+
+        Parameters
+        ----------
+        points
+            Positions (n, 3), m.
+
+        Returns
+        -------
+        Array
+            B (n, 3), T.
+        """
         return np.asarray(self.state.field(points))
 
     def gradient_at(self, points: Array) -> Array:
-        """dB_i/dx_j (n, 3, 3), T/m."""
+        """Gradient of what is shown.
+
+        Parameters
+        ----------
+        points
+            Positions (n, 3), m.
+
+        Returns
+        -------
+        Array
+            dB_i/dx_j (n, 3, 3), T/m.
+        """
         return np.asarray(self.state.gradient(points))
 
     @property

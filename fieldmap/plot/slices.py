@@ -38,17 +38,25 @@ def field_slice(
 
     Parameters
     ----------
-    field : map, solution, coils, solved state, or a field of your own
-    currents : A, as `field.at` takes them; left out for a solved state, which holds its own.
-    normal : "x", "y" or "z", the axis that the plane is square to.
-    at : where the plane crosses that axis, m; the middle of the box unless given.
-    component : "Bx", "By" or "Bz"; the size of B unless given.
-    bounds : lower and upper corner (3,), m; the box of the field unless given.
-    ax : where to draw; matplotlib's current Axes unless given.
+    field
+        Map, solution, coils, solved state, or a field of your own.
+    currents
+        A, as `field.at` takes them; left out for a solved state, which holds its own.
+    normal
+        "x", "y" or "z", the axis that the plane is square to.
+    at
+        Where the plane crosses that axis, m; the middle of the box unless given.
+    component
+        "Bx", "By" or "Bz"; the size of B unless given.
+    bounds
+        Lower and upper corner (3,), m; the box of the field unless given.
+    ax
+        Where to draw; matplotlib's current Axes unless given.
 
     Returns
     -------
-    The Axes, lengths in mm, flux density in mT.
+    Axes
+        The Axes, lengths in mm, flux density in mT.
 
     Raises
     ------
@@ -85,12 +93,15 @@ def force_slice(
 
     Parameters
     ----------
-    field, currents, normal, at, bounds, ax : as for `field_slice`.
-    payload : what is carried; its mass must be known.
+    field, currents, normal, at, bounds, ax
+        As for `field_slice`.
+    payload
+        What is carried; its mass must be known.
 
     Returns
     -------
-    The Axes, lengths in mm.
+    Axes
+        The Axes, lengths in mm.
 
     Raises
     ------
@@ -126,13 +137,18 @@ def field_along(
 
     Parameters
     ----------
-    field, currents, ax : as for `field_slice`.
-    start, end : ends of the line (3,), m.
-    points : how many points are drawn.
+    field, currents, ax
+        As for `field_slice`.
+    start, end
+        Ends of the line (3,), m.
+    points
+        How many points are drawn.
 
     Returns
     -------
-    The Axes: distance from the start in mm, or the coordinate along which the line runs; flux density in mT.
+    Axes
+        The Axes: distance from the start in mm, or the coordinate along which the line runs; flux density in
+        mT.
 
     Raises
     ------

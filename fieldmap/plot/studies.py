@@ -34,10 +34,22 @@ _COLUMNS = 3
 
 
 def save_study_plot(data: Any, path: str | Path) -> Path | None:
-    """Draw every summary without axes of its own of a study's data set (xarray.Dataset) into a PNG file.
+    """Draw every summary without axes of its own of a study into a PNG file.
 
-    The first varied key is the abscissa, the second the colour, all others and the currents the line style; variants
-    listed one by one stand side by side. Returns the path, or None if there is no summary to draw.
+    The first varied key is the abscissa, the second the colour, all others and the currents the line style;
+    variants listed one by one stand side by side.
+
+    Parameters
+    ----------
+    data
+        The study's data set (xarray.Dataset).
+    path
+        Path of the file.
+
+    Returns
+    -------
+    Path | None
+        The path; None if there is no summary to draw.
     """
     shown = [q for q in QUANTITIES if q.name in _LABELS and q.name in data and _is_something(data, q)]
     if not shown:

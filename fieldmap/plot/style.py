@@ -117,7 +117,22 @@ def dark_path(path: str | Path) -> Path:
 
 
 def save_figure(figure: Figure, path: str | Path, **options: Any) -> Path:
-    """Save a figure in the schemes that are asked for; options of `Figure.savefig`. Returns `path`."""
+    """Save a figure in the schemes that are asked for.
+
+    Parameters
+    ----------
+    figure
+        The figure.
+    path
+        Path of the file.
+    **options
+        Options of `Figure.savefig`.
+
+    Returns
+    -------
+    Path
+        The path.
+    """
     _save(path, lambda target: figure.savefig(target, **options), lambda: in_the_dark(figure))
     return Path(path)
 
@@ -168,8 +183,15 @@ def dark_colour(colour: Any) -> tuple[float, float, float, float]:
 
 @contextmanager
 def in_the_dark(figure: Figure) -> Iterator[None]:
-    """Within it a figure has the colours of the dark scheme. What is coloured by values keeps its colours, and so do
-    arrows, which lie on such."""
+    """Within it a figure has the colours of the dark scheme.
+
+    What is coloured by values keeps its colours, and so do arrows, which lie on such.
+
+    Parameters
+    ----------
+    figure
+        The figure.
+    """
     figure.draw_without_rendering()  # ticks are made when they are drawn
     undo = [one for artist in figure.findobj() for one in _recolour(artist)]
     try:
@@ -215,7 +237,13 @@ def _put(*pairs: tuple[Callable[[], Any], Callable[[Any], object]]) -> _Undo:
 
 @contextmanager
 def scene_in_the_dark(scene: pv.Plotter) -> Iterator[None]:
-    """Within it a scene lies on the dark paper with light words, rulers and edges; solids keep their colours."""
+    """Within it a scene lies on the dark paper with light words, rulers and edges; solids keep their colours.
+
+    Parameters
+    ----------
+    scene
+        The scene.
+    """
     undo: _Undo = []
 
     def swap(holder: Any, get: str, put: str) -> None:

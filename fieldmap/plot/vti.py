@@ -29,15 +29,21 @@ def write_vti(
 
     Parameters
     ----------
-    field : an opened map, on its nodes, or any field with a box.
-    path : ends in .vti.
-    currents : (n_coils,), A; coil by coil unless given.
-    spacing : how far apart nodes lie at most, m; a field without nodes of its own needs it.
-    device : its name, where the field is no map that records it.
+    field
+        An opened map, on its nodes, or any field with a box.
+    path
+        Ends in .vti.
+    currents
+        (n_coils,), A; coil by coil unless given.
+    spacing
+        How far apart nodes lie at most, m; a field without nodes of its own needs it.
+    device
+        Its name, where the field is no map that records it.
 
     Returns
     -------
-    The path.
+    Path
+        The path.
 
     Raises
     ------
@@ -70,7 +76,24 @@ def save_grid(grid: pv.DataSet, path: str | PathLike[str], suffix: str) -> Path:
 def map_image(
     field: AnyField, currents: ArrayLike | None = None, spacing: float | None = None, device: str = ""
 ) -> pv.ImageData:
-    """The same as pyvista.ImageData."""
+    """What `write_vti` writes, as pyvista.ImageData.
+
+    Parameters
+    ----------
+    field
+        A field with a box.
+    currents
+        As for `write_vti`.
+    spacing
+        As for `write_vti`.
+    device
+        As for `write_vti`.
+
+    Returns
+    -------
+    pv.ImageData
+        The image.
+    """
     samples = sample(field, currents, spacing, device)
     grid = samples.grid
     image = pv.ImageData(dimensions=grid.shape, spacing=tuple(grid.spacing), origin=tuple(grid.lower))

@@ -19,13 +19,32 @@ from fieldmap.typing import Array, PathLike
 def write_vtu(state: SolvedState, path: PathLike, device: Device | None = None) -> Path:
     """Write the iron and magnets of a solved state as .vtu; lengths in m.
 
-    Cell data, means of every tetrahedron: `B_T`, `J_T` (polarisation B - mu0 H) and `H_A_per_m`, (e, 3); `mu_r`,
-    |B| over mu0 |H|, where saturation is seen (of a magnet it is no permeability); `body`, its number. With the device
-    of the state also `permeability_loss`, 1 - mu_r / mu_r(H = 0): 0 where the iron is as permeable as at no field, 1
-    where all is lost, negative at the foot of curves along which permeability rises first, NaN in magnets and flux
-    barriers. Field data: `body NAME`, the number of each body, and `currents_A`. Raises InputError for a solution
-    without iron or one that was read back from a file, for a device of other bodies, and for a path that does not end
-    in .vtu or cannot be written. The file appears complete or not at all.
+    Cell data, means of every tetrahedron: `B_T`, `J_T` (polarisation B - mu0 H) and `H_A_per_m`, (e, 3);
+    `mu_r`, |B| over mu0 |H|, where saturation is seen (of a magnet it is no permeability); `body`, its
+    number. With the device of the state also `permeability_loss`, 1 - mu_r / mu_r(H = 0): 0 where the iron is
+    as permeable as at no field, 1 where all is lost, negative at the foot of curves along which permeability
+    rises first, NaN in magnets and flux barriers. Field data: `body NAME`, the number of each body, and
+    `currents_A`. The file appears complete or not at all.
+
+    Parameters
+    ----------
+    state
+        The solved state.
+    path
+        Of the file, which ends in .vtu.
+    device
+        The device of the state.
+
+    Returns
+    -------
+    Path
+        The path.
+
+    Raises
+    ------
+    InputError
+        For a solution without iron or one that was read back from a file, for a device of other bodies, and
+        for a path that does not end in .vtu or cannot be written.
     """
     return save_grid(iron_grid(state, device), path, ".vtu")
 
@@ -33,17 +52,55 @@ def write_vtu(state: SolvedState, path: PathLike, device: Device | None = None) 
 def write_charges_vtu(state: SolvedState, path: PathLike) -> Path:
     """Write the charged surface of solved iron and magnets as .vtu of triangles; lengths in m.
 
-    Cell data of every face: `charge_T`, mu0 times magnetic charge per area (the jump of the normal component of B
-    - mu0 M outwards, from which the field in the air follows), and `normal`, away from the iron. Field data:
-    `currents_A`. Raises InputError as `write_vtu`.
+    Cell data of every face: `charge_T`, mu0 times magnetic charge per area (the jump of the normal component
+    of B - mu0 M outwards, from which the field in the air follows), and `normal`, away from the iron. Field
+    data: `currents_A`.
+
+    Parameters
+    ----------
+    state
+        The solved state.
+    path
+        Of the file, which ends in .vtu.
+
+    Returns
+    -------
+    Path
+        The path.
+
+    Raises
+    ------
+    InputError
+        As for `write_vtu`.
     """
     return save_grid(charges_grid(state), path, ".vtu")
 
 
 def write_xdmf(state: SolvedState, path: PathLike, device: Device | None = None) -> Path:
-    """Write what `write_vtu` writes as .xdmf, numbers in the file itself, by meshio; it has no place for field data.
+    """Write what `write_vtu` writes as .xdmf, numbers in the file itself, by meshio.
 
-    Raises FieldmapError without meshio, otherwise as `write_vtu`.
+    The format has no place for field data.
+
+    Parameters
+    ----------
+    state
+        The solved state.
+    path
+        Of the file.
+    device
+        The device of the state.
+
+    Returns
+    -------
+    Path
+        The path.
+
+    Raises
+    ------
+    FieldmapError
+        Where meshio is not installed.
+    InputError
+        As for `write_vtu`.
     """
     target = checked_suffix(path, ".xdmf")
     meshio = require("meshio", "mesh", "write_xdmf")

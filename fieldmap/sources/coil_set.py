@@ -53,7 +53,26 @@ class CoilSet(Field):
         return ("coils in air, uniform current density over each winding's section",)
 
     def field(self, points: ArrayLike, currents: Currents) -> Array:
-        """B (n, 3) or (3,), T. Raises InputError for bad points or currents."""
+        """Flux density at points.
+
+        Parameters
+        ----------
+        points
+            Positions (3,), (n, 3) or (..., 3) in the frame of the field, m.
+        currents
+            Currents, A: (n_coils,) in the order of `coil_names`, one number for all coils, or a mapping by
+            name.
+
+        Returns
+        -------
+        Array
+            B (..., 3), T.
+
+        Raises
+        ------
+        InputError
+            For points or currents that do not fit.
+        """
         x, amperes, single = self._checked(points, currents)
         flux = np.zeros((len(x), 3))
         for k, coil in enumerate(self.coils):
@@ -62,7 +81,26 @@ class CoilSet(Field):
         return flux[0] if single else flux
 
     def gradient(self, points: ArrayLike, currents: Currents) -> Array:
-        """dB_i/dx_j (n, 3, 3) or (3, 3), T/m. Raises InputError for bad points or currents."""
+        """Gradient of the flux density at points.
+
+        Parameters
+        ----------
+        points
+            Positions (3,), (n, 3) or (..., 3) in the frame of the field, m.
+        currents
+            Currents, A: (n_coils,) in the order of `coil_names`, one number for all coils, or a mapping by
+            name.
+
+        Returns
+        -------
+        Array
+            dB_i/dx_j (..., 3, 3), T/m.
+
+        Raises
+        ------
+        InputError
+            For points or currents that do not fit.
+        """
         x, amperes, single = self._checked(points, currents)
         slope = np.zeros((len(x), 3, 3))
         for k, coil in enumerate(self.coils):

@@ -15,13 +15,33 @@ FEWEST_DIGITS, MOST_DIGITS = 4, 14
 
 
 def unit_flux_density(coil: Coil, points: ArrayLike, digits: float = 10.0) -> Array:
-    """Flux density B (n, 3) of a coil carrying 1 A, T/A, at points (n, 3) or (3,) in m, global frame.
+    """Flux density of a coil that carries 1 A, turns and polarity included.
 
-    Turns and polarity are included. The current density is uniform over the winding section: docs/theory/coils.md,
-    eqs. (15)-(26). Finite and continuous everywhere, inside the winding too. digits: decimal
-    digits wanted, 4 to 14, at any distance of a micrometre or more from the winding's surface; on it nine are had.
-    Raises InputError for points of another shape or not finite, and for a path whose roundings do not fit.
+    The current density is uniform over the winding section: docs/theory/coils.md, eqs. (15)-(26). Finite and
+    continuous everywhere, inside the winding too.
 
+    Parameters
+    ----------
+    coil
+        The coil.
+    points
+        Positions (n, 3) or (3,) in the frame of the device, m.
+    digits
+        Decimal digits wanted, 4 to 14, at any distance of a micrometre or more from the winding's surface; on
+        it nine are had.
+
+    Returns
+    -------
+    Array
+        B (n, 3) or (3,), T/A.
+
+    Raises
+    ------
+    InputError
+        For points of another shape or not finite, and for a path whose roundings do not fit.
+
+    Examples
+    --------
     >>> from fieldmap.device.model import CircularCoil
     >>> coil = CircularCoil("one", inner_radius=0.011, outer_radius=0.021, height=0.039, turns=840)
     >>> print(unit_flux_density(coil, [0.0, 0.0, 0.0]).round(6))
@@ -34,10 +54,27 @@ def unit_flux_density(coil: Coil, points: ArrayLike, digits: float = 10.0) -> Ar
 
 
 def unit_flux_densities(coils: Sequence[Coil], points: Array) -> Array:
-    """Flux density (c, n, 3) of every coil carrying 1 A, T/A, at points (n, 3) in m; (0, n, 3) without coils.
+    """Flux density of every coil that carries 1 A: see `unit_flux_density`.
 
-    One `unit_flux_density` per coil; accuracy and errors are its.
+    Parameters
+    ----------
+    coils
+        The coils.
+    points
+        Positions (n, 3) in the frame of the device, m.
 
+    Returns
+    -------
+    Array
+        B (c, n, 3), T/A; (0, n, 3) without coils.
+
+    Raises
+    ------
+    InputError
+        As for `unit_flux_density`.
+
+    Examples
+    --------
     >>> unit_flux_densities((), np.zeros((5, 3))).shape
     (0, 5, 3)
     """
@@ -50,12 +87,30 @@ def unit_flux_densities(coils: Sequence[Coil], points: Array) -> Array:
 def unit_flux_density_and_gradient(
     coil: Coil, points: ArrayLike, digits: float = 10.0
 ) -> tuple[Array, Array]:
-    """B (n, 3) in T/A and G (n, 3, 3), G[:, i, j] = dB_i/dx_j in T/(m A), of a coil as in `unit_flux_density`.
+    """Flux density and gradient of a coil that carries 1 A: see `unit_flux_density`.
 
-    The gradient is analytic, docs/theory/coils.md eq. (19): symmetric and trace-free outside the winding, with
-    curl B = mu0 J inside. It jumps at the winding's surface and is logarithmically infinite on the edges of its
-    section, where a large finite number is returned.
-    Raises InputError as `unit_flux_density`.
+    The gradient is analytic, docs/theory/coils.md eq. (19): symmetric and trace-free outside the winding,
+    with curl B = mu0 J inside. It jumps at the winding's surface and is logarithmically infinite on the edges
+    of its section, where a large finite number is returned.
+
+    Parameters
+    ----------
+    coil
+        The coil.
+    points
+        Positions (n, 3) or (3,) in the frame of the device, m.
+    digits
+        Decimal digits wanted, 4 to 14.
+
+    Returns
+    -------
+    tuple[Array, Array]
+        B (n, 3), T/A, and G (n, 3, 3), G[:, i, j] = dB_i/dx_j, T/(m A).
+
+    Raises
+    ------
+    InputError
+        As for `unit_flux_density`.
     """
     local = _local_points(coil, points)
     field, gradient = coil.unit_flux_density_and_gradient(local, _checked_digits(digits))

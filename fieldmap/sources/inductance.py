@@ -21,13 +21,30 @@ from fieldmap.typing import Array
 
 
 def bare_inductance(coils: Sequence[Coil]) -> Array:
-    """Inductance matrix (c, c) in H of coils without iron, turns and polarity included; symmetric.
+    """Inductance matrix of coils without iron, turns and polarity included.
 
-    Self-inductance: flux of the closed-form field through the turns, docs/theory/forces.md (8). Mutual inductance:
-    Neumann's double integral over both windings, (9), of loops and polylines the line integral of their vector
-    potential. Good to about 1e-4; windings must not overlap. Raises InputError for a coil that has no self-inductance:
-    loops and polylines without a wire_diameter, sheets, magpylib objects of other classes.
+    Self-inductance: flux of the closed-form field through the turns, docs/theory/forces.md (8). Mutual
+    inductance: Neumann's double integral over both windings, (9), of loops and polylines the line integral of
+    their vector potential. Good to about 1e-4.
 
+    Parameters
+    ----------
+    coils
+        The coils; windings must not overlap.
+
+    Returns
+    -------
+    Array
+        The matrix (c, c), H; symmetric.
+
+    Raises
+    ------
+    InputError
+        For a coil that has no self-inductance: loops and polylines without a wire_diameter, sheets, magpylib
+        objects of other classes.
+
+    Examples
+    --------
     >>> from fieldmap.device.model import CircularCoil
     >>> brooks = CircularCoil("brooks", inner_radius=0.02, outer_radius=0.04, height=0.02, turns=1000)
     >>> print(f"{1e3 * bare_inductance([brooks])[0, 0]:.2f} mH")

@@ -66,7 +66,18 @@ class _Place(NamedTuple):
 
 
 def checkpoint_path(target: PathLike) -> Path:
-    """Path of the checkpoint of the file `target`."""
+    """Where the work on a file is kept while it is being made.
+
+    Parameters
+    ----------
+    target
+        The file.
+
+    Returns
+    -------
+    Path
+        Path of the checkpoint.
+    """
     return Path(target).with_name(Path(target).name + SUFFIX)
 
 
@@ -78,10 +89,14 @@ class Checkpoint:
 
     Parameters
     ----------
-    path : of the file. It is made, with its folder, if it does not exist.
-    fingerprint : all inputs that determine the pieces, as one text or as texts by name.
-    resume : False to empty any existing file.
-    wait : seconds to wait for another run that has the file open.
+    path
+        Of the file. It is made, with its folder, if it does not exist.
+    fingerprint
+        All inputs that determine the pieces, as one text or as texts by name.
+    resume
+        False to empty any existing file.
+    wait
+        Seconds to wait for another run that has the file open.
 
     Raises
     ------
@@ -127,7 +142,18 @@ class Checkpoint:
         return len(self._places)
 
     def get(self, key: str) -> Piece | None:
-        """Read the piece of a key; None if there is none. Arrays have the bits, types and shapes as put."""
+        """The piece of a key.
+
+        Parameters
+        ----------
+        key
+            The key.
+
+        Returns
+        -------
+        Piece | None
+            The piece, or None. Arrays have the bits, types and shapes that they were given with.
+        """
         place = self._places.get(key)
         if place is None:
             return None
@@ -150,9 +176,12 @@ class Checkpoint:
 
         Parameters
         ----------
-        key : of the piece.
-        arrays : by name.
-        about : plain JSON.
+        key
+            Of the piece.
+        arrays
+            By name.
+        about
+            Plain JSON.
 
         Raises
         ------

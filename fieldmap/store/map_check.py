@@ -136,11 +136,13 @@ def check_map(path: str | os.PathLike[str]) -> MapCheck:
 
     Parameters
     ----------
-    path : of the file.
+    path
+        Of the file.
 
     Returns
     -------
-    The description of the map and the deviations found.
+    MapCheck
+        The description of the map and the deviations found.
 
     Raises
     ------

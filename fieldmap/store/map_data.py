@@ -23,9 +23,12 @@ class Grid(Record):
 
     Parameters
     ----------
-    lower : (3,), first node, m.
-    spacing : (3,), m.
-    shape : (nx, ny, nz), numbers of nodes, each at least 2.
+    lower
+        (3,), first node, m.
+    spacing
+        (3,), m.
+    shape
+        (nx, ny, nz), numbers of nodes, each at least 2.
 
     Raises
     ------
@@ -75,7 +78,20 @@ class Grid(Record):
         return x, y, z
 
     def points(self, first: int = 0, last: int | None = None) -> Array:
-        """Nodes (n, 3) of the x-planes first <= i < last (all of them by default), m."""
+        """Nodes of some x-planes of the grid.
+
+        Parameters
+        ----------
+        first
+            First plane.
+        last
+            Plane behind the last one; all of them unless given.
+
+        Returns
+        -------
+        Array
+            Positions (n, 3), m.
+        """
         x, y, z = self.axes
         mesh = np.meshgrid(x[first:last], y, z, indexing="ij")
         return np.stack([axis.ravel() for axis in mesh], axis=1)

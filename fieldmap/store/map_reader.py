@@ -91,9 +91,12 @@ def stored(file: h5py.Group, path: str, kinds: str) -> h5py.Dataset:
 
     Parameters
     ----------
-    file : open file.
-    path : of the data set.
-    kinds : allowed kinds of numpy types, a key of `_NAMES`.
+    file
+        Open file.
+    path
+        Of the data set.
+    kinds
+        Allowed kinds of numpy types, a key of `_NAMES`.
 
     Raises
     ------
@@ -130,11 +133,13 @@ def read_map(path: str | os.PathLike[str]) -> MapData:
 
     Parameters
     ----------
-    path : of the file, or the name of a shipped map, such as "sample".
+    path
+        Of the file, or the name of a shipped map, such as "sample".
 
     Returns
     -------
-    The map; fields of coils are per ampere.
+    MapData
+        The map; fields of coils are per ampere.
 
     Raises
     ------
@@ -158,7 +163,8 @@ def read_info(path: str | os.PathLike[str]) -> MapInfo:
 
     Parameters
     ----------
-    path : as in `read_map`.
+    path
+        As in `read_map`.
 
     Raises
     ------
@@ -170,7 +176,19 @@ def read_info(path: str | os.PathLike[str]) -> MapInfo:
 
 
 def map_path(path: str | os.PathLike[str]) -> Path:
-    """Path of a map file. A name without folder and suffix that is not a file may be that of a shipped map."""
+    """The path of a map file.
+
+    Parameters
+    ----------
+    path
+        A path, or the name of a shipped map.
+
+    Returns
+    -------
+    Path
+        The path itself; of a name without folder and ending that is no file, the shipped map of this name, if
+        any.
+    """
     given = Path(path)
     if is_file(given) or given.name != str(path) or given.suffix:
         return given

@@ -56,12 +56,15 @@ def write_map(target: PathLike, data: MapData) -> Path:
 
     Parameters
     ----------
-    target : path of the file.
-    data : the map.
+    target
+        Path of the file.
+    data
+        The map.
 
     Returns
     -------
-    The path.
+    Path
+        The path.
 
     Raises
     ------
@@ -157,9 +160,12 @@ class MapWriter:
 
         Parameters
         ----------
-        chunk : which one.
-        flux_density : (n_fields, planes, ny, nz, 3), T/A for coils.
-        gradient : (n_fields, planes, ny, nz, 3, 3), T/(m A) for coils.
+        chunk
+            Which one.
+        flux_density
+            (n_fields, planes, ny, nz, 3), T/A for coils.
+        gradient
+            (n_fields, planes, ny, nz, 3, 3), T/(m A) for coils.
 
         Raises
         ------
@@ -170,7 +176,23 @@ class MapWriter:
         self.checkpoint.put(_key(chunk), {"flux_density": flux_density, "gradient": gradient})
 
     def read(self, chunk: Chunk) -> tuple[Array, Array]:
-        """Flux density and gradient of a chunk, as written. Raises KeyError if it is missing."""
+        """What `write` was given for a chunk.
+
+        Parameters
+        ----------
+        chunk
+            Which planes.
+
+        Returns
+        -------
+        tuple[Array, Array]
+            Flux density and gradient, as for `write`.
+
+        Raises
+        ------
+        KeyError
+            If it is missing.
+        """
         piece = self.checkpoint.get(_key(chunk))
         if piece is None:
             raise KeyError(chunk)
@@ -196,12 +218,15 @@ class MapWriter:
 
         Parameters
         ----------
-        solver_report, assumptions, interpolation_error, error_bounds : as in `Provenance` and `MapInfo`.
-        data : the map, if it is in memory already; it is read from the chunks unless given.
+        solver_report, assumptions, interpolation_error, error_bounds
+            As in `Provenance` and `MapInfo`.
+        data
+            The map, if it is in memory already; it is read from the chunks unless given.
 
         Returns
         -------
-        The path.
+        Path
+            The path.
         """
         whole = self.data() if data is None else data
         source = replace(self.info.provenance, solver_report=solver_report, assumptions=tuple(assumptions))
@@ -223,9 +248,12 @@ def open_writer(target: PathLike, info: MapInfo, resume: bool = True) -> MapWrit
 
     Parameters
     ----------
-    target : path of the map file.
-    info : description of the map.
-    resume : False to begin without earlier chunks.
+    target
+        Path of the map file.
+    info
+        Description of the map.
+    resume
+        False to begin without earlier chunks.
 
     Raises
     ------

@@ -45,9 +45,12 @@ def write_runs(path: str | os.PathLike[str], runs: Iterable[RunRecord], about: M
 
     Parameters
     ----------
-    path : of the file.
-    runs : the runs.
-    about : texts about all of them.
+    path
+        Of the file.
+    runs
+        The runs.
+    about
+        Texts about all of them.
 
     Raises
     ------
@@ -74,7 +77,18 @@ def _write(group: h5py.Group, run: RunRecord) -> None:
 
 
 def is_run_file(path: str | os.PathLike[str]) -> bool:
-    """Whether a file states the format of runs."""
+    """Whether a file says of itself that it holds runs.
+
+    Parameters
+    ----------
+    path
+        Path of the file.
+
+    Returns
+    -------
+    bool
+        True for a file of runs.
+    """
     try:
         with h5py.File(path, "r") as file:
             return str(file.attrs.get("format", "")) == FORMAT
@@ -90,7 +104,8 @@ def read_runs(path: str | os.PathLike[str]) -> tuple[list[RunRecord], dict[str, 
 
     Parameters
     ----------
-    path : of the file.
+    path
+        Of the file.
 
     Raises
     ------

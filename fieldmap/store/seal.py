@@ -27,7 +27,8 @@ def seal_map(path: str | os.PathLike[str]) -> None:
 
     Parameters
     ----------
-    path : of the file.
+    path
+        Of the file.
 
     Raises
     ------
@@ -57,8 +58,10 @@ def check_seal(path: str | os.PathLike[str], remedy: str = REMAKE) -> None:
 
     Parameters
     ----------
-    path : of the file.
-    remedy : for the message, as an alternative to copying the file again.
+    path
+        Of the file.
+    remedy
+        For the message, as an alternative to copying the file again.
 
     Raises
     ------

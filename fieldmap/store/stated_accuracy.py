@@ -56,12 +56,14 @@ def missed_accuracy(report: Mapping[str, Any]) -> MissedAccuracy | None:
 
     Parameters
     ----------
-    report : solver report of the map.
+    report
+        Solver report of the map.
 
     Returns
     -------
-    The errors if they are larger; None if they are not, or if the report does not state accuracy and errors, as for
-    maps of linear iron and of other programs.
+    MissedAccuracy | None
+        The errors if they are larger; None if they are not, or if the report does not state accuracy and
+        errors, as for maps of linear iron and of other programs.
     """
     try:
         within, tried = float(report["held_out_within"]), list(report["states_tried"].values())
@@ -83,9 +85,12 @@ def warn_of_missed_accuracy(
 
     Parameters
     ----------
-    path : of the map, for the text.
-    report : solver report of the map.
-    stacklevel : as of `warnings.warn` in the function that calls this one.
+    path
+        Of the map, for the text.
+    report
+        Solver report of the map.
+    stacklevel
+        As of `warnings.warn` in the function that calls this one.
     """
     missed = missed_accuracy(report)
     if missed is not None:

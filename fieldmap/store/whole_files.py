@@ -13,10 +13,24 @@ from fieldmap.typing import PathLike
 
 @contextmanager
 def whole_file(path: PathLike) -> Iterator[Path]:
-    """Give a temporary path in the same folder, with the same suffix, to write to. At the end of the block the file is
-    renamed to `path`.
+    """A name to write to; what lies there at the end is renamed to the path.
 
-    An error in the block deletes the temporary file. Raises InputError if the file cannot be written.
+    Leaving with an error deletes it.
+
+    Parameters
+    ----------
+    path
+        Of the file that shall appear.
+
+    Yields
+    ------
+    Path
+        A name beside it, with its suffix.
+
+    Raises
+    ------
+    InputError
+        If the place cannot be written.
     """
     target = Path(path)
     partial = target.with_name(f"{target.stem}.{os.getpid()}.part{target.suffix}")

@@ -88,7 +88,18 @@ class Variable(records.Record):
         return self.key.startswith(CURRENT)
 
     def settings(self, value: float) -> tuple[tuple[str, Any], ...]:
-        """Every key of the device file that it sets, with the value there."""
+        """Every key of the device file that the variable sets.
+
+        Parameters
+        ----------
+        value
+            Of the variable.
+
+        Returns
+        -------
+        tuple[tuple[str, Any], ...]
+            Keys with their values.
+        """
         if self.is_current:
             return ()
         return settings_with(self.key, value, self.linked)
@@ -173,8 +184,20 @@ class Limit(records.Record):
         return max(finite, default=0.0) or 1.0
 
     def violation(self, value: float) -> float:
-        """How far a value lies outside, in its unit; 0 inside.
+        """How far a value lies outside.
 
+        Parameters
+        ----------
+        value
+            The value.
+
+        Returns
+        -------
+        float
+            In its unit; 0 inside.
+
+        Examples
+        --------
         >>> Limit("power", upper=10.0).violation(12.5)
         2.5
         """
@@ -309,7 +332,18 @@ class DesignProblem(Search):
         return tuple(variable.key for variable in self.variables)
 
     def values(self, named: Mapping[str, float]) -> Array:
-        """Values (k,) of the variables, which stand by key."""
+        """Values of the variables in their order.
+
+        Parameters
+        ----------
+        named
+            Values by key.
+
+        Returns
+        -------
+        Array
+            Values (k,).
+        """
         return np.array([named[key] for key in self.keys], dtype=float)
 
     @property
@@ -318,16 +352,50 @@ class DesignProblem(Search):
         return np.array([one.start for one in self.variables], dtype=float)
 
     def named(self, values: Array) -> dict[str, float]:
-        """Values (k,) by key."""
+        """Values of the variables by key.
+
+        Parameters
+        ----------
+        values
+            Values (k,).
+
+        Returns
+        -------
+        dict[str, float]
+            Values by key.
+        """
         return {key: float(value) for key, value in zip(self.keys, values, strict=True)}
 
     def document_at(self, values: Array) -> Document:
-        """The device file with these values of the variables."""
+        """The device file with these values of the variables.
+
+        Parameters
+        ----------
+        values
+            Values (k,).
+
+        Returns
+        -------
+        Document
+            The device file.
+        """
         return changed(self.document, settings_at(self.variables, self.named(values)))
 
     def currents_at(self, values: Array) -> tuple[CurrentSet, ...]:
-        """The sets of currents with these values of the variables: coils whose current varies have it in every set
-        whose currents are given."""
+        """The sets of currents with these values of the variables.
+
+        Coils whose current varies have it in every set whose currents are given.
+
+        Parameters
+        ----------
+        values
+            Values (k,).
+
+        Returns
+        -------
+        tuple[CurrentSet, ...]
+            The sets.
+        """
         varied = {
             variable.key.removeprefix(CURRENT): float(value)
             for variable, value in zip(self.variables, values, strict=True)

@@ -24,11 +24,31 @@ FARTHER = 3.0
 
 
 def equilibrium_area(field: Field, found: Equilibrium, payload: Payload, share: float) -> float:
-    """Area in m^2. share: of the weight, which the horizontal force stays below.
+    """Area in which the horizontal force stays below a share of the weight.
 
-    By 64 directions, in each the first crossing of the limit; half the mean of r^2 times 2 pi, whose error falls
-    faster than any power of the number of directions for a smooth outline. Raises FieldmapError where the equilibrium
-    is not stable in the plane, and where the workspace ends first.
+    By 64 directions, in each the first crossing of the limit; half the mean of r^2 times 2 pi, whose error
+    falls faster than any power of the number of directions for a smooth outline.
+
+    Parameters
+    ----------
+    field
+        Any field with a box.
+    found
+        The equilibrium.
+    payload
+        What is levitated.
+    share
+        Of the weight.
+
+    Returns
+    -------
+    float
+        Area, m^2.
+
+    Raises
+    ------
+    FieldmapError
+        Where the equilibrium is not stable in the plane, and where the workspace ends first.
     """
     radii, _ = area_outline(field, found, payload, share)
     return float(np.pi * np.mean(radii**2))

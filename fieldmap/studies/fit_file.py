@@ -230,7 +230,18 @@ class Fit(Record):
     units: Mapping[str, tuple[str, float]]
 
     def run(self, on_solve: Callable[[Mapping[str, float]], None] | None = None) -> MachineFit:
-        """Find the unknowns: `fit_machine`. on_solve is called with the values of each solve."""
+        """Find the unknowns: see `fit_machine`.
+
+        Parameters
+        ----------
+        on_solve
+            Called with the values of each solve.
+
+        Returns
+        -------
+        MachineFit
+            The fit.
+        """
         return fit_machine(self.device_path, self.unknowns, self.readings, self.predict, self.solve, on_solve)
 
 

@@ -60,7 +60,20 @@ class Readings(Measured, Protocol):
     """
 
     def computed(self, device: Device, field: AnyField) -> Array:
-        """The same numbers (n,) of a device and its solved field."""
+        """The same numbers of a device and its solved field.
+
+        Parameters
+        ----------
+        device
+            The device.
+        field
+            Its solved field.
+
+        Returns
+        -------
+        Array
+            Numbers (n,).
+        """
         ...
 
 
@@ -97,7 +110,18 @@ class FieldReadings(Record):
     ]
 
     def computed(self, device: Device, field: AnyField) -> Array:
-        """B (3 n,)."""
+        """Flux density at the points.
+
+        Parameters
+        ----------
+        device, field
+            As for `Readings.computed`.
+
+        Returns
+        -------
+        Array
+            B (3 n,), T.
+        """
         points, currents = np.asarray(self.points, dtype=float), np.asarray(self.currents, dtype=float)
         if currents.ndim == 0:
             currents = np.full(len(device.coils), float(currents))
@@ -131,7 +155,18 @@ class InductanceReadings(Record):
     ]
 
     def computed(self, device: Device, field: AnyField) -> Array:
-        """Entries (n,) of the inductance matrix."""
+        """Entries of the inductance matrix.
+
+        Parameters
+        ----------
+        device, field
+            As for `Readings.computed`.
+
+        Returns
+        -------
+        Array
+            (n,), H.
+        """
         matrix = field.inductance() if hasattr(field, "inductance") else solve_linear(device).inductance()
         pairs: Any = self.pairs
         numbers: Any = {name: k for k, name in enumerate(device.coil_names)}
@@ -167,7 +202,18 @@ class LiftCurrentReadings(Record):
     ] = None
 
     def computed(self, device: Device, field: AnyField) -> Array:
-        """Lift currents (n,)."""
+        """Lift currents.
+
+        Parameters
+        ----------
+        device, field
+            As for `Readings.computed`.
+
+        Returns
+        -------
+        Array
+            (n,), A.
+        """
         first, amperes = 1.0, []
         for position in np.asarray(self.positions, dtype=float):
             first = lift_current(field, device.payload, position, self.shares, first).current
@@ -185,7 +231,18 @@ class ComputedReadings(Record):
     deviation: ArrayLike
 
     def computed(self, device: Device, field: AnyField) -> Array:
-        """The function's numbers (n,)."""
+        """The function's numbers.
+
+        Parameters
+        ----------
+        device, field
+            As for `Readings.computed`.
+
+        Returns
+        -------
+        Array
+            (n,).
+        """
         return np.ravel(np.asarray(self.function(device, field), dtype=float))
 
 
@@ -232,21 +289,45 @@ def fit_machine(
 ) -> MachineFit:
     """Find numbers of a device from measurements.
 
-    device: a file, its name, or made in Python. readings: what is fitted; predict: tables that are not, computed with
-    the fit and with error bars from it. solve: the field of a device, `solve_linear` or, where its iron saturates,
-    `NonlinearSolver` unless given. on_solve is called with the values of each solve. close: the search ends where all
-    unknowns change by less than this share of their values. workers: a function like `map` that computes the
-    derivatives' solves, such as the `map` of a pool of processes; readings and `solve` are then pickled.
+    Parameters
+    ----------
+    device
+        A file, its name, or made in Python.
+    unknowns
+        The numbers to find.
+    readings
+        What is fitted.
+    predict
+        Tables that are not fitted, computed with the fit and with error bars from it.
+    solve
+        Gives the field of a device; `solve_linear` or, where its iron saturates, `NonlinearSolver` unless
+        given.
+    on_solve
+        Called with the values of each solve.
+    close
+        The search ends where all unknowns change by less than this share of their values.
+    workers
+        A function like `map` that computes the derivatives' solves, such as the `map` of a pool of processes;
+        readings and `solve` are then pickled.
 
-    Raises InputError for keys that the device lacks, tables without numbers, fewer readings than unknowns; and what
-    reading and solving a device with the values that are tried raise.
+    Returns
+    -------
+    MachineFit
+        The numbers, and how certain they are.
 
-    Example::
+    Raises
+    ------
+    InputError
+        For keys that the device lacks, tables without numbers, fewer readings than unknowns; and what reading
+        and solving a device with the values that are tried raise.
 
-        unknowns = [Unknown("joint.1.gap_mm", 0.1, lower=0.001), Unknown("material.steel.mu_r", 1000.0, lower=1.0)]
-        table = LiftCurrentReadings("of 3 May", positions, amperes, deviation=0.02)
-        found = fit_machine("my_rig.toml", unknowns, [table], predict=[other])
-        print(found.values, found.deviations, found.indistinct)
+    Examples
+    --------
+    >>> gap = Unknown("joint.1.gap_mm", 0.1, lower=0.001)  # doctest: +SKIP
+    >>> steel = Unknown("material.steel.mu_r", 1000.0, lower=1.0)  # doctest: +SKIP
+    >>> table = LiftCurrentReadings("of 3 May", positions, amperes, deviation=0.02)  # doctest: +SKIP
+    >>> found = fit_machine("my_rig.toml", [gap, steel], [table], predict=[other])  # doctest: +SKIP
+    >>> print(found.values, found.deviations, found.indistinct)  # doctest: +SKIP
     """
     tables = (*readings, *predict)
     source = device.to_toml() if isinstance(device, Device) else device

@@ -180,7 +180,33 @@ def solve_problem(
     progress: Progress | None = None,
     scheduler: str | None = None,
 ) -> Optimum:
-    """Solve a problem of design; see `optimise`."""
+    """Solve a problem of design: see `optimise`.
+
+    Parameters
+    ----------
+    problem
+        The problem.
+    output
+        NetCDF file of the path; none unless given.
+    resume
+        Whether the designs of an earlier run are taken.
+    workers
+        Designs solved at a time where derivatives are differences.
+    progress
+        Called as progress(message, fraction) between steps.
+    scheduler
+        Address of a dask scheduler whose workers solve.
+
+    Returns
+    -------
+    Optimum
+        The best design.
+
+    Raises
+    ------
+    InputError and Infeasible
+        As for `optimise`.
+    """
     if problem.method == "optuna":
         _require_optuna()
     target = None if output is None else Path(output)

@@ -89,16 +89,43 @@ def run_study(
     progress: Progress | None = None,
     scheduler: str | None = None,
 ) -> StudyRun:
-    """Solve every variant of a study at all its currents, and write OUTPUT (NetCDF) and the same as CSV beside it.
+    """Solve every variant of a study at all its currents, and write a NetCDF file and the same as CSV beside
+    it.
 
-    study: path of a study file, name of a shipped one, or what `read_study` returns. output: maps/out/NAME.nc unless
-    given. resume: keep the variants of an earlier run, if everything that decides their numbers is the same; the data
-    are those of a run without a break. retry: solve those again that failed. workers, scheduler: who solves
-    them, `fieldmap.parallel.Workers`. progress(message, fraction) is called as the work goes on.
+    A variant that fails is recorded with its reason and the others go on.
 
-    A variant that fails is recorded with its reason and the others go on. Raises StudyError or InputError before any
-    long work and without leaving a file, FieldmapError where xarray or h5netcdf are missing.
+    Parameters
+    ----------
+    study
+        Path of a study file, name of a shipped one, or what `read_study` returns.
+    output
+        The NetCDF file; maps/out/NAME.nc unless given.
+    resume
+        Keep the variants of an earlier run, if everything that decides their numbers is the same; the data
+        are those of a run without a break.
+    retry
+        Solve those again that failed.
+    workers
+        Processes that solve: `fieldmap.parallel.Workers`.
+    progress
+        Called as progress(message, fraction) between steps.
+    scheduler
+        Address of a dask scheduler whose workers solve.
 
+    Returns
+    -------
+    StudyRun
+        The data, and where they were written.
+
+    Raises
+    ------
+    StudyError or InputError
+        Before any long work and without leaving a file.
+    FieldmapError
+        Where xarray or h5netcdf are missing.
+
+    Examples
+    --------
     >>> import fieldmap.studies
     >>> run = fieldmap.studies.run_study("pole_disk")                             # doctest: +SKIP
     >>> run.data.equilibrium_area.sel(currents="equal", thickness=6.0)            # doctest: +SKIP

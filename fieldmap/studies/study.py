@@ -336,7 +336,18 @@ class Study(records.Record):
         return tuple(len(axis.values) for axis in self.axes) or (len(self.variants),)
 
     def settings(self, number: int) -> dict[str, Value]:
-        """Of a variant, the varied keys in their units by the names of their axes; or its name."""
+        """What a variant varies.
+
+        Parameters
+        ----------
+        number
+            Of the variant.
+
+        Returns
+        -------
+        dict[str, Value]
+            The varied keys in their units by the names of their axes; or the variant's name.
+        """
         variant = self.variants[number]
         values = {axis.name: axis.values[k] for axis, k in zip(self.axes, variant.place, strict=False)}
         return values or {"variant": variant.name}

@@ -119,14 +119,43 @@ def analyse_tolerances(
 ) -> ToleranceAnalysis:
     """How far numbers that studies record are uncertain, and which number of the device makes them so.
 
-    uncertain: independent numbers of the device with their standard deviations. numbers, currents, saturating,
-    refinement, points, box and force_share: as `optimise` takes them. samples: random devices that are solved beside
-    (Monte Carlo), normally distributed, drawn with a seed; 0 for none, else at least 2. output: devices are kept in
-    OUTPUT.partial, and a run that was killed goes on from them. workers: devices solved at a time.
+    Parameters
+    ----------
+    device
+        A file, its name, or made in Python.
+    uncertain
+        Independent numbers of the device with their standard deviations.
+    numbers, currents, saturating, refinement, points, box, force_share
+        As for `optimise`.
+    samples
+        Random devices that are solved besides (Monte Carlo), normally distributed; 0 for none, else at least
+        2.
+    seed
+        Of the random devices.
+    output
+        Devices are kept in OUTPUT.partial, and a run that was killed goes on from them.
+    resume
+        Whether the devices of an earlier run are taken.
+    workers
+        Devices solved at a time.
+    progress
+        Called as progress(message, fraction) between steps.
 
-    Raises InputError for arguments that make no sense, where the device itself cannot be solved, or neither side of a
-    difference; Infeasible where fewer than two random devices can be.
+    Returns
+    -------
+    ToleranceAnalysis
+        The deviation of every number, and what each number of the device contributes.
 
+    Raises
+    ------
+    InputError
+        For arguments that make no sense, where the device itself cannot be solved, or neither side of a
+        difference.
+    Infeasible
+        Where fewer than two random devices can be solved.
+
+    Examples
+    --------
     >>> from fieldmap.studies import Uncertain, analyse_tolerances
     >>> found = analyse_tolerances(
     ...     "loop_and_sphere", [Uncertain("coil.loop.turns", 0.5), Uncertain("current.loop", 0.02)],

@@ -174,11 +174,29 @@ def function_of(part: str) -> Callable[[dict[str, Any]], Answers | Mapping[str, 
 
 
 def compare(rows: Iterable[str] = (), maps: Path = FOLDER) -> list[Comparison]:
-    """Every number that the thesis prints for these rows beside ours.
+    """Every number that the thesis prints for some rows beside ours.
 
-    rows: names such as "S7"; if none is given, all that need no map or whose map has been made. maps: the folder of
-    the maps. Raises InputError for a row that is not there and MapMissing where a row was named whose map is missing.
+    Parameters
+    ----------
+    rows
+        Names such as "S7"; if none is given, all that need no map or whose map has been made.
+    maps
+        The folder of the maps.
 
+    Returns
+    -------
+    list[Comparison]
+        The numbers.
+
+    Raises
+    ------
+    InputError
+        For a row that is not there.
+    MapMissing
+        Where a row was named whose map is missing.
+
+    Examples
+    --------
     >>> [number] = [c for c in compare(["S7"]) if c.name == "global_deviation[0]"]
     >>> print(number.thesis, round(number.ours, 7), number.unit, number.agrees)
     0.00706 0.0070569 mm True
@@ -245,7 +263,22 @@ def attempt_rows(
     progress: Progress | None = None,
     attempt: Callable[[str], PartResult] = attempt_part,
 ) -> Iterator[PartResult]:
-    """The parts of these rows (of all if none is given), one by one; progress(part, share of the work done)."""
+    """Compute the parts of some rows, one by one.
+
+    Parameters
+    ----------
+    rows
+        Names such as "S7"; all unless given.
+    progress
+        Called as progress(part, share of the work done).
+    attempt
+        Computes one part.
+
+    Yields
+    ------
+    PartResult
+        The parts.
+    """
     parts = parts_of(rows)
     costs = [expected_seconds(part) for part in parts]
     for k, part in enumerate(parts):

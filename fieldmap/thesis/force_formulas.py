@@ -46,7 +46,18 @@ class HorizontalForce(Record):
     side: int = 1
 
     def bracket(self, x: ArrayLike, z: ArrayLike, y: ArrayLike = 0.0) -> Array:
-        """1 + z/a + side (x - x0)/b + |y|/d; the formula has a pole where it is 0."""
+        """1 + z/a + side (x - x0)/b + |y|/d; the formula has a pole where it is 0.
+
+        Parameters
+        ----------
+        x, z, y
+            Position, m.
+
+        Returns
+        -------
+        Array
+            The number.
+        """
         along = self.side * (np.asarray(x, dtype=float) - self.x0)
         return 1.0 + np.asarray(z, dtype=float) / self.a + along / self.b + np.abs(y) / self.d
 
@@ -164,13 +175,45 @@ def fit_horizontal_force(
     a: float | None = None,
     start: tuple[float, float, float] = (0.2, 0.05, 0.05),
 ) -> Fit[HorizontalForce]:
-    """Constants of (4-7), (4-8), or of (4-9) where y is given, for forces (n,) in N at the nominal current.
+    """Constants of (4-7), (4-8), or of (4-9) where y is given, from forces.
 
-    x, z, y (n,) in m, z the depth. a: held at this value, m; None: fitted. Where all z are equal it must be held,
-    because only two of L0, a, b are determined by such data. start: a, b and d in m to begin with. L0 and c enter
-    linearly and are eliminated; a, b, d are kept between 0 and 100 m, where a coordinate no longer plays a part.
-    Raises InputError for arrays of unequal length, fewer data than constants, or one depth with a free.
+    L0 and c enter linearly and are eliminated; a, b, d are kept between 0 and 100 m, where a coordinate no
+    longer plays a part.
 
+    Parameters
+    ----------
+    x
+        Positions (n,), m.
+    z
+        Depths (n,), m.
+    force
+        (n,), N, at the nominal current.
+    nominal_current
+        A.
+    x0
+        Of the formula, m.
+    y
+        Positions (n,), m; (4-9) where they are given.
+    side
+        +1 or -1, of the formula.
+    a
+        Held at this value, m; fitted unless given. Where all z are equal it must be held, because only two of
+        L0, a, b are determined by such data.
+    start
+        a, b and d to begin with, m.
+
+    Returns
+    -------
+    Fit[HorizontalForce]
+        The formula, and how well it fits.
+
+    Raises
+    ------
+    InputError
+        For arrays of unequal length, fewer data than constants, or one depth with a free.
+
+    Examples
+    --------
     >>> true = HorizontalForce(-2e-13, 0.22, 0.05, -0.08, x0=-0.17, nominal_current=1e6)
     >>> x, z = (grid.ravel() for grid in np.meshgrid(np.linspace(-0.15, 0.15, 13), [0.10, 0.125, 0.15]))
     >>> found = fit_horizontal_force(x, z, true(x, z, 1e6), 1e6, x0=-0.17, start=(0.1, 0.1, 1.0)).formula
@@ -224,10 +267,32 @@ class _Bracket:
 def fit_vertical_force(
     x: ArrayLike, z: ArrayLike, force: ArrayLike, nominal_current: float, x0: float
 ) -> Fit[VerticalForce]:
-    """Constants of (4-6) for forces (n,) in N at positions (n,) in m: straight lines in z for every x, then (4-4).
+    """Constants of (4-6) from forces: straight lines in z for every x, then (4-4).
 
-    As the thesis does it: slope and intercept at each x first, then an exponential through each of them. Raises
-    InputError for arrays of unequal length or fewer than two depths at an x.
+    As the thesis does it: slope and intercept at each x first, then an exponential through each of them.
+
+    Parameters
+    ----------
+    x
+        Positions (n,), m.
+    z
+        Depths (n,), m.
+    force
+        (n,), N, at the nominal current.
+    nominal_current
+        A.
+    x0
+        Of the formula, m.
+
+    Returns
+    -------
+    Fit[VerticalForce]
+        The formula, and how well it fits.
+
+    Raises
+    ------
+    InputError
+        For arrays of unequal length or fewer than two depths at an x.
     """
     check_positive("fit_vertical_force", nominal_current=nominal_current)
     data = _data("fit_vertical_force", 4, x, z, force)
@@ -244,7 +309,22 @@ def fit_vertical_force(
 
 
 def fit_quadratic_force(x: ArrayLike, force: ArrayLike, nominal_current: float = 1.0) -> Fit[QuadraticForce]:
-    """Coefficients of (4-10) for forces (n,) in N along one line, x (n,) in m."""
+    """Coefficients of (4-10) from forces along one line.
+
+    Parameters
+    ----------
+    x
+        Positions (n,), m.
+    force
+        (n,), N.
+    nominal_current
+        A.
+
+    Returns
+    -------
+    Fit[QuadraticForce]
+        The formula, and how well it fits.
+    """
     data = _data("fit_quadratic_force", 3, x, force)
     a0, a1, a2 = (float(value) for value in np.polyfit(data[0], data[1], 2))
     formula = QuadraticForce((a0, a1, a2), nominal_current)

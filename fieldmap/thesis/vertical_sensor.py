@@ -12,11 +12,24 @@ SENSOR_ZERO_DEPTH = -_UNIT.sensor_zero
 
 
 def magnet_height(sensor_mm: float, magnet_offset: float = 0.0) -> float:
-    """Height z of the magnet's centre, m, when the vertical sensor reads `sensor_mm` (mm, downward).
+    """Height of the magnet's centre by the reading of the vertical sensor.
 
-    The sensor sees the top of the levitated body; the magnet's centre lies `magnet_offset` (m) below that
-    point. Thesis section 3.3.1.
+    The sensor sees the top of the levitated body. Thesis section 3.3.1.
 
+    Parameters
+    ----------
+    sensor_mm
+        Reading, mm, downward.
+    magnet_offset
+        How far the magnet's centre lies below the top, m.
+
+    Returns
+    -------
+    float
+        z, m.
+
+    Examples
+    --------
     >>> round(magnet_height(10.0, magnet_offset=0.015), 6)
     -0.102
     """
@@ -24,9 +37,22 @@ def magnet_height(sensor_mm: float, magnet_offset: float = 0.0) -> float:
 
 
 def sensor_reading(height: float, magnet_offset: float = 0.0) -> float:
-    """Reading of the vertical sensor, mm downward, for a magnet centre at `height` (m). Inverse of
-    `magnet_height`.
+    """Reading of the vertical sensor for a magnet; inverse of `magnet_height`.
 
+    Parameters
+    ----------
+    height
+        z of the magnet's centre, m.
+    magnet_offset
+        How far it lies below the top of the body, m.
+
+    Returns
+    -------
+    float
+        Reading, mm, downward.
+
+    Examples
+    --------
     >>> round(sensor_reading(-0.102, magnet_offset=0.015), 6)
     10.0
     """
@@ -34,12 +60,23 @@ def sensor_reading(height: float, magnet_offset: float = 0.0) -> float:
 
 
 def thesis_lift_current(sensor_mm: float) -> float:
-    """Measured levitation current in EACH of the six electromagnets, A, at sensor reading `sensor_mm` (mm).
+    """Measured levitation current in EACH of the six electromagnets.
 
-    Thesis (7-18): amplifier current while the vertical position was under PID control; the total is six
-    times this (8-6). It is a measurement on the real unit, so it includes saturation, which a linear map
-    does not.
+    Thesis (7-18): amplifier current while the vertical position was under PID control; the total is six times
+    this (8-6). It is a measurement on the real unit, so it includes saturation, which a linear map does not.
 
+    Parameters
+    ----------
+    sensor_mm
+        Reading of the vertical sensor, mm, downward.
+
+    Returns
+    -------
+    float
+        Current, A.
+
+    Examples
+    --------
     >>> round(thesis_lift_current(10.0), 4)
     1.558
     """

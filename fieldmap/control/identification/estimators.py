@@ -48,11 +48,32 @@ _NOISE_FREE_REFERENCE = "the reference does not depend on the noise; the noise m
 
 
 def least_squares(outputs: ArrayLike, inputs: ArrayLike, orders: Orders, Ts: float) -> Estimate:
-    """ARX: A(q) y = B(q) u + white noise, by one linear regression; (1), (3) of docs/theory/identification.md.
+    """ARX: A(q) y = B(q) u + white noise, by one linear regression; (1), (3) of
+    docs/theory/identification.md.
 
-    outputs, inputs (n,): deviations from the operating point, evenly sampled, from rest. Ts in s. Biased for noise
-    of the sensor: (4) there. Raises InputError for records that are not finite, too short or not rich enough.
+    Biased for noise of the sensor: (4) there.
 
+    Parameters
+    ----------
+    outputs, inputs
+        Deviations from the operating point (n,), evenly sampled, from rest.
+    orders
+        Numbers of poles and zeros.
+    Ts
+        Sampling time, s.
+
+    Returns
+    -------
+    Estimate
+        The model.
+
+    Raises
+    ------
+    InputError
+        For records that are not finite, too short or not rich enough.
+
+    Examples
+    --------
     >>> u = np.sign(np.sin(np.arange(200.0)))
     >>> y = np.zeros(200)
     >>> for n in range(1, 200):
@@ -77,11 +98,31 @@ def modified_least_squares(
 ) -> Estimate:
     """Modified least squares: fit, filter both records by 1/A, repeat; (5), (6).
 
-    This is the iteration of Steiglitz and McBride (IEEE Trans. Automatic Control 10 (1965) 461). Where an estimate of
-    A is unstable the filter takes its poles reflected at the unit circle. Stops when no coefficient changes by more
-    than `tolerance` of their largest. Consistent for white noise of the sensor; coloured noise biases it. Raises
-    NotConverged, the usual sign of more poles and zeros than the records can tell apart; see `modified_least_squares_
-    runs` to look at such estimates all the same.
+    This is the iteration of Steiglitz and McBride (IEEE Trans. Automatic Control 10 (1965) 461). Where an
+    estimate of A is unstable the filter takes its poles reflected at the unit circle. Consistent for white
+    noise of the sensor; coloured noise biases it.
+
+    Parameters
+    ----------
+    outputs, inputs, orders, Ts
+        As for `least_squares`.
+    tolerance
+        Stops when no coefficient changes by more than this share of their largest.
+    iterations
+        Most iterations.
+
+    Returns
+    -------
+    Estimate
+        The model.
+
+    Raises
+    ------
+    InputError
+        As for `least_squares`.
+    NotConverged
+        The usual sign of more poles and zeros than the records can tell apart; `modified_least_squares_runs`
+        shows such estimates all the same.
     """
     where = "modified_least_squares"
     y, u = check_records(where, orders, outputs=outputs, inputs=inputs)
@@ -96,9 +137,28 @@ def modified_least_squares(
 def modified_least_squares_runs(
     outputs: ArrayLike, inputs: ArrayLike, orders: Orders, *, tolerance: float = 1e-6, iterations: int = 100
 ) -> EstimatedRuns:
-    """`modified_least_squares` of many records at once, for Monte Carlo studies; says which did not settle.
+    """`modified_least_squares` of many records at once, for Monte Carlo studies.
 
-    outputs (runs, n); inputs (n,) or (runs, n).
+    Parameters
+    ----------
+    outputs
+        (runs, n).
+    inputs
+        (n,) or (runs, n).
+    orders
+        Numbers of poles and zeros.
+    tolerance, iterations
+        As for `modified_least_squares`.
+
+    Returns
+    -------
+    EstimatedRuns
+        The models, and which did not settle.
+
+    Raises
+    ------
+    InputError
+        As for `least_squares`.
     """
     where = "modified_least_squares_runs"
     y, u = check_records(where, orders, outputs=outputs, inputs=inputs)
@@ -134,11 +194,33 @@ def generalised_least_squares(
     tolerance: float = 1e-6,
     iterations: int = 100,
 ) -> Estimate:
-    """A(q) y = B(q) u + v / D(q): least squares, model the errors as autoregressive, filter both records by D, repeat.
+    """A(q) y = B(q) u + v / D(q): least squares, model the errors as autoregressive, filter both records by
+    D, repeat.
 
-    Clarke (IFAC Symposium on Identification, Prague 1967): (7) of docs/theory/identification.md. Consistent if the
-    equation's errors are autoregressive of this order and there is a single minimum; the noise of a sensor is not
-    (D = 1/A would need infinitely many terms). Raises NotConverged; InputError for unusable records.
+    Clarke (IFAC Symposium on Identification, Prague 1967): (7) of docs/theory/identification.md. Consistent
+    if the equation's errors are autoregressive of this order and there is a single minimum; the noise of a
+    sensor is not (D = 1/A would need infinitely many terms).
+
+    Parameters
+    ----------
+    outputs, inputs, orders, Ts
+        As for `least_squares`.
+    noise_order
+        Order of D.
+    tolerance, iterations
+        As for `modified_least_squares`.
+
+    Returns
+    -------
+    Estimate
+        The model.
+
+    Raises
+    ------
+    InputError
+        For unusable records.
+    NotConverged
+        After the most iterations.
     """
     where = "generalised_least_squares"
     check_positive(where, Ts=Ts)
@@ -169,10 +251,29 @@ def armax(
 ) -> Estimate:
     """A(q) y = B(q) u + C(q) v, (2), by minimising the prediction errors: (8), (9).
 
-    noise_order: of C; as many as poles unless given, which covers white noise of a sensor on top of any plant, in
-    open and closed loop. Started from a long autoregression (Hannan and Rissanen) or the modified least squares,
-    whichever predicts better, then scipy's least squares with exact derivatives. Consistent for every noise
-    that C can describe, in closed loop too. Raises NotConverged; InputError for unusable records.
+    Started from a long autoregression (Hannan and Rissanen) or the modified least squares, whichever predicts
+    better, then scipy's least squares with exact derivatives. Consistent for every noise that C can describe,
+    in closed loop too.
+
+    Parameters
+    ----------
+    outputs, inputs, orders, Ts
+        As for `least_squares`.
+    noise_order
+        Order of C; as many as poles unless given, which covers white noise of a sensor on top of any plant,
+        in open and closed loop.
+
+    Returns
+    -------
+    Estimate
+        The model.
+
+    Raises
+    ------
+    InputError
+        For unusable records.
+    NotConverged
+        Where the search does not end.
     """
     where = "armax"
     noise = orders.poles if noise_order is None else noise_order
@@ -271,13 +372,33 @@ def recursive_least_squares(
     forgetting: float = 1.0,
     start_variance: float = 1e6,
 ) -> RecursiveRun:
-    """Recursive least squares, an estimate after every sample; with noise_order > 0 recursive extended least squares
-    (ARMAX): (10), (11), and Ljung, System Identification, 2nd ed., 11.2 and 11.5.
+    """Recursive least squares: an estimate after every sample.
 
-    forgetting: weight of a sample that is one sample old relative to the newest, in (0, 1]; it looks back on 1 / (1 -
-    forgetting) samples, which should last several times as long as the plant's slowest pole. start_variance: of the
-    coefficients, which start at 0. Without forgetting and noise terms the last estimate is that of `least_squares`, up
-    to the start. Raises InputError.
+    With noise_order > 0 recursive extended least squares (ARMAX): (10), (11), and Ljung, System
+    Identification, 2nd ed., 11.2 and 11.5. Without forgetting and noise terms the last estimate is that of
+    `least_squares`, up to the start.
+
+    Parameters
+    ----------
+    outputs, inputs, orders
+        As for `least_squares`.
+    noise_order
+        Order of the noise's polynomial.
+    forgetting
+        Weight of a sample that is one sample old relative to the newest, in (0, 1]; it looks back on 1 / (1 -
+        forgetting) samples, which should last several times as long as the plant's slowest pole.
+    start_variance
+        Of the coefficients, which start at 0.
+
+    Returns
+    -------
+    RecursiveRun
+        The estimates after every sample.
+
+    Raises
+    ------
+    InputError
+        For unusable records.
     """
     where = "recursive_least_squares"
     check_positive(where, start_variance=start_variance, forgetting=forgetting)
@@ -303,11 +424,34 @@ def recursive_least_squares(
 def identify_direct(outputs: ArrayLike, controls: ArrayLike, orders: Orders, Ts: float) -> Estimate:
     """The plant from the controller's output and the measured position, as if the loop were open.
 
-    Modified least squares. White noise of the sensor does no harm in spite of the feedback, if the plant has a delay
-    of a sample or more: with the unstable poles reflected, (6) is the innovations form of the plant with that noise.
-    Forces on the body that the control signal does not show, and coloured noise, bias it: then use `armax`, which
-    models them, or an indirect way. Without a reference signal the conditions (12) must hold. Raises InputError for
-    unusable records and NotConverged.
+    Modified least squares. White noise of the sensor does no harm in spite of the feedback, if the plant has
+    a delay of a sample or more: with the unstable poles reflected, (6) is the innovations form of the plant
+    with that noise. Forces on the body that the control signal does not show, and coloured noise, bias it:
+    then use `armax`, which models them, or an indirect way. Without a reference signal the conditions (12)
+    must hold.
+
+    Parameters
+    ----------
+    outputs
+        Measured position (n,), deviations from the operating point.
+    controls
+        Output of the controller (n,), deviations too.
+    orders
+        Numbers of poles and zeros.
+    Ts
+        Sampling time, s.
+
+    Returns
+    -------
+    Estimate
+        The plant.
+
+    Raises
+    ------
+    InputError
+        For unusable records.
+    NotConverged
+        As for `modified_least_squares`.
     """
     must = "must have more poles than zeros, or dead time"
     received = f"{orders.poles} poles, {orders.zeros} zeros"
@@ -328,10 +472,36 @@ def identify_indirect(
 ) -> Estimate:
     """The plant from reference and position, with the known controller taken out: (15), (16).
 
-    controller: numerator and denominator in q of u / (r - y), with its sign (negative for a plant of negative gain).
-    Only the plant's coefficients are estimated, so nothing has to cancel afterwards. Instruments are the noise-free
-    records that the current model predicts (Gilson and Van den Hof, Automatica 41 (2005) 241): consistent for any
-    noise that does not depend on the reference, if the controller is right. Raises InputError and NotConverged.
+    Only the plant's coefficients are estimated, so nothing has to cancel afterwards. Instruments are the
+    noise-free records that the current model predicts (Gilson and Van den Hof, Automatica 41 (2005) 241):
+    consistent for any noise that does not depend on the reference, if the controller is right.
+
+    Parameters
+    ----------
+    outputs
+        Measured position (n,), deviations from the operating point.
+    references
+        Reference (n,), deviations too.
+    controller
+        Numerator and denominator in q of u / (r - y), with its sign (negative for a plant of negative gain).
+    orders
+        Numbers of poles and zeros.
+    Ts
+        Sampling time, s.
+    tolerance, iterations
+        As for `modified_least_squares`.
+
+    Returns
+    -------
+    Estimate
+        The plant.
+
+    Raises
+    ------
+    InputError
+        For unusable records.
+    NotConverged
+        After the most iterations.
     """
     where = "identify_indirect"
     check_positive(where, Ts=Ts)
@@ -369,13 +539,39 @@ def identify_indirect(
 def identify_two_stage(
     outputs: ArrayLike, controls: ArrayLike, references: ArrayLike, orders: Orders, Ts: float, *, loop: Orders
 ) -> Estimate:
-    """The plant in two stages, without knowing the controller: Van den Hof and Schrama (Automatica 29
-    (1993) 1523).
+    """The plant in two stages, without knowing the controller: Van den Hof and Schrama (Automatica 29 (1993)
+    1523).
 
-    First u from r with the structure `loop` (Orders(4, 4) for two poles and a PID); what that model predicts
-    is free of noise, and is the input of a modified least squares for y. Poles and zeros of the first stage are not
-    looked at, so near cancellations there do no harm; too few do. The plant comes out with the bias of the first
-    stage, so this is the least exact of the three. Raises InputError and NotConverged.
+    First u from r; what that model predicts is free of noise, and is the input of a modified least squares
+    for y. Poles and zeros of the first stage are not looked at, so near cancellations there do no harm; too
+    few do. The plant comes out with the bias of the first stage, so this is the least exact of the three.
+
+    Parameters
+    ----------
+    outputs
+        Measured position (n,), deviations from the operating point.
+    controls
+        Output of the controller (n,), deviations too.
+    references
+        Reference (n,), deviations too.
+    orders
+        Numbers of poles and zeros of the plant.
+    Ts
+        Sampling time, s.
+    loop
+        Those of the first stage; Orders(4, 4) for two poles and a PID.
+
+    Returns
+    -------
+    Estimate
+        The plant.
+
+    Raises
+    ------
+    InputError
+        For unusable records.
+    NotConverged
+        As for `modified_least_squares`.
     """
     where = "identify_two_stage"
     check_positive(where, Ts=Ts)

@@ -36,13 +36,39 @@ def pseudo_random_binary(
 ) -> Array:
     """A signal that switches between -amplitude and amplitude with the period (2^order - 1) * hold samples.
 
-    hold: samples per register step: the power lies below the frequency 1 / (2 hold Ts), and a plant slower than
-    hold Ts sees more of it. samples: length; one period unless given. taps: stages that feed back besides the last,
-    for an order beyond 64 or another sequence of the same order; whoever gives them vouches that they are maximal.
-    start: the register's first content as a whole number, not a multiple of 2^order; it only shifts the sequence. Over
-    a whole period the mean is amplitude / (2^order - 1) and the autocorrelation is amplitude^2 at 0 and -amplitude^2
-    / (2^order - 1) at all other multiples of hold: (13) of docs/theory/identification.md. Raises InputError.
+    Over a whole period the mean is amplitude / (2^order - 1) and the autocorrelation is amplitude^2 at 0 and
+    -amplitude^2 / (2^order - 1) at all other multiples of hold: (13) of docs/theory/identification.md.
 
+    Parameters
+    ----------
+    order
+        Stages of the register.
+    amplitude
+        Size of the signal.
+    hold
+        Samples per register step: the power lies below the frequency 1 / (2 hold Ts), and a plant slower than
+        hold Ts sees more of it.
+    samples
+        Length; one period unless given.
+    taps
+        Stages that feed back besides the last, for an order beyond 64 or another sequence of the same order;
+        whoever gives them vouches that they are maximal.
+    start
+        The register's first content as a whole number, not a multiple of 2^order; it only shifts the
+        sequence.
+
+    Returns
+    -------
+    Array
+        The signal (samples,).
+
+    Raises
+    ------
+    InputError
+        For numbers that do not fit.
+
+    Examples
+    --------
     >>> pseudo_random_binary(3, amplitude=2.0).tolist()
     [2.0, -2.0, -2.0, 2.0, 2.0, 2.0, -2.0]
     """

@@ -84,10 +84,30 @@ class IdentifiedLog(Record):
 def identify_log(log: Log, orders: Orders, method: str = "direct", rest: int | None = None) -> IdentifiedLog:
     """Identify the model from "input" to "output" of a log.
 
-    method: "direct" and "armax" from both signals, also where there is feedback; "least-squares", biased by noise of
-    the sensor; "two-stage", which takes the "reference", too. rest: samples at the beginning at which the rig is at its
-    operating point; unless given, those before the reference moves first, or one where there is no reference. Raises
-    InputError for what the log does not hold, NotConverged.
+    Parameters
+    ----------
+    log
+        The log.
+    orders
+        Numbers of poles and zeros.
+    method
+        "direct" and "armax" from both signals, also where there is feedback; "least-squares", biased by noise
+        of the sensor; "two-stage", which takes the "reference", too.
+    rest
+        Samples at the beginning at which the rig is at its operating point; unless given, those before the
+        reference moves first, or one where there is no reference.
+
+    Returns
+    -------
+    IdentifiedLog
+        The model, and how well it explains the log.
+
+    Raises
+    ------
+    InputError
+        For what the log does not hold.
+    NotConverged
+        As for the method.
     """
     check_choice("identify_log(method)", method, METHODS)
     referred = method != "two-stage" or "reference" in log.signals

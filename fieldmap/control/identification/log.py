@@ -79,13 +79,35 @@ class Log(Record):
         return self.start + self.Ts * np.arange(count, dtype=np.float64)
 
     def shown(self, name: str) -> tuple[Array, str]:
-        """A signal in the unit in which it was written, SI unless it was read, and that unit."""
+        """A signal in the unit in which it was written.
+
+        Parameters
+        ----------
+        name
+            Of the signal.
+
+        Returns
+        -------
+        tuple[Array, str]
+            The samples, and their unit: SI unless it was read.
+        """
         column = self.columns.get(name)
         unit = self.units[name] if column is None else str(column.unit)
         return self[name] / UNITS[unit][1], unit
 
     def deviations(self, *, rest: int) -> Log:
-        """The same record from the mean of its first `rest` samples, in which the rig must be at rest."""
+        """The same record from the mean of its first samples, in which the rig must be at rest.
+
+        Parameters
+        ----------
+        rest
+            How many samples.
+
+        Returns
+        -------
+        Log
+            The record.
+        """
         check_rest("Log.deviations(rest)", rest, self.time.size)
         moved = {name: values - np.mean(values[:rest]) for name, values in self.signals.items()}
         return replace(self, signals=moved)
@@ -97,11 +119,30 @@ def check_rest(where: str, rest: int, samples: int) -> None:
 
 
 def make_log(Ts: float, signals: Mapping[str, ArrayLike], units: Mapping[str, str]) -> Log:
-    """A log of signals given in `units` (name -> unit, such as "mm"), from time 0.
+    """A log of signals from time 0.
 
-    Raises InputError for a sampling time that is not positive, signals that are not finite or of unequal lengths, and
-    units that are not known.
+    Parameters
+    ----------
+    Ts
+        Sampling time, s.
+    signals
+        Name -> samples (n,).
+    units
+        Name -> unit in which the signal is given, such as "mm".
 
+    Returns
+    -------
+    Log
+        The log, in SI units.
+
+    Raises
+    ------
+    InputError
+        For a sampling time that is not positive, signals that are not finite or of unequal lengths, and units
+        that are not known.
+
+    Examples
+    --------
     >>> log = make_log(2e-3, {"position": [8.0, 8.1]}, {"position": "mm"})
     >>> log["position"].tolist(), log.units["position"]
     ([0.008, 0.0081], 'm')
@@ -120,9 +161,21 @@ def make_log(Ts: float, signals: Mapping[str, ArrayLike], units: Mapping[str, st
 
 
 def write_log(path: str | Path, log: Log, units: Mapping[str, str] | None = None) -> None:
-    """The record as CSV, each signal in its unit of `units` (name -> unit; SI unless given), 9 digits.
+    """Write the record as CSV, 9 digits.
 
-    Raises InputError for a unit that does not measure the same quantity.
+    Parameters
+    ----------
+    path
+        Path of the file.
+    log
+        The record.
+    units
+        Name -> unit in which the signal is written; SI unless given.
+
+    Raises
+    ------
+    InputError
+        For a unit that does not measure the same quantity.
     """
     chosen = {"time": "s", **log.units, **(units or {})}
     columns, headings = [], []
@@ -160,15 +213,43 @@ def read_log(
 ) -> Log:
     """Read a text file of columns below a line of names, such as CSV; everything is SI once read.
 
-    roles: role -> names by which its column is recognised, in lower case; unless given every column is read, under its
-    own name. required: roles that must be there. names: role -> name of its column, where that is not to be recognised;
-    "time" is a role of its own. units: column -> unit, where its heading does not say, as `name (mm)`, `name [mm]`,
-    `name_mm` or `name/mm` do. delimiter: a name of `DELIMITERS`, recognised unless given, and so is decimal, "." or
-    ",". sampling_time: s, for a log without time. options: what the caller calls these in messages. whole_names:
-    whether a name must be all of a heading, not one of its words.
+    Lines that are not numbers, not finite, or whose times are not even need a person's decision, and are not
+    mended in silence.
 
-    Only columns with roles are read. Raises InputError with every problem of the file: lines that are not numbers, not
-    finite, or whose times are not even need a person's decision, and are not mended in silence.
+    Parameters
+    ----------
+    path
+        Path of the file.
+    roles
+        Role -> names by which its column is recognised, in lower case; only columns with roles are read.
+        Unless given every column is read, under its own name.
+    required
+        Roles that must be there.
+    names
+        Role -> name of its column, where that is not to be recognised; "time" is a role of its own.
+    units
+        Column -> unit, where its heading does not say, as `name (mm)`, `name [mm]`, `name_mm` or `name/mm`
+        do.
+    delimiter
+        A name of `DELIMITERS`, recognised unless given.
+    decimal
+        "." or ",", recognised unless given.
+    sampling_time
+        s, for a log without time.
+    options
+        What the caller calls these in messages.
+    whole_names
+        Whether a name must be all of a heading, not one of its words.
+
+    Returns
+    -------
+    Log
+        The log.
+
+    Raises
+    ------
+    InputError
+        With every problem of the file.
     """
     source, told, given = Path(path), {**_OPTIONS, **(options or {})}, dict(units or {})
     if sampling_time is not None:

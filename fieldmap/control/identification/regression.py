@@ -131,15 +131,38 @@ class Estimate(Record):
         return _root_errors(self.model.numerator, self.zeros, self.covariance[order:, order:], 0)
 
     def simulate(self, inputs: ArrayLike) -> Array:
-        """Output (n,) for inputs (n,), from rest and without noise."""
+        """Output for given inputs, from rest and without noise.
+
+        Parameters
+        ----------
+        inputs
+            (n,).
+
+        Returns
+        -------
+        Array
+            Output (n,).
+        """
         numerator, denominator = self.model
         delay = denominator.size - numerator.size
         u = check_signal("Estimate.simulate(inputs)", inputs)
         return filter_response(np.concatenate([np.zeros(delay), numerator]), denominator, u)
 
     def fit(self, inputs: ArrayLike, outputs: ArrayLike) -> float:
-        """Share of the output's deviation from its mean that the simulation explains: 1 is perfect, 0 is no better
-        than the mean."""
+        """Share of the output's deviation from its mean that the simulation explains.
+
+        Parameters
+        ----------
+        inputs
+            (n,).
+        outputs
+            (n,).
+
+        Returns
+        -------
+        float
+            The share: 1 is perfect, 0 is no better than the mean.
+        """
         measured = check_signal("Estimate.fit(outputs)", outputs)
         missed = np.linalg.norm(measured - self.simulate(inputs))
         return float(1.0 - missed / np.linalg.norm(measured - measured.mean()))

@@ -45,7 +45,20 @@ Height = Annotated[float, Key(Length, "length of the winding along its axis", "m
 
 
 def require_room_for_the_winding(corner_radius: float, info: ValidationInfo) -> None:
-    """Raise where the winding is thicker than its corners let it be."""
+    """Refuse a winding that is thicker than its corners let it be.
+
+    Parameters
+    ----------
+    corner_radius
+        Of the path, m.
+    info
+        The other keys, as pydantic gives them.
+
+    Raises
+    ------
+    ValueError
+        For such a winding.
+    """
     thickness = info.data.get("thickness_mm")
     if thickness is not None and corner_radius < thickness / 2:
         raise broken(
@@ -86,7 +99,18 @@ class Coil(Movable):
         return not self.filaments
 
     def reflected(self, axis: int) -> Self:
-        """The winding seen in a mirror across local axis 0 or 1; the same where it is symmetric."""
+        """The winding seen in a mirror; the same where it is symmetric.
+
+        Parameters
+        ----------
+        axis
+            Local axis 0 or 1 that is turned over.
+
+        Returns
+        -------
+        Self
+            The winding.
+        """
         return self
 
     def _placed(self, change: Callable[[Placement], Placement], mirror_axis: int | None = None) -> Self:
@@ -109,14 +133,40 @@ class Coil(Movable):
         return self.winding()
 
     def unit_flux_density(self, points: Array, digits: float) -> Array:
-        """B (n, 3) in T per ampere-turn at points (n, 3) in m, local frame, to about `digits` digits."""
+        """Flux density per ampere-turn.
+
+        Parameters
+        ----------
+        points
+            Positions (n, 3) in the local frame, m.
+        digits
+            Decimal digits wanted.
+
+        Returns
+        -------
+        Array
+            B (n, 3), T.
+        """
         from fieldmap.kernels.coils.path import path_flux_density
 
         path = self._path
         return path_flux_density(points, path.arcs, path.bars, path.thickness, path.height, digits)
 
     def unit_flux_density_and_gradient(self, points: Array, digits: float) -> tuple[Array, Array]:
-        """B (n, 3) and its gradient (n, 3, 3) per ampere-turn, as `unit_flux_density`."""
+        """Flux density and gradient per ampere-turn.
+
+        Parameters
+        ----------
+        points
+            Positions (n, 3) in the local frame, m.
+        digits
+            Decimal digits wanted.
+
+        Returns
+        -------
+        tuple[Array, Array]
+            B (n, 3), T, and dB_i/dx_j (n, 3, 3), T/m.
+        """
         from fieldmap.kernels.coils.path import path_flux_density_and_gradient
 
         path = self._path

@@ -64,10 +64,29 @@ class MagpylibCoil(Coil):
 
     @classmethod
     def from_magpylib(cls, name: str, model: Any, **options: Any) -> Self:
-        """Of a magpylib source, a Collection or a sequence of them, driven together; options are the other arguments.
+        """A coil of magpylib sources that are driven together.
 
-        Currents count with their share of the first current that is not zero, which becomes the nominal current. Of a
-        magnet or any other source the field that it has is that of 1 A. Raises InputError for what is no source.
+        Currents count with their share of the first current that is not zero, which becomes the nominal
+        current. Of a magnet or any other source the field that it has is that of 1 A.
+
+        Parameters
+        ----------
+        name
+            Of the coil.
+        model
+            A magpylib source, a Collection or a sequence of them.
+        **options
+            The other arguments of the class.
+
+        Returns
+        -------
+        Self
+            The coil.
+
+        Raises
+        ------
+        InputError
+            For what is no source.
         """
         sources = sources_of(model)
         first = next((source.current for source in sources if source.current), None)

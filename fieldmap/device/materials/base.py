@@ -148,11 +148,33 @@ class TwoConstantLaw(SaturatingMaterial):
 
     @abstractmethod
     def polarisation(self, x: Array) -> Array:
-        """J, T."""
+        """Polarisation of the law.
+
+        Parameters
+        ----------
+        x
+            chi h / saturation.
+
+        Returns
+        -------
+        Array
+            J, T.
+        """
 
     @abstractmethod
     def susceptibility(self, x: Array) -> Array:
-        """dJ/dh."""
+        """Slope of the law.
+
+        Parameters
+        ----------
+        x
+            chi h / saturation.
+
+        Returns
+        -------
+        Array
+            dJ/dh.
+        """
 
     @property
     def initial_mu_r(self) -> float:  # type: ignore[override]

@@ -87,7 +87,18 @@ class Marrocco(SaturatingMaterial):
         return (self.tau * s / (1 - s)) ** (0.5 / self.alpha) if s < 1 else inf
 
     def field_at(self, b: float) -> float:
-        """mu0 H in T at flux density b in T."""
+        """The curve, by flux density.
+
+        Parameters
+        ----------
+        b
+            Flux density, T.
+
+        Returns
+        -------
+        float
+            mu0 H, T.
+        """
         power = b ** (2 * self.alpha)
         return (self.eps + (self.c - self.eps) * power / (power + self.tau)) * b
 

@@ -39,9 +39,22 @@ class Shape(Made):
         return np.zeros((0, 3)) if self.primitive is self else self.primitive.hull()
 
     def reflected(self, axis: int) -> "Shape":
-        """The shape seen in a mirror across local axis 0 or 1; the same where it is symmetric.
+        """The shape seen in a mirror; the same where it is symmetric.
 
-        Raises InputError for a file, whose contents nobody turns over.
+        Parameters
+        ----------
+        axis
+            Local axis 0 or 1 that is turned over.
+
+        Returns
+        -------
+        'Shape'
+            The shape.
+
+        Raises
+        ------
+        InputError
+            For a file, whose contents nobody turns over.
         """
         return self if self.primitive is self else self.primitive.reflected(axis)
 

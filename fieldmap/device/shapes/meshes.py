@@ -45,7 +45,24 @@ class VolumeMesh(Shape):
     def from_file(cls, path: PathLike, unit: float = 1e-3, region: str | None = None) -> Self:
         """The tetrahedra of a mesh file: see `MeshFile`, of which this keeps the numbers.
 
-        Raises InputError for a file that cannot be read, has no tetrahedra or lacks the region.
+        Parameters
+        ----------
+        path
+            Path of the file.
+        unit
+            Length of the file's unit, m.
+        region
+            Region of the file; all of it unless given.
+
+        Returns
+        -------
+        Self
+            The shape.
+
+        Raises
+        ------
+        InputError
+            For a file that cannot be read, has no tetrahedra or lacks the region.
         """
         from fieldmap.device.mesh_files import read_mesh
 

@@ -47,9 +47,26 @@ class TriangleSurface(Shape):
 
     @classmethod
     def from_stl(cls, path: PathLike, unit: float = 1e-3) -> Self:
-        """The surface of an STL file, binary or text; unit: length of the file's unit, m, of which STL says nothing.
+        """The surface of an STL file, binary or text.
 
-        Raises InputError for a file that is none. Whether it bounds a solid is checked when a device is made of it.
+        Whether it bounds a solid is checked when a device is made of it.
+
+        Parameters
+        ----------
+        path
+            Path of the file.
+        unit
+            Length of the file's unit, m, of which STL says nothing.
+
+        Returns
+        -------
+        Self
+            The shape.
+
+        Raises
+        ------
+        InputError
+            For a file that is none.
         """
         points, triangles = read_stl(Path(path))
         return cls(unit * points, triangles)

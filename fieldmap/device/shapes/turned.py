@@ -16,7 +16,18 @@ from fieldmap.typing import Array
 
 
 def turned_hull(profile: Sequence[tuple[float, float]] | Array) -> Array:
-    """Points (n, 3) of the circles of corners (r, z)."""
+    """Points of the circles of corners of a profile.
+
+    Parameters
+    ----------
+    profile
+        Corners (r, z), m.
+
+    Returns
+    -------
+    Array
+        Points (n, 3), m.
+    """
     angles = np.linspace(0.0, 2 * math.pi, ROUND, endpoint=False)
     return np.array([[r * math.cos(angle), r * math.sin(angle), z] for r, z in profile for angle in angles])
 

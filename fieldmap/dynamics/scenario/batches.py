@@ -101,22 +101,34 @@ def simulate_batches(
 
     Parameters
     ----------
-    scenario : path of the file, or the name of a shipped scenario.
-    field : function that opens a map or any field, which replaces the scenario's map. It is called once, after the
-        scenario was read.
-    changes : values by dotted key that replace those of the file.
-    vary : a key and its values.
-    runs : number of runs for each value.
-    seed : replaces the seed of the scenario.
-    threads : number of threads; 0 for one per processor.
-    keep_signals : keep the signals of the runs, if a batch has at most MOST_KEPT runs.
-    progress : progress(message, fraction) is called during the runs.
-    device : replaces the map's device for a scenario that names none.
-    controller : replaces the scenario's controller. A Python function runs on one thread.
+    scenario
+        Path of the file, or the name of a shipped scenario.
+    field
+        Function that opens a map or any field, which replaces the scenario's map. It is called once, after
+        the scenario was read.
+    changes
+        Values by dotted key that replace those of the file.
+    vary
+        A key and its values.
+    runs
+        Number of runs for each value.
+    seed
+        Replaces the seed of the scenario.
+    threads
+        Number of threads; 0 for one per processor.
+    keep_signals
+        Keep the signals of the runs, if a batch has at most MOST_KEPT runs.
+    progress
+        progress(message, fraction) is called during the runs.
+    device
+        Replaces the map's device for a scenario that names none.
+    controller
+        Replaces the scenario's controller. A Python function runs on one thread.
 
     Returns
     -------
-    The batches.
+    Simulation
+        The batches.
 
     Raises
     ------

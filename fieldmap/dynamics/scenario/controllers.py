@@ -85,10 +85,14 @@ class AxisController(Record):
 
         Parameters
         ----------
-        reading : of the axis.
-        period : of the control task, s.
-        output : of the controller in equilibrium.
-        at : (7,), reference and position in equilibrium, m, and 1, as a block takes them.
+        reading
+            Of the axis.
+        period
+            Of the control task, s.
+        output
+            Of the controller in equilibrium.
+        at
+            (7,), reference and position in equilibrium, m, and 1, as a block takes them.
         """
 
 
@@ -235,11 +239,16 @@ class CoupledController(LqgWeights):
 
         Parameters
         ----------
-        machine : what is controlled.
-        start : operating point at the start of the run.
-        points_at : gives operating points at other heights.
-        period : of the control task, s.
-        delay : from sample to command, s.
+        machine
+            What is controlled.
+        start
+            Operating point at the start of the run.
+        points_at
+            Gives operating points at other heights.
+        period
+            Of the control task, s.
+        delay
+            From sample to command, s.
 
         Raises
         ------

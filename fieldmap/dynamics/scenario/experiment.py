@@ -112,14 +112,19 @@ def prepare(
 
     Parameters
     ----------
-    scenario : as read.
-    field_map : replaces the scenario's map. A field that is not a map is sampled: `sampled_field`.
-    device : replaces the device of the scenario or the map.
-    controller : replaces the scenario's controller; a function, or any controller.
+    scenario
+        As read.
+    field_map
+        Replaces the scenario's map. A field that is not a map is sampled: `sampled_field`.
+    device
+        Replaces the device of the scenario or the map.
+    controller
+        Replaces the scenario's controller; a function, or any controller.
 
     Returns
     -------
-    The experiment, ready to run.
+    Experiment
+        The experiment, ready to run.
 
     Raises
     ------
@@ -334,19 +339,26 @@ def simulate(
 
     Parameters
     ----------
-    path_or_name : path of the scenario file, or the name of a shipped scenario.
-    changes : values by dotted key that replace those of the file, such as {"control.z.Kc": 0.2}.
-    field_map : replaces the scenario's map: an opened map, or any field that is the sum of its coils' fields, such as a
-        solution, which is sampled (`sampled_field`).
-    device : replaces the device of the scenario or the map.
-    seed : replaces the seed of the scenario.
-    controller : replaces the scenario's controller: a function `outputs = f(time, measured, reference, state)` in
-        Python or jitted by numba, a C function, or a `fieldmap.control.FunctionController`, which also states limits,
-        period and outputs.
+    path_or_name
+        Path of the scenario file, or the name of a shipped scenario.
+    changes
+        Values by dotted key that replace those of the file, such as {"control.z.Kc": 0.2}.
+    field_map
+        Replaces the scenario's map: an opened map, or any field that is the sum of its coils' fields, such as
+        a solution, which is sampled (`sampled_field`).
+    device
+        Replaces the device of the scenario or the map.
+    seed
+        Replaces the seed of the scenario.
+    controller
+        Replaces the scenario's controller: a function `outputs = f(time, measured, reference, state)` in
+        Python or jitted by numba, a C function, or a `fieldmap.control.FunctionController`, which also states
+        limits, period and outputs.
 
     Returns
     -------
-    The run with its metrics.
+    ScenarioRun
+        The run with its metrics.
 
     Raises
     ------
@@ -389,14 +401,18 @@ def open_machine(
 
     Parameters
     ----------
-    path_or_name, changes, field_map, device, seed : as in `simulate`.
-    gives : kind of the outputs that `step` takes: "signals", "currents" of the coils, A, or "voltages" of their
+    path_or_name, changes, field_map, device, seed
+        As in `simulate`.
+    gives
+        Kind of the outputs that `step` takes: "signals", "currents" of the coils, A, or "voltages" of their
         amplifiers.
-    lower, upper : limits of the outputs.
+    lower, upper
+        Limits of the outputs.
 
     Returns
     -------
-    The machine.
+    RunningMachine
+        The machine.
 
     Examples
     --------

@@ -62,8 +62,10 @@ def linear_points(experiment: Experiment, depths_mm: Sequence[float] | None = No
 
     Parameters
     ----------
-    experiment : the scenario, ready to run.
-    depths_mm : readings of the vertical sensor, mm; that of the start unless given.
+    experiment
+        The scenario, ready to run.
+    depths_mm
+        Readings of the vertical sensor, mm; that of the start unless given.
 
     Raises
     ------
@@ -136,8 +138,18 @@ class Linearisation(Record):
         )
 
     def write(self, path: Path) -> Path:
-        """Write the models as .json with the contents of `to_dict`, or as .npz with one stack of matrices over the
-        depths for each name."""
+        """Write the models.
+
+        Parameters
+        ----------
+        path
+            A file .json, the same as `to_dict`, or .npz, stacks over the depths.
+
+        Returns
+        -------
+        Path
+            The path.
+        """
         if path.suffix == ".npz":
             np.savez(path, **_arrays(self.points))  # type: ignore[arg-type]
         else:
@@ -147,7 +159,18 @@ class Linearisation(Record):
 
 
 def loop_poles(point: LinearPoint) -> NDArray[np.complex128]:
-    """Poles of the closed loop, 1/s, in order of falling real part, without the poles of pure delays."""
+    """Poles of the closed loop, without those of pure delays.
+
+    Parameters
+    ----------
+    point
+        The machine at an operating point.
+
+    Returns
+    -------
+    NDArray[np.complex128]
+        Poles, 1/s; the slowest or unstable first.
+    """
     poles = point.loop.poles
     there = poles[np.abs(poles) > 1e-6]
     found = np.log(there.astype(complex)) / point.loop.period
@@ -155,7 +178,18 @@ def loop_poles(point: LinearPoint) -> NDArray[np.complex128]:
 
 
 def coupling_signals(point: LinearPoint) -> tuple[str, ...]:
-    """Names of the inputs in the order of `LinearPoint.coupling`."""
+    """Names of the inputs in the order of `LinearPoint.coupling`.
+
+    Parameters
+    ----------
+    point
+        The machine at an operating point.
+
+    Returns
+    -------
+    tuple[str, ...]
+        The names.
+    """
     names = point.linear.inputs
     return (names[1], names[2], names[0]) if names[:1] == ("lift_V",) else names
 

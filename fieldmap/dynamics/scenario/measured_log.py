@@ -81,11 +81,16 @@ def read_measured_log(
 
     Parameters
     ----------
-    path : of the file.
-    coil_names : names of the coils.
-    names : columns by role, for columns that are not recognised.
-    units : units by column, where the file does not state them.
-    options : how the caller calls these two arguments in messages: see `read_log`.
+    path
+        Of the file.
+    coil_names
+        Names of the coils.
+    names
+        Columns by role, for columns that are not recognised.
+    units
+        Units by column, where the file does not state them.
+    options
+        How the caller calls these two arguments in messages: see `read_log`.
 
     Raises
     ------
@@ -121,14 +126,19 @@ def lay_over(experiment: Experiment, run: LevitationRun, log: Log, begins: float
 
     Parameters
     ----------
-    experiment : of the run.
-    run : the simulated run.
-    log : the measured log.
-    begins : time of the run, s, at which the log begins; the log's own times are used unless given.
+    experiment
+        Of the run.
+    run
+        The simulated run.
+    log
+        The measured log.
+    begins
+        Time of the run, s, at which the log begins; the log's own times are used unless given.
 
     Returns
     -------
-    The signals that both have.
+    LaidLog
+        The signals that both have.
 
     Raises
     ------

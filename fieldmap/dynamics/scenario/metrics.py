@@ -97,7 +97,21 @@ def reading_mm(scenario: Scenario, points: Array) -> Array:
 
 
 def run_metrics(scenario: Scenario, run: LevitationRun) -> RunMetrics:
-    """Compute the metrics of a run. Those of a step use the time from it to the next step on the same axis."""
+    """The metrics of a run; those of a step are taken over the part of the run from it to the next on its
+    axis.
+
+    Parameters
+    ----------
+    scenario
+        The scenario.
+    run
+        Its run.
+
+    Returns
+    -------
+    RunMetrics
+        The metrics.
+    """
     signals = [reading_mm(scenario, points).T for points in (run.sensed, run.seen, run.references)]
     end, name = (run.event.time, run.event.name) if run.event else (run.time.max(initial=0.0), "")
     return RunMetrics(

@@ -39,13 +39,17 @@ class Reference(Record):
 
         Parameters
         ----------
-        wanted : (p, 3), references x, y and depth, m.
-        time : (p,), s.
-        key : of this change in the file, for messages.
+        wanted
+            (p, 3), references x, y and depth, m.
+        time
+            (p,), s.
+        key
+            Of this change in the file, for messages.
 
         Returns
         -------
-        The changed references (p, 3), m.
+        Array
+            The changed references (p, 3), m.
         """
 
     def moves(self, axis: str) -> bool:
@@ -241,15 +245,21 @@ def references(
 
     Parameters
     ----------
-    changes : applied one after the other.
-    compensator : pushes the depth when x or y moves.
-    start : (3,), reference x, y and depth at the start, m.
-    time : (p,), s.
-    period : of the control task, s.
+    changes
+        Applied one after the other.
+    compensator
+        Pushes the depth when x or y moves.
+    start
+        (3,), reference x, y and depth at the start, m.
+    time
+        (p,), s.
+    period
+        Of the control task, s.
 
     Returns
     -------
-    (p, 3): x, y and depth of the sensed point, m.
+    Array
+        (p, 3): x, y and depth of the sensed point, m.
     """
     wanted: Array = np.tile(np.asarray(start, float), (len(time), 1))
     for number, change in enumerate(changes):

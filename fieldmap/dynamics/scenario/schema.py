@@ -411,12 +411,15 @@ def read_scenario(path_or_name: str | Path, changes: Mapping[str, Any] | None = 
 
     Parameters
     ----------
-    path_or_name : path of the file, or the name of a shipped scenario ("vertical_step").
-    changes : values by dotted key that replace those of the file, such as {"control.z.Kc": 0.2}.
+    path_or_name
+        Path of the file, or the name of a shipped scenario ("vertical_step").
+    changes
+        Values by dotted key that replace those of the file, such as {"control.z.Kc": 0.2}.
 
     Returns
     -------
-    The scenario as written, whose `settings` are in SI.
+    Scenario
+        The scenario as written, whose `settings` are in SI.
 
     Raises
     ------

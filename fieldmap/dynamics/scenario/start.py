@@ -199,9 +199,12 @@ def floating(machine: Machine, held: tuple[Array, Array], guess: ArrayLike) -> O
 
     Parameters
     ----------
-    machine : the machine.
-    held : sensed point (3,), m, and outputs (3,); NaN for components that are free.
-    guess : (3,), outputs near the solution.
+    machine
+        The machine.
+    held
+        Sensed point (3,), m, and outputs (3,); NaN for components that are free.
+    guess
+        (3,), outputs near the solution.
 
     Raises
     ------
@@ -233,9 +236,12 @@ def floating_at(
 
     Parameters
     ----------
-    machine, held : as in `floating`; the held height is replaced.
-    start : a known operating point.
-    heights : of the sensed point, m.
+    machine, held
+        As in `floating`; the held height is replaced.
+    start
+        A known operating point.
+    heights
+        Of the sensed point, m.
 
     Raises
     ------

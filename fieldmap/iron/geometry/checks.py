@@ -88,10 +88,22 @@ as small as this would not be seen in any field."""
 
 
 def check_geometry(device: Device) -> None:
-    """Raise GeometryError with one problem for every fault of the device's geometry; return if it is sound.
+    """Refuse a device whose geometry is not sound.
 
     Numbers in the messages are in mm and mm^3. Eleven bodies and six coils take half a second.
 
+    Parameters
+    ----------
+    device
+        The device.
+
+    Raises
+    ------
+    GeometryError
+        With one problem for every fault.
+
+    Examples
+    --------
     >>> import fieldmap.device.model as model
     >>> part = model.Part(model.Sphere(0.01))
     >>> twins = tuple(model.Body(name, "iron", (part,), mesh_size=0.005) for name in ("a", "b"))
@@ -106,9 +118,19 @@ def check_geometry(device: Device) -> None:
 
 
 def geometry_notes(device: Device) -> tuple[str, ...]:
-    """What is allowed but worth knowing about the geometry, one sentence each; () where there is nothing.
+    """What is allowed but worth knowing about the geometry.
 
     What the last `check_geometry` of this device saw, if there was one.
+
+    Parameters
+    ----------
+    device
+        The device.
+
+    Returns
+    -------
+    tuple[str, ...]
+        One sentence each.
     """
     return (_found_last.get(device) or _examine(device)).notes
 

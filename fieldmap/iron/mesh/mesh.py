@@ -122,7 +122,18 @@ class IronMesh(BodyMesh):
         return self.body_names[: len(self.body_names) - len(self.sheets)]
 
     def containing(self, points: Array) -> Index:
-        """Element (n,) that contains each point (n, 3), -1 in the air. Points on a surface may fall on either side."""
+        """Element that contains each point.
+
+        Parameters
+        ----------
+        points
+            Positions (n, 3), m.
+
+        Returns
+        -------
+        Index
+            Indices (n,), -1 in the air. Points on a surface may fall on either side.
+        """
         boxes = _BOXES.get(self)
         if boxes is None:
             corners = self.points[self.tets]
@@ -170,18 +181,24 @@ def generate_mesh(
 
     Parameters
     ----------
-    device : its bodies.
-    refinement : divides every element size of the device file (2 halves them); the first layer at sharp edges is
-        divided by its square, because the error of the graded elements falls twice as fast as that of the layer.
-        Bodies that are meshes are taken as they are; a refinement of 2, 4, ... halves all their edges once, twice, ....
-    symmetry : "auto": where the iron has mirror planes, one chamber between them is meshed and copied, so that the
+    device
+        Its bodies.
+    refinement
+        Divides every element size of the device file (2 halves them); the first layer at sharp edges is
+        divided by its square, because the error of the graded elements falls twice as fast as that of the
+        layer. Bodies that are meshes are taken as they are; a refinement of 2, 4, ... halves all their edges
+        once, twice, ....
+    symmetry
+        "auto": where the iron has mirror planes, one chamber between them is meshed and copied, so that the
         mesh has the symmetry exactly; "none": meshed as a whole.
-    local : element sizes at points, where they are smaller than those of the device file, and layers at sharp edges in
-        their place.
+    local
+        Element sizes at points, where they are smaller than those of the device file, and layers at sharp
+        edges in their place.
 
     Returns
     -------
-    The tetrahedra of all bodies.
+    IronMesh
+        The tetrahedra of all bodies.
 
     Raises
     ------

@@ -47,13 +47,40 @@ class Derivatives(Record):
         return self.by[key]
 
     def change(self, steps: Mapping[str, float]) -> Array:
-        """What the quantity changes by, to first order, for changes of keys in their units."""
+        """What the quantity changes by, to first order.
+
+        Parameters
+        ----------
+        steps
+            Changes of keys in their units.
+
+        Returns
+        -------
+        Array
+            The change, of the quantity's shape and unit.
+        """
         return np.asarray(sum(self.by[key] * step for key, step in steps.items()))
 
     def spread(self, deviations: Mapping[str, float]) -> Spread:
-        """How far the quantity is uncertain, to first order, where keys are: standard deviations of independent numbers
-        by key, in their units. Raises KeyError for a key without a derivative.
+        """How far the quantity is uncertain, to first order, where keys are.
 
+        Parameters
+        ----------
+        deviations
+            Standard deviations of independent numbers by key, in their units.
+
+        Returns
+        -------
+        Spread
+            The deviation, and the share of each key.
+
+        Raises
+        ------
+        KeyError
+            For a key without a derivative.
+
+        Examples
+        --------
         >>> found = Derivatives(np.array(5.0), {"a": np.array(3.0), "b": np.array(-2.0)}, 1)
         >>> spread = found.spread({"a": 1.0, "b": 2.0})
         >>> float(spread.deviation), {key: round(float(share), 2) for key, share in spread.shares.items()}
@@ -105,10 +132,32 @@ class Quantity(ABC):
 
     @abstractmethod
     def of(self, samples: Samples) -> ArrayLike:
-        """The numbers, of any shape."""
+        """The numbers of the quantity.
+
+        Parameters
+        ----------
+        samples
+            Field and gradient at its points.
+
+        Returns
+        -------
+        ArrayLike
+            Numbers of any shape.
+        """
 
     def weights(self, samples: Samples) -> Weights:
-        """How the numbers, in a row, follow the samples: by central differences."""
+        """How the numbers, in a row, follow the samples: by central differences.
+
+        Parameters
+        ----------
+        samples
+            Field and gradient at its points.
+
+        Returns
+        -------
+        Weights
+            The derivatives.
+        """
         parts = {}
         for name in ("field", "gradient", "linkage"):
             here = getattr(samples, name)

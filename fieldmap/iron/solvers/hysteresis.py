@@ -156,7 +156,18 @@ class Pinning(Record):
         return self.of("")
 
     def of(self, material: str) -> str:
-        """The same of one material of several."""
+        """The assumption in words, of one material of several.
+
+        Parameters
+        ----------
+        material
+            Name of the material.
+
+        Returns
+        -------
+        str
+            The words.
+        """
         which = f"iron '{material}'" if material else "iron"
         spread = "one cell" if self.cells == 1 else f"{self.cells} cells from 0 to twice that"
         return (
@@ -177,8 +188,19 @@ class IronMemory(Record):
     currents_change: Array
 
     def continued(self, currents: Array) -> Array:
-        """Potential (n,) that currents (c,) are likely to make: changed on as in the last step, or, where the currents
-        turn, in proportion to them."""
+        """Potential that currents are likely to make: changed on as in the last step, or, where the currents
+        turn, in proportion to them.
+
+        Parameters
+        ----------
+        currents
+            (c,), A.
+
+        Returns
+        -------
+        Array
+            Nodal potential (n,).
+        """
         before, now = self.currents_change, currents - self.currents
         if before @ now >= _ALONG * np.linalg.norm(before) * np.linalg.norm(now) > 0.0:
             share = min(float(now @ before) / float(before @ before), _FURTHEST)
@@ -206,10 +228,13 @@ class HysteresisSolver:
 
     Parameters
     ----------
-    device : without a background field.
-    pinning : the same in all saturating materials; left out, each has its own `coercive_field`, as the device file
+    device
+        Without a background field.
+    pinning
+        The same in all saturating materials; left out, each has its own `coercive_field`, as the device file
         states it, with six cells. Magnets and linear iron have none.
-    refinement : divides the mesh sizes of the device file.
+    refinement
+        Divides the mesh sizes of the device file.
 
     Raises
     ------
@@ -239,7 +264,18 @@ class HysteresisSolver:
         self._unit = self._form.elements.unit_fields(device.coils, self._mesh)
 
     def with_pinning(self, pinning: Pinning | None) -> HysteresisSolver:
-        """The same device and mesh with other pinning, or that of its materials (None)."""
+        """The same device and mesh with other pinning.
+
+        Parameters
+        ----------
+        pinning
+            The pinning; None for that of its materials.
+
+        Returns
+        -------
+        HysteresisSolver
+            The solver.
+        """
         other = copy(self)
         other.pinning = pinning
         other.__dict__.pop("demagnetised", None)
@@ -300,14 +336,20 @@ class HysteresisSolver:
 
         Parameters
         ----------
-        currents : (c,), A.
-        memory : of the state where the path begins, or `demagnetised`.
-        tolerance : bounds the algebraic error.
-        near : a state of this device that is likely to be close, where Newton's method begins; it leaves no trace.
+        currents
+            (c,), A.
+        memory
+            Of the state where the path begins, or `demagnetised`.
+        tolerance
+            Bounds the algebraic error.
+        near
+            A state of this device that is likely to be close, where Newton's method begins; it leaves no
+            trace.
 
         Returns
         -------
-        The state, with the memory from which the next step goes on.
+        HystereticState
+            The state, with the memory from which the next step goes on.
 
         Raises
         ------

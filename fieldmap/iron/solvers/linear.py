@@ -47,20 +47,28 @@ def solve_linear(
 
     Parameters
     ----------
-    device : the machine, its file, or the name of a shipped one.
-    mu_r : relative permeability of all soft iron; None: the device's own, for a B-H table its initial slope.
-    tolerance : bounds the algebraic error (the residual is 1e-4 of it). The mesh error is set by the mesh sizes of the
-        device file and by `refinement`.
-    progress : progress(message, fraction) is called between steps.
-    refinement : divides the mesh sizes.
-    form : "potential" (second order; every mu_r >= 1), "flux" (second order; any mu_r, flux barriers too), or "auto":
-        potential where it may be used. The two err to opposite sides in closed magnetic circuits. "surface" needs no
-        mesh of the volume, takes any mu_r, and a few thousand faces.
-    symmetry : "auto" uses the mirror planes of the iron, "none" does not look for them.
+    device
+        The machine, its file, or the name of a shipped one.
+    mu_r
+        Relative permeability of all soft iron; None: the device's own, for a B-H table its initial slope.
+    tolerance
+        Bounds the algebraic error (the residual is 1e-4 of it). The mesh error is set by the mesh sizes of
+        the device file and by `refinement`.
+    progress
+        progress(message, fraction) is called between steps.
+    refinement
+        Divides the mesh sizes.
+    form
+        "potential" (second order; every mu_r >= 1), "flux" (second order; any mu_r, flux barriers too), or
+        "auto": potential where it may be used. The two err to opposite sides in closed magnetic circuits.
+        "surface" needs no mesh of the volume, takes any mu_r, and a few thousand faces.
+    symmetry
+        "auto" uses the mirror planes of the iron, "none" does not look for them.
 
     Returns
     -------
-    The fields per ampere of every coil, and that of what no current drives.
+    LinearSolution
+        The fields per ampere of every coil, and that of what no current drives.
 
     Raises
     ------
@@ -71,6 +79,8 @@ def solve_linear(
     NotConverged
         With the residual history.
 
+    Examples
+    --------
     >>> import fieldmap as fm
     >>> unit = fm.solve_linear(fm.read_device("loop_and_sphere"), mu_r=1000.0)
     >>> unit.report.magnetic_bodies, unit.report.residual < 1e-7

@@ -168,17 +168,24 @@ class NonlinearSolver(FieldOfStates):
 
     Parameters
     ----------
-    device : the machine, its file, or the name of a shipped one.
-    refinement : divides the mesh sizes of the device file.
-    progress : progress(message, fraction) is called between steps.
-    symmetry : "auto" uses the mirror planes of the iron, "none" does not look for them.
-    tolerance : of the states that `at` solves.
+    device
+        The machine, its file, or the name of a shipped one.
+    refinement
+        Divides the mesh sizes of the device file.
+    progress
+        progress(message, fraction) is called between steps.
+    symmetry
+        "auto" uses the mirror planes of the iron, "none" does not look for them.
+    tolerance
+        Of the states that `at` solves.
 
     Raises
     ------
     GeometryError, InputError
         As `solve`.
 
+    Examples
+    --------
     >>> import fieldmap as fm
     >>> solver = fm.iron.NonlinearSolver(fm.read_device("loop_and_sphere"))
     >>> print(f"{1e3 * solver.field([0.0, 0.0, -0.014], currents=[1.0])[2]:.2f} mT")
@@ -244,14 +251,43 @@ class NonlinearSolver(FieldOfStates):
         return tuple(self._states.values())
 
     def is_solved(self, currents: Currents) -> bool:
-        """Whether `at` has solved the state at these currents already."""
+        """Whether `at` has solved the state at these currents already.
+
+        Parameters
+        ----------
+        currents
+            Currents, A: (n_coils,) in the order of `coil_names`, one number for all coils, or a mapping by
+            name.
+
+        Returns
+        -------
+        bool
+            True if it has.
+        """
         return coil_currents(currents, self.coil_names).tobytes() in self._states
 
     def at(self, currents: Currents) -> NonlinearSolution:
         """The state at these currents: the one solved before for exactly these, or a new one.
 
-        A new state begins at the one that was asked for last. Raises InputError for currents that do not fit the
-        coils, NotConverged as `solve`.
+        A new state begins at the one that was asked for last.
+
+        Parameters
+        ----------
+        currents
+            Currents, A: (n_coils,) in the order of `coil_names`, one number for all coils, or a mapping by
+            name.
+
+        Returns
+        -------
+        NonlinearSolution
+            The state.
+
+        Raises
+        ------
+        InputError
+            For currents that do not fit the coils.
+        NotConverged
+            As for `solve`.
         """
         values = coil_currents(currents, self.coil_names)
         key = values.tobytes()
@@ -269,12 +305,16 @@ class NonlinearSolver(FieldOfStates):
 
         Parameters
         ----------
-        points : (n, 3) or (3,), m, in the air.
-        currents : (c,), A.
+        points
+            (n, 3) or (3,), m, in the air.
+        currents
+            (c,), A.
 
         Returns
         -------
-        B (n, 3), T; G (n, 3, 3), T/m; dB/dI (n, c, 3), T/A; dG/dI (n, c, 3, 3), T/(m A). Without n for one point.
+        tuple[Array, Array, Array, Array]
+            B (n, 3), T; G (n, 3, 3), T/m; dB/dI (n, c, 3), T/A; dG/dI (n, c, 3, 3), T/(m A). Without n for
+            one point.
 
         Raises
         ------
@@ -312,14 +352,18 @@ class NonlinearSolver(FieldOfStates):
 
         Parameters
         ----------
-        currents : (c,), A.
-        tolerance : bounds the algebraic error.
-        start : a neighbouring state of this solver, or its nodal potential (n,), from which Newton's method begins;
-            from zero if None.
+        currents
+            (c,), A.
+        tolerance
+            Bounds the algebraic error.
+        start
+            A neighbouring state of this solver, or its nodal potential (n,), from which Newton's method
+            begins; from zero if None.
 
         Returns
         -------
-        The state.
+        NonlinearSolution
+            The state.
 
         Raises
         ------
@@ -367,46 +411,162 @@ class NonlinearSolver(FieldOfStates):
         return state_images(self._iron.mesh.symmetry, self._form.elements, magnets)
 
     def project(self, basis: Array, air: Array | None = None) -> GalerkinModel:
-        """The iron on nodal potentials `basis` (n, r), such as combinations of `NonlinearSolution.state.potential`;
-        air: what `air` makes of them, where it is known."""
+        """The iron on a basis of nodal potentials.
+
+        Parameters
+        ----------
+        basis
+            Potentials (n, r), such as combinations of `NonlinearSolution.state.potential`.
+        air
+            What `air` makes of them, where it is known.
+
+        Returns
+        -------
+        GalerkinModel
+            The reduced model.
+        """
         of_air = self.air(basis) if air is None else air
         return project(self._form, self._material, self._unit, self._background, basis, of_air)
 
     def air(self, potential: Array) -> Array:
-        """S phi (n, k) for nodal potentials (n, k): the linear share of the air in the residual."""
+        """S phi: the linear share of the air in the residual.
+
+        Parameters
+        ----------
+        potential
+            Nodal potentials (n, k).
+
+        Returns
+        -------
+        Array
+            (n, k).
+        """
         return self._form.exterior.apply(potential)
 
     def tangent(self, currents: Array, potential: Array) -> csr_matrix:
-        """The iron's tangent stiffness (n, n) at a state of currents (c,) and potential (n,), without the air."""
+        """The iron's tangent stiffness at a state, without the air.
+
+        Parameters
+        ----------
+        currents
+            (c,), A.
+        potential
+            Nodal potential (n,).
+
+        Returns
+        -------
+        csr_matrix
+            Matrix (n, n).
+        """
         return self._form.tangent(potential, self.coil_field(currents), self._material)
 
     def sensitivities(
         self, currents: Array, potential: Array, directions: Array, tolerance: float = 1e-3
     ) -> Array:
-        """How the nodal potential (n,) of the state of currents (c,) changes along directions (c, d) of the currents:
-        the derivatives (n, d), from one linear solve with the tangent of the state. Raises NotConverged."""
+        """How the nodal potential of a state changes with the currents, from one linear solve with the
+        tangent of the state.
+
+        Parameters
+        ----------
+        currents
+            (c,), A.
+        potential
+            Nodal potential (n,) of the state.
+        directions
+            Directions of the currents (c, d).
+        tolerance
+            Of the linear solve.
+
+        Returns
+        -------
+        Array
+            Derivatives (n, d).
+
+        Raises
+        ------
+        NotConverged
+            Where the linear solve does not end.
+        """
         change = self._unit.combined(directions.T)
         field = self.coil_field(currents)
         return self._form.sensitivities(potential, field, self._material, change, tolerance)
 
     def corrections(self, currents: Array, potential: Array, air: Array, tolerance: float = 0.03) -> Array:
-        """How far nodal potentials (n, s) are from the states of currents (s, c), about: what one step of Newton's
-        method would add (n, s), with the tangent of unsaturated iron for all of them, so that it costs a tenth of a
-        solve. air: what `air` makes of the potentials. Raises NotConverged."""
+        """How far nodal potentials are from the states of given currents, about.
+
+        It is what one step of Newton's method would add, with the tangent of unsaturated iron for all of
+        them, so that it costs a tenth of a solve.
+
+        Parameters
+        ----------
+        currents
+            (s, c), A.
+        potential
+            Nodal potentials (n, s).
+        air
+            What `air` makes of the potentials.
+        tolerance
+            Of the linear solve.
+
+        Returns
+        -------
+        Array
+            Corrections (n, s).
+
+        Raises
+        ------
+        NotConverged
+            Where the linear solve does not end.
+        """
         fields = [self.coil_field(values) for values in currents]
         return self._form.corrections(self._material, fields, potential, air, tolerance)
 
     def charge_density(self, potential: Array) -> Array:
-        """Charge (k, s) per area of `surface`, T, for nodal potentials (n, k)."""
+        """Charge per area of `surface`.
+
+        Parameters
+        ----------
+        potential
+            Nodal potentials (n, k).
+
+        Returns
+        -------
+        Array
+            (k, s), T.
+        """
         return self._form.charge_density(potential)
 
     def energy_operator(self, currents: Array, potential: Array) -> Callable[[Array], Array]:
-        """The tangent at a state, iron and air, on nodal potentials (n, k): symmetric and positive."""
+        """The tangent at a state, iron and air.
+
+        Parameters
+        ----------
+        currents
+            (c,), A.
+        potential
+            Nodal potential (n,).
+
+        Returns
+        -------
+        Callable[[Array], Array]
+            A function of nodal potentials (n, k): symmetric and positive.
+        """
         tangent = self.tangent(currents, potential)
         return lambda values: tangent @ values + self._form.exterior.apply(values)
 
     def coil_field(self, currents: Array) -> CoilField:
-        """The field of coils and background in the iron at currents (c,), as the forms take it."""
+        """The field of coils and background in the iron, as the forms take it.
+
+        Parameters
+        ----------
+        currents
+            (c,), A.
+
+        Returns
+        -------
+        CoilField
+            The field.
+        """
         own = self._unit.combined(currents[None])
         return own if self._background is None else own + self._background
 
@@ -416,12 +576,15 @@ class NonlinearSolver(FieldOfStates):
 
         Parameters
         ----------
-        state : one of this solver.
-        tolerance : of the linear solve.
+        state
+            One of this solver.
+        tolerance
+            Of the linear solve.
 
         Returns
         -------
-        (c, c), H; symmetric.
+        Array
+            (c, c), H; symmetric.
 
         Raises
         ------
@@ -450,12 +613,15 @@ class NonlinearSolver(FieldOfStates):
 
         Parameters
         ----------
-        solution : a state of this solver.
-        tolerance : bounds the algebraic error of the two others.
+        solution
+            A state of this solver.
+        tolerance
+            Bounds the algebraic error of the two others.
 
         Returns
         -------
-        The estimate, relative to the largest field in the workspace.
+        ErrorEstimate
+            The estimate, relative to the largest field in the workspace.
 
         Raises
         ------
@@ -520,19 +686,27 @@ def solve(
 
     Parameters
     ----------
-    device : the machine, its file, or the name of a shipped one.
-    currents : (c,), A.
-    tolerance : bounds the algebraic error. The mesh error is set by the mesh sizes of the device file and
+    device
+        The machine, its file, or the name of a shipped one.
+    currents
+        (c,), A.
+    tolerance
+        Bounds the algebraic error. The mesh error is set by the mesh sizes of the device file and
         `refinement`.
-    progress : progress(message, fraction) is called between steps.
-    refinement : divides the mesh sizes.
-    estimate : let `report.error` tell how far the field in the workspace is from the truth, see
+    progress
+        progress(message, fraction) is called between steps.
+    refinement
+        Divides the mesh sizes.
+    estimate
+        Let `report.error` tell how far the field in the workspace is from the truth, see
         `NonlinearSolver.estimate_error`; that takes about as long again.
-    symmetry : "auto" uses the mirror planes of the iron, "none" does not look for them.
+    symmetry
+        "auto" uses the mirror planes of the iron, "none" does not look for them.
 
     Returns
     -------
-    The state at these currents.
+    NonlinearSolution
+        The state at these currents.
 
     Raises
     ------
@@ -543,6 +717,8 @@ def solve(
     NotConverged
         With the residual history.
 
+    Examples
+    --------
     >>> import fieldmap as fm
     >>> state = fm.solve(fm.read_device("loop_and_sphere"), currents=[1.0])
     >>> print(f"{1e3 * state.field([0.0, 0.0, -0.014])[2]:.2f} mT")

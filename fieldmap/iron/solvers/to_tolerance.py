@@ -88,19 +88,26 @@ def solve_to_tolerance(
 
     Parameters
     ----------
-    device : the machine, its file, or the name of a shipped one.
-    tolerance : of the flux density, relative to its largest value in the workspace, for each coil and for the permanent
-        magnets. A `Tolerance` says it for each quantity, relative or absolute.
-    mu_r : relative permeability of all soft iron; None: the device's own.
-    progress : progress(message, fraction) is called between steps.
-    gradient_tolerance : of the gradient, relative to the larger of its largest value and of |B| over a length
+    device
+        The machine, its file, or the name of a shipped one.
+    tolerance
+        Of the flux density, relative to its largest value in the workspace, for each coil and for the
+        permanent magnets. A `Tolerance` says it for each quantity, relative or absolute.
+    mu_r
+        Relative permeability of all soft iron; None: the device's own.
+    progress
+        progress(message, fraction) is called between steps.
+    gradient_tolerance
+        Of the gradient, relative to the larger of its largest value and of |B| over a length
         (`fieldmap.iron.error`); 3 x tolerance if None.
-    most_meshes : after which the run ends.
+    most_meshes
+        After which the run ends.
 
     Returns
     -------
-    The solution on the last mesh. `report.tolerance` says how the run went: all meshes, the place of the largest error,
-    the share of every body.
+    LinearSolution
+        The solution on the last mesh. `report.tolerance` says how the run went: all meshes, the place of the
+        largest error, the share of every body.
 
     Raises
     ------
@@ -111,6 +118,8 @@ def solve_to_tolerance(
     GeometryError, InputError, NotConverged
         As `solve_linear`.
 
+    Examples
+    --------
     >>> import fieldmap as fm
     >>> device = fm.read_device("sphere_in_field", {"body.sphere.mesh_size_mm": 3.0})
     >>> solution = fm.solve_to_tolerance(device, 0.02)

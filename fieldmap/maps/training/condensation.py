@@ -87,17 +87,25 @@ def condensed(
 
     Parameters
     ----------
-    trained : the model.
-    known : currents (s, c) and amplitudes (s, r) of solved states, from which other solves begin.
-    domain : of the currents.
-    fields : (r, k), one row per mode; the Euclidean norm of amplitudes @ fields measures the size of a field.
-    off : off(currents (s, c), amplitudes (s, r), changes (s, r)) gives the relative change (s,) of the field that
-        changes of the amplitudes make.
-    accuracy : largest relative change of a field.
+    trained
+        The model.
+    known
+        Currents (s, c) and amplitudes (s, r) of solved states, from which other solves begin.
+    domain
+        Of the currents.
+    fields
+        (r, k), one row per mode; the Euclidean norm of amplitudes @ fields measures the size of a field.
+    off
+        off(currents (s, c), amplitudes (s, r), changes (s, r)) gives the relative change (s,) of the field
+        that changes of the amplitudes make.
+    accuracy
+        Largest relative change of a field.
 
     Returns
     -------
-    The condensed model; the trained model with an identity as basis if fewer modes and points are not accurate enough.
+    Condensed
+        The condensed model; the trained model with an identity as basis if fewer modes and points are not
+        accurate enough.
     """
 
     by, tried = _currents(domain)
@@ -183,8 +191,9 @@ class _States:
 
         Returns
         -------
-        Matrix (p, p), right-hand side (p,), and the norm of the wanted values. All are in multiples of the accuracy,
-        summed over all states.
+        tuple[Array, Array, float]
+            Matrix (p, p), right-hand side (p,), and the norm of the wanted values. All are in multiples of
+            the accuracy, summed over all states.
         """
         fields, volume = basis.T @ self._fields, model.weights / model.weights.sum()
 

@@ -52,8 +52,10 @@ class Cubature:
 
     Parameters
     ----------
-    count : number of all points.
-    candidates : (n,), indices of the points that may be chosen.
+    count
+        Number of all points.
+    candidates
+        (n,), indices of the points that may be chosen.
     """
 
     def __init__(self, count: int, candidates: NDArray[np.int64]) -> None:
@@ -70,8 +72,10 @@ class Cubature:
 
         Parameters
         ----------
-        contributions : for each state a function that gives the contributions (m, r) of m points to its residual.
-        totals : for each state the sum (r,) over all points.
+        contributions
+            For each state a function that gives the contributions (m, r) of m points to its residual.
+        totals
+            For each state the sum (r,) over all points.
         """
         for first in range(0, len(contributions), _STATES):
             some = contributions[first : first + _STATES]
@@ -91,8 +95,10 @@ class Cubature:
 
         Parameters
         ----------
-        whole : (r, r), T of all points.
-        roots : function that gives rows H (m, 3, r) of m points; T is the sum of H^T H over all points.
+        whole
+            (r, r), T of all points.
+        roots
+            Function that gives rows H (m, 3, r) of m points; T is the sum of H^T H over all points.
         """
         rows = roots(self.candidates)
         modes = rows.shape[2]
@@ -120,13 +126,16 @@ class Cubature:
 
         Parameters
         ----------
-        tolerance : allowed norm of the error of a state's residual, root mean square over the states.
-        most : most points.
+        tolerance
+            Allowed norm of the error of a state's residual, root mean square over the states.
+        most
+            Most points.
 
         Returns
         -------
-        Factors (n,) >= 0, and the error over the allowed error. The ratio is above one if `most` points are too few, or
-        if more points do not help.
+        tuple[Array, float]
+            Factors (n,) >= 0, and the error over the allowed error. The ratio is above one if `most` points
+            are too few, or if more points do not help.
         """
         allowed = tolerance**2 * self._states
         of_volume = allowed / (_VOLUME * self._count) ** 2
@@ -153,13 +162,17 @@ def candidates(importance: Array, count: int, seed: int = 0) -> NDArray[np.int64
 
     Parameters
     ----------
-    importance : (p,), size of each point's contribution to the residuals.
-    count : number of candidates; all points if there are not more.
-    seed : of the random numbers.
+    importance
+        (p,), size of each point's contribution to the residuals.
+    count
+        Number of candidates; all points if there are not more.
+    seed
+        Of the random numbers.
 
     Returns
     -------
-    Indices of the candidates, ascending.
+    NDArray[np.int64]
+        Indices of the candidates, ascending.
     """
     if count >= len(importance):
         return np.arange(len(importance))
@@ -181,15 +194,21 @@ def nonnegative_path(
 
     Parameters
     ----------
-    products : (n, n), matrix^T matrix.
-    with_wanted : (n,), matrix^T wanted.
-    size : |wanted|.
-    most : most unknowns that differ from zero; all unless given.
-    begin : indices of the unknowns that enter first.
+    products
+        (n, n), matrix^T matrix.
+    with_wanted
+        (n,), matrix^T wanted.
+    size
+        |wanted|.
+    most
+        Most unknowns that differ from zero; all unless given.
+    begin
+        Indices of the unknowns that enter first.
 
     Yields
     ------
-    x, and its relative error |matrix x - wanted| / |wanted|.
+    Iterator[tuple[Array, float]]
+        x, and its relative error |matrix x - wanted| / |wanted|.
     """
     most = len(products) if most is None else min(most, len(products))
     passive = _Passive(products, with_wanted, most)
@@ -245,8 +264,10 @@ class _Passive:
 
     Parameters
     ----------
-    products, with_wanted : as in `nonnegative_path`.
-    most : most unknowns in the set.
+    products, with_wanted
+        As in `nonnegative_path`.
+    most
+        Most unknowns in the set.
     """
 
     def __init__(self, products: Array, with_wanted: Array, most: int) -> None:

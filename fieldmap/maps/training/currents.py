@@ -52,10 +52,14 @@ def training_signals(
 
     Parameters
     ----------
-    domain : of the currents.
-    count : number of states.
-    images : symmetries of the device.
-    off : make the second state the one without currents, if it lies in the domain and is not the first.
+    domain
+        Of the currents.
+    count
+        Number of states.
+    images
+        Symmetries of the device.
+    off
+        Make the second state the one without currents, if it lies in the domain and is not the first.
     """
     signals = sequence(domain, count)
     without = np.zeros(domain.parametrisation.coil_count)
@@ -179,15 +183,21 @@ def climbed(
 
     Parameters
     ----------
-    looks : looks(currents (s, c)) gives the values (s,).
-    domain : of the currents.
-    shares : (s, d), shares of the ranges at which the search begins.
-    random : generator of the neighbours.
-    tell : called with the share of the search that is done.
+    looks
+        looks(currents (s, c)) gives the values (s,).
+    domain
+        Of the currents.
+    shares
+        (s, d), shares of the ranges at which the search begins.
+    random
+        Generator of the neighbours.
+    tell
+        Called with the share of the search that is done.
 
     Returns
     -------
-    Shares (m, d) of the ranges, the largest value first, and the number of currents that were evaluated.
+    tuple[Array, int]
+        Shares (m, d) of the ranges, the largest value first, and the number of currents that were evaluated.
     """
     rest = at_rest(domain)
     farthest = np.maximum(rest, 1.0 - rest)

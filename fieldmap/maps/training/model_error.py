@@ -57,9 +57,12 @@ class Trial:
 
     Parameters
     ----------
-    solver : its surface charges give the field of the iron.
-    points : (n, 3), m.
-    largest : (c,), largest currents of the coils, A.
+    solver
+        Its surface charges give the field of the iron.
+    points
+        (n, 3), m.
+    largest
+        (c,), largest currents of the coils, A.
     """
 
     def __init__(self, solver: NonlinearSolver, points: Array, largest: Array) -> None:
@@ -78,13 +81,18 @@ class Trial:
 
         Parameters
         ----------
-        currents : (s, c), A.
-        charge : (s, faces), charges of the states.
-        change : (s, faces), changes of these.
+        currents
+            (s, c), A.
+        charge
+            (s, faces), charges of the states.
+        change
+            (s, faces), changes of these.
 
         Returns
         -------
-        (s, 2): largest change of flux density and of the gradient, each as a share of the state's largest.
+        Array
+            (s, 2): largest change of flux density and of the gradient, each as a share of the state's
+            largest.
         """
         changed, whole = self.fields(change), self.fields(charge)
         rows = np.empty((len(currents), 2))

@@ -20,13 +20,18 @@ def proper_modes(states: Array, applied: Array, most: int) -> Array:
 
     Parameters
     ----------
-    states : (n, s).
-    applied : (n, s), the symmetric positive operator of the energy times the states.
-    most : most modes.
+    states
+        (n, s).
+    applied
+        (n, s), the symmetric positive operator of the energy times the states.
+    most
+        Most modes.
 
     Returns
     -------
-    (s, r): the modes are states @ these; they are orthonormal in the energy, that of the largest energy first.
+    Array
+        (s, r): the modes are states @ these; they are orthonormal in the energy, that of the largest energy
+        first.
     """
     gram = states.T @ applied
     last = len(gram) - 1
@@ -51,14 +56,19 @@ def output_fields(amplitudes: Array, fields: Array, most: int, tolerance: float 
 
     Parameters
     ----------
-    amplitudes : (s, r), of the states.
-    fields : (r, m), m numbers that describe the field of each mode.
-    most : most fields.
-    tolerance : largest error of a state's field, as a share of it; fewer fields are returned if they reach this.
+    amplitudes
+        (s, r), of the states.
+    fields
+        (r, m), m numbers that describe the field of each mode.
+    most
+        Most fields.
+    tolerance
+        Largest error of a state's field, as a share of it; fewer fields are returned if they reach this.
 
     Returns
     -------
-    combination (k, r) and weights (k, r). The largest weight of each field over the states is one.
+    tuple[Array, Array]
+        Combination (k, r) and weights (k, r). The largest weight of each field over the states is one.
     """
     count, modes = amplitudes.shape
     values, vectors = np.linalg.eigh(amplitudes.T @ amplitudes / count)
@@ -91,10 +101,14 @@ class SolvedModes:
 
     Parameters
     ----------
-    solver : of the whole iron.
-    snapshots : solved states.
-    most : most modes.
-    tolerance : allowed projection error; fewer modes are taken if they reach it.
+    solver
+        Of the whole iron.
+    snapshots
+        Solved states.
+    most
+        Most modes.
+    tolerance
+        Allowed projection error; fewer modes are taken if they reach it.
     """
 
     def __init__(

@@ -85,17 +85,27 @@ def sampled(
 
     Parameters
     ----------
-    full : the model with the law at all points.
-    known : currents (s, c) and amplitudes (s, r) of the states to fit.
-    extremes : (m, c), currents that are tested first.
-    domain : of the currents.
-    fields : (r, k), one row per mode; the Euclidean norm of amplitudes @ fields measures the size of a field.
-    off : off(currents (s, c), amplitudes (s, r), changes (s, r)) gives the relative change (s,) of the field that
-        changes of the amplitudes make.
-    accuracy : relative, of the field.
-    most : most points; it is doubled if the points are not accurate enough.
-    tell : tell(message, share) reports progress, with the share that is done.
-    rounds : most choices.
+    full
+        The model with the law at all points.
+    known
+        Currents (s, c) and amplitudes (s, r) of the states to fit.
+    extremes
+        (m, c), currents that are tested first.
+    domain
+        Of the currents.
+    fields
+        (r, k), one row per mode; the Euclidean norm of amplitudes @ fields measures the size of a field.
+    off
+        off(currents (s, c), amplitudes (s, r), changes (s, r)) gives the relative change (s,) of the field
+        that changes of the amplitudes make.
+    accuracy
+        Relative, of the field.
+    most
+        Most points; it is doubled if the points are not accurate enough.
+    tell
+        tell(message, share) reports progress, with the share that is done.
+    rounds
+        Most choices.
     """
     choice = _Choice(full, known, fields, most, tell)
     tried = _Tried(full, known, domain, off, _EXACT * accuracy)
@@ -287,8 +297,9 @@ def _contributions(
 
     Returns
     -------
-    A function that gives the sum (r,) over all points and the approximate size (p,) of each contribution, and a
-    function that gives the contributions (m, r) of some points.
+    tuple[Callable[[], tuple[Array, Array]], OfPoints]
+        A function that gives the sum (r,) over all points and the approximate size (p,) of each contribution,
+        and a function that gives the contributions (m, r) of some points.
     """
     # Random projections estimate the sizes (Drineas, Magdon-Ismail, Mahoney and Woodruff, J. Mach. Learn. Res. 13
     # (2012) 3475).

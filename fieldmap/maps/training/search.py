@@ -87,7 +87,8 @@ def try_extremes(training: Training) -> tuple[Reduction, Snapshots, ExtremesTrie
 
     Returns
     -------
-    The model, the solved extremes that it was not trained on, which measure its error, and the counters.
+    tuple[Reduction, Snapshots, ExtremesTried]
+        The model, the solved extremes that it was not trained on, which measure its error, and the counters.
     """
     domain, accuracy, before = training.domain, training.plan.accuracy, training.known.solved
     signals = extreme_signals(domain)
@@ -152,9 +153,12 @@ def _perhaps_worse(errors: dict[int, float], rest: list[int], looks: dict[int, f
 
     Parameters
     ----------
-    errors : errors by number of the solved extremes.
-    rest : numbers of the others.
-    looks : indicators by number.
+    errors
+        Errors by number of the solved extremes.
+    rest
+        Numbers of the others.
+    looks
+        Indicators by number.
     """
     most = max((error / looks[k] for k, error in errors.items() if looks[k] > 0.0), default=0.0)
     return [k for k in rest if most * looks[k] > max(errors.values())] if errors else []
@@ -165,7 +169,8 @@ def add_missing(training: Training, modes: SolvedModes, tried: Snapshots) -> Sna
 
     Returns
     -------
-    The other solved states, which still measure the error.
+    Snapshots
+        The other solved states, which still measure the error.
     """
     for k in modes.missing(tried, training.plan.accuracy) if tried.solved else ():
         # The state may be an image of another one that was just added.
@@ -183,14 +188,18 @@ def search_worst(
 
     Parameters
     ----------
-    training, reduction : the model.
-    number : number of the first state that is solved.
-    before : states of the search before.
+    training, reduction
+        The model.
+    number
+        Number of the first state that is solved.
+    before
+        States of the search before.
 
     Returns
     -------
-    The new states and those of the search before, without states that the model is trained on, and the number of
-    currents at which the residual was evaluated.
+    tuple[Snapshots, int]
+        The new states and those of the search before, without states that the model is trained on, and the
+        number of currents at which the residual was evaluated.
     """
     domain, random = training.domain, np.random.default_rng(_SEARCH_SEED + number)
 

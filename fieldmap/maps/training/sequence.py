@@ -137,13 +137,17 @@ class Training:
 
         Parameters
         ----------
-        numbers : of the states in the sequence.
-        starts : nodal potential (n,) at which each solve begins, or None.
-        needed : expected number of states of the whole training, for the forecast.
+        numbers
+            Of the states in the sequence.
+        starts
+            Nodal potential (n,) at which each solve begins, or None.
+        needed
+            Expected number of states of the whole training, for the forecast.
 
         Returns
         -------
-        The states; None for one that failed.
+        list[Solved | None]
+            The states; None for one that failed.
         """
         most, forecast, images = self.plan.states, self.forecast, self.solver.images
 
@@ -182,14 +186,22 @@ class Training:
 
         Parameters
         ----------
-        predict : predict(currents (c,)) gives the nodal potential (n,) at which the solve begins.
-        currents : (s, c), A.
-        first : number of the first of these states in the checkpoint.
-        text : what these states are, for the forecast.
-        stage : stage of the forecast; only the text is shown unless given.
-        directions : (c, d) for each state, the directions of its tangents, if the model may be trained on it.
-        numbers : indices of the states to solve; all unless given.
-        found : solved states to which these are added.
+        predict
+            predict(currents (c,)) gives the nodal potential (n,) at which the solve begins.
+        currents
+            (s, c), A.
+        first
+            Number of the first of these states in the checkpoint.
+        text
+            What these states are, for the forecast.
+        stage
+            Stage of the forecast; only the text is shown unless given.
+        directions
+            (c, d) for each state, the directions of its tangents, if the model may be trained on it.
+        numbers
+            Indices of the states to solve; all unless given.
+        found
+            Solved states to which these are added.
         """
         if found is None:
             found = Snapshots(self.solver, lambda values: bool(is_among(values, currents).any()))
@@ -286,7 +298,8 @@ def next_round(training: Training, numbers: range, needed: int) -> Round | None:
 
     Returns
     -------
-    The errors of the predictions; None if no state converged.
+    Round | None
+        The errors of the predictions; None if no state converged.
     """
     before, modes = training.known.solved, training.modes()
     currents = training.currents[numbers.start : numbers.stop]

@@ -49,8 +49,10 @@ class Snapshots:
 
     Parameters
     ----------
-    solver : knows the symmetries.
-    admits : admits(currents (c,)) says whether an image with these currents is added; no images unless given.
+    solver
+        Knows the symmetries.
+    admits
+        admits(currents (c,)) says whether an image with these currents is added; no images unless given.
     """
 
     def __init__(
@@ -201,13 +203,17 @@ class SolvedStates:
 
         Parameters
         ----------
-        wanted : the states.
-        tolerance : of the solver.
-        tell : tell(k) is called when k states are done and others are not.
+        wanted
+            The states.
+        tolerance
+            Of the solver.
+        tell
+            tell(k) is called when k states are done and others are not.
 
         Returns
         -------
-        The states in the order of `wanted`; None for one that could not be solved.
+        list[Solved | None]
+            The states in the order of `wanted`; None for one that could not be solved.
         """
         known = (self.known(state.number, state.currents) for state in wanted)
         tried = {k: one for k, one in enumerate(known) if one is not None}

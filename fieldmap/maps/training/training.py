@@ -134,13 +134,20 @@ def train(
 
     Parameters
     ----------
-    solver : of the whole iron.
-    domain : of the currents.
-    plan : limits and accuracy.
-    points : (n, 3), in the air, m: errors of the field are measured there.
-    reference : (c,), currents at which the map states its total field, A.
-    states : solves states and keeps them, so that a stopped run can go on.
-    forecast : of the time.
+    solver
+        Of the whole iron.
+    domain
+        Of the currents.
+    plan
+        Limits and accuracy.
+    points
+        (n, 3), in the air, m: errors of the field are measured there.
+    reference
+        (c,), currents at which the map states its total field, A.
+    states
+        Solves states and keeps them, so that a stopped run can go on.
+    forecast
+        Of the time.
 
     Raises
     ------
@@ -327,7 +334,9 @@ def _fields_of_map(reduction: Reduction, domain: CurrentDomain, plan: Plan) -> t
 
     Returns
     -------
-    The fields as combinations (k, r) of the fields of the modes, and their weights (k, r) per amplitude of the modes.
+    tuple[Array, Array]
+        The fields as combinations (k, r) of the fields of the modes, and their weights (k, r) per amplitude
+        of the modes.
     """
     # States that were not solved are included, because they can need fields that solved states do not.
     amplitudes = np.concatenate([reduction.modes.amplitudes, reduction.amplitudes(_places(domain))])
@@ -348,11 +357,16 @@ def condense(
 
     Parameters
     ----------
-    reduction : the trained model.
-    domain : of the currents.
-    combination : (k, r), the fields of the map as combinations of the fields of the modes.
-    output : (k, r), weights of these fields per amplitude of the modes.
-    accuracy : largest relative change of a field.
+    reduction
+        The trained model.
+    domain
+        Of the currents.
+    combination
+        (k, r), the fields of the map as combinations of the fields of the modes.
+    output
+        (k, r), weights of these fields per amplitude of the modes.
+    accuracy
+        Largest relative change of a field.
     """
     fields = reduction.fields.combined(combination)
 
