@@ -108,16 +108,6 @@ class SolvedState(_Reported, FieldAtCurrents):
     def field(self, points: ArrayLike) -> Array:
         """Flux density at points, inside the iron too: of elements their mean.
 
-        Parameters
-        ----------
-        points
-            Positions (3,), (n, 3) or (..., 3) in the frame of the field, m.
-
-        Returns
-        -------
-        Array
-            B (..., 3), T.
-
         Raises
         ------
         InputError
@@ -137,16 +127,6 @@ class SolvedState(_Reported, FieldAtCurrents):
 
     def gradient(self, points: ArrayLike) -> Array:
         """Gradient of the flux density outside the iron.
-
-        Parameters
-        ----------
-        points
-            Positions (3,), (n, 3) or (..., 3) in the frame of the field, m.
-
-        Returns
-        -------
-        Array
-            dB_i/dx_j (..., 3, 3), T/m.
 
         Raises
         ------

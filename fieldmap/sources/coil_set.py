@@ -55,19 +55,6 @@ class CoilSet(Field):
     def field(self, points: ArrayLike, currents: Currents) -> Array:
         """Flux density at points.
 
-        Parameters
-        ----------
-        points
-            Positions (3,), (n, 3) or (..., 3) in the frame of the field, m.
-        currents
-            Currents, A: (n_coils,) in the order of `coil_names`, one number for all coils, or a mapping by
-            name.
-
-        Returns
-        -------
-        Array
-            B (..., 3), T.
-
         Raises
         ------
         InputError
@@ -82,19 +69,6 @@ class CoilSet(Field):
 
     def gradient(self, points: ArrayLike, currents: Currents) -> Array:
         """Gradient of the flux density at points.
-
-        Parameters
-        ----------
-        points
-            Positions (3,), (n, 3) or (..., 3) in the frame of the field, m.
-        currents
-            Currents, A: (n_coils,) in the order of `coil_names`, one number for all coils, or a mapping by
-            name.
-
-        Returns
-        -------
-        Array
-            dB_i/dx_j (..., 3, 3), T/m.
 
         Raises
         ------
