@@ -8,6 +8,7 @@
  */
 #include "python_body.h"
 #include "python_caller.h"
+#include "python_closed_loop.h"
 #include "python_controller.h"
 #include "python_instruments.h"
 #include "python_iron.h"
@@ -48,7 +49,7 @@ static PyObject *level(PyObject *self, PyObject *const *args, Py_ssize_t given)
 #define FUNCTION(name) {#name, (PyCFunction)(void (*)(void))name, METH_FASTCALL, NULL}
 
 static PyMethodDef functions[] = {
-    FUNCTION(level), MAP_FUNCTIONS, BODY_FUNCTIONS, CALLER_FUNCTIONS, CONTROLLER_FUNCTIONS, INSTRUMENT_FUNCTIONS,
+    FUNCTION(level), MAP_FUNCTIONS, BODY_FUNCTIONS, CALLER_FUNCTIONS, CLOSED_LOOP_FUNCTIONS, CONTROLLER_FUNCTIONS, INSTRUMENT_FUNCTIONS,
     IRON_FUNCTIONS, LEAST_POWER_FUNCTIONS, MACHINE_FUNCTIONS, MUJOCO_FUNCTIONS, SAMPLED_LOOP_FUNCTIONS, TABLE_FUNCTIONS,
     {NULL, NULL, 0, NULL}};
 
@@ -58,7 +59,7 @@ static PyMethodDef functions[] = {
 static const struct {
     const char *name;
     long value;
-} constants[] = {MAP_CONSTANTS, CALLER_CONSTANTS, CONTROLLER_CONSTANTS, IRON_CONSTANTS, LEAST_POWER_CONSTANTS,
+} constants[] = {MAP_CONSTANTS, CALLER_CONSTANTS, CLOSED_LOOP_CONSTANTS, CONTROLLER_CONSTANTS, IRON_CONSTANTS, LEAST_POWER_CONSTANTS,
                MACHINE_CONSTANTS, TABLE_CONSTANTS};
 
 static int start(PyObject *module)

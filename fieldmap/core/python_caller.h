@@ -21,11 +21,10 @@ enum { CALLER_ADDRESS, CALLER_MARK, CALLER_COILS, CALLER_ROOM, CALLER_WORDS };
 
 static const char *const CALLER = "fieldmap.core.caller";
 
-/* A caller, its words, and a tuple of what it uses. */
+/* A caller and its words. */
 typedef struct held_caller {
     fieldmap_caller caller;
     int64_t words[CALLER_WORDS];
-    PyObject *used;
 } held_caller;
 
 /* Of this process, and of no other. */
@@ -34,14 +33,6 @@ static int64_t caller_mark = 0;
 static void mark_process(void)
 {
     caller_mark = (int64_t)time(NULL) * 1000003 ^ (int64_t)clock() * 8191 ^ (int64_t)(uintptr_t)&caller_mark;
-}
-
-static void release_caller(PyObject *capsule)
-{
-    held_caller *held = (held_caller *)PyCapsule_GetPointer(capsule, CALLER);
-    if (held == NULL) return;
-    Py_XDECREF(held->used);
-    PyMem_Free(held);
 }
 
 static const fieldmap_caller *caller_of(const int64_t *words)
@@ -91,41 +82,39 @@ static int call_wrench(const int64_t *words, double *numbers)
     return FIELDMAP_ARGUMENT;
 }
 
+static void read_caller(reader *from, void *out)
+{
+    held_caller *whole = (held_caller *)out;
+    fieldmap_caller *of = &whole->caller;
+    PyObject *weights;
+    of->map = (const fieldmap *)held_of(from, "map", MAP);
+    weights = value_of(from, "weights");
+    of->body = (const fieldmap_magnetic_body *)held_or_none(from, "body", BODY);
+    if (PyErr_Occurred()) return;
+    if (PyCapsule_IsValid(weights, STATE)) of->iron = (fieldmap_iron_state *)PyCapsule_GetPointer(weights, STATE);
+    else if (weights != Py_None) of->table = (const fieldmap_current_table *)PyCapsule_GetPointer(weights, TABLE);
+    require((of->iron == NULL || of->iron->map->n_fields == fieldmap_sets(of->map))
+                && (of->table == NULL
+                    || (of->table->fields <= FIELDMAP_CALLER_FIELDS && of->table->fields + 6 == fieldmap_sets(of->map))),
+            PyExc_ValueError, "the map must have a field for each weight");
+    if (PyErr_Occurred()) return;
+    whole->words[CALLER_ADDRESS] = (int64_t)(uintptr_t)of;
+    whole->words[CALLER_MARK] = caller_mark;
+    whole->words[CALLER_COILS] = fieldmap_caller_coils(of);
+    whole->words[CALLER_ROOM] = 18 + 7 * whole->words[CALLER_COILS] + (int64_t)fieldmap_caller_room(of);
+}
+
 /* caller(map, iron state or table or None, body or None): its words (4,), an array that keeps all of it alive. */
 static PyObject *caller(PyObject *self, PyObject *const *args, Py_ssize_t given)
 {
     const npy_intp count = CALLER_WORDS;
-    held_caller *held;
-    PyObject *capsule, *array;
-    int sound;
+    reader from = kept_arguments(args, given, 3);
+    PyObject *array, *capsule = held(&from, CALLER, sizeof(held_caller), read_caller);
     (void)self;
-    if (!has_arguments(given, 3)) return NULL;
-    held = (held_caller *)PyMem_Calloc(1, sizeof *held);
-    if (held == NULL) return PyErr_NoMemory();
-    sound = (held->caller.map = map_in(args[0])) != NULL;
-    if (sound && PyCapsule_IsValid(args[1], STATE)) held->caller.iron = state_in(args[1]);
-    else if (sound && args[1] != Py_None) sound = (held->caller.table = table_in(args[1])) != NULL;
-    if (sound && args[2] != Py_None) sound = (held->caller.body = body_in(args[2])) != NULL;
-    if (sound) {
-        const fieldmap_caller *of = &held->caller;
-        int weights = fieldmap_sets(of->map);
-        if (of->iron != NULL) weights = of->iron->map->n_fields;
-        if (of->table != NULL) weights = of->table->fields > FIELDMAP_CALLER_FIELDS ? -1 : 6 + of->table->fields;
-        sound = weights == fieldmap_sets(of->map);
-        if (!sound) PyErr_SetString(PyExc_ValueError, "the map must have a field for each weight");
-    }
-    held->used = sound ? PyTuple_Pack(3, args[0], args[1], args[2]) : NULL;
-    capsule = held->used == NULL ? NULL : PyCapsule_New(held, CALLER, release_caller);
-    if (capsule == NULL) {
-        Py_XDECREF(held->used);
-        PyMem_Free(held);
-        return NULL;
-    }
-    held->words[CALLER_ADDRESS] = (int64_t)(uintptr_t)&held->caller;
-    held->words[CALLER_MARK] = caller_mark;
-    held->words[CALLER_COILS] = fieldmap_caller_coils(&held->caller);
-    held->words[CALLER_ROOM] = 18 + 7 * held->words[CALLER_COILS] + (int64_t)fieldmap_caller_room(&held->caller);
-    array = PyArray_SimpleNewFromData(1, &count, NPY_INT64, held->words);
+    if (capsule == NULL) return NULL;
+    array = PyArray_SimpleNewFromData(
+        1, &count, NPY_INT64, ((held_caller *)PyCapsule_GetPointer(capsule, CALLER))->words);
+    /* The array takes the capsule over, also where that fails. */
     if (array == NULL || PyArray_SetBaseObject((PyArrayObject *)array, capsule) != 0) {
         if (array == NULL) Py_DECREF(capsule);
         Py_XDECREF(array);
@@ -138,8 +127,9 @@ static PyObject *caller(PyObject *self, PyObject *const *args, Py_ssize_t given)
 /* caller_functions(): the addresses of the functions above, by name. */
 static PyObject *caller_functions(PyObject *self, PyObject *const *args, Py_ssize_t given)
 {
-    (void)self, (void)args;
-    if (!has_arguments(given, 0)) return NULL;
+    (void)self;
+    arguments(args, given, 0);
+    if (PyErr_Occurred()) return NULL;
     return Py_BuildValue("{s:K,s:K,s:K}", "call_field", (unsigned long long)(uintptr_t)call_field, "call_field_of",
                          (unsigned long long)(uintptr_t)call_field_of, "call_wrench",
                          (unsigned long long)(uintptr_t)call_wrench);

@@ -9,54 +9,11 @@
 #include "python_instruments.h"
 #include "sampled_loop.h"
 
-/* A plant of A (n, n), B (n,) and C (n,), whose arrays `arrays` keeps alive. */
-static int read_plant(PyObject *given, fieldmap_plant *out, PyObject *arrays)
-{
-    PyArrayObject *B = array_attribute(given, "B", 1);
-    npy_intp states;
-    if (B == NULL) return 0;
-    states = PyArray_SIZE(B);
-    Py_DECREF(B);
-    out->states = (int)states;
-    return (out->A = kept_attribute(given, "A", 2, states * states, arrays)) != NULL
-        && (out->B = kept_attribute(given, "B", 1, states, arrays)) != NULL
-        && (out->C = kept_attribute(given, "C", 1, states, arrays)) != NULL;
-}
-
-/* chain (10,), drive (7,), position and output: the numbers of the structures, in their order. */
-static int read_loop_instruments(PyObject *given, fieldmap_loop_instruments *out)
-{
-    return numbers_attribute(given, "chain", 1, CHAIN_NUMBERS, (double *)(void *)&out->chain)
-        && numbers_attribute(given, "drive", 1, DRIVE_NUMBERS, (double *)(void *)&out->drive)
-        && real_attribute(given, "position", &out->position) && real_attribute(given, "output", &out->output);
-}
-
 /* A signal of (runs or 1, samples or 1) numbers: how far it is from run to run and from sample to sample. */
 typedef struct loop_signal {
     const double *numbers;
     npy_intp by_run, by_sample;
 } loop_signal;
-
-static double at_sample(const loop_signal *signal, npy_intp run, npy_intp n)
-{
-    return signal->numbers[run * signal->by_run + n * signal->by_sample];
-}
-
-static int read_loop_signal(
-    PyObject *given, const char *name, npy_intp runs, npy_intp samples, loop_signal *out, PyObject *arrays)
-{
-    PyArrayObject *array = array_attribute(given, name, 2);
-    npy_intp rows, columns;
-    if (array == NULL) return 0;
-    rows = PyArray_DIM(array, 0), columns = PyArray_DIM(array, 1);
-    Py_DECREF(array);
-    if ((rows != 1 && rows != runs) || (columns != 1 && columns != samples)) {
-        PyErr_Format(PyExc_TypeError, "%s must be (%zd or 1, %zd or 1)", name, (Py_ssize_t)runs, (Py_ssize_t)samples);
-        return 0;
-    }
-    out->by_run = rows > 1 ? columns : 0, out->by_sample = columns > 1;
-    return (out->numbers = kept_attribute(given, name, 2, rows * columns, arrays)) != NULL;
-}
 
 typedef struct asked_loop {
     fieldmap_plant plant;
@@ -68,35 +25,44 @@ typedef struct asked_loop {
     npy_intp runs, samples;
 } asked_loop;
 
-static int read_loop_signals(PyObject *given, asked_loop *of, PyObject *arrays)
+static double at_sample(const loop_signal *signal, npy_intp run, npy_intp n)
 {
-    const npy_intp runs = of->runs, samples = of->samples;
-    return read_loop_signal(given, "reference", runs, samples, &of->reference, arrays)
-        && read_loop_signal(given, "position_noise", runs, samples, &of->position_noise, arrays)
-        && read_loop_signal(given, "voltage_noise", runs, samples, &of->voltage_noise, arrays)
-        && read_loop_signal(given, "current_noise", runs, samples, &of->current_noise, arrays)
-        && read_loop_signal(given, "disturbance", runs, samples, &of->disturbance, arrays);
+    return signal->numbers[run * signal->by_run + n * signal->by_sample];
 }
 
-static int read_sampled_loop(PyObject *const *args, asked_loop *of, PyObject *arrays)
+static void read_loop_signal(reader *from, const char *name, const asked_loop *of, loop_signal *out)
 {
-    PyArrayObject *y = (PyArrayObject *)args[5];
-    if (!PyArray_Check(args[5]) || PyArray_NDIM(y) != 2) {
-        PyErr_SetString(PyExc_TypeError, "y must be an array (runs, samples)");
-        return 0;
-    }
-    of->runs = PyArray_DIM(y, 0), of->samples = PyArray_DIM(y, 1);
-    of->controller = controller_in(args[1]);
-    if (of->controller == NULL || !read_plant(args[0], &of->plant, arrays)) return 0;
-    of->memory = numbers_of(args[4], 1, of->controller->states);
-    if (of->memory == NULL || of->controller->outputs != 1) {
-        PyErr_SetString(PyExc_TypeError, "the controller must have one output, and memory must fit it");
-        return 0;
-    }
-    return read_loop_instruments(args[2], &of->instruments)
-        && read_loop_signals(args[3], of, arrays)
-        && (of->y = numbers_to_fill(args[5], of->runs * of->samples, "y")) != NULL
-        && (of->u = numbers_to_fill(args[6], of->runs * of->samples, "u")) != NULL;
+    const numbers signal = numbers_of(from, name, 2, ANY);
+    const npy_intp rows = signal.shape[0], columns = signal.shape[1];
+    require((rows == 1 || rows == of->runs) && (columns == 1 || columns == of->samples), PyExc_TypeError,
+            "signals must be (runs or 1, samples or 1)");
+    out->numbers = signal.at, out->by_run = rows > 1 ? columns : 0, out->by_sample = columns > 1;
+}
+
+/* A plant of A (n, n), B (n,) and C (n,). */
+static void read_plant(reader given, fieldmap_plant *out)
+{
+    const numbers B = numbers_of(&given, "B", 1, ANY);
+    out->states = (int)B.size, out->B = B.at;
+    out->A = numbers_of(&given, "A", 2, B.size * B.size).at;
+    out->C = numbers_of(&given, "C", 1, B.size).at;
+}
+
+/* chain (10,), drive (7,), position and output: the numbers of the structures, in their order. */
+static void read_loop_instruments(reader given, fieldmap_loop_instruments *out)
+{
+    copy_of(&given, "chain", 1, CHAIN_NUMBERS, (double *)(void *)&out->chain);
+    copy_of(&given, "drive", 1, DRIVE_NUMBERS, (double *)(void *)&out->drive);
+    out->position = real_of(&given, "position"), out->output = real_of(&given, "output");
+}
+
+static void read_loop_signals(reader given, asked_loop *of)
+{
+    read_loop_signal(&given, "reference", of, &of->reference);
+    read_loop_signal(&given, "position_noise", of, &of->position_noise);
+    read_loop_signal(&given, "voltage_noise", of, &of->voltage_noise);
+    read_loop_signal(&given, "current_noise", of, &of->current_noise);
+    read_loop_signal(&given, "disturbance", of, &of->disturbance);
 }
 
 /* A run from rest and from the given memory. work: numbers for a state, a memory and scratch. */
@@ -116,30 +82,34 @@ static void run_loop(const asked_loop *of, npy_intp run, double *work)
     }
 }
 
-/* sampled_loop(plant, controller, instruments, signals, memory (n,), y (runs, samples), u (runs, samples)) */
+/* sampled_loop(plant, controller, instruments, memory (n,), y (runs, samples), u (runs, samples), signals) */
 static PyObject *sampled_loop(PyObject *self, PyObject *const *args, Py_ssize_t given)
 {
-    asked_loop of;
-    PyObject *arrays, *done = NULL;
+    reader from = arguments(args, given, 7);
+    asked_loop of = {0};
+    numbers y;
     double *work = NULL;
+    npy_intp run;
     (void)self;
-    if (!has_arguments(given, 7)) return NULL;
-    arrays = PyList_New(0);
-    if (arrays != NULL && read_sampled_loop(args, &of, arrays)) {
-        const int numbers = of.plant.states + of.controller->states + fieldmap_loop_scratch(&of.plant, of.controller);
-        work = (double *)PyMem_Calloc((size_t)numbers, sizeof(double));
-        if (work == NULL) PyErr_NoMemory();
+    read_plant(part_of(&from, "plant"), &of.plant);
+    of.controller = (const fieldmap_controller *)held_of(&from, "controller", CONTROLLER);
+    read_loop_instruments(part_of(&from, "instruments"), &of.instruments);
+    of.memory = numbers_of(&from, "memory", 1, of.controller == NULL ? 0 : of.controller->states).at;
+    y = filled_numbers(&from, "y", 2, ANY);
+    of.y = y.at, of.runs = y.shape[0], of.samples = y.shape[1];
+    of.u = filled_of(&from, "u", y.size);
+    read_loop_signals(part_of(&from, "signals"), &of);
+    require(of.controller != NULL && of.controller->outputs == 1, PyExc_TypeError, "the controller must have one output");
+    if (!PyErr_Occurred()) {
+        const int scratch = fieldmap_loop_scratch(&of.plant, of.controller);
+        work = (double *)memory_of(&from, (size_t)(of.plant.states + of.controller->states + scratch) * sizeof(double));
     }
     if (work != NULL) {
-        npy_intp run;
         Py_BEGIN_ALLOW_THREADS
         for (run = 0; run < of.runs; run++) run_loop(&of, run, work);
         Py_END_ALLOW_THREADS
-        done = Py_NewRef(Py_None);
     }
-    PyMem_Free(work);
-    Py_XDECREF(arrays);
-    return done;
+    return nothing(&from);
 }
 
 #define SAMPLED_LOOP_FUNCTIONS FUNCTION(sampled_loop)

@@ -6,135 +6,70 @@
 #define FIELDMAP_PYTHON_TABLE_H
 
 #include "current_table.h"
-#include "python_arrays.h"
+#include "python_reader.h"
 
 static const char *const TABLE = "fieldmap.core.current_table";
 
-/* A table, and a list of the arrays in which it lies. */
-typedef struct held_table {
-    fieldmap_current_table table;
-    PyObject *arrays;
-} held_table;
-
-static void free_table(held_table *held)
+/* Three vectors of as many numbers as a table has nodes, and `more` each. */
+static void read_three(reader *from, const char *name, const int *sizes, int more, const double **out)
 {
-    Py_XDECREF(held->arrays);
-    PyMem_Free(held);
+    PyObject *three = value_of(from, name);
+    int k;
+    require(three != NULL && PyTuple_Check(three) && PyTuple_Size(three) == 3, PyExc_TypeError, "three vectors are needed");
+    for (k = 0; k < 3 && !PyErr_Occurred(); k++)
+        out[k] = numbers_in(PyTuple_GetItem(three, k), name, 1, sizes[k] + more).at;
 }
 
-static void release_table(PyObject *capsule)
+static void read_table(reader *from, void *out)
 {
-    held_table *held = (held_table *)PyCapsule_GetPointer(capsule, TABLE);
-    if (held != NULL) free_table(held);
-}
-
-static const fieldmap_current_table *table_in(PyObject *capsule)
-{
-    const held_table *held = (const held_table *)PyCapsule_GetPointer(capsule, TABLE);
-    return held == NULL ? NULL : &held->table;
-}
-
-/* Three vectors of as many numbers as a table has nodes, and `more` each; `arrays` keeps them alive. */
-static int read_three(PyObject *given, const char *name, const int *sizes, int more, const double **out, PyObject *arrays)
-{
-    PyObject *three = PyObject_GetAttrString(given, name);
-    int k, sound = three != NULL && PyTuple_Check(three) && PyTuple_Size(three) == 3;
-    for (k = 0; k < 3 && sound; k++) {
-        PyObject *vector = PyTuple_GetItem(three, k);
-        out[k] = numbers_of(vector, 1, sizes[k] + more);
-        sound = out[k] != NULL && PyList_Append(arrays, vector) == 0;
+    fieldmap_current_table *table = (fieldmap_current_table *)out;
+    reader given = attributes_of(from, value_of(from, "numbers"));
+    const numbers coefficients = numbers_of(&given, "coefficients", 4, ANY), slopes = numbers_of(&given, "slopes", 5, ANY);
+    int k;
+    for (k = 0; k < 3; k++) {
+        require(coefficients.shape[k] >= 4 && coefficients.shape[k] < 1000000, PyExc_TypeError,
+                "coefficients must have four nodes of u, x and y at least");
+        table->sizes[k] = (int)coefficients.shape[k];
     }
-    Py_XDECREF(three);
-    if (!sound && !PyErr_Occurred()) PyErr_Format(PyExc_TypeError, "%s must be three float64 vectors that fit", name);
-    return sound;
-}
-
-static int read_table(PyObject *given, fieldmap_current_table *out, PyObject *arrays)
-{
-    PyArrayObject *coefficients = array_attribute(given, "coefficients", 4), *slopes = NULL;
-    npy_intp count = 1;
-    int k, sound = coefficients != NULL;
-    for (k = 0; k < 3 && sound; k++) {
-        sound = PyArray_DIM(coefficients, k) >= 4 && PyArray_DIM(coefficients, k) < 1000000;
-        out->sizes[k] = (int)PyArray_DIM(coefficients, k);
-        count *= out->sizes[k];
-    }
-    if (sound) {
-        out->fields = (int)PyArray_DIM(coefficients, 3);
-        out->coefficients = (const double *)PyArray_DATA(coefficients);
-        sound = PyList_Append(arrays, (PyObject *)coefficients) == 0;
-    }
-    Py_XDECREF((PyObject *)coefficients);
-    if (!sound) {
-        if (!PyErr_Occurred()) PyErr_SetString(PyExc_TypeError, "coefficients must have four nodes of u, x and y at least");
-        return 0;
-    }
-    slopes = array_attribute(given, "slopes", 5);
-    if (slopes == NULL) return 0;
-    if (PyArray_SIZE(slopes) > 0) {
-        out->slopes = (const double *)PyArray_DATA(slopes);
-        sound = PyArray_SIZE(slopes) == 6 * count * out->fields && PyList_Append(arrays, (PyObject *)slopes) == 0;
-    }
-    Py_DECREF(slopes);
-    if (!sound) {
-        if (!PyErr_Occurred()) PyErr_SetString(PyExc_TypeError, "slopes must be (nu, nx, ny, 6, k), or empty");
-        return 0;
-    }
-    return read_three(given, "knots", out->sizes, 4, out->knots, arrays)
-        && read_three(given, "nodes", out->sizes, 0, out->nodes, arrays)
-        && real_attribute(given, "exponent", &out->exponent) && real_attribute(given, "limit", &out->limit)
-        && real_attribute(given, "mismatch", &out->mismatch) && numbers_attribute(given, "lower", 1, 3, out->lower)
-        && numbers_attribute(given, "upper", 1, 3, out->upper);
+    table->fields = (int)coefficients.shape[3], table->coefficients = coefficients.at;
+    require(slopes.size == 0 || slopes.size == 6 * coefficients.size, PyExc_TypeError,
+            "slopes must be (nu, nx, ny, 6, k), or empty");
+    if (slopes.size > 0) table->slopes = slopes.at;
+    read_three(&given, "knots", table->sizes, 4, table->knots);
+    read_three(&given, "nodes", table->sizes, 0, table->nodes);
+    table->exponent = real_of(&given, "exponent"), table->limit = real_of(&given, "limit");
+    table->mismatch = real_of(&given, "mismatch");
+    copy_of(&given, "lower", 1, 3, table->lower);
+    copy_of(&given, "upper", 1, 3, table->upper);
 }
 
 /* current_table(numbers): see fieldmap.core.current_table. */
 static PyObject *current_table(PyObject *self, PyObject *const *args, Py_ssize_t given)
 {
-    held_table *held;
-    PyObject *capsule = NULL;
+    reader from = arguments(args, given, 1);
     (void)self;
-    if (!has_arguments(given, 1)) return NULL;
-    held = (held_table *)PyMem_Calloc(1, sizeof *held);
-    if (held == NULL) return PyErr_NoMemory();
-    held->arrays = PyList_New(0);
-    if (held->arrays != NULL && read_table(args[0], &held->table, held->arrays))
-        capsule = PyCapsule_New(held, TABLE, release_table);
-    if (capsule == NULL) free_table(held);
-    return capsule;
+    return held(&from, TABLE, sizeof(fieldmap_current_table), read_table);
 }
 
 /* table_weights(table, currents, weights): how good they are. */
 static PyObject *table_weights(PyObject *self, PyObject *const *args, Py_ssize_t given)
 {
-    const fieldmap_current_table *table;
-    const double *currents;
-    double *weights;
+    reader from = arguments(args, given, 3);
+    const fieldmap_current_table *table = (const fieldmap_current_table *)held_of(&from, "table", TABLE);
+    const double *currents = numbers_of(&from, "currents", 1, 6).at;
+    double *weights = filled_of(&from, "weights", table == NULL ? 0 : 6 + table->fields);
     (void)self;
-    if (!has_arguments(given, 3) || (table = table_in(args[0])) == NULL) return NULL;
-    currents = numbers_of(args[1], 1, 6);
-    if (currents == NULL) {
-        PyErr_SetString(PyExc_TypeError, "currents must be a float64 vector of 6");
-        return NULL;
-    }
-    weights = numbers_to_fill(args[2], 6 + table->fields, "weights");
-    if (weights == NULL) return NULL;
-    return PyLong_FromLong(fieldmap_table_weights(table, currents, weights));
+    return PyErr_Occurred() ? NULL : PyLong_FromLong(fieldmap_table_weights(table, currents, weights));
 }
 
 /* division_signals(currents, exponent): u, x, y and the mismatch. */
 static PyObject *division_signals(PyObject *self, PyObject *const *args, Py_ssize_t given)
 {
-    const double *currents;
-    double exponent, signals[3], mismatch;
+    reader from = arguments(args, given, 2);
+    const double *currents = numbers_of(&from, "currents", 1, 6).at, exponent = real_of(&from, "exponent");
+    double signals[3], mismatch;
     (void)self;
-    if (!has_arguments(given, 2)) return NULL;
-    currents = numbers_of(args[0], 1, 6);
-    exponent = PyFloat_AsDouble(args[1]);
     if (PyErr_Occurred()) return NULL;
-    if (currents == NULL) {
-        PyErr_SetString(PyExc_TypeError, "currents must be a float64 vector of 6");
-        return NULL;
-    }
     mismatch = fieldmap_division_signals(currents, exponent, signals);
     return Py_BuildValue("(dddd)", signals[0], signals[1], signals[2], mismatch);
 }
