@@ -14,7 +14,7 @@ static const char *const BODY = "fieldmap.core.body";
 
 static void read_soft(reader *from, fieldmap_soft *piece)
 {
-    numbers law;
+    number_array law;
     copy_of(from, "centre", 1, 3, piece->centre);
     copy_of(from, "axes", 2, 9, piece->axes);
     copy_of(from, "factors", 1, 3, piece->factors);
@@ -27,7 +27,7 @@ static void read_soft(reader *from, fieldmap_soft *piece)
 static void read_body(reader *from, void *out)
 {
     fieldmap_magnetic_body *body = (fieldmap_magnetic_body *)out;
-    const numbers dipoles = numbers_of(from, "dipoles", 2, ANY);
+    const number_array dipoles = numbers_of(from, "dipoles", 2, ANY);
     PyObject *pieces = value_of(from, "pieces");
     const Py_ssize_t count = pieces == NULL ? 0 : PySequence_Size(pieces);
     fieldmap_soft *soft = (fieldmap_soft *)memory_of(from, (size_t)count * sizeof(fieldmap_soft));
@@ -60,7 +60,7 @@ static PyObject *body_wrench_slopes(PyObject *self, PyObject *const *args, Py_ss
     const fieldmap_magnetic_body *body = (const fieldmap_magnetic_body *)held_of(&from, "body", BODY);
     const npy_intp points = body == NULL ? 0 : fieldmap_body_points(body);
     const double *turn = numbers_of(&from, "turn", 2, 9).at;
-    const numbers weights = numbers_of(&from, "weights", 1, ANY);
+    const number_array weights = numbers_of(&from, "weights", 1, ANY);
     const double *flux = numbers_of(&from, "flux", 3, 3 * points * weights.size).at;
     const double *gradient = numbers_of(&from, "gradient", 4, 9 * points * weights.size).at;
     double *wrench = filled_of(&from, "wrench", 6), *slopes = filled_of(&from, "slopes", 6 * weights.size);
@@ -75,7 +75,7 @@ static PyObject *induced_moments(PyObject *self, PyObject *const *args, Py_ssize
 {
     reader from = arguments(args, given, 6);
     const fieldmap_magnetic_body *body = (const fieldmap_magnetic_body *)held_of(&from, "body", BODY);
-    const numbers turns = numbers_of(&from, "turns", 3, ANY);
+    const number_array turns = numbers_of(&from, "turns", 3, ANY);
     const npy_intp poses = turns.shape[0], pieces = body == NULL ? 0 : body->n_soft;
     const double *flux = numbers_of(&from, "flux", 3, 3 * poses * pieces).at;
     double *moments = filled_of(&from, "moments", 3 * poses * pieces), *energies = filled_of(&from, "energies", poses * pieces);

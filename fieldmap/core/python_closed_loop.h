@@ -11,7 +11,7 @@
 
 static void read_allocation(reader given, fieldmap_allocation *out, int coils)
 {
-    const numbers matrix = numbers_of(&given, "matrix", 2, ANY);
+    const number_array matrix = numbers_of(&given, "matrix", 2, ANY);
     out->division = whole_of(&given, "division") != 0;
     out->exponent = real_of(&given, "exponent");
     out->matrix = matrix.at, out->constant = numbers_of(&given, "constant", 1, coils).at;
@@ -39,7 +39,7 @@ static PyObject *inverse_along(PyObject *self, PyObject *const *args, Py_ssize_t
     reader from = arguments(args, given, 6);
     fieldmap_inverse_map inverse;
     fieldmap_allocation allocation;
-    numbers positions, forces;
+    number_array positions, forces;
     double *found, *left;
     npy_intp p;
     int k;
@@ -104,8 +104,8 @@ static void read_law(reader given, fieldmap_loop *out, fieldmap_inverse_map *inv
 
 static void read_signals(reader given, fieldmap_loop *out, npy_intp coils, npy_intp outputs)
 {
-    const numbers references = points_of(&given, "references"), loads = numbers_of(&given, "loads", 2, ANY);
-    const numbers scans = filled_numbers(&given, "scans", 2, ANY);
+    const number_array references = points_of(&given, "references"), loads = numbers_of(&given, "loads", 2, ANY);
+    const number_array scans = filled_numbers(&given, "scans", 2, ANY);
     const npy_intp samples = references.shape[0];
     out->samples = samples, out->disturbed = loads.shape[0], out->n_scans = scans.shape[0];
     require(loads.size == 6 * loads.shape[0] && scans.size == 3 * scans.shape[0], PyExc_TypeError,
@@ -123,7 +123,7 @@ static void read_signals(reader given, fieldmap_loop *out, npy_intp coils, npy_i
 /* What moves, and the room of a run. */
 static void read_room(reader *given, fieldmap_loop *out, npy_intp coils, npy_intp outputs)
 {
-    const numbers memory = filled_numbers(given, "memory", 1, ANY), rows = filled_numbers(given, "rows", 2, ANY);
+    const number_array memory = filled_numbers(given, "memory", 1, ANY), rows = filled_numbers(given, "rows", 2, ANY);
     out->memory_size = (int)memory.size, out->memory = memory.at;
     out->max_rows = rows.shape[0], out->rows = rows.at;
     require(out->function != NULL || out->given || out->controller == NULL || memory.size == out->controller->states,

@@ -24,7 +24,7 @@ static void read_controller(reader *from, void *out)
 {
     fieldmap_controller *of = (fieldmap_controller *)out;
     reader given = attributes_of(from, value_of(from, "block"));
-    const numbers A = numbers_of(&given, "A", 3, ANY), D = numbers_of(&given, "D", 3, ANY);
+    const number_array A = numbers_of(&given, "A", 3, ANY), D = numbers_of(&given, "D", 3, ANY);
     const npy_intp k = D.shape[0], n = A.shape[1], m = D.shape[1];
     double nodes[3] = {0.0};
     copy_of(&given, "nodes", 1, 3, nodes);
@@ -57,7 +57,7 @@ static PyObject *quiet_feedforward(PyObject *self, PyObject *const *args, Py_ssi
     reader from = arguments(args, given, 5);
     const fieldmap_controller *of = (const fieldmap_controller *)held_of(&from, "controller", CONTROLLER);
     const npy_intp m = of == NULL ? 0 : of->outputs;
-    const numbers references = points_of(&from, "references");
+    const number_array references = points_of(&from, "references");
     const double *wanted = numbers_of(&from, "wanted", 2, references.shape[0] * m).at;
     double *memory = filled_of(&from, "memory", of == NULL ? 0 : of->states);
     double *feedforward = filled_of(&from, "feedforward", references.shape[0] * m);
@@ -76,7 +76,7 @@ static PyObject *control(PyObject *self, PyObject *const *args, Py_ssize_t given
     reader from = arguments(args, given, 6);
     const fieldmap_controller *of = (const fieldmap_controller *)held_of(&from, "controller", CONTROLLER);
     const npy_intp n = of == NULL ? 0 : of->states, m = of == NULL ? 0 : of->outputs;
-    const numbers signals = numbers_of(&from, "signals", 2, ANY);
+    const number_array signals = numbers_of(&from, "signals", 2, ANY);
     const npy_intp count = signals.shape[0];
     const double *ahead = numbers_or_none(&from, "feedforward", 2, count * m).at, *zeros;
     double *memory = filled_of(&from, "memory", n), *outputs = filled_of(&from, "outputs", count * m);

@@ -20,7 +20,7 @@ enum {
 static PyObject *measure_all(PyObject *self, PyObject *const *args, Py_ssize_t given)
 {
     reader from = arguments(args, given, 4);
-    const numbers positions = numbers_of(&from, "positions", 1, ANY);
+    const number_array positions = numbers_of(&from, "positions", 1, ANY);
     const double *noise = numbers_of(&from, "voltage_noise", 1, positions.size).at;
     fieldmap_chain chain;
     double *out;
@@ -39,7 +39,7 @@ static PyObject *measure_all(PyObject *self, PyObject *const *args, Py_ssize_t g
 static PyObject *drive_all(PyObject *self, PyObject *const *args, Py_ssize_t given)
 {
     reader from = arguments(args, given, 4);
-    const numbers voltages = numbers_of(&from, "voltages", 1, ANY);
+    const number_array voltages = numbers_of(&from, "voltages", 1, ANY);
     const double *noise = numbers_of(&from, "current_noise", 1, voltages.size).at;
     fieldmap_drive drive;
     double *out;
@@ -58,7 +58,7 @@ static PyObject *drive_all(PyObject *self, PyObject *const *args, Py_ssize_t giv
 static PyObject *held_scans(PyObject *self, PyObject *const *args, Py_ssize_t given)
 {
     reader from = arguments(args, given, 5);
-    const numbers scans = numbers_of(&from, "scans", 1, ANY);
+    const number_array scans = numbers_of(&from, "scans", 1, ANY);
     const long averages = whole_of(&from, "averages"), latency = whole_of(&from, "latency");
     const double ratio = real_of(&from, "ratio");
     PyObject *array = value_of(&from, "out");

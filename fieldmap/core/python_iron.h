@@ -14,7 +14,7 @@ static const char *const STATE = "fieldmap.core.iron_state";
 
 static void read_iron(reader *from, void *out)
 {
-    const numbers given = numbers_of(from, "numbers", 1, ANY);
+    const number_array given = numbers_of(from, "numbers", 1, ANY);
     if (given.at == NULL) return;
     require(fieldmap_iron_of_numbers((fieldmap_iron *)out, given.at, (uint64_t)given.size) == FIELDMAP_OK, PyExc_ValueError,
             "numbers are not those of a model of iron");
@@ -103,8 +103,8 @@ static PyObject *iron_amplitudes(PyObject *self, PyObject *const *args, Py_ssize
 static PyObject *iron_continued(PyObject *self, PyObject *const *args, Py_ssize_t given)
 {
     reader from = arguments(args, given, 3);
-    const numbers aim = numbers_of(&from, "aim", 1, ANY), passed = numbers_of(&from, "passed", 2, ANY);
-    const numbers amplitudes = numbers_of(&from, "amplitudes", 2, ANY);
+    const number_array aim = numbers_of(&from, "aim", 1, ANY), passed = numbers_of(&from, "passed", 2, ANY);
+    const number_array amplitudes = numbers_of(&from, "amplitudes", 2, ANY);
     const npy_intp n = passed.shape[0], coils = aim.size, modes = amplitudes.shape[1];
     fieldmap_iron model = {0};
     fieldmap_iron_state state = {0};

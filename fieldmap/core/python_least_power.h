@@ -12,7 +12,7 @@
 static PyObject *least_power(PyObject *self, PyObject *const *args, Py_ssize_t given)
 {
     reader from = arguments(args, given, 7);
-    const numbers matrix = numbers_of(&from, "matrix", 2, ANY), demand = numbers_of(&from, "demand", 1, matrix.shape[0]);
+    const number_array matrix = numbers_of(&from, "matrix", 2, ANY), demand = numbers_of(&from, "demand", 1, matrix.shape[0]);
     const npy_intp coils = matrix.shape[1];
     fieldmap_power_demand of;
     double *room = NULL, *currents;
@@ -39,7 +39,7 @@ static PyObject *least_power(PyObject *self, PyObject *const *args, Py_ssize_t g
 static PyObject *non_negative_least_squares(PyObject *self, PyObject *const *args, Py_ssize_t given)
 {
     reader from = arguments(args, given, 3);
-    const numbers columns = numbers_of(&from, "columns", 2, ANY), target = numbers_of(&from, "target", 1, columns.shape[1]);
+    const number_array columns = numbers_of(&from, "columns", 2, ANY), target = numbers_of(&from, "target", 1, columns.shape[1]);
     const size_t count = (size_t)columns.shape[0], size = (size_t)columns.shape[1], room = fieldmap_nnls_room(count, size);
     double *u = filled_of(&from, "u", columns.shape[0]);
     double *memory = (double *)memory_of(&from, room * sizeof(double) + 3 * count * sizeof(int));

@@ -17,7 +17,7 @@ static const char *const MACHINE = "fieldmap.core.machine";
 static void read_rigid_body(reader given, fieldmap_rigid_body *out)
 {
     const fieldmap_magnetic_body *magnetic = (const fieldmap_magnetic_body *)held_of(&given, "magnetic", BODY);
-    const numbers skin = points_of(&given, "skin");
+    const number_array skin = points_of(&given, "skin");
     const double *drag = (const double *)&out->drag;
     int k;
     out->mass = real_of(&given, "mass");
@@ -69,7 +69,7 @@ static void read_machine(reader *from, void *out)
     fieldmap_machine *machine = (fieldmap_machine *)out;
     reader given = part_of(from, "plant");
     const fieldmap *map = (const fieldmap *)held_of(&given, "map", MAP);
-    const numbers windings = numbers_of(&given, "windings", 2, ANY);
+    const number_array windings = numbers_of(&given, "windings", 2, ANY);
     const npy_intp coils = windings.shape[0];
     read_rigid_body(part_of(&given, "body"), &machine->body);
     require(windings.size == 4 * coils, PyExc_TypeError, "windings must be (n, 4)");
@@ -203,7 +203,7 @@ static PyObject *machine_move(PyObject *self, PyObject *const *args, Py_ssize_t 
     fieldmap_state *state = state_of(&from, "state");
     const double step = real_of(&from, "step");
     const long every = whole_of(&from, "every"), order = whole_of(&from, "order");
-    const numbers states = filled_numbers(&from, "states", 2, ANY);
+    const number_array states = filled_numbers(&from, "states", 2, ANY);
     const long count = (long)states.shape[0];
     long filled;
     int status, touched;

@@ -15,7 +15,7 @@ static const char *const MAP = "fieldmap.core.map";
 static void read_map(reader *from, void *out)
 {
     fieldmap *map = (fieldmap *)out;
-    const numbers block = numbers_of(from, "block", 1, ANY);
+    const number_array block = numbers_of(from, "block", 1, ANY);
     const int components = (int)whole_of(from, "components"), constant = truth_of(from, "constant");
     if (PyErr_Occurred()) return;
     require(fieldmap_of_block(map, block.at, (uint64_t)block.size, components) == FIELDMAP_OK, PyExc_ValueError,
@@ -52,7 +52,7 @@ typedef struct asked {
 static asked asked_of(reader *from)
 {
     asked found = {(const fieldmap *)held_of(from, "map", MAP), NULL, NULL, 0, 0};
-    const numbers points = points_of(from, "points"), weights = numbers_or_none(from, "weights", 2, ANY);
+    const number_array points = points_of(from, "points"), weights = numbers_or_none(from, "weights", 2, ANY);
     if (PyErr_Occurred()) return found;
     require(weights.at == NULL ? fieldmap_sets(found.map) == 1
                                : (weights.shape[0] == 1 || weights.shape[0] == points.shape[0])
@@ -115,7 +115,7 @@ static PyObject *each_field(PyObject *self, PyObject *const *args, Py_ssize_t gi
 {
     reader from = arguments(args, given, 4);
     const fieldmap *map = (const fieldmap *)held_of(&from, "map", MAP);
-    const numbers points = points_of(&from, "points");
+    const number_array points = points_of(&from, "points");
     const npy_intp sets = map == NULL ? 0 : fieldmap_sets(map), count = points.shape[0];
     double *flux = filled_of(&from, "flux", 3 * sets * count), *gradient = filled_or_none(&from, "gradient", 9 * sets * count);
     size_t outside = 0, p;
@@ -218,7 +218,7 @@ static PyObject *harmonics(PyObject *self, PyObject *const *args, Py_ssize_t giv
 {
     reader from = arguments(args, given, 2);
     const long degree = whole_of(&from, "degree"), terms = (degree + 1) * (degree + 1);
-    const numbers points = points_of(&from, "points");
+    const number_array points = points_of(&from, "points");
     PyObject *table;
     double *out;
     npy_intp p;

@@ -27,10 +27,10 @@ typedef struct reader {
 } reader;
 
 /* The numbers of an array, its size and shape; at is NULL after an error, or where None was given and may be. */
-typedef struct numbers {
+typedef struct number_array {
     double *at;
     npy_intp size, shape[5];
-} numbers;
+} number_array;
 
 enum { ANY = -1 };
 
@@ -139,9 +139,9 @@ static int is_array(PyObject *value, int dimensions)
         && PyArray_IS_C_CONTIGUOUS(array) && PyArray_ISBEHAVED_RO(array);
 }
 
-static numbers numbers_in(PyObject *value, const char *name, int dimensions, npy_intp size)
+static number_array numbers_in(PyObject *value, const char *name, int dimensions, npy_intp size)
 {
-    numbers found = {NULL, 0, {0}};
+    number_array found = {NULL, 0, {0}};
     PyArrayObject *array = (PyArrayObject *)value;
     if (value == NULL) return found;
     if (!is_array(value, dimensions)) {
@@ -157,37 +157,37 @@ static numbers numbers_in(PyObject *value, const char *name, int dimensions, npy
 }
 
 /* The numbers of an array of at most five dimensions and this size; ANY: of any. */
-static numbers numbers_of(reader *from, const char *name, int dimensions, npy_intp size)
+static number_array numbers_of(reader *from, const char *name, int dimensions, npy_intp size)
 {
     return numbers_in(value_of(from, name), name, dimensions, size);
 }
 
 /* The same, or None. */
-static numbers numbers_or_none(reader *from, const char *name, int dimensions, npy_intp size)
+static number_array numbers_or_none(reader *from, const char *name, int dimensions, npy_intp size)
 {
     PyObject *value = value_of(from, name);
     return numbers_in(value == Py_None ? NULL : value, name, dimensions, size);
 }
 
 /* An array (n, 3), and n as the first of its shape. */
-static numbers points_of(reader *from, const char *name)
+static number_array points_of(reader *from, const char *name)
 {
-    numbers points = numbers_of(from, name, 2, ANY);
+    number_array points = numbers_of(from, name, 2, ANY);
     require(points.shape[1] == 3, PyExc_TypeError, "points must be (n, 3)");
     return points;
 }
 
 static void copy_of(reader *from, const char *name, int dimensions, npy_intp size, double *out)
 {
-    numbers given = numbers_of(from, name, dimensions, size);
+    number_array given = numbers_of(from, name, dimensions, size);
     if (given.at != NULL) memcpy(out, given.at, (size_t)size * sizeof(double));
 }
 
 /* The same of an array to which is written. */
-static numbers filled_numbers(reader *from, const char *name, int dimensions, npy_intp size)
+static number_array filled_numbers(reader *from, const char *name, int dimensions, npy_intp size)
 {
     PyObject *value = value_of(from, name);
-    const numbers found = numbers_in(value, name, dimensions, size);
+    const number_array found = numbers_in(value, name, dimensions, size);
     require(found.at == NULL || PyArray_ISWRITEABLE((PyArrayObject *)value), PyExc_TypeError, "an array must be writeable");
     return found;
 }

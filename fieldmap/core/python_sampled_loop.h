@@ -32,7 +32,7 @@ static double at_sample(const loop_signal *signal, npy_intp run, npy_intp n)
 
 static void read_loop_signal(reader *from, const char *name, const asked_loop *of, loop_signal *out)
 {
-    const numbers signal = numbers_of(from, name, 2, ANY);
+    const number_array signal = numbers_of(from, name, 2, ANY);
     const npy_intp rows = signal.shape[0], columns = signal.shape[1];
     require((rows == 1 || rows == of->runs) && (columns == 1 || columns == of->samples), PyExc_TypeError,
             "signals must be (runs or 1, samples or 1)");
@@ -42,7 +42,7 @@ static void read_loop_signal(reader *from, const char *name, const asked_loop *o
 /* A plant of A (n, n), B (n,) and C (n,). */
 static void read_plant(reader given, fieldmap_plant *out)
 {
-    const numbers B = numbers_of(&given, "B", 1, ANY);
+    const number_array B = numbers_of(&given, "B", 1, ANY);
     out->states = (int)B.size, out->B = B.at;
     out->A = numbers_of(&given, "A", 2, B.size * B.size).at;
     out->C = numbers_of(&given, "C", 1, B.size).at;
@@ -87,7 +87,7 @@ static PyObject *sampled_loop(PyObject *self, PyObject *const *args, Py_ssize_t 
 {
     reader from = arguments(args, given, 7);
     asked_loop of = {0};
-    numbers y;
+    number_array y;
     double *work = NULL;
     npy_intp run;
     (void)self;

@@ -24,7 +24,7 @@ static void read_table(reader *from, void *out)
 {
     fieldmap_current_table *table = (fieldmap_current_table *)out;
     reader given = attributes_of(from, value_of(from, "numbers"));
-    const numbers coefficients = numbers_of(&given, "coefficients", 4, ANY), slopes = numbers_of(&given, "slopes", 5, ANY);
+    const number_array coefficients = numbers_of(&given, "coefficients", 4, ANY), slopes = numbers_of(&given, "slopes", 5, ANY);
     int k;
     for (k = 0; k < 3; k++) {
         require(coefficients.shape[k] >= 4 && coefficients.shape[k] < 1000000, PyExc_TypeError,
