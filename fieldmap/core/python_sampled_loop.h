@@ -82,10 +82,10 @@ static void run_loop(const asked_loop *of, npy_intp run, double *work)
     }
 }
 
-/* sampled_loop(plant, controller, instruments, memory (n,), y (runs, samples), u (runs, samples), signals) */
+/* sampled_loop(plant, controller, instruments, signals, memory (n,), y (runs, samples), u (runs, samples)) */
 static PyObject *sampled_loop(PyObject *self, PyObject *const *args, Py_ssize_t given)
 {
-    reader from = arguments(args, given, 7);
+    reader from = arguments(args, given, 7), signals;
     asked_loop of = {0};
     number_array y;
     double *work = NULL;
@@ -94,11 +94,12 @@ static PyObject *sampled_loop(PyObject *self, PyObject *const *args, Py_ssize_t 
     read_plant(part_of(&from, "plant"), &of.plant);
     of.controller = (const fieldmap_controller *)held_of(&from, "controller", CONTROLLER);
     read_loop_instruments(part_of(&from, "instruments"), &of.instruments);
+    signals = part_of(&from, "signals");
     of.memory = numbers_of(&from, "memory", 1, of.controller == NULL ? 0 : of.controller->states).at;
     y = filled_numbers(&from, "y", 2, ANY);
     of.y = y.at, of.runs = y.shape[0], of.samples = y.shape[1];
     of.u = filled_of(&from, "u", y.size);
-    read_loop_signals(part_of(&from, "signals"), &of);
+    read_loop_signals(signals, &of);
     require(of.controller != NULL && of.controller->outputs == 1, PyExc_TypeError, "the controller must have one output");
     if (!PyErr_Occurred()) {
         const int scratch = fieldmap_loop_scratch(&of.plant, of.controller);

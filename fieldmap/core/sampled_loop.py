@@ -66,4 +66,4 @@ def simulate(
     memory (n,). Reference and measured position stand for all three axes. Several threads may call it at once."""
     chain, drive = np.array(instruments.chain, float), np.array(instruments.drive, float)
     numbers = instruments._replace(chain=chain, drive=drive)
-    LIBRARY.sampled_loop(plant, controller.controller, numbers, memory, y, u, signals)
+    LIBRARY.sampled_loop(plant, controller.controller, numbers, signals, memory, y, u)
