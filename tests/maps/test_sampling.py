@@ -188,3 +188,23 @@ def test_the_tangent_of_the_points_is_that_of_all_within_its_tolerance(permeable
         # 0.29 without that condition. With it 0.72 to 0.92 and 1.08 to 1.24, by the last digits of the known states.
         assert ratio.min() > 0.6
         assert ratio.max() < 1.4
+
+
+def test_tangents_of_the_three_most_different_states_are_conditions(permeable, monkeypatch):
+    """Of four states, two of which are nearly the same, one of these two is left out."""
+    given = []
+    add = sampling.Cubature.add_tangent
+
+    def noting(self, whole, roots):
+        given.append(whole)
+        add(self, whole, roots)
+
+    monkeypatch.setattr(sampling.Cubature, "add_tangent", noting)
+    # Without further rounds.
+    monkeypatch.setattr(sampling, "_TRIED", np.inf)
+    known = np.array([1e-3, 0.1, 1.0, 1.001])[:, None] * KNOWN[0]
+    choose(permeable, known)
+    wanted = [sampling._tangent(permeable, *state)[0] for state in zip(known, solved(permeable, known), strict=True)]
+    found = [int(np.argmin([np.abs(whole - other).max() for other in wanted])) for whole in given]
+    assert len(found) == 3
+    assert {0, 1} < set(found)
