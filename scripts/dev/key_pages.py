@@ -43,6 +43,16 @@ ABOUT = {
     "fit": "[A machine's unknown numbers](../fit_machine.md) explains what is fitted to what.",
     "scenario": "[Simulation](../dynamics.md) explains what a run is.",
 }
+# Tables of a kind of file that have a page of their own, by the outermost key; no page is longer than ten screens.
+PARTS: dict[str, dict[str, tuple[str, ...]]] = {
+    "device": {
+        "coils": ("coil", "background"),
+        "bodies": ("body", "joint", "section"),
+        "materials": ("material",),
+        "payload": ("payload",),
+    },
+    "scenario": {"control": ("control",)},
+}
 # Of keys that say nothing of their unit: their last part, the longest that is a unit. A_per_m ends in m as well.
 UNIT = re.compile(r"_(" + "|".join(sorted((*UNITS, "A_mm2"), key=len, reverse=True)) + r")$")
 FACES = [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]
@@ -493,28 +503,40 @@ def short_forms_text() -> str:
     return "\n\n".join(parts)
 
 
-def page(kind: FileKind[Any]) -> str:
-    """The page of one kind of file."""
+def pages_of(kind: FileKind[Any]) -> dict[str, str]:
+    """The pages of one kind of file, by their names: the first has the tables that no other page has."""
     examples = Examples()
     for document in sources(kind):
         collect(examples, kind.schema, document.data)
     told: dict[frozenset[Row], str] = {}
-    parts = [
-        f"# {TITLES[kind.name]}",
-        f"After this page you can look up every key of a {kind.name} file: its type and limits, its unit, what holds "
-        f"without it, what it means, and how it is written. {ABOUT[kind.name]}",
-        "Written by `python scripts/dev/key_pages.py` from the classes that read the file. The unit of a number is the "
-        "last part of its key. Other keys are errors.",
-    ]
-    parts += [place_text(place, examples, told) for place in places(kind.schema)]
+    name = kind.name.replace(" ", "_")
+    parts = PARTS.get(kind.name, {})
+    links = [f"[{part}]({name}_{part}.md)" for part in parts]
+    title = TITLES[kind.name]
+    sections = {
+        name: [
+            f"# {title}",
+            f"After this page you can look up every key of a {kind.name} file: its type and limits, its unit, what "
+            f"holds without it, what it means, and how it is written. {ABOUT[kind.name]}"
+            + (f" More tables are on pages of their own: {', '.join(links)}." if links else ""),
+            "Written by `python scripts/dev/key_pages.py` from the classes that read the file. The unit of a number "
+            "is the last part of its key. Other keys are errors.",
+        ]
+    }
+    for part in parts:
+        about = f"[{title}]({name}.md) explains the columns and has the other tables."
+        sections[f"{name}_{part}"] = [f"# {title}: {part}", about]
+    for place in places(kind.schema):
+        part = next((part for part, keys in parts.items() if place.path[:1] and place.path[0] in keys), None)
+        sections[name if part is None else f"{name}_{part}"].append(place_text(place, examples, told))
     if kind.short_forms:
-        parts.append(short_forms_text())
-    return "\n\n".join(parts) + "\n"
+        sections[name].append(short_forms_text())
+    return {name: "\n\n".join(texts) + "\n" for name, texts in sections.items()}
 
 
 def pages() -> dict[Path, str]:
     """All pages, by their files."""
-    return {FOLDER / f"{kind.name.replace(' ', '_')}.md": page(kind) for kind in FILE_KINDS}
+    return {FOLDER / f"{name}.md": text for kind in FILE_KINDS for name, text in pages_of(kind).items()}
 
 
 if __name__ == "__main__":

@@ -34,14 +34,13 @@ def test_help_has_an_example(capsys, command):
 
 
 EXAMPLES = [entry.example for entry in COMMANDS.values()]
-EXAMPLES += re.findall(
-    r"^    (fieldmap .*)$", (REPOSITORY / "docs" / "commands.md").read_text(), re.MULTILINE
-)
+for page in ("commands.md", "pictures.md"):
+    EXAMPLES += re.findall(r"^    (fieldmap .*)$", (REPOSITORY / "docs" / page).read_text(), re.MULTILINE)
 
 
 @pytest.mark.parametrize("example", EXAMPLES)
 def test_every_example_is_understood(example):
-    """The words of the examples in the help and in docs/commands.md fit what the command declares."""
+    """The words of the examples in the help and on two pages fit what the command declares."""
     words = join_lists(shlex.split(example.split(">")[0])[1:])
     # A program of its own: a command keeps the help options of the context in which it was first parsed.
     inner = application.__wrapped__().commands[words[0]]

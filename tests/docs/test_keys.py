@@ -33,8 +33,16 @@ def without_examples(text: str) -> list[str]:
 @pytest.mark.parametrize("name", sorted(KINDS))
 def test_pages_are_those_that_the_program_writes(name, program):
     """`python scripts/dev/key_pages.py` writes them anew."""
-    path = program.FOLDER / f"{name.replace(' ', '_')}.md"
-    assert without_examples(path.read_text()) == without_examples(program.page(KINDS[name]))
+    for page, text in program.pages_of(KINDS[name]).items():
+        written = (program.FOLDER / f"{page}.md").read_text()
+        assert without_examples(written) == without_examples(text)
+
+
+def text_of(program: Any, name: str) -> str:
+    """The pages of a kind of file as they stand in docs/keys, one behind the other."""
+    first = name.replace(" ", "_")
+    names = [first, *(f"{first}_{part}" for part in program.PARTS.get(name, {}))]
+    return "\n".join((program.FOLDER / f"{page}.md").read_text() for page in reversed(names))
 
 
 def tables(program: Any, root: type[BaseModel]) -> list[type[BaseModel]]:
@@ -43,7 +51,7 @@ def tables(program: Any, root: type[BaseModel]) -> list[type[BaseModel]]:
 
 @pytest.mark.parametrize("name", sorted(KINDS))
 def test_every_key_has_a_row_and_a_meaning(name, program):
-    text = (program.FOLDER / f"{name.replace(' ', '_')}.md").read_text()
+    text = text_of(program, name)
     rows = re.findall(r"^\| `(\w+)` \| (.+?) \| (.+?) \| (.+?) \| (.+?) \| `(.+)` \|$", text, re.MULTILINE)
     listed = {row[0] for row in rows}
     for model in tables(program, KINDS[name].schema):
@@ -56,7 +64,7 @@ def test_every_key_has_a_row_and_a_meaning(name, program):
 @pytest.mark.parametrize("name", sorted(KINDS))
 def test_examples_are_ones_that_the_reader_takes(name, program):
     """Each is a line of TOML whose value a table of this kind of file takes for that key."""
-    text = (program.FOLDER / f"{name.replace(' ', '_')}.md").read_text().split("## Short forms")[0]
+    text = text_of(program, name).split("## Short forms")[0]
     models = tables(program, KINDS[name].schema)
     examples = re.findall(r"^\| `(\w+)` \|.* \| `(.+)` \|$", text, re.MULTILINE)
     assert len(examples) > 4
