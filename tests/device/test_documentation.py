@@ -10,7 +10,7 @@ from fieldmap.io.json_schema import json_schema
 from fieldmap.shipped import shipped_folder, shipped_names
 
 ROOT = Path(__file__).parents[2]
-PAGE = (ROOT / "docs" / "device_files.md").read_text()
+PAGE = "".join((ROOT / "docs" / name).read_text() for name in ("device_files.md", "device_tables.md"))
 UNIT = r"(mm|deg|g|T|A_m2|g_mm2|N_s_per_m|A_per_V|A|V|ohm|mH|A_per_m|T_per_m)"
 
 

@@ -129,7 +129,7 @@ class SaturatingMaterial(Iron):
         fault = self.fault()
         if fault is not None:
             where = f"material '{self.name}'"
-            raise InputError.of(where, *fault, "correct the law; docs/device_files.md describes them")
+            raise InputError.of(where, *fault, "correct the law; docs/device_tables.md describes them")
 
 
 @dataclass(frozen=True, repr=False)
