@@ -78,3 +78,26 @@ def test_examples_have_a_section_of_their_own(package, page):
             text = "" if one.docstring is None else one.docstring.value
             if ">>>" in text and re.search(r"^(Parameters|Returns|Raises)\n-+$", text, re.MULTILINE):
                 assert re.search(r"^Examples\n-+$", text, re.MULTILINE), one.path
+
+
+def lines(found, members=None) -> int:
+    """Of the docstrings that an entry shows, with six more for each heading."""
+    count = 6 + (found.docstring.value.count("\n") + 1 if found.docstring else 0)
+    for name, member in found.members.items() if found.is_class or found.is_module else ():
+        imported = found.is_module and member.is_alias
+        shown = not name.startswith("_") if members is None else name in members
+        if shown and not imported and (target(member).docstring or target(member).is_function):
+            count += lines(target(member))
+    return count
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_pages_are_ten_screens_or_less(page, package):
+    """A screen of 900 pixels shows 40 to 54 such lines."""
+    shown = re.findall(r"^::: fieldmap\.([\w.]+)\n((?:    .*\n)*)", page.read_text(), re.MULTILINE)
+    assert shown
+    total = 0
+    for name, options in shown:
+        listed = re.search(r"members: \[(.*?)\]", options)
+        total += lines(target(package[name]), listed and re.split(r",\s*", listed[1]))
+    assert total < 490
