@@ -3,6 +3,7 @@ from near, and a time stamp. Lengths in mm."""
 
 import textwrap
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -33,6 +34,7 @@ from fieldmap.store.whole_files import whole_file
 from fieldmap.typing import Array, Index
 
 TIME = "time, s"
+_SMOOTH: dict[str, Any] = {"smooth_shading": True, "split_sharp_edges": True}
 _POINTS = 2000
 """Of the path that is drawn."""
 
@@ -43,9 +45,7 @@ def body_parts(run: ShownRun) -> list[tuple[pv.PolyData, dict[str, Any]]]:
     payload = run.device.payload
     surface = None if payload is None else payload_surface(payload)
     if surface is not None:
-        parts.append(
-            (surface, {"color": MAGNET, "ambient": 0.3, "smooth_shading": True, "split_sharp_edges": True})
-        )
+        parts.append((surface, {"color": MAGNET, "ambient": 0.3, **_SMOOTH}))
     if run.body is not None:
         look = {"color": "#8fa3b5", "opacity": 0.3 if parts else 1.0, "ambient": 0.4}
         parts.append((upright_cylinder(*run.body), look))
@@ -57,7 +57,7 @@ def path_samples(run: ShownRun) -> Index:
     return np.unique(np.linspace(0, len(run.time) - 1, min(_POINTS, len(run.time))).astype(np.int64))
 
 
-def add_path(scene: pv.Plotter, shown: Shown) -> None:
+def add_path(scene: pv.Plotter, shown: Shown, _: str) -> None:
     """The path, coloured by time, the path that was asked for, and the magnet at the end as an outline."""
     run = shown.run
     assert run is not None
@@ -80,7 +80,7 @@ def outline(surface: pv.PolyData) -> pv.PolyData:
 
 WINDOW, FRAMES_PER_SECOND, MOST_SECONDS = (960, 576), 12, 10.0
 CURRENT = "current, A"
-_PANELS, _FONT = 2, 9
+_FONT = 9
 
 
 def save_animation(
@@ -116,65 +116,56 @@ def save_animation(
         For .mp4 without imageio-ffmpeg (an optional extra), or on a machine without OpenGL.
     """
     target = Path(path)
-    write = _write_gif if target.suffix == ".gif" else _mp4_writer()
+    write = _write_gif
+    if target.suffix != ".gif":
+        ffmpeg = require("imageio_ffmpeg", "video", "fieldmap.plot.save_animation", "save a .gif")
+        write = partial(_write_mp4, ffmpeg)
     seconds = float(np.clip(run.time[-1] - run.time[0], 1.0, MOST_SECONDS))
     count = max(2, round(FRAMES_PER_SECOND * seconds)) if frames is None else frames
-    pictures = _pictures(run, count, seconds, window)
+    pictures = _pictures(run, count, seconds, window, progress)
     target.parent.mkdir(parents=True, exist_ok=True)
-    with whole_file(target) as partial:
-        write(partial, _counted(pictures, count, progress), count / seconds, window)
+    with whole_file(target) as partly:
+        write(partly, pictures, count / seconds, window)
     return target
 
 
-def _counted(
-    pictures: Iterator[Any], count: int, progress: Callable[[str, float], None] | None
-) -> Iterator[Any]:
-    for k, picture in enumerate(pictures):
-        if progress is not None:
-            progress("drawing", k / count)
-        yield picture
-
-
-def _write_gif(path: Path, pictures: Iterator[Any], per_second: float, window: tuple[int, int]) -> None:
-    frames = [
+def _write_gif(path: Path, pictures: Iterator[Any], per_second: float, _: tuple[int, int]) -> None:
+    first, *others = (
         Image.fromarray(picture).quantize(256, Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE)
         for picture in pictures
-    ]
-    frames[0].save(
-        path,
-        save_all=True,
-        append_images=frames[1:],
-        duration=round(1000 / per_second),
-        loop=0,
-        optimize=False,
     )
+    duration = round(1000 / per_second)
+    first.save(path, save_all=True, append_images=others, duration=duration, loop=0, optimize=False)
 
 
-def _mp4_writer() -> Callable[[Path, Iterator[Any], float, tuple[int, int]], None]:
-    ffmpeg = require("imageio_ffmpeg", "video", "fieldmap.plot.save_animation", "save a .gif")
-
-    def write(path: Path, pictures: Iterator[Any], per_second: float, window: tuple[int, int]) -> None:
-        # yuv420p is what browsers and players take.
-        encoder = ffmpeg.write_frames(
-            str(path), window, fps=per_second, codec="libx264", pix_fmt_out="yuv420p", quality=7
-        )
-        encoder.send(None)
-        for picture in pictures:
-            encoder.send(np.ascontiguousarray(picture))
-        encoder.close()
-
-    return write
+def _write_mp4(
+    ffmpeg: Any, path: Path, pictures: Iterator[Any], per_second: float, window: tuple[int, int]
+) -> None:
+    # yuv420p is what browsers and players take.
+    encoder = ffmpeg.write_frames(
+        str(path), window, fps=per_second, codec="libx264", pix_fmt_out="yuv420p", quality=7
+    )
+    encoder.send(None)
+    for picture in pictures:
+        encoder.send(np.ascontiguousarray(picture))
+    encoder.close()
 
 
-def _pictures(run: ShownRun, count: int, seconds: float, window: tuple[int, int]) -> Iterator[Any]:
+def _pictures(
+    run: ShownRun,
+    count: int,
+    seconds: float,
+    window: tuple[int, int],
+    progress: Callable[[str, float], None] | None,
+) -> Iterator[Any]:
     """Images (height, width, 3) of 8 bits, evenly spaced in time."""
-    scene = new_scene(window, panels=_PANELS)
+    scene = new_scene(window, panels=2)
     scene.enable_anti_aliasing("msaa", multi_samples=4)
-    moments = np.searchsorted(run.time, np.linspace(run.time[0], run.time[-1], count)).clip(
-        0, len(run.time) - 1
-    )
+    moments = np.searchsorted(run.time, np.linspace(run.time[0], run.time[-1], count))
     moving = _build(scene, run, (run.time[-1] - run.time[0]) / seconds)
-    for k in moments:
+    for done, k in enumerate(moments.clip(0, len(run.time) - 1)):
+        if progress is not None:
+            progress("drawing", done / count)
         moving(int(k))
         yield scene.screenshot(None, return_img=True)
     scene.close()
@@ -185,7 +176,7 @@ def _build(scene: pv.Plotter, run: ShownRun, speed: float) -> Callable[[int], No
     scene.subplot(0, 0)
     coils = _add_machine(scene, run)
     bodies = [scene.add_mesh(surface, **look) for surface, look in body_parts(run)]
-    look_at(scene, core_bounds(run.device), margin=0.3, panels=_PANELS)
+    look_at(scene, core_bounds(run.device), margin=0.3)
     slower = "" if np.isclose(speed, 1.0) else f"\nshown at {speed:.3g} times real time"
     words = textwrap.fill(run.title, 48) + slower
     add_words(scene, words, (0.04, 0.03), _FONT)
@@ -218,25 +209,19 @@ def _stamp(run: ShownRun, k: int) -> str:
 
 def _add_machine(scene: pv.Plotter, run: ShownRun) -> list[pv.PolyData]:
     """Iron, workspace, and the coils with their current as colour; returns the coils."""
-    look: dict[str, Any] = {"ambient": 0.35, "smooth_shading": True, "split_sharp_edges": True}
     for body in run.device.bodies:
-        scene.add_mesh(body_surface(run.device, body), color=IRON, **look)
+        scene.add_mesh(body_surface(run.device, body), color=IRON, ambient=0.35, **_SMOOTH)
     if run.device.workspace is not None:
         scene.add_mesh(workspace_outline(run.device.workspace), color=INK, line_width=1.5, lighting=False)
     settings = colour_bar(CURRENT, run.currents)
-    settings["scalar_bar_args"] |= {
-        "title_font_size": 16,
-        "label_font_size": 14,
-        "position_y": 0.22,
-        "height": 0.4,
-        "position_x": 0.84,
-    }
+    place = {"position_x": 0.84, "position_y": 0.22, "height": 0.4}
+    settings["scalar_bar_args"] |= {"title_font_size": 16, "label_font_size": 14, **place}
     surfaces: list[pv.PolyData] = []
     for coil in run.device.coils:
         surface = winding_surface(coil)
         surface[CURRENT] = np.zeros(surface.n_points)
-        look = {"ambient": 0.6, "diffuse": 0.5, "show_scalar_bar": not surfaces}
-        add_coloured(scene, surface, CURRENT, settings, **look)
+        first = not surfaces
+        add_coloured(scene, surface, CURRENT, settings, ambient=0.6, diffuse=0.5, show_scalar_bar=first)
         surfaces.append(surface)
     return surfaces
 
@@ -247,7 +232,7 @@ def _add_near(scene: pv.Plotter, run: ShownRun, points: Array) -> pv.PolyData:
     room = (points.min(axis=0) + reach[0]) / MM, (points.max(axis=0) + reach[1]) / MM
     scene.add_mesh(box_edges(room), color=INK, line_width=1, opacity=0.25)
     add_rulers(scene, font_size=13, spread=1.7)
-    look_at(scene, extent(scene), margin=0.3, panels=_PANELS)
+    look_at(scene, extent(scene), margin=0.3)
     wanted = MM * run.wanted[path_samples(run)]
     scene.add_mesh(pv.lines_from_points(wanted), color="#9aa3ab", line_width=1.5, lighting=False)
     trail = pv.lines_from_points(points)

@@ -1,7 +1,6 @@
 """B in a box and in iron: slices, surfaces of equal value, differences, lines, elements. Lengths in mm."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 import pyvista as pv
@@ -11,56 +10,48 @@ from fieldmap.plot.device_drawing import FLUX, IRON, add_directions, add_planes
 from fieldmap.plot.places import MM, box_grid, grid_points, plane_grids, plane_of
 from fieldmap.plot.scales import add_coloured, colour_bar, colour_bar_by_decades
 from fieldmap.plot.shown import Shown
-from fieldmap.plot.solids import extent, tetrahedra
+from fieldmap.plot.solids import extent
 from fieldmap.plot.style import INK
 from fieldmap.plot.words import fitting_prefix
-from fieldmap.records import Record
 from fieldmap.typing import Array
 
 POINTS = 25
 
 
-@dataclass(frozen=True, repr=False)
-class Quantity(Record):
-    """What is drawn. title: for the colour bar, with its unit; values(shown, points): (n,) in that unit."""
-
-    title: str
-    values: Callable[[Shown, Array], Array]
-
-
-QUANTITIES = {
-    "B": Quantity(FLUX, lambda shown, points: MM * np.linalg.norm(shown.flux_density_at(points), axis=1)),
-    "Bz": Quantity("Bz, mT", lambda shown, points: MM * shown.flux_density_at(points)[:, 2]),
-    "gradB": Quantity(
-        "grad B, mT/m", lambda shown, points: MM * np.linalg.norm(shown.gradient_at(points), axis=(1, 2))
+# Quantity -> title for the colour bar with its unit, and (n,) in that unit of what is shown at points.
+QUANTITIES: dict[str, tuple[str, Callable[[Shown, Array], Array]]] = {
+    "B": (FLUX, lambda shown, points: MM * np.linalg.norm(shown.flux_density_at(points), axis=1)),
+    "Bz": ("Bz, mT", lambda shown, points: MM * shown.flux_density_at(points)[:, 2]),
+    "gradB": (
+        "grad B, mT/m",
+        lambda shown, points: MM * np.linalg.norm(shown.gradient_at(points), axis=(1, 2)),
     ),
 }
 
 
-def add_slices(scene: pv.Plotter, shown: Shown, quantity: str = "B") -> None:
+def add_slices(scene: pv.Plotter, shown: Shown, quantity: str) -> None:
     """Slices through the middle of the box and its floor, with a colour bar; on those of B, arrows along it."""
-    add_planes(scene, _planes(shown, QUANTITIES[quantity]), QUANTITIES[quantity].title)
+    planes, title = sampled(plane_grids(shown.box), shown, quantity)
+    add_planes(scene, planes, title)
     if quantity == "B":
         add_directions(scene, shown.state, shown.box)
 
 
-def add_difference(scene: pv.Plotter, shown: Shown, quantity: str = "B") -> None:
+def add_difference(scene: pv.Plotter, shown: Shown, quantity: str) -> None:
     """Slices of a field that is the difference of two, in the unit that gives readable numbers."""
-    chosen = QUANTITIES[quantity]
-    planes = _planes(shown, chosen)
-    largest = max(float(np.abs(plane[chosen.title]).max()) for plane in planes)
-    name, unit = chosen.title.split(", m", 1)
+    planes, title = sampled(plane_grids(shown.box), shown, quantity)
+    largest = max(float(np.abs(plane[title]).max()) for plane in planes)
+    name, unit = title.split(", m", 1)
     prefix, factor = fitting_prefix(1e-3 * largest)
-    title = f"d {name}, {prefix}{unit}"
+    of_difference = f"d {name}, {prefix}{unit}"
     for plane in planes:
-        plane[title] = 1e-3 * factor * plane[chosen.title]
-    add_planes(scene, planes, title)
+        plane[of_difference] = 1e-3 * factor * plane[title]
+    add_planes(scene, planes, of_difference)
 
 
-def add_surfaces(scene: pv.Plotter, shown: Shown, quantity: str = "B") -> None:
+def add_surfaces(scene: pv.Plotter, shown: Shown, quantity: str) -> None:
     """Surfaces of equal value at the labels of the colour bar and half-way between them."""
-    title = QUANTITIES[quantity].title
-    box = sampled_box(shown, QUANTITIES[quantity], POINTS)
+    (box,), title = sampled([box_grid(shown.box, (POINTS,) * 3)], shown, quantity)
     settings = colour_bar(title, box[title])
     count = 2 * settings["scalar_bar_args"]["n_labels"] - 1
     low, high = settings["clim"]
@@ -69,18 +60,12 @@ def add_surfaces(scene: pv.Plotter, shown: Shown, quantity: str = "B") -> None:
     add_coloured(scene, surfaces, title, settings, opacity=0.55, smooth_shading=True, ambient=0.4)
 
 
-def sampled_box(shown: Shown, quantity: Quantity, points: int) -> pv.ImageData:
-    """The box as a grid of points^3, mm, with the quantity as point data under its title."""
-    grid = box_grid(shown.box, (points,) * 3)
-    grid[quantity.title] = quantity.values(shown, grid_points(grid, shown.box))
-    return grid
-
-
-def _planes(shown: Shown, quantity: Quantity) -> list[pv.ImageData]:
-    planes = plane_grids(shown.box)
-    for plane in planes:
-        plane[quantity.title] = quantity.values(shown, grid_points(plane, shown.box))
-    return planes
+def sampled(grids: list[pv.ImageData], shown: Shown, quantity: str) -> tuple[list[pv.ImageData], str]:
+    """Grids with a quantity as point data, and its title, which is the name of these data."""
+    title, values = QUANTITIES[quantity]
+    for grid in grids:
+        grid[title] = values(shown, grid_points(grid, shown.box))
+    return grids, title
 
 
 _GRID_POINTS, _SEEDS = 48, (5, 5)
@@ -88,7 +73,7 @@ _RANGE = 1e4
 """Of the colours, at most: the far ends of a few lines would take most of them."""
 
 
-def add_field_lines(scene: pv.Plotter, shown: Shown) -> None:
+def add_field_lines(scene: pv.Plotter, shown: Shown, _: str) -> None:
     """Lines through the middle of the box, in it (a map) or around the whole device (a solution)."""
     lines = field_lines(shown)
     # From air to iron the flux density grows a thousandfold.
@@ -135,19 +120,19 @@ IRON_FLUX = "B in iron, T"
 def iron_elements(shown: Shown) -> pv.UnstructuredGrid:
     """Tetrahedra in mm with |B| in T as cell data, if the solution is there."""
     assert shown.mesh is not None
-    grid = tetrahedra(shown.mesh.tets, MM * shown.mesh.points)
+    grid = pv.UnstructuredGrid({pv.CellType.TETRA: shown.mesh.tets}, MM * shown.mesh.points)
     if shown.flux_density is not None:
         grid.cell_data[IRON_FLUX] = np.linalg.norm(shown.flux_density, axis=1)
     return grid
 
 
-def add_mesh(scene: pv.Plotter, shown: Shown) -> None:
+def add_mesh(scene: pv.Plotter, shown: Shown, _: str) -> None:
     """The faces of the elements at the surface, with their edges."""
     surface = iron_elements(shown).extract_surface(algorithm=None)
     scene.add_mesh(surface, color=IRON, show_edges=True, edge_color=INK, line_width=1, ambient=0.4)
 
 
-def add_iron_field(scene: pv.Plotter, shown: Shown) -> None:
+def add_iron_field(scene: pv.Plotter, shown: Shown, _: str) -> None:
     """|B| of the elements at the surface, with a colour bar in T.
 
     The colours end at the 99.5th percentile: at sharp edges |B| grows without bound as the mesh is refined.

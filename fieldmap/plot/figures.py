@@ -1,7 +1,6 @@
 """Figures given as data (fieldmap.curves) drawn by matplotlib: no window, no global state."""
 
 from collections.abc import Sequence
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.legend import Legend
 from matplotlib.lines import Line2D
+from scipy.optimize import isotonic_regression
 
 from fieldmap.curves import Curves, Series, message_of
 from fieldmap.plot.style import COLOURS, QUIET, add_heading, grouped, new_figure, save_figure
@@ -173,24 +173,15 @@ def _end(series: Series) -> tuple[float, float] | None:
     return float(series.x[last]), float(series.y[last])
 
 
-def spread(heights: Any, least: float) -> Any:
-    """Places near the heights (n,) that are `least` apart, as near as steps of a third of it bring them.
+def spread(heights: Array, least: float) -> Array:
+    """The places nearest to the heights (n,), by least squares, that are `least` apart.
 
     >>> spread(np.array([0.0, 0.0, 1.0]), 0.2).round(2).tolist()
     [-0.1, 0.1, 1.0]
     """
-    order = np.argsort(heights, kind="stable")
-    places = np.array(heights, dtype=float)
-    for _ in range(200):
-        close = False
-        for low, high in pairwise(order):
-            lack = least - (places[high] - places[low])
-            if lack > 1e-9:
-                places[low] -= 0.5 * lack
-                places[high] += 0.5 * lack
-                close = True
-        if not close:
-            break
+    order, steps = np.argsort(heights, kind="stable"), least * np.arange(len(heights))
+    places = np.empty(len(heights))
+    places[order] = isotonic_regression(heights[order] - steps).x + steps
     return places
 
 

@@ -10,10 +10,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from fieldmap.arguments import check
 from fieldmap.constants import GRAVITY
 from fieldmap.device import read_device, recorded_device
 from fieldmap.device.model import Device, Payload
-from fieldmap.errors import InputError, NoEquilibrium, Problem
+from fieldmap.errors import InputError, NoEquilibrium
 from fieldmap.field import FieldAtCurrents, as_field
 from fieldmap.inputs.tables import is_number
 from fieldmap.io import FieldSource
@@ -29,8 +30,8 @@ from fieldmap.typing import Array, PathLike
 
 SIGNALS = np.linspace(-0.3, 0.3, 13)
 """Direction signals over which an equilibrium is shown."""
-WITH_FIELD = ("iron", "lines", "slices", "surfaces", "forces", "equilibrium", "difference", "shift")
-"""Scenes that need a field."""
+WITH_FIELD = ("iron", "lines", "slices", "surfaces", "forces", "equilibrium")
+"""Scenes of a field at currents."""
 DEFAULT_LIMIT = 3.0
 """Of every current, A, for what is reachable with a device that has no driver."""
 
@@ -44,7 +45,7 @@ def shown_mesh(device: Device, refinement: float = 1.0) -> Shown:
     """The mesh of a device's iron; nothing is solved. Raises InputError for a device without iron."""
     if not device.bodies:
         remedy = "name a device with iron"
-        raise InputError(Problem(device.name, "must have iron to mesh", "no bodies", remedy))
+        raise InputError.of(device.name, "must have iron to mesh", "no bodies", remedy)
     from fieldmap.iron import generate_mesh
 
     mesh = generate_mesh(device, refinement)
@@ -70,41 +71,29 @@ def shown_field(
     """
     if what == "difference":
         return _difference(source, minus, currents)
+    if what == "shift":
+        return _shift(source, currents, height)
     title = f"{source.name} ({source.kind}), {amperes_in_words(currents, source.coil_names)}"
     lower, upper = source.bounds or (None, None)
     about = Shown(title, source.device, currents=currents, lower=lower, upper=upper, payload=source.payload)
     if what == "reachable":
         return _reachable(source, about, currents, place, limit, kind)
-    if what not in WITH_FIELD:
-        return about
-    if what == "shift":
-        return _shift(source, currents, height)
-    return _with_field(source, about, currents, what)
+    return _with_field(source, about, currents, what) if what in WITH_FIELD else about
 
 
 def _with_field(source: FieldSource, about: Shown, currents: Array, what: str) -> Shown:
     state = source.field.at(currents)
-    iron = _solved(state)
-    found = find_equilibrium(source.field, currents, source.payload) if what == "equilibrium" else None
-    return replace(
-        about,
-        field=state,
-        everywhere=iron is not None,
-        mesh=None if iron is None else iron.mesh,
-        flux_density=None if iron is None or iron.mesh is None else iron.element_flux_density,
-        equilibrium=None if found is None else found.position,
-        assumptions=_told(source, currents),
-    )
-
-
-def _solved(state: Any) -> Any:
-    """A state of solved iron; None for another field."""
+    at = find_equilibrium(source.field, currents, source.payload).position if what == "equilibrium" else None
+    shown = replace(about, field=state, equilibrium=at, assumptions=_told(source, currents))
     if isinstance(state, MapAtCurrents):
-        return None
+        return shown
     # Here: maps are shown without what solves iron.
     from fieldmap.iron import SolvedState
 
-    return state if isinstance(state, SolvedState) else None
+    if not isinstance(state, SolvedState):
+        return shown
+    flux = None if state.mesh is None else state.element_flux_density
+    return replace(shown, everywhere=True, mesh=state.mesh, flux_density=flux)
 
 
 def _reachable(
@@ -162,7 +151,7 @@ def _told(source: FieldSource, currents: Array) -> tuple[str, ...]:
 def _difference(source: FieldSource, minus: FieldSource | None, currents: Array) -> Shown:
     if minus is None:
         must_hold = "must come with --minus"
-        raise InputError(Problem("--what difference", must_hold, "no --minus", "add --minus MAP"))
+        raise InputError.of("--what difference", must_hold, "no --minus", "add --minus MAP")
     names = (source.name, minus.name)
     check_same_coils(source.coil_names, minus.coil_names, names)
     lower, upper = common_box(require_box(source), require_box(minus), names)
@@ -207,26 +196,23 @@ def common_box(
     """
     lower, upper = np.maximum(first[0], second[0]), np.minimum(first[1], second[1])
     if (upper <= lower).any():
-        boxes = ", ".join(
+        boxes = [
             f"{name} {millimetres(low)} to {millimetres(high)} mm"
             for name, (low, high) in zip(names, (first, second), strict=True)
-        )
+        ]
+        must_hold = "the boxes of both must share a volume"
         remedy = "choose two maps of the same workspace, in the same frame"
-        raise InputError(Problem("show, --minus", "the boxes of both must share a volume", boxes, remedy))
+        raise InputError.of("show, --minus", must_hold, ", ".join(boxes), remedy)
     return lower, upper
 
 
 def check_same_coils(first: tuple[str, ...], second: tuple[str, ...], names: tuple[str, str]) -> None:
     """Both fields must take the same currents. Raises InputError."""
-    if first != second:
-        received = "; ".join(
-            f"{name}: {', '.join(coils)}" for name, coils in zip(names, (first, second), strict=True)
-        )
-        must_hold, remedy = (
-            "both must have the same coils in the same order",
-            "compare two maps of one device",
-        )
-        raise InputError(Problem("show, --minus", must_hold, received, remedy))
+    received = "; ".join(
+        f"{name}: {', '.join(coils)}" for name, coils in zip(names, (first, second), strict=True)
+    )
+    must_hold = "both must have the same coils in the same order"
+    check(first == second, "show, --minus", must_hold, received, "compare two maps of one device")
 
 
 def _shift(source: FieldSource, currents: Array, height: float | None) -> Shown:
@@ -310,4 +296,4 @@ def _recorded(path: PathLike, about: Mapping[str, str]) -> tuple[Device, dict[st
 
 
 def _no_run(path: PathLike, must_hold: str, received: str) -> InputError:
-    return InputError(Problem(str(path), must_hold, received, "simulate again, with -o and at most 50 runs"))
+    return InputError.of(str(path), must_hold, received, "simulate again, with -o and at most 50 runs")

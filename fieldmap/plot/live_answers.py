@@ -13,7 +13,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 from fieldmap.arguments import check_positive
 from fieldmap.currents import IndependentCurrents
 from fieldmap.device.model import Payload
-from fieldmap.errors import FieldmapError, InputError, NoEquilibrium, OutsideMapError, Problem
+from fieldmap.errors import FieldmapError, InputError, NoEquilibrium, OutsideMapError
 from fieldmap.levitation import GRAVITY, Equilibrium, dipole_force, find_equilibrium
 from fieldmap.lookup import FieldMap
 from fieldmap.lookup.payload import check_payload
@@ -74,7 +74,7 @@ class LiveMap:
         check_positive("LiveMap", current_limit=current_limit, force_scale=force_scale)
         if payload is None:
             remedy = "add a [payload] table to the device, or name one with --payload-of"
-            raise InputError(Problem("LiveMap(payload)", "must be a payload", "none", remedy))
+            raise InputError.of("LiveMap(payload)", "must be a payload", "none", remedy)
         check_payload(payload, "LiveMap")
         self.field_map, self.points = field_map, np.asarray(points, dtype=float)
         # A force that is larger by a factor lifts the same as a moment that is.
@@ -149,22 +149,16 @@ def _controls(
 ) -> tuple[Callable[[Array], Array], tuple[Control, ...]]:
     """What turns the sliders' values into currents, and the sliders."""
     model, count = field_map.info.reduced_model, len(field_map.coil_names)
-    if model is not None and not isinstance(model.parametrisation, IndependentCurrents):
-        of = model.parametrisation
-        signals = tuple(f"signal {name}" for name in of.signal_names)
-        nearest = of.nearest(begin).values
-        return of.currents, _sliders(signals, of.signal_units, model.lower, model.upper, nearest)
-    names = tuple(f"coil {name}" for name in field_map.coil_names)
-    lower = np.full(count, -limit) if model is None else model.lower
-    upper = np.full(count, limit) if model is None else model.upper
-    return np.copy, _sliders(names, ("A",) * count, lower, upper, begin)
-
-
-def _sliders(
-    names: tuple[str, ...], units: tuple[str, ...], lower: Array, upper: Array, begin: Array
-) -> tuple[Control, ...]:
-    ends = zip(lower.tolist(), upper.tolist(), np.clip(begin, lower, upper).tolist(), strict=True)
-    return tuple(Control(name, unit, *three) for name, unit, three in zip(names, units, ends, strict=True))
+    names, units = tuple(f"coil {name}" for name in field_map.coil_names), ("A",) * count
+    lower, upper = np.full(count, -limit), np.full(count, limit)
+    currents: Callable[[Array], Array] = np.copy
+    if model is not None:
+        of, lower, upper = model.parametrisation, model.lower, model.upper
+        if not isinstance(of, IndependentCurrents):
+            names, units = tuple(f"signal {name}" for name in of.signal_names), of.signal_units
+            currents, begin = of.currents, of.nearest(begin).values
+    ends = lower.tolist(), upper.tolist(), np.clip(begin, lower, upper).tolist()
+    return currents, tuple(Control(*one) for one in zip(names, units, *ends, strict=True))
 
 
 def _short(error: FieldmapError) -> str:
@@ -188,16 +182,15 @@ class LiveState:
     def __init__(self, live: LiveMap, states_file: Path | None = None) -> None:
         self.live, self.states_file = live, states_file
         self.initial = np.array([control.value for control in live.controls])
-        self.values = self.initial.copy()
+        self._ends = np.array([(control.lower, control.upper) for control in live.controls]).T
         self.saved: dict[str, dict[str, float]] = {}
         if states_file is not None and states_file.is_file():
             self.saved = _read_states(states_file)
-        self.answer = live.answer(self.values)
+        self.move(self.initial)
 
     def move(self, values: ArrayLike) -> LiveAnswer:
         """Answer at new values of all controls, which are clipped to their ends."""
-        lower, upper = (np.array([getattr(c, end) for c in self.live.controls]) for end in ("lower", "upper"))
-        self.values = np.clip(np.asarray(values, dtype=float), lower, upper)
+        self.values = np.clip(np.asarray(values, dtype=float), *self._ends)
         self.answer = self.live.answer(self.values)
         return self.answer
 
@@ -212,7 +205,7 @@ class LiveState:
         """
         chosen = name.strip()
         if not chosen:
-            raise InputError(Problem("save", "a state must have a name", "none", "type one"))
+            raise InputError.of("save", "a state must have a name", "none", "type one")
         names = [control.name for control in self.live.controls]
         self.saved[chosen] = dict(zip(names, self.values.tolist(), strict=True))
         if self.states_file is not None:
@@ -224,7 +217,7 @@ class LiveState:
         """Answer at a saved state; controls that it does not know begin anew. Raises InputError for an unknown one."""
         if name not in self.saved:
             known = ", ".join(self.saved) or "none saved"
-            raise InputError(Problem("restore", f"must be one of: {known}", name, "choose one of these"))
+            raise InputError.of("restore", f"must be one of: {known}", name, "choose one of these")
         values = self.saved[name]
         return self.move([values.get(c.name, c.value) for c in self.live.controls])
 
@@ -263,4 +256,4 @@ def _read_states(path: Path) -> dict[str, dict[str, float]]:
     except ValidationError as error:
         remedy = "name another file, or delete it"
         must, received = f"must hold saved states of format {FORMAT}", error.errors()[0]["msg"]
-        raise InputError(Problem(str(path), must, received, remedy)) from None
+        raise InputError.of(str(path), must, received, remedy) from None

@@ -12,7 +12,7 @@ from fieldmap.lookup import FieldMap
 from fieldmap.plot.device_drawing import FLUX, MAGNET, VIEW, add_planes
 from fieldmap.plot.live_answers import LiveAnswer, LiveMap, LiveState
 from fieldmap.plot.picture import look_at
-from fieldmap.plot.places import MM, grid_points, plane_grids
+from fieldmap.plot.places import MM, grid_points, plane_grids, pose
 from fieldmap.plot.rendering import new_scene, require_window
 from fieldmap.plot.scales import add_rulers, add_words, colour_bar
 from fieldmap.plot.solids import box_edges, extent, magnet_surface
@@ -97,8 +97,8 @@ class LiveWindow:
         """The sliders and the answer at their values, as they are now. SI units, sliders in theirs."""
         answer = self.state.answer
         sliders = [
-            {"name": c.name, "unit": c.unit, "lower": c.lower, "upper": c.upper, "value": float(value)}
-            for c, value in zip(self.live.controls, self.values, strict=True)
+            control.to_dict() | {"value": float(value)}
+            for control, value in zip(self.live.controls, self.values, strict=True)
         ]
         return {
             "sliders": sliders,
@@ -206,7 +206,4 @@ def _along(direction: Array, length: float, at: Array) -> Array:
     """Matrix (4, 4) that lays the arrow of pyvista, from 0 to x = 1, along a direction."""
     other = np.eye(3)[int(np.argmin(np.abs(direction)))]
     side = np.cross(direction, other) / np.linalg.norm(np.cross(direction, other))
-    matrix = np.eye(4)
-    matrix[:3, :3] = length * np.column_stack([direction, side, np.cross(direction, side)])
-    matrix[:3, 3] = at
-    return matrix
+    return pose(length * np.column_stack([direction, side, np.cross(direction, side)]), at)

@@ -7,14 +7,13 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
 from fieldmap.currents import LiftAndDirections
 from fieldmap.curves import Curves, Series, percent
 from fieldmap.device import recorded_device
 from fieldmap.device.model import MagnetCylinder, Payload
-from fieldmap.errors import FieldmapError, InputError, Problem
+from fieldmap.errors import FieldmapError, InputError
 from fieldmap.io.map_summary import MapSummary
 from fieldmap.levitation import ShiftBesideMeasured, equilibrium_surface
 from fieldmap.lookup import FieldMap, open_map
@@ -106,7 +105,7 @@ def _save_scene(drawn: _Drawn, path: Path) -> Path:
     text = drawn.summary.info.provenance.device_text
     if not text:
         remedy = "make the map from a recipe"
-        raise InputError(Problem(str(path), "the map must record its device", "none recorded", remedy))
+        raise InputError.of(str(path), "the map must record its device", "none recorded", remedy)
     device, at, caption = recorded_device(text, solids=True), None, ""
     if drawn.height is not None:
         at = (0.0, 0.0, drawn.height)
@@ -117,24 +116,20 @@ def _save_scene(drawn: _Drawn, path: Path) -> Path:
 def _save_figure(drawn: _Drawn, path: Path) -> Path:
     """Two panels: forces, or the field of a map without a payload, in the plane y = middle; and beside it where the
     magnet comes to rest beside what was measured, or else the field on the axis."""
-    with new_figure(*_SIZE, DOTS_PER_INCH) as figure:
-        _draw_panels(figure, drawn)
-    return save_figure(figure, path)
-
-
-def _draw_panels(figure: Figure, drawn: _Drawn) -> None:
     summary = drawn.summary
-    left, right = figure.subplots(1, 2, width_ratios=(0.62, 1.0), gridspec_kw={"wspace": 0.08})
-    if summary.payload is None:
-        field_slice(drawn.opened, drawn.currents, ax=left)
-        left.set_title(f"{left.get_title('left')}\n{drawn.amperes}")
-    else:
-        _draw_forces(left, drawn, summary.payload)
-    if summary.payload is not None and summary.shifts:
-        draw_curves(right, shift_curves(drawn.opened, summary.payload, summary.shifts[0]))
-    else:
-        draw_curves(right, _axis_curves(drawn))
-    figure.suptitle(summary.info.provenance.title, fontweight="normal", color=QUIET)
+    with new_figure(*_SIZE, DOTS_PER_INCH) as figure:
+        left, right = figure.subplots(1, 2, width_ratios=(0.62, 1.0), gridspec_kw={"wspace": 0.08})
+        if summary.payload is None:
+            field_slice(drawn.opened, drawn.currents, ax=left)
+            left.set_title(f"{left.get_title('left')}\n{drawn.amperes}")
+        else:
+            _draw_forces(left, drawn, summary.payload)
+        if summary.payload is not None and summary.shifts:
+            draw_curves(right, shift_curves(drawn.opened, summary.payload, summary.shifts[0]))
+        else:
+            draw_curves(right, _axis_curves(drawn))
+        figure.suptitle(summary.info.provenance.title, fontweight="normal", color=QUIET)
+    return save_figure(figure, path)
 
 
 def shift_curves(opened: FieldMap, payload: Payload, shift: ShiftBesideMeasured) -> Curves:
@@ -148,17 +143,10 @@ def shift_curves(opened: FieldMap, payload: Payload, shift: ShiftBesideMeasured)
         ends = " (map ends)" if np.isnan(x).any() else ""
         lines.append(Series(f"{rule}{ends}", signals, MM * (shift.zero + x - x[0])))
     points = Series(f"measured on the rig, {shift.source}", *measured, "measured", points=True)
-    title = (
-        f"Where the magnet comes to rest at z = {MM * shift.height:.0f} mm as one direction signal rises\n"
-        "Nothing is fitted"
-    )
-    return Curves(
-        title,
-        "x signal",
-        "x of the magnet (mm)",
-        (points, *lines),
-        message=shift_message(points, lines[0]),
-    )
+    where = f"Where the magnet comes to rest at z = {MM * shift.height:.0f} mm"
+    title = f"{where} as one direction signal rises\nNothing is fitted"
+    message = shift_message(points, lines[0])
+    return Curves(title, "x signal", "x of the magnet (mm)", (points, *lines), message=message)
 
 
 def shift_message(measured: Series, model: Series) -> str:

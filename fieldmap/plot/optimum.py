@@ -61,10 +61,10 @@ def optimum_figure(found: Optimum) -> Figure:
     with new_figure(_PANEL[0] * columns, _PANEL[1] * rows + 0.6) as figure:
         panels = [figure.add_subplot(rows, columns, k + 1) for k in range(count)]
         designs = _Designs(found)
-        _objective(panels[0], found, designs)
-        _variables(panels[1], found, designs)
+        _objective(panels[0], designs)
+        _variables(panels[1], designs)
         for axes, limit in zip(panels[2:], found.limits, strict=True):
-            _trade_off(axes, found, limit, designs)
+            _trade_off(axes, designs, limit)
         known: dict[str, Any] = {}
         for axes in (panels[0], *panels[2:]):
             known |= dict(zip(*reversed(axes.get_legend_handles_labels()), strict=True))
@@ -96,61 +96,63 @@ class _Designs:
     """The designs of the search, without those of the check, as arrays."""
 
     def __init__(self, found: Optimum) -> None:
-        steps = [step for step in found.path if step.role != "check"]
-        self.number = np.arange(1.0, len(steps) + 1.0, dtype=np.float64)
-        self.feasible = np.array([step.feasible for step in steps], dtype=bool)
-        self.failed = np.array([bool(step.failure) for step in steps], dtype=bool)
-        self._found, self._steps = found, steps
-        same = [all(step.values[key] == value for key, value in found.values.items()) for step in steps]
-        self.best = int(np.flatnonzero(same)[0]) if any(same) else None
+        self.found, self.steps = found, [step for step in found.path if step.role != "check"]
+        self.number = np.arange(1.0, len(self.steps) + 1.0)
+        self.feasible = np.array([step.feasible for step in self.steps], dtype=bool)
+        self.failed = np.array([bool(step.failure) for step in self.steps], dtype=bool)
+        same = [all(step.values[key] == value for key, value in found.values.items()) for step in self.steps]
+        self.best = same.index(True) if any(same) else None
 
     def numbers(self, label: str) -> Array:
         """Of every design, in printed units; NaN where it could not be solved."""
-        factor = _printed(self._found, label)[0]
-        return factor * np.array([step.numbers.get(label, np.nan) for step in self._steps])
+        factor = _printed(self.found, label)[0]
+        return factor * np.array([step.numbers.get(label, np.nan) for step in self.steps])
 
-    def values(self, key: str) -> Array:
-        """Of a variable, in its own unit."""
-        return np.array([step.values[key] for step in self._steps])
+    def draw(self, axes: Axes, x: Array, label: str) -> Array:
+        """Points of a number of every design over x; these numbers (n,)."""
+        y, meets = self.numbers(label), self.feasible
+        if (~meets & ~self.failed).any():
+            axes.plot(x[~meets], y[~meets], "o", color=QUIET, markerfacecolor="none", label="misses a limit")
+        axes.plot(x[meets], y[meets], "o", color=_BLUE, label="meets all limits")
+        if self.best is not None:
+            axes.plot(x[self.best], y[self.best], "*", color=_ORANGE, markersize=13, label="best")
+        axes.set_ylabel(_axis(self.found, label))
+        return y
 
 
-def _objective(axes: Axes, found: Optimum, designs: _Designs) -> None:
-    values = designs.numbers(found.objective)
-    _points(axes, designs.number, values, designs)
+def _objective(axes: Axes, designs: _Designs) -> None:
+    values = designs.draw(axes, designs.number, designs.found.objective)
     meets = np.where(designs.feasible, values, np.nan)
-    best = np.fmax.accumulate(meets) if found.maximise else np.fmin.accumulate(meets)
+    best = (np.fmax if designs.found.maximise else np.fmin).accumulate(meets)
     axes.plot(designs.number, best, ":", color=_BLUE, drawstyle="steps-post", label="best so far")
     if designs.failed.any():
         at = designs.number[designs.failed]
         low = np.full(len(at), axes.get_ylim()[0])
         axes.plot(at, low, "x", color=QUIET, clip_on=False, label="could not be solved")
     axes.set_xlabel("design")
-    axes.set_ylabel(_axis(found, found.objective))
 
 
-def _variables(axes: Axes, found: Optimum, designs: _Designs) -> None:
+def _variables(axes: Axes, designs: _Designs) -> None:
     """Shares of the ranges; the legend has the best values."""
-    for k, one in enumerate(found.variables):
-        share = 100.0 * (designs.values(one.key) - one.lower) / (one.upper - one.lower)
-        words = f"{one.key} = {found.values[one.key]:.4g}"
+    for k, one in enumerate(designs.found.variables):
+        values = np.array([step.values[one.key] for step in designs.steps])
+        share = 100.0 * (values - one.lower) / (one.upper - one.lower)
+        words = f"{one.key} = {designs.found.values[one.key]:.4g}"
         axes.plot(designs.number, share, ".-", color=COLOURS[k % len(COLOURS)], linewidth=1.0, label=words)
-    axes.set_ylim(-3.0, 103.0)
-    axes.set_xlabel("design")
-    axes.set_ylabel("variables, % of their range")
+    axes.set(ylim=(-3.0, 103.0), xlabel="design", ylabel="variables, % of their range")
     axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), borderaxespad=0.2)
 
 
-def _trade_off(axes: Axes, found: Optimum, limit: LimitAtOptimum, designs: _Designs) -> None:
-    numbers, values = designs.numbers(limit.number), designs.numbers(found.objective)
-    _points(axes, numbers, values, designs)
+def _trade_off(axes: Axes, designs: _Designs, limit: LimitAtOptimum) -> None:
+    found, numbers = designs.found, designs.numbers(limit.number)
+    values = designs.draw(axes, numbers, found.objective)
     known = np.flatnonzero(np.isfinite(numbers) & np.isfinite(values))
     side = 1.0 if np.isfinite(limit.upper) else -1.0
     better = -1.0 if found.maximise else 1.0
     front = known[undominated(side * numbers[known], better * values[known])]
     front = front[np.argsort(numbers[front])]
-    axes.plot(
-        numbers[front], values[front], "-", color=_BLUE, linewidth=1.0, label="no other is better in both"
-    )
+    words = "no other is better in both"
+    axes.plot(numbers[front], values[front], "-", color=_BLUE, linewidth=1.0, label=words)
     factor = _printed(found, limit.number)[0]
     for bound in (limit.lower, limit.upper):
         if np.isfinite(bound):
@@ -159,17 +161,6 @@ def _trade_off(axes: Axes, found: Optimum, limit: LimitAtOptimum, designs: _Desi
         axes.set_xscale("log")
         axes.xaxis.set_major_formatter("{x:g}")
     axes.set_xlabel(_axis(found, limit.number))
-    axes.set_ylabel(_axis(found, found.objective))
-
-
-def _points(axes: Axes, x: Array, y: Array, designs: _Designs) -> None:
-    meets = designs.feasible
-    if (~meets & ~designs.failed).any():
-        axes.plot(x[~meets], y[~meets], "o", color=QUIET, markerfacecolor="none", label="misses a limit")
-    axes.plot(x[meets], y[meets], "o", color=_BLUE, label="meets all limits")
-    if designs.best is not None:
-        best = designs.best
-        axes.plot(x[best : best + 1], y[best : best + 1], "*", color=_ORANGE, markersize=13, label="best")
 
 
 def _printed(found: Optimum, label: str) -> tuple[float, str]:
@@ -244,7 +235,7 @@ def save_before_and_after(
     scene.window_size = [width, height]
     for k in range(2):
         scene.subplot(0, k)
-        look_at(scene, together, margin=0.3, panels=2)
+        look_at(scene, together, margin=0.3)
     save_screenshot(scene, path)
     scene.close()
     return Path(path)

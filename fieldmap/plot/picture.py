@@ -19,7 +19,6 @@ from fieldmap.plot.style import save_screenshot
 from fieldmap.plot.words import amperes_in_words
 from fieldmap.typing import Array
 
-_PANELS = 2
 # Arrows along x and z, and how far in front of the plane of the field they lie, m.
 _ARROWS, _IN_FRONT = (7, 9), 3e-4
 _VIEW = np.array(VIEW)
@@ -69,17 +68,17 @@ def save_picture(
     >>> save_picture("drive_unit.png", fieldmap.read_device("drive_unit"))        # doctest: +SKIP
     PosixPath('drive_unit.png')
     """
-    scene = new_scene(window_size, panels=_PANELS)
+    scene = new_scene(window_size, panels=2)
     scene.subplot(0, 0)
     device_scene(
         device, currents=_by_name(device, field, currents), magnet_at=magnet_at, plotter=scene, names=False
     )
-    look_at(scene, extent(scene), margin=0.14, panels=_PANELS)
+    look_at(scene, extent(scene), margin=0.14)
     add_words(scene, device.title, (0.03, 0.98))
     scene.subplot(0, 1)
     forces = forces and field is not None and device.payload is not None
     device_scene(device, field, currents, magnet_at, axes=False, plotter=scene, directions=not forces)
-    look_at(scene, core_bounds(device), panels=_PANELS)
+    look_at(scene, core_bounds(device))
     if field is not None and forces:
         _add_net_force(scene, device, field, currents)
     if field is not None:
@@ -117,22 +116,20 @@ def _add_net_force(scene: pv.Plotter, device: Device, field: AnyField, currents:
 
 def core_bounds(device: Device) -> Array:
     """Box (3, 2), mm, of the coils and the workspace: what the right panel shows."""
-    boxes = [extent(winding_surface(coil)) for coil in device.coils]
+    surfaces = [winding_surface(coil) for coil in device.coils]
     if device.workspace is not None:
-        boxes.append(extent(workspace_outline(device.workspace)))
-    together = np.array(boxes)
-    return np.column_stack([together[:, :, 0].min(axis=0), together[:, :, 1].max(axis=0)])
+        surfaces.append(workspace_outline(device.workspace))
+    return extent(pv.merge(surfaces))
 
 
 def look_at(
     scene: pv.Plotter,
     bounds: Array,
     margin: float = 0.06,
-    panels: int = 1,
     view: Array = _VIEW,
     size: tuple[int, int] | None = None,
 ) -> None:
-    """Parallel projection from the front that just holds the box (3, 2); panels: into which the window is divided.
+    """Parallel projection from the front that just holds the box (3, 2).
 
     view (3,): towards the viewer. size: of the window, pixels; that with which the scene was made unless given.
     """
@@ -144,10 +141,9 @@ def look_at(
     scene.camera.focal_point = tuple(middle)
     scene.camera.position = tuple(middle - 10.0 * np.ptp(bounds) * forward)
     scene.camera.up = (0.0, 0.0, 1.0)
-    # Half the height of the view.
-    scene.camera.parallel_scale = (
-        0.5 * (1.0 + margin) * max(np.ptp(along), np.ptp(across) * height * panels / width)
-    )
+    # Half the height of the view; panels stand side by side.
+    as_high = np.ptp(across) * height * len(scene.renderers) / width
+    scene.camera.parallel_scale = 0.5 * (1.0 + margin) * max(np.ptp(along), as_high)
     scene.renderer.ResetCameraClippingRange()
 
 

@@ -12,6 +12,13 @@ MM = 1e3
 AXES = "xyz"
 
 
+def pose(rotation: Array, at: Array) -> Array:
+    """Matrix (4, 4) that turns by a rotation (3, 3) and moves to a place (3,)."""
+    matrix = np.eye(4)
+    matrix[:3, :3], matrix[:3, 3] = rotation, at
+    return matrix
+
+
 def inside(box: Bounds) -> tuple[Array, Array]:
     """Corners (3,), m, a hair inside the box, so that rounding leaves no point outside."""
     lower, upper = (np.asarray(corner, dtype=float) for corner in box)

@@ -8,7 +8,7 @@ from functools import lru_cache
 import pyvista as pv
 from vtkmodules.vtkCommonCore import vtkLogger
 
-from fieldmap.errors import FieldmapError, Problem
+from fieldmap.errors import FieldmapError
 
 # VTK's own classes: to load pyvista takes a second more.
 _PROGRAM = """
@@ -60,13 +60,11 @@ def require_renderer() -> None:
     # With a display that is gone (an old DISPLAY) VTK complains and then draws without it all the same.
     vtkLogger.SetStderrVerbosity(vtkLogger.VERBOSITY_ERROR)
     if not can_render():
-        raise FieldmapError(
-            Problem(
-                "fieldmap.plot",
-                "the machine must offer OpenGL",
-                "neither a display nor EGL nor OSMesa",
-                "install EGL (Debian: libegl1) or OSMesa (libosmesa6), or draw on another machine",
-            )
+        raise FieldmapError.of(
+            "fieldmap.plot",
+            "the machine must offer OpenGL",
+            "neither a display nor EGL nor OSMesa",
+            "install EGL (Debian: libegl1) or OSMesa (libosmesa6), or draw on another machine",
         )
 
 
@@ -83,11 +81,9 @@ def require_window(scene: pv.Plotter) -> None:
     """Raise FieldmapError where a scene that shall be looked at has no screen to appear on."""
     kind = scene.render_window.GetClassName() if scene.render_window is not None else ""
     if kind in _WITHOUT_SCREEN:
-        raise FieldmapError(
-            Problem(
-                "fieldmap.plot",
-                "a window needs a screen",
-                f"none (DISPLAY is {os.environ.get('DISPLAY') or 'not set'})",
-                "add --save FILE.png, or .html for a page that turns in a browser",
-            )
+        raise FieldmapError.of(
+            "fieldmap.plot",
+            "a window needs a screen",
+            f"none (DISPLAY is {os.environ.get('DISPLAY') or 'not set'})",
+            "add --save FILE.png, or .html for a page that turns in a browser",
         )

@@ -81,8 +81,19 @@ def run_figure(title: str, runs: Sequence[DrawnRun]) -> Figure:
         The figure.
     """
     with new_figure(8.0, 7.6, DOTS_PER_INCH) as figure:
-        _draw_runs(figure, runs)
-        add_heading(figure.axes[0], run_message(runs), title)
+        *places, lowest = figure.subplots(4, 1, sharex=True)
+        for k, axis in enumerate(places):
+            factor, unit = _scale(runs, k)
+            _draw_readings(axis, runs, k, factor)
+            axis.set_ylabel(f"{_NAMES[k]}, {unit}")
+        places[2].invert_yaxis()
+        if len(runs) == 1:
+            # Above the axes: inside there is a curve everywhere.
+            places[0].legend(**_ABOVE)
+        _draw_currents(lowest, runs)
+        lowest.set(xlabel="time, s", ylabel="currents, A")
+        lowest.legend(**_ABOVE)
+        add_heading(places[0], run_message(runs), title)
     return figure
 
 
@@ -138,22 +149,6 @@ def _scale(runs: Sequence[DrawnRun], axis: int) -> tuple[float, str]:
     return (1e3, "µm") if 0.0 < largest < _SMALL else (1.0, "mm")
 
 
-def _draw_runs(figure: Figure, runs: Sequence[DrawnRun]) -> None:
-    *places, lowest = figure.subplots(4, 1, sharex=True)
-    names = [str(name) for name in runs[0].get("coil_names", range(1, runs[0]["currents"].shape[1] + 1))]
-    for k, axis in enumerate(places):
-        factor, unit = _scale(runs, k)
-        _draw_readings(axis, runs, k, factor)
-        axis.set_ylabel(f"{_NAMES[k]}, {unit}")
-    places[2].invert_yaxis()
-    if len(runs) == 1:
-        # Above the axes: inside there is a curve everywhere.
-        places[0].legend(**_ABOVE)
-    _draw_currents(lowest, runs, names)
-    lowest.set(xlabel="time, s", ylabel="currents, A")
-    lowest.legend(**_ABOVE)
-
-
 def _draw_readings(axis: Axes, runs: Sequence[DrawnRun], k: int, factor: float) -> None:
     """One coordinate: of one run what the sensor says, the truth and a log; of several the truth of each."""
     many = len(runs) > 1
@@ -176,38 +171,28 @@ def _draw_readings(axis: Axes, runs: Sequence[DrawnRun], k: int, factor: float) 
     axis.plot(runs[0]["time"], wanted, color=INK, linewidth=0.9, linestyle="--", label="reference")
 
 
-def _draw_currents(axis: Axes, runs: Sequence[DrawnRun], names: Sequence[str]) -> None:
+def _draw_currents(axis: Axes, runs: Sequence[DrawnRun]) -> None:
     """Coils of one current as one line; a log as dots, which have the colours of the lines."""
-    alike = _coils_alike(np.concatenate([run["currents"] for run in runs]))
-    for run in runs:
-        for coils in alike:
-            axis.plot(
-                run["time"],
-                run["currents"][:, coils[0]],
-                color=COLOURS[coils[0] % len(COLOURS)],
-                linewidth=0.7,
-                alpha=0.3 if len(runs) > 1 else 1.0,
-                label=_label([names[coil] for coil in coils]) if run is runs[0] else None,
-            )
-        log = run.get("measured")
-        if log is None:
-            continue
-        for name in log.signals.keys() - set(MEASURED_AXES):
-            colour = COLOURS[names.index(name) % len(COLOURS)]
-            axis.plot(log.time, log.signals[name].measured, ".", color=colour, markersize=1.5)
-
-
-def _coils_alike(currents: Array) -> list[list[int]]:
-    """Coils whose currents (r, n) are the same curve, of which only one would be seen."""
+    currents = np.concatenate([run["currents"] for run in runs])
+    names = [str(name) for name in runs[0].get("coil_names", range(1, currents.shape[1] + 1))]
     near = _SAME * np.abs(currents).max(initial=0.0)
-    return grouped(
+    # Of curves that lie on each other only one would be seen.
+    alike = grouped(
         range(currents.shape[1]),
         lambda one, other: bool(np.abs(currents[:, one] - currents[:, other]).max(initial=0.0) <= near),
     )
-
-
-def _label(names: list[str]) -> str:
-    return f"coil {names[0]}" if len(names) == 1 else f"coils {', '.join(names)}: the same"
+    look: dict[str, Any] = {"linewidth": 0.7, "alpha": 0.3 if len(runs) > 1 else 1.0}
+    for run in runs:
+        for coils in alike:
+            of = [names[coil] for coil in coils]
+            words = f"coil {of[0]}" if len(of) == 1 else f"coils {', '.join(of)}: the same"
+            colour, label = COLOURS[coils[0] % len(COLOURS)], words if run is runs[0] else None
+            axis.plot(run["time"], run["currents"][:, coils[0]], color=colour, label=label, **look)
+        log = run.get("measured")
+        if log is not None:
+            for name in log.signals.keys() - set(MEASURED_AXES):
+                colour = COLOURS[names.index(name) % len(COLOURS)]
+                axis.plot(log.time, log.signals[name].measured, ".", color=colour, markersize=1.5)
 
 
 def save_run_figure(path: str | Path, title: str, runs: Sequence[DrawnRun]) -> Path:

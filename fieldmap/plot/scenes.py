@@ -2,26 +2,16 @@
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 import pyvista as pv
 
 from fieldmap.arguments import check_choice
+from fieldmap.plot import field_scenes, forces
 from fieldmap.plot.animation import add_path
 from fieldmap.plot.device_drawing import device_scene
-from fieldmap.plot.equilibrium_shift import COORDINATES, add_shift, shift_titles
-from fieldmap.plot.field_scenes import (
-    QUANTITIES,
-    add_difference,
-    add_field_lines,
-    add_iron_field,
-    add_mesh,
-    add_slices,
-    add_surfaces,
-)
-from fieldmap.plot.forces import add_equilibrium, add_forces
 from fieldmap.plot.picture import FROM_ABOVE, look_at
-from fieldmap.plot.reachable_set import KINDS, add_reachable, reachable_titles
 from fieldmap.plot.rendering import new_scene
 from fieldmap.plot.scales import MILLIMETRES, add_rulers, add_words
 from fieldmap.plot.shown import Shown
@@ -34,65 +24,51 @@ FORMATS = (".png", ".html", ".vtm")
 MOVIES = (".gif", ".mp4")
 
 
-def _device(scene: pv.Plotter, shown: Shown) -> None:
+def _device(scene: pv.Plotter, shown: Shown, _: str) -> None:
     assert shown.device is not None
     device_scene(shown.device, magnet_at=shown.equilibrium, axes=False, plotter=scene)
 
 
-def _lines(scene: pv.Plotter, shown: Shown) -> None:
+def _lines(scene: pv.Plotter, shown: Shown, _: str) -> None:
     if shown.everywhere and shown.device is not None:
-        device_scene(
-            shown.device,
-            None,
-            shown.currents,
-            axes=False,
-            plotter=scene,
-            iron_opacity=0.3,
-            coil_opacity=0.3,
-            names=False,
-        )
-    add_field_lines(scene, shown)
+        look: dict[str, Any] = {"iron_opacity": 0.3, "coil_opacity": 0.3, "names": False}
+        device_scene(shown.device, None, shown.currents, axes=False, plotter=scene, **look)
+    field_scenes.add_field_lines(scene, shown, _)
 
 
-Draw = Callable[[pv.Plotter, Shown, str], None]
+class Scene(NamedTuple):
+    """What draws a scene, and what it needs of `Shown`.
+
+    quantities: of which it shows one, the first unless told. legend: what arrows and lines mean, where the first
+    quantity is shown. boxed: whether the edges of the field's box are drawn.
+    """
+
+    draw: Callable[[pv.Plotter, Shown, str], None]
+    needs: tuple[str, ...]
+    legend: str = ""
+    quantities: tuple[str, ...] = tuple(field_scenes.QUANTITIES)
+    boxed: bool = True
 
 
-def _scene(draw: Callable[[pv.Plotter, Shown], None], *needs: str) -> Draw:
-    """A scene that shows one quantity only; needs: what `Shown` must have for it."""
-    return _of_quantity(lambda scene, shown, _: draw(scene, shown), *needs)
-
-
-def _of_quantity(draw: Draw, *needs: str) -> Draw:
-    def drawn(scene: pv.Plotter, shown: Shown, quantity: str) -> None:
-        shown.need(*needs)
-        draw(scene, shown, quantity)
-
-    return drawn
-
-
-SCENES: dict[str, Draw] = {
-    "device": _scene(_device, "device"),
-    "mesh": _scene(add_mesh, "mesh"),
-    "iron": _scene(add_iron_field, "mesh"),
-    "lines": _scene(_lines, "field", "lower"),
-    "slices": _of_quantity(add_slices, "field", "lower"),
-    "surfaces": _of_quantity(add_surfaces, "field", "lower"),
-    "forces": _scene(add_forces, "field", "lower", "payload"),
-    "equilibrium": _scene(add_equilibrium, "field", "lower", "payload", "equilibrium"),
-    "difference": _of_quantity(add_difference, "field", "lower"),
-    "shift": _of_quantity(add_shift, "surface"),
-    "reachable": _scene(add_reachable, "reachable"),
-    "path": _scene(add_path, "run"),
+_ARROWS_OF_FORCE = "arrows: force on the magnet, whose centre lies in their middle"
+_IN_BALANCE = "red: the magnet in balance; arrows: magnetic force and weight together"
+_PATH = "red: outline of the magnet at the end; black: the path that was asked for"
+_FIELD = ("field", "lower")
+SCENES: dict[str, Scene] = {
+    "device": Scene(_device, ("device",), boxed=False),
+    "mesh": Scene(field_scenes.add_mesh, ("mesh",), boxed=False),
+    "iron": Scene(field_scenes.add_iron_field, ("mesh",), boxed=False),
+    "lines": Scene(_lines, _FIELD),
+    "slices": Scene(field_scenes.add_slices, _FIELD, "arrows: direction of B"),
+    "surfaces": Scene(field_scenes.add_surfaces, _FIELD),
+    "forces": Scene(forces.add_forces, (*_FIELD, "payload"), _ARROWS_OF_FORCE),
+    "equilibrium": Scene(forces.add_equilibrium, (*_FIELD, "payload", "equilibrium"), _IN_BALANCE),
+    "difference": Scene(field_scenes.add_difference, _FIELD),
+    "shift": Scene(forces.add_shift, ("surface",), quantities=tuple(forces.COORDINATES), boxed=False),
+    "reachable": Scene(forces.add_reachable, ("reachable",), quantities=forces.KINDS, boxed=False),
+    "path": Scene(add_path, ("run",), _PATH),
 }
-"""Name -> what draws it."""
-_LEGENDS = {
-    "slices": "arrows: direction of B",
-    "forces": "arrows: force on the magnet, whose centre lies in their middle",
-    "equilibrium": "red: the magnet in balance; arrows: magnetic force and weight together",
-    "path": "red: outline of the magnet at the end; black: the path that was asked for",
-}
-"""What arrows and lines mean, in a scene of its first quantity."""
-_WITHOUT_BOX = ("device", "mesh", "iron", "shift", "reachable")
+"""What can be drawn, by name."""
 
 
 def make_scene(
@@ -111,7 +87,7 @@ def make_scene(
     what
         One of SCENES.
     quantity
-        One of `quantities_of(what)`, the first unless given.
+        One of the quantities of the scene, the first unless given.
     off_screen
         Whether no window opens.
     window
@@ -129,17 +105,18 @@ def make_scene(
     FieldmapError
         On a machine without OpenGL.
     """
-    chosen = check_scene(what, quantity)
+    chosen, asked = check_scene(what, quantity), SCENES[what]
     scene = new_scene(window, off_screen)
-    SCENES[what](scene, shown, chosen)
-    if what not in _WITHOUT_BOX and shown.lower is not None and shown.upper is not None:
+    shown.need(*asked.needs)
+    asked.draw(scene, shown, chosen)
+    if asked.boxed and shown.lower is not None and shown.upper is not None:
         scene.add_mesh(box_edges(shown.box), color=INK, line_width=2.5, lighting=False)
     add_rulers(scene, titles=axes_of(what, chosen, shown))
     if what == "shift":
         look_at(scene, extent(scene), margin=0.4, view=FROM_ABOVE)
     else:
         look_at(scene, extent(scene), margin=0.3)
-    legend = _LEGENDS.get(what, "") if chosen == quantities_of(what)[0] else ""
+    legend = asked.legend if chosen == asked.quantities[0] else ""
     words = f"{shown.title}\n{legend}".rstrip()
     add_words(scene, words, (0.02, 0.985))
     scene.enable_anti_aliasing("ssaa")
@@ -163,23 +140,15 @@ def drawn_ranges(scene: pv.Plotter) -> dict[str, list[float]]:
 
 def check_scene(what: str, quantity: str = "") -> str:
     """The quantity that is drawn. Raises InputError for a scene or quantity that there is not."""
-    known = quantities_of(check_choice("what", what, SCENES))
+    known = SCENES[check_choice("what", what, SCENES)].quantities
     return check_choice("quantity", quantity or known[0], known)
 
 
-def quantities_of(what: str) -> tuple[str, ...]:
-    """What a scene can show: x or y of "shift", force or B of "reachable", otherwise B, Bz or gradB (which only some
-    scenes take)."""
-    if what == "reachable":
-        return KINDS
-    return tuple(COORDINATES) if what == "shift" else tuple(QUANTITIES)
-
-
-def axes_of(what: str, quantity: str = "", shown: Shown | None = None) -> tuple[str, str, str]:
+def axes_of(what: str, quantity: str, shown: Shown) -> tuple[str, str, str]:
     """Titles of a scene's axes; those of "reachable" depend on what is shown."""
-    if what == "reachable" and shown is not None and shown.reachable is not None:
-        return reachable_titles(shown.reachable)
-    return shift_titles(quantity or quantities_of(what)[0]) if what == "shift" else MILLIMETRES
+    if what == "reachable" and shown.reachable is not None:
+        return forces.reachable_titles(shown.reachable)
+    return forces.shift_titles(quantity or "x") if what == "shift" else MILLIMETRES
 
 
 def save_scene(

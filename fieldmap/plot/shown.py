@@ -13,6 +13,7 @@ from fieldmap.errors import InputError, Problem
 from fieldmap.field import AnyField, Bounds, FieldAtCurrents, as_field
 from fieldmap.levitation import EquilibriumSurface, ReachableSet, SearchedSet
 from fieldmap.plain import Plain, plain_items
+from fieldmap.plot.places import MM, pose
 from fieldmap.records import Record
 from fieldmap.typing import Array
 
@@ -38,12 +39,8 @@ class ShownRun(Record):
 
     def pose(self, k: int) -> Array:
         """Matrix (4, 4) that puts the body, drawn about the origin in mm, where it was at sample k."""
-        matrix = np.eye(4)
-        matrix[:3, :3] = scipy.spatial.transform.Rotation.from_quat(
-            self.quaternion[k], scalar_first=True
-        ).as_matrix()
-        matrix[:3, 3] = 1e3 * self.position[k]
-        return matrix
+        turn = scipy.spatial.transform.Rotation.from_quat(self.quaternion[k], scalar_first=True)
+        return pose(turn.as_matrix(), MM * self.position[k])
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -82,7 +79,7 @@ class Shown(Record):
         if held is not None and self.currents is not None and not np.array_equal(held, self.currents):
             received = f"{self.currents.tolist()}, while the field holds {np.asarray(held).tolist()}"
             remedy = "take the field at the currents that are shown: field.at(currents)"
-            raise InputError(Problem("Shown(currents)", "must be those of the field", received, remedy))
+            raise InputError.of("Shown(currents)", "must be those of the field", received, remedy)
 
     def need(self, *names: str) -> None:
         """Refuse what a scene needs and is None.

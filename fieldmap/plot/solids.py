@@ -8,67 +8,50 @@ from typing import Any
 
 import numpy as np
 import pyvista as pv
+from numpy.typing import ArrayLike
 
+from fieldmap.device import model
 from fieldmap.device.coils import Coil
 from fieldmap.device.drawing import winding_outline
-from fieldmap.device.model import (
-    Body,
-    Box,
-    Cylinder,
-    Device,
-    ExtrudedPolygon,
-    MagnetBlock,
-    MagnetCylinder,
-    MagnetSphere,
-    Part,
-    Placement,
-    RevolvedProfile,
-    Ring,
-    Shape,
-    Sphere,
-    Workspace,
-    WorkspaceBox,
-)
 from fieldmap.device.payload import Payload, PayloadPiece, SoftBody
 from fieldmap.field import Bounds
-from fieldmap.plot.places import MM
-from fieldmap.typing import Array, Index
+from fieldmap.plot.places import MM, pose
+from fieldmap.typing import Array
 
 SEGMENTS = 96
 ARC_SEGMENTS = 24
+# Of a turn, that the arrow of its current covers.
+_SHARE = 0.3
 
 
-def body_surface(device: Device, body: Body) -> pv.PolyData:
+def body_surface(device: model.Device, body: model.Body) -> pv.PolyData:
     """Surface of one body in the global frame, mm.
 
     Parts that are only added are drawn as they are; a body with a cut or a STEP file is meshed first.
     """
-    simple = all(part.operation == "add" and _local_surface(part.shape) is not None for part in body.parts)
-    if simple:
-        return pv.merge([_part_surface(part) for part in body.parts], merge_points=False)
-    return _meshed_surface(device, body)
+    parts = [(_local_surface(part.shape), part.placement) for part in body.parts if part.operation == "add"]
+    simple = [placed(surface, placement) for surface, placement in parts if surface is not None]
+    if len(simple) == len(body.parts):
+        return pv.merge(simple, merge_points=False)
+    from fieldmap.iron import generate_mesh
+
+    mesh = generate_mesh(replace(device, bodies=(replace(body, edge_size=None),)))
+    tetrahedra = pv.UnstructuredGrid({pv.CellType.TETRA: mesh.tets}, MM * mesh.points)
+    return tetrahedra.extract_surface(algorithm=None)
 
 
-def placed(surface: pv.PolyData, placement: Placement) -> pv.PolyData:
+def placed(surface: pv.PolyData, placement: model.Placement) -> pv.PolyData:
     """The surface, mm, turned and moved."""
-    matrix = np.eye(4)
-    matrix[:3, :3] = placement.rotation
-    matrix[:3, 3] = MM * np.asarray(placement.position)
+    matrix = pose(placement.rotation, MM * np.asarray(placement.position))
     moved = surface.copy()
     moved.transform(matrix, inplace=True)
     return moved
 
 
-def _part_surface(part: Part) -> pv.PolyData:
-    surface = _local_surface(part.shape)
-    assert surface is not None
-    return placed(surface, part.placement)
-
-
-def _local_surface(shape: Shape) -> pv.PolyData | None:
+def _local_surface(shape: model.Shape) -> pv.PolyData | None:
     """The shape in its local frame, mm, or None where it is no simple one."""
     match shape.primitive:
-        case Cylinder(radius, height):
+        case model.Cylinder(radius, height):
             return pv.Cylinder(
                 center=(0, 0, MM * height / 2),
                 direction=(0, 0, 1),
@@ -76,18 +59,16 @@ def _local_surface(shape: Shape) -> pv.PolyData | None:
                 height=MM * height,
                 resolution=SEGMENTS,
             )
-        case Ring(inner, outer, height):
-            return _revolved(
-                MM * np.array([[inner, 0], [outer, 0], [outer, height], [inner, height]]), SEGMENTS
-            )
-        case Box(size):
+        case model.Ring(inner, outer, height):
+            return _revolved([[inner, 0], [outer, 0], [outer, height], [inner, height]])
+        case model.Box(size):
             x, y, z = (MM * edge for edge in size)
             return pv.Box((-x / 2, x / 2, -y / 2, y / 2, 0, z))
-        case Sphere(radius):
+        case model.Sphere(radius):
             return pv.Sphere(radius=MM * radius, theta_resolution=SEGMENTS, phi_resolution=SEGMENTS // 2)
-        case RevolvedProfile(points):
-            return _revolved(MM * points, SEGMENTS)
-        case ExtrudedPolygon(points, height):
+        case model.RevolvedProfile(points):
+            return _revolved(points)
+        case model.ExtrudedPolygon(points, height):
             corners = np.column_stack([MM * points, np.zeros(len(points))])
             outline = pv.PolyData(corners, faces=[len(corners), *range(len(corners))]).triangulate()
             solid = outline.extrude((0, 0, MM * height), capping=True).triangulate().clean()
@@ -96,26 +77,14 @@ def _local_surface(shape: Shape) -> pv.PolyData | None:
     return None
 
 
-def _meshed_surface(device: Device, body: Body) -> pv.PolyData:
-    from fieldmap.iron import generate_mesh
-
-    mesh = generate_mesh(replace(device, bodies=(replace(body, edge_size=None),)))
-    return tetrahedra(mesh.tets, MM * mesh.points).extract_surface(algorithm=None)
-
-
-def tetrahedra(corners: Index, points: Array) -> pv.UnstructuredGrid:
-    """A mesh of corners (e, 4), places in points (n, 3)."""
-    return pv.UnstructuredGrid({pv.CellType.TETRA: corners}, points)
-
-
 def box_edges(box: Bounds) -> pv.PolyData:
     """The twelve edges of a box whose corners are given in m, mm."""
     return pv.Box(tuple(MM * np.column_stack(box).ravel())).extract_all_edges()
 
 
-def workspace_outline(space: Workspace) -> pv.PolyData:
+def workspace_outline(space: model.Workspace) -> pv.PolyData:
     """Edges of the workspace, mm."""
-    if isinstance(space, WorkspaceBox):
+    if isinstance(space, model.WorkspaceBox):
         return box_edges((space.lower, space.upper))
     middle = space.base + np.array([0.0, 0.0, space.height / 2])
     return sharp_edges(upright_cylinder(space.radius, space.height).translate(MM * middle, inplace=False))
@@ -155,11 +124,11 @@ def piece_surface(piece: PayloadPiece) -> pv.PolyData:
 def magnet_surface(magnet: Any) -> pv.PolyData | None:
     """A payload's magnet about the origin, upright, mm; None where there is none."""
     match magnet:
-        case MagnetCylinder(diameter, height):
+        case model.MagnetCylinder(diameter, height):
             return upright_cylinder(diameter / 2, height)
-        case MagnetSphere(diameter):
+        case model.MagnetSphere(diameter):
             return pv.Sphere(radius=MM * diameter / 2)
-        case MagnetBlock(size):
+        case model.MagnetBlock(size):
             x, y, z = (MM * edge / 2 for edge in size)
             return pv.Box((-x, x, -y, y, -z, z))
     return None
@@ -197,16 +166,11 @@ def winding_surface(coil: Coil) -> pv.PolyData:
     return placed(_closed_tube(np.array(rings)), coil.placement)
 
 
-def current_arrow(
-    coil: Coil, share: float = 0.3, away_from: tuple[float, float] = (0.0, 0.0), sense: float = 1.0
-) -> pv.PolyData:
-    """An arrow along a coil current on the outside of the winding, global frame, mm.
-
-    share: the part of the turn that it covers, centred on the side that faces away from the vertical line
-    through `away_from` (mm). sense: negative for a negative current.
-    """
-    loop, outermost = _outside(coil, away_from)
-    loop = _arc_about(loop, outermost, share)
+def current_arrow(coil: Coil, sense: float = 1.0) -> pv.PolyData:
+    """An arrow along a coil current on the outside of the winding, on the side that faces away from the z axis; global
+    frame, mm. sense: negative for a negative current."""
+    loop, outermost = _outside(coil, 0.6)
+    loop = _arc_about(loop, outermost, _SHARE)
     if coil.polarity * sense < 0:
         loop = loop[::-1]
     size = 0.09 * MM * coil.height
@@ -220,18 +184,18 @@ def current_arrow(
 def name_place(coil: Coil, towards: tuple[float, float, float]) -> Array:
     """Where the coil's name stands, (3,), global frame, mm: on the side of a viewer in the direction `towards`, above
     the arrow, off the winding."""
-    loop, _ = _outside(coil, (0.0, 0.0), 2.0)
+    loop, _ = _outside(coil, 2.0)
     around = placed(pv.PolyData(loop + [0.0, 0.0, 0.28 * MM * coil.height]), coil.placement).points
     return np.asarray(around[int(np.argmax(around @ np.array(towards)))])
 
 
-def _outside(coil: Coil, away_from: tuple[float, float], off: float = 0.6) -> tuple[Array, int]:
+def _outside(coil: Coil, off: float) -> tuple[Array, int]:
     """The turn (n, 3) that runs `off` mm outside of the winding at half its height, in the coil's frame, mm; and which
-    of its points is farthest from the vertical line through `away_from`."""
+    of its points is farthest from the z axis of the machine."""
     line, normal = middle_line(coil)
     gap = 0.5 * MM * coil.winding().thickness + off
     loop = np.column_stack([line + gap * normal, np.zeros(len(line))])
-    outward = placed(pv.PolyData(loop), coil.placement).points[:, :2] - np.array(away_from)
+    outward = placed(pv.PolyData(loop), coil.placement).points[:, :2]
     return loop, int(np.argmax(np.linalg.norm(outward, axis=1)))
 
 
@@ -250,14 +214,13 @@ def _closed_tube(rings: Array) -> pv.PolyData:
     index = np.arange(k * n).reshape(k, n)
     ahead, beside = np.roll(index, -1, axis=0), np.roll(index, -1, axis=1)
     corner = np.roll(ahead, -1, axis=1)
-    quads = np.stack([np.full_like(index, 4), index, beside, corner, ahead], axis=-1)
-    surface = pv.PolyData(rings.reshape(-1, 3), faces=quads.ravel())
-    return surface.triangulate()
+    quads = np.stack([index, beside, corner, ahead], axis=-1).reshape(-1, 4)
+    return pv.PolyData.from_regular_faces(rings.reshape(-1, 3), quads).triangulate()  # type: ignore[arg-type]
 
 
-def _revolved(profile: Array, segments: int = SEGMENTS) -> pv.PolyData:
-    """Closed polygon `profile` (k, 2) of (r, z) turned about the z axis."""
-    angle = 2.0 * np.pi * np.arange(segments) / segments
-    r, z = profile[:, :1], profile[:, 1:]
-    rings = np.stack([r * np.cos(angle), r * np.sin(angle), np.broadcast_to(z, (len(z), segments))], axis=-1)
+def _revolved(profile: ArrayLike) -> pv.PolyData:
+    """Closed polygon `profile` (k, 2) of (r, z), m, turned about the z axis, mm."""
+    angle = 2.0 * np.pi * np.arange(SEGMENTS) / SEGMENTS
+    r, z = np.hsplit(MM * np.asarray(profile), 2)
+    rings = np.stack([r * np.cos(angle), r * np.sin(angle), np.broadcast_to(z, (len(z), SEGMENTS))], axis=-1)
     return _closed_tube(rings)

@@ -67,8 +67,17 @@ def study_figure(data: Any, shown: list[Quantity]) -> Figure:
     """The figure with one panel for each quantity."""
     columns = min(_COLUMNS, len(shown))
     rows = -(-len(shown) // columns)
+    first = "common_current" if "common_current" in data else shown[0].name
     with new_figure(_PANEL[0] * columns + 0.4, _PANEL[1] * rows + 0.9) as figure:
-        _draw_study(figure, data, shown, columns, rows)
+        for k, quantity in enumerate(shown):
+            axes = figure.add_subplot(rows, columns, k + 1)
+            _panel(axes, data, quantity, data[first].dims[0])
+        handles, labels = axes.get_legend_handles_labels()
+        if len(labels) > 1:
+            about: dict[str, Any] = {"ncols": min(3, len(labels)), "fontsize": 8, "frameon": False}
+            figure.legend(handles, labels, loc="outside lower center", **about)
+        words = [study_message(data, shown[0]), data.attrs.get("title", "")]
+        figure.suptitle("\n".join(text for text in words if text))
     return figure
 
 
@@ -81,21 +90,6 @@ def study_message(data: Any, quantity: Quantity) -> str:
     at = ", ".join(_named(data, axis, k) for axis, k in least.items() if len(data[axis]) > 1)
     least_value = f"{float(values.isel(least)):.3g} {unit_in_words(quantity.printed_unit)}".rstrip()
     return f"Least {_LABELS[quantity.name]}: {least_value}" + (f" at {at}" if at else "")
-
-
-def _draw_study(figure: Figure, data: Any, shown: list[Quantity], columns: int, rows: int) -> None:
-    first = "common_current" if "common_current" in data else shown[0].name
-    abscissa = data[first].dims[0]
-    for k, quantity in enumerate(shown):
-        axes = figure.add_subplot(rows, columns, k + 1)
-        _panel(axes, data, quantity, abscissa)
-    handles, labels = axes.get_legend_handles_labels()
-    if len(labels) > 1:
-        figure.legend(
-            handles, labels, loc="outside lower center", ncols=min(3, len(labels)), fontsize=8, frameon=False
-        )
-    words = [study_message(data, shown[0]), data.attrs.get("title", "")]
-    figure.suptitle("\n".join(text for text in words if text))
 
 
 def _panel(axes: Axes, data: Any, quantity: Quantity, abscissa: str) -> None:

@@ -17,10 +17,10 @@ from typing import Any, Final, TypeVar
 import numpy as np
 import pyvista as pv
 from matplotlib import style
-from matplotlib.artist import Artist
+from matplotlib.artist import Artist, getp
 from matplotlib.axes import Axes
 from matplotlib.collections import Collection
-from matplotlib.colors import to_hex, to_rgba
+from matplotlib.colors import to_hex, to_rgb, to_rgba
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
@@ -193,46 +193,34 @@ def in_the_dark(figure: Figure) -> Iterator[None]:
         The figure.
     """
     figure.draw_without_rendering()  # ticks are made when they are drawn
-    undo = [one for artist in figure.findobj() for one in _recolour(artist)]
+    before = [(artist, _recolour(artist)) for artist in figure.findobj()]
     try:
         yield
     finally:
-        for put, old in undo:
-            put(old)
+        for artist, colours in before:
+            artist.set(**colours)
 
 
-_Undo = list[tuple[Callable[[Any], object], Any]]
+_COLOURED: tuple[tuple[type[Artist], tuple[str, ...]], ...] = (
+    (Line2D, ("color", "markeredgecolor", "markerfacecolor")),
+    (Text, ("color",)),
+    (Patch, ("edgecolor", "facecolor")),
+    (Collection, ("edgecolor", "facecolor")),
+)
+"""What has a colour of its own."""
 
 
-def _recolour(artist: Artist) -> _Undo:
-    match artist:
-        case Line2D():
-            return _put(
-                (artist.get_color, artist.set_color),
-                (artist.get_markeredgecolor, artist.set_markeredgecolor),
-                (artist.get_markerfacecolor, artist.set_markerfacecolor),
-            )
-        case Text():
-            return _put((artist.get_color, artist.set_color))
-        case Patch():
-            return _put(
-                (artist.get_edgecolor, artist.set_edgecolor), (artist.get_facecolor, artist.set_facecolor)
-            )
-        case Collection() if artist.get_array() is None and not isinstance(artist, Quiver):
-            return _put(
-                (artist.get_edgecolor, artist.set_edgecolor), (artist.get_facecolor, artist.set_facecolor)
-            )
-    return []
-
-
-def _put(*pairs: tuple[Callable[[], Any], Callable[[Any], object]]) -> _Undo:
-    """Set each colour's partner, having read all of them; what sets them back."""
-    olds = [get() for get, _ in pairs]
-    for old, (_, put) in zip(olds, pairs, strict=True):
-        many = np.ndim(old) == 2
-        if len(old) and not (isinstance(old, str) and old in ("none", "auto")):
-            put([dark_colour(one) for one in old] if many else dark_colour(old))
-    return [(put, old) for old, (_, put) in zip(olds, pairs, strict=True)]
+def _recolour(artist: Artist) -> dict[str, Any]:
+    """Set the partner of each colour of an artist; the colours that it had."""
+    if isinstance(artist, Quiver) or (isinstance(artist, Collection) and artist.get_array() is not None):
+        return {}
+    names = next((names for kind, names in _COLOURED if isinstance(artist, kind)), ())
+    before = {name: getp(artist, name) for name in names}
+    for name, colour in before.items():
+        if len(colour) and not (isinstance(colour, str) and colour in ("none", "auto")):
+            many = np.ndim(colour) == 2
+            artist.set(**{name: [dark_colour(one) for one in colour] if many else dark_colour(colour)})
+    return before
 
 
 @contextmanager
@@ -244,30 +232,29 @@ def scene_in_the_dark(scene: pv.Plotter) -> Iterator[None]:
     scene
         The scene.
     """
-    undo: _Undo = []
-
-    def swap(holder: Any, get: str, put: str) -> None:
-        old = tuple(getattr(holder, get)())
-        if np.allclose(old[:3], to_rgba(INK)[:3], atol=0.01):
-            getattr(holder, put)(*to_rgba(DARK_INK)[:3])
-            undo.append((lambda rgb: getattr(holder, put)(*rgb), old))
-
-    def paper(renderer: Any) -> Callable[[Any], object]:
-        return lambda rgb: renderer.SetBackground(*rgb)
-
-    for renderer in scene.renderers:
-        undo.append((paper(renderer), tuple(renderer.GetBackground())))
-        paper(renderer)(to_rgba(DARK_PAPER)[:3])
-        for actor in renderer.actors.values():
-            if isinstance(actor, pv.Actor):
-                swap(actor.GetProperty(), "GetColor", "SetColor")
-    for words in text_properties(scene):
-        swap(words, "GetColor", "SetColor")
+    solids = [
+        actor.GetProperty()
+        for renderer in scene.renderers
+        for actor in renderer.actors.values()
+        if isinstance(actor, pv.Actor)
+    ]
+    inked = [
+        (one, one.GetColor())
+        for one in (*solids, *text_properties(scene))
+        if np.allclose(one.GetColor(), to_rgb(INK), atol=0.01)
+    ]
+    papers = [(renderer, renderer.GetBackground()) for renderer in scene.renderers]
     try:
+        for one, _ in inked:
+            one.SetColor(*to_rgb(DARK_INK))
+        for renderer, _ in papers:
+            renderer.SetBackground(to_rgb(DARK_PAPER))
         yield
     finally:
-        for put, old in undo:
-            put(old)
+        for one, colour in inked:
+            one.SetColor(*colour)
+        for renderer, colour in papers:
+            renderer.SetBackground(colour)
 
 
 def text_properties(scene: pv.Plotter) -> list[Any]:
@@ -283,17 +270,10 @@ def text_properties(scene: pv.Plotter) -> list[Any]:
 
 def _text_properties(actor: Any) -> list[Any]:
     """Of a text, a colour bar, or labels at points."""
-    found = [
-        getattr(actor, name)()
-        for name in ("GetTextProperty", "GetTitleTextProperty", "GetLabelTextProperty")
-        if hasattr(actor, name)
-    ]
+    holders = [actor]
     if not isinstance(actor, pv.Actor) and hasattr(actor, "GetMapper"):
-        mapper = actor.GetMapper()
-        if hasattr(mapper, "GetLabelTextProperty"):
-            found.append(mapper.GetLabelTextProperty())
-        if hasattr(mapper, "GetInputAlgorithm"):
-            hierarchy = mapper.GetInputAlgorithm()
-            if hasattr(hierarchy, "GetTextProperty"):
-                found.append(hierarchy.GetTextProperty())
-    return found
+        holders.append(actor.GetMapper())
+        if hasattr(holders[-1], "GetInputAlgorithm"):
+            holders.append(holders[-1].GetInputAlgorithm())
+    names = ("GetTextProperty", "GetTitleTextProperty", "GetLabelTextProperty")
+    return [getattr(holder, name)() for holder in holders for name in names if hasattr(holder, name)]

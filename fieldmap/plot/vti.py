@@ -7,7 +7,7 @@ import numpy as np
 import pyvista as pv
 from numpy.typing import ArrayLike
 
-from fieldmap.errors import InputError, Problem
+from fieldmap.errors import InputError
 from fieldmap.field import AnyField
 from fieldmap.interop.sampling import FRAME, sample
 from fieldmap.store.whole_files import whole_file
@@ -60,7 +60,7 @@ def checked_suffix(path: str | PathLike[str], suffix: str) -> Path:
     target = Path(path)
     if target.suffix != suffix:
         must_hold = f"must be a file name that ends in {suffix}"
-        raise InputError(Problem(str(target), must_hold, target.name, "programs know the format by it"))
+        raise InputError.of(str(target), must_hold, target.name, "programs know the format by it")
     return target
 
 

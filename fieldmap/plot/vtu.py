@@ -7,7 +7,7 @@ import pyvista as pv
 
 from fieldmap.constants import MU0
 from fieldmap.device.model import Device
-from fieldmap.errors import InputError, Problem
+from fieldmap.errors import InputError
 from fieldmap.extras import require
 from fieldmap.iron import IronMesh, SolvedState
 from fieldmap.iron.elements.state import IronState
@@ -151,7 +151,7 @@ def _solved(state: SolvedState, where: str) -> tuple[IronMesh, IronState]:
     mesh, iron = state.mesh, state.iron
     if mesh is None or iron is None:
         remedy = "solve a device with iron"
-        raise InputError(Problem(f"{where}, state", "a solution with its mesh", "no mesh", remedy))
+        raise InputError.of(f"{where}, state", "a solution with its mesh", "no mesh", remedy)
     return mesh, iron
 
 
@@ -162,7 +162,7 @@ def _initial(device: Device, mesh: IronMesh) -> Array:
     if set(materials) != set(names):
         must_hold = f"must have the bodies of the state: {', '.join(names)}"
         received = ", ".join(materials) or "none"
-        raise InputError(Problem("write_vtu, device", must_hold, received, "give the device that was solved"))
+        raise InputError.of("write_vtu, device", must_hold, received, "give the device that was solved")
     return np.array(
         [materials[name].initial_mu_r if materials[name].role == "iron" else np.nan for name in names]
         + [np.nan] * len(mesh.sheets)

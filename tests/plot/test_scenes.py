@@ -15,10 +15,10 @@ from fieldmap.errors import InputError
 from fieldmap.field import FixedCurrents
 from fieldmap.levitation import EquilibriumSurface, ReachableSet, zonotope
 from fieldmap.plot.device_drawing import FLUX
-from fieldmap.plot.equilibrium_shift import LEVEL, shift_surface
-from fieldmap.plot.field_scenes import IRON_FLUX, QUANTITIES, field_lines, iron_elements, sampled_box
-from fieldmap.plot.forces import magnetic_force, places_in_box
+from fieldmap.plot.field_scenes import IRON_FLUX, field_lines, iron_elements, sampled
+from fieldmap.plot.forces import LEVEL, magnetic_force, places_in_box, shift_surface
 from fieldmap.plot.gather import FieldDifference, check_same_coils, common_box, shown_mesh
+from fieldmap.plot.places import box_grid
 from fieldmap.plot.rendering import can_render
 from fieldmap.plot.scales import colour_bar, colour_bar_by_decades
 from fieldmap.plot.scenes import SCENES, axes_of, make_scene, save_scene
@@ -179,9 +179,9 @@ def test_every_scene_has_content(shown, what, tmp_path):
     ],
 )
 def test_quantities_are_those_of_the_field(simple, name, formula):
-    box = sampled_box(simple, QUANTITIES[name], 5)
+    (box,), title = sampled([box_grid(simple.box, (5, 5, 5))], simple, name)
     x, y, z = 1e-3 * np.asarray(box.points).T
-    np.testing.assert_allclose(box[QUANTITIES[name].title], 1e3 * formula(x, y, z), rtol=1e-6, atol=1e-12)
+    np.testing.assert_allclose(box[title], 1e3 * formula(x, y, z), rtol=1e-6, atol=1e-12)
 
 
 def test_the_force_is_that_of_a_vertical_dipole(simple):
@@ -247,7 +247,7 @@ def test_the_surface_of_rest_holds_signals_places_and_currents():
     x, y, height = np.asarray(surface.points).T
     np.testing.assert_allclose(height, 0.2 * x, atol=1e-6)  # mm over %
     np.testing.assert_allclose(surface[LEVEL], 1.5 + 0.01 * y, rtol=1e-6)
-    assert axes_of("shift", "y") == ("x signal, %", "y signal, %", "y, mm")
+    assert axes_of("shift", "y", Shown("")) == ("x signal, %", "y signal, %", "y, mm")
 
 
 def test_a_difference_is_that_of_both_fields_in_the_box_they_share():
