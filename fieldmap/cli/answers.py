@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING, Annotated
 
@@ -13,6 +13,7 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
+from fieldmap.arguments import check, raise_all
 from fieldmap.cli import options, page
 from fieldmap.cli.arguments import (
     parse_currents,
@@ -23,7 +24,7 @@ from fieldmap.cli.arguments import (
 )
 from fieldmap.cli.options import option
 from fieldmap.constants import GRAVITY
-from fieldmap.errors import InputError, OutsideMapError, Problem
+from fieldmap.errors import OutsideMapError, Problem
 from fieldmap.progress import Progress
 
 if TYPE_CHECKING:
@@ -58,12 +59,10 @@ def probe(
     from fieldmap.io import answers
 
     points = parse_points(at, at_mm)
-    if not len(points):
-        remedy = "add --at X Y Z (m) or --at-mm X Y Z"
-        raise InputError.of("--at", "must give at least one point", "none", remedy)
+    remedy = "add --at X Y Z (m) or --at-mm X Y Z"
+    check(len(points) > 0, "--at", "must give at least one point", "none", remedy)
     iron, settings = options.checked_iron(mu_r, nonlinear, refinement, form), parse_settings(changes)
-    if moment and payload_of:
-        raise InputError(_payload_and_moment(moment))
+    raise_all(_both_magnets(moment, payload_of))
     with Progress("solving") as progress:
         found = options.find_named(source, iron, progress, settings)
         magnet = options.magnet_of_options(found, moment, payload_of, "--payload" if payload else "")
@@ -81,30 +80,33 @@ def probe(
         page.print_page(*_probe_page(answer))
 
 
-def _payload_and_moment(moment: str) -> Problem:
-    remedy = "leave one of them out"
-    return Problem("--payload-of", "must not come with --moment", f"--moment {moment}", remedy)
+def _both_magnets(moment: str | None, payload_of: str | None) -> list[Problem]:
+    """What is wrong where both --moment and --payload-of name the magnet."""
+    must_hold, received = "must not come with --moment", f"--moment {moment}"
+    both = Problem("--payload-of", must_hold, received, "leave one of them out")
+    return [both] if moment and payload_of else []
 
 
 def _probe_page(answer: Probe) -> Iterator[page.Section]:
     yield page.heading(answer.source.name, answer.source.kind)
     yield page.field_table(answer.points, answer.source.coil_names, answer.points[0].currents)
-    yield force_table(answer) if answer.points[0].moment is not None else None
+    yield force_table(answer)
     yield page.assumed(answer.assumptions)
 
 
-def force_table(answer: Probe) -> RenderableType:
-    """Force and torque on the moment at each point."""
-    rows = []
+def force_table(answer: Probe) -> RenderableType | None:
+    """Force and torque on the moment at each point; nothing without a moment."""
+    first, rows = answer.points[0].moment, []
+    if first is None:
+        return None
     for point in answer.points:
+        assert point.moment is not None
         assert point.force is not None
         assert point.torque is not None
-        size = 0.0 if point.moment is None else float(np.abs(point.moment).max())
+        size = float(np.abs(point.moment).max())
         force = page.without_noise(point.force, beside=size * float(np.abs(point.gradient).max()))
         torque = page.without_noise(point.torque, beside=size * float(np.abs(point.B).max()))
         rows.append((f"{page.place(point.at)} mm", *page.cells((*force, *torque), ".5g", 1e3)))
-    first = answer.points[0].moment
-    assert first is not None
     moment = ", ".join(page.cells(page.without_noise(first), ".4g"))
     columns = ("at", "Fx mN", "Fy mN", "Fz mN", "Tx mN m", "Ty mN m", "Tz mN m")
     return Group(Text(f"Force and torque on a moment of ({moment}) A m2"), page.table(columns, rows))
@@ -145,18 +147,17 @@ def currents(
     from fieldmap.io.answers import least_power, lift_force
 
     points = parse_points(at, at_mm)
-    _check_demand(
-        points, lift, {"--force": force, "--torque": torque, "--field": field}, moment, payload_of, limit
-    )
-    iron, settings = options.checked_iron(mu_r, nonlinear, refinement, form), parse_settings(changes)
     given = {"force": (force, "N"), "torque": (torque, "N m"), "field": (field, "T")}
     asked = {
-        name: None if text is None else parse_wanted(text, f"--{name}", unit)
+        name: parse_wanted(text, f"--{name}", unit)
         for name, (text, unit) in given.items()
+        if text is not None
     }
+    _check_demand(points, asked, lift, force, moment, payload_of, limit)
+    iron, settings = options.checked_iron(mu_r, nonlinear, refinement, form), parse_settings(changes)
     with Progress("solving") as progress:
         found = options.find_named(source, iron, progress, settings)
-        acts = moment or lift or force or torque
+        acts = moment or lift or not asked.keys() <= {"field"}
         magnet = options.magnet_of_options(found, moment, payload_of, "a force") if acts else None
         if lift:
             payload = options.payload_of_option(found, payload_of)
@@ -168,8 +169,9 @@ def currents(
 
 def _check_demand(
     points: Array,
+    asked: Mapping[str, Array],
     lift: bool,
-    demands: dict[str, str | None],
+    force: str | None,
     moment: str | None,
     payload_of: str | None,
     limit: float | None,
@@ -179,19 +181,20 @@ def _check_demand(
     if len(points) != 1:
         remedy = "give one --at X Y Z (m) or --at-mm X Y Z"
         problems.append(Problem("--at", "must give one point", f"{len(points)} points", remedy))
-    if not (lift or any(demands.values())):
+    if not (lift or asked):
         must_hold = "must have --lift, --force, --torque or --field"
         remedy = "--lift asks for the payload's weight, --force 0 0 0.01 for 10 mN upward"
         problems.append(Problem("currents", must_hold, "none of them", remedy))
-    for other, given in (("--force", demands["--force"]), ("--moment", moment)):
+    if asked and all(np.isnan(values).all() for values in asked.values()):
+        where, must_hold = ", ".join(f"--{name}" for name in asked), "must ask for one component or more"
+        problems.append(Problem(where, must_hold, "nan for each of them", "give a number for X, Y or Z"))
+    for other, given in (("--force", force), ("--moment", moment)):
         if lift and given:
             remedy = "leave one of them out: --lift is the force that carries the payload"
             problems.append(Problem("--lift", f"must not come with {other}", f"{other} {given}", remedy))
-    if moment and payload_of:
-        problems.append(_payload_and_moment(moment))
-    problems += positive_problems("--limit", limit, "give amperes")
-    if problems:
-        raise InputError(*problems)
+    raise_all(
+        [*problems, *_both_magnets(moment, payload_of), *positive_problems("--limit", limit, "give amperes")]
+    )
 
 
 def _currents_page(answer: LeastPower) -> Iterator[page.Section]:
@@ -206,7 +209,7 @@ def _currents_page(answer: LeastPower) -> Iterator[page.Section]:
     yield page.facts(_demand(answer))
     yield page.table(columns, rows)
     yield page.field_table(answer.given.points)
-    yield force_table(answer.given) if answer.given.points[0].moment is not None else None
+    yield force_table(answer.given)
     yield page.assumed(answer.given.assumptions)
 
 
@@ -248,7 +251,10 @@ def equilibrium(
     from fieldmap.io.answers import floating, lifted
     from fieldmap.lookup.payload import check_payload
 
-    _exactly_one(currents, height_mm, sensor_mm)
+    count = sum((bool(currents), height_mm is not None, sensor_mm is not None))
+    must_hold = "must have exactly one of --currents, --height-mm and --sensor-mm"
+    remedy = "--currents asks where the payload floats, the other two ask for the current that lifts it"
+    check(count == 1, "equilibrium", must_hold, f"{count} of them", remedy)
     iron, settings = options.checked_iron(mu_r, nonlinear, refinement, form), parse_settings(changes)
     begin = None if start is None else parse_points([start], None)[0]
     with Progress("solving") as progress:
@@ -264,14 +270,6 @@ def equilibrium(
     page.print_result(answer, _equilibrium_page, json)
 
 
-def _exactly_one(currents: list[str] | None, height_mm: float | None, sensor_mm: float | None) -> None:
-    count = sum((bool(currents), height_mm is not None, sensor_mm is not None))
-    if count != 1:
-        must_hold = "must have exactly one of --currents, --height-mm and --sensor-mm"
-        remedy = "--currents asks where the payload floats, the other two ask for the current that lifts it"
-        raise InputError.of("equilibrium", must_hold, f"{count} of them", remedy)
-
-
 def _check_search(found: FieldSource, start: Array | None, orientation: str) -> None:
     """Raise InputError, before anything is solved, for a start or an orientation that does not fit."""
     from fieldmap.io.answers import MOMENTS, require_box
@@ -279,8 +277,7 @@ def _check_search(found: FieldSource, start: Array | None, orientation: str) -> 
 
     if start is not None:
         check_position(require_box(found), start, "--start")
-    if orientation not in MOMENTS:
-        raise InputError.of("--orientation", "must be fixed or aligned", orientation, "choose one")
+    check(orientation in MOMENTS, "--orientation", "must be fixed or aligned", orientation, "choose one")
 
 
 def _tell_state(current: float, share: float) -> None:

@@ -95,7 +95,8 @@ REFUSED = {
         f"{{device}} {AT} --lift --limit -1": "--limit",
         f"{{device}} {AT} --lift --payload-of eight_coils": "--payload-of",
         f"{{device}} {AT} --force 0 0": "three numbers",
-        f"{{map}} {AT} --force nan nan nan": "not NaN",
+        f"{{map}} {AT} --force nan nan nan --moment 0 0 1": "--force; one component or more",
+        f"{{map}} {AT} --force 0 0 inf": "--force; finite; 'inf'",
         f"{{device}} {AT} --moment 0 0 1 --payload-of drive_unit --force 0 0 1": "--payload-of",
     },
     "equilibrium": {
