@@ -5,6 +5,7 @@ import difflib
 import io
 import json
 import re
+import shlex
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -53,10 +54,11 @@ def unsmoothed(monkeypatch):
 
 @pytest.fixture
 def command(capsys):
-    """command(*words): runs `fieldmap WORDS`; exit code, what is printed, what stands on stderr."""
+    """command(line, *words): runs `fieldmap LINE WORDS`; exit code, what is printed, what stands on stderr."""
 
-    def run(*words):
-        code = main([str(word) for word in words])
+    def run(line, *words):
+        capsys.readouterr()
+        code = main([*shlex.split(line), *map(str, words)])
         return code, *capsys.readouterr()
 
     return run
@@ -64,11 +66,11 @@ def command(capsys):
 
 @pytest.fixture
 def answer(command):
-    """answer(*words): what `fieldmap WORDS --json` prints, as Python."""
+    """answer(line, *words): what `fieldmap LINE WORDS --json` prints, as Python, with exit code `ends`."""
 
-    def run(*words):
-        code, out, err = command(*words, "--json")
-        assert code == 0, err
+    def run(line, *words, ends=0):
+        code, out, err = command(line, *words, "--json")
+        assert code == ends, err
         return json.loads(out)
 
     return run

@@ -7,12 +7,10 @@ from zipfile import ZipFile
 import numpy as np
 import pytest
 
-from fieldmap.cli import main
 from fieldmap.core.headers import in_one
 from fieldmap.device import read_device
 from fieldmap.dynamics import body_of_payload
 from fieldmap.interop import (
-    c_header,
     read_measurements,
     write_c32_files,
     write_c_map,
@@ -26,45 +24,49 @@ from fieldmap.lookup import open_map
 from fieldmap.plot.vti import write_vti
 
 
-def test_writes_the_map_and_its_header(machine, tmp_path, capsys):
-    target = tmp_path / "loop.fmap"
-    assert main(["export", machine.map, "--to", "c", "-o", str(target)]) == 0
-    assert capsys.readouterr().out.split() == [str(target), str(tmp_path / "fieldmap.h")]
-    assert (tmp_path / "fieldmap.h").read_text() == in_one(c_header().name)
-    again = write_c_map(open_map(machine.map, outside="nan"), tmp_path / "again.fmap")
+@pytest.fixture
+def exported(command, machine, tmp_path):
+    """exported(name, line): what `fieldmap export LINE` of the map of the thin loop prints; it writes to this name."""
+
+    def export(name, line, source=machine.map):
+        code, out, err = command(f"export --to {line} -o", tmp_path / name, source)
+        assert code == 0, err
+        return out
+
+    return export
+
+
+@pytest.mark.parametrize(
+    ("line", "header"), [("c", "fieldmap.h"), ("c32 --kind global --outside clamp", "fieldmap32.h")]
+)
+def test_a_map_for_c_and_its_header(exported, machine, tmp_path, line, header):
+    target, again = tmp_path / "loop.h", tmp_path / "again" / "loop.h"
+    again.parent.mkdir()
+    assert exported("loop.h", line).split() == [str(target), str(tmp_path / header)]
+    assert (tmp_path / header).read_text() == in_one(header)
+    if line == "c":
+        write_c_map(open_map(machine.map, outside="nan"), again)
+    else:
+        write_c32_files(open_map(machine.map, "global", "clamp"), again)
     assert target.read_bytes() == again.read_bytes()
 
 
-def test_fixed_currents_scale_the_coefficients(machine, tmp_path):
-    paths = [tmp_path / f"{name}.fmap" for name in ("unit", "double")]
-    for path, current in zip(paths, ("1", "2"), strict=True):
-        arguments = ["--to", "c", "-o", str(path), "--kind", "global", "--currents", current]
-        assert main(["export", machine.map, *arguments]) == 0
-    unit, double = (np.frombuffer(path.read_bytes()[56 + 24 * 8 :]) for path in paths)
+def test_fixed_currents_scale_the_coefficients(exported, tmp_path):
+    for current in (1, 2):
+        exported(f"{current}.fmap", f"c --kind global --currents {current}")
+    unit, double = (
+        np.frombuffer((tmp_path / f"{current}.fmap").read_bytes()[56 + 24 * 8 :]) for current in (1, 2)
+    )
     assert unit.size == 17**2
     np.testing.assert_allclose(double, 2 * unit, rtol=1e-12)
 
 
-def test_constants_in_single_precision(machine, tmp_path, capsys):
-    target = tmp_path / "loop.h"
-    arguments = ["--to", "c32", "-o", str(target), "--kind", "global", "--outside", "clamp"]
-    assert main(["export", machine.map, *arguments]) == 0
-    assert capsys.readouterr().out.split() == [str(target), str(tmp_path / "fieldmap32.h")]
-    assert (tmp_path / "fieldmap32.h").read_text() == in_one("fieldmap32.h")
-    opened = open_map(machine.map, "global", "clamp")
-    (tmp_path / "again").mkdir()
-    again, _ = write_c32_files(opened, tmp_path / "again" / "loop.h")
-    assert target.read_bytes() == again.read_bytes()
-
-
 @pytest.mark.skipif(shutil.which("gcc") is None, reason="no gcc on this machine")
-def test_units_of_fmi(machine, tmp_path, capsys):
+def test_units_of_fmi(exported, machine, tmp_path):
     one, other = tmp_path / "loop.fmu", tmp_path / "body.fmu"
-    assert main(["export", machine.map, "--to", "fmu", "-o", str(one), "--moment", "0.5"]) == 0
-    arguments = ["--to", "fmu", "-o", str(other), "--fmi", "3", "--body", "drive_unit", "--sources", "--json"]
-    capsys.readouterr()
-    assert main(["export", machine.map, *arguments]) == 0
-    assert json.loads(capsys.readouterr().out)["written"] == [str(other)]
+    exported(one.name, "fmu --moment 0.5")
+    told = exported(other.name, "fmu --fmi 3 --body drive_unit --sources --json")
+    assert json.loads(told)["written"] == [str(other)]
     m = open_map(machine.map, outside="nan")
     (tmp_path / "again").mkdir()
     for path, what in (
@@ -80,48 +82,38 @@ def test_units_of_fmi(machine, tmp_path, capsys):
                 assert written.read(name) == wanted.read(name)
 
 
-def test_for_mag_manip(machine, tmp_path):
-    target = tmp_path / "loop.yaml"
-    assert main(["export", machine.map, "--to", "mag-manip", "-o", str(target)]) == 0
+def test_for_mag_manip(exported, machine, tmp_path):
+    target, opened = tmp_path / "loop.yaml", open_map(machine.map)
+    exported("loop.yaml", "mag-manip")
     first = target.read_text().splitlines()[0]
     assert (first[0], first.split(": ")[1]) == ("#", "loop")
-    same = write_mag_manip(open_map(machine.map), tmp_path / "same.yaml")
-    assert same.read_bytes() == target.read_bytes()
-
-
-def test_for_mag_manip_at_fixed_currents(machine, tmp_path, capsys):
-    target = tmp_path / "loop.yaml"
-    arguments = ["--to", "mag-manip", "-o", str(target), "--currents", "2", "--spacing-mm", "5", "--json"]
-    assert main(["export", machine.map, *arguments]) == 0
-    said = json.loads(capsys.readouterr().out)
+    assert write_mag_manip(opened, tmp_path / "same.yaml").read_bytes() == target.read_bytes()
+    said = json.loads(exported("loop.yaml", "mag-manip --currents 2 --spacing-mm 5 --json"))
     assert said["written"] == [str(target)]
-    assert said["nodes"] == [max(sample_grid(open_map(machine.map), 5e-3).shape)] * 3
-    same = write_mag_manip(open_map(machine.map), tmp_path / "same.yaml", 5e-3, [2.0])
+    assert said["nodes"] == [max(sample_grid(opened, 5e-3).shape)] * 3
+    same = write_mag_manip(opened, tmp_path / "same.yaml", 5e-3, [2.0])
     assert same.read_bytes() == target.read_bytes()
 
 
-@pytest.mark.parametrize(
-    ("to", "arguments"), [("csv", []), ("csv", ["--currents", "2"]), ("vti", ["--currents", "2"])]
-)
-def test_tables_and_pictures(machine, tmp_path, capsys, to, arguments):
+WRITERS = {"csv": write_csv, "vti": write_vti}
+
+
+@pytest.mark.parametrize(("to", "currents"), [("csv", None), ("csv", [2.0]), ("vti", [2.0])])
+def test_tables_and_pictures(exported, machine, tmp_path, to, currents):
     """The command writes what the function does."""
     target = tmp_path / f"loop.{to}"
-    assert main(["export", machine.map, "--to", to, "-o", str(target), *arguments]) == 0
-    assert capsys.readouterr().out.split() == [str(target)]
-    write = write_csv if to == "csv" else write_vti
-    same = write(open_map(machine.map), tmp_path / f"same.{to}", [2.0] if arguments else None)
+    assert exported(target.name, to if currents is None else f"{to} --currents 2").split() == [str(target)]
+    same = WRITERS[to](open_map(machine.map), tmp_path / f"same.{to}", currents)
     assert same.read_bytes() == target.read_bytes()
 
 
 @pytest.mark.parametrize("to", ["csv", "vti"])
-def test_the_field_of_a_device(machine, tmp_path, to):
+def test_the_field_of_a_device(exported, machine, tmp_path, to):
     """What the function writes of the solution, on nodes that divide the box around the workspace."""
     target = tmp_path / f"loop.{to}"
-    arguments = ["--to", to, "-o", str(target), "--spacing-mm", "10", "--currents", "2"]
-    assert main(["export", machine.device, *arguments]) == 0
+    exported(target.name, f"{to} --spacing-mm 10 --currents 2", machine.device)
     solved = open_field(machine.device)
-    write = write_csv if to == "csv" else write_vti
-    same = write(solved, tmp_path / f"same.{to}", [2.0], spacing=0.010, device="thin_loop")
+    same = WRITERS[to](solved, tmp_path / f"same.{to}", [2.0], spacing=0.010, device="thin_loop")
     assert same.read_bytes() == target.read_bytes()
     grid = sample_grid(solved, 0.010)
     np.testing.assert_allclose([grid.lower, grid.upper], solved.bounds, atol=1e-15)
@@ -140,30 +132,24 @@ def readings(tmp_path):
     rng = np.random.default_rng(0)
     points = rng.uniform(-0.01, 0.01, (300, 3))
     flux = 2.0 * points @ GRADIENT + NOISE * rng.standard_normal((300, 3))
-    lines = ["x_mm,y_mm,z_mm,I_loop_A,Bx_uT,By_uT,Bz_uT"]
-    lines += [
-        ",".join(map(repr, [*row[:3], 2.0, *row[3:]]))
-        for row in np.hstack([1e3 * points, 1e6 * flux]).tolist()
-    ]
+    rows = np.column_stack([1e3 * points, np.full(300, 2.0), 1e6 * flux])
     path = tmp_path / "readings.csv"
-    path.write_text("\n".join(lines))
+    head = "x_mm,y_mm,z_mm,I_loop_A,Bx_uT,By_uT,Bz_uT"
+    np.savetxt(path, rows, fmt="%.17g", delimiter=",", header=head, comments="")
     return path
 
 
-def test_a_table_becomes_a_map(readings, tmp_path):
+def test_a_table_becomes_a_map(command, readings, tmp_path):
     target = tmp_path / "measured.h5"
-    assert main(["import", str(readings), "-o", str(target), "--spacing-mm", "4"]) == 0
+    assert command("import --spacing-mm 4 -o", target, readings)[0] == 0
     opened = open_map(target)
     np.testing.assert_allclose(opened.gradient([0.002, 0.001, -0.003], [1.5]), 1.5 * GRADIENT, atol=2e-3)
     assert (opened.upper - opened.lower).max() / (np.array(opened.info.grid.shape) - 1).max() < 0.004
-    assert main(["check", str(target)]) == 0
-    assert main(["info", str(target)]) == 0
+    assert command("check", target)[0] == command("info", target)[0] == 0
 
 
-def test_json_has_the_residual_in_tesla(readings, tmp_path, capsys):
-    arguments = ["import", str(readings), "-o", str(tmp_path / "m.h5"), "--degree", "2", "--json"]
-    assert main(arguments) == 0
-    found = json.loads(capsys.readouterr().out)
+def test_json_has_the_residual_in_tesla(answer, readings, tmp_path):
+    found = answer("import --degree 2 -o", tmp_path / "m.h5", readings)
     assert found["coils"] == ["loop"]
     assert found["report"]["degree"] == 2
     assert found["report"]["residual"] == pytest.approx(NOISE, rel=0.1)

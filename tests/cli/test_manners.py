@@ -10,7 +10,6 @@ from pathlib import Path
 
 import pytest
 
-from fieldmap.cli import main
 from fieldmap.cli.application import COMMANDS, FIRST_STEPS, application
 from fieldmap.cli.arguments import join_lists, parse_currents
 from fieldmap.cli.messages import LOG
@@ -21,16 +20,15 @@ from fieldmap.plot.rendering import can_render
 REPOSITORY = Path(__file__).parents[2]
 
 
-def test_no_balance_ends_with_1(capsys, machine):
-    assert main(["equilibrium", machine.map, "--currents", "0.001"]) == 1
-    assert capsys.readouterr().err.count("\nremedy ") == 1
+def test_no_balance_ends_with_1(command, machine):
+    code, _, err = command("equilibrium --currents 0.001", machine.map)
+    assert (code, err.count("\nremedy ")) == (1, 1)
 
 
-@pytest.mark.parametrize("command", sorted(COMMANDS))
-def test_help_has_an_example(capsys, command):
-    assert main([command, "--help"]) == 0
-    out = " ".join(capsys.readouterr().out.split())
-    assert f"Example: fieldmap {command}" in out
+@pytest.mark.parametrize("name", sorted(COMMANDS))
+def test_help_has_an_example(command, name):
+    code, out, _ = command(name, "--help")
+    assert (code, f"Example: fieldmap {name}" in " ".join(out.split())) == (0, True)
 
 
 EXAMPLES = [entry.example for entry in COMMANDS.values()]
@@ -60,9 +58,8 @@ def test_help_is_quick():
     assert heavy.isdisjoint(loaded)
 
 
-def test_version(capsys):
-    assert main(["--version"]) == 0
-    assert capsys.readouterr().out == "fieldmap 0.2.0\n"
+def test_version(command):
+    assert command("--version")[:2] == (0, "fieldmap 0.2.0\n")
 
 
 def test_lists_of_numbers_after_an_option():
@@ -102,45 +99,39 @@ def test_currents_by_name_that_cannot_be(text, told):
     assert caught.value.problems[0].received == told
 
 
-def test_a_command_takes_currents_by_name(capsys, machine):
-    words = ["probe", machine.map, "--at", "0", "0", "-0.09", "--json", "--currents"]
-    assert main([*words, "2"]) == 0
-    all_coils = capsys.readouterr().out
-    assert main([*words, "loop=2"]) == 0
-    assert capsys.readouterr().out == all_coils
+def test_a_command_takes_currents_by_name(answer, machine):
+    line = "probe --at 0 0 -0.09 --currents"
+    assert answer(line, "loop=2", machine.map) == answer(line, "2", machine.map)
 
 
-def test_an_interrupted_map_says_how_to_go_on(capsys, machine, monkeypatch):
+def test_an_interrupted_map_says_how_to_go_on(command, machine, monkeypatch):
     def interrupted(*args, **kwargs):
         raise KeyboardInterrupt
 
     monkeypatch.setattr("fieldmap.maps.generate", interrupted)
-    assert main(["map", machine.recipe]) == 130
-    err = capsys.readouterr().err
-    assert "--fresh" in err
-    assert err.endswith("interrupted\n")
+    code, _, err = command("map", machine.recipe)
+    assert (code, "--fresh" in err, err.endswith("interrupted\n")) == (130, True, True)
 
 
-def test_the_summary_of_a_map_is_what_info_prints(capsys, machine):
-    made = ["map", machine.recipe, "-o", machine.map]
-    assert main([*made, "--summary", "--no-pictures"]) == 0
-    caught = capsys.readouterr()
-    assert "complete already" in caught.err
-    assert main(["info", machine.map]) == 0
-    assert capsys.readouterr().out == caught.out
+def test_the_summary_of_a_map_is_what_info_prints(command, answer, machine):
+    made = ("map -o", machine.map, machine.recipe)
+    code, out, err = command(*made, "--summary", "--no-pictures")
+    assert code == 0
+    assert "complete already" in err
+    assert command("info", machine.map)[1] == out
     # Neither --json nor a map without its summary draws unless told.
-    assert main([*made, "--json"]) == main(made) == 0
-    assert json.loads(capsys.readouterr().out.rpartition("}")[0] + "}")["title"] == "Field of a thin loop"
+    assert answer(*made)["title"] == "Field of a thin loop"
+    assert command(*made)[0] == 0
     assert not list(Path(machine.map).parent.glob("*.png"))
 
 
 @pytest.mark.usefixtures("unsmoothed")
 @pytest.mark.parametrize("asked", [["--summary"], ["--json", "--pictures"]])
-def test_the_pictures_of_a_map_lie_beside_it(capsys, machine, tmp_path, asked):
+def test_the_pictures_of_a_map_lie_beside_it(command, machine, tmp_path, asked):
     path = tmp_path / "loop.h5"
     path.write_bytes(Path(machine.map).read_bytes())
-    assert main(["map", machine.recipe, "-o", str(path), *asked]) == 0
-    printed = capsys.readouterr().out
+    code, printed, _ = command("map -o", path, machine.recipe, *asked)
+    assert code == 0
     written = [path.with_name("loop.png"), *([path.with_name("loop_3d.png")] if can_render() else [])]
     assert sorted(tmp_path.glob("*.png")) == sorted(written)
     for one in written:
@@ -151,16 +142,10 @@ def test_the_pictures_of_a_map_lie_beside_it(capsys, machine, tmp_path, asked):
         assert [one["path"] for one in shown][: len(written)] == [str(one) for one in written]
 
 
-def test_the_first_steps_of_the_help_are_commands_that_exist():
-    steps = re.findall(r"^  fieldmap (\w+)", FIRST_STEPS, re.MULTILINE)
-    assert len(steps) >= 4
-    assert set(steps) <= set(COMMANDS)
-
-
-@pytest.mark.parametrize("words", [["-q"], ["--quiet"]])
-def test_quiet_may_stand_anywhere(capsys, machine, words):
-    assert main(["map", machine.recipe, "-o", machine.map, *words]) == 0
-    assert capsys.readouterr().err == ""
+@pytest.mark.parametrize("word", ["-q", "--quiet"])
+def test_quiet_may_stand_anywhere(command, machine, word):
+    code, _, err = command("map -o", machine.map, machine.recipe, word)
+    assert (code, err) == (0, "")
 
 
 def test_words_of_options_stay_with_them():
@@ -169,46 +154,42 @@ def test_words_of_options_stay_with_them():
     assert common_first(["map", "--log"]) == ["map", "--log"]
 
 
-def test_a_log_holds_command_steps_and_end_with_their_time(tmp_path, machine):
+def test_a_log_holds_command_steps_and_end_with_their_time(command, tmp_path, machine):
     log = tmp_path / "run.log"
-    assert main(["map", machine.recipe, "-o", machine.map, "--log", str(log)]) == 0
-    assert main(["check", "no_such_device", "--log", str(log)]) == 2
+    assert command("map -o", machine.map, machine.recipe, "--log", log)[0] == 0
+    assert command("check no_such_device --log", log)[0] == 2
     lines = log.read_text().splitlines()
     assert all(re.match(r"\d{4}-\d\d-\d\d \d\d:\d\d:\d\d,\d{3} (INFO|ERROR) ", line) for line in lines)
-    assert f"fieldmap map {machine.recipe}" in lines[0]
+    assert f"fieldmap map -o {machine.map}" in lines[0]
     assert any("map: 100 %" in line for line in lines)
-    assert [line.split(" after ")[0][-11:] for line in lines if "exit code" in line] == [
-        "exit code 0",
-        "exit code 2",
-    ]
+    ends = [line.split(" after ")[0][-11:] for line in lines if "exit code" in line]
+    assert ends == ["exit code 0", "exit code 2"]
     assert any(" ERROR " in line and "no_such_device" in line for line in lines)
     assert len(LOG.handlers) == 1
 
 
-def test_verbose_tells_every_step_on_stderr(capsys, machine):
-    assert main(["map", machine.recipe, "-o", machine.map, "--verbose"]) == 0
-    caught = capsys.readouterr()
-    assert "complete already" in caught.err
-    assert re.search(r"^\d{4}-.* INFO .* 0 after \d", caught.err, re.MULTILINE)
-    assert "INFO" not in caught.out
+def test_verbose_tells_every_step_on_stderr(command, machine):
+    code, out, err = command("map -o", machine.map, machine.recipe, "--verbose")
+    assert code == 0
+    assert "complete already" in err
+    assert re.search(r"^\d{4}-.* INFO .* 0 after \d", err, re.MULTILINE)
+    assert "INFO" not in out
 
 
 def test_the_module_is_the_program():
     done = subprocess.run([sys.executable, "-m", "fieldmap"], capture_output=True, text=True)
+    steps = re.findall(r"^  fieldmap (\w+)", FIRST_STEPS, re.MULTILINE)
+    assert len(steps) >= 4
+    assert set(steps) <= set(COMMANDS)
     assert "First steps" in done.stdout + done.stderr
 
 
 def completed(line):
     """What the shell would be offered for a line of words, the last of them unfinished."""
-    words = {
-        "_FIELDMAP_COMPLETE": "complete_bash",
-        "COMP_WORDS": line,
-        "COMP_CWORD": str(len(line.split(" ")) - 1),
-    }
+    words = {"COMP_WORDS": line, "COMP_CWORD": str(len(line.split(" ")) - 1)}
     run = [sys.executable, "-c", "import sys; from fieldmap.cli import main; sys.exit(main([]))"]
-    return subprocess.run(
-        run, env=os.environ | words, capture_output=True, text=True, timeout=60
-    ).stdout.split()
+    env = os.environ | words | {"_FIELDMAP_COMPLETE": "complete_bash"}
+    return subprocess.run(run, env=env, capture_output=True, text=True, timeout=60).stdout.split()
 
 
 @pytest.mark.parametrize(
@@ -226,15 +207,13 @@ def test_commands_and_shipped_names_are_completed(line, offered):
     assert completed(line) == offered
 
 
-def test_quiet_leaves_the_result_alone(capsys):
-    words = ["solve", "loop_and_sphere", "--refinement", "0.4"]
-    assert main(words) == 0
-    loud = capsys.readouterr()
-    assert main(["--quiet", *words]) == 0
-    quiet = capsys.readouterr()
-    assert "solving" in loud.err
-    assert quiet.err == ""
+def test_quiet_leaves_the_result_alone(command):
+    line = "solve loop_and_sphere --refinement 0.4"
+    _, loud, told = command(line)
+    code, quiet, nothing = command(f"--quiet {line}")
+    assert (code, nothing) == (0, "")
+    assert "solving" in told
     # The cost in seconds differs from run to run.
-    assert quiet.out.splitlines()[-3:] == loud.out.splitlines()[-3:]
-    assert main(["--quiet", "check", "no_such_device"]) == 2
-    assert "no_such_device" in capsys.readouterr().err
+    assert quiet.splitlines()[-3:] == loud.splitlines()[-3:]
+    code, _, err = command("--quiet check no_such_device")
+    assert (code, "no_such_device" in err) == (2, True)

@@ -7,14 +7,13 @@ from pathlib import Path
 import pytest
 
 from fieldmap.cli import main
-from tests.cli.test_nonlinear import DEVICE as BALL
 from tests.conftest import DEVICES
 
 TEXTS = {
     "bad.toml": "format = 1\nname = 3\ncoil = 7\n[payload]\nmass_g = -1\n",
     "syntax.toml": "format = = 1\n",
     "text.h5": "not a map",
-    "ball.toml": BALL,
+    "ball.toml": (DEVICES / "saturating_ball_in_loop.toml").read_text(),
     "table.toml": (DEVICES / "ball_and_slabs.toml").read_text(),
     "scenario.toml": 'format = 1\ntitle = "Held"\nmap = "a.h5"\nduration_s = 1.0\n',
     "study.toml": 'format = 1\ntitle = "Varied"\ndevice = "drive_unit"\n[[vary]]\nkey = "a"\nvalues = [1]\n',
@@ -223,21 +222,19 @@ def test_bad_input_ends_with_2_and_a_readable_message(folder, capsys, line, said
 
 
 @pytest.mark.parametrize("line", [line for line, _ in LINES if line.startswith("currents")])
-def test_programs_get_every_problem(folder, capsys, line):
-    words = [word.format(**folder) for word in shlex.split(line)]
-    assert main([*words, "--json"]) == 2
-    caught = capsys.readouterr()
-    found = json.loads(caught.out)
-    assert found["exit_code"] == 2
-    assert len(found["problems"]) == caught.err.count("\nremedy ")
+def test_programs_get_every_problem(folder, command, line):
+    code, out, err = command("", *(word.format(**folder) for word in shlex.split(line)), "--json")
+    found = json.loads(out)
+    assert code == found["exit_code"] == 2
+    assert len(found["problems"]) == err.count("\nremedy ")
 
 
 @pytest.mark.parametrize("line", ["frobnicate", "probe", "probe x --nonsense"])
-def test_wrong_usage_ends_with_2(capsys, line):
-    assert main(line.split()) == 2
-    assert "Usage" in capsys.readouterr().err
+def test_wrong_usage_ends_with_2(command, line):
+    code, _, err = command(line)
+    assert (code, "Usage" in err) == (2, True)
 
 
-def test_every_problem_of_a_file_is_printed(folder, capsys):
-    assert main(["check", "bad.toml"]) == 2
-    assert capsys.readouterr().err.count("\nremedy ") >= 3
+def test_every_problem_of_a_file_is_printed(folder, command):
+    code, _, err = command("check bad.toml")
+    assert (code, err.count("\nremedy ") >= 3) == (2, True)

@@ -6,11 +6,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy.constants import mu_0
 
 import fieldmap as fm
-from fieldmap.cli import main
 from fieldmap.plot.rendering import can_render
+from tests.cli.thin_loop import flux
 from tests.conftest import DEVICES
 from tests.studies.test_design_file import GOOD
 
@@ -18,52 +17,43 @@ with warnings.catch_warnings():
     warnings.simplefilter("ignore")  # of its own imports
     import xarray  # noqa: F401
 
-STUDY = """
-format = 1
-title = "Turns of a thin loop"
-device = "{device}"
-vary = [{{ name = "turns", key = "coil.loop.turns", values = {values} }}]
-currents = [{{ name = "carries", carries_at_mm = [0, 0, -90] }}]
-record = {{ quantities = ["currents", "equilibrium", "equilibrium_area"] }}
-"""
-
 
 @pytest.fixture
 def study(machine, tmp_path):
+    """Two turns of the thin loop, whose current carries the payload 90 mm below it."""
+    text = (Path(__file__).parent / "files" / "turns.toml").read_text().split("[[currents]]")
     path = tmp_path / "turns.toml"
-    path.write_text(STUDY.format(device=machine.device, values=[500, 1000]))
+    path.write_text("[[currents]]".join(text[:2]).replace("thin_loop.toml", machine.device))
     return path
 
 
-def test_files_table_and_numbers(study, tmp_path, capsys):
+def test_files_table_and_numbers(study, tmp_path, command, answer):
     target = tmp_path / "out" / "turns.nc"
-    assert main(["study", str(study), "-o", str(target)]) == 0
-    printed = capsys.readouterr().out
+    code, printed, _ = command("study -o", target, study)
     files = [target.with_suffix(suffix) for suffix in (".nc", ".csv", ".png")]
+    assert code == 0
     assert all(path.is_file() and str(path) in printed for path in files)
-    assert main(["study", str(study), "-o", str(target), "--json", "--no-plot"]) == 0
-    answer = json.loads(capsys.readouterr().out)
-    assert [Path(path).suffix for path in answer["files"]] == [".nc", ".csv"]
-    few, many = answer["rows"]
-    assert (few["turns"], few["currents"], few["problem"]) == (500, "carries", "")
+    found = answer("study --no-plot -o", target, study)
+    assert [Path(path).suffix for path in found["files"]] == [".nc", ".csv"]
+    few, many = found["rows"]
+    assert (few["turns"], few["currents"], few["problem"]) == (500, "carries low", "")
     assert few["common_current"] == pytest.approx(2 * many["common_current"], rel=1e-9)
     assert few["equilibrium_z"] == pytest.approx(-0.09, abs=1e-9)
     assert f"{few['common_current']:.4g}" in printed
 
 
-def test_a_study_in_which_every_variant_fails(study, machine, tmp_path, capsys):
+def test_a_study_in_which_every_variant_fails(study, command, tmp_path):
     # A place that the currents cannot carry at: outside the workspace, in every variant.
     study.write_text(study.read_text().replace("-90]", "-900]"))
-    assert main(["study", str(study), "-o", str(tmp_path / "turns.nc")]) == 1
-    out = capsys.readouterr()
-    assert "OutsideMapError" in out.out
-    assert "OutsideMapError" in out.err
+    code, out, err = command("study -o", tmp_path / "turns.nc", study)
+    assert code == 1
+    assert "OutsideMapError" in out
+    assert "OutsideMapError" in err
     # One document for programs: the rows say why each variant failed.
-    words = ["study", str(study), "-o", str(tmp_path / "again.nc"), "--json", "--no-plot"]
-    assert main(words) == 1
-    out = capsys.readouterr()
-    assert all("OutsideMapError" in row["problem"] for row in json.loads(out.out)["rows"])
-    assert "remedy" in out.err
+    code, out, err = command("study --json --no-plot -o", tmp_path / "again.nc", study)
+    assert code == 1
+    assert all("OutsideMapError" in row["problem"] for row in json.loads(out)["rows"])
+    assert "remedy" in err
 
 
 @pytest.fixture
@@ -75,10 +65,10 @@ def best(tmp_path):
 
 
 @pytest.mark.usefixtures("unsmoothed")
-def test_the_best_design(best, tmp_path, capsys):
+def test_the_best_design(best, tmp_path, command, answer):
     target = tmp_path / "best.nc"
-    assert main(["optimise", str(best), "-o", str(target)]) == 0
-    printed = capsys.readouterr().out
+    code, printed, _ = command("optimise -o", target, best)
+    assert code == 0
     for part in (
         "coil.loop.inner_radius_mm",
         "gradient 1 z z",
@@ -91,19 +81,17 @@ def test_the_best_design(best, tmp_path, capsys):
     assert target.is_file()
     assert (tmp_path / "best.png").is_file()
     assert (tmp_path / "best_device.png").is_file() == can_render()
-    assert main(["optimise", str(best), "-o", str(target), "--no-plot", "--json"]) == 0
-    told = json.loads(capsys.readouterr().out)
+    told = answer("optimise --no-plot -o", target, best)
     assert told["solves"] == 0
     assert told["kept"] == len(told["path"]) > 3
     assert told["values"]["current.loop"] == pytest.approx(2.0, rel=1e-5)
 
 
-def test_limits_that_cannot_hold(best, tmp_path, capsys):
-    assert main(["study", str(best)]) == 2
-    capsys.readouterr()
+def test_limits_that_cannot_hold(best, tmp_path, command):
+    assert command("study", best)[0] == 2
     best.write_text(best.read_text().replace("upper = 2.0", "upper = 0.1"))
-    assert main(["optimise", str(best), "-o", str(tmp_path / "best.nc")]) == 1
-    assert "common_current" in capsys.readouterr().err
+    code, _, err = command("optimise -o", tmp_path / "best.nc", best)
+    assert (code, "common_current" in err) == (1, True)
 
 
 KEY = "coil.loop.position_mm.3"
@@ -111,9 +99,8 @@ HEIGHT_MM = 1.5
 
 
 def on_axis(z_mm):
-    """B, mT, of the loop at HEIGHT_MM as a filament, 2 A."""
-    d, radius = 1e-3 * (z_mm - HEIGHT_MM), 0.044
-    return 1e3 * 0.5 * mu_0 * 2000 * radius**2 / (radius**2 + d**2) ** 1.5
+    """B, mT, of the loop at HEIGHT_MM, 2 A."""
+    return 2e3 * flux(1e-3 * (z_mm - HEIGHT_MM))
 
 
 @pytest.fixture
@@ -157,24 +144,22 @@ def test_values_are_printed_and_the_device_is_written(fit_file, command, tmp_pat
     assert str(target) in out.replace("\n", "")
 
 
-def test_a_fit_as_json(fit_file, command):
-    code, out, _ = command("fit", fit_file, "--json")
-    assert code == 0
-    answer = json.loads(out)
-    assert answer["values"][KEY] == pytest.approx(HEIGHT_MM, abs=0.01)
-    near, far = answer["tables"]
+def test_a_fit_as_json(fit_file, answer):
+    found = answer("fit", fit_file)
+    assert found["values"][KEY] == pytest.approx(HEIGHT_MM, abs=0.01)
+    near, far = found["tables"]
     assert (near["used"], far["used"]) == (True, False)
     np.testing.assert_allclose(far["after"], [1e-3 * on_axis(-110)], rtol=1e-3)
-    assert Path(answer["file"]) == fit_file
+    assert Path(found["file"]) == fit_file
 
 
-def test_files_that_a_fit_does_not_write(fit_file, tmp_path, capsys):
+def test_files_that_a_fit_does_not_write(fit_file, tmp_path, command):
+    before = fit_file.read_text()
     for name in ("fitted.h5", "height.toml", "thin_loop.toml"):
-        before = fit_file.read_text()
-        assert main(["fit", str(fit_file), "-o", str(tmp_path / name)]) == 2
+        assert command("fit", fit_file, "-o", tmp_path / name)[0] == 2
         assert fit_file.read_text() == before
-    assert main(["study", str(fit_file)]) == 2
-    assert "`fieldmap fit` takes it" in " ".join(capsys.readouterr().err.split())
-    fit_file.write_text(fit_file.read_text().replace(KEY, "coil.loop.position_mm.4"))
-    assert main(["fit", str(fit_file)]) == 2
-    assert "unknown.1.key" in capsys.readouterr().err
+    code, _, err = command("study", fit_file)
+    assert (code, "`fieldmap fit` takes it" in " ".join(err.split())) == (2, True)
+    fit_file.write_text(before.replace(KEY, "coil.loop.position_mm.4"))
+    code, _, err = command("fit", fit_file)
+    assert (code, "unknown.1.key" in err) == (2, True)

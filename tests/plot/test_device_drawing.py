@@ -10,6 +10,7 @@ from fieldmap.plot.rendering import can_render, require_renderer
 from fieldmap.plot.solids import winding_surface
 from fieldmap.plot.words import label_step, round_numbers
 from fieldmap.sources import unit_flux_density
+from tests.plot.conftest import pixels_of
 
 needs_opengl = pytest.mark.skipif(not can_render(), reason="no OpenGL on this machine")
 
@@ -70,7 +71,7 @@ def test_every_coil_and_body_is_drawn():
 @needs_opengl
 def test_a_picture_is_not_blank(device, tmp_path):
     path = save_picture(tmp_path / "device.png", device, Ramp(), [1.0], window_size=(600, 360))
-    pixels = pv.read(path)["PNGImage"].reshape(360, 600, -1)[:, :, :3].astype(int)
+    pixels = pixels_of(path)
     left, right = pixels[:, :300], pixels[:, 300:]
     for panel in (left, right):
         assert 0.02 < np.mean(panel.sum(axis=2) < 750) < 0.9

@@ -1,6 +1,7 @@
 """Files of runs that somebody damaged or made: refused, and no other file is read for them."""
 
 import os
+from types import SimpleNamespace
 
 import h5py
 import numpy as np
@@ -8,41 +9,16 @@ import pytest
 
 import fieldmap as fm
 from fieldmap.device import recorded_device
+from fieldmap.device.schema import MATERIAL
 from fieldmap.errors import InputError
 from fieldmap.plot.gather import shown_run
 from fieldmap.store import RunRecord, read_runs, seal_map, write_runs
 from fieldmap.store.seal import SEAL_LENGTH
+from tests.conftest import DEVICES
 
 TIME = np.linspace(0.0, 1.0, 40)
-DEVICE = """format = 1
-name = "a"
-title = "a"
-[material.steel]
-kind = "bh_table"
-file = "{file}"
-below = "straight line to the origin"
-above = "slope mu0"
-[[body]]
-name = "b"
-material = "steel"
-shape = "sphere"
-radius_mm = 5
-mesh_size_mm = 2
-[payload]
-mass_g = 1
-[[payload.piece]]
-shape = "soft_sphere"
-diameter_mm = 2
-material = "steel"
-[[coil]]
-name = "c"
-kind = "circular"
-inner_radius_mm = 10
-outer_radius_mm = 12
-height_mm = 5
-turns = 10
-"""
-SOUND = DEVICE.format(file="materials/steel_a3.toml")
+SOUND = (DEVICES / "ball_bead_and_coil.toml").read_text()
+ELSEWHERE = SOUND.replace("materials/steel_a3.toml", "secret.toml")
 
 
 @pytest.fixture
@@ -83,41 +59,34 @@ def test_a_file_of_before_has_no_seal(path):
     assert read_runs(path)[1]["title"].startswith("Changed")
 
 
-def elsewhere(file, good):
-    return h5py.ExternalLink(str(good), "/run_0000/time")
-
-
-def virtual(file, good):
+def virtual(good):
     layout = h5py.VirtualLayout((40,), "f8")
-    layout[...] = h5py.VirtualSource(str(good), "/run_0000/time", shape=(40,))
+    layout[...] = h5py.VirtualSource(good, "/run_0000/time", shape=(40,))
     return layout
 
 
-@pytest.mark.parametrize(
-    "change", ["link", "virtual", "raw", "giant", "packed", "group", "list", "null", "short"]
-)
+# In the place of the times of a run: what it is made of, given another sound file.
+MADE = {
+    "link": lambda run, good: run.__setitem__("time", h5py.ExternalLink(good, "/run_0000/time")),
+    "virtual": lambda run, good: run.create_virtual_dataset("time", virtual(good)),
+    "raw": lambda run, good: run.create_dataset("time", (40,), "f8", external=[(good, 0, 320)]),
+    "giant": lambda run, good: run.create_dataset("time", (10**12,), "f8", chunks=(100,)),
+    "packed": lambda run, good: run.create_dataset("time", data=np.zeros(10**5), compression="gzip"),
+    "group": lambda run, good: run.create_group("time"),
+    "short": lambda run, good: run.create_dataset("time", data=TIME[:7]),
+}
+
+
+@pytest.mark.parametrize("change", [*MADE, "[1]", "null"])
 def test_what_is_no_run(path, tmp_path, change):
-    good = write(tmp_path / "other.h5")
+    good = str(write(tmp_path / "other.h5"))
     with h5py.File(path, "r+") as file:
         run = file["run_0000"]
-        if change in ("list", "null"):
-            run.attrs["about"] = {"list": "[1]", "null": "null"}[change]
-        else:
+        if change in MADE:
             del run["time"]
-        if change == "link":
-            run["time"] = elsewhere(file, good)
-        elif change == "virtual":
-            run.create_virtual_dataset("time", virtual(file, good))
-        elif change == "raw":
-            run.create_dataset("time", (40,), "f8", external=[(str(good), 0, 320)])
-        elif change == "giant":
-            run.create_dataset("time", (10**12,), "f8", chunks=(100,))
-        elif change == "packed":
-            run.create_dataset("time", data=np.zeros(10**5), compression="gzip")
-        elif change == "group":
-            run.create_group("time")
-        elif change == "short":
-            run.create_dataset("time", data=TIME[:7])
+            MADE[change](run, good)
+        else:
+            run.attrs["about"] = change
         for data in run.values() if change in ("giant", "packed", "short") else ():
             data.attrs["unit"] = data.attrs["columns"] = "s"
     seal_map(path)
@@ -146,18 +115,11 @@ def test_a_recorded_device_reads_no_file_but_shipped_ones(tmp_path, monkeypatch)
     monkeypatch.chdir(tmp_path)
     curve = 'format = 1\nname = "x"\ntitle = "x"\nH_A_per_m = [1e3, 2e3]\nB_T = [1.0, 1.1]\n'
     (tmp_path / "secret.toml").write_text(curve)
-    text = DEVICE.format(file="secret.toml")
-    assert fm.read_device(text).materials["steel"].b.tolist() == [1.0, 1.1]
+    assert fm.read_device(ELSEWHERE).materials["steel"].b.tolist() == [1.0, 1.1]
     opened = []
-    monkeypatch.setattr("fieldmap.device.reader.MATERIAL", _Seen(opened))
-    recorded_device(text)
+    seen = SimpleNamespace(load=lambda path: (opened.append(path), MATERIAL.load(path))[1])
+    monkeypatch.setattr("fieldmap.device.reader.MATERIAL", seen)
+    recorded_device(ELSEWHERE)
     assert not opened
-    recorded_device(DEVICE.format(file="materials/steel_a3.toml"))
+    recorded_device(SOUND)
     assert [os.path.basename(one) for one in opened] == ["steel_a3.toml"]
-
-
-class _Seen:
-    def __init__(self, opened):
-        from fieldmap.device.schema import MATERIAL
-
-        self.load = lambda path: (opened.append(path), MATERIAL.load(path))[1]

@@ -9,12 +9,11 @@ from fieldmap.currents import IndependentCurrents, LiftAndDirections, divide_cur
 from fieldmap.device.model import MagnetCylinder, Payload
 from fieldmap.errors import InputError
 from fieldmap.levitation import find_equilibrium
-from fieldmap.lookup import interpolate
 from fieldmap.plot.live_answers import LiveMap, _controls
 from fieldmap.plot.live_window import LiveWindow
 from fieldmap.plot.rendering import can_render
 from fieldmap.plot.style import text_properties
-from fieldmap.store import Grid, MapData
+from tests.plot.conftest import harmonic
 
 needs_opengl = pytest.mark.skipif(not can_render(), reason="no OpenGL on this machine")
 # On the axis Bz = a + b z + c z^2 / 2 per ampere: a force b + c z on a vertical moment of 1 A m^2.
@@ -24,30 +23,18 @@ WEIGHT = 0.010 * 9.80665
 POINTS = np.array([[0.0, 0.0, 0.0], [0.005, 0.0, 0.01], [0.0, -0.01, -0.015]])
 
 
-def polynomial(points, a, b, c):
-    x, y, z = points.T
-    radial = -0.5 * (b + c * z)
-    field = np.column_stack([radial * x, radial * y, a + b * z + 0.5 * c * (z**2 - 0.5 * (x**2 + y**2))])
-    slope = np.zeros((len(points), 3, 3))
-    slope[:, 0, 0] = slope[:, 1, 1] = radial
-    slope[:, 2, 2] = b + c * z
-    slope[:, 0, 2] = slope[:, 2, 0] = -0.5 * c * x
-    slope[:, 1, 2] = slope[:, 2, 1] = -0.5 * c * y
-    return field, slope
+@pytest.fixture(scope="module")
+def field_map(harmonic_map):
+    left, right = ((*coil, (0.0, 0.0)) for coil in COILS)
+    return harmonic_map(left=left, right=right)
 
 
 @pytest.fixture(scope="module")
-def field_map():
-    grid = Grid([-0.02] * 3, [0.01] * 3, (5, 5, 5))
-    values = [polynomial(grid.points(), *coil) for coil in COILS]
-    flux = np.array([b for b, _ in values]).reshape(2, 5, 5, 5, 3)
-    slope = np.array([g for _, g in values]).reshape(2, 5, 5, 5, 3, 3)
-    data = MapData(grid, ("left", "right"), np.ones(2), flux_density=flux, gradient=slope)
-    return interpolate(data, kind="global")
+def live(field_map):
+    return LiveMap(field_map, PAYLOAD, POINTS, current_limit=5.0)
 
 
-def test_a_moved_slider_gives_what_the_map_answers(field_map):
-    live = LiveMap(field_map, PAYLOAD, POINTS, current_limit=5.0)
+def test_a_moved_slider_gives_what_the_map_answers(field_map, live):
     assert [control.name for control in live.controls] == ["coil left", "coil right", "magnet z"]
     assert {(control.lower, control.upper) for control in live.controls[:2]} == {(-5.0, 5.0)}
     for currents in ([2.0, 1.0], [1.7, 1.4], [2.4, 0.2]):
@@ -58,25 +45,23 @@ def test_a_moved_slider_gives_what_the_map_answers(field_map):
         assert answer.lift == pytest.approx(0.8 * (b + c * 0.005) / WEIGHT)
         by_hand = (WEIGHT / 0.8 - b) / c
         np.testing.assert_allclose(answer.equilibrium.position, [0, 0, by_hand], atol=1e-8)
-        expected = sum(i * polynomial(POINTS, *coil)[0] for i, coil in zip(currents, COILS, strict=True))
+        expected = sum(i * harmonic(POINTS, *coil)[0] for i, coil in zip(currents, COILS, strict=True))
         np.testing.assert_allclose(answer.flux_density, expected, atol=1e-12)
         fresh = find_equilibrium(field_map, currents, PAYLOAD)
         np.testing.assert_allclose(answer.equilibrium.position, fresh.position, atol=1e-8)
         assert f"{1e3 * by_hand:.2f}" in answer.words
 
 
-def test_it_begins_where_the_magnet_is_carried(field_map):
-    live = LiveMap(field_map, PAYLOAD, POINTS, current_limit=5.0, force_scale=2.0)
-    answer = live.answer([control.value for control in live.controls])
+def test_it_begins_where_the_magnet_is_carried(field_map, live):
+    doubled = LiveMap(field_map, PAYLOAD, POINTS, current_limit=5.0, force_scale=2.0)
+    answer = doubled.answer([control.value for control in doubled.controls])
     assert answer.lift == pytest.approx(1.0)
     np.testing.assert_allclose(answer.equilibrium.position, answer.place, atol=1e-6)
     # Twice the force at half the currents.
-    once = LiveMap(field_map, PAYLOAD, POINTS, current_limit=5.0)
-    np.testing.assert_allclose(2 * answer.currents, [c.value for c in once.controls[:2]])
+    np.testing.assert_allclose(2 * answer.currents, [c.value for c in live.controls[:2]])
 
 
-def test_without_an_equilibrium_there_are_words(field_map):
-    live = LiveMap(field_map, PAYLOAD, POINTS, current_limit=5.0)
+def test_without_an_equilibrium_there_are_words(live):
     answer = live.answer([0.1, 0.1, 0.0])
     assert answer.equilibrium is None
     assert "no equilibrium" in answer.words

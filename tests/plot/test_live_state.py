@@ -1,5 +1,6 @@
 """The state of a window with sliders, without a window; and the page in a browser, where there is one."""
 
+import asyncio
 import json
 import os
 import re
@@ -9,11 +10,13 @@ import socket
 import subprocess
 import sys
 import time
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from fieldmap.device import read_device
 from fieldmap.errors import FieldmapError, InputError
 from fieldmap.lookup import open_map
 from fieldmap.plot.live_answers import LiveMap, LiveState
@@ -27,8 +30,6 @@ needs_opengl = pytest.mark.skipif(not can_render(), reason="no OpenGL on this ma
 
 @pytest.fixture(scope="module")
 def payload():
-    from fieldmap.device import read_device
-
     return read_device("drive_unit").payload
 
 
@@ -76,12 +77,8 @@ def test_wrong_names_and_files(state, tmp_path):
         state.save("  ")
     with pytest.raises(InputError):
         state.restore("never saved")
-    for content in (
-        "no json",
-        "[]",
-        '{"format": 2, "states": {}}',
-        '{"format": 1, "states": {"a": {"b": "c"}}}',
-    ):
+    bad = "no json", "[]", '{"format": 2, "states": {}}', '{"format": 1, "states": {"a": {"b": "c"}}}'
+    for content in bad:
         wrong = tmp_path / "wrong.json"
         wrong.write_text(content)
         with pytest.raises(InputError) as error:
@@ -102,22 +99,22 @@ def test_units_fit(force, unit, largest):
     assert "-0.0," not in text
 
 
+WEB = [
+    ("trame.app", "trame (extra `web`)"),
+    ("trame.widgets.vuetify3", "trame-vuetify (extra `web`)"),
+    ("aiohttp", "aiohttp (comes with the extra `web`)"),
+]
+
+
 @needs_opengl
 def test_the_page_follows_its_state(six_coils, payload, tmp_path):
     """The object that the page is made of, driven without a browser."""
-    pytest.importorskip("trame.app", reason="trame (extra `web`) is not installed")
-    pytest.importorskip("trame.widgets.vuetify3", reason="trame-vuetify (extra `web`) is not installed")
+    for library, name in WEB[:2]:
+        pytest.importorskip(library, reason=f"{name} is not installed")
     from fieldmap.plot.live_web import LivePage
 
-    window = LiveWindow(
-        open_map(six_coils),
-        payload,
-        5.0,
-        off_screen=True,
-        window=(300, 240),
-        sliders=False,
-        states_file=tmp_path / "states.json",
-    )
+    options = {"off_screen": True, "window": (300, 240), "sliders": False}
+    window = LiveWindow(open_map(six_coils), payload, 5.0, **options, states_file=tmp_path / "states.json")
     page = LivePage(window, "six", name="test of a page")
     shown = page.server.state
     assert window.sliders == []
@@ -131,12 +128,11 @@ def test_the_page_follows_its_state(six_coils, payload, tmp_path):
     np.testing.assert_allclose(drawn, 1e3 * np.linalg.norm(expected.flux_density, axis=1))
     page.save()
     assert shown.problem
-    shown.name = "half an ampere more"
+    shown.name = shown.chosen = "half an ampere more"
     page.save()
     assert (shown.saved, shown.problem) == (["half an ampere more"], "")
     page.reset()
     assert shown.values == begin
-    shown.chosen = "half an ampere more"
     page.restore()
     assert shown.values == values
     window.scene.close()
@@ -151,44 +147,28 @@ def test_what_is_missing_is_named(monkeypatch):
     assert "[web]" in str(error.value)
 
 
-class Browser:
-    """A headless browser, spoken to over its own protocol."""
-
-    def __init__(self, program, folder):
-        flags = "--no-sandbox --disable-gpu --disable-quic --no-first-run --disable-background-networking"
-        flags += " --disable-component-update --disable-sync --window-size=1400,900 --remote-debugging-port=0"
-        self.process = subprocess.Popen(
-            [program, "--headless", *flags.split(), f"--user-data-dir={folder}", "about:blank"],
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL,
-            start_new_session=True,
-        )
-        self.port = int(waited(lambda: port_of(folder / "DevToolsActivePort")))
-
-    def close(self):
-        os.killpg(self.process.pid, signal.SIGKILL)
-        self.process.wait()
+@contextmanager
+def running(words, **options):
+    """A program that runs inside, with all that it starts."""
+    process = subprocess.Popen(words, text=True, start_new_session=True, **options)
+    try:
+        yield process
+    finally:
+        os.killpg(process.pid, signal.SIGKILL)
+        process.communicate()
 
 
-def port_of(path):
-    return path.read_text().splitlines()[0] if path.is_file() and path.read_text() else None
-
-
-def waited(ask, seconds=60.0):
-    """What `ask` answers once it answers something."""
+def port_of(path, seconds=60.0):
+    """What a browser writes once it listens."""
     end = time.monotonic() + seconds
-    while time.monotonic() < end:
-        answer = ask()
-        if answer:
-            return answer
+    while not (path.is_file() and path.read_text()):
+        assert time.monotonic() < end, path
         time.sleep(0.1)
-    raise TimeoutError(ask)
+    return path.read_text().splitlines()[0]
 
 
 async def visit(port, address, steps):
     """Open the page, and do `steps(evaluate)`."""
-    import asyncio
-
     import aiohttp
 
     async with aiohttp.ClientSession() as session:
@@ -225,27 +205,20 @@ async def visit(port, address, steps):
 @needs_opengl
 def test_the_page_in_a_browser(six_map_with_payload, payload, tmp_path):
     """Sliders, reset and saved states by their elements; the picture is not empty."""
-    import asyncio
-
-    pytest.importorskip("trame.app", reason="trame (extra `web`) is not installed")
-    pytest.importorskip("trame.widgets.vuetify3", reason="trame-vuetify (extra `web`) is not installed")
-    pytest.importorskip("aiohttp", reason="aiohttp (comes with the extra `web`) is not installed")
+    for library, name in WEB:
+        pytest.importorskip(library, reason=f"{name} is not installed")
     program = next((path for name in BROWSERS if (path := shutil.which(name))), None)
     if program is None:
         pytest.skip(f"no browser: none of {', '.join(BROWSERS)}")
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
-    words = ["app", str(six_map_with_payload), "--web", "--port", str(port), "--limit", "5"]
-    environment = {**os.environ, "DISPLAY": ""}
-    server = subprocess.Popen(
-        [sys.executable, "-m", "fieldmap", *words],
-        stdout=subprocess.PIPE,
-        text=True,
-        env=environment,
-        start_new_session=True,
+    words = f"-m fieldmap app {six_map_with_payload} --web --port {port} --limit 5".split()
+    flags = (
+        "--headless --no-sandbox --disable-gpu --disable-quic --no-first-run --disable-background-networking"
     )
-    browser = Browser(program, tmp_path / "browser")
+    flags += " --disable-component-update --disable-sync --window-size=1400,900 --remote-debugging-port=0"
+    folder = tmp_path / "browser"
     seen = {}
 
     async def steps(ask, evaluate, until):
@@ -268,22 +241,14 @@ def test_the_page_in_a_browser(six_map_with_payload, payload, tmp_path):
         seen["saved"] = json.loads(states.read_text())["states"]
         await evaluate("document.getElementById('reset').click()")
         seen["reset"] = await until(text.format("force"), lambda found: found == seen["begin"])
-        image = await ask("Page.captureScreenshot", format="png")
-        if os.environ.get("FIELDMAP_SCREENSHOT"):
-            import base64
 
-            Path(os.environ["FIELDMAP_SCREENSHOT"]).write_bytes(base64.b64decode(image["data"]))
-
-    try:
-        assert server.stdout is not None
+    shows = {"stdout": subprocess.PIPE, "env": {**os.environ, "DISPLAY": ""}}
+    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+    browser = [program, *flags.split(), f"--user-data-dir={folder}", "about:blank"]
+    with running([sys.executable, *words], **shows) as server, running(browser, **quiet):
         address = server.stdout.readline().strip()
         assert address == f"http://localhost:{port}/"
-        asyncio.run(visit(browser.port, address, steps))
-    finally:
-        browser.close()
-        os.killpg(server.pid, signal.SIGKILL)
-        server.wait()
-        server.stdout.close()
+        asyncio.run(visit(port_of(folder / "DevToolsActivePort"), address, steps))
     opened = open_map(six_map_with_payload)
     assert seen["sliders"] == len(opened.coil_names) + 1
     (values,) = seen["saved"].values()

@@ -1,5 +1,6 @@
 """The pictures that lie beside a map: files, what they show, and what a map cannot show."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -13,20 +14,17 @@ from fieldmap.plot.forces import net_force
 from fieldmap.plot.map_pictures import save_map_pictures, shift_curves
 from fieldmap.plot.places import plane_of
 from fieldmap.plot.rendering import can_render
+from tests.plot.conftest import pixels_of
 
 MASS, MOMENT = 0.010, 0.8
+SIGNALS = np.array([0.1, 0.2])
+# Measured on a rig: source, n, reading and height of the sensor, level, zero, signals, and places beside models.
 SHIFT = ShiftBesideMeasured(
-    source="Table 2",
-    n=1.25,
-    sensor_mm=10.0,
-    height=-0.1,
-    level=2.0,
-    zero=-1e-4,
-    signals=np.array([0.1, 0.2]),
-    measured=np.array([1e-3, 2e-3]),
-    constant_lift=np.array([1.1e-3, 2.2e-3]),
-    levels=np.array([2.1, 2.2]),
-    constant_level=np.array([1.2e-3, 2.4e-3]),
+    *("Table 2", 1.25, 10.0, -0.1, 2.0, -1e-4, SIGNALS),
+    measured=0.010 * SIGNALS,
+    constant_lift=0.011 * SIGNALS,
+    levels=2.0 + SIGNALS,
+    constant_level=0.012 * SIGNALS,
 )
 
 
@@ -47,9 +45,7 @@ def six_map(circle_of_six, dipole_map, tmp_path, recorded):
 
 def dark(path):
     """Share of the pixels that are not white."""
-    from matplotlib.image import imread
-
-    return float((imread(path)[..., :3].min(axis=-1) < 0.9).mean())
+    return float((pixels_of(path).min(axis=-1) < 230).mean())
 
 
 def test_both_pictures_are_written_beside_the_map(six_map):
@@ -84,8 +80,6 @@ def test_without_opengl_the_figure_is_drawn_all_the_same(six_map, monkeypatch):
 
 
 def test_the_figure_beside_measurements(six_map, legible):
-    from dataclasses import replace
-
     summary = summarise_map(six_map)
     curves = shift_curves(open_map(six_map), summary.payload, SHIFT)
     legible([curves])

@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
-from PIL import Image
 
 import fieldmap as fm
 from fieldmap.plot.optimum import optimum_figure, save_before_and_after, save_optimum_plot, undominated
 from fieldmap.plot.rendering import can_render
 from fieldmap.studies import Limit, Variable
+from tests.plot.conftest import pixels_of
 from tests.studies.test_optimise import PAIR
 
 
@@ -89,8 +89,7 @@ def test_the_coils_before_and_after_stand_at_one_scale(tmp_path):
     )
     before, after = (fm.read_device(thick, {"parameters.spacing": apart}) for apart in (90.0, 20.0))
     path = save_before_and_after(before, after, tmp_path / "pair.png", width=1000)
-    with Image.open(path) as picture:
-        pixels = np.asarray(picture.convert("RGB")).astype(int)
+    pixels = pixels_of(path)
     copper = pixels[..., 0] - pixels[..., 2] > 60
     spans = []
     for half in (copper[:, :500], copper[:, 500:]):
@@ -103,5 +102,4 @@ def test_the_coils_before_and_after_stand_at_one_scale(tmp_path):
 
 
 def test_saved(best, tmp_path):
-    with Image.open(save_optimum_plot(best, tmp_path / "path.png")) as picture:
-        assert picture.size[0] > 800
+    assert pixels_of(save_optimum_plot(best, tmp_path / "path.png")).shape[1] > 800

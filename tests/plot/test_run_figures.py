@@ -7,17 +7,9 @@ from fieldmap.plot.runs import run_figure
 TIMES = np.linspace(0.0, 1.0, 11)
 
 
-def run_with(currents):
-    places = np.zeros((11, 3))
-    return {
-        "time": TIMES,
-        "wanted": places,
-        "true": places,
-        "seen": places,
-        "currents": currents,
-        "coil_names": ("a", "b", "c", "d"),
-        "event": "",
-    }
+def run_with(currents, **others):
+    run = dict.fromkeys(("wanted", "true", "seen"), np.zeros((11, 3))) | others
+    return run | {"time": TIMES, "currents": currents, "coil_names": ("a", "b", "c", "d"), "event": ""}
 
 
 def drawn(figure):
@@ -45,8 +37,8 @@ def test_coils_that_part_in_one_of_several_runs_have_their_own_curves():
 
 def test_the_unit_of_an_axis_follows_the_larger_of_what_is_wanted_and_what_comes():
     """Millimetres but where both are small: an axis that should stay and leaves by 2 mm, one that does not."""
-    run = run_with(np.zeros((11, 4)))
-    run["true"] = np.zeros((11, 3))
-    run["true"][5] = [2.0, 0.004, 0.0]
+    true = np.zeros((11, 3))
+    true[5] = [2.0, 0.004, 0.0]
+    run = run_with(np.zeros((11, 4)), true=true)
     labels = [axes.get_ylabel() for axes in run_figure("Units", [run]).axes[:3]]
     assert [label.rsplit(" ", 1)[-1].strip("()[]") for label in labels] == ["mm", "µm", "mm"]

@@ -23,6 +23,7 @@ from fieldmap.plot.rendering import can_render
 from fieldmap.plot.scales import colour_bar, colour_bar_by_decades
 from fieldmap.plot.scenes import SCENES, axes_of, make_scene, save_scene
 from fieldmap.plot.shown import Shown, ShownRun
+from tests.plot.conftest import pixels_of
 
 needs_opengl = pytest.mark.skipif(not can_render(), reason="no OpenGL on this machine")
 LOWER, UPPER = np.array([-0.004, -0.004, -0.020]), np.array([0.004, 0.004, -0.012])
@@ -64,24 +65,13 @@ def falling(payload):
 
 def three_ways():
     """Forces of three coils, 4 mN along z and 0.2 mN along x and y at most, and 1 mN without currents."""
-    per_ampere = np.array([[1e-4, 0.0, 1e-3], [0.0, 1e-4, 1e-3], [0.0, 0.0, 0.0]])
-    per_ampere[2] = [-1e-4, -1e-4, 2e-3]
-    lower, upper = -np.ones(3), np.ones(3)
-    constant = np.array([0.0, 0.0, 1e-3])
+    per_ampere = np.array([[1e-4, 0.0, 1e-3], [0.0, 1e-4, 1e-3], [-1e-4, -1e-4, 2e-3]])
+    lower, upper, constant = -np.ones(3), np.ones(3), np.array([0.0, 0.0, 1e-3])
     corners, triangles, volume = zonotope(per_ampere, lower, upper)
-    return ReachableSet(
-        quantity="force",
-        position=np.zeros(3),
-        moment=np.array([0.0, 0.0, 1.0]),
-        coil_names=("a", "b", "c"),
-        lower=lower,
-        upper=upper,
-        constant=constant,
-        per_ampere=per_ampere,
-        vertices=corners + constant,
-        triangles=triangles,
-        volume=volume,
-    )
+    about = {"quantity": "force", "position": np.zeros(3), "moment": np.array([0.0, 0.0, 1.0])}
+    of_coils = {"coil_names": ("a", "b", "c"), "lower": lower, "upper": upper, "per_ampere": per_ampere}
+    solid = {"vertices": corners + constant, "triangles": triangles, "volume": volume}
+    return ReachableSet(**about, **of_coils, constant=constant, **solid)
 
 
 @needs_opengl
@@ -92,10 +82,8 @@ def test_a_thin_set_is_drawn_wider_and_says_so(shown):
     found = shown.reachable
     assert axes_of("reachable", "force", shown) == ("20 Fx, mN", "20 Fy, mN", "Fz, mN")
     drawn = np.array(solid.bounds).reshape(3, 2)
-    expected = (
-        1e3 * np.array([20.0, 20.0, 1.0]) * np.array([found.vertices.min(axis=0), found.vertices.max(axis=0)])
-    )
-    np.testing.assert_allclose(drawn.T, expected, rtol=1e-5)
+    corners = 1e3 * np.array([20.0, 20.0, 1.0]) * found.vertices
+    np.testing.assert_allclose(drawn.T, [corners.min(axis=0), corners.max(axis=0)], rtol=1e-5)
     # Wider, but not wider than high.
     assert (np.ptp(drawn, axis=1) / np.ptp(drawn[2]) > 0.4).all()
     assert np.ptp(drawn, axis=1).max() == np.ptp(drawn[2])
@@ -135,16 +123,8 @@ class Quadratic:
 
 @pytest.fixture
 def simple():
-    payload = fieldmap.read_device("drive_unit").payload
-    return Shown(
-        "simple", None, Quadratic(), np.array([1.0]), -0.02 + 0 * LOWER, 0.02 + 0 * LOWER, payload=payload
-    )
-
-
-def pixels(path):
-    picture = pv.read(path)
-    width, height, _ = picture.dimensions
-    return picture["PNGImage"].reshape(height, width, -1)[:, :, :3].astype(int)
+    payload, box = fieldmap.read_device("drive_unit").payload, np.full(3, 0.02)
+    return Shown("simple", None, Quadratic(), np.array([1.0]), -box, box, payload=payload)
 
 
 def coloured(image):
@@ -157,17 +137,16 @@ def coloured(image):
 def test_every_scene_has_content(shown, what, tmp_path):
     scene = make_scene(shown, what, window=(400, 320))
     bars = list(scene.scalar_bars.keys())
-    image = pixels(save_scene(scene, tmp_path / f"{what}.png"))
+    image = pixels_of(save_scene(scene, tmp_path / f"{what}.png"))
     scene.close()
     assert 0.005 < np.mean(image.sum(axis=2) < 740) < 0.9
     assert len(bars) == (0 if what in ("device", "mesh", "reachable") else 1)
     if bars:
+        assert bars[0].strip().endswith(("T", "mN", "uN", "mT/m", " A", " s"))
         assert coloured(image) > 0.005
         # The colour bar stands on the right, where the scene does not reach.
         right = image[:, int(0.86 * image.shape[1]) :]
         assert coloured(right) > 0.02
-    if bars:
-        assert bars[0].strip().endswith(("T", "mN", "uN", "mT/m", " A", " s"))
 
 
 @pytest.mark.parametrize(
@@ -197,7 +176,7 @@ def test_the_magnet_is_drawn_where_it_floats(tmp_path):
     path = tmp_path / "floating.png"
     words = ["show", "single_electromagnet", "--what", "equilibrium", "--currents", "1"]
     assert main([*words, "--save", str(path)]) == 0
-    image = pixels(path)
+    image = pixels_of(path)
     red = (image[:, :, 0] > image[:, :, 1] + 80) & (image[:, :, 0] > image[:, :, 2] + 80)
     # The sphere floats 44 mm below the core (thesis, Fig. 2-6), in the middle of a box from 30 to 60 mm.
     assert red.sum() > 300
@@ -217,17 +196,13 @@ def test_elements_fill_the_iron_and_carry_its_flux(shown):
 def test_field_lines_follow_the_field(simple):
     lines = field_lines(simple)
     assert lines.n_lines > 5
-    steps, along = [], []
-    for k in range(lines.n_lines):
-        points = np.asarray(lines.get_cell(k).points)
-        ahead = np.diff(points, axis=0)
-        size = np.linalg.norm(ahead, axis=1)
-        middle = 5e-4 * (points[1:] + points[:-1])
-        b = simple.flux_density_at(middle)
-        keep = (size > 1e-3) & (np.linalg.norm(b, axis=1) > 1e-5)
-        steps.append(ahead[keep] / size[keep, None])
-        along.append(b[keep] / np.linalg.norm(b[keep], axis=1)[:, None])
-    cosine = np.abs(np.sum(np.concatenate(steps) * np.concatenate(along), axis=1))
+    parts = [np.asarray(lines.get_cell(k).points) for k in range(lines.n_lines)]
+    ahead = np.concatenate([np.diff(points, axis=0) for points in parts])
+    middle = np.concatenate([5e-4 * (points[1:] + points[:-1]) for points in parts])
+    b = simple.flux_density_at(middle)
+    sizes = np.linalg.norm(ahead, axis=1), np.linalg.norm(b, axis=1)
+    keep = (sizes[0] > 1e-3) & (sizes[1] > 1e-5)
+    cosine = (np.abs(np.sum(ahead * b, axis=1))[keep]) / (sizes[0] * sizes[1])[keep]
     assert np.median(cosine) > 0.999
     assert np.percentile(cosine, 5) > 0.97
     assert (np.asarray(lines[FLUX]) >= 0).all()
@@ -304,9 +279,8 @@ def test_a_file_for_paraview(shown, tmp_path):
     blocks = pv.read(save_scene(scene, tmp_path / "iron.vtm"))
     scene.close()
     surface = next(block for block in blocks if IRON_FLUX in block.array_names)
-    assert surface[IRON_FLUX].max() == pytest.approx(
-        np.linalg.norm(shown.flux_density, axis=1).max(), rel=1e-6
-    )
+    largest = np.linalg.norm(shown.flux_density, axis=1).max()
+    assert surface[IRON_FLUX].max() == pytest.approx(largest, rel=1e-6)
 
 
 @needs_opengl
@@ -323,25 +297,11 @@ def test_a_page_for_a_browser(shown, tmp_path):
     if browser is None:
         pytest.skip("no Chromium on this machine")
     picture = tmp_path / "page.png"
-    flags = [
-        "--headless",
-        "--no-sandbox",
-        "--use-angle=swiftshader",
-        "--enable-unsafe-swiftshader",
-        "--use-gl=angle",
-    ]
-    flags += [
-        "--virtual-time-budget=15000",
-        "--window-size=800,600",
-        f"--user-data-dir={tmp_path / 'profile'}",
-    ]
-    subprocess.run(
-        [browser, *flags, f"--screenshot={picture}", path.as_uri()],
-        capture_output=True,
-        timeout=120,
-        check=True,
-    )
-    image = pixels(picture)
+    flags = "--headless --no-sandbox --use-angle=swiftshader --enable-unsafe-swiftshader --use-gl=angle"
+    flags += f" --virtual-time-budget=15000 --window-size=800,600 --user-data-dir={tmp_path / 'profile'}"
+    words = [browser, *flags.split(), f"--screenshot={picture}", path.as_uri()]
+    subprocess.run(words, capture_output=True, timeout=120, check=True)
+    image = pixels_of(picture)
     # The sphere in the middle and the colour bar on the right, in colours.
     assert coloured(image) > 0.005
     assert coloured(image[:, 600:]) > 0.002
@@ -354,7 +314,7 @@ def test_the_command(tmp_path, capsys, monkeypatch):
     path, words = tmp_path / "new" / "loop.png", ["show", "loop_and_sphere", "--refinement", "0.5", "--save"]
     assert main([*words, str(path), "--what", "iron", "--currents", "2"]) == 0
     assert capsys.readouterr().out.strip() == str(path)
-    assert coloured(pixels(path)) > 0.02
+    assert coloured(pixels_of(path)) > 0.02
     assert main([*words, str(tmp_path / "mesh.png"), "--what", "mesh"]) == 0
 
 

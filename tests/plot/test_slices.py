@@ -31,18 +31,24 @@ class Uniform(Linear):
     def field(self, points, currents):
         return np.full(np.shape(points), [0.0, 0.0, 0.5])
 
+
+class Rising(Linear):
+    """dBz/dz rises with z."""
+
+    def field(self, points, currents):
+        x, y, z = np.moveaxis(np.asarray(points), -1, 0)
+        return currents[0] * np.stack([-x * z, -y * z, z**2 - 0.0 * x], axis=-1)
+
     def gradient(self, points, currents):
-        return np.zeros((*np.shape(points)[:-1], 3, 3))
+        x, y, z = np.moveaxis(np.asarray(points), -1, 0)
+        zero = np.zeros_like(x)
+        rows = [[-z, zero, -x], [zero, -z, -y], [zero, zero, 2 * z]]
+        return currents[0] * np.moveaxis(np.array(rows), (0, 1), (-2, -1))
 
 
 @pytest.fixture
 def ax():
     return Figure().add_subplot()
-
-
-def colours(ax):
-    """The filled contours of a slice."""
-    return ax.collections[0]
 
 
 def test_a_slice_is_drawn_into_the_axes_given_and_returns_them(ax):
@@ -66,25 +72,22 @@ def test_a_slice_is_drawn_into_the_axes_given_and_returns_them(ax):
     ],
 )
 def test_planes_and_components(ax, normal, labels, component, range_mT):
-    at = 0.01
-    field_slice(Linear(), [1.0], normal=normal, at=at, component=component, ax=ax)
+    field_slice(Linear(), [1.0], normal=normal, at=0.01, component=component, ax=ax)
     assert (ax.get_xlabel(), ax.get_ylabel()) == labels
     assert ax.get_title() == f"plane {normal} = 10 mm"
     low, high = ax.figure.axes[1].get_ylim()
     # Levels are round numbers around what there is.
     assert low <= range_mT[0] * 0.9
     assert high >= range_mT[1] * 0.9
-    contours = colours(ax)
-    assert contours.get_array().min() >= low - 1e-9
+    assert ax.collections[0].get_array().min() >= low - 1e-9
 
 
 def test_colours_are_those_of_the_field(ax):
     field_slice(Linear(), [1.0], component="Bz", ax=ax)
-    contours = colours(ax)
+    contours = ax.collections[0]
     point = np.array([5.0, 30.0])  # mm: Bz = -60 mT
-    levels = contours.levels
     (hit,) = [k for k, path in enumerate(contours.get_paths()) if path.contains_point(point)]
-    assert levels[hit] <= -60.0 <= levels[hit + 1]
+    assert contours.levels[hit] <= -60.0 <= contours.levels[hit + 1]
 
 
 def test_a_uniform_field_has_one_colour(ax):
@@ -94,25 +97,9 @@ def test_a_uniform_field_has_one_colour(ax):
 
 
 def test_forces_have_arrows_and_a_line_where_the_payload_is_carried(ax):
-    mass, moment = 0.01, 0.3
-    payload = fm.Payload(mass=mass, moment=moment)
-
-    class Quadratic(Linear):
-        """dBz/dz rises with z."""
-
-        def field(self, points, currents):
-            x, y, z = np.moveaxis(np.asarray(points), -1, 0)
-            return currents[0] * np.stack([-x * z, -y * z, z**2 - 0.0 * x], axis=-1)
-
-        def gradient(self, points, currents):
-            x, y, z = np.moveaxis(np.asarray(points), -1, 0)
-            zero = np.zeros_like(x)
-            rows = [[-z, zero, -x], [zero, -z, -y], [zero, zero, 2 * z]]
-            return currents[0] * np.moveaxis(np.array(rows), (0, 1), (-2, -1))
-
-    carried = 0.03
+    mass, moment, carried = 0.01, 0.3, 0.03
     current = mass * GRAVITY / (2.0 * carried * moment)
-    force_slice(Quadratic(), [current], payload=payload, ax=ax)
+    force_slice(Rising(), [current], payload=fm.Payload(mass=mass, moment=moment), ax=ax)
     line = ax.collections[1]
     heights = np.concatenate([path.vertices[:, 1] for path in line.get_paths()])
     np.testing.assert_allclose(heights, 1e3 * carried, rtol=1e-3)

@@ -1,26 +1,24 @@
-"""Windings and bodies against volumes and extents known in closed form."""
+"""Windings, bodies and pieces of payloads against volumes and extents known in closed form."""
 
 import numpy as np
 import pytest
 import pyvista as pv
 
+import fieldmap as fm
 from fieldmap.device.model import (
-    Body,
     Box,
-    CircularCoil,
     Cylinder,
-    Device,
     ExtrudedPolygon,
-    LinearMaterial,
     Part,
-    PathCoil,
     Placement,
     RevolvedProfile,
     Ring,
-    RoundedRectangleCoil,
     Sphere,
 )
-from fieldmap.plot.solids import body_surface, current_arrow, middle_line, winding_surface
+from fieldmap.field import Field
+from fieldmap.plot.device_drawing import add_payload
+from fieldmap.plot.forces import magnetic_force
+from fieldmap.plot.solids import body_surface, current_arrow, middle_line, payload_surface, winding_surface
 
 TRIANGLE = np.array([[0.0, 0.0], [0.02, 0.0], [0.0, 0.02]])
 L_SHAPE = np.array([[0.0, 0.0], [0.03, 0.0], [0.03, 0.01], [0.01, 0.01], [0.01, 0.03], [0.0, 0.03]])
@@ -29,8 +27,8 @@ TURN = Placement(np.array([0.01, 0.02, -0.03]), np.array([[0.0, 0, 1], [0, 1, 0]
 
 
 def one_body(*parts):
-    body = Body("piece", "iron", parts, mesh_size=0.004)
-    return Device("d", "", (), (body,), {"iron": LinearMaterial("iron", 1000.0)}), body
+    body = fm.Body("piece", "iron", parts, mesh_size=0.004)
+    return fm.Device("d", "", (), (body,), {"iron": fm.LinearMaterial("iron", 1000.0)}), body
 
 
 @pytest.mark.parametrize(
@@ -66,20 +64,24 @@ def rounded_area(half_x, half_y, radius):
     return 4 * half_x * half_y - (4 - np.pi) * radius**2
 
 
-def test_volume_of_a_rounded_rectangle_winding():
-    coil = RoundedRectangleCoil("c", 0.016, 0.012, 0.008, 0.01, 0.039, 840, placement=TURN)
-    outer, inner = rounded_area(21, 17, 13), rounded_area(11, 7, 3)
-    assert abs(winding_surface(coil).volume) == pytest.approx((outer - inner) * 39, rel=1e-3)
-
-
-def test_volume_of_a_circular_winding():
-    coil = CircularCoil("c", 0.01, 0.02, 0.03, 100)
-    assert abs(winding_surface(coil).volume) == pytest.approx(np.pi * (400 - 100) * 30, rel=2e-3)
+@pytest.mark.parametrize(
+    ("coil", "area", "height"),
+    [
+        (
+            fm.RoundedRectangleCoil("c", 0.016, 0.012, 0.008, 0.01, 0.039, 840, placement=TURN),
+            rounded_area(21, 17, 13) - rounded_area(11, 7, 3),
+            39,
+        ),
+        (fm.CircularCoil("c", 0.01, 0.02, 0.03, 100), np.pi * (400 - 100), 30),
+    ],
+)
+def test_volume_of_windings(coil, area, height):
+    assert abs(winding_surface(coil).volume) == pytest.approx(area * height, rel=2e-3)
 
 
 def test_a_path_with_an_inward_corner():
     """Pappus: the volume is the section times the length of the middle line."""
-    coil = PathCoil("c", 2 * L_SHAPE, 0.004, 0.004, 0.01, 10)
+    coil = fm.PathCoil("c", 2 * L_SHAPE, 0.004, 0.004, 0.01, 10)
     # Six corners of a right angle, each replacing 2 r by pi r / 2.
     length = 2 * (60 + 60) - 6 * (2 - np.pi / 2) * 4
     assert abs(winding_surface(coil).volume) == pytest.approx(length * 4 * 10, rel=1e-3)
@@ -88,9 +90,8 @@ def test_a_path_with_an_inward_corner():
 def test_the_arrow_follows_the_current():
     """Positive current runs counter-clockwise about the coil's axis; a negative polarity turns the arrow around."""
     for polarity in (1, -1):
-        coil = RoundedRectangleCoil(
-            "c", 0.016, 0.016, 0.015, 0.01, 0.039, 840, polarity, Placement(np.array([0.044, 0, 0]))
-        )
+        place = Placement(np.array([0.044, 0, 0]))
+        coil = fm.RoundedRectangleCoil("c", 0.016, 0.016, 0.015, 0.01, 0.039, 840, polarity, place)
         arrow = current_arrow(coil)
         x_min, _, y_min, y_max, *_ = arrow.bounds
         assert x_min > 44  # on the side that faces away from the axis
@@ -101,7 +102,48 @@ def test_the_arrow_follows_the_current():
 
 
 def test_the_middle_line_turns_counter_clockwise():
-    line, normal = middle_line(CircularCoil("c", 0.01, 0.02, 0.03, 100))
+    line, normal = middle_line(fm.CircularCoil("c", 0.01, 0.02, 0.03, 100))
     x, y = line.T
     assert 0.5 * np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y) > 0
     np.testing.assert_allclose(np.linalg.norm(normal, axis=1), 1.0)
+
+
+PAYLOAD = fm.Payload(
+    1e-3,
+    pieces=[
+        fm.PayloadPiece(
+            fm.SoftEllipsoid((2e-3, 2e-3, 6e-3), mu_r=100.0), fm.placed([0, 0, 4e-3], [90.0, 0, 0])
+        ),
+        fm.PayloadPiece(fm.MagnetCylinder(2e-3, 4e-3, 1.2), fm.placed([0.0, 0.0, -2e-3])),
+    ],
+)
+
+
+def test_surfaces_of_pieces():
+    surface = payload_surface(PAYLOAD)
+    # The ellipsoid lies along y, 3 to 5 mm above the centre; the cylinder stands below it.
+    np.testing.assert_allclose(surface.bounds, [-1, 1, -3, 3, -4, 5], atol=0.03)
+    assert payload_surface(fm.Payload(1e-3, moment=0.1)) is None
+    scene = pv.Plotter(off_screen=True)
+    add_payload(scene, PAYLOAD, np.array([0.0, 0.0, -20.0]))
+    np.testing.assert_allclose(scene.bounds, [-1, 1, -3, 3, -24, -15], atol=0.03)
+
+
+class Uniform(Field):
+    """B = B0 + G x."""
+
+    coil_names = ()
+
+    def field(self, points, currents):
+        return np.array([0.0, 0.0, 0.1]) + np.atleast_2d(points) * [-0.5, -0.5, 1.0]
+
+    def gradient(self, points, currents):
+        return np.broadcast_to(np.diag([-0.5, -0.5, 1.0]), (len(np.atleast_2d(points)), 3, 3))
+
+
+def test_arrows_are_the_force_on_the_pieces():
+    sphere = fm.Payload(1e-3, pieces=[fm.SoftSphere(4e-3, mu_r=1e8)])
+    force = magnetic_force(Uniform(), np.zeros(0), sphere, np.zeros((1, 3)))
+    exact = np.pi * 4e-3**3 / 2 / (4e-7 * np.pi) * 0.1
+    np.testing.assert_allclose(force, [[0.0, 0.0, exact]], rtol=1e-6, atol=1e-15)
+    assert magnetic_force(Uniform(), np.zeros(0), sphere, np.zeros((2, 3))).shape == (2, 3)

@@ -43,13 +43,7 @@ def test_every_number_is_drawn_once(axes, lines, tmp_path):
     drawn = np.sort(np.concatenate([line.get_ydata() for line in panel.lines]))
     np.testing.assert_allclose(drawn, 1.0 + np.arange(data.equilibrium_area.size))
     assert panel.get_ylabel() == "equilibrium area (mm²)"
-    looks = {
-        (
-            line.get_color() if isinstance(line.get_color(), str) else tuple(line.get_color()),
-            line.get_linestyle(),
-        )
-        for line in panel.lines
-    }
+    looks = {(str(line.get_color()), line.get_linestyle()) for line in panel.lines}
     assert len(looks) == lines
     path = save_study_plot(data, tmp_path / "study.png")
     assert path.read_bytes()[:4] == b"\x89PNG"

@@ -5,41 +5,41 @@ from itertools import combinations
 import numpy as np
 import pytest
 import pyvista as pv
-from matplotlib import style
+from matplotlib import rcParams
 from matplotlib.colors import to_hex, to_rgb
 from matplotlib.image import imread
 
 from fieldmap.errors import InputError
+from fieldmap.plot import style
 from fieldmap.plot.rendering import can_render
-from fieldmap.plot.style import (
-    COLOURS,
-    DARK_INK,
-    DARK_PAPER,
-    INK,
-    STYLE,
-    dark_colour,
-    dark_path,
-    in_the_dark,
-    new_figure,
-    save_figure,
-    save_screenshot,
-    scene_in_the_dark,
-)
+from fieldmap.plot.style import COLOURS, DARK_INK, DARK_PAPER, INK, dark_colour, dark_path, save_figure
 
 needs_opengl = pytest.mark.skipif(not can_render(), reason="no OpenGL on this machine")
 # G. M. Machado, M. M. Oliveira, L. A. F. Fernandes, "A physiologically-based model for simulation of color vision
 # deficiency", IEEE Trans. Vis. Comput. Graph. 15 (2009) 1291: severity 1, linear RGB.
 SEEN = {
-    "by all": np.eye(3),
+    "by all": np.eye(3).ravel(),
     "protanopia": [
-        [0.152286, 1.052583, -0.204868],
-        [0.114503, 0.786281, 0.099216],
-        [-0.003882, -0.048116, 1.051998],
+        0.152286,
+        1.052583,
+        -0.204868,
+        0.114503,
+        0.786281,
+        0.099216,
+        -0.003882,
+        -0.048116,
+        1.051998,
     ],
     "deuteranopia": [
-        [0.367322, 0.860646, -0.227968],
-        [0.280085, 0.672501, 0.047413],
-        [-0.011820, 0.042940, 0.968881],
+        0.367322,
+        0.860646,
+        -0.227968,
+        0.280085,
+        0.672501,
+        0.047413,
+        -0.011820,
+        0.042940,
+        0.968881,
     ],
 }
 TO_XYZ = np.array(
@@ -72,7 +72,7 @@ DARK_COLOURS = tuple(to_hex(dark_colour(colour)) for colour in COLOURS)
 @pytest.mark.parametrize("colours", [COLOURS, DARK_COLOURS], ids=["light", "dark"])
 def test_the_colour_blind_tell_series_apart(colours, eye):
     """The first five, which is what figures have at most in the place of a legend beside them."""
-    seen = [lab(np.array(SEEN[eye]) @ linear(colour)) for colour in colours[:5]]
+    seen = [lab(np.reshape(SEEN[eye], (3, 3)) @ linear(colour)) for colour in colours[:5]]
     assert min(np.linalg.norm(one - other) for one, other in combinations(seen, 2)) > 10.0
 
 
@@ -84,15 +84,13 @@ def test_colours_are_seen_on_their_paper():
 
 
 def test_the_style_is_that_of_the_constants():
-    with style.context(STYLE):
-        from matplotlib import rcParams
-
+    with style.new_figure(1.0, 1.0):
         assert tuple(f"#{entry['color'].lstrip('#')}" for entry in rcParams["axes.prop_cycle"]) == COLOURS
         assert to_hex(rcParams["text.color"]) == INK
 
 
 def drawn():
-    with new_figure(3.0, 2.4) as figure:
+    with style.new_figure(3.0, 2.4) as figure:
         axes = figure.add_subplot(title="title", xlabel="x", ylabel="y")
         axes.plot([0, 1], [0, 1], "o-", label="line")
         axes.contourf([0, 1], [0, 1], [[0, 1], [1, 2]], alpha=0.5)
@@ -114,7 +112,7 @@ def colours_of(figure):
 def test_a_figure_goes_into_the_dark_and_comes_back():
     figure = drawn()
     before, filled = colours_of(figure), figure.axes[0].collections[0].get_facecolor().copy()
-    with in_the_dark(figure):
+    with style.in_the_dark(figure):
         paper, line, *texts = colours_of(figure)
         assert (paper, line) == (DARK_PAPER, DARK_COLOURS[0])
         assert set(texts) == {DARK_INK}
@@ -154,19 +152,16 @@ def test_a_scene_goes_into_the_dark_and_comes_back(tmp_path, monkeypatch):
     labels = scene.add_point_labels(np.array([[2.0, 0.0, 0.0]]), ["label"], text_color=INK, shape=None)
 
     def look():
-        return [
-            to_hex(edges.prop.color.float_rgb),
-            to_hex(text.prop.color.float_rgb),
-            scene.background_color.hex_rgb,
-        ]
+        colours = (to_hex(one.prop.color.float_rgb) for one in (edges, text))
+        return [*colours, scene.background_color.hex_rgb]
 
     before = look()
-    with scene_in_the_dark(scene):
+    with style.scene_in_the_dark(scene):
         assert look() == [DARK_INK, DARK_INK, DARK_PAPER]
         words = labels.GetMapper().GetInputAlgorithm().GetTextProperty()
         assert to_hex(words.GetColor()) == DARK_INK
     assert look() == before == [INK, INK, "#ffffff"]
-    path = save_screenshot(scene, tmp_path / "scene.png")
+    path = style.save_screenshot(scene, tmp_path / "scene.png")
     scene.close()
     light, dark = imread(path)[..., :3], imread(dark_path(path))[..., :3]
     assert (to_hex(light[0, -1]), to_hex(dark[0, -1])) == ("#ffffff", DARK_PAPER)

@@ -15,28 +15,24 @@ from fieldmap.store import Grid, MapData
 # Three different numbers of nodes and spacings, so that no two axes can be exchanged unseen.
 GRID = Grid([-0.02, -0.01, -0.12], [0.01, 0.004, 0.006], (5, 6, 7))
 CURRENTS = np.array([1.5, -0.5])
+UNITS = (("B", "T_per_A"), ("gradB", "T_per_m_A"))
 
 
 def two_loops(points):
     """B (2, n, 3) and G (2, n, 3, 3) per ampere of two loops."""
-    parts = [
-        loop_flux_density_and_gradient(points - centre, 0.02) for centre in ([0, 0, 0.02], [0.03, 0.01, 0.03])
-    ]
+    centres = np.array([[0, 0, 0.02], [0.03, 0.01, 0.03]])
+    parts = [loop_flux_density_and_gradient(points - centre, 0.02) for centre in centres]
     return tuple(np.stack(part) for part in zip(*parts, strict=True))
 
 
 @pytest.fixture(scope="module")
 def loops():
     flux, slope = two_loops(GRID.points())
-    shape = (2, *GRID.shape, 3)
-    data = MapData(
-        GRID,
-        ("left", "right"),
-        np.full(2, 2.0),
-        flux_density=flux.reshape(shape),
-        gradient=slope.reshape(*shape, 3),
-    )
-    return interpolate(data, kind="hermite")
+    arrays = {
+        "flux_density": flux.reshape(2, *GRID.shape, 3),
+        "gradient": slope.reshape(2, *GRID.shape, 3, 3),
+    }
+    return interpolate(MapData(GRID, ("left", "right"), np.full(2, 2.0), **arrays), kind="hermite")
 
 
 def test_fixed_currents(loops, tmp_path):
@@ -59,12 +55,8 @@ def test_fixed_currents(loops, tmp_path):
 
 def test_coil_by_coil(loops, tmp_path):
     read = pv.read(write_vti(loops, tmp_path / "loops.vti"))
-    assert sorted(read.point_data) == [
-        "B_left_T_per_A",
-        "B_right_T_per_A",
-        "gradB_left_T_per_m_A",
-        "gradB_right_T_per_m_A",
-    ]
+    names = [f"{quantity}_{name}_{unit}" for quantity, unit in UNITS for name in ("left", "right")]
+    assert sorted(read.point_data) == names
     flux, slope = two_loops(np.asarray(read.points, float))
     for k, name in enumerate(("left", "right")):
         np.testing.assert_allclose(read[f"B_{name}_T_per_A"], flux[k], atol=1e-6 * np.abs(flux[k]).max())
