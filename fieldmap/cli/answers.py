@@ -14,14 +14,7 @@ from rich.table import Table
 from rich.text import Text
 
 from fieldmap.arguments import check, raise_all
-from fieldmap.cli import options, page
-from fieldmap.cli.arguments import (
-    parse_currents,
-    parse_points,
-    parse_settings,
-    parse_wanted,
-    positive_problems,
-)
+from fieldmap.cli import arguments, options, page
 from fieldmap.cli.options import option
 from fieldmap.constants import GRAVITY
 from fieldmap.errors import OutsideMapError, Problem
@@ -58,16 +51,17 @@ def probe(
     """
     from fieldmap.io import answers
 
-    points = parse_points(at, at_mm)
+    points = arguments.parse_points(at, at_mm)
     remedy = "add --at X Y Z (m) or --at-mm X Y Z"
     check(len(points) > 0, "--at", "must give at least one point", "none", remedy)
-    iron, settings = options.checked_iron(mu_r, nonlinear, refinement, form), parse_settings(changes)
+    iron, settings = options.of_device(changes, mu_r, nonlinear, refinement, form)
     raise_all(_both_magnets(moment, payload_of))
     with Progress("solving") as progress:
         found = options.find_named(source, iron, progress, settings)
         magnet = options.magnet_of_options(found, moment, payload_of, "--payload" if payload else "")
         try:
-            answer = answers.probe(found, points, parse_currents(currents, found.coil_names), magnet)
+            amperes = arguments.parse_currents(currents, found.coil_names)
+            answer = answers.probe(found, points, amperes, magnet)
         except OutsideMapError as error:
             remedy = "--at is in m, --at-mm in mm" if at else "stay in the box, or make a larger map"
             # The other problems are about currents.
@@ -146,15 +140,15 @@ def currents(
     """
     from fieldmap.io.answers import least_power, lift_force
 
-    points = parse_points(at, at_mm)
+    points = arguments.parse_points(at, at_mm)
     given = {"force": (force, "N"), "torque": (torque, "N m"), "field": (field, "T")}
     asked = {
-        name: parse_wanted(text, f"--{name}", unit)
+        name: arguments.parse_wanted(text, f"--{name}", unit)
         for name, (text, unit) in given.items()
         if text is not None
     }
     _check_demand(points, asked, lift, force, moment, payload_of, limit)
-    iron, settings = options.checked_iron(mu_r, nonlinear, refinement, form), parse_settings(changes)
+    iron, settings = options.of_device(changes, mu_r, nonlinear, refinement, form)
     with Progress("solving") as progress:
         found = options.find_named(source, iron, progress, settings)
         acts = moment or lift or not asked.keys() <= {"field"}
@@ -192,9 +186,8 @@ def _check_demand(
         if lift and given:
             remedy = "leave one of them out: --lift is the force that carries the payload"
             problems.append(Problem("--lift", f"must not come with {other}", f"{other} {given}", remedy))
-    raise_all(
-        [*problems, *_both_magnets(moment, payload_of), *positive_problems("--limit", limit, "give amperes")]
-    )
+    problems += arguments.positive_problems("--limit", limit, "give amperes")
+    raise_all([*problems, *_both_magnets(moment, payload_of)])
 
 
 def _currents_page(answer: LeastPower) -> Iterator[page.Section]:
@@ -255,11 +248,11 @@ def equilibrium(
     must_hold = "must have exactly one of --currents, --height-mm and --sensor-mm"
     remedy = "--currents asks where the payload floats, the other two ask for the current that lifts it"
     check(count == 1, "equilibrium", must_hold, f"{count} of them", remedy)
-    iron, settings = options.checked_iron(mu_r, nonlinear, refinement, form), parse_settings(changes)
-    begin = None if start is None else parse_points([start], None)[0]
+    iron, settings = options.of_device(changes, mu_r, nonlinear, refinement, form)
+    begin = None if start is None else arguments.parse_points([start], None)[0]
     with Progress("solving") as progress:
         found = options.find_named(source, iron, progress, settings)
-        amperes = parse_currents(currents, found.coil_names) if currents else None
+        amperes = arguments.parse_currents(currents, found.coil_names) if currents else None
         payload = check_payload(options.payload_of_option(found, payload_of), "equilibrium", pieces=True)
         if amperes is not None:
             _check_search(found, begin, orientation)

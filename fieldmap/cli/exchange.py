@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from fieldmap.arguments import check, raise_all
 from fieldmap.cli import options, page
-from fieldmap.cli.arguments import output_problems, parse_currents, parse_moment, parse_settings
+from fieldmap.cli.arguments import output_problems, parse_currents, parse_moment
 from fieldmap.cli.options import option
 from fieldmap.errors import InputError
 from fieldmap.progress import Progress
@@ -112,8 +113,11 @@ def export(
         "--body": body is not None,
         "--sources": sources,
     }
-    _check_format(to, [name for name, there in given.items() if there])
-    iron, settings = options.checked_iron(mu_r, nonlinear, refinement), parse_settings(changes)
+    check(to in FORMATS, "--to", f"must be one of {', '.join(FORMATS)}", to, "choose one of these")
+    wrong = ", ".join(name for name, there in given.items() if there and name not in FORMATS[to])
+    must_hold = "must be a format that has these options"
+    check(not wrong, "--to", must_hold, f"{wrong} with {to}", "leave them out")
+    iron, settings = options.of_device(changes, mu_r, nonlinear, refinement)
     spacing = None if spacing_mm is None else 1e-3 * spacing_mm
     sampled, files = None, tuple[Path, ...]()
     if not is_map_file(source):
@@ -145,15 +149,6 @@ def export(
         print(sampled.summary, file=sys.stderr)
 
 
-def _check_format(to: str, given: list[str]) -> None:
-    if to not in FORMATS:
-        raise InputError.of("--to", f"must be one of {', '.join(FORMATS)}", to, "choose one of these")
-    wrong = [name for name in given if name not in FORMATS[to]]
-    if wrong:
-        must_hold, received = "must be a format that has these options", f"{', '.join(wrong)} with {to}"
-        raise InputError.of("--to", must_hold, received, "leave them out")
-
-
 def _of_device(
     source: str,
     to: str,
@@ -165,12 +160,10 @@ def _of_device(
 ) -> Path:
     from fieldmap.io.answers import require_box
 
-    if to not in _OF_ANY_FIELD:
-        remedy = "make a map first: fieldmap map RECIPE"
-        raise InputError.of(source, f"must be a map file for --to {to}", "a device", remedy)
-    if spacing is None:
-        must_hold, remedy = "must come with a device, which has no nodes", "add for example --spacing-mm 2"
-        raise InputError.of("--spacing-mm", must_hold, "none", remedy)
+    remedy = "make a map first: fieldmap map RECIPE"
+    check(to in _OF_ANY_FIELD, source, f"must be a map file for --to {to}", "a device", remedy)
+    must_hold, remedy = "must come with a device, which has no nodes", "add for example --spacing-mm 2"
+    check(spacing is not None, "--spacing-mm", must_hold, "none", remedy)
     options.require_currents(iron.nonlinear, currents)
     with Progress("export") as progress:
         found = options.find_named(source, iron, progress, settings)
@@ -242,8 +235,7 @@ def import_map(
     from fieldmap.interop import fit_map, read_measurements
     from fieldmap.store import write_map
 
-    if problems := output_problems("--output", target, (".h5", ".hdf5")):
-        raise InputError(*problems)
+    raise_all(output_problems("--output", target, (".h5", ".hdf5")))
     measured = fit_map(read_measurements(source), 1e-3 * spacing, degree=degree)
     write_map(target, measured.data)
     page.print_result(measured, partial(_import_page, source, target), json, map=target)

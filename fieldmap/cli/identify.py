@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import partial
 from math import isfinite
 from pathlib import Path
@@ -10,13 +11,14 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from fieldmap.arguments import raise_all
 from fieldmap.cli import options, page
 from fieldmap.cli.arguments import parse_pairs
 from fieldmap.cli.options import option
 from fieldmap.errors import InputError, Problem
 
 if TYPE_CHECKING:
-    from fieldmap.control.identification import IdentifiedLog, Log, Orders
+    from fieldmap.control.identification import IdentifiedLog, Log
 
 
 def identify(
@@ -70,41 +72,19 @@ def identify(
 
     The exit code is 2 with every problem of the file at once, 1 if the estimate does not settle.
     """
-    from fieldmap.control.identification import identify_log
+    from fieldmap.control.identification import METHODS, ROLES, Orders, identify_log, read_log
 
     names = {"input": source, "output": target, "reference": reference, "time": time}
-    marks = (delimiter, decimal)
-    recognised, orders = _checked(log, names, sampling, units, marks, (poles, zeros, dead_time), method)
-    found = identify_log(recognised, orders, method, rest)
-    page.print_result(found, partial(_page, log, recognised), json, log=log)
-
-
-def _checked(
-    log: Path,
-    names: dict[str, str | None],
-    sampling: float | None,
-    units: list[str] | None,
-    marks: tuple[str | None, str | None],
-    numbers: tuple[int, int, int],
-    method: str,
-) -> tuple[Log, Orders]:
-    """The log and the orders. Raises InputError with the problems of the options and of the file."""
-    from fieldmap.control.identification import METHODS, ROLES, Orders, read_log
-
-    delimiter, decimal = marks
     unit_of, problems = parse_pairs(units, "--unit", "NAME=UNIT", "position=mm")
     decimals = {"point": ".", "comma": ",", ".": ".", ",": ","}
     if decimal is not None and decimal not in decimals:
         problems.append(Problem("--decimal", "must be point or comma", decimal, "choose one"))
     if method not in METHODS:
         problems.append(Problem("--method", f"must be one of {', '.join(METHODS)}", method, "choose one"))
-    given_by = {"delimiter": "--delimiter", "units": "--unit", "input": "--from", "output": "--to"}
-    orders, recognised = None, None
-    try:
-        orders = Orders(*numbers)
-    except InputError as error:
-        problems += error.problems
-    try:
+    orders = recognised = None
+    with _collected(problems):
+        orders = Orders(poles, zeros, dead_time)
+    with _collected(problems):
         recognised = read_log(
             log,
             ROLES,
@@ -114,13 +94,29 @@ def _checked(
             delimiter=delimiter,
             decimal=None if decimal is None else decimals.get(decimal),
             sampling_time=None if sampling is None else 1e-3 * sampling,
-            options={**given_by, "reference": "--reference", "time": "--time"},
+            options=_GIVEN_BY,
         )
+    raise_all(problems)
+    assert orders is not None
+    assert recognised is not None
+    found = identify_log(recognised, orders, method, rest)
+    page.print_result(found, partial(_page, log, recognised), json, log=log)
+
+
+# What of a log is stated by which option.
+_GIVEN_BY = {
+    **{"delimiter": "--delimiter", "units": "--unit", "input": "--from", "output": "--to"},
+    **{"reference": "--reference", "time": "--time"},
+}
+
+
+@contextmanager
+def _collected(problems: list[Problem]) -> Iterator[None]:
+    """Inside, the problems of an InputError are kept for later."""
+    try:
+        yield
     except InputError as error:
         problems += error.problems
-    if problems or recognised is None or orders is None:
-        raise InputError(*problems)
-    return recognised, orders
 
 
 def _page(log: Path, recognised: Log, found: IdentifiedLog) -> Iterator[page.Section]:

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from fieldmap.cli.arguments import parse_moment, positive_problems
+from fieldmap.arguments import check, raise_all
+from fieldmap.cli.arguments import parse_moment, parse_settings, positive_problems
 from fieldmap.errors import InputError, Problem
 from fieldmap.shipped import shipped_names
 
@@ -165,9 +166,15 @@ def checked_iron(
         problems.append(Problem("--nonlinear", "must go with the potential form", f"--form {form}", remedy))
     if tolerance is not None:
         problems += _tolerance_problems(tolerance, nonlinear, refinement, form)
-    if problems:
-        raise InputError(*problems)
+    raise_all(problems)
     return IronOptions(mu_r, nonlinear, refinement, form, tolerance)
+
+
+def of_device(
+    changes: list[str] | None, mu_r: float | None, nonlinear: bool, refinement: float, form: str = "auto"
+) -> tuple[IronOptions, dict[str, object]]:
+    """The options of the iron, and the keys that `--set` changes."""
+    return checked_iron(mu_r, nonlinear, refinement, form), parse_settings(changes)
 
 
 def _tolerance_problems(tolerance: float, nonlinear: bool, refinement: float, form: str) -> list[Problem]:
@@ -201,9 +208,8 @@ def changed_iron(options: IronOptions, changes: Mapping[str, Any]) -> list[str]:
 def refuse_iron_of_map(options: IronOptions, changes: Mapping[str, Any]) -> None:
     """Raise InputError for options of the iron and changes of the device, which a map does not take."""
     given = ", ".join(changed_iron(options, changes))
-    if given:
-        remedy = "leave it out, or name a device"
-        raise InputError.of(given, "must go with a device", "a map, whose iron is fixed", remedy)
+    received, remedy = "a map, whose iron is fixed", "leave it out, or name a device"
+    check(not given, given, "must go with a device", received, remedy)
 
 
 def require_currents(nonlinear: bool, currents: list[str] | None, where: str = "--nonlinear") -> None:
@@ -218,13 +224,9 @@ def require_currents(nonlinear: bool, currents: list[str] | None, where: str = "
     where : str
         The option or file that makes it so.
     """
-    if nonlinear and not currents:
-        raise InputError.of(
-            where,
-            "must come with --currents: how far iron saturates depends on them",
-            "no --currents",
-            "add --currents A (one number for all coils, or one per coil)",
-        )
+    must_hold = "must come with --currents: how far iron saturates depends on them"
+    remedy = "add --currents A (one number for all coils, or one per coil)"
+    check(bool(currents) or not nonlinear, where, must_hold, "no --currents", remedy)
 
 
 def find_named(

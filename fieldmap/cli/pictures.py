@@ -8,16 +8,15 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from fieldmap.arguments import check, raise_all
 from fieldmap.cli import options, page
-from fieldmap.cli.arguments import parse_currents, parse_points, parse_settings, positive_problems
+from fieldmap.cli.arguments import parse_currents, parse_points, positive_problems
 from fieldmap.cli.options import option
-from fieldmap.errors import InputError, Problem
+from fieldmap.errors import Problem
 from fieldmap.progress import Progress
 
 if TYPE_CHECKING:
-    from fieldmap.plot.live_window import LiveWindow
     from fieldmap.plot.shown import Shown
-    from fieldmap.typing import Array
 
 PAGE_WINDOW = (900, 700)
 
@@ -69,7 +68,7 @@ def show(
     --currents every coil carries 1 A. For shift, --height-mm is where the magnet is held, by default where it floats.
     For reachable, --at-mm is the point, by default the middle of the workspace.
     """
-    from fieldmap.io import IronOptions, is_map_file
+    from fieldmap.io import IronOptions, is_map_file, named_device
     from fieldmap.plot import gather
     from fieldmap.plot.scenes import FORMATS, MOVIES, check_format, check_scene
     from fieldmap.store import is_run_file
@@ -78,20 +77,22 @@ def show(
     recorded = of_map and is_run_file(source)
     if save is not None:
         check_format(save, (*MOVIES, *FORMATS) if recorded else FORMATS)
-    iron, settings = options.checked_iron(mu_r, nonlinear, refinement), parse_settings(changes)
-    chosen = what or _default_scene(of_map, recorded, minus)
+    iron, settings = options.of_device(changes, mu_r, nonlinear, refinement)
+    usual = "path" if recorded else "difference" if minus else "slices" if of_map else "device"
+    chosen = what or usual
     check_scene(chosen, quantity)
     if recorded:
         given = [name for name, there in (("--currents", currents), ("--minus", minus)) if there]
         _refuse_for_runs(chosen, given + options.changed_iron(iron, settings))
         shown = gather.shown_run(source)
     elif chosen in ("device", "mesh") and not of_map:
-        shown = _drawn_device(source, settings, chosen, refinement)
+        device = named_device(source, settings)
+        shown = gather.shown_device(device) if chosen == "device" else gather.shown_mesh(device, refinement)
     else:
-        place = _one_place(at_mm)
-        if problems := positive_problems("--limit", limit, "give amperes"):
-            raise InputError(*problems)
-        height = None if height_mm is None else 1e-3 * height_mm
+        points = parse_points(None, at_mm)
+        check(len(points) < 2, "--at-mm", "must give one point", f"{len(points)} points", "give it once")
+        raise_all(positive_problems("--limit", limit, "give amperes"))
+        height, place = None if height_mm is None else 1e-3 * height_mm, points[0] if len(points) else None
         with Progress("show") as progress:
             found, other = options.find_named(source, iron, progress, settings), None
             if minus is not None and chosen == "difference":
@@ -109,38 +110,12 @@ def show(
         print(save)
 
 
-def _drawn_device(source: str, settings: dict[str, object], what: str, refinement: float) -> Shown:
-    from fieldmap.io import named_device
-    from fieldmap.plot.gather import shown_device, shown_mesh
-
-    device = named_device(source, settings)
-    return shown_device(device) if what == "device" else shown_mesh(device, refinement)
-
-
-def _one_place(at_mm: list[str] | None) -> Array | None:
-    """The point of `--at-mm`, m. Raises InputError for several."""
-    points = parse_points(None, at_mm)
-    if len(points) > 1:
-        raise InputError.of("--at-mm", "must give one point", f"{len(points)} points", "give it once")
-    return points[0] if len(points) else None
-
-
-def _default_scene(of_map: bool, recorded: bool, minus: str | None) -> str:
-    """What is shown without --what."""
-    if recorded:
-        return "path"
-    if minus:
-        return "difference"
-    return "slices" if of_map else "device"
-
-
 def _refuse_for_runs(what: str, given: list[str]) -> None:
     problems = [Problem(name, "must not come with a run", "given", "leave it out") for name in given]
     if what != "path":
         remedy = "leave it out, or name a device or a map"
         problems.append(Problem("--what", "must be path for a run", what, remedy))
-    if problems:
-        raise InputError(*problems)
+    raise_all(problems)
 
 
 def _draw(shown: Shown, what: str, quantity: str, save: Path | None) -> dict[str, list[float]]:
@@ -195,6 +170,7 @@ def app(
     from fieldmap.plot.gather import DEFAULT_LIMIT
     from fieldmap.plot.live_window import LiveWindow
     from fieldmap.plot.scenes import check_format
+    from fieldmap.plot.style import save_screenshot
 
     if save is not None:
         check_format(save, (".png",))
@@ -214,19 +190,13 @@ def app(
         LivePage(window, title).serve(port, open_browser=bool(os.environ.get("DISPLAY")))
         return
     window = LiveWindow(*about, title, off_screen=save is not None)
-    _open_or_save(window, save)
+    if save is None:
+        window.show()
+    else:
+        save.parent.mkdir(parents=True, exist_ok=True)
+        save_screenshot(window.scene, save)
+        window.scene.close()
     if json:
         page.print_json({"source": map_file, "saved": save} | window.as_numbers())
     elif save is not None:
         print(save)
-
-
-def _open_or_save(window: LiveWindow, save: Path | None) -> None:
-    from fieldmap.plot.style import save_screenshot
-
-    if save is None:
-        window.show()
-        return
-    save.parent.mkdir(parents=True, exist_ok=True)
-    save_screenshot(window.scene, save)
-    window.scene.close()

@@ -13,6 +13,7 @@ import numpy as np
 import typer
 from rich.table import Table
 
+from fieldmap.arguments import raise_all
 from fieldmap.cli import options, page
 from fieldmap.cli.arguments import output_problems, parse_pairs, parse_settings, parse_variation
 from fieldmap.cli.options import option
@@ -114,8 +115,7 @@ def _check_files(
     if several and log is not None:
         remedy = "leave out --runs and --vary"
         problems.append(Problem("--measured", "is laid over one run", "several runs", remedy))
-    if problems:
-        raise InputError(*problems)
+    raise_all(problems)
 
 
 def _function_in(text: str) -> FunctionController:
@@ -164,8 +164,7 @@ def _laid(
 
     names, of_names = parse_pairs(columns, "--column", "ROLE=NAME", "depth=ch 1")
     unit_of, of_units = parse_pairs(units, "--unit", "NAME=UNIT", "depth=mm")
-    if problems := of_names + of_units:
-        raise InputError(*problems)
+    raise_all(of_names + of_units)
     given_by = {"units": "--unit", "names": "--column"}
     experiment, run = simulation.first, simulation.batches[0].runs[0].run
     assert run is not None
@@ -281,8 +280,7 @@ def _checked_depths(depths: str | None, target: Path | None) -> list[float] | No
     except ValueError:
         remedy = "write for example 0,10,20"
         problems.append(Problem("--depths", "must be numbers A,B,...", str(depths), remedy))
-    if problems:
-        raise InputError(*problems)
+    raise_all(problems)
     return readings
 
 

@@ -11,10 +11,10 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
+from fieldmap.arguments import check
 from fieldmap.cli import options, page
 from fieldmap.cli.arguments import parse_currents, parse_points, parse_settings
 from fieldmap.cli.options import option
-from fieldmap.errors import InputError
 from fieldmap.progress import Progress
 from fieldmap.records import count_of
 
@@ -78,11 +78,11 @@ def solve(
         require_soft_bodies(machine)
     points = parse_points(at, at_mm)
     amperes = parse_currents(currents or ["1"], machine.coil_names) if machine.coils else None
-    if thermal_resistance is not None and not design:
-        must = "must come with --design"
-        raise InputError.of("--thermal-resistance", must, "without", "add --design, or leave it out")
-    if design and amperes is None:
-        raise InputError.of("--design", "must be a device with coils", device, "leave it out")
+    without = design or thermal_resistance is None
+    remedy = "add --design, or leave it out"
+    check(without, "--thermal-resistance", "must come with --design", "without", remedy)
+    of_coils = not design or amperes is not None
+    check(of_coils, "--design", "must be a device with coils", device, "leave it out")
     groups = [[name.strip() for name in text.split(",") if name.strip()] for text in force or []]
     checked_groups(machine, groups, "--force")
     sections = named_sections(machine, section, "--section") if section else None

@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from fieldmap.arguments import check
 from fieldmap.cli import options, page
 from fieldmap.cli.messages import print_problems, resumable
-from fieldmap.errors import FieldmapError, InputError, Problem
+from fieldmap.errors import FieldmapError, Problem
 from fieldmap.progress import Progress
 from fieldmap.records import count_of
 
@@ -249,12 +250,11 @@ def fit(
 
 def _refuse(target: Path, asked: Fit) -> None:
     """Raise InputError for a file that is not to be written."""
-    if target.suffix != ".toml" or target.is_dir():
-        remedy = "end it with .toml"
-        raise InputError.of("--output", "must be a device file to write", str(target), remedy)
-    if target.exists() and any(target.samefile(path) for path in (asked.path, asked.device_path)):
-        must_hold = "must not be the file that is read"
-        raise InputError.of("--output", must_hold, str(target), "give another name")
+    device = target.suffix == ".toml" and not target.is_dir()
+    where, read = "--output", (asked.path, asked.device_path)
+    check(device, where, "must be a device file to write", str(target), "end it with .toml")
+    own = target.exists() and any(target.samefile(path) for path in read)
+    check(not own, where, "must not be the file that is read", str(target), "give another name")
 
 
 def _after_each_solve(

@@ -13,22 +13,13 @@ from PIL import Image
 
 from fieldmap.device.placement import AXES
 from fieldmap.extras import require
+from fieldmap.plot import solids
 from fieldmap.plot.device_drawing import IRON, MAGNET
 from fieldmap.plot.picture import core_bounds, look_at
 from fieldmap.plot.places import MM
 from fieldmap.plot.rendering import new_scene
 from fieldmap.plot.scales import add_coloured, add_rulers, add_words, colour_bar
 from fieldmap.plot.shown import Shown, ShownRun
-from fieldmap.plot.solids import (
-    body_surface,
-    box_edges,
-    extent,
-    payload_surface,
-    sharp_edges,
-    upright_cylinder,
-    winding_surface,
-    workspace_outline,
-)
 from fieldmap.plot.style import INK
 from fieldmap.store.whole_files import whole_file
 from fieldmap.typing import Array, Index
@@ -43,12 +34,12 @@ def body_parts(run: ShownRun) -> list[tuple[pv.PolyData, dict[str, Any]]]:
     """What the body looks like, about the origin, upright, mm, and how it is drawn."""
     parts: list[tuple[pv.PolyData, dict[str, Any]]] = []
     payload = run.device.payload
-    surface = None if payload is None else payload_surface(payload)
+    surface = None if payload is None else solids.payload_surface(payload)
     if surface is not None:
         parts.append((surface, {"color": MAGNET, "ambient": 0.3, **_SMOOTH}))
     if run.body is not None:
         look = {"color": "#8fa3b5", "opacity": 0.3 if parts else 1.0, "ambient": 0.4}
-        parts.append((upright_cylinder(*run.body), look))
+        parts.append((solids.upright_cylinder(*run.body), look))
     return parts or [(pv.Sphere(radius=1.0), {"color": MAGNET})]
 
 
@@ -72,7 +63,7 @@ def add_path(scene: pv.Plotter, shown: Shown, _: str) -> None:
 
 def outline(surface: pv.PolyData) -> pv.PolyData:
     """Its edges: what stands in the way of nothing. Of a sphere three circles."""
-    edges = sharp_edges(surface)
+    edges = solids.sharp_edges(surface)
     if edges.n_points:
         return edges
     return pv.merge([surface.slice(normal=normal, origin=surface.center) for normal in AXES])
@@ -210,15 +201,17 @@ def _stamp(run: ShownRun, k: int) -> str:
 def _add_machine(scene: pv.Plotter, run: ShownRun) -> list[pv.PolyData]:
     """Iron, workspace, and the coils with their current as colour; returns the coils."""
     for body in run.device.bodies:
-        scene.add_mesh(body_surface(run.device, body), color=IRON, ambient=0.35, **_SMOOTH)
+        scene.add_mesh(solids.body_surface(run.device, body), color=IRON, ambient=0.35, **_SMOOTH)
     if run.device.workspace is not None:
-        scene.add_mesh(workspace_outline(run.device.workspace), color=INK, line_width=1.5, lighting=False)
+        scene.add_mesh(
+            solids.workspace_outline(run.device.workspace), color=INK, line_width=1.5, lighting=False
+        )
     settings = colour_bar(CURRENT, run.currents)
     place = {"position_x": 0.84, "position_y": 0.22, "height": 0.4}
     settings["scalar_bar_args"] |= {"title_font_size": 16, "label_font_size": 14, **place}
     surfaces: list[pv.PolyData] = []
     for coil in run.device.coils:
-        surface = winding_surface(coil)
+        surface = solids.winding_surface(coil)
         surface[CURRENT] = np.zeros(surface.n_points)
         first = not surfaces
         add_coloured(scene, surface, CURRENT, settings, ambient=0.6, diffuse=0.5, show_scalar_bar=first)
@@ -228,11 +221,11 @@ def _add_machine(scene: pv.Plotter, run: ShownRun) -> list[pv.PolyData]:
 
 def _add_near(scene: pv.Plotter, run: ShownRun, points: Array) -> pv.PolyData:
     """The path that was asked for, rulers round all places of the magnet, and the path so far, which is returned."""
-    reach = extent(body_parts(run)[0][0]).T
+    reach = solids.extent(body_parts(run)[0][0]).T
     room = (points.min(axis=0) + reach[0]) / MM, (points.max(axis=0) + reach[1]) / MM
-    scene.add_mesh(box_edges(room), color=INK, line_width=1, opacity=0.25)
+    scene.add_mesh(solids.box_edges(room), color=INK, line_width=1, opacity=0.25)
     add_rulers(scene, font_size=13, spread=1.7)
-    look_at(scene, extent(scene), margin=0.3)
+    look_at(scene, solids.extent(scene), margin=0.3)
     wanted = MM * run.wanted[path_samples(run)]
     scene.add_mesh(pv.lines_from_points(wanted), color="#9aa3ab", line_width=1.5, lighting=False)
     trail = pv.lines_from_points(points)

@@ -19,20 +19,10 @@ from fieldmap.field import (
     coil_currents,
     require_bounds,
 )
+from fieldmap.plot import solids
 from fieldmap.plot.places import MM, box_grid, grid_points, plane_grids, plane_of
 from fieldmap.plot.rendering import new_scene
 from fieldmap.plot.scales import add_coloured, add_rulers, colour_bar
-from fieldmap.plot.solids import (
-    body_surface,
-    current_arrow,
-    extent,
-    magnet_surface,
-    name_place,
-    piece_surface,
-    sharp_edges,
-    winding_surface,
-    workspace_outline,
-)
 from fieldmap.plot.style import INK
 from fieldmap.typing import Array
 
@@ -111,7 +101,7 @@ def device_scene(
     scene = plotter if plotter is not None else new_scene(window_size)
     for body in device.bodies:
         if body.name not in hide:
-            surface = body_surface(device, body)
+            surface = solids.body_surface(device, body)
             _add_solid(scene, surface, IRON, _seen_through(surface, device.workspace, iron_opacity))
     of = device.coil_names if field is None else as_field(field).coil_names
     flowing = coil_currents(1.0 if currents is None else currents, of)
@@ -119,13 +109,13 @@ def device_scene(
     for coil in device.coils:
         # A map may have been made of other coils than those of the device that is drawn with it.
         ampere = by_name.get(coil.name, 1.0)
-        surface = winding_surface(coil)
+        surface = solids.winding_surface(coil)
         _add_solid(scene, surface, COPPER, _seen_through(surface, device.workspace, coil_opacity))
         if ampere:
-            arrow = current_arrow(coil, sense=float(ampere))
+            arrow = solids.current_arrow(coil, sense=float(ampere))
             scene.add_mesh(arrow, color=CURRENT, ambient=0.4, smooth_shading=True)
     if device.workspace is not None:
-        outline = workspace_outline(device.workspace)
+        outline = solids.workspace_outline(device.workspace)
         scene.add_mesh(outline, color=INK, line_width=2.5, lighting=False)
     if field is not None:
         source = as_field(field)
@@ -146,9 +136,9 @@ def _seen_through(surface: pv.PolyData, space: Workspace | None, opacity: float)
     """The opacity of a solid: little where it stands before much of the workspace."""
     if space is None:
         return opacity
-    room = extent(workspace_outline(space))
+    room = solids.extent(solids.workspace_outline(space))
     places = box_grid((room[:, 0] / MM, room[:, 1] / MM), (3, 3, 3)).points
-    beyond = 10.0 * np.ptp(extent(surface)) * np.array(VIEW)
+    beyond = 10.0 * np.ptp(solids.extent(surface)) * np.array(VIEW)
     whole = surface.triangulate()
     hidden = sum(whole.ray_trace(place, place + beyond)[1].size > 0 for place in places)
     return min(opacity, _TRANSLUCENT) if hidden > _HIDDEN * len(places) else opacity
@@ -167,7 +157,7 @@ def _add_solid(scene: pv.Plotter, surface: pv.DataSet, colour: str, opacity: flo
         specular=0.15,
         specular_power=25.0,
     )
-    edges = sharp_edges(surface)
+    edges = solids.sharp_edges(surface)
     if edges.n_points:
         scene.add_mesh(edges, color=INK, line_width=1.5, opacity=0.55)
 
@@ -179,8 +169,8 @@ def _add_names(scene: pv.Plotter, device: Device) -> None:
         text = vtkBillboardTextActor3D()
         text.SetInput(coil.name)
         # Before the winding and what juts out over it, in a view where that moves nothing.
-        before = 0.25 * float(np.ptp(extent(winding_surface(coil)), axis=1).max())
-        text.SetPosition(*(name_place(coil, VIEW) + before * np.array(VIEW)))
+        before = 0.25 * float(np.ptp(solids.extent(solids.winding_surface(coil)), axis=1).max())
+        text.SetPosition(*(solids.name_place(coil, VIEW) + before * np.array(VIEW)))
         text.GetTextProperty().SetFontSize(NAME_SIZE)
         text.GetTextProperty().SetBold(True)
         text.GetTextProperty().SetJustificationToCentered()
@@ -240,9 +230,9 @@ def arrows_at(places: Array, vectors: Array, longest: float) -> pv.PolyData:
 def add_payload(scene: pv.Plotter, payload: Payload, at: Array) -> None:
     """The payload's magnet with its centre at (3,), mm, and an arrow along its moment; or its pieces, upright."""
     for piece in payload.pieces:
-        surface = piece_surface(piece).translate(at, inplace=False)
+        surface = solids.piece_surface(piece).translate(at, inplace=False)
         _add_solid(scene, surface, IRON if isinstance(piece.shape, SoftBody) else MAGNET)
-    shape = magnet_surface(payload.magnet)
+    shape = solids.magnet_surface(payload.magnet)
     if shape is None:
         return
     half = 0.5 * (shape.bounds[5] - shape.bounds[4])

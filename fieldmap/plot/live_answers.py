@@ -56,11 +56,14 @@ class LiveMap:
 
     field_map: an opened map. payload: the magnet, upright. points (n, 3), m: where the field is asked for.
     current_limit: ends of the sliders of a linear map, A; of a map of saturating iron they are its domain. force_scale:
-    what every force is multiplied by, 1 unless a calibration says otherwise. Raises InputError for a payload that is
-    none or a limit that is not positive.
+    what every force is multiplied by, 1 unless a calibration says otherwise. states_file: where saved states are kept,
+    as JSON, read at once where it is there. Raises InputError for a payload that is none, a limit that is not positive,
+    and a file that is none of saved states.
+
+    `values` of `controls`, and the `answer` to them, follow `move`, `reset` and `restore`.
 
     >>> live = LiveMap(open_map("maps/out/division.h5"), device.payload, points)       # doctest: +SKIP
-    >>> live.answer([control.value for control in live.controls]).lift                 # doctest: +SKIP
+    >>> live.answer.lift                                                               # doctest: +SKIP
     """
 
     def __init__(
@@ -70,6 +73,7 @@ class LiveMap:
         points: ArrayLike,
         current_limit: float = 3.0,
         force_scale: float = 1.0,
+        states_file: Path | None = None,
     ) -> None:
         check_positive("LiveMap", current_limit=current_limit, force_scale=force_scale)
         if payload is None:
@@ -85,9 +89,16 @@ class LiveMap:
         begin = self._start(1e-3 * height.value)
         self._currents, driven = _controls(field_map, begin, current_limit)
         self.controls = (*driven, height)
+        self.initial = np.array([control.value for control in self.controls])
+        self._ends = np.array([(control.lower, control.upper) for control in self.controls]).T
         self._last: Array | None = None
         # Found once, and needed where there is no equilibrium.
         field_map.jump()
+        self.states_file = states_file
+        self.saved: dict[str, dict[str, float]] = {}
+        if states_file is not None and states_file.is_file():
+            self.saved = _read_states(states_file)
+        self.reset()
 
     def _place(self, height: float) -> Array:
         lower, upper = self.field_map.lower, self.field_map.upper
@@ -110,7 +121,7 @@ class LiveMap:
         """Currents (n_coils,), A, at the values of `controls`."""
         return self._currents(np.asarray(values, dtype=float)[:-1])
 
-    def answer(self, values: ArrayLike) -> LiveAnswer:
+    def answer_at(self, values: ArrayLike) -> LiveAnswer:
         """Everything at the values of `controls`; NaN for the field beyond a map's currents, with words that say so.
 
         The equilibrium is looked for from the last one first.
@@ -143,6 +154,59 @@ class LiveMap:
         held = [axis for axis, stable in found.stable_axes.items() if stable]
         return found, f"floats at ({at}) mm, stable along {', '.join(held) or 'no axis'}"
 
+    def move(self, values: ArrayLike) -> LiveAnswer:
+        """Answer at new values of all controls, which are clipped to their ends."""
+        self.values = np.clip(np.asarray(values, dtype=float), *self._ends)
+        self.answer = self.answer_at(self.values)
+        return self.answer
+
+    def reset(self) -> LiveAnswer:
+        """Back to where it began."""
+        return self.move(self.initial)
+
+    def save(self, name: str) -> tuple[str, ...]:
+        """Keep the values under a name, and write the file if there is one; names of all saved states.
+
+        Raises InputError for an empty name, and for a file that cannot be written.
+        """
+        chosen = name.strip()
+        if not chosen:
+            raise InputError.of("save", "a state must have a name", "none", "type one")
+        names = [control.name for control in self.controls]
+        self.saved[chosen] = dict(zip(names, self.values.tolist(), strict=True))
+        if self.states_file is not None:
+            content = {"format": FORMAT, "states": self.saved}
+            write_whole(self.states_file, (json.dumps(content, indent=1) + "\n").encode())
+        return tuple(self.saved)
+
+    def restore(self, name: str) -> LiveAnswer:
+        """Answer at a saved state; controls that it does not know begin anew. Raises InputError for an unknown one."""
+        if name not in self.saved:
+            known = ", ".join(self.saved) or "none saved"
+            raise InputError.of("restore", f"must be one of: {known}", name, "choose one of these")
+        values = self.saved[name]
+        return self.move([values.get(c.name, c.value) for c in self.controls])
+
+    @property
+    def words(self) -> dict[str, str]:
+        """The answer for people: currents, force, lift and equilibrium, each a line; force and lift empty beyond a
+        map's currents."""
+        answer, names = self.answer, self.field_map.coil_names
+        amperes = ", ".join(
+            f"{name}: {fixed(value, 3)}" for name, value in zip(names, answer.currents, strict=True)
+        )
+        force = lift = ""
+        if np.isfinite(answer.lift):
+            at = ", ".join(fixed(1e3 * x, 1) for x in answer.place)
+            force = f"force at ({at}) mm: {force_in_words(answer.force)}"
+            lift = f"lift {100 * answer.lift:.1f} % of the weight"
+        return {
+            "currents": f"currents, A: {amperes}",
+            "force": force,
+            "lift": lift,
+            "equilibrium": answer.words,
+        }
+
 
 def _controls(
     field_map: FieldMap, begin: Array, limit: float
@@ -169,77 +233,6 @@ def _short(error: FieldmapError) -> str:
 
 
 FORMAT = 1
-
-
-class LiveState:
-    """Values of the sliders of a `LiveMap`, and the answer to them.
-
-    states_file: where saved states are kept, as JSON, read at once where it is there. `move`, `reset`, `save` and
-    `restore` return the new answer, or nothing changed.
-    Raises InputError for a file that is none of saved states.
-    """
-
-    def __init__(self, live: LiveMap, states_file: Path | None = None) -> None:
-        self.live, self.states_file = live, states_file
-        self.initial = np.array([control.value for control in live.controls])
-        self._ends = np.array([(control.lower, control.upper) for control in live.controls]).T
-        self.saved: dict[str, dict[str, float]] = {}
-        if states_file is not None and states_file.is_file():
-            self.saved = _read_states(states_file)
-        self.move(self.initial)
-
-    def move(self, values: ArrayLike) -> LiveAnswer:
-        """Answer at new values of all controls, which are clipped to their ends."""
-        self.values = np.clip(np.asarray(values, dtype=float), *self._ends)
-        self.answer = self.live.answer(self.values)
-        return self.answer
-
-    def reset(self) -> LiveAnswer:
-        """Back to where it began."""
-        return self.move(self.initial)
-
-    def save(self, name: str) -> tuple[str, ...]:
-        """Keep the values under a name, and write the file if there is one; names of all saved states.
-
-        Raises InputError for an empty name, and for a file that cannot be written.
-        """
-        chosen = name.strip()
-        if not chosen:
-            raise InputError.of("save", "a state must have a name", "none", "type one")
-        names = [control.name for control in self.live.controls]
-        self.saved[chosen] = dict(zip(names, self.values.tolist(), strict=True))
-        if self.states_file is not None:
-            content = {"format": FORMAT, "states": self.saved}
-            write_whole(self.states_file, (json.dumps(content, indent=1) + "\n").encode())
-        return tuple(self.saved)
-
-    def restore(self, name: str) -> LiveAnswer:
-        """Answer at a saved state; controls that it does not know begin anew. Raises InputError for an unknown one."""
-        if name not in self.saved:
-            known = ", ".join(self.saved) or "none saved"
-            raise InputError.of("restore", f"must be one of: {known}", name, "choose one of these")
-        values = self.saved[name]
-        return self.move([values.get(c.name, c.value) for c in self.live.controls])
-
-    @property
-    def words(self) -> dict[str, str]:
-        """The answer for people: currents, force, lift and equilibrium, each a line; force and lift empty beyond a
-        map's currents."""
-        answer, names = self.answer, self.live.field_map.coil_names
-        amperes = ", ".join(
-            f"{name}: {fixed(value, 3)}" for name, value in zip(names, answer.currents, strict=True)
-        )
-        force = lift = ""
-        if np.isfinite(answer.lift):
-            at = ", ".join(fixed(1e3 * x, 1) for x in answer.place)
-            force = f"force at ({at}) mm: {force_in_words(answer.force)}"
-            lift = f"lift {100 * answer.lift:.1f} % of the weight"
-        return {
-            "currents": f"currents, A: {amperes}",
-            "force": force,
-            "lift": lift,
-            "equilibrium": answer.words,
-        }
 
 
 class _File(BaseModel):

@@ -25,7 +25,7 @@ class LivePage:
         app = require("trame.app", "web", WHERE)
         require("trame.widgets.vuetify3", "web", WHERE)
         require("trame.widgets.vtk", "web", WHERE)
-        self.window, self.title, self.model = window, title, window.state
+        self.window, self.title, self.model = window, title, window.live
         self.server = app.get_server(name, client_type="vue3")
         self._view: Any = None
         self._put()
@@ -108,7 +108,7 @@ class LivePage:
                     self._add_states(v3, html)
 
     def _add_sliders(self, v3: Any, html: Any) -> None:
-        for k, control in enumerate(self.model.live.controls):
+        for k, control in enumerate(self.model.controls):
             unit = "" if control.unit == "1" else f" {control.unit}"
             text = f"{control.name}: {{{{ values[{k}].toFixed({1 if control.unit == 'mm' else 3}) }}}}{unit}"
             html.Div(text, classes="text-caption")

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from fieldmap.device.model import Payload
 from fieldmap.lookup import FieldMap
 from fieldmap.plot.device_drawing import FLUX, MAGNET, VIEW, add_planes
-from fieldmap.plot.live_answers import LiveAnswer, LiveMap, LiveState
+from fieldmap.plot.live_answers import LiveAnswer, LiveMap
 from fieldmap.plot.picture import look_at
 from fieldmap.plot.places import MM, grid_points, plane_grids, pose
 from fieldmap.plot.rendering import new_scene, require_window
@@ -30,11 +30,10 @@ _SMALL = 700
 class LiveWindow:
     """A window with one slider for each of `live.controls`: `.show()` opens it, `.move(values)` does what sliders do.
 
-    field_map, payload, current_limit, force_scale: as for `LiveMap`. title: a line above. off_screen: draw without a
-    window, for pictures. sliders: without them there are no words either, both stand elsewhere. states_file: as for
-    `LiveState`. Red: where the magnet floats. Orange: the force on it where the height slider puts it, as long as a
-    fifth of the box where it carries the weight. state: values of the sliders and the answer to them. planes: grids
-    with |B| in mT; magnet_at: where the magnet is drawn, mm, or None.
+    field_map, payload, current_limit, force_scale, states_file: as for `LiveMap`. title: a line above. off_screen: draw
+    without a window, for pictures. sliders: without them there are no words either, both stand elsewhere. Red: where
+    the magnet floats. Orange: the force on it where the height slider puts it, as long as a fifth of the box where it
+    carries the weight. planes: grids with |B| in mT; magnet_at: where the magnet is drawn, mm, or None.
     Raises FieldmapError on a machine without OpenGL, InputError for a file that holds no saved states.
     """
 
@@ -54,12 +53,11 @@ class LiveWindow:
         self._window: Any = self.scene.render_window
         self.planes = plane_grids(field_map.bounds)
         points = np.vstack([grid_points(plane, field_map.bounds) for plane in self.planes])
-        self.live = LiveMap(field_map, payload, points, current_limit, force_scale)
-        self.state = LiveState(self.live, states_file)
+        self.live = LiveMap(field_map, payload, points, current_limit, force_scale, states_file)
         # Smoothed edges cost a processor that draws by itself seven times as long.
         self.scene.disable_anti_aliasing()
         self._build(field_map, None if payload is None else magnet_surface(payload.magnet), title)
-        self.sliders = [self._add_slider(k) for k in range(len(self.state.values) if sliders else 0)]
+        self.sliders = [self._add_slider(k) for k in range(len(self.live.values) if sliders else 0)]
         self._sizes = [(words, words.GetFontSize()) for words in text_properties(self.scene)]
         self._fit(np.array(VIEW))
         self._window.AddObserver("WindowResizeEvent", self._resized)
@@ -68,7 +66,7 @@ class LiveWindow:
     @property
     def values(self) -> Array:
         """Of the sliders."""
-        return self.state.values
+        return self.live.values
 
     def show(self) -> None:
         """Open the window, until it is closed. Raises FieldmapError without a screen."""
@@ -77,13 +75,13 @@ class LiveWindow:
 
     def move(self, values: ArrayLike) -> LiveAnswer:
         """Answer at new values of all controls, and show it."""
-        answer = self.state.move(values)
+        answer = self.live.move(values)
         self.show_answer()
         return answer
 
     def show_answer(self) -> None:
-        """Show the answer of `state`."""
-        answer, words = self.state.answer, self.state.words
+        """Show the answer of `live`."""
+        answer, words = self.live.answer, self.live.words
         self._colour(MM * np.linalg.norm(answer.flux_density, axis=1))
         self._place_magnet(answer)
         self._place_force(answer)
@@ -95,7 +93,7 @@ class LiveWindow:
 
     def as_numbers(self) -> dict[str, Any]:
         """The sliders and the answer at their values, as they are now. SI units, sliders in theirs."""
-        answer = self.state.answer
+        answer = self.live.answer
         sliders = [
             control.to_dict() | {"value": float(value)}
             for control, value in zip(self.live.controls, self.values, strict=True)

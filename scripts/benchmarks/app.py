@@ -53,7 +53,7 @@ def row(path: Path, moves: int) -> Row:
         values[k] += rng.choice([-0.1, 0.1]) * (control.upper - control.lower)
         values[k] = np.clip(values[k], control.lower, control.upper)
         begin = time.process_time()
-        answer = window.live.answer(values)
+        answer = window.live.answer_at(values)
         answers.append(time.process_time() - begin)
         begin = time.process_time()
         window.move(values)

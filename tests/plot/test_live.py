@@ -38,7 +38,7 @@ def test_a_moved_slider_gives_what_the_map_answers(field_map, live):
     assert [control.name for control in live.controls] == ["coil left", "coil right", "magnet z"]
     assert {(control.lower, control.upper) for control in live.controls[:2]} == {(-5.0, 5.0)}
     for currents in ([2.0, 1.0], [1.7, 1.4], [2.4, 0.2]):
-        answer = live.answer([*currents, 5.0])
+        answer = live.answer_at([*currents, 5.0])
         np.testing.assert_array_equal(answer.currents, currents)
         b, c = np.array(currents) @ np.array(COILS)[:, 1:]
         np.testing.assert_allclose(answer.force, [0, 0, 0.8 * (b + c * 0.005)], rtol=1e-9, atol=1e-12)
@@ -54,7 +54,7 @@ def test_a_moved_slider_gives_what_the_map_answers(field_map, live):
 
 def test_it_begins_where_the_magnet_is_carried(field_map, live):
     doubled = LiveMap(field_map, PAYLOAD, POINTS, current_limit=5.0, force_scale=2.0)
-    answer = doubled.answer([control.value for control in doubled.controls])
+    answer = doubled.answer
     assert answer.lift == pytest.approx(1.0)
     np.testing.assert_allclose(answer.equilibrium.position, answer.place, atol=1e-6)
     # Twice the force at half the currents.
@@ -62,11 +62,11 @@ def test_it_begins_where_the_magnet_is_carried(field_map, live):
 
 
 def test_without_an_equilibrium_there_are_words(live):
-    answer = live.answer([0.1, 0.1, 0.0])
+    answer = live.answer_at([0.1, 0.1, 0.0])
     assert answer.equilibrium is None
     assert "no equilibrium" in answer.words
     assert np.isfinite(answer.flux_density).all()
-    assert live.answer([2.0, 1.0, 0.0]).equilibrium is not None
+    assert live.answer_at([2.0, 1.0, 0.0]).equilibrium is not None
 
 
 def test_bad_arguments(field_map):
@@ -110,7 +110,7 @@ def test_sliders_move_the_picture(window, field_map):
     slider.GetRepresentation().SetValue(2.4)
     slider.InvokeEvent("InteractionEvent")
     assert window.values[0] == pytest.approx(2.4)
-    expected = window.live.answer(window.values)
+    expected = window.live.answer_at(window.values)
     np.testing.assert_allclose(1e-3 * np.array(window.magnet_at), expected.equilibrium.position, atol=1e-7)
     drawn = np.concatenate([plane["B, mT"] for plane in window.planes])
     np.testing.assert_allclose(drawn, 1e3 * np.linalg.norm(expected.flux_density, axis=1))

@@ -1,7 +1,6 @@
 """The pictures that lie beside a map: files, what they show, and what a map cannot show."""
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,9 +9,7 @@ from fieldmap.currents import divide_currents
 from fieldmap.io.map_summary import summarise_map
 from fieldmap.levitation import ShiftBesideMeasured
 from fieldmap.lookup import open_map
-from fieldmap.plot.forces import net_force
 from fieldmap.plot.map_pictures import save_map_pictures, shift_curves
-from fieldmap.plot.places import plane_of
 from fieldmap.plot.rendering import can_render
 from tests.plot.conftest import pixels_of
 
@@ -97,17 +94,3 @@ def test_the_figure_beside_measurements(six_map, legible):
     without = before.read_bytes()
     save_map_pictures(replace(summary, shifts=(SHIFT,)))
     assert before.read_bytes() != without
-
-
-def test_the_net_force_is_pull_and_weight_in_the_plane(six_map):
-    opened = open_map(six_map)
-    currents = np.arange(1.0, 7.0)
-    payload = SimpleNamespace(mass=MASS, moment=MOMENT, pieces=())
-    places, _ = plane_of(opened.bounds, "y", None, (4, 3))
-    assert places.shape == (12, 3)
-    np.testing.assert_allclose(np.unique(places[:, 0].round(9)), [-0.015, -0.005, 0.005, 0.015])
-    np.testing.assert_allclose(places[:, 1], 0.0, atol=1e-12)
-    # x runs slowest, z from below.
-    np.testing.assert_allclose(places[:3, 2], -0.14 + 0.064 * np.array([1, 3, 5]) / 6)
-    expected = MOMENT * opened.gradient(places, currents)[:, 2] - [0.0, 0.0, MASS * 9.80665]
-    np.testing.assert_allclose(net_force(opened, currents, payload, places), expected, rtol=1e-9, atol=1e-12)
