@@ -17,6 +17,7 @@ from fieldmap.arguments import check, raise_all
 from fieldmap.cli import arguments, options, page
 from fieldmap.cli.options import option
 from fieldmap.constants import GRAVITY
+from fieldmap.currents import amperes_in_words
 from fieldmap.errors import OutsideMapError, Problem
 from fieldmap.progress import Progress
 
@@ -48,6 +49,8 @@ def probe(
     """Print B and its gradient at points.
 
     With --payload, --payload-of or --moment, print force and torque on a magnet too.
+
+    Example: fieldmap probe drive_unit --at 0 0 -0.1 --currents 1.5 --payload
     """
     from fieldmap.io import answers
 
@@ -137,6 +140,8 @@ def currents(
 
     Force and torque act on the payload, upright, or on --moment. The exit code is 1 if no currents within the limits
     give what was asked for; the message says what can be had.
+
+    Example: fieldmap currents eight_coils_bead --at-mm 0 0 0 --lift
     """
     from fieldmap.io.answers import least_power, lift_force
 
@@ -240,6 +245,8 @@ def equilibrium(
 
     --currents asks for the place where the payload floats. --height-mm or --sensor-mm asks for the current that lifts
     it there.
+
+    Example: fieldmap equilibrium maps/out/workspace.h5 --sensor-mm 5
     """
     from fieldmap.io.answers import floating, lifted
     from fieldmap.lookup.payload import check_payload
@@ -308,7 +315,7 @@ def _common_rows(answer: Levitation) -> Iterator[tuple[str, str]]:
     payload, found = answer.payload, answer.found
     weight = f"{1e3 * payload.mass:.4g} g (weight {1e3 * payload.mass * GRAVITY:.4g} mN)"
     yield "payload", f"{weight}, {payload.description}"
-    yield "currents", page.currents_text(answer.source.coil_names, found.currents)
+    yield "currents", amperes_in_words(found.currents, answer.source.coil_names)
     yield "magnet's centre", _to_a_micrometre(found.position)
     if answer.has_sensor:
         offset = f"(magnet_offset {1e3 * payload.magnet_offset:g} mm)"

@@ -4,7 +4,7 @@ import inspect
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
 import typer.main
@@ -58,105 +58,42 @@ class Group(TyperGroup):
 
 
 class Entry(NamedTuple):
-    """A command: what it calls, the part of the list of commands, its line there, and an example."""
+    """A command: what it calls, whose docstring ends with an example, the part of the list of commands, its line
+    there."""
 
     call: Callable[..., None]
     part: str
     line: str
-    example: str
+
+    @property
+    def texts(self) -> tuple[str, str]:
+        """The help text, and "Example: " with a command line."""
+        *text, example = paragraphs(self.call)
+        return "\n\n".join(text), example
 
 
 COMMANDS: dict[str, Entry] = {
-    "check": Entry(check.check, DEVICES, "Is this device or map file sound?", "fieldmap check drive_unit"),
-    "solve": Entry(
-        solve.solve, DEVICES, "The field of a device, beside known values.", "fieldmap solve loop_and_sphere"
-    ),
-    "show": Entry(
-        pictures.show,
-        DEVICES,
-        "Pictures of a device, its iron, its field, or a run.",
-        "fieldmap show drive_unit --what iron --currents 1.5 --save iron.png",
-    ),
-    "schema": Entry(
-        check.schema,
-        DEVICES,
-        "JSON Schema of a kind of file, for editors.",
-        "fieldmap schema recipe > recipe.schema.json",
-    ),
-    "map": Entry(
-        maps.make_map,
-        MAPS,
-        "Compute the map that a recipe describes.",
-        "fieldmap map maps/workspace.toml -o maps/out/workspace.h5 --summary",
-    ),
-    "info": Entry(maps.info, MAPS, "The contents of a map.", "fieldmap info maps/out/workspace.h5"),
-    "probe": Entry(
-        answers.probe,
-        MAPS,
-        "Field, gradient and force at points.",
-        "fieldmap probe drive_unit --at 0 0 -0.1 --currents 1.5 --payload",
-    ),
-    "import": Entry(
-        exchange.import_map,
-        MAPS,
-        "A table of flux densities becomes a map.",
-        "fieldmap import readings.csv -o maps/out/measured.h5 --spacing-mm 5",
-    ),
-    "export": Entry(
-        exchange.export,
-        MAPS,
-        "A map for C or mag_manip; any field as CSV or for ParaView.",
-        "fieldmap export maps/out/linear.h5 --to c -o linear.fmap",
-    ),
-    "app": Entry(
-        pictures.app,
-        MAPS,
-        "A window with sliders for the currents of a map.",
-        "fieldmap app maps/out/workspace.h5",
-    ),
+    "check": Entry(check.check, DEVICES, "Is this device or map file sound?"),
+    "solve": Entry(solve.solve, DEVICES, "The field of a device, beside known values."),
+    "show": Entry(pictures.show, DEVICES, "Pictures of a device, its iron, its field, or a run."),
+    "schema": Entry(check.schema, DEVICES, "JSON Schema of a kind of file, for editors."),
+    "map": Entry(maps.make_map, MAPS, "Compute the map that a recipe describes."),
+    "info": Entry(maps.info, MAPS, "The contents of a map."),
+    "probe": Entry(answers.probe, MAPS, "Field, gradient and force at points."),
+    "import": Entry(exchange.import_map, MAPS, "A table of flux densities becomes a map."),
+    "export": Entry(exchange.export, MAPS, "A map for C or mag_manip; any field as CSV or for ParaView."),
+    "app": Entry(pictures.app, MAPS, "A window with sliders for the currents of a map."),
     "equilibrium": Entry(
-        answers.equilibrium,
-        MAGNETS,
-        "Where a magnet floats, or the current that lifts it.",
-        "fieldmap equilibrium maps/out/workspace.h5 --sensor-mm 5",
+        answers.equilibrium, MAGNETS, "Where a magnet floats, or the current that lifts it."
     ),
-    "currents": Entry(
-        answers.currents,
-        MAGNETS,
-        "The least currents for a force or a field at a point.",
-        "fieldmap currents eight_coils_bead --at-mm 0 0 0 --lift",
-    ),
-    "simulate": Entry(
-        scenario.simulate,
-        MAGNETS,
-        "Run a closed loop from a scenario file.",
-        "fieldmap simulate hold --map square.h5 --save held.png",
-    ),
-    "linearise": Entry(
-        scenario.linearise,
-        MAGNETS,
-        "Poles, coupling and margins by height.",
-        "fieldmap linearise hold --map square.h5 --depths 40,50,60",
-    ),
-    "identify": Entry(
-        identify.identify,
-        MAGNETS,
-        "A model with its errors from a log of a rig.",
-        "fieldmap identify rig.csv --from control --to position",
-    ),
-    "study": Entry(studies.study, STUDIES, "A device with some keys varied.", "fieldmap study pole_disk"),
-    "optimise": Entry(
-        studies.optimise, STUDIES, "The best values of keys, within limits.", "fieldmap optimise pole_piece"
-    ),
-    "fit": Entry(
-        studies.fit,
-        STUDIES,
-        "Unknown numbers of a device, from measurements.",
-        "fieldmap fit loop_and_sphere -o fitted.toml",
-    ),
-    "thesis": Entry(
-        thesis.thesis, STUDIES, "The numbers of the thesis beside ours.", "fieldmap thesis S7 S20"
-    ),
+    "currents": Entry(answers.currents, MAGNETS, "The least currents for a force or a field at a point."),
+    "simulate": Entry(scenario.simulate, MAGNETS, "Run a closed loop from a scenario file."),
+    "linearise": Entry(scenario.linearise, MAGNETS, "Poles, coupling and margins by height."),
+    "identify": Entry(identify.identify, MAGNETS, "A model with its errors from a log of a rig."),
+    "study": Entry(studies.study, STUDIES, "A device with some keys varied."),
+    "optimise": Entry(studies.optimise, STUDIES, "The best values of keys, within limits."),
+    "fit": Entry(studies.fit, STUDIES, "Unknown numbers of a device, from measurements."),
+    "thesis": Entry(thesis.thesis, STUDIES, "The numbers of the thesis beside ours."),
 }
 
 
@@ -176,28 +113,22 @@ def application() -> TyperGroup:
     )
     commands.callback()(_common)
     for name, entry in COMMANDS.items():
-        commands.command(
-            name=name,
-            cls=Command,
-            help=paragraphs(entry.call),
-            short_help=entry.line,
-            epilog=f"Example: {entry.example}",
-            rich_help_panel=entry.part,
-        )(entry.call)
+        text, example = entry.texts
+        about: dict[str, Any] = {"help": text, "short_help": entry.line, "epilog": example}
+        commands.command(name=name, cls=Command, rich_help_panel=entry.part, **about)(entry.call)
     program = typer.main.get_command(commands)
     assert isinstance(program, TyperGroup)
     return program
 
 
-def paragraphs(function: Callable[..., None]) -> str:
-    """The docstring of a function with one line per paragraph.
+def paragraphs(function: Callable[..., None]) -> list[str]:
+    """The docstring of a function, each paragraph in one line.
 
     >>> def f(): "One\\n    two.\\n\\n    Three."
     >>> paragraphs(f)
-    'One two.\\n\\nThree.'
+    ['One two.', 'Three.']
     """
-    text = inspect.getdoc(function) or ""
-    return "\n\n".join(" ".join(part.split()) for part in text.split("\n\n"))
+    return [" ".join(part.split()) for part in (inspect.getdoc(function) or "").split("\n\n")]
 
 
 def _print_version(wanted: bool) -> None:

@@ -33,6 +33,8 @@ def check(
 
     Of a map file, verify the seal, every data set, the units and the provenance, and that the numbers are a magnetic
     field.
+
+    Example: fieldmap check drive_unit
     """
     from fieldmap.io import IronOptions, existing_map, is_map_file, named_device
 
@@ -170,7 +172,10 @@ def schema(
         ),
     ] = "device",
 ) -> None:
-    """Print the JSON Schema of a kind of file, for editors that check a file while you type."""
+    """Print the JSON Schema of a kind of file, for editors that check a file while you type.
+
+    Example: fieldmap schema recipe > recipe.schema.json
+    """
     from fieldmap.io.json_schema import FILE_KINDS, schema_text
 
     schemas = {one.name.replace(" ", "-"): one.schema for one in FILE_KINDS}

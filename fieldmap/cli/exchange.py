@@ -98,6 +98,8 @@ def export(
 
     --currents fixes the currents; without it the other program sets them. An fmu has a magnet of --moment, by default 1
     A m2 upward.
+
+    Example: fieldmap export maps/out/linear.h5 --to c -o linear.fmap
     """
     from fieldmap import interop
     from fieldmap.io import existing_map, is_map_file
@@ -231,7 +233,10 @@ def import_map(
     ] = None,
     json: options.Json = False,
 ) -> None:
-    """Fit harmonic polynomials to a table of flux densities and write them as a map; print how well they fit."""
+    """Fit harmonic polynomials to a table of flux densities and write them as a map; print how well they fit.
+
+    Example: fieldmap import readings.csv -o maps/out/measured.h5 --spacing-mm 5
+    """
     from fieldmap.interop import fit_map, read_measurements
     from fieldmap.store import write_map
 

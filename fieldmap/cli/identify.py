@@ -71,6 +71,8 @@ def identify(
     """Identify the model from an input to an output in a log of a rig, in open or closed loop; print it with errors.
 
     The exit code is 2 with every problem of the file at once, 1 if the estimate does not settle.
+
+    Example: fieldmap identify rig.csv --from control --to position
     """
     from fieldmap.control.identification import METHODS, ROLES, Orders, identify_log, read_log
 

@@ -57,6 +57,8 @@ def make_map(
     """Compute the map that a recipe describes. A stopped run continues where it was.
 
     --json prints the summary.
+
+    Example: fieldmap map maps/workspace.toml -o maps/out/workspace.h5 --summary
     """
     from fieldmap import maps
 
@@ -83,7 +85,10 @@ def _tell_what_is_missing(path: Path) -> None:
 
 
 def info(source: options.MapArgument, json: options.Json = False) -> None:
-    """Print what a map holds: device, grid, field, gradient, lift current, and how accurate it is."""
+    """Print what a map holds: device, grid, field, gradient, lift current, and how accurate it is.
+
+    Example: fieldmap info maps/out/workspace.h5
+    """
     print_summary(source, json)
 
 

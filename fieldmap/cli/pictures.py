@@ -67,6 +67,8 @@ def show(
     The file is .png, .html (for a browser, no server) or .vtm (ParaView); for a run also .gif or .mp4. Without
     --currents every coil carries 1 A. For shift, --height-mm is where the magnet is held, by default where it floats.
     For reachable, --at-mm is the point, by default the middle of the workspace.
+
+    Example: fieldmap show drive_unit --what iron --currents 1.5 --save iron.png
     """
     from fieldmap.io import IronOptions, is_map_file, named_device
     from fieldmap.plot import gather
@@ -164,6 +166,8 @@ def app(
 
     --save draws the start as .png without a window. --limit is the end of the sliders of a linear map; a map of
     saturating iron has its own.
+
+    Example: fieldmap app maps/out/workspace.h5
     """
     from fieldmap.io import existing_map, find_source
     from fieldmap.lookup import FieldMap

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import importlib.util
+import runpy
 import sys
 from collections.abc import Iterator
 from functools import partial
@@ -75,6 +75,8 @@ def simulate(
 
     --save draws the runs: .png, .svg or .pdf. A run that fails (leaves the map, hits a wall, saturates) names the event
     that ended it. The exit code is 1 if all runs fail.
+
+    Example: fieldmap simulate hold --map square.h5 --save held.png
     """
     from fieldmap.dynamics.scenario import simulate_batches, write_simulation
 
@@ -130,25 +132,21 @@ def _function_in(text: str) -> FunctionController:
     if not (sign and name and path.suffix == ".py" and is_file(path)):
         must_hold = "must be FILE.py:NAME with a file that is there"
         raise refused(must_hold, text, "write for example my_loop.py:control")
-    spec = importlib.util.spec_from_file_location(path.stem, path)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
     # As with `python FILE.py`, modules in the folder of the file are found.
     folder = str(path.resolve().parent)
     sys.path.insert(0, folder)
     try:
-        spec.loader.exec_module(module)
+        defined = runpy.run_path(str(path))
     except Exception as error:
         received = f"{type(error).__name__}: {error}"
         raise refused(f"{path} must run", received, f"see what python {path} says") from error
     finally:
         sys.path.remove(folder)
-    if not hasattr(module, name):
-        functions = [each for each, value in vars(module).items() if callable(value) and each[0] != "_"]
+    if name not in defined:
+        functions = [each for each, value in defined.items() if callable(value) and each[0] != "_"]
         choice = f"choose among {', '.join(functions) or 'none: write one'}"
         raise refused(f"must be in {path}", name, choice)
-    found = getattr(module, name)
+    found = defined[name]
     return found if isinstance(found, FunctionController) else FunctionController(found)
 
 
@@ -256,6 +254,8 @@ def linearise(
     """Linearise the machine of a scenario about its operating point: poles, coupling, margins.
 
     The exit code is 1 if the loop is unstable at any depth.
+
+    Example: fieldmap linearise hold --map square.h5 --depths 40,50,60
     """
     from fieldmap.dynamics.scenario import Linearisation, linear_points, prepare, read_scenario
 

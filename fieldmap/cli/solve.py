@@ -15,6 +15,7 @@ from fieldmap.arguments import check
 from fieldmap.cli import options, page
 from fieldmap.cli.arguments import parse_currents, parse_points, parse_settings
 from fieldmap.cli.options import option
+from fieldmap.currents import amperes_in_words
 from fieldmap.progress import Progress
 from fieldmap.records import count_of
 
@@ -66,6 +67,8 @@ def solve(
     Iron is linear unless --nonlinear is given, which also prints the flux density in every body. Without --currents
     every coil of a device with linear iron carries 1 A. Sections of the device file are printed with their mean flux
     density. --design prints the figures of a design.
+
+    Example: fieldmap solve loop_and_sphere
     """
     from fieldmap.io import named_device, solve_device
     from fieldmap.iron.materials import require_soft_bodies
@@ -103,7 +106,7 @@ def _page(summary: SolutionSummary) -> Iterator[page.Section]:
     currents = () if summary.currents is None else summary.currents
     rows = list(_report(summary))
     if summary.nonlinear:
-        rows.insert(0, ("currents", page.currents_text(names, currents)))
+        rows.insert(0, ("currents", amperes_in_words(currents, names)))
     yield page.heading(device.name, device.title)
     yield page.facts([*rows, *page.assumption_lines((*summary.report.assumptions, *summary.warnings))])
     if summary.bodies:

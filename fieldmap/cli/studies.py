@@ -39,7 +39,10 @@ def study(
     plot: options.Plot = True,
     json: options.Json = False,
 ) -> None:
-    """Solve every variant of a study, and write what is recorded as NetCDF, CSV and a plot."""
+    """Solve every variant of a study, and write what is recorded as NetCDF, CSV and a plot.
+
+    Example: fieldmap study pole_disk
+    """
     from fieldmap.studies import run_study
 
     with resumable("study") as progress:
@@ -133,6 +136,8 @@ def optimise(
     """Find the best values of a device's keys within limits, and check them on a finer mesh.
 
     The table `optimise` of the study file states the keys, their limits, and the number to make small or large.
+
+    Example: fieldmap optimise pole_piece
     """
     from fieldmap.studies import read_design_problem, solve_problem
     from fieldmap.studies.reading import STUDY
@@ -234,6 +239,8 @@ def fit(
     apart, and every reading beside what the fitted device gives.
 
     The whole device is solved some ten times for each unknown.
+
+    Example: fieldmap fit loop_and_sphere -o fitted.toml
     """
     from fieldmap.studies import read_fit
 

@@ -67,6 +67,8 @@ def thesis(
 
     A row that cannot be computed is named, and the others are printed. The exit code is 1 if a row failed, or if one
     that was asked for by name lacks its map.
+
+    Example: fieldmap thesis S7 S20
     """
     from fieldmap.thesis import detail
     from fieldmap.thesis.computation import attempt_part

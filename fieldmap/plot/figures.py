@@ -121,12 +121,10 @@ def _name_at_ends(axes: Axes, curves: Curves) -> bool:
     if not 1 < len(groups) <= _MANY or max(len(text) for text in words) > _LONGEST or curves.equal:
         return False
     axes.autoscale_view()
-    ends = [_end(group[0]) for group in groups]
-    if any(end is None for end in ends):
+    ends = axes.transScale.transform([_end(group[0]) for group in groups])
+    shares = axes.transLimits.transform(ends)
+    if np.isnan(shares).any():
         return False
-    to_share = axes.transLimits.transform
-    scaled = [axes.transScale.transform(end) for end in ends if end is not None]
-    shares = np.array([to_share(end) for end in scaled])
     figure = axes.get_figure(root=True)
     assert figure is not None
     # What stands above takes of the height.
@@ -165,12 +163,11 @@ def _group_name(group: Sequence[Series]) -> str:
     return names[0] if len(names) == 1 else f"{', '.join(names)}:\nthe same"
 
 
-def _end(series: Series) -> tuple[float, float] | None:
-    known = np.flatnonzero(np.isfinite(series.x) & np.isfinite(series.y))
-    if not known.size:
-        return None
-    last = known[int(np.argmax(series.x[known]))]
-    return float(series.x[last]), float(series.y[last])
+def _end(series: Series) -> tuple[float, float]:
+    """The known point of largest x, NaN without one."""
+    known = np.isfinite(series.x) & np.isfinite(series.y)
+    last = np.argmax(np.where(known, series.x, -np.inf))
+    return (float(series.x[last]), float(series.y[last])) if known.any() else (np.nan, np.nan)
 
 
 def spread(heights: Array, least: float) -> Array:

@@ -78,12 +78,9 @@ def add_rulers(
     low, high = low - 0.04 * size, high + 0.04 * size
     down, right, left = -np.eye(3)[2], np.eye(3)[0], -np.eye(3)[0]
     front = np.array([high[0], low[1], low[2]])
-    for title, axis, corner, outward in (
-        (titles[0], 0, low, down),
-        (titles[1], 1, front, 0.6 * right + 0.6 * down),
-        (titles[2], 2, low, left),
-    ):
-        _add_ruler(scene, title, axis, corner, high[axis], size * outward, font_size, spread)
+    edges = (low, down), (front, 0.6 * right + 0.6 * down), (low, left)
+    for axis, (corner, outward) in enumerate(edges):
+        _add_ruler(scene, titles[axis], axis, corner, high[axis], size * outward, font_size, spread)
 
 
 # How the words of each axis lie at their places: those of y begin there, those of z end there, off the lines.

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy
 
+from fieldmap.arguments import raise_all
 from fieldmap.device.model import Device, Payload
 from fieldmap.errors import InputError, Problem
 from fieldmap.field import AnyField, Bounds, FieldAtCurrents, as_field
@@ -94,14 +95,16 @@ class Shown(Record):
         InputError
             For one that is None.
         """
-        missing = [name for name in names if getattr(self, name) is None]
-        usual = "name another device or map"
-        problems = [
-            Problem(self.title, f"must have {_NEEDS[name]}", "none", _REMEDIES.get(name, usual))
-            for name in missing
-        ]
-        if problems:
-            raise InputError(*problems)
+        raise_all(
+            Problem(
+                self.title,
+                f"must have {_NEEDS[name]}",
+                "none",
+                _REMEDIES.get(name, "name another device or map"),
+            )
+            for name in names
+            if getattr(self, name) is None
+        )
 
     @property
     def box(self) -> Bounds:

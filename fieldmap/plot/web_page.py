@@ -32,55 +32,42 @@ def save_web_page(
     The viewer knows no labels at points, so the rulers get axes of the viewer's own beside them. Raises FieldmapError
     where trame-vtk is not installed.
     """
-    tools = _tools()
-    _prepare(scene, axes)
-    scene.render()
-    packed = io.BytesIO()
-    with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as archive:
-        archive.writestr("index.json", json.dumps(_description(scene, tools)))
-    page = io.StringIO()
-    tools["write_html"](packed.getvalue(), page)
-    content = re.sub("<title>.*?</title>\\s*<style>", lambda _: _head(title), page.getvalue(), count=1)
-    write_whole(Path(path), content.encode())
-    return Path(path)
-
-
-def _head(title: str) -> str:
-    """Title and caption in the place of the viewer's own title."""
-    quoted = title.replace("\\", "").replace('"', "'").replace("<", " ")
-    return _HEAD.format(title=html.escape(title), words=f"{quoted}\\A {_HOW}")
-
-
-def _prepare(scene: pv.Plotter, axes: tuple[str, str, str]) -> None:
-    """Axes of the viewer's kind, and a camera that it understands: it does not know parallel projection."""
-    scene.renderer.show_bounds(xtitle=axes[0], ytitle=axes[1], ztitle=axes[2], color=INK, font_size=10)
-    scene.camera.parallel_projection = False
-    scene.renderer.reset_camera()
-
-
-def _tools() -> dict[str, Any]:
     require("trame_vtk", "web", "fieldmap.plot.save_web_page", "save a .png")
     from trame_vtk.modules.vtk import serializers
     from trame_vtk.tools.vtksz2html import write_html
 
-    return {"write_html": write_html} | vars(serializers)
+    scene.renderer.show_bounds(xtitle=axes[0], ytitle=axes[1], ztitle=axes[2], color=INK, font_size=10)
+    # The viewer does not know parallel projection.
+    scene.camera.parallel_projection = False
+    scene.renderer.reset_camera()
+    scene.render()
+    packed, page = io.BytesIO(), io.StringIO()
+    with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("index.json", json.dumps(_description(scene, serializers)))
+    write_html(packed.getvalue(), page)
+    quoted = title.replace("\\", "").replace('"', "'").replace("<", " ")
+    head = _HEAD.format(title=html.escape(title), words=f"{quoted}\\A {_HOW}")
+    # In the place of the viewer's own title.
+    content = re.sub("<title>.*?</title>\\s*<style>", lambda _: head, page.getvalue(), count=1)
+    write_whole(Path(path), content.encode())
+    return Path(path)
 
 
-def _description(scene: pv.Plotter, tools: dict[str, Any]) -> dict[str, Any]:
+def _description(scene: pv.Plotter, tools: Any) -> dict[str, Any]:
     """What the viewer reads: the scene as JSON, and every array under the hash that stands for it."""
-    tools["initialize_serializers"]()
-    context = tools["SynchronizationContext"]()
+    tools.initialize_serializers()
+    context = tools.SynchronizationContext()
     context.set_ignore_last_dependencies(True)
     window = scene.render_window
-    described = tools["serialize"](None, window, tools["reference_id"](window), context, 1)
+    described = tools.serialize(None, window, tools.reference_id(window), context, 1)
     camera = scene.renderer.GetActiveCamera()
     described["extra"] = {
-        "vtkRefId": tools["reference_id"](window),
+        "vtkRefId": tools.reference_id(window),
         "centerOfRotation": camera.GetFocalPoint(),
-        "camera": tools["reference_id"](camera),
+        "camera": tools.reference_id(camera),
     }
     arrays = {
         entry["hash"]: entry | {"content": context.get_cached_data_array(entry["hash"], False)}
-        for entry in tools["extract_array_hash"](described)
+        for entry in tools.extract_array_hash(described)
     }
     return {"hashes": arrays, "scene": described}

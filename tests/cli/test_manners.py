@@ -31,7 +31,7 @@ def test_help_has_an_example(command, name):
     assert (code, f"Example: fieldmap {name}" in " ".join(out.split())) == (0, True)
 
 
-EXAMPLES = [entry.example for entry in COMMANDS.values()]
+EXAMPLES = [entry.texts[1].removeprefix("Example: ") for entry in COMMANDS.values()]
 for page in ("commands.md", "pictures.md"):
     EXAMPLES += re.findall(r"^    (fieldmap .*)$", (REPOSITORY / "docs" / page).read_text(), re.MULTILINE)
 
