@@ -36,20 +36,6 @@ ROUNDING = 1e-9
 """Signals lie in a domain if they are beyond it by no more than this share of its range."""
 
 
-def amperes_in_words(currents: ArrayLike, coil_names: tuple[str, ...]) -> str:
-    """Currents (n_coils,), A; one number if all are the same.
-
-    >>> amperes_in_words([1.5, 1.5], ("left", "right")), amperes_in_words([2.0], ("loop",))
-    ('1.5 A in each of 2 coils', '2 A in coil loop')
-    """
-    values = np.asarray(currents, dtype=float).tolist()
-    if len(values) == 1:
-        return f"{values[0]:g} A in coil {coil_names[0]}"
-    if len(set(values)) == 1:
-        return f"{values[0]:g} A in each of {len(values)} coils"
-    return ", ".join(f"{name}: {value:g} A" for name, value in zip(coil_names, values, strict=True))
-
-
 class NearestSignals(NamedTuple):
     """Signals (..., n_signals) whose currents are nearest to given ones, and by what share (...) these are off.
 

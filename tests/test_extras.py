@@ -13,8 +13,8 @@ from fieldmap.interop import JaxEvaluator, MagnetForces, jax_field, read_mag_man
 from fieldmap.interop.levitation_env import LevitationEnv
 from fieldmap.lookup.data_set import data_set
 from fieldmap.plot.animation import save_animation
+from fieldmap.plot.scenes import save_web_page
 from fieldmap.plot.vtu import write_xdmf
-from fieldmap.plot.web_page import save_web_page
 from fieldmap.studies import optimise
 from fieldmap.studies.run import require_xarray
 

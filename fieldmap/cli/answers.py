@@ -17,7 +17,6 @@ from fieldmap.arguments import check, raise_all
 from fieldmap.cli import arguments, options, page
 from fieldmap.cli.options import option
 from fieldmap.constants import GRAVITY
-from fieldmap.currents import amperes_in_words
 from fieldmap.errors import OutsideMapError, Problem
 from fieldmap.progress import Progress
 
@@ -315,7 +314,7 @@ def _common_rows(answer: Levitation) -> Iterator[tuple[str, str]]:
     payload, found = answer.payload, answer.found
     weight = f"{1e3 * payload.mass:.4g} g (weight {1e3 * payload.mass * GRAVITY:.4g} mN)"
     yield "payload", f"{weight}, {payload.description}"
-    yield "currents", amperes_in_words(found.currents, answer.source.coil_names)
+    yield "currents", page.currents_text(answer.source.coil_names, found.currents)
     yield "magnet's centre", _to_a_micrometre(found.position)
     if answer.has_sensor:
         offset = f"(magnet_offset {1e3 * payload.magnet_offset:g} mm)"

@@ -16,7 +16,6 @@ from rich.padding import Padding
 from rich.table import Table
 from rich.text import Text
 
-from fieldmap.currents import amperes_in_words
 from fieldmap.plain import Result, plain
 from fieldmap.typing import Array
 
@@ -168,13 +167,27 @@ def without_noise(values: ArrayLike, beside: float = 0.0) -> Array:
     return np.where(np.abs(array) <= 1e-9 * np.abs(array).max(initial=beside), 0.0, array)
 
 
+def currents_text(coil_names: tuple[str, ...], currents: Iterable[float]) -> str:
+    """The currents in words.
+
+    >>> currents_text(("left", "right"), [1.5, 1.5]), currents_text(("loop",), [2.0])
+    ('1.5 A in each of 2 coils', '2 A in coil loop')
+    """
+    values = [float(value) for value in currents]
+    if len(values) == 1:
+        return f"{values[0]:g} A in coil {coil_names[0]}"
+    if len(set(values)) == 1:
+        return f"{values[0]:g} A in each of {len(values)} coils"
+    return ", ".join(f"{name}: {value:g} A" for name, value in zip(coil_names, values, strict=True))
+
+
 def field_table(
     points: Iterable[ProbedPoint | PointField],
     coil_names: tuple[str, ...] = (),
     currents: Iterable[float] = (),
 ) -> RenderableType:
     """B and the gradient at each point, below the currents, unless these stand elsewhere."""
-    parts: list[RenderableType] = [Text(amperes_in_words(currents, coil_names))] if coil_names else []
+    parts: list[RenderableType] = [Text(currents_text(coil_names, currents))] if coil_names else []
     for point in points:
         lines = [
             (f"B{axis}", *cells((flux, *row), ".6g", 1e3))

@@ -15,7 +15,6 @@ from fieldmap.arguments import check
 from fieldmap.cli import options, page
 from fieldmap.cli.arguments import parse_currents, parse_points, parse_settings
 from fieldmap.cli.options import option
-from fieldmap.currents import amperes_in_words
 from fieldmap.progress import Progress
 from fieldmap.records import count_of
 
@@ -106,7 +105,7 @@ def _page(summary: SolutionSummary) -> Iterator[page.Section]:
     currents = () if summary.currents is None else summary.currents
     rows = list(_report(summary))
     if summary.nonlinear:
-        rows.insert(0, ("currents", amperes_in_words(currents, names)))
+        rows.insert(0, ("currents", page.currents_text(names, currents)))
     yield page.heading(device.name, device.title)
     yield page.facts([*rows, *page.assumption_lines((*summary.report.assumptions, *summary.warnings))])
     if summary.bodies:

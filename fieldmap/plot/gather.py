@@ -12,7 +12,6 @@ from numpy.typing import ArrayLike
 
 from fieldmap.arguments import check
 from fieldmap.constants import GRAVITY
-from fieldmap.currents import amperes_in_words
 from fieldmap.device import read_device, recorded_device
 from fieldmap.device.model import Device, Payload
 from fieldmap.errors import InputError, NoEquilibrium
@@ -23,7 +22,7 @@ from fieldmap.io.answers import require_box
 from fieldmap.levitation import ReachableSet, SearchedSet, equilibrium_surface, find_equilibrium, reachable
 from fieldmap.lookup import MagneticBody, MapAtCurrents, magnetic_body
 from fieldmap.plot.shown import Shown, ShownRun
-from fieldmap.plot.words import fitting_prefix, millimetres
+from fieldmap.plot.words import amperes_in_words, fitting_prefix, millimetres
 from fieldmap.progress import Progress
 from fieldmap.shipped import shipped_file
 from fieldmap.store import read_runs

@@ -1,23 +1,265 @@
-"""A map to play with: sliders for the currents; field, force and equilibrium follow. Lengths in mm."""
+"""A map behind sliders: what it answers each time one moves, and a window in which field, force and equilibrium follow.
+Lengths in mm where something is drawn."""
 
+import json
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import pyvista as pv
 from numpy.typing import ArrayLike
+from pydantic import BaseModel, ConfigDict, ValidationError
 
+from fieldmap.arguments import check_positive
+from fieldmap.currents import IndependentCurrents
 from fieldmap.device.model import Payload
+from fieldmap.errors import FieldmapError, InputError, NoEquilibrium, OutsideMapError
+from fieldmap.levitation import GRAVITY, Equilibrium, dipole_force, find_equilibrium
 from fieldmap.lookup import FieldMap
+from fieldmap.lookup.payload import check_payload
 from fieldmap.plot.device_drawing import FLUX, MAGNET, VIEW, add_planes
-from fieldmap.plot.live_answers import LiveAnswer, LiveMap
 from fieldmap.plot.picture import look_at
 from fieldmap.plot.places import MM, grid_points, plane_grids, pose
 from fieldmap.plot.rendering import new_scene, require_window
 from fieldmap.plot.scales import add_rulers, add_words, colour_bar
 from fieldmap.plot.solids import box_edges, extent, magnet_surface
 from fieldmap.plot.style import INK, text_properties
+from fieldmap.plot.words import fixed, force_in_words
+from fieldmap.records import Record
+from fieldmap.store.whole_files import write_whole
 from fieldmap.typing import Array
+
+
+@dataclass(frozen=True, repr=False)
+class Control(Record):
+    """One slider. unit: "A", "1" or "mm"; value: where it begins."""
+
+    name: str
+    unit: str
+    lower: float
+    upper: float
+    value: float
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class LiveAnswer(Record):
+    """What there is at currents (n_coils,), A.
+
+    flux_density (n, 3), T, at the points that were asked for; force (3,), N, on the magnet at `place` (3,), m; lift:
+    its vertical part over the weight; equilibrium, or None; words: where it is, or why there is none.
+    """
+
+    currents: Array
+    flux_density: Array
+    place: Array
+    force: Array
+    lift: float
+    equilibrium: Equilibrium | None
+    words: str
+
+
+class LiveMap:
+    """A map behind sliders: the currents of its coils, or the signals of the division it was made for, and a height.
+
+    field_map: an opened map. payload: the magnet, upright. points (n, 3), m: where the field is asked for.
+    current_limit: ends of the sliders of a linear map, A; of a map of saturating iron they are its domain. force_scale:
+    what every force is multiplied by, 1 unless a calibration says otherwise. states_file: where saved states are kept,
+    as JSON, read at once where it is there. Raises InputError for a payload that is none, a limit that is not positive,
+    and a file that is none of saved states.
+
+    `values` of `controls`, and the `answer` to them, follow `move`, `reset` and `restore`.
+
+    >>> live = LiveMap(open_map("maps/out/division.h5"), device.payload, points)       # doctest: +SKIP
+    >>> live.answer.lift                                                               # doctest: +SKIP
+    """
+
+    def __init__(
+        self,
+        field_map: FieldMap,
+        payload: Payload | None,
+        points: ArrayLike,
+        current_limit: float = 3.0,
+        force_scale: float = 1.0,
+        states_file: Path | None = None,
+    ) -> None:
+        check_positive("LiveMap", current_limit=current_limit, force_scale=force_scale)
+        if payload is None:
+            remedy = "add a [payload] table to the device, or name one with --payload-of"
+            raise InputError.of("LiveMap(payload)", "must be a payload", "none", remedy)
+        check_payload(payload, "LiveMap")
+        self.field_map, self.points = field_map, np.asarray(points, dtype=float)
+        # A force that is larger by a factor lifts the same as a moment that is.
+        self.weight = payload.mass * GRAVITY
+        self._payload = Payload(payload.mass, force_scale * payload.moment)
+        low, high = field_map.lower[2], field_map.upper[2]
+        height = Control("magnet z", "mm", 1e3 * low, 1e3 * high, 1e3 * (0.4 * low + 0.6 * high))
+        begin = self._start(1e-3 * height.value)
+        self._currents, driven = _controls(field_map, begin, current_limit)
+        self.controls = (*driven, height)
+        self.initial = np.array([control.value for control in self.controls])
+        self._ends = np.array([(control.lower, control.upper) for control in self.controls]).T
+        self._last: Array | None = None
+        # Found once, and needed where there is no equilibrium.
+        field_map.jump()
+        self.states_file = states_file
+        self.saved: dict[str, dict[str, float]] = {}
+        if states_file is not None and states_file.is_file():
+            self.saved = _read_states(states_file)
+        self.reset()
+
+    def _place(self, height: float) -> Array:
+        lower, upper = self.field_map.lower, self.field_map.upper
+        return np.array([*(0.5 * (lower + upper))[:2], np.clip(height, lower[2], upper[2])])
+
+    def _start(self, height: float) -> Array:
+        """The map's reference currents; in a linear map as many times as carries the weight at a height, beside what no
+        current drives."""
+        reference = np.array(self.field_map.info.reference_current, dtype=float)
+        if self.field_map.info.reduced_model is not None:
+            return reference
+        slope = self.field_map.gradient(self._place(height), reference)[2, 2]
+        if self.field_map.proportional:
+            return reference * self.weight / (self._payload.moment * abs(slope)) if slope else reference
+        off = self.field_map.constant_gradient(self._place(height))[2, 2]
+        wanted = np.copysign(self.weight / self._payload.moment, slope)
+        return reference * (wanted - off) / (slope - off) if slope != off else reference
+
+    def currents(self, values: ArrayLike) -> Array:
+        """Currents (n_coils,), A, at the values of `controls`."""
+        return self._currents(np.asarray(values, dtype=float)[:-1])
+
+    def answer_at(self, values: ArrayLike) -> LiveAnswer:
+        """Everything at the values of `controls`; NaN for the field beyond a map's currents, with words that say so.
+
+        The equilibrium is looked for from the last one first.
+        """
+        amperes, height = self.currents(values), 1e-3 * float(np.asarray(values, dtype=float)[-1])
+        place = self._place(height)
+        try:
+            field = self.field_map.at(amperes)
+            flux = field.field(self.points)
+            gradient = field.gradient(place)
+        except OutsideMapError as error:
+            nothing = np.full(3, np.nan)
+            return LiveAnswer(
+                amperes, np.full(self.points.shape, np.nan), place, nothing, np.nan, None, _short(error)
+            )
+        found, words = self._equilibrium(amperes)
+        up = 1.0 if found is None else float(np.sign(found.moment[2]))
+        force = dipole_force(np.array([0.0, 0.0, up * self._payload.moment]), gradient)
+        force = -force if found is None and force[2] < 0 else force
+        return LiveAnswer(amperes, flux, place, force, float(force[2]) / self.weight, found, words)
+
+    def _equilibrium(self, amperes: Array) -> tuple[Equilibrium | None, str]:
+        try:
+            found = find_equilibrium(self.field_map, amperes, self._payload, self._last)
+        except NoEquilibrium as error:
+            self._last = None
+            return None, _short(error)
+        self._last = found.position
+        at = ", ".join(fixed(1e3 * x, 2) for x in found.position)
+        held = [axis for axis, stable in found.stable_axes.items() if stable]
+        return found, f"floats at ({at}) mm, stable along {', '.join(held) or 'no axis'}"
+
+    def move(self, values: ArrayLike) -> LiveAnswer:
+        """Answer at new values of all controls, which are clipped to their ends."""
+        self.values = np.clip(np.asarray(values, dtype=float), *self._ends)
+        self.answer = self.answer_at(self.values)
+        return self.answer
+
+    def reset(self) -> LiveAnswer:
+        """Back to where it began."""
+        return self.move(self.initial)
+
+    def save(self, name: str) -> tuple[str, ...]:
+        """Keep the values under a name, and write the file if there is one; names of all saved states.
+
+        Raises InputError for an empty name, and for a file that cannot be written.
+        """
+        chosen = name.strip()
+        if not chosen:
+            raise InputError.of("save", "a state must have a name", "none", "type one")
+        names = [control.name for control in self.controls]
+        self.saved[chosen] = dict(zip(names, self.values.tolist(), strict=True))
+        if self.states_file is not None:
+            content = {"format": FORMAT, "states": self.saved}
+            write_whole(self.states_file, (json.dumps(content, indent=1) + "\n").encode())
+        return tuple(self.saved)
+
+    def restore(self, name: str) -> LiveAnswer:
+        """Answer at a saved state; controls that it does not know begin anew. Raises InputError for an unknown one."""
+        if name not in self.saved:
+            known = ", ".join(self.saved) or "none saved"
+            raise InputError.of("restore", f"must be one of: {known}", name, "choose one of these")
+        values = self.saved[name]
+        return self.move([values.get(c.name, c.value) for c in self.controls])
+
+    @property
+    def words(self) -> dict[str, str]:
+        """The answer for people: currents, force, lift and equilibrium, each a line; force and lift empty beyond a
+        map's currents."""
+        answer, names = self.answer, self.field_map.coil_names
+        amperes = ", ".join(
+            f"{name}: {fixed(value, 3)}" for name, value in zip(names, answer.currents, strict=True)
+        )
+        force = lift = ""
+        if np.isfinite(answer.lift):
+            at = ", ".join(fixed(1e3 * x, 1) for x in answer.place)
+            force = f"force at ({at}) mm: {force_in_words(answer.force)}"
+            lift = f"lift {100 * answer.lift:.1f} % of the weight"
+        return {
+            "currents": f"currents, A: {amperes}",
+            "force": force,
+            "lift": lift,
+            "equilibrium": answer.words,
+        }
+
+
+def _controls(
+    field_map: FieldMap, begin: Array, limit: float
+) -> tuple[Callable[[Array], Array], tuple[Control, ...]]:
+    """What turns the sliders' values into currents, and the sliders."""
+    model, count = field_map.info.reduced_model, len(field_map.coil_names)
+    names, units = tuple(f"coil {name}" for name in field_map.coil_names), ("A",) * count
+    lower, upper = np.full(count, -limit), np.full(count, limit)
+    currents: Callable[[Array], Array] = np.copy
+    if model is not None:
+        of, lower, upper = model.parametrisation, model.lower, model.upper
+        if not isinstance(of, IndependentCurrents):
+            names, units = tuple(f"signal {name}" for name in of.signal_names), of.signal_units
+            currents, begin = of.currents, of.nearest(begin).values
+    ends = lower.tolist(), upper.tolist(), np.clip(begin, lower, upper).tolist()
+    return currents, tuple(Control(*one) for one in zip(names, units, *ends, strict=True))
+
+
+def _short(error: FieldmapError) -> str:
+    problem = error.problems[0]
+    if isinstance(error, NoEquilibrium):
+        return "no equilibrium in the box: " + problem.received.split(";")[0]
+    return f"{problem.where} {problem.must_hold}"
+
+
+FORMAT = 1
+
+
+class _File(BaseModel):
+    """A file of saved states: names of states -> names of controls -> values."""
+
+    model_config = ConfigDict(strict=True, extra="ignore")
+    format: Literal[1]
+    states: dict[str, dict[str, float]]
+
+
+def _read_states(path: Path) -> dict[str, dict[str, float]]:
+    try:
+        return _File.model_validate_json(path.read_bytes()).states
+    except ValidationError as error:
+        remedy = "name another file, or delete it"
+        must, received = f"must hold saved states of format {FORMAT}", error.errors()[0]["msg"]
+        raise InputError.of(str(path), must, received, remedy) from None
+
 
 WINDOW = (1500, 950)
 FORCE = "#D55E00"

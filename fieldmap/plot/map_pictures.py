@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.patches import Rectangle
 
-from fieldmap.currents import LiftAndDirections, amperes_in_words
+from fieldmap.currents import LiftAndDirections
 from fieldmap.curves import Curves, Series, percent
 from fieldmap.device import recorded_device
 from fieldmap.device.model import MagnetCylinder, Payload
@@ -23,6 +23,7 @@ from fieldmap.plot.picture import save_picture
 from fieldmap.plot.places import MM
 from fieldmap.plot.slices import field_slice, force_slice
 from fieldmap.plot.style import QUIET, new_figure, save_figure
+from fieldmap.plot.words import amperes_in_words
 from fieldmap.records import Record
 from fieldmap.typing import Array
 

@@ -7,7 +7,6 @@ import numpy as np
 import pyvista as pv
 from numpy.typing import ArrayLike
 
-from fieldmap.currents import amperes_in_words
 from fieldmap.device.model import Device
 from fieldmap.field import AnyField, as_field, coil_currents, require_bounds
 from fieldmap.plot.device_drawing import VIEW, arrows_at, device_scene
@@ -17,6 +16,7 @@ from fieldmap.plot.rendering import new_scene
 from fieldmap.plot.scales import add_words
 from fieldmap.plot.solids import extent, winding_surface, workspace_outline
 from fieldmap.plot.style import save_screenshot
+from fieldmap.plot.words import amperes_in_words
 from fieldmap.typing import Array
 
 # Arrows along x and z, and how far in front of the plane of the field they lie, m.

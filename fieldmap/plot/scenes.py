@@ -1,5 +1,10 @@
 """Scenes by name, and their files: what `fieldmap show` draws."""
 
+import html
+import io
+import json
+import re
+import zipfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -8,6 +13,7 @@ import numpy as np
 import pyvista as pv
 
 from fieldmap.arguments import check_choice
+from fieldmap.extras import require
 from fieldmap.plot import field_scenes, forces
 from fieldmap.plot.animation import add_path
 from fieldmap.plot.device_drawing import device_scene
@@ -17,7 +23,7 @@ from fieldmap.plot.scales import MILLIMETRES, add_rulers, add_words
 from fieldmap.plot.shown import Shown
 from fieldmap.plot.solids import box_edges, extent
 from fieldmap.plot.style import INK, save_screenshot
-from fieldmap.plot.web_page import save_web_page
+from fieldmap.store.whole_files import write_whole
 
 WINDOW = (1500, 1200)
 FORMATS = (".png", ".html", ".vtm")
@@ -193,3 +199,58 @@ def save_scene(
 def check_format(path: Path, formats: tuple[str, ...] = FORMATS) -> None:
     """The ending must be one of `formats`."""
     check_choice("save", path.suffix, formats)
+
+
+# The viewer empties the page's body, but not what a style sheet puts after it.
+_HEAD = """<title>{title}</title><style>body::after {{ content: "{words}"; white-space: pre; position: fixed;
+left: 1em; top: .6em; z-index: 99; color: #22282e; font: 15px system-ui, sans-serif; pointer-events: none; }}"""
+_HOW = "drag: turn; wheel: zoom; shift and drag: move"
+
+
+def save_web_page(
+    scene: pv.Plotter, path: str | Path, title: str = "", axes: tuple[str, str, str] = MILLIMETRES
+) -> Path:
+    """Write the scene to an HTML file of some MB, with a line of text and titles of its axes.
+
+    The viewer knows no labels at points, so the rulers get axes of the viewer's own beside them. Raises FieldmapError
+    where trame-vtk is not installed.
+    """
+    require("trame_vtk", "web", "fieldmap.plot.save_web_page", "save a .png")
+    from trame_vtk.modules.vtk import serializers
+    from trame_vtk.tools.vtksz2html import write_html
+
+    scene.renderer.show_bounds(xtitle=axes[0], ytitle=axes[1], ztitle=axes[2], color=INK, font_size=10)
+    # The viewer does not know parallel projection.
+    scene.camera.parallel_projection = False
+    scene.renderer.reset_camera()
+    scene.render()
+    packed, page = io.BytesIO(), io.StringIO()
+    with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("index.json", json.dumps(_description(scene, serializers)))
+    write_html(packed.getvalue(), page)
+    quoted = title.replace("\\", "").replace('"', "'").replace("<", " ")
+    head = _HEAD.format(title=html.escape(title), words=f"{quoted}\\A {_HOW}")
+    # In the place of the viewer's own title.
+    content = re.sub("<title>.*?</title>\\s*<style>", lambda _: head, page.getvalue(), count=1)
+    write_whole(Path(path), content.encode())
+    return Path(path)
+
+
+def _description(scene: pv.Plotter, tools: Any) -> dict[str, Any]:
+    """What the viewer reads: the scene as JSON, and every array under the hash that stands for it."""
+    tools.initialize_serializers()
+    context = tools.SynchronizationContext()
+    context.set_ignore_last_dependencies(True)
+    window = scene.render_window
+    described = tools.serialize(None, window, tools.reference_id(window), context, 1)
+    camera = scene.renderer.GetActiveCamera()
+    described["extra"] = {
+        "vtkRefId": tools.reference_id(window),
+        "centerOfRotation": camera.GetFocalPoint(),
+        "camera": tools.reference_id(camera),
+    }
+    arrays = {
+        entry["hash"]: entry | {"content": context.get_cached_data_array(entry["hash"], False)}
+        for entry in tools.extract_array_hash(described)
+    }
+    return {"hashes": arrays, "scene": described}

@@ -34,6 +34,17 @@ def millimetres(point: Array) -> str:
     return "(" + ", ".join(f"{1e3 * x:.6g}" for x in point) + ")"
 
 
+def amperes_in_words(currents: Array, names: tuple[str, ...]) -> str:
+    """One number if all currents are the same.
+
+    >>> amperes_in_words(np.array([2.0, 2.0]), ("left", "right"))
+    '2 A in each of 2 coils'
+    """
+    if len(set(currents)) == 1:
+        return f"{currents[0]:g} A in {'the coil' if len(names) == 1 else f'each of {len(names)} coils'}"
+    return ", ".join(f"{name}: {value:g} A" for name, value in zip(names, currents, strict=True))
+
+
 def force_in_words(force: Array) -> str:
     """Components of a force (3,), N, to four digits of the largest, in the unit that fits it.
 

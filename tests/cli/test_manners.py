@@ -10,10 +10,10 @@ from pathlib import Path
 
 import pytest
 
+from fieldmap.cli import common_first
 from fieldmap.cli.application import COMMANDS, FIRST_STEPS, application
 from fieldmap.cli.arguments import join_lists, parse_currents
 from fieldmap.cli.messages import LOG
-from fieldmap.cli.run import common_first
 from fieldmap.errors import InputError
 from fieldmap.plot.rendering import can_render
 

@@ -9,8 +9,7 @@ from fieldmap.currents import IndependentCurrents, LiftAndDirections, divide_cur
 from fieldmap.device.model import MagnetCylinder, Payload
 from fieldmap.errors import InputError
 from fieldmap.levitation import find_equilibrium
-from fieldmap.plot.live_answers import LiveMap, _controls
-from fieldmap.plot.live_window import LiveWindow
+from fieldmap.plot.live_window import LiveMap, LiveWindow, _controls
 from fieldmap.plot.rendering import can_render
 from fieldmap.plot.style import text_properties
 from tests.plot.conftest import harmonic

@@ -19,8 +19,7 @@ import pytest
 from fieldmap.device import read_device
 from fieldmap.errors import FieldmapError, InputError
 from fieldmap.lookup import open_map
-from fieldmap.plot.live_answers import LiveMap
-from fieldmap.plot.live_window import LiveWindow
+from fieldmap.plot.live_window import LiveMap, LiveWindow
 from fieldmap.plot.rendering import can_render
 from fieldmap.plot.words import force_in_words
 
