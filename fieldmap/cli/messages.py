@@ -13,8 +13,9 @@ from json import dumps
 from pathlib import Path
 from typing import TextIO
 
-from fieldmap.errors import FieldmapError, InputError, MapAccuracyWarning, Problem
+from fieldmap.errors import FieldmapError, InputError, MapAccuracyWarning
 from fieldmap.progress import Progress
+from fieldmap.records import count_of
 
 LOG = logging.getLogger("fieldmap")
 # Without this handler, logging itself would print an error a second time.
@@ -111,12 +112,13 @@ def print_problems(error: FieldmapError) -> None:
     """Print every problem of an error on stderr, and how many there are."""
     for problem in error.problems:
         LOG.error("%s", problem)
-        print(_problem_text(problem), file=sys.stderr)
+        print(_entry("error", problem.where, bold=True), file=sys.stderr)
+        rest = [*_line_of_file(problem.where), problem.must_hold]
+        entries = [*(("", line) for line in rest), ("received", problem.received), ("remedy", problem.remedy)]
+        print(*(_entry(*entry) for entry in entries), "", sep="\n", file=sys.stderr)
     count = len(error.problems)
-    if count:
-        print(f"{count} problem{'s' if count > 1 else ''} found.", file=sys.stderr)
-    else:
-        print(f"error: {error}", file=sys.stderr)
+    found = f"{count_of(count, 'problem', 'problems')} found." if count else f"error: {error}"
+    print(found, file=sys.stderr)
 
 
 def print_as_json(error: FieldmapError) -> None:
@@ -132,18 +134,6 @@ def print_as_json(error: FieldmapError) -> None:
     names = ("reachable", "share", "binding", "reached", "part")
     had = {name: getattr(error, name) for name in names if hasattr(error, name)}
     print(dumps(plain(about | {"problems": error.problems} | had), indent=2, allow_nan=False))
-
-
-def _problem_text(problem: Problem) -> str:
-    entries = [
-        _entry("error", problem.where, bold=True),
-        *(_entry("", line) for line in _line_of_file(problem.where)),
-        _entry("", problem.must_hold),
-        _entry("received", problem.received),
-        _entry("remedy", problem.remedy),
-        "",
-    ]
-    return "\n".join(entries)
 
 
 def _line_of_file(where: str) -> list[str]:

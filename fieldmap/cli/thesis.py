@@ -71,7 +71,7 @@ def thesis(
     Example: fieldmap thesis S7 S20
     """
     from fieldmap.thesis import detail
-    from fieldmap.thesis.computation import attempt_part
+    from fieldmap.thesis.computation import agreeing, attempt_part
     from fieldmap.thesis.kept import cached_parts
     from fieldmap.thesis.plan import planned
     from fieldmap.thesis.printed import parts_of
@@ -95,8 +95,15 @@ def thesis(
     elif report is not None:
         print(report / "index.html")
     else:
-        _print_tables(results)
-    _close(results, bool(rows))
+        agree, sharp = agreeing(number for result in results for number in result.comparisons)
+        sections = [section for result in results if result.comparisons for section in _sections(result)]
+        page.print_page(*sections, Text(f"{agree} of {sharp} sharp numbers agree to the printed digits."))
+    for result in results:
+        if result.problem:
+            print(f"{result.part}: {result.state}: {result.problem}", file=sys.stderr)
+    states = {result.state for result in results}
+    if "failed" in states or (rows and "no map" in states):
+        raise typer.Exit(1)
 
 
 def _reported(plan: Plan, folder: Path, results: Iterable[PartResult]) -> list[PartResult]:
@@ -109,24 +116,6 @@ def _reported(plan: Plan, folder: Path, results: Iterable[PartResult]) -> list[P
     except KeyboardInterrupt:
         print("finished rows are kept; the same command continues from here", file=sys.stderr)
         raise
-
-
-def _close(results: list[PartResult], named: bool) -> None:
-    """Name on stderr the parts without numbers, and end with exit code 1 if one failed."""
-    for result in results:
-        if result.problem:
-            print(f"{result.part}: {result.state}: {result.problem}", file=sys.stderr)
-    states = {result.state for result in results}
-    if "failed" in states or (named and "no map" in states):
-        raise typer.Exit(1)
-
-
-def _print_tables(results: list[PartResult]) -> None:
-    from fieldmap.thesis.computation import agreeing
-
-    agree, sharp = agreeing(number for result in results for number in result.comparisons)
-    sections = [section for result in results if result.comparisons for section in _sections(result)]
-    page.print_page(*sections, Text(f"{agree} of {sharp} sharp numbers agree to the printed digits."))
 
 
 def _sections(result: PartResult) -> Iterator[page.Section]:

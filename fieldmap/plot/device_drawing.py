@@ -13,7 +13,6 @@ from fieldmap.field import (
     AnyField,
     Bounds,
     Currents,
-    Field,
     FieldAtCurrents,
     as_field,
     coil_currents,
@@ -119,9 +118,13 @@ def device_scene(
         scene.add_mesh(outline, color=INK, line_width=2.5, lighting=False)
     if field is not None:
         source = as_field(field)
-        _add_slices(scene, source, flowing)
+        box = require_bounds(source)
+        planes = plane_grids(box, points=81, floor=False)
+        for plane in planes:
+            plane[FLUX] = MM * np.linalg.norm(source.field(grid_points(plane, box), flowing), axis=1)
+        add_planes(scene, planes, FLUX)
         if directions:
-            add_directions(scene, source.at(flowing), require_bounds(source))
+            add_directions(scene, source.at(flowing), box)
     if names and device.coils:
         _add_names(scene, device)
     if magnet_at is not None and device.payload is not None:
@@ -178,15 +181,6 @@ def _add_names(scene: pv.Plotter, device: Device) -> None:
         # On copper in both schemes.
         text.GetTextProperty().SetColor(0.0, 0.0, 0.0)
         scene.add_actor(text, pickable=False, reset_camera=False)  # type: ignore[arg-type]
-
-
-def _add_slices(scene: pv.Plotter, field: Field, currents: Array) -> None:
-    """|B| on the planes x = middle and y = middle of the field's box."""
-    box = require_bounds(field)
-    planes = plane_grids(box, points=81, floor=False)
-    for plane in planes:
-        plane[FLUX] = MM * np.linalg.norm(field.field(grid_points(plane, box), currents), axis=1)
-    add_planes(scene, planes, FLUX)
 
 
 def add_planes(

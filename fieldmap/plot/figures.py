@@ -116,7 +116,9 @@ def _same(one: Series, other: Series, curves: Curves) -> bool:
 
 def _name_at_ends(axes: Axes, curves: Curves) -> bool:
     """Name the lines at their ends, and what is left in a legend; False, and nothing, where the names do not fit."""
-    groups = _groups(curves)
+    lines = [series for series in curves.series if not series.points]
+    # By what their ends are named: of one name whosever they are, or of several names but the same.
+    groups = grouped(lines, lambda one, other: one.name == other.name or _same(one, other, curves))
     words = [_group_name(group) for group in groups]
     if not 1 < len(groups) <= _MANY or max(len(text) for text in words) > _LONGEST or curves.equal:
         return False
@@ -129,8 +131,8 @@ def _name_at_ends(axes: Axes, curves: Curves) -> bool:
     assert figure is not None
     # What stands above takes of the height.
     _lay_out(figure)
-    lines = max(text.count("\n") + 1 for text in words)
-    height = lines * _LABEL_SIZE * _SPACING * figure.dpi / 72.0 / axes.get_window_extent().height
+    high = max(text.count("\n") + 1 for text in words)
+    height = high * _LABEL_SIZE * _SPACING * figure.dpi / 72.0 / axes.get_window_extent().height
     places = spread(shares[:, 1], height)
     moved = np.abs(places - shares[:, 1]).max()
     if (shares[:, 0] < 1.0 - _SHORT).any() or moved > _MOVED * height:
@@ -150,12 +152,6 @@ def _name_at_ends(axes: Axes, curves: Curves) -> bool:
         )
     _add_legend(axes, _rest(axes, curves, groups), least=1)
     return True
-
-
-def _groups(curves: Curves) -> list[list[Series]]:
-    """Lines by what their ends are named: of one name whosever they are, or of several names but the same."""
-    lines = [series for series in curves.series if not series.points]
-    return grouped(lines, lambda one, other: one.name == other.name or _same(one, other, curves))
 
 
 def _group_name(group: Sequence[Series]) -> str:

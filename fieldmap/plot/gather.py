@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from fieldmap.arguments import check
 from fieldmap.constants import GRAVITY
 from fieldmap.device import read_device, recorded_device
-from fieldmap.device.model import Device, Payload
+from fieldmap.device.model import Device
 from fieldmap.errors import InputError, NoEquilibrium
 from fieldmap.field import FieldAtCurrents, as_field
 from fieldmap.inputs.tables import is_number
@@ -106,7 +106,10 @@ def _reachable(
     if kind != "B":
         about.need("payload")
         assert source.payload is not None
-        acted_on = _acted_on(source.payload)
+        acted_on = np.array([0.0, 0.0, source.payload.moment])
+        # The force on soft iron is not linear in the currents.
+        if source.payload.pieces and len((body := magnetic_body(source.payload)).soft):
+            acted_on = body
     exact = as_field(source.field).affine and not isinstance(acted_on, MagneticBody)
     with nullcontext() if exact else Progress("reachable set") as say:
         found = reachable(source.field, at, most, acted_on, progress=say)
@@ -119,13 +122,6 @@ def _reachable(
             "and need not reach all within the solid",
         )
     return replace(about, title=title, reachable=found, assumptions=assumptions)
-
-
-def _acted_on(payload: Payload) -> Array | MagneticBody:
-    """The upright dipole of magnets; a body with soft iron, the force on which is not linear in the currents."""
-    if payload.pieces and len((body := magnetic_body(payload)).soft):
-        return body
-    return np.array([0.0, 0.0, payload.moment])
 
 
 def _reach_in_words(found: ReachableSet | SearchedSet, source: FieldSource) -> str:

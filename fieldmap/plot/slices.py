@@ -74,7 +74,8 @@ def field_slice(
         values, label = np.linalg.norm(flux, axis=1), "size of B (mT)"
     ax = _axes(ax)
     shade(ax, places, values, across, label)
-    ax.set_title(_plane_in_words(places, across))
+    (square,) = {0, 1, 2} - set(across)
+    ax.set_title(f"plane {AXES[square]} = {MM * places[0, square]:.4g} mm")
     return ax
 
 
@@ -190,11 +191,6 @@ def shade(
         bar.ax.axhline(line, color=MAGNET, linewidth=1.6)
     ax.set(xlabel=f"{AXES[across[0]]} (mm)", ylabel=f"{AXES[across[1]]} (mm)", aspect="equal")
     ax.grid(False)
-
-
-def _plane_in_words(places: Array, across: tuple[int, int]) -> str:
-    (normal,) = {0, 1, 2} - set(across)
-    return f"plane {AXES[normal]} = {MM * places[0, normal]:.4g} mm"
 
 
 def _axes(ax: Axes | None) -> Axes:

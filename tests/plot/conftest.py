@@ -4,21 +4,41 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from fieldmap.field import Field
 from fieldmap.lookup import interpolate
 from fieldmap.store import Grid, MapData
 
 
 def harmonic(points, a, b, c):
-    """On the axis Bz = a + b z + c z^2 / 2: B (n, 3) and its gradient (n, 3, 3), round the axis."""
-    x, y, z = points.T
-    radial = -0.5 * (b + c * z)
-    field = np.column_stack([radial * x, radial * y, a + b * z + 0.5 * c * (z**2 - 0.5 * (x**2 + y**2))])
-    slope = np.zeros((len(points), 3, 3))
-    slope[:, 0, 0] = slope[:, 1, 1] = radial
-    slope[:, 2, 2] = b + c * z
-    slope[:, 0, 2] = slope[:, 2, 0] = -0.5 * c * x
-    slope[:, 1, 2] = slope[:, 2, 1] = -0.5 * c * y
-    return field, slope
+    """On the axis Bz = a + b z + c z^2 / 2: B (..., 3) and its gradient (..., 3, 3), round the axis."""
+    x, y, z = np.moveaxis(np.asarray(points, dtype=float), -1, 0)
+    radial, zero = -0.5 * (b + c * z), 0.0 * x
+    field = np.stack([radial * x, radial * y, a + b * z + 0.5 * c * (z**2 - 0.5 * (x**2 + y**2))], axis=-1)
+    rows = [
+        [radial, zero, -0.5 * c * x],
+        [zero, radial, -0.5 * c * y],
+        [-0.5 * c * x, -0.5 * c * y, b + c * z],
+    ]
+    return field, np.moveaxis(np.array(rows), (0, 1), (-2, -1))
+
+
+class Harmonic(Field):
+    """A field of one coil: `harmonic` per ampere."""
+
+    coil_names = ("coil",)
+
+    def __init__(self, a, b, c, bounds=None):
+        self.abc, self.box = (a, b, c), bounds
+
+    @property
+    def bounds(self):
+        return self.box
+
+    def field(self, points, currents):
+        return currents[0] * harmonic(points, *self.abc)[0]
+
+    def gradient(self, points, currents):
+        return currents[0] * harmonic(points, *self.abc)[1]
 
 
 def pixels_of(path):

@@ -8,42 +8,13 @@ import fieldmap as fm
 from fieldmap.constants import GRAVITY
 from fieldmap.errors import InputError
 from fieldmap.plot import field_along, field_slice, force_slice
+from tests.plot.conftest import Harmonic
 
 BOX = np.array([-0.02, -0.03, -0.04]), np.array([0.02, 0.03, 0.06])
 
 
-class Linear:
-    """B = (x, y, -2 z) times the current, T with lengths in m."""
-
-    coil_names = ("coil",)
-    bounds = BOX
-
-    def field(self, points, currents):
-        return np.asarray(points) * [1.0, 1.0, -2.0] * currents[0]
-
-    def gradient(self, points, currents):
-        return np.broadcast_to(np.diag([1.0, 1.0, -2.0]) * currents[0], (*np.shape(points)[:-1], 3, 3))
-
-
-class Uniform(Linear):
-    """0.5 T along z."""
-
-    def field(self, points, currents):
-        return np.full(np.shape(points), [0.0, 0.0, 0.5])
-
-
-class Rising(Linear):
-    """dBz/dz rises with z."""
-
-    def field(self, points, currents):
-        x, y, z = np.moveaxis(np.asarray(points), -1, 0)
-        return currents[0] * np.stack([-x * z, -y * z, z**2 - 0.0 * x], axis=-1)
-
-    def gradient(self, points, currents):
-        x, y, z = np.moveaxis(np.asarray(points), -1, 0)
-        zero = np.zeros_like(x)
-        rows = [[-z, zero, -x], [zero, -z, -y], [zero, zero, 2 * z]]
-        return currents[0] * np.moveaxis(np.array(rows), (0, 1), (-2, -1))
+# (x, y, -2 z) T with lengths in m, 0.5 T along z, and a slope dBz/dz that rises with z.
+LINEAR, UNIFORM, RISING = (Harmonic(*abc, BOX) for abc in ((0, -2, 0), (0.5, 0, 0), (0, 0, 2)))
 
 
 @pytest.fixture
@@ -52,7 +23,7 @@ def ax():
 
 
 def test_a_slice_is_drawn_into_the_axes_given_and_returns_them(ax):
-    assert field_slice(Linear(), [2.0], ax=ax) is ax
+    assert field_slice(LINEAR, [2.0], ax=ax) is ax
     assert (ax.get_xlabel(), ax.get_ylabel()) == ("x (mm)", "z (mm)")
     assert ax.get_title() == "plane y = 0 mm"
     np.testing.assert_allclose(ax.get_xlim(), [-20.0, 20.0], rtol=0.02)
@@ -72,7 +43,7 @@ def test_a_slice_is_drawn_into_the_axes_given_and_returns_them(ax):
     ],
 )
 def test_planes_and_components(ax, normal, labels, component, range_mT):
-    field_slice(Linear(), [1.0], normal=normal, at=0.01, component=component, ax=ax)
+    field_slice(LINEAR, [1.0], normal=normal, at=0.01, component=component, ax=ax)
     assert (ax.get_xlabel(), ax.get_ylabel()) == labels
     assert ax.get_title() == f"plane {normal} = 10 mm"
     low, high = ax.figure.axes[1].get_ylim()
@@ -83,7 +54,7 @@ def test_planes_and_components(ax, normal, labels, component, range_mT):
 
 
 def test_colours_are_those_of_the_field(ax):
-    field_slice(Linear(), [1.0], component="Bz", ax=ax)
+    field_slice(LINEAR, [1.0], component="Bz", ax=ax)
     contours = ax.collections[0]
     point = np.array([5.0, 30.0])  # mm: Bz = -60 mT
     (hit,) = [k for k, path in enumerate(contours.get_paths()) if path.contains_point(point)]
@@ -91,7 +62,7 @@ def test_colours_are_those_of_the_field(ax):
 
 
 def test_a_uniform_field_has_one_colour(ax):
-    field_slice(Uniform(), [1.0], ax=ax)
+    field_slice(UNIFORM, [1.0], ax=ax)
     low, high = ax.figure.axes[1].get_ylim()
     assert low <= 500.0 <= high
 
@@ -99,7 +70,7 @@ def test_a_uniform_field_has_one_colour(ax):
 def test_forces_have_arrows_and_a_line_where_the_payload_is_carried(ax):
     mass, moment, carried = 0.01, 0.3, 0.03
     current = mass * GRAVITY / (2.0 * carried * moment)
-    force_slice(Rising(), [current], payload=fm.Payload(mass=mass, moment=moment), ax=ax)
+    force_slice(RISING, [current], payload=fm.Payload(mass=mass, moment=moment), ax=ax)
     line = ax.collections[1]
     heights = np.concatenate([path.vertices[:, 1] for path in line.get_paths()])
     np.testing.assert_allclose(heights, 1e3 * carried, rtol=1e-3)
@@ -109,7 +80,7 @@ def test_forces_have_arrows_and_a_line_where_the_payload_is_carried(ax):
 
 
 def test_a_line_has_three_components_over_its_coordinate(ax):
-    assert field_along(Linear(), [1.0], start=[0.0, 0.01, -0.04], end=[0.0, 0.01, 0.06], ax=ax) is ax
+    assert field_along(LINEAR, [1.0], start=[0.0, 0.01, -0.04], end=[0.0, 0.01, 0.06], ax=ax) is ax
     assert ax.get_xlabel() == "z (mm)"
     x, y, z = ax.lines
     np.testing.assert_allclose(z.get_ydata(), -2.0 * z.get_xdata())
@@ -118,7 +89,7 @@ def test_a_line_has_three_components_over_its_coordinate(ax):
 
 
 def test_a_slanted_line_is_over_its_length(ax):
-    field_along(Linear(), [1.0], start=[0, 0, 0], end=[0.003, 0.0, 0.004], points=6, ax=ax)
+    field_along(LINEAR, [1.0], start=[0, 0, 0], end=[0.003, 0.0, 0.004], points=6, ax=ax)
     assert ax.get_xlabel() == "distance from the start (mm)"
     np.testing.assert_allclose(ax.lines[0].get_xdata(), np.arange(6.0))
 
@@ -131,7 +102,7 @@ def test_without_axes_the_current_ones_of_matplotlib_are_taken():
 
     ax = pyplot.figure().add_subplot()
     try:
-        assert field_slice(Linear(), [1.0]) is ax
+        assert field_slice(LINEAR, [1.0]) is ax
     finally:
         pyplot.close("all")
 
@@ -139,13 +110,11 @@ def test_without_axes_the_current_ones_of_matplotlib_are_taken():
 @pytest.mark.parametrize("given", [{"normal": "w"}, {"component": "B"}, {"currents": [1.0, 2.0]}])
 def test_what_is_no_slice_is_refused(ax, given):
     with pytest.raises(InputError):
-        field_slice(**({"field": Linear(), "currents": [1.0], "ax": ax} | given))
+        field_slice(**({"field": LINEAR, "currents": [1.0], "ax": ax} | given))
 
 
 def test_a_field_without_a_box_needs_one(ax):
-    class Boundless(Linear):
-        bounds = None
-
+    boundless = Harmonic(0, -2, 0)
     with pytest.raises(InputError):
-        field_slice(Boundless(), [1.0], ax=ax)
-    field_slice(Boundless(), [1.0], bounds=BOX, ax=ax)
+        field_slice(boundless, [1.0], ax=ax)
+    field_slice(boundless, [1.0], bounds=BOX, ax=ax)

@@ -15,10 +15,10 @@ from fieldmap.device.model import (
     Ring,
     Sphere,
 )
-from fieldmap.field import Field
 from fieldmap.plot.device_drawing import add_payload
 from fieldmap.plot.forces import magnetic_force
 from fieldmap.plot.solids import body_surface, current_arrow, middle_line, payload_surface, winding_surface
+from tests.plot.conftest import Harmonic
 
 TRIANGLE = np.array([[0.0, 0.0], [0.02, 0.0], [0.0, 0.02]])
 L_SHAPE = np.array([[0.0, 0.0], [0.03, 0.0], [0.03, 0.01], [0.01, 0.01], [0.01, 0.03], [0.0, 0.03]])
@@ -129,21 +129,10 @@ def test_surfaces_of_pieces():
     np.testing.assert_allclose(scene.bounds, [-1, 1, -3, 3, -24, -15], atol=0.03)
 
 
-class Uniform(Field):
-    """B = B0 + G x."""
-
-    coil_names = ()
-
-    def field(self, points, currents):
-        return np.array([0.0, 0.0, 0.1]) + np.atleast_2d(points) * [-0.5, -0.5, 1.0]
-
-    def gradient(self, points, currents):
-        return np.broadcast_to(np.diag([-0.5, -0.5, 1.0]), (len(np.atleast_2d(points)), 3, 3))
-
-
 def test_arrows_are_the_force_on_the_pieces():
-    sphere = fm.Payload(1e-3, pieces=[fm.SoftSphere(4e-3, mu_r=1e8)])
-    force = magnetic_force(Uniform(), np.zeros(0), sphere, np.zeros((1, 3)))
+    """In B = B0 + G x of 0.1 T and 1 T/m."""
+    sphere, field = fm.Payload(1e-3, pieces=[fm.SoftSphere(4e-3, mu_r=1e8)]), Harmonic(0.1, 1.0, 0.0)
+    force = magnetic_force(field, [1.0], sphere, np.zeros((1, 3)))
     exact = np.pi * 4e-3**3 / 2 / (4e-7 * np.pi) * 0.1
     np.testing.assert_allclose(force, [[0.0, 0.0, exact]], rtol=1e-6, atol=1e-15)
-    assert magnetic_force(Uniform(), np.zeros(0), sphere, np.zeros((2, 3))).shape == (2, 3)
+    assert magnetic_force(field, [1.0], sphere, np.zeros((2, 3))).shape == (2, 3)
