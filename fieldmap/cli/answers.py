@@ -33,9 +33,7 @@ def probe(
     currents: Annotated[list[str], options.CURRENTS],
     at: options.At = None,
     at_mm: options.AtMm = None,
-    payload: Annotated[
-        bool, typer.Option("--payload", help="Force and torque on the device's payload, moment upward.")
-    ] = False,
+    payload: Annotated[bool, typer.Option("--payload")] = False,
     payload_of: options.PayloadOf = None,
     moment: options.Moment = None,
     changes: options.Changes = None,
@@ -50,6 +48,11 @@ def probe(
     With --payload, --payload-of or --moment, print force and torque on a magnet too.
 
     Example: fieldmap probe drive_unit --at 0 0 -0.1 --currents 1.5 --payload
+
+    Parameters
+    ----------
+    payload
+        Force and torque on the device's payload, moment upward.
     """
     from fieldmap.io import answers
 
@@ -112,19 +115,10 @@ def currents(
     source: options.DeviceOrMapArgument,
     at: options.At = None,
     at_mm: options.AtMm = None,
-    lift: Annotated[
-        bool,
-        typer.Option(
-            "--lift", help="The payload's weight, upward; of three coils or more no force sideways."
-        ),
-    ] = False,
-    force: Annotated[str | None, option("--force", "X Y Z", "Force, N; nan leaves a component free.")] = None,
-    torque: Annotated[
-        str | None, option("--torque", "X Y Z", "Torque, N m; nan leaves a component free.")
-    ] = None,
-    field: Annotated[
-        str | None, option("--field", "X Y Z", "Flux density, T; nan leaves a component free.")
-    ] = None,
+    lift: Annotated[bool, typer.Option("--lift")] = False,
+    force: Annotated[str | None, option("--force", "X Y Z")] = None,
+    torque: Annotated[str | None, option("--torque", "X Y Z")] = None,
+    field: Annotated[str | None, option("--field", "X Y Z")] = None,
     moment: options.Moment = None,
     payload_of: options.PayloadOf = None,
     limit: options.Limit = None,
@@ -141,6 +135,17 @@ def currents(
     give what was asked for; the message says what can be had.
 
     Example: fieldmap currents eight_coils_bead --at-mm 0 0 0 --lift
+
+    Parameters
+    ----------
+    lift
+        The payload's weight, upward; of three coils or more no force sideways.
+    force
+        Force, N; nan leaves a component free.
+    torque
+        Torque, N m; nan leaves a component free.
+    field
+        Flux density, T; nan leaves a component free.
     """
     from fieldmap.io.answers import least_power, lift_force
 
@@ -224,14 +229,9 @@ def equilibrium(
     source: options.DeviceOrMapArgument,
     currents: options.Currents = None,
     height_mm: options.HeightMm = None,
-    sensor_mm: Annotated[
-        float | None, option("--sensor-mm", "MM", "Height as a reading of the vertical sensor, mm downward.")
-    ] = None,
-    start: Annotated[str | None, option("--start", "X Y Z", "Where the search begins, m.")] = None,
-    orientation: Annotated[
-        str,
-        option("--orientation", "NAME", "fixed: the magnet stays vertical; aligned: it follows the field."),
-    ] = "fixed",
+    sensor_mm: Annotated[float | None, option("--sensor-mm", "MM")] = None,
+    start: Annotated[str | None, option("--start", "X Y Z")] = None,
+    orientation: Annotated[str, option("--orientation", "NAME")] = "fixed",
     payload_of: options.PayloadOf = None,
     changes: options.Changes = None,
     mu_r: options.MuR = None,
@@ -246,6 +246,15 @@ def equilibrium(
     it there.
 
     Example: fieldmap equilibrium maps/out/workspace.h5 --sensor-mm 5
+
+    Parameters
+    ----------
+    sensor_mm
+        Height as a reading of the vertical sensor, mm downward.
+    start
+        Where the search begins, m.
+    orientation
+        fixed: the magnet stays vertical; aligned: it follows the field.
     """
     from fieldmap.io.answers import floating, lifted
     from fieldmap.lookup.payload import check_payload

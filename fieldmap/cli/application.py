@@ -1,6 +1,7 @@
 """The commands of the program, and how their help looks."""
 
 import inspect
+import re
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
@@ -58,18 +59,11 @@ class Group(TyperGroup):
 
 
 class Entry(NamedTuple):
-    """A command: what it calls, whose docstring ends with an example, the part of the list of commands, its line
-    there."""
+    """A command: what it calls, whose docstring is its help, the part of the list of commands, its line there."""
 
     call: Callable[..., None]
     part: str
     line: str
-
-    @property
-    def texts(self) -> tuple[str, str]:
-        """The help text, and "Example: " with a command line."""
-        *text, example = paragraphs(self.call)
-        return "\n\n".join(text), example
 
 
 COMMANDS: dict[str, Entry] = {
@@ -112,23 +106,32 @@ def application() -> TyperGroup:
         context_settings={"help_option_names": ["-h", "--help"]},
     )
     commands.callback()(_common)
+    texts = {name: described(entry.call) for name, entry in COMMANDS.items()}
     for name, entry in COMMANDS.items():
-        text, example = entry.texts
+        text, example, _ = texts[name]
         about: dict[str, Any] = {"help": text, "short_help": entry.line, "epilog": example}
         commands.command(name=name, cls=Command, rich_help_panel=entry.part, **about)(entry.call)
     program = typer.main.get_command(commands)
     assert isinstance(program, TyperGroup)
+    for name, command in program.commands.items():
+        for parameter in command.params:
+            parameter.help = texts[name][2].get(parameter.name, parameter.help)
     return program
 
 
-def paragraphs(function: Callable[..., None]) -> list[str]:
-    """The docstring of a function, each paragraph in one line.
+def described(function: Callable[..., None]) -> tuple[str, str, dict[str, str]]:
+    """From the docstring of a command: its help, whose last paragraph is an example, the example, and the help of its
+    own parameters; each paragraph in one line.
 
-    >>> def f(): "One\\n    two.\\n\\n    Three."
-    >>> paragraphs(f)
-    ['One two.', 'Three.']
+    >>> def f(x): "One\\n    two.\\n\\n    Example: f 3\\n\\n    Parameters\\n    ----------\\n    x\\n        A size."
+    >>> described(f)
+    ('One two.', 'Example: f 3', {'x': 'A size.'})
     """
-    return [" ".join(part.split()) for part in (inspect.getdoc(function) or "").split("\n\n")]
+    text, _, section = (inspect.getdoc(function) or "").partition("\n\nParameters\n----------\n")
+    *paragraphs, example = (" ".join(part.split()) for part in text.split("\n\n"))
+    _, *parts = re.split(r"^(\w+)\n", section, flags=re.MULTILINE)
+    helps = {name: " ".join(words.split()) for name, words in zip(parts[::2], parts[1::2], strict=True)}
+    return "\n\n".join(paragraphs), example, helps
 
 
 def _print_version(wanted: bool) -> None:

@@ -23,9 +23,7 @@ if TYPE_CHECKING:
 
 def check(
     source: options.DeviceOrMapArgument,
-    toml: Annotated[
-        bool, typer.Option("--toml", help="Print the device as a file in which every copy is written out.")
-    ] = False,
+    toml: Annotated[bool, typer.Option("--toml")] = False,
     changes: options.Changes = None,
     json: options.Json = False,
 ) -> None:
@@ -35,6 +33,11 @@ def check(
     field.
 
     Example: fieldmap check drive_unit
+
+    Parameters
+    ----------
+    toml
+        Print the device as a file in which every copy is written out.
     """
     from fieldmap.io import IronOptions, existing_map, is_map_file, named_device
 
@@ -163,18 +166,16 @@ def kinds_of_file(incomplete: str = "") -> list[str]:
 
 
 def schema(
-    kind: Annotated[
-        str,
-        typer.Argument(
-            metavar="KIND",
-            help="Kind of file: device, material, planar-device, recipe, study, fit or scenario.",
-            autocompletion=kinds_of_file,
-        ),
-    ] = "device",
+    kind: Annotated[str, typer.Argument(metavar="KIND", autocompletion=kinds_of_file)] = "device",
 ) -> None:
     """Print the JSON Schema of a kind of file, for editors that check a file while you type.
 
     Example: fieldmap schema recipe > recipe.schema.json
+
+    Parameters
+    ----------
+    kind
+        Kind of file: device, material, planar-device, recipe, study, fit or scenario.
     """
     from fieldmap.io.json_schema import FILE_KINDS, schema_text
 

@@ -35,59 +35,19 @@ _OF_ANY_FIELD = ("csv", "vti")
 
 
 def export(
-    source: Annotated[
-        str,
-        options.file_argument(
-            "DEVICE_OR_MAP",
-            "Map file; for csv and vti also a device file or name, which is solved.",
-            "geometry",
-        ),
-    ],
-    to: Annotated[
-        str,
-        option(
-            "--to",
-            "NAME",
-            "c: one flat file and its header. c32: constants in single precision and their header. csv: a table. "
-            "fmu: a unit of FMI, compiled here. mag-manip: YAML. vti: VTK image data.",
-        ),
-    ],
+    source: Annotated[str, options.file_argument("DEVICE_OR_MAP", "geometry")],
+    to: Annotated[str, option("--to", "NAME")],
     target: Annotated[Path, options.output("File to write.")],
-    kind: Annotated[
-        str,
-        option(
-            "--kind",
-            "NAME",
-            "For c, c32 and fmu: harmonic (one polynomial per cell) or global (one for the box, a few kB).",
-        ),
-    ] = "harmonic",
+    kind: Annotated[str, option("--kind", "NAME")] = "harmonic",
     currents: options.Currents = None,
-    spacing_mm: Annotated[
-        float | None,
-        option(
-            "--spacing-mm",
-            "MM",
-            "For csv, vti and mag-manip: largest distance between nodes. Default: the map's nodes, for mag-manip "
-            "as many as it needs; a device needs it.",
-        ),
-    ] = None,
-    outside: Annotated[
-        str, option("--outside", "RULE", "For c, c32 and fmu: the result outside the map, nan or clamp.")
-    ] = "nan",
-    fmi: Annotated[int | None, option("--fmi", "2|3", "For fmu: version of FMI. Default: 2.")] = None,
+    spacing_mm: Annotated[float | None, option("--spacing-mm", "MM")] = None,
+    outside: Annotated[str, option("--outside", "RULE")] = "nan",
+    fmi: Annotated[int | None, option("--fmi", "2|3")] = None,
     moment: options.Moment = None,
     body: Annotated[
-        str | None,
-        option(
-            "--body",
-            "DEVICE",
-            "For fmu: the payload of this device moves inside, as a rigid body.",
-            autocompletion=options.shipped("geometry"),
-        ),
+        str | None, option("--body", "DEVICE", autocompletion=options.shipped("geometry"))
     ] = None,
-    sources: Annotated[
-        bool, typer.Option("--sources", help="For fmu: C sources alone, for an importer that compiles them.")
-    ] = False,
+    sources: Annotated[bool, typer.Option("--sources")] = False,
     changes: options.Changes = None,
     mu_r: options.MuR = None,
     nonlinear: options.Nonlinear = False,
@@ -100,6 +60,27 @@ def export(
     A m2 upward.
 
     Example: fieldmap export maps/out/linear.h5 --to c -o linear.fmap
+
+    Parameters
+    ----------
+    source
+        Map file; for csv and vti also a device file or name, which is solved.
+    to
+        c: one flat file and its header. c32: constants in single precision and their header. csv: a table. fmu: a unit
+        of FMI, compiled here. mag-manip: YAML. vti: VTK image data.
+    kind
+        For c, c32 and fmu: harmonic (one polynomial per cell) or global (one for the box, a few kB).
+    spacing_mm
+        For csv, vti and mag-manip: largest distance between nodes. Default: the map's nodes, for mag-manip as many as
+        it needs; a device needs it.
+    outside
+        For c, c32 and fmu: the result outside the map, nan or clamp.
+    fmi
+        For fmu: version of FMI. Default: 2.
+    body
+        For fmu: the payload of this device moves inside, as a rigid body.
+    sources
+        For fmu: C sources alone, for an importer that compiles them.
     """
     from fieldmap import interop
     from fieldmap.io import existing_map, is_map_file
@@ -212,30 +193,24 @@ def _unit(
 
 
 def import_map(
-    source: Annotated[
-        Path,
-        typer.Argument(
-            metavar="CSV", help="Table with columns x_mm, y_mm, z_mm, I_NAME_A ..., Bx_mT, By_mT, Bz_mT."
-        ),
-    ],
+    source: Annotated[Path, typer.Argument(metavar="CSV")],
     target: Annotated[Path, options.output("Map file to write (.h5).")],
-    spacing: Annotated[
-        float, option("--spacing-mm", "MM", "Largest distance between nodes of the map.")
-    ] = 5.0,
-    degree: Annotated[
-        int | None,
-        option(
-            "--degree",
-            "N",
-            "Degree of the polynomials: lower is smoother. Default: the one that predicts held-out readings best.",
-            min=2,
-        ),
-    ] = None,
+    spacing: Annotated[float, option("--spacing-mm", "MM")] = 5.0,
+    degree: Annotated[int | None, option("--degree", "N", min=2)] = None,
     json: options.Json = False,
 ) -> None:
     """Fit harmonic polynomials to a table of flux densities and write them as a map; print how well they fit.
 
     Example: fieldmap import readings.csv -o maps/out/measured.h5 --spacing-mm 5
+
+    Parameters
+    ----------
+    source
+        Table with columns x_mm, y_mm, z_mm, I_NAME_A ..., Bx_mT, By_mT, Bz_mT.
+    spacing
+        Largest distance between nodes of the map.
+    degree
+        Degree of the polynomials: lower is smoother. Default: the one that predicts held-out readings best.
     """
     from fieldmap.interop import fit_map, read_measurements
     from fieldmap.store import write_map

@@ -22,50 +22,20 @@ if TYPE_CHECKING:
 
 
 def identify(
-    log: Annotated[
-        Path, typer.Argument(metavar="LOG", help="Text file of columns below a line of names, such as CSV.")
-    ],
-    source: Annotated[
-        str | None, option("--from", "NAME", "Column of the input. Default: recognised by its name.")
-    ] = None,
-    target: Annotated[
-        str | None, option("--to", "NAME", "Column of the output. Default: recognised.")
-    ] = None,
-    reference: Annotated[
-        str | None, option("--reference", "NAME", "Column of the reference, if there is one.")
-    ] = None,
-    time: Annotated[str | None, option("--time", "NAME", "Column of the time. Default: recognised.")] = None,
-    sampling: Annotated[
-        float | None, option("--sampling-ms", "MS", "Sampling time of a log without time.")
-    ] = None,
+    log: Annotated[Path, typer.Argument(metavar="LOG")],
+    source: Annotated[str | None, option("--from", "NAME")] = None,
+    target: Annotated[str | None, option("--to", "NAME")] = None,
+    reference: Annotated[str | None, option("--reference", "NAME")] = None,
+    time: Annotated[str | None, option("--time", "NAME")] = None,
+    sampling: Annotated[float | None, option("--sampling-ms", "MS")] = None,
     units: options.Units = None,
-    delimiter: Annotated[
-        str | None, option("--delimiter", "NAME", "comma, semicolon, tab or blanks. Default: recognised.")
-    ] = None,
-    decimal: Annotated[
-        str | None, option("--decimal", "MARK", "point or comma. Default: recognised.")
-    ] = None,
-    poles: Annotated[int, option("--poles", "N", "Poles of the sampled model.")] = 2,
-    zeros: Annotated[int, option("--zeros", "N", "Zeros of the sampled model.")] = 1,
-    dead_time: Annotated[
-        int, option("--dead-time", "N", "Samples of dead time beyond the poles less the zeros.")
-    ] = 0,
-    method: Annotated[
-        str,
-        option(
-            "--method",
-            "NAME",
-            "direct; armax, for coloured noise; two-stage, with a reference; least-squares, biased by noise.",
-        ),
-    ] = "direct",
-    rest: Annotated[
-        int | None,
-        option(
-            "--rest",
-            "N",
-            "Samples at rest at the beginning. Default: those before the reference moves, or one.",
-        ),
-    ] = None,
+    delimiter: Annotated[str | None, option("--delimiter", "NAME")] = None,
+    decimal: Annotated[str | None, option("--decimal", "MARK")] = None,
+    poles: Annotated[int, option("--poles", "N")] = 2,
+    zeros: Annotated[int, option("--zeros", "N")] = 1,
+    dead_time: Annotated[int, option("--dead-time", "N")] = 0,
+    method: Annotated[str, option("--method", "NAME")] = "direct",
+    rest: Annotated[int | None, option("--rest", "N")] = None,
     json: options.Json = False,
 ) -> None:
     """Identify the model from an input to an output in a log of a rig, in open or closed loop; print it with errors.
@@ -73,6 +43,35 @@ def identify(
     The exit code is 2 with every problem of the file at once, 1 if the estimate does not settle.
 
     Example: fieldmap identify rig.csv --from control --to position
+
+    Parameters
+    ----------
+    log
+        Text file of columns below a line of names, such as CSV.
+    source
+        Column of the input. Default: recognised by its name.
+    target
+        Column of the output. Default: recognised.
+    reference
+        Column of the reference, if there is one.
+    time
+        Column of the time. Default: recognised.
+    sampling
+        Sampling time of a log without time.
+    delimiter
+        comma, semicolon, tab or blanks. Default: recognised.
+    decimal
+        point or comma. Default: recognised.
+    poles
+        Poles of the sampled model.
+    zeros
+        Zeros of the sampled model.
+    dead_time
+        Samples of dead time beyond the poles less the zeros.
+    method
+        direct; armax, for coloured noise; two-stage, with a reference; least-squares, biased by noise.
+    rest
+        Samples at rest at the beginning. Default: those before the reference moves, or one.
     """
     from fieldmap.control.identification import METHODS, ROLES, Orders, identify_log, read_log
 

@@ -27,30 +27,14 @@ if TYPE_CHECKING:
 
 
 def make_map(
-    recipe: Annotated[
-        str, options.file_argument("RECIPE", "Recipe file, or the name of a shipped recipe.", "maps")
-    ],
+    recipe: Annotated[str, options.file_argument("RECIPE", "maps")],
     target: Annotated[Path | None, options.output("Map file to write. Default: maps/out/RECIPE.h5.")] = None,
     changes: options.Changes = None,
     resume: options.Resume = True,
-    summary: Annotated[
-        bool, typer.Option("--summary", help="Print a summary of the map when it is done.")
-    ] = False,
+    summary: Annotated[bool, typer.Option("--summary")] = False,
     json: options.Json = False,
-    pictures: Annotated[
-        bool | None,
-        typer.Option(
-            "--pictures/--no-pictures",
-            help="Draw the map in two pictures beside it, NAME.png and NAME_3d.png. Default: with --summary.",
-        ),
-    ] = None,
-    accept_error: Annotated[
-        bool,
-        typer.Option(
-            "--accept-error",
-            help="Write the map even if the error of its current model is more than twice the recipe's.",
-        ),
-    ] = False,
+    pictures: Annotated[bool | None, typer.Option("--pictures/--no-pictures")] = None,
+    accept_error: Annotated[bool, typer.Option("--accept-error")] = False,
     workers: options.Workers = 1,
     scheduler: options.Scheduler = None,
 ) -> None:
@@ -59,6 +43,17 @@ def make_map(
     --json prints the summary.
 
     Example: fieldmap map maps/workspace.toml -o maps/out/workspace.h5 --summary
+
+    Parameters
+    ----------
+    recipe
+        Recipe file, or the name of a shipped recipe.
+    summary
+        Print a summary of the map when it is done.
+    pictures
+        Draw the map in two pictures beside it, NAME.png and NAME_3d.png. Default: with --summary.
+    accept_error
+        Write the map even if the error of its current model is more than twice the recipe's.
     """
     from fieldmap import maps
 

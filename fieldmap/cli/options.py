@@ -36,13 +36,14 @@ def shipped(folder: str, subfolder: str = "") -> Callable[[str], list[str]]:
     return completed
 
 
-def file_argument(metavar: str, text: str, folder: str, subfolder: str = "") -> Any:
-    """An argument that is a file or the name of a shipped one."""
+def file_argument(metavar: str, folder: str, subfolder: str = "", text: str | None = None) -> Any:
+    """An argument that is a file or the name of a shipped one. text: unless the command's docstring has it."""
     return typer.Argument(metavar=metavar, help=text, autocompletion=shipped(folder, subfolder))
 
 
-def option(name: str, metavar: str, text: str, **more: Any) -> Any:
-    """An option that takes a value: its name, the word for its value in the help, and its help text."""
+def option(name: str, metavar: str, text: str | None = None, **more: Any) -> Any:
+    """An option that takes a value: its name, the word for its value in the help, and its help text unless the
+    docstring of the command has it."""
     return typer.Option(name, metavar=metavar, help=text, **more)
 
 
@@ -58,22 +59,23 @@ def setting(what: str, example: str) -> Any:
 
 
 DeviceArgument = Annotated[
-    str, file_argument("DEVICE", "Device file, or the name of a shipped device.", "geometry")
+    str, file_argument("DEVICE", "geometry", text="Device file, or the name of a shipped device.")
 ]
 DeviceOrMapArgument = Annotated[
-    str, file_argument("DEVICE_OR_MAP", "Device file, name of a shipped device, or map file.", "geometry")
+    str,
+    file_argument("DEVICE_OR_MAP", "geometry", text="Device file, name of a shipped device, or map file."),
 ]
 MapArgument = Annotated[str, typer.Argument(metavar="MAP", help="Map file.")]
 StudyArgument = Annotated[
-    str, file_argument("STUDY", "Study file, or the name of a shipped study.", "maps", "studies")
+    str, file_argument("STUDY", "maps", "studies", text="Study file, or the name of a shipped study.")
 ]
 ScenarioArgument = Annotated[
     str,
     file_argument(
         "SCENARIO",
-        "Scenario file, or the name of a shipped scenario: `hold` takes any map.",
         "maps",
         "scenarios",
+        text="Scenario file, or the name of a shipped scenario: `hold` takes any map.",
     ),
 ]
 ScenarioMap = Annotated[

@@ -22,36 +22,11 @@ PAGE_WINDOW = (900, 700)
 
 
 def show(
-    source: Annotated[
-        str,
-        options.file_argument(
-            "DEVICE_OR_MAP_OR_RUN",
-            "Device file or name, map file, or a run that `fieldmap simulate -o RUN.h5` wrote.",
-            "geometry",
-        ),
-    ],
-    what: Annotated[
-        str,
-        option(
-            "--what",
-            "NAME",
-            "What to draw: device, mesh, iron, lines, slices, surfaces, forces, equilibrium, difference, "
-            "shift or reachable; path for a run.",
-        ),
-    ] = "",
+    source: Annotated[str, options.file_argument("DEVICE_OR_MAP_OR_RUN", "geometry")],
+    what: Annotated[str, option("--what", "NAME")] = "",
     currents: options.Currents = None,
-    quantity: Annotated[
-        str,
-        option(
-            "--quantity",
-            "NAME",
-            "For slices, surfaces and difference: B, Bz or gradB. For shift: x or y. For reachable: "
-            "force or B.",
-        ),
-    ] = "",
-    minus: Annotated[
-        str | None, option("--minus", "DEVICE_OR_MAP", "Subtract this field, and draw the difference.")
-    ] = None,
+    quantity: Annotated[str, option("--quantity", "NAME")] = "",
+    minus: Annotated[str | None, option("--minus", "DEVICE_OR_MAP")] = None,
     height_mm: options.HeightMm = None,
     at_mm: options.AtMm = None,
     limit: options.Limit = None,
@@ -69,6 +44,18 @@ def show(
     For reachable, --at-mm is the point, by default the middle of the workspace.
 
     Example: fieldmap show drive_unit --what iron --currents 1.5 --save iron.png
+
+    Parameters
+    ----------
+    source
+        Device file or name, map file, or a run that `fieldmap simulate -o RUN.h5` wrote.
+    what
+        What to draw: device, mesh, iron, lines, slices, surfaces, forces, equilibrium, difference, shift or reachable;
+        path for a run.
+    quantity
+        For slices, surfaces and difference: B, Bz or gradB. For shift: x or y. For reachable: force or B.
+    minus
+        Subtract this field, and draw the difference.
     """
     from fieldmap.io import IronOptions, is_map_file, named_device
     from fieldmap.plot import gather
@@ -148,17 +135,11 @@ def _animate(shown: Shown, save: Path) -> dict[str, list[float]]:
 def app(
     map_file: options.MapArgument,
     limit: options.Limit = None,
-    force_scale: Annotated[
-        float, option("--force-scale", "NUMBER", "Multiply every force by this, from a calibration.")
-    ] = 1.0,
+    force_scale: Annotated[float, option("--force-scale", "NUMBER")] = 1.0,
     payload_of: options.PayloadOf = None,
-    web: Annotated[
-        bool, typer.Option("--web", help="Serve a page for a browser instead of a window.")
-    ] = False,
-    port: Annotated[int, option("--port", "N", "Of the page; 0: any free one.", min=0, max=65535)] = 8080,
-    states: Annotated[
-        Path | None, option("--states", "FILE", "Saved states of the page, JSON. Default: MAP.states.json.")
-    ] = None,
+    web: Annotated[bool, typer.Option("--web")] = False,
+    port: Annotated[int, option("--port", "N", min=0, max=65535)] = 8080,
+    states: Annotated[Path | None, option("--states", "FILE")] = None,
     save: options.Save = None,
     json: options.Json = False,
 ) -> None:
@@ -168,6 +149,17 @@ def app(
     saturating iron has its own.
 
     Example: fieldmap app maps/out/workspace.h5
+
+    Parameters
+    ----------
+    force_scale
+        Multiply every force by this, from a calibration.
+    web
+        Serve a page for a browser instead of a window.
+    port
+        Of the page; 0: any free one.
+    states
+        Saved states of the page, JSON. Default: MAP.states.json.
     """
     from fieldmap.io import existing_map, find_source
     from fieldmap.lookup import FieldMap

@@ -34,41 +34,16 @@ def simulate(
     map_file: options.ScenarioMap = None,
     target: Annotated[Path | None, options.output("Write the runs: .h5, or .csv of a single run.")] = None,
     save: options.Save = None,
-    runs: Annotated[int, option("--runs", "N", "Number of runs, each with its own noise.")] = 1,
-    seed: Annotated[
-        int | None, option("--seed", "N", "Seed of the noise, in place of the scenario's.")
-    ] = None,
-    threads: Annotated[int, option("--threads", "N", "Number of threads; 0: one per processor.")] = 0,
+    runs: Annotated[int, option("--runs", "N")] = 1,
+    seed: Annotated[int | None, option("--seed", "N")] = None,
+    threads: Annotated[int, option("--threads", "N")] = 0,
     changes: options.ScenarioChanges = None,
-    vary: Annotated[
-        str | None, option("--vary", "KEY=A,B,...", "Repeat the runs for each value of a key.")
-    ] = None,
-    controller: Annotated[
-        str | None,
-        option(
-            "--controller",
-            "FILE.py:NAME",
-            "A function of your own in the place of the controllers: outputs = NAME(time, measured, reference, "
-            "state), or a FunctionController.",
-        ),
-    ] = None,
-    log: Annotated[
-        Path | None,
-        option(
-            "--measured",
-            "LOG.csv",
-            "A measured log to lay over the run: columns time, x, y, depth or z, and currents of coils.",
-        ),
-    ] = None,
-    log_columns: Annotated[
-        list[str] | None,
-        option("--column", "ROLE=NAME", "Name of the log's column time, x, y, depth, z or of a coil."),
-    ] = None,
+    vary: Annotated[str | None, option("--vary", "KEY=A,B,...")] = None,
+    controller: Annotated[str | None, option("--controller", "FILE.py:NAME")] = None,
+    log: Annotated[Path | None, option("--measured", "LOG.csv")] = None,
+    log_columns: Annotated[list[str] | None, option("--column", "ROLE=NAME")] = None,
     log_units: options.Units = None,
-    log_begins: Annotated[
-        float | None,
-        option("--begins", "S", "Time of the run at the log's first sample. Default: its own time."),
-    ] = None,
+    log_begins: Annotated[float | None, option("--begins", "S")] = None,
     json: options.Json = False,
 ) -> None:
     """Run a scenario: a levitated magnet with coils, sensors and controllers in closed loop on a map.
@@ -77,6 +52,26 @@ def simulate(
     that ended it. The exit code is 1 if all runs fail.
 
     Example: fieldmap simulate hold --map square.h5 --save held.png
+
+    Parameters
+    ----------
+    runs
+        Number of runs, each with its own noise.
+    seed
+        Seed of the noise, in place of the scenario's.
+    threads
+        Number of threads; 0: one per processor.
+    vary
+        Repeat the runs for each value of a key.
+    controller
+        A function of your own in the place of the controllers: outputs = NAME(time, measured, reference, state), or a
+        FunctionController.
+    log
+        A measured log to lay over the run: columns time, x, y, depth or z, and currents of coils.
+    log_columns
+        Name of the log's column time, x, y, depth, z or of a coil.
+    log_begins
+        Time of the run at the log's first sample. Default: its own time.
     """
     from fieldmap.dynamics.scenario import simulate_batches, write_simulation
 
@@ -243,10 +238,7 @@ def _steps(batch: Batch) -> Table | None:
 def linearise(
     scenario: options.ScenarioArgument,
     map_file: options.ScenarioMap = None,
-    depths: Annotated[
-        str | None,
-        option("--depths", "A,B,...", "Readings of the vertical sensor, mm. Default: the one at the start."),
-    ] = None,
+    depths: Annotated[str | None, option("--depths", "A,B,...")] = None,
     changes: options.ScenarioChanges = None,
     target: Annotated[Path | None, options.output("Write the models: .json or .npz.")] = None,
     json: options.Json = False,
@@ -256,6 +248,11 @@ def linearise(
     The exit code is 1 if the loop is unstable at any depth.
 
     Example: fieldmap linearise hold --map square.h5 --depths 40,50,60
+
+    Parameters
+    ----------
+    depths
+        Readings of the vertical sensor, mm. Default: the one at the start.
     """
     from fieldmap.dynamics.scenario import Linearisation, linear_points, prepare, read_scenario
 

@@ -33,32 +33,10 @@ def solve(
     refinement: options.Refinement = 1.0,
     form: options.Form = "auto",
     tolerance: options.Tolerance = None,
-    force: Annotated[
-        list[str] | None,
-        option(
-            "--force",
-            "NAME[,NAME...]",
-            "Force and torque on a body or coil, or on several together; may be repeated.",
-        ),
-    ] = None,
-    section: Annotated[
-        list[str] | None, option("--section", "NAME", "Only this section of the file; may be repeated.")
-    ] = None,
-    design: Annotated[
-        bool,
-        typer.Option(
-            "--design",
-            help="Windings (power, current density, time constant), inductances, forces on all coils and iron.",
-        ),
-    ] = False,
-    thermal_resistance: Annotated[
-        float | None,
-        option(
-            "--thermal-resistance",
-            "K/W",
-            "Of each winding to its surroundings, for the rise of its temperature; with --design.",
-        ),
-    ] = None,
+    force: Annotated[list[str] | None, option("--force", "NAME[,NAME...]")] = None,
+    section: Annotated[list[str] | None, option("--section", "NAME")] = None,
+    design: Annotated[bool, typer.Option("--design")] = False,
+    thermal_resistance: Annotated[float | None, option("--thermal-resistance", "K/W")] = None,
     json: options.Json = False,
 ) -> None:
     """Solve a device: the solver's report, the field at points, and the file's known values beside ours.
@@ -68,6 +46,17 @@ def solve(
     density. --design prints the figures of a design.
 
     Example: fieldmap solve loop_and_sphere
+
+    Parameters
+    ----------
+    force
+        Force and torque on a body or coil, or on several together; may be repeated.
+    section
+        Only this section of the file; may be repeated.
+    design
+        Windings (power, current density, time constant), inductances, forces on all coils and iron.
+    thermal_resistance
+        Of each winding to its surroundings, for the rise of its temperature; with --design.
     """
     from fieldmap.io import named_device, solve_device
     from fieldmap.iron.materials import require_soft_bodies

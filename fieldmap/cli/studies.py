@@ -33,7 +33,7 @@ def study(
     file: options.StudyArgument,
     target: StudyOutput = None,
     resume: options.Resume = True,
-    retry: Annotated[bool, typer.Option("--retry", help="Solve failed variants again.")] = False,
+    retry: Annotated[bool, typer.Option("--retry")] = False,
     workers: options.Workers = 1,
     scheduler: options.Scheduler = None,
     plot: options.Plot = True,
@@ -42,6 +42,11 @@ def study(
     """Solve every variant of a study, and write what is recorded as NetCDF, CSV and a plot.
 
     Example: fieldmap study pole_disk
+
+    Parameters
+    ----------
+    retry
+        Solve failed variants again.
     """
     from fieldmap.studies import run_study
 
@@ -229,9 +234,7 @@ def _state(limit: LimitAtOptimum) -> str:
 
 
 def fit(
-    file: Annotated[
-        str, options.file_argument("FIT", "Fit file, or the name of a shipped one.", "maps", "fits")
-    ],
+    file: Annotated[str, options.file_argument("FIT", "maps", "fits")],
     target: Annotated[Path | None, options.output("Device file to write, with the values found.")] = None,
     json: options.Json = False,
 ) -> None:
@@ -241,6 +244,11 @@ def fit(
     The whole device is solved some ten times for each unknown.
 
     Example: fieldmap fit loop_and_sphere -o fitted.toml
+
+    Parameters
+    ----------
+    file
+        Fit file, or the name of a shipped one.
     """
     from fieldmap.studies import read_fit
 

@@ -36,32 +36,12 @@ def completed_rows(incomplete: str) -> list[str]:
 
 
 def thesis(
-    rows: Annotated[
-        list[str] | None,
-        typer.Argument(
-            metavar="ROW",
-            help="Rows such as S7, or parts such as S14_table_6_2. Default: all.",
-            autocompletion=completed_rows,
-        ),
-    ] = None,
+    rows: Annotated[list[str] | None, typer.Argument(metavar="ROW", autocompletion=completed_rows)] = None,
     json: options.Json = False,
-    report: Annotated[
-        Path | None,
-        option(
-            "--report",
-            "FOLDER",
-            "Write index.html, report.md, numbers.csv and plots to it as rows are done; a second call continues.",
-        ),
-    ] = None,
-    maps: Annotated[Path, option("--maps", "FOLDER", "Folder with the maps that rows need.")] = Path(
-        "maps/out"
-    ),
-    make_maps: Annotated[
-        bool, typer.Option("--make-maps", help="Make the maps that are missing, when rows need them.")
-    ] = False,
-    quick: Annotated[
-        bool, typer.Option("--quick", help="Coarse meshes and a coarse map: a first look in some minutes.")
-    ] = False,
+    report: Annotated[Path | None, option("--report", "FOLDER")] = None,
+    maps: Annotated[Path, option("--maps", "FOLDER")] = Path("maps/out"),
+    make_maps: Annotated[bool, typer.Option("--make-maps")] = False,
+    quick: Annotated[bool, typer.Option("--quick")] = False,
 ) -> None:
     """Print the numbers of the thesis beside ours: what agrees, what does not, and what was assumed.
 
@@ -69,6 +49,19 @@ def thesis(
     that was asked for by name lacks its map.
 
     Example: fieldmap thesis S7 S20
+
+    Parameters
+    ----------
+    rows
+        Rows such as S7, or parts such as S14_table_6_2. Default: all.
+    report
+        Write index.html, report.md, numbers.csv and plots to it as rows are done; a second call continues.
+    maps
+        Folder with the maps that rows need.
+    make_maps
+        Make the maps that are missing, when rows need them.
+    quick
+        Coarse meshes and a coarse map: a first look in some minutes.
     """
     from fieldmap.thesis import detail
     from fieldmap.thesis.computation import agreeing, attempt_part

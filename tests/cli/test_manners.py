@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from fieldmap.cli import common_first
-from fieldmap.cli.application import COMMANDS, FIRST_STEPS, application
+from fieldmap.cli.application import COMMANDS, FIRST_STEPS, application, described
 from fieldmap.cli.arguments import join_lists, parse_currents
 from fieldmap.cli.messages import LOG
 from fieldmap.errors import InputError
@@ -31,7 +31,7 @@ def test_help_has_an_example(command, name):
     assert (code, f"Example: fieldmap {name}" in " ".join(out.split())) == (0, True)
 
 
-EXAMPLES = [entry.texts[1].removeprefix("Example: ") for entry in COMMANDS.values()]
+EXAMPLES = [described(entry.call)[1].removeprefix("Example: ") for entry in COMMANDS.values()]
 for page in ("commands.md", "pictures.md"):
     EXAMPLES += re.findall(r"^    (fieldmap .*)$", (REPOSITORY / "docs" / page).read_text(), re.MULTILINE)
 
