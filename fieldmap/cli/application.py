@@ -1,7 +1,6 @@
 """The commands of the program, and how their help looks."""
 
 import inspect
-import re
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
@@ -13,6 +12,7 @@ from typer.core import TyperCommand, TyperGroup
 
 from fieldmap.cli import answers, check, exchange, identify, maps, pictures, scenario, solve, studies, thesis
 from fieldmap.cli.messages import log_to_file, log_to_stderr, map_warnings_as_lines
+from fieldmap.cli.options import PARAMETERS, SHARED_HELP, helps
 from fieldmap.progress import Progress
 
 if TYPE_CHECKING:
@@ -106,32 +106,31 @@ def application() -> TyperGroup:
         context_settings={"help_option_names": ["-h", "--help"]},
     )
     commands.callback()(_common)
-    texts = {name: described(entry.call) for name, entry in COMMANDS.items()}
     for name, entry in COMMANDS.items():
-        text, example, _ = texts[name]
+        text, example = described(entry.call)
         about: dict[str, Any] = {"help": text, "short_help": entry.line, "epilog": example}
         commands.command(name=name, cls=Command, rich_help_panel=entry.part, **about)(entry.call)
     program = typer.main.get_command(commands)
     assert isinstance(program, TyperGroup)
     for name, command in program.commands.items():
-        for parameter in command.params:
-            parameter.help = texts[name][2].get(parameter.name, parameter.help)
+        own = helps(inspect.getdoc(COMMANDS[name].call))
+        parameters: list[Any] = command.params
+        for parameter in parameters:
+            parameter.help = own.get(parameter.name) or parameter.help or SHARED_HELP.get(parameter.name)
     return program
 
 
-def described(function: Callable[..., None]) -> tuple[str, str, dict[str, str]]:
-    """From the docstring of a command: its help, whose last paragraph is an example, the example, and the help of its
-    own parameters; each paragraph in one line.
+def described(function: Callable[..., None]) -> tuple[str, str]:
+    """From the docstring of a command its help and the last paragraph before the parameters, which is an example; each
+    paragraph in one line.
 
-    >>> def f(x): "One\\n    two.\\n\\n    Example: f 3\\n\\n    Parameters\\n    ----------\\n    x\\n        A size."
+    >>> def f(): "One\\n    two.\\n\\n    Example: f 3"
     >>> described(f)
-    ('One two.', 'Example: f 3', {'x': 'A size.'})
+    ('One two.', 'Example: f 3')
     """
-    text, _, section = (inspect.getdoc(function) or "").partition("\n\nParameters\n----------\n")
+    text, _, _ = (inspect.getdoc(function) or "").partition(PARAMETERS)
     *paragraphs, example = (" ".join(part.split()) for part in text.split("\n\n"))
-    _, *parts = re.split(r"^(\w+)\n", section, flags=re.MULTILINE)
-    helps = {name: " ".join(words.split()) for name, words in zip(parts[::2], parts[1::2], strict=True)}
-    return "\n\n".join(paragraphs), example, helps
+    return "\n\n".join(paragraphs), example
 
 
 def _print_version(wanted: bool) -> None:

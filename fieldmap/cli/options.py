@@ -1,7 +1,60 @@
-"""Arguments and options that several commands share: each has one name, one type and one help text."""
+"""Arguments and options that several commands share: each has one name, one type and one help text.
+
+Parameters
+----------
+device
+    Device file, or the name of a shipped device.
+source
+    Device file, name of a shipped device, or map file.
+file
+    Study file, or the name of a shipped study.
+scenario
+    Scenario file, or the name of a shipped scenario: `hold` takes any map.
+map_file
+    Map file in place of the scenario's, or a device with linear iron.
+units
+    Unit of a column of the log whose heading does not state it; may be repeated.
+height_mm
+    z of the magnet's centre; below the origin it is negative.
+moment
+    Moment of the magnet, A m2; one number is a moment upward.
+payload_of
+    Take the payload from this device.
+limit
+    Largest current of every coil. Default: the driver's.
+scheduler
+    Address of a dask scheduler, whose workers solve.
+mu_r
+    Relative permeability of all iron, in place of the file's.
+nonlinear
+    Let the iron saturate by its B-H table, at the given currents.
+refinement
+    Divide the mesh sizes of the file by this.
+form
+    potential, flux (any mu_r), surface, or auto: potential where all mu_r >= 1.
+tolerance
+    Refine until the estimated error of B in the workspace is below this (linear iron).
+currents
+    Currents, A: one for all coils, one per coil, or NAME=A.
+at
+    Point in m; may be repeated.
+at_mm
+    Point in mm; may be repeated.
+save
+    Save the picture to this file.
+plot
+    Draw the results beside the file.
+resume
+    Continue a stopped run, or start again.
+workers
+    Number of processes on this machine.
+json
+    Print JSON.
+"""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
@@ -22,6 +75,23 @@ if TYPE_CHECKING:
     from fieldmap.typing import Array, Progress
 
 
+PARAMETERS = "\n\nParameters\n----------\n"
+
+
+def helps(docstring: str | None) -> dict[str, str]:
+    """The help of parameters, from the section Parameters of a docstring.
+
+    >>> helps("Do it.\\n\\nParameters\\n----------\\nx\\n    A size,\\n    m.")
+    {'x': 'A size, m.'}
+    """
+    _, _, section = (docstring or "").partition(PARAMETERS)
+    _, *parts = re.split(r"^(\w+)\n", section, flags=re.MULTILINE)
+    return {name: " ".join(words.split()) for name, words in zip(parts[::2], parts[1::2], strict=True)}
+
+
+SHARED_HELP = helps(__doc__)
+
+
 def shipped(folder: str, subfolder: str = "") -> Callable[[str], list[str]]:
     """A function that completes the names of shipped files.
 
@@ -36,15 +106,14 @@ def shipped(folder: str, subfolder: str = "") -> Callable[[str], list[str]]:
     return completed
 
 
-def file_argument(metavar: str, folder: str, subfolder: str = "", text: str | None = None) -> Any:
-    """An argument that is a file or the name of a shipped one. text: unless the command's docstring has it."""
-    return typer.Argument(metavar=metavar, help=text, autocompletion=shipped(folder, subfolder))
+def file_argument(metavar: str, folder: str, subfolder: str = "") -> Any:
+    """An argument that is a file or the name of a shipped one."""
+    return typer.Argument(metavar=metavar, autocompletion=shipped(folder, subfolder))
 
 
-def option(name: str, metavar: str, text: str | None = None, **more: Any) -> Any:
-    """An option that takes a value: its name, the word for its value in the help, and its help text unless the
-    docstring of the command has it."""
-    return typer.Option(name, metavar=metavar, help=text, **more)
+def option(name: str, metavar: str, **more: Any) -> Any:
+    """An option that takes a value: its name and the word for its value; its help text stands in a docstring."""
+    return typer.Option(name, metavar=metavar, **more)
 
 
 def output(text: str) -> Any:
@@ -58,90 +127,36 @@ def setting(what: str, example: str) -> Any:
     return typer.Option("--set", metavar="KEY=VALUE", help=text)
 
 
-DeviceArgument = Annotated[
-    str, file_argument("DEVICE", "geometry", text="Device file, or the name of a shipped device.")
-]
-DeviceOrMapArgument = Annotated[
-    str,
-    file_argument("DEVICE_OR_MAP", "geometry", text="Device file, name of a shipped device, or map file."),
-]
+DeviceArgument = Annotated[str, file_argument("DEVICE", "geometry")]
+DeviceOrMapArgument = Annotated[str, file_argument("DEVICE_OR_MAP", "geometry")]
 MapArgument = Annotated[str, typer.Argument(metavar="MAP", help="Map file.")]
-StudyArgument = Annotated[
-    str, file_argument("STUDY", "maps", "studies", text="Study file, or the name of a shipped study.")
-]
-ScenarioArgument = Annotated[
-    str,
-    file_argument(
-        "SCENARIO",
-        "maps",
-        "scenarios",
-        text="Scenario file, or the name of a shipped scenario: `hold` takes any map.",
-    ),
-]
-ScenarioMap = Annotated[
-    Path | None, option("--map", "FILE", "Map file in place of the scenario's, or a device with linear iron.")
-]
+StudyArgument = Annotated[str, file_argument("STUDY", "maps", "studies")]
+ScenarioArgument = Annotated[str, file_argument("SCENARIO", "maps", "scenarios")]
+ScenarioMap = Annotated[Path | None, option("--map", "FILE")]
 Changes = Annotated[list[str] | None, setting("device", "parameters.gap=120")]
 ScenarioChanges = Annotated[list[str] | None, setting("scenario", "control.z.Kc=0.2")]
-Units = Annotated[
-    list[str] | None,
-    option(
-        "--unit", "NAME=UNIT", "Unit of a column of the log whose heading does not state it; may be repeated."
-    ),
-]
-CURRENTS = option("--currents", "A[,A...]", "Currents, A: one for all coils, one per coil, or NAME=A.")
+Units = Annotated[list[str] | None, option("--unit", "NAME=UNIT")]
+CURRENTS = option("--currents", "A[,A...]")
 Currents = Annotated[list[str] | None, CURRENTS]
-At = Annotated[list[str] | None, option("--at", "X Y Z", "Point in m; may be repeated.")]
-AtMm = Annotated[list[str] | None, option("--at-mm", "X Y Z", "Point in mm; may be repeated.")]
-HeightMm = Annotated[
-    float | None, option("--height-mm", "MM", "z of the magnet's centre; below the origin it is negative.")
-]
-Moment = Annotated[
-    str | None, option("--moment", "X Y Z", "Moment of the magnet, A m2; one number is a moment upward.")
-]
-PayloadOf = Annotated[
-    str | None,
-    option(
-        "--payload-of", "DEVICE", "Take the payload from this device.", autocompletion=shipped("geometry")
-    ),
-]
-Limit = Annotated[
-    float | None, option("--limit", "A", "Largest current of every coil. Default: the driver's.")
-]
-Save = Annotated[Path | None, option("--save", "FILE", "Save the picture to this file.")]
-Plot = Annotated[bool, typer.Option("--plot/--no-plot", help="Draw the results beside the file.")]
-Resume = Annotated[bool, typer.Option("--resume/--fresh", help="Continue a stopped run, or start again.")]
-Workers = Annotated[int, option("--workers", "N", "Number of processes on this machine.", min=1)]
-Scheduler = Annotated[
-    str | None, option("--scheduler", "ADDRESS", "Address of a dask scheduler, whose workers solve.")
-]
-Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
+At = Annotated[list[str] | None, option("--at", "X Y Z")]
+AtMm = Annotated[list[str] | None, option("--at-mm", "X Y Z")]
+HeightMm = Annotated[float | None, option("--height-mm", "MM")]
+Moment = Annotated[str | None, option("--moment", "X Y Z")]
+PayloadOf = Annotated[str | None, option("--payload-of", "DEVICE", autocompletion=shipped("geometry"))]
+Limit = Annotated[float | None, option("--limit", "A")]
+Save = Annotated[Path | None, option("--save", "FILE")]
+Plot = Annotated[bool, typer.Option("--plot/--no-plot")]
+Resume = Annotated[bool, typer.Option("--resume/--fresh")]
+Workers = Annotated[int, option("--workers", "N", min=1)]
+Scheduler = Annotated[str | None, option("--scheduler", "ADDRESS")]
+Json = Annotated[bool, typer.Option("--json")]
 
 iron_option = partial(option, rich_help_panel="Iron (of a device)")
-MuR = Annotated[
-    float | None,
-    iron_option("--mu-r", "NUMBER", "Relative permeability of all iron, in place of the file's."),
-]
-Nonlinear = Annotated[
-    bool, iron_option("--nonlinear", "", "Let the iron saturate by its B-H table, at the given currents.")
-]
-Refinement = Annotated[
-    float, iron_option("--refinement", "NUMBER", "Divide the mesh sizes of the file by this.")
-]
-Form = Annotated[
-    str,
-    iron_option(
-        "--form", "NAME", "potential, flux (any mu_r), surface, or auto: potential where all mu_r >= 1."
-    ),
-]
-Tolerance = Annotated[
-    float | None,
-    iron_option(
-        "--tolerance",
-        "NUMBER",
-        "Refine until the estimated error of B in the workspace is below this (linear iron).",
-    ),
-]
+MuR = Annotated[float | None, iron_option("--mu-r", "NUMBER")]
+Nonlinear = Annotated[bool, iron_option("--nonlinear", "")]
+Refinement = Annotated[float, iron_option("--refinement", "NUMBER")]
+Form = Annotated[str, iron_option("--form", "NAME")]
+Tolerance = Annotated[float | None, iron_option("--tolerance", "NUMBER")]
 
 
 def checked_iron(

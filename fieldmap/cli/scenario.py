@@ -42,7 +42,7 @@ def simulate(
     controller: Annotated[str | None, option("--controller", "FILE.py:NAME")] = None,
     log: Annotated[Path | None, option("--measured", "LOG.csv")] = None,
     log_columns: Annotated[list[str] | None, option("--column", "ROLE=NAME")] = None,
-    log_units: options.Units = None,
+    units: options.Units = None,
     log_begins: Annotated[float | None, option("--begins", "S")] = None,
     json: options.Json = False,
 ) -> None:
@@ -85,7 +85,7 @@ def simulate(
         simulation = simulate_batches(
             scenario, field, fixed, varied, runs, seed, threads, kept, progress, device, own
         )
-    laid = None if log is None else _laid(simulation, log, log_columns, log_units, log_begins)
+    laid = None if log is None else _laid(simulation, log, log_columns, units, log_begins)
     files = [] if target is None else [write_simulation(target, simulation)]
     if save is not None:
         from fieldmap.plot.runs import save_run_figure

@@ -23,6 +23,7 @@ from fieldmap.plot.scales import MILLIMETRES, add_rulers, add_words
 from fieldmap.plot.shown import Shown
 from fieldmap.plot.solids import box_edges, extent
 from fieldmap.plot.style import INK, save_screenshot
+from fieldmap.records import tuple_line
 from fieldmap.store.whole_files import write_whole
 
 WINDOW = (1500, 1200)
@@ -54,6 +55,7 @@ class Scene(NamedTuple):
     legend: str = ""
     quantities: tuple[str, ...] = tuple(field_scenes.QUANTITIES)
     boxed: bool = True
+    __repr__ = tuple_line
 
 
 _ARROWS_OF_FORCE = "arrows: force on the magnet, whose centre lies in their middle"
