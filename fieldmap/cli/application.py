@@ -114,7 +114,7 @@ def application() -> TyperGroup:
     assert isinstance(program, TyperGroup)
     for name, command in program.commands.items():
         own = helps(inspect.getdoc(COMMANDS[name].call))
-        parameters: list[Any] = command.params
+        parameters: Any = command.params
         for parameter in parameters:
             parameter.help = own.get(parameter.name) or parameter.help or SHARED_HELP.get(parameter.name)
     return program

@@ -2,6 +2,7 @@
 
 import json
 import shlex
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -19,164 +20,10 @@ TEXTS = {
     "study.toml": 'format = 1\ntitle = "Varied"\ndevice = "drive_unit"\n[[vary]]\nkey = "a"\nvalues = [1]\n',
     "readings.csv": "x_mm,y_mm,z_mm,I_a_A,Bx_mT,By_mT\n1,2,3,4,5,6\n",
 }
-AT = "--at 0 0 -0.09"
-
-# By command: the other words, and what the message says. {map}, {device} and {recipe} are those of the thin loop,
-# {six} is a map of six coils, {step} is a scenario on it.
-REFUSED = {
-    "check": {
-        "no_such_device": "no_such_device",
-        ".": "directory",
-        "bad.toml": "coil",
-        "syntax.toml": "syntax.toml",
-        "{recipe}": "must be a device file; a recipe file; `fieldmap map`",
-        "{six} --set coil.1.turns=3": "--set",
-    },
-    "solve": {
-        "{device} --currents 1 2": "--currents",
-        "{device} --mu-r -5": "--mu-r",
-        "{device} --at 0 0": "three numbers",
-        "{device} --nonlinear --currents 1": "no bodies",
-        "study.toml": "must be a device file; a study file; `fieldmap study`",
-        "ball.toml --nonlinear": "must come with --currents",
-        "ball.toml --nonlinear --currents 1 --mu-r 100": "must not come with --mu-r",
-        "ball.toml --nonlinear --currents 1 --form flux": "the potential form",
-        "ball.toml --form cubic": "must be one of auto, potential, flux",
-        "ball.toml --refinement 0": "must be a positive number",
-        "ball.toml --nonlinear --mu-r -1 --refinement 0 --form flux": "--mu-r; --refinement; --nonlinear",
-        "table.toml --force bal": "must be a body or coil of the device: ball, lid, slab, loop",
-        "table.toml --force ,": "must be a body or coil",
-        "table.toml --section middle": "must be a section of the device file: equator, joint",
-        "table.toml --tolerance 0": "must lie between 0 and 1",
-        "table.toml --tolerance 1e-3 --nonlinear --currents 1": "must stand alone",
-        "table.toml --tolerance 1e-3 --refinement 2": "--refinement 2",
-        "table.toml --tolerance 1e-3 --form flux": "--form flux",
-        "loop_and_sphere --section middle": "[[section]]",
-        "loop_and_sphere --thermal-resistance 3": "--thermal-resistance; --design",
-    },
-    "map": {
-        "syntax.toml": "syntax.toml",
-        "no_such_recipe": "no_such_recipe",
-        ".": "directory",
-        "{device}": "must be a recipe file; a device file; `fieldmap check`",
-        "scenario.toml": "must be a recipe file; a scenario file; `fieldmap simulate`",
-        "{map}": "HDF5",
-    },
-    "info": {
-        "no_such_map.h5": "no such file",
-        "text.h5": "text.h5",
-        "half.h5": "half.h5",
-        "{device}": "HDF5",
-        ".": "directory",
-    },
-    "probe": {
-        "{map} --at 0 0 0.5 --currents 1": "--at-mm",
-        "{map} --at 0 0 -80 --currents 1": "--at-mm",
-        f"{{map}} {AT} --currents 1 2 3": "--currents",
-        f"{{map}} {AT} --currents one": "--currents",
-        f"{{map}} {AT} --currents lop=2": "lop",
-        "{map} --at 0 0 nan --currents 1": "finite",
-        "{map} --currents 1": "--at",
-        f"{{map}} {AT} --currents 1 --mu-r 1000": "--mu-r",
-        f"{{map}} {AT} --currents 1 --nonlinear": "must go with a device",
-        f"{{map}} {AT} --currents 1 --payload-of drive_unit --moment 0 0 1": "--payload-of",
-        f"{{map}} {AT} --currents 1 --payload-of eight_coils": "--payload-of",
-        "{six} --at 0 0 -0.1 --currents 1 --set coil.1.turns=3": "--set",
-        "loop_and_sphere --at 0 0 -0.014 --currents 1 --payload": "[payload]",
-        f"{{device}} --nonlinear --currents 1 {AT}": "no bodies",
-    },
-    "currents": {
-        f"{{device}} {AT}": "must have --lift",
-        "{device} --lift": "must give one point",
-        f"{{device}} {AT} {AT} --lift": "2 points",
-        f"{{device}} {AT} --lift --force 0 0 1": "--lift",
-        f"{{device}} {AT} --lift --moment 0 0 1": "--lift",
-        f"{{device}} {AT} --lift --limit -1": "--limit",
-        f"{{device}} {AT} --lift --payload-of eight_coils": "--payload-of",
-        f"{{device}} {AT} --force 0 0": "three numbers",
-        f"{{map}} {AT} --force nan nan nan --moment 0 0 1": "--force; one component or more",
-        f"{{map}} {AT} --force 0 0 inf": "--force; finite; 'inf'",
-        f"{{device}} {AT} --moment 0 0 1 --payload-of drive_unit --force 0 0 1": "--payload-of",
-    },
-    "equilibrium": {
-        "{map}": "exactly one",
-        "{map} --currents 1 --height-mm -90": "2 of them",
-        "{map} --height-mm 90": "box",
-        "{map} --currents 1 --orientation loose": "fixed or aligned",
-        "{map} --currents 1 --start 0 0 7": "--start",
-        "{map} --form flux --currents 1": "must go with a device",
-        "{six} --currents 1 --set coil.1.turns=3": "--set",
-        "loop_and_sphere --currents 1": "payload",
-        "ball.toml --nonlinear --height-mm -90": "must lie in the box",
-        "ball.toml --nonlinear --currents 1 --orientation up": "fixed or aligned",
-    },
-    "show": {
-        "loop_and_sphere --save picture.bmp": ".png",
-        "loop_and_sphere --what all --save a.png": "all",
-        "nothing_here --save a.png": "nothing_here",
-        "{map} --what reachable --at-mm 0 0 -90 --at-mm 0 0 -80 --save a.png": "one point",
-        "{six} --what reachable --save a.png": "payload",
-        "{six} --save a.png --set coil.1.turns=3": "--set",
-    },
-    "app": {"drive_unit --save a.png": "drive_unit", "some.h5 --save a.html": ".png"},
-    "simulate": {
-        "{step} --runs 0": "--runs",
-        "{step} -o run.txt": ".h5 or .csv",
-        "{step} -o run.csv --runs 2": "one run",
-        "{step} --save run.bmp": ".png",
-        "{step} --set control.z.Kc": "KEY=VALUE",
-        "{step} --set control.z.Ti=1": "Ti_s",
-        "{step} --vary control.z.Kc=": "KEY=A,B",
-        "{step} --log readings.csv": "--measured",
-        "{device}": "must be a scenario file; a device file; `fieldmap check`",
-        "{map}": "--map {map}",
-    },
-    "linearise": {
-        "{recipe}": "must be a scenario file; a recipe file; `fieldmap map`",
-        "{step} --depths a -o x.csv": "--depths; .npz",
-    },
-    "study": {
-        "no_such_study": "no_such_study",
-        ".": "directory",
-        "pole_disk -o turns.csv": ".nc",
-        "study.toml --workers 0": "--workers",
-        "{recipe}": "must be a study file; a recipe file; `fieldmap map`",
-    },
-    "optimise": {"no_such_study": "no_such_study", ".": "directory", "pole_piece -o best.csv": ".nc"},
-    "fit": {"no_such_fit": "no_such_fit", ".": "directory", "loop_and_sphere -o fitted.h5": ".toml"},
-    "import": {
-        "none.csv -o m.h5": "none.csv",
-        "readings.csv -o m.txt": "--output",
-        "readings.csv -o nowhere/m.h5": "--output",
-        "readings.csv -o m.h5": "Bz",
-    },
-    "export": {
-        "{device} --to c -o loop.out": "map",
-        "{device} --to mag-manip -o loop.out": "map",
-        "{device} --to csv -o loop.out": "--spacing-mm",
-        "{six} --to csv -o a.csv --set coil.1.turns=3": "--set",
-        "{map} --to matlab -o a.out": "--to",
-        "{map} --to csv -o a.out --kind global": "--kind",
-        "{map} --to vti -o a.out --outside clamp": "--outside",
-        "{map} --to vti -o a.out": ".vti",
-        "{map} --to mag-manip -o a.out --kind global": "--kind",
-        "{map} --to c -o a.out --spacing-mm 2": "--spacing-mm",
-        "{map} --to csv -o a.out --spacing-mm -2": "spacing",
-        "{map} --to csv -o a.out --nonlinear": "--nonlinear",
-        "{map} --to c -o a.out --kind hermite": "hermite",
-        "{map} --to c -o a.out --outside zero": "zero",
-        "{map} --to c -o a.out --currents 1,2": "--currents",
-    },
-    "schema": {"nothing": "planar-device", "--log none/run.log": "--log"},
-}
+REFUSED = tomllib.loads((Path(__file__).parent / "files" / "refused.toml").read_text())
+OF_ANY_DEVICE = REFUSED.pop("any_device")
 for name in ("check", "solve", "show"):
-    REFUSED[name] |= {
-        "drive_unit --set parameters.gpa=3": "parameters.gpa",
-        "drive_unit --set coil=3": "coil",
-        "drive_unit --set gap": "--set",
-        "drive_unit --set body.disk.radius_mm=-1": "body.disk.radius_mm",
-        "drive_unit --set parameters.gap=1e308": "gap",
-    }
+    REFUSED[name] |= OF_ANY_DEVICE
 LINES = [(f"{name} {words}", said) for name, lines in REFUSED.items() for words, said in lines.items()]
 
 
