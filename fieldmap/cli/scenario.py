@@ -75,7 +75,18 @@ def simulate(
     """
     from fieldmap.dynamics.scenario import simulate_batches, write_simulation
 
-    _check_files(target, save, runs, vary, log)
+    several = runs > 1 or vary is not None
+    problems = []
+    if runs < 1:
+        problems.append(Problem("--runs", "must be 1 or more", str(runs), "give a whole number"))
+    problems += output_problems("--output", target, (".h5", ".csv"))
+    if several and target is not None and target.suffix == ".csv":
+        problems.append(Problem("--output", "a .csv file holds one run", "several runs", "take .h5"))
+    problems += output_problems("--save", save, (".png", ".svg", ".pdf"))
+    if several and log is not None:
+        remedy = "leave out --runs and --vary"
+        problems.append(Problem("--measured", "is laid over one run", "several runs", remedy))
+    raise_all(problems)
     fixed = parse_settings(changes, _EXAMPLE)
     varied = None if vary is None else parse_variation(vary)
     own = None if controller is None else _function_in(controller)
@@ -96,23 +107,6 @@ def simulate(
     page.print_result(simulation, partial(_run_page, scenario, files, laid), json, written=files, **about)
     if simulation.all_ended_early:
         raise typer.Exit(1)
-
-
-def _check_files(
-    target: Path | None, save: Path | None, runs: int, vary: str | None, log: Path | None
-) -> None:
-    several = runs > 1 or vary is not None
-    problems = []
-    if runs < 1:
-        problems.append(Problem("--runs", "must be 1 or more", str(runs), "give a whole number"))
-    problems += output_problems("--output", target, (".h5", ".csv"))
-    if several and target is not None and target.suffix == ".csv":
-        problems.append(Problem("--output", "a .csv file holds one run", "several runs", "take .h5"))
-    problems += output_problems("--save", save, (".png", ".svg", ".pdf"))
-    if several and log is not None:
-        remedy = "leave out --runs and --vary"
-        problems.append(Problem("--measured", "is laid over one run", "several runs", remedy))
-    raise_all(problems)
 
 
 def _function_in(text: str) -> FunctionController:
@@ -256,7 +250,13 @@ def linearise(
     """
     from fieldmap.dynamics.scenario import Linearisation, linear_points, prepare, read_scenario
 
-    readings = _checked_depths(depths, target)
+    problems, readings = output_problems("--output", target, (".json", ".npz")), None
+    try:
+        readings = None if depths is None else [float(part) for part in depths.split(",")]
+    except ValueError:
+        remedy = "write for example 0,10,20"
+        problems.append(Problem("--depths", "must be numbers A,B,...", str(depths), remedy))
+    raise_all(problems)
     read = read_scenario(scenario, parse_settings(changes, _EXAMPLE))
     opener, device = options.field_of_option(map_file)
     field = None if opener is None else opener()
@@ -267,18 +267,6 @@ def linearise(
     page.print_result(found, partial(_linear_page, scenario, target), json, written=target)
     if not found.stable:
         raise typer.Exit(1)
-
-
-def _checked_depths(depths: str | None, target: Path | None) -> list[float] | None:
-    """The depths, mm. Raises InputError for them and for the file, before any work."""
-    problems, readings = output_problems("--output", target, (".json", ".npz")), None
-    try:
-        readings = None if depths is None else [float(part) for part in depths.split(",")]
-    except ValueError:
-        remedy = "write for example 0,10,20"
-        problems.append(Problem("--depths", "must be numbers A,B,...", str(depths), remedy))
-    raise_all(problems)
-    return readings
 
 
 def _linear_page(scenario: str, target: Path | None, found: Linearisation) -> Iterator[page.Section]:

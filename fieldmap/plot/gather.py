@@ -148,10 +148,19 @@ def _difference(source: FieldSource, minus: FieldSource | None, currents: Array)
     if minus is None:
         must_hold = "must come with --minus"
         raise InputError.of("--what difference", must_hold, "no --minus", "add --minus MAP")
-    names = (source.name, minus.name)
-    check_same_coils(source.coil_names, minus.coil_names, names)
-    lower, upper = common_box(require_box(source), require_box(minus), names)
-    for one in (source, minus):
+    both, where = (source, minus), "show, --minus"
+    coils = "; ".join(f"{one.name}: {', '.join(one.coil_names)}" for one in both)
+    must_hold = "both must have the same coils in the same order"
+    check(source.coil_names == minus.coil_names, where, must_hold, coils, "compare two maps of one device")
+    lows, highs = zip(*(require_box(one) for one in both), strict=True)
+    lower, upper = np.maximum(*lows), np.minimum(*highs)
+    boxes = [
+        f"{one.name} {millimetres(low)} to {millimetres(high)} mm"
+        for one, low, high in zip(both, lows, highs, strict=True)
+    ]
+    shared, remedy = bool((lower < upper).all()), "choose two maps of the same workspace, in the same frame"
+    check(shared, where, "the boxes of both must share a volume", ", ".join(boxes), remedy)
+    for one in both:
         _told(one, currents)
     field = FieldDifference(source.field.at(currents), minus.field.at(currents))
     title = f"{source.name} less {minus.name}, {amperes_in_words(currents, source.coil_names)}"
@@ -177,38 +186,6 @@ class FieldDifference(FieldAtCurrents):
     def gradient(self, points: ArrayLike) -> Array:
         """Gradient of the first less that of the second (n, 3, 3), T/m."""
         return np.asarray(self.first.gradient(points) - self.second.gradient(points))
-
-
-def common_box(
-    first: tuple[Array, Array], second: tuple[Array, Array], names: tuple[str, str]
-) -> tuple[Array, Array]:
-    """Lower and upper corner (3,), m, of what two boxes, given by theirs, share. names: of both, for the message.
-
-    Raises InputError where they share no volume.
-
-    >>> low, high = common_box((np.zeros(3), np.ones(3)), (np.full(3, 0.5), np.full(3, 2.0)), ("a", "b"))
-    >>> low.tolist(), high.tolist()
-    ([0.5, 0.5, 0.5], [1.0, 1.0, 1.0])
-    """
-    lower, upper = np.maximum(first[0], second[0]), np.minimum(first[1], second[1])
-    if (upper <= lower).any():
-        boxes = [
-            f"{name} {millimetres(low)} to {millimetres(high)} mm"
-            for name, (low, high) in zip(names, (first, second), strict=True)
-        ]
-        must_hold = "the boxes of both must share a volume"
-        remedy = "choose two maps of the same workspace, in the same frame"
-        raise InputError.of("show, --minus", must_hold, ", ".join(boxes), remedy)
-    return lower, upper
-
-
-def check_same_coils(first: tuple[str, ...], second: tuple[str, ...], names: tuple[str, str]) -> None:
-    """Both fields must take the same currents. Raises InputError."""
-    received = "; ".join(
-        f"{name}: {', '.join(coils)}" for name, coils in zip(names, (first, second), strict=True)
-    )
-    must_hold = "both must have the same coils in the same order"
-    check(first == second, "show, --minus", must_hold, received, "compare two maps of one device")
 
 
 def _shift(source: FieldSource, currents: Array, height: float | None) -> Shown:

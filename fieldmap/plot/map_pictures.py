@@ -59,7 +59,12 @@ def save_map_pictures(summary: MapSummary) -> tuple[MapPicture, ...]:
     """
     figure = summary.path.with_suffix(".png")
     scene = figure.with_name(f"{figure.stem}_3d.png")
-    drawn = _drawn(summary)
+    opened = open_map(summary.path)
+    drawn = _Drawn(summary, opened, summary.info.reference_current)
+    carried = [(row.current, row.height) for row in summary.lift if row.current is not None]
+    if carried:
+        current, height = carried[len(carried) // 2]
+        drawn = _Drawn(summary, opened, np.full(len(opened.coil_names), round(current, 3)), height)
     return (
         _saved("figure", figure, lambda: _save_figure(drawn, figure)),
         _saved("3-D picture", scene, lambda: _save_scene(drawn, scene)),
@@ -76,7 +81,8 @@ def _saved(shows: str, path: Path, save: Callable[[], Path]) -> MapPicture:
 
 @dataclass(frozen=True, eq=False)
 class _Drawn:
-    """A map at the currents (n_coils,), A, at which it is drawn; height: z of the magnet that they carry, m."""
+    """A map at the currents (n_coils,), A, at which it is drawn: equal ones that carry the magnet at the middle one of
+    the heights where they do, z of its centre in m, or else its reference currents."""
 
     summary: MapSummary
     opened: FieldMap
@@ -87,17 +93,6 @@ class _Drawn:
     def amperes(self) -> str:
         """The currents in words."""
         return amperes_in_words(self.currents, self.opened.coil_names)
-
-
-def _drawn(summary: MapSummary) -> _Drawn:
-    """At equal currents that carry the magnet at the middle one of the heights where they do; else at the reference
-    currents."""
-    opened = open_map(summary.path)
-    carried = [(row.current, row.height) for row in summary.lift if row.current is not None]
-    if not carried:
-        return _Drawn(summary, opened, summary.info.reference_current)
-    current, height = carried[len(carried) // 2]
-    return _Drawn(summary, opened, np.full(len(opened.coil_names), round(current, 3)), height)
 
 
 def _save_scene(drawn: _Drawn, path: Path) -> Path:

@@ -9,10 +9,8 @@ import pytest
 
 from fieldmap.errors import InputError
 from fieldmap.lookup import open_map
-from fieldmap.plot.rendering import can_render
 from tests.cli.thin_loop import flux
-
-needs_opengl = pytest.mark.skipif(not can_render(), reason="no OpenGL on this machine")
+from tests.plot.conftest import needs_opengl
 
 
 @pytest.mark.usefixtures("unsmoothed")

@@ -6,7 +6,10 @@ from PIL import Image
 
 from fieldmap.field import Field
 from fieldmap.lookup import interpolate
+from fieldmap.plot.rendering import can_render
 from fieldmap.store import Grid, MapData
+
+needs_opengl = pytest.mark.skipif(not can_render(), reason="no OpenGL on this machine")
 
 
 def harmonic(points, a, b, c):
@@ -59,3 +62,17 @@ def harmonic_map():
         return interpolate(MapData(grid, tuple(coils), np.ones(len(coils)), **arrays), kind="global")
 
     return make
+
+
+@pytest.fixture
+def rig(valid_text):
+    """rig(mass_g, moment_A_m2): text of a device with one coil and this payload, or without one."""
+    coil = valid_text[valid_text.index("[[coil]]") :]
+    coil = coil[: coil.index("[[coil]]", 1)]
+
+    def text(**payload):
+        lines = "".join(f"{key} = {value}\n" for key, value in payload.items())
+        carried = f"[payload]\n{lines}" if payload else ""
+        return f'format = 1\nname = "rig"\ntitle = "Six dipoles"\n{coil}{carried}'
+
+    return text

@@ -6,13 +6,11 @@ import fieldmap
 from fieldmap.errors import FieldmapError
 from fieldmap.plot import device_scene, save_picture
 from fieldmap.plot.device_drawing import COPPER, CURRENT, FLUX
-from fieldmap.plot.rendering import can_render, require_renderer
+from fieldmap.plot.rendering import require_renderer
 from fieldmap.plot.solids import winding_surface
 from fieldmap.plot.words import label_step, round_numbers
 from fieldmap.sources import unit_flux_density
-from tests.plot.conftest import pixels_of
-
-needs_opengl = pytest.mark.skipif(not can_render(), reason="no OpenGL on this machine")
+from tests.plot.conftest import needs_opengl, pixels_of
 
 
 class Ramp:

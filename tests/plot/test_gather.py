@@ -7,9 +7,12 @@ import pytest
 
 from fieldmap.device.model import Payload
 from fieldmap.device.payload import PayloadPiece, SoftSphere
+from fieldmap.errors import InputError
 from fieldmap.io import FieldSource, find_source
 from fieldmap.levitation import reachable
 from fieldmap.plot.gather import DEFAULT_LIMIT, floating_height, shown_field
+from tests.plot.conftest import harmonic
+from tests.refusals import refused
 
 
 def source_of(field):
@@ -41,6 +44,23 @@ def test_the_shift_of_a_map_of_four_coils(harmonic_map):
     x, y = np.meshgrid(shown.surface.x_signals, shown.surface.y_signals, indexing="ij")
     np.testing.assert_allclose(shown.surface.positions[..., 0], 0.02 * x, atol=1e-8)
     np.testing.assert_allclose(shown.surface.positions[..., 1], 0.02 * y, atol=1e-8)
+
+
+def test_a_difference_is_that_of_both_fields_in_the_box_they_share(harmonic_map):
+    first, second, points = (0.0, 0.0, 6.0), (1.0, 0.0, 0.0), np.array([[0.005, 0.0, -0.002]])
+    one, other = (source_of(harmonic_map(coil=(*abc, (0.0, 0.0)))) for abc in (first, second))
+    low, high = one.bounds
+    other = replace(other, bounds=(low + 0.01, high + 0.01))
+    shown = shown_field(one, np.array([2.0]), "difference", other)
+    np.testing.assert_allclose((shown.lower, shown.upper), (low + 0.01, high))
+    found = shown.state.field(points), shown.state.gradient(points)
+    for of_both, of_one, of_other in zip(
+        found, harmonic(points, *first), harmonic(points, *second), strict=True
+    ):
+        np.testing.assert_allclose(of_both, 2.0 * (of_one - of_other), atol=1e-12)
+    for changed in ({"bounds": (high, high + 0.01)}, {"coil_names": ("other",)}):
+        with refused(InputError, where="show, --minus"):
+            shown_field(one, np.array([2.0]), "difference", replace(other, **changed))
 
 
 @pytest.fixture

@@ -10,11 +10,9 @@ from fieldmap.device.model import MagnetCylinder, Payload
 from fieldmap.errors import InputError
 from fieldmap.levitation import find_equilibrium
 from fieldmap.plot.live_window import LiveMap, LiveWindow, _controls
-from fieldmap.plot.rendering import can_render
 from fieldmap.plot.style import text_properties
-from tests.plot.conftest import harmonic
+from tests.plot.conftest import harmonic, needs_opengl
 
-needs_opengl = pytest.mark.skipif(not can_render(), reason="no OpenGL on this machine")
 # On the axis Bz = a + b z + c z^2 / 2 per ampere: a force b + c z on a vertical moment of 1 A m^2.
 COILS = ((0.0, 0.04, 1.0), (0.0, 0.02, 0.5))
 PAYLOAD = Payload(0.010, 0.8, MagnetCylinder(0.008, 0.008, 1.3))

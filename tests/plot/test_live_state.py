@@ -20,11 +20,10 @@ from fieldmap.device import read_device
 from fieldmap.errors import FieldmapError, InputError
 from fieldmap.lookup import open_map
 from fieldmap.plot.live_window import LiveMap, LiveWindow
-from fieldmap.plot.rendering import can_render
 from fieldmap.plot.words import force_in_words
+from tests.plot.conftest import needs_opengl
 
 BROWSERS = ("chromium-headless-shell", "chromium", "chromium-browser", "google-chrome")
-needs_opengl = pytest.mark.skipif(not can_render(), reason="no OpenGL on this machine")
 
 
 @pytest.fixture(scope="module")
@@ -257,10 +256,7 @@ def test_the_page_in_a_browser(six_map_with_payload, payload, tmp_path):
 
 
 @pytest.fixture
-def six_map_with_payload(circle_of_six, dipole_map, tmp_path, valid_text, payload):
+def six_map_with_payload(circle_of_six, dipole_map, tmp_path, rig, payload):
     """The map of six dipoles, which records a device with a payload."""
-    coil = valid_text[valid_text.index("[[coil]]") :]
-    coil = coil[: coil.index("[[coil]]", 1)]
-    carried = f"[payload]\nmass_g = {1e3 * payload.mass}\nmoment_A_m2 = {payload.moment}\n"
-    text = f'format = 1\nname = "rig"\ntitle = "Six dipoles"\n{coil}{carried}'
+    text = rig(mass_g=1e3 * payload.mass, moment_A_m2=payload.moment)
     return dipole_map(circle_of_six, tmp_path / "six.h5", text, title="Six dipoles")

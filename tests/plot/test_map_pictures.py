@@ -13,7 +13,6 @@ from fieldmap.plot.map_pictures import save_map_pictures, shift_curves
 from fieldmap.plot.rendering import can_render
 from tests.plot.conftest import pixels_of
 
-MASS, MOMENT = 0.010, 0.8
 SIGNALS = np.array([0.1, 0.2])
 # Measured on a rig: source, n, reading and height of the sensor, level, zero, signals, and places beside models.
 SHIFT = ShiftBesideMeasured(
@@ -26,18 +25,9 @@ SHIFT = ShiftBesideMeasured(
 
 
 @pytest.fixture
-def recorded(valid_text):
-    """Text of a device with the first coil of `valid_text`, and a payload."""
-    coil = valid_text[valid_text.index("[[coil]]") :]
-    coil = coil[: coil.index("[[coil]]", 1)]
-    payload = f"[payload]\nmass_g = {1e3 * MASS}\nmoment_A_m2 = {MOMENT}\n"
-    return f'format = 1\nname = "rig"\ntitle = "Six dipoles"\n{coil}', payload
-
-
-@pytest.fixture
-def six_map(circle_of_six, dipole_map, tmp_path, recorded):
+def six_map(circle_of_six, dipole_map, tmp_path, rig):
     """The map of six dipoles, of a device with a payload."""
-    return dipole_map(circle_of_six, tmp_path / "six.h5", "".join(recorded), title="Dipoles")
+    return dipole_map(circle_of_six, tmp_path / "six.h5", rig(mass_g=10.0, moment_A_m2=0.8), title="Dipoles")
 
 
 def dark(path):
@@ -59,8 +49,8 @@ def test_both_pictures_are_written_beside_the_map(six_map):
 
 
 @pytest.mark.parametrize("has_device", [True, False])
-def test_a_map_without_a_payload_shows_its_field(circle_of_six, dipole_map, tmp_path, recorded, has_device):
-    path = dipole_map(circle_of_six, tmp_path / "bare.h5", recorded[0] if has_device else "")
+def test_a_map_without_a_payload_shows_its_field(circle_of_six, dipole_map, tmp_path, rig, has_device):
+    path = dipole_map(circle_of_six, tmp_path / "bare.h5", rig() if has_device else "")
     figure, scene = save_map_pictures(summarise_map(path))
     assert dark(figure.path) > 0.1
     # What records no device cannot be drawn in space.

@@ -8,11 +8,10 @@ from PIL import Image
 import fieldmap
 from fieldmap.cli import main
 from fieldmap.plot.animation import TIME, body_parts, outline, save_animation
-from fieldmap.plot.rendering import can_render
 from fieldmap.plot.shown import ShownRun
 from fieldmap.store import RunRecord, is_run_file, write_runs
+from tests.plot.conftest import needs_opengl
 
-needs_opengl = pytest.mark.skipif(not can_render(), reason="no OpenGL on this machine")
 TIMES = np.linspace(0.0, 30.0, 301)
 WINDOW = (320, 192)
 

@@ -3,7 +3,6 @@
 import shutil
 import subprocess
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,20 +11,17 @@ import pyvista as pv
 import fieldmap
 from fieldmap.cli import main
 from fieldmap.errors import InputError
-from fieldmap.field import FixedCurrents
 from fieldmap.levitation import EquilibriumSurface, ReachableSet, zonotope
 from fieldmap.plot.device_drawing import FLUX
 from fieldmap.plot.field_scenes import IRON_FLUX, field_lines, iron_elements, sampled
 from fieldmap.plot.forces import LEVEL, magnetic_force, places_in_box, shift_surface
-from fieldmap.plot.gather import FieldDifference, check_same_coils, common_box, shown_mesh
+from fieldmap.plot.gather import shown_mesh
 from fieldmap.plot.places import box_grid
-from fieldmap.plot.rendering import can_render
 from fieldmap.plot.scales import colour_bar, colour_bar_by_decades
 from fieldmap.plot.scenes import SCENES, axes_of, make_scene, save_scene
 from fieldmap.plot.shown import Shown, ShownRun
-from tests.plot.conftest import Harmonic, pixels_of
+from tests.plot.conftest import Harmonic, needs_opengl, pixels_of
 
-needs_opengl = pytest.mark.skipif(not can_render(), reason="no OpenGL on this machine")
 LOWER, UPPER = np.array([-0.004, -0.004, -0.020]), np.array([0.004, 0.004, -0.012])
 
 
@@ -211,26 +207,6 @@ def test_the_surface_of_rest_holds_signals_places_and_currents():
     np.testing.assert_allclose(height, 0.2 * x, atol=1e-6)  # mm over %
     np.testing.assert_allclose(surface[LEVEL], 1.5 + 0.01 * y, rtol=1e-6)
     assert axes_of("shift", "y", Shown("")) == ("x signal, %", "y signal, %", "y, mm")
-
-
-def test_a_difference_is_that_of_both_fields_in_the_box_they_share():
-    points, amperes = np.array([[0.01, 0.0, -0.02]]), np.array([2.0])
-    first = FixedCurrents(QUADRATIC, amperes)
-    second = SimpleNamespace(
-        field=lambda points: np.ones((len(points), 3)),
-        gradient=lambda points: np.zeros((len(points), 3, 3)),
-    )
-    difference = FieldDifference(first, second)
-    np.testing.assert_allclose(difference.field(points), first.field(points) - 1.0)
-    np.testing.assert_allclose(difference.gradient(points), first.gradient(points))
-    np.testing.assert_array_equal(difference.currents, amperes)
-    box = (np.array([-1.0, -1.0, -2.0]), np.array([1.0, 1.0, -1.0]))
-    lower, upper = common_box(box, (box[0] + 0.5, box[1] + 0.5), ("a", "b"))
-    np.testing.assert_allclose((lower, upper), (box[0] + 0.5, box[1]))
-    with pytest.raises(InputError, match="share"):
-        common_box(box, (box[0] + [0, 0, 1], box[1] + [0, 0, 1]), ("a", "b"))
-    with pytest.raises(InputError, match="same coils"):
-        check_same_coils(("1", "2"), ("2", "1"), ("a", "b"))
 
 
 @needs_opengl

@@ -11,10 +11,9 @@ from matplotlib.image import imread
 
 from fieldmap.errors import InputError
 from fieldmap.plot import style
-from fieldmap.plot.rendering import can_render
 from fieldmap.plot.style import COLOURS, DARK_INK, DARK_PAPER, INK, dark_colour, dark_path, save_figure
+from tests.plot.conftest import needs_opengl
 
-needs_opengl = pytest.mark.skipif(not can_render(), reason="no OpenGL on this machine")
 # G. M. Machado, M. M. Oliveira, L. A. F. Fernandes, "A physiologically-based model for simulation of color vision
 # deficiency", IEEE Trans. Vis. Comput. Graph. 15 (2009) 1291: severity 1, linear RGB.
 SEEN = {
