@@ -6,8 +6,9 @@ import json
 import re
 import zipfile
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import pyvista as pv
@@ -23,7 +24,7 @@ from fieldmap.plot.scales import MILLIMETRES, add_rulers, add_words
 from fieldmap.plot.shown import Shown
 from fieldmap.plot.solids import box_edges, extent
 from fieldmap.plot.style import INK, save_screenshot
-from fieldmap.records import tuple_line
+from fieldmap.records import Record
 from fieldmap.store.whole_files import write_whole
 
 WINDOW = (1500, 1200)
@@ -43,7 +44,8 @@ def _lines(scene: pv.Plotter, shown: Shown, _: str) -> None:
     field_scenes.add_field_lines(scene, shown, _)
 
 
-class Scene(NamedTuple):
+@dataclass(frozen=True, repr=False)
+class Scene(Record):
     """What draws a scene, and what it needs of `Shown`.
 
     quantities: of which it shows one, the first unless told. legend: what arrows and lines mean, where the first
@@ -55,7 +57,6 @@ class Scene(NamedTuple):
     legend: str = ""
     quantities: tuple[str, ...] = tuple(field_scenes.QUANTITIES)
     boxed: bool = True
-    __repr__ = tuple_line
 
 
 _ARROWS_OF_FORCE = "arrows: force on the magnet, whose centre lies in their middle"
