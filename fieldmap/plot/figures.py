@@ -161,9 +161,11 @@ def _group_name(group: Sequence[Series]) -> str:
 
 def _end(series: Series) -> tuple[float, float]:
     """The known point of largest x, NaN without one."""
-    known = np.isfinite(series.x) & np.isfinite(series.y)
-    last = np.argmax(np.where(known, series.x, -np.inf))
-    return (float(series.x[last]), float(series.y[last])) if known.any() else (np.nan, np.nan)
+    known = np.flatnonzero(np.isfinite(series.x) & np.isfinite(series.y))
+    if not known.size:
+        return np.nan, np.nan
+    last = known[int(np.argmax(series.x[known]))]
+    return float(series.x[last]), float(series.y[last])
 
 
 def spread(heights: Array, least: float) -> Array:
