@@ -11,6 +11,7 @@ from fieldmap.extras import require
 from fieldmap.plot.live_window import LEGEND, LiveWindow
 
 WHERE = "fieldmap app --web"
+_SMALL: dict[str, Any] = {"density": "compact", "hide_details": True}
 
 
 class LivePage:
@@ -23,8 +24,6 @@ class LivePage:
 
     def __init__(self, window: LiveWindow, title: str, name: str = "fieldmap") -> None:
         app = require("trame.app", "web", WHERE)
-        require("trame.widgets.vuetify3", "web", WHERE)
-        require("trame.widgets.vtk", "web", WHERE)
         self.window, self.title, self.model = window, title, window.live
         self.server = app.get_server(name, client_type="vue3")
         self._view: Any = None
@@ -86,10 +85,8 @@ class LivePage:
         self.server.state.update({"values": values, "saved": saved} | self.model.words)
 
     def _build(self) -> None:
-        layouts = require("trame.ui.vuetify3", "web", WHERE)
-        v3 = require("trame.widgets.vuetify3", "web", WHERE)
-        vtk = require("trame.widgets.vtk", "web", WHERE)
-        html = require("trame.widgets.html", "web", WHERE)
+        parts = ("ui.vuetify3", "widgets.vuetify3", "widgets.vtk", "widgets.html")
+        layouts, v3, vtk, html = (require(f"trame.{part}", "web", WHERE) for part in parts)
         with layouts.VAppLayout(self.server) as layout:
             layout.root.theme = "light"
             with v3.VContainer(fluid=True, classes="pa-2"), v3.VRow(no_gutters=True):
@@ -118,27 +115,17 @@ class LivePage:
                 min=control.lower,
                 max=control.upper,
                 step=(control.upper - control.lower) / 200,
-                density="compact",
-                hide_details=True,
                 id=f"slider{k}",
+                **_SMALL,
             )
 
     def _add_states(self, v3: Any, html: Any) -> None:
         v3.VBtn("Reset", click=self.reset, id="reset", size="small", classes="my-2")
         with v3.VRow(dense=True):
-            v3.VTextField(
-                v_model=("name",), label="name of a state", density="compact", hide_details=True, id="name"
-            )
+            v3.VTextField(v_model=("name",), label="name of a state", id="name", **_SMALL)
             v3.VBtn("Save", click=self.save, id="save", size="small", classes="ma-2")
         with v3.VRow(dense=True):
-            v3.VSelect(
-                v_model=("chosen",),
-                items=("saved",),
-                label="saved states",
-                density="compact",
-                hide_details=True,
-                id="states",
-            )
+            v3.VSelect(v_model=("chosen",), items=("saved",), label="saved states", id="states", **_SMALL)
             v3.VBtn("Restore", click=self.restore, id="restore", size="small", classes="ma-2")
         html.Div("{{ problem }}", id="problem", classes="text-error")
 
