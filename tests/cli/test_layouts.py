@@ -216,38 +216,16 @@ def test_equilibrium_of_states(printed, golden, monkeypatch):
     golden("equilibrium_of_states", printed("equilibrium", "thin_loop.toml", "--height-mm", "-87"))
 
 
-REPORT = SolverReport(
-    form="potential",
-    tetrahedra=12345,
-    surface_faces=2468,
-    charged_faces=2000,
-    unknowns=9876,
-    magnetic_bodies=2,
-    iterations=17,
-    residual=1.25e-4,
-    matrix_bytes=43_000_000,
-    seconds={"mesh": 1.25, "solve": 3.5},
-    assumptions=("no current flows in the iron", "no remanence"),
-    symmetry="mirror x = 0, used: 2 dense blocks",
-    storage="dense",
-    error=ErrorEstimate(0.012, 0.034, (0.0056, 0.0078), (0.0091, 0.011)),
-    refinement=((1234, 0.05), (2468, 0.012)),
-)
+REPORT = tomllib.loads((FILES / "solver_report.toml").read_text())
+ERROR = ErrorEstimate(0.012, 0.034, (0.0056, 0.0078), (0.0091, 0.011))
 
 
 def solution_of(device, nonlinear):
     """A made-up summary, whose numbers all differ."""
     at = np.array([0.001, 0.002, -0.014])
     gradient = np.arange(1.0, 10.0).reshape(3, 3) / 100.0
-    report = REPORT
-    if nonlinear:
-        law = {
-            "largest_flux_density": 1.98,
-            "beyond_table": 2469,
-            "below_table": 0,
-            "continuation": (0.25, 0.5),
-        }
-        report = SolverReport(**{**vars(REPORT), **law, "error": None, "refinement": ()})
+    law = REPORT["state"] if nonlinear else REPORT["linear"] | {"error": ERROR}
+    report = SolverReport(**REPORT["report"], **law)
     values = {"at": at, "currents": np.array([1.0, 0.0, 0.0]), "source": "a closed form"}
     other = {"ours": None, "deviation": None, "tolerance": None}
     references = (
