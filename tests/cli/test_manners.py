@@ -1,5 +1,6 @@
 """What every command shares: exit codes, help, examples, lists of numbers, options anywhere, a log, completion."""
 
+import inspect
 import json
 import os
 import re
@@ -14,6 +15,7 @@ from fieldmap.cli import common_first
 from fieldmap.cli.application import COMMANDS, FIRST_STEPS, application, described
 from fieldmap.cli.arguments import join_lists, parse_currents
 from fieldmap.cli.messages import LOG
+from fieldmap.cli.options import SHARED_HELP, helps
 from fieldmap.errors import InputError
 from fieldmap.plot.rendering import can_render
 
@@ -23,6 +25,16 @@ REPOSITORY = Path(__file__).parents[2]
 def test_no_balance_ends_with_1(command, machine):
     code, _, err = command("equilibrium --currents 0.001", machine.map)
     assert (code, err.count("\nremedy ")) == (1, 1)
+
+
+def test_every_parameter_has_a_help_and_every_help_a_parameter():
+    used = set()
+    for name, command in application().commands.items():
+        assert all(parameter.help for parameter in command.params), name
+        parameters = {parameter.name for parameter in command.params}
+        assert helps(inspect.getdoc(COMMANDS[name].call)).keys() <= parameters, name
+        used |= parameters
+    assert SHARED_HELP.keys() <= used
 
 
 EXAMPLES = [described(entry.call)[1].removeprefix("Example: ") for entry in COMMANDS.values()]
