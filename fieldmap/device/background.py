@@ -114,6 +114,7 @@ class Background(Made):
     ] = ()
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         given = (self.sources,) if isinstance(self.sources, AirSource) else tuple(self.sources)
         object.__setattr__(self, "sources", given)
 

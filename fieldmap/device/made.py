@@ -3,9 +3,9 @@
 import dataclasses
 import inspect
 import re
-from abc import ABCMeta
+from abc import ABC
 from functools import cache
-from typing import Annotated, Any, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, Self, get_args, get_origin, get_type_hints
 
 import numpy as np
 
@@ -15,67 +15,77 @@ from fieldmap.inputs.findings import closest
 from fieldmap.records import Record
 from fieldmap.typing import Array
 
-_ARRAYS = (Array, Array | None)
 
+class _PlainSignature:
+    """What `help` and editors show of a class: what a file says of a field is no business of callers."""
 
-class _TellsWrongArguments(ABCMeta):
-    """Calls of a data class with arguments that it does not have, or without those that it needs: InputError."""
-
-    def __call__(cls, *arguments: Any, **named: Any) -> Any:
-        try:
-            made = super().__call__(*arguments, **named)
-            _take_arrays(made)
-            return made
-        except TypeError as error:
-            problems = _problems(cls, arguments, named) if dataclasses.is_dataclass(cls) else []
-            if not problems:
-                raise
-            raise InputError(*problems) from error
-
-    @property
-    def __signature__(cls) -> inspect.Signature:
-        """What `help` and editors show: the arguments of the data class, not of the check in front of it."""
+    def __get__(self, _: object, cls: type) -> inspect.Signature:
         whole = inspect.signature(cls.__init__)  # type: ignore[misc]
-        # Plain types: what a file says of a field is no business of callers.
         types = get_type_hints(cls, include_extras=True)
-        own = [
-            one.replace(annotation=_in_short(get_args(types[name])[0]))
-            if get_origin(types.get(name)) is Annotated
-            else one
-            for name, one in list(whole.parameters.items())[1:]
-        ]
-        return whole.replace(parameters=own, return_annotation=inspect.Signature.empty)
+        return inspect.Signature(
+            [
+                # Classes of this package without their modules.
+                one.replace(
+                    annotation=re.sub(
+                        r"fieldmap\.[\w.]*\.", "", inspect.formatannotation(get_args(types[name])[0])
+                    )
+                )
+                if get_origin(types.get(name)) is Annotated
+                else one
+                for name, one in list(whole.parameters.items())[1:]
+            ]
+        )
 
 
-def _in_short(kind: Any) -> str:
-    """A type as people write it: classes of this package without their modules."""
-    return re.sub(r"fieldmap\.[\w.]*\.", "", inspect.formatannotation(kind))
+class Made(Record, ABC):
+    """A part of a machine, or the machine.
 
+    >>> @dataclasses.dataclass(frozen=True, repr=False)
+    ... class Ball(Made):
+    ...     radius: float
+    >>> Ball(raduis=0.01)
+    Traceback (most recent call last):
+    fieldmap.errors.InputError: Ball.raduis: known keys here are radius; received the unknown key "raduis"; ...
+    """
 
-def _take_arrays(made: Any) -> None:
-    """Lists and tuples in the place of arrays become arrays that nobody changes, where they are numbers."""
-    for name in _arrays_of(type(made)):  # type: ignore[arg-type]
-        value = getattr(made, name)
-        if not isinstance(value, list | tuple):
-            continue
-        try:
-            array = np.array(value, dtype=np.float64)
-        except (TypeError, ValueError, OverflowError):
-            continue  # told when a device is made of it
-        array.setflags(write=False)
-        object.__setattr__(made, name, array)
+    __signature__ = _PlainSignature()
+
+    def __new__(cls, *arguments: Any, **named: Any) -> Self:
+        """Raises InputError for arguments that the data class does not have, and without those that it needs."""
+        problems = _problems(cls, arguments, named) if dataclasses.is_dataclass(cls) else []
+        if problems:
+            raise InputError(*problems)
+        return super().__new__(cls)
+
+    def __reduce_ex__(self, protocol: Any) -> Any:
+        # Of the protocols the one that makes an object without `__new__`, which asks for arguments.
+        return super().__reduce_ex__(1)
+
+    def __post_init__(self) -> None:
+        """Lists and tuples in the place of arrays become arrays that nobody changes, where they are numbers."""
+        for name in _arrays_of(type(self)):
+            value = getattr(self, name)
+            if not isinstance(value, list | tuple):
+                continue
+            try:
+                array = np.array(value, dtype=np.float64)
+            except (TypeError, ValueError, OverflowError):
+                continue  # told when a device is made of it
+            array.setflags(write=False)
+            object.__setattr__(self, name, array)
 
 
 @cache
 def _arrays_of(cls: type[Any]) -> tuple[str, ...]:
     hints = get_type_hints(cls)
-    return tuple(field.name for field in dataclasses.fields(cls) if hints[field.name] in _ARRAYS)
+    return tuple(
+        field.name for field in dataclasses.fields(cls) if hints[field.name] in (Array, Array | None)
+    )
 
 
 def _problems(cls: type, arguments: tuple[Any, ...], named: dict[str, Any]) -> list[Problem]:
-    fields = [field for field in dataclasses.fields(cls) if field.init]
-    names = [field.name for field in fields]
-    found = []
+    fields = [field for field in dataclasses.fields(cls) if field.init]  # type: ignore[arg-type]
+    names, found = [field.name for field in fields], []
     for name in named:
         if name not in names:
             guess = closest(name, names)
@@ -88,21 +98,8 @@ def _problems(cls: type, arguments: tuple[Any, ...], named: dict[str, Any]) -> l
         must_hold = f"takes {len(names)} values: {', '.join(names)}"
         found.append(Problem(cls.__name__, must_hold, f"{len(arguments)} values", "remove what is too much"))
     for field in fields[len(arguments) :]:
-        given = field.name in named
         optional = (field.default, field.default_factory) != (dataclasses.MISSING, dataclasses.MISSING)
-        if not given and not optional:
+        if field.name not in named and not optional:
             place = f"{cls.__name__}.{field.name}"
             found.append(Problem(place, REQUIRED, "nothing", f"add {field.name}"))
     return found
-
-
-class Made(Record, metaclass=_TellsWrongArguments):
-    """A part of a machine, or the machine.
-
-    >>> @dataclasses.dataclass(frozen=True, repr=False)
-    ... class Ball(Made):
-    ...     radius: float
-    >>> Ball(raduis=0.01)
-    Traceback (most recent call last):
-    fieldmap.errors.InputError: Ball.raduis: known keys here are radius; received the unknown key "raduis"; ...
-    """

@@ -175,6 +175,7 @@ class BHTable(SaturatingMaterial):
     coercive_field: CoerciveField = 0.0
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if self.initial_mu_r == 0.0:
             with contextlib.suppress(TypeError, ValueError, LookupError, ArithmeticError):
                 object.__setattr__(self, "initial_mu_r", float(self.b[0] / (MU0 * self.h[0])))
