@@ -1,7 +1,8 @@
-"""Extension of the API reference: lines of a docstring that begin with >>> become code blocks.
+"""Extension of the API reference: lines of a docstring that begin with >>> become code blocks, and types stand alone.
 
 The docstrings are plain prose with doctest examples at their end; Markdown alone would read ">>>" as a quotation.
-Doctest flags are left out. Loaded by mkdocs.yml.
+Doctest flags are left out. Of `Annotated[float, Key(...)]` readers want the type; how a file states the field stands on
+the pages of keys. Loaded by mkdocs.yml.
 """
 
 import re
@@ -14,12 +15,33 @@ _FLAG = re.compile(r"\s*# doctest:.*$")
 
 
 class DocstringExamples(griffe.Extension):
-    """Fences the doctest examples of every object that is loaded."""
+    """Fences the doctest examples of every object that is loaded, and shows plain types of attributes."""
 
     def on_object(self, *, obj: griffe.Object, **_: Any) -> None:
         """Called for each object of the package."""
         if obj.docstring is not None:
             obj.docstring.value = fenced(obj.docstring.value)
+
+    def on_package(self, *, pkg: griffe.Module, **_: Any) -> None:
+        """Called before the fields of data classes become signatures, when aliases of types are known."""
+        modules = [pkg]
+        while modules:
+            module = modules.pop()
+            modules += module.modules.values()
+            for field in (one for each in module.classes.values() for one in each.attributes.values()):
+                if not field.is_alias:
+                    field.annotation = plain_type(field.annotation, pkg)
+
+
+def plain_type(annotation: Any, package: griffe.Module) -> Any:
+    """The type in an `Annotated[...]` or in a name that stands for one; any other annotation as it is."""
+    meant = annotation
+    path = annotation.canonical_path if isinstance(annotation, griffe.ExprName) else ""
+    if path.startswith(f"{package.name}.") and package[path.partition(".")[2]].is_attribute:
+        meant = package[path.partition(".")[2]].value
+    if isinstance(meant, griffe.ExprSubscript) and meant.canonical_path == "typing.Annotated":
+        return next(iter(meant.slice.elements))  # type: ignore[union-attr]
+    return annotation
 
 
 def fenced(text: str) -> str:

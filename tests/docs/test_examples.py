@@ -123,12 +123,19 @@ def test_python_blocks_are_python(path: Path):
         compile(code, named(path), "exec")
 
 
-def test_examples_of_docstrings_become_blocks(monkeypatch):
-    pytest.importorskip("griffe")
+def test_examples_of_docstrings_become_blocks_and_fields_show_their_types(monkeypatch):
+    griffe = pytest.importorskip("griffe")
     monkeypatch.syspath_prepend(str(ROOT / "scripts" / "dev"))
-    from docstring_examples import fenced
+    from docstring_examples import DocstringExamples, fenced
 
     text = "What.\n\n>>> f(1)  # doctest: +SKIP\n2\n\nMore."
     assert fenced(text) == "What.\n\n```pycon\n>>> f(1)\n2\n```\n\nMore."
     assert fenced("No example.") == "No example."
+    start = "from dataclasses import dataclass\nfrom typing import Annotated\n"
+    box = "from made.a import Width\n@dataclass\nclass Box:\n    width: Width\n name: Annotated[str, 3]\n"
+    code = {"a.py": f"{start}Width = Annotated[float, 3]\n", "b.py": start + box}
+    with griffe.temporary_pypackage("made", code) as package:
+        extensions = griffe.load_extensions(DocstringExamples())
+        loaded = griffe.load("made", search_paths=[package.tmpdir], extensions=extensions)
+    assert [str(one.annotation) for one in loaded["b.Box"].parameters][1:] == ["float", "str"]
     sys.modules.pop("docstring_examples")
