@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fieldmap.constants import MU0
-from fieldmap.device.air_sources import OTHER, AirSource
+from fieldmap.device.air_sources import NEEDS, OTHER, AirSource
 from fieldmap.device.tetrahedra import OUTWARD
 from fieldmap.errors import InputError
 from fieldmap.extras import needs
@@ -57,13 +57,20 @@ def _local(source: AirSource, points: Array) -> tuple[Array, Array]:
 
 
 _None = np.zeros((0, 3, 3))
+_LOOP = loop_flux_density, loop_flux_density_and_gradient
+_SHEET = sheet_flux_density, sheet_flux_density_and_gradient
+_TRIANGLES = triangles_field, triangles_field_and_gradient
+
+
+def _by(
+    kernels: tuple[Callable[..., Array], Callable[..., Any]], both: bool, *what: Any
+) -> tuple[Array, Array]:
+    """Field and gradient by a pair of kernels: of the field alone, and of both."""
+    return kernels[1](*what) if both else (kernels[0](*what), _None)
 
 
 def _circle(source: AirSource, points: Array, both: bool) -> tuple[Array, Array]:
-    radius = 0.5 * source.diameter  # type: ignore[operator]
-    if not both:
-        return source.amperes * loop_flux_density(points, radius), _None
-    field, gradient = loop_flux_density_and_gradient(points, radius)
+    field, gradient = _by(_LOOP, both, points, 0.5 * source.diameter)  # type: ignore[operator]
     return source.amperes * field, source.amperes * gradient
 
 
@@ -142,13 +149,9 @@ def _sheet(source: AirSource, points: Array, both: bool) -> tuple[Array, Array]:
     on_sheet = _on_triangles(points, corners, normals)
     for axis in range(3):
         charge = np.ascontiguousarray(MU0 * density[:, axis] / (4 * np.pi))
-        unit = np.eye(3)[axis]
-        if both:
-            e, slope = triangles_field_and_gradient(points, corners, normals, charge)
-            gradient += np.cross(unit, slope, axisb=1, axisc=1)
-        else:
-            e = triangles_field(points, corners, normals, charge)
-        field += np.cross(unit, e)
+        e, slope = _by(_TRIANGLES, both, points, corners, normals, charge)
+        field += np.cross(np.eye(3)[axis], e)
+        gradient += np.cross(np.eye(3)[axis], slope, axisb=1, axisc=1)
     field[on_sheet] = 0.0
     if both:
         gradient[on_sheet] = 0.0
@@ -199,16 +202,13 @@ def _charged(source: AirSource, points: Array, both: bool) -> tuple[Array, Array
     normals = _normals(corners)
     polarisation = np.asarray(source.polarization, dtype=float)
     charge = np.ascontiguousarray(normals @ polarisation / (4 * np.pi))
-    if both:
-        field, gradient = triangles_field_and_gradient(points, corners, normals, charge)
-    else:
-        field, gradient = triangles_field(points, corners, normals, charge), _None
+    field, gradient = _by(_TRIANGLES, both, points, corners, normals, charge)
     if source.kind != "Triangle":
         field[_inside(points, corners)] += polarisation
     return field, gradient
 
 
-def _inside(points: Array, corners: Array) -> Array:
+def _inside(points: Array, corners: Array) -> NDArray[np.bool_]:
     """Whether points (n, 3) lie inside a closed surface (m, 3, 3): solid angle 4 pi, not 0."""
     lower, upper = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
     inside = ((points > lower) & (points < upper)).all(axis=1)
@@ -244,10 +244,6 @@ def _dipole_of(moment: Array, points: Array, both: bool) -> tuple[Array, Array]:
         return field, 3 * size[:, :, None] / r2 * bracket
 
 
-def _dipole(source: AirSource, points: Array, both: bool) -> tuple[Array, Array]:
-    return _dipole_of(MU0 * np.asarray(source.moment, dtype=float), points, both)
-
-
 def _sphere(source: AirSource, points: Array, both: bool) -> tuple[Array, Array]:
     radius = 0.5 * source.diameter  # type: ignore[operator]
     polarisation = np.asarray(source.polarization, dtype=float)
@@ -265,9 +261,7 @@ def _cylinder(source: AirSource, points: Array, both: bool) -> tuple[Array, Arra
         return _by_magpylib(source, points, both)
     diameter, height = np.asarray(source.dimension, dtype=float)
     turns = polarisation[2] * height / MU0
-    if not both:
-        return turns * sheet_flux_density(points, 0.5 * diameter, height), _None
-    field, gradient = sheet_flux_density_and_gradient(points, 0.5 * diameter, height)
+    field, gradient = _by(_SHEET, both, points, 0.5 * diameter, height)
     return turns * field, turns * gradient
 
 
@@ -280,23 +274,11 @@ def magpylib_object(source: AirSource) -> Any:
         return source.live
     with needs("make", f"the field of a {source.kind}"):
         import magpylib
-    values = {name: getattr(source, name) for name in _VALUES if getattr(source, name) is not None}
-    if source.kind == "CylinderSegment":
-        values["dimension"] = (*source.dimension, *source.angles)  # type: ignore[misc]
+    values = {name: getattr(source, name) for name in NEEDS[source.kind]}
+    if "angles" in values:
+        values["dimension"] = (*values["dimension"], *values.pop("angles"))
     module = next(m for m in (magpylib.magnet, magpylib.current, magpylib.misc) if hasattr(m, source.kind))
     return getattr(module, source.kind)(**values)
-
-
-_VALUES = (
-    "current",
-    "diameter",
-    "dimension",
-    "vertices",
-    "faces",
-    "current_densities",
-    "polarization",
-    "moment",
-)
 
 
 def _by_magpylib(source: AirSource, points: Array, both: bool) -> tuple[Array, Array]:
@@ -338,6 +320,6 @@ _FIELDS: dict[str, _Fields] = {
     "TriangularMesh": _charged,
     "Triangle": _charged,
     "Sphere": _sphere,
-    "Dipole": _dipole,
+    "Dipole": lambda source, points, both: _dipole_of(MU0 * np.asarray(source.moment), points, both),
     "Cylinder": _cylinder,
 }

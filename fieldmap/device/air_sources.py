@@ -16,7 +16,7 @@ from fieldmap.inputs.declared import Key, table_of
 from fieldmap.inputs.tables import Length, NotNegative, Point, Vector, broken
 from fieldmap.typing import Array, Index
 
-_NEEDS: dict[str, tuple[str, ...]] = {
+NEEDS: dict[str, tuple[str, ...]] = {
     "Circle": ("diameter", "current"),
     "Polyline": ("vertices", "current"),
     "TriangleStrip": ("vertices", "current"),
@@ -32,7 +32,7 @@ _NEEDS: dict[str, tuple[str, ...]] = {
 }
 """What each kind of source is made of, by magpylib's names."""
 
-_KIND: Any = Literal.__getitem__(tuple(_NEEDS))
+_KIND: Any = Literal.__getitem__(tuple(NEEDS))
 
 CURRENTS = ("Circle", "Polyline", "TriangleStrip", "TriangleSheet")
 OTHER = "other"
@@ -111,7 +111,7 @@ class AirSource(Made):
 
 
 _KEYS: Any = table_of(AirSource, beside={"placement": PLACEMENT})
-_NAMES = {attribute: key for key, (attribute, _, _) in _KEYS.declared.items() if attribute != "kind"}
+_NAMES = {one.attribute: key for key, one in _KEYS.declared.items() if one.attribute != "kind"}
 
 
 class AirSourceKeys(_KEYS):
@@ -119,7 +119,7 @@ class AirSourceKeys(_KEYS):
 
     @model_validator(mode="after")
     def _of_its_kind(self) -> "AirSourceKeys":
-        needed = _NEEDS[self.type]
+        needed = NEEDS[self.type]
         given = [name for name in _NAMES if getattr(self, _NAMES[name]) is not None]
         missing = [_NAMES[name] for name in needed if name not in given]
         extra = [_NAMES[name] for name in given if name not in needed]

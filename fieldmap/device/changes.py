@@ -12,7 +12,7 @@ from fieldmap.device.cross_checks import all_paths
 from fieldmap.device.expansion import expand
 from fieldmap.errors import DeviceFileError
 from fieldmap.inputs.document import Document
-from fieldmap.inputs.findings import Finding, closest, shown
+from fieldmap.inputs.findings import Finding, meant, shown
 from fieldmap.inputs.key_paths import Location, matches, value_at
 
 Settings = Iterable[tuple[str, Any]]
@@ -70,9 +70,8 @@ def key_finding(location: Location, key: str, document: Document, arrays: bool =
     at = matches(document.data, key)
     if at and all(_is_value(value_at(document.data, place), arrays) for place in at):
         return None
-    guess = closest(key, [path for path in all_paths(document.data) if path != key])
-    remedy = "write the key into the device file, with a value to begin with"
-    remedy = f'did you mean "{guess}"?' if guess else remedy
+    others = [path for path in all_paths(document.data) if path != key]
+    remedy = meant(key, others, "write the key into the device file, with a value to begin with")
     received = shown(key) + (", a table" if at and arrays else ", an array or a table" if at else "")
     must_hold = f"must be a key with {'a' if arrays else 'one'} value in {document.path.name}"
     return Finding(location, must_hold, received, remedy)

@@ -10,7 +10,7 @@ from typing import Any
 
 from fieldmap.device.materials import keys_of_table
 from fieldmap.device.shapes import SHAPE_KEYS, ShapeOfFile
-from fieldmap.inputs.findings import Finding, closest, one_of, shown
+from fieldmap.inputs.findings import Finding, meant, one_of, shown
 from fieldmap.inputs.key_paths import dotted, matches, tables
 from fieldmap.records import count_of
 from fieldmap.shipped import is_file
@@ -47,8 +47,7 @@ def _unknown_materials(data: dict[str, Any]) -> Iterator[Finding]:
         if isinstance(name, str) and name not in known:
             unknown.setdefault(name, []).append((*location, "material"))
     for name, places in unknown.items():
-        guess = closest(name, known)
-        remedy = f'did you mean "{guess}"?' if guess else f"add a [material.{name}] table"
+        remedy = meant(name, known, f"add a [material.{name}] table")
         allowed = f"material must be one of the file's materials: {one_of(known) or 'there are none'}"
         others = (
             f", here and in {count_of(len(places) - 1, 'more body', 'more bodies')}" if places[1:] else ""
@@ -85,8 +84,7 @@ def _names_of_no_body(data: dict[str, Any], array: str, key: str, patterns: bool
                 continue
             if patterns and any(fnmatchcase(one, name) for one in known):
                 continue
-            guess = closest(name, known)
-            remedy = f'did you mean "{guess}"?' if guess else "name a [[body]] of this file"
+            remedy = meant(name, known, "name a [[body]] of this file")
             must = "must name bodies" if patterns else "must be bodies"
             allowed = f"{key} {must} of the file: {one_of(known) or 'there are none'}"
             yield Finding((*location, key, k), allowed, shown(name), remedy)
@@ -113,8 +111,7 @@ def _sources_of_nothing(data: dict[str, Any], missing: set[str]) -> Iterator[Fin
     for path, text in provenance.items():
         if isinstance(text, str) and path not in missing and not matches(data, path):
             paths = all_paths(data) if paths is None else paths
-            guess = closest(path, paths)
-            remedy = f'did you mean "{guess}"?' if guess else "correct the path or remove the line"
+            remedy = meant(path, paths, "correct the path or remove the line")
             yield Finding(("provenance", path), "the key path must exist in this file", shown(path), remedy)
 
 

@@ -28,7 +28,7 @@ def small_picture(bodies: tuple[Body, ...], coils: tuple[Coil, ...]) -> str:
     Outlines are convex: bores and notches are not seen. Bodies from STEP files are left out.
     """
     things = [(_IRON, points) for body in bodies for points in map(part_points, body.parts) if len(points)]
-    things += [(_COPPER, coil_points(coil)) for coil in coils]
+    things += [(_COPPER, winding_outline(coil).points) for coil in coils]
     try:
         return _two_views(things) if things else ""
     except MissingExtraError:
@@ -68,7 +68,11 @@ class Outline(Record):
 def winding_outline(coil: Coil) -> Outline:
     """The surface of a winding; filaments as thin tubes, sheets as they are."""
     if not coil.has_winding:
-        return _filaments_outline(coil)
+        parts = [source_outline(source) for source in coil.filaments]
+        shifts = np.cumsum([0, *(len(part.points) for part in parts)])
+        triangles = [part.triangles + shift for part, shift in zip(parts, shifts, strict=False)]
+        points = coil.placement.to_device(np.concatenate([part.points for part in parts]))
+        return Outline(coil.name, "coil", points, np.concatenate(triangles))
     path = coil.winding()
     pieces = path.outline(0.0, ROUND)
     line, normal = (np.concatenate([piece[k] for piece in pieces]) for k in range(2))
@@ -83,14 +87,6 @@ def winding_outline(coil: Coil) -> Outline:
         np.stack(three, axis=-1).reshape(-1, 3) for three in ((index, ahead, corner), (index, corner, beside))
     ]
     return Outline(coil.name, "coil", coil.placement.to_device(local), np.concatenate(halves))
-
-
-def _filaments_outline(coil: Coil) -> Outline:
-    parts = [source_outline(source) for source in coil.filaments]
-    shifts = np.cumsum([0, *(len(part.points) for part in parts)])
-    triangles = [part.triangles + shift for part, shift in zip(parts, shifts, strict=False)]
-    points = np.concatenate([part.points for part in parts])
-    return Outline(coil.name, "coil", coil.placement.to_device(points), np.concatenate(triangles))
 
 
 def source_outline(source: AirSource) -> Outline:
@@ -175,18 +171,6 @@ def part_points(part: Part) -> Array:
     if part.operation != "add":
         return np.zeros((0, 3))
     return part.placement.to_device(part.shape.hull())
-
-
-def coil_points(coil: Coil) -> Array:
-    """Points (n, 3), m, of the outer edges of a winding."""
-    if not coil.has_winding:
-        return winding_outline(coil).points
-    path = coil.winding()
-    edge = np.concatenate([points for points, _ in path.outline(path.turning * path.thickness / 2, ROUND)])
-    local = np.concatenate(
-        [np.column_stack([edge, np.full(len(edge), z)]) for z in (-path.height / 2, path.height / 2)]
-    )
-    return coil.placement.to_device(local)
 
 
 def _hull_triangles(points: Array) -> Index:

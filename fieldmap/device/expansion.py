@@ -6,22 +6,24 @@ that what is wrong in the fifth copy of a table is told at the line of that tabl
 
 import copy
 import os
+import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
-from fieldmap.device.coils import COIL_KEYS, Coil
+from fieldmap.device.coils import COIL_KEYS
 from fieldmap.device.patterns import Image, Place, Repeat
 from fieldmap.device.placement import MOST_COPIES
-from fieldmap.device.shapes import SHAPE_KEYS, Shape
+from fieldmap.device.shapes import SHAPE_KEYS
 from fieldmap.errors import DeviceFileError, InputError, Problem
 from fieldmap.inputs.declared import record_of
 from fieldmap.inputs.document import Document, parse, schema_findings
 from fieldmap.inputs.expressions import ExpressionError, Value, evaluate, is_expression
 from fieldmap.inputs.findings import Finding, one_of, shown
-from fieldmap.inputs.key_paths import Location, matches
+from fieldmap.inputs.key_paths import Location, matches, value_at
+from fieldmap.inputs.tables import is_number
 from fieldmap.inputs.writing import Writing
 from fieldmap.shipped import is_file, shipped_file
 
@@ -35,6 +37,7 @@ MOST_TABLES = 5000
 MOST_STEPS = 50
 Table = dict[str, Any]
 Names = Mapping[str, Value]
+Texts = dict[Location, str]
 _Pattern = TypeVar("_Pattern", Repeat, Image)
 
 
@@ -84,7 +87,6 @@ def _layers(document: Document, problems: list[Problem], above: tuple[Path, ...]
     for name in names:
         beside = document.path.parent / name
         path = beside if not document.alone and is_file(beside) else shipped_file("geometry", name)
-        fault = None
         if path is None:
             fault = "must be an existing file, beside this one or among the shipped ones", "correct the path"
         elif path.resolve() in here:
@@ -93,14 +95,13 @@ def _layers(document: Document, problems: list[Problem], above: tuple[Path, ...]
             fault = f"files include each other at most {DEEPEST} deep", "include fewer"
         elif len(layers) > MOST_FILES:
             fault = f"a device is made of at most {MOST_FILES} files", "include fewer"
-        if fault is not None or path is None:
-            must_hold, remedy = fault or ("", "")
-            problems += document.problems([Finding(("include",), must_hold, shown(name), remedy)])
+        else:
+            try:
+                layers += _layers(parse(path, DeviceFileError), problems, here)
+            except InputError as error:
+                problems += error.problems
             continue
-        try:
-            layers += _layers(parse(path, DeviceFileError), problems, here)
-        except InputError as error:
-            problems += error.problems
+        problems += document.problems([Finding(("include",), fault[0], shown(name), fault[1])])
     return [*layers, document]
 
 
@@ -124,7 +125,7 @@ class _Expansion:
     document: Document
     data: Table = field(default_factory=dict)
     origins: dict[Location, tuple[Document, Location]] = field(default_factory=dict)
-    computed: dict[Location, str] = field(default_factory=dict)
+    computed: Texts = field(default_factory=dict)
     findings: list[Finding] = field(default_factory=list)
     names: dict[str, Value] = field(default_factory=dict)
 
@@ -172,13 +173,13 @@ class _Expansion:
             return
         value = raw[name]
         for text in value if isinstance(value, list) else [value]:
-            for other in _words(text) if is_expression(text) else ():
+            for other in re.findall(r"\w+", text) if is_expression(text) else ():
                 if other in raw:
                     self._parameter(other, raw, (*above, name))
         known: Names = {key: one for key, one in self.names.items() if key != name}
         computed = self.values(value, known, place)
         entries = computed if isinstance(computed, list) else [computed]
-        if not all(_is_number(one) or isinstance(one, str) for one in entries):
+        if not all(is_number(one) or isinstance(one, str) for one in entries):
             remedy = 'write for instance gap = 2.5, or gap = "= 2*radius"'
             self.refuse(place, "must be a number, a text, or a list of these", shown(value), remedy)
             computed = 1.0
@@ -186,17 +187,22 @@ class _Expansion:
 
     # ---- values ----
 
-    def values(self, value: Any, names: Names, location: Location, pattern: bool = False) -> Any:
-        """A value with everything computed in it. pattern: whether {...} in texts is filled in."""
-        if isinstance(value, dict):
-            return {key: self.values(one, names, (*location, key), pattern) for key, one in value.items()}
-        if isinstance(value, list):
-            return [self.values(one, names, (*location, k), pattern) for k, one in enumerate(value)]
+    def values(
+        self, value: Any, names: Names, location: Location, texts: Texts | None = None, pattern: bool = False
+    ) -> Any:
+        """A value with everything computed in it. texts: those of the numbers, to be added to; `computed` if None.
+        pattern: whether {...} in texts is filled in."""
+        texts = self.computed if texts is None else texts
+        if isinstance(value, dict | list):
+            entries = value.items() if isinstance(value, dict) else enumerate(value)
+            done = {key: self.values(one, names, (*location, key), texts, pattern) for key, one in entries}
+            return done if isinstance(value, dict) else list(done.values())
         if is_expression(value):
             found = self._evaluate(value, names, location)
-            if found is not None:
-                self.computed[location] = value
-            return 1.0 if found is None else found
+            if found is None:
+                return 1.0
+            texts[location] = value
+            return found
         if pattern and isinstance(value, str) and "{" in value:
             return self._filled(value, names, location)
         return value
@@ -217,7 +223,7 @@ class _Expansion:
                 self.refuse(location, "every { needs its }", shown(text), 'write for instance "core {k}"')
                 return text
             value = self._evaluate(inside, names, location)
-            filled += before + (f"{value:g}" if _is_number(value) else str(value))
+            filled += before + (f"{value:g}" if is_number(value) else str(value))
         return filled + rest
 
     # ---- one file ----
@@ -258,10 +264,7 @@ class _Expansion:
     def _remove(self, location: Location) -> None:
         """Take a value out of the data; the entries of an array that follow it move up."""
         *above, last = location
-        table: Any = self.data
-        for step in above:
-            table = table[step]
-        del table[last]
+        del value_at(self.data, tuple(above))[last]
         self._forget(location)
         if isinstance(last, int):
             depth = len(above)
@@ -321,11 +324,12 @@ class _Expansion:
         given = defaults.get(key) if isinstance(defaults, dict) else None
         common: Table = given if isinstance(given, dict) else {}
         own = {name: value for name, value in table.items() if name not in ("repeat", "mirror")}
-        before = len(self.findings)
-        texts = dict(self.computed)
-        copies = list(self._copies(table.get("repeat"), {**common, **own}, place, "repeat" in table))
-        copies = self._images(table.get("mirror"), copies, place, "mirror" in table)
         defaulted = {name: ("defaults", key, name) for name in common if name not in own}
+        before, texts = len(self.findings), dict(self.computed)
+        copies = list(self._copies(table, {**common, **own}, place))
+        mirrors = table.get("mirror", [])
+        for mirror in mirrors if isinstance(mirrors, list) else [mirrors]:
+            copies += self._images(mirror, copies, (*place, "mirror"))
         if len(self.data.get(key, [])) + len(copies) > MOST_TABLES:
             self.refuse(place, f"a device has at most {MOST_TABLES} tables of a kind", "more", "repeat less")
         if len(self.findings) > before:  # told at the table as it was written, once for all copies
@@ -335,7 +339,7 @@ class _Expansion:
         for copied, computed in copies:
             here: Location = (key, len(self.data.get(key, [])))
             for location, text in computed.items():
-                self.computed[(*here, *location)] = text
+                self.computed[(*here, *location[len(place) :])] = text
             self._add(layer, key, (key, k), copied, defaulted)
 
     def _add(
@@ -368,32 +372,21 @@ class _Expansion:
 
     # ---- copies ----
 
-    def _copies(
-        self, repeat: Any, table: Table, place: Location, repeated: bool
-    ) -> Iterator[tuple[Table, dict[Location, str]]]:
-        """The copies of a table, with the texts of what was computed in them."""
-        here: Location = (*place, "repeat")
-        if not repeated:
-            yield self._copy(table, self.names, place, False)
+    def _copies(self, raw: Table, table: Table, place: Location) -> Iterator[tuple[Table, Texts]]:
+        """The copies of a table, with the texts of what was computed in them. raw: as it was written."""
+        if "repeat" not in raw:
+            texts: Texts = {}
+            yield self.values(table, self.names, place, texts), texts
             return
-        settings = self._settings(repeat, here)
+        settings = self._settings(raw["repeat"], (*place, "repeat"))
         if settings is None:
             return
         copies, local = settings
         for k in range(copies.count or 0):
             names = {**self.names, "k": float(k + 1), **{name: one[k] for name, one in local.items()}}
-            copied, computed = self._copy(table, names, place, True)
-            yield _placed(copied, partial(copies.place, k)), computed
-
-    def _copy(
-        self, table: Table, names: Names, place: Location, pattern: bool
-    ) -> tuple[Table, dict[Location, str]]:
-        before = self.computed
-        self.computed = {}
-        copied = self.values(copy.deepcopy(table), names, place, pattern)
-        computed = {location[len(place) :]: text for location, text in self.computed.items()}
-        self.computed = before
-        return copied, computed
+            texts = {}
+            copied = self.values(table, names, place, texts, pattern=True)
+            yield _placed(copied, partial(copies.place, k)), texts
 
     def _settings(self, repeat: Any, here: Location) -> tuple[Repeat, dict[str, list[Any]]] | None:
         """The copies, and values per copy; None where something is wrong."""
@@ -428,29 +421,24 @@ class _Expansion:
         return None if found else table.model_validate(given)
 
     def _images(
-        self, mirror: Any, copies: list[tuple[Table, dict[Location, str]]], place: Location, mirrored: bool
-    ) -> list[tuple[Table, dict[Location, str]]]:
-        """The copies, and after them their images in each mirror in turn."""
-        here: Location = (*place, "mirror")
-        for one in (mirror if isinstance(mirror, list) else [mirror]) if mirrored else []:
-            given = {"plane": one} if isinstance(one, str) else one
-            if not isinstance(given, dict) or 2 * len(copies) > MOST_COPIES:
-                remedy = 'write mirror = "x", or mirror = { plane = "x", at_mm = 10, name = "{name} left" }'
-                self.refuse(here, 'must be the plane, "x", "y" or "z"', shown(one), remedy)
-                return copies
-            image = self._checked(Image, self.values(given, self.names, here), here)
-            if image is None:
-                return copies
-            images = [(self._image(table, image, here), texts) for table, texts in copies]
-            copies = [*copies, *images]
-        return copies
+        self, mirror: Any, copies: list[tuple[Table, Texts]], here: Location
+    ) -> list[tuple[Table, Texts]]:
+        """The images of copies in one mirror."""
+        given = {"plane": mirror} if isinstance(mirror, str) else mirror
+        if not isinstance(given, dict) or 2 * len(copies) > MOST_COPIES:
+            remedy = 'write mirror = "x", or mirror = { plane = "x", at_mm = 10, name = "{name} left" }'
+            self.refuse(here, 'must be the plane, "x", "y" or "z"', shown(mirror), remedy)
+            return []
+        image = self._checked(Image, self.values(given, self.names, here), here)
+        return [] if image is None else [(self._image(one, image, here), texts) for one, texts in copies]
 
     def _image(self, table: Table, mirror: Image, here: Location) -> Table:
         usual = "{name}_mirrored_" if here[0] == "coil" else "{name} mirrored "
-        pattern = usual + mirror.plane if mirror.name is None else mirror.name
         image = copy.deepcopy(table)
         if isinstance(table.get("name"), str):
-            image["name"] = self._filled(pattern, {**self.names, "name": table["name"]}, here)
+            names = {**self.names, "name": table["name"]}
+            pattern = usual + mirror.plane if mirror.name is None else mirror.name
+            image["name"] = self._filled(pattern, names, here)
         for part in (image, *_part_tables(image)):
             self._reflect(part, mirror.axis, here)
         return _placed(image, mirror.place)
@@ -469,14 +457,9 @@ class _Expansion:
                 self.refuse(here, f"must be {one.must_hold}", one.received, one.remedy)
             return
         if reflected is not record:
-            for key in _written(record):
+            for key in Writing("").table(record, keys):
                 del table[key]
-            table |= _written(reflected)
-
-
-def _written(thing: Shape | Coil) -> Table:
-    keys = SHAPE_KEYS[thing.kind] if isinstance(thing, Shape) else COIL_KEYS[thing.kind]
-    return Writing("").table(thing, keys)
+            table |= Writing("").table(reflected, keys)
 
 
 def _placed(table: Table, change: Callable[[list[float], list[float]], Place]) -> Table:
@@ -500,13 +483,5 @@ def _part_tables(table: Table) -> list[Table]:
     return [part for part in parts if isinstance(part, dict)] if isinstance(parts, list) else []
 
 
-def _words(text: str) -> list[str]:
-    return "".join(c if c.isalnum() or c == "_" else " " for c in text).split()
-
-
-def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < 1e300
-
-
-def _is_vector(value: Any, count: int = 3) -> bool:
-    return isinstance(value, list) and len(value) == count and all(map(_is_number, value))
+def _is_vector(value: Any) -> bool:
+    return isinstance(value, list) and len(value) == 3 and all(map(is_number, value))

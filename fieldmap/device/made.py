@@ -11,7 +11,7 @@ import numpy as np
 
 from fieldmap.errors import InputError, Problem
 from fieldmap.inputs.explain import REQUIRED
-from fieldmap.inputs.findings import closest
+from fieldmap.inputs.findings import meant
 from fieldmap.records import Record
 from fieldmap.typing import Array
 
@@ -88,12 +88,9 @@ def _problems(cls: type, arguments: tuple[Any, ...], named: dict[str, Any]) -> l
     names, found = [field.name for field in fields], []
     for name in named:
         if name not in names:
-            guess = closest(name, names)
-            must_hold, remedy = f"known keys here are {', '.join(names)}", f"did you mean {guess}?"
-            received = f'the unknown key "{name}"'
-            found.append(
-                Problem(f"{cls.__name__}.{name}", must_hold, received, remedy if guess else "remove it")
-            )
+            must_hold, received = f"known keys here are {', '.join(names)}", f'the unknown key "{name}"'
+            remedy = meant(name, names, "remove it", quote="")
+            found.append(Problem(f"{cls.__name__}.{name}", must_hold, received, remedy))
     if len(arguments) > len(names):
         must_hold = f"takes {len(names)} values: {', '.join(names)}"
         found.append(Problem(cls.__name__, must_hold, f"{len(arguments)} values", "remove what is too much"))

@@ -4,24 +4,21 @@ They are known by their attributes and the names of their classes, so nothing he
 """
 
 from collections.abc import Iterable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from fieldmap.device.air_sources import CURRENTS, OTHER, AirSource
+from fieldmap.device.air_sources import NEEDS, OTHER, AirSource
 from fieldmap.device.placement import Placement
 from fieldmap.errors import InputError, Problem
 
 SOLIDS = ("Cuboid", "Cylinder", "CylinderSegment", "Sphere", "Tetrahedron", "TriangularMesh")
 
-_ATTRIBUTES = {
-    "current": 0,
-    "diameter": 0,
-    "dimension": 1,
-    "vertices": 2,
-    "current_densities": 2,
-    "polarization": 1,
-    "moment": 1,
+_AXES = {
+    **dict.fromkeys(("current", "diameter"), 0),
+    **dict.fromkeys(("dimension", "polarization", "moment"), 1),
+    **dict.fromkeys(("vertices", "current_densities"), 2),
 }
 """Axes of an attribute without a path."""
 
@@ -38,12 +35,11 @@ def sources_of(model: Any) -> list[AirSource]:
 
 def per_ampere(source: AirSource, nominal: float | None) -> AirSource:
     """A source with its share of a current, A; None where no current is known: 1 A in each."""
-    values = {key: getattr(source, key) for key in AirSource.__dataclass_fields__}
     if source.current is not None:
-        values["current"] = 1.0 if nominal is None else source.current / nominal
-    elif source.current_densities is not None and nominal is not None:
-        values["current_densities"] = source.current_densities / nominal
-    return AirSource(**values)
+        return replace(source, current=1.0 if nominal is None else source.current / nominal)
+    if source.current_densities is not None and nominal is not None:
+        return replace(source, current_densities=source.current_densities / nominal)
+    return source
 
 
 def leaves(model: Any) -> Iterable[Any]:
@@ -67,7 +63,7 @@ def _last(thing: Any, name: str) -> Any:
     if value is None:
         return None
     array = np.asarray(value, dtype=float)
-    if array.ndim > _ATTRIBUTES[name]:
+    if array.ndim > _AXES[name]:
         array = array[-1]
     return float(array) if array.ndim == 0 else array
 
@@ -78,14 +74,9 @@ def source_of(thing: Any, problems: list[Problem]) -> AirSource | None:
     rotation = np.atleast_3d(thing.orientation.as_matrix()).reshape(-1, 3, 3)[-1]
     placement = Placement(np.array(position), np.array(rotation))
     kind = type(thing).__name__
-    if type(thing).__module__.split(".")[0] != "magpylib" or kind not in (
-        *CURRENTS,
-        *SOLIDS,
-        "Triangle",
-        "Dipole",
-    ):
+    if type(thing).__module__.split(".")[0] != "magpylib" or kind not in NEEDS:
         return AirSource(OTHER, live=thing)
-    values = {name: _last(thing, name) for name in _ATTRIBUTES if hasattr(thing, name)}
+    values = {name: _last(thing, name) for name in NEEDS[kind] if name in _AXES}
     missing = [name for name, value in values.items() if value is None]
     if missing:
         must_hold, received = f"{', '.join(missing)} must be set", "None"
@@ -94,6 +85,6 @@ def source_of(thing: Any, problems: list[Problem]) -> AirSource | None:
         return None
     if kind == "CylinderSegment":
         values["dimension"], values["angles"] = values["dimension"][:3], values["dimension"][3:]
-    if "faces" in dir(thing) and kind in ("TriangleSheet", "TriangularMesh"):
+    if "faces" in NEEDS[kind]:
         values["faces"] = np.array(thing.faces, dtype=np.int64)
     return AirSource(kind, placement, **values)

@@ -359,17 +359,10 @@ class DeviceFile(_DEVICE):
         return with_short_forms(*schemas)
 
 
-@dataclass(repr=False)
-class WrittenDevice(Writing):
-    """The data of a device file that a device is written as."""
-
-    data: dict[str, Any] = field(default_factory=dict)
-
-
-def written_device(device: Device, whole: bool = True) -> WrittenDevice:
+def written_device(device: Device, whole: bool = True) -> Writing:
     """The data of a device, whatever its values are. whole: with what a file says about the machine, too: sections,
     known values and where numbers come from."""
-    written = WrittenDevice("see help(fieldmap.Device)")
+    written = Writing("see help(fieldmap.Device)")
     without = () if whole else ("sections", "references", "provenance")
     written.data = {"format": 1} | written.table(device, DeviceFile, without=without)
     if isinstance(device.title, str) and not device.title and isinstance(device.name, str):
@@ -421,7 +414,7 @@ def _are_alike(one: Material, other: object) -> bool:
     return type(one) is type(other) and Writing("").table(one, keys) == Writing("").table(other, keys)
 
 
-def _checked(device: Device) -> WrittenDevice:
+def _checked(device: Device) -> Writing:
     """The data of a device. Raises InputError with one Problem for everything that is wrong with it."""
     # Of a device that was read, and of which some parts were replaced, the text speaks of those that it had.
     read = bool(device.text)
@@ -440,7 +433,7 @@ def _checked(device: Device) -> WrittenDevice:
     return written
 
 
-def _follows_from_what_is_left_out(finding: Finding, written: WrittenDevice, without_materials: bool) -> bool:
+def _follows_from_what_is_left_out(finding: Finding, written: Writing, without_materials: bool) -> bool:
     """Whether a finding is of things of classes without keys, or of the materials that a recorded device lacks."""
     place = finding.location
     if place[-1:] == ("material",):
@@ -448,7 +441,7 @@ def _follows_from_what_is_left_out(finding: Finding, written: WrittenDevice, wit
     return bool(written.unwritten) and place[:1] in ((), ("reference",))
 
 
-def _problem(written: WrittenDevice, finding: Finding) -> Problem:
+def _problem(written: Writing, finding: Finding) -> Problem:
     location = finding.location
     title = f'Device "{written.data.get("name")}"'
     if len(location) > 1 and location[0] in ("body", "coil", "section", "material"):

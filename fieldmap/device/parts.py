@@ -267,13 +267,8 @@ class Joint(Made):
         bool
             True if it does.
         """
-        if self.between is None:
-            return True
-        return _are_like((first, second), self.between) or _are_like((second, first), self.between)
-
-
-def _are_like(names: tuple[str, str], patterns: tuple[str, str]) -> bool:
-    return all(fnmatchcase(name, pattern) for name, pattern in zip(names, patterns, strict=True))
+        orders = (first, second), (second, first)
+        return self.between is None or any(all(map(fnmatchcase, names, self.between)) for names in orders)
 
 
 def joint_of(joints: Sequence[Joint], first: str, second: str) -> Joint | None:

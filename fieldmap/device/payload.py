@@ -24,10 +24,20 @@ from fieldmap.typing import Array
 class _Uniform(Made):
     """A shape of one density about its centre, whose axes are principal axes."""
 
+    filling: ClassVar[float]
+    """Volume, as a share of that of the box around it."""
+    spread: ClassVar[tuple[float, float, float]]
+    """Means of x^2, y^2 and z^2 over the body, as shares of the squares of its axes."""
+
     @property
     @abstractmethod
-    def mean_squares(self) -> tuple[float, float, float]:
-        """Of x, y and z over the body, m^2."""
+    def axes(self) -> tuple[float, float, float]:
+        """Lengths of the three axes, m."""
+
+    @property
+    def volume(self) -> float:
+        """In cubic metres."""
+        return self.filling * math.prod(self.axes)
 
     def uniform_inertia(self, mass: float) -> tuple[float, float, float]:
         """Principal moments of a uniform body of this shape about its centre.
@@ -47,8 +57,15 @@ class _Uniform(Made):
         >>> [round(1e7 * moment, 3) for moment in MagnetCylinder(0.01, 0.01, 1.3).uniform_inertia(6e-3)]
         [0.875, 0.875, 0.75]
         """
-        x, y, z = self.mean_squares
+        x, y, z = (share * axis**2 for share, axis in zip(self.spread, self.axes, strict=True))
         return mass * (y + z), mass * (x + z), mass * (x + y)
+
+
+class _Ball(_Uniform):
+    """An ellipsoid."""
+
+    filling = math.pi / 6
+    spread = (1 / 20, 1 / 20, 1 / 20)
 
 
 @dataclass(frozen=True, repr=False)
@@ -59,30 +76,26 @@ class MagnetCylinder(_Uniform):
     """
 
     kind: ClassVar[str] = "cylinder"
+    filling = math.pi / 4
+    spread = (1 / 16, 1 / 16, 1 / 12)
 
     diameter: Annotated[float, Key(Length, "diameter", "mm")]
     height: Annotated[float, Key(Length, "height", "mm")]
     remanence: Annotated[float, Key(Positive, "remanence", "T")]
 
     @property
-    def volume(self) -> float:
-        """In cubic metres."""
-        return math.pi / 4 * self.diameter**2 * self.height
+    def axes(self) -> tuple[float, float, float]:
+        """Diameter, diameter and height, m."""
+        return self.diameter, self.diameter, self.height
 
     @property
     def bounding_radius(self) -> float:
         """Of the ball about its centre that holds it, m."""
         return math.hypot(self.diameter, self.height) / 2
 
-    @property
-    def mean_squares(self) -> tuple[float, float, float]:
-        """Of x, y and z over the body, m^2."""
-        across = self.diameter**2 / 16
-        return across, across, self.height**2 / 12
-
 
 @dataclass(frozen=True, repr=False)
-class MagnetSphere(_Uniform):
+class MagnetSphere(_Ball):
     """Uniformly magnetised sphere.
 
     remanence in T.
@@ -94,20 +107,14 @@ class MagnetSphere(_Uniform):
     remanence: Annotated[float, Key(Positive, "remanence", "T")]
 
     @property
-    def volume(self) -> float:
-        """In cubic metres."""
-        return math.pi / 6 * self.diameter**3
+    def axes(self) -> tuple[float, float, float]:
+        """The diameter, three times, m."""
+        return self.diameter, self.diameter, self.diameter
 
     @property
     def bounding_radius(self) -> float:
-        """Of the ball about its centre that holds it, m."""
+        """Its radius, m."""
         return self.diameter / 2
-
-    @property
-    def mean_squares(self) -> tuple[float, float, float]:
-        """Of x, y and z over the body, m^2."""
-        along = self.diameter**2 / 20
-        return along, along, along
 
 
 @dataclass(frozen=True, repr=False)
@@ -118,25 +125,21 @@ class MagnetBlock(_Uniform):
     """
 
     kind: ClassVar[str] = "block"
+    filling = 1.0
+    spread = (1 / 12, 1 / 12, 1 / 12)
 
     size: Annotated[tuple[float, float, float], Key(Size, "[x, y, z] edge lengths", "mm")]
     remanence: Annotated[float, Key(Positive, "remanence", "T")]
 
     @property
-    def volume(self) -> float:
-        """In cubic metres."""
-        return math.prod(self.size)
+    def axes(self) -> tuple[float, float, float]:
+        """Its edges, m."""
+        return self.size
 
     @property
     def bounding_radius(self) -> float:
         """Of the ball about its centre that holds it, m."""
         return math.hypot(*self.size) / 2
-
-    @property
-    def mean_squares(self) -> tuple[float, float, float]:
-        """Of x, y and z over the body, m^2."""
-        x, y, z = (edge**2 / 12 for edge in self.size)
-        return x, y, z
 
 
 def _one_law(mu_r: float | None, info: ValidationInfo) -> None:
@@ -168,28 +171,8 @@ PermeabilityOfPiece = Annotated[
 ]
 
 
-class _Soft(_Uniform):
-    """An ellipsoid of soft iron."""
-
-    @property
-    @abstractmethod
-    def axes(self) -> tuple[float, float, float]:
-        """Lengths of the three axes, m."""
-
-    @property
-    def volume(self) -> float:
-        """In cubic metres."""
-        return math.pi / 6 * math.prod(self.axes)
-
-    @property
-    def mean_squares(self) -> tuple[float, float, float]:
-        """Of x, y and z over the body, m^2."""
-        x, y, z = (axis**2 / 20 for axis in self.axes)
-        return x, y, z
-
-
 @dataclass(frozen=True, repr=False)
-class SoftSphere(_Soft):
+class SoftSphere(_Ball):
     """Sphere of soft iron.
 
     material: its law, or the name of a material of the device; mu_r: a constant relative
@@ -209,7 +192,7 @@ class SoftSphere(_Soft):
 
 
 @dataclass(frozen=True, repr=False)
-class SoftEllipsoid(_Soft):
+class SoftEllipsoid(_Ball):
     """Ellipsoid of soft iron.
 
     size: its whole axes along x, y and z, m; material and mu_r as of `SoftSphere`.

@@ -79,23 +79,12 @@ def rotation_angles(rotation: Array) -> list[float]:
     near = [(angles + 180.0) % 360.0 - 180.0 for angles in near]
     short = [np.round(angles, 9) % 360.0 + 0.0 for angles in near]
     short.sort(key=np.count_nonzero)
-    exact = [
-        angles for angles in (*short, *near) if np.array_equal(rotation_matrix(angles.tolist()), rotation)
-    ]
-    best = (
-        exact[0]
-        if exact
-        else min((*short, *near), key=lambda a: np.abs(rotation_matrix(a.tolist()) - rotation).max())
-    )
+    # The first of those that are nearest: an exact one where there is one.
+    best = min((*short, *near), key=lambda a: np.abs(rotation_matrix(a.tolist()) - rotation).max())
     return [float(angle) for angle in best]
 
 
 _ROTATION = "must be a rotation matrix (3, 3): orthonormal, with determinant 1"
-
-
-def _matrix_of(rotation_deg: list[float]) -> list[list[float]]:
-    matrix: list[list[float]] = rotation_matrix(rotation_deg).tolist()
-    return matrix
 
 
 def _angles_of(rotation: Any) -> list[float]:
@@ -134,7 +123,7 @@ class Placement(Made):
             Angles,
             "[x, y, z] angles, turned about the fixed x, then the fixed y, then the fixed z axis",
             "deg",
-            make=_matrix_of,
+            make=rotation_matrix,
             write=_angles_of,
         ),
     ] = field(default_factory=lambda: np.eye(3))
@@ -241,6 +230,19 @@ class Movable(Made):
     def _pattern(self) -> str:
         """A name with {k}, for copies."""
 
+    def _with_keys(
+        self,
+        change: Callable[[list[float], list[float]], tuple[Sequence[float], Sequence[float]]],
+        mirror_axis: int | None = None,
+    ) -> Self:
+        """The thing with position_mm and rotation_deg of every placement changed."""
+
+        def changed(place: Placement) -> Placement:
+            keys = place.keys()
+            return _placement(*change(keys.position_mm, keys.rotation_deg))
+
+        return self._placed(changed, mirror_axis)
+
     def named(self, name: str) -> Self:
         """The same by another name.
 
@@ -270,12 +272,7 @@ class Movable(Made):
             The copy.
         """
         by_mm = [in_unit(x, MILLI) for x in _vector("moved, by", by)]
-
-        def change(place: Placement) -> Placement:
-            keys = place.keys()
-            return _placement(moved_keys(keys.position_mm, by_mm), keys.rotation_deg)
-
-        return self._placed(change)
+        return self._with_keys(lambda at, turn: (moved_keys(at, by_mm), turn))
 
     def turned(self, axis: Axis, angle_deg: float, centre: ArrayLike = (0.0, 0.0, 0.0)) -> Self:
         """The same, turned about an axis.
@@ -297,12 +294,7 @@ class Movable(Made):
         _check_axis("turned, axis", axis)
         (angle,) = _vector("turned, angle_deg", [angle_deg], 1)
         centre_mm = [in_unit(x, MILLI) for x in _vector("turned, centre", centre)]
-
-        def change(place: Placement) -> Placement:
-            keys = place.keys()
-            return _placement(*turned_keys(keys.position_mm, keys.rotation_deg, axis, angle, centre_mm))
-
-        return self._placed(change)
+        return self._with_keys(lambda at, turn: turned_keys(at, turn, axis, angle, centre_mm))
 
     def mirrored(self, plane: Axis, at: float = 0.0, name: str | None = None) -> Self:
         """The same, seen in a mirror.
@@ -325,12 +317,9 @@ class Movable(Made):
         """
         _check_axis("mirrored, plane", plane)
         (at_mm,) = (in_unit(x, MILLI) for x in _vector("mirrored, at", [at], 1))
-
-        def change(place: Placement) -> Placement:
-            keys = place.keys()
-            return _placement(*mirrored_keys(keys.position_mm, keys.rotation_deg, plane, at_mm)[:2])
-
-        copy = self._placed(change, 1 if plane == "y" else 0)
+        copy = self._with_keys(
+            lambda at, turn: mirrored_keys(at, turn, plane, at_mm)[:2], 1 if plane == "y" else 0
+        )
         return copy if name is None else copy.named(name)
 
     def around(
@@ -426,17 +415,9 @@ def _placement(position_mm: Sequence[float], rotation_deg: Sequence[float]) -> P
     keys: dict[str, Any] = {"position_mm": list(position_mm), "rotation_deg": list(rotation_deg)}
     findings = schema_findings(PLACEMENT, keys)
     if findings:
-        raise InputError(
-            *(
-                Problem(
-                    f"placement, {'.'.join(map(str, one.location))}",
-                    one.must_hold,
-                    one.received,
-                    one.remedy,
-                )
-                for one in findings
-            )
-        )
+        where = [f"placement, {'.'.join(map(str, one.location))}" for one in findings]
+        told = zip(where, findings, strict=True)
+        raise InputError(*(Problem(at, one.must_hold, one.received, one.remedy) for at, one in told))
     made: Placement = record_of(PLACEMENT.model_validate(keys))
     return made
 

@@ -41,11 +41,13 @@ def material_files(device: Document) -> tuple[Curves, dict[str, str], list[Probl
     texts: dict[str, str] = {}
     problems: list[Problem] = []
     for material, file in _named_files(device.data):
-        path = (
-            shipped_file("geometry", file) if device.alone else _beside_or_shipped(device.path.parent, file)
-        )
+        beside = device.path.parent / file
+        path = beside if not device.alone and is_file(beside) else shipped_file("geometry", file)
         if path is None:
-            problems += device.problems([_no_such_file(material, file)])
+            must_hold = "the material file must exist, beside the device file or among the shipped ones"
+            remedy = f"correct the path; shipped are {one_of(shipped_names('geometry', 'materials'))}"
+            wrong = Finding(("material", material, "file"), must_hold, shown(file), remedy)
+            problems += device.problems([wrong])
             continue
         try:
             document = MATERIAL.load(path)
@@ -59,15 +61,6 @@ def material_files(device: Document) -> tuple[Curves, dict[str, str], list[Probl
             contents = MaterialFile.model_validate(document.data)
             curves[file] = contents.H_A_per_m, contents.B_T
     return curves, texts, problems
-
-
-def _no_such_file(material: str, file: str) -> Finding:
-    return Finding(
-        ("material", material, "file"),
-        "the material file must exist, beside the device file or among the shipped ones",
-        shown(file),
-        f"correct the path; shipped are {one_of(shipped_names('geometry', 'materials'))}",
-    )
 
 
 def _curves_that_do_not_fit(materials: Mapping[str, Table], curves: Curves) -> list[Finding]:
@@ -87,17 +80,9 @@ def _curves_that_do_not_fit(materials: Mapping[str, Table], curves: Curves) -> l
 def _named_files(data: dict[str, Any]) -> list[tuple[str, str]]:
     """Materials and the files that they name."""
     materials = data.get("material")
-    files = []
-    for name, table in materials.items() if isinstance(materials, dict) else ():
-        file = named_file(table) if isinstance(table, dict) else None
-        if file is not None:
-            files.append((name, file))
-    return files
-
-
-def _beside_or_shipped(folder: Path, file: str) -> Path | None:
-    beside = folder / file
-    return beside if is_file(beside) else shipped_file("geometry", file)
+    tables = materials.items() if isinstance(materials, dict) else ()
+    named = [(name, named_file(table)) for name, table in tables if isinstance(table, dict)]
+    return [(name, file) for name, file in named if file is not None]
 
 
 _File = TypeVar("_File", bound=BaseModel)
@@ -147,12 +132,12 @@ def read_device(path_or_name: PathLike | Device, changes: Mapping[str, Any] | No
         return path_or_name
     if isinstance(path_or_name, str) and "\n" in path_or_name:
         document = DEVICE.prepared(parsed(Path(TEXT), path_or_name, DeviceFileError))
-        return device_of(document if changes is None else with_changes(document, changes))
-    if not isinstance(path_or_name, str | os.PathLike):
+    elif isinstance(path_or_name, str | os.PathLike):
+        document = DEVICE.load(DEVICE.find(path_or_name))
+    else:
         must_hold = "must be the path or text of a device file, or the name of a shipped device"
         remedy = f'write for instance read_device("{DEFAULT}")'
         raise DeviceFileError.of("read_device", must_hold, type(path_or_name).__name__, remedy)
-    document = DEVICE.load(DEVICE.find(path_or_name))
     return device_of(document if changes is None else with_changes(document, changes))
 
 

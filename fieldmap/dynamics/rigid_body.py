@@ -239,7 +239,7 @@ def _surface(shape: Magnet | SoftBody) -> Array:
     if isinstance(shape, MagnetBlock):
         signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
         return signs * np.asarray(shape.size) / 2
-    half = np.full(3, shape.diameter / 2) if isinstance(shape, MagnetSphere) else np.asarray(shape.axes) / 2
+    half = np.asarray(shape.axes) / 2
     poles = [[0.0, 0.0, -1.0], [0.0, 0.0, 1.0]]
     return np.concatenate([_rims(1.0, 0.0, 0.0)[:_RIM], poles]) * half
 

@@ -25,13 +25,13 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field, Tag, ValidationInfo, create_model, field_validator, model_validator
 
 from fieldmap.errors import InputError, Problem
 from fieldmap.inputs.document import schema_findings
-from fieldmap.inputs.tables import UNITS, Table, chosen_with, read_only
+from fieldmap.inputs.tables import UNITS, Choice, Table, in_unit, read_only
 from fieldmap.records import FrozenDict, Record
+from fieldmap.typing import Index
 
 # Aliases of type Any: their members are known only when the program runs, which type checkers do not accept.
 _ANNOTATED: Any = Annotated
@@ -67,9 +67,25 @@ class Key(Record):
     examples: tuple[Any, ...] = ()
 
 
+@dataclasses.dataclass(frozen=True, repr=False)
+class Declared(Record):
+    """A field of a record as its key in files; default: `dataclasses.MISSING` without one."""
+
+    attribute: str
+    about: Key
+    hint: Any
+    default: Any
+
+    @property
+    def stands_for_none(self) -> bool:
+        """Whether the default is None in the table of a file: an empty text, or an infinite bound."""
+        default = self.default
+        return default == "" if isinstance(default, str) else isinstance(default, float) and np.isinf(default)
+
+
 @cache
-def keys_of(record: type) -> dict[str, tuple[str, Key, Any]]:
-    """The fields that have a `Key`: key in files -> (name of the field, its `Key`, type of the field)."""
+def keys_of(record: type) -> dict[str, Declared]:
+    """The fields that have a `Key`, by their keys in files."""
     found = {}
     hints = get_type_hints(record, include_extras=True)
     for field in dataclasses.fields(record):
@@ -84,7 +100,7 @@ def keys_of(record: type) -> dict[str, tuple[str, Key, Any]]:
                     # A list in a file is accepted for a tuple.
                     bounds.append(Field(strict=False))
                 about = dataclasses.replace(about, rule=_ANNOTATED[kind, *bounds] if bounds else kind)
-            found[_key_name(field.name, about)] = (field.name, about, kind)
+            found[_key_name(field.name, about)] = Declared(field.name, about, kind, default_of(field))
     return found
 
 
@@ -141,33 +157,20 @@ def table_of(
     type
         The class of the table.
     """
-    text = text or first_line(record)
+    text, parts, instead = text or first_line(record), dict(beside or {}), instead or {}
     fields: dict[str, Any] = {}
     if choose:
         fields[choose] = (_LITERAL[record.kind], Field(description=text.removesuffix(".")))  # type: ignore[attr-defined]
-    keys = _keys_of_table(record, without, instead or {})
-    stated = {field.name: field for field in dataclasses.fields(record)}
-    checks: dict[str, Any] = {}
-    for key, (attribute, about, _) in keys.items():
-        options: dict[str, Any] = {"description": about.text}
-        if about.examples:
-            options["examples"] = list(about.examples)
-        has_default = attribute not in (*needed, *(instead or {}))
-        default = default_of(stated[attribute]) if has_default else dataclasses.MISSING
-        if has_default and (about.written is not None or _stands_for_none(default)):
-            options["default"] = about.written
-        elif isinstance(default, Record):
-            options["default"] = about.rule()
-        elif default is not dataclasses.MISSING:
-            written = in_file(default, about)
-            options["default"] = tuple(written) if _is_tuple(about.rule) else written
-            options["validate_default"] = about.check is not None
-        fields[key] = (about.rule, Field(**options))
-        if about.check is not None:
-            checks[f"_check_{key}"] = field_validator(key)(_checked(about.check))
-    if rules:
-        checks["_keep_rules"] = _keeping(rules)
-    parts = dict(beside or {})
+    keys = {key: one for key, one in keys_of(record).items() if one.attribute not in (*without, *instead)}
+    hints = get_type_hints(record)
+    for attribute, about in instead.items():
+        keys[_key_name(attribute, about)] = Declared(attribute, about, hints[attribute], dataclasses.MISSING)
+    keys = dict(sorted(keys.items(), key=lambda each: each[1].about.check is not None))
+    checks = {"_keep_rules": _keeping(rules)} if rules else {}
+    for key, one in keys.items():
+        fields[key] = _field(one, one.attribute not in needed)
+        if one.about.check is not None:
+            checks[f"_check_{key}"] = field_validator(key)(_checked(one.about.check))
     made = create_model(
         name or f"{record.__name__}Keys",
         __base__=(*parts.values(), *bases) if bases != (Table,) else tuple(parts.values()) or bases,
@@ -181,20 +184,22 @@ def table_of(
     return made
 
 
-def _keys_of_table(
-    record: type, without: tuple[str, ...], instead: Mapping[str, Key]
-) -> dict[str, tuple[str, Key, Any]]:
-    """As `keys_of`, without the fields `without`, and with the keys `instead`. Keys with a check come last."""
-    found = {key: one for key, one in keys_of(record).items() if one[0] not in (*without, *instead)}
-    hints = get_type_hints(record)
-    for attribute, about in instead.items():
-        found[_key_name(attribute, about)] = attribute, about, hints[attribute]
-    return dict(sorted(found.items(), key=lambda each: each[1][1].check is not None))
-
-
-def _is_tuple(rule: Any) -> bool:
-    """Whether the values of a rule are tuples, with bounds or without."""
-    return get_origin(get_args(rule)[0] if get_origin(rule) is Annotated else rule) is tuple
+def _field(one: Declared, optional: bool) -> Any:
+    """A key as the annotation and the field of a pydantic model."""
+    about, rule = one.about, one.about.rule
+    options: dict[str, Any] = {"description": about.text}
+    if about.examples:
+        options["examples"] = list(about.examples)
+    if optional and (about.written is not None or one.stands_for_none):
+        options["default"] = about.written
+    elif optional and isinstance(one.default, Record):
+        options["default"] = rule()
+    elif optional and one.default is not dataclasses.MISSING:
+        written = in_file(one.default, about)
+        plain = get_args(rule)[0] if get_origin(rule) is Annotated else rule
+        options["default"] = tuple(written) if get_origin(plain) is tuple else written
+        options["validate_default"] = about.check is not None
+    return rule, Field(**options)
 
 
 def _key_name(attribute: str, about: Key) -> str:
@@ -226,23 +231,27 @@ def default_of(field: dataclasses.Field[Any]) -> Any:
     return field.default
 
 
-def _stands_for_none(default: Any) -> bool:
-    """Whether a default is None in the table of a file: an empty text, or an infinite bound."""
-    return default == "" if isinstance(default, str) else isinstance(default, float) and np.isinf(default)
-
-
 def in_file(value: Any, about: Key) -> Any:
-    """A value in the unit of the file. A value that is not a number stays as it is."""
+    """A value in the unit of the file, as plain data. A value that is not a number stays as it is."""
     return _in_unit(about.write(value) if about.write else value, UNITS.get(about.unit, 1.0))
 
 
-def _in_unit(value: Any, scale: float) -> Any:
-    if isinstance(value, tuple | list | np.ndarray):
-        return [_in_unit(one, scale) for one in value]
+def _in_unit(value: Any, unit: float) -> Any:
+    if isinstance(value, np.generic | np.ndarray):
+        value = value.tolist()
+    if isinstance(value, list | tuple):
+        return [_in_unit(one, unit) for one in value]
     if isinstance(value, Mapping):
         return dict(value)
-    value = value.item() if isinstance(value, np.generic) else value
-    return value / scale if isinstance(value, float) and scale != 1.0 else value
+    if isinstance(value, Path):
+        return str(value)
+    if isinstance(value, int | float) and not isinstance(value, bool) and unit != 1.0:
+        try:
+            number = float(value)
+        except OverflowError:
+            return float("inf")
+        return in_unit(number, unit) if np.isfinite(number) else number
+    return value
 
 
 def check_fields(record: Any) -> None:
@@ -255,10 +264,11 @@ def check_fields(record: Any) -> None:
     """
     kind, table = type(record), _plain_table(type(record))
     keys = keys_of(kind)
-    data = {key: in_file(getattr(record, name), about) for key, (name, about, _) in keys.items()}
+    data = {key: in_file(getattr(record, one.attribute), one.about) for key, one in keys.items()}
     problems: dict[str, Problem] = {}
     for finding in schema_findings(table, data):
-        name, about, _ = keys[str(finding.location[0])]
+        field = keys[str(finding.location[0])]
+        name, about = field.attribute, field.about
         entry = "".join(f"[{step}]" for step in finding.location[1:] if isinstance(step, int))
         # The bound in the message is in the unit of the file.
         must_hold = (
@@ -299,7 +309,8 @@ def choice_of(tables: Iterable[Any], key: str) -> Any:
 def choice_with(tables: Mapping[str, Any], choose: Callable[[dict[str, Any]], Any], key: str = "kind") -> Any:
     """Annotation for one of several tables by tag; `choose` gives the tag of a raw table, mainly by `key`."""
     tagged = [Annotated[table, Tag(tag)] for tag, table in tables.items()]
-    return Annotated[_UNION[tuple(tagged)], chosen_with(choose, key)]
+    choice = Choice(lambda table: choose(table) if isinstance(table, dict) else None, key=key)
+    return Annotated[_UNION[tuple(tagged)], choice]
 
 
 def record_of(table: Table, folder: Path = Path(), **others: Any) -> Any:
@@ -314,61 +325,38 @@ def record_of(table: Table, folder: Path = Path(), **others: Any) -> Any:
     others
         Values of the fields that are not read from the table.
     """
-    record = type(table).makes
-    assert record is not None
+    record: Any = type(table).makes
     return record(**fields_of(table, folder, **others))
 
 
-def fields_of(table: Table, folder: Path = Path(), **others: Any) -> dict[str, Any]:
-    """The arguments with which `record_of` makes the record of a table."""
-    return _fields_in(type(table), table, folder, others)
-
-
-def _fields_in(kind: type[Table], table: Table, folder: Path, others: Mapping[str, Any]) -> dict[str, Any]:
-    """Fields of the record that `kind` makes. The table has the keys of `kind`, and maybe others."""
-    assert kind.makes is not None
-    values, stated = {}, {field.name: field for field in dataclasses.fields(kind.makes)}
-    for key, (attribute, about, hint) in kind.declared.items():
+def fields_of(
+    table: Table, folder: Path = Path(), kind: type[Table] | None = None, /, **others: Any
+) -> dict[str, Any]:
+    """The arguments with which `record_of` makes the record of a table, or that of the keys of `kind` in it."""
+    kind = kind or type(table)
+    values = {}
+    for key, one in kind.declared.items():
         value = getattr(table, key)
-        left_out = value is None and _stands_for_none(default_of(stated[attribute]))
-        if attribute not in others and not left_out:
-            values[attribute] = _in_si(about.make(value) if about.make else value, about, hint, folder)
+        if one.attribute not in others and not (value is None and one.stands_for_none):
+            made = one.about.make(value) if one.about.make else value
+            values[one.attribute] = _in_si(made, one.about, one.hint, folder)
     for attribute, inner in kind.beside.items():
-        assert inner.makes is not None
-        part = inner.makes(**_fields_in(inner, table, folder, {}))
-        values[attribute] = (part,) if is_sequence_of(kind.makes, attribute) else part
-    more = {name: value for name, value in table.also_makes().items() if name in stated}
-    return values | more | dict(others)
-
-
-@cache
-def is_sequence_of(record: type, attribute: str) -> bool:
-    """Whether a field holds several records."""
-    return get_origin(get_type_hints(record)[attribute]) is tuple
+        values[attribute] = inner.makes(**fields_of(table, folder, inner))
+    known = {field.name for field in dataclasses.fields(kind.makes)}  # type: ignore[arg-type]
+    return values | {name: value for name, value in table.also_makes().items() if name in known} | others
 
 
 def _in_si(value: Any, about: Key, hint: Any, folder: Path) -> Any:
-    scale = UNITS.get(about.unit, 1.0)
     kinds = get_args(hint) if get_origin(hint) in (Union, types.UnionType) else (hint,)
-    if value is None:
-        return None
+    scale = UNITS.get(about.unit, 1.0)
     if isinstance(value, Table):
         return record_of(value, folder)
-    if Path in kinds:
-        return (folder / value).resolve()
     if isinstance(value, dict):
         return FrozenDict({name: _in_si(one, about, None, folder) for name, one in value.items()})
     if isinstance(value, list | tuple | np.ndarray):
         if any(get_origin(kind) is tuple for kind in kinds) or any(isinstance(one, str) for one in value):
             return tuple(_in_si(one, about, None, folder) for one in value)
-        if np.dtype(np.int64) in map(_number, kinds):
-            return np.array(value, dtype=np.int64)
-        return read_only(value, scale)
+        return np.array(value, dtype=np.int64) if Index in kinds else read_only(value, scale)
+    if Path in kinds and value is not None:
+        return (folder / value).resolve()
     return value * scale if isinstance(value, float) else value
-
-
-def _number(hint: Any) -> Any:
-    """The dtype in the annotation of an array; None for other annotations."""
-    if get_origin(hint) is get_origin(NDArray[Any]):
-        return np.dtype(get_args(get_args(hint)[1])[0])
-    return None

@@ -1,6 +1,5 @@
 """What the schema finds wrong, told for people: follows the schema's annotations to the keys and choices of a place."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from types import UnionType
 from typing import Annotated, Any, Union, get_args, get_origin
@@ -8,7 +7,7 @@ from typing import Annotated, Any, Union, get_args, get_origin
 from pydantic import BaseModel, Tag
 from pydantic_core import ErrorDetails
 
-from fieldmap.inputs.findings import Finding, closest, one_of, shown
+from fieldmap.inputs.findings import Finding, meant, one_of, shown
 from fieldmap.inputs.key_paths import Location, has, value_at
 from fieldmap.inputs.tables import PATTERNS, Choice, Table
 from fieldmap.records import Record
@@ -21,14 +20,6 @@ class Place(Record):
     table: type[BaseModel] | None
     choices: dict[str, type[BaseModel]]
     choosing_key: str = ""
-
-    def keys(self) -> list[str]:
-        """Known keys of this table."""
-        return list(self.table.model_fields) if self.table else []
-
-    def owners(self, key: str) -> list[str]:
-        """Tags of the choices that know the key."""
-        return [tag for tag, table in self.choices.items() if key in table.model_fields]
 
 
 def without_tags(data: Any, location: Location) -> Location:
@@ -58,12 +49,6 @@ def place_at(root: type[BaseModel], data: Any, location: Location) -> Place:
     if members := _members(here):
         return Place(None, members, _choosing_key(here))
     return Place(here if _is_table(here) else None, choices)
-
-
-def description(table: type[BaseModel] | None, key: str) -> str | None:
-    """What the schema says about a key."""
-    field = table.model_fields.get(key) if table else None
-    return field.description if field else None
 
 
 def _is_table(annotation: Any) -> bool:
@@ -138,141 +123,77 @@ def explain(error: ErrorDetails, root: type[BaseModel], data: Any) -> Finding:
         return _unknown_key(location, place_at(root, data, error["loc"][:-1]))
     if kind in ("union_tag_invalid", "union_tag_not_found"):
         return _choice(location, place_at(root, data, error["loc"]), error["input"])
-    must_hold, remedy = _told(error)
-    return Finding(location, must_hold, _received(error), remedy)
+    context, received = error.get("ctx", {}), shown(error["input"])
+    if kind in ("too_short", "too_long"):
+        received = f"{context['actual_length']} entries, {received}"
+    if kind in _TOLD:
+        must_hold, remedy = _TOLD[kind]
+        return Finding(location, must_hold.format(**context), received, remedy)
+    # An error kind that the schema does not use today: pydantic's own words, not a crash.
+    must_hold, remedy = PATTERNS.get(context.get("pattern", ""), (error["msg"], "correct the value"))
+    return Finding(location, must_hold, received, remedy)
 
 
 def _missing(location: Location, place: Place) -> Finding:
     key = str(location[-1])
-    about = description(place.table, key)
+    field = place.table.model_fields.get(key) if place.table else None
+    about = field.description if field else None
     return Finding(location, REQUIRED, "nothing", f"add {key}" + (f" ({about})" if about else ""))
 
 
 def _unknown_key(location: Location, place: Place) -> Finding:
-    key, known = str(location[-1]), place.keys()
-    owners = place.owners(key)
-    guess = closest(key, known)
+    key, known = str(location[-1]), list(place.table.model_fields) if place.table else []
+    owners = [tag for tag, table in place.choices.items() if key in table.model_fields]
+    remedy = meant(key, known, "remove it", quote="")
     if owners:
         remedy = f"{key} belongs to {one_of(owners)}: remove it, or change the table to that"
-    elif guess:
-        remedy = f"did you mean {guess}?"
-    else:
-        remedy = "remove it"
     return Finding(location, f"known keys here are {', '.join(known)}", f'the unknown key "{key}"', remedy)
 
 
 def _choice(location: Location, place: Place, table: Any) -> Finding:
     """A table that does not say, or wrongly says, which of several kinds it is."""
     if not isinstance(table, dict):
-        must_hold, remedy = _table({})
+        must_hold, remedy = _AS_TABLE
         return Finding(location, must_hold, shown(table), remedy)
     key = place.choosing_key
-    names = _allowed(place, key)
+    chosen_by = [t.model_fields[key].annotation for t in place.choices.values() if key in t.model_fields]
+    names = list(dict.fromkeys(word for one in chosen_by for word in get_args(one)))
     allowed = f"{key} must be one of {one_of(names)}"
     if key not in table:
         others = [t.written_as for t in place.choices.values() if issubclass(t, Table) and t.written_as]
         remedy = ", or ".join([f'add {key} = "{names[0]}" or another', *others])
         return Finding((*location, key), allowed, "nothing", remedy)
-    guess = closest(table[key], names)
-    remedy = f'did you mean "{guess}"?' if guess else "choose one of these"
+    remedy = meant(table[key], names, "choose one of these")
     return Finding((*location, key), allowed, shown(table[key]), remedy)
 
 
-def _allowed(place: Place, key: str) -> list[str]:
-    names: dict[str, None] = {}
-    for table in place.choices.values():
-        if key in table.model_fields:
-            names |= dict.fromkeys(get_args(table.model_fields[key].annotation))
-    return list(names)
-
-
-def _received(error: ErrorDetails) -> str:
-    if error["type"] in ("too_short", "too_long"):
-        return f"{error['ctx']['actual_length']} entries, {shown(error['input'])}"
-    return shown(error["input"])
-
-
-def _told(error: ErrorDetails) -> tuple[str, str]:
-    """(must hold, remedy) of the simple errors."""
-    context = error.get("ctx", {})
-    teller = _TELLERS.get(error["type"])
-    if teller is None:  # an error kind that the schema does not use today: pydantic's own words, not a crash
-        return error["msg"], "correct the value"
-    return teller(context)
-
-
-def _number(_: dict[str, Any]) -> tuple[str, str]:
-    return "must be a number", "write it without quotes, for example 12.5"
-
-
-def _whole_number(_: dict[str, Any]) -> tuple[str, str]:
-    return "must be a whole number", "write it without quotes and without a decimal point"
-
-
-def _finite(_: dict[str, Any]) -> tuple[str, str]:
-    return "must be a finite number", "replace nan or inf by a number, or leave the key out if it is optional"
-
-
-def _text(_: dict[str, Any]) -> tuple[str, str]:
-    return (
+_CORRECT = "correct the number; its unit is the last part of the key"
+_AS_TABLE = "must be a table", "write it as [header] with its keys below, not as a value"
+_TOLD = {
+    "float_type": ("must be a number", "write it without quotes, for example 12.5"),
+    "int_type": ("must be a whole number", "write it without quotes and without a decimal point"),
+    "finite_number": (
+        "must be a finite number",
+        "replace nan or inf by a number, or leave the key out if it is optional",
+    ),
+    "string_type": (
         "must be a text",
         'put it in quotes, for example "steel"; quote dotted keys as well',
-    )
-
-
-def _array(_: dict[str, Any]) -> tuple[str, str]:
-    return "must be an array", "write [a, b, c], or [[double brackets]] around the header of a repeated table"
-
-
-def _table(_: dict[str, Any]) -> tuple[str, str]:
-    return "must be a table", "write it as [header] with its keys below, not as a value"
-
-
-def _bound(words: str, key: str) -> Callable[[dict[str, Any]], tuple[str, str]]:
-    def told(context: dict[str, Any]) -> tuple[str, str]:
-        remedy = "correct the number; its unit is the last part of the key"
-        return f"must be {words} {context[key]:g}", remedy
-
-    return told
-
-
-def _too_short(context: dict[str, Any]) -> tuple[str, str]:
-    return f"needs at least {context['min_length']} entries", "add what is missing"
-
-
-def _too_long(context: dict[str, Any]) -> tuple[str, str]:
-    return f"takes at most {context['max_length']} entries", "remove what is too much"
-
-
-def _literal(context: dict[str, Any]) -> tuple[str, str]:
-    return f"must be {context['expected']}", "write it exactly so"
-
-
-def _name(context: dict[str, Any]) -> tuple[str, str]:
-    known = PATTERNS.get(context["pattern"])
-    return known or (f"must match {context['pattern']}", "correct the text")
-
-
-def _not_empty(_: dict[str, Any]) -> tuple[str, str]:
-    return "must not be empty", "write a few words"
-
-
-_TELLERS: dict[str, Callable[[dict[str, Any]], tuple[str, str]]] = {
-    "float_type": _number,
-    "int_type": _whole_number,
-    "finite_number": _finite,
-    "string_type": _text,
-    "string_too_short": _not_empty,
-    "string_pattern_mismatch": _name,
-    "list_type": _array,
-    "dict_type": _table,
-    "model_type": _table,
-    "model_attributes_type": _table,
-    "greater_than": _bound("greater than", "gt"),
-    "greater_than_equal": _bound("at least", "ge"),
-    "less_than": _bound("less than", "lt"),
-    "less_than_equal": _bound("at most", "le"),
-    "too_short": _too_short,
-    "too_long": _too_long,
-    "literal_error": _literal,
+    ),
+    "string_too_short": ("must not be empty", "write a few words"),
+    "list_type": (
+        "must be an array",
+        "write [a, b, c], or [[double brackets]] around the header of a repeated table",
+    ),
+    "dict_type": _AS_TABLE,
+    "model_type": _AS_TABLE,
+    "model_attributes_type": _AS_TABLE,
+    "greater_than": ("must be greater than {gt:g}", _CORRECT),
+    "greater_than_equal": ("must be at least {ge:g}", _CORRECT),
+    "less_than": ("must be less than {lt:g}", _CORRECT),
+    "less_than_equal": ("must be at most {le:g}", _CORRECT),
+    "too_short": ("needs at least {min_length} entries", "add what is missing"),
+    "too_long": ("takes at most {max_length} entries", "remove what is too much"),
+    "literal_error": ("must be {expected}", "write it exactly so"),
 }
+"""(must hold, remedy) of the simple errors."""

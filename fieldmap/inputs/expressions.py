@@ -10,7 +10,7 @@ import warnings
 from collections.abc import Callable, Mapping
 from typing import TypeAlias
 
-from fieldmap.inputs.findings import closest, one_of
+from fieldmap.inputs.findings import meant, one_of
 
 Value: TypeAlias = float | str | list[float | str]
 MARK = "="
@@ -148,6 +148,5 @@ def _named(name: str, names: Mapping[str, Value]) -> float:
         what = "a list" if isinstance(value, list) else "a text"
         must_hold = f"{name} must be a number in arithmetic"
         raise ExpressionError(must_hold, what, 'a list alone stands in repeat: x = "= places"')
-    guess = closest(name, known)
-    remedy = f"did you mean {guess}?" if guess else f"add {name} to [parameters]"
+    remedy = meant(name, known, f"add {name} to [parameters]", quote="")
     raise ExpressionError(f"names are those of [parameters]: {one_of(known)}", f'"{name}"', remedy)

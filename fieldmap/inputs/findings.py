@@ -37,6 +37,12 @@ def one_of(words: list[str]) -> str:
     return ", ".join(f'"{word}"' for word in words)
 
 
+def meant(word: Any, words: list[str], otherwise: str, quote: str = '"') -> str:
+    """The remedy for a word that is none of those that are known: the one most like it, or what to do otherwise."""
+    guess = closest(word, words)
+    return f"did you mean {quote}{guess}{quote}?" if guess else otherwise
+
+
 def closest(word: Any, words: list[str]) -> str | None:
     """The known word most like what was written, or None."""
     near = get_close_matches(str(word), words, n=1, cutoff=0.6)

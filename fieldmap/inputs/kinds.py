@@ -15,7 +15,7 @@ from pydantic import BaseModel
 
 from fieldmap.errors import InputError
 from fieldmap.inputs.document import Document, parse, schema_findings
-from fieldmap.inputs.findings import closest, one_of
+from fieldmap.inputs.findings import meant, one_of
 from fieldmap.records import Record
 from fieldmap.shipped import is_file, shipped_file, shipped_names
 from fieldmap.typing import PathLike
@@ -35,10 +35,6 @@ class Marks(Record):
     taken_by: str
     key: str = ""
     value: str = ""
-
-    def are_on(self, data: Mapping[str, Any]) -> bool:
-        """Does the data have the key with the value that only this kind gives it?"""
-        return bool(self.key) and data.get(self.key) == self.value
 
 
 MARKS: Mapping[str, Marks] = MappingProxyType(
@@ -106,8 +102,7 @@ class FileKind(Record, Generic[Contents]):
         if shipped is not None:
             return shipped
         names = [Path(name).name for name in shipped_names(self.folder, self.subfolder)]
-        guess = closest(path.stem, names)
-        remedy = f'did you mean "{guess}"?' if guess else f"give a path, or one of {one_of(names)}"
+        remedy = meant(path.stem, names, f"give a path, or one of {one_of(names)}")
         must_hold = f"must be a {self.name} file or the name of a shipped {self.name}"
         raise self.error.of(str(path_or_name), must_hold, "no such file", remedy)
 
@@ -152,7 +147,7 @@ def kind_of(data: Mapping[str, Any]) -> str | None:
     ('device', None)
     """
     for name, marks in MARKS.items():
-        if marks.are_on(data):
+        if marks.key and data.get(marks.key) == marks.value:
             return name
     found = {name: len(marks.keys & data.keys()) for name, marks in MARKS.items() if not marks.key}
     most = max(found.values())

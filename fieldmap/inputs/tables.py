@@ -101,8 +101,8 @@ class Table(BaseModel):
 
     makes: ClassVar[type | None] = None
     """Of a table that `fieldmap.inputs.declared` made: its record. All below is of such tables."""
-    declared: ClassVar[Mapping[str, tuple[str, Any, Any]]] = {}
-    """Key -> (attribute, its `Key`, type of the attribute)."""
+    declared: ClassVar[Mapping[str, Any]] = {}
+    """The fields, `fieldmap.inputs.declared.Declared`, by their keys."""
     beside: ClassVar[Mapping[str, Any]] = {}
     """Attribute -> table of that record, whose keys stand beside the others."""
     choice: ClassVar[tuple[str, str] | None] = None
@@ -135,11 +135,6 @@ class Choice(Discriminator):
     """Picks the member of a union by a function of the raw table; `key` is the key that mainly decides."""
 
     key: str = "kind"
-
-
-def chosen_with(choose: Callable[[dict[str, Any]], Any], key: str = "kind") -> Choice:
-    """Pick the member of a union by a function of the raw table; `key` is the key that mainly decides."""
-    return Choice(lambda table: choose(table) if isinstance(table, dict) else None, key=key)
 
 
 def in_unit(value: float, unit: float) -> float:

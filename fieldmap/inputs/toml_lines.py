@@ -33,7 +33,8 @@ def line_numbers(text: str) -> dict[Location, int]:
         if statement.startswith("["):
             table = _header(statement, counts)
             lines.setdefault(table, line)
-            lines.setdefault(_without_number(table), line)
+            # The array that an entry belongs to has the line of its first entry.
+            lines.setdefault(table[:-1] if isinstance(table[-1], int) else table, line)
         else:
             for length in range(1, len(key := _key_steps(statement)) + 1):
                 lines.setdefault((*table, *key[:length]), line)
@@ -60,11 +61,6 @@ def _header(statement: str, counts: dict[Location, int]) -> Location:
         if location in counts:
             location = (*location, counts[location] - 1)
     return location
-
-
-def _without_number(table: Location) -> Location:
-    """The array that an entry belongs to; any other table is itself."""
-    return table[:-1] if isinstance(table[-1], int) else table
 
 
 def _key_steps(statement: str) -> tuple[Step, ...]:

@@ -3,22 +3,19 @@
 The rules are those of files: the data are checked by the schema, and each finding is told at the path of the attribute.
 """
 
-import dataclasses
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from pathlib import Path
 from types import UnionType
 from typing import Annotated, Any, Union, get_args, get_origin
 
-import numpy as np
 from pydantic_core import PydanticCustomError
 
 from fieldmap.errors import Problem
-from fieldmap.inputs.declared import Key, default_of, in_file, is_sequence_of, keys_of
+from fieldmap.inputs.declared import Declared, Key, in_file, keys_of
 from fieldmap.inputs.findings import Finding, shown
 from fieldmap.inputs.key_paths import Location
-from fieldmap.inputs.tables import UNITS, Table, in_unit
+from fieldmap.inputs.tables import UNITS, Table
 from fieldmap.records import Record
 
 _BOUND = re.compile(r"^must be (greater than|at least|less than|at most) [-\d.e+]+$")
@@ -31,7 +28,7 @@ class Writing(Record):
 
     paths: of attributes, by locations of the data. keys: by locations as well, the attribute and its `Key`. findings:
     what cannot be written as data at all. unwritten: names of records of classes that have no keys, which are left out.
-    see: where people read what is expected.
+    see: where people read what is expected. data: the whole.
     """
 
     see: str
@@ -39,6 +36,7 @@ class Writing(Record):
     keys: dict[Location, tuple[str, Key]] = field(default_factory=dict)
     findings: list[Finding] = field(default_factory=list)
     unwritten: list[str] = field(default_factory=list)
+    data: dict[str, Any] = field(default_factory=dict)
 
     def refuse(self, location: Location, path: str, must_hold: str, value: object) -> None:
         """A value of a type that the data of a file cannot hold."""
@@ -59,59 +57,53 @@ class Writing(Record):
         Keys that the table does not have are written as well, for the schema to refuse.
         """
         data: dict[str, Any] = {table.choice[0]: table.choice[1]} if table.choice else {}
-        defaults = {one.name: default_of(one) for one in dataclasses.fields(record)}
-        elsewhere = {*without, *table.beside, *(attribute for attribute, _, _ in table.declared.values())}
-        known = {key: one for key, one in keys_of(type(record)).items() if one[0] not in elsewhere}
-        for key, (attribute, about, hint) in {**table.declared, **known}.items():
-            if attribute in without:
+        elsewhere = {*without, *table.beside, *(one.attribute for one in table.declared.values())}
+        known = {key: one for key, one in keys_of(type(record)).items() if one.attribute not in elsewhere}
+        for key, one in {**table.declared, **known}.items():
+            if one.attribute in without:
                 continue
             place: Location = (*location, key)
-            self.paths[place] = f"{path}.{attribute}" if path else attribute
-            self.keys[place] = attribute, about
-            value = self._value(getattr(record, attribute), about, hint, place)
-            default = in_file(defaults[attribute], about)
+            self.paths[place] = f"{path}.{one.attribute}" if path else one.attribute
+            self.keys[place] = one.attribute, one.about
+            value = self._value(getattr(record, one.attribute), one, place)
+            default = in_file(one.default, one.about)
             needed = key in table.model_fields and table.model_fields[key].is_required()
             if value is not None and (needed or (type(value), value) != (type(default), default)):
                 data[key] = value
         for attribute, inner in table.beside.items():
             part, at = getattr(record, attribute), f"{path}.{attribute}"
-            if is_sequence_of(type(record), attribute):
+            if isinstance(part, tuple):
                 (part,), at = part, f"{at}[0]"
             data |= self._record(part, [inner], location, at)
         return data
 
-    def _value(self, value: Any, about: Key, hint: Any, place: Location) -> Any:
-        tables = list(tables_of(about.rule))
+    def _value(self, value: Any, one: Declared, place: Location) -> Any:
+        """A value in the unit of the file; of a record its table, of a sequence or mapping of records as many."""
+        tables = list(tables_of(one.about.rule))
         if value is None:
             return None
-        if tables:
-            return self._records(value, tables, hint, place)
-        if about.write is None:
-            return _plain(value, UNITS.get(about.unit, 1.0))
-        try:
-            return _plain(about.write(value), UNITS.get(about.unit, 1.0))
-        except PydanticCustomError as error:
-            told = error.context or {}
-            self.findings.append(Finding(place, told["must_hold"], told["received"], told["remedy"]))
-            return None
-
-    def _records(self, value: Any, tables: list[type[Table]], hint: Any, place: Location) -> Any:
-        """A record, or several of them: the data of a sequence as a list, of a mapping by the same names."""
+        if not tables:
+            try:
+                return in_file(value, one.about)
+            except PydanticCustomError as error:
+                told = error.context or {}
+                self.findings.append(Finding(place, told["must_hold"], told["received"], told["remedy"]))
+                return None
         path = self.paths[place]
         if isinstance(value, Mapping):
             by_name = {
-                name: self._record(one, tables, (*place, name), f"{path}[{name!r}]")
-                for name, one in value.items()
-                if not self._leaves_out(one, tables, hint, str(name))
+                name: self._record(each, tables, (*place, name), f"{path}[{name!r}]")
+                for name, each in value.items()
+                if not self._leaves_out(each, tables, one.hint, str(name))
             }
             return by_name or None
-        if isinstance(value, tuple) and get_origin(hint) is tuple:
+        if isinstance(value, tuple) and get_origin(one.hint) is tuple:
             found: list[Any] = []
-            for k, one in enumerate(value):
-                if not self._leaves_out(one, tables, hint, str(getattr(one, "name", place[-1]))):
-                    found.append(self._record(one, tables, (*place, len(found)), f"{path}[{k}]"))
+            for k, each in enumerate(value):
+                if not self._leaves_out(each, tables, one.hint, str(getattr(each, "name", place[-1]))):
+                    found.append(self._record(each, tables, (*place, len(found)), f"{path}[{k}]"))
             return found
-        if self._leaves_out(value, tables, hint, str(place[-1])):
+        if self._leaves_out(value, tables, one.hint, str(place[-1])):
             return None
         return self._record(value, tables, place, path)
 
@@ -150,18 +142,18 @@ class Writing(Record):
 
     def problem(self, finding: Finding, title: str) -> Problem:
         """A finding of the data at the path of its attribute, behind a title."""
-        path, unit = self._attribute_path(finding.location), ""
-        place = _of_key(finding.location)
-        if place in self.keys and UNITS.get(self.keys[place][1].unit, 1.0) != 1.0:
-            unit = f" {_in_words(self.keys[place][1].unit)}"
-        number = _NUMBER.fullmatch(finding.received)
+        path, steps = self._attribute_path(finding.location), finding.location
+        # The key, without numbers of entries behind it.
+        place = steps[: max((k + 1 for k, step in enumerate(steps) if isinstance(step, str)), default=0)]
+        about = self.keys[place][1] if place in self.keys else None
+        unit = f" {_in_words(about.unit)}" if about and UNITS.get(about.unit, 1.0) != 1.0 else ""
         must_hold, received, remedy = (
             self._in_code(text, place[:-1]) for text in (finding.must_hold, finding.received, finding.remedy)
         )
         return Problem(
             f"{title}: {path}" if path else title,
             must_hold + (unit if _BOUND.match(finding.must_hold) else ""),
-            received + (unit if number else ""),
+            received + (unit if _NUMBER.fullmatch(finding.received) else ""),
             remedy.replace(
                 "its unit is the last part of the key",
                 "lengths are in m, masses in kg, all else in SI units as well",
@@ -179,26 +171,11 @@ class Writing(Record):
         return text
 
     def _attribute_path(self, location: Location) -> str:
-        for length in range(len(location), 0, -1):
-            if location[:length] in self.paths:
-                path, rest = self.paths[location[:length]], location[length:]
-                break
-        else:
-            path, rest = "", location
-        for step in rest:
-            if isinstance(step, int):
-                path += f"[{step}]"
-            else:
-                path += f".{step}" if path else step
+        known = next((n for n in range(len(location), 0, -1) if location[:n] in self.paths), 0)
+        path = self.paths[location[:known]] if known else ""
+        for step in location[known:]:
+            path += f"[{step}]" if isinstance(step, int) else f".{step}" if path else step
         return path
-
-
-def _of_key(location: Location) -> Location:
-    """The location of a key, without numbers of entries behind it."""
-    end = len(location)
-    while end and isinstance(location[end - 1], int):
-        end -= 1
-    return location[:end]
 
 
 def tables_of(rule: Any) -> Iterable[type[Table]]:
@@ -221,36 +198,14 @@ def _classes_in(hint: Any) -> tuple[type, ...]:
 
 
 def _takes(table: type[Table], record: Any) -> bool:
-    """Whether a record, and what stands in it, is written in a table."""
+    """Whether a record, and what stands in it, is written in a table; of a sequence its only record."""
     if table.makes is not type(record) or not (table.takes is None or table.takes(record)):
         return False
-    return all(_takes_beside(inner, record, attribute) for attribute, inner in table.beside.items())
-
-
-def _takes_beside(inner: type[Table], record: Any, attribute: str) -> bool:
-    part = getattr(record, attribute)
-    if is_sequence_of(type(record), attribute):
-        return isinstance(part, tuple) and len(part) == 1 and _takes(inner, part[0])
-    return _takes(inner, part)
-
-
-def _plain(value: Any, unit: float) -> Any:
-    """A value in the unit of its key, as plain data; what is no number stays as it is."""
-    if isinstance(value, np.generic | np.ndarray):
-        value = value.tolist()
-    if isinstance(value, list | tuple):
-        return [_plain(one, unit) for one in value]
-    if isinstance(value, Mapping):
-        return dict(value)
-    if isinstance(value, Path):
-        return str(value)
-    if isinstance(value, int | float) and not isinstance(value, bool) and unit != 1.0:
-        try:
-            number = float(value)
-        except OverflowError:
-            return float("inf")
-        return in_unit(number, unit) if np.isfinite(number) else number
-    return value
+    parts = ((inner, getattr(record, attribute)) for attribute, inner in table.beside.items())
+    return all(
+        _takes(inner, part[0] if isinstance(part, tuple) and len(part) == 1 else part)
+        for inner, part in parts
+    )
 
 
 def _in_words(unit: str) -> str:

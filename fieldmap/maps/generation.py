@@ -172,7 +172,8 @@ def generate(
             reference = _reference_current(order.reference_current, domain, len(device.coils))
             info = _describe(device, grid, reference, order.title, order.text, plan is not None)
             # Geometry checks hold the device and the box of the map together.
-            placed = replace(device, workspace=WorkspaceBox(grid.lower, grid.upper))
+            box = WorkspaceBox(grid.lower, grid.upper)
+            placed = Device.unchecked(**vars(device) | {"workspace": box})
             check_geometry(placed)
             if resume and (report := _finished(target, info)) is not None:
                 require_accuracy(report, plan, target, accept_error)

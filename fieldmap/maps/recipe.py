@@ -18,7 +18,7 @@ from fieldmap.errors import RecipeError
 from fieldmap.field import Bounds
 from fieldmap.inputs.declared import Key, record_of, table_of
 from fieldmap.inputs.document import AtKey, Document
-from fieldmap.inputs.findings import closest, one_of, shown
+from fieldmap.inputs.findings import meant, one_of, shown
 from fieldmap.inputs.kinds import FileKind
 from fieldmap.inputs.tables import (
     LARGEST_LENGTH_MM,
@@ -504,10 +504,7 @@ def read_recipe_device(recipe: Recipe, changes: Mapping[str, Any] | None = None)
     if shipped is not None:
         return read_device(shipped, changes)
     names = shipped_names("geometry")
-    guess = closest(recipe.device, names)
-    remedy = f"give a path relative to the recipe, or one of {one_of(names)}"
-    if guess:
-        remedy = f'did you mean "{guess}"?'
+    remedy = meant(recipe.device, names, f"give a path relative to the recipe, or one of {one_of(names)}")
     must_hold = "a device file relative to the recipe, or the name of a shipped device"
     raise recipe.error("device", must_hold, shown(recipe.device), remedy)
 

@@ -11,7 +11,7 @@ import numpy as np
 from fieldmap.device.changes import changed, key_finding
 from fieldmap.device.model import Device
 from fieldmap.inputs.document import Document
-from fieldmap.inputs.findings import Finding, closest, one_of
+from fieldmap.inputs.findings import Finding, meant, one_of
 from fieldmap.inputs.key_paths import Location, dotted, matches, value_at
 from fieldmap.studies.design import CURRENT, METHODS, DesignProblem, Number, Variable
 from fieldmap.studies.study import CurrentSet, lacking, refused
@@ -97,8 +97,7 @@ def _of_number(place: Location, number: Number, draft: DesignProblem, device: De
         return
     names = draft.places
     if number.name not in names:
-        guess = closest(number.name, list(names))
-        remedy = f'did you mean "{guess}"?' if guess else "choose one; numbers at points need points"
+        remedy = meant(number.name, list(names), "choose one; numbers at points need points")
         received = repr(number.name)
         yield Finding((*place, "number"), "must be a number that studies record", received, remedy)
         return

@@ -15,7 +15,7 @@ from fieldmap.device.reader import device_of
 from fieldmap.errors import FitError
 from fieldmap.field import AnyField
 from fieldmap.inputs.declared import Key, record_of, table_of
-from fieldmap.inputs.findings import Finding, closest, one_of, shown
+from fieldmap.inputs.findings import Finding, meant, one_of, shown
 from fieldmap.inputs.kinds import FileKind
 from fieldmap.inputs.tables import MILLI, Table, Text, Versioned, broken
 from fieldmap.levitation.unknowns import Unknown, wrong_numbers
@@ -107,8 +107,7 @@ def _bridge_mistakes(table: Any, device: Device) -> Iterator[Finding]:
     for j, pair in enumerate(table.coils):
         for name in pair:
             if name not in names:
-                guess = closest(name, names)
-                remedy = f'did you mean "{guess}"?' if guess else "write the name of a coil"
+                remedy = meant(name, names, "write the name of a coil")
                 must_hold = f"must be a coil of the device: {one_of(names)}"
                 yield Finding(("coils", j), must_hold, f'"{name}"', remedy)
 

@@ -351,7 +351,7 @@ def unit_of(key: str, model: type[BaseModel] | None = None) -> str:
     """The unit of a key, as it is printed."""
     declared = getattr(model, "declared", {})
     found = UNIT.search(key)
-    unit = declared[key][1].unit if key in declared else found[1] if found else ""
+    unit = declared[key].about.unit if key in declared else found[1] if found else ""
     text = unit.replace("_per_", "/").replace("_", " ").replace("2", "²")
     return {"": "—", "deg": "degree", "ohm": "Ω"}.get(text, text)
 

@@ -3,14 +3,13 @@ that an installed package names as an entry point of the group "fieldmap.coils".
 """
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import Any
 
 from fieldmap.device.coils.base import Coil
 from fieldmap.device.coils.winding import WindingPath
 from fieldmap.device.placement import PLACEMENT
 from fieldmap.extensions import import_modules, installed_modules
 from fieldmap.inputs.declared import choice_of, kinds_of, table_of
-from fieldmap.inputs.tables import Table
 
 import_modules(__name__, Path(__file__).parent)
 installed_modules("fieldmap.coils")
@@ -22,7 +21,4 @@ COIL_KEYS: dict[str, Any] = {
 }
 """Tables of device files, by kind."""
 
-if TYPE_CHECKING:
-    AnyCoil: TypeAlias = Table
-else:
-    AnyCoil = choice_of(COIL_KEYS.values(), "kind")
+AnyCoil: Any = choice_of(COIL_KEYS.values(), "kind")

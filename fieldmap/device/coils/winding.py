@@ -125,15 +125,16 @@ def rounded_path(
     edges = np.roll(corners, -1, axis=0) - corners  # edge k runs from corner k to corner k + 1
     lengths = np.hypot(edges[:, 0], edges[:, 1])
     directions = edges / lengths[:, None]
-    turns = _turns(directions)
+    before = np.roll(directions, 1, axis=0)
+    cross = before[:, 0] * directions[:, 1] - before[:, 1] * directions[:, 0]
+    turns = np.arctan2(cross, np.sum(before * directions, axis=1))  # positive to the left
     cuts = corner_radius * np.tan(np.abs(turns) / 2)  # from the corner to where its arc begins
     rest = lengths - cuts - np.roll(cuts, -1)
     _check_fit(name, corner_radius, thickness, rest, lengths)
     arcs = [
-        row
+        _corner(corners[k], directions[k - 1], turns[k], corner_radius, thickness)
         for k in range(len(corners))
         if abs(turns[k]) > _STRAIGHT
-        for row in _corner(corners[k], directions[k - 1], turns[k], corner_radius, thickness)
     ]
     bars = [
         [*(corners[k] + (cuts[k] + rest[k] / 2) * directions[k]), *directions[k], rest[k] / 2]
@@ -143,25 +144,13 @@ def rounded_path(
     return winding_path(arcs, bars, thickness, height)
 
 
-def _turns(directions: Array) -> Array:
-    """Angle by which the path turns at each corner, positive to the left."""
-    before = np.roll(directions, 1, axis=0)
-    cross = before[:, 0] * directions[:, 1] - before[:, 1] * directions[:, 0]
-    return np.arctan2(cross, np.sum(before * directions, axis=1))
-
-
-def _corner(corner: Array, before: Array, turn: float, radius: float, thickness: float) -> list[Arc]:
-    """The arc of one corner, in two halves where it turns by more than a right angle."""
+def _corner(corner: Array, before: Array, turn: float, radius: float, thickness: float) -> Arc:
+    """The arc of one corner."""
     sense = math.copysign(1.0, turn)
     start = corner - radius * math.tan(abs(turn) / 2) * before
     centre = start + sense * radius * np.array([-before[1], before[0]])
     first = math.atan2(start[1] - centre[1], start[0] - centre[0])
-    pieces = 1 if abs(turn) <= math.pi / 2 + 1e-9 else 2
-    step = turn / pieces
-    return [
-        arc((centre[0], centre[1]), first + (k + 0.5) * step, abs(step) / 2, radius, thickness, sense)
-        for k in range(pieces)
-    ]
+    return arc((centre[0], centre[1]), first + turn / 2, abs(turn) / 2, radius, thickness, sense)
 
 
 def _check_fit(name: str, corner_radius: float, thickness: float, rest: Array, lengths: Array) -> None:

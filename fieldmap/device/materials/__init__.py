@@ -58,12 +58,10 @@ def named_file(table: Mapping[str, Any]) -> str | None:
 
 def material_of(table: Table, name: str, curves: Curves) -> Material:
     """In SI. curves: those of the material files that tables name."""
-    made: Material
+    more: dict[str, Any] = {}
     if isinstance(table, BHTableFromFileKeys):
-        h, b = map(read_only, curves[table.file])
-        made = record_of(table, name=name, h=h, b=b)
-    else:
-        made = record_of(table, name=name)
+        more = dict(zip(("h", "b"), map(read_only, curves[table.file]), strict=True))
+    made: Material = record_of(table, name=name, **more)
     return made
 
 

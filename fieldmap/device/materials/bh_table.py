@@ -31,39 +31,28 @@ TOWARDS_SATURATION = "towards saturation"
 Curve = Annotated[list[Positive], Field(min_length=2)]
 
 
-def _require_increasing(key: str, values: list[float]) -> None:
+def _require_increasing(values: list[float], info: ValidationInfo) -> None:
     steps = np.flatnonzero(np.diff(values) <= 0)
     if steps.size:
         k = int(steps[0])
         raise broken(
-            f"{key} must be strictly increasing",
+            f"{info.field_name} must be strictly increasing",
             f"{values[k + 1]:g} after {values[k]:g} (points {k + 1} and {k + 2})",
             "sort the points, and remove repeated ones and the falling branch of a hysteresis loop",
         )
 
 
-def _require_increasing_fields(values: list[float], info: ValidationInfo) -> None:
-    _require_increasing("H_A_per_m", values)
-
-
-def _require_physical(values: list[float], info: ValidationInfo) -> None:
-    _require_increasing("B_T", values)
+def _require_physical(b: list[float], info: ValidationInfo) -> None:
+    _require_increasing(b, info)
     h = info.data.get("H_A_per_m")
-    if h is not None:
-        _require_same_length(h, values)
-        _require_slope(h, values)
-
-
-def _require_same_length(h: list[float], b: list[float]) -> None:
+    if h is None:
+        return
     if len(h) != len(b):
         raise broken(
             "H_A_per_m and B_T must have the same number of values",
             f"{len(h)} and {len(b)} values",
             "give one B for each H",
         )
-
-
-def _require_slope(h: list[float], b: list[float]) -> None:
     slopes = np.diff(b, prepend=0.0) / np.diff(h, prepend=0.0)
     flat = np.flatnonzero(slopes < SMALLEST_SLOPE)
     if flat.size:
@@ -134,7 +123,7 @@ class BHTable(SaturatingMaterial):
             "field strengths, strictly increasing, without the origin",
             "A_per_m",
             name="H",
-            check=_require_increasing_fields,
+            check=_require_increasing,
         ),
     ]
     b: Annotated[
@@ -222,21 +211,28 @@ class BHTable(SaturatingMaterial):
         field = MU0 * np.concatenate([[0.0], self.h])
         polarisation = np.concatenate([[0.0], self.b]) - field
         secant = np.diff(polarisation) / np.diff(field)
-        tail = _tail(field, polarisation, self.saturation)
+        end, rest, tail = polarisation[-1], 1.0, 0.0
+        if self.saturation is not None:
+            rest = self.saturation - end
+            tail = secant[-1] * rest / (self.saturation - polarisation[-2])
+
+        def beyond(x: Array) -> Array:
+            """J past the last point: the hyperbola through the last two that ends at the saturation, or a constant."""
+            return np.asarray(end + tail * x / (1 + tail * x / rest))
+
         # With the continuation the slope at the last point is known: dB/dH has no jump there.
-        beyond = np.append(field, 2 * field[-1]), np.append(polarisation, _tail_value(2 * field[-1], tail))
-        slope = np.append(secant[0], _monotone_slopes(*beyond))
+        known = np.append(field, 2 * field[-1]), np.append(polarisation, beyond(field[-1]))
+        slope = np.append(secant[0], _monotone_slopes(*known))
         # The stated straight line to the origin, as far as monotony of the next piece allows (Fritsch and Carlson).
-        slope[0] = secant[0]
         slope[1] = min(secant[0], 3 * secant[1]) if len(secant) > 1 else secant[0]
-        if tail.slope == 0:
+        if tail == 0:
             return LawPoints(field, polarisation, slope)
-        slope[-1] = tail.slope
-        x = SAMPLES[1:] * tail.rest / tail.slope
+        slope[-1] = tail
+        x = SAMPLES[1:] * rest / tail
         return LawPoints(
             np.concatenate([field, field[-1] + x]),
-            np.concatenate([polarisation, _tail_value(field[-1] + x, tail)]),
-            np.concatenate([slope, tail.slope / (1 + tail.slope * x / tail.rest) ** 2]),
+            np.concatenate([polarisation, beyond(x)]),
+            np.concatenate([slope, tail / (1 + tail * x / rest) ** 2]),
         )
 
     @property
@@ -262,32 +258,6 @@ def _monotone_slopes(x: Array, y: Array) -> Array:
     weighted = of_before[alike] / before[alike] + of_after[alike] / after[alike]
     mean[alike] = 1.0 / (weighted / (of_before + of_after)[alike])
     return mean
-
-
-@dataclass(frozen=True)
-class _Tail:
-    """Past a table's end, at field h0 and polarisation saturation - rest: J = saturation - rest/(1 + slope x/rest)."""
-
-    start: float
-    saturation: float
-    rest: float
-    slope: float
-
-
-def _tail(field: Array, polarisation: Array, saturation: float | None) -> _Tail:
-    """The hyperbola through the last two points that ends at the saturation; a constant where none is given."""
-    end = float(polarisation[-1])
-    if saturation is None:
-        return _Tail(float(field[-1]), end, 0.0, 0.0)
-    rest = saturation - end
-    secant = (end - polarisation[-2]) / (field[-1] - field[-2])
-    return _Tail(float(field[-1]), saturation, rest, float(secant * rest / (saturation - polarisation[-2])))
-
-
-def _tail_value(h: Array, tail: _Tail) -> Array:
-    if tail.slope == 0:
-        return np.full(np.shape(h), tail.saturation)
-    return tail.saturation - tail.rest / (1 + tail.slope * (h - tail.start) / tail.rest)
 
 
 # ---- tables of files ----
