@@ -243,23 +243,17 @@ def solve_device(
     from fieldmap import iron
 
     if options.nonlinear:
-        tell = None if progress is None else _of_state(progress)
-        return iron.NonlinearSolver(device, options.refinement, tell)
+        # The solver ends a pass when it has assembled, but the first state is still to come.
+        def tell(message: str, fraction: float) -> None:
+            if progress is not None and message != "assembled":
+                progress(message, fraction)
+
+        return iron.NonlinearSolver(device, options.refinement, None if progress is None else tell)
     if options.tolerance is not None:
         return iron.solve_to_tolerance(device, options.tolerance, mu_r=options.mu_r, progress=progress)
     return iron.solve_linear(
         device, mu_r=options.mu_r, progress=progress, refinement=options.refinement, form=options.form
     )
-
-
-def _of_state(progress: Progress) -> Progress:
-    """The solver ends a pass when it has assembled, but the first state is still to come."""
-
-    def tell(message: str, fraction: float) -> None:
-        if message != "assembled":
-            progress(message, fraction)
-
-    return tell
 
 
 def _map_source(path: Path) -> FieldSource:
@@ -277,12 +271,8 @@ def _map_source(path: Path) -> FieldSource:
         payload=None if made_of is None else made_of.payload,
         driver=None if made_of is None else made_of.driver,
         device=None,
-        make=partial(_opened, opened),
+        make=partial(as_field, opened),
     )
-
-
-def _opened(field: Field) -> Field:
-    return field
 
 
 def refuse_directory(name: PathLike) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from os import PathLike
 from pathlib import Path
@@ -127,7 +128,13 @@ class MapSummary(Record):
     @property
     def saturation(self) -> str:
         """That a linear map knows no saturation, where its iron has some; otherwise empty."""
-        return NO_SATURATION if self.domain is None and _saturates(self.info.provenance.device_text) else ""
+        from fieldmap.device.materials import keys_of_table
+
+        text = self.info.provenance.device_text if self.domain is None else ""
+        tables: Mapping[str, Mapping[str, Any]] = tomllib.loads(text).get("material", {})
+        found = (keys_of_table(table) for table in tables.values())
+        saturates = any(keys is not None and keys.makes.saturates for keys in found)
+        return NO_SATURATION if saturates else ""
 
     @property
     def missed_accuracy(self) -> MissedAccuracy | None:
@@ -152,11 +159,11 @@ class MapSummary(Record):
 
     def signal_ranges(self) -> dict[str, tuple[float, float]]:
         """Range of each signal of `domain`; of independent currents by the names of the coils."""
-        if self.domain is None:
+        domain = self.domain
+        if domain is None:
             return {}
-        names = signal_names(self.domain, self.info.coil_names)
-        ranges = zip(self.domain.lower.tolist(), self.domain.upper.tolist(), strict=True)
-        return dict(zip(names, ranges, strict=True))
+        ranges = zip(domain.lower.tolist(), domain.upper.tolist(), strict=True)
+        return dict(zip(signal_names(domain, self.info.coil_names), ranges, strict=True))
 
     def to_dict(self) -> dict[str, Plain]:
         """The summary as plain Python, SI units but for `sensor_mm`."""
@@ -287,36 +294,16 @@ def middle_field(opened: FieldMap) -> MiddleField:
         The field there.
     """
     centre = 0.5 * (np.asarray(opened.lower) + np.asarray(opened.upper))
-    alone = np.eye(len(opened.coil_names))
-    saturating = opened.info.reduced_model is not None
-    off = _without_currents(opened, centre)
-    if off is not None and not saturating:
-        flux = opened.unit_field(centre)[:, 2].tolist()
-        slope = opened.unit_gradient(centre)[:, 2, 2].tolist()
-        return MiddleField(centre, (*flux, sum(flux)), (*slope, sum(slope)), off)
-    currents = [opened.info.reference_current] if saturating else [*alone, alone.sum(axis=0)]
-    return MiddleField(
-        centre,
-        tuple(float(opened.field(centre[None, :], i)[0, 2]) for i in currents),
-        tuple(float(opened.gradient(centre[None, :], i)[0, 2, 2]) for i in currents),
-        off,
-    )
-
-
-def _without_currents(opened: FieldMap, point: Array) -> tuple[float, float] | None:
-    """Bz and dBz/dz with all currents off; None where nothing else makes a field, or the map does not know."""
-    if not getattr(opened, "fixed_sources", ()):
-        return None
-    try:
-        return float(opened.constant_field(point)[2]), float(opened.constant_gradient(point)[2, 2])
-    except OutsideMapError:
-        return None
-
-
-def _saturates(text: str) -> bool:
-    """Whether a device file, as recorded, has a material that saturates."""
-    from fieldmap.device.materials import keys_of_table
-
-    tables: Mapping[str, Mapping[str, Any]] = tomllib.loads(text).get("material", {}) if text else {}
-    found = (keys_of_table(table) for table in tables.values())
-    return any(keys is not None and keys.makes.saturates for keys in found)
+    off = None
+    # Where something else makes a field, and the map knows it with all currents off.
+    with suppress(OutsideMapError):
+        if getattr(opened, "fixed_sources", ()):
+            off = float(opened.constant_field(centre)[2]), float(opened.constant_gradient(centre)[2, 2])
+    at, reference = centre[None, :], opened.info.reference_current
+    if opened.info.reduced_model is None:
+        flux, slope = opened.unit_field(at)[0, :, 2], opened.unit_gradient(at)[0, :, 2, 2]
+        return MiddleField(
+            centre, (*flux.tolist(), float(flux.sum())), (*slope.tolist(), float(slope.sum())), off
+        )
+    bz, slope_z = opened.field(at, reference)[0, 2], opened.gradient(at, reference)[0, 2, 2]
+    return MiddleField(centre, (float(bz),), (float(slope_z),), off)

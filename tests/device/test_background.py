@@ -28,23 +28,15 @@ NINE = "gradient_mT_per_m = [[1.0, 2.0, 3.0], [2.0, 4.0, 5.0], [3.0, 5.0, -5.0]]
 TENSOR = 1e-3 * np.array([[1.0, 2, 3], [2, 4, 5], [3, 5, -5]])
 
 
-@pytest.mark.parametrize("gradient", [FIVE, NINE])
-def test_both_ways_to_write_a_gradient_are_one_field(gradient):
+@pytest.mark.parametrize(("gradient", "tensor"), [(FIVE, TENSOR), (NINE, TENSOR), ("", np.zeros((3, 3)))])
+def test_a_background_is_uniform_or_has_a_gradient_written_in_either_way(gradient, tensor):
     device = read_device(TEXT.format(gradient=gradient + "\ncentre_mm = [10.0, 0.0, 0.0]"))
     points = np.array([[0.0, 0.0, 0.0], [0.01, 0.0, 0.0], [0.0, 0.2, -0.1]])
     flux, slope = device.background.field_and_gradient(points)
-    expected = 1e-3 * np.array([1.0, -2.0, 3.0]) + (points - [0.01, 0, 0]) @ TENSOR
+    expected = 1e-3 * np.array([1.0, -2.0, 3.0]) + (points - [0.01, 0, 0]) @ tensor
     assert flux == pytest.approx(expected, rel=1e-14)
-    assert slope == pytest.approx(np.broadcast_to(TENSOR, (3, 3, 3)), rel=1e-14)
+    assert slope == pytest.approx(np.broadcast_to(tensor, (3, 3, 3)), rel=1e-14)
     assert device.fixed_sources == ("background",)
-
-
-def test_without_a_gradient_the_field_is_uniform():
-    background = read_device(TEXT.format(gradient="")).background
-    assert not background.tensor.any()
-    assert np.array_equal(
-        background.field(np.ones((2, 3))), np.tile(1e-3 * np.array([1.0, -2.0, 3.0]), (2, 1))
-    )
 
 
 @pytest.mark.parametrize(
@@ -94,15 +86,3 @@ def test_a_mirror_keeps_the_field_across_it_and_no_other():
     assert fm.Background([0.0, 0.0, 1.0], [1.0, 0.5, 0.0, 1.0, 0.0]).is_kept_by(turn, np.zeros(3))
     assert not fm.Background([0.0, 0.0, 1.0], [1.0, 0.5, 0.1, 1.0, 0.0]).is_kept_by(turn, np.zeros(3))
     assert not fm.Background([0.0, 0.0, 1.0], [1.0, 0.0, 0.0, 1.0, 0.0]).is_kept_by(mirror, [0, 0, 0.1])
-
-
-def test_planar_devices_know_no_background(tmp_path):
-    from fieldmap.planar import read_planar_device
-    from fieldmap.shipped import shipped_folder
-
-    text = (shipped_folder("geometry") / "planar_drive_unit.toml").read_text()
-    path = tmp_path / "planar.toml"
-    path.write_text(text + "\n[background]\nflux_density_mT = [0.0, 0.0, 1.0]\n")
-    with pytest.raises(InputError) as error:
-        read_planar_device(path)
-    assert any("background" in problem.where for problem in error.value.problems)

@@ -19,12 +19,6 @@ def problems_of(text: str, tmp_path) -> tuple:
     return caught.value.problems
 
 
-def test_the_unbroken_file_is_read(valid_text, tmp_path):
-    path = tmp_path / "device.toml"
-    path.write_text(valid_text)
-    assert read_device(path).name == "everything"
-
-
 @pytest.mark.parametrize("case", CASES, ids=lambda case: case["id"])
 def test_one_mistake_gives_one_message(case, valid_text, tmp_path):
     assert valid_text.count(case["old"]) >= 1, "the edit does not apply"
@@ -40,23 +34,13 @@ def test_one_mistake_gives_one_message(case, valid_text, tmp_path):
     assert case["remedy"] in problem.remedy
 
 
-def test_messages_of_different_mistakes_differ(valid_text, tmp_path):
-    texts = [str(problems_of(valid_text.replace(c["old"], c["new"], 1), tmp_path)[0]) for c in CASES]
-    assert len(set(texts)) == len(texts)
-
-
-def test_the_line_of_a_mistake_is_named(valid_text, tmp_path):
-    text = valid_text.replace("radius_mm = 66", "radius_mm = -66")
-    line = text[: text.index("radius_mm = -66")].count("\n") + 1
-    assert problems_of(text, tmp_path)[0].where == f"{tmp_path / 'device.toml'}:{line}: body.disk.radius_mm"
-
-
 def test_all_mistakes_are_reported_at_once(valid_text, tmp_path):
     edits = [
         ("radius_mm = 66", "radius_mm = -66"),
         ('material = "iron"', 'material = "irn"'),
         ("0.80, 0.90]", "0.80, 0.75]"),
         ("corner_radius_mm = 15", "corner_radius_mm = 17"),
+        ("turns = 840\npolarity", "turns = -840\npolarity"),
         ("upper_mm = [20, 20, -76]", "upper_mm = [20, 20, -140]"),
         ("currents_A = [1, 0, 0]\nvalue_T = ", "currents_A = [1, 0]\nvalue_T = "),
         ('"body.disk.radius_mm" =', '"body.disc.radius_mm" ='),
@@ -64,23 +48,19 @@ def test_all_mistakes_are_reported_at_once(valid_text, tmp_path):
     for old, new in edits:
         assert old in valid_text
         valid_text = valid_text.replace(old, new, 1)
-    paths = [problem.where.rpartition(": ")[2] for problem in problems_of(valid_text, tmp_path)]
-    assert paths == [  # in the order of the file
+    problems = problems_of(valid_text, tmp_path)
+    line = valid_text[: valid_text.index("radius_mm = -66")].count("\n") + 1
+    assert problems[1].where == f"{tmp_path / 'device.toml'}:{line}: body.disk.radius_mm"
+    assert [problem.where.rpartition(": ")[2] for problem in problems] == [  # in the order of the file
         "material.steel.B_T",
         "body.disk.radius_mm",
         "body.collar.material",
         "coil.race.corner_radius_mm",
+        "coil.race.turns",
         "workspace.upper_mm",
         "reference.1.currents_A",
         "provenance.body.disc.radius_mm",
     ]
-
-
-def test_two_mistakes_in_one_table_are_both_reported(valid_text, tmp_path):
-    text = valid_text.replace("corner_radius_mm = 15", "corner_radius_mm = 17", 1)
-    text = text.replace("turns = 840\npolarity", "turns = -840\npolarity", 1)
-    paths = [problem.where.rpartition(": ")[2] for problem in problems_of(text, tmp_path)]
-    assert paths == ["coil.race.corner_radius_mm", "coil.race.turns"]
 
 
 @pytest.mark.parametrize(
@@ -133,11 +113,6 @@ def test_errors_of_a_material_file_come_with_those_of_the_device_file(valid_text
     where = [problem.where for problem in problems_of(text, tmp_path)]
     assert where[0].endswith("body.disk.radius_mm")
     assert where[1] == f"{tmp_path / 'curve.toml'}:5: B_T"
-
-
-def test_the_error_is_one_of_the_family():
-    assert DeviceFileError.exit_code == 2
-    assert issubclass(DeviceFileError, ValueError)
 
 
 def test_a_curve_from_a_file_must_have_room_to_saturate(valid_text, tmp_path):

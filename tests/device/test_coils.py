@@ -1,7 +1,6 @@
 """Shapes of coils: each stands in a file of its own; the winding as a closed curve of arcs and bars."""
 
 import inspect
-import re
 from pathlib import Path
 
 import numpy as np
@@ -30,25 +29,6 @@ def test_kinds_of_file_and_of_python_are_the_same():
     shapes = [shape for shape in Coil.__subclasses__() if FOLDER in Path(inspect.getfile(shape)).parents]
     assert {kind: keys.makes for kind, keys in COIL_KEYS.items()} == {shape.kind: shape for shape in shapes}
     assert len(shapes) == 4
-
-
-def test_no_other_module_names_a_shape():
-    """A new shape is one file. `fieldmap` and `fieldmap.device.model` offer the shipped ones to Python; magpylib has
-    blocks of its own for a rounded rectangle, and its currents are a coil of their own."""
-    names = "|".join(shape.__name__ for shape in Coil.__subclasses__())
-    for path in PACKAGE.rglob("*.py"):
-        sources = PACKAGE / "sources"
-        shown = path in (
-            PACKAGE / "__init__.py",
-            sources / "magpylib_objects.py",
-            PACKAGE / "device" / "magpylib_model.py",
-        )
-        if FOLDER in path.parents or shown:
-            continue
-        code = re.sub(r'""".*?"""|#.*', "", path.read_text(), flags=re.DOTALL)
-        if path == PACKAGE / "device" / "model.py":
-            code = re.sub(r"^from fieldmap.device.coils.*$", "", code, flags=re.MULTILINE)
-        assert not re.findall(rf"\b({names})\b", code), path
 
 
 @pytest.mark.parametrize(("coil", "length"), COILS, ids=lambda given: getattr(given, "name", ""))

@@ -7,11 +7,10 @@ import numpy as np
 import pytest
 
 import fieldmap
-from fieldmap.device import materials
+from fieldmap.device.coils import COIL_KEYS
 from fieldmap.device.materials import MATERIAL_KEYS, Material, keys_of_table
 
 PACKAGE = Path(fieldmap.__file__).parent
-FOLDER = Path(materials.__file__).parent
 CHOICES = MATERIAL_KEYS.values()
 LAWS = [keys.makes for keys in CHOICES]
 
@@ -34,15 +33,20 @@ def test_a_table_is_read_with_the_keys_of_its_kind():
     assert keys_of_table({}) is None
 
 
-def test_no_other_module_names_a_law():
-    """A new law is one file. `fieldmap` and `fieldmap.device.model` offer the shipped ones to Python."""
-    names = "|".join(sorted({law.__name__ for law in LAWS}))
+@pytest.mark.parametrize(("folder", "choices"), [("materials", MATERIAL_KEYS), ("coils", COIL_KEYS)])
+def test_no_other_module_names_a_class_of_a_folder(folder, choices):
+    """A new law or coil is one file. `fieldmap` and `fieldmap.device.model` offer the shipped ones to Python; magpylib
+    has blocks of its own for a rounded rectangle, and its currents are a coil of their own."""
+    names = "|".join(sorted({keys.makes.__name__ for keys in choices.values()}))
+    shown = ["__init__.py"] + ["sources/magpylib_objects.py", "device/magpylib_model.py"] * (
+        folder == "coils"
+    )
     for path in PACKAGE.rglob("*.py"):
-        if FOLDER in path.parents or path == PACKAGE / "__init__.py":
+        if PACKAGE / "device" / folder in path.parents or path in [PACKAGE / name for name in shown]:
             continue
         code = re.sub(r'""".*?"""|#.*', "", path.read_text(), flags=re.DOTALL)
         if path == PACKAGE / "device" / "model.py":
-            code = re.sub(r"^from fieldmap.device.materials.*$", "", code, flags=re.MULTILINE)
+            code = re.sub(rf"^from fieldmap.device.{folder}.*$", "", code, flags=re.MULTILINE)
         assert not re.findall(rf"\b({names})\b", code), path
 
 

@@ -12,7 +12,7 @@ from fieldmap.device import read_device
 from fieldmap.device.cross_checks import all_paths
 from fieldmap.device.schema import DEVICE
 from fieldmap.device.toml_text import toml_text
-from fieldmap.errors import InputError
+from fieldmap.errors import DeviceFileError, InputError
 from fieldmap.shipped import shipped_file
 from tests.device.made_in_code import made_in_code
 from tests.device.test_short_forms import SHORT
@@ -21,6 +21,7 @@ SEEDS = {"few": range(2, 120, 3), "many": range(int(os.environ.get("FIELDMAP_MUT
 """Every third, from one on that finds whole numbers which are too large for a float (65), and all, for `make slow`."""
 seeded = pytest.mark.parametrize("seeds", SEEDS.values(), ids=SEEDS)
 LONGEST_S = 5.0
+VALUES = ["-1.5", '"text"', "true", "nan", "[[1, 2], [3]]", "{a = 1}", '[{name = "x"}, 1]', "1979-05-27"]
 NUMBERS = [float("nan"), float("inf"), 1e308, -1e308, 5e-324, 0, -1, -0.0, 10**400, 2**70]
 OTHERS = [
     "text",
@@ -100,6 +101,39 @@ def test_files(source, seeds, valid_text):
         wrong = mutated(data, random.Random(seed))
         refused += told(lambda wrong=wrong: read_device(toml_text(wrong) + "\n"), seed)
     assert refused > LEAST[source] * len(seeds)
+
+
+@pytest.mark.parametrize("value", VALUES)
+def test_any_value_anywhere(value, valid_text, tmp_path):
+    """In the place of each value of one line, and of each table."""
+    path, lines, problems = tmp_path / "device.toml", valid_text.split("\n"), []
+
+    def told_of(text):
+        path.write_text(text)
+        try:
+            read_device(path)
+        except DeviceFileError as error:
+            problems.extend(error.problems)
+            return True
+        return False
+
+    for k, line in enumerate(lines):
+        key, is_value, _ = line.partition("=")
+        text = "\n".join([*lines[:k], f"{key}= {value}", *lines[k + 1 :]])
+        # The lines that begin a value of several lines are left as they are.
+        if is_value and is_toml(text):
+            told_of(text)
+    assert len(problems) > 20
+    for key in ["body", "material", "coil", "payload", "driver", "workspace", "reference", "provenance"]:
+        assert told_of(f'format = 1\nname = "x"\ntitle = "x"\n{key} = {value}\n')
+    assert all(problem.where.startswith(str(path)) for problem in problems)
+
+
+def is_toml(text):
+    try:
+        return bool(tomllib.loads(text))
+    except tomllib.TOMLDecodeError:
+        return False
 
 
 @seeded

@@ -1,7 +1,5 @@
 """Short forms of device files: repetition, mirrors, parameters, defaults, included files; where mistakes are told."""
 
-import subprocess
-import sys
 import time
 import tomllib
 
@@ -9,10 +7,7 @@ import numpy as np
 import pytest
 
 from fieldmap.device import read_device, recorded_device
-from fieldmap.device.expansion import expand
-from fieldmap.device.schema import DEVICE
 from fieldmap.errors import DeviceFileError
-from fieldmap.shipped import shipped_file
 
 HEAD = 'format = 1\nname = "short"\ntitle = "Short forms"\n'
 SHORT = (
@@ -173,15 +168,6 @@ def test_files_beside_an_included_file_are_found(tmp_path):
     assert list(device.included) == ["parts/curve.toml"]
 
 
-def test_a_short_device_is_read_without_the_packages_of_other_files():
-    program = (
-        "import sys, fieldmap; fieldmap.read_device('drive_unit'); "
-        "print(sorted(n for n in sys.modules if n.startswith(('fieldmap.iron', 'fieldmap.maps', 'fieldmap.dynamics'))))"
-    )
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "[]"
-
-
 @pytest.mark.parametrize("name", ["self.toml", "there is none.toml", 3])
 def test_files_that_cannot_be_included(name, tmp_path):
     path = tmp_path / "self.toml"
@@ -197,17 +183,6 @@ def test_a_chain_of_files_ends(tmp_path):
         (tmp_path / f"{k}.toml").write_text(HEAD + f'include = "{k + 1}.toml"\n')
     with pytest.raises(DeviceFileError):
         read_device(tmp_path / "0.toml")
-
-
-def test_parameters_given_from_outside():
-    document = DEVICE.load(shipped_file("geometry", "drive_unit"))
-    other = expand(document.raw, {"gap": 120.0})
-    bodies = {body["name"]: body for body in other.data["body"]}
-    assert bodies["lower plate"]["position_mm"] == [0.0, 0.0, -126.0]
-    before = DEVICE.load(shipped_file("geometry", "drive_unit_a3"))
-    wanted = next(body for body in before.data["body"] if body["name"] == "yoke")["part"]
-    assert [part["position_mm"] for part in bodies["yoke"]["part"]] == [p["position_mm"] for p in wanted]
-    assert [part["size_mm"] for part in bodies["yoke"]["part"]] == [p["size_mm"] for p in wanted]
 
 
 @pytest.mark.parametrize(

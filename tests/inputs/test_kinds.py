@@ -30,7 +30,7 @@ def test_every_kind_has_marks_that_its_files_may_have():
 def declared_keys(table=Table):
     """(key, unit) of every table that was made of a declaration."""
     for one in table.__subclasses__():
-        yield from ((key, about.unit) for key, (_, about, _) in one.declared.items())
+        yield from ((key, each.about.unit) for key, each in one.declared.items())
         yield from declared_keys(one)
 
 
@@ -72,7 +72,7 @@ def test_a_reader_knows_kinds_of_packages_that_are_not_loaded(tmp_path):
 import sys
 from fieldmap.device import read_device
 read_device("single_electromagnet")
-assert "fieldmap.dynamics" not in sys.modules
+assert not [n for n in sys.modules if n.startswith(("fieldmap.iron", "fieldmap.maps", "fieldmap.dynamics"))]
 try:
     read_device(sys.argv[1])
 except ValueError as error:
