@@ -343,12 +343,7 @@ class _Expansion:
             self._add(layer, key, (key, k), copied, defaulted)
 
     def _add(
-        self,
-        layer: Document,
-        key: str,
-        raw: Location,
-        table: Any,
-        defaulted: Mapping[str, Location],
+        self, layer: Document, key: str, raw: Location, table: Any, defaulted: Mapping[str, Location]
     ) -> None:
         """An entry of an array; one with the name of an entry of an included file changes that one's keys."""
         entries = self.data.setdefault(key, [])

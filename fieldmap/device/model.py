@@ -107,8 +107,7 @@ class Device(Made):
     name: Annotated[str, Key(Name, "short name of the device")]
     title: Annotated[str, Key(Text, "one line about the device")]
     coils: Annotated[
-        tuple[Coil, ...],
-        Key(list[AnyCoil], "[[coil]] tables; currents follow this order", name="coil"),
+        tuple[Coil, ...], Key(list[AnyCoil], "[[coil]] tables; currents follow this order", name="coil")
     ] = ()
     bodies: Annotated[
         tuple[Body, ...], Key(list[AnyBody], "[[body]] tables: the iron and the magnets", name="body")
@@ -120,16 +119,13 @@ class Device(Made):
     driver: Annotated[Driver | None, Key(DRIVER | None, "the amplifiers of the coils")] = None
     workspace: Annotated[Workspace | None, Key(AnyWorkspace | None, "where the payload may go")] = None
     references: Annotated[
-        tuple[Reference, ...],
-        Key(list[AnyReference], "[[reference]] tables: known values", name="reference"),
+        tuple[Reference, ...], Key(list[AnyReference], "[[reference]] tables: known values", name="reference")
     ] = ()
     sections: Annotated[
-        tuple[Section, ...],
-        Key(list[SECTION], "[[section]] tables: cross-sections of iron", name="section"),
+        tuple[Section, ...], Key(list[SECTION], "[[section]] tables: cross-sections of iron", name="section")
     ] = ()
     provenance: Annotated[
-        Mapping[str, str],
-        Key(dict[str, Text], '"key.path" = "source of the number"; * means any one step'),
+        Mapping[str, str], Key(dict[str, Text], '"key.path" = "source of the number"; * means any one step')
     ] = field(default_factory=lambda: _EMPTY)
     source: Path | None = None
     text: str = field(default="", repr=False)

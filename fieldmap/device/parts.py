@@ -42,11 +42,7 @@ class Part(Made):
     shape: Shape
     placement: Placement = field(default_factory=Placement)
     operation: Annotated[
-        str,
-        Key(
-            Literal["add", "cut"],
-            "add this shape to the body, or cut it out of the parts before it",
-        ),
+        str, Key(Literal["add", "cut"], "add this shape to the body, or cut it out of the parts before it")
     ] = "add"
 
 
@@ -225,8 +221,7 @@ class Joint(Made):
     """
 
     gap: Annotated[
-        float,
-        Key(_Gap, "thickness, cut out of the body whose end the joint is; 0: no joint", "mm"),
+        float, Key(_Gap, "thickness, cut out of the body whose end the joint is; 0: no joint", "mm")
     ]
     between: Annotated[
         tuple[str, str] | None,
@@ -314,19 +309,13 @@ class Section(Made):
     origin: Annotated[Array, Key(Point, "[x, y, z] of a point of the plane", "mm", "centre")]
     normal: Annotated[
         Array,
-        Key(
-            Vector,
-            "[x, y, z] along the flux that counts as positive; any length",
-            check=_require_direction,
-        ),
+        Key(Vector, "[x, y, z] along the flux that counts as positive; any length", check=_require_direction),
     ]
     bodies: Annotated[
-        tuple[str, ...],
-        Key(list[Name], "names of the bodies that are cut; all if left out"),
+        tuple[str, ...], Key(list[Name], "names of the bodies that are cut; all if left out")
     ] = ()
     half_widths: Annotated[
-        Array | None,
-        Key(Size | None, "[x, y, z]: the section ends at these distances from the centre", "mm"),
+        Array | None, Key(Size | None, "[x, y, z]: the section ends at these distances from the centre", "mm")
     ] = None
 
 
@@ -412,8 +401,7 @@ class Reference(Made):
     value: float
     source: Annotated[str, Key(Text, "where the value comes from")]
     mu_r: Annotated[
-        float | None,
-        Key(Positive | None, "relative permeability of the iron for which the value holds"),
+        float | None, Key(Positive | None, "relative permeability of the iron for which the value holds")
     ] = None
     tolerance: Annotated[float | None, Key(Positive | None, "relative uncertainty of the value")] = None
 

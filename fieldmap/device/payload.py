@@ -155,11 +155,7 @@ def _name_of(material: object) -> object:
 
 MaterialOfPiece = Annotated[
     Material | str | None,
-    Key(
-        Name | None,
-        "name of a [material.NAME] table of this file; or give mu_r instead",
-        write=_name_of,
-    ),
+    Key(Name | None, "name of a [material.NAME] table of this file; or give mu_r instead", write=_name_of),
 ]
 PermeabilityOfPiece = Annotated[
     float | None,
@@ -280,8 +276,7 @@ class Payload(Made):
         ),
     ] = None
     magnet_offset: Annotated[
-        float,
-        Key(Coordinate, "depth of the magnet's centre below the point that the sensor reads", "mm"),
+        float, Key(Coordinate, "depth of the magnet's centre below the point that the sensor reads", "mm")
     ] = 0.0
     inertia: Annotated[
         tuple[float, float, float] | None,

@@ -31,10 +31,5 @@ DEVICE = FileKind(
     short_forms=frozenset({"include", "without", "defaults"}),
 )
 MATERIAL = FileKind(
-    "material",
-    MaterialFile,
-    DeviceFileError,
-    "geometry",
-    "materials",
-    json_schema="material.schema.json",
+    "material", MaterialFile, DeviceFileError, "geometry", "materials", json_schema="material.schema.json"
 )

@@ -176,10 +176,7 @@ _TOLD = {
         "must be a finite number",
         "replace nan or inf by a number, or leave the key out if it is optional",
     ),
-    "string_type": (
-        "must be a text",
-        'put it in quotes, for example "steel"; quote dotted keys as well',
-    ),
+    "string_type": ("must be a text", 'put it in quotes, for example "steel"; quote dotted keys as well'),
     "string_too_short": ("must not be empty", "write a few words"),
     "list_type": (
         "must be an array",

@@ -44,8 +44,7 @@ MARKS: Mapping[str, Marks] = MappingProxyType(
             "`fieldmap check` takes it",
         ),
         "material": Marks(
-            frozenset({"H_A_per_m", "B_T"}),
-            'a device file names it: kind = "bh_table", file = "..."',
+            frozenset({"H_A_per_m", "B_T"}), 'a device file names it: kind = "bh_table", file = "..."'
         ),
         "planar device": Marks(
             frozenset({"coil", "body", "material", "payload", "walls"}),

@@ -7,25 +7,13 @@ interpolants to certify a map against the solver, those that use maps to look it
 
 from fieldmap.extensions import installed_modules
 from fieldmap.interpolants import global_polynomial, harmonic_cells, hermite
-from fieldmap.interpolants.form import (
-    OUTSIDE_RULES,
-    Form,
-    Interpolant,
-    Jump,
-    contract,
-    set_size,
-)
+from fieldmap.interpolants.form import OUTSIDE_RULES, Form, Interpolant, Jump, contract, set_size
 from fieldmap.interpolants.global_polynomial import global_form
 from fieldmap.interpolants.harmonic_cells import cell_form, jump_between_cells
 from fieldmap.interpolants.hermite import hermite_form
 
 INTERPOLANTS: dict[str, Interpolant] = {
-    module.INTERPOLANT.name: module.INTERPOLANT
-    for module in (
-        harmonic_cells,
-        hermite,
-        global_polynomial,
-    )
+    module.INTERPOLANT.name: module.INTERPOLANT for module in (harmonic_cells, hermite, global_polynomial)
 }
 """By name, in the order in which they are offered; the first is the default of `open_map`."""
 

@@ -105,8 +105,7 @@ def _fit(data: MapData, chosen: Sequence[NDArray[np.intp]], degree: int, length:
         if columns.size:
             wanted = [values[tuple(kind ^ changed)][:, k] for k, changed in enumerate(_CHANGED)]
             found[columns] = _least_squares(
-                design[:, :, columns].reshape(-1, columns.size),
-                np.stack(wanted, axis=1).reshape(-1, fields),
+                design[:, :, columns].reshape(-1, columns.size), np.stack(wanted, axis=1).reshape(-1, fields)
             )
     return np.ascontiguousarray(found.T)
 

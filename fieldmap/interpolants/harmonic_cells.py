@@ -155,10 +155,5 @@ def _both(points: Array) -> Array:
 
 
 INTERPOLANT = Interpolant(
-    NAME,
-    "one harmonic polynomial per cell",
-    cell_form,
-    HARMONIC,
-    jump=jump_between_cells,
-    in_c=True,
+    NAME, "one harmonic polynomial per cell", cell_form, HARMONIC, jump=jump_between_cells, in_c=True
 )

@@ -29,12 +29,7 @@ def hermite_form(data: MapData, outside: str) -> Form:
     start = header(HERMITE, data.grid, len(data.field_names), outside)
     field = _coefficients(data, data.flux_density, data.gradient)
     potential = _coefficients(data, node_potential(data)[..., None], data.flux_density[..., None, :])
-    return Form(
-        NAME,
-        np.concatenate([start, field]),
-        np.concatenate([start, potential]),
-        None,
-    )
+    return Form(NAME, np.concatenate([start, field]), np.concatenate([start, potential]), None)
 
 
 def _coefficients(data: MapData, values: Array, slopes: Array) -> Array:

@@ -94,10 +94,7 @@ def test_payload_driver_workspace_and_references(device):
 
 @pytest.mark.parametrize(
     ("magnet", "volume"),
-    [
-        ('shape = "sphere"\ndiameter_mm = 2', np.pi / 6 * 8e-9),
-        ('shape = "block"\nsize_mm = [1, 2, 3]', 6e-9),
-    ],
+    [('shape = "sphere"\ndiameter_mm = 2', np.pi / 6 * 8e-9), ('shape = "block"\nsize_mm = [1, 2, 3]', 6e-9)],
 )
 def test_other_magnets(magnet, volume, valid_text, tmp_path):
     old = 'shape = "cylinder"\ndiameter_mm = 10\nheight_mm = 10'

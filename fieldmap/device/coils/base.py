@@ -35,8 +35,7 @@ CoilName = Annotated[
 Named = Annotated[str, Key(CoilName, "the coil's name: letters, digits, underscores")]
 Turns = Annotated[float, Key(Positive, "number of turns")]
 Polarity = Annotated[
-    int,
-    Key(Literal[1, -1], "1: positive current runs counter-clockwise seen from local +z; -1: clockwise"),
+    int, Key(Literal[1, -1], "1: positive current runs counter-clockwise seen from local +z; -1: clockwise")
 ]
 Resistance = Annotated[float | None, Key(Positive | None, "resistance of the winding", "ohm")]
 Inductance = Annotated[float | None, Key(Positive | None, "inductance, alone in its iron", "mH")]

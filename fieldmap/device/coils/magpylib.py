@@ -44,8 +44,7 @@ class MagpylibCoil(Coil):
     polarity: Polarity = 1
     placement: Placement = field(default_factory=Placement)
     nominal_current: Annotated[
-        float | None,
-        Key(float | None, "the coil's current in the original model", "A"),
+        float | None, Key(float | None, "the coil's current in the original model", "A")
     ] = None
     resistance: Resistance = None
     inductance: Inductance = None

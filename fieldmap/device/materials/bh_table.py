@@ -8,13 +8,7 @@ import numpy as np
 from pydantic import Field, ValidationInfo
 
 from fieldmap.constants import MU0
-from fieldmap.device.materials.base import (
-    SAMPLES,
-    CoerciveField,
-    LawPoints,
-    Polarisation,
-    SaturatingMaterial,
-)
+from fieldmap.device.materials.base import SAMPLES, CoerciveField, LawPoints, Polarisation, SaturatingMaterial
 from fieldmap.inputs.declared import Key, table_of
 from fieldmap.inputs.tables import Positive, Text, broken
 from fieldmap.typing import Array
@@ -139,8 +133,7 @@ class BHTable(SaturatingMaterial):
     below: Annotated[
         str,
         Key(
-            Literal["straight line to the origin"],
-            'law below the first point: "straight line to the origin"',
+            Literal["straight line to the origin"], 'law below the first point: "straight line to the origin"'
         ),
     ]
     above: Annotated[
