@@ -9,9 +9,8 @@ from typing import Annotated, Any, Self
 import numpy as np
 from pydantic import Field, ValidationInfo
 
-from fieldmap.device.air_sources import AirSource, AirSourceKeys
+from fieldmap.device.air_sources import AirSource, AirSourceKeys, sources_of
 from fieldmap.device.made import Made
-from fieldmap.device.magpylib_sources import sources_of
 from fieldmap.inputs.declared import Key
 from fieldmap.inputs.tables import Point, Vector, broken
 from fieldmap.typing import Array

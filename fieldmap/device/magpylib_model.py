@@ -12,10 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from fieldmap.device.air_sources import AirSource
+from fieldmap.device.air_sources import SOLIDS, AirSource, leaves, per_ampere, source_of
 from fieldmap.device.background import Background
 from fieldmap.device.coils.magpylib import MagpylibCoil
-from fieldmap.device.magpylib_sources import SOLIDS, leaves, per_ampere, source_of
 from fieldmap.device.materials import Material, keys_of_table, material_of
 from fieldmap.device.parts import Body, Part
 from fieldmap.device.placement import Placement
@@ -154,23 +153,17 @@ class _Found:
         """A body of iron, or a magnet that its surroundings change."""
         label = getattr(thing.style, "label", None) or type(thing).__name__
         where = f"from_magpylib, {label}"
-        if source.kind not in SOLIDS:
-            must_hold = f"a susceptibility belongs to one of {', '.join(SOLIDS)}"
-            self.problems.append(Problem(where, must_hold, f"a {type(thing).__name__}", "remove it"))
-            return
-        name = self.named(thing, r"[^A-Za-z0-9_ +-]", " ")
-        law = _law(name, source, material)
-        if isinstance(law, Problem):
-            self.problems.append(Problem(where, law.must_hold, law.received, law.remedy))
-            return
         try:
-            parts = _parts(source)
-        except ValueError as error:
-            self.problems.append(
-                Problem(where, "a shape with a volume", str(error), "correct its dimensions")
-            )
+            if source.kind not in SOLIDS:
+                must_hold = f"a susceptibility belongs to one of {', '.join(SOLIDS)}"
+                raise InputError.of(where, must_hold, f"a {type(thing).__name__}", "remove it")
+            name = self.named(thing, r"[^A-Za-z0-9_ +-]", " ")
+            law, parts = _law(where, name, source, material), _parts(where, source)
+        except InputError as error:
+            self.problems += error.problems
             return
-        size = self._mesh_size(label, source)
+        given = self.mesh_size.get(label) if isinstance(self.mesh_size, Mapping) else self.mesh_size
+        size = float(min(source.extents.max() / _MESH, source.extents.min()) if given is None else given)
         self.bodies.append(Body(name, self._material(name, law), parts, size, size / _LAYER))
 
     def _material(self, name: str, law: Material) -> str:
@@ -183,22 +176,16 @@ class _Found:
         self.made[name] = law
         return name
 
-    def _mesh_size(self, label: str, source: AirSource) -> float:
-        given = self.mesh_size.get(label) if isinstance(self.mesh_size, Mapping) else self.mesh_size
-        if given is not None:
-            return float(given)
-        extent = source.extents
-        return float(min(extent.max() / _MESH, extent.min()))
 
-
-def _law(name: str, source: AirSource, given: Any) -> Material | Problem:
+def _law(where: str, name: str, source: AirSource, given: Any) -> Material:
     """The material that a susceptibility, curve or material stands for; `polarization` is its remanence."""
     polarisation = np.asarray(source.polarization, dtype=float)
     remedy = "give a number, a material of fieldmap, or an object with arrays H and B"
     if isinstance(given, Material):
         if polarisation.any():
             received = f"a polarization of {polarisation.tolist()} T"
-            return Problem("", "a curve belongs to an object without polarization", received, "set it to 0")
+            must_hold = "a curve belongs to an object without polarization"
+            raise InputError.of(where, must_hold, received, "set it to 0")
         return given
     curve = [
         next((getattr(given, key) for key in keys if hasattr(given, key)), None) for keys in ("Hh", "Bb")
@@ -207,33 +194,34 @@ def _law(name: str, source: AirSource, given: Any) -> Material | Problem:
         h, b = (np.asarray(values, dtype=float).ravel() for values in curve)
         above = h > 0
         table = {"below": "straight line to the origin", "above": "slope mu0"}
-        return _made(name, "bh_table", H_A_per_m=h[above].tolist(), B_T=b[above].tolist(), **table)
+        return _made(where, name, "bh_table", H_A_per_m=h[above].tolist(), B_T=b[above].tolist(), **table)
     try:
         values = np.asarray(given, dtype=float).ravel()
     except (TypeError, ValueError):
-        return Problem("", "a susceptibility is a number", repr(given)[:80], remedy)
+        raise InputError.of(where, "a susceptibility is a number", repr(given)[:80], remedy) from None
     if values.size not in (1, 3) or not np.isfinite(values).all() or np.ptp(values) > 0 or values[0] <= -1:
-        return Problem("", "one susceptibility above -1 for all directions", f"{values.tolist()}", remedy)
+        must_hold = "one susceptibility above -1 for all directions"
+        raise InputError.of(where, must_hold, f"{values.tolist()}", remedy)
     mu_r = 1.0 + float(values[0])
     if not polarisation.any():
-        return _made(name, "linear", mu_r=mu_r)
+        return _made(where, name, "linear", mu_r=mu_r)
     world = np.asarray(source.placement.rotation) @ polarisation
-    return _made(name, "permanent_magnet", remanence_T=world.tolist(), mu_r=mu_r)
+    return _made(where, name, "permanent_magnet", remanence_T=world.tolist(), mu_r=mu_r)
 
 
-def _made(name: str, kind: str, **keys: Any) -> Material | Problem:
-    """A material by the keys of device files, or what is wrong with them."""
+def _made(where: str, name: str, kind: str, **keys: Any) -> Material:
+    """A material by the keys of device files."""
     table = {"kind": kind} | keys
     of_kind = keys_of_table(table)
     assert of_kind is not None
     findings = schema_findings(of_kind, table)
     if findings:
         first = findings[0]
-        return Problem("", first.must_hold, first.received, first.remedy)
+        raise InputError.of(where, first.must_hold, first.received, first.remedy)
     return material_of(of_kind.model_validate(table), name, {})
 
 
-def _parts(source: AirSource) -> tuple[Part, ...]:
+def _parts(where: str, source: AirSource) -> tuple[Part, ...]:
     """The shapes of a body: magpylib's are centred, ours stand on z = 0."""
     at, size = source.placement, source.dimension
 
@@ -258,7 +246,14 @@ def _parts(source: AirSource) -> tuple[Part, ...]:
         cut = ExtrudedPolygon(_wedge(outer, last, first + 360), 2 * height)
         return whole, Part(cut, placed(height), "cut")
     corners = np.asarray(source.vertices, dtype=float)
-    return (Part(_surface(source, corners), at),)
+    faces: Any = source.faces
+    if source.kind == "Tetrahedron":
+        volume = np.linalg.det(corners[1:] - corners[0])
+        if volume == 0:
+            received = "a tetrahedron without volume"
+            raise InputError.of(where, "a shape with a volume", received, "correct its dimensions")
+        faces = OUTWARD if volume > 0 else OUTWARD[:, ::-1]
+    return (Part(TriangleSurface(corners, np.asarray(faces)), at),)
 
 
 def _wedge(radius: float, first: float, last: float) -> Array:
@@ -267,12 +262,3 @@ def _wedge(radius: float, first: float, last: float) -> Array:
     angles = np.radians(np.linspace(first, last, count))
     far = 1.2 * radius  # the middle of a chord of 45 deg: 1.11 radius
     return np.vstack([np.zeros(2), far * np.column_stack([np.cos(angles), np.sin(angles)])])
-
-
-def _surface(source: AirSource, corners: Array) -> TriangleSurface:
-    if source.kind == "Tetrahedron":
-        volume = np.linalg.det(corners[1:] - corners[0])
-        if volume == 0:
-            raise ValueError("a tetrahedron without volume")
-        return TriangleSurface(corners, OUTWARD if volume > 0 else OUTWARD[:, ::-1])
-    return TriangleSurface(corners, np.asarray(source.faces))

@@ -44,7 +44,7 @@ from fieldmap.device.parts import Section as Section
 from fieldmap.device.parts import Workspace as Workspace
 from fieldmap.device.parts import WorkspaceBox as WorkspaceBox
 from fieldmap.device.parts import WorkspaceCylinder as WorkspaceCylinder
-from fieldmap.device.patterns import Image, Repeat
+from fieldmap.device.patterns import Image, Repeat, with_short_forms
 from fieldmap.device.payload import AnyPayload
 from fieldmap.device.payload import MagnetBlock as MagnetBlock
 from fieldmap.device.payload import MagnetCylinder as MagnetCylinder
@@ -67,7 +67,6 @@ from fieldmap.device.shapes.turned import Cylinder as Cylinder
 from fieldmap.device.shapes.turned import RevolvedProfile as RevolvedProfile
 from fieldmap.device.shapes.turned import Ring as Ring
 from fieldmap.device.shapes.turned import Sphere as Sphere
-from fieldmap.device.short_forms import with_short_forms
 from fieldmap.device.toml_text import toml_text
 from fieldmap.errors import InputError, Problem
 from fieldmap.field import Bounds

@@ -1,37 +1,81 @@
-"""Is a closed polygon a simple one? Pure geometry, no files."""
+"""Closed polygons that do not meet themselves, and the rules for outlines and radii that shapes and coils share."""
 
-import math
 from collections.abc import Sequence
+from typing import Annotated, Any
+
+import numpy as np
+from pydantic import AfterValidator, Field, ValidationInfo
+
+from fieldmap.inputs.tables import PlanePoint, Point, broken
+from fieldmap.typing import Array
 
 PlanePoints = Sequence[Sequence[float]]
+FourPoints = Annotated[list[Point], Field(min_length=4)]
+Polygon = Annotated[list[PlanePoint], Field(min_length=3)]
 
 
-def signed_area(points: PlanePoints) -> float:
+def _edges(points: PlanePoints | Array) -> tuple[Array, Array]:
+    """First and last points (n, 2) of the edges."""
+    start = np.asarray(points, dtype=float).reshape(-1, 2)
+    return start, np.roll(start, -1, axis=0)
+
+
+def _cross(one: Array, other: Array) -> Array:
+    return np.asarray(one[..., 0] * other[..., 1] - one[..., 1] * other[..., 0])
+
+
+def signed_area(points: PlanePoints | Array) -> float:
     """Positive if the corners run counter-clockwise (shoelace formula)."""
-    total = 0.0
-    for (x1, y1), (x2, y2) in _edges(points):
-        total += x1 * y2 - x2 * y1
-    return total / 2
+    return float(_cross(*_edges(points)).sum() / 2)
 
 
-def polygon_fault(points: PlanePoints) -> str | None:
+def polygon_fault(points: PlanePoints | Array) -> str | None:
     """What keeps the closed polygon from being simple (corners counted from 1), or None.
 
     >>> polygon_fault([[0, 0], [1, 1], [1, 0], [0, 1]])
     'edge 1-2 meets edge 3-4'
     """
-    count = len(points)
+    start, end = _edges(points)
+    count = len(start)
     if count < 3:
         return f"only {count} corners"
-    for k, (start, end) in enumerate(_edges(points)):
-        if tuple(start) == tuple(end):
-            return f"corners {k + 1} and {(k + 1) % count + 1} are the same point"
-    meeting = _first_meeting(points)
-    if meeting is not None:
-        return meeting
-    if abs(signed_area(points)) <= 1e-12 * _extent(points) ** 2:
-        return "all corners lie on one line"
-    return None
+    same = np.flatnonzero((start == end).all(axis=1))
+    if same.size:
+        return f"corners {same[0] + 1} and {(same[0] + 1) % count + 1} are the same point"
+    for i in range(count):
+        meeting = np.flatnonzero(_meeting(start, end, i)[i + 1 :])
+        if meeting.size:
+            j = i + 1 + int(meeting[0])
+            return f"edge {i + 1}-{i + 2} meets edge {j + 1}-{(j + 1) % count + 1}"
+    extent = np.linalg.norm(start - start[0], axis=1).max()
+    return "all corners lie on one line" if abs(signed_area(points)) <= 1e-12 * extent**2 else None
+
+
+def _meeting(start: Array, end: Array, i: int) -> Any:
+    """Which edges (n,) share a point with edge i; of those at its ends, which run back over it."""
+    ours, theirs = _sides(start[i], end[i], start), _sides(start, end, start[i])
+    their_end = _sides(start, end, end[i])
+    meeting = (ours * np.roll(ours, -1) < 0) & (theirs * their_end < 0)
+    touching = (ours == 0) & _between(start[i], end[i], start)
+    meeting |= touching | np.roll(touching, -1)
+    meeting |= ((theirs == 0) & _between(start, end, start[i])) | (
+        (their_end == 0) & _between(start, end, end[i])
+    )
+    before, after = (i - 1) % len(start), (i + 1) % len(start)
+    meeting[after] = ours[(i + 2) % len(start)] == 0 and (start[i] - end[i]) @ (end[after] - end[i]) > 0
+    meeting[before] = ours[before] == 0 and (end[i] - start[i]) @ (start[before] - start[i]) > 0
+    return meeting
+
+
+def _sides(a: Array, b: Array, p: Array) -> Array:
+    """On which side of the line a-b points p lie: 1, -1, or 0 on it (to rounding)."""
+    cross = _cross(b - a, p - a)
+    far = np.maximum(np.linalg.norm(p - a, axis=-1), np.linalg.norm(p - b, axis=-1))
+    return np.where(np.abs(cross) <= 1e-12 * np.linalg.norm(b - a, axis=-1) * far, 0.0, np.sign(cross))
+
+
+def _between(a: Array, b: Array, p: Array) -> Any:
+    return ((np.minimum(a, b) <= p) & (p <= np.maximum(a, b))).all(axis=-1)
 
 
 def rounding_fault(points: PlanePoints, radius: float) -> str | None:
@@ -39,72 +83,15 @@ def rounding_fault(points: PlanePoints, radius: float) -> str | None:
 
     An arc of radius R that turns by the angle a uses R tan(a/2) of both edges at its corner.
     """
-    count = len(points)
-    used = [radius * math.tan(_turn(points, k) / 2) for k in range(count)]
-    for k, (start, end) in enumerate(_edges(points)):
-        length, needed = math.dist(start, end), used[k] + used[(k + 1) % count]
-        if needed > length * (1 + 1e-9):
-            return f"edge {k + 1}-{(k + 1) % count + 1} is {length:g} mm long but its arcs need {needed:g} mm"
-    return None
-
-
-def _edges(points: PlanePoints) -> list[tuple[Sequence[float], Sequence[float]]]:
-    return [(points[k], points[(k + 1) % len(points)]) for k in range(len(points))]
-
-
-def _extent(points: PlanePoints) -> float:
-    return max(math.dist(points[0], point) for point in points)
-
-
-def _turn(points: PlanePoints, k: int) -> float:
-    """Angle by which the path turns at corner k, 0 <= angle < pi."""
-    before, here, after = points[k - 1], points[k], points[(k + 1) % len(points)]
-    ux, uy = here[0] - before[0], here[1] - before[1]
-    vx, vy = after[0] - here[0], after[1] - here[1]
-    return math.atan2(abs(ux * vy - uy * vx), ux * vx + uy * vy)
-
-
-def _first_meeting(points: PlanePoints) -> str | None:
-    edges, count = _edges(points), len(points)
-    for i in range(count):
-        for j in range(i + 1, count):
-            neighbours = j == i + 1 or (i == 0 and j == count - 1)
-            meet = _folds_back(edges[i], edges[j]) if neighbours else _meet(*edges[i], *edges[j])
-            if meet:
-                return f"edge {i + 1}-{i + 2} meets edge {j + 1}-{(j + 1) % count + 1}"
-    return None
-
-
-def _side(a: Sequence[float], b: Sequence[float], p: Sequence[float]) -> int:
-    """On which side of the line a-b the point p lies: 1, -1, or 0 on it (to rounding)."""
-    cross = (b[0] - a[0]) * (p[1] - a[1]) - (b[1] - a[1]) * (p[0] - a[0])
-    if abs(cross) <= 1e-12 * math.dist(a, b) * max(math.dist(a, p), math.dist(b, p)):
-        return 0
-    return 1 if cross > 0 else -1
-
-
-def _between(a: Sequence[float], b: Sequence[float], p: Sequence[float]) -> bool:
-    return all(min(a[k], b[k]) <= p[k] <= max(a[k], b[k]) for k in (0, 1))
-
-
-def _meet(a: Sequence[float], b: Sequence[float], c: Sequence[float], d: Sequence[float]) -> bool:
-    """Do the closed segments a-b and c-d share a point?"""
-    sides = _side(a, b, c), _side(a, b, d), _side(c, d, a), _side(c, d, b)
-    if sides[0] * sides[1] < 0 and sides[2] * sides[3] < 0:
-        return True
-    ends = ((a, b, c), (a, b, d), (c, d, a), (c, d, b))
-    return any(side == 0 and _between(*end) for side, end in zip(sides, ends, strict=True))
-
-
-def _folds_back(
-    first: tuple[Sequence[float], Sequence[float]], second: tuple[Sequence[float], Sequence[float]]
-) -> bool:
-    """Do two edges that share a corner run back over each other?"""
-    corner = next(p for p in first if any(tuple(p) == tuple(q) for q in second))
-    p = next(q for q in first if tuple(q) != tuple(corner))
-    q = next(r for r in second if tuple(r) != tuple(corner))
-    ahead = (p[0] - corner[0]) * (q[0] - corner[0]) + (p[1] - corner[1]) * (q[1] - corner[1])
-    return _side(corner, p, q) == 0 and ahead > 0
+    start, end = _edges(points)
+    after, before = end - start, np.roll(end - start, 1, axis=0)
+    used = radius * np.tan(np.arctan2(np.abs(_cross(before, after)), (before * after).sum(axis=1)) / 2)
+    length, needed = np.linalg.norm(after, axis=1), used + np.roll(used, -1)
+    short = np.flatnonzero(needed > length * (1 + 1e-9))
+    if not short.size:
+        return None
+    k, count = int(short[0]), len(start)
+    return f"edge {k + 1}-{(k + 1) % count + 1} is {length[k]:g} mm long but its arcs need {needed[k]:g} mm"
 
 
 def reflected_polygon(points: PlanePoints, axis: int) -> list[list[float]]:
@@ -115,4 +102,39 @@ def reflected_polygon(points: PlanePoints, axis: int) -> list[list[float]]:
     [[-2.0, 1.0], [-2.0, 0.0], [0.0, 0.0]]
     """
     signs = [-1.0 if k == axis else 1.0 for k in range(2)]
-    return [[sign * float(x) + 0.0 for sign, x in zip(signs, point, strict=True)] for point in points][::-1]
+    reflected: list[list[float]] = (np.asarray(points, dtype=float)[::-1] * signs + 0.0).tolist()
+    return reflected
+
+
+# ---- rules of files ----
+
+
+def require_simple(points: list[list[float]]) -> list[list[float]]:
+    """Raise unless the corners make a polygon that does not meet itself."""
+    fault = polygon_fault(points)
+    if fault is not None:
+        raise broken(
+            "the corners must make a simple polygon: no repeated corner, no edge that meets another one",
+            fault,
+            "list the corners once round the outline, in order, without repeating the first one",
+        )
+    return points
+
+
+SimplePolygon = Annotated[Polygon, AfterValidator(require_simple)]
+
+
+def counter_clockwise(points: list[list[float]]) -> list[list[float]]:
+    """The same polygon with its corners in counter-clockwise order."""
+    return points if signed_area(points) > 0 else points[::-1]
+
+
+def require_larger_radius(outer: float, info: ValidationInfo) -> None:
+    """Raise unless the outer radius is larger than the inner one that was read before it."""
+    inner = info.data.get("inner_radius_mm")
+    if inner is not None and outer <= inner:
+        raise broken(
+            f"outer_radius_mm must be larger than inner_radius_mm = {inner:g}",
+            f"{outer:g}",
+            "swap the two, or correct one (both are radii, not diameters)",
+        )

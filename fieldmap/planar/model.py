@@ -11,8 +11,8 @@ from typing import Annotated
 from pydantic import Field
 
 from fieldmap.device.coils.base import CoilName
-from fieldmap.device.dimensions import SimplePolygon, counter_clockwise
 from fieldmap.device.materials import Material
+from fieldmap.device.polygons import SimplePolygon, counter_clockwise
 from fieldmap.inputs.declared import Key
 from fieldmap.inputs.tables import Name, PlanePoint
 from fieldmap.records import FrozenDict, Record

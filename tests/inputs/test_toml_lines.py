@@ -2,7 +2,7 @@
 
 import tomllib
 
-from fieldmap.inputs.toml_lines import line_numbers, nearest_line
+from fieldmap.inputs.document import line_numbers, nearest_line
 
 AWKWARD = '''\
 # a comment with [header] and key = 1

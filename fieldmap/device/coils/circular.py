@@ -8,8 +8,8 @@ import numpy as np
 
 from fieldmap.device.coils.base import Coil, Height, Inductance, Named, Polarity, Resistance, Turns
 from fieldmap.device.coils.winding import WindingPath
-from fieldmap.device.dimensions import require_larger_radius
 from fieldmap.device.placement import Placement
+from fieldmap.device.polygons import require_larger_radius
 from fieldmap.inputs.declared import Key
 from fieldmap.inputs.tables import Length
 from fieldmap.typing import Array

@@ -6,10 +6,9 @@ from typing import Annotated, Any, ClassVar, Self
 import numpy as np
 from pydantic import Field
 
-from fieldmap.device.air_sources import AirSource, AirSourceKeys
+from fieldmap.device.air_sources import AirSource, AirSourceKeys, per_ampere, sources_of
 from fieldmap.device.coils.base import Coil, Inductance, Named, Polarity, Resistance
 from fieldmap.device.coils.winding import WindingPath
-from fieldmap.device.magpylib_sources import per_ampere, sources_of
 from fieldmap.device.placement import Placement
 from fieldmap.errors import InputError
 from fieldmap.inputs.declared import Key

@@ -18,9 +18,8 @@ from fieldmap.device.coils.base import (
     require_room_for_the_winding,
 )
 from fieldmap.device.coils.winding import WindingPath, rounded_path
-from fieldmap.device.dimensions import SimplePolygon
 from fieldmap.device.placement import Placement
-from fieldmap.device.polygons import reflected_polygon, rounding_fault, signed_area
+from fieldmap.device.polygons import SimplePolygon, reflected_polygon, rounding_fault, signed_area
 from fieldmap.inputs.declared import Key
 from fieldmap.inputs.tables import Length, broken, read_only
 from fieldmap.typing import Array

@@ -5,8 +5,7 @@ from typing import Annotated, ClassVar, Self
 
 import numpy as np
 
-from fieldmap.device.dimensions import SimplePolygon, counter_clockwise
-from fieldmap.device.polygons import reflected_polygon
+from fieldmap.device.polygons import SimplePolygon, counter_clockwise, reflected_polygon
 from fieldmap.device.shapes.base import Shape
 from fieldmap.inputs.declared import Key
 from fieldmap.inputs.tables import Length, Size, read_only

@@ -7,7 +7,7 @@ from typing import Annotated, ClassVar, Self
 import numpy as np
 from pydantic import Field, ValidationInfo
 
-from fieldmap.device.dimensions import FourPoints
+from fieldmap.device.polygons import FourPoints
 from fieldmap.device.shapes.base import Shape
 from fieldmap.device.surfaces import read_stl, surface_fault
 from fieldmap.inputs.declared import Key

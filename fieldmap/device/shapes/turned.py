@@ -8,7 +8,7 @@ from typing import Annotated, ClassVar
 import numpy as np
 from pydantic import AfterValidator
 
-from fieldmap.device.dimensions import Polygon, counter_clockwise, require_larger_radius, require_simple
+from fieldmap.device.polygons import Polygon, counter_clockwise, require_larger_radius, require_simple
 from fieldmap.device.shapes.base import ROUND, Shape
 from fieldmap.inputs.declared import Key
 from fieldmap.inputs.tables import Length, broken
