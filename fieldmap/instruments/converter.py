@@ -7,14 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fieldmap.arguments import (
-    check_count,
-    check_not_negative,
-    check_numbers,
-    check_ordered,
-    check_positive,
-    check_signal,
-)
+from fieldmap import arguments
 from fieldmap.records import Record
 from fieldmap.typing import Array
 
@@ -43,10 +36,10 @@ class Converter(Record):
     nonlinearity: float = 0.0
 
     def __post_init__(self) -> None:
-        check_positive("Converter", range=self.range)
-        check_count("Converter", bits=self.bits)
+        arguments.check_positive("Converter", range=self.range)
+        arguments.check_count("Converter", bits=self.bits)
         numbers = {name: value for name, value in vars(self).items() if name not in ("range", "bits")}
-        check_not_negative("Converter", **numbers)
+        arguments.check_not_negative("Converter", **numbers)
 
     @property
     def resolution(self) -> float:
@@ -114,11 +107,11 @@ def absolute_accuracy(
     [1850.0, 2680.0]
     """
     where = "absolute_accuracy"
-    check_not_negative(
+    arguments.check_not_negative(
         where, internal_change=internal_change, external_change=external_change, coverage=coverage
     )
-    check_count(where, averages=averages)
-    voltages = check_signal(f"{where}(reading)", reading)
+    arguments.check_count(where, averages=averages)
+    voltages = arguments.check_signal(f"{where}(reading)", reading)
     c = converter
     gain = c.gain_error + c.gain_drift * internal_change + c.reference_drift * external_change
     offset = c.offset_error + c.offset_drift * internal_change + c.nonlinearity
@@ -154,11 +147,11 @@ class Amplifier(Record):
     current_upper: float = np.inf
 
     def __post_init__(self) -> None:
-        check_positive("Amplifier", gain=self.gain)
-        check_numbers("Amplifier", lower=self.lower, upper=self.upper, offset=self.offset)
-        check_not_negative("Amplifier", deviation=self.deviation)
-        check_ordered("Amplifier", self.lower, self.upper)
-        check_ordered("Amplifier(current)", self.current_lower, self.current_upper)
+        arguments.check_positive("Amplifier", gain=self.gain)
+        arguments.check_numbers("Amplifier", lower=self.lower, upper=self.upper, offset=self.offset)
+        arguments.check_not_negative("Amplifier", deviation=self.deviation)
+        arguments.check_ordered("Amplifier", self.lower, self.upper)
+        arguments.check_ordered("Amplifier(current)", self.current_lower, self.current_upper)
 
     @property
     def largest_current(self) -> float:

@@ -7,15 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fieldmap.arguments import (
-    check_count,
-    check_not_negative,
-    check_numbers,
-    check_ordered,
-    check_positive,
-    check_record,
-    check_signal,
-)
+from fieldmap import arguments
 from fieldmap.core.instruments import held_scans
 from fieldmap.errors import InputError, Problem
 from fieldmap.instruments.converter import USUAL_RANGE
@@ -44,15 +36,15 @@ class Micrometer(Record):
     deviation: float = 0.0
 
     def __post_init__(self) -> None:
-        check_numbers("Micrometer", zero=self.zero)
-        check_positive("Micrometer", scale=self.scale)
+        arguments.check_numbers("Micrometer", zero=self.zero)
+        arguments.check_positive("Micrometer", scale=self.scale)
         if self.scan_rate is not None:
-            check_positive("Micrometer", scan_rate=self.scan_rate)
-        check_not_negative(
+            arguments.check_positive("Micrometer", scan_rate=self.scan_rate)
+        arguments.check_not_negative(
             "Micrometer", voltage_step=self.voltage_step, deviation=self.deviation, latency=self.latency
         )
-        check_ordered("Micrometer", self.lower, self.upper)
-        check_count("Micrometer", averages=self.averages, **{"latency + 1": self.latency + 1})
+        arguments.check_ordered("Micrometer", self.lower, self.upper)
+        arguments.check_count("Micrometer", averages=self.averages, **{"latency + 1": self.latency + 1})
 
     @property
     def resolution(self) -> float:
@@ -82,7 +74,7 @@ class Micrometer(Record):
         Array
             Position, m.
         """
-        return self.zero + self.scale * check_signal("Micrometer.position(voltage)", voltage)
+        return self.zero + self.scale * arguments.check_signal("Micrometer.position(voltage)", voltage)
 
     def voltage(self, position: ArrayLike) -> Array:
         """The voltage for a position, before rounding and limits; inverse of `position`.
@@ -102,7 +94,7 @@ class Micrometer(Record):
         >>> round(float(Micrometer(zero=0.020, scale=2e-3).voltage(0.030)), 9)
         5.0
         """
-        return (check_signal("Micrometer.voltage(position)", position) - self.zero) / self.scale
+        return (arguments.check_signal("Micrometer.voltage(position)", position) - self.zero) / self.scale
 
 
 def watch(
@@ -146,8 +138,8 @@ def watch(
     >>> (1e3 * still).round(3).tolist()
     [0.0, 2.5, 6.5]
     """
-    moments, places = check_record("watch", 2, times=times, positions=positions)
-    check_positive("watch", Ts=Ts)
+    moments, places = arguments.check_record("watch", 2, times=times, positions=positions)
+    arguments.check_positive("watch", Ts=Ts)
     span, rate = moments[-1] - moments[0], _scan_rate(micrometer)
     scan_times = moments[0] + np.arange(int(np.floor(span * rate + 1e-9)) + 1) / rate
     scans = np.interp(scan_times, moments, places)
@@ -186,8 +178,10 @@ class SensorFrame(Record):
     bias: tuple[float, float] = (0.0, 0.0)
 
     def __post_init__(self) -> None:
-        check_numbers("SensorFrame", angle=self.angle, offset=self.offset, x=self.bias[0], y=self.bias[1])
-        check_not_negative("SensorFrame", radius=self.radius)
+        arguments.check_numbers(
+            "SensorFrame", angle=self.angle, offset=self.offset, x=self.bias[0], y=self.bias[1]
+        )
+        arguments.check_not_negative("SensorFrame", radius=self.radius)
 
     @property
     def matrix(self) -> Array:
@@ -216,7 +210,7 @@ class SensorFrame(Record):
         InputError
             For numbers that are not finite, or another shape.
         """
-        points = check_signal("SensorFrame.to_global(local)", local, columns=3)
+        points = arguments.check_signal("SensorFrame.to_global(local)", local, columns=3)
         matrix = self.matrix
         return points @ matrix[:3, :3].T + matrix[:3, 3] + [*self.bias, 0.0]
 
@@ -238,7 +232,7 @@ class SensorFrame(Record):
         InputError
             For numbers that are not finite, or another shape.
         """
-        points = check_signal("SensorFrame.to_local(position)", position, columns=3)
+        points = arguments.check_signal("SensorFrame.to_local(position)", position, columns=3)
         matrix = self.matrix
         return (points - [*self.bias, 0.0] - matrix[:3, 3]) @ matrix[:3, :3]
 
@@ -264,7 +258,7 @@ class SensorFrame(Record):
         >>> print(f"{1e3 * sx:.5f} {1e3 * sy:.5f} mm")
         0.00706 0.00706 mm
         """
-        check_not_negative("SensorFrame.global_deviation", local_x=local_x, local_y=local_y)
+        arguments.check_not_negative("SensorFrame.global_deviation", local_x=local_x, local_y=local_y)
         cosine, sine = np.cos(self.angle), np.sin(self.angle)
         return float(np.hypot(cosine * local_x, sine * local_y)), float(
             np.hypot(sine * local_x, cosine * local_y)

@@ -6,6 +6,7 @@ the pages of keys. Loaded by mkdocs.yml.
 """
 
 import re
+from contextlib import suppress
 from typing import Any
 
 import griffe
@@ -36,9 +37,10 @@ class DocstringExamples(griffe.Extension):
 def plain_type(annotation: Any, package: griffe.Module) -> Any:
     """The type in an `Annotated[...]` or in a name that stands for one; any other annotation as it is."""
     meant = annotation
-    path = annotation.canonical_path if isinstance(annotation, griffe.ExprName) else ""
-    if path.startswith(f"{package.name}.") and package[path.partition(".")[2]].is_attribute:
-        meant = package[path.partition(".")[2]].value
+    if isinstance(annotation, griffe.ExprName | griffe.ExprAttribute):
+        # What is no attribute of the package, such as a library's class, stays.
+        with suppress(KeyError, AttributeError, griffe.AliasResolutionError):
+            meant = package[annotation.canonical_path.removeprefix(f"{package.name}.")].value  # type: ignore[union-attr]
     if isinstance(meant, griffe.ExprSubscript) and meant.canonical_path == "typing.Annotated":
         return next(iter(meant.slice.elements))  # type: ignore[union-attr]
     return annotation

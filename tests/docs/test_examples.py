@@ -132,7 +132,7 @@ def test_examples_of_docstrings_become_blocks_and_fields_show_their_types(monkey
     assert fenced(text) == "What.\n\n```pycon\n>>> f(1)\n2\n```\n\nMore."
     assert fenced("No example.") == "No example."
     start = "from dataclasses import dataclass\nfrom typing import Annotated\n"
-    box = "from made.a import Width\n@dataclass\nclass Box:\n    width: Width\n name: Annotated[str, 3]\n"
+    box = "from made.a import Width\n@dataclass\nclass Box:\n width: Width\n name: Annotated[str, 3]\n"
     code = {"a.py": f"{start}Width = Annotated[float, 3]\n", "b.py": start + box}
     with griffe.temporary_pypackage("made", code) as package:
         extensions = griffe.load_extensions(DocstringExamples())

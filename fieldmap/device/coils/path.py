@@ -6,17 +6,7 @@ from typing import Annotated, ClassVar
 import numpy as np
 from pydantic import ValidationInfo
 
-from fieldmap.device.coils.base import (
-    Coil,
-    Height,
-    Inductance,
-    Named,
-    Polarity,
-    Resistance,
-    Thickness,
-    Turns,
-    require_room_for_the_winding,
-)
+from fieldmap.device.coils import base
 from fieldmap.device.coils.winding import WindingPath, rounded_path
 from fieldmap.device.placement import Placement
 from fieldmap.device.polygons import SimplePolygon, reflected_polygon, rounding_fault, signed_area
@@ -35,7 +25,7 @@ def _require_counter_clockwise(corners: list[list[float]], info: ValidationInfo)
 
 
 def _require_fit(corner_radius: float, info: ValidationInfo) -> None:
-    require_room_for_the_winding(corner_radius, info)
+    base.require_room_for_the_winding(corner_radius, info)
     corners = info.data.get("corners_mm")
     fault = None if corners is None else rounding_fault(corners, corner_radius)
     if fault is not None:
@@ -47,7 +37,7 @@ def _require_fit(corner_radius: float, info: ValidationInfo) -> None:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class PathCoil(Coil):
+class PathCoil(base.Coil):
     """Closed plane path with rounded corners.
 
     Corner points (n, 2) of the middle line in order (counter-clockwise = positive
@@ -56,7 +46,7 @@ class PathCoil(Coil):
 
     kind: ClassVar[str] = "path"
 
-    name: Named
+    name: base.Named
     corners: Annotated[
         Array,
         Key(
@@ -69,13 +59,13 @@ class PathCoil(Coil):
     corner_radius: Annotated[
         float, Key(Length, "radius of every corner, at the winding's middle line", "mm", check=_require_fit)
     ]
-    thickness: Thickness
-    height: Height
-    turns: Turns
-    polarity: Polarity = 1
+    thickness: base.Thickness
+    height: base.Height
+    turns: base.Turns
+    polarity: base.Polarity = 1
     placement: Placement = field(default_factory=Placement)
-    resistance: Resistance = None
-    inductance: Inductance = None
+    resistance: base.Resistance = None
+    inductance: base.Inductance = None
 
     def reflected(self, axis: int) -> "PathCoil":
         """See `Coil.reflected`: the corners mirrored, counter-clockwise as before."""

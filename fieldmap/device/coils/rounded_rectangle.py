@@ -6,17 +6,7 @@ from typing import Annotated, ClassVar
 import numpy as np
 from pydantic import ValidationInfo
 
-from fieldmap.device.coils.base import (
-    Coil,
-    Height,
-    Inductance,
-    Named,
-    Polarity,
-    Resistance,
-    Thickness,
-    Turns,
-    require_room_for_the_winding,
-)
+from fieldmap.device.coils import base
 from fieldmap.device.coils.winding import WindingPath, rounded_path
 from fieldmap.device.placement import Placement
 from fieldmap.inputs.declared import Key
@@ -24,7 +14,7 @@ from fieldmap.inputs.tables import Length, broken
 
 
 def _require_fit(corner_radius: float, info: ValidationInfo) -> None:
-    require_room_for_the_winding(corner_radius, info)
+    base.require_room_for_the_winding(corner_radius, info)
     halves = [info.data.get(f"half_width_{axis}_mm") for axis in "xy"]
     smallest = min((half for half in halves if half is not None), default=corner_radius)
     if corner_radius > smallest:
@@ -36,7 +26,7 @@ def _require_fit(corner_radius: float, info: ValidationInfo) -> None:
 
 
 @dataclass(frozen=True, repr=False)
-class RoundedRectangleCoil(Coil):
+class RoundedRectangleCoil(base.Coil):
     """Rounded rectangle (racetrack), dimensions at the middle line.
 
     half_width_x, half_width_y and corner_radius are those of the winding's middle line; `thickness` is the winding's
@@ -45,7 +35,7 @@ class RoundedRectangleCoil(Coil):
 
     kind: ClassVar[str] = "rounded_rectangle"
 
-    name: Named
+    name: base.Named
     half_width_x: Annotated[
         float, Key(Length, "half the width along local x, at the winding's middle line", "mm")
     ]
@@ -55,13 +45,13 @@ class RoundedRectangleCoil(Coil):
     corner_radius: Annotated[
         float, Key(Length, "radius of the corners, at the winding's middle line", "mm", check=_require_fit)
     ]
-    thickness: Thickness
-    height: Height
-    turns: Turns
-    polarity: Polarity = 1
+    thickness: base.Thickness
+    height: base.Height
+    turns: base.Turns
+    polarity: base.Polarity = 1
     placement: Placement = field(default_factory=Placement)
-    resistance: Resistance = None
-    inductance: Inductance = None
+    resistance: base.Resistance = None
+    inductance: base.Inductance = None
 
     def winding(self) -> WindingPath:
         """Four corners, and bars where the sides are longer than the corners."""
