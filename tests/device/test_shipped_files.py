@@ -193,12 +193,9 @@ def test_shipped_names_and_places():
     assert {*UNITS, "single_electromagnet", "loop_and_sphere"} <= set(shipped_names("geometry"))
     assert shipped_names("geometry", "materials") == ["materials/steel_a3", "materials/steel_foot"]
     assert shipped_file("geometry", "drive_unit") == shipped_folder("geometry") / "drive_unit.toml"
+    by_path = read_device(shipped_file("geometry", "drive_unit"))
+    assert by_path.text == read_device("drive_unit").text == read_device("drive_unit.toml").text
     assert shipped_file("geometry", "no such device") is None
     assert shipped_file("geometry", "../pyproject") is None
     with pytest.raises(ValueError, match="geometry, maps"):
         shipped_folder("shapes")
-
-
-def test_a_shipped_device_reads_the_same_by_name_and_by_path():
-    path = shipped_folder("geometry") / "drive_unit.toml"
-    assert read_device(path).text == read_device("drive_unit").text == read_device("drive_unit.toml").text
