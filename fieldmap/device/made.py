@@ -15,12 +15,14 @@ from fieldmap.inputs.findings import meant
 from fieldmap.records import Record
 from fieldmap.typing import Array
 
+_signature = cache(inspect.signature)
+
 
 class _PlainSignature:
     """What `help` and editors show of a class: what a file says of a field is no business of callers."""
 
     def __get__(self, _: object, cls: type) -> inspect.Signature:
-        whole = inspect.signature(cls.__init__)  # type: ignore[misc]
+        whole = _signature(cls.__init__)  # type: ignore[misc]
         types = get_type_hints(cls, include_extras=True)
         return inspect.Signature(
             [
@@ -52,9 +54,12 @@ class Made(Record, ABC):
 
     def __new__(cls, *arguments: Any, **named: Any) -> Self:
         """Raises InputError for arguments that the data class does not have, and without those that it needs."""
-        problems = _problems(cls, arguments, named) if dataclasses.is_dataclass(cls) else []
-        if problems:
-            raise InputError(*problems)
+        try:
+            _signature(cls.__init__).bind(None, *arguments, **named)
+        except TypeError as error:
+            problems = _problems(cls, arguments, named) if dataclasses.is_dataclass(cls) else []
+            if problems:
+                raise InputError(*problems) from error
         return super().__new__(cls)
 
     def __reduce_ex__(self, protocol: Any) -> Any:
