@@ -83,7 +83,9 @@ def test_a_parameter_that_spoils_an_expression_is_told_there():
     assert f"device text:{line}: coil.c1.inner_radius_mm" in [problem.where for problem in found]
 
 
-@pytest.mark.parametrize("changes", ["parameters.gap=3", {3: 4}, [("a", 1)]])
+@pytest.mark.parametrize(
+    "changes", ["parameters.gap=3", {3: 4}, [("a", 1)], np.zeros(3), np.zeros(0), ["parameters.gap"]]
+)
 def test_changes_are_a_mapping(changes):
     assert problems(changes)[0].where == "changes"
 

@@ -22,6 +22,7 @@ def test_a_kind_makes_a_law_that_answers_every_question(law):
     assert law.role in ("iron", "magnet", "flux barrier")
     # A law that saturates is iron: magnets and barriers keep their permeability in every model.
     assert law.role == "iron" or not law.saturates
+    assert law.role == "magnet" or not np.any(law.remanence)
 
 
 def test_a_table_is_read_with_the_keys_of_its_kind():
@@ -48,9 +49,3 @@ def test_no_other_module_names_a_class_of_a_folder(folder, choices):
         if path == PACKAGE / "device" / "model.py":
             code = re.sub(rf"^from fieldmap.device.{folder}.*$", "", code, flags=re.MULTILINE)
         assert not re.findall(rf"\b({names})\b", code), path
-
-
-def test_only_magnets_have_remanence():
-    for law in LAWS:
-        if law.role != "magnet":
-            assert not np.any(law.remanence)

@@ -21,6 +21,9 @@ def test_names_order_and_record(device, valid_text, tmp_path):
     assert device.coil_names == ("round", "race", "path")
     assert [body.name for body in device.bodies] == ["disk", "collar", "wedge", "spindle", "bracket"]
     assert device.text == valid_text
+    # Line ends of Windows, and a mark of the byte order, are no part of the text.
+    (tmp_path / "other.toml").write_bytes(b"\xef\xbb\xbf" + valid_text.replace("\n", "\r\n").encode())
+    assert read_device(str(tmp_path / "other.toml")).text == valid_text
     assert device.source == tmp_path / "device.toml"
     assert device.provenance["coil.*.turns"] == "an example"
 
@@ -167,8 +170,3 @@ def test_a_material_file_is_read_from_beside_the_device_file_first(valid_text, t
     device = read_device(tmp_path / "device.toml")
     assert device.materials["steel"].b.tolist() == [0.5, 0.6]
     assert device.included == {"materials/steel_a3.toml": curve}
-
-
-def test_windows_line_ends_and_byte_order_mark(valid_text, tmp_path):
-    (tmp_path / "device.toml").write_bytes(b"\xef\xbb\xbf" + valid_text.replace("\n", "\r\n").encode())
-    assert read_device(str(tmp_path / "device.toml")).text == valid_text
