@@ -228,9 +228,8 @@ class Mode(Record):
 
     @property
     def damping(self) -> float:
-        """Ratio: 1 and more does not swing, negative grows."""
-        size = abs(self.pole)
-        return float(-self.pole.real / size) if size else 1.0
+        """Ratio: 1 does not swing, negative grows; NaN for an integrator, whose pole is zero."""
+        return float(-self.pole.real / abs(self.pole)) if self.pole else float("nan")
 
     def named_shares(self, linear: LinearMachine, least: float = 0.05) -> dict[str, float]:
         """Shares by x, y, z and turn_x..: positions with their velocities, those above `least`."""
@@ -252,10 +251,12 @@ def modes(linear: LinearMachine) -> list[Mode]:
     Returns
     -------
     list[Mode]
-        The modes, the most unstable first.
+        The modes, the most unstable first. A pole that is zero to rounding is zero.
     """
     A, B, C = _in_units(linear)
     poles, left, right = scipy.linalg.eig(A, left=True)
+    # Of a double pole half of the digits are rounding.
+    poles[np.abs(poles) < np.sqrt(np.finfo(float).eps) * np.linalg.norm(A, 2)] = 0.0
     found = []
     for k in np.lexsort((-poles.imag, -poles.real.round(9))):
         shares = np.abs(left[:, k].conj() * right[:, k])

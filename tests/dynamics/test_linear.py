@@ -89,6 +89,17 @@ def test_time_constants_of_amplifiers_are_states(machine):
     )
 
 
+def test_an_integrator_has_a_pole_of_zero_and_no_damping(axial):
+    """Nothing turns the body about its magnet's axis but drag of 1e-5 N m s, with an inertia of 2e-7 kg m^2."""
+    turning = one_coil(axial)
+    for drag, slower in ((turning.drag, -1e-5 / 2e-7), (None, 0.0)):
+        machine = replace(turning, drag=drag)
+        found = linearise(machine, find_operating_point(machine, [np.nan, np.nan, 5e-3], [np.nan], [5.0]))
+        about_z = [mode for mode in modes(found) if mode.named_shares(found, 0.99).keys() == {"turn_z"}]
+        np.testing.assert_allclose([mode.pole for mode in about_z], [0.0, slower], rtol=1e-6)
+        assert np.isnan([mode.damping for mode in about_z]).tolist() == [True, drag is None]
+
+
 def test_a_rest_at_the_edge_of_the_map_is_refused(machine):
     rest = find_operating_point(machine, [np.nan, np.nan, 5e-3], [np.nan], [5.0])
     state = rest.state.copy()
