@@ -177,7 +177,7 @@ def _run_page(
     scenario: str, files: list[Path], laid: LaidLog | None, simulation: Simulation
 ) -> Iterator[page.Section]:
     from fieldmap.control import FunctionController
-    from fieldmap.dynamics.scenario.batch_words import batch_words
+    from fieldmap.dynamics.scenario.batches import batch_words
 
     own = simulation.first.controller
     of = f", with {own.name} as its controller" if isinstance(own, FunctionController) else ""

@@ -29,7 +29,7 @@ from fieldmap.dynamics.allocation import (
     least_power_allocation,
     lift_and_directions,
 )
-from fieldmap.dynamics.closed_loop import Schedule, simulate_closed_loop, simulate_many
+from fieldmap.dynamics.closed_loop import RunningMachine, Schedule, simulate_closed_loop, simulate_many
 from fieldmap.dynamics.field_of_currents import (
     FieldOfCurrents,
     linearised,
@@ -41,7 +41,7 @@ from fieldmap.dynamics.field_of_currents import (
 from fieldmap.dynamics.linear_loop import close_loop, margins, sampled_machine
 from fieldmap.dynamics.linearisation import LinearMachine, controllability, coupling, linearise, modes
 from fieldmap.dynamics.loop_run import Event, LevitationRun
-from fieldmap.dynamics.machine import CoilDrive, Machine, drive_of_device
+from fieldmap.dynamics.machine import CoilDrive, Machine, Sensors, drive_of_device
 from fieldmap.dynamics.motion import (
     FixedCurrentsRun,
     angular_momentum,
@@ -51,8 +51,7 @@ from fieldmap.dynamics.motion import (
     state_of,
 )
 from fieldmap.dynamics.operating_point import OperatingPoint, find_operating_point
-from fieldmap.dynamics.rigid_body import RigidBody, body_of_payload
-from fieldmap.dynamics.running_machine import RunningMachine
+from fieldmap.dynamics.rigid_body import Drag, Plate, RigidBody, Walls, body_of_payload
 from fieldmap.dynamics.scenario import (
     ScenarioRun,
     linear_points,
@@ -62,8 +61,6 @@ from fieldmap.dynamics.scenario import (
     run_metrics,
     simulate,
 )
-from fieldmap.dynamics.sensors import Sensors
-from fieldmap.dynamics.surroundings import Drag, Plate, Walls
 from fieldmap.levitation.lift import lift_shares
 
 __all__ = [

@@ -22,7 +22,7 @@ from fieldmap.dynamics.linear_loop import sampled_machine
 from fieldmap.dynamics.linearisation import ABOUT_Z, VELOCITIES, LinearMachine
 from fieldmap.dynamics.machine import Machine
 from fieldmap.dynamics.operating_point import OperatingPoint
-from fieldmap.dynamics.surroundings import Three
+from fieldmap.dynamics.rigid_body import Three
 from fieldmap.errors import Infeasible, InputError
 from fieldmap.inputs.declared import Key, check_fields
 from fieldmap.inputs.tables import Positive

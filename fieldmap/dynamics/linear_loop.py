@@ -12,7 +12,7 @@ from fieldmap.control import StateSpace, zero_order_hold
 from fieldmap.control.blocks import ControllerBlock
 from fieldmap.dynamics.closed_loop import Schedule
 from fieldmap.dynamics.linearisation import LinearMachine
-from fieldmap.dynamics.sensors import Sensors
+from fieldmap.dynamics.machine import Sensors
 from fieldmap.plain import Plain, plain_items
 from fieldmap.records import Record, tuple_line
 from fieldmap.typing import Array

@@ -20,8 +20,7 @@ from fieldmap.core.machine import (
     CoreMachine,
     Plant,
 )
-from fieldmap.dynamics.rigid_body import RigidBody
-from fieldmap.dynamics.surroundings import Drag, Plate, Walls
+from fieldmap.dynamics.rigid_body import Drag, Plate, RigidBody, Walls
 from fieldmap.errors import NotConverged
 from fieldmap.lookup import MapAtCurrents, unit_block
 from fieldmap.records import Record

@@ -41,7 +41,7 @@ from fieldmap.dynamics.coupled import (
 from fieldmap.dynamics.linearisation import linearise
 from fieldmap.dynamics.machine import Machine
 from fieldmap.dynamics.operating_point import OperatingPoint
-from fieldmap.dynamics.surroundings import Three
+from fieldmap.dynamics.rigid_body import Three
 from fieldmap.errors import Infeasible
 from fieldmap.inputs.declared import Key, choice_of, table_of
 from fieldmap.inputs.document import AtKey

@@ -14,13 +14,18 @@ from fieldmap.core.machine import POSITION, TURN, VELOCITY
 from fieldmap.currents import LiftAndDirections
 from fieldmap.device import Device, read_device, recorded_device
 from fieldmap.dynamics.allocation import ControlAllocation, lift_and_directions
-from fieldmap.dynamics.closed_loop import Schedule, machine_for, simulate_closed_loop
+from fieldmap.dynamics.closed_loop import (
+    RunningMachine,
+    Schedule,
+    given_outputs,
+    machine_for,
+    simulate_closed_loop,
+)
 from fieldmap.dynamics.field_of_currents import sampled_field
 from fieldmap.dynamics.loop_run import LevitationRun
 from fieldmap.dynamics.machine import Machine, drive_of_device
 from fieldmap.dynamics.motion import state_of
 from fieldmap.dynamics.operating_point import OperatingPoint
-from fieldmap.dynamics.running_machine import RunningMachine, given_outputs
 from fieldmap.dynamics.scenario.controllers import AxisController
 from fieldmap.dynamics.scenario.metrics import RunMetrics, run_metrics
 from fieldmap.dynamics.scenario.references import control_times, disturbances, open_loop_signals, references

@@ -12,8 +12,8 @@ from pydantic import Field, ValidationInfo
 
 from fieldmap.device import Device, Payload
 from fieldmap.dynamics.field_of_currents import FieldOfCurrents, linearised, modelled, superposed, tabled
-from fieldmap.dynamics.machine import CoilDrive, drive_of_device
-from fieldmap.dynamics.rigid_body import RigidBody, body_of_payload
+from fieldmap.dynamics.machine import Bits, ChainKeys, CoilDrive, Sensors, drive_of_device
+from fieldmap.dynamics.rigid_body import Drag, Plate, RigidBody, Three, Walls, body_of_payload
 from fieldmap.dynamics.scenario.controllers import (
     AxisController,
     AxisKeys,
@@ -32,8 +32,6 @@ from fieldmap.dynamics.scenario.references import (
     ReferenceKeys,
     Signal,
 )
-from fieldmap.dynamics.sensors import Bits, ChainKeys, Sensors
-from fieldmap.dynamics.surroundings import Drag, Plate, Three, Walls
 from fieldmap.errors import ScenarioError
 from fieldmap.inputs.declared import Key, record_of, table_of
 from fieldmap.inputs.document import AtKey, Document, schema_findings
