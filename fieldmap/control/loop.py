@@ -14,14 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fieldmap.arguments import (
-    check,
-    check_count,
-    check_not_negative,
-    check_numbers,
-    check_positive,
-    check_signal,
-)
+from fieldmap import arguments
 from fieldmap.control.blocks import ALONE, Controller
 from fieldmap.control.linear_models import StateSpace, check_model, controller_form
 from fieldmap.control.pid import PID, pid_block
@@ -134,10 +127,10 @@ def simulate_loop(
     """
     model, (period, block) = _strictly_proper(plant), _block(controller, Ts)
     where, must = "simulate_loop(reference)", "must be a signal (samples,), one sample or more"
-    target = np.atleast_1d(check_signal(where, reference))
+    target = np.atleast_1d(arguments.check_signal(where, reference))
     fits = target.ndim == 1 and target.size > 0
-    check(fits, where, must, f"shape {target.shape}", "give one value per sample")
-    check_count("simulate_loop", runs=runs)
+    arguments.check(fits, where, must, f"shape {target.shape}", "give one value per sample")
+    arguments.check_count("simulate_loop", runs=runs)
     shape = (runs, target.size)
     given = {
         "position_noise": position_noise,
@@ -157,16 +150,16 @@ def _block(controller: PID | Regulator | Controller, given: float | None) -> tup
     where = "simulate_loop(Ts)"
     if isinstance(controller, PID | Regulator):
         must = f"must be the controller's, {controller.Ts:g} s"
-        check(given in (None, controller.Ts), where, must, f"{given!r}", "leave it out")
+        arguments.check(given in (None, controller.Ts), where, must, f"{given!r}", "leave it out")
         if isinstance(controller, PID):
             return controller.Ts, pid_block(controller, ALONE)
         return controller.Ts, regulator_block(controller, ALONE)
     count, remedy = controller.outputs, "give the block of one axis"
-    check(count == 1, "simulate_loop(controller)", "must have one output", count, remedy)
+    arguments.check(count == 1, "simulate_loop(controller)", "must have one output", count, remedy)
     if given is None:
         must, remedy = "must be given: a block does not know it", "give the plant's sampling time, s"
         raise InputError.of(where, must, "None", remedy)
-    check_positive("simulate_loop", Ts=given)
+    arguments.check_positive("simulate_loop", Ts=given)
     return given, controller
 
 
@@ -174,22 +167,22 @@ def _strictly_proper(plant: tuple) -> Plant:
     """Of one input and one output, whose output does not wait for its input."""
     where, must = "simulate_loop(plant)", "must be (numerator, denominator) or (A, B, C, D)"
     remedy = "see fieldmap.control.transfer_function and StateSpace"
-    check(len(plant) in (2, 4), where, must, f"{len(plant)} parts", remedy)
+    arguments.check(len(plant) in (2, 4), where, must, f"{len(plant)} parts", remedy)
     model = StateSpace(*plant) if len(plant) == 4 else controller_form(*plant)
     A, B, C, D = check_model("simulate_loop", model, inputs=1, outputs=1)
     remedy = "a sampled plant answers one sample later; take the numerator's degree below the denominator's"
-    check(D[0, 0] == 0.0, where, "must be strictly proper", f"direct gain {D[0, 0]:.4g}", remedy)
+    arguments.check(D[0, 0] == 0.0, where, "must be strictly proper", f"direct gain {D[0, 0]:.4g}", remedy)
     return Plant(*(np.array(part, order="C") for part in (A, B[:, 0], C[0])))
 
 
 def _fitting(name: str, values: ArrayLike, shape: tuple[int, int]) -> Array:
     """A signal (runs or 1, samples or 1)."""
-    where, signal = f"simulate_loop({name})", check_signal(f"simulate_loop({name})", values)
+    where, signal = f"simulate_loop({name})", arguments.check_signal(f"simulate_loop({name})", values)
     sizes = zip(signal.shape[::-1], shape[::-1], strict=False)
     fits = signal.ndim <= 2 and all(given in (1, wanted) for given, wanted in sizes)
     must = f"must be a number, ({shape[1]},) or {shape}"
     remedy = "give one value per sample of the reference, and one row per run"
-    check(fits, where, must, f"shape {signal.shape}", remedy)
+    arguments.check(fits, where, must, f"shape {signal.shape}", remedy)
     return np.atleast_2d(np.require(signal, requirements=["C", "A"]))
 
 
@@ -225,11 +218,11 @@ def compensated_reference(
     >>> (1e3 * reference).round(3).tolist()
     [10.0, 10.0, 9.95, 9.95, 10.0, 10.0]
     """
-    check_positive("compensated_reference", Ts=Ts)
-    check_numbers("compensated_reference", push=push)
-    check_not_negative("compensated_reference", duration=duration)
-    sideways = np.atleast_1d(check_signal("compensated_reference(horizontal)", horizontal))
-    target = np.broadcast_to(check_signal("compensated_reference(height)", height), sideways.shape)
+    arguments.check_positive("compensated_reference", Ts=Ts)
+    arguments.check_numbers("compensated_reference", push=push)
+    arguments.check_not_negative("compensated_reference", duration=duration)
+    sideways = np.atleast_1d(arguments.check_signal("compensated_reference(horizontal)", horizontal))
+    target = np.broadcast_to(arguments.check_signal("compensated_reference(height)", height), sideways.shape)
     steps = np.sign(np.diff(sideways, prepend=sideways[0]))
     index = np.arange(steps.size)
     last = np.maximum.accumulate(np.where(steps != 0.0, index, -1))

@@ -7,14 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fieldmap.arguments import (
-    check_choice,
-    check_not_negative,
-    check_numbers,
-    check_ordered,
-    check_positive,
-    check_signal,
-)
+from fieldmap import arguments
 from fieldmap.control.blocks import ALONE, AxisReading, ControllerBlock, RunningBlock, run_block
 from fieldmap.control.linear_models import TransferFunction, transfer_function
 from fieldmap.core.controller import SIGNALS
@@ -55,19 +48,19 @@ class PID(Record):
 
     def __post_init__(self) -> None:
         _check_gains("PID", self.Kc, self.Ti, self.Td, self.Ts)
-        check_ordered("PID", self.lower, self.upper)
-        check_choice("PID(integration)", self.integration, INTEGRATION)
-        check_choice("PID(anti_windup)", self.anti_windup, ANTI_WINDUP)
-        check_choice("PID(derivative)", self.derivative, DERIVATIVE)
+        arguments.check_ordered("PID", self.lower, self.upper)
+        arguments.check_choice("PID(integration)", self.integration, INTEGRATION)
+        arguments.check_choice("PID(anti_windup)", self.anti_windup, ANTI_WINDUP)
+        arguments.check_choice("PID(derivative)", self.derivative, DERIVATIVE)
         if self.tracking_time is not None:
-            check_positive("PID", tracking_time=self.tracking_time)
+            arguments.check_positive("PID", tracking_time=self.tracking_time)
 
 
 def _check_gains(where: str, Kc: float, Ti: float, Td: float, Ts: float) -> None:
     """Of these an integral time may be infinite: there is no integral part."""
-    check_numbers(where, Kc=Kc)
-    check_positive(where, Ts=Ts, **({} if Ti == np.inf else {"Ti": Ti}))
-    check_not_negative(where, Td=Td)
+    arguments.check_numbers(where, Kc=Kc)
+    arguments.check_positive(where, Ts=Ts, **({} if Ti == np.inf else {"Ti": Ti}))
+    arguments.check_not_negative(where, Td=Td)
 
 
 def pid_transfer_function(
@@ -107,7 +100,7 @@ def pid_transfer_function(
     [0.82143, -0.92857, 0.25]
     """
     _check_gains("pid_transfer_function", Kc, Ti, Td, Ts)
-    check_choice("pid_transfer_function(integration)", integration, INTEGRATION)
+    arguments.check_choice("pid_transfer_function(integration)", integration, INTEGRATION)
     if Ti == np.inf:  # the pole at 1 and its zero cancel
         return transfer_function(Kc * np.array([1.0 + Td / Ts, -Td / Ts]), [1.0, 0.0])
     now, before = INTEGRATION[integration]
@@ -161,7 +154,7 @@ def pid_block(
         A[0], B[0], E[0, 0] = A[0] - share * C[0], B[0] - share * D[0], share
     memory = np.array([output, 0.0, 0.0])
     if at is not None:
-        there = check_signal("pid_block(at)", at, columns=SIGNALS)
+        there = arguments.check_signal("pid_block(at)", at, columns=SIGNALS)
         memory[:] = output - kp * (error @ there), error @ there, slope @ there
     hold = np.array([0 if controller.anti_windup == "hold" else -1, -1, -1])
     limits = np.array([controller.lower]), np.array([controller.upper])
@@ -188,7 +181,7 @@ class RunningPID(RunningBlock):
         integral
             Where the integral part of the output begins.
         """
-        check_numbers("RunningPID.reset", integral=integral)
+        arguments.check_numbers("RunningPID.reset", integral=integral)
         self._start(pid_block(self.controller, ALONE, integral))
 
 

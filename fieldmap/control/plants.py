@@ -8,14 +8,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fieldmap.arguments import (
-    check,
-    check_choice,
-    check_matrix,
-    check_not_negative,
-    check_positive,
-    check_signal,
-)
+from fieldmap import arguments
 from fieldmap.constants import GRAVITY
 from fieldmap.control.linear_models import StateSpace
 from fieldmap.device.model import Payload
@@ -67,11 +60,11 @@ def levitated_plant(
     >>> levitated_plant(mass=0.01, stiffness=-4.0, force_per_ampere=0.1).A.tolist()
     [[0.0, 1.0], [400.0, -0.0]]
     """
-    check_positive("levitated_plant", mass=mass)
-    K = check_matrix("levitated_plant(stiffness)", stiffness, (None, None))
+    arguments.check_positive("levitated_plant", mass=mass)
+    K = arguments.check_matrix("levitated_plant(stiffness)", stiffness, (None, None))
     axes = K.shape[0]
-    K = check_matrix("levitated_plant(stiffness)", K, (axes, axes))
-    force = check_matrix("levitated_plant(force_per_ampere)", force_per_ampere, (axes, None))
+    K = arguments.check_matrix("levitated_plant(stiffness)", K, (axes, axes))
+    force = arguments.check_matrix("levitated_plant(force_per_ampere)", force_per_ampere, (axes, None))
     loss = _damping("levitated_plant", damping, axes)
     still = np.zeros((axes, axes))
     A = np.block([[still, np.eye(axes)], [-K / mass, -loss / mass]])
@@ -82,7 +75,9 @@ def levitated_plant(
 def _damping(where: str, damping: ArrayLike, axes: int) -> Array:
     """(axes, axes), N s/m; a number is that of every axis."""
     given = np.asarray(damping, dtype=float)
-    return check_matrix(f"{where}(damping)", given * np.eye(axes) if given.ndim == 0 else given, (axes, axes))
+    return arguments.check_matrix(
+        f"{where}(damping)", given * np.eye(axes) if given.ndim == 0 else given, (axes, axes)
+    )
 
 
 @dataclass(frozen=True)
@@ -101,8 +96,8 @@ class LumpedMagnet(Record):
 
     def __post_init__(self) -> None:
         numbers = vars(self).copy()
-        check_not_negative("LumpedMagnet", damping=numbers.pop("damping"))
-        check_positive("LumpedMagnet", **numbers)
+        arguments.check_not_negative("LumpedMagnet", damping=numbers.pop("damping"))
+        arguments.check_positive("LumpedMagnet", **numbers)
 
     def force(self, z: float, current: float) -> float:
         """Magnetic force along z.
@@ -181,7 +176,7 @@ class LumpedMagnet(Record):
         return levitated_plant(self.mass, stiffness, per_ampere, self.damping)
 
     def _widening(self, z: float) -> float:
-        check_not_negative("LumpedMagnet", z=z)
+        arguments.check_not_negative("LumpedMagnet", z=z)
         return 1.0 + z / self.length
 
 
@@ -218,7 +213,7 @@ def lumped_magnet_from_lift_currents(
     1.558 A
     """
     where = "lumped_magnet_from_lift_currents"
-    check_positive(where, current_at_zero=current_at_zero, slope=slope, mass=mass, gravity=gravity)
+    arguments.check_positive(where, current_at_zero=current_at_zero, slope=slope, mass=mass, gravity=gravity)
     length = current_at_zero / slope
     return LumpedMagnet(2 * length * mass * gravity / current_at_zero**2, length, mass, damping, gravity)
 
@@ -279,7 +274,7 @@ class MapPlant(Record):
         i = self._axis("MapPlant.axis", axis)
         count = self.force_per_signal.shape[1]
         must = f"must be 0 to {count - 1}"
-        check(0 <= signal < count, "MapPlant.axis(signal)", must, signal, "count from 0")
+        arguments.check(0 <= signal < count, "MapPlant.axis(signal)", must, signal, "count from 0")
         force = self.force_per_signal[i, signal]
         return levitated_plant(self.mass, self.stiffness[i, i], force, self.damping[i, i])
 
@@ -302,12 +297,12 @@ class MapPlant(Record):
             c/m, 1/s.
         """
         good = bool(np.isfinite(pole)) and pole != 0
-        check(good, "MapPlant.damping_for_pole(pole)", "must be finite and not 0", pole, "in 1/s")
+        arguments.check(good, "MapPlant.damping_for_pole(pole)", "must be finite and not 0", pole, "in 1/s")
         return float(-(pole + self.pole_products[self._axis("MapPlant.damping_for_pole", axis)] / pole))
 
     @staticmethod
     def _axis(where: str, axis: str) -> int:
-        return "xyz".index(check_choice(f"{where}(axis)", axis, "xyz"))
+        return "xyz".index(arguments.check_choice(f"{where}(axis)", axis, "xyz"))
 
 
 def plant_from_map(
@@ -369,10 +364,10 @@ def plant_from_map(
     source, amperes = resolve_currents(field, currents)
     point = check_position(require_bounds(source), position, f"{where}(position)")
     count = len(source.coil_names)
-    directions = check_matrix(
+    directions = arguments.check_matrix(
         f"{where}(signals)", np.eye(count) if signals is None else signals, (count, None)
     )
-    check_choice(f"{where}(moment)", moment, ("fixed", "aligned"))
+    arguments.check_choice(f"{where}(moment)", moment, ("fixed", "aligned"))
     up = None
     if moment == "fixed":
         gradient = source.gradient(point[None, :], amperes)[0]
@@ -383,10 +378,10 @@ def plant_from_map(
     change = CURRENT_STEP * (np.abs(amperes).max() or 1.0)
     steps = np.divide(change, largest, out=np.ones_like(largest), where=largest > 0.0)
     if signal_steps is not None:
-        steps = check_signal(f"{where}(signal_steps)", signal_steps)
+        steps = arguments.check_signal(f"{where}(signal_steps)", signal_steps)
         good = steps.shape == largest.shape and bool((steps > 0.0).all())
         must = f"must be {largest.size} positive numbers, one for each signal"
-        check(good, f"{where}(signal_steps)", must, steps.tolist(), "leave it out for small steps")
+        arguments.check(good, f"{where}(signal_steps)", must, steps.tolist(), "leave it out for small steps")
     return MapPlant(
         position=point,
         currents=amperes,

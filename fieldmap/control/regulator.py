@@ -14,15 +14,7 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike
 
-from fieldmap.arguments import (
-    check,
-    check_choice,
-    check_matrix,
-    check_numbers,
-    check_ordered,
-    check_positive,
-    check_signal,
-)
+from fieldmap import arguments
 from fieldmap.control.blocks import ALONE, AxisReading, ControllerBlock, RunningBlock, run_block
 from fieldmap.control.linear_models import check_model, zero_order_hold
 from fieldmap.core.controller import SIGNALS
@@ -88,7 +80,7 @@ def lqrd(A: ArrayLike, B: ArrayLike, Q: ArrayLike, R: ArrayLike, Ts: float) -> A
     [[1.0]]
     """
     A, B, _, _ = check_model("lqrd", (A, B, None, None))
-    check_positive("lqrd", Ts=Ts)
+    arguments.check_positive("lqrd", Ts=Ts)
     order, inputs = B.shape
     Q = _symmetric("lqrd(Q)", Q, order)
     R = _symmetric("lqrd(R)", R, inputs, definite=True)
@@ -97,7 +89,7 @@ def lqrd(A: ArrayLike, B: ArrayLike, Q: ArrayLike, R: ArrayLike, Ts: float) -> A
     transition, cost = _integral(both, scipy.linalg.block_diag(Q, R), Ts)
     A_d, B_d = transition[:order, :order], transition[:order, order:]
     Q_d, N_d, R_d = cost[:order, :order], cost[:order, order:], cost[order:, order:]
-    return _riccati("lqrd", A_d, B_d, Q_d, R_d, N_d)[1]
+    return riccati("lqrd", A_d, B_d, Q_d, R_d, N_d)[1]
 
 
 def kalmd(
@@ -146,15 +138,15 @@ def kalmd(
     [[1e-06, 1e-06]]
     """
     A, B, C, D = check_model("kalmd", (A, B, C, D))
-    check_positive("kalmd", Ts=Ts)
+    arguments.check_positive("kalmd", Ts=Ts)
     order = A.shape[0]
-    G = B if G is None else check_matrix("kalmd(G)", G, (order, None))
+    G = B if G is None else arguments.check_matrix("kalmd(G)", G, (order, None))
     Qn = _symmetric("kalmd(Qn)", Qn, G.shape[1])
     Rn = _symmetric("kalmd(Rn)", Rn, C.shape[0], definite=True)
     A_d, B_d = zero_order_hold(A, B, Ts)
     Q_d = _integral(A.T, G @ Qn @ G.T, Ts)[1]
     R_d = Rn / Ts
-    P, _ = _riccati("kalmd", A_d.T, C.T, Q_d, R_d)
+    P, _ = riccati("kalmd", A_d.T, C.T, Q_d, R_d)
     M = np.linalg.solve(C @ P @ C.T + R_d, C @ P).T
     L = A_d @ M
     kept = np.eye(order) - M @ C
@@ -176,15 +168,18 @@ def _integral(A: Array, weight: Array, Ts: float) -> tuple[Array, Array]:
     return transition, 0.5 * (integral + integral.T)
 
 
-def _riccati(
-    where: str, A: Array, B: Array, Q: Array, R: Array, S: Array | None = None
+def riccati(
+    where: str,
+    A: Array,
+    B: Array,
+    Q: Array,
+    R: Array,
+    S: Array | None = None,
+    must: str = "must have a stabilising solution of its Riccati equation",
+    remedy: str = "check that every unstable state is reached by the input (lqrd) or seen in the output (kalmd), and "
+    "that the weights do not leave out a mode on the border of stability",
 ) -> tuple[Array, Array]:
     """The solution of the discrete Riccati equation, and the gain of the feedback that it stands for."""
-    must = "must have a stabilising solution of its Riccati equation"
-    remedy = (
-        "check that every unstable state is reached by the input (lqrd) or seen in the output (kalmd), and "
-        "that the weights do not leave out a mode on the border of stability"
-    )
     try:
         P = scipy.linalg.solve_discrete_are(A, B, Q, R, s=S)
     except (np.linalg.LinAlgError, ValueError) as error:
@@ -193,12 +188,14 @@ def _riccati(
     cross = 0.0 if S is None else S.T
     gain = np.asarray(np.linalg.solve(R + B.T @ P @ B, B.T @ P @ A + cross), np.float64)
     slowest = float(np.abs(np.linalg.eigvals(A - B @ gain)).max())
-    check(slowest < 1.0, where, must, f"one that leaves a pole at {slowest:.6g} from the origin", remedy)
+    arguments.check(
+        slowest < 1.0, where, must, f"one that leaves a pole at {slowest:.6g} from the origin", remedy
+    )
     return P, gain
 
 
 def _symmetric(where: str, values: ArrayLike, size: int, definite: bool = False) -> Array:
-    matrix = check_matrix(where, values, (size, size))
+    matrix = arguments.check_matrix(where, values, (size, size))
     lowest = float(np.linalg.eigvalsh(0.5 * (matrix + matrix.T)).min())
     scale = float(np.abs(matrix).max())
     symmetric = bool(np.abs(matrix - matrix.T).max() <= 1e-12 * scale)
@@ -206,7 +203,7 @@ def _symmetric(where: str, values: ArrayLike, size: int, definite: bool = False)
     must = f"must be symmetric, positive {'definite' if definite else 'semidefinite'}"
     received = f"lowest eigenvalue {lowest:.3g}, {'' if symmetric else 'not '}symmetric"
     remedy = "choose weights that make every direction cost something"
-    check(symmetric and positive, where, must, received, remedy)
+    arguments.check(symmetric and positive, where, must, received, remedy)
     return matrix
 
 
@@ -235,22 +232,22 @@ class Regulator(Record):
         order = np.atleast_2d(self.estimator.A_est).shape[0]
         shapes = ((order, order), (order, 2), (1 + order, order), (1 + order, 2))
         for name, matrix, shape in zip(Estimator._fields, self.estimator, shapes, strict=True):
-            check_matrix(f"Regulator(estimator.{name})", matrix, shape)
-        gain = np.ravel(check_signal("Regulator(k)", self.k))
+            arguments.check_matrix(f"Regulator(estimator.{name})", matrix, shape)
+        gain = np.ravel(arguments.check_signal("Regulator(k)", self.k))
         must = f"must have one gain for each of {order} states and one for the integral"
         remedy = "design it with lqrd on with_output_integral(A, B, C); give 0 for no integral"
-        check(gain.size == order + 1, "Regulator(k)", must, f"{gain.size} gains", remedy)
+        arguments.check(gain.size == order + 1, "Regulator(k)", must, f"{gain.size} gains", remedy)
         must = "must not need this sample's output to know this sample's states (D = 0)"
         received, direct = "a first column of D_est that is not zero", np.any(self.estimator.D_est[:, 0])
-        check(not direct, "Regulator(estimator)", must, received, "take a strictly proper plant")
+        arguments.check(not direct, "Regulator(estimator)", must, received, "take a strictly proper plant")
         object.__setattr__(self, "k", gain)
-        check_positive("Regulator", Ts=self.Ts)
+        arguments.check_positive("Regulator", Ts=self.Ts)
         intercept, slope = self.equilibrium
-        check_numbers("Regulator", intercept=intercept, slope=slope, divisor=self.divisor)
-        check_ordered("Regulator", self.lower, self.upper)
-        check_choice("Regulator(estimate)", self.estimate, ESTIMATES)
-        check_choice("Regulator(equilibrium_at)", self.equilibrium_at, EQUILIBRIUM_AT)
-        check(self.divisor != 0, "Regulator(divisor)", "must not be 0", "0", "give 1 for none")
+        arguments.check_numbers("Regulator", intercept=intercept, slope=slope, divisor=self.divisor)
+        arguments.check_ordered("Regulator", self.lower, self.upper)
+        arguments.check_choice("Regulator(estimate)", self.estimate, ESTIMATES)
+        arguments.check_choice("Regulator(equilibrium_at)", self.equilibrium_at, EQUILIBRIUM_AT)
+        arguments.check(self.divisor != 0, "Regulator(divisor)", "must not be 0", "0", "give 1 for none")
 
 
 def regulator_block(regulator: Regulator, reading: AxisReading) -> ControllerBlock:

@@ -6,8 +6,9 @@ same controllers on a linear plant.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -18,17 +19,7 @@ from fieldmap.arguments import check, check_count, check_positive, check_signal
 from fieldmap.control.blocks import Controller
 from fieldmap.control.bound_function import BoundFunction, failure, guarded, written_beside
 from fieldmap.control.function_controller import FunctionController
-from fieldmap.core.closed_loop import (
-    GIVEN,
-    GOES_ON,
-    NO_FUNCTION,
-    PAUSED,
-    ControlLaw,
-    Loop,
-    Progress,
-    Signals,
-    Timing,
-)
+from fieldmap.core import closed_loop as compiled
 from fieldmap.core.controller import SIGNALS, CoreController
 from fieldmap.core.library import LIBRARY
 from fieldmap.core.machine import STATE, CoreMachine, sensed_point
@@ -37,7 +28,7 @@ from fieldmap.dynamics.field_of_currents import EXACT
 from fieldmap.dynamics.loop_run import Event, IronUse, LevitationRun, PartsOfState, event_of
 from fieldmap.dynamics.machine import CONTACTS, Machine
 from fieldmap.dynamics.operating_point import OperatingPoint
-from fieldmap.errors import ControllerError, InputError, NotConverged, Problem
+from fieldmap.errors import ControllerError, InputError, NotConverged
 from fieldmap.records import Record
 from fieldmap.typing import Array
 
@@ -75,9 +66,9 @@ class Schedule(Record):
         check(fits, "Schedule(step)", must, received, "take for example 2e-3, 1e-4 and 5e-4")
 
     @property
-    def clock(self) -> Timing:
+    def clock(self) -> compiled.Timing:
         """As the compiled loop takes it."""
-        return Timing(
+        return compiled.Timing(
             float(self.step), round(self.period / self.step), round(self.delay / self.step), int(self.every)
         )
 
@@ -92,7 +83,7 @@ class Begun(Record):
     """A run at its beginning. loop: as the C core advances it, of machine; search: the machine of its own in which an
     inverse map searches, or None; event: what has ended it already, or GOES_ON."""
 
-    loop: Loop
+    loop: compiled.Loop
     machine: CoreMachine
     search: CoreMachine | None
     event: int
@@ -150,15 +141,15 @@ def simulate_closed_loop(
         remedy = "stack one block for each output, such as lift, x and y"
         check(fits, f"{_WHERE}(controller)", must, controller.outputs, remedy)
         inverse = controller.inverse(np.array(check_signal(f"{_WHERE}(state)", state)))
-        law = ControlLaw(
-            NO_FUNCTION,
+        law = compiled.ControlLaw(
+            compiled.NO_FUNCTION,
             CoreController(controller.arrays).controller,
             machine.allocation.numbers(),
             inverse if inverse is not None and inverse.rounds > 0 else None,
         )
     begun = start_loop(machine, law, controller.memory, schedule, state, currents, seed)
     loop, event = begun.loop, begun.event
-    if event == GOES_ON:
+    if event == compiled.GOES_ON:
         event = loop.go_on()
     run = run_of(machine, schedule, begun, event)
     if isinstance(controller, FunctionController) and bound is not None:
@@ -182,15 +173,15 @@ def machine_for(machine: Machine, gives: str) -> Machine:
     return replace(machine, allocation=direct)
 
 
-def function_law(machine: Machine, address: int, controller: FunctionController) -> ControlLaw:
+def function_law(machine: Machine, address: int, controller: FunctionController) -> compiled.ControlLaw:
     """The control law of a function at an address, or of outputs that are given."""
     limits = CoreController(controller.limits(len(machine.allocation.output_names)))
-    return ControlLaw(address, limits.controller, machine.allocation.numbers(), None)
+    return compiled.ControlLaw(address, limits.controller, machine.allocation.numbers(), None)
 
 
 def start_loop(
     machine: Machine,
-    law: ControlLaw,
+    law: compiled.ControlLaw,
     memory: Array,
     schedule: Schedule,
     state: ArrayLike,
@@ -200,14 +191,16 @@ def start_loop(
     """The loop at its beginning, and an event, if it has one already. Raises InputError."""
     begin = np.array(check_signal(f"{_WHERE}(state)", state, columns=STATE))
     amperes = np.array(check_signal(f"{_WHERE}(currents)", currents))
-    n, m = machine.drive.coils, len(machine.allocation.output_names)
-    _check_coils(machine, amperes)
+    n, m, coils = machine.drive.coils, len(machine.allocation.output_names), machine.allocation.coils
+    check(amperes.shape == (n,), f"{_WHERE}(currents)", f"must be ({n},)", amperes.shape, "one per coil")
+    must = f"must have the {coils} coils of its allocation"
+    check(coils == n, f"{_WHERE}(machine)", must, n, "take one for these coils")
     core, search = machine.core(schedule.step), None
     if law.inverse is not None:
         # A search for outputs takes slopes by differences, for which the solves of a run are too coarse.
         search = machine.core(schedule.step, EXACT)
         law = law._replace(inverse=law.inverse._replace(machine=search.machine))
-    loop = Loop(
+    loop = compiled.Loop(
         machine=core.machine,
         timing=schedule.clock,
         sensing=machine.sensors.numbers,
@@ -219,7 +212,7 @@ def start_loop(
         # What functions write to; compiled ones may miss it.
         memory=guarded(memory),
         load=np.zeros(6),
-        progress=np.zeros(len(Progress._fields), np.int64),
+        progress=np.zeros(len(compiled.Progress._fields), np.int64),
         commands=amperes.copy(),
         waiting=amperes.copy(),
         late=amperes.copy(),
@@ -258,7 +251,7 @@ def run_of(machine: Machine, schedule: Schedule, begun: Begun, event: int) -> Le
 
 
 def controller_error(
-    bound: BoundFunction, names: Sequence[str], loop: Loop, run: LevitationRun
+    bound: BoundFunction, names: Sequence[str], loop: compiled.Loop, run: LevitationRun
 ) -> BaseException:
     """Of a function that failed at the sample at which the loop stands, with the run up to there."""
     state = loop.scratch[: len(loop.memory)].copy()
@@ -271,23 +264,9 @@ def controller_error(
     return error
 
 
-def _check_coils(machine: Machine, currents: Array) -> None:
-    n, coils = machine.drive.coils, machine.allocation.coils
-    problems = []
-    if currents.shape != (n,):
-        problems.append(
-            Problem(f"{_WHERE}(currents)", f"must be ({n},)", f"{currents.shape}", "one per coil")
-        )
-    if coils != n:
-        must, remedy = f"must have the {coils} coils of its allocation", "take one for these coils"
-        problems.append(Problem(f"{_WHERE}(machine)", must, f"{n}", remedy))
-    if problems:
-        raise InputError(*problems)
-
-
 def draw_signals(
     machine: Machine, schedule: Schedule, seed: int | np.random.SeedSequence | np.random.Generator | None
-) -> Signals:
+) -> compiled.Signals:
     """References, feed-forward, loads, and all noise of a run."""
     periods, sensors = len(schedule.references), machine.sensors
     n, m = machine.drive.coils, len(machine.allocation.output_names)
@@ -305,7 +284,7 @@ def draw_signals(
         noise[1] *= sensors.voltage_noise
         noise[2] *= machine.drive.amplifier.deviation
         noise[3] *= sensors.scan_deviations
-    return Signals(
+    return compiled.Signals(
         schedule.references,
         np.ascontiguousarray(check_signal("Schedule(feedforward)", forward, columns=m)),
         np.ascontiguousarray(check_signal("Schedule(loads)", loads, columns=6)),
@@ -347,26 +326,15 @@ def simulate_many(
     list[Any]
         What `keep` makes of each run, in order.
     """
-    jobs = [one] * runs if isinstance(runs, int) else list(runs)
-    seeds = np.random.SeedSequence(seed).spawn(len(jobs))
-
-    def job(k: int) -> Any:
-        call = jobs[k]
-        if call is None:
-            raise InputError.of("simulate_many(one)", "must be a function", "None", "give what to run")
-        return keep(call(seeds[k]))
-
-    def done(results: Iterator[Any]) -> list[Any]:
-        found = []
-        for result in results:
+    calls: list[Any] = [one] * runs if isinstance(runs, int) else list(runs)
+    check(None not in calls, "simulate_many(one)", "must be a function", "None", "give what to run")
+    seeds, found = np.random.SeedSequence(seed).spawn(len(calls)), []
+    with ThreadPoolExecutor(threads, "fieldmap dynamics") if threads > 1 else nullcontext() as pool:
+        each = map if pool is None else pool.map
+        for result in each(lambda call, own: keep(call(own)), calls, seeds):
             found.append(result)
-            progress(f"run {len(found)} of {len(jobs)}", len(found) / len(jobs))
-        return found
-
-    if threads <= 1:
-        return done(map(job, range(len(jobs))))
-    with ThreadPoolExecutor(threads, "fieldmap dynamics") as pool:
-        return done(pool.map(job, range(len(jobs))))
+            progress(f"run {len(found)} of {len(calls)}", len(found) / len(calls))
+    return found
 
 
 class RunningMachine(PartsOfState):
@@ -394,7 +362,7 @@ class RunningMachine(PartsOfState):
         self.machine = machine_for(machine, gives)
         self.schedule = schedule
         self.operating_point = operating_point
-        self._law = function_law(self.machine, GIVEN, limits)
+        self._law = function_law(self.machine, compiled.GIVEN, limits)
         self._start = (np.array(state, float), np.array(currents, float))
         self._seed = seed
         self._clock = schedule.clock
@@ -425,7 +393,8 @@ class RunningMachine(PartsOfState):
         self._times: list[float] = []
         self._asked: list[Array] = []
         self._even = True
-        self._advance(self._begun.event)
+        event = self._begun.event
+        self._event = self._loop.go_on() if event == compiled.GOES_ON else event
         return self.measured
 
     def step(self, outputs: ArrayLike, dt: float | None = None) -> Array:
@@ -455,7 +424,7 @@ class RunningMachine(PartsOfState):
             must = f"must be {len(names)} finite numbers: {', '.join(names)}"
             received = f"{given.tolist()}" if fits else f"an array {given.shape}"
             raise InputError.of("RunningMachine.step(outputs)", must, received, "give one number for each")
-        if self._event != PAUSED:
+        if self._event != compiled.PAUSED:
             event = self.event
             received = "an event" if event is None else f"{event.name} at {event.time:g} s"
             remedy = "look at `event`, and call reset() to begin again"
@@ -474,11 +443,8 @@ class RunningMachine(PartsOfState):
         if sample % self.schedule.every == 0:
             self._times.append(self.time)
             self._asked.append(self.reference)
-        self._advance(GOES_ON)
+        self._event = self._loop.go_on()
         return self.measured
-
-    def _advance(self, event: int) -> None:
-        self._event = self._loop.go_on() if event == GOES_ON else event
 
     def _steps(self, dt: float | None) -> int:
         """Mechanical steps until the next sample."""
@@ -508,7 +474,7 @@ class RunningMachine(PartsOfState):
         if len(old.loads) > 1:
             longer["loads"] = np.concatenate([old.loads, np.tile(old.loads[-1], (count, 1))])
         rows = np.concatenate([loop.rows, np.empty((count, loop.rows.shape[1]))])
-        self._loop = loop._replace(signals=Signals(**longer), rows=rows)
+        self._loop = loop._replace(signals=compiled.Signals(**longer), rows=rows)
 
     def _renew(self, sample: int, steps: int) -> None:
         """Rows of the samples at uneven times: those of the schedule's periods in which they lie."""
@@ -566,14 +532,14 @@ class RunningMachine(PartsOfState):
     @property
     def event(self) -> Event | None:
         """What has ended the run, if anything has."""
-        number = GOES_ON if self._event == PAUSED else self._event
+        number = compiled.GOES_ON if self._event == compiled.PAUSED else self._event
         return event_of(number, self.time, self.state, self.currents)
 
     @property
     def run(self) -> LevitationRun:
         """What was recorded so far: one row for each step."""
         loop = self._loop._replace(rows=self._loop.rows.copy())
-        run = run_of(self.machine, self.schedule, replace(self._begun, loop=loop), GOES_ON)
+        run = run_of(self.machine, self.schedule, replace(self._begun, loop=loop), compiled.GOES_ON)
         references = np.array(self._asked).reshape(-1, 3)
         return replace(run, time=np.array(self._times), references=references, event=self.event)
 

@@ -7,13 +7,13 @@ from dataclasses import dataclass, replace
 from typing import Annotated
 
 import numpy as np
-import scipy
 from numpy.typing import ArrayLike
 from pydantic import Field
 
 from fieldmap.arguments import check, check_positive
 from fieldmap.control import zero_order_hold
 from fieldmap.control.blocks import Controller, ControllerBlock, arrays_of, state_block
+from fieldmap.control.regulator import riccati
 from fieldmap.core.controller import SIGNALS, Block, CoreController
 from fieldmap.core.machine import VELOCITY, InverseMap, inverse_along
 from fieldmap.dynamics.closed_loop import Schedule
@@ -23,7 +23,7 @@ from fieldmap.dynamics.linearisation import ABOUT_Z, VELOCITIES, LinearMachine
 from fieldmap.dynamics.machine import Machine
 from fieldmap.dynamics.operating_point import OperatingPoint
 from fieldmap.dynamics.rigid_body import Three
-from fieldmap.errors import Infeasible, InputError
+from fieldmap.errors import Infeasible
 from fieldmap.inputs.declared import Key, check_fields
 from fieldmap.inputs.tables import Positive
 from fieldmap.records import Record
@@ -120,9 +120,7 @@ def lqg_block(
     must = f"must have one number for each of {m} outputs"
     check(given == m, "LqgWeights(output)", must, given, "give lift, x and y")
     model = _Model(felt, period, delay)
-    gain = _regulator(model, felt, weights, period)
-    taken = _estimator(model, felt, weights, period)
-    return _block(model, felt, gain, taken, limits)
+    return _block(model, felt, _gain(model, felt, weights), _taken(model, felt, weights), limits)
 
 
 class _Model:
@@ -131,7 +129,7 @@ class _Model:
     def __init__(self, linear: LinearMachine, period: float, delay: float) -> None:
         sampled = sampled_machine(linear, period, delay)
         n, m = linear.B.shape
-        self.n, self.m = n, m
+        self.n, self.m, self.period = n, m, period
         # All but the unknown force.
         self.known = [*range(n), *range(n + 3, n + 3 + m)]
         pushed = zero_order_hold(linear.A, linear.G[:, :3], period)[1]
@@ -148,63 +146,47 @@ class _Model:
         self.operating_point = np.concatenate([self.place, np.zeros(3), self.outputs])
 
 
-def _regulator(model: _Model, linear: LinearMachine, weights: LqgWeights, period: float) -> Array:
+def _gain(model: _Model, linear: LinearMachine, weights: LqgWeights) -> Array:
     """Gain (m, n + m) on deviations of states and last outputs, which minimises the sum of squares over weights."""
     n, m = model.n, model.m
     A, B = model.F[np.ix_(model.known, model.known)], model.S[model.known]
+    alike = dict(zip(VELOCITIES, weights.speed, strict=True))
+    alike |= {f"turn_{axis}": weights.lean for axis in "xy"}
+    alike |= {f"angular_velocity_{axis}": weights.angular_velocity for axis in "xy"}
     Q = np.zeros((n + m, n + m))
-    seen = linear.C.T @ np.diag(1.0 / np.square(weights.place)) @ linear.C
-    Q[:n, :n] = seen + np.diag([_cost(name, weights) for name in linear.states])
-    R = period * np.diag(1.0 / np.square(np.array(weights.output)))
-    P = _riccati(A, B, period * Q, R, "controllable by its outputs")
-    return np.asarray(np.linalg.solve(R + B.T @ P @ B, B.T @ P @ A), float)
+    Q[:n, :n] = linear.C.T @ np.diag(1.0 / np.square(weights.place)) @ linear.C
+    Q[:n, :n] += np.diag([1.0 / alike.get(name, np.inf) ** 2 for name in linear.states])
+    R = np.diag(1.0 / np.square(np.array(weights.output)))
+    return _riccati(A, B, model.period * Q, model.period * R, "controllable by its outputs")[1]
 
 
-def _cost(name: str, weights: LqgWeights) -> float:
-    quantity, _, axis = name.rpartition("_")
-    if quantity == "velocity":
-        return 1.0 / weights.speed["xyz".index(axis)] ** 2
-    alike = {"turn": weights.lean, "angular_velocity": weights.angular_velocity}.get(quantity, np.inf)
-    return 1.0 / alike**2
-
-
-def _estimator(model: _Model, linear: LinearMachine, weights: LqgWeights, period: float) -> Array:
+def _taken(model: _Model, linear: LinearMachine, weights: LqgWeights) -> Array:
     """Gain (n + 3 + m, 3) by which what is seen corrects the prediction."""
     n = model.n
     A, C = model.F[: n + 3, : n + 3], model.H[:, : n + 3]
     shaken = np.vstack([linear.G[:, :3], np.zeros((3, 3))]) * np.asarray(weights.force)
-    noise = period * shaken @ shaken.T
-    noise[n:, n:] = period * np.diag(np.square(weights.drift))
+    noise = shaken @ shaken.T
+    noise[n:, n:] = np.diag(np.square(weights.drift))
     R = np.diag(np.square(weights.sensor or (1e-6,) * 3))
-    P = _riccati(A.T, C.T, noise, R, "observable by its sensors")
-    taken = np.linalg.solve(C @ P @ C.T + R, C @ P).T
-    return np.vstack([taken, np.zeros((model.m, 3))])
+    P = _riccati(A.T, C.T, model.period * noise, R, "observable by its sensors")[0]
+    return np.vstack([np.linalg.solve(C @ P @ C.T + R, C @ P).T, np.zeros((model.m, 3))])
 
 
-def _riccati(A: Array, B: Array, Q: Array, R: Array, what: str) -> Array:
-    try:
-        return np.asarray(scipy.linalg.solve_discrete_are(A, B, Q, R))
-    except (np.linalg.LinAlgError, ValueError) as error:
-        must = f"every mode that is not damped must be {what}"
-        remedy = "`fieldmap linearise` shows the modes; a little drag damps what swings without end"
-        raise InputError.of("lqg_block(linear)", must, f"{error}", remedy) from None
-
-
-def _targets(model: _Model, linear: LinearMachine) -> tuple[Array, Array]:
-    """(n + m, 3) each: steady deviations of states and outputs per metre of the reference, and per newton of an
-    unknown force with the sensed point held."""
-    n, m = model.n, model.m
-    both = np.block([[linear.A, linear.B], [linear.C, np.zeros((3, m))]])
-    by_reference = np.linalg.lstsq(both, np.vstack([np.zeros((n, 3)), np.eye(3)]), rcond=None)[0]
-    by_force = np.linalg.lstsq(both, np.vstack([-linear.G[:, :3], np.zeros((3, 3))]), rcond=None)[0]
-    return by_reference, by_force
+def _riccati(A: Array, B: Array, Q: Array, R: Array, what: str) -> tuple[Array, Array]:
+    must = f"every mode that is not damped must be {what}"
+    remedy = "`fieldmap linearise` shows the modes; a little drag damps what swings without end"
+    return riccati("lqg_block(linear)", A, B, Q, R, None, must, remedy)
 
 
 def _block(
     model: _Model, linear: LinearMachine, gain: Array, taken: Array, limits: tuple[Array, Array] | None
 ) -> ControllerBlock:
     n, m = model.n, model.m
-    by_reference, by_force = _targets(model, linear)
+    # Steady deviations of states and outputs per metre of the reference, and, with the sensed point held, per newton
+    # of an unknown force.
+    both = np.block([[linear.A, linear.B], [linear.C, np.zeros((3, m))]])
+    asked = np.block([[np.zeros((n, 3)), -linear.G[:, :3]], [np.eye(3), np.zeros((3, 3))]])
+    by_reference, by_force = np.hsplit(np.linalg.lstsq(both, asked, rcond=None)[0], 2)
     # u = u0 + U_r (r - y0) + U_d d - K (deviation from the states that reference and force ask for), (18).
     from_reference = by_reference[n:] + gain @ by_reference
     states = np.hstack([-gain[:, :n], by_force[n:] + gain @ by_force, -gain[:, n:]])
@@ -279,13 +261,13 @@ class ScheduledController(Record):
         count = len(self.blocks)
         place = float(np.clip((sensed[_HEIGHT] - self.first) / self.step, 0, count - 1))
         low = min(int(place), max(count - 2, 0))
-        return _between(self.blocks[low], self.blocks[min(low + 1, count - 1)], place - low)
+        a, b, share = self.blocks[low], self.blocks[min(low + 1, count - 1)], place - low
 
+        def between(name: str) -> Array:
+            return (1.0 - share) * getattr(a, name) + share * getattr(b, name)
 
-def _between(a: ControllerBlock, b: ControllerBlock, share: float) -> ControllerBlock:
-    parts = {name: (1.0 - share) * getattr(a, name) + share * getattr(b, name) for name in "ABCDE"}
-    forward = None if a.F is None or b.F is None else (1.0 - share) * a.F + share * b.F
-    return ControllerBlock(**parts, lower=a.lower, upper=a.upper, hold=a.hold, memory=a.memory, F=forward)
+        A, B, C, D, E, F = (between(name) for name in (*"ABCDE", "feedforward"))
+        return replace(a, A=A, B=B, C=C, D=D, E=E, F=F)
 
 
 @dataclass(frozen=True, eq=False, repr=False)

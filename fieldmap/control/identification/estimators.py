@@ -16,23 +16,8 @@ from numpy.polynomial.polynomial import polyadd
 from numpy.typing import ArrayLike, NDArray
 
 from fieldmap.arguments import check, check_count, check_positive
-from fieldmap.control.identification.regression import (
-    Estimate,
-    EstimatedRuns,
-    Orders,
-    Solution,
-    check_records,
-    columns_of,
-    estimate_of,
-    filtered,
-    iterate,
-    polynomials,
-    settled,
-    solve,
-    solve_columns,
-    stable_denominators,
-    to_model,
-)
+from fieldmap.control.identification import regression
+from fieldmap.control.identification.regression import Estimate, EstimatedRuns, Orders, Solution
 from fieldmap.control.linear_models import TransferFunction, filter_response, transfer_function
 from fieldmap.errors import NotConverged
 from fieldmap.records import Record
@@ -82,9 +67,9 @@ def least_squares(outputs: ArrayLike, inputs: ArrayLike, orders: Orders, Ts: flo
     [0.9]
     """
     check_positive("least_squares", Ts=Ts)
-    y, u = check_records("least_squares", orders, outputs=outputs, inputs=inputs)
-    solution = solve(y, u, orders, "least_squares")
-    return estimate_of(solution, orders, Ts, "least squares (ARX)", 1, _WHITE_EQUATION)
+    y, u = regression.check_records("least_squares", orders, outputs=outputs, inputs=inputs)
+    solution = regression.solve(y, u, orders, "least_squares")
+    return regression.estimate_of(solution, orders, Ts, "least squares (ARX)", 1, _WHITE_EQUATION)
 
 
 def modified_least_squares(
@@ -125,13 +110,13 @@ def modified_least_squares(
         shows such estimates all the same.
     """
     where = "modified_least_squares"
-    y, u = check_records(where, orders, outputs=outputs, inputs=inputs)
+    y, u = regression.check_records(where, orders, outputs=outputs, inputs=inputs)
     check_positive(where, Ts=Ts)
     start, advance = _filtering(y, u, orders, where)
     remedy = "ask for fewer poles and zeros, excite more, or record longer"
-    solution, count = settled(where, start, advance, tolerance, iterations, remedy)
+    solution, count = regression.settled(where, start, advance, tolerance, iterations, remedy)
     method = "modified least squares (Steiglitz-McBride)"
-    return estimate_of(solution, orders, Ts, method, count, _WHITE_OUTPUT)
+    return regression.estimate_of(solution, orders, Ts, method, count, _WHITE_OUTPUT)
 
 
 def modified_least_squares_runs(
@@ -161,9 +146,9 @@ def modified_least_squares_runs(
         As for `least_squares`.
     """
     where = "modified_least_squares_runs"
-    y, u = check_records(where, orders, outputs=outputs, inputs=inputs)
-    solution, changes = iterate(where, *_filtering(y, u, orders, where), tolerance, iterations)
-    a, b = polynomials(solution.coefficients, orders)
+    y, u = regression.check_records(where, orders, outputs=outputs, inputs=inputs)
+    solution, changes = regression.iterate(where, *_filtering(y, u, orders, where), tolerance, iterations)
+    a, b = regression.polynomials(solution.coefficients, orders)
     history = np.array(changes)
     needed = np.sum(~np.isnan(history), axis=0)
     last = history[needed - 1, np.arange(len(y))]
@@ -177,11 +162,13 @@ def _filtering(
     """Coefficients (runs, p) to begin with, and the step of the modified least squares: for `iterate`."""
 
     def advance(active: NDArray[np.intp], coefficients: Array) -> Solution:
-        a = stable_denominators(polynomials(coefficients, orders)[0])
+        a = regression.stable_denominators(regression.polynomials(coefficients, orders)[0])
         one = np.ones((len(active), 1))
-        return solve(filtered(one, a, y[active]), filtered(one, a, u[active]), orders, where)
+        return regression.solve(
+            regression.filtered(one, a, y[active]), regression.filtered(one, a, u[active]), orders, where
+        )
 
-    return solve(y, u, orders, where).coefficients, advance
+    return regression.solve(y, u, orders, where).coefficients, advance
 
 
 def generalised_least_squares(
@@ -225,25 +212,27 @@ def generalised_least_squares(
     where = "generalised_least_squares"
     check_positive(where, Ts=Ts)
     check_count(where, noise_order=noise_order)
-    y, u = check_records(where, orders, outputs=outputs, inputs=inputs)
+    y, u = regression.check_records(where, orders, outputs=outputs, inputs=inputs)
 
     def advance(_: NDArray[np.intp], coefficients: Array) -> Solution:
         errors = _equation_errors(coefficients[0], y[0], u[0], orders)
         whitening, one = _autoregression(errors, noise_order, where)[None, :], np.ones((1, 1))
-        return solve(filtered(whitening, one, y), filtered(whitening, one, u), orders, where)
+        return regression.solve(
+            regression.filtered(whitening, one, y), regression.filtered(whitening, one, u), orders, where
+        )
 
-    start = solve(y, u, orders, where).coefficients
+    start = regression.solve(y, u, orders, where).coefficients
     remedy = "try the modified least squares or ARMAX, or another noise order"
-    solution, count = settled(where, start, advance, tolerance, iterations, remedy)
+    solution, count = regression.settled(where, start, advance, tolerance, iterations, remedy)
     note = f"errors of the equation are autoregressive of order {noise_order}"
-    return estimate_of(solution, orders, Ts, "generalised least squares", count, note)
+    return regression.estimate_of(solution, orders, Ts, "generalised least squares", count, note)
 
 
 def _autoregression(errors: Array, order: int, where: str) -> Array:
     past = np.stack([-errors[order - i : errors.size - i] for i in range(1, order + 1)], axis=1)
     if not np.any(past):  # nothing left to whiten
         return np.eye(1, order + 1)[0]
-    return np.concatenate([[1.0], solve_columns(past, errors[order:], where).coefficients[0]])
+    return np.concatenate([[1.0], regression.solve_columns(past, errors[order:], where).coefficients[0]])
 
 
 def armax(
@@ -280,7 +269,7 @@ def armax(
     check_positive(where, Ts=Ts)
     check_count(where, noise_order=noise)
     needed = 3 * (orders.parameters + noise) + 40
-    y, u = (x[0] for x in check_records(where, orders, needed, outputs=outputs, inputs=inputs))
+    y, u = (x[0] for x in regression.check_records(where, orders, needed, outputs=outputs, inputs=inputs))
     starts = [_two_stage_start(y, u, orders, noise, where), _modified_start(y, u, orders, noise)]
     # C may have roots near the unit circle: a start in the middle of the noise would ring through 1/C.
     y, u = (np.concatenate([np.zeros(orders.first), x]) for x in (y, u))
@@ -298,15 +287,15 @@ def armax(
     if not fit.success:
         raise NotConverged.of(where, "must converge", fit.message, "ask for fewer coefficients")
     # The columns there are only for covariance and condition.
-    solution = solve_columns(fit.jac, -fit.fun, where)
+    solution = regression.solve_columns(fit.jac, -fit.fun, where)
     solution = solution._replace(coefficients=fit.x[None], squares=np.array([2.0 * fit.cost]))
     note = f"noise of the equation is a moving average of order {noise}"
     c = _noise_polynomial(fit.x, orders)
-    return estimate_of(solution, orders, Ts, "ARMAX (prediction errors)", int(fit.nfev), note, c)
+    return regression.estimate_of(solution, orders, Ts, "ARMAX (prediction errors)", int(fit.nfev), note, c)
 
 
 def _equation_errors(coefficients: Array, y: Array, u: Array, orders: Orders) -> Array:
-    a, b = (polynomial[0] for polynomial in polynomials(coefficients[None], orders))
+    a, b = (polynomial[0] for polynomial in regression.polynomials(coefficients[None], orders))
     driven = filter_response(np.concatenate([np.zeros(orders.delay), b]), [1.0], u)
     return (filter_response(a, [1.0], y) - driven)[orders.first :]
 
@@ -315,24 +304,26 @@ def _two_stage_start(y: Array, u: Array, orders: Orders, noise: int, where: str)
     """Errors of a long ARX model stand for v; then one regression on past y, u and v."""
     long = Orders(orders.poles + 15, orders.zeros + 15, orders.dead_time)
     try:
-        theta = solve(y[None], u[None], long, where).coefficients[0]
+        theta = regression.solve(y[None], u[None], long, where).coefficients[0]
     except ValueError:  # without noise the long model is not unique; the short one is
-        theta = solve(y[None], u[None], orders, where).coefficients[0]
+        theta = regression.solve(y[None], u[None], orders, where).coefficients[0]
         long = orders
     v = np.concatenate([np.zeros(long.first), _equation_errors(theta, y, u, long)])
     first = orders.first + noise
     past = np.stack([v[first - i : v.size - i] for i in range(1, noise + 1)], axis=1)
-    known = columns_of(y[None], u[None], orders)[0][noise:]
+    known = regression.columns_of(y[None], u[None], orders)[0][noise:]
     if np.sqrt(np.mean(v**2)) < 1e-9 * np.sqrt(np.mean(y**2)):
-        return np.concatenate([solve_columns(known, y[first:], where).coefficients[0], np.zeros(noise)])
-    return solve_columns(np.concatenate([known, past], axis=1), y[first:], where).coefficients[0]
+        return np.concatenate(
+            [regression.solve_columns(known, y[first:], where).coefficients[0], np.zeros(noise)]
+        )
+    return regression.solve_columns(np.concatenate([known, past], axis=1), y[first:], where).coefficients[0]
 
 
 def _modified_start(y: Array, u: Array, orders: Orders, noise: int) -> Array:
     """Sensor noise: C = A with its roots inside the unit circle."""
     found = modified_least_squares_runs(y, u, orders, iterations=30)
     a = found.denominators[:, : orders.poles + 1]
-    c = np.resize(np.concatenate([stable_denominators(a)[0, 1:], np.zeros(noise)]), noise)
+    c = np.resize(np.concatenate([regression.stable_denominators(a)[0, 1:], np.zeros(noise)]), noise)
     return np.concatenate([a[0, 1:], found.numerators[0], c])
 
 
@@ -344,14 +335,14 @@ def _prediction_errors(theta: Array, y: Array, u: Array, orders: Orders) -> Arra
 def _prediction_slopes(theta: Array, y: Array, u: Array, orders: Orders) -> Array:
     """Derivatives (m, p) of the prediction errors: y, u and the errors themselves, delayed, through 1/C."""
     c = _noise_polynomial(theta, orders)
-    known = -filter_response([1.0], c, columns_of(y[None], u[None], orders)[0], axis=0)
+    known = -filter_response([1.0], c, regression.columns_of(y[None], u[None], orders)[0], axis=0)
     errors = filter_response([1.0], c, _prediction_errors(theta, y, u, orders))
     past = [np.concatenate([np.zeros(i), -errors[: errors.size - i]]) for i in range(1, c.size)]
     return np.concatenate([known, np.stack(past, axis=1)], axis=1)
 
 
 def _noise_polynomial(theta: Array, orders: Orders) -> Array:
-    return stable_denominators(np.concatenate([[1.0], theta[orders.parameters :]])[None, :])[0]
+    return regression.stable_denominators(np.concatenate([[1.0], theta[orders.parameters :]])[None, :])[0]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -405,11 +396,11 @@ def recursive_least_squares(
     must, received = "must lie in (0, 1] and be 0 or more", f"{forgetting!r}, {noise_order!r}"
     remedy = "0.99 or more is usual; 1 forgets nothing"
     check(forgetting <= 1.0 and noise_order >= 0, f"{where}(forgetting, noise_order)", must, received, remedy)
-    y, u = check_records(where, orders, outputs=outputs, inputs=inputs)
+    y, u = regression.check_records(where, orders, outputs=outputs, inputs=inputs)
     p = orders.parameters + noise_order
     theta, covariance, past = np.zeros(p), start_variance * np.eye(p), np.zeros(noise_order)
     history = np.zeros((y.shape[1], p))
-    for n, known in enumerate(columns_of(y, u, orders)[0], orders.first):
+    for n, known in enumerate(regression.columns_of(y, u, orders)[0], orders.first):
         row = np.concatenate([known, past])
         gain = covariance @ row
         scale = forgetting + row @ gain
@@ -418,7 +409,7 @@ def recursive_least_squares(
         # Errors after the update: extended least squares.
         past = np.concatenate([[y[0, n] - row @ theta], past])[:noise_order]
         history[n] = theta
-    return RecursiveRun(history, to_model(history[-1], orders))
+    return RecursiveRun(history, regression.to_model(history[-1], orders))
 
 
 def identify_direct(outputs: ArrayLike, controls: ArrayLike, orders: Orders, Ts: float) -> Estimate:
@@ -507,7 +498,7 @@ def identify_indirect(
     check_positive(where, Ts=Ts)
     top, bottom = transfer_function(*controller)
     above = np.concatenate([np.zeros(bottom.size - top.size), top])
-    y, r = check_records(where, orders, outputs=outputs, references=references)
+    y, r = regression.check_records(where, orders, outputs=outputs, references=references)
     outward, driven = filter_response(bottom, [1.0], y), filter_response(above, [1.0], r - y)
     # Plain least squares is too far off to start from: what the controller must have sent, and the direct way.
     found = modified_least_squares_runs(y, filter_response(above, bottom, r - y), orders, iterations=30)
@@ -515,25 +506,28 @@ def identify_indirect(
 
     def advance(_: NDArray[np.intp], coefficients: Array) -> Solution:
         """Z' Phi theta = Z' w with instruments Z; triangle and condition are those of the instruments, for (14)."""
-        a, b = (polynomial[0] for polynomial in polynomials(coefficients, orders))
+        a, b = (polynomial[0] for polynomial in regression.polynomials(coefficients, orders))
         forward = np.convolve(above, np.concatenate([np.zeros(orders.delay), b]))
         # Of the closed loop, its unstable roots reflected; and the position without noise.
-        stable = stable_denominators(polyadd(np.convolve(bottom, a), forward)[None, :])[0]
+        stable = regression.stable_denominators(polyadd(np.convolve(bottom, a), forward)[None, :])[0]
         predicted = filter_response(forward, stable, r)
         free = filter_response(bottom, [1.0], predicted), filter_response(above, [1.0], r - predicted)
         w, v, w_free, v_free = (filter_response([1.0], stable, x) for x in (outward, driven, *free))
-        matched = solve(w_free, v_free, orders, where)
-        columns, instruments = columns_of(w, v, orders)[0], columns_of(w_free, v_free, orders)[0]
+        matched = regression.solve(w_free, v_free, orders, where)
+        columns, instruments = (
+            regression.columns_of(w, v, orders)[0],
+            regression.columns_of(w_free, v_free, orders)[0],
+        )
         target = w[0, orders.first :]
         theta = np.linalg.solve(instruments.T @ columns, instruments.T @ target)
         errors = target - columns @ theta
         return matched._replace(coefficients=theta[None, :], squares=np.array([errors @ errors]))
 
     remedy = "check the controller's sign and sampling time; ask for fewer poles and zeros"
-    solution, count = settled(where, start, advance, tolerance, iterations, remedy)
+    solution, count = regression.settled(where, start, advance, tolerance, iterations, remedy)
     notes = (_NOISE_FREE_REFERENCE, "the controller is as given, never at its limits")
     method = "closed loop, known controller, refined instruments"
-    return estimate_of(solution, orders, Ts, method, count, notes)
+    return regression.estimate_of(solution, orders, Ts, method, count, notes)
 
 
 def identify_two_stage(
@@ -575,9 +569,11 @@ def identify_two_stage(
     """
     where = "identify_two_stage"
     check_positive(where, Ts=Ts)
-    y, u, r = check_records(where, orders, outputs=outputs, controls=controls, references=references)
+    y, u, r = regression.check_records(
+        where, orders, outputs=outputs, controls=controls, references=references
+    )
     first = modified_least_squares_runs(u[0], r[0], loop, iterations=30)
     leading = np.zeros(loop.delay)
-    stable = stable_denominators(first.denominators)[0]
+    stable = regression.stable_denominators(first.denominators)[0]
     predicted = filter_response(np.concatenate([leading, first.numerators[0]]), stable, r[0])
     return modified_least_squares(y[0], predicted, orders, Ts)

@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from fieldmap.arguments import check, check_count, check_positive, check_signal
 from fieldmap.control.linear_models import TransferFunction, filter_response, steady_gain
 from fieldmap.errors import NotConverged, Problem
+from fieldmap.parallel import same_arithmetic
 from fieldmap.records import Record, tuple_line
 from fieldmap.typing import Array
 
@@ -27,9 +28,6 @@ from fieldmap.typing import Array
 LARGEST_CONDITION = 1e12
 # How many numbers columns are made of at once: 32 MB, with copies a few times as much.
 _AT_ONCE = 4_000_000
-# And how many LAPACK decomposes at once: too few for threads of its own, with which small matrices take up to a hundred
-# times as long and round otherwise.
-_BLOCK = 32_768
 
 
 @dataclass(frozen=True)
@@ -238,11 +236,9 @@ def solve(y: Array, u: Array, orders: Orders, where: str) -> Solution:
     """Least squares over y and u (runs, samples). Raises InputError if the columns depend on each other."""
     samples = y.shape[1] - orders.first
     runs = max(1, _AT_ONCE // (samples * (orders.parameters + 1)))
-    parts = [slice(at, at + runs) for at in range(0, len(y), runs)]
-    r = np.concatenate(
-        [_triangles(columns_of(y[part], u[part], orders), y[part, orders.first :]) for part in parts]
-    )
-    return _solution(r, samples, where)
+    parts = (slice(at, at + runs) for at in range(0, len(y), runs))
+    r = [_triangles(columns_of(y[part], u[part], orders), y[part, orders.first :]) for part in parts]
+    return _solution(np.concatenate(r), samples, where)
 
 
 def solve_columns(columns: Array, target: Array, where: str) -> Solution:
@@ -254,17 +250,11 @@ def _triangles(columns: Array, targets: Array) -> Array:
     """Upper triangles r (runs, p + 1, p + 1) with r.T r the products of columns (runs, m, p) and, beside them, targets
     (runs, m); signs of rows are any."""
     both = np.concatenate([columns, targets[..., None]], axis=-1)
-    runs, rows, width = both.shape
-    blocks = 0
-    while blocks != 1:
-        # The triangle of triangles of blocks below each other is that of all; rows of zeros add nothing.
-        blocks = -(-rows // max(4 * width, _BLOCK // width))
-        each = max(-(-rows // blocks), width)
-        padded = np.pad(both, ((0, 0), (0, blocks * each - rows), (0, 0)))
-        rows = blocks * width
-        triangles = np.asarray(np.linalg.qr(padded.reshape(-1, each, width), mode="r"))
-        both = triangles.reshape(runs, rows, width)
-    return both
+    # In threads of LAPACK's own small matrices take up to a hundred times as long, and round otherwise.
+    with same_arithmetic():
+        r = np.asarray(np.linalg.qr(both, mode="r"))
+    # Of fewer rows than columns the triangle is no square: rows of zeros add nothing.
+    return np.pad(r, ((0, 0), (0, r.shape[2] - r.shape[1]), (0, 0)))
 
 
 def _solution(r: Array, samples: int, where: str) -> Solution:

@@ -18,7 +18,7 @@ from fieldmap.dynamics.loop_run import LevitationRun, as_csv, recorded
 from fieldmap.dynamics.scenario.experiment import Experiment, prepare
 from fieldmap.dynamics.scenario.metrics import RunMetrics, reading_mm, run_metrics
 from fieldmap.dynamics.scenario.references import AXES
-from fieldmap.dynamics.scenario.schema import read_scenario
+from fieldmap.dynamics.scenario.schema import Scenario, read_scenario
 from fieldmap.field import Field
 from fieldmap.plain import Plain, plain_items
 from fieldmap.records import Record, count_of
@@ -152,37 +152,23 @@ def simulate_batches(
         def part(message: str, fraction: float, number: int = number, label: str = label) -> None:
             progress(f"{label} {message}".strip(), (number + fraction) / len(values))
 
+        def judged(run: LevitationRun, read: Scenario = read) -> BatchRun:
+            return BatchRun(run_metrics(read, run), run if keep_signals and runs <= MOST_KEPT else None)
+
         experiment = prepare(read, opened, device if read.contents.device is None else None, controller)
-        kept = keep_signals and runs <= MOST_KEPT
-        batches.append(_batch(experiment, label, runs, seed, threads, kept, part))
-    return Simulation(tuple(batches))
-
-
-def _batch(
-    experiment: Experiment,
-    label: str,
-    runs: int,
-    seed: int | None,
-    threads: int,
-    kept: bool,
-    progress: Progress,
-) -> Batch:
-    chosen = seed if seed is not None else experiment.scenario.settings.noise.seed or 0
-
-    def judged(run: LevitationRun) -> BatchRun:
-        return BatchRun(run_metrics(experiment.scenario, run), run if kept else None)
-
-    experiment.warm()
-    begin = time.process_time()
-    if runs == 1:
-        found = [judged(experiment.run(chosen))]
-    else:
+        experiment.warm()
+        chosen = seed if seed is not None else read.settings.noise.seed or 0
         python = getattr(experiment.controller, "form", "") == "python"
         workers = 1 if python else threads or os.cpu_count() or 1
-        found = simulate_many(
-            runs, experiment.run, seed=chosen, threads=workers, keep=judged, progress=progress
-        )
-    return Batch(label, experiment, tuple(found), time.process_time() - begin)
+        begin = time.process_time()
+        if runs == 1:
+            found = [judged(experiment.run(chosen))]
+        else:
+            found = simulate_many(
+                runs, experiment.run, seed=chosen, threads=workers, keep=judged, progress=part
+            )
+        batches.append(Batch(label, experiment, tuple(found), time.process_time() - begin))
+    return Simulation(tuple(batches))
 
 
 def write_simulation(path: Path, simulation: Simulation) -> Path:

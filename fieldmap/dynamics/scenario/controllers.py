@@ -14,30 +14,11 @@ from typing import Annotated, Any, ClassVar, Literal
 import numpy as np
 from pydantic import Field, ValidationInfo
 
-from fieldmap.control import (
-    PID,
-    AxisReading,
-    Controller,
-    ControllerBlock,
-    Regulator,
-    constant_block,
-    kalmd,
-    lqrd,
-    pid_block,
-    regulator_block,
-    with_output_integral,
-)
+from fieldmap import control
+from fieldmap.dynamics import coupled
 from fieldmap.dynamics.allocation import ParametrisedAllocation
 from fieldmap.dynamics.closed_loop import Schedule
-from fieldmap.dynamics.coupled import (
-    Lengths,
-    LqgWeights,
-    ScheduledController,
-    feedforward,
-    force_controller,
-    lqg_block,
-    trajectory,
-)
+from fieldmap.dynamics.coupled import Lengths, LqgWeights
 from fieldmap.dynamics.linearisation import linearise
 from fieldmap.dynamics.machine import Machine
 from fieldmap.dynamics.operating_point import OperatingPoint
@@ -80,7 +61,9 @@ class AxisController(Record):
     kind: ClassVar[str]
 
     @abstractmethod
-    def block(self, reading: AxisReading, period: float, output: float, at: Array) -> ControllerBlock:
+    def block(
+        self, reading: control.AxisReading, period: float, output: float, at: Array
+    ) -> control.ControllerBlock:
         """The controller as a linear block.
 
         Parameters
@@ -117,12 +100,14 @@ class Pid(AxisController):
         "error"
     )
 
-    def block(self, reading: AxisReading, period: float, output: float, at: Array) -> ControllerBlock:
+    def block(
+        self, reading: control.AxisReading, period: float, output: float, at: Array
+    ) -> control.ControllerBlock:
         """See `AxisController`. The controller of the depth acts on minus the error: more lift reduces the depth."""
         times, minus = (np.inf if self.Ti is None else self.Ti, self.Td, period), reading.axis == "z"
         rules = {name: getattr(self, name) for name in ("integration", "anti_windup", "derivative")}
-        pid = PID(self.Kc, *times, *_limits_of(self), **rules, acts_on_minus_error=minus)
-        return pid_block(pid, reading, output, at)
+        pid = control.PID(self.Kc, *times, *_limits_of(self), **rules, acts_on_minus_error=minus)
+        return control.pid_block(pid, reading, output, at)
 
 
 @dataclass(frozen=True, repr=False)
@@ -135,9 +120,11 @@ class Constant(AxisController):
         None
     )
 
-    def block(self, reading: AxisReading, period: float, output: float, at: Array) -> ControllerBlock:
+    def block(
+        self, reading: control.AxisReading, period: float, output: float, at: Array
+    ) -> control.ControllerBlock:
         """See `AxisController`. The output is the given one, or that of the equilibrium."""
-        return constant_block(output if self.output is None else self.output)
+        return control.constant_block(output if self.output is None else self.output)
 
 
 def _fits(Q: list[Any], info: ValidationInfo) -> None:
@@ -184,18 +171,20 @@ class AxisRegulator(AxisController):
     lower: Lower = None
     upper: Upper = None
 
-    def block(self, reading: AxisReading, period: float, output: float, at: Array) -> ControllerBlock:
+    def block(
+        self, reading: control.AxisReading, period: float, output: float, at: Array
+    ) -> control.ControllerBlock:
         """See `AxisController`. The controller is designed for its own model and equilibrium."""
         A, B, C = np.array(self.A), np.array(self.B)[:, None], np.array(self.C)[None]
-        wide = with_output_integral(A, B, C)
+        wide = control.with_output_integral(A, B, C)
         weights = np.diag(self.Q) if self.Q.ndim == 1 else self.Q
-        k = lqrd(wide[0], wide[1], weights, [[self.R]], period)
-        estimator = kalmd(A, B, C, self.process_noise, self.measurement_noise, period)
+        k = control.lqrd(wide[0], wide[1], weights, [[self.R]], period)
+        estimator = control.kalmd(A, B, C, self.process_noise, self.measurement_noise, period)
         carried = (output, 0.0) if self.equilibrium is None else self.equilibrium
-        regulator = Regulator(
+        regulator = control.Regulator(
             k, estimator, period, carried, self.equilibrium_at, self.estimate, self.divisor, *_limits_of(self)
         )
-        return regulator_block(regulator, reading)
+        return control.regulator_block(regulator, reading)
 
 
 def _limits_of(controller: Pid | AxisRegulator) -> tuple[float, float]:
@@ -234,7 +223,7 @@ class CoupledController(LqgWeights):
     @abstractmethod
     def controller(
         self, machine: Machine, start: OperatingPoint, points_at: PointsAt, period: float, delay: float
-    ) -> Controller:
+    ) -> control.Controller:
         """The controller, in equilibrium at the start.
 
         Parameters
@@ -289,19 +278,21 @@ class Lqg(CoupledController):
 
     def controller(
         self, machine: Machine, start: OperatingPoint, points_at: PointsAt, period: float, delay: float
-    ) -> Controller:
+    ) -> control.Controller:
         """See `CoupledController`."""
         weights, limits = self.prepared(machine, start)
-        at_start = lqg_block(linearise(machine, start), weights, period, delay, limits)
+        at_start = coupled.lqg_block(linearise(machine, start), weights, period, delay, limits)
         if self.depths is None:
             return at_start
         # `ScheduledController` wants rising heights, so the deepest comes first.
         depths = np.linspace(self.depths[1], self.depths[0], self.designs)
         points = points_at((-(depths + machine.sensors.zero_depth)).tolist())
-        blocks = [lqg_block(linearise(machine, there), weights, period, delay, limits) for there in points]
+        blocks = [
+            coupled.lqg_block(linearise(machine, there), weights, period, delay, limits) for there in points
+        ]
         heights = [there.sensed[2] for there in points]
         first = replace(blocks[0], memory=at_start.memory)
-        return ScheduledController((first, *blocks[1:]), heights[0], heights[1] - heights[0])
+        return coupled.ScheduledController((first, *blocks[1:]), heights[0], heights[1] - heights[0])
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -321,10 +312,10 @@ class FeedbackLinearisation(CoupledController):
 
     def controller(
         self, machine: Machine, start: OperatingPoint, points_at: PointsAt, period: float, delay: float
-    ) -> Controller:
+    ) -> control.Controller:
         """See `CoupledController`."""
         weights, limits = self.prepared(machine, start)
-        return force_controller(machine, start, weights, period, *limits, delay, self.rounds)
+        return coupled.force_controller(machine, start, weights, period, *limits, delay, self.rounds)
 
 
 @dataclass(frozen=True, repr=False)
@@ -356,14 +347,14 @@ class Feedforward(Record):
     upper: UpperLimits = None
 
     def added(
-        self, machine: Machine, controller: Controller, start: OperatingPoint, schedule: Schedule
+        self, machine: Machine, controller: control.Controller, start: OperatingPoint, schedule: Schedule
     ) -> Schedule:
         """Add the outputs along the references to the feed-forward of a schedule."""
         field = machine.magnetic
         believed = replace(machine, magnetic=replace(field, scale=field.scale * (1.0 + self.field_error)))
         limits = limits_of(machine, self.lower, self.upper)
-        path = trajectory(believed, start, schedule, *limits, self.fastest, self.largest)
-        added, given = feedforward(controller, schedule, path), schedule.feedforward
+        path = coupled.trajectory(believed, start, schedule, *limits, self.fastest, self.largest)
+        added, given = coupled.feedforward(controller, schedule, path), schedule.feedforward
         return replace(schedule, feedforward=added if given is None else given + added)
 
 

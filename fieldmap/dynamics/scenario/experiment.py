@@ -81,28 +81,15 @@ class Experiment(Record):
 
     def run(self, seed: int | np.random.SeedSequence | None = None) -> LevitationRun:
         """Simulate one run, with the seed of the scenario unless one is given."""
-        given, start = self._given(), (self.state, self.currents)
-        return simulate_closed_loop(self.machine, given, self.schedule, *start, self._noise(seed))
-
-    def running(
-        self,
-        seed: int | None = None,
-        gives: str = "signals",
-        lower: float | Sequence[float] = -np.inf,
-        upper: float | Sequence[float] = np.inf,
-    ) -> RunningMachine:
-        """The machine at its start, for a loop written by hand; arguments as of `open_machine`."""
-        start, point = (self.state, self.currents, self._noise(seed)), self.operating_point
-        return RunningMachine(self.machine, self.schedule, *start, gives, lower, upper, point)
-
-    def _given(self) -> Controller | FunctionController:
         if self.controller is None:
             key, must = "control.coupled", "needs a controller that the caller gives"
             remedy = "give one: controller=, or --controller FILE.py:NAME"
             raise ScenarioError(self.scenario.document.problem(key, must, "none", remedy))
-        return self.controller
+        driven, start = (self.machine, self.controller, self.schedule), (self.state, self.currents)
+        return simulate_closed_loop(*driven, *start, self.noise(seed))
 
-    def _noise(self, seed: int | np.random.SeedSequence | None) -> int | np.random.SeedSequence | None:
+    def noise(self, seed: int | np.random.SeedSequence | None) -> int | np.random.SeedSequence | None:
+        """The given seed, or that of the scenario; None for a scenario without noise."""
         noise = self.scenario.settings.noise
         return None if noise.off else noise.seed if seed is None else seed
 
@@ -425,6 +412,6 @@ def open_machine(
     >>> while machine.time < 1.0 and machine.event is None:                           # doctest: +SKIP
     ...     measured = machine.step(machine.operating_point.currents)
     """
-    scenario = read_scenario(path_or_name, changes)
-    hand = prepare(scenario, field_map, device, given_outputs(gives))
-    return hand.running(seed, gives, lower, upper)
+    hand = prepare(read_scenario(path_or_name, changes), field_map, device, given_outputs(gives))
+    start, limits = (hand.state, hand.currents, hand.noise(seed)), (lower, upper)
+    return RunningMachine(hand.machine, hand.schedule, *start, gives, *limits, hand.operating_point)

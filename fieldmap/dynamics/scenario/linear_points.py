@@ -10,19 +10,8 @@ from numpy.typing import NDArray
 
 from fieldmap.control.blocks import Controller
 from fieldmap.control.function_controller import FunctionController
+from fieldmap.dynamics import linearisation
 from fieldmap.dynamics.linear_loop import ClosedLoop, Margins, close_loop, margins
-from fieldmap.dynamics.linearisation import (
-    ABOUT_Z,
-    VELOCITIES,
-    Controllability,
-    Coupling,
-    LinearMachine,
-    Mode,
-    controllability,
-    coupling,
-    linearise,
-    modes,
-)
 from fieldmap.dynamics.scenario.experiment import Experiment
 from fieldmap.dynamics.scenario.metrics import reading_mm
 from fieldmap.dynamics.scenario.start import floating_at
@@ -49,10 +38,10 @@ class LinearPoint(Record):
     """
 
     depth_mm: float
-    linear: LinearMachine
-    modes: tuple[Mode, ...]
-    controllability: Controllability
-    coupling: Coupling
+    linear: linearisation.LinearMachine
+    modes: tuple[linearisation.Mode, ...]
+    controllability: linearisation.Controllability
+    coupling: linearisation.Coupling
     loop: ClosedLoop
     margins: tuple[Margins, ...]
 
@@ -86,26 +75,29 @@ def linear_points(experiment: Experiment, depths_mm: Sequence[float] | None = No
     with scenario.document.placing():
         points = floating_at(machine, scenario.settings.held(), start, heights)
     return [
-        _point(experiment, controller, depth, linearise(machine, operating_point))
+        _point(experiment, controller, depth, linearisation.linearise(machine, operating_point))
         for depth, operating_point in zip(depths, points, strict=True)
     ]
 
 
 def _point(
-    experiment: Experiment, controller: Controller, depth: float, linear: LinearMachine
+    experiment: Experiment, controller: Controller, depth: float, linear: linearisation.LinearMachine
 ) -> LinearPoint:
-    mass, moves = experiment.machine.body.mass, [linear.states.index(name) for name in VELOCITIES]
+    mass, moves = (
+        experiment.machine.body.mass,
+        [linear.states.index(name) for name in linearisation.VELOCITIES],
+    )
     block = controller.at(linear.operating_point.sensed, -mass * linear.A[moves, :3], mass * linear.B[moves])
     sensors = experiment.machine.sensors
     # The rotation of the body about its magnet's axis has no effect on the field, so it is left out of the loop.
-    felt = linear.only(tuple(name for name in linear.states if name not in ABOUT_Z))
+    felt = linear.only(tuple(name for name in linear.states if name not in linearisation.ABOUT_Z))
     loop = close_loop(felt, block, experiment.schedule, sensors)
     return LinearPoint(
         depth,
         linear,
-        tuple(modes(linear)),
-        controllability(linear, above=-np.inf if experiment.machine.body.upright else 1e-3),
-        coupling(linear),
+        tuple(linearisation.modes(linear)),
+        linearisation.controllability(linear, above=-np.inf if experiment.machine.body.upright else 1e-3),
+        linearisation.coupling(linear),
         loop,
         tuple(margins(loop, linear.inputs, sensors)) if loop.stable else (),
     )
@@ -195,7 +187,7 @@ def coupling_signals(point: LinearPoint) -> tuple[str, ...]:
 
 
 def _point_items(point: LinearPoint) -> dict[str, object]:
-    linear, controllability = point.linear, point.controllability
+    linear, reach = point.linear, point.controllability
     return {
         "depth_mm": point.depth_mm,
         "rest": {name: getattr(linear.operating_point, name) for name in _REST},
@@ -211,8 +203,8 @@ def _point_items(point: LinearPoint) -> dict[str, object]:
             }
             for mode in point.modes
         ],
-        "controllability": controllability.controllability,
-        "observability": controllability.observability,
+        "controllability": reach.controllability,
+        "observability": reach.observability,
         "coupling": {
             "signals": coupling_signals(point),
             "gain": point.coupling.gain,

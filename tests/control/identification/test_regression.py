@@ -37,14 +37,11 @@ def test_the_triangle_has_the_products_of_the_columns(orders):
     assert found.samples == 40 - orders.first
 
 
-@pytest.mark.parametrize("block", [1, 60, 200])
-def test_parts_and_blocks_change_nothing(monkeypatch, block):
-    """Few runs at once, and rows of a run in several blocks, whose triangles are decomposed in turn."""
+def test_few_runs_at_once_change_nothing(monkeypatch):
     orders = Orders(2, 1)
     y, u = RNG.normal(size=(5, 700)), RNG.normal(size=(5, 700))
     whole = regression.solve(y, u, orders, "here")
     monkeypatch.setattr(regression, "_AT_ONCE", 5 * 698 * 2)
-    monkeypatch.setattr(regression, "_BLOCK", block)
     parts = regression.solve(y, u, orders, "here")
     np.testing.assert_allclose(parts.coefficients, whole.coefficients, rtol=1e-10)
     np.testing.assert_allclose(parts.squares, whole.squares, rtol=1e-10)
