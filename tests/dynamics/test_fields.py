@@ -14,95 +14,47 @@ from fieldmap.field import Field, as_field
 from fieldmap.lookup import interpolate
 from fieldmap.maps.recipe import FEWEST_NODES
 from fieldmap.store import MapData
+from tests.conftest import DEVICES
 from tests.refusals import refused
 
-DEVICE = """
-format = 1
-name = "loop_and_coarse_sphere"
-title = "An iron sphere on the axis of a coil"
-[material.iron]
-kind = "linear"
-mu_r = 1000.0
-[[body]]
-name = "sphere"
-material = "iron"
-shape = "sphere"
-radius_mm = 10.0
-mesh_size_mm = 6.0
-[[coil]]
-name = "loop"
-kind = "circular"
-inner_radius_mm = 29.5
-outer_radius_mm = 30.5
-height_mm = 1.0
-turns = 400
-resistance_ohm = 4.0
-inductance_mH = 5
-position_mm = [0.0, 0.0, 25.0]
-[workspace]
-shape = "box"
-lower_mm = [-9.5, -9.3, -24.0]
-upper_mm = [6.5, 6.7, -12.0]
-[payload]
-mass_g = 6
-[payload.magnet]
-shape = "cylinder"
-diameter_mm = 10
-height_mm = 10
-remanence_T = 1.3
-[driver]
-gain_A_per_V = 0.5
-current_limit_A = 5
-supply_voltage_V = 40
-"""
-RECIPE = """
+DEVICE = DEVICES / "coarse_sphere_below_coil.toml"
+RECIPE = f"""
 format = 1
 title = "The same as a map"
-device = "device.toml"
+device = "{DEVICE}"
 spacing_mm = 3.0
 [iron]
 model = "linear"
 """
-SCENARIO = """
-format = 1
-title = "A step of the depth"
-map = "map.h5"
-duration_s = 0.05
-[body]
-turning = "upright"
-[sensors]
-zero_depth_mm = 0
-[control.z]
-kind = "pid"
-Kc = 0.5
-Td_s = 0.02
-[control.x]
-kind = "constant"
-[control.y]
-kind = "constant"
-[start]
-depth_mm = 18
-[[reference]]
-kind = "step"
-axis = "depth"
-at_s = 0.01
-by_mm = 0.2
-"""
+
+
+STILL = {"kind": "constant"}
+SETTINGS = {
+    "duration_s": 0.05,
+    "body.turning": "upright",
+    "noise.off": True,
+    "control.coupled": None,
+    "control.z": {"kind": "pid", "Kc": 0.5, "Td_s": 0.02},
+    "control.x": STILL,
+    "control.y": STILL,
+    "start.depth_mm": 18,
+    "reference.0.at_s": 0.01,
+    "reference.0.by_mm": 0.2,
+}
 
 
 def test_a_solved_device_runs_as_its_map_of_the_same_spacing(tmp_path):
-    for name, text in (("device", DEVICE), ("recipe", RECIPE), ("scenario", SCENARIO)):
-        (tmp_path / f"{name}.toml").write_text(text)
-    device = fm.read_device(tmp_path / "device.toml")
+    (tmp_path / "recipe.toml").write_text(RECIPE)
+    device = fm.read_device(DEVICE)
     solution = fm.solve_linear(device)
     fm.generate(tmp_path / "recipe.toml", tmp_path / "map.h5")
-    on_map = simulate(tmp_path / "scenario.toml")
-    on_solution = simulate(tmp_path / "scenario.toml", field_map=sampled_field(solution, 3e-3), device=device)
+    on_map = simulate("hold", SETTINGS | {"map": str(tmp_path / "map.h5")})
+    on_solution = simulate("hold", SETTINGS, field_map=sampled_field(solution, 3e-3), device=device)
     assert on_map.event is None
     assert np.ptp(on_map.sensed[:, 2]) > 1e-5
     np.testing.assert_allclose(on_solution.rows, on_map.rows, rtol=1e-9, atol=1e-12)
     # Without a map in between: sampled every 5 mm unless asked otherwise.
-    direct = simulate(tmp_path / "scenario.toml", field_map=solution, device=device)
+    direct = simulate("hold", SETTINGS, field_map=solution, device=device)
     np.testing.assert_allclose(direct.sensed, on_map.sensed, atol=5e-5)
 
 
@@ -165,8 +117,7 @@ def test_a_saturating_field_is_refused_with_the_way_out():
         prepare(read_scenario("hold"), as_field(Above(False), BOX))
 
 
-def test_a_device_in_the_place_of_a_map_is_that_of_the_scenario_unless_it_names_one(tmp_path, monkeypatch):
-    (tmp_path / "device.toml").write_text(DEVICE)
+def test_a_device_in_the_place_of_a_map_is_that_of_the_scenario_unless_it_names_one(monkeypatch):
     taken = []
 
     def caught(scenario, field, device, controller):
@@ -175,12 +126,8 @@ def test_a_device_in_the_place_of_a_map_is_that_of_the_scenario_unless_it_names_
 
     monkeypatch.setattr("fieldmap.dynamics.scenario.batches.prepare", caught)
     monkeypatch.setattr("fieldmap.iron.solve_linear", lambda device, **options: "solved")
-    for name, text in (
-        ("own", SCENARIO),
-        ("named", SCENARIO.replace("map =", 'device = "drive_unit"\nmap =')),
-    ):
-        (tmp_path / f"{name}.toml").write_text(text)
-        assert main(["simulate", str(tmp_path / f"{name}.toml"), "--map", str(tmp_path / "device.toml")]) == 1
+    for named in ([], ["--set", "device=drive_unit"]):
+        assert main(["simulate", "hold", "--map", str(DEVICE), *named]) == 1
     assert taken == [("solved", "loop_and_coarse_sphere"), ("solved", None)]
 
 

@@ -11,70 +11,27 @@ from fieldmap.dynamics.allocation import least_power_allocation
 from fieldmap.errors import Infeasible, InputError, ScenarioError
 from fieldmap.levitation.lift import lift_shares
 from fieldmap.lookup import open_map, wrench_actuation
+from tests.conftest import DEVICES
 from tests.refusals import refused
 
-# Coils of a device file whose map the test makes by itself: only windings, payload and driver count.
-COIL = """
-[[coil]]
-name = "{name}"
-kind = "circular"
-inner_radius_mm = 11
-outer_radius_mm = 21
-height_mm = 39
-turns = 840
-resistance_ohm = 4.25
-inductance_mH = 29
-position_mm = [{x}, 0, 100]
-"""
-DEVICE = """
-format = 1
-name = "some"
-title = "Some coils"
-{coils}
-[payload]
-mass_g = 6
-[payload.magnet]
-shape = "cylinder"
-diameter_mm = 10
-height_mm = 10
-remanence_T = 1.3
-[driver]
-gain_A_per_V = 0.5
-current_limit_A = 5
-supply_voltage_V = 40
-"""
-SCENARIO = """
-format = 1
-title = "Held, then 1 mm higher"
-map = "some.h5"
-device = "some.toml"
-duration_s = 1.0
-[drag]
-linear_N_s_per_m = [0.001, 0.001, 0.001]
-[sensors]
-zero_depth_mm = 0
-[control.coupled]
-kind = "lqg"
-[start]
-depth_mm = 100
-[[reference]]
-kind = "step"
-axis = "depth"
-at_s = 0.3
-by_mm = -1.0
-"""
-ASIDE = '[[reference]]\nkind = "step"\naxis = "x"\nat_s = 0.3\nby_mm = 0.5\n'
-PIDS = """
-[control.z]
-kind = "pid"
-Kc = 0.5
-Ti_s = 0.5
-Td_s = 0.05
-[control.x]
-kind = "constant"
-[control.y]
-kind = "constant"
-"""
+DEVICE = (DEVICES / "ring_of_coils.toml").read_text()
+# Of the shipped scenario: depths from the origin, the step sooner, sensors without noise, and turns that nothing damps.
+QUIET = {
+    "duration_s": 1.0,
+    "drag.turning_N_m_s": [0.0, 0.0, 0.0],
+    "sensors.deviation_mm": [0.0, 0.0, 0.0],
+    "start.depth_mm": 100,
+    "reference.0.at_s": 0.3,
+}
+DEPTH = {"kind": "step", "axis": "depth", "at_s": 0.3, "by_mm": -1.0}
+ASIDE = {"kind": "step", "axis": "x", "at_s": 0.3, "by_mm": 0.5}
+STILL = {"kind": "constant"}
+PIDS = {
+    "control.coupled": None,
+    "control.z": {"kind": "pid", "Kc": 0.5, "Ti_s": 0.5, "Td_s": 0.05},
+    "control.x": STILL,
+    "control.y": STILL,
+}
 RING = [[0.04, 0.0], [0.0, 0.04], [-0.04, 0.0], [0.0, -0.04]]
 
 
@@ -92,15 +49,15 @@ def map_of(dipole_map, tmp_path_factory):
 
 @pytest.fixture
 def some(map_of, tmp_path):
-    """Write map, device and scenario of dipoles in the place of coils, 8 A m^2 per ampere, above the workspace."""
+    """Write the map of dipoles in the place of coils, 8 A m^2 per ampere, above the workspace, and the device: what the
+    shipped scenario needs of them."""
 
-    def write(places, text=SCENARIO, records=True):
-        device = DEVICE.format(coils="".join(COIL.format(name=k, x=100 * k) for k in range(len(places))))
+    def write(places, device=DEVICE, records=True):
+        device = device.replace("count = 4", f"count = {len(places)}")
         of = tuple(map(tuple, np.asarray(places).tolist()))
         (tmp_path / "some.h5").write_bytes(map_of(of, device if records else ""))
         (tmp_path / "some.toml").write_text(device)
-        (tmp_path / "hold.toml").write_text(text)
-        return tmp_path / "hold.toml"
+        return {"map": str(tmp_path / "some.h5"), "device": str(tmp_path / "some.toml")} | QUIET
 
     return write
 
@@ -109,8 +66,8 @@ def some(map_of, tmp_path):
 @pytest.mark.parametrize("count", [3, 4, 8])
 def test_any_ring_of_coils_holds_and_moves_a_magnet(some, count, turning):
     angles = 2 * np.pi * np.arange(count) / count
-    path = some(0.04 * np.column_stack([np.cos(angles), np.sin(angles)]), SCENARIO + ASIDE)
-    run = simulate(path, {"body.turning": turning})
+    ring = some(0.04 * np.column_stack([np.cos(angles), np.sin(angles)]))
+    run = simulate("hold", ring | {"body.turning": turning, "reference": [DEPTH, ASIDE]})
     assert run.event is None
     end = run.sensed[-100:]
     np.testing.assert_allclose(end, np.broadcast_to([5e-4, 0.0, -0.099], end.shape), atol=2e-5)
@@ -121,8 +78,11 @@ def test_any_ring_of_coils_holds_and_moves_a_magnet(some, count, turning):
 
 def test_currents_at_rest_are_those_of_least_power(some):
     """Those of the map's own inverse, which knows nothing of scenarios."""
-    experiment = prepare(read_scenario(some(RING + [[0.0, 0.0]]), {"body.turning": "upright"}))
-    opened = open_map(some(RING + [[0.0, 0.0]]).parent / "some.h5")
+    five = some(RING + [[0.0, 0.0]])
+    experiment, opened = (
+        prepare(read_scenario("hold", five | {"body.turning": "upright"})),
+        open_map(five["map"]),
+    )
     moment = experiment.machine.body.magnet.moment * np.array([0.0, 0.0, 1.0])
     weight = 6e-3 * 9.80665
     known = opened.currents_for([0, 0, -0.1], [0.0, 0.0, weight], moment)
@@ -135,19 +95,19 @@ def test_currents_at_rest_are_those_of_least_power(some):
 
 
 def test_the_linear_loop_is_stable_and_tells_what_is_held(some):
-    (point,) = linear_points(prepare(read_scenario(some(RING))))
+    (point,) = linear_points(prepare(read_scenario("hold", some(RING))))
     assert point.loop.stable
     assert point.linear.inputs == ("lift_V", "x_signal", "y_signal")
     np.testing.assert_allclose(np.diag(point.coupling.relative), 1.0, atol=1e-3)
 
 
 def test_one_coil_holds_the_depth_and_leaves_the_rest_to_the_field(some):
-    path = some([[0.0, 0.0]], SCENARIO.replace('[control.coupled]\nkind = "lqg"\n', PIDS))
-    run = simulate(path)
+    changes = some([[0.0, 0.0]]) | PIDS
+    run = simulate("hold", changes)
     assert run.event is None
     assert abs(run.sensed[-1, 2] + 0.099) < 1e-4
     assert sum("does nothing" in words for words in run.assumptions) == 2
-    (point,) = linear_points(prepare(read_scenario(path)))
+    (point,) = linear_points(prepare(read_scenario("hold", changes)))
     assert point.coupling.relative[0, 0] == 0.0
 
 
@@ -166,14 +126,14 @@ def test_one_coil_holds_the_depth_and_leaves_the_rest_to_the_field(some):
 )
 def test_what_cannot_be_held_is_told(some, places, changes, error, where):
     with refused(error, where=f": {where}"):
-        prepare(read_scenario(some(places), changes))
+        prepare(read_scenario("hold", some(places) | changes))
 
 
 def test_a_start_beside_the_map_is_told_with_its_corners(some):
-    path = some(RING)
-    opened = open_map(path.parent / "some.h5")
+    ring = some(RING)
+    opened = open_map(ring["map"])
     with pytest.raises(ScenarioError) as caught:
-        prepare(read_scenario(path, {"start.x_mm": 50.0}))
+        prepare(read_scenario("hold", ring | {"start.x_mm": 50.0}))
     told = [float(v) for v in re.findall(r"-?\d+\.?\d*", caught.value.problems[0].must_hold)]
     np.testing.assert_allclose(told, 1e3 * np.concatenate([opened.lower, opened.upper]), atol=1e-3)
 
@@ -183,7 +143,7 @@ def test_coils_that_do_not_lift_are_told(some):
     height = 0.126
     aside = height * np.sqrt(2 / 3)
     with refused(Infeasible, where=": start"):
-        prepare(read_scenario(some([[aside, 0.0], [-aside, 0.0]])))
+        prepare(read_scenario("hold", some([[aside, 0.0], [-aside, 0.0]])))
 
 
 def test_shares_and_signals_of_a_known_matrix():
@@ -200,7 +160,7 @@ def test_shares_and_signals_of_a_known_matrix():
 @pytest.mark.parametrize("scale", [1.0, 0.5])
 def test_the_shipped_scenario_takes_any_map(some, scale):
     """The middle of the map where half of the amplifiers' 5 A carry the magnet, else the deepest place that they do."""
-    run = simulate("hold", {"map": str(some(RING).parent / "some.h5"), "field.scale": scale})
+    run = simulate("hold", {"map": some(RING)["map"], "field.scale": scale})
     assert run.event is None
     start = -1e3 * run.references[0, 2]
     assert abs(-1e3 * run.sensed[0, 2] - start) < 0.01
@@ -215,7 +175,7 @@ def test_the_shipped_scenario_takes_any_map(some, scale):
 @pytest.mark.parametrize("zero", [-10.0, 77.0])
 def test_a_chosen_start_is_the_same_place_from_any_zero_of_depth(some, zero):
     """The middle of the map, z = -108 mm, read downward from z = -zero."""
-    given = {"map": str(some(RING).parent / "some.h5"), "sensors.zero_depth_mm": zero}
+    given = {"map": some(RING)["map"], "sensors.zero_depth_mm": zero}
     experiment = prepare(read_scenario("hold", given))
     assert experiment.operating_point.sensed[2] == pytest.approx(-0.108, abs=1e-9)
     assert linear_points(experiment)[0].depth_mm == pytest.approx(108.0 - zero)
@@ -240,23 +200,16 @@ def test_what_falls_on_the_shipped_map_falls_by_its_margins():
 
 
 def test_a_map_without_a_device_needs_one(some):
-    path = some(RING, records=False).parent / "some.h5"
     with refused(ScenarioError, where=": device"):
-        prepare(read_scenario("hold", {"map": str(path)}))
+        prepare(read_scenario("hold", {"map": some(RING, records=False)["map"]}))
 
 
 @pytest.mark.parametrize("table", ["payload", "driver"])
 def test_a_device_without_magnet_or_amplifiers_is_told(some, table):
-    path = some(RING)
-    bare = DEVICE.format(coils="".join(COIL.format(name=k, x=100 * k) for k in range(4)))
-    begin = bare.index(f"[{table}]")
-    end = bare.index("[driver]") if table == "payload" else len(bare)
-    (path.parent / "some.toml").write_text(bare[:begin] + bare[end:])
-    with pytest.raises(ScenarioError) as error:
-        prepare(read_scenario(path))
-    problem = error.value.problems[0]
-    assert problem.where.endswith(": device")
-    assert f"[{table}]" in problem.must_hold
+    end = DEVICE.index("[driver]") if table == "payload" else len(DEVICE)
+    bare = some(RING, DEVICE[: DEVICE.index(f"[{table}]")] + DEVICE[end:])
+    with refused(ScenarioError, where=": device", must_hold=f"[{table}]"):
+        prepare(read_scenario("hold", bare))
 
 
 def test_saturating_iron_that_pushes_down_is_told(saturating):

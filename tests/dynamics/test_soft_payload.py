@@ -9,91 +9,26 @@ import fieldmap as fm
 from fieldmap.dynamics import body_of_payload, prepare, read_scenario, sampled_field, state_of, superposed
 from fieldmap.lookup import magnetic_body
 from fieldmap.sources import CoilSet
+from tests.conftest import DEVICES
 from tests.dynamics.machines import machine_in
 
-COILS = """
-format = 1
-name = "five"
-title = "Five coils above a bead"
-
-[material.steel]
-kind = "bh_table"
-file = "materials/steel_a3.toml"
-below = "straight line to the origin"
-above = "slope mu0"
-
-[[coil]]
-name = "{{k}}"
-kind = "circular"
-inner_radius_mm = 8
-outer_radius_mm = 16
-height_mm = 30
-turns = 600
-resistance_ohm = 3
-inductance_mH = 8
-repeat = {{ count = 4, about = "z" }}
-position_mm = [34, 0, 15]
-
-[[coil]]
-name = "middle"
-kind = "circular"
-inner_radius_mm = 8
-outer_radius_mm = 16
-height_mm = 30
-turns = 600
-resistance_ohm = 3
-inductance_mH = 8
-position_mm = [0, 0, 15]
-
-[payload]
-mass_g = {mass}
-{payload}
-
-[driver]
-gain_A_per_V = 1.0
-current_limit_A = 10
-supply_voltage_V = 60
-
-[workspace]
-shape = "box"
-lower_mm = [-9, -9, -30]
-upper_mm = [9, 9, -6]
-"""
-BEAD = '[[payload.piece]]\nshape = "soft_sphere"\ndiameter_mm = 4\nmaterial = "steel"\n'
-SCENARIO = """
-format = 1
-title = "A bead held, then 0.5 mm higher and aside"
-map = "none"
-duration_s = 1.0
-[drag]
-linear_N_s_per_m = [1e-4, 1e-4, 1e-4]
-[sensors]
-zero_depth_mm = 0
-[control]
-period_ms = 1.0
-allocation = "least_power"
-[control.coupled]
-kind = "lqg"
-[start]
-depth_mm = 15
-[body]
-turning = "upright"
-[[reference]]
-kind = "step"
-axis = "depth"
-at_s = 0.2
-by_mm = -0.5
-[[reference]]
-kind = "step"
-axis = "x"
-at_s = 0.4
-by_mm = 0.4
-"""
+# Of the shipped scenario of a bead: five coils, sooner and smaller steps, no noise.
+STEPS = {
+    "duration_s": 1.0,
+    "drag.linear_N_s_per_m": [1e-4, 1e-4, 1e-4],
+    "sensors.zero_depth_mm": 0,
+    "noise.off": True,
+    "start.depth_mm": 15,
+    "reference.0.at_s": 0.2,
+    "reference.0.by_mm": -0.5,
+    "reference.1.at_s": 0.4,
+    "reference.1.by_mm": 0.4,
+}
 
 
 @pytest.fixture(scope="module")
 def five():
-    device = fm.read_device(COILS.format(mass=0.263, payload=BEAD))
+    device = fm.read_device(DEVICES / "five_coils_above_a_bead.toml")
     return device, sampled_field(CoilSet(device.coils, device.bounds), 1.5e-3)
 
 
@@ -129,18 +64,16 @@ def test_compiled_force_and_energy_are_those_of_the_body(five):
         assert machine.energy(state) == pytest.approx(whole, rel=1e-10)
 
 
-def test_a_bead_is_held_and_moved_by_the_shipped_regulator(five, tmp_path):
+def test_a_bead_is_held_and_moved_by_the_shipped_regulator(five):
     device, field = five
-    path = tmp_path / "bead.toml"
-    path.write_text(SCENARIO)
-    experiment = prepare(read_scenario(path), field, device)
+    experiment = prepare(read_scenario("bead", STEPS), field, device)
     # Carried by least power, as the inverse of the map says it.
     point, bead = experiment.operating_point, magnetic_body(device.payload)
     load = field.wrench(point.state[:3], bead, point.currents)
     np.testing.assert_allclose(load[:3], [0.0, 0.0, 0.263e-3 * 9.80665], atol=1e-6 * 2.6e-3)
     least = field.currents_for([0.0, 0.0, -0.015], force=[0, 0, 0.263e-3 * 9.80665], moment=bead)
     assert point.currents @ point.currents == pytest.approx(least @ least, rel=0.05)
-    run = fm.simulate(path, field_map=field, device=device)
+    run = fm.simulate("bead", STEPS, field_map=field, device=device)
     assert run.event is None
     end = run.sensed[-100:]
     np.testing.assert_allclose(end, np.broadcast_to([4e-4, 0.0, -0.0145], end.shape), atol=4e-5)
@@ -150,12 +83,10 @@ def test_a_bead_is_held_and_moved_by_the_shipped_regulator(five, tmp_path):
 
 
 @pytest.mark.parametrize("scale", [0.8, 1.25])
-def test_a_scaled_field_carries_a_bead_with_currents_scaled_the_other_way(five, tmp_path, scale):
+def test_a_scaled_field_carries_a_bead_with_currents_scaled_the_other_way(five, scale):
     device, field = five
-    (tmp_path / "bead.toml").write_text(SCENARIO)
     plain, scaled = (
-        prepare(read_scenario(tmp_path / "bead.toml", {"field.scale": s}), field, device)
-        for s in (1.0, scale)
+        prepare(read_scenario("bead", STEPS | {"field.scale": s}), field, device) for s in (1.0, scale)
     )
     currents = scaled.operating_point.currents
     load = field.wrench(scaled.operating_point.state[:3], magnetic_body(device.payload), scale * currents)
