@@ -111,14 +111,14 @@ def pytest_addoption(parser):
     )
 
 
-def _dipole_field(moment, source, points):
+def dipole_field(moment, source, points):
     """B (n, 3) of a vertical dipole, Jackson eq. (5.56)."""
     r = points - source
     d = np.linalg.norm(r, axis=1)[:, None]
     return 1e-7 * (3 * moment * r[:, 2:] * r / d**5 - np.array([0.0, 0.0, moment]) / d**3)
 
 
-def _dipole_gradient(moment, source, points):
+def dipole_gradient(moment, source, points):
     r = points - source
     d2 = np.sum(r**2, axis=1)[:, None, None]
     m = np.array([0.0, 0.0, moment])
@@ -139,8 +139,8 @@ def _write_dipoles(sources, path, device="", **provenance):
     cells = np.array([8, 8, 12])
     grid = Grid(lower, (upper - lower) / cells, tuple(cells + 1))
     points = grid.points()
-    flux = [_dipole_field(8.0, s, points) for s in sources]
-    slope = [_dipole_gradient(8.0, s, points) for s in sources]
+    flux = [dipole_field(8.0, s, points) for s in sources]
+    slope = [dipole_gradient(8.0, s, points) for s in sources]
     data = MapData(
         grid,
         tuple(str(k + 1) for k in range(n)),

@@ -41,16 +41,11 @@ def theirs(gains):
 
 
 @pytest.mark.parametrize("gains", SETTINGS)
-def test_step_is_that_of_python_control(gains):
-    run = simulate_loop(VERTICAL, pid(*gains), np.ones(1000))
+def test_step_and_its_metrics_are_those_of_python_control(gains):
+    """Their times are whole samples."""
+    run = simulate_loop(VERTICAL, pid(*gains), np.ones(2000))
     _, y = reference.step_response(theirs(gains), run.time)
     np.testing.assert_allclose(run.y[0], y, rtol=1e-8, atol=1e-9)
-
-
-@pytest.mark.parametrize("gains", SETTINGS)
-def test_metrics_are_those_of_python_control(gains):
-    """Theirs are whole samples."""
-    run = simulate_loop(VERTICAL, pid(*gains), np.ones(2000))
     ours = control.step_metrics(run.time, run.y[0])
     info = reference.step_info(theirs(gains), T=run.time, SettlingTimeThreshold=0.02)
     assert ours.peak_time == pytest.approx(info["PeakTime"], abs=1e-9)
@@ -123,28 +118,20 @@ def test_disturbance_is_integrated_away():
 
 
 @pytest.mark.parametrize(
-    ("broken", "says"),
+    ("given", "says"),
     [
-        (lambda: simulate_loop(([1.0, 0.0], [1.0, -0.5]), pid(*SETTINGS[0]), np.ones(5)), "strictly proper"),
-        (lambda: simulate_loop(([1.0, 0.0, 0.0], [1.0, -0.5]), pid(*SETTINGS[0]), np.ones(5)), "proper"),
-        (lambda: simulate_loop((np.eye(2), np.eye(2), np.eye(2)), pid(*SETTINGS[0]), [0.0]), "3 parts"),
-        (lambda: simulate_loop(VERTICAL, pid(*SETTINGS[0]), [0.0, np.nan]), "entry 1"),
-        (lambda: simulate_loop(VERTICAL, pid(*SETTINGS[0]), []), "one sample or more"),
-        (lambda: simulate_loop(VERTICAL, pid(*SETTINGS[0]), np.ones((2, 3))), "one sample or more"),
-        (
-            lambda: simulate_loop(VERTICAL, pid(*SETTINGS[0]), np.ones(5), position_noise=np.ones(4)),
-            "position_noise",
-        ),
-        (lambda: simulate_loop(VERTICAL, pid(*SETTINGS[0]), np.ones(5), disturbance=np.inf), "disturbance"),
-        (lambda: simulate_loop(VERTICAL, pid(*SETTINGS[0]), np.ones(5), runs=0), "runs"),
-        (
-            lambda: simulate_loop(
-                (np.eye(2), np.eye(2), np.eye(2), np.zeros((2, 2))), pid(*SETTINGS[0]), np.ones(5)
-            ),
-            "2 x 1",
-        ),
+        ({"plant": ([1.0, 0.0], [1.0, -0.5])}, "strictly proper"),
+        ({"plant": ([1.0, 0.0, 0.0], [1.0, -0.5])}, "proper"),
+        ({"plant": (np.eye(2), np.eye(2), np.eye(2))}, "3 parts"),
+        ({"plant": (np.eye(2), np.eye(2), np.eye(2), np.zeros((2, 2)))}, "2 x 1"),
+        ({"reference": [0.0, np.nan]}, "entry 1"),
+        ({"reference": []}, "one sample or more"),
+        ({"reference": np.ones((2, 3))}, "one sample or more"),
+        ({"position_noise": np.ones(4)}, "position_noise"),
+        ({"disturbance": np.inf}, "disturbance"),
+        ({"runs": 0}, "runs"),
     ],
 )
-def test_bad_input(broken, says):
+def test_bad_input(given, says):
     with pytest.raises(InputError, match=says):
-        broken()
+        simulate_loop(**{"plant": VERTICAL, "controller": pid(*SETTINGS[0]), "reference": np.ones(5)} | given)

@@ -1,4 +1,4 @@
-"""The PID controller against the sum (5-10) as printed, scipy's filters, and what limits must do."""
+"""The PID controller against its law (5-10) written out, scipy's filters, and what limits must do."""
 
 import numpy as np
 import pytest
@@ -12,16 +12,6 @@ SETTINGS = [(0.5, 0.007, 0.001), (0.334, 0.007, 0.001), (1.0, np.inf, 1e-6), (0.
 ERRORS = np.random.default_rng(1).normal(size=200)
 
 
-@pytest.mark.parametrize(("Kc", "Ti", "Td"), SETTINGS)
-def test_equation_5_10(Kc, Ti, Td):
-    """Term by term."""
-    before = np.concatenate([[0.0], ERRORS[:-1]])
-    printed = Kc * ERRORS + Kc * TS / Ti * np.cumsum(ERRORS) + Kc * Td * (ERRORS - before) / TS
-    np.testing.assert_allclose(
-        run_pid(PID(Kc, Ti, Td, TS), ERRORS, 0 * ERRORS), printed, rtol=1e-12, atol=1e-13
-    )
-
-
 @pytest.mark.parametrize("integration", ["rectangular", "trapezoidal"])
 @pytest.mark.parametrize(("Kc", "Ti", "Td"), SETTINGS)
 def test_transfer_function_is_what_runs(Kc, Ti, Td, integration):
@@ -29,15 +19,6 @@ def test_transfer_function_is_what_runs(Kc, Ti, Td, integration):
     filtered = scipy.signal.lfilter(numerator, denominator, ERRORS)
     ours = run_pid(PID(Kc, Ti, Td, TS, integration=integration), ERRORS, 0 * ERRORS)
     np.testing.assert_allclose(ours, filtered, rtol=1e-9, atol=1e-11)
-
-
-def test_the_two_rules_differ_by_half_a_sample_of_the_integral():
-    """(5-10) and (5-11) as printed are not the same controller: Kc Ts e / 2 Ti."""
-    rectangular, trapezoidal = (
-        run_pid(PID(0.5, 0.007, 0.001, TS, integration=rule), ERRORS, 0 * ERRORS)
-        for rule in ("rectangular", "trapezoidal")
-    )
-    np.testing.assert_allclose(rectangular - trapezoidal, 0.5 * 0.5 * TS / 0.007 * ERRORS, atol=1e-12)
 
 
 def written_out(pid, references, measured):
@@ -81,15 +62,6 @@ def test_one_call_a_sample_is_the_same():
     np.testing.assert_array_equal(stepped, run_pid(pid, 0.3, ERRORS))
     running.reset()
     assert running.step(0.3, ERRORS[0]) == stepped[0]
-
-
-def test_derivative_of_the_measurement_has_no_kick():
-    kick = run_pid(PID(1.0, np.inf, 0.1, TS), np.ones(3), np.zeros(3))
-    calm = run_pid(PID(1.0, np.inf, 0.1, TS, derivative="measurement"), np.ones(3), np.zeros(3))
-    np.testing.assert_allclose(kick, [51.0, 1.0, 1.0])
-    np.testing.assert_allclose(calm, [1.0, 1.0, 1.0])
-    moving = run_pid(PID(1.0, np.inf, 0.1, TS, derivative="measurement"), np.ones(2), [0.0, 0.01])
-    assert moving[1] == pytest.approx(0.99 - 0.1 * 0.01 / TS)
 
 
 @pytest.mark.parametrize(("anti_windup", "samples"), [("none", 1500), ("hold", 2), ("track", 12)])

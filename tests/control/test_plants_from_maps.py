@@ -3,12 +3,13 @@
 import numpy as np
 import pytest
 
-from fieldmap.control import division_slopes, plant_from_map, zero_order_hold
+from fieldmap.control import division_slopes, plant_from_map
 from fieldmap.device.model import Payload
 from fieldmap.errors import Infeasible, InputError, OutsideMapError
 from fieldmap.levitation import find_equilibrium, lift_current
 from fieldmap.lookup import interpolate
 from fieldmap.store import Grid, MapData
+from tests.conftest import dipole_field, dipole_gradient
 
 PAYLOAD = Payload(mass=0.011, moment=0.8, magnet=None, magnet_offset=0.0, inertia=None, drag=0.0)
 DEPTH = 0.1
@@ -16,34 +17,15 @@ POINT = np.array([0.0, 0.0, -DEPTH])
 GRAVITY = 9.80665
 
 
-def dipoles(points, places, moment):
-    """B and its gradient per ampere, (coils, n, 3) and (coils, n, 3, 3), of vertical dipoles at places (coils, 3)."""
-    fields, slopes = [], []
-    m = np.array([0.0, 0.0, moment])
-    for place in places:
-        r = points - place
-        d = np.linalg.norm(r, axis=1)[:, None]
-        fields.append(1e-7 * (3 * (r @ m)[:, None] * r / d**5 - m / d**3))
-        mr = (r @ m)[:, None, None]
-        outer = m[:, None] * r[:, None, :] + m * r[:, :, None]
-        bracket = outer + mr * np.eye(3) - 5 * mr * r[:, :, None] * r[:, None, :] / d[:, None] ** 2
-        slopes.append(3e-7 * bracket / d[:, None] ** 5)
-    return np.array(fields), np.array(slopes)
-
-
-def map_of(places, moment=60.0, spacing=2e-3):
-    grid = Grid([-8e-3, -8e-3, -DEPTH - 8e-3], np.full(3, spacing), (9, 9, 9))
-    flux, slope = dipoles(grid.points(), places, moment)
+def map_of(places, moment=60.0):
+    """Of vertical dipoles at places (coils, 3), per ampere, with nodes every 2 mm."""
+    grid = Grid([-8e-3, -8e-3, -DEPTH - 8e-3], np.full(3, 2e-3), (9, 9, 9))
+    flux = np.array([dipole_field(moment, place, grid.points()) for place in places])
+    slope = np.array([dipole_gradient(moment, place, grid.points()) for place in places])
     shape = (len(places), *grid.shape)
     names = tuple(str(k + 1) for k in range(len(places)))
-    data = MapData(
-        grid,
-        names,
-        np.ones(len(places)),
-        flux_density=flux.reshape(*shape, 3),
-        gradient=slope.reshape(*shape, 3, 3),
-    )
-    return interpolate(data, kind="harmonic")
+    nodes = {"flux_density": flux.reshape(*shape, 3), "gradient": slope.reshape(*shape, 3, 3)}
+    return interpolate(MapData(grid, names, np.ones(len(places)), **nodes), kind="harmonic")
 
 
 @pytest.fixture(scope="module")
@@ -84,9 +66,7 @@ def test_an_aligned_moment_is_less_stable_sideways(one):
     lift, plant = at_lift(one, moment="aligned")
 
     def energy(x):
-        return -PAYLOAD.moment * np.linalg.norm(
-            dipoles(np.array([[x, 0.0, -DEPTH]]), np.zeros((1, 3)), 60.0)[0]
-        )
+        return -PAYLOAD.moment * np.linalg.norm(dipole_field(60.0, np.zeros(3), np.array([[x, 0.0, -DEPTH]])))
 
     h = 1e-4
     curvature = lift.current * (energy(h) - 2 * energy(0.0) + energy(-h)) / h**2
@@ -165,12 +145,6 @@ def test_damping_moves_the_poles_and_can_be_asked_back(one):
     slow = np.linalg.eigvals(damped.axis("x").A)
     slow = slow.real[np.argmin(np.abs(slow))]
     assert at_lift(one)[1].damping_for_pole("x", slow) == pytest.approx(0.5 / PAYLOAD.mass, rel=1e-9)
-
-
-def test_it_can_be_sampled(six):
-    A, B = zero_order_hold(*at_lift(six)[1].model()[:2], 2e-3)
-    assert A.shape == (6, 6)
-    assert B.shape == (6, 6)
 
 
 @pytest.mark.parametrize(

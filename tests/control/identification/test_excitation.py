@@ -1,7 +1,5 @@
 """Registers are maximal by algebra over two elements, and the signals have the autocorrelation that follows."""
 
-from math import gcd
-
 import numpy as np
 import pytest
 
@@ -10,45 +8,22 @@ from fieldmap.control.identification.excitation import TAPS
 from fieldmap.errors import InputError
 
 
-def is_prime(n):
-    """Miller and Rabin, exact below 3.3e24 with these bases."""
-    if n < 2:
-        return False
-    bases = (2, 3, 5, 7, 11, 13, 17, 19, 23, 29, 31, 37, 41)
-    if n in bases:
-        return True
-    odd, twos = n - 1, 0
-    while odd % 2 == 0:
-        odd, twos = odd // 2, twos + 1
-    for base in bases:
-        x = pow(base, odd, n)
-        if x not in (1, n - 1) and all((x := x * x % n) != n - 1 for _ in range(twos - 1)):
-            return False
-    return n % 2 == 1
-
-
-def prime_factors(n):
-    """Pollard's rho."""
-    if n == 1:
-        return set()
-    if is_prime(n):
-        return {n}
-    for small in (2, 3, 5, 7, 11, 13):
-        if n % small == 0:
-            return {small} | prime_factors(n // small)
-    shift = 1
-    while True:
-        slow = fast = 2
-        while True:
-            slow = (slow * slow + shift) % n
-            fast = (fast * fast + shift) % n
-            fast = (fast * fast + shift) % n
-            divisor = gcd(slow - fast, n)
-            if divisor > 1:
-                break
-        if divisor < n:
-            return prime_factors(divisor) | prime_factors(n // divisor)
-        shift += 1
+def prime_factors(order):
+    """Of 2^order - 1: each divides 2^d - 1 for a least divisor d of the order, and is 1 modulo d, and odd."""
+    found = set()
+    for d in (d for d in range(2, order + 1) if order % d == 0):
+        rest = 2**d - 1
+        for prime in found:
+            while rest % prime == 0:
+                rest //= prime
+        step = d if d % 2 == 0 else 2 * d
+        candidates = np.arange(step + 1, int(rest**0.5) + 2, step)
+        for prime in candidates[rest % candidates == 0].tolist():
+            found.add(prime)
+            while rest % prime == 0:
+                rest //= prime
+        found |= {rest} - {1}
+    return found
 
 
 def power_of_x(exponent, polynomial, order):
@@ -81,7 +56,7 @@ def test_feedback_polynomials_are_primitive(order):
     polynomial = (1 << order) | 1 | sum(1 << tap for tap in TAPS[order])
     full = 2**order - 1
     assert power_of_x(full, polynomial, order) == 1
-    assert all(power_of_x(full // p, polynomial, order) != 1 for p in prime_factors(full))
+    assert all(power_of_x(full // p, polynomial, order) != 1 for p in prime_factors(order))
 
 
 @pytest.mark.parametrize("order", range(2, 13))
@@ -96,12 +71,6 @@ def test_period_balance_and_autocorrelation(order):
     np.testing.assert_allclose(correlation[0], 1.0)
     np.testing.assert_allclose(correlation[1:], -1.0 / n, atol=1e-12)
     np.testing.assert_array_equal(pseudo_random_binary(order, samples=2 * n)[n:], signal)
-
-
-def test_every_state_of_the_register_comes_once():
-    signal = pseudo_random_binary(8, samples=255 + 7)
-    windows = {tuple(signal[i : i + 8]) for i in range(255)}
-    assert len(windows) == 255
 
 
 def test_large_orders_do_not_repeat_early():
@@ -133,13 +102,9 @@ def test_own_taps():
         {"order": 5, "taps": [5]},
         {"order": 4, "start": 16},
         {"order": 4, "hold": 0},
+        {"order": 40},
     ],
 )
 def test_bad_registers(arguments):
     with pytest.raises(InputError):
         pseudo_random_binary(**arguments)
-
-
-def test_a_period_that_no_memory_holds():
-    with pytest.raises(InputError, match="at most"):
-        pseudo_random_binary(40)

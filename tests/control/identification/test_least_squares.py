@@ -130,28 +130,11 @@ def test_armax_recovers_the_noise_polynomial():
     assert found.residual_rms == pytest.approx(1.0, rel=0.05)
 
 
-def test_recursive_ends_where_the_batch_ends():
-    y, u = record(2000, 0.1)
-    last = recursive_least_squares(y, u, ORDERS, start_variance=1e9)
-    np.testing.assert_allclose(
-        last.model.denominator, least_squares(y, u, ORDERS, TS).model.denominator, rtol=1e-6
-    )
-    assert last.history.shape == (2000, 4)
-
-
 def test_recursive_extended_takes_the_bias_away():
     y, u = record(20000, 1.0)
     plain = recursive_least_squares(y, u, ORDERS).model.denominator
     extended = recursive_least_squares(y, u, ORDERS, noise_order=2).model.denominator
     assert np.abs(extended - A).max() < 0.2 * np.abs(plain - A).max()
-
-
-def test_forgetting_098_looks_back_on_fifty_samples():
-    """The thesis's setting: the spread of the last parameters is that of 100 samples (sum of squared weights)."""
-    y, u = first_order_runs(0.1, runs=1)
-    forgetful = recursive_least_squares(y[0], u[0], Orders(1, 0), forgetting=0.98).history[1000:, 0]
-    patient = recursive_least_squares(y[0], u[0], Orders(1, 0)).history[1000:, 0]
-    assert forgetful.std() > 5 * patient.std()
 
 
 def test_runs_and_single_records_agree():

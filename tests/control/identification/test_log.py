@@ -88,23 +88,9 @@ def test_broken_logs(tmp_path, text, says):
         read_log(tmp_path / "log.csv")
 
 
-def test_every_problem_of_a_header_at_once(tmp_path):
-    (tmp_path / "log.csv").write_text("time,x (furlong),y\n0,1,2\n1,2,3\n")
-    with pytest.raises(InputError) as caught:
-        read_log(tmp_path / "log.csv")
-    assert len(caught.value.problems) == 3
-
-
 def test_a_file_that_is_not_there(tmp_path):
     with pytest.raises(InputError, match="can be read"):
         read_log(tmp_path / "none.csv")
-
-
-def test_a_gap_is_found_where_it_is(tmp_path):
-    rows = [f"{0.002 * (n + 3 * (n > 40)):.3f},{n}" for n in range(100)]
-    (tmp_path / "log.csv").write_text("\n".join(["time (s),x (m)", *rows]))
-    with pytest.raises(InputError, match=r"log\.csv:43: .*0\.008"):
-        read_log(tmp_path / "log.csv")
 
 
 def test_wrong_units_and_names(tmp_path):
@@ -152,6 +138,7 @@ BROKEN = "time (s),control (V),position (furlong)\n0,1,2\n0.1,x,3\n0.2,1\n0.3,na
     [
         (BROKEN, ["log.csv: column position", "log.csv:3", "log.csv:4", "log.csv:5"]),
         ("time (s),u (V),y (m)\n0,1,1\n1,1,1\n2,1,1\n3,1,1\n9,1,1\n", ["log.csv:6"]),
+        ("time,u (furlong),y\n0,1,2\n1,2,3\n", [f"log.csv: column {name}" for name in ("time", "u", "y")]),
         ("a (s),u (V),y (m)\n0,1,1\n1,1,1\n", ["log.csv: time"]),
         ("time (m),u (V),y (m)\n0,1,1\n1,1,1\n", ["log.csv: column time"]),
         ("time (s),u (V),u2 (V)\n0,1,1\n1,1,1\n", ["log.csv: output"]),
