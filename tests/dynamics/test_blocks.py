@@ -28,18 +28,7 @@ def positions(samples=60):
 @pytest.mark.parametrize("derivative", ["error", "measurement"])
 @pytest.mark.parametrize("minus", [True, False])
 def test_a_pid_block_is_the_pid(integration, anti_windup, derivative, minus):
-    pid = PID(
-        0.5,
-        0.05,
-        0.004,
-        2e-3,
-        -1.0,
-        1.5,
-        integration,
-        anti_windup,
-        derivative=derivative,
-        acts_on_minus_error=minus,
-    )
+    pid = PID(0.5, 0.05, 0.004, 2e-3, -1.0, 1.5, integration, anti_windup, None, derivative, minus)
     signals = positions()
     running = RunningPID(pid)
     wanted = [running.step(-1e3 * row[2] - 77.0, -1e3 * row[5] - 77.0) for row in signals]

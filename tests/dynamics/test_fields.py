@@ -13,8 +13,8 @@ from fieldmap.errors import FieldmapError, InputError, Problem
 from fieldmap.field import Field, as_field
 from fieldmap.lookup import interpolate
 from fieldmap.maps.recipe import FEWEST_NODES
-from fieldmap.store import MapData
 from tests.conftest import DEVICES
+from tests.dynamics.conftest import saturating_data
 from tests.refusals import refused
 
 DEVICE = DEVICES / "coarse_sphere_below_coil.toml"
@@ -133,33 +133,19 @@ def test_a_device_in_the_place_of_a_map_is_that_of_the_scenario_unless_it_names_
 
 def test_a_table_of_saturating_iron_has_the_background(saturating):
     """The weight of a background is 1 in the table, beside the division and beyond it, too."""
-    plain = saturating()
-    info = plain.info
-    form = plain.at(np.full(6, 1.5))
-    points = info.grid.points()
-    clipped = np.clip(points, plain.lower, plain.upper)
-    shape = info.grid.shape
-    unit = [plain._evaluator.at(row) for row in np.eye(9)]
-    flux, slope = np.empty((10, len(points), 3)), np.empty((10, len(points), 3, 3))
-    for k, one in enumerate(unit):
-        one.field_and_gradient(clipped, np.ones((1, 1)), flux[k], slope[k])
-    flux[9], slope[9] = [1e-3, 2e-3, 3e-3], 0.0
-    model = info.reduced_model
-    fixed = np.tile([1e-3, 2e-3, 3e-3], len(model.weights))
-    data = MapData(
-        info.grid,
-        info.coil_names,
-        info.reference_current,
-        flux_density=flux.reshape(10, *shape, 3),
-        gradient=slope.reshape(10, *shape, 3, 3),
-        reduced_model=replace(model, fixed=fixed),
+    plain, data = saturating(), saturating_data()
+    model, (*_, flux), (*_, slope) = data.reduced_model, data.flux_density, data.gradient
+    data = replace(
+        data,
+        flux_density=np.concatenate([data.flux_density, [np.broadcast_to([1e-3, 2e-3, 3e-3], flux.shape)]]),
+        gradient=np.concatenate([data.gradient, [np.zeros_like(slope)]]),
+        reduced_model=replace(model, fixed=np.tile([1e-3, 2e-3, 3e-3], len(model.weights))),
         fixed_sources=("background",),
         constant_field=True,
     )
     opened = interpolate(data, outside_currents="evaluate", tabulate_currents=True)
     exact = interpolate(data, outside_currents="evaluate")
-    rng = np.random.default_rng(4)
-    inside = rng.uniform(plain.lower, plain.upper, (20, 3))
+    inside = np.random.default_rng(4).uniform(plain.lower, plain.upper, (20, 3))
     for signals in ((1.5, 0.0, 0.0), (1.3, 0.2, -0.1), (2.6, 0.1, 0.0)):
         currents = divide_currents(*signals, 1.25)
         b = exact.field(inside, currents)
@@ -171,4 +157,3 @@ def test_a_table_of_saturating_iron_has_the_background(saturating):
     currents = divide_currents(1.5, 0.0, 0.0, 1.25)
     difference = exact.field(inside, currents) - plain.field(inside, currents)
     assert np.abs(difference - [1e-3, 2e-3, 3e-3]).max() > 1e-6
-    assert form.coil_names == opened.coil_names

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from fieldmap.core import CoreMap
 from fieldmap.core.machine import CoreMachine, Plant, rotation
@@ -78,11 +79,9 @@ def test_the_load_is_minus_the_slope_of_the_energy(axial):
                 if k < 3:
                     there[k] += side
                 else:
-                    w, u = state[6], state[7:10]
-                    turn = np.eye(3)[k - 3] * side / 2
-                    there[6] = w - u @ turn
-                    there[7:10] = u + w * turn + np.cross(u, turn)
-                    there[6:10] /= np.linalg.norm(there[6:10])
+                    turn = Rotation.from_rotvec(np.eye(3)[k - 3] * side)
+                    turned = Rotation.from_quat(state[6:10], scalar_first=True) * turn
+                    there[6:10] = turned.as_quat(scalar_first=True)
                 moved.append(energy(field, body, there)[0])
             slope[k] = (moved[1] - moved[0]) / 2e-5
         np.testing.assert_allclose(load, slope, atol=2e-6 * np.abs(load).max())

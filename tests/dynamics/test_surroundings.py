@@ -20,12 +20,6 @@ def falling(axial, drag, duration, **more):
     return move(still, body, state_of([0, 0, 0], **more), duration, 1e-3, order="fourth", drag=drag)
 
 
-def test_linear_drag_falls_towards_its_terminal_speed(axial):
-    run = falling(axial, Drag(linear=(0.0, 0.0, 0.05)), 1.0)
-    exact = -0.01 * 9.80665 / 0.05 * (1 - np.exp(-5.0 * run.time))
-    np.testing.assert_allclose(run.states[:, 5], exact, atol=1e-9)
-
-
 def test_quadratic_drag_along_an_axis_of_a_body_that_lies(axial):
     lying = [np.cos(np.pi / 4), np.sin(np.pi / 4), 0.0, 0.0]  # the body's y axis points up
     run = falling(axial, Drag(body_quadratic=(9.0, 0.04, 9.0)), 1.0, quaternion=lying)
@@ -36,9 +30,9 @@ def test_quadratic_drag_along_an_axis_of_a_body_that_lies(axial):
     assert np.abs(run.states[:, [3, 4]]).max() < 1e-12
 
 
-def test_linear_drag_along_an_axis_of_a_body_that_lies(axial):
+def test_linear_drag_falls_towards_its_terminal_speed(axial):
     """The body's y axis points up: of its three coefficients the second alone slows the fall, and of the map's the
-    third, each with its own terminal speed."""
+    third."""
     lying = [np.cos(np.pi / 4), np.sin(np.pi / 4), 0.0, 0.0]
     for drag, resistance in (
         (Drag(body_linear=(9.0, 0.05, 7.0)), 0.05),
