@@ -132,21 +132,16 @@ def simulate_closed_loop(
     bound = None
     if isinstance(controller, FunctionController):
         machine = machine_for(machine, controller.gives)
-        names = machine.allocation.output_names
-        bound = controller.bound(names)
+        bound = controller.bound(machine.allocation.output_names)
         law = function_law(machine, bound.address, controller)
     else:
-        names = machine.allocation.output_names
-        fits, must = controller.outputs == len(names), f"must have {len(names)} outputs"
+        count = len(machine.allocation.output_names)
         remedy = "stack one block for each output, such as lift, x and y"
-        check(fits, f"{_WHERE}(controller)", must, controller.outputs, remedy)
+        fits = controller.outputs == count
+        check(fits, f"{_WHERE}(controller)", f"must have {count} outputs", controller.outputs, remedy)
         inverse = controller.inverse(np.array(check_signal(f"{_WHERE}(state)", state)))
-        law = compiled.ControlLaw(
-            compiled.NO_FUNCTION,
-            CoreController(controller.arrays).controller,
-            machine.allocation.numbers(),
-            inverse if inverse is not None and inverse.rounds > 0 else None,
-        )
+        blocks, allocation = CoreController(controller.arrays).controller, machine.allocation.numbers()
+        law = compiled.ControlLaw(compiled.NO_FUNCTION, blocks, allocation, inverse)
     begun = start_loop(machine, law, controller.memory, schedule, state, currents, seed)
     loop, event = begun.loop, begun.event
     if event == compiled.GOES_ON:
@@ -158,7 +153,7 @@ def simulate_closed_loop(
         if problem is not None:
             raise ControllerError(problem, time=loop.time, run=run)
         if event in (LIBRARY.CONTROLLER_FAILED, LIBRARY.OUTPUTS_NOT_FINITE):
-            raise controller_error(bound, names, loop, run)
+            raise controller_error(bound, machine.allocation.output_names, loop, run)
     return run
 
 

@@ -12,6 +12,7 @@ from fieldmap.core.closed_loop import GOES_ON
 from fieldmap.core.library import LIBRARY
 from fieldmap.core.machine import ANGULAR_VELOCITY, POSITION, STATE, TURN, VELOCITY
 from fieldmap.dynamics.motion import turned
+from fieldmap.plain import plain_items
 from fieldmap.records import Record
 from fieldmap.store import RunRecord
 from fieldmap.typing import Array
@@ -184,11 +185,8 @@ def recorded(
     event = run.event
     ended: dict[str, object] = {"event": "", "end_s": float(run.time.max(initial=0.0))}
     if event is not None:
-        finite = {
-            name: [value if np.isfinite(value) else None for value in getattr(event, name).tolist()]
-            for name in ("state", "currents")
-        }
-        ended = {"event": event.name, "about_event": event.about, "end_s": event.time, **finite}
+        at = plain_items(state=event.state, currents=event.currents)
+        ended = {"event": event.name, "about_event": event.about, "end_s": event.time, **at}
     notes = {"touched": list(run.touched), "iron": asdict(run.iron), "assumptions": list(run.assumptions)}
     return RunRecord(arrays, {**ended, **notes, **(about or {})})
 

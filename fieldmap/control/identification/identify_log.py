@@ -27,7 +27,12 @@ ROLES: dict[str, tuple[str, ...]] = {
     "reference": ("reference", "r", "ref", "setpoint", "target", "wanted"),
 }
 """Names by which columns are recognised."""
-METHODS = ("direct", "armax", "least-squares", "two-stage")
+_ESTIMATORS: dict[str, Callable[..., Estimate]] = {
+    "direct": identify_direct,
+    "armax": armax,
+    "least-squares": least_squares,
+}
+METHODS = (*_ESTIMATORS, "two-stage")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -123,12 +128,7 @@ def identify_log(log: Log, orders: Orders, method: str = "direct", rest: int | N
         loop = Orders(orders.poles + 2, orders.poles + 2)
         found = identify_two_stage(y, u, shown["reference"], orders, log.Ts, loop=loop)
     else:
-        estimators: dict[str, Callable[[Array, Array, Orders, float], Estimate]] = {
-            "direct": identify_direct,
-            "armax": armax,
-            "least-squares": least_squares,
-        }
-        found = estimators[method](y, u, orders, log.Ts)
+        found = _ESTIMATORS[method](y, u, orders, log.Ts)
     return IdentifiedLog(found, log.columns, y.size, count, means)
 
 

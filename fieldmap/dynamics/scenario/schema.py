@@ -11,7 +11,7 @@ import numpy as np
 from pydantic import Field, ValidationInfo
 
 from fieldmap.device import Device, Payload
-from fieldmap.dynamics.field_of_currents import FieldOfCurrents, linearised, modelled, superposed, tabled
+from fieldmap.dynamics.field_of_currents import FieldOfCurrents, linearised, modelled, tabled
 from fieldmap.dynamics.machine import Bits, ChainKeys, CoilDrive, Sensors, drive_of_device
 from fieldmap.dynamics.rigid_body import Drag, Plate, RigidBody, Three, Walls, body_of_payload
 from fieldmap.dynamics.scenario.controllers import (
@@ -74,11 +74,10 @@ class FieldSettings(Record):
 
     def field(self, opened: FieldMap, currents: Array) -> FieldOfCurrents:
         """The field as a function of the currents; "linearised" iron is linearised about currents (n,), A."""
-        if not saturates(opened):
-            return superposed(opened, self.scale)
         if self.iron == "linearised":
             return linearised(opened, currents, self.scale)
-        if self.iron == "table" or (self.iron == "auto" and self.table is not None):
+        wanted = self.iron == "table" or (self.iron == "auto" and self.table is not None)
+        if wanted and saturates(opened):
             return tabled(opened, self.table, self.scale)
         return modelled(opened, self.scale)
 
@@ -117,15 +116,8 @@ class BodySettings(Record):
                 raise ScenarioError(AtKey(key, "needs a magnet", "a moment only", remedy))
             unit = opened.at(np.ones(len(opened.coil_names)))
             magnet = magnetic_body(payload, field=unit, tolerance=1e-4)
-        return body_of_payload(
-            payload,
-            radius=self.radius,
-            height=self.height,
-            below=self.below,
-            centre_of_mass=self.centre_of_mass,
-            magnet=magnet,
-            upright=self.turning == "upright",
-        )
+        sizes = {name: getattr(self, name) for name in ("radius", "height", "below", "centre_of_mass")}
+        return body_of_payload(payload, magnet=magnet, upright=self.turning == "upright", **sizes)
 
 
 @dataclass(frozen=True, repr=False)
