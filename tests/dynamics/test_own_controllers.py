@@ -84,34 +84,17 @@ def compiled_pid(time, measured, reference, state, outputs):
     return 0
 
 
-C_TEXT = f"""
-int control(double time, const double *measured, const double *reference, double *state, double *outputs)
-{{
-    double error = 1e3 * (reference[2] - measured[2]);
-    state[0] += {KI!r} * 0.5 * (error + state[1]);
-    outputs[0] = {KP!r} * error + state[0] + {KD!r} * (error - state[2]);
-    state[1] = state[2] = error;
-    return 0;
-}}
-int refuse(double time, const double *measured, const double *reference, double *state, double *outputs)
-{{
-    outputs[0] = 5.0;
-    return time > 0.0391 ? 7 : 0;
-}}
-"""
-
-
 @pytest.fixture(scope="module")
 def library(tmp_path_factory):
     compiler = shutil.which("cc") or shutil.which("gcc")
     if compiler is None:
         pytest.skip("no C compiler here")
-    folder = tmp_path_factory.mktemp("own")
-    (folder / "own.c").write_text(C_TEXT + C_BESIDE)
+    made, source = tmp_path_factory.mktemp("own") / "own.so", Path(__file__).with_name("own.c")
+    gains = [f"-DKP={KP!r}", f"-DKI={KI!r}", f"-DKD={KD!r}"]
     # No contraction: a product and a sum in one rounding would be other bits.
     how = ["-O2", "-ffp-contract=off", "-shared", "-fPIC"]
-    subprocess.run([compiler, *how, "-o", folder / "own.so", folder / "own.c"], check=True)
-    return ctypes.CDLL(str(folder / "own.so"))
+    subprocess.run([compiler, *how, *gains, "-o", made, source], check=True)
+    return ctypes.CDLL(str(made))
 
 
 def schedule(samples=400, **more):
@@ -420,20 +403,6 @@ def test_a_compiled_function_that_writes_beside_its_state_does_not_end_the_progr
     assert told[:4] == told[4:8] == told[8:]
     assert told[0].startswith("IndexError")
     assert [each.rsplit(" ", 1)[-1] for each in told[1:4]] == ["state[2]", "state[-1]", "measured[5]"]
-
-
-C_BESIDE = """
-int outputs_too(double time, const double *measured, const double *reference, double *state, double *outputs)
-{
-    for (int k = 0; k < 40; k++) outputs[k] = 5.0;
-    return 0;
-}
-int reads(double time, const double *measured, const double *reference, double *state, double *outputs)
-{
-    outputs[0] = 5.0 + 0.0 * state[12];
-    return 0;
-}
-"""
 
 
 def test_c_functions_that_leave_their_arrays_are_found(plain, library):
