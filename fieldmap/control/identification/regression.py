@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from fieldmap.arguments import check, check_count, check_positive, check_signal
 from fieldmap.control.linear_models import TransferFunction, filter_response, steady_gain
 from fieldmap.errors import NotConverged, Problem
-from fieldmap.parallel import same_arithmetic
+from fieldmap.parallel.work import same_arithmetic
 from fieldmap.records import Record, tuple_line
 from fieldmap.typing import Array
 
