@@ -28,6 +28,7 @@ from fieldmap.typing import Array
 
 Count = Annotated[int, Field(ge=1)]
 Bits = Annotated[int, Field(ge=1, le=32)]
+_IDEAL_CHAIN = np.array([0.0, 1.0, 0.0, -np.inf, np.inf, 0.0, 0.0, 0.0, -np.inf, np.inf])
 CONTACTS = {
     "floor": LIBRARY.ON_FLOOR,
     "ceiling": LIBRARY.ON_CEILING,
@@ -147,10 +148,6 @@ def drive_of_device(device: Device, lowest_voltage: float | None = None, **more:
     return CoilDrive(amplifier, len(device.coils), **{**windings, "supply": voltages, **more})  # type: ignore[arg-type]
 
 
-def _ideal() -> Array:
-    return np.array([0.0, 1.0, 0.0, -np.inf, np.inf, 0.0, 0.0, 0.0, -np.inf, np.inf])
-
-
 @dataclass(frozen=True, eq=False, repr=False)
 class Sensors(Record):
     """Two sensors that cross in the horizontal plane and one for the depth; ideal unless more is given.
@@ -211,7 +208,7 @@ class Sensors(Record):
             shift[:2] = self.frame.to_local([0.0, 0.0, 0.0])[:2]
             for k in range(2):
                 into[:2, k] = (self.frame.to_local(np.eye(3)[k]) - self.frame.to_local(np.zeros(3)))[:2]
-        chains = np.array([_ideal() if rig is None else rig.chain for rig in self.rigs])
+        chains = np.array([_IDEAL_CHAIN if rig is None else rig.chain for rig in self.rigs])
         period = 1.0 / self.scan_rate if self.scan_rate else 0.0
         scan = np.array([period, float(self.latency), *map(float, self.means)])
         return Sensing(into, shift, chains, np.ascontiguousarray(np.linalg.inv(into)), scan)

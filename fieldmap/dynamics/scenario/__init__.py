@@ -1,26 +1,20 @@
 """Scenarios: an experiment in a TOML file, its simulation, and the metrics of its runs."""
 
-from fieldmap.dynamics.scenario.batches import Batch, BatchRun, Simulation, simulate_batches, write_simulation
+from fieldmap.dynamics.scenario.batches import Batch, Simulation, simulate_batches, write_simulation
 from fieldmap.dynamics.scenario.experiment import Experiment, ScenarioRun, open_machine, prepare, simulate
 from fieldmap.dynamics.scenario.linear_points import Linearisation, LinearPoint, linear_points
-from fieldmap.dynamics.scenario.measured_log import LaidLog, LaidSignal, lay_over, read_measured_log
-from fieldmap.dynamics.scenario.metrics import AxisMetrics, RunMetrics, reading_mm, run_metrics
-from fieldmap.dynamics.scenario.schema import Scenario, find_scenario, read_scenario
+from fieldmap.dynamics.scenario.measured_log import LaidLog, lay_over, read_measured_log
+from fieldmap.dynamics.scenario.metrics import reading_mm, run_metrics
+from fieldmap.dynamics.scenario.schema import read_scenario
 
 __all__ = [
-    "AxisMetrics",
     "Batch",
-    "BatchRun",
     "Experiment",
     "LaidLog",
-    "LaidSignal",
     "LinearPoint",
     "Linearisation",
-    "RunMetrics",
-    "Scenario",
     "ScenarioRun",
     "Simulation",
-    "find_scenario",
     "lay_over",
     "linear_points",
     "open_machine",

@@ -155,20 +155,15 @@ def lay_over(experiment: Experiment, run: LevitationRun, log: Log, begins: float
     now, truth = time[within], reading_mm(scenario, run.sensed)
     signals = {}
     for k, axis in enumerate(AXES):
-        values = _reading(log.signals, axis, scenario.zero_depth_mm)
-        if values is not None:
-            signals[axis] = LaidSignal("mm", values[within], np.interp(now, run.time, truth[:, k]))
+        if axis in log.signals:
+            values = 1e3 * log[axis]
+        elif axis == "depth" and "z" in log.signals:
+            values = -1e3 * log["z"] - scenario.zero_depth_mm
+        else:
+            continue
+        signals[axis] = LaidSignal("mm", values[within], np.interp(now, run.time, truth[:, k]))
     for k, coil in enumerate(experiment.device.coil_names):
         if coil in log.signals:
             flowing = np.interp(now, run.time, run.currents[:, k])
             signals[coil] = LaidSignal("A", log[coil][within], flowing)
     return LaidLog(now, signals)
-
-
-def _reading(signals: Mapping[str, Array], axis: str, zero_mm: float) -> Array | None:
-    """x, y or depth in mm; None if the log does not hold it. The depth is computed from z if there is only z."""
-    if axis in signals:
-        return np.asarray(1e3 * signals[axis])
-    if axis == "depth" and "z" in signals:
-        return np.asarray(-1e3 * signals["z"] - zero_mm)
-    return None

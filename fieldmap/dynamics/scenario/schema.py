@@ -417,7 +417,10 @@ def read_scenario(path_or_name: str | Path, changes: Mapping[str, Any] | None = 
         With one Problem for every error of the file: file, line and key path; what must hold; what was received; the
         remedy.
     """
-    path = find_scenario(path_or_name)
+    if Path(path_or_name).suffix.lower() in (".h5", ".hdf5"):
+        remedy = f"a scenario says what happens in it: fieldmap simulate hold --map {path_or_name}"
+        raise ScenarioError.of(str(path_or_name), "must be a scenario file", "the name of a map", remedy)
+    path = SCENARIO.find(path_or_name)
     document = SCENARIO.load(path)
     data = tomllib.loads(document.text)
     for key, value in (changes or {}).items():
@@ -426,14 +429,6 @@ def read_scenario(path_or_name: str | Path, changes: Mapping[str, Any] | None = 
     if findings:
         raise ScenarioError(*Document(path, document.text, data).problems(findings))
     return Scenario(path, document.text, ScenarioFile.model_validate(data), dict(changes or {}))
-
-
-def find_scenario(path_or_name: str | Path) -> Path:
-    """The file at a path, or the shipped scenario of that name. Raises ScenarioError if there is neither."""
-    if Path(path_or_name).suffix.lower() in (".h5", ".hdf5"):
-        remedy = f"a scenario says what happens in it: fieldmap simulate hold --map {path_or_name}"
-        raise ScenarioError.of(str(path_or_name), "must be a scenario file", "the name of a map", remedy)
-    return SCENARIO.find(path_or_name)
 
 
 def _change(data: dict[str, Any], path: Path, key: str, value: Any) -> None:
