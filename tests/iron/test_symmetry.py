@@ -9,7 +9,7 @@ import pytest
 
 import fieldmap as fm
 from fieldmap.iron.mesh.chamber import mirror_chamber
-from fieldmap.iron.symmetry import Operation, Outline, exact_matrices, find_symmetry, multiplication_table
+from fieldmap.iron.symmetry import Operation, _Item, exact_matrices, find_symmetry, multiplication_table
 from fieldmap.sources import unit_flux_density
 
 MATERIALS = {"iron": fm.LinearMaterial("iron", 100.0), "steel": fm.LinearMaterial("steel", 200.0)}
@@ -138,11 +138,11 @@ def test_no_chamber_without_a_mirror():
     assert mirror_chamber(find_symmetry(device(body((pyramid(0.5, 0.2, 1), fm.Placement()))))) is None
 
 
-def test_outlines_are_alike_where_each_row_has_one_like_it():
-    rows = np.arange(24.0).reshape(3, 8)
+def test_items_are_alike_where_each_segment_has_one_like_it():
+    rows = np.arange(39.0).reshape(3, 13)
 
     def like(one, other, kind=("a",)):
-        return Outline(("a",), np.array(one)).is_like(Outline(kind, np.array(other)), 1e-3)
+        return _Item(("a",), np.array(one)).is_like(_Item(kind, np.array(other)), 1e-3)
 
     assert like(rows, rows[[2, 0, 1]] + 9e-4)
     assert not like(rows, rows[[2, 0, 1]] + 1.1e-3)

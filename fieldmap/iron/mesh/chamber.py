@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from fieldmap.device.model import Device
 from fieldmap.iron.geometry.shapes import MILLIMETRES, kernel_errors, occ, point, xyz
 from fieldmap.iron.geometry.solids import glue_bodies
-from fieldmap.iron.symmetry import SymmetryGroup, mirror_normal, multiplication_table
+from fieldmap.iron.symmetry import SymmetryGroup, multiplication_table, rotation_axis
 from fieldmap.records import Record
 from fieldmap.typing import Array, Index
 
@@ -89,7 +89,7 @@ def _chamber(group: SymmetryGroup) -> Chamber | None:
     table = multiplication_table(group.matrices)
     if table is None:
         return None
-    normals = np.array([mirror_normal(op.matrix) for op in group.operations if op.is_mirror])
+    normals = np.array([rotation_axis(-op.matrix) for op in group.operations if op.is_mirror])
     normals *= np.sign(normals @ _GENERIC)[:, None]
     # A wall is a mirror whose reflection turns no other normal to the other side.
     behind = np.array([((normals - 2 * np.outer(normals @ n, n)) @ _GENERIC < 0).sum() for n in normals])
