@@ -24,7 +24,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
@@ -33,6 +33,11 @@ from fieldmap.device.model import Device
 from fieldmap.errors import InputError, Problem
 from fieldmap.records import Record, count_of
 from fieldmap.typing import Array
+
+if TYPE_CHECKING:
+    from fieldmap.iron.solution import LinearSolution, NonlinearSolution
+
+    Solution: TypeAlias = LinearSolution | NonlinearSolution
 
 # The mean of two complementary solutions is off by half their distance.
 _GAP_SHARE = 0.5
@@ -143,24 +148,6 @@ class ErrorEstimate(Record):
         )
 
 
-class Solution(Protocol):
-    """What the estimate asks of a solution: its fields outside the iron, per source (c)."""
-
-    @property
-    def sources(self) -> tuple[str, ...]:
-        """What each source is, in words."""
-        ...
-
-    @property
-    def iron_points(self) -> Array:
-        """Points (m, 3) all over the surface of the iron, m."""
-        ...
-
-    def source_fields(self, points: Array) -> tuple[Array, Array]:
-        """Field (c, n, 3) and gradient (c, n, 3, 3) at points (n, 3)."""
-        ...
-
-
 def workspace_surface(device: Device) -> Array:
     """Points (n, 3) on the surface of the workspace's box. Field and gradient are harmonic inside, so that errors are
     largest there. Raises InputError if the device has no workspace."""
@@ -185,9 +172,9 @@ def gradient_length(points: Array, iron: Array) -> float:
     (5.0, 9.0)
     """
     lower, upper = points.min(axis=0), points.max(axis=0)
-    distance = np.linalg.norm(iron - 0.5 * (lower + upper), axis=1).min(initial=np.inf)
     half = 0.5 * float(np.linalg.norm(upper - lower))
-    return max(half, float(distance)) if np.isfinite(distance) else half
+    distance = np.linalg.norm(iron - 0.5 * (lower + upper), axis=1)
+    return max(half, float(distance.min(initial=np.inf))) if len(iron) else half
 
 
 def estimate_error(
@@ -209,46 +196,37 @@ def estimate_error(
     places = np.vstack([points, middle])
     fields = solution.source_fields(places)
     length = gradient_length(points, solution.iron_points)
-    sizes = _sizes(fields, length)
+    sizes = _norms(*fields).max(axis=2)
+    sizes[1] = np.maximum(sizes[1], sizes[0] / length)
+    errors = np.zeros((2, len(fields[0]), len(places)))
     change = gap = bracket = None
-    nothing = np.zeros((2, len(fields[0]), len(places)))
-    changed, apart = nothing, nothing
     if coarser is not None:
-        changed = _distances(fields, coarser.source_fields(places))
+        others = coarser.source_fields(places)
+        changed = _norms(fields[0] - others[0], fields[1] - others[1])
         change = _relative(changed, sizes)
-        changed = changed * max(1.0, ENOUGH_GROWTH / max(growth, 1e-3))
+        errors = changed * max(1.0, ENOUGH_GROWTH / max(growth, 1e-3))
         if shares is not None:
             most = _SHARES_SHORT * shares * sizes[0]
-            changed[0] *= np.minimum(1.0, most / np.maximum(changed[0].max(axis=1), 1e-300))[:, None]
+            errors[0] *= np.minimum(1.0, most / np.maximum(errors[0].max(axis=1), 1e-300))[:, None]
     if complement is not None:
         others = complement.source_fields(places)
-        apart = _distances(fields, others)
+        apart = _norms(fields[0] - others[0], fields[1] - others[1])
         gap = _relative(apart, sizes)
+        errors = np.maximum(errors, _GAP_SHARE * apart)
         bracket = _bracket(middle, solution.sources, fields[0][:, -1], others[0][:, -1])
-    by_source = _largest_errors(np.maximum(changed, _GAP_SHARE * apart), sizes, places, solution.sources)
-    flux_density, gradient = (
-        max((one.relative for one in by_source if one.quantity == name), default=0.0) for name in QUANTITIES
-    )
+    by_source = _largest_errors(errors, sizes, places, solution.sources)
     total = None if shares is None else float(shares.max(initial=0.0))
-    return ErrorEstimate(flux_density, gradient, change, gap, bracket, total, by_source, length)
+    return ErrorEstimate(*_relative(errors, sizes), change, gap, bracket, total, by_source, length)
 
 
-def _sizes(fields: tuple[Array, Array], length: float) -> Array:
-    """What errors of B and gradient (2, c) are relative to, T and T/m."""
-    b = np.linalg.norm(fields[0], axis=-1).max(axis=1)
-    g = np.linalg.norm(fields[1], axis=(-2, -1)).max(axis=1)
-    return np.stack([b, np.maximum(g, b / length)])
-
-
-def _distances(one: tuple[Array, Array], other: tuple[Array, Array]) -> Array:
+def _norms(field: Array, gradient: Array) -> Array:
     """Of B (c, n, 3) and gradient (c, n, 3, 3) at every point: (2, c, n), T and T/m."""
-    field, gradient = one[0] - other[0], one[1] - other[1]
     return np.stack([np.linalg.norm(field, axis=-1), np.linalg.norm(gradient, axis=(-2, -1))])
 
 
-def _relative(distances: Array, sizes: Array) -> tuple[float, float]:
-    """The largest of the distances (2, c, n) of B and of the gradient, each source relative to its size (2, c)."""
-    values = distances.max(axis=2) / np.where(sizes > 0, sizes, np.inf)
+def _relative(errors: Array, sizes: Array) -> tuple[float, float]:
+    """The largest of the errors (2, c, n) of B and of the gradient, each source relative to its size (2, c)."""
+    values = errors.max(axis=2) / np.where(sizes > 0, sizes, np.inf)
     return float(values[0].max(initial=0.0)), float(values[1].max(initial=0.0))
 
 
@@ -308,28 +286,30 @@ class Tolerance(Record):
     def __post_init__(self) -> None:
         if self.currents is not None:
             object.__setattr__(self, "currents", tuple(float(value) for value in self.currents))
-        relative = (self.flux_density, self.gradient)
-        absolute = (self.absolute_flux_density, self.absolute_gradient)
-        some = any(part is not None for part in relative + absolute)
-        wanted: list[tuple[str, str, str, object, bool]] = [
-            ("flux_density", "must say of what an error is allowed", "try 1e-3", None, some)
-        ]
-        for name, value, fixed, most in zip(
-            ("flux_density", "gradient"), relative, absolute, (1.0, np.inf), strict=True
+        between, finite = (
+            ("must lie between 0 and {:g}", "try 1e-3"),
+            ("must be a finite number > 0", "leave it out"),
+        )
+        problems = []
+        for name, most, (must_hold, remedy) in (
+            ("flux_density", 1.0, between),
+            ("absolute_flux_density", np.inf, finite),
+            ("gradient", np.inf, between),
+            ("absolute_gradient", np.inf, finite),
         ):
-            right = value is None or 0 < value < most
-            wanted.append((name, f"must lie between 0 and {most:g}", "try 1e-3", value, right))
-            right = fixed is None or 0 < fixed < np.inf
-            wanted.append((f"absolute_{name}", "must be a finite number > 0", "leave it out", fixed, right))
-        right = self.currents is None or all(map(np.isfinite, self.currents))
-        wanted.append(
-            ("currents", "must be finite numbers", "give one for each coil, A", self.currents, right)
-        )
-        raise_all(
-            Problem(f"Tolerance, {name}", must_hold, repr(value), remedy)
-            for name, must_hold, remedy, value, right in wanted
-            if not right
-        )
+            value = getattr(self, name)
+            if value is not None and not 0 < value < most:
+                problems.append(Problem(f"Tolerance, {name}", must_hold.format(most), repr(value), remedy))
+        given = self.flux_density, self.gradient, self.absolute_flux_density, self.absolute_gradient
+        if all(value is None for value in given):
+            must_hold = "must say of what an error is allowed"
+            problems.append(Problem("Tolerance, flux_density", must_hold, "None", "try 1e-3"))
+        if not all(map(np.isfinite, self.currents or ())):
+            remedy = "give one for each coil, A"
+            problems.append(
+                Problem("Tolerance, currents", "must be finite numbers", repr(self.currents), remedy)
+            )
+        raise_all(problems)
 
     @classmethod
     def of(cls, tolerance: float | Tolerance, gradient: float | None = None) -> Tolerance:

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import compress
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import cKDTree
 
-from fieldmap.arguments import check_names, raise_all
+from fieldmap.arguments import check, check_names, raise_all
 from fieldmap.constants import MU0
 from fieldmap.device.model import Background, Coil
-from fieldmap.errors import InputError, Problem
+from fieldmap.errors import Problem
 from fieldmap.iron.mesh.charged_faces import ChargedFaces
 from fieldmap.iron.mesh.mesh import IronMesh
 from fieldmap.iron.mesh.surface_mesh import IronSurface
@@ -67,8 +68,8 @@ _DIGITS = 7
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Magnetised(Record):
-    """A device at fixed currents (c,): its coils, and where it has iron, mesh, charged faces and density (m,) in T;
-    and the field around it that nothing in it makes."""
+    """A device at fixed currents (c,), or part of it: its coils, and where it has iron, mesh, charged faces and density
+    (m,) in T; and the field around it that nothing in it makes."""
 
     coils: tuple[Coil, ...]
     currents: Array
@@ -77,16 +78,22 @@ class Magnetised(Record):
     density: Array | None = None
     background: Background | None = None
 
+    def part(self, coils: Mask, faces: Mask) -> Magnetised:
+        """Some of its coils (c,) and charged faces (m,)."""
+        some = replace(self, coils=tuple(compress(self.coils, coils)), currents=self.currents[coils])
+        if self.faces is None or self.density is None:
+            return some
+        return replace(some, faces=self.faces.part(faces), density=self.density[faces])
 
-@dataclass(frozen=True, eq=False)
-class _Share:
-    """Part of a device: masks of its coils (c,) and of its charged faces (m,)."""
-
-    coils: Mask
-    faces: Mask
-
-    def others(self) -> _Share:
-        return _Share(~self.coils, ~self.faces)
+    def field(self, points: Array) -> Array:
+        """Flux density (n, 3), background included."""
+        field = np.zeros_like(points) if self.background is None else self.background.field(points)
+        for coil, current in zip(self.coils, self.currents, strict=True):
+            if current != 0:
+                field += current * unit_flux_density(coil, points, digits=_DIGITS)
+        if self.faces is not None and self.density is not None and len(self.density):
+            field += self.faces.field(points, np.ascontiguousarray(self.density[None]))[0]
+        return field
 
 
 def force_and_torque(device: Magnetised, names: str | Sequence[str], about: ArrayLike) -> tuple[Array, Array]:
@@ -95,99 +102,66 @@ def force_and_torque(device: Magnetised, names: str | Sequence[str], about: Arra
     Raises InputError for a name that is neither a body nor a coil, for a body without all that it touches (iron
     glued to iron has no force of its own), and for a bad point.
     """
-    centre = _checked_point(about)
-    mine = _share(device, (names,) if isinstance(names, str) else tuple(names))
+    centre = np.asarray(about, dtype=float)
+    holds = centre.shape == (3,) and bool(np.isfinite(centre).all())
+    check(holds, "torque, about", "must be one finite point (3,)", repr(about), "give x, y, z in m")
+    coils, faces = _named(device, (names,) if isinstance(names, str) else tuple(names))
+    mine, others = device.part(coils, faces), device.part(~coils, ~faces)
     force, torque = np.zeros(3), np.zeros(3)
-    for points, push in (*_on_charges(device, mine), *_on_currents(device, mine)):
+    for points, push in (*_on_charges(mine, others), *_on_currents(mine, others)):
         force += push.sum(axis=0)
         torque += np.cross(points - centre, push).sum(axis=0)
     return force, torque
 
 
-def _on_charges(device: Magnetised, mine: _Share):
-    """Points (n, 3) and forces (n, 3) on the charges of the named iron: sigma B / mu0 over its faces."""
-    if device.faces is None or device.density is None or not mine.faces.any():
+def _on_charges(mine: Magnetised, others: Magnetised):
+    """Points (n, 3) and forces (n, 3) on charges: sigma B / mu0 over their faces."""
+    if mine.faces is None or mine.density is None or others.faces is None:
         return
-    chosen, density = device.faces.part(mine.faces), device.density[mine.faces]
-    near = _is_near(chosen, device.faces.part(~mine.faces))
+    # Faces whose distance from the others' charges is not large against their own size.
+    near = cKDTree(others.faces.centres).query(mine.faces.centres)[0] < _NEAR_RADII * mine.faces.radii
     for part, degree in ((~near, _DEGREE), (near, _NEAR_DEGREE)):
         if not part.any():
             continue
-        faces = chosen.part(part)
+        faces = mine.faces.part(part)
         points, weights = faces.rule_points(degree)
-        charge = np.outer(density[part] * faces.areas / MU0, weights).reshape(-1, 1)
+        charge = np.outer(mine.density[part] * faces.areas / MU0, weights).reshape(-1, 1)
         points = points.reshape(-1, 3)
-        yield points, charge * _field(device, mine.others(), points)
+        yield points, charge * others.field(points)
 
 
-def _on_currents(device: Magnetised, mine: _Share):
-    """Points (n, 3) and forces (n, 3) on the currents of the named coils: I dl x B over their windings."""
-    for k in np.flatnonzero(mine.coils):
-        if device.currents[k] != 0:
-            rule = current_elements(device.coils[k])
-            field = _field(device, mine.others(), rule.points)
-            yield rule.points, device.currents[k] * np.cross(rule.vectors, field)
+def _on_currents(mine: Magnetised, others: Magnetised):
+    """Points (n, 3) and forces (n, 3) on currents: I dl x B over their windings."""
+    for coil, current in zip(mine.coils, mine.currents, strict=True):
+        if current != 0:
+            rule = current_elements(coil)
+            yield rule.points, current * np.cross(rule.vectors, others.field(rule.points))
 
 
-def _field(device: Magnetised, sources: _Share, points: Array) -> Array:
-    """Flux density (n, 3) of part of the device, and of the background."""
-    field = np.zeros_like(points) if device.background is None else device.background.field(points)
-    for k in np.flatnonzero(sources.coils):
-        if device.currents[k] != 0:
-            field += device.currents[k] * unit_flux_density(device.coils[k], points, digits=_DIGITS)
-    if device.faces is not None and device.density is not None and sources.faces.any():
-        density = np.ascontiguousarray(device.density[None, sources.faces])
-        field += device.faces.part(sources.faces).field(points, density)[0]
-    return field
-
-
-def _is_near(faces: ChargedFaces, others: ChargedFaces) -> Mask:
-    """Faces (n,) whose distance from the others' charges is not large against their own size."""
-    if len(others.areas) == 0:
-        return np.zeros(len(faces.areas), bool)
-    distance, _ = cKDTree(others.centres).query(faces.centres)
-    return distance < _NEAR_RADII * faces.radii
-
-
-def _share(device: Magnetised, names: tuple[str, ...]) -> _Share:
+def _named(device: Magnetised, names: tuple[str, ...]) -> tuple[Mask, Mask]:
+    """Which coils (c,) and which charged faces (m,) have these names."""
     coil_names = tuple(coil.name for coil in device.coils)
     body_names = device.mesh.iron_names if device.mesh is not None else ()
     known = (*body_names, *coil_names)
-    if not names:
-        raise InputError.of("force, name", "at least one body or coil is needed", "none", "name one")
-    check_names(
-        "force, name", names, f"must be a body or coil: {', '.join(known)}", known, "use one of these"
-    )
+    check(bool(names), "force, name", "at least one body or coil is needed", "none", "name one")
+    must_hold = f"must be a body or coil: {', '.join(known)}"
+    check_names("force, name", names, must_hold, known, "use one of these")
     faces = np.zeros(0 if device.faces is None else len(device.faces.areas), bool)
     bodies = tuple(name for name in names if name in body_names)
     if bodies and device.mesh is not None and device.faces is not None:
         pieces = magnetic_bodies(device.mesh, device.faces)
-        _require_whole_pieces(device.mesh, pieces, bodies)
+        problems = []
+        for name in bodies:
+            touching = pieces.touched_by(device.mesh, name)
+            if not set(touching) <= set(bodies):
+                others = ", ".join(repr(other) for other in touching if other != name)
+                must_hold = "a force is defined for whole pieces of iron, with air all around"
+                remedy = f"ask for the force on all of them together: {list(touching)}"
+                problem = Problem(
+                    f"force, body '{name}'", must_hold, f"'{name}', which touches {others}", remedy
+                )
+                problems.append(problem)
+        raise_all(problems)
         elements = np.isin(device.mesh.body, [body_names.index(name) for name in bodies])
         faces = np.isin(pieces.of_face, pieces.of_element[elements])
-    return _Share(np.isin(coil_names, [name for name in names if name not in bodies]), faces)
-
-
-def _require_whole_pieces(
-    mesh: IronMesh | IronSurface, pieces: MagneticBodies, bodies: tuple[str, ...]
-) -> None:
-    problems = []
-    for name in bodies:
-        touching = pieces.touched_by(mesh, name)
-        if not set(touching) <= set(bodies):
-            others = ", ".join(repr(other) for other in touching if other != name)
-            listed = ", ".join(f"'{other}'" for other in touching)
-            must_hold = "a force is defined for whole pieces of iron, with air all around"
-            remedy = f"ask for the force on all of them together: [{listed}]"
-            received = f"'{name}', which touches {others}"
-            problems.append(Problem(f"force, body '{name}'", must_hold, received, remedy))
-    raise_all(problems)
-
-
-def _checked_point(about: ArrayLike) -> Array:
-    point = np.asarray(about, dtype=float)
-    if point.shape != (3,) or not np.isfinite(point).all():
-        raise InputError.of(
-            "torque, about", "must be one finite point (3,)", repr(about), "give x, y, z in m"
-        )
-    return point
+    return np.isin(coil_names, [name for name in names if name not in bodies]), faces

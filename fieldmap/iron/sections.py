@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fieldmap.arguments import raise_all
+from fieldmap.arguments import check_names, raise_all
 from fieldmap.device.model import Section
 from fieldmap.errors import InputError, Problem
 from fieldmap.iron.elements.state import IronState
@@ -43,12 +43,13 @@ def named_section(sections: tuple[Section, ...], section: str | Section) -> Sect
     """The section itself, or that of a name. Raises InputError for a name that the device file does not have."""
     if isinstance(section, Section):
         return section
-    for known in sections:
-        if known.name == section:
-            return known
-    names = ", ".join(known.name for known in sections) or "none: the device file has no [[section]]"
+    by_name = {known.name: known for known in sections}
+    must_hold = (
+        f"must be a section of the device: {', '.join(by_name) or 'none: the file has no [[section]]'}"
+    )
     remedy = "use one of these, or give a Section with its own origin and normal"
-    raise InputError.of("section, name", f"must be a section of the device: {names}", repr(section), remedy)
+    check_names("section, name", [section], must_hold, by_name, remedy)
+    return by_name[section]
 
 
 def section_flux(

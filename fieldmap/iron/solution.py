@@ -11,11 +11,12 @@ from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from fieldmap.arguments import check, check_choice
 from fieldmap.device.drawing import Outline, source_outline, winding_outline
 from fieldmap.device.model import Background, Coil, Section
 from fieldmap.errors import InputError
@@ -39,15 +40,8 @@ from fieldmap.sources.inductance import background_linkage, bare_inductance
 from fieldmap.typing import Array, Index
 
 if TYPE_CHECKING:
+    from fieldmap.iron.sensitivity.adjoint import Origin
     from fieldmap.iron.sensitivity.quantities import Derivatives, Quantity
-
-
-class StateOrigin(Protocol):
-    """The device that a state was solved for, and what derivatives need of it (`fieldmap.iron.sensitivity.adjoint`)."""
-
-    def derivative(self, state: SolvedState, quantity: Quantity, parameters: Sequence[str]) -> Derivatives:
-        """See `SolvedState.derivative`."""
-        ...
 
 
 class _Reported:
@@ -99,7 +93,7 @@ class SolvedState(_Reported, FieldAtCurrents):
     sections: tuple[Section, ...]
     bounds: Bounds | None = field(default=None, kw_only=True)
     background: Background | None = field(default=None, kw_only=True)
-    origin: StateOrigin | None = field(default=None, kw_only=True)
+    origin: Origin | None = field(default=None, kw_only=True)
 
     @property
     def _title(self) -> str:
@@ -156,18 +150,16 @@ class SolvedState(_Reported, FieldAtCurrents):
         x, single = checked_points(points)
         refuse_inside(self._bodies, x)
         b, g = np.zeros(x.shape), np.zeros((*x.shape, 3))
-        parts = [
-            (current, unit_flux_density_and_gradient(coil, x))
-            for coil, current in zip(self.coils, self.currents, strict=True)
-        ]
+        for coil, current in zip(self.coils, self.currents, strict=True):
+            flux, slope = unit_flux_density_and_gradient(coil, x)
+            b += current * flux
+            g += current * slope
         if self.background is not None:
-            parts.append((1.0, self.background.field_and_gradient(x)))
+            flux, slope = self.background.field_and_gradient(x)
+            b, g = b + flux, g + slope
         if self.iron is not None:
-            of_iron, slope = self.iron.faces.field_and_gradient(x, self._density)
-            parts.append((1.0, (of_iron[0], slope[0])))
-        for share, (flux, slope) in parts:
-            b += share * flux
-            g += share * slope
+            (flux,), (slope,) = self.iron.faces.field_and_gradient(x, self._density)
+            b, g = b + flux, g + slope
         return (b[0], g[0]) if single else (b, g)
 
     @cached_property
@@ -200,10 +192,7 @@ class SolvedState(_Reported, FieldAtCurrents):
             For an unknown name.
         """
         names = () if self._bodies is None else self._bodies.body_names
-        if body not in names:
-            must_hold = f"the name must be one of {', '.join(names)}"
-            raise InputError.of("flux_density, body", must_hold, repr(body), "use one of these")
-        return self._mean_over(body)
+        return self._mean_over(check_choice("flux_density, body", body, names))
 
     def section_flux(self, section: str | Section) -> SectionFlux:
         """Flux, area and mean normal flux density of a section.
@@ -369,9 +358,10 @@ class SolvedState(_Reported, FieldAtCurrents):
         1.01 mT/A
         """
         if self.origin is None:
-            must_hold = "the equations of the state are needed"
             received = "a state with hysteresis, or a solution without its device"
-            raise InputError.of("derivative", must_hold, received, "solve the device again")
+            raise InputError.of(
+                "derivative", "the equations of the state are needed", received, "solve the device again"
+            )
         return self.origin.derivative(self, quantity, parameters)
 
     def polarisation(self, points: ArrayLike) -> Array:
@@ -495,7 +485,7 @@ class LinearSolution(_Reported, FieldOfStates):
     sections: tuple[Section, ...] = ()
     bounds: Bounds | None = None
     background: Background | None = None
-    origin: StateOrigin | None = None
+    origin: Origin | None = None
 
     @property
     def has_constant(self) -> bool:
@@ -515,13 +505,10 @@ class LinearSolution(_Reported, FieldOfStates):
     @property
     def sources(self) -> tuple[str, ...]:
         """What each column of `source_fields` is the field of."""
+        fixed = ["the permanent magnets"] * self.has_remanence
+        fixed += ["the background"] * (self.background is not None)
         coils = tuple(f"1 A in coil '{name}'" for name in self.coil_names)
-        fixed = [
-            ("the permanent magnets", self.has_remanence),
-            ("the background", self.background is not None),
-        ]
-        constant = " and ".join(name for name, there in fixed if there)
-        return (*coils, constant) if constant else coils
+        return (*coils, " and ".join(fixed)) if fixed else coils
 
     @property
     def iron_points(self) -> Array:
@@ -800,13 +787,11 @@ class LinearSolution(_Reported, FieldOfStates):
 
     def _iron_linkages(self) -> Array:
         """Flux linkages (c, columns) that the iron adds."""
-        if self.iron_linkage is None and self.state is not None:
-            received = "a solution read back without them"
-            raise InputError.of(
-                "inductance", "the iron's flux linkages are needed", received, "solve the device again"
-            )
-        columns = len(self.coils) + self.has_constant
-        return np.zeros((len(self.coils), columns)) if self.iron_linkage is None else self.iron_linkage
+        known = self.iron_linkage is not None or self.state is None
+        must_hold, received = "the iron's flux linkages are needed", "a solution read back without them"
+        check(known, "inductance", must_hold, received, "solve the device again")
+        nothing = np.zeros((len(self.coils), len(self.coils) + self.has_constant))
+        return nothing if self.iron_linkage is None else self.iron_linkage
 
 
 @dataclass(frozen=True, eq=False, repr=False)

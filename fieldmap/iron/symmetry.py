@@ -379,9 +379,9 @@ def _coil_item(coil: Coil) -> _Item:
     radius = 0.5 * (path.arcs[:, 5] + path.arcs[:, 6])
     centre = path.arcs[:, :2]
     middle = centre + radius[:, None] * path.arcs[:, 2:4]
-    half = path.bars[:, 4:] * path.bars[:, 2:4]
+    along = path.bars[:, 4:] * path.bars[:, 2:4]
     arcs = np.column_stack([_level(centre), _level(middle), radius * path.arcs[:, 4], np.zeros(len(radius))])
-    bars = _segments(_level(path.bars[:, :2] - half), _level(path.bars[:, :2] + half))
+    bars = _segments(_level(path.bars[:, :2] - along), _level(path.bars[:, :2] + along))
     kind = ("path", abs(coil.turns), path.thickness, path.height)
     return _item(kind, [(rows, coil.placement, (), number) for number, rows in enumerate((arcs, bars))])
 
@@ -447,7 +447,7 @@ def _turned(profile: Array) -> Array:
     """Each edge of the profile as two points on the axis, with the radii as its lengths."""
     radius, height = profile.T
     points = np.column_stack([np.zeros((len(profile), 2)), height])
-    return _segments(points, np.roll(points, -1, axis=0), radius, np.roll(radius, -1))
+    return _segments(points, np.roll(points, -1, axis=0), np.column_stack([radius, np.roll(radius, -1)]))
 
 
 def _level(points: Array) -> Array:
@@ -455,12 +455,10 @@ def _level(points: Array) -> Array:
     return np.column_stack([points, np.zeros(len(points))])
 
 
-def _segments(start: Array, end: Array, near: float | Array = 0.0, far: float | Array = 0.0) -> Array:
-    """Rows (2 n, 8) of segments both ways, with a length at either end."""
-    near, far = np.broadcast_to(near, len(start)), np.broadcast_to(far, len(start))
-    return np.concatenate(
-        [np.column_stack([start, end, near, far]), np.column_stack([end, start, far, near])]
-    )
+def _segments(start: Array, end: Array, lengths: Array | None = None) -> Array:
+    """Rows (2 n, 8) of segments both ways, with a length (n, 2) at either end."""
+    ends = np.zeros((len(start), 2)) if lengths is None else lengths
+    return np.block([[start, end, ends], [end, start, ends[:, ::-1]]])
 
 
 # Positions and lengths are compared to this fraction of the iron's size: device files give seven digits or so.
