@@ -28,7 +28,7 @@ from fieldmap.errors import InputError
 from fieldmap.field import STEP, as_field
 from fieldmap.inputs.document import Document
 from fieldmap.iron import LinearSolution
-from fieldmap.iron.sensitivity.changes import Change, Parameters, same
+from fieldmap.iron.sensitivity.changes import Change, Parameters
 from fieldmap.iron.sensitivity.quantities import (
     DipoleForce,
     FieldFunction,
@@ -241,11 +241,7 @@ class _Slopes:
         """Variables that change what is neither coil, nor iron, nor background: the derivatives do not see it."""
         for key in keys:
             change = self.parameters.change(key)
-            if change.above is None:
-                continue
-            above, below = change.sides
-            names = ("payload", "workspace", "driver")
-            other = [name for name in names if not same(getattr(above, name), getattr(below, name))]
+            other = [name for name in ("payload", "workspace", "driver") if change.has(name)]
             if other:
                 self.refused[key] = f"it changes the {' and the '.join(other)}"
 
@@ -292,14 +288,7 @@ class _Slopes:
 
     def resistances(self) -> Array:
         """Derivatives (c, k) of the resistances of the windings."""
-        columns = []
-        for key in self.keys:
-            change = self.parameters.change(key)
-            if change.above is None:
-                columns.append(np.zeros(len(self.point.currents)))
-                continue
-            above, below = (winding_resistances(side) for side in change.sides)
-            columns.append((above - below) / change.width)
+        columns = [self.parameters.change(key).slope(winding_resistances) for key in self.keys]
         return np.array(columns).reshape(len(self.keys), -1).T
 
 

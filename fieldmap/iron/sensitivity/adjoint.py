@@ -29,6 +29,7 @@ from typing import Any
 
 import numpy as np
 
+from fieldmap.arguments import check
 from fieldmap.constants import MU0
 from fieldmap.device.model import Device
 from fieldmap.errors import InputError
@@ -85,9 +86,8 @@ def derivatives(
     parameters = parameters or Parameters(device)
     changes = [parameters.change(key) for key in keys]
     for change in changes:
-        if change.has_joints:
-            must_hold, remedy = "must not be a number of a joint", "take differences of two solutions"
-            raise InputError.of(f"derivative, {change.key}", must_hold, "a number of a joint", remedy)
+        must_hold, remedy = "must not be a number of a joint", "take differences of two solutions"
+        check(not change.has("joints"), f"derivative, {change.key}", must_hold, "a number of a joint", remedy)
     points = np.ascontiguousarray(quantity.points)
     samples = _samples(state, quantity, points)
     value = np.asarray(quantity.of(samples), dtype=float)
@@ -95,7 +95,7 @@ def derivatives(
     rows = np.zeros((len(weights.field), len(changes)))
     direct = _Direct(device, state, points)
     for k, change in enumerate(changes):
-        rows[:, k] = direct.derivative(change, weights, "linkage" in quantity.uses)
+        rows[:, k] = direct.derivative(change, weights)
     solves = 0
     if problem is not None:
         inside = _Inside(device, state, problem)
@@ -132,38 +132,35 @@ class _Direct:
 
     def __init__(self, device: Device, state: SolvedState, points: Array) -> None:
         self._device, self._currents, self._points = device, state.currents, points
-        self._unit: dict[int, Array] = {}
 
-    def derivative(self, change: Change, weights: Weights, linkage: bool) -> Array:
+    def derivative(self, change: Change, weights: Weights) -> Array:
         """Of all numbers (k,) by one parameter."""
         total = np.zeros(len(weights.field))
         if len(self._points):
-            total += np.einsum(
-                "knda,nda->k", _side_by_side(weights.field, weights.gradient), self._fields(change)
-            )
-        if linkage:
+            total += np.tensordot(_side_by_side(weights.field, weights.gradient), self._fields(change), 3)
+        if weights.linkage.any():
             total += weights.linkage @ self._linkage(change)
         return total
+
+    @cached_property
+    def _unit(self) -> Array:
+        """Fields and gradients (c, n, 3, 4) of one ampere in each coil."""
+        points = self._points
+        return np.array(
+            [_side_by_side(*unit_flux_density_and_gradient(coil, points)) for coil in self._device.coils]
+        )
 
     def _fields(self, change: Change) -> Array:
         """Changes (n, 3, 4) of field and gradient of coils and background."""
         points, total = self._points, np.zeros((len(self._points), 3, 4))
-        for k in np.flatnonzero(change.currents).tolist():
-            if k not in self._unit:
-                self._unit[k] = _side_by_side(*unit_flux_density_and_gradient(self._device.coils[k], points))
-            total += change.currents[k] * self._unit[k]
+        if change.currents.any():
+            total += np.tensordot(change.currents, self._unit, 1)
         for k in change.coils:
             total += self._currents[k] * change.slope(
                 lambda side, k=k: _side_by_side(*unit_flux_density_and_gradient(side.coils[k], points))
             )
-        if change.has_background:
-            total += change.slope(
-                lambda side: (
-                    _side_by_side(*side.background.field_and_gradient(points))
-                    if side.background is not None
-                    else np.zeros_like(total)
-                )
-            )
+        if change.has("background"):
+            total += change.slope(lambda side: _side_by_side(*side.background.field_and_gradient(points)))
         return total
 
     def _linkage(self, change: Change) -> Array:
@@ -173,7 +170,7 @@ class _Direct:
             total += self._inductance @ change.currents
         if change.coils:
             total += self._changed_inductance(change) @ self._currents
-        if change.coils or change.has_background:
+        if change.coils or change.has("background"):
             total += change.slope(lambda side: background_linkage(side.coils, side.background))
         return total
 
@@ -186,9 +183,8 @@ class _Direct:
         out = np.zeros((len(self._currents),) * 2)
         moved = []
         for k in change.coils:
-            turns = change.turns(k)
-            if turns is not None:
-                share = turns / self._device.coils[k].turns
+            share = change.turns(k)
+            if share is not None:
                 out[k] += share * self._inductance[k]
                 out[:, k] += share * self._inductance[:, k]
                 continue
@@ -307,9 +303,8 @@ class _Inside:
         coils: dict[int, Array] = {}
         drifts: dict[int, Array] = {}
         for k in change.coils:
-            turns = change.turns(k)
-            if turns is not None:
-                share = turns / self._device.coils[k].turns
+            share = change.turns(k)
+            if share is not None:
                 currents[k] += share * self._currents[k]
                 coils[k] = share * self._unit[k]
                 continue
@@ -320,9 +315,9 @@ class _Inside:
                 continue
             coils[k] = self._reshaped(change, k)
             applied = _added(applied, self._currents[k] * coils[k])
-        if change.has_background:
+        if change.has("background"):
             applied = _added(applied, change.slope(self._background))
-        polarisation = change.slope(self._with_laws_of) if change.has_materials else None
+        polarisation = change.slope(self._with_laws_of) if change.has("materials") else None
         velocity = self._moved.velocities(change) if change.has_shapes else None
         return _Follow(currents, applied, polarisation, coils, velocity, drifts)
 
@@ -335,10 +330,9 @@ class _Inside:
         return self._elements.coil_field_at_points(self._elements.coil_field(field))[0]
 
     def _background(self, device: Device) -> Array:
-        background = device.background
-        if background is None:
-            return np.zeros_like(self._strength)
-        of = self._elements.coil_field(lambda x: background.field(x)[None])
+        assert device.background is not None
+        of_background = device.background.field
+        of = self._elements.coil_field(lambda x: of_background(x)[None])
         return self._elements.coil_field_at_points(of)[0]
 
     def _with_laws_of(self, device: Device) -> Array:

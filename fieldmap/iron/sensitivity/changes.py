@@ -15,7 +15,6 @@ from typing import Any
 import numpy as np
 
 from fieldmap.device.changes import key_finding, with_changes
-from fieldmap.device.coils import Coil
 from fieldmap.device.model import Device
 from fieldmap.device.reader import TEXT, device_of
 from fieldmap.device.schema import DEVICE
@@ -45,68 +44,41 @@ class RigidMotion(Record):
 @dataclass(frozen=True, eq=False, repr=False)
 class Change(Record):
     """What follows a key: currents (c,) of the coils per unit of it, and the devices above and below its value, `width`
-    apart, None where it is a current."""
+    apart, one and the same where the key is a current."""
 
     key: str
     currents: Array
-    above: Device | None = None
-    below: Device | None = None
+    above: Device
+    below: Device
     width: float = 1.0
 
-    @property
-    def sides(self) -> tuple[Device, Device]:
-        """The devices above and below."""
-        if self.above is None or self.below is None:
-            raise TypeError(f"{self.key} is a current")
-        return self.above, self.below
-
-    def slope(self, of: Callable[[Device], Any]) -> Any:
+    def slope(self, of: Callable[[Any], Any]) -> Any:
         """How what a device makes follows the key: by the difference of both sides."""
-        above, below = self.sides
-        return (of(above) - of(below)) / self.width
+        return (of(self.above) - of(self.below)) / self.width
+
+    def has(self, *names: str) -> bool:
+        """Whether one of these parts of the device follows it."""
+        return not all(same(getattr(self.above, name), getattr(self.below, name)) for name in names)
 
     @cached_property
     def coils(self) -> tuple[int, ...]:
         """Numbers of the coils that follow it."""
-        if self.above is None:
-            return ()
-        above, below = self.sides
-        pairs = zip(above.coils, below.coils, strict=True)
+        pairs = zip(self.above.coils, self.below.coils, strict=True)
         return tuple(k for k, (one, other) in enumerate(pairs) if not same(one, other))
-
-    @property
-    def has_materials(self) -> bool:
-        """Whether the laws of bodies follow it."""
-        return self._differs("materials")
-
-    @property
-    def has_background(self) -> bool:
-        """Whether the background follows it."""
-        return self._differs("background")
 
     @property
     def has_shapes(self) -> bool:
         """Whether places or shapes of bodies follow it. The sizes of their elements are no part of the machine."""
-        if self.above is None:
-            return False
-        above, below = ([body.parts for body in side.bodies] for side in self.sides)
+        above, below = ([body.parts for body in side.bodies] for side in (self.above, self.below))
         return not same(above, below)
-
-    @property
-    def has_joints(self) -> bool:
-        """Whether joints follow it."""
-        return self._differs("joints")
-
-    def _differs(self, name: str) -> bool:
-        return self.above is not None and not same(getattr(self.above, name), getattr(self.below, name))
 
     def motion(self, k: int) -> RigidMotion | None:
         """How coil k moves as a whole; None where it changes otherwise."""
-        one, other = self.coil_pair(k)
+        one, other = self.above.coils[k], self.below.coils[k]
         if not same(replace(one, placement=other.placement), other):  # zuban: ignore[misc]
             return None
         position, rotation = (
-            (getattr(one.placement, name) - getattr(other.placement, name)) / self.width
+            self.slope(lambda side, name=name: getattr(side.coils[k].placement, name))
             for name in ("position", "rotation")
         )
         middle = 0.5 * (one.placement.rotation + other.placement.rotation)
@@ -114,16 +86,11 @@ class Change(Record):
         return RigidMotion(position, 0.5 * (spin - spin.T))
 
     def turns(self, k: int) -> float | None:
-        """How the turns of coil k follow, where nothing else of it does."""
-        one, other = self.coil_pair(k)
+        """How the turns of coil k follow, as a share of them, where nothing else of it does."""
+        one, other = self.above.coils[k], self.below.coils[k]
         if not same(replace(one, turns=other.turns), other):  # zuban: ignore[misc]
             return None
-        return (one.turns - other.turns) / self.width
-
-    def coil_pair(self, k: int) -> tuple[Coil, Coil]:
-        """Coil k above and below."""
-        above, below = self.sides
-        return above.coils[k], below.coils[k]
+        return self.slope(lambda side: side.coils[k].turns) / (0.5 * (one.turns + other.turns))
 
 
 class Parameters:
@@ -160,7 +127,9 @@ class Parameters:
             if name not in names and name != "*":
                 must_hold = f"must be the name of a coil, {', '.join(names)}, or *"
                 raise InputError.of(f"derivative, {key}", must_hold, repr(name), "use one of these")
-            return Change(key, np.array([float(name in (one, "*")) for one in names]))
+            return Change(
+                key, np.array([float(name in (one, "*")) for one in names]), self.device, self.device
+            )
         value = self.value(key)
         units = [step.rpartition("_")[2] for step in key.split(".")]
         least = next((least for unit, least in _LEAST.items() if unit in units), _LEAST_OF_ANY)
@@ -169,16 +138,15 @@ class Parameters:
             above, below = (self._with(key, value + side * width) for side in (1, -1))
         except DeviceFileError as error:
             raise InputError(*error.problems) from error
-        if key.startswith(_PARAMETER) and all(
-            same(getattr(above, one), getattr(below, one)) for one in _WHOLE
-        ):
+        change = Change(key, np.zeros(len(names)), above, below, 2 * width)
+        if key.startswith(_PARAMETER) and not change.has(*_WHOLE):
             # The text of a device that includes files, or had keys changed, has numbers in the place of expressions.
             must_hold = (
                 "must be a parameter that something follows; of a file that includes others nothing does"
             )
             remedy = "name the keys that follow it"
             raise InputError.of(f"derivative, {key}", must_hold, "nothing follows it", remedy)
-        return Change(key, np.zeros(len(names)), above, below, 2 * width)
+        return change
 
     def _with(self, key: str, value: float) -> Device:
         """The device with a key changed; what else follows the key is for derived classes to say."""
@@ -187,8 +155,8 @@ class Parameters:
 
 def same(one: Any, other: Any) -> bool:
     """Whether two parts of devices are equal, number by number."""
-    if type(one) is not type(other):
-        return False
+    if one is other or type(one) is not type(other):
+        return one is other
     if isinstance(one, np.ndarray):
         return bool(np.array_equal(one, other))
     if is_dataclass(one):

@@ -51,33 +51,28 @@ def lies_on(part: Part, corners: Array, normals: Array) -> NDArray[np.bool_]:
     local, normal = (corners - shift) @ turn, np.abs(normals @ turn)
     match part.shape.primitive:
         case Box(size):
-            low, high = (
-                np.array([-size[0] / 2, -size[1] / 2, 0.0]),
-                np.array([size[0] / 2, size[1] / 2, size[2]]),
-            )
-            slack = _ON_PLANE * max(size)
+            high, slack = np.array(size) / [2, 2, 1], _ON_PLANE * max(size)
+            low = high - size
             inside = ((local > low - slack) & (local < high + slack)).all(axis=2)
-            planes = [_in_plane(local, normal, k, at, slack) for k in range(3) for at in (low[k], high[k])]
+            planes = [_in_plane(local, normal, k, at[k], slack) for k in range(3) for at in (low, high)]
             return np.asarray(inside & np.any(planes, axis=0)[:, None])
         case Cylinder(radius, height):
-            return _on_turned(local, normal, (radius,), 0.0, radius, height)
+            return _on_turned(local, normal, 0.0, radius, height)
         case Ring(inner, outer, height):
-            return _on_turned(local, normal, (inner, outer), inner, outer, height)
+            return _on_turned(local, normal, inner, outer, height)
         case Sphere(radius):
             near = _is_near(np.linalg.norm(local, axis=2), radius)
             return np.repeat(near[:, None], 3, axis=1)
     return np.zeros(corners.shape[:2], bool)
 
 
-def _on_turned(
-    local: Array, normal: Array, radii: tuple[float, ...], inner: float, outer: float, height: float
-) -> NDArray[np.bool_]:
-    """On a solid of revolution with these radii between z = 0 and its height."""
+def _on_turned(local: Array, normal: Array, inner: float, outer: float, height: float) -> NDArray[np.bool_]:
+    """On a solid of revolution between two radii and between z = 0 and its height."""
     distance, slack = np.hypot(local[..., 0], local[..., 1]), _ON_PLANE * max(outer, height)
     within = (local[..., 2] > -slack) & (local[..., 2] < height + slack)
     ends = _in_plane(local, normal, 2, 0.0, slack) | _in_plane(local, normal, 2, height, slack)
     reached = (distance >= inner * (1 - _ON_CURVE)) & (distance < outer * (1 + _ON_CURVE))
-    curved = np.any([_is_near(distance, radius) for radius in radii], axis=0) & (normal[:, 2] < _ACROSS)
+    curved = (_is_near(distance, inner) | _is_near(distance, outer)) & (normal[:, 2] < _ACROSS)
     return np.asarray(within & (ends[:, None] & reached | curved[:, None]))
 
 
@@ -303,23 +298,26 @@ class MovedBodies:
         """
         if self._mesh.sheets:
             raise _refused(change, "must not move bodies of a device with joints", "joints")
-        above, below = change.sides
-        return self._points(above, change), self._points(below, change)
+        return self._points(change.above, change), self._points(change.below, change)
 
     def _points(self, other: Device, change: Change) -> Array:
         mesh, pairs = self._mesh, zip(self._device.bodies, other.bodies, strict=True)
         slack = _AGREE * float(np.ptp(mesh.points, axis=0).max())
         moved = [self._of_body(number, *pair, change, slack) for number, pair in enumerate(pairs)]
-        out, apart = self._joined(moved)
-        if apart > slack:
-            found = self._contacts.reconciled(moved, slack)
-            if isinstance(found, list):
-                out, apart = self._joined(found)
-            if isinstance(found, tuple) or apart > slack:
-                named = [f"'{mesh.body_names[k]}'" for k in found] if isinstance(found, tuple) else ["bodies"]
-                must_hold = "must leave bodies that touch in contact, with the edges of one of them around it"
-                raise _refused(change, must_hold, f"{' and '.join(named)} part, or their edges cross")
-        return mesh.points + out
+        found = self._contacts.reconciled(moved, slack)
+        named = [f"'{mesh.body_names[k]}'" for k in found] if isinstance(found, tuple) else []
+        if isinstance(found, list):
+            # Movements of all nodes from those of the bodies'.
+            out, known = np.zeros_like(mesh.points), np.zeros(len(mesh.points), bool)
+            for nodes, there in zip(mesh.nodes_of_bodies, found, strict=True):
+                again = known[nodes]
+                if np.abs(out[nodes][again] - there[again]).max(initial=0.0) > slack:
+                    named = ["bodies"]
+                out[nodes], known[nodes] = there, True
+            if not named:
+                return mesh.points + out
+        must_hold = "must leave bodies that touch in contact, with the edges of one of them around it"
+        raise _refused(change, must_hold, f"{' and '.join(named)} part, or their edges cross")
 
     def _of_body(self, number: int, body: Body, target: Body, change: Change, slack: float) -> Array:
         """Movements (n, 3) of the nodes of a body, whatever it touches."""
@@ -354,15 +352,6 @@ class MovedBodies:
                 return None
             surface[on], known[on] = moved[on], True
         return self._contacts.carried(number, surface, slack) if known.all() else None
-
-    def _joined(self, moved: Sequence[Array]) -> tuple[Array, float]:
-        """Movements (n, 3) of all nodes from those of the bodies', and by how much these differ where bodies touch."""
-        out, known, apart = np.zeros_like(self._mesh.points), np.zeros(len(self._mesh.points), bool), 0.0
-        for nodes, there in zip(self._mesh.nodes_of_bodies, moved, strict=True):
-            again = known[nodes]
-            apart = max(apart, float(np.abs(out[nodes][again] - there[again]).max(initial=0.0)))
-            out[nodes], known[nodes] = there, True
-        return out, apart
 
 
 def _map(one: Part, other: Part) -> Callable[[Array], Array] | None:
@@ -400,5 +389,6 @@ def _stretch(one: Part, other: Part) -> Callable[[Array], Array] | None:
 
 
 def _refused(change: Change, must_hold: str, received: str) -> InputError:
-    remedy = "take differences of two solutions"
-    return InputError.of(f"derivative, {change.key}", must_hold, received, remedy)
+    return InputError.of(
+        f"derivative, {change.key}", must_hold, received, "take differences of two solutions"
+    )

@@ -18,7 +18,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fieldmap.errors import InputError
+from fieldmap.arguments import check_choice
 from fieldmap.field import FieldAtCurrents
 from fieldmap.iron.mesh.mesh import checked_points
 from fieldmap.records import Record
@@ -242,9 +242,7 @@ class FluxLinkage(Quantity, Record):
         """The linkages. Raises InputError for a coil that the device lacks."""
         if self.coil is None:
             return samples.linkage
-        if self.coil not in samples.coil_names:
-            must_hold = f"must be one of {', '.join(samples.coil_names)}"
-            raise InputError.of("FluxLinkage, coil", must_hold, repr(self.coil), "use one of these")
+        check_choice("FluxLinkage, coil", self.coil, samples.coil_names)
         return samples.linkage[samples.coil_names.index(self.coil)]
 
 
