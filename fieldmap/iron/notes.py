@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fieldmap.device.materials import Material
-from fieldmap.device.model import Body, Device
+from fieldmap.device.model import Device
 from fieldmap.device.tetrahedra import longest_edge, volumes
 from fieldmap.field import FieldAtCurrents
 from fieldmap.iron.geometry.checks import check_geometry
@@ -89,48 +89,35 @@ def device_contents(device: Device) -> DeviceContents:
     check_geometry(device)
     bodies = []
     for body in device.bodies:
-        about = (_volume(body), _mesh_size(body), len(body.parts), _common_axis(body))
-        bodies.append(BodyContents(body.name, body.material, *about))
+        if body.has_own_mesh:
+            mesh = own_mesh(body)
+            # In a sound device a mesh fills its tetrahedra.
+            volume, size = float(volumes(*mesh).sum()), longest_edge(*mesh)
+        else:
+            # Solids are built in mm.
+            volume, size = 1e-9 * float(body_solid(body).mass), body.mesh_size or 0.0
+        axes = [np.asarray(part.placement.rotation)[:, 2] for part in body.parts]
+        axis = axes[0] if all(np.allclose(other, axes[0], atol=1e-9) for other in axes) else None
+        bodies.append(BodyContents(body.name, body.material, volume, size, len(body.parts), axis))
     coils = []
     for coil in device.coils:
         place, kind = coil.placement, (coil.name, type(coil).__name__, coil.turns, coil.polarity)
         winding = (coil.height, coil.resistance, coil.inductance)
         coils.append(CoilContents(*kind, place.position, place.rotation[:, 2], *winding))
     payload = () if device.payload is None else device.payload.assumptions
-    return DeviceContents(device, tuple(bodies), tuple(coils), saturation_laws(device) + payload)
+    return DeviceContents(device, tuple(bodies), tuple(coils), _saturation_laws(device) + payload)
 
 
-def _volume(body: Body) -> float:
-    """In m^3; of a body that is a mesh that of its tetrahedra, which is what they fill in a sound device."""
-    # Solids are built in mm.
-    return float(volumes(*own_mesh(body)).sum()) if body.has_own_mesh else 1e-9 * float(body_solid(body).mass)
-
-
-def _mesh_size(body: Body) -> float:
-    """As the device states it; of a body that is a mesh its longest edge. In m."""
-    return longest_edge(*own_mesh(body)) if body.has_own_mesh else body.mesh_size or 0.0
-
-
-def _common_axis(body: Body) -> Array | None:
-    """The local z axis of the shapes, or None where they have several."""
-    axes = [np.asarray(part.placement.rotation)[:, 2] for part in body.parts]
-    return axes[0] if all(np.allclose(axis, axes[0], atol=1e-9) for axis in axes) else None
-
-
-def saturation_laws(device: Device) -> tuple[str, ...]:
+def _saturation_laws(device: Device) -> tuple[str, ...]:
     """The laws of the saturating iron in use, with their initial permeability and what holds outside their range."""
-    used = {body.material for body in device.bodies}
-    return tuple(
-        f"iron '{name}': {_law(material)}"
-        for name, material in device.materials.items()
-        if name in used and material.saturates
-    )
-
-
-def _law(material: Material) -> str:
-    words = material.description
-    # A formula states its initial permeability itself.
-    return words if "initial mu_r" in words else f"{words}; initial mu_r {material.initial_mu_r:.0f}"
+    laws = []
+    for name, material in device.materials.items():
+        if material.saturates and name in {body.material for body in device.bodies}:
+            words = material.description
+            # A formula states its initial permeability itself.
+            initial = "" if "initial mu_r" in words else f"; initial mu_r {material.initial_mu_r:.0f}"
+            laws.append(f"iron '{name}': {words}{initial}")
+    return tuple(laws)
 
 
 WORTH_SAYING = 0.01

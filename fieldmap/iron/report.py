@@ -20,7 +20,6 @@ from fieldmap.iron.elements.state import IronState
 from fieldmap.iron.error import ErrorEstimate, ToleranceReport
 from fieldmap.iron.operators.assembled import AssembledIron
 from fieldmap.records import Record, count_of
-from fieldmap.typing import Array, Index
 
 # A gap below this share of the width of a face is thin: forces across are off by two per cent and more.
 _THIN = 1 / 5
@@ -49,17 +48,11 @@ def thin_gap_warnings(iron: AssembledIron) -> tuple[str, ...]:
     facing = np.einsum("nd,nd->n", faces.normals[mine], faces.normals[other]) < _FACING
     reach = _BESIDE * np.maximum(faces.radii[mine], faces.radii[other])
     thin = facing & (gap > 0) & (gap < _THIN * width) & (beside < reach)
-    topology, mesh = iron.topology, iron.mesh
-    body = mesh.body[topology.owner[topology.surface, 0]]
-    return _gap_warnings(
-        mesh.body_names, np.sort(body[np.column_stack([mine, other])[thin]], axis=1), gap[thin], width[thin]
-    )
-
-
-def _gap_warnings(names: tuple[str, ...], pairs: Index, gap: Array, width: Array) -> tuple[str, ...]:
+    names, body = iron.mesh.body_names, iron.mesh.body[iron.topology.owner[iron.topology.surface, 0]]
+    pairs = np.sort(body[np.column_stack([mine, other])], axis=1)
     warnings = []
-    for a, b in np.unique(pairs, axis=0).tolist():
-        here = (pairs == (a, b)).all(axis=1)
+    for a, b in np.unique(pairs[thin], axis=0).tolist():
+        here = thin & (pairs == (a, b)).all(axis=1)
         least, size = 1e3 * float(gap[here].min()), 1e3 * float(np.median(width[here]))
         who = f"of '{names[a]}' and '{names[b]}'" if a != b else f"of '{names[a]}'"
         warnings.append(
@@ -175,6 +168,11 @@ def report_of(
 ) -> SolverReport:
     """The report of iron solved on one mesh in one form."""
     iron = form.iron
+    gaps = tuple(
+        f"gap of {1e3 * sheet.gap:.4g} mm between {sheet.name.replace(' | ', ' and ')}: meshed as a sheet"
+        for sheet in iron.mesh.sheets
+        if sheet.drawn
+    )
     return SolverReport(
         form=form.name,
         tetrahedra=len(iron.mesh.tets),
@@ -186,20 +184,10 @@ def report_of(
         residual=state.residuals[-1],
         matrix_bytes=iron.mutual.bytes,
         seconds=seconds,
-        assumptions=(*assumptions, *_gap_notes(iron)),
+        assumptions=(*assumptions, *gaps, *thin_gap_warnings(iron)),
         symmetry=iron.symmetry,
         storage=iron.mutual.storage,
     )
-
-
-def _gap_notes(iron: AssembledIron) -> tuple[str, ...]:
-    """Gaps of the drawing that are meshed as sheets, and warnings of other thin gaps."""
-    sheets = tuple(
-        f"gap of {1e3 * sheet.gap:.4g} mm between {sheet.name.replace(' | ', ' and ')}: meshed as a sheet"
-        for sheet in iron.mesh.sheets
-        if sheet.drawn
-    )
-    return (*sheets, *thin_gap_warnings(iron))
 
 
 Progress = Callable[[str, float], None]
@@ -216,22 +204,16 @@ class Stages:
 
     def next(self, name: str, fraction: float) -> None:
         """End the current step and begin another."""
-        self._end()
-        self._name = name
-        self._tell(name, fraction)
+        self._begin(name, name, fraction)
 
     def done(self, message: str = "solved") -> None:
         """End the last step."""
-        self._end()
-        self._name = ""
-        self._tell(message, 1.0)
+        self._begin("", message, 1.0)
 
-    def _end(self) -> None:
+    def _begin(self, name: str, message: str, fraction: float) -> None:
         now = time.perf_counter()
         if self._name:
             self.seconds[self._name] = now - self._start
-        self._start = now
-
-    def _tell(self, message: str, fraction: float) -> None:
+        self._start, self._name = now, name
         if self._progress is not None:
             self._progress(message, fraction)

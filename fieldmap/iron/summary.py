@@ -13,12 +13,13 @@ import numpy as np
 from fieldmap.arguments import check_names, check_positive
 from fieldmap.device import read_device
 from fieldmap.device.coils import Coil, WindingPath
-from fieldmap.device.model import Device, Reference, Section
+from fieldmap.device.model import Device, Section
 from fieldmap.device.tetrahedra import volumes
 from fieldmap.field import Currents, coil_currents
 from fieldmap.iron.notes import saturates, saturation_warnings
 from fieldmap.iron.report import SolverReport
 from fieldmap.iron.solution import LinearSolution, LinearState, SolvedState
+from fieldmap.iron.solvers.linear import solve_linear
 from fieldmap.iron.solvers.nonlinear import NonlinearSolver
 from fieldmap.plain import Plain, plain_items
 from fieldmap.records import Record
@@ -134,26 +135,19 @@ def summarise_solution(
         nonlinear=nonlinear,
         report=state.report,
         currents=currents,
-        points=_points(state, wanted),
+        points=tuple(map(PointField, wanted, state.field(wanted), state.gradient(wanted)))
+        if len(wanted)
+        else (),
         bodies=body_fluxes(state) if nonlinear else (),
         forces=tuple(_force(state, tuple(group)) for group in groups),
         sections=tuple(
-            _section_mean(state, one) for one in (device.sections if sections is None else sections)
+            SectionMean(one.name, found.flux_density, found.flux, found.area)
+            for one in (device.sections if sections is None else sections)
+            for found in [state.section_flux(one)]
         ),
         references=compare_references(device, field, amperes, mu_r),
         warnings=warnings,
     )
-
-
-def _points(state: SolvedState, points: Array) -> tuple[PointField, ...]:
-    if not len(points):
-        return ()
-    return tuple(map(PointField, points, state.field(points), state.gradient(points)))
-
-
-def _section_mean(state: SolvedState, section: Section) -> SectionMean:
-    found = state.section_flux(section)
-    return SectionMean(section.name, found.flux_density, found.flux, found.area)
 
 
 def body_fluxes(state: SolvedState) -> tuple[BodyFlux, ...]:
@@ -179,7 +173,14 @@ def compare_references(
     nonlinear = isinstance(field, NonlinearSolver)
     compared = []
     for known in device.references:
-        why_not, ours, off = _why_not(device, known, nonlinear, currents, mu_r), None, None
+        ours = off = None
+        why_not = ""
+        if known.mu_r is not None:
+            common = common_mu_r(device, nonlinear, mu_r)
+            if not abs(known.mu_r - common) <= 1e-9 * known.mu_r:
+                why_not = f"linear iron, --mu-r {known.mu_r:g}"
+        if not why_not and nonlinear and not np.array_equal(known.currents, currents):
+            why_not = "other currents than this state's"
         if not why_not:
             state, point = field.at(known.currents), known.at[None, :]
             ours = component(known.quantity, state.field(point)[0], state.gradient(point)[0])
@@ -198,18 +199,6 @@ def component(quantity: str, field: Array, gradient: Array) -> float:
     if "/" not in quantity:
         return float(field[_AXES[quantity[1]]])
     return float(gradient[_AXES[quantity[2]], _AXES[quantity[5]]])
-
-
-def _why_not(
-    device: Device, reference: Reference, nonlinear: bool, currents: Array, mu_r: float | None
-) -> str:
-    if reference.mu_r is not None:
-        common = common_mu_r(device, nonlinear, mu_r)
-        if not abs(reference.mu_r - common) <= 1e-9 * reference.mu_r:
-            return f"linear iron, --mu-r {reference.mu_r:g}"
-    if nonlinear and not np.array_equal(reference.currents, currents):
-        return "other currents than this state's"
-    return ""
 
 
 def common_mu_r(device: Device, nonlinear: bool, mu_r: float | None = None) -> float:
@@ -357,12 +346,7 @@ def design_figures(
         check_positive("design_figures", thermal_resistance=thermal_resistance)
     amperes = np.array(coil_currents(currents, device.coil_names))
     if field is None:
-        if saturates(device):
-            field = NonlinearSolver(device)
-        else:
-            from fieldmap.iron.solvers.linear import solve_linear
-
-            field = solve_linear(device)
+        field = NonlinearSolver(device) if saturates(device) else solve_linear(device)
     state = field.at(amperes)
     if isinstance(field, NonlinearSolver):
         inductance = field.differential_inductance(field.at(amperes))
@@ -372,6 +356,12 @@ def design_figures(
         _winding(coil, current, own, thermal_resistance, fill)
         for coil, current, own in zip(device.coils, amperes, np.diag(inductance), strict=True)
     )
+    assumptions = ["resistances at 20 C, steady currents"]
+    unstated = ", ".join(winding.coil for winding in windings if not winding.resistance_is_stated)
+    if unstated:
+        assumptions.append(f"resistance of {unstated}: copper in {100 * fill:g} % of the section")
+    if thermal_resistance is not None:
+        assumptions.append(f"temperature rise: {thermal_resistance:g} K/W of each winding, as given")
     return DesignFigures(
         device=device.name,
         currents=amperes,
@@ -381,7 +371,7 @@ def design_figures(
         iron_forces=tuple(_force(state, names) for names in state.pieces_of_iron),
         bodies=body_fluxes(state),
         power=float(sum(winding.power for winding in windings)),
-        assumptions=(*state.assumptions, *_assumptions(windings, thermal_resistance, fill)),
+        assumptions=(*state.assumptions, *assumptions),
     )
 
 
@@ -393,14 +383,13 @@ def _winding(
     coil: Coil, current: float, inductance: float, thermal_resistance: float | None, fill: float
 ) -> WindingFigures:
     path = coil.winding()
-    stated = coil.resistance is not None
     resistance = copper_resistance(coil, fill) if coil.resistance is None else coil.resistance
     power = resistance * float(current) ** 2
     return WindingFigures(
         coil=coil.name,
         current=float(current),
         resistance=resistance,
-        resistance_is_stated=stated,
+        resistance_is_stated=coil.resistance is not None,
         voltage=resistance * float(current),
         power=power,
         current_density=abs(coil.turns * float(current)) / (path.thickness * path.height),
@@ -408,15 +397,3 @@ def _winding(
         time_constant=float(inductance) / resistance,
         temperature_rise=None if thermal_resistance is None else thermal_resistance * power,
     )
-
-
-def _assumptions(
-    windings: tuple[WindingFigures, ...], thermal_resistance: float | None, fill: float
-) -> tuple[str, ...]:
-    found = ["resistances at 20 C, steady currents"]
-    unstated = [winding.coil for winding in windings if not winding.resistance_is_stated]
-    if unstated:
-        found.append(f"resistance of {', '.join(unstated)}: copper in {100 * fill:g} % of the section")
-    if thermal_resistance is not None:
-        found.append(f"temperature rise: {thermal_resistance:g} K/W of each winding, as given")
-    return tuple(found)
