@@ -5,11 +5,35 @@ from scipy.constants import mu_0
 from scipy.special import comb
 
 import fieldmap as fm
+from fieldmap.iron.elements.bh_law import Magnetisation, law_tables
+from fieldmap.iron.mesh.mesh import generate_mesh
+from fieldmap.iron.operators.assembled import assemble
 
 
 def at(x, y, z):
     """A place, m, not turned."""
     return fm.placed((x, y, z))
+
+
+def iron_of(*bodies):
+    """The iron of bodies on one mesh; what it is made of is for the solution to say."""
+    materials = {body.material: fm.LinearMaterial(body.material, 1.0) for body in bodies}
+    return assemble(generate_mesh(fm.Device("d", "", (), bodies, materials)))
+
+
+def in_uniform_field(form, laws, flux, tolerance=1e-8, remanence=(0.0, 0.0, 0.0)):
+    """State of the iron of a form in a uniform field (3,), T; laws: one for each body. All have the same remanence."""
+    body = form.iron.mesh.body
+    material = Magnetisation(body, law_tables(laws), np.tile(remanence, (1, len(body), 1)).astype(float))
+    field = form.elements.coil_field(lambda x: np.broadcast_to(np.asarray(flux, float), (1, *x.shape)))
+    solve = form.solve if any(law.saturates for law in laws) else form.solve_linear
+    return solve(material, field, tolerance).iron
+
+
+def dipole(points, moment):
+    """Field of mu0/(4 pi) times a moment (3,) at the origin: (3 (m.r) r / r^2 - m) / r^3."""
+    r = np.linalg.norm(points, axis=1)[:, None]
+    return (3 * points * (points @ moment)[:, None] / r**2 - moment) / r**3
 
 
 def core_and_coils(material=None, shift=0.0, magnet=False):

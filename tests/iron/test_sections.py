@@ -8,14 +8,13 @@ from scipy.integrate import quad
 import fieldmap as fm
 from fieldmap.errors import InputError
 from fieldmap.iron.elements.bh_law import law_tables
-from fieldmap.iron.elements.potential_form import Magnetisation, PotentialForm
+from fieldmap.iron.elements.potential_form import PotentialForm
 from fieldmap.iron.elements.state import IronState, LinearField
 from fieldmap.iron.mesh.charged_faces import ChargedFaces
 from fieldmap.iron.mesh.mesh import generate_mesh, volumes
-from fieldmap.iron.operators.assembled import assemble
 from fieldmap.iron.sections import section_flux
 from fieldmap.kernels.simplex_rules import tetrahedron_rule
-from tests.iron.shared import RING, at, toroid
+from tests.iron.shared import RING, at, in_uniform_field, iron_of, toroid
 
 ONE = np.ones(1)
 UNIFORM = np.array([0.3, -0.8, 1.1])
@@ -98,21 +97,16 @@ def test_nothing_cut_and_bad_planes(blocks):
     assert "(0, 0, 0) mm" in caught.value.problems[0].received
 
 
-def in_uniform_field(body, material, field):
+def solved_in(field, body, mu_r):
     """Mesh and state of one body in a uniform field (3,)."""
-    form = PotentialForm(assemble(generate_mesh(fm.Device("d", "", (), (body,), {"iron": material}))))
-    t = form.elements.coil_field(lambda p: np.broadcast_to(field, (1, *p.shape)))
-    count = len(form.elements.volume)
-    law = Magnetisation(np.zeros(count, np.int64), law_tables([material]), np.zeros((1, count, 3)))
-    return form.iron.mesh, form.solve(law, t, 1e-7).iron
+    form = PotentialForm(iron_of(body))
+    return form.iron.mesh, in_uniform_field(form, [fm.LinearMaterial("iron", mu_r)], field, 1e-7)
 
 
 def test_sphere():
     """Uniform inside: 3 mu_r / (mu_r + 2) times the field, through every plane."""
     field = np.array([0.0, 0.6, 0.8])
-    solved = in_uniform_field(
-        fm.Body("b", "iron", (fm.Part(fm.Sphere(0.05)),), 0.012), fm.LinearMaterial("iron", 50.0), field
-    )
+    solved = solved_in(field, fm.Body("b", "iron", fm.Sphere(0.05), 0.012), 50.0)
     for origin, normal in (([0, 0, 0], [0, 0.6, 0.8]), ([0, 0, 0.02], [0, 0, 1]), ([0.01, 0, 0], [1, 2, 2])):
         section = plane(origin, normal)
         exact = 150 / 52 * field @ section.normal / np.linalg.norm(section.normal)
@@ -123,20 +117,16 @@ def test_long_bar():
     """B = mu_r B0 / (1 + N (mu_r - 1)) in the middle; N of the two charged square ends, their solid angle over 2 pi,
     which holds for weakly magnetic bars."""
     half, distance = 0.005, 0.1
-    bar = fm.Body(
-        "b", "iron", (fm.Part(fm.Box((2 * half, 2 * half, 2 * distance)), at(0, 0, -distance)),), 0.006
-    )
-    solved = in_uniform_field(bar, fm.LinearMaterial("iron", 3.0), np.array([0, 0, 0.5]))
+    box = fm.Box((2 * half, 2 * half, 2 * distance))
+    solved = solved_in([0, 0, 0.5], fm.Body("b", "iron", box, 0.006).moved([0, 0, -distance]), 3.0)
     exact = 0.5 * 3 / (1 + 2 * 4 * np.arcsin(half**2 / (half**2 + distance**2)) / (2 * np.pi))
-    assert section_flux(*solved, plane([0, 0, 0], [0, 0, 1]), ONE).flux_density == pytest.approx(
-        exact, rel=1e-3
-    )
+    found = section_flux(*solved, plane([0, 0, 0], [0, 0, 1]), ONE)
+    assert found.flux_density == pytest.approx(exact, rel=1e-3)
 
 
 def test_the_field_inside_elements_has_their_mean():
     """The second-order field at the points of the solver's own rule averages to the mean that it reports."""
-    solid = fm.Body("b", "iron", (fm.Part(fm.Cylinder(0.01, 0.02)),), 0.006)
-    mesh, state = in_uniform_field(solid, fm.LinearMaterial("iron", 200.0), np.array([0.1, 0, 0.4]))
+    mesh, state = solved_in([0.1, 0, 0.4], fm.Body("b", "iron", fm.Cylinder(0.01, 0.02), 0.006), 200.0)
     points, weights = tetrahedron_rule(2)
     element = np.arange(len(mesh.tets))
     mean = sum(

@@ -5,14 +5,14 @@ from math import comb
 
 import numpy as np
 import pytest
+from numpy.polynomial.legendre import Legendre
 
 import fieldmap as fm
-from fieldmap.device.model import Background, Body, Device, LinearMaterial, Part, Placement, Sphere
-from fieldmap.iron.elements.bh_law import Magnetisation, law_tables
+from fieldmap.device.model import Background, Body, Device, LinearMaterial, Part, Sphere, placed
 from fieldmap.iron.elements.flux_form import FluxForm
 from fieldmap.iron.elements.potential_form import PotentialForm
-from fieldmap.iron.mesh.mesh import generate_mesh, volumes
-from fieldmap.iron.operators.assembled import assemble
+from fieldmap.iron.mesh.mesh import volumes
+from tests.iron.shared import dipole, in_uniform_field, iron_of
 
 RADIUS = 0.05
 UP = np.array([0.0, 0.0, 1.0])
@@ -27,34 +27,22 @@ def problem_of(iron, form):
     return FORMS[form](iron)
 
 
-def iron_of(*bodies):
-    materials = {body.material: LinearMaterial(body.material, 1.0) for body in bodies}
-    return assemble(generate_mesh(Device("d", "", (), bodies, materials)))
-
-
 def solved(iron, form, mu_by_body, direction=UP, tolerance=1e-8):
     """State of the iron in a uniform field of 1 T, by either form."""
-    mu = np.asarray(mu_by_body, float)
-    problem = problem_of(iron, form)
-    laws = law_tables([LinearMaterial("iron", value) for value in mu])
-    material = Magnetisation(iron.mesh.body, laws, np.zeros((1, len(iron.mesh.body), 3)))
-    return problem.solve_linear(material, problem.elements.coil_field(uniform(direction)), tolerance).iron
+    laws = [LinearMaterial("iron", float(value)) for value in mu_by_body]
+    return in_uniform_field(problem_of(iron, form), laws, direction, tolerance)
 
 
 def sphere(name, radius, height=0.0, size=0.012, cut=None):
-    at = Placement(np.array([0.0, 0.0, height]), np.eye(3))
+    at = placed((0.0, 0.0, height))
     parts = (Part(Sphere(radius), at),) + ((Part(Sphere(cut), at, "cut"),) if cut else ())
     return Body(name, name, parts, size)
 
 
-def uniform(direction):
-    return lambda points: np.broadcast_to(np.asarray(direction, float), (1, *points.shape))
-
-
-def dipole(points, moment):
-    """Flux density / mu0-free unit of a dipole at the origin: (3 (m.r) r / r^2 - m) / r^3."""
-    r = np.linalg.norm(points, axis=1)[:, None]
-    return (3 * points * (points @ moment)[:, None] / r**2 - moment) / r**3
+def off(state, exact, applied=UP, places=OUTSIDE):
+    """Largest error of the field of the iron, as a share of the whole field."""
+    error = np.linalg.norm(state.faces.field(places, state.density)[0] - exact, axis=1)
+    return (error / np.linalg.norm(exact + applied, axis=1)).max()
 
 
 @pytest.fixture(scope="module")
@@ -71,8 +59,7 @@ def test_sphere_outside_field(one_sphere, form, mu_r, direction):
     assert len(one_sphere.surface.areas) <= 2000
     state = solved(one_sphere, form, [mu_r], direction)
     exact = dipole(OUTSIDE, (mu_r - 1) / (mu_r + 2) * RADIUS**3 * direction)
-    error = np.linalg.norm(state.faces.field(OUTSIDE, state.density)[0] - exact, axis=1)
-    assert (error / np.linalg.norm(exact + direction, axis=1)).max() < 2e-3
+    assert off(state, exact, direction) < 2e-3
 
 
 @pytest.mark.parametrize(
@@ -94,8 +81,7 @@ def test_weak_sphere_outside_field(one_sphere, mu_r):
     """As accurate as iron: the small flux inside is no difference of large terms."""
     state = solved(one_sphere, "flux", [mu_r], tolerance=1e-7)
     exact = dipole(OUTSIDE, (mu_r - 1) / (mu_r + 2) * RADIUS**3 * UP)
-    error = np.linalg.norm(state.faces.field(OUTSIDE, state.density)[0] - exact, axis=1)
-    assert (error / np.linalg.norm(exact + UP, axis=1)).max() < 5e-4
+    assert off(state, exact) < 5e-4
 
 
 @pytest.mark.parametrize("form", FORMS)
@@ -120,9 +106,8 @@ def test_sphere_converges(form):
 def test_shielding_of_a_shell(form):
     """a/b = 0.8, mu_r = 1000: the field in the hollow within 1 % (Jackson 5.121)."""
     mu, ratio, size, bound = 1000.0, 0.8, 0.012, 0.01
-    state = solved(
-        iron_of(sphere("shell", RADIUS, size=size, cut=ratio * RADIUS)), form, [mu], tolerance=1e-9
-    )
+    iron = iron_of(sphere("shell", RADIUS, size=size, cut=ratio * RADIUS))
+    state = solved(iron, form, [mu], tolerance=1e-9)
     hollow = np.array([[0, 0, 0.0], [0.02, 0, 0], [0, 0.01, 0.02], [-0.01, 0.02, -0.01]])
     exact = 9 * mu / ((2 * mu + 1) * (mu + 2) - 2 * ratio**3 * (mu - 1) ** 2)
     field = state.faces.field(hollow, state.density)[0] + UP
@@ -140,8 +125,7 @@ def test_coated_sphere_of_two_materials(form):
         (mu_o + 2) * (mu_i + 2 * mu_o) + 2 * fill * (mu_i - mu_o) * (mu_o - 1)
     )
     exact = dipole(OUTSIDE, factor * outer**3 * UP)
-    error = np.linalg.norm(state.faces.field(OUTSIDE, state.density)[0] - exact, axis=1)
-    assert (error / np.linalg.norm(exact + UP, axis=1)).max() < 2e-3
+    assert off(state, exact) < 2e-3
 
 
 def two_sphere_field(points, radius, distance, mu, terms=40):
@@ -161,26 +145,23 @@ def two_sphere_field(points, radius, distance, mu, terms=40):
     right = np.zeros(2 * terms)
     right[[0, terms]] = -response[0]
     below, above = np.split(np.linalg.solve(matrix, right), 2)
-    step = 1e-5
-    value = np.zeros_like(points)
-    for axis in range(3):
-        e = step * np.eye(3)[axis]
-        ahead, behind = (potential(points + sign * e, below, above, distance) for sign in (1, -1))
-        value[:, axis] = -(ahead - behind) / (2 * step)
-    return value
+
+    def potential(x):
+        total = np.zeros(len(x))
+        for coefficients, height in ((below, 0.0), (above, distance)):
+            r = np.linalg.norm(x - [0, 0, height], axis=1)
+            for k, a in enumerate(coefficients, 1):
+                total += a / r ** (k + 1.0) * Legendre.basis(k)((x[:, 2] - height) / r)
+        return total
+
+    steps = 1e-5 * np.eye(3)
+    return np.column_stack([potential(points - e) - potential(points + e) for e in steps]) / 2e-5
 
 
-def potential(points, below, above, distance):
-    total = np.zeros(len(points))
-    for coefficients, height in ((below, 0.0), (above, distance)):
-        x = points - [0, 0, height]
-        r = np.linalg.norm(x, axis=1)
-        series = sum(
-            a / r ** (k + 2.0) * np.polynomial.legendre.Legendre.basis(k + 1)(x[:, 2] / r)
-            for k, a in enumerate(coefficients)
-        )
-        total += series
-    return total
+def between(gap):
+    """Places in the middle between the spheres, and around the lower one."""
+    middle = RADIUS + gap / 2
+    return np.array([[0, 0, middle], [0.03, 0, middle], [0.06, 0.02, 0.0], [0, 0.03, -0.06]])
 
 
 @pytest.mark.parametrize("form", FORMS)
@@ -191,11 +172,9 @@ def test_two_spheres(form, gap):
     iron = iron_of(sphere("low", RADIUS, size=0.013), sphere("high", RADIUS, height=distance, size=0.013))
     assert iron.magnetic_bodies == 2
     state = solved(iron, form, [mu, mu])
-    middle = RADIUS + gap / 2
-    places = np.array([[0, 0, middle], [0.03, 0, middle], [0.06, 0.02, 0.0], [0, 0.03, -0.06]])
+    places = between(gap)
     exact = two_sphere_field(places, RADIUS, distance, mu)
-    error = np.linalg.norm(state.faces.field(places, state.density)[0] - exact, axis=1)
-    assert (error / np.linalg.norm(exact + UP, axis=1)).max() < 4e-3
+    assert off(state, exact, places=places) < 4e-3
     charge = state.density[0] * state.faces.areas
     for body in range(2):
         mine = iron.topology.group_of_surface == body
@@ -207,11 +186,9 @@ def test_two_spheres_by_their_surfaces():
     distance, mu = 2 * RADIUS + 0.02, 1000.0
     bodies = sphere("low", RADIUS, size=0.013), sphere("high", RADIUS, height=distance, size=0.013)
     materials = {body.name: LinearMaterial(body.name, mu) for body in bodies}
-    solution = fm.solve_linear(
-        Device("d", "", (), bodies, materials, background=Background(UP)), form="surface"
-    )
-    middle = RADIUS + 0.01
-    places = np.array([[0, 0, middle], [0.03, 0, middle], [0.06, 0.02, 0.0], [0, 0.03, -0.06]])
+    device = Device("d", "", (), bodies, materials, background=Background(UP))
+    solution = fm.solve_linear(device, form="surface")
+    places = between(0.02)
     exact = two_sphere_field(places, RADIUS, distance, mu) + UP
     error = np.linalg.norm(solution.field(places, []) - exact, axis=1)
     assert (error / np.linalg.norm(exact, axis=1)).max() < 2e-3
@@ -225,11 +202,6 @@ def test_two_spheres_by_their_surfaces():
 @pytest.mark.parametrize("form", FORMS)
 def test_magnetised_sphere(one_sphere, form, mu_r):
     """Remanence Br and recoil permeability: polarisation 3 Br / (mu_r + 2), a dipole outside."""
-    count = len(one_sphere.mesh.tets)
-    problem = problem_of(one_sphere, form)
-    laws = law_tables([LinearMaterial("magnet", mu_r)])
-    material = Magnetisation(np.zeros(count, np.int64), laws, np.tile(1.2 * UP, (1, count, 1)))
-    state = problem.solve_linear(material, problem.elements.coil_field(uniform(0 * UP)), 1e-8).iron
-    exact = dipole(OUTSIDE, 3 * 1.2 / (mu_r + 2) * RADIUS**3 / 3 * UP)
-    error = np.linalg.norm(state.faces.field(OUTSIDE, state.density)[0] - exact, axis=1)
-    assert (error / np.linalg.norm(exact, axis=1)).max() < 3e-3
+    laws = [LinearMaterial("magnet", mu_r)]
+    state = in_uniform_field(problem_of(one_sphere, form), laws, 0 * UP, remanence=1.2 * UP)
+    assert off(state, dipole(OUTSIDE, 1.2 / (mu_r + 2) * RADIUS**3 * UP), 0 * UP) < 3e-3
