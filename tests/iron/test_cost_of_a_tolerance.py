@@ -1,7 +1,9 @@
 """What a run to a tolerance says: what a mesh within it would cost, by powers that are known, which body has the error,
 by devices whose bodies are alike, and its numbers in words."""
 
+import re
 from dataclasses import replace
+from functools import partial
 from types import SimpleNamespace
 
 import numpy as np
@@ -175,13 +177,12 @@ def test_one_mesh_alone_exceeds_by_its_shares_or_its_gap(monkeypatch, shares, ex
 
 
 def test_numbers_in_words():
-    """Lengths in mm, fields in mT, gradients in T/m, shares in %."""
+    """Lengths in mm, fields in mT, gradients in T/m, shares in %; what does not apply is left out."""
+    numbers = partial(re.findall, r"-?\d[\d,.e-]*")
     share = ErrorShare("pole", 0.625, (0.0125, -0.002, 0.03), 2.5e-3, 1.2e-3)
-    pole = "body 'pole' has 62 % of the error, most at (12.5, -2, 30) mm in elements of 2.5 mm"
-    assert str(share) == f"{pole}, which would have to be 1.2 mm"
-    assert str(ErrorShare("pole", 0.625, share.at, 2.5e-3, 2.5e-3)) == pole
-    layered = ErrorShare("pole", 0.625, share.at, 2.5e-3, 1.2e-3, 7e-5)
-    assert str(layered) == f"{share} with layers of 0.07 mm at the edges"
+    assert numbers(str(share)) == ["62", "12.5,", "-2,", "30", "2.5", "1.2"]
+    assert numbers(str(replace(share, wanted=2.5e-3))) == ["62", "12.5,", "-2,", "30", "2.5"]
+    assert numbers(str(replace(share, layer=7e-5)))[-1] == "0.07"
     cost = ExpectedCost(12345, 67890, 2.34e9, 56.4)
     assert str(cost) == "12,345 surface faces, 67,890 tetrahedra, 2.3 GB, 56 s"
     worst = LargestError("B", "coil 'a'", (0.001, 0.002, -0.0035), 2.5e-5, 2e-3)
@@ -191,26 +192,16 @@ def test_numbers_in_words():
     asked = Tolerance(0.015, absolute_flux_density=2e-6, absolute_gradient=1e-3)
     assert str(asked) == "1.5 % or 2e-06 T of B, 0.001 T/m of its gradient"
     step = MeshStep(100, 300, 80000, 1.5)
-    report = ToleranceReport(
-        asked, "meshes", (step, step), worst, (share,), cost, ExpectedCost(40000, 1, 1e9, 7.0)
-    )
-    assert str(report) == (
-        f"as many meshes as were allowed ({asked}) after 2 meshes; largest error: {worst}; {share}; "
-        f"the next mesh would have {cost}; "
-        "the tolerance would take about 40,000 surface faces, 1 tetrahedra, 1 GB, 7 s"
-    )
-    reached = ToleranceReport(asked, "reached", (step,), worst, (share,), cost)
-    assert reached.reached
-    assert not report.reached
-    assert str(reached) == f"within the tolerance ({asked}) after 1 mesh; largest error: {worst}"
+    report = ToleranceReport(asked, "meshes", (step, step), worst, (share,), cost, replace(cost, faces=40000))
+    said = (str(asked), "2 meshes", str(worst), str(share), str(cost), str(report.whole))
+    assert [words in str(report) for words in said] == [True] * 6
+    reached = replace(report, ended="reached", steps=(step,))
+    assert (reached.reached, report.reached) == (True, False)
+    assert [words in str(reached) for words in said] == [True, False, True, False, False, False]
     bracket = Bracket("Bz", (0.0, 0.001, 0.02), "coil 'a'", -0.0125, -0.012)
-    middle = "Bz of coil 'a' at (0, 1, 20) mm between -12.5 and -12 mT (4 %)"
-    assert str(bracket) == middle
+    assert str(bracket) == "Bz of coil 'a' at (0, 1, 20) mm between -12.5 and -12 mT (4 %)"
     error = ErrorEstimate(0.013, 0.025, (0.011, 0.02), (0.006, 0.01), bracket, 0.0042)
-    assert str(error) == (
-        "estimated error in the workspace 1.3 % of B, 2.5 % of its gradient (B changes by 1.1 % between two meshes, "
-        f"constant charges leave out 0.42 %, 0.6 % between the two forms on one mesh); {middle}"
-    )
+    assert re.findall(r"([\d.]+) %", str(error)) == ["1.3", "2.5", "1.1", "0.42", "0.6", "4"]
 
 
 def test_what_a_single_number_asks_for():
@@ -218,9 +209,6 @@ def test_what_a_single_number_asks_for():
     absolute part may be the one that counts."""
     plain = Tolerance.of(0.01)
     assert (plain.flux_density, plain.gradient, plain.solving) == (0.01, pytest.approx(0.03), 0.01)
-    assert Tolerance.of(0.01, 0.002).solving == 0.002
-    assert Tolerance.of(0.01, np.inf).gradient is None
-    assert Tolerance.of(0.01, float("inf")).gradient is None
-    assert Tolerance(0.01, absolute_gradient=1e-3).solving == 1e-3
-    assert Tolerance(1e-4, absolute_gradient=1e-3).solving == 1e-4
+    assert (Tolerance.of(0.01, 0.002).solving, Tolerance.of(0.01, np.inf).gradient) == (0.002, None)
+    assert [Tolerance(of, absolute_gradient=1e-3).solving for of in (0.01, 1e-4)] == [1e-3, 1e-4]
     assert Tolerance.of(plain) is plain

@@ -9,6 +9,7 @@ import fieldmap as fm
 from fieldmap.errors import InputError
 from fieldmap.field import Field, FieldAtCurrents, dipole_wrench
 from fieldmap.iron import FluxDensityAt, HysteresisSolver, NonlinearSolver, Pinning
+from fieldmap.sources import bare_inductance
 from tests.iron.shared import core_and_coils
 
 AIR = np.array([[0.0, 0.002, -0.006], [0.012, 0.0, 0.02]])
@@ -174,7 +175,9 @@ def test_linkage_of_a_linear_state_with_a_magnet_is_the_derivative_of_its_coener
 
 def test_coils_alone_have_states_too():
     device = replace(core_and_coils(), bodies=(), materials={}, sections=())
-    state = fm.solve_linear(device).at([2.0, -1.0])
+    unit = fm.solve_linear(device)
+    state = unit.at([2.0, -1.0])
+    assert unit.inductance() == pytest.approx(bare_inductance(device.coils))
     assert state.element_flux_density.shape == (0, 3)
     assert np.isnan(state.largest_flux_density)
     assert state.force_on("around") == pytest.approx(-state.force_on("beside"), rel=1e-4)

@@ -12,7 +12,6 @@ from scipy.constants import mu_0
 import fieldmap as fm
 from fieldmap.errors import InputError
 from fieldmap.iron import NonlinearSolver, solve_linear
-from fieldmap.iron.notes import law_range
 from fieldmap.iron.summary import (
     body_fluxes,
     checked_groups,
@@ -50,9 +49,7 @@ def outside(distance):
 
 @pytest.fixture(scope="module")
 def device():
-    ball = fm.Body(
-        "ball", "iron", (fm.Part(fm.Sphere(BALL), fm.Placement(np.array([0.0, 0.0, HEIGHT]))),), 0.001
-    )
+    ball = fm.Body("ball", "iron", fm.Sphere(BALL), 0.001).moved([0.0, 0.0, HEIGHT])
     coil = fm.CircularCoil("loop", inner_radius=0.0995, outer_radius=0.1005, height=0.001, turns=TURNS)
     section = fm.Section("equator", np.array([0.0, 0.0, HEIGHT]), np.array([0.0, 0.0, 2.0]))
     references = (
@@ -60,15 +57,8 @@ def device():
         known("Bz", 2 * outside(0.008), current=2.0, mu_r=MU_R),
         known("Bz", 1.0, mu_r=7.0),
     )
-    return fm.Device(
-        "ball",
-        "A ball",
-        (coil,),
-        (ball,),
-        {"iron": fm.LinearMaterial("iron", MU_R)},
-        sections=(section,),
-        references=references,
-    )
+    laws = {"iron": fm.LinearMaterial("iron", MU_R)}
+    return fm.Device("ball", "A ball", (coil,), (ball,), laws, sections=(section,), references=references)
 
 
 @pytest.fixture(scope="module")
@@ -164,17 +154,6 @@ def test_one_permeability_of_all_iron(device):
     alone = replace(device, bodies=(other,), materials=materials)
     assert common_mu_r(alone, nonlinear=False) == pytest.approx(2500.0)
     assert np.isnan(common_mu_r(alone, nonlinear=True))
-
-
-def test_the_range_of_the_law_counts_elements(device, solution):
-    saturating = replace(
-        device, bodies=(replace(device.bodies[0], material="steel"),), materials={"steel": steel()}
-    )
-    report = replace(solution.report, tetrahedra=200, beyond_table=50, below_table=10)
-    assert "linear" in law_range(report, device)
-    told = law_range(report, saturating)
-    assert told.index("10 elements (5 %)") < told.index("50 elements (25 %)")
-    assert "%" not in law_range(replace(report, beyond_table=0, below_table=0), saturating)
 
 
 def test_names_that_are_not_there_are_told_at_once(device):
