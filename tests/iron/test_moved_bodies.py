@@ -196,31 +196,12 @@ def test_nodes_follow_their_shapes():
 
 
 def test_touching_bodies_move_together_or_not_at_all():
-    boxes = "".join(
-        f'''[[body]]
-name = "{name}"
-material = "iron"
-shape = "box"
-size_mm = [4.0, 4.0, 4.0]
-mesh_size_mm = 4.0
-position_mm = [{x}, 1.0, 0.0]
-'''
-        for name, x in (("one", 0.0), ("two", 4.0))
-    )
-    device = f"""format = 1
-name = "pair"
-title = "Two boxes that touch"
-[material.iron]
-kind = "linear"
-mu_r = 100.0
-{boxes}[[coil]]
-name = "coil"
-kind = "circular"
-inner_radius_mm = 12.0
-outer_radius_mm = 14.0
-height_mm = 4.0
-turns = 500
-"""
+    boxes = [
+        fm.Body(name, "iron", fm.Box((4e-3, 4e-3, 4e-3)), 4e-3).moved([x, 1e-3, 0.0])
+        for name, x in (("one", 0.0), ("two", 4e-3))
+    ]
+    coil = fm.CircularCoil("coil", 0.012, 0.014, 4e-3, 500)
+    device = fm.Device("pair", "", (coil,), boxes, {"iron": fm.LinearMaterial("iron", 100.0)})
     state = fm.solve_linear(device, refinement=0.5).at([1.0])
     quantity = FluxDensityAt([0.0, 0.0, -0.01])
     both = state.derivative(quantity, ["body.*.position_mm.2"])

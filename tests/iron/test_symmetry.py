@@ -69,6 +69,7 @@ def pyramid(*tip):
 
 
 X, Y, Z = np.eye(3)
+LEANING = hexahedron(X, Y + 0.3 * X, 2 * Z + 0.1 * X + 0.2 * Y)
 TETRAHEDRON = around(
     [(1, 1, 1), (1, -1, -1), (-1, 1, -1), (-1, -1, 1)], [0, 1, 2], [0, 3, 1], [0, 2, 3], [1, 3, 2]
 )
@@ -78,22 +79,34 @@ TETRAHEDRON = around(
 @pytest.mark.parametrize(
     ("shape", "order"),
     [
+        # Of surfaces the edges count; how plane faces are cut into triangles does not.
         (hexahedron(X, Y, Z), 48),  # Oh
         (hexahedron(X, Y, 2 * Z), 16),  # D4h
         (hexahedron(X, 2 * Y, 3 * Z), 8),  # D2h
         (hexahedron(X, Y + 0.3 * X, 2 * Z), 4),  # C2h
-        (hexahedron(X, Y + 0.3 * X, 2 * Z + 0.1 * X + 0.2 * Y), 2),  # Ci
+        (LEANING, 2),  # Ci
         (TETRAHEDRON, 24),  # Td
         (pyramid(0, 0, 1), 8),  # C4v
         (pyramid(0.5, 0, 1), 2),  # Cs
         (pyramid(0.5, 0.2, 1), 1),
         # So flat that its faces are bent by 0.6 degrees.
         (pyramid(0.5, 0, 0.01), 2),
+        (fm.Box((0.01, 0.02, 0.03)), 8),  # D2h
+        (fm.Box(np.array([0.02, 0.02, 0.03])), 16),  # D4h
+        (fm.Box((0.02, 0.02, 0.02)), 48),  # Oh
+        (fm.ExtrudedPolygon(HEXAGON, 0.01), 24),  # D6h
+        (fm.ExtrudedPolygon(L_SHAPE, 0.01), 2),  # Cs: the plane half way up
+        (fm.Cylinder(0.01, 0.02), 8),  # infinitely many; D2h is used
+        (fm.RevolvedProfile(np.array([[0, 0], [2, 0], [1, 1], [0, 1]]) * 0.01), 4),  # frustum: C2v is used
+        (fm.Sphere(0.01), 8),
+        (fm.Ring(0.01, 0.02, 0.01), 8),
     ],
 )
-def test_order_of_a_surface(shape, order, place):
-    """Edges count; how its plane faces are cut into triangles does not."""
-    assert find_symmetry(device(body((shape, place)))).order == order
+def test_order_of_a_single_shape(shape, order, place):
+    group = find_symmetry(device(body((shape, place))))
+    assert group.order == order
+    table = multiplication_table(group.matrices)
+    assert all(len(set(row)) == order for row in table)
 
 
 @pytest.mark.parametrize(
@@ -159,15 +172,10 @@ def test_items_without_a_symmetry_of_their_own(tmp_path):
     points, tets = 0.01 * np.vstack([np.zeros(3), np.eye(3)]), np.array([[0, 1, 2, 3]])
 
     def pair(one, other):
-        places = (
-            fm.Placement(np.array([0.05, 0, 0])),
-            fm.Placement(np.array([-0.05, 0, 0]), np.diag([-1.0, -1.0, 1.0])),
+        there = fm.Placement(np.array([-0.05, 0, 0]), np.diag([-1.0, -1.0, 1.0]))
+        return find_symmetry(
+            device(body((one, fm.placed((0.05, 0, 0))), name="a"), body((other, there), name="b"))
         )
-        bodies = [
-            body((shape, place), name=name)
-            for shape, place, name in zip((one, other), places, "ab", strict=True)
-        ]
-        return find_symmetry(device(*bodies))
 
     mesh, file = fm.VolumeMesh(points, tets), fm.MeshFile(tmp_path / "a.msh", 1e-3, "core")
     assert str(pair(mesh, mesh)) == "2-fold axis z"
@@ -187,59 +195,38 @@ def test_items_without_a_symmetry_of_their_own(tmp_path):
     assert alone.limits == ("no iron",)
 
 
-def test_names_of_operations():
-    def named(matrix, offset=(0.0, 0.0, 0.0)):
-        return str(Operation(matrix, np.array(offset), (), (), (), True))
+TILTED = np.array([0.6, 0.8, 0.0])
+TILTED_MIRROR = np.eye(3) - 2.0 * np.outer(TILTED, TILTED)
 
-    assert named(turn([0, 0, 1], 90.0)) == "rotation by 90 deg about axis z"
-    assert named(turn([0, 0, -1], 90.0)) == "rotation by 270 deg about axis z"
-    assert named(turn([0, 1, 0], -60.0)) == "rotation by 300 deg about axis y"
-    assert named(turn([1, 1, 1], 120.0)).startswith("rotation by 120 deg about axis (0.577")
-    assert named(-turn([1, 0, 0], 90.0)) == "rotation by 90 deg about axis x with inversion"
-    assert named(-np.eye(3)) == "inversion"
-    normal = np.array([0.6, 0.8, 0.0])
-    mirror = np.eye(3) - 2.0 * np.outer(normal, normal)
-    assert named(mirror) == "mirror 0.6 x +0.8 y = 0 mm"
-    # A point at 7 mm along the normal stays where it is.
-    assert named(mirror, 2 * 0.007 * normal) == "mirror 0.6 x +0.8 y = 7 mm"
-    assert named(np.diag([1.0, -1.0, 1.0]), (0.0, 0.01, 0.0)) == "mirror y = 5 mm"
+
+@pytest.mark.parametrize(
+    ("matrix", "offset", "name"),
+    [
+        (turn([0, 0, 1], 90.0), 0 * X, "rotation by 90 deg about axis z"),
+        (turn([0, 0, -1], 90.0), 0 * X, "rotation by 270 deg about axis z"),
+        (turn([0, 1, 0], -60.0), 0 * X, "rotation by 300 deg about axis y"),
+        (turn([1, 1, 1], 120.0), 0 * X, "rotation by 120 deg about axis (0.5774, 0.5774, 0.5774)"),
+        (-turn([1, 0, 0], 90.0), 0 * X, "rotation by 90 deg about axis x with inversion"),
+        (-np.eye(3), 0 * X, "inversion"),
+        (TILTED_MIRROR, 0 * X, "mirror 0.6 x +0.8 y = 0 mm"),
+        # A point at 7 mm along the normal stays where it is.
+        (TILTED_MIRROR, 2 * 0.007 * TILTED, "mirror 0.6 x +0.8 y = 7 mm"),
+        (np.diag([1.0, -1.0, 1.0]), 0.01 * Y, "mirror y = 5 mm"),
+    ],
+)
+def test_names_of_operations(matrix, offset, name):
+    assert str(Operation(matrix, offset, (), (), (), True)) == name
 
 
 def test_names_of_groups():
-    assert str(
-        find_symmetry(device(body((hexahedron(X, Y + 0.3 * X, 2 * Z + 0.1 * X + 0.2 * Y), fm.Placement()))))
-    ) == ("inversion")
-    assert (
-        str(find_symmetry(device(body((pyramid(0, 0, 1), fm.Placement())))))
-        == "4-fold axis z with 4 mirror planes"
-    )
-    assert str(find_symmetry(device(body((pyramid(0.5, 0, 1), fm.Placement()))))) == "mirror y = 0"
-    skew = find_symmetry(device(body((pyramid(0, 0, 1), SKEW))))
     axis = ", ".join(f"{value:.4g}" for value in SKEW.rotation[:, 2])
-    assert str(skew) == f"4-fold axis ({axis}) with 4 mirror planes"
-
-
-@pytest.mark.parametrize("place", [fm.Placement(), SKEW])
-@pytest.mark.parametrize(
-    ("shape", "order"),
-    [
-        (fm.Box((0.01, 0.02, 0.03)), 8),  # D2h
-        (fm.Box(np.array([0.02, 0.02, 0.03])), 16),  # D4h
-        (fm.Box((0.02, 0.02, 0.02)), 48),  # Oh
-        (fm.ExtrudedPolygon(HEXAGON, 0.01), 24),  # D6h
-        (fm.ExtrudedPolygon(L_SHAPE, 0.01), 2),  # Cs: the plane half way up
-        (fm.Cylinder(0.01, 0.02), 8),  # infinitely many; D2h is used
-        (fm.RevolvedProfile(np.array([[0, 0], [2, 0], [1, 1], [0, 1]]) * 0.01), 4),  # frustum: C2v is used
-        (fm.Sphere(0.01), 8),
-        (fm.Ring(0.01, 0.02, 0.01), 8),
-    ],
-)
-def test_order_of_a_single_shape(shape, order, place):
-    group = find_symmetry(device(body((shape, place))))
-    assert group.order == order
-    table = multiplication_table(group.matrices)
-    assert table is not None
-    assert all(len(set(row)) == order for row in table)
+    for shape, place, name in (
+        (LEANING, fm.Placement(), "inversion"),
+        (pyramid(0, 0, 1), fm.Placement(), "4-fold axis z with 4 mirror planes"),
+        (pyramid(0, 0, 1), SKEW, f"4-fold axis ({axis}) with 4 mirror planes"),
+        (pyramid(0.5, 0, 1), fm.Placement(), "mirror y = 0"),
+    ):
+        assert str(find_symmetry(device(body((shape, place))))) == name
 
 
 def test_what_is_nearly_a_group_is_made_one():
@@ -369,33 +356,28 @@ def test_shipped_devices():
     assert sum(operation.coils is not None for operation in cores.operations) == 4
 
 
-def test_remanence_is_an_axial_vector():
-    magnets = {
-        "up": fm.PermanentMagnet("up", np.array([0, 0, 1.0]), 1.05),
-        "down": fm.PermanentMagnet("down", np.array([0, 0, -1.0]), 1.05),
-    }
+def kept(bodies, **more):
+    """The operations of a device that keep what no current drives."""
+    made = replace(device(*bodies), **more)
+    return {str(operation) for operation in find_symmetry(made).operations if operation.keeps_magnets}
+
+
+def test_remanence_and_background_are_axial_vectors():
+    up, down = (fm.PermanentMagnet(name, z * Z, 1.05) for name, z in (("up", 1.0), ("down", -1.0)))
+    laws = {"up": up, "down": down}
     blocks = [
-        body((fm.Box((0.01, 0.02, 0.03)), fm.Placement(np.array([x, 0, 0]))), material=m, name=m)
+        body((fm.Box((0.01, 0.02, 0.03)), fm.placed((x, 0, 0))), material=m, name=m)
         for x, m in ((0.02, "up"), (-0.02, "down"))
     ]
-    group = find_symmetry(fm.Device.unchecked(name="d", coils=(), bodies=tuple(blocks), materials=magnets))
-    assert group.order == 8
+    assert find_symmetry(replace(device(*blocks), materials=laws)).order == 8
     # Kept: what exchanges the blocks and turns a moment along z over, and what does neither.
-    kept = {str(operation) for operation in group.operations if operation.keeps_magnets}
-    assert kept == {"identity", "mirror x = 0", "mirror z = 15 mm", "rotation by 180 deg about axis y"}
-    blocks[1] = replace(blocks[1], material="up")
-    alike = find_symmetry(fm.Device.unchecked(name="d", coils=(), bodies=tuple(blocks), materials=magnets))
-    kept = {str(operation) for operation in alike.operations if operation.keeps_magnets}
-    assert kept == {"identity", "mirror z = 15 mm", "rotation by 180 deg about axis z", "inversion"}
+    expected = {"identity", "mirror x = 0", "mirror z = 15 mm", "rotation by 180 deg about axis y"}
+    assert kept(blocks, materials=laws) == expected
+    alike = [blocks[0], replace(blocks[1], material="up")]
+    expected = {"identity", "mirror z = 15 mm", "rotation by 180 deg about axis z", "inversion"}
+    assert kept(alike, materials=laws) == expected
     # What has no remanence keeps it.
-    soft = find_symmetry(device(*ring_of(4, 0.03)))
-    assert all(operation.keeps_magnets for operation in soft.operations)
-
-
-def test_a_background_is_an_axial_vector():
-    along = fm.Background(np.array([0.0, 0.0, 0.1]))
-    block = body((fm.Box((0.01, 0.02, 0.03)), fm.Placement(np.array([0.0, 0.0, -0.015]))))
-    group = find_symmetry(replace(device(block), background=along))
-    assert group.order == 8
-    kept = {str(operation) for operation in group.operations if operation.keeps_magnets}
-    assert kept == {"identity", "mirror z = 0", "rotation by 180 deg about axis z", "inversion"}
+    assert len(kept(ring_of(4, 0.03))) == 16
+    block = body((fm.Box((0.01, 0.02, 0.03)), fm.placed((0.0, 0.0, -0.015))))
+    expected = {"identity", "mirror z = 0", "rotation by 180 deg about axis z", "inversion"}
+    assert kept([block], background=fm.Background(0.1 * Z)) == expected
