@@ -1,6 +1,5 @@
 """Linear iron beyond its law: found at the current at which the field in a sphere passes its saturation."""
 
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -11,16 +10,12 @@ import fieldmap as fm
 from fieldmap import read_device, solve_linear
 from fieldmap.iron.notes import MOST_OF_ANY_IRON, bodies_beyond_saturation, largest_polarisation
 from fieldmap.iron.solution import FluxDensitySamples
-
-DEVICES = Path(__file__).parents[1] / "devices"
-SPHERE = (DEVICES / "sphere_in_wide_loop.toml").read_text()
+from tests.conftest import DEVICES
 
 
 @pytest.fixture(scope="module")
-def sphere(tmp_path_factory):
-    path = tmp_path_factory.mktemp("sphere") / "sphere.toml"
-    path.write_text(SPHERE)
-    device = read_device(path)
+def sphere():
+    device = read_device(DEVICES / "sphere_in_wide_loop.toml")
     return device, solve_linear(device)
 
 
@@ -93,9 +88,6 @@ def test_the_largest_polarisation_of_a_law():
     power = flux**11
     polarisation = flux * (1 - (2e-4 + (1 - 2e-4) * power / (power + 5e4)))
     assert largest_polarisation(marrocco) == pytest.approx(polarisation.max(), rel=1e-6)
-
-
-def test_without_a_law_nothing_beats_iron_cobalt():
-    assert largest_polarisation(fm.LinearMaterial("l", 4000.0)) == MOST_OF_ANY_IRON
-    # c < 1: the reluctivity never falls to that of free space.
-    assert largest_polarisation(fm.Marrocco("m", 2e-4, 1e-3, 5.5, 5e4)) == MOST_OF_ANY_IRON
+    # Without a law nothing beats iron-cobalt, and where the reluctivity never falls to that of free space (c < 1).
+    for endless in (fm.LinearMaterial("l", 4000.0), fm.Marrocco("m", 2e-4, 1e-3, 5.5, 5e4)):
+        assert largest_polarisation(endless) == MOST_OF_ANY_IRON

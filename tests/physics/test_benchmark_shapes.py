@@ -51,18 +51,7 @@ def test_force_is_the_derivative_of_the_coenergy(pole):
     device, step = fm.read_device("pole_in_box"), 2.5e-5
 
     def coenergy(shift):
-        bodies = tuple(
-            replace(
-                body,
-                parts=tuple(
-                    replace(p, placement=replace(p.placement, position=p.placement.position + [0, 0, shift]))
-                    for p in body.parts
-                ),
-            )
-            if body.name == "pole"
-            else body
-            for body in device.bodies
-        )
+        bodies = [body.moved([0, 0, shift]) if body.name == "pole" else body for body in device.bodies]
         return solved(replace(device, bodies=bodies), 0.5).coenergy()
 
     work = (coenergy(step) - coenergy(-step)) / (2 * step)

@@ -75,17 +75,6 @@ def test_groups(of_coils, data):
     np.testing.assert_allclose(of.nearest(currents).values, exact, atol=1e-12)
 
 
-@given(lifts, directions, directions, exponents)
-def test_derivative_is_that_of_the_currents(u, x, y, n):
-    """Complex steps of (6-2), (6-3), which are polynomials, would do; differences of twice the accuracy do, too."""
-    of, at, h = LiftAndDirections(n), np.array([u, x, y]), 1e-4
-    for k in range(3):
-        step = h * np.eye(3)[k]
-        # Each current is quadratic at most in every signal alone: central differences are exact but for rounding.
-        exact = (of.currents(at + step) - of.currents(at - step)) / (2 * h)
-        np.testing.assert_allclose(of.derivative(at)[:, k], exact, atol=1e-9)
-
-
 @given(st.lists(st.tuples(amperes, amperes), min_size=1, max_size=5), st.data())
 def test_a_domain_holds_what_lies_in_its_box(ranges, data):
     lower = np.array([min(pair) for pair in ranges])

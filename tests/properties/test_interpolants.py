@@ -19,14 +19,8 @@ GRIDS = st.tuples(*[st.integers(5, 7)] * 3)
 CENTRE, SIZE = np.array([0.01, -0.02, -0.1]), 0.02
 
 
-@st.composite
-def fields(draw, highest):
-    """A sum of harmonic polynomials in lengths of the box, about its centre: functions for B and its gradient."""
-    terms = []
-    for degree in draw(st.lists(st.integers(1, highest), min_size=1, max_size=3)):
-        turn = Rotation.from_euler("xyz", draw(st.tuples(*[st.floats(-180, 180)] * 3)), degrees=True)
-        null = turn.apply([1.0, 0.0, 0.0]) + 1j * turn.apply([0.0, 1.0, 0.0])
-        terms.append((degree, null, complex(draw(st.floats(-1, 1)), draw(st.floats(0.1, 1)))))
+def sum_of(terms):
+    """Functions for B and its gradient of (degree, null vector, factor), in lengths of the box about its centre."""
 
     def flux(points):
         local = (points - CENTRE) / SIZE
@@ -38,6 +32,17 @@ def fields(draw, highest):
         return sum((p[:, None, None] * np.outer(a, a)).real for p, a in powers) / SIZE
 
     return flux, gradient
+
+
+@st.composite
+def fields(draw, highest):
+    """A sum of harmonic polynomials."""
+    terms = []
+    for degree in draw(st.lists(st.integers(1, highest), min_size=1, max_size=3)):
+        turn = Rotation.from_euler("xyz", draw(st.tuples(*[st.floats(-180, 180)] * 3)), degrees=True)
+        null = turn.apply([1.0, 0.0, 0.0]) + 1j * turn.apply([0.0, 1.0, 0.0])
+        terms.append((degree, null, complex(draw(st.floats(-1, 1)), draw(st.floats(0.1, 1)))))
+    return sum_of(terms)
 
 
 def map_of(flux, gradient, shape):
@@ -87,21 +92,10 @@ def check_polynomials(kind, data, shape):
 def test_one_degree_more_is_not_exact(data):
     """Else the tests above would hold whatever the degrees say."""
     for kind, degree in (("harmonic", 7), ("hermite", 6)):
-        a = np.array([1.0, 1j, 0.0])
-        m = interpolate(map_of(*_power(degree, a), (5, 5, 5)), kind)
+        flux, gradient = sum_of([(degree, np.array([1.0, 1j, 0.0]), 1.0)])
+        m = interpolate(map_of(flux, gradient, (5, 5, 5)), kind)
         points = anywhere(data)
-        assert np.abs(m.field(points, 1.0) - _power(degree, a)[0](points)).max() > 1e-5
-
-
-def _power(n, a):
-    def flux(points):
-        return (n * (((points - CENTRE) / SIZE) @ a)[:, None] ** (n - 1) * a).real
-
-    def gradient(points):
-        power = n * (n - 1) * (((points - CENTRE) / SIZE) @ a) ** (n - 2)
-        return (power[:, None, None] * np.outer(a, a)).real / SIZE
-
-    return flux, gradient
+        assert np.abs(m.field(points, 1.0) - flux(points)).max() > 1e-5
 
 
 @given(data=st.data())

@@ -207,16 +207,13 @@ class ByNodes:
 
     def of_coil(self, c: int, adjoint: Adjoint) -> Array:
         """What the field of coil c makes of the derivatives by the nodes (k, n, 3): it moves against them."""
-        state, one = self._state, np.arange(len(self._state.currents)) == c
-        out = self._by_field(adjoint.turned, state.currents[None] * one)
-        linkage = adjoint.weights.linkage / MU0 * one
-        if linkage.any():
-            out += self._by_field((state.share * state.polarisation)[None], linkage)
-        return out
+        return self._by_coils(adjoint, np.arange(len(self._state.currents)) == c)
 
     def derivative(self, adjoint: Adjoint) -> Array:
         """By the nodes (k, n, 3)."""
-        return self._by_elements(adjoint) + self._by_coils(adjoint) + self._by_faces(adjoint)
+        every = np.ones(len(self._state.currents), bool)
+        by_coils = self._by_coils(adjoint, every, self._background)
+        return self._by_elements(adjoint) + by_coils + self._by_faces(adjoint)
 
     def _by_elements(self, adjoint: Adjoint) -> Array:
         elements, state = self._form.elements, self._state
@@ -232,10 +229,11 @@ class ByNodes:
         forces = np.einsum("keab,eib->keia", total, elements.gradients, optimize=True)
         return _on_nodes(forces, elements.nodes[:, :4], len(elements.points))
 
-    def _by_coils(self, adjoint: Adjoint) -> Array:
+    def _by_coils(self, adjoint: Adjoint, coils: NDArray[np.bool_], more: Array | float = 0.0) -> Array:
+        """What the fields of some coils (c,), and more (n, 3), make of it (k, n, 3)."""
         state = self._state
-        out = self._by_field(adjoint.turned, state.currents[None], self._background)
-        linkage = adjoint.weights.linkage / MU0
+        out = self._by_field(adjoint.turned, state.currents[None] * coils, more)
+        linkage = adjoint.weights.linkage / MU0 * coils
         if linkage.any():
             out += self._by_field((state.share * state.polarisation)[None], linkage)
         return out
