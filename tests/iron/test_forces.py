@@ -26,12 +26,10 @@ def block_and_coils(shift=0.0, angle=0.0):
         fm.Body("ball", "iron", (fm.Part(fm.Sphere(0.006), at(0.004, 0.0, 0.019)),), 0.003),
     )
     centre = np.array([0.003, -0.004 + shift, 0.042])
-    ring = fm.CircularCoil(
-        "ring", 0.008, 0.012, 0.006, 100.0, placement=fm.Placement(centre, turned(angle) @ TILT)
-    )
-    frame = fm.RoundedRectangleCoil(
-        "frame", 0.02, 0.015, 0.004, 0.004, 0.006, 60.0, -1, placement=at(0, 0, -0.01)
-    )
+    place = fm.Placement(centre, turned(angle) @ TILT)
+    ring = fm.CircularCoil("ring", 0.008, 0.012, 0.006, 100.0, placement=place)
+    size = 0.02, 0.015, 0.004, 0.004, 0.006
+    frame = fm.RoundedRectangleCoil("frame", *size, 60.0, -1, placement=at(0, 0, -0.01))
     return fm.Device("block", "", (ring, frame), bodies, {"iron": fm.LinearMaterial("iron", 300.0)})
 
 
@@ -138,18 +136,15 @@ def test_magnet_and_plate():
 
 def test_action_is_reaction_between_saturated_iron_magnet_and_coil():
     """All three kinds of bodies in one state, without symmetry: forces, and torques about any point, cancel to 1 %."""
-    bodies = (
-        fm.Body("core", "steel", (fm.Part(fm.Cylinder(0.005, 0.02)),), 0.004),
-        fm.Body(
-            "magnet", "magnet", (fm.Part(fm.Box((0.008, 0.006, 0.005)), at(0.004, 0.002, 0.022)),), 0.003
-        ),
-    )
+    core = fm.Body("core", "steel", fm.Cylinder(0.005, 0.02), 0.004)
+    block = fm.Box((0.008, 0.006, 0.005))
+    magnet = fm.Body("magnet", "magnet", block, 0.003).moved([0.004, 0.002, 0.022])
     materials = {
         "steel": fm.Froehlich("steel", 3000.0, 2.0),
         "magnet": fm.PermanentMagnet("magnet", np.array([0.5, -0.2, 1.0]), 1.05),
     }
     coil = fm.CircularCoil("coil", 0.006, 0.008, 0.012, 300.0, placement=at(0.0005, 0, 0.012))
-    state = fm.solve(fm.Device("d", "", (coil,), bodies, materials), [10.0])
+    state = fm.solve(fm.Device("d", "", (coil,), (core, magnet), materials), [10.0])
     assert state.report.largest_flux_density > 1.6
     about = [0.01, 0.02, -0.03]
     names = ("core", "magnet", "coil")
@@ -162,10 +157,8 @@ def test_action_is_reaction_between_saturated_iron_magnet_and_coil():
 
 def test_coaxial_coils_without_iron():
     """Two far, small loops: the force between dipoles on one axis, 3 mu0 m m' / (2 pi d^4)."""
-    coils = tuple(
-        fm.CircularCoil(n, 0.009, 0.011, 0.002, 50.0, placement=at(0, 0, z))
-        for n, z in (("a", 0), ("b", 0.8))
-    )
+    one = fm.CircularCoil("a", 0.009, 0.011, 0.002, 50.0)
+    coils = one, replace(one, name="b", placement=at(0, 0, 0.8))
     unit = fm.solve_linear(fm.Device("d", "", coils))
     moment = 50 * np.pi * (0.009**2 + 0.009 * 0.011 + 0.011**2) / 3
     exact = 3 * mu_0 * moment**2 / (2 * np.pi * 0.8**4)

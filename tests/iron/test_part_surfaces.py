@@ -68,11 +68,8 @@ def test_a_turned_shape_has_ends_and_curved_faces(shape):
     assert found(shape, slanted) == [OFF]
     end = around(0.015, (0, 0), (90, 0), (200, 0))
     for at in (0.0, 0.03):
-        assert found(shape, end + [0, 0, at], end + [0, 0, at + 1e-6], end + [0, 0, at - 1e-6]) == [
-            ON,
-            OFF,
-            OFF,
-        ]
+        levels = [end + [0, 0, z] for z in (at, at + 1e-6, at - 1e-6)]
+        assert found(shape, *levels) == [ON, OFF, OFF]
         out, middle = end + [0, 0, at], end + [0, 0, at]
         out[0, 0], middle[1, :2] = 0.0211, (0.0, 0.0094)
         assert found(shape, out, middle) == [[False, True, True], [True, not bore, True]]
@@ -84,14 +81,10 @@ def test_a_turned_shape_has_ends_and_curved_faces(shape):
     assert found(shape, around(0.015, (0, 0.01), (90, 0.01), (200, 0.01))) == [OFF]
 
 
-def test_a_sphere_is_known_by_its_radius():
+def test_a_sphere_is_known_by_its_radius_and_other_shapes_are_not():
     face = 0.02 * np.array([[0.6, 0.8, 0], [0, 0.6, 0.8], [0.8, 0, 0.6]])
-    one = face.copy()
-    one[0] *= 0.9
+    one = face * [[0.9], [1.0], [1.0]]
     assert found(Sphere(0.02), face, 1.04 * face, 0.96 * face) == [ON, ON, ON]
     assert found(Sphere(0.02), 1.06 * face, 0.94 * face, one) == [OFF, OFF, OFF]
-
-
-def test_nothing_is_known_of_other_shapes():
     square = np.array([[0, 0], [0.02, 0], [0.02, 0.02], [0, 0.02]])
     assert found(ExtrudedPolygon(square, 0.01), across([0, 0], [0.02, 0], [0, 0.02])) == [OFF]

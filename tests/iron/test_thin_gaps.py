@@ -151,12 +151,19 @@ def test_elements_at_the_rim_of_a_sheet_are_softer_by_their_width():
 # ---- which gaps ----
 
 
+def closed(*bodies):
+    field = fm.Background(np.array([0, 0, 1.0]))
+    return closed_gaps(Device("gaps", "", [], bodies, MATERIALS, background=field))
+
+
+def made(name, *parts):
+    return Body(name, "iron", parts, 0.004)
+
+
 def test_gaps_that_are_closed():
     def pairs(*bodies):
-        closed = closed_gaps(
-            Device("gaps", "", [], bodies, MATERIALS, background=fm.Background(np.array([0, 0, 1.0])))
-        )
-        return None if closed is None else set(closed.gaps)
+        found = closed(*bodies)
+        return None if found is None else set(found.gaps)
 
     def cube(name, z, x=0.0, **more):
         return block(name, (0.01, 0.01, 0.01), (x, 0, z), **more)
@@ -171,36 +178,26 @@ def test_gaps_that_are_closed():
     assert pairs(low, cube("high", 0.0102, turned=(0.5, 0, 0))) is None
     # A stack closes towards the largest; a slug that would have to move both ways closes one end only.
     assert pairs(low, cube("middle", 0.0101), cube("high", 0.0203)) == {(0, 1), (1, 2)}
-    frame = Body(
-        "frame",
-        "iron",
-        (Part(Box((0.05, 0.01, 0.05))), Part(Box((0.03, 0.01, 0.03)), placed((0, 0, 0.01)), "cut")),
-        0.004,
-    )
-    collar = Body(
-        "collar",
-        "iron",
-        (Part(Box((0.03, 0.03, 0.01))), Part(Box((0.0104, 0.0104, 0.01)), placed((0, 0, 0)), "cut")),
-        0.004,
-    )
+    hole, bore = Box((0.03, 0.01, 0.03)), Box((0.0104, 0.0104, 0.01))
+    frame = made("frame", Part(Box((0.05, 0.01, 0.05))), Part(hole, placed((0, 0, 0.01)), "cut"))
+    collar = made("collar", Part(Box((0.03, 0.03, 0.01))), Part(bore, placed((0, 0, 0)), "cut"))
     assert pairs(low, collar) is None
     slug = block("slug", (0.01, 0.01, 0.0298), (0, 0, 0.0101))
     assert len(pairs(frame, slug) or ()) <= 1
     # Both feet of a yoke stand on one gap; a slug in a slot has one on either side, of which none is closed.
-    slot = (Part(Box((0.03, 0.01, 0.02))), Part(Box((0.0102, 0.01, 0.01)), placed((0, 0, 0)), "cut"))
-    yoke = Body("yoke", "iron", slot, 0.004)
+    slot = Part(Box((0.0102, 0.01, 0.01)), placed((0, 0, 0)), "cut")
+    yoke = made("yoke", Part(Box((0.03, 0.01, 0.02))), slot)
     assert pairs(yoke, block("keeper", (0.03, 0.01, 0.01), (0, 0, -0.0101))) == {(0, 1)}
     assert pairs(yoke, block("slug", (0.01, 0.01, 0.008), (0, 0, 0))) is None
     # What lies round both without touching them is no hindrance; a ball that the moved one would come upon is, wherever
     # it would end up, and one that it just misses is not.
-    ring = Body("ring", "iron", (Part(fm.Ring(0.012, 0.016, 0.03), placed((0, 0, -0.005))),), 0.004)
+    ring = made("ring", Part(fm.Ring(0.012, 0.016, 0.03), placed((0, 0, -0.005))))
     assert pairs(low, cube("high", 0.0101), ring) == {(0, 1)}
     base = block("base", (0.03, 0.01, 0.03), (0.015, 0, -0.03))
     feet = tuple(Part(Box((0.01, 0.01, 0.01)), placed((x, 0, 1e-4))) for x in (0.02, 0.05))
 
     def with_ball(radius, x, z):
-        ball = Body("ball", "iron", (Part(Sphere(radius), placed((x, 0, z))),), 0.004)
-        return pairs(base, Body("bar", "iron", feet, 0.004), ball)
+        return pairs(base, made("bar", *feet), made("ball", Part(Sphere(radius), placed((x, 0, z)))))
 
     assert with_ball(0.005, 0.05, -0.005) is None
     assert with_ball(0.005, 0.05, -0.005 + 5e-5) is None
@@ -213,18 +210,16 @@ def test_moves_are_those_of_whole_pieces():
     low = block("low", (0.03, 0.03, 0.02), (0, 0, 0))
     left = block("left", (0.01, 0.01, 0.01), (-0.005, 0, 0.0201))
     right = block("right", (0.01, 0.01, 0.01), (0.005, 0, 0.0201))
-    closed = closed_gaps(
-        Device("two", "", [], [low, left, right], MATERIALS, background=fm.Background(np.array([0, 0, 1.0])))
-    )
-    np.testing.assert_allclose(closed.moves, [[0, 0, 0], [0, 0, -1e-4], [0, 0, -1e-4]], atol=1e-12)
+    moves = closed(low, left, right).moves
+    np.testing.assert_allclose(moves, [[0, 0, 0], [0, 0, -1e-4], [0, 0, -1e-4]], atol=1e-12)
 
 
 def test_gaps_that_are_not_meshed_as_sheets_are_told():
     """A plunger in a bore, the gap round it a thirtieth of the elements; and the same with a wide gap."""
 
     def warnings(gap):
-        ring = Body("ring", "iron", (Part(fm.Ring(0.006 + gap, 0.012, 0.01)),), 0.004)
-        plunger = Body("plunger", "iron", (Part(Cylinder(0.006, 0.01)),), 0.004)
+        ring = made("ring", Part(fm.Ring(0.006 + gap, 0.012, 0.01)))
+        plunger = made("plunger", Part(Cylinder(0.006, 0.01)))
         coil = fm.CircularCoil("coil", 0.02, 0.022, 0.01, 100)
         report = fm.solve_linear(Device("bore", "", [coil], [ring, plunger], MATERIALS)).report
         return [words for words in report.assumptions if words.startswith("warning")]
@@ -254,12 +249,15 @@ def test_thin_gaps_are_told_by_the_faces_that_look_at_each_other():
     radius = 0.01 * np.hypot(2, 1) / 3
     (told,) = facing(1.9e-3)
     assert "faces of 'one' and 'other' lie 1.9 mm apart, a thin gap for elements of 10 mm" in told
-    assert facing(2.1e-3) == ()
-    # Seen from inside the iron it is a sheet of iron.
-    assert facing(1e-3, sign=-1.0) == ()
-    assert len(facing(1e-3, shift=0.49 * radius)) == 1
-    assert facing(1e-3, shift=0.51 * radius) == ()
-    assert len(facing(1e-3, angle=np.radians(25.0))) == 1
-    assert facing(1e-3, angle=np.radians(26.5)) == ()
     (slot,) = facing(1e-3, names=("one",), body=(0, 0))
     assert "faces of 'one' lie 1 mm apart" in slot
+    for thin, *about in (
+        (False, 2.1e-3),
+        # Seen from inside the iron it is a sheet of iron.
+        (False, 1e-3, 0.0, 0.0, ("one", "other"), (0, 1), -1.0),
+        (True, 1e-3, 0.49 * radius),
+        (False, 1e-3, 0.51 * radius),
+        (True, 1e-3, 0.0, np.radians(25.0)),
+        (False, 1e-3, 0.0, np.radians(26.5)),
+    ):
+        assert len(facing(*about)) == thin
