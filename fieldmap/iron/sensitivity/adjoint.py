@@ -22,9 +22,9 @@ larger than the state. They are used as long as their solver lives, and made ane
 from __future__ import annotations
 
 import weakref
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -55,59 +55,12 @@ _TOLERANCE = 1e-8
 _AT_ONCE = 12
 
 
-Laws = Callable[[Device], tuple[LawTables, Array]]
-
-
 @dataclass(frozen=True, eq=False, repr=False)
 class IronProblem(Record):
-    """The equations of the iron of a state. unit: the field in it of one ampere in each coil; laws: of a device, their
-    tables and the remanence (b, 3) of bodies, as the state was solved with."""
+    """The equations of the iron of a state. unit: the field in it of one ampere in each coil."""
 
     form: PotentialForm
     unit: CoilField
-    laws: Laws
-
-
-def derivatives(
-    device: Device,
-    state: SolvedState,
-    problem: IronProblem | None,
-    quantity: Quantity,
-    keys: Sequence[str],
-    parameters: Parameters | None = None,
-) -> Derivatives:
-    """Derivatives of a quantity of a state of a device by keys; problem: None for coils without iron. parameters: what
-    follows the keys, by the device's own file unless given.
-
-    Raises InputError for points inside the iron and for keys of joints, or that shape bodies in a way that their mesh
-    cannot follow (`fieldmap.iron.sensitivity.moved_bodies`), DeviceFileError for keys that the device lacks,
-    NotConverged.
-    """
-    parameters = parameters or Parameters(device)
-    changes = [parameters.change(key) for key in keys]
-    for change in changes:
-        must_hold, remedy = "must not be a number of a joint", "take differences of two solutions"
-        check(not change.has("joints"), f"derivative, {change.key}", must_hold, "a number of a joint", remedy)
-    points = np.ascontiguousarray(quantity.points)
-    samples = _samples(state, quantity, points)
-    value = np.asarray(quantity.of(samples), dtype=float)
-    weights = quantity.weights(samples)
-    rows = np.zeros((len(weights.field), len(changes)))
-    direct = _Direct(device, state, points)
-    for k, change in enumerate(changes):
-        rows[:, k] = direct.derivative(change, weights)
-    solves = 0
-    if problem is not None:
-        inside = _Inside(device, state, problem)
-        # What the parameters make of the iron's magnetisation does not depend on the quantity.
-        follows = [inside.follow(change) for change in changes]
-        for start in range(0, len(rows), _AT_ONCE):
-            batch = slice(start, start + _AT_ONCE)
-            part = Weights(weights.field[batch], weights.gradient[batch], weights.linkage[batch])
-            rows[batch] += inside.derivatives(points, part, follows)
-        solves = len(rows)
-    by = {key: rows[:, k].reshape(value.shape) for k, key in enumerate(keys)}
-    return Derivatives(value, by, solves)
 
 
 def quantity_of(state: SolvedState, quantity: Quantity) -> Array:
@@ -223,11 +176,12 @@ class _Follow(Record):
 class _Inside:
     """A state's iron: adjoints, and their sums with what follows parameters."""
 
-    def __init__(self, device: Device, state: SolvedState, problem: IronProblem) -> None:
+    def __init__(self, origin: Origin, state: SolvedState, problem: IronProblem) -> None:
         assert state.iron is not None
         inside, shares = state.iron.inside, state.weights
         assert isinstance(inside, PotentialField)
-        self._device, self._problem, self._currents = device, problem, state.currents
+        self._origin, self._problem, self._currents = origin, problem, state.currents
+        self._device, self._mesh = origin.device, problem.form.iron.mesh
         self._elements = problem.form.elements
         self._potential = np.ascontiguousarray(inside.potential @ shares)
         self._field = inside.field.combined(shares[None])
@@ -240,7 +194,7 @@ class _Inside:
         self._polarisation = self._material.polarisation(h, 0)
         self._share = (0.25 * self._elements.volume)[:, None, None]
         self._unit = self._elements.coil_field_at_points(problem.unit)
-        self._moved = MovedBodies(device, problem.form.iron.mesh, problem.form.iron.topology)
+        self._moved = MovedBodies(origin.device, self._mesh, problem.form.iron.topology)
 
     def derivatives(self, points: Array, weights: Weights, follows: Sequence[_Follow]) -> Array:
         """What the iron adds to derivatives (k, p)."""
@@ -337,7 +291,7 @@ class _Inside:
 
     def _with_laws_of(self, device: Device) -> Array:
         """B (e, 4, 3) at the present field strength with the materials of a device."""
-        tables, remanence = self._problem.laws(device)
+        tables, remanence = self._origin.laws(device, self._mesh)
         law = self._material.law
         return self._strength + Magnetisation(law, tables, remanence[None, law]).polarisation(
             self._strength, 0
@@ -378,7 +332,29 @@ class Origin:
         """See `SolvedState.derivative`; followed: what of the device follows the keys, where its own file does not
         tell."""
         keys = (parameters,) if isinstance(parameters, str) else tuple(parameters)
-        return derivatives(self.device, state, self._problem(state), quantity, keys, followed)
+        problem, known = self._problem(state), followed or Parameters(self.device)
+        changes = [known.change(key) for key in keys]
+        for change in changes:
+            must_hold, remedy = "must not be a number of a joint", "take differences of two solutions"
+            where = f"derivative, {change.key}"
+            check(not change.has("joints"), where, must_hold, "a number of a joint", remedy)
+        points = np.ascontiguousarray(quantity.points)
+        samples = _samples(state, quantity, points)
+        value = np.asarray(quantity.of(samples), dtype=float)
+        weights = quantity.weights(samples)
+        direct = _Direct(self.device, state, points)
+        rows = np.array([direct.derivative(change, weights) for change in changes])
+        rows = rows.reshape(len(changes), len(weights.field)).T
+        if problem is not None:
+            inside = _Inside(self, state, problem)
+            # What the parameters make of the iron's magnetisation does not depend on the quantity.
+            follows = [inside.follow(change) for change in changes]
+            for start in range(0, len(rows), _AT_ONCE):
+                batch = slice(start, start + _AT_ONCE)
+                part = Weights(weights.field[batch], weights.gradient[batch], weights.linkage[batch])
+                rows[batch] += inside.derivatives(points, part, follows)
+        by = {key: rows[:, k].reshape(value.shape) for k, key in enumerate(keys)}
+        return Derivatives(value, by, 0 if problem is None else len(rows))
 
     def _problem(self, state: SolvedState) -> IronProblem | None:
         if state.iron is None:
@@ -389,15 +365,12 @@ class Origin:
             raise InputError.of("derivative", must_hold, f"the {state.report.form} form", remedy)
         known = self._solver() if self._solver is not None else self._own
         if known is None or known.form.elements is not inside.elements:
-            known = self._own = self._assembled(state.mesh, inside)
+            form = PotentialForm(assemble(state.mesh))
+            # Of the same mesh, so that they are equal; one of the two need not be kept.
+            form.elements = inside.elements
+            known = IronProblem(form, inside.elements.unit_fields(self.device.coils, state.mesh))
+            self._own = known
         return known
-
-    def _assembled(self, mesh: IronMesh, inside: PotentialField) -> IronProblem:
-        form = PotentialForm(assemble(mesh))
-        # Of the same mesh, so that they are equal; one of the two need not be kept.
-        form.elements = inside.elements
-        unit = inside.elements.unit_fields(self.device.coils, mesh)
-        return IronProblem(form, unit, partial(self.laws, mesh=mesh))
 
     def laws(self, device: Device, mesh: IronMesh) -> tuple[LawTables, Array]:
         """Tables and remanence (b, 3) of the bodies of a device, and of the sheets between them, on a mesh."""

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -227,7 +227,7 @@ class NonlinearSolver(FieldOfStates):
         remanence = [material.remanence for material in materials]
         self._material = Magnetisation(mesh.body, law_tables(materials), np.array(remanence)[mesh.body][None])
         self._origin = Origin(device, linear=False)
-        self._problem = IronProblem(self._form, self._unit, partial(self._origin.laws, mesh=mesh))
+        self._problem = IronProblem(self._form, self._unit)
         self._origin.hold(self._problem)
 
     @property
