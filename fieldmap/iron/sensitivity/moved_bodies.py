@@ -100,6 +100,11 @@ class Contact(Record):
     normal: Array
     edges_of: int | None
 
+    @property
+    def owner(self) -> int:
+        """The body that the contact follows. Where neither has its edges around it, both can only move together."""
+        return self.bodies[0] if self.edges_of is None else self.edges_of
+
 
 class Contacts:
     """All contacts of the bodies of a mesh, and smooth movements within the bodies."""
@@ -143,43 +148,37 @@ class Contacts:
     def reconciled(self, moved: Sequence[Array], slack: float) -> list[Array] | tuple[int, int]:
         """Movements (n, 3) of the nodes of each body that agree where bodies touch, from the bodies' own; or two bodies
         for which there is none. slack: differences that are rounding, m."""
-        own = [_spread(values, nodes, len(self._mesh.points)) for values, nodes in self._of_bodies(moved)]
-        given: dict[int, dict[int, Array]] = {}
-        kept: dict[int, set[int]] = {}
+        mesh, shape = self._mesh, (len(moved), len(self._mesh.points), 3)
+        # Of every body at all nodes, NaN where there is nothing: its own movement, and what is added to it.
+        own, added = np.full(shape, np.nan), np.full(shape, np.nan)
+        for number, nodes in enumerate(mesh.nodes_of_bodies):
+            own[number, nodes] = moved[number]
         for contact in self.contacts:
             one, other = contact.bodies
-            difference = own[one][contact.nodes] - own[other][contact.nodes]
+            difference = own[one, contact.nodes] - own[other, contact.nodes]
             size = float(np.abs(difference).max())
-            if size > slack and (
-                contact.edges_of is None
-                or np.abs(difference @ contact.normal).max() > _SAME_PLANE * size + slack
-            ):
+            across = float(np.abs(difference @ contact.normal).max())
+            if size > slack and (contact.edges_of is None or across > _SAME_PLANE * size + slack):
                 return contact.bodies
-            owner = one if contact.edges_of is None else contact.edges_of
-            follower, sign = (other, 1.0) if owner == one else (one, -1.0)
-            kept.setdefault(owner, set()).update(contact.nodes.tolist())
-            wanted = given.setdefault(follower, {})
-            for node, value in zip(contact.nodes.tolist(), sign * difference, strict=True):
-                if np.abs(wanted.setdefault(node, value) - value).max() > slack:
-                    return contact.bodies
+            follower, wanted = (other, difference) if contact.owner == one else (one, -difference)
+            before = added[follower, contact.nodes]
+            if np.nanmax(np.abs(before - wanted), initial=0.0) > slack:
+                return contact.bodies
+            added[follower, contact.nodes] = np.where(np.isnan(before), wanted, before)
+        for contact in self.contacts:
+            rest = added[contact.owner, contact.nodes]
+            added[contact.owner, contact.nodes] = np.where(np.isnan(rest), 0.0, rest)
         out = []
-        for number, (values, _) in enumerate(self._of_bodies(moved)):
-            wanted = given.get(number, {})
-            if any(np.abs(value).max() > slack for value in wanted.values()):
-                fixed = {node: np.zeros(3) for node in kept.get(number, ())} | wanted
-                smooth = self._movement(number, np.array(sorted(fixed)))
-                correction = smooth.of(np.array([fixed[node] for node in sorted(fixed)]), slack)
+        for number, nodes in enumerate(mesh.nodes_of_bodies):
+            values, wanted = moved[number], added[number, nodes]
+            fixed = np.flatnonzero(~np.isnan(wanted[:, 0]))
+            if np.abs(wanted[fixed]).max(initial=0.0) > slack:
+                correction = self._movement(number, fixed).of(wanted[fixed], slack)
                 if correction is None:
-                    return self._pair_of(number)
+                    return next(contact.bodies for contact in self.contacts if number in contact.bodies)
                 values = values + correction
             out.append(values)
         return out
-
-    def _of_bodies(self, moved: Sequence[Array]):
-        return zip(moved, self._mesh.nodes_of_bodies, strict=True)
-
-    def _pair_of(self, number: int) -> tuple[int, int]:
-        return next(contact.bodies for contact in self.contacts if number in contact.bodies)
 
     def surface(self, number: int) -> tuple[Index, Array]:
         """Faces of a body: numbers (f, 3) of their corners among its nodes, and unit normals (f, 3)."""
@@ -194,13 +193,13 @@ class Contacts:
         return self._movement(number, np.zeros(0, int)).of(np.zeros((0, 3)), slack, across)
 
     def _movement(self, number: int, fixed: Index) -> _SmoothMovement:
+        """Of a body, some of whose nodes, by their numbers among them, are given: none, or those in contacts."""
         known = self._smooth.get((number, len(fixed)))
         if known is None:
             mesh = self._mesh
             nodes = mesh.nodes_of_bodies[number]
             tets = np.searchsorted(nodes, mesh.tets[mesh.body == number])
-            at = np.searchsorted(nodes, fixed)
-            known = _SmoothMovement(mesh.points[nodes], tets, *self.surface(number), at)
+            known = _SmoothMovement(mesh.points[nodes], tets, *self.surface(number), fixed)
             self._smooth[number, len(fixed)] = known
         return known
 
@@ -261,13 +260,6 @@ def _stiffness(points: Array, tets: Index) -> coo_matrix:
     rows, columns = np.broadcast_arrays(tets[:, :, None], tets[:, None, :])
     shape = (len(points), len(points))
     return coo_matrix((local.ravel(), (rows.ravel(), columns.ravel())), shape=shape)
-
-
-def _spread(values: Array, nodes: Index, count: int) -> Array:
-    """Values (count, 3) that are known at some nodes, NaN elsewhere."""
-    out = np.full((count, 3), np.nan)
-    out[nodes] = values
-    return out
 
 
 # Nodes that two bodies share, and that both move, agree within this share of the device's size.
