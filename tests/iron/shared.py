@@ -9,6 +9,25 @@ from fieldmap.iron.elements.bh_law import Magnetisation, law_tables
 from fieldmap.iron.mesh.mesh import generate_mesh
 from fieldmap.iron.operators.assembled import assemble
 
+STEEL = fm.BHTable(
+    "iron",
+    np.array([200.0, 400.0, 1000.0, 3000.0, 1e4, 1e5]),
+    np.array([0.7, 1.1, 1.45, 1.65, 1.85, 2.3]),
+    "straight line to the origin",
+    "slope mu0",
+    2785.0,
+)
+FOOT = fm.BHTable(
+    "foot",
+    np.array([20.0, 60.0, 150.0, 200.0, 300.0, 600.0, 2e3, 1e4]),
+    np.array([0.002, 0.015, 0.08, 0.4, 0.95, 1.3, 1.55, 1.8]),
+    "straight line to the origin",
+    "towards saturation",
+    79.6,
+    2.16,
+)
+"""A law whose relative permeability is 80 at H = 0, then 200, 400, 1600, 3000 and less again."""
+
 
 def at(x, y, z):
     """A place, m, not turned."""

@@ -175,9 +175,8 @@ def test_parts_of_a_body_carry_their_faces():
     side = np.abs(np.abs(before[:, 1]) - 3e-3) < 1e-9
     np.testing.assert_allclose(after[side, 1], before[side, 1], atol=1e-12)
     of_hook = mesh.body == 2
-    assert volumes(above, mesh.tets)[of_hook].sum() == pytest.approx(
-        36e-6 * 16.8e-3 + 14e-3 * 30e-6, rel=1e-9
-    )
+    volume = volumes(above, mesh.tets)[of_hook].sum()
+    assert volume == pytest.approx(36e-6 * 16.8e-3 + 14e-3 * 30e-6, rel=1e-9)
 
 
 def test_parts_against_differences_of_new_meshes():
@@ -205,9 +204,8 @@ def test_a_core_grows_on_its_disk():
     above, _ = moved("body.core.radius_mm", 0.5)
     disk, core = mesh.nodes_of_bodies
     axis = np.array([0.008, 0.001])
-    np.testing.assert_allclose(
-        above.points[core, :2] - axis, 1.1 * (mesh.points[core, :2] - axis), atol=1e-15
-    )
+    before, after = (one.points[core, :2] - axis for one in (mesh, above))
+    np.testing.assert_allclose(after, 1.1 * before, atol=1e-15)
     np.testing.assert_allclose(above.points[disk, 2], mesh.points[disk, 2], atol=1e-12)
     rim = np.hypot(*mesh.points[disk, :2].T) > 0.0199
     np.testing.assert_allclose(above.points[disk][rim], mesh.points[disk][rim], atol=1e-15)

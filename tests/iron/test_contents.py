@@ -14,12 +14,8 @@ def test_axes_sizes_and_volumes():
     lean = placed((0.1, 0, 0), (30.0, 0, 0))
     coil = fm.CircularCoil("coil", 0.01, 0.012, 0.015, 100, placement=placed((0, 0, 0.2), (30.0, 0, 0)))
     rod = Body("rod", "iron", (Part(Cylinder(0.01, 0.03), lean),), 0.004)
-    cross = Body(
-        "cross",
-        "steel",
-        (Part(Box((0.02, 0.02, 0.02))), Part(Cylinder(0.005, 0.03), placed((0, 0, 0.01), (0, 90.0, 0)))),
-        0.005,
-    )
+    bar = Part(Cylinder(0.005, 0.03), placed((0, 0, 0.01), (0, 90.0, 0)))
+    cross = Body("cross", "steel", (Part(Box((0.02, 0.02, 0.02))), bar), 0.005)
     laws = {"iron": fm.LinearMaterial("iron", 1000.0), "steel": fm.Froehlich("steel", 500.0, 2.1)}
     contents = device_contents(Device("some", "", [coil], [rod, cross], laws))
     (one,) = contents.coils

@@ -11,9 +11,7 @@ from fieldmap.iron.summary import copper_resistance, design_figures, winding_len
 
 TURNS, CURRENT = 500.0, 2.0
 ROUND = fm.CircularCoil("round", 0.02, 0.03, 0.04, TURNS, resistance=8.0)
-SQUARE = fm.RoundedRectangleCoil(
-    "square", 0.02, 0.02, 0.01, 0.01, 0.04, TURNS, placement=fm.placed([0.2, 0, 0])
-)
+SQUARE = fm.RoundedRectangleCoil("square", 0.02, 0.02, 0.01, 0.01, 0.04, TURNS).moved([0.2, 0, 0])
 AIR = fm.Device("air", "", [ROUND, SQUARE])
 
 

@@ -14,16 +14,7 @@ from fieldmap.iron.elements.bh_law import law_tables
 from fieldmap.maps.fields import from_arrays, to_arrays
 from fieldmap.sources import unit_flux_density
 from fieldmap.sources.inductance import bare_inductance
-from tests.iron.shared import RING, at, core_and_coils, sphere_inductance, toroid
-
-STEEL = fm.BHTable(
-    "steel",
-    np.array([200.0, 400.0, 1000.0, 3000.0, 1e4, 1e5]),
-    np.array([0.7, 1.1, 1.45, 1.65, 1.85, 2.3]),
-    "straight line to the origin",
-    "slope mu0",
-    2785.0,
-)
+from tests.iron.shared import RING, STEEL, at, core_and_coils, sphere_inductance, toroid
 
 
 @pytest.fixture(scope="module")

@@ -14,7 +14,7 @@ from fieldmap.iron.mesh.charged_faces import ChargedFaces
 from fieldmap.iron.mesh.mesh import generate_mesh, volumes
 from fieldmap.iron.sections import section_flux
 from fieldmap.kernels.simplex_rules import tetrahedron_rule
-from tests.iron.shared import RING, at, in_uniform_field, iron_of, toroid
+from tests.iron.shared import FOOT, RING, at, in_uniform_field, iron_of, toroid
 
 ONE = np.ones(1)
 UNIFORM = np.array([0.3, -0.8, 1.1])
@@ -139,15 +139,6 @@ def test_the_field_inside_elements_has_their_mean():
 
 
 (INNER, OUTER, HEIGHT), TURNS = RING, 10.0
-FOOT = fm.BHTable(
-    "foot",
-    np.array([20.0, 60.0, 150.0, 200.0, 300.0, 600.0, 2e3, 1e4]),
-    np.array([0.002, 0.015, 0.08, 0.4, 0.95, 1.3, 1.55, 1.8]),
-    "straight line to the origin",
-    "towards saturation",
-    79.6,
-    2.16,
-)
 
 
 CUTS = tuple(

@@ -10,18 +10,10 @@ from fieldmap.errors import InputError
 from fieldmap.field import Field, FieldAtCurrents, dipole_wrench
 from fieldmap.iron import FluxDensityAt, HysteresisSolver, NonlinearSolver, Pinning
 from fieldmap.sources import bare_inductance
-from tests.iron.shared import core_and_coils
+from tests.iron.shared import STEEL, core_and_coils
 
 AIR = np.array([[0.0, 0.002, -0.006], [0.012, 0.0, 0.02]])
 INSIDE = np.array([[0.0, 0.001, 0.013]])
-STEEL = fm.BHTable(
-    "iron",
-    np.array([200.0, 1000.0, 1e4, 1e5]),
-    np.array([0.7, 1.4, 1.8, 2.2]),
-    "straight line to the origin",
-    "slope mu0",
-    2785.0,
-)
 
 
 @pytest.fixture(scope="module")

@@ -6,10 +6,10 @@ from scipy.constants import mu_0
 from scipy.optimize import brentq
 
 import fieldmap as fm
-from fieldmap.device.model import BHTable, Body, Froehlich, Marrocco, Sphere
+from fieldmap.device.model import Body, Froehlich, Marrocco, Sphere
 from fieldmap.iron.elements.bh_law import Magnetisation, law_tables
 from fieldmap.iron.elements.potential_form import PotentialForm
-from tests.iron.shared import dipole, in_uniform_field, iron_of
+from tests.iron.shared import FOOT, dipole, in_uniform_field, iron_of
 
 RADIUS = 0.05
 DIRECTION = np.array([0.48, -0.6, 0.64])
@@ -84,16 +84,6 @@ def test_tangent_is_the_derivative_of_the_residual(form, steel):
 
 FROEHLICH = Froehlich("froehlich", 3000.0, 2.1)
 MARROCCO = Marrocco("marrocco", 2e-4, 1.0, 5.5, 5e4)
-# Relative permeability 80 at H = 0, then 200, 400, 1600, 3000 and less again.
-FOOT = BHTable(
-    "foot",
-    np.array([20.0, 60.0, 150.0, 200.0, 300.0, 600.0, 2e3, 1e4]),
-    np.array([0.002, 0.015, 0.08, 0.4, 0.95, 1.3, 1.55, 1.8]),
-    "straight line to the origin",
-    "towards saturation",
-    79.6,
-    2.16,
-)
 
 
 def induction_of(material, applied):

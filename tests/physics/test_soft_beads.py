@@ -53,9 +53,8 @@ def test_a_bead_from_linear_to_saturated(size):
     """Over the radius the field changes by 3, 1 and 0.6 % of itself."""
     flux = size * np.array([0.2, 0.0, 1.0])
     background = fm.Background(flux_density=flux, gradient=[-2.0, 0.5, 0.3, -2.5, 0.2])
-    device = fm.Device(
-        "bead", "", bodies=(meshed(4e-3, [0.0, 0.0, 0.0]),), materials={"steel": STEEL}, background=background
-    )
+    bodies = (meshed(4e-3, [0.0, 0.0, 0.0]),)
+    device = fm.Device("bead", "", (), bodies, {"steel": STEEL}, background=background)
     exact = fm.solve(device, []).force_on("bead")
     body = magnetic_body(fm.SoftSphere(4e-3, STEEL))
     found = body.wrench(Background(flux), np.zeros(3), np.zeros(0))[:3]
@@ -75,9 +74,7 @@ def test_the_torque_of_a_meshed_ellipsoid():
     turn = fm.placed([0.0, 0.0, 0.0], [0.0, 40.0, 0.0])
     body = fm.Body("needle", "steel", [fm.Part(fm.RevolvedProfile(outline), turn)], mesh_size=0.8e-3)
     flux = np.array([0.0, 0.0, 0.2])
-    device = fm.Device(
-        "needle", "", bodies=(body,), materials={"steel": STEEL}, background=fm.Background(flux_density=flux)
-    )
+    device = fm.Device("needle", "", (), (body,), {"steel": STEEL}, background=fm.Background(flux))
     exact = fm.solve(device, []).torque_on("needle", about=[0.0, 0.0, 0.0])
     needle = magnetic_body(fm.SoftEllipsoid((4e-3, 4e-3, 8e-3), STEEL))
     uniform = Background(flux)

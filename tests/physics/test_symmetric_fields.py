@@ -8,19 +8,12 @@ import numpy as np
 import pytest
 
 import fieldmap as fm
-from fieldmap.device.model import BHTable, Body, Box, CircularCoil, Device, LinearMaterial, Part, Placement
+from fieldmap.device.model import Body, Box, CircularCoil, Device, LinearMaterial, Part, Placement
 from fieldmap.iron import NonlinearSolver
 from fieldmap.iron.symmetry import find_symmetry
+from tests.iron.shared import STEEL
 
 POINTS = np.random.default_rng(3).uniform([-0.03, -0.03, -0.05], [0.03, 0.03, -0.01], (25, 3))
-STEEL = BHTable(
-    "iron",
-    np.array([100.0, 300.0, 1e3, 1e4]),
-    np.array([0.6, 1.1, 1.5, 1.8]),
-    "straight line to the origin",
-    "slope mu0",
-    4774.6,
-)
 
 
 def yoked(material):
@@ -95,11 +88,6 @@ def test_saturating_iron_at_currents_without_symmetry():
 
 def test_a_body_out_of_place_takes_the_symmetry_away():
     device = yoked(LinearMaterial("iron", 1000.0))
-    moved = replace(
-        device.bodies[1],
-        parts=(replace(device.bodies[1].parts[0], placement=Placement(np.array([-0.0199, 0, 0]))),),
-    )
-    solution = fm.solve_linear(
-        replace(device, bodies=(device.bodies[0], moved, device.bodies[2])), symmetry="auto"
-    )
+    bodies = device.bodies[0], device.bodies[1].moved([1e-4, 0.0, 0.0]), device.bodies[2]
+    solution = fm.solve_linear(replace(device, bodies=bodies), symmetry="auto")
     assert mirrors_and_blocks(solution) == (["y = 0"], 2)

@@ -61,9 +61,8 @@ def test_a_device_as_a_file(title, wound):
         assert written == pytest.approx([a, b, h], rel=1e-12)
         assert table["position_mm"] == pytest.approx(place, rel=1e-12, abs=1e-9) if any(place) else True
         assert (coil.name, coil.turns) == (name, turns)
-        assert [coil.inner_radius, coil.outer_radius, coil.height] == pytest.approx(
-            [1e-3 * a, 1e-3 * b, 1e-3 * h]
-        )
+        found = [coil.inner_radius, coil.outer_radius, coil.height]
+        assert found == pytest.approx([1e-3 * a, 1e-3 * b, 1e-3 * h])
         np.testing.assert_allclose(coil.placement.position, 1e-3 * np.array(place), rtol=1e-12, atol=1e-15)
     assert fm.read_device(again.to_toml()).to_toml() == again.to_toml()
 
@@ -90,10 +89,10 @@ def test_a_scenario(tmp_path_factory, duration, gain, depth, step):
     text = shipped_file("maps", "scenarios/vertical_step").read_text()
     path = tmp_path_factory.getbasetemp() / "scenario.toml"
     new = text.replace("duration_s = 4.0", f"duration_s = {duration!r}").replace(
-        "Kc = 0.334\n", f"Kc = {gain!r}\n"
-    )
-    new = new.replace("depth_mm = 10.0\n", f"depth_mm = {depth!r}\n").replace(
         "by_mm = 1.0", f"by_mm = {step!r}"
+    )
+    new = new.replace("Kc = 0.334\n", f"Kc = {gain!r}\n").replace(
+        "depth_mm = 10.0\n", f"depth_mm = {depth!r}\n"
     )
     path.write_text(new)
     read = read_scenario(path).contents
