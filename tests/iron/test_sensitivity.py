@@ -141,20 +141,6 @@ def test_against_differences_of_whole_solves(case, key):
         assert np.abs(derivative - difference).max() <= 1e-4 * size + noise, name
 
 
-@pytest.mark.parametrize(("key", "step"), [("coil.around.turns", 0.5), ("coil.beside.position_mm.1", 0.05)])
-def test_flux_linkages_in_air(key, step):
-    """Of coils alone: a turn more, and a coil that moves, in the background."""
-    text = fm.read_device(DEVICE).replace(bodies=(), materials={}).to_toml()
-    here, ahead, behind = (
-        fm.solve_linear(fm.read_device(text, {key: KEYS[key][1] + shift})).at(CASES["linear"])
-        for shift in (0.0, step, -step)
-    )
-    derivative = here.derivative(FluxLinkage(), [key])[key]
-    ahead, behind = ahead.flux_linkage(), behind.flux_linkage()
-    difference = (ahead - behind) / (2 * step)
-    assert np.abs(derivative - difference).max() <= 1e-4 * np.abs(difference).max()
-
-
 LOOPS = """
 format = 1
 name = "loops"

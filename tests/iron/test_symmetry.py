@@ -27,9 +27,7 @@ SKEW = fm.Placement(np.array([0.01, -0.02, 0.03]), turn([1, 2, 3], 47.0))
 
 
 def body(*parts, material="iron", name="b", size=0.005):
-    return fm.Body(
-        name, material, tuple(fm.Part(s, p) if not isinstance(s, fm.Part) else s for s, p in parts), size
-    )
+    return fm.Body(name, material, tuple(fm.Part(*part) for part in parts), size)
 
 
 def device(*bodies, coils=()):
@@ -39,9 +37,8 @@ def device(*bodies, coils=()):
 def ring_of(count, radius, shape=None, start=0.0):
     angles = np.radians(start) + 2 * np.pi * np.arange(count) / count
     places = [np.array([radius * np.cos(a), radius * np.sin(a), 0.0]) for a in angles]
-    return [
-        body((shape or fm.Cylinder(0.005, 0.02), fm.Placement(p)), name=f"b{k}") for k, p in enumerate(places)
-    ]
+    shape = shape or fm.Cylinder(0.005, 0.02)
+    return [body((shape, fm.Placement(p)), name=f"b{k}") for k, p in enumerate(places)]
 
 
 HEXAGON = np.array([[np.cos(a), np.sin(a)] for a in np.pi / 3 * np.arange(6)]) * 0.02
@@ -261,15 +258,9 @@ def test_rings_of_cylinders(count, order):
 
 def test_a_pinwheel_has_rotations_and_no_upright_mirror():
     """Boxes turned by 20 degrees out of the radial direction: C4h."""
-    bodies = [
-        body(
-            (
-                fm.Box((0.02, 0.004, 0.01)),
-                fm.Placement(turn([0, 0, 1], a) @ [0.03, 0, 0], turn([0, 0, 1], a + 20)),
-            )
-        )
-        for a in (0, 90, 180, 270)
-    ]
+    blade = fm.Box((0.02, 0.004, 0.01))
+    turns = [(turn(Z, angle), turn(Z, angle + 20)) for angle in (0, 90, 180, 270)]
+    bodies = [body((blade, fm.Placement(out @ [0.03, 0, 0], along))) for out, along in turns]
     group = find_symmetry(device(*bodies))
     assert group.order == 8
     assert sum(operation.is_mirror for operation in group.operations) == 1
@@ -303,10 +294,8 @@ def test_step_bodies_have_no_symmetry_of_their_own(tmp_path):
     group = find_symmetry(device(body((solid, fm.Placement()))))
     assert group.order == 1
     assert "STEP" in group.limits[0]
-    three = [
-        body((solid, fm.Placement(turn([0, 0, 1], a) @ [0.03, 0, 0], turn([0, 0, 1], a))))
-        for a in (0, 120, 240)
-    ]
+    turns = [turn(Z, angle) for angle in (0, 120, 240)]
+    three = [body((solid, fm.Placement(out @ [0.03, 0, 0], out))) for out in turns]
     assert str(find_symmetry(device(*three))) == "3-fold axis z"
 
 
