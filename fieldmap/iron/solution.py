@@ -25,12 +25,7 @@ from fieldmap.iron.elements.potential_form import PotentialState
 from fieldmap.iron.elements.state import IronState
 from fieldmap.iron.forces import Magnetised, force_and_torque, magnetic_bodies
 from fieldmap.iron.mesh.charged_faces import ChargedFaces
-from fieldmap.iron.mesh.mesh import (
-    IronMesh,
-    checked_points,
-    refuse_inside,
-    volumes,
-)
+from fieldmap.iron.mesh.mesh import IronMesh, checked_points, refuse_inside, volumes
 from fieldmap.iron.mesh.surface_mesh import IronSurface
 from fieldmap.iron.report import SolverReport
 from fieldmap.iron.sections import SectionFlux, named_section, section_flux
