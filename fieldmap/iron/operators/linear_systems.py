@@ -22,7 +22,6 @@ from scipy.sparse.linalg import spilu
 from fieldmap.errors import NotConverged, Problem
 from fieldmap.extras import needs
 from fieldmap.kernels.iron import sparse_cholesky as kernel
-from fieldmap.kernels.iron.sparse_pattern import sparse_pattern
 from fieldmap.records import Record
 from fieldmap.typing import Array, Index
 
@@ -253,12 +252,12 @@ class ElementSums:
     rising."""
 
     def __init__(self, unknowns: Index, count: int, order: Callable[[], Index] | None = None) -> None:
-        self._order = order
-        self._unknowns, self._count = np.ascontiguousarray(unknowns).ravel(), count
-        pointer, columns, place = sparse_pattern(np.ascontiguousarray(unknowns, np.int64), count)
-        self._keys = np.repeat(np.arange(count), np.diff(pointer)) * count + columns
-        self._place = place.ravel()
-        self._index, self._pointer = columns.astype(np.int32), pointer.astype(np.int32)
+        self._order, self._count = order, count
+        self._unknowns = np.ascontiguousarray(unknowns, np.int64).ravel()
+        pairs = count * unknowns[:, :, None] + unknowns[:, None, :]
+        self._keys, self._place = np.unique(pairs.ravel(), return_inverse=True)
+        self._index = (self._keys % count).astype(np.int32)
+        self._pointer = np.searchsorted(self._keys, count * np.arange(count + 1)).astype(np.int32)
 
     @cached_property
     def diagonal(self) -> Index:
