@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.sparse import csc_matrix, csr_matrix, diags_array
+from scipy.sparse import csc_matrix, csr_matrix, diags_array, tril
 from scipy.sparse.linalg import spilu
 
 from fieldmap.errors import NotConverged, Problem
@@ -126,27 +126,33 @@ class Elimination(Record):
         if order is None:
             order = nested_dissection(matrix)
         parent = kernel.elimination_tree(*_lower(matrix, order))
-        post = kernel.postorder(parent)
-        order = order[post]
+        order = order[kernel.postorder(parent)]
         # The pattern and the tree in the new numbers.
         by_rows = _lower(matrix, order)
         parent = kernel.elimination_tree(*by_rows)
         start, node_parent, sizes = _supernodes(parent, kernel.column_counts(*by_rows, parent))
         row_start = np.concatenate([[0], np.cumsum(sizes)])
-        pointer, entry_rows, entry_columns, entry = _by_columns(matrix, order)
+        entry_rows, entry_columns = _numbered(matrix, order)
+        lower = np.flatnonzero(entry_rows >= entry_columns)
+        entry = lower[np.lexsort((entry_rows[lower], entry_columns[lower]))]
+        entry_rows, entry_columns = entry_rows[entry], entry_columns[entry]
+        pointer = np.searchsorted(entry_columns, np.arange(count + 1))
         rows = kernel.supernode_rows(start, pointer, entry_rows, node_parent, row_start)
-        rows = rows[np.argsort(rows + count * np.repeat(np.arange(len(sizes)), sizes))]
-        relative = kernel.relative_rows(start, rows, row_start, node_parent)
-        width = np.diff(start)
+        number, width = np.arange(len(sizes)), np.diff(start)
+        of_row = count * np.repeat(number, sizes)
+        rows = rows[np.argsort(rows + of_row)]
+
+        def place_in(node: Index, row: Index) -> Index:
+            """Places of rows among those of supernodes, which are sorted."""
+            return np.searchsorted(rows + of_row, row + count * node) - row_start[node]
+
+        # Of rows of the parent alone it is asked for.
+        relative = place_in(np.repeat(node_parent, sizes), rows)
         panel_start = np.concatenate([[0], np.cumsum(sizes * width)])
-        node = np.repeat(np.arange(len(width)), width)
-        entry_node = node[entry_columns]
-        # The row's place among the rows of its supernode: these are sorted.
-        key = rows + count * np.repeat(np.arange(len(width)), sizes)
-        place = np.searchsorted(key, entry_rows + count * entry_node) - row_start[entry_node]
-        place = place + (entry_columns - start[entry_node]) * sizes[entry_node]
-        work = int(kernel.largest_work(start, row_start, node_parent))
+        entry_node = np.repeat(number, width)[entry_columns]
+        place = place_in(entry_node, entry_rows) + (entry_columns - start[entry_node]) * sizes[entry_node]
         nodes = (order, start, rows, row_start, node_parent, relative, panel_start)
+        work = int(kernel.largest_work(start, row_start, node_parent))
         return cls(*nodes, entry, pointer[start], place, work)
 
     def factor(self, values: Array) -> SparseFactor:
@@ -194,56 +200,24 @@ def minimum_degree(matrix: csr_matrix) -> Index:
 
 def _numbered(matrix: csr_matrix, order: Index) -> tuple[Index, Index]:
     """Rows and columns (k,) of a matrix's entries, in the numbers of the order."""
-    number = np.empty(len(order), np.int64)
-    number[order] = np.arange(len(order))
+    number = np.argsort(order)
     return number[np.repeat(np.arange(len(order)), np.diff(matrix.indptr))], number[matrix.indices]
 
 
 def _lower(matrix: csr_matrix, order: Index) -> tuple[Index, Index]:
     """Pattern of the strict lower triangle by rows, with rows and columns in the order: pointers and columns."""
-    rows, columns = _numbered(matrix, order)
-    below = columns < rows
-    ones = np.ones(int(below.sum()), np.int8)
-    lower = csr_matrix((ones, (rows[below], columns[below])), shape=matrix.shape)
+    lower = tril(csr_matrix((np.ones(matrix.nnz, np.int8), _numbered(matrix, order))), -1, "csr")
     return lower.indptr.astype(np.int64), lower.indices.astype(np.int64)
 
 
-def _by_columns(matrix: csr_matrix, order: Index) -> tuple[Index, Index, Index, Index]:
-    """Where each column begins; rows, columns (k,) of the lower triangle with the diagonal, sorted by column, in the
-    order's numbers; and which of the matrix's numbers they are."""
-    rows, columns = _numbered(matrix, order)
-    entry = np.flatnonzero(rows >= columns)
-    entry = entry[np.argsort(columns[entry] * len(order) + rows[entry], kind="stable")]
-    pointer = np.concatenate([[0], np.cumsum(np.bincount(columns[entry], minlength=len(order)))])
-    return pointer, rows[entry], columns[entry], entry
-
-
 def _supernodes(parent: Index, counts: Index) -> tuple[Index, Index, Index]:
-    """First columns (m + 1,), parents (m,) and numbers of rows (m,) of supernodes: successive columns of one
-    structure, and those joined to them."""
-    count = len(parent)
-    only_child = np.bincount(parent[parent >= 0], minlength=count) == 1
-    follows = np.zeros(count, bool)
-    follows[1:] = (parent[:-1] == np.arange(1, count)) & (counts[1:] == counts[:-1] - 1) & only_child[1:]
-    first = np.flatnonzero(~follows)
-    start = [int(c) for c in first] + [count]
-    width = np.diff(start)
-    size = counts[first].astype(np.int64)
-    node = np.repeat(np.arange(len(first)), width)
-    above = parent[np.array(start[1:]) - 1]
-    above = np.where(above >= 0, node[np.maximum(above, 0)], -1)
-    return _joined(np.array(start), above, size)
-
-
-def _joined(start: Index, parent: Index, size: Index) -> tuple[Index, Index, Index]:
-    """Supernodes joined with the last child before them, as long as few zeros come in."""
-    widths, shares = np.array([w for w, _ in _ZEROS]), np.array([share for _, share in _ZEROS])
-    begin, size, into = kernel.join_supernodes(start, parent, size, widths, shares)
-    kept = np.flatnonzero(into == np.arange(len(into)))
-    number = np.full(len(into), -1)
-    number[kept] = np.arange(len(kept))
-    above = np.where(parent[kept] >= 0, number[into[np.maximum(parent[kept], 0)]], -1)
-    return np.append(begin[kept], start[-1]), above, size[kept]
+    """First columns (m + 1,), parents (m,) and numbers of rows (m,) of supernodes: columns of the factor with these
+    parents and numbers of entries, each joined with the last child before it as long as few zeros come in."""
+    columns, (widths, shares) = np.arange(len(parent) + 1), np.array(_ZEROS).T
+    begin, size, into = kernel.join_supernodes(columns, parent, counts, widths, shares)
+    kept = np.flatnonzero(into == columns[:-1])
+    above = np.where(parent[kept] >= 0, np.searchsorted(kept, into[parent[kept]]), -1)
+    return np.append(begin[kept], len(parent)), above, size[kept]
 
 
 class ElementSums:

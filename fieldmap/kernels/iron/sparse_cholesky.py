@@ -163,24 +163,6 @@ def supernode_rows(start, column_pointer, column_index, parent_of_node, row_star
     return rows
 
 
-@njit(nogil=True)
-def relative_rows(start, rows, row_start, parent):
-    """For every row of every supernode beyond its own columns: its place among the rows of the parent."""
-    nodes = start.size - 1
-    out = np.zeros(rows.size, np.int64)
-    place = np.zeros(start[-1], np.int64)
-    for s in range(nodes - 1, -1, -1):
-        if parent[s] == -1:
-            continue
-        above = parent[s]
-        for p in range(row_start[above], row_start[above + 1]):
-            place[rows[p]] = p - row_start[above]
-        width = start[s + 1] - start[s]
-        for p in range(row_start[s] + width, row_start[s + 1]):
-            out[p] = place[rows[p]]
-    return out
-
-
 # Loops from zero on pieces of rows: the compiler makes vector code where it sees that no index counts from the end, and
 # few enough pieces to ask whether they overlap.
 
