@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -60,12 +60,7 @@ class CoilSet(Field):
         InputError
             For points or currents that do not fit.
         """
-        x, amperes, single = self._checked(points, currents)
-        flux = np.zeros((len(x), 3))
-        for k, coil in enumerate(self.coils):
-            if amperes[..., k].any():
-                flux += amperes[..., k, None] * unit_flux_density(coil, x)
-        return flux[0] if single else flux
+        return self._summed(points, currents, unit_flux_density, (3,))
 
     def gradient(self, points: ArrayLike, currents: Currents) -> Array:
         """Gradient of the flux density at points.
@@ -75,17 +70,26 @@ class CoilSet(Field):
         InputError
             For points or currents that do not fit.
         """
-        x, amperes, single = self._checked(points, currents)
-        slope = np.zeros((len(x), 3, 3))
-        for k, coil in enumerate(self.coils):
-            if amperes[..., k].any():
-                slope += amperes[..., k, None, None] * unit_flux_density_and_gradient(coil, x)[1]
-        return slope[0] if single else slope
+        return self._summed(
+            points, currents, lambda coil, x: unit_flux_density_and_gradient(coil, x)[1], (3, 3)
+        )
 
     def outlines(self) -> tuple[Outline, ...]:
         """The windings."""
         return tuple(winding_outline(coil) for coil in self.coils)
 
-    def _checked(self, points: ArrayLike, currents: Currents) -> tuple[Array, Array, bool]:
+    def _summed(
+        self,
+        points: ArrayLike,
+        currents: Currents,
+        unit: Callable[[Coil, Array], Array],
+        shape: tuple[int, ...],
+    ) -> Array:
+        """Sum of what every coil has per ampere at points, of this shape at each."""
         x = checked_points(points, "points")
-        return x, coil_currents(currents, self.coil_names, len(x)), np.ndim(points) == 1
+        amperes = coil_currents(currents, self.coil_names, len(x))
+        total = np.zeros((len(x), *shape))
+        for coil, own in zip(self.coils, np.moveaxis(amperes, -1, 0), strict=True):
+            if own.any():
+                total += own.reshape(-1, *(1,) * len(shape)) * unit(coil, x)
+        return total[0] if np.ndim(points) == 1 else total

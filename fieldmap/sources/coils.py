@@ -7,8 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
+from fieldmap.arguments import check
 from fieldmap.device.coils import Coil
-from fieldmap.errors import InputError, Problem
+from fieldmap.errors import InputError
 from fieldmap.typing import Array
 
 FEWEST_DIGITS, MOST_DIGITS = 4, 14
@@ -128,35 +129,23 @@ def _is_upright(coil: Coil) -> bool:
 
 
 def _checked_digits(digits: float) -> float:
-    if not FEWEST_DIGITS <= digits <= MOST_DIGITS:
-        raise InputError(
-            Problem(
-                "digits", f"must lie between {FEWEST_DIGITS} and {MOST_DIGITS}", f"{digits}", "leave it at 10"
-            )
-        )
+    must_hold = f"must lie between {FEWEST_DIGITS} and {MOST_DIGITS}"
+    check(FEWEST_DIGITS <= digits <= MOST_DIGITS, "digits", must_hold, digits, "leave it at 10")
     return float(digits)
 
 
 def checked_points(points: ArrayLike, where: str) -> Array:
     """Points as an array (n, 3) of finite float64, C order. Raises InputError otherwise."""
     array = np.asarray(points, dtype=np.float64)
-    if array.ndim not in (1, 2) or array.shape[-1] != 3:
-        raise InputError(
-            Problem(
-                where, "must have the shape (n, 3) or (3,)", f"shape {array.shape}", "give x, y, z in metres"
-            )
-        )
-    bad = np.flatnonzero(~np.isfinite(array.reshape(-1, 3)).all(axis=1))
+    fits = array.ndim in (1, 2) and array.shape[-1] == 3
+    must_hold, remedy = "must have the shape (n, 3) or (3,)", "give x, y, z in metres"
+    check(fits, where, must_hold, f"shape {array.shape}", remedy)
+    rows = np.ascontiguousarray(array.reshape(-1, 3))
+    bad = np.flatnonzero(~np.isfinite(rows).all(axis=1))
     if len(bad):
-        raise InputError(
-            Problem(
-                where,
-                "must be finite",
-                f"{array.reshape(-1, 3)[bad[0]]} at index {bad[0]} ({len(bad)} in all)",
-                "remove or correct these points",
-            )
-        )
-    return np.ascontiguousarray(array.reshape(-1, 3))
+        received = f"{rows[bad[0]]} at index {bad[0]} ({len(bad)} in all)"
+        raise InputError.of(where, "must be finite", received, "remove or correct these points")
+    return rows
 
 
 def _local_points(coil: Coil, points: ArrayLike) -> Array:

@@ -5,8 +5,6 @@ self-inductance of a line whose distances are sqrt(r^2 + delta^2), delta = a exp
 its section from itself (Rosa, Bull. Bureau of Standards 4 (1908) 301), for a much less than the radius of curvature.
 """
 
-from collections.abc import Iterator
-
 import numpy as np
 from scipy.special import ellipe, ellipk
 
@@ -14,9 +12,9 @@ from fieldmap.constants import MU0
 from fieldmap.device.air_fields import segments_of
 from fieldmap.device.air_sources import AirSource
 from fieldmap.device.coils import Coil
-from fieldmap.errors import InputError, Problem
+from fieldmap.errors import InputError
 from fieldmap.kernels.simplex_rules import triangle_rule
-from fieldmap.sources.winding_rules import WindingRule, graded
+from fieldmap.sources.winding_rules import WindingRule, graded, loop_elements, placed, rule_of_parts
 from fieldmap.typing import Array
 
 LINES = ("Circle", "Polyline")
@@ -33,7 +31,7 @@ def is_lines(coil: Coil) -> bool:
 
 def line_elements(coil: Coil) -> WindingRule:
     """Points on the lines of a coil with the current elements there, for a function that varies as their potential."""
-    return _joined(coil, (_elements(source) for source in coil.filaments))
+    return rule_of_parts(coil, (placed(source.placement, *_elements(source)) for source in coil.filaments))
 
 
 def vector_potential(coil: Coil, points: Array) -> Array:
@@ -54,13 +52,11 @@ def self_inductance(coil: Coil) -> float:
         must_hold = "self-inductance needs a winding, or loops and polylines with a wire_diameter"
         kinds = ", ".join(sorted({source.kind for source in coil.filaments}))
         received = f"{kinds} without a wire_diameter" if is_lines(coil) else kinds
-        raise InputError(
-            Problem(f"coil {coil.name!r}", must_hold, received, "state wire_diameter of the coil")
-        )
+        raise InputError.of(f"coil {coil.name!r}", must_hold, received, "state wire_diameter of the coil")
     mean_distance = 0.5 * wire * np.exp(-0.25)
     total = 0.0
     for k, source in enumerate(coil.filaments):
-        points, vectors = _moved(source, *_elements(source, mean_distance))
+        points, vectors = placed(source.placement, *_elements(source, mean_distance))
         for j, other in enumerate(coil.filaments):
             potential = _placed_potential(other, points, mean_distance if j == k else 0.0)
             total += float(np.sum(potential * vectors))
@@ -73,7 +69,9 @@ def flux_elements_of_lines(coil: Coil) -> WindingRule:
     A loop spans its disk, a polyline triangles from the mean of its corners. Raises InputError for a polyline that is
     not closed and for sheets.
     """
-    return _joined(coil, (_flux_elements(coil, source) for source in coil.filaments))
+    return rule_of_parts(
+        coil, (placed(source.placement, *_flux_elements(coil, source)) for source in coil.filaments)
+    )
 
 
 # ---- one source, in its own frame ----
@@ -82,10 +80,7 @@ def flux_elements_of_lines(coil: Coil) -> WindingRule:
 def _elements(source: AirSource, shortest: float = 0.0) -> tuple[Array, Array]:
     """Points (n, 3) and current elements (n, 3), A m."""
     if source.kind == "Circle":
-        angle = 2 * np.pi * (np.arange(_ROUND) + 0.5) / _ROUND
-        around = np.column_stack([np.cos(angle), np.sin(angle), np.zeros(_ROUND)])
-        points = 0.5 * source.diameter * around  # type: ignore[operator]
-        return points, source.amperes * 2 * np.pi / _ROUND * np.cross([0.0, 0.0, 1.0], points)
+        return loop_elements(source, _ROUND)
     places_of, vectors_of = [], []
     for start, end in zip(*segments_of(source), strict=True):
         half = 0.5 * float(np.linalg.norm(end - start))
@@ -118,17 +113,13 @@ def _potential_of_loop(source: AirSource, points: Array, mean_distance: float) -
     m = np.minimum(4 * radius * rho / ((radius + rho) ** 2 + height), 1 - 1e-15)
     near_axis = m < 1e-6
     safe = np.where(near_axis, 0.5, m)
-    full = np.sqrt(radius / np.where(near_axis, 1.0, rho * safe)) * (
-        (2 - safe) * ellipk(safe) - 2 * ellipe(safe)
-    )
+    full = (2 - safe) * ellipk(safe) - 2 * ellipe(safe)
+    full *= np.sqrt(radius / np.where(near_axis, 1.0, rho * safe))
     # Near the axis (2 - m) K - 2 E = pi m^2 / 16.
     small = np.pi / 16 * m * np.sqrt(4 * radius**2 / ((radius + rho) ** 2 + height))
     size = MU0 * source.amperes / (2 * np.pi) * np.where(near_axis, small, full)
-    inverse = np.divide(1.0, rho, out=np.zeros_like(rho), where=rho > 0)
-    return np.asarray(
-        size[:, None] * inverse[:, None] * np.column_stack([-points[:, 1], points[:, 0], np.zeros(len(rho))]),
-        float,
-    )
+    turn = np.divide(size, rho, out=np.zeros_like(rho), where=rho > 0)
+    return np.column_stack([-turn * points[:, 1], turn * points[:, 0], np.zeros(len(rho))])
 
 
 def _flux_elements(coil: Coil, source: AirSource) -> tuple[Array, Array]:
@@ -142,11 +133,9 @@ def _flux_elements(coil: Coil, source: AirSource) -> tuple[Array, Array]:
         return points, source.amperes * area.reshape(-1, 1) * [0.0, 0.0, 1.0]
     closed = source.kind == "Polyline" and np.allclose(source.vertices[0], source.vertices[-1], rtol=1e-9)  # type: ignore[index]
     if not closed:
-        must_hold, remedy = (
-            "flux is linked with loops and closed polylines",
-            "close the line at its first corner",
-        )
-        raise InputError(Problem(f"coil {coil.name!r}", must_hold, f"a {source.kind}, not closed", remedy))
+        must_hold = "flux is linked with loops and closed polylines"
+        received, remedy = f"a {source.kind}, not closed", "close the line at its first corner"
+        raise InputError.of(f"coil {coil.name!r}", must_hold, received, remedy)
     start, end = segments_of(source)
     middle = start.mean(axis=0)
     rule, weights = triangle_rule(_DEGREE)
@@ -162,19 +151,3 @@ def _flux_elements(coil: Coil, source: AirSource) -> tuple[Array, Array]:
 def _placed_potential(source: AirSource, points: Array, mean_distance: float) -> Array:
     turn = np.asarray(source.placement.rotation, np.float64)
     return _potential(source, (points - source.placement.position) @ turn, mean_distance) @ turn.T
-
-
-def _moved(source: AirSource, points: Array, vectors: Array) -> tuple[Array, Array]:
-    turn = np.asarray(source.placement.rotation, np.float64).T
-    return points @ turn + source.placement.position, vectors @ turn
-
-
-def _joined(coil: Coil, parts: Iterator[tuple[Array, Array]]) -> WindingRule:
-    """Parts in the frames of the sources, together in the global frame."""
-    placed = [_moved(source, *part) for source, part in zip(coil.filaments, parts, strict=True)]
-    points, vectors = (np.concatenate([pair[k] for pair in placed]) for k in range(2))
-    turn = np.asarray(coil.placement.rotation, np.float64).T
-    return WindingRule(
-        np.ascontiguousarray(points @ turn + coil.placement.position),
-        np.ascontiguousarray(coil.turns * coil.polarity * vectors @ turn),
-    )

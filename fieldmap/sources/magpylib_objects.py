@@ -6,10 +6,10 @@ from functools import singledispatch
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from fieldmap.arguments import check
 from fieldmap.constants import MU0
 from fieldmap.device.coils import Coil, WindingPath
 from fieldmap.device.coils.rounded_rectangle import RoundedRectangleCoil
-from fieldmap.errors import InputError, Problem
 from fieldmap.extras import needs
 from fieldmap.typing import Array
 
@@ -49,9 +49,8 @@ def magpylib_coil(coil: Coil, current: float = 1.0, shells: int = 8) -> magpylib
     >>> print(magpylib_coil(coil).getB([0.0, 0.0, 0.0]).round(6))
     [0.      0.      0.02095]
     """
-    if shells < 1 or not math.isfinite(current):
-        received = f"shells = {shells}, current = {current}"
-        raise InputError(Problem("magpylib_coil", "shells >= 1 and a finite current", received, "correct it"))
+    received, right = f"shells = {shells}, current = {current}", shells >= 1 and math.isfinite(current)
+    check(right, "magpylib_coil", "shells >= 1 and a finite current", received, "correct it")
     nodes, weights = np.polynomial.legendre.leggauss(shells)
     magnets = []
     for node, weight in zip(nodes, weights / 2, strict=True):
@@ -108,33 +107,22 @@ def _sector(
 
 def _path(path: WindingPath, offset: float, magnetised: float) -> list:
     """Inside the outline = the polygon through arc centres and bar ends, plus or minus the sectors of the corners."""
-    magnets = []
+    magnets, corners = [], []
     for cx, cy, mx, my, span, inner, outer, sense in path.arcs:
-        middle = math.degrees(math.atan2(my, mx))
-        opening = math.degrees(span)
         radius = (inner + outer) / 2 + sense * offset
-        place = (cx, cy, 0.0)
-        magnets.append(
-            _sector(place, radius, path.height, middle - opening, middle + opening, sense * magnetised)
-        )
-    polygon = _polygon(path, offset)
+        middle, opening = math.atan2(my, mx), sense * span
+        ends = [
+            (cx + radius * math.cos(angle), cy + radius * math.sin(angle))
+            for angle in (middle - opening, middle + opening)
+        ]
+        corners += [ends[0], (cx, cy), ends[1]]
+        angles = math.degrees(middle - span), math.degrees(middle + span)
+        magnets.append(_sector((cx, cy, 0.0), radius, path.height, *angles, sense * magnetised))
+    polygon = np.array(corners)
     origin = polygon.mean(axis=0)
     for one, two in zip(polygon, np.roll(polygon, -1, axis=0), strict=True):
         magnets += _prism(np.array([origin, one, two]), path.height, magnetised)
     return magnets
-
-
-def _polygon(path: WindingPath, offset: float) -> Array:
-    """Corners of the outline with its roundings cut back to their centres: start, centre, end of every arc."""
-    corners = []
-    for cx, cy, mx, my, span, inner, outer, sense in path.arcs:
-        radius = (inner + outer) / 2 + sense * offset
-        middle = math.atan2(my, mx)
-        first, last = middle - sense * span, middle + sense * span
-        corners.append((cx + radius * math.cos(first), cy + radius * math.sin(first)))
-        corners.append((cx, cy))
-        corners.append((cx + radius * math.cos(last), cy + radius * math.sin(last)))
-    return np.array(corners)
 
 
 _FACES = np.array([[0, 2, 1], [3, 4, 5], [0, 1, 4], [0, 4, 3], [1, 2, 5], [1, 5, 4], [2, 0, 3], [2, 3, 5]])
@@ -150,9 +138,5 @@ def _prism(triangle: Array, height: float, magnetised: float) -> list:
         triangle, magnetised = triangle[::-1], -magnetised
     below = np.column_stack([triangle, np.full(3, -height / 2)])
     above = np.column_stack([triangle, np.full(3, height / 2)])
-    mesh = magpylib.magnet.TriangularMesh(
-        polarization=(0, 0, magnetised),
-        vertices=np.vstack([below, above]),
-        faces=_FACES,
-    )
-    return [mesh]
+    vertices = np.vstack([below, above])
+    return [magpylib.magnet.TriangularMesh(polarization=(0, 0, magnetised), vertices=vertices, faces=_FACES)]

@@ -6,6 +6,7 @@ points are equally spaced.
 """
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,7 +14,8 @@ import numpy as np
 from fieldmap.device.air_fields import segments_of, sheet_of
 from fieldmap.device.air_sources import OTHER, AirSource
 from fieldmap.device.coils import Coil
-from fieldmap.errors import InputError, Problem
+from fieldmap.device.placement import Placement
+from fieldmap.errors import InputError
 from fieldmap.kernels.simplex_rules import triangle_rule
 from fieldmap.records import Record
 from fieldmap.typing import Array
@@ -44,7 +46,7 @@ class WindingRule(Record):
 def current_elements(coil: Coil) -> WindingRule:
     """Points in a winding, or on a coil's filaments and sheets, with their current elements J dV per ampere."""
     if not coil.has_winding:
-        return _filaments(coil)
+        return rule_of_parts(coil, map(current_elements_of, coil.filaments))
     path = coil.winding()
     spacing = min(path.thickness, path.height) / _PER_SIDE
     across, axial = (_count(side, spacing, _MOST_ACROSS) for side in (path.thickness, path.height))
@@ -55,46 +57,50 @@ def current_elements(coil: Coil) -> WindingRule:
     return _stacked(coil, _gauss(axial, -path.height / 2, path.height / 2), flat, vectors)
 
 
-def _filaments(coil: Coil) -> WindingRule:
-    pairs = [current_elements_of(source) for source in coil.filaments]
-    points, vectors = (np.concatenate([pair[k] for pair in pairs]) for k in range(2))
-    turn = np.asarray(coil.placement.rotation, dtype=float).T
-    places = points @ turn + coil.placement.position
-    return WindingRule(
-        np.ascontiguousarray(places), np.ascontiguousarray(coil.turns * coil.polarity * vectors @ turn)
-    )
-
-
 def current_elements_of(source: AirSource) -> tuple[Array, Array]:
     """Points (n, 3), m, and current elements (n, 3), A m, of a current at its place: the force is sum of elements x B.
 
     Raises InputError for what is no current of magpylib's kinds.
     """
     if source.kind == "Circle":
-        angle = 2 * np.pi * (np.arange(_ROUND_A_LOOP) + 0.5) / _ROUND_A_LOOP
-        radius = 0.5 * source.diameter  # type: ignore[operator]
-        points = radius * np.column_stack([np.cos(angle), np.sin(angle), np.zeros(_ROUND_A_LOOP)])
-        elements = 2 * np.pi / _ROUND_A_LOOP * np.cross([0.0, 0.0, 1.0], points) * source.amperes
+        points, elements = loop_elements(source, _ROUND_A_LOOP)
     elif source.kind == "Polyline":
         start, end = segments_of(source)
-        nodes, weights = np.polynomial.legendre.leggauss(_ALONG_A_LINE)
-        share = 0.5 * (1 + nodes)
+        share, weights = _gauss(_ALONG_A_LINE, 0.0, 1.0)
         points = (start[:, None] + share[:, None] * (end - start)[:, None]).reshape(-1, 3)
-        elements = (source.amperes * 0.5 * weights[:, None] * (end - start)[:, None]).reshape(-1, 3)
+        elements = (source.amperes * weights[:, None] * (end - start)[:, None]).reshape(-1, 3)
     elif source.kind in ("TriangleSheet", "TriangleStrip"):
         corners, density = sheet_of(source)
         rule, weights = triangle_rule(4)
-        area = 0.5 * np.linalg.norm(
-            np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1
-        )
+        across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        area = 0.5 * np.linalg.norm(across, axis=1)
         points = np.einsum("qk,mkd->mqd", rule, corners).reshape(-1, 3)
         elements = (weights[:, None] * (area[:, None] * density)[:, None]).reshape(-1, 3)
     else:
         name = type(source.live).__name__ if source.kind == OTHER else source.kind
         remedy = "ask for the force on the other bodies and coils"
-        raise InputError(Problem("force, name", "currents whose places are known", f"a {name}", remedy))
-    turn = np.asarray(source.placement.rotation, dtype=float).T
-    return points @ turn + source.placement.position, elements @ turn
+        raise InputError.of("force, name", "currents whose places are known", f"a {name}", remedy)
+    return placed(source.placement, points, elements)
+
+
+def loop_elements(source: AirSource, count: int) -> tuple[Array, Array]:
+    """Points (n, 3) round a Circle and current elements (n, 3), A m, in its own frame."""
+    angle = 2 * np.pi * (np.arange(count) + 0.5) / count
+    radius = 0.5 * source.diameter  # type: ignore[operator]
+    points = radius * np.column_stack([np.cos(angle), np.sin(angle), np.zeros(count)])
+    return points, source.amperes * 2 * np.pi / count * np.cross([0.0, 0.0, 1.0], points)
+
+
+def placed(placement: Placement, points: Array, vectors: Array) -> tuple[Array, Array]:
+    """Points and vectors (n, 3) of a frame in the one in which it is placed."""
+    turn = np.asarray(placement.rotation, dtype=float).T
+    return np.ascontiguousarray(points @ turn + placement.position), np.ascontiguousarray(vectors @ turn)
+
+
+def rule_of_parts(coil: Coil, parts: Iterable[tuple[Array, Array]]) -> WindingRule:
+    """Points and vectors (n, 3) of one turn in the frame of the coil, all together in the global frame."""
+    points, vectors = (np.concatenate(several) for several in zip(*parts, strict=True))
+    return WindingRule(*placed(coil.placement, points, coil.turns * coil.polarity * vectors))
 
 
 def flux_elements(coil: Coil) -> WindingRule:
@@ -150,9 +156,8 @@ def _angles(arc: Array, count: int) -> tuple[Array, Array]:
     """Angles over an arc and weights; equally spaced on a full circle."""
     middle, half = math.atan2(arc[3], arc[2]), arc[4]
     if half > math.pi * (1 - 1e-12):
-        return middle + 2 * math.pi * (np.arange(2 * count) + 0.5) / (2 * count), np.full(
-            2 * count, math.pi / count
-        )
+        turn = math.pi / count
+        return middle + turn * (np.arange(2 * count) + 0.5), np.full(2 * count, turn)
     return _gauss(count, middle - half, middle + half)
 
 
@@ -180,15 +185,12 @@ def _bar_points(bar: Array, along: Array, side: Array) -> Array:
     return bar[:2] + a[:, None] * bar[2:4] + s[:, None] * np.array([-bar[3], bar[2]])
 
 
-def _share(left: Array, thickness: float, turning: float) -> Array:
-    """Net turns around a point, as share of all, from its distance to the left of the middle line."""
-    return left / thickness + 0.5 * turning
-
-
 def _arc_strip(arc: Array, thickness: float, turning: float) -> tuple[Array, Array]:
+    """Points (n, 2) within the winding, and their areas (n,) times the net turns around them as share of all: these
+    fall with the distance to the left of the middle line."""
     r, wr = _gauss(_ACROSS, arc[5], arc[6])
     angle, wa = _angles(arc, _ALONG_ARC)
-    share = _share(arc[7] * (0.5 * (arc[5] + arc[6]) - r), thickness, turning)
+    share = arc[7] * (0.5 * (arc[5] + arc[6]) - r) / thickness + 0.5 * turning
     unit = np.column_stack([np.cos(angle), np.sin(angle)])
     flat = (arc[:2] + r[:, None, None] * unit).reshape(-1, 2)
     return flat, np.outer(share * r * wr, wa).ravel()
@@ -197,7 +199,7 @@ def _arc_strip(arc: Array, thickness: float, turning: float) -> tuple[Array, Arr
 def _bar_strip(bar: Array, way: tuple[Array, Array], thickness: float, turning: float) -> tuple[Array, Array]:
     along, wa = way
     side, ws = _gauss(_ACROSS, -thickness / 2, thickness / 2)
-    return _bar_points(bar, along, side), np.outer(wa, ws * _share(side, thickness, turning)).ravel()
+    return _bar_points(bar, along, side), np.outer(wa, ws * (side / thickness + 0.5 * turning)).ravel()
 
 
 def _arc_edge(arc: Array, turning: float) -> tuple[Array, Array]:
@@ -228,8 +230,4 @@ def _stacked(coil: Coil, levels: tuple[Array, Array], flat: Array, vectors: Arra
     """The rule of a plane (n, 2) repeated at levels along the axis, turned and moved to the coil's place."""
     z, wz = levels
     local = np.concatenate([np.column_stack([flat, np.full(len(flat), level)]) for level in z])
-    amount = np.concatenate([vectors * w for w in wz / wz.sum()]) * (coil.turns * coil.polarity)
-    turn = coil.placement.rotation.T
-    return WindingRule(
-        np.ascontiguousarray(local @ turn + coil.placement.position), np.ascontiguousarray(amount @ turn)
-    )
+    return rule_of_parts(coil, [(local, np.concatenate([vectors * w for w in wz / wz.sum()]))])
