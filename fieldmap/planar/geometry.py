@@ -1,10 +1,12 @@
 """Polygons in the plane, as complex numbers, and whether the bodies, conductors and walls of a device fit together."""
 
+from collections.abc import Iterator
 from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
 
+from fieldmap.arguments import raise_all
 from fieldmap.device.polygons import signed_area
 from fieldmap.errors import GeometryError, Problem
 from fieldmap.planar.conductors import complex_points, rectangle, wires
@@ -52,47 +54,30 @@ _SLACK = 1e-6
 
 def check_planar_geometry(device: PlanarDevice) -> None:
     """Raise GeometryError with one Problem for everything that overlaps or lies outside the walls."""
-    problems = [*_bodies(device), *_conductors(device), *_walls(device)]
-    if problems:
-        raise GeometryError(*problems)
+    raise_all([*_bodies(device), *_conductors(device), *_walls(device)], GeometryError)
 
 
-def _bodies(device: PlanarDevice) -> list[Problem]:
-    found = [
-        Problem(
-            f"{device.name}: body {body.name}",
-            "corners must run counter-clockwise, x to the right and z up",
-            "a clockwise polygon",
-            "reverse their order",
-        )
-        for body in device.bodies
-        if signed_area(body.corners.tolist()) <= 0
-    ]
+def _bodies(device: PlanarDevice) -> Iterator[Problem]:
+    for body in device.bodies:
+        if signed_area(body.corners.tolist()) <= 0:
+            where = f"{device.name}: body {body.name}"
+            must_hold = "corners must run counter-clockwise, x to the right and z up"
+            yield Problem(where, must_hold, "a clockwise polygon", "reverse their order")
     for one, other in combinations(device.bodies, 2):
-        first, second = complex_points(one.corners), complex_points(other.corners)
-        if _overlap(first, second):
-            found.append(
-                Problem(
-                    f"{device.name}: bodies {one.name} and {other.name}",
-                    "bodies may touch but not overlap",
-                    "polygons that overlap",
-                    "move one of them, or draw them as one polygon",
-                )
-            )
-    return found
+        if _overlap(complex_points(one.corners), complex_points(other.corners)):
+            where = f"{device.name}: bodies {one.name} and {other.name}"
+            must_hold = "bodies may touch but not overlap"
+            remedy = "move one of them, or draw them as one polygon"
+            yield Problem(where, must_hold, "polygons that overlap", remedy)
 
 
 def _overlap(first: Complex, second: Complex) -> bool:
-    if edges_cross(first, second):
-        return True
-    return any(
-        bool(
-            np.any(
-                inside(_probes(a), b) & (distance_to_edges(_probes(a), b) > 1e-9 * np.ptp(np.abs(b - b[0])))
-            )
-        )
-        for a, b in ((first, second), (second, first))
-    )
+    def reaches_into(one: Complex, other: Complex) -> bool:
+        probes = _probes(one)
+        apart = distance_to_edges(probes, other) > 1e-9 * np.ptp(np.abs(other - other[0]))
+        return bool(np.any(inside(probes, other) & apart))
+
+    return edges_cross(first, second) or reaches_into(first, second) or reaches_into(second, first)
 
 
 def _probes(polygon: Complex) -> Complex:
@@ -102,67 +87,40 @@ def _probes(polygon: Complex) -> Complex:
     return np.concatenate([polygon, middles, inwards])
 
 
-def _outline_points(coil: PlanarCoil, centre: complex) -> Complex:
-    """Points on the edge of a conductor."""
-    if isinstance(coil.wire, RoundWire):
-        return np.array([centre])
-    corners = rectangle(centre, coil.wire)
-    return np.concatenate([corners, 0.5 * (corners + np.roll(corners, -1)), [centre]])
-
-
 def _cuts(coil: PlanarCoil, centre: complex, polygon: Complex, want_inside: bool) -> bool:
     """Whether a conductor reaches over the edge of a polygon that it should be inside or outside of."""
-    points = _outline_points(coil, centre)
-    distance = distance_to_edges(points, polygon)
-    wrong = inside(points, polygon) != want_inside
+    middle = np.array([centre])
     if isinstance(coil.wire, RoundWire):
-        return bool(wrong[0] or distance[0] < coil.wire.radius * (1 - _SLACK))
-    near = _SLACK * min(coil.wire.width, coil.wire.height)
-    return bool(np.any(wrong & (distance > near)) or edges_cross(rectangle(centre, coil.wire), polygon))
+        near = distance_to_edges(middle, polygon)[0] < coil.wire.radius * (1 - _SLACK)
+        return bool(near or inside(middle, polygon)[0] != want_inside)
+    corners = rectangle(centre, coil.wire)
+    points = np.concatenate([corners, 0.5 * (corners + np.roll(corners, -1)), middle])
+    clear = distance_to_edges(points, polygon) > _SLACK * min(coil.wire.width, coil.wire.height)
+    wrong = inside(points, polygon) != want_inside
+    return bool(np.any(wrong & clear)) or edges_cross(corners, polygon)
 
 
-def _conductors(device: PlanarDevice) -> list[Problem]:
-    found = []
+def _conductors(device: PlanarDevice) -> Iterator[Problem]:
     for coil in device.coils:
         for centre in wires(coil)[0]:
             place = f"{device.name}: coil {coil.name}, conductor at ({1e3 * centre.real:g}, {1e3 * centre.imag:g}) mm"
-            found += [
-                Problem(
-                    place,
-                    "conductors must lie outside the iron",
-                    f"it cuts {body.name}",
-                    "move it or the body",
-                )
-                for body in device.bodies
-                if _cuts(coil, centre, complex_points(body.corners), False)
-            ]
+            for body in device.bodies:
+                if _cuts(coil, centre, complex_points(body.corners), False):
+                    must_hold, remedy = "conductors must lie outside the iron", "move it or the body"
+                    yield Problem(place, must_hold, f"it cuts {body.name}", remedy)
             if device.walls is not None and _cuts(coil, centre, complex_points(device.walls), True):
-                found.append(
-                    Problem(place, "conductors must lie inside the walls", "it does not", "widen the walls")
-                )
-    return found
+                yield Problem(place, "conductors must lie inside the walls", "it does not", "widen the walls")
 
 
-def _walls(device: PlanarDevice) -> list[Problem]:
+def _walls(device: PlanarDevice) -> Iterator[Problem]:
     if device.walls is None:
-        return []
+        return
     wall = complex_points(device.walls)
-    found = []
     for body in device.bodies:
         corners = complex_points(body.corners)
         outline = np.concatenate([corners, 0.5 * (corners + np.roll(corners, -1))])
-        gap = 1e-6 * np.ptp(wall.real)
-        if (
-            not inside(outline, wall).all()
-            or edges_cross(corners, wall)
-            or distance_to_edges(wall, corners).min() < gap
-        ):
-            found.append(
-                Problem(
-                    f"{device.name}: body {body.name}",
-                    "iron must lie inside the walls and not touch them",
-                    "iron that reaches the walls",
-                    "widen the walls",
-                )
-            )
-    return found
+        touches = distance_to_edges(wall, corners).min() < 1e-6 * np.ptp(wall.real)
+        if touches or edges_cross(corners, wall) or not inside(outline, wall).all():
+            where = f"{device.name}: body {body.name}"
+            must_hold = "iron must lie inside the walls and not touch them"
+            yield Problem(where, must_hold, "iron that reaches the walls", "widen the walls")

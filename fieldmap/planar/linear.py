@@ -1,13 +1,13 @@
 """A planar device with iron of constant permeability, solved for one ampere in every coil."""
 
 import time
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 
 from fieldmap.arguments import check_positive
-from fieldmap.device.materials import Material
 from fieldmap.errors import InputError
 from fieldmap.kernels.gauss import GAUSS_NODES, GAUSS_WEIGHTS, gauss_start
 from fieldmap.planar.boundary_operator import BoundaryOperator, boundary_operator
@@ -69,15 +69,11 @@ def solve_planar(
     outline = make_outline(device, panel_size(device, size))
     bodies = [boundary_operator(outline.nodes, body, outline.extent, False) for body in outline.bodies]
     air = air_operator(outline)
-    wall_values = _wall_values(device, outline)
+    # The reaction at the walls, per ampere, cancels the vector potential of the coils.
+    columns = [-coil_vector_potential(coil, outline.wall, outline.extent) for coil in device.coils]
+    wall_values = np.array(columns).reshape(len(device.coils), len(outline.wall)).T
     values = _reaction(device, outline, bodies, air, permeability, wall_values)
-    report = PlanarReport(
-        iron_panels=sum(len(body) for body in outline.bodies),
-        wall_panels=len(outline.wall),
-        unknowns=len(outline.nodes),
-        seconds=time.process_time() - started,
-        assumptions=(*notes, walls_assumption(device)),
-    )
+    report = planar_report(device, outline, len(outline.nodes), started, notes)
     regions = tuple(
         Region(complex_points(body.corners), operator, values)
         for body, operator in zip(device.bodies, bodies, strict=True)
@@ -98,35 +94,40 @@ def permeabilities(device: PlanarDevice, mu_r: float | None) -> tuple[Array, tup
     """Relative permeability of each body, and what is assumed about it, one sentence each."""
     if mu_r is not None:
         check_positive("solve_planar", mu_r=mu_r)
-    used = [_permeability(device.materials[body.material], mu_r) for body in device.bodies]
-    notes = {
-        f"iron of {body.name}: constant relative permeability {value:g}"
-        if value > _BARRIER_MU_R
-        else f"{body.name}: no flux passes it"
-        for body, value in zip(device.bodies, used, strict=True)
-    }
+    used, notes = [], set()
+    for body in device.bodies:
+        material = device.materials[body.material]
+        if material.role == "magnet":
+            where, remedy = (
+                f"solve_planar, material {material.name}",
+                "use soft iron, or the three-dimensional model",
+            )
+            must_hold = "permanent magnets have no place in the planar model"
+            raise InputError.of(where, must_hold, "a permanent magnet", remedy)
+        if material.role == "flux barrier":
+            used.append(_BARRIER_MU_R)
+            notes.add(f"{body.name}: no flux passes it")
+        else:
+            used.append(material.initial_mu_r if mu_r is None else float(mu_r))
+            notes.add(f"iron of {body.name}: constant relative permeability {used[-1]:g}")
     return np.array(used), tuple(sorted(notes))
 
 
-def _permeability(material: Material, mu_r: float | None) -> float:
-    if material.role == "magnet":
-        raise InputError.of(
-            f"solve_planar, material {material.name}",
-            "permanent magnets have no place in the planar model",
-            "a permanent magnet",
-            "use soft iron, or the three-dimensional model",
-        )
-    if material.role == "flux barrier":
-        return _BARRIER_MU_R
-    return material.initial_mu_r if mu_r is None else float(mu_r)
-
-
-def walls_assumption(device: PlanarDevice) -> str:
-    """The boundary, as an assumption."""
-    if device.walls is None:
-        return "open space"
-    low, high = 1e3 * device.walls.min(axis=0), 1e3 * device.walls.max(axis=0)
-    return f"no flux through walls that reach from ({low[0]:g}, {low[1]:g}) to ({high[0]:g}, {high[1]:g}) mm in x, z"
+def planar_report(
+    device: PlanarDevice,
+    outline: Outline,
+    unknowns: int,
+    started: float,
+    notes: Sequence[str],
+    residuals: tuple[float, ...] = (),
+) -> PlanarReport:
+    """Of a solution whose computation started at this time of the process; notes: what is assumed about the iron."""
+    panels, boundary = sum(len(body) for body in outline.bodies), "open space"
+    if device.walls is not None:
+        (x1, z1), (x2, z2) = 1e3 * device.walls.min(axis=0), 1e3 * device.walls.max(axis=0)
+        boundary = f"no flux through walls that reach from ({x1:g}, {z1:g}) to ({x2:g}, {z2:g}) mm in x, z"
+    seconds = time.process_time() - started
+    return PlanarReport(panels, len(outline.wall), unknowns, seconds, (*notes, boundary), residuals)
 
 
 def air_operator(outline: Outline) -> BoundaryOperator:
@@ -136,12 +137,6 @@ def air_operator(outline: Outline) -> BoundaryOperator:
     nodes = np.concatenate([outline.nodes, outline.wall])
     panels = np.concatenate([outline.outside, wall]).astype(np.int64)
     return boundary_operator(nodes, panels, outline.extent, unbounded=not len(outline.wall))
-
-
-def _wall_values(device: PlanarDevice, outline: Outline) -> Array:
-    """Reaction (k, coils) at the walls, per ampere: it cancels the vector potential of the coils."""
-    columns = [-coil_vector_potential(coil, outline.wall, outline.extent) for coil in device.coils]
-    return np.array(columns).reshape(len(device.coils), len(outline.wall)).T
 
 
 def _reaction(
@@ -159,8 +154,7 @@ def _reaction(
     for operator, mu_r in zip(bodies, permeability, strict=True):
         matrix += operator.energy / mu_r
         for k, coil in enumerate(device.coils):
-            moments = normal_moments(outline.nodes, operator.panels, coil)
-            right[:, k] += (1 - 1 / mu_r) * moments
+            right[:, k] += (1 - 1 / mu_r) * normal_moments(outline.nodes, operator.panels, coil)
     if not count:
         return right
     if not len(outline.wall):
@@ -176,9 +170,8 @@ def normal_moments(nodes: Complex, panels: Indices, coil: PlanarCoil) -> Array:
     weights = 0.5 * GAUSS_WEIGHTS[start : start + _POINTS]
     first, last = nodes[panels[:, 0]], nodes[panels[:, 1]]
     points = first[:, None] + places * (last - first)[:, None]
-    normal = (
-        coil_derivatives(coil, points.ravel())[0].reshape(points.shape) * (-1j * (last - first))[:, None]
-    ).real
+    slope = coil_derivatives(coil, points.ravel())[0].reshape(points.shape)
+    normal = (slope * (-1j * (last - first))[:, None]).real
     moments = np.zeros(len(nodes))
     np.add.at(moments, panels[:, 0], (normal * (1 - places)) @ weights)
     np.add.at(moments, panels[:, 1], (normal * places) @ weights)

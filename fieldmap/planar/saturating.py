@@ -12,6 +12,7 @@ from scipy.linalg import cho_factor, cho_solve
 from scipy.sparse import coo_array, csc_array
 from scipy.sparse.linalg import splu
 
+from fieldmap.arguments import check
 from fieldmap.device.materials import SaturatingMaterial
 from fieldmap.errors import InputError, NotConverged, Problem
 from fieldmap.field import Currents
@@ -19,7 +20,7 @@ from fieldmap.iron.elements.bh_law import LawTables, law_tables
 from fieldmap.planar.boundary_operator import BoundaryOperator
 from fieldmap.planar.conductors import coil_vector_potential, complex_points
 from fieldmap.planar.geometry import check_planar_geometry, inside
-from fieldmap.planar.linear import air_operator, normal_moments, panel_size, walls_assumption
+from fieldmap.planar.linear import air_operator, normal_moments, panel_size, planar_report
 from fieldmap.planar.mesh import Outline, make_outline, triangulate
 from fieldmap.planar.model import PlanarDevice
 from fieldmap.planar.solution import (
@@ -167,28 +168,20 @@ def minimise(balance: Balance, tolerance: float) -> tuple[Array, tuple[float, ..
         if residuals[-1] <= tolerance:
             return u, tuple(residuals)
         step = -_solve(balance.stiffness, second, residual)
-        u = _searched(balance, u, step, float(residual @ step))
-    raise NotConverged(
-        Problem(
-            "solve_planar_state",
-            f"the residual must fall to {tolerance:g}",
-            f"{residuals[-1]:.3g} after {_MOST_STEPS} steps",
-            "raise the tolerance, or lower the currents",
-        ),
-        residuals=tuple(residuals),
+        energy, slope, share = balance.energy(u), float(residual @ step), 1.0
+        for _ in range(_MOST_HALVINGS):
+            moved = u + share * step
+            # The last steps change the energy by less than its rounding.
+            if balance.energy(moved) <= energy + 1e-4 * share * slope + 1e-12 * abs(energy):
+                break
+            share *= 0.5
+        u = moved
+    must_hold, received = (
+        f"the residual must fall to {tolerance:g}",
+        f"{residuals[-1]:.3g} after {_MOST_STEPS} steps",
     )
-
-
-def _searched(balance: Balance, u: Array, step: Array, slope: float) -> Array:
-    """The first of the steps 1, 1/2, 1/4, ... that lowers the energy as it should."""
-    energy, share = balance.energy(u), 1.0
-    for _ in range(_MOST_HALVINGS):
-        moved = u + share * step
-        # The last steps change the energy by less than its rounding.
-        if balance.energy(moved) <= energy + 1e-4 * share * slope + 1e-12 * abs(energy):
-            return moved
-        share *= 0.5
-    return moved
+    problem = Problem("solve_planar_state", must_hold, received, "raise the tolerance, or lower the currents")
+    raise NotConverged(problem, residuals=tuple(residuals))
 
 
 def _solve(stiffness: Array, second: csc_array, right: Array) -> Array:
@@ -237,10 +230,9 @@ class PlanarState(PlanarFieldAtCurrents):
         InputError
             For other currents than its own.
         """
-        if not np.array_equal(planar_currents(self.device, currents), self.currents):
-            raise InputError.of(
-                "PlanarState(currents)", f"{self.currents.tolist()} A", repr(currents), "solve them anew"
-            )
+        same = np.array_equal(planar_currents(self.device, currents), self.currents)
+        own = f"{self.currents.tolist()} A"
+        check(same, "PlanarState(currents)", own, repr(currents), "solve them anew")
         return self
 
     def derivatives(self, points: ArrayLike, currents: Currents | None = None) -> Complex:
@@ -287,10 +279,8 @@ class PlanarState(PlanarFieldAtCurrents):
             Middles (t, 2), m, and flux density (t, 2) of (B_x, B_z), T.
         """
         names = [known.name for known in self.device.bodies]
-        if body not in names:
-            raise InputError.of(
-                "PlanarState(body)", f"one of {', '.join(names)}", f"{body!r}", "choose one of them"
-            )
+        known = f"one of {', '.join(names)}"
+        check(body in names, "PlanarState(body)", known, repr(body), "choose one of them")
         mine = self.iron.body == names.index(body)
         middle = self.iron.points[self.iron.triangles[mine]].mean(axis=1)
         gradient = self.iron.gradient(self.potential)[mine]
@@ -343,19 +333,21 @@ def solve_planar_state(
     """
     started = time.process_time()
     check_planar_geometry(device)
-    _check_materials(device)
+    for body in device.bodies:
+        if device.materials[body.material].role != "iron":
+            where, remedy = (
+                f"solve_planar_state, body {body.name}",
+                "use solve_planar, or walls instead of flux barriers",
+            )
+            raise InputError.of(where, "must be soft iron", f"material {body.material}", remedy)
+    remedy = "use solve_planar for coils alone"
+    check(len(device.bodies) > 0, "solve_planar_state", "a device with iron", "none", remedy)
     amperes = planar_currents(device, currents)
     outline, iron, air = _meshed(device, panel_size(device, size))
     balance = _balance(device, outline, iron, air, amperes)
     potential, residuals = minimise(balance, tolerance)
-    report = PlanarReport(
-        iron_panels=sum(len(body) for body in outline.bodies),
-        wall_panels=len(outline.wall),
-        unknowns=len(iron.points),
-        seconds=time.process_time() - started,
-        assumptions=(*_material_assumptions(device), walls_assumption(device)),
-        residuals=residuals,
-    )
+    notes = _material_assumptions(device)
+    report = planar_report(device, outline, len(iron.points), started, notes, residuals)
     reaction = np.concatenate([potential[: len(outline.nodes)] - balance.coil, balance.wall])
     return PlanarState(device, amperes, balance.air, reaction, iron, potential, report)
 
@@ -369,33 +361,15 @@ def _meshed(device: PlanarDevice, size: float) -> tuple[Outline, IronTriangles, 
     return outline, iron_triangles(outline, tables, size), air_operator(outline)
 
 
-def _check_materials(device: PlanarDevice) -> None:
-    for body in device.bodies:
-        if device.materials[body.material].role != "iron":
-            raise InputError.of(
-                f"solve_planar_state, body {body.name}",
-                "must be soft iron",
-                f"material {body.material}",
-                "use solve_planar, or walls instead of flux barriers",
-            )
-    if not device.bodies:
-        raise InputError.of(
-            "solve_planar_state", "a device with iron", "none", "use solve_planar for coils alone"
-        )
-
-
-def _material_assumptions(device: PlanarDevice) -> tuple[str, ...]:
+def _material_assumptions(device: PlanarDevice) -> list[str]:
     notes = set()
     for body in device.bodies:
         material = device.materials[body.material]
-        constant = f"constant relative permeability {material.initial_mu_r:g}"
-        law = (
-            f"{material.description}; {material.left_out}"
-            if isinstance(material, SaturatingMaterial)
-            else constant
-        )
+        law = f"constant relative permeability {material.initial_mu_r:g}"
+        if isinstance(material, SaturatingMaterial):
+            law = f"{material.description}; {material.left_out}"
         notes.add(f"iron of {body.name}: {law}")
-    return tuple(sorted(notes))
+    return sorted(notes)
 
 
 def _balance(
