@@ -141,10 +141,8 @@ def test_shares_of_bodies_are_those_of_their_faces_and_elements():
     )
     cells = MesherCells(np.arange(6), np.arange(18.0).reshape(6, 3), 1e-3 * np.arange(1.0, 7.0))
     mesh = SimpleNamespace(cells=cells, body=np.array([0, 0, 1, 1, 2, 2]), body_names=("a", "b", "c"))
-    topology = SimpleNamespace(owner=np.column_stack([np.arange(6), np.full(6, -1)]), surface=np.arange(6))
-    forms = (SimpleNamespace(iron=SimpleNamespace(mesh=mesh, topology=topology)),)
-    about = {"_iron": forms[0].iron, "element_shares": np.array([0, 0, 1.5, 7.5, 0, 0])}
-    level = SimpleNamespace(forms=forms, face_shares=shares, **about)
+    about = {"_iron": SimpleNamespace(mesh=mesh), "_below": np.arange(6)}
+    level = SimpleNamespace(face_shares=shares, element_shares=np.array([0, 0, 1.5, 7.5, 0, 0]), **about)
     places, layers = cells.centres[[0, 3]], np.array([2e-5, 3e-5])
     sizes = LocalSizes(cells.centres, 0.5 * cells.sizes, places, layers)
     # Of 20 in all: 7 in the first body, 5 of them in one cell, and 13 in the second, 9 in one cell.

@@ -56,7 +56,7 @@ from fieldmap.iron.solvers.refinement import (
     next_sizes,
 )
 from fieldmap.records import Record
-from fieldmap.typing import Array, PathLike
+from fieldmap.typing import Array, Index, PathLike
 
 # Meshes are nowhere coarser than the sizes of the device file divided by this; the first is just that.
 START = 0.7
@@ -175,7 +175,6 @@ class _Run:
 
     def solution(self) -> LinearSolution:
         """The first within the tolerance. Raises ToleranceNotReached."""
-        coarser: LinearSolution | None = None
         level: Level | None = None
         sizes: LocalSizes | None = None
         for number in range(self.most_meshes):
@@ -184,77 +183,53 @@ class _Run:
             mesh = generate_mesh(self.device, START, local=sizes)
             if not fits_into_memory(mesh):
                 raise self._not_reached("memory", level, sizes)
-            iron = assemble(mesh)
-            level = Level.solved(
-                self.device, iron, self.properties, self.points, self.asked.solving, self.stages, self.asked
-            )
-            error = self._estimate(level, coarser)
-            excess = None if error is None else self.asked.excess(error, len(self.device.coils))
+            coarser = None if level is None else level.solution
+            solving = (self.asked.solving, self.stages, self.asked)
+            level = Level.solved(self.device, assemble(mesh), self.properties, self.points, *solving)
             report = level.solution.report
-            estimates = () if error is None else (error.flux_density, error.gradient, excess)
+            reduction, so_far = max(_LEAST_FROM_FIRST, _MARGIN * level.own_excess), "none yet"
+            estimates: tuple[float, ...] = ()
+            if coarser is not None:
+                growth = report.surface_faces / coarser.report.surface_faces - 1
+                ours = (level.solution, coarser, level.complement, level.relative_shares, growth)
+                error = estimate_error(self.points, *ours)
+                excess = self.asked.excess(error, len(self.device.coils))
+                reduction, so_far = max(_LEAST_REDUCTION, _MARGIN * excess), f"{error.flux_density:.2g}"
+                estimates = error.flux_density, error.gradient, excess
+                self._keep(level.solution, error, excess)
             counts = (report.surface_faces, report.tetrahedra, report.matrix_bytes)
             self.steps.append(MeshStep(*counts, time.perf_counter() - begin, *estimates))
-            if error is not None and excess is not None:
-                self._keep(level.solution, error, excess)
-                if excess <= 1.0:
-                    self.stages.done(str(error))
-                    return self._answer(self._report("reached", level, None))
-            reduction = self._reduction(level, error, excess)
-            self.stages.next(self._so_far(error, level), (number + 0.7) / self.most_meshes)
+            if coarser is not None and excess <= 1.0:
+                self.stages.done(str(error))
+                return self._answer(self._report("reached", level, None))
+            what = f"estimate {so_far} at {report.surface_faces} faces; where they must be smaller"
+            self.stages.next(what, (number + 0.7) / self.most_meshes)
             sizes = level.next_sizes(reduction)
             if self.without_progress >= _PATIENCE:
                 raise self._not_reached("stalled", level, sizes)
-            coarser = level.solution
         raise self._not_reached("meshes", level, sizes)
 
-    def _estimate(self, level: Level, coarser: LinearSolution | None) -> ErrorEstimate | None:
-        if coarser is None:
-            return None
-        growth = level.solution.report.surface_faces / coarser.report.surface_faces - 1
-        return estimate_error(
-            self.points, level.solution, coarser, level.complement, level.relative_shares, growth
-        )
-
     def _keep(self, solution: LinearSolution, error: ErrorEstimate, excess: float) -> None:
-        if self.best is None or excess < _BETTER * self.best[0]:
-            self.without_progress = 0
-        else:
-            self.without_progress += 1
+        better = self.best is None or excess < _BETTER * self.best[0]
+        self.without_progress = 0 if better else self.without_progress + 1
         if self.best is None or excess < self.best[0]:
             self.best = excess, solution, error
 
-    def _reduction(self, level: Level, error: ErrorEstimate | None, excess: float | None) -> float:
-        """By what the next mesh is to divide the error."""
-        if error is None or excess is None:
-            return max(_LEAST_FROM_FIRST, _MARGIN * level.own_excess)
-        return max(_LEAST_REDUCTION, _MARGIN * excess)
-
-    def _so_far(self, error: ErrorEstimate | None, level: Level) -> str:
-        so_far = "none yet at" if error is None else f"{error.flux_density:.2g} at"
-        return f"estimate {so_far} {level.solution.report.surface_faces} faces; where they must be smaller"
-
     def _report(self, ended: str, level: Level, sizes: LocalSizes | None) -> ToleranceReport:
+        """sizes: of the next mesh, where one would follow."""
         worst = None if self.best is None else self.asked.worst(self.best[2], len(self.device.coils))
+        largest, following, whole = None if worst is None else worst[0], None, None
+        if sizes is not None:
+            last, growth = self.steps[-1], level.growth(sizes)
+            following = self._cost(growth[0] * last.faces, growth[1] * last.tetrahedra)
+            enough = faces_within(self.steps)
+            if enough is not None:
+                whole = self._cost(enough, last.tetrahedra * (enough / last.faces) ** 1.5)
         shares = level.shares_of_bodies(sizes)
-        following, whole = (None, None) if sizes is None else self._costs(level, sizes)
-        largest = None if worst is None else worst[0]
         return ToleranceReport(self.asked, ended, tuple(self.steps), largest, shares, following, whole)
 
-    def _costs(self, level: Level, sizes: LocalSizes) -> tuple[ExpectedCost, ExpectedCost | None]:
-        """Of the next mesh, and of one within the tolerance."""
-        last = self.steps[-1]
-        faces, tetrahedra = (
-            factor * count
-            for factor, count in zip(level.growth(sizes), (last.faces, last.tetrahedra), strict=True)
-        )
-
-        def cost(faces: float, tetrahedra: float) -> ExpectedCost:
-            return expected_cost(self.steps, faces, tetrahedra, expected_bytes(faces))
-
-        enough = faces_within(self.steps)
-        if enough is None:
-            return cost(faces, tetrahedra), None
-        return cost(faces, tetrahedra), cost(enough, last.tetrahedra * (enough / last.faces) ** 1.5)
+    def _cost(self, faces: float, tetrahedra: float) -> ExpectedCost:
+        return expected_cost(self.steps, faces, tetrahedra, expected_bytes(faces))
 
     def _answer(self, report: ToleranceReport) -> LinearSolution:
         """The best solution with its estimate and the report of the run."""
@@ -268,20 +243,17 @@ class _Run:
         must_hold = f"the estimated error must fall to {self.asked}"
         where = f"device '{self.device.name}'"
         if level is None:
-            remedy = "give the bodies larger mesh sizes"
-            return ToleranceNotReached(
-                Problem(where, f"{must_hold} on a mesh that fits into memory", "no estimate", remedy)
+            must_hold, remedy = (
+                f"{must_hold} on a mesh that fits into memory",
+                "give the bodies larger mesh sizes",
             )
+            return ToleranceNotReached.of(where, must_hold, "no estimate", remedy)
         report = self._report(ended, level, sizes)
         estimates = tuple(step.flux_density for step in self.steps if step.flux_density is not None)
-        received = "no estimate" if self.best is None else f"{report!s}"
         remedy = "loosen the tolerance, allow an absolute error, or give that part smaller mesh sizes and others larger"
-        return ToleranceNotReached(
-            Problem(where, must_hold, received, remedy),
-            residuals=estimates,
-            report=report,
-            solution=None if self.best is None else self._answer(report),
-        )
+        best = None if self.best is None else self._answer(report)
+        problem = Problem(where, must_hold, "no estimate" if best is None else f"{report!s}", remedy)
+        return ToleranceNotReached(problem, residuals=estimates, report=report, solution=best)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -315,10 +287,6 @@ class Level(Record):
         return cls(properties, points, forms, solutions, asked)
 
     @property
-    def _iron(self) -> AssembledIron:
-        return self.forms[0].iron
-
-    @property
     def solution(self) -> LinearSolution:
         """In the chosen form."""
         return self.solutions[0]
@@ -327,6 +295,15 @@ class Level(Record):
     def complement(self) -> LinearSolution | None:
         """In the other."""
         return self.solutions[1] if len(self.solutions) == 2 else None
+
+    @property
+    def _iron(self) -> AssembledIron:
+        return self.forms[0].iron
+
+    @property
+    def _below(self) -> Index:
+        """The tetrahedra (s,) below the surface faces."""
+        return self._iron.topology.owner[self._iron.topology.surface, 0]
 
     @cached_property
     def face_shares(self) -> FaceShares:
@@ -353,9 +330,8 @@ class Level(Record):
     @property
     def _fixed(self) -> Array:
         """Remanence times the dipoles' flux density (c, k, s), T^2, below each face; 0 for coils."""
-        iron = self._iron
-        below = iron.topology.owner[iron.topology.surface, 0]
-        remanence = self.properties.on(iron.mesh).remanence[iron.mesh.body[below]]
+        mesh, below = self._iron.mesh, self._below
+        remanence = self.properties.on(mesh).remanence[mesh.body[below]]
         work = np.einsum("sd,ksd->ks", remanence, self._dual.flux_density[:, below])
         fixed = np.zeros((len(self._size), *work.shape))
         if self.solution.has_remanence:
@@ -364,8 +340,7 @@ class Level(Record):
 
     def next_sizes(self, reduction: float) -> LocalSizes:
         """Element sizes for the next mesh, which is to divide the error by `reduction`, 4 at most."""
-        iron, shares = self._iron, self.face_shares
-        return next_sizes(iron, shares, self.element_shares, reduction, _LEAST_GROWTH)
+        return next_sizes(self._iron, self.face_shares, self.element_shares, reduction, _LEAST_GROWTH)
 
     @cached_property
     def element_shares(self) -> Array:
@@ -383,9 +358,8 @@ class Level(Record):
 
     def shares_of_bodies(self, sizes: LocalSizes | None = None) -> tuple[ErrorShare, ...]:
         """What every body shares in the error of B, the largest first; sizes: of the next mesh."""
-        iron, cells = self._iron, self._iron.mesh.cells
+        iron, cells, below = self._iron, self._iron.mesh.cells, self._below
         assert cells is not None
-        below = iron.topology.owner[iron.topology.surface, 0]
         own = self.face_shares.across + self.face_shares.rest
         count = len(cells.sizes)
         of_cell = np.bincount(cells.number[below], own, count)
@@ -425,11 +399,13 @@ class Level(Record):
     @property
     def _allowed(self) -> Array:
         """Allowed errors of B (c,), T; those of the gradient over a length where B may have any."""
-        coils, out = len(self.solution.coils), []
-        for number, (name, size) in enumerate(zip(self.solution.sources, self._largest, strict=True)):
-            allowed = self.asked.allowed(LargestError("B", name, (0, 0, 0), 0.0, float(size)), number, coils)
-            out.append(allowed)
-        return np.array(out)
+        # What is allowed does not depend on the place.
+        errors = (
+            LargestError("B", name, (0, 0, 0), 0.0, float(size))
+            for name, size in zip(self.solution.sources, self._largest, strict=True)
+        )
+        coils = len(self.solution.coils)
+        return np.array([self.asked.allowed(one, number, coils) for number, one in enumerate(errors)])
 
     @cached_property
     def _size(self) -> Array:
