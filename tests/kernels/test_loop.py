@@ -70,31 +70,6 @@ def test_far_away_the_dipole_is_approached_with_slope_two():
     assert error[4] < 1e-11
 
 
-def test_gradient_passes_the_taylor_test():
-    points = np.array([[0.001, 0.002, 0.01], [0.019, 0.003, 0.002], [0.03, -0.02, 0.05], [0.2, 0.1, 0.3]])
-    direction = np.array([0.6, 0.0, -0.8]) * np.array([1, 1, 1])
-    field, gradient = loop_flux_density_and_gradient(points, RADIUS)
-    steps = 4e-5 / 2.0 ** np.arange(4)
-    rest = np.array(
-        [
-            np.linalg.norm(
-                loop_flux_density(points + t * direction, RADIUS) - field - t * gradient @ direction, axis=1
-            )
-            for t in steps
-        ]
-    )
-    assert np.log2(rest[:-1] / rest[1:]).min() > 1.9
-    assert (rest[-1] / np.linalg.norm(field, axis=1)).max() < 1e-4
-
-
-def test_gradient_is_symmetric_and_trace_free():
-    points = np.random.default_rng(0).normal(size=(10, 3)) * 0.03
-    gradient = loop_flux_density_and_gradient(points, RADIUS)[1]
-    np.testing.assert_allclose(gradient, gradient.swapaxes(1, 2), rtol=1e-15)
-    size = np.linalg.norm(gradient, axis=(1, 2))
-    assert (np.abs(np.trace(gradient, axis1=1, axis2=2)) / size).max() < 1e-14
-
-
 @pytest.mark.parametrize("count", [0, 1, 63, 64, 65, 130])
 def test_every_point_of_every_block_is_written(count):
     points = np.random.default_rng(1).normal(size=(count, 3)) * 0.05

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from fieldmap.device.model import CircularCoil
 from fieldmap.sources import unit_flux_density, unit_flux_density_and_gradient
 from fieldmap.sources.magpylib_objects import magpylib_coil
 
@@ -21,16 +20,6 @@ def test_quadrature_itself_has_converged(simple_coil, near_and_far, biot_savart)
     points = near_and_far(simple_coil)[:3]
     coarse, fine = biot_savart(simple_coil, points, 10), biot_savart(simple_coil, points, 14)
     assert relative(coarse, fine).max() < 1e-10
-
-
-def test_circular_coil_equals_magpylib_cylinders():
-    coil = CircularCoil("circular", 0.011, 0.021, 0.039, 840.0)
-    angle = np.linspace(0, 6, 20)
-    wall = np.column_stack([0.010 * np.cos(angle), 0.010 * np.sin(angle), np.linspace(-0.03, 0.03, 20)])
-    space = np.random.default_rng(3).uniform(-0.02, 0.02, (50, 3)) - [0.03, 0, 0.08]
-    for points in (wall, space):
-        twin = magpylib_coil(coil, shells=18).getB(points)
-        assert relative(unit_flux_density(coil, points), twin).max() < 1e-9
 
 
 def test_every_coil_equals_its_magpylib_twin(coil):
