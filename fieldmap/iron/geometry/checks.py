@@ -11,75 +11,17 @@ than the device file.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
-from typing import TypeVar
+from dataclasses import dataclass, replace
+from itertools import combinations, product
+from typing import Any
 from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fieldmap.device.model import Body, Coil, Device, StepFile
+from fieldmap.device.model import Body, Device, StepFile
 from fieldmap.errors import GeometryError, Problem
-from fieldmap.iron.geometry import contacts
-from fieldmap.iron.geometry.shapes import (
-    declared_step_unit,
-    kernel_errors,
-    occ,
-    winding_solid,
-    workspace_solid,
-)
-from fieldmap.iron.geometry.solids import (
-    body_solid,
-    common_area,
-    device_label,
-    glue_solids,
-    higher_order_cells,
-    own_mesh,
-)
-
-
-def cannot_build(label: str, kind: str, name: str, error: Exception) -> Problem:
-    """A winding or workspace whose numbers make no solid."""
-    where = f"{label}: {kind} '{name}'" if name else f"{label}: {kind}"
-    must_hold = f"the {kind} must be a solid that the CAD kernel can build"
-    return Problem(where, must_hold, str(error).strip() or type(error).__name__, "correct its dimensions")
-
-
-def _overlapping(
-    label: str, found: Iterable[contacts.Overlap], must_hold: str, remedy: str
-) -> Iterator[Problem]:
-    for overlap in found:
-        yield Problem(f"{label}: {overlap.first} and {overlap.second}", must_hold, str(overlap), remedy)
-
-
-def pinched(label: str, pinch: contacts.Pinch) -> Problem:
-    """A place where the iron's surface is no manifold."""
-    names = " and ".join(f"'{name}'" for name in pinch.names)
-    where = "along an edge" if pinch.kind == "edge" else "at a point"
-    at = ", ".join(f"{x:.8g}" for x in np.round(pinch.at, 6) + 0.0)
-    more = f" and {pinch.count - 1} more places" if pinch.count > 1 else ""
-    alone = len(pinch.names) == 1
-    return Problem(
-        f"{label}: {'body' if alone else 'bodies'} {names}",
-        f"{'a body must not touch itself' if alone else 'bodies must touch by faces, not'} only {where}",
-        f"contact {where} at ({at}) mm{more}",
-        "move the pieces apart, or let them touch over an area",
-    )
-
-
-def nearly_touching(label: str, first: str, second: str, distance: float) -> Problem:
-    """Bodies that touch without a common area, or all but touch."""
-    where = f"{label}: bodies '{first}' and '{second}'"
-    if distance == 0.0:
-        must_hold = "bodies must touch by faces, not only along a line or at a point"
-        remedy = "move the bodies apart, or let them touch over an area"
-        return Problem(where, must_hold, "surfaces that touch without a common area", remedy)
-    must_hold = f"bodies must touch or leave a gap of at least {contacts.LEAST_GAP:g} mm"
-    remedy = "give both the same coordinate where they touch, or widen the gap"
-    return Problem(where, must_hold, f"a gap of {distance:.3g} mm", remedy)
-
-
-Item = TypeVar("Item", bound=Body | Coil)
+from fieldmap.iron.geometry import contacts, shapes, solids
 
 _SAME_AREA = 1e-5
 SAME_VOLUME = 1e-6
@@ -146,63 +88,56 @@ _found_last: WeakKeyDictionary[Device, _Findings] = WeakKeyDictionary()
 
 
 def _examine(device: Device) -> _Findings:
-    label = device_label(device)
-    problems: list[Problem] = []
-    built_bodies = _built(problems, label, "body", device.bodies, body_solid)
-    bodies = [*_sound(problems, label, built_bodies)]
+    label, problems = solids.device_label(device), list[Problem]()
+
+    def built(
+        kind: str, name: str, solid_of: Callable[[Any], shapes.occ.TopoDS_Shape], of: Any
+    ) -> contacts.NamedSolid | None:
+        """The solid of a body, a winding or the workspace; None, and a problem, where it cannot be built."""
+        try:
+            return contacts.NamedSolid(kind, name, solid_of(of))
+        except GeometryError as error:
+            problems.extend(replace(one, where=f"{label}: {one.where}") for one in error.problems)
+        except shapes.kernel_errors() as error:
+            where = f"{label}: {kind} '{name}'" if name else f"{label}: {kind}"
+            must_hold = f"the {kind} must be a solid that the CAD kernel can build"
+            received = str(error).strip() or type(error).__name__
+            problems.append(Problem(where, must_hold, received, "correct its dimensions"))
+        return None
+
+    def refuse(overlaps: Iterable[contacts.Overlap], must_hold: str, remedy: str) -> None:
+        for one in overlaps:
+            problems.append(Problem(f"{label}: {one.first} and {one.second}", must_hold, str(one), remedy))
+
+    all_bodies = [(body, built("body", body.name, solids.body_solid, body)) for body in device.bodies]
     wound = [coil for coil in device.coils if coil.has_winding]
-    windings = [solid for _, solid in _built(problems, label, "winding", wound, winding_solid)]
-    overlapping = contacts.overlaps_among(bodies)
+    every = [built("winding", coil.name, shapes.winding_solid, coil) for coil in wound]
+    windings = [solid for solid in every if solid is not None]
+    faults = [(solid, _body_fault(label, body, solid)) for body, solid in all_bodies if solid is not None]
+    problems += [fault for _, fault in faults if fault is not None]
+    bodies = [solid for solid, fault in faults if fault is None]
+    overlapping = contacts.overlaps(combinations(bodies, 2))
     remedy = "move or shorten one, or cut the overlap from it"
-    problems += _overlapping(label, overlapping, "bodies may touch but not overlap", remedy)
+    refuse(overlapping, "bodies may touch but not overlap", remedy)
     if len(bodies) == len(device.bodies) > 0:
         # A missing body might be the one that makes a contact sound, so contacts wait until all are there.
         problems += _contact_problems(label, device, bodies, overlapping)
     remedy = "correct the winding's widths or place, or cut the body"
-    cutting = contacts.overlaps_between(windings, bodies)
-    problems += _overlapping(label, cutting, "a winding must not cut a body", remedy)
-    shared = contacts.overlaps_among(windings)
+    refuse(contacts.overlaps(product(windings, bodies)), "a winding must not cut a body", remedy)
+    shared = contacts.overlaps(combinations(windings, 2))
     must_hold = "windings must not overlap, unless both fill the very same space"
     apart, together = ([one for one in shared if _same_space(one) == alike] for alike in (False, True))
-    problems += _overlapping(label, apart, must_hold, "correct the widths or places of the windings")
-    problems += _workspace_problems(label, device, [*bodies, *windings])
+    refuse(apart, must_hold, "correct the widths or places of the windings")
+    if device.workspace is not None:
+        workspace = built("workspace", "", shapes.workspace_solid, device.workspace)
+        if workspace is not None:
+            found = contacts.overlaps((workspace, solid) for solid in (*bodies, *windings))
+            remedy = "make the workspace smaller or move it"
+            refuse(found, "the workspace must be free of bodies and windings", remedy)
     return _Findings(tuple(problems), tuple(_notes(device, bodies, together)))
 
 
 # ---- one solid at a time ----
-
-
-def _built(
-    problems: list[Problem],
-    label: str,
-    kind: str,
-    items: Sequence[Item],
-    build: Callable[[Item], occ.TopoDS_Shape],
-) -> list[tuple[Item, contacts.NamedSolid]]:
-    """The items that can be built, each with its solid; a problem is added for each one that cannot."""
-    solids = []
-    for item in items:
-        try:
-            solids.append((item, contacts.NamedSolid(kind, item.name, build(item))))
-        except GeometryError as error:
-            problems += (
-                Problem(f"{label}: {p.where}", p.must_hold, p.received, p.remedy) for p in error.problems
-            )
-        except kernel_errors() as error:
-            problems.append(cannot_build(label, kind, item.name, error))
-    return solids
-
-
-def _sound(
-    problems: list[Problem], label: str, built: list[tuple[Body, contacts.NamedSolid]]
-) -> Iterator[contacts.NamedSolid]:
-    """The bodies that have a volume; a problem is added for each of the others."""
-    for body, solid in built:
-        problem = _body_fault(label, body, solid)
-        if problem is None:
-            yield solid
-        else:
-            problems.append(problem)
 
 
 def _body_fault(label: str, body: Body, solid: contacts.NamedSolid) -> Problem | None:
@@ -214,11 +149,9 @@ def _body_fault(label: str, body: Body, solid: contacts.NamedSolid) -> Problem |
         return Problem(f"{label}: {solid}", "a body must have a volume above zero", received, remedy)
     if not any(isinstance(part.shape, StepFile) for part in body.parts) or _halves_add_up(solid):
         return None
-    received, remedy = (
-        "a surface that crosses itself or has holes",
-        "repair the STEP file in the program that wrote it",
-    )
-    return Problem(f"{label}: {solid}", "the surface of a body must enclose it once", received, remedy)
+    must_hold = "the surface of a body must enclose it once"
+    remedy = "repair the STEP file in the program that wrote it"
+    return Problem(f"{label}: {solid}", must_hold, "a surface that crosses itself or has holes", remedy)
 
 
 def _halves_add_up(body: contacts.NamedSolid) -> bool:
@@ -238,8 +171,8 @@ def _halves_add_up(body: contacts.NamedSolid) -> bool:
     return True
 
 
-def _box(lower: NDArray[np.float64], upper: NDArray[np.float64]) -> occ.TopoDS_Shape:
-    return occ.Box(occ.Pnt(*map(float, lower)), occ.Pnt(*map(float, upper)))
+def _box(lower: NDArray[np.float64], upper: NDArray[np.float64]) -> shapes.occ.TopoDS_Shape:
+    return shapes.occ.Box(shapes.occ.Pnt(*map(float, lower)), shapes.occ.Pnt(*map(float, upper)))
 
 
 # ---- solids against each other ----
@@ -254,14 +187,31 @@ def _same_space(overlap: contacts.Overlap) -> bool:
 def _contact_problems(
     label: str, device: Device, bodies: list[contacts.NamedSolid], overlapping: Sequence[contacts.Overlap]
 ) -> Iterator[Problem]:
-    glued = glue_solids(body.solid for body in bodies)
+    glued = solids.glue_solids(body.solid for body in bodies)
     told = {frozenset((overlap.first.name, overlap.second.name)) for overlap in overlapping}
     for pinch in contacts.pinches(glued):
-        yield pinched(label, pinch)
+        where = "along an edge" if pinch.kind == "edge" else "at a point"
+        at = ", ".join(f"{x:.8g}" for x in np.round(pinch.at, 6) + 0.0)
+        more = f" and {pinch.count - 1} more places" if pinch.count > 1 else ""
+        alone = len(pinch.names) == 1
+        yield Problem(
+            f"{label}: {'body' if alone else 'bodies'} {' and '.join(map(repr, pinch.names))}",
+            f"{'a body must not touch itself' if alone else 'bodies must touch by faces, not'} only {where}",
+            f"contact {where} at ({at}) mm{more}",
+            "move the pieces apart, or let them touch over an area",
+        )
     for first, second, distance in contacts.near_misses(bodies, glued):
-        if {first, second} not in told:
-            yield nearly_touching(label, first, second, distance)
-    own = {body.name: own_mesh(body) for body in device.bodies if body.has_own_mesh}
+        if {first, second} in told:
+            continue
+        must_hold = f"bodies must touch or leave a gap of at least {contacts.LEAST_GAP:g} mm"
+        received = f"a gap of {distance:.3g} mm"
+        remedy = "give both the same coordinate where they touch, or widen the gap"
+        if distance == 0.0:
+            must_hold = "bodies must touch by faces, not only along a line or at a point"
+            received = "surfaces that touch without a common area"
+            remedy = "move the bodies apart, or let them touch over an area"
+        yield Problem(f"{label}: bodies '{first}' and '{second}'", must_hold, received, remedy)
+    own = {body.name: solids.own_mesh(body) for body in device.bodies if body.has_own_mesh}
     areas = contacts.contact_areas(glued) if own or device.joints else {}
     for joint in device.joints:
         if joint.between is not None and not any(joint.holds(*pair) for pair in areas):
@@ -270,7 +220,7 @@ def _contact_problems(
             yield Problem(f"{label}: {joint.description}", must_hold, "no such bodies", remedy)
     for (first, second), area in areas.items():
         if (first in own or second in own) and frozenset((first, second)) not in told:
-            shared = common_area(own[first], own[second]) if first in own and second in own else 0.0
+            shared = solids.common_area(own[first], own[second]) if first in own and second in own else 0.0
             if abs(1e6 * shared - area) > _SAME_AREA * area:
                 yield Problem(
                     f"{label}: bodies '{first}' and '{second}'",
@@ -278,19 +228,6 @@ def _contact_problems(
                     f"a contact of {area:.6g} mm^2, common faces of {1e6 * shared:.6g} mm^2",
                     "mesh both together, each as a region of one file, or leave a gap",
                 )
-
-
-def _workspace_problems(label: str, device: Device, solids: list[contacts.NamedSolid]) -> Iterator[Problem]:
-    if device.workspace is None:
-        return
-    try:
-        workspace = contacts.NamedSolid("workspace", "", workspace_solid(device.workspace))
-    except kernel_errors() as error:
-        yield cannot_build(label, "workspace", "", error)
-        return
-    must_hold = "the workspace must be free of bodies and windings"
-    found = contacts.overlaps_between([workspace], solids)
-    yield from _overlapping(label, found, must_hold, "make the workspace smaller or move it")
 
 
 # ---- notes ----
@@ -310,7 +247,7 @@ def _notes(
         for part in body.parts:
             if body.name in sound and isinstance(part.shape, StepFile):
                 yield from _unit_note(body, part.shape)
-        if body.name in sound and body.has_own_mesh and (count := higher_order_cells(body)):
+        if body.name in sound and body.has_own_mesh and (count := solids.higher_order_cells(body)):
             yield (
                 f"body '{body.name}': {count} tetrahedra of its file have more than four nodes; they are taken by"
                 " their corners, with straight edges"
@@ -318,7 +255,7 @@ def _notes(
 
 
 def _unit_note(body: Body, step: StepFile) -> Iterator[str]:
-    unit = declared_step_unit(step.path)
+    unit = shapes.declared_step_unit(step.path)
     if unit is not None and abs(unit - step.scale) > SAME_VOLUME * unit:
         yield (
             f"body '{body.name}': the STEP file {step.path.name} declares a unit of {unit:g} m, the device"

@@ -11,7 +11,7 @@ from collections import defaultdict
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import combinations, product
+from itertools import combinations
 
 import numpy as np
 
@@ -82,16 +82,9 @@ def overlap_of(first: NamedSolid, second: NamedSolid) -> Overlap | None:
     return Overlap(first, second, float(volume), *bounds(common))
 
 
-def overlaps_among(solids: Sequence[NamedSolid]) -> tuple[Overlap, ...]:
-    """All overlaps of the given solids with each other."""
-    found = (overlap_of(a, b) for a, b in combinations(solids, 2))
-    return tuple(overlap for overlap in found if overlap is not None)
-
-
-def overlaps_between(some: Sequence[NamedSolid], others: Sequence[NamedSolid]) -> tuple[Overlap, ...]:
-    """All overlaps of a solid of the first sequence with one of the second."""
-    found = (overlap_of(a, b) for a, b in product(some, others))
-    return tuple(overlap for overlap in found if overlap is not None)
+def overlaps(pairs: Iterable[tuple[NamedSolid, NamedSolid]]) -> tuple[Overlap, ...]:
+    """What the two solids of each pair have in common, where they overlap."""
+    return tuple(overlap for pair in pairs if (overlap := overlap_of(*pair)) is not None)
 
 
 Point = tuple[float, float, float]
@@ -129,9 +122,8 @@ def pinches(glued: occ.TopoDS_Shape) -> tuple[Pinch, ...]:
     places = [("edge", _middle(edge), {surface[f] for f in faces_at[edge]}) for edge in bad_edges]
     for corner, fans in _fans(surface, faces_at).items():
         if len(fans) > 1 and corner not in explained:
-            places.append(
-                ("point", tuple(xyz(corner.p).tolist()), {surface[face] for fan in fans for face in fan})
-            )
+            names = {surface[face] for fan in fans for face in fan}
+            places.append(("point", tuple(xyz(corner.p).tolist()), names))
     return _gathered(places)
 
 

@@ -19,7 +19,7 @@ from fieldmap.iron.geometry.contacts import (
     NamedSolid,
     bounds_nearer_than,
     contact_areas,
-    overlaps_among,
+    overlaps,
 )
 from fieldmap.iron.geometry.shapes import MILLIMETRES, named, occ, xyz
 from fieldmap.iron.geometry.solids import body_solid, device_label, glue_solids
@@ -173,7 +173,7 @@ def _is_sound(
     moved = [_moved(solid, by) for solid, by in zip(solids, moves, strict=True)]
     names = [body.name for body in device.bodies]
     bodies = [NamedSolid("body", name, named(one, name)) for name, one in zip(names, moved, strict=True)]
-    if overlaps_among(bodies):
+    if overlaps(combinations(bodies, 2)):
         return False
     for a, b in combinations(range(len(moved)), 2):
         if piece[a] == piece[b] or (a, b) in closed or not (moves[a] != moves[b]).any():
