@@ -20,6 +20,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from fieldmap.arguments import check
 from fieldmap.device.drawing import Outline
 from fieldmap.device.model import Body, Device, Sphere
 from fieldmap.device.parts import joint_of
@@ -29,6 +30,7 @@ from fieldmap.device.tetrahedra import volumes as volumes
 from fieldmap.errors import InputError
 from fieldmap.iron.geometry.solids import glue_bodies, joined, own_mesh
 from fieldmap.iron.geometry.thin_gaps import ClosedGaps, closed_gaps
+from fieldmap.iron.mesh import joints
 from fieldmap.iron.mesh.chamber import (
     Chamber,
     ChamberCopies,
@@ -39,16 +41,6 @@ from fieldmap.iron.mesh.chamber import (
     on_walls,
 )
 from fieldmap.iron.mesh.edge_grading import grade_edges, sharp_edges
-from fieldmap.iron.mesh.joints import (
-    OpenedMesh,
-    Sheet,
-    contact_faces,
-    images_of_pairs,
-    open_sheets,
-    sheet_images,
-    sheets_between,
-    with_rims,
-)
 from fieldmap.iron.mesh.mesher import LocalSizes, MesherCells, mesh_solids
 from fieldmap.iron.symmetry import find_symmetry
 from fieldmap.iron.topology import (
@@ -109,7 +101,7 @@ class IronMesh(BodyMesh):
     body_names: tuple[str, ...]
     symmetry: MeshSymmetry | None = None
     cells: MesherCells | None = None
-    sheets: tuple[Sheet, ...] = ()
+    sheets: tuple[joints.Sheet, ...] = ()
 
     @cached_property
     def nodes_of_bodies(self) -> tuple[Index, ...]:
@@ -207,10 +199,8 @@ def generate_mesh(
     GeometryError
         Where the mesher fails.
     """
-    if symmetry not in SYMMETRIES:
-        raise InputError.of(
-            "symmetry", f"must be one of {', '.join(SYMMETRIES)}", repr(symmetry), 'try "auto"'
-        )
+    known = f"must be one of {', '.join(SYMMETRIES)}"
+    check(symmetry in SYMMETRIES, "symmetry", known, repr(symmetry), 'try "auto"')
     own = tuple(body for body in device.bodies if body.has_own_mesh)
     if own:
         return _with_own_meshes(device, own, refinement)
@@ -219,11 +209,11 @@ def generate_mesh(
     if closed is not None:
         device = closed.device
         chamber = chamber if chamber is not None and _is_kept(chamber, closed) else None
-    shape = None if chamber is None else glue_chamber(device, chamber)
-    copied = None
-    if chamber is not None and shape is not None:
+    if chamber is not None and (shape := glue_chamber(device, chamber)) is not None:
         copied = _copied_chamber(device, chamber, shape, refinement, closed)
-    return _meshed_whole(device, refinement, local, closed) if copied is None else copied
+        if copied is not None:
+            return copied
+    return _meshed_whole(device, refinement, local, closed)
 
 
 def _is_kept(chamber: Chamber, closed: ClosedGaps) -> bool:
@@ -241,9 +231,10 @@ def _meshed_whole(
     points, tets, body, edges, midpoints = _made_by_mesher(glue_bodies(device), device, refinement, local)
     sharp = sharp_edges(points, tets, edges, midpoints)
     points = equal_volume_vertices(points, tets, body, *midpoints)
-    layer = _first_layers(device, refinement)[body]
-    first = layer if local is None else local.first_layer(points[tets].mean(axis=1))
-    pairs = contact_faces(tets, body).pairs
+    first = _first_layers(device, refinement)[body]
+    if local is not None:
+        first = local.first_layer(points[tets].mean(axis=1))
+    pairs = joints.contact_faces(tets, body).pairs
     sheets, opened, parent = _layered(device, points, tets, body, sharp, first, pairs, closed)
     largest = np.array([one.mesh_size or np.inf for one in device.bodies])[body] / refinement
     cells = MesherCells.of(points, tets, parent[opened.parent], largest, local)
@@ -255,21 +246,19 @@ def _copied_chamber(
 ) -> IronMesh | None:
     """None where bodies have a joint in a wall of the chamber: it would be cut along its middle."""
     points, tets, body, edges, midpoints = _made_by_mesher(shape, device, refinement)
-    operations = chamber.group.operations
-    if any(
-        joint_of(device.joints, device.bodies[one].name, device.bodies[other].name) is not None
-        for one, other in chamber_contacts(chamber, points, tets, body)
-    ):
+    names, images = [one.name for one in device.bodies], [one.bodies for one in chamber.group.operations]
+    in_walls = chamber_contacts(chamber, points, tets, body)
+    if any(joint_of(device.joints, names[one], names[other]) is not None for one, other in in_walls):
         return None
     points, sharp = _rounded_chamber(chamber, points, tets, body, edges, midpoints)
-    pairs = images_of_pairs(contact_faces(tets, body).pairs, [one.bodies for one in operations])
+    pairs = joints.images_of_pairs(joints.contact_faces(tets, body).pairs, images)
     first = _first_layers(device, refinement)[body]
     sheets, opened, _ = _layered(device, points, tets, body, sharp, first, pairs, closed, chamber)
     copies = ChamberCopies(chamber, opened.points)
     tets = copies.tets(oriented(copies.points, opened.tets))
-    numbers = copies.bodies(opened.body, [sheet_images(sheets, one.bodies) for one in operations])
-    names = _names(device, sheets)
-    return IronMesh(copies.all_points(), tets, numbers, names, copies.symmetry(), sheets=sheets)
+    numbers = copies.bodies(opened.body, [joints.sheet_images(sheets, of_bodies) for of_bodies in images])
+    every = (*names, *(sheet.name for sheet in sheets))
+    return IronMesh(copies.all_points(), tets, numbers, every, copies.symmetry(), sheets=sheets)
 
 
 def _layered(
@@ -282,18 +271,18 @@ def _layered(
     pairs: Sequence[tuple[int, int]],
     closed: ClosedGaps | None,
     chamber: Chamber | None = None,
-) -> tuple[tuple[Sheet, ...], OpenedMesh, Index]:
+) -> tuple[tuple[joints.Sheet, ...], joints.OpenedMesh, Index]:
     """With layers at sharp edges, and sheets between these pairs of bodies; and the tet that each was before."""
 
     def walls(at: Array) -> NDArray[np.bool_] | None:
         return None if chamber is None else on_walls(chamber, at)
 
     gaps, moves = (None, None) if closed is None else (closed.gaps, closed.moves)
-    sheets = sheets_between(device, pairs, gaps)
-    sharp, first = with_rims(points, tets, body, sheets, sharp, first, walls(points))
+    sheets = joints.sheets_between(device, pairs, gaps)
+    sharp, first = joints.with_rims(points, tets, body, sheets, sharp, first, walls(points))
     graded, cut, parent = grade_edges(points, tets, sharp, first, LAYER_RATIO)
     count = len(device.bodies)
-    opened = open_sheets(graded, cut, body[parent], sheets, count, walls(graded), moves)
+    opened = joints.open_sheets(graded, cut, body[parent], sheets, count, walls(graded), moves)
     return sheets, opened, parent
 
 
@@ -302,15 +291,12 @@ def _first_layers(device: Device, refinement: float) -> Array:
     return np.array([body.edge_size or np.inf for body in device.bodies]) / refinement**2
 
 
-def _names(device: Device, sheets: tuple[Sheet, ...]) -> tuple[str, ...]:
-    return (*(body.name for body in device.bodies), *(sheet.name for sheet in sheets))
-
-
 def _iron_mesh(
-    device: Device, opened: OpenedMesh, sheets: tuple[Sheet, ...], cells: MesherCells | None
+    device: Device, opened: joints.OpenedMesh, sheets: tuple[joints.Sheet, ...], cells: MesherCells | None
 ) -> IronMesh:
     tets = oriented(opened.points, opened.tets)
-    return IronMesh(opened.points, tets, opened.body, _names(device, sheets), None, cells, sheets)
+    names = (*(body.name for body in device.bodies), *(sheet.name for sheet in sheets))
+    return IronMesh(opened.points, tets, opened.body, names, None, cells, sheets)
 
 
 def _with_own_meshes(device: Device, own: tuple[Body, ...], refinement: float) -> IronMesh:
@@ -340,8 +326,8 @@ def _with_own_meshes(device: Device, own: tuple[Body, ...], refinement: float) -
     used, tets = np.unique(np.concatenate(of_bodies), return_inverse=True)
     tets, points = tets.reshape(-1, 4), points[used]
     number = np.repeat(np.arange(len(names)), [len(one) for one in of_bodies])
-    sheets = sheets_between(device, contact_faces(tets, number).pairs)
-    return _iron_mesh(device, open_sheets(points, tets, number, sheets, len(names)), sheets, None)
+    sheets = joints.sheets_between(device, joints.contact_faces(tets, number).pairs)
+    return _iron_mesh(device, joints.open_sheets(points, tets, number, sheets, len(names)), sheets, None)
 
 
 def _chamber(device: Device) -> Chamber | None:
@@ -370,7 +356,12 @@ def equal_volume_vertices(points: Array, tets: Index, body: Index, edges: Index,
     edges (k, 2), sorted, lexicographic; midpoints (k, 3) of the edges on the true surface. Works on the surfaces
     between iron and air and on curved surfaces between bodies alike.
     """
-    return rounded_vertices(points, _faces_of_bodies(tets, body), edges, midpoints)
+    faces, _, number, count = distinct_parts(tets, TET_FACES)
+    # The sum over both owners differs from twice one of them where a face separates bodies.
+    owner = np.repeat(body, 4)
+    total, one = np.bincount(number, owner, len(faces)), np.zeros(len(faces))
+    one[number] = owner
+    return rounded_vertices(points, faces[(count == 1) | (total != 2 * one)], edges, midpoints)
 
 
 def rounded_vertices(points: Array, faces: Index, edges: Index, midpoints: Array) -> Array:
@@ -381,7 +372,10 @@ def rounded_vertices(points: Array, faces: Index, edges: Index, midpoints: Array
     curved = np.linalg.norm(bulge, axis=1) > _STRAIGHT * length
     if not curved.any():
         return points
-    faces, sides = _with_curved_edges(faces, edges, curved, len(points))
+    faces = np.sort(faces, axis=1)
+    sides = np.searchsorted(edge_keys(edges, len(points)), edge_keys(faces[:, TRIANGLE_SIDES], len(points)))
+    kept = curved[sides].any(axis=1)
+    faces, sides = faces[kept], sides[kept]
     normal = area_vectors(points[faces])
     area = np.linalg.norm(normal, axis=1)
     normal /= area[:, None]
@@ -398,25 +392,6 @@ def rounded_vertices(points: Array, faces: Index, edges: Index, midpoints: Array
     shift[touched] /= weight_at_vertex[touched, None]
     shift[~touched] = 0
     return points + shift
-
-
-def _faces_of_bodies(tets, body):
-    """Faces (m, 3) on surfaces of bodies, once each."""
-    faces, _, number, count = distinct_parts(tets, TET_FACES)
-    # The sum over both owners differs from twice one of them where a face separates bodies.
-    owner = np.repeat(body, 4)
-    total = np.bincount(number, owner, len(faces))
-    one = np.zeros(len(faces))
-    one[number] = owner
-    return faces[(count == 1) | (total != 2 * one)]
-
-
-def _with_curved_edges(faces, edges, curved, n_points):
-    """Those faces (m, 3) that have a curved edge, and the index into `edges` of their three sides (m, 3)."""
-    faces = np.sort(faces, axis=1)
-    sides = np.searchsorted(edge_keys(edges, n_points), edge_keys(faces[:, TRIANGLE_SIDES], n_points))
-    keep = curved[sides].any(axis=1)
-    return faces[keep], sides[keep]
 
 
 def _made_by_mesher(shape, device: Device, refinement: float, local: LocalSizes | None = None):

@@ -79,30 +79,20 @@ class BlockPartition(Record):
         """Two clusters are far where the distance of their boxes is at least `separation` times the smaller one's
         diagonal and `nearness` times the sum of their largest radii, so that they hold no near pair of faces."""
         pairs, far = np.zeros((1, 2), np.int64), []
-        for level in range(len(clusters.offset)):
-            is_far = _is_far(clusters, level, pairs, separation, nearness)
-            far.append(_ranges(clusters.offset[level], pairs[is_far]))
+        levels = (clusters.offset, clusters.lower, clusters.upper, clusters.radius)
+        for level, (offset, lower, upper, radius) in enumerate(zip(*levels, strict=True)):
+            if level:
+                a, b = pairs.T
+                below = [np.column_stack([2 * a + i, 2 * b + j]) for i, j in ((0, 0), (1, 0), (1, 1))]
+                pairs = np.concatenate([*below, np.column_stack([2 * a, 2 * b + 1])[a != b]])
+            a, b = pairs.T
+            gap = np.maximum(0.0, np.maximum(lower[a] - upper[b], lower[b] - upper[a]))
+            distance, size = np.linalg.norm(gap, axis=1), np.linalg.norm(upper - lower, axis=1)
+            is_far = distance > separation * np.minimum(size[a], size[b])
+            is_far &= distance > nearness * (radius[a] + radius[b])
+            far.append(_ranges(offset, pairs[is_far]))
             pairs = pairs[~is_far]
-            if level + 1 < len(clusters.offset):
-                pairs = _children(pairs)
-        return cls(np.concatenate(far), _ranges(clusters.offset[-1], pairs), pairs)
-
-
-def _is_far(clusters: Clusters, level: int, pairs: Index, separation: float, nearness: float):
-    lower, upper, radius = clusters.lower[level], clusters.upper[level], clusters.radius[level]
-    a, b = pairs.T
-    gap = np.maximum(0.0, np.maximum(lower[a] - upper[b], lower[b] - upper[a]))
-    distance = np.linalg.norm(gap, axis=1)
-    size = np.linalg.norm(upper - lower, axis=1)
-    smaller = np.minimum(size[a], size[b])
-    return (distance > separation * smaller) & (distance > nearness * (radius[a] + radius[b]))
-
-
-def _children(pairs: Index) -> Index:
-    """Pairs (a, b), a >= b, of the next level below these pairs."""
-    a, b = pairs.T
-    below = [np.column_stack([2 * a + i, 2 * b + j]) for i, j in ((0, 0), (1, 0), (1, 1))]
-    return np.concatenate([*below, np.column_stack([2 * a, 2 * b + 1])[a != b]])
+        return cls(np.concatenate(far), _ranges(offset, pairs), pairs)
 
 
 def _ranges(offset: Index, pairs: Index) -> Index:
@@ -195,7 +185,7 @@ def inverse_factor(
     centres: Array,
     width: int,
     near: tuple[Index, Index, NDArray[np.float32]],
-    far: tuple[Array, Array, Array],
+    far: tuple[Array, ...],
 ) -> csr_matrix:
     """G (n, n) with W^-1 about G^T G, at most `width` entries a row; centres (n, 3) in the clusters' order. near: leaf
     pairs (k, 2) of the stored blocks, their offsets and data; far: x, y, z of the rule's points."""
@@ -217,7 +207,6 @@ def inverse_factor(
     return csr_matrix((values[used], columns[used].astype(np.int32), pointer), shape=shape)
 
 
-Coordinates = tuple[Array, Array, Array]
 # Relative error of every far block, in the Frobenius norm. All entries of W are positive, so that the error of W
 # is this fraction of its own norm; so is that of single precision, 6e-8.
 TOLERANCE = 1e-6
@@ -252,9 +241,14 @@ class CompressedMutualPotential(MutualPotential):
         self._order = self._clusters.order
         partition = BlockPartition.of(self._clusters, _SEPARATION, NEAR_RADII)
         ordered = faces.part(self._order)
-        points = _rule_coordinates(ordered)
+        # x, y and z (3, n) of the three points of the degree-2 rule.
+        points = tuple(np.ascontiguousarray(ordered.rule_points(2)[0].transpose(2, 1, 0)))
         self._near = partition.near
-        self._near_offset, self._near_data = _near_blocks(ordered, self._order, partition.near, points)
+        self._near_offset = np.concatenate([[0], np.cumsum(np.multiply(*_sides(self._near)))])
+        self._near_data = np.empty(self._near_offset[-1], np.float32)
+        given = (self._near, self._near_offset, self._order, ordered.kernel_geometry(), *points, NEAR_RADII)
+        work = 10.0 * len(self._near_data) / max(len(self._near), 1)
+        over_rows(fill_near_blocks, len(self._near), *given, self._near_data, work=work)
         self._far = _far_blocks(partition.far, points, tolerance)
         self.diagonal = np.empty(len(self._order))
         self.diagonal[self._order] = self._diagonal_of_leaves()
@@ -267,10 +261,8 @@ class CompressedMutualPotential(MutualPotential):
         self._steps = steps_needed(self._bounds, _SOLVE_TOLERANCE)
         sparse = sum(m.data.nbytes + m.indices.nbytes for m in (self._factor, self._transposed))
         self.bytes = self._near_data.nbytes + sum(part.data.nbytes for part in self._far) + sparse
-        blocks, dense = (
-            sum(len(part.ranks) for part in self._far),
-            4 * len(self._order) * (len(self._order) + 1) // 2,
-        )
+        blocks = sum(len(part.ranks) for part in self._far)
+        dense = 4 * len(self._order) * (len(self._order) + 1) // 2
         self.storage = (
             f"compressed: {len(self._near)} dense blocks, {blocks} of low rank (mean {self.mean_rank:.1f}), "
             f"{100 * self.bytes / dense:.0f} % of one dense triangle"
@@ -320,12 +312,10 @@ class CompressedMutualPotential(MutualPotential):
         return y.sum(axis=0).swapaxes(0, 1).reshape(count, 4 * groups)[:, :columns]
 
     def _diagonal_of_leaves(self) -> Array:
-        parts = []
         own = np.flatnonzero(self._near[:, 0] == self._near[:, 2])
-        for k in own[np.argsort(self._near[own, 0])]:
-            size = self._near[k, 1] - self._near[k, 0]
-            start = self._near_offset[k]
-            parts.append(self._near_data[start : start + size * size : size + 1])
+        own = own[np.argsort(self._near[own, 0])]
+        blocks = zip(self._near_offset[own], self._near_offset[own + 1], self._near[own], strict=True)
+        parts = [self._near_data[start:end][:: last - first + 1] for start, end, (first, last, *_) in blocks]
         return np.concatenate(parts).astype(float)
 
 
@@ -343,25 +333,7 @@ def _sides(blocks: Index) -> tuple[Index, Index]:
     return blocks[:, 1] - blocks[:, 0], blocks[:, 3] - blocks[:, 2]
 
 
-def _rule_coordinates(faces: ChargedFaces) -> Coordinates:
-    """x, y and z (3, n) of the three points of the degree-2 rule."""
-    points, _ = faces.rule_points(2)
-    x, y, z = (np.ascontiguousarray(points[:, :, k].T) for k in range(3))
-    return x, y, z
-
-
-def _near_blocks(
-    faces: ChargedFaces, order: Index, blocks: Index, points: Coordinates
-) -> tuple[Index, NDArray[np.float32]]:
-    rows, columns = _sides(blocks)
-    offset = np.concatenate([[0], np.cumsum(rows * columns)])
-    data = np.empty(offset[-1], np.float32)
-    given = (blocks, offset, order, faces.kernel_geometry(), *points, NEAR_RADII, data)
-    over_rows(fill_near_blocks, len(blocks), *given, work=10.0 * len(data) / max(len(blocks), 1))
-    return offset, data
-
-
-def _far_blocks(blocks: Index, points: Coordinates, tolerance: float) -> list[_FarBlocks]:
+def _far_blocks(blocks: Index, points: tuple[Array, ...], tolerance: float) -> list[_FarBlocks]:
     """All far blocks, a scratch full at a time; blocks that need too high a rank are cut in four."""
     parts: list[_FarBlocks] = []
     while len(blocks):
@@ -379,7 +351,7 @@ def _far_blocks(blocks: Index, points: Coordinates, tolerance: float) -> list[_F
     return parts
 
 
-def _approximated(blocks: Index, points: Coordinates, tolerance: float) -> tuple[_FarBlocks, Index]:
+def _approximated(blocks: Index, points: tuple[Array, ...], tolerance: float) -> tuple[_FarBlocks, Index]:
     rows, columns = _sides(blocks)
     place = np.concatenate([[0], np.cumsum(_RANK_LIMIT * (rows + columns))])
     scratch = np.empty(place[-1])
