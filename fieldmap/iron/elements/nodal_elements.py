@@ -7,7 +7,6 @@ and the gradients of the potential live in one space, H = t - grad phi may be th
 without loss; and closed loops of iron around a winding need no cuts.
 """
 
-from abc import abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, Self
@@ -55,30 +54,20 @@ class CoilField(Record):
 
 
 class Elements(Record):
-    """What both families of elements have in common. work: of an element at its four points, as `over_rows` counts
-    it."""
+    """What both families of elements have in common, of k unknowns each: coil_field(field, symmetry), flux densities
+    field(points (n, 3)) -> (c, n, 3) in T as a field in the iron; residual(potential (n,), field, source, material),
+    element vectors (e, k) of the inside's share of R; tangent of the same, matrices (e, k, k) of minus its derivative;
+    strength_at_points(potential (n, c), field, material), mu0 H (c, e, 4, 3) at the four points of every element.
+
+    work: of an element at its four points, as `over_rows` counts it.
+    """
 
     work: ClassVar[float]
-
-    @abstractmethod
-    def coil_field(self, field: FieldOfPoints, symmetry: MeshSymmetry | None = None) -> Any:
-        """Flux densities field(points (n, 3)) -> (c, n, 3), T, as a field in the iron."""
+    coil_field: Callable[..., Any]
 
     def unit_fields(self, coils: Sequence[Coil], mesh: IronMesh) -> Any:
         """The field in the iron of one ampere in each coil."""
         return self.coil_field(lambda x: unit_flux_densities(coils, x), mesh.symmetry)
-
-    @abstractmethod
-    def residual(self, potential: Array, field: Any, source: int, material: Magnetisation) -> Array:
-        """Element vectors (e, k) of the inside's share of R at a potential (n,), in the source of that number."""
-
-    @abstractmethod
-    def tangent(self, potential: Array, field: Any, source: int, material: Magnetisation) -> Array:
-        """Element matrices (e, k, k) of minus its derivative."""
-
-    @abstractmethod
-    def strength_at_points(self, potential: Array, field: Any, material: Magnetisation) -> Array:
-        """mu0 H (c, e, 4, 3) at the four points of every element, for potentials (n, c)."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -202,9 +191,8 @@ class NodalElements(Elements):
 
     def joined(self, field: CoilField, more: CoilField) -> CoilField:
         """The same sources, then `more`."""
-        return CoilField(
-            np.concatenate([field.constant, more.constant]), np.concatenate([field.bubble, more.bubble])
-        )
+        both = ((field.constant, more.constant), (field.bubble, more.bubble))
+        return CoilField(*map(np.concatenate, both))
 
     def residual(self, potential: Array, field: CoilField, source: int, material: Magnetisation) -> Array:
         """Element vectors (e, 10) of int (b(h) + b_r - t) . grad N with h = t - grad phi, for phi (n,)."""

@@ -64,20 +64,11 @@ from fieldmap.iron.operators.linear_systems import ElementSums, SparseFactor, bl
 from fieldmap.iron.operators.mutual import MutualPotential
 from fieldmap.iron.topology import TET_EDGES
 from fieldmap.records import Record
-from fieldmap.typing import Array, Index
+from fieldmap.typing import Array
 
 
 def vacuum(iron: AssembledIron) -> Magnetisation:
-    """Air in all elements, for one source; less permeable where it stands for the rims of sheets."""
-    elements, permeability = _rims(iron)
-    law = np.zeros(len(iron.mesh.tets), np.int64)
-    law[elements] = 1 + np.arange(len(elements))
-    tables = straight_laws(np.concatenate([[1.0], permeability]))
-    return Magnetisation(law, tables, np.zeros((1, len(law), 3)))
-
-
-def _rims(iron: AssembledIron) -> tuple[Index, Array]:
-    """Elements (k,) at the rims of sheets, and g / h (k,), at most 1."""
+    """Air in all elements, for one source; less permeable, by g / h, where it stands for the rims of sheets."""
     mesh, topology = iron.mesh, iron.topology
     first = len(mesh.body_names) - len(mesh.sheets)
     outer = np.zeros(len(mesh.points), bool)
@@ -88,7 +79,10 @@ def _rims(iron: AssembledIron) -> tuple[Index, Array]:
     sides = np.linalg.norm(corners[:, TET_EDGES[:, 0]] - corners[:, TET_EDGES[:, 1]], axis=2)
     # A third of a prism of height g: its volume is g / 3 times half the longest side times the width across it.
     width = 6 * volumes(mesh.points, mesh.tets[rim]) / (gap * sides.max(axis=1))
-    return rim, np.minimum(1.0, gap / width)
+    law = np.zeros(len(mesh.tets), np.int64)
+    law[rim] = 1 + np.arange(len(rim))
+    tables = straight_laws(np.append(1.0, np.minimum(1.0, gap / width)))
+    return Magnetisation(law, tables, np.zeros((1, len(law), 3)))
 
 
 # The weight D times the mean potential of a face on itself. Each step gains three digits or more (measured: 5e-4 and
@@ -399,9 +393,8 @@ def linkage_and_coenergy(
     per_coil = unit.reshape(len(unit), int(np.prod(unit.shape[1:])))
     for s, (h, t) in enumerate(zip(strength, coils, strict=True)):
         remanence = material.remanence[s][:, None]
-        stored = material.tables.integral(
-            np.linalg.norm(h, axis=2), np.repeat(material.law[:, None], 4, axis=1)
-        )
+        law = np.repeat(material.law[:, None], 4, axis=1)
+        stored = material.tables.integral(np.linalg.norm(h, axis=2), law)
         added = material.polarisation(h, s)
         linkage[:, s] = per_coil @ (share[..., None] * added).ravel()
         local = np.sum(remanence * h - 0.5 * (h + added) * h + 0.5 * added * t, axis=2)

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 from scipy.sparse import csr_matrix, diags
-from scipy.sparse.csgraph import breadth_first_order, connected_components
+from scipy.sparse.csgraph import connected_components, minimum_spanning_tree
 from scipy.sparse.linalg import splu
 
 from fieldmap.iron.elements.nodal_elements import FieldOfPoints, field_means, half_circulations
@@ -99,7 +99,10 @@ def surface_sources(points: Array, triangles: Index, field: FieldOfPoints) -> Su
     difference, bubble = first + second, 0.5 * (first - second)
     gradient = _differences(edges, count)
     linear = _least_squares(gradient, difference)
-    walked = _along_tree(edges, difference, count)
+    # Along a tree of edges all differences are met: what those beside it lack is the circulation round a loop.
+    numbered = csr_matrix((1.0 + np.arange(len(edges)), edges.T), shape=(count, count))
+    tree = minimum_spanning_tree(numbered).data.astype(np.int64) - 1
+    walked = _least_squares(gradient[tree], difference[tree])
     linked = np.abs(difference - gradient @ walked).max(axis=0) > _LINKED * np.ptp(walked, axis=0)
     missing = difference - gradient @ linear
     missing[:, ~linked] = 0.0
@@ -128,22 +131,6 @@ def _differences(edges: Index, count: int) -> csr_matrix:
     rows = np.arange(len(edges))
     values = np.concatenate([-np.ones(len(edges)), np.ones(len(edges))])
     return csr_matrix((values, (np.tile(rows, 2), edges.T.ravel())), shape=(len(edges), count))
-
-
-def _along_tree(edges: Index, difference: Array, count: int) -> Array:
-    """Nodal values (n, c), zero at one point of each connected part, from the differences along a tree of edges."""
-    links = csr_matrix((np.ones(len(edges)), edges.T), shape=(count, count))
-    key = edge_keys(edges, count)
-    values = np.zeros((count, difference.shape[1]))
-    for start in np.unique(connected(edges, count), return_index=True)[1]:
-        order, before = breadth_first_order(links, start, directed=False)
-        children = order[1:]
-        parents = before[children]
-        edge = np.searchsorted(key, np.minimum(parents, children) * count + np.maximum(parents, children))
-        steps = np.where(parents < children, 1.0, -1.0)[:, None] * difference[edge]
-        for child, parent, step in zip(children, parents, steps, strict=True):
-            values[child] = values[parent] + step
-    return values
 
 
 def _least_squares(gradient: csr_matrix, difference: Array) -> Array:

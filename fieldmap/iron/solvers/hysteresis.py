@@ -14,19 +14,18 @@ from typing import Any
 
 import numpy as np
 
-from fieldmap.arguments import check_count, check_not_negative
+from fieldmap.arguments import check, check_count, check_not_negative
 from fieldmap.constants import MU0
 from fieldmap.device.materials import SaturatingMaterial
 from fieldmap.device.model import Device
-from fieldmap.errors import InputError, NotConverged
+from fieldmap.errors import NotConverged
 from fieldmap.field import Currents, coil_currents
 from fieldmap.iron.elements.bh_law import Magnetisation, law_tables
-from fieldmap.iron.elements.nodal_elements import NodalElements
-from fieldmap.iron.elements.potential_form import ConvexForm
+from fieldmap.iron.elements.potential_form import ConvexForm, PotentialForm
 from fieldmap.iron.geometry.checks import check_geometry, geometry_notes
 from fieldmap.iron.materials import materials_on, require_soft_bodies
 from fieldmap.iron.mesh.mesh import generate_mesh
-from fieldmap.iron.operators.assembled import AssembledIron, assemble
+from fieldmap.iron.operators.assembled import assemble
 from fieldmap.iron.report import report_of
 from fieldmap.iron.solution import PotentialSolution
 from fieldmap.iron.solvers.linear import check_arguments
@@ -98,14 +97,11 @@ class HysteresisMagnetisation(Magnetisation):
         return points, reversible, self.pinning, self.weights, np.repeat(self.law, 4), self.tables.arrays
 
 
-class HysteresisForm(ConvexForm):
-    """One mesh in the potential form, for iron with hysteresis."""
+class HysteresisForm(PotentialForm):
+    """One mesh in the potential form, for iron with hysteresis. What its states hold of the field inside elements is
+    that at their points: at others the cells have no memory."""
 
-    name = "potential"
-    elements: NodalElements
-
-    def __init__(self, iron: AssembledIron) -> None:
-        super().__init__(iron, NodalElements.from_mesh(iron.mesh, iron.topology))
+    _inside = ConvexForm._inside
 
 
 # As in `fieldmap.iron.solvers.nonlinear`: the residual as a fraction of the requested tolerance.
@@ -253,10 +249,9 @@ class HysteresisSolver:
     def __init__(self, device: Device, pinning: Pinning | None = None, refinement: float = 1.0) -> None:
         self.device, self.pinning = device, pinning
         require_soft_bodies(device)
-        if device.background is not None:
-            must_hold = "a device without [background] for iron with hysteresis"
-            where = f"device '{device.name}'"
-            raise InputError.of(where, must_hold, "a background field", "leave it out, or solve without")
+        where, must_hold = f"device '{device.name}'", "a device without [background] for iron with hysteresis"
+        remedy = "leave it out, or solve without"
+        check(device.background is None, where, must_hold, "a background field", remedy)
         check_geometry(device)
         self._notes = geometry_notes(device)
         self._mesh = generate_mesh(device, refinement, "auto")
@@ -300,22 +295,18 @@ class HysteresisSolver:
     @cached_property
     def demagnetised(self) -> IronMemory:
         """The iron without currents and without history."""
-        materials = materials_on(self.device, self._mesh)
-        without = np.zeros(self._cells)
-        pinning = [self._pinnings[one.name].fields if one.saturates else without for one in materials]
-        remanence = np.array([material.remanence for material in materials])
-        law, count = self._mesh.body, self._form.elements.count
-        cells = MU0 * np.array(pinning), (self.pinning or Pinning(0.0)).weights
-        reversible = np.zeros((len(law), 4, self._cells, 3))
-        material = HysteresisMagnetisation(
-            law, law_tables(materials), remanence[law][None], *cells, reversible
+        materials, law, any_pinning = (
+            materials_on(self.device, self._mesh),
+            self._mesh.body,
+            self.pinning or Pinning(0.0),
         )
-        nothing, coils = np.zeros(count), np.zeros(len(self.device.coils))
+        without = np.zeros(any_pinning.cells)
+        pinning = [self._pinnings[one.name].fields if one.saturates else without for one in materials]
+        remanence = np.array([material.remanence for material in materials])[law][None]
+        cells = MU0 * np.array(pinning), any_pinning.weights, np.zeros((len(law), 4, any_pinning.cells, 3))
+        material = HysteresisMagnetisation(law, law_tables(materials), remanence, *cells)
+        nothing, coils = np.zeros(self._form.elements.count), np.zeros(len(self.device.coils))
         return IronMemory(material, nothing, coils, nothing, coils)
-
-    @property
-    def _cells(self) -> int:
-        return (self.pinning or Pinning(0.0)).cells
 
     @property
     def surface_faces(self) -> int:

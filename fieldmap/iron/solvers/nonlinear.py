@@ -44,7 +44,6 @@ from fieldmap.iron.sensitivity.adjoint import IronProblem, Origin
 from fieldmap.iron.solution import NonlinearSolution
 from fieldmap.iron.solvers.linear import check_arguments
 from fieldmap.iron.solvers.reduced import GalerkinModel, project
-from fieldmap.iron.symmetry import Operation
 from fieldmap.records import Record
 from fieldmap.sources import unit_flux_density_and_gradient
 from fieldmap.sources.inductance import bare_inductance
@@ -141,13 +140,13 @@ def state_images(
             continue
         nodes = elements.node_images(symmetry.node_images[k])
         senses = (1.0,) if magnets else (1.0, -1.0)
-        images += [_image(operation, nodes, sense) for sense in senses if k or sense < 0]
+        coils, signs = np.array(operation.coils), np.array(operation.coil_signs, float)
+        images += [
+            StateImage(coils, sense * signs, nodes, sense * operation.handedness)
+            for sense in senses
+            if k or sense < 0
+        ]
     return tuple(images)
-
-
-def _image(operation: Operation, nodes: Index, sense: float) -> StateImage:
-    signs = sense * np.array(operation.coil_signs, float)
-    return StateImage(np.array(operation.coils), signs, nodes, sense * operation.handedness)
 
 
 # Newton stops when its residual, in the energy norm, is this fraction of the requested tolerance.
@@ -240,10 +239,10 @@ class NonlinearSolver(FieldOfStates):
         """The box around the workspace."""
         return self.device.bounds
 
-    @property
+    @cached_property
     def assumptions(self) -> tuple[str, ...]:
         """What every state rests on."""
-        return self._assumptions
+        return material_assumptions(self.device) + geometry_notes(self.device)
 
     @property
     def states(self) -> tuple[NonlinearSolution, ...]:
@@ -594,10 +593,8 @@ class NonlinearSolver(FieldOfStates):
         """
         inside = state.state.iron.inside
         if not isinstance(inside, PotentialField) or inside.elements is not self._form.elements:
-            remedy = "pass a result of solve of this solver"
-            raise InputError.of(
-                "differential_inductance, state", "must be a state of this solver", "another", remedy
-            )
+            where, remedy = "differential_inductance, state", "pass a result of solve of this solver"
+            raise InputError.of(where, "must be a state of this solver", "another", remedy)
         added = iron_differential_inductance(self._form, self._material, inside, self._unit, tolerance)
         return self._air_inductance + added
 
@@ -647,10 +644,6 @@ class NonlinearSolver(FieldOfStates):
         return estimate_error(points, solution, coarser, replace(solution, iron=complement))
 
     @cached_property
-    def _assumptions(self) -> tuple[str, ...]:
-        return material_assumptions(self.device) + geometry_notes(self.device)
-
-    @cached_property
     def _complement(self) -> FluxForm:
         return FluxForm(self._iron)
 
@@ -663,12 +656,14 @@ class NonlinearSolver(FieldOfStates):
     ) -> SolverReport:
         low, high = self._material.tables.range_h[:, self._material.law]
         largest = state.largest_h[0]
-        report = report_of(self._form, state.iron, seconds, self._assumptions)
         below = np.where(np.isfinite(low), low, 0.0)
-        peak = float(np.linalg.norm(state.iron.flux_density[0], axis=1).max())
-        beyond, under = int((largest > high).sum()), int((largest < below).sum())
-        known = replace(report, largest_flux_density=peak, continuation=shares)
-        return replace(known, beyond_table=beyond, below_table=under)
+        return replace(
+            report_of(self._form, state.iron, seconds, self.assumptions),
+            largest_flux_density=float(np.linalg.norm(state.iron.flux_density[0], axis=1).max()),
+            continuation=shares,
+            beyond_table=int((largest > high).sum()),
+            below_table=int((largest < below).sum()),
+        )
 
 
 def solve(
