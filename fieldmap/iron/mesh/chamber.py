@@ -71,7 +71,9 @@ def mirror_chamber(group: SymmetryGroup, most_walls: int = 3) -> Chamber | None:
         chamber = _chamber(group.subgroup(list(members)))
         if chamber is None or len(chamber.walls) > most_walls:
             continue
-        if _sharpest_angle(chamber.walls) > _SHARPEST:
+        # Cosines of the angles between walls, measured inside the chamber.
+        cosine = -(chamber.walls @ chamber.walls.T)[~np.eye(len(chamber.walls), dtype=bool)]
+        if cosine.max(initial=-1.0) < np.cos(np.radians(_SHARPEST)):
             return chamber
     return None
 
@@ -98,14 +100,6 @@ def _chamber(group: SymmetryGroup) -> Chamber | None:
     images = walls @ np.swapaxes(group.matrices, 1, 2)
     score = (np.abs(images).max(axis=2) > 1 - 1e-9).sum(axis=1)
     return Chamber(group, images[int(score.argmax())], table)
-
-
-def _sharpest_angle(walls: Array) -> float:
-    """Smallest angle between two walls, in degrees, measured inside the chamber; 180 for a single wall."""
-    if len(walls) < 2:
-        return 180.0
-    cosine = -(walls @ walls.T)
-    return float(np.degrees(np.arccos(np.clip(cosine[~np.eye(len(walls), dtype=bool)].max(), -1, 1))))
 
 
 # The pieces of all chambers must add up to the whole, to this fraction of its volume and of its outer surface.
@@ -135,16 +129,15 @@ def glue_chamber(device: Device, chamber: Chamber) -> occ.TopoDS_Shape | None:
 
 def _outer_area(shape: occ.TopoDS_Shape, chamber: Chamber | None) -> float:
     """Area of the faces that belong to one solid only, those in the chamber's walls left out."""
+
+    def in_wall(face: occ.Face) -> bool:
+        if chamber is None:
+            return False
+        # All of the face lies on one side: its centre is on the wall only where all of it is.
+        return bool(on_walls(chamber, xyz(face.center)[None] / MILLIMETRES).any())
+
     owners = Counter(face for solid in shape.solids for face in solid.faces)
-    return sum(face.mass for face, count in owners.items() if count == 1 and not _in_wall(face, chamber))
-
-
-def _in_wall(face: occ.Face, chamber: Chamber | None) -> bool:
-    if chamber is None:
-        return False
-    at = xyz(face.center) / MILLIMETRES - chamber.group.centre
-    # All of the face lies on one side: its centre is on the wall only where all of it is.
-    return bool(np.abs(chamber.walls @ at).min() < chamber.group.tolerance)
+    return sum(face.mass for face, count in owners.items() if count == 1 and not in_wall(face))
 
 
 def _chamber_solid(chamber: Chamber, whole: occ.TopoDS_Shape) -> occ.TopoDS_Shape:

@@ -76,8 +76,7 @@ class ContactFaces(Record):
     @property
     def pairs(self) -> tuple[Pair, ...]:
         """Pairs of bodies in contact, in the order of their numbers."""
-        found = np.unique(self.bodies, axis=0).tolist()
-        return tuple((int(a), int(b)) for a, b in found)
+        return tuple((a, b) for a, b in np.unique(self.bodies, axis=0).tolist())
 
 
 def contact_faces(tets: Index, body: Index) -> ContactFaces:
@@ -136,8 +135,7 @@ def sheets_between(
 
 def images_of_pairs(pairs: Sequence[Pair], images: Sequence[Sequence[int]]) -> tuple[Pair, ...]:
     """Pairs of bodies and their images; images: what each operation makes of each body."""
-    every = {_ordered(of_body[a], of_body[b]) for of_body in images for a, b in pairs}
-    return tuple(sorted(every))
+    return tuple(sorted({_ordered(of_body[a], of_body[b]) for of_body in images for a, b in pairs}))
 
 
 def sheet_images(sheets: Sequence[Sheet], images: Sequence[int]) -> tuple[int, ...]:
@@ -174,10 +172,8 @@ def with_rims(
     for pair, layer in _rim_layers(points, faces, rim, gaps).items():
         own = rim[_on_pair(faces, pair, len(points))[rim].all(axis=1)]
         at_rim[own] = np.minimum(at_rim[own], layer)
-    return (
-        distinct_rows(np.concatenate([sharp, rim])).rows,
-        np.minimum(first_layer, at_rim[tets].min(axis=1)),
-    )
+    every = distinct_rows(np.concatenate([sharp, rim])).rows
+    return every, np.minimum(first_layer, at_rim[tets].min(axis=1))
 
 
 def _rim_layers(
@@ -251,7 +247,10 @@ def open_sheets(
     number = {sheet.bodies: count + k for k, sheet in enumerate(sheets)}
     # Layers within the sheet are of use where elements at its rim are as thin.
     fine = {pair for pair, layer in _rim_layers(points, faces, edges, gaps).items() if layer < gaps[pair]}
-    layered = _near_rim(faces.nodes, rim) & np.array([pair in fine for pair in faces.pair_of_each])[:, None]
+    near = rim.copy()
+    for _ in range(_RINGS):
+        near[faces.nodes[near[faces.nodes].any(axis=1)]] = True
+    layered = near[faces.nodes] & np.array([pair in fine for pair in faces.pair_of_each])[:, None]
     moved, new, of_face = _filled(moved, staying, moving, layered)
     of_sheet = np.array([number[pair] for pair in faces.pair_of_each])
     bodies, parents = np.concatenate([body, of_sheet[of_face]]), np.concatenate([parent, inner[of_face]])
@@ -291,14 +290,6 @@ def _filled(points: Array, staying: Index, moving: Index, at_rim: Mask) -> tuple
         faces.append(here)
         now[here, corner[here, k]] = ladder[here, k]
     return points, np.vstack(cells), np.concatenate(faces)
-
-
-def _near_rim(nodes: Index, rim: Mask) -> Mask:
-    """Which corners (f, 3) of faces are on the rim, or next to it, or next to those; rim: which nodes are."""
-    near = rim.copy()
-    for _ in range(_RINGS):
-        near[nodes[near[nodes].any(axis=1)]] = True
-    return near[nodes]
 
 
 def _shared_faces(tets: Index) -> tuple[Index, Index]:
@@ -404,9 +395,8 @@ def _shifts(count: int, moving: Index, staying: Index, normal: Array, gap: Array
         np.add.at(right, moving[free, k], gap[free, None] * n)
     shift = np.full((count, 3), np.nan)
     on = np.flatnonzero(np.trace(tensor, axis1=1, axis2=2) > 0)
-    shift[on] = np.einsum(
-        "nij,nj->ni", np.linalg.pinv(tensor[on], rcond=_ONE_PLANE, hermitian=True), right[on]
-    )
+    inverse = np.linalg.pinv(tensor[on], rcond=_ONE_PLANE, hermitian=True)
+    shift[on] = np.einsum("nij,nj->ni", inverse, right[on])
     shift[np.setdiff1d(np.unique(np.concatenate([moving, staying])), on)] = 0.0
     return shift
 
@@ -419,26 +409,20 @@ def _displaced(points: Array, tets: Index, body: Index, shift: Array) -> Array:
     out = points.copy()
     on = np.isfinite(shift[:, 0])
     away = np.linalg.norm(np.nan_to_num(shift), axis=1) > 0
-    several = _in_several(tets, body, len(points))
+    # Lowest and highest body of every node: they differ where it belongs to more than one.
+    low, high = np.full(len(points), np.iinfo(np.int64).max), np.full(len(points), -1)
+    np.minimum.at(low, tets.ravel(), np.repeat(body, 4))
+    np.maximum.at(high, tets.ravel(), np.repeat(body, 4))
     for number in np.unique(body[away[tets].any(axis=1)]):
         mine = np.unique(tets[body == number])
         start, others = mine[away[mine]], mine[~away[mine]]
         if len(others) == 0:
             continue
         distance, nearest = cKDTree(points[start]).query(points[others])
-        stays = several[others] | on[others] | (distance > _FAR * distance.max())
+        stays = (low < high)[others] | on[others] | (distance > _FAR * distance.max())
         free = others[~stays]
         rest, _ = cKDTree(points[others[stays]]).query(points[free])
         share = rest / (distance[~stays] + rest)
         out[free] += share[:, None] * shift[start[nearest[~stays]]]
     out[away] += shift[away]
     return out
-
-
-def _in_several(tets: Index, body: Index, count: int) -> Mask:
-    """Whether each node (n,) belongs to more than one body."""
-    low = np.full(count, np.iinfo(np.int64).max)
-    high = np.full(count, -1)
-    np.minimum.at(low, tets.ravel(), np.repeat(body, 4))
-    np.maximum.at(high, tets.ravel(), np.repeat(body, 4))
-    return low < high

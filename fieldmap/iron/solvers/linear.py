@@ -13,7 +13,6 @@ from fieldmap.errors import InputError, Problem
 from fieldmap.iron.elements.bh_law import Magnetisation, straight_laws
 from fieldmap.iron.elements.flux_form import FluxForm
 from fieldmap.iron.elements.potential_form import ConvexForm, PotentialForm, linkage_and_coenergy
-from fieldmap.iron.elements.state import IronState
 from fieldmap.iron.geometry.checks import check_geometry, geometry_notes
 from fieldmap.iron.materials import BodyProperties, background_notes, body_properties
 from fieldmap.iron.mesh.mesh import generate_mesh
@@ -21,7 +20,7 @@ from fieldmap.iron.operators.assembled import AssembledIron, assemble
 from fieldmap.iron.report import Progress, SolverReport, Stages, report_of
 from fieldmap.iron.sensitivity.adjoint import Origin
 from fieldmap.iron.solution import LinearSolution
-from fieldmap.typing import Array, PathLike
+from fieldmap.typing import PathLike
 
 _FORM_CLASSES: dict[str, type[PotentialForm] | type[FluxForm]] = {
     "potential": PotentialForm,
@@ -123,38 +122,26 @@ def solved_in_form(
     device: Device, problem: ConvexForm, properties: BodyProperties, tolerance: float, stages: Stages
 ) -> LinearSolution:
     """One form on one mesh."""
-    iron = problem.iron
-    state, linkage = _solve(device, problem, properties, tolerance * _RESIDUAL_PER_TOLERANCE)
-    assumptions = properties.assumptions + geometry_notes(device)
-    report = report_of(problem, state, stages.seconds, assumptions)
+    elements, mesh, background = problem.elements, problem.iron.mesh, device.background
+    of_elements, sources = properties.on(mesh), len(device.coils)
     has_remanence = bool(properties.remanence.any())
-    about = (device.sections, device.bounds, device.background)
-    return LinearSolution(device.coils, iron.mesh, state, has_remanence, report, linkage, *about)
-
-
-def _solve(
-    device: Device, problem: ConvexForm, properties: BodyProperties, tolerance: float
-) -> tuple[IronState, Array]:
-    """State and flux linkages in one form."""
-    elements, body = problem.elements, problem.iron.mesh.body
-    properties = properties.on(problem.iron.mesh)
-    field = elements.unit_fields(device.coils, problem.iron.mesh)
-    sources = len(device.coils)
-    remanence = np.zeros((sources, len(body), 3))
-    background = device.background
-    if properties.remanence.any() or background is not None:
+    field, remanence = elements.unit_fields(device.coils, mesh), np.zeros((sources, len(mesh.body), 3))
+    if has_remanence or background is not None:
         # What no current drives is a source of its own, without any coil.
         constant = elements.no_field()
         if background is not None:
             constant = elements.coil_field(lambda x: background.field(x)[None])
         field = elements.joined(field, constant)
-        remanence = np.concatenate([remanence, properties.remanence[body][None]])
-    material = Magnetisation(body, straight_laws(properties.mu_r), remanence)
-    solved = problem.solve_linear(material, field, tolerance)
+        remanence = np.concatenate([remanence, of_elements.remanence[mesh.body][None]])
+    material = Magnetisation(mesh.body, straight_laws(of_elements.mu_r), remanence)
+    solved = problem.solve_linear(material, field, tolerance * _RESIDUAL_PER_TOLERANCE)
     strength = elements.strength_at_points(solved.potential, field, material)
     coils = elements.coil_field_at_points(field)
     linkage, _ = linkage_and_coenergy(elements.volume, material, strength, coils, coils[:sources])
-    return solved.iron, linkage
+    assumptions = properties.assumptions + geometry_notes(device)
+    report = report_of(problem, solved.iron, stages.seconds, assumptions)
+    about = (device.sections, device.bounds, background)
+    return LinearSolution(device.coils, mesh, solved.iron, has_remanence, report, linkage, *about)
 
 
 def chosen_form(form: str, properties: BodyProperties) -> str:
@@ -186,12 +173,10 @@ def check_arguments(where: str, tolerance: float, refinement: float = 1.0, form:
 def require_source(device: Device, properties: BodyProperties) -> None:
     """Raise InputError for iron that nothing magnetises: no coils, no permanent magnets, no background."""
     if not device.coils and not properties.remanence.any() and device.background is None:
-        raise InputError.of(
-            f"device '{device.name}'",
-            "must have a source of field: a coil, a body that is a permanent magnet, or a [background]",
-            "soft iron alone",
-            "add a coil or a magnet",
+        must_hold = (
+            "must have a source of field: a coil, a body that is a permanent magnet, or a [background]"
         )
+        raise InputError.of(f"device '{device.name}'", must_hold, "soft iron alone", "add a coil or a magnet")
 
 
 def coils_alone(device: Device, seconds: dict[str, float]) -> LinearSolution:
