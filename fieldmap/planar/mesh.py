@@ -201,5 +201,6 @@ def _require_edges(triangles: Indices, ring: Complex) -> None:
     if lost:
         x, z = 1e3 * ring[lost[0]].real, 1e3 * ring[lost[0]].imag
         where = f"triangles inside the iron, edge at ({x:.4g}, {z:.4g}) mm ({len(lost)} such)"
-        must_hold = "edges must be shorter than iron is thick and gaps are wide, corners no sharper than about 60 degrees"
+        sharp = "corners no sharper than about 60 degrees"
+        must_hold = f"edges must be shorter than iron is thick and gaps are wide, {sharp}"
         raise GeometryError.of(where, must_hold, "an edge that no triangle has", "give a smaller size")

@@ -157,7 +157,8 @@ def _angles(arc: Array, count: int) -> tuple[Array, Array]:
     middle, half = math.atan2(arc[3], arc[2]), arc[4]
     if half > math.pi * (1 - 1e-12):
         turn = math.pi / count
-        return middle + turn * (np.arange(2 * count) + 0.5), np.full(2 * count, turn)
+        angles = np.asarray(middle + turn * (np.arange(2 * count) + 0.5), np.float64)
+        return angles, np.full(2 * count, turn, np.float64)
     return _gauss(count, middle - half, middle + half)
 
 
