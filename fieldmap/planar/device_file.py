@@ -8,34 +8,23 @@ from pydantic import Field, ValidationInfo, field_validator
 from fieldmap.device.materials import AnyMaterial, Curves, material_of
 from fieldmap.device.reader import checked_contents
 from fieldmap.errors import DeviceFileError
+from fieldmap.inputs import tables
 from fieldmap.inputs.declared import record_of, table_of
 from fieldmap.inputs.document import Document
 from fieldmap.inputs.kinds import FileKind
-from fieldmap.inputs.tables import (
-    MILLI,
-    Format,
-    Length,
-    Name,
-    PlanePoint,
-    Positive,
-    Table,
-    Text,
-    broken,
-    read_only,
-)
 from fieldmap.planar.geometry import check_planar_geometry
 from fieldmap.planar.model import PlanarBody, PlanarCoil, PlanarDevice, RectangularWire, RoundWire, Wire
 from fieldmap.records import FrozenDict
 
 PlanarBodyKeys: Any = table_of(PlanarBody)
-Sides = Annotated[list[Length], Field(min_length=2, max_length=2)]
+Sides = Annotated[list[tables.Length], Field(min_length=2, max_length=2)]
 _COIL: Any = table_of(PlanarCoil)
 
 
 class PlanarCoilKeys(_COIL):
     """Conductors in series, all of one section."""
 
-    wire_diameter_mm: Length | None = Field(default=None, description="diameter of round conductors")
+    wire_diameter_mm: tables.Length | None = Field(default=None, description="diameter of round conductors")
     wire_size_mm: Sides | None = Field(
         default=None, validate_default=True, description="[width, height] of rectangular conductors"
     )
@@ -45,7 +34,7 @@ class PlanarCoilKeys(_COIL):
     def _one_section(cls, value: list[float] | None, info: ValidationInfo) -> list[float] | None:
         given = [key is not None for key in (info.data.get("wire_diameter_mm"), value)]
         if "wire_diameter_mm" in info.data and sum(given) != 1:
-            raise broken(
+            raise tables.broken(
                 "a coil has round or rectangular conductors",
                 "both wire_diameter_mm and wire_size_mm" if all(given) else "neither",
                 "give wire_diameter_mm, or wire_size_mm = [width, height]",
@@ -55,48 +44,50 @@ class PlanarCoilKeys(_COIL):
     def also_makes(self) -> dict[str, Wire]:
         """The section of the conductors."""
         if self.wire_diameter_mm is not None:
-            return {"wire": RoundWire(0.5 * self.wire_diameter_mm * MILLI)}
+            return {"wire": RoundWire(0.5 * self.wire_diameter_mm * tables.MILLI)}
         assert self.wire_size_mm is not None
         width, height = self.wire_size_mm
-        return {"wire": RectangularWire(width * MILLI, height * MILLI)}
+        return {"wire": RectangularWire(width * tables.MILLI, height * tables.MILLI)}
 
 
-class WallKeys(Table):
+class WallKeys(tables.Table):
     """A box around everything that no flux passes."""
 
-    lower_mm: PlanePoint = Field(description="[x, z] of the lower left corner")
-    upper_mm: PlanePoint = Field(description="[x, z] of the upper right corner")
+    lower_mm: tables.PlanePoint = Field(description="[x, z] of the lower left corner")
+    upper_mm: tables.PlanePoint = Field(description="[x, z] of the upper right corner")
 
     @field_validator("upper_mm")
     @classmethod
     def _above(cls, value: list[float], info: ValidationInfo) -> list[float]:
         lower = info.data.get("lower_mm")
         if lower is not None and not (lower[0] < value[0] and lower[1] < value[1]):
-            raise broken("upper_mm must exceed lower_mm in x and in z", f"{value}", "exchange the corners")
+            raise tables.broken(
+                "upper_mm must exceed lower_mm in x and in z", f"{value}", "exchange the corners"
+            )
         return value
 
 
-class PlanarPayloadKeys(Table):
+class PlanarPayloadKeys(tables.Table):
     """What is levitated."""
 
-    moment_A_m2: Positive = Field(description="magnitude of the vertical dipole moment")
+    moment_A_m2: tables.Positive = Field(description="magnitude of the vertical dipole moment")
 
 
-class PlanarFile(Table):
+class PlanarFile(tables.Table):
     """A planar device file."""
 
-    format: Format
+    format: tables.Format
     space: Literal["plane"] = Field(description="everything extends to infinity across the x-z plane")
-    name: Name = Field(description="short name of the device")
-    title: Text = Field(description="one line about the device")
-    material: dict[Name, AnyMaterial] = Field(default={}, description="[material.NAME] tables")
+    name: tables.Name = Field(description="short name of the device")
+    title: tables.Text = Field(description="one line about the device")
+    material: dict[tables.Name, AnyMaterial] = Field(default={}, description="[material.NAME] tables")
     body: list[PlanarBodyKeys] = Field(default=[], description="[[body]] tables: the iron")
     coil: Annotated[list[PlanarCoilKeys], Field(min_length=1)] = Field(
         description="[[coil]] tables; currents follow this order"
     )
     walls: WallKeys | None = Field(default=None, description="walls without flux; open space without them")
     payload: PlanarPayloadKeys | None = Field(default=None, description="the levitated body")
-    provenance: dict[str, Text] = Field(default={}, description='"key.path" = "source of the number"')
+    provenance: dict[str, tables.Text] = Field(default={}, description='"key.path" = "source of the number"')
 
 
 PLANAR_DEVICE = FileKind(
@@ -160,4 +151,4 @@ def _build(contents: PlanarFile, document: Document, curves: Curves) -> PlanarDe
 
 def _corners(walls: WallKeys) -> Any:
     (x1, z1), (x2, z2) = walls.lower_mm, walls.upper_mm
-    return read_only([[x1, z1], [x2, z1], [x2, z2], [x1, z2]], MILLI)
+    return tables.read_only([[x1, z1], [x2, z1], [x2, z2], [x1, z2]], tables.MILLI)

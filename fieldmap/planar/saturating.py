@@ -17,20 +17,13 @@ from fieldmap.device.materials import SaturatingMaterial
 from fieldmap.errors import InputError, NotConverged, Problem
 from fieldmap.field import Currents
 from fieldmap.iron.elements.bh_law import LawTables, law_tables
+from fieldmap.planar import solution
 from fieldmap.planar.boundary_operator import BoundaryOperator
 from fieldmap.planar.conductors import coil_vector_potential, complex_points
 from fieldmap.planar.geometry import check_planar_geometry, inside
 from fieldmap.planar.linear import air_operator, normal_moments, panel_size, planar_report
 from fieldmap.planar.mesh import Outline, make_outline, triangulate
 from fieldmap.planar.model import PlanarDevice
-from fieldmap.planar.solution import (
-    PlanarFieldAtCurrents,
-    PlanarReport,
-    conductor_derivatives,
-    field_places,
-    harmonic_derivatives,
-    planar_currents,
-)
 from fieldmap.records import Record
 from fieldmap.typing import Array
 
@@ -199,7 +192,7 @@ def _solve(stiffness: Array, second: csc_array, right: Array) -> Array:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class PlanarState(PlanarFieldAtCurrents):
+class PlanarState(solution.PlanarFieldAtCurrents):
     """Saturating iron at fixed currents (n_coils,), A.
 
     reaction: what iron and walls add to the conductors' vector potential, at the nodes of the air's operator, T m.
@@ -210,7 +203,7 @@ class PlanarState(PlanarFieldAtCurrents):
     reaction: Array
     iron: IronTriangles
     potential: Array
-    report: PlanarReport
+    report: solution.PlanarReport
 
     def at(self, currents: Currents) -> PlanarState:
         """This state.
@@ -230,7 +223,7 @@ class PlanarState(PlanarFieldAtCurrents):
         InputError
             For other currents than its own.
         """
-        same = np.array_equal(planar_currents(self.device, currents), self.currents)
+        same = np.array_equal(solution.planar_currents(self.device, currents), self.currents)
         own = f"{self.currents.tolist()} A"
         check(same, "PlanarState(currents)", own, repr(currents), "solve them anew")
         return self
@@ -257,13 +250,13 @@ class PlanarState(PlanarFieldAtCurrents):
         """
         if currents is not None:
             self.at(currents)
-        places = field_places(self.device, points)
+        places = solution.field_places(self.device, points)
         for body in self.device.bodies:
             if inside(places, complex_points(body.corners)).any():
                 must = "points outside the iron; iron_flux_density has the field inside"
                 raise InputError.of("PlanarState(points)", must, f"points in {body.name}", "move them")
-        total = conductor_derivatives(self.device, self.currents, places)
-        return np.asarray(-1j * (total + harmonic_derivatives(self.air, self.reaction, places)))
+        total = solution.conductor_derivatives(self.device, self.currents, places)
+        return np.asarray(-1j * (total + solution.harmonic_derivatives(self.air, self.reaction, places)))
 
     def iron_flux_density(self, body: str) -> tuple[Array, Array]:
         """Flux density in a body's triangles.
@@ -342,7 +335,7 @@ def solve_planar_state(
             raise InputError.of(where, "must be soft iron", f"material {body.material}", remedy)
     remedy = "use solve_planar for coils alone"
     check(len(device.bodies) > 0, "solve_planar_state", "a device with iron", "none", remedy)
-    amperes = planar_currents(device, currents)
+    amperes = solution.planar_currents(device, currents)
     outline, iron, air = _meshed(device, panel_size(device, size))
     balance = _balance(device, outline, iron, air, amperes)
     potential, residuals = minimise(balance, tolerance)

@@ -8,14 +8,8 @@ from fieldmap.constants import MU0
 from fieldmap.device.background import Background
 from fieldmap.device.coils import Coil
 from fieldmap.kernels.coils.neumann import neumann_sum
+from fieldmap.sources import line_currents
 from fieldmap.sources.coils import unit_flux_density
-from fieldmap.sources.line_currents import (
-    flux_elements_of_lines,
-    is_lines,
-    line_elements,
-    self_inductance,
-    vector_potential,
-)
 from fieldmap.sources.winding_rules import WindingRule, current_elements, flux_elements
 from fieldmap.typing import Array
 
@@ -57,7 +51,7 @@ def bare_inductance(coils: Sequence[Coil]) -> Array:
             rule = flux_elements(coil)
             matrix[k, k] = np.sum(unit_flux_density(coil, rule.points, digits=7) * rule.vectors)
         else:
-            matrix[k, k] = self_inductance(coil)
+            matrix[k, k] = line_currents.self_inductance(coil)
         for j in range(k):
             matrix[k, j] = matrix[j, k] = _mutual(coil, elements[k], coils[j], elements[j])
     return matrix
@@ -69,27 +63,30 @@ def mutual_inductance(one: Coil, other: Coil) -> float:
 
 
 def _mutual(coil: Coil, elements: WindingRule, other: Coil, of_other: WindingRule) -> float:
-    if is_lines(coil):
+    if line_currents.is_lines(coil):
         return _along(coil, of_other)
-    if is_lines(other):
+    if line_currents.is_lines(other):
         return _along(other, elements)
     return _neumann(elements, of_other)
 
 
 def _elements(coil: Coil) -> WindingRule:
-    return line_elements(coil) if is_lines(coil) else current_elements(coil)
+    return line_currents.line_elements(coil) if line_currents.is_lines(coil) else current_elements(coil)
 
 
 def _along(lines: Coil, elements: WindingRule) -> float:
     """Line integral of the vector potential of a coil of lines along the currents of another."""
-    return float(np.sum(vector_potential(lines, elements.points) * elements.vectors))
+    return float(np.sum(line_currents.vector_potential(lines, elements.points) * elements.vectors))
 
 
 def background_linkage(coils: Sequence[Coil], background: Background | None) -> Array:
     """Flux linkages (c,) in Wb that a background adds in air, turns and polarity included."""
     if background is None:
         return np.zeros(len(coils))
-    rules = [flux_elements(coil) if coil.has_winding else flux_elements_of_lines(coil) for coil in coils]
+    rules = [
+        flux_elements(coil) if coil.has_winding else line_currents.flux_elements_of_lines(coil)
+        for coil in coils
+    ]
     return np.array([float(np.sum(background.field(rule.points) * rule.vectors)) for rule in rules])
 
 

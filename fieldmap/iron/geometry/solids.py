@@ -17,15 +17,7 @@ from fieldmap.device.model import Body, Device, MeshFile, Shape, StepFile, Volum
 from fieldmap.device.surfaces import crossing_triangles, enclosed_volume
 from fieldmap.device.tetrahedra import boundary, oriented, tetrahedra_fault, volumes
 from fieldmap.errors import GeometryError, InputError, Problem
-from fieldmap.iron.geometry.shapes import (
-    MILLIMETRES,
-    kernel_errors,
-    local_solid,
-    named,
-    occ,
-    place,
-    polygon_face,
-)
+from fieldmap.iron.geometry import shapes
 from fieldmap.iron.topology import area_vectors, common_sides, connected
 from fieldmap.typing import Array, Index
 
@@ -96,12 +88,12 @@ def higher_order_cells(body: Body) -> int:
     return read_mesh(shape.path, shape.region).higher_order if isinstance(shape, MeshFile) else 0
 
 
-def solid_of_mesh(body: Body) -> occ.TopoDS_Shape:
+def solid_of_mesh(body: Body) -> shapes.occ.TopoDS_Shape:
     """What its tetrahedra fill, as a solid of the CAD kernel, mm: boundary triangles sewn together, those in one plane
     one face. Raises GeometryError where the boundary cuts itself or pieces of the mesh overlap.
     """
     points, tets = own_mesh(body)
-    corners, where = points * MILLIMETRES, f"body '{body.name}'"
+    corners, where = points * shapes.MILLIMETRES, f"body '{body.name}'"
     faces = boundary(corners, tets)
     crossing = crossing_triangles(corners, faces)
     if crossing is not None:
@@ -113,7 +105,7 @@ def solid_of_mesh(body: Body) -> occ.TopoDS_Shape:
     try:
         solid = _inside(corners, faces)
         filled = float(solid.mass)
-    except kernel_errors() as error:
+    except shapes.kernel_errors() as error:
         received = str(error).strip() or type(error).__name__
         must_hold, remedy = "the boundary of a mesh must enclose a solid", "mesh the solid again"
         raise GeometryError.of(where, must_hold, received, remedy) from error
@@ -124,12 +116,16 @@ def solid_of_mesh(body: Body) -> occ.TopoDS_Shape:
     return solid
 
 
-def _inside(points: Array, faces: Index) -> occ.TopoDS_Shape:
+def _inside(points: Array, faces: Index) -> shapes.occ.TopoDS_Shape:
     """The solid within closed shells: the largest first, what is in a hole of another after the hole."""
     shells = [(enclosed_volume(points, shell), shell) for shell in _shells(faces)]
     shells.sort(key=lambda pair: -abs(pair[0]))
     pieces = [
-        occ.Solid(occ.Sew([polygon_face(points[face]) for face in (shell if volume > 0 else shell[:, ::-1])]))
+        shapes.occ.Solid(
+            shapes.occ.Sew(
+                [shapes.polygon_face(points[face]) for face in (shell if volume > 0 else shell[:, ::-1])]
+            )
+        )
         for volume, shell in shells
     ]
     solid = pieces[0].UnifySameDomain()
@@ -150,7 +146,7 @@ def device_label(device: Device) -> str:
     return str(device.source) if device.source is not None else f"device '{device.name}'"
 
 
-def body_solid(body: Body, source: str | None = None) -> occ.TopoDS_Shape:
+def body_solid(body: Body, source: str | None = None) -> shapes.occ.TopoDS_Shape:
     """The body as a solid in the global frame, mm: its parts added and cut in order.
 
     A body that is a mesh is what its tetrahedra fill.
@@ -164,25 +160,27 @@ def body_solid(body: Body, source: str | None = None) -> occ.TopoDS_Shape:
     6000.0
     """
     if body.has_own_mesh:
-        return named(solid_of_mesh(body), body.name)
+        return shapes.named(solid_of_mesh(body), body.name)
     where = f"{source + ': ' if source else ''}body '{body.name}'"
-    solid: occ.TopoDS_Shape | None = None
+    solid: shapes.occ.TopoDS_Shape | None = None
     for number, part in enumerate(body.parts):
         try:
-            piece = place(local_solid(part.shape), part.placement)
+            piece = shapes.place(shapes.local_solid(part.shape), part.placement)
             solid = _combined(solid, piece, part.operation)
-        except kernel_errors() as error:
+        except shapes.kernel_errors() as error:
             raise GeometryError(_cannot_build(f"{where}, part {number + 1}", part.shape, error)) from error
     if solid is None:
         raise GeometryError.of(
             where, "a body must have at least one part", "none", "add a part or remove the body"
         )
-    for piece in named(solid, body.name).solids:
-        piece.maxh = (body.mesh_size or 0.0) * MILLIMETRES
+    for piece in shapes.named(solid, body.name).solids:
+        piece.maxh = (body.mesh_size or 0.0) * shapes.MILLIMETRES
     return solid
 
 
-def _combined(solid: occ.TopoDS_Shape | None, piece: occ.TopoDS_Shape, operation: str) -> occ.TopoDS_Shape:
+def _combined(
+    solid: shapes.occ.TopoDS_Shape | None, piece: shapes.occ.TopoDS_Shape, operation: str
+) -> shapes.occ.TopoDS_Shape:
     if solid is None:
         if operation == "cut":
             raise ValueError("the first part of a body must be added: there is nothing to cut from")
@@ -199,12 +197,12 @@ def _cannot_build(where: str, shape: Shape, error: Exception) -> Problem:
     return Problem(where, must_hold, f"{type(shape).__name__}: {reason}", remedy)
 
 
-def glue_solids(solids: Iterable[occ.TopoDS_Shape]) -> occ.TopoDS_Shape:
+def glue_solids(solids: Iterable[shapes.occ.TopoDS_Shape]) -> shapes.occ.TopoDS_Shape:
     """One compound in which solids that touch share faces, edges and corners. Names and mesh sizes stay."""
-    return occ.Glue([piece for solid in solids for piece in solid.solids])
+    return shapes.occ.Glue([piece for solid in solids for piece in solid.solids])
 
 
-def glue_bodies(device: Device) -> occ.TopoDS_Shape:
+def glue_bodies(device: Device) -> shapes.occ.TopoDS_Shape:
     """All bodies of the device in one compound, mm. Bodies that touch share the faces in which they touch.
 
     Every solid carries its body's name and, as `maxh`, its mesh size in mm. The device is taken to be sound;

@@ -14,13 +14,7 @@ from itertools import combinations
 import numpy as np
 
 from fieldmap.device.model import Device
-from fieldmap.iron.geometry.contacts import (
-    CONTACT_DISTANCE,
-    NamedSolid,
-    bounds_nearer_than,
-    contact_areas,
-    overlaps,
-)
+from fieldmap.iron.geometry import contacts
 from fieldmap.iron.geometry.shapes import MILLIMETRES, named, occ, xyz
 from fieldmap.iron.geometry.solids import body_solid, device_label, glue_solids
 from fieldmap.iron.topology import connected
@@ -58,14 +52,14 @@ def closed_gaps(device: Device) -> ClosedGaps | None:
     source = device_label(device)
     solids = [body_solid(body, source) for body in device.bodies]
     near = _near_pairs(device, solids)
-    if not any(distance > CONTACT_DISTANCE for distance in near.values()):
+    if not any(distance > contacts.CONTACT_DISTANCE for distance in near.values()):
         return None
-    touching = [pair for pair, distance in near.items() if distance <= CONTACT_DISTANCE]
+    touching = [pair for pair, distance in near.items() if distance <= contacts.CONTACT_DISTANCE]
     piece = connected(np.array(touching, np.int64).reshape(-1, 2), len(solids))
     steps = {
         pair: step
         for pair, distance in near.items()
-        if distance > CONTACT_DISTANCE and piece[pair[0]] != piece[pair[1]]
+        if distance > contacts.CONTACT_DISTANCE and piece[pair[0]] != piece[pair[1]]
         if (step := _step_between(solids[pair[0]], solids[pair[1]], distance)) is not None
     }
     moves, closed = _moves(np.array([solid.mass for solid in solids]), piece, steps)
@@ -87,7 +81,7 @@ def _near_pairs(device: Device, solids: Sequence[occ.TopoDS_Shape]) -> dict[Pair
     sizes = [(body.mesh_size or 0.0) * MILLIMETRES for body in device.bodies]
     for a, b in combinations(range(len(solids)), 2):
         limit = THIN * min(sizes[a], sizes[b]) - _SAME
-        if not bounds_nearer_than(solids[a], solids[b], limit):
+        if not contacts.bounds_nearer_than(solids[a], solids[b], limit):
             continue
         distance = float(solids[a].Distance(solids[b]))
         if distance < limit:
@@ -141,7 +135,7 @@ def _moved(solid: occ.TopoDS_Shape, by: Array) -> occ.TopoDS_Shape:
 def _contact(one: occ.TopoDS_Shape, other: occ.TopoDS_Shape) -> float:
     """Area, mm^2, of the faces that two solids share."""
     pair = [named(one, "one"), named(other, "other")]
-    return sum(contact_areas(glue_solids(pair)).values())
+    return sum(contacts.contact_areas(glue_solids(pair)).values())
 
 
 def _moves(volume: Array, piece: Index, steps: dict[Pair, Array]) -> tuple[Array, list[Pair]]:
@@ -172,12 +166,14 @@ def _is_sound(
     """Whether the moved bodies touch where gaps were closed, and nothing else has come into contact."""
     moved = [_moved(solid, by) for solid, by in zip(solids, moves, strict=True)]
     names = [body.name for body in device.bodies]
-    bodies = [NamedSolid("body", name, named(one, name)) for name, one in zip(names, moved, strict=True)]
-    if overlaps(combinations(bodies, 2)):
+    bodies = [
+        contacts.NamedSolid("body", name, named(one, name)) for name, one in zip(names, moved, strict=True)
+    ]
+    if contacts.overlaps(combinations(bodies, 2)):
         return False
     for a, b in combinations(range(len(moved)), 2):
         if piece[a] == piece[b] or (a, b) in closed or not (moves[a] != moves[b]).any():
             continue
-        if bounds_nearer_than(moved[a], moved[b], _SAME) and moved[a].Distance(moved[b]) < _SAME:
+        if contacts.bounds_nearer_than(moved[a], moved[b], _SAME) and moved[a].Distance(moved[b]) < _SAME:
             return False
     return True

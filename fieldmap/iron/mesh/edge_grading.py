@@ -12,18 +12,11 @@ from collections.abc import Callable
 
 import numpy as np
 
-from fieldmap.iron.topology import (
-    TET_EDGES,
-    TET_FACES,
-    TRIANGLE_SIDES,
-    distinct_parts,
-    distinct_rows,
-    edge_keys,
-)
+from fieldmap.iron import topology
 from fieldmap.typing import Array, Index
 
 # Edges of a triangle and of a tetrahedron, by the number of corners.
-_PAIRS_OF = {3: TRIANGLE_SIDES, 4: TET_EDGES}
+_PAIRS_OF = {3: topology.TRIANGLE_SIDES, 4: topology.TET_EDGES}
 # Turning of a prism that brings vertex k to the front (Dompierre et al., table 2).
 _PRISM_TURN = np.array(
     [
@@ -47,16 +40,16 @@ def sharp_edges(points: Array, tets: Index, candidates: Index, midpoints: tuple[
     midpoints: all element edges (m, 2), sorted, lexicographic, and their midpoints (m, 3) on the true surface. A
     coarse polygon is kinked where the surface is smooth; parabolas through the midpoints are not.
     """
-    found = distinct_parts(tets, TET_FACES)
+    found = topology.distinct_parts(tets, topology.TET_FACES)
     return kinked_edges(points, found.rows[found.times == 1], candidates, midpoints)
 
 
 def kinked_edges(points: Array, faces: Index, candidates: Index, midpoints: tuple[Index, Array]) -> Index:
     """Those of the candidate edges (k, 2) at which a surface of triangles (f, 3) has a kink; otherwise as
     `sharp_edges`."""
-    sides = faces[:, TRIANGLE_SIDES].reshape(-1, 2)
+    sides = faces[:, topology.TRIANGLE_SIDES].reshape(-1, 2)
     opposite = faces[:, [2, 1, 0]].ravel()
-    key = edge_keys(sides, len(points))
+    key = topology.edge_keys(sides, len(points))
     order = np.argsort(key, kind="stable")
     key, sides, opposite = key[order], sides[order], opposite[order]
     pair = np.flatnonzero(key[1:] == key[:-1])
@@ -64,16 +57,16 @@ def kinked_edges(points: Array, faces: Index, candidates: Index, midpoints: tupl
     cosine = -np.einsum("ij,ij->i", *across)
     kinked = sides[pair[cosine < np.cos(_SHARP_ANGLE)]]
     wanted = np.sort(candidates, axis=1)
-    is_candidate = np.isin(edge_keys(kinked, len(points)), edge_keys(wanted, len(points)))
-    return distinct_rows(kinked[is_candidate]).rows
+    is_candidate = np.isin(topology.edge_keys(kinked, len(points)), topology.edge_keys(wanted, len(points)))
+    return topology.distinct_rows(kinked[is_candidate]).rows
 
 
 def _leaving(points, sides, opposite, midpoints):
     """Unit vectors (k, 3) in the true surface, across its edge `sides` (k, 2) and towards the vertex `opposite`."""
-    keys, tangent = edge_keys(midpoints[0], len(points)), np.zeros((len(sides), 3))
+    keys, tangent = topology.edge_keys(midpoints[0], len(points)), np.zeros((len(sides), 3))
     for end in sides.T:
         between = np.sort(np.column_stack([end, opposite]), axis=1)
-        middle = midpoints[1][np.searchsorted(keys, edge_keys(between, len(points)))]
+        middle = midpoints[1][np.searchsorted(keys, topology.edge_keys(between, len(points)))]
         # Slope at its start of the parabola through end, middle and opposite vertex.
         tangent += 4 * middle - 3 * points[end] - points[opposite]
     along = points[sides[:, 1]] - points[sides[:, 0]]
@@ -121,7 +114,7 @@ def _edges_too_thick(points, tets, sharp, layer, ratio):
     """
     singular = np.zeros(len(points), bool)
     singular[sharp] = True
-    ends = distinct_rows(_edges_of(tets)).rows
+    ends = topology.distinct_rows(_edges_of(tets)).rows
     leaves = singular[ends[:, 0]] ^ singular[ends[:, 1]]
     ends = ends[leaves]
     at = np.where(singular[ends[:, 0]], ends[:, 0], ends[:, 1])
@@ -137,14 +130,14 @@ def _separate(points, tets, parent, sharp):
         singular = np.zeros(len(points), bool)
         singular[sharp] = True
         ends = _edges_of(tets)
-        is_sharp = np.isin(edge_keys(ends, len(points)), edge_keys(sharp, len(points)))
+        is_sharp = np.isin(topology.edge_keys(ends, len(points)), topology.edge_keys(sharp, len(points)))
         bad = (singular[ends].all(axis=1) & ~is_sharp).reshape(len(tets), -1)
         # A tet whose corner is cut off by three sharp edges: bisect its sharp edges too.
         corner = ~bad.any(axis=1) & (singular[tets].sum(axis=1) > 2)
         bad[corner] |= is_sharp.reshape(len(tets), -1)[corner]
         if not bad.any():
             return points, tets, parent, sharp
-        marked = distinct_rows(ends[bad.ravel()]).rows
+        marked = topology.distinct_rows(ends[bad.ravel()]).rows
         points, tets, parent, sharp = _bisect(points, tets, parent, sharp, marked)
 
 
@@ -152,10 +145,10 @@ def _bisect(points, tets, parent, sharp, marked):
     """Bisect those marked edges that are the longest marked edge of every tet around them."""
     n, pairs = len(points), _PAIRS_OF[tets.shape[1]]
     ends = _edges_of(tets)
-    keys = edge_keys(marked, n)
-    place = np.searchsorted(keys, edge_keys(ends, n))
+    keys = topology.edge_keys(marked, n)
+    place = np.searchsorted(keys, topology.edge_keys(ends, n))
     place[place == len(keys)] = 0
-    is_marked = keys[place] == edge_keys(ends, n)
+    is_marked = keys[place] == topology.edge_keys(ends, n)
     length = np.linalg.norm(points[marked[:, 0]] - points[marked[:, 1]], axis=1)
     # Ranks are unique, so "longest" is decided the same way in every tet.
     rank = np.empty(len(marked), np.int64)
@@ -179,9 +172,9 @@ def _bisect(points, tets, parent, sharp, marked):
     keep = np.setdiff1d(np.arange(len(tets)), split)
     tets = np.vstack([tets[keep], first, second])
     parent = np.concatenate([parent[keep], parent[split], parent[split]])
-    cut = np.isin(edge_keys(sharp, n), keys[chosen])
+    cut = np.isin(topology.edge_keys(sharp, n), keys[chosen])
     if cut.any():
-        where = number[np.searchsorted(keys, edge_keys(sharp[cut], n))]
+        where = number[np.searchsorted(keys, topology.edge_keys(sharp[cut], n))]
         halves = np.vstack([np.column_stack([sharp[cut, k], where]) for k in range(2)])
         sharp = np.vstack([sharp[~cut], halves])
     return points, tets, parent, sharp
@@ -193,12 +186,12 @@ def _cut_layer(points, tets, parent, sharp, ratio):
     singular = np.zeros(n, bool)
     singular[sharp] = True
     count = singular[tets].sum(axis=1)
-    ends = distinct_rows(_edges_of(tets)).rows
+    ends = topology.distinct_rows(_edges_of(tets)).rows
     ends = ends[singular[ends[:, 0]] ^ singular[ends[:, 1]]]
     start = np.where(singular[ends[:, 0]], ends[:, 0], ends[:, 1])
     stop = ends.sum(axis=1) - start
     cut = points[start] + ratio * (points[stop] - points[start])
-    key = edge_keys(ends, n)
+    key = topology.edge_keys(ends, n)
 
     def on(a: Index, b: Index) -> Index:
         low, high = np.minimum(a, b), np.maximum(a, b)

@@ -19,14 +19,7 @@ from scipy.spatial import cKDTree
 from fieldmap.device.model import Device
 from fieldmap.device.parts import joint_of
 from fieldmap.device.tetrahedra import volumes
-from fieldmap.iron.topology import (
-    TET_FACES,
-    TRIANGLE_SIDES,
-    area_vectors,
-    connected,
-    distinct_parts,
-    distinct_rows,
-)
+from fieldmap.iron import topology
 from fieldmap.records import Record
 from fieldmap.typing import Array, Index
 
@@ -94,13 +87,13 @@ def rim_edges(tets: Index, faces: ContactFaces, walls: Mask | None = None) -> In
 
     walls (n, w): which points lie in which wall of symmetry, behind which the iron goes on.
     """
-    every = distinct_parts(tets, TET_FACES)
+    every = topology.distinct_parts(tets, topology.TET_FACES)
     outer = every.rows[every.times == 1]
     if walls is not None:
         outer = outer[~walls[outer].all(axis=1).any(axis=1)]
-    outer = distinct_parts(outer, TRIANGLE_SIDES).rows
-    mine = distinct_parts(faces.nodes, TRIANGLE_SIDES).rows
-    found = distinct_rows(np.concatenate([outer, mine]))
+    outer = topology.distinct_parts(outer, topology.TRIANGLE_SIDES).rows
+    mine = topology.distinct_parts(faces.nodes, topology.TRIANGLE_SIDES).rows
+    found = topology.distinct_rows(np.concatenate([outer, mine]))
     return found.rows[found.times == 2]
 
 
@@ -172,7 +165,7 @@ def with_rims(
     for pair, layer in _rim_layers(points, faces, rim, gaps).items():
         own = rim[_on_pair(faces, pair, len(points))[rim].all(axis=1)]
         at_rim[own] = np.minimum(at_rim[own], layer)
-    every = distinct_rows(np.concatenate([sharp, rim])).rows
+    every = topology.distinct_rows(np.concatenate([sharp, rim])).rows
     return every, np.minimum(first_layer, at_rim[tets].min(axis=1))
 
 
@@ -181,7 +174,7 @@ def _rim_layers(
 ) -> dict[Pair, float]:
     """Thickness of the first layer of elements at the rim of each joint that has one."""
     length = np.linalg.norm(points[rim[:, 1]] - points[rim[:, 0]], axis=1)
-    area = 0.5 * np.linalg.norm(area_vectors(points[faces.nodes]), axis=1)
+    area = 0.5 * np.linalg.norm(topology.area_vectors(points[faces.nodes]), axis=1)
     layers = {}
     for pair in faces.pairs:
         around = length[_on_pair(faces, pair, len(points))[rim].all(axis=1)].sum()
@@ -265,7 +258,7 @@ def _filled(points: Array, staying: Index, moving: Index, at_rim: Mask) -> tuple
     where two are as low, the one with the smaller number. Neighbours agree without being asked. Where both faces have
     a corner in common, the sheet ends in it.
     """
-    ends = distinct_rows(np.column_stack([staying.ravel(), moving.ravel()]))
+    ends = topology.distinct_rows(np.column_stack([staying.ravel(), moving.ravel()]))
     wide = ends.rows[:, 0] != ends.rows[:, 1]
     layered = np.zeros(len(ends.rows), dtype=bool)
     layered[ends.number[at_rim.ravel()]] = True
@@ -294,7 +287,7 @@ def _filled(points: Array, staying: Index, moving: Index, at_rim: Mask) -> tuple
 
 def _shared_faces(tets: Index) -> tuple[Index, Index]:
     """Faces (f, 3) between two tets, sorted, and these tets (f, 2)."""
-    found = distinct_parts(tets, TET_FACES)
+    found = topology.distinct_parts(tets, topology.TET_FACES)
     order = np.argsort(found.number, kind="stable")
     twice = found.times[found.number[order]] == 2
     return found.rows[found.times == 2], (order[twice] // 4).reshape(-1, 2)
@@ -307,10 +300,10 @@ def _side_of_gap(points: Array, tets: Index, body: Index, faces: ContactFaces, r
     normal = _normals(points, tets, faces, faces.tets[:, 0])
     at_node = np.zeros((len(points), 3))
     np.add.at(at_node, faces.nodes.ravel(), np.repeat(normal, 3, axis=0))
-    every = distinct_parts(tets, TET_FACES)
+    every = topology.distinct_parts(tets, topology.TET_FACES)
     alone = every.times == 1
     wall, owner = every.rows[alone], body[every.first[alone] // 4]
-    area = area_vectors(points[wall])
+    area = topology.area_vectors(points[wall])
     size = np.bincount(body, np.abs(volumes(points, tets)))
     side = np.zeros(len(faces.nodes), dtype=np.int64)
     for pair in faces.pairs:
@@ -338,7 +331,7 @@ def _split_nodes(tets: Index, faces: ContactFaces) -> tuple[Index, Index]:
     count = int(tets.max()) + 1
     here = np.zeros(count, dtype=bool)
     here[faces.nodes] = True
-    number = distinct_rows(np.concatenate([nodes, np.sort(faces.nodes, axis=1)])).number
+    number = topology.distinct_rows(np.concatenate([nodes, np.sort(faces.nodes, axis=1)])).number
     joined = ~np.isin(number[: len(nodes)], number[len(nodes) :])
     corner = 4 * np.arange(len(tets))[:, None] + np.arange(4)
     links = []
@@ -349,7 +342,7 @@ def _split_nodes(tets: Index, faces: ContactFaces) -> tuple[Index, Index]:
             for s in range(2)
         ]
         links.append(np.column_stack(ends))
-    group = connected(np.concatenate(links), tets.size)
+    group = topology.connected(np.concatenate(links), tets.size)
     touched = np.flatnonzero(here[tets.ravel()])
     # Groups of corners (node, first corner of the group): the first of each node keeps its number.
     first = np.full(group.max() + 1, tets.size)
@@ -378,7 +371,7 @@ def _corners_in(tets: Index, opened: Index, faces: ContactFaces, owner: Index) -
 def _normals(points: Array, tets: Index, faces: ContactFaces, owner: Index) -> Array:
     """Unit normals (f, 3) that point into these tets (f,)."""
     corners = points[faces.nodes]
-    normal = area_vectors(corners)
+    normal = topology.area_vectors(corners)
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
     inwards = np.einsum("fd,fd->f", normal, points[tets[owner]].mean(axis=1) - corners.mean(axis=1))
     return normal * np.sign(inwards)[:, None]

@@ -28,6 +28,7 @@ from fieldmap.device.tetrahedra import boundary, subdivided
 from fieldmap.device.tetrahedra import oriented as oriented
 from fieldmap.device.tetrahedra import volumes as volumes
 from fieldmap.errors import InputError
+from fieldmap.iron import topology
 from fieldmap.iron.geometry.solids import glue_bodies, joined, own_mesh
 from fieldmap.iron.geometry.thin_gaps import ClosedGaps, closed_gaps
 from fieldmap.iron.mesh import joints
@@ -43,14 +44,6 @@ from fieldmap.iron.mesh.chamber import (
 from fieldmap.iron.mesh.edge_grading import grade_edges, sharp_edges
 from fieldmap.iron.mesh.mesher import LocalSizes, MesherCells, mesh_solids
 from fieldmap.iron.symmetry import find_symmetry
-from fieldmap.iron.topology import (
-    TET_FACES,
-    TRIANGLE_SIDES,
-    area_vectors,
-    distinct_parts,
-    distinct_rows,
-    edge_keys,
-)
 from fieldmap.kernels.iron.containment import find_tetrahedron
 from fieldmap.records import Record
 from fieldmap.threads import over_rows
@@ -343,7 +336,7 @@ def _rounded_chamber(chamber: Chamber, points, tets, body, edges, midpoints):
     """The chamber's points after rounding, and its sharp edges: both are seen on the whole, where walls are inside."""
     copies, count = ChamberCopies(chamber, points), len(points)
     everything, all_tets = copies.all_points(), copies.tets(tets)
-    ends, first, _, _ = distinct_rows(np.sort(copies.nodes(midpoints[0]), axis=1))
+    ends, first, _, _ = topology.distinct_rows(np.sort(copies.nodes(midpoints[0]), axis=1))
     all_midpoints = ends, copies.vectors(midpoints[1])[first]
     sharp = sharp_edges(everything, all_tets, copies.nodes(edges), all_midpoints)
     rounded = equal_volume_vertices(everything, all_tets, copies.bodies(body), *all_midpoints)
@@ -356,7 +349,7 @@ def equal_volume_vertices(points: Array, tets: Index, body: Index, edges: Index,
     edges (k, 2), sorted, lexicographic; midpoints (k, 3) of the edges on the true surface. Works on the surfaces
     between iron and air and on curved surfaces between bodies alike.
     """
-    faces, _, number, count = distinct_parts(tets, TET_FACES)
+    faces, _, number, count = topology.distinct_parts(tets, topology.TET_FACES)
     # The sum over both owners differs from twice one of them where a face separates bodies.
     owner = np.repeat(body, 4)
     total, one = np.bincount(number, owner, len(faces)), np.zeros(len(faces))
@@ -373,10 +366,13 @@ def rounded_vertices(points: Array, faces: Index, edges: Index, midpoints: Array
     if not curved.any():
         return points
     faces = np.sort(faces, axis=1)
-    sides = np.searchsorted(edge_keys(edges, len(points)), edge_keys(faces[:, TRIANGLE_SIDES], len(points)))
+    sides = np.searchsorted(
+        topology.edge_keys(edges, len(points)),
+        topology.edge_keys(faces[:, topology.TRIANGLE_SIDES], len(points)),
+    )
     kept = curved[sides].any(axis=1)
     faces, sides = faces[kept], sides[kept]
-    normal = area_vectors(points[faces])
+    normal = topology.area_vectors(points[faces])
     area = np.linalg.norm(normal, axis=1)
     normal /= area[:, None]
     # Faces in a plane (disk faces at a round rim) have bulges in their own plane and lose no volume.

@@ -39,14 +39,7 @@ from fieldmap.iron.operators.assembled import AssembledIron, assemble, expected_
 from fieldmap.iron.report import Progress, Stages
 from fieldmap.iron.sensitivity.adjoint import Origin
 from fieldmap.iron.solution import LinearSolution
-from fieldmap.iron.solvers.linear import (
-    check_arguments,
-    chosen_form,
-    coils_alone,
-    form_on,
-    require_source,
-    solved_in_form,
-)
+from fieldmap.iron.solvers import linear
 from fieldmap.iron.solvers.refinement import (
     FaceShares,
     WorkspaceDipoles,
@@ -130,15 +123,15 @@ def solve_to_tolerance(
     """
     device = read_device(device)
     if not isinstance(tolerance, Tolerance):
-        check_arguments("solve_linear", tolerance)
+        linear.check_arguments("solve_linear", tolerance)
     asked = Tolerance.of(tolerance, gradient_tolerance)
     _check(device, asked, most_meshes)
     check_geometry(device)
     points = workspace_surface(device)
     properties = body_properties(device, mu_r)
     if not device.bodies:
-        return coils_alone(device, {})
-    require_source(device, properties)
+        return linear.coils_alone(device, {})
+    linear.require_source(device, properties)
     run = _Run(device, asked, points, properties, most_meshes, Stages(progress))
     return replace(run.solution(), origin=Origin(device, True, mu_r))
 
@@ -281,9 +274,11 @@ class Level(Record):
         asked: Tolerance,
     ) -> Level:
         """Solve for all sources in both forms, or in the flux form alone where there are flux barriers."""
-        names = ("potential", "flux") if chosen_form("auto", properties) == "potential" else ("flux",)
-        forms = tuple(form_on(iron, name) for name in names)
-        solutions = tuple(solved_in_form(device, form, properties, tolerance, stages) for form in forms)
+        names = ("potential", "flux") if linear.chosen_form("auto", properties) == "potential" else ("flux",)
+        forms = tuple(linear.form_on(iron, name) for name in names)
+        solutions = tuple(
+            linear.solved_in_form(device, form, properties, tolerance, stages) for form in forms
+        )
         return cls(properties, points, forms, solutions, asked)
 
     @property
