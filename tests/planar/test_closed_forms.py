@@ -40,16 +40,6 @@ def test_line_current_beside_a_cylinder_converges_to_its_images(mu_r, build, cir
     assert np.all(np.log2(errors[:-1] / errors[1:]) > [2.5, 1.3])
 
 
-def test_cylinder_in_a_uniform_field(build, circle):
-    """Far opposite currents: inside, 2 mu/(mu + 1) of the applied field, uniform."""
-    far = 50.0
-    device = build({"rod": circle(96, 0.1)}, [([[0.0, far]], [[0.0, -far]])], 8.0)
-    unit = solve_planar(device, size=1.0)
-    inside = np.array([[0.0, 0.0], [0.04, 0.03], [-0.06, 0.02]])
-    applied = line_currents(inside, [(1j * far, 1.0), (-1j * far, -1.0)])
-    np.testing.assert_allclose(as_complex(unit.field(inside, [1.0])), 16 / 9 * applied, rtol=1e-3)
-
-
 def box_images(points, place, width, height, ampere, rings):
     """Direct sum of a current's images in the walls of a box [0, width] x [0, height]: the sign turns at each wall."""
     total = 0
