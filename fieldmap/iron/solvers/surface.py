@@ -9,13 +9,14 @@ the second layer makes the iron's own field, to which that of the source is adde
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fieldmap.constants import MU0
-from fieldmap.device.model import Device, Section
+from fieldmap.device.model import Background, Coil, Device, Section
 from fieldmap.device.surfaces import enclosed_volume
 from fieldmap.errors import InputError
 from fieldmap.field import Currents
@@ -109,22 +110,18 @@ class SurfaceState(LinearState):
     def _of_regions(self, x: Array, within: Index, less: float) -> Array:
         """(mu_r - less) mu0 H and the remanence (n, 3) at points inside these solids."""
         values = np.zeros(x.shape)
-        for number, region in enumerate(self.solution.regions):
+        for region in self.solution.regions:
             mine = np.flatnonzero(np.isin(within, region.solids))
             if len(mine):
-                own = (region.mu_r - less) * self._strength(number, x[mine])
+                own = (region.mu_r - less) * self._strength(region, x[mine])
                 values[mine] = own + self.weights @ region.remanence
         return values
 
-    def _strength(self, number: int, x: Array) -> Array:
+    def _strength(self, region: RegionField, x: Array) -> Array:
         """mu0 H (n, 3) at points (n, 3) of a region."""
-        region = self.solution.regions[number]
         h = region.faces.field(x, np.ascontiguousarray((self.weights @ region.density)[None]))[0]
         if region.linked.any():
-            applied = np.zeros((len(self.weights), *x.shape))
-            applied[: len(self.coils)] = unit_flux_densities(self.coils, x)
-            if self.background is not None:
-                applied[-1] += self.background.field(x)
+            applied = _applied(self.coils, self.background, len(self.weights), x)
             h = h + np.tensordot(self.weights * region.linked, applied, 1)
         return h
 
@@ -152,14 +149,8 @@ class SurfaceState(LinearState):
         out = value[numbers] * turned
         # Within a region there are no charges: the field is that of any other point inside.
         missing = np.flatnonzero(~known[numbers])
-        for number, region in enumerate(self.solution.regions):
-            mine = missing[np.isin(surface.sides[numbers[missing], 0], region.solids)]
-            if len(mine):
-                b = (
-                    region.mu_r * self._strength(number, faces.centres[mine])
-                    + self.weights @ region.remanence
-                )
-                out[mine] = np.einsum("nd,nd->n", b, faces.normals[mine])
+        b = self._inside(faces.centres[missing], surface.sides[numbers[missing], 0])
+        out[missing] = np.einsum("nd,nd->n", b, faces.normals[missing])
         return out
 
     def section_flux(self, section: str | Section) -> SectionFlux:
@@ -188,6 +179,15 @@ class SurfaceState(LinearState):
                 flux = self._normal_flux_density(solids) @ _areas_above(corners, height)
                 return SectionFlux(cut.name, area, sign * float(flux))
         raise no_iron_at(cut)
+
+
+def _applied(coils: Sequence[Coil], background: Background | None, columns: int, x: Array) -> Array:
+    """Flux densities (c, n, 3) at points (n, 3) of one ampere in each coil and, last, of what no current drives."""
+    out = np.zeros((columns, *x.shape))
+    out[: len(coils)] = unit_flux_densities(coils, x)
+    if background is not None:
+        out[-1] = background.field(x)
+    return out
 
 
 def _areas_above(corners: Array, height: Array) -> Array:
@@ -280,18 +280,10 @@ def solve_by_surface(
     background = device.background
     has_constant = has_remanence or background is not None
 
-    def applied(x: Array) -> Array:
-        """Of all columns: one ampere in each coil, and what no current drives."""
-        b = unit_flux_densities(device.coils, x)
-        if not has_constant:
-            return b
-        constant = np.zeros(x.shape) if background is None else background.field(x)
-        return np.concatenate([b, constant[None]])
-
     coils = len(device.coils)
     magnets = np.zeros(coils + has_constant)
     magnets[coils:] = 1.0
-    solved = form.solve(applied, magnets, tolerance)
+    solved = form.solve(lambda x: _applied(device.coils, background, len(magnets), x), magnets, tolerance)
     faces = solved.outside.surface.faces
     density = np.ascontiguousarray((solved.charges / faces.areas[:, None]).T)
     state = IronState(faces, density, np.zeros((len(density), 0, 3)), len(solved.residuals), solved.residuals)
