@@ -99,24 +99,22 @@ def test_every_solid_carries_its_name_and_mesh_size_in_millimetres():
 # ---- boolean parts ----
 
 
-def test_overlapping_parts_count_once():
-    a = fm.Part(fm.Box((0.02, 0.02, 0.02)))
-    b = fm.Part(fm.Box((0.02, 0.02, 0.02)), fm.Placement(np.array([0.01, 0.0, 0.0])))
-    assert body_solid(body(a, b)).mass == pytest.approx(1.5 * 8000, rel=1e-12)
+BLOCK = fm.Box((0.02, 0.02, 0.02))
+HOLE = fm.Part(fm.Cylinder(0.005, 0.02), fm.Placement(np.array([0.01, 0.0, -0.005])), "cut")
 
 
-def test_a_cut_takes_away_what_is_in_common():
-    plate = fm.Part(fm.Box((0.04, 0.04, 0.01)))
-    hole = fm.Part(fm.Cylinder(0.005, 0.02), fm.Placement(np.array([0.01, 0.0, -0.005])), "cut")
-    assert body_solid(body(plate, hole)).mass == pytest.approx(16000 - np.pi * 25 * 10, rel=1e-9)
-
-
-def test_parts_are_taken_in_order():
-    block = fm.Box((0.02, 0.02, 0.02))
-    cut_then_filled = body_solid(body(fm.Part(block), fm.Part(block, operation="cut"), fm.Part(block)))
-    filled_then_cut = body_solid(body(fm.Part(block), fm.Part(block), fm.Part(block, operation="cut")))
-    assert cut_then_filled.mass == pytest.approx(8000)
-    assert filled_then_cut.mass == 0.0
+@pytest.mark.parametrize(
+    ("parts", "volume"),
+    [
+        ((fm.Part(BLOCK), fm.Part(BLOCK, fm.Placement(np.array([0.01, 0.0, 0.0])))), 1.5 * 8000),
+        ((fm.Part(fm.Box((0.04, 0.04, 0.01))), HOLE), 16000 - np.pi * 25 * 10),
+        ((fm.Part(BLOCK), fm.Part(BLOCK, operation="cut"), fm.Part(BLOCK)), 8000),
+        ((fm.Part(BLOCK), fm.Part(BLOCK), fm.Part(BLOCK, operation="cut")), 0.0),
+    ],
+    ids=["what overlaps counts once", "a cut", "cut, then filled", "filled, then cut"],
+)
+def test_parts_are_added_and_cut_in_order(parts, volume):
+    assert body_solid(body(*parts)).mass == pytest.approx(volume, rel=1e-9)
 
 
 def test_added_parts_leave_no_edges_between_them():
