@@ -98,10 +98,8 @@ def permeabilities(device: PlanarDevice, mu_r: float | None) -> tuple[Array, tup
     for body in device.bodies:
         material = device.materials[body.material]
         if material.role == "magnet":
-            where, remedy = (
-                f"solve_planar, material {material.name}",
-                "use soft iron, or the three-dimensional model",
-            )
+            where = f"solve_planar, material {material.name}"
+            remedy = "use soft iron, or the three-dimensional model"
             must_hold = "permanent magnets have no place in the planar model"
             raise InputError.of(where, must_hold, "a permanent magnet", remedy)
         if material.role == "flux barrier":

@@ -169,10 +169,8 @@ def minimise(balance: Balance, tolerance: float) -> tuple[Array, tuple[float, ..
                 break
             share *= 0.5
         u = moved
-    must_hold, received = (
-        f"the residual must fall to {tolerance:g}",
-        f"{residuals[-1]:.3g} after {_MOST_STEPS} steps",
-    )
+    must_hold = f"the residual must fall to {tolerance:g}"
+    received = f"{residuals[-1]:.3g} after {_MOST_STEPS} steps"
     problem = Problem("solve_planar_state", must_hold, received, "raise the tolerance, or lower the currents")
     raise NotConverged(problem, residuals=tuple(residuals))
 
@@ -328,10 +326,8 @@ def solve_planar_state(
     check_planar_geometry(device)
     for body in device.bodies:
         if device.materials[body.material].role != "iron":
-            where, remedy = (
-                f"solve_planar_state, body {body.name}",
-                "use solve_planar, or walls instead of flux barriers",
-            )
+            where = f"solve_planar_state, body {body.name}"
+            remedy = "use solve_planar, or walls instead of flux barriers"
             raise InputError.of(where, "must be soft iron", f"material {body.material}", remedy)
     remedy = "use solve_planar for coils alone"
     check(len(device.bodies) > 0, "solve_planar_state", "a device with iron", "none", remedy)

@@ -8,6 +8,7 @@ that is a mesh of the user's own is what its tetrahedra fill.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -41,10 +42,7 @@ def own_mesh(body: Body) -> tuple[Array, Index]:
         try:
             mesh = read_mesh(shape.path, shape.region)
         except InputError as error:
-            problems = (
-                Problem(f"{where}: {one.where}", one.must_hold, one.received, one.remedy)
-                for one in error.problems
-            )
+            problems = (replace(one, where=f"{where}: {one.where}") for one in error.problems)
             raise GeometryError(*problems) from error
         local, tets = shape.scale * mesh.points, mesh.tets
     elif isinstance(shape, VolumeMesh):

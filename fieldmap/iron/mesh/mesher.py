@@ -287,10 +287,8 @@ def _from_folder(folder: Path, key: str, make: Callable[[], MesherMesh]) -> Mesh
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        must_hold, remedy = (
-            "must name a folder that is there or can be made",
-            f"name another, or unset {FOLDER}",
-        )
+        must_hold = "must name a folder that is there or can be made"
+        remedy = f"name another, or unset {FOLDER}"
         received = f"{folder}: {error.strerror}"
         raise InputError.of(f"the variable {FOLDER}", must_hold, received, remedy) from None
     mesh = make()

@@ -295,11 +295,9 @@ class HysteresisSolver:
     @cached_property
     def demagnetised(self) -> IronMemory:
         """The iron without currents and without history."""
-        materials, law, any_pinning = (
-            materials_on(self.device, self._mesh),
-            self._mesh.body,
-            self.pinning or Pinning(0.0),
-        )
+        materials = materials_on(self.device, self._mesh)
+        law = self._mesh.body
+        any_pinning = self.pinning or Pinning(0.0)
         without = np.zeros(any_pinning.cells)
         pinning = [self._pinnings[one.name].fields if one.saturates else without for one in materials]
         remanence = np.array([material.remanence for material in materials])[law][None]

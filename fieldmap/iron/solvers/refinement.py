@@ -148,10 +148,8 @@ def face_indicators(
         near = of_place * own
         worst_near = np.maximum(worst_near, near.max(axis=0))
         shares, level = np.abs(slopes_of(values[None]) * dual_slopes) * weight, np.abs(values * dual_charge)
-        short, other = (
-            np.maximum(shares[:, :, 0], level * tip),
-            shares[:, :, 1] + level * bend + work * cut_off,
-        )
+        short = np.maximum(shares[:, :, 0], level * tip)
+        other = shares[:, :, 1] + level * bend + work * cut_off
         totals.append(float((short + other).sum(axis=1).max()) + float(near.sum(axis=1).max()))
         across, rest = np.maximum(across, short.max(axis=0)), np.maximum(rest, other.max(axis=0))
     return FaceShares(across, rest + worst_near, at_edge, np.array(totals))

@@ -236,10 +236,8 @@ class _Run:
         must_hold = f"the estimated error must fall to {self.asked}"
         where = f"device '{self.device.name}'"
         if level is None:
-            must_hold, remedy = (
-                f"{must_hold} on a mesh that fits into memory",
-                "give the bodies larger mesh sizes",
-            )
+            must_hold = f"{must_hold} on a mesh that fits into memory"
+            remedy = "give the bodies larger mesh sizes"
             return ToleranceNotReached.of(where, must_hold, "no estimate", remedy)
         report = self._report(ended, level, sizes)
         estimates = tuple(step.flux_density for step in self.steps if step.flux_density is not None)
