@@ -200,96 +200,20 @@ AnyField: TypeAlias = FieldLike | PairLike | StateLike
 """What functions of the package take as a field: a `Field`, what `as_field` makes one of, a state at its currents."""
 
 
-def over_points(method: Callable[..., Any], points: ArrayLike, *arguments: Any, **named: Any) -> Any:
-    """Call a method of points (n, 3) with points of any leading shape.
-
-    Parameters
-    ----------
-    method
-        Called as method(points, ...) with points (n, 3).
-    points
-        Positions (..., 3), m.
-    *arguments
-        Other arguments. Those with the leading shape of the points (a row for every point) are taken row by
-        row.
-    **named
-        Other arguments by name, taken in the same way.
-
-    Returns
-    -------
-    Any
-        What the method returns, with the leading shape of the points.
-
-    Examples
-    --------
-    >>> over_points(lambda points, scale: scale * points, np.ones((4, 5, 3)), 2.0).shape
-    (4, 5, 3)
-    """
-    where = np.asarray(points, dtype=float)
-    leading = where.shape[:-1]
-    count = len(leading)
-
-    def flat(value: Any) -> Any:
-        if isinstance(value, tuple):
-            return tuple(map(flat, value))
-        shape = () if isinstance(value, Mapping | str) or value is None else np.shape(value)
-        rows = len(shape) > count and shape[:count] == leading
-        return np.reshape(value, (-1, *shape[count:])) if rows else value
-
-    def shaped(value: Any) -> Any:
-        if isinstance(value, tuple):
-            return tuple(map(shaped, value))
-        return np.reshape(value, (*leading, *np.shape(value)[1:]))
-
-    given = {name: flat(value) for name, value in named.items()}
-    return shaped(method(flat(where), *map(flat, arguments), **given))
-
-
-def has_leading_shape(points: ArrayLike) -> bool:
-    """Whether points have more axes than (n, 3).
-
-    Parameters
-    ----------
-    points
-        Positions, m.
-
-    Returns
-    -------
-    bool
-        True for points (..., 3) with three axes or more.
-    """
-    if isinstance(points, np.ndarray):
-        return points.ndim > 2
-    try:
-        return np.ndim(points) > 2
-    except ValueError:  # rows of unequal length
-        return False
-
-
 def _numbers(where: str, points: ArrayLike) -> Array:
     """Points as an array. Raises InputError for what is none."""
     try:
         return np.asarray(points, dtype=float)
     except (TypeError, ValueError):
-        received = repr(points)[:80]
         must_hold = "must be numbers of shape (3,), (n, 3) or (..., 3)"
-        raise InputError(Problem(where, must_hold, received, "give x, y, z in m")) from None
+        raise InputError.of(where, must_hold, repr(points)[:80], "give x, y, z in m") from None
 
 
 def of_any_shape(method: Callable[..., Any], first: str = "points") -> Callable[..., Any]:
     """Make a method of points (n, 3) or (3,) take points of any leading shape (..., 3).
 
-    Parameters
-    ----------
-    method
-        The method.
-    first
-        Name of its first argument.
-
-    Returns
-    -------
-    Callable[..., Any]
-        The method for all shapes.
+    Other arguments that have the leading shape of the points, a row for every point, are taken row by row. first: name
+    of the argument that is the points.
     """
 
     @functools.wraps(method)
@@ -298,18 +222,34 @@ def of_any_shape(method: Callable[..., Any], first: str = "points") -> Callable[
             arguments = (named.pop(first),)
         if arguments and not isinstance(arguments[0], np.ndarray):
             arguments = (_numbers(first, arguments[0]), *arguments[1:])
-        if arguments and arguments[0].ndim > 2:
-            return over_points(functools.partial(method, self), *arguments, **named)
-        return method(self, *arguments, **named)
+        if not arguments or arguments[0].ndim <= 2:
+            return method(self, *arguments, **named)
+        leading = arguments[0].shape[:-1]
+        count = len(leading)
+
+        def flat(value: Any) -> Any:
+            if isinstance(value, tuple):
+                return tuple(map(flat, value))
+            shape = () if isinstance(value, Mapping | str) or value is None else np.shape(value)
+            rows = len(shape) > count and shape[:count] == leading
+            return np.reshape(value, (-1, *shape[count:])) if rows else value
+
+        def shaped(value: Any) -> Any:
+            if isinstance(value, tuple):
+                return tuple(map(shaped, value))
+            return np.reshape(value, (*leading, *np.shape(value)[1:]))
+
+        given = {name: flat(value) for name, value in named.items()}
+        return shaped(method(self, *map(flat, arguments), **given))
 
     return taking
 
 
-class TakesPoints:
-    """Makes the methods of every subclass take points of any leading shape.
+class TakesPoints(ABC):
+    """What fields and fields at fixed currents have in common.
 
-    Those that are named in `own_shapes` of the class do so by themselves, where a call of one point must be as quick as
-    it can.
+    Methods of every subclass take points of any leading shape. Those that are named in `own_shapes` of the class do so
+    by themselves, where a call of one point must be as quick as it can.
     """
 
     def __init_subclass__(cls, own_shapes: tuple[str, ...] = (), **options: Any) -> None:
@@ -324,10 +264,39 @@ class TakesPoints:
         """Raises InputError: numpy would make an array of one object of it."""
         must_hold = "a field is a function of points, no array"
         remedy = "ask it at points, field(points, currents); to_xarray(currents) is a map on its nodes"
-        raise InputError(Problem("numpy.asarray", must_hold, type(self).__name__, remedy))
+        raise InputError.of("numpy.asarray", must_hold, type(self).__name__, remedy)
+
+    @property
+    @abstractmethod
+    def coil_names(self) -> tuple[str, ...]:
+        """Names in the order of the currents."""
+
+    @property
+    def bounds(self) -> Bounds | None:
+        """The box in which the field holds or is asked for; None where no box is known."""
+        return None
+
+    @property
+    def lower(self) -> Array:
+        """Lower corner (3,) of `bounds`, m. Raises InputError where there is none."""
+        return require_bounds(self)[0]
+
+    @property
+    def upper(self) -> Array:
+        """Upper corner (3,) of `bounds`, m. Raises InputError where there is none."""
+        return require_bounds(self)[1]
+
+    @property
+    def assumptions(self) -> tuple[str, ...]:
+        """What the field rests on."""
+        return ()
+
+    def outlines(self) -> Sequence[Any]:
+        """What a drawing shows of it (`fieldmap.device.drawing.Outline`): nothing unless a class says otherwise."""
+        return ()
 
 
-class Field(TakesPoints, ABC):
+class Field(TakesPoints):
     """Flux density and its derivatives at points, for currents.
 
     A class of your own has `coil_names`, `field` and `gradient`; the rest follows from these. Points (n, 3), (3,) or of
@@ -339,11 +308,6 @@ class Field(TakesPoints, ABC):
         return shortened(
             f"{type(self).__name__}({count_of(len(self.coil_names), 'coil', 'coils')}: {', '.join(self.coil_names)})"
         )
-
-    @property
-    @abstractmethod
-    def coil_names(self) -> tuple[str, ...]:
-        """Names in the order of the currents."""
 
     @abstractmethod
     def field(self, points: ArrayLike, currents: Any) -> Array:
@@ -382,21 +346,6 @@ class Field(TakesPoints, ABC):
         """
 
     @property
-    def bounds(self) -> Bounds | None:
-        """The box in which the field holds or is asked for; None where no box is known."""
-        return None
-
-    @property
-    def lower(self) -> Array:
-        """Lower corner (3,) of `bounds`, m. Raises InputError where there is none."""
-        return require_bounds(self)[0]
-
-    @property
-    def upper(self) -> Array:
-        """Upper corner (3,) of `bounds`, m. Raises InputError where there is none."""
-        return require_bounds(self)[1]
-
-    @property
     def proportional(self) -> bool:
         """Whether the field is the sum of the coils' fields, each proportional to its current."""
         return False
@@ -405,11 +354,6 @@ class Field(TakesPoints, ABC):
     def affine(self) -> bool:
         """Whether the field is that sum and a field that no current changes, or that sum alone."""
         return self.proportional
-
-    @property
-    def assumptions(self) -> tuple[str, ...]:
-        """What the field rests on."""
-        return ()
 
     def field_and_gradient(self, points: ArrayLike, currents: Any) -> tuple[Array, Array]:
         """Flux density and its gradient at points.
@@ -590,10 +534,6 @@ class Field(TakesPoints, ABC):
         """
         return FixedCurrents(self, np.array(coil_currents(currents, self.coil_names)))
 
-    def outlines(self) -> Sequence[Any]:
-        """What a drawing shows of it (`fieldmap.device.drawing.Outline`): nothing unless a class says otherwise."""
-        return ()
-
     def as_magpylib(self, currents: Any, **options: Any) -> Any:
         """The field at these currents as a magpylib source: see `FieldAtCurrents.as_magpylib`.
 
@@ -615,36 +555,10 @@ class Field(TakesPoints, ABC):
         InputError
             For options that magpylib refuses.
         """
-        return magpylib_source(self.at(currents), None, self.outlines, **options)
+        return self.at(currents).as_magpylib(**options)
 
 
-def magpylib_source(
-    field: FieldAtCurrents, domain: Bounds | None, outlines: Callable[[], Sequence[Any]], **options: Any
-) -> Any:
-    """The field as a `fieldmap.magpylib_source.FieldSource`; magpylib is loaded on the first call.
-
-    Parameters
-    ----------
-    field
-        Field at fixed currents.
-    domain
-        Lower and upper corner (3,), m, outside which the source gives NaN; None for no such box.
-    outlines
-        Called for what a drawing shows.
-    **options
-        Position, orientation and style of the source.
-
-    Returns
-    -------
-    Any
-        The source.
-    """
-    from fieldmap.magpylib_source import source_of_field
-
-    return source_of_field(field, domain, outlines, **options)
-
-
-class FieldAtCurrents(TakesPoints, ABC):
+class FieldAtCurrents(TakesPoints):
     """Flux density and its derivatives at points (n, 3), (3,) or of any leading shape, m, at fixed currents.
 
     A class of your own has `coil_names`, `currents` (n_coils,), A, `field` and `gradient`.
@@ -654,11 +568,8 @@ class FieldAtCurrents(TakesPoints, ABC):
         return shortened(f"{type(self).__name__}(at {short(getattr(self, 'currents', None))} A)")
 
     currents: Array
-
-    @property
-    @abstractmethod
-    def coil_names(self) -> tuple[str, ...]:
-        """Names in the order of the currents."""
+    _domain: Bounds | None = None
+    """Corners (3,), m, of a box outside which the field gives NaN as a magpylib source."""
 
     @abstractmethod
     def field(self, points: ArrayLike) -> Array:
@@ -689,16 +600,6 @@ class FieldAtCurrents(TakesPoints, ABC):
         Array
             dB_i/dx_j (..., 3, 3), T/m.
         """
-
-    @property
-    def bounds(self) -> Bounds | None:
-        """The box in which the field holds or is asked for; None where no box is known."""
-        return None
-
-    @property
-    def assumptions(self) -> tuple[str, ...]:
-        """What the field rests on."""
-        return ()
 
     def field_and_gradient(self, points: ArrayLike) -> tuple[Array, Array]:
         """Flux density and its gradient at points.
@@ -757,10 +658,6 @@ class FieldAtCurrents(TakesPoints, ABC):
         """
         return _wrench(self, positions, moments, self.currents, orientations, self.field_and_gradient)
 
-    def outlines(self) -> Sequence[Any]:
-        """What a drawing shows of it (`fieldmap.device.drawing.Outline`): nothing unless a class says otherwise."""
-        return ()
-
     def as_magpylib(self, **options: Any) -> Any:
         """The field as a magpylib source (`fieldmap.magpylib_source.FieldSource`), exact to rounding.
 
@@ -782,7 +679,9 @@ class FieldAtCurrents(TakesPoints, ABC):
         InputError
             For options that magpylib refuses.
         """
-        return magpylib_source(self, None, self.outlines, **options)
+        from fieldmap.magpylib_source import source_of_field
+
+        return source_of_field(self, self._domain, self.outlines, **options)
 
 
 class FixedCurrents(FieldAtCurrents):
@@ -994,7 +893,7 @@ class StateField(FieldOfStates):
         if not np.array_equal(coil_currents(currents, self.coil_names), self.currents):
             must_hold = "must be the currents of the state: saturating iron does not superpose"
             received = f"{np.asarray(currents).tolist()}, while the state holds {self.currents.tolist()}"
-            raise InputError(Problem("currents", must_hold, received, "solve a state at these currents"))
+            raise InputError.of("currents", must_hold, received, "solve a state at these currents")
         return self.state
 
 
@@ -1044,9 +943,7 @@ def as_field(source: AnyField, bounds: Bounds | None = None) -> Field:
     if missing:
         must_hold = "must have coil_names, field(points, currents) and gradient(points, currents)"
         received = f"{type(source).__name__} without {', '.join(missing)}"
-        raise InputError(
-            Problem("field", must_hold, received, "give a solution, a map, or a field of your own")
-        )
+        raise InputError.of("field", must_hold, received, "give a solution, a map, or a field of your own")
     if not isinstance(source, Field) and hasattr(source, "currents"):
         return StateField(source, bounds)
     return CompletedField(source, bounds)
@@ -1077,7 +974,7 @@ def resolve_currents(source: AnyField, currents: Any) -> tuple[Field, Array]:
         if not isinstance(field, StateField):
             names = ", ".join(field.coil_names)
             must_hold = f"must be given for a field of coils ({names})"
-            raise InputError(Problem("currents", must_hold, "none", "give one current per coil, A"))
+            raise InputError.of("currents", must_hold, "none", "give one current per coil, A")
         return field, field.currents
     return field, coil_currents(currents, field.coil_names)
 
@@ -1086,7 +983,7 @@ def _box(lower: ArrayLike, upper: ArrayLike) -> Bounds:
     return np.asarray(lower, dtype=float), np.asarray(upper, dtype=float)
 
 
-def require_bounds(source: Field) -> Bounds:
+def require_bounds(source: TakesPoints) -> Bounds:
     """The box of a field.
 
     Parameters
@@ -1107,9 +1004,7 @@ def require_bounds(source: Field) -> Bounds:
     bounds = source.bounds
     if bounds is None:
         remedy = "add a [workspace] table to the device, or give the box: as_field(field, (lower, upper))"
-        raise InputError(
-            Problem(type(source).__name__, "must have a box in which it is used", "none", remedy)
-        )
+        raise InputError.of(type(source).__name__, "must have a box in which it is used", "none", remedy)
     return bounds[0], bounds[1]
 
 
@@ -1131,7 +1026,7 @@ def require_affine(source: Field, what: str) -> None:
     if not source.affine:
         must_hold = "a field that is the sum of its coils' fields, and of one that no current changes"
         received = "one that does not superpose, such as that of saturating iron"
-        raise InputError(Problem(what, must_hold, received, "give the currents: at(currents)"))
+        raise InputError.of(what, must_hold, received, "give the currents: at(currents)")
 
 
 def _of_units(method: Callable[..., Array], points: ArrayLike, coils: int) -> Array:
@@ -1262,7 +1157,7 @@ def refuse_orientations(orientations: ArrayLike | None) -> None:
     """
     if orientations is not None:
         must_hold, remedy = "orientations are those of a body", "turn the moments, or give a MagneticBody"
-        raise InputError(Problem("wrench, orientations", must_hold, "moments and orientations", remedy))
+        raise InputError.of("wrench, orientations", must_hold, "moments and orientations", remedy)
 
 
 def _wrench(

@@ -1,28 +1,21 @@
 """Any field at fixed currents as a magpylib source: the field itself, evaluated where magpylib asks for it."""
 
+from __future__ import annotations
+
 from collections.abc import Callable, Sequence
 from inspect import getattr_static
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fieldmap.errors import InputError, Problem
+from fieldmap.errors import InputError
 from fieldmap.extras import needs
 from fieldmap.typing import Array
 
 with needs("make", "models of magpylib"):
     import magpylib
-
-
-class AtCurrents(Protocol):
-    """What is asked of a field at fixed currents, see `fieldmap.field.FieldAtCurrents`."""
-
-    @property
-    def currents(self) -> Array:
-        """Currents (n_coils,), A."""
-
-    def field(self, points: Array) -> Array:
-        """B (n, 3), T, at points (n, 3), m."""
+if TYPE_CHECKING:
+    from fieldmap.field import FieldAtCurrents
 
 
 Outlines = Callable[[], Sequence[Any]]
@@ -50,7 +43,7 @@ class FieldSource(magpylib.misc.CustomSource):
 
     def __init__(
         self,
-        field: AtCurrents,
+        field: FieldAtCurrents,
         domain: tuple[Array, Array] | None = None,
         outlines: Outlines = tuple,
         position: Any = (0.0, 0.0, 0.0),
@@ -63,7 +56,7 @@ class FieldSource(magpylib.misc.CustomSource):
         super().__init__(position=position, orientation=orientation, style=style, **style_keys)
 
     @property
-    def field(self) -> AtCurrents:
+    def field(self) -> FieldAtCurrents:
         """The field at its currents, in the frame of the source."""
         return self._shared.field
 
@@ -99,10 +92,12 @@ class FieldSource(magpylib.misc.CustomSource):
 class _Shared:
     """What copies of a source have in common: solutions and maps are large and never change."""
 
-    def __init__(self, field: AtCurrents, domain: tuple[Array, Array] | None, outlines: Outlines) -> None:
+    def __init__(
+        self, field: FieldAtCurrents, domain: tuple[Array, Array] | None, outlines: Outlines
+    ) -> None:
         self.field, self.domain, self.outlines = field, domain, outlines
 
-    def __deepcopy__(self, memo: dict[int, object]) -> "_Shared":
+    def __deepcopy__(self, memo: dict[int, object]) -> _Shared:
         return self
 
     def evaluate(self, field: str, observers: Array) -> Array:
@@ -141,10 +136,7 @@ class _Shared:
 
 
 def source_of_field(
-    field: AtCurrents,
-    domain: tuple[Array, Array] | None = None,
-    outlines: Outlines = tuple,
-    **options: Any,
+    field: FieldAtCurrents, domain: tuple[Array, Array] | None, outlines: Outlines, **options: Any
 ) -> FieldSource:
     """A `FieldSource`; options are its position, orientation and style. Raises InputError for what magpylib refuses."""
     try:
@@ -152,4 +144,4 @@ def source_of_field(
     except (TypeError, ValueError, AttributeError) as error:
         remedy = "see help(magpylib.misc.CustomSource)"
         must_hold = "position, orientation and style must be as of a magpylib CustomSource"
-        raise InputError(Problem("as_magpylib", must_hold, str(error), remedy)) from None
+        raise InputError.of("as_magpylib", must_hold, str(error), remedy) from None

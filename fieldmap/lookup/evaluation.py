@@ -7,7 +7,7 @@ An `Evaluator` turns coefficients, points and weights into fields. `CompiledEval
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
@@ -16,18 +16,16 @@ from numpy.typing import ArrayLike
 from fieldmap.arguments import checked_vectors
 from fieldmap.core import CoreMap
 from fieldmap.core.caller import caller
-from fieldmap.errors import InputError, OutsideMapError, Problem
+from fieldmap.errors import InputError, OutsideMapError
 from fieldmap.field import (
     Bounds,
     FieldAtCurrents,
     MagneticLoad,
-    has_leading_shape,
-    magpylib_source,
-    over_points,
+    of_any_shape,
 )
 from fieldmap.interpolants import Form, contract, set_size
 from fieldmap.records import Record, short, shortened
-from fieldmap.threads import in_pieces, most_threads
+from fieldmap.threads import in_pieces
 from fieldmap.typing import Array
 
 if TYPE_CHECKING:
@@ -185,81 +183,47 @@ class Evaluator(Protocol):
 
 
 class CompiledEvaluator:
-    """The C core on the coefficients of a form."""
+    """The C core on the coefficients of a form. summed: the form is the sum of a map's fields, whose weight is 1."""
 
-    def __init__(self, form: Form) -> None:
-        self._block, self._potential_block, self.places = form.unit, form.potential_unit, form.places
+    def __init__(self, form: Form, summed: bool = False) -> None:
+        self._form, self._summed, self.places = form, summed, form.places
         self._core = CoreMap(form.unit)
-        self._of_potential = _potential_core(self._core, form.unit, form.potential_unit)
+        own = form.potential_unit is form.unit
+        self._of_potential = self._core if own else CoreMap(form.potential_unit, components=1)
         self._of_currents = CoreMap(form.unit, constant=True) if form.constant else self._core
         self.field_at = self._of_currents.field_at
         self.dipole_wrench_at = self._of_currents.dipole_wrench_at
 
     def field_and_gradient(self, points: Array, weights: Array, flux: Array, slope: Array) -> int:
         """See `Evaluator`."""
-        return self._core.fields(points, weights, flux, slope if slope.shape[-1] else None)
+        given = None if self._summed else weights
+        return self._core.fields(points, given, flux, slope if slope.shape[-1] else None)
 
     def second_gradient(self, points: Array, weights: Array, second: Array) -> int:
         """See `Evaluator`."""
-        return self._core.second_gradients(points, weights, second)
+        return self._core.second_gradients(points, None if self._summed else weights, second)
 
     def potential(self, points: Array, weights: Array, values: Array) -> int:
         """See `Evaluator`."""
-        return self._of_potential.potentials(points, weights, values)
+        return self._of_potential.potentials(points, None if self._summed else weights, values)
 
     def each_field(self, points: Array, flux: Array, slope: Array) -> int:
         """See `Evaluator`."""
         return self._core.each_field(points, flux, slope if slope.shape[-1] else None)
 
-    def at(self, weights: Array) -> ContractedEvaluator:
+    def at(self, weights: Array) -> CompiledEvaluator:
         """See `Evaluator`."""
-        block = contract(self._block, weights, set_size(self._block))
-        own = self._potential_block is self._block
-        return ContractedEvaluator(block, block if own else contract(self._potential_block, weights, 8))
+        if self._summed:
+            return self
+        form = self._form
+        unit = potential = contract(form.unit, weights, set_size(form.unit))
+        if form.potential_unit is not form.unit:
+            potential = contract(form.potential_unit, weights, 8)
+        return CompiledEvaluator(replace(form, unit=unit, potential_unit=potential, constant=False), True)
 
     def core(self) -> CoreMap:
         """See `Evaluator`."""
         return self._of_currents
-
-
-class ContractedEvaluator:
-    """The C core on a block of one field, the sum of a map's fields."""
-
-    places = 1
-
-    def __init__(self, block: Array, potential_block: Array) -> None:
-        self._core = CoreMap(block)
-        self._of_potential = _potential_core(self._core, block, potential_block)
-        self.field_at, self.dipole_wrench_at = self._core.field_at, self._core.dipole_wrench_at
-
-    def field_and_gradient(self, points: Array, weights: Array, flux: Array, slope: Array) -> int:
-        """See `Evaluator`."""
-        return self._core.fields(points, None, flux, slope if slope.shape[-1] else None)
-
-    def second_gradient(self, points: Array, weights: Array, second: Array) -> int:
-        """See `Evaluator`."""
-        return self._core.second_gradients(points, None, second)
-
-    def potential(self, points: Array, weights: Array, values: Array) -> int:
-        """See `Evaluator`."""
-        return self._of_potential.potentials(points, None, values)
-
-    def each_field(self, points: Array, flux: Array, slope: Array) -> int:
-        """See `Evaluator`."""
-        return self.field_and_gradient(points, _ONE, flux[:, 0], slope[:, 0])
-
-    def at(self, weights: Array) -> ContractedEvaluator:
-        """See `Evaluator`. The sum is made already."""
-        return self
-
-    def core(self) -> CoreMap:
-        """See `Evaluator`."""
-        return self._core
-
-
-def _potential_core(core: CoreMap, block: Array, potential_block: Array) -> CoreMap:
-    """The core that evaluates the potential: the field's own if both use one block, otherwise one on its own block."""
-    return core if potential_block is block else CoreMap(potential_block, components=1)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -277,11 +241,6 @@ class Box(Record):
             raise outside_error(points, n_outside, self.lower, self.upper)
 
 
-def default_threads() -> int:
-    """Number of threads: one for each processor that this process may use, or OMP_NUM_THREADS if it is set."""
-    return most_threads()
-
-
 def result_array(out: Array | None, shape: tuple[int, ...]) -> Array:
     """A new array, or `out` if it fits. Raises InputError if it does not."""
     if out is None:
@@ -289,10 +248,8 @@ def result_array(out: Array | None, shape: tuple[int, ...]) -> Array:
     good = isinstance(out, np.ndarray) and out.shape == shape and out.dtype == np.float64
     if not (good and out.flags.c_contiguous and out.flags.writeable):
         received = f"{out.dtype} {out.shape}" if isinstance(out, np.ndarray) else type(out).__name__
-        problem = Problem(
-            "lookup, out", f"a contiguous, writeable float64 array of shape {shape}", received, "match it"
-        )
-        raise InputError(problem)
+        must_hold = f"a contiguous, writeable float64 array of shape {shape}"
+        raise InputError.of("lookup, out", must_hold, received, "match it")
     return out
 
 
@@ -315,14 +272,12 @@ def outside_error(points: Array, outside: int, lower: Array, upper: Array) -> Ou
         excess = np.max(np.maximum(lower - points, points - upper), axis=1)
     worst = points[np.nanargmax(excess)]
     box = " to ".join(str(tuple(round(float(x) * 1e3, 6) for x in corner)) for corner in (lower, upper))
-    return OutsideMapError(
-        Problem(
-            "points",
-            f"every point lies in the map's box, {box} mm",
-            f"{outside} of {len(points)} points outside, the farthest at "
-            f"{tuple(round(float(x) * 1e3, 6) for x in worst)} mm",
-            'stay in the box, make a larger map, or open it with outside="nan" to get NaN there',
-        )
+    farthest = tuple(round(float(x) * 1e3, 6) for x in worst)
+    return OutsideMapError.of(
+        "points",
+        f"every point lies in the map's box, {box} mm",
+        f"{outside} of {len(points)} points outside, the farthest at {farthest} mm",
+        'stay in the box, make a larger map, or open it with outside="nan" to get NaN there',
     )
 
 
@@ -374,16 +329,6 @@ class MapAtCurrents(FieldAtCurrents, own_shapes=ONE_POINT):
         return self._assumptions
 
     @property
-    def lower(self) -> Array:
-        """Lower corner of the box in which the field holds, m."""
-        return self._box.lower
-
-    @property
-    def upper(self) -> Array:
-        """Upper corner of the box in which the field holds, m."""
-        return self._box.upper
-
-    @property
     def bounds(self) -> Bounds:
         """Lower and upper corner of the map's box, m."""
         return self._box.lower, self._box.upper
@@ -411,12 +356,7 @@ class MapAtCurrents(FieldAtCurrents, own_shapes=ONE_POINT):
         """
         if out is None and getattr(points, "ndim", 0) == 1:
             return self.field_and_gradient(points)[0]
-        if has_leading_shape(points):
-            return over_points(self.field, points, out)
-        where, single = checked_vectors("points", points)
-        flux = result_array(None if single else out, where.shape)
-        self._fill(self._evaluator.field_and_gradient, where, flux, np.empty((len(where), 0, 0)))
-        return single_row(flux, out) if single else flux
+        return self._pair(points, out, None, gradient=False)[0]
 
     def gradient(self, points: ArrayLike, out: Array | None = None) -> Array:
         """Gradient of the flux density: the exact derivative of `field`.
@@ -441,12 +381,7 @@ class MapAtCurrents(FieldAtCurrents, own_shapes=ONE_POINT):
         """
         if out is None and getattr(points, "ndim", 0) == 1:
             return self.field_and_gradient(points)[1]
-        if has_leading_shape(points):
-            return over_points(self.gradient, points, out)
-        where, single = checked_vectors("points", points)
-        slope = result_array(None if single else out, (*where.shape, 3))
-        self._fill(self._evaluator.field_and_gradient, where, np.empty(where.shape), slope)
-        return single_row(slope, out) if single else slope
+        return self._pair(points, None, out)[1]
 
     def field_and_gradient(
         self, points: ArrayLike, out: tuple[Array, Array] | None = None
@@ -473,14 +408,19 @@ class MapAtCurrents(FieldAtCurrents, own_shapes=ONE_POINT):
         found = self._evaluator.field_at(points, None) if self._weights is None else None
         if found is not None:
             return found if out is None else written(found, out)
-        if has_leading_shape(points):
-            return over_points(self.field_and_gradient, points, out)
+        return self._pair(points, *((None, None) if out is None else out))
+
+    @of_any_shape
+    def _pair(
+        self, points: ArrayLike, flux: Array | None, slope: Array | None, gradient: bool = True
+    ) -> tuple[Array, Array]:
+        """Flux density and gradient in these arrays or new ones; without `gradient` that is empty."""
         where, single = checked_vectors("points", points)
-        given = (None, None) if out is None else out
-        flux = result_array(None if single else given[0], where.shape)
-        slope = result_array(None if single else given[1], (*where.shape, 3))
-        self._fill(self._evaluator.field_and_gradient, where, flux, slope)
-        return (single_row(flux, given[0]), single_row(slope, given[1])) if single else (flux, slope)
+        found = result_array(None if single else flux, where.shape), np.empty((len(where), 0, 0))
+        if gradient:
+            found = found[0], result_array(None if single else slope, (*where.shape, 3))
+        self._fill(self._evaluator.field_and_gradient, where, *found)
+        return (single_row(found[0], flux), single_row(found[1], slope)) if single else found
 
     def second_gradient(self, points: ArrayLike) -> Array:
         """Second derivatives (n, 3, 3, 3), [:, i, j, k] = d2B_i/dx_j dx_k, T/m^2."""
@@ -526,9 +466,9 @@ class MapAtCurrents(FieldAtCurrents, own_shapes=ONE_POINT):
                 return load
         return super().wrench(positions, moments, orientations)
 
-    def as_magpylib(self, **options: Any) -> Any:
-        """The field as a magpylib source, NaN outside the map: see `fieldmap.field.FieldAtCurrents.as_magpylib`."""
-        return magpylib_source(self, self.bounds, self.outlines, **options)
+    @property
+    def _domain(self) -> Bounds:
+        return self.bounds
 
     def outlines(self) -> tuple[Outline, ...]:
         """The box of the map."""

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fieldmap.arguments import checked_vectors
+from fieldmap.arguments import checked_vectors, raise_all
 from fieldmap.core.caller import caller
 from fieldmap.core.current_table import CoreTable
 from fieldmap.core.iron import IronState
@@ -22,9 +22,7 @@ from fieldmap.field import (
     Field,
     MagneticLoad,
     coil_currents,
-    has_leading_shape,
-    magpylib_source,
-    over_points,
+    of_any_shape,
     require_affine,
 )
 from fieldmap.interpolants import INTERPOLANTS, OUTSIDE_RULES, Form, Jump, known_interpolants
@@ -38,7 +36,6 @@ from fieldmap.lookup.evaluation import (
     CompiledEvaluator,
     Evaluator,
     MapAtCurrents,
-    default_threads,
     in_chunks,
     written,
 )
@@ -47,6 +44,7 @@ from fieldmap.lookup.inverse_fields import SumOfFields
 from fieldmap.lookup.magnetic_body import MagneticBody
 from fieldmap.records import card, count_of
 from fieldmap.store import FieldError, MapData, MapInfo, read_map, warn_of_missed_accuracy
+from fieldmap.threads import most_threads
 from fieldmap.typing import Array
 
 if TYPE_CHECKING:
@@ -57,20 +55,17 @@ if TYPE_CHECKING:
 
 def check_choices(kind: str, outside: str, outside_currents: str) -> None:
     """Raise InputError, all at once, for a kind or an outside rule that does not exist."""
-    problems = []
-    choices = (
-        ("kind", kind, known_interpolants(kind)),
-        ("outside", outside, list(OUTSIDE_RULES)),
-        ("outside_currents", outside_currents, list(OUTSIDE_CURRENTS)),
+    choices = {
+        "kind": (kind, known_interpolants(kind)),
+        "outside": (outside, list(OUTSIDE_RULES)),
+        "outside_currents": (outside_currents, OUTSIDE_CURRENTS),
+    }
+    remedy = "choose one that exists"
+    raise_all(
+        Problem(f"open_map, {name}", 'is "' + '" or "'.join(allowed) + '"', repr(value), remedy)
+        for name, (value, allowed) in choices.items()
+        if value not in allowed
     )
-    for name, value, allowed in choices:
-        if value not in allowed:
-            names = " or ".join(f'"{choice}"' for choice in allowed)
-            problems.append(
-                Problem(f"open_map, {name}", f"is {names}", repr(value), "choose one that exists")
-            )
-    if problems:
-        raise InputError(*problems)
 
 
 class FieldMap(Field, own_shapes=ONE_POINT):
@@ -117,7 +112,7 @@ class FieldMap(Field, own_shapes=ONE_POINT):
         check_choices(kind, outside, outside_currents)
         self._info = MapInfo(**{name: getattr(data, name) for name in MapInfo.__dataclass_fields__})
         lower, upper = np.array(data.grid.lower), np.array(data.grid.upper)
-        self._box = Box(lower, upper, outside, default_threads() if threads is None else max(1, int(threads)))
+        self._box = Box(lower, upper, outside, most_threads() if threads is None else max(1, int(threads)))
         # A field of weight 1 behind the coils'; with a model of the iron its weights include that.
         self._constant = data.constant_field and data.reduced_model is None
         self._form: Form = replace(INTERPOLANTS[kind].form(data, outside), constant=self._constant)
@@ -130,9 +125,6 @@ class FieldMap(Field, own_shapes=ONE_POINT):
         self._table: CurrentTable | None = None
         if tabulate_currents:
             self._table = tabulate(self._model, self._evaluator, data.grid, data.current_error)
-        self._start()
-
-    def _start(self) -> None:
         # Largest number of points for which superposing at each point is cheaper than contracting the block.
         self._few = max(self._evaluator.places // 4, 1)
         self._last: tuple[bytes, MapAtCurrents | None] = (b"", None)
@@ -160,19 +152,9 @@ class FieldMap(Field, own_shapes=ONE_POINT):
         return self._info.coil_names
 
     @property
-    def lower(self) -> Array:
-        """Lower corner of the box in which the map holds, m."""
-        return self._info.grid.lower
-
-    @property
-    def upper(self) -> Array:
-        """Upper corner of the box in which the map holds, m."""
-        return self._info.grid.upper
-
-    @property
     def bounds(self) -> Bounds:
-        """Lower and upper corner of that box, m."""
-        return self.lower, self.upper
+        """Lower and upper corner of the box in which the map holds, m."""
+        return self._info.grid.lower, self._info.grid.upper
 
     @property
     def proportional(self) -> bool:
@@ -329,7 +311,9 @@ class FieldMap(Field, own_shapes=ONE_POINT):
         InputError
             For options that magpylib refuses.
         """
-        return magpylib_source(self.at(currents), self.bounds, self.outlines, **options)
+        from fieldmap.magpylib_source import source_of_field
+
+        return source_of_field(self.at(currents), self.bounds, self.outlines, **options)
 
     def compiled(self, currents: Any = None) -> tuple[Any, Any]:
         """The lookup for your own numba functions, without Python objects.
@@ -400,9 +384,7 @@ class FieldMap(Field, own_shapes=ONE_POINT):
         """
         if out is None and getattr(points, "ndim", 0) == 1:
             return self.field_and_gradient(points, currents)[0]
-        if has_leading_shape(points):
-            return over_points(self.field, points, currents, out)
-        return self._lookup(points, currents).field(points, out)
+        return self._asked(points, currents, "field", out)
 
     def gradient(self, points: ArrayLike, currents: Any, out: Array | None = None) -> Array:
         """Gradient of the flux density: the exact derivative of `field`.
@@ -430,9 +412,7 @@ class FieldMap(Field, own_shapes=ONE_POINT):
         """
         if out is None and getattr(points, "ndim", 0) == 1:
             return self.field_and_gradient(points, currents)[1]
-        if has_leading_shape(points):
-            return over_points(self.gradient, points, currents, out)
-        return self._lookup(points, currents).gradient(points, out)
+        return self._asked(points, currents, "gradient", out)
 
     def field_and_gradient(
         self, points: ArrayLike, currents: Any, out: tuple[Array, Array] | None = None
@@ -463,9 +443,12 @@ class FieldMap(Field, own_shapes=ONE_POINT):
         found = None if weights is None else self._evaluator.field_at(points, weights)
         if found is not None:
             return found if out is None else written(found, out)
-        if has_leading_shape(points):
-            return over_points(self.field_and_gradient, points, currents, out)
-        return self._lookup(points, currents).field_and_gradient(points, out)
+        return self._asked(points, currents, "field_and_gradient", out)
+
+    @of_any_shape
+    def _asked(self, points: ArrayLike, currents: Any, quantity: str, out: Any) -> Any:
+        """A quantity by its name, at points of any shape and currents for all of them or for each."""
+        return getattr(self._lookup(points, currents), quantity)(points, out)
 
     def second_gradient(self, points: ArrayLike, currents: Any) -> Array:
         """Second derivatives of the flux density.
@@ -832,14 +815,7 @@ class FieldMap(Field, own_shapes=ONE_POINT):
         return None
 
     def __getstate__(self) -> dict[str, object]:
-        return {
-            name: self.__dict__[name]
-            for name in ("_info", "_box", "_form", "_constant", "_evaluator", "_model", "_table")
-        }
-
-    def __setstate__(self, state: dict[str, object]) -> None:
-        self.__dict__.update(state)
-        self._start()
+        return {**self.__dict__, "_last": (b"", None), "_last_weights": (b"", np.empty(0))}
 
     def _repr_html_(self) -> str:
         bound = self.error_bound

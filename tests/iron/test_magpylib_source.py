@@ -8,6 +8,7 @@ from scipy.spatial.transform import Rotation
 import fieldmap as fm
 from fieldmap.errors import InputError
 from fieldmap.iron import NonlinearSolver
+from fieldmap.magpylib_source import FieldSource
 from fieldmap.maps.fields import from_arrays, to_arrays
 from fieldmap.sources import CoilSet
 from fieldmap.sources.magpylib_objects import magpylib_coil, magpylib_tetrahedra
@@ -120,7 +121,7 @@ def test_making_a_source_evaluates_nothing():
         def field(self, points):
             raise AssertionError(f"asked at {points}")
 
-    source = fm.field.magpylib_source(Unasked(), None, tuple)
+    source = FieldSource(Unasked())
     with pytest.raises(AssertionError):
         source.getB([0.0, 0.0, 0.0])
     with pytest.raises(AttributeError):
