@@ -39,7 +39,7 @@ def check(holds: bool, where: str, must_hold: str, received: object, remedy: str
     fieldmap.errors.InputError: f(x): must be above 3; received 2; give more
     """
     if not holds:
-        raise InputError(Problem(where, must_hold, str(received), remedy))
+        raise InputError.of(where, must_hold, str(received), remedy)
 
 
 def check_numbers(where: str, **numbers: float) -> None:

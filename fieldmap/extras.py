@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from types import ModuleType
 
-from fieldmap.errors import MissingExtraError, Problem
+from fieldmap.errors import MissingExtraError
 
 
 def require(module: str, extra: str, where: str, otherwise: str = "") -> ModuleType:
@@ -38,4 +38,4 @@ def needs(extra: str, where: str, otherwise: str = "", module: str = "") -> Iter
         missing = module or error.name or "a library"
         command = f'install it: pip install "fieldmap[{extra}]"'
         remedy = f"{command}, or {otherwise}" if otherwise else command
-        raise MissingExtraError(Problem(where, f"{missing} must be installed", str(error), remedy)) from None
+        raise MissingExtraError.of(where, f"{missing} must be installed", str(error), remedy) from None

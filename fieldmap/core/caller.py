@@ -28,8 +28,7 @@ def caller(
     solver = None
     if weights is not None:
         solver = weights.state if isinstance(weights, IronState) else weights.table
-    words: NDArray[np.int64] = LIBRARY.caller(of.map, solver, None if body is None else body.body)
-    return words
+    return LIBRARY.caller(of.map, solver, None if body is None else body.body)
 
 
 def functions() -> Mapping[str, int]:
@@ -40,5 +39,4 @@ def functions() -> Mapping[str, int]:
     *words, double x, double y, double z): of a map at fixed currents. int call_wrench(const int64_t *words, double
     *numbers): 0, or why not, with NaN in wrench and slopes; numbers as `ROOM` says.
     """
-    addresses: Mapping[str, int] = LIBRARY.caller_functions()
-    return addresses
+    return LIBRARY.caller_functions()

@@ -8,11 +8,9 @@ from fieldmap.typing import Array
 
 def regular_table(degree: int, points: Array) -> Array:
     """(n, (degree + 1)^2): the harmonics at points (n, 3), in the order of the coefficients."""
-    table: Array = LIBRARY.harmonics(degree, np.ascontiguousarray(points, dtype=np.float64))
-    return table
+    return LIBRARY.harmonics(degree, np.ascontiguousarray(points, dtype=np.float64))
 
 
 def derivative_matrix(degree: int, axis: int) -> Array:
     """Matrix (degree^2, (degree + 1)^2) that takes coefficients to those of the derivative along an axis."""
-    matrix: Array = LIBRARY.derivative_matrix(degree, axis)
-    return matrix
+    return LIBRARY.derivative_matrix(degree, axis)

@@ -63,8 +63,7 @@ class IronState:
     @property
     def amplitudes(self) -> Array:
         """Of the modes (r,) in the last state."""
-        amplitudes: Array = LIBRARY.iron_amplitudes(self.state)[0]
-        return amplitudes
+        return LIBRARY.iron_amplitudes(self.state)[0]
 
     @property
     def left(self) -> float:
@@ -80,5 +79,4 @@ class IronState:
 def continued(aim: Array, passed: Array, amplitudes: Array) -> Array:
     """The amplitudes (r,) with which a solve at currents `aim` (c,) begins behind n states passed, 3 at most: their
     currents (n, c) and amplitudes (n, r), newest last."""
-    found: Array = LIBRARY.iron_continued(aim, passed, amplitudes)
-    return found
+    return LIBRARY.iron_continued(aim, passed, amplitudes)

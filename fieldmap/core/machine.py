@@ -99,8 +99,7 @@ class CoreMachine:
     @property
     def weights(self) -> Array:
         """Of the fields of the map, as they are (f,): a copy."""
-        weights: Array = LIBRARY.machine_weights(self.machine)
-        return weights
+        return LIBRARY.machine_weights(self.machine)
 
     @property
     def solves(self) -> Solves:
@@ -115,8 +114,7 @@ class CoreMachine:
 
     def energy(self, state: Array) -> float | None:
         """Of the magnets and the soft iron in the field, J; None where that is not known."""
-        energy: float | None = LIBRARY.machine_energy(self.machine, state)
-        return energy
+        return LIBRARY.machine_energy(self.machine, state)
 
     def rates(self, state: Array, out: Array) -> int:
         """Fill the time derivative out (13,) of a state; the status."""
@@ -142,8 +140,7 @@ class CoreMachine:
 
 def rotation(state: Array) -> Array:
     """The matrix (3, 3) that takes vectors from the body of a state (13,) to the map."""
-    matrix: Array = LIBRARY.rotation(state[TURN : TURN + 4])
-    return matrix
+    return LIBRARY.rotation(state[TURN : TURN + 4])
 
 
 def sensed_point(state: Array, seen_at: Array) -> Array:

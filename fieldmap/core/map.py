@@ -53,13 +53,11 @@ class CoreMap:
     def field_at(self, point: Any, weights: Any) -> tuple[Array, Array] | None:
         """B (3,) and gradient (3, 3) at a point (3,), or None where it or the weights (sets,) do not fit, or it lies
         outside."""
-        found: tuple[Array, Array] | None = LIBRARY.field_at(self.map, point, weights)
-        return found
+        return LIBRARY.field_at(self.map, point, weights)
 
     def dipole_wrench_at(self, point: Any, moment: Any, weights: Any) -> Array | None:
         """Force, N, and torque, N m, (6,), on a dipole of moment (3,), A m^2; otherwise as `field_at`."""
-        found: Array | None = LIBRARY.dipole_wrench_at(self.map, point, moment, weights)
-        return found
+        return LIBRARY.dipole_wrench_at(self.map, point, moment, weights)
 
     def __reduce__(self) -> tuple[Any, ...]:
         return CoreMap, self._given

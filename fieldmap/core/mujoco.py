@@ -62,8 +62,7 @@ class Task:
 
     def fault(self) -> tuple[int, Array] | None:
         """The number of the first magnet that left the map, and where in it (3,), m; it feels nothing since."""
-        found: tuple[int, Array] | None = LIBRARY.mujoco_fault(self._task)
-        return found
+        return LIBRARY.mujoco_fault(self._task)
 
 
 def callback() -> int:

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fieldmap.arguments import checked_vectors
-from fieldmap.errors import InputError, Problem
+from fieldmap.errors import InputError
 from fieldmap.field import AnyField, Field, as_field, coil_currents
 from fieldmap.lookup.magnetic_body import MagneticBody, checked_turns
 from fieldmap.records import Record
@@ -260,9 +260,7 @@ def _on_body(
     source, turn = as_field(field), checked_turns(orientation, 1)[0]
     if currents is None and body.soft:
         must_hold = "currents about which the force on soft iron is linear"
-        raise InputError(
-            Problem("actuation, currents", must_hold, "none", "give those of the operating point")
-        )
+        raise InputError.of("actuation, currents", must_hold, "none", "give those of the operating point")
     coils = len(source.coil_names)
     amperes = np.zeros(coils) if currents is None else coil_currents(currents, source.coil_names)
     by_flux, by_slope, *rest = _derivatives(source, _one(position) + body.all_points @ turn.T, amperes)
@@ -358,7 +356,7 @@ def checked_limits(limits: Limits, n_coils: int) -> tuple[Array, Array]:
         wanted = (
             f"a number, or a pair of lower and upper, each a number or {n_coils} of them, lower <= upper, A"
         )
-        raise InputError(Problem("limits", wanted, repr(limits)[:80], "give for example 3.5 or (0.0, 3.5)"))
+        raise InputError.of("limits", wanted, repr(limits)[:80], "give for example 3.5 or (0.0, 3.5)")
     return low, high
 
 
@@ -373,5 +371,5 @@ def _one(vector: ArrayLike) -> Array:
     checked, single = checked_vectors("position and moment", vector)
     if not single:
         received = f"shape {checked.shape}"
-        raise InputError(Problem("actuation", "one vector of three numbers", received, "ask pose by pose"))
+        raise InputError.of("actuation", "one vector of three numbers", received, "ask pose by pose")
     return checked[0]

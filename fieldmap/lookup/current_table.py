@@ -8,7 +8,7 @@ import numpy as np
 
 from fieldmap.core.current_table import FOUND, CoreTable, Table
 from fieldmap.currents import ROUNDING, TOLERANCE, LiftAndDirections
-from fieldmap.errors import InputError, Problem
+from fieldmap.errors import InputError
 from fieldmap.extras import require
 from fieldmap.lookup.current_model import CurrentModel
 from fieldmap.lookup.evaluation import Evaluator
@@ -75,10 +75,10 @@ def tabulate(
     if model is None or not isinstance(divided, LiftAndDirections):
         received = "a map of linear iron" if divided is None else f"currents by {divided.name}"
         must_hold = "a map of saturating iron whose recipe has [currents] lift_and_directions"
-        raise InputError(Problem("table of currents", must_hold, received, "do without a table"))
+        raise InputError.of("table of currents", must_hold, received, "do without a table")
     if nodes is not None and (len(nodes) != 3 or min(nodes) < 4):
         must_hold = "must be three numbers of nodes, for u, x and y, each at least 4"
-        raise InputError(Problem("table of currents", must_hold, f"{nodes}", "take (5, 17, 17)"))
+        raise InputError.of("table of currents", must_hold, f"{nodes}", "take (5, 17, 17)")
     fields = _on_the_surface(evaluator, grid, model.model.coil_count + model.fields_beside_coils)
     states = _states(model, divided)
     truth = model.of_amplitudes(np.array([model.amplitudes(currents) for currents in states]))

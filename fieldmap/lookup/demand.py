@@ -132,4 +132,4 @@ def _vector(name: str, values: ArrayLike, shape: tuple[int, ...]) -> Array:
 
 def _wrong(name: str, must_hold: str, received: object) -> InputError:
     remedy = remedy_of_moment(received, "give arrays in SI units")
-    return InputError(Problem(f"currents_for, {name}", must_hold, repr(received)[:80], remedy))
+    return InputError.of(f"currents_for, {name}", must_hold, repr(received)[:80], remedy)

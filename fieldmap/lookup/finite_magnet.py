@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from fieldmap.constants import MU0
-from fieldmap.errors import InputError, NotConverged, Problem
+from fieldmap.errors import InputError, NotConverged
 from fieldmap.field import AnyField, StateField, as_field, require_bounds
 from fieldmap.lookup.magnetic_body import MagneticBody
 from fieldmap.typing import Array
@@ -81,7 +81,7 @@ def finite_magnet(shape: Magnet, field: AnyField, tolerance: float = 1e-6) -> Fi
         magnet, here = finer, there
     received = f"{error:.1e} with {len(magnet.points)} points"
     remedy = "ask for less, or use a finer map: the field changes too much over the magnet"
-    raise NotConverged(Problem("finite_magnet", f"two rules must agree to {tolerance:g}", received, remedy))
+    raise NotConverged.of("finite_magnet", f"two rules must agree to {tolerance:g}", received, remedy)
 
 
 def volume_rule(shape: Magnet, level: int) -> FiniteMagnet:
@@ -130,7 +130,7 @@ def _trial(shape: Magnet, field: AnyField) -> Callable[[FiniteMagnet], Array]:
         size = ", ".join(f"{1e3 * x:g}" for x in upper - lower)
         must_hold = f"a magnet that fits into the map's box, {size} mm, however it is turned"
         received = f"one that extends {1e3 * radius:g} mm from its centre"
-        raise InputError(Problem("finite_magnet, shape", must_hold, received, "make a larger map"))
+        raise InputError.of("finite_magnet, shape", must_hold, received, "make a larger map")
     rng = np.random.default_rng(20250101)
     places = low + rng.random((_PLACES, 3)) * (high - low)
     turns = np.linalg.qr(rng.normal(size=(_PLACES, 3, 3)))[0]

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 
 from fieldmap.arguments import checked_vectors
 from fieldmap.currents import TOLERANCE, IndependentCurrents
-from fieldmap.errors import Infeasible, InputError, NotConverged, Problem
+from fieldmap.errors import Infeasible, InputError, NotConverged
 from fieldmap.field import coil_currents
 from fieldmap.lookup.actuation import Limits, checked_limits
 from fieldmap.lookup.demand import Demand
@@ -58,7 +58,7 @@ def least_power_currents(
     points, single = checked_vectors("position", position)
     if not single:
         received = f"shape {points.shape}"
-        raise InputError(Problem("currents_for, position", "three numbers", received, "ask place by place"))
+        raise InputError.of("currents_for, position", "three numbers", received, "ask place by place")
     turn = _UPRIGHT
     if demand.body is not None:
         turn = checked_turns(orientation, 1)[0]
@@ -110,7 +110,7 @@ def _checked_weight(resistance: ArrayLike | None, n_coils: int) -> Array:
         weight = np.empty(0)
     if not (weight.size and np.isfinite(weight).all() and (weight > 0).all()):
         must_hold, received = f"a positive number, or {n_coils} of them", repr(resistance)[:80]
-        raise InputError(Problem("currents_for, resistance", must_hold, received, "give ohms, or nothing"))
+        raise InputError.of("currents_for, resistance", must_hold, received, "give ohms, or nothing")
     return weight
 
 

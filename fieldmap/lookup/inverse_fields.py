@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from fieldmap.errors import OutsideMapError, Problem
+from fieldmap.errors import OutsideMapError
 from fieldmap.lookup.current_model import CurrentModel
 from fieldmap.typing import Array
 
@@ -61,7 +61,7 @@ def _outside(points: Array, flux: Array) -> OutsideMapError:
     outside = points[~np.isfinite(flux[:, 0, 0])][0]
     place = tuple(round(float(x) * 1e3, 6) for x in outside)
     must_hold = "a place in the map's box" if len(points) == 1 else "the whole body in the map's box"
-    return OutsideMapError(Problem("currents_for, position", must_hold, f"{place} mm", "stay in the box"))
+    return OutsideMapError.of("currents_for, position", must_hold, f"{place} mm", "stay in the box")
 
 
 @dataclass(eq=False)

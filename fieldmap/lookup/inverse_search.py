@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fieldmap.core.least_power import BEYOND_LIMITS, FOUND, NO_END, OUT_OF_RANGE
-from fieldmap.errors import FieldmapError, Infeasible, NotConverged, Problem
+from fieldmap.errors import FieldmapError, Infeasible, NotConverged
 from fieldmap.lookup.inverse_goal import Goal, Variables
 from fieldmap.typing import Array
 
@@ -44,7 +44,7 @@ def _refusal(
     demand, variables = goal.demand, goal.variables
     if status == NO_END:
         must_hold, received = "the active-set method must end", demand.text(demand.values)
-        return NotConverged(Problem("currents_for", must_hold, received, "report this case"))
+        return NotConverged.of("currents_for", must_hold, received, "report this case")
     if status == OUT_OF_RANGE:
         nearest = matrix @ np.linalg.lstsq(matrix, demand.values - constant, rcond=1e-11)[0] + constant
         must_hold = "some currents must meet the demand, without any limits"
@@ -165,7 +165,7 @@ class Search:
             return met
         must_hold = f"an end within {_MOST_STEPS} steps"
         received = f"{self._off(values):.1e} of the demand left"
-        raise NotConverged(Problem("currents_for", must_hold, received, self.remedy))
+        raise NotConverged.of("currents_for", must_hold, received, self.remedy)
 
     def left_by(self, error: Infeasible | NotConverged) -> float:
         """How much of the demand a search that failed has left."""

@@ -76,8 +76,8 @@ def unit_block(field_map: FieldMap | MapAtCurrents) -> Array:
         return core_map(field_map).block
     if INTERPOLANTS[field_map.kind].kind is None:
         must_hold = "an interpolant that the C core evaluates"
-        raise InputError(
-            Problem("unit_block(field_map)", must_hold, field_map.kind, "open the map with another kind")
+        raise InputError.of(
+            "unit_block(field_map)", must_hold, field_map.kind, "open the map with another kind"
         )
     return field_map._form.unit
 

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 
 from fieldmap.arguments import checked_vectors
 from fieldmap.core.body import CoreBody
-from fieldmap.errors import InputError, Problem
+from fieldmap.errors import InputError
 from fieldmap.field import AnyField, as_field, coil_currents
 from fieldmap.lookup.soft_body import ASSUMPTION, SoftPiece, core_piece
 from fieldmap.records import Record
@@ -283,7 +283,5 @@ def checked_turns(orientations: ArrayLike | None, n: int) -> Array:
     if not good or not np.allclose(turn @ np.swapaxes(turn, -1, -2), np.eye(3), atol=1e-6):
         received = f"shape {turn.shape}" + (" but columns not orthonormal" if good else "")
         must_hold = f"rotation matrices of shape (3, 3) or ({n}, 3, 3)"
-        raise InputError(
-            Problem("wrench, orientations", must_hold, received, "columns are the magnet's axes")
-        )
+        raise InputError.of("wrench, orientations", must_hold, received, "columns are the magnet's axes")
     return np.broadcast_to(turn, (n, 3, 3))

@@ -85,15 +85,13 @@ def magnetic_body(
 def check_payload(payload: Payload | None, where: str, pieces: bool = False) -> Payload:
     """A payload with a positive mass and a positive moment; or of pieces, if these are welcome. Raises InputError."""
     if payload is None:
-        raise InputError(
-            Problem(
-                f"{where}(payload)", "must be a payload", "None", "add a [payload] table to the device file"
-            )
+        raise InputError.of(
+            f"{where}(payload)", "must be a payload", "None", "add a [payload] table to the device file"
         )
     if payload.pieces and not pieces:
         must_hold = "must be one magnet or a moment here"
         remedy = "find_equilibrium, lift_current, currents_for, simulate and MuJoCo take payloads of pieces"
-        raise InputError(Problem(f"{where}(payload.pieces)", must_hold, payload.description, remedy))
+        raise InputError.of(f"{where}(payload.pieces)", must_hold, payload.description, remedy)
     needed = [("mass", payload.mass)] + ([] if payload.pieces else [("moment", payload.moment)])
     problems = [
         Problem(f"{where}(payload.{name})", "must be positive", f"{value}", f"give the payload a {name}")
@@ -137,7 +135,7 @@ def compiled_wrench(field_map: FieldMap, body: MagneticBody) -> tuple[Any, Any]:
     """
     if field_map.current_table is not None:
         must_hold, remedy = "a map without a table of currents", "open it with tabulate_currents=False"
-        raise InputError(Problem("compiled_wrench, field_map", must_hold, "one with a table", remedy))
+        raise InputError.of("compiled_wrench, field_map", must_hold, "one with a table", remedy)
     words = caller(field_map._evaluator.core(), field_map._weights_of_callers(), body.core)
     # Only who compiles functions of their own needs numba.
     from fieldmap.lookup.compiled import wrench_at

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from fieldmap.constants import MU0
 from fieldmap.core.body import Soft
-from fieldmap.errors import InputError, Problem
+from fieldmap.errors import InputError
 from fieldmap.extras import require
 from fieldmap.field import AnyField, as_field
 from fieldmap.records import Record
@@ -72,9 +72,7 @@ def demagnetising_factors(axes: ArrayLike) -> Array:
     size = np.asarray(axes, dtype=np.float64)
     if size.shape != (3,) or not np.isfinite(size).all() or (size <= 0).any():
         must_hold = "must be three positive lengths"
-        raise InputError(
-            Problem("demagnetising_factors(axes)", must_hold, f"{size.tolist()}", "give the axes")
-        )
+        raise InputError.of("demagnetising_factors(axes)", must_hold, f"{size.tolist()}", "give the axes")
     if (size == size[0]).all():
         return np.full(3, 1.0 / 3.0)
     rd = require("scipy.special", "levitation", "soft ellipsoids").elliprd
@@ -126,22 +124,20 @@ def _law_of(shape: SoftBody) -> tuple[float, tuple[Array, Array, Array, Array]]:
     where, material, mu_r = f"payload, {shape_text(shape)}", shape.material, shape.mu_r
     if (material is None) == (mu_r is None):
         received = "neither" if mu_r is None else "both"
-        raise InputError(Problem(where, "must have a material or a mu_r", received, "give one of them"))
+        raise InputError.of(where, "must have a material or a mu_r", received, "give one of them")
     if isinstance(material, SaturatingMaterial):
         material.require_physical()
         return np.inf, knots_of(material)
     if isinstance(material, Material):
         if material.role != "iron":
-            raise InputError(
-                Problem(where, "must be of soft iron", f"a {material.role}", "name another material")
-            )
+            raise InputError.of(where, "must be of soft iron", f"a {material.role}", "name another material")
         mu_r = material.initial_mu_r
     elif mu_r is None:
         must_hold = "must have its material at hand"
         remedy = "take the payload of the device file, or give fieldmap.material(...) or mu_r"
-        raise InputError(Problem(where, must_hold, f"the name {material!r}", remedy))
+        raise InputError.of(where, must_hold, f"the name {material!r}", remedy)
     if not mu_r > 1.0:
-        raise InputError(Problem(where, "must have a mu_r above 1", f"{mu_r}", "correct it"))
+        raise InputError.of(where, "must have a mu_r above 1", f"{mu_r}", "correct it")
     return float(mu_r), _NO_LAW
 
 
@@ -202,7 +198,7 @@ def soft_sphere_force(
     """
     if not (diameter > 0 and np.isfinite(diameter) and mu_r >= 1):
         received = f"diameter {diameter!r}, mu_r {mu_r!r}"
-        raise InputError(Problem("soft_sphere_force", "diameter > 0 in m, mu_r >= 1", received, "correct it"))
+        raise InputError.of("soft_sphere_force", "diameter > 0 in m, mu_r >= 1", received, "correct it")
     a, share = diameter / 2, 1 / mu_r
     answer = [l * (1 - share) / (l + (l + 1) * share) for l in (1, 2)]
     source = as_field(field)

@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 
 import distributed
 
-from fieldmap.errors import InputError, Problem
+from fieldmap.errors import InputError
 from fieldmap.parallel.work import Common, Outcome, WorkerDied, attempt
 from fieldmap.threads import use_threads
 
@@ -138,7 +138,7 @@ def _client_of(scheduler: str) -> distributed.Client:
     except (OSError, ValueError) as error:
         remedy = "start one with   dask scheduler   and copy the address that it prints"
         received = f"{scheduler!r}: {str(error).splitlines()[0] if str(error) else type(error).__name__}"
-        raise InputError(Problem("scheduler", "the address of a dask scheduler", received, remedy)) from error
+        raise InputError.of("scheduler", "the address of a dask scheduler", received, remedy) from error
 
 
 def _client(**where: str) -> distributed.Client:
@@ -150,5 +150,5 @@ def _died(error: BaseException) -> Exception:
     if isinstance(error, distributed.scheduler.KilledWorker):
         remedy = "see the workers' own messages: most often one needs more memory than it was given"
         received = "the death of every process that tried"
-        return WorkerDied(Problem("a piece of work", "a worker that survives it", received, remedy))
+        return WorkerDied.of("a piece of work", "a worker that survives it", received, remedy)
     return error if isinstance(error, Exception) else RuntimeError(repr(error))

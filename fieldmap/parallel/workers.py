@@ -5,7 +5,7 @@ from types import TracebackType
 from typing import Any, TypeVar
 
 from fieldmap.arguments import check_count
-from fieldmap.errors import InputError, Problem
+from fieldmap.errors import InputError
 from fieldmap.parallel.work import Common, Outcome, attempt, in_threads, threads_of_kernels
 
 R = TypeVar("R")
@@ -33,7 +33,7 @@ class Workers:
         if count > 1 and scheduler is not None:
             received = f"workers = {count} and scheduler = {scheduler!r}"
             remedy = "leave workers out: the scheduler knows its own"
-            raise InputError(Problem("workers", "either workers or a scheduler", received, remedy))
+            raise InputError.of("workers", "either workers or a scheduler", received, remedy)
         self._count, self._scheduler = count, scheduler
         self._pool: Any = None
         self._processor_seconds = 0.0
@@ -44,8 +44,8 @@ class Workers:
                 from fieldmap.parallel.pool import Pool
             except ModuleNotFoundError as error:
                 received = f"no module {error.name}"
-                raise InputError(
-                    Problem("workers", "dask.distributed must be installed", received, _REMEDY)
+                raise InputError.of(
+                    "workers", "dask.distributed must be installed", received, _REMEDY
                 ) from error
             self._pool = Pool(self._count, self._scheduler)
         return self

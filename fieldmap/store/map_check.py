@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -14,17 +14,17 @@ from fieldmap.errors import MapFileError, Problem
 from fieldmap.plain import Plain, plain_items
 from fieldmap.records import Record
 from fieldmap.store.map_data import Grid, MapInfo
-from fieldmap.store.map_format import MESHES, OWN, TENSOR, UNREADABLE, VECTOR, planes_per_chunk
+from fieldmap.store.map_format import FLUX_DENSITY, OWN, QUANTITIES, UNREADABLE, Quantity, planes_per_chunk
 from fieldmap.store.map_reader import (
     Refused,
-    check_record,
+    check_attributes,
     hard,
     opened_map,
     read_header,
     read_numbers,
     stored,
 )
-from fieldmap.store.openpmd import TESLA, TESLA_PER_METRE
+from fieldmap.store.openpmd import of_component, of_record, of_source, on_grid
 from fieldmap.store.seal import REMAKE
 from fieldmap.store.stated_accuracy import MissedAccuracy, missed_accuracy
 from fieldmap.typing import Array
@@ -155,13 +155,11 @@ def check_map(path: str | os.PathLike[str]) -> MapCheck:
         findings.attempt(_check_completion, file, info)
         total = None if info.grid.size * 24 > file.id.get_filesize() else np.zeros((*info.grid.shape, 3))
         for number, (name, record) in enumerate(zip(info.field_names, records, strict=True)):
-            for path in (f"{MESHES}/B_{record}", f"{MESHES}/gradB_{record}"):
-                findings.attempt(check_record, file, path, info.grid, name, info.field_scale[number])
-            values = _check_field(file, record, f"field of {name!r}", info.grid, findings)
-            findings.attempt(_check_link, file, f"/ExternalFieldPath/{number + 1}", f"{MESHES}/B_{record}")
-            total = (
-                None if values is None or total is None else total + info.reference_weights[number] * values
-            )
+            source = of_source(name, info.field_scale[number])
+            flux, slope = (_values(file, each, record, source, info.grid, findings) for each in QUANTITIES)
+            _check_field(flux, slope, f"field of {name!r}", info.grid, findings)
+            findings.attempt(_check_link, file, f"/ExternalFieldPath/{number + 1}", FLUX_DENSITY.path(record))
+            total = None if flux is None or total is None else total + info.reference_weights[number] * flux
         _check_total(file, total, info.grid, findings)
         size = int(file.id.get_filesize())
     if findings.problems:
@@ -203,26 +201,20 @@ def _check_completion(file: h5py.File, info: MapInfo) -> None:
         )
 
 
-def _check_field(file: h5py.File, record: str, of: str, grid: Grid, findings: _Findings) -> Array | None:
-    """Check the data sets of one field, and whether they are a magnetic field. Returns B (nx, ny, nz, 3) or None."""
-    flux = _components(file, f"{MESHES}/B_{record}", VECTOR, TESLA, grid, findings)
-    slope = _components(file, f"{MESHES}/gradB_{record}", TENSOR, TESLA_PER_METRE, grid, findings)
-    if slope is not None:
-        gradient = slope.reshape(*grid.shape, 3, 3)
-        scale = float(np.abs(gradient).max()) or 1.0
-        trace = np.abs(np.trace(gradient, axis1=-2, axis2=-1)).max() / scale
-        curl = np.abs(gradient - np.swapaxes(gradient, -2, -1)).max() / scale
-        findings.figure("divergence", float(trace), DIVERGENCE_AND_CURL, of)
-        findings.figure("curl", float(curl), DIVERGENCE_AND_CURL, of)
-        if flux is not None:
-            _check_steps(flux, gradient, of, grid, findings)
-    return flux
-
-
-def _check_steps(flux: Array, gradient: Array, of: str, grid: Grid, findings: _Findings) -> None:
-    mismatch = [_mismatch(flux, gradient, grid, axis) for axis in range(3) if grid.shape[axis] >= 3]
-    if mismatch:
-        worst = max(step for step, _ in mismatch) / (max(size for _, size in mismatch) or 1.0)
+def _check_field(flux: Array | None, slope: Array | None, of: str, grid: Grid, findings: _Findings) -> None:
+    """Check whether numbers (nx, ny, nz, 3) and (nx, ny, nz, 9) are a magnetic field, as far as they were read."""
+    if slope is None:
+        return
+    gradient = slope.reshape(*grid.shape, 3, 3)
+    scale = float(np.abs(gradient).max()) or 1.0
+    trace = np.abs(np.trace(gradient, axis1=-2, axis2=-1)).max() / scale
+    curl = np.abs(gradient - np.swapaxes(gradient, -2, -1)).max() / scale
+    findings.figure("divergence", float(trace), DIVERGENCE_AND_CURL, of)
+    findings.figure("curl", float(curl), DIVERGENCE_AND_CURL, of)
+    axes = [axis for axis in range(3) if grid.shape[axis] >= 3]
+    if flux is not None and axes:
+        steps, sizes = zip(*(_mismatch(flux, gradient, grid, axis) for axis in axes), strict=True)
+        worst = max(steps) / (max(sizes) or 1.0)
         findings.figure("values_against_gradients", worst, VALUES_AND_GRADIENTS, of)
 
 
@@ -234,31 +226,24 @@ def _mismatch(flux: Array, gradient: Array, grid: Grid, axis: int) -> tuple[floa
     return float(np.abs(values[2:] - values[:-2] - integral).max()), float(np.abs(integral).max())
 
 
-def _components(
-    file: h5py.File, record: str, components: tuple[str, ...], unit: Array, grid: Grid, findings: _Findings
+def _values(
+    file: h5py.File,
+    quantity: Quantity,
+    field: str,
+    source: Mapping[str, Any],
+    grid: Grid,
+    findings: _Findings,
 ) -> Array | None:
-    """All components of a record (nx, ny, nz, n); None if one of them cannot be read."""
-    findings.attempt(_check_attributes, file, record, unit, components)
-    values = [findings.attempt(read_numbers, file, f"{record}/{name}", grid) for name in components]
+    """All components of a record (nx, ny, nz, n); None if one of them cannot be read. source: attributes."""
+    path = quantity.path(field)
+    wanted = of_record(quantity.unit) | on_grid(grid) | source
+    findings.attempt(check_attributes, file, path, wanted)
+    values = []
+    for name in quantity.components:
+        findings.attempt(check_attributes, file, f"{path}/{name}", of_component(quantity.unit))
+        values.append(findings.attempt(read_numbers, file, f"{path}/{name}", grid))
     findings.data_sets += len(values)
     return None if any(v is None for v in values) else np.stack(values, axis=-1)
-
-
-def _check_attributes(file: h5py.File, record: str, unit: Array, components: tuple[str, ...]) -> None:
-    """Check the attributes that other programs read: units, axes and order."""
-    at = hard(file, record).attrs
-    wanted = {"dataOrder": b"C", "geometry": b"cartesian", "gridUnitSI": 1.0}
-    for name, value in wanted.items():
-        if at[name] != value:
-            raise Refused(f"{record}, {name}: {value!r}", repr(at[name]), REMAKE)
-    if [bytes(label) for label in at["axisLabels"]] != [b"x", b"y", b"z"]:
-        raise Refused(f"{record}, axisLabels: x, y, z", repr(at["axisLabels"]), REMAKE)
-    for path in (record, *(f"{record}/{name}" for name in components)):
-        here = hard(file, path).attrs
-        if not np.array_equal(here["unitDimension"], unit):
-            raise Refused(f"{path}, unitDimension: {unit.tolist()}", repr(here["unitDimension"]), REMAKE)
-        if path != record and here["unitSI"] != 1.0:
-            raise Refused(f"{path}, unitSI: 1", repr(here["unitSI"]), REMAKE)
 
 
 def _check_link(file: h5py.File, path: str, target: str) -> None:
@@ -269,8 +254,7 @@ def _check_link(file: h5py.File, path: str, target: str) -> None:
 
 
 def _check_total(file: h5py.File, total: Array | None, grid: Grid, findings: _Findings) -> None:
-    findings.attempt(check_record, file, f"{MESHES}/B", grid)
-    there = _components(file, f"{MESHES}/B", VECTOR, TESLA, grid, findings)
+    there = _values(file, FLUX_DENSITY, "", {}, grid, findings)
     if there is None or total is None:
         return
     scale = float(np.abs(total).max()) or 1.0

@@ -5,7 +5,7 @@ import json
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import h5py
 import numpy as np
@@ -13,6 +13,7 @@ import numpy as np
 from fieldmap.records import Record
 from fieldmap.store.map_data import FieldError, Grid, MapInfo, Provenance
 from fieldmap.store.reduced_model import ReducedModel
+from fieldmap.typing import Array
 
 FORMAT_VERSION, WITH_FIXED_SOURCES = 1, 2
 """Version of the format, and version of maps with sources that no current drives, which older readers refuse."""
@@ -26,8 +27,40 @@ PARAMETRISATION = "parametrisation"
 DIVISION_EXPONENT = "division_exponent"
 """Data set that older readers need: n of `LiftAndDirections`, or an empty array for independent currents."""
 VECTOR = ("x", "y", "z")
-TENSOR = tuple(i + j for i in VECTOR for j in VECTOR)
-"""Components of the gradient: "xy" is dB_x/dy."""
+
+
+class Quantity(NamedTuple):
+    """A quantity of which a file holds a record for each field.
+
+    name: of the array in `MapData`; record: begins the record's name; components, tail: those of the record, in the
+    order of the last axes (*tail,) of the array; unit: powers of length, mass, time, current, temperature, amount and
+    luminous intensity; comment: of a field's record, after which the source is named.
+    """
+
+    name: str
+    record: str
+    components: tuple[str, ...]
+    tail: tuple[int, ...]
+    unit: Array
+    comment: str
+
+    def path(self, field: str = "") -> str:
+        """Of the record of a field, by `record_names`; of the total without one."""
+        return f"{MESHES}/{self.record}" + (f"_{field}" if field else "")
+
+
+FLUX_DENSITY = Quantity(
+    "flux_density", "B", VECTOR, (3,), np.array([0.0, 1.0, -2.0, -1.0, 0.0, 0.0, 0.0]), "flux density of {}"
+)
+GRADIENT = Quantity(
+    "gradient",
+    "gradB",
+    tuple(i + j for i in VECTOR for j in VECTOR),
+    (3, 3),
+    np.array([-1.0, 1.0, -2.0, -1.0, 0.0, 0.0, 0.0]),
+    "gradient of the flux density of {}; component xy is dB_x/dy",
+)
+QUANTITIES = (FLUX_DENSITY, GRADIENT)
 
 
 def record_names(coil_names: Sequence[str]) -> tuple[str, ...]:
@@ -71,15 +104,10 @@ def chunks_of(grid: Grid) -> tuple[Chunk, ...]:
     return tuple(Chunk(n, first, min(first + planes, grid.shape[0])) for n, first in enumerate(starts))
 
 
-def component_paths(record: str) -> dict[str, list[str]]:
-    """Paths of the components of flux density and gradient of one field."""
-    return {
-        "flux_density": [f"{MESHES}/B_{record}/{c}" for c in VECTOR],
-        "gradient": [f"{MESHES}/gradB_{record}/{c}" for c in TENSOR],
-    }
-
-
 Value = TypeVar("Value")
+# Parts of the provenance that stand in the header under their own names: texts, and texts by name.
+_TEXTS = ("title", "device_name", "created", "fingerprint")
+_NAMED_TEXTS = ("versions", "included")
 
 # Exceptions of h5py for a damaged or foreign file.
 UNREADABLE = (OSError, KeyError, ValueError, TypeError, RuntimeError, AttributeError)
@@ -124,14 +152,10 @@ def header_of(info: MapInfo) -> dict[str, Any]:
     fixed = {"fixed_sources": list(info.fixed_sources), "constant_field": info.constant_field}
     return {
         "format": format_of(info),
-        "title": source.title,
-        "device_name": source.device_name,
-        "created": source.created,
-        "fingerprint": source.fingerprint,
+        **{name: getattr(source, name) for name in _TEXTS},
         "recipe_sha256": sha256(source.recipe_text),
         "device_sha256": sha256(source.device_text),
-        "versions": dict(source.versions),
-        "included": dict(source.included),
+        **{name: dict(getattr(source, name)) for name in _NAMED_TEXTS},
         "coil_names": list(info.coil_names),
         "record_names": list(record_names(info.field_names)),
         "reference_current_A": info.reference_current.tolist(),
@@ -163,28 +187,29 @@ def info_from(
 ) -> MapInfo:
     """The map's description from header, report and source texts; KeyError, TypeError or ValueError if ill-formed."""
     provenance = Provenance(
-        title=_value(header, "title", str),
-        device_name=_value(header, "device_name", str),
         recipe_text=recipe,
         device_text=device,
-        fingerprint=_value(header, "fingerprint", str),
-        versions=_named_texts(header["versions"]),
-        included=_named_texts(header.get("included", {})),
         solver_report=dict(report["solver_report"]),
         assumptions=_texts(report, "assumptions"),
-        created=_value(header, "created", str),
+        **{name: _value(header, name, str) for name in _TEXTS},
+        # Older files do not say what they included.
+        **{name: _named_texts({"included": {}, **header}[name]) for name in _NAMED_TEXTS},
     )
+
+    def stated(name: str) -> FieldError | None:
+        return None if report.get(name) is None else _error_from(report[name])
+
     return MapInfo(
         grid=Grid(header["lower_m"], header["spacing_m"], tuple(header["shape"])),
         coil_names=_texts(header, "coil_names"),
         reference_current=np.array(header["reference_current_A"]),
         provenance=provenance,
-        interpolation_error=_error_from(report["interpolation_error"]),
-        error_bounds=_bounds_from(report["error_bounds"]),
+        interpolation_error=stated("interpolation_error"),
+        error_bounds={kind: _error_from(error) for kind, error in report["error_bounds"].items()},
         reduced_model=reduced_model,
-        current_error=_error_from(report.get("current_error")),
-        fixed_sources=_texts(header, "fixed_sources") if "fixed_sources" in header else (),
-        constant_field=_value(header, "constant_field", bool) if "constant_field" in header else False,
+        current_error=stated("current_error"),
+        fixed_sources=_texts({"fixed_sources": [], **header}, "fixed_sources"),
+        constant_field=_value({"constant_field": False, **header}, "constant_field", bool),
     )
 
 
@@ -208,22 +233,11 @@ def to_json(values: Mapping[str, Any]) -> str:
 
 
 def _error_keys(error: FieldError | None) -> dict[str, float] | None:
-    if error is None:
-        return None
-    return {"flux_density_T": float(error.flux_density), "gradient_T_per_m": float(error.gradient)}
+    return error and {"flux_density_T": float(error.flux_density), "gradient_T_per_m": float(error.gradient)}
 
 
-def _error_from(keys: Mapping[str, float] | None) -> FieldError | None:
-    if keys is None:
-        return None
+def _error_from(keys: Mapping[str, float]) -> FieldError:
     numbers = (float(keys["flux_density_T"]), float(keys["gradient_T_per_m"]))
     if not all(np.isfinite(number) and number >= 0.0 for number in numbers):
         raise ValueError(f"a stated error of {numbers}")
     return FieldError(*numbers)
-
-
-def _bounds_from(keys: Mapping[str, Mapping[str, float]]) -> dict[str, FieldError]:
-    bounds = {str(kind): _error_from(error) for kind, error in keys.items()}
-    if any(error is None for error in bounds.values()):
-        raise ValueError("a certified bound without numbers")
-    return {kind: error for kind, error in bounds.items() if error is not None}

@@ -9,10 +9,11 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
@@ -27,17 +28,18 @@ from fieldmap.store.map_format import (
     FORMAT_VERSION,
     OWN,
     PARAMETRISATION,
+    QUANTITIES,
     REDUCED_MODEL,
     UNREADABLE,
     WITH_FIXED_SOURCES,
-    component_paths,
+    Quantity,
     format_of,
     info_from,
     read_text,
     record_names,
     sha256,
 )
-from fieldmap.store.openpmd import fixed
+from fieldmap.store.openpmd import of_source, on_grid
 from fieldmap.store.reduced_model import ARRAYS, OPTIONAL, ReducedModel, parametrisation_of
 from fieldmap.store.seal import REMAKE, check_seal
 from fieldmap.typing import Array
@@ -149,13 +151,12 @@ def read_map(path: str | os.PathLike[str]) -> MapData:
     """
     with opened_map(path) as file:
         info, records = read_header(file)
-        paths = [component_paths(record) for record in records]
-        for name, scale, each in zip(info.field_names, info.field_scale, paths, strict=True):
-            for components in each.values():
-                check_record(file, components[0].rpartition("/")[0], info.grid, name, scale)
-        flux = _components(file, [p["flux_density"] for p in paths], info, (3,))
-        gradient = _components(file, [p["gradient"] for p in paths], info, (3, 3))
-        return MapData(**vars(info), flux_density=flux, gradient=gradient)
+        for number, (name, record) in enumerate(zip(info.field_names, records, strict=True)):
+            wanted = on_grid(info.grid) | of_source(name, info.field_scale[number])
+            for quantity in QUANTITIES:
+                check_attributes(file, quantity.path(record), wanted)
+        arrays = {quantity.name: _values(file, quantity, records, info) for quantity in QUANTITIES}
+        return MapData(**vars(info), **arrays)
 
 
 def read_info(path: str | os.PathLike[str]) -> MapInfo:
@@ -282,32 +283,31 @@ def _parametrisation(file: h5py.File, coils: int) -> CurrentParametrisation:
     return named
 
 
-def _components(file: h5py.File, paths: list[list[str]], info: MapInfo, tail: tuple[int, ...]) -> Array:
-    """Read components as an array (n_fields, nx, ny, nz, *tail), per ampere for coils, at weight 1 for other fields."""
-    checked = [[check_numbers(file, path, info.grid) for path in components] for components in paths]
-    needed = len(paths) * int(np.prod(tail)) * info.grid.size * 8
+def _values(file: h5py.File, quantity: Quantity, records: tuple[str, ...], info: MapInfo) -> Array:
+    """Read a quantity of all fields (n_fields, nx, ny, nz, *tail), per ampere for coils, at weight 1 for others."""
+    shape, count = (len(records), *info.grid.shape), len(quantity.components)
+    checked = [
+        [check_numbers(file, f"{quantity.path(record)}/{c}", info.grid) for c in quantity.components]
+        for record in records
+    ]
+    needed = len(records) * count * info.grid.size * 8
     if needed > file.id.get_filesize():
         received = f"a file of {file.id.get_filesize()} bytes"
         raise Refused(f"{needed} bytes of numbers, each stored once", received, REMAKE)
-    values = np.empty((len(paths), *info.grid.shape, int(np.prod(tail))))
+    values = np.empty((*shape, count))
     for number, (components, scale) in enumerate(zip(checked, info.field_scale, strict=True)):
         for c, data in enumerate(components):
             values[number, ..., c] = _finite(data)
         values[number] /= scale
-    return values.reshape(len(paths), *info.grid.shape, *tail)
+    return values.reshape(*shape, *quantity.tail)
 
 
-def check_record(file: h5py.File, path: str, grid: Grid, name: str = "", scale: float = 1.0) -> None:
-    """Check that the attributes for other programs state the same grid, coil and reference current as the header.
-
-    name: of the field; "" for the total, which has no name. Raises Refused.
-    """
-    at = hard(file, path).attrs
-    same = np.array_equal(at["gridSpacing"], grid.spacing)
-    if not (same and np.array_equal(at["gridGlobalOffset"], grid.lower)):
-        raise Refused(f"{path} on the map's grid", "another spacing or corner", REMAKE)
-    if name and (bytes(at["coilName"]) != bytes(fixed(name)) or at["referenceCurrent"] != scale):
-        raise Refused(f"{path} of {name!r} at {scale:g} A", "another coil or current", REMAKE)
+def check_attributes(file: h5py.File, path: str, wanted: Mapping[str, Any]) -> None:
+    """Check attributes for other programs. Raises Refused."""
+    attributes = hard(file, path).attrs
+    for name, value in wanted.items():
+        if not np.array_equal(attributes[name], value):
+            raise Refused(f"{path}, {name}: {value}", repr(attributes[name]), REMAKE)
 
 
 def check_numbers(file: h5py.File, path: str, grid: Grid) -> h5py.Dataset:

@@ -292,11 +292,9 @@ def _key(chunk: Chunk) -> str:
 def _check_finite(target: Path, chunk: Chunk, flux_density: Array, gradient: Array) -> None:
     if np.isfinite(flux_density).all() and np.isfinite(gradient).all():
         return
-    raise FieldmapError(
-        Problem(
-            f"{target.name}, x-planes {chunk.first} to {chunk.last - 1}",
-            "flux density and gradient are finite at every node",
-            "NaN or infinity from the solver",
-            "move the box away from edges of iron and windings, where a field can be singular",
-        )
+    raise FieldmapError.of(
+        f"{target.name}, x-planes {chunk.first} to {chunk.last - 1}",
+        "flux density and gradient are finite at every node",
+        "NaN or infinity from the solver",
+        "move the box away from edges of iron and windings, where a field can be singular",
     )

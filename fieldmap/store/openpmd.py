@@ -4,19 +4,14 @@ Standard: openPMD 1.1.0 (doi:10.5281/zenodo.1167843); external fields as openPMD
 All strings are of fixed length.
 """
 
-from collections.abc import Sequence
 from typing import Any
 
 import h5py
 import numpy as np
 
 from fieldmap.store.map_data import NO_CURRENT, Grid, MapData, MapInfo
-from fieldmap.store.map_format import MESHES, TENSOR, VECTOR, planes_per_chunk, record_names
+from fieldmap.store.map_format import FLUX_DENSITY, QUANTITIES, Quantity, planes_per_chunk, record_names
 from fieldmap.typing import Array
-
-# Powers of length, mass, time, current, temperature, amount, luminous intensity.
-TESLA = np.array([0.0, 1.0, -2.0, -1.0, 0.0, 0.0, 0.0])
-TESLA_PER_METRE = np.array([-1.0, 1.0, -2.0, -1.0, 0.0, 0.0, 0.0])
 
 
 def write_openpmd(file: h5py.File, map_data: MapData) -> None:
@@ -26,25 +21,17 @@ def write_openpmd(file: h5py.File, map_data: MapData) -> None:
     iteration = file.create_group("/data/0")
     iteration.attrs.update(time=np.float64(0), dt=np.float64(0), timeUnitSI=np.float64(1))
     comment = "total, every coil at its reference current"
-    record = _write_record(file, "B", VECTOR, TESLA, grid, comment, _total(map_data))
+    record = _write_record(file, FLUX_DENSITY, "", grid, comment, _total(map_data))
     record.attrs["referenceCurrent"] = map_data.reference_current
     names = record_names(map_data.field_names)
-    each = zip(
-        map_data.field_names,
-        names,
-        map_data.field_scale,
-        map_data.flux_density,
-        map_data.gradient.reshape(*map_data.gradient.shape[:-2], 9),
-        strict=True,
-    )
-    for name, part, scale, flux, tensor in each:
-        of = _source(map_data, name, scale)
-        comment = f"flux density of {of}"
-        pair = [_write_record(file, f"B_{part}", VECTOR, TESLA, grid, comment, flux, scale)]
-        comment = f"gradient of the flux density of {of}; component xy is dB_x/dy"
-        pair += [_write_record(file, f"gradB_{part}", TENSOR, TESLA_PER_METRE, grid, comment, tensor, scale)]
-        for record in pair:
-            _describe(record.id, coilName=fixed(name), referenceCurrent=np.float64(scale))
+    for number, (name, part, scale) in enumerate(
+        zip(map_data.field_names, names, map_data.field_scale, strict=True)
+    ):
+        for quantity in QUANTITIES:
+            values = getattr(map_data, quantity.name)[number].reshape(*grid.shape, -1)
+            comment = quantity.comment.format(_source(map_data, name, scale))
+            record = _write_record(file, quantity, part, grid, comment, values, scale)
+            _describe(record.id, **of_source(name, scale))
     for number, part in enumerate(names, start=1):
         driven = map_data.field_names[number - 1] != NO_CURRENT
         _link_external_field(file, number, part, grid, f"I_{part}" if driven else "none")
@@ -53,9 +40,8 @@ def write_openpmd(file: h5py.File, map_data: MapData) -> None:
 def _total(map_data: MapData) -> Array:
     """(nx, ny, nz, 3): the sum of the fields at their reference currents, T."""
     total = np.zeros((*map_data.grid.shape, 3))
-    for weight, scale, flux in zip(
-        map_data.reference_weights, map_data.field_scale, map_data.flux_density, strict=True
-    ):
+    each = zip(map_data.reference_weights, map_data.field_scale, map_data.flux_density, strict=True)
+    for weight, scale, flux in each:
         total += weight * (flux * scale)
     return total
 
@@ -95,36 +81,51 @@ def _write_root(file: h5py.File, info: MapInfo) -> None:
     file.attrs["openPMDextension"] = np.uint32(0)
 
 
+def on_grid(grid: Grid) -> dict[str, Any]:
+    """Attributes of a record by which other programs know where its nodes lie."""
+    return {"gridSpacing": grid.spacing, "gridGlobalOffset": grid.lower}
+
+
+def of_source(name: str, scale: float) -> dict[str, Any]:
+    """Attributes of a record by which other programs know of which field it is, and at which current, A."""
+    return {"coilName": fixed(name), "referenceCurrent": np.float64(scale)}
+
+
+def of_record(unit: Array) -> dict[str, Any]:
+    """The other attributes that openPMD prescribes for a record."""
+    return {
+        "geometry": fixed("cartesian"),
+        "dataOrder": fixed("C"),
+        "axisLabels": np.array([b"x", b"y", b"z"]),
+        "gridUnitSI": np.float64(1),
+        "unitDimension": unit,
+        "timeOffset": np.float64(0),
+    }
+
+
+def of_component(unit: Array) -> dict[str, Any]:
+    """Attributes that openPMD prescribes for a component of a record."""
+    return {"unitSI": np.float64(1), "position": np.zeros(3), "unitDimension": unit}
+
+
 def _write_record(
     file: h5py.File,
-    name: str,
-    components: Sequence[str],
-    unit: np.ndarray,
+    quantity: Quantity,
+    field: str,
     grid: Grid,
     comment: str,
     values: Array,
     scale: float = 1.0,
 ) -> h5py.Group:
     """Write a record with its attributes. values (nx, ny, nz, n components) are multiplied by scale."""
-    record = file.create_group(f"{MESHES}/{name}")
-    _describe(
-        record.id,
-        geometry=fixed("cartesian"),
-        dataOrder=fixed("C"),
-        axisLabels=np.array([b"x", b"y", b"z"]),
-        gridSpacing=grid.spacing,
-        gridGlobalOffset=grid.lower,
-        gridUnitSI=np.float64(1),
-        unitDimension=unit,
-        timeOffset=np.float64(0),
-        comment=fixed(comment),
-    )
+    record = file.create_group(quantity.path(field))
+    _describe(record.id, **of_record(quantity.unit), **on_grid(grid), comment=fixed(comment))
     # The low-level calls of HDF5 are used, because the high-level ones of h5py take longer than the writing.
     kind, space, created = h5py.h5t.IEEE_F64LE, h5py.h5s.create_simple(grid.shape), _storage(grid)
-    for c, component in enumerate(components):
+    for c, component in enumerate(quantity.components):
         data = h5py.h5d.create(record.id, component.encode(), kind, space, dcpl=created)
         data.write(h5py.h5s.ALL, h5py.h5s.ALL, values[..., c] * scale)
-        _describe(data, unitSI=np.float64(1), position=np.zeros(3), unitDimension=unit)
+        _describe(data, **of_component(quantity.unit))
     return record
 
 
@@ -163,4 +164,4 @@ def _link_external_field(file: h5py.File, number: int, record: str, grid: Grid, 
         fieldScale=np.float64(1),
         masterParameter=fixed(master),
     )
-    group["magneticField"] = h5py.SoftLink(f"{MESHES}/B_{record}")
+    group["magneticField"] = h5py.SoftLink(FLUX_DENSITY.path(record))

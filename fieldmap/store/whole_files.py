@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from fieldmap.errors import FieldmapError, InputError, Problem
+from fieldmap.errors import FieldmapError, InputError
 from fieldmap.typing import PathLike
 
 
@@ -39,8 +39,8 @@ def whole_file(path: PathLike) -> Iterator[Path]:
         os.replace(partial, target)
     except OSError as error:
         reason = error.strerror or str(error)
-        raise InputError(
-            Problem(str(target), "must be a place that can be written", reason, "choose another")
+        raise InputError.of(
+            str(target), "must be a place that can be written", reason, "choose another"
         ) from None
     finally:
         with suppress(OSError):
@@ -80,9 +80,7 @@ def disk_errors(path: PathLike) -> Iterator[None]:
     except (OSError, RuntimeError) as error:
         reason = getattr(error, "strerror", None) or (str(error).splitlines() or [type(error).__name__])[0]
         remedy = "free space on the disk or write elsewhere, then run again: finished parts are there"
-        raise FieldmapError(
-            Problem(str(path), "must be a file that can be written", reason, remedy)
-        ) from error
+        raise FieldmapError.of(str(path), "must be a file that can be written", reason, remedy) from error
 
 
 def sync_folder(folder: Path) -> None:

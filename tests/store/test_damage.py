@@ -167,7 +167,7 @@ def no_coils(file):
         (nan_node, "B_1/x: finite numbers; received NaN"),
         (newer, "file format 1 or 2; received format 3"),
         (of_another_format, "received format 2, and 1 in its header"),
-        (wrong_spacing, "B_1 on the map's grid; received another spacing"),
+        (wrong_spacing, "B_1, gridSpacing: .* received array"),
         (other_recipe, "the recipe it was made from; received a recipe text with another hash"),
         (edited_header, "damaged or foreign"),
         (no_coils, "undamaged map file|at least one coil|positive currents"),

@@ -112,9 +112,12 @@ def exchange(file):
         (attribute("/data/0/meshes/B", "dataOrder", np.bytes_(b"F")), "B, dataOrder"),
         (attribute("/data/0/meshes/B", "gridUnitSI", 1e-3), "B, gridUnitSI"),
         (attribute("/data/0/meshes/gradB_lower", "axisLabels", np.array([b"z", b"y", b"x"])), "axisLabels"),
-        (attribute("/data/0/meshes/gradB_lower", "gridGlobalOffset", np.zeros(3)), "on the map's grid"),
-        (attribute("/data/0/meshes/gradB_lower", "referenceCurrent", 3.0), "'lower' at 0.5 A"),
-        (attribute("/data/0/meshes/gradB_lower", "coilName", np.bytes_(b"upper")), "'lower' at 0.5 A"),
+        (
+            attribute("/data/0/meshes/gradB_lower", "gridGlobalOffset", np.zeros(3)),
+            "gradB_lower, gridGlobalOffset",
+        ),
+        (attribute("/data/0/meshes/gradB_lower", "referenceCurrent", 3.0), "referenceCurrent: 0.5"),
+        (attribute("/data/0/meshes/gradB_lower", "coilName", np.bytes_(b"upper")), "coilName: b'lower'"),
         (relink, "a soft link to /data/0/meshes/B_lower"),
     ],
 )
