@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Container, Iterable
+from collections.abc import Callable, Container, Iterable, Mapping
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -42,41 +43,38 @@ def check(holds: bool, where: str, must_hold: str, received: object, remedy: str
         raise InputError.of(where, must_hold, str(received), remedy)
 
 
+def _check_each(
+    where: str, numbers: Mapping[str, Any], fits: Callable[[Any], bool], must_hold: str, remedy: str
+) -> None:
+    raise_all(
+        Problem(f"{where}({name})", must_hold, f"{value!r}", remedy.format(name))
+        for name, value in numbers.items()
+        if not fits(value)
+    )
+
+
 def check_numbers(where: str, **numbers: float) -> None:
     """Every number finite; raises InputError with all that are not."""
-    raise_all(
-        Problem(f"{where}({name})", "must be a finite number", f"{value!r}", "give its value in SI units")
-        for name, value in numbers.items()
-        if not finite_number(value)
-    )
+    _check_each(where, numbers, finite_number, "must be a finite number", "give its value in SI units")
 
 
 def check_positive(where: str, **numbers: float) -> None:
     """Every number finite and above zero; raises InputError with all that are not."""
-    raise_all(
-        Problem(
-            f"{where}({name})", "must be a finite number above 0", f"{value!r}", f"give a positive {name}"
-        )
-        for name, value in numbers.items()
-        if not (finite_number(value) and value > 0)
-    )
+    must_hold = "must be a finite number above 0"
+    _check_each(where, numbers, lambda v: finite_number(v) and v > 0, must_hold, "give a positive {}")
 
 
 def check_not_negative(where: str, **numbers: float) -> None:
     """Every number finite and at least zero; raises InputError with all that are not."""
-    raise_all(
-        Problem(f"{where}({name})", "must be a finite number, 0 or more", f"{value!r}", f"give {name} >= 0")
-        for name, value in numbers.items()
-        if not (finite_number(value) and value >= 0)
-    )
+    must_hold = "must be a finite number, 0 or more"
+    _check_each(where, numbers, lambda v: finite_number(v) and v >= 0, must_hold, "give {} >= 0")
 
 
 def check_count(where: str, **numbers: int) -> None:
     """Every number whole and at least one; raises InputError with all that are not."""
-    raise_all(
-        Problem(f"{where}({name})", "must be a whole number, 1 or more", f"{value!r}", f"give {name} >= 1")
-        for name, value in numbers.items()
-        if not (isinstance(value, (int, np.integer)) and value >= 1)
+    must_hold = "must be a whole number, 1 or more"
+    _check_each(
+        where, numbers, lambda v: isinstance(v, (int, np.integer)) and v >= 1, must_hold, "give {} >= 1"
     )
 
 
@@ -141,6 +139,9 @@ def raise_all(problems: Iterable[Problem], error: type[InputError] = InputError)
         raise error(*found)
 
 
+_OF_VECTORS, _VECTORS = "must be numbers of shape (3,) or (n, 3)", "give x, y, z in SI units"
+
+
 def checked_vectors(name: str, values: ArrayLike) -> tuple[Array, bool]:
     """`values` as (n, 3), and whether a single vector (3,) was given. Raises InputError for other shapes."""
     try:
@@ -148,11 +149,11 @@ def checked_vectors(name: str, values: ArrayLike) -> tuple[Array, bool]:
         array = np.require(values, np.float64, ["C", "W"])
     except (TypeError, ValueError):
         remedy = remedy_of_moment(values, _VECTORS)
-        raise InputError(_not_vectors(name, repr(values)[:80], remedy)) from None
+        raise InputError.of(name, _OF_VECTORS, repr(values)[:80], remedy) from None
     if array.ndim == 1 and array.size == 3:
         return array.reshape(1, 3), True
     if array.ndim != 2 or array.shape[1] != 3:
-        raise InputError(_not_vectors(name, f"shape {array.shape}"))
+        raise InputError.of(name, _OF_VECTORS, f"shape {array.shape}", _VECTORS)
     return array, False
 
 
@@ -161,10 +162,3 @@ def remedy_of_moment(value: object, remedy: str) -> str:
     if not isinstance(value, Record):
         return remedy
     return "of a payload give fieldmap.lookup.magnetic_body(payload), or its moment as (0, 0, payload.moment)"
-
-
-_VECTORS = "give x, y, z in SI units"
-
-
-def _not_vectors(name: str, received: str, remedy: str = _VECTORS) -> Problem:
-    return Problem(name, "must be numbers of shape (3,) or (n, 3)", received, remedy)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from inspect import getattr_static
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -14,8 +14,17 @@ from fieldmap.typing import Array
 
 with needs("make", "models of magpylib"):
     import magpylib
-if TYPE_CHECKING:
-    from fieldmap.field import FieldAtCurrents
+
+
+class AtCurrents(Protocol):
+    """What is asked of a field at fixed currents, see `fieldmap.field.FieldAtCurrents`."""
+
+    @property
+    def currents(self) -> Array:
+        """Currents (n_coils,), A."""
+
+    def field(self, points: Array) -> Array:
+        """B (n, 3), T, at points (n, 3), m."""
 
 
 Outlines = Callable[[], Sequence[Any]]
@@ -43,7 +52,7 @@ class FieldSource(magpylib.misc.CustomSource):
 
     def __init__(
         self,
-        field: FieldAtCurrents,
+        field: AtCurrents,
         domain: tuple[Array, Array] | None = None,
         outlines: Outlines = tuple,
         position: Any = (0.0, 0.0, 0.0),
@@ -56,7 +65,7 @@ class FieldSource(magpylib.misc.CustomSource):
         super().__init__(position=position, orientation=orientation, style=style, **style_keys)
 
     @property
-    def field(self) -> FieldAtCurrents:
+    def field(self) -> AtCurrents:
         """The field at its currents, in the frame of the source."""
         return self._shared.field
 
@@ -92,9 +101,7 @@ class FieldSource(magpylib.misc.CustomSource):
 class _Shared:
     """What copies of a source have in common: solutions and maps are large and never change."""
 
-    def __init__(
-        self, field: FieldAtCurrents, domain: tuple[Array, Array] | None, outlines: Outlines
-    ) -> None:
+    def __init__(self, field: AtCurrents, domain: tuple[Array, Array] | None, outlines: Outlines) -> None:
         self.field, self.domain, self.outlines = field, domain, outlines
 
     def __deepcopy__(self, memo: dict[int, object]) -> _Shared:
@@ -136,7 +143,7 @@ class _Shared:
 
 
 def source_of_field(
-    field: FieldAtCurrents, domain: tuple[Array, Array] | None, outlines: Outlines, **options: Any
+    field: AtCurrents, domain: tuple[Array, Array] | None, outlines: Outlines, **options: Any
 ) -> FieldSource:
     """A `FieldSource`; options are its position, orientation and style. Raises InputError for what magpylib refuses."""
     try:

@@ -15,7 +15,7 @@ from fieldmap.device.model import Payload
 from fieldmap.errors import InputError
 from fieldmap.field import Bounds, dipole_wrench
 from fieldmap.io.field_source import FieldSource
-from fieldmap.lookup.inverse_of_field import currents_for
+from fieldmap.lookup.inverse import currents_for
 from fieldmap.lookup.magnetic_body import MagneticBody
 from fieldmap.lookup.payload import check_payload
 from fieldmap.plain import Plain, plain_fields, plain_items

@@ -12,7 +12,7 @@ from fieldmap.lookup.current_table import CurrentTable
 from fieldmap.lookup.evaluation import Evaluator, MapAtCurrents
 from fieldmap.lookup.field_map import FieldMap, interpolate, open_map
 from fieldmap.lookup.finite_magnet import FiniteMagnet, finite_magnet, volume_rule
-from fieldmap.lookup.inverse_of_field import currents_for
+from fieldmap.lookup.inverse import currents_for
 from fieldmap.lookup.iron_response import (
     compiled_currents,
     core_map,

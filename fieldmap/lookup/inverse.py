@@ -2,14 +2,17 @@
 
     min sum_k R_k I_k^2   with   rows(field(I)) = demand,   currents within their limits
 
-All cases are this one problem. They differ in how the field follows the currents (`fieldmap.lookup.inverse_fields`), in
-the rows (`Demand`, of a dipole or a body), in what may change (`Variables`: the currents, or the signals of a
+All cases are this one problem (`fieldmap.lookup.inverse_problem`). They differ in how the field follows the currents,
+in the rows (`Demand`, of a dipole or a body), in what may change (`Variables`: the currents, or the signals of a
 parametrisation), and in where a search begins. A linear problem is solved at once.
 """
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterator
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -17,19 +20,94 @@ from numpy.typing import ArrayLike
 from fieldmap.arguments import checked_vectors
 from fieldmap.currents import TOLERANCE, IndependentCurrents
 from fieldmap.errors import Infeasible, InputError, NotConverged
-from fieldmap.field import coil_currents
+from fieldmap.field import AnyField, Field, as_field, coil_currents, require_affine
 from fieldmap.lookup.actuation import Limits, checked_limits
-from fieldmap.lookup.demand import Demand
-from fieldmap.lookup.inverse_fields import SolvedField, SumOfFields
-from fieldmap.lookup.inverse_goal import Goal, Variables
+from fieldmap.lookup.demand import Demand, demand_of
+from fieldmap.lookup.inverse_problem import Goal, SolvedField, SumOfFields, Variables
 from fieldmap.lookup.inverse_search import Search, linear_currents
-from fieldmap.lookup.inverse_starts import starts_on_soft_iron
-from fieldmap.lookup.magnetic_body import checked_turns
+from fieldmap.lookup.magnetic_body import MagneticBody, checked_turns
 from fieldmap.store import ReducedModel
 from fieldmap.typing import Array
 
 _SAVING_ON_SOFT_IRON = 1e-7
 _UPRIGHT = np.eye(3)
+# Of the search for currents that pull soft iron.
+_SMALL = 1e-3  # currents, of the typical ones, at which soft iron is still linear
+_NO_SLOPE = 1e-9  # of what typical currents give: rounding
+_ASIDE = (0.0, 1.0, -1.0)  # of the wanted force: what is tried beside it along each other row
+_EIGENVECTORS = 2
+_RESCALINGS = 12
+
+
+def currents_for(
+    field: AnyField,
+    position: ArrayLike,
+    force: ArrayLike | None = None,
+    moment: ArrayLike | MagneticBody | None = None,
+    limits: Limits = None,
+    *,
+    torque: ArrayLike | None = None,
+    flux_density: ArrayLike | None = None,
+    gradient: ArrayLike | None = None,
+    resistance: ArrayLike | None = None,
+    start: ArrayLike | None = None,
+    orientation: ArrayLike | None = None,
+) -> Array:
+    """Currents of least power that give what is asked for at a position, in a map or in a device without a map.
+
+    Of a device whose saturating iron is solved for all currents anew (`fieldmap.iron.NonlinearSolver`) the demand is
+    met to 1e-5, and every step of the search takes a solve or a few.
+
+    Parameters
+    ----------
+    field
+        Map, solution, coils, or a field of your own.
+    flux_density
+        (3,), T; NaN leaves a component free.
+    position, force, moment, limits, torque, gradient, resistance, start, orientation
+        As in `FieldMap.currents_for`.
+
+    Returns
+    -------
+    Array
+        Currents (n_coils,), A.
+
+    Raises
+    ------
+    InputError
+        For a field that neither superposes nor has derivatives by its currents, and as `FieldMap.currents_for`.
+    Infeasible, OutsideMapError, NotConverged
+        As `FieldMap.currents_for`.
+
+    Examples
+    --------
+    >>> import fieldmap as fm
+    >>> unit = fm.solve_linear("loop_and_sphere")
+    >>> currents_for(unit, [0, 0, -0.02], flux_density=[np.nan, np.nan, 1e-3]) * unit.field([0, 0, -0.02], 1.0)[2]
+    array([0.001])
+    """
+    demand = demand_of(force, moment, torque, flux_density, gradient)
+    return least_power_currents(
+        _fields_of(as_field(field)), position, demand, limits, resistance, start, orientation
+    )
+
+
+def _fields_of(source: Field) -> SumOfFields | SolvedField:
+    """Raises InputError for a field that neither superposes nor has derivatives by its currents."""
+    if hasattr(source, "_fields_of_currents"):
+        fields: SumOfFields = source._fields_of_currents()
+        return fields
+    if not source.affine and hasattr(source, "by_currents"):
+        return SolvedField(source.by_currents, source.coil_names)
+    require_affine(source, "currents_for")
+    coils = len(source.coil_names)
+
+    def each_field(points: Array, flux: Array, slope: Array) -> None:
+        flux[:, :coils], slope[:, :coils] = source.unit_field(points), source.unit_gradient(points)
+        if not source.proportional:
+            flux[:, coils], slope[:, coils] = source.field_and_gradient(points, np.zeros(coils))
+
+    return SumOfFields(each_field, source.coil_names, constant=not source.proportional)
 
 
 def least_power_currents(
@@ -170,3 +248,58 @@ def best_of(searches: list[Search]) -> Array:
     if not found:
         raise min(refused, key=searches[0].left_by)
     return min(found, key=searches[0].variables.power)
+
+
+def starts_on_soft_iron(goal: Goal, scale: float) -> Iterator[Array]:
+    """Where searches begin for a force on soft iron, of second order in the currents: docs/theory/wrench.md (11).
+
+    Currents (n,), A, along the strongest directions of the second derivative of the demand, and of the demand with
+    more or less beside it, as long as it takes.
+
+    Both ways unless only the square of the currents counts. scale: a current, A, of the usual size.
+    """
+    of, units, size = goal.variables, np.eye(len(goal.variables.cost)), _SMALL * scale
+    none = of.within(np.zeros(len(units)))
+    idle = goal.about(none)[1]
+    # (n, r, n): of each row, by two currents.
+    bends = np.array([(goal.about(none + size * unit)[1] - idle) / size for unit in units])
+    lengths = np.abs(bends).max(axis=(0, 2))
+    even = bool((np.abs(idle).max(axis=1) <= _NO_SLOPE * scale * lengths).all())
+    if not even:
+        yield none
+    per_length = np.where(lengths > 0.0, 1.0 / np.maximum(lengths, 1e-300), 0.0)
+    wanted = goal.demand.values * per_length
+    if not wanted.any():
+        yield none
+        return
+    wanted /= np.abs(wanted).max()
+    main = int(np.argmax(np.abs(wanted)))
+    ways = (1.0,) if even and np.allclose(of.low, -of.high) else (1.0, -1.0)
+    others = [row for row in np.flatnonzero(lengths) if row != main][:2]
+    for aside in product(_ASIDE, repeat=len(others)):
+        share = wanted.copy()
+        share[others] += aside
+        matrix = np.einsum("r,krn->kn", share * per_length, bends)
+        _, vectors = np.linalg.eigh(matrix + matrix.T)
+        for vector, way in product(vectors.T[: -_EIGENVECTORS - 1 : -1], ways):
+            first = _as_long_as_needed(goal, main, way * vector, scale)
+            if first is not None:
+                yield first
+
+
+def _as_long_as_needed(goal: Goal, main: int, along: Array, scale: float) -> Array | None:
+    """Currents in this direction that give about the main row of the demand; as many as there are where it takes more,
+    None where they give none of it."""
+    wanted = float(goal.demand.values[main])
+    direction = along / np.abs(along).max()
+    currents = goal.variables.within(scale * direction)
+    for _ in range(_RESCALINGS):
+        given = float(goal.about(currents)[0][main])
+        if given * wanted <= 0.0:
+            return None
+        ratio = math.sqrt(wanted / given)
+        following = goal.variables.within(min(ratio, 10.0) * currents)
+        if abs(ratio - 1.0) < 0.01 or np.array_equal(following, currents):
+            break
+        currents = following
+    return currents

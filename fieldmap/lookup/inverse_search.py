@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from fieldmap.core.least_power import BEYOND_LIMITS, FOUND, NO_END, OUT_OF_RANGE
 from fieldmap.errors import FieldmapError, Infeasible, NotConverged
-from fieldmap.lookup.inverse_goal import Goal, Variables
+from fieldmap.lookup.inverse_problem import Goal, Variables
 from fieldmap.typing import Array
 
 _ROUNDING = 1e-13

@@ -15,8 +15,7 @@ from fieldmap.lookup import MagneticBody, currents_for, interpolate, magnetic_bo
 from fieldmap.lookup.current_model import CurrentSearch
 from fieldmap.lookup.demand import Demand, demand_of
 from fieldmap.lookup.inverse import best_of, least_power_currents
-from fieldmap.lookup.inverse_fields import SumOfFields
-from fieldmap.lookup.inverse_goal import Variables
+from fieldmap.lookup.inverse_problem import SumOfFields, Variables
 from fieldmap.lookup.inverse_search import Search
 from fieldmap.store import Grid, MapData
 from tests.dynamics.conftest import saturating_map
