@@ -1,7 +1,5 @@
 """What an ampere does where iron saturates: the derivative of the map by its currents, and compiled lookups at any."""
 
-import pickle
-
 import numba
 import numpy as np
 import pytest
@@ -147,10 +145,6 @@ def test_compiled_lookups_solve_for_new_currents(m, data):
     assert np.isnan(function(own, np.array([2.5]), *PLACE)[0]).all()
     wide, open_ended = interpolate(data, outside_currents="evaluate").compiled()
     assert np.isfinite(wide(open_ended, np.array([2.5]), *PLACE)[0]).all()
-
-
-def test_a_pickled_map_gives_the_same_bits(m):
-    np.testing.assert_array_equal(pickle.loads(pickle.dumps(m)).field(PLACE, [1.3]), m.field(PLACE, [1.3]))
 
 
 BODY = magnetic_body(

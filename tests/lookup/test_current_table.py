@@ -1,6 +1,7 @@
 """The table of a map over a current division, against the model that it is made from and a law known in closed form."""
 
 import pickle
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numba
@@ -8,10 +9,11 @@ import numpy as np
 import pytest
 
 import fieldmap.lookup.current_table as tables
-from fieldmap.currents import IndependentCurrents, LiftAndDirections, divide_currents
+from fieldmap.currents import IndependentCurrents, divide_currents
 from fieldmap.errors import InputError, OutsideMapError
 from fieldmap.lookup import interpolate
-from fieldmap.store import FieldError, Grid, MapData, ReducedModel
+from fieldmap.store import FieldError, Grid
+from tests.dynamics.conftest import saturating_data
 
 LOWER, UPPER, N = np.array([1.0, -0.4, -0.3]), np.array([2.2, 0.4, 0.3]), 1.25
 INSIDE = divide_currents(1.63, 0.117, -0.212, N)
@@ -19,42 +21,8 @@ INSIDE = divide_currents(1.63, 0.117, -0.212, N)
 
 @pytest.fixture(scope="module")
 def data():
-    """Two fields of iron whose weights follow the currents by a law of one point: b = 2000 h up to 1 mT, then h + c."""
-    rng = np.random.default_rng(5)
-    grid = Grid([-0.01] * 3, [0.01] * 3, (3, 3, 3))
-    slope = rng.normal(size=(8, 3, 3))
-    slope += slope.transpose(0, 2, 1)
-    slope -= np.eye(3) * np.trace(slope, axis1=1, axis2=2)[:, None, None] / 3
-    flux = 0.02 * rng.normal(size=(8, 1, 3)) + np.einsum("kij,pj->kpi", slope, grid.points())
-    points = 40
-    gradients = rng.standard_normal((3 * points, 3))
-    reduced = ReducedModel(
-        gradients=gradients,
-        source=1e-3 * rng.standard_normal((3 * points, 6)),
-        weights=rng.random(points) + 0.1,
-        law=np.zeros(points, np.int64),
-        law_offset=np.array([0, 2]),
-        law_knots=np.array([0.0, 1e-3]),
-        law_coefficients=np.array([[0.0, 0.0, 2000.0, 0.0], [0.0, 0.0, 1.0, 2.0]]),
-        air=0.02 * np.eye(3),
-        constant=np.zeros(3),
-        output=10.0 * rng.standard_normal((2, 3)),
-        known_currents=np.ones((1, 6)),
-        known_amplitudes=np.full((1, 3), 1e-4),
-        lower=LOWER,
-        upper=UPPER,
-        parametrisation=LiftAndDirections(N),
-        reference_weights=np.ones(2),
-    )
-    return MapData(
-        grid,
-        tuple("123456"),
-        np.ones(6),
-        flux_density=flux.reshape(8, 3, 3, 3, 3),
-        gradient=np.broadcast_to(slope[:, None, None, None], (8, 3, 3, 3, 3, 3)),
-        reduced_model=reduced,
-        current_error=FieldError(1e-9, 1e-9),
-    )
+    """A map whose current model is better than any table."""
+    return replace(saturating_data(), current_error=FieldError(1e-9, 1e-9))
 
 
 @pytest.fixture(scope="module")
@@ -85,7 +53,9 @@ def test_the_table_is_as_near_to_the_model_as_it_says(pair):
 
 def test_more_nodes_are_nearer_with_the_order_of_cubic_splines(data, monkeypatch):
     """Fourth order where the law is smooth: here linear iron far below its knee, curved by nothing but the division."""
-    smooth = MapData(**{**vars(data), "reduced_model": weak(data.reduced_model)})
+    model = data.reduced_model
+    weak = replace(model, source=1e-6 * model.source, output=1e6 * model.output)
+    smooth = replace(data, reduced_model=weak)
     errors = []
     for nodes in ((5, 9, 9), (9, 17, 17)):
         monkeypatch.setattr(tables, "SIZES", (nodes,))
@@ -94,12 +64,6 @@ def test_more_nodes_are_nearer_with_the_order_of_cubic_splines(data, monkeypatch
     # The signals enter the currents as a polynomial of degree 1 in u, 3 in x and 2 in y: the splines are exact.
     size = np.abs(interpolate(smooth).field([0.01, 0.01, 0.01], INSIDE)).max()
     assert max(errors) < 1e-6 * size
-
-
-def weak(model):
-    """The same iron, a millionth of the field: it does not saturate."""
-    changed = {"source": 1e-6 * model.source, "output": 1e6 * model.output}
-    return ReducedModel(**{**{name: getattr(model, name) for name in model.__dataclass_fields__}, **changed})
 
 
 def test_compiled_code_changes_the_currents_too(pair):
@@ -140,9 +104,7 @@ def test_a_tabulated_map_is_pickled_with_its_table(pair):
 
 
 def test_other_maps_have_nothing_to_tabulate(data):
-    linear = MapData(
-        data.grid, data.coil_names, np.ones(6), flux_density=data.flux_density[:6], gradient=data.gradient[:6]
-    )
+    linear = replace(data, reduced_model=None, flux_density=data.flux_density[:6], gradient=data.gradient[:6])
     with pytest.raises(InputError, match="linear iron"):
         interpolate(linear, tabulate_currents=True)
     box = SimpleNamespace(model=SimpleNamespace(parametrisation=IndependentCurrents(6)))

@@ -1,5 +1,6 @@
 """The forms of a map against closed forms, each other's doors, Taylor's theorem and Maxwell's equations."""
 
+import magpylib
 import numpy as np
 import pytest
 
@@ -55,12 +56,34 @@ def test_field_and_gradient_also_in_the_boundary_layer(opened, dipoles, kind, fl
     assert np.abs(our_slope - slope).max() < slope_bound * np.abs(slope).max()
 
 
-def test_convergence_of_the_harmonic_form(dipoles):
-    # Degree 5 of the potential: B of degree 4, hence order 5, gradient 4, second gradient 3.
+def test_closed_forms_of_the_test_itself(dipoles):
+    points, step = dipoles.points(20), 1e-6
+    sources = [
+        magpylib.misc.Dipole(moment=i * moment, position=source)
+        for i, moment, source in zip(CURRENTS, dipoles.moments, dipoles.sources, strict=True)
+    ]
+    flux, slope = exact(dipoles, points)
+    np.testing.assert_allclose(flux, magpylib.getB(sources, points, sumup=True), rtol=1e-9)
+    for j, shift in enumerate(step * np.eye(3)):
+        ahead, behind = (magpylib.getB(sources, points + s * shift, sumup=True) for s in (1, -1))
+        difference = (ahead - behind) / (2 * step)
+        np.testing.assert_allclose(slope[..., j], difference, atol=1e-6 * np.abs(difference).max())
+
+
+@pytest.mark.parametrize(
+    ("kind", "orders", "bounds"),
+    [
+        # Degree 5 of the potential: B of degree 4, hence order 5, gradient 4, second gradient 3.
+        ("harmonic", [4.7, 3.7, 2.7, -np.inf], [1e-6, 2e-5, 1e-3, 1e-12]),
+        ("hermite", [3.7, 2.7, 1.7, 2.7], [1e-5, 2e-4, 2e-2, 4e-4]),
+    ],
+)
+def test_convergence(dipoles, kind, orders, bounds):
+    """Of field, gradient, second gradient, and of divergence and curl, where the error peaks."""
     sizes, errors = np.array([12, 18, 27]), []
     places = np.stack(np.meshgrid(*[[0.03, 0.5]] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
     for n in sizes:
-        m = interpolate(dipoles.map(n), "harmonic")
+        m = interpolate(dipoles.map(n), kind)
         cells = np.array([[0, 0, 0], [n // 2, n // 2, n - 1], [n - 1, n - 1, n - 1]])
         points = dipoles.lower + (cells[:, None] + places).reshape(-1, 3) * m.info.grid.spacing
         flux, slope = exact(dipoles, points)
@@ -68,15 +91,12 @@ def test_convergence_of_the_harmonic_form(dipoles):
         step = 1e-5
         shifted = [exact(dipoles, points + s * step * axis)[1] for axis in np.eye(3) for s in (1, -1)]
         bends = np.stack([(shifted[2 * k] - shifted[2 * k + 1]) / (2 * step) for k in range(3)], axis=-1)
-        our_bends = m.second_gradient(points, CURRENTS)
-        errors.append(
-            [np.abs(ours - flux).max(), np.abs(our_slope - slope).max(), np.abs(our_bends - bends).max()]
-        )
-    orders = -np.polyfit(np.log(sizes), np.log(errors), 1)[0]
-    assert np.all(orders > [4.7, 3.7, 2.7])
-    assert errors[-1][0] < 1e-6 * np.abs(flux).max()
-    assert errors[-1][1] < 2e-5 * np.abs(slope).max()
-    assert errors[-1][2] < 1e-3 * np.abs(bends).max()
+        uneven = np.abs(our_slope - our_slope.transpose(0, 2, 1)).max()
+        uneven += np.abs(np.trace(our_slope, axis1=1, axis2=2)).max()
+        found = [ours - flux, our_slope - slope, m.second_gradient(points, CURRENTS) - bends, uneven]
+        errors.append([np.abs(off).max() for off in found])
+    assert np.all(-np.polyfit(np.log(sizes), np.log(errors), 1)[0] > orders)
+    assert np.all(errors[-1] < bounds * np.array([np.abs(of).max() for of in (flux, slope, bends, slope)]))
 
 
 def polynomial_map(degree):
@@ -320,3 +340,34 @@ def test_a_form_knows_how_many_nodes_or_cells_it_has(dipoles, kind, places):
 def test_size(opened):
     assert opened["global"].nbytes < 3 * 8 * 17**2 + 1000
     assert opened["harmonic"].nbytes == pytest.approx(12 * 10 * 12 * 3 * 36 * 8, rel=0.01)
+
+
+def test_changed_currents_are_not_served_from_the_last_ones(opened, dipoles):
+    m, points = opened["harmonic"], dipoles.points(opened["harmonic"].info.grid.size)
+    first = m.field(points, CURRENTS)
+    np.testing.assert_allclose(m.field(points, 2 * CURRENTS), 2 * first, rtol=1e-12)
+    np.testing.assert_array_equal(m.field(points, CURRENTS), first)
+
+
+def test_every_point_may_have_its_own_currents(opened, dipoles):
+    points, currents = dipoles.points(6), np.random.default_rng(1).normal(size=(6, 3))
+    for m in opened.values():
+        apart = [m.field(point, row) for point, row in zip(points, currents, strict=True)]
+        np.testing.assert_allclose(m.field(points, currents), apart, rtol=1e-12)
+
+
+@pytest.mark.parametrize("n_points", [3, 1000])
+def test_a_single_coil(dipoles, n_points):
+    points = dipoles.points(n_points)
+    expected = 3.0 * dipoles.field(dipoles.moments[0], dipoles.sources[0], points)
+    error = np.abs(interpolate(dipoles.map((6, 5, 6), n_coils=1)).field(points, [3.0]) - expected).max()
+    assert error < 1e-3 * np.abs(expected).max()
+
+
+def test_a_point_without_a_row_gives_results_without_one(opened, dipoles):
+    m, point = opened["harmonic"], dipoles.points(1)[0]
+    shapes = [of(point, CURRENTS).shape for of in (m.field, m.gradient, m.second_gradient)]
+    assert shapes == [(3,), (3, 3), (3, 3, 3)]
+    assert m.wrench(point, [0, 0, 1], CURRENTS).shape == (6,)
+    assert (m.unit_field(point).shape, m.unit_gradient(point).shape) == ((3, 3), (3, 3, 3))
+    np.testing.assert_allclose(m.field(point, CURRENTS), m.field([point], CURRENTS)[0], rtol=1e-12)

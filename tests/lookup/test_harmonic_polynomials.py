@@ -56,15 +56,6 @@ def test_no_point_of_a_sphere_is_beyond_the_bound_and_one_reaches_it(degree):
     assert abs(table[0] @ numbers) == pytest.approx(bound, rel=1e-12)
 
 
-def test_all_nine_entries_of_gradients_are_derivatives_of_the_field():
-    points, step = np.random.default_rng(5).uniform(-1.0, 1.0, (6, 3)), 1e-5
-    found = gradient_matrix(7, points)
-    for j, along in enumerate(step * np.eye(3)):
-        ahead, behind = (field_matrix(7, points + side * along) for side in (1, -1))
-        expected = (ahead - behind) / (2 * step)
-        np.testing.assert_allclose(found[:, :, j], expected, atol=1e-8 * np.abs(found).max())
-
-
 @pytest.mark.parametrize("shape", [(5, 7, 6), (14, 5, 15)], ids=["all nodes", "some of them"])
 def test_the_polynomial_of_a_box_is_that_of_least_squares(shape):
     """Of fields and gradients that no polynomial holds, against one system of all equations."""

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import scipy.constants
 from scipy.integrate import quad
+from scipy.spatial.transform import Rotation
 
 import fieldmap as fm
 from fieldmap.device.payload import (
@@ -53,15 +54,7 @@ SLOPE = np.array([[0.3, 0.5, -0.2], [0.5, -0.9, 0.7], [-0.2, 0.7, 0.6]])
 FLUX = np.array([0.02, -0.05, 0.08])
 
 
-def turned(axis_angle):
-    """Rotation matrix of a rotation vector (Rodrigues)."""
-    angle = np.linalg.norm(axis_angle)
-    x, y, z = np.asarray(axis_angle) / angle
-    k = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    return np.eye(3) + np.sin(angle) * k + (1 - np.cos(angle)) * k @ k
-
-
-TURN = turned([0.4, -0.7, 0.3])
+TURN = Rotation.from_rotvec([0.4, -0.7, 0.3]).as_matrix()
 
 
 def wrench(shape, flux=FLUX, slope=SLOPE, at=(0.0, 0.0, 0.0), turn=TURN):
@@ -169,6 +162,7 @@ PAIR = Payload(
         PayloadPiece(MagnetSphere(3e-3, 1.2), fm.placed([0.0, -5e-3, 0.0], [90.0, 0.0, 0.0])),
     ],
 )
+AT, AMPERES = np.array([0.003, 0.002, -0.004]), np.array([1.0, -0.7, 0.4])
 LOOPS = [(0.016, [0.02, 0.0, 0.03]), (0.025, [-0.02, 0.01, 0.035]), (0.02, [0.0, -0.02, -0.04])]
 
 
@@ -197,19 +191,22 @@ class Loops(Field):
 @pytest.mark.parametrize("turns", [300.0, 3e3, 2e4])
 def test_wrench_is_the_slope_of_the_energy_by_place_and_by_turn(turns):
     field, body = Loops(turns), magnetic_body(PAIR)
-    at, currents = np.array([0.003, 0.002, -0.004]), np.array([1.0, -0.7, 0.4])
+    at, currents = AT, AMPERES
     found = body.wrench(field, at, currents, TURN)
     size = [np.linalg.norm(found[:3]), np.linalg.norm(found[3:])]
     for j in range(3):
         unit = np.eye(3)[j]
         moved = [body.energy(field, at + s * 1e-5 * unit, currents, TURN) for s in (-1, 1)]
         assert (moved[0] - moved[1]) / 2e-5 == pytest.approx(found[j], abs=2e-5 * size[0])
-        spun = [body.energy(field, at, currents, turned(s * 1e-4 * unit) @ TURN) for s in (-1, 1)]
+        spun = [
+            body.energy(field, at, currents, Rotation.from_rotvec(s * 1e-4 * unit).as_matrix() @ TURN)
+            for s in (-1, 1)
+        ]
         assert (spun[0] - spun[1]) / 2e-4 == pytest.approx(found[3 + j], abs=2e-5 * size[1])
 
 
 def test_a_body_is_the_sum_of_its_pieces_with_their_arms():
-    field, at, currents = Loops(), np.array([0.003, 0.002, -0.004]), np.array([1.0, -0.7, 0.4])
+    field, at, currents = Loops(), AT, AMPERES
     together = magnetic_body(PAIR).wrench(field, at, currents, TURN)
     apart = np.zeros(6)
     for piece in PAIR.pieces:
@@ -221,11 +218,7 @@ def test_a_body_is_the_sum_of_its_pieces_with_their_arms():
 
 def test_slopes_by_the_currents_pass_a_taylor_test():
     field, body = Loops(), magnetic_body(PAIR)
-    at, currents, along = (
-        np.array([0.003, 0.002, -0.004]),
-        np.array([1.0, -0.7, 0.4]),
-        np.array([0.3, 1.0, -0.6]),
-    )
+    at, currents, along = AT, AMPERES, np.array([0.3, 1.0, -0.6])
     about = wrench_actuation(field, at, body, currents, TURN)
     here = body.wrench(field, at, currents, TURN)
     np.testing.assert_allclose(about.matrix @ currents + about.constant, here, rtol=1e-12)
@@ -259,7 +252,7 @@ def test_rules_for_the_magnets_among_pieces(opened):
 
 def test_stiffness_is_the_slope_of_the_force():
     field, body = Loops(), magnetic_body(PAIR)
-    at, currents = np.array([0.003, 0.002, -0.004]), np.array([1.0, -0.7, 0.4])
+    at, currents = AT, AMPERES
     stiffness = body.stiffness(field, at, currents, TURN)
     steps = 1e-5 * np.eye(3)
     ahead, behind = (body.wrench(field, at + s * steps, currents, TURN)[:, :3] for s in (1, -1))
@@ -268,11 +261,7 @@ def test_stiffness_is_the_slope_of_the_force():
 
 
 def test_what_a_sphere_at_its_centre_leaves_out_falls_with_the_square_of_its_size():
-    field, at, currents = (
-        CompletedField(Loops()),
-        np.array([[0.003, 0.002, -0.004]]),
-        np.array([1.0, -0.7, 0.4]),
-    )
+    field, at, currents = CompletedField(Loops()), AT[None], AMPERES
     sizes = np.array([0.5e-3, 1e-3, 2e-3, 4e-3])
     off = []
     for diameter in sizes:
@@ -284,7 +273,7 @@ def test_what_a_sphere_at_its_centre_leaves_out_falls_with_the_square_of_its_siz
 
 
 def test_the_rules_of_a_cylinder_converge():
-    field, at, currents = Loops(), np.array([0.003, 0.002, -0.004]), np.array([1.0, -0.7, 0.4])
+    field, at, currents = Loops(), AT, AMPERES
     magnet = MagnetCylinder(0.010, 0.008, 1.3)
     exact = volume_rule(magnet, 8).wrench(field, at, currents, TURN)
     off = [

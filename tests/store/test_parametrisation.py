@@ -1,47 +1,26 @@
 """How a map of saturating iron states which currents it is for, and how older files did."""
 
+from dataclasses import replace
+
 import h5py
 import numpy as np
 import pytest
 
 from fieldmap.currents import CoilGroups, IndependentCurrents, LiftAndDirections
 from fieldmap.errors import MapFileError
-from fieldmap.store import Grid, MapData, ReducedModel, read_map, seal_map, write_map
+from fieldmap.store import read_map, seal_map, write_map
 from fieldmap.store.map_format import REDUCED_MODEL
+from tests.dynamics.conftest import saturating_data
 
 ATTRIBUTE = "parametrisation"
 ALL = [IndependentCurrents(6), LiftAndDirections(1.25), CoilGroups(((0, 1, 2), (3, 4, 5)))]
 
 
 def saturating_map(parametrisation):
-    rng = np.random.default_rng(1)
-    grid, signals = Grid([-0.01, -0.01, -0.1], [0.01, 0.01, 0.005], (3, 3, 3)), parametrisation.signal_count
-    model = ReducedModel(
-        gradients=rng.normal(size=(6, 2)),
-        source=rng.normal(size=(6, 6)),
-        weights=np.array([1e-6, 2e-6]),
-        law=np.array([0, 0]),
-        law_offset=np.array([0, 2]),
-        law_knots=np.array([0.0, 1e3]),
-        law_coefficients=rng.normal(size=(2, 4)),
-        air=np.eye(2),
-        constant=np.zeros(2),
-        output=rng.normal(size=(1, 2)),
-        known_currents=np.ones((1, 6)),
-        known_amplitudes=np.zeros((1, 2)),
-        lower=np.linspace(0.5, 1.0, signals),
-        upper=np.linspace(2.0, 3.0, signals),
-        parametrisation=parametrisation,
-        reference_weights=np.array([0.3]),
-    )
-    return MapData(
-        grid,
-        tuple("123456"),
-        np.ones(6),
-        reduced_model=model,
-        flux_density=rng.normal(size=(7, 3, 3, 3, 3)),
-        gradient=rng.normal(size=(7, 3, 3, 3, 3, 3)),
-    )
+    signals, data = parametrisation.signal_count, saturating_data()
+    domain = {"lower": np.linspace(0.5, 1.0, signals), "upper": np.linspace(2.0, 3.0, signals)}
+    model = replace(data.reduced_model, parametrisation=parametrisation, **domain)
+    return replace(data, reduced_model=model)
 
 
 def changed(path, change):
