@@ -8,57 +8,42 @@ import pytest
 from fieldmap.currents import CurrentDomain, IndependentCurrents, LiftAndDirections
 from fieldmap.device.materials.froehlich import Froehlich
 from fieldmap.iron.elements.bh_law import law_tables, straight_laws
-from fieldmap.iron.solvers.reduced import GalerkinModel
 from fieldmap.maps.training import condensation
 from fieldmap.maps.training.condensation import condensed
 from fieldmap.maps.training.currents import extreme_signals
+from tests.maps.bar import Bar, bar, solved
 
 ACCURACY = 1e-3
 STEEL = Froehlich("steel", 2000.0, 2.1)
 
 
 @dataclass
-class Case:
-    """A model, the fields of its modes, and what of these a change is off."""
+class Case(Bar):
+    """A bar with a domain of its currents."""
 
-    model: GalerkinModel
     domain: CurrentDomain
-    fields: np.ndarray
 
-    def off(self, currents, amplitudes, changes):
-        sizes = np.linalg.norm(amplitudes @ self.fields, axis=1)
-        return np.linalg.norm(changes @ self.fields, axis=1) / np.maximum(sizes, 1e-3 * sizes.max())
-
-    def condensed(self):
+    def condensed(self, accuracy=ACCURACY):
         known = np.array([self.domain.middle])
-        amplitudes = np.array([self.model.solve(values, np.zeros(self.model.modes))[0] for values in known])
-        return condensed(self.model, (known, amplitudes), self.domain, self.fields, self.off, ACCURACY)
+        pair = known, solved(self.model, known)
+        return condensed(self.model, pair, self.domain, self.fields, self.off, accuracy)
 
     def changes(self, found, currents):
         """Of the field, as shares of the accuracy, at currents (s, c)."""
-        whole = [self.model.solve(values, np.zeros(self.model.modes))[0] for values in currents]
-        few = [found.basis @ found.model.solve(values, np.zeros(found.model.modes))[0] for values in currents]
-        return self.off(currents, np.array(whole), np.array(few) - np.array(whole)) / ACCURACY
+        whole = solved(self.model, currents)
+        few = solved(found.model, currents) @ found.basis.T
+        return self.off(currents, whole, few - whole) / ACCURACY
+
+    def combined(self, count=16):
+        """So many modes, by the states of the choice."""
+        by, _ = condensation._currents(self.domain)
+        states = condensation._States(self.model, by, solved(self.model, by), self.fields)
+        return condensation.Condensed(*states.combined(count, self.off), 0.0)
 
 
-def case(tables, domain, modes=40, points=300, seen=12):
-    """Smooth modes in a bar, each weaker in the field than the last, of which `seen` numbers are looked at."""
-    random, coils = np.random.default_rng(4), domain.parametrisation.coil_count
-    places = np.linspace(0.0, 1.0, points)
-    waves = np.cos(np.pi * places[:, None] * np.arange(modes) + random.uniform(0.0, 3.0, (3, 1, modes)))
-    gradients = np.moveaxis(waves, 0, 1).reshape(3 * points, modes) * np.geomspace(1.0, 0.05, modes)
-    near = np.exp(-(((places[:, None] - np.linspace(0.1, 0.9, coils)) / 0.2) ** 2))
-    source = (near[:, None] * random.standard_normal((3, coils))).reshape(3 * points, coils) * 5e-3
-    model = GalerkinModel(
-        gradients,
-        source,
-        np.full(points, 1.0 / points),
-        np.zeros(points, np.int64),
-        tables,
-        gradients.T @ gradients / points + 0.05 * np.eye(modes),
-        np.zeros(modes),
-    )
-    return Case(model, domain, random.standard_normal((modes, seen)) / (1.0 + np.arange(modes))[:, None] ** 2)
+def case(tables, domain):
+    made = bar(tables, domain.parametrisation.coil_count, 40, 300, falls=2)
+    return Case(made.model, made.fields, domain)
 
 
 @pytest.fixture(scope="module")
@@ -83,8 +68,7 @@ def test_fewer_modes_and_points_give_the_field_at_other_currents(free):
 
 def test_modes_do_not_depend_on_the_numbers_of_modes_tried_before(free):
     currents = free.domain.at(np.random.default_rng(3).random((60, 3)))
-    amplitudes = np.array([free.model.solve(values, np.zeros(free.model.modes))[0] for values in currents])
-    states = condensation._States(free.model, currents, amplitudes, free.fields)
+    states = condensation._States(free.model, currents, solved(free.model, currents), free.fields)
     first = states.combined(16, free.off)[1]
     states.combined(24, free.off)
     np.testing.assert_array_equal(states.combined(16, free.off)[1], first)
@@ -109,11 +93,7 @@ def test_adjoint_states_make_the_field_better_than_proper_modes_alone(free, monk
     errors = []
     for share in (condensation._ADJOINT, 1e-9):
         monkeypatch.setattr(condensation, "_ADJOINT", share)
-        by, _ = condensation._currents(free.domain)
-        amplitudes = np.array([free.model.solve(values, np.zeros(free.model.modes))[0] for values in by])
-        states = condensation._States(free.model, by, amplitudes, free.fields)
-        model, basis = states.combined(16, free.off)
-        errors.append(free.changes(condensation.Condensed(model, basis, 0.0), others).max())
+        errors.append(free.changes(free.combined(), others).max())
     assert errors[0] < 0.7 * errors[1]
 
 
@@ -129,9 +109,8 @@ def test_linear_iron_needs_a_mode_for_each_coil():
 
 
 def test_where_all_modes_are_needed_all_stay(free):
-    seen = Case(free.model, free.domain, np.eye(free.model.modes))
-    known = np.zeros((1, 3)), np.zeros((1, seen.model.modes))
-    found = condensed(seen.model, known, seen.domain, seen.fields, seen.off, 1e-9 * ACCURACY)
+    seen = replace(free, fields=np.eye(free.model.modes))
+    found = seen.condensed(1e-9 * ACCURACY)
     assert found.model is seen.model
     assert found.changed == 0.0
     np.testing.assert_array_equal(found.basis, np.eye(seen.model.modes))
@@ -154,11 +133,7 @@ def test_states_beside_a_domain_of_few_signals_count(monkeypatch):
     errors = []
     for share in (condensation._BESIDE, 0.0):
         monkeypatch.setattr(condensation, "_BESIDE", share)
-        by, _ = condensation._currents(box)
-        whole = np.array([divided.model.solve(values, np.zeros(divided.model.modes))[0] for values in by])
-        states = condensation._States(divided.model, by, whole, divided.fields)
-        model, basis = states.combined(16, divided.off)
-        errors.append(divided.changes(condensation.Condensed(model, basis, 0.0), beside).max())
+        errors.append(divided.changes(divided.combined(), beside).max())
     assert errors[0] < 0.8 * errors[1]
 
 
