@@ -21,26 +21,29 @@ device = "pair.toml"
 spacing_mm = 2.0
 """
 
-FEW_STATES = """
+SATURATING = """
 format = 1
-title = "Two cores, saturating"
+title = "Below two cores, saturating"
 device = "two_cores.toml"
 spacing_mm = 2.5
 
 [iron]
 model = "saturating"
-refinement = 0.3
+refinement = {refinement}
 
 [currents]
 lower_A = [0.5, -1.0]
 upper_A = 2.0
-states = 10
-accuracy = 1e-9
-modes = 12
-points = 60
-fields = 4
-held_out = 2
+states = {states}
+accuracy = {accuracy}
+modes = {modes}
+points = {points}
+fields = {fields}
+held_out = {held_out}
 """
+FEW_STATES = SATURATING.format(
+    refinement=0.3, states=10, accuracy="1e-9", modes=12, points=60, fields=4, held_out=2
+)
 
 
 @pytest.fixture

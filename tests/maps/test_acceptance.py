@@ -2,7 +2,6 @@
 
 import io
 import json
-import pickle
 import re
 import subprocess
 import sys
@@ -15,7 +14,7 @@ import pytest
 
 import fieldmap as fm
 from fieldmap.cli import main
-from fieldmap.errors import MapAccuracyWarning, MapErrorTooLarge, Problem
+from fieldmap.errors import MapAccuracyWarning, MapErrorTooLarge
 from fieldmap.io.map_summary import summarise_map
 from fieldmap.iron import NonlinearSolver
 from fieldmap.maps import generation
@@ -367,11 +366,3 @@ def test_the_states_that_are_needed_follow_from_the_rounds_and_cost_what_states_
     # No recipe holds more.
     most = Plan(**{**vars(PLAN), "states": 4096})
     assert shortfall(used, most).states is None
-
-
-def test_the_error_travels_between_processes():
-    error = MapErrorTooLarge(
-        Problem("a", "b", "c", "d"), reached=MissedAccuracy(0.1, 0.2, 1e-3, 5), part="modes"
-    )
-    copied = pickle.loads(pickle.dumps(error))
-    assert (copied.problems, copied.reached, copied.part) == (error.problems, error.reached, "modes")

@@ -162,10 +162,6 @@ def test_polynomials_of_cells_and_box_differ_by_no_more_than_the_bound(rig_map):
     assert bound == pytest.approx(expected, rel=1e-2)
 
 
-def test_forms_without_a_certificate_say_so(rig_map):
-    assert open_map(rig_map, "hermite").error_bound is None
-
-
 @pytest.mark.parametrize(("count", "degree"), [(24, 18), (12, 8), (5, 4)])
 def test_polynomials_stay_below_samples_times_the_factor(count, degree):
     """Ehlich and Zeller, in two variables; worst of many random polynomials, and of cos(degree arccos)."""

@@ -224,42 +224,30 @@ def test_default_place_is_maps_out_below_the_current_folder(coarse, monkeypatch)
     assert path.resolve() == coarse / "maps" / "out" / "recipe.h5"
 
 
-def refused(rig, error, words, output="map.h5"):
+WINDING = "[box]\nlower_mm = [-25, -25, 0]\nupper_mm = [25, 25, 36]\n"
+SPHERE = "[box]\nlower_mm = [-8, -8, -20]\nupper_mm = [8, 8, -5]\n"
+
+
+@pytest.mark.parametrize(
+    ("box", "device", "turns", "output", "error", "words"),
+    [
+        (WINDING, "pair.toml", "100", "map.h5", GeometryError, "'upper'"),
+        (SPHERE, "loop_and_sphere", "100", "map.h5", GeometryError, "'sphere'"),
+        ("", "pair.toml", '"many"', "map.h5", DeviceFileError, "coil.upper.turns"),
+        ("", "pair.toml", "100", "map.csv", RecipeError, 'ends in .h5; received "map.csv"'),
+        ("", "pair.toml", "100", ".", RecipeError, "ends in .h5; received a folder"),
+        ("", "pair.toml", "100", "pair.toml/map.h5", InputError, "a file that can be written"),
+    ],
+)
+def test_what_is_wrong_leaves_no_file(rig, recipe_text, box, device, turns, output, error, words):
+    (rig / "recipe.toml").write_text(recipe_text.replace("pair.toml", device) + box)
+    pair = rig / "pair.toml"
+    pair.write_text(pair.read_text().replace("turns = 100", f"turns = {turns}"))
     before = sorted(rig.rglob("*"))
     with pytest.raises(error, match=words) as caught:
         generate(rig / "recipe.toml", rig / output)
     assert caught.value.exit_code == 2
     assert sorted(rig.rglob("*")) == before
-
-
-def test_a_box_that_cuts_a_winding(rig, recipe_text):
-    box = "[box]\nlower_mm = [-25, -25, 0]\nupper_mm = [25, 25, 36]\n"
-    (rig / "recipe.toml").write_text(recipe_text + box)
-    refused(rig, GeometryError, "'upper'")
-
-
-def test_a_box_that_cuts_iron(rig, recipe_text):
-    box = "[box]\nlower_mm = [-8, -8, -20]\nupper_mm = [8, 8, -5]\n"
-    (rig / "recipe.toml").write_text(recipe_text.replace("pair.toml", "loop_and_sphere") + box)
-    refused(rig, GeometryError, "'sphere'")
-
-
-def test_a_broken_device(rig):
-    device = rig / "pair.toml"
-    device.write_text(device.read_text().replace("turns = 100", 'turns = "many"'))
-    refused(rig, DeviceFileError, "coil.upper.turns")
-
-
-@pytest.mark.parametrize(
-    ("output", "words"),
-    [("map.csv", 'ends in .h5; received "map.csv"'), (".", "ends in .h5; received a folder")],
-)
-def test_a_bad_output(rig, output, words):
-    refused(rig, RecipeError, words, output)
-
-
-def test_an_output_below_a_file(rig):
-    refused(rig, InputError, "a file that can be written", "pair.toml/map.h5")
 
 
 def test_a_solver_that_fails_leaves_nothing(rig, monkeypatch):

@@ -4,11 +4,12 @@ import re
 import subprocess
 import sys
 
-import h5py
 import pytest
 
 from fieldmap.maps import generate
 from fieldmap.store import checkpoint_path
+from tests.maps.conftest import SATURATING
+from tests.store.conftest import numbers_in
 
 LINEAR = """
 format = 1
@@ -20,26 +21,9 @@ spacing_mm = 2.0
 refinement = 0.7
 """
 
-SATURATING = """
-format = 1
-title = "Two cores, saturating"
-device = "two_cores.toml"
-spacing_mm = 2.0
-
-[iron]
-model = "saturating"
-refinement = 0.7
-
-[currents]
-lower_A = [0.5, -1.0]
-upper_A = 2.0
-states = 12
-accuracy = 1e-6
-modes = 20
-points = 100
-fields = 4
-held_out = 2
-"""
+FINER = SATURATING.replace("2.5", "2.0").format(
+    refinement=0.7, states=12, accuracy="1e-6", modes=20, points=100, fields=4, held_out=2
+)
 
 # As in test_kill.py: processes of their own, with the kernels from the cache.
 BEGIN = """
@@ -106,7 +90,7 @@ def run(folder, name, rest):
 def folder(tmp_path_factory, two_cores):
     """Device and recipes, with every kernel compiled."""
     path = tmp_path_factory.mktemp("workers")
-    files = {"two_cores.toml": two_cores, "linear.toml": LINEAR, "saturating.toml": SATURATING}
+    files = {"two_cores.toml": two_cores, "linear.toml": LINEAR, "saturating.toml": FINER}
     for name, text in files.items():
         (path / name).write_text(text)
     for name in ("linear", "saturating"):
@@ -120,20 +104,8 @@ def told(folder):
     return run(folder, "finished.py", FINISHED)
 
 
-def all_numbers(path):
-    found = {}
-
-    def note(name, item):
-        if isinstance(item, h5py.Dataset) and item.dtype.kind in "fi":
-            found[name] = item[()].tobytes()
-
-    with h5py.File(path) as file:
-        file.visititems(note)
-    return found
-
-
 def same(one, other):
-    mine, theirs = all_numbers(one), all_numbers(other)
+    mine, theirs = numbers_in(one), numbers_in(other)
     assert len(mine) > 25
     assert mine.keys() == theirs.keys()
     return [name for name in mine if mine[name] != theirs[name]] == []

@@ -4,10 +4,10 @@ import signal
 import subprocess
 import sys
 
-import h5py
 import pytest
 
 from fieldmap.store import checkpoint_path
+from tests.store.conftest import numbers_in
 
 # Every run is a process of its own with the kernels from the cache. Code compiled in the same session may be inlined,
 # and so rounded, otherwise than what the cache gives to the next one.
@@ -62,12 +62,6 @@ def whole(recipe):
     return recipe.with_name("whole.h5")
 
 
-def all_numbers(path):
-    with h5py.File(path) as file:
-        records = file["/data/0/meshes"].values()
-        return {data.name: data[()].tobytes() for record in records for data in record.values()}
-
-
 @pytest.mark.parametrize(
     ("moment", "parts"),
     [("part 1 of", 0), ("part 4 of", 3), ("certifying", 13)],
@@ -84,5 +78,5 @@ def test_resumed_after_a_kill(recipe, whole, tmp_path, moment, parts):
     assert resumed.returncode == 0, resumed.stderr
     if parts:
         assert f"resumed with {parts} of 13 parts" in resumed.stdout.splitlines()
-    assert all_numbers(target) == all_numbers(whole)
+    assert numbers_in(target) == numbers_in(whole)
     assert not checkpoint_path(target).exists()

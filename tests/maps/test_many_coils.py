@@ -6,94 +6,54 @@ import numpy as np
 import pytest
 
 import fieldmap as fm
+from fieldmap.device.model import Body, Box, CircularCoil, Device, Froehlich, WorkspaceBox, placed
 from fieldmap.iron import NonlinearSolver
 from fieldmap.lookup.current_model import CurrentModel
 from fieldmap.parallel import same_arithmetic
 from fieldmap.store import read_map
 
 ACCURACY = 1e-2
-PLACES = ((-30.0, -9.0), (-28.0, 12.0), (-4.0, -13.0), (1.0, 11.0), (25.0, -10.0), (29.0, 13.0))
-HEAD = """
-format = 1
-name = "six_cores"
-title = "Six cores on a plate, no two of them alike"
-
-[material.steel]
-kind = "froehlich"
-mu_r = 2000.0
-saturation_polarisation_T = 2.0
-
-[[body]]
-name = "plate"
-material = "steel"
-shape = "box"
-size_mm = [80.0, 44.0, 8.0]
-position_mm = [0.0, 0.0, 20.0]
-mesh_size_mm = 14.0
-
-[workspace]
-shape = "box"
-lower_mm = [-10.0, -10.0, -20.0]
-upper_mm = [10.0, 10.0, -8.0]
-"""
-CORE = """
-[[body]]
-name = "core {name}"
-material = "steel"
-shape = "box"
-size_mm = [8.0, 8.0, 20.0]
-position_mm = [{x}, {y}, 0.0]
-mesh_size_mm = 12.0
-
-[[coil]]
-name = "{name}"
-kind = "circular"
-inner_radius_mm = 6.0
-outer_radius_mm = 8.5
-height_mm = 14.0
-turns = 1000
-position_mm = [{x}, {y}, 10.0]
-"""
-RECIPE = """
-format = 1
-title = "Six coils, each by itself"
-device = "six_cores.toml"
-spacing_mm = 3.0
-
-[iron]
-model = "saturating"
-
-[currents]
-lower_A = -1.0
-upper_A = 2.0
-accuracy = {accuracy}
-held_out = 3
-"""
-
-
-def make(folder, accuracy, **named):
-    (folder / "recipe.toml").write_text(RECIPE.format(accuracy=accuracy))
-    return read_map(fm.generate(folder / "recipe.toml", folder / f"map_{accuracy}.h5", **named))
+PLACES = 1e-3 * np.array([[-30, -9], [-28, 12], [-4, -13], [1, 11], [25, -10], [29, 13]])
+LOWER, UPPER = np.array([-10e-3, -10e-3, -20e-3]), np.array([10e-3, 10e-3, -8e-3])
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory):
-    """With the device, six_cores.toml."""
+def device():
+    """Six cores on a plate, no two of them alike."""
+    core = Box((8e-3, 8e-3, 20e-3))
+    bodies = [Body("plate", "steel", Box((80e-3, 44e-3, 8e-3)), 14e-3).moved([0.0, 0.0, 20e-3])]
+    bodies += [Body(f"core {k + 1}", "steel", core, 12e-3).moved([*at, 0.0]) for k, at in enumerate(PLACES)]
+    coils = [
+        CircularCoil(str(k + 1), 6e-3, 8.5e-3, 14e-3, 1000, placement=placed([*at, 10e-3]))
+        for k, at in enumerate(PLACES)
+    ]
+    steel = {"steel": Froehlich("steel", mu_r=2000.0, saturation=2.0)}
+    box = WorkspaceBox(LOWER, UPPER)
+    return Device("six_cores", "Six cores", coils=coils, bodies=bodies, materials=steel, workspace=box)
+
+
+@pytest.fixture(scope="module")
+def make(device, tmp_path_factory):
+    """make(accuracy, ...): the path of a map, each coil by itself."""
     folder = tmp_path_factory.mktemp("six_cores")
-    cores = [CORE.format(name=k + 1, x=x, y=y) for k, (x, y) in enumerate(PLACES)]
-    (folder / "six_cores.toml").write_text(HEAD + "".join(cores))
-    return folder
+
+    def made(accuracy, name="map", **named):
+        target = folder / f"{name}_{accuracy}.h5"
+        currents = {"lower_A": -1.0, "upper_A": 2.0, "accuracy": accuracy, "held_out": 3}
+        return fm.generate(device, target, spacing=3e-3, currents=currents, **named)
+
+    return made
 
 
 @pytest.fixture(scope="module")
-def data(folder):
-    return make(folder, ACCURACY)
+def data(make):
+    return read_map(make(ACCURACY))
 
 
 @pytest.fixture(scope="module")
-def at_all_corners(data, folder):
+def at_all_corners(data, device):
     """Errors (64, 2) of flux density and gradient at the nodes, shares of the largest of each fully solved state."""
-    solver = NonlinearSolver(fm.read_device(folder / "six_cores.toml"))
+    solver = NonlinearSolver(device)
     model, points = CurrentModel(data.reduced_model, data.coil_names), data.grid.points()
     rows, every = [], list(itertools.product((-1.0, 2.0), repeat=6))
     with same_arithmetic():
@@ -128,9 +88,9 @@ def test_the_stated_error_holds_in_corners_that_nobody_solved(data, at_all_corne
     assert largest[1] < 2 * ACCURACY
 
 
-def test_the_cost_follows_the_accuracy(data, folder):
+def test_the_cost_follows_the_accuracy(data, make):
     """The same device to a tenth of the accuracy: more of everything."""
-    rough, fine = data.provenance.solver_report, make(folder, 0.1 * ACCURACY).provenance.solver_report
+    rough, fine = data.provenance.solver_report, read_map(make(0.1 * ACCURACY)).provenance.solver_report
     for name in ("modes", "points"):
         assert rough["condensed_from"][name] < fine["condensed_from"][name]
     # What the map holds of them comes in steps of eight modes.
@@ -142,25 +102,22 @@ def test_the_cost_follows_the_accuracy(data, folder):
     assert max(errors["flux_density_share"] for errors in fine["states_tried"].values()) < 0.5 * ACCURACY
 
 
-def test_a_run_that_stops_among_the_extremes_gives_the_same_bits(data, folder):
+def test_a_run_that_stops_among_the_extremes_gives_the_same_bits(data, make):
     def stop(text, fraction):
         if "state 6 of" in text and "at extremes" in text:
             raise KeyboardInterrupt
 
-    target = folder / f"map_{ACCURACY}.h5"
-    whole = target.rename(folder / "whole.h5")
     with pytest.raises(KeyboardInterrupt):
-        make(folder, ACCURACY, progress=stop)
-    assert not target.exists()
-    resumed, before = make(folder, ACCURACY), read_map(whole)
+        make(ACCURACY, "again", progress=stop)
+    resumed, before = read_map(make(ACCURACY, "again")), data
     assert (resumed.flux_density == before.flux_density).all()
     assert (resumed.reduced_model.weights == before.reduced_model.weights).all()
     assert resumed.provenance.solver_report["extremes"] == before.provenance.solver_report["extremes"]
 
 
-def test_corrections_are_the_error_of_iron_that_hardly_saturates(folder):
+def test_corrections_are_the_error_of_iron_that_hardly_saturates(device):
     """In strong iron far below saturation one step of Newton's method is exact, whatever the tangent's place."""
-    solver = NonlinearSolver(fm.read_device(folder / "six_cores.toml"))
+    solver = NonlinearSolver(device)
     currents = 1e-6 * np.array([[1.0, 0.5, -0.3, 0.2, 1.0, -1.0], [0.1, 0.2, 0.3, 0.4, 0.5, 0.6]])
     states = np.column_stack([solver.solve(values, 1e-6).state.potential[:, 0] for values in currents])
     wrong = 0.9 * states[:, ::-1]

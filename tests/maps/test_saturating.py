@@ -31,27 +31,12 @@ from fieldmap.maps.training.modes import SolvedModes, proper_modes
 from fieldmap.maps.training.states import Snapshots, Solved, SolvedStates, Wanted
 from fieldmap.parallel import Common, Workers
 from fieldmap.store import Checkpoint, checkpoint_path, read_map
+from tests.maps.conftest import SATURATING
 from tests.store.test_openpmd import validated
 
-RECIPE = """
-format = 1
-title = "Below two cores, saturating"
-device = "two_cores.toml"
-spacing_mm = 2.5
-
-[iron]
-model = "saturating"
-
-[currents]
-lower_A = [0.5, -1.0]
-upper_A = 2.0
-states = 40
-accuracy = 1e-3
-modes = 40
-points = 250
-fields = 12
-held_out = 4
-"""
+RECIPE = SATURATING.format(
+    refinement=1.0, states=40, accuracy="1e-3", modes=40, points=250, fields=12, held_out=4
+)
 
 
 @pytest.fixture(scope="module")

@@ -1,5 +1,6 @@
 """Small maps with numbers that any mix-up would show."""
 
+import h5py
 import numpy as np
 import pytest
 
@@ -32,6 +33,19 @@ def make_map(coil_names=("1", "upper left"), reference_current=1.0, shape=(4, 3,
         flux_density=rng.normal(size=(n, *shape, 3)),
         gradient=rng.normal(size=(n, *shape, 3, 3)),
     )
+
+
+def numbers_in(path):
+    """The bytes of all numbers in a file, by name."""
+    found = {}
+
+    def note(name, item):
+        if isinstance(item, h5py.Dataset) and item.dtype.kind in "fiu":
+            found[name] = item[()].tobytes()
+
+    with h5py.File(path) as file:
+        file.visititems(note)
+    return found
 
 
 @pytest.fixture(name="make_map", scope="session")

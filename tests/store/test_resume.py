@@ -7,12 +7,12 @@ import subprocess
 import sys
 from pathlib import Path
 
-import h5py
 import numpy as np
 import pytest
 
 from fieldmap.errors import FieldmapError, InputError
 from fieldmap.store import checkpoint_path, open_writer, read_map, write_map
+from tests.store.conftest import numbers_in
 
 # Writes the map of conftest.py (9 chunks) and kills itself at the n-th time that something reaches the disk, before
 # or after it does: 1 the beginning, 2 the solution, 3 to 11 the chunks, 12 the seal of the finished file.
@@ -44,15 +44,6 @@ with open_writer(sys.argv[2], data) as writer:
         writer.write(chunk, data.flux_density[:, planes], data.gradient[:, planes])
     writer.finish({"iterations": 7})
 """
-
-
-def all_numbers(path):
-    numbers = {}
-    with h5py.File(path) as file:
-        for record in file["/data/0/meshes"].values():
-            for data in record.values():
-                numbers[data.name] = data[()].tobytes()
-    return numbers
 
 
 @pytest.mark.parametrize(
@@ -87,7 +78,7 @@ def test_a_killed_run_is_resumed_to_the_same_bytes(large, whole, tmp_path, count
             assert about == {"iterations": 3}
         write(writer, data, writer.missing)
         writer.finish({"iterations": 7})
-    assert all_numbers(target) == whole
+    assert numbers_in(target) == whole
     assert read_map(target).provenance.solver_report == {"iterations": 7}
     assert not checkpoint_path(target).exists()
 
@@ -95,7 +86,7 @@ def test_a_killed_run_is_resumed_to_the_same_bytes(large, whole, tmp_path, count
 @pytest.fixture(scope="module")
 def whole(make_map, tmp_path_factory):
     """The numbers of the map that is written in one go."""
-    return all_numbers(write_map(tmp_path_factory.mktemp("whole") / "map.h5", make_map(shape=(9, 20, 30))))
+    return numbers_in(write_map(tmp_path_factory.mktemp("whole") / "map.h5", make_map(shape=(9, 20, 30))))
 
 
 def write(writer, data, chunks):
