@@ -11,7 +11,10 @@ if TYPE_CHECKING:
     import xarray
 
 _FRAME = "Right-handed frame, z up, SI units."
-_GRADIENT = "dB_component/dx_direction"
+_QUANTITIES = (
+    ("flux_density", ("component",), "T", "flux density B"),
+    ("gradient", ("component", "direction"), "T m-1", "dB_component/dx_direction"),
+)
 
 
 def data_set(
@@ -30,40 +33,26 @@ def data_set(
     """
     xarray_module = require("xarray", "xarray", "FieldMap.to_xarray")
     axes = ("x", "y", "z")
-    shape: tuple[int, ...] = info.grid.shape
-    dims: tuple[str, ...] = axes
     found: dict[str, Any] = {
         "reference_current": ("coil", info.reference_current, _about("A", "currents of the stated errors"))
     }
     if currents is None:
-        names, per = ("unit_flux_density", "unit_gradient"), " A-1"
-        dims, shape = (*axes, "coil"), (*shape, len(info.coil_names))
-        meaning = " of 1 A in this coil alone"
+        fields = [("unit_", ("coil",), (flux, gradient), " A-1", " of 1 A in this coil alone")]
     else:
-        names, per, meaning = ("flux_density", "gradient"), "", " of the currents"
+        fields = [("", (), (flux, gradient), "", " of the currents")]
         found["current"] = ("coil", currents, _about("A", "current of each coil"))
-    bound = info.error_bounds.get(kind)
     if constant is not None:
-        meaning_off = f" with all currents off, of {', '.join(info.fixed_sources)}"
-        for name, values, tail, unit in (
-            ("constant_flux_density", constant[0], ("component",), "T"),
-            ("constant_gradient", constant[1], ("component", "direction"), "T m-1"),
-        ):
-            found[name] = (
-                (*axes, *tail),
+        off = f" with all currents off, of {', '.join(info.fixed_sources)}"
+        fields.insert(0, ("constant_", (), constant, "", off))
+    bound = info.error_bounds.get(kind)
+    for begin, more, arrays, per, when in fields:
+        certified = None if begin == "constant_" else bound
+        for (name, tail, unit, meaning), values in zip(_QUANTITIES, arrays, strict=True):
+            found[begin + name] = (
+                (*axes, *more, *tail),
                 values.reshape(*info.grid.shape, *values.shape[1:]),
-                _about(unit, f"{'flux density B' if len(tail) == 1 else _GRADIENT}{meaning_off}"),
+                _about(f"{unit}{per}", f"{meaning}{when}") | _bound(certified, name),
             )
-    found[names[0]] = (
-        (*dims, "component"),
-        flux.reshape(*shape, 3),
-        _about(f"T{per}", f"flux density B{meaning}") | _bound(bound, "flux_density"),
-    )
-    found[names[1]] = (
-        (*dims, "component", "direction"),
-        gradient.reshape(*shape, 3, 3),
-        _about(f"T m-1{per}", f"{_GRADIENT}{meaning}") | _bound(bound, "gradient"),
-    )
     coordinates: dict[str, Any] = {
         axis: (axis, values, {**_about("m", f"{axis} of the node"), "axis": axis.upper()})
         for axis, values in zip(axes, info.grid.axes, strict=True)

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from fieldmap.errors import InputError, Problem
+from fieldmap.arguments import check
 from fieldmap.records import Record
 from fieldmap.store.reduced_model import ReducedModel
 from fieldmap.typing import Array
@@ -54,9 +54,7 @@ class Grid(Record):
             ("spacing", spacing, finite[1] and bool((spacing > 0).all()), "three positive numbers, m"),
             ("shape", shape, len(shape) == 3 and min(shape) >= 2, "three whole numbers of at least 2"),
         ):
-            if not good:
-                remedy = "give the grid three axes with nodes on each"
-                raise InputError.of(f"Grid, {name}", must_hold, str(value), remedy)
+            check(good, f"Grid, {name}", must_hold, value, "give the grid three axes with nodes on each")
             object.__setattr__(self, name, value)
         lower.flags.writeable = spacing.flags.writeable = False
 
@@ -173,23 +171,19 @@ class MapInfo(Record):
     def __post_init__(self) -> None:
         current = np.array(self.reference_current, dtype=np.float64)
         n = len(self.coil_names)
+        model, constant = self.reduced_model, self.constant_field
         good = current.shape == (n,) and bool(np.isfinite(current).all()) and bool((current > 0).all())
-        if not (n or self.constant_field) or len(set(self.coil_names)) != n:
-            raise InputError(
-                _problem("coil_names", "at least one coil, each name once", str(self.coil_names))
-            )
-        if self.constant_field and not self.fixed_sources:
-            must_hold = "what makes the constant field, by name"
-            raise InputError(_problem("fixed_sources", must_hold, "none"))
-        if not good:
-            raise InputError(_problem("reference_current", f"{n} positive currents, A", str(current)))
-        if self.reduced_model is not None and self.reduced_model.coil_count != n:
-            received = f"a model of {self.reduced_model.coil_count} coils"
-            raise InputError(_problem("reduced_model", f"one for {n} coils", received))
-        if self.reduced_model is not None and bool(self.reduced_model.fixed.size) != self.constant_field:
-            received = f"a constant field is {'there' if self.constant_field else 'missing'}"
+        named = (n or constant) and len(set(self.coil_names)) == n
+        _check(named, "coil_names", "at least one coil, each name once", self.coil_names)
+        made = not constant or bool(self.fixed_sources)
+        _check(made, "fixed_sources", "what makes the constant field, by name", "none")
+        _check(good, "reference_current", f"{n} positive currents, A", current)
+        if model is not None:
+            received = f"a model of {model.coil_count} coils"
+            _check(model.coil_count == n, "reduced_model", f"one for {n} coils", received)
             must_hold = "a background that both the iron and the air have, or neither"
-            raise InputError(_problem("reduced_model", must_hold, received))
+            received = f"a constant field is {'there' if constant else 'missing'}"
+            _check(bool(model.fixed.size) == constant, "reduced_model", must_hold, received)
         current.flags.writeable = False
         object.__setattr__(self, "reference_current", current)
 
@@ -240,8 +234,7 @@ class MapData(MapInfo):
         for name, tail in (("flux_density", (3,)), ("gradient", (3, 3))):
             values = np.ascontiguousarray(getattr(self, name), dtype=np.float64)
             wanted = (len(self.field_names), *self.grid.shape, *tail)
-            if values.shape != wanted:
-                raise InputError(_problem(name, f"shape {wanted}", f"shape {values.shape}"))
+            _check(values.shape == wanted, name, f"shape {wanted}", f"shape {values.shape}")
             object.__setattr__(self, name, values)
 
     def as_read(self) -> "MapData":
@@ -254,5 +247,6 @@ class MapData(MapInfo):
         return replace(self, flux_density=flux, gradient=gradient)
 
 
-def _problem(name: str, must_hold: str, received: str) -> Problem:
-    return Problem(f"map data, {name}", must_hold, received, "make the arrays fit the grid and the coils")
+def _check(holds: object, name: str, must_hold: str, received: object) -> None:
+    remedy = "make the arrays fit the grid and the coils"
+    check(bool(holds), f"map data, {name}", must_hold, received, remedy)

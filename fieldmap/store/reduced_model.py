@@ -7,8 +7,8 @@ from dataclasses import dataclass, field, fields
 import numpy as np
 from numpy.typing import NDArray
 
+from fieldmap.arguments import check
 from fieldmap.currents import CurrentDomain, CurrentParametrisation, IndependentCurrents, LiftAndDirections
-from fieldmap.errors import InputError
 from fieldmap.records import Record
 from fieldmap.typing import Array
 
@@ -59,15 +59,13 @@ class ReducedModel(Record):
     fixed: Array = field(default_factory=lambda: np.zeros(0))
 
     def __post_init__(self) -> None:
-        if np.ndim(self.source) != 2 or not all(
-            np.ndim(v) for v in (self.weights, self.constant, self.output)
-        ):
-            raise _broken("source", "coils' fields at points", "arrays of other dimensions")
+        flat = (self.weights, self.constant, self.output)
+        fits = np.ndim(self.source) == 2 and all(map(np.ndim, flat))
+        _check(fits, "source", "coils' fields at points", "arrays of other dimensions")
         p, r, c, k = len(self.weights), len(self.constant), self.coil_count, len(self.output)
         # This check comes before `signal_count` is used: a file may name any number of coils.
-        if self.parametrisation.coil_count != c:
-            received = f"one of {self.parametrisation.coil_count} coils"
-            raise _broken("parametrisation", f"one of {c} coils", received)
+        coils = self.parametrisation.coil_count
+        _check(coils == c, "parametrisation", f"one of {c} coils", f"one of {coils} coils")
         laws, knots = len(self.law_offset) - 1, len(self.law_knots)
         wanted = {
             "gradients": (3 * p, r),
@@ -86,21 +84,19 @@ class ReducedModel(Record):
         for name in ARRAYS:
             kind = np.int64 if name in _INTEGER else np.float64
             values = np.array(getattr(self, name), dtype=kind)
-            if values.shape != wanted.get(name, values.shape):
-                raise _broken(name, f"shape {wanted[name]}", f"shape {values.shape}")
-            if not np.isfinite(values).all():
-                raise _broken(name, "finite numbers", "NaN or infinity")
+            shape = wanted.get(name, values.shape)
+            _check(values.shape == shape, name, f"shape {shape}", f"shape {values.shape}")
+            _check(np.isfinite(values).all(), name, "finite numbers", "NaN or infinity")
             values.flags.writeable = False
             object.__setattr__(self, name, values)
         offset = self.law_offset
-        if laws < 1 or offset[0] != 0 or offset[-1] != knots or (np.diff(offset) < 1).any():
-            raise _broken("law_offset", "rising from 0 to the number of knots", str(offset.tolist()))
-        if p and (self.law.min() < 0 or self.law.max() >= laws):
-            raise _broken("law", f"numbers of {laws} laws", f"{self.law.min()} to {self.law.max()}")
-        if not len(self.known_currents):
-            raise _broken("known_currents", "at least one state", "none")
-        if (self.weights <= 0).any():
-            raise _broken("weights", "positive", f"{self.weights.min():g}")
+        rises = laws >= 1 and offset[0] == 0 and offset[-1] == knots and (np.diff(offset) >= 1).all()
+        _check(rises, "law_offset", "rising from 0 to the number of knots", offset.tolist())
+        lowest, highest = self.law.min(initial=0), self.law.max(initial=0)
+        known = 0 <= lowest and highest < laws
+        _check(known, "law", f"numbers of {laws} laws", f"{lowest} to {highest}")
+        _check(len(self.known_currents), "known_currents", "at least one state", "none")
+        _check((self.weights > 0).all(), "weights", "positive", self.weights.min(initial=np.inf))
 
     @property
     def arrays(self) -> dict[str, Array]:
@@ -142,10 +138,10 @@ OPTIONAL = ("fixed",)
 def parametrisation_of(division_exponent: Array, coils: int) -> CurrentParametrisation:
     """The parametrisation that `ReducedModel.division_exponent` states, which is all that older map files have."""
     exponents = np.ravel(division_exponent)
-    if exponents.size > 1:
-        raise _broken("division_exponent", "one number or none", f"{exponents.size} numbers")
+    received = f"{exponents.size} numbers"
+    _check(exponents.size <= 1, "division_exponent", "one number or none", received)
     return LiftAndDirections(float(exponents[0])) if exponents.size else IndependentCurrents(coils)
 
 
-def _broken(name: str, must_hold: str, received: str) -> InputError:
-    return InputError.of(f"reduced model, {name}", must_hold, received, "make the map again")
+def _check(holds: object, name: str, must_hold: str, received: object) -> None:
+    check(bool(holds), f"reduced model, {name}", must_hold, received, "make the map again")

@@ -349,7 +349,7 @@ def test_what_the_search_of_the_condensed_model_finds_is_trained_on_and_counted(
     (currents, _), (snapshots, parts_of_it) = trained_on[0], measured[0]
     assert snapshots.own[snapshots.number(currents)]
     assert not is_among(currents, searches[1]).any()
-    assert parts_of_it.states == 0.25
+    assert parts_of_it["states"] == 0.25
 
 
 def test_the_states_that_are_needed_follow_from_the_rounds_and_cost_what_states_cost():

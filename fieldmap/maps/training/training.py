@@ -8,7 +8,8 @@
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -30,7 +31,7 @@ from fieldmap.maps.training.search import (
     search_worst,
     try_extremes,
 )
-from fieldmap.maps.training.sequence import MOST_MODES, Round, Training
+from fieldmap.maps.training.sequence import MOST_MODES, Training
 from fieldmap.maps.training.states import Snapshots, Solved, SolvedStates
 from fieldmap.records import Record
 from fieldmap.store import ReducedModel
@@ -54,45 +55,6 @@ _CONDENSED = (1.0, 0.5, 0.2)
 _WEIGHED, _MARGIN, _RANDOM_SEED = 128, 1.1, 11
 
 
-@dataclass(frozen=True)
-class Condensation(Record):
-    """The condensation of a model.
-
-    Attributes
-    ----------
-    modes, points : numbers of modes and sample points before.
-    changed : largest change of a state's field that was found, as a multiple of the accuracy.
-    """
-
-    modes: int
-    points: int
-    changed: float
-
-
-@dataclass(frozen=True, repr=False)
-class ErrorParts(Record):
-    """Parts of the error of a map's model, as shares of B.
-
-    Attributes
-    ----------
-    states : error of the modes, with the law at all points, at the worst tested states.
-    points : largest change of a field by the sample points.
-    condensation : largest change of a field by condensation.
-    taken : numbers of states, modes, points and fields.
-    limits : those of the four that reached their limits.
-    modes_leave : largest projection error of a training state onto the modes, in the energy norm.
-    in_vain : whether `modes_leave` is too large for any choice of points, so that only few choices were tried.
-    """
-
-    states: float
-    points: float
-    condensation: float
-    taken: Mapping[str, int]
-    limits: tuple[str, ...]
-    modes_leave: float
-    in_vain: bool
-
-
 @dataclass(frozen=True, eq=False, repr=False)
 class Trained(Record):
     """The result of a training.
@@ -102,23 +64,16 @@ class Trained(Record):
     model : the reduced model.
     charge : (k, s), surface charge density of the iron's fields on s faces, T.
     snapshots : the states that it was trained on.
-    extremes : what was done at the extremes of the domain.
-    rounds : prediction errors while the states of the sequence were solved.
-    condensation : what the model was condensed from.
-    errors : errors at tested states, by the kind of states.
     largest_weights : (c + k,), largest weights of the map's fields over the domain.
-    parts : parts of the error.
+    about : what was done and found, as plain Python for the report of the map: what was solved and tried, errors at
+        tested states by their kind, and parts of the error.
     """
 
     model: ReducedModel
     charge: Array
     snapshots: Snapshots
-    extremes: ExtremesTried
-    rounds: tuple[Round, ...]
-    condensation: Condensation
-    errors: Mapping[str, Errors]
     largest_weights: Array
-    parts: ErrorParts
+    about: Mapping[str, Any]
 
 
 def train(
@@ -170,17 +125,27 @@ def train(
         tries.condensed += 1
     modes, few = reduction.modes, found.few
     assert tries.extremes is not None
-    return Trained(
-        _model(few.model, found.output, modes.currents, modes.amplitudes @ few.basis, domain, reference),
-        found.charge,
-        training.known,
-        tries.extremes,
-        tuple(training.rounds),
-        Condensation(reduction.sampled.modes, len(reduction.sampled.weights), few.changed),
-        found.errors,
-        _largest_weights(domain, few.model, found.output, modes.currents),
-        _error_parts(training, reduction, found),
-    )
+    model = _model(few.model, found.output, modes.currents, modes.amplitudes @ few.basis, domain, reference)
+    trained = reduction.sampled
+    about = {
+        "states_trained_on": len(model.known_currents),
+        "states_trained_on_solved": training.known.solved,
+        "corners_trained_on": tries.extremes.trained_on,
+        "extremes": asdict(tries.extremes),
+        "error_parts": _error_parts(training, reduction, found),
+        "states_tried": {name: asdict(errors) for name, errors in found.errors.items()},
+        "rounds": [asdict(one) for one in training.rounds],
+        "modes": len(model.constant),
+        "sample_points": len(model.weights),
+        # changed: largest change of a state's field that was found, as a multiple of the accuracy.
+        "condensed_from": {
+            "modes": trained.modes,
+            "points": len(trained.weights),
+            "changed": few.changed,
+        },
+    }
+    largest = _largest_weights(domain, few.model, found.output, modes.currents)
+    return Trained(model, found.charge, training.known, largest, about)
 
 
 class Tries:
@@ -378,7 +343,14 @@ def condense(
     return condensed(reduction.sampled, known, domain, lengths, off, accuracy)
 
 
-def _error_parts(training: Training, reduction: Reduction, condensed: CondensedAndTried) -> ErrorParts:
+def _error_parts(training: Training, reduction: Reduction, condensed: CondensedAndTried) -> dict[str, Any]:
+    """Parts of the error of a map's model, as shares of B.
+
+    states: error of the modes, with the law at all points, at the worst tested states; points, condensation: largest
+    change of a field by them; taken: numbers of states, modes, points and fields; limits: those of the four that
+    reached their limits; modes_leave: largest projection error of a training state onto the modes, in the energy norm;
+    in_vain: whether that is too large for any choice of points, so that only few choices were tried.
+    """
     of_states, of_points = 0.0, reduction.points.changed
     for some in condensed.tried.values():
         if some.solved:
@@ -395,15 +367,15 @@ def _error_parts(training: Training, reduction: Reduction, condensed: CondensedA
         "points": (len(reduction.sampled.weights), not (reduction.points.enough or reduction.in_vain)),
         "fields": (fields, fields >= _MOST_FIELDS),
     }
-    return ErrorParts(
-        of_states,
-        of_points,
-        condensed.changed,
-        {name: taken for name, (taken, _) in parts.items()},
-        tuple(name for name, (_, at_limit) in parts.items() if at_limit),
-        reduction.modes.left,
-        reduction.in_vain,
-    )
+    return {
+        "states": of_states,
+        "points": of_points,
+        "condensation": condensed.changed,
+        "taken": {name: taken for name, (taken, _) in parts.items()},
+        "limits": tuple(name for name, (_, at_limit) in parts.items() if at_limit),
+        "modes_leave": reduction.modes.left,
+        "in_vain": reduction.in_vain,
+    }
 
 
 def _largest_weights(domain: CurrentDomain, model: GalerkinModel, output: Array, known: Array) -> Array:
