@@ -633,10 +633,7 @@ class FieldAtCurrents(TakesPoints):
         return differenced(self.gradient, points)
 
     def wrench(
-        self,
-        positions: ArrayLike,
-        moments: ArrayLike | MagneticLoad,
-        orientations: ArrayLike | None = None,
+        self, positions: ArrayLike, moments: ArrayLike | MagneticLoad, orientations: ArrayLike | None = None
     ) -> Array:
         """Force and torque on point dipoles, or on a body, about their own positions: see `dipole_wrench`.
 

@@ -195,11 +195,7 @@ def test_the_program_without_typer_names_its_extra(core_alone):
 
 
 def test_commands_that_use_maps_need_no_mesher_and_no_pictures(tmp_path):
-    words = (
-        "info sample",
-        "probe sample --at 0 0 -0.1 --currents 9 --payload",
-        "check loop_and_sphere",
-    )
+    words = ("info sample", "probe sample --at 0 0 -0.1 --currents 9 --payload", "check loop_and_sphere")
     codes, printed = result_with(("cli",), COMMANDS, tmp_path, *words, "show loop_and_sphere --save a.png")
     assert codes == [0, 0, 1, 1]
     assert [f"fieldmap[{extra}]" in printed for extra in ("make", "plot")] == [True, True]

@@ -17,12 +17,7 @@ from fieldmap.arguments import checked_vectors
 from fieldmap.core import CoreMap
 from fieldmap.core.caller import caller
 from fieldmap.errors import InputError, OutsideMapError
-from fieldmap.field import (
-    Bounds,
-    FieldAtCurrents,
-    MagneticLoad,
-    of_any_shape,
-)
+from fieldmap.field import Bounds, FieldAtCurrents, MagneticLoad, of_any_shape
 from fieldmap.interpolants import Form, contract, set_size
 from fieldmap.records import Record, short, shortened
 from fieldmap.threads import in_pieces
@@ -453,10 +448,7 @@ class MapAtCurrents(FieldAtCurrents, own_shapes=ONE_POINT):
         return float(values[0]) if single else values
 
     def wrench(
-        self,
-        positions: ArrayLike,
-        moments: ArrayLike | MagneticLoad,
-        orientations: ArrayLike | None = None,
+        self, positions: ArrayLike, moments: ArrayLike | MagneticLoad, orientations: ArrayLike | None = None
     ) -> Array:
         """Force (N) and torque (N m) on point dipoles or a body, (n, 6), about their own positions: see
         `FieldMap.wrench`."""

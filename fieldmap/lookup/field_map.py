@@ -17,14 +17,7 @@ from fieldmap.core.current_table import CoreTable
 from fieldmap.core.iron import IronState
 from fieldmap.currents import CurrentParametrisation
 from fieldmap.errors import InputError, Problem
-from fieldmap.field import (
-    Bounds,
-    Field,
-    MagneticLoad,
-    coil_currents,
-    of_any_shape,
-    require_affine,
-)
+from fieldmap.field import Bounds, Field, MagneticLoad, coil_currents, of_any_shape, require_affine
 from fieldmap.interpolants import INTERPOLANTS, OUTSIDE_RULES, Form, Jump, known_interpolants
 from fieldmap.lookup import inverse
 from fieldmap.lookup.actuation import Actuation, Limits, actuation

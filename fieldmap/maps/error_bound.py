@@ -21,11 +21,7 @@ from fieldmap.core.block import DEGREE, HEADER, LENGTH
 from fieldmap.core.harmonics import derivative_matrix
 from fieldmap.errors import InputError
 from fieldmap.interpolants import Form, cell_form, global_form, hermite_form, set_size
-from fieldmap.interpolants.harmonic_matrix import (
-    field_matrix,
-    gradient_matrix,
-    largest_on_sphere,
-)
+from fieldmap.interpolants.harmonic_matrix import field_matrix, gradient_matrix, largest_on_sphere
 from fieldmap.parallel import results_of
 from fieldmap.store import FieldError, Grid, MapData
 from fieldmap.typing import Array, Index

@@ -289,12 +289,7 @@ class Recipe(Record):
     title: Annotated[str, Key(Text, "one line about the map")]
     device: Annotated[str, Key(Text, "device file, relative to the recipe, or name of a shipped device")]
     spacing: Annotated[
-        Array,
-        Key(
-            Spacings,
-            "largest distance of neighbouring nodes, one number or [x, y, z]",
-            "mm",
-        ),
+        Array, Key(Spacings, "largest distance of neighbouring nodes, one number or [x, y, z]", "mm")
     ]
     lower: Array | None
     upper: Array | None

@@ -4,11 +4,7 @@ import numpy as np
 import pytest
 
 from fieldmap.interpolants import global_polynomial
-from fieldmap.interpolants.harmonic_matrix import (
-    field_matrix,
-    gradient_matrix,
-    largest_on_sphere,
-)
+from fieldmap.interpolants.harmonic_matrix import field_matrix, gradient_matrix, largest_on_sphere
 from fieldmap.maps.error_bound import shift_matrix
 from fieldmap.store import Grid, MapData
 from tests.core.harmonics_in_numpy import regular_table

@@ -52,10 +52,7 @@ def test_some_are_left_out_and_named(few_states, few_states_map, failing, tmp_pa
     assert application()(command, standalone_mode=False) is None
     report = read_info(tmp_path / "map.h5").provenance.solver_report
     first_at_random = str(10 + extremes["looked_at"])
-    assert report["states_failed"] == {
-        "2": str(NOT_CONVERGED),
-        first_at_random: f"ZeroDivisionError: {OURS}",
-    }
+    assert report["states_failed"] == {"2": str(NOT_CONVERGED), first_at_random: f"ZeroDivisionError: {OURS}"}
     assert report["states_trained_on_solved"] - report["corners_trained_on"] == 9
     assert report["states_tried"]["at random"]["states"] == 1
     printed = capsys.readouterr()

@@ -4,12 +4,7 @@ import numpy as np
 import pytest
 from scipy.optimize import nnls
 
-from fieldmap.currents import (
-    CurrentDomain,
-    IndependentCurrents,
-    LiftAndDirections,
-    parametrisation_from_json,
-)
+from fieldmap.currents import CurrentDomain, IndependentCurrents, LiftAndDirections, parametrisation_from_json
 from fieldmap.maps.training.cubature import Cubature, candidates, nonnegative_path
 from fieldmap.maps.training.currents import (
     climbed,

@@ -24,13 +24,7 @@ from fieldmap.maps.training.model_error import Errors
 from fieldmap.maps.training.modes import output_fields, solved
 from fieldmap.maps.training.plan import Plan
 from fieldmap.maps.training.reduction import Reduction
-from fieldmap.maps.training.search import (
-    ExtremesTried,
-    allowed,
-    search_condensed,
-    search_worst,
-    try_extremes,
-)
+from fieldmap.maps.training.search import ExtremesTried, allowed, search_condensed, search_worst, try_extremes
 from fieldmap.maps.training.sequence import MOST_MODES, Training
 from fieldmap.maps.training.states import Snapshots, Solved, SolvedStates
 from fieldmap.records import Record
@@ -138,11 +132,7 @@ def train(
         "modes": len(model.constant),
         "sample_points": len(model.weights),
         # changed: largest change of a state's field that was found, as a multiple of the accuracy.
-        "condensed_from": {
-            "modes": trained.modes,
-            "points": len(trained.weights),
-            "changed": few.changed,
-        },
+        "condensed_from": {"modes": trained.modes, "points": len(trained.weights), "changed": few.changed},
     }
     largest = _largest_weights(domain, few.model, found.output, modes.currents)
     return Trained(model, found.charge, training.known, largest, about)
