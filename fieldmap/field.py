@@ -406,11 +406,7 @@ class Field(TakesPoints):
         InputError
             For a field that is not affine.
         """
-        require_affine(self, "unit_field")
-        fields = _of_units(self.field, points, len(self.coil_names))
-        if not self.proportional:
-            fields -= self.constant_field(points)[..., None, :]
-        return fields
+        return self._of_units(self.field, self.constant_field, points)
 
     def unit_gradient(self, points: ArrayLike) -> Array:
         """Gradient per ampere in each coil.
@@ -430,11 +426,19 @@ class Field(TakesPoints):
         InputError
             For a field that is not affine.
         """
-        require_affine(self, "unit_gradient")
-        slopes = _of_units(self.gradient, points, len(self.coil_names))
-        if not self.proportional:
-            slopes -= self.constant_gradient(points)[..., None, :, :]
-        return slopes
+        return self._of_units(self.gradient, self.constant_gradient, points)
+
+    def _of_units(
+        self, quantity: Callable[..., Array], constant: Callable[..., Array], points: ArrayLike
+    ) -> Array:
+        """A quantity (n, ...) of 1 A in each coil alone, without that of no current: (n, coils, ...)."""
+        require_affine(self, "unit_field")
+        axis = np.ndim(points) - 1
+        every = [quantity(points, row) for row in np.eye(len(self.coil_names))]
+        if every and self.proportional:
+            return np.stack(every, axis=axis)
+        off = np.expand_dims(constant(points), axis)
+        return np.stack(every, axis=axis) - off if every else np.repeat(off, 0, axis=axis)
 
     def constant_field(self, points: ArrayLike) -> Array:
         """Flux density with all currents off.
@@ -1024,15 +1028,6 @@ def require_affine(source: Field, what: str) -> None:
         must_hold = "a field that is the sum of its coils' fields, and of one that no current changes"
         received = "one that does not superpose, such as that of saturating iron"
         raise InputError.of(what, must_hold, received, "give the currents: at(currents)")
-
-
-def _of_units(method: Callable[..., Array], points: ArrayLike, coils: int) -> Array:
-    """method(points, currents), (n, ...), of 1 A in each coil alone: (n, coils, ...); points (3,) or (n, 3)."""
-    if not coils:
-        whole = method(points, np.zeros(0))
-        axis = np.ndim(points) - 1
-        return np.zeros((*whole.shape[:axis], 0, *whole.shape[axis:]))
-    return np.stack([method(points, row) for row in np.eye(coils)], axis=np.ndim(points) - 1)
 
 
 def coil_currents(

@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any
 
+from fieldmap.curves import percent
 from fieldmap.io.map_summary import ErrorShares, MapSummary
 from fieldmap.store import FieldError
-from fieldmap.store.stated_accuracy import GRADIENT, HELD_OUT, percent
+from fieldmap.store.stated_accuracy import GRADIENT, HELD_OUT
 
 TRAINED_ON = "trained on"
 """The kind of the states that a current model was trained on, among those at which it was tried."""

@@ -19,10 +19,10 @@ from fieldmap.currents import CurrentParametrisation
 from fieldmap.errors import InputError, Problem
 from fieldmap.field import Bounds, Field, MagneticLoad, coil_currents, of_any_shape, require_affine
 from fieldmap.interpolants import INTERPOLANTS, OUTSIDE_RULES, Form, Jump, known_interpolants
-from fieldmap.lookup import inverse
 from fieldmap.lookup.actuation import Actuation, Limits, actuation
 from fieldmap.lookup.current_model import OUTSIDE_CURRENTS, CurrentModel
 from fieldmap.lookup.current_table import CurrentTable, tabulate
+from fieldmap.lookup.demand import demand_of
 from fieldmap.lookup.evaluation import (
     ONE_POINT,
     Box,
@@ -32,6 +32,7 @@ from fieldmap.lookup.evaluation import (
     in_chunks,
     written,
 )
+from fieldmap.lookup.inverse import least_power_currents
 from fieldmap.lookup.inverse_problem import SumOfFields
 from fieldmap.lookup.magnetic_body import MagneticBody
 from fieldmap.records import card, count_of
@@ -632,19 +633,8 @@ class FieldMap(Field, own_shapes=ONE_POINT):
         >>> m = open_map("workspace.h5")                                                     # doctest: +SKIP
         >>> m.currents_for([0, 0, -0.1], force=[0, 0, 0.11], moment=[0, 0, 0.8], limits=3.5)  # doctest: +SKIP
         """
-        return inverse.currents_for(
-            self,
-            position,
-            force,
-            moment,
-            limits,
-            torque=torque,
-            flux_density=field,
-            gradient=gradient,
-            resistance=resistance,
-            start=start,
-            orientation=orientation,
-        )
+        demand, fields = demand_of(force, moment, torque, field, gradient), self._fields_of_currents()
+        return least_power_currents(fields, position, demand, limits, resistance, start, orientation)
 
     def _fields_of_currents(self) -> SumOfFields:
         """The field as an inverse takes it."""

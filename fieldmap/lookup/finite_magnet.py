@@ -8,7 +8,7 @@ over balls are their values at the centre; cylinders and blocks take products of
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -65,7 +65,7 @@ def finite_magnet(shape: Magnet, field: AnyField, tolerance: float = 1e-6) -> Fi
     # Here, as in `volume_rule`: maps are opened faster without the package of devices.
     from fieldmap.device.payload import MagnetSphere
 
-    rules = _rules(shape)
+    rules = (volume_rule(shape, level) for level in range(1, FINEST + 1))
     magnet = next(rules)
     if isinstance(shape, MagnetSphere):
         return FiniteMagnet(magnet.points, magnet.moments, 0.0)
@@ -115,10 +115,6 @@ def volume_rule(shape: Magnet, level: int) -> FiniteMagnet:
         points, shares = _block(shape, level)
     moment = shape.remanence / MU0 * shape.volume
     return FiniteMagnet(points, np.outer(shares, [0.0, 0.0, moment]))
-
-
-def _rules(shape: Magnet) -> Iterator[FiniteMagnet]:
-    return (volume_rule(shape, level) for level in range(1, FINEST + 1))
 
 
 def _trial(shape: Magnet, field: AnyField) -> Callable[[FiniteMagnet], Array]:

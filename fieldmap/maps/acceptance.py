@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from fieldmap.curves import percent
 from fieldmap.errors import MapErrorTooLarge
 from fieldmap.inputs.document import AtKey
 from fieldmap.maps.forecast import states_needed
@@ -19,7 +20,6 @@ from fieldmap.store.stated_accuracy import (
     MissedAccuracy,
     largest_share,
     missed_accuracy,
-    percent,
 )
 
 # The next number of states is extrapolated from the errors of the rounds, up to `_BELIEVED` times the present number.

@@ -224,7 +224,8 @@ class Checkpoint:
         with disk_errors(self.path):
             self._file.truncate(0)
             self._file.seek(0)
-            self._append(json.dumps(_first_line(decides)).encode() + b"\n")
+            first_line = {"fieldmap_checkpoint": FORMAT, "fingerprint": dict(decides)}
+            self._append(json.dumps(first_line).encode() + b"\n")
 
     def _find(self, decides: Mapping[str, str]) -> str:
         """Find the pieces, and cut off the bytes after the last complete one.
@@ -259,10 +260,6 @@ class Checkpoint:
         while left:
             left = left[self._file.write(left) :]
         os.fsync(self._file.fileno())
-
-
-def _first_line(decides: Mapping[str, str]) -> dict[str, Any]:
-    return {"fieldmap_checkpoint": FORMAT, "fingerprint": dict(decides)}
 
 
 def _read(file: FileIO, count: int) -> bytes:

@@ -5,7 +5,7 @@ import json
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, TypeVar
 
 import h5py
 import numpy as np
@@ -29,7 +29,8 @@ DIVISION_EXPONENT = "division_exponent"
 VECTOR = ("x", "y", "z")
 
 
-class Quantity(NamedTuple):
+@dataclass(frozen=True, eq=False, repr=False)
+class Quantity(Record):
     """A quantity of which a file holds a record for each field.
 
     name: of the array in `MapData`; record: begins the record's name; components, tail: those of the record, in the

@@ -93,7 +93,7 @@ class ReducedModel(Record):
         rises = laws >= 1 and offset[0] == 0 and offset[-1] == knots and (np.diff(offset) >= 1).all()
         _check(rises, "law_offset", "rising from 0 to the number of knots", offset.tolist())
         lowest, highest = self.law.min(initial=0), self.law.max(initial=0)
-        known = 0 <= lowest and highest < laws
+        known = lowest >= 0 and highest < laws
         _check(known, "law", f"numbers of {laws} laws", f"{lowest} to {highest}")
         _check(len(self.known_currents), "known_currents", "at least one state", "none")
         _check((self.weights > 0).all(), "weights", "positive", self.weights.min(initial=np.inf))

@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from fieldmap.curves import percent
 from fieldmap.errors import MapAccuracyWarning
 from fieldmap.records import Record
 
@@ -100,12 +101,3 @@ def warn_of_missed_accuracy(
 def largest_share(of_flux_density: float, of_gradient: float) -> float:
     """The larger of two relative errors: of B, and of the gradient over `GRADIENT`."""
     return max(of_flux_density, of_gradient / GRADIENT)
-
-
-def percent(share: float) -> str:
-    """A share as per cent with two digits.
-
-    >>> percent(0.6149), percent(0.002), percent(12.0)
-    ('61 %', '0.2 %', '1200 %')
-    """
-    return f"{float(f'{100 * share:.2g}'):g} %"

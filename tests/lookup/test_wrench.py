@@ -34,13 +34,6 @@ def test_force_and_torque_between_two_dipoles(fine, dipoles, coil):
         np.testing.assert_allclose(wrench[3:], torque, rtol=0, atol=1e-5 * np.linalg.norm(field))
 
 
-def test_vertical_dipole_feels_the_gradient_of_bz(fine, dipoles):
-    # Thesis eq. (2-11): F = D (dBz/dx, dBz/dy, dBz/dz) for a moment D along z.
-    points, currents = dipoles.points(5), [1.0, 2.0, 3.0]
-    wrench = fine.wrench(points, [0, 0, 0.5], currents)
-    np.testing.assert_allclose(wrench[:, :3], 0.5 * fine.gradient(points, currents)[:, 2, :], rtol=1e-13)
-
-
 def work_around_a_loop(field, n):
     """Work on a dipole along a closed path in n steps, and the mean of the power's magnitude."""
     angle = 2 * np.pi * np.arange(n) / n

@@ -52,36 +52,29 @@ def test_no_more_modes_than_the_tolerance_asks_for(states, energy):
             assert (size <= tolerance * (1 + 1e-6)) == within
 
 
-def test_no_more_fields_than_the_tolerance_asks_for():
+def test_output_fields_leave_the_next_singular_value_and_are_as_few_as_the_tolerance_asks_for():
     random = np.random.default_rng(3)
     amplitudes = random.standard_normal((40, 10)) * np.geomspace(1, 1e-4, 10)
     fields = random.standard_normal((10, 200))
     truth = amplitudes @ fields
+    singular = np.append(np.linalg.svd(truth, compute_uv=False)[:10], 0.0)
 
-    def worst(most, tolerance=0.0):
+    def left(most, tolerance=0.0):
         combination, weights = output_fields(amplitudes, fields, most, tolerance)
-        off = (amplitudes @ weights.T) @ (combination @ fields) - truth
-        return len(weights), (np.linalg.norm(off, axis=1) / np.linalg.norm(truth, axis=1)).max()
+        assert np.abs(amplitudes @ weights.T).max() == pytest.approx(1.0)
+        return len(weights), (amplitudes @ weights.T) @ (combination @ fields) - truth
+
+    for k in (3, 6, 10):
+        assert np.linalg.norm(left(k)[1], 2) <= 1.001 * singular[k] + 2e-9 * singular[0]
+
+    def worst(*asked):
+        return (np.linalg.norm(left(*asked)[1], axis=1) / np.linalg.norm(truth, axis=1)).max()
 
     for tolerance in (0.1, 1e-3):
-        count, error = worst(10, tolerance)
-        assert error <= tolerance < worst(count - 1)[1]
+        count = left(10, tolerance)[0]
+        assert worst(10, tolerance) <= tolerance < worst(count - 1)
         assert count < 10
-    assert worst(2, 1e-3)[0] == 2
-
-
-def test_output_fields_reproduce_the_states_up_to_the_next_singular_value():
-    random = np.random.default_rng(3)
-    amplitudes = random.standard_normal((40, 10)) * np.geomspace(1, 1e-4, 10)
-    fields = random.standard_normal((10, 200))
-    truth = amplitudes @ fields
-    singular = np.linalg.svd(truth, compute_uv=False)
-    for k in (3, 6, 10):
-        combination, weights = output_fields(amplitudes, fields, k)
-        got = (amplitudes @ weights.T) @ (combination @ fields)
-        bound = singular[k] if k < 10 else 1e-9 * singular[0]
-        assert np.linalg.norm(got - truth, 2) <= 1.001 * bound + 1e-9 * singular[0]
-        assert np.abs(amplitudes @ weights.T).max() == pytest.approx(1.0)
+    assert left(2, 1e-3)[0] == 2
 
 
 def corners(domain):
