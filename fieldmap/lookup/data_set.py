@@ -36,6 +36,7 @@ def data_set(
     found: dict[str, Any] = {
         "reference_current": ("coil", info.reference_current, _about("A", "currents of the stated errors"))
     }
+    fields: list[tuple[str, tuple[str, ...], tuple[Array, Array], str, str]]
     if currents is None:
         fields = [("unit_", ("coil",), (flux, gradient), " A-1", " of 1 A in this coil alone")]
     else:

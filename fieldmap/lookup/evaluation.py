@@ -7,7 +7,7 @@ An `Evaluator` turns coefficients, points and weights into fields. `CompiledEval
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
@@ -181,13 +181,18 @@ class CompiledEvaluator:
     """The C core on the coefficients of a form. summed: the form is the sum of a map's fields, whose weight is 1."""
 
     def __init__(self, form: Form, summed: bool = False) -> None:
-        self._form, self._summed, self.places = form, summed, form.places
+        self._form, self._summed = form, summed
         self._core = CoreMap(form.unit)
         own = form.potential_unit is form.unit
         self._of_potential = self._core if own else CoreMap(form.potential_unit, components=1)
         self._of_currents = CoreMap(form.unit, constant=True) if form.constant else self._core
         self.field_at = self._of_currents.field_at
         self.dipole_wrench_at = self._of_currents.dipole_wrench_at
+
+    @property
+    def places(self) -> int:
+        """See `Evaluator`."""
+        return self._form.places
 
     def field_and_gradient(self, points: Array, weights: Array, flux: Array, slope: Array) -> int:
         """See `Evaluator`."""
@@ -214,7 +219,7 @@ class CompiledEvaluator:
         unit = potential = contract(form.unit, weights, set_size(form.unit))
         if form.potential_unit is not form.unit:
             potential = contract(form.potential_unit, weights, 8)
-        return CompiledEvaluator(replace(form, unit=unit, potential_unit=potential, constant=False), True)
+        return CompiledEvaluator(Form(form.kind, unit, potential, form.misfit), summed=True)
 
     def core(self) -> CoreMap:
         """See `Evaluator`."""
@@ -309,6 +314,7 @@ class MapAtCurrents(FieldAtCurrents, own_shapes=ONE_POINT):
     ) -> None:
         self._evaluator, self._box, self._weights = evaluator, box, weights
         self._coil_names, self.currents, self._assumptions = coil_names, currents, assumptions
+        self._domain = box.lower, box.upper
 
     def __repr__(self) -> str:
         return shortened(f"{type(self).__name__}({len(self.coil_names)} coils at {short(self.currents)} A)")
@@ -351,7 +357,7 @@ class MapAtCurrents(FieldAtCurrents, own_shapes=ONE_POINT):
         """
         if out is None and getattr(points, "ndim", 0) == 1:
             return self.field_and_gradient(points)[0]
-        return self._pair(points, out, None, gradient=False)[0]
+        return self._pair_of_any_shape(points, out, None, gradient=False)[0]
 
     def gradient(self, points: ArrayLike, out: Array | None = None) -> Array:
         """Gradient of the flux density: the exact derivative of `field`.
@@ -376,7 +382,7 @@ class MapAtCurrents(FieldAtCurrents, own_shapes=ONE_POINT):
         """
         if out is None and getattr(points, "ndim", 0) == 1:
             return self.field_and_gradient(points)[1]
-        return self._pair(points, None, out)[1]
+        return self._pair_of_any_shape(points, None, out)[1]
 
     def field_and_gradient(
         self, points: ArrayLike, out: tuple[Array, Array] | None = None
@@ -403,19 +409,21 @@ class MapAtCurrents(FieldAtCurrents, own_shapes=ONE_POINT):
         found = self._evaluator.field_at(points, None) if self._weights is None else None
         if found is not None:
             return found if out is None else written(found, out)
-        return self._pair(points, *((None, None) if out is None else out))
+        return self._pair_of_any_shape(points, *((None, None) if out is None else out))
 
-    @of_any_shape
     def _pair(
         self, points: ArrayLike, flux: Array | None, slope: Array | None, gradient: bool = True
     ) -> tuple[Array, Array]:
-        """Flux density and gradient in these arrays or new ones; without `gradient` that is empty."""
+        """Flux density and gradient at points (n, 3) or (3,), in these arrays or new ones; without `gradient` that is
+        empty."""
         where, single = checked_vectors("points", points)
         found = result_array(None if single else flux, where.shape), np.empty((len(where), 0, 0))
         if gradient:
             found = found[0], result_array(None if single else slope, (*where.shape, 3))
         self._fill(self._evaluator.field_and_gradient, where, *found)
         return (single_row(found[0], flux), single_row(found[1], slope)) if single else found
+
+    _pair_of_any_shape = of_any_shape(_pair)
 
     def second_gradient(self, points: ArrayLike) -> Array:
         """Second derivatives (n, 3, 3, 3), [:, i, j, k] = d2B_i/dx_j dx_k, T/m^2."""
@@ -457,10 +465,6 @@ class MapAtCurrents(FieldAtCurrents, own_shapes=ONE_POINT):
             if load is not None:
                 return load
         return super().wrench(positions, moments, orientations)
-
-    @property
-    def _domain(self) -> Bounds:
-        return self.bounds
 
     def outlines(self) -> tuple[Outline, ...]:
         """The box of the map."""

@@ -377,7 +377,7 @@ class FieldMap(Field, own_shapes=ONE_POINT):
         """
         if out is None and getattr(points, "ndim", 0) == 1:
             return self.field_and_gradient(points, currents)[0]
-        return self._asked(points, currents, "field", out)
+        return self._pair(points, currents, out, None, gradient=False)[0]
 
     def gradient(self, points: ArrayLike, currents: Any, out: Array | None = None) -> Array:
         """Gradient of the flux density: the exact derivative of `field`.
@@ -405,7 +405,7 @@ class FieldMap(Field, own_shapes=ONE_POINT):
         """
         if out is None and getattr(points, "ndim", 0) == 1:
             return self.field_and_gradient(points, currents)[1]
-        return self._asked(points, currents, "gradient", out)
+        return self._pair(points, currents, None, out)[1]
 
     def field_and_gradient(
         self, points: ArrayLike, currents: Any, out: tuple[Array, Array] | None = None
@@ -436,12 +436,19 @@ class FieldMap(Field, own_shapes=ONE_POINT):
         found = None if weights is None else self._evaluator.field_at(points, weights)
         if found is not None:
             return found if out is None else written(found, out)
-        return self._asked(points, currents, "field_and_gradient", out)
+        return self._pair(points, currents, *((None, None) if out is None else out))
 
     @of_any_shape
-    def _asked(self, points: ArrayLike, currents: Any, quantity: str, out: Any) -> Any:
-        """A quantity by its name, at points of any shape and currents for all of them or for each."""
-        return getattr(self._lookup(points, currents), quantity)(points, out)
+    def _pair(
+        self,
+        points: ArrayLike,
+        currents: Any,
+        flux: Array | None,
+        slope: Array | None,
+        gradient: bool = True,
+    ) -> tuple[Array, Array]:
+        """As `MapAtCurrents._pair`, at points of any shape and currents for all of them or for each."""
+        return self._lookup(points, currents)._pair(points, flux, slope, gradient)
 
     def second_gradient(self, points: ArrayLike, currents: Any) -> Array:
         """Second derivatives of the flux density.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -230,7 +230,7 @@ def _values(
     file: h5py.File,
     quantity: Quantity,
     field: str,
-    source: Mapping[str, Any],
+    source: dict[str, Any],
     grid: Grid,
     findings: _Findings,
 ) -> Array | None:

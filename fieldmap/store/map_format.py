@@ -187,14 +187,15 @@ def info_from(
     reduced_model: ReducedModel | None,
 ) -> MapInfo:
     """The map's description from header, report and source texts; KeyError, TypeError or ValueError if ill-formed."""
+    texts: dict[str, Any] = {name: _value(header, name, str) for name in _TEXTS}
+    # Older files do not say what they included.
+    texts |= {name: _named_texts({"included": {}, **header}[name]) for name in _NAMED_TEXTS}
     provenance = Provenance(
         recipe_text=recipe,
         device_text=device,
         solver_report=dict(report["solver_report"]),
         assumptions=_texts(report, "assumptions"),
-        **{name: _value(header, name, str) for name in _TEXTS},
-        # Older files do not say what they included.
-        **{name: _named_texts({"included": {}, **header}[name]) for name in _NAMED_TEXTS},
+        **texts,
     )
 
     def stated(name: str) -> FieldError | None:
@@ -234,7 +235,9 @@ def to_json(values: Mapping[str, Any]) -> str:
 
 
 def _error_keys(error: FieldError | None) -> dict[str, float] | None:
-    return error and {"flux_density_T": float(error.flux_density), "gradient_T_per_m": float(error.gradient)}
+    if error is None:
+        return None
+    return {"flux_density_T": float(error.flux_density), "gradient_T_per_m": float(error.gradient)}
 
 
 def _error_from(keys: Mapping[str, float]) -> FieldError:
