@@ -212,8 +212,19 @@ def _numbers(where: str, points: ArrayLike) -> Array:
 def of_any_shape(method: Callable[..., Any], first: str = "points") -> Callable[..., Any]:
     """Make a method of points (n, 3) or (3,) take points of any leading shape (..., 3).
 
-    Other arguments that have the leading shape of the points, a row for every point, are taken row by row. first: name
-    of the argument that is the points.
+    Other arguments that have the leading shape of the points, a row for every point, are taken row by row.
+
+    Parameters
+    ----------
+    method
+        The method.
+    first
+        Name of its first argument, the points.
+
+    Returns
+    -------
+    Callable[..., Any]
+        The method for all shapes.
     """
 
     @functools.wraps(method)

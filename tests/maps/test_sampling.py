@@ -174,9 +174,8 @@ def test_tangents_of_the_three_most_different_states_are_conditions(permeable, m
     monkeypatch.setattr(sampling, "_TRIED", np.inf)
     known = np.array([1e-3, 0.1, 1.0, 1.001])[:, None] * KNOWN[0]
     choose(permeable, known)
-    wanted = [
-        sampling._tangent(permeable, *state)[0] for state in zip(known, solved(permeable, known), strict=True)
-    ]
+    states = zip(known, solved(permeable.model, known), strict=True)
+    wanted = [sampling._tangent(permeable.model, *state)[0] for state in states]
     found = [int(np.argmin([np.abs(whole - other).max() for other in wanted])) for whole in given]
     assert len(found) == 3
     assert {0, 1} < set(found)
