@@ -179,12 +179,22 @@ def test_one_point_in_every_dress(coarse, dipoles):
         np.testing.assert_allclose(np.ravel(flux), expected[0], rtol=1e-13)
         np.testing.assert_allclose(np.ravel(slope), expected[1].ravel(), rtol=1e-13)
         np.testing.assert_allclose(np.ravel(coarse.at(CURRENTS).field(dressed)), expected[0], rtol=1e-12)
+    moment = np.array([0.3, -0.7, 1.1])
+    expected, frozen = coarse.wrench(point, moment, CURRENTS), moment.copy()
+    frozen.flags.writeable = False
+    for dressed in (list(moment), moment[None], np.repeat(moment, 2)[::2], frozen):
+        np.testing.assert_allclose(coarse.wrench(point, dressed, CURRENTS), expected, rtol=1e-13)
+        np.testing.assert_allclose(coarse.at(CURRENTS).wrench(list(point), dressed), expected, rtol=1e-12)
+    for wrong in (np.zeros(2), np.zeros((2, 3))):
+        with pytest.raises(InputError, match="moments"):
+            coarse.wrench(point, wrong, CURRENTS)
     with pytest.raises(InputError, match="points"):
         coarse.field_and_gradient(np.zeros(2), CURRENTS)
     with pytest.raises(InputError, match="currents"):
         coarse.field_and_gradient(point, np.zeros(7))
-    with pytest.raises(OutsideMapError):
-        coarse.field_and_gradient(np.array([1.0, 0.0, 0.0]), CURRENTS)
+    for of in (coarse.field_and_gradient, lambda x, i: coarse.wrench(x, moment, i)):
+        with pytest.raises(OutsideMapError):
+            of(np.array([1.0, 0.0, 0.0]), CURRENTS)
 
 
 def test_wrench_of_one_dipole_is_that_of_many(coarse, dipoles):
@@ -198,21 +208,6 @@ def test_wrench_of_one_dipole_is_that_of_many(coarse, dipoles):
     flux, slope = coarse.field_and_gradient(points[0], CURRENTS)
     np.testing.assert_allclose(many[0, :3], moment @ slope, rtol=1e-13)
     np.testing.assert_allclose(many[0, 3:], np.cross(moment, flux), rtol=1e-12)
-
-
-def test_wrench_of_one_dipole_in_every_dress(coarse, dipoles):
-    point, moment = dipoles.points(1)[0], np.array([0.3, -0.7, 1.1])
-    expected = coarse.wrench(point, moment, CURRENTS)
-    frozen = moment.copy()
-    frozen.flags.writeable = False
-    for dressed in (list(moment), moment[None], np.repeat(moment, 2)[::2], frozen):
-        np.testing.assert_allclose(coarse.wrench(point, dressed, CURRENTS), expected, rtol=1e-13)
-        np.testing.assert_allclose(coarse.at(CURRENTS).wrench(list(point), dressed), expected, rtol=1e-12)
-    for wrong in (np.zeros(2), np.zeros((2, 3)), np.array([np.nan, 0.0, 1.0])[:2]):
-        with pytest.raises(InputError, match="moments"):
-            coarse.wrench(point, wrong, CURRENTS)
-    with pytest.raises(OutsideMapError):
-        coarse.wrench(np.array([1.0, 0.0, 0.0]), moment, CURRENTS)
 
 
 @pytest.mark.parametrize("kind", ["hermite", "harmonic", "global"])

@@ -3,21 +3,15 @@
 import warnings
 
 import numpy as np
-import pytest
 
 from fieldmap.store import write_map
 
 
-@pytest.fixture
-def xarray():
+def test_xarray_reads_a_record_with_its_coordinates(make_map, tmp_path):
+    """As docs/map_file.md shows it."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of its own imports
         import xarray
-    return xarray
-
-
-def test_xarray_reads_a_record_with_its_coordinates(xarray, make_map, tmp_path):
-    """As docs/map_file.md shows it."""
     data = make_map(reference_current=2.0)
     path = write_map(tmp_path / "map.h5", data)
     for record, values in (("B_1", data.flux_density[0]), ("B_upper_left", data.flux_density[1])):
@@ -37,13 +31,3 @@ def test_xarray_reads_a_record_with_its_coordinates(xarray, make_map, tmp_path):
             ]
             for ours, theirs in zip(data.grid.axes, axes, strict=True):
                 np.testing.assert_allclose(ours, theirs, atol=1e-15)
-
-
-def test_the_nine_components_of_a_gradient(xarray, make_map, tmp_path):
-    data = make_map()
-    path = write_map(tmp_path / "map.h5", data)
-    with xarray.open_dataset(
-        path, engine="h5netcdf", group="/data/0/meshes/gradB_1", phony_dims="sort"
-    ) as opened:
-        assert sorted(opened) == sorted(i + j for i in "xyz" for j in "xyz")
-        np.testing.assert_array_equal(opened["zx"].values, data.gradient[0, ..., 2, 0])
