@@ -406,9 +406,10 @@ class MapAtCurrents(FieldAtCurrents, own_shapes=ONE_POINT):
         OutsideMapError
             As for `field`.
         """
-        found = self._evaluator.field_at(points, None) if self._weights is None else None
+        quick = out is None and self._weights is None
+        found = self._evaluator.field_at(points, None) if quick else None
         if found is not None:
-            return found if out is None else written(found, out)
+            return found
         return self._pair_of_any_shape(points, *((None, None) if out is None else out))
 
     def _pair(
@@ -417,11 +418,13 @@ class MapAtCurrents(FieldAtCurrents, own_shapes=ONE_POINT):
         """Flux density and gradient at points (n, 3) or (3,), in these arrays or new ones; without `gradient` that is
         empty."""
         where, single = checked_vectors("points", points)
-        found = result_array(None if single else flux, where.shape), np.empty((len(where), 0, 0))
+        leading = () if single else where.shape[:1]
+        found = result_array(flux, (*leading, 3)), np.empty((*leading, 0, 0))
         if gradient:
-            found = found[0], result_array(None if single else slope, (*where.shape, 3))
-        self._fill(self._evaluator.field_and_gradient, where, *found)
-        return (single_row(found[0], flux), single_row(found[1], slope)) if single else found
+            found = found[0], result_array(slope, (*leading, 3, 3))
+        rows = (found[0][None], found[1][None]) if single else found
+        self._fill(self._evaluator.field_and_gradient, where, *rows)
+        return found
 
     _pair_of_any_shape = of_any_shape(_pair)
 
@@ -483,23 +486,3 @@ class MapAtCurrents(FieldAtCurrents, own_shapes=ONE_POINT):
     def _fill(self, evaluate: Callable[..., int], points: Array, *results: Array) -> None:
         weights = _ONE if self._weights is None else self._weights
         in_chunks(evaluate, points, [weights, *results], self._box)
-
-
-def written(found: tuple[Array, Array], out: tuple[Array, Array]) -> tuple[Array, Array]:
-    """Copy the field and the gradient at one point to the arrays `out`, and return these.
-
-    Raises InputError if an array does not fit.
-    """
-    pairs = [(result_array(to, of.shape), of) for to, of in zip(out, found, strict=True)]
-    for to, of in pairs:
-        to[...] = of
-    return pairs[0][0], pairs[1][0]
-
-
-def single_row(result: Array, out: Array | None) -> Array:
-    """The only row of a result; it is copied to `out` if that is given. Raises InputError if `out` does not fit."""
-    if out is None:
-        return result[0]
-    checked = result_array(out, result.shape[1:])
-    checked[...] = result[0]
-    return checked

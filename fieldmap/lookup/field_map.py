@@ -30,7 +30,6 @@ from fieldmap.lookup.evaluation import (
     Evaluator,
     MapAtCurrents,
     in_chunks,
-    written,
 )
 from fieldmap.lookup.inverse import least_power_currents
 from fieldmap.lookup.inverse_problem import SumOfFields
@@ -433,9 +432,10 @@ class FieldMap(Field, own_shapes=ONE_POINT):
             As for `field`.
         """
         weights = currents if self._model is None else self._known_weights(currents)
-        found = None if weights is None else self._evaluator.field_at(points, weights)
+        quick = out is None and weights is not None
+        found = self._evaluator.field_at(points, weights) if quick else None
         if found is not None:
-            return found if out is None else written(found, out)
+            return found
         return self._pair(points, currents, *((None, None) if out is None else out))
 
     @of_any_shape

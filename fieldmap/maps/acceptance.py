@@ -25,29 +25,19 @@ from fieldmap.store.stated_accuracy import (
 # The next number of states is extrapolated from the errors of the rounds, up to `_BELIEVED` times the present number.
 # Where that fails, it is `_MORE` times the present number.
 _MORE, _BELIEVED = 2, 8
-# Wording of messages for each part of the error.
-_LEFT = {
-    "states": "states and modes leave",
-    "points": "sample points change",
-    "condensation": "fewer modes and points change",
-    "fields": "the fields of the map leave",
-}
-_SHORT = {
-    "states": "the states fall short",
-    "modes": "the modes fall short",
-    "points": "the sample points fall short",
-    "condensation": "fewer modes and points than were trained fall short",
-    "fields": "the fields of the map fall short",
-    "": "no part is known to fall short",
-}
-# Keys of the recipe that make each part smaller. The recipe limits the states; the training takes as many of the others
-# as it needs.
-_LESSENED_BY = {
-    "states": ("states", "modes"),
-    "points": ("points",),
-    "condensation": (),
-    "fields": ("fields",),
-    "": (),
+# Of each part of the error: wording of what it leaves and of that it falls short, and the keys of the recipe that make
+# it smaller. The recipe limits the states; the training takes as many of the others as it needs.
+_PARTS = {
+    "states": ("states and modes leave", "the states fall short", ("states", "modes")),
+    "modes": ("", "the modes fall short", ()),
+    "points": ("sample points change", "the sample points fall short", ("points",)),
+    "condensation": (
+        "fewer modes and points change",
+        "fewer modes and points than were trained fall short",
+        (),
+    ),
+    "fields": ("the fields of the map leave", "the fields of the map fall short", ("fields",)),
+    "": ("", "no part is known to fall short", ()),
 }
 
 
@@ -130,7 +120,7 @@ def shortfall(about: Mapping[str, Any], plan: Plan) -> Shortfall:
         Of the training.
     """
     parts: Mapping[str, Any] = about.get("error_parts") or {}
-    shares = {name: float(parts[name]) for name in _LEFT if name in parts}
+    shares = {name: float(parts[name]) for name in _PARTS if name in parts}
     limits, taken = parts.get("limits", ()), parts.get("taken", {})
     reached = missed_accuracy(about)
     if shares and reached is not None and "fields" in limits:
@@ -138,15 +128,15 @@ def shortfall(about: Mapping[str, Any], plan: Plan) -> Shortfall:
         rest = reached.largest_share - sum(shares.values())
         shares |= {"fields": rest} if rest > 0.0 else {}
     largest = max(shares, key=lambda name: shares[name]) if shares else ""
-    used = [key for key in _LESSENED_BY[largest] if key in limits]
+    used = [key for key in _PARTS[largest][2] if key in limits]
     part = "modes" if parts.get("in_vain") else used[0] if used else largest
     states = _states(about, plan) if part == "states" and used else None
-    words = [_SHORT[part]]
+    words = [_PARTS[part][1]]
     if part == "modes":
         words.append(
             f"the solved states differ so much that modes leave {percent(parts['modes_leave'])} of one"
         )
-    words += [f"{_LEFT[name]} {percent(share)}" for name, share in shares.items()]
+    words += [f"{_PARTS[name][0]} {percent(share)}" for name, share in shares.items()]
     if limits:
         words.append("used up: " + ", ".join(f"all {taken[key]} {key}" for key in limits))
     return Shortfall(part, ", ".join(words), states, _seconds(about, plan, states))
