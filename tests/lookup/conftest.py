@@ -3,6 +3,8 @@
 import numpy as np
 import pytest
 
+from fieldmap.field import Field
+from fieldmap.kernels.coils.loop import loop_flux_density_and_gradient
 from fieldmap.lookup import interpolate
 from fieldmap.store import Grid, MapData
 
@@ -43,6 +45,30 @@ def dipole_map(cells, n_coils=3):
         flux_density=np.array(flux).reshape(n_coils, *grid.shape, 3),
         gradient=np.array(slope).reshape(n_coils, *grid.shape, 3, 3),
     )
+
+
+class Loops(Field):
+    """Loops of so many ampere turns, of these radii and centres, m."""
+
+    proportional = affine = True
+    coil_names = ()
+
+    def __init__(self, loops, turns):
+        self.loops, self.turns = loops, turns
+        self.coil_names = tuple("abc"[: len(loops)])
+
+    def _of(self, points, currents, which):
+        each = [
+            loop_flux_density_and_gradient(np.atleast_2d(points) - np.array(c), r)[which]
+            for r, c in self.loops
+        ]
+        return self.turns * np.tensordot(np.asarray(currents, float), np.array(each), axes=(-1, 0))
+
+    def field(self, points, currents):
+        return self._of(points, currents, 0)
+
+    def gradient(self, points, currents):
+        return self._of(points, currents, 1)
 
 
 def random_points(n, seed=0):

@@ -9,51 +9,25 @@ from scipy.spatial.transform import Rotation
 from fieldmap.device.model import MagnetBlock, MagnetCylinder, MagnetSphere, Payload
 from fieldmap.errors import InputError, NotConverged, OutsideMapError
 from fieldmap.field import Field
-from fieldmap.kernels.coils.loop import loop_flux_density_and_gradient
 from fieldmap.lookup import finite_magnet, interpolate, magnetic_body, soft_sphere_force, volume_rule
 from fieldmap.store import Grid, MapData
+from tests.lookup.conftest import Loops
 
 MU0 = 4e-7 * np.pi
 CYLINDER = MagnetCylinder(diameter=0.010, height=0.008, remanence=1.3)
 BLOCK = MagnetBlock(size=(0.008, 0.006, 0.010), remanence=1.2)
 SPHERE = MagnetSphere(diameter=0.012, remanence=1.3)
 LOOPS = [(0.016, [0.02, 0.0, 0.03]), (0.025, [-0.02, 0.01, 0.035])]
+EXACT = Loops(LOOPS, 1e3)
 GRID = Grid([-0.015, -0.015, -0.02], [0.00125, 0.00125, 0.00125], (25, 25, 25))
-
-
-def loops(points):
-    """B (2, n, 3) and G per 1000 A."""
-    points = np.ascontiguousarray(points)
-    parts = [loop_flux_density_and_gradient(points - np.array(c), r) for r, c in LOOPS]
-    return tuple(1e3 * np.stack(part) for part in zip(*parts, strict=True))
-
-
-class Exact:
-    """The loops themselves in the place of a map."""
-
-    coil_names = ("a", "b")
-    lower, upper = GRID.lower, GRID.upper
-
-    def field_and_gradient(self, points, currents):
-        flux, slope = loops(np.asarray(points))
-        amperes = np.broadcast_to(currents, (len(points), 2))
-        return np.einsum("cni,nc->ni", flux, amperes), np.einsum("cnij,nc->nij", slope, amperes)
-
-    def field(self, points, currents):
-        return self.field_and_gradient(points, currents)[0]
-
-    def gradient(self, points, currents):
-        return self.field_and_gradient(points, currents)[1]
 
 
 @pytest.fixture(scope="module")
 def field():
-    flux, slope = loops(GRID.points())
-    shape = (2, *GRID.shape, 3)
-    data = MapData(
-        GRID, ("a", "b"), [1.0, 1.0], flux_density=flux.reshape(shape), gradient=slope.reshape(*shape, 3)
-    )
-    return interpolate(data)
+    points, shape = GRID.points(), (2, *GRID.shape, 3)
+    flux, slope = EXACT.unit_field(points).swapaxes(0, 1), EXACT.unit_gradient(points).swapaxes(0, 1)
+    about = {"flux_density": flux.reshape(shape), "gradient": slope.reshape(*shape, 3)}
+    return interpolate(MapData(GRID, ("a", "b"), [1.0, 1.0], **about))
 
 
 TURN = Rotation.from_rotvec([0.4, -0.7, 0.3]).as_matrix()
@@ -77,7 +51,7 @@ def fine_sum(shape, position, turn, currents):
         volume = np.pi / 4 * shape.diameter**2 * shape.height
     dipole = shape.remanence / MU0 * volume * turn[:, 2]
     arms = local @ turn.T
-    flux, slope = Exact().field_and_gradient(position + arms, currents)
+    flux, slope = EXACT.field_and_gradient(position + arms, currents)
     force = np.einsum("nij,i,n->nj", slope, dipole, share)
     torque = np.cross(dipole, flux) * share[:, None] + np.cross(arms, force)
     return force.sum(axis=0), torque.sum(axis=0)
@@ -128,12 +102,12 @@ def test_a_sphere_is_a_point_dipole(field):
     local = SPHERE.diameter / 2 * (r * np.stack([sine * np.cos(ring), sine * np.sin(ring), cosine])).T
     moment = SPHERE.remanence / MU0 * np.pi / 6 * SPHERE.diameter**3
     position, currents = np.array([0.004, -0.002, 0.003]), np.array([1.0, -2.0])
-    flux, slope = Exact().field_and_gradient(position + local, currents)
+    flux, slope = EXACT.field_and_gradient(position + local, currents)
     force = moment * np.einsum("nj,n->nj", slope[:, 2], share)
     torque = np.cross([0, 0, moment], flux) * share[:, None] + np.cross(local, force)
     magnet = finite_magnet(SPHERE, field)
     assert (len(magnet.points), magnet.error) == (1, 0.0)
-    wrench = magnet.wrench(Exact(), position[None], currents)[0]
+    wrench = magnet.wrench(EXACT, position[None], currents)[0]
     np.testing.assert_allclose(wrench[:3], force.sum(axis=0), rtol=0, atol=1e-6 * np.linalg.norm(wrench[:3]))
     np.testing.assert_allclose(wrench[3:], torque.sum(axis=0), rtol=0, atol=1e-6 * np.linalg.norm(wrench[3:]))
 

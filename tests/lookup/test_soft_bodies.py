@@ -28,6 +28,7 @@ from fieldmap.lookup import (
     wrench_actuation,
 )
 from fieldmap.store import Grid, MapData
+from tests.lookup.conftest import Loops
 
 MU0 = scipy.constants.mu_0
 STEEL = fm.material("steel_a3")
@@ -166,31 +167,9 @@ AT, AMPERES = np.array([0.003, 0.002, -0.004]), np.array([1.0, -0.7, 0.4])
 LOOPS = [(0.016, [0.02, 0.0, 0.03]), (0.025, [-0.02, 0.01, 0.035]), (0.02, [0.0, -0.02, -0.04])]
 
 
-class Loops(Field):
-    """Three loops of so many ampere turns."""
-
-    coil_names = ("a", "b", "c")
-    proportional = affine = True
-
-    def __init__(self, turns=3e3):
-        self.turns = turns
-
-    def _of(self, points, currents, which):
-        each = [
-            loop_flux_density_and_gradient(np.atleast_2d(points) - np.array(c), r)[which] for r, c in LOOPS
-        ]
-        return self.turns * np.tensordot(np.asarray(currents, float), np.array(each), axes=(-1, 0))
-
-    def field(self, points, currents):
-        return self._of(points, currents, 0)
-
-    def gradient(self, points, currents):
-        return self._of(points, currents, 1)
-
-
 @pytest.mark.parametrize("turns", [300.0, 3e3, 2e4])
 def test_wrench_is_the_slope_of_the_energy_by_place_and_by_turn(turns):
-    field, body = Loops(turns), magnetic_body(PAIR)
+    field, body = Loops(LOOPS, turns), magnetic_body(PAIR)
     at, currents = AT, AMPERES
     found = body.wrench(field, at, currents, TURN)
     size = [np.linalg.norm(found[:3]), np.linalg.norm(found[3:])]
@@ -206,7 +185,7 @@ def test_wrench_is_the_slope_of_the_energy_by_place_and_by_turn(turns):
 
 
 def test_a_body_is_the_sum_of_its_pieces_with_their_arms():
-    field, at, currents = Loops(), AT, AMPERES
+    field, at, currents = Loops(LOOPS, 3e3), AT, AMPERES
     together = magnetic_body(PAIR).wrench(field, at, currents, TURN)
     apart = np.zeros(6)
     for piece in PAIR.pieces:
@@ -217,7 +196,7 @@ def test_a_body_is_the_sum_of_its_pieces_with_their_arms():
 
 
 def test_slopes_by_the_currents_pass_a_taylor_test():
-    field, body = Loops(), magnetic_body(PAIR)
+    field, body = Loops(LOOPS, 3e3), magnetic_body(PAIR)
     at, currents, along = AT, AMPERES, np.array([0.3, 1.0, -0.6])
     about = wrench_actuation(field, at, body, currents, TURN)
     here = body.wrench(field, at, currents, TURN)
@@ -251,7 +230,7 @@ def test_rules_for_the_magnets_among_pieces(opened):
 
 
 def test_stiffness_is_the_slope_of_the_force():
-    field, body = Loops(), magnetic_body(PAIR)
+    field, body = Loops(LOOPS, 3e3), magnetic_body(PAIR)
     at, currents = AT, AMPERES
     stiffness = body.stiffness(field, at, currents, TURN)
     steps = 1e-5 * np.eye(3)
@@ -261,7 +240,7 @@ def test_stiffness_is_the_slope_of_the_force():
 
 
 def test_what_a_sphere_at_its_centre_leaves_out_falls_with_the_square_of_its_size():
-    field, at, currents = CompletedField(Loops()), AT[None], AMPERES
+    field, at, currents = CompletedField(Loops(LOOPS, 3e3)), AT[None], AMPERES
     sizes = np.array([0.5e-3, 1e-3, 2e-3, 4e-3])
     off = []
     for diameter in sizes:
@@ -273,7 +252,7 @@ def test_what_a_sphere_at_its_centre_leaves_out_falls_with_the_square_of_its_siz
 
 
 def test_the_rules_of_a_cylinder_converge():
-    field, at, currents = Loops(), AT, AMPERES
+    field, at, currents = Loops(LOOPS, 3e3), AT, AMPERES
     magnet = MagnetCylinder(0.010, 0.008, 1.3)
     exact = volume_rule(magnet, 8).wrench(field, at, currents, TURN)
     off = [
@@ -426,5 +405,5 @@ def test_bad_bodies_are_refused():
             magnetic_body(wrong)
         assert caught.value.problems[0].received == received
     with pytest.raises(InputError) as caught:
-        wrench_actuation(Loops(), np.zeros(3), magnetic_body(BEAD))
+        wrench_actuation(Loops(LOOPS, 3e3), np.zeros(3), magnetic_body(BEAD))
     assert caught.value.problems[0].where == "actuation, currents"

@@ -25,7 +25,7 @@ from fieldmap.device.model import (
 from fieldmap.dynamics.field_of_currents import sampled_field, superposed
 from fieldmap.errors import Infeasible, InputError, MapFileError
 from fieldmap.lookup import capability, field_actuation, gradient_actuation, wrench_actuation
-from fieldmap.store import MapData, check_map, read_info, read_map, seal_map, write_map
+from fieldmap.store import Grid, MapData, check_map, read_info, read_map, seal_map, write_map
 from fieldmap.store.map_format import write_text
 from tests.dynamics.machines import machine_in
 
@@ -300,18 +300,8 @@ def test_a_map_of_coils_alone_is_of_the_first_format(tmp_path):
 
 
 def test_constant_data_need_a_name_of_what_makes_them():
-    one = read_only_map()
-    with pytest.raises(InputError):
-        MapData(**{**one, "fixed_sources": ()})
-    assert MapData(**one).reference_weights.tolist() == [1.0]
-
-
-def read_only_map():
-    from fieldmap.store import Grid
-
-    grid = Grid([0, 0, 0], [0.01, 0.01, 0.01], (3, 3, 3))
-    return {
-        "grid": grid,
+    one = {
+        "grid": Grid([0, 0, 0], [0.01, 0.01, 0.01], (3, 3, 3)),
         "coil_names": (),
         "reference_current": np.zeros(0),
         "fixed_sources": ("background",),
@@ -319,6 +309,9 @@ def read_only_map():
         "flux_density": np.ones((1, 3, 3, 3, 3)),
         "gradient": np.zeros((1, 3, 3, 3, 3, 3)),
     }
+    with pytest.raises(InputError):
+        MapData(**{**one, "fixed_sources": ()})
+    assert MapData(**one).reference_weights.tolist() == [1.0]
 
 
 @pytest.mark.parametrize("name", ["sphere_in_field", "shell_in_field"])
