@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fieldmap.errors import FieldmapError, InputError
+from fieldmap.errors import FieldmapError
 from fieldmap.store import checkpoint_path, open_writer, read_map, write_map
 from tests.store.conftest import numbers_in
 
@@ -148,31 +148,6 @@ def test_begun_anew_on_request(large, tmp_path):
     with open_writer(tmp_path / "map.h5", large, resume=False) as writer:
         assert writer.resumed == 0
         assert writer.note
-
-
-@pytest.mark.parametrize("contents", [b"", b"rubbish" * 100])
-def test_a_ruined_partial_file_is_begun_anew(large, tmp_path, contents):
-    checkpoint_path(tmp_path / "map.h5").write_bytes(contents)
-    with open_writer(tmp_path / "map.h5", large) as writer:
-        assert writer.resumed == 0
-        assert bool(writer.note) == bool(contents)
-
-
-def test_a_damaged_chunk_is_computed_again(large, tmp_path):
-    half_written(tmp_path / "map.h5", large)
-    partial = checkpoint_path(tmp_path / "map.h5")
-    raw = bytearray(partial.read_bytes())
-    raw[raw.index(large.flux_density[:, 2:3].tobytes()) + 100] ^= 1
-    partial.write_bytes(raw)
-    with open_writer(tmp_path / "map.h5", large) as writer:
-        assert [c.number for c in writer.missing] == [2, 4, 5, 6, 7, 8]
-
-
-def test_a_place_that_cannot_be_written(large, tmp_path):
-    (tmp_path / "file").write_text("")
-    with pytest.raises(InputError):
-        open_writer(tmp_path / "file" / "map.h5", large)
-    assert sorted(os.listdir(tmp_path)) == ["file"]
 
 
 def test_numbers_that_are_not_finite_are_not_written(large, tmp_path):
