@@ -18,7 +18,7 @@ from fieldmap.inputs.kinds import FileKind
 from fieldmap.maps.recipe import RECIPE
 from fieldmap.planar.device_file import PLANAR_DEVICE
 from fieldmap.shipped import shipped_folder
-from fieldmap.studies.fit_file import FIT
+from fieldmap.studies.machine_fit import FIT
 from fieldmap.studies.reading import STUDY
 
 FILE_KINDS: tuple[FileKind[Any], ...] = (DEVICE, MATERIAL, PLANAR_DEVICE, RECIPE, STUDY, FIT, SCENARIO)

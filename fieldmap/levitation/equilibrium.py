@@ -257,10 +257,13 @@ def search_grid(box: Bounds) -> Array:
     lower, upper = box
     # A hair inside the box, so that rounding never puts a point outside it.
     margin = 1e-9 * (upper - lower)
-    axes = [
-        np.linspace(a, b, n) for a, b, n in zip(lower + margin, upper - margin, SEARCH_SHAPE, strict=True)
-    ]
-    return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+    return grid_points(lower + margin, upper - margin, SEARCH_SHAPE)
+
+
+def grid_points(lower: Array, upper: Array, counts: tuple[int, ...]) -> Array:
+    """Points (n, d) of a grid of so many along each axis from one corner (d,) to the other, the last axis fastest."""
+    axes = map(np.linspace, lower, upper, counts)
+    return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(counts))
 
 
 def best_starts(grid: Array, unbalance: Array, box: Bounds) -> Array:

@@ -15,15 +15,16 @@ with needs("make", "fieldmap.studies"):
 
 from fieldmap.levitation.unknowns import ReadingsFit, Unknown
 from fieldmap.studies.design import Carrying, DesignProblem, Limit, Number, Variable
-from fieldmap.studies.fit_file import Fit, read_fit
 from fieldmap.studies.machine_fit import (
     ComputedReadings,
     FieldReadings,
+    Fit,
     InductanceReadings,
     LiftCurrentReadings,
     MachineFit,
     Readings,
     fit_machine,
+    read_fit,
 )
 from fieldmap.studies.optimisation import optimise, solve_problem
 from fieldmap.studies.optimum import Check, LimitAtOptimum, NoFeasibleDesign, Optimum, Step

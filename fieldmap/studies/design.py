@@ -1,7 +1,7 @@
 """A problem of design: what of a device may change, what is to be smallest, and what must hold.
 
-`fieldmap.studies.reading` makes one of a study file with [optimise], `fieldmap.studies.design_arguments` of the
-arguments of `fm.optimise`; `fieldmap.studies.optimisation` solves it.
+`fieldmap.studies.reading` makes one of a study file with [optimise], `fieldmap.studies.design_checks` of the arguments
+of `fm.optimise`; `fieldmap.studies.optimisation` solves it.
 """
 
 from collections.abc import Callable, Mapping
@@ -35,7 +35,7 @@ from fieldmap.typing import Array
 
 CURRENT = "current."
 """Begins the key of the current of a coil."""
-METHODS = ("SLSQP", "trust-constr", "COBYQA", "optuna")
+Method = Literal["SLSQP", "trust-constr", "COBYQA", "optuna"]
 WITHOUT_SLOPES = frozenset({"COBYQA", "optuna"})
 # Of a difference, as a share of the distance between the bounds.
 _STEP = 0.02
@@ -147,6 +147,12 @@ class Number(records.Record):
         sets = " - ".join(name for name in (self.currents, self.minus) if name)
         return f"{self.name}, {sets}" if sets else self.name
 
+    @property
+    def parts(self) -> tuple[tuple[float, "Number"], ...]:
+        """The number at each of its sets of currents, with its sign."""
+        first = (1.0, replace(self, minus=""))
+        return (first, (-1.0, replace(self, currents=self.minus, minus=""))) if self.minus else (first,)
+
 
 def number_of(given: Number | str | Callable[..., Any]) -> Number:
     """A number by its name, a quantity of the field, or any function, as a `Number`."""
@@ -247,7 +253,8 @@ def _one_objective(keys: Any) -> None:
 class Search(records.Record):
     """What is optimised, within which limits: `fieldmap optimise`.
 
-    sign: 1 to minimise the objective, -1 to maximise it. check_refinement: None for no check.
+    sign: 1 to minimise the objective, -1 to maximise it. check_refinement: None for no check. besides: other numbers
+    that are asked of each design.
     """
 
     objective: Number
@@ -271,7 +278,7 @@ class Search(records.Record):
     method: Annotated[
         str,
         Key(
-            Literal["SLSQP", "trust-constr", "COBYQA", "optuna"],
+            Method,
             "by derivatives (the first two), without them, or by Optuna's sampler",
         ),
     ] = "SLSQP"
@@ -291,10 +298,18 @@ class Search(records.Record):
     ] = 1.4
     seed: Annotated[int, Key(whole(0), "of Optuna's sampler")] = 0
 
-    def with_numbers(self, named: Callable[[Number], Number]) -> "Search":
-        """The same with other sets of currents of its numbers."""
-        limits = [replace(one, number=named(number_of(one.number))) for one in self.limits]
-        return replace(self, objective=named(self.objective), limits=tuple(limits))
+    besides: tuple[Number, ...] = ()
+
+    def renamed(self, name: str, new: str) -> "Search":
+        """The same with another name of one set of currents in all its numbers."""
+
+        def of(given: Number | str) -> Number:
+            number = number_of(given)
+            return replace(number, currents=new) if number.currents == name else number
+
+        limits = tuple(replace(one, number=of(one.number)) for one in self.limits)
+        besides = tuple(map(of, self.besides))
+        return replace(self, objective=of(self.objective), limits=limits, besides=besides)
 
 
 OptimiseKeys = table_of(Search, name="OptimiseKeys", bases=(_Objective,), rules=(_one_objective,))
@@ -303,7 +318,7 @@ OptimiseKeys = table_of(Search, name="OptimiseKeys", bases=(_Objective,), rules=
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class DesignProblem(Search):
     """What to optimise. document: the device file; numbers: of the study that objective and limits are made of, with
-    their sets of currents written out; besides: other numbers that are asked of each design."""
+    their sets of currents written out."""
 
     title: str
     document: Document
@@ -312,7 +327,6 @@ class DesignProblem(Search):
     record: Record
     coil_names: tuple[str, ...]
     body_names: tuple[str, ...]
-    besides: tuple[Number, ...] = ()
 
     @property
     def numbers(self) -> tuple[Number, ...]:
@@ -396,11 +410,8 @@ class DesignProblem(Search):
         tuple[CurrentSet, ...]
             The sets.
         """
-        varied = {
-            variable.key.removeprefix(CURRENT): float(value)
-            for variable, value in zip(self.variables, values, strict=True)
-            if variable.is_current
-        }
+        given = self.named(values)
+        varied = {one.key.removeprefix(CURRENT): given[one.key] for one in self.variables if one.is_current}
         return tuple(_with_currents(entry, self.coil_names, varied) for entry in self.current_sets)
 
 

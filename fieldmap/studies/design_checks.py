@@ -1,21 +1,28 @@
-"""What a problem of design must keep to, whether it comes from a study file or from arguments of Python."""
+"""What a problem of design must keep to, whether it comes from a study file or from arguments of Python, and the
+arguments of `fm.optimise` and `analyse_tolerances` as such a problem, each mistake at its argument."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from typing import Any
+from pathlib import Path
+from typing import Any, get_args
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from fieldmap.device.changes import changed, key_finding
 from fieldmap.device.model import Device
-from fieldmap.inputs.document import Document
+from fieldmap.device.reader import TEXT, device_of
+from fieldmap.device.schema import DEVICE
+from fieldmap.errors import DeviceFileError, InputError, Problem
+from fieldmap.inputs.document import Document, parsed
 from fieldmap.inputs.findings import Finding, meant, one_of
 from fieldmap.inputs.key_paths import Location, dotted, matches, value_at
-from fieldmap.studies.design import CURRENT, METHODS, DesignProblem, Number, Variable
-from fieldmap.studies.study import CurrentSet, lacking, refused
-from fieldmap.typing import Array
+from fieldmap.studies.design import CURRENT, Carrying, DesignProblem, Method, Number, Search, Variable
+from fieldmap.studies.quantities import GROUPS
+from fieldmap.studies.study import CurrentSet, Record, StudyIron, current_set, lacking, refused, saturates
+from fieldmap.typing import Array, PathLike
 
 # Places of mistakes, as a file has them.
 _VARIABLE: Location = ("optimise", "variable")
@@ -71,7 +78,7 @@ def _wrong_keys(variable: Variable, draft: DesignProblem, device: Device) -> Ite
 
 
 def _of_numbers(draft: DesignProblem, device: Device) -> Iterator[Finding]:
-    asked = [(_objective_place(draft), draft.objective)]
+    asked = [(("optimise", "minimise" if draft.sign > 0 else "maximise"), draft.objective)]
     asked += [((*_LIMIT, k), limit.asked) for k, limit in enumerate(draft.limits)]
     asked += [(("besides", k), number) for k, number in enumerate(draft.besides)]
     for place, number in asked:
@@ -81,10 +88,6 @@ def _of_numbers(draft: DesignProblem, device: Device) -> Iterator[Finding]:
             must_hold = "a limit has a lower or an upper bound, the lower one below the upper one"
             received = f"{limit.lower:g} and {limit.upper:g}"
             yield Finding((*_LIMIT, k), must_hold, received, "give bounds")
-
-
-def _objective_place(draft: DesignProblem) -> Location:
-    return ("optimise", "minimise" if draft.sign > 0 else "maximise")
 
 
 def _of_number(place: Location, number: Number, draft: DesignProblem, device: Device) -> Iterator[Finding]:
@@ -107,24 +110,18 @@ def _of_number(place: Location, number: Number, draft: DesignProblem, device: De
 
 
 def _of_settings(draft: DesignProblem) -> Iterator[Finding]:
-    check, refinement = draft.check_refinement, draft.iron.refinement
-    settings: tuple[tuple[str, bool, str, Any, str], ...] = (
-        (
-            "method",
-            draft.method in METHODS,
-            f"one of {one_of(list(METHODS))}",
-            draft.method,
-            "choose one of these",
-        ),
-        ("solves", draft.solves >= 1, "at least 1", draft.solves, "allow more"),
-        ("tolerance", 0 < draft.tolerance < 1, "between 0 and 1", draft.tolerance, "correct it"),
-        ("check_refinement", check is None or check > 1, "above 1", check, "write 1.4"),
-        ("refinement", refinement > 0, "above 0", refinement, "write 1"),
+    check, methods = draft.check_refinement, get_args(Method)
+    settings = (
+        ("method", draft.method in methods, f"one of {one_of(list(methods))}", "choose one of these"),
+        ("solves", draft.solves >= 1, "at least 1", "allow more"),
+        ("tolerance", 0 < draft.tolerance < 1, "between 0 and 1", "correct it"),
+        ("check_refinement", check is None or check > 1, "above 1", "write 1.4"),
+        ("refinement", draft.iron.refinement > 0, "above 0", "write 1"),
     )
-    for name, good, must, received, remedy in settings:
+    for name, good, must, remedy in settings:
         if not good:
-            table = "iron" if name == "refinement" else "optimise"
-            yield Finding((table, name), f"must be {must}", f"{received!r}", remedy)
+            table, of = ("iron", draft.iron) if name == "refinement" else ("optimise", draft)
+            yield Finding((table, name), f"must be {must}", f"{getattr(of, name)!r}", remedy)
 
 
 def given_current(key: str, sets: Sequence[CurrentSet], coil_names: Sequence[str]) -> float:
@@ -218,3 +215,94 @@ def _places(draft: DesignProblem) -> Iterator[tuple[Location, str, Array]]:
             at = begin.copy()
             at[k] = bound
             yield (*_VARIABLE, k, name), f"with {variable.key} at its {name} bound", at
+
+
+def design_problem(
+    device: PathLike | Device,
+    search: Search,
+    *,
+    currents: Any,
+    saturating: bool | None,
+    refinement: float,
+    points: ArrayLike | None,
+    box: tuple[ArrayLike, ArrayLike] | None,
+    force_share: float,
+    caller: str = "optimise",
+) -> DesignProblem:
+    """A search with the device and the currents that `optimise`, or another caller, was given. Raises InputError with
+    one Problem for every mistake."""
+    document = device_document(device)
+    made = device_of(document)
+    problems: list[Problem] = []
+    sets = current_sets(currents, made, f"{caller}(currents)", problems)
+    curved = saturates(made) if saturating is None else saturating
+    corners = None if box is None else (np.asarray(box[0], dtype=float), np.asarray(box[1], dtype=float))
+    limit = made.driver.current_limit if made.driver is not None else None
+    where = np.asarray([] if points is None else points, dtype=float).reshape(-1, 3)
+
+    draft = DesignProblem(
+        **vars(search.renamed("", sets[0].name if len(sets) == 1 else "")),
+        title=f"Optimum of {made.name}",
+        document=document,
+        current_sets=sets,
+        iron=StudyIron("saturating" if curved else "linear", refinement=refinement),
+        record=Record(GROUPS, where, force_share, limit, corners),
+        coil_names=made.coil_names,
+        body_names=tuple(body.name for body in made.bodies),
+    )
+    done, findings = checked(draft, made)
+    problems += [_told(finding, draft, caller) for finding in findings]
+    if problems:
+        raise InputError(*problems)
+    return done
+
+
+def _told(finding: Finding, draft: DesignProblem, caller: str) -> Problem:
+    """A mistake at the argument that it is in."""
+    where = f"{caller}({finding.location[-1]})"
+    match finding.location:
+        case ("optimise", "variable"):
+            where = f"{caller}(variables)"
+        case ("optimise", "variable", int(k), *_):
+            where = f"{caller}, {draft.variables[k].key}"
+        case ("optimise", "minimise" | "maximise", *_):
+            where = f"{caller}, {draft.objective.label}"
+        case ("optimise", "constraint", int(k), *_):
+            where = f"{caller}, {draft.limits[k].asked.label}"
+        case ("besides", int(k), *_):
+            where = f"{caller}, {draft.besides[k].label}"
+    return Problem(where, finding.must_hold, finding.received, finding.remedy)
+
+
+def device_document(device: PathLike | Device) -> Document:
+    """The device file of a path, a name, a text of several lines, or a device made in Python."""
+    if isinstance(device, Device):
+        path = device.source or Path(TEXT)
+        return DEVICE.prepared(parsed(path, device.text or device.to_toml(), DeviceFileError))
+    if isinstance(device, str) and "\n" in device:
+        return DEVICE.prepared(parsed(Path(TEXT), device, DeviceFileError))
+    return DEVICE.load(DEVICE.find(device))
+
+
+def current_sets(given: Any, device: Device, where: str, problems: list[Problem]) -> tuple[CurrentSet, ...]:
+    """The argument `currents` as sets of currents, as `optimise` describes it. where: what its mistakes, which go to
+    `problems`, are told of."""
+    named = given if isinstance(given, Mapping) else {"": 1.0 if given is None else given}
+    coils, sets = len(device.coils), []
+    for name, one in named.items():
+        place = np.asarray(one.position, dtype=float) if isinstance(one, Carrying) else None
+        amperes = (1.0 if one.shares is None else one.shares) if isinstance(one, Carrying) else one
+        if (
+            np.shape(amperes) not in ((), (1,), (coils,))
+            or not np.any(amperes)
+            or not np.isfinite(amperes).all()
+        ):
+            must_hold = f"one number for all coils, or one for each of {coils}, not all 0"
+            remedy = "write amperes, or Carrying(position)"
+            problems.append(Problem(where, must_hold, f"{amperes}"[:80], remedy))
+            amperes = 1.0
+        if place is not None and (device.payload is None or device.workspace is None):
+            must_hold = "the device needs a [payload] and a [workspace] for currents that carry"
+            problems.append(Problem(where, must_hold, "none", "add them, or write amperes"))
+        sets.append(current_set(str(name), amperes, coils, place))
+    return tuple(sets)

@@ -14,8 +14,8 @@ and Q_x is a difference in the solved field. The equilibrium area, half the inte
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Any
 
@@ -43,7 +43,7 @@ from fieldmap.levitation.balance import dipole_force
 from fieldmap.records import Record
 from fieldmap.studies.design import CURRENT, Number, Variable, settings_at
 from fieldmap.studies.equilibrium_area import area_outline
-from fieldmap.studies.quantities import NEED_PAYLOAD, number_names
+from fieldmap.studies.quantities import NEED_PAYLOAD, Places
 from fieldmap.studies.variant_result import OperatingPoint, box_grid, inhomogeneities, winding_resistances
 from fieldmap.typing import Array
 
@@ -61,7 +61,7 @@ class VariedParameters(Parameters):
     ) -> None:
         super().__init__(device)
         self._base, self._variables, self._values = document, variables, dict(values)
-        self._changes: dict[str, Change] = {}
+        self._changes: dict[tuple[str, float | None], Change] = {}
 
     def value(self, key: str) -> float:
         """The value of a variable."""
@@ -69,11 +69,9 @@ class VariedParameters(Parameters):
 
     def change(self, key: str, step: float | None = None) -> Change:
         """What follows a variable; found once."""
-        if step is not None:
-            return super().change(key, step)
-        if key not in self._changes:
-            self._changes[key] = super().change(key)
-        return self._changes[key]
+        if (key, step) not in self._changes:
+            self._changes[key, step] = super().change(key, step)
+        return self._changes[key, step]
 
     def _with(self, key: str, value: float) -> Device:
         settings = settings_at(self._variables, self._values | {key: value})
@@ -89,15 +87,17 @@ class Slopes(Record):
 
 
 def exact_slopes(
-    point: OperatingPoint, numbers: Iterable[Number], parameters: VariedParameters, keys: tuple[str, ...]
+    point: OperatingPoint,
+    numbers: Iterable[Number],
+    places: Places,
+    parameters: VariedParameters,
+    keys: tuple[str, ...],
 ) -> Slopes:
-    """What can be derived exactly, of numbers at this point. Raises FieldmapError where no state has derivatives."""
+    """What can be derived exactly, of numbers at this point. places: of all numbers by name. Raises FieldmapError where
+    no state has derivatives."""
     work = _Slopes(point, parameters)
-    rules: dict[str, Callable[[], Array]] = {}
-    for number in numbers:
-        rule = _rule(work, number)
-        if rule is not None:
-            rules[number.label] = rule
+    found = {number.label: _rule(work, number, places) for number in numbers}
+    rules = {label: rule for label, rule in found.items() if rule is not None}
     if not rules:
         return Slopes({}, {})
     work.take(keys)
@@ -105,7 +105,7 @@ def exact_slopes(
     return Slopes(by, work.refused)
 
 
-def _rule(work: _Slopes, number: Number) -> Callable[[], Array] | None:
+def _rule(work: _Slopes, number: Number, places: Places) -> Callable[[], Array] | None:
     """What gives the derivatives (k,) of a number once all that is needed has been taken; None where it has none."""
     payload = work.point.device.payload
     pieces = payload is not None and bool(payload.pieces)
@@ -117,7 +117,7 @@ def _rule(work: _Slopes, number: Number) -> Callable[[], Array] | None:
         part = number.label
         work.need(part, number.of)
         return lambda: work.total(part)[0]
-    quantity, at = work.names[number.name]
+    quantity, at = places[number.name]
     if pieces and quantity.group in NEED_PAYLOAD:
         return None
     make = _RULES.get(quantity.name)
@@ -125,10 +125,11 @@ def _rule(work: _Slopes, number: Number) -> Callable[[], Array] | None:
 
 
 class _Stacked(Quantity):
-    """Several quantities in a row."""
+    """Several quantities in a row. sizes: how many numbers each of them is, once their weights have been taken."""
 
     def __init__(self, parts: tuple[Quantity, ...]) -> None:
         self._parts = parts
+        self.sizes: list[int] = []
         # Linkages in air take a second for each pair of coils.
         self.uses = tuple(dict.fromkeys(use for part in parts for use in part.uses))  # type: ignore[misc]
         ends = np.cumsum([0, *(len(part.points) for part in parts)]).tolist()
@@ -141,26 +142,25 @@ class _Stacked(Quantity):
 
     def of(self, samples: Samples) -> Array:
         """Their numbers (k,)."""
-        return np.concatenate([np.ravel(p.of(_part(samples, w))) for p, w in self._each()])
+        return np.concatenate([np.ravel(part.of(own)) for part, own, _ in self._each(samples)])
 
     def weights(self, samples: Samples) -> Weights:
         """How they follow the samples, each those of its own points."""
         found = []
-        for part, where in self._each():
-            own = part.weights(_part(samples, where))
+        for part, samples_of_part, where in self._each(samples):
+            own = part.weights(samples_of_part)
             field = np.zeros((len(own.field), *samples.field.shape))
             gradient = np.zeros((len(own.field), *samples.gradient.shape))
             field[:, where], gradient[:, where] = own.field, own.gradient
             found.append(Weights(field, gradient, own.linkage))
+        self.sizes = [len(one.field) for one in found]
         names = ("field", "gradient", "linkage")
         return Weights(*(np.concatenate([getattr(one, name) for one in found]) for name in names))
 
-    def _each(self) -> Iterable[tuple[Quantity, slice]]:
-        return zip(self._parts, self._where, strict=True)
-
-
-def _part(samples: Samples, where: slice) -> Samples:
-    return Samples(samples.field[where], samples.gradient[where], samples.linkage, samples.coil_names)
+    def _each(self, samples: Samples) -> Iterator[tuple[Quantity, Samples, slice]]:
+        for part, where in zip(self._parts, self._where, strict=True):
+            field, gradient = samples.field[where], samples.gradient[where]
+            yield part, replace(samples, field=field, gradient=gradient), where
 
 
 class _Slopes:
@@ -183,12 +183,6 @@ class _Slopes:
         """Whether the currents are those that carry."""
         return self.point.entry.common is None
 
-    @cached_property
-    def names(self) -> dict[str, Any]:
-        """Numbers of the study by name."""
-        point = self.point
-        return number_names(point.record.groups, point.labels)
-
     def need(self, name: str, quantity: Quantity, by_place: Callable[[], Array] | None = None) -> None:
         """Note a quantity. by_place: its derivative (n, 3) by the place of the equilibrium, where it follows that."""
         self._parts.setdefault(name, quantity)
@@ -208,11 +202,11 @@ class _Slopes:
         self.keys = tuple(key for key in keys if key not in self.refused)
         if not self._parts:
             return
-        shares = [f"current.{name}" for name in point.device.coil_names]
+        coils = [f"{CURRENT}{name}" for name in point.device.coil_names]
         stacked = _Stacked(tuple(self._parts.values()))
         while True:
             left = tuple(key for key in keys if key not in self.refused)
-            asked = tuple(dict.fromkeys((*left, *shares)))
+            asked = tuple(dict.fromkeys((*left, *coils)))
             try:
                 found = state.origin.derivative(state, stacked, asked, self.parameters)
                 break
@@ -223,19 +217,12 @@ class _Slopes:
                     raise
                 self.refused |= {refused[one.where]: f"{one.must_hold}: {one.received}" for one in named}
         self.keys = left
-        row = 0
-        for name, part in self._parts.items():
-            count = len(np.ravel(part.of(self._samples(part))))
-            rows = slice(row, row + count)
-            columns = [np.zeros(count) if self._no_part(key) else found[key].ravel()[rows] for key in left]
-            self._by_key[name] = np.array(columns).reshape(len(left), count).T
-            each = np.array([found[key].ravel()[rows] for key in shares]).T
-            self._by_level[name] = each @ point.entry.shares
-            row += count
-
-    def _samples(self, part: Quantity) -> Samples:
-        n, coils = len(part.points), self.point.device.coil_names
-        return Samples(np.ones((n, 3)), np.ones((n, 3, 3)), np.ones(len(coils)), coils)
+        every = np.array([found[key].ravel() for key in asked])
+        by_key = every[: len(left)].T * self._followed
+        by_level = point.entry.shares @ every[[asked.index(coil) for coil in coils]]
+        ends = np.cumsum(stacked.sizes)[:-1]
+        self._by_key = dict(zip(self._parts, np.split(by_key, ends), strict=True))
+        self._by_level = dict(zip(self._parts, np.split(by_level, ends), strict=True))
 
     def _refuse_other_changes(self, keys: tuple[str, ...]) -> None:
         """Variables that change what is neither coil, nor iron, nor background: the derivatives do not see it."""
@@ -245,9 +232,10 @@ class _Slopes:
             if other:
                 self.refused[key] = f"it changes the {' and the '.join(other)}"
 
-    def _no_part(self, key: str) -> bool:
-        """Whether it is a current, which currents that carry do not follow."""
-        return self.carries and key.startswith(CURRENT)
+    @property
+    def _followed(self) -> Array:
+        """1 for each key (k,), and 0 for a current, which currents that carry do not follow."""
+        return np.array([not (self.carries and key.startswith(CURRENT)) for key in self.keys], dtype=float)
 
     @cached_property
     def level(self) -> Array:
@@ -261,11 +249,8 @@ class _Slopes:
     def currents(self) -> Array:
         """Derivatives (c, k) of the currents."""
         changes = [self.parameters.change(key).currents for key in self.keys]
-        of_keys = [
-            0 * one if self._no_part(key) else one for key, one in zip(self.keys, changes, strict=True)
-        ]
-        own = np.array(of_keys).reshape(len(self.keys), len(self.point.currents)).T
-        return own + np.outer(self.point.entry.shares, self.level)
+        varied = np.array(changes).reshape(-1, len(self.point.currents))
+        return varied.T * self._followed + np.outer(self.point.entry.shares, self.level)
 
     @cached_property
     def place(self) -> Array:
@@ -289,7 +274,7 @@ class _Slopes:
     def resistances(self) -> Array:
         """Derivatives (c, k) of the resistances of the windings."""
         columns = [self.parameters.change(key).slope(winding_resistances) for key in self.keys]
-        return np.array(columns).reshape(len(self.keys), -1).T
+        return np.array(columns).reshape(-1, len(self.point.currents)).T
 
 
 Rule = Callable[[], Array]
@@ -309,16 +294,10 @@ def _power(work: _Slopes, at: tuple[int, ...]) -> Rule:
     return lambda: 2 * (r * i) @ work.currents + i**2 @ work.resistances()
 
 
-def _flux_density(work: _Slopes, at: tuple[int, ...]) -> Rule:
-    name = f"field {at[0]}"
-    work.need(name, FluxDensityAt(work.point.record.points[at[0]]))
-    return lambda: work.total(name)[at[1]]
-
-
-def _gradient(work: _Slopes, at: tuple[int, ...]) -> Rule:
-    name = f"gradient {at[0]}"
-    work.need(name, GradientAt(work.point.record.points[at[0]]))
-    return lambda: work.total(name)[3 * at[1] + at[2]]
+def _at_point(work: _Slopes, at: tuple[int, ...], kind: Callable[[Array], Quantity]) -> Rule:
+    name, entry = f"{kind} {at[0]}", np.ravel_multi_index(at[1:], (3,) * len(at[1:]))
+    work.need(name, kind(work.point.record.points[at[0]]))
+    return lambda: work.total(name)[entry]
 
 
 def _force_per_ampere(work: _Slopes, at: tuple[int, ...]) -> Rule | None:
@@ -444,8 +423,8 @@ _RULES: dict[str, Callable[[_Slopes, tuple[int, ...]], Rule | None]] = {
     "common_current": _common_current,
     "current": _current,
     "power": _power,
-    "flux_density": _flux_density,
-    "gradient": _gradient,
+    "flux_density": partial(_at_point, kind=FluxDensityAt),
+    "gradient": partial(_at_point, kind=GradientAt),
     "force_per_ampere": _force_per_ampere,
     "inhomogeneity": partial(_homogeneity, place=0),
     "largest_inhomogeneity": partial(_homogeneity, place=1),

@@ -33,7 +33,7 @@ from fieldmap.studies.design import (
     Variable,
     number_of,
 )
-from fieldmap.studies.design_arguments import design_problem
+from fieldmap.studies.design_checks import design_problem
 from fieldmap.studies.optimum import Check, LimitAtOptimum, NoFeasibleDesign, Optimum
 from fieldmap.studies.run import require_xarray, write_netcdf
 from fieldmap.studies.search import Designs, Evaluation, SearchEnded, searching

@@ -23,13 +23,12 @@ from fieldmap.inputs.kinds import FileKind
 from fieldmap.inputs.tables import Text, Versioned, broken
 from fieldmap.maps.recipe import Recipe, read_recipe, read_recipe_device
 from fieldmap.shipped import is_file
-from fieldmap.studies.design import DesignProblem, Number, OptimiseKeys, Search
+from fieldmap.studies.design import DesignProblem, OptimiseKeys, Search
 from fieldmap.studies.design_checks import checked
 from fieldmap.studies.quantities import GROUPS, ON_REQUEST, TAKEN
 from fieldmap.studies.study import (
     Axis,
     AxisKeys,
-    CurrentSet,
     CurrentsKeys,
     IronKeys,
     OneVariant,
@@ -104,20 +103,6 @@ STUDY = FileKind(
 )
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class _Opened(records.Record):
-    """A study file with its device: what variants and designs have in common. findings: what is wrong with that."""
-
-    file: Document
-    settings: StudySettings
-    document: Document
-    device: Device
-    current_sets: tuple[CurrentSet, ...]
-    iron: StudyIron
-    record: Record
-    findings: tuple[Finding, ...]
-
-
 def read_study(path_or_name: str | Path) -> Study:
     """Read and check a study file, as docs/studies.md describes it.
 
@@ -143,25 +128,14 @@ def read_study(path_or_name: str | Path) -> Study:
     if settings.optimise is not None:
         must_hold, remedy = "must be a study of variants", "`fieldmap optimise` takes it"
         raise StudyError(file.problem("optimise", must_hold, "a table [optimise]", remedy))
-    opened = _opened(file, settings)
-    findings = [*key_findings(settings, opened.document), *opened.findings]
-    variants = () if findings else variants_of(settings, opened.document)
+    document, _, findings, common = _opened(file, settings)
+    findings = [*key_findings(settings, document), *findings]
+    variants = () if findings else variants_of(settings, document)
     findings += variant_findings(settings, variants)
     if findings:
         raise StudyError(*file.problems(findings))
-    return Study(
-        path=file.path,
-        text=file.text,
-        title=settings.title,
-        axes=settings.vary,
-        variants=variants,
-        current_sets=opened.current_sets,
-        iron=opened.iron,
-        record=opened.record,
-        device_document=opened.document,
-        coil_names=opened.device.coil_names,
-        body_names=tuple(body.name for body in opened.device.bodies),
-    )
+    where = {"path": file.path, "text": file.text, "device_document": document}
+    return Study(axes=settings.vary, variants=variants, **where, **common)
 
 
 def read_design_problem(path_or_name: PathLike) -> DesignProblem:
@@ -182,24 +156,14 @@ def read_design_problem(path_or_name: PathLike) -> DesignProblem:
     if search is None:
         must_hold, remedy = "must have a table [optimise]", "`fieldmap study` takes a study of variants"
         raise StudyError.of(str(file.path), must_hold, "a study of variants", remedy)
-    opened, sets = _opened(file, settings), [one.name for one in settings.currents]
-
-    def named(number: Number) -> Number:
-        """Without the set of currents where there is one, which needs no name."""
-        return replace(number, currents="") if sets == [number.currents] else number
-
-    draft = DesignProblem(
-        **vars(search.with_numbers(named)),
-        title=settings.title,
-        document=opened.document,
-        current_sets=opened.current_sets if len(sets) > 1 else (replace(opened.current_sets[0], name=""),),
-        iron=opened.iron,
-        record=replace(opened.record, groups=GROUPS),
-        coil_names=opened.device.coil_names,
-        body_names=tuple(body.name for body in opened.device.bodies),
-    )
-    done, of_problem = checked(draft, opened.device)
-    findings = [*opened.findings, *_not_for_designs(settings), *of_problem]
+    document, device, findings, common = _opened(file, settings)
+    common["record"] = replace(common["record"], groups=GROUPS)
+    if len(settings.currents) == 1:
+        # The only set of currents needs no name.
+        search = search.renamed(settings.currents[0].name, "")
+        common["current_sets"] = (replace(common["current_sets"][0], name=""),)
+    done, of_problem = checked(DesignProblem(**vars(search), document=document, **common), device)
+    findings = [*findings, *_not_for_designs(settings), *of_problem]
     if findings:
         raise StudyError(*file.problems(findings))
     return done
@@ -210,8 +174,11 @@ def _read(path_or_name: PathLike) -> tuple[Document, StudySettings]:
     return file, record_of(STUDY.contents(file))
 
 
-def _opened(file: Document, settings: StudySettings) -> _Opened:
-    """The study with the device that it names. Raises StudyError where there is none."""
+def _opened(
+    file: Document, settings: StudySettings
+) -> tuple[Document, Device, list[Finding], dict[str, Any]]:
+    """The device file and device that a study names, what is wrong with what variants and designs have in common, and
+    that by its names in both. Raises StudyError where there is no device."""
     document, recipe = _named_device(file, settings)
     device = device_of(document)
     iron = settings.iron or StudyIron()
@@ -225,7 +192,9 @@ def _opened(file: Document, settings: StudySettings) -> _Opened:
         findings += [one.below("currents", k) for one in entry.mistakes(device)]
     findings += _of_quantities(settings.record.groups or (), device, iron, record)
     findings += _of_iron(settings.iron, device)
-    return _Opened(file, settings, document, device, sets, iron, record, tuple(findings))
+    names = {"coil_names": device.coil_names, "body_names": tuple(body.name for body in device.bodies)}
+    common = {"title": settings.title, "current_sets": sets, "iron": iron, "record": record, **names}
+    return document, device, findings, common
 
 
 def _named_device(file: Document, settings: StudySettings) -> tuple[Document, Recipe | None]:
@@ -339,20 +308,15 @@ def _keys(settings: StudySettings) -> Iterator[tuple[Location, str]]:
 
 def variants_of(settings: StudySettings, document: Document) -> tuple[Variant, ...]:
     """All variants, the last axis fastest. The device files are not checked here."""
-    if settings.variant:
-        return tuple(
-            Variant(entry.name, (k,), tuple(entry.set.items()), changed(document, tuple(entry.set.items())))
-            for k, entry in enumerate(settings.variant)
-        )
-    combined = []
-    for place in itertools.product(*(range(len(entry.values)) for entry in settings.vary)):
-        chosen = [(entry, entry.values[k]) for entry, k in zip(settings.vary, place, strict=True)]
-        together = tuple(
-            pair for entry, value in chosen for pair in settings_with(entry.key, value, entry.linked)
-        )
-        words = setting_words({entry.name: value for entry, value in chosen})
-        combined.append(Variant(words, place, together, changed(document, together)))
-    return tuple(combined)
+    stated: list[tuple[str, tuple[int, ...], list[tuple[str, Any]]]] = [
+        (one.name, (k,), list(one.set.items())) for k, one in enumerate(settings.variant)
+    ]
+    places = itertools.product(*(range(len(axis.values)) for axis in settings.vary))
+    for place in places if settings.vary else ():
+        chosen = [(axis, axis.values[k]) for axis, k in zip(settings.vary, place, strict=True)]
+        together = [pair for axis, value in chosen for pair in settings_with(axis.key, value, axis.linked)]
+        stated.append((setting_words({axis.name: value for axis, value in chosen}), place, together))
+    return tuple(Variant(name, place, tuple(keys), changed(document, keys)) for name, place, keys in stated)
 
 
 def variant_findings(settings: StudySettings, variants: tuple[Variant, ...]) -> list[Finding]:

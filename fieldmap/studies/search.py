@@ -16,12 +16,13 @@ from typing import Any
 
 import numpy as np
 
+from fieldmap.arguments import check
 from fieldmap.device.reader import device_of
-from fieldmap.errors import FieldmapError, Infeasible, InputError
+from fieldmap.errors import FieldmapError, Infeasible
 from fieldmap.iron.sensitivity.adjoint import quantity_of
 from fieldmap.iron.sensitivity.quantities import Quantity as FieldQuantity
 from fieldmap.parallel import Workers
-from fieldmap.plain import plain_fields, plain_items
+from fieldmap.plain import plain, plain_fields
 from fieldmap.provenance import fingerprint
 from fieldmap.records import Record
 from fieldmap.store import Checkpoint, checkpoint_path
@@ -85,7 +86,7 @@ def _solved(asked: Asked) -> tuple[dict[str, float], Slopes]:
     slopes: dict[str, Mapping[str, float]] = {}
     refused: dict[str, str] = {}
     for entry in problem.currents_at(asked.values):
-        here = [_at(one, entry.name) for one in problem.numbers if entry.name in (one.currents, one.minus)]
+        here = [part for one in problem.numbers for _, part in one.parts if part.currents == entry.name]
         if not here:
             continue
         wanted = {places[one.name][0].group for one in here if one.of is None}
@@ -94,18 +95,23 @@ def _solved(asked: Asked) -> tuple[dict[str, float], Slopes]:
         numbers |= _numbers(point, here, places)
         if asked.derive:
             try:
-                found = exact_slopes(point, here, parameters, asked.derive)
+                found = exact_slopes(point, here, places, parameters, asked.derive)
             except FieldmapError as error:
                 found = Slopes({}, dict.fromkeys(asked.derive, reason("derivative", error)))
             slopes |= found.by
             refused |= found.refused
-    joined = {one.label: _joined(one, numbers) for one in problem.numbers}
-    return joined, Slopes(_joined_slopes(problem.numbers, slopes), refused)
-
-
-def _at(number: Number, name: str) -> Number:
-    """The number at one of its sets of currents."""
-    return replace(number, currents=name, minus="")
+    parts = {one.label: [(sign, part.label) for sign, part in one.parts] for one in problem.numbers}
+    exact = {
+        name: {
+            key: sum(sign * slopes[at][key] for sign, at in each)
+            for key in asked.derive
+            if all(key in slopes[at] for _, at in each)
+        }
+        for name, each in parts.items()
+        if all(at in slopes for _, at in each)
+    }
+    joined = {name: sum(sign * numbers[at] for sign, at in each) for name, each in parts.items()}
+    return joined, Slopes(exact, refused)
 
 
 def _numbers(point: OperatingPoint, here: Iterable[Number], places: Places) -> dict[str, float]:
@@ -115,7 +121,8 @@ def _numbers(point: OperatingPoint, here: Iterable[Number], places: Places) -> d
         if number.of is None:
             quantity, at = places[number.name]
             if quantity.name not in values:
-                raise _MissingError(" || ".join(problems))
+                received, remedy = " || ".join(problems), "see why it is not"
+                raise Infeasible.of(number.label, "must be found", received, remedy)
             value: Any = np.asarray(values[quantity.name])[at] if at else values[quantity.name]
         else:
             state: Any = point.iron.field.at(point.currents)
@@ -127,34 +134,6 @@ def _numbers(point: OperatingPoint, here: Iterable[Number], places: Places) -> d
         if not np.isfinite(value):
             raise Infeasible.of(number.label, "must be a finite number", str(value), "see the device")
         found[number.label] = float(value)
-    return found
-
-
-class _MissingError(FieldmapError):
-    """A number that could not be found, with the study's reasons."""
-
-    def __init__(self, why: str) -> None:
-        super().__init__()
-        self.args = (why,)
-
-
-def _joined(number: Number, at_sets: Mapping[str, float]) -> float:
-    value = at_sets[_at(number, number.currents).label]
-    return value - at_sets[_at(number, number.minus).label] if number.minus else value
-
-
-def _joined_slopes(
-    numbers: Iterable[Number], at_sets: Mapping[str, Mapping[str, float]]
-) -> dict[str, dict[str, float]]:
-    """Derivatives of the numbers, where they are there at every set that a number is made of."""
-    found = {}
-    for number in numbers:
-        labels = [_at(number, number.currents).label]
-        labels += [_at(number, number.minus).label] if number.minus else []
-        if all(label in at_sets for label in labels):
-            first, *rest = (at_sets[label] for label in labels)
-            keys = [key for key in first if all(key in other for other in rest)]
-            found[number.label] = {key: first[key] - sum(other[key] for other in rest) for key in keys}
     return found
 
 
@@ -185,18 +164,13 @@ def problem_fingerprint(problem: DesignProblem) -> str:
         f"{one.label} {getattr(one.of, '__qualname__', type(one.of).__name__)}" for one in problem.numbers
     ]
     settings = (
-        *device.texts,
-        repr([(one.key, one.linked) for one in problem.variables]),
-        repr(sorted(numbers)),
-        repr([plain_fields(one) for one in problem.current_sets]),
-        repr(replace(problem.iron, refinement=1.0)),
-        repr(
-            plain_items(
-                points=record.points, share=record.force_share, limit=record.current_limit, box=record.box
-            )
-        ),
+        [(one.key, one.linked) for one in problem.variables],
+        sorted(numbers),
+        [plain_fields(one) for one in problem.current_sets],
+        replace(problem.iron, refinement=1.0),
+        plain([record.points, record.force_share, record.current_limit, record.box]),
     )
-    return fingerprint(settings, CODE)
+    return fingerprint((*device.texts, *map(repr, settings)), CODE)
 
 
 class SearchEnded(Exception):  # noqa: N818 - an end, not an error
@@ -254,10 +228,8 @@ class Designs:
         derive = tuple(key for key in derive if key not in self.refused)
         names = [self._name(role == "step", refinement, design) for design in designs]
         if role == "difference":
-            as_steps = [self._name(True, refinement, design) for design in designs]
-            names = [
-                step if step in self._known else name for step, name in zip(as_steps, names, strict=True)
-            ]
+            steps = [self._name(True, refinement, design) for design in designs]
+            names = [step if step in self._known else name for step, name in zip(steps, names, strict=True)]
         for name in names:
             piece = self._checkpoint.get(name) if self._checkpoint is not None else None
             if piece is not None and name not in self._known:
@@ -300,10 +272,8 @@ class Designs:
         self.steps.append(
             Step(role, kept, found.refinement, found.values, found.numbers, feasible, found.failure)
         )
-        if found.solved:
-            text = f"{self.problem.objective.label} {found.numbers[self.problem.objective.label]:.6g}"
-        else:
-            text = "failed"
+        label = self.problem.objective.label
+        text = f"{label} {found.numbers[label]:.6g}" if found.solved else "failed"
         share = min(1.0, (self.solves + self.kept) / self.problem.solves)
         self._say(f"design {len(self.steps)}, {role}: {text}", share)
 
@@ -325,11 +295,9 @@ class Designs:
     def begin(self) -> Evaluation:
         """Solve where the search begins. Raises InputError where that fails."""
         found = self.at(self.problem.starts)
-        if not found.solved:
-            received = found.failure
-            remedy = "begin at a design that can be solved, or correct the device"
-            must_hold = "the design at which the search begins must be solved"
-            raise InputError.of("optimise", must_hold, received, remedy)
+        must_hold = "the design at which the search begins must be solved"
+        remedy = "begin at a design that can be solved, or correct the device"
+        check(found.solved, "optimise", must_hold, found.failure, remedy)
         self._scale = abs(found.numbers[self.problem.objective.label]) or 1.0
         return found
 
@@ -396,12 +364,8 @@ class Designs:
         exact = found.slopes.get(number.label, {}) if found.solved else {}
         out = np.zeros(len(values))
         for k, key in enumerate(self.problem.keys):
-            if key in exact:
-                out[k] = exact[key]
-                self.kinds[number.label][key] = "exact"
-            else:
-                out[k] = self._difference(values, k, number)
-                self.kinds[number.label][key] = "differences"
+            out[k] = exact[key] if key in exact else self._difference(values, k, number)
+            self.kinds[number.label][key] = "exact" if key in exact else "differences"
         return out
 
     def _difference(self, values: Array, k: int, number: Number) -> float:
@@ -425,14 +389,12 @@ class Designs:
     def best(self) -> Evaluation | None:
         """The best design of the search that meets the limits; None where none does."""
         good = [found for found in self._of_the_search() if self.violation(found) <= self.problem.tolerance]
-        return min(good, key=self._judged, default=None)
+        sign, objective = self.problem.sign, self.problem.objective
+        return min(good, key=lambda found: sign * self.number(found, objective), default=None)
 
     def nearest(self) -> Evaluation:
         """The design of the search that comes nearest to meeting the limits."""
         return min(self._of_the_search(), key=self.violation)
-
-    def _judged(self, found: Evaluation) -> float:
-        return self.problem.sign * self.number(found, self.problem.objective)
 
     def _of_the_search(self) -> list[Evaluation]:
         return [found for found in self._known.values() if found.solved and self._on_search_mesh(found)]

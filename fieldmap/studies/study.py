@@ -394,16 +394,9 @@ def axis_labels(
     record: Record, coil_names: tuple[str, ...], body_names: tuple[str, ...]
 ) -> dict[str, tuple[str, ...]]:
     """Labels of the entries along each axis of quantities."""
-    letters = ("x", "y", "z")
-    points = tuple(str(k + 1) for k in range(len(record.points)))
-    return {
-        "coil": coil_names,
-        "other_coil": coil_names,
-        "body": body_names,
-        "point": points,
-        "component": letters,
-        "direction": letters,
-    }
+    points, letters = tuple(str(k + 1) for k in range(len(record.points))), ("x", "y", "z")
+    labels = {"coil": coil_names, "other_coil": coil_names, "body": body_names}
+    return labels | {"point": points, "component": letters, "direction": letters}
 
 
 def settings_with(key: str, value: Any, linked: Iterable[Linked]) -> tuple[tuple[str, Value], ...]:

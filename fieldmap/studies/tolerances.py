@@ -22,8 +22,7 @@ from fieldmap.iron.sensitivity.changes import Parameters
 from fieldmap.iron.sensitivity.quantities import Derivatives
 from fieldmap.records import Record
 from fieldmap.studies.design import CURRENT, DesignProblem, Number, Search, Variable, number_of
-from fieldmap.studies.design_arguments import current_sets, design_problem, device_document
-from fieldmap.studies.design_checks import given_current
+from fieldmap.studies.design_checks import current_sets, design_problem, device_document, given_current
 from fieldmap.studies.optimum import Kind
 from fieldmap.studies.search import Designs, Evaluation, searching
 from fieldmap.studies.study import Linked, setting_words
@@ -240,9 +239,14 @@ def _problem(
     objective, *besides = map(number_of, numbers)
     solves = 1 + 2 * len(uncertain) + samples
     search = Search(
-        objective=objective, sign=1.0, variables=tuple(variables), solves=solves, check_refinement=None
+        objective=objective,
+        sign=1.0,
+        variables=tuple(variables),
+        solves=solves,
+        check_refinement=None,
+        besides=tuple(besides),
     )
-    return design_problem(device, search, besides=besides, currents=currents, caller=_CALLER, **of_the_device)
+    return design_problem(device, search, currents=currents, caller=_CALLER, **of_the_device)
 
 
 def _mistakes(uncertain: Sequence[Uncertain], numbers: Sequence[Any], samples: int) -> list[Problem]:

@@ -14,7 +14,7 @@ from fieldmap import records
 from fieldmap.core.least_power import FOUND, least_power
 from fieldmap.device.model import Device, Payload
 from fieldmap.device.reader import device_of
-from fieldmap.errors import FieldmapError, Infeasible, InputError, NotConverged, Problem
+from fieldmap.errors import FieldmapError, Infeasible, NotConverged, Problem
 from fieldmap.field import Field, as_field, require_bounds
 from fieldmap.inputs.document import Document
 from fieldmap.iron import LinearSolution, NonlinearSolver, solve_linear, solve_to_tolerance
@@ -22,9 +22,10 @@ from fieldmap.iron.error import ErrorEstimate, estimate_error, workspace_surface
 from fieldmap.iron.summary import FILL, body_fluxes, copper_resistance
 from fieldmap.levitation import GRAVITY, Equilibrium, find_equilibrium, lift_current
 from fieldmap.levitation.balance import upright_force
+from fieldmap.levitation.equilibrium import grid_points
 from fieldmap.lookup.payload import check_payload
 from fieldmap.studies.equilibrium_area import equilibrium_area
-from fieldmap.studies.study import CurrentSet, Record, StudyIron, axis_labels
+from fieldmap.studies.study import CurrentSet, Record, StudyIron
 from fieldmap.typing import Array
 
 # Ratio of the mesh sizes of a solution and of the one that it is compared with, and of two refinements.
@@ -180,20 +181,13 @@ class OperatingPoint:
 
     def __init__(self, device: Device, iron: SolvedIron, entry: CurrentSet, record: Record) -> None:
         self.device, self.iron, self.entry, self.record = device, iron, entry, record
-        self.common = self._carrying() if entry.common is None else entry.common
+        if entry.common is None:
+            place: Any = entry.carried_at
+            first = record.current_limit or 1.0
+            self.common = lift_current(self.field, self.payload, place, entry.shares, first).current
+        else:
+            self.common = entry.common
         self.currents = self.common * entry.shares
-        self._found: Equilibrium | FieldmapError | None = None
-
-    def _carrying(self) -> float:
-        payload, place, shares = self.payload, self.entry.carried_at, self.entry.shares
-        first = self.record.current_limit or 1.0
-        return lift_current(self.field, payload, place, shares, first).current  # type: ignore[arg-type]
-
-    @property
-    def labels(self) -> dict[str, tuple[str, ...]]:
-        """Labels of the entries along each axis that a quantity may have."""
-        bodies = tuple(body.name for body in self.device.bodies)
-        return axis_labels(self.record, self.device.coil_names, bodies)
 
     @property
     def payload(self) -> Payload:
@@ -214,15 +208,16 @@ class OperatingPoint:
 
     def equilibrium(self) -> Equilibrium:
         """Where these currents hold the payload; looked for once, and raised again if there is none."""
-        if self._found is None:
-            try:
-                field = self.field
-                self._found = find_equilibrium(field, self.currents, self.payload, self.entry.carried_at)
-            except FieldmapError as error:
-                self._found = error
-        if isinstance(self._found, FieldmapError):
-            raise self._found
-        return self._found
+        if isinstance(self._sought, FieldmapError):
+            raise self._sought
+        return self._sought
+
+    @cached_property
+    def _sought(self) -> Equilibrium | FieldmapError:
+        try:
+            return find_equilibrium(self.field, self.currents, self.payload, self.entry.carried_at)
+        except FieldmapError as error:
+            return error
 
 
 def _currents(point: OperatingPoint) -> Numbers:
@@ -264,8 +259,7 @@ def _reach(point: OperatingPoint) -> Numbers:
 
 def _reachable_share(point: OperatingPoint) -> Numbers:
     field, limit = point.iron.field, float(point.record.current_limit or 0.0)
-    if not isinstance(field, LinearSolution):
-        raise InputError.of("reachable_share", "linear iron", "saturating iron", "leave it out")
+    assert isinstance(field, LinearSolution)  # the checks of studies and designs
     return {"reachable_share": controllable_share(field, point.payload, *point.box, limit)}
 
 
@@ -289,8 +283,7 @@ def winding_resistances(device: Device) -> Array:
 
 def box_grid(corners: tuple[Array, Array]) -> Array:
     """Points (n, 3) of a box, its corners among them."""
-    axes = [np.linspace(low, high, n) for low, high, n in zip(*corners, BOX_GRID, strict=True)]
-    return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+    return grid_points(*corners, BOX_GRID)
 
 
 def inhomogeneities(field: Array) -> tuple[float, float]:
@@ -381,10 +374,8 @@ def controllable_share(
     InputError for a payload of pieces.
     """
     check_payload(payload, "reachable_share")
-    axes = [
-        low + (np.arange(n) + 0.5) / n * (high - low) for low, high, n in zip(lower, upper, GRID, strict=True)
-    ]
-    points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+    half = 0.5 * (upper - lower) / GRID
+    points = grid_points(lower + half, upper - half, GRID)
     per_ampere = payload.moment * solution.unit_fields(points)[1][:, :, 2, :]
     constant = payload.moment * solution.constant_fields(points)[1][:, 2, :]
     held = [

@@ -7,7 +7,7 @@ import pytest
 
 from fieldmap.studies import Carrying, Limit, Linked, Number, Variable
 from fieldmap.studies.design import Search
-from fieldmap.studies.design_arguments import design_problem
+from fieldmap.studies.design_checks import design_problem
 from fieldmap.studies.search import Asked, evaluate
 from tests.conftest import DEVICES
 

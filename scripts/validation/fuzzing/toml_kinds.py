@@ -24,7 +24,7 @@ from fieldmap.inputs.expressions import ExpressionError, evaluate
 from fieldmap.maps.recipe import choose_grid, read_recipe, read_recipe_device
 from fieldmap.planar import read_planar_device
 from fieldmap.shipped import shipped_file, shipped_names
-from fieldmap.studies.fit_file import read_fit
+from fieldmap.studies.machine_fit import read_fit
 from fieldmap.studies.reading import read_design_problem, read_study
 from validation.fuzzing.case import Case, Generator, Kind, not_finite
 from validation.fuzzing.mutations import bytes_of, characters, other_files, strange_places, structure
