@@ -117,7 +117,12 @@ def follow_equilibrium(
         If nothing is near the start.
     """
     check_positive("follow_equilibrium", step=step)
-    targets = _stops(stops)
+    targets = np.asarray(stops, dtype=float)
+    steps = np.diff(targets)
+    ordered = targets.ndim == 1 and len(targets) > 1 and bool((steps > 0).all() or (steps < 0).all())
+    must = "must be two or more parameters in rising or falling order"
+    remedy = "begin with the parameter of the start"
+    check(ordered, "follow_equilibrium(stops)", must, targets.tolist(), remedy)
     about = (field, payload, path, float(targets[0]), start, level, hold_height, field_scale, moment, lever)
     along, begin, (low, high) = _begin("follow_equilibrium", *about)
     width = 0.25 * float((high - low).max())
@@ -278,13 +283,3 @@ class _Along:
         """Derivative (2, 2) of the residual by x and y."""
         balance, place = self.at(q, parameter)
         return -self.field_scale * balance.stiffness(place)[:2, :2] / balance.weight
-
-
-def _stops(stops: ArrayLike) -> Array:
-    values = np.asarray(stops, dtype=float)
-    steps = np.diff(values)
-    ordered = values.ndim == 1 and len(values) > 1 and bool((steps > 0).all() or (steps < 0).all())
-    must = "must be two or more parameters in rising or falling order"
-    remedy = "begin with the parameter of the start"
-    check(ordered, "follow_equilibrium(stops)", must, values.tolist(), remedy)
-    return values

@@ -15,11 +15,11 @@ from numpy.typing import ArrayLike
 
 from fieldmap.arguments import check, check_matrix, check_ordered, check_positive, check_signal
 from fieldmap.device.model import Payload
-from fieldmap.errors import InputError, NoEquilibrium
+from fieldmap.errors import NoEquilibrium
 from fieldmap.field import AnyField, Bounds, Field, as_field, require_bounds
 from fieldmap.levitation.balance import MagnetModel, magnet_balance, model_assumptions
 from fieldmap.levitation.branches import equilibrium_at
-from fieldmap.levitation.unknowns import Unknown, find_unknowns, mistakes
+from fieldmap.levitation.unknowns import Unknown, find_unknowns
 from fieldmap.lookup.payload import check_payload
 from fieldmap.records import Record
 from fieldmap.typing import Array
@@ -237,10 +237,8 @@ def calibrate(
         Unknown(name, float(np.clip(start[name], *near)), low, high, step=_STEP * _TYPICAL.get(name, 1.0))
         for name, near, (low, high) in zip(names, inside.T, bounds.T.tolist(), strict=True)
     ]
-    problems = [*mistakes("calibrate", unknowns, tables, len(tables))]
-    if problems:
-        raise InputError(*problems)
     found = find_unknowns(
+        "calibrate",
         unknowns,
         tables,
         len(tables),
@@ -275,16 +273,13 @@ def calibrate(
 def _tables(rig: _Rig, lift: LiftReadings | None, positions: PositionReadings | None) -> list[_Table]:
     """The readings that there are."""
     coils = len(rig.source.coil_names)
-    some, must = (
-        lift is not None or positions is not None,
-        "must have readings of lift, of positions, or both",
-    )
-    check(some, "calibrate", must, "none", "pass lift=LiftReadings(...) or positions=...")
-    for name, read in (("lift", lift), ("positions", positions)):
-        if read is not None:
-            check_positive(f"calibrate({name})", deviation=read.deviation)
-            count = len(check_signal(f"calibrate({name}.sensed)", read.sensed))
-            check_matrix(f"calibrate({name}.currents)", read.currents, (count, coils))
+    there = [(name, read) for name, read in (("lift", lift), ("positions", positions)) if read is not None]
+    must = "must have readings of lift, of positions, or both"
+    check(bool(there), "calibrate", must, "none", "pass lift=LiftReadings(...) or positions=...")
+    for name, read in there:
+        check_positive(f"calibrate({name})", deviation=read.deviation)
+        count = len(check_signal(f"calibrate({name}.sensed)", read.sensed))
+        check_matrix(f"calibrate({name}.currents)", read.currents, (count, coils))
     tables = []
     if lift is not None:
         rows = tuple(f"lift over weight at {1e3 * z:g} mm" for z in np.asarray(lift.sensed))
@@ -292,8 +287,7 @@ def _tables(rig: _Rig, lift: LiftReadings | None, positions: PositionReadings | 
     if positions is not None:
         places = np.asarray(positions.places, dtype=float).reshape(-1, 2)
         places = places - places[0] if positions.from_first else places
-        there = np.argwhere(np.isfinite(places))
-        rows = tuple(f"{'xy'[axis]} of reading {k}" for k, axis in there)
+        rows = tuple(f"{'xy'[axis]} of reading {k}" for k, axis in np.argwhere(np.isfinite(places)))
         compute = partial(rig.places, positions)
         tables.append(_Table("positions", places.ravel(), positions.deviation, rows, compute))
     return tables

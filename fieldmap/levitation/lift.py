@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fieldmap.arguments import check_signal
+from fieldmap.arguments import check_signal, raise_all
 from fieldmap.constants import GRAVITY
 from fieldmap.device.model import Payload
-from fieldmap.errors import Infeasible, InputError, NotConverged, OutsideMapError, Problem
+from fieldmap.errors import Infeasible, NotConverged, OutsideMapError, Problem
 from fieldmap.field import AnyField, Field, as_field, coil_currents, require_bounds
 from fieldmap.levitation.balance import (
     CURRENT_STEP,
@@ -151,13 +151,11 @@ def _superposed(field: Field, payload: Payload, point: Array, shares: Array, fir
     which the moment that is pulled up is chosen, as of saturating iron."""
     if field.proportional:
         per_ampere, off = field.gradient(point[None, :], shares)[0], np.zeros((3, 3))
-        held = "linear: field and force are proportional to the currents (no saturation)"
+        held = "field and force are proportional to the currents (no saturation)"
     else:
-        off = field.constant_gradient(point[None, :])[0]
-        per_ampere = np.einsum("c,cij->ij", shares, field.unit_gradient(point[None, :])[0])
-        held = (
-            "linear: a field that no current drives, and fields in proportion to the currents (no saturation)"
-        )
+        off = field.constant_gradient(point)
+        per_ampere = np.einsum("c,cij->ij", shares, field.unit_gradient(point))
+        held = "a field that no current drives, and fields in proportion to the currents (no saturation)"
     direction_of_lift(point, payload.moment, per_ampere)
     direction = direction_of_lift(point, payload.moment, off + first * per_ampere)
     up = np.array([0.0, 0.0, direction * payload.moment])
@@ -165,7 +163,7 @@ def _superposed(field: Field, payload: Payload, point: Array, shares: Array, fir
     current = float((payload.mass * GRAVITY - without[2]) / by_coils[2])
     balance = Balance(field, current * shares, payload.mass, payload.moment, up)
     held_magnet = "the magnet is a vertical point dipole at its centre"
-    return _lift(current, balance, point, by_coils, (held, held_magnet))
+    return _lift(current, balance, point, by_coils, (f"linear: {held}", held_magnet))
 
 
 def _lift(
@@ -287,18 +285,17 @@ def _next_current(tried: Sequence[tuple[float, float]], power: float = 1.0) -> f
 def _checked(field: Field, shares: Any, first: float, tolerance: float) -> Array:
     """Shares (n_coils,), if these and the other numbers fit. Raises InputError."""
     weights = coil_currents(1.0 if shares is None else shares, field.coil_names)
-    problems = []
-    if not weights.any():
-        must = "must not all be zero"
-        problems.append(Problem("lift_current(shares)", must, f"{weights.tolist()}", "try np.ones(n_coils)"))
-    if not (np.isfinite(first) and first > 0):
-        problems.append(Problem("lift_current(first)", "must be a positive current", f"{first}", "try 1.0"))
-    if not 0 < tolerance < 1:
-        problems.append(
-            Problem("lift_current(tolerance)", "must lie between 0 and 1", f"{tolerance}", "try 1e-4")
-        )
-    if problems:
-        raise InputError(*problems)
+    positive = bool(np.isfinite(first)) and first > 0
+    rules = (
+        (weights.any(), "shares", "must not all be zero", weights.tolist(), "try np.ones(n_coils)"),
+        (positive, "first", "must be a positive current", first, "try 1.0"),
+        (0 < tolerance < 1, "tolerance", "must lie between 0 and 1", tolerance, "try 1e-4"),
+    )
+    raise_all(
+        Problem(f"lift_current({name})", must_hold, f"{received}", remedy)
+        for holds, name, must_hold, received, remedy in rules
+        if not holds
+    )
     return weights
 
 

@@ -19,6 +19,7 @@ import scipy
 from numpy.typing import ArrayLike
 from pydantic import Field
 
+from fieldmap.arguments import raise_all
 from fieldmap.errors import Problem
 from fieldmap.inputs.declared import Key
 from fieldmap.inputs.tables import Number, Positive, Text
@@ -135,10 +136,10 @@ def wrong_numbers(one: Unknown) -> Iterator[tuple[str, str, str]]:
         yield "step must be above 0", f"{one.step:g}", "correct it, or leave it out"
 
 
-def mistakes(
+def _mistakes(
     where: str, unknowns: Sequence[Unknown], tables: Sequence[Measured], used: int
 ) -> Iterator[Problem]:
-    """What is wrong with unknowns and tables, of which the first `used` are fitted. where: whom it is told of."""
+    """What is wrong with unknowns and tables, of which the first `used` are fitted."""
     keys = [one.key for one in unknowns]
     if not keys or len(set(keys)) < len(keys):
         must_hold, remedy = "must name at least one key, each once", "list Unknown(key, start)"
@@ -160,6 +161,7 @@ def mistakes(
 
 
 def find_unknowns(
+    where: str,
     unknowns: Sequence[Unknown],
     tables: Sequence[Measured],
     used: int,
@@ -169,7 +171,9 @@ def find_unknowns(
     **how: Any,
 ) -> Found:
     """Fit the first `used` tables, and predict the others. on_solve is called with the values of each solve. workers: a
-    function like `map` that computes tables for the derivatives. how: for `scipy.optimize.least_squares`."""
+    function like `map` that computes tables for the derivatives. how: for `scipy.optimize.least_squares`. Raises
+    InputError, told of `where`, for unknowns and tables that do not fit."""
+    raise_all(_mistakes(where, unknowns, tables, used))
     work = _Work(unknowns, tables, compute, on_solve, workers)
     fitted, every = range(used), range(len(tables))
     start = np.array([one.start for one in unknowns])

@@ -15,11 +15,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydantic import BeforeValidator, Field
 
+from fieldmap.arguments import check
 from fieldmap.device import read_device
 from fieldmap.device.changes import key_finding
 from fieldmap.device.model import Device
 from fieldmap.device.reader import device_of
-from fieldmap.errors import FieldmapError, FitError, InputError
+from fieldmap.errors import FitError
 from fieldmap.field import AnyField, as_field
 from fieldmap.inputs import tables as rules
 from fieldmap.inputs.declared import Key, record_of, table_of
@@ -136,9 +137,8 @@ class FieldReadings(Record):
             B (3 n,), T.
         """
         points, currents = np.asarray(self.points, dtype=float), np.asarray(self.currents, dtype=float)
-        if currents.ndim == 0:
-            currents = np.full(len(device.coils), float(currents))
         if currents.ndim < 2:
+            currents = np.broadcast_to(currents, len(device.coils))
             return as_field(field).field(points, currents).ravel()
         rows = [as_field(field).field(x, i) for x, i in zip(points, currents, strict=True)]
         return np.concatenate(rows)
@@ -344,18 +344,10 @@ def fit_machine(
     """
     tables = (*readings, *predict)
     source = device.to_toml() if isinstance(device, Device) else device
-    problems = list(fits.mistakes("fit_machine", unknowns, tables, len(readings)))
-    if not problems:
-        try:
-            read_device(source, {one.key: one.start for one in unknowns})
-        except FieldmapError as error:
-            if not error.problems:
-                raise
-            problems += error.problems
-    if problems:
-        raise InputError(*problems)
     compute = partial(_tables, source, solve or solved_field)
-    found = fits.find_unknowns(unknowns, tables, len(readings), compute, on_solve, workers, xtol=close)
+    found = fits.find_unknowns(
+        "fit_machine", unknowns, tables, len(readings), compute, on_solve, workers, xtol=close
+    )
     priors = [f"prior of {one.key}: {one.prior[0]:g} +- {one.prior[1]:g}" for one in unknowns if one.prior]
     return MachineFit(
         found.values,
@@ -390,10 +382,9 @@ def _tables(
     found = []
     for table in tables:
         numbers, wanted = np.ravel(table.computed(device, field)), np.size(table.measured)
-        if len(numbers) != wanted:
-            must_hold = f"must give as many numbers as were measured, {wanted}"
-            remedy = "let the function return one for each"
-            raise InputError.of(f"fit_machine, {table.name}", must_hold, str(len(numbers)), remedy)
+        must_hold = f"must give as many numbers as were measured, {wanted}"
+        where, remedy = f"fit_machine, {table.name}", "let the function return one for each"
+        check(len(numbers) == wanted, where, must_hold, len(numbers), remedy)
         found.append(numbers)
     return found
 
@@ -632,14 +623,14 @@ def read_fit(path_or_name: PathLike) -> Fit:
     document = device_file(contents.device, file, FitError)
     device = device_of(document)
     settings: FitSettings = record_of(contents)
-    findings = []
+    told: list[Finding | None] = []
     for k, unknown in enumerate(settings.unknowns):
-        findings += [Finding(("unknown", k), *told) for told in fits.wrong_numbers(unknown)]
-        found = key_finding(("unknown", k, "key"), unknown.key, document)
-        findings += [] if found is None else [found]
+        told += [Finding(("unknown", k), *wrong) for wrong in fits.wrong_numbers(unknown)]
+        told.append(key_finding(("unknown", k, "key"), unknown.key, document))
     tables = [(kind, k, table) for kind in _KINDS for k, table in enumerate(getattr(contents, kind))]
     for kind, k, table in tables:
-        findings += [one.below(kind, k) for one in _KINDS[kind].mistakes(table, device)]
+        told += [one.below(kind, k) for one in _KINDS[kind].mistakes(table, device)]
+    findings = [one for one in told if one is not None]
     if findings:
         raise FitError(*file.problems(findings))
     uses = {table.name: table.use for _, _, table in tables}
@@ -651,7 +642,7 @@ def read_fit(path_or_name: PathLike) -> Fit:
         unknowns=settings.unknowns,
         readings=tuple(one for one in readings if uses[one.name] == "fit"),
         predict=tuple(one for one in readings if uses[one.name] == "predict"),
-        solve=partial(solved_field, model=settings.iron.model, refinement=settings.iron.refinement),
+        solve=partial(solved_field, **vars(settings.iron)),
         labels={table.name: tuple(_KINDS[kind].labels(table)) for kind, _, table in tables},
         units={table.name: _KINDS[kind].unit for kind, _, table in tables},
     )

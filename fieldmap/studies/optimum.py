@@ -21,6 +21,13 @@ Kind = Literal["exact", "differences", "none"]
 Role = Literal["step", "difference", "check", "sample"]
 
 
+# Fields that are plain Python by their own names.
+_AS_THEY_ARE = (
+    *("maximise", "limits", "derivatives", "refused", "verified", "solves"),
+    *("kept", "ended", "method", "path", "assumptions"),
+)
+
+
 @dataclass(frozen=True, repr=False)
 class LimitAtOptimum(Record):
     """A limit at the best design: value of the number on the mesh of the search and on the finer one (None without a
@@ -118,16 +125,9 @@ class Optimum(Record):
         Raises FieldmapError where xarray is not installed.
         """
         xarray = require_xarray()
-        columns: dict[str, Any] = {}
-        for name, values in self._columns().items():
-            columns[name] = ("design", np.array(values))
-        attributes = {
-            "title": self.title,
-            "objective": self.objective,
-            "method": self.method,
-            "ended": self.ended,
-            "assumptions": "\n".join(self.assumptions),
-        }
+        columns = {name: ("design", np.array(values)) for name, values in self._columns().items()}
+        attributes = {name: getattr(self, name) for name in ("title", "objective", "method", "ended")}
+        attributes["assumptions"] = "\n".join(self.assumptions)
         return xarray.Dataset(columns, coords={"design": np.arange(len(self.path))}, attrs=attributes)
 
     def csv_text(self) -> str:
@@ -137,16 +137,13 @@ class Optimum(Record):
         return csv_table([["design", *columns], *([number, *row] for number, row in rows)])
 
     def _columns(self) -> dict[str, list[Any]]:
-        labels = [self.objective, *(one.number for one in self.limits)]
-        found: dict[str, list[Any]] = {"role": [step.role for step in self.path]}
-        for key in self.values:
-            found[key] = [step.values[key] for step in self.path]
-        for label in dict.fromkeys(labels):
-            found[label] = [step.numbers.get(label, float("nan")) for step in self.path]
-        found["refinement"] = [step.refinement for step in self.path]
-        found["feasible"] = [step.feasible for step in self.path]
-        found["failure"] = [step.failure for step in self.path]
-        return found
+        labels = dict.fromkeys([self.objective, *(one.number for one in self.limits)])
+        rows: list[dict[str, Any]] = []
+        for step in self.path:
+            numbers = {label: step.numbers.get(label, np.nan) for label in labels}
+            end = {name: getattr(step, name) for name in ("refinement", "feasible", "failure")}
+            rows.append({"role": step.role, **step.values, **numbers, **end})
+        return {name: [row[name] for row in rows] for name in rows[0]}
 
     def to_dict(self) -> dict[str, Plain]:
         """The result as plain Python: variables in their units, all else in SI units."""
@@ -154,17 +151,7 @@ class Optimum(Record):
             title=self.title,
             values=self.values,
             objective={"number": self.objective, "value": self.value, "at_start": self.start_value},
-            maximise=self.maximise,
-            limits=self.limits,
-            derivatives=self.derivatives,
-            refused=self.refused,
-            verified=self.verified,
-            solves=self.solves,
-            kept=self.kept,
-            ended=self.ended,
-            method=self.method,
-            path=self.path,
-            assumptions=self.assumptions,
+            **{name: getattr(self, name) for name in _AS_THEY_ARE},
         )
 
 

@@ -34,86 +34,45 @@ class Quantity(Record):
 _AT = "at the equilibrium of these currents"
 _POINT = ("point", "component")
 _IN_BOX = "|B - mean B| in record.box_mm, relative to |mean B|"
+_IN_WORKSPACE = "in the workspace, relative to its largest value"
+_MEAN = "mean magnitude of the currents; the lift current where they carry"
+_PER_AMPERE = "derivative by the mean current of the force on the payload, a vertical dipole, at the points"
+_LINKAGE = "derivative of the flux linkage of a coil by the current of another one, at these currents"
+_AREA = (
+    "area around the equilibrium, in its horizontal plane, in which the horizontal force is below force_share "
+    "of the weight, as far as straight lines from the equilibrium stay in it"
+)
+_REACH = (
+    "lowest z of the workspace, on the vertical through the place that is carried, at which these currents, scaled "
+    "until a coil is at the limit, carry the payload"
+)
+_REACHABLE = "share of the workspace in which some currents within the limit hold the payload"
+_MM, _PERCENT = (1e3, "mm"), (100.0, "%")
 QUANTITIES = (
-    Quantity(
-        "common_current", "currents", "A", "mean magnitude of the currents; the lift current where they carry"
-    ),
+    Quantity("common_current", "currents", "A", _MEAN),
     Quantity("current", "currents", "A", "current of each coil", ("coil",)),
     Quantity("flux_density", "field", "T", "flux density B at the points", _POINT),
     Quantity("gradient", "field", "T m-1", "dB_component/dx_direction at the points", (*_POINT, "direction")),
-    Quantity(
-        "force_per_ampere",
-        "force_per_ampere",
-        "N A-1",
-        "derivative by the mean current of the force on the payload, a vertical dipole, at the points",
-        _POINT,
+    Quantity("force_per_ampere", "force_per_ampere", "N A-1", _PER_AMPERE, _POINT),
+    *(
+        Quantity(f"equilibrium_{x}", "equilibrium", "m", f"{x} of the magnet's centre {_AT}", (), _MM)
+        for x in "xyz"
     ),
-    Quantity("equilibrium_x", "equilibrium", "m", f"x of the magnet's centre {_AT}", (), (1e3, "mm")),
-    Quantity("equilibrium_y", "equilibrium", "m", f"y of the magnet's centre {_AT}", (), (1e3, "mm")),
-    Quantity("equilibrium_z", "equilibrium", "m", f"z of the magnet's centre {_AT}", (), (1e3, "mm")),
     Quantity("stiffness_x", "equilibrium", "N m-1", f"-dF_x/dx {_AT}"),
     Quantity("stiffness_y", "equilibrium", "N m-1", f"-dF_y/dy {_AT}"),
     Quantity("stiffness_z", "equilibrium", "N m-1", f"-dF_z/dz {_AT}: negative, unstable without control"),
-    Quantity(
-        "equilibrium_area",
-        "equilibrium_area",
-        "m2",
-        "area around the equilibrium, in its horizontal plane, in which the horizontal force is below force_share "
-        "of the weight, as far as straight lines from the equilibrium stay in it",
-        (),
-        (1e6, "mm2"),
-    ),
-    Quantity(
-        "reach_height",
-        "reach",
-        "m",
-        "lowest z of the workspace, on the vertical through the place that is carried, at which these currents, scaled "
-        "until a coil is at the limit, carry the payload",
-        (),
-        (1e3, "mm"),
-    ),
-    Quantity(
-        "reachable_share",
-        "reachable_share",
-        "1",
-        "share of the workspace in which some currents within the limit hold the payload",
-        (),
-        (100.0, "%"),
-    ),
+    Quantity("equilibrium_area", "equilibrium_area", "m2", _AREA, (), (1e6, "mm2")),
+    Quantity("reach_height", "reach", "m", _REACH, (), _MM),
+    Quantity("reachable_share", "reachable_share", "1", _REACHABLE, (), _PERCENT),
     Quantity("power", "power", "W", "power of all windings at these currents"),
-    Quantity(
-        "inhomogeneity",
-        "homogeneity",
-        "1",
-        f"root mean square of {_IN_BOX}",
-        (),
-        (100.0, "%"),
-    ),
-    Quantity("largest_inhomogeneity", "homogeneity", "1", f"largest {_IN_BOX}", (), (100.0, "%")),
-    Quantity(
-        "inductance",
-        "inductance",
-        "H",
-        "derivative of the flux linkage of a coil by the current of another one, at these currents",
-        ("coil", "other_coil"),
-    ),
+    Quantity("inhomogeneity", "homogeneity", "1", f"root mean square of {_IN_BOX}", (), _PERCENT),
+    Quantity("largest_inhomogeneity", "homogeneity", "1", f"largest {_IN_BOX}", (), _PERCENT),
+    Quantity("inductance", "inductance", "H", _LINKAGE, ("coil", "other_coil")),
     Quantity("largest_flux_density", "iron", "T", "largest flux density of an element of the iron"),
     Quantity("body_flux_density", "iron", "T", "largest flux density of an element of each body", ("body",)),
+    Quantity("error_flux_density", "error", "1", f"estimated error of B {_IN_WORKSPACE}", (), _PERCENT),
     Quantity(
-        "error_flux_density",
-        "error",
-        "1",
-        "estimated error of B in the workspace, relative to its largest value",
-        (),
-        (100.0, "%"),
-    ),
-    Quantity(
-        "error_gradient",
-        "error",
-        "1",
-        "estimated error of the gradient in the workspace, relative to its largest value",
-        (),
-        (100.0, "%"),
+        "error_gradient", "error", "1", f"estimated error of the gradient {_IN_WORKSPACE}", (), _PERCENT
     ),
     Quantity("surface_faces", "error", "1", "faces of the mesh's surface"),
 )

@@ -23,25 +23,10 @@ from fieldmap.inputs.kinds import FileKind
 from fieldmap.inputs.tables import Text, Versioned, broken
 from fieldmap.maps.recipe import Recipe, read_recipe, read_recipe_device
 from fieldmap.shipped import is_file
+from fieldmap.studies import study
 from fieldmap.studies.design import DesignProblem, OptimiseKeys, Search
 from fieldmap.studies.design_checks import checked
 from fieldmap.studies.quantities import GROUPS, ON_REQUEST, TAKEN
-from fieldmap.studies.study import (
-    Axis,
-    AxisKeys,
-    CurrentsKeys,
-    IronKeys,
-    OneVariant,
-    Record,
-    StatedCurrents,
-    Study,
-    StudyIron,
-    Variant,
-    lacking,
-    refused,
-    setting_words,
-    settings_with,
-)
 from fieldmap.typing import PathLike
 
 LARGEST_STUDY = 10_000
@@ -77,17 +62,20 @@ class StudySettings(records.Record):
     title: Annotated[str, Key(Text, "one line about the study")]
     device: Annotated[str | None, Key(Text | None, "device file or name of a shipped device")] = None
     recipe: Annotated[str | None, Key(Text | None, "map recipe, whose device and iron are taken")] = None
-    iron: Annotated[StudyIron | None, Key(IronKeys | None, "how the iron is modelled")] = None
-    vary: Annotated[tuple[Axis, ...], Key(list[AxisKeys], "[[vary]]: all combinations of these values")] = ()
+    iron: Annotated[study.StudyIron | None, Key(study.IronKeys | None, "how the iron is modelled")] = None
+    vary: Annotated[
+        tuple[study.Axis, ...], Key(list[study.AxisKeys], "[[vary]]: all combinations of these values")
+    ] = ()
     variant: Annotated[
-        tuple[OneVariant, ...], Key(list[table_of(OneVariant)], "[[variant]]: one by one")  # type: ignore[misc]
+        tuple[study.OneVariant, ...],
+        Key(list[table_of(study.OneVariant)], "[[variant]]: one by one"),  # type: ignore[misc]
     ] = ()
     currents: Annotated[
-        tuple[StatedCurrents, ...],
-        Key(Annotated[list[CurrentsKeys], Field(min_length=1)], "[[currents]] tables"),
+        tuple[study.StatedCurrents, ...],
+        Key(Annotated[list[study.CurrentsKeys], Field(min_length=1)], "[[currents]] tables"),
     ]
-    record: Annotated[Record, Key(table_of(Record), "the recorded quantities")] = field(
-        default_factory=Record
+    record: Annotated[study.Record, Key(table_of(study.Record), "the recorded quantities")] = field(
+        default_factory=study.Record
     )
     optimise: Annotated[
         Search | None, Key(OptimiseKeys | None, "instead of variants: a search for the best values")
@@ -103,7 +91,7 @@ STUDY = FileKind(
 )
 
 
-def read_study(path_or_name: str | Path) -> Study:
+def read_study(path_or_name: str | Path) -> study.Study:
     """Read and check a study file, as docs/studies.md describes it.
 
     Parameters
@@ -135,7 +123,7 @@ def read_study(path_or_name: str | Path) -> Study:
     if findings:
         raise StudyError(*file.problems(findings))
     where = {"path": file.path, "text": file.text, "device_document": document}
-    return Study(axes=settings.vary, variants=variants, **where, **common)
+    return study.Study(axes=settings.vary, variants=variants, **where, **common)
 
 
 def read_design_problem(path_or_name: PathLike) -> DesignProblem:
@@ -181,10 +169,10 @@ def _opened(
     that by its names in both. Raises StudyError where there is no device."""
     document, recipe = _named_device(file, settings)
     device = device_of(document)
-    iron = settings.iron or StudyIron()
+    iron = settings.iron or study.StudyIron()
     if recipe is not None:
         model = "linear" if recipe.currents is None else "saturating"
-        iron = StudyIron(model, recipe.mu_r, recipe.tolerance, recipe.refinement)
+        iron = study.StudyIron(model, recipe.mu_r, recipe.tolerance, recipe.refinement)
     sets = tuple(entry.currents(len(device.coils)) for entry in settings.currents)
     record = _record(settings.record, device, iron)
     findings: list[Finding] = []
@@ -229,7 +217,7 @@ def _placed(key: str, problems: tuple[Problem, ...], file: Document) -> list[Pro
     return file.problems(findings)
 
 
-def _record(stated: Record, device: Device, iron: StudyIron) -> Record:
+def _record(stated: study.Record, device: Device, iron: study.StudyIron) -> study.Record:
     """What is recorded, with what the file leaves to the device."""
     limit = stated.current_limit
     if limit is None and device.driver is not None:
@@ -237,23 +225,23 @@ def _record(stated: Record, device: Device, iron: StudyIron) -> Record:
     record = replace(stated, current_limit=limit)
     wanted = set(GROUPS if stated.groups is None else stated.groups)
     if stated.groups is None:
-        wanted -= ON_REQUEST.union(*(groups for groups, *_ in lacking(device, record, iron.saturating)))
+        wanted -= ON_REQUEST.union(*(groups for groups, *_ in study.lacking(device, record, iron.saturating)))
     if iron.accuracy is not None and device.bodies:
         wanted.add("error")
     return replace(record, groups=tuple(group for group in GROUPS if group in wanted))
 
 
 def _of_quantities(
-    groups: tuple[str, ...], device: Device, iron: StudyIron, record: Record
+    groups: tuple[str, ...], device: Device, iron: study.StudyIron, record: study.Record
 ) -> Iterator[Finding]:
     for k, name in enumerate(groups):
-        for lacked, must_hold, received, remedy in lacking(device, record, iron.saturating):
+        for lacked, must_hold, received, remedy in study.lacking(device, record, iron.saturating):
             if name in lacked:
                 place = ("record", "quantities", k)
                 yield Finding(place, f"{name} {must_hold}", received, f"{remedy}, or leave {name} out")
 
 
-def _of_iron(iron: StudyIron | None, device: Device) -> Iterator[Finding]:
+def _of_iron(iron: study.StudyIron | None, device: Device) -> Iterator[Finding]:
     if iron is not None and iron.saturating and not device.bodies:
         must_hold, received = "there must be iron to saturate", "a device without bodies"
         yield Finding(("iron", "model"), must_hold, received, 'write "linear"')
@@ -306,7 +294,7 @@ def _keys(settings: StudySettings) -> Iterator[tuple[Location, str]]:
             yield ("variant", k, "set", key), key
 
 
-def variants_of(settings: StudySettings, document: Document) -> tuple[Variant, ...]:
+def variants_of(settings: StudySettings, document: Document) -> tuple[study.Variant, ...]:
     """All variants, the last axis fastest. The device files are not checked here."""
     stated: list[tuple[str, tuple[int, ...], list[tuple[str, Any]]]] = [
         (one.name, (k,), list(one.set.items())) for k, one in enumerate(settings.variant)
@@ -314,17 +302,21 @@ def variants_of(settings: StudySettings, document: Document) -> tuple[Variant, .
     places = itertools.product(*(range(len(axis.values)) for axis in settings.vary))
     for place in places if settings.vary else ():
         chosen = [(axis, axis.values[k]) for axis, k in zip(settings.vary, place, strict=True)]
-        together = [pair for axis, value in chosen for pair in settings_with(axis.key, value, axis.linked)]
-        stated.append((setting_words({axis.name: value for axis, value in chosen}), place, together))
-    return tuple(Variant(name, place, tuple(keys), changed(document, keys)) for name, place, keys in stated)
+        together = [
+            pair for axis, value in chosen for pair in study.settings_with(axis.key, value, axis.linked)
+        ]
+        stated.append((study.setting_words({axis.name: value for axis, value in chosen}), place, together))
+    return tuple(
+        study.Variant(name, place, tuple(keys), changed(document, keys)) for name, place, keys in stated
+    )
 
 
-def variant_findings(settings: StudySettings, variants: tuple[Variant, ...]) -> list[Finding]:
+def variant_findings(settings: StudySettings, variants: tuple[study.Variant, ...]) -> list[Finding]:
     """What the device schema refuses in a variant, each complaint once, at the study's table that causes it."""
     found: dict[tuple[str, str, str], Finding] = {}
     for number, variant in enumerate(variants):
         location: Location = ("variant", number) if settings.variant else ("vary",)
-        for key, problem in refused(variant.document):
+        for key, problem in study.refused(variant.document):
             location = _cause(settings, variant, key) or location
             must_hold = f"{key} of the device {problem.must_hold}"
             received = f"{problem.received} in the variant {variant.name}"
@@ -333,7 +325,7 @@ def variant_findings(settings: StudySettings, variants: tuple[Variant, ...]) -> 
     return list(found.values())
 
 
-def _cause(settings: StudySettings, variant: Variant, key: str) -> Location | None:
+def _cause(settings: StudySettings, variant: study.Variant, key: str) -> Location | None:
     """The axis whose key, or one that follows it, is the one complained about."""
     for k, entry in enumerate(settings.vary):
         patterns = [(("vary", k, "values"), entry.key)]
