@@ -313,10 +313,8 @@ def body_balance(field: Field, currents: Array, payload: Payload, near: Array) -
     fixed = float(np.linalg.norm(body.moments, axis=1).sum())
     upright = BodyBalance(field, currents, payload.mass, fixed, body, np.eye(3))
     turned = replace(upright, orientation=np.diag([1.0, -1.0, -1.0]))
-    if not len(body.points):
-        upright.moments(near)
-        return upright
-    chosen = max((upright, turned), key=lambda one: one.magnetic_force(near)[:, 2].max())
+    either = (upright, turned) if len(body.points) else (upright,)
+    chosen = max(either, key=lambda one: one.magnetic_force(near)[:, 2].max())
     chosen.moments(near)
     return chosen
 

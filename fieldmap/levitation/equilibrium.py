@@ -9,7 +9,7 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike, NDArray
 
-from fieldmap.arguments import check
+from fieldmap.arguments import check_choice
 from fieldmap.device.model import Payload
 from fieldmap.errors import NoEquilibrium
 from fieldmap.field import AnyField, Bounds, require_bounds, resolve_currents
@@ -148,8 +148,7 @@ def find_equilibrium(
     """
     carried = check_payload(payload, "find_equilibrium", pieces=True)
     source, amperes = resolve_currents(field, currents)
-    known, must = moment in ("fixed", "aligned"), "must be 'fixed' or 'aligned'"
-    check(known, "find_equilibrium(moment)", must, repr(moment), "choose one")
+    check_choice("find_equilibrium(moment)", moment, ("fixed", "aligned"))
     if carried.pieces:
         refuse_models_of_pieces("find_equilibrium(moment)", moment)
     box = require_bounds(source)
@@ -320,27 +319,23 @@ def largest_step(balance: MagnetBalance) -> float:
     return balance.magnitude * balance.source.gradient_jump(balance.currents) / balance.weight
 
 
-def _by(balance: MagnetBalance, ratio: float) -> str:
-    """In words, how far currents must be raised for a force that is larger by a ratio."""
-    if isinstance(balance, BodyBalance) and balance.body.soft:
-        if len(balance.body.points):
-            return ""
-        # The force on induced moments alone goes with the square.
-        ratio = float(np.sqrt(ratio))
-    return f" ({ratio:.3g} times, if the iron is linear)"
+_OF_YOUR_CHOICE = "those that hold the payload at a place of your choice: fieldmap currents --lift, or currents_for of the map"
 
 
-CURRENTS_FOR = "fieldmap currents --lift, or currents_for of the map"
-"""What finds the currents of coils that may carry different ones."""
-
-
-def _towards_lift(balance: MagnetBalance) -> str:
-    """What to do where nothing lifts: soft iron is pulled towards the stronger field whatever the sign."""
+def _towards_lift(balance: MagnetBalance, lift: float) -> str:
+    """What to do where the largest lift is too small for the weight."""
+    body = balance.body if isinstance(balance, BodyBalance) else None
+    magnets, soft = body is None or len(body.points) > 0, body is not None and bool(body.soft)
+    if lift > 0:
+        # The force on induced moments alone goes with the square of the currents.
+        ratio = (balance.weight / lift) ** (1.0 if magnets else 0.5)
+        by = "" if magnets and soft else f" ({ratio:.3g} times, if the iron is linear)"
+        return f"raise the currents{by}, lighten the payload, or use a map that reaches nearer to the coils"
     if not balance.currents.any():
         return "turn the currents on"
-    soft = isinstance(balance, BodyBalance) and not len(balance.body.points)
-    more = "put more current into the coils above" if soft else "turn the polarity of the coils around"
-    return f"{more}; those that hold the payload at a place of your choice: {CURRENTS_FOR}"
+    # Soft iron is pulled towards the stronger field whatever the sign.
+    more = "turn the polarity of the coils around" if magnets else "put more current into the coils above"
+    return f"{more}; {_OF_YOUR_CHOICE}"
 
 
 def no_equilibrium(balance: MagnetBalance, grid: Array, residuals: Array, tried: int) -> NoEquilibrium:
@@ -355,19 +350,11 @@ def no_equilibrium(balance: MagnetBalance, grid: Array, residuals: Array, tried:
 
     weight = balance.weight
     if lift[high] < weight:
-        remedy = (
-            f"raise the currents{_by(balance, weight / lift[high])}, "
-            "lighten the payload, or use a map that reaches nearer to the coils"
-            if lift[high] > 0
-            else _towards_lift(balance)
-        )
+        remedy = _towards_lift(balance, float(lift[high]))
     elif lift[low] > weight:
         remedy = "lower the currents, or use a map that reaches farther from the coils"
     else:
-        remedy = (
-            "balance the currents, so that the sideways force vanishes inside the map's box; those that hold the "
-            f"payload at a place of your choice: {CURRENTS_FOR}"
-        )
+        remedy = f"balance the currents, so that the sideways force vanishes inside the map's box; {_OF_YOUR_CHOICE}"
     where = f"find_equilibrium, {tried} starts in the box {at(0)} to {at(len(grid) - 1)}"
     must = f"the magnetic force must balance the weight {1e3 * weight:.4g} mN at some point"
     received = (

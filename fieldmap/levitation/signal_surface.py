@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from fieldmap.arguments import check_positive, check_signal
 from fieldmap.constants import GRAVITY
-from fieldmap.currents import CurrentParametrisation, LiftAndDirections
+from fieldmap.currents import LiftAndDirections
 from fieldmap.device.model import Payload
 from fieldmap.errors import NoEquilibrium, OutsideMapError
 from fieldmap.field import AnyField, Field, as_field, coil_currents, require_bounds
@@ -115,16 +115,18 @@ def equilibrium_surface(
     low, high = require_bounds(source)
     middle = 0.5 * (low + high)
     of = getattr(source, "parametrisation", None) if parametrisation is None else parametrisation
-    signals = _lift_and_directions(of) if shares is None else None
-    if signals is None:
+    amperes: Callable[[Array], Array]
+    if isinstance(of, LiftAndDirections) and shares is None:
+        amperes, words = of.currents, f"currents by a lift and two directions with n = {of.n:g}"
+    else:
         point = check_position((low, high), np.append(middle[:2], height), "equilibrium_surface(height)")
-        signals = _least_power(source, carried, point, level, 1.0 if shares is None else shares)
+        amperes, words = _least_power(source, carried, point, level, 1.0 if shares is None else shares)
     positions, levels = np.full((len(x), len(y), 3), np.nan), np.full((len(x), len(y)), np.nan)
     stable = np.zeros(levels.shape, dtype=bool)
 
     def rest(at: tuple[int, int], start: Array, begin: float, held: bool, scale: float) -> StationaryPoint:
         def path(u: float) -> tuple[Array, float]:
-            return signals.currents(u, float(x[at[0]]), float(y[at[1]])), height
+            return amperes(np.array([u, x[at[0]], y[at[1]]])), height
 
         point, levels[at] = equilibrium_at(source, carried, path, start, begin, held, scale)
         positions[at], stable[at] = point.position, point.kind == "stable"
@@ -137,27 +139,16 @@ def equilibrium_surface(
         if np.isfinite(levels[before]):
             with suppress(NoEquilibrium, OutsideMapError):
                 rest(at, positions[before][:2], float(levels[before]), hold_height, scale)
-    return EquilibriumSurface(
-        x, y, positions, levels, stable, scale, (signals.words, *_assumptions(hold_height))
-    )
+    follows = "the level follows, so that the lift stays what it is at the signals nearest to 0"
+    constant = "the level is constant; the vertical force is left unbalanced"
+    held = (follows if hold_height else constant, "the magnet is a point dipole that stays upright")
+    return EquilibriumSurface(x, y, positions, levels, stable, scale, (words, *held))
 
 
-class _Signals(NamedTuple):
-    """How level and direction signals become currents (n_coils,), and that in words."""
-
-    currents: Callable[[float, float, float], Array]
-    words: str
-
-
-def _lift_and_directions(of: CurrentParametrisation | None) -> _Signals | None:
-    if not isinstance(of, LiftAndDirections):
-        return None
-    return _Signals(
-        lambda u, x, y: of.currents([u, x, y]), f"currents by a lift and two directions with n = {of.n:g}"
-    )
-
-
-def _least_power(field: Field, payload: Payload, point: Array, level: float, shares: Any) -> _Signals:
+def _least_power(
+    field: Field, payload: Payload, point: Array, level: float, shares: Any
+) -> tuple[Callable[[Array], Array], str]:
+    """How level and direction signals (3,) become currents (n_coils,) of least power, and that in words."""
     lift = coil_currents(shares, field.coil_names)
     gradient = field.gradient(point[None, :], level * lift)[0]
     moment = np.array([0.0, 0.0, payload.moment * direction_of_lift(point, payload.moment, gradient)])
@@ -165,7 +156,7 @@ def _least_power(field: Field, payload: Payload, point: Array, level: float, sha
     pushes, idle = signal_pushes(force)
     words = "direction signals push with least power; a signal of 1 adds the level to a coil"
     words = "; ".join([words, *map(idle_note, idle)])
-    return _Signals(lambda u, x, y: u * (lift + x * pushes[:, 0] + y * pushes[:, 1]), words)
+    return lambda signals: signals[0] * (lift + pushes @ signals[1:]), words
 
 
 def _outward(x: Array, y: Array) -> Iterator[tuple[tuple[int, int], tuple[int, int]]]:
@@ -178,11 +169,3 @@ def _outward(x: Array, y: Array) -> Iterator[tuple[tuple[int, int], tuple[int, i
         for j in sorted(range(len(y)), key=lambda j: abs(j - j0)):
             if j != j0:
                 yield (i, j), (i, j - int(np.sign(j - j0)))
-
-
-def _assumptions(hold_height: bool) -> tuple[str, ...]:
-    level = "the level follows, so that the lift stays what it is at the signals nearest to 0"
-    return (
-        level if hold_height else "the level is constant; the vertical force is left unbalanced",
-        "the magnet is a point dipole that stays upright",
-    )

@@ -11,7 +11,13 @@ from numpy.typing import ArrayLike
 from fieldmap.arguments import check_count, check_ordered
 from fieldmap.device.model import Payload
 from fieldmap.field import AnyField, Bounds, require_bounds, resolve_currents
-from fieldmap.levitation.balance import MagnetBalance, MagnetModel, check_position, magnet_balance
+from fieldmap.levitation.balance import (
+    MagnetBalance,
+    MagnetModel,
+    RigidBalance,
+    check_position,
+    magnet_balance,
+)
 from fieldmap.lookup.payload import check_payload
 from fieldmap.records import Record
 from fieldmap.typing import Array
@@ -148,7 +154,7 @@ def stationary_points(
     for attempt in range(_ROUNDS):
         count = samples * 2**attempt
         found = _search(balance, low, high, height, count)
-        if sum(1 if _determinant(balance, p) > 0 else -1 for p in found) == turns:
+        if sum(np.sign(np.linalg.det(balance.stiffness(p)[:2, :2])) for p in found) == turns:
             break
     found.sort(key=lambda p: float(np.linalg.norm(p - middle)))
     return StationarySet(tuple(describe(balance, p) for p in found), turns, low, high, height)
@@ -193,9 +199,9 @@ def _window(
     box: Bounds, window: tuple[ArrayLike, ArrayLike] | None, payload: Payload | None, height: float
 ) -> tuple[Array, Array]:
     if window is None:
-        rim = 0.0
-        if payload is not None and payload.magnet is not None:
-            rim = 1.1 * _half_diagonal(payload)
+        # Forces are differenced a step beyond the magnet.
+        magnet = None if payload is None else payload.magnet
+        rim = 0.0 if magnet is None else 1.1 * (magnet.bounding_radius + RigidBalance.step)
         lower, upper = (np.asarray(corner, dtype=float)[:2] for corner in box)
         inset = rim + 1e-9 * float((upper - lower).max())
         low, high = lower + inset, upper - inset
@@ -206,15 +212,6 @@ def _window(
     for corner in (low, high):
         check_position(box, np.append(corner, height), "stationary_points(window)")
     return low, high
-
-
-def _half_diagonal(payload: Payload) -> float:
-    """Half the diagonal of the magnet, m, a little enlarged for a cylinder."""
-    magnet = payload.magnet
-    size = getattr(magnet, "size", None)
-    if size is not None:
-        return float(np.linalg.norm(size)) / 2
-    return float(np.hypot(getattr(magnet, "diameter", 0.0), getattr(magnet, "height", 0.0))) / 2 + 2e-4
 
 
 def _search(balance: MagnetBalance, low: Array, high: Array, height: float, count: int) -> list[Array]:
@@ -250,7 +247,3 @@ def _boundary_index(balance: MagnetBalance, low: Array, high: Array, height: flo
         if np.abs(step).max() < 0.5 * np.pi:
             break
     return int(np.round(step.sum() / (2 * np.pi)))
-
-
-def _determinant(balance: MagnetBalance, point: Array) -> float:
-    return float(np.linalg.det(balance.stiffness(point)[:2, :2]))
