@@ -7,6 +7,7 @@ from scipy.constants import g, mu_0
 from fieldmap.errors import FitError, InputError
 from fieldmap.studies import read_fit
 from tests.conftest import DEVICES
+from tests.studies.conftest import slope_on_axis
 
 RADIUS, TURNS, CURRENT = 0.044, 1000, 2.0
 HEIGHT_MM = 1.5
@@ -26,11 +27,6 @@ def on_axis(z):
     """B on the axis of a filament at HEIGHT_MM (Jackson, section 5.5)."""
     d = z - 1e-3 * HEIGHT_MM
     return 0.5 * mu_0 * TURNS * CURRENT * RADIUS**2 / (RADIUS**2 + d**2) ** 1.5
-
-
-def slope_on_axis(z):
-    d = z - 1e-3 * HEIGHT_MM
-    return -1.5 * mu_0 * TURNS * RADIUS**2 * d / (RADIUS**2 + d**2) ** 2.5
 
 
 @pytest.fixture
@@ -62,8 +58,7 @@ deviation_mT = {[0.01] * len(heights_mm)}
 
 def lift(use, depths_mm):
     # Places are the magnet's. Its moment points up, so B must grow upwards.
-    weight, moment = 0.01 * g, 0.8
-    amperes = [weight / (moment * slope_on_axis(1e-3 * z)) for z in depths_mm]
+    amperes = [0.01 * g / (0.8 * slope_on_axis(1e-3 * (z - HEIGHT_MM))) for z in depths_mm]
     return f"""
 [[lift_current]]
 name = "lift"
@@ -75,14 +70,13 @@ deviation_A = 0.01
 
 
 def test_the_height_of_a_loop_from_a_probe_on_its_axis(fit_file):
-    asked = read_fit(
-        fit_file(HEAD + probe("fit", [-70, -80]) + probe("predict", [-60]) + lift("predict", [-100]))
-    )
+    text = HEAD + probe("fit", [-70, -80]) + probe("predict", [-60]) + lift("predict", [-100])
+    asked = read_fit(fit_file(text))
     found = asked.run()
     assert found.values["coil.loop.position_mm.3"] == pytest.approx(HEIGHT_MM, abs=0.01)
     fitted, *predicted = found.tables
-    assert [one.used for one in found.tables] == [True, False, False]
-    assert [one.name for one in found.tables] == ["probe fit", "probe predict", "lift"]
+    told = [(one.name, one.used) for one in found.tables]
+    assert told == [("probe fit", True), ("probe predict", False), ("lift", False)]
     assert fitted.measured == pytest.approx([0.0, on_axis(-0.07), 0.0, on_axis(-0.08)])
     assert asked.labels["probe fit"][1] == "Bz at (0, 0, -70) mm"
     for one in predicted:
@@ -91,9 +85,8 @@ def test_the_height_of_a_loop_from_a_probe_on_its_axis(fit_file):
     # By hand: one parameter, d ln B / dz; deviations of 0.01 mT.
     step = 1e-6
     slopes = [(on_axis(z - step) - on_axis(z + step)) / (2 * step) for z in (-0.07, -0.08)]
-    assert found.deviations["coil.loop.position_mm.3"] == pytest.approx(
-        1e3 * 1e-5 / np.linalg.norm(slopes), rel=0.01
-    )
+    deviation = 1e3 * 1e-5 / np.linalg.norm(slopes)
+    assert found.deviations["coil.loop.position_mm.3"] == pytest.approx(deviation, rel=0.01)
 
 
 def test_a_height_from_lift_currents(fit_file):

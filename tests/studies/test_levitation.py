@@ -13,6 +13,8 @@ from fieldmap.levitation import find_equilibrium
 from fieldmap.studies import run_study
 from fieldmap.studies.equilibrium_area import equilibrium_area
 from fieldmap.studies.variant_result import controllable_share, lowest_lift_height
+from tests.refusals import refused
+from tests.studies.conftest import slope_on_axis
 
 A, WEIGHT, MOMENT = 0.044, 0.010 * g, 0.8
 
@@ -39,11 +41,6 @@ points_mm = [[0, 0, -90]]
 """
 
 
-def slope(z, turns):
-    """dBz/dz on the axis of a loop per ampere."""
-    return -1.5 * mu_0 * turns * A**2 * z * (A**2 + z**2) ** -2.5
-
-
 def curvature(z, turns):
     """d2Bz/dz2 on the axis."""
     return -1.5 * mu_0 * turns * A**2 * ((A**2 + z**2) ** -2.5 - 5 * z**2 * (A**2 + z**2) ** -3.5)
@@ -61,7 +58,7 @@ def place(at):
 @pytest.mark.parametrize("turns", [500, 1000])
 def test_lift_current_stiffness_and_area(run, turns):
     at = run.data.sel(turns=turns, currents="carries")
-    current = WEIGHT / (MOMENT * slope(-0.09, turns))
+    current = WEIGHT / (MOMENT * slope_on_axis(-0.09, turns=turns))
     assert float(at.common_current) == pytest.approx(current, rel=1e-4)
     np.testing.assert_allclose(at.force_per_ampere[0], [0, 0, WEIGHT / current], rtol=1e-4, atol=1e-9)
     np.testing.assert_allclose(place(at), [0, 0, -0.09], atol=1e-9)
@@ -77,28 +74,24 @@ def test_lift_current_stiffness_and_area(run, turns):
 
 def test_given_currents_have_their_own_equilibrium(run):
     at = run.data.sel(turns=1000, currents="2 A")
-    z = brentq(lambda z: 2.0 * MOMENT * slope(z, 1000) - WEIGHT, -0.124, -0.05)
+    z = brentq(lambda z: 2.0 * MOMENT * slope_on_axis(z) - WEIGHT, -0.124, -0.05)
     np.testing.assert_allclose(place(at), [0, 0, z], atol=2e-6)
     assert float(at.common_current) == 2.0
 
 
 def test_reach_is_where_the_limit_lifts_the_weight(run):
     for turns in (500, 1000):
-        z = brentq(lambda z, n=turns: 3.0 * MOMENT * slope(z, n) - WEIGHT, -0.2, -0.05)
-        for name in ("carries", "2 A"):
-            assert float(run.data.reach_height.sel(turns=turns, currents=name)) == pytest.approx(
-                max(z, -0.124), rel=2e-5
-            )
+        z = brentq(lambda z, n=turns: 3.0 * MOMENT * slope_on_axis(z, turns=n) - WEIGHT, -0.2, -0.05)
+        heights = run.data.reach_height.sel(turns=turns, currents=["carries", "2 A"])
+        np.testing.assert_allclose(heights, max(z, -0.124), rtol=2e-5)
 
 
 def test_more_turns_do_what_more_current_does(run):
     common = run.data.common_current.sel(currents="carries")
     assert float(common.sel(turns=500)) == pytest.approx(2 * float(common.sel(turns=1000)), rel=1e-9)
-    for name in ("stiffness_z", "equilibrium_area", "force_per_ampere"):
+    for name, share in (("stiffness_z", 1.0), ("equilibrium_area", 1.0), ("force_per_ampere", 0.5)):
         few, many = (run.data[name].sel(turns=turns, currents="carries").values for turns in (500, 1000))
-        np.testing.assert_allclose(
-            few, many * (0.5 if name == "force_per_ampere" else 1.0), rtol=1e-6, atol=1e-12
-        )
+        np.testing.assert_allclose(few, share * many, rtol=1e-6, atol=1e-12)
 
 
 class Springs:
@@ -126,14 +119,13 @@ class Springs:
 def area(springs, share):
     device = fm.read_device("drive_unit")
     payload = type(device.payload)(mass=springs.weight / g, moment=1.0)
-    field = as_field(springs)
-    found = find_equilibrium(field, [1.0], payload, start=[0, 0, 0])
-    return equilibrium_area(field, found, payload, share)
+    found = find_equilibrium(springs, [1.0], payload, start=[0, 0, 0])
+    return equilibrium_area(as_field(springs), found, payload, share)
 
 
-def test_area_of_springs_is_an_ellipse():
-    assert area(Springs(2.0, 3.0, 0.1), 0.05) == pytest.approx(np.pi * 0.005**2 / 6.0, rel=1e-4)
-    assert area(Springs(0.5, 3.0, 0.1), 0.05) == pytest.approx(np.pi * 0.005**2 / 1.5, rel=1e-3)
+@pytest.mark.parametrize(("k_x", "bound"), [(2.0, 1e-4), (0.5, 1e-3)])
+def test_area_of_springs_is_an_ellipse(k_x, bound):
+    assert area(Springs(k_x, 3.0, 0.1), 0.05) == pytest.approx(np.pi * 0.005**2 / (3.0 * k_x), rel=bound)
 
 
 def test_area_of_bent_springs_is_that_of_a_fine_grid():
@@ -146,25 +138,26 @@ def test_area_of_bent_springs_is_that_of_a_fine_grid():
     assert area(bent, 0.04) == pytest.approx(counted, rel=5e-3)
 
 
-def test_no_area_without_horizontal_stability_or_room():
-    with pytest.raises(FieldmapError, match="stable"):
-        area(Springs(-1.0, 3.0, 0.1), 0.05)
-    with pytest.raises(FieldmapError, match="workspace"):
-        area(Springs(0.05, 0.05, 0.1), 0.1)
+@pytest.mark.parametrize(
+    ("k", "share", "must_hold"), [((-1.0, 3.0), 0.05, "stable"), ((0.05, 0.05), 0.1, "workspace")]
+)
+def test_no_area_without_horizontal_stability_or_room(k, share, must_hold):
+    with refused(FieldmapError, must_hold=must_hold):
+        area(Springs(*k, 0.1), share)
 
 
 def test_reach_says_how_much_is_missing(devices):
     device = fm.read_device(devices.loop)
-    field = as_field(fm.solve_linear(device), (device.workspace.lower, device.workspace.upper))
+    field = as_field(fm.solve_linear(device), device.bounds)
     with pytest.raises(Infeasible, match=r"0\.\d+ of the weight"):
         lowest_lift_height(field, np.array([0.01]), device.payload, np.zeros(3))
-    assert (
-        lowest_lift_height(field, np.array([100.0]), device.payload, np.zeros(3)) == device.workspace.lower[2]
-    )
+    reach = lowest_lift_height(field, np.array([100.0]), device.payload, np.zeros(3))
+    assert reach == device.workspace.lower[2]
 
 
-def six_loops(limit):
-    """Six air coils on a ring, and the share of the workspace in which a linear program finds currents."""
+def test_controllable_share_is_that_of_linear_programs():
+    """Six air coils on a ring: the share of the workspace in which a linear program finds currents."""
+    limit = 12.0
     device = fm.read_device("drive_unit_a3")
     unit = fm.solve_linear(type(device)(name="air", title="air", coils=device.coils))
     lower, upper = np.array([-0.02, -0.02, -0.14]), np.array([0.02, 0.02, -0.076])
@@ -172,15 +165,8 @@ def six_loops(limit):
     points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
     rows = device.payload.moment * unit.unit_fields(points)[1][:, :, 2, :]
     wanted = np.array([0.0, 0.0, device.payload.mass * g])
-    held = [
-        linprog(np.zeros(6), A_eq=1e3 * rows[:, k].T, b_eq=1e3 * wanted, bounds=[(-limit, limit)] * 6).status
-        == 0
-        for k in range(0, len(points))
-    ]
-    return controllable_share(unit, device.payload, lower, upper, limit), float(np.mean(held))
-
-
-def test_controllable_share_is_that_of_linear_programs():
-    ours, theirs = six_loops(12.0)
-    assert ours == theirs
+    how = {"b_eq": 1e3 * wanted, "bounds": [(-limit, limit)] * 6}
+    held = [linprog(np.zeros(6), A_eq=1e3 * rows[:, k].T, **how).status == 0 for k in range(len(points))]
+    ours = controllable_share(unit, device.payload, lower, upper, limit)
+    assert ours == np.mean(held)
     assert 0.1 < ours < 0.9

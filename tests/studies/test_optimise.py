@@ -14,6 +14,8 @@ from fieldmap.errors import InputError
 from fieldmap.iron import FieldFunction
 from fieldmap.studies import Carrying, Limit, Linked, NoFeasibleDesign, Number, Variable
 from tests.conftest import DEVICES
+from tests.refusals import refused
+from tests.studies.conftest import SPHERE, slope_on_axis
 
 PAIR = """
 format = 1
@@ -39,7 +41,6 @@ name = "lower"
 position_mm = [0.0, 0.0, "= -spacing / 2"]
 """
 LOOP = DEVICES / "thin_loop_with_driver.toml"
-SPHERE = (DEVICES / "sphere_below_loop.toml").read_text()
 DEPTH = 0.06
 # The lift of a thin loop per ampere is largest at a radius of sqrt(2/3) of the depth; the winding is 1 mm wide.
 RADIUS = Variable(
@@ -48,21 +49,18 @@ RADIUS = Variable(
 BEST_RADIUS = 1e3 * DEPTH * np.sqrt(2 / 3) - 0.5
 
 
-def lift_per_ampere(radius):
-    """N per ampere on the payload on the axis of the thin loop, in closed form."""
-    return 0.8 * 1000 * 1.5 * 4e-7 * np.pi * radius**2 * DEPTH / (radius**2 + DEPTH**2) ** 2.5
+# N per ampere on the payload below the loop that lifts most.
+LIFT_PER_AMPERE = 0.8 * slope_on_axis(-DEPTH, DEPTH * np.sqrt(2 / 3))
+CARRIES = Carrying([0, 0, -DEPTH])
+BOX = ([-1e-3] * 3, [1e-3] * 3)
+BELOW = {"saturating": False, "points": [[0, 0, -0.014]]}
 
 
 @pytest.mark.parametrize("start", [35.0, 60.0, 85.0])
 def test_coils_a_radius_apart_are_the_most_homogeneous(start):
     """Helmholtz's pair: in a small box the spacing of the most homogeneous field is the radius."""
-    best = fm.optimise(
-        PAIR,
-        [Variable("parameters.spacing", 30, 90, start)],
-        "inhomogeneity",
-        box=([-1e-3] * 3, [1e-3] * 3),
-        tolerance=1e-8,
-    )
+    spacing = Variable("parameters.spacing", 30, 90, start)
+    best = fm.optimise(PAIR, [spacing], "inhomogeneity", box=BOX, tolerance=1e-8)
     assert best.values["parameters.spacing"] == pytest.approx(50.0, abs=0.02)
     assert best.derivatives == {"inhomogeneity": {"parameters.spacing": "exact"}}
     assert best.value < 2e-3 * best.start_value
@@ -73,18 +71,10 @@ def test_coils_a_radius_apart_are_the_most_homogeneous(start):
 def test_the_loop_that_lifts_with_the_least_current(method):
     if method == "optuna":
         pytest.importorskip("optuna")
-    best = fm.optimise(
-        LOOP,
-        [RADIUS],
-        "common_current",
-        currents=Carrying([0, 0, -DEPTH]),
-        method=method,
-        tolerance=1e-6,
-        solves=40,
-    )
+    how = {"method": method, "tolerance": 1e-6, "solves": 40}
+    best = fm.optimise(LOOP, [RADIUS], "common_current", currents=CARRIES, **how)
     assert best.values[RADIUS.key] == pytest.approx(BEST_RADIUS, abs=2.0 if method == "optuna" else 0.1)
-    weight = 0.01 * 9.80665
-    assert best.value == pytest.approx(weight / lift_per_ampere(DEPTH * np.sqrt(2 / 3)), rel=1e-3)
+    assert best.value == pytest.approx(0.01 * 9.80665 / LIFT_PER_AMPERE, rel=1e-3)
     kind = "exact" if method in ("SLSQP", "trust-constr") else "none"
     assert best.derivatives["common_current"] == {RADIUS.key: kind}
 
@@ -104,11 +94,9 @@ def test_a_limit_that_is_active():
     assert best.values["current.loop"] == pytest.approx(2.0, rel=1e-5)
     assert best.values[RADIUS.key] == pytest.approx(BEST_RADIUS, abs=0.1)
     (power,) = best.limits
-    assert power.active
-    assert power.holds
-    assert power.value == pytest.approx(8.0, rel=1e-5)
+    assert (power.active, power.holds, power.value) == (True, True, pytest.approx(8.0, rel=1e-5))
     # As the limit says what can be had: the field of the dipole's lift in closed form.
-    assert best.value == pytest.approx(2.0 * lift_per_ampere(DEPTH * np.sqrt(2 / 3)) / 0.8, rel=1e-3)
+    assert best.value == pytest.approx(2.0 * LIFT_PER_AMPERE / 0.8, rel=1e-3)
 
 
 def test_the_permeability_that_a_measured_field_tells():
@@ -120,14 +108,9 @@ def test_the_permeability_that_a_measured_field_tells():
     text = text.replace("mesh_size_mm = 4.0", "mesh_size_mm = 2.0")
     text += f"\n[background]\nflux_density_mT = [0.0, 0.0, {1e3 * flux}]\n"
     misfit = FieldFunction(lambda field: 1e6 * (field.field([0.0, 0.0, -place])[2] - wanted) ** 2)
-    best = fm.optimise(
-        text,
-        [Variable("material.iron.mu_r", 1.5, 20.0)],
-        Number("misfit", of=misfit),
-        [Limit("common_current", upper=2e-6)],
-        currents=1e-6,
-        tolerance=1e-9,
-    )
+    limits = [Limit("common_current", upper=2e-6)]
+    unknown, asked = Variable("material.iron.mu_r", 1.5, 20.0), Number("misfit", of=misfit)
+    best = fm.optimise(text, [unknown], asked, limits, currents=1e-6, tolerance=1e-9)
     assert best.values["material.iron.mu_r"] == pytest.approx(mu_r, rel=0.02)
     assert best.derivatives["misfit"] == {"material.iron.mu_r": "exact"}
 
@@ -150,11 +133,8 @@ lighter(sys.argv[1], tell)
 def lighter(target, progress=None):
     """The payload's mass has no exact derivative: designs for differences are kept as well."""
     mass = Variable("payload.mass_g", 5.0, 20.0)
-    limits = [Limit("common_current", lower=0.9)]
-    currents = Carrying([0, 0, -DEPTH])
-    return fm.optimise(
-        LOOP, [RADIUS, mass], "common_current", limits, currents=currents, output=target, progress=progress
-    )
+    limits, how = [Limit("common_current", lower=0.9)], {"output": target, "progress": progress}
+    return fm.optimise(LOOP, [RADIUS, mass], "common_current", limits, currents=CARRIES, **how)
 
 
 def test_a_run_that_was_killed_goes_on(tmp_path):
@@ -178,85 +158,52 @@ def test_a_run_that_was_killed_goes_on(tmp_path):
 
 def test_a_design_that_fails_is_recorded_and_the_search_goes_on():
     """The sphere that pulls most fills the workspace: spheres beyond its upper end at 12 mm are refused."""
-    best = fm.optimise(
-        SPHERE,
-        [
-            Variable(
-                "body.sphere.radius_mm", 8.0, 16.0, 9.0, linked=(Linked(("body.sphere.mesh_size_mm",), 0.4),)
-            )
-        ],
-        Number("flux_density 1 z"),
-        maximise=True,
-        saturating=False,
-        points=[[0, 0, -0.02]],
-        check_refinement=None,
-    )
+    linked = (Linked(("body.sphere.mesh_size_mm",), 0.4),)
+    radius = Variable("body.sphere.radius_mm", 8.0, 16.0, 9.0, linked)
+    how = {"maximise": True, "saturating": False, "points": [[0, 0, -0.02]], "check_refinement": None}
+    best = fm.optimise(SPHERE, [radius], Number("flux_density 1 z"), **how)
     assert best.failed
     assert all("GeometryError" in why for why in best.failed.values())
-    assert 11.0 < best.values["body.sphere.radius_mm"] < 12.0
+    assert 11.0 < best.values[radius.key] < 12.0
     failed = [step for step in best.path if step.failure]
-    assert all(step.values["body.sphere.radius_mm"] > 11.9 and not step.feasible for step in failed)
+    assert all(step.values[radius.key] > 11.9 and not step.feasible for step in failed)
     assert len(best.data.design) == len(best.path)
     assert np.isnan(best.data["flux_density 1 z"].values[[bool(step.failure) for step in best.path]]).all()
 
 
 def test_a_design_that_cannot_lift_is_recorded_and_the_search_goes_on():
     """The first step, a quarter of the range, puts the loop around the payload, where no current lifts it; it lifts
-    with the least current half a radius above it."""
-    place = Variable("coil.loop.position_mm.3", -90.0, 20.0, -32.5)
-    best = fm.optimise(
-        LOOP,
-        [place],
-        "common_current",
-        [Limit("common_current", upper=3.0)],
-        currents=Carrying([0, 0, -DEPTH]),
-        method="COBYQA",
-        tolerance=1e-6,
-    )
+    with the least current half a radius above it. No design is solved twice."""
+    place = Variable("coil.loop.position_mm.3", -90.1, 20.3, -32.4)
+    limits, how = [Limit("common_current", upper=3.0)], {"method": "COBYQA", "tolerance": 1e-6}
+    best = fm.optimise(LOOP, [place], "common_current", limits, currents=CARRIES, **how)
     ((words, why),) = best.failed.items()
     assert words == "coil.loop.position_mm.3 = -60"
     assert "Infeasible" in why
-    number = [step.values[place.key] for step in best.path].index(-60.0)
+    places = [step.values[place.key] for step in best.path]
+    (number,) = np.flatnonzero(np.isclose(places, -60.0, atol=1e-9))
     assert 0 < number < len(best.path) - 3
     assert best.values[place.key] == pytest.approx(-38.0, abs=0.1)
-
-
-def test_no_design_is_solved_twice():
-    """Optimisers ask for the start again, scaled and scaled back."""
-    best = fm.optimise(
-        LOOP,
-        [Variable("coil.loop.position_mm.3", -60.3, -7.1, -50.7)],
-        "common_current",
-        currents=Carrying([0, 0, -DEPTH]),
-        method="COBYQA",
-    )
-    places = [step.values["coil.loop.position_mm.3"] for step in best.path]
+    # Optimisers ask for the start again, scaled and scaled back.
     assert np.diff(np.sort(places)).min() > 1e-9
 
 
 def test_a_start_that_fails_ends_at_once():
+    radius = Variable("body.sphere.radius_mm", 8.0, 16.0, 15.0)
     with pytest.raises(InputError) as caught:
-        fm.optimise(
-            SPHERE, [Variable("body.sphere.radius_mm", 8.0, 16.0, 15.0)], "common_current", saturating=False
-        )
+        fm.optimise(SPHERE, [radius], "common_current", saturating=False)
     assert "GeometryError" in caught.value.problems[0].received
 
 
 def test_an_infeasible_demand_names_the_limit():
     """A payload that no loop of these radii lifts with 10 mA: off by what the best one needs more."""
+    limits = [Limit("common_current", upper=0.01), Limit("flux_density 1 z", upper=1.0)]
+    how = {"currents": CARRIES, "points": [[0, 0, -DEPTH]], "tolerance": 1e-6}
     with pytest.raises(NoFeasibleDesign) as caught:
-        fm.optimise(
-            LOOP,
-            [RADIUS],
-            "power",
-            [Limit("common_current", upper=0.01), Limit("flux_density 1 z", upper=1.0)],
-            currents=Carrying([0, 0, -DEPTH]),
-            points=[[0, 0, -DEPTH]],
-            tolerance=1e-6,
-        )
+        fm.optimise(LOOP, [RADIUS], "power", limits, **how)
     (problem,) = caught.value.problems
     assert "common_current" in problem.where
-    least = 0.01 * 9.80665 / lift_per_ampere(DEPTH * np.sqrt(2 / 3))
+    least = 0.01 * 9.80665 / LIFT_PER_AMPERE
     nearest, off_by = (float(text.split()[0].rstrip(",")) for text in problem.received.split("off by "))
     assert nearest == pytest.approx(least, rel=1e-3)
     assert off_by == pytest.approx(least - 0.01, rel=5e-3)
@@ -271,25 +218,11 @@ def at_the_side(device, state):
 
 def test_limits_hold_on_the_finer_mesh():
     """The largest sphere's field under a limit: coarse meshes give another number, which is corrected."""
-    best = fm.optimise(
-        SPHERE,
-        [Variable("current.loop", 0.5, 5.0)],
-        "flux_density 1 z",
-        [
-            Limit(
-                Number("field at the side", of=at_the_side),
-                upper=1.5,
-            )
-        ],
-        maximise=True,
-        saturating=False,
-        points=[[0, 0, -0.014]],
-        check_refinement=2.0,
-        tolerance=1e-4,
-    )
+    side = Limit(Number("field at the side", of=at_the_side), upper=1.5)
+    how = {"maximise": True, "check_refinement": 2.0, **BELOW}
+    best = fm.optimise(SPHERE, [Variable("current.loop", 0.5, 5.0)], "flux_density 1 z", [side], **how)
     (limit,) = best.limits
-    assert best.verified.times_finer == 2.0
-    assert best.verified.holds
+    assert (best.verified.times_finer, best.verified.holds) == (2.0, True)
     assert [step.feasible for step in best.path if step.role == "check"] == [False, True]
     assert limit.holds
     assert limit.active
@@ -309,17 +242,12 @@ def test_a_limit_is_corrected_twice_at_most():
             meshes.append(state.report.tetrahedra)
         return 2.5 if meshes.index(state.report.tetrahedra) else float(state.currents[0])
 
-    best = fm.optimise(
-        SPHERE,
-        [Variable("current.loop", 0.4, 5.0, 3.0)],
-        "flux_density 1 z",
+    current, limits = (
+        Variable("current.loop", 0.4, 5.0, 3.0),
         [Limit(Number("stubborn", of=stubborn), upper=2.0)],
-        maximise=True,
-        saturating=False,
-        points=[[0, 0, -0.014]],
-        refinement=0.5,
-        check_refinement=2.0,
     )
+    how = {"maximise": True, "refinement": 0.5, "check_refinement": 2.0, **BELOW}
+    best = fm.optimise(SPHERE, [current], "flux_density 1 z", limits, **how)
     checks = [step for step in best.path if step.role == "check"]
     np.testing.assert_allclose([step.values["current.loop"] for step in checks], [2.0, 1.5, 1.0], rtol=1e-3)
     assert not any(step.feasible for step in checks)
@@ -329,58 +257,33 @@ def test_a_limit_is_corrected_twice_at_most():
 
 def test_workers_find_the_same(tmp_path):
     pytest.importorskip("distributed")
-    arguments = {"currents": Carrying([0, 0, -DEPTH]), "tolerance": 1e-3}
-    variables = [RADIUS, Variable("payload.mass_g", 5.0, 20.0)]
-    one = fm.optimise(LOOP, variables, "common_current", **arguments)
-    two = fm.optimise(LOOP, variables, "common_current", workers=2, **arguments)
+    variables, how = [RADIUS, Variable("payload.mass_g", 5.0, 20.0)], {"currents": CARRIES, "tolerance": 1e-3}
+    one, two = (fm.optimise(LOOP, variables, "common_current", workers=n, **how) for n in (1, 2))
     assert one.values == two.values
     assert one.derivatives["common_current"] == {RADIUS.key: "exact", "payload.mass_g": "differences"}
 
 
 def test_all_mistakes_at_once():
+    keys = {"coil.loop.turn": (1, 2), "coil.loop.turns": (5, 4), "current.coil": (0, 1)}
+    limits = {"inhomogeneity": (0.0, 1.0), "power": (3.0, 2.0), "largest_flux_density": (0.0, 1.0)}
+    how = {"method": "simplex", "solves": 0, "tolerance": 2.0, "check_refinement": 0.5, "refinement": -1.0}
+    variables, limited = (
+        [kind(key, *ends) for key, ends in of.items()] for kind, of in ((Variable, keys), (Limit, limits))
+    )
     with pytest.raises(InputError) as caught:
-        fm.optimise(
-            LOOP,
-            [
-                Variable("coil.loop.turn", 1, 2),
-                Variable("coil.loop.turns", 5, 4),
-                Variable("current.coil", 0, 1),
-            ],
-            "equilibrium_areas",
-            [
-                Limit("inhomogeneity", upper=1.0),
-                Limit("power", 3.0, 2.0),
-                Limit("largest_flux_density", upper=1.0),
-            ],
-            method="simplex",
-            solves=0,
-            tolerance=2.0,
-            check_refinement=0.5,
-            refinement=-1.0,
-        )
+        fm.optimise(LOOP, variables, "equilibrium_areas", limited, **how)
     where = [problem.where for problem in caught.value.problems]
-    for part in (
-        *("coil.loop.turn", "coil.loop.turns", "current.coil", "equilibrium_areas", "inhomogeneity", "power"),
-        *(
-            "largest_flux_density",
-            "(method)",
-            "(solves)",
-            "(tolerance)",
-            "(check_refinement)",
-            "(refinement)",
-        ),
-    ):
+    for part in (*keys, *limits, "equilibrium_areas", *(f"({name})" for name in how)):
         assert any(text.endswith(part) for text in where), part
     assert 'did you mean "equilibrium_area"' in str(caught.value)
 
 
-def test_bounds_that_the_device_refuses():
-    with pytest.raises(InputError) as caught:
-        fm.optimise(LOOP, [Variable("coil.loop.height_mm", -1.0, 2.0)], "power")
-    assert "coil.loop.height_mm" in caught.value.problems[0].where
-    with pytest.raises(InputError) as caught:
-        fm.optimise(LOOP, [Variable("coil.loop.height_mm", 2.0, 3.0)], "power")
-    assert "start" in caught.value.problems[0].must_hold
+@pytest.mark.parametrize(
+    ("lower", "upper", "must_hold"), [(-1.0, 2.0, "greater than 0"), (2.0, 3.0, "start")]
+)
+def test_bounds_that_the_device_refuses(lower, upper, must_hold):
+    with refused(InputError, where="coil.loop.height_mm", must_hold=must_hold):
+        fm.optimise(LOOP, [Variable("coil.loop.height_mm", lower, upper)], "power")
 
 
 def test_a_key_that_follows_two_variables():
@@ -389,11 +292,10 @@ def test_a_key_that_follows_two_variables():
     text = PAIR.replace("spacing = 60.0", "spacing = 60.0\nmiddle = 0.0")
     text = text.replace('"= spacing / 2"', '"= middle + spacing / 2"')
     spacing, middle = (Variable(f"parameters.{name}", -9.0, 90.0) for name in ("spacing", "middle"))
-    upper = Variable("coil.upper.position_mm.3", 10.0, 60.0)
-    turns = Variable("coil.*.turns", 50.0, 150.0)
-    lower = Variable("coil.lower.turns", 50.0, 150.0)
+    others = [Variable("coil.upper.position_mm.3", 10.0, 60.0)]
+    others += [Variable(f"coil.{name}.turns", 50.0, 150.0) for name in ("*", "lower")]
     with pytest.raises(InputError) as caught:
-        fm.optimise(text, [spacing, middle, upper, turns, lower], "power")
+        fm.optimise(text, [spacing, middle, *others], "power")
     told = [(problem.where, problem.received.split()[0]) for problem in caught.value.problems]
     assert told == [
         ("optimise, coil.upper.position_mm.3", "coil.upper.position_mm.3"),
@@ -404,5 +306,5 @@ def test_a_key_that_follows_two_variables():
     with pytest.raises(InputError) as caught:
         fm.optimise(text, currents, "flux_density 1 z", currents={"one": 1.0}, points=np.zeros((1, 3)))
     assert ["current.upper" in problem.received for problem in caught.value.problems] == [True]
-    best = fm.optimise(text, [spacing, middle], "inhomogeneity", box=([-1e-3] * 3, [1e-3] * 3))
+    best = fm.optimise(text, [spacing, middle], "inhomogeneity", box=BOX)
     assert best.values["parameters.spacing"] == pytest.approx(50.0, abs=1.0)

@@ -6,16 +6,15 @@ import pytest
 from fieldmap.errors import InputError
 from fieldmap.studies import Carrying, Linked, Number, Uncertain, analyse_tolerances
 from tests.conftest import DEVICES
+from tests.studies.conftest import SPHERE, slope_on_axis
 
 LOOP = DEVICES / "thin_loop_with_driver.toml"
-SPHERE = (DEVICES / "sphere_below_loop.toml").read_text()
 DEPTH, RADIUS, TURNS, MASS = 0.06, 0.044, 1000.0, 0.01
 
 
 def lift_current(turns=TURNS, mass=MASS, radius=RADIUS, depth=DEPTH):
     """A, in closed form: a dipole of 0.8 A m^2 on the axis of a thin loop."""
-    slope = 1.5 * 4e-7 * np.pi * turns * radius**2 * depth / (radius**2 + depth**2) ** 2.5
-    return 9.80665 * mass / (0.8 * slope)
+    return 9.80665 * mass / (0.8 * slope_on_axis(-depth, radius, turns))
 
 
 # Key -> standard deviation, and the argument of the closed form with its scale.
@@ -42,17 +41,20 @@ def first_order():
     return found
 
 
-def analysed(samples, **changes):
+CARRIES = Carrying([0, 0, -DEPTH])
+
+
+def analysed(samples, output):
     """The lift current of the loop."""
-    arguments = {"currents": Carrying([0, 0, -DEPTH]), "seed": 3} | changes
-    return analyse_tolerances(LOOP, UNCERTAIN, ["common_current"], samples=samples, **arguments)
+    how = {"currents": CARRIES, "seed": 3, "output": output}
+    return analyse_tolerances(LOOP, UNCERTAIN, ["common_current"], samples=samples, **how)
 
 
 @pytest.fixture(scope="module")
 def kept(tmp_path_factory):
     """60 random devices, and where they are kept."""
     target = tmp_path_factory.mktemp("tolerances") / "loop.nc"
-    return analysed(60, output=target), target
+    return analysed(60, target), target
 
 
 def test_deviation_and_shares_to_first_order(kept):
@@ -61,9 +63,8 @@ def test_deviation_and_shares_to_first_order(kept):
     deviation = np.sqrt(sum(part**2 for part in parts.values()))
     assert found.value == pytest.approx(lift_current(), rel=1e-3)
     assert found.deviation == pytest.approx(deviation, rel=2e-3)
-    assert found.shares == pytest.approx(
-        {key: (part / deviation) ** 2 for key, part in parts.items()}, abs=2e-3
-    )
+    shares = {key: (part / deviation) ** 2 for key, part in parts.items()}
+    assert found.shares == pytest.approx(shares, abs=2e-3)
     assert sum(found.shares.values()) == pytest.approx(1.0)
     assert found.kinds == {key: "differences" if "mass" in key else "exact" for key in NUMBERS}
     assert set(kept[0].refused) == {"payload.mass_g"}
@@ -90,7 +91,7 @@ def test_random_devices_are_those_of_the_closed_form(kept):
 def test_a_run_goes_on_with_the_devices_that_it_has(kept):
     first, target = kept
     assert (first.kept, first.solves) == (0, 1 + 2 + 60)  # the mass alone is differenced
-    more = analysed(64, output=target)
+    more = analysed(64, target)
     assert (more.kept, more.solves) == (63, 4)
     assert more["common_current"].deviation == first["common_current"].deviation
 
@@ -101,12 +102,10 @@ def test_numbers_of_two_sets_and_a_function():
     def payload_share(device, state):
         return device.payload.mass * 1e3
 
-    found = analyse_tolerances(
-        LOOP,
-        [Uncertain("coil.loop.turns", 10.0), Uncertain("payload.mass_g", 0.2)],
-        [Number("common_current", "low", minus="high"), Number("grams", "low", of=payload_share)],
-        currents={"high": Carrying([0, 0, -DEPTH]), "low": Carrying([0, 0, -DEPTH - 0.01])},
-    )
+    uncertain = [Uncertain("coil.loop.turns", 10.0), Uncertain("payload.mass_g", 0.2)]
+    numbers = [Number("common_current", "low", minus="high"), Number("grams", "low", of=payload_share)]
+    sets = {"high": CARRIES, "low": Carrying([0, 0, -DEPTH - 0.01])}
+    found = analyse_tolerances(LOOP, uncertain, numbers, currents=sets)
     more, grams = found.numbers
     value = lift_current(depth=DEPTH + 0.01) - lift_current()
     assert more.value == pytest.approx(value, rel=2e-3)
@@ -119,13 +118,8 @@ def test_numbers_of_two_sets_and_a_function():
 
 def test_random_devices_that_fail_are_recorded():
     """Windings of negative height; the rest counts."""
-    found = analyse_tolerances(
-        LOOP,
-        [Uncertain("coil.loop.height_mm", 1.0, step=0.1)],
-        ["common_current"],
-        currents=Carrying([0, 0, -DEPTH]),
-        samples=12,
-    )
+    height = Uncertain("coil.loop.height_mm", 1.0, step=0.1)
+    found = analyse_tolerances(LOOP, [height], ["common_current"], currents=CARRIES, samples=12)
     heights = 1.0 + np.random.default_rng(0).standard_normal(12)
     assert 0 < len(found.failed) == np.sum(heights <= 0)
     assert all("height_mm" in why for why in found.failed.values())
@@ -133,36 +127,21 @@ def test_random_devices_that_fail_are_recorded():
 
 
 def test_a_device_that_cannot_be_solved():
+    text, turns = SPHERE.replace("radius_mm = 10.0", "radius_mm = 12.3"), Uncertain("coil.loop.turns", 1.0)
     with pytest.raises(InputError) as caught:
-        analyse_tolerances(
-            SPHERE.replace("radius_mm = 10.0", "radius_mm = 12.3"),
-            [Uncertain("coil.loop.turns", 1.0)],
-            ["flux_density 1 z"],
-            points=[[0, 0, -0.02]],
-            saturating=False,
-        )
+        analyse_tolerances(text, [turns], ["flux_density 1 z"], points=[[0, 0, -0.02]], saturating=False)
     assert "GeometryError" in caught.value.problems[0].received
 
 
 def test_all_mistakes_at_once():
-    with pytest.raises(InputError) as caught:
-        analyse_tolerances(
-            LOOP,
-            [
-                Uncertain("coil.loop.turn", 1.0),
-                Uncertain("coil.loop.turns", -1.0),
-                Uncertain("coil.loop.kind", 1.0),
-            ],
-            [],
-            samples=1,
-        )
-    where = [problem.where.removeprefix("analyse_tolerances") for problem in caught.value.problems]
-    assert sorted(where) == sorted(
-        ["(numbers)", "(samples)", ", coil.loop.turns", ", coil.loop.turn", ", coil.loop.kind"]
-    )
-    with pytest.raises(InputError) as caught:
-        analyse_tolerances(LOOP, [Uncertain("current.coil", 1.0)], ["equilibrium_areas", "powers"])
-    where = [problem.where for problem in caught.value.problems]
-    assert where == [
-        f"analyse_tolerances, {name}" for name in ("current.coil", "equilibrium_areas", "powers")
-    ]
+    wrong = {"coil.loop.turn": 1.0, "coil.loop.turns": -1.0, "coil.loop.kind": 1.0}
+    uncertain = [Uncertain(key, deviation) for key, deviation in wrong.items()]
+    for *asked, samples, places in (
+        (uncertain, [], 1, {"(numbers)", "(samples)", *(f", {key}" for key in wrong)}),
+        ([Uncertain("current.coil", 1.0)], ["areas", "powers"], 0, {", current.coil", ", areas", ", powers"}),
+    ):
+        with pytest.raises(InputError) as caught:
+            analyse_tolerances(LOOP, *asked, samples=samples)
+        where = [problem.where.removeprefix("analyse_tolerances") for problem in caught.value.problems]
+        assert set(where) == places
+        assert len(where) == len(places)
