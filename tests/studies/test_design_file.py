@@ -5,6 +5,7 @@ import pytest
 
 from fieldmap.errors import StudyError
 from fieldmap.studies import Linked, read_design_problem, read_study, solve_problem
+from tests.refusals import refused
 
 GOOD = """
 format = 1
@@ -39,15 +40,12 @@ upper = 2.0
 
 def test_a_file_becomes_a_problem(devices):
     problem = read_design_problem(devices.study("best.toml", GOOD))
-    assert problem.sign == -1.0
-    assert problem.method == "trust-constr"
+    assert (problem.sign, problem.method, problem.iron.saturating) == (-1.0, "trust-constr", False)
     assert [number.label for number in problem.numbers] == ["gradient 1 z z", "common_current"]
-    current, radius = problem.variables
+    (current, radius), (limit,) = problem.variables, problem.limits
     assert (current.lower, current.start, current.upper) == (0.5, 1.0, 5.0)
     assert radius.linked == (Linked(("coil.loop.outer_radius_mm",), 1.0, 1.0),)
-    (limit,) = problem.limits
     assert (limit.lower, limit.upper) == (-np.inf, 2.0)
-    assert not problem.iron.saturating
 
 
 def test_what_a_file_asks_for(devices, tmp_path):
@@ -99,9 +97,7 @@ def test_all_at_once(devices):
 
 
 def test_each_reader_names_the_other(devices, grid):
-    with pytest.raises(StudyError) as caught:
+    with refused(StudyError, remedy="fieldmap optimise"):
         read_study(devices.study("best.toml", GOOD))
-    assert "fieldmap optimise" in caught.value.problems[0].remedy
-    with pytest.raises(StudyError) as caught:
+    with refused(StudyError, remedy="fieldmap study"):
         read_design_problem(grid)
-    assert "fieldmap study" in caught.value.problems[0].remedy

@@ -1,5 +1,7 @@
 """Numbers of a machine found from measurements on it."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.constants import mu_0
@@ -38,11 +40,15 @@ OUTER = Unknown("coil.upper.outer_radius_mm", 14.0, lower=10.5, upper=20.0)
 TURNS_LIKE = Unknown("coil.lower.outer_radius_mm", 22.0, lower=20.5, upper=30.0)
 
 
-def noisy(device, rng, deviation):
-    exact = CoilSet(device.coils).field(POINTS, [1.0, 2.0])
-    return FieldReadings(
-        "table", POINTS, [1.0, 2.0], exact + deviation * rng.standard_normal(exact.shape), deviation
-    )
+def noisy(seed, noise=2e-6, device=None):
+    exact = CoilSet((device or pair()).coils).field(POINTS, [1.0, 2.0])
+    rng = seed if isinstance(seed, np.random.Generator) else np.random.default_rng(seed)
+    read = exact + noise * rng.standard_normal(exact.shape)
+    return FieldReadings("table", POINTS, [1.0, 2.0], read, noise or 1e-7)
+
+
+def fitted(unknowns, *tables, device=None, **how):
+    return fit_machine(device or pair(), unknowns, *tables, **{"solve": coils_alone, **how})
 
 
 def test_the_stated_deviations_are_those_of_the_fits():
@@ -50,8 +56,7 @@ def test_the_stated_deviations_are_those_of_the_fits():
     rng, truth, total = np.random.default_rng(5), np.array([12.0, 24.0]), 0.0
     inside = np.zeros(2)
     for _ in range(100):
-        table = noisy(pair(), rng, 2e-6)
-        found = fit_machine(pair(), [OUTER, TURNS_LIKE], [table], solve=coils_alone)
+        found = fitted([OUTER, TURNS_LIKE], [noisy(rng)])
         error = np.array(list(found.values.values())) - truth
         total += error @ np.linalg.solve(found.covariance, error)
         inside += np.abs(error) < 2 * np.array(list(found.deviations.values()))
@@ -63,10 +68,8 @@ def test_the_stated_deviations_are_those_of_the_fits():
 
 
 def test_without_noise_the_truth_comes_back():
-    table = noisy(pair(0.0137, 0.011), np.random.default_rng(0), 0.0)
-    table = FieldReadings("table", POINTS, [1.0, 2.0], table.measured, 1e-7)
     unknowns = [OUTER, Unknown("coil.upper.height_mm", 9.0, lower=5.0, upper=15.0)]
-    found = fit_machine(pair(), unknowns, [table], solve=coils_alone)
+    found = fitted(unknowns, [noisy(0, 0.0, pair(0.0137, 0.011))])
     assert found.values["coil.upper.outer_radius_mm"] == pytest.approx(13.7, rel=1e-4)
     assert found.values["coil.upper.height_mm"] == pytest.approx(11.0, rel=1e-3)
     assert found.device.coils[0].outer_radius == pytest.approx(0.0137, rel=1e-4)
@@ -78,36 +81,32 @@ def test_what_the_readings_cannot_tell_apart_is_named():
     far = np.array([[0.0, 0.0, 1.0], [0.0, 0.0, 1.2]])
     exact = CoilSet(pair().coils).field(far, [1.0, 0.0])
     table = FieldReadings("far", far, [1.0, 0.0], exact, 1e-3 * np.abs(exact).max())
-    unknowns = [
-        Unknown("coil.upper.outer_radius_mm", 12.0, lower=10.5, upper=20.0),
+    outer, inner = (
+        replace(OUTER, start=12.0),
         Unknown("coil.upper.inner_radius_mm", 10.0, lower=5.0, upper=10.4),
-    ]
-    found = fit_machine(pair(), unknowns, [table], solve=coils_alone)
-    assert found.indistinct == (("coil.upper.outer_radius_mm", "coil.upper.inner_radius_mm"),)
+    )
+    found = fitted([outer, inner], [table])
+    assert found.indistinct == ((outer.key, inner.key),)
     assert found.correlation[0, 1] < -0.999
     # A prior tells them apart.
-    known = Unknown("coil.upper.inner_radius_mm", 10.0, lower=5.0, upper=10.4, prior=(10.0, 0.01))
-    held = fit_machine(pair(), [unknowns[0], known], [table], solve=coils_alone)
+    held = fitted([outer, replace(inner, prior=(10.0, 0.01))], [table])
     assert held.indistinct == ()
-    assert held.deviations["coil.upper.inner_radius_mm"] <= 0.01 * 1.001
-    assert (
-        held.deviations["coil.upper.outer_radius_mm"] < 0.2 * found.deviations["coil.upper.outer_radius_mm"]
-    )
+    assert held.deviations[inner.key] <= 0.01 * 1.001
+    assert held.deviations[outer.key] < 0.2 * found.deviations[outer.key]
 
 
 def test_tables_that_are_not_fitted_are_predicted_with_error_bars():
-    rng = np.random.default_rng(2)
     elsewhere = np.array([[0.003, 0.002, -0.015], [0.0, 0.006, -0.02]])
-    other = FieldReadings(
-        "other", elsewhere, [2.0, 0.0], CoilSet(pair().coils).field(elsewhere, [2.0, 0.0]), 1e-6
-    )
-    found = fit_machine(pair(), [OUTER], [noisy(pair(), rng, 2e-6)], [other], solve=coils_alone)
-    fitted, predicted = found.tables
-    assert (fitted.used, predicted.used) == (True, False)
+
+    def there(outer):
+        return CoilSet(pair(outer).coils).field(elsewhere, [2.0, 0.0])
+
+    found = fitted([OUTER], [noisy(2)], [FieldReadings("other", elsewhere, [2.0, 0.0], there(0.012), 1e-6)])
+    used, predicted = found.tables
+    assert (used.used, predicted.used) == (True, False)
     # Linear propagation, by hand: how B moves with the radius.
-    moved = [CoilSet(pair(r).coils).field(elsewhere, [2.0, 0.0]).ravel() for r in (0.01199, 0.01201)]
-    slope = (moved[1] - moved[0]) / 0.02
-    deviation = found.deviations["coil.upper.outer_radius_mm"]
+    slope = (there(0.01201) - there(0.01199)).ravel() / 0.02
+    deviation = found.deviations[OUTER.key]
     np.testing.assert_allclose(predicted.uncertainty, np.abs(slope) * deviation, rtol=0.02)
     assert (np.abs(predicted.after - predicted.measured) < 4 * predicted.uncertainty + 1e-12).all()
     assert predicted.misfit < 0.1 * predicted.misfit_before
@@ -135,10 +134,9 @@ def test_a_permeability_from_lift_currents_and_an_inductance():
     )
     unknown = Unknown("material.iron.mu_r", 3.0, lower=1.0, upper=100.0)
     found = fit_machine(sphere(3.0), [unknown], [lift, inductance], [flux])
-    assert found.values["material.iron.mu_r"] == pytest.approx(
-        5.0, abs=3 * found.deviations["material.iron.mu_r"]
-    )
-    assert found.deviations["material.iron.mu_r"] < 0.2
+    deviation = found.deviations[unknown.key]
+    assert found.values[unknown.key] == pytest.approx(5.0, abs=3 * deviation)
+    assert deviation < 0.2
     assert found.tables[2].after == pytest.approx(found.tables[2].measured, rel=2e-3)
 
 
@@ -162,32 +160,31 @@ def test_a_joint_by_its_reluctance():
     )
     table = ComputedReadings("L", lambda machine, _: [ring(machine.joints[0].gap)], [ring(0.07e-3)], 1e-6)
     unknown = Unknown("joint.ends.gap_mm", 0.1, lower=0.001, upper=1.0)
-    found = fit_machine(device, [unknown], [table], solve=lambda machine: CoilSet(machine.coils))
-    assert found.values["joint.ends.gap_mm"] == pytest.approx(0.07, rel=1e-4)
+    found = fitted([unknown], [table], device=device)
     assert found.device.joints[0].gap == pytest.approx(0.07e-3, rel=1e-4)
 
 
-def test_mistakes_are_told_together():
-    table = noisy(pair(), np.random.default_rng(0), 2e-6)
-    bad = FieldReadings("bad", POINTS, [1.0, 2.0], np.asarray(table.measured), 0.0)
-    twice = [OUTER, OUTER, Unknown("coil.lower.height_mm", 5.0, lower=6.0)]
+TABLE = noisy(0)
+FEW, LONGER = (ComputedReadings("own", lambda device, field, n=n: np.ones(n), [1.0], 1.0) for n in (1, 2))
+
+
+@pytest.mark.parametrize(
+    ("unknowns", "table", "count"),
+    [
+        ([OUTER, OUTER, Unknown("coil.lower.height_mm", 5.0, lower=6.0)], replace(TABLE, deviation=0.0), 3),
+        ([Unknown("coil.upper.radius_mm", 1.0)], TABLE, 1),
+        ([OUTER, TURNS_LIKE], FEW, 1),
+        ([OUTER], LONGER, 1),
+    ],
+)
+def test_mistakes_are_told_together(unknowns, table, count):
     with pytest.raises(InputError) as told:
-        fit_machine(pair(), twice, [bad], solve=coils_alone)
-    assert len(told.value.problems) == 3
-    with pytest.raises(InputError) as told:
-        fit_machine(pair(), [Unknown("coil.upper.radius_mm", 1.0)], [table], solve=coils_alone)
-    assert len(told.value.problems) == 1
-    few = ComputedReadings("few", lambda device, field: [1.0], [1.0], 1.0)
-    with pytest.raises(InputError):
-        fit_machine(pair(), [OUTER, TURNS_LIKE], [few], solve=coils_alone)
-    longer = ComputedReadings("longer", lambda device, field: [1.0, 2.0], [1.0], 1.0)
-    with pytest.raises(InputError):
-        fit_machine(pair(), [OUTER], [longer], solve=coils_alone)
+        fitted(unknowns, [table])
+    assert len(told.value.problems) == count
 
 
 def test_workers_give_the_same_fit_and_predictions_are_computed_at_the_ends_only():
-    rng = np.random.default_rng(4)
-    table, unknowns = noisy(pair(), rng, 2e-6), [OUTER, TURNS_LIKE]
+    table, unknowns = noisy(4), [OUTER, TURNS_LIKE]
     asked, batches = [], []
 
     def far_off(device, _):
@@ -200,23 +197,20 @@ def test_workers_give_the_same_fit_and_predictions_are_computed_at_the_ends_only
         batches.append(len(things))
         return [function(one) for one in things]
 
-    plain = fit_machine(pair(), unknowns, [table], [other], solve=coils_alone)
+    plain = fitted(unknowns, [table], [other])
     at_the_end = list(plain.values.values())
     assert asked[0] == pytest.approx((14.0, 22.0))
     assert asked[1] == pytest.approx(at_the_end)
     # One difference for each unknown.
     assert len(asked) == 4
     assert [round(float(np.abs(np.subtract(one, at_the_end)).max()), 3) for one in asked[2:]] == [0.14, 0.22]
-    spread = fit_machine(pair(), unknowns, [table], [other], solve=coils_alone, workers=workers)
+    spread = fitted(unknowns, [table], [other], workers=workers)
     assert spread.values == plain.values
     np.testing.assert_array_equal(spread.covariance, plain.covariance)
     assert set(batches) <= {2, 3, 4}
 
 
 def test_a_search_that_is_close_enough_ends():
-    table = noisy(pair(), np.random.default_rng(4), 2e-6)
-    rough, fine = (
-        fit_machine(pair(), [OUTER], [table], solve=coils_alone, close=close) for close in (0.05, 1e-6)
-    )
+    rough, fine = (fitted([OUTER], [noisy(4)], close=close) for close in (0.05, 1e-6))
     assert rough.solves < fine.solves
     assert rough.values[OUTER.key] == pytest.approx(fine.values[OUTER.key], rel=0.05)

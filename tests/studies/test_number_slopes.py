@@ -2,10 +2,9 @@
 
 from dataclasses import replace
 
-import numpy as np
 import pytest
 
-from fieldmap.studies import Carrying, Limit, Linked, Number, Variable
+from fieldmap.studies import Carrying, Linked, Number, Variable
 from fieldmap.studies.design import Search
 from fieldmap.studies.design_checks import design_problem
 from fieldmap.studies.search import Asked, evaluate
@@ -42,39 +41,17 @@ POINTS = [[0.002, 0.001, -0.016]]
 BOX = ([0.0, 0.0, -0.02], [0.004, 0.004, -0.016])
 
 
-def problem(currents, saturating, variables, numbers=NUMBERS, device=DEVICE):
-    made = [
+def problem(currents, saturating, variables, numbers=NUMBERS):
+    made = (
         Variable(key, 0.98 * value, 1.02 * value, value, LINKED.get(key, ()))
         for key, (value, _) in variables.items()
-    ]
-    found = design_problem(
-        device,
-        Search(
-            objective=Number("common_current", next(iter(currents)) if isinstance(currents, dict) else ""),
-            sign=1.0,
-            variables=tuple(made),
-        ),
-        currents=currents,
-        saturating=saturating,
-        refinement=1.0,
-        points=POINTS,
-        box=BOX,
-        force_share=0.005,
     )
-    sets = [entry.name for entry in found.current_sets]
-    others = tuple(Number(name, one) for name in numbers for one in sets)
-    return replace(
-        found,
-        iron=replace(found.iron, tolerance=1e-6),
-        title="",
-        objective=others[0],
-        limits=limits_of(others[1:]),
-    )
-
-
-def limits_of(numbers):
-    """Any limits: what is limited has derivatives."""
-    return tuple(Limit(number, upper=1.0) for number in numbers)
+    first = Number("common_current", next(iter(currents)) if isinstance(currents, dict) else "")
+    search = Search(objective=first, sign=1.0, variables=tuple(made))
+    at = {"points": POINTS, "box": BOX, "force_share": 0.005, "refinement": 1.0}
+    found = design_problem(DEVICE, search, currents=currents, saturating=saturating, **at)
+    asked = tuple(Number(name, entry.name) for name in numbers for entry in found.current_sets)
+    return replace(found, iron=replace(found.iron, tolerance=1e-6), objective=asked[0], besides=asked[1:])
 
 
 # Both the derivatives and the differences are those of one mesh: a coarse one.
@@ -82,16 +59,14 @@ MESH = 0.35
 
 
 def values_at(made, changes=None):
-    starts = {one.key: one.start for one in made.variables}
-    return np.array(list((starts | (changes or {})).values()))
+    return made.values(made.named(made.starts) | (changes or {}))
 
 
 def slope(made, key, step):
-    """By difference of two solved designs; None where one could not be solved."""
-    start = next(one.start for one in made.variables if one.key == key)
+    """By difference of two solved designs."""
+    start = made.named(made.starts)[key]
     ahead, behind = (evaluate(Asked(made, values_at(made, {key: start + s * step}), MESH)) for s in (1, -1))
-    assert not ahead.failure
-    assert not behind.failure
+    assert (ahead.failure, behind.failure) == ("", "")
     return {name: (ahead.numbers[name] - behind.numbers[name]) / (2 * step) for name in ahead.numbers}
 
 
@@ -127,10 +102,8 @@ def test_of_linear_iron_that_carries():
 
 def test_of_saturating_iron_with_currents_given():
     """But for the numbers that only linear iron has: they are left to differences."""
-    steps = {
-        key: VARIABLES[key]
-        for key in ("coil.loop.position_mm.3", "material.iron.mu_r", "body.sphere.radius_mm")
-    }
+    keys = ("coil.loop.position_mm.3", "material.iron.mu_r", "body.sphere.radius_mm")
+    steps = {key: VARIABLES[key] for key in keys}
     made = problem({"given": 1.5}, True, steps)
     missing = {"force_per_ampere 1 z, given", "inductance loop loop, given"}
     assert compare(made, steps) == {number.label for number in made.numbers} - missing
@@ -142,24 +115,20 @@ def test_of_a_current_and_of_a_difference_of_two_sets():
     made = problem(sets, False, {"parameters.side": VARIABLES["parameters.side"]}, ("equilibrium_z", "power"))
     current = Variable("current.loop", 1.0, 2.0, 1.5)
     shift = Number("equilibrium_z", "given", minus="carries")
-    made = replace(made, variables=(*made.variables, current), limits=(*made.limits, *limits_of([shift])))
+    made = replace(made, variables=(*made.variables, current), besides=(*made.besides, shift))
     steps = {"current.loop": (1.5, 0.01), "parameters.side": (1.0, 0.1)}
     assert compare(made, steps) == {number.label for number in made.numbers}
     slopes = evaluate(Asked(made, values_at(made), MESH, made.keys)).slopes
-    assert slopes["power, carries"]["current.loop"] == 0.0
-    assert (
-        slopes["equilibrium_z, given - carries"]["current.loop"]
-        == slopes["equilibrium_z, given"]["current.loop"]
-    )
+    by_current = {label: by["current.loop"] for label, by in slopes.items()}
+    assert by_current["power, carries"] == 0.0
+    assert by_current["equilibrium_z, given - carries"] == by_current["equilibrium_z, given"]
 
 
 def test_what_changes_otherwise_is_left_to_differences():
     """The payload, a shape that the mesh cannot follow, a function of Python."""
     made = problem(1.0, False, {"payload.mass_g": (10.0, 0.1), "coil.loop.turns": (100.0, 1.0)}, ("power",))
     own = Number("mine", "", of=lambda device, state: float(state.currents[0]))
-    made = replace(made, limits=(*made.limits, *limits_of([own])))
+    made = replace(made, besides=(own,))
     found = evaluate(Asked(made, values_at(made), MESH, made.keys))
-    assert list(found.refused) == ["payload.mass_g"]
-    assert found.numbers["mine"] == 1.0
-    assert list(found.slopes) == ["power"]
-    assert list(found.slopes["power"]) == ["coil.loop.turns"]
+    assert (list(found.refused), found.numbers["mine"]) == (["payload.mass_g"], 1.0)
+    assert {label: list(by) for label, by in found.slopes.items()} == {"power": ["coil.loop.turns"]}
