@@ -3,6 +3,12 @@
 import numpy as np
 import pytest
 from numpy.polynomial import polynomial
+from scipy.constants import mu_0
+
+
+def slope_on_axis(z, radius=0.044, turns=1000.0):
+    """dBz/dz per ampere, T/m, on the axis of a thin loop at z = 0 (Jackson, section 5.5)."""
+    return -1.5 * mu_0 * turns * radius**2 * z * (radius**2 + z**2) ** -2.5
 
 
 class AxisymmetricField:

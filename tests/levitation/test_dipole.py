@@ -25,10 +25,10 @@ def test_fixed_stiffness_taylor(axisymmetric):
     step = np.array([1e-3, -2e-3, 1.5e-3])
 
     def error(scale):
-        force = dipole_force(MOMENT, source.gradient(POINT + scale * step, CURRENT)[0])
-        return np.linalg.norm(
-            force - dipole_force(MOMENT, source.gradient(POINT, CURRENT)[0]) + stiffness @ step * scale
+        there, here = (
+            dipole_force(MOMENT, source.gradient(at, CURRENT)[0]) for at in (POINT + scale * step, POINT)
         )
+        return np.linalg.norm(there - here + stiffness @ step * scale)
 
     assert error(0.5) / error(1.0) == pytest.approx(0.25, rel=0.05)
 
@@ -44,14 +44,15 @@ def test_aligned_stiffness_taylor(axisymmetric):
         return -magnitude * np.linalg.norm(source.field(x[None, :], CURRENT)[0])
 
     h = 2e-4
-    numeric = np.empty((3, 3))
-    for i, a in enumerate(h * np.eye(3)):
-        for j, b in enumerate(h * np.eye(3)):
-            x = POINT[0]
-            numeric[i, j] = (
-                energy(x + a + b) - energy(x + a - b) - energy(x - a + b) + energy(x - a - b)
-            ) / (4 * h * h)
-    np.testing.assert_allclose(stiffness, numeric, rtol=1e-4, atol=1e-5 * np.abs(numeric).max())
+    signs = [(1, 1, 1), (1, -1, -1), (-1, 1, -1), (-1, -1, 1)]
+    numeric = [
+        [
+            sum(sign * energy(POINT[0] + i * a + j * b) for i, j, sign in signs) / (4 * h * h)
+            for b in h * np.eye(3)
+        ]
+        for a in h * np.eye(3)
+    ]
+    np.testing.assert_allclose(stiffness, numeric, rtol=1e-4, atol=1e-5 * np.max(np.abs(numeric)))
 
 
 def test_earnshaw(axisymmetric):

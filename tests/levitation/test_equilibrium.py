@@ -1,3 +1,4 @@
+from functools import partial
 from types import SimpleNamespace
 
 import magpylib
@@ -11,6 +12,8 @@ from fieldmap.field import as_field
 from fieldmap.levitation import find_equilibrium
 from fieldmap.levitation.balance import check_position
 from fieldmap.levitation.equilibrium import _ranked
+from tests.levitation.conftest import slope_on_axis
+from tests.refusals import refused
 
 PAYLOAD = Payload(mass=0.01119, moment=0.813)
 WEIGHT = 0.01119 * 9.80665
@@ -22,9 +25,8 @@ def test_closed_form_position_and_stiffness(axisymmetric):
     found = find_equilibrium(axisymmetric((0.02, c2, c3, 0.0)), [current], PAYLOAD)
     height = (WEIGHT / (current * PAYLOAD.moment) - 2 * c2) / (6 * c3)
     np.testing.assert_allclose(found.position, [0, 0, height], atol=1e-9)
-    np.testing.assert_allclose(
-        found.stiffness, current * PAYLOAD.moment * c3 * np.diag([3, 3, -6]), rtol=1e-9, atol=1e-12
-    )
+    stiffness = current * PAYLOAD.moment * c3 * np.diag([3, 3, -6])
+    np.testing.assert_allclose(found.stiffness, stiffness, rtol=1e-9, atol=1e-12)
     assert found.stable.tolist() == [False, True, True]
     assert found.stable_axes == {"x": True, "y": True, "z": False}
     assert np.linalg.norm(found.force_residual) < 1e-8 * WEIGHT
@@ -40,8 +42,8 @@ def test_a_gradient_that_falls_upward_is_stable_along_z_only(axisymmetric):
 
 
 def test_reversed_currents_turn_the_magnet_around(axisymmetric):
-    up = find_equilibrium(axisymmetric((0.02, 0.03, 0.6, 0.0)), [1.5], PAYLOAD)
-    down = find_equilibrium(axisymmetric((0.02, 0.03, 0.6, 0.0)), [-1.5], PAYLOAD)
+    source = axisymmetric((0.02, 0.03, 0.6, 0.0))
+    up, down = (find_equilibrium(source, [current], PAYLOAD) for current in (1.5, -1.5))
     np.testing.assert_allclose(down.position, up.position, atol=1e-12)
     np.testing.assert_allclose(down.moment, -up.moment)
     assert up.angle_to_field == pytest.approx(0.0, abs=1e-5)
@@ -70,12 +72,11 @@ def test_an_aligned_moment_follows_the_field(axisymmetric):
     assert found.trace < 0.0
     # The balance, from |B| alone.
     h = 1e-5
-    rise = [
-        np.linalg.norm(source.field((found.position + s)[None, :], [1.5])[0])
-        - np.linalg.norm(source.field((found.position - s)[None, :], [1.5])[0])
-        for s in h * np.eye(3)
-    ]
-    np.testing.assert_allclose(PAYLOAD.moment * np.array(rise) / (2 * h), [0, 0, WEIGHT], atol=1e-6 * WEIGHT)
+    ahead, behind = (
+        np.linalg.norm(source.field(found.position + s * h * np.eye(3), [1.5]), axis=1) for s in (1, -1)
+    )
+    force = PAYLOAD.moment * (ahead - behind) / (2 * h)
+    np.testing.assert_allclose(force, [0, 0, WEIGHT], atol=1e-6 * WEIGHT)
 
 
 class Loop:
@@ -88,13 +89,9 @@ class Loop:
         return loop.getB(np.atleast_2d(points)).reshape(-1, 3)
 
     def gradient(self, points, currents):
-        h = 5e-4
+        h, shares = 5e-4, {1: 8, -1: -8, 2: -1, -2: 1}
         columns = [
-            (
-                8 * (self.field(points + h * e, currents) - self.field(points - h * e, currents))
-                - (self.field(points + 2 * h * e, currents) - self.field(points - 2 * h * e, currents))
-            )
-            / (12 * h)
+            sum(share * self.field(points + k * h * e, currents) for k, share in shares.items()) / (12 * h)
             for e in np.eye(3)
         ]
         return np.stack(columns, axis=-1)
@@ -102,19 +99,15 @@ class Loop:
 
 def test_on_the_axis_of_a_loop():
     """The root of D d/dz [mu0 I R^2 / 2 (R^2 + z^2)^1.5] = m g below the loop, found by bisection."""
-    radius, current, mu0 = 0.044, 3000.0, 4e-7 * np.pi
-
-    def slope(z):
-        return -1.5 * mu0 * current * radius**2 * z / (radius**2 + z**2) ** 2.5
-
+    current = 3000.0
+    slope = partial(slope_on_axis, radius=0.044, turns=current)
     height = brentq(lambda z: PAYLOAD.moment * slope(z) - WEIGHT, -0.2, -0.03, xtol=1e-14)
     source = as_field(Loop(), ([-0.01, -0.01, -0.2], [0.01, 0.01, -0.03]))
     found = find_equilibrium(source, [current], PAYLOAD)
     np.testing.assert_allclose(found.position, [0, 0, height], atol=1e-7)
     second = (slope(height + 1e-6) - slope(height - 1e-6)) / 2e-6
-    np.testing.assert_allclose(
-        found.stiffness, PAYLOAD.moment * second * np.diag([0.5, 0.5, -1]), rtol=1e-5, atol=1e-5
-    )
+    stiffness = PAYLOAD.moment * second * np.diag([0.5, 0.5, -1])
+    np.testing.assert_allclose(found.stiffness, stiffness, rtol=1e-5, atol=1e-5)
     assert found.stable_axes == {"x": True, "y": True, "z": False}
 
 
@@ -132,11 +125,10 @@ def test_too_little_current_says_how_much_is_missing(axisymmetric):
     assert caught.value.exit_code == 1
 
 
-def test_too_much_current_and_no_current(axisymmetric):
-    with pytest.raises(NoEquilibrium, match="lower"):
-        find_equilibrium(axisymmetric((0.02, 0.5, 0.1, 0.0)), [5.0], PAYLOAD)
-    with pytest.raises(NoEquilibrium, match=r"turn .* on"):
-        find_equilibrium(axisymmetric((0.02, 0.5, 0.1, 0.0)), [0.0], PAYLOAD)
+@pytest.mark.parametrize(("current", "remedy"), [(5.0, "lower"), (0.0, "turn the currents on")])
+def test_too_much_current_and_no_current(axisymmetric, current, remedy):
+    with refused(NoEquilibrium, remedy=remedy):
+        find_equilibrium(axisymmetric((0.02, 0.5, 0.1, 0.0)), [current], PAYLOAD)
 
 
 @pytest.mark.parametrize(
@@ -162,22 +154,18 @@ def test_bad_input(axisymmetric, change, error):
 @pytest.mark.parametrize("middle", [0.0, 0.3])
 def test_a_position_may_leave_the_box_by_rounding_only(middle):
     """A share of 1e-12 of the box, wherever that lies; what was a little outside is put on the wall."""
-    lower, upper = middle - np.array([0.02, 0.03, 0.05]), middle + np.array([0.02, 0.03, 0.05])
-    rounding = 5e-14 * np.array([1.0, 0.0, 0.0])
-    np.testing.assert_array_equal(check_position((lower, upper), upper + rounding, "here"), upper)
-    np.testing.assert_array_equal(check_position((lower, upper), lower - rounding, "here"), lower)
-    for outside in (upper + 20 * rounding, lower - 20 * rounding):
+    lower, upper = (middle + side * np.array([0.02, 0.03, 0.05]) for side in (-1, 1))
+    for corner, rounding in ((upper, 5e-14), (lower, -5e-14)):
+        at_the_wall = check_position((lower, upper), corner + [rounding, 0.0, 0.0], "here")
+        np.testing.assert_array_equal(at_the_wall, corner)
         with pytest.raises(OutsideMapError):
-            check_position((lower, upper), outside, "here")
+            check_position((lower, upper), corner + [20 * rounding, 0.0, 0.0], "here")
     with pytest.raises(OutsideMapError) as caught:
         check_position((lower, upper), middle + np.array([0.0, 0.0, 0.0625]), "here")
-    told = caught.value.problems[0]
-    z = 1e3 * middle
-    assert told.where == "here"
-    assert told.received == f"({z:g}, {z:g}, {z + 62.5:g}) mm"
-    assert (
-        f"({z - 20:g}, {z - 30:g}, {z - 50:g}) to ({z + 20:g}, {z + 30:g}, {z + 50:g}) mm" in told.must_hold
-    )
+    (told,), z = caught.value.problems, 1e3 * middle
+    assert (told.where, told.received) == ("here", f"({z:g}, {z:g}, {z + 62.5:g}) mm")
+    box = f"({z - 20:g}, {z - 30:g}, {z - 50:g}) to ({z + 20:g}, {z + 30:g}, {z + 50:g}) mm"
+    assert box in told.must_hold
 
 
 def test_places_are_ranked_by_their_distance_from_the_middle_of_the_box():

@@ -20,11 +20,6 @@ LOOP = (DEVICES / "thin_loop_with_driver.toml").read_text()
 SPHERE = (DEVICES / "sphere_below_loop.toml").read_text()
 
 
-def slope_on_axis(z, radius=0.044, turns=1000.0):
-    """dBz/dz per ampere, T/m, on the axis of a thin loop at z = 0 (Jackson, section 5.5)."""
-    return -1.5 * mu_0 * turns * radius**2 * z * (radius**2 + z**2) ** -2.5
-
-
 GRID = """
 format = 1
 title = "Turns and radius"

@@ -7,7 +7,7 @@ from scipy.constants import g, mu_0
 from fieldmap.errors import FitError, InputError
 from fieldmap.studies import read_fit
 from tests.conftest import DEVICES
-from tests.studies.conftest import slope_on_axis
+from tests.levitation.conftest import slope_on_axis
 
 RADIUS, TURNS, CURRENT = 0.044, 1000, 2.0
 HEIGHT_MM = 1.5

@@ -13,8 +13,8 @@ from fieldmap.levitation import find_equilibrium
 from fieldmap.studies import run_study
 from fieldmap.studies.equilibrium_area import equilibrium_area
 from fieldmap.studies.variant_result import controllable_share, lowest_lift_height
+from tests.levitation.conftest import slope_on_axis
 from tests.refusals import refused
-from tests.studies.conftest import slope_on_axis
 
 A, WEIGHT, MOMENT = 0.044, 0.010 * g, 0.8
 

@@ -14,8 +14,9 @@ from fieldmap.errors import InputError
 from fieldmap.iron import FieldFunction
 from fieldmap.studies import Carrying, Limit, Linked, NoFeasibleDesign, Number, Variable
 from tests.conftest import DEVICES
+from tests.levitation.conftest import slope_on_axis
 from tests.refusals import refused
-from tests.studies.conftest import SPHERE, slope_on_axis
+from tests.studies.conftest import SPHERE
 
 PAIR = """
 format = 1

@@ -6,7 +6,8 @@ import pytest
 from fieldmap.errors import InputError
 from fieldmap.studies import Carrying, Linked, Number, Uncertain, analyse_tolerances
 from tests.conftest import DEVICES
-from tests.studies.conftest import SPHERE, slope_on_axis
+from tests.levitation.conftest import slope_on_axis
+from tests.studies.conftest import SPHERE
 
 LOOP = DEVICES / "thin_loop_with_driver.toml"
 DEPTH, RADIUS, TURNS, MASS = 0.06, 0.044, 1000.0, 0.01
