@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.optimize import brentq
 
 from fieldmap.device.model import Payload
 from fieldmap.errors import InputError
@@ -45,17 +46,11 @@ def lift_readings(rig, truth, gains=(1.0, 1.0), noise=0.0, seed=0):
     for sensed in SENSED:
         point = np.array([0.0, 0.0, sensed - truth["magnet_offset"]])
 
-        def lift(i, point=point):
-            amperes = i * np.asarray(gains)
-            return (
-                truth["field_scale"] * PAYLOAD.moment * rig.gradient(point[None], amperes)[0, 2, 2] - WEIGHT
-            )
+        def left(i, point=point):
+            slope = rig.gradient(point[None], i * np.asarray(gains))[0, 2, 2]
+            return truth["field_scale"] * PAYLOAD.moment * slope - WEIGHT
 
-        low, high = 0.01, 20.0
-        for _ in range(80):
-            middle = 0.5 * (low + high)
-            low, high = (low, middle) if lift(middle) > 0 else (middle, high)
-        found.append(low * (1.0 + noise * rng.normal()))
+        found.append(brentq(left, 0.01, 20.0, xtol=1e-14) * (1.0 + noise * rng.normal()))
     return LiftReadings(SENSED, np.outer(found, [1.0, 1.0]), deviation=max(noise, 0.01))
 
 
@@ -84,14 +79,11 @@ def test_field_scale_and_offset_come_back(rig):
 def test_gains_of_the_coils_need_places(rig):
     """Equal currents tell nothing of which coil is which."""
     gains = (1.1, 0.95)
-    lift = lift_readings(rig, TRUTH, gains)
-    found = calibrate(
-        rig,
-        PAYLOAD,
-        lift=lift,
-        positions=position_readings(rig, TRUTH, gains),
-        fit=["field_scale", "magnet_offset", "gains"],
-    )
+    read = {
+        of: make(rig, TRUTH, gains)
+        for of, make in (("lift", lift_readings), ("positions", position_readings))
+    }
+    found = calibrate(rig, PAYLOAD, **read, fit=["field_scale", "magnet_offset", "gains"])
     assert [found.values[f"gain coil {k}"] for k in range(2)] == pytest.approx(gains, rel=1e-4)
     assert found.values["field_scale"] == pytest.approx(1.3, rel=1e-4)
     np.testing.assert_allclose(found.currents([2.0, 2.0]), [2.2, 1.9], rtol=1e-4)
@@ -101,14 +93,9 @@ def test_places_may_count_from_the_first(rig):
     """A sensor that was set to zero where the magnet was first: wherever that is, the places fit."""
     read = position_readings(rig, TRUTH)
     sensed, currents, places = (np.asarray(of)[:2] for of in (read.sensed, read.currents, read.places))
-    found = calibrate(
-        rig,
-        PAYLOAD,
-        lift=lift_readings(rig, TRUTH),
-        positions=PositionReadings(sensed, currents, places + [3e-3, -1e-3], from_first=True),
-        fit=["field_scale"],
-        given={"magnet_offset": TRUTH["magnet_offset"]},
-    )
+    positions = PositionReadings(sensed, currents, places + [3e-3, -1e-3], from_first=True)
+    how = {"fit": ["field_scale"], "given": {"magnet_offset": TRUTH["magnet_offset"]}}
+    found = calibrate(rig, PAYLOAD, lift_readings(rig, TRUTH), positions, **how)
     assert found.misfit < 1e-3
     rows = [row for row in found.table if " of reading " in row.quantity]
     expected = (places - places[0]).ravel()
@@ -154,18 +141,22 @@ def test_the_covariance_is_the_scatter_of_repeated_readings(rig):
     np.testing.assert_allclose(scatter, stated, rtol=0.4)
 
 
-def test_what_cannot_be_fitted_is_said(rig):
-    lift = lift_readings(rig, TRUTH)
-    few = LiftReadings(SENSED[:1], [[1.0, 1.0]])
-    for wrong, where, received in (
+FEW = LiftReadings(SENSED[:1], [[1.0, 1.0]])
+
+
+@pytest.mark.parametrize(
+    ("wrong", "where", "received"),
+    [
         ({}, "calibrate", "none"),
-        ({"lift": lift, "fit": ["scale"]}, "calibrate(fit)", "['scale']"),
-        ({"lift": few}, "calibrate(readings)", "1 readings"),
-        ({"lift": lift, "given": {"offset": 0.01}}, "calibrate(given)", "offset = 0.01"),
-    ):
-        with pytest.raises(InputError) as error:
-            calibrate(rig, PAYLOAD, **wrong)
-        assert [(p.where, p.received) for p in error.value.problems] == [(where, received)]
+        ({"lift": FEW, "fit": ["scale"]}, "calibrate(fit)", "['scale']"),
+        ({"lift": FEW}, "calibrate(readings)", "1 readings"),
+        ({"lift": FEW, "given": {"offset": 0.01}}, "calibrate(given)", "offset = 0.01"),
+    ],
+)
+def test_what_cannot_be_fitted_is_said(rig, wrong, where, received):
+    with pytest.raises(InputError) as error:
+        calibrate(rig, PAYLOAD, **wrong)
+    assert [(p.where, p.received) for p in error.value.problems] == [(where, received)]
 
 
 def test_lift_is_that_of_the_balance(rig):

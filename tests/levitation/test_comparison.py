@@ -34,12 +34,10 @@ def dipole_gradient(points, moments):
     """dB_i/dx_j (n, 3, 3) of vertical dipoles: differences of B, Jackson (5.56), by complex steps."""
 
     def flux(p):
-        total = 0.0
-        for source, m in zip(RING, moments, strict=True):
-            r = p - source
-            d2 = (r * r).sum(axis=1, keepdims=True)
-            total = total + 1e-7 * m * (3.0 * r[:, 2:] * r / d2**2.5 - np.array([0.0, 0.0, 1.0]) / d2**1.5)
-        return total
+        r = p - RING[:, None]
+        d2 = (r * r).sum(axis=2, keepdims=True)
+        each = 3.0 * r[..., 2:] * r / d2**2.5 - np.array([0.0, 0.0, 1.0]) / d2**1.5
+        return 1e-7 * np.tensordot(moments, each, 1)
 
     steps = 1e-30j * np.eye(3)
     return np.stack([flux(points + step).imag / 1e-30 for step in steps], axis=-1)
@@ -65,11 +63,9 @@ class Field(Field):
         return dipole_gradient(np.atleast_2d(points), self.moments(currents))
 
     def second_gradient(self, points, currents):
-        p, moments = np.atleast_2d(points), self.moments(currents)
-        h = 1e-6 * np.eye(3)
-        return np.stack(
-            [(dipole_gradient(p + s, moments) - dipole_gradient(p - s, moments)) / 2e-6 for s in h], axis=-1
-        )
+        p, h = np.atleast_2d(points), 1e-6 * np.eye(3)
+        ahead, behind = ([self.gradient(p + s * step, currents) for step in h] for s in (1, -1))
+        return np.moveaxis(np.array(ahead) - np.array(behind), 0, -1) / 2e-6
 
 
 def force(point, currents):
@@ -81,16 +77,14 @@ def lift(height, current):
     return force([0.0, 0.0, height], np.full(6, current))[2]
 
 
+def carrying(height, factor=1.0):
+    """The current whose lift, times a factor, is the weight."""
+    return brentq(lambda i: factor * lift(height, i) - MASS * gravity, 0.0, LIMIT)
+
+
 def machine(**changes):
-    about = {
-        "device": "ring",
-        "coils": 6,
-        "sensor_zero": -0.060,
-        "readings_mm": (0.0, 10.0, 20.0, 30.0, 90.0),
-        "lift_slope": 0.02,
-        "lift_at_zero": 0.4,
-        "lift_source": "Table 1",
-    }
+    about = {"device": "ring", "coils": 6, "sensor_zero": -0.060, "lift_slope": 0.02, "lift_at_zero": 0.4}
+    about |= {"readings_mm": (0.0, 10.0, 20.0, 30.0, 90.0), "lift_source": "Table 1"}
     return MeasuredMachine(**(about | changes))
 
 
@@ -100,8 +94,7 @@ def test_heights_without_a_sensor_divide_the_box():
     assert [row.current is None for row in rows] == [False, False, True, True]
     for row in rows:
         if row.current is not None:
-            found = brentq(lambda i, z=row.height: lift(z, i) - MASS * gravity, 0.0, LIMIT)
-            assert row.current == pytest.approx(found, rel=2e-4)
+            assert row.current == pytest.approx(carrying(row.height), rel=2e-4)
         assert (row.sensor_mm, row.measured, row.lift_share, row.ratio) == (None, None, None, None)
 
 
@@ -118,7 +111,7 @@ def test_lift_currents_beside_the_measured():
         if too_weak:
             assert (row.current, row.beyond, row.ratio) == (None, LIMIT, None)
         else:
-            found = brentq(lambda i, z=row.height: lift(z, i) - MASS * gravity, 0.0, LIMIT)
+            found = carrying(row.height)
             assert row.current == pytest.approx(found, rel=2e-4)
             assert row.ratio == pytest.approx(found / row.measured, rel=2e-4)
             assert row.beyond is None
@@ -144,7 +137,7 @@ def test_the_factor_on_the_force_and_what_it_leaves():
 
     assert fit.factor == pytest.approx(least_squares(left, [1.0], xtol=1e-12).x[0], rel=1e-6)
     for row, current, deviation in zip(rows, fit.currents, fit.deviations, strict=True):
-        found = brentq(lambda i, z=row.height: fit.factor * lift(z, i) - MASS * gravity, 0.0, LIMIT)
+        found = carrying(row.height, fit.factor)
         assert current == pytest.approx(found, rel=2e-4)
         assert deviation == pytest.approx(found / row.measured - 1.0, abs=3e-4)
     # Nothing was measured.
@@ -177,8 +170,7 @@ READ = MeasuredShift(N, 10.0, SIGNALS, (0.5, 1.0, 2.5), -0.2, "Table 2")
 def at_rest(signals, level, height):
     """x where the magnet is not pushed aside: at the level, and with the lift of signal 0; and that level."""
     on_axis = lift(height, level)
-    places, held, levels = [], [], []
-    x, both = 0.0, np.array([0.0, level])
+    rows, x, both = [], 0.0, np.array([0.0, level])
     for signal in signals:
 
         def pull(x, u, s=signal):
@@ -186,10 +178,8 @@ def at_rest(signals, level, height):
 
         x = brentq(lambda x: pull(x, level)[0], -0.02, 0.02)
         both = fsolve(lambda v: pull(*v)[[0, 2]] - [0.0, on_axis], both, xtol=1e-12)
-        places.append(x)
-        held.append(both[0])
-        levels.append(both[1])
-    return np.array(places), np.array(held), np.array(levels)
+        rows.append((x, *both))
+    return np.array(rows).T
 
 
 def test_shifts_beside_the_measured():
@@ -210,20 +200,19 @@ def test_shifts_beside_the_measured():
 def test_shifts_that_cannot_be_compared_are_left_out():
     measured = machine(shifts=(READ,), lift_at_zero=2.0)
     division = LiftAndDirections(N)
-    assert shifts_beside_measured(Field(), PAYLOAD, measured, LiftAndDirections(1.5)) == ()
-    assert shifts_beside_measured(Field(), PAYLOAD, measured, CoilGroups([[0, 2, 4], [1, 3, 5]])) == ()
-    assert shifts_beside_measured(Field(), PAYLOAD, machine(), division) == ()
-    outside = machine(shifts=(READ,), sensor_zero=0.0)
-    assert shifts_beside_measured(Field(), PAYLOAD, outside, division) == ()
-    too_much = machine(shifts=(READ,), lift_at_zero=LIMIT)
-    assert shifts_beside_measured(Field(), PAYLOAD, too_much, division) == ()
+    for one, of in (
+        (measured, LiftAndDirections(1.5)),
+        (measured, CoilGroups([[0, 2, 4], [1, 3, 5]])),
+        (machine(), division),
+        (machine(shifts=(READ,), sensor_zero=0.0), division),
+        (machine(shifts=(READ,), lift_at_zero=LIMIT), division),
+    ):
+        assert shifts_beside_measured(Field(), PAYLOAD, one, of) == ()
 
 
 def test_where_the_currents_end_there_is_no_place():
-    far = MeasuredShift(N, 10.0, (0.1, 0.4), (1.0, 5.0), 0.0, "Table 2")
-    (shift,) = shifts_beside_measured(
-        Field(), PAYLOAD, machine(shifts=(far,), lift_at_zero=2.4), LiftAndDirections(N)
-    )
+    far = machine(shifts=(MeasuredShift(N, 10.0, (0.1, 0.4), (1.0, 5.0), 0.0, "Table 2"),), lift_at_zero=2.4)
+    (shift,) = shifts_beside_measured(Field(), PAYLOAD, far, LiftAndDirections(N))
     assert np.isfinite(shift.constant_level).tolist() == [True, False]
     assert np.isfinite(shift.levels).tolist() == [True, False]
 
@@ -240,9 +229,7 @@ def test_one_point_of_the_path_in_a_few_newton_steps(held):
         return divide_currents(u, signal, 0.0, N), height
 
     scale = MASS * gravity / lift(height, level)
-    point, found = equilibrium_at(
-        Field(), PAYLOAD, path, [0.0, 0.0], level, hold_height=held, field_scale=scale
-    )
+    point, found = equilibrium_at(Field(), PAYLOAD, path, [0.0, 0.0], level, held, scale)
     constant, follows, levels = (values[0] for values in at_rest([signal], level, height))
     assert point.position[:2] == pytest.approx([follows if held else constant, 0.0], abs=2e-9)
     assert found == pytest.approx(levels if held else level, rel=1e-7)
