@@ -22,7 +22,13 @@ from fieldmap.levitation.balance import (
     magnet_balance,
     model_assumptions,
 )
-from fieldmap.levitation.branches import EquilibriumBranch, equilibrium_at, follow_equilibrium
+from fieldmap.levitation.branches import (
+    EquilibriumBranch,
+    Sensitivity,
+    equilibrium_at,
+    equilibrium_sensitivity,
+    follow_equilibrium,
+)
 from fieldmap.levitation.calibration import Calibration, LiftReadings, PositionReadings, Reading, calibrate
 from fieldmap.levitation.comparison import (
     ForceFit,
@@ -36,7 +42,6 @@ from fieldmap.levitation.continuation import Fold, FollowedBranch, follow_branch
 from fieldmap.levitation.equilibrium import Equilibrium, SearchReport, find_equilibrium
 from fieldmap.levitation.lift import LiftCurrent, force_per_ampere, lift_current, lift_shares, push_shares
 from fieldmap.levitation.reachable_set import ReachableSet, SearchedSet, reachable, zonotope
-from fieldmap.levitation.sensitivity import Sensitivity, equilibrium_sensitivity
 from fieldmap.levitation.signal_surface import EquilibriumSurface, equilibrium_surface
 from fieldmap.levitation.stationary import StationaryPoint, StationarySet, stationary_points
 

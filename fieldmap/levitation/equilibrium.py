@@ -319,7 +319,7 @@ def largest_step(balance: MagnetBalance) -> float:
     return balance.magnitude * balance.source.gradient_jump(balance.currents) / balance.weight
 
 
-_OF_YOUR_CHOICE = "those that hold the payload at a place of your choice: fieldmap currents --lift, or currents_for of the map"
+_ELSEWHERE = "at a place of your choice: fieldmap currents --lift, or currents_for of the map"
 
 
 def _towards_lift(balance: MagnetBalance, lift: float) -> str:
@@ -335,7 +335,7 @@ def _towards_lift(balance: MagnetBalance, lift: float) -> str:
         return "turn the currents on"
     # Soft iron is pulled towards the stronger field whatever the sign.
     more = "turn the polarity of the coils around" if magnets else "put more current into the coils above"
-    return f"{more}; {_OF_YOUR_CHOICE}"
+    return f"{more}; those that hold the payload {_ELSEWHERE}"
 
 
 def no_equilibrium(balance: MagnetBalance, grid: Array, residuals: Array, tried: int) -> NoEquilibrium:
@@ -354,7 +354,8 @@ def no_equilibrium(balance: MagnetBalance, grid: Array, residuals: Array, tried:
     elif lift[low] > weight:
         remedy = "lower the currents, or use a map that reaches farther from the coils"
     else:
-        remedy = f"balance the currents, so that the sideways force vanishes inside the map's box; {_OF_YOUR_CHOICE}"
+        more = "balance the currents, so that the sideways force vanishes inside the map's box"
+        remedy = f"{more}; those that hold the payload {_ELSEWHERE}"
     where = f"find_equilibrium, {tried} starts in the box {at(0)} to {at(len(grid) - 1)}"
     must = f"the magnetic force must balance the weight {1e3 * weight:.4g} mN at some point"
     received = (

@@ -27,6 +27,7 @@ from fieldmap.studies.study import (
     Linked,
     LinkedKeys,
     Record,
+    Some,
     StudyIron,
     axis_labels,
     settings_with,
@@ -261,11 +262,7 @@ class Search(records.Record):
     sign: float
     variables: Annotated[
         tuple[Variable, ...],
-        Key(
-            Annotated[list[table_of(Variable)], Field(min_length=1)],  # type: ignore[misc]
-            "[[optimise.variable]]: a key that may change",
-            name="variable",
-        ),
+        Key(Some[table_of(Variable)], "[[optimise.variable]]: a key that may change", name="variable"),  # type: ignore[misc]
     ]
     limits: Annotated[
         tuple[Limit, ...],
@@ -277,10 +274,7 @@ class Search(records.Record):
     ] = ()
     method: Annotated[
         str,
-        Key(
-            Method,
-            "by derivatives (the first two), without them, or by Optuna's sampler",
-        ),
+        Key(Method, "by derivatives (the first two), without them, or by Optuna's sampler"),
     ] = "SLSQP"
     solves: Annotated[int, Key(whole(1), "designs that are solved at most")] = 200
     tolerance: Annotated[

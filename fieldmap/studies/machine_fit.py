@@ -34,7 +34,7 @@ from fieldmap.levitation.unknowns import Measured, ReadingsFit, Unknown
 from fieldmap.maps.recipe import IronLaw, Refinement
 from fieldmap.records import Record
 from fieldmap.studies.reading import device_file
-from fieldmap.studies.study import saturates
+from fieldmap.studies.study import Some, saturates
 from fieldmap.typing import Array, PathLike
 
 
@@ -62,7 +62,8 @@ Deviation = Annotated[
     ),
 ]
 Amperes = Annotated[Number | list[Number] | list[list[Number]], BeforeValidator(_amperes)]
-Rows = Annotated[list[Number], Field(min_length=1)]
+Rows = Some[Number]
+Pair = Annotated[list[Text], Field(min_length=2, max_length=2)]
 TableName = Annotated[str, Key(Text, "name of the table", examples=("on the axis",))]
 
 
@@ -100,21 +101,14 @@ class FieldReadings(Record):
     """
 
     name: TableName
-    points: Annotated[
-        ArrayLike, Key(Annotated[list[Point], Field(min_length=1)], "where the probe was", "mm")
-    ]
+    points: Annotated[ArrayLike, Key(Some[Point], "where the probe was", "mm")]
     currents: Annotated[
         ArrayLike | tuple[Any, ...],
         Key(Amperes, "one for all coils, one per coil, or a list of one per coil for each point", "A"),
     ]
     measured: Annotated[
         ArrayLike,
-        Key(
-            Annotated[list[Rows], Field(min_length=1)],
-            "of each point the components that were read",
-            "mT",
-            examples=([[0.24, 0.01, 1.4]],),
-        ),
+        Key(Some[Rows], "of each point the components that were read", "mT", examples=([[0.24, 0.01, 1.4]],)),
     ]
     deviation: Annotated[
         ArrayLike,
@@ -156,7 +150,7 @@ class InductanceReadings(Record):
     pairs: Annotated[
         ArrayLike | tuple[tuple[str, ...], ...],
         Key(
-            Annotated[list[Annotated[list[Text], Field(min_length=2, max_length=2)]], Field(min_length=1)],
+            Some[Pair],
             "pairs of coils by name; the same twice for a coil's own inductance",
             name="coils",
             examples=([["coil", "coil"]],),
@@ -198,12 +192,7 @@ class LiftCurrentReadings(Record):
     name: TableName
     positions: Annotated[
         ArrayLike,
-        Key(
-            Annotated[list[Point], Field(min_length=1)],
-            "places of the magnet's centre",
-            "mm",
-            examples=([[0.0, 0.0, -95.0]],),
-        ),
+        Key(Some[Point], "places of the magnet's centre", "mm", examples=([[0.0, 0.0, -95.0]],)),
     ]
     measured: Annotated[ArrayLike, Key(Rows, "of each place the common current", "A", examples=([1.56],))]
     deviation: Annotated[
@@ -422,7 +411,7 @@ def _a_row_for_each_point(keys: Any) -> None:
 class _Probe(_Stated):
     """What a probe read."""
 
-    components: Annotated[list[Literal["x", "y", "z"]], Field(min_length=1)] = Field(
+    components: Some[Literal["x", "y", "z"]] = Field(
         default=["x", "y", "z"], description="what was read", examples=[["z"]]
     )
 
@@ -540,11 +529,7 @@ class FitSettings(Record):
     device: Annotated[str, Key(Text, "device file or name of a shipped device")]
     unknowns: Annotated[
         tuple[Unknown, ...],
-        Key(
-            Annotated[list[table_of(Unknown)], Field(min_length=1)],  # type: ignore[misc]
-            "[[unknown]] tables",
-            name="unknown",
-        ),
+        Key(Some[table_of(Unknown)], "[[unknown]] tables", name="unknown"),  # type: ignore[misc]
     ]
     iron: Annotated[FitIron, Key(table_of(FitIron), "how the iron is solved")] = FitIron()
     flux_density: Annotated[

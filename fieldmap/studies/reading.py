@@ -7,8 +7,6 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any
 
-from pydantic import Field
-
 from fieldmap import records
 from fieldmap.device.changes import changed, key_finding
 from fieldmap.device.model import Device
@@ -72,7 +70,7 @@ class StudySettings(records.Record):
     ] = ()
     currents: Annotated[
         tuple[study.StatedCurrents, ...],
-        Key(Annotated[list[study.CurrentsKeys], Field(min_length=1)], "[[currents]] tables"),
+        Key(study.Some[study.CurrentsKeys], "[[currents]] tables"),
     ]
     record: Annotated[study.Record, Key(table_of(study.Record), "the recorded quantities")] = field(
         default_factory=study.Record

@@ -4,7 +4,7 @@ import re
 from collections.abc import Iterable, Iterator, Mapping, Set
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeVar
 
 import numpy as np
 from pydantic import BeforeValidator, Field, StringConstraints, ValidationInfo
@@ -39,16 +39,17 @@ def _value(value: Any) -> Any:
     return value
 
 
-Values = Annotated[list[Annotated[Any, BeforeValidator(_value)]], Field(min_length=1)]
+One = TypeVar("One")
+Some = Annotated[list[One], Field(min_length=1)]
+"""A list of one or more."""
+Values = Some[Annotated[Any, BeforeValidator(_value)]]
 
 
 @dataclass(frozen=True, repr=False)
 class Linked(records.Record):
     """Keys that follow a varied one: offset + factor * value, in the units of the keys."""
 
-    keys: Annotated[
-        tuple[str, ...], Key(Annotated[list[Text], Field(min_length=1)], "key paths of the device file")
-    ]
+    keys: Annotated[tuple[str, ...], Key(Some[Text], "key paths of the device file")]
     factor: Annotated[float, Key(float, "factor of the value")] = 1.0
     offset: Annotated[float, Key(float, "offset, in the unit of the key")] = 0.0
 
