@@ -78,7 +78,9 @@ def _wrong_keys(variable: Variable, draft: DesignProblem, device: Device) -> Ite
 
 
 def _of_numbers(draft: DesignProblem, device: Device) -> Iterator[Finding]:
-    asked = [(("optimise", "minimise" if draft.sign > 0 else "maximise"), draft.objective)]
+    asked: list[tuple[Location, Number]] = [
+        (("optimise", "minimise" if draft.sign > 0 else "maximise"), draft.objective)
+    ]
     asked += [((*_LIMIT, k), limit.asked) for k, limit in enumerate(draft.limits)]
     asked += [(("besides", k), number) for k, number in enumerate(draft.besides)]
     for place, number in asked:
@@ -218,16 +220,15 @@ def _places(draft: DesignProblem) -> Iterator[tuple[Location, str, Array]]:
 
 
 def design_problem(
-    device: PathLike | Device,
+    caller: str,
     search: Search,
-    *,
+    device: PathLike | Device,
     currents: Any,
     saturating: bool | None,
     refinement: float,
     points: ArrayLike | None,
     box: tuple[ArrayLike, ArrayLike] | None,
     force_share: float,
-    caller: str = "optimise",
 ) -> DesignProblem:
     """A search with the device and the currents that `optimise`, or another caller, was given. Raises InputError with
     one Problem for every mistake."""

@@ -159,16 +159,8 @@ def optimise(
         check_refinement=check_refinement,
         seed=seed,
     )
-    problem = design_problem(
-        device,
-        search,
-        currents=currents,
-        saturating=saturating,
-        refinement=refinement,
-        points=points,
-        box=box,
-        force_share=force_share,
-    )
+    about = (device, currents, saturating, refinement, points, box, force_share)
+    problem = design_problem("optimise", search, *about)
     return solve_problem(problem, output, resume, workers, progress)
 
 
@@ -369,16 +361,11 @@ def _optimum(
     for limit in problem.limits:
         number, judged = limit.asked.label, last or best
         room = min(abs(judged.numbers[number] - bound) for bound in (limit.lower, limit.upper)) / limit.scale
+        finer_value = None if last is None else last.numbers[number]
+        holds = search.excess(judged, limit) <= problem.tolerance
+        ends = (limit.lower, limit.upper)
         limits.append(
-            LimitAtOptimum(
-                number=number,
-                value=best.numbers[number],
-                finer=None if last is None else last.numbers[number],
-                lower=limit.lower,
-                upper=limit.upper,
-                active=room <= _ACTIVE,
-                holds=search.excess(judged, limit) <= problem.tolerance,
-            )
+            LimitAtOptimum(number, best.numbers[number], finer_value, *ends, room <= _ACTIVE, holds)
         )
     iron = "saturating" if problem.iron.saturating else "of constant permeability"
     held = [

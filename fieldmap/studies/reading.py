@@ -120,8 +120,8 @@ def read_study(path_or_name: str | Path) -> study.Study:
     findings += variant_findings(settings, variants)
     if findings:
         raise StudyError(*file.problems(findings))
-    where = {"path": file.path, "text": file.text, "device_document": document}
-    return study.Study(axes=settings.vary, variants=variants, **where, **common)
+    common |= {"path": file.path, "text": file.text, "device_document": document}
+    return study.Study(axes=settings.vary, variants=variants, **common)
 
 
 def read_design_problem(path_or_name: PathLike) -> DesignProblem:

@@ -162,18 +162,8 @@ def analyse_tolerances(
     ... )                                                                         # doctest: +SKIP
     >>> found["flux_density 1 z"].shares                                          # doctest: +SKIP
     """
-    problem = _problem(
-        device,
-        uncertain,
-        numbers,
-        samples,
-        currents=currents,
-        saturating=saturating,
-        refinement=refinement,
-        points=points,
-        box=box,
-        force_share=force_share,
-    )
+    about = (saturating, refinement, points, box, force_share)
+    problem = _problem(uncertain, numbers, samples, device, currents, *about)
     deviations = {one.key: float(one.deviation) for one in uncertain}
     with searching(problem, output, resume, workers, progress) as search:
         centre = problem.starts
@@ -207,13 +197,12 @@ def analyse_tolerances(
 
 
 def _problem(
-    device: PathLike | Device,
     uncertain: Sequence[Uncertain],
     numbers: Sequence[Number | str | Callable[..., Any]],
     samples: int,
-    *,
+    device: PathLike | Device,
     currents: Any,
-    **of_the_device: Any,
+    *about: Any,
 ) -> DesignProblem:
     """The device and what is asked of it, as a problem of design whose variables reach as far as differences do."""
     problems = list(_mistakes(uncertain, numbers, samples))
@@ -246,7 +235,7 @@ def _problem(
         check_refinement=None,
         besides=tuple(besides),
     )
-    return design_problem(device, search, currents=currents, caller=_CALLER, **of_the_device)
+    return design_problem(_CALLER, search, device, currents, *about)
 
 
 def _mistakes(uncertain: Sequence[Uncertain], numbers: Sequence[Any], samples: int) -> list[Problem]:
@@ -304,11 +293,5 @@ def _sampled(values: Array) -> Sampled:
     """Statistics of samples (n,). The standard error of the deviation is that of normally distributed numbers."""
     count, deviation = len(values), float(values.std(ddof=1))
     low, high = (float(value) for value in np.quantile(values, _TAILS))
-    return Sampled(
-        count=count,
-        mean=float(values.mean()),
-        mean_error=deviation / np.sqrt(count),
-        deviation=deviation,
-        deviation_error=deviation / np.sqrt(2 * (count - 1)),
-        range=(low, high),
-    )
+    mean = float(values.mean()), deviation / np.sqrt(count)
+    return Sampled(count, *mean, deviation, deviation / np.sqrt(2 * (count - 1)), (low, high))

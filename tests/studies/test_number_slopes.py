@@ -48,8 +48,7 @@ def problem(currents, saturating, variables, numbers=NUMBERS):
     )
     first = Number("common_current", next(iter(currents)) if isinstance(currents, dict) else "")
     search = Search(objective=first, sign=1.0, variables=tuple(made))
-    at = {"points": POINTS, "box": BOX, "force_share": 0.005, "refinement": 1.0}
-    found = design_problem(DEVICE, search, currents=currents, saturating=saturating, **at)
+    found = design_problem("optimise", search, DEVICE, currents, saturating, 1.0, POINTS, BOX, 0.005)
     asked = tuple(Number(name, entry.name) for name in numbers for entry in found.current_sets)
     return replace(found, iron=replace(found.iron, tolerance=1e-6), objective=asked[0], besides=asked[1:])
 
