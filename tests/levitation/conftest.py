@@ -11,10 +11,20 @@ def slope_on_axis(z, radius=0.044, turns=1000.0):
     return -1.5 * mu_0 * turns * radius**2 * z * (radius**2 + z**2) ** -2.5
 
 
+def solid_harmonics(c1=0.0, c2=0.0, c3=0.0, c4=0.0):
+    """Coefficients (x, y, z) of the harmonic potential whose values on the axis are sum_n c_n z^n. By hand: 1: z;
+    2: z^2 - r^2/2; 3: z^3 - 3 z r^2/2; 4: z^4 - 3 z^2 r^2 + 3 r^4/8."""
+    t = np.zeros((5, 5, 5))
+    t[0, 0, 1:] = c1, c2, c3, c4
+    for across in ((2, 0), (0, 2)):
+        t[across][:3] = -c2 / 2, -1.5 * c3, -3 * c4
+    t[4, 0, 0], t[0, 4, 0], t[2, 2, 0] = 3 / 8 * c4, 3 / 8 * c4, 3 / 4 * c4
+    return t
+
+
 class AxisymmetricField:
     """B = I grad(phi) for the harmonic potential phi whose values on the axis are sum_n c_n z^n, n <= 4.
 
-    Solid harmonics by hand: 1: z; 2: z^2 - r^2/2; 3: z^3 - 3 z r^2/2; 4: z^4 - 3 z^2 r^2 + 3 r^4/8.
     Derivatives come from the exact polynomial algebra of numpy, not from the code under test.
     """
 
@@ -23,22 +33,7 @@ class AxisymmetricField:
 
     def __init__(self, c, lower=(-0.02, -0.02, -0.1), upper=(0.02, 0.02, 0.1)):
         self.lower, self.upper = np.array(lower), np.array(upper)
-        t = np.zeros((5, 5, 5))  # exponents of x, y, z
-        c1, c2, c3, c4 = c
-        t[0, 0, 1] += c1
-        t[0, 0, 2] += c2
-        t[2, 0, 0] -= c2 / 2
-        t[0, 2, 0] -= c2 / 2
-        t[0, 0, 3] += c3
-        t[2, 0, 1] -= 1.5 * c3
-        t[0, 2, 1] -= 1.5 * c3
-        t[0, 0, 4] += c4
-        t[2, 0, 2] -= 3 * c4
-        t[0, 2, 2] -= 3 * c4
-        t[4, 0, 0] += 3 / 8 * c4
-        t[0, 4, 0] += 3 / 8 * c4
-        t[2, 2, 0] += 3 / 4 * c4
-        self.amperes, self.potentials, self.derived = np.ones(1), t[None], {}
+        self.amperes, self.potentials, self.derived = np.ones(1), solid_harmonics(*c)[None], {}
 
     def derivatives(self, points, order):
         """(n, 3, ..., 3), all of an order in one pass; their polynomials are made once."""

@@ -7,6 +7,7 @@ from scipy.optimize import brentq
 from fieldmap.device.model import Payload
 from fieldmap.errors import InputError
 from fieldmap.levitation import LiftReadings, PositionReadings, calibrate, magnet_balance, stationary_points
+from tests.levitation.conftest import solid_harmonics
 
 PAYLOAD = Payload(mass=0.01119, moment=0.813, magnet_offset=0.015)
 WEIGHT = 0.01119 * 9.80665
@@ -31,10 +32,7 @@ def rig(polynomial_field):
     """Two coils beside each other: both lift more the higher the magnet, each draws it to its side."""
     potentials = []
     for side in (-1.0, 1.0):
-        t = np.zeros((3, 3, 4))
-        c2, c3 = 0.035, 0.5
-        t[0, 0, 2], t[2, 0, 0], t[0, 2, 0] = c2, -c2 / 2, -c2 / 2
-        t[0, 0, 3], t[2, 0, 1], t[0, 2, 1] = c3, -1.5 * c3, -1.5 * c3
+        t = solid_harmonics(c2=0.035, c3=0.5)
         t[1, 0, 1] = 0.01 * side
         potentials.append(t)
     return Saturating(polynomial_field(potentials))

@@ -6,6 +6,7 @@ import pytest
 from fieldmap.device.model import Payload
 from fieldmap.errors import InputError
 from fieldmap.levitation import equilibrium_sensitivity, stationary_points
+from tests.levitation.conftest import solid_harmonics
 
 PAYLOAD = Payload(mass=0.01119, moment=0.813)
 
@@ -17,13 +18,9 @@ def three_coils(polynomial_field, vertical_part):
     bowl[2, 0], bowl[0, 2] = -100.0, -200.0
     along_x[1, 0], along_x[3, 0] = 1.0, 8.0
     along_y[0, 1], along_y[1, 1] = 1.0, 20.0
-    lift = np.zeros((3, 3, 3))
-    lift[0, 0, 2], lift[2, 0, 0], lift[0, 2, 0] = 0.07, -0.035, -0.035
-    first = vertical_part(bowl)
-    whole = np.zeros((3, 3, max(first.shape[2], 3)))
-    whole[:, :, : first.shape[2]] += first
-    whole[:, :, :3] += lift
-    return polynomial_field([whole, vertical_part(along_x), vertical_part(along_y)])
+    lift, first = solid_harmonics(c2=0.07), vertical_part(bowl)
+    lift[tuple(map(slice, first.shape))] += first
+    return polynomial_field([lift, vertical_part(along_x), vertical_part(along_y)])
 
 
 CURRENTS = np.array([1.0, 0.8, -0.5])
@@ -37,12 +34,9 @@ def place(source, currents, height=0.0):
 def test_the_equilibrium_moves_as_predicted_to_second_order(three_coils):
     at = place(three_coils, CURRENTS)
     found = equilibrium_sensitivity(three_coils, CURRENTS, PAYLOAD, at)
-    way = np.array([0.3, -0.7, 0.6])
-    sizes = np.array([0.04, 0.02, 0.01])
-    left = [
-        np.linalg.norm((place(three_coils, CURRENTS + t * way) - at)[:2] - t * found.at_held_height @ way)
-        for t in sizes
-    ]
+    way, sizes = np.array([0.3, -0.7, 0.6]), np.array([0.04, 0.02, 0.01])
+    moved = [(place(three_coils, CURRENTS + t * way) - at)[:2] for t in sizes]
+    left = np.linalg.norm(moved - np.outer(sizes, found.at_held_height @ way), axis=1)
     slopes = np.diff(np.log(left)) / np.diff(np.log(sizes))
     assert (slopes > 1.9).all()
     assert left[-1] < 0.02 * np.linalg.norm(sizes[-1] * found.at_held_height @ way)
@@ -77,6 +71,4 @@ def test_at_a_fold_there_is_no_derivative(polynomial_field, vertical_part):
     flat = np.zeros((4, 3))
     flat[3, 0], flat[0, 2] = 1e3, -100.0
     with pytest.raises(InputError, match="fold"):
-        equilibrium_sensitivity(
-            polynomial_field([vertical_part(flat)]), [1.0], PAYLOAD, [0.0, 0.0, 0.001 * 0]
-        )
+        equilibrium_sensitivity(polynomial_field([vertical_part(flat)]), [1.0], PAYLOAD, np.zeros(3))

@@ -55,13 +55,10 @@ def centroid(x, y, n):
 
 @pytest.mark.parametrize("held", [True, False])
 def test_the_magnet_rests_at_the_centroid_of_the_currents(held):
-    found = equilibrium_surface(
-        Wells(), PAYLOAD, SIGNALS, SIGNALS[1:], 1.5, -0.01, LiftAndDirections(1.25), held
-    )
-    assert found.positions.shape == (5, 4, 3)
-    for i, x in enumerate(SIGNALS):
-        for j, y in enumerate(SIGNALS[1:]):
-            np.testing.assert_allclose(found.positions[i, j, :2], centroid(x, y, 1.25), atol=1e-8)
+    signals, division = (SIGNALS, SIGNALS[1:]), LiftAndDirections(1.25)
+    found = equilibrium_surface(Wells(), PAYLOAD, *signals, 1.5, -0.01, division, held)
+    expected = [[centroid(x, y, 1.25) for y in signals[1]] for x in signals[0]]
+    np.testing.assert_allclose(found.positions[..., :2], expected, atol=1e-8)
     # The lift is the same for every division of one sum, so the held level does not move.
     np.testing.assert_allclose(found.levels, 1.5, rtol=1e-6)
     np.testing.assert_allclose(found.positions[..., 2], -0.01)
@@ -71,9 +68,8 @@ def test_the_magnet_rests_at_the_centroid_of_the_currents(held):
 
 
 def test_beyond_the_map_there_is_no_place():
-    found = equilibrium_surface(
-        Wells(), PAYLOAD, [0.0, 0.9, 1.5], [0.0], 1.5, -0.01, LiftAndDirections(1.25), False
-    )
+    division = LiftAndDirections(1.25)
+    found = equilibrium_surface(Wells(), PAYLOAD, [0.0, 0.9, 1.5], [0.0], 1.5, -0.01, division, False)
     assert np.isfinite(found.levels).ravel().tolist() == [True, True, False]
     assert centroid(1.5, 0.0, 1.25)[0] > 0.03 > centroid(0.9, 0.0, 1.25)[0]
 
@@ -86,11 +82,9 @@ SQUARE = 0.02 * np.array([[-1, -1], [-1, 1], [1, -1], [1, 1]])
 def test_any_number_of_coils_pushes_with_least_power(places):
     """Coils about the axis: c_x is in proportion to their x, and the centroid of the currents moves along x alone."""
     found = equilibrium_surface(Wells(places), PAYLOAD, SIGNALS, SIGNALS, 1.5, -0.01)
-    largest = np.abs(places).max(axis=0)
-    slope = (places**2).sum(axis=0) / largest / len(places)
-    for i, x in enumerate(SIGNALS):
-        for j, y in enumerate(SIGNALS):
-            np.testing.assert_allclose(found.positions[i, j, :2], slope * [x, y], atol=1e-8)
+    slope = (places**2).sum(axis=0) / np.abs(places).max(axis=0) / len(places)
+    expected = slope * np.stack(np.meshgrid(SIGNALS, SIGNALS, indexing="ij"), axis=-1)
+    np.testing.assert_allclose(found.positions[..., :2], expected, atol=1e-8)
     np.testing.assert_allclose(found.levels, 1.5, rtol=1e-6)
     lift = 0.8 * len(places) * 1.5 * (0.1 - 0.04)
     assert found.field_scale == pytest.approx(0.011 * 9.80665 / lift)

@@ -15,6 +15,7 @@ from fieldmap.errors import InputError, NotConverged
 from fieldmap.levitation import follow_equilibrium, magnet_balance, stationary_points
 from fieldmap.levitation.balance import MODELS, model_assumptions
 from fieldmap.levitation.stationary import to_equilibrium
+from tests.levitation.conftest import solid_harmonics
 from tests.refusals import refused
 
 PAYLOAD = Payload(mass=0.01119, moment=0.813)
@@ -29,12 +30,9 @@ def potential_of(roots):
     return (-STRENGTH * Polynomial.fromroots(roots)).integ().coef
 
 
-def lifting(c2=WEIGHT / PAYLOAD.moment / 2, c3=0.0):
-    """c2 (z^2 - r^2/2) + c3 (z^3 - 3 z r^2/2): at z = 0 it lifts by 2 c2 D and pushes by -3 c3 D r."""
-    t = np.zeros((3, 3, 4))
-    t[0, 0, 2], t[2, 0, 0], t[0, 2, 0] = c2, -c2 / 2, -c2 / 2
-    t[0, 0, 3], t[2, 0, 1], t[0, 2, 1] = c3, -1.5 * c3, -1.5 * c3
-    return t
+def lifting():
+    """c2 (z^2 - r^2/2): at z = 0 it lifts by 2 c2 D."""
+    return solid_harmonics(c2=WEIGHT / PAYLOAD.moment / 2)
 
 
 @pytest.fixture
@@ -179,9 +177,9 @@ MAGNET = MagnetCylinder(diameter=0.01, height=0.01, remanence=1.3)
 WITH_MAGNET = Payload(mass=0.01119, moment=1.3 * np.pi / 4 * 1e-6 / (4e-7 * np.pi), magnet=MAGNET)
 
 
-def tilted(polynomial_field, **strengths):
+def tilted(polynomial_field):
     """A field linear in place, with a uniform sideways part."""
-    t = lifting(**strengths)
+    t = lifting()
     t[1, 0, 0] += 0.004
     t[0, 0, 1] += 0.02
     return polynomial_field([t])
