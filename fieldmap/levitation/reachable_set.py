@@ -19,7 +19,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import product
-from typing import ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 import scipy
@@ -189,13 +189,8 @@ def searched_set(
     distinct = np.unique(np.round(values / climb.size, 9), axis=0, return_index=True)[1]
     kept, triangles, volume = hull_of(values[distinct])
     return SearchedSet(
-        quantity="field" if moment is None else "force",
-        position=position,
-        moment=moment,
+        **_asked(source, position, lower, upper, moment),
         orientation=orientation,
-        coil_names=source.coil_names,
-        lower=lower,
-        upper=upper,
         directions=directions,
         values=values,
         currents=currents,
@@ -203,6 +198,14 @@ def searched_set(
         triangles=triangles,
         volume=volume,
     )
+
+
+def _asked(
+    source: Field, position: Array, lower: Array, upper: Array, moment: Array | MagneticBody | None
+) -> dict[str, Any]:
+    """What of a set is known before it is found."""
+    about = {"quantity": "field" if moment is None else "force", "coil_names": source.coil_names}
+    return about | {"position": position, "moment": moment, "lower": lower, "upper": upper}
 
 
 def even_directions(count: int) -> Array:
@@ -382,10 +385,10 @@ class _Climb:
                 last = here, value, slope
             return -float(value @ direction) / self.size, -(direction @ slope) / self.size
 
-        box = [(0.0, 1.0)] * len(shares)
+        how: dict[str, Any] = {"jac": True, "bounds": [(0.0, 1.0)] * len(shares)}
         if self._free:
             options = {"maxiter": self._effort.steps, "ftol": 1e-12, "gtol": 1e-9}
-            scipy.optimize.minimize(goal, shares, jac=True, method="L-BFGS-B", bounds=box, options=options)
+            scipy.optimize.minimize(goal, shares, method="L-BFGS-B", options=options, **how)
             return
         scale = float(np.abs(np.concatenate([self._low, self._high])).max())
 
@@ -399,9 +402,7 @@ class _Climb:
 
         limits = {"type": "ineq", "fun": room, "jac": room_slope}
         options = {"maxiter": self._effort.steps, "ftol": 1e-10}
-        scipy.optimize.minimize(
-            goal, shares, jac=True, method="SLSQP", bounds=box, constraints=[limits], options=options
-        )
+        scipy.optimize.minimize(goal, shares, method="SLSQP", constraints=[limits], options=options, **how)
 
 
 def _domain_of(source: Field, lower: Array, upper: Array) -> CurrentDomain:
@@ -604,26 +605,20 @@ def reachable(
     count = len(source.coil_names)
     lower, upper = _limits(limits, count)
     place = np.asarray(position, dtype=float).reshape(3)
-    if not isinstance(moment, MagneticBody):
-        refuse_orientations(orientation)
-    turn = checked_turns(orientation, 1)[0]
     acted_on: Array | MagneticBody | None
-    if moment is None or isinstance(moment, MagneticBody):
+    if isinstance(moment, MagneticBody):
         acted_on = moment
     else:
-        acted_on = checked_vectors("reachable, moment", moment)[0].reshape(3)
+        refuse_orientations(orientation)
+        acted_on = None if moment is None else checked_vectors("reachable, moment", moment)[0].reshape(3)
+    turn = checked_turns(orientation, 1)[0]
     if not source.affine or (isinstance(acted_on, MagneticBody) and acted_on.soft):
         return searched_set(field, place, lower, upper, acted_on, turn, progress)
     constant, slope = quantity_of(source, place, acted_on, turn)(np.zeros(count))
     per_ampere = slope.T.copy()
     vertices, triangles, volume = zonotope(per_ampere, lower, upper)
     return ReachableSet(
-        quantity="field" if acted_on is None else "force",
-        position=place,
-        moment=acted_on,
-        coil_names=source.coil_names,
-        lower=lower,
-        upper=upper,
+        **_asked(source, place, lower, upper, acted_on),
         constant=constant,
         per_ampere=per_ampere,
         vertices=vertices + constant,
