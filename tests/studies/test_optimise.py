@@ -243,12 +243,12 @@ def test_a_limit_is_corrected_twice_at_most():
             meshes.append(state.report.tetrahedra)
         return 2.5 if meshes.index(state.report.tetrahedra) else float(state.currents[0])
 
-    current, limits = (
+    current, limit = (
         Variable("current.loop", 0.4, 5.0, 3.0),
-        [Limit(Number("stubborn", of=stubborn), upper=2.0)],
+        Limit(Number("stubborn", of=stubborn), upper=2.0),
     )
     how = {"maximise": True, "refinement": 0.5, "check_refinement": 2.0, **BELOW}
-    best = fm.optimise(SPHERE, [current], "flux_density 1 z", limits, **how)
+    best = fm.optimise(SPHERE, [current], "flux_density 1 z", [limit], **how)
     checks = [step for step in best.path if step.role == "check"]
     np.testing.assert_allclose([step.values["current.loop"] for step in checks], [2.0, 1.5, 1.0], rtol=1e-3)
     assert not any(step.feasible for step in checks)
@@ -268,9 +268,8 @@ def test_all_mistakes_at_once():
     keys = {"coil.loop.turn": (1, 2), "coil.loop.turns": (5, 4), "current.coil": (0, 1)}
     limits = {"inhomogeneity": (0.0, 1.0), "power": (3.0, 2.0), "largest_flux_density": (0.0, 1.0)}
     how = {"method": "simplex", "solves": 0, "tolerance": 2.0, "check_refinement": 0.5, "refinement": -1.0}
-    variables, limited = (
-        [kind(key, *ends) for key, ends in of.items()] for kind, of in ((Variable, keys), (Limit, limits))
-    )
+    variables = [Variable(key, *ends) for key, ends in keys.items()]
+    limited = [Limit(name, *ends) for name, ends in limits.items()]
     with pytest.raises(InputError) as caught:
         fm.optimise(LOOP, variables, "equilibrium_areas", limited, **how)
     where = [problem.where for problem in caught.value.problems]
