@@ -293,11 +293,8 @@ def current_sets(given: Any, device: Device, where: str, problems: list[Problem]
     for name, one in named.items():
         place = np.asarray(one.position, dtype=float) if isinstance(one, Carrying) else None
         amperes = (1.0 if one.shares is None else one.shares) if isinstance(one, Carrying) else one
-        if (
-            np.shape(amperes) not in ((), (1,), (coils,))
-            or not np.any(amperes)
-            or not np.isfinite(amperes).all()
-        ):
+        fits = np.shape(amperes) in ((), (1,), (coils,)) and np.any(amperes) and np.isfinite(amperes).all()
+        if not fits:
             must_hold = f"one number for all coils, or one for each of {coils}, not all 0"
             remedy = "write amperes, or Carrying(position)"
             problems.append(Problem(where, must_hold, f"{amperes}"[:80], remedy))

@@ -338,17 +338,9 @@ def fit_machine(
         "fit_machine", unknowns, tables, len(readings), compute, on_solve, workers, xtol=close
     )
     priors = [f"prior of {one.key}: {one.prior[0]:g} +- {one.prior[1]:g}" for one in unknowns if one.prior]
-    return MachineFit(
-        found.values,
-        found.covariance,
-        found.indistinct,
-        found.misfit,
-        found.misfit_before,
-        found.tables,
-        read_device(source, found.values),
-        found.solves,
-        (f"fitted: {', '.join(found.values)}; all else as the device has it", *found.notes, *priors),
-    )
+    held = (f"fitted: {', '.join(found.values)}; all else as the device has it", *found.notes, *priors)
+    fit = {name: value for name, value in vars(found).items() if name not in ("alike", "notes")}
+    return MachineFit(device=read_device(source, found.values), assumptions=held, **fit)
 
 
 def solved_field(device: Device, model: str | None = None, refinement: float = 1.0) -> AnyField:

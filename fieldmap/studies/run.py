@@ -198,12 +198,8 @@ def task_of(study: Study, number: int) -> Task:
 
 
 def _failed(study: Study, results: list[VariantResult]) -> dict[str, tuple[str, ...]]:
-    found = {}
-    for variant, result in zip(study.variants, results, strict=True):
-        reasons = tuple(dict.fromkeys(reason for row in result.rows for reason in row.problems))
-        if reasons:
-            found[variant.name] = reasons
-    return found
+    told = (tuple(dict.fromkeys(why for row in one.rows for why in row.problems)) for one in results)
+    return {variant.name: why for variant, why in zip(study.variants, told, strict=True) if why}
 
 
 def output_file(study: Path, output: str | PathLike | None) -> Path:
@@ -247,12 +243,9 @@ def _data_set(study: Study, results: Sequence[VariantResult], columns: Mapping[s
     variables = {}
     for quantity in recorded(study.record.groups):
         values = columns[quantity.name]
+        values = values.reshape(*shape, *values.shape[2:])
         attributes = {"units": quantity.unit, "long_name": quantity.meaning}
-        variables[quantity.name] = (
-            (*leading, *quantity.axes),
-            values.reshape(*shape, *values.shape[2:]),
-            attributes,
-        )
+        variables[quantity.name] = ((*leading, *quantity.axes), values, attributes)
     reasons = [[" || ".join(row.problems) for row in result.rows] for result in results]
     about = {"long_name": "why numbers of this variant are missing; empty where nothing failed"}
     variables["problem"] = (leading, np.array(reasons, dtype=object).reshape(shape), about)
@@ -298,20 +291,17 @@ def _coordinates(study: Study) -> dict[str, Any]:
 
 
 def _attributes(study: Study, results: Sequence[VariantResult]) -> dict[str, str]:
-    carried = NEED_PAYLOAD & set(study.record.groups) or any(
-        entry.common is None for entry in study.current_sets
-    )
+    carries = any(entry.common is None for entry in study.current_sets)
+    carried = carries or NEED_PAYLOAD & set(study.record.groups)
     assumed = dict.fromkeys(text for result in results for text in result.assumptions)
     if "power" in study.record.groups:
         assumed[COPPER_WINDINGS] = None
-    limit = study.record.current_limit
+    limit, versions = study.record.current_limit, library_versions("xarray", "h5netcdf")
     return {
         "title": study.title,
         "Conventions": "CF-1.10",
         "comment": _CONVENTIONS,
-        "source": ", ".join(
-            f"{name} {number}" for name, number in library_versions("xarray", "h5netcdf").items()
-        ),
+        "source": ", ".join(f"{name} {version}" for name, version in versions.items()),
         "assumptions": "\n".join((*(_OF_THE_PAYLOAD if carried else ()), *assumed)),
         "force_share": f"{study.record.force_share!r}",
         "current_limit_A": "none" if limit is None else f"{limit!r}",
