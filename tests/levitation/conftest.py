@@ -84,6 +84,13 @@ def with_vertical_part(g):
     return np.stack(layers, axis=-1)
 
 
+def lifting_above(g, gradient):
+    """A harmonic potential with B_z = g(x, y) at z = 0, which grows there upwards by a gradient, T/m."""
+    whole, part = solid_harmonics(c2=gradient / 2), with_vertical_part(g)
+    whole[tuple(map(slice, part.shape))] += part
+    return whole
+
+
 class PolynomialField(AxisymmetricField):
     """Several coils; coil k alone at 1 A gives B = grad phi_k for harmonic polynomials phi_k of x, y, z."""
 

@@ -6,7 +6,7 @@ import pytest
 from fieldmap.device.model import Payload
 from fieldmap.errors import InputError
 from fieldmap.levitation import equilibrium_sensitivity, stationary_points
-from tests.levitation.conftest import solid_harmonics
+from tests.levitation.conftest import lifting_above
 
 PAYLOAD = Payload(mass=0.01119, moment=0.813)
 
@@ -18,9 +18,7 @@ def three_coils(polynomial_field, vertical_part):
     bowl[2, 0], bowl[0, 2] = -100.0, -200.0
     along_x[1, 0], along_x[3, 0] = 1.0, 8.0
     along_y[0, 1], along_y[1, 1] = 1.0, 20.0
-    lift, first = solid_harmonics(c2=0.07), vertical_part(bowl)
-    lift[tuple(map(slice, first.shape))] += first
-    return polynomial_field([lift, vertical_part(along_x), vertical_part(along_y)])
+    return polynomial_field([lifting_above(bowl, 0.14), vertical_part(along_x), vertical_part(along_y)])
 
 
 CURRENTS = np.array([1.0, 0.8, -0.5])

@@ -7,6 +7,7 @@ from fieldmap.currents import LiftAndDirections
 from fieldmap.device.model import Payload
 from fieldmap.errors import InputError, NoEquilibrium
 from fieldmap.levitation import equilibrium_surface
+from tests.levitation.conftest import PolynomialField, lifting_above
 from tests.refusals import refused
 
 PLACES = 0.02 * np.array([[-1, -2, -1, 1, 2, 1], [-1, 0, 1, -1, 0, 1]]).T
@@ -14,35 +15,16 @@ PAYLOAD = Payload(mass=0.011, moment=0.8)
 SIGNALS = np.array([-0.2, -0.1, 0.0, 0.1, 0.2])
 
 
-class Wells:
+def wells(places=PLACES):
     """Coil k at r_k of places (n, 2), m: Bz = 0.1 z + 2 (z^2 - (r - r_k)^2 / 2) per ampere, so that it draws a moment
     m there with 2 m per A."""
-
-    def __init__(self, places=PLACES):
-        self.places = np.asarray(places, dtype=float)
-        self.coil_names = tuple(str(k + 1) for k in range(len(places)))
-
-    lower, upper = np.array([-0.03, -0.03, -0.04]), np.array([0.03, 0.03, 0.04])
-
-    def field(self, points, currents):
-        x, y, z = (points[:, k, None] for k in range(3))
-        dx, dy = x - self.places[:, 0], y - self.places[:, 1]
-        b = [-0.05 * dx - 2 * z * dx, -0.05 * dy - 2 * z * dy, 0.1 * z + 2 * z**2 - dx**2 - dy**2]
-        return np.stack(b, axis=1) @ currents
-
-    def gradient(self, points, currents):
-        x, y, z = (points[:, k, None] for k in range(3))
-        dx, dy, zero = x - self.places[:, 0], y - self.places[:, 1], 0 * x * self.places[:, 0]
-        along = -0.05 - 2 * z + zero
-        rows = [[along, zero, -2 * dx], [zero, along, -2 * dy], [-2 * dx, -2 * dy, 0.1 + 4 * z + zero]]
-        return np.moveaxis(np.array(rows), 2, 0) @ currents
-
-    def second_gradient(self, points, currents):
-        d = np.zeros((3, 3, 3))
-        for i in (0, 1):
-            d[i, i, 2] = d[i, 2, i] = d[2, i, i] = -2.0
-        d[2, 2, 2] = 4.0
-        return np.broadcast_to(d * np.sum(currents), (len(points), 3, 3, 3))
+    potentials = []
+    for x, y in places:
+        g = np.zeros((3, 3))
+        g[0, 0], g[1, 0], g[0, 1], g[2, 0], g[0, 2] = -(x**2) - y**2, 2 * x, 2 * y, -1.0, -1.0
+        potentials.append(lifting_above(g, 0.1))
+    edge = np.array([0.03, 0.03, 0.04])
+    return PolynomialField(potentials, -edge, edge)
 
 
 def centroid(x, y, n):
@@ -56,7 +38,7 @@ def centroid(x, y, n):
 @pytest.mark.parametrize("held", [True, False])
 def test_the_magnet_rests_at_the_centroid_of_the_currents(held):
     signals, division = (SIGNALS, SIGNALS[1:]), LiftAndDirections(1.25)
-    found = equilibrium_surface(Wells(), PAYLOAD, *signals, 1.5, -0.01, division, held)
+    found = equilibrium_surface(wells(), PAYLOAD, *signals, 1.5, -0.01, division, held)
     expected = [[centroid(x, y, 1.25) for y in signals[1]] for x in signals[0]]
     np.testing.assert_allclose(found.positions[..., :2], expected, atol=1e-8)
     # The lift is the same for every division of one sum, so the held level does not move.
@@ -69,7 +51,7 @@ def test_the_magnet_rests_at_the_centroid_of_the_currents(held):
 
 def test_beyond_the_map_there_is_no_place():
     division = LiftAndDirections(1.25)
-    found = equilibrium_surface(Wells(), PAYLOAD, [0.0, 0.9, 1.5], [0.0], 1.5, -0.01, division, False)
+    found = equilibrium_surface(wells(), PAYLOAD, [0.0, 0.9, 1.5], [0.0], 1.5, -0.01, division, False)
     assert np.isfinite(found.levels).ravel().tolist() == [True, True, False]
     assert centroid(1.5, 0.0, 1.25)[0] > 0.03 > centroid(0.9, 0.0, 1.25)[0]
 
@@ -81,7 +63,7 @@ SQUARE = 0.02 * np.array([[-1, -1], [-1, 1], [1, -1], [1, 1]])
 @pytest.mark.parametrize("places", [SQUARE, RING], ids=["4 coils", "7 coils"])
 def test_any_number_of_coils_pushes_with_least_power(places):
     """Coils about the axis: c_x is in proportion to their x, and the centroid of the currents moves along x alone."""
-    found = equilibrium_surface(Wells(places), PAYLOAD, SIGNALS, SIGNALS, 1.5, -0.01)
+    found = equilibrium_surface(wells(places), PAYLOAD, SIGNALS, SIGNALS, 1.5, -0.01)
     slope = (places**2).sum(axis=0) / np.abs(places).max(axis=0) / len(places)
     expected = slope * np.stack(np.meshgrid(SIGNALS, SIGNALS, indexing="ij"), axis=-1)
     np.testing.assert_allclose(found.positions[..., :2], expected, atol=1e-8)
@@ -92,19 +74,19 @@ def test_any_number_of_coils_pushes_with_least_power(places):
 
 def test_shares_are_the_currents_at_signals_0():
     shares = np.array([1.0, 1.0, 2.0, 2.0])
-    found = equilibrium_surface(Wells(SQUARE), PAYLOAD, [0.0], [0.0], 1.0, -0.01, shares=shares)
+    found = equilibrium_surface(wells(SQUARE), PAYLOAD, [0.0], [0.0], 1.0, -0.01, shares=shares)
     np.testing.assert_allclose(found.positions[0, 0, :2], shares @ SQUARE / shares.sum(), atol=1e-8)
 
 
 def test_coils_in_a_row_do_not_push_across_it():
     """Coils on the x axis: y signals do nothing, and the magnet stays where it is in y."""
-    found = equilibrium_surface(Wells(SQUARE * [1, 0]), PAYLOAD, SIGNALS, SIGNALS, 1.5, -0.01)
+    found = equilibrium_surface(wells(SQUARE * [1, 0]), PAYLOAD, SIGNALS, SIGNALS, 1.5, -0.01)
     np.testing.assert_allclose(found.positions[:, :, 0], 0.02 * SIGNALS[:, None] * np.ones(5), atol=1e-8)
     np.testing.assert_allclose(found.positions[:, :, 1], 0.0, atol=1e-12)
 
 
 def test_what_does_not_fit():
     with refused(InputError, where="currents"):
-        equilibrium_surface(Wells(SQUARE), PAYLOAD, SIGNALS, SIGNALS, 1.5, -0.01, shares=[1.0, 2.0])
+        equilibrium_surface(wells(SQUARE), PAYLOAD, SIGNALS, SIGNALS, 1.5, -0.01, shares=[1.0, 2.0])
     with pytest.raises(NoEquilibrium):
-        equilibrium_surface(Wells(), PAYLOAD, [5.0], [0.0], 1.5, -0.01, LiftAndDirections(1.25))
+        equilibrium_surface(wells(), PAYLOAD, [5.0], [0.0], 1.5, -0.01, LiftAndDirections(1.25))

@@ -13,10 +13,11 @@ from fieldmap.levitation import find_equilibrium
 from fieldmap.studies import run_study
 from fieldmap.studies.equilibrium_area import equilibrium_area
 from fieldmap.studies.variant_result import controllable_share, lowest_lift_height
-from tests.levitation.conftest import slope_on_axis
+from tests.levitation.conftest import PolynomialField, lifting_above, slope_on_axis
 from tests.refusals import refused
 
 A, WEIGHT, MOMENT = 0.044, 0.010 * g, 0.8
+LIFT = 0.1
 
 STUDY = """
 format = 1
@@ -94,48 +95,30 @@ def test_more_turns_do_what_more_current_does(run):
         np.testing.assert_allclose(few, share * many, rtol=1e-6, atol=1e-12)
 
 
-class Springs:
-    """A field whose force on a unit moment is F = (-k_x x, -k_y y, w - k_z z), harmonic; b bends the force along x."""
-
-    coil_names = ("one",)
-    lower, upper = np.full(3, -0.05), np.full(3, 0.05)
-
-    def __init__(self, kx, ky, weight, b=0.0):
-        self.k, self.weight, self.b = np.array([kx, ky, -kx - ky]), weight, b
-
-    def gradient(self, points, currents):
-        x = np.atleast_2d(points)
-        out = np.zeros((len(x), 3, 3))
-        out[:, 2] = -self.k * x
-        out[:, 2, 0] += self.b * (x[:, 0] ** 2 - x[:, 1] ** 2)
-        out[:, 2, 1] += -2 * self.b * x[:, 0] * x[:, 1]
-        out[:, 2, 2] += self.weight
-        return out
-
-    def field(self, points, currents):
-        return np.ones((len(np.atleast_2d(points)), 3))
+def springs(kx, ky, b=0.0):
+    """A harmonic field whose force on a unit moment is F = (-k_x x, -k_y y, LIFT - k_z z); b bends it along x."""
+    g = np.zeros((4, 3))
+    g[2, 0], g[0, 2], g[3, 0], g[1, 2] = -kx / 2, -ky / 2, b / 3, -b
+    return PolynomialField([lifting_above(g, LIFT)], np.full(3, -0.05), np.full(3, 0.05))
 
 
-def area(springs, share):
-    device = fm.read_device("drive_unit")
-    payload = type(device.payload)(mass=springs.weight / g, moment=1.0)
-    found = find_equilibrium(springs, [1.0], payload, start=[0, 0, 0])
-    return equilibrium_area(as_field(springs), found, payload, share)
+def area(field, share):
+    payload = fm.Payload(mass=LIFT / g, moment=1.0)
+    found = find_equilibrium(field, [1.0], payload, start=[0, 0, 0])
+    return equilibrium_area(as_field(field), found, payload, share)
 
 
 @pytest.mark.parametrize(("k_x", "bound"), [(2.0, 1e-4), (0.5, 1e-3)])
 def test_area_of_springs_is_an_ellipse(k_x, bound):
-    assert area(Springs(k_x, 3.0, 0.1), 0.05) == pytest.approx(np.pi * 0.005**2 / (3.0 * k_x), rel=bound)
+    assert area(springs(k_x, 3.0), 0.05) == pytest.approx(np.pi * 0.005**2 / (3.0 * k_x), rel=bound)
 
 
 def test_area_of_bent_springs_is_that_of_a_fine_grid():
-    bent = Springs(2.0, 2.0, 0.1, b=150.0)
     edge = np.linspace(-0.012, 0.012, 1201)
     x, y = np.meshgrid(edge, edge, indexing="ij")
-    force = bent.gradient(np.column_stack([x.ravel(), y.ravel(), 0 * x.ravel()]), None)[:, 2, :2]
-    inside = (np.linalg.norm(force, axis=1) < 0.004).reshape(x.shape)
+    inside = np.hypot(-2.0 * x + 150.0 * (x**2 - y**2), -2.0 * y - 300.0 * x * y) < 0.004
     counted = inside[np.hypot(x, y) < 0.008].sum() * (edge[1] - edge[0]) ** 2
-    assert area(bent, 0.04) == pytest.approx(counted, rel=5e-3)
+    assert area(springs(2.0, 2.0, b=150.0), 0.04) == pytest.approx(counted, rel=5e-3)
 
 
 @pytest.mark.parametrize(
@@ -143,7 +126,7 @@ def test_area_of_bent_springs_is_that_of_a_fine_grid():
 )
 def test_no_area_without_horizontal_stability_or_room(k, share, must_hold):
     with refused(FieldmapError, must_hold=must_hold):
-        area(Springs(*k, 0.1), share)
+        area(springs(*k), share)
 
 
 def test_reach_says_how_much_is_missing(devices):
