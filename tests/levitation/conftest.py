@@ -11,6 +11,14 @@ def slope_on_axis(z, radius=0.044, turns=1000.0):
     return -1.5 * mu_0 * turns * radius**2 * z * (radius**2 + z**2) ** -2.5
 
 
+def dipole_field(r):
+    """B (n, 3) and its gradient (n, 3, 3) of a vertical dipole of 1 A m^2 at distances r (n, 3): Jackson eq. (5.56)."""
+    d2, z, up = np.sum(r**2, axis=1)[:, None, None], r[:, 2, None], np.array([0.0, 0.0, 1.0])
+    flux = 1e-7 * (3 * z * r / d2[:, :, 0] ** 2.5 - up / d2[:, :, 0] ** 1.5)
+    outer = r[:, :, None] * up + up[:, None] * r[:, None, :] + z[:, :, None] * np.eye(3)
+    return flux, 3e-7 * (outer - 5 * z[:, :, None] * r[:, :, None] * r[:, None, :] / d2) / d2**2.5
+
+
 def solid_harmonics(c1=0.0, c2=0.0, c3=0.0, c4=0.0):
     """Coefficients (x, y, z) of the harmonic potential whose values on the axis are sum_n c_n z^n. By hand: 1: z;
     2: z^2 - r^2/2; 3: z^3 - 3 z r^2/2; 4: z^4 - 3 z^2 r^2 + 3 r^4/8."""

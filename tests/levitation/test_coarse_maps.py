@@ -8,6 +8,7 @@ from fieldmap.errors import NoEquilibrium
 from fieldmap.levitation import find_equilibrium
 from fieldmap.lookup import interpolate
 from fieldmap.store import Grid, MapData
+from tests.levitation.conftest import dipole_field
 
 PER_AMPERE, RADIUS, COUNT = 8.0, 0.044, 6
 BEAD = Payload(mass=0.006, moment=0.8)
@@ -19,16 +20,6 @@ def pull(z):
     return BEAD.moment * COUNT * 1e-7 * PER_AMPERE * z * (9 * RADIUS**2 - 6 * z**2) / np.hypot(RADIUS, z) ** 7
 
 
-def dipole_field(r):
-    """B (n, 3) and its gradient (n, 3, 3) of a vertical dipole of 8 A m^2 at distances r (n, 3), same equation."""
-    d2, z = np.sum(r**2, axis=1)[:, None, None], r[:, 2, None]
-    up = np.array([0.0, 0.0, 1.0])
-    flux = 1e-7 * PER_AMPERE * (3 * z * r / d2[:, :, 0] ** 2.5 - up / d2[:, :, 0] ** 1.5)
-    outer = r[:, :, None] * up + up[:, None] * r[:, None, :] + z[:, :, None] * np.eye(3)
-    slope = 3e-7 * PER_AMPERE * (outer - 5 * z[:, :, None] * r[:, :, None] * r[:, None, :] / d2) / d2**2.5
-    return flux, slope
-
-
 @pytest.fixture(scope="module")
 def coarse():
     """Cells of 5 mm; the axis is an edge of four of them."""
@@ -37,7 +28,10 @@ def coarse():
     circle = RADIUS * np.column_stack([np.cos(angles), np.sin(angles), np.zeros(COUNT)])
     flux, slope = (sum(part) for part in zip(*(dipole_field(grid.points() - s) for s in circle), strict=True))
     shape = (1, *grid.shape, 3)
-    fields = {"flux_density": flux.reshape(shape), "gradient": slope.reshape(*shape, 3)}
+    fields = {
+        "flux_density": PER_AMPERE * flux.reshape(shape),
+        "gradient": PER_AMPERE * slope.reshape(*shape, 3),
+    }
     return interpolate(MapData(grid, ("circle",), np.ones(1), **fields))
 
 
