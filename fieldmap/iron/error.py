@@ -24,7 +24,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, TypeAlias
+from typing import Protocol
 
 import numpy as np
 
@@ -33,11 +33,6 @@ from fieldmap.device.model import Device
 from fieldmap.errors import InputError, Problem
 from fieldmap.records import Record, count_of
 from fieldmap.typing import Array
-
-if TYPE_CHECKING:
-    from fieldmap.iron.solution import LinearSolution, NonlinearSolution
-
-    Solution: TypeAlias = LinearSolution | NonlinearSolution
 
 # The mean of two complementary solutions is off by half their distance.
 _GAP_SHARE = 0.5
@@ -175,6 +170,24 @@ def gradient_length(points: Array, iron: Array) -> float:
     half = 0.5 * float(np.linalg.norm(upper - lower))
     distance = np.linalg.norm(iron - 0.5 * (lower + upper), axis=1)
     return max(half, float(distance.min(initial=np.inf))) if len(iron) else half
+
+
+class Solution(Protocol):
+    """The parts of a solution that the estimate needs: its fields outside the iron, for each source (c)."""
+
+    @property
+    def sources(self) -> tuple[str, ...]:
+        """Each source, in words."""
+        ...
+
+    @property
+    def iron_points(self) -> Array:
+        """Points (m, 3) all over the surface of the iron, m."""
+        ...
+
+    def source_fields(self, points: Array) -> tuple[Array, Array]:
+        """Field (c, n, 3), T, and gradient (c, n, 3, 3), T/m, at points (n, 3)."""
+        ...
 
 
 def estimate_error(

@@ -11,7 +11,7 @@ from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -35,8 +35,22 @@ from fieldmap.sources.inductance import background_linkage, bare_inductance
 from fieldmap.typing import Array, Index
 
 if TYPE_CHECKING:
-    from fieldmap.iron.sensitivity.adjoint import Origin
+    from fieldmap.iron.sensitivity.changes import Parameters
     from fieldmap.iron.sensitivity.quantities import Derivatives, Quantity
+
+
+class Origin(Protocol):
+    """The device that a state was solved for, and its derivatives (`fieldmap.iron.sensitivity.adjoint.Origin`)."""
+
+    def derivative(
+        self,
+        state: SolvedState,
+        quantity: Quantity,
+        parameters: Sequence[str],
+        followed: Parameters | None = None,
+    ) -> Derivatives:
+        """See `SolvedState.derivative`; followed: how the device follows the keys, if its own file does not say it."""
+        ...
 
 
 class _Reported:
