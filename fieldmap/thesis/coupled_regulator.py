@@ -9,18 +9,9 @@ from numpy.typing import ArrayLike
 from fieldmap.control import Estimator, StateSpace, simulate_loop
 from fieldmap.curves import Curves, Series
 from fieldmap.dynamics.scenario.controllers import AxisRegulator
+from fieldmap.thesis import coupled_runs as coupled
 from fieldmap.thesis.computation import Answers
-from fieldmap.thesis.coupled_runs import (
-    DEPTH,
-    VERTICAL_PID,
-    Readings,
-    X,
-    ours,
-    over_time,
-    run_of,
-    runs_of,
-    with_measured,
-)
+from fieldmap.thesis.coupled_runs import DEPTH, Readings, X, ours, over_time, run_of
 from fieldmap.thesis.vertical import design_of
 from fieldmap.typing import Array
 
@@ -43,26 +34,22 @@ def step_and_states(run: Readings, quiet: Readings, rig_peak: ArrayLike) -> list
     step = over_time(title, DEPTH, lines, begin=_BEGIN, end=_END, remark=remark, models=models)
     after, beyond = np.asarray(rig_peak, dtype=float)
     end = float(run.wanted[-1, DEPTH])
-    curves = [with_measured(step, "peak of the rig, Table 7-3", [1.0 + after], [end - beyond])]
-    weight = regulator.equilibrium[1]
+    curves = [coupled.with_measured(step, "peak of the rig, Table 7-3", [1.0 + after], [end - beyond])]
     keys, seen = _keys(quiet), quiet.seen[:, DEPTH]
     assert keys.equilibrium is not None
     intercept, slope = keys.equilibrium
     control = quiet.run.outputs[:, 0] - intercept - slope * seen
-    estimates = {
-        "ours": filtered_states(regulator.estimator, control, seen - quiet.wanted[:, DEPTH]),
-        "published": filtered_states(
-            regulator.estimator, loop.u[0] - weight * loop.y[0], loop.y[0] - reference
-        ),
-    }
+    of_machine = filtered_states(regulator.estimator, control, seen - quiet.wanted[:, DEPTH])
+    voltage = loop.u[0] - regulator.equilibrium[1] * loop.y[0]
+    of_model = filtered_states(regulator.estimator, voltage, loop.y[0] - reference)
     shown = run.during(_BEGIN, _END)
-    for k in (0, 1):
-        series = tuple(
-            Series(name, run.time[shown], estimates[kind][shown, k], kind)
-            for name, kind in (("coupled machine, without noise", "ours"), ("design model", "published"))
+    for k, label in enumerate(("$x_1$ (V s)", "$x_2$ (V s²)")):
+        series = (
+            Series("coupled machine, without noise", run.time[shown], of_machine[shown, k]),
+            Series("design model", run.time[shown], of_model[shown, k], "published"),
         )
         title = f"Fig. 7-{33 + k}: estimated state $x_{k + 1}$ meanwhile"
-        curves.append(Curves(title, "time (s)", ("$x_1$ (V s)", "$x_2$ (V s²)")[k], series))
+        curves.append(Curves(title, "time (s)", label, series))
     return curves
 
 
@@ -84,10 +71,10 @@ def _keys(run: Readings) -> AxisRegulator:
 
 def regulator(inputs: dict[str, Any]) -> Answers:
     """Table 7-3, and 7.4.1 on horizontal motion."""
-    pid, on_pid = run_of(inputs, "vertical_step"), {"control.z": VERTICAL_PID}
+    pid, on_pid = run_of(inputs, "vertical_step"), {"control.z": coupled.VERTICAL_PID}
     near = run_of(inputs, "regulator", {**on_pid, "reference.0.by_mm": 0.0, "start.depth_mm": 12.9})
     best, quiet = run_of(inputs, "regulator"), run_of(inputs, "regulator", {"noise.off": True})
-    sides = runs_of(inputs, "regulator_sideways", {"regulator": {}, "PID": on_pid})
+    sides = coupled.runs_of(inputs, "regulator_sideways", {"regulator": {}, "PID": on_pid})
     numbers = {name: ours(run.column(DEPTH), run) for name, run in (("pid", pid), ("regulator", quiet))}
     numbers["time_to_reference"] = ours(quiet.time_to_reference(DEPTH, 1.0), quiet)
     numbers["rms_at_rest"] = ours([near.rms(DEPTH, 1.0), best.rms(DEPTH, 2.0)], near, best)
@@ -103,30 +90,22 @@ def regulator(inputs: dict[str, Any]) -> Answers:
 
 def heights(inputs: dict[str, Any]) -> Answers:
     """Table 7-4, and how far from the block the regulator holds."""
-    face = inputs["block_below_mm"]
-    runs = [
-        run_of(inputs, "regulator", {"reference.0.by_mm": 0.0, "start.depth_mm": float(face - gap)})
-        for gap in inputs["gaps_mm"]
-    ]
+
+    def above_the_block(gap: Any, changes: dict[str, Any]) -> Readings:
+        return run_of(
+            inputs, "regulator", {"start.depth_mm": float(inputs["block_below_mm"] - gap), **changes}
+        )
+
+    def farther(changes: dict[str, Any]) -> list[str]:
+        said = []
+        for gap in inputs["further_gaps_mm"]:
+            run = above_the_block(gap, {"duration_s": 6.0, **changes})
+            last = run.departure(DEPTH, 0.75 * run.time[-1])
+            held = f"held within {last:.2f} mm" if last < 1.0 else f"swings by {last:.1f} mm"
+            said.append(f"{gap:g} mm: {run.run.metrics.event or held}")
+        return said
+
+    runs = [above_the_block(gap, {"reference.0.by_mm": 0.0}) for gap in inputs["gaps_mm"]]
     numbers = {"rms": ours([run.rms(DEPTH, 1.0) for run in runs], *runs)}
-    drag = float(inputs["identified_drag_N_s_per_m"])
-    facts = {
-        "farther": _farther(inputs, {}),
-        "farther_damped": _farther(inputs, {"drag.linear_N_s_per_m": [drag] * 3}),
-    }
-    return Answers(numbers, facts=facts)
-
-
-def _farther(inputs: dict[str, Any], changes: dict[str, Any]) -> list[str]:
-    """What becomes of the regulator at each further gap."""
-    said = []
-    for gap in inputs["further_gaps_mm"]:
-        depth = float(inputs["block_below_mm"] - gap)
-        run = run_of(inputs, "regulator", {"start.depth_mm": depth, "duration_s": 6.0, **changes})
-        said.append(f"{gap:g} mm: {run.run.metrics.event or _held(run)}")
-    return said
-
-
-def _held(run: Readings) -> str:
-    last = run.departure(DEPTH, 0.75 * run.time[-1])
-    return f"held within {last:.2f} mm" if last < 1.0 else f"swings by {last:.1f} mm"
+    damped = {"drag.linear_N_s_per_m": [float(inputs["identified_drag_N_s_per_m"])] * 3}
+    return Answers(numbers, facts={"farther": farther({}), "farther_damped": farther(damped)})

@@ -67,31 +67,24 @@ def shift(
     place, height = np.zeros(2), magnet_height(z_s, 1e-3 * h)
     found, scale, u = [], 1.0, start_level
     for signal in wanted:
-        chosen = fields[-1:] if abs(signal) > far else fields
         held = rule == "held" and signal != 0.0
-        point, u = _first(
-            chosen,
-            lambda level, s=signal: (divided(level, s, axis, n), height),
-            (place, u if held else start_level, held, scale, moment, lever),
-        )
+        about = (place, u if held else start_level, held, scale, moment, lever)
+        for field in fields[-1:] if abs(signal) > far else fields:
+            try:
+                point, u = equilibrium_at(
+                    field, payload(), lambda level, s=signal: (divided(level, s, axis, n), height), *about
+                )
+                break
+            except OutsideMapError:
+                if field is fields[-1]:
+                    raise
         if signal == 0.0:
             scale = payload().mass * GRAVITY / point.lift
         place = point.position[:2]
         found.append((place.copy(), u, np.abs(divided(u, signal, axis, n)).max(), point.kind == "stable"))
-    places = np.array([row[0] for row in found])
-    levels, largest = (np.array([row[k] for row in found]) for k in (1, 2))
-    stable = all(row[3] for row in found)
-    return Shift(wanted[1:], places[1:] - places[0], places[0], levels[1:], largest[1:], stable)
-
-
-def _first(fields: Sequence[FieldLike], path, about):
-    """`equilibrium_at` in the first field that holds at the currents of the search."""
-    for field in fields[:-1]:
-        try:
-            return equilibrium_at(field, payload(), path, *about)
-        except OutsideMapError:
-            continue
-    return equilibrium_at(fields[-1], payload(), path, *about)
+    places, levels, largest, stable = map(np.array, zip(*found, strict=True))
+    shifts = places[1:] - places[0]
+    return Shift(wanted[1:], shifts, places[0], levels[1:], largest[1:], bool(stable.all()))
 
 
 def divided(level: float, signal: float, axis: str, n: float) -> Array:
@@ -112,11 +105,7 @@ def fields_for(n: float, field_map: Any) -> tuple[FieldLike, ...]:
     return (field_map, unit_rays()) if n == 1.25 else (unit_rays(),)
 
 
-@detail.cached
-def _curve(
-    field_map: Any, signals: tuple[float, ...], axis: Axis, n: float, z_s: float, h: float, rule: Rule
-) -> Shift:
-    return shift(fields_for(n, field_map), np.array(signals), axis, n, z_s, h, rule)
+_curve = detail.cached(shift)
 
 
 def curve(
@@ -124,7 +113,7 @@ def curve(
     rule: Rule = "held",
 ) -> Shift:  # fmt: skip
     """The static curve, followed from signal 0 to either side; kept."""
-    return _curve(field_map, tuple(float(s) for s in np.asarray(signals)), axis, n, z_s, h, rule)
+    return _curve(fields_for(n, field_map), tuple(np.asarray(signals, float).tolist()), axis, n, z_s, h, rule)
 
 
 def n_table(inputs: dict[str, Any]) -> Answers:
@@ -134,61 +123,46 @@ def n_table(inputs: dict[str, Any]) -> Answers:
     drawn = []
     for n, name in ((1.25, "n125"), (1.5, "n150")):
         signals, measured = inputs[f"{name}_signals"], inputs[f"{name}_measured_mm"]
+        points = Series("measured, Table 6-2", signals, measured, "measured", points=True)
         for rule in BOTH:
             of_h = [curve(inputs["map"], signals, n=n, z_s=inputs["z_mm"], h=h, rule=rule) for h in hs]
-            numbers[f"{name}_{rule}"] = [zero + 1e3 * found.along for found in of_h]
-            points = Series("measured, Table 6-2", signals, measured, "measured", points=True)
-            lines = [
-                Series(f"h = {h:g} mm", found.signals, zero + 1e3 * found.along)
-                for h, found in zip(hs, of_h, strict=True)
-            ]
+            numbers[f"{name}_{rule}"] = places = [zero + 1e3 * found.along for found in of_h]
+            lines = [Series(f"h = {h:g} mm", signals, x) for h, x in zip(hs, places, strict=True)]
             level = "held by the lift" if rule == "held" else "of (7-18) at the origin throughout"
             title = f"Table 6-2, n = {n:g}, level {level}: scan over h"
-            labels = ("x control signal", "x (mm)")
-            drawn.append(Curves(title, *labels, (points, *lines), remark="Nothing is fitted."))
+            drawn.append(Curves(title, *_LABELS, (points, *lines), remark="Nothing is fitted."))
     return Answers(numbers, tuple(drawn))
+
+
+_LABELS = ("x control signal", "x (mm)")
 
 
 def height_table(inputs: dict[str, Any]) -> Answers:
     """Table 6-3: z_s = 10 and 11.5 mm at n = 1.25; rows are h."""
-    hs, zero, signals = inputs["offsets_mm"], inputs["zero_mm"], inputs["signals"]
+    hs, zero, signals, zs = (inputs[name] for name in ("offsets_mm", "zero_mm", "signals", "heights_mm"))
     numbers: dict[str, Any] = {}
     curves = []
-    for rule in BOTH:
-        high, low = (
-            [curve(inputs["map"], signals, z_s=z, h=h, rule=rule) for h in hs] for z in inputs["heights_mm"]
-        )
-        numbers[f"lower_{rule}"] = [zero + 1e3 * found.along for found in low]
-        further = [1e3 * (a.along[-1] - b.along[-1]) for a, b in zip(high, low, strict=True)]
-        numbers[f"further_{rule}"] = further
+    measured = [
+        Series(f"measured, z_s = {z:g} mm", signals, inputs[key], "measured", points=True)
+        for z, key in zip(zs, ("upper_mm", "lower_mm"), strict=True)
+    ]
+    for rule, words in zip(BOTH, ("held by the lift", "constant"), strict=True):
+        high, low = ([curve(inputs["map"], signals, z_s=z, h=h, rule=rule).along for h in hs] for z in zs)
+        numbers[f"lower_{rule}"] = [zero + 1e3 * along for along in low]
+        numbers[f"further_{rule}"] = [1e3 * (a[-1] - b[-1]) for a, b in zip(high, low, strict=True)]
         series = [
-            Series(f"ours, z_s = {z:g} mm", signals, zero + 1e3 * found[list(hs).index(DRAWN_H)].along)
-            for z, found in zip(inputs["heights_mm"], (high, low), strict=True)
+            Series(f"ours, z_s = {z:g} mm", signals, zero + 1e3 * found[list(hs).index(DRAWN_H)])
+            for z, found in zip(zs, (high, low), strict=True)
         ]
-        measured = [
-            Series(f"measured, z_s = {z:g} mm", signals, inputs[key], "measured", points=True)
-            for z, key in zip(inputs["heights_mm"], ("upper_mm", "lower_mm"), strict=True)
-        ]
-        title = f"Table 6-3, h = {DRAWN_H:g} mm, level {'held by the lift' if rule == 'held' else 'constant'}"
-        curves.append(Curves(title, "x control signal", "x (mm)", (*measured, *series)))
+        title = f"Table 6-3, h = {DRAWN_H:g} mm, level {words}"
+        curves.append(Curves(title, *_LABELS, (*measured, *series)))
     return Answers(numbers, tuple(curves))
 
 
-def x_branches(inputs: dict[str, Any]) -> Answers:
-    """Tables 6-4, 6-5 and Fig. 6-5."""
-    return _branches(inputs, "x", "Fig. 6-5: where the magnet rests over the x signal (Tables 6-4 and 6-5)")
-
-
-def y_branches(inputs: dict[str, Any]) -> Answers:
-    """Tables 6-6, 6-7 and Fig. 6-6."""
-    return _branches(inputs, "y", "Fig. 6-6: where the magnet rests over the y signal (Tables 6-6 and 6-7)")
-
-
-def _branches(inputs: dict[str, Any], axis: Axis, title: str) -> Answers:
+def branches(inputs: dict[str, Any]) -> Answers:
     """Each measured branch beside the one static curve, placed where the outward branch begins."""
-    z = inputs["z_mm"]
+    z, axis, drawn = inputs["z_mm"], inputs["axis"], []
     numbers: dict[str, Any] = {}
-    drawn = []
     for side in ("positive", "negative"):
         signals = inputs[f"{side}_signals"]
         out, back = inputs[f"{side}_outward_mm"], inputs[f"{side}_back_mm"]
@@ -204,9 +178,8 @@ def _branches(inputs: dict[str, Any], axis: Axis, title: str) -> Answers:
         "A static field gives one curve; the measured positions lead on the way back: "
         "at the same signal the magnet lies nearer to the origin, and beyond it at signal 0."
     )
-    figure = Curves(
-        title, f"{axis} control signal", f"{axis} (mm)", tuple(drawn), remark, message=_follows(drawn)
-    )
+    labels = (inputs["figure"], f"{axis} control signal", f"{axis} (mm)")
+    figure = Curves(*labels, tuple(drawn), remark, message=_follows(drawn))
     return Answers(numbers, (figure,), {"drawn_h_mm": DRAWN_H})
 
 
@@ -222,15 +195,9 @@ def both_ways(name: str, signals: Array, out: Array, back: Array, kind: str = "o
 def _follows(drawn: list[Series]) -> str:
     """How far the magnet moves outward, how far it is from there on the way back, and how far the held model is from
     the outward branch; the largest of both directions."""
-    of = {
-        name: [one.y for one in drawn if one.name == name]
-        for name in (_HELD["held"], "measured, outward", "measured, on the way back")
-    }
-    held, out, back = of.values()
-    moved = max(float(np.abs(one - one[0]).max()) for one in out)
-    off, lead = (
-        max(float(np.abs(a - b).max()) for a, b in zip(some, out, strict=True)) for some in (held, back)
-    )
+    names = (_HELD["held"], "measured, outward", "measured, on the way back")
+    held, out, back = (np.array([one.y for one in drawn if one.name == name]) for name in names)
+    moved, off, lead = (float(np.abs(a).max()) for a in (out - out[:, :1], held - out, back - out))
     return (
         f"Equilibrium moves {moved:.0f} mm at full signal; the model follows within {percent(off / moved)}; "
         f"the way back differs by {lead:.1f} mm"

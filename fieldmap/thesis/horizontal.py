@@ -16,30 +16,23 @@ from fieldmap.records import Record
 from fieldmap.thesis.computation import Answers
 from fieldmap.thesis.coupled_runs import Readings, X, beside_models, ours, over_time, run_of
 from fieldmap.thesis.vertical import RUNS, over_records
-from fieldmap.typing import Array
 
 
 def arithmetic(inputs: dict[str, Any]) -> dict[str, Any]:
     """(6-10), (6-11), and the signals that move 1 mm; what the models make of these signals."""
     ratio = inputs["system_Ti_s"] / inputs["model_Ti_s"]
     second = inputs["second_system_Ti_s"] / inputs["second_model_Ti_s"]
-    signals = {axis: signal_of(inputs[f"{axis}_polynomial"], inputs["step_mm"]) for axis in "xy"}
-    positions = {
-        axis: [
-            signals[axis] * _gain(inputs[f"{axis}_{order}_order"], inputs["Ts_s"])
-            for order in ("second", "first")
-        ]
-        for axis in "xy"
-    }
+    moved: dict[str, Any] = {}
+    for axis in "xy":
+        signal = signal_of(inputs[f"{axis}_polynomial"], inputs["step_mm"])
+        gains = [steady_gain(model, inputs["Ts_s"]) for model in _models(inputs, axis).values()]
+        moved |= {f"{axis}_signal": signal, f"{axis}_position": [signal * gain for gain in gains]}
     return {
         "integral_ratio": ratio,
         "model_integral_time": inputs["model_Ti_s"] / ratio,
         "second_integral_ratio": second,
         "second_integral_time": inputs["third_system_Ti_s"] / second,
-        "x_signal": signals["x"],
-        "y_signal": signals["y"],
-        "x_position": positions["x"],
-        "y_position": positions["y"],
+        **moved,
     }
 
 
@@ -49,11 +42,6 @@ def signal_of(polynomial: Any, position: float) -> float:
     return float(min(root.real for root in roots if abs(root.imag) < 1e-12 and root.real > 0))
 
 
-def _gain(model: Any, Ts: float) -> float:
-    return steady_gain((model[:1], model[1:]), Ts)
-
-
-_FREE = {"kind": "constant"}
 _TRIES = 4
 
 
@@ -67,8 +55,7 @@ def recovery(inputs: dict[str, Any]) -> Answers:
             response = filter_response(np.concatenate([np.zeros(poles), printed[:1]]), printed[1:], u)
             noise = np.random.default_rng(7).normal(scale=inputs["deviation_mm"], size=(RUNS, u.size))
             found = modified_least_squares_runs(response + noise, u, Orders(poles=poles, zeros=0))
-            both = np.concatenate([found.numerators, found.denominators[:, 1:]], axis=1)
-            found_orders[f"{axis}_{name}_order"] = both
+            found_orders[f"{axis}_{name}_order"] = np.hstack([found.numerators, found.denominators[:, 1:]])
     return over_records(found_orders)
 
 
@@ -82,11 +69,11 @@ class Control(Record):
 
     def changes(self, axis: str) -> dict[str, Any]:
         """Of a scenario in which this axis alone is controlled."""
-        other = "y" if axis == "x" else "x"
         gains = {"Kc": self.Kc, "Td_s": 60.0 * self.Td, "lower": -0.4, "upper": 0.4}
         if np.isfinite(self.Ti):
             gains["Ti_s"] = 60.0 * self.Ti
-        return {f"control.{axis}": {"kind": "pid", **gains}, f"control.{other}": _FREE}
+        free = {f"control.{other}": {"kind": "constant"} for other in "xy"}
+        return {**free, f"control.{axis}": {"kind": "pid", **gains}}
 
     def pid(self, Ts: float, Ti: float) -> PID:
         """For a model, with an integral time of its own, s."""
@@ -144,9 +131,10 @@ def _open_loop(inputs: dict[str, Any]) -> list[Curves]:
         theirs = signal_of(inputs[f"{axis}_polynomial"], float(way))
         signal, run = _signal_for(inputs, axis, float(way), theirs)
         begin, answers = run.mean("xy".index(axis), 0.0, 1.0), {}
-        for name, plant in _models(inputs, axis).items():
-            rise = filter_response(*_padded(plant), (run.time >= 1.0).astype(float))
-            answers[name] = begin + float(way) * rise / (plant.numerator.sum() / plant.denominator.sum())
+        for name, (numerator, denominator) in _models(inputs, axis).items():
+            delayed = np.append(np.zeros(len(denominator) - len(numerator)), numerator)
+            rise = filter_response(delayed, denominator, (run.time >= 1.0).astype(float))
+            answers[name] = begin + float(way) * rise / (numerator.sum() / denominator.sum())
         title = f"Fig. 6-{number}: open-loop step of {axis} by {way:g} mm"
         remark = f"Signal {signal:.3f} here, {theirs:.3f} on the rig by (6-4), (6-5); models scaled to end there too."
         shown: dict[str, Any] = {"begin": 0.5, "end": 6.0, "remark": remark, "asked": False}
@@ -168,11 +156,6 @@ def _signal_for(inputs: dict[str, Any], axis: str, way: float, signal: float) ->
     return signal, run
 
 
-def _padded(plant: TransferFunction) -> tuple[Array, Array]:
-    numerator, denominator = (np.asarray(part, dtype=float) for part in plant)
-    return np.append(np.zeros(len(denominator) - len(numerator)), numerator), denominator
-
-
 def _closed_loop(
     inputs: dict[str, Any], controls: list[Control], times: list[float], step: Callable[..., Readings]
 ) -> list[Curves]:
@@ -181,52 +164,38 @@ def _closed_loop(
     pd = Control(float(inputs["pd_Kc"]), np.inf, float(inputs["pd_Td"]))
     Ti, Tm, scaled = (float(inputs[key]) for key in ("system_Ti", "model_Ti", "scaled_model_Ti"))
     quick, slow = controls[0], replace(controls[0], Ti=Tm)
+    curves: list[Curves] = []
 
-    def drawn(
-        number: int,
-        axis: str,
-        control: Control,
-        title: str,
-        times_of_models: Mapping[str, tuple[str, float]],
-        remark: str = "",
-        shown: tuple[float, float] = (1.0, 10.0),
-        depth_mm: float = 10.0,
-        duration_s: float = 12.0,
-    ) -> Curves:
-        run, plants = step(control, axis, depth_mm, duration_s), _models(inputs, axis)
-        loops = {
-            name: (plants[order], control.pid(inputs["Ts_s"], T))
-            for name, (order, T) in times_of_models.items()
-        }
-        title, (begin, end) = f"Fig. 6-{number}: step of {axis}{title}", shown
-        return beside_models(title, "xy".index(axis), run, loops, begin=begin, end=end, remark=remark)
+    def both(axis: str, T: float) -> dict[str, tuple[TransferFunction, float]]:
+        return {name: (plant, T) for name, plant in _models(inputs, axis).items()}
 
-    def both(T: float) -> dict[str, tuple[str, float]]:
-        return {order: (order, T) for order in ("second order", "first order")}
+    def draw(
+        number: int, axis: str, control: Control, title: str, models: Mapping[str, tuple[TransferFunction, float]],
+        remark: str = "", begin: float = 1.0, end: float = 10.0, depth_mm: float = 10.0, lasts: float = 12.0,
+    ) -> None:  # fmt: skip
+        loops = {name: (plant, control.pid(inputs["Ts_s"], T)) for name, (plant, T) in models.items()}
+        run, shown = step(control, axis, depth_mm, lasts), {"begin": begin, "end": end, "remark": remark}
+        title = f"Fig. 6-{number}: step of {axis}{title}"
+        curves.append(beside_models(title, "xy".index(axis), run, loops, **shown))
 
-    curves = [
-        drawn(number, axis, pd, " under PD control", both(np.inf), "", (1.5, 5.0), 10.0, 6.0)
-        for number, axis in ((11, "x"), (14, "y"))
-    ]
+    for number, axis in ((11, "x"), (14, "y")):
+        draw(number, axis, pd, " under PD control", both(axis, np.inf), begin=1.5, end=5.0, lasts=6.0)
     for number, axis in ((20, "x"), (22, "y")):
-        for k, (control, own, T, end) in enumerate(((quick, Ti, Tm, 12.0), (slow, Tm, scaled, 90.0))):
+        for k, (control, own, T) in enumerate(((quick, Ti, Tm), (slow, Tm, scaled))):
             title, remark = f" under PID control, $T_i$ = {own:g}", f"$T_i$ = {T:g} s in the models."
-            shown = (1.0, 90.0 if k else 10.0)
-            curves.append(drawn(number + k, axis, control, title, both(T), remark, shown, 10.0, end))
+            end, lasts = (90.0, 90.0) if k else (10.0, 12.0)
+            draw(number + k, axis, control, title, both(axis, T), remark, end=end, lasts=lasts)
     for k, printed in ((1, "second_model_Ti"), (2, "third_model_Ti")):
         control, T = controls[k], float(inputs[printed])
         named = {f"{T:.3g} s": T, f"{times[k]:.3g} s fitted": times[k]}
-        models = {
-            f"thesis's first-order model, {words}": ("first order", one) for words, one in named.items()
-        }
+        first = _models(inputs, "x")["first order"]
+        models = {f"thesis's first-order model, {words}": (first, one) for words, one in named.items()}
         remark = f"Integral time of the model: {T:g} s is printed, {times[k]:.3g} s fits the machine."
         title = f", $K_c$ = {control.Kc:g}, $T_i$ = {control.Ti:g}"
-        curves.append(drawn(23 + k, "x", control, title, models, remark, (1.5, 6.0)))
+        draw(23 + k, "x", control, title, models, remark, begin=1.5, end=6.0)
     remark = (
         f"Gains of Fig. 6-20, as none are printed; $T_i$ = {Tm:g} s in the models, which are those of 10 mm."
     )
-    curves += [
-        drawn(number, axis, quick, " at 18 mm", both(Tm), remark, depth_mm=18.0)
-        for number, axis in ((26, "x"), (27, "y"))
-    ]
+    for number, axis in ((26, "x"), (27, "y")):
+        draw(number, axis, quick, " at 18 mm", both(axis, Tm), remark, depth_mm=18.0)
     return curves

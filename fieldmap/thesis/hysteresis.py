@@ -8,6 +8,7 @@ compared. `scripts/studies/joint_study.py` does the fit, docs/joint_study.md rea
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, Literal, get_args
 
@@ -17,7 +18,7 @@ from fieldmap.arguments import check_choice
 from fieldmap.curves import Curves, Series
 from fieldmap.device import Device, read_device
 from fieldmap.device.materials import SaturatingMaterial
-from fieldmap.errors import InputError, Problem
+from fieldmap.errors import InputError
 from fieldmap.field import as_field
 from fieldmap.iron import HysteresisSolver, HystereticState, IronMemory, Pinning
 from fieldmap.levitation import GRAVITY, StationaryPoint, equilibrium_at
@@ -100,28 +101,23 @@ def prepared(solver: HysteresisSolver, history: History, protocol: Protocol, end
     """The iron at signal 0 before the run, after a history in which the signal went to `end` and -`end`."""
     check_choice("history", history, get_args(History))
     level = protocol.level
-    if history == "shaken":
-        memory = solver.demagnetised
-        for swing in SWINGS:
-            memory = solver.step(np.full(6, (1.0 + swing) * level), memory).memory
-        return memory
-    memory = _evenly(solver, solver.demagnetised, 0.0, level, 3)
-    if history == "saturated":
-        memory = _evenly(solver, memory, level, LARGEST_CURRENT, 3)
-        return _evenly(solver, memory, LARGEST_CURRENT, level, 3)
-    if history == "demagnetised":
-        return memory
-    for signal in end * np.array([0.25, 1.0, 0.25, 0.0, -0.25, -1.0, -0.25, 0.0]):
-        memory = solver.step(protocol.currents(level, float(signal)), memory).memory
-    if history == "cycled":
-        return memory
-    by = 0.0 if history == "restarted" else LARGEST_CURRENT
-    return _evenly(solver, _evenly(solver, memory, level, by, 3), by, level, 3)
 
+    def evenly(*levels: float) -> list[Array]:
+        return [np.full(6, u) for a, b in pairwise(levels) for u in np.linspace(a, b, 4)[1:]]
 
-def _evenly(solver: HysteresisSolver, memory: IronMemory, start: float, end: float, steps: int) -> IronMemory:
-    for level in np.linspace(start, end, steps + 1)[1:]:
-        memory = solver.step(np.full(6, level), memory).memory
+    signals = end * np.array([0.25, 1.0, 0.25, 0.0, -0.25, -1.0, -0.25, 0.0])
+    rise, cycle = evenly(0.0, level), [protocol.currents(level, float(signal)) for signal in signals]
+    steps = {
+        "demagnetised": rise,
+        "cycled": [*rise, *cycle],
+        "restarted": [*rise, *cycle, *evenly(level, 0.0, level)],
+        "wiped": [*rise, *cycle, *evenly(level, LARGEST_CURRENT, level)],
+        "saturated": [*rise, *evenly(level, LARGEST_CURRENT, level)],
+        "shaken": [np.full(6, (1.0 + swing) * level) for swing in SWINGS],
+    }
+    memory = solver.demagnetised
+    for currents in steps[history]:
+        memory = solver.step(currents, memory).memory
     return memory
 
 
@@ -139,8 +135,8 @@ def walk(
     NotConverged.
     """
     if signals[0] != 0.0:
-        must = "must begin with 0, from where places count"
-        raise InputError(Problem("walk(signals)", must, f"{signals[0]:g}", "put 0 first"))
+        must_hold = "must begin with 0, from where places count"
+        raise InputError.of("walk(signals)", must_hold, f"{signals[0]:g}", "put 0 first")
     found: list[tuple[StationaryPoint, float]] = []
     level, before = protocol.level, 0.0
     for signal in signals:
@@ -153,9 +149,8 @@ def walk(
         state, point, level = _settled(solver, memory, float(signal), guess, target, near, protocol)
         memory, before = state.memory, float(signal)
         found.append((point, level))
-    places = np.array([point.position[:2] for point, _ in found])
-    lifts = np.array([point.lift for point, _ in found])
-    return Walk(np.asarray(signals, dtype=float), places, np.array([u for _, u in found]), lifts, memory)
+    places, lifts, levels = zip(*((point.position[:2], point.lift, u) for point, u in found), strict=True)
+    return Walk(np.asarray(signals, float), np.array(places), np.array(levels), np.array(lifts), memory)
 
 
 def _next_level(
@@ -188,7 +183,9 @@ def _settled(
     state = None
     for _ in range(_TRIALS):
         state = solver.step(protocol.currents(level, signal), memory, near=state)
-        point = _rest(state, near, protocol, solver)
+        # A state knows its own currents only, so the path has one of them.
+        at, field = (state.currents, protocol.height), as_field(state, (LOWER, UPPER))
+        point, _ = equilibrium_at(field, solver.device.payload, lambda _, at=at: at, near, protocol.level)
         if target is None or abs(point.lift / target - 1.0) < _LIFT_TOLERANCE:
             break
         tried.append((np.log(level), np.log(point.lift / target)))
@@ -199,17 +196,6 @@ def _settled(
         level = float(np.exp(tried[-1][0] - tried[-1][1] / exponent))
     assert state is not None
     return state, point, float(level)
-
-
-def _rest(
-    state: HystereticState, near: Array, protocol: Protocol, solver: HysteresisSolver
-) -> StationaryPoint:
-    # A state knows its own currents only, so the path has one of them.
-    field = as_field(state, (LOWER, UPPER))
-    point, _ = equilibrium_at(
-        field, solver.device.payload, lambda _: (state.currents, protocol.height), near, protocol.level
-    )
-    return point
 
 
 DEVICE = "drive_unit_joints"
@@ -320,20 +306,10 @@ def lift_law(of: JointedUnit, depths: Array, scale: float = 1.0) -> LiftLaw:
     return LiftLaw(np.asarray(depths), np.array(shares), slope)
 
 
-def x_remanence(inputs: dict[str, Any]) -> Answers:
-    """Table 6-4, along x."""
-    return _remanence(inputs, "x", "Table 6-4")
-
-
-def y_remanence(inputs: dict[str, Any]) -> Answers:
-    """Table 6-6, along y."""
-    return _remanence(inputs, "y", "Table 6-6")
-
-
-def _remanence(inputs: dict[str, Any], axis: Axis, table: str) -> Answers:
+def remanence(inputs: dict[str, Any]) -> Answers:
     """Back less out, a row for each coercive field; places from where the run began."""
     signals, measured = inputs["signals"], (inputs["outward_mm"], inputs["back_mm"])
-    zero, z, h = measured[0][0], inputs["z_mm"], inputs["h_mm"]
+    zero, z, h, axis = measured[0][0], inputs["z_mm"], inputs["h_mm"], inputs["axis"]
     drawn, widths = both_ways("measured", signals, *measured, "measured"), []
     for coercive in inputs["coercive_A_per_m"]:
         unit = _bare_unit(float(coercive), h, int(inputs["cells"]))
@@ -342,8 +318,7 @@ def _remanence(inputs: dict[str, Any], axis: Axis, table: str) -> Answers:
         drawn += both_ways(f"ours, {coercive:g} A/m", signals, zero + out, zero + back)
     static = 1e3 * np.append(0.0, curve(inputs["map"], signals[1:], axis, z_s=z, h=h).along)
     drawn.append(Series("ours, no hysteresis, shipped mesh", signals, zero + static))
-    title = f"{table} with hysteresis in the iron"
-    figure = Curves(title, f"{axis} control signal", f"{axis} (mm)", tuple(drawn))
+    figure = Curves(inputs["figure"], f"{axis} control signal", f"{axis} (mm)", tuple(drawn))
     return Answers({"width": np.array(widths)}, (figure,), {"refinement": detail.refinement(REFINEMENT)})
 
 
@@ -375,31 +350,18 @@ def shipped_unit() -> JointedUnit:
     return JointedUnit(read_device(DEVICE), led)
 
 
-def x_joints(inputs: dict[str, Any]) -> Answers:
-    """Tables 6-4 and 6-5."""
-    return _joints(
-        inputs, "x", "Magnet over the x signal: joints and hysteresis, fitted to the positive side"
-    )
-
-
-def y_joints(inputs: dict[str, Any]) -> Answers:
-    """Tables 6-6 and 6-7."""
-    return _joints(inputs, "y", "Magnet over the y signal: predicted by joints and hysteresis fitted to x")
-
-
-def _joints(inputs: dict[str, Any], axis: Axis, title: str) -> Answers:
+def joints(inputs: dict[str, Any]) -> Answers:
     """Both branches of both sides, each from where the measured run began."""
+    axis, drawn = inputs["axis"], []
     numbers: dict[str, Any] = {}
-    drawn = []
     for side in ("positive", "negative"):
         signals, *measured = (inputs[f"{side}_{what}"] for what in ("signals", "outward_mm", "back_mm"))
         shift = _branches(axis, there_and_back(signals), inputs["z_mm"])
         out, back = out_and_back(measured[0][0] + shift)
         numbers |= {f"{side}_outward": out, f"{side}_back": back}
-        ours = both_ways("ours", signals, out, back)
-        theirs = both_ways("measured", signals, measured[0], measured[1], "measured")
-        drawn += [line for pair in zip(ours, theirs, strict=True) for line in pair]
-    figure = Curves(title, f"{axis} control signal", f"{axis} (mm)", tuple(drawn))
+        pairs = both_ways("ours", signals, out, back), both_ways("measured", signals, *measured, "measured")
+        drawn += [line for pair in zip(*pairs, strict=True) for line in pair]
+    figure = Curves(inputs["figure"], f"{axis} control signal", f"{axis} (mm)", tuple(drawn))
     return Answers(numbers, (figure,), about_the_joints())
 
 

@@ -7,25 +7,12 @@ from typing import Any
 import numpy as np
 from scipy.optimize import brentq
 
+from fieldmap import planar
 from fieldmap.curves import Curves, Series, percent
 from fieldmap.device import read_device
-from fieldmap.planar import (
-    PlanarSolution,
-    read_planar_device,
-    solve_planar,
-    solve_planar_state,
-    stationary_points,
-)
+from fieldmap.thesis import force_formulas
 from fieldmap.thesis.computation import Answers, Ours
-from fieldmap.thesis.force_formulas import (
-    AddedError,
-    Fit,
-    HorizontalForce,
-    VerticalForce,
-    added_error,
-    fit_horizontal_force,
-    fit_vertical_force,
-)
+from fieldmap.thesis.force_formulas import AddedError, Fit, HorizontalForce, VerticalForce
 from fieldmap.typing import Array
 
 HALF_WIDTH = 0.15
@@ -38,9 +25,9 @@ _X0, _CURRENT = -0.17, 1e6
 
 
 @cache
-def unit() -> PlanarSolution:
+def unit() -> planar.PlanarSolution:
     """The solved unit of chapter 4, in its box."""
-    return solve_planar(read_planar_device("planar_drive_unit_8mm"))
+    return planar.solve_planar(planar.read_planar_device("planar_drive_unit_8mm"))
 
 
 def force(currents: tuple[float, float], x: Array, z: Array) -> Array:
@@ -61,14 +48,14 @@ def grid(depths: tuple[float, ...] = DEPTHS) -> tuple[Array, Array]:
 def horizontal_fit(depths: tuple[float, ...], a: float | None) -> Fit[HorizontalForce]:
     """(4-7) fitted to the left electromagnet's computed force."""
     x, z = grid(depths)
-    return fit_horizontal_force(x, z, force((1.0, 0.0), x, z)[:, 0], _CURRENT, _X0, a=a)
+    return force_formulas.fit_horizontal_force(x, z, force((1.0, 0.0), x, z)[:, 0], _CURRENT, _X0, a=a)
 
 
 @cache
 def vertical_fit() -> Fit[VerticalForce]:
     """(4-6) fitted to the left electromagnet's computed force in the operating window."""
     x, z = grid()
-    return fit_vertical_force(x, z, force((1.0, 0.0), x, z)[:, 1], _CURRENT, _X0)
+    return force_formulas.fit_vertical_force(x, z, force((1.0, 0.0), x, z)[:, 1], _CURRENT, _X0)
 
 
 def added(formula: Any, currents: tuple[float, float], x: Array, z: Array) -> Array:
@@ -83,24 +70,28 @@ def superposition_error(
     """How far the added formulas are from the computed force of both electromagnets."""
     x, z = grid(depths)
     computed = force(currents, x, z)[:, 0 if isinstance(formula, HorizontalForce) else 1]
-    return added_error(currents, added(formula, currents, x, z), computed, np.abs(x) <= MIDDLE)
+    middle = np.abs(x) <= MIDDLE
+    return force_formulas.added_error(currents, added(formula, currents, x, z), computed, middle)
 
 
 def constants(inputs: dict[str, Any]) -> Answers:
     """Table 4-2: constants of (4-5) along the line of Fig. 4-5."""
     depth = (1e-3 * inputs["depth_mm"],)
     fit = horizontal_fit(depth, inputs["a_m"])
-    printed = HorizontalForce(
-        inputs["L0_H"], inputs["a_m"], inputs["b_m"], inputs["c_N"], _X0, inputs["nominal_current_A"]
-    )
+    constants = (inputs[name] for name in ("L0_H", "a_m", "b_m", "c_N"))
+    printed = HorizontalForce(*constants, _X0, inputs["nominal_current_A"])
     x, z = grid(depth)
     error = printed(x, z, _CURRENT) - force((1.0, 0.0), x, z)[:, 0]
-    theirs = float(np.sqrt(np.mean(error**2)))
-    formula, reported = fit.formula, unit().report.assumptions
+    formula = fit.formula
     ours = {"L0": formula.inductance, "b": formula.b, "c": formula.c}
-    numbers = {name: Ours(value, reported) for name, value in ours.items()}
-    facts = {"half_width_mm": 1e3 * HALF_WIDTH, "rms_N": fit.rms, "printed_rms_N": theirs}
-    return Answers(numbers, _formula_curves(printed, formula, depth[0]), facts)
+    rms = {"rms_N": fit.rms, "printed_rms_N": float(np.sqrt(np.mean(error**2)))}
+    curves = _formula_curves(printed, formula, depth[0])
+    return Answers(_reported(ours), curves, {"half_width_mm": 1e3 * HALF_WIDTH, **rms})
+
+
+def _reported(values: dict[str, float]) -> dict[str, Ours]:
+    """With what the solver reports to assume."""
+    return {name: Ours(value, unit().report.assumptions) for name, value in values.items()}
 
 
 def _formula_curves(printed: HorizontalForce, fitted: HorizontalForce, depth: float) -> tuple[Curves, ...]:
@@ -129,21 +120,25 @@ def superposition(inputs: dict[str, Any]) -> Answers:
     """Two electromagnets at 3:1 (Fig. 4-7): where (4-7) + (4-8) vanish, and where the computed force does."""
     depth = 1e-3 * inputs["depth_mm"]
     currents = (0.5 * inputs["ratio"], 0.5)
-    points = stationary_points(unit(), _CURRENT * np.array(currents), -depth, -HALF_WIDTH, HALF_WIDTH)
-    if len(points) != 1:
-        raise LookupError(f"{len(points)} points without horizontal force where one is expected")
-    reported = unit().report.assumptions
-    numbers = {
-        "equilibrium": Ours(1e3 * points[0].x, reported),
-        "equilibrium_of_refitted": Ours(1e3 * _zero(depth, inputs["a_m"], currents), reported),
-    }
-    facts: dict[str, Any] = {"saturating_share": _saturating_share(depth, currents)}
+    amperes, along = _CURRENT * np.array(currents), horizontal_fit((depth,), inputs["a_m"]).formula
+    (point,) = planar.stationary_points(unit(), amperes, -depth, -HALF_WIDTH, HALF_WIDTH)
+    # Where the refitted (4-7) + (4-8) vanish, m.
+    vanishes = brentq(
+        lambda x: float(added(along, currents, np.array([x]), np.array([depth]))[0]), -0.12, 0.12
+    )
+    numbers = {"equilibrium": 1e3 * point.x, "equilibrium_of_refitted": 1e3 * float(vanishes)}
+    # Lift at x = 0 with the B-H curve of Appendix A-3, over that with linear iron.
+    steel, below = read_device("drive_unit_a3").materials["steel"], [[0.0, -depth]]
+    saturating = planar.solve_planar_state(replace(unit().device, materials={"iron": steel}), amperes)
+    share = saturating.gradient(below)[0, 1, 1] / unit().gradient(below, amperes)[0, 1, 1]
     # Of one electromagnet, of two at 1:1, and of two as here.
     pairs = ((1.0, 0.0), (1.0, 1.0), currents)
-    along, down = horizontal_fit((depth,), inputs["a_m"]).formula, vertical_fit().formula
-    facts["horizontal"] = [superposition_error(along, pair, (depth,)) for pair in pairs]
-    facts["vertical"] = [superposition_error(down, pair, DEPTHS) for pair in pairs]
-    return Answers(numbers, tuple(_vertical_curves()), facts)
+    facts = {
+        "saturating_share": float(share),
+        "horizontal": [superposition_error(along, pair, (depth,)) for pair in pairs],
+        "vertical": [superposition_error(vertical_fit().formula, pair, DEPTHS) for pair in pairs],
+    }
+    return Answers(_reported(numbers), tuple(_vertical_curves()), facts)
 
 
 def _vertical_curves() -> list[Curves]:
@@ -151,10 +146,9 @@ def _vertical_curves() -> list[Curves]:
     z, x, formula = np.linspace(DEPTHS[0], DEPTHS[-1], 100), np.zeros(100), vertical_fit().formula
     few = np.linspace(DEPTHS[0], DEPTHS[-1], 40)
     alone = force((1.0, 0.0), np.zeros(40), few)[:, 1]
-    line = np.poly1d(np.polyfit(few, alone, 1))(few)
     lines = (
         Series("computed", 1e3 * few, alone),
-        Series("a line through it", 1e3 * few, line),
+        Series("a line through it", 1e3 * few, np.poly1d(np.polyfit(few, alone, 1))(few)),
         Series("(4-3) with (4-4), our constants", 1e3 * few, formula(np.zeros(40), few, _CURRENT)),
     )
     down = ("depth below the pole piece (mm)", "$F_z$ (N)")
@@ -178,22 +172,3 @@ def _vertical_curves() -> list[Curves]:
     )
     curves.append(Curves("Fig. 4-6: two electromagnets, below the middle", *down, of_both))
     return curves
-
-
-def _saturating_share(depth: float, currents: tuple[float, float]) -> float:
-    """Lift at x = 0 with the B-H curve of Appendix A-3, over that with linear iron."""
-    steel = read_device("drive_unit_a3").materials["steel"]
-    device = replace(unit().device, materials={"iron": steel})
-    point, amperes = [[0.0, -depth]], _CURRENT * np.array(currents)
-    saturating = solve_planar_state(device, amperes).gradient(point)[0, 1, 1]
-    return float(saturating / unit().gradient(point, amperes)[0, 1, 1])
-
-
-def _zero(depth: float, a: float, currents: tuple[float, float]) -> float:
-    """Where the refitted (4-7) + (4-8) vanish, m."""
-    formula = horizontal_fit((depth,), a).formula
-
-    def total(x: float) -> float:
-        return float(added(formula, currents, np.array([x]), np.array([depth]))[0])
-
-    return float(brentq(total, -0.12, 0.12))

@@ -1,25 +1,17 @@
 """S5: the two-dimensional drive unit of section 2.4, in a box without flux and in open space."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.optimize import brentq
 
+from fieldmap import planar
 from fieldmap.curves import Curves, Series
 from fieldmap.device import read_device
-from fieldmap.planar import (
-    PlanarDevice,
-    PlanarSolution,
-    PlanarState,
-    StationaryPoint,
-    read_planar_device,
-    solve_planar,
-    solve_planar_state,
-    stationary_points,
-)
+from fieldmap.planar import PlanarDevice, PlanarSolution, PlanarState, read_planar_device
 from fieldmap.thesis.computation import Answers, Ours
 from fieldmap.typing import Array
 
@@ -33,7 +25,7 @@ _NO_FORCE = 1e-3
 def unit(walls: bool = True, size: float | None = None) -> PlanarSolution:
     """The solved drive unit of section 2.4; its box, or open space; longest panel in m."""
     device = read_planar_device("planar_drive_unit")
-    return solve_planar(device if walls else replace(device, walls=None), size)
+    return planar.solve_planar(device if walls else replace(device, walls=None), size)
 
 
 def currents(ratio: float, nominal: float) -> Array:
@@ -53,18 +45,14 @@ def reached_from_the_middle(solved: PlanarSolution | PlanarState, amperes: Array
 @cache
 def _reached(solved: PlanarSolution | PlanarState, of_coils: tuple[float, ...], z: float) -> float:
     amperes = np.array(of_coils)
-    points = stationary_points(solved, amperes, z, -WINDOW, WINDOW)
-    force = _force_at_the_middle(solved, amperes, z)
+    points = planar.stationary_points(solved, amperes, z, -WINDOW, WINDOW)
+    # dB_z/dx over |dB_z/dz| at x = 0, positive where a lifted dipole is pushed to the right.
+    _, slope, _ = solved.derivatives([[0.0, z]], amperes)[:, 0]
+    force = float(slope.imag / slope.real)
     if abs(force) < _NO_FORCE:
         return min(points, key=lambda point: abs(point.x)).x
     ahead = [point for point in points if point.stable and point.x * force > 0]
     return min(ahead, key=lambda point: abs(point.x)).x if ahead else float("nan")
-
-
-def _force_at_the_middle(solved: PlanarSolution | PlanarState, amperes: Array, z: float) -> float:
-    """dB_z/dx over |dB_z/dz| at x = 0, positive where a lifted dipole is pushed to the right."""
-    _, slope, _ = solved.derivatives([[0.0, z]], amperes)[:, 0]
-    return float(slope.imag / slope.real)
 
 
 def _places() -> dict[str, PlanarSolution]:
@@ -93,10 +81,8 @@ def current_ratio(inputs: dict[str, Any]) -> Answers:
     states = [saturating(ratio, nominal) for ratio in inputs["exact_ratios"]]
     moved = [1e3 * reached_from_the_middle(state, state.currents, z) for state in states]
     numbers = _in_both(positions) | {"equilibrium_with_curve": Ours(moved, states[0].report.assumptions)}
-    named = zip(
-        ("1:1", "1:1.22", "1:1.5", "1:3"), inputs["exact_ratios"], inputs["table_2_3_mm"], strict=True
-    )
-    lines = tuple(_Line(label, currents(ratio, nominal), -z, float(mm)) for label, ratio, mm in named)
+    named = zip(("1:1", "1:1.22", "1:1.5", "1:3"), divided, inputs["table_2_3_mm"], strict=True)
+    lines = [_Line(label, amperes, -z, float(mm)) for label, amperes, mm in named]
     title, table = "100 mm below the pole piece", "Table 2-3"
     near = _flux_density_along_x(f"Fig. 2-10: close up, {title}", lines, table, (0.02, 0.09))
     return Answers(numbers, (*_flux_density_along_x(f"Fig. 2-9: {title}", lines, table), near[0]))
@@ -105,7 +91,7 @@ def current_ratio(inputs: dict[str, Any]) -> Answers:
 @cache
 def saturating(ratio: float, nominal: float) -> PlanarState:
     """The unit in its box with the B-H curve of Appendix A-3, at a ratio of the currents."""
-    return solve_planar_state(_with_curve(), currents(ratio, nominal))
+    return planar.solve_planar_state(_with_curve(), currents(ratio, nominal))
 
 
 # One device for all states: its mesh is kept from one to the next.
@@ -125,7 +111,7 @@ def depth(inputs: dict[str, Any]) -> Answers:
 
     theirs = dict(zip(inputs["depths_mm"], inputs["table_2_4_mm"], strict=True))
     depths = (70.0, 85.0, 100.0, 125.0, 150.0, 200.0)
-    lines = tuple(_Line(f"{mm:g} mm deep", amperes, 1e-3 * mm, theirs.get(mm, np.nan)) for mm in depths)
+    lines = [_Line(f"{mm:g} mm deep", amperes, 1e-3 * mm, theirs.get(mm, np.nan)) for mm in depths]
     curves = _flux_density_along_x("Fig. 2-11: ratio 1:1.5 at several depths", lines, "Table 2-4")
     return Answers(_in_both(positions), curves)
 
@@ -140,40 +126,28 @@ def gradients(inputs: dict[str, Any]) -> Answers:
         at = [solved.gradient([[0.0, z]], amperes)[0] for amperes in of_ratios]
         return dict(zip(names, (-at[0][1, 1], at[1][1, 0], at[2][1, 0]), strict=True))
 
-    return Answers(_in_both(values), _curves_below_the_middle(nominal))
-
-
-def _curves_below_the_middle(nominal: float) -> tuple[Curves, ...]:
-    """Figs 2-12 and 2-13: B_z straight below the middle, and below places at both sides of it."""
-    sides = (-0.1, -0.05, 0.0, 0.05, 0.1)
-    middle = tuple((solved, words, 0.0) for words, solved in _places().items())
-    title = "Fig. 2-12: below the middle, ratio 1:1"
-    figures = [_flux_density_downwards(title, currents(1.0, nominal), middle)]
-    for words, solved in _places().items():
-        lines = tuple((solved, f"x = {1e3 * x:g} mm", x) for x in sides)
-        title = f"Fig. 2-13: ratio 1:1.5, {words}"
-        figures.append(_flux_density_downwards(title, currents(1.5, nominal), lines))
-    return tuple(figures)
-
-
-def _flux_density_downwards(
-    title: str, amperes: Array, lines: tuple[tuple[PlanarSolution, str, float], ...]
-) -> Curves:
-    """B_z over the depth; unit, label and x (m) of each line."""
     depths = np.linspace(0.06, 0.2, 200)
-    series = []
-    for solved, label, x in lines:
+
+    def below(solved: PlanarSolution, label: str, ratio: float, x: float) -> Series:
         points = np.column_stack([np.full_like(depths, x), -depths])
-        series.append(Series(label, 1e3 * depths, 1e3 * solved.field(points, amperes)[:, 1]))
-    return Curves(title, "depth below the pole piece (mm)", "$B_z$ (mT)", tuple(series))
+        return Series(label, 1e3 * depths, 1e3 * solved.field(points, currents(ratio, nominal))[:, 1])
+
+    middle = [below(solved, words, 1.0, 0.0) for words, solved in _places().items()]
+    figures = {"Fig. 2-12: below the middle, ratio 1:1": middle}
+    for words, solved in _places().items():
+        sides = [below(solved, f"x = {1e3 * x:g} mm", 1.5, x) for x in (-0.1, -0.05, 0.0, 0.05, 0.1)]
+        figures[f"Fig. 2-13: ratio 1:1.5, {words}"] = sides
+    labels = ("depth below the pole piece (mm)", "$B_z$ (mT)")
+    curves = tuple(Curves(title, *labels, tuple(lines)) for title, lines in figures.items())
+    return Answers(_in_both(values), curves)
 
 
 def zeros(inputs: dict[str, Any]) -> dict[str, Any]:
     """How many points have no horizontal gradient, near the pole piece and farther away."""
     solved = unit(True)
     amperes = currents(inputs["ratio"], inputs["nominal_current_A"])
-    above, below = (_points(solved, amperes, inputs[key]) for key in ("near_depth_mm", "far_depth_mm"))
     limits = 1e-3 * inputs["near_depth_mm"], 1e-3 * inputs["far_depth_mm"]
+    above, below = (planar.stationary_points(solved, amperes, -depth, -WINDOW, WINDOW) for depth in limits)
     numbers = {
         "near": len(above),
         "near_unstable": sum(not point.stable for point in above),
@@ -181,10 +155,6 @@ def zeros(inputs: dict[str, Any]) -> dict[str, Any]:
         "depth_of_the_change": 1e3 * fold_depth(solved, amperes, *limits),
     }
     return {name: Ours(value, solved.report.assumptions) for name, value in numbers.items()}
-
-
-def _points(solved: PlanarSolution, amperes: Array, depth_mm: float) -> tuple[StationaryPoint, ...]:
-    return stationary_points(solved, amperes, -1e-3 * depth_mm, -WINDOW, WINDOW)
 
 
 def fold_depth(solved: PlanarSolution, amperes: Array, near: float, far: float) -> float:
@@ -207,8 +177,7 @@ def fold_depth(solved: PlanarSolution, amperes: Array, near: float, far: float) 
     return float(brentq(highest, near, far, xtol=1e-7))
 
 
-@dataclass(frozen=True, eq=False)
-class _Line:
+class _Line(NamedTuple):
     """One line of constant depth, m; theirs: the equilibrium that the thesis prints for it, mm, or NaN."""
 
     label: str
@@ -216,49 +185,39 @@ class _Line:
     depth: float
     theirs: float
 
-    def flux_density(self, solved: PlanarSolution, x: Array) -> Array:
-        """B_z (n,), mT."""
-        points = np.column_stack([x, np.full_like(x, -self.depth)])
-        return np.asarray(1e3 * solved.field(points, self.amperes)[:, 1])
-
 
 def _flux_density_along_x(
-    title: str, lines: tuple[_Line, ...], table: str, window: tuple[float, float] = (-WINDOW, WINDOW)
+    title: str, lines: list[_Line], table: str, window: tuple[float, float] = (-WINDOW, WINDOW)
 ) -> tuple[Curves, ...]:
     """B_z along x in a window, m, with the box and in open space."""
     remark = "Dots: equilibria reached from x = 0, at maxima of the field. Squares: those of the table, on our lines."
-    theirs = [line for line in lines if window[0] <= 1e-3 * line.theirs <= window[1]]
     figures = []
     for words, solved in _places().items():
-        series = [piece for line in lines for piece in _line_and_equilibrium(solved, line, window)]
-        at = np.array([1e-3 * line.theirs for line in theirs])
-        heights = [line.flux_density(solved, x[None])[0] for line, x in zip(theirs, at, strict=True)]
-        message = _equilibria_in_words(series, lines, table)
-        series.append(Series(table, 1e3 * at, np.array(heights), "published", points=True))
-        figures.append(
-            Curves(f"{title}, {words}", "x (mm)", "$B_z$ (mT)", tuple(series), remark, message=message)
-        )
+        series, printed, ours = [], [], {}
+        for line in lines:
+
+            def upwards(x: Array, line: _Line = line, solved: PlanarSolution = solved) -> Array:
+                points = np.column_stack([x, np.full_like(x, -line.depth)])
+                return np.asarray(1e3 * solved.field(points, line.amperes)[:, 1])
+
+            x = np.linspace(*window, 300)
+            series.append(Series(line.label, 1e3 * x, upwards(x)))
+            at = np.array([reached_from_the_middle(solved, line.amperes, -line.depth)])
+            if window[0] <= at[0] <= window[1]:
+                series.append(Series(line.label, 1e3 * at, upwards(at), points=True))
+                ours[line.label] = 1e3 * at[0], line.theirs
+            theirs = np.array([1e-3 * line.theirs])
+            if window[0] <= theirs[0] <= window[1]:
+                printed.append((1e3 * theirs[0], upwards(theirs)[0]))
+        series.append(Series(table, *np.reshape(printed, (-1, 2)).T, "published", points=True))
+        message = ""
+        if len(ours) > 1:
+            # How far the equilibrium moves from the first line to the last, and how far the table's are from ours.
+            (first, *_, last), places = ours, np.array(list(ours.values()))
+            moved, off = abs(places[-1, 0] - places[0, 0]), np.nanmax(np.abs(np.diff(places)))
+            message = (
+                f"Equilibrium moves {moved:.0f} mm from {first} to {last}; {table} is within {off:.1f} mm"
+            )
+        labels = (f"{title}, {words}", "x (mm)", "$B_z$ (mT)")
+        figures.append(Curves(*labels, tuple(series), remark, message=message))
     return tuple(figures)
-
-
-def _equilibria_in_words(series: list[Series], lines: tuple[_Line, ...], table: str) -> str:
-    """How far the equilibrium moves from the first line to the last, and how far the table's are from ours."""
-    ours = {one.name: float(one.x[0]) for one in series if one.points}
-    known = [line for line in lines if line.label in ours]
-    if len(known) < 2:
-        return ""
-    first, last = known[0], known[-1]
-    moved = ours[last.label] - ours[first.label]
-    off = np.nanmax([abs(line.theirs - ours[line.label]) for line in known])
-    return f"Equilibrium moves {abs(moved):.0f} mm from {first.label} to {last.label}; {table} is within {off:.1f} mm"
-
-
-def _line_and_equilibrium(
-    solved: PlanarSolution, line: _Line, window: tuple[float, float]
-) -> tuple[Series, ...]:
-    x = np.linspace(*window, 300)
-    drawn = Series(line.label, 1e3 * x, line.flux_density(solved, x))
-    at = np.array([reached_from_the_middle(solved, line.amperes, -line.depth)])
-    if not window[0] <= at[0] <= window[1]:
-        return (drawn,)
-    return drawn, Series(line.label, 1e3 * at, line.flux_density(solved, at), points=True)

@@ -243,8 +243,10 @@ def shared_value(path: str) -> Any:
     return _input({"from": path})
 
 
-def _input(entry: Mapping[str, Any]) -> Any:
-    """A number, or an array."""
+def _input(entry: Mapping[str, Any] | str) -> Any:
+    """A number, or an array; a text that stands by itself."""
+    if isinstance(entry, str):
+        return entry
     value, _ = _value_and_place(entry)
     if isinstance(value, list):
         return np.array([float(v) if isinstance(v, str) else v for v in value])

@@ -7,22 +7,11 @@ from typing import Any
 import numpy as np
 from numpy.polynomial import Polynomial
 
+from fieldmap import levitation
 from fieldmap.curves import Curves, Series, percent
-from fieldmap.levitation import (
-    GRAVITY,
-    Calibration,
-    LiftReadings,
-    MagnetModel,
-    PositionReadings,
-    Sensitivity,
-    calibrate,
-    equilibrium_sensitivity,
-    model_assumptions,
-    stationary_points,
-)
+from fieldmap.levitation import LiftReadings, MagnetModel, PositionReadings, Sensitivity, stationary_points
 from fieldmap.thesis import detail
 from fieldmap.thesis.computation import Answers, Ours
-from fieldmap.thesis.detail import available_map
 from fieldmap.thesis.drive_unit import UnitRays, UnitStates, lift_share, payload, unit_rays, unit_states
 from fieldmap.thesis.equilibrium_shift import AXES, DRAWN_H, curve, divided, fields_for, shift
 from fieldmap.thesis.vertical_sensor import magnet_height, thesis_lift_current
@@ -33,33 +22,26 @@ def fits(inputs: dict[str, Any]) -> Answers:
     """(6-4), (6-5): the printed polynomials against the printed tables, and the same fit to our curves."""
     numbers: dict[str, Any] = {}
     drawn = []
-    for axis in AXES:
+    for axis, number in zip(AXES, ("(6-4)", "(6-5)"), strict=True):
         signals, measured = inputs[f"{axis}_signals"], inputs[f"{axis}_mm"]
         held = curve(inputs["map"], signals[1:], axis)
         places = measured[0] + 1e3 * np.append(0.0, held.along)
-        ours = Polynomial.fit(signals, places, 4).convert()
-        again = Polynomial.fit(signals, measured, 4).convert()
+        ours, again = (Polynomial.fit(signals, mm, 4).convert() for mm in (places, measured))
         printed = Polynomial(inputs[f"{axis}_polynomial"][::-1])
+        roots = (ours - measured[0] - 1.0).roots()
+        forward = roots.real[(np.abs(roots.imag) < 1e-9) & (roots.real > 0)]
         numbers[f"{axis}_polynomial"] = ours.coef[::-1]
         numbers[f"{axis}_table_again"] = again.coef[::-1]
         numbers[f"{axis}_at_step"] = float(printed(inputs[f"{axis}_step_signal"]))
-        numbers[f"{axis}_step_signal"] = _root(ours - measured[0], 1.0)
+        numbers[f"{axis}_step_signal"] = forward.min() if len(forward) else np.nan
         fine = np.linspace(0.0, signals[-1], 81)
         series = (
             Series(f"measured, {axis}", signals, measured, "measured", points=True),
             Series(f"printed polynomial, {axis}", fine, printed(fine), "published"),
             Series(f"ours, {axis}", fine, ours(fine)),
         )
-        number = {"x": "(6-4)", "y": "(6-5)"}[axis]
         drawn.append(Curves(f"{number} and the same fit to ours", "control signal", "position (mm)", series))
     return Answers(numbers, tuple(drawn), {"drawn_h_mm": DRAWN_H})
-
-
-def _root(polynomial: Polynomial, value: float) -> float:
-    """Smallest positive argument at which a polynomial has a value; NaN if there is none."""
-    roots = (polynomial - value).roots()
-    real = roots.real[(np.abs(roots.imag) < 1e-9) & (roots.real > 0)]
-    return float(real.min()) if len(real) else float("nan")
 
 
 def limits(inputs: dict[str, Any]) -> Answers:
@@ -121,29 +103,26 @@ def magnet_models(inputs: dict[str, Any]) -> Answers:
         shift(fields, signals, h=DRAWN_H, z_s=z_s, moment=moment, lever=lever) for moment, lever in MODELS
     ]
     names = [f"{moment}, lever {1e3 * lever:g} mm" if lever else moment for moment, lever in MODELS]
-    numbers = {"x": Ours([zero + 1e3 * of.along for of in found], model_assumptions("rigid", 5e-3))}
-    series = [Series(name, signals, zero + 1e3 * of.along) for name, of in zip(names, found, strict=True)]
+    places = [zero + 1e3 * of.along for of in found]
+    numbers = {"x": Ours(places, levitation.model_assumptions("rigid", 5e-3))}
+    series = [Series(name, signals, x) for name, x in zip(names, places, strict=True)]
     points = Series("measured", signals, inputs["measured_mm"], "measured", points=True)
     figure = Curves("Models of the magnet", "x control signal", "x (mm)", (points, *series))
-    facts = {"models": "; ".join(names), "drawn_h_mm": DRAWN_H, **_stiffness(inputs["map"], z_s)}
-    return Answers(numbers, (figure,), facts)
-
-
-def _stiffness(field_map: Any, z_s: float) -> dict[str, Any]:
-    """Every stationary point of the map's box at the origin's currents, its stiffness, and Earnshaw's sum."""
+    # Every stationary point of the map's box at the origin's currents, its stiffness, and Earnshaw's sum.
     currents = np.full(6, thesis_lift_current(z_s))
-    height = magnet_height(z_s, 1e-3 * DRAWN_H)
-    found = stationary_points(field_map, currents, payload(), height)
-    point = found.points[0]
-    eigen = np.linalg.eigvalsh(0.5 * (point.stiffness + point.stiffness.T))
-    return {
+    rest = stationary_points(inputs["map"], currents, payload(), magnet_height(z_s, 1e-3 * DRAWN_H))
+    point = rest.points[0]
+    facts = {
+        "models": "; ".join(names),
+        "drawn_h_mm": DRAWN_H,
         "current_A": currents[0],
-        "points": len(found.points),
+        "points": len(rest.points),
         "kind": point.kind,
-        "turns": found.boundary_index,
-        "eigenvalues": eigen,
+        "turns": rest.boundary_index,
+        "eigenvalues": np.linalg.eigvalsh(0.5 * (point.stiffness + point.stiffness.T)),
         "trace": abs(point.trace),
     }
+    return Answers(numbers, (figure,), facts)
 
 
 def own_current(inputs: dict[str, Any]) -> Answers:
@@ -151,11 +130,9 @@ def own_current(inputs: dict[str, Any]) -> Answers:
     signals, level = inputs["signals"], inputs["level_A"]
     found = shift((unit_rays(),), signals, rule="constant", h=DRAWN_H, z_s=inputs["z_mm"], level=level)
     at_measured = curve(inputs["map"], signals, rule="constant")
-    share = lift_share(unit_rays(), inputs["z_mm"], DRAWN_H, level)
-    ratio = at_measured.along / found.along
     facts = {
-        "share": share,
-        "ratio": ratio,
+        "share": lift_share(unit_rays(), inputs["z_mm"], DRAWN_H, level),
+        "ratio": at_measured.along / found.along,
         "measured_level_A": thesis_lift_current(10.0),
         "drawn_h_mm": DRAWN_H,
     }
@@ -168,7 +145,7 @@ def sensitivity_at_origin() -> Sensitivity:
     states, currents = unit_states(), np.full(6, thesis_lift_current(10.0))
     height = magnet_height(10.0, 1e-3 * DRAWN_H)
     (point,) = stationary_points(states, currents, payload(), height, samples=10).points
-    return equilibrium_sensitivity(states, currents, payload(), point.position, step=0.035)
+    return levitation.equilibrium_sensitivity(states, currents, payload(), point.position, step=0.035)
 
 
 def noise(inputs: dict[str, Any]) -> Answers:
@@ -176,8 +153,7 @@ def noise(inputs: dict[str, Any]) -> Answers:
     found = sensitivity_at_origin()
     deviation = float(np.mean(inputs["deviation_A"]))
     rms = {held: 1e3 * np.sqrt(np.diag(found.noise(deviation, held))) for held in (False, True)}
-    seen = float(inputs["seen_rms_mm"])
-    explained = seen / float(np.sqrt(np.mean(rms[True] ** 2))) * deviation
+    explained = float(inputs["seen_rms_mm"]) / float(np.sqrt(np.mean(rms[True] ** 2))) * deviation
     per_coil = ", ".join(
         f"{name}: ({1e3 * x:+.2f}, {1e3 * y:+.2f})"
         for name, (x, y) in zip(unit_states().coil_names, found.at_held_height.T, strict=True)
@@ -188,7 +164,7 @@ def noise(inputs: dict[str, Any]) -> Answers:
         "per_coil": per_coil,
         "rms_mm": rms[True],
         "explained_mA": 1e3 * explained,
-        "weight_mN": 1e3 * payload().mass * GRAVITY,
+        "weight_mN": 1e3 * payload().mass * levitation.GRAVITY,
     }
     return Answers({"rms_height_held": rms[False], "rms_lift_held": rms[True]}, facts=facts)
 
@@ -204,83 +180,62 @@ OFFSET_LIMITS = (5e-3, 30e-3)
 """m: the magnet is 10 mm tall and lies inside the body."""
 
 
-def _assumed(name: str, fit: Calibration, inputs: Mapping[str, Any]) -> tuple[str, str]:
-    """What was fitted, and how well, for the numbers that rest on it."""
-    deviations = fit.deviations
-    fitted = ", ".join(f"{key} = {fit.values[key]:.4g} +- {deviations[key]:.1g}" for key in fit.fitted)
-    return (
-        f"fit `{name}`: {fitted} (magnet_offset in m)",
-        f"misfit {fit.misfit:.2f} deviations, {fit.misfit_before:.1f} with nothing fitted; deviations assumed: "
-        f"{percent(inputs['lift_deviation'])} of a current, {inputs['position_deviation_mm']:g} mm",
-    )
-
-
-def _said(fit: Calibration) -> str:
-    """A fit as the row file speaks of it."""
-    v = fit.values
-    return (
-        f"force times {v['field_scale']:.2f}, h = {1e3 * v['magnet_offset']:.1f} mm, currents times "
-        f"{v['current_scale']:.2f}, misfit {fit.misfit:.1f} deviations"
-    )
-
-
 def calibrations(inputs: dict[str, Any]) -> Answers:
     """(7-18) and Tables 6-4, 6-6 before and after each fit."""
-    field, depths = available_map("division", outside_currents="evaluate"), inputs["depths_mm"]
-    tables: dict[str, tuple[Array, Array]] = {
-        axis: (inputs[f"{axis}_signals"], inputs[f"{axis}_mm"]) for axis in AXES
-    }
-    lift, place = inputs["lift_deviation"], 1e-3 * inputs["position_deviation_mm"]
+    field, depths = detail.available_map("division", outside_currents="evaluate"), inputs["depths_mm"]
+    tables = {axis: (inputs[f"{axis}_signals"], inputs[f"{axis}_mm"]) for axis in AXES}
+    lift, mm = inputs["lift_deviation"], inputs["position_deviation_mm"]
+    law = np.array([thesis_lift_current(z) for z in depths])
+    heights, amperes = [magnet_height(z) for z in depths], np.outer(law, np.ones(6))
+    lines = {"lift": [Series("measured, (7-18)", depths, np.ones(len(depths)), "measured")]}
+    lines |= {of: [Series("measured, rising", *one, "measured", points=True)] for of, one in tables.items()}
     numbers: dict[str, Any] = {}
     said = {}
-    lines: dict[str, list[Series]] = {
-        "lift": [Series("measured, (7-18)", depths, np.ones(len(depths)), "measured")]
-    }
-    lines |= {
-        axis: [Series("measured, rising", *table, "measured", points=True)] for axis, table in tables.items()
-    }
     for name, (free, axes) in FITS.items():
-        fit = calibrate(
+        fit = levitation.calibrate(
             field,
             payload(),
-            lift=_lift_readings(depths, lift),
-            positions=_position_readings({axis: tables[axis] for axis in axes}, place) if axes else None,
+            lift=LiftReadings(heights, amperes, lift),
+            positions=_position_readings({axis: tables[axis] for axis in axes}, 1e-3 * mm) if axes else None,
             fit=free,
             limits={"magnet_offset": OFFSET_LIMITS},
         )
         # What the fitted values make of every reading: of all lifts, and of all places but that of signal 0.
-        every = calibrate(
+        every = levitation.calibrate(
             field,
             payload(),
-            lift=_lift_readings(depths, 0.01),
+            lift=LiftReadings(heights, amperes, 0.01),
             positions=_position_readings(tables, 1e-3),
             fit=("field_scale",),
             given=fit.values,
         )
         before = np.array([row.before for row in every.table])
-        count, split = len(depths), len(tables["x"][0]) - 1
-        lifts, moved = before[:count], 1e3 * before[count + 2 :]
+        lifts, _, *ways = np.split(before, np.cumsum([len(depths), 2, len(tables["x"][0]) - 1]))
         found = {"lift": lifts}
-        for axis, way in zip(AXES, np.split(moved, [split]), strict=True):
-            found[axis] = tables[axis][1][0] + np.append(0.0, way)
-        currents = [thesis_lift_current(z) for z in depths] / lifts
-        answers = {"current": currents, "x": found["x"], "y": found["y"]}
-        rests_on = (*fit.assumptions, *_assumed(name, fit, inputs))
+        for (axis, (_, places)), way in zip(tables.items(), ways, strict=True):
+            found[axis] = places[0] + np.append(0.0, 1e3 * way)
+        v, deviations = fit.values, fit.deviations
+        fitted = ", ".join(f"{key} = {v[key]:.4g} +- {deviations[key]:.1g}" for key in fit.fitted)
+        rests_on = (
+            *fit.assumptions,
+            f"fit `{name}`: {fitted} (magnet_offset in m)",
+            f"misfit {fit.misfit:.2f} deviations, {fit.misfit_before:.1f} with nothing fitted; deviations assumed: "
+            f"{percent(lift)} of a current, {mm:g} mm",
+        )
+        answers = {"current": law / lifts, "x": found["x"], "y": found["y"]}
         numbers |= {f"{of}_{name}": Ours(values, rests_on) for of, values in answers.items()}
         for of, drawn in lines.items():
-            drawn.append(Series(f"fit `{name}`", depths if of == "lift" else tables[of][0], found[of]))
-        said[name] = _said(fit)
+            drawn.append(Series(f"fit `{name}`", drawn[0].x, found[of]))
+        said[name] = (
+            f"force times {v['field_scale']:.2f}, h = {1e3 * v['magnet_offset']:.1f} mm, currents times "
+            f"{v['current_scale']:.2f}, misfit {fit.misfit:.1f} deviations"
+        )
     title, x = "Lift at the measured currents, after each fit", "sensor depth z_s (mm)"
-    figures = [Curves(title, x, "lift over weight", tuple(lines["lift"]))]
+    curves = [Curves(title, x, "lift over weight", tuple(lines["lift"]))]
     for axis in AXES:
         title, x = f"Shift along {axis} after each fit", f"{axis} control signal"
-        figures.append(Curves(title, x, f"{axis} (mm)", tuple(lines[axis])))
-    return Answers(numbers, tuple(figures), said)
-
-
-def _lift_readings(depths: Array, deviation: float) -> LiftReadings:
-    currents = np.outer([thesis_lift_current(z) for z in depths], np.ones(6))
-    return LiftReadings([magnet_height(z) for z in depths], currents, deviation)
+        curves.append(Curves(title, x, f"{axis} (mm)", tuple(lines[axis])))
+    return Answers(numbers, tuple(curves), said)
 
 
 def _position_readings(tables: Mapping[str, tuple[Array, Array]], deviation: float) -> PositionReadings:

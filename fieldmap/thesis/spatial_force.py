@@ -1,5 +1,6 @@
 """S10: the force formula (4-9) against the drive unit of Appendix A-3 in three dimensions."""
 
+from collections.abc import Iterator
 from functools import cache
 from typing import Any
 
@@ -8,15 +9,9 @@ import numpy as np
 from fieldmap.curves import Curves, Series
 from fieldmap.device import read_device
 from fieldmap.iron import LinearSolution, solve_linear
+from fieldmap.thesis import force_formulas
 from fieldmap.thesis.computation import Answers
-from fieldmap.thesis.force_formulas import (
-    AddedError,
-    Fit,
-    HorizontalForce,
-    added_error,
-    fit_horizontal_force,
-    fit_quadratic_force,
-)
+from fieldmap.thesis.force_formulas import AddedError, Fit, HorizontalForce
 from fieldmap.typing import Array
 
 _DEVICE, _REFINEMENT, _MU_R = "drive_unit_a3", 0.4, 4000.0
@@ -54,26 +49,21 @@ def _index(coil: str) -> int:
     return unit().coil_names.index(coil)
 
 
-def line_fit(coil: str, depth: float, half_width: float, a: float, side: int) -> Fit[HorizontalForce]:
-    """(4-9) on y = 0 for one coil."""
-    x = places(half_width)
-    force = unit_forces(depth, half_width, 0.0)[_index(coil)]
-    return fit_horizontal_force(x, np.full_like(x, depth), force, 1.0, side=side, a=a, start=_START)
-
-
-def plane_fit(coil: str, depth: float, half_width: float, a: float, y: Array) -> Fit[HorizontalForce]:
-    """(4-9) with its term in |y| for one coil."""
-    x = np.tile(places(half_width), len(y))
-    force = np.concatenate([unit_forces(depth, half_width, float(line))[_index(coil)] for line in y])
-    beside = np.repeat(y, len(x) // len(y))
-    return fit_horizontal_force(
-        x, np.full_like(x, depth), force, 1.0, y=beside, side=_SIDES[coil], a=a, start=_START
-    )
+def fitted(
+    coil: str, depth: float, half_width: float, a: float, side: int, y: Array | None = None
+) -> Fit[HorizontalForce]:
+    """(4-9) for one coil on y = 0, or with its term in |y| on lines of these y."""
+    lines = np.zeros(1) if y is None else y
+    x = np.tile(places(half_width), len(lines))
+    force = np.concatenate([unit_forces(depth, half_width, float(line))[_index(coil)] for line in lines])
+    beside = None if y is None else np.repeat(y, len(x) // len(y))
+    about: dict[str, Any] = {"y": beside, "side": side, "a": a, "start": _START}
+    return force_formulas.fit_horizontal_force(x, np.full_like(x, depth), force, 1.0, **about)
 
 
 def best_line_fit(coil: str, depth: float, half_width: float) -> Fit[HorizontalForce]:
     """(4-9) on y = 0 for one coil, with its pole on the side that fits better."""
-    return min((line_fit(coil, depth, half_width, _A, side) for side in (1, -1)), key=lambda fit: fit.rms)
+    return min((fitted(coil, depth, half_width, _A, side) for side in (1, -1)), key=lambda fit: fit.rms)
 
 
 QUADRATIC, HORIZONTAL = "quadratic (4-10)", "(4-9)"
@@ -86,7 +76,7 @@ def line_formulas(depth: float, half_width: float) -> dict[str, Array]:
     fits = [best_line_fit(name, depth, half_width) for name in unit().coil_names]
     return {
         HORIZONTAL: np.array([fit.formula(x, depth, 1.0) for fit in fits]),
-        QUADRATIC: np.array([fit_quadratic_force(x, line).formula(x, 1.0) for line in force]),
+        QUADRATIC: np.array([force_formulas.fit_quadratic_force(x, line).formula(x, 1.0) for line in force]),
     }
 
 
@@ -96,9 +86,8 @@ def added_errors(depth: float, half_width: float, formula: str = HORIZONTAL) -> 
     errors = []
     for chosen in ((ONE,), (ONE, FOUR), unit().coil_names):
         rows = [_index(name) for name in chosen]
-        added = line_formulas(depth, half_width)[formula][rows].sum(axis=0)
-        total = force[rows].sum(axis=0)
-        errors.append(added_error((1.0,) * len(rows), added, total, np.abs(x) <= 0.0101))
+        sums = (of[rows].sum(axis=0) for of in (line_formulas(depth, half_width)[formula], force))
+        errors.append(force_formulas.added_error((1.0,) * len(rows), *sums, np.abs(x) <= 0.0101))
     return tuple(errors)
 
 
@@ -106,21 +95,14 @@ def constants(inputs: dict[str, Any]) -> Answers:
     """Table 4-3, and the errors of the added formulas."""
     depth, half_width = 1e-3 * inputs["depth_mm"], 1e-3 * inputs["half_width_mm"]
     fits = [
-        line_fit(coil, depth, half_width, float(a), _SIDES[coil])
+        fitted(coil, depth, half_width, float(a), _SIDES[coil])
         for coil, a in zip((ONE, FOUR), inputs["a_m"], strict=True)
     ]
-    plane = plane_fit(ONE, depth, half_width, float(inputs["a_m"][0]), 1e-3 * inputs["y_mm"])
-    numbers = {
-        "L0": [fit.formula.inductance for fit in fits],
-        "b": [fit.formula.b for fit in fits],
-        "c": [fit.formula.c for fit in fits],
-        "d": plane.formula.d,
-    }
-    curves = (
-        _one_by_one(depth, half_width, fits),
-        _beside_the_axis(depth, half_width, plane),
-        *_added(depth, half_width),
-    )
+    y, a = 1e-3 * inputs["y_mm"], float(inputs["a_m"][0])
+    plane = fitted(ONE, depth, half_width, a, _SIDES[ONE], y)
+    names = {"L0": "inductance", "b": "b", "c": "c"}
+    numbers = {name: [getattr(fit.formula, of) for fit in fits] for name, of in names.items()}
+    numbers["d"] = plane.formula.d
     facts = {
         "device": _DEVICE,
         "mu_r": _MU_R,
@@ -130,47 +112,34 @@ def constants(inputs: dict[str, Any]) -> Answers:
         "formula": added_errors(depth, half_width),
         "quadratic": added_errors(depth, half_width, QUADRATIC),
     }
-    return Answers(numbers, curves, facts)
+    return Answers(numbers, tuple(_figures(depth, half_width, fits, plane)), facts)
 
 
-def _along_x(title: str, half_width: float, lines: dict[str, Array], remark: str = "") -> Curves:
-    """Forces (n,), N, by name."""
-    x = 1e3 * places(half_width)
-    series = tuple(Series(name, x, 1e3 * force) for name, force in lines.items())
-    return Curves(title, "x (mm)", "$F_x$ (mN)", series, remark)
+def _figures(
+    depth: float, half_width: float, fits: list[Fit[HorizontalForce]], plane: Fit[HorizontalForce]
+) -> Iterator[Curves]:
+    """Electromagnets 1 and 4 on the axis, computed and by the formula; electromagnet 1 on lines of constant y; and what
+    adding fitted formulas makes of several electromagnets."""
+    x, force = places(half_width), unit_forces(depth, half_width, 0.0)
 
+    def along_x(title: str, lines: dict[str, Array], remark: str = "") -> Curves:
+        series = tuple(Series(name, 1e3 * x, 1e3 * line) for name, line in lines.items())
+        return Curves(f"{title}, {1e3 * depth:g} mm deep", "x (mm)", "$F_x$ (mN)", series, remark)
 
-def _one_by_one(depth: float, half_width: float, fits: list[Fit[HorizontalForce]]) -> Curves:
-    """Figs 4-10, 4-11: electromagnets 1 and 4 on the axis, computed and by the formula."""
     lines = {}
     for name, coil, fit in (("1", ONE, fits[0]), ("4", FOUR, fits[1])):
-        lines[f"electromagnet {name}"] = unit_forces(depth, half_width, 0.0)[_index(coil)]
-        lines[f"(4-9) fitted to {name}"] = fit.formula(places(half_width), depth, 1.0)
-    title = f"Figs 4-10, 4-11: one electromagnet, y = 0, {1e3 * depth:g} mm deep"
+        lines[f"electromagnet {name}"] = force[_index(coil)]
+        lines[f"(4-9) fitted to {name}"] = fit.formula(x, depth, 1.0)
     remark = "The printed constants of Table 4-3 have a pole inside the range and are not drawn."
-    return _along_x(title, half_width, lines, remark)
-
-
-def _beside_the_axis(depth: float, half_width: float, fit: Fit[HorizontalForce]) -> Curves:
-    """Figs 4-12 to 4-15: electromagnet 1 on lines of constant y."""
-    lines = {f"y = {1e3 * y:g} mm": unit_forces(depth, half_width, y)[_index(ONE)] for y in _BESIDE}
-    lines["(4-9) fitted"] = fit.formula(places(half_width), depth, 1.0, y=_BESIDE[0])
-    title = f"Figs 4-12 to 4-15: electromagnet 1 beside the axis, {1e3 * depth:g} mm deep"
+    yield along_x("Figs 4-10, 4-11: one electromagnet, y = 0", lines, remark)
+    beside = {f"y = {1e3 * y:g} mm": unit_forces(depth, half_width, y)[_index(ONE)] for y in _BESIDE}
+    beside["(4-9) fitted"] = plane.formula(x, depth, 1.0, y=_BESIDE[0])
     remark = "(4-9) fitted to all lines at once: its term in |y| comes out of no use, so that it says the same of each."
-    return _along_x(title, half_width, lines, remark)
-
-
-def _added(depth: float, half_width: float) -> list[Curves]:
-    """Figs 4-9 and 4-16, and the same of all six: what adding fitted formulas makes of several electromagnets."""
-    computed = {"computed": unit_forces(depth, half_width, 0.0)}
+    yield along_x("Figs 4-12 to 4-15: electromagnet 1 beside the axis", beside, remark)
     formulas = line_formulas(depth, half_width).items()
-    forces = computed | {f"{name} fitted and added": lines for name, lines in formulas}
-    curves = []
-    for title, chosen in (
-        ("Figs 4-9, 4-16: electromagnets 1 and 4", (ONE, FOUR)),
-        ("All six electromagnets", unit().coil_names),
-    ):
+    forces = {"computed": force} | {f"{name} fitted and added": lines for name, lines in formulas}
+    two, six = "Figs 4-9, 4-16: electromagnets 1 and 4", "All six electromagnets"
+    for title, chosen in ((two, (ONE, FOUR)), (six, unit().coil_names)):
         rows = [_index(name) for name in chosen]
-        lines = {name: of_coils[rows].sum(axis=0) for name, of_coils in forces.items()}
-        curves.append(_along_x(f"{title}, 1 A each, {1e3 * depth:g} mm deep", half_width, lines))
-    return curves
+        added = {name: of_coils[rows].sum(axis=0) for name, of_coils in forces.items()}
+        yield along_x(f"{title}, 1 A each", added)

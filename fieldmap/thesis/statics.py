@@ -46,9 +46,13 @@ def coils(inputs: dict[str, Any]) -> Answers:
         "in_the_unit": 1e3 * np.diag(unit.inductance()),
         "without_iron": 1e3 * np.diag(bare_inductance(unit.coils)),
     }
-    z = np.linspace(-0.130, -0.085, 46)
-    facts = {"refinement": detail.refinement(REFINEMENT), **_saturation()}
-    return Answers(numbers, (_each_coil(unit, z), _all_coils(z), _variants(z)), facts)
+    # Lift of the saturating unit over that of linear iron, at 1 A in all coils and in coil 5 alone.
+    saturating, linear = (
+        np.array([lift_share(field, 10.0, 15.0, amperes) for amperes in (1.0, np.eye(6)[4])])
+        for field in (unit_states(), unit)
+    )
+    shares = dict(zip(("share_of_all", "share_of_one"), saturating / linear, strict=True))
+    return Answers(numbers, _coil_figures(unit), {"refinement": detail.refinement(REFINEMENT), **shares})
 
 
 @detail.cached
@@ -67,53 +71,32 @@ def _axis(z: Array) -> Array:
     return np.column_stack([np.zeros_like(z), np.zeros_like(z), z])
 
 
-def _each_coil(unit: LinearSolution, z: Array) -> Curves:
-    """dBz/dz over x at z_s = 10 mm, h = 15 mm, of each coil alone."""
-    x = np.linspace(-0.016, 0.016, 33)
+def _coil_figures(unit: LinearSolution) -> tuple[Curves, ...]:
+    """dBz/dz over x at z_s = 10 mm, h = 15 mm, of each coil alone; on the axis B_z per ampere, linear and saturating at
+    several currents, and the lift of every variant in weights."""
+    x, z = np.linspace(-0.016, 0.016, 33), np.linspace(-0.130, -0.085, 46)
     at = np.column_stack([x, np.zeros_like(x), np.full_like(x, magnet_height(10.0, 0.015))])
-    slope = unit.unit_fields(at)[1]
-    series = tuple(
-        Series(f"coil {name}", 1e3 * x, slope[k, :, 2, 2]) for k, name in enumerate(unit.coil_names)
-    )
-    return Curves(
-        "dBz/dz of each coil alone, linear iron, 102 mm below the disk", "x (mm)", "dBz/dz (T/m/A)", series
-    )
-
-
-def _all_coils(z: Array) -> Curves:
-    """B_z per ampere on the axis, linear and saturating at several currents."""
-    depth, ones = -1e3 * z, np.ones(6)
-    linear = linear_unit("drive_unit").field(_axis(z), ones)[:, 2]
-    series = [Series("linear iron", depth, 1e3 * linear)]
+    slopes = unit.unit_fields(at)[1][..., 2, 2]
+    each = [Series(f"coil {name}", 1e3 * x, one) for name, one in zip(unit.coil_names, slopes, strict=True)]
+    flux = [Series("linear iron", -1e3 * z, 1e3 * unit.field(_axis(z), np.ones(6))[:, 2])]
     for level in (1.0, 1.558, 2.2, 3.6):
-        flux = unit_rays().field(_axis(z), np.full(6, level))[:, 2] / level
-        series.append(Series(f"saturating, {level:g} A", depth, 1e3 * flux))
-    return Curves(
-        "Bz on the axis per ampere in each coil", "depth below the disk (mm)", "Bz (mT/A)", tuple(series)
-    )
-
-
-def _variants(z: Array) -> Curves:
-    """Lift per ampere in each coil, in weights, with linear iron."""
-    carried = payload()
-    per_weight = carried.moment / (carried.mass * GRAVITY)
-    series = []
+        per_ampere = unit_rays().field(_axis(z), np.full(6, level))[:, 2] / level
+        flux.append(Series(f"saturating, {level:g} A", -1e3 * z, 1e3 * per_ampere))
+    per_weight, lifts = payload().moment / (payload().mass * GRAVITY), []
     for name, words in VARIANTS.items():
-        inside = z > -0.118 if name == "drive_unit_a3" else np.full(len(z), True)
-        slope = linear_unit(name).gradient(_axis(z[inside]), np.ones(6))[:, 2, 2]
-        series.append(Series(words, -1e3 * z[inside], per_weight * slope))
-    title = "Lift of the microrobot per ampere in each coil, linear iron"
-    return Curves(title, "depth below the disk (mm)", "lift over weight (1/A)", tuple(series))
-
-
-def _saturation() -> dict[str, float]:
-    """Lift of the saturating unit over that of linear iron, at 1 A in all coils and in coil 5 alone."""
-    alone = np.eye(6)[4]
-    all_shares, one_shares = (
-        [lift_share(field, 10.0, 15.0, currents) for field in (unit_states(), linear_unit("drive_unit"))]
-        for currents in (1.0, alone)
+        inside = z[z > -0.118] if name == "drive_unit_a3" else z
+        slope = linear_unit(name).gradient(_axis(inside), np.ones(6))[:, 2, 2]
+        lifts.append(Series(words, -1e3 * inside, per_weight * slope))
+    title, depth = (
+        "dBz/dz of each coil alone, linear iron, 102 mm below the disk",
+        "depth below the disk (mm)",
     )
-    return {"share_of_all": all_shares[0] / all_shares[1], "share_of_one": one_shares[0] / one_shares[1]}
+    of_lift = "Lift of the microrobot per ampere in each coil, linear iron"
+    return (
+        Curves(title, "x (mm)", "dBz/dz (T/m/A)", tuple(each)),
+        Curves("Bz on the axis per ampere in each coil", depth, "Bz (mT/A)", tuple(flux)),
+        Curves(of_lift, depth, "lift over weight (1/A)", tuple(lifts)),
+    )
 
 
 @detail.cached
@@ -133,7 +116,7 @@ def levitation_current(inputs: dict[str, Any]) -> Answers:
     middle = inputs["middle_mm"]
     currents = np.array([lift_current(z, h) for z in zs])
     shares = np.array([[lift_share(unit_rays(), z, each, thesis_lift_current(z)) for z in zs] for each in hs])
-    spread = [np.ptp(row) / row.mean() for row in shares]
+    spread = np.ptp(shares, axis=1) / shares.mean(axis=1)
     numbers = {
         "current": currents,
         "total": 6.0 * lift_current(middle, h),
@@ -165,21 +148,18 @@ def _relative_slope(z_s: float, h: float) -> float:
 
 
 def _lift_figures(inputs: dict[str, Any], currents: Array, shares: Array) -> tuple[Curves, ...]:
-    zs, hs = inputs["depths_mm"], inputs["offsets_mm"]
-    law = np.array([thesis_lift_current(z) for z in zs])
-    series = [Series("measured, (7-18)", zs, law, "measured")]
+    zs, hs, x = inputs["depths_mm"], inputs["offsets_mm"], "sensor depth z_s (mm)"
+    series = [Series("measured, (7-18)", zs, [thesis_lift_current(z) for z in zs], "measured")]
     series.append(Series(f"ours, saturating, h = {inputs['offset_mm']:g} mm", zs, currents))
     for h, row in zip(hs, shares, strict=True):
         # Where force is scaled so that (7-18) holds at the middle: the same law at every depth?
         scale = 1.0 / row[int(np.argmin(np.abs(zs - inputs["middle_mm"])))]
-        scaled = np.array([lift_current(z, h, scale) for z in zs])
+        scaled = [lift_current(z, h, scale) for z in zs]
         series.append(Series(f"ours, force scaled by {scale:.2f}, h = {h:g} mm", zs, scaled))
     shown = tuple(Series(f"h = {h:g} mm", zs, row) for h, row in zip(hs, shares, strict=True))
     return (
-        Curves(
-            "(7-18): levitation current", "sensor depth z_s (mm)", "current in each coil (A)", tuple(series)
-        ),
-        Curves("Lift at the measured currents", "sensor depth z_s (mm)", "lift over weight", shown),
+        Curves("(7-18): levitation current", x, "current in each coil (A)", tuple(series)),
+        Curves("Lift at the measured currents", x, "lift over weight", shown),
     )
 
 

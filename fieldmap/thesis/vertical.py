@@ -1,6 +1,7 @@
 """S16, S20: the identified vertical plant under its PID: closed loop, recovery from records, poles over the gain; and
 under its regulator and estimator."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -8,41 +9,15 @@ import numpy as np
 import scipy.linalg
 from scipy.optimize import least_squares as minimise
 
-from fieldmap.control import (
-    PID,
-    Regulator,
-    StateSpace,
-    StepMetrics,
-    TransferFunction,
-    closed_loop,
-    continuous,
-    controller_form,
-    from_roots,
-    kalmd,
-    lqrd,
-    pid_transfer_function,
-    sampled,
-    simulate_loop,
-    steady_gain,
-    step_metrics,
-    to_transfer_function,
-    transfer_function,
-    with_output_integral,
-    zero_order_hold,
-)
-from fieldmap.control.identification import (
-    Orders,
-    modified_least_squares_runs,
-    pseudo_random_binary,
-    root_locus,
-)
+from fieldmap import control
+from fieldmap.control import PID, Regulator, StateSpace, TransferFunction, identification
 from fieldmap.curves import Curves, Series
 from fieldmap.thesis.computation import Answers
 
 
 def identified_plant(inputs: dict[str, Any]) -> TransferFunction:
     """(5-17), mm per V."""
-    return from_roots(inputs["plant_gain"], inputs["plant_zeros"], inputs["plant_poles"])
+    return control.from_roots(inputs["plant_gain"], inputs["plant_zeros"], inputs["plant_poles"])
 
 
 def printed_pid(Kc: float, Ti: float, Td: float, Ts: float) -> PID:
@@ -52,9 +27,8 @@ def printed_pid(Kc: float, Ti: float, Td: float, Ts: float) -> PID:
 
 def controller(inputs: dict[str, Any]) -> dict[str, Any]:
     """(5-11), (5-16) and the identified plant (7-6)."""
-    numerator, denominator = pid_transfer_function(
-        inputs["Kc"], inputs["Ti_s"], inputs["Td_s"], inputs["Ts_s"]
-    )
+    gains = (inputs[name] for name in ("Kc", "Ti_s", "Td_s", "Ts_s"))
+    numerator, denominator = control.pid_transfer_function(*gains)
     plant = identified_plant(inputs)
     return {
         "numerator": numerator,
@@ -70,12 +44,10 @@ def step_response(inputs: dict[str, Any]) -> Answers:
     """The step of Table 7-1 on the identified plant, and the error at rest with sensor noise."""
     plant = identified_plant(inputs)
     pid = printed_pid(inputs["Kc"], inputs["Ti_s"], inputs["Td_s"], inputs["Ts_s"])
-    run = simulate_loop(plant, pid, np.full(2000, inputs["step_mm"]))
-    metrics = step_metrics(run.time, run.y[0], final=inputs["step_mm"])
-    reached = run.time[np.argmax(run.y[0] >= inputs["step_mm"])]
+    run = control.simulate_loop(plant, pid, np.full(2000, inputs["step_mm"]))
     answers = {
-        **_of_step(metrics),
-        "time_to_reference": float(reached),
+        **_of_step(run, inputs["step_mm"]),
+        "time_to_reference": float(run.time[np.argmax(run.y[0] >= inputs["step_mm"])]),
         "rms_at_rest": rms_at_rest(plant, pid, inputs["sensor_deviation_mm"]),
     }
     title = "Table 7-1: step of the height on the identified plant"
@@ -83,13 +55,11 @@ def step_response(inputs: dict[str, Any]) -> Answers:
     return Answers(answers, (drawn,))
 
 
-def _of_step(metrics: StepMetrics) -> dict[str, float]:
-    return {
-        "peak_time": metrics.peak_time,
-        "rise_time": metrics.rise_time,
-        "settling_time": metrics.settling_time,
-        "overshoot": 100 * metrics.overshoot,
-    }
+def _of_step(run: Any, final: float = 1.0) -> dict[str, float]:
+    """Peak, rise and settling time, s, and overshoot, %, by name."""
+    metrics = control.step_metrics(run.time, run.y[0], final=final)
+    times = {name: getattr(metrics, name) for name in ("peak_time", "rise_time", "settling_time")}
+    return {**times, "overshoot": 100 * metrics.overshoot}
 
 
 def _steps(title: str, runs: dict[str, Any], step: float, end: float) -> Curves:
@@ -106,75 +76,67 @@ def rms_at_rest(plant: tuple, controller: Any, deviation: float) -> float:
     """RMS of the position as the sensor shows it, at rest, with white noise of this deviation."""
     runs, samples = 50, 4000
     noise = np.random.default_rng(7).normal(scale=deviation, size=(runs, samples))
-    run = simulate_loop(plant, controller, np.zeros(samples), runs=runs, position_noise=noise)
+    run = control.simulate_loop(plant, controller, np.zeros(samples), runs=runs, position_noise=noise)
     return float(np.sqrt(np.mean((run.y + noise)[:, samples // 2 :] ** 2)))
 
 
 RUNS = 100
 _DRAWN_GAINS, _ALL_GAINS = np.linspace(0.01, 1.0, 2000), np.geomspace(1e-3, 40.0, 2000)
-_GAINS = f"$K_c$ from {_DRAWN_GAINS[0]:g} to {_DRAWN_GAINS[-1]:g} V/mm, times of the controller in seconds."
 
 
 def recovery(inputs: dict[str, Any]) -> Answers:
     """(5-17) from PRBS records of its closed loop, by the modified least squares on control signal and position."""
     plant, Ts = identified_plant(inputs), inputs["Ts_s"]
-    reference = pseudo_random_binary(
-        inputs["prbs_order"], amplitude=inputs["prbs_amplitude_mm"], samples=2040
-    )
+    order, amplitude = inputs["prbs_order"], inputs["prbs_amplitude_mm"]
+    reference = identification.pseudo_random_binary(order, amplitude=amplitude, samples=2040)
     pid = printed_pid(inputs["Kc"], inputs["Ti_s"], inputs["Td_s"], Ts)
     noise = np.random.default_rng(7).normal(scale=inputs["sensor_deviation_mm"], size=(RUNS, reference.size))
-    run = simulate_loop(plant, pid, reference, runs=RUNS, position_noise=noise)
-    found = modified_least_squares_runs(run.y + noise, run.u, Orders(poles=2, zeros=1))
+    run = control.simulate_loop(plant, pid, reference, runs=RUNS, position_noise=noise)
+    orders = identification.Orders(poles=2, zeros=1)
+    found = identification.modified_least_squares_runs(run.y + noise, run.u, orders)
     return over_records({"poles": found.poles.real, "zero": found.zeros.real, "gain": found.gains[:, None]})
 
 
 def locus(inputs: dict[str, Any]) -> Answers:
     """Table 5-2: the poles that the thesis identified, beside those of its final model at the same gains."""
     plant = identified_plant(inputs)
-    unit = pid_transfer_function(1.0, inputs["Ti_s"], inputs["Td_s"], inputs["Ts_s"])
-    negative = transfer_function(-unit.numerator, unit.denominator)
+    unit = control.pid_transfer_function(1.0, inputs["Ti_s"], inputs["Td_s"], inputs["Ts_s"])
+    negative = control.transfer_function(-unit.numerator, unit.denominator)
     gains = np.asarray(inputs["gains"])
-    poles = root_locus(plant, negative, gains).poles
-    numbers = _pairs_and_third(poles, gains, inputs)
-    first = from_roots(inputs["plant_gain"], inputs["preliminary_zeros"], inputs["preliminary_poles"])
+    numbers = _pairs_and_third(identification.root_locus(plant, negative, gains).poles, gains, inputs)
+    first = control.from_roots(inputs["plant_gain"], inputs["preliminary_zeros"], inputs["preliminary_poles"])
     models = {"preliminary model, Table 5-3": first, "final model, Table 5-4": plant}
-    near, whole = (
-        {name: root_locus(model, negative, gains, steps=1).poles for name, model in models.items()}
-        for gains in (_DRAWN_GAINS, _ALL_GAINS)
-    )
-    return Answers(numbers, (_whole_locus(whole), _locus_near_one(near, numbers, inputs)))
 
+    def branches(gains: np.ndarray, shown: Callable[[np.ndarray], np.ndarray]) -> list[Series]:
+        return [
+            Series(name, np.where(shown(one), one.real, np.nan), one.imag)
+            for name, model in models.items()
+            for one in identification.root_locus(model, negative, gains, steps=1).poles.T
+            if shown(one).any()
+        ]
 
-def _whole_locus(branches: dict[str, np.ndarray]) -> Curves:
-    """Fig. 5-7: every branch, and the circle inside which a loop is stable."""
+    # Fig. 5-7: a loop is stable inside the circle.
     turn = np.exp(1j * np.linspace(0.0, 2 * np.pi, 200))
-    lines = [Series("unit circle", turn.real, turn.imag, "asked")]
-    lines += [
-        Series(name, np.where(np.abs(one) < 1.4, one.real, np.nan), one.imag)
-        for name, model in branches.items()
-        for one in model.T
-    ]
-    title = "Fig. 5-7: poles of the closed loop over the gain"
-    remark = f"$K_c$ from {_ALL_GAINS[0]:g} to {_ALL_GAINS[-1]:g} V/mm, times of the controller in seconds; |q| < 1.4."
-    return Curves(title, "real part", "imaginary part", tuple(lines), remark, equal=True)
-
-
-def _locus_near_one(
-    branches: dict[str, np.ndarray], numbers: dict[str, Any], inputs: dict[str, Any]
-) -> Curves:
-    """Fig. 5-8: the branches about q = 1, and the identified poles of Table 5-2 (Fig. 5-6)."""
-    lines = tuple(
-        Series(name, np.where(one.real > 0.85, one.real, np.nan), one.imag)
-        for name, model in branches.items()
-        for one in model.T
-        if one.real.max() > 0.85
-    )
+    circle = Series("unit circle", turn.real, turn.imag, "asked")
+    whole = (circle, *branches(_ALL_GAINS, lambda q: np.abs(q) < 1.4))
     pair = numbers["pair_real"], numbers["pair_imaginary"]
-    ours = Series("final model at the gains of Table 5-2", *pair, points=True)
     measured = np.array(inputs["measured_real"]), np.array(inputs["measured_imaginary"])
-    theirs = Series("identified, Table 5-2", *measured, "measured", points=True)
-    title = "Figs 5-6, 5-8: poles of the closed loop about q = 1"
-    return Curves(title, "real part", "imaginary part", (*lines, ours, theirs), _GAINS)
+    near = (
+        *branches(_DRAWN_GAINS, lambda q: q.real > 0.85),
+        Series("final model at the gains of Table 5-2", *pair, points=True),
+        Series("identified, Table 5-2", *measured, "measured", points=True),
+    )
+    title, parts = "Fig. 5-7: poles of the closed loop over the gain", ("real part", "imaginary part")
+    about_one = "Figs 5-6, 5-8: poles of the closed loop about q = 1"
+    curves = (
+        Curves(title, *parts, whole, f"{_from_to(_ALL_GAINS)}; |q| < 1.4.", equal=True),
+        Curves(about_one, *parts, near, f"{_from_to(_DRAWN_GAINS)}."),
+    )
+    return Answers(numbers, curves)
+
+
+def _from_to(gains: np.ndarray) -> str:
+    return f"$K_c$ from {gains[0]:g} to {gains[-1]:g} V/mm, times of the controller in seconds"
 
 
 def minutes(inputs: dict[str, Any]) -> dict[str, Any]:
@@ -182,20 +144,12 @@ def minutes(inputs: dict[str, Any]) -> dict[str, Any]:
     fitted = _fitted_plant(inputs)
     gains, Ts = np.asarray(inputs["gains"]), inputs["Ts_s"]
     poles = np.array([_loop_poles(fitted, gain, inputs) for gain in gains])
-    integral = 0.5 * Ts / (60.0 * inputs["Ti_s"])
-    pid = PID(
-        inputs["step_gain"],
-        60.0 * inputs["Ti_s"],
-        60.0 * inputs["Td_s"],
-        Ts,
-        integration="trapezoidal",
-        derivative="measurement",
-    )
-    run = simulate_loop(_newtonian(fitted, Ts), pid, np.ones(3000))
-    metrics = step_metrics(run.time, run.y[0])
-    weight = 1e3 * inputs["gravity"] * inputs["amplifier_A_per_V"] / inputs["lift_current_A"]
-    of_step = _of_step(metrics)
+    Ti, Td = 60.0 * inputs["Ti_s"], 60.0 * inputs["Td_s"]
+    integral = 0.5 * Ts / Ti
+    pid = PID(inputs["step_gain"], Ti, Td, Ts, integration="trapezoidal", derivative="measurement")
+    of_step = _of_step(control.simulate_loop(_newtonian(fitted, Ts), pid, np.ones(3000)))
     del of_step["rise_time"]
+    weight = 1e3 * inputs["gravity"] * inputs["amplifier_A_per_V"] / inputs["lift_current_A"]
     return {
         **_pairs_and_third(poles, gains, inputs),
         **of_step,
@@ -208,20 +162,19 @@ def minutes(inputs: dict[str, Any]) -> dict[str, Any]:
 def over_records(found: dict[str, np.ndarray]) -> Answers:
     """Mean over records of values (records, k) by name; the facts NAME_spread are the standard deviations."""
     facts: dict[str, Any] = {f"{name}_spread": values.std(axis=0, ddof=1) for name, values in found.items()}
-    return Answers(
-        {name: values.mean(axis=0) for name, values in found.items()}, facts={"records": RUNS, **facts}
-    )
+    means = {name: values.mean(axis=0) for name, values in found.items()}
+    return Answers(means, facts={"records": RUNS, **facts})
 
 
 def _newtonian(plant: np.ndarray, Ts: float) -> TransferFunction:
     """mm per V of g / (s^2 + d s - c), held input; the sign of the gain is left to the controller."""
     gain, stiffness, damping = plant
-    return sampled(([gain], [1.0, damping, -stiffness]), Ts)
+    return control.sampled(([gain], [1.0, damping, -stiffness]), Ts)
 
 
 def _loop_poles(plant: np.ndarray, gain: float, inputs: dict[str, Any]) -> np.ndarray:
-    controller = pid_transfer_function(gain, 60.0 * inputs["Ti_s"], 60.0 * inputs["Td_s"], inputs["Ts_s"])
-    return closed_loop(_newtonian(plant, inputs["Ts_s"]), controller).poles
+    Ti, Td, Ts = 60.0 * inputs["Ti_s"], 60.0 * inputs["Td_s"], inputs["Ts_s"]
+    return control.closed_loop(_newtonian(plant, Ts), control.pid_transfer_function(gain, Ti, Td, Ts)).poles
 
 
 def _fitted_plant(inputs: dict[str, Any]) -> np.ndarray:
@@ -238,8 +191,7 @@ def _fitted_plant(inputs: dict[str, Any]) -> np.ndarray:
             poles = _loop_poles(scale * x, gain, inputs)
             found.append(poles[np.argmin(np.abs(poles - pair))] - pair)
             if gain in third:
-                real = poles[np.argmin(np.abs(poles - third[gain]))]
-                found.append(real - third[gain])
+                found.append(poles[np.argmin(np.abs(poles - third[gain]))] - third[gain])
         return np.concatenate([np.real(found), np.imag(found)])
 
     return scale * minimise(misses, [1.6, 1.5, 0.0]).x
@@ -250,21 +202,18 @@ def _pairs_and_third(poles: np.ndarray, gains: np.ndarray, inputs: dict[str, Any
     pair = np.array([p[np.argmax(p.imag)] for p in poles])
     real = [max(q.real for q in p if abs(q.imag) < 1e-9) for p in poles]
     third = [real[int(np.argmin(np.abs(gains - gain)))] for gain in inputs["third_gains"]]
-    return {
-        "pair_real": pair.real,
-        "pair_imaginary": pair.imag,
-        "third": third,
-    }
+    return {"pair_real": pair.real, "pair_imaginary": pair.imag, "third": third}
 
 
 def regulator_models(inputs: dict[str, Any]) -> dict[str, Any]:
     """(7-5)..(7-17), (7-20)."""
     plant, Ts = identified_plant(inputs), inputs["Ts_s"]
-    exact = continuous(plant, Ts)
-    printed = controller_form(inputs["rounded_numerator"], inputs["rounded_denominator"])
-    wide = with_output_integral(printed.A, printed.B, printed.C)
-    A_d, B_d = zero_order_hold(wide.A, wide.B, Ts)
-    (_, of_printed), (_, of_exact) = (_design(one, inputs) for one in (printed, controller_form(*exact)))
+    exact = control.continuous(plant, Ts)
+    printed = control.controller_form(inputs["rounded_numerator"], inputs["rounded_denominator"])
+    wide = control.with_output_integral(printed.A, printed.B, printed.C)
+    A_d, B_d = control.zero_order_hold(wide.A, wide.B, Ts)
+    models = printed, control.controller_form(*exact)
+    (_, of_printed), (_, of_exact) = (_design(one, inputs) for one in models)
     return {
         "numerator": exact.numerator,
         "denominator": exact.denominator,
@@ -274,7 +223,7 @@ def regulator_models(inputs: dict[str, Any]) -> dict[str, Any]:
         "riccati_sign": _riccati_sign(wide, inputs["Q"], inputs["R"]),
         "k": of_printed.k,
         **of_exact.estimator._asdict(),
-        "model_equilibrium": 1.0 / steady_gain(plant, Ts),
+        "model_equilibrium": 1.0 / control.steady_gain(plant, Ts),
     }
 
 
@@ -283,11 +232,11 @@ def design_of(
 ) -> tuple[StateSpace, Regulator]:
     """(7-9) to (7-17) for a model in continuous time: the model for a held input, and its regulator with the
     equilibrium at the reference, (7-20). noise: of the process and of the measurement."""
-    wide = with_output_integral(model.A, model.B, model.C)
-    k = lqrd(wide.A, wide.B, np.array(Q), R, Ts)
-    estimator = kalmd(model.A, model.B, model.C, *noise, Ts)
-    equilibrium = (0.0, 1.0 / steady_gain(to_transfer_function(model)))
-    plant = StateSpace(*zero_order_hold(model.A, model.B, Ts), model.C, model.D)
+    wide = control.with_output_integral(model.A, model.B, model.C)
+    k = control.lqrd(wide.A, wide.B, np.array(Q), R, Ts)
+    estimator = control.kalmd(model.A, model.B, model.C, *noise, Ts)
+    equilibrium = (0.0, 1.0 / control.steady_gain(control.to_transfer_function(model)))
+    plant = StateSpace(*control.zero_order_hold(model.A, model.B, Ts), model.C, model.D)
     return plant, Regulator(k, estimator, Ts, equilibrium)
 
 
@@ -307,18 +256,18 @@ def _riccati_sign(model: StateSpace, Q: Any, R: float) -> float:
 
 def regulator_loop(inputs: dict[str, Any]) -> Answers:
     """The design on its own model, and with the changes that the rig needed, against Table 7-3."""
-    exact = controller_form(*continuous(identified_plant(inputs), inputs["Ts_s"]))
+    exact = control.controller_form(*control.continuous(identified_plant(inputs), inputs["Ts_s"]))
     sampled, at_reference = _design(exact, inputs)
     design = replace(at_reference, equilibrium_at="measured")
     rig = replace(design, estimate="predicted", divisor=inputs["divisor"])
     loops = {"design": design, "with (7-20)": at_reference, "with (7-21), as on the rig": rig}
-    runs = {name: simulate_loop(sampled, one, np.ones(2000)) for name, one in loops.items()}
-    of_design, of_reference, of_rig = (step_metrics(run.time, run.y[0]) for run in runs.values())
+    runs = {name: control.simulate_loop(sampled, one, np.ones(2000)) for name, one in loops.items()}
+    of_design, of_reference, of_rig = map(_of_step, runs.values())
     numbers = {
-        "design_overshoot": 100 * of_design.overshoot,
-        "overshoot_of_7_20": 100 * of_reference.overshoot,
-        "design_rise_time": of_design.rise_time,
-        **_of_step(of_rig),
+        "design_overshoot": of_design["overshoot"],
+        "overshoot_of_7_20": of_reference["overshoot"],
+        "design_rise_time": of_design["rise_time"],
+        **of_rig,
         "rms_at_rest": rms_at_rest(sampled, rig, inputs["sensor_deviation_mm"]),
     }
     title = "Table 7-3: step of the height, regulator on the identified model"

@@ -1,33 +1,18 @@
 """S16: steps, binary signals and ramps of the coupled machine in the place of the rig, and Table 5-2 from them."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fieldmap.control import TransferFunction, from_roots
-from fieldmap.control.identification import (
-    Estimate,
-    EstimatedRuns,
-    Orders,
-    generalised_least_squares,
-    modified_least_squares,
-    modified_least_squares_runs,
-    recursive_least_squares,
-)
+from fieldmap.control import TransferFunction, from_roots, identification
+from fieldmap.control.identification import Orders
 from fieldmap.curves import Curves, Series
 from fieldmap.errors import NotConverged
+from fieldmap.thesis import coupled_runs as coupled
 from fieldmap.thesis.computation import Answers
-from fieldmap.thesis.coupled_runs import (
-    DEPTH,
-    Readings,
-    beside_models,
-    ours,
-    over_time,
-    run_of,
-    with_measured,
-)
+from fieldmap.thesis.coupled_runs import DEPTH, Readings, ours, over_time, run_of
 from fieldmap.thesis.vertical import identified_plant, printed_pid
 from fieldmap.typing import Array
 
@@ -53,95 +38,79 @@ def responses(inputs: dict[str, Any], steps: Mapping[float, Readings]) -> list[C
     controllers: list[Gains] = [(float(Kc), float(Ti), float(Td)) for Kc, Ti, Td in inputs["controllers"]]
     before, after, both = ("preliminary model",), ("final model",), ("preliminary model", "final model")
 
-    def drawn(
-        figure: str,
-        run: Readings,
-        gains: Gains,
-        models: tuple[str, ...],
-        remark: str = "",
-        shown: tuple[float, float] = (0.9, 2.5),
-    ) -> Curves:
-        pid, plants = printed_pid(*gains, inputs["Ts_s"]), _plants(inputs)
-        loops = {name: (plants[name], pid) for name in models}
-        begin, end = shown
-        return beside_models(f"Fig. 5-{figure}", DEPTH, run, loops, begin=begin, end=end, remark=remark)
-
+    # Tables 5-3 and 5-4, and the last one of 5.7.
+    first = (inputs[name] for name in ("plant_gain", "preliminary_zeros", "preliminary_poles"))
+    plants: dict[str, TransferFunction] = {
+        "preliminary model": from_roots(*first),
+        "final model": identified_plant(inputs),
+        "adjusted model": from_roots(
+            inputs["adjusted_gain"], [inputs["adjusted_zero"]], inputs["plant_poles"]
+        ),
+    }
     curves = []
-    for number, Kc, remark in (
-        (9, 0.5, ""),
-        (10, 0.334, "The gain of Fig. 5-10 is not printed; 0.334 is the next of Table 5-2."),
-    ):
-        title, gains = f"{number}: step at $K_c$ = {Kc:g} V/mm", (Kc, inputs["Ti"], inputs["Td"])
-        curves.append(drawn(title, steps[Kc], gains, before, remark))
+
+    def draw(
+        figure: str, run: Readings, gains: Gains, models: tuple[str, ...], remark: str = "", end: float = 2.5
+    ) -> None:
+        loops = {name: (plants[name], printed_pid(*gains, inputs["Ts_s"])) for name in models}
+        begin = 1.0 if end > 2.5 else _BEGIN
+        shown = {"begin": begin, "end": end, "remark": remark}
+        curves.append(coupled.beside_models(f"Fig. 5-{figure}", DEPTH, run, loops, **shown))
+
+    remark = "The gain of Fig. 5-10 is not printed; 0.334 is the next of Table 5-2."
+    for number, Kc, said in ((9, 0.5, ""), (10, 0.334, remark)):
+        gains = (Kc, inputs["Ti"], inputs["Td"])
+        draw(f"{number}: step at $K_c$ = {Kc:g} V/mm", steps[Kc], gains, before, said)
     remark = "Gains of the three steps above; a bit lasts 250 ms: neither is printed."
     for number, ordinal, gains in zip((12, 13, 14), _ORDINALS, controllers, strict=False):
         run = run_of(inputs, "vertical_prbs", changes_of(gains))
         title = f"{number}: pseudo-random binary signal, {ordinal} controller"
-        curves.append(drawn(title, run, gains, after, remark, (1.0, 6.0)))
+        draw(title, run, gains, after, remark, end=6.0)
     down = [step_of(inputs, gains, 10.0, 1.0) for gains in controllers]
     for number, ordinal, gains, run in zip((15, 16, 17, 20), _ORDINALS, controllers, down, strict=True):
         models = (*both, "adjusted model") if number == 20 else both
-        one = drawn(f"{number}: step of 1 mm, {ordinal} controller", run, gains, models)
+        draw(f"{number}: step of 1 mm, {ordinal} controller", run, gains, models)
         if number == 15:
-            at, beyond = inputs["rig_peak_time_s"], 0.01 * inputs["rig_overshoot_percent"]
-            one = with_measured(one, "peak of the rig, Table 7-1", [1.0 + at], [11.0 + beyond])
-        curves.append(one)
+            peak = [1.0 + inputs["rig_peak_time_s"]], [11.0 + 0.01 * inputs["rig_overshoot_percent"]]
+            curves[-1] = coupled.with_measured(curves[-1], "peak of the rig, Table 7-1", *peak)
     up = step_of(inputs, controllers[2], 10.0, -2.0)
-    curves.append(drawn("18: step of -2 mm, third controller", up, controllers[2], both))
-    series = []
-    for name, sign, run in (
-        ("down by 1 mm", 1.0, down[0]),
-        ("up by 1 mm", -1.0, step_of(inputs, controllers[0], 10.0, -1.0)),
-    ):
-        rows = run.during(0.9, 2.5)
+    draw("18: step of -2 mm, third controller", up, controllers[2], both)
+    back, series = step_of(inputs, controllers[0], 10.0, -1.0), []
+    for name, sign, run in (("down by 1 mm", 1.0, down[0]), ("up by 1 mm", -1.0, back)):
+        rows = run.during(_BEGIN, 2.5)
         series.append(Series(name, run.time[rows], sign * (run.seen[rows, DEPTH] - 10.0)))
     title = "Fig. 5-19: steps up and down laid on each other, first controller"
     curves.append(Curves(title, "time (s)", "way along the step (mm)", tuple(series)))
-    for number, ordinal, gains, remark in zip(
-        (21, 22),
-        _ORDINALS,
-        controllers,
-        ("", "Its gains are not printed; those of Fig. 5-16 are taken."),
-        strict=False,
-    ):
+    remarks = ("", "Its gains are not printed; those of Fig. 5-16 are taken.")
+    for number, ordinal, gains, said in zip((21, 22), _ORDINALS, controllers, remarks, strict=False):
         run = run_of(inputs, "vertical_ramp", changes_of(gains))
-        title = f"{number}: ramp of 5 mm/s, {ordinal} controller"
-        curves.append(drawn(title, run, gains, after, remark))
+        draw(f"{number}: ramp of 5 mm/s, {ordinal} controller", run, gains, after, said)
     return curves
 
 
-def _plants(inputs: dict[str, Any]) -> dict[str, TransferFunction]:
-    """Tables 5-3 and 5-4, and the last one of 5.7."""
-    pole, gain, zero = inputs["plant_poles"], inputs["adjusted_gain"], inputs["adjusted_zero"]
-    return {
-        "preliminary model": from_roots(
-            inputs["plant_gain"], inputs["preliminary_zeros"], inputs["preliminary_poles"]
-        ),
-        "final model": identified_plant(inputs),
-        "adjusted model": from_roots(gain, [zero], pole),
-    }
-
-
 _BEGIN, _SHOWN, _SETTLED = 0.9, 1.5, 1e-2
-_ESTIMATORS: dict[str, Callable[..., Estimate]] = {
-    "generalised least squares": generalised_least_squares,
-    "modified least squares": modified_least_squares,
-}
 _REDUCED, _FULL = Orders(poles=3, zeros=1), Orders(poles=4, zeros=3)
 """(5-15) and (5-13)."""
 
 
 def records(inputs: dict[str, Any]) -> Answers:
     """Table 5-2 from steps of the coupled machine, and the figures of chapter 5."""
-    Ti, Td = inputs["Ti"], inputs["Td"]
-    steps = {float(Kc): step_of(inputs, (float(Kc), Ti, Td), 8.0, 1.0) for Kc in inputs["gains"]}
-    found = _identified(steps)
-    pairs = np.array([_slowest_pair(poles) for poles in found.poles])
-    every = tuple(steps.values())
-    numbers = {
-        "pair_real": ours(pairs.real, *every),
-        "pair_imaginary": ours(pairs.imag, *every),
-        "zero": ours(found.zeros[: len(inputs["zero_gains"]), 0].real, *every),
+
+    def identified(share: float) -> tuple[dict[float, Readings], NDArray[np.complex128], Array]:
+        """Steps at a share of the gains, and (5-15) of each record: the slowest pair, and the zero."""
+        steps = {
+            float(Kc): step_of(inputs, (float(share * Kc), inputs["Ti"], inputs["Td"]), 8.0, 1.0)
+            for Kc in inputs["gains"]
+        }
+        seen, wanted = (np.array(signals) for signals in zip(*map(_around, steps.values()), strict=True))
+        found = identification.modified_least_squares_runs(seen, wanted, _REDUCED)
+        return steps, np.array([_slowest_pair(poles) for poles in found.poles]), found.zeros[:, 0].real
+
+    steps, pairs, zeros = identified(1.0)
+    found = {
+        "pair_real": pairs.real,
+        "pair_imaginary": pairs.imag,
+        "zero": zeros[: len(inputs["zero_gains"])],
     }
     first = next(iter(steps.values()))
     curves = (
@@ -151,20 +120,10 @@ def records(inputs: dict[str, Any]) -> Answers:
         _poles(inputs, pairs),
         *responses(inputs, steps),
     )
-    return Answers(numbers, curves, {"pair_of_less_gain": _pair_of_less_gain(inputs)})
-
-
-def _identified(steps: Mapping[float, Readings]) -> EstimatedRuns:
-    """(5-15) of each record."""
-    seen, wanted = (np.array(signals) for signals in zip(*map(_around, steps.values()), strict=True))
-    return modified_least_squares_runs(seen, wanted, _REDUCED)
-
-
-def _pair_of_less_gain(inputs: dict[str, Any]) -> list[float]:
-    """Imaginary parts of the pairs with a smaller gain: what the calibration at one depth leaves open."""
-    share, Ti, Td = inputs["less_gain"], inputs["Ti"], inputs["Td"]
-    steps = {float(Kc): step_of(inputs, (float(share * Kc), Ti, Td), 8.0, 1.0) for Kc in inputs["gains"]}
-    return [_slowest_pair(poles).imag for poles in _identified(steps).poles]
+    # What the calibration at one depth leaves open.
+    less = identified(inputs["less_gain"])[1].imag.tolist()
+    numbers = {name: ours(value, *steps.values()) for name, value in found.items()}
+    return Answers(numbers, curves, {"pair_of_less_gain": less})
 
 
 def _slowest_pair(poles: NDArray[np.complex128]) -> complex:
@@ -185,7 +144,8 @@ def _by_two_estimators(inputs: dict[str, Any], run: Readings) -> Curves:
     seen, wanted = _around(run)
     time, shown = run.time[run.during(_BEGIN)], slice(0, int(_SHOWN / inputs["Ts_s"]))
     series, remark = [Series("coupled machine (ours)", time[shown], seen[shown])], "Structure (5-13)."
-    for name, estimator in _ESTIMATORS.items():
+    for name in ("generalised least squares", "modified least squares"):
+        estimator = getattr(identification, name.replace(" ", "_"))
         try:
             found = estimator(seen, wanted, _FULL, inputs["Ts_s"], tolerance=_SETTLED)
         except NotConverged:
@@ -204,14 +164,13 @@ def _recursive(inputs: dict[str, Any], run: Readings) -> Curves:
     """Fig. 5-3: recursive estimates of the four coefficients of (5-13)'s denominator over time."""
     seen, wanted = _around(run)
     time, shown = run.time[run.during(_BEGIN)], slice(0, int(_SHOWN / inputs["Ts_s"]))
-    history = recursive_least_squares(
-        seen, wanted, _FULL, noise_order=1, forgetting=float(inputs["forgetting"])
+    forgetting = float(inputs["forgetting"])
+    history = identification.recursive_least_squares(
+        seen, wanted, _FULL, noise_order=1, forgetting=forgetting
     ).history
-    series = tuple(
-        Series(f"$a_{k}$", time[shown], np.asarray(history[shown, k], dtype=float))
-        for k in range(_FULL.poles)
-    )
-    title = f"Fig. 5-3: recursive estimates of (5-13), forgetting factor {inputs['forgetting']:g}"
+    lines = history[shown, : _FULL.poles].T
+    series = tuple(Series(f"$a_{k}$", time[shown], line) for k, line in enumerate(lines))
+    title = f"Fig. 5-3: recursive estimates of (5-13), forgetting factor {forgetting:g}"
     return Curves(title, "time (s)", "coefficient of the denominator", series)
 
 

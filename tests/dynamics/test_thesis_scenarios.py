@@ -180,7 +180,7 @@ def test_circles_lag_as_their_slow_loop_says_and_keep_the_height_without_saturat
         expected = -np.rad2deg(np.angle(loop / (1 + loop)))
         followed = row.facts["followed"][k]
         assert followed.lag_deg == pytest.approx(expected, abs=0.25 + 0.15 * expected)
-        assert followed.share == pytest.approx(abs(loop / (1 + loop)), abs=0.004)
+        assert 1.0 + followed.growth == pytest.approx(abs(loop / (1 + loop)), abs=0.004)
 
 
 def test_how_a_circle_is_followed():
@@ -190,4 +190,4 @@ def test_how_a_circle_is_followed():
     plane = (np.column_stack([np.real(z), np.imag(z), 0 * time]) for z in (path, wanted))
     true, asked = plane
     found = coupled_loop.follows(Readings(None, time, true, true, asked), 0.3, 5.0)
-    assert found == pytest.approx((0.9, 12.0, 0.3), rel=1e-9)
+    assert found == pytest.approx((-0.1, 12.0, 0.3), rel=1e-9)

@@ -12,7 +12,7 @@ from fieldmap.thesis.planar_force import (
     superposition_error,
     vertical_fit,
 )
-from fieldmap.thesis.spatial_force import added_errors, places, plane_fit, unit_forces
+from fieldmap.thesis.spatial_force import added_errors, fitted, places, unit_forces
 from tests.computed_parts import numbers
 
 LINE = (0.125,)
@@ -86,5 +86,5 @@ def test_the_term_in_y_has_the_wrong_sign():
     x = places(0.03)
     on, off = (unit_forces(0.09, 0.03, y)[1][np.abs(x) < 0.02] for y in (0.0, 0.03))
     assert np.all(off > on)
-    with_y = plane_fit("2", 0.09, 0.03, 5e-3, np.array([0.0, 0.01, 0.02, 0.03]))
+    with_y = fitted("2", 0.09, 0.03, 5e-3, 1, np.array([0.0, 0.01, 0.02, 0.03]))
     assert with_y.rms > 1.5 * added_errors(0.09, 0.03)[0].rms

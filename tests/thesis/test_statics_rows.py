@@ -134,7 +134,7 @@ def test_a_table_and_its_figure(on_rough_mesh, legible):
     for name in [name for name in inputs if name.startswith("negative")]:
         inputs[name] = -inputs[name.replace("negative", "positive")]
     inputs["negative_signals"] = inputs["positive_signals"]
-    answers = equilibrium_shift.x_branches(inputs)
+    answers = equilibrium_shift.branches(inputs)
     legible(answers.curves)
     assert set(answers.numbers) == set(read_part("S14_x_branches").numbers)
     outward, back = (answers.numbers[f"positive_{way}_held"] for way in ("outward", "back"))
