@@ -66,10 +66,9 @@ def thesis(
     from fieldmap.thesis import detail
     from fieldmap.thesis.computation import agreeing, attempt_part
     from fieldmap.thesis.kept import cached_parts
-    from fieldmap.thesis.plan import planned
+    from fieldmap.thesis.plan import computed, planned
     from fieldmap.thesis.printed import parts_of
     from fieldmap.thesis.report import prepare_folder
-    from fieldmap.thesis.run_of_plan import computed
 
     with detail.at(detail.QUICK if quick else detail.FULL):
         parts = parts_of(rows or ())

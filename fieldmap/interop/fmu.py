@@ -8,6 +8,7 @@ see fmu.c.
 from __future__ import annotations
 
 import copy
+import io
 import os
 import platform
 import shutil
@@ -15,11 +16,11 @@ import subprocess
 import sys
 import tempfile
 import uuid
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from hashlib import sha256
+from itertools import product
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, NamedTuple
 from xml.etree.ElementTree import Element, indent, tostring
 from zipfile import ZIP_DEFLATED, ZipFile, ZipInfo
 
@@ -39,18 +40,8 @@ if TYPE_CHECKING:
 
 # Positions in the array of values; fmu.c has the same.
 _POSITION, _VELOCITY, _TURN, _ANGULAR, _DERIVATIVES, _PUSH, _TWIST = 1, 4, 7, 11, 14, 27, 30
-_STRENGTH, _MASS, _INERTIA, _GRAVITY, _STEP, _FIELD, _GRADIENT, _FORCE, _TORQUE = (
-    33,
-    34,
-    35,
-    38,
-    39,
-    40,
-    43,
-    52,
-    55,
-)
-_CURRENTS = 58
+_STRENGTH, _MASS, _INERTIA, _GRAVITY, _STEP = 33, 34, 35, 38, 39
+_FIELD, _GRADIENT, _FORCE, _TORQUE, _CURRENTS = 40, 43, 52, 55, 58
 _LARGEST_STEP = 5e-5
 _COMPILERS = ("cc", "gcc", "clang")
 _FLAGS = ("-std=c99", "-O2", "-fPIC", "-shared", "-fvisibility=hidden")
@@ -74,8 +65,7 @@ _UNITS = {
 }
 
 
-@dataclass(frozen=True)
-class _Variable:
+class _Variable(NamedTuple):
     """A variable of the model; state: value reference of what it is the derivative of."""
 
     reference: int
@@ -85,10 +75,6 @@ class _Variable:
     about: str
     start: float | None = None
     state: int | None = None
-
-    @property
-    def variability(self) -> str:
-        return "fixed" if self.causality == "parameter" else "continuous"
 
     @property
     def initial(self) -> str | None:
@@ -149,12 +135,12 @@ def write_fmu(
     target, carried = Path(path), _dipoles(magnet if body is None else body.magnet)
     seat = np.zeros(3) if body is None else body.magnet_at
     coils = field.coil_names if isinstance(field, FieldMap) else ()
-    variables = _variables(coils, _middle(field), body)
+    variables = _variables(coils, (np.asarray(field.lower) + field.upper) / 2, body)
     identifier = c_identifier(target.stem, "fmu")
     with tempfile.TemporaryDirectory() as folder:
         work = Path(folder)
         flat = write_c_map(field, work / "map.fmap")
-        shutil.copy(_source(), work)
+        shutil.copy(Path(__file__).with_name("fmu.c"), work)
         (work / "fieldmap_body.h").write_text(in_one("fieldmap_body.h"), encoding="utf-8")
         numbers = _numbers_header(version, len(coils), carried, seat, body, variables)
         # The same map and magnet have the same token.
@@ -171,7 +157,7 @@ def write_fmu(
             files[f"sources/{name}"] = (work / name).read_bytes()
         if version == 3:
             files["sources/buildDescription.xml"] = _document(_build_description(identifier))
-        return write_whole(target, _zipped(files, work / "unit.zip"))
+        return write_whole(target, _zipped(files))
 
 
 def _dipoles(magnet: MagneticBody | ArrayLike) -> MagneticBody:
@@ -185,74 +171,48 @@ def _dipoles(magnet: MagneticBody | ArrayLike) -> MagneticBody:
     return MagneticBody(np.zeros((1, 3)), moment.reshape(1, 3))
 
 
-def _source() -> Path:
-    return Path(__file__).with_name("fmu.c")
-
-
-def _middle(field: FieldMap | MapAtCurrents) -> Array:
-    return (np.asarray(field.lower) + np.asarray(field.upper)) / 2
-
-
 def _variables(coils: Sequence[str], middle: Array, body: RigidBody | None) -> list[_Variable]:
-    def vector(
-        first: int, name: str, causality: str, unit: str, about: str, start: ArrayLike | None = None
-    ) -> list[_Variable]:
-        starts = [None] * 3 if start is None else np.asarray(start, float).tolist()
-        return [
-            _Variable(first + k, f"{name}_{axis}", causality, unit, about, starts[k])
-            for k, axis in enumerate("xyz")
-        ]
+    found: list[_Variable] = []
 
-    pose = "input" if body is None else "output"
-    found = [_Variable(0, "time", "independent", "s", "time")]
-    found += [
-        _Variable(_CURRENTS + k, f"current_{k + 1}", "input", "A", f"current of coil {name}", 0.0)
-        for k, name in enumerate(coils)
-    ]
-    found += vector(_POSITION, "position", pose, "m", "place of the body's centre, frame of the map", middle)
-    found += [
-        _Variable(_TURN + k, f"quaternion_{part}", pose, "1", "from the body to the map", float(k == 0))
-        for k, part in enumerate("wxyz")
-    ]
+    def add(
+        first: int, name: str, causality: str, unit: str, about: str, start: Any = None, parts: Any = "xyz"
+    ) -> None:
+        starts = [None] * len(parts) if start is None else np.ravel(start).tolist()
+        for k, part in enumerate(parts):
+            full = f"{name}_{part}" if part else name
+            found.append(_Variable(first + k, full, causality, unit, about, starts[k]))
+
+    one = ("",)
+    pose, at = ("input", "at the place") if body is None else ("output", "at the magnet's centre")
+    add(0, "time", "independent", "s", "time", parts=one)
+    for k, name in enumerate(coils):
+        add(_CURRENTS + k, "current", "input", "A", f"current of coil {name}", 0.0, (str(k + 1),))
+    add(_POSITION, "position", pose, "m", "place of the body's centre, frame of the map", middle)
+    add(_TURN, "quaternion", pose, "1", "from the body to the map", (1.0, 0.0, 0.0, 0.0), "wxyz")
     if body is not None:
-        found += _of_body(vector, body)
-    at = "at the place" if body is None else "at the magnet's centre"
-    found += vector(_FIELD, "field", "output", "T", f"flux density {at}")
-    found += [
-        _Variable(_GRADIENT + 3 * i + j, f"gradient_{a}{b}", "output", "T/m", f"dB_{a}/d{b} {at}")
-        for i, a in enumerate("xyz")
-        for j, b in enumerate("xyz")
-    ]
-    found += vector(_FORCE, "force", "output", "N", "of the field, frame of the map")
-    found += vector(
-        _TORQUE, "torque", "output", "N.m", "of the field about the body's centre, frame of the map"
-    )
-    found.append(_Variable(_STRENGTH, "strength", "parameter", "1", "all moments times this", 1.0))
+        zero = np.zeros(3)
+        add(_VELOCITY, "velocity", "output", "m/s", "of the body's centre", zero)
+        add(_ANGULAR, "angular_velocity", "output", "rad/s", "in the frame of the body", zero)
+        add(_PUSH, "push", "input", "N", "force that disturbs, frame of the map", zero)
+        add(_TWIST, "twist", "input", "N.m", "torque that disturbs, frame of the map", zero)
+        add(_MASS, "mass", "parameter", "kg", "of the body", body.mass, one)
+        # Of an upright body what the simulator takes for it.
+        add(_INERTIA, "inertia", "parameter", "kg.m2", "principal moments", body.numbers().inertia)
+        add(_GRAVITY, "gravity", "parameter", "m/s2", "downward", body.gravity, one)
+        about = "longest step of the integrator inside, co-simulation only"
+        add(_STEP, "step", "parameter", "s", about, _LARGEST_STEP, one)
+        names = {each.reference: each.name for each in found}
+        for k, unit in enumerate(["m/s"] * 3 + ["m/s2"] * 3 + ["1/s"] * 4 + ["rad/s2"] * 3):
+            state = _POSITION + k
+            name = f"der({names[state]})"
+            found.append(_Variable(_DERIVATIVES + k, name, "local", unit, "", state=state))
+    add(_FIELD, "field", "output", "T", f"flux density {at}")
+    for k, (a, b) in enumerate(product("xyz", "xyz")):
+        add(_GRADIENT + k, "gradient", "output", "T/m", f"dB_{a}/d{b} {at}", parts=(a + b,))
+    add(_FORCE, "force", "output", "N", "of the field, frame of the map")
+    add(_TORQUE, "torque", "output", "N.m", "of the field about the body's centre, frame of the map")
+    add(_STRENGTH, "strength", "parameter", "1", "all moments times this", 1.0, one)
     return found
-
-
-def _of_body(vector: Callable[..., list[_Variable]], body: RigidBody) -> list[_Variable]:
-    zero = np.zeros(3)
-    found = vector(_VELOCITY, "velocity", "output", "m/s", "of the body's centre", zero)
-    found += vector(_ANGULAR, "angular_velocity", "output", "rad/s", "in the frame of the body", zero)
-    found += vector(_PUSH, "push", "input", "N", "force that disturbs, frame of the map", zero)
-    found += vector(_TWIST, "twist", "input", "N.m", "torque that disturbs, frame of the map", zero)
-    found.append(_Variable(_MASS, "mass", "parameter", "kg", "of the body", body.mass))
-    # Of an upright body what the simulator takes for it.
-    inertia = body.numbers().inertia
-    found += vector(_INERTIA, "inertia", "parameter", "kg.m2", "principal moments", inertia)
-    found.append(_Variable(_GRAVITY, "gravity", "parameter", "m/s2", "downward", body.gravity))
-    about = "longest step of the integrator inside, co-simulation only"
-    found.append(_Variable(_STEP, "step", "parameter", "s", about, _LARGEST_STEP))
-    units = ["m/s"] * 3 + ["m/s2"] * 3 + ["1/s"] * 4 + ["rad/s2"] * 3
-    states = {each.reference: each.name for each in found} | {
-        _POSITION + k: f"position_{axis}" for k, axis in enumerate("xyz")
-    }
-    states |= {_TURN + k: f"quaternion_{part}" for k, part in enumerate("wxyz")}
-    return found + [
-        _Variable(_DERIVATIVES + k, f"der({states[1 + k]})", "local", unit, "", state=1 + k)
-        for k, unit in enumerate(units)
-    ]
 
 
 def _numbers_header(
@@ -269,7 +229,7 @@ def _numbers_header(
         if each.start is not None and each.reference < _CURRENTS:
             starts[each.reference] = each.start
     rows = np.hstack([magnet.points + seat, magnet.moments])
-    dipoles = ", ".join(_braces(row) for row in rows)
+    dipoles = ", ".join(map(_braces, rows))
     lines = {
         "FMU_VERSION": version,
         "FMU_TOKEN": '"@TOKEN@"',
@@ -295,7 +255,7 @@ def _compiled(folder: Path, identifier: str) -> Path:
         remedy = "install gcc or clang, name one in CC, or write the sources alone (binary=False, --sources)"
         received = f"no {named} (CC)" if named else f"none of {', '.join(_COMPILERS)}"
         raise FieldmapError.of("write_fmu", "needs a C compiler", received, remedy)
-    library = folder / f"{identifier}{_suffix()}"
+    library = folder / (identifier + {"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so"))
     command = [compiler, *_FLAGS, "-I", str(folder), str(folder / "fmu.c"), "-o", str(library), "-lm"]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     if done.returncode:
@@ -305,27 +265,22 @@ def _compiled(folder: Path, identifier: str) -> Path:
     return library
 
 
-def _suffix() -> str:
-    return {"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so")
-
-
 def _folder(version: int) -> str:
     """Where importers look for the library of this machine."""
-    machine = {"amd64": "x86_64", "arm64": "aarch64"}.get(
-        platform.machine().lower(), platform.machine().lower()
-    )
-    system = {"win32": "windows", "darwin": "darwin"}.get(sys.platform, "linux")
-    if version == 3:
-        return f"{machine}-{system}"
-    return {"windows": "win", "darwin": "darwin", "linux": "linux"}[system] + "64"
+    if version == 2:
+        return {"win32": "win64", "darwin": "darwin64"}.get(sys.platform, "linux64")
+    machine = platform.machine().lower()
+    machine = {"amd64": "x86_64", "arm64": "aarch64"}.get(machine, machine)
+    return f"{machine}-" + {"win32": "windows", "darwin": "darwin"}.get(sys.platform, "linux")
 
 
-def _zipped(files: dict[str, bytes], path: Path) -> bytes:
-    with ZipFile(path, "w", ZIP_DEFLATED) as archive:
-        for name, content in files.items():
+def _zipped(files: dict[str, bytes]) -> bytes:
+    content = io.BytesIO()
+    with ZipFile(content, "w", ZIP_DEFLATED) as archive:
+        for name, of_file in files.items():
             # Equal units have equal bytes: no time of day.
-            archive.writestr(ZipInfo(name, (1980, 1, 1, 0, 0, 0)), content, ZIP_DEFLATED)
-    return path.read_bytes()
+            archive.writestr(ZipInfo(name, (1980, 1, 1, 0, 0, 0)), of_file, ZIP_DEFLATED)
+    return content.getvalue()
 
 
 def _element(name: str, /, *inside: Element, **attributes: str | None) -> Element:
@@ -357,20 +312,20 @@ def _description(version: int, identifier: str, token: str, variables: list[_Var
     about = {"guid" if version == 2 else "instantiationToken": token}
     if version == 2:
         about |= {"variableNamingConvention": "structured", "numberOfEventIndicators": "0"}
+    # How one names another: FMI 2 counts the variables from 1, FMI 3 takes value references.
+    numbers = {
+        each.reference: str(each.reference if version == 3 else n) for n, each in enumerate(variables, 1)
+    }
+    kinds = {"modelIdentifier": identifier, **keeps}
+    steps = {"canHandleVariableCommunicationStepSize": "true"}
     return _element(
         "fmiModelDescription",
-        _element("ModelExchange", *sources, modelIdentifier=identifier, **keeps),
-        _element(
-            "CoSimulation",
-            *copy.deepcopy(sources),
-            modelIdentifier=identifier,
-            canHandleVariableCommunicationStepSize="true",
-            **keeps,
-        ),
+        _element("ModelExchange", *sources, **kinds),
+        _element("CoSimulation", *copy.deepcopy(sources), **kinds, **steps),
         _element("UnitDefinitions", *units),
         _element("DefaultExperiment", startTime="0", stopTime="1", stepSize="0.001"),
-        _element("ModelVariables", *(_described(version, each, variables) for each in variables)),
-        _element("ModelStructure", *_structure(version, variables)),
+        _element("ModelVariables", *(_described(version, each, numbers) for each in variables)),
+        _element("ModelStructure", *_structure(version, variables, numbers)),
         fmiVersion=VERSIONS[version],
         modelName=identifier,
         description="Field of a map and what it does to a magnet",
@@ -379,48 +334,37 @@ def _description(version: int, identifier: str, token: str, variables: list[_Var
     )
 
 
-def _described(version: int, each: _Variable, variables: list[_Variable]) -> Element:
-    common: dict[str, str | None] = {
+def _described(version: int, each: _Variable, numbers: dict[int, str]) -> Element:
+    common = {
         "name": each.name,
         "valueReference": str(each.reference),
         "causality": each.causality,
-        "variability": each.variability,
+        "variability": "fixed" if each.causality == "parameter" else "continuous",
         "initial": each.initial,
         "description": each.about or None,
     }
     value = {
         "unit": None if each.unit == "1" else each.unit,
         "start": None if each.start is None else repr(each.start),
-        "derivative": None if each.state is None else _number_of(version, each.state, variables),
+        "derivative": None if each.state is None else numbers[each.state],
     }
     if version == 3:
         return _element("Float64", **common, **value)
     return _element("ScalarVariable", _element("Real", **value), **common)
 
 
-def _number_of(version: int, reference: int, variables: list[_Variable]) -> str:
-    """How other variables name one: FMI 2 counts the variables from 1, FMI 3 takes value references."""
-    if version == 3:
-        return str(reference)
-    return str(1 + next(n for n, each in enumerate(variables) if each.reference == reference))
-
-
-def _structure(version: int, variables: list[_Variable]) -> list[Element]:
+def _structure(version: int, variables: list[_Variable], numbers: dict[int, str]) -> list[Element]:
+    states = [each for each in variables if each.state is not None]
     groups = {
         "Output": [each for each in variables if each.causality == "output"],
-        "Derivative" if version == 2 else "ContinuousStateDerivative": [
-            each for each in variables if each.state is not None
-        ],
+        "Derivative" if version == 2 else "ContinuousStateDerivative": states,
         "InitialUnknown": [each for each in variables if each.initial == "calculated"],
     }
-    numbers = {
-        name: [_number_of(version, each.reference, variables) for each in those]
-        for name, those in groups.items()
-    }
-    if version == 3:
-        return [_element(name, valueReference=one) for name, those in numbers.items() for one in those]
-    return [
-        _element(f"{name}s", *(_element("Unknown", index=one) for one in those))
-        for name, those in numbers.items()
-        if those
-    ]
+    found = []
+    for name, those in groups.items():
+        if version == 3:
+            found += [_element(name, valueReference=numbers[each.reference]) for each in those]
+        elif those:
+            unknowns = (_element("Unknown", index=numbers[each.reference]) for each in those)
+            found.append(_element(f"{name}s", *unknowns))
+    return found

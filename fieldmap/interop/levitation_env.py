@@ -17,22 +17,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from fieldmap import dynamics
 from fieldmap.arguments import check_choice, check_not_negative, check_positive, check_signal
 from fieldmap.core import CoreMap
 from fieldmap.core.machine import INSIDE, CoreMachine
-from fieldmap.currents import CurrentDomain, IndependentCurrents
-from fieldmap.dynamics import (
-    CoilDrive,
-    Drag,
-    FieldOfCurrents,
-    RigidBody,
-    linearised,
-    modelled,
-    sampled_field,
-    state_of,
-    tabled,
-)
-from fieldmap.errors import InputError, OutsideMapError, Problem
+from fieldmap.currents import IndependentCurrents
+from fieldmap.dynamics import CoilDrive, Drag, RigidBody, linearised
+from fieldmap.errors import InputError, OutsideMapError
 from fieldmap.extras import require
 from fieldmap.field import as_field
 from fieldmap.instruments import Amplifier
@@ -51,9 +42,9 @@ else:
 
 ENVIRONMENT = "fieldmap/Levitation-v0"
 ACTIONS = ("currents", "signals")
-IRON: Mapping[str, Callable[..., FieldOfCurrents]] = {
-    "model": modelled,
-    "table": tabled,
+IRON: Mapping[str, Callable[..., dynamics.FieldOfCurrents]] = {
+    "model": dynamics.modelled,
+    "table": dynamics.tabled,
     "linearised": linearised,
 }
 EFFORT = 0.01
@@ -139,12 +130,15 @@ class LevitationEnv(Env):
         n = len(self.rest)
         self._known = linearised(field, self.rest) if iron == "linearised" else IRON[iron](field)
         drive = CoilDrive(Amplifier(1.0, -1e9, 1e9), n) if drive is None else drive
-        self._variables = _variables(field, self.rest)
-        self._from_action = self._variables.reach * (self._variables.span if span is None else float(span))
+        self._changed, slopes, reach, widest = _variables(field, self.rest)
+        self._from_action = reach * (widest if span is None else float(span))
         if action == "signals":
             share = 0.5 if span is None else float(span)
-            by_currents = _force_per_ampere(linearised(field, self.rest).block, place, moment, n)
-            self._from_action = share * weight[2] * self._variables.for_force(by_currents)
+            # The least changes that make 1 N along each axis.
+            by_reach = (
+                _force_per_ampere(linearised(field, self.rest).block, place, moment, n) @ slopes @ reach
+            )
+            self._from_action = share * weight[2] * (reach @ np.linalg.pinv(by_reach))
         self._limits = drive.steady
         air = Drag(linear=(1e-3,) * 3, turning=(1e-8,) * 3) if drag is None else drag
         self._parts = body.numbers(air), body.seen_at, drive.numbers(self._step), drive.drives
@@ -175,17 +169,15 @@ class LevitationEnv(Env):
         if begin is None:
             off = self.np_random.uniform(-self._start, self._start, 3)
             half = self.np_random.uniform(-self._tilt, self._tilt, 2) / 2
-            begin = state_of(self.target + off, quaternion=(1.0, *np.tan(half), 0.0))
+            begin = dynamics.state_of(self.target + off, quaternion=(1.0, *np.tan(half), 0.0))
         self._state[:] = check_signal("LevitationEnv.reset(state)", begin, columns=13)
         self._currents[:] = self.rest
         self._begin()
         self._machine.follow(self._currents)
         status, _ = self._machine.load(self._state, self._load)
         if status != INSIDE:
-            problem = Problem(
-                "LevitationEnv.reset", "the magnet must begin in the map", f"{self._state[:3]}", "move it"
-            )
-            raise OutsideMapError(problem)
+            must_hold = "the magnet must begin in the map"
+            raise OutsideMapError.of("LevitationEnv.reset", must_hold, f"{self._state[:3]}", "move it")
         return self._observed(), self._solves()
 
     def step(self, action: Any) -> tuple[Array, float, bool, bool, dict[str, Any]]:
@@ -202,7 +194,7 @@ class LevitationEnv(Env):
             (observation, reward, terminated, truncated, info).
         """
         given = np.minimum(np.maximum(action, -1.0), 1.0)
-        wanted = self._variables.currents(self._from_action @ given)
+        wanted = self._changed(self._from_action @ given)
         commands = np.minimum(np.maximum(wanted, self._limits[0]), self._limits[1])
         status = self._machine.advance(
             self._step, self._steps, commands, self._state, self._currents, self._load
@@ -248,47 +240,23 @@ class LevitationEnv(Env):
         return out
 
 
-class _Currents:
-    """What actions move: the currents of the coils.
+def _variables(field: FieldMap, rest: Array) -> tuple[Callable[[Array], Array], Array, Array, float]:
+    """What actions move: currents of the coils, or signals of the map's parametrisation within their ranges.
 
-    reach (k, k): what an action of 1 changes at a span of 1; span: that of the actions unless another is given.
+    The coils' currents (n,), A, at a change (k,) off those at rest, and their derivatives (n, k) by the change; what an
+    action of 1 changes at a span of 1 (k, k); and the span unless another is given.
     """
-
-    def __init__(self, rest: Array) -> None:
-        self.rest, self.reach, self.span = rest, np.eye(len(rest)), float(np.abs(rest).max())
-
-    def currents(self, change: Array) -> Array:
-        """Of the coils (n,), A, a change (k,) off those at rest."""
-        return self.rest + change
-
-    def for_force(self, by_currents: Array) -> Array:
-        """The least changes (k, 3) that make 1 N along each axis; by_currents (3, n), N/A."""
-        return np.asarray(np.linalg.pinv(by_currents), float)
-
-
-class _Signals(_Currents):
-    """The signals of a map's parametrisation in their place, within their ranges, of which changes are shares."""
-
-    def __init__(self, rest: Array, domain: CurrentDomain) -> None:
-        made, self.lower, self.upper = domain.parametrisation, domain.lower, domain.upper
-        self.made, self.rest, self.span = made, made.nearest(rest).values, 1.0
-        self.reach, self.by_signals = np.diag(0.5 * (self.upper - self.lower)), made.derivative(self.rest)
-
-    def currents(self, change: Array) -> Array:
-        """See `_Currents`."""
-        signals = self.rest + change
-        return self.made.currents(np.minimum(np.maximum(signals, self.lower), self.upper))
-
-    def for_force(self, by_currents: Array) -> Array:
-        """See `_Currents`: least in shares of the ranges."""
-        return np.asarray(self.reach @ np.linalg.pinv(by_currents @ self.by_signals @ self.reach))
-
-
-def _variables(field: FieldMap, rest: Array) -> _Currents:
     reduced = field.info.reduced_model
     if reduced is None or isinstance(reduced.domain.parametrisation, IndependentCurrents):
-        return _Currents(rest)
-    return _Signals(rest, reduced.domain)
+        every = np.eye(len(rest))
+        return lambda change: rest + change, every, every, float(np.abs(rest).max())
+    made, lower, upper = reduced.domain.parametrisation, reduced.domain.lower, reduced.domain.upper
+    signals = made.nearest(rest).values
+
+    def currents(change: Array) -> Array:
+        return made.currents(np.minimum(np.maximum(signals + change, lower), upper))
+
+    return currents, made.derivative(signals), np.diag(0.5 * (upper - lower)), 1.0
 
 
 def _force_per_ampere(block: Array, place: Array, moment: Array, n: int) -> Array:
@@ -305,20 +273,17 @@ def _rig(
     """What was given, or the made-up rig."""
     given = [each is not None for each in (field, body, target)]
     if any(given) and not all(given):
-        problem = Problem(
-            "LevitationEnv", "field, body and target must all be given", f"{sum(given)} of them", "or none"
-        )
-        raise InputError(problem)
+        must_hold = "field, body and target must all be given"
+        raise InputError.of("LevitationEnv", must_hold, f"{sum(given)} of them", "or none")
     if body is not None and target is not None:
-        opened = open_map(field) if isinstance(field, str | PathLike) else sampled_field(as_field(field))
+        opened = (
+            open_map(field) if isinstance(field, str | PathLike) else dynamics.sampled_field(as_field(field))
+        )
         return opened, body, target
-    return _six_loops(), _made_up_body(), _TARGET
-
-
-def _made_up_body() -> RigidBody:
     across = _MASS * (_RADIUS**2 / 4 + _HEIGHT**2 / 12)
     inertia = np.array([across, across, _MASS * _RADIUS**2 / 2])
-    return RigidBody(_MASS, inertia, FiniteMagnet(np.zeros((1, 3)), np.array([[0.0, 0.0, _MOMENT]])))
+    magnet = FiniteMagnet(np.zeros((1, 3)), np.array([[0.0, 0.0, _MOMENT]]))
+    return _six_loops(), RigidBody(_MASS, inertia, magnet), _TARGET
 
 
 def _six_loops() -> FieldMap:

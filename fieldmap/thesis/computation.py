@@ -16,8 +16,7 @@ from fieldmap.records import Record
 from fieldmap.thesis import detail
 from fieldmap.thesis.detail import FOLDER, MapMissing, available_map, maps_in
 from fieldmap.thesis.printed import PrintedPart, figure_numbers, filled, parts_of, read_part, row_of
-
-Progress = Callable[[str, float], None]
+from fieldmap.typing import Progress
 
 
 @dataclass(frozen=True, repr=False)
@@ -85,14 +84,11 @@ def percent(deviation: float | None) -> str:
     return f"{value:+.1f} %" if abs(value) >= 0.1 else f"{value:+.1g} %"
 
 
-def compared(part: str, printed: PrintedPart, answers: Answers) -> tuple[Comparison, ...]:
+def compared(part: str, printed: PrintedPart, answers: Answers) -> Iterator[Comparison]:
     """Every printed number of a part beside the answer of the same name."""
-    if answers.numbers.keys() != printed.numbers.keys():
-        raise LookupError(
-            f"{part}: computed and printed differ: {set(answers.numbers) ^ set(printed.numbers)}"
-        )
+    if odd := answers.numbers.keys() ^ printed.numbers.keys():
+        raise LookupError(f"{part}: computed and printed differ: {odd}")
     values = {**printed.inputs, **answers.facts}
-    comparisons: list[Comparison] = []
     for name, numbers in printed.numbers.items():
         found = answers.numbers[name]
         answer = found if isinstance(found, Ours) else Ours(found)
@@ -102,7 +98,7 @@ def compared(part: str, printed: PrintedPart, answers: Answers) -> tuple[Compari
         )
         for number, value in zip(numbers, np.ravel(answer.value), strict=True):
             ours, sharp = float(value), number.kind == "sharp"
-            comparison = Comparison(
+            yield Comparison(
                 id=row_of(part),
                 name=number.name,
                 quantity=number.quantity,
@@ -118,8 +114,6 @@ def compared(part: str, printed: PrintedPart, answers: Answers) -> tuple[Compari
                 title=printed.title,
                 assumptions=assumptions,
             )
-            comparisons.append(comparison)
-    return tuple(comparisons)
 
 
 def agreeing(comparisons: Iterable[Comparison]) -> tuple[int, int]:
@@ -231,7 +225,7 @@ def compute_part(part: str, maps: Path = FOLDER) -> PartResult:
     return _result(
         part,
         printed,
-        comparisons=compared(part, printed, answers),
+        comparisons=tuple(compared(part, printed, answers)),
         curves=answers.curves,
         explanations={name: filled(text, values) for name, text in printed.explanations.items()},
         seconds=seconds,

@@ -5,7 +5,7 @@ through `Detail.map_name`, so that results of both never meet.
 """
 
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
 from functools import cache, lru_cache, wraps
@@ -55,13 +55,18 @@ def current() -> Detail:
 
 
 @contextmanager
-def at(detail: Detail) -> Iterator[Detail]:
-    """Compute rows with this detail inside the block."""
-    token = _CURRENT.set(detail)
+def _inside(variable: ContextVar[Result], value: Result) -> Iterator[Result]:
+    """A variable has this value inside the block."""
+    token = variable.set(value)
     try:
-        yield detail
+        yield value
     finally:
-        _CURRENT.reset(token)
+        variable.reset(token)
+
+
+def at(detail: Detail) -> AbstractContextManager[Detail]:
+    """Compute rows with this detail inside the block."""
+    return _inside(_CURRENT, detail)
 
 
 def refinement(usual: float) -> float:
@@ -104,24 +109,16 @@ class MapMissing(FieldmapError):  # noqa: N818 - reads as the outcome it is
 
     def __init__(self, recipe: str, path: Path) -> None:
         self.command = f"fieldmap map {recipe}"
-        super().__init__(
-            Problem(
-                str(path), "must be the map that this row needs", "no such file", f"make it: {self.command}"
-            )
-        )
+        must_hold = "must be the map that this row needs"
+        super().__init__(Problem(str(path), must_hold, "no such file", f"make it: {self.command}"))
 
 
 _FOLDER: ContextVar[Path] = ContextVar("folder of the maps", default=FOLDER)
 
 
-@contextmanager
-def maps_in(folder: Path) -> Iterator[Path]:
+def maps_in(folder: Path) -> AbstractContextManager[Path]:
     """Look for maps in this folder inside the block."""
-    token = _FOLDER.set(folder)
-    try:
-        yield folder
-    finally:
-        _FOLDER.reset(token)
+    return _inside(_FOLDER, folder)
 
 
 def file_of(recipe: str, folder: Path | None = None) -> Path:

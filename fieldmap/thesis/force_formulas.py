@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import least_squares
 
 from fieldmap.arguments import check_positive, check_signal
-from fieldmap.errors import InputError, Problem
+from fieldmap.errors import InputError
 from fieldmap.records import Record
 from fieldmap.typing import Array
 
@@ -83,9 +83,8 @@ class Exponential(Record):
 
     def __call__(self, x: ArrayLike) -> Array:
         """Value (n,) at x (n,) in m."""
-        return np.asarray(
-            self.amplitude * np.exp(-self.side * self.decay * (np.asarray(x, dtype=float) - self.x0))
-        )
+        from_end = np.asarray(x, dtype=float) - self.x0
+        return np.asarray(self.amplitude * np.exp(-self.side * self.decay * from_end))
 
 
 @dataclass(frozen=True, repr=False)
@@ -103,10 +102,8 @@ class VerticalForce(Record):
 
     def mirrored(self) -> "VerticalForce":
         """The electromagnet at the other end of the pole piece."""
-        slope, intercept = (
-            replace(part, x0=-part.x0, side=-part.side) for part in (self.slope, self.intercept)
-        )
-        return VerticalForce(slope, intercept, self.nominal_current)
+        parts = (replace(part, x0=-part.x0, side=-part.side) for part in (self.slope, self.intercept))
+        return VerticalForce(*parts, self.nominal_current)
 
 
 @dataclass(frozen=True, repr=False)
@@ -118,8 +115,7 @@ class QuadraticForce(Record):
 
     def __call__(self, x: ArrayLike, current: float) -> Array:
         """Force (n,) in N at x (n,) in m."""
-        a0, a1, a2 = self.coefficients
-        places = np.asarray(x, dtype=float)
+        (a0, a1, a2), places = self.coefficients, np.asarray(x, dtype=float)
         return np.asarray((a0 * places**2 + a1 * places + a2) * current / self.nominal_current)
 
 
@@ -224,11 +220,19 @@ def fit_horizontal_force(
     columns = (x, z, force) if y is None else (x, z, force, y)
     data = _data("fit_horizontal_force", len(columns) + 1, *columns)
     if a is None and not np.ptp(data[1]):
-        _refuse_one_depth("fit_horizontal_force(a)", "at least two depths, or a held", "hold a")
-    shape = _Bracket(side * (data[0] - x0), data[1], None if y is None else np.abs(data[3]), a)
+        raise InputError.of(
+            "fit_horizontal_force(a)", "at least two depths, or a held", "one depth", "hold a"
+        )
+    along, beside = side * (data[0] - x0), 0.0 if y is None else np.abs(data[3])
+
+    def lengths(logs: Array) -> tuple[float, float, float]:
+        free = np.exp(logs).tolist()
+        return (free.pop(0) if a is None else a), free[0], np.inf if y is None else free[1]
 
     def linear(logs: Array) -> tuple[Array, Array]:
-        bracket = np.maximum(shape(logs), _SMALLEST_BRACKET)
+        of_z, of_x, of_y = lengths(logs)
+        bracket = 1.0 + data[1] / of_z + along / of_x + beside / of_y
+        bracket = np.maximum(bracket, _SMALLEST_BRACKET)
         matrix = np.column_stack([bracket**-2.0, np.ones_like(bracket)])
         solution = np.linalg.lstsq(matrix, side * data[2], rcond=None)[0]
         return solution, matrix @ solution - side * data[2]
@@ -240,28 +244,9 @@ def fit_horizontal_force(
         lambda logs: linear(logs)[1] / scale, first, bounds=limits, xtol=1e-14, ftol=1e-14, gtol=1e-14
     )
     (strength, c), error = linear(found.x)
-    a, b, d = shape.lengths(found.x)
+    a, b, d = lengths(found.x)
     inductance = float(-2.0 * b * strength / nominal_current**2)
     return Fit(HorizontalForce(inductance, a, b, float(c), x0, nominal_current, d, side), *_errors(error))
-
-
-@dataclass(frozen=True, eq=False)
-class _Bracket:
-    """1 + z/a + u/b + |y|/d on the data, as a function of the logarithms of the lengths that are free."""
-
-    along: Array
-    depth: Array
-    beside: Array | None
-    held: float | None
-
-    def lengths(self, logs: Array) -> tuple[float, float, float]:
-        free = [float(value) for value in np.exp(logs)]
-        a = free.pop(0) if self.held is None else self.held
-        return a, free[0], free[1] if self.beside is not None else np.inf
-
-    def __call__(self, logs: Array) -> Array:
-        a, b, d = self.lengths(logs)
-        return 1.0 + self.depth / a + self.along / b + (0.0 if self.beside is None else self.beside / d)
 
 
 def fit_vertical_force(
@@ -301,7 +286,8 @@ def fit_vertical_force(
     for k, place in enumerate(places):
         mine = data[0] == place
         if not np.ptp(data[1][mine]):
-            _refuse_one_depth("fit_vertical_force(z)", "at least two depths at every x", "add some")
+            must_hold = "at least two depths at every x"
+            raise InputError.of("fit_vertical_force(z)", must_hold, "one depth", "add some")
         lines[k] = np.polyfit(data[1][mine], data[2][mine], 1)
     slope, intercept = (_exponential(places, values, x0) for values in lines.T)
     formula = VerticalForce(slope, intercept, nominal_current)
@@ -326,8 +312,7 @@ def fit_quadratic_force(x: ArrayLike, force: ArrayLike, nominal_current: float =
         The formula, and how well it fits.
     """
     data = _data("fit_quadratic_force", 3, x, force)
-    a0, a1, a2 = (float(value) for value in np.polyfit(data[0], data[1], 2))
-    formula = QuadraticForce((a0, a1, a2), nominal_current)
+    formula = QuadraticForce(tuple(np.polyfit(data[0], data[1], 2).tolist()), nominal_current)
     return Fit(formula, *_errors(formula(data[0], nominal_current) - data[1]))
 
 
@@ -345,19 +330,12 @@ def _exponential(x: Array, values: Array, x0: float) -> Exponential:
     return Exponential(amplitude(decay), decay, x0)
 
 
-def _refuse_one_depth(where: str, must_hold: str, remedy: str) -> None:
-    raise InputError(Problem(where, must_hold, "one depth", remedy))
-
-
 def _data(where: str, least: int, *columns: ArrayLike) -> list[Array]:
     arrays = [check_signal(where, column).ravel() for column in columns]
     if len({len(array) for array in arrays}) != 1 or len(arrays[0]) < least:
         received = ", ".join(str(len(array)) for array in arrays)
-        raise InputError(
-            Problem(
-                where, f"arrays of one length, {least} or more", f"lengths {received}", "give as many of each"
-            )
-        )
+        must_hold = f"arrays of one length, {least} or more"
+        raise InputError.of(where, must_hold, f"lengths {received}", "give as many of each")
     return arrays
 
 

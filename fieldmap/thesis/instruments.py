@@ -4,30 +4,20 @@ from typing import Any
 
 import numpy as np
 
-from fieldmap.instruments import (
-    Amplifier,
-    Converter,
-    Micrometer,
-    Rig,
-    SensorFrame,
-    absolute_accuracy,
-    error_budget,
-    measured_positions,
-)
+from fieldmap import instruments
+from fieldmap.instruments import Amplifier, Converter, Micrometer
 from fieldmap.thesis.computation import Ours
 
 
 def sensor_frames(inputs: dict[str, Any]) -> dict[str, Any]:
     """(3-2), (3-3), (7-1)."""
     offset = 1e-3 * (inputs["half_range_mm"] + inputs["centre_offset_mm"])
-    frame = SensorFrame(np.radians(inputs["angle_deg"]), offset)
-    deviations = frame.global_deviation(
-        1e-3 * inputs["local_x_deviation_mm"], 1e-3 * inputs["local_y_deviation_mm"]
-    )
+    frame = instruments.SensorFrame(np.radians(inputs["angle_deg"]), offset)
+    local = (1e-3 * inputs[f"local_{axis}_deviation_mm"] for axis in "xy")
     return {
         "rotation": frame.matrix[:2, :2],
         "translation": np.sqrt(2.0) * 1e3 * frame.matrix[:2, 3],
-        "global_deviation": 1e3 * np.array(deviations),
+        "global_deviation": 1e3 * np.array(frame.global_deviation(*local)),
     }
 
 
@@ -45,18 +35,11 @@ def _card(inputs: dict[str, Any], gain_error: float) -> Converter:
 
 def converter(inputs: dict[str, Any]) -> dict[str, Any]:
     """Appendix B."""
-    drifts = (
-        inputs["gain_drift"] * inputs["internal_change_K"]
-        + inputs["reference_drift"] * inputs["external_change_K"]
-    )
-    residual = inputs["printed_gain_error"] - drifts
-    card = _card(inputs, residual)
-    accuracy = absolute_accuracy(
-        card,
-        [0.0, inputs["range_V"]],
-        internal_change=inputs["internal_change_K"],
-        external_change=inputs["external_change_K"],
-    )
+    inside, outside = inputs["internal_change_K"], inputs["external_change_K"]
+    drifts = inputs["gain_drift"] * inside + inputs["reference_drift"] * outside
+    residual, ends = inputs["printed_gain_error"] - drifts, [0.0, inputs["range_V"]]
+    card, changes = _card(inputs, residual), {"internal_change": inside, "external_change": outside}
+    accuracy = instruments.absolute_accuracy(card, ends, **changes)
     zero, full = (Ours(1e6 * value, accuracy.assumptions) for value in accuracy.total)
     return {
         "resolution": 1e3 * card.resolution,
@@ -75,8 +58,9 @@ def readings(inputs: dict[str, Any]) -> dict[str, Any]:
     card = _card(inputs, inputs["gain_error"])
     arguments = (1e-3 * inputs["nominal_mm"], 1e-3 * inputs["accuracy_mm"], sensor, card)
     step = inputs["converter_step_V"]
-    budget = error_budget(*arguments, converter_step=step, rounding="up")
-    nearest = error_budget(*arguments, converter_step=step, rounding="nearest")
+    budget, nearest = (
+        instruments.error_budget(*arguments, converter_step=step, rounding=way) for way in ("up", "nearest")
+    )
     return {
         "actual": 1e3 * budget.actual,
         "shown": 1e3 * budget.shown,
@@ -106,18 +90,15 @@ def sensor_and_amplifier(inputs: dict[str, Any]) -> dict[str, Any]:
         "current_at_input": inputs["gain_A_per_V"] * inputs["input_V"],
         "gain": float(inputs["multimeter_A"].mean() / inputs["input_V"]),
         "deviation_range": [inputs["current_deviation_A"].min(), inputs["current_deviation_A"].max()],
-        "held_deviation": _held(inputs, sensor),
+        "held_deviation": _held(inputs, sensor, amplifier),
     }
 
 
-def _held(inputs: dict[str, Any], sensor: Micrometer) -> float:
+def _held(inputs: dict[str, Any], sensor: Micrometer, amplifier: Amplifier) -> float:
     """Deviation of what the converter makes of a voltage that is held, at places all over one of its steps."""
     card = Converter(inputs["range_V"], int(inputs["bits"]), random_noise=1e-6 * inputs["converter_noise_uV"])
-    held = Micrometer(sensor.zero, sensor.scale)
-    rig = Rig(held, card, card, Amplifier(inputs["gain_A_per_V"]))
+    rig = instruments.Rig(Micrometer(sensor.zero, sensor.scale), card, card, amplifier)
     places = np.linspace(0.0, card.resolution * sensor.scale, 50, endpoint=False)[:, None] - 0.01
-    seen = measured_positions(
-        rig, np.broadcast_to(sensor.zero + places, (50, 2000)), np.random.default_rng(7)
-    )
-    deviation = float(np.sqrt(np.mean(seen.std(axis=1) ** 2)))
-    return 1e6 * deviation
+    true = np.broadcast_to(sensor.zero + places, (50, 2000))
+    seen = instruments.measured_positions(rig, true, np.random.default_rng(7))
+    return 1e6 * float(np.sqrt(np.mean(seen.std(axis=1) ** 2)))

@@ -47,13 +47,13 @@ class Kept(Record):
         """The piece of this key, or None."""
         if self.path is None:
             return None
-        with self._open(self.path) as checkpoint:
+        with Checkpoint(self.path, self.fingerprint, wait=WAIT) as checkpoint:
             return checkpoint.get(key)
 
     def put(self, key: str, arrays: Mapping[str, Array] | None = None, about: Any = None) -> None:
         """Keep a piece."""
         if self.path is not None:
-            with self._open(self.path) as checkpoint:
+            with Checkpoint(self.path, self.fingerprint, wait=WAIT) as checkpoint:
                 checkpoint.put(key, arrays, about)
 
     def arrays(self, key: str, compute: Callable[[], dict[str, Array]]) -> dict[str, Array]:
@@ -64,9 +64,6 @@ class Kept(Record):
         found = compute()
         self.put(key, found)
         return found
-
-    def _open(self, path: Path) -> Checkpoint:
-        return Checkpoint(path, self.fingerprint, wait=WAIT)
 
 
 def finished_parts(folder: Path) -> Kept:
@@ -87,7 +84,8 @@ def cached_parts(folder: Path, maps: Path = FOLDER) -> Callable[[str], PartResul
             return finished
         result = attempt_part(part, maps)
         if mark and result.state == "done":
-            finished_parts(folder).put(_key(part), about={"fingerprint": mark, "result": _plain(result)})
+            plain = json.loads(json.dumps(asdict(result), default=_list_or_dict))
+            finished_parts(folder).put(_key(part), about={"fingerprint": mark, "result": plain})
         return result
 
     return attempt
@@ -112,7 +110,10 @@ def _finished_part(folder: Path, part: str, mark: str) -> PartResult | None:
     piece = finished_parts(folder).get(_key(part)) if mark else None
     if piece is None or piece.about["fingerprint"] != mark:
         return None
-    return _from_plain(piece.about["result"])
+    plain = piece.about["result"]
+    numbers = [Comparison(**{**c, "assumptions": tuple(c["assumptions"])}) for c in plain["comparisons"]]
+    curves = [Curves(**{**c, "series": tuple(Series(**s) for s in c["series"])}) for c in plain["curves"]]
+    return PartResult(**{**plain, "comparisons": tuple(numbers), "curves": tuple(curves)})
 
 
 def is_finished(folder: Path, part: str, maps: Path = FOLDER) -> bool:
@@ -141,16 +142,5 @@ def _of_a_map(path: Path, changed: int) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-def _plain(result: PartResult) -> dict[str, Any]:
-    """As JSON holds it."""
-    return dict(json.loads(json.dumps(asdict(result), default=_list_of_array)))
-
-
-def _list_of_array(value: Any) -> Any:
+def _list_or_dict(value: Any) -> Any:
     return value.tolist() if isinstance(value, np.ndarray) else dict(value)
-
-
-def _from_plain(plain: dict[str, Any]) -> PartResult:
-    comparisons = (Comparison(**{**c, "assumptions": tuple(c["assumptions"])}) for c in plain["comparisons"])
-    curves = (Curves(**{**c, "series": tuple(Series(**s) for s in c["series"])}) for c in plain["curves"])
-    return PartResult(**{**plain, "comparisons": tuple(comparisons), "curves": tuple(curves)})

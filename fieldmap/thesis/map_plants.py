@@ -70,7 +70,7 @@ def _linear_plant(sensor_mm: float, offset_mm: float, n: float) -> MapPlant:
 
 
 def _plant(
-    field: Field, point: Array, current: float, n: float, steps: list[float] | None = None
+    field: Field, point: Array, current: float, n: float, steps: tuple[float, ...] | None = None
 ) -> MapPlant:
     """At equal currents in all coils."""
     currents = np.full(len(field.coil_names), current)
@@ -86,30 +86,27 @@ def _states(sensor_mm: float, offset_mm: float) -> Field:
 
 
 @cache
-def _lift_current(sensor_mm: float, offset_mm: float) -> float:
-    """Current in each coil at which saturating iron carries the payload, A."""
-    field, payload = _states(sensor_mm, offset_mm), read_device(_DEVICE).payload
-    at = _point(sensor_mm, offset_mm)
-    return lift_current(field, payload, at, first=3.5).current
-
-
-@cache
 def _saturating_plant(
-    sensor_mm: float, offset_mm: float, n: float, current: float, x_step: float, y_step: float
+    sensor_mm: float, offset_mm: float, n: float, steps: tuple[float, float], current: float | None = None
 ) -> MapPlant:
-    """At equal currents in all coils; signals u (A), x_ctrl, y_ctrl."""
+    """At equal currents in all coils, A: those that carry the payload unless given; signals u (A), x_ctrl, y_ctrl, and
+    the steps of the latter over which the forces of saturating iron are differenced."""
     field, at = _states(sensor_mm, offset_mm), _point(sensor_mm, offset_mm)
-    return _plant(field, at, current, n, [0.02, x_step, y_step])
+    if current is None:
+        current = lift_current(field, read_device(_DEVICE).payload, at, first=3.5).current
+    return _plant(field, at, current, n, (0.02, *steps))
+
+
+def _plants(inputs: dict[str, Any]) -> tuple[MapPlant, MapPlant]:
+    """With linear and with saturating iron; steps are the signals of 6.4."""
+    at = inputs["depth_mm"], inputs["offset_mm"], inputs["n"]
+    return _linear_plant(*at), _saturating_plant(*at, (inputs["x_signal"], inputs["y_signal"]))
 
 
 def vertical(inputs: dict[str, Any]) -> Answers:
     """Product of the poles, sign of the gain and slope of the equilibrium voltage, beside (7-7) and (7-19)."""
-    sensor, h, n = inputs["depth_mm"], inputs["offset_mm"], inputs["n"]
-    by_offset = [_linear_plant(sensor, each, n) for each in inputs["offsets_mm"]]
-    linear = _linear_plant(sensor, h, n)
-    saturating = _saturating_plant(
-        sensor, h, n, _lift_current(sensor, h), inputs["x_signal"], inputs["y_signal"]
-    )
+    by_offset = [_linear_plant(inputs["depth_mm"], each, inputs["n"]) for each in inputs["offsets_mm"]]
+    linear, saturating = _plants(inputs)
     gain = inputs["amplifier_A_per_V"]
     numbers = {
         "product": [p.pole_products[2] for p in by_offset],
@@ -140,12 +137,12 @@ def _volts_per_mm(plant: MapPlant, amplifier: float) -> float:
 
 def horizontal(inputs: dict[str, Any]) -> Answers:
     """Products of the horizontal poles, positions at rest, and the damping that makes the identified slow poles."""
-    sensor, h, n = inputs["depth_mm"], inputs["offset_mm"], inputs["n"]
-    # The signals of 6.4, over which the forces of saturating iron are differenced.
-    steps = inputs["x_signal"], inputs["y_signal"]
-    linear = _linear_plant(sensor, h, n)
-    saturating = _saturating_plant(sensor, h, n, _lift_current(sensor, h), *steps)
-    measured = _saturating_plant(sensor, h, n, inputs["measured_current_A"], *steps)
+    linear, saturating = _plants(inputs)
+    at, steps = (
+        (inputs["depth_mm"], inputs["offset_mm"], inputs["n"]),
+        (inputs["x_signal"], inputs["y_signal"]),
+    )
+    measured = _saturating_plant(*at, steps, inputs["measured_current_A"])
     numbers = {
         "product": linear.pole_products[:2],
         "product_saturating": saturating.pole_products[:2],
@@ -167,11 +164,10 @@ def _positions(plant: MapPlant, inputs: dict[str, Any]) -> list[float]:
 
 
 def _damping(plant: MapPlant, inputs: dict[str, Any]) -> list[float]:
-    poles = [_slow_pole(inputs[f"{axis}_first_order"], inputs["Ts_s"]) for axis in "xy"]
-    return [plant.damping_for_pole("x", poles[0]), plant.damping_for_pole("y", poles[1])]
-
-
-def _slow_pole(model: Array, Ts: float) -> float:
-    """The pole, 1/s, of a first order model: numerator, then denominator."""
-    denominator = continuous((model[:1], model[1:]), Ts).denominator
-    return float(-denominator[1] / denominator[0])
+    """That which makes the pole of the first-order models: numerator, then denominator."""
+    found = []
+    for axis in "xy":
+        model = inputs[f"{axis}_first_order"]
+        denominator = continuous((model[:1], model[1:]), inputs["Ts_s"]).denominator
+        found.append(plant.damping_for_pole(axis, float(-denominator[1] / denominator[0])))
+    return found

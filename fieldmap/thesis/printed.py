@@ -24,7 +24,6 @@ from fieldmap.shipped import shipped_folder
 
 PRINTED_NUMBERS = Path(__file__).parent / "printed_numbers"
 """The row files."""
-KINDS = ("sharp", "model", "measured")
 NUMBERS, TEXTS = "numbers", "texts"
 
 
@@ -173,18 +172,9 @@ def _part(content: dict[str, Any]) -> PrintedPart:
     )
 
 
+@cache
 def _content(name: str) -> dict[str, Any]:
     return tomllib.loads((PRINTED_NUMBERS / f"{name}.toml").read_text(encoding="utf-8"))
-
-
-@cache
-def _shared() -> dict[str, Any]:
-    return _content(NUMBERS)
-
-
-@cache
-def _texts() -> dict[str, str]:
-    return {name: text.strip() for name, text in _content(TEXTS).items()}
 
 
 def _value_and_place(entry: Mapping[str, Any]) -> tuple[Any, str]:
@@ -208,28 +198,22 @@ def _value_and_place(entry: Mapping[str, Any]) -> tuple[Any, str]:
 
 def _shared_number(path: str) -> tuple[Any, str]:
     section, _, name = path.partition(".")
-    found = _shared()[section][name]
+    place, found = _content(NUMBERS)[section].get("place"), _content(NUMBERS)[section][name]
     if not isinstance(found, dict):
-        return found, _shared()[section]["place"]
+        return found, place
     if "measured" not in found:
         return found["value"], found["place"]
-    value = _measured_number(found["measured"])
-    if "from_entry" in found:
-        value = value[found["from_entry"] :]
-    return value, found.get("place", _shared()[section]["place"])
-
-
-def _measured_number(path: str) -> Any:
-    """What geometry/measured/MACHINE.toml has at a path of keys and numbers: texts, with the digits that it writes."""
-    machine, *keys = path.split(".")
-    found: Any = _measured_file(machine)
+    # A path of keys and numbers in geometry/measured/MACHINE.toml.
+    machine, *keys = found["measured"].split(".")
+    value: Any = _measured_file(machine)
     for key in keys:
-        found = found[int(key)] if isinstance(found, list) else found[key]
-    return found
+        value = value[int(key)] if isinstance(value, list) else value[key]
+    return value[found["from_entry"] :] if "from_entry" in found else value, found.get("place", place)
 
 
 @cache
 def _measured_file(machine: str) -> dict[str, Any]:
+    """Numbers as texts, with the digits that the file writes."""
     text = (shipped_folder("geometry") / "measured" / f"{machine}.toml").read_text(encoding="utf-8")
     return tomllib.loads(text, parse_float=str)
 
@@ -287,19 +271,16 @@ class _Filler(Formatter):
     """`str.format` whose names may also be sentences of texts.toml, and which lists arrays entry by entry."""
 
     def get_value(self, key: int | str, args: Sequence[Any], kwargs: Mapping[str, Any]) -> Any:
-        if key not in kwargs and key in _texts():
-            return self.vformat(_texts()[str(key)], args, kwargs)
+        if key not in kwargs and key in _content(TEXTS):
+            return self.vformat(_content(TEXTS)[str(key)].strip(), args, kwargs)
         return super().get_value(key, args, kwargs)
 
     def format_field(self, value: Any, format_spec: str) -> str:
         if isinstance(value, list | tuple | np.ndarray) and np.ndim(value):
             return ", ".join(self.format_field(one, format_spec) for one in value)
+        text = format(value, format_spec)
         # A blank before the unit, as everywhere in these texts.
-        return (
-            format(value, format_spec).replace("%", " %")
-            if format_spec.endswith("%")
-            else format(value, format_spec)
-        )
+        return text.replace("%", " %") if format_spec.endswith("%") else text
 
 
 def filled(template: str, values: Mapping[str, Any]) -> str:
@@ -318,16 +299,13 @@ def figure_numbers(title: str) -> tuple[str, ...]:
     ('2-9', '6-5', '6-6', '6-7')
     """
     led = re.match(r"Figs?\.? ([\d, to-]+):", title)
-    return tuple(number for part in led[1].split(", ") for number in _each_figure(part)) if led else ()
-
-
-def _each_figure(part: str) -> list[str]:
-    """ "5-6 to 5-8" as single numbers."""
-    first, _, last = part.partition(" to ")
-    if not last:
-        return [first]
-    chapter, begin = first.split("-")
-    return [f"{chapter}-{number}" for number in range(int(begin), int(last.split("-")[1]) + 1)]
+    numbers: list[str] = []
+    for part in led[1].split(", ") if led else ():
+        first, _, last = part.partition(" to ")
+        chapter, begin = first.split("-")
+        end = (last or first).split("-")[1]
+        numbers += [f"{chapter}-{number}" for number in range(int(begin), int(end) + 1)]
+    return tuple(numbers)
 
 
 @dataclass(frozen=True, repr=False)
@@ -352,18 +330,8 @@ def thesis_figures() -> dict[str, ThesisFigure]:
     >>> thesis_figures()["2-4"].drawn_by
     ('S4_levitation',)
     """
-    path = PRINTED_NUMBERS / "figures.toml"
-    drawn = drawn_by()
+    drawn = [(number, part) for part in part_names() for number in read_part(part).figures]
     return {
-        number: ThesisFigure(number, drawn_by=tuple(drawn.get(number, ())), **entry)
-        for number, entry in tomllib.loads(path.read_text(encoding="utf-8")).items()
+        number: ThesisFigure(number, drawn_by=tuple(part for of, part in drawn if of == number), **entry)
+        for number, entry in _content("figures").items()
     }
-
-
-def drawn_by() -> dict[str, list[str]]:
-    """Number of a figure -> the parts whose row file says that they draw it."""
-    parts: dict[str, list[str]] = {}
-    for part in part_names():
-        for number in read_part(part).figures:
-            parts.setdefault(number, []).append(part)
-    return parts

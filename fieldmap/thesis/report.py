@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from fieldmap.curves import Curves
-from fieldmap.errors import InputError, Problem
+from fieldmap.errors import InputError
 from fieldmap.extras import needs
 from fieldmap.records import Record
 from fieldmap.store import write_whole
@@ -57,11 +57,6 @@ class Row(Record):
         return f"{agree} of {of}" if of else ""
 
     @property
-    def misprints(self) -> int:
-        """How many printed numbers cannot be right."""
-        return sum(bool(number.misprint) for number in self.numbers)
-
-    @property
     def largest(self) -> Comparison | None:
         """The number farthest from the thesis, misprints and sharp numbers that agree left out."""
         rest = [n for n in self.numbers if n.deviation and not n.misprint and not n.agrees]
@@ -87,9 +82,8 @@ class Row(Record):
         """The command line that computes this row, after those that make its maps."""
         option = next((part.option for part, _ in self.parts), "")
         maps = sorted({part.map for part, _ in self.parts if part.map})
-        return " && ".join(
-            [*(f"fieldmap map {recipe}" for recipe in maps), f"fieldmap thesis {self.id}{option}"]
-        )
+        words = [*(f"map {recipe}" for recipe in maps), f"thesis {self.id}{option}"]
+        return " && ".join(f"fieldmap {one}" for one in words)
 
 
 def prepare_folder(folder: Path) -> None:
@@ -97,11 +91,8 @@ def prepare_folder(folder: Path) -> None:
     try:
         (folder / "plots").mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        reason = error.strerror or str(error)
-        problem = Problem(
-            str(folder), "must be a folder that can be made and written", reason, "choose another"
-        )
-        raise InputError(problem) from None
+        must_hold = "must be a folder that can be made and written"
+        raise InputError.of(str(folder), must_hold, error.strerror or str(error), "choose another") from None
 
 
 def write_report(

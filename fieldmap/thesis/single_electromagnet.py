@@ -1,7 +1,6 @@
 """S3, S4, S6: magnets; the single electromagnet of section 2.3, its exact and its simplified winding, and the sphere it
 levitates; and the lumped model of levitation."""
 
-from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
@@ -14,7 +13,6 @@ from fieldmap.curves import Curves, Series
 from fieldmap.device import read_device
 from fieldmap.iron import LinearSolution, solve_linear
 from fieldmap.levitation import GRAVITY
-from fieldmap.records import Record
 from fieldmap.thesis.computation import Answers, Ours
 from fieldmap.typing import Array
 
@@ -23,29 +21,17 @@ CURRENTS = {EXACT: np.array([1.0]), SIMPLIFIED: np.full(5, 100.0)}
 _REFINEMENT = 1.5
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class AxisCurves(Record):
-    """Figures 2-4 to 2-6 on the axis: depth (n,) below the core in m, B_z (n,) in T and dB_z/dz (n,) in T/m, z up, and
-    the force (n,) on the sphere in N, for one winding."""
-
-    depth: Array
-    flux_density: Array
-    gradient: Array
-    force: Array
-
-
 @cache
 def solved(name: str, refinement: float) -> LinearSolution:
     """The solved electromagnet with one of the two windings."""
     return solve_linear(read_device(name), refinement=refinement)
 
 
-def axis_curves(name: str, depth: Array) -> AxisCurves:
-    """Field, gradient and force on the sphere along the axis."""
+def axis_curves(name: str, depth: Array) -> tuple[Array, Array]:
+    """B_z (n,), T, and dB_z/dz (n,), T/m, z up, at depths (n,), m, below the core."""
     points = np.column_stack([0 * depth, 0 * depth, -depth])
-    unit, moment = solved(name, _REFINEMENT), _payload(name).moment
-    gradient = unit.gradient(points, CURRENTS[name])[:, 2, 2]
-    return AxisCurves(depth, unit.field(points, CURRENTS[name])[:, 2], gradient, moment * gradient)
+    flux, slope = solved(name, _REFINEMENT).field_and_gradient(points, CURRENTS[name])
+    return flux[:, 2], slope[:, 2, 2]
 
 
 def levitation_depth(name: str, refinement: float = _REFINEMENT) -> float:
@@ -78,8 +64,8 @@ def windings(inputs: dict[str, Any]) -> dict[str, Any]:
 def levitation(inputs: dict[str, Any]) -> Answers:
     """Where the sphere levitates; how far the two windings' fields differ (Fig. 2-4)."""
     depth = 1e-3 * np.linspace(inputs["near_mm"], inputs["far_mm"], 80)
-    exact, simplified = (axis_curves(name, depth) for name in (EXACT, SIMPLIFIED))
-    difference = np.abs(simplified.flux_density / exact.flux_density - 1).max()
+    exact, simplified = (axis_curves(name, depth)[0] for name in (EXACT, SIMPLIFIED))
+    difference = np.abs(simplified / exact - 1).max()
     reported = solved(EXACT, _REFINEMENT).report.assumptions
     answers = {
         "depth_exact": 1e3 * levitation_depth(EXACT),
@@ -87,56 +73,41 @@ def levitation(inputs: dict[str, Any]) -> Answers:
         "difference_of_the_windings": 100 * float(difference),
     }
     numbers = {name: Ours(value, reported) for name, value in answers.items()}
-    curves = _axis_figures(inputs["printed_depth_mm"])
-    return Answers(numbers, curves, {"refinement": _REFINEMENT})
-
-
-def _axis_figures(printed_mm: float) -> tuple[Curves, ...]:
-    """Figs 2-4 to 2-6."""
     depth, near, label = np.linspace(0.5e-3, 0.1, 200), np.linspace(0.03, 0.06, 120), "500 turns, 1 A"
-    exact, simplified = (axis_curves(name, depth) for name in (EXACT, SIMPLIFIED))
-    flux = tuple(
-        Series(name, 1e3 * depth, 1e3 * one.flux_density)
-        for name, one in ((label, exact), ("5 turns, 100 A", simplified))
-    )
-    slope = Series(label, 1e3 * depth, exact.gradient)
-    weight, at = 1e3 * _payload(EXACT).mass * GRAVITY, 1e3 * levitation_depth(EXACT)
-    theirs = f"the thesis's {printed_mm:g} mm"
+    (exact, slope), (simplified, _) = (axis_curves(name, depth) for name in (EXACT, SIMPLIFIED))
+    lines = {label: exact, "5 turns, 100 A": simplified}
+    flux = tuple(Series(name, 1e3 * depth, 1e3 * one) for name, one in lines.items())
+    carried, at, printed = _payload(EXACT), answers["depth_exact"], inputs["printed_depth_mm"]
+    weight = 1e3 * carried.mass * GRAVITY
     force = (
-        Series("magnetic force", 1e3 * near, 1e3 * axis_curves(EXACT, near).force),
-        Series("weight", 1e3 * near[[0, -1]], np.full(2, weight)),
-        Series(f"balance at {at:.1f} mm", np.array([at]), np.array([weight]), points=True),
-        Series(theirs, np.array([printed_mm]), np.array([weight]), "published", points=True),
+        Series("magnetic force", 1e3 * near, 1e3 * (carried.moment * axis_curves(EXACT, near)[1])),
+        Series("weight", 1e3 * near[[0, -1]], [weight, weight]),
+        Series(f"balance at {at:.1f} mm", [at], [weight], points=True),
+        Series(f"the thesis's {printed:g} mm", [printed], [weight], "published", points=True),
     )
     x, title = "depth below the core (mm)", "Fig. 2-4: exact and simplified winding"
     rise = ("Fig. 2-5: gradient on the axis, z upwards", x, r"$\partial B_z/\partial z$ (T/m)")
-    return (
+    curves = (
         Curves(title, x, "$B_z$ (mT)", flux, "The two lines lie on each other."),
-        Curves(*rise, (slope,), log_y=True),
+        Curves(*rise, (Series(label, 1e3 * depth, slope),), log_y=True),
         Curves("Fig. 2-6: force on the 1 mm sphere", x, "force (mN)", force),
     )
+    return Answers(numbers, curves, {"refinement": _REFINEMENT})
 
 
 def sphere_and_microrobot(inputs: dict[str, Any]) -> dict[str, Any]:
     """Table 2-2 and 3.8: volumes of sphere and cylinder, mass, and the moment (2-12)."""
     sphere = np.pi / 6.0 * (1e-3 * inputs["sphere_diameter_mm"]) ** 3
     cylinder = np.pi / 4.0 * (1e-3 * inputs["magnet_diameter_mm"]) ** 2 * 1e-3 * inputs["magnet_height_mm"]
-    payload = read_device("drive_unit").payload
-    if payload is None:
-        raise LookupError("drive_unit.toml has no payload")
+    payload = _payload("drive_unit")
     return {
         "sphere_volume": sphere,
         "sphere_mass": inputs["sphere_density"] * sphere,
-        "sphere_moment": _moment(inputs["sphere_remanence_T"], sphere),
-        "magnet_moment": _moment(inputs["magnet_remanence_T"], cylinder),
+        "sphere_moment": inputs["sphere_remanence_T"] * sphere / MU0,
+        "magnet_moment": inputs["magnet_remanence_T"] * cylinder / MU0,
         "payload_mass": 1e3 * payload.mass,
         "payload_moment": payload.moment,
     }
-
-
-def _moment(remanence: float, volume: float) -> float:
-    """(2-12), A m^2."""
-    return remanence * volume / MU0
 
 
 def lumped_model(inputs: dict[str, Any]) -> dict[str, Any]:

@@ -10,7 +10,6 @@ from fieldmap.curves import Curves, Series
 from fieldmap.errors import OutsideMapError
 from fieldmap.field import FieldLike
 from fieldmap.levitation import stationary_points
-from fieldmap.lookup import FieldMap
 from fieldmap.thesis import detail
 from fieldmap.thesis.computation import Answers
 from fieldmap.thesis.detail import available_map
@@ -26,30 +25,28 @@ SIDES: tuple[tuple[Axis, float], ...] = (("x", 1.0), ("x", -1.0), ("y", 1.0))
 """y < 0 mirrors y > 0."""
 
 
-def extended_map() -> FieldMap:
-    """The map `division`, which answers beyond its currents too. Raises MapMissing."""
-    return available_map("division", outside_currents="evaluate")
-
-
 def ranges(inputs: dict[str, Any]) -> Answers:
     """7.2.3."""
     limit, hs = inputs["current_limit_A"], inputs["offsets_mm"]
     numbers: dict[str, Any] = {}
     curves: list[Curves] = []
+    ends: dict[Axis, float] = {"x": X_END, "y": inputs["largest_y_signal"]}
     for z_s, name in zip(inputs["depths_mm"], ("upper", "lower"), strict=True):
-        sides = {
-            (axis, way): [_side(axis, way, z_s, h, limit, inputs["largest_y_signal"]) for h in hs]
-            for axis, way in SIDES
-        }
-        ranges = [a + b for a, b in zip(sides["x", 1.0], sides["x", -1.0], strict=True)]
-        numbers[f"x_range_{name}"] = ranges
-        numbers[f"y_range_{name}"] = [2.0 * side for side in sides["y", 1.0]]
-        curves.append(_figure(z_s))
-        ends: tuple[tuple[Axis, float], ...] = (("x", X_END), ("y", inputs["largest_y_signal"]))
-        for axis, largest in ends:
+        right, left, up = ([_side(*side, z_s, h, limit, ends["y"]) for h in hs] for side in SIDES)
+        numbers[f"x_range_{name}"] = [a + b for a, b in zip(right, left, strict=True)]
+        numbers[f"y_range_{name}"] = [2.0 * side for side in up]
+        for axis, largest in ends.items():
             numbers[f"{axis}_range_{name}_joints"] = joint_range(axis, z_s, limit, largest)
-    numbers["vertical_range"] = [_deepest(h, limit, True) for h in hs]
-    numbers["vertical_range_unscaled"] = [_deepest(h, limit, False) for h in hs]
+        series = []
+        for axis, way in SIDES:
+            found = _followed(axis, way, z_s, DRAWN_H)
+            words = f"{'-' if way < 0 else ''}{axis}"
+            series.append(Series(words, found.largest, 1e3 * np.abs(found.along)))
+        title = f"Reach against the largest coil current, z_s = {z_s:g} mm, h = {DRAWN_H:g} mm"
+        labels = (title, "largest coil current (A)", "distance from the origin (mm)")
+        curves.append(Curves(*labels, tuple(series)))
+    for name, scaled in (("vertical_range", True), ("vertical_range_unscaled", False)):
+        numbers[name] = [_deepest(h, limit, scaled) for h in hs]
     stable = all(
         _followed(axis, way, z_s, DRAWN_H).all_stable for axis, way in SIDES for z_s in inputs["depths_mm"]
     )
@@ -67,7 +64,8 @@ def _followed(axis: Axis, way: float, z_s: float, h: float) -> Shift:
     signals = SIGNALS
     while True:
         try:
-            return shift((extended_map(),), way * signals, axis, z_s=z_s, h=h, far=np.inf)
+            fields = (available_map("division", outside_currents="evaluate"),)
+            return shift(fields, way * signals, axis, z_s=z_s, h=h, far=np.inf)
         except OutsideMapError:
             signals = signals[:-1]
 
@@ -82,20 +80,10 @@ def _side(axis: Axis, way: float, z_s: float, h: float, limit: float, largest_y:
     return float(np.interp(last, signals, along))
 
 
-def _figure(z_s: float) -> Curves:
-    series = []
-    for axis, way in SIDES:
-        found = _followed(axis, way, z_s, DRAWN_H)
-        name = f"{'-' if way < 0 else ''}{axis}"
-        series.append(Series(name, found.largest, 1e3 * np.abs(found.along)))
-    title = f"Reach against the largest coil current, z_s = {z_s:g} mm, h = {DRAWN_H:g} mm"
-    return Curves(title, "largest coil current (A)", "distance from the origin (mm)", tuple(series))
-
-
 def _deepest(h: float, limit: float, scaled: bool) -> float:
     """Largest z_s, mm, at which the limit in every coil carries the weight; the force scaled so that (7-18) carries it
     at z_s = 10 mm, or as computed."""
-    field = extended_map()
+    field = available_map("division", outside_currents="evaluate")
     scale = 1.0 / lift_share(field, 10.0, h, thesis_lift_current(10.0)) if scaled else 1.0
     end = -1e3 * float(field.lower[2]) - 1e3 * SENSOR_ZERO_DEPTH - h - 0.01
 
@@ -112,6 +100,7 @@ def _checked_at_half() -> float:
     currents = LiftAndDirections(1.25).currents([2.2, 0.0, 0.5])
     height = magnet_height(11.5, 1e-3 * DRAWN_H)
     window = ([-5e-3, 0.0], [5e-3, 15.9e-3])
-    sources: tuple[FieldLike, ...] = (extended_map(), unit_states())
+    extended = available_map("division", outside_currents="evaluate")
+    sources: tuple[FieldLike, ...] = (extended, unit_states())
     places = [stationary_points(f, currents, payload(), height, window, samples=8).points for f in sources]
     return 1e3 * float(np.linalg.norm(places[0][0].position - places[1][0].position))

@@ -283,5 +283,5 @@ def test_thesis(printed, golden, monkeypatch):
         PartResult("S3", "Magnets", numbers, explanations={"": "All of it.", "lift": "Iron."}),
         PartResult("S10", "A map", problem="map missing", remedy="fieldmap map quick", map="quick"),
     ]
-    monkeypatch.setattr("fieldmap.thesis.run_of_plan.computed", lambda *given: iter(results))
+    monkeypatch.setattr("fieldmap.thesis.plan.computed", lambda *given: iter(results))
     golden("thesis", printed("thesis"))

@@ -12,10 +12,9 @@ from fieldmap.thesis import PartResult, detail, kept, part_names, row_names
 from fieldmap.thesis import report as writing
 from fieldmap.thesis.computation import attempt_part, compute_part, expected_seconds
 from fieldmap.thesis.detail import file_of, maps_in
-from fieldmap.thesis.plan import COMPILATION, MAP_SECONDS, planned
+from fieldmap.thesis.plan import COMPILATION, MAP_SECONDS, moving, planned
 from fieldmap.thesis.printed import parts_of, read_part
 from fieldmap.thesis.report import prepare_folder, write_report
-from fieldmap.thesis.run_of_plan import moving
 
 ROOT = Path(__file__).parents[2]
 
@@ -141,8 +140,8 @@ def test_the_page_is_there_before_the_first_part_and_grows(tmp_path, monkeypatch
 
 def test_progress_moves_while_a_part_is_at_work(monkeypatch):
     """Every moment or so, never backwards, and never beyond the part."""
-    monkeypatch.setattr("fieldmap.thesis.run_of_plan.MOVED_EVERY", 0.1)
-    monkeypatch.setattr("fieldmap.thesis.run_of_plan.TOLD_EVERY", 0.05)
+    monkeypatch.setattr("fieldmap.thesis.plan.MOVED_EVERY", 0.1)
+    monkeypatch.setattr("fieldmap.thesis.plan.TOLD_EVERY", 0.05)
     seen = []
     with moving(lambda message, share: seen.append(share), {"A": 0.6, "B": 0.2}) as begins:
         begins("A", 0.0)
