@@ -53,6 +53,8 @@ Cells = NDArray[np.int64]
 
 _AXES = "xyz"
 _POINTS = 1000
+# What files that are no such model make a reader raise.
+_NO_MODEL = (OSError, LookupError, TypeError, ValueError, AttributeError, OverflowError, RecursionError)
 # Faces by which single precision and the reader's step, a rounded quotient, leave every point of the box inside.
 _ROUNDING = 4e-7
 
@@ -130,11 +132,8 @@ class VectorFields(Record):
             data = self.flux_density[..., k, :].reshape(-1, 3).tolist()
             lines += [f"    - [{x:.9g}, {y:.9g}, {z:.9g}]" for x, y, z in data]
             for axis, low, high in zip(_AXES, self.lower.tolist(), self.upper.tolist(), strict=True):
-                lines += [
-                    f"    dim_{axis}: {self.count}",
-                    f"    min_{axis}: {low:.9g}",
-                    f"    max_{axis}: {high:.9g}",
-                ]
+                sides = f"dim_{axis}: {self.count}", f"min_{axis}: {low:.9g}", f"max_{axis}: {high:.9g}"
+                lines += [f"    {side}" for side in sides]
         return write_whole(path, "\n".join(lines) + "\n")
 
 
@@ -206,7 +205,12 @@ def sample_for_mag_manip(
         remedy = "give currents, or --currents on the command line"
         raise InputError.of("sample_for_mag_manip(currents)", must_hold, "none", remedy)
     count = max(sample_grid(field, spacing).shape)
-    source = _coil_by_coil(field) if currents is None else _at_currents(field, currents)
+    source = _Source(tuple(field.coil_names), field.unit_field, field.unit_gradient)
+    if currents is not None:
+        amperes = coil_currents(currents, field.coil_names)
+        fixed, pairs = field.at(amperes), zip(field.coil_names, amperes.tolist(), strict=True)
+        name = ", ".join(f"{value:.9g} A in coil {coil}" for coil, value in pairs)
+        source = _Source((name,), lambda x: fixed.field(x)[:, None], lambda x: fixed.gradient(x)[:, None])
     sampled = _sample(field, source, count)
     while spacing is None and sampled.flux_error > ACCURACY and count < MOST_NODES:
         # The outermost cells, where the error is largest, converge with the square of the spacing.
@@ -224,39 +228,18 @@ class _Source(NamedTuple):
     gradient: Callable[[Array], Array]
 
 
-def _coil_by_coil(field: FieldMap) -> _Source:
-    return _Source(tuple(field.coil_names), field.unit_field, field.unit_gradient)
-
-
-def _at_currents(field: FieldMap, currents: object) -> _Source:
-    amperes = coil_currents(currents, field.coil_names)
-    fixed = field.at(amperes)
-    pairs = zip(field.coil_names, amperes.tolist(), strict=True)
-    name = ", ".join(f"{value:.9g} A in coil {coil}" for coil, value in pairs)
-    return _Source((name,), lambda x: fixed.field(x)[:, None], lambda x: fixed.gradient(x)[:, None])
-
-
 def _sample(field: FieldMap, source: _Source, count: int) -> VectorFields:
     room = _ROUNDING * np.maximum(np.abs(field.lower), np.abs(field.upper))
-    lower, upper = (
-        face.astype(np.float32).astype(np.float64) for face in (field.lower - room, field.upper + room)
-    )
+    lower, upper = np.array([field.lower - room, field.upper + room], np.float32).astype(np.float64)
     grid = Grid(lower, (upper - lower) / (count - 1), (count, count, count))
     flux = source.field(np.clip(grid.points(), field.lower, field.upper))
     flux = flux.reshape(count, count, count, -1, 3)
     cells, shares = _places(count)
     points = np.clip(grid.lower + (cells + shares) * grid.spacing, field.lower, field.upper)
     read, slope = _tricubic(flux, cells, shares)
-    return VectorFields(
-        field.info.provenance.title or "fieldmap",
-        source.names,
-        lower,
-        upper,
-        flux,
-        field.info.grid.shape,
-        _share(read, source.field(points)),
-        _share(slope / grid.spacing, source.gradient(points)),
-    )
+    errors = _share(read, source.field(points)), _share(slope / grid.spacing, source.gradient(points))
+    title = field.info.provenance.title or "fieldmap"
+    return VectorFields(title, source.names, lower, upper, flux, field.info.grid.shape, *errors)
 
 
 def _places(count: int) -> tuple[Cells, Array]:
@@ -292,10 +275,9 @@ def _weights(cells: Cells, shares: Array, count: int) -> tuple[Array, Array]:
     cubic Hermite interpolations, each with the differences of its own direction as slopes.
     """
     t = shares
-    hermite = np.stack(
-        [2 * t**3 - 3 * t**2 + 1, 3 * t**2 - 2 * t**3, t**3 - 2 * t**2 + t, t**3 - t**2], axis=-1
-    )
-    change = np.stack([6 * t**2 - 6 * t, 6 * t - 6 * t**2, 3 * t**2 - 4 * t + 1, 3 * t**2 - 2 * t], axis=-1)
+    cubics = (2 * t**3 - 3 * t**2 + 1, 3 * t**2 - 2 * t**3, t**3 - 2 * t**2 + t, t**3 - t**2)
+    slopes = (6 * t**2 - 6 * t, 6 * t - 6 * t**2, 3 * t**2 - 4 * t + 1, 3 * t**2 - 2 * t)
+    hermite, change = np.stack(cubics, axis=-1), np.stack(slopes, axis=-1)
     from_values = np.array([[0.0, 1, 0, 0], [0, 0, 1, 0]])
     first = np.where((cells == 0)[..., None], [0, -1.0, 1, 0], [-0.5, 0, 0.5, 0])
     last = np.where((cells == count - 2)[..., None], [0, -1.0, 1, 0], [0, -0.5, 0, 0.5])
@@ -347,27 +329,16 @@ def read_mag_manip(path: PathLike, spacing: float | None = None) -> MeasuredMap:
         if not 0 < len(fields) <= MOST_COILS:
             raise ValueError(f"{len(fields)} vfields, where 1 to {MOST_COILS} are read")
         coils = {str(key): _coil(value) for key, value in sorted(fields.items())}
-    except (
-        OSError,
-        UnicodeDecodeError,
-        yaml.YAMLError,
-        LookupError,
-        TypeError,
-        ValueError,
-        AttributeError,
-        OverflowError,
-        RecursionError,
-    ) as error:
+    except (*_NO_MODEL, yaml.YAMLError) as error:
         must_hold = "must be a mag_manip file with vfields: dim_, min_, max_ of x, y, z, and data"
         received = " ".join(str(error).split())[:80] or type(error).__name__
         raise MapFileError.of(str(source), must_hold, received, "check the file") from None
-    count = len(coils)
-    points = [grid.points() for grid, _ in coils.values()]
-    currents = np.repeat(np.eye(count), [len(part) for part in points], axis=0)
-    flux = np.concatenate([part for _, part in coils.values()])
-    where = np.concatenate(points)
-    step = min(float(np.min(grid.spacing)) for grid, _ in coils.values())
-    return fit_map(Measurements(tuple(coils), where, currents, flux), step if spacing is None else spacing)
+    grids, flux = zip(*coils.values(), strict=True)
+    points = [grid.points() for grid in grids]
+    currents = np.repeat(np.eye(len(coils)), [len(part) for part in points], axis=0)
+    readings = Measurements(tuple(coils), np.concatenate(points), currents, np.concatenate(flux))
+    step = min(float(np.min(grid.spacing)) for grid in grids)
+    return fit_map(readings, step if spacing is None else spacing)
 
 
 def _coil(entry: dict[str, Any]) -> tuple[Grid, np.ndarray]:

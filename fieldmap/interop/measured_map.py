@@ -121,36 +121,21 @@ def fit_map(
     nodes = (grid.points() - centre) / length
     amperes = np.abs(measurements.currents).max(axis=0)
     error = _standard_error(design, scatter, nodes, length, chosen, amperes)
-    report = FitReport(
-        chosen,
-        float(np.sqrt(np.mean(left**2))),
-        float(np.sqrt(np.mean(held**2))),
-        float(np.abs(held).max()),
-        error,
-        len(points),
-    )
-    by_coil = np.asarray(coefficients).reshape(len(amperes), -1)
-    return MeasuredMap(_map(measurements.coil_names, grid, nodes, length, by_coil, amperes, report), report)
-
-
-def _map(
-    names: tuple[str, ...],
-    grid: Grid,
-    nodes: Array,
-    length: float,
-    fitted: Array,
-    amperes: Array,
-    report: FitReport,
-) -> MapData:
-    shape = (len(names), *grid.shape)
-    flux, slope = np.empty((len(names), len(nodes), 3)), np.empty((len(names), len(nodes), 3, 3))
+    residual, predicted = (float(np.sqrt(np.mean(missed**2))) for missed in (left, held))
+    report = FitReport(chosen, residual, predicted, float(np.abs(held).max()), error, len(points))
+    fitted = np.asarray(coefficients).reshape(len(amperes), -1)
+    flux, slope = np.empty((len(amperes), len(nodes), 3)), np.empty((len(amperes), len(nodes), 3, 3))
     for some in _parts(len(nodes)):
-        of_field, of_slope = (
-            field_matrix(report.degree, nodes[some]),
-            gradient_matrix(report.degree, nodes[some]),
-        )
+        of_field, of_slope = field_matrix(chosen, nodes[some]), gradient_matrix(chosen, nodes[some])
         flux[:, some] = np.einsum("nik,ck->cni", of_field[..., 1:], fitted)
         slope[:, some] = np.einsum("nijk,ck->cnij", of_slope[..., 1:], fitted) / length
+    shape = (len(amperes), *grid.shape, 3)
+    flux, slope = flux.reshape(shape), slope.reshape(*shape, 3)
+    about = measurements.coil_names, amperes, _provenance(report)
+    return MeasuredMap(MapData(grid, *about, flux_density=flux, gradient=slope), report)
+
+
+def _provenance(report: FitReport) -> Provenance:
     stated = {
         "fit": "harmonic polynomials, least squares",
         "degree": report.degree,
@@ -166,15 +151,7 @@ def _map(
         "measured: no currents and no iron inside the box",
         f"measured: readings predicted without them to {report.held_out:.2g} T (rms per component)",
     )
-    source = Provenance(title="Measured field", solver_report=stated, assumptions=assumptions)
-    return MapData(
-        grid,
-        names,
-        amperes,
-        source,
-        flux_density=flux.reshape(*shape, 3),
-        gradient=slope.reshape(*shape, 3, 3),
-    )
+    return Provenance(title="Measured field", solver_report=stated, assumptions=assumptions)
 
 
 def _grid(low: Array, high: Array, spacing: float) -> Grid:

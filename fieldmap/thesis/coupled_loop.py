@@ -35,7 +35,7 @@ def vertical(inputs: dict[str, Any]) -> Answers:
     base = runs["air"]
     column = [*base.column(DEPTH), base.rms(DEPTH, 0.75 * base.time[-1])]
     names = ("peak_time", "rise_time", "settling_time", "overshoot", "rms_at_rest")
-    found = dict(zip(names, column, strict=True))
+    found: dict[str, Any] = dict(zip(names, column, strict=True))
     found |= {"time_to_reference": base.time_to_reference(DEPTH, 1.0), "setup_of_30": column}
     lines = {"air": base, f"damping of (7-7), {drag:g} N s/m": runs["with_damping"]}
     title = "Table 7-1: step of 1 mm, PID of 7.2.1"
@@ -230,8 +230,9 @@ def proportional(inputs: dict[str, Any]) -> Answers:
         curves.append(coupled.with_measured(one, "mean of the rig", times, inputs[means]) if means else one)
     # Out to 0.5 mm and back by one step, Ti = 0.005.
     way = {"reference.0.times": 5, "reference.1.times": 1, "reference.1.at_s": 9.5, "duration_s": 12.0}
-    for title, axis, name, to in (("Figs 6-17, 6-18", X, "x", {}), ("Fig. 6-19", Y, "y", changes)):
-        run = run_of(inputs, "horizontal_pd", {**to, **way, f"control.{name}.Ti_s": 0.3})
+    for title, axis, name in (("Figs 6-17, 6-18", X, "x"), ("Fig. 6-19", Y, "y")):
+        to_axis = changes if name == "y" else {}
+        run = run_of(inputs, "horizontal_pd", {**to_axis, **way, f"control.{name}.Ti_s": 0.3})
         curves.append(over_time(f"{title}: {name} under PID control", axis, {name: run}, begin=1.0))
     return Answers(numbers, tuple(curves))
 

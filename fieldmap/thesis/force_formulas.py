@@ -102,8 +102,8 @@ class VerticalForce(Record):
 
     def mirrored(self) -> "VerticalForce":
         """The electromagnet at the other end of the pole piece."""
-        parts = (replace(part, x0=-part.x0, side=-part.side) for part in (self.slope, self.intercept))
-        return VerticalForce(*parts, self.nominal_current)
+        slope, intercept = (replace(one, x0=-one.x0, side=-one.side) for one in (self.slope, self.intercept))
+        return VerticalForce(slope, intercept, self.nominal_current)
 
 
 @dataclass(frozen=True, repr=False)

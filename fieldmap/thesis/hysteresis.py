@@ -359,7 +359,10 @@ def joints(inputs: dict[str, Any]) -> Answers:
         shift = _branches(axis, there_and_back(signals), inputs["z_mm"])
         out, back = out_and_back(measured[0][0] + shift)
         numbers |= {f"{side}_outward": out, f"{side}_back": back}
-        pairs = both_ways("ours", signals, out, back), both_ways("measured", signals, *measured, "measured")
+        pairs = (
+            both_ways("ours", signals, out, back),
+            both_ways("measured", signals, measured[0], measured[1], "measured"),
+        )
         drawn += [line for pair in zip(*pairs, strict=True) for line in pair]
     figure = Curves(inputs["figure"], f"{axis} control signal", f"{axis} (mm)", tuple(drawn))
     return Answers(numbers, (figure,), about_the_joints())

@@ -14,6 +14,7 @@ from fieldmap.levitation import lift_current
 from fieldmap.store import Grid
 from fieldmap.thesis.computation import Answers
 from fieldmap.thesis.drive_unit import harmonic_map
+from fieldmap.thesis.equilibrium_shift import AXES
 from fieldmap.thesis.vertical_sensor import magnet_height
 from fieldmap.typing import Array
 
@@ -70,7 +71,7 @@ def _linear_plant(sensor_mm: float, offset_mm: float, n: float) -> MapPlant:
 
 
 def _plant(
-    field: Field, point: Array, current: float, n: float, steps: tuple[float, ...] | None = None
+    field: Field, point: Array, current: float, n: float, steps: list[float] | None = None
 ) -> MapPlant:
     """At equal currents in all coils."""
     currents = np.full(len(field.coil_names), current)
@@ -94,7 +95,7 @@ def _saturating_plant(
     field, at = _states(sensor_mm, offset_mm), _point(sensor_mm, offset_mm)
     if current is None:
         current = lift_current(field, read_device(_DEVICE).payload, at, first=3.5).current
-    return _plant(field, at, current, n, (0.02, *steps))
+    return _plant(field, at, current, n, [0.02, *steps])
 
 
 def _plants(inputs: dict[str, Any]) -> tuple[MapPlant, MapPlant]:
@@ -166,7 +167,7 @@ def _positions(plant: MapPlant, inputs: dict[str, Any]) -> list[float]:
 def _damping(plant: MapPlant, inputs: dict[str, Any]) -> list[float]:
     """That which makes the pole of the first-order models: numerator, then denominator."""
     found = []
-    for axis in "xy":
+    for axis in AXES:
         model = inputs[f"{axis}_first_order"]
         denominator = continuous((model[:1], model[1:]), inputs["Ts_s"]).denominator
         found.append(plant.damping_for_pole(axis, float(-denominator[1] / denominator[0])))

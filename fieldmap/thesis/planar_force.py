@@ -78,8 +78,8 @@ def constants(inputs: dict[str, Any]) -> Answers:
     """Table 4-2: constants of (4-5) along the line of Fig. 4-5."""
     depth = (1e-3 * inputs["depth_mm"],)
     fit = horizontal_fit(depth, inputs["a_m"])
-    constants = (inputs[name] for name in ("L0_H", "a_m", "b_m", "c_N"))
-    printed = HorizontalForce(*constants, _X0, inputs["nominal_current_A"])
+    L0, a, b, c = (inputs[name] for name in ("L0_H", "a_m", "b_m", "c_N"))
+    printed = HorizontalForce(L0, a, b, c, _X0, inputs["nominal_current_A"])
     x, z = grid(depth)
     error = printed(x, z, _CURRENT) - force((1.0, 0.0), x, z)[:, 0]
     formula = fit.formula

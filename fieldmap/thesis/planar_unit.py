@@ -209,7 +209,8 @@ def _flux_density_along_x(
             theirs = np.array([1e-3 * line.theirs])
             if window[0] <= theirs[0] <= window[1]:
                 printed.append((1e3 * theirs[0], upwards(theirs)[0]))
-        series.append(Series(table, *np.reshape(printed, (-1, 2)).T, "published", points=True))
+        x, y = np.reshape(printed, (-1, 2)).T
+        series.append(Series(table, x, y, "published", points=True))
         message = ""
         if len(ours) > 1:
             # How far the equilibrium moves from the first line to the last, and how far the table's are from ours.

@@ -183,7 +183,9 @@ OFFSET_LIMITS = (5e-3, 30e-3)
 def calibrations(inputs: dict[str, Any]) -> Answers:
     """(7-18) and Tables 6-4, 6-6 before and after each fit."""
     field, depths = detail.available_map("division", outside_currents="evaluate"), inputs["depths_mm"]
-    tables = {axis: (inputs[f"{axis}_signals"], inputs[f"{axis}_mm"]) for axis in AXES}
+    tables: dict[str, tuple[Array, Array]] = {
+        axis: (inputs[f"{axis}_signals"], inputs[f"{axis}_mm"]) for axis in AXES
+    }
     lift, mm = inputs["lift_deviation"], inputs["position_deviation_mm"]
     law = np.array([thesis_lift_current(z) for z in depths])
     heights, amperes = [magnet_height(z) for z in depths], np.outer(law, np.ones(6))

@@ -30,8 +30,8 @@ def solved(name: str, refinement: float) -> LinearSolution:
 def axis_curves(name: str, depth: Array) -> tuple[Array, Array]:
     """B_z (n,), T, and dB_z/dz (n,), T/m, z up, at depths (n,), m, below the core."""
     points = np.column_stack([0 * depth, 0 * depth, -depth])
-    flux, slope = solved(name, _REFINEMENT).field_and_gradient(points, CURRENTS[name])
-    return flux[:, 2], slope[:, 2, 2]
+    unit, currents = solved(name, _REFINEMENT), CURRENTS[name]
+    return unit.field(points, currents)[:, 2], unit.gradient(points, currents)[:, 2, 2]
 
 
 def levitation_depth(name: str, refinement: float = _REFINEMENT) -> float:
@@ -81,9 +81,11 @@ def levitation(inputs: dict[str, Any]) -> Answers:
     weight = 1e3 * carried.mass * GRAVITY
     force = (
         Series("magnetic force", 1e3 * near, 1e3 * (carried.moment * axis_curves(EXACT, near)[1])),
-        Series("weight", 1e3 * near[[0, -1]], [weight, weight]),
-        Series(f"balance at {at:.1f} mm", [at], [weight], points=True),
-        Series(f"the thesis's {printed:g} mm", [printed], [weight], "published", points=True),
+        Series("weight", 1e3 * near[[0, -1]], np.full(2, weight)),
+        Series(f"balance at {at:.1f} mm", np.array([at]), np.array([weight]), points=True),
+        Series(
+            f"the thesis's {printed:g} mm", np.array([printed]), np.array([weight]), "published", points=True
+        ),
     )
     x, title = "depth below the core (mm)", "Fig. 2-4: exact and simplified winding"
     rise = ("Fig. 2-5: gradient on the axis, z upwards", x, r"$\partial B_z/\partial z$ (T/m)")

@@ -86,8 +86,8 @@ def added_errors(depth: float, half_width: float, formula: str = HORIZONTAL) -> 
     errors = []
     for chosen in ((ONE,), (ONE, FOUR), unit().coil_names):
         rows = [_index(name) for name in chosen]
-        sums = (of[rows].sum(axis=0) for of in (line_formulas(depth, half_width)[formula], force))
-        errors.append(force_formulas.added_error((1.0,) * len(rows), *sums, np.abs(x) <= 0.0101))
+        added, total = (of[rows].sum(axis=0) for of in (line_formulas(depth, half_width)[formula], force))
+        errors.append(force_formulas.added_error((1.0,) * len(rows), added, total, np.abs(x) <= 0.0101))
     return tuple(errors)
 
 
@@ -101,7 +101,7 @@ def constants(inputs: dict[str, Any]) -> Answers:
     y, a = 1e-3 * inputs["y_mm"], float(inputs["a_m"][0])
     plane = fitted(ONE, depth, half_width, a, _SIDES[ONE], y)
     names = {"L0": "inductance", "b": "b", "c": "c"}
-    numbers = {name: [getattr(fit.formula, of) for fit in fits] for name, of in names.items()}
+    numbers: dict[str, Any] = {name: [getattr(fit.formula, of) for fit in fits] for name, of in names.items()}
     numbers["d"] = plane.formula.d
     facts = {
         "device": _DEVICE,

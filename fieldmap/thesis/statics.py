@@ -149,12 +149,12 @@ def _relative_slope(z_s: float, h: float) -> float:
 
 def _lift_figures(inputs: dict[str, Any], currents: Array, shares: Array) -> tuple[Curves, ...]:
     zs, hs, x = inputs["depths_mm"], inputs["offsets_mm"], "sensor depth z_s (mm)"
-    series = [Series("measured, (7-18)", zs, [thesis_lift_current(z) for z in zs], "measured")]
+    series = [Series("measured, (7-18)", zs, np.array([thesis_lift_current(z) for z in zs]), "measured")]
     series.append(Series(f"ours, saturating, h = {inputs['offset_mm']:g} mm", zs, currents))
     for h, row in zip(hs, shares, strict=True):
         # Where force is scaled so that (7-18) holds at the middle: the same law at every depth?
         scale = 1.0 / row[int(np.argmin(np.abs(zs - inputs["middle_mm"])))]
-        scaled = [lift_current(z, h, scale) for z in zs]
+        scaled = np.array([lift_current(z, h, scale) for z in zs])
         series.append(Series(f"ours, force scaled by {scale:.2f}, h = {h:g} mm", zs, scaled))
     shown = tuple(Series(f"h = {h:g} mm", zs, row) for h, row in zip(hs, shares, strict=True))
     return (

@@ -47,7 +47,7 @@ def responses(inputs: dict[str, Any], steps: Mapping[float, Readings]) -> list[C
             inputs["adjusted_gain"], [inputs["adjusted_zero"]], inputs["plant_poles"]
         ),
     }
-    curves = []
+    curves: list[Curves] = []
 
     def draw(
         figure: str, run: Readings, gains: Gains, models: tuple[str, ...], remark: str = "", end: float = 2.5
