@@ -130,9 +130,15 @@ def fit_map(
         flux[:, some] = np.einsum("nik,ck->cni", of_field[..., 1:], fitted)
         slope[:, some] = np.einsum("nijk,ck->cnij", of_slope[..., 1:], fitted) / length
     shape = (len(amperes), *grid.shape, 3)
-    flux, slope = flux.reshape(shape), slope.reshape(*shape, 3)
-    about = measurements.coil_names, amperes, _provenance(report)
-    return MeasuredMap(MapData(grid, *about, flux_density=flux, gradient=slope), report)
+    data = MapData(
+        grid,
+        measurements.coil_names,
+        amperes,
+        _provenance(report),
+        flux_density=flux.reshape(shape),
+        gradient=slope.reshape(*shape, 3),
+    )
+    return MeasuredMap(data, report)
 
 
 def _provenance(report: FitReport) -> Provenance:

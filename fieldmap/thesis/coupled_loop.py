@@ -8,16 +8,7 @@ import numpy as np
 from fieldmap.curves import Curves, Series
 from fieldmap.thesis import coupled_runs as coupled
 from fieldmap.thesis.computation import Answers
-from fieldmap.thesis.coupled_runs import (
-    DEPTH,
-    Readings,
-    X,
-    Y,
-    ours,
-    over_time,
-    run_of,
-    runs_of,
-)
+from fieldmap.thesis.coupled_runs import DEPTH, Readings, X, Y, ours, over_time, run_of, runs_of
 
 
 def vertical(inputs: dict[str, Any]) -> Answers:

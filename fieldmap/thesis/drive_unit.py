@@ -124,12 +124,7 @@ def _grid() -> Grid:
     return Grid(LOWER, np.full(3, SPACING), tuple(int(k) for k in shape))  # type: ignore[arg-type]
 
 
-PANELS = (
-    (1.0, 1.558, 2.2),
-    (1.558, 2.2, 3.0),
-    (3.0, 3.6, 4.3),
-    (3.6, 4.3, 5.2),
-)
+PANELS = ((1.0, 1.558, 2.2), (1.558, 2.2, 3.0), (3.0, 3.6, 4.3), (3.6, 4.3, 5.2))
 """Mean currents, A, at which states on a ray are solved; the next panel begins where one is left: at 1.558 A, which is
 (7-18) at z_s = 10 mm, at 3.0 and at 4.3 A."""
 _ENDS = np.array([1.558, 3.0, 4.3, 5.2])

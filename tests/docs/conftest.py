@@ -9,7 +9,8 @@ from typing import Any
 
 import pytest
 
-ROOT = Path(__file__).parents[2]
+from tests.docs.pages import ROOT
+
 IMAGES = ROOT / "docs" / "images"
 RECORDS = IMAGES / "records.json"
 

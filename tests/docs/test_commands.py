@@ -13,12 +13,8 @@ from fieldmap.cli.application import application
 from fieldmap.cli.arguments import join_lists
 from fieldmap.shipped import shipped_names
 from fieldmap.thesis import part_names, row_names
+from tests.docs.pages import PAGES, ROOT, named
 
-ROOT = Path(__file__).parents[2]
-PAGES = sorted(
-    path for folder in (".", "docs", "geometry", "maps", "thesis") for path in (ROOT / folder).glob("*.md")
-)
-PAGES += sorted((ROOT / "docs").glob("*/*.md"))
 # Its own: a command keeps the help options of the context in which it was first parsed, and these have no program.
 PROGRAM = application.__wrapped__()
 IN_BLOCK = re.compile(r"^(?:    |\$ )(?:\.venv/bin/)?(fieldmap .*)$", re.MULTILINE)
@@ -35,7 +31,7 @@ def command_lines(path: Path) -> list[tuple[str, bool]]:
     ]
 
 
-ALL = [(str(path.relative_to(ROOT)), line, whole) for path in PAGES for line, whole in command_lines(path)]
+ALL = [(named(path), line, whole) for path in PAGES for line, whole in command_lines(path)]
 
 
 def words_of(line: str) -> list[str]:

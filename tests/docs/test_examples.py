@@ -11,12 +11,8 @@ from pathlib import Path
 import pytest
 
 from fieldmap.cli import main
+from tests.docs.pages import PAGES, ROOT, blocks, named
 
-ROOT = Path(__file__).parents[2]
-PAGES = sorted(
-    path for folder in (".", "docs", "geometry", "maps", "thesis") for path in (ROOT / folder).glob("*.md")
-)
-PAGES += sorted((ROOT / "docs").glob("*/*.md"))
 MARKED = re.compile(
     r"^<!-- (?P<marker>runs|prints|shows|file: (?P<file>[\w.]+)) -->\n+```(?P<language>\w+)\n(?P<code>.*?)^```$",
     re.DOTALL | re.MULTILINE,
@@ -24,10 +20,6 @@ MARKED = re.compile(
 MARKER = re.compile(r"^<!-- (?:runs|prints|shows|file).*-->$", re.MULTILINE)
 LANGUAGES = {"runs": {"python", "console"}, "prints": {"text"}, "shows": {"text"}, "file": {"toml", "csv"}}
 WITH_EXAMPLES = [path for path in PAGES if MARKED.search(path.read_text())]
-
-
-def named(path: Path) -> str:
-    return str(path.relative_to(ROOT))
 
 
 def test_the_first_pages_have_examples():
@@ -111,15 +103,15 @@ def test_examples(path: Path, tmp_path, monkeypatch, figures, hold_picture):
 def test_every_marker_belongs_to_a_block(page):
     """A marker with a slip in it would silently run nothing."""
     text = page.read_text()
-    blocks = list(MARKED.finditer(text))
-    assert len(MARKER.findall(text)) == len(blocks)
-    assert all(block["language"] in LANGUAGES[block["marker"].split(":")[0]] for block in blocks)
+    marked = list(MARKED.finditer(text))
+    assert len(MARKER.findall(text)) == len(marked)
+    assert all(block["language"] in LANGUAGES[block["marker"].split(":")[0]] for block in marked)
 
 
 @pytest.mark.parametrize("path", PAGES, ids=named)
 def test_python_blocks_are_python(path: Path):
     """Those that are too slow to run at least compile."""
-    for code in re.findall(r"^```python\n(.*?)^```$", path.read_text(), re.DOTALL | re.MULTILINE):
+    for code in blocks(path):
         compile(code, named(path), "exec")
 
 

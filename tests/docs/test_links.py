@@ -8,19 +8,12 @@ from typing import get_origin
 
 import pytest
 
-ROOT = Path(__file__).parents[2]
-PAGES = sorted(
-    path for folder in (".", "docs", "geometry", "maps", "thesis") for path in (ROOT / folder).glob("*.md")
-)
-PAGES += sorted((ROOT / "docs").glob("*/*.md"))
+from tests.docs.pages import PAGES, ROOT, named
+
 SITE = [path for path in PAGES if path.is_relative_to(ROOT / "docs")]
 FENCE = re.compile(r"^```.*?^```\n", re.DOTALL | re.MULTILINE)
 LINK = re.compile(r"!?\[[^\]]*\]\(([^)\s]+)\)")
 NETWORK = ("http://", "https://")
-
-
-def named(path: Path) -> str:
-    return str(path.relative_to(ROOT))
 
 
 def prose(path: Path) -> str:

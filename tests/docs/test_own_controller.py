@@ -1,8 +1,6 @@
 """The bead of docs/own_controller.md, whose map takes minutes to make: its block runs on a small map made up for it."""
 
-import re
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,8 +9,9 @@ import fieldmap as fm
 from fieldmap.currents import IndependentCurrents
 from fieldmap.sources import CoilSet
 from fieldmap.store import Grid, MapData, ReducedModel, write_map
+from tests.docs.pages import blocks
 
-PAGE = Path(__file__).parents[2] / "docs" / "own_controller.md"
+PAGE = "own_controller.md"
 COILS, GAIN, DEMAGNETISING, FIELD_PER_AMPERE = 8, 9.5, 0.1, 3e-3
 
 
@@ -85,13 +84,8 @@ def folder(written, monkeypatch):
 
 def the_block():
     """The one of the page that opens the map."""
-    found = [
-        code
-        for code in re.findall(r"^```python\n(.*?)^```$", PAGE.read_text(), re.DOTALL | re.MULTILINE)
-        if "eight_coils_bead.h5" in code
-    ]
-    assert len(found) == 1
-    return found[0]
+    (found,) = (code for code in blocks(PAGE) if "eight_coils_bead.h5" in code)
+    return found
 
 
 def test_the_made_up_cores_saturate(folder):
@@ -120,7 +114,7 @@ def test_the_bead_follows_its_circle_on_saturating_iron(folder):
     """The page's function, in Python and in numba: the same bits, every solve done, and where it should be. On iron
     that is linear about the start the same run goes elsewhere."""
     names: dict[str, object] = {}
-    exec(compile(the_block(), str(PAGE), "exec"), names)
+    exec(compile(the_block(), PAGE, "exec"), names)
     run, controller = names["run"], names["controller"]
     assert run.event is None
     assert run.iron.model == "model"

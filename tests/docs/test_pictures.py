@@ -9,7 +9,6 @@ import hashlib
 import json
 import re
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -25,10 +24,10 @@ from fieldmap.plot.rendering import can_render
 from fieldmap.plot.style import DARK_PAPER, INK, dark_path, in_the_dark, scene_in_the_dark
 from fieldmap.thesis.printed import figure_numbers, read_part
 from tests.computed_parts import computed
+from tests.docs.conftest import IMAGES, digest, records
+from tests.docs.pages import ROOT
 from tests.docs.picture_record import differences, figure_record, scene_record
 
-ROOT = Path(__file__).parents[2]
-IMAGES = ROOT / "docs" / "images"
 needs_opengl = pytest.mark.skipif(not can_render(), reason="no OpenGL on this machine")
 KINDS = {kind.name: kind for kind in FILE_KINDS}
 # Picture -> part and number of the figure; these need no map.
@@ -68,11 +67,6 @@ LONG = {
 }
 
 
-def records() -> dict[str, dict[str, Any]]:
-    found: dict[str, dict[str, Any]] = json.loads((IMAGES / "records.json").read_text())
-    return found
-
-
 def contents(name: str) -> str:
     """Digest of a file's data: without comments and layout, its short forms written out."""
     kind, _, file = name.partition(":")
@@ -102,9 +96,8 @@ def test_figures_of_the_thesis_are_those_that_their_rows_draw(name, hold_picture
 def test_what_the_others_show_has_not_changed_since(name, hold_picture):
     command, files = LONG[name]
     for one in (name, dark_path(name).name):
-        hold_picture(
-            one, f"FIELDMAP_PICTURES=both {command}", "inputs", {file: contents(file) for file in files}
-        )
+        inputs = {file: contents(file) for file in files}
+        hold_picture(one, f"FIELDMAP_PICTURES=both {command}", "inputs", inputs)
 
 
 @needs_opengl
@@ -112,7 +105,7 @@ def test_what_the_others_show_has_not_changed_since(name, hold_picture):
 def test_the_device_is_drawn_as_in_the_pictures_of_it(name, hold_picture):
     """Solids, windings, arrows of the currents and the workspace; the field upon them takes a map."""
     scene = device_scene(read_device("drive_unit"))
-    command = f"FIELDMAP_PICTURES=both {LONG[name][0]}"
+    command = f"FIELDMAP_PICTURES=both {LONG[name].split(' < ')[0]}"
     hold_picture(name, command, "scene", scene_record(scene))
     with scene_in_the_dark(scene):
         hold_picture(dark_path(name).name, command, "scene", scene_record(scene))
@@ -144,7 +137,7 @@ def is_near(image, colour):
 def test_every_picture_has_a_record_of_this_very_file():
     assert sorted(records()) == sorted(path.name for path in IMAGES.glob("*.png"))
     assert {name: entry["sha256"] for name, entry in records().items()} == {
-        path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in IMAGES.glob("*.png")
+        path.name: digest(path) for path in IMAGES.glob("*.png")
     }
 
 

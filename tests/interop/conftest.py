@@ -16,6 +16,7 @@ from fieldmap.kernels.coils.loop import loop_flux_density_and_gradient
 from fieldmap.lookup import interpolate
 from fieldmap.store import Grid, MapData
 
+STRICT = ["-std=c99", "-pedantic", "-Wall", "-Wextra", "-Werror", "-Wconversion", "-Wshadow"]
 SCRIPTS = Path(__file__).parents[2] / "scripts"
 ANGLES = np.arange(6) * np.pi / 3
 CENTRES = np.stack([0.044 * np.cos(ANGLES), 0.044 * np.sin(ANGLES), np.full(6, 0.026)], axis=1)

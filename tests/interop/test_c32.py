@@ -13,8 +13,9 @@ from fieldmap.errors import InputError
 from fieldmap.interop import write_c32_files
 from fieldmap.lookup import interpolate
 from fieldmap.store import Grid, MapData
+from tests.docs.pages import ROOT, blocks
 
-HERE, ROOT = Path(__file__).parent / "c", Path(__file__).parents[2]
+HERE = Path(__file__).parent / "c"
 STRICT = ["-pedantic", "-Wall", "-Wextra", "-Werror", "-Wconversion", "-Wshadow"]
 STRICT += ["-Wdouble-promotion", "-Wfloat-conversion"]
 
@@ -173,8 +174,7 @@ def test_the_loop_at_a_kilohertz(whole, tmp_path):
 
 
 def test_the_lines_of_the_documentation(whole, tmp_path):
-    page = (ROOT / "docs" / "c.md").read_text().split("## For microcontrollers")[1]
-    (example,) = re.findall(r"^```c\n(.*?)^```$", page, re.DOTALL | re.MULTILINE)
+    (example,) = blocks("c.md", "c", "## For microcontrollers")
     write_c32_files(whole, tmp_path / "lift.h")
     rest = """
 #include <stdio.h>

@@ -15,9 +15,10 @@ from fieldmap.errors import InputError
 from fieldmap.interop import c_header, c_iron_header, write_c_iron_files, write_c_iron_map
 from fieldmap.lookup import compiled_currents, interpolate
 from fieldmap.store import MapData, ReducedModel
+from tests.docs.pages import blocks
+from tests.interop.conftest import STRICT
 
 HERE = Path(__file__).parent / "c"
-STRICT = ["-std=c99", "-pedantic", "-Wall", "-Wextra", "-Werror", "-Wconversion", "-Wshadow"]
 COUNTED = ["-Wl,--wrap=malloc,--wrap=calloc,--wrap=realloc"]
 POINTS, MODES = 22, 5
 
@@ -194,9 +195,8 @@ def test_files_lie_side_by_side_and_linear_maps_have_their_own(ring, tmp_path):
 
 
 def test_the_example_of_the_documentation(ring, tmp_path):
-    page = (Path(__file__).parents[2] / "docs" / "c.md").read_text()
-    example = re.search(r'^```c\n(#include "fieldmap_iron.h"\n.*?)^```$', page, re.DOTALL | re.MULTILINE)
-    (tmp_path / "lift.c").write_text(example[1])
+    (example,) = (code for code in blocks("c.md", "c") if code.startswith('#include "fieldmap_iron.h"'))
+    (tmp_path / "lift.c").write_text(example)
     command = ["gcc", *STRICT, "-I", c_header().parent, tmp_path / "lift.c", "-o", tmp_path / "lift", "-lm"]
     subprocess.run(command, check=True, capture_output=True)
     failed = subprocess.run([tmp_path / "lift"], cwd=tmp_path, capture_output=True, text=True)

@@ -13,9 +13,10 @@ from fieldmap.errors import InputError
 from fieldmap.interop import c_header, write_c_map
 from fieldmap.lookup import interpolate, open_map
 from fieldmap.store import Grid, MapData
+from tests.docs.pages import blocks
+from tests.interop.conftest import STRICT
 
 HERE = Path(__file__).parent / "c"
-STRICT = ["-std=c99", "-pedantic", "-Wall", "-Wextra", "-Werror", "-Wconversion", "-Wshadow"]
 
 pytestmark = pytest.mark.skipif(shutil.which("gcc") is None, reason="no gcc on this machine")
 
@@ -209,9 +210,7 @@ def test_a_hermite_form_is_refused_and_nothing_is_left(data, tmp_path):
 
 
 def test_the_example_of_the_documentation(tmp_path):
-    page = Path(__file__).parents[2] / "docs" / "c.md"
-    example = re.findall(r"^```c\n(.*?)^```$", page.read_text(), re.DOTALL | re.MULTILINE)[0]
-    (tmp_path / "lift.c").write_text(example)
+    (tmp_path / "lift.c").write_text(blocks("c.md", "c")[0])
     command = ["gcc", *STRICT, "-I", c_header().parent, tmp_path / "lift.c", "-o", tmp_path / "lift"]
     subprocess.run(command, check=True, capture_output=True)
     grid = Grid([-0.01, -0.01, -0.11], [0.01, 0.01, 0.01], (3, 3, 3))

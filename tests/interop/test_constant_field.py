@@ -98,18 +98,9 @@ int main(int n, char **a) {
 
 def compiled(text, folder, *flags):
     (folder / "main.c").write_text(text)
-    command = [
-        "gcc",
-        *STRICT,
-        *flags,
-        "-I",
-        str(c_header().parent),
-        str(folder / "main.c"),
-        "-o",
-        str(folder / "main"),
-        "-lm",
-    ]
-    return subprocess.run(command, capture_output=True, text=True, check=False), folder / "main"
+    program = folder / "main"
+    command = ["gcc", *STRICT, *flags, "-I", c_header().parent, f"{program}.c", "-o", program, "-lm"]
+    return subprocess.run(command, capture_output=True, text=True, check=False), program
 
 
 @gcc

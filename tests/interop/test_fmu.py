@@ -1,7 +1,6 @@
 """FMUs: called as an importer calls them, and run by FMPy in an environment that has no fieldmap (`fmpy`)."""
 
 import ctypes
-import re
 import shutil
 import subprocess
 import xml.etree.ElementTree as ElementTree
@@ -18,21 +17,11 @@ from fieldmap.errors import FieldmapError, InputError
 from fieldmap.interop import write_fmu
 from fieldmap.lookup import FiniteMagnet, interpolate
 from fieldmap.store import write_map
+from tests.docs.pages import blocks
+from tests.interop.conftest import STRICT
 
 pytestmark = pytest.mark.skipif(shutil.which("gcc") is None, reason="no gcc on this machine")
-ROOT = Path(__file__).parents[2]
 MOMENT, MASS, HEIGHT = 0.8, 0.01119, -0.09
-STRICT = [
-    "-std=c99",
-    "-pedantic",
-    "-Wall",
-    "-Wextra",
-    "-Werror",
-    "-Wconversion",
-    "-Wshadow",
-    "-fPIC",
-    "-shared",
-]
 
 
 def magnet(moment=MOMENT):
@@ -302,8 +291,8 @@ def test_the_source_is_strict_and_a_unit_the_same_each_time(units, ring, tmp_pat
     folder = tmp_path / "unit"
     with zipfile.ZipFile(units[name, version]) as archive:
         archive.extractall(folder)
-    command = ["gcc", *STRICT, folder / "sources" / "fmu.c", "-o", tmp_path / "strict.so", "-lm"]
-    subprocess.run(command, check=True, capture_output=True)
+    command = ["gcc", *STRICT, "-fPIC", "-shared", "fmu.c", "-o", "strict.so", "-lm"]
+    subprocess.run(command, cwd=folder / "sources", check=True, capture_output=True)
     again = write_fmu(ring.map, tmp_path / units[name, version].name, version=version, **INSIDE[name])
     assert again.read_bytes() == units[name, version].read_bytes()
     assert "python" not in (folder / "sources" / "fmu.c").read_text().lower()
@@ -352,19 +341,9 @@ def test_the_lines_of_the_documentation(ring, fmpy, tmp_path):
     from fieldmap.cli import main
 
     write_map(tmp_path / "linear.h5", ring.data)
-    names = [
-        "export",
-        str(tmp_path / "linear.h5"),
-        "--to",
-        "fmu",
-        "-o",
-        str(tmp_path / "lift.fmu"),
-        "--moment",
-        "0.8",
-    ]
-    assert main(names) == 0
-    section = (ROOT / "docs" / "simulators.md").read_text().split("## FMI")[1]
-    lines = re.search(r"```python\n(.*?)```", section, re.DOTALL)[1] + "\nprint(repr(float(force)))"
+    written = [str(tmp_path / name) for name in ("linear.h5", "lift.fmu")]
+    assert main(["export", written[0], "--to", "fmu", "-o", written[1], "--moment", "0.8"]) == 0
+    lines = blocks("simulators.md", below="## FMI")[0] + "\nprint(repr(float(force)))"
     done = subprocess.run(
         [fmpy.python, "-c", lines], cwd=tmp_path, check=True, capture_output=True, text=True
     )

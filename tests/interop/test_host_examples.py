@@ -20,19 +20,8 @@ pytestmark = pytest.mark.skipif(
 
 
 def build(source, target, *flags):
-    command = [
-        *flags,
-        "-Wall",
-        "-Wextra",
-        "-Werror",
-        "-I",
-        c_header().parent,
-        "-I",
-        STAND_INS,
-        source,
-        "-o",
-        target,
-    ]
+    places = ["-I", c_header().parent, "-I", STAND_INS, source, "-o", target]
+    command = [*flags, "-Wall", "-Wextra", "-Werror", *places]
     subprocess.run(command, check=True, capture_output=True, text=True)
     return target
 

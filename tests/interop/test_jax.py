@@ -1,8 +1,6 @@
 """Maps in JAX: the numbers of the map and of its derivatives, under jit, vmap and grad."""
 
-import re
 import time
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,10 +8,10 @@ import pytest
 from fieldmap.errors import InputError
 from fieldmap.interop import JaxEvaluator, jax_field
 from fieldmap.lookup import interpolate, iron_weights
+from tests.docs.pages import blocks
 from tests.dynamics.conftest import saturating_map
 
 jax = pytest.importorskip("jax", reason='JAX is not installed (pip install "fieldmap[jax]")')
-ROOT = Path(__file__).parents[2]
 CURRENTS = np.array([1.0, 2.0, 0.5, -1.0, 0.2, 1.5])
 
 
@@ -170,9 +168,8 @@ def test_the_lines_of_the_documentation(ring, tmp_path, monkeypatch, capsys):
 
     monkeypatch.chdir(tmp_path)
     write_map("linear.h5", ring.data)
-    section = (ROOT / "docs" / "other_programs.md").read_text().split("## JAX")[1]
     names = {}
-    exec(re.search(r"```python\n(.*?)```", section, re.DOTALL)[1], names)
+    exec(blocks("other_programs.md", below="## JAX")[0], names)
     m, point = ring.map, np.array([0.002, -0.003, -0.1])
     assert off(names["slope"], m.gradient(point, CURRENTS * 0 + 1.5)) < 1e-12
     assert off(names["many"], m.field(names["points"], np.full(6, 1.5))) < 1e-12

@@ -1,24 +1,13 @@
 """The environment of Gymnasium: its checker, a controller that holds the magnet, our own simulator, speed, seeds."""
 
-import re
 import time
-from pathlib import Path
 
 import numpy as np
 import pytest
 
+from fieldmap import dynamics
 from fieldmap.core.iron import IronState
-from fieldmap.dynamics import (
-    CoilDrive,
-    Drag,
-    Machine,
-    MatrixAllocation,
-    RigidBody,
-    RunningMachine,
-    Schedule,
-    Sensors,
-    move,
-)
+from fieldmap.dynamics import CoilDrive, Drag, RigidBody, Schedule, move
 from fieldmap.errors import Infeasible, InputError, OutsideMapError
 from fieldmap.instruments import Amplifier
 from fieldmap.kernels.coils.loop import loop_flux_density_and_gradient
@@ -29,9 +18,9 @@ gymnasium = pytest.importorskip("gymnasium", reason='no Gymnasium (pip install "
 from gymnasium.utils.env_checker import check_env  # noqa: E402
 
 from fieldmap.interop.levitation_env import ENVIRONMENT, IRON, LevitationEnv  # noqa: E402
+from tests.docs.pages import blocks  # noqa: E402
 from tests.dynamics.conftest import saturating_map  # noqa: E402
 
-ROOT = Path(__file__).parents[2]
 MAGNET = FiniteMagnet(np.zeros((1, 3)), np.array([[0.0, 0.0, 0.8]]))
 
 
@@ -157,8 +146,8 @@ def test_the_checker_passes_over_a_division(divided, action, iron):
 
 def machine_of(env, drive, iron):
     """The environment's machine for `RunningMachine`: outputs are the currents that are asked of the amplifiers."""
-    allocation = MatrixAllocation(np.eye(6), np.zeros(6))
-    return Machine(IRON[iron](env.field), env.body, drive, Sensors(zero_depth=0.0), allocation, drag=Drag())
+    allocation, sensors = dynamics.MatrixAllocation(np.eye(6), np.zeros(6)), dynamics.Sensors(zero_depth=0.0)
+    return dynamics.Machine(IRON[iron](env.field), env.body, drive, sensors, allocation, drag=Drag())
 
 
 @pytest.mark.parametrize("iron", ["model", "table"])
@@ -173,7 +162,7 @@ def test_signals_of_a_division_move_the_machine(divided, iron, winding):
     env = LevitationEnv(*divided, iron=iron, drive=drive, drag=Drag(), step=2e-4, span=0.3, start=1e-4)
     env.reset(seed=2)
     schedule = Schedule(np.zeros((5, 3)), env.period, 2e-4)
-    rig = RunningMachine(machine_of(env, drive, iron), schedule, env.state, env.rest, None)
+    rig = dynamics.RunningMachine(machine_of(env, drive, iron), schedule, env.state, env.rest, None)
     begin = env.state
     domain = env.field.info.reduced_model.domain
     rest = domain.parametrisation.signals(env.rest)
@@ -307,8 +296,7 @@ def test_what_does_not_fit(ring):
 
 
 def test_the_lines_of_the_documentation(capsys):
-    section = (ROOT / "docs" / "simulators.md").read_text().split("## Gymnasium")[1]
     names = {}
-    exec(re.search(r"```python\n(.*?)```", section, re.DOTALL)[1], names)
+    exec(blocks("simulators.md", below="## Gymnasium")[0], names)
     assert names["steps"] == 5000
     assert names["total"] > 4900

@@ -1,6 +1,5 @@
 """Magnets in MuJoCo: the wrench of the map, energy kept, a body held in the air, and what goes wrong."""
 
-import re
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -15,6 +14,7 @@ from fieldmap.errors import InputError, OutsideMapError
 from fieldmap.interop import MagnetForces
 from fieldmap.lookup import FiniteMagnet, magnetic_body, volume_rule
 from fieldmap.store import write_map
+from tests.docs.pages import blocks
 
 mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed (pip install fieldmap[mujoco])")
 
@@ -226,24 +226,32 @@ def test_energy_of_several_magnets_is_kept(ring):
     assert np.ptp(kinetic) > 0.1 * max(kinetic)
 
 
-def test_poses_are_those_of_our_simulator(ring):
-    """0.1 s at currents that nearly carry it, tilted and turning, against an adaptive integrator."""
-    currents = np.full(6, 0.98 * lift_current(ring))
-    inertia = np.array([6e-7, 7e-7, 3e-7])
-    body = RigidBody(
-        MASS, inertia, FiniteMagnet(np.zeros((1, 3)), np.array([[0, 0, MOMENT]])), gravity=GRAVITY
-    )
+def falling(ring, magnet, known, currents, steps):
+    """A body tilted and turning: where it begins, and where MuJoCo's Runge-Kutta steps bring it."""
+    body = RigidBody(MASS, np.array([6e-7, 7e-7, 3e-7]), magnet, gravity=GRAVITY)
     begin = state_of([0.003, 0.002, HEIGHT], (0.01, 0.0, 0.02), (1.0, 0.1, -0.05, 0.2), (3.0, -2.0, 20.0))
     text = f"""<mujoco><option timestep="1e-4" gravity="0 0 -{GRAVITY}" integrator="RK4"/><worldbody><body name="float">
         <freejoint/><inertial pos="0 0 0" mass="{MASS}" diaginertia="6e-7 7e-7 3e-7"/></body></worldbody></mujoco>"""
     model = mujoco.MjModel.from_xml_string(text)
     data = mujoco.MjData(model)
     data.qpos[:], data.qvel[:] = [*begin[:3], *begin[6:10]], [*begin[3:6], *begin[10:]]
-    with MagnetForces(model, ring.map, {"float": [0, 0, MOMENT]}, currents):
-        mujoco.mj_step(model, data, 1000)
+    with MagnetForces(model, ring.map, {"float": known}, currents):
+        mujoco.mj_step(model, data, steps)
+    return body, begin, data
+
+
+def turned_alike(data, found):
+    """By how much two attitudes differ; q and -q are one."""
+    return min(np.abs(data.qpos[3:] - sign * found[6:10]).max() for sign in (1, -1))
+
+
+def test_poses_are_those_of_our_simulator(ring):
+    """0.1 s at currents that nearly carry it, against an adaptive integrator."""
+    currents, magnet = np.full(6, 0.98 * lift_current(ring)), np.array([[0, 0, MOMENT]])
+    body, begin, data = falling(ring, FiniteMagnet(np.zeros((1, 3)), magnet), [0, 0, MOMENT], currents, 1000)
     found = move_adaptively(ring.map.at(currents), body, begin, [0.0, 0.1])[-1]
     assert np.abs(data.qpos[:3] - found[:3]).max() < 1e-9
-    assert min(np.abs(data.qpos[3:] - sign * found[6:10]).max() for sign in (1, -1)) < 1e-6
+    assert turned_alike(data, found) < 1e-6
     assert np.abs(data.qvel[3:] - found[10:]).max() < 1e-3
     assert np.abs(found[:3] - begin[:3]).max() > 1e-3
 
@@ -260,7 +268,7 @@ BODY = magnetic_body(
             fm.PayloadPiece(fm.SoftSphere(8e-3, mu_r=200.0), fm.placed([4e-3, 0.0, -2e-3])),
             fm.PayloadPiece(fm.MagnetSphere(8e-3, 1.2), fm.placed([0.0, 0.0, -6e-3])),
         ],
-    ),
+    )
 )
 
 
@@ -282,22 +290,13 @@ def test_soft_iron_feels_the_wrench_of_the_map(ring, compiled):
 
 
 def test_poses_of_soft_iron_are_those_of_our_simulator(ring):
-    """As with magnets, by MuJoCo's Runge-Kutta steps and by our steps of fourth order."""
+    """As with magnets, by our steps of fourth order."""
     currents = np.full(6, 6.0)
-    inertia = np.array([6e-7, 7e-7, 3e-7])
-    body = RigidBody(MASS, inertia, BODY, gravity=GRAVITY)
-    begin = state_of([0.003, 0.002, HEIGHT], (0.01, 0.0, 0.02), (1.0, 0.1, -0.05, 0.2), (3.0, -2.0, 20.0))
-    text = f"""<mujoco><option timestep="1e-4" gravity="0 0 -{GRAVITY}" integrator="RK4"/><worldbody><body name="float">
-        <freejoint/><inertial pos="0 0 0" mass="{MASS}" diaginertia="6e-7 7e-7 3e-7"/></body></worldbody></mujoco>"""
-    model = mujoco.MjModel.from_xml_string(text)
-    data = mujoco.MjData(model)
-    data.qpos[:], data.qvel[:] = [*begin[:3], *begin[6:10]], [*begin[3:6], *begin[10:]]
-    with MagnetForces(model, ring.map, {"float": BODY}, currents):
-        mujoco.mj_step(model, data, 500)
+    body, begin, data = falling(ring, BODY, BODY, currents, 500)
     run = move(ring.map.at(currents), body, begin, 0.05, 2e-5, order="fourth")
     found = run.states[-1]
     assert np.abs(data.qpos[:3] - found[:3]).max() < 1e-8
-    assert min(np.abs(data.qpos[3:] - sign * found[6:10]).max() for sign in (1, -1)) < 1e-5
+    assert turned_alike(data, found) < 1e-5
     # Energy with that of the induced moments is kept.
     total = energy(ring.map.at(currents), body, run.states[[0, -1]])
     magnetic = BODY.energy(ring.map, [begin[:3], found[:3]], currents, None)
@@ -364,8 +363,7 @@ def test_another_model_feels_nothing_and_contexts_nest(ring):
 def test_the_lines_of_the_documentation(ring, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     write_map("linear.h5", ring.data)
-    section = (Path(__file__).parents[2] / "docs" / "simulators.md").read_text().split("## MuJoCo")[1]
-    Path("levitator.xml").write_text(re.search(r"```xml\n(.*?)```", section, re.DOTALL)[1])
+    Path("levitator.xml").write_text(blocks("simulators.md", "xml", "## MuJoCo")[0])
     names = {}
-    exec(re.search(r"```python\n(.*?)```", section, re.DOTALL)[1], names)
+    exec(blocks("simulators.md", below="## MuJoCo")[0], names)
     assert np.abs(names["data"].qpos[:3] - [0.0, 0.0, -0.09]).max() < 1e-4

@@ -1,28 +1,18 @@
 """The benchmark runs and its figures are those of agreeing programs; how fast they are is not tested here."""
 
-import importlib
-import json
 import re
-import subprocess
-import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-SCRIPTS = Path(__file__).parents[2] / "scripts"
-
 
 @pytest.fixture
-def disk(monkeypatch):
-    monkeypatch.syspath_prepend(str(SCRIPTS))
-    return importlib.import_module("benchmarks.iron_disk")
+def disk(program):
+    return program("benchmarks.iron_disk")
 
 
-def test_benchmark_prints_a_row_per_kernel():
-    arguments = [sys.executable, str(SCRIPTS / "benchmark.py"), "--only", "kernels", "--quick", "--json"]
-    done = subprocess.run(arguments, capture_output=True, text=True, check=True)
-    rows = json.loads(done.stdout)["kernels"]["rows"]
+def test_benchmark_prints_a_row_per_kernel(benchmark):
+    rows = benchmark("kernels")["rows"]
     assert [row["kernel"].split(" (")[0] for row in rows] == [
         "circular loop",
         "cylindrical sheet",
@@ -36,10 +26,8 @@ def test_benchmark_prints_a_row_per_kernel():
         assert row["ratio"] > 0
 
 
-def test_fields_as_magpylib_sources():
-    arguments = [sys.executable, str(SCRIPTS / "benchmark.py"), "--only", "magpylib", "--quick", "--json"]
-    done = subprocess.run(arguments, capture_output=True, text=True, check=True)
-    section = json.loads(done.stdout)["magpylib"]
+def test_fields_as_magpylib_sources(benchmark):
+    section = benchmark("magpylib")
     assert len(section["kinds"]) == 10
     assert max(row["difference"] for row in section["kinds"]) < 1e-6
     rows = section["rows"]
@@ -70,9 +58,8 @@ def test_other_solver_sees_the_same_problem(disk):
 
 
 @pytest.fixture
-def peers(monkeypatch):
-    monkeypatch.syspath_prepend(str(SCRIPTS))
-    return importlib.import_module("benchmarks.peer_cases")
+def peers(program):
+    return program("benchmarks.peer_cases")
 
 
 def test_cases_of_others(peers):
@@ -118,10 +105,8 @@ def test_extrapolation_is_called_one(disk):
     assert re.findall(r"\b(\d+) times", last) == ["100000"]
 
 
-def test_generation_is_compared_with_magpylib_on_the_same_coils():
-    arguments = [sys.executable, str(SCRIPTS / "benchmark.py"), "--only", "generation", "--quick", "--json"]
-    done = subprocess.run(arguments, capture_output=True, text=True, check=True)
-    rows = json.loads(done.stdout)["generation"]["rows"]
+def test_generation_is_compared_with_magpylib_on_the_same_coils(benchmark):
+    rows = benchmark("generation")["rows"]
     assert all(row["rate"] > 0 for row in rows)
     differences = [row["difference"] for row in rows if row["difference"] is not None]
     # More shells, the same field: what magpylib computes is what we compute.
@@ -130,18 +115,15 @@ def test_generation_is_compared_with_magpylib_on_the_same_coils():
     assert sum("map of" in row["what"] for row in rows) == 1
 
 
-def test_benchmark_of_dynamics_prints_a_row_per_machine():
-    arguments = [sys.executable, str(SCRIPTS / "benchmark.py"), "--only", "dynamics", "--quick", "--json"]
-    done = subprocess.run(arguments, capture_output=True, text=True, check=True)
-    result = json.loads(done.stdout)["dynamics"]
+def test_benchmark_of_dynamics_prints_a_row_per_machine(benchmark):
+    result = benchmark("dynamics")
     assert len(result["rows"]) == 4
     assert all(row["times_real_time"] > 1 for row in result["rows"])
     assert result["many"]["runs"] == 10
 
 
-def test_calls_on_two_threads_are_sorted_by_what_the_processors_were_worth(monkeypatch):
-    monkeypatch.syspath_prepend(str(SCRIPTS))
-    two_threads = importlib.import_module("benchmarks.two_threads")
+def test_calls_on_two_threads_are_sorted_by_what_the_processors_were_worth(program):
+    two_threads = program("benchmarks.two_threads")
     calls = np.array([[0.5, 1.9, 2.0], [0.52, 1.85, 1.9], [0.5, 1.0, 1.9], [0.9, 1.0, 1.1]])
     found = two_threads.gains(1.0, calls)
     assert {kind: gain["calls"] for kind, gain in found.items()} == {"all": 4, "own": 2, "one": 1}

@@ -1,21 +1,15 @@
 """The benchmark of saturating maps: its solves are near exact ones, and what is missing is said."""
 
-import importlib
-from pathlib import Path
-
 import numpy as np
 import pytest
 
 from fieldmap.currents import IndependentCurrents
 from fieldmap.store import Grid, MapData, ReducedModel, write_map
 
-SCRIPTS = Path(__file__).parents[2] / "scripts"
-
 
 @pytest.fixture
-def section(monkeypatch, tmp_path):
-    monkeypatch.syspath_prepend(str(SCRIPTS))
-    found = importlib.import_module("benchmarks.saturating_maps")
+def section(program, monkeypatch, tmp_path):
+    found = program("benchmarks.saturating_maps")
     monkeypatch.setattr(found, "FOLDER", tmp_path)
     return found
 

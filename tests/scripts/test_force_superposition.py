@@ -1,14 +1,10 @@
 """The script prints the tables of docs/theory/force_formulas.md."""
 
-import importlib
-from pathlib import Path
-
-ROOT = Path(__file__).parents[2]
+from tests.docs.pages import ROOT
 
 
-def test_tables_are_those_of_the_page(monkeypatch):
-    monkeypatch.syspath_prepend(str(ROOT / "scripts" / "studies"))
-    script = importlib.import_module("force_superposition")
+def test_tables_are_those_of_the_page(program):
+    script = program("force_superposition", "studies")
     page = (ROOT / "docs" / "theory" / "force_formulas.md").read_text()
     printed = [" ".join(line.split()) for line in page.splitlines()]
     rows = script.planar_rows() + script.spatial_rows()

@@ -1,13 +1,12 @@
 """What the mutations of `make validate` hold against: each planted fault of a reader is counted as what it is."""
 
-import importlib
 import os
 import sys
-from pathlib import Path
 
 import pytest
 
-SCRIPTS = Path(__file__).parents[2] / "scripts"
+from tests.scripts.conftest import SCRIPTS
+
 PLANTED = """
 import os
 import signal
@@ -67,9 +66,8 @@ KIND = Kind("planted", prepare, seconds=1.0, megabytes=20.0, through_command=0)
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="files are watched by inotify")
-def test_planted_faults_are_counted(tmp_path, monkeypatch):
-    monkeypatch.syspath_prepend(str(SCRIPTS))
-    table = importlib.import_module("validation.fuzzing.table")
+def test_planted_faults_are_counted(program, tmp_path, monkeypatch):
+    table = program("validation.fuzzing.table")
     (tmp_path / "planted.py").write_text(PLANTED)
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(tmp_path), str(SCRIPTS.parent)]))
     monkeypatch.setattr(table, "SILENT_S", 5)
@@ -81,10 +79,9 @@ def test_planted_faults_are_counted(tmp_path, monkeypatch):
     assert (found.counts["read"], found.counts["refused"]) == (2, 1)
 
 
-def test_sound_files_are_read_and_others_refused(monkeypatch):
+def test_sound_files_are_read_and_others_refused(program, monkeypatch):
     monkeypatch.syspath_prepend(str(SCRIPTS))
-    table = importlib.import_module("validation.fuzzing.table")
-    found = table.figures("expressions", 60, 0)
+    found = program("validation.fuzzing.table").figures("expressions", 60, 0)
     assert not found.faults
     assert found.counts["read"] > 10
     assert found.counts["refused"] > 10

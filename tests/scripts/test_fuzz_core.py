@@ -1,23 +1,19 @@
 """The fuzz target of the core's map files: sound seeds are accepted and asked, and planted faults are found."""
 
-import importlib
 import shutil
 import subprocess
-from pathlib import Path
 
 import pytest
 
-SCRIPTS = Path(__file__).parents[2] / "scripts" / "dev"
-STRICT = ["-std=c99", "-pedantic", "-Wall", "-Wextra", "-Werror", "-Wconversion", "-Wshadow"]
+from tests.interop.conftest import STRICT
+
 # Without it a position from a file is used as it is.
 CHECK = "if (!fieldmap_iron_positions(map->law, map->p, 1, 0, map->n_laws - 1)) return FIELDMAP_DAMAGED;"
 
 
 @pytest.fixture(scope="module")
-def script():
-    with pytest.MonkeyPatch.context() as patch:
-        patch.syspath_prepend(str(SCRIPTS))
-        return importlib.import_module("fuzz_core")
+def script(program):
+    return program("fuzz_core", "dev")
 
 
 @pytest.fixture(scope="module")

@@ -1,6 +1,5 @@
 """The gallery: one page with every picture that could be made, and the names of those that could not."""
 
-import importlib
 import re
 from pathlib import Path
 
@@ -11,13 +10,10 @@ from fieldmap.cli.application import application
 from fieldmap.thesis import Curves, Series
 from fieldmap.thesis.computation import PartResult
 
-SCRIPTS = Path(__file__).parents[2] / "scripts"
-
 
 @pytest.fixture
-def gallery(monkeypatch):
-    monkeypatch.syspath_prepend(str(SCRIPTS))
-    return importlib.import_module("gallery")
+def gallery(program):
+    return program("gallery")
 
 
 def test_the_figures_of_a_row_stand_on_the_page(gallery, tmp_path, monkeypatch):

@@ -1,8 +1,5 @@
 """The study of the joints: the tables that it fits, and the readings of them."""
 
-import importlib
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -10,9 +7,8 @@ from fieldmap.thesis.hysteresis import Run
 
 
 @pytest.fixture
-def study(monkeypatch):
-    monkeypatch.syspath_prepend(str(Path(__file__).parents[2] / "scripts" / "studies"))
-    return importlib.import_module("joint_study")
+def study(program):
+    return program("joint_study", "studies")
 
 
 def test_tables_are_printed_ones_from_where_each_run_began(study):

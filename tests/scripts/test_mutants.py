@@ -11,12 +11,10 @@ from scripts.dev.tests_of_lines import TestsOfLines as Known
 from scripts.dev.tests_of_lines import reads_definitions
 
 ROOT = Path(__file__).parents[2]
-ERRORS = tomllib.loads((ROOT / "scripts" / "dev" / "planted_errors.toml").read_text(encoding="utf-8"))[
-    "error"
-]
-EQUIVALENT = tomllib.loads(
-    (ROOT / "scripts" / "dev" / "equivalent_mutants.toml").read_text(encoding="utf-8")
-)["mutant"]
+ERRORS, EQUIVALENT = (
+    tomllib.loads((ROOT / "scripts" / "dev" / f"{name}.toml").read_text(encoding="utf-8"))[key]
+    for name, key in (("planted_errors", "error"), ("equivalent_mutants", "mutant"))
+)
 
 
 @pytest.mark.parametrize("error", ERRORS, ids=[error["what"] for error in ERRORS])

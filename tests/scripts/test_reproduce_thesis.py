@@ -1,20 +1,13 @@
 """The script is the command with the options of a whole reproduction."""
 
 import sys
-from importlib.util import module_from_spec, spec_from_file_location
-from pathlib import Path
 
 import pytest
 
-SCRIPT = Path(__file__).parents[2] / "scripts" / "reproduce_thesis.py"
-
 
 @pytest.fixture
-def script(monkeypatch):
-    spec = spec_from_file_location("reproduce_thesis", SCRIPT)
-    module = module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+def script(program):
+    return program("reproduce_thesis")
 
 
 def test_missing_maps_are_asked_for(script, monkeypatch, tmp_path):

@@ -1,24 +1,19 @@
 """What two versions may differ by: exact arrays, runs that may part, and runs that may not."""
 
-import importlib
 import json
-from pathlib import Path
 
 import h5py
 import numpy as np
 import pytest
 
-SCRIPTS = Path(__file__).parents[2] / "scripts" / "dev"
 ROWS = 100
 PLAIN = "[control.z]\nkind = 'pid'\nlower = 0.0\nupper = 10.0\n"
 CONVERTER = f"{PLAIN}[coils]\noutput_bits = 16\n"
 
 
 @pytest.fixture(scope="module")
-def script():
-    with pytest.MonkeyPatch.context() as patch:
-        patch.syspath_prepend(str(SCRIPTS))
-        return importlib.import_module("same_results")
+def script(program):
+    return program("same_results", "dev")
 
 
 def run_file(path, away=0.0, first=0, at_limit=ROWS, scenario=PLAIN, **about):

@@ -31,19 +31,8 @@ def run(*arguments, folder=None):
 
 
 def test_what_slurm_is_asked_for():
-    options = [
-        "--cores",
-        "4",
-        "--memory",
-        "16GB",
-        "--walltime",
-        "02:30:00",
-        "--queue",
-        "batch",
-        "--account",
-        "lab",
-    ]
-    lines = run("division", *options, "--print")
+    options = "--cores 4 --memory 16GB --walltime 02:30:00 --queue batch --account lab --print"
+    lines = run("division", *options.split())
     wanted = ("-J fieldmap", "-p batch", "-A lab", "-n 1", "--cpus-per-task=4", "--mem=15G", "-t 02:30:00")
     for directive in wanted:
         assert f"#SBATCH {directive}" in lines

@@ -1,23 +1,19 @@
 """The table of `make validate`: verdicts, failures that are seen, and one study that runs."""
 
-import importlib
 import json
 import subprocess
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from fieldmap.errors import InputError, Problem
-
-SCRIPTS = Path(__file__).parents[2] / "scripts"
+from tests.scripts.conftest import SCRIPTS
 
 
 @pytest.fixture
-def validate(monkeypatch):
-    monkeypatch.syspath_prepend(str(SCRIPTS))
-    return importlib.import_module("validate")
+def validate(program):
+    return program("validate")
 
 
 def test_a_study_of_closed_forms_runs():
@@ -55,8 +51,8 @@ def test_a_broken_study_is_a_row_and_the_rest_goes_on(validate, monkeypatch):
     assert "must work" in rows[1].note
 
 
-def test_largest_error_is_that_of_vectors(validate):
-    error = importlib.import_module("validation.row").largest_error
+def test_largest_error_is_that_of_vectors(program):
+    error = program("validation.row").largest_error
     exact = np.array([[3.0, 4.0, 0.0], [1.0, 0.0, 0.0]])
     assert error(exact + [[0.0, 0.0, 0.1], [0.3, 0.4, 0.0]], exact) == pytest.approx(0.1)
     assert error(np.eye(3)[None] * 1.1, np.eye(3)[None]) == pytest.approx(0.1)

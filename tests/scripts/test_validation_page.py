@@ -1,15 +1,11 @@
 """The validation page says what its files say."""
 
 import csv
-import importlib
 import json
 import re
-import sys
-from pathlib import Path
 
 import pytest
 
-SCRIPTS = Path(__file__).parents[2] / "scripts"
 COLUMNS = ("row", "name", "kind", "deviation", "agrees", "misprint")
 NUMBERS = [
     ("S7", "a", "sharp", "0.001", "true", ""),
@@ -23,9 +19,7 @@ ROW = {"study": "spheres", "quantity": "error of B", "source": "a formula", "not
 
 
 @pytest.fixture
-def page(monkeypatch, tmp_path):
-    monkeypatch.syspath_prepend(str(SCRIPTS))
-    module = importlib.import_module("validation_page")
+def page(program, tmp_path):
     with (tmp_path / "numbers.csv").open("w", newline="") as file:
         csv.writer(file).writerows([COLUMNS, *NUMBERS])
     old = [ROW | {"case": "sphere", "value": 0.5, "bound": 1e-3, "verdict": "FAIL"}]
@@ -36,8 +30,8 @@ def page(monkeypatch, tmp_path):
     ]
     for name, rows in (("old", old), ("new", new)):
         (tmp_path / f"{name}.json").write_text(json.dumps(rows))
-    yield module.page(tmp_path / "numbers.csv", [tmp_path / "old.json", tmp_path / "new.json"])
-    sys.modules.pop("validation_page")
+    files = [tmp_path / "old.json", tmp_path / "new.json"]
+    return program("validation_page").page(tmp_path / "numbers.csv", files)
 
 
 def test_studies_that_were_not_run_are_named(page):

@@ -7,14 +7,8 @@ import pytest
 from scipy.optimize import brentq
 
 from fieldmap.errors import InputError
-from fieldmap.thesis.force_formulas import (
-    Exponential,
-    HorizontalForce,
-    VerticalForce,
-    fit_horizontal_force,
-    fit_quadratic_force,
-    fit_vertical_force,
-)
+from fieldmap.thesis import force_formulas
+from fieldmap.thesis.force_formulas import Exponential, HorizontalForce, VerticalForce, fit_horizontal_force
 
 TABLE_4_2 = HorizontalForce(-2e-13, 0.22, 0.05, -0.08, x0=-0.17, nominal_current=1e6)
 X, Z = (grid.ravel() for grid in np.meshgrid(np.linspace(-0.15, 0.15, 21), [0.10, 0.12, 0.15]))
@@ -85,27 +79,27 @@ def test_at_one_depth_a_is_a_matter_of_choice():
 
 def test_vertical_fit_finds_exponentials():
     true = VerticalForce(Exponential(-8.0, 14.0, -0.17), Exponential(1.1, 10.0, -0.17), 1e6)
-    fit = fit_vertical_force(X, Z, true(X, Z, 1e6), 1e6, -0.17)
+    fit = force_formulas.fit_vertical_force(X, Z, true(X, Z, 1e6), 1e6, -0.17)
     assert fit.formula.slope.amplitude == pytest.approx(-8.0, rel=1e-5)
     assert fit.formula.intercept.decay == pytest.approx(10.0, rel=1e-5)
     mirrored = fit.formula.mirrored()
     np.testing.assert_allclose(mirrored(X, Z, 2e6), 2 * fit.formula(-X, Z, 1e6), rtol=1e-12)
     with pytest.raises(InputError, match="two depths"):
-        fit_vertical_force(X[:21], Z[:21], X[:21], 1e6, -0.17)
+        force_formulas.fit_vertical_force(X[:21], Z[:21], X[:21], 1e6, -0.17)
 
 
 def test_quadratic_fit():
     x = np.linspace(-0.03, 0.03, 9)
-    fit = fit_quadratic_force(x, 3 * x**2 - 2 * x + 0.5, 2.0)
+    fit = force_formulas.fit_quadratic_force(x, 3 * x**2 - 2 * x + 0.5, 2.0)
     assert fit.formula.coefficients == pytest.approx((3.0, -2.0, 0.5), rel=1e-10)
     assert fit.formula(0.01, 1.0) == pytest.approx(0.5 * (3e-4 - 0.02 + 0.5), rel=1e-10)
 
 
 def test_arrays_that_do_not_fit():
     with pytest.raises(InputError, match="one length"):
-        fit_quadratic_force([0.0, 1.0, 2.0], [1.0, 2.0])
+        force_formulas.fit_quadratic_force([0.0, 1.0, 2.0], [1.0, 2.0])
     with pytest.raises(InputError, match="finite"):
-        fit_quadratic_force([0.0, 1.0, np.nan], [1.0, 2.0, 3.0])
+        force_formulas.fit_quadratic_force([0.0, 1.0, np.nan], [1.0, 2.0, 3.0])
     with pytest.raises(InputError, match="nominal_current"):
         fit_horizontal_force(X, Z, X, 0.0)
     assert replace(TABLE_4_2, d=1.0).bracket(0.0, 0.0, 1.0) == pytest.approx(1 + 3.4 + 1.0)

@@ -10,21 +10,9 @@ from fieldmap.device import read_device
 from fieldmap.errors import InputError
 from fieldmap.iron import HysteresisSolver, Pinning
 from fieldmap.store import Checkpoint
+from fieldmap.thesis import hysteresis
 from fieldmap.thesis.computation import function_of
-from fieldmap.thesis.hysteresis import (
-    DEVICE,
-    SWINGS,
-    JointedUnit,
-    Led,
-    Protocol,
-    Run,
-    Walk,
-    coercive_field,
-    lift_law,
-    prepared,
-    reach,
-    walk,
-)
+from fieldmap.thesis.hysteresis import DEVICE, JointedUnit, Led, Protocol, Run, prepared, walk
 from fieldmap.thesis.kept import Kept
 from fieldmap.thesis.printed import read_part, shared_value
 from fieldmap.thesis.vertical_sensor import thesis_lift_current
@@ -107,9 +95,9 @@ def test_a_cached_run_belongs_to_its_device_and_settings(unit, monkeypatch):
     computed = []
 
     def led(solver, memory, signals, protocol, parts):
-        computed.append((coercive_field(solver.device), parts, protocol.z_s, protocol.h))
+        computed.append((hysteresis.coercive_field(solver.device), parts, protocol.z_s, protocol.h))
         nothing = np.zeros((len(signals), 2))
-        return Walk(signals, nothing, np.ones(len(signals)), np.ones(len(signals)), memory)
+        return hysteresis.Walk(signals, nothing, np.ones(len(signals)), np.ones(len(signals)), memory)
 
     monkeypatch.setattr("fieldmap.thesis.hysteresis.walk", led)
     monkeypatch.setattr("fieldmap.thesis.hysteresis.prepared", lambda *_: None)
@@ -126,14 +114,14 @@ def test_a_cached_run_belongs_to_its_device_and_settings(unit, monkeypatch):
 
 
 def test_swings_end_at_the_level_and_die_away():
-    assert SWINGS[-1] == 0.0
-    assert np.all(np.abs(SWINGS[2::2]) < np.abs(SWINGS[:-2:2]))
-    assert np.all(SWINGS[:-2] * SWINGS[1:-1] < 0.0)
+    assert hysteresis.SWINGS[-1] == 0.0
+    assert np.all(np.abs(hysteresis.SWINGS[2::2]) < np.abs(hysteresis.SWINGS[:-2:2]))
+    assert np.all(hysteresis.SWINGS[:-2] * hysteresis.SWINGS[1:-1] < 0.0)
 
 
 def test_lift_law_at_other_depths_and_currents(unit):
     """Against states solved by hand: lift over weight at (7-18), and where the same lift is a millimetre deeper."""
-    law = lift_law(unit, np.array([10.0]))
+    law = hysteresis.lift_law(unit, np.array([10.0]))
     memory = unit.solver.demagnetised
     state = unit.solver.step(np.full(6, thesis_lift_current(10.0)), memory)
     point = np.array([0.0, 0.0, Protocol(h=unit.h).height])
@@ -146,7 +134,7 @@ def test_lift_law_at_other_depths_and_currents(unit):
     )
     below = point - [0.0, 0.0, 1e-3]
     assert deeper.gradient(below)[2, 2] == pytest.approx(state.gradient(point)[2, 2], rel=2e-3)
-    more = lift_law(unit, np.array([10.0]), scale=1.5)
+    more = hysteresis.lift_law(unit, np.array([10.0]), scale=1.5)
     assert more.shares[0] > 1.2 * law.shares[0]
     assert 1.0 < law.relative_slope < 3.0
 
@@ -159,8 +147,8 @@ class Straight:
 
 
 def test_reach_ends_at_the_limit_or_at_the_largest_signal():
-    assert reach(Straight(), "x", -1.0, 10.0, 3.55, 0.45) == pytest.approx(20.0 * (1.55 / 4.0))
-    assert reach(Straight(), "y", 1.0, 10.0, 9.0, 0.5) == pytest.approx(10.0)
+    assert hysteresis.reach(Straight(), "x", -1.0, 10.0, 3.55, 0.45) == pytest.approx(20.0 * (1.55 / 4.0))
+    assert hysteresis.reach(Straight(), "y", 1.0, 10.0, 9.0, 0.5) == pytest.approx(10.0)
 
 
 @pytest.mark.parametrize("part", ["S14_x_remanence", "S14_y_remanence", "S14_x_joints", "S14_y_joints"])

@@ -11,9 +11,9 @@ from fieldmap import thesis
 from fieldmap.cli import main
 from fieldmap.errors import InputError
 from fieldmap.thesis import Answers, Curves, Ours, Series, compare, part_names, read_rows, row_names
+from fieldmap.thesis import printed as table
 from fieldmap.thesis.computation import attempt_part, compute_part, function_of
 from fieldmap.thesis.detail import MapMissing
-from fieldmap.thesis import printed as table
 from fieldmap.thesis.printed import PRINTED_NUMBERS, PrintedPart, read_part, row_of, shared_value
 from fieldmap.thesis.vertical_sensor import thesis_lift_current
 
@@ -99,7 +99,9 @@ def test_every_shared_number_and_sentence_is_used():
 def test_every_printed_number_has_its_place_and_kind(part):
     numbers = [number for group in read_part(part).numbers.values() for number in group]
     assert numbers
-    assert all(n.place and n.quantity and n.unit and n.kind in ("sharp", "model", "measured") for n in numbers)
+    assert all(
+        n.place and n.quantity and n.unit and n.kind in ("sharp", "model", "measured") for n in numbers
+    )
 
 
 @pytest.mark.parametrize("part", SHARP)

@@ -95,18 +95,8 @@ def test_maps_are_made_where_they_are_asked_for(tmp_path, monkeypatch):
     monkeypatch.setattr(kept, "attempt_part", lambda part, maps: PartResult(part, ""))
     folder = tmp_path / "maps"
     for option, recipe in (((), "division"), (("--quick",), "division_quick")):
-        words = [
-            "thesis",
-            "S3",
-            "S12",
-            "--report",
-            str(tmp_path),
-            "--maps",
-            str(folder),
-            "--make-maps",
-            *option,
-        ]
-        assert main(words) == 0
+        words = ["thesis", "S3", "S12", "--make-maps", "--report", str(tmp_path), "--maps", str(folder)]
+        assert main([*words, *option]) == 0
         assert made.pop() == (recipe, folder / f"{recipe}.h5")
         assert made == []
 

@@ -12,13 +12,7 @@ from scipy.optimize import brentq
 from fieldmap.currents import divide_currents
 from fieldmap.device.model import Payload
 from fieldmap.field import Field, coil_currents
-from fieldmap.thesis import (
-    equilibrium_shift,
-    shift_studies,
-    statics,
-    vertical,
-    workspace,
-)
+from fieldmap.thesis import equilibrium_shift, shift_studies, statics, vertical, workspace
 from fieldmap.thesis.coupled_runs import Readings
 from fieldmap.thesis.equilibrium_shift import Shift
 from fieldmap.thesis.printed import read_part
