@@ -105,7 +105,7 @@ def test_what_the_others_show_has_not_changed_since(name, hold_picture):
 def test_the_device_is_drawn_as_in_the_pictures_of_it(name, hold_picture):
     """Solids, windings, arrows of the currents and the workspace; the field upon them takes a map."""
     scene = device_scene(read_device("drive_unit"))
-    command = f"FIELDMAP_PICTURES=both {LONG[name].split(' < ')[0]}"
+    command = f"FIELDMAP_PICTURES=both {LONG[name][0]}"
     hold_picture(name, command, "scene", scene_record(scene))
     with scene_in_the_dark(scene):
         hold_picture(dark_path(name).name, command, "scene", scene_record(scene))
