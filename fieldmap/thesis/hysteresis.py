@@ -8,6 +8,7 @@ compared. `scripts/studies/joint_study.py` does the fit, docs/joint_study.md rea
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, Literal, get_args
@@ -62,7 +63,6 @@ class Walk(Record):
     places: Array
     levels: Array
     lifts: Array
-    memory: IronMemory
 
     def shift(self, axis: Axis) -> Array:
         """Distances (k,), m, along an axis from where the magnet was at the first signal."""
@@ -150,7 +150,7 @@ def walk(
         memory, before = state.memory, float(signal)
         found.append((point, level))
     places, lifts, levels = zip(*((point.position[:2], point.lift, u) for point, u in found), strict=True)
-    return Walk(np.asarray(signals, float), np.array(places), np.array(levels), np.array(lifts), memory)
+    return Walk(np.asarray(signals, float), np.array(places), np.array(levels), np.array(lifts))
 
 
 def _next_level(
@@ -234,16 +234,13 @@ class JointedUnit:
         self.payload = check_payload(device.payload, "JointedUnit")
         self.h = 1e3 * self.payload.magnet_offset
         self._folder = folder
-        self._solver: HysteresisSolver | None = None
         self._before: dict[float, IronMemory] = {}
 
-    @property
+    @cached_property
     def solver(self) -> HysteresisSolver:
         """The unit, meshed."""
-        if self._solver is None:
-            pinning = Pinning(coercive_field(self.device), self.led.cells)
-            self._solver = HysteresisSolver(self.device, pinning, self.led.refinement)
-        return self._solver
+        pinning = Pinning(coercive_field(self.device), self.led.cells)
+        return HysteresisSolver(self.device, pinning, self.led.refinement)
 
     def run(self, axis: Axis, signals: Array, n: float = 1.25, z_s: float = 10.0) -> "Run":
         """The magnet at signals (k,) in their order."""
@@ -278,7 +275,6 @@ class LiftLaw(Record):
     """Lift over weight (k,) at depths z_s (k,), mm, with the currents of (7-18), and by how much the current must grow
     with depth at z_s = 10 mm for the same lift, % per mm."""
 
-    depths: Array
     shares: Array
     relative_slope: float
 
@@ -303,7 +299,7 @@ def lift_law(of: JointedUnit, depths: Array, scale: float = 1.0) -> LiftLaw:
             by_current = np.log(share(more, z_s) / shares[-1]) / np.log(1.02)
             by_depth = np.log(share(state, z_s + 1.0) / share(state, z_s - 1.0)) / 2.0
             slope = float(-100.0 * by_depth / by_current)
-    return LiftLaw(np.asarray(depths), np.array(shares), slope)
+    return LiftLaw(np.array(shares), slope)
 
 
 def remanence(inputs: dict[str, Any]) -> Answers:

@@ -16,8 +16,8 @@ from fieldmap.sources import bare_inductance
 from fieldmap.thesis import detail
 from fieldmap.thesis.computation import Answers
 from fieldmap.thesis.drive_unit import PANELS, lift_share, payload, unit_rays, unit_states
+from fieldmap.thesis.equilibrium_shift import sensitivity_at_origin
 from fieldmap.thesis.hysteresis import about_the_joints, lift_law, shipped_unit
-from fieldmap.thesis.shift_studies import sensitivity_at_origin
 from fieldmap.thesis.vertical_sensor import magnet_height, thesis_lift_current
 from fieldmap.typing import Array
 

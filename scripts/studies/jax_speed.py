@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from fieldmap.core import block as map_block
 from fieldmap.interop import jax_field
-from fieldmap.interop.cell_polynomial import SIZE, field_and_gradient
+from fieldmap.interop.jax_field import SIZE, cell_field_and_gradient
 from fieldmap.lookup import FieldMap, open_map, unit_block
 
 POINTS, PIECE, ROUNDS = 1_000_000, 1024, 5
@@ -34,12 +34,12 @@ class _NewNames(ast.NodeTransformer):
 
 def formula_for_numpy() -> Callable[..., tuple[NDArray[np.float64], ...]]:
     """The kernel's formula, for arrays."""
-    source = inspect.getsource(field_and_gradient)
+    source = inspect.getsource(cell_field_and_gradient)
     tree = ast.fix_missing_locations(_NewNames().visit(ast.parse(source)))
     tree.body[0].decorator_list = []
     names: dict[str, Callable[..., tuple[NDArray[np.float64], ...]]] = {}
     exec(compile(tree, "numpy", "exec"), names)
-    return names["field_and_gradient"]
+    return names["cell_field_and_gradient"]
 
 
 def by_numpy(

@@ -7,7 +7,7 @@ from fieldmap.control import StateSpace, kalmd, zero_order_hold
 from fieldmap.dynamics import linear_points, prepare, read_scenario
 from fieldmap.thesis import horizontal as horizontal_records
 from fieldmap.thesis import vertical_records
-from fieldmap.thesis.coupled_regulator import filtered_states
+from fieldmap.thesis.coupled_loop import filtered_states
 from fieldmap.thesis.printed import figure_numbers, read_part
 from fieldmap.thesis.vertical_records import changes_of
 

@@ -12,7 +12,7 @@ from scipy.optimize import brentq
 from fieldmap.currents import divide_currents
 from fieldmap.device.model import Payload
 from fieldmap.field import Field, coil_currents
-from fieldmap.thesis import equilibrium_shift, shift_studies, statics, vertical, workspace
+from fieldmap.thesis import equilibrium_shift, statics, vertical, workspace
 from fieldmap.thesis.coupled_runs import Readings
 from fieldmap.thesis.equilibrium_shift import Shift
 from fieldmap.thesis.printed import read_part
@@ -75,9 +75,8 @@ def ring(monkeypatch):
     """The machine in the unit's place; what rows keep is forgotten before and after."""
     field = SaturatingRing()
     carried = Payload(MASS, MOMENT)
-    for module in (equilibrium_shift, shift_studies, statics):
+    for module in (equilibrium_shift, statics):
         monkeypatch.setattr(module, "unit_rays", lambda: field)
-    for module in (equilibrium_shift, shift_studies, statics):
         monkeypatch.setattr(module, "payload", lambda: carried)
     monkeypatch.setattr("fieldmap.thesis.drive_unit.payload", lambda: carried)
     equilibrium_shift._curve.cache_clear()
@@ -114,7 +113,7 @@ def test_each_column_of_table_6_2_is_computed_with_its_own_n(ring):
 def test_own_current_is_the_level_that_is_asked_for(ring):
     signals = np.array([0.1, 0.2])
     inputs = {"map": ring, "signals": signals, "level_A": 3.0, "z_mm": 10.0, "zero_mm": 0.1}
-    answers = shift_studies.own_current(inputs)
+    answers = equilibrium_shift.own_current(inputs)
     expected = [rest_along_x(3.0, s, 1.25, 10.0, 15.0) + 0.1 for s in signals]
     assert answers.numbers["x"] == pytest.approx(expected, rel=1e-5)
     lower = [rest_along_x(1.5, s, 1.25, 10.0, 15.0) + 0.1 for s in signals]

@@ -10,7 +10,7 @@ import pytest
 from fieldmap.currents import divide_currents
 from fieldmap.errors import OutsideMapError
 from fieldmap.levitation import stationary_points
-from fieldmap.thesis import drive_unit, equilibrium_shift, shift_studies, statics
+from fieldmap.thesis import drive_unit, equilibrium_shift, statics
 from fieldmap.thesis.drive_unit import PANELS, UnitRays, UnitStates, _panel, lift_share, payload
 from fieldmap.thesis.equilibrium_shift import shift
 from fieldmap.thesis.printed import read_part
@@ -118,7 +118,7 @@ def test_solved_states_are_kept_in_a_file(tmp_path, monkeypatch):
 
 @pytest.fixture
 def on_rough_mesh(rough, monkeypatch):
-    for module in (equilibrium_shift, shift_studies, statics):
+    for module in (equilibrium_shift, statics):
         monkeypatch.setattr(module, "unit_rays", lambda: rough)
     equilibrium_shift._curve.cache_clear()
     yield rough
@@ -159,4 +159,4 @@ def test_the_printed_polynomials_are_fits_of_the_printed_tables(on_rough_mesh):
 @pytest.mark.parametrize(("limit", "signal"), [(2.0, 0.15), (1.0, 0.05), (3.5, 0.3)])
 def test_signal_at_a_current_limit(limit, signal):
     signals = np.array([0.1, 0.2, 0.25])
-    assert shift_studies._crossing(signals, 1.0 + 10.0 * (signals - 0.05), limit) == pytest.approx(signal)
+    assert equilibrium_shift._crossing(signals, 1.0 + 10.0 * (signals - 0.05), limit) == pytest.approx(signal)
