@@ -104,12 +104,7 @@ def show(result: dict[str, Any], console: Console) -> None:
         gradient = "-" if row["gradient_error"] is None else f"{row['gradient_error']:.1e}"
         times = (f"{row['seconds']:.2f}", f"({row['cpu_seconds']:.2f})", f"{row['evaluation_seconds']:.3f}")
         table.add_row(
-            row["program"],
-            row["mesh"],
-            str(row["unknowns"]),
-            *times,
-            f"{row['field_error']:.1e}",
-            gradient,
+            row["program"], row["mesh"], str(row["unknowns"]), *times, f"{row['field_error']:.1e}", gradient
         )
     console.print(table)
     console.print(result["other"], highlight=False)

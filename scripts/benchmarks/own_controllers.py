@@ -140,9 +140,5 @@ def show(result: dict[str, Any], console: Console) -> None:
     """Print the rows."""
     table = Table("controller", "samples/s, 20 steps each", "samples/s, 1 step each")
     for row in result["rows"]:
-        table.add_row(
-            row["what"],
-            f"{row['samples_per_second']:,.0f}",
-            f"{row['of_one_step']:,.0f}",
-        )
+        table.add_row(row["what"], f"{row['samples_per_second']:,.0f}", f"{row['of_one_step']:,.0f}")
     console.print(table)

@@ -239,10 +239,7 @@ def computed(
 def show_computed(part: str, found: dict[str, Any]) -> None:
     """The mean deviations of all variants, and the tables of each."""
     names = (FIRST, "Table 6-6")
-    print(
-        f"\n{part}: rms of {' and '.join(names)}, mm, of both, and of {BRANCHES[0]} to 6-7",
-        flush=True,
-    )
+    print(f"\n{part}: rms of {' and '.join(names)}, mm, of both, and of {BRANCHES[0]} to 6-7", flush=True)
     for name, one in found.items():
         every = [rms(one, BRANCHES)] if set(BRANCHES) <= set(one) else []
         print(row(name, [rms(one, (each,)) for each in names] + [rms(one, names)] + every), flush=True)

@@ -256,18 +256,7 @@ def spoil_attribute(file: h5py.File, place: str, rng: Generator, *more: Any) -> 
     """Any value for one of the attributes of a place, those of `more` among them, or none of it."""
     at = file[place].attrs
     name = sorted(at)[int(rng.integers(len(at)))]
-    strange = (
-        "text",
-        b"\xff\xfe",
-        np.nan,
-        -1,
-        10**18,
-        np.zeros(3),
-        h5py.Empty("f8"),
-        file.ref,
-        True,
-        *more,
-    )
+    strange = ("text", b"\xff\xfe", np.nan, -1, 10**18, np.zeros(3), h5py.Empty("f8"), file.ref, True, *more)
     choice = int(rng.integers(len(strange) + 1))
     del at[name]
     if choice < len(strange):

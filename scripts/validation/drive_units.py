@@ -118,12 +118,7 @@ def unit_saturated() -> Iterator[Row]:
             last = refinement == refinements[-1]
             source = f"refinement {previous[0]:g}, {previous[1]} faces"
             yield Row(
-                case,
-                "change of B",
-                largest_error(previous[2], b),
-                5e-3 if last else None,
-                source,
-                *common,
+                case, "change of B", largest_error(previous[2], b), 5e-3 if last else None, source, *common
             )
             change = largest_error(previous[3], g)
             yield Row(case, "change of gradient", change, 1e-2 if last else None, source, *common)

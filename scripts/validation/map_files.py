@@ -272,10 +272,7 @@ def _run(
     """Seconds and text of each step of a run to its end; seen(text, process): called after each."""
     steps = []
     with subprocess.Popen(
-        _command(recipe, target, where or {}),
-        stdout=subprocess.PIPE,
-        stderr=subprocess.DEVNULL,
-        text=True,
+        _command(recipe, target, where or {}), stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
     ) as process:
         for line in process.stdout or ():
             second, _, text = line.strip().partition(" ")

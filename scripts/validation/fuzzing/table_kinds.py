@@ -319,11 +319,5 @@ READINGS = table_kind(
     fault_of_readings,
     lambda path: ("import", str(path), "-o", str(path.with_name("out.h5")), "--spacing-mm", "2"),
 )
-LOGS = table_kind(
-    "logs of rigs (CSV)",
-    _log,
-    _read_logs,
-    fault_of_log,
-    lambda path: ("identify", str(path)),
-)
+LOGS = table_kind("logs of rigs (CSV)", _log, _read_logs, fault_of_log, lambda path: ("identify", str(path)))
 VECTOR_FIELDS = Kind("mag_manip (YAML)", vector_fields, seconds=5.0, through_command=0)

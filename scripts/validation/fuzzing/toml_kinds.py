@@ -12,12 +12,7 @@ import numpy as np
 
 import fieldmap as fm
 from fieldmap.device.toml_text import toml_text
-from fieldmap.dynamics.scenario.references import (
-    control_times,
-    disturbances,
-    open_loop_signals,
-    references,
-)
+from fieldmap.dynamics.scenario.references import control_times, disturbances, open_loop_signals, references
 from fieldmap.dynamics.scenario.schema import read_scenario
 from fieldmap.errors import InputError, Problem
 from fieldmap.inputs.expressions import ExpressionError, evaluate
@@ -446,10 +441,7 @@ DEVICES = text_kind(
 )
 RECIPES = text_kind("map recipes", _recipes, _read_recipe, fault_of_recipe)
 SCENARIOS = text_kind(
-    "scenarios",
-    _texts("maps", shipped_names("maps", "scenarios")),
-    _read_scenario,
-    fault_of_scenario,
+    "scenarios", _texts("maps", shipped_names("maps", "scenarios")), _read_scenario, fault_of_scenario
 )
 _OPTIMISATIONS = [
     name
