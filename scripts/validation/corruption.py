@@ -16,21 +16,11 @@ BX = "/data/0/meshes/B_1/x"
 HEADER = "/fieldmap/header"
 MODEL = "/fieldmap/reduced_model"
 PLACES = (
-    *(f"/data/0/meshes/B_1/{c}" for c in "xyz"),
-    "/data/0/meshes/gradB_1/xy",
-    "/data/0/meshes/gradB_iron_mode_1/zz",
-    "/data/0/meshes/B_1",
-    "/data/0",
-    "/fieldmap",
-    HEADER,
-    "/fieldmap/report",
-    "/fieldmap/recipe",
-    "/fieldmap/completion",
-    "/fieldmap/completion/chunks",
-    f"{MODEL}/gradients",
-    f"{MODEL}/law",
-    MODEL,
-)
+    *(f"/data/0/meshes/B_1/{c}" for c in "xyz"), "/data/0/meshes/gradB_1/xy",
+    "/data/0/meshes/gradB_iron_mode_1/zz", "/data/0/meshes/B_1", "/data/0", "/fieldmap", HEADER,
+    "/fieldmap/report", "/fieldmap/recipe", "/fieldmap/completion", "/fieldmap/completion/chunks",
+    f"{MODEL}/gradients", f"{MODEL}/law", MODEL,
+)  # fmt: skip
 
 
 PLACES_OF_CONSTANT = (
@@ -200,20 +190,11 @@ def bomb(file: h5py.File, path: str, rng: Generator) -> None:
 def strange_type(file: h5py.File, path: str, rng: Generator) -> None:
     """Types that no map has."""
     kinds = (
-        h5py.ref_dtype,
-        h5py.regionref_dtype,
-        h5py.vlen_dtype(np.float64),
-        h5py.string_dtype(),
-        h5py.string_dtype("utf-8", 1000),
-        np.dtype([("a", "f8"), ("b", "S3")]),
-        np.dtype(">f8"),
-        np.dtype("f4"),
-        np.dtype("c16"),
-        np.dtype("V16"),
-        np.dtype("?"),
-        h5py.enum_dtype({"A": 1, "B": 2}, "i4"),
-        np.dtype("u8"),
-    )
+        h5py.ref_dtype, h5py.regionref_dtype, h5py.vlen_dtype(np.float64), h5py.string_dtype(),
+        h5py.string_dtype("utf-8", 1000), np.dtype([("a", "f8"), ("b", "S3")]), np.dtype(">f8"),
+        np.dtype("f4"), np.dtype("c16"), np.dtype("V16"), np.dtype("?"),
+        h5py.enum_dtype({"A": 1, "B": 2}, "i4"), np.dtype("u8"),
+    )  # fmt: skip
     shape = ((3, 3, 3), (), (7,), (0,))[int(rng.integers(4))]
     put(file, path, lambda: file.create_dataset(path, shape, kinds[int(rng.integers(len(kinds)))]))
 
@@ -277,47 +258,20 @@ def header(file: h5py.File, path: str, rng: Generator) -> None:
     content = json.loads(file[f"/fieldmap/{name}"][()])
     key = sorted(content)[int(rng.integers(len(content)))]
     strange = (
-        None,
-        [],
-        {},
-        "x",
-        -1,
-        1e308,
-        [1e9, 1e9, 1e9],
-        ["1"] * 99,
-        ["../../x"],
-        [None],
-        {"a": []},
-        [[1]],
+        None, [], {}, "x", -1, 1e308, [1e9, 1e9, 1e9], ["1"] * 99, ["../../x"], [None], {"a": []}, [[1]],
         "\ud800",
-    )
+    )  # fmt: skip
     value = strange[int(rng.integers(len(strange)))]
     text = json.dumps(
         {k: v for k, v in content.items() if k != key} | ({key: value} if rng.random() < 0.8 else {})
     )
     ways = (
-        text,
-        "[" * 10**5,
-        "1e999",
-        "nan",
-        '{"a":' * 4000 + "1" + "}" * 4000,
-        text.replace("1", "1" * 5000),
-    )
+        text, "[" * 10**5, "1e999", "nan", '{"a":' * 4000 + "1" + "}" * 4000, text.replace("1", "1" * 5000),
+    )  # fmt: skip
     write_text(file, name, ways[0] if rng.random() < 0.7 else ways[int(rng.integers(1, len(ways)))])
 
 
 HOSTILE = (
-    *(
-        external_link,
-        soft_link,
-        cycle,
-        hard_cycle,
-        other_record,
-        giant,
-        bomb,
-        strange_type,
-        empty_space,
-        raw_file,
-    ),
-    *(virtual, nothing, group, attribute, attribute, numbers, header, header, header),
-)
+    external_link, soft_link, cycle, hard_cycle, other_record, giant, bomb, strange_type, empty_space,
+    raw_file, virtual, nothing, group, attribute, attribute, numbers, header, header, header,
+)  # fmt: skip

@@ -26,67 +26,14 @@ class Strange:
 def strange_values(folder: Path) -> tuple[Callable[[], Any], ...]:
     """Makers of values that no argument takes, or few."""
     plain = (
-        *(
-            None,
-            True,
-            "",
-            "text",
-            "x" * 3000,
-            "\x00",
-            b"bytes",
-            0,
-            -1,
-            1,
-            0.0,
-            -0.0,
-            1e308,
-            -1e308,
-            5e-324,
-            1e-300,
-        ),
-        *(
-            float("nan"),
-            float("inf"),
-            -float("inf"),
-            10**400,
-            2**70,
-            1j,
-            (),
-            [],
-            {},
-            set(),
-            [[1, 2], [3]],
-            {"a": 1},
-        ),
-        *(
-            [1.0, 2.0],
-            [1.0, 2.0, 3.0, 4.0],
-            (0.0, 0.0, float("nan")),
-            ("a", "b", "c"),
-            [None] * 3,
-            range(3),
-            object,
-        ),
-        *(
-            print,
-            Strange(),
-            np.zeros(0),
-            np.zeros(3),
-            np.ones((3, 3)),
-            np.zeros((2, 2, 2)),
-            np.array(1.0),
-            np.nan,
-        ),
-        *(
-            np.array(["a"]),
-            np.array([None, 1]),
-            np.float32(0.1),
-            np.int8(-3),
-            np.array([1e308] * 3),
-            np.eye(3) * 2,
-        ),
-        *(np.datetime64("2026-11-23"), Path(folder), Path("missing"), *strange_places(folder)),
-    )
+        None, True, "", "text", "x" * 3000, "\x00", b"bytes", 0, -1, 1, 0.0, -0.0, 1e308, -1e308, 5e-324,
+        1e-300, float("nan"), float("inf"), -float("inf"), 10**400, 2**70, 1j, (), [], {}, set(),
+        [[1, 2], [3]], {"a": 1}, [1.0, 2.0], [1.0, 2.0, 3.0, 4.0], (0.0, 0.0, float("nan")),
+        ("a", "b", "c"), [None] * 3, range(3), object, print, Strange(), np.zeros(0), np.zeros(3),
+        np.ones((3, 3)), np.zeros((2, 2, 2)), np.array(1.0), np.nan, np.array(["a"]), np.array([None, 1]),
+        np.float32(0.1), np.int8(-3), np.array([1e308] * 3), np.eye(3) * 2, np.datetime64("2026-11-23"),
+        Path(folder), Path("missing"), *strange_places(folder),
+    )  # fmt: skip
     ours = (
         lambda: fm.Cylinder(1e-2, 1e-2),
         lambda: fm.CircularCoil("c", 0.02, 0.03, 0.01, 100),
@@ -198,16 +145,9 @@ def machines(folder: Path) -> Callable[[Generator, int], Case]:
                 extra, chosen = (*chosen.values(), *[value] * 20), {}
             done.append(f"{what} {key}" + (f" = {value!r:.40}" if what == "value" else ""))
         methods = (
-            "turned",
-            "moved",
-            "mirrored",
-            "around",
-            "along",
-            "placed",
-            "read_device",
-            "material",
+            "turned", "moved", "mirrored", "around", "along", "placed", "read_device", "material",
             "open_map",
-        )
+        )  # fmt: skip
         if name in methods and any(not word.startswith("value") for word in done):
             # Functions are Python's own to refuse: TypeError for arguments that they do not have.
             chosen, extra = dict(given), ()

@@ -21,19 +21,8 @@ from validation.fuzzing.mutations import bytes_of, characters
 # A ball of triangles and of tetrahedra, unit mm.
 _RADIUS = 5.0
 NUMBERS = (
-    b"nan",
-    b"inf",
-    b"1e308",
-    b"-1",
-    b"0",
-    b"1e30",
-    b"1e-300",
-    b"99999999999",
-    b"text",
-    b"$",
-    b"*",
-    b"#1",
-)
+    b"nan", b"inf", b"1e308", b"-1", b"0", b"1e30", b"1e-300", b"99999999999", b"text", b"$", b"*", b"#1",
+)  # fmt: skip
 
 
 def numbers_of(raw: bytes, rng: Generator) -> tuple[str, bytes]:

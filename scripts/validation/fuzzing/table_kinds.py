@@ -16,40 +16,10 @@ from validation.fuzzing.mutations import bytes_of, characters
 
 Cells = list[list[str]]
 STRANGE = (
-    *(
-        "nan",
-        "inf",
-        "-inf",
-        "1e308",
-        "-1e308",
-        "1e999",
-        "5e-324",
-        "0",
-        "-0",
-        "",
-        " ",
-        "text",
-        '"',
-        '""',
-        "0x10",
-        "1_0",
-    ),
-    *(
-        "1,5",
-        "1;5",
-        "\x00",
-        "=1+1",
-        "9" * 400,
-        "x" * 200_000,
-        "1e5",
-        "True",
-        "None",
-        "１２",
-        "\r",
-        "#",
-        "# 1",
-    ),
-)
+    "nan", "inf", "-inf", "1e308", "-1e308", "1e999", "5e-324", "0", "-0", "", " ", "text", '"', '""',
+    "0x10", "1_0", "1,5", "1;5", "\x00", "=1+1", "9" * 400, "x" * 200_000, "1e5", "True", "None", "１２",
+    "\r", "#", "# 1",
+)  # fmt: skip
 
 
 def cells_of(text: str, rng: Generator, separator: str = ",") -> tuple[str, str]:
@@ -68,14 +38,8 @@ def cells_of(text: str, rng: Generator, separator: str = ",") -> tuple[str, str]
         elif what == "head" and rows[0]:
             c = int(rng.integers(0, len(rows[0])))
             names = (
-                rows[0][int(rng.integers(len(rows[0])))],
-                piece,
-                "I__A",
-                "time (s)",
-                "x_mm",
-                "x ()",
-                "( )",
-            )
+                rows[0][int(rng.integers(len(rows[0])))], piece, "I__A", "time (s)", "x_mm", "x ()", "( )",
+            )  # fmt: skip
             rows[0][c] = names[int(rng.integers(len(names)))]
         elif what == "drop row" and len(rows) > 1:
             del rows[k]
@@ -269,36 +233,10 @@ def vector_fields(folder: Path) -> Callable[[Generator, int], Case]:
 def _other_value(text: str, rng: Generator) -> tuple[str, str]:
     """Another value of one of the sizes and corners, or of one node."""
     values = (
-        *(
-            ".nan",
-            ".inf",
-            "-.inf",
-            "1e308",
-            "-1",
-            "0",
-            "1",
-            "2",
-            "1000000000",
-            "999999999999999999999",
-            "text",
-            "[1]",
-        ),
-        *(
-            "{}",
-            "null",
-            "true",
-            "1.5",
-            '"5"',
-            "2026-11-23",
-            "!!int x",
-            "0o17",
-            "1_000",
-            "~",
-            "[1, 2]",
-            "*a",
-            "1e-300",
-        ),
-    )
+        ".nan", ".inf", "-.inf", "1e308", "-1", "0", "1", "2", "1000000000", "999999999999999999999",
+        "text", "[1]", "{}", "null", "true", "1.5", '"5"', "2026-11-23", "!!int x", "0o17", "1_000", "~",
+        "[1, 2]", "*a", "1e-300",
+    )  # fmt: skip
     lines = text.split("\n")
     chosen = [k for k, line in enumerate(lines) if ": " in line and "name" not in line]
     if rng.random() < 0.4:

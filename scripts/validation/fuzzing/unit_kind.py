@@ -94,17 +94,9 @@ def units(folder: Path) -> Callable[[Generator, int], Case]:
             change, raw = bytes_of(sound, rng)
         elif number % 6 == 2:
             strange = (
-                b"",
-                b"file:///",
-                b"file://host",
-                b"/" * 5000,
-                b"%",
-                b"%0",
-                b"%zz/x",
-                b"file:%00",
-                b"\xff\xfe",
-                b".",
-            )
+                b"", b"file:///", b"file://host", b"/" * 5000, b"%", b"%0", b"%zz/x", b"file:%00",
+                b"\xff\xfe", b".",
+            )  # fmt: skip
             place, change = strange[int(rng.integers(len(strange)))], "folder"
         elif number % 6 == 5:
             given, change = (b"", b"{}", token[:-1], token * 500)[int(rng.integers(4))], "token"

@@ -14,14 +14,8 @@ ADDRESS_SPACE = 4 << 30
 
 _READ = 0x1 | 0x20  # IN_ACCESS, IN_OPEN
 _RUNS = (
-    "os.system",
-    "os.exec",
-    "os.fork",
-    "os.posix_spawn",
-    "os.spawn",
-    "subprocess.Popen",
-    "socket.connect",
-)
+    "os.system", "os.exec", "os.fork", "os.posix_spawn", "os.spawn", "subprocess.Popen", "socket.connect",
+)  # fmt: skip
 
 
 class Watch:
