@@ -7,6 +7,7 @@ polynomial per cell, a recurrence for one polynomial of the whole box.
 from __future__ import annotations
 
 from collections.abc import Callable
+from itertools import combinations_with_replacement, product
 from math import prod
 from types import ModuleType
 from typing import Any
@@ -16,7 +17,7 @@ import numpy as np
 from fieldmap.core import CoreMap
 from fieldmap.core import block as map_block
 from fieldmap.core.harmonics import derivative_matrix
-from fieldmap.errors import InputError, Problem
+from fieldmap.errors import InputError
 from fieldmap.extras import require
 from fieldmap.interop.c_map import check_harmonic
 from fieldmap.interpolants import Form
@@ -117,9 +118,7 @@ class JaxField:
         Any
             B (..., 3), T.
         """
-        return self._in_pieces(
-            lambda *given: self._polynomials.field_and_gradient(*given)[0], points, currents
-        )
+        return self.field_and_gradient(points, currents)[0]
 
     def gradient(self, points: Any, currents: Any = None) -> Any:
         """Gradient of the flux density.
@@ -136,9 +135,7 @@ class JaxField:
         Any
             (..., 3, 3), [..., i, j] = dB_i/dx_j, T/m.
         """
-        return self._in_pieces(
-            lambda *given: self._polynomials.field_and_gradient(*given)[1], points, currents
-        )
+        return self.field_and_gradient(points, currents)[1]
 
     def field_and_gradient(self, points: Any, currents: Any = None) -> tuple[Any, Any]:
         """Flux density and its gradient in one pass.
@@ -368,8 +365,8 @@ class _Polynomials:
         """(..., 3, 3, 3)."""
         good, cell, local = self._locate(points)
         third = self._derivatives(self._superposed(sets, cell, weights), local, 3)
-        order = {tuple(sorted(axes)): k for k, axes in enumerate(_axes(3))}
-        every = [order[tuple(sorted((i, j, k)))] for i in range(3) for j in range(3) for k in range(3)]
+        order = {axes: k for k, axes in enumerate(_axes(3))}
+        every = [order[tuple(sorted(axes))] for axes in product(range(3), repeat=3)]
         scale = self._jnp.where(good, self._per_length**2, self._jnp.nan)[..., None]
         second = third[..., np.array(every)] * scale
         return second.reshape(*second.shape[:-1], 3, 3, 3)
@@ -441,10 +438,7 @@ class _Polynomials:
 
 def _axes(order: int) -> list[tuple[int, ...]]:
     """Axes of all different derivatives: xx, xy, xz, yy, yz, zz for order 2."""
-    found: list[tuple[int, ...]] = [()]
-    for _ in range(order):
-        found = [(*axes, i) for axes in found for i in range(axes[-1] if axes else 0, 3)]
-    return found
+    return list(combinations_with_replacement(range(3), order))
 
 
 def _derivative(degree: int, axes: tuple[int, ...]) -> Array:
@@ -554,16 +548,10 @@ class JaxEvaluator:
         self._form, self._fixed = form, weights
         self._polynomials = _Polynomials(jax, form.unit)
         self.places = 1 if weights is not None else form.places
-        self._compiled = {
-            name: jax.jit(getattr(self._polynomials, name))
-            for name in ("field_and_gradient", "second_gradient", "potential")
-        }
-        self._each = jax.jit(self._every_field)
-
-    def _every_field(self, sets: Any, points: Any) -> Any:
-        jax = self._jax
-        unit = jax.numpy.eye(sets.shape[1], dtype=sets.dtype)
-        return jax.vmap(self._polynomials.field_and_gradient, (None, None, 0), 1)(sets, points, unit)
+        names = ("field_and_gradient", "second_gradient", "potential")
+        self._compiled = {name: jax.jit(getattr(self._polynomials, name)) for name in names}
+        each = jax.vmap(self._polynomials.field_and_gradient, (None, None, 0), 1)
+        self._compiled["each_field"] = jax.jit(lambda sets, x: each(sets, x, np.eye(sets.shape[1])))
 
     def _ask(self, name: str, points: Array, weights: Array) -> tuple[list[Array], int]:
         """Results and how many points lie outside."""
@@ -572,17 +560,15 @@ class JaxEvaluator:
             size = 1 << max(n - 1, 0).bit_length()
             padded = np.full((size, 3), np.nan)
             padded[:n] = points
-            sets = self._polynomials.coefficients()
-            if name == "each_field":
-                found = self._each(sets, padded)
-            else:
+            given = [self._polynomials.coefficients(), padded]
+            if name != "each_field":
                 rows = weights if self._fixed is None else self._fixed[None]
                 every = np.zeros((size, rows.shape[1]))
                 every[:n] = rows
-                found = self._compiled[name](sets, padded, every)
-            results = [
-                np.asarray(part)[:n] for part in (found if isinstance(found, tuple | list) else (found,))
-            ]
+                given.append(every)
+            found = self._compiled[name](*given)
+            parts = found if isinstance(found, tuple | list) else (found,)
+            results = [np.asarray(part)[:n] for part in parts]
         return results, self._polynomials.outside(points)
 
     def field_and_gradient(self, points: Array, weights: Array, flux: Array, slope: Array) -> int:
@@ -702,5 +688,4 @@ class JaxEvaluator:
 
     def core(self) -> CoreMap:
         """See `fieldmap.lookup.Evaluator`: raises InputError."""
-        problem = Problem("compiled", "must be a map of the C core", "one of JAX", "open it without")
-        raise InputError(problem)
+        raise InputError.of("compiled", "must be a map of the C core", "one of JAX", "open it without")

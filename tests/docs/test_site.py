@@ -61,17 +61,6 @@ def index(site: Path) -> dict[str, object]:
     return found
 
 
-@pytest.mark.parametrize("element", ["title", "h1"])
-def test_no_two_pages_have_one_title(site, element):
-    """In the window and the search, and on the page itself."""
-    found = [
-        re.findall(rf"<{element}[^>]*>(.*?)</{element}>", text, re.DOTALL) for text in pages(site).values()
-    ]
-    names = [re.sub(r"\W+", " ", plain(titles[0])).strip().lower() for titles in found]
-    assert len(names) > 60
-    assert sorted({name for name in names if names.count(name) > 1}) == []
-
-
 def test_the_parts_are_tabs(site):
     tabs = re.findall(
         r'<li class="md-tabs__item.*?<a [^>]*>(.*?)</a>', (site / "index.html").read_text(), re.DOTALL

@@ -6,6 +6,8 @@ as in `make validate`, tests make those that are missing; otherwise they are ski
 
 import importlib
 import os
+import shutil
+import subprocess
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -83,3 +85,18 @@ def fmpy(validation, usable):
 
     run.program, run.python = program, python
     return run
+
+
+@pytest.fixture
+def clean_under_valgrind():
+    """clean(program, *arguments): no read or write beyond its own memory, and none lost."""
+    if shutil.which("valgrind") is None:
+        pytest.skip("no valgrind on this machine")
+
+    def clean(*command):
+        checked = ["valgrind", "--error-exitcode=99", "--leak-check=full", *command]
+        done = subprocess.run(checked, capture_output=True, text=True)
+        assert done.returncode == 0, done.stderr[-2000:]
+        assert "no leaks are possible" in done.stderr
+
+    return clean

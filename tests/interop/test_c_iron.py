@@ -174,17 +174,12 @@ def test_broken_files_are_refused_or_safe(ring, tmp_path):
     assert 20 < opened < len(cases) - 60
 
 
-def test_clean_under_valgrind(ring, tmp_path):
-    if shutil.which("valgrind") is None:
-        pytest.skip("no valgrind on this machine")
+def test_clean_under_valgrind(ring, clean_under_valgrind, tmp_path):
     m = saturating(ring, *KINDS["division"])
     path = write_c_iron_map(m, tmp_path / "iron.fmap")
     program = build(tmp_path / "ask", *STRICT, "-g", "-O1")
     np.hstack(questions(m, 5)).tofile(tmp_path / "questions")
-    command = ["valgrind", "--error-exitcode=99", "--leak-check=full", program, path, tmp_path / "questions"]
-    done = subprocess.run([*command, tmp_path / "answers", "1e-6"], capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr[-2000:]
-    assert "no leaks are possible" in done.stderr
+    clean_under_valgrind(program, path, tmp_path / "questions", tmp_path / "answers", "1e-6")
 
 
 def test_files_lie_side_by_side_and_linear_maps_have_their_own(ring, tmp_path):

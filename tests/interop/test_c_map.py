@@ -180,17 +180,12 @@ def test_no_damage_makes_it_read_out_of_bounds(data, tmp_path, kind):
     assert int(done.stdout.split()[0]) > 100  # enough of them still open, so evaluation is tried too
 
 
-def test_clean_under_valgrind(data, tmp_path):
-    if shutil.which("valgrind") is None:
-        pytest.skip("no valgrind on this machine")
+def test_clean_under_valgrind(data, clean_under_valgrind, tmp_path):
     m = interpolate(data)
     path = write_c_map(m, tmp_path / "field.fmap")
     program = build("ask.c", tmp_path / "ask", *STRICT, "-g", "-O1")
     np.hstack(questions(m, 200)).tofile(tmp_path / "questions")
-    command = ["valgrind", "--error-exitcode=99", "--leak-check=full", program, path, tmp_path / "questions"]
-    done = subprocess.run([*command, tmp_path / "answers"], capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr[-2000:]
-    assert "no leaks are possible" in done.stderr
+    clean_under_valgrind(program, path, tmp_path / "questions", tmp_path / "answers")
 
 
 def test_compiles_as_cpp_too(tmp_path):
