@@ -19,7 +19,7 @@ import tempfile
 from pathlib import Path
 
 import fieldmap as fm
-from fieldmap.interop.c_iron import write_c_iron_files
+from fieldmap.interop.c_map import write_c_iron_files
 
 SOURCE = Path(__file__).with_suffix(".c")
 MAPS = ("maps/out/eight_coils.h5", "maps/out/workspace.h5")

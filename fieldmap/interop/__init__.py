@@ -3,14 +3,20 @@
 Depends on: errors, extras, store, lookup, dynamics. Never on the packages that make maps.
 """
 
-from fieldmap.interop.c_iron import c_iron_header, write_c_iron_files, write_c_iron_map
-from fieldmap.interop.c_map import c_header, write_c32_files, write_c_files, write_c_map
+from fieldmap.interop.c_map import (
+    c_header,
+    c_iron_header,
+    write_c32_files,
+    write_c_files,
+    write_c_iron_files,
+    write_c_iron_map,
+    write_c_map,
+)
 from fieldmap.interop.csv_map import write_csv
 from fieldmap.interop.fmu import write_fmu
 from fieldmap.interop.jax_field import JaxEvaluator, JaxField, jax_field
 from fieldmap.interop.mag_manip import VectorFields, read_mag_manip, sample_for_mag_manip, write_mag_manip
-from fieldmap.interop.measured_map import FitReport, MeasuredMap, fit_map
-from fieldmap.interop.measurements import Measurements, read_measurements
+from fieldmap.interop.measured_map import FitReport, MeasuredMap, Measurements, fit_map, read_measurements
 from fieldmap.interop.mujoco_magnets import MagnetForces
 
 __all__ = [

@@ -12,7 +12,7 @@ from scipy.optimize import brentq
 from fieldmap.currents import divide_currents
 from fieldmap.device.model import Payload
 from fieldmap.field import Field, coil_currents
-from fieldmap.thesis import equilibrium_shift, statics, vertical, workspace
+from fieldmap.thesis import equilibrium_shift, statics, vertical
 from fieldmap.thesis.coupled_runs import Readings
 from fieldmap.thesis.equilibrium_shift import Shift
 from fieldmap.thesis.printed import read_part
@@ -148,23 +148,23 @@ def test_ranges_are_of_both_sides_and_end_at_the_limits(monkeypatch):
         places[:, "xy".index(axis)] = per_signal * signals
         return Shift(signals, places, np.zeros(2), np.full(5, 1.5), 1.5 + 5.0 * np.abs(signals), True)
 
-    monkeypatch.setattr(workspace, "_followed", followed)
-    monkeypatch.setattr(workspace, "_deepest", lambda h, limit, scaled: 0.0)
-    monkeypatch.setattr(workspace, "_checked_at_half", lambda: 0.0)
+    monkeypatch.setattr(statics, "_followed", followed)
+    monkeypatch.setattr(statics, "_deepest", lambda h, limit, scaled: 0.0)
+    monkeypatch.setattr(statics, "_checked_at_half", lambda: 0.0)
     # As far, with joints: 4 mm by ampere of the limit, less a tenth of the depth.
-    monkeypatch.setattr(workspace, "joint_range", lambda axis, z_s, limit, largest: 4.0 * limit - 0.1 * z_s)
+    monkeypatch.setattr(statics, "joint_range", lambda axis, z_s, limit, largest: 4.0 * limit - 0.1 * z_s)
     inputs = {
         "current_limit_A": 3.25,  # a signal of 0.35
         "offsets_mm": [15.0],
         "depths_mm": [11.5, 18.0],
         "largest_y_signal": 0.3,
     }
-    numbers = workspace.ranges(inputs).numbers
+    numbers = statics.ranges(inputs).numbers
     assert numbers["x_range_upper"] == pytest.approx([0.35 * (20.0 + 30.0)])
     assert numbers["y_range_lower"] == pytest.approx([2 * 0.3 * 10.0])
     assert numbers["x_range_upper_joints"] == pytest.approx(13.0 - 1.15)
     assert numbers["y_range_lower_joints"] == pytest.approx(13.0 - 1.8)
-    numbers = workspace.ranges(inputs | {"current_limit_A": 2.5}).numbers
+    numbers = statics.ranges(inputs | {"current_limit_A": 2.5}).numbers
     assert numbers["y_range_upper"] == pytest.approx([2 * 0.2 * 10.0])
 
 
