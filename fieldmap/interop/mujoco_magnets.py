@@ -79,14 +79,26 @@ class MagnetForces:
             self._bodies.append((body, known))
         self._before: Any = None
         self._error: Exception | None = None
-        self._mutual, self._compiled = mutual, None
+        self._model, self._task = model, None
         core, library = _core_map(field) if compiled else None, _library(mujoco)
         if core is not None and library is not None:
-            self._compiled = _Compiled(mujoco, model, library, core, self)
+            self._task = self._compiled_task(library, core, mutual)
         elif mutual:
-            raise InputError.of(
-                "MagnetForces(mutual)", "needs the compiled callback", "one in Python", "leave it out"
-            )
+            must_hold = "needs the compiled callback"
+            raise InputError.of("MagnetForces(mutual)", must_hold, "one in Python", "leave it out")
+
+    def _compiled_task(self, library: ctypes.CDLL, core: CoreMap, mutual: bool) -> Task:
+        """What the callback of the C core works on."""
+        data, known = self._mujoco.MjData(self._model), []
+        for body, magnet in self._bodies:
+            if not isinstance(magnet, MagneticBody):
+                magnet = MagneticBody(np.zeros((1, 3)), magnet.reshape(1, 3))
+            known.append(Magnet(magnet.core, body, _free_joint(self._mujoco, self._model, body)))
+        layout = Layout(
+            ctypes.cast(library.mj_applyFT, ctypes.c_void_p).value or 0,
+            *(_offset_of(data, array) for array in (data.xpos, data.xmat, data.qfrc_passive)),
+        )
+        return Task(core, self._currents, known, layout, self._offset, mutual)
 
     @property
     def currents(self) -> Array:
@@ -100,7 +112,7 @@ class MagnetForces:
     @property
     def compiled(self) -> bool:
         """Whether MuJoCo calls machine code."""
-        return self._compiled is not None
+        return self._task is not None
 
     def wrench(self, data: Any, body: int, magnet: MagneticBody | Array) -> Array:
         """Force and torque on a magnet about its body's origin, in the world's frame.
@@ -139,62 +151,32 @@ class MagnetForces:
 
     def check(self) -> None:
         """Raise what went wrong in the callback since it was entered, if anything did."""
-        if self._error is None and self._compiled is not None:
-            self._error = self._compiled.error(self._field)
+        fault = None if self._error is not None or self._task is None else self._task.fault()
+        if fault is not None:
+            self._error = outside_error(fault[1][None], 1, self._field.lower, self._field.upper)
         if self._error is not None:
             raise self._error
 
     def __enter__(self) -> MagnetForces:
         self._error = None
         self._before = self._mujoco.get_mjcb_passive()
-        if self._compiled is None:
+        if self._task is None:
             self._mujoco.set_mjcb_passive(self)
-        else:
-            self._compiled.begin()
+            return self
+        self._task.enter()
+        self._mujoco.set_mjcb_passive(_callback())
+        # The callback gets to know its model.
+        self._mujoco.mj_forward(self._model, self._mujoco.MjData(self._model))
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self._mujoco.set_mjcb_passive(self._before)
-        if self._compiled is not None:
-            self._compiled.end()
+        if self._task is not None:
+            self._task.leave()
         if error is None:
             self.check()
-
-
-class _Compiled:
-    """A task of the C core, and the callback that works on it."""
-
-    def __init__(
-        self, mujoco: ModuleType, model: Any, library: ctypes.CDLL, core: CoreMap, magnets: MagnetForces
-    ) -> None:
-        self._mujoco, self._model = mujoco, model
-        data, known = mujoco.MjData(model), []
-        for body, magnet in magnets._bodies:
-            if not isinstance(magnet, MagneticBody):
-                magnet = MagneticBody(np.zeros((1, 3)), magnet.reshape(1, 3))
-            known.append(Magnet(magnet.core, body, _free_joint(mujoco, model, body)))
-        layout = Layout(
-            ctypes.cast(library.mj_applyFT, ctypes.c_void_p).value or 0,
-            *(_offset_of(data, array) for array in (data.xpos, data.xmat, data.qfrc_passive)),
-        )
-        self._task = Task(core, magnets._currents, known, layout, magnets._offset, magnets._mutual)
-
-    def begin(self) -> None:
-        """Set the callback, and let it know its model."""
-        self._task.enter()
-        self._mujoco.set_mjcb_passive(_callback())
-        self._mujoco.mj_forward(self._model, self._mujoco.MjData(self._model))
-
-    def end(self) -> None:
-        """The task of before."""
-        self._task.leave()
-
-    def error(self, field: FieldMap) -> Exception | None:
-        """Of the first magnet that left the map."""
-        fault = self._task.fault()
-        return None if fault is None else outside_error(fault[1][None], 1, field.lower, field.upper)
 
 
 def _free_joint(mujoco: ModuleType, model: Any, body: int) -> int:
