@@ -317,11 +317,6 @@ class ThesisFigure(Record):
     drawn_by: tuple[str, ...]
     not_drawn: str = ""
 
-    @property
-    def chapter(self) -> str:
-        """Number of its chapter."""
-        return self.number.partition("-")[0]
-
 
 @cache
 def thesis_figures() -> dict[str, ThesisFigure]:

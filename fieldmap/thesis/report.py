@@ -215,7 +215,7 @@ def powers(unit: str) -> str:
 
 def figure_page() -> str:
     """docs/thesis_figures.md: a table for each chapter."""
-    chapters = groupby(thesis_figures().values(), key=lambda figure: figure.chapter)
+    chapters = groupby(thesis_figures().values(), key=lambda figure: figure.number.partition("-")[0])
     found = [{"number": number, "figures": list(figures)} for number, figures in chapters]
     return _environment().get_template("figures.md.j2").render(chapters=found)
 

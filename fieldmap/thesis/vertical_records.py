@@ -112,14 +112,8 @@ def records(inputs: dict[str, Any]) -> Answers:
         "pair_imaginary": pairs.imag,
         "zero": zeros[: len(inputs["zero_gains"])],
     }
-    first = next(iter(steps.values()))
-    curves = (
-        _by_two_estimators(inputs, first),
-        _recursive(inputs, first),
-        *_of_the_step(steps),
-        _poles(inputs, pairs),
-        *responses(inputs, steps),
-    )
+    one = _of_one_step(inputs, *next(iter(steps.items())))
+    curves = (*one, _poles(inputs, pairs), *responses(inputs, steps))
     # What the calibration at one depth leaves open.
     less = identified(inputs["less_gain"])[1].imag.tolist()
     numbers = {name: ours(value, *steps.values()) for name, value in found.items()}
@@ -139,11 +133,12 @@ def _around(run: Readings) -> tuple[Array, Array]:
     return run.seen[rows, DEPTH] - begin, run.wanted[rows, DEPTH] - begin
 
 
-def _by_two_estimators(inputs: dict[str, Any], run: Readings) -> Curves:
-    """Fig. 5-2: what they make of one step in the structure (5-13)."""
+def _of_one_step(inputs: dict[str, Any], Kc: float, run: Readings) -> list[Curves]:
+    """Figs 5-2 to 5-5: what two estimators make of one step in the structure (5-13), recursive estimates of the four
+    coefficients of its denominator over time, the step itself, and what the controller puts out."""
     seen, wanted = _around(run)
     time, shown = run.time[run.during(_BEGIN)], slice(0, int(_SHOWN / inputs["Ts_s"]))
-    series, remark = [Series("coupled machine (ours)", time[shown], seen[shown])], "Structure (5-13)."
+    models, remark = [Series("coupled machine (ours)", time[shown], seen[shown])], "Structure (5-13)."
     for name in ("generalised least squares", "modified least squares"):
         estimator = getattr(identification, name.replace(" ", "_"))
         try:
@@ -152,38 +147,31 @@ def _by_two_estimators(inputs: dict[str, Any], run: Readings) -> Curves:
             remark += f" The {name} do not settle."
         else:
             answer = np.asarray(found.simulate(wanted), dtype=float)
-            series.append(Series(name, time[shown], answer[shown]))
+            models.append(Series(name, time[shown], answer[shown]))
             poles = ", ".join(f"{pole:.3f}" for pole in found.poles[:3])
             remark += f" Slowest poles by {name}: {poles}."
-    series.append(Series("asked for", time[shown], wanted[shown], "asked"))
-    title = "Fig. 5-2: closed-loop models from the step of Fig. 5-4"
-    return Curves(title, "time (s)", "depth from 8 mm (mm)", tuple(series), remark)
-
-
-def _recursive(inputs: dict[str, Any], run: Readings) -> Curves:
-    """Fig. 5-3: recursive estimates of the four coefficients of (5-13)'s denominator over time."""
-    seen, wanted = _around(run)
-    time, shown = run.time[run.during(_BEGIN)], slice(0, int(_SHOWN / inputs["Ts_s"]))
+    models.append(Series("asked for", time[shown], wanted[shown], "asked"))
     forgetting = float(inputs["forgetting"])
-    history = identification.recursive_least_squares(
+    estimates = identification.recursive_least_squares(
         seen, wanted, _FULL, noise_order=1, forgetting=forgetting
-    ).history
-    lines = history[shown, : _FULL.poles].T
-    series = tuple(Series(f"$a_{k}$", time[shown], line) for k, line in enumerate(lines))
-    title = f"Fig. 5-3: recursive estimates of (5-13), forgetting factor {forgetting:g}"
-    return Curves(title, "time (s)", "coefficient of the denominator", series)
-
-
-def _of_the_step(steps: Mapping[float, Readings]) -> tuple[Curves, ...]:
-    """Figs 5-4 and 5-5."""
-    Kc, run = next(iter(steps.items()))
+    )
+    lines = estimates.history[shown, : _FULL.poles].T
+    recursive = tuple(Series(f"$a_{k}$", time[shown], line) for k, line in enumerate(lines))
     rows = run.during(_BEGIN, _BEGIN + _SHOWN)
     signal = Series("output", run.time[rows], run.run.outputs[rows, 0])
-    title = f"Fig. 5-4: step from 8 to 9 mm, $K_c$ = {Kc:g} V/mm"
-    return (
-        over_time(title, DEPTH, {"coupled machine (ours)": run}, begin=_BEGIN, end=_BEGIN + _SHOWN),
-        Curves("Fig. 5-5: output of the controller meanwhile", "time (s)", "output (V)", (signal,)),
+    titles = (
+        "Fig. 5-2: closed-loop models from the step of Fig. 5-4",
+        f"Fig. 5-3: recursive estimates of (5-13), forgetting factor {forgetting:g}",
+        f"Fig. 5-4: step from 8 to 9 mm, $K_c$ = {Kc:g} V/mm",
+        "Fig. 5-5: output of the controller meanwhile",
     )
+    machine, end = {"coupled machine (ours)": run}, _BEGIN + _SHOWN
+    return [
+        Curves(titles[0], "time (s)", "depth from 8 mm (mm)", tuple(models), remark),
+        Curves(titles[1], "time (s)", "coefficient of the denominator", recursive),
+        over_time(titles[2], DEPTH, machine, begin=_BEGIN, end=end),
+        Curves(titles[3], "time (s)", "output (V)", (signal,)),
+    ]
 
 
 def _poles(inputs: dict[str, Any], pairs: NDArray[np.complex128]) -> Curves:
