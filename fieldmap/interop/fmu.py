@@ -316,12 +316,12 @@ def _description(version: int, identifier: str, token: str, variables: list[_Var
     numbers = {
         each.reference: str(each.reference if version == 3 else n) for n, each in enumerate(variables, 1)
     }
-    kinds = {"modelIdentifier": identifier, **keeps}
+    named = {"modelIdentifier": identifier}
     steps = {"canHandleVariableCommunicationStepSize": "true"}
     return _element(
         "fmiModelDescription",
-        _element("ModelExchange", *sources, **kinds),
-        _element("CoSimulation", *copy.deepcopy(sources), **kinds, **steps),
+        _element("ModelExchange", *sources, **named, **keeps),
+        _element("CoSimulation", *copy.deepcopy(sources), **named, **steps, **keeps),
         _element("UnitDefinitions", *units),
         _element("DefaultExperiment", startTime="0", stopTime="1", stepSize="0.001"),
         _element("ModelVariables", *(_described(version, each, numbers) for each in variables)),
