@@ -1,4 +1,4 @@
-"""Write docs/validation.md from what the validation and the comparison with the thesis printed.
+"""Write docs/validation*.md from what the validation and the comparison with the thesis printed.
 
     fieldmap thesis --report report
     python scripts/validate.py --json > validate.json
@@ -23,7 +23,12 @@ from validate import STUDIES
 import fieldmap
 from fieldmap.thesis import read_rows
 
-PAGE = Path(__file__).parents[1] / "docs" / "validation.md"
+FOLDER = Path(__file__).parents[1] / "docs"
+# Studies that compare a field with a closed form or an independent code; the others have a page of their own.
+FIELDS = (
+    "spheres", "shell", "cylinders", "sphere_and_coil", "joints", "thin_gaps", "to_tolerance", "axisymmetric",
+    "saturated", "six_cores",
+)  # fmt: skip
 LIBRARIES = ("numpy", "scipy", "numba", "netgen-mesher")
 HEAD = """# Validation
 
@@ -116,8 +121,8 @@ def _left_out(rows: list[dict[str, Any]]) -> str:
     )
 
 
-def page(numbers: Path, paths: list[Path], busy: bool = False) -> str:
-    """The whole page. busy: the rows were made beside other work."""
+def pages(numbers: Path, paths: list[Path], busy: bool = False) -> dict[str, str]:
+    """The pages, by name. busy: the rows were made beside other work."""
     rows = rows_of(paths)
     passed = sum(row["verdict"] == "pass" for row in rows)
     judged = sum(row["bound"] is not None for row in rows)
@@ -129,14 +134,14 @@ def page(numbers: Path, paths: list[Path], busy: bool = False) -> str:
         machine=f"{platform.system()} {platform.machine()}",
         beside=", and this edition was made beside other work" if busy else "",
     )
-    return "\n".join(
+    first = "\n".join(
         (
             head,
             _left_out(rows),
-            "## Closed forms and independent codes\n",
-            f"{passed} of {judged} numbers that have a bound are within it. {len(rows) - judged} have none: they are"
-            " [below](#convergence-and-numbers-without-a-bound), and nothing judges them.\n",
-            validation_table(rows, True),
+            f"{passed} of {judged} numbers that have a bound are within it: fields of [closed forms and independent"
+            " codes](validation_fields.md), and [machines, maps and interrupted runs](validation_machines.md)."
+            f" {len(rows) - judged} have none: they are [below](#convergence-and-numbers-without-a-bound), and nothing"
+            " judges them.\n",
             "## Convergence, and numbers without a bound\n",
             "Errors at several mesh sizes and spacings, and the order that a straight line through their logarithms"
             " shows.\n",
@@ -144,6 +149,26 @@ def page(numbers: Path, paths: list[Path], busy: bool = False) -> str:
             thesis_table(numbers),
         )
     )
+    of_fields = [row for row in rows if row["study"] in FIELDS]
+    others = [row for row in rows if row["study"] not in FIELDS]
+    more = "[Validation](validation.md) has the versions, the meaning of an error, and the programs of the table."
+    return {
+        "validation": first,
+        "validation_fields": "\n".join(
+            (
+                "# Validation: closed forms and independent codes\n",
+                f"{more}\n",
+                validation_table(of_fields, True),
+            )
+        ),
+        "validation_machines": "\n".join(
+            (
+                "# Validation: machines, maps and interrupted runs\n",
+                f"{more}\n",
+                validation_table(others, True),
+            )
+        ),
+    }
 
 
 def main() -> None:
@@ -153,11 +178,12 @@ def main() -> None:
     )
     parser.add_argument("numbers", type=Path, help="numbers.csv of `fieldmap thesis --report`")
     parser.add_argument("rows", type=Path, nargs="+", help="what scripts/validate.py --json printed")
-    parser.add_argument("-o", "--output", type=Path, default=PAGE)
+    parser.add_argument("-o", "--output", type=Path, default=FOLDER, help="folder of the pages")
     parser.add_argument("--busy", action="store_true", help="the rows were made beside other work")
     options = parser.parse_args()
-    options.output.write_text(page(options.numbers, options.rows, options.busy), encoding="utf-8")
-    print(options.output)
+    for name, text in pages(options.numbers, options.rows, options.busy).items():
+        (options.output / f"{name}.md").write_text(text, encoding="utf-8")
+        print(options.output / f"{name}.md")
 
 
 if __name__ == "__main__":

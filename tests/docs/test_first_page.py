@@ -11,7 +11,7 @@ from fieldmap.cli.application import application
 
 ROOT = Path(__file__).parents[2]
 README = (ROOT / "README.md").read_text()
-VALIDATION = (ROOT / "docs" / "validation.md").read_text()
+VALIDATION = "".join(page.read_text() for page in sorted((ROOT / "docs").glob("validation*.md")))
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
 HEADLINES = {
     "README.md": README,
@@ -40,7 +40,7 @@ def test_the_licence_is_the_one_that_is_named():
 
 
 def largest(case: str, quantity: str) -> float:
-    """Largest size of a quantity in the rows of docs/validation.md whose case matches."""
+    """Largest size of a quantity in the rows of docs/validation*.md whose case matches."""
     rows = re.findall(r"^\| (.*?) \| (.*?) \| ([-\d.e+]+) \|", VALIDATION, re.MULTILINE)
     found = [abs(float(value)) for name, what, value in rows if re.match(case, name) and what == quantity]
     assert found

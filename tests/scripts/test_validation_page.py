@@ -19,38 +19,43 @@ ROW = {"study": "spheres", "quantity": "error of B", "source": "a formula", "not
 
 
 @pytest.fixture
-def page(program, tmp_path):
+def pages(program, tmp_path):
     with (tmp_path / "numbers.csv").open("w", newline="") as file:
         csv.writer(file).writerows([COLUMNS, *NUMBERS])
     old = [ROW | {"case": "sphere", "value": 0.5, "bound": 1e-3, "verdict": "FAIL"}]
     new = [
         ROW | {"case": "sphere", "value": 5e-4, "bound": 1e-3, "verdict": "pass"},
         ROW | {"case": "rod", "value": 2e-2, "bound": 1e-3, "verdict": "FAIL"},
+        ROW | {"study": "killed_runs", "case": "killed run", "value": 0, "bound": 0, "verdict": "FAIL"},
         ROW | {"case": "map, 5 mm", "value": 7e-6, "bound": None, "verdict": "-"},
     ]
     for name, rows in (("old", old), ("new", new)):
         (tmp_path / f"{name}.json").write_text(json.dumps(rows))
     files = [tmp_path / "old.json", tmp_path / "new.json"]
-    return program("validation_page").page(tmp_path / "numbers.csv", files)
+    return program("validation_page").pages(tmp_path / "numbers.csv", files)
 
 
-def test_studies_that_were_not_run_are_named(page):
-    left_out = next(line for line in page.splitlines() if line.startswith("Not run"))
+def test_studies_that_were_not_run_are_named(pages):
+    left_out = next(line for line in pages["validation"].splitlines() if line.startswith("Not run"))
     assert "`unit_linear`" in left_out
     assert "`spheres`" not in left_out
 
 
-def test_bounds_and_verdicts(page):
+def test_bounds_and_verdicts(pages):
     rows = {
-        line.split(" | ")[0][2:]: line.split(" | ")[2:4] for line in page.splitlines() if line[:2] == "| "
+        line.split(" | ")[0][2:]: line.split(" | ")[2:4]
+        for line in pages["validation_fields"].splitlines()
+        if line[:2] == "| "
     }
     assert rows["sphere"] == ["0.0005", "0.001"]
     assert rows["rod"] == ["0.02 **FAIL**", "0.001"]
-    assert "1 of 2" in page
-    assert page.index("| map, 5 mm |") > page.index("## Convergence")
+    assert "1 of 3" in pages["validation"]
+    assert pages["validation"].index("| map, 5 mm |") > pages["validation"].index("## Convergence")
+    assert "| killed run |" in pages["validation_machines"]
 
 
-def test_rows_of_the_thesis(page):
+def test_rows_of_the_thesis(pages):
+    page = pages["validation"]
     lines = {
         line.split(" | ")[0]: line.split(" | ")[2:] for line in page.splitlines() if line.startswith("| S")
     }
