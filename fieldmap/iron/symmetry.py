@@ -1,6 +1,6 @@
-"""Mirrors and rotations that map a device onto itself: found from its parts up to rounding, made an exact group.
+"""Mirrors and rotations that map a device onto itself.
 
-A finite group of mirrors and rotations as data, and its names for people.
+They are found from the device's parts up to rounding and then made an exact finite group, which can be printed.
 """
 
 from collections.abc import Sequence
@@ -18,7 +18,7 @@ from fieldmap.iron.topology import TRIANGLE_TURN, area_vectors, common_sides
 from fieldmap.records import Record
 from fieldmap.typing import Array, Index
 
-# Entries of orthogonal matrices closer than this are the same operation.
+# Orthogonal matrices whose entries differ by less than this are the same operation.
 _SAME_OPERATION = 1e-6
 
 
@@ -75,7 +75,7 @@ class SymmetryGroup(Record):
     """All operations found, the identity first.
 
     centre (3,) in m: a point that no operation moves. tolerance in m: positions and lengths that differ by less were
-    taken to be equal. limits: what was not looked at, or left out, in words.
+    taken to be equal. limits: parts of the device whose symmetry was not examined, in words.
     """
 
     operations: tuple[Operation, ...]
@@ -138,7 +138,7 @@ def rotation_axis(turn: Array) -> Array:
     Parameters
     ----------
     turn
-        The rotation (3, 3). Less the matrix of a mirror is half a turn about the normal of its plane.
+        The rotation (3, 3). Minus the matrix of a mirror is half a turn about the normal of its plane.
 
     Returns
     -------
@@ -178,7 +178,7 @@ def _group_name(operations: tuple[Operation, ...]) -> str:
     mirrors = [operation for operation in operations if operation.is_mirror]
     turns = [op.matrix for op in operations if op.handedness > 0 and not np.allclose(op.matrix, np.eye(3))]
     axes = np.array([rotation_axis(turn) for turn in turns]).reshape(-1, 3)
-    # Rotations about the axis of each rotation, with the identity.
+    # The number of rotations about the axis of each rotation, the identity included.
     folds = 1 + (np.abs(axes @ axes.T) > 1 - _SAME_OPERATION).sum(axis=1)
     fold = folds.max(initial=1)
     if fold <= 2 and mirrors:
@@ -200,7 +200,7 @@ def inverses(table: Index) -> Index:
     Parameters
     ----------
     table
-        Of `multiplication_table` (g, g); the identity is element 0.
+        The `multiplication_table` (g, g); the identity is element 0.
 
     Returns
     -------
@@ -221,12 +221,12 @@ def irreducible_representations(table: Index) -> tuple[Array, ...]:
     Returns
     -------
     tuple[Array, ...]
-        Matrices (g, d, d) of each.
+        Matrices (g, d, d) of each representation.
 
     Raises
     ------
     ValueError
-        For a group that has complex ones (rotations alone, say).
+        For a group with irreducible representations that are not real (rotations alone, say).
 
     Examples
     --------
@@ -246,7 +246,7 @@ def irreducible_representations(table: Index) -> tuple[Array, ...]:
     for space in np.split(vectors, np.flatnonzero(np.diff(values) > _SAME_EIGENVALUE * scale) + 1, axis=1):
         # (L(h) f)(h a) = f(a)
         matrices = np.array([space[row].T @ space for row in table])
-        # Signs and zeros exactly.
+        # Entries close to -1, 0 and 1 become exactly these.
         whole = np.round(matrices)
         matrices = np.where(np.abs(matrices - whole) < 1e-12, whole, matrices)
         character = np.trace(matrices, axis1=1, axis2=2)
@@ -259,14 +259,15 @@ def irreducible_representations(table: Index) -> tuple[Array, ...]:
 
 
 def fourier_matrix(representations: tuple[Array, ...]) -> Array:
-    """Functions on a group to their coefficients.
+    """The matrix that maps a function on a group to its coefficients.
 
-    Coefficient sqrt(d/g) sum_b matrices[b, i, j] f(b), by the orthogonality of matrix entries (Schur).
+    A coefficient is sqrt(d/g) sum_b matrices[b, i, j] f(b). The matrix is orthogonal because the entries of the
+    representations are (Schur).
 
     Parameters
     ----------
     representations
-        Of `irreducible_representations`.
+        The result of `irreducible_representations`.
 
     Returns
     -------
@@ -284,11 +285,11 @@ _EXACT = np.array([0.0, 0.5, 1.0, np.sqrt(0.5), np.sqrt(0.75)])
 
 
 def exact_matrices(found: Array) -> Array | None:
-    """The exact representation next to nearly orthogonal matrices.
+    """The exact representation closest to nearly orthogonal matrices.
 
-    A vector v is known by the function h -> matrices[h]^T v on the group. These functions form a subspace
-    that left translations nearly keep; averaged over the group, its projector commutes with them exactly, and
-    its eigenspace carries the exact representation.
+    Each vector v stands for the function h -> matrices[h]^T v on the group. These functions form a subspace
+    that left translations nearly keep. Its projector, averaged over the group, commutes with the translations
+    exactly, and the eigenspace of this average carries the exact representation.
 
     Parameters
     ----------
@@ -319,8 +320,8 @@ def exact_matrices(found: Array) -> Array | None:
 
 
 class _Item(NamedTuple):
-    """A body or winding. kind: what must be equal word for word; rows (n, 13): both ends of every segment, the middle
-    of its part, and two lengths, m; then two numbers that stand for words."""
+    """A body or winding. kind: properties that must be equal exactly; rows (n, 13): both ends of every segment, the
+    middle of its part, and two lengths, m; then the number of the part's run and a number for its own kind."""
 
     kind: tuple[object, ...]
     rows: Array
@@ -339,8 +340,8 @@ class _Item(NamedTuple):
 
 
 _Part = tuple[Array, model.Placement, tuple[object, ...], int]
-"""Segments (n, 8) by both ends and two lengths, m; where they are placed; what segments do not show; and the number of
-its run: parts of one run may change places."""
+"""Segments (n, 8) by both ends and two lengths, m; their placement; the part's own kind, which segments do not show;
+and the number of its run: the parts of one run may be in any order."""
 
 
 def _item(kind: tuple[object, ...], parts: Sequence[_Part]) -> _Item:
@@ -355,8 +356,8 @@ def _item(kind: tuple[object, ...], parts: Sequence[_Part]) -> _Item:
 
 
 def _body_item(device: model.Device, body: model.Body) -> _Item:
-    """Alike are bodies of the same parts, material (of magnets: mu_r) and mesh sizes. Parts that are added, or cut, one
-    after the other may change places."""
+    """The item of a body. Bodies with the same parts, material (for magnets: mu_r) and mesh sizes have equal items.
+    Parts that are all added, or all cut, one after the other form a run."""
     material = device.materials[body.material]
     kind = (body.material,) if material.likeness is None else material.likeness
     runs = [(operation, list(run)) for operation, run in groupby(body.parts, key=lambda part: part.operation)]
@@ -393,7 +394,7 @@ def _coil_axis(coil: Coil) -> Array:
 
 
 def _words(shape: model.Shape) -> tuple[object, ...]:
-    """What a shape is known by that the symmetry of files and meshes is not looked at; empty for other shapes."""
+    """What identifies a file or mesh, whose own symmetry is not examined; empty for other shapes."""
     match shape.primitive:
         case model.StepFile(path, scale):
             return "step", str(path), scale
@@ -422,7 +423,7 @@ def _shape_rows(shape: model.Shape) -> Array:
         case model.TriangleSurface(points, triangles):
             return _surface_rows(np.asarray(points), np.asarray(triangles))
         case model.StepFile() | model.MeshFile() | model.VolumeMesh():
-            # Three axes that differ have no symmetry: nothing but a copy of the same file or mesh is its image.
+            # Three axes of different lengths have no symmetry: only a copy of the same file or mesh is an image.
             return _segments(np.zeros((3, 3)), np.diag([0.1, 0.2, 0.3]))
     raise TypeError(f"{type(shape).__name__}.primitive is no shape that is known here")
 
@@ -471,8 +472,8 @@ def find_symmetry(device: model.Device) -> SymmetryGroup:
 
     Bodies are alike where shape, material (for magnets: mu_r) and mesh sizes are. Lengths and positions count
     as equal within 1e-6 of the iron's size. The parts of the device file are compared, not the solids they
-    add up to: a symmetric body made of parts that are not is not recognised, and a STEP body or a mesh counts
-    as one without any symmetry of its own. Never raises.
+    add up to: a symmetric body made of unsymmetric parts is not recognised. A STEP body or a mesh counts as
+    a body without symmetry. Never raises.
 
     Parameters
     ----------
@@ -574,7 +575,7 @@ def _mirrors_of_axis(iron: list[_Item], coils: list[_Item], tolerance: float) ->
         points = points if np.linalg.matrix_rank(points, tol=tolerance) == 1 else np.zeros((1, 3))
     longest = points[np.linalg.norm(points, axis=1).argmax()]
     axis = longest if np.linalg.norm(longest) > tolerance else _IDENTITY[2]
-    # The other mirrors are along the coordinate axis that is least along this one.
+    # The second direction is that of the coordinate axis most nearly perpendicular to this axis.
     frame = _frame(axis, _IDENTITY[np.abs(axis).argmin()])
     return [frame @ np.diag(signs) @ frame.T for signs in product((1.0, -1.0), repeat=3)]
 
@@ -608,9 +609,9 @@ def _operation(
     coils: list[_Item],
     tolerance: float,
 ) -> Operation | None:
-    """What the matrix does to bodies, coils and magnets; None if it maps bodies or their joints otherwise than onto
-    themselves."""
-    # The exact matrix is within the tolerance of the found one; twice as much keeps the verdict.
+    """What the matrix does to bodies, coils and magnets; None if it does not map the bodies onto bodies, or joints onto
+    equal joints."""
+    # The exact matrix is within the tolerance of the found one: twice the tolerance accepts what was found.
     bodies = _images(iron, matrix, 2 * tolerance)
     if bodies is None or not _keeps_joints(device, bodies):
         return None
@@ -620,7 +621,7 @@ def _operation(
     windings: tuple[int, ...] | None = tuple(range(len(device.coils)))
     signs = [1.0] * len(device.coils)
     if not np.array_equal(matrix, _IDENTITY):
-        # The symmetry of filaments and sheets is not looked at.
+        # The symmetry of filaments and sheets is not examined.
         windings = _images(coils, matrix, 2 * tolerance) if len(coils) == len(device.coils) else None
         axes = [] if windings is None else [_coil_axis(coil) for coil in device.coils]
         signs = [
