@@ -54,14 +54,14 @@ class Origin(Protocol):
 
 
 class _Reported:
-    """What states and linear solutions tell of themselves."""
+    """Names, assumptions and printed form that states and linear solutions have in common."""
 
     coils: tuple[Coil, ...]
     report: SolverReport
 
     @property
     def coil_names(self) -> tuple[str, ...]:
-        """Names in current order."""
+        """Names of the coils, in the order of the currents."""
         return tuple(coil.name for coil in self.coils)
 
     @property
@@ -88,8 +88,8 @@ class _Reported:
 class SolvedState(_Reported, FieldAtCurrents):
     """Coils and iron at fixed currents (c,) in A; what all states have in common.
 
-    iron: charges and flux densities of one or several sources, its columns, None where there is no iron; weights
-    (columns,): their shares in this state. bounds: the box around the workspace. background: the field that nothing in
+    iron: charges and flux densities, one column for each source, or None without iron; weights (columns,): the share of
+    each column in this state. bounds: the box around the workspace. background: the field that nothing in
     the device drives, if any; it is part of every field and force here.
     """
 
@@ -109,7 +109,7 @@ class SolvedState(_Reported, FieldAtCurrents):
         return f"{type(self).__name__} at {', '.join(f'{i:g}' for i in self.currents)} A"
 
     def field(self, points: ArrayLike) -> Array:
-        """Flux density at points, inside the iron too: of elements their mean.
+        """Flux density at points, inside the iron too; within an element it is the element's mean.
 
         Raises
         ------
@@ -206,7 +206,7 @@ class SolvedState(_Reported, FieldAtCurrents):
     def section_flux(self, section: str | Section) -> SectionFlux:
         """Flux, area and mean normal flux density of a section.
 
-        The field inside each element is integrated over what the plane cuts out of it.
+        The field inside each element is integrated over the area that the plane cuts out of the element.
 
         Parameters
         ----------
@@ -323,7 +323,7 @@ class SolvedState(_Reported, FieldAtCurrents):
         return force_and_torque(whole, name, about)
 
     def flux_linkage(self) -> Array:
-        """Flux linkages (c,) of the coils in Wb, all turns; the share of what no current drives included."""
+        """Flux linkages (c,) of the coils in Wb, all turns; with the flux of magnets and background."""
         return self._air_inductance @ self.currents + self._background_linkage + self._iron_linkage
 
     def derivative(self, quantity: Quantity, parameters: Sequence[str]) -> Derivatives:
@@ -350,8 +350,8 @@ class SolvedState(_Reported, FieldAtCurrents):
         Raises
         ------
         InputError
-            For points inside the iron, for keys of joints or that change shapes otherwise, and for a solution
-            that was read from a file, has hysteresis, or is not of the potential form.
+            For points inside the iron, for keys of joints, for keys that change shapes in other ways, and for a
+            solution that was read from a file, has hysteresis, or is not of the potential form.
         DeviceFileError
             For keys that the device lacks.
         NotConverged
@@ -374,7 +374,7 @@ class SolvedState(_Reported, FieldAtCurrents):
         return self.origin.derivative(self, quantity, parameters)
 
     def polarisation(self, points: ArrayLike) -> Array:
-        """mu0 M: inside the iron and magnets that of the element, zero in the air.
+        """mu0 M: within an element of iron or magnets the element's mean, zero in the air.
 
         Parameters
         ----------
@@ -389,7 +389,7 @@ class SolvedState(_Reported, FieldAtCurrents):
         Raises
         ------
         InputError
-            For a solution that was read back from a file, which knows no iron, only its charges.
+            For a solution that was read back from a file: it holds only the charges of the iron.
         """
         x, single = checked_points(points)
         values = np.zeros(x.shape)
@@ -426,7 +426,7 @@ class SolvedState(_Reported, FieldAtCurrents):
 
     @property
     def _charged(self) -> tuple[IronMesh | IronSurface | None, ChargedFaces | None]:
-        """Bodies and their charged faces, with air in thin drawn gaps."""
+        """Bodies and their charged faces. Thin gaps of the drawing are air here, not sheets."""
         if self.iron is None:
             return None, None
         apart = self.iron.separated
@@ -473,10 +473,10 @@ class FluxDensitySamples(Record):
 class LinearSolution(_Reported, FieldOfStates):
     """Coils and linear iron, solved once per coil; any currents by superposition.
 
-    `at(currents)` is the state at these currents; `field` to `energy` with currents are short for its methods. The
-    remanence of permanent magnets and the background, if any, add a field that no current changes: one more column
-    behind the coils', `constant_fields`. Currents: (c,) in A, one number for all coils, or a mapping by name. Forces,
-    inductances and energy: docs/theory/forces.md.
+    `at(currents)` is the state at these currents. Methods that take currents, from `field` to `energy`, are short for
+    the methods of that state. Permanent magnets and the background, if any, add a field that no current changes: one
+    more column after those of the coils, `constant_fields`. Currents: (c,) in A, one number for all coils, or a mapping
+    by name. Forces, inductances and energy: docs/theory/forces.md.
 
     >>> import fieldmap as fm
     >>> unit = fm.solve_linear(fm.read_device("loop_and_sphere"))
@@ -503,7 +503,7 @@ class LinearSolution(_Reported, FieldOfStates):
 
     @property
     def proportional(self) -> bool:
-        """Unless permanent magnets or a background add a field of their own."""
+        """Whether the field is proportional to the currents: True without permanent magnets and background."""
         return not self.has_constant
 
     @property
@@ -513,7 +513,7 @@ class LinearSolution(_Reported, FieldOfStates):
 
     @property
     def sources(self) -> tuple[str, ...]:
-        """What each column of `source_fields` is the field of."""
+        """The source of each column of `source_fields`, in words."""
         fixed = ["the permanent magnets"] * self.has_remanence
         fixed += ["the background"] * (self.background is not None)
         coils = tuple(f"1 A in coil '{name}'" for name in self.coil_names)
@@ -617,7 +617,7 @@ class LinearSolution(_Reported, FieldOfStates):
         return b, g
 
     def flux_density_samples(self, currents: Currents) -> FluxDensitySamples:
-        """|B| all over the iron: here of every element.
+        """|B| all over the iron: one sample for every element, weighted by its volume.
 
         Parameters
         ----------
@@ -805,8 +805,8 @@ class LinearSolution(_Reported, FieldOfStates):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class LinearState(SolvedState):
-    """A linear solution at currents (c,) in A. Columns of the iron: 1 A in each coil, and no current where there is a
-    field without."""
+    """A linear solution at currents (c,) in A. Columns of the iron: 1 A in each coil; then all currents off, where
+    magnets or a background make a field."""
 
     solution: LinearSolution
 
@@ -815,8 +815,8 @@ class LinearState(SolvedState):
         return float(0.5 * self.currents @ self.solution.inductance() @ self.currents)
 
     def coenergy(self) -> float:
-        """Co-energy in J: its derivative by a current is that coil's linkage. That of what no current drives
-        alone is left out."""
+        """Co-energy in J: its derivative by a current is that coil's linkage. The co-energy at zero currents is
+        left out."""
         own = self.currents @ self.solution.inductance() @ self.currents
         return float(self.currents @ self.flux_linkage() - 0.5 * own)
 
@@ -883,7 +883,7 @@ class NonlinearSolution(PotentialSolution):
     def coenergy(self) -> float:
         """Co-energy in J: its derivative by a current is that coil's linkage, by a displacement the force.
 
-        With permanent magnets or a background it contains a constant, that without currents.
+        With permanent magnets or a background it contains the co-energy at zero currents.
         """
         linked = 0.5 * self._air_inductance @ self.currents + self._background_linkage
         return float(self.currents @ linked) + self.iron_coenergy
