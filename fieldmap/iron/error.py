@@ -1,12 +1,12 @@
-"""How far a solution is from the truth, from what can be computed: the complementary form, and a coarser mesh.
+"""Error estimates of a solution, from its complementary form and from a coarser mesh.
 
-The potential form errs to one side in the energy, the flux form to the other: what the elements inside the iron cannot
-resolve lies between the two on one mesh, and similar meshes that agree with each other cannot hide it. In the energy
-norm the mean of the two is half their distance from the truth (Prager and Synge, Quart. Appl. Math. 5 (1947) 241); half
-the gap is charged for fields as well. What both forms have in common, rounded surfaces of flat faces and charges
-constant on each, shows between two meshes, of which the estimate is for the coarser; where the shares of all faces in
-the error are known (`fieldmap.iron.solvers.refinement`), their sum is an estimate for the finer one. The smaller of
-these two counts. The estimate is the larger of that and the gap, for each source by itself.
+The potential form errs to one side in the energy, the flux form to the other. On one mesh the gap between the two shows
+what the elements inside the iron do not resolve, even where similar meshes agree with each other. In the energy norm
+the mean of the two forms is off by half the gap (Prager and Synge, Quart. Appl. Math. 5 (1947) 241); half the gap is
+the estimate for fields as well. Both forms have two errors in common: flat faces on round surfaces, and charges
+constant on each face. These show as a change between two meshes, which estimates the error of the coarser one. Where
+the shares of all faces in the error are known (`fieldmap.iron.solvers.refinement`), twice their sum is an estimate for
+the finer one. The smaller of these two counts. The estimate for each source is the larger of that and half the gap.
 
 Relative errors of B are those of its largest value in the workspace. A gradient may vanish, in a shield or in the
 middle of a symmetric machine; its errors are relative to the larger of its own largest value and |B| / L. L is half the
@@ -14,10 +14,10 @@ diagonal of the workspace, or the distance from its middle to the nearest iron w
 gradient then adds at most e times |B| to the field between the middle and the corners, and a small workspace far from
 the iron does not loosen the scale.
 
-A tolerance is what error is asked for, and its report how a run that refines for it went. An error is within a
+`Tolerance` states the allowed errors, and `ToleranceReport` how a run that refines for them went. An error is within a
 tolerance if it is no larger than the relative part times the size that it is relative to (`fieldmap.iron.error`), or no
 larger than the absolute part: the larger of the two is allowed. Where a field is shielded to almost nothing, the
-absolute part alone can be meant.
+absolute part alone makes sense.
 """
 
 from __future__ import annotations
@@ -39,7 +39,8 @@ _GAP_SHARE = 0.5
 _POINTS_PER_EDGE = 5
 # True errors of shells and spheres are up to 2.6 times the sum of the shares, those of other devices below it.
 _SHARES_SHORT = 2.0
-# Errors fall like the number of faces, at least: over fewer more of them a change is only a part of the error.
+# Errors fall at least in proportion to the number of faces. If that number grows by less than this share, the change
+# shows only a part of the error.
 ENOUGH_GROWTH = 1.0
 QUANTITIES = ("B", "gradient")
 
@@ -67,7 +68,7 @@ class Bracket(Record):
 class LargestError(Record):
     """The largest estimated error of one quantity, "B" or "gradient", of one source in the workspace.
 
-    error, size: in T or T/m, of 1 A in a coil; what relative errors are relative to is `size`. at (3,): where it is
+    error, size: in T or T/m, for a coil with 1 A in it; relative errors are error / size. at (3,): where the error is
     largest, m.
     """
 
@@ -93,8 +94,8 @@ class LargestError(Record):
 
 @dataclass(frozen=True, repr=False)
 class ErrorEstimate(Record):
-    """Relative to the largest |B| in the workspace and to the scale of the gradient (see above), for the worst source:
-    a coil, or the magnets.
+    """Estimated errors of the worst source, a coil or the magnets. They are relative to the largest |B| in the
+    workspace and to the scale of the gradient (module docstring).
 
     flux_density, gradient: the estimates; change: (B, gradient) between two meshes, or None if there is only one; gap:
     (B, gradient) between the potential form and the flux form on the same mesh, bracket: of B in the middle of the
@@ -123,7 +124,7 @@ class ErrorEstimate(Record):
         Returns
         -------
         LargestError | None
-            The error; None if no places were kept.
+            The error; None if `by_source` is empty.
         """
         found = [one for one in self.by_source if one.quantity == quantity]
         return max(found, key=lambda one: one.relative, default=None)
@@ -198,12 +199,12 @@ def estimate_error(
     shares: Array | None = None,
     growth: float = 1.0,
 ) -> ErrorEstimate:
-    """Estimate at points (n, 3) from the same problem on a coarser mesh and in the other form; not without both.
+    """Estimate at points (n, 3) from the same problem on a coarser mesh, in the other form or both; 0 with neither.
 
-    shares (c,): sums of the shares of all faces in the error of B of every source, where known. growth: how many more
-    faces this mesh has than the coarser one, relative to it; meshes that hardly differ agree whatever their error, so
-    that a change over less than `ENOUGH_GROWTH` is taken for that part of the change over it. The bracket is that of
-    the point in the middle of all points.
+    shares (c,): sums of the shares of all faces in the error of B of every source, where known. growth: the number of
+    faces that this mesh has more than the coarser one, over the number of the coarser one. Meshes that hardly differ
+    agree whatever their error: where the growth is below `ENOUGH_GROWTH`, the change is scaled up in proportion to it.
+    The bracket is for the point in the middle of all points.
     """
     middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
     places = np.vstack([points, middle])
@@ -233,7 +234,7 @@ def estimate_error(
 
 
 def _norms(field: Array, gradient: Array) -> Array:
-    """Of B (c, n, 3) and gradient (c, n, 3, 3) at every point: (2, c, n), T and T/m."""
+    """Norms (2, c, n) of B (c, n, 3) and of the gradient (c, n, 3, 3) at every point, T and T/m."""
     return np.stack([np.linalg.norm(field, axis=-1), np.linalg.norm(gradient, axis=(-2, -1))])
 
 
@@ -246,7 +247,7 @@ def _relative(errors: Array, sizes: Array) -> tuple[float, float]:
 def _largest_errors(
     errors: Array, sizes: Array, places: Array, sources: tuple[str, ...]
 ) -> tuple[LargestError, ...]:
-    """Of errors (2, c, n) at places (n, 3)."""
+    """The largest of the errors (2, c, n) at places (n, 3), for each quantity and source."""
     out = []
     for quantity, values, size in zip(QUANTITIES, errors, sizes, strict=True):
         for k, source in enumerate(sources):
@@ -257,7 +258,7 @@ def _largest_errors(
 
 
 def _bracket(place: Array, sources: tuple[str, ...], one: Array, other: Array) -> Bracket:
-    """Of fields (c, 3): the source whose two fields differ most, relative to their size."""
+    """Bracket by two fields (c, 3), for the source whose two fields differ most, relative to their size."""
     size = np.linalg.norm(one, axis=1)
     relative = np.linalg.norm(one - other, axis=1) / np.where(size > 0, size, np.inf)
     worst = int(relative.argmax())
@@ -273,18 +274,18 @@ ENDS = {
     "memory": "the next mesh does not fit into memory",
     "meshes": "as many meshes as were allowed",
 }
-"""How a run may end, with what that means."""
+"""The ways in which a run may end, with their meanings."""
 _GRADIENT_PER_FIELD = 3.0
 
 
 @dataclass(frozen=True, repr=False)
 class Tolerance(Record):
-    """Allowed errors in the workspace; of a quantity whose two parts are None any error is allowed.
+    """Allowed errors in the workspace. A quantity whose two parts are None may have any error.
 
     flux_density: relative to the largest |B|; gradient: relative to the larger of the largest |grad B| and of |B| over
     a length; absolute_flux_density in T; absolute_gradient in T/m. Each holds for
     every source by itself: the magnets and the background, and every coil with 1 A, or with its entry of `currents`, A.
-    Raises InputError for values that cannot be meant.
+    Raises InputError for values out of range.
 
     >>> Tolerance(flux_density=0.01, absolute_flux_density=1e-6)
     Tolerance(flux_density=0.01, absolute_flux_density=1e-06)
@@ -331,9 +332,9 @@ class Tolerance(Record):
         Parameters
         ----------
         tolerance
-            Relative, of B, and three times it of the gradient; or a tolerance, which is taken as it is.
+            Relative, of B; or a `Tolerance`, which is returned unchanged.
         gradient
-            Of the gradient; inf allows any error of it.
+            Relative, of the gradient; inf allows any error of it. None: three times the tolerance of B.
 
         Returns
         -------
@@ -347,14 +348,14 @@ class Tolerance(Record):
 
     @property
     def solving(self) -> float:
-        """Tolerance of the iteration on every mesh: the smallest relative part, no larger than 1e-3 where an absolute
-        part may be the one that counts."""
+        """Tolerance of the iteration on every mesh: the smallest relative part, or 1e-3 if that is smaller and there is
+        an absolute part."""
         relative = [part for part in (self.flux_density, self.gradient) if part is not None]
         absolute = self.absolute_flux_density is not None or self.absolute_gradient is not None
         return min([*relative, 1e-3] if absolute else relative)
 
     def allowed(self, one: LargestError, source: int, coils: int) -> float:
-        """What is allowed of one source.
+        """The allowed error of one source.
 
         Parameters
         ----------
@@ -411,7 +412,7 @@ class Tolerance(Record):
         Returns
         -------
         tuple[LargestError, float] | None
-            The error, and that multiple; None if no places were kept.
+            The error, and that multiple; None if the estimate's `by_source` is empty.
         """
         count = max(1, len(estimate.by_source) // 2)
         found = [
@@ -447,10 +448,11 @@ class MeshStep(Record):
 
 @dataclass(frozen=True, repr=False)
 class ErrorShare(Record):
-    """What one body shares in the error of B in the workspace, by the indicators of its faces and elements.
+    """The share of one body in the error of B in the workspace, from the indicators of its faces and elements.
 
-    share: of all bodies together; at (3,): the element that has most of it, m; size, wanted: length of an element there
-    and in the next mesh, m; layer: thickness of the first layer where it lies at a sharp edge, m, None elsewhere.
+    share: its part of the sum over all bodies; at (3,): the element that has most of it, m; size, wanted: length of an
+    element there and in the next mesh, m; layer: thickness of the first layer where it lies at a sharp edge, m, None
+    elsewhere.
     """
 
     body: str
@@ -473,7 +475,7 @@ class ErrorShare(Record):
 
 @dataclass(frozen=True, repr=False)
 class ExpectedCost(Record):
-    """Of a mesh that was not solved, predicted from those that were: its matrix in bytes, wall time in s."""
+    """The cost of a mesh that was not solved, predicted from those that were: matrix in bytes, wall time in s."""
 
     faces: int
     tetrahedra: int
@@ -492,9 +494,9 @@ class ToleranceReport(Record):
     """How a run to a tolerance went.
 
     ended: one of `ENDS`; steps: its meshes; worst: the error that is the largest multiple of what is allowed, with its
-    place in the workspace, on the mesh of the answer; shares: of the bodies, the largest first; next_mesh: what the
-    next one would cost, and whole: a mesh within the tolerance, if the estimate goes on falling as it did; None where
-    the run does not tell.
+    place in the workspace, on the mesh of the answer; shares: of the bodies, the largest first; next_mesh: the cost of
+    the next mesh; whole: the cost of a mesh within the tolerance, if the estimate goes on falling as it did. These two
+    are None where the run does not show them.
     """
 
     asked: Tolerance
@@ -526,7 +528,8 @@ class ToleranceReport(Record):
 def expected_cost(
     steps: Sequence[MeshStep], faces: float, tetrahedra: float, matrix_bytes: float
 ) -> ExpectedCost:
-    """Time by the power of the number of faces that the steps show, between 1 and 3 (2 where one alone is known)."""
+    """The time is taken to grow with a power of the number of faces. The steps give its exponent, which is kept between
+    1 and 3 (2 where they do not give it)."""
     last, power = steps[-1], 2.0
     if len(steps) > 1 and last.faces > 1.2 * steps[0].faces and steps[0].seconds > 0:
         measured = np.log(last.seconds / steps[0].seconds) / np.log(last.faces / steps[0].faces)
@@ -537,7 +540,7 @@ def expected_cost(
 
 def faces_within(steps: Sequence[MeshStep]) -> float | None:
     """How many faces a mesh within the tolerance would have, by the power of their number with which the excess has
-    fallen so far; None where that is less than a quarter or two meshes alone have no estimate to compare."""
+    fallen so far. None where the exponent is less than a quarter, or without estimates on two meshes that differ."""
     known = [(np.log(step.faces), np.log(step.excess)) for step in steps if step.excess]
     if len(known) < 2:
         return None
