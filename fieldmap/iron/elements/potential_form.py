@@ -1,7 +1,7 @@
 """The iron by a scalar potential of second order: H = t - grad phi inside, charges on the surface outside.
 
-Minimises a convex functional of the nodal potential phi. With b(h) the material's law, t the coil field
-(`fieldmap.iron.elements.nodal_elements`) and S the air,
+The form minimises a convex functional of the nodal potential phi. With b(h) the material's law, t the coil field
+(`fieldmap.iron.elements.nodal_elements`) and S the operator of the air,
 
     R(phi) . v  =  int (b(t - grad phi) + b_r - t) . grad v dV  -  (S phi) . v  =  0      for all nodal v.
 
@@ -17,25 +17,25 @@ the air is
     x = W^-1 m - N^-1 m,      m = M phi,      N = M K^-1 M^T,
 
 where N^-1 m is the flux into the iron, were it air, of the smoothest second-order potential with these face means
-(K: the iron's stiffness at mu_r = 1). Both terms see phi through its face means only, so what they do not see costs
-nothing, and S = M^T (W^-1 - N^-1) M is positive up to the discretisation error: the whole functional stays convex
-however saturated the iron is. (With the plain Schur complement of K in place of N^-1, modes that W does not resolve
-would be negative, and Newton's method fails beyond 2.4 T.)
+(K: the iron's stiffness at mu_r = 1). Both terms see phi through its face means only: potentials without face means
+add nothing. S = M^T (W^-1 - N^-1) M is therefore positive up to the discretisation error, and the whole functional
+stays convex however saturated the iron is. (With the plain Schur complement of K in place of N^-1, modes that W does
+not resolve would be negative, and Newton's method fails beyond 2.4 T.)
 
 N^-1 m = y is found by the method of multipliers (Hestenes, J. Optim. Theory Appl. 4 (1969) 303): with a weight D,
 
     (K + M^T D M) phi = M^T (D m + y),      y <- y + D (m - M phi),
 
-in two steps from zero. The matrix has the pattern of K and is positive definite; the saddle point of K and M, solved
-at once, took a factor of more than three times the memory and eighteen times the work at 73 000 faces.
+in two steps from zero. The matrix has the pattern of K and is positive definite. The factor of the saddle-point matrix
+of K and M took more than three times the memory and eighteen times the work at 73 000 faces.
 
-For N the iron's elements are air. N^-1 takes away what the charges of the surface do inside the iron, were it air; both
-are to know the same inside. At the rim of a sheet that is thinner than its elements are wide they do not. A potential
-that differs between both sides of the rim costs the elements of the sheet, in which it falls off over their whole width
-h, h / (3 g) and more, while charges feel the logarithm of h / g. N^-1 would take away the sheet's own stiffness there,
-and flux would crowd through its rim (a magnet 10 um above a plate: 1.4 to 2.6 times the true flux density in the
-outermost elements). Elements at such a rim are therefore softer in N, by g / h; where they are as narrow as the gap
-they are air.
+For N the iron's elements are air. N^-1 takes away the flux that the charges of the surface drive inside the iron, were
+it air: W and N must give the same flux there. At the rim of a sheet that is thinner than its elements are wide they do
+not. Take a potential that differs between both sides of the rim. In the elements of the sheet it falls off over their
+whole width h, and its energy is h / (3 g) and more; for charges the energy grows with the logarithm of h / g. N^-1
+would take away the sheet's own stiffness there, and flux would crowd through its rim (a magnet 10 um above a plate:
+1.4 to 2.6 times the true flux density in the outermost elements). Elements at such a rim are therefore softer in N, by
+g / h; where they are as narrow as the gap they are air.
 
 Flux linkage and co-energy of the iron follow from the fields inside it: docs/theory/forces.md (4), (5).
 """
@@ -77,7 +77,8 @@ def vacuum(iron: AssembledIron) -> Magnetisation:
     gap = np.array([sheet.gap for sheet in mesh.sheets] or [0.0])[mesh.body[rim] - first]
     corners = mesh.points[mesh.tets[rim]]
     sides = np.linalg.norm(corners[:, TET_EDGES[:, 0]] - corners[:, TET_EDGES[:, 1]], axis=2)
-    # A third of a prism of height g: its volume is g / 3 times half the longest side times the width across it.
+    # A tetrahedron is a third of a prism of height g: its volume is g / 3 times half the longest side times the width
+    # across that side.
     width = 6 * volumes(mesh.points, mesh.tets[rim]) / (gap * sides.max(axis=1))
     law = np.zeros(len(mesh.tets), np.int64)
     law[rim] = 1 + np.arange(len(rim))
@@ -85,8 +86,9 @@ def vacuum(iron: AssembledIron) -> Magnetisation:
     return Magnetisation(law, tables, np.zeros((1, len(law), 3)))
 
 
-# The weight D times the mean potential of a face on itself. Each step gains three digits or more (measured: 5e-4 and
-# 4e-7 for random face means, 2e-5 and 8e-9 for smooth ones); rounding takes away five of the sixteen.
+# The weight D of a face times the mean potential on it of a unit charge on it. Each step gains three digits or more
+# (measured: 5e-4 and 4e-7 for random face means, 2e-5 and 8e-9 for smooth ones); rounding takes away five of the
+# sixteen.
 _WEIGHT = 1e5
 _STEPS = 2
 
@@ -137,7 +139,7 @@ class Exterior:
 
 _MAX_LINEAR_STEPS = 80
 _MAX_NEWTON_STEPS = 40
-# From this tolerance on three digits of the air are enough.
+# At this tolerance or a larger one, three digits of the air are enough.
 _ROUGH = 1e-3
 
 
@@ -151,8 +153,8 @@ class PotentialState(Record):
 
 
 class ConvexForm:
-    """One mesh, with either family of elements: Krylov and Newton on R. name: of the form, for reports; elements: whose
-    coil field inside the iron has the shape that they give it."""
+    """One mesh with elements of either family, nodal or flux: Krylov and Newton on R. name: of the form, for reports;
+    elements: they also define the type of the coil field inside the iron, `field`."""
 
     name: ClassVar[str]
     elements: Any
@@ -165,7 +167,8 @@ class ConvexForm:
         stiffness = self._tangent_entries(np.zeros(elements.count), nothing, vacuum(iron))
         self.exterior = Exterior(elements.face_mean, iron.mutual, self._sums, stiffness)
         one = np.ones((elements.count, 1))
-        # Constants leave the iron's stiffness unmoved; a mass of the body's capacity on the surface stands for S.
+        # The iron's stiffness maps constants to zero. In the preconditioner a mass matrix on the surface, as large as
+        # the capacity of the body, stands for S.
         capacity = float((one.T @ self.exterior.apply(one))[0, 0])
         mass = elements.face_mean.T @ iron.surface.areas
         self._capacity = mass * (capacity / mass.sum())
@@ -194,8 +197,8 @@ class ConvexForm:
         for _ in range(_MAX_NEWTON_STEPS):
             right = inner - air
             if factor is not None:
-                # The tangent of the step before tells the norm to a factor of three close to the solution (drive unit),
-                # and the residual is asked to be a thousandth of what the state may be off.
+                # Close to the solution the tangent of the step before gives the norm to a factor of three (drive unit).
+                # That is enough: the residual has to fall to a thousandth of the state's allowed error.
                 norm = _energy_norm(right, factor.solve(right))
                 if norm < tolerance * scale:
                     residuals.append(norm / scale)
@@ -216,7 +219,7 @@ class ConvexForm:
             def operator(x: Array, factor: SparseFactor = factor, stiffness: csr_matrix = stiffness) -> Array:
                 return factor.solve(stiffness @ x + self.exterior.apply_roughly(x))
 
-            # As exactly as the step is worth.
+            # The linear solve needs only as many digits as the Newton step is good for.
             worth = min(0.1, max(1e-4, residuals[-1]))
             step = block_gmres(operator, first[:, None], worth, _MAX_LINEAR_STEPS)[0][:, 0]
             air_step = self.exterior.apply(step[:, None])[:, 0]
@@ -244,8 +247,8 @@ class ConvexForm:
     def corrections(
         self, material: Magnetisation, fields: Sequence[Any], potential: Array, air: Array, tolerance: float
     ) -> Array:
-        """What one step of Newton's method would add to potentials (n, s) of as many sources, (n, s), with the tangent
-        without sources, the same for all; air: S phi (n, s), as the exterior gives it. Raises NotConverged."""
+        """What one step of Newton's method would add (n, s) to potentials (n, s) of s sources. The tangent without
+        sources is used for all; air: S phi (n, s), as the exterior gives it. Raises NotConverged."""
         zero = np.zeros(self.elements.count)
         stiffness = self.tangent(zero, self.elements.no_field(), material)
         columns = [np.ascontiguousarray(values) for values in potential.T]
@@ -254,7 +257,7 @@ class ConvexForm:
         return self._solve_linear_system(stiffness, material, right, tolerance)
 
     def _factor(self, entries: Array) -> SparseFactor:
-        """Of a tangent, with the capacity for the air."""
+        """Factor of a tangent, with the capacity in place of the air."""
         with_air = entries.copy()
         with_air[self._sums.diagonal] += self._capacity
         return self._sums.factor(with_air)
@@ -264,7 +267,7 @@ class ConvexForm:
         return np.ascontiguousarray((self.exterior.charge(potential) / self.iron.surface.areas[:, None]).T)
 
     def by_charge_density(self, weights: Array) -> Array:
-        """How sums of `charge_density` with weights (k, s) follow the potential: (n, k)."""
+        """Derivatives (n, k) by the potential of sums of `charge_density` with weights (k, s)."""
         shares = weights.T / self.iron.surface.areas[:, None]
         return np.asarray(self.elements.face_mean.T @ self.iron.mutual.solve(shares, 2))
 
@@ -321,7 +324,7 @@ class ConvexForm:
     def _inside(
         self, potential: Array, field: Any, material: Magnetisation, at_points: LinearField
     ) -> ElementField:
-        """The field within elements; at_points: what it is at their points, linear between them."""
+        """The field within elements; at_points: the field at their points, linear between them."""
         return at_points
 
     def _state(self, potential: Array, field: Any, material: Magnetisation, residuals) -> PotentialState:
@@ -351,9 +354,9 @@ class PotentialForm(ConvexForm):
     def sensitivities(
         self, potential: Array, field: CoilField, material: Magnetisation, change: CoilField, tolerance: float
     ) -> Array:
-        """How the potential (n,) of a state follows changes of the coils' field, the sources of `change`: (n, c).
+        """Changes (n, c) of the potential (n,) of a state with the coils' field, for the sources t' of `change`.
 
-        The residual R follows by int (db/dh - 1) t' . grad v, so that (K + S) phi' is this. Raises NotConverged.
+        They solve (K + S) phi' = int (db/dh - 1) t' . grad v. Raises NotConverged.
         """
         right = self.source_response(potential, field, material, change)
         return self.solve_tangent(potential[:, None], field, material, right, tolerance)

@@ -7,9 +7,10 @@ outside all iron, the continuity of the normal flux density, tested with the fun
 
     sum_b mu_b S_b u + S_e (u - psi) = sum_b S_b psi + sum_b int b_r . n v dS.
 
-The right side holds psi alone, and S_b psi stands for the source's own flux: what iron of mu_r = 1 lets through as well
-cancels exactly, so that u keeps its digits however permeable the iron is. Where the iron links currents, psi has jumps
-along cuts; its nodal part takes their place in the equation, and what it lacks is a field of its own (`Potentials`).
+The right side holds psi alone, and S_b psi stands for the source's own flux. Flux that iron of mu_r = 1 would let
+through as well cancels exactly, so that u keeps its digits however permeable the iron is. Where the iron links
+currents, psi has jumps along cuts. The equation then holds a nodal psi without jumps, and the rest of the field is
+added separately (`Potentials`).
 """
 
 from __future__ import annotations
@@ -36,8 +37,8 @@ from fieldmap.typing import Array, Index
 # Points on every half edge for the circulations of the sources, and exactness of the rule on faces for their flux.
 _POINTS_PER_HALF = 6
 _FLUX_DEGREE = 6
-# Round a loop that links a current, the potential ends further from its start than this part of its range: the whole
-# solid angle of a winding is its range. What quadrature misses near a winding is a thousandth.
+# A loop links a current if the potential, followed round the loop, comes back off by more than this part of its range.
+# For a winding the jump is about the whole range; near a winding quadrature errors are a thousandth of the range.
 _LINKED = 0.3
 _MAX_STEPS = 200
 
@@ -66,10 +67,10 @@ def regions_of(surface: IronSurface, mu_r: Array, remanence: Array) -> tuple[Reg
 class SurfaceSources(Record):
     """Fields (c) that act on the iron, T.
 
-    nodal: their potential psi (p, c) at all points of the mesh, without cuts, projected in the mean square from second
-    order: its values at the points would make psi too flat or too steep between them; linear: these values; bubble
-    (m, c): what psi has more in the middle of the edges (m, 2); missing (m, c): differences that `linear` lacks along
-    the edges, zero where the iron links no current; linked (c,): where it does.
+    nodal: the linear function (p, c) without cuts that is closest in the mean square to their second-order potential
+    psi (psi's own values at the points would make it too flat or too steep between them); linear: psi at the points;
+    bubble (m, c): psi in the middle of the edges (m, 2) less the mean of their ends; missing (m, c): differences along
+    the edges that `linear` lacks, zero for sources whose currents the iron does not link; linked (c,): whether it does.
     """
 
     nodal: Array
@@ -92,14 +93,15 @@ def edge_numbers(edges: Index, triangles: Index, count: int) -> Index:
 
 
 def surface_sources(points: Array, triangles: Index, field: FieldOfPoints) -> SurfaceSources:
-    """Of fields field(points (n, 3)) -> (c, n, 3) that are free of curl at the triangles (n, 3)."""
+    """The sources of fields field(points (n, 3)) -> (c, n, 3) that are free of curl at the triangles (n, 3)."""
     count = len(points)
     edges = distinct_parts(triangles, TRIANGLE_SIDES).rows
     first, second = (-half.T for half in half_circulations(field, points, edges, _POINTS_PER_HALF))
     difference, bubble = first + second, 0.5 * (first - second)
     gradient = _differences(edges, count)
     linear = _least_squares(gradient, difference)
-    # Along a tree of edges all differences are met: what those beside it lack is the circulation round a loop.
+    # On a tree of edges all differences are met. On any other edge the difference that remains is the circulation round
+    # a loop.
     numbered = csr_matrix((1.0 + np.arange(len(edges)), edges.T), shape=(count, count))
     tree = minimum_spanning_tree(numbered).data.astype(np.int64) - 1
     walked = _least_squares(gradient[tree], difference[tree])
@@ -160,9 +162,9 @@ class RegionPotential(Record):
 class SurfacePotential(Record):
     """Solved surface form: nodal potentials (p, c) of the iron's own field, phi, and the total, u; the surface towards
     the air with charges (n, c) that make phi there; the regions; linked (c,): whether the iron links the source's
-    currents; normal (n, c): mean B.n of linked sources on the triangles towards the air, seen from there: from inside
-    their error is multiplied by mu_r; magnets (c,): 1 where the remanence of magnets belongs to the source, else 0;
-    residuals of all steps, relative."""
+    currents; normal (n, c): mean B.n of linked sources on the triangles towards the air, computed on the side of the
+    air, because an error inside is multiplied by mu_r; magnets (c,): 1 where the remanence of magnets belongs to the
+    source, else 0; residuals of all steps, relative."""
 
     reduced: Array
     total: Array
@@ -191,7 +193,7 @@ class SurfaceForm:
         self.sides = tuple(Side(boundary, inside=True) for boundary in own)
 
     def _own(self, outside: ClosedSurface, k: int, boundaries: list[Index]) -> ClosedSurface:
-        """The boundary of a region: part of that towards the air where it touches no other region."""
+        """The boundary of a region. For a region that touches no other it is a part of the surface towards the air."""
         mine, others = boundaries[k], [b for j, b in enumerate(boundaries) if j != k]
         if not any(np.isin(mine, other).any() for other in others):
             chosen = np.flatnonzero(np.isin(outside.nodes[outside.triangles[:, 0]], mine))
@@ -211,7 +213,7 @@ class SurfaceForm:
         the remanence of magnets belongs, else 0. Raises NotConverged."""
         sources = surface_sources(self.surface.points, self.triangles, field)
         lacking = [self._lacking(side, sources) for side in self.sides]
-        # Flux of what the nodal potentials lack: once, and once for each unit of susceptibility.
+        # Flux of the field that the nodal potentials lack, and the same times the susceptibility mu_r - 1.
         loops = np.zeros((2, *sources.nodal.shape))
         remanent = np.zeros_like(sources.nodal)
         for region, side, more in zip(self.regions, self.sides, lacking, strict=True):
@@ -227,7 +229,8 @@ class SurfaceForm:
         total, residuals = self._solved(right, tolerance)
         reduced = total - nodal
         outer = self.outside.surface
-        # The means of psi itself: outside, phi is all there is, however nearly it cancels psi.
+        # Face means of phi with psi itself in place of its projection: outside, phi alone is the iron's field, even
+        # where it nearly cancels psi.
         own = outer.means @ (reduced + sources.nodal - sources.linear)[outer.nodes]
         own -= sources.bubble_means(outer.nodes[outer.triangles])
         charges = outer.charge(own)
@@ -257,9 +260,9 @@ class SurfaceForm:
     def _solved(self, right: Array, tolerance: float) -> tuple[Array, tuple[float, ...]]:
         """Total potentials (p, c) for right sides (p, c), and the residuals of all steps.
 
-        D alone, twice, is all of S but for a factor between 3/4 and 3/2 on a sphere, and close to that on other
-        surfaces, whatever the mesh: the preconditioner. Constants on closed surfaces, which D does not see, are solved
-        for first; at large mu_r they are nearly all of u.
+        The preconditioner is 2 D. On a sphere S is 2 D times a factor between 3/4 and 3/2, and close to that on other
+        surfaces, whatever the mesh. Constants on closed surfaces, which D does not see, are solved for first; at large
+        mu_r they are nearly all of u.
         """
         mu_r = np.array([region.mu_r for region in self.regions])
         ones = self._closed_surfaces
@@ -281,7 +284,8 @@ class SurfaceForm:
         return total + constants, require_convergence("surface form", history, tolerance)
 
     def _preconditioner(self, mu_r: Array, coarse: Array) -> tuple[Array, bool]:
-        """Cholesky factor of twice the sum of all D, with what constants (k, k) on closed surfaces need."""
+        """Cholesky factor of twice the sum of all D, each times its mu_r, plus the matrix `coarse` (k, k) for the
+        constants on closed surfaces."""
         count = len(self.surface.points)
         matrix = np.zeros((count, count))
         for weight, side in zip((*mu_r, 1.0), (*self.sides, self.outside), strict=True):
