@@ -1,8 +1,9 @@
 """Linear iron on a mesh that is refined until the estimated error is small enough.
 
-A run cannot wander: every mesh that follows is to divide the error by a factor of 1.5 at least, wherever the shares say
-that this costs least; the run ends when the estimate is within the tolerance, when two meshes in a row were not better
-than the best by a tenth, when the next mesh does not fit into memory, or after a stated number of meshes.
+Each next mesh is meant to divide the error by a factor of 1.5 at least. It is refined where, by the shares of faces and
+elements in the error, this costs least. The run ends when the estimate is within the tolerance, when three meshes in a
+row were not better than the best one by a tenth, when the next mesh does not fit into memory, or after a stated number
+of meshes.
 """
 
 from __future__ import annotations
@@ -51,16 +52,18 @@ from fieldmap.iron.solvers.refinement import (
 from fieldmap.records import Record
 from fieldmap.typing import Array, Index, PathLike
 
-# Meshes are nowhere coarser than the sizes of the device file divided by this; the first is just that.
+# No mesh is coarser anywhere than the sizes of the device file divided by this. The first mesh has exactly these sizes.
 START = 0.7
 MOST_MESHES = 10
-# The next mesh is to divide the error by no less; the first knows no estimate, and its shares may be too small.
+# The next mesh must divide the error by the first factor or more. The one after the first mesh must reach the second
+# factor: the first mesh has no estimate, and its shares may be too small.
 _LEAST_REDUCTION, _LEAST_FROM_FIRST = 1.5, 2.0
-# Meshes that hardly differ tell little of their error.
+# Least number of surface faces of the next mesh over the present one: meshes that hardly differ show little of their
+# error.
 _LEAST_GROWTH = 2.0
 # Aim below the tolerance by this factor, so that the estimate need not be met exactly.
 _MARGIN = 1.6
-# What a source of which any error is allowed counts less than others.
+# A source that may have any error counts less than others by this factor.
 _UNASKED = 1e6
 # Estimates have to fall to this part of the best within `_PATIENCE` meshes.
 _BETTER, _PATIENCE = 0.9, 3
@@ -74,10 +77,11 @@ def solve_to_tolerance(
     gradient_tolerance: float | None = None,
     most_meshes: int = MOST_MESHES,
 ) -> LinearSolution:
-    """Refine until the estimated error in the workspace is within the tolerance; `report.error` tells it.
+    """Refine until the estimated error in the workspace is within the tolerance; `report.error` holds the estimate.
 
-    Elements get smaller where the field in the workspace depends on it (`fieldmap.iron.error`); the estimate compares
-    the last two meshes and both forms on the last, and adds up what flat faces of constant charge leave out.
+    Elements get smaller where this reduces the error of the field in the workspace most (`fieldmap.iron.error`). The
+    estimate compares the last two meshes and both forms on the last, and adds up the errors of flat faces with constant
+    charge.
 
     Parameters
     ----------
@@ -85,7 +89,7 @@ def solve_to_tolerance(
         The machine, its file, or the name of a shipped one.
     tolerance
         Of the flux density, relative to its largest value in the workspace, for each coil and for the
-        permanent magnets. A `Tolerance` says it for each quantity, relative or absolute.
+        permanent magnets. A `Tolerance` gives it for each quantity, relative or absolute.
     mu_r
         Relative permeability of all soft iron; None: the device's own.
     progress
@@ -94,7 +98,7 @@ def solve_to_tolerance(
         Of the gradient, relative to the larger of its largest value and of |B| over a length
         (`fieldmap.iron.error`); 3 x tolerance if None.
     most_meshes
-        After which the run ends.
+        The run ends after this many meshes.
 
     Returns
     -------
@@ -137,7 +141,7 @@ def solve_to_tolerance(
 
 
 def _check(device: Device, asked: Tolerance, most_meshes: int) -> None:
-    """Raise InputError for arguments that cannot be meant for the device."""
+    """Raise InputError for arguments that do not fit the device."""
     if most_meshes < 2:
         must_hold = "must be 2 or more, because the estimate compares two"
         remedy = f"try {MOST_MESHES}"
@@ -281,12 +285,12 @@ class Level(Record):
 
     @property
     def solution(self) -> LinearSolution:
-        """In the chosen form."""
+        """The solution in the chosen form."""
         return self.solutions[0]
 
     @property
     def complement(self) -> LinearSolution | None:
-        """In the other."""
+        """The solution in the other form."""
         return self.solutions[1] if len(self.solutions) == 2 else None
 
     @property
@@ -300,7 +304,7 @@ class Level(Record):
 
     @cached_property
     def face_shares(self) -> FaceShares:
-        """What the charges on the surface share in the error of B."""
+        """Shares of the surface faces' charges in the error of B."""
         iron, state = self._iron, self._states[0]
         triangles = iron.topology.nodes[iron.topology.surface]
         return face_indicators(
@@ -314,7 +318,7 @@ class Level(Record):
 
     @property
     def own_excess(self) -> float:
-        """What this mesh alone tells of the error of B over what is allowed: shares of its faces, and the gap."""
+        """Estimated error over the allowed one, from this mesh alone: by the shares of its faces and by the gap."""
         error = estimate_error(self.points, self.solution, None, self.complement)
         coils = len(self.solution.coils)
         shares = np.divide(self.face_shares.totals * self._size, self._allowed)
@@ -322,7 +326,7 @@ class Level(Record):
 
     @property
     def _fixed(self) -> Array:
-        """Remanence times the dipoles' flux density (c, k, s), T^2, below each face; 0 for coils."""
+        """Remanence times flux density (c, k, s), T^2, of each dipole below each face; 0 for the sources of coils."""
         mesh, below = self._iron.mesh, self._below
         remanence = self.properties.on(mesh).remanence[mesh.body[below]]
         work = np.einsum("sd,ksd->ks", remanence, self._dual.flux_density[:, below])
@@ -337,7 +341,7 @@ class Level(Record):
 
     @cached_property
     def element_shares(self) -> Array:
-        """What the elements (e,) share in the error of B; 0 where there is one form alone."""
+        """Shares of the elements (e,) in the error of B; 0 with one form alone."""
         iron = self._iron
         if self.complement is None:
             return np.zeros(len(iron.mesh.tets))
@@ -350,7 +354,7 @@ class Level(Record):
         return expected_growth(self._iron, self.face_shares.at_edge, sizes)
 
     def shares_of_bodies(self, sizes: LocalSizes | None = None) -> tuple[ErrorShare, ...]:
-        """What every body shares in the error of B, the largest first; sizes: of the next mesh."""
+        """Shares of the bodies in the error of B, the largest first; sizes: of the next mesh."""
         iron, cells, below = self._iron, self._iron.mesh.cells, self._below
         assert cells is not None
         own = self.face_shares.across + self.face_shares.rest
@@ -391,8 +395,8 @@ class Level(Record):
 
     @property
     def _allowed(self) -> Array:
-        """Allowed errors of B (c,), T; those of the gradient over a length where B may have any."""
-        # What is allowed does not depend on the place.
+        """Allowed errors of B (c,), T; inf where B may have any."""
+        # The allowed error does not depend on the place.
         errors = (
             LargestError("B", name, (0, 0, 0), 0.0, float(size))
             for name, size in zip(self.solution.sources, self._largest, strict=True)
@@ -402,7 +406,8 @@ class Level(Record):
 
     @cached_property
     def _size(self) -> Array:
-        """What shares are relative to (c,), T: allowed errors over the smallest of them relative to the field."""
+        """The scale (c,) of the shares, T: largest |B| of each source, times its allowed relative error over the
+        smallest allowed relative error of all sources."""
         relative = self._allowed / self._largest
         if not np.isfinite(relative).any():
             return self._largest
