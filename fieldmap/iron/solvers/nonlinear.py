@@ -1,9 +1,9 @@
 """Saturating iron: a device meshed once, and its states at given currents.
 
 States that follow from solved ones by the symmetry of the iron need no solve. Others follow by Newton's method, and by
-continuation in the sources where it fails: a state at a share of the currents starts the next. From the potential at
-one share of the currents (and of the magnets' remanence), scaled up in proportion, the iron is nearer to the next state
-than from zero. The steps adapt: halved where Newton fails, doubled where it succeeds.
+continuation in the sources where it fails: a state at a share of the currents (and of the magnets' remanence) starts
+the next. Its potential, scaled up in proportion, is nearer to the next state than zero is. The steps are halved where
+Newton fails and doubled where it succeeds.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ from fieldmap.sources.inductance import bare_inductance
 from fieldmap.typing import Array, Index, PathLike
 
 _FIRST_STEP, _SMALLEST_STEP = 0.5, 1 / 64
-# States on the way need only lead to the next one.
+# States on the way need no more digits: they only start the next one.
 _TOLERANCE_ON_THE_WAY = 1e-4
 
 
@@ -151,9 +151,9 @@ def state_images(
 
 # Newton stops when its residual, in the energy norm, is this fraction of the requested tolerance.
 _RESIDUAL_PER_TOLERANCE = 1e-3
-# The gap between the forms is not asked for more than two digits.
+# As a fraction of the requested tolerance in the flux form: the gap between the forms needs two digits only.
 _RESIDUAL_OF_COMPLEMENT = 1e-2
-# Of the linear solve for derivatives by the currents.
+# Tolerance of the linear solve for derivatives by the currents.
 _TOLERANCE_OF_SLOPES = 1e-8
 # Ratio of the mesh sizes of a state and of the one that it is compared with.
 _COARSER = 1.4
@@ -231,7 +231,7 @@ class NonlinearSolver(FieldOfStates):
 
     @property
     def coil_names(self) -> tuple[str, ...]:
-        """Names in current order."""
+        """Names of the coils, in the order of the currents."""
         return self.device.coil_names
 
     @property
@@ -268,7 +268,7 @@ class NonlinearSolver(FieldOfStates):
     def at(self, currents: Currents) -> NonlinearSolution:
         """The state at these currents: the one solved before for exactly these, or a new one.
 
-        A new state begins at the one that was asked for last.
+        The solve of a new state starts from the state that was asked for last.
 
         Parameters
         ----------
@@ -299,8 +299,9 @@ class NonlinearSolver(FieldOfStates):
         """Flux density and gradient of a state, and their derivatives by the currents, exact for the discrete
         equations.
 
-        From one linear solve with the tangent of the state for all coils. The state is solved from the one asked for
-        last unless `at` has solved it, and is not kept for `at`: a search goes through thousands.
+        The derivatives take one linear solve for all coils, with the tangent of the state. A state that `at` has not
+        solved is solved here, starting from the one asked for last. It is not kept for `at`, because a search goes
+        through thousands.
 
         Parameters
         ----------
@@ -404,8 +405,8 @@ class NonlinearSolver(FieldOfStates):
 
     @cached_property
     def images(self) -> tuple[StateImage, ...]:
-        """What turns a state of this solver into others without solving: the symmetry of its mesh, which has one if
-        the solver was made with symmetry "auto". Exact up to rounding."""
+        """What turns a state of this solver into others without solving, exact up to rounding. The images follow from
+        the symmetry of the mesh; with symmetry "none" the mesh has none."""
         magnets = bool(self._material.remanence.any()) or self.device.background is not None
         return state_images(self._iron.mesh.symmetry, self._form.elements, magnets)
 
@@ -417,7 +418,7 @@ class NonlinearSolver(FieldOfStates):
         basis
             Potentials (n, r), such as combinations of `NonlinearSolution.state.potential`.
         air
-            What `air` makes of them, where it is known.
+            The result of `air` for the basis, if it is known.
 
         Returns
         -------
@@ -491,10 +492,10 @@ class NonlinearSolver(FieldOfStates):
         return self._form.sensitivities(potential, field, self._material, change, tolerance)
 
     def corrections(self, currents: Array, potential: Array, air: Array, tolerance: float = 0.03) -> Array:
-        """How far nodal potentials are from the states of given currents, about.
+        """Approximate differences between the states at given currents and nodal potentials.
 
-        It is what one step of Newton's method would add, with the tangent of unsaturated iron for all of
-        them, so that it costs a tenth of a solve.
+        A difference is what one step of Newton's method would add. All steps use the tangent of unsaturated
+        iron, so that the corrections cost a tenth of a solve.
 
         Parameters
         ----------
@@ -503,7 +504,7 @@ class NonlinearSolver(FieldOfStates):
         potential
             Nodal potentials (n, s).
         air
-            What `air` makes of the potentials.
+            The result of `air` for the potentials.
         tolerance
             Of the linear solve.
 
@@ -613,7 +614,7 @@ class NonlinearSolver(FieldOfStates):
         solution
             A state of this solver.
         tolerance
-            Bounds the algebraic error of the two others.
+            Bounds the algebraic error of these two solutions.
 
         Returns
         -------
@@ -693,7 +694,7 @@ def solve(
     refinement
         Divides the mesh sizes.
     estimate
-        Let `report.error` tell how far the field in the workspace is from the truth, see
+        Put an estimate of the error of the field in the workspace into `report.error`, see
         `NonlinearSolver.estimate_error`; that takes about as long again.
     symmetry
         "auto" uses the mirror planes of the iron, "none" does not look for them.
