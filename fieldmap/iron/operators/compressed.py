@@ -139,8 +139,8 @@ def chebyshev(
     bounds: tuple[float, float],
     steps: int,
 ) -> Array:
-    """x (n, c) with apply(x) about right (n, c), from zero; `bounds` of the preconditioned map's eigenvalues. Needs one
-    product less than steps."""
+    """Approximate solution x (n, c) of apply(x) = right (n, c), from zero; bounds: of the eigenvalues of the
+    preconditioned map. Needs one product less than steps."""
     centre, half = (bounds[1] + bounds[0]) / 2, (bounds[1] - bounds[0]) / 2
     ratio = centre / half
     rho = 1 / ratio
@@ -157,8 +157,9 @@ def chebyshev(
 
 
 def earlier_neighbours(order: Index, centres: Array, width: int) -> tuple[Index, Index]:
-    """For the face at every place of the order, the nearest ones before it and, last, itself: (n, width), of which
-    the first `filled` (n,) are set. The search doubles the number of faces from step to step."""
+    """Nearest faces among those earlier in the order, and last the face itself, for the face at every place of the
+    order: (n, width) and the number (n,) of entries that are set. The search doubles the number of faces from step to
+    step."""
     count = len(order)
     x = centres[order]
     columns = np.zeros((count, width), np.int64)
@@ -166,7 +167,7 @@ def earlier_neighbours(order: Index, centres: Array, width: int) -> tuple[Index,
     begin, end = 0, min(count, width)
     while begin < count:
         tree = cKDTree(x[:end])
-        # Among the nearest of all up to `end`, at least about half come before.
+        # Of the nearest faces among all up to `end`, about half or more come before the face.
         _, found = tree.query(x[begin:end], k=min(end, 3 * width))
         found = found.reshape(end - begin, -1)
         own = np.arange(begin, end)[:, None]
@@ -187,14 +188,14 @@ def inverse_factor(
     near: tuple[Index, Index, NDArray[np.float32]],
     far: tuple[Array, ...],
 ) -> csr_matrix:
-    """G (n, n) with W^-1 about G^T G, at most `width` entries a row; centres (n, 3) in the clusters' order. near: leaf
-    pairs (k, 2) of the stored blocks, their offsets and data; far: x, y, z of the rule's points."""
+    """G (n, n) such that G^T G approximates W^-1, at most `width` entries a row; centres (n, 3) in the clusters' order.
+    near: leaf pairs (k, 2) of the stored blocks, their offsets and data; far: x, y, z of the rule's points."""
     pairs, offset, data = near
     leaf = clusters.leaf_of_face()
     leaves = int(leaf[-1]) + 1
     block_of_leaves = np.full((leaves, leaves), -1, np.int32)
     block_of_leaves[pairs[:, 0], pairs[:, 1]] = np.arange(len(pairs))
-    # Single precision is enough to say which is farther, and a new copy may be rearranged.
+    # Single precision is enough to find which is farther. `farthest_first` rearranges the arrays, hence a copy.
     x, y, z = np.array(centres.T, np.float32, order="C")
     order = farthest_first(x, y, z)
     columns, filled = earlier_neighbours(order, centres, width)
@@ -208,13 +209,13 @@ def inverse_factor(
 
 
 # Relative error of every far block, in the Frobenius norm. All entries of W are positive, so that the error of W
-# is this fraction of its own norm; so is that of single precision, 6e-8.
+# is at most this fraction of its own norm. The same holds for rounding to single precision, with 6e-8.
 TOLERANCE = 1e-6
 _LEAF_SIZE = 64
 _SEPARATION = 0.7
 # Far blocks of higher rank are cut in four; none was met.
 _RANK_LIMIT = 64
-# Numbers of the scratch that is used while far blocks are made: 200 MB.
+# How many numbers the scratch holds that is used while far blocks are made: 200 MB.
 _SCRATCH = 25_000_000
 # Entries in a row of the sparse inverse; error of `solve` without refinement, and of one refinement.
 _ROW_WIDTH = 96
@@ -301,7 +302,7 @@ class CompressedMutualPotential(MutualPotential):
         padded[:, :columns] = charge
         x = np.ascontiguousarray(padded.reshape(count, groups, 4).swapaxes(0, 1))
         y = np.zeros((thread_count(), *x.shape))
-        # A part of every stored number: four columns at once.
+        # Each of the parts reads its share of the stored numbers once for four columns.
         work = self._near_data.size * groups / len(y)
         over_rows(add_near_product, len(y), self._near, self._near_offset, self._near_data, x, y, work=work)
         for part in self._far:
@@ -334,7 +335,7 @@ def _sides(blocks: Index) -> tuple[Index, Index]:
 
 
 def _far_blocks(blocks: Index, points: tuple[Array, ...], tolerance: float) -> list[_FarBlocks]:
-    """All far blocks, a scratch full at a time; blocks that need too high a rank are cut in four."""
+    """All far blocks, as many at a time as fit into the scratch; blocks of too high a rank are cut in four."""
     parts: list[_FarBlocks] = []
     while len(blocks):
         rows, columns = _sides(blocks)

@@ -16,7 +16,7 @@ import numpy as np
 
 from fieldmap.kernels.compilation import inlined, njit
 
-# Rows eliminated one by one before the others follow.
+# Rows that are eliminated one by one before they are subtracted together from the rows below.
 _UNROLLED = 4
 _FAST = {"nsz", "arcp", "contract", "afn", "reassoc"}
 
@@ -128,7 +128,7 @@ def join_supernodes(start, parent, size, widths, shares):
 
 @njit(nogil=True)
 def supernode_rows(start, column_pointer, column_index, parent_of_node, row_start):
-    """Rows of all supernodes, its own columns first and then the others in no order. column_pointer, column_index:
+    """Rows of every supernode, its own columns first and then the others in no order. column_pointer, column_index:
     pattern of the lower triangle by columns, with the diagonal; row_start (m + 1,): where the rows of each
     supernode begin."""
     nodes, n = start.size - 1, start[-1]
@@ -163,8 +163,8 @@ def supernode_rows(start, column_pointer, column_index, parent_of_node, row_star
     return rows
 
 
-# Loops from zero on pieces of rows: the compiler makes vector code where it sees that no index counts from the end, and
-# few enough pieces to ask whether they overlap.
+# Loops from zero over pieces of rows. The compiler makes vector code of them because it sees that no index counts from
+# the end, and because the pieces are few enough for a check whether they overlap.
 
 
 @inlined(nogil=True, fastmath=_FAST)
@@ -276,7 +276,7 @@ def factorise(values, entry_start, place, start, row_start, parent, relative, pa
 
 @njit(nogil=True)
 def largest_work(start, row_start, parent):
-    """Numbers that `factorise` needs as scratch at most."""
+    """The largest size of the scratch `work` that `factorise` needs, as a count of numbers."""
     nodes = start.size - 1
     top, most, waiting = 0, 0, 0
     begin_of, stack = np.empty(nodes, np.int64), np.empty(nodes, np.int64)
