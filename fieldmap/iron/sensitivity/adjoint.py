@@ -11,12 +11,13 @@ the iron. In the potential form R_p . v = int m . grad v with m the change of mu
     m = (db/dh - 1) t' + b'(h) + b_r',
 
 where t' is the change of the applied field, b' that of the law and b_r' that of the remanence. Flux linkages, lambda_k
-= int mu0 M . t_k dV / mu0 and that in air, follow m in the same way; fields at points see phi through the charges of
-the surface. (D. G. Cacuci, J. Math. Phys. 22 (1981) 2794; for magnetostatics S. Gitosusastro, J. L. Coulomb and J. C.
-Sabonnadiere, IEEE Trans. Magn. 25 (1989) 2834.)
+= int mu0 M . t_k dV / mu0 and the linkage in air, follow m in the same way; fields at points depend on phi through
+the charges of the surface. (D. G. Cacuci, J. Math. Phys. 22 (1981) 2794; for magnetostatics S. Gitosusastro, J. L.
+Coulomb and J. C. Sabonnadiere, IEEE Trans. Magn. 25 (1989) 2834.)
 
-A solved state keeps its device (`Origin`), so that it can tell derivatives, but not its matrices, which are many times
-larger than the state. They are used as long as their solver lives, and made anew from the state's mesh otherwise.
+A solved state keeps its device (`Origin`), which derivatives need, but not its matrices, which are many times larger
+than the state. Matrices of a solver that is still in memory are used; otherwise they are made anew from the state's
+mesh.
 """
 
 from __future__ import annotations
@@ -80,14 +81,13 @@ def _samples(state: SolvedState, quantity: Quantity, points: Array) -> Samples:
 
 
 class _Direct:
-    """What of samples follows parameters without the iron: fields of coils and background at points, linkages in
-    air."""
+    """The part of the derivatives without the iron: fields of coils and background at points, linkages in air."""
 
     def __init__(self, device: Device, state: SolvedState, points: Array) -> None:
         self._device, self._currents, self._points = device, state.currents, points
 
     def derivative(self, change: Change, weights: Weights) -> Array:
-        """Of all numbers (k,) by one parameter."""
+        """Derivatives (k,) of all numbers of the quantity by one parameter."""
         total = np.zeros(len(weights.field))
         if len(self._points):
             total += np.tensordot(_side_by_side(weights.field, weights.gradient), self._fields(change), 3)
@@ -132,7 +132,7 @@ class _Direct:
         return bare_inductance(self._device.coils)
 
     def _changed_inductance(self, change: Change) -> Array:
-        """Change (c, c) of the inductances in air: of pairs of coils of which one changes, a second of work each."""
+        """Change (c, c) of the inductances in air. Only pairs with a coil that changes are computed, a second each."""
         out = np.zeros((len(self._currents),) * 2)
         moved = []
         for k in change.coils:
@@ -160,10 +160,10 @@ def _side_by_side(field: Array, gradient: Array) -> Array:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class _Follow(Record):
-    """What follows a parameter in the iron, at the points of the elements (e, 4, 3), T: the applied field, by `applied`
-    and by `currents` (c,) times the coils' own fields; mu0 M by the material alone, `polarisation`; and the unit fields
-    of `coils`, by number; velocity (n, 3) of the mesh's points, where bodies move; drifts: velocities
-    (n, 3) at these points of coils that move as a whole, by number."""
+    """Derivatives by one parameter in the iron, in T at the points of the elements (e, 4, 3). The applied field changes
+    by `applied` plus `currents` (c,) times the coils' fields per ampere; mu0 M changes by `polarisation` through the
+    material alone. coils: changes of the fields per ampere, by number of the coil; velocity (n, 3): of the mesh's
+    points, where bodies move; drifts: velocities (n, 3) at these points of coils that move as a whole, by number."""
 
     currents: Array
     applied: Array | None
@@ -174,7 +174,7 @@ class _Follow(Record):
 
 
 class _Inside:
-    """A state's iron: adjoints, and their sums with what follows parameters."""
+    """The iron of a state: adjoints, and their sums with the derivatives of `_Follow`."""
 
     def __init__(self, origin: Origin, state: SolvedState, problem: IronProblem) -> None:
         assert state.iron is not None
@@ -229,7 +229,7 @@ class _Inside:
         return out
 
     def _by_nodes(self, shifts: Array) -> ByNodes:
-        """By the nodes that one of the velocities (p, n, 3) moves."""
+        """Derivatives by the positions of the nodes that at least one of the velocities (p, n, 3) moves."""
         form, device, currents = self._problem.form, self._device, self._currents
         state = SolvedIron(device, currents, self._potential, self._strength, self._polarisation, self._share)
         return ByNodes(form, state, (shifts != 0).any(axis=(0, 2)))
@@ -251,7 +251,7 @@ class _Inside:
         return form.solve_tangent(self._potential[:, None], self._field, self._material, right, _TOLERANCE)
 
     def follow(self, change: Change) -> _Follow:
-        """What follows a parameter in the iron."""
+        """Derivatives by one parameter in the iron."""
         applied: Array | None = None
         currents = change.currents.copy()
         coils: dict[int, Array] = {}
@@ -303,8 +303,8 @@ def _added(one: Array | None, other: Array) -> Array:
 
 
 class Origin:
-    """The device of states. linear: whether its iron was solved as linear, with mu_r in the place of its soft bodies'
-    own where that is given."""
+    """The device of states. linear: whether its iron was solved as linear; mu_r: of all soft bodies, None for their
+    own."""
 
     def __init__(self, device: Device, linear: bool, mu_r: float | None = None) -> None:
         self.device, self.linear, self.mu_r = device, linear, mu_r
@@ -312,7 +312,7 @@ class Origin:
         self._own: IronProblem | None = None
 
     def hold(self, problem: IronProblem) -> None:
-        """Use these equations as long as somebody else holds them."""
+        """Use these equations for as long as another object keeps them in memory."""
         self._solver = weakref.ref(problem)
 
     def __repr__(self) -> str:
@@ -329,8 +329,7 @@ class Origin:
         parameters: Sequence[str],
         followed: Parameters | None = None,
     ) -> Derivatives:
-        """See `SolvedState.derivative`; followed: what of the device follows the keys, where its own file does not
-        tell."""
+        """See `SolvedState.derivative`; followed: how the device depends on the keys, if not as in its own file."""
         keys = (parameters,) if isinstance(parameters, str) else tuple(parameters)
         problem, known = self._problem(state), followed or Parameters(self.device)
         changes = [known.change(key) for key in keys]
@@ -347,7 +346,7 @@ class Origin:
         rows = rows.reshape(len(changes), len(weights.field)).T
         if problem is not None:
             inside = _Inside(self, state, problem)
-            # What the parameters make of the iron's magnetisation does not depend on the quantity.
+            # How the iron depends on the parameters is the same for all numbers of the quantity.
             follows = [inside.follow(change) for change in changes]
             for start in range(0, len(rows), _AT_ONCE):
                 batch = slice(start, start + _AT_ONCE)
@@ -366,7 +365,7 @@ class Origin:
         known = self._solver() if self._solver is not None else self._own
         if known is None or known.form.elements is not inside.elements:
             form = PotentialForm(assemble(state.mesh))
-            # Of the same mesh, so that they are equal; one of the two need not be kept.
+            # Both elements are of the same mesh and equal; only one of them is kept.
             form.elements = inside.elements
             known = IronProblem(form, inside.elements.unit_fields(self.device.coils, state.mesh))
             self._own = known
