@@ -6,7 +6,8 @@ gap, so that the flux through the joint is that of an interface condition, phi_1
 the sheet ends in a strip of surface as wide as the gap, through which flux spreads into the air as it does in truth.
 (With the jump at a line instead, the flux through the air near the rim would grow with the logarithm of the mesh size.)
 
-The gap is cut out of one of the bodies: its nodes near the joint move away from it, those of the far half stay.
+The gap is cut out of one of the bodies: the body's nodes near the joint move away from the joint, and those of its far
+half stay.
 """
 
 from collections.abc import Container, Mapping, Sequence
@@ -27,23 +28,24 @@ Mask = NDArray[np.bool_]
 Pair = tuple[int, int]
 """Numbers of two bodies, the smaller one first."""
 
-# Normals of joint faces at one node that lie this close to a plane, as a share of their number, are those of one plane.
+# At one node the sum of n n^T over the normals of the joint faces has an eigenvalue for each direction. One below this
+# share of the largest counts as zero: nearly parallel normals are those of one plane.
 _ONE_PLANE = 0.05
-# Of the largest distance from its joints within a body: nodes beyond it stay.
+# Nodes of a body stay if they are farther from its joints than this share of the largest distance in the body.
 _FAR = 0.5
-# First layer of elements at the rim of a sheet, over its thickness.
+# Thickness of the first layer of elements at the rim of a sheet, over the thickness of the sheet.
 _RIM_LAYER = 0.25
-# Share of the flux through a gap that the air around its rim may pass unseen. No gap is known better; with less than
-# half of it the drive unit has 21 586 faces in the place of 12 802.
+# Share of the flux through a gap that the air around its rim may carry without being resolved by the mesh. No gap is
+# known more precisely. With less than half of it the drive unit has 21 586 faces instead of 12 802.
 _UNSEEN = 2.5e-2
 _MOST_UNSEEN = 20.0
-# Near its rim the sheet has layers up to these shares of its thickness, as far as this many elements from the rim. A
-# core with a gap of a twentieth of its width: 0.8 % of the flux is missing with one layer, 0.1 % with these.
+# Near its rim the sheet is divided into layers at these shares of its thickness, as far as this many elements from the
+# rim. A core with a gap of a twentieth of its width: 0.8 % of the flux is missing with one layer, 0.1 % with these.
 _LEVELS = (0.15, 0.5, 0.85)
 _RINGS = 2
 # Slopes of the walls at the rim of a joint that differ by less than this are alike.
 _SAME_SLOPE = 0.1
-# Bodies of sizes as near as this are alike: the gap is cut out of the first.
+# Bodies whose volumes differ by less than this share are equal in size: the gap is cut out of the first.
 _SAME_SIZE = 1e-6
 
 
@@ -73,7 +75,7 @@ class ContactFaces(Record):
 
 
 def contact_faces(tets: Index, body: Index) -> ContactFaces:
-    """Of tetrahedra (m, 4) of bodies (m,)."""
+    """The contact faces of tetrahedra (m, 4) of bodies (m,)."""
     nodes, owner = _shared_faces(tets)
     apart = body[owner[:, 0]] != body[owner[:, 1]]
     nodes, owner = nodes[apart], owner[apart]
@@ -132,7 +134,8 @@ def images_of_pairs(pairs: Sequence[Pair], images: Sequence[Sequence[int]]) -> t
 
 
 def sheet_images(sheets: Sequence[Sheet], images: Sequence[int]) -> tuple[int, ...]:
-    """What an operation makes of the bodies, and of the sheets behind them; images: of the bodies."""
+    """The images of the bodies under an operation, then those of the sheets, numbered after the bodies; images: of the
+    bodies alone."""
     number = {sheet.bodies: len(images) + k for k, sheet in enumerate(sheets)}
     return (*images, *(number[_ordered(images[a], images[b])] for a, b in (sheet.bodies for sheet in sheets)))
 
@@ -153,8 +156,8 @@ def with_rims(
     """Sharp edges (s, 2) and first layers (m,) of the tets, with the rims of sheets among them; walls as for
     `rim_edges`.
 
-    Around a gap g of area A and rim P the air passes P g log(h / g) / (pi A) of what the gap does, from elements of the
-    size h on: where that is little, layers may be thicker than the gap.
+    Around a gap g of area A and rim P, elements of the size h miss flux through the air near the rim:
+    P g log(h / g) / (pi A) of the flux through the gap. Where that is little, layers may be thicker than the gap.
     """
     gaps = {sheet.bodies: sheet.gap for sheet in sheets}
     faces = contact_faces(tets, body).of(gaps)
@@ -195,7 +198,7 @@ def _on_pair(faces: ContactFaces, pair: Pair, count: int) -> Mask:
 class OpenedMesh(Record):
     """Points (n, 3), tets (m, 4) and bodies (m,): the given ones, then the sheets, the k-th as body count + k.
 
-    parent (m,): the tet that each was, for those of a sheet the one in which the gap lies.
+    parent (m,): the given tet from which each comes; for tets of a sheet, the one out of which the gap is cut.
     """
 
     points: Array
@@ -214,7 +217,7 @@ def open_sheets(
     moves: Array | None = None,
 ) -> OpenedMesh:
     """Lay the sheets between bodies. points (n, 3) in m, tets (m, 4), body (m,) among `count` bodies; walls as for
-    `rim_edges`; moves (b, 3): what had closed drawn gaps, m, and is undone: whole bodies move back.
+    `rim_edges`; moves (b, 3): displacements of whole bodies, m, that had closed drawn gaps and are undone here.
 
     Where a third body bridges a joint's rim the sheet ends there without thickness.
     """
@@ -238,7 +241,7 @@ def open_sheets(
         back[opened] = moves[body][:, None]
         moved -= back
     number = {sheet.bodies: count + k for k, sheet in enumerate(sheets)}
-    # Layers within the sheet are of use where elements at its rim are as thin.
+    # Layers within the sheet are of use only where the elements at its rim are thinner than the sheet.
     fine = {pair for pair, layer in _rim_layers(points, faces, edges, gaps).items() if layer < gaps[pair]}
     near = rim.copy()
     for _ in range(_RINGS):
@@ -254,9 +257,9 @@ def _filled(points: Array, staying: Index, moving: Index, at_rim: Mask) -> tuple
     """Points with those inside the sheet, the sheet's tetrahedra (k, 4), and the face (k,) that each lies at.
 
     staying, moving (f, 3): faces and those opposite to them; at_rim (f, 3): where layers lie between their corners.
-    From a face to the one opposite the corners go up one after the other, each step a tetrahedron: the lowest next;
-    where two are as low, the one with the smaller number. Neighbours agree without being asked. Where both faces have
-    a corner in common, the sheet ends in it.
+    The corners of a face move up to the opposite face one at a time, layer by layer; each step makes a tetrahedron. The
+    step to the lowest layer comes first; on one layer, the step to the node with the smallest number. Neighbouring
+    prisms therefore divide their common side alike. Where both faces have a corner in common, the sheet ends in it.
     """
     ends = topology.distinct_rows(np.column_stack([staying.ravel(), moving.ravel()]))
     wide = ends.rows[:, 0] != ends.rows[:, 1]
@@ -273,7 +276,7 @@ def _filled(points: Array, staying: Index, moving: Index, at_rim: Mask) -> tuple
     ladder = steps[ends.number].reshape(len(staying), -1)
     corner = np.repeat(np.arange(3), len(heights))
     level = np.tile(heights, 3)
-    # Steps that are not there come last.
+    # Missing steps (-1) come last.
     order = np.lexsort([ladder, np.where(ladder < 0, 2.0, level)], axis=1)
     ladder, corner = np.take_along_axis(ladder, order, axis=1), corner[order]
     now, cells, faces = staying.copy(), [], []
@@ -294,9 +297,9 @@ def _shared_faces(tets: Index) -> tuple[Index, Index]:
 
 
 def _side_of_gap(points: Array, tets: Index, body: Index, faces: ContactFaces, rim: Mask) -> Index:
-    """The side (f,), 0 or 1, out of which the gap is cut: of the two bodies of a joint the one whose walls at its rim
-    are more nearly square to the joint, so that they slide along themselves; the smaller one where both are alike.
-    rim: which nodes are on it."""
+    """The side (f,), 0 or 1, out of which the gap is cut: the body whose walls at the rim are more nearly perpendicular
+    to the joint, so that the nodes of these walls move within them; the smaller body where both are alike. rim: which
+    nodes are on it."""
     normal = _normals(points, tets, faces, faces.tets[:, 0])
     at_node = np.zeros((len(points), 3))
     np.add.at(at_node, faces.nodes.ravel(), np.repeat(normal, 3, axis=0))
@@ -325,7 +328,7 @@ def _split_nodes(tets: Index, faces: ContactFaces) -> tuple[Index, Index]:
     """Tets (m, 4) with new nodes, so that those on both sides of the faces share none unless others join them; and the
     old node (n,) of every node.
 
-    At each node of the faces the tets around it that hang together through other faces keep one node.
+    At each node of the faces, the tets around it that are connected through other faces share one node.
     """
     nodes, owner = _shared_faces(tets)
     count = int(tets.max()) + 1
@@ -397,7 +400,7 @@ def _shifts(count: int, moving: Index, staying: Index, normal: Array, gap: Array
 def _displaced(points: Array, tets: Index, body: Index, shift: Array) -> Array:
     """Points (n, 3) after the nodes on joints moved by `shift`, others of the same bodies with them.
 
-    Between the joint, at the distance s, and what stays, at the distance t, a node moves by t / (s + t) of it.
+    A node at the distance s from the joint and t from the nodes that stay moves by t / (s + t) times the shift.
     """
     out = points.copy()
     on = np.isfinite(shift[:, 0])
