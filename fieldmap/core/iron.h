@@ -385,8 +385,8 @@ static inline void fieldmap_iron_collect(fieldmap_iron_state *s)
 }
 
 /* One pass over the points after a change of the amplitudes: step_h = G change, moved = w m h at h - step_h,
- * material = G^T (moved - vector). before, behind: derivative of the functional of the law along the step, at its beginning and
- * its end. */
+ * material = G^T (moved - vector). before, behind: derivative along the step of the law's part of the functional, at the
+ * beginning and the end of the step. */
 static inline void fieldmap_iron_pass(const fieldmap_iron *map, fieldmap_iron_state *s, double *before, double *behind)
 {
     const int w = map->wide;
@@ -651,8 +651,8 @@ static inline double fieldmap_iron_along(const fieldmap_iron_state *s, const dou
     return total;
 }
 
-/* Weights of values at the nodes from `first` on, for the value at `at` of the polynomial through them; zero for earlier nodes.
- * */
+/* Fill the weights with which values at the nodes add up to the value at `at` of the polynomial through the nodes from `first`
+ * on. Earlier nodes have weight zero. */
 static inline void fieldmap_iron_lagrange(const double *nodes, int count, double at, int first, double *weights)
 {
     int j, m;
@@ -804,8 +804,8 @@ static inline int fieldmap_iron_newton(fieldmap_iron_state *s, double *a, int ne
 }
 
 /* Solve for the amplitudes at currents[n_coils]; the result stays in the state. If the last solve had the same currents and
- * reached this tolerance, it is used again. Within a tenth of the range of each signal from the last currents the solve begins
- * at the extrapolation of the last states, otherwise at the expansion. A solve that fails clears the last states. */
+ * reached this tolerance, it is used again. If no signal has moved by more than a tenth of its range, the solve begins at the
+ * extrapolation of the last states, otherwise at the expansion. A solve that fails clears the last states. */
 static inline int fieldmap_iron_solve_at(fieldmap_iron_state *s, const double *currents, double tolerance)
 {
     const fieldmap_iron *map = s->map;
