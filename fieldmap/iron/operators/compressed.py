@@ -217,7 +217,8 @@ _SEPARATION = 0.7
 _RANK_LIMIT = 64
 # How many numbers the scratch holds that is used while far blocks are made: 200 MB.
 _SCRATCH = 25_000_000
-# Entries in a row of the sparse inverse; error of `solve` without refinement, and of one refinement.
+# Entries in a row of the sparse inverse. Relative error of `solve` without refinement; each refinement reduces it by as
+# much again.
 _ROW_WIDTH = 96
 _SOLVE_TOLERANCE = 3e-4
 # Rank of a far block, averaged over its rows and columns: measured 9 to 13, for the prediction of memory.
@@ -295,7 +296,7 @@ class CompressedMutualPotential(MutualPotential):
         return self._transposed @ (self._factor @ right)
 
     def _product(self, charge: Array) -> Array:
-        """In the clusters' order."""
+        """Mean potentials of charges (n, c), both in the clusters' order."""
         count, columns = charge.shape
         groups = -(-columns // 4)
         padded = np.zeros((count, 4 * groups))
