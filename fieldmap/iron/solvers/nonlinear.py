@@ -57,8 +57,8 @@ _TOLERANCE_ON_THE_WAY = 1e-4
 def solve_with_continuation(
     form: PotentialForm, material: Magnetisation, field: CoilField, tolerance: float, start: Array | None
 ) -> tuple[PotentialState, tuple[float, ...]]:
-    """The state in the coils' field, and the shares of it that were solved on the way to it: none where Newton
-    converged.
+    """The state in the coils' field, and the shares of the field that were solved on the way to it; no shares if Newton
+    converged without them.
 
     Tries Newton from `start` (n, 1), then from zero, then in steps of field and remanence. Raises NotConverged with all
     residuals once none of these has succeeded.
@@ -162,8 +162,8 @@ _COARSER = 1.4
 class NonlinearSolver(FieldOfStates):
     """A device meshed and assembled once: a field that solves a state for each new set of currents.
 
-    `at(currents)` is the state at these currents; it is solved once and kept. `field` and its derivatives with currents
-    are those of the state.
+    `at(currents)` is the state at these currents; it is solved once and kept. `field` and its derivatives, called
+    with currents, are those of the state.
 
     Parameters
     ----------

@@ -61,7 +61,7 @@ _LEAST_REDUCTION, _LEAST_FROM_FIRST = 1.5, 2.0
 # Least number of surface faces of the next mesh over the present one: meshes that hardly differ show little of their
 # error.
 _LEAST_GROWTH = 2.0
-# Aim below the tolerance by this factor, so that the estimate need not be met exactly.
+# The next mesh aims below the tolerance by this factor, so that it need not meet its aim exactly.
 _MARGIN = 1.6
 # A source that may have any error counts less than others by this factor.
 _UNASKED = 1e6
@@ -171,7 +171,7 @@ class _Run:
     without_progress: int = 0
 
     def solution(self) -> LinearSolution:
-        """The first within the tolerance. Raises ToleranceNotReached."""
+        """The first solution within the tolerance. Raises ToleranceNotReached."""
         level: Level | None = None
         sizes: LocalSizes | None = None
         for number in range(self.most_meshes):
