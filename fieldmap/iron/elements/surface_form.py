@@ -150,7 +150,8 @@ def _least_squares(gradient: csr_matrix, difference: Array) -> Array:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class RegionPotential(Record):
-    """What a region needs: its boundary and inside, total potential u and the sources' own psi, both with cuts."""
+    """A region, its boundary seen from inside, and two potentials there, both with cuts: the total u and the sources'
+    own psi."""
 
     region: Region
     side: Side
@@ -205,7 +206,7 @@ class SurfaceForm:
 
     @property
     def unknowns(self) -> int:
-        """Nodes in use."""
+        """Number of nodes in use."""
         return len(np.unique(self.triangles))
 
     def solve(self, field: FieldOfPoints, magnets: Array, tolerance: float) -> SurfacePotential:
