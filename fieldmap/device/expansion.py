@@ -1,7 +1,7 @@
-"""The short forms of device files, written out: other files, parameters and arithmetic, defaults, repetition, mirrors.
+"""Writes out the short forms of device files: included files, parameters, arithmetic, defaults, copies, mirror images.
 
-What comes out is the data of a file without short forms. `Document.origins` says where each part of it was written, so
-that what is wrong in the fifth copy of a table is told at the line of that table.
+The result is the data of a file without short forms. `Document.origins` says where each part of it was written, so an
+error in the fifth copy of a table is reported at the line of that table.
 """
 
 import copy
@@ -28,7 +28,7 @@ from fieldmap.inputs.writing import Writing
 from fieldmap.shipped import is_file, shipped_file
 
 TABLES = ("body", "coil")
-"""Arrays of tables that are repeated, mirrored and have defaults."""
+"""Arrays of tables that can be repeated and mirrored, and that can have defaults."""
 _NAMED = (*TABLES, "section", "joint")
 _OWN = ("include", "without", "parameters", "defaults")
 DEEPEST = 8
@@ -44,7 +44,7 @@ _Pattern = TypeVar("_Pattern", Repeat, Image)
 def expand(document: Document, parameters: Mapping[str, Value] | None = None) -> Document:
     """A device document with its short forms written out; one without any is returned as it is.
 
-    parameters: values in the place of those of the file. Raises DeviceFileError with one Problem for every error.
+    parameters: values that replace those of the file. Raises DeviceFileError with one Problem for every error.
     """
     if not _has_short_forms(document.data):
         return document
@@ -106,7 +106,7 @@ def _layers(document: Document, problems: list[Problem], above: tuple[Path, ...]
 
 
 def _with_files_from(data: Any, folder: Path, main: Path) -> Any:
-    """Data of an included file; the files that lie beside it are named from the folder of the main one."""
+    """Data of an included file. Names of files beside it become paths relative to the folder of the main file."""
     if isinstance(data, list):
         return [_with_files_from(one, folder, main) for one in data]
     if not isinstance(data, dict):
@@ -120,7 +120,7 @@ def _with_files_from(data: Any, folder: Path, main: Path) -> Any:
 
 @dataclass
 class _Expansion:
-    """The data that come out, where they come from, and what is wrong."""
+    """The data written out so far, where each part was written, and the errors."""
 
     document: Document
     data: Table = field(default_factory=dict)
@@ -140,7 +140,7 @@ class _Expansion:
     # ---- parameters ----
 
     def parameters(self, layers: Sequence[Document], given: Mapping[str, Value]) -> None:
-        """Values of all parameters; those of a file go before those of files that it includes."""
+        """Compute all parameters. Those of a file replace those of the files that it includes."""
         raw: Table = {}
         for layer in layers:
             table = layer.data.get("parameters", {})
@@ -190,8 +190,8 @@ class _Expansion:
     def values(
         self, value: Any, names: Names, location: Location, texts: Texts | None = None, pattern: bool = False
     ) -> Any:
-        """A value with everything computed in it. texts: those of the numbers, to be added to; `computed` if None.
-        pattern: whether {...} in texts is filled in."""
+        """A value with its expressions computed. texts: the expressions are added here, or to `computed` if None.
+        pattern: whether {...} in strings is filled in."""
         texts = self.computed if texts is None else texts
         if isinstance(value, dict | list):
             entries = value.items() if isinstance(value, dict) else enumerate(value)
@@ -229,7 +229,7 @@ class _Expansion:
     # ---- one file ----
 
     def layer(self, layer: Document) -> None:
-        """Add what a file says to what was included before it."""
+        """Add the data of a file to those of the files before it."""
         self._leave_out(layer)
         for key, value in layer.data.items():
             if key in TABLES and isinstance(value, list):
@@ -240,7 +240,7 @@ class _Expansion:
         self._check_defaults(layer)
 
     def _leave_out(self, layer: Document) -> None:
-        """Take what `without` names out of what was included, and the sources of numbers that go with it."""
+        """Remove the included values that `without` names, and the entries of `provenance` that match nothing then."""
         given = layer.data.get("without", [])
         patterns = [given] if isinstance(given, str) else given
         self.origins[("without",)] = (layer, ("without",))
@@ -262,7 +262,7 @@ class _Expansion:
                 self._remove(("provenance", path))
 
     def _remove(self, location: Location) -> None:
-        """Take a value out of the data; the entries of an array that follow it move up."""
+        """Remove a value from the data. In an array the entries after it move up."""
         *above, last = location
         del value_at(self.data, tuple(above))[last]
         self._forget(location)
@@ -289,7 +289,8 @@ class _Expansion:
                 self.refuse(place, must_hold, shown(table), remedy)
 
     def _other(self, layer: Document, key: str, value: Any) -> None:
-        """A key that is not repeated. Tables of names are joined, arrays grow, all else is replaced."""
+        """Add a key other than bodies and coils: materials and provenance by name, arrays at their end. Other values
+        are replaced."""
         if key in ("material", "provenance") and isinstance(value, dict):
             into = self.data.setdefault(key, {})
             self.origins.setdefault((key,), (layer, (key,)))
@@ -308,13 +309,13 @@ class _Expansion:
         self.data[key] = self.values(value, self.names, (key,))
 
     def _forget(self, location: Location) -> None:
-        """What was known of a value that is replaced."""
+        """Delete the origins and expressions of a value that is removed or replaced."""
         for known in (self.computed, self.origins):
             for other in [one for one in known if one[: len(location)] == location]:
                 del known[other]
 
     def _tables(self, layer: Document, key: str, k: int, table: Any) -> None:
-        """A table of bodies or coils: with defaults, copies and mirror images."""
+        """Add the table of a body or coil with its defaults, copies and mirror images."""
         place: Location = (key, len(self.data.get(key, [])))
         self.origins[place] = (layer, (key, k))
         if not isinstance(table, dict):
@@ -332,7 +333,7 @@ class _Expansion:
             copies += self._images(mirror, copies, (*place, "mirror"))
         if len(self.data.get(key, [])) + len(copies) > MOST_TABLES:
             self.refuse(place, f"a device has at most {MOST_TABLES} tables of a kind", "more", "repeat less")
-        if len(self.findings) > before:  # told at the table as it was written, once for all copies
+        if len(self.findings) > before:  # reported once for all copies, at the table as written
             self.computed = texts
             self.findings[before:] = dict.fromkeys(self.findings[before:])
             copies = [(own, {})]
@@ -345,7 +346,7 @@ class _Expansion:
     def _add(
         self, layer: Document, key: str, raw: Location, table: Any, defaulted: Mapping[str, Location]
     ) -> None:
-        """An entry of an array; one with the name of an entry of an included file changes that one's keys."""
+        """Add an entry to an array, or change the keys of an included file's entry of the same name."""
         entries = self.data.setdefault(key, [])
         self.origins.setdefault((key,), (layer, (key,)))
         name = table.get("name") if isinstance(table, dict) else None
@@ -368,7 +369,7 @@ class _Expansion:
     # ---- copies ----
 
     def _copies(self, raw: Table, table: Table, place: Location) -> Iterator[tuple[Table, Texts]]:
-        """The copies of a table, with the texts of what was computed in them. raw: as it was written."""
+        """The copies of a table, each with the expressions of its computed numbers. raw: the table as written."""
         if "repeat" not in raw:
             texts: Texts = {}
             yield self.values(table, self.names, place, texts), texts
@@ -384,7 +385,7 @@ class _Expansion:
             yield _placed(copied, partial(copies.place, k)), texts
 
     def _settings(self, repeat: Any, here: Location) -> tuple[Repeat, dict[str, list[Any]]] | None:
-        """The copies, and values per copy; None where something is wrong."""
+        """The checked `repeat` table, and the lists of values per copy; None if something is wrong."""
         if not isinstance(repeat, dict):
             remedy = 'write repeat = { count = 6, about = "z" }'
             self.refuse(here, "must be a table", shown(repeat), remedy)
@@ -410,7 +411,7 @@ class _Expansion:
         return None if len(self.findings) > before or made is None else (made, local)
 
     def _checked(self, table: type[_Pattern], given: Table, here: Location) -> _Pattern | None:
-        """The table of copies or of an image; None where something is wrong."""
+        """The checked table of copies or of an image; None if something is wrong."""
         found = schema_findings(table, given)
         self.findings += [replace(one, location=(*here, *one.location)) for one in found]
         return None if found else table.model_validate(given)
@@ -439,7 +440,7 @@ class _Expansion:
         return _placed(image, mirror.place)
 
     def _reflect(self, table: Table, axis: int, here: Location) -> None:
-        """Turn over a shape or a winding that is not symmetric; what is wrong stays for the schema to refuse."""
+        """Reflect a shape or winding that is not symmetric. Wrong keys stay; the schema refuses them later."""
         keys = SHAPE_KEYS.get(table.get("shape", "")) or COIL_KEYS.get(table.get("kind", ""))
         own = {key: value for key, value in table.items() if keys is not None and key in keys.model_fields}
         if keys is None or schema_findings(keys, own):
@@ -458,9 +459,9 @@ class _Expansion:
 
 
 def _placed(table: Table, change: Callable[[list[float], list[float]], Place]) -> Table:
-    """A table with the places of it, or of its parts, changed; what is no place stays for the schema to refuse.
+    """A table with its place, or the places of its parts, changed. Wrong places stay; the schema refuses them later.
 
-    A table without a place that does not move stays without one: it may be of a body that an included file places.
+    A table without a place gets none if it stays at the origin: an included file may place its body.
     """
     for one in _part_tables(table) or [table]:
         position, rotation = one.get("position_mm", [0.0] * 3), one.get("rotation_deg", [0.0] * 3)

@@ -1,6 +1,6 @@
-"""The machine, and all that it is made of: frozen data, SI units, right-handed frame with z up.
+"""The machine and all its parts: frozen data, SI units, right-handed frame with z up.
 
-Made in Python or read from a file by `fieldmap.device.read_device`, a `Device` is checked by the same rules.
+The same rules check a `Device` that is made in Python and one that `fieldmap.device.read_device` reads from a file.
 """
 
 from __future__ import annotations
@@ -88,11 +88,10 @@ _SEQUENCES = ("coils", "bodies", "references", "sections", "joints")
 class Device(Made):
     """A whole machine, checked when it is made: InputError with one Problem for everything that is wrong.
 
-    title: one line about it; the name if it is "". materials: by the names that bodies use; those that are called
-    otherwise are renamed. background: a field that nothing in the device drives. joints: thin gaps between bodies that
-    touch. provenance: key paths of the file ->
-    where the number comes from. For the map file's record:
-    `text` is the file as read, or that of `to_toml`; `included` maps each file that it names to its text (material
+    title: one line about the device; "" stands for the name. materials: by the names that bodies use; a material with
+    another name is renamed. background: a field that nothing in the device drives. joints: thin gaps between bodies
+    that touch. provenance: source of each number, by its key path in the file. Map files record `text` and `included`:
+    `text` is the file as read, or the text of `to_toml`; `included` maps each file that it names to its text (material
     files) or to "sha256:..." of its bytes (STEP and mesh files).
 
     >>> coil = CircularCoil("coil", inner_radius=0.02, outer_radius=0.03, height=0.01, turns=100)
@@ -164,7 +163,7 @@ class Device(Made):
 
     def _name_materials(self) -> None:
         renamed = {
-            # As texts: a name may be anything that somebody gave, arrays among it.
+            # Compared as texts: callers may give anything as a name, even an array.
             name: replace(one, name=name)  # zuban: ignore[misc]
             if isinstance(one, Material) and str(one.name) != name
             else one
@@ -173,7 +172,7 @@ class Device(Made):
         object.__setattr__(self, "materials", FrozenDict(renamed))
 
     def _take_materials_of_payload(self) -> None:
-        """Materials of the payload's pieces are those of the device: names stand for them, and others join them."""
+        """Replace material names in the payload's pieces by the device's materials. Add the pieces' own to these."""
         if not isinstance(self.payload, Payload) or not isinstance(self.payload.pieces, tuple):
             return
         payload = self.payload.with_materials(self.materials) if self.payload.pieces else self.payload
@@ -184,8 +183,8 @@ class Device(Made):
 
     @classmethod
     def unchecked(cls, **values: Any) -> Self:
-        """A device of values that were checked as keys of a file, or whose bodies lack their materials on
-        purpose.
+        """A device whose values are not checked: a file's keys were checked already, or materials of bodies are
+        left out on purpose.
 
         Parameters
         ----------
@@ -208,8 +207,8 @@ class Device(Made):
         """The device of a magpylib source or Collection: see
         `fieldmap.device.magpylib_model.device_arguments`.
 
-        Currents become coils, objects with a susceptibility or B-H curve iron, magnets without one a
-        background.
+        Currents become coils. Objects with a susceptibility or B-H curve become iron, and magnets without
+        either become a background.
 
         Parameters
         ----------
@@ -226,13 +225,13 @@ class Device(Made):
         Raises
         ------
         InputError
-            For a model that no device can be.
+            For a model that cannot become a device.
         """
         return cls(**device_arguments(model, **options))
 
     @property
     def nominal_currents(self) -> dict[str, float]:
-        """Currents of the model that coils come from, A, by name: of those that know it."""
+        """Current of each coil in its original model, A, by the coil's name; only of coils that have one."""
         known = {coil.name: getattr(coil, "nominal_current", None) for coil in self.coils}
         return {name: current for name, current in known.items() if current is not None}
 
@@ -257,12 +256,12 @@ class Device(Made):
 
     @property
     def coil_names(self) -> tuple[str, ...]:
-        """Names in current order."""
+        """Names of the coils, in the order of currents."""
         return tuple(coil.name for coil in self.coils)
 
     @property
     def fixed_sources(self) -> tuple[str, ...]:
-        """Names of what makes a field that no current drives: bodies that are permanent magnets, and "background"."""
+        """Names of the field sources that no current drives: permanent magnets among the bodies, and "background"."""
         magnets = [body.name for body in self.bodies if self.materials[body.material].role == "magnet"]
         return tuple(magnets) if self.background is None else (*magnets, "background")
 
@@ -273,13 +272,13 @@ class Device(Made):
 
     @property
     def texts(self) -> tuple[str, ...]:
-        """All that was read to make it: the file, and name and text (or hash) of each that it names."""
+        """The texts that define the device: its file, then name and text (or hash) of each file that it names."""
         return (self.text, *(part for pair in sorted(self.included.items()) for part in pair))
 
     def replace(self, **changes: Any) -> Device:
-        """The device with other values, checked anew; its text is that of `to_toml`.
+        """The device with other values, checked anew; its text is the text of `to_toml`.
 
-        Sources of numbers that are gone go with them.
+        Entries of `provenance` for numbers that no longer exist are removed.
 
         Parameters
         ----------
@@ -294,7 +293,7 @@ class Device(Made):
         Raises
         ------
         InputError
-            For values that make no device.
+            For values that a device cannot have.
 
         Examples
         --------
@@ -311,7 +310,7 @@ class Device(Made):
         return replace(bare, provenance=wanted, text="") if wanted else bare
 
     def to_toml(self) -> str:
-        """The text of a device file that is read as this device, every table written out, lengths in mm.
+        """The text of a device file that reads back as this device, with all tables written out and lengths in mm.
 
         Raises InputError for coils and materials of classes that have no keys.
         """
@@ -355,8 +354,7 @@ class DeviceFile(_DEVICE):
 
 
 def written_device(device: Device, whole: bool = True) -> Writing:
-    """The data of a device, whatever its values are. whole: with what a file says about the machine, too: sections,
-    known values and where numbers come from."""
+    """The data of a device, even of one with wrong values. whole: with sections, known values and provenance."""
     written = Writing("see help(fieldmap.Device)")
     without = () if whole else ("sections", "references", "provenance")
     written.data = {"format": 1} | written.table(device, DeviceFile, without=without)
@@ -367,7 +365,8 @@ def written_device(device: Device, whole: bool = True) -> Writing:
 
 
 def _check_payload(written: Writing, device: Device) -> None:
-    """A moment that is given with magnets must be theirs, and a material the device's of that name."""
+    """A moment given with magnets must be the moment of these magnets, and a piece's material must be the device's
+    material of that name."""
     payload = device.payload
     if not isinstance(payload, Payload):
         return
@@ -392,7 +391,7 @@ def _check_moment(written: Writing, payload: Payload, whose: str, **magnets: Any
         moment = Payload(mass=1.0, **magnets).moment
         agree = abs(payload.moment - moment) <= 1e-9 * abs(moment)
     except (TypeError, ValueError, AttributeError, OverflowError):
-        return  # told at the magnet
+        return  # the magnet's own error is reported
     if not agree:
         must_hold = f"must be that of {whose}, {moment:.6g}: volume times remanence over mu0"
         place = ("payload", "moment_A_m2")
@@ -402,7 +401,7 @@ def _check_moment(written: Writing, payload: Payload, whose: str, **magnets: Any
 
 
 def _are_alike(one: Material, other: object) -> bool:
-    """Whether two materials are written alike; those of classes without keys count as such."""
+    """Whether two materials are written alike in a file; always true for classes without keys."""
     keys = MATERIAL_KEYS.get(getattr(one, "kind", ""))
     if one is other or keys is None or keys.makes is not type(one):
         return True
@@ -411,7 +410,7 @@ def _are_alike(one: Material, other: object) -> bool:
 
 def _checked(device: Device) -> Writing:
     """The data of a device. Raises InputError with one Problem for everything that is wrong with it."""
-    # Of a device that was read, and of which some parts were replaced, the text speaks of those that it had.
+    # Sections, known values and provenance of a device that was read are about its text. Parts may have been replaced.
     read = bool(device.text)
     written = written_device(device, whole=not read)
     findings = list(written.findings)
@@ -429,7 +428,8 @@ def _checked(device: Device) -> Writing:
 
 
 def _follows_from_what_is_left_out(finding: Finding, written: Writing, without_materials: bool) -> bool:
-    """Whether a finding is of things of classes without keys, or of the materials that a recorded device lacks."""
+    """Whether a finding only comes from parts of classes without keys, or from the missing materials of a recorded
+    device."""
     place = finding.location
     if place[-1:] == ("material",):
         return without_materials or value_at(written.data, place) in written.unwritten
@@ -443,7 +443,7 @@ def _problem(written: Writing, finding: Finding) -> Problem:
         at = (*location[:2], "name")
         name = location[1] if location[0] == "material" else value_at(written.data, at)
         title += f', {location[0]} "{name}"' if isinstance(name, str) else ""
-    if location[:1] == ("provenance",):  # about keys of the text
+    if location[:1] == ("provenance",):  # its next step is a key path
         path = f"provenance[{location[1]!r}]" if len(location) > 1 else "provenance"
         return Problem(f"{title}: {path}", finding.must_hold, finding.received, finding.remedy)
     return written.problem(finding, title)

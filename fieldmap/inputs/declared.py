@@ -1,8 +1,8 @@
-"""Records of input files, declared once.
+"""Records of input files: one declaration of each key for reading, checking and writing.
 
-Each field of a frozen class is annotated with a `Key`: the rule for its value in the unit of the file, its meaning, and
-its unit. From these follow the table that reads files (`table_of`), the record that is made of a table (`record_of`),
-and the data of a file that a record is written as (`fieldmap.inputs.writing`).
+Each field of a frozen class is annotated with a `Key`: its meaning, its unit in the file, and the rule for its value in
+that unit. From the keys `table_of` makes the table that reads files, `record_of` makes a record of such a table, and
+`fieldmap.inputs.writing` writes a record as the data of a file.
 
 >>> from dataclasses import dataclass
 >>> from typing import ClassVar
@@ -45,7 +45,7 @@ class Key(Record):
 
     Attributes
     ----------
-    rule : annotation of the value in the unit of the file, with its bounds; `...` if it is the type of the field.
+    rule : annotation of the value in the unit of the file, with its bounds; `...` stands for the type of the field.
     text : meaning of the value.
     unit : last part of the key, one of `UNITS`.
     name : name of the key, if it is not the name of the field.
@@ -69,7 +69,7 @@ class Key(Record):
 
 @dataclasses.dataclass(frozen=True, repr=False)
 class Declared(Record):
-    """A field of a record as its key in files; default: `dataclasses.MISSING` without one."""
+    """A field of a record and its key in files. default: `dataclasses.MISSING` if the field has none."""
 
     attribute: str
     about: Key
@@ -78,7 +78,7 @@ class Declared(Record):
 
     @property
     def stands_for_none(self) -> bool:
-        """Whether the default is None in the table of a file: an empty text, or an infinite bound."""
+        """Whether a file's table has None in place of the default, which is an empty text or an infinite number."""
         default = self.default
         return default == "" if isinstance(default, str) else isinstance(default, float) and np.isinf(default)
 
@@ -142,15 +142,16 @@ def table_of(
     rules
         Functions that raise `broken` for keys that contradict each other.
     beside
-        Tables of fields that are records themselves, or sequences of one record. Their keys are keys of this table.
+        By field, tables of records inside this one, or of a sequence that holds one record. Their keys become keys of
+        this table.
     needed
         Fields that the file must state although they have a default.
     instead
-        Keys that replace those of the class.
+        By field, keys that replace those of the class.
     takes
         Function that says whether a record is written in this table, for several tables that make the same record.
     text
-        Description in one line; that of the record unless given.
+        Description in one line; the first line of the record's docstring unless given.
 
     Returns
     -------
@@ -291,7 +292,7 @@ def _plain_table(record: type) -> Any:
 
 
 def kinds_of(base: type) -> dict[str, type]:
-    """Classes derived from `base` that define `kind`, by its value."""
+    """Classes derived from `base` that define `kind`, by their kinds."""
     waiting, found = [base], dict[str, type]()
     while waiting:
         derived = type.__subclasses__(waiting.pop())
@@ -307,7 +308,7 @@ def choice_of(tables: Iterable[Any], key: str) -> Any:
 
 
 def choice_with(tables: Mapping[str, Any], choose: Callable[[dict[str, Any]], Any], key: str = "kind") -> Any:
-    """Annotation for one of several tables by tag; `choose` gives the tag of a raw table, mainly by `key`."""
+    """Annotation for one of several tables by tag. `choose` gives a raw table's tag, which `key` mainly decides."""
     tagged = [Annotated[table, Tag(tag)] for tag, table in tables.items()]
     choice = Choice(lambda table: choose(table) if isinstance(table, dict) else None, key=key)
     return Annotated[_UNION[tuple(tagged)], choice]
@@ -332,7 +333,7 @@ def record_of(table: Table, folder: Path = Path(), **others: Any) -> Any:
 def fields_of(
     table: Table, folder: Path = Path(), kind: type[Table] | None = None, /, **others: Any
 ) -> dict[str, Any]:
-    """The arguments with which `record_of` makes the record of a table, or that of the keys of `kind` in it."""
+    """The arguments for the record of a table. kind: if given, for the record of this table, whose keys lie in it."""
     kind = kind or type(table)
     values = {}
     for key, one in kind.declared.items():

@@ -13,9 +13,9 @@ from fieldmap.inputs.declared import Key, table_of
 from fieldmap.inputs.tables import Positive, Text, broken
 from fieldmap.typing import Array
 
-# Rounding of printed tables may put a saturated slope a little below mu0; more than this is unphysical.
+# Rounding of printed tables may put a saturated slope a little below mu0; a slope below this is unphysical.
 SMALLEST_SLOPE = 0.99 * MU0
-# Device files keep to the slope of free space. The solver bears less: formulas in B, such as the law of
+# Device files keep to the slope of free space. The solver accepts smaller slopes: formulas in B, such as the law of
 # tests/reference/axisymmetric_saturated.csv, dip to 0.62 of it.
 _SMALLEST_SLOPE_OF_A_LAW = 0.5 * MU0
 STRAIGHT_LINE = "straight line to the origin"
@@ -101,10 +101,10 @@ class BHTable(SaturatingMaterial):
 
     Single-valued curve: strictly increasing H (n,) in A/m and B (n,) in T, origin not included.
 
-    initial_mu_r: that of the first point if left out. below: law from the origin to the first point ("straight line to
+    initial_mu_r: if left out, mu_r at the first point. below: law from the origin to the first point ("straight line to
     the origin" is the only one so far); above: law past the last point: "slope mu0" (saturated), or "towards
-    saturation": the polarisation B - mu0 H goes on rising to `saturation`, T. Both are named assumptions, printed with
-    results. coercive_field: A/m, of its hysteresis, which only `fieldmap.iron.HysteresisSolver` follows.
+    saturation": the polarisation B - mu0 H goes on rising to `saturation`, T. Results name `below` and `above` among
+    their assumptions. coercive_field: of the hysteresis loop, A/m; only `fieldmap.iron.HysteresisSolver` uses it.
     """
 
     kind: ClassVar[str] = "bh_table"
@@ -164,12 +164,12 @@ class BHTable(SaturatingMaterial):
 
     @property
     def initial_slope(self) -> str:  # type: ignore[override]
-        """What a linear solution takes for its permeability, in words."""
+        """Words for the permeability that a linear solution uses."""
         return f"the initial slope of its B-H table ({self.below} below the first point)"
 
     @property
     def largest_polarisation(self) -> float:
-        """That of the table or of its continuation, T."""
+        """Largest polarisation of the table and of its continuation, T."""
         reached = float(np.max(self.b - MU0 * self.h))
         return reached if self.saturation is None else max(reached, self.saturation)
 
@@ -200,7 +200,7 @@ class BHTable(SaturatingMaterial):
         return None
 
     def points(self) -> LawPoints:
-        """A straight line from the origin, the table, and an end that is saturated or on its way there."""
+        """Points of the straight line from the origin, of the table, and of the law past its last point."""
         field = MU0 * np.concatenate([[0.0], self.h])
         polarisation = np.concatenate([[0.0], self.b]) - field
         secant = np.diff(polarisation) / np.diff(field)
@@ -210,13 +210,13 @@ class BHTable(SaturatingMaterial):
             tail = secant[-1] * rest / (self.saturation - polarisation[-2])
 
         def beyond(x: Array) -> Array:
-            """J past the last point: the hyperbola through the last two that ends at the saturation, or a constant."""
+            """J past the last point: a constant, or a hyperbola through the last two points up to `saturation`."""
             return np.asarray(end + tail * x / (1 + tail * x / rest))
 
-        # With the continuation the slope at the last point is known: dB/dH has no jump there.
+        # The continuation gives the slope at the last point: dB/dH has no jump there.
         known = np.append(field, 2 * field[-1]), np.append(polarisation, beyond(field[-1]))
         slope = np.append(secant[0], _monotone_slopes(*known))
-        # The stated straight line to the origin, as far as monotony of the next piece allows (Fritsch and Carlson).
+        # The straight line to the origin; a smaller slope where the next cubic needs it (Fritsch and Carlson).
         slope[1] = min(secant[0], 3 * secant[1]) if len(secant) > 1 else secant[0]
         if tail == 0:
             return LawPoints(field, polarisation, slope)
@@ -240,7 +240,7 @@ class BHTable(SaturatingMaterial):
 
 def _monotone_slopes(x: Array, y: Array) -> Array:
     """Slopes at all points but the first and the last, so that cubics between the points are monotone where the points
-    are: weighted harmonic means of the slopes beside them, or 0 where these have no common sign (F. N. Fritsch and
+    are: weighted harmonic means of the secants on both sides, or 0 if these differ in sign (F. N. Fritsch and
     J. Butland, SIAM J. Sci. Stat. Comput. 5 (1984) 300)."""
     width = np.diff(x)
     secant = np.diff(y) / width
