@@ -1,7 +1,6 @@
-"""A levitated magnet in closed loop on a map: one run of the compiled loop, many of them, and one sample at a time.
+"""A levitated magnet in closed loop on a map: one run of the compiled loop, many runs, or a run sample by sample.
 
-The controller, the instruments and what a run records are those of `fieldmap.control`, whose `simulate_loop` runs the
-same controllers on a linear plant.
+Controllers are those of `fieldmap.control`, whose `simulate_loop` runs the same controllers on a linear plant.
 """
 
 from __future__ import annotations
@@ -37,12 +36,12 @@ _WHERE = "simulate_closed_loop"
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Schedule(Record):
-    """The two rates of a run, and what is asked for.
+    """The two rates of a run, and its references, feed-forward and loads.
 
-    references (p, 3): of the sensed point, m, frame of the map, one row per control period. period, step: s; step must
-    go into the period a whole number of times. delay: from sample to command, s, at most one period. feedforward (p, m)
-    or None: added to the outputs before their limits. loads (p, 6) or (1, 6): force (N) and torque (N m) that disturb.
-    every: periods from one recorded row to the next.
+    references (p, 3): of the sensed point, m, frame of the map, one row per control period. period, step: of control
+    and mechanics, s; period and delay are whole numbers of steps. delay: from sample to command, s, at most one period.
+    feedforward (p, m) or None: added to the outputs before their limits. loads (p, 6) or (1, 6): disturbing force (N)
+    and torque (N m) on the body. every: periods from one recorded row to the next.
     """
 
     references: Array
@@ -67,7 +66,7 @@ class Schedule(Record):
 
     @property
     def clock(self) -> compiled.Timing:
-        """As the compiled loop takes it."""
+        """The rates as the compiled loop takes them."""
         return compiled.Timing(
             float(self.step), round(self.period / self.step), round(self.delay / self.step), int(self.every)
         )
@@ -80,8 +79,8 @@ class Schedule(Record):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Begun(Record):
-    """A run at its beginning. loop: as the C core advances it, of machine; search: the machine of its own in which an
-    inverse map searches, or None; event: what has ended it already, or GOES_ON."""
+    """A run at its beginning. loop: the loop of `machine` that the C core advances; search: the separate machine in
+    which an inverse map searches, or None; event: the event that ended the run at once, or GOES_ON."""
 
     loop: compiled.Loop
     machine: CoreMachine
@@ -102,17 +101,17 @@ def simulate_closed_loop(
     Parameters
     ----------
     machine
-        What moves, senses and drives.
+        Field, body, coils, amplifiers, sensors and allocation.
     controller
-        A shipped one, or a function: `FunctionController`.
+        A shipped controller, or a function as a `FunctionController`.
     schedule
         References, the two rates, feed-forward and loads.
     state
-        (13,).
+        (13,) at the start.
     currents
-        (n,), A.
+        (n,) at the start, A.
     seed
-        Of all noise: equal seeds give equal bits; None for a run without noise.
+        Seed of all noise: equal seeds give runs that are equal to the bit; None for a run without noise.
 
     Returns
     -------
@@ -124,10 +123,10 @@ def simulate_closed_loop(
     InputError
         For arguments that do not fit.
     NotConverged
-        Where the model of saturating iron has no solution at the currents to begin with.
+        Where the model of saturating iron has no solution at the currents of the start.
     ControllerError
-        For a function that fails on the way. What it raises itself comes through where that is no Exception, such as
-        KeyboardInterrupt.
+        If the function fails during the run. KeyboardInterrupt, and whatever else it raises that is no `Exception`, is
+        raised as it is.
     """
     bound = None
     if isinstance(controller, FunctionController):
@@ -158,7 +157,7 @@ def simulate_closed_loop(
 
 
 def machine_for(machine: Machine, gives: str) -> Machine:
-    """The machine whose control allocation takes what a function gives: "signals", "currents" or "voltages"."""
+    """The machine with the control allocation for what a function gives: "signals", "currents" or "voltages"."""
     if gives == "signals":
         return machine
     n, amplifier = machine.drive.coils, machine.drive.amplifier
@@ -169,7 +168,7 @@ def machine_for(machine: Machine, gives: str) -> Machine:
 
 
 def function_law(machine: Machine, address: int, controller: FunctionController) -> compiled.ControlLaw:
-    """The control law of a function at an address, or of outputs that are given."""
+    """The control law of a function at an address, or of outputs that the caller gives."""
     limits = CoreController(controller.limits(len(machine.allocation.output_names)))
     return compiled.ControlLaw(address, limits.controller, machine.allocation.numbers(), None)
 
@@ -183,7 +182,7 @@ def start_loop(
     currents: ArrayLike,
     seed: int | np.random.SeedSequence | np.random.Generator | None,
 ) -> Begun:
-    """The loop at its beginning, and an event, if it has one already. Raises InputError."""
+    """The loop at its beginning, with an event if the body is outside already. Raises InputError."""
     begin = np.array(check_signal(f"{_WHERE}(state)", state, columns=STATE))
     amperes = np.array(check_signal(f"{_WHERE}(currents)", currents))
     n, m, coils = machine.drive.coils, len(machine.allocation.output_names), machine.allocation.coils
@@ -204,7 +203,7 @@ def start_loop(
         signals=draw_signals(machine, schedule, seed),
         state=begin,
         currents=amperes,
-        # What functions write to; compiled ones may miss it.
+        # Guarded arrays are those that functions write to: a compiled function may write beside them.
         memory=guarded(memory),
         load=np.zeros(6),
         progress=np.zeros(len(compiled.Progress._fields), np.int64),
@@ -225,10 +224,10 @@ def start_loop(
 
 
 def run_of(machine: Machine, schedule: Schedule, begun: Begun, event: int) -> LevitationRun:
-    """What a loop has recorded by now."""
+    """The run that a loop has recorded so far."""
     loop = begun.loop
     done = loop.done
-    # Solves of a search are among them.
+    # Solves of the inverse map's search count too.
     solves = [each.solves for each in (begun.machine, begun.search) if each is not None]
     return LevitationRun(
         time=np.asarray(schedule.period * schedule.every * np.arange(done.rows), np.float64),
@@ -248,7 +247,7 @@ def run_of(machine: Machine, schedule: Schedule, begun: Begun, event: int) -> Le
 def controller_error(
     bound: BoundFunction, names: Sequence[str], loop: compiled.Loop, run: LevitationRun
 ) -> BaseException:
-    """Of a function that failed at the sample at which the loop stands, with the run up to there."""
+    """The error of a function that failed at the present sample of the loop, with the run up to that sample."""
     state = loop.scratch[: len(loop.memory)].copy()
     given = loop.time, loop.seen[3:6].copy(), loop.seen[:3].copy(), state
     problem, cause = failure(bound, names, loop.done.answer, loop.outputs, given)
@@ -296,9 +295,9 @@ def simulate_many(
     keep: Callable[[LevitationRun], Any] = lambda run: run,
     progress: Callable[[str, float], None] = lambda message, fraction: None,
 ) -> list[Any]:
-    """Many runs, each with noise of its own that its number and `seed` alone decide, on several threads.
+    """Many runs on several threads. The noise of a run depends only on its number and on `seed`.
 
-    The loop releases the interpreter's lock.
+    Threads run at the same time, because the compiled loop releases the interpreter's lock.
 
     Parameters
     ----------
@@ -306,20 +305,20 @@ def simulate_many(
         How many calls of `one`, or a function for each. Each takes the run's seed and returns its
         LevitationRun.
     one
-        What is called where `runs` is a number.
+        Function that is called if `runs` is a number.
     seed
-        Of all runs.
+        Seed of all runs.
     threads
-        How many.
+        Number of threads.
     keep
-        What is returned of a run.
+        Makes of each run what is returned.
     progress
-        Is told after each run.
+        Called after each run, with a message and the finished fraction.
 
     Returns
     -------
     list[Any]
-        What `keep` makes of each run, in order.
+        Results of `keep`, in the order of the runs.
     """
     calls: list[Any] = [one] * runs if isinstance(runs, int) else list(runs)
     check(None not in calls, "simulate_many(one)", "must be a function", "None", "give what to run")
@@ -333,12 +332,12 @@ def simulate_many(
 
 
 class RunningMachine(PartsOfState):
-    """A machine with its coils, amplifiers, sensors, delay and noise, moved one sample at a time by who calls `step`.
+    """A machine with its coils, amplifiers, sensors, delay and noise; each call of `step` advances it by one sample.
 
-    Arguments as of `simulate_closed_loop`; gives, lower, upper as of `FunctionController`. The machine code is that of
-    whole runs: a loop that calls `step` with what a function says has the bits of a run with that function. Noise is
-    drawn for the length of the schedule, and anew for as long again whenever it is used up; references and loads then
-    stay as they were last.
+    Arguments as of `simulate_closed_loop`; gives, lower, upper as of `FunctionController`. The compiled code is that of
+    whole runs: a loop that passes a function's outputs to `step` equals a run with that function to the bit. Noise is
+    drawn for the length of the schedule, and again for the same length whenever it is used up. From then on references,
+    feed-forward and loads keep their last values.
     """
 
     def __init__(
@@ -364,17 +363,17 @@ class RunningMachine(PartsOfState):
         self.reset()
 
     def reset(self, seed: int | np.random.SeedSequence | None = None) -> Array:
-        """Back to the start.
+        """Go back to the start.
 
         Parameters
         ----------
         seed
-            Of the noise; that of the last run unless given.
+            Seed of the noise; the last seed unless given.
 
         Returns
         -------
         Array
-            What is measured at the start (3,), m.
+            Measured position at the start (3,), m.
         """
         self._seed = self._seed if seed is None else seed
         self._generator = None if self._seed is None else np.random.Generator(np.random.PCG64(self._seed))
@@ -382,7 +381,7 @@ class RunningMachine(PartsOfState):
             self.machine, self._law, np.zeros(0), self.schedule, *self._start, self._generator
         )
         loop = self._begun.loop
-        # Rows that `_renew` writes must not be those of the schedule.
+        # Copies, because `_renew` writes rows, which must not change the arrays of the schedule.
         copies = {name: getattr(loop.signals, name).copy() for name in ("references", "feedforward", "loads")}
         self._loop = loop._replace(signals=loop.signals._replace(**copies))
         self._times: list[float] = []
@@ -393,7 +392,7 @@ class RunningMachine(PartsOfState):
         return self.measured
 
     def step(self, outputs: ArrayLike, dt: float | None = None) -> Array:
-        """Put outputs in, as a controller does after a sample, and move on to the next one.
+        """Take the outputs for the present sample, and run to the next sample.
 
         Parameters
         ----------
@@ -406,12 +405,12 @@ class RunningMachine(PartsOfState):
         Returns
         -------
         Array
-            What is then measured (3,), m.
+            Measured position at the next sample (3,), m.
 
         Raises
         ------
         InputError
-            For outputs and dt that do not fit, and after an event has ended the run.
+            For outputs or a dt that do not fit, and after an event has ended the run.
         """
         loop, names, given = self._loop, self.output_names, np.asarray(outputs, float)
         fits = given.shape == (len(names),) or (given.ndim == 0 and len(names) == 1)
@@ -458,7 +457,7 @@ class RunningMachine(PartsOfState):
         return round(ratio)
 
     def _extend(self) -> None:
-        """Noise for as long again, and references, feed-forward and loads as they were last."""
+        """Lengthen the signals by one schedule: new noise, and the last references, feed-forward and loads."""
         loop, old = self._loop, self._loop.signals
         new = draw_signals(self.machine, self.schedule, self._generator)
         longer = {name: np.concatenate([getattr(old, name), getattr(new, name)]) for name in old._fields}
@@ -472,67 +471,67 @@ class RunningMachine(PartsOfState):
         self._loop = loop._replace(signals=compiled.Signals(**longer), rows=rows)
 
     def _renew(self, sample: int, steps: int) -> None:
-        """Rows of the samples at uneven times: those of the schedule's periods in which they lie."""
+        """Fill the rows of a sample at an uneven time from the period of the schedule in which it lies."""
         clock, signals = self._clock, self._loop.signals
         done = self._loop.done.steps
         given = {"references": self.schedule.references, "feedforward": self.schedule.feedforward}
         given["loads"] = None if len(signals.loads) == 1 else self.schedule.loads
         for name, rows in given.items():
             if rows is not None:
-                # Feed-forward and loads are taken after this sample, references with the next one.
+                # Feed-forward and loads act after this sample, references are read at the next one.
                 after = done + steps if name == "references" else done
                 number = sample + 1 if name == "references" else sample
                 getattr(signals, name)[number] = rows[min(after // clock.per_period, len(rows) - 1)]
 
     @property
     def output_names(self) -> tuple[str, ...]:
-        """What `step` takes, with units."""
+        """Names of the outputs that `step` takes, with units."""
         return self.machine.allocation.output_names
 
     @property
     def time(self) -> float:
-        """s."""
+        """Time of the present sample, s."""
         return self._loop.time
 
     @property
     def measured(self) -> Array:
-        """What the sensors say now of the sensed point (3,), m, frame of the map."""
+        """Position of the sensed point by the sensors (3,), m, frame of the map."""
         return np.array(self._loop.seen[3:6])
 
     @property
     def reference(self) -> Array:
-        """Of the sensed point (3,), m."""
+        """Reference of the sensed point (3,), m."""
         return np.array(self._loop.seen[:3])
 
     @property
     def outputs(self) -> Array:
-        """The last that were put in, within their limits (m,)."""
+        """The last outputs, within their limits (m,)."""
         return np.array(self._loop.outputs)
 
     @property
     def state(self) -> Array:
-        """Place, velocity, quaternion, angular velocity (13,), as they are."""
+        """True position, velocity, quaternion and angular velocity (13,)."""
         return np.array(self._loop.state)
 
     @property
     def sensed(self) -> Array:
-        """The sensed point (3,), m, as it is."""
+        """True position of the sensed point (3,), m."""
         return sensed_point(self._loop.state, self.machine.body.seen_at)
 
     @property
     def currents(self) -> Array:
-        """(n,), A."""
+        """Currents of the coils (n,), A."""
         return np.array(self._loop.currents)
 
     @property
     def event(self) -> Event | None:
-        """What has ended the run, if anything has."""
+        """The event that ended the run; None if none did."""
         number = compiled.GOES_ON if self._event == compiled.PAUSED else self._event
         return event_of(number, self.time, self.state, self.currents)
 
     @property
     def run(self) -> LevitationRun:
-        """What was recorded so far: one row for each step."""
+        """The run recorded so far."""
         loop = self._loop._replace(rows=self._loop.rows.copy())
         run = run_of(self.machine, self.schedule, replace(self._begun, loop=loop), compiled.GOES_ON)
         references = np.array(self._asked).reshape(-1, 3)
@@ -540,7 +539,7 @@ class RunningMachine(PartsOfState):
 
 
 def given_outputs(gives: str, lower: ArrayLike = -np.inf, upper: ArrayLike = np.inf) -> FunctionController:
-    """What stands for the controller of a machine that is moved by hand: its outputs and limits. It is never called."""
+    """The outputs and limits of a machine whose caller gives the outputs, as a controller that is never called."""
 
     def given(time: float, measured: Array, reference: Array, state: Array) -> Array:
         raise AssertionError

@@ -31,18 +31,18 @@ from fieldmap.typing import Array
 
 Lengths = Annotated[list[Positive], Field(min_length=3, max_length=3)]
 """Rule of three numbers above zero: of x, y and depth."""
-_HEIGHT = 2  # of the reference, among the signals of a block
+_HEIGHT = 2  # index of the reference's height among the signals of a block
 _ROUNDS = 20
 
 
 @dataclass(frozen=True, repr=False)
 class LqgWeights(Record):
-    """What a regulator and its estimator are designed for; x, y and z of the map.
+    """Weights and noise for which a regulator and its estimator are designed; x, y and z of the map.
 
-    place, m, speed, m/s: deviations that count alike (Bryson's rule), and output: those of the outputs that count as
-    much. sensor: standard deviation of what is seen, m; 1 um unless given. force: of what shakes the body, N per root
-    of Hz; drift: of the forces that are not known, N per root of a second. lean, rad, angular_velocity, rad/s: of a
-    body that turns.
+    place (m), speed (m/s), output: deviations of position, velocity and outputs that count alike (Bryson's rule); lean
+    (rad), angular_velocity (rad/s): further ones, of a body that turns. sensor: standard deviation of the readings, m;
+    1 um unless given. force: noise of the force on the body, N per root of Hz; drift: of the unknown force, N per root
+    of a second.
     """
 
     place: Annotated[
@@ -69,7 +69,7 @@ class LqgWeights(Record):
     force: Annotated[
         Three, Key(Lengths, "noise of the force on the body, per root of Hz", "mN", name="shaking")
     ] = (0.02e-3, 0.02e-3, 0.1e-3)
-    drift: Annotated[Three, Key(Lengths, "of forces that are not known, per root of s", "mN")] = (
+    drift: Annotated[Three, Key(Lengths, "drift of the unknown force, per root of s", "mN")] = (
         0.5e-3,
         0.5e-3,
         2e-3,
@@ -89,10 +89,10 @@ def lqg_block(
     delay: float = 0.0,
     limits: tuple[Array, Array] | None = None,
 ) -> ControllerBlock:
-    """A regulator on estimated states and forces, designed for one linear machine and told the delay of its outputs.
+    """A regulator on estimated states and forces, designed for one linear machine and the delay of its outputs.
 
-    Memory: states of the machine, positions as they are in the map; unknown force (3), N; the outputs of the last
-    sample. It holds the sensed point at its reference without offset, whatever constant force pulls.
+    Memory: states of the machine, with positions in the map's frame; unknown force (3), N; the outputs of the last
+    sample. The regulator holds the sensed point at its reference without offset under any constant force.
 
     Parameters
     ----------
@@ -103,7 +103,7 @@ def lqg_block(
     period, delay
         s.
     limits
-        Lowest and highest outputs (m,), which the estimator is told of.
+        Lowest and highest outputs (m,); the estimator predicts with the limited outputs.
 
     Returns
     -------
@@ -113,7 +113,7 @@ def lqg_block(
     Raises
     ------
     InputError
-        For a machine that is not controllable or not observable, as upward where nothing lifts.
+        For a machine that is not controllable or not observable, for example if nothing lifts the body.
     """
     felt = linear.only(tuple(name for name in linear.states if name not in ABOUT_Z))
     m, given = felt.B.shape[1], len(weights.output)
@@ -124,13 +124,13 @@ def lqg_block(
 
 
 class _Model:
-    """X+ = F X + S u + f, y = H X + h with X = states, unknown force (3), last outputs (m), all as they are."""
+    """X+ = F X + S u + f, y = H X + h with X = states, unknown force (3), last outputs (m), none as a deviation."""
 
     def __init__(self, linear: LinearMachine, period: float, delay: float) -> None:
         sampled = sampled_machine(linear, period, delay)
         n, m = linear.B.shape
         self.n, self.m, self.period = n, m, period
-        # All but the unknown force.
+        # Indices of all but the unknown force.
         self.known = [*range(n), *range(n + 3, n + 3 + m)]
         pushed = zero_order_hold(linear.A, linear.G[:, :3], period)[1]
         self.F = np.zeros((n + 3 + m, n + 3 + m))
@@ -147,7 +147,7 @@ class _Model:
 
 
 def _gain(model: _Model, linear: LinearMachine, weights: LqgWeights) -> Array:
-    """Gain (m, n + m) on deviations of states and last outputs, which minimises the sum of squares over weights."""
+    """Gain (m, n + m) on deviations of states and last outputs; minimises the sum of (deviation / weight)^2."""
     n, m = model.n, model.m
     A, B = model.F[np.ix_(model.known, model.known)], model.S[model.known]
     alike = dict(zip(VELOCITIES, weights.speed, strict=True))
@@ -161,7 +161,7 @@ def _gain(model: _Model, linear: LinearMachine, weights: LqgWeights) -> Array:
 
 
 def _taken(model: _Model, linear: LinearMachine, weights: LqgWeights) -> Array:
-    """Gain (n + 3 + m, 3) by which what is seen corrects the prediction."""
+    """Gain (n + 3 + m, 3) by which the measurement corrects the prediction."""
     n = model.n
     A, C = model.F[: n + 3, : n + 3], model.H[:, : n + 3]
     shaken = np.vstack([linear.G[:, :3], np.zeros((3, 3))]) * np.asarray(weights.force)
@@ -208,8 +208,9 @@ def _block(
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ScheduledController(Record):
-    """Blocks at references whose heights (z of the map, m) rise from `first` by `step`; below and above them the first
-    and the last. Their memories must mean the same; all have the limits of the first."""
+    """Blocks for equally spaced heights of the reference (z of the map, m), from `first` by `step`. Between them they
+    are interpolated, beyond them the nearest acts. Their memories must mean the same. All take the limits of the first.
+    """
 
     blocks: tuple[ControllerBlock, ...]
     first: float
@@ -228,7 +229,7 @@ class ScheduledController(Record):
 
     @property
     def memory(self) -> Array:
-        """(n,): of the first block."""
+        """Memory of the first block (n,)."""
         return self.blocks[0].memory
 
     @property
@@ -246,7 +247,7 @@ class ScheduledController(Record):
         """
 
     def at(self, sensed: Array, stiffness: ArrayLike, per_output: ArrayLike) -> ControllerBlock:
-        """The block between the two next to the height of the sensed point.
+        """The block interpolated to the height of the sensed point.
 
         Parameters
         ----------
@@ -272,11 +273,11 @@ class ScheduledController(Record):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ForceController(Record):
-    """A controller whose outputs are the force wanted of the magnet (3), N, which the inverse map turns into the
-    outputs of the machine's allocation at every sample, at the place that is seen.
+    """A controller whose outputs are the wanted force on the magnet (3), N. At every sample the inverse map turns it,
+    for the measured position, into signals for the machine's allocation.
 
-    block: of the forces. lower, upper (3,): limits of what goes to the allocation; signals (3,): those at the start.
-    rounds: of Newton's method at a sample. The body's turn is taken to be that of the start.
+    block: the controller of the force. lower, upper (3,): limits of the signals; signals (3,): their values at the
+    start. rounds: steps of Newton's method per sample. The inverse map keeps the body's orientation at the start.
     """
 
     block: ControllerBlock
@@ -287,12 +288,12 @@ class ForceController(Record):
 
     @property
     def outputs(self) -> int:
-        """Three forces."""
+        """Number of outputs: three, of force."""
         return self.block.outputs
 
     @property
     def memory(self) -> Array:
-        """(n,): of its block."""
+        """Memory of the block (n,)."""
         return self.block.memory
 
     @property
@@ -317,7 +318,7 @@ class ForceController(Record):
         return InverseMap(None, self.rounds, limits, np.array(self.signals, float), np.array(state, float))
 
     def at(self, sensed: Array, stiffness: ArrayLike, per_output: ArrayLike) -> ControllerBlock:
-        """From what is seen to outputs, about an operating point: u = u0 + (dF/du)^-1 (F - F0 + K (y - y0)).
+        """The block from measurement to signals about an operating point: u = u0 + (dF/du)^-1 (F - F0 + K (y - y0)).
 
         Parameters
         ----------
@@ -332,7 +333,7 @@ class ForceController(Record):
         block, inverse = self.block, np.linalg.inv(np.asarray(per_output, float))
         D = inverse @ block.D
         D[:, 3:6] += inverse @ np.asarray(stiffness, float)
-        # The estimator is told the forces that the block asks for, whatever becomes of them.
+        # The estimator takes the wanted forces, also where the limits of the signals reduce the real ones.
         A, B = block.A + block.E @ block.C, block.B + block.E @ block.D
         return state_block(A, B, inverse @ block.C, D, None, self.lower, self.upper, block.memory)
 
@@ -349,23 +350,23 @@ def force_controller(
 ) -> ForceController:
     """A regulator that is the same at every place, because it asks for a force.
 
-    The inverse map of the machine's own field turns the force into outputs. The body is taken for a free mass: neither
-    the field's stiffness nor eddy currents and drag are known to the regulator but as forces that it does not know.
+    The inverse map of the machine's own field turns the force into signals. The regulator is designed for a free mass.
+    The field's stiffness, eddy currents and drag act on it as unknown forces.
 
     Parameters
     ----------
     machine
-        Whose field is inverted.
+        The machine whose field is inverted.
     operating_point
-        Where it begins.
+        Operating point at the start.
     weights
-        Their output is the forces, N, that count as much as the deviations.
+        Weights; `output` holds the forces, N, that count as much as the deviations.
     period, delay
         s.
     lower, upper
-        Limits of the outputs (3,).
+        Limits of the signals (3,).
     rounds
-        Of Newton's method at a sample.
+        Steps of Newton's method per sample.
 
     Returns
     -------
@@ -396,8 +397,8 @@ def force_controller(
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Trajectory(Record):
-    """What a reference asks of the body, one row per control period: forces (p, 3), N, of the magnet; outputs (p, 3) of
-    the allocation that make them; left (p,): force that the outputs' limits do not give, N."""
+    """Forces and outputs that a reference needs, one row per control period. forces (p, 3): on the magnet, N; outputs
+    (p, 3): for the allocation, which make them; left (p,): force that is missing because of the outputs' limits, N."""
 
     forces: Array
     outputs: Array
@@ -415,9 +416,9 @@ def trajectory(
 ) -> Trajectory:
     """Forces and outputs along the references of a schedule.
 
-    They are mass times acceleration, drag and eddy currents at the reference's velocity, and the weight, by
-    the inverse map at the reference's place. Each row is what the middle of the time asks for in which the
-    sample's outputs act. The body keeps the turn of the operating point.
+    The force is mass times acceleration, plus the forces against the weight, and against drag and eddy currents
+    at the reference's velocity. The inverse map at the reference's position gives the outputs for it. Each row
+    is for the middle of the time in which its outputs act. The body keeps the orientation of the operating point.
 
     Parameters
     ----------
@@ -430,7 +431,7 @@ def trajectory(
     lower, upper
         Limits of the outputs (3,).
     fastest
-        Speed, m/s, above which a change of the reference is a step, whose motion is not fed forward.
+        Speed, m/s, above which a change of the reference counts as a step, whose motion is not fed forward.
     largest
         Largest acceleration that is fed forward, m/s^2.
 
@@ -479,27 +480,27 @@ def outputs_for(
     Parameters
     ----------
     machine
-        Whose allocation takes three outputs.
+        The machine; its allocation takes three outputs.
     operating_point
-        Whose turn the body keeps.
+        Operating point whose orientation the body keeps.
     positions
-        Of the body (p, 3), m.
+        Positions of the body (p, 3), m.
     forces
-        (p, 3), N.
+        Forces on the magnet (p, 3), N.
     lower, upper
         Limits of the outputs (3,).
 
     Returns
     -------
     tuple[Array, Array]
-        Outputs (p, 3), and what is left of the forces (p,), N.
+        Outputs (p, 3), and the force that they lack (p,), N.
 
     Raises
     ------
     Infeasible
         For positions outside the map.
     InputError
-        For an allocation of other than three outputs.
+        For an allocation that does not take three outputs.
     """
     m, remedy = len(operating_point.outputs), "take an allocation of three"
     check(m == 3, "outputs_for(machine)", "must have three outputs", m, remedy)
@@ -518,10 +519,9 @@ def outputs_for(
 
 
 def feedforward(controller: Controller, schedule: Schedule, path: Trajectory) -> Array:
-    """What is added to a controller's outputs so that they are those of the trajectory where the body is on
-    its way.
+    """Feed-forward with which a controller gives the outputs of the trajectory while the body is on the path.
 
-    What the controller would say there by itself is taken off.
+    It is these outputs minus those of the controller alone.
 
     Parameters
     ----------
@@ -530,12 +530,12 @@ def feedforward(controller: Controller, schedule: Schedule, path: Trajectory) ->
     schedule
         The references.
     path
-        Of `trajectory`.
+        Result of `trajectory`.
 
     Returns
     -------
     Array
-        Outputs (p, m).
+        Feed-forward (p, m).
     """
     wanted = path.forces if isinstance(controller, ForceController) else path.outputs
     added = np.empty_like(wanted)
@@ -547,7 +547,7 @@ def feedforward(controller: Controller, schedule: Schedule, path: Trajectory) ->
 
 
 def _motion(path: Array, period: float, fastest: float, largest: float) -> tuple[Array, Array]:
-    """Velocity and acceleration (p, 3) of a path; none where it steps, no acceleration beyond the largest."""
+    """Velocity and acceleration (p, 3) of a path; both 0 where it steps, accelerations limited to the largest."""
     if len(path) < 3:
         return np.zeros_like(path), np.zeros_like(path)
     velocity = np.gradient(path, period, axis=0)
