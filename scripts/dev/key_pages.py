@@ -100,7 +100,7 @@ EXAMPLES: dict[str, Any] = {
     "of each coil, where the currents are looked for": [1.0, 1.0, 0.5],
     "of every coil; the driver's if left out": 3.5,
     "mean current; left out where it is looked for": 1.5,
-    "nodes of that table for u, x and y, each at least 4; as many as it needs unless given": [7, 21, 21],
+    "numbers of nodes of that table for u, x and y, each at least 4; as many as it needs unless given": [7, 21, 21],
     "depth of the magnet's centre below the sensed point; the device's unless given": 15.0,
     "z of a floor": -120.0,
     "z of a ceiling": -10.0,

@@ -59,16 +59,16 @@ class FieldSettings(Record):
         Literal["auto", "linearised", "model", "table"],
         Key(
             ...,
-            "of saturating iron: its model solved whenever currents change, a table over lift and directions, "
-            "which takes seconds to make and pays in hundreds of runs, or linearised about the currents of the "
-            "operating point; auto: the model, or the table if its nodes are given",
+            "how saturating iron is treated; model: solved whenever currents change; table: over lift and "
+            "directions, which takes seconds to make and pays in hundreds of runs; linearised: about the currents "
+            "of the operating point; auto: the model, or the table if its nodes are given",
         ),
     ] = "auto"
     table: Annotated[
         tuple[int, int, int] | None,
         Key(
             _Nodes | None,
-            "nodes of that table for u, x and y, each at least 4; as many as it needs unless given",
+            "numbers of nodes of that table for u, x and y, each at least 4; as many as it needs unless given",
         ),
     ] = None
 
@@ -106,7 +106,7 @@ class BodySettings(Record):
     finite_magnet: Annotated[bool, Key(..., "the magnet's volume instead of a point dipole")] = False
 
     def body(self, payload: Payload, opened: FieldMap) -> RigidBody:
-        """The body of a payload, for a map."""
+        """The body of a payload, in the field of a map."""
         if self.magnet_offset is not None:
             payload = replace(payload, magnet_offset=self.magnet_offset)
         magnet = None
@@ -134,13 +134,13 @@ class CoilSettings(Record):
     noise: Annotated[NotNegative, Key(..., "standard deviation of the current", "A")] = 0.0
     output_bits: Annotated[Bits | None, Key(..., "bits of the output converter")] = None
     output_range: Annotated[
-        Positive, Key(..., "range of the output converter, to both sides; assumed unless given", "V")
+        Positive, Key(..., "range of the output converter, plus and minus; assumed unless given", "V")
     ] = USUAL_RANGE
     end_beyond_table: Annotated[
         bool, Key(..., "currents beyond the table of the iron, or its model's domain, end the run")
     ] = False
     longest_saturation: Annotated[
-        NotNegative, Key(..., "a limit that holds longer ends the run; 0 for never", "s")
+        NotNegative, Key(..., "a limit that is active for longer ends the run; 0 for never", "s")
     ] = 0.0
 
     def drive(self, device: Device) -> CoilDrive:
@@ -189,8 +189,9 @@ class ControlSettings(Record):
         Literal["lift_and_directions", "least_power"] | None,
         Key(
             ...,
-            "how lift, x and y become currents: those of six coils in two rows of three, or by least power about the "
-            "start; unless given as the map was made for, and by least power with any other map",
+            "how lift, x and y become currents; lift_and_directions: of six coils in two rows of three; least_power: "
+            "of any coils, linear about the start; unless given lift_and_directions if the map was made for it, "
+            "otherwise least_power",
         ),
     ] = None
     allocation_n: Annotated[
@@ -201,36 +202,50 @@ class ControlSettings(Record):
             "map unless given",
         ),
     ] = None
-    z: Annotated[AxisController | None, Key(AxisKeys | None, "depth in mm to lift voltage")] = None
-    x: Annotated[AxisController | None, Key(AxisKeys | None, "x in mm to x signal")] = None
-    y: Annotated[AxisController | None, Key(AxisKeys | None, "y in mm to y signal")] = None
+    z: Annotated[
+        AxisController | None, Key(AxisKeys | None, "controller from depth in mm to lift voltage")
+    ] = None
+    x: Annotated[AxisController | None, Key(AxisKeys | None, "controller from x in mm to x signal")] = None
+    y: Annotated[AxisController | None, Key(AxisKeys | None, "controller from y in mm to y signal")] = None
     coupled: Annotated[
         CoupledController | Own | None,
         Key(CoupledKeys | None, "one controller of all axes, instead of x, y and z", check=_axes_or_coupled),
     ] = None
     feedforward: Annotated[
-        Feedforward | None, Key(table_of(Feedforward) | None, "along the reference, by the inverse map")
+        Feedforward | None,
+        Key(table_of(Feedforward) | None, "feed-forward along the reference, by the inverse map"),
     ] = None
     compensator: Annotated[
-        Compensator | None, Key(table_of(Compensator) | None, "push of the vertical reference")
+        Compensator | None,
+        Key(table_of(Compensator) | None, "push of the vertical reference when x or y moves"),
     ] = None
 
 
 @dataclass(frozen=True, repr=False)
 class Start(Record):
-    """Where the run begins, in equilibrium unless said otherwise."""
+    """Where the run begins; in equilibrium unless `shift`, `velocity` or `lean` is given."""
 
     depth: Annotated[
         float | None,
         Key(
             ...,
-            "reading of the vertical sensor; the middle of the map, or next to it where the coils carry the body "
-            "easily, unless given",
+            "reading of the vertical sensor; unless given, as near to the middle of the map as the coils carry the "
+            "body easily",
             "mm",
         ),
     ] = None
-    x: Annotated[float | None, Key(..., "left out: where the x signal lets the body float", "mm")] = None
-    y: Annotated[float | None, Key(..., "left out: where the y signal lets the body float", "mm")] = None
+    x: Annotated[
+        float | None,
+        Key(
+            ..., "unless given, where the body floats with a constant controller's x signal, or with 0", "mm"
+        ),
+    ] = None
+    y: Annotated[
+        float | None,
+        Key(
+            ..., "unless given, where the body floats with a constant controller's y signal, or with 0", "mm"
+        ),
+    ] = None
     shift: Annotated[Three, Key(Vector, "distance from equilibrium along x, y, depth", "mm")] = _ZERO
     velocity: Annotated[Three, Key(Vector, "velocity along x, y, z", "mm_per_s")] = _ZERO
     lean: Annotated[float, Key(..., "angle about x from equilibrium", "deg", make=np.deg2rad)] = 0.0
@@ -238,7 +253,7 @@ class Start(Record):
 
 @dataclass(frozen=True, repr=False)
 class Noise(Record):
-    """Where noise comes from."""
+    """Noise of the run."""
 
     seed: Annotated[Annotated[int, Field(ge=0)] | None, Key(..., "equal seeds give equal runs")] = 0
     off: Annotated[bool, Key(..., "true: no noise at all")] = False
@@ -249,7 +264,7 @@ class RecordSettings(Record):
     """The recorded samples of a run."""
 
     every: Annotated[
-        Annotated[int, Field(ge=1, le=MOST_PERIODS)], Key(..., "control periods from row to row")
+        Annotated[int, Field(ge=1, le=MOST_PERIODS)], Key(..., "control periods for each recorded row")
     ] = 1
 
 
@@ -295,7 +310,7 @@ class Settings(Record):
     disturbance: Annotated[
         tuple[Disturbance, ...], Key(list[table_of(Disturbance)], "forces on the body")  # type: ignore[misc]
     ] = ()
-    noise: Annotated[Noise, Key(table_of(Noise), "where noise comes from")] = Noise()
+    noise: Annotated[Noise, Key(table_of(Noise), "noise of the run")] = Noise()
     record: Annotated[RecordSettings, Key(table_of(RecordSettings), "the recorded samples")] = (
         RecordSettings()
     )
@@ -361,7 +376,7 @@ class Scenario(Record):
     ----------
     path, text : of the file.
     contents : the table of the file, in the units of the file.
-    changes : values by dotted key that the caller changed; they are in the contents.
+    changes : values that the caller changed, by dotted key; the contents include them.
     """
 
     path: Path
@@ -371,7 +386,7 @@ class Scenario(Record):
 
     @cached_property
     def settings(self) -> Settings:
-        """The contents in SI."""
+        """The contents as a record in SI units."""
         settings: Settings = record_of(self.contents, self.path.parent)
         return settings
 
@@ -382,7 +397,7 @@ class Scenario(Record):
 
     @property
     def document(self) -> Document:
-        """The file, for errors at its keys."""
+        """The file, so that errors name the line of a key."""
         return Document(self.path, self.text, {})
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -404,7 +419,7 @@ def read_scenario(path_or_name: str | Path, changes: Mapping[str, Any] | None = 
     path_or_name
         Path of the file, or the name of a shipped scenario ("vertical_step").
     changes
-        Values by dotted key that replace those of the file, such as {"control.z.Kc": 0.2}.
+        Values that replace those of the file, by dotted key, such as {"control.z.Kc": 0.2}.
 
     Returns
     -------
