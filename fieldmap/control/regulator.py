@@ -1,5 +1,5 @@
-"""The optimal regulator of a sampled plant: gains of feedback and estimator, and how both run with an integrator and a
-term that carries the weight.
+"""The optimal regulator of a sampled plant: gains of feedback and estimator, and the controller that runs both with an
+integrator and the output that carries the weight.
 
 Cost and noise of the continuous plant are integrated between samples: C. F. Van Loan, Computing integrals involving the
 matrix exponential, IEEE Trans. Automatic Control 23 (1978) 395-404; every integral here is a block of one exponential.
@@ -179,12 +179,12 @@ def riccati(
     remedy: str = "check that every unstable state is reached by the input (lqrd) or seen in the output (kalmd), and "
     "that the weights do not leave out a mode on the border of stability",
 ) -> tuple[Array, Array]:
-    """The solution of the discrete Riccati equation, and the gain of the feedback that it stands for."""
+    """The solution of the discrete Riccati equation, and the gain of the feedback that follows from it."""
     try:
         P = scipy.linalg.solve_discrete_are(A, B, Q, R, s=S)
     except (np.linalg.LinAlgError, ValueError) as error:
         raise InputError.of(where, must, f"none ({error})", remedy) from None
-    # The solver may return a solution that does not stabilise, where a mode is out of reach.
+    # If the input cannot reach a mode, the solver may return a solution that does not stabilise.
     cross = 0.0 if S is None else S.T
     gain = np.asarray(np.linalg.solve(R + B.T @ P @ B, B.T @ P @ A + cross), np.float64)
     slowest = float(np.abs(np.linalg.eigvals(A - B @ gain)).max())
@@ -211,10 +211,10 @@ def _symmetric(where: str, values: ArrayLike, size: int, definite: bool = False)
 class Regulator(Record):
     """u[n] = equilibrium output - k (x1, x2, ..., x_integral) / divisor: docs/theory/control.md (8), (9).
 
-    k (n + 1,): feedback of the n states of the estimator, last of the integral of the deviation from the reference.
-    estimator: from `kalmd`, one input and one output; it is fed with the deviations from the equilibrium. Ts: sampling
-    time, s. equilibrium: (intercept, slope) of the output that holds the body at a position. equilibrium_at: whether
-    that is taken at the "reference" or the "measured" position. estimate: which states are fed back: "predicted"
+    k (n + 1,): gains of the n states of the estimator, then of the integral of the deviation from the reference.
+    estimator: from `kalmd`, one input and one output; its inputs are deviations from the equilibrium. Ts: sampling
+    time, s. equilibrium: (intercept, slope) of the output that holds the body at a position. equilibrium_at: at which
+    position this output is taken, "reference" or "measured". estimate: which states are fed back: "predicted"
     x[n|n-1], "filtered" x[n|n], "delayed" x[n-1|n-1]. divisor: of the feedback. lower, upper: limits of the output.
     """
 
@@ -251,21 +251,21 @@ class Regulator(Record):
 
 
 def regulator_block(regulator: Regulator, reading: AxisReading) -> ControllerBlock:
-    """A regulator with its estimator on one axis, from its equilibrium: docs/theory/control.md (8), (9).
+    """A regulator with its estimator on one axis, starting at its equilibrium: docs/theory/control.md (8), (9).
 
     Parameters
     ----------
     regulator
         The regulator.
     reading
-        What it reads of its axis.
+        How it reads its axis.
 
     Returns
     -------
     ControllerBlock
         The block.
     """
-    # Of the prediction, whose inputs are control, then output; and of the filtered states.
+    # Inputs of the estimator are control, then output. a, b predict the states; cx, dx give the filtered states.
     a, b, c, d = (np.asarray(matrix, float) for matrix in regulator.estimator)
     cx, dx, n = c[1:], d[1:, 1], len(a)
     reference, measured = reading.reference, reading.measured
@@ -294,14 +294,14 @@ def regulator_block(regulator: Regulator, reading: AxisReading) -> ControllerBlo
 
 
 class RunningRegulator(RunningBlock):
-    """A regulator with its memory, for a loop of your own: one call of `step` a sample."""
+    """A regulator with its memory, for a loop of your own: call `step` once per sample."""
 
     def __init__(self, regulator: Regulator) -> None:
         self.regulator = regulator
         self.reset()
 
     def reset(self) -> None:
-        """Forget the past: all states at the equilibrium."""
+        """Set all states back to the equilibrium."""
         self._start(regulator_block(self.regulator, ALONE))
 
     @property
@@ -318,7 +318,7 @@ def run_regulator(regulator: Regulator, reference: ArrayLike, measured: ArrayLik
     regulator
         The regulator.
     reference
-        (n,) or one number.
+        References (n,), or one number.
     measured
         Measurements (n,).
 
@@ -337,6 +337,6 @@ def run_regulator(regulator: Regulator, reference: ArrayLike, measured: ArrayLik
 
 
 def _filtered_states(memory: Array) -> Array:
-    """Those of the last sample, of a memory (..., 2 n + 1) as `regulator_block` lays it out."""
+    """The filtered states of the last sample in memories (..., 2 n + 1) of `regulator_block`."""
     n = memory.shape[-1] // 2
     return memory[..., n : 2 * n].copy()

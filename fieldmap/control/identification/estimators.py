@@ -1,8 +1,8 @@
 """Estimators of models from records of input and output: docs/theory/identification.md (3) to (16).
 
-Least squares, plain, modified, generalised and recursive, and prediction errors (ARMAX). In closed loop, u = C (r - y),
-y = P u + noise, where y is what the sensor says: from u and y (direct), from r and y with the controller known
-(indirect), from r, u and y without it (two-stage).
+Least squares, plain, modified, generalised and recursive, and prediction errors (ARMAX). In closed loop, u = C (r - y)
+and y = P u + noise, where y is the sensor's reading. The plant P is estimated from u and y (direct), from r and y with
+the controller known (indirect), or from r, u and y without it (two-stage).
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ def least_squares(outputs: ArrayLike, inputs: ArrayLike, orders: Orders, Ts: flo
     """ARX: A(q) y = B(q) u + white noise, by one linear regression; (1), (3) of
     docs/theory/identification.md.
 
-    Biased for noise of the sensor: (4) there.
+    Noise of the sensor biases the estimate: (4) there.
 
     Parameters
     ----------
@@ -92,7 +92,7 @@ def modified_least_squares(
     outputs, inputs, orders, Ts
         As for `least_squares`.
     tolerance
-        Stops when no coefficient changes by more than this share of their largest.
+        Stops when no coefficient changes by more than this share of the largest one.
     iterations
         Most iterations.
 
@@ -106,8 +106,8 @@ def modified_least_squares(
     InputError
         As for `least_squares`.
     NotConverged
-        The usual sign of more poles and zeros than the records can tell apart; `modified_least_squares_runs`
-        shows such estimates all the same.
+        After the most iterations. Usually the records then cannot determine so many poles and zeros;
+        `modified_least_squares_runs` returns such estimates all the same.
     """
     where = "modified_least_squares"
     y, u = regression.check_records(where, orders, outputs=outputs, inputs=inputs)
@@ -159,7 +159,7 @@ def modified_least_squares_runs(
 def _filtering(
     y: Array, u: Array, orders: Orders, where: str
 ) -> tuple[Array, Callable[[NDArray[np.intp], Array], Solution]]:
-    """Coefficients (runs, p) to begin with, and the step of the modified least squares: for `iterate`."""
+    """First coefficients (runs, p), and the step of the modified least squares, for `iterate`."""
 
     def advance(active: NDArray[np.intp], coefficients: Array) -> Solution:
         a = regression.stable_denominators(regression.polynomials(coefficients, orders)[0])
@@ -185,8 +185,8 @@ def generalised_least_squares(
     D, repeat.
 
     Clarke (IFAC Symposium on Identification, Prague 1967): (7) of docs/theory/identification.md. Consistent
-    if the equation's errors are autoregressive of this order and there is a single minimum; the noise of a
-    sensor is not (D = 1/A would need infinitely many terms).
+    if the equation's errors are autoregressive of this order and there is a single minimum. Noise of a
+    sensor gives no such errors: D = 1/A would need infinitely many terms.
 
     Parameters
     ----------
@@ -240,16 +240,16 @@ def armax(
 ) -> Estimate:
     """A(q) y = B(q) u + C(q) v, (2), by minimising the prediction errors: (8), (9).
 
-    Started from a long autoregression (Hannan and Rissanen) or the modified least squares, whichever predicts
-    better, then scipy's least squares with exact derivatives. Consistent for every noise that C can describe,
-    in closed loop too.
+    The search starts from a long autoregression (Hannan and Rissanen) or the modified least squares, whichever
+    predicts better. It is scipy's least squares with exact derivatives. Consistent for every noise that C can
+    describe, in closed loop too.
 
     Parameters
     ----------
     outputs, inputs, orders, Ts
         As for `least_squares`.
     noise_order
-        Order of C; as many as poles unless given, which covers white noise of a sensor on top of any plant,
+        Order of C. Default: the number of poles, which covers white noise of a sensor on top of any plant,
         in open and closed loop.
 
     Returns
@@ -286,7 +286,7 @@ def armax(
     )
     if not fit.success:
         raise NotConverged.of(where, "must converge", fit.message, "ask for fewer coefficients")
-    # The columns there are only for covariance and condition.
+    # This solution is only for covariance and condition.
     solution = regression.solve_columns(fit.jac, -fit.fun, where)
     solution = solution._replace(coefficients=fit.x[None], squares=np.array([2.0 * fit.cost]))
     note = f"noise of the equation is a moving average of order {noise}"
@@ -301,7 +301,7 @@ def _equation_errors(coefficients: Array, y: Array, u: Array, orders: Orders) ->
 
 
 def _two_stage_start(y: Array, u: Array, orders: Orders, noise: int, where: str) -> Array:
-    """Errors of a long ARX model stand for v; then one regression on past y, u and v."""
+    """One regression on past y, u and v, where v is taken to be the errors of a long ARX model."""
     long = Orders(orders.poles + 15, orders.zeros + 15, orders.dead_time)
     try:
         theta = regression.solve(y[None], u[None], long, where).coefficients[0]
@@ -320,7 +320,7 @@ def _two_stage_start(y: Array, u: Array, orders: Orders, noise: int, where: str)
 
 
 def _modified_start(y: Array, u: Array, orders: Orders, noise: int) -> Array:
-    """Sensor noise: C = A with its roots inside the unit circle."""
+    """Coefficients for sensor noise, by modified least squares: C = A with its roots inside the unit circle."""
     found = modified_least_squares_runs(y, u, orders, iterations=30)
     a = found.denominators[:, : orders.poles + 1]
     c = np.resize(np.concatenate([regression.stable_denominators(a)[0, 1:], np.zeros(noise)]), noise)
@@ -328,12 +328,12 @@ def _modified_start(y: Array, u: Array, orders: Orders, noise: int) -> Array:
 
 
 def _prediction_errors(theta: Array, y: Array, u: Array, orders: Orders) -> Array:
-    """(9): the equation's errors through 1/C, C with its roots inside the unit circle."""
+    """(9): the equation's errors filtered by 1/C, C with its roots inside the unit circle."""
     return filter_response([1.0], _noise_polynomial(theta, orders), _equation_errors(theta, y, u, orders))
 
 
 def _prediction_slopes(theta: Array, y: Array, u: Array, orders: Orders) -> Array:
-    """Derivatives (m, p) of the prediction errors: y, u and the errors themselves, delayed, through 1/C."""
+    """Derivatives (m, p) of the prediction errors: y, u and the errors themselves, delayed and filtered by 1/C."""
     c = _noise_polynomial(theta, orders)
     known = -filter_response([1.0], c, regression.columns_of(y[None], u[None], orders)[0], axis=0)
     errors = filter_response([1.0], c, _prediction_errors(theta, y, u, orders))
@@ -347,8 +347,8 @@ def _noise_polynomial(theta: Array, orders: Orders) -> Array:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class RecursiveRun(Record):
-    """history (n, p): coefficients after each sample: the denominator's after its 1, the numerator's, C's after its 1.
-    model: after the last sample."""
+    """history (n, p): coefficients after each sample, of the denominator without its leading 1, of the numerator, and
+    of C without its leading 1. model: the model after the last sample."""
 
     history: Array
     model: TransferFunction
@@ -367,19 +367,19 @@ def recursive_least_squares(
 
     With noise_order > 0 recursive extended least squares (ARMAX): (10), (11), and Ljung, System
     Identification, 2nd ed., 11.2 and 11.5. Without forgetting and noise terms the last estimate is that of
-    `least_squares`, up to the start.
+    `least_squares`, but for the influence of the start values.
 
     Parameters
     ----------
     outputs, inputs, orders
         As for `least_squares`.
     noise_order
-        Order of the noise's polynomial.
+        Order of C, the polynomial of the noise.
     forgetting
-        Weight of a sample that is one sample old relative to the newest, in (0, 1]; it looks back on 1 / (1 -
-        forgetting) samples, which should last several times as long as the plant's slowest pole.
+        Weight of each sample relative to the next one, in (0, 1]. The estimate rests on about the last
+        1 / (1 - forgetting) samples, which should last several times as long as the plant's slowest pole.
     start_variance
-        Of the coefficients, which start at 0.
+        Variance of the coefficients at the start, where they are 0.
 
     Returns
     -------
@@ -417,9 +417,8 @@ def identify_direct(outputs: ArrayLike, controls: ArrayLike, orders: Orders, Ts:
 
     Modified least squares. White noise of the sensor does no harm in spite of the feedback, if the plant has
     a delay of a sample or more: with the unstable poles reflected, (6) is the innovations form of the plant
-    with that noise. Forces on the body that the control signal does not show, and coloured noise, bias it:
-    then use `armax`, which models them, or an indirect way. Without a reference signal the conditions (12)
-    must hold.
+    with that noise. Disturbing forces on the body and coloured noise bias the estimate: then use `armax`,
+    which models them, or an indirect way. Without a reference signal the conditions (12) must hold.
 
     Parameters
     ----------
@@ -500,15 +499,15 @@ def identify_indirect(
     above = np.concatenate([np.zeros(bottom.size - top.size), top])
     y, r = regression.check_records(where, orders, outputs=outputs, references=references)
     outward, driven = filter_response(bottom, [1.0], y), filter_response(above, [1.0], r - y)
-    # Plain least squares is too far off to start from: what the controller must have sent, and the direct way.
+    # Plain least squares is too inaccurate a start. The direct way is better, from the outputs of the known controller.
     found = modified_least_squares_runs(y, filter_response(above, bottom, r - y), orders, iterations=30)
     start = np.hstack([found.denominators[:, 1 : orders.poles + 1], found.numerators])
 
     def advance(_: NDArray[np.intp], coefficients: Array) -> Solution:
-        """Z' Phi theta = Z' w with instruments Z; triangle and condition are those of the instruments, for (14)."""
+        """Solve Z' Phi theta = Z' w with instruments Z. Triangle and condition are of the instruments, for (14)."""
         a, b = (polynomial[0] for polynomial in regression.polynomials(coefficients, orders))
         forward = np.convolve(above, np.concatenate([np.zeros(orders.delay), b]))
-        # Of the closed loop, its unstable roots reflected; and the position without noise.
+        # Denominator of the closed loop, its unstable roots reflected; then the position without noise.
         stable = regression.stable_denominators(polyadd(np.convolve(bottom, a), forward)[None, :])[0]
         predicted = filter_response(forward, stable, r)
         free = filter_response(bottom, [1.0], predicted), filter_response(above, [1.0], r - predicted)
@@ -536,9 +535,9 @@ def identify_two_stage(
     """The plant in two stages, without knowing the controller: Van den Hof and Schrama (Automatica 29 (1993)
     1523).
 
-    First u from r; what that model predicts is free of noise, and is the input of a modified least squares
-    for y. Poles and zeros of the first stage are not looked at, so near cancellations there do no harm; too
-    few do. The plant comes out with the bias of the first stage, so this is the least exact of the three.
+    The first stage models u from r. The u that it predicts is free of noise; from it the second stage estimates
+    y by modified least squares. Nearly cancelling poles and zeros in the first stage do no harm; too few do.
+    The bias of the first stage passes to the plant, so this is the least exact of the three ways.
 
     Parameters
     ----------
@@ -553,7 +552,7 @@ def identify_two_stage(
     Ts
         Sampling time, s.
     loop
-        Those of the first stage; Orders(4, 4) for two poles and a PID.
+        Numbers of poles and zeros of the first stage; Orders(4, 4) for a plant of two poles and a PID.
 
     Returns
     -------
