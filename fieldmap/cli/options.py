@@ -9,9 +9,9 @@ source
 file
     Study file, or the name of a shipped study.
 scenario
-    Scenario file, or the name of a shipped scenario: `hold` takes any map.
+    Scenario file, or the name of a shipped scenario; `hold` runs on any map.
 map_file
-    Map file in place of the scenario's, or a device with linear iron.
+    Map file, or a device with linear iron, in place of the scenario's map.
 units
     Unit of a column of the log whose heading does not state it; may be repeated.
 height_mm
@@ -31,7 +31,7 @@ nonlinear
 refinement
     Divide the mesh sizes of the file by this.
 form
-    potential, flux (any mu_r), surface, or auto: potential where all mu_r >= 1.
+    potential (all mu_r >= 1), flux, surface, or auto: potential if possible, else flux.
 tolerance
     Refine until the estimated error of B in the workspace is below this (linear iron).
 currents
@@ -107,12 +107,12 @@ def shipped(folder: str, subfolder: str = "") -> Callable[[str], list[str]]:
 
 
 def file_argument(metavar: str, folder: str, subfolder: str = "") -> Any:
-    """An argument that is a file or the name of a shipped one."""
+    """An argument that is a file or the name of a shipped file."""
     return typer.Argument(metavar=metavar, autocompletion=shipped(folder, subfolder))
 
 
 def option(name: str, metavar: str, **more: Any) -> Any:
-    """An option that takes a value: its name and the word for its value; its help text stands in a docstring."""
+    """An option that takes a value. metavar: the word for the value. The help text comes from a docstring."""
     return typer.Option(name, metavar=metavar, **more)
 
 
@@ -170,7 +170,7 @@ def checked_iron(
         "--refinement", refinement, "try 1.5 for a finer mesh, 0.7 for a coarser one"
     )
     if form != IronOptions.form:
-        # Not for a map, whose lookup needs no solver.
+        # Imported only for another form: lookup in a map needs no solver.
         from fieldmap.iron.solvers.linear import FORMS
 
         if form not in FORMS:
@@ -211,7 +211,7 @@ def _tolerance_problems(tolerance: float, nonlinear: bool, refinement: float, fo
 
 
 def changed_iron(options: IronOptions, changes: Mapping[str, Any]) -> list[str]:
-    """The options of the iron, and `--set`, that were given."""
+    """Names of the options of the iron that were given, and `--set` if it was."""
     given = {
         "--mu-r": options.mu_r is not None,
         "--nonlinear": options.nonlinear,
@@ -249,7 +249,7 @@ def require_currents(nonlinear: bool, currents: list[str] | None, where: str = "
 def find_named(
     name: str, options: IronOptions, progress: Progress | None, changes: Mapping[str, Any]
 ) -> FieldSource:
-    """The map or device of this name. Raises InputError for options of a device that stand beside a map."""
+    """The map or device of this name. Raises InputError if options of a device are given with a map."""
     from fieldmap.io import find_source, is_map_file
 
     if is_map_file(name):
@@ -307,7 +307,7 @@ def magnet_of_options(
 
 
 def field_of_option(name: Path | None) -> tuple[Callable[[], Field] | None, Device | None]:
-    """What opens the map or solves the device that `--map` names, and that device; None without one."""
+    """A function that opens the map or solves the device of `--map`, and this device. Each is None if there is none."""
     from fieldmap.io import existing_map, is_map_file, named_device, open_field
     from fieldmap.lookup import open_map
 

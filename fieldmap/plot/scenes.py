@@ -46,10 +46,10 @@ def _lines(scene: pv.Plotter, shown: Shown, _: str) -> None:
 
 @dataclass(frozen=True, repr=False)
 class Scene(Record):
-    """What draws a scene, and what it needs of `Shown`.
+    """A scene: the function that draws it, and the fields of `Shown` that it needs.
 
-    quantities: of which it shows one, the first unless told. legend: what arrows and lines mean, where the first
-    quantity is shown. boxed: whether the edges of the field's box are drawn.
+    quantities: it shows one of these, the first by default. legend: what arrows and lines mean for the first quantity.
+    boxed: whether the edges of the field's box are drawn.
     """
 
     draw: Callable[[pv.Plotter, Shown, str], None]
@@ -77,7 +77,7 @@ SCENES: dict[str, Scene] = {
     "reachable": Scene(forces.add_reachable, ("reachable",), quantities=forces.KINDS, boxed=False),
     "path": Scene(add_path, ("run",), _PATH),
 }
-"""What can be drawn, by name."""
+"""All scenes by name."""
 
 
 def make_scene(
@@ -92,13 +92,13 @@ def make_scene(
     Parameters
     ----------
     shown
-        What there is to draw.
+        Everything that scenes may draw.
     what
         One of SCENES.
     quantity
         One of the quantities of the scene, the first unless given.
     off_screen
-        Whether no window opens.
+        Whether to draw without a window.
     window
         Size of the picture, pixels.
 
@@ -110,7 +110,7 @@ def make_scene(
     Raises
     ------
     InputError
-        For unknown names, and for what the scene needs and `shown` lacks.
+        For unknown names, and if `shown` lacks something that the scene needs.
     FieldmapError
         On a machine without OpenGL.
     """
@@ -133,7 +133,7 @@ def make_scene(
 
 
 def drawn_ranges(scene: pv.Plotter) -> dict[str, list[float]]:
-    """Smallest and largest of each quantity that colours something, by its title with its unit."""
+    """Smallest and largest value of each quantity that is shown by colour, by its title with unit."""
     ranges: dict[str, list[float]] = {}
     for actor in scene.actors.values():
         if not isinstance(actor, pv.Actor) or not actor.mapper.scalar_visibility:
@@ -148,7 +148,7 @@ def drawn_ranges(scene: pv.Plotter) -> dict[str, list[float]]:
 
 
 def check_scene(what: str, quantity: str = "") -> str:
-    """The quantity that is drawn. Raises InputError for a scene or quantity that there is not."""
+    """The quantity that a scene draws. Raises InputError for an unknown scene or quantity."""
     known = SCENES[check_choice("what", what, SCENES)].quantities
     return check_choice("quantity", quantity or known[0], known)
 
@@ -168,13 +168,13 @@ def save_scene(
     Parameters
     ----------
     scene
-        Of `make_scene`.
+        A scene of `make_scene`.
     path
-        Ends in .png (a picture), .html (a page that a browser turns) or .vtm (for ParaView).
+        Ends in .png (a picture), .html (a page that turns the scene in a browser) or .vtm (for ParaView).
     title
-        Of a page.
+        Title of the page (.html).
     axes
-        Titles of a page's axes, `axes_of` of the scene.
+        Titles of the axes of the page, from `axes_of`.
 
     Returns
     -------
@@ -184,7 +184,7 @@ def save_scene(
     Raises
     ------
     InputError
-        For another ending.
+        For any other ending.
     """
     target = Path(path)
     check_format(target)
@@ -200,11 +200,11 @@ def save_scene(
 
 
 def check_format(path: Path, formats: tuple[str, ...] = FORMATS) -> None:
-    """The ending must be one of `formats`."""
+    """Raise InputError unless the ending is one of `formats`."""
     check_choice("save", path.suffix, formats)
 
 
-# The viewer empties the page's body, but not what a style sheet puts after it.
+# The viewer empties the page's body, so the words are put after the body by the style sheet.
 _HEAD = """<title>{title}</title><style>body::after {{ content: "{words}"; white-space: pre; position: fixed;
 left: 1em; top: .6em; z-index: 99; color: #22282e; font: 15px system-ui, sans-serif; pointer-events: none; }}"""
 _HOW = "drag: turn; wheel: zoom; shift and drag: move"
@@ -215,15 +215,15 @@ def save_web_page(
 ) -> Path:
     """Write the scene to an HTML file of some MB, with a line of text and titles of its axes.
 
-    The viewer knows no labels at points, so the rulers get axes of the viewer's own beside them. Raises FieldmapError
-    where trame-vtk is not installed.
+    The viewer cannot show the labels of the rulers, so the viewer's own axes are added. Raises FieldmapError if
+    trame-vtk is not installed.
     """
     require("trame_vtk", "web", "fieldmap.plot.save_web_page", "save a .png")
     from trame_vtk.modules.vtk import serializers
     from trame_vtk.tools.vtksz2html import write_html
 
     scene.renderer.show_bounds(xtitle=axes[0], ytitle=axes[1], ztitle=axes[2], color=INK, font_size=10)
-    # The viewer does not know parallel projection.
+    # The viewer has no parallel projection.
     scene.camera.parallel_projection = False
     scene.renderer.reset_camera()
     scene.render()
@@ -233,14 +233,14 @@ def save_web_page(
     write_html(packed.getvalue(), page)
     quoted = title.replace("\\", "").replace('"', "'").replace("<", " ")
     head = _HEAD.format(title=html.escape(title), words=f"{quoted}\\A {_HOW}")
-    # In the place of the viewer's own title.
+    # Replaces the viewer's own title.
     content = re.sub("<title>.*?</title>\\s*<style>", lambda _: head, page.getvalue(), count=1)
     write_whole(Path(path), content.encode())
     return Path(path)
 
 
 def _description(scene: pv.Plotter, tools: Any) -> dict[str, Any]:
-    """What the viewer reads: the scene as JSON, and every array under the hash that stands for it."""
+    """The data that the viewer reads: the scene as JSON, and the arrays by the hashes that it names."""
     tools.initialize_serializers()
     context = tools.SynchronizationContext()
     context.set_ignore_last_dependencies(True)
