@@ -30,8 +30,8 @@ enum { FIELDMAP_BEYOND = 8 };
 typedef int fieldmap_control_function(
     double time, const double *measured, const double *reference, double *state, double *outputs);
 
-/* Three sensors. An ideal sensor reads into p + shift at the sensed point p. chains: the instruments that a reading passes;
- * back: the inverse of `into`. scan_time: time between scans, s, or 0 for sensors that read at the moment of sampling;
+/* Three sensors. Without errors they read into * p + shift at the sensed point p. chains: the instruments that a reading
+ * passes; back: the inverse of `into`. scan_time: time between scans, s, or 0 for sensors that read at the moment of sampling;
  * averages: number of scans that each sensor averages; latency: delay of the average, in scans. */
 typedef struct fieldmap_sensing {
     double into[9], shift[3], back[9], scan_time;
@@ -51,9 +51,9 @@ typedef struct fieldmap_progress {
  * periods per recorded row; contacts: flags of the contacts that end the run; longest_saturation: periods with an active limit
  * that end the run, 0 for never.
  *
- * The outputs come from `function` unless it is NULL, or from the caller if `given` is 1; both are limited as those of
- * `controller`. Otherwise they come from `controller`. They go to the allocation, or are forces for `inverse` unless it is
- * NULL.
+ * The outputs come from `function` unless it is NULL, or from the caller if `given` is 1; both are limited like the
+ * outputs of `controller`. Otherwise they come from `controller`. They go to the allocation, or are forces for `inverse` unless
+ * it is NULL.
  *
  * Arrays with a row for each sample: references[3], feedforward[outputs], noise[3] of the position, voltage_noise[3] of the
  * input converters, current_noise[n_coils]; disturbances[6] has `disturbed` rows, or one for all samples.

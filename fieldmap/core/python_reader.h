@@ -1,8 +1,8 @@
-/* python_reader.h: how the functions that Python calls read their arguments, and what they hand back.
+/* python_reader.h: how the functions that Python calls read their arguments and return their answers.
  *
- * A reader takes the arguments of a call one after another, or the attributes of an object by their names. Arrays are
- * float64, in C order and aligned; others, and sizes that do not fit, raise TypeError. After an error each further read
- * answers 0 or NULL and leaves the error as it is: a function reads all that it wants and looks for an error once.
+ * A reader takes the arguments of a call one after another, or the attributes of an object by their names. Arrays must be
+ * float64, in C order and aligned; others, and wrong sizes, raise TypeError. After an error each further read returns 0 or
+ * NULL and keeps the error: a function reads all its arguments, then checks for an error once.
  *
  * BSD-3-Clause, the fieldmap developers.
  */
@@ -19,14 +19,14 @@
 #define NPY_TARGET_VERSION NPY_2_0_API_VERSION
 #include <numpy/arrayobject.h>
 
-/* object: whose attributes are read, or NULL for the arguments from `next` on. kept: a list of what must stay alive while
- * the numbers are used, or NULL so far. */
+/* object: the object whose attributes are read, or NULL to read the arguments from `next` on. kept: a list of objects that
+ * must stay alive while their numbers are used; NULL until it is needed. */
 typedef struct reader {
     PyObject *const *next;
     PyObject *object, *kept;
 } reader;
 
-/* The numbers of an array, its size and shape; at is NULL after an error, or where None was given and may be. */
+/* The numbers of an array, its size and shape. at: NULL after an error, or for None where None is allowed. */
 typedef struct number_array {
     double *at;
     npy_intp size, shape[5];
@@ -34,7 +34,7 @@ typedef struct number_array {
 
 enum { ANY = -1 };
 
-/* The arguments of a call that wants so many. */
+/* A reader of the arguments of a call, which must be `wanted` in number. */
 static reader arguments(PyObject *const *args, Py_ssize_t given, Py_ssize_t wanted)
 {
     const reader from = {args, NULL, NULL};
@@ -42,7 +42,7 @@ static reader arguments(PyObject *const *args, Py_ssize_t given, Py_ssize_t want
     return from;
 }
 
-/* An error, unless there is one already or the condition holds. */
+/* Set an error unless the condition holds or an error is set already. */
 static void require(int holds, PyObject *kind, const char *message)
 {
     if (!holds && !PyErr_Occurred()) PyErr_SetString(kind, message);
@@ -54,7 +54,7 @@ static int keep(reader *from, PyObject *value)
     return from->kept != NULL && PyList_Append(from->kept, value) == 0;
 }
 
-/* The same of a call whose answer keeps its arguments alive. */
+/* As `arguments`, for a call whose answer keeps its arguments alive. */
 static reader kept_arguments(PyObject *const *args, Py_ssize_t given, Py_ssize_t wanted)
 {
     reader from = arguments(args, given, wanted);
@@ -63,7 +63,7 @@ static reader kept_arguments(PyObject *const *args, Py_ssize_t given, Py_ssize_t
     return from;
 }
 
-/* The next argument, or the attribute of this name, which is kept. The reference is borrowed. */
+/* The next argument, or the attribute of this name, which the reader keeps alive. The reference is borrowed. */
 static PyObject *value_of(reader *from, const char *name)
 {
     PyObject *value;
@@ -79,7 +79,7 @@ static PyObject *value_of(reader *from, const char *name)
     return value;
 }
 
-/* The attributes of an object, or of an attribute; what is kept is kept by `from`. */
+/* A reader of an object's attributes (part_of: of an attribute's). `from` keeps alive what it reads. */
 static reader attributes_of(reader *from, PyObject *object)
 {
     reader part = {NULL, object, NULL};
@@ -117,7 +117,7 @@ static int truth_of(reader *from, const char *name)
     return value != NULL && PyObject_IsTrue(value) == 1;
 }
 
-/* What a capsule of this kind points to. */
+/* The pointer in a capsule of this kind. */
 static void *held_of(reader *from, const char *name, const char *kind)
 {
     PyObject *value = value_of(from, name);
@@ -156,7 +156,7 @@ static number_array numbers_in(PyObject *value, const char *name, int dimensions
     return found;
 }
 
-/* The numbers of an array of at most five dimensions and this size; ANY: of any. */
+/* The numbers of an array of at most five dimensions and this size; ANY: any size. */
 static number_array numbers_of(reader *from, const char *name, int dimensions, npy_intp size)
 {
     return numbers_in(value_of(from, name), name, dimensions, size);
@@ -169,7 +169,7 @@ static number_array numbers_or_none(reader *from, const char *name, int dimensio
     return numbers_in(value == Py_None ? NULL : value, name, dimensions, size);
 }
 
-/* An array (n, 3), and n as the first of its shape. */
+/* The numbers of an array (n, 3); n is shape[0]. */
 static number_array points_of(reader *from, const char *name)
 {
     number_array points = numbers_of(from, name, 2, ANY);
@@ -183,7 +183,7 @@ static void copy_of(reader *from, const char *name, int dimensions, npy_intp siz
     if (given.at != NULL) memcpy(out, given.at, (size_t)size * sizeof(double));
 }
 
-/* The same of an array to which is written. */
+/* As `numbers_of`, for an array that C writes to. */
 static number_array filled_numbers(reader *from, const char *name, int dimensions, npy_intp size)
 {
     PyObject *value = value_of(from, name);
@@ -192,7 +192,7 @@ static number_array filled_numbers(reader *from, const char *name, int dimension
     return found;
 }
 
-/* The data of an array to which is written, of any shape, with so many elements of a type. */
+/* The data of an array that C writes to: of any shape, with `size` elements of a type. */
 static void *data_to_fill(PyObject *value, const char *name, int type, npy_intp size)
 {
     PyArrayObject *array = (PyArrayObject *)value;
@@ -221,7 +221,7 @@ static int64_t *filled_whole_of(reader *from, const char *name, npy_intp size)
     return (int64_t *)data_to_fill(value_of(from, name), name, NPY_INT64, size);
 }
 
-/* Zeroed memory that is kept, aligned to a line of the cache. */
+/* Zeroed memory that the reader keeps alive, aligned to a line of the cache. */
 static void *memory_of(reader *from, size_t bytes)
 {
     PyObject *array = PyErr_Occurred() ? NULL : PyByteArray_FromStringAndSize(NULL, (Py_ssize_t)(bytes + 64));
@@ -232,7 +232,7 @@ static void *memory_of(reader *from, size_t bytes)
     return memset(begin, 0, bytes);
 }
 
-/* The end of a function that reads: what was kept is let go. The answer, or NULL if there is an error. */
+/* Release what the reader keeps, and return the answer, or NULL if there is an error. */
 static PyObject *answer(reader *from, PyObject *value)
 {
     Py_XDECREF(from->kept);
