@@ -535,9 +535,10 @@ def identify_two_stage(
     """The plant in two stages, without knowing the controller: Van den Hof and Schrama (Automatica 29 (1993)
     1523).
 
-    The first stage models u from r. The u that it predicts is free of noise; from it the second stage estimates
-    y by modified least squares. Nearly cancelling poles and zeros in the first stage do no harm; too few do.
-    The bias of the first stage passes to the plant, so this is the least exact of the three ways.
+    The first stage models u from r. The u that it predicts is free of noise. From this u and y the second stage
+    estimates the plant by modified least squares. Nearly cancelling poles and zeros in the first stage do no
+    harm; too few do. The bias of the first stage passes to the plant, so this is the least exact of the three
+    ways.
 
     Parameters
     ----------
