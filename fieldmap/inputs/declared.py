@@ -142,7 +142,7 @@ def table_of(
     rules
         Functions that raise `broken` for keys that contradict each other.
     beside
-        By field, tables of records inside this one, or of a sequence that holds one record. Their keys become keys of
+        By field, tables of the records that fields hold, also of a sequence of one record. Their keys become keys of
         this table.
     needed
         Fields that the file must state although they have a default.
@@ -333,7 +333,7 @@ def record_of(table: Table, folder: Path = Path(), **others: Any) -> Any:
 def fields_of(
     table: Table, folder: Path = Path(), kind: type[Table] | None = None, /, **others: Any
 ) -> dict[str, Any]:
-    """The arguments for the record of a table. kind: if given, for the record of this table, whose keys lie in it."""
+    """The arguments for the record of a table. kind: a table in its `beside`, for whose record they are instead."""
     kind = kind or type(table)
     values = {}
     for key, one in kind.declared.items():
