@@ -84,7 +84,7 @@ EXAMPLES: dict[str, Any] = {
     "[x, y, z] remanence in the device's frame": [0.0, 0.0, 1.2],
     "field strengths, strictly increasing, without the origin": [200.0, 1000.0, 20000.0],
     "flux densities, one for each field strength, strictly increasing": [0.8, 1.4, 2.0],
-    'with "towards saturation": what B - mu0 H rises to past the last point': 2.15,
+    'with "towards saturation": value to which B - mu0 H rises past the last point': 2.15,
     "material file, relative to the device file or among the shipped ones": "soft_iron.toml",
     "relative reluctivity at B = 0": 2e-4,
     "constant relative permeability, instead of a material": 1000.0,

@@ -148,7 +148,7 @@ class BHTable(SaturatingMaterial):
         float | None,
         Key(
             Polarisation | None,
-            'with "towards saturation": what B - mu0 H rises to past the last point',
+            'with "towards saturation": value to which B - mu0 H rises past the last point',
             "T",
             name="saturation_polarisation",
             check=_require_what_goes_with_above,
