@@ -441,7 +441,8 @@ class _Expansion:
 
     def _reflect(self, table: Table, axis: int, here: Location) -> None:
         """Reflect a shape or winding that is not symmetric. Wrong keys stay; the schema refuses them later."""
-        keys = SHAPE_KEYS.get(table.get("shape", "")) or COIL_KEYS.get(table.get("kind", ""))
+        # Of a key that is no text, str() is the name of no shape.
+        keys = SHAPE_KEYS.get(str(table.get("shape"))) or COIL_KEYS.get(str(table.get("kind")))
         own = {key: value for key, value in table.items() if keys is not None and key in keys.model_fields}
         if keys is None or schema_findings(keys, own):
             return
