@@ -5,8 +5,9 @@ what the elements inside the iron do not resolve, even where similar meshes agre
 the mean of the two forms is off by half the gap (Prager and Synge, Quart. Appl. Math. 5 (1947) 241); half the gap is
 the estimate for fields as well. Both forms have two errors in common: flat faces on round surfaces, and charges
 constant on each face. These show as a change between two meshes, which estimates the error of the coarser one. Where
-the shares of all faces in the error are known (`fieldmap.iron.solvers.refinement`), twice their sum is an estimate for
-the finer one. The smaller of these two counts. The estimate for each source is the larger of that and half the gap.
+the shares of all faces in the error of B are known (`fieldmap.iron.solvers.refinement`), twice their sum is an estimate
+for the finer one. The smaller of these two counts, for the gradient the change alone. The estimate for each source is
+the larger of that and half the gap.
 
 Relative errors of B are those of its largest value in the workspace. A gradient may vanish, in a shield or in the
 middle of a symmetric machine; its errors are relative to the larger of its own largest value and |B| / L. L is half the
@@ -15,9 +16,9 @@ gradient then adds at most e times |B| to the field between the middle and the c
 the iron does not loosen the scale.
 
 `Tolerance` states the allowed errors, and `ToleranceReport` how a run that refines for them went. An error is within a
-tolerance if it is no larger than the relative part times the size that it is relative to (`fieldmap.iron.error`), or no
-larger than the absolute part: the larger of the two is allowed. Where a field is shielded to almost nothing, the
-absolute part alone makes sense.
+tolerance if it is no larger than the relative part times the size that it is relative to, or no larger than the
+absolute part: the larger of the two is allowed. Where a field is shielded to almost nothing, the absolute part alone
+makes sense.
 """
 
 from __future__ import annotations
@@ -37,7 +38,7 @@ from fieldmap.typing import Array
 # The mean of two complementary solutions is off by half their distance.
 _GAP_SHARE = 0.5
 _POINTS_PER_EDGE = 5
-# True errors of shells and spheres are up to 2.6 times the sum of the shares, those of other devices below it.
+# Factor on the sum of the shares. True errors are up to 2.6 times the sum in shells and spheres, below it elsewhere.
 _SHARES_SHORT = 2.0
 # Errors fall at least in proportion to the number of faces. If that number grows by less than this share, the change
 # shows only a part of the error.
@@ -94,8 +95,8 @@ class LargestError(Record):
 
 @dataclass(frozen=True, repr=False)
 class ErrorEstimate(Record):
-    """Estimated errors of the worst source, a coil or the magnets. They are relative to the largest |B| in the
-    workspace and to the scale of the gradient (module docstring).
+    """Estimated errors of the worst source, a coil or the magnets and background. They are relative to the largest |B|
+    in the workspace and to the scale of the gradient (module docstring).
 
     flux_density, gradient: the estimates; change: (B, gradient) between two meshes, or None if there is only one; gap:
     (B, gradient) between the potential form and the flux form on the same mesh, bracket: of B in the middle of the
@@ -145,8 +146,8 @@ class ErrorEstimate(Record):
 
 
 def workspace_surface(device: Device) -> Array:
-    """Points (n, 3) on the surface of the workspace's box. Field and gradient are harmonic inside, so that errors are
-    largest there. Raises InputError if the device has no workspace."""
+    """Points (n, 3) on the surface of the workspace's box. Errors are largest there, because field and gradient are
+    harmonic inside. Raises InputError if the device has no workspace."""
     bounds = device.bounds
     if bounds is None:
         must_hold = "must have a workspace, in which the error is estimated"
@@ -199,11 +200,11 @@ def estimate_error(
     shares: Array | None = None,
     growth: float = 1.0,
 ) -> ErrorEstimate:
-    """Estimate at points (n, 3) from the same problem on a coarser mesh, in the other form or both; 0 with neither.
+    """Estimate at points (n, 3) by comparison with a coarser mesh, with the other form or with both; 0 with neither.
 
     shares (c,): sums of the shares of all faces in the error of B of every source, where known. growth: the number of
-    faces that this mesh has more than the coarser one, over the number of the coarser one. Meshes that hardly differ
-    agree whatever their error: where the growth is below `ENOUGH_GROWTH`, the change is scaled up in proportion to it.
+    faces over that of the coarser mesh, minus 1. Meshes that hardly differ agree whatever their error: where the growth
+    is below `ENOUGH_GROWTH`, the change is multiplied by `ENOUGH_GROWTH` over the growth.
     The bracket is for the point in the middle of all points.
     """
     middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
@@ -450,9 +451,9 @@ class MeshStep(Record):
 class ErrorShare(Record):
     """The share of one body in the error of B in the workspace, from the indicators of its faces and elements.
 
-    share: its part of the sum over all bodies; at (3,): the element that has most of it, m; size, wanted: length of an
-    element there and in the next mesh, m; layer: thickness of the first layer where it lies at a sharp edge, m, None
-    elsewhere.
+    share: its part of the sum over all bodies; at (3,): the mesher's tetrahedron that has most of it, m; size, wanted:
+    length that the mesher is asked for there, in this and in the next mesh, m; layer: thickness of the first layer
+    where it lies at a sharp edge, m, None elsewhere.
     """
 
     body: str

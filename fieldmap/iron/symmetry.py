@@ -18,7 +18,7 @@ from fieldmap.iron.topology import TRIANGLE_TURN, area_vectors, common_sides
 from fieldmap.records import Record
 from fieldmap.typing import Array, Index
 
-# Orthogonal matrices whose entries differ by less than this are the same operation.
+# Entries of orthogonal matrices count as equal when they differ by less than this.
 _SAME_OPERATION = 1e-6
 
 
@@ -27,8 +27,8 @@ class Operation(Record):
     """x -> matrix @ x + offset maps the iron onto itself.
 
     matrix (3, 3) orthogonal, offset (3,) in m. bodies: body k is mapped onto body bodies[k]. coils: coil k onto coil
-    coils[k], or None where some coil has no image among the coils; coil_signs: -1 where a positive current in coil
-    k becomes a negative one in its image (a current's sense is an axial vector: a mirror that contains the coil's
+    coils[k], or None where a coil has no image or is a filament or sheet; coil_signs: -1 where a positive current in
+    coil k becomes a negative one in its image (a current's sense is an axial vector: a mirror that contains the coil's
     axis reverses it). keeps_magnets: remanences (axial vectors too) are mapped onto each other, and the background, if
     any, onto itself.
     """
@@ -124,7 +124,7 @@ def multiplication_table(matrices: Array) -> Index | None:
     Returns
     -------
     Index | None
-        table[a, b] is the index of matrices[a] @ matrices[b]; None where a product is missing.
+        table[a, b] is the index of matrices[a] @ matrices[b]; None if any product is missing.
     """
     products = np.einsum("aij,bjk->abik", matrices, matrices)
     distance = np.abs(products[:, :, None] - matrices[None, None]).max(axis=(3, 4))
@@ -190,7 +190,7 @@ def _group_name(operations: tuple[Operation, ...]) -> str:
 
 
 _SEED = 1
-# Eigenvalues of a generic matrix that differ by less than this belong together.
+# Eigenvalues that differ by less than this share of the largest belong together.
 _SAME_EIGENVALUE = 1e-9
 
 
@@ -226,7 +226,7 @@ def irreducible_representations(table: Index) -> tuple[Array, ...]:
     Raises
     ------
     ValueError
-        For a group with irreducible representations that are not real (rotations alone, say).
+        For a group with irreducible representations that are not real (3-fold rotations alone, say).
 
     Examples
     --------
@@ -280,12 +280,12 @@ def fourier_matrix(representations: tuple[Array, ...]) -> Array:
     )
 
 
-# Values of cosines and sines that appear in matrices of axes along the coordinates.
+# Cosines and sines of the multiples of 30 and 45 degrees.
 _EXACT = np.array([0.0, 0.5, 1.0, np.sqrt(0.5), np.sqrt(0.75)])
 
 
 def exact_matrices(found: Array) -> Array | None:
-    """The exact representation closest to nearly orthogonal matrices.
+    """The exact representation closest to matrices that nearly form a group.
 
     Each vector v stands for the function h -> matrices[h]^T v on the group. These functions form a subspace
     that left translations nearly keep. Its projector, averaged over the group, commutes with the translations
@@ -310,7 +310,7 @@ def exact_matrices(found: Array) -> Array | None:
     moved = (3 * table[inverses(table)][..., None] + np.arange(3)).reshape(order, 3 * order)
     projector = np.einsum("gik,gjk->ij", functions[moved], functions[moved])
     basis = np.linalg.eigh(projector)[1][:, -3:]
-    # The orthonormal basis closest to the functions of the coordinate axes keeps the orientation.
+    # The orthonormal basis closest to the functions of x, y and z leaves the axes where they are.
     u, _, v = np.linalg.svd(basis.T @ functions)
     basis = basis @ (u @ v)
     exact = basis.T @ basis[moved]
@@ -356,8 +356,8 @@ def _item(kind: tuple[object, ...], parts: Sequence[_Part]) -> _Item:
 
 
 def _body_item(device: model.Device, body: model.Body) -> _Item:
-    """The item of a body. Bodies with the same parts, material (for magnets: mu_r) and mesh sizes have equal items.
-    Parts that are all added, or all cut, one after the other form a run."""
+    """The item of a body. Bodies with the same parts, material (magnets and linear iron: mu_r) and mesh sizes have
+    equal items. Successive parts that are all added, or all cut, form a run."""
     material = device.materials[body.material]
     kind = (body.material,) if material.likeness is None else material.likeness
     runs = [(operation, list(run)) for operation, run in groupby(body.parts, key=lambda part: part.operation)]
@@ -470,10 +470,11 @@ _IDENTITY = np.eye(3)
 def find_symmetry(device: model.Device) -> SymmetryGroup:
     """All mirrors and rotations that map the iron onto itself, and what they do to coils and magnets.
 
-    Bodies are alike where shape, material (for magnets: mu_r) and mesh sizes are. Lengths and positions count
-    as equal within 1e-6 of the iron's size. The parts of the device file are compared, not the solids they
-    add up to: a symmetric body made of unsymmetric parts is not recognised. A STEP body or a mesh counts as
-    a body without symmetry. Never raises.
+    Bodies are alike where shape, material (magnets and linear iron: mu_r) and mesh sizes are. Lengths and
+    positions count as equal within 1e-6 of the iron's size. The parts of the device file are compared, not the
+    solids they add up to: a symmetric body made of unsymmetric parts is not recognised. A STEP body or a mesh
+    counts as a body without symmetry. Round iron has infinitely many operations: a finite group of these is
+    returned. Never raises.
 
     Parameters
     ----------
@@ -568,7 +569,7 @@ def _candidates(items: list[_Item], tolerance: float) -> list[Array]:
 
 
 def _mirrors_of_axis(iron: list[_Item], coils: list[_Item], tolerance: float) -> list[Array]:
-    """Two mirrors through the axis of round iron and their products, and the mirror across it where there is one."""
+    """Candidates: two mirrors through the axis of round iron, the mirror across it, and all their products."""
     points = np.concatenate([item.rows[:, :3] for item in iron])
     if np.abs(points).max() < tolerance and coils:  # a sphere: the coils' axis, if they have one
         points = np.concatenate([item.rows[:, :3] for item in coils])

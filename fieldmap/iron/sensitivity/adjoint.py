@@ -10,8 +10,8 @@ the iron. In the potential form R_p . v = int m . grad v with m the change of mu
 
     m = (db/dh - 1) t' + b'(h) + b_r',
 
-where t' is the change of the applied field, b' that of the law and b_r' that of the remanence. Flux linkages, lambda_k
-= int mu0 M . t_k dV / mu0 and the linkage in air, follow m in the same way; fields at points depend on phi through
+where t' is the change of the applied field, b' that of the law and b_r' that of the remanence. The flux linkage of
+coil k, int mu0 M . t_k dV / mu0 plus that in air, follows m in the same way; fields at points depend on phi through
 the charges of the surface. (D. G. Cacuci, J. Math. Phys. 22 (1981) 2794; for magnetostatics S. Gitosusastro, J. L.
 Coulomb and J. C. Sabonnadiere, IEEE Trans. Magn. 25 (1989) 2834.)
 

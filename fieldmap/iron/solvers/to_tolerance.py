@@ -79,17 +79,17 @@ def solve_to_tolerance(
 ) -> LinearSolution:
     """Refine until the estimated error in the workspace is within the tolerance; `report.error` holds the estimate.
 
-    Elements get smaller where this reduces the error of the field in the workspace most (`fieldmap.iron.error`). The
-    estimate compares the last two meshes and both forms on the last, and adds up the errors of flat faces with constant
-    charge.
+    Elements get smaller where this reduces the error of the field in the workspace most. The estimate is the larger of
+    half the gap between both forms and the change between the last two meshes. For B the summed errors of all faces
+    limit this change (`fieldmap.iron.error`).
 
     Parameters
     ----------
     device
         The machine, its file, or the name of a shipped one.
     tolerance
-        Of the flux density, relative to its largest value in the workspace, for each coil and for the
-        permanent magnets. A `Tolerance` gives it for each quantity, relative or absolute.
+        Of the flux density, relative to its largest value in the workspace, for each coil and for
+        the magnets and background. A `Tolerance` gives it for each quantity, relative or absolute.
     mu_r
         Relative permeability of all soft iron; None: the device's own.
     progress
@@ -275,7 +275,7 @@ class Level(Record):
         stages: Stages,
         asked: Tolerance,
     ) -> Level:
-        """Solve for all sources in both forms, or in the flux form alone where there are flux barriers."""
+        """Solve for all sources in both forms, or in the flux form alone where a mu_r is below 1."""
         names = ("potential", "flux") if linear.chosen_form("auto", properties) == "potential" else ("flux",)
         forms = tuple(linear.form_on(iron, name) for name in names)
         solutions = tuple(
@@ -313,7 +313,7 @@ class Level(Record):
 
     @property
     def relative_shares(self) -> Array:
-        """Sums (c,) of the shares of all faces in the error of B, relative to its largest value of every source."""
+        """Sums (c,) of the shares of all faces in the error of B, relative to the largest |B| of each source."""
         return self.face_shares.totals * self._size / self._largest
 
     @property
@@ -326,7 +326,7 @@ class Level(Record):
 
     @property
     def _fixed(self) -> Array:
-        """Remanence times flux density (c, k, s), T^2, of each dipole below each face; 0 for the sources of coils."""
+        """Remanence times flux density of each workspace dipole (c, k, s), T^2, below each face; 0 for coils."""
         mesh, below = self._iron.mesh, self._below
         remanence = self.properties.on(mesh).remanence[mesh.body[below]]
         work = np.einsum("sd,ksd->ks", remanence, self._dual.flux_density[:, below])
