@@ -462,7 +462,7 @@ class _Expansion:
 def _placed(table: Table, change: Callable[[list[float], list[float]], Place]) -> Table:
     """A table with its place, or the places of its parts, changed. Wrong places stay; the schema refuses them later.
 
-    A table without a place gets none if it stays at the origin: an included file may place its body.
+    A table without a place gets none if it stays at the origin: an included body of its name may have one.
     """
     for one in _part_tables(table) or [table]:
         position, rotation = one.get("position_mm", [0.0] * 3), one.get("rotation_deg", [0.0] * 3)

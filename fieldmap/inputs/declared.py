@@ -78,7 +78,7 @@ class Declared(Record):
 
     @property
     def stands_for_none(self) -> bool:
-        """Whether a file's table has None in place of the default, which is an empty text or an infinite number."""
+        """Whether the default is an empty text or an infinite number, for which a file's table has None."""
         default = self.default
         return default == "" if isinstance(default, str) else isinstance(default, float) and np.isinf(default)
 
@@ -142,8 +142,8 @@ def table_of(
     rules
         Functions that raise `broken` for keys that contradict each other.
     beside
-        By field, tables of the records that fields hold, also of a sequence of one record. Their keys become keys of
-        this table.
+        By field, the table of the record that the field holds, alone or as the only one of a sequence. Its keys become
+        keys of this table.
     needed
         Fields that the file must state although they have a default.
     instead
@@ -333,7 +333,7 @@ def record_of(table: Table, folder: Path = Path(), **others: Any) -> Any:
 def fields_of(
     table: Table, folder: Path = Path(), kind: type[Table] | None = None, /, **others: Any
 ) -> dict[str, Any]:
-    """The arguments for the record of a table. kind: a table in its `beside`, for whose record they are instead."""
+    """The arguments for the record of a table, or for that of `kind`, a table in its `beside`."""
     kind = kind or type(table)
     values = {}
     for key, one in kind.declared.items():

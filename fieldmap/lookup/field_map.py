@@ -117,7 +117,7 @@ class FieldMap(Field, own_shapes=ONE_POINT):
         self._table: CurrentTable | None = None
         if tabulate_currents:
             self._table = tabulate(self._model, self._evaluator, data.grid, data.current_error)
-        # Largest number of points for which superposing at each point is cheaper than contracting the block.
+        # Largest number of points for which superposing at each point is cheaper than summing the coefficients first.
         self._few = max(self._evaluator.places // 4, 1)
         self._last: tuple[bytes, MapAtCurrents | None] = (b"", None)
         self._last_weights: tuple[bytes, Array] = (b"", np.empty(0))
@@ -140,7 +140,7 @@ class FieldMap(Field, own_shapes=ONE_POINT):
 
     @property
     def coil_names(self) -> tuple[str, ...]:
-        """Names of the coils in current order."""
+        """Names of the coils, in the order of their currents."""
         return self._info.coil_names
 
     @property
@@ -214,8 +214,9 @@ class FieldMap(Field, own_shapes=ONE_POINT):
 
     @property
     def current_error(self) -> FieldError | None:
-        """Saturating iron: largest difference, T and T/m, between the model of the currents and the solver on states
-        tried, which maps of earlier versions were not trained on. None where the field is linear in the currents."""
+        """Saturating iron: largest difference, T and T/m, between the model of the currents and the solver at the
+        states tried, in maps of earlier versions only at those not trained on. None where the field is linear in the
+        currents."""
         return self._info.current_error
 
     @property
@@ -251,7 +252,7 @@ class FieldMap(Field, own_shapes=ONE_POINT):
         Returns
         -------
         MapAtCurrents
-            The field of points alone.
+            The field, a function of points alone.
 
         Raises
         ------
@@ -314,11 +315,11 @@ class FieldMap(Field, own_shapes=ONE_POINT):
         or the nearest point with outside="clamp"; a compiled function cannot raise OutsideMapError.
 
         `data` leads to the map by an address, and keeps it alive. Keep it as long as the function that uses
-        it. It holds for this process alone: elsewhere it gives NaN, as in a function with a cache of which it
-        is a global. Of saturating iron without currents it remembers the last currents, from which the next
-        solve begins: ask for one in each thread. Results are off by a fifth of `current_error` or less, more
-        than those of `field`. Currents beyond the domain give NaN, unless outside_currents="evaluate". With
-        tabulate_currents it remembers nothing, and only currents in the table do not give NaN.
+        it. It holds for this process alone: elsewhere it gives NaN, for example as a global of a function
+        that numba caches. Of saturating iron without currents it remembers the last currents, from which the next
+        solve begins: ask for one in each thread. Errors exceed those of `field` by a fifth of `current_error` or
+        less. Currents beyond the domain give NaN, unless outside_currents="evaluate". With tabulate_currents it
+        remembers nothing, and currents beyond the table give NaN.
 
         Parameters
         ----------
@@ -726,8 +727,8 @@ class FieldMap(Field, own_shapes=ONE_POINT):
         """Flux density and gradient, and their derivatives by the currents.
 
         Of a map that superposes the derivatives are `unit_field` and `unit_gradient`, whatever the currents;
-        of saturating iron those of its model, which the map's stated error is not about: of the shipped drive
-        unit within 3 % of the solver's along the signals of its division, as a rule 1 %. A map made for
+        of saturating iron those of its model, which the map's stated error does not cover. For the shipped drive
+        unit they are within 3 % of the solver's along the signals of its division, as a rule 1 %. A map made for
         divided currents knows no state of a single coil: derivatives by each are off by up to 42 %, as a rule
         5 % (docs/theory/current_dependence.md).
 
@@ -841,7 +842,7 @@ class FieldMap(Field, own_shapes=ONE_POINT):
 
 
 def _errors_in_words(bound: FieldError | None, of_model: FieldError | None) -> dict[str, str]:
-    """What is certified, which of saturating iron is the interpolation alone, and what the current model is off."""
+    """The certified error, of saturating iron that of the interpolation alone, and the error of its model."""
     certified = "not certified"
     if bound is not None:
         certified = f"at most {bound.flux_density:.2g} T and {bound.gradient:.2g} T/m"
@@ -901,7 +902,7 @@ def open_map(
     Warns
     -----
     MapAccuracyWarning
-        For a map whose current model is off by more than twice what its recipe asks for.
+        For a map whose model of the currents is off by more than twice what its recipe asks for.
 
     Examples
     --------

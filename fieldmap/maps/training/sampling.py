@@ -23,7 +23,7 @@ from fieldmap.parallel import results_of
 from fieldmap.records import Record
 from fieldmap.typing import Array
 
-# Number of candidate points in the first round: per mode, at least, and at most per point that may be chosen.
+# Candidate points in the first round: number per mode, least number, and most per point that may be chosen.
 _CANDIDATES_PER_MODE, _FEWEST_CANDIDATES, _CANDIDATES_PER_POINT = 50, 1000, 4
 # Most candidates in the last round: three matrices of their products take a gigabyte each.
 _MOST_CANDIDATES = 12_000
@@ -46,8 +46,8 @@ _EXACT = 0.02
 ROUNDS = 12
 """Most rounds of the choice of sample points."""
 OF_STATES = 0.1
-"""Share of the time for the sample points that is spent on the conditions, before the first choice."""
-# Share of the remaining time that is left after the conditions, and after each round.
+"""Share of the time for the sample points that is spent on the residuals of the known states."""
+# Share of the remaining time that is left before the first round, and after each round.
 _EACH = 0.6
 
 
