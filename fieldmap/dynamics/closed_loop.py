@@ -182,7 +182,7 @@ def start_loop(
     currents: ArrayLike,
     seed: int | np.random.SeedSequence | np.random.Generator | None,
 ) -> Begun:
-    """The loop at its beginning, with an event if the body is outside already. Raises InputError."""
+    """The loop at its beginning, with an event if the body is outside already. Raises InputError, NotConverged."""
     begin = np.array(check_signal(f"{_WHERE}(state)", state, columns=STATE))
     amperes = np.array(check_signal(f"{_WHERE}(currents)", currents))
     n, m, coils = machine.drive.coils, len(machine.allocation.output_names), machine.allocation.coils

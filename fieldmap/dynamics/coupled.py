@@ -209,8 +209,8 @@ def _block(
 @dataclass(frozen=True, eq=False, repr=False)
 class ScheduledController(Record):
     """Blocks for equally spaced heights of the reference (z of the map, m), from `first` by `step`. Between them they
-    are interpolated, beyond them the nearest acts. Their memories must mean the same. All take the limits of the first.
-    """
+    are interpolated, beyond them the nearest acts. Their memories must mean the same. In a run all take the limits of
+    the first."""
 
     blocks: tuple[ControllerBlock, ...]
     first: float
@@ -238,7 +238,7 @@ class ScheduledController(Record):
         return arrays_of(self.blocks, (self.first, self.step, float(_HEIGHT)))
 
     def inverse(self, state: Array) -> None:
-        """None: the outputs go to the coils as they are.
+        """None: the outputs go to the allocation as they are.
 
         Parameters
         ----------
@@ -351,7 +351,7 @@ def force_controller(
     """A regulator that is the same at every place, because it asks for a force.
 
     The inverse map of the machine's own field turns the force into signals. The regulator is designed for a free mass.
-    The field's stiffness, eddy currents and drag act on it as unknown forces.
+    Eddy currents, drag, and the field's stiffness between samples act on it as unknown forces.
 
     Parameters
     ----------

@@ -271,7 +271,7 @@ def armax(
     needed = 3 * (orders.parameters + noise) + 40
     y, u = (x[0] for x in regression.check_records(where, orders, needed, outputs=outputs, inputs=inputs))
     starts = [_two_stage_start(y, u, orders, noise, where), _modified_start(y, u, orders, noise)]
-    # C may have roots near the unit circle: a start in the middle of the noise would ring through 1/C.
+    # C may have roots near the unit circle: without zeros before the records, their start would ring through 1/C.
     y, u = (np.concatenate([np.zeros(orders.first), x]) for x in (y, u))
     start = min(starts, key=lambda theta: float(np.sum(_prediction_errors(theta, y, u, orders) ** 2)))
     fit = scipy.optimize.least_squares(
@@ -439,7 +439,7 @@ def identify_direct(outputs: ArrayLike, controls: ArrayLike, orders: Orders, Ts:
     Raises
     ------
     InputError
-        For unusable records.
+        For unusable records, and for orders without a delay.
     NotConverged
         As for `modified_least_squares`.
     """
