@@ -82,7 +82,7 @@ class Controller(Protocol):
         -------
         Any
             A `fieldmap.core.machine.InverseMap` without the run's machine; None for a controller whose
-            outputs go to the coils as they are.
+            outputs go to the allocation as they are.
         """
 
     def at(self, sensed: Array, stiffness: ArrayLike, per_output: ArrayLike) -> ControllerBlock:
@@ -137,7 +137,7 @@ class ControllerBlock(Record):
         return arrays_of((self,), (0.0, 1.0, 0.0))
 
     def inverse(self, state: Array) -> None:
-        """None: the outputs go to the coils as they are.
+        """None: the outputs go to the allocation as they are.
 
         Parameters
         ----------

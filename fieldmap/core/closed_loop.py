@@ -58,7 +58,7 @@ class Signals(NamedTuple):
 
 class ControlLaw(NamedTuple):
     """From what is seen to voltages. address: of a function, NO_FUNCTION or GIVEN; controller: of a `CoreController`,
-    of which a function takes the limits only; inverse: None for outputs that go to the coils as they are."""
+    of which a function takes the limits only; inverse: None for outputs that go to the allocation."""
 
     address: int
     controller: Any
