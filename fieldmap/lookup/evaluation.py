@@ -406,11 +406,18 @@ class MapAtCurrents(FieldAtCurrents, own_shapes=ONE_POINT):
         OutsideMapError
             As for `field`.
         """
-        quick = out is None and self._weights is None
-        found = self._evaluator.field_at(points, None) if quick else None
-        if found is not None:
+        found = None if self._weights is not None else self._evaluator.field_at(points, None)
+        if found is not None and out is None:
             return found
-        return self._pair_of_any_shape(points, *((None, None) if out is None else out))
+        if found is not None and out is not None:
+            # A copy of one point is three times as fast as a pass of `_fill`.
+            for to, of in zip(out, found, strict=True):
+                result_array(to, of.shape)[...] = of
+            return out
+        flux, slope = (None, None) if out is None else out
+        if getattr(points, "ndim", 0) == 2:
+            return self._pair(points, flux, slope)
+        return self._pair_of_any_shape(points, flux, slope)
 
     def _pair(
         self, points: ArrayLike, flux: Array | None, slope: Array | None, gradient: bool = True
@@ -419,12 +426,10 @@ class MapAtCurrents(FieldAtCurrents, own_shapes=ONE_POINT):
         empty."""
         where, single = checked_vectors("points", points)
         leading = () if single else where.shape[:1]
-        found = result_array(flux, (*leading, 3)), np.empty((*leading, 0, 0))
-        if gradient:
-            found = found[0], result_array(slope, (*leading, 3, 3))
-        rows = (found[0][None], found[1][None]) if single else found
-        self._fill(self._evaluator.field_and_gradient, where, *rows)
-        return found
+        b = result_array(flux, (*leading, 3))
+        g = result_array(slope, (*leading, 3, 3)) if gradient else np.empty((*leading, 0, 0))
+        self._fill(self._evaluator.field_and_gradient, where, *((b[None], g[None]) if single else (b, g)))
+        return b, g
 
     _pair_of_any_shape = of_any_shape(_pair)
 
