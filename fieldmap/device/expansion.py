@@ -106,7 +106,7 @@ def _layers(document: Document, problems: list[Problem], above: tuple[Path, ...]
 
 
 def _with_files_from(data: Any, folder: Path, main: Path) -> Any:
-    """Data of an included file. Names of files beside it become paths relative to the folder of the main file."""
+    """Data of an included file. Names of files beside it, but not in `main`, become paths relative to `main`."""
     if isinstance(data, list):
         return [_with_files_from(one, folder, main) for one in data]
     if not isinstance(data, dict):
@@ -289,8 +289,8 @@ class _Expansion:
                 self.refuse(place, must_hold, shown(table), remedy)
 
     def _other(self, layer: Document, key: str, value: Any) -> None:
-        """Add a key other than bodies and coils: materials and provenance by name, arrays at their end. Other values
-        are replaced."""
+        """Add a key other than bodies and coils: materials and provenance by name, entries of arrays as `_add`. Other
+        values are replaced."""
         if key in ("material", "provenance") and isinstance(value, dict):
             into = self.data.setdefault(key, {})
             self.origins.setdefault((key,), (layer, (key,)))
@@ -441,7 +441,7 @@ class _Expansion:
 
     def _reflect(self, table: Table, axis: int, here: Location) -> None:
         """Reflect a shape or winding that is not symmetric. Wrong keys stay; the schema refuses them later."""
-        # Of a key that is no text, str() is the name of no shape.
+        # The str() of a value that is no text names no shape.
         keys = SHAPE_KEYS.get(str(table.get("shape"))) or COIL_KEYS.get(str(table.get("kind")))
         own = {key: value for key, value in table.items() if keys is not None and key in keys.model_fields}
         if keys is None or schema_findings(keys, own):

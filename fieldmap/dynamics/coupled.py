@@ -91,8 +91,8 @@ def lqg_block(
 ) -> ControllerBlock:
     """A regulator on estimated states and forces, designed for one linear machine and the delay of its outputs.
 
-    Memory: states of the machine, with positions in the map's frame; unknown force (3), N; the outputs of the last
-    sample. The regulator holds the sensed point at its reference without offset under any constant force.
+    Memory: states without the turn about z, positions in the map's frame; unknown force (3), N; the last outputs. The
+    regulator holds the sensed point at its reference without offset under any constant force.
 
     Parameters
     ----------
@@ -318,7 +318,7 @@ class ForceController(Record):
         return InverseMap(None, self.rounds, limits, np.array(self.signals, float), np.array(state, float))
 
     def at(self, sensed: Array, stiffness: ArrayLike, per_output: ArrayLike) -> ControllerBlock:
-        """The block from measurement to signals about an operating point: u = u0 + (dF/du)^-1 (F - F0 + K (y - y0)).
+        """The block from measurement to signals about an operating point, without constants: (dF/du)^-1 (F + K y).
 
         Parameters
         ----------
@@ -519,9 +519,9 @@ def outputs_for(
 
 
 def feedforward(controller: Controller, schedule: Schedule, path: Trajectory) -> Array:
-    """Feed-forward with which a controller gives the outputs of the trajectory while the body is on the path.
+    """Feed-forward with which a controller gives what the trajectory needs while the body is on the path.
 
-    It is these outputs minus those of the controller alone.
+    It is outputs, of a `ForceController` forces, minus those of the controller alone.
 
     Parameters
     ----------

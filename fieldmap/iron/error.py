@@ -435,8 +435,8 @@ class Tolerance(Record):
 
 @dataclass(frozen=True, repr=False)
 class MeshStep(Record):
-    """One mesh of a run: counts, bytes of its matrix, wall time in s; flux_density, gradient: estimates, relative, None
-    on the first mesh; excess: the largest estimate over what is allowed."""
+    """One mesh of a run: counts, bytes of its matrix, wall time in s; flux_density, gradient: relative estimates;
+    excess: the largest estimate over what is allowed. These three are None on the first mesh."""
 
     faces: int
     tetrahedra: int

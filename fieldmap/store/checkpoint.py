@@ -85,7 +85,7 @@ class Checkpoint:
     """Pieces of work by key. A context manager that closes the file.
 
     An existing file is used only if its fingerprint is the same. A file with another fingerprint is emptied, and so is
-    one whose first line is damaged or foreign. The attribute `note` then gives the reason; otherwise it is "".
+    one whose first line is damaged or foreign. The attribute `note` says why a file was emptied, or is "".
 
     Parameters
     ----------
@@ -297,7 +297,7 @@ def _opened(path: Path, wait: float) -> FileIO:
     until = time.monotonic() + wait
     while True:
         handle = os.open(path, os.O_RDWR | os.O_CREAT | getattr(os, "O_BINARY", 0), 0o666)
-        # A buffer would write the bytes that a full disk refused again when the file is closed: the file has none.
+        # The file has no buffer: on closing, a buffer would again write the bytes that a full disk refused.
         file = FileIO(handle, "r+b")
         try:
             _lock(file)

@@ -98,7 +98,7 @@ def solve_to_tolerance(
         Of the gradient, relative to the larger of its largest value and of |B| over a length
         (`fieldmap.iron.error`); 3 x tolerance if None.
     most_meshes
-        The run ends after this many meshes.
+        Most meshes of the run, 2 or more.
 
     Returns
     -------

@@ -35,7 +35,7 @@ _PROJECTIONS = 8
 # Number of states whose tangents are conditions: those whose iron is magnetised most differently.
 _TANGENTS = 3
 # Allowed change of the field as a multiple of the accuracy: of the states of the fit, root mean square, and of a tested
-# state. While a tested state exceeds it, the first is multiplied by `_FINER`, down to `_FINEST`.
+# state. If only a tested state exceeds its own, the first is multiplied by `_FINER`, down to `_FINEST`.
 _FITTED, _TRIED, _FINER, _FINEST = 0.4, 0.5, 0.7, 0.05
 # Tested states: extremes in the first round, random states in each round; most that become conditions in a round.
 _EXTREMES, _RANDOM, _WORST, _SEED = 64, 96, 24, 20263
@@ -47,7 +47,7 @@ ROUNDS = 12
 """Most rounds of the choice of sample points."""
 OF_STATES = 0.1
 """Share of the time for the sample points that is spent on the residuals of the known states."""
-# Share of the remaining time that is left before the first round, and after each round.
+# Time left when a choice begins, as a share of that when the step before it began.
 _EACH = 0.6
 
 
@@ -257,7 +257,7 @@ class _Tried:
         return drawn(self._domain, count, self._random)
 
     def draw(self, model: GalerkinModel, currents: Array) -> int:
-        """Solve states at more currents (s, c), beginning at the states of `model`. Returns the number of states."""
+        """Solve states at more currents (s, c), beginning at the states of `model`. Returns how many these are."""
         starts = solved_from(model, self._known, currents)
         amplitudes = self._full.solutions(currents, starts, model, self._tolerance)
         self._currents = np.concatenate([self._currents, currents])
