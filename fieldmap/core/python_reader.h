@@ -9,6 +9,7 @@
 #ifndef FIELDMAP_PYTHON_READER_H
 #define FIELDMAP_PYTHON_READER_H
 
+/* numpy's headers need it. */
 #include <stdio.h>
 #include <string.h>
 

@@ -208,3 +208,11 @@ def test_arrays_that_do_not_fit_are_refused():
     ):
         with pytest.raises((TypeError, ValueError)):
             refused()
+
+
+@pytest.mark.parametrize("count", [0, 2])
+def test_a_call_with_another_number_of_arguments_is_refused(library, count):
+    turn = np.array([1.0, 0.0, 0.0, 0.0])
+    np.testing.assert_array_equal(library.rotation(turn), np.eye(3))
+    with pytest.raises(TypeError):
+        library.rotation(*[turn] * count)
