@@ -39,8 +39,8 @@ from tests_of_lines import TestsOfLines, environment_of
 ROOT = Path(__file__).resolve().parents[2]
 PLANTED = ROOT / "scripts" / "dev" / "planted_errors.toml"
 EQUIVALENT = ROOT / "scripts" / "dev" / "equivalent_mutants.toml"
-PACKAGES = ("control", "currents", "dynamics", "interpolants", "iron", "kernels", "levitation", "lookup", "sources",
-            "thesis")  # fmt: skip
+PACKAGES = ("control", "currents", "device", "dynamics", "interop", "interpolants", "io", "iron", "kernels",
+            "levitation", "lookup", "maps", "plot", "sources", "store", "studies", "thesis")  # fmt: skip
 # What they replace is what a person gets wrong in a formula. Decorators, exceptions and names are left alone.
 OPERATORS = ("ReplaceBinaryOperator", "ReplaceComparisonOperator", "ReplaceUnaryOperator", "NumberReplacer",
              "AddNot", "ReplaceTrueWithFalse", "ReplaceFalseWithTrue", "ReplaceAndWithOr", "ReplaceOrWithAnd",
