@@ -1,4 +1,4 @@
-"""Solved iron: the linear solution, a field for any currents, and states of coils and iron at fixed currents.
+"""Solved iron: the linear solution, which gives the field for any currents, and states at fixed currents.
 
 Every state has the same interface, whether the iron is linear (`LinearSolution.at`), saturates (`NonlinearSolver.at`)
 or has hysteresis (`HysteresisSolver.step`): fields, flux densities, forces, section fluxes, flux linkages. Fields in T,
@@ -49,7 +49,7 @@ class Origin(Protocol):
         parameters: Sequence[str],
         followed: Parameters | None = None,
     ) -> Derivatives:
-        """See `SolvedState.derivative`; followed: how the device follows the keys, if its own file does not say it."""
+        """See `SolvedState.derivative`; followed: how the device depends on the keys, if not as in its own file."""
         ...
 
 
@@ -426,7 +426,7 @@ class SolvedState(_Reported, FieldAtCurrents):
 
     @property
     def _charged(self) -> tuple[IronMesh | IronSurface | None, ChargedFaces | None]:
-        """Bodies and their charged faces. Thin gaps of the drawing are air here, not sheets."""
+        """Bodies and their charged faces. A thin drawn gap is air here, also where the mesh has a sheet in it."""
         if self.iron is None:
             return None, None
         apart = self.iron.separated
@@ -442,7 +442,7 @@ class SolvedState(_Reported, FieldAtCurrents):
         return self._mean_in(within)
 
     def _polarised(self, x: Array, within: Index) -> Array:
-        """mu0 M (n, 3) there."""
+        """mu0 M (n, 3) at points inside these elements or solids."""
         assert self.iron is not None
         return self.iron.mean_polarisation(within, self.weights)
 
@@ -584,8 +584,8 @@ class LinearSolution(_Reported, FieldOfStates):
     def source_fields(self, points: ArrayLike) -> tuple[Array, Array]:
         """Fields and gradients of every column.
 
-        The columns are 1 A in each coil, then, if there is such a field, that of permanent magnets and
-        background with all currents off.
+        The first columns are the fields of 1 A in each coil. If there are permanent magnets or a background, one
+        more column is their field with all currents off.
 
         Parameters
         ----------
@@ -881,7 +881,7 @@ class NonlinearSolution(PotentialSolution):
         return flux[None], slope[None]
 
     def coenergy(self) -> float:
-        """Co-energy in J: its derivative by a current is that coil's linkage, by a displacement the force.
+        """Co-energy in J: its derivative by a current is that coil's linkage, by a displacement it is the force.
 
         With permanent magnets or a background it contains the co-energy at zero currents.
         """

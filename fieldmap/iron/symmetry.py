@@ -1,6 +1,6 @@
 """Mirrors and rotations that map a device onto itself.
 
-They are found from the device's parts up to rounding and then made an exact finite group, which can be printed.
+They are found from the device's parts up to rounding and then made an exact finite group. Printing it gives its name.
 """
 
 from collections.abc import Sequence
@@ -26,11 +26,11 @@ _SAME_OPERATION = 1e-6
 class Operation(Record):
     """x -> matrix @ x + offset maps the iron onto itself.
 
-    matrix (3, 3) orthogonal, offset (3,) in m. bodies: body k is mapped onto body bodies[k]. coils: coil k onto coil
-    coils[k], or None where a coil has no image or is a filament or sheet; coil_signs: -1 where a positive current in
-    coil k becomes a negative one in its image (a current's sense is an axial vector: a mirror that contains the coil's
-    axis reverses it). keeps_magnets: remanences (axial vectors too) are mapped onto each other, and the background, if
-    any, onto itself.
+    matrix (3, 3) orthogonal, offset (3,) in m. bodies: body k is mapped onto body bodies[k]. coils: coil k is
+    mapped onto coil coils[k]; None if any coil has no image or, except for the identity, is a filament or sheet.
+    coil_signs: -1 where a positive current in coil k becomes a negative one in its image (a current's sense is an axial
+    vector: a mirror that contains the coil's axis reverses it). keeps_magnets: remanences (axial vectors too) are
+    mapped onto each other, and the background, if any, onto itself.
     """
 
     matrix: Array
@@ -143,7 +143,7 @@ def rotation_axis(turn: Array) -> Array:
     Returns
     -------
     Array
-        Unit vector (3,); of the two, the one whose largest component is positive.
+        Unit vector (3,). Of the two directions it has the one in which its largest component is positive.
     """
     axis = np.linalg.eigh(turn + turn.T)[1][:, -1]
     return axis * np.sign(axis[np.abs(axis).argmax()])
@@ -280,7 +280,7 @@ def fourier_matrix(representations: tuple[Array, ...]) -> Array:
     )
 
 
-# Cosines and sines of the multiples of 30 and 45 degrees.
+# Absolute values of cosines and sines of the multiples of 30 and 45 degrees.
 _EXACT = np.array([0.0, 0.5, 1.0, np.sqrt(0.5), np.sqrt(0.75)])
 
 
@@ -310,7 +310,7 @@ def exact_matrices(found: Array) -> Array | None:
     moved = (3 * table[inverses(table)][..., None] + np.arange(3)).reshape(order, 3 * order)
     projector = np.einsum("gik,gjk->ij", functions[moved], functions[moved])
     basis = np.linalg.eigh(projector)[1][:, -3:]
-    # The orthonormal basis closest to the functions of x, y and z leaves the axes where they are.
+    # With the orthonormal basis closest to the functions of x, y and z, the matrices keep the axes x, y and z.
     u, _, v = np.linalg.svd(basis.T @ functions)
     basis = basis @ (u @ v)
     exact = basis.T @ basis[moved]
@@ -321,7 +321,7 @@ def exact_matrices(found: Array) -> Array | None:
 
 class _Item(NamedTuple):
     """A body or winding. kind: properties that must be equal exactly; rows (n, 13): both ends of every segment, the
-    middle of its part, and two lengths, m; then the number of the part's run and a number for its own kind."""
+    middle of its part, and two lengths, m; then the number of the part's run and of its kind (`_Part`)."""
 
     kind: tuple[object, ...]
     rows: Array
@@ -429,7 +429,7 @@ def _shape_rows(shape: model.Shape) -> Array:
 
 
 def _surface_rows(points: Array, triangles: Index) -> Array:
-    """The edges of a surface that are no diagonals of plane faces."""
+    """The edges of a surface, without the diagonals of plane faces."""
     normals = area_vectors(points[triangles])
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     one, other = common_sides(triangles)
@@ -569,7 +569,7 @@ def _candidates(items: list[_Item], tolerance: float) -> list[Array]:
 
 
 def _mirrors_of_axis(iron: list[_Item], coils: list[_Item], tolerance: float) -> list[Array]:
-    """Candidates: two mirrors through the axis of round iron, the mirror across it, and all their products."""
+    """Candidates: two mirrors that contain the axis of round iron, the one perpendicular to it, and all products."""
     points = np.concatenate([item.rows[:, :3] for item in iron])
     if np.abs(points).max() < tolerance and coils:  # a sphere: the coils' axis, if they have one
         points = np.concatenate([item.rows[:, :3] for item in coils])

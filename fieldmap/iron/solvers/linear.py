@@ -60,7 +60,7 @@ def solve_linear(
     form
         "potential" (second order; every mu_r >= 1), "flux" (second order; any mu_r, flux barriers too), or
         "auto": potential where it may be used. The two err to opposite sides in closed magnetic circuits.
-        "surface" needs no mesh of the volume, takes any mu_r, and a few thousand faces.
+        "surface" needs no mesh of the volume and takes any mu_r; its dense matrices allow a few thousand faces.
     symmetry
         "auto" uses the mirror planes of the iron, "none" does not look for them.
 

@@ -2,8 +2,8 @@
 
 States that follow from solved ones by the symmetry of the iron need no solve. Others follow by Newton's method, and by
 continuation in the sources where it fails: a state at a share of the currents (and of the magnets' remanence) starts
-the next. Its potential, scaled up in proportion, is nearer to the next state than zero is. The steps are halved where
-Newton fails and doubled where it succeeds.
+the next. Its potential, scaled up in proportion, is a better start than zero. The steps are halved where Newton fails
+and doubled where it succeeds.
 """
 
 from __future__ import annotations
@@ -103,7 +103,7 @@ class StateImage(Record):
     """What one operation of the mesh does to a state: its currents and its nodal potential.
 
     The field strength is an axial vector, H'(M x) = det(M) M H(x), so the potential is multiplied by det(M) and moved
-    with the nodes. Where there are no magnets, reversing all currents reverses the potential, `reversal`.
+    with the nodes. Where there are no magnets, reversing all currents reverses the potential.
     """
 
     coils: Index
@@ -151,7 +151,7 @@ def state_images(
 
 # Newton stops when its residual, in the energy norm, is this fraction of the requested tolerance.
 _RESIDUAL_PER_TOLERANCE = 1e-3
-# As a fraction of the requested tolerance in the flux form: the gap between the forms needs two digits only.
+# The same fraction in the flux form: the difference between the forms needs two digits only.
 _RESIDUAL_OF_COMPLEMENT = 1e-2
 # Tolerance of the linear solve for derivatives by the currents.
 _TOLERANCE_OF_SLOPES = 1e-8
@@ -405,8 +405,8 @@ class NonlinearSolver(FieldOfStates):
 
     @cached_property
     def images(self) -> tuple[StateImage, ...]:
-        """What turns a state of this solver into others without solving, exact up to rounding. The images follow from
-        the symmetry of the mesh; with symmetry "none" the mesh has none."""
+        """Operations that turn a state of this solver into others without a solve, exact up to rounding. They follow
+        from the symmetry of the mesh; with symmetry "none" the mesh has none."""
         magnets = bool(self._material.remanence.any()) or self.device.background is not None
         return state_images(self._iron.mesh.symmetry, self._form.elements, magnets)
 
@@ -606,8 +606,8 @@ class NonlinearSolver(FieldOfStates):
     def estimate_error(self, solution: NonlinearSolution, tolerance: float = 1e-3) -> ErrorEstimate:
         """How far a state is from the truth in the workspace (`fieldmap.iron.error`).
 
-        Solves it again in the flux form, from the potential found, and on a mesh 1.4 times coarser; both are kept for
-        further states.
+        Solves it again in the flux form, from the potential found, and on a mesh 1.4 times coarser. The solver keeps
+        that form and that mesh for further states.
 
         Parameters
         ----------
