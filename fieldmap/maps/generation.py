@@ -60,8 +60,8 @@ CODE = (
     "iron",
     "maps",
 )
-# What the fields at the nodes and the certificate are expected to take before a point is evaluated, as shares of the
-# solve before them; and the differences of two polynomials in one cell, for one field, s.
+# Expected times before a point is evaluated: of the fields at the nodes and of the certificate, as shares of the time
+# of the solve; and of the differences of two polynomials in one cell, for one field, s.
 _NODES, _CERTIFICATE, _CELL = 0.1, 0.3, 1e-4
 # Points of one piece of work: about as many as the nodes of a part of the file.
 _POINTS = 1000
@@ -86,14 +86,14 @@ def generate(
 ) -> Path:
     """Make the map that a recipe asks for, or a map of a device, and return the path of its file.
 
-    The file appears under its name only when it is complete. What is wrong with recipe, device, geometry or output is
-    told before any long work, and without leaving a file.
+    The file appears under its name only when it is complete. Errors in recipe, device, geometry or
+    output are reported before any long work, and leave no file.
 
     Parameters
     ----------
     recipe
         Path of a recipe file, or the name of a shipped one; or a device, with what a recipe would say: spacing, box,
-        currents, iron and reference_current. The file is that of a recipe with these numbers.
+        currents, iron and reference_current. The map is the same as from a recipe with these numbers.
     output
         The file to write; maps/out/NAME.h5 in the current folder unless given, with the recipe's file name or its stem.
     resume
@@ -120,9 +120,9 @@ def generate(
     changes
         Of the device file that a recipe names, such as {"parameters.gap": 120.0}, as `read_device` takes them.
     accept_error
-        Write a map of saturating iron whose largest error found, at any state at which its current model was tried, is
-        more than twice the accuracy that its recipe asks for. The error is then among its assumptions, and opening it
-        warns (MapAccuracyWarning).
+        Write a map of saturating iron even if the largest error found, at any state at which its current model was
+        tried, is more than twice the accuracy that its recipe asks for. The error is then among its assumptions, and
+        opening it warns (MapAccuracyWarning).
 
     Returns
     -------
@@ -136,7 +136,8 @@ def generate(
     InputError
         For an output that cannot be written, and workers that cannot be had.
     NotConverged
-        If the solver fails, or where iron saturates at more than half of the states.
+        If the solver fails; for saturating iron, if it fails at more than half of the states or at all that test the
+        model.
     MapErrorTooLarge
         As soon as the error is known to be larger than what is accepted: nothing is written, what was solved is kept,
         and the same call with accept_error=True goes on.
@@ -162,7 +163,7 @@ def generate(
         say("checking recipe, device and geometry", 0.0)
         order, device = _order(recipe, given, changes)
         target, plan = _target(order.file_name, output), order.currents
-        # Errors at keys are told at the lines of the recipe.
+        # Errors at keys name the lines of the recipe.
         with order.document.placing():
             if not device.coils and (plan is not None or not device.fixed_sources):
                 must_hold, remedy = "a device with at least one coil", "add a [[coil]] to the device"
@@ -287,8 +288,8 @@ def _fill(
     spent: Stopwatch | None = None,
     accepted: MissedAccuracy | None = None,
 ) -> None:
-    """Fields at the nodes, their error, and the file. about: what its report says beside the solver's; spent: what the
-    map has taken so far; accepted: an error that is among what the map rests on."""
+    """Fields at the nodes, their error, and the file. about: entries of its report besides the solver's; spent: what
+    the map has taken so far; accepted: an accepted error, which its assumptions then state."""
     if writer.resumed:
         forecast.note(f"resumed with {writer.resumed} of {len(writer.chunks)} parts")
     common = Common.of(fields)
@@ -296,7 +297,7 @@ def _fill(
     forecast.at("certificate", "certifying the lookup against the solver")
 
     def unit_fields(points: Array) -> tuple[Array, Array]:
-        # The division depends on the points alone, so that who evaluates them changes no bit.
+        # The division depends on the points alone, so that the number of workers changes no bit.
         parts = [points[first : first + _POINTS] for first in range(0, len(points), _POINTS)]
         pairs = workers.results(_unit_fields, parts, common)
         flux, gradient = (np.concatenate(arrays, axis=1) for arrays in zip(*pairs, strict=True))
@@ -314,7 +315,7 @@ def _fill(
         names = ("flux_density_share", "gradient_share", "asked")
         report["accepted_error"] = {name: getattr(accepted, name) for name in names}
         assumptions = (*assumptions, f"{accepted.text}: accepted with --accept-error")
-    # Who finished it: nothing that decides its numbers, as long as the processors are of one kind.
+    # The workers and the machine that finished it. They do not affect its numbers if all processors are of one kind.
     report |= {"workers": str(workers), "machine": f"{platform.system()}, {platform.machine()}"}
     writer.finish(report, assumptions, error, bounds, data)
 
@@ -349,7 +350,7 @@ def _evaluate(fields: Common[Fields], workers: Workers, writer: MapWriter, forec
 
 
 def _expect_fields(forecast: Forecast, solving: str) -> None:
-    """Before any point is evaluated, by the seconds of the stage that solves."""
+    """Forecast the later stages from the time of the stage that solves, before any point is evaluated."""
     forecast.expect("nodes", _NODES * forecast.expected(solving))
     forecast.expect("certificate", _CERTIFICATE * forecast.expected(solving))
 
@@ -357,7 +358,7 @@ def _expect_fields(forecast: Forecast, solving: str) -> None:
 def _describe(
     device: Device, grid: Grid, reference_current: Array, title: str, recipe_text: str, saturating: bool
 ) -> MapInfo:
-    """The map to be."""
+    """The description of the map that will be made."""
     fixed = device.fixed_sources
     return MapInfo(
         grid=grid,
@@ -374,20 +375,21 @@ def _describe(
             created=datetime.now(UTC).strftime("%Y-%m-%d %H:%M:%S +0000"),
         ),
         fixed_sources=fixed,
-        # The fields of saturating iron hold that of its magnets.
+        # The fields of a map of saturating iron contain the field of its magnets.
         constant_field=device.background is not None or (bool(fixed) and not saturating),
     )
 
 
 def _reference_current(given: float | None, domain: CurrentDomain | None, count: int) -> Array:
-    """As given; else 1 A, or the middle of the domain of the currents, where that is positive."""
+    """The given current. If none is given: 1 A for linear iron. For saturating iron each coil's current in the middle
+    of the domain, or, if that is not positive, the largest current at the corners of the domain."""
     each = np.full(count, 1.0 if given is None else given)
     if domain is None:
         return each
     if given is None:
         middle, corners = domain.middle, domain.parametrisation.currents(corner_signals(domain))
         return np.where(middle > 0, middle, np.abs(corners).max(initial=1.0))
-    # Of lift_and_directions any equal currents will do: they are signals without directions.
+    # With lift_and_directions any equal currents are accepted: their direction signals are zero.
     if not isinstance(domain.parametrisation, LiftAndDirections) and not domain.holds(each):
         must_hold, remedy = (
             "must lie within [currents]",

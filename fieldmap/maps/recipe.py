@@ -38,9 +38,9 @@ from fieldmap.typing import Array
 
 LARGEST_CURRENT_A = 1e6
 FEWEST_NODES = 5
-"""Per axis: the differences that the interpolant needs span five nodes."""
+"""Least number of nodes along an axis: the finite differences of the interpolant span five."""
 MOST_NODES = 2_000_000
-"""A map of six coils then takes about 2 GB."""
+"""Largest number of nodes of a map: with six coils its file then has about 1.2 GB."""
 MILLI = 1e-3
 
 
@@ -423,7 +423,7 @@ def recipe_for(
     iron: Mapping[str, Any] | None = None,
     reference_current: float | None = None,
 ) -> Recipe:
-    """The recipe of a map of a device, without a file: as if one had been written, with a text of its own.
+    """The recipe of a map of a device, without a recipe file. Its text is made from the arguments.
 
     Parameters
     ----------
@@ -472,7 +472,7 @@ def recipe_for(
 
 
 def _plain(value: Any, unit: float) -> Any:
-    """Numbers in a unit as lists; what is no number stays for the schema to refuse."""
+    """Numbers in a unit, as lists. Other values stay as they are: the schema refuses them."""
     if isinstance(value, np.ndarray | np.generic):
         value = value.tolist()
     if isinstance(value, list | tuple):
@@ -512,7 +512,7 @@ def choose_grid(box: Bounds | None, spacing: Array) -> Grid:
     box
         Corners (3,) and (3,), m; None where there is none.
     spacing
-        Largest distance (3,) of neighbouring nodes, m. That of the grid is this or a little less, so that it divides
+        Largest distance (3,) of neighbouring nodes, m. The grid's distance is this or less, so that whole cells fill
         the box.
 
     Raises
