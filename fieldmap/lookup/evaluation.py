@@ -46,7 +46,7 @@ class Evaluator(Protocol):
 
     @property
     def places(self) -> int:
-        """Number of cells or nodes that hold coefficients. `at` takes as long as so many points."""
+        """Number of cells or nodes that hold coefficients. The time of `at` is proportional to it."""
 
     def field_and_gradient(self, points: Array, weights: Array, flux: Array, slope: Array) -> int:
         """Fill in flux density and gradient at points.
@@ -416,15 +416,15 @@ class MapAtCurrents(FieldAtCurrents, own_shapes=ONE_POINT):
             return out
         flux, slope = (None, None) if out is None else out
         if getattr(points, "ndim", 0) == 2:
-            # Points of any shape take a tenth longer, for 20 points.
+            # `_pair_of_any_shape` would take a tenth longer, for 20 points.
             return self._pair(points, flux, slope)
         return self._pair_of_any_shape(points, flux, slope)
 
     def _pair(
         self, points: ArrayLike, flux: Array | None, slope: Array | None, gradient: bool = True
     ) -> tuple[Array, Array]:
-        """Flux density and gradient at points (n, 3) or (3,), in these arrays or new ones; without `gradient` that is
-        empty."""
+        """Flux density and gradient at points (n, 3) or (3,), in these arrays or new ones; without `gradient` the
+        second one is empty."""
         where, single = checked_vectors("points", points)
         leading = () if single else where.shape[:1]
         b = result_array(flux, (*leading, 3))

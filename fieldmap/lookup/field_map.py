@@ -68,19 +68,18 @@ class FieldMap(Field, own_shapes=ONE_POINT):
     values and gradients, once continuously differentiable; "global", one harmonic polynomial of degree 16 for the
     whole box, infinitely smooth. docs/lookup.md says which to take when. In every form `gradient` is the exact
     derivative of `field`. Superposition is exact for coils with linear iron or none; a map of saturating iron solves
-    a small model of the iron once for every change of the currents (docs/theory/current_dependence.md), and what
-    currents beyond its domain do is said by outside_currents: "raise", "nan", or "evaluate" without a known error.
+    a small model of the iron once for every change of the currents (docs/theory/current_dependence.md).
+    outside_currents is the rule for currents beyond its domain: "raise", "nan", or "evaluate" without a known error.
     follow_currents, tabulate_currents: begin that solve from the last one, or replace it by a table: see `open_map`.
 
     Points (3,), (n, 3) or of any leading shape (..., 3) in m; currents (n_coils,) for all points or (n, n_coils), in A,
     in the order of `coil_names`, one number for all coils, or by name, coils left out at 0. Results have the leading
-    shape of the points. Outside the box from
-    `lower` to `upper`: OutsideMapError, or with outside="nan" NaN, or with outside="clamp" the result at the nearest
-    point of the box. NaN or infinity in a point, or NaN in a current, gives NaN in its row. Arguments of another shape:
-    InputError. `out` takes a contiguous float64 array of the result's shape. Batches of more than 30 000 points run on
-    `threads` threads, by default one per processor. Objects can be pickled and used from several threads at once.
-    evaluator: makes what evaluates the coefficients, a
-    `fieldmap.lookup.Evaluator`; the interpolant's own unless given.
+    shape of the points. Outside the box from `lower` to `upper`: OutsideMapError, or with outside="nan" NaN, or with
+    outside="clamp" the result at the nearest point of the box. NaN or infinity in a point, or NaN in a current, gives
+    NaN in its row. Arguments of another shape: InputError. `out` takes a contiguous float64 array of the result's
+    shape. Batches of more than 30 000 points run on `threads` threads, by default one per processor. Objects can be
+    pickled and used from several threads at once. evaluator: function that makes the `fieldmap.lookup.Evaluator` of the
+    coefficients; the interpolant's own unless given.
 
     >>> from fieldmap.store import Grid
     >>> grid = Grid([0, 0, 0], [0.01, 0.01, 0.01], (3, 3, 3))
@@ -105,7 +104,7 @@ class FieldMap(Field, own_shapes=ONE_POINT):
         self._info = MapInfo(**{name: getattr(data, name) for name in MapInfo.__dataclass_fields__})
         lower, upper = np.array(data.grid.lower), np.array(data.grid.upper)
         self._box = Box(lower, upper, outside, most_threads() if threads is None else max(1, int(threads)))
-        # A field of weight 1 behind the coils'; with a model of the iron its weights include that.
+        # A field of weight 1 behind those of the coils. A model of the iron includes this field in its weights.
         self._constant = data.constant_field and data.reduced_model is None
         self._form: Form = replace(INTERPOLANTS[kind].form(data, outside), constant=self._constant)
         self._evaluator: Evaluator = (evaluator or INTERPOLANTS[kind].evaluator or CompiledEvaluator)(
@@ -117,7 +116,7 @@ class FieldMap(Field, own_shapes=ONE_POINT):
         self._table: CurrentTable | None = None
         if tabulate_currents:
             self._table = tabulate(self._model, self._evaluator, data.grid, data.current_error)
-        # Largest number of points for which superposing at each point is cheaper than summing the coefficients first.
+        # Up to about this number of points, superposing at each point is cheaper than summing the coefficients first.
         self._few = max(self._evaluator.places // 4, 1)
         self._last: tuple[bytes, MapAtCurrents | None] = (b"", None)
         self._last_weights: tuple[bytes, Array] = (b"", np.empty(0))
@@ -173,11 +172,11 @@ class FieldMap(Field, own_shapes=ONE_POINT):
     @property
     def error_bound(self) -> FieldError | None:
         """Certified bound on B (T) and gradient (T/m) against the solver, anywhere in the box, for currents up to the
-        reference currents; docs/theory/lookup.md (13). Of saturating iron: for the currents of the domain, and against
-        the fields that the model's weights add up; what the model itself is off is `current_error`.
+        reference currents; docs/theory/lookup.md (13). For saturating iron it holds for the currents of the domain,
+        and against the fields that the model's weights add up; the error of the model itself is `current_error`.
 
         None for the Hermite form, and where sources are too near for a certificate.
-        `interpolation_error` is there without one, but is only the largest of sampled differences.
+        `interpolation_error` needs no certificate, but is only the largest of sampled differences.
         """
         return self._info.error_bounds.get(self.kind)
 
@@ -186,8 +185,8 @@ class FieldMap(Field, own_shapes=ONE_POINT):
         """Largest difference found, T and T/m, summed over all coils, each at its reference current.
 
         Hermite form: to the solver at points sampled when the map was made, None if unknown. Harmonic forms:
-        to the map at all of its nodes, or the step between cells (`jump`) where that is larger: on a face two
-        fits err in opposite ways. What the map itself lacks is not in it.
+        to the map at all of its nodes, or the step between cells (`jump`) where that is larger: the fits of two
+        cells can err in opposite directions on their common face. The error of the map's own nodes is not included.
         """
         misfit = self._form.misfit
         if misfit is None:
@@ -214,14 +213,14 @@ class FieldMap(Field, own_shapes=ONE_POINT):
 
     @property
     def current_error(self) -> FieldError | None:
-        """Saturating iron: largest difference, T and T/m, between the model of the currents and the solver at the
-        states tried, in maps of earlier versions only at those not trained on. None where the field is linear in the
-        currents."""
+        """Saturating iron: largest difference, T and T/m, between the model of the currents and the solver at all
+        states tried; in maps of earlier versions only at states that are not in the training. None where the field is
+        linear in the currents."""
         return self._info.current_error
 
     @property
     def current_table(self) -> CurrentTable | None:
-        """The table in the place of that model, with its own error; None unless asked for."""
+        """The table that replaces the model of the currents, with its own error; None unless asked for."""
         return self._table
 
     def gradient_jump(self, currents: Array) -> float:
@@ -316,10 +315,10 @@ class FieldMap(Field, own_shapes=ONE_POINT):
 
         `data` leads to the map by an address, and keeps it alive. Keep it as long as the function that uses
         it. It holds for this process alone: elsewhere it gives NaN, for example as a global of a function
-        that numba caches. Of saturating iron without currents it remembers the last currents, from which the next
-        solve begins: ask for one in each thread. Errors exceed those of `field` by a fifth of `current_error` or
-        less. Currents beyond the domain give NaN, unless outside_currents="evaluate". With tabulate_currents it
-        remembers nothing, and currents beyond the table give NaN.
+        that numba caches. If iron saturates and no currents are given, it stores the last currents, from which the
+        next solve begins: call `compiled` once in each thread. Errors are larger than those of `field` by at
+        most a fifth of `current_error`. Currents beyond the domain give NaN, unless outside_currents="evaluate". With
+        tabulate_currents it stores no currents, and currents beyond the table give NaN.
 
         Parameters
         ----------
@@ -340,7 +339,7 @@ class FieldMap(Field, own_shapes=ONE_POINT):
         if currents is not None:
             return self.at(currents).compiled()
         words = caller(self._evaluator.core(), self._weights_of_callers())
-        # Only who compiles functions of their own needs numba.
+        # Imported here: numba is needed only for compiled functions.
         from fieldmap.lookup.compiled import at_currents
 
         return at_currents, words
@@ -513,7 +512,7 @@ class FieldMap(Field, own_shapes=ONE_POINT):
 
         T = m x B and F = grad(m . B) = (grad B)^T m, docs/theory/wrench.md (1) and (2) for a point, (5)..(10)
         for a body. F is (m . grad) B where B is curl-free, and is conservative for a fixed moment even if the
-        interpolant is not quite so. Singular nowhere in the box.
+        interpolant is not quite so. Force and torque are finite everywhere in the box.
 
         Parameters
         ----------
@@ -631,10 +630,10 @@ class FieldMap(Field, own_shapes=ONE_POINT):
         Raises
         ------
         Infeasible
-            Names the limits that bind and what can be had. Of a search it says where this ended, which is no proof that
-            no currents exist.
+            The message names the limits that bind and the share of the demand that is possible. After a search it says
+            where the search ended, which is no proof that no currents exist.
         OutsideMapError, InputError, NotConverged
-            For a place outside the box, for what cannot be read, and where a search has no end.
+            For a place outside the box, for arguments that do not fit, and for a search that does not end.
 
         Examples
         --------
@@ -645,7 +644,7 @@ class FieldMap(Field, own_shapes=ONE_POINT):
         return least_power_currents(fields, position, demand, limits, resistance, start, orientation)
 
     def _fields_of_currents(self) -> SumOfFields:
-        """The field as an inverse takes it."""
+        """The field in the form that `least_power_currents` takes."""
         return SumOfFields(self._evaluator.each_field, self.coil_names, self._constant, self._model)
 
     def to_xarray(self, currents: Any = None) -> xarray.Dataset:
@@ -726,11 +725,11 @@ class FieldMap(Field, own_shapes=ONE_POINT):
     def by_currents(self, points: ArrayLike, currents: Any) -> tuple[Array, Array, Array, Array]:
         """Flux density and gradient, and their derivatives by the currents.
 
-        Of a map that superposes the derivatives are `unit_field` and `unit_gradient`, whatever the currents;
-        of saturating iron those of its model, which the map's stated error does not cover. For the shipped drive
-        unit they are within 3 % of the solver's along the signals of its division, as a rule 1 %. A map made for
-        divided currents knows no state of a single coil: derivatives by each are off by up to 42 %, as a rule
-        5 % (docs/theory/current_dependence.md).
+        For a map that superposes, the derivatives are `unit_field` and `unit_gradient`, whatever the currents.
+        For saturating iron they are those of its model, which the map's stated error does not cover. For the
+        shipped drive unit they are within 3 % of the solver's along the signals of its division, as a rule 1 %. The
+        training of a map made for divided currents has no state of a single coil: derivatives by the current of one
+        coil are off by up to 42 %, as a rule 5 % (docs/theory/current_dependence.md).
 
         Parameters
         ----------
@@ -842,7 +841,7 @@ class FieldMap(Field, own_shapes=ONE_POINT):
 
 
 def _errors_in_words(bound: FieldError | None, of_model: FieldError | None) -> dict[str, str]:
-    """The certified error, of saturating iron that of the interpolation alone, and the error of its model."""
+    """The certified error, for saturating iron of the interpolation alone, and the error of the model of the iron."""
     certified = "not certified"
     if bound is not None:
         certified = f"at most {bound.flux_density:.2g} T and {bound.gradient:.2g} T/m"
