@@ -33,7 +33,7 @@ from fieldmap.typing import Array
 MAX_STATES = 15
 # No step multiplies the current by more than this; beyond the knee of the B-H curve a secant can be far off.
 _LARGEST_GROWTH = 3.0
-# The slope dF/di is taken over at least this relative difference of currents, where there is one.
+# The slope dF/di is taken over at least this relative difference of currents, if the tried currents differ so much.
 _SLOPE_WIDTH = 0.01
 
 
@@ -45,7 +45,7 @@ class LiftCurrent(Record):
     magnetic force there, N; its z component is the weight, the other two are not balanced. force_per_ampere
     (3,), N/A of common current: dF/di at these currents. stiffness (3, 3) = -dF_i/dx_j, N/m. field (3,), T.
     assumptions: what the numbers rest on. history: (common current in A, lift in N) of every state that was
-    solved on the way, empty for a field that is proportional to the currents.
+    solved on the way, empty for a field that superposes, with or without a constant part.
     """
 
     current: float
@@ -59,7 +59,7 @@ class LiftCurrent(Record):
     history: tuple[tuple[float, float], ...] = ()
 
     def to_dict(self) -> dict[str, Plain]:
-        """The result as plain Python, SI units; `history` stands under "states"."""
+        """The result as plain Python, SI units; the entry "states" is `history`."""
         states = [{"current": current, "lift": newtons} for current, newtons in self.history]
         shown = plain_fields(self) | plain_items(lift_current=self.current, states=states)
         return {name: value for name, value in shown.items() if name not in ("current", "history")}
@@ -76,11 +76,12 @@ def lift_current(
 ) -> LiftCurrent:
     """Common current that carries the weight at a position: a vertical point dipole, pulled up by a positive current.
 
-    A field that is proportional to the currents gives i = m g / (D dBz/dz per ampere), docs/theory/equilibrium.md; of
-    one that adds what no current drives, i carries what that leaves of the weight, and may be zero or negative. Any
-    other is asked at some four currents, each near the last: at `first`, then by proportion, then by the secant, kept
-    inside the bracket once there is one, until |F_z - m g| <= tolerance m g. A payload of pieces stays upright; soft
-    iron is pulled with the square of the current, and asked in the same way.
+    A field that is proportional to the currents gives i = m g / (D dBz/dz per ampere), docs/theory/equilibrium.md. If
+    the field has a constant part, i carries the rest of the weight, and may be zero or negative. Any other field is
+    evaluated at about four currents: at `first`, then at `first` times weight divided by lift, then by the secant,
+    until |F_z - m g| <= tolerance m g. Once two currents bracket the weight, the secant stays between them. A
+    payload of pieces stays upright, and its current is found by the same search; the pull on soft iron grows with the
+    square of the current.
 
     Parameters
     ----------
@@ -102,8 +103,8 @@ def lift_current(
     Returns
     -------
     LiftCurrent
-        The currents, and force and stiffness there. force_per_ampere is the difference of two states, some
-        per cent apart.
+        The currents, and force and stiffness there. force_per_ampere is exact for a field that superposes; for any
+        other it is the difference quotient of two states, some per cent apart.
 
     Raises
     ------
@@ -114,7 +115,7 @@ def lift_current(
     Infeasible
         Where the field does not lift.
     NotConverged
-        After MAX_STATES.
+        After MAX_STATES states; after four times as many for a payload of pieces in a field that superposes.
 
     Examples
     --------
@@ -147,8 +148,8 @@ def direction_of_lift(point: Array, moment: float, gradient: Array) -> float:
 
 
 def _superposed(field: Field, payload: Payload, point: Array, shares: Array, first: float) -> LiftCurrent:
-    """Of a field that is the sum of its coils' fields and a constant, which may be zero. first: the common current at
-    which the moment that is pulled up is chosen, as of saturating iron."""
+    """The lift current of a field that is the sum of its coils' fields and a constant, which may be zero. first: the
+    common current at which the direction of the moment is chosen, as for saturating iron."""
     if field.proportional:
         per_ampere, off = field.gradient(point[None, :], shares)[0], np.zeros((3, 3))
         held = "field and force are proportional to the currents (no saturation)"
@@ -196,10 +197,10 @@ def _by_secant(
     tolerance: float,
     on_state: Callable[[float, float], None] | None,
 ) -> LiftCurrent:
-    """By the secant from `first` on; of a body of pieces to 1e-9 of the weight where the field costs little."""
+    """The lift current by the secant, from `first` on. If the field superposes it is cheap: the limit is 1e-9 then."""
     at = point[None, :]
     if not payload.pieces:
-        # Here and not in the balance: a field that lifts nothing has a reason of its own.
+        # `magnet_balance` does not refuse a field that lifts nothing.
         direction_of_lift(point, payload.moment, field.gradient(at, first * shares)[0])
     balance = magnet_balance(field, first * shares, payload, point)
     limit, most = (1e-9, 4 * MAX_STATES) if field.affine else (tolerance, MAX_STATES)
@@ -261,13 +262,13 @@ _HELD = (
 
 
 def _next_current(tried: Sequence[tuple[float, float]], power: float = 1.0) -> float:
-    """Where F_z / (m g) - 1 should vanish, from (current, its value) of the states so far.
+    """The current at which F_z / (m g) - 1 should vanish, from (current, its value) of the states so far.
 
-    power: of the force, with which the current goes where one state is all that is known.
+    power: after the first state, the current is divided by F_z / (m g) to this power.
     """
     current, value = tried[-1]
     if len(tried) == 1:
-        # A current that is right already is left a little, for the slope.
+        # If the first current is right already, the next one still differs from it, for the slope.
         guess = current / (1.0 + value) ** power
         return guess if abs(guess / current - 1.0) > _SLOPE_WIDTH else (1.0 + 2.0 * _SLOPE_WIDTH) * guess
     before, before_value = tried[-2]
@@ -307,17 +308,17 @@ def _at(point: Array) -> str:
     return f"lift_current at {(1e3 * point).round(3).tolist()} mm"
 
 
-# A combination of coils weaker than this share of the strongest is taken for none: of currents, it would ask for more
-# than a thousand times as much.
+# A combination of coils whose force per ampere is less than this share of the largest is left out: it would need more
+# than a thousand times the current.
 _WEAKEST = 1e-3
-# Share of a wanted force that coils may leave or put elsewhere and still count as pushing that way.
+# Coils push along x or y by themselves if no component of their force is off by more than this share of the force.
 _LEFT = 0.1
 
 
 def force_per_ampere(field: Field, moment: Array, point: Array, currents: Array) -> Array:
     """Force of a point dipole per ampere in each coil.
 
-    By central differences over 1 % of the largest current, which are exact for a field that is proportional
+    By central differences, 1 % of the largest current to either side. They are exact for a field that is proportional
     to the currents, and of second order in the step where iron saturates.
 
     Parameters
@@ -420,7 +421,7 @@ def _towards(force_per_ampere: ArrayLike, axis: int) -> Array:
     force, wanted = check_signal("least_power(force_per_ampere).T", given, columns=3).T, np.eye(3)[axis]
     currents = np.linalg.pinv(force, rcond=_WEAKEST) @ wanted
     made = force @ currents
-    # The lift may have a pull aside, which a stiffness or another signal holds; a signal may not.
+    # The lift may also push sideways, because a stiffness or another signal balances that. A direction signal may not.
     left = abs(made[2] - 1.0) if axis == 2 else float(np.abs(made - wanted).max())
     if left > (0.5 if axis == 2 else _LEFT):
         must = f"the coils must push the magnet along {'xyz'[axis]}"

@@ -7,9 +7,10 @@ Only the corners of the hull are kept; there are about n^2 of them, not 2^n.
 Otherwise the set is searched: the force on soft iron grows with the square of the currents, and saturating iron makes
 every quantity nonlinear. The largest force along a direction can then have several local maxima. Searches begin at the
 best known currents and at others far from these. They climb with the exact derivative
-(`fieldmap.lookup.wrench_actuation`): first from corner to corner of the box, then by L-BFGS-B, or by SLSQP if the
-currents are divided by lift and directions and several coils can reach their limits (J. Nocedal, S. J. Wright,
-Numerical Optimization, 2nd ed., chapters 16.7 and 18). The steps between corners suffice for a linear quantity. The
+(`fieldmap.lookup.wrench_actuation`). If the currents are independent, they climb first from corner to corner of the
+box, then by L-BFGS-B. If several coils follow one signal (groups, or lift and directions), they climb by SLSQP, with
+the limits of all coils (J. Nocedal, S. J. Wright, Numerical Optimization, 2nd ed., chapters 16.7 and 18). The steps
+between corners suffice for a linear quantity. The
 result of one direction is a start for all others. Every value is stored with the currents that make it, so the values
 are lower bounds: the true set may reach further.
 """
@@ -147,8 +148,8 @@ class SearchedSet(SetAtPoint):
         Returns
         -------
         float
-            In the unit of the quantity: a lower bound, and between the directions that were searched one of
-            the hull.
+            In the unit of the quantity: the reach of the hull of all values found, a lower bound of the reach of the
+            set.
         """
         unit = np.asarray(direction, dtype=float) / np.linalg.norm(direction)
         return float((self.values @ unit).max())
@@ -203,7 +204,7 @@ def searched_set(
 def _asked(
     source: Field, position: Array, lower: Array, upper: Array, moment: Array | MagneticBody | None
 ) -> dict[str, Any]:
-    """What of a set is known before it is found."""
+    """The entries of a set that are known before it is found."""
     about = {"quantity": "field" if moment is None else "force", "coil_names": source.coil_names}
     return about | {"position": position, "moment": moment, "lower": lower, "upper": upper}
 
@@ -406,8 +407,8 @@ class _Climb:
 
 
 def _domain_of(source: Field, lower: Array, upper: Array) -> CurrentDomain:
-    """Domain of a search: the domain of the map, within the limits if its currents are independent; otherwise the box
-    of the limits."""
+    """Domain of a search. For a map of saturating iron it is the domain of the map, cut to the limits if its currents
+    are independent. For any other field it is the box of the limits."""
     reduced = getattr(getattr(source, "info", None), "reduced_model", None)
     if reduced is None:
         return CurrentDomain(IndependentCurrents(len(lower)), lower, upper)
@@ -504,7 +505,7 @@ class ReachableSet(SetAtPoint):
         Returns
         -------
         Array
-            Currents (n,), A; 0 in coils that do not matter, or the limit that is nearest to it.
+            Currents (n,), A. Coils that do not matter have 0, or the limit nearest to 0.
         """
         share = self.per_ampere @ np.asarray(direction, dtype=float)
         rest = np.clip(0.0, self.lower, self.upper)
@@ -640,7 +641,7 @@ def zonotope(directions: ArrayLike, lower: ArrayLike, upper: ArrayLike) -> tuple
     Returns
     -------
     tuple[Array, Index, float]
-        Corners (v, 3), triangles (t, 3) and volume. Of a flat set no triangles, and 0.
+        Corners (v, 3), triangles (t, 3) and volume. A flat set has no triangles and the volume 0.
 
     Examples
     --------
