@@ -120,7 +120,7 @@ class StateSpace(NamedTuple):
 
 
 def _period(Ts: float | None) -> float:
-    """As python-control states it: 0 of a continuous system."""
+    """Sampling time as python-control states it: 0 for a continuous system."""
     if Ts is None:
         return 0.0
     check_positive("to_control", Ts=Ts)
@@ -371,8 +371,7 @@ def sampled(plant: tuple[ArrayLike, ArrayLike], Ts: float) -> TransferFunction:
 
 
 def continuous(plant: tuple[ArrayLike, ArrayLike], Ts: float) -> TransferFunction:
-    """The transfer function in s of which this one in q is the sampled form: docs/theory/control.md (4),
-    inverted.
+    """The transfer function in s whose sampled form is this one in q: the inverse of docs/theory/control.md (4).
 
     Parameters
     ----------
@@ -401,7 +400,7 @@ def continuous(plant: tuple[ArrayLike, ArrayLike], Ts: float) -> TransferFunctio
     model = controller_form(*plant)
     A, B = inverse_zero_order_hold(model.A, model.B, Ts)
     numerator, denominator = to_transfer_function(StateSpace(A, B, model.C, model.D))
-    # A strictly proper model stays one; what the subtraction leaves at the front is rounding.
+    # A strictly proper model stays strictly proper: the subtraction leaves only rounding in its first coefficients.
     lead = np.abs(numerator) > 1e-12 * np.abs(numerator).max(initial=0.0)
     return TransferFunction(numerator[np.argmax(lead) :], denominator)
 
@@ -447,7 +446,7 @@ def steady_gain(plant: tuple[ArrayLike, ArrayLike], Ts: float | None = None) -> 
     Returns
     -------
     float
-        The value at s = 0, or at q = 1; infinite with a pole there.
+        The value at s = 0, or at q = 1; infinite if the plant has a pole there.
 
     Raises
     ------
@@ -494,7 +493,7 @@ def root_locus(
     gains
         The gains, which must rise (or fall).
     steps
-        Gains that are put in between two of them.
+        Number of further gains between two of the given ones.
 
     Returns
     -------
@@ -558,7 +557,7 @@ def filter_response(numerator: ArrayLike, denominator: ArrayLike, signal: ArrayL
     Array
         The answer, of the signal's shape.
     """
-    # Here: scipy.signal brings scipy.stats, and whoever reads a scenario would load both, which takes a second.
+    # Imported here: scipy.signal loads scipy.stats. Both take a second, and reading a scenario needs neither.
     from scipy.signal import lfilter
 
     return np.asarray(lfilter(numerator, denominator, signal, axis=axis))
@@ -572,7 +571,7 @@ def check_model(
     Parameters
     ----------
     where
-        Who asks; begins messages.
+        Name of the caller, with which messages begin.
     model
         A, B, C and D; None for C or D that do not matter.
     inputs, outputs

@@ -311,7 +311,7 @@ def simulate_many(
     threads
         Number of threads.
     keep
-        Makes of each run what is returned.
+        Function that turns each run into its entry of the result.
     progress
         Called after each run, with a message and the finished fraction.
 

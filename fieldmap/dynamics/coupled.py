@@ -30,7 +30,7 @@ from fieldmap.records import Record
 from fieldmap.typing import Array
 
 Lengths = Annotated[list[Positive], Field(min_length=3, max_length=3)]
-"""Rule of three numbers above zero: of x, y and depth."""
+"""Rule for a key with three positive numbers, for x, y and depth."""
 _HEIGHT = 2  # index of the reference's height among the signals of a block
 _ROUNDS = 20
 
@@ -91,8 +91,8 @@ def lqg_block(
 ) -> ControllerBlock:
     """A regulator on estimated states and forces, designed for one linear machine and the delay of its outputs.
 
-    Memory: states without the turn about z, positions in the map's frame; unknown force (3), N; the last outputs. The
-    regulator holds the sensed point at its reference without offset under any constant force.
+    Memory: states except angle and angular velocity about z, positions in the map's frame; unknown force (3), N; the
+    last outputs. The regulator holds the sensed point at its reference without offset under any constant force.
 
     Parameters
     ----------
@@ -124,7 +124,7 @@ def lqg_block(
 
 
 class _Model:
-    """X+ = F X + S u + f, y = H X + h with X = states, unknown force (3), last outputs (m), none as a deviation."""
+    """X+ = F X + S u + f, y = H X + h with X = states, unknown force (3), last outputs (m); none is a deviation."""
 
     def __init__(self, linear: LinearMachine, period: float, delay: float) -> None:
         sampled = sampled_machine(linear, period, delay)
@@ -302,7 +302,7 @@ class ForceController(Record):
         return self.block.arrays
 
     def inverse(self, state: Array) -> InverseMap:
-        """The inverse map for a run, without its machine.
+        """The inverse map for a run. The run adds the machine.
 
         Parameters
         ----------
@@ -416,9 +416,10 @@ def trajectory(
 ) -> Trajectory:
     """Forces and outputs along the references of a schedule.
 
-    The force is mass times acceleration, plus the forces against the weight, and against drag and eddy currents
-    at the reference's velocity. The inverse map at the reference's position gives the outputs for it. Each row
-    is for the middle of the time in which its outputs act. The body keeps the orientation of the operating point.
+    The force is mass times acceleration, plus the force that carries the weight, plus the forces that overcome drag
+    and eddy currents at the reference's velocity. The inverse map at the reference's position gives the outputs for it.
+    Each row is for the middle of the time in which its outputs act. The body keeps the orientation of the operating
+    point.
 
     Parameters
     ----------
@@ -521,7 +522,7 @@ def outputs_for(
 def feedforward(controller: Controller, schedule: Schedule, path: Trajectory) -> Array:
     """Feed-forward with which a controller gives what the trajectory needs while the body is on the path.
 
-    It is outputs, of a `ForceController` forces, minus those of the controller alone.
+    It is the outputs of the trajectory (for a `ForceController`, its forces) minus the outputs of the controller alone.
 
     Parameters
     ----------
