@@ -308,7 +308,8 @@ def choice_of(tables: Iterable[Any], key: str) -> Any:
 
 
 def choice_with(tables: Mapping[str, Any], choose: Callable[[dict[str, Any]], Any], key: str = "kind") -> Any:
-    """Annotation for one of several tables by tag. `choose` gives a raw table's tag, which `key` mainly decides."""
+    """Annotation for one of several tables by tag. `choose` returns the tag of a raw table; `key`: the key that mainly
+    decides it."""
     tagged = [Annotated[table, Tag(tag)] for tag, table in tables.items()]
     choice = Choice(lambda table: choose(table) if isinstance(table, dict) else None, key=key)
     return Annotated[_UNION[tuple(tagged)], choice]
@@ -333,7 +334,7 @@ def record_of(table: Table, folder: Path = Path(), **others: Any) -> Any:
 def fields_of(
     table: Table, folder: Path = Path(), kind: type[Table] | None = None, /, **others: Any
 ) -> dict[str, Any]:
-    """The arguments for the record of a table, or for that of `kind`, a table in its `beside`."""
+    """The arguments for the record of a table, or for the record of `kind`, which is one of its `beside`."""
     kind = kind or type(table)
     values = {}
     for key, one in kind.declared.items():

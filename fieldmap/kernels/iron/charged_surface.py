@@ -1,10 +1,12 @@
 """Field and gradient of many charged triangles at many points: closed form near by, three point charges far off.
 
-Weighted sums of them over the points follow each charge (the transpose), and the corners of each triangle.
+Two more kernels give the derivatives of weighted sums of these fields over the points: by the charge of each triangle
+(the transpose), and by its corners.
 
-Triangles are taken a block at a time: what each of them gives per density is written into rows, of which one is filled
-by one loop over contiguous arrays without branches (a division that may raise is one). The compiler turns such loops
-into vector code; of a loop that fills two rows it cannot tell that they do not overlap.
+Triangles are processed in blocks. A row holds one component per unit density, with an entry for each triangle of the
+block. Each loop fills one row. It runs over contiguous arrays and has no branches (a division that may raise is a
+branch), so that the compiler turns it into vector code. If a loop filled two rows, the compiler could not tell that
+they do not overlap.
 """
 
 import math
@@ -19,9 +21,10 @@ from fieldmap.kernels.iron.mutual_potential import inverse_distance
 _INVERSE_4PI = 1.0 / (4.0 * math.pi)
 # Triangles of a block: its rows stay in the processor's first two caches.
 _BLOCK = 512
-# Of the differences of the closed form, as a share of the triangle's size: rounding and the step squared are 1e-9.
+# Step of the differences of the closed form, as a share of the triangle's size: rounding and the squared step make an
+# error of 1e-9.
 _STEP = 1e-5
-# Without counts of references, which threads would fight for.
+# No reference counts: threads would contend for them.
 _PLAIN: dict[str, Any] = {"_nrt": False}
 _FAST: dict[str, Any] = {**_PLAIN, "fastmath": True}
 
@@ -66,7 +69,7 @@ def _add_other_slope(x, y, px, py, slope, out):
 
 @inlined(**_FAST)
 def _squares_beyond(x, y, z, cx, cy, cz, limit, out):
-    """What the squared distances of the centres exceed their limits by."""
+    """Squared distances of the centres minus their limits."""
     for j in range(out.size):
         dx, dy, dz = x - cx[j], y - cy[j], z - cz[j]
         out[j] = dx * dx + dy * dy + dz * dz - limit[j]
@@ -81,7 +84,7 @@ def _zero(out):
 @inlined(**_PLAIN)
 def _fill_rows(x, y, z, far, first, last, gradient, work, rows):
     """rows: ex, ey, ez, gxx, gxy, gxz, gyy, gyz, each (b,), of the triangles `first` to `last` as point charges;
-    without the gradient three of them. far (14, m); work: scratch (b,)."""
+    without the gradient only the first three are filled. far (14, m); work: three scratch arrays (b,)."""
     size = last - first
     inverse, strength, slope = work[0][:size], work[1][:size], work[2][:size]
     third = far[9][first:last]
@@ -166,8 +169,8 @@ def _rows():
 
 @inlined(**_PLAIN)
 def _add_sums(x, y, z, corners, normals, far, density, gradient, work, rows, sums):
-    """Add to sums (c, 8) what `_fill_rows` gives for all triangles, times the densities (c, m). work, rows:
-    scratch."""
+    """Add to sums (c, 8) the components of `_fill_rows` of all triangles times the densities (c, m), near by in closed
+    form. work, rows: scratch."""
     m = normals.shape[0]
     for first in range(0, m, _BLOCK):
         last = min(first + _BLOCK, m)
@@ -234,9 +237,8 @@ def _far(x, y, z, far, j, out):
 
 @njit(nogil=True)
 def surface_weights(begin, end, points, corners, normals, far, weights, out):
-    """Add to out (k, m) the share of a unit density on every triangle in k sums over points (n, 3): sum of weights
-    (k, n, 8) times Bx, By, Bz, dBx/dx, dBx/dy, dBx/dz, dBy/dy, dBy/dz. The other arguments as for
-    `surface_field`."""
+    """Add to out (k, m) k sums over points (n, 3) for a unit density on each triangle alone: sums of weights (k, n, 8)
+    times Bx, By, Bz, dBx/dx, dBx/dy, dBx/dz, dBy/dy, dBy/dz. The other arguments are as for `surface_field`."""
     count, rows = points.shape[0], weights.shape[0]
     one = np.empty(8)
     for j in range(begin, end):
@@ -274,13 +276,14 @@ def _closed_form(x, y, z, p, out):
 
 @njit
 def _add_far(x, y, z, w, far, j, shapes, strength, out):
-    """Add to out (3, 3) what three charges, a third of `strength` each, make of weights w (8,) at a point, by the
-    corners; shapes (3, 3) of these at the charges."""
+    """Add to out (3, 3) the derivatives by the corners of the sum of weights w (8,) times the field and gradient, at a
+    point, of three charges, a third of `strength` each. shapes (3, 3): shares of the corners in the charges' places."""
     for q in range(3):
         dx, dy, dz = x - far[3 * q, j], y - far[3 * q + 1, j], z - far[3 * q + 2, j]
         square = 1.0 / (dx * dx + dy * dy + dz * dz)
         cube = square * math.sqrt(square) * strength / 3.0
-        # Half of the gradient of d . M d, with M symmetric; the field's gradient is free of trace, M need not be.
+        # M d, half of the gradient of d . M d. M: the weights w[3:] as a symmetric matrix. It may have a trace,
+        # although the gradient of the field has none.
         mx = w[3] * dx + 0.5 * (w[4] * dy + w[5] * dz)
         my = 0.5 * w[4] * dx + w[6] * dy + 0.5 * w[7] * dz
         mz = 0.5 * (w[5] * dx + w[7] * dy)
@@ -301,8 +304,8 @@ def surface_gradient(begin, end, points, corners, far, shapes, charge, moving, w
     """Add to out (m, k, 3, 3) the derivatives by the corners (m, 3, 3) of the triangles that are moving (m,), of k sums
     over points (n, 3) with weights (k, n, 8), as in `surface_weights`, for charges (m,).
 
-    far (14, m): as there; shapes (3, 3): of the corners at its three points. Where the closed form is used, its central
-    differences.
+    far (14, m): as for `surface_field`; shapes (3, 3): shares of the corners in its three points. Where the closed form
+    is used, its derivatives are central differences.
     """
     count, rows = points.shape[0], weights.shape[0]
     ahead, behind, moved = np.empty(8), np.empty(8), np.empty((3, 3))
