@@ -67,6 +67,16 @@ def test_every_equation_that_is_cited_is_there():
     assert missing == []
 
 
+@pytest.mark.parametrize("name", sorted(THEORY))
+def test_every_equation_that_a_page_cites_of_its_own_is_there(name):
+    """Numbers before "of [another page]" belong to that page."""
+    text = re.sub(
+        r"^```(?!math).*?^```$|`[^`\n]*`", "", THEORY[name].read_text(), flags=re.DOTALL | re.MULTILINE
+    )
+    own = re.findall(r"(?<![\w.)])\((\d{1,2})\)(?! (?:of|in) \[)", text)
+    assert {int(number) for number in own} <= set(numbered(THEORY[name]))
+
+
 def test_ranges_are_read():
     assert cited("(3), (5)..(7)") == [3, 5, 6, 7]
 
