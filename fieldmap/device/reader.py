@@ -13,14 +13,16 @@ from pydantic_core import PydanticCustomError
 
 from fieldmap.device.changes import with_changes
 from fieldmap.device.cross_checks import cross_findings
+from fieldmap.device.data_sheet import data_sheet
 from fieldmap.device.materials import Curves, Material, SaturatingMaterial, material_of, named_file
-from fieldmap.device.materials.bh_table import STRAIGHT_LINE, BHTableFromFileKeys, require_room_to_saturate
+from fieldmap.device.materials.bh_table import BHTableFromFileKeys, require_room_to_saturate
 from fieldmap.device.measured import DEFAULT
 from fieldmap.device.model import Device, hashes_of_files
-from fieldmap.device.schema import DEVICE, MATERIAL, DeviceFile, MaterialFile
+from fieldmap.device.schema import DEVICE, MATERIAL, DeviceFile
 from fieldmap.device.shapes import ShapeOfFile
 from fieldmap.device.toml_text import toml_text
-from fieldmap.errors import DeviceFileError, Problem
+from fieldmap.errors import DeviceFileError, InputError, Problem
+from fieldmap.inputs.columns import text_of
 from fieldmap.inputs.declared import fields_of, record_of
 from fieldmap.inputs.document import Document, parsed, schema_findings
 from fieldmap.inputs.explain import REQUIRED
@@ -50,17 +52,23 @@ def material_files(device: Document) -> tuple[Curves, dict[str, str], list[Probl
             problems += device.problems([wrong])
             continue
         try:
-            document = MATERIAL.load(path)
+            contents, texts[file] = _material_file(path)
         except DeviceFileError as error:
             problems += error.problems
-            continue
-        findings = schema_findings(MaterialFile, document.data)
-        problems += document.problems(findings)
-        texts[file] = document.text
-        if not findings:
-            contents = MaterialFile.model_validate(document.data)
+        else:
             curves[file] = contents.H_A_per_m, contents.B_T
     return curves, texts, problems
+
+
+def _material_file(path: Path) -> tuple[Any, str]:
+    """The keys of a material file, or of a data sheet (text of columns), and the text. Raises DeviceFileError."""
+    if path.suffix.lower() == ".toml":
+        document = MATERIAL.load(path)
+        return MATERIAL.contents(document), document.text
+    try:
+        return data_sheet(path), text_of(path)
+    except InputError as error:
+        raise DeviceFileError(*error.problems) from None
 
 
 def _curves_that_do_not_fit(materials: Mapping[str, Table], curves: Curves) -> list[Finding]:
@@ -142,17 +150,19 @@ def read_device(path_or_name: PathLike | Device, changes: Mapping[str, Any] | No
 
 
 def material(
-    path_or_name: str | Path,
+    path_or_name: PathLike,
     above: str = "slope mu0",
     saturation: float | None = None,
     name: str | None = None,
 ) -> SaturatingMaterial:
-    """A measured B-H curve from a material file.
+    """A measured B-H curve from a material file, or from the table of a data sheet.
 
     Parameters
     ----------
     path_or_name
-        Path of the file, or the name of a shipped one ("steel_a3").
+        Path of the material file (.toml), or the name of a shipped one ("steel_a3"). Any other file, such as
+        "steel.csv", is a table of H and B: a line of names such as `H (kA/m);B (T)`, or none for H in A/m and
+        B in T.
     above
         Law past its last point: "slope mu0", or "towards saturation". Below the first point it is a straight
         line to the origin.
@@ -176,12 +186,13 @@ def material(
     >>> material("steel_a3").name
     'steel_a3'
     """
-    contents = MATERIAL.contents(MATERIAL.load(MATERIAL.find(path_or_name)))
+    path = MATERIAL.find(path_or_name)
+    contents, _ = _material_file(path)
     if name is not None and not isinstance(name, str):
         must_hold, remedy = "must be a text", 'write for instance name="steel"'
         raise DeviceFileError.of("material(name)", must_hold, type(name).__name__, remedy)
     made: SaturatingMaterial = record_of(
-        contents, name=name or contents.name, below=STRAIGHT_LINE, above=above, saturation=saturation
+        contents, name=name or getattr(contents, "name", path.stem), above=above, saturation=saturation
     )
     return made
 

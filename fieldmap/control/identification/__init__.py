@@ -18,10 +18,11 @@ from fieldmap.control.identification.estimators import (
 )
 from fieldmap.control.identification.excitation import pseudo_random_binary
 from fieldmap.control.identification.identify_log import METHODS, ROLES, IdentifiedLog, identify_log
-from fieldmap.control.identification.log import Column, Log, make_log, read_log, write_log
+from fieldmap.control.identification.log import Log, make_log, read_log, write_log
 from fieldmap.control.identification.regression import Estimate, EstimatedRuns, Orders
 from fieldmap.control.linear_models import RootLocus, root_locus
 from fieldmap.control.step_responses import StepFit, fit_first_order, fit_second_order, noisy_step_metrics
+from fieldmap.inputs.columns import Column
 
 __all__ = [
     "METHODS",

@@ -15,8 +15,9 @@ from fieldmap.control.identification.estimators import (
     identify_two_stage,
     least_squares,
 )
-from fieldmap.control.identification.log import Column, Log, check_rest
+from fieldmap.control.identification.log import Log, check_rest
 from fieldmap.control.identification.regression import Estimate, Orders
+from fieldmap.inputs.columns import Column
 from fieldmap.plain import Plain, plain_items
 from fieldmap.records import Record
 from fieldmap.typing import Array

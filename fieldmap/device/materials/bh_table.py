@@ -1,16 +1,25 @@
 """Measured B-H curves: a table in the device file, or in a material file that it names."""
 
 import contextlib
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal, TypeAlias
 
 import numpy as np
+from numpy.typing import ArrayLike
 from pydantic import Field, ValidationInfo
 
 from fieldmap.constants import MU0
-from fieldmap.device.materials.base import SAMPLES, CoerciveField, LawPoints, Polarisation, SaturatingMaterial
+from fieldmap.device.materials.base import (
+    LARGEST_POLARISATION_T,
+    SAMPLES,
+    CoerciveField,
+    LawPoints,
+    Polarisation,
+    SaturatingMaterial,
+)
 from fieldmap.inputs.declared import Key, table_of
-from fieldmap.inputs.tables import Positive, Text, broken
+from fieldmap.inputs.tables import NotNegative, Text, broken, read_only
 from fieldmap.typing import Array
 
 # Rounding of printed tables may put a saturated slope a little below mu0; a slope below this is unphysical.
@@ -22,7 +31,7 @@ STRAIGHT_LINE = "straight line to the origin"
 TOWARDS_SATURATION = "towards saturation"
 
 
-Curve = Annotated[list[Positive], Field(min_length=2)]
+Curve = Annotated[list[NotNegative], Field(min_length=2)]
 
 
 def _require_increasing(values: list[float], info: ValidationInfo) -> None:
@@ -47,16 +56,9 @@ def _require_physical(b: list[float], info: ValidationInfo) -> None:
             f"{len(h)} and {len(b)} values",
             "give one B for each H",
         )
-    slopes = np.diff(b, prepend=0.0) / np.diff(h, prepend=0.0)
-    flat = np.flatnonzero(slopes < SMALLEST_SLOPE)
-    if flat.size:
-        k = int(flat[0])
-        before = "the origin" if k == 0 else f"point {k}"
-        raise broken(
-            "the slope dB/dH must nowhere be below that of free space, mu0 = 1.2566e-6 T m/A",
-            f"slope {slopes[k]:.4g} T m/A from {before} to point {k + 1}",
-            "check the unit of H (A/m, not kA/m or Oe) and that B is the flux density, not mu0 M",
-        )
+    fault = curve_fault(h, b)
+    if fault is not None:
+        raise broken(*fault)
 
 
 def _require_what_goes_with_above(value: float | None, info: ValidationInfo) -> None:
@@ -95,11 +97,106 @@ def require_room_to_saturate(h: list[float], b: list[float], saturation: float) 
         )
 
 
+# ---- curves that no iron follows ----
+
+Fault: TypeAlias = tuple[str, str, str]
+"""What must hold of a curve, what was received, and the remedy."""
+
+_Points: TypeAlias = tuple[Array, Array]
+
+
+def _with_free_space(field: Array, flux: Array) -> _Points:
+    """The polarisation with mu0 H, where it may be one: its slope falls to 0, and that of B to mu0."""
+    flat = (np.diff(flux) / np.diff(field)).min() < 0.5 * MU0
+    return field, flux + MU0 * field * flat
+
+
+# What people write in the place of H in A/m and B in T, and how these follow from it. The first that makes a curve of
+# iron is named.
+_MISTAKES: tuple[tuple[str, str, Callable[[Array, Array], _Points]], ...] = (
+    ("H and B look exchanged", "exchange them", lambda h, b: (b, h)),
+    ("B looks as if it were in mT", "divide B by 1000", lambda h, b: (h, 1e-3 * b)),
+    (
+        "B looks as if it were in gauss",
+        "divide B by 10 000, and multiply H by 79.577 if it is in oersted",
+        lambda h, b: (h, 1e-4 * b),
+    ),
+    ("H looks as if it were in kA/m", "multiply H by 1000", lambda h, b: (1e3 * h, b)),
+    ("B looks as if it were the polarisation J = B - mu0 H", "add mu0 H", _with_free_space),
+)
+# Between a soft ferrite and iron-cobalt: what a curve must reach for a mistake to be a likely one.
+_LIKELY_POLARISATION_T = (0.2, 2.5)
+
+
+def _largest_mu_r(polarisation: Array) -> Array:
+    """B / (mu0 H) that no known material exceeds: nickel-iron and amorphous ribbon have the largest, below 1 T; above
+    that come single crystals of iron and oriented silicon iron, and at 2 T iron-cobalt (9e4)."""
+    return np.select([polarisation >= 1.6, polarisation >= 1.2], [2e5, 5e5], 2e6)
+
+
+def curve_fault(h: ArrayLike, b: ArrayLike, smallest_slope: float = SMALLEST_SLOPE) -> Fault | None:
+    """What is wrong with a curve of strictly increasing H, A/m, and B, T, the origin included or not; None for one that
+    iron can follow."""
+    field, flux = np.asarray(h, dtype=float), np.asarray(b, dtype=float)
+    if (field[0] == 0) != (flux[0] == 0):
+        remedy = "remove the point; a remanence cannot be in a single-valued curve"
+        received = f"H = {field[0]:g} A/m, B = {flux[0]:g} T at point 1"
+        return "a curve that begins at H = 0 or B = 0 must begin at the origin", received, remedy
+    from_origin = int(field[0] == 0)
+    field, flux = field[from_origin:], flux[from_origin:]
+    if len(field) < 2:
+        return "a curve must have two points besides the origin", f"{len(field)}", "add points"
+    fault = _unphysical(field, flux, smallest_slope, from_origin)
+    if fault is None:
+        return None
+    must_hold, received, remedy = fault
+    for words, mended, mend in _MISTAKES:
+        if _likely(*mend(field, flux)):
+            return must_hold, received, f"{words}: {mended}; otherwise {remedy}"
+    return fault
+
+
+def _likely(field: Array, flux: Array) -> bool:
+    low, high = _LIKELY_POLARISATION_T
+    reached = flux[-1] - MU0 * field[-1]
+    return low <= reached <= high and _unphysical(field, flux, SMALLEST_SLOPE, 0) is None
+
+
+def _unphysical(field: Array, flux: Array, smallest_slope: float, before: int) -> Fault | None:
+    """The first point that iron cannot have. before: how many points the user's list has before these."""
+
+    def at(k: int) -> str:
+        return f"at point {k + 1 + before} (H = {field[k]:g} A/m, B = {flux[k]:g} T)"
+
+    polarisation = flux - MU0 * field
+    if (polarisation > LARGEST_POLARISATION_T).any():
+        k = int(np.argmax(polarisation > LARGEST_POLARISATION_T))
+        must_hold = f"the polarisation B - mu0 H must be at most {LARGEST_POLARISATION_T:g} T"
+        return must_hold, f"{polarisation[k]:.4g} T {at(k)}", "correct the point; H is in A/m and B in T"
+    mu_r = flux / (MU0 * field)
+    if (mu_r > _largest_mu_r(polarisation)).any():
+        k = int(np.argmax(mu_r > _largest_mu_r(polarisation)))
+        must_hold = f"B / (mu0 H) must be one that a material has: at most {_largest_mu_r(polarisation)[k]:g}"
+        return must_hold, f"{mu_r[k]:.3g} {at(k)}", "correct the point; H is in A/m and B in T"
+    slopes = np.diff(flux, prepend=0.0) / np.diff(field, prepend=0.0)
+    flat = slopes < smallest_slope
+    if not flat.any():
+        return None
+    k = int(np.argmax(flat))
+    start = "the origin" if k == 0 else f"point {k + before}"
+    received = f"{slopes[k]:.4g} T m/A from {start} {at(k).replace('at', 'to', 1)}"
+    remedy = f"correct point {k + 1 + before}"
+    if k >= 2 and flat[k:].all():
+        remedy = f'end the table at point {k + before}; above = "slope mu0" continues it'
+    return "the slope dB/dH must be at least that of free space, mu0 = 1.2566e-6 T m/A", received, remedy
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class BHTable(SaturatingMaterial):
     """B-H table.
 
-    Single-valued curve: strictly increasing H (n,) in A/m and B (n,) in T, origin not included.
+    Single-valued curve: strictly increasing H (n,) in A/m and B (n,) in T. A first point (0, 0) is left out: the curve
+    passes through the origin anyway.
 
     initial_mu_r: if left out, mu_r at the first point. below: law from the origin to the first point ("straight line to
     the origin" is the only one so far); above: law past the last point: "slope mu0" (saturated), or "towards
@@ -114,7 +211,7 @@ class BHTable(SaturatingMaterial):
         Array,
         Key(
             Curve,
-            "field strengths, strictly increasing, without the origin",
+            "field strengths, strictly increasing",
             "A_per_m",
             name="H",
             check=_require_increasing,
@@ -135,14 +232,14 @@ class BHTable(SaturatingMaterial):
         Key(
             Literal["straight line to the origin"], 'law below the first point: "straight line to the origin"'
         ),
-    ]
+    ] = STRAIGHT_LINE
     above: Annotated[
         str,
         Key(
             Literal["slope mu0", "towards saturation"],
             'law past the last point: "slope mu0" (saturated) or "towards saturation"',
         ),
-    ]
+    ] = "slope mu0"
     initial_mu_r: float = 0.0
     saturation: Annotated[
         float | None,
@@ -158,9 +255,14 @@ class BHTable(SaturatingMaterial):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        with contextlib.suppress(TypeError, ValueError, LookupError):
+            if self.h[0] == 0 == self.b[0]:
+                object.__setattr__(self, "h", read_only(self.h[1:]))
+                object.__setattr__(self, "b", read_only(self.b[1:]))
         if self.initial_mu_r == 0.0:
             with contextlib.suppress(TypeError, ValueError, LookupError, ArithmeticError):
-                object.__setattr__(self, "initial_mu_r", float(self.b[0] / (MU0 * self.h[0])))
+                slope = float(self.b[0]) / (MU0 * float(self.h[0]))
+                object.__setattr__(self, "initial_mu_r", slope)
 
     @property
     def initial_slope(self) -> str:  # type: ignore[override]
@@ -183,15 +285,12 @@ class BHTable(SaturatingMaterial):
         h, b = (np.asarray(values, dtype=float) for values in (self.h, self.b))
         if h.ndim != 1 or h.shape != b.shape or len(h) < 2 or not np.isfinite([h, b]).all():
             return "H and B must be as many finite numbers, two at least", f"shapes {h.shape} and {b.shape}"
-        steps = np.diff(h, prepend=0.0)
-        if (steps <= 0).any():
-            received = f"{h[np.argmax(steps <= 0)]:g} A/m out of order"
-            return "H must be strictly increasing from above 0", received
-        slope = np.diff(b, prepend=0.0) / steps
-        if (slope < _SMALLEST_SLOPE_OF_A_LAW).any():
-            k = int(np.argmax(slope < _SMALLEST_SLOPE_OF_A_LAW))
-            text = "the slope dB/dH must nowhere be below that of free space, mu0 = 1.2566e-6 T m/A"
-            return text, f"{slope[k]:.4g} T m/A up to point {k + 1}"
+        falls = np.flatnonzero(np.diff(h, prepend=-1e-300) <= 0)
+        if falls.size:
+            return "H must be strictly increasing from 0 on", f"{h[falls[0]]:g} A/m out of order"
+        wrong = curve_fault(h, b, _SMALLEST_SLOPE_OF_A_LAW)
+        if wrong is not None:
+            return wrong[:2]
         if self.saturation is not None:
             polarisation = b[-2:] - MU0 * h[-2:]
             if not polarisation[0] < polarisation[1] < self.saturation:

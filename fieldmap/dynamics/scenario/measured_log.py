@@ -10,12 +10,12 @@ import numpy as np
 
 from fieldmap.arguments import check
 from fieldmap.control.identification import Log, read_log
-from fieldmap.control.identification.log import QUANTITIES
 from fieldmap.dynamics.loop_run import LevitationRun
 from fieldmap.dynamics.scenario.experiment import Experiment
 from fieldmap.dynamics.scenario.metrics import reading_mm
 from fieldmap.dynamics.scenario.references import AXES as AXES
 from fieldmap.errors import InputError, Problem
+from fieldmap.inputs.columns import quantity_problems
 from fieldmap.plain import Plain, plain_items
 from fieldmap.records import Record
 from fieldmap.typing import Array
@@ -102,15 +102,9 @@ def read_measured_log(
         lower = coil.lower()
         known[coil] = tuple(f"{word}{lower}" for word in ("currents ", "current ", "i_", "coil ", ""))
     found = read_log(path, known, names=names, units=units, options=options, whole_names=True)
-    problems = []
-    for role, unit in found.units.items():
-        wanted = "m" if role in ROLES else "A"
-        if unit != wanted:
-            column = found.columns[role]
-            must = f"must be a unit of {QUANTITIES[wanted]}"
-            remedy = f"name another column for {role}, or its unit"
-            where = f"{Path(path).name}: column {column.name}"
-            problems.append(Problem(where, must, str(column.unit), remedy))
+    wanted = {role: "m" if role in ROLES else "A" for role in found.signals}
+    columns = {role: found.columns[role] for role in found.signals}
+    problems = quantity_problems(Path(path), columns, wanted)
     if not found.signals:
         must = f"must hold one of {', '.join(known)}"
         problems.append(Problem(str(path), must, "none of these columns", "say which: ROLE=NAME"))

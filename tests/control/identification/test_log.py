@@ -77,9 +77,9 @@ def test_spreadsheet_marks_and_spaces(tmp_path):
         (GOOD.replace("\n4,", "\n2,"), "evenly sampled"),
         (GOOD.replace("\n2,", "\n-2,"), "evenly sampled"),
         ("time (s),x (m)\n3,1\n3,2\n3,4\n", "evenly sampled"),
-        ("time (s),x (m)\n0,1\n", "two samples"),
+        ("time (s),x (m)\n0,1\n", "2 rows"),
         ("time (s)\n0\n1\n", "columns between"),
-        ("", "two samples"),
+        ("", "2 rows"),
     ],
 )
 def test_broken_logs(tmp_path, text, says):

@@ -1,0 +1,55 @@
+"""B-H curves of data sheets: text files with a column of H and one of B, which a device names like a material file."""
+
+from pathlib import Path
+from typing import Any
+
+from fieldmap.arguments import check, raise_all
+from fieldmap.device.materials.bh_table import CurveKeys
+from fieldmap.errors import Problem
+from fieldmap.inputs.columns import (
+    UNITS,
+    Column,
+    columns_of_roles,
+    quantity_problems,
+    read_columns,
+    unit_problems,
+)
+from fieldmap.inputs.document import schema_findings
+
+_ROLES = {
+    "H": ("h", "field strength", "magnetic field strength", "field", "h-field"),
+    "B": ("b", "flux density", "magnetic flux density", "induction", "b-field"),
+}
+_UNITS = {"H": "A/m", "B": "T"}
+
+
+def data_sheet(path: Path) -> Any:
+    """The keys of the curve in a data sheet.
+
+    Columns are recognised by their names, and their units by what follows the names; H is in A/m and B in T where the
+    file does not say. Of a file without names the first of two columns is H. Raises InputError with every mistake.
+    """
+    table = read_columns(path, least=2)
+    if table.named:
+        found, problems = columns_of_roles(table, _ROLES, tuple(_ROLES), {}, {"names": "a heading"})
+    else:
+        count = len(table.columns)
+        must, remedy = (
+            "must have two columns, H and B, where no line names them",
+            "add a line such as `H (A/m),B (T)`",
+        )
+        check(count == 2, f"{path}:{table.rows[0][0]}", must, f"{count} columns", remedy)
+        found, problems = dict(zip(_ROLES, table.columns, strict=True)), []
+    found = {role: Column(one.number, one.name, one.unit or _UNITS[role]) for role, one in found.items()}
+    values, wrong = table.numbers(found)
+    problems += unit_problems(table, found, {}, "a heading") + quantity_problems(path, found, _UNITS) + wrong
+    raise_all(problems)
+    data = {
+        key: (UNITS[str(found[role].unit)][1] * values[role]).tolist()
+        for role, key in (("H", "H_A_per_m"), ("B", "B_T"))
+    }
+    raise_all(
+        Problem(f"{path}: {found[str(one.location[0])[0]].name}", one.must_hold, one.received, one.remedy)
+        for one in schema_findings(CurveKeys, data)
+    )
+    return CurveKeys.model_validate(data)
