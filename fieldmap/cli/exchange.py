@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Iterator
 from functools import partial
+from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -12,13 +13,13 @@ import typer
 
 from fieldmap.arguments import check, raise_all
 from fieldmap.cli import options, page
-from fieldmap.cli.arguments import output_problems, parse_currents, parse_moment
+from fieldmap.cli.arguments import output_problems, parse_currents, parse_moment, parse_pairs
 from fieldmap.cli.options import option
-from fieldmap.errors import InputError
+from fieldmap.errors import InputError, Problem
 from fieldmap.progress import Progress
 
 if TYPE_CHECKING:
-    from fieldmap.interop import MeasuredMap
+    from fieldmap.interop import MeasuredMap, Measurements
     from fieldmap.io import IronOptions
     from fieldmap.lookup import FieldMap, MapAtCurrents
 
@@ -193,9 +194,11 @@ def _unit(
 
 
 def import_map(
-    source: Annotated[Path, typer.Argument(metavar="CSV")],
+    source: Annotated[Path, typer.Argument(metavar="READINGS")],
     target: Annotated[Path, options.output("Map file to write (.h5).")],
     spacing: Annotated[float, option("--spacing-mm", "MM")] = 5.0,
+    currents: Annotated[list[str] | None, option("--current", "NAME=A")] = None,
+    units: options.Units = None,
     degree: Annotated[int | None, option("--degree", "N", min=2)] = None,
     json: options.Json = False,
 ) -> None:
@@ -206,22 +209,45 @@ def import_map(
     Parameters
     ----------
     source
-        Table with columns x_mm, y_mm, z_mm, I_NAME_A ..., Bx_mT, By_mT, Bz_mT.
+        Text with columns x_mm, y_mm, z_mm, I_NAME_A ..., Bx_mT, By_mT, Bz_mT, table of Opera, text of COMSOL, or
+        FieldMesh of openPMD.
     spacing
         Largest distance between nodes of the map.
+    currents
+        Constant current of a coil that has no column.
     degree
         Degree of the polynomials: lower is smoother. Default: the one that predicts held-out readings best.
     """
     from fieldmap.interop import fit_map, read_measurements
     from fieldmap.store import write_map
 
-    raise_all(output_problems("--output", target, (".h5", ".hdf5")))
-    measured = fit_map(read_measurements(source), 1e-3 * spacing, degree=degree)
+    fixed, problems = parse_pairs(currents, "--current", "NAME=A", "coil=1.5")
+    unit_of, more = parse_pairs(units, "--unit", "NAME=UNIT", "x=mm")
+    problems += more + output_problems("--output", target, (".h5", ".hdf5"))
+    problems += [
+        Problem("--current", "must be a number of A", f"{name}={value}", "write for example coil=1.5")
+        for name, value in fixed.items()
+        if not _is_number(value)
+    ]
+    raise_all(problems)
+    amperes = {name: float(value) for name, value in fixed.items()}
+    readings = read_measurements(source, amperes, unit_of)
+    measured = fit_map(readings, 1e-3 * spacing, degree=degree)
     write_map(target, measured.data)
-    page.print_result(measured, partial(_import_page, source, target), json, map=target)
+    shown = partial(_import_page, source, target, readings)
+    page.print_result(measured, shown, json, map=target, unread=list(readings.unread))
 
 
-def _import_page(source: Path, target: Path, measured: MeasuredMap) -> Iterator[page.Section]:
+def _is_number(text: str) -> bool:
+    try:
+        return isfinite(float(text))
+    except ValueError:
+        return False
+
+
+def _import_page(
+    source: Path, target: Path, readings: Measurements, measured: MeasuredMap
+) -> Iterator[page.Section]:
     report, data, error = measured.report, measured.data, measured.report.standard_error
     held_out = f"{1e6 * report.held_out:.3g} uT rms, {1e6 * report.held_out_worst:.3g} uT at worst"
     at_nodes = f"{1e6 * error.flux_density:.3g} uT, {1e3 * error.gradient:.3g} mT/m at the nodes"
@@ -235,6 +261,7 @@ def _import_page(source: Path, target: Path, measured: MeasuredMap) -> Iterator[
             ("residual", f"{1e6 * report.residual:.3g} uT rms per component"),
             ("held out", f"{held_out}, of readings predicted without them"),
             ("standard error", f"{at_nodes}, from scatter alone"),
+            *((("not read", ", ".join(readings.unread)),) if readings.unread else ()),
             ("assumed", "; ".join(assumptions)),
         ]
     )

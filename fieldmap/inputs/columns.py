@@ -223,6 +223,10 @@ def _delimiter_of(source: Path, lines: Sequence[tuple[int, str]], said_by: str) 
             return kind
     if fitting:
         return fitting[0]
+    # Of a few lines that are broken the names decide; the lines are told by their numbers.
+    most = max(kinds, key=lambda kind: counts[kind][0])
+    if counts[most][0] > 2:
+        return most
     must = f"must be columns between {', '.join(DELIMITERS)}, as many in every line"
     remedy = f"say which by {said_by}"
     raise InputError.of(f"{source}:{lines[0][0]}", must, looked[0].strip()[:80], remedy)

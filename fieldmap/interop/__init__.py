@@ -16,8 +16,9 @@ from fieldmap.interop.csv_map import write_csv
 from fieldmap.interop.fmu import write_fmu
 from fieldmap.interop.jax_field import JaxEvaluator, JaxField, jax_field
 from fieldmap.interop.mag_manip import VectorFields, read_mag_manip, sample_for_mag_manip, write_mag_manip
-from fieldmap.interop.measured_map import FitReport, MeasuredMap, Measurements, fit_map, read_measurements
+from fieldmap.interop.measured_map import FitReport, MeasuredMap, fit_map
 from fieldmap.interop.mujoco_magnets import MagnetForces
+from fieldmap.interop.readings import Measurements, read_measurements
 
 __all__ = [
     "FitReport",

@@ -31,7 +31,8 @@ from numpy.typing import NDArray
 from fieldmap.errors import InputError, MapFileError
 from fieldmap.extras import require
 from fieldmap.field import coil_currents
-from fieldmap.interop.measured_map import MeasuredMap, Measurements, fit_map
+from fieldmap.interop.measured_map import MeasuredMap, fit_map
+from fieldmap.interop.readings import Measurements
 from fieldmap.interop.sampling import sample_grid
 from fieldmap.lookup import FieldMap
 from fieldmap.records import Record

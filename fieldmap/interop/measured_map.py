@@ -1,5 +1,4 @@
-"""Measured flux densities: a table of places, currents and readings, and its CSV file; and a map from them, harmonic
-polynomials fitted to the readings, with the error of the fit stated.
+"""A map from measured flux densities: harmonic polynomials fitted to the readings, with the error of the fit stated.
 
 Without currents and iron in the box the field of every coil is the gradient of a harmonic polynomial, to any accuracy
 (docs/theory/lookup.md (8)): the fit may not follow what no field can do, which takes noise out, and its derivative is
@@ -8,155 +7,20 @@ the gradient that was not measured.
 
 from __future__ import annotations
 
-import contextlib
-import csv
-import re
 from collections.abc import Iterator
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fieldmap.arguments import LARGEST_NUMBER
-from fieldmap.errors import InputError, Problem
+from fieldmap.errors import InputError
+from fieldmap.interop.reading_faults import refuse_faults, require_volume
+from fieldmap.interop.readings import Measurements
 from fieldmap.interpolants.harmonic_matrix import field_matrix, gradient_matrix
 from fieldmap.plain import Plain, plain_items
 from fieldmap.records import Record
 from fieldmap.store import FieldError, Grid, MapData, Provenance
-from fieldmap.typing import Array, PathLike
-
-_UNITS = {"m": 1.0, "mm": 1e-3, "A": 1.0, "T": 1.0, "mT": 1e-3, "uT": 1e-6}
-_PLACE = re.compile(r"([xyz])_(mm|m)")
-_FLUX = re.compile(r"B([xyz])_(T|mT|uT)")
-_CURRENT = re.compile(r"I_(.+)_A")
-_GRADIENT = re.compile(r"dB[xyz]_d[xyz]_T_per_m")
-_MOST_PROBLEMS = 20
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class Measurements(Record):
-    """n readings: points (n, 3) in m, currents (n, n_coils) in A in the order of coil_names, flux_density (n, 3) in T.
-
-    Raises InputError where shapes do not fit or numbers are not finite.
-    """
-
-    coil_names: tuple[str, ...]
-    points: Array
-    currents: Array
-    flux_density: Array
-
-    def __post_init__(self) -> None:
-        n = len(np.atleast_1d(self.points))
-        wanted = {"points": (n, 3), "currents": (n, len(self.coil_names)), "flux_density": (n, 3)}
-        problems = []
-        for name, shape in wanted.items():
-            values = np.array(getattr(self, name), dtype=np.float64)
-            if values.shape != shape or not (np.abs(values) <= LARGEST_NUMBER).all():
-                received = (
-                    f"shape {values.shape}" if values.shape != shape else "NaN, infinity, or beyond 1e30"
-                )
-                problems.append(
-                    Problem(f"Measurements, {name}", f"finite, of shape {shape}", received, "correct it")
-                )
-            object.__setattr__(self, name, values)
-        if problems:
-            raise InputError(*problems)
-
-
-def read_measurements(path: PathLike) -> Measurements:
-    """Read a CSV file, one reading a row, with the columns
-
-        x_mm, y_mm, z_mm (or _m), I_NAME_A for every coil, Bx_mT, By_mT, Bz_mT (or _T, _uT)
-
-    in any order; the unit is the last part of the name. Lines that begin with # are remarks. Columns of a gradient
-    (dBx_dy_T_per_m), which `write_csv` adds, are not read: a fit has its own.
-
-    Parameters
-    ----------
-    path
-        Path of the file.
-
-    Returns
-    -------
-    Measurements
-        The readings, in SI units.
-
-    Raises
-    ------
-    InputError
-        With every mistake of the file at once, and its line; numbers beyond 1e30 are mistakes.
-    """
-    source = Path(path)
-    try:
-        with source.open(newline="", encoding="utf-8-sig") as stream:
-            rows = [
-                (k, row)
-                for k, row in enumerate(csv.reader(stream), 1)
-                if any(cell.strip() for cell in row) and not row[0].lstrip().startswith("#")
-            ]
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise InputError.of(str(source), "must be a CSV file", str(error), "check the name") from None
-    must_hold, remedy = "must have a header and readings", "see the manual"
-    if not rows:
-        raise InputError.of(str(source), must_hold, "an empty file", remedy)
-    header = [cell.strip() for cell in rows[0][1]]
-    places, coils, scales = _columns(source, header)
-    if len(rows) < 2:
-        raise InputError.of(str(source), must_hold, "a header alone", remedy)
-    values = _numbers(source, header, rows[1:]) * scales
-    order = [places[name] for name in ("x", "y", "z", "Bx", "By", "Bz")]
-    return Measurements(
-        tuple(coils), values[:, order[:3]], values[:, list(coils.values())], values[:, order[3:]]
-    )
-
-
-def _columns(source: Path, header: list[str]) -> tuple[dict[str, int], dict[str, int], Array]:
-    """Column of every coordinate and component, of every coil, and what each column is multiplied by."""
-    places: dict[str, int] = {}
-    coils: dict[str, int] = {}
-    scales, unknown, double = np.ones(len(header)), [], []
-    for k, name in enumerate(header):
-        flux, place, current = _FLUX.fullmatch(name), _PLACE.fullmatch(name), _CURRENT.fullmatch(name)
-        if _GRADIENT.fullmatch(name):
-            continue
-        key = f"B{flux[1]}" if flux else place[1] if place else current[1] if current else None
-        table = coils if current else places
-        if key is None:
-            unknown.append(name)
-        elif key in table:
-            double.append(name)
-        else:
-            table[key] = k
-            scales[k] = _UNITS[name.rsplit("_", 1)[1]]
-    missing = [name for name in ("x", "y", "z", "Bx", "By", "Bz") if name not in places]
-    missing += [] if coils else ["I_NAME_A"]
-    wanted = "x_mm, y_mm, z_mm, I_NAME_A of every coil, Bx_mT, By_mT, Bz_mT (or m, T, uT), each once"
-    found = [("unknown", unknown), ("twice", double), ("missing", missing)]
-    received = "; ".join(f"{what}: {', '.join(names)}" for what, names in found if names)
-    if received:
-        raise InputError.of(f"{source}:1", f"columns {wanted}", received, "correct the header")
-    return places, coils, scales
-
-
-def _numbers(source: Path, header: list[str], rows: list[tuple[int, list[str]]]) -> Array:
-    problems, values = [], np.full((len(rows), len(header)), np.nan)
-    for row, (line, cells) in enumerate(rows):
-        if len(cells) != len(header):
-            problems.append((line, f"{len(header)} cells", f"{len(cells)}"))
-            continue
-        for k, cell in enumerate(cells):
-            with contextlib.suppress(ValueError):
-                values[row, k] = float(cell)
-            if not abs(values[row, k]) <= LARGEST_NUMBER:
-                problems.append((line, f"a finite number in column {header[k]}", repr(cell)))
-    if problems:
-        shown = [
-            Problem(f"{source}:{k}", f"must have {hold}", got, "correct it") for k, hold, got in problems
-        ]
-        raise InputError(*shown[:_MOST_PROBLEMS])
-    return values
-
+from fieldmap.typing import Array
 
 HIGHEST_DEGREE = 10
 MOST_NODES = 2_000_000
@@ -166,6 +30,8 @@ _NODES_AT_ONCE = 2000
 FOLDS = 5
 # A higher degree must predict readings that were held out better by this share, or it only follows noise.
 WORTH = 0.02
+_TRUSTED = 0.97
+"""Share of the readings by which degrees are compared."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -231,9 +97,12 @@ def fit_map(
     Raises
     ------
     InputError
-        If the readings cannot tell the coils apart or are too few.
+        If the readings cannot tell the coils apart, are too few, or lie in one plane; and for readings that no
+        field fits: one that is far from all others (with its line), columns of components that are exchanged
+        or have the wrong sign, and readings that the others do not predict.
     """
     points = measurements.points
+    require_volume(measurements)
     low = points.min(axis=0) if lower is None else np.asarray(lower, dtype=float)
     high = points.max(axis=0) if upper is None else np.asarray(upper, dtype=float)
     grid = _grid(low, high, spacing)
@@ -246,17 +115,20 @@ def fit_map(
         remedy = "take fewer readings, or a lower degree"
         raise InputError.of("fit_map", f"equations of at most {MOST_BYTES / 1e9:g} GB", received, remedy)
     held = _held_out(measurements, local, chosen)
-    design = _design(measurements, local, chosen)
+    currents = measurements.currents
+    design = _design(currents, local, chosen)
     values = measurements.flux_density.ravel()
     size = np.maximum(np.linalg.norm(design, axis=0), 1e-300)
     coefficients, _, rank, _ = np.linalg.lstsq(design / size, values, rcond=1e-10)
     if rank < design.shape[1]:
         raise _too_few(f"rank {rank} of {design.shape[1]} unknowns at degree {chosen}")
+    most = max(chosen, *(d for d in range(2, 7) if _unknowns(measurements, d) <= len(local)), 2)
+    refuse_faults(measurements, design / size, held, lambda some: _design(currents[some], local[some], most))
     coefficients /= size
     left = values - design @ coefficients
     scatter = float(np.sqrt(left @ left / max(len(values) - design.shape[1], 1)))
     nodes = (grid.points() - centre) / length
-    amperes = np.abs(measurements.currents).max(axis=0)
+    amperes = np.abs(currents).max(axis=0)
     error = _standard_error(design, scatter, nodes, length, chosen, amperes)
     residual, predicted = (float(np.sqrt(np.mean(missed**2))) for missed in (left, held))
     report = FitReport(chosen, residual, predicted, float(np.abs(held).max()), error, len(points))
@@ -310,10 +182,10 @@ def _grid(low: Array, high: Array, spacing: float) -> Grid:
     return Grid(low, (high - low) / np.array([nx, ny, nz]), (nx + 1, ny + 1, nz + 1))
 
 
-def _design(measurements: Measurements, local: Array, degree: int) -> Array:
+def _design(currents: Array, local: Array, degree: int) -> Array:
     """(3 n, n_coils size): readings from the coefficients of all coils, without their constants."""
     rows = field_matrix(degree, local)[..., 1:]
-    return np.einsum("nik,nc->nick", rows, measurements.currents).reshape(3 * len(local), -1)
+    return np.einsum("nik,nc->nick", rows, currents).reshape(3 * len(local), -1)
 
 
 def _best_degree(measurements: Measurements, local: Array) -> int:
@@ -322,7 +194,9 @@ def _best_degree(measurements: Measurements, local: Array) -> int:
         unknowns = _unknowns(measurements, degree)
         if unknowns > 1.5 * len(local) or 24.0 * unknowns * len(local) > MOST_BYTES:
             break
-        predicted = float(np.mean(_held_out(measurements, local, degree) ** 2))
+        # Without the worst: one wild reading would decide for a low degree, and hide behind its errors.
+        worst_last = np.sort(_held_out(measurements, local, degree).ravel() ** 2)
+        predicted = float(np.mean(worst_last[: int(_TRUSTED * len(worst_last))]))
         if predicted >= (1 - WORTH) * least:
             break
         best, least = degree, predicted
@@ -340,7 +214,7 @@ def _held_out(measurements: Measurements, local: Array, degree: int) -> Array:
 
     By normal equations, whose parts are summed over all folds but one: good enough to judge by, and quick.
     """
-    design = _design(measurements, local, degree)
+    design = _design(measurements.currents, local, degree)
     design /= np.maximum(np.linalg.norm(design, axis=0), 1e-300)
     values = measurements.flux_density.ravel()
     fold = np.repeat(np.random.default_rng(20250321).permutation(len(local)) % FOLDS, 3)

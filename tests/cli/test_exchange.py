@@ -154,3 +154,23 @@ def test_json_has_the_residual_in_tesla(answer, readings, tmp_path):
     assert found["report"]["degree"] == 2
     assert found["report"]["residual"] == pytest.approx(NOISE, rel=0.1)
     assert found["report"]["standard_error"]["flux_density"] < NOISE
+
+
+def test_a_constant_current_and_a_unit_are_given_beside_the_table(answer, command, readings, tmp_path):
+    """The same readings without their column of currents, with one unit less and a column more."""
+    whole = answer("import --degree 2 -o", tmp_path / "whole.h5", readings)
+    rows = np.loadtxt(readings, delimiter=",", skiprows=1)
+    rows[:, 3] = np.arange(300)
+    bare = tmp_path / "bare.csv"
+    np.savetxt(bare, rows, delimiter=";", header="x;y_mm;z_mm;No.;Bx_uT;By_uT;Bz_uT", comments="")
+    found = answer(f"import {bare} --degree 2 --current loop=2 --unit x=mm -o", tmp_path / "bare.h5")
+    assert whole["unread"] == []
+    assert found["unread"] == ["No."]
+    assert found["report"]["residual"] == pytest.approx(whole["report"]["residual"], rel=1e-9)
+    code, _, errors = command("import --current loop=two --unit x -o", tmp_path / "no.h5", bare)
+    assert code == 2
+    assert [line.split()[-1] for line in errors.splitlines() if line.startswith("error")] == [
+        "--unit",
+        "--current",
+    ]
+    assert not (tmp_path / "no.h5").exists()

@@ -41,7 +41,7 @@ def numbered(h, b):
 SHEETS = {
     "no names": written(zip(H, B, strict=True)),
     "semicolons, decimal commas": written(zip(H, B, strict=True), "H [A/m];B [T]\n", ";", ","),
-    "blanks, decimal commas, no names": written(zip(H, B, strict=True), "", "  ", ","),
+    "blanks, decimal commas, no names": written(zip(H[1:], B[1:], strict=True), "", "  ", ","),
     "kA/m behind a slash": written(zip(H / 1e3, B, strict=True), "H/kA/m\tB/T\n", "\t"),
     "units in words": written(zip(1e3 * B, H, strict=True), "B in mT,H in A/m\n"),
     "gauss and oersted": written(zip(H * 4e-3 * np.pi, 1e4 * B, strict=True), "H (Oe), B (G)\n", ", "),

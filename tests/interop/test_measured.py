@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from fieldmap.errors import InputError
-from fieldmap.interop import Measurements, fit_map, measured_map, read_measurements
+from fieldmap.interop import Measurements, fit_map, measured_map
 from fieldmap.lookup import interpolate, open_map
 from fieldmap.store import write_map
 
@@ -107,39 +107,3 @@ def test_coils_that_cannot_be_told_apart(ring):
         fit_map(some, 0.0)
     with pytest.raises(InputError, match=r"flux_density.*NaN"):
         Measurements(NAMES, some.points, some.currents, np.full((400, 3), np.nan))
-
-
-HEADER = "Bz_mT,x_mm,y_mm,z_m,Bx_uT,By_T,I_left_A,I_the right one_A\n"
-
-
-def test_units_and_columns_of_a_file(tmp_path):
-    (tmp_path / "read.csv").write_text(HEADER + "1.5, 10, -20, 0.03, 7, 2e-3, 1, -2\n\n2,0,0,0,0,0,0.5,0\n")
-    found = read_measurements(tmp_path / "read.csv")
-    assert found.coil_names == ("left", "the right one")
-    np.testing.assert_allclose(found.points[0], [0.01, -0.02, 0.03])
-    np.testing.assert_allclose(found.flux_density[0], [7e-6, 2e-3, 1.5e-3])
-    np.testing.assert_array_equal(found.currents, [[1, -2], [0.5, 0]])
-
-
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        ("", ["empty file"]),
-        ("x_mm,y_mm,z_mm,Bx_mT,By_mT,Bz_mT\n1,2,3,4,5,6\n", ["missing: I_NAME_A"]),
-        (HEADER.replace("Bz_mT", "Bz_G"), ["unknown: Bz_G", "missing: Bz"]),
-        (HEADER.replace("y_mm", "x_m"), ["twice: x_m", "missing: y"]),
-        (
-            HEADER + "1,2,3\n1,2,3,4,five,6,nan,8\n",
-            [":2: must have 8 cells", ":3.*Bx_uT.*'five'", ":3.*I_left_A"],
-        ),
-    ],
-)
-def test_every_mistake_of_a_file_is_named(tmp_path, text, words):
-    (tmp_path / "read.csv").write_text(text)
-    with pytest.raises(InputError) as caught:
-        read_measurements(tmp_path / "read.csv")
-    for word in words:
-        with pytest.raises(InputError, match=word):
-            raise caught.value
-    with pytest.raises(InputError, match="CSV file"):
-        read_measurements(tmp_path / "none.csv")

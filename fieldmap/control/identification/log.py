@@ -209,8 +209,8 @@ def read_log(
     names
         Role -> name of its column, where that is not to be recognised; "time" is a role of its own.
     units
-        Column -> unit, where its heading does not say, as `name (mm)`, `name [mm]`, `name_mm` or `name/mm`
-        do.
+        Column -> unit, where its heading does not say, as `name (mm)`, `name [mm]`, `name_mm`, `name/mm`
+        or `name in mm` do.
     delimiter
         comma, semicolon, tab or blanks; recognised unless given.
     decimal
