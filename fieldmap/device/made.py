@@ -2,9 +2,11 @@
 
 import dataclasses
 import inspect
+import os
 import re
 from abc import ABC
 from functools import cache
+from pathlib import Path
 from typing import Annotated, Any, Self, get_args, get_origin, get_type_hints
 
 import numpy as np
@@ -67,8 +69,13 @@ class Made(Record, ABC):
         return super().__reduce_ex__(1)
 
     def __post_init__(self) -> None:
-        """Lists and tuples in the place of arrays become arrays that nobody changes, where they are numbers."""
-        for name in _arrays_of(type(self)):
+        """Lists and tuples in the place of arrays become arrays that nobody changes, where they are numbers; texts in
+        the place of paths become paths."""
+        for name in _fields_of_type(type(self), Path):
+            value = getattr(self, name)
+            if isinstance(value, str | os.PathLike):
+                object.__setattr__(self, name, Path(value))
+        for name in _fields_of_type(type(self), Array):
             value = getattr(self, name)
             if not isinstance(value, list | tuple):
                 continue
@@ -81,11 +88,9 @@ class Made(Record, ABC):
 
 
 @cache
-def _arrays_of(cls: type[Any]) -> tuple[str, ...]:
+def _fields_of_type(cls: type[Any], kind: Any) -> tuple[str, ...]:
     hints = get_type_hints(cls)
-    return tuple(
-        field.name for field in dataclasses.fields(cls) if hints[field.name] in (Array, Array | None)
-    )
+    return tuple(field.name for field in dataclasses.fields(cls) if hints[field.name] in (kind, kind | None))
 
 
 def _problems(cls: type, arguments: tuple[Any, ...], named: dict[str, Any]) -> list[Problem]:

@@ -103,7 +103,7 @@ class FileKind(Record, Generic[Contents]):
         names = [Path(name).name for name in shipped_names(self.folder, self.subfolder)]
         remedy = meant(path.stem, names, f"give a path, or one of {one_of(names)}")
         must_hold = f"must be a {self.name} file or the name of a shipped {self.name}"
-        raise self.error.of(str(path_or_name), must_hold, "no such file", remedy)
+        raise self.error.of(str(path), must_hold, "no such file", remedy)
 
     def load(self, path: Path) -> Document:
         """The file, parsed; raises `error` if it cannot be read, or is clearly of another kind."""

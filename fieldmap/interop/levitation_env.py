@@ -9,9 +9,9 @@ iron in a ring above a magnet of 11 g.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Mapping
 from importlib import import_module
-from os import PathLike
 from typing import Any
 
 import numpy as np
@@ -277,7 +277,9 @@ def _rig(
         raise InputError.of("LevitationEnv", must_hold, f"{sum(given)} of them", "or none")
     if body is not None and target is not None:
         opened = (
-            open_map(field) if isinstance(field, str | PathLike) else dynamics.sampled_field(as_field(field))
+            open_map(field)
+            if isinstance(field, str | os.PathLike)
+            else dynamics.sampled_field(as_field(field))
         )
         return opened, body, target
     across = _MASS * (_RADIUS**2 / 4 + _HEIGHT**2 / 12)

@@ -195,7 +195,7 @@ def find_source(
     if is_map_file(name):
         if changes:
             must_hold, remedy = "must be a device where keys are changed", "name the device of the map"
-            raise InputError.of(str(name), must_hold, "a map", remedy)
+            raise InputError.of(os.fspath(name), must_hold, "a map", remedy)
         return _map_source(existing_map(name))
     device, chosen = named_device(name, changes), options or IronOptions()
     if chosen.nonlinear:
@@ -289,7 +289,7 @@ def refuse_directory(name: PathLike) -> None:
         For a directory.
     """
     if os.path.isdir(name):
-        raise InputError.of(str(name), "must be a file", "a directory", "name the file inside it")
+        raise InputError.of(os.fspath(name), "must be a file", "a directory", "name the file inside it")
 
 
 def is_map_file(name: PathLike) -> bool:
@@ -342,10 +342,10 @@ def existing_map(name: PathLike) -> Path:
     if not is_map_file(name):
         received = "no such file" if not os.path.exists(path) else "a file that is not HDF5"
         must_hold, remedy = "must be a map file made by `fieldmap map`", "make one: fieldmap map RECIPE"
-        raise MapFileError.of(str(name), must_hold, received, remedy)
+        raise MapFileError.of(os.fspath(name), must_hold, received, remedy)
     if not is_file(path):
         remedy = "check the name, or make the map: fieldmap map RECIPE"
-        raise MapFileError.of(str(name), "must be an existing file", "no such file", remedy)
+        raise MapFileError.of(os.fspath(name), "must be an existing file", "no such file", remedy)
     return path
 
 
@@ -373,5 +373,5 @@ def named_device(name: PathLike, changes: Mapping[str, Any] | None = None) -> De
     """
     if is_map_file(name):
         must_hold = "must be a device file or the name of a shipped device"
-        raise InputError.of(str(name), must_hold, "a map", "name its device")
-    return read_device(str(name), changes)
+        raise InputError.of(os.fspath(name), must_hold, "a map", "name its device")
+    return read_device(os.fspath(name), changes)

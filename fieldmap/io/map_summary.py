@@ -6,7 +6,6 @@ import tomllib
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -22,7 +21,7 @@ from fieldmap.lookup import FieldMap, open_map
 from fieldmap.plain import Plain, plain_fields, plain_items
 from fieldmap.records import Record
 from fieldmap.store import FieldError, MapInfo, MissedAccuracy, missed_accuracy
-from fieldmap.typing import Array
+from fieldmap.typing import Array, PathLike
 
 if TYPE_CHECKING:
     from fieldmap.levitation.comparison import ForceFit, LiftAtHeight, ShiftBesideMeasured
@@ -227,7 +226,7 @@ def signal_names(domain: CurrentDomain, coil_names: tuple[str, ...]) -> tuple[st
     return tuple(coil_names) if domain.parametrisation.name == "independent" else names
 
 
-def summarise_map(path: str | PathLike[str]) -> MapSummary:
+def summarise_map(path: PathLike) -> MapSummary:
     """What a map file holds.
 
     Parameters

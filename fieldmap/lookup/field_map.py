@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cached_property
-from os import PathLike
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -37,7 +37,7 @@ from fieldmap.lookup.magnetic_body import MagneticBody
 from fieldmap.records import card, count_of
 from fieldmap.store import FieldError, MapData, MapInfo, read_map, warn_of_missed_accuracy
 from fieldmap.threads import most_threads
-from fieldmap.typing import Array
+from fieldmap.typing import Array, PathLike
 
 if TYPE_CHECKING:
     import xarray
@@ -852,7 +852,7 @@ def _errors_in_words(bound: FieldError | None, of_model: FieldError | None) -> d
 
 
 def open_map(
-    path: str | PathLike[str],
+    path: PathLike,
     kind: str = "harmonic",
     outside: str = "raise",
     threads: int | None = None,
@@ -908,7 +908,7 @@ def open_map(
     >>> m = open_map("maps/out/workspace.h5")                                     # doctest: +SKIP
     >>> m.field([0, 0, -0.09], currents=[1, 1, 1, 1, 1, 1])                       # doctest: +SKIP
     """
-    if not isinstance(path, str | PathLike):
+    if not isinstance(path, str | os.PathLike):
         raise InputError(_no_path(path))
     check_choices(kind, outside, outside_currents)
     rules = outside_currents, follow_currents, tabulate_currents

@@ -34,7 +34,7 @@ from fieldmap.maps.training.plan import Plan
 from fieldmap.records import Record
 from fieldmap.shipped import is_file, shipped_file, shipped_names
 from fieldmap.store import Grid
-from fieldmap.typing import Array
+from fieldmap.typing import Array, PathLike
 
 LARGEST_CURRENT_A = 1e6
 FEWEST_NODES = 5
@@ -393,7 +393,7 @@ RECIPE = FileKind(
 )
 
 
-def read_recipe(path_or_name: str | Path) -> Recipe:
+def read_recipe(path_or_name: PathLike) -> Recipe:
     """Read and check a recipe file, as docs/recipes.md describes it.
 
     Parameters

@@ -1,6 +1,5 @@
 """A planar device file: its tables, and the reader that checks it and makes the frozen PlanarDevice in SI units."""
 
-from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import Field, ValidationInfo, field_validator
@@ -15,6 +14,7 @@ from fieldmap.inputs.kinds import FileKind
 from fieldmap.planar.geometry import check_planar_geometry
 from fieldmap.planar.model import PlanarBody, PlanarCoil, PlanarDevice, RectangularWire, RoundWire, Wire
 from fieldmap.records import FrozenDict
+from fieldmap.typing import PathLike
 
 PlanarBodyKeys: Any = table_of(PlanarBody)
 Sides = Annotated[list[tables.Length], Field(min_length=2, max_length=2)]
@@ -99,7 +99,7 @@ PLANAR_DEVICE = FileKind(
 )
 
 
-def read_planar_device(path_or_name: str | Path) -> PlanarDevice:
+def read_planar_device(path_or_name: PathLike) -> PlanarDevice:
     """Read and check a planar device file.
 
     Lengths come out in m; x to the right, z up, y into the page.

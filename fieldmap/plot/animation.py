@@ -22,7 +22,7 @@ from fieldmap.plot.scales import add_coloured, add_rulers, add_words, colour_bar
 from fieldmap.plot.shown import Shown, ShownRun
 from fieldmap.plot.style import INK
 from fieldmap.store.whole_files import whole_file
-from fieldmap.typing import Array, Index
+from fieldmap.typing import Array, Index, PathLike
 
 TIME = "time, s"
 _SMOOTH: dict[str, Any] = {"smooth_shading": True, "split_sharp_edges": True}
@@ -76,7 +76,7 @@ _FONT = 9
 
 def save_animation(
     run: ShownRun,
-    path: str | Path,
+    path: PathLike,
     progress: Callable[[str, float], None] | None = None,
     frames: int | None = None,
     window: tuple[int, int] = WINDOW,

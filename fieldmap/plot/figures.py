@@ -13,7 +13,7 @@ from scipy.optimize import isotonic_regression
 
 from fieldmap.curves import Curves, Series, message_of
 from fieldmap.plot.style import COLOURS, QUIET, add_heading, grouped, new_figure, save_figure
-from fieldmap.typing import Array
+from fieldmap.typing import Array, PathLike
 
 WIDTH, HEIGHT, DOTS_PER_INCH = 6.4, 4.4, 130
 # What is not ours lies on top, and through its gaps ours is seen.
@@ -42,7 +42,7 @@ _SAME = 1e-3
 _LABEL_SIZE, _SPACING, _MOVED, _SHORT, _LONGEST = 8, 1.35, 2.2, 0.12, 26
 
 
-def save_curves(curves: Curves, path: str | Path) -> Path:
+def save_curves(curves: Curves, path: PathLike) -> Path:
     """Draw one figure and save it as PNG.
 
     Parameters

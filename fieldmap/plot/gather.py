@@ -1,5 +1,6 @@
 """What a scene shows, from names: a device, its mesh, a field at currents, an equilibrium, a difference, a run."""
 
+import os
 import sys
 import tomllib
 from collections.abc import Mapping
@@ -269,4 +270,4 @@ def _recorded(path: PathLike, about: Mapping[str, str]) -> tuple[Device, dict[st
 
 
 def _no_run(path: PathLike, must_hold: str, received: str) -> InputError:
-    return InputError.of(str(path), must_hold, received, "simulate again, with -o and at most 50 runs")
+    return InputError.of(os.fspath(path), must_hold, received, "simulate again, with -o and at most 50 runs")

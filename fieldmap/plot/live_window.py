@@ -29,7 +29,7 @@ from fieldmap.plot.style import INK, text_properties
 from fieldmap.plot.words import fixed, force_in_words
 from fieldmap.records import Record
 from fieldmap.store.whole_files import write_whole
-from fieldmap.typing import Array
+from fieldmap.typing import Array, PathLike
 
 
 @dataclass(frozen=True, repr=False)
@@ -82,7 +82,7 @@ class LiveMap:
         points: ArrayLike,
         current_limit: float = 3.0,
         force_scale: float = 1.0,
-        states_file: Path | None = None,
+        states_file: PathLike | None = None,
     ) -> None:
         check_positive("LiveMap", current_limit=current_limit, force_scale=force_scale)
         if payload is None:
@@ -103,10 +103,10 @@ class LiveMap:
         self._last: Array | None = None
         # Found once, and needed where there is no equilibrium.
         field_map.jump()
-        self.states_file = states_file
+        self.states_file = None if states_file is None else Path(states_file)
         self.saved: dict[str, dict[str, float]] = {}
-        if states_file is not None and states_file.is_file():
-            self.saved = _read_states(states_file)
+        if self.states_file is not None and self.states_file.is_file():
+            self.saved = _read_states(self.states_file)
         self.reset()
 
     def _place(self, height: float) -> Array:
@@ -289,7 +289,7 @@ class LiveWindow:
         off_screen: bool = False,
         window: tuple[int, int] = WINDOW,
         sliders: bool = True,
-        states_file: Path | None = None,
+        states_file: PathLike | None = None,
     ) -> None:
         self.scene = new_scene(window, off_screen)
         self._window: Any = self.scene.render_window

@@ -18,7 +18,7 @@ from fieldmap.plot.style import COLOURS, INK, QUIET, new_figure, save_figure, sa
 from fieldmap.plot.words import fitting_prefix, unit_in_words, with_unit
 from fieldmap.studies.optimum import LimitAtOptimum, Optimum
 from fieldmap.studies.quantities import QUANTITIES
-from fieldmap.typing import Array, Index
+from fieldmap.typing import Array, Index, PathLike
 
 _PANEL = (4.4, 3.3)
 _BLUE, _ORANGE = COLOURS[0], COLOURS[1]
@@ -30,7 +30,7 @@ _SMALLEST_PICTURE, _TALLEST_PICTURE = 500, 1500
 _QUANTITIES = {one.name: one for one in QUANTITIES}
 
 
-def save_optimum_plot(found: Optimum, path: str | Path) -> Path:
+def save_optimum_plot(found: Optimum, path: PathLike) -> Path:
     """Draw `optimum_figure` into a PNG file.
 
     Parameters
@@ -188,7 +188,7 @@ def _axis(found: Optimum, label: str) -> str:
 def save_before_and_after(
     before: Device,
     after: Device,
-    path: str | Path,
+    path: PathLike,
     captions: tuple[str, str] = ("before", "after"),
     width: int = 2000,
 ) -> Path:

@@ -17,7 +17,7 @@ from fieldmap.plot.scales import add_words
 from fieldmap.plot.solids import extent, winding_surface, workspace_outline
 from fieldmap.plot.style import save_screenshot
 from fieldmap.plot.words import amperes_in_words
-from fieldmap.typing import Array
+from fieldmap.typing import Array, PathLike
 
 # Arrows along x and z, and how far in front of the plane of the field they lie, m.
 _ARROWS, _IN_FRONT = (7, 9), 3e-4
@@ -26,7 +26,7 @@ FROM_ABOVE = np.array([0.42, -1.0, 0.75])
 
 
 def save_picture(
-    path: str | Path,
+    path: PathLike,
     device: Device,
     field: AnyField | None = None,
     currents: ArrayLike | None = None,

@@ -13,7 +13,7 @@ from fieldmap.dynamics.loop_run import LevitationRun
 from fieldmap.dynamics.scenario import Experiment, LaidLog, reading_mm
 from fieldmap.dynamics.scenario.measured_log import AXES as MEASURED_AXES
 from fieldmap.plot.style import COLOURS, INK, add_heading, grouped, new_figure, save_figure
-from fieldmap.typing import Array
+from fieldmap.typing import Array, PathLike
 
 _NAMES = ("x", "y", "depth")
 _SMALL = 0.5
@@ -195,7 +195,7 @@ def _draw_currents(axis: Axes, runs: Sequence[DrawnRun]) -> None:
                 axis.plot(log.time, log.signals[name].measured, ".", color=colour, markersize=1.5)
 
 
-def save_run_figure(path: str | Path, title: str, runs: Sequence[DrawnRun]) -> Path:
+def save_run_figure(path: PathLike, title: str, runs: Sequence[DrawnRun]) -> Path:
     """Draw `run_figure` and save it.
 
     Parameters

@@ -26,6 +26,7 @@ from fieldmap.plot.solids import box_edges, extent
 from fieldmap.plot.style import INK, save_screenshot
 from fieldmap.records import Record
 from fieldmap.store.whole_files import write_whole
+from fieldmap.typing import PathLike
 
 WINDOW = (1500, 1200)
 FORMATS = (".png", ".html", ".vtm")
@@ -161,7 +162,7 @@ def axes_of(what: str, quantity: str, shown: Shown) -> tuple[str, str, str]:
 
 
 def save_scene(
-    scene: pv.Plotter, path: str | Path, title: str = "", axes: tuple[str, str, str] = MILLIMETRES
+    scene: pv.Plotter, path: PathLike, title: str = "", axes: tuple[str, str, str] = MILLIMETRES
 ) -> Path:
     """Save a scene.
 
@@ -211,7 +212,7 @@ _HOW = "drag: turn; wheel: zoom; shift and drag: move"
 
 
 def save_web_page(
-    scene: pv.Plotter, path: str | Path, title: str = "", axes: tuple[str, str, str] = MILLIMETRES
+    scene: pv.Plotter, path: PathLike, title: str = "", axes: tuple[str, str, str] = MILLIMETRES
 ) -> Path:
     """Write the scene to an HTML file of some MB, with a line of text and titles of its axes.
 

@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from fieldmap.plot.style import new_figure, save_figure
 from fieldmap.plot.words import unit_in_words, with_unit
 from fieldmap.studies.quantities import QUANTITIES, Quantity
+from fieldmap.typing import PathLike
 
 _LABELS = {
     "common_current": "mean current",
@@ -33,7 +34,7 @@ _PANEL = (3.1, 2.4)
 _COLUMNS = 3
 
 
-def save_study_plot(data: Any, path: str | Path) -> Path | None:
+def save_study_plot(data: Any, path: PathLike) -> Path | None:
     """Draw every summary without axes of its own of a study into a PNG file.
 
     The first varied key is the abscissa, the second the colour, all others and the currents the line style;

@@ -28,6 +28,7 @@ from matplotlib.quiver import Quiver
 from matplotlib.text import Text
 
 from fieldmap.arguments import check_choice
+from fieldmap.typing import PathLike
 
 Thing = TypeVar("Thing")
 STYLE: Final = "fieldmap.plot.figure"
@@ -107,7 +108,7 @@ def schemes() -> tuple[str, ...]:
     return ("light", "dark") if chosen == "both" else (chosen,)
 
 
-def dark_path(path: str | Path) -> Path:
+def dark_path(path: PathLike) -> Path:
     """Where the dark picture lies beside a light one.
 
     >>> dark_path("hold.png").name
@@ -116,7 +117,7 @@ def dark_path(path: str | Path) -> Path:
     return Path(path).with_stem(Path(path).stem + DARK)
 
 
-def save_figure(figure: Figure, path: str | Path, **options: Any) -> Path:
+def save_figure(figure: Figure, path: PathLike, **options: Any) -> Path:
     """Save a figure in the schemes that are asked for.
 
     Parameters
@@ -137,7 +138,7 @@ def save_figure(figure: Figure, path: str | Path, **options: Any) -> Path:
     return Path(path)
 
 
-def save_screenshot(scene: pv.Plotter, path: str | Path) -> Path:
+def save_screenshot(scene: pv.Plotter, path: PathLike) -> Path:
     """Save what a scene shows in the schemes that are asked for. Returns `path`."""
 
     def save(target: Path) -> None:
@@ -149,7 +150,7 @@ def save_screenshot(scene: pv.Plotter, path: str | Path) -> Path:
 
 
 def _save(
-    path: str | Path, save: Callable[[Path], object], dark: Callable[[], AbstractContextManager[None]]
+    path: PathLike, save: Callable[[Path], object], dark: Callable[[], AbstractContextManager[None]]
 ) -> None:
     wanted = schemes()
     if "light" in wanted:

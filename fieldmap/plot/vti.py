@@ -1,6 +1,5 @@
 """A field as VTK image data (.vti), for ParaView and pyvista: flux density and gradient on a grid of nodes."""
 
-from os import PathLike
 from pathlib import Path
 
 import numpy as np
@@ -11,11 +10,12 @@ from fieldmap.errors import InputError
 from fieldmap.field import AnyField
 from fieldmap.interop.sampling import FRAME, sample
 from fieldmap.store.whole_files import whole_file
+from fieldmap.typing import PathLike
 
 
 def write_vti(
     field: AnyField,
-    path: str | PathLike[str],
+    path: PathLike,
     currents: ArrayLike | None = None,
     spacing: float | None = None,
     device: str = "",
@@ -55,7 +55,7 @@ def write_vti(
     return save_grid(map_image(field, currents, spacing, device), path, ".vti")
 
 
-def checked_suffix(path: str | PathLike[str], suffix: str) -> Path:
+def checked_suffix(path: PathLike, suffix: str) -> Path:
     """The path of a file that ends in `suffix`. Raises InputError for another one."""
     target = Path(path)
     if target.suffix != suffix:
@@ -64,7 +64,7 @@ def checked_suffix(path: str | PathLike[str], suffix: str) -> Path:
     return target
 
 
-def save_grid(grid: pv.DataSet, path: str | PathLike[str], suffix: str) -> Path:
+def save_grid(grid: pv.DataSet, path: PathLike, suffix: str) -> Path:
     """Write a grid as VTK's XML of this suffix, whole or not at all."""
     target = checked_suffix(path, suffix)
     with whole_file(target) as partial:

@@ -151,7 +151,7 @@ def check_map(path: str | os.PathLike[str]) -> MapCheck:
     """
     with opened_map(path) as file:
         info, records = read_header(file)
-        findings = _Findings(str(path))
+        findings = _Findings(os.fspath(path))
         findings.attempt(_check_completion, file, info)
         total = None if info.grid.size * 24 > file.id.get_filesize() else np.zeros((*info.grid.shape, 3))
         for number, (name, record) in enumerate(zip(info.field_names, records, strict=True)):

@@ -191,7 +191,7 @@ def map_path(path: str | os.PathLike[str]) -> Path:
         any.
     """
     given = Path(path)
-    if is_file(given) or given.name != str(path) or given.suffix:
+    if is_file(given) or given.name != os.fspath(path) or given.suffix:
         return given
     return shipped_file("maps", f"{given}.h5") or given
 
@@ -199,7 +199,7 @@ def map_path(path: str | os.PathLike[str]) -> Path:
 @contextmanager
 def opened_map(path: str | os.PathLike[str]) -> Iterator[h5py.File]:
     """Open a map file after its seal was verified. Errors inside the block become MapFileError."""
-    where, path = str(path), map_path(path)
+    where, path = os.fspath(path), map_path(path)
     if not is_file(path):
         raise MapFileError.of(where, "an existing map file", "no such file", REMAKE)
     try:

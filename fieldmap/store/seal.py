@@ -121,4 +121,4 @@ def _digest(stream: BinaryIO, length: int) -> str:
 
 
 def _refused(path: str | os.PathLike[str], must_hold: str, received: str, remedy: str) -> MapFileError:
-    return MapFileError.of(str(path), must_hold, received, f"copy it again, or {remedy}")
+    return MapFileError.of(os.fspath(path), must_hold, received, f"copy it again, or {remedy}")

@@ -80,7 +80,9 @@ def disk_errors(path: PathLike) -> Iterator[None]:
     except (OSError, RuntimeError) as error:
         reason = getattr(error, "strerror", None) or (str(error).splitlines() or [type(error).__name__])[0]
         remedy = "free space on the disk or write elsewhere, then run again: finished parts are there"
-        raise FieldmapError.of(str(path), "must be a file that can be written", reason, remedy) from error
+        raise FieldmapError.of(
+            os.fspath(path), "must be a file that can be written", reason, remedy
+        ) from error
 
 
 def sync_folder(folder: Path) -> None:

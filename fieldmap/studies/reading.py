@@ -4,7 +4,6 @@ import itertools
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 from typing import Annotated, Any
 
 from fieldmap import records
@@ -89,7 +88,7 @@ STUDY = FileKind(
 )
 
 
-def read_study(path_or_name: str | Path) -> study.Study:
+def read_study(path_or_name: PathLike) -> study.Study:
     """Read and check a study file, as docs/studies.md describes it.
 
     Parameters

@@ -81,8 +81,8 @@ class StudyRun(Record):
 
 
 def run_study(
-    study: str | PathLike | Study,
-    output: str | PathLike | None = None,
+    study: PathLike | Study,
+    output: PathLike | None = None,
     resume: bool = True,
     retry: bool = False,
     workers: int = 1,
@@ -202,7 +202,7 @@ def _failed(study: Study, results: list[VariantResult]) -> dict[str, tuple[str, 
     return {variant.name: why for variant, why in zip(study.variants, told, strict=True) if why}
 
 
-def output_file(study: Path, output: str | PathLike | None) -> Path:
+def output_file(study: Path, output: PathLike | None) -> Path:
     """The NetCDF file of a study file: as asked, or of its name. Raises InputError for one that cannot be it."""
     target = OUTPUT_FOLDER / f"{study.stem}.nc" if output is None else Path(output)
     if target.suffix != ".nc":

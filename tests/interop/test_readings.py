@@ -20,9 +20,9 @@ GRID = np.stack(
 POINTS = GRID.reshape(-1, 3)
 
 
-def field(points):
-    """T, at 1 A."""
-    away = [(points - place, strength) for place, strength in CHARGES]
+def field(points, nearer=0.0):
+    """T, at 1 A. nearer: how far the charges are raised, m."""
+    away = [(points - place - [0, 0, nearer], strength) for place, strength in CHARGES]
     return sum(strength * d / np.linalg.norm(d, axis=1)[:, None] ** 3 for d, strength in away)
 
 
@@ -186,6 +186,15 @@ def test_a_wild_reading_is_named_with_its_line(factor):
         fit_map(measured(spoilt, source="log.csv", lines=lines), 0.005)
     assert [one.where for one in caught.value.problems] == ["log.csv:39", "log.csv:103"]
     fit_map(measured(np.delete(spoilt, (37, 101), 0), np.delete(POINTS, (37, 101), 0)), 0.005)
+
+
+@pytest.mark.parametrize("k", [0, 54])
+def test_a_wild_reading_of_a_steep_field_does_not_hide_behind_a_low_degree(k):
+    spoilt = 1.5 * field(POINTS, 0.031)
+    spoilt[k] *= 3
+    with pytest.raises(InputError) as caught:
+        fit_map(measured(spoilt), 0.005)
+    assert [one.where for one in caught.value.problems] == [f"Measurements, row {k}"]
 
 
 @pytest.mark.parametrize(

@@ -23,7 +23,7 @@ from fieldmap.inputs.columns import (
     unit_problems,
 )
 from fieldmap.records import FrozenDict, Record
-from fieldmap.typing import Array
+from fieldmap.typing import Array, PathLike
 
 TIME = ("time", "t", "zeit", "timestamp", "elapsed time", "elapsed")
 # Times may be off the even grid by this share of the sampling time: rounding of a log's printed times.
@@ -141,7 +141,7 @@ def make_log(Ts: float, signals: Mapping[str, ArrayLike], units: Mapping[str, st
     return Log(Ts, 0.0, converted, bases)
 
 
-def write_log(path: str | Path, log: Log, units: Mapping[str, str] | None = None) -> None:
+def write_log(path: PathLike, log: Log, units: Mapping[str, str] | None = None) -> None:
     """Write the record as CSV, 9 digits.
 
     Parameters
@@ -180,7 +180,7 @@ def _in_si(where: str, unit: str) -> tuple[str, float]:
 
 
 def read_log(
-    path: str | Path,
+    path: PathLike,
     roles: Mapping[str, Sequence[str]] | None = None,
     *,
     required: Sequence[str] = (),

@@ -23,7 +23,7 @@ from fieldmap.field import Field
 from fieldmap.plain import Plain, plain_items
 from fieldmap.records import Record, count_of
 from fieldmap.store import write_runs
-from fieldmap.typing import Progress
+from fieldmap.typing import PathLike, Progress
 
 MOST_KEPT = 50
 """Most runs in a batch for which signals are kept, for a file or a picture."""
@@ -89,7 +89,7 @@ class Simulation(Record):
 
 
 def simulate_batches(
-    scenario: str | Path,
+    scenario: PathLike,
     field: Callable[[], Field] | None = None,
     changes: Mapping[str, object] | None = None,
     vary: tuple[str, Sequence[object]] | None = None,
@@ -171,7 +171,7 @@ def simulate_batches(
     return Simulation(tuple(batches))
 
 
-def write_simulation(path: Path, simulation: Simulation) -> Path:
+def write_simulation(path: PathLike, simulation: Simulation) -> Path:
     """Write the kept signals as .h5, or those of a single run as .csv."""
     records = [
         recorded(one.run, batch.experiment.device.coil_names, {"value": batch.label})
@@ -179,6 +179,7 @@ def write_simulation(path: Path, simulation: Simulation) -> Path:
         for one in batch.runs
         if one.run is not None
     ]
+    path = Path(path)
     if path.suffix == ".csv":
         path.write_text(as_csv(records[0]), encoding="utf-8")
         return path

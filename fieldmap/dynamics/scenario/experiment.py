@@ -37,7 +37,7 @@ from fieldmap.inputs.document import AtKey
 from fieldmap.lookup import FieldMap, open_map, saturates
 from fieldmap.records import Record
 from fieldmap.shipped import is_file, shipped_file
-from fieldmap.typing import Array
+from fieldmap.typing import Array, PathLike
 
 _ROUNDS = 12
 """Most iterations that find the operating point with saturating iron linearised about its currents."""
@@ -317,7 +317,7 @@ class ScenarioRun(LevitationRun):
 
 
 def simulate(
-    path_or_name: str | Path,
+    path_or_name: PathLike,
     changes: Mapping[str, Any] | None = None,
     *,
     field_map: Field | None = None,
@@ -376,7 +376,7 @@ def simulate(
 
 
 def open_machine(
-    path_or_name: str | Path,
+    path_or_name: PathLike,
     changes: Mapping[str, Any] | None = None,
     *,
     field_map: Field | None = None,

@@ -18,6 +18,7 @@ from fieldmap.dynamics.scenario.start import floating_at
 from fieldmap.errors import ScenarioError
 from fieldmap.plain import Plain, plain_items
 from fieldmap.records import Record
+from fieldmap.typing import PathLike
 
 _REST = ("sensed", "currents", "outputs")
 
@@ -129,7 +130,7 @@ class Linearisation(Record):
             assumptions=first.assumptions,
         )
 
-    def write(self, path: Path) -> Path:
+    def write(self, path: PathLike) -> Path:
         """Write the models.
 
         Parameters
@@ -142,6 +143,7 @@ class Linearisation(Record):
         Path
             The path.
         """
+        path = Path(path)
         if path.suffix == ".npz":
             np.savez(path, **_arrays(self.points))  # type: ignore[arg-type]
         else:

@@ -18,7 +18,7 @@ from fieldmap.errors import InputError, Problem
 from fieldmap.inputs.columns import quantity_problems
 from fieldmap.plain import Plain, plain_items
 from fieldmap.records import Record
-from fieldmap.typing import Array
+from fieldmap.typing import Array, PathLike
 
 ROLES: dict[str, tuple[str, ...]] = {
     "x": ("x", "seen x", "sensed x", "position x"),
@@ -69,7 +69,7 @@ class LaidLog(Record):
 
 
 def read_measured_log(
-    path: str | Path,
+    path: PathLike,
     coil_names: tuple[str, ...],
     names: Mapping[str, str] | None = None,
     units: Mapping[str, str] | None = None,

@@ -41,7 +41,7 @@ from fieldmap.instruments import Converter
 from fieldmap.instruments.converter import USUAL_RANGE
 from fieldmap.lookup import FieldMap, magnetic_body, saturates
 from fieldmap.records import Record
-from fieldmap.typing import Array
+from fieldmap.typing import Array, PathLike
 
 MOST_STEPS = 1_000_000
 """Most steps of the mechanics in one control period."""
@@ -411,7 +411,7 @@ def _scenario_of(path: Path, text: str, data: dict[str, Any], changes: Mapping[s
     return Scenario(path, text, ScenarioFile.model_validate(data), changes)
 
 
-def read_scenario(path_or_name: str | Path, changes: Mapping[str, Any] | None = None) -> Scenario:
+def read_scenario(path_or_name: PathLike, changes: Mapping[str, Any] | None = None) -> Scenario:
     """Read and check a scenario file. docs/dynamics.md describes the format.
 
     Parameters

@@ -1,0 +1,116 @@
+"""Every public function and class that takes a path takes a text, a `pathlib.Path` and the path of any other library."""
+
+import inspect
+import pkgutil
+from importlib import import_module
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import fieldmap as fm
+from fieldmap import curves, store
+from fieldmap.control.identification import make_log, read_log, write_log
+from fieldmap.errors import FieldmapError
+from fieldmap.interop import write_c_files, write_csv
+from fieldmap.io import find_source
+
+KINDS = {"text": str, "Path": Path}
+
+
+class OtherPath:
+    """A path that is no `pathlib.Path`: nothing but what `os.fspath` asks for."""
+
+    def __init__(self, path):
+        self._path = str(path)
+
+    def __fspath__(self):
+        return self._path
+
+
+KINDS["of another library"] = OtherPath
+# Whatever they are given they look at nothing but the name, or at no file of ours.
+_NAMES_ONLY = {"checkpoint_path", "is_map_file", "is_run_file", "map_path", "refuse_directory", "whole_file"}
+_OTHER_ERRORS = {"seal_map"}
+
+
+def readers():
+    """Public functions, and class methods that make an object, which need one path and nothing else."""
+    found = {}
+    for module in pkgutil.walk_packages(fm.__path__, "fieldmap."):
+        if any(part in module.name for part in (".cli", ".thesis", "__main__")):
+            continue
+        try:
+            package = import_module(module.name)
+        except (ImportError, FieldmapError):
+            continue
+        for name in getattr(package, "__all__", ()):
+            thing = getattr(package, name)
+            makers = (
+                [key for key, value in vars(thing).items() if isinstance(value, classmethod)]
+                if inspect.isclass(thing)
+                else []
+            )
+            found |= {f"{name}.{key}": getattr(thing, key) for key in makers} | {name: thing}
+    return {name: one for name, one in found.items() if callable(one) and _needs_a_path(one)}
+
+
+def _needs_a_path(one):
+    try:
+        needed = [each for each in inspect.signature(one).parameters.values() if each.default is each.empty]
+    except (TypeError, ValueError):
+        return False
+    said = [
+        each.annotation if isinstance(each.annotation, str) else inspect.formatannotation(each.annotation)
+        for each in needed
+        if each.kind <= each.POSITIONAL_OR_KEYWORD
+    ]
+    return len(needed) == len(said) == 1 and "PathLike" in said[0]
+
+
+def test_readers_name_the_file_that_is_not_there(tmp_path):
+    """The path itself, as which it was given."""
+    path = tmp_path / "none.file"
+    known = readers()
+    assert len(known) > 20
+    for name in known.keys() - _NAMES_ONLY - _OTHER_ERRORS:
+        for kind in KINDS.values():
+            with pytest.raises(FieldmapError) as caught:
+                known[name](kind(path))
+            assert caught.value.problems[0].where.startswith(str(path)), (name, kind)
+
+
+@pytest.mark.parametrize("kind", KINDS.values(), ids=KINDS)
+def test_shipped_names_and_files_are_found(kind, tmp_path):
+    assert fm.read_device(kind("drive_unit")).name == find_source(kind("drive_unit")).device_name
+    assert fm.material(kind("steel_a3")).name == "steel_a3"
+    field = fm.open_map(kind("sample"))
+    path = store.write_map(kind(tmp_path / "map.h5"), store.read_map(kind("sample")))
+    assert fm.open_map(kind(path)).coil_names == field.coil_names == store.read_info(kind(path)).coil_names
+    ones = np.ones(len(field.coil_names))
+    assert write_csv(field, kind(tmp_path / "map.csv"), ones) == tmp_path / "map.csv"
+    assert write_c_files(field.at(ones), kind(tmp_path / "map.fmap"))[0] == tmp_path / "map.fmap"
+    write_log(kind(tmp_path / "log.csv"), make_log(0.1, {"x": [1.0, 2.0]}, {"x": "m"}))
+    assert read_log(kind(tmp_path / "log.csv"))["x"].tolist() == [1.0, 2.0]
+
+
+@pytest.mark.parametrize("kind", KINDS.values(), ids=KINDS)
+def test_shapes_of_files_in_a_device(kind, tmp_path):
+    """Records that are made in Python keep a path, of which the device takes the hash."""
+    mesh = Path(__file__).parent / "devices" / "block_of_two_regions.msh"
+    (tmp_path / "solid.step").write_text("ISO-10303-21;")
+    bodies = [
+        fm.Body("mesh", "iron", fm.MeshFile(kind(mesh))),
+        fm.Body("solid", "iron", fm.StepFile(kind(tmp_path / "solid.step")), mesh_size=0.005),
+    ]
+    device = fm.Device("one", "", bodies=bodies, materials={"iron": fm.LinearMaterial("iron", 100.0)})
+    assert bodies[0].parts[0].shape == fm.MeshFile(mesh)
+    assert {Path(name).name for name in device.included} == {"block_of_two_regions.msh", "solid.step"}
+    assert len(fm.VolumeMesh.from_file(kind(mesh)).tetrahedra) > 100
+
+
+@pytest.mark.parametrize("kind", KINDS.values(), ids=KINDS)
+def test_pictures(kind, tmp_path):
+    figures = pytest.importorskip("fieldmap.plot.figures")
+    drawn = curves.Curves("a", "x", "y", (curves.Series("s", [0.0, 1.0], [1.0, 2.0]),))
+    assert figures.save_curves(drawn, kind(tmp_path / "curves.svg")) == tmp_path / "curves.svg"
