@@ -1,4 +1,4 @@
-"""Every public function and class that takes a path takes a text, a `pathlib.Path` and the path of any other library."""
+"""Every public function and class that takes a path: a text, a `pathlib.Path`, and the path of any other library."""
 
 import inspect
 import pkgutil
@@ -46,26 +46,24 @@ def readers():
             continue
         for name in getattr(package, "__all__", ()):
             thing = getattr(package, name)
-            makers = (
-                [key for key, value in vars(thing).items() if isinstance(value, classmethod)]
-                if inspect.isclass(thing)
-                else []
-            )
-            found |= {f"{name}.{key}": getattr(thing, key) for key in makers} | {name: thing}
+            makers = vars(thing).items() if inspect.isclass(thing) else ()
+            found |= {
+                f"{name}.{key}": getattr(thing, key) for key, made in makers if isinstance(made, classmethod)
+            }
+            found[name] = thing
     return {name: one for name, one in found.items() if callable(one) and _needs_a_path(one)}
 
 
 def _needs_a_path(one):
     try:
-        needed = [each for each in inspect.signature(one).parameters.values() if each.default is each.empty]
+        parameters = inspect.signature(one).parameters.values()
     except (TypeError, ValueError):
         return False
-    said = [
-        each.annotation if isinstance(each.annotation, str) else inspect.formatannotation(each.annotation)
-        for each in needed
-        if each.kind <= each.POSITIONAL_OR_KEYWORD
-    ]
-    return len(needed) == len(said) == 1 and "PathLike" in said[0]
+    needed = [each for each in parameters if each.default is each.empty]
+    if len(needed) != 1 or needed[0].kind > needed[0].POSITIONAL_OR_KEYWORD:
+        return False
+    said = needed[0].annotation
+    return "PathLike" in (said if isinstance(said, str) else inspect.formatannotation(said))
 
 
 def test_readers_name_the_file_that_is_not_there(tmp_path):

@@ -152,5 +152,6 @@ def _parts(location: tuple[str | int, ...], body: dict[str, Any]) -> Iterator[tu
 
 
 def _nothing_to_compute(data: dict[str, Any]) -> Iterator[Finding]:
-    if not data.get("coil") and not data.get("body"):
-        yield Finding((), "a device has at least one [[coil]] or [[body]]", "neither", "add a [[coil]] table")
+    if not (data.get("coil") or data.get("body") or data.get("background")):
+        must_hold = "a device has at least one [[coil]] or [[body]], or a [background]"
+        yield Finding((), must_hold, "none of them", "add a [[coil]] table")

@@ -254,6 +254,22 @@ def test_coils_of_collections_and_one_source():
     assert fm.Device.from_magpylib(pair[0]).coil_names == ("Circle_1",)
 
 
+@pytest.mark.parametrize("nested", [False, True])
+def test_magnets_alone_are_a_device(nested):
+    """Without a coil or a body, of one Collection or of one in another: its field is magpylib's."""
+    magnets = [
+        magnet.Cuboid(polarization=J, dimension=(0.01, 0.012, 0.014)),
+        magnet.Cylinder(polarization=J, dimension=(0.01, 0.012), position=(0.03, 0, 0)),
+    ]
+    model = magpylib.Collection(magpylib.Collection(*magnets) if nested else magnets)
+    exact = magpylib.getB(model, POINTS)
+    device = fm.Device.from_magpylib(model, workspace=SPACE)
+    assert (device.coil_names, device.fixed_sources) == ((), ("background",))
+    for one in (device, fm.read_device(device.to_toml())):
+        found = fm.solve_linear(one).field(POINTS, [])
+        assert np.abs(found - exact).max() < 1e-11 * np.abs(exact).max()
+
+
 def test_a_solution_can_be_a_source_of_the_next_device():
     """What `as_magpylib` gives is a magpylib source: a field that no current of the new device drives."""
     unit = fm.solve_linear("loop_and_sphere")
