@@ -48,13 +48,14 @@ _SPELLED |= {
     "wb/m2": "T",
     "wb/m^2": "T",
 }
-_UNIT_OF_LENGTH = re.compile(r"length unit:\s*(\S+)", re.IGNORECASE)
+_UNIT_OF_LENGTH = re.compile(r"length unit[:,]\s*(\S+)", re.IGNORECASE)
 # Lines whose cells are counted, and problems of lines that are told one by one.
 _LOOKED_AT, _MOST_TOLD = 20, 5
 _IN_BRACKETS = re.compile(r"^\s*(?P<name>.*?\S)\s*[(\[](?P<unit>[^()\[\]]*)[)\]]\s*$")
 _IN_WORDS = re.compile(r"^\s*(?P<name>.*\S)\s+in\s+(?P<unit>\S+)\s*$")
 _NUMBER = re.compile(r"[-+]?(\d+[.,]?\d*|[.,]\d+)([eE][-+]?\d+)?|[-+]?(nan|inf)", re.IGNORECASE)
 _OF_OPERA = re.compile(r"\s*(?P<number>\d+)\s+(?P<name>[^\s\[]+)\s*(?:\[(?P<unit>[^\]]*)\])?\s*")
+_RULE = re.compile(r"[\s|+;,]*(-{3,}|={3,})[-=|+;,\s]*")
 _REMARKS = ("#", "%", "//")
 
 
@@ -127,6 +128,7 @@ def read_columns(
         lines = lines[len(listed) + 2 :]
         check(len(lines) >= least, str(source), must, f"{len(lines)} lines of numbers", "record more")
     try:
+        lines = _from_names_on(lines)
         kind = delimiter or _delimiter_of(source, lines, said_by)
         check(kind in DELIMITERS, said_by, f"must be one of {', '.join(DELIMITERS)}", kind, "choose one")
         rows = [(number, _cells(line, kind)) for number, line in lines]
@@ -136,6 +138,9 @@ def read_columns(
         raise InputError.of(str(source), must, str(error), remedy) from None
     if head is rows[0][1]:
         rows = rows[1:]
+        if rows and _are_units(rows[0][1], len(head)):
+            head = [f"{name} [{unit.strip('()[]')}]" for name, unit in zip(head, rows[0][1], strict=True)]
+            rows = rows[1:]
         check(len(rows) >= least, str(source), must, f"{len(rows) + 1} lines", "record more")
     length = next((found[1] for text in remarks if (found := _UNIT_OF_LENGTH.search(text))), None)
     named = head if head is not None else [str(k + 1) for k in range(len(rows[0][1]))]
@@ -146,24 +151,27 @@ def read_columns(
 
 
 def text_of(source: Path) -> str:
-    """The text of a file in UTF-8, or else in Latin-1; raises InputError for one that cannot be read."""
+    """The text of a file in UTF-8, UTF-16 with its mark, or Latin-1; raises InputError if it cannot be read."""
     try:
-        return source.read_text(encoding="utf-8-sig")
-    except UnicodeDecodeError:
-        return source.read_text(encoding="latin-1")
+        content = source.read_bytes()
     except OSError as error:
         must, received = "must be a file that can be read", error.strerror or str(error)
         raise InputError.of(str(source), must, received, "check the name") from None
+    marked = content.startswith((b"\xff\xfe", b"\xfe\xff"))
+    try:
+        return content.decode("utf-16" if marked else "utf-8-sig")
+    except UnicodeDecodeError:
+        return content.decode("latin-1")
 
 
 def _lines(text: str) -> tuple[list[tuple[int, str]], list[str]]:
-    """Lines that are neither empty nor remarks, with their numbers; and the remarks above them."""
+    """Lines that are neither empty, remarks nor rules, with their numbers; and the remarks above them."""
     lines: list[tuple[int, str]] = []
     remarks: list[str] = []
     for number, line in enumerate(text.splitlines(), start=1):
         if line.lstrip().startswith(_REMARKS):
             remarks += [] if lines else [line.strip().lstrip("#%/").strip()]
-        elif line.strip():
+        elif line.strip() and not _RULE.fullmatch(line):
             lines.append((number, line))
     return lines, remarks
 
@@ -180,6 +188,26 @@ def _list_of_opera(lines: Sequence[tuple[int, str]]) -> list[str]:
             return names if ends else []
         names.append(f"{found['name']} [{found['unit']}]" if found["unit"] else found["name"])
     return []
+
+
+def _from_names_on(lines: list[tuple[int, str]]) -> list[tuple[int, str]]:
+    """The lines without a title and other words above the names: these are the first line, above the first numbers,
+    that has as many cells and no number."""
+    for k, (_, line) in enumerate(lines[:_LOOKED_AT]):
+        for kind in DELIMITERS:
+            cells = _cells(line, kind)
+            if len(cells) < 2 or not all(map(_NUMBER.fullmatch, cells)):
+                continue
+            above = [_cells(text, kind) for _, text in lines[:k]]
+            words = [j for j, row in enumerate(above) if not any(map(_NUMBER.fullmatch, row))]
+            return lines[next((j for j in words if len(above[j]) == len(cells)), 0) :]
+    return lines
+
+
+def _are_units(cells: Sequence[str], count: int) -> bool:
+    """Whether a line has nothing but units, or no entry, below each of so many names."""
+    units = [unit_of(cell.strip("()[]")) for cell in cells if cell]
+    return len(cells) == count and bool(units) and all(unit in UNITS and unit != "1" for unit in units)
 
 
 def _names(rows: Sequence[tuple[int, list[str]]], remarks: Sequence[str], kind: str) -> list[str] | None:
@@ -243,7 +271,7 @@ def _column(number: int, heading: str, units: Mapping[str, str], length: str | N
     """A column by its heading; length: the unit of x, y and z that do not say."""
     text = heading.strip().strip('"')
     name, unit = _name_and_unit(text)
-    if unit is None and name in ("x", "y", "z"):
+    if unit is None and name.lower() in ("x", "y", "z"):
         unit = length
     said = units.get(name, units.get(text))
     return Column(number, name, unit_of(unit) if said is None and unit is not None else said)

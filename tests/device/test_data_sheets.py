@@ -48,14 +48,18 @@ SHEETS = {
     "keys of this package": written(zip(H, B, strict=True), "# a maker\nH_A_per_m,B_T\n"),
     "names in a remark": written(zip(H, B, strict=True), "# H B\n", " "),
     "more columns": written(numbered(H, B), "No.;H (A/m);B (T);mu_r\n", ";", ","),
+    "a title, and units below the names": written(
+        zip(H / 1e3, B, strict=True), "M-19, 0.35 mm\nDC curve, measured\nH;B\nkA/m;T\n---;---\n", ";", ","
+    ),
     "sentences": written(zip(H, B, strict=True), "Magnetic field strength H (A/m);Flux density B (T)\n", ";"),
 }
 
 
+@pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16"])
 @pytest.mark.parametrize("sheet", SHEETS)
-def test_a_data_sheet_is_a_material_in_one_line(sheet, tmp_path):
+def test_a_data_sheet_is_a_material_in_one_line(sheet, encoding, tmp_path):
     """Of Python, and of a device file; without the origin, which every curve passes through."""
-    (tmp_path / "steel.csv").write_text(SHEETS[sheet])
+    (tmp_path / "steel.csv").write_text(SHEETS[sheet], encoding=encoding)
     (tmp_path / "one.toml").write_text(
         DEVICE + '[material]\niron = {kind = "bh_table", file = "steel.csv"}\n'
     )

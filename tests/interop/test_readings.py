@@ -65,8 +65,13 @@ FILES = {
     "constant current": "x_m,y_m,z_m,Bx_T,By_T,Bz_T\n" + rows(POINTS, B),
     "Opera": OPERA + rows(POINTS * [1e3, 1e3, 1e2], B * [1e4, 1e4, 1], between="  "),
     "COMSOL": COMSOL + rows(1e3 * POINTS, B * [1e3, 1, 1], between="    "),
+    "COMSOL with commas": COMSOL.replace("unit:   ", "unit,").rsplit("% x", 1)[0]
+    + "% X,Y,Z,mf.Bx (mT),mf.By (T),mf.Bz (T)\n"
+    + rows(1e3 * POINTS, B * [1e3, 1, 1]),
+    "rules and capitals": "X [mm]  Y [mm]  Z [mm]  Bx [T]  By [T]  Bz [T]\n----------------------------\n"
+    + rows(1e3 * POINTS, B, between="   "),
 }
-NO_COLUMN = ("constant current", "Opera", "COMSOL")
+NO_COLUMN = ("constant current", "Opera", "COMSOL", "COMSOL with commas", "rules and capitals")
 
 
 @pytest.mark.parametrize("name", FILES)
