@@ -6,21 +6,13 @@ from typing import Any
 from fieldmap.arguments import check, raise_all
 from fieldmap.device.materials.bh_table import CurveKeys
 from fieldmap.errors import Problem
-from fieldmap.inputs.columns import (
-    UNITS,
-    Column,
-    columns_of_roles,
-    quantity_problems,
-    read_columns,
-    unit_problems,
-)
+from fieldmap.inputs.columns import columns_of_roles, read_columns, si_values
 from fieldmap.inputs.document import schema_findings
 
 _ROLES = {
     "H": ("h", "field strength", "magnetic field strength", "field", "h-field"),
     "B": ("b", "flux density", "magnetic flux density", "induction", "b-field"),
 }
-_UNITS = {"H": "A/m", "B": "T"}
 
 
 def data_sheet(path: Path) -> Any:
@@ -40,14 +32,9 @@ def data_sheet(path: Path) -> Any:
         )
         check(count == 2, f"{path}:{table.rows[0][0]}", must, f"{count} columns", remedy)
         found, problems = dict(zip(_ROLES, table.columns, strict=True)), []
-    found = {role: Column(one.number, one.name, one.unit or _UNITS[role]) for role, one in found.items()}
-    values, wrong = table.numbers(found)
-    problems += unit_problems(table, found, {}, "a heading") + quantity_problems(path, found, _UNITS) + wrong
-    raise_all(problems)
-    data = {
-        key: (UNITS[str(found[role].unit)][1] * values[role]).tolist()
-        for role, key in (("H", "H_A_per_m"), ("B", "B_T"))
-    }
+    values, wrong = si_values(table, found, {"H": "A/m", "B": "T"}, {"H": "A/m", "B": "T"})
+    raise_all(problems + wrong)
+    data = {"H_A_per_m": values["H"].tolist(), "B_T": values["B"].tolist()}
     raise_all(
         Problem(f"{path}: {found[str(one.location[0])[0]].name}", one.must_hold, one.received, one.remedy)
         for one in schema_findings(CurveKeys, data)

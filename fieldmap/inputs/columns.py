@@ -10,7 +10,7 @@ import csv
 import re
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -373,3 +373,25 @@ def quantity_problems(source: Path, found: Mapping[str, Column], wanted: Mapping
         for role, column in found.items()
         if column.quantity not in (None, wanted[role])
     ]
+
+
+def si_values(
+    table: TextColumns,
+    found: Mapping[str, Column],
+    wanted: Mapping[str, str],
+    assumed: Mapping[str, str] | None = None,
+    units: Mapping[str, str] | None = None,
+) -> tuple[dict[str, Array], list[Problem]]:
+    """Role -> values (n,) in SI units, and everything that is wrong with their numbers and units.
+
+    wanted: SI unit of each role. assumed: unit of roles whose columns do not say theirs. units: as for `read_columns`.
+    """
+    stated = {
+        role: column if column.unit else replace(column, unit=(assumed or {}).get(role))
+        for role, column in found.items()
+    }
+    values, wrong = table.numbers(stated)
+    problems = unit_problems(table, stated, units or {}, "units")
+    problems += quantity_problems(table.source, stated, wanted) + wrong
+    factors = {role: UNITS.get(str(column.unit), ("", np.nan))[1] for role, column in stated.items()}
+    return {role: factors[role] * values[role] for role in values}, problems

@@ -11,15 +11,7 @@ import numpy as np
 
 from fieldmap.arguments import LARGEST_NUMBER, check, check_numbers, raise_all
 from fieldmap.errors import Problem
-from fieldmap.inputs.columns import (
-    UNITS,
-    Column,
-    TextColumns,
-    columns_of_roles,
-    quantity_problems,
-    read_columns,
-    unit_problems,
-)
+from fieldmap.inputs.columns import Column, TextColumns, columns_of_roles, read_columns, si_values
 from fieldmap.records import Record
 from fieldmap.store.field_mesh import is_hdf5, read_field_mesh
 from fieldmap.typing import Array, PathLike
@@ -133,11 +125,8 @@ def read_measurements(
     check(table.named, f"{source}:{table.rows[0][0]}", must, "numbers", remedy)
     found, problems = columns_of_roles(table, _ROLES, tuple(_ROLES), {}, {"names": "a heading"})
     coils, twice = _coils(table, found, fixed)
-    values, wrong = table.numbers(found | coils)
-    problems += twice + unit_problems(table, found | coils, units or {}, "units")
-    problems += quantity_problems(source, found | coils, _SI | dict.fromkeys(coils, "A")) + wrong
-    raise_all(problems)
-    in_si = {role: UNITS[str(one.unit)][1] * values[role] for role, one in (found | coils).items()}
+    in_si, wrong = si_values(table, found | coils, _SI | dict.fromkeys(coils, "A"), units=units)
+    raise_all(problems + twice + wrong)
     in_si |= {name: np.full(len(table.rows), ampere) for name, ampere in fixed.items()}
     read = [column.number for column in (*found.values(), *coils.values())]
     return Measurements(

@@ -246,13 +246,20 @@ def test_a_reference_from_a_file(written, tmp_path):
     (tmp_path / "path.csv").write_text("t,x,y,depth\n0,0,0,10\n0.5,1,0,10\n1,1,1,11\n")
     path = wanted_by(written, "csv", file="path.csv")
     np.testing.assert_allclose(path[125], [0.5, 0.0, 10.0])
-    for rows, received in (
-        ("0,0,0,10\n0,1,0,10\n", "2 rows of 4 numbers"),
-        ("0,0,0,10,1\n1,1,0,10,1\n", "2 rows of 5 numbers"),
+    # Columns in another order and in other units, as their names say.
+    (tmp_path / "path.csv").write_text("depth (cm);y_mm;x (m);t (ms);note\n1;0;0;0;1\n1;0;0,001;500;2\n")
+    np.testing.assert_allclose(wanted_by(written, "csv", file="path.csv")[125], [0.5, 0.0, 10.0])
+    for text, wheres in (
+        ("t,x,y,depth\n0,0,0,10\n0,1,0,10\n", [":3"]),
+        ("t,x,y,depth\n0,0,0,10,1\n1,nan,0,10\n", [":2", ":3"]),
+        ("t,x (A),y,z\n0,0,0,10\n1,1,1,11\n", [": depth", ": column x"]),
     ):
-        (tmp_path / "path.csv").write_text("t,x,y,depth\n" + rows)
-        with refused(ScenarioError, received=received):
+        (tmp_path / "path.csv").write_text(text)
+        with pytest.raises(ScenarioError) as caught:
             wanted_by(written, "csv", file="path.csv")
+        assert [one.where for one in caught.value.problems] == [
+            f"{tmp_path / 'path.csv'}{where}" for where in wheres
+        ]
 
 
 def test_open_loop_signals_and_disturbances_act(written):

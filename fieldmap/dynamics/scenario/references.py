@@ -9,17 +9,20 @@ from typing import Annotated, ClassVar, Literal
 import numpy as np
 from pydantic import Field, ValidationInfo
 
+from fieldmap.arguments import raise_all
 from fieldmap.control import compensated_reference
 from fieldmap.control.identification import pseudo_random_binary
-from fieldmap.errors import ScenarioError
+from fieldmap.control.identification.log import TIME
+from fieldmap.errors import InputError, ScenarioError
+from fieldmap.inputs.columns import columns_of_roles, read_columns, si_values
 from fieldmap.inputs.declared import Key, choice_of, kinds_of, table_of
-from fieldmap.inputs.document import AtKey
 from fieldmap.inputs.tables import NotNegative, Positive, Text, Vector, broken
 from fieldmap.records import Record
 from fieldmap.typing import Array
 
 AXES = ("x", "y", "depth")
 OUTPUTS = ("lift_V", "x", "y")
+_COLUMNS = {"time": TIME, **{axis: (axis,) for axis in AXES}}
 MOST_PERIODS = 5_000_000
 """Most control periods of a run. Such a run takes about 2.5 GB of memory."""
 
@@ -171,7 +174,7 @@ class Circle(Reference):
 
 @dataclass(frozen=True, repr=False)
 class TableOfReferences(Reference):
-    """A reference from a CSV file: time in s, then x, y and depth in mm, with a line of names."""
+    """A reference from a CSV file with columns time, x, y and depth, in s and mm unless their names say other units."""
 
     kind: ClassVar[str] = "csv"
 
@@ -179,16 +182,24 @@ class TableOfReferences(Reference):
 
     def changed(self, wanted: Array, time: Array, key: str) -> Array:
         """See `Reference`. The file replaces the changes before it."""
-        must = "must be a CSV file of time in s and x, y, depth in mm, with a line of names"
         try:
-            rows = np.loadtxt(self.file, delimiter=",", skiprows=1, ndmin=2)
-        except (OSError, ValueError) as error:
-            problem = AtKey(f"{key}.file", must, str(error), "correct the path or the file")
-            raise ScenarioError(problem) from None
-        if rows.shape[1] != 4 or not np.isfinite(rows).all() or (np.diff(rows[:, 0]) <= 0).any():
-            received = f"{rows.shape[0]} rows of {rows.shape[1]} numbers"
-            raise ScenarioError(AtKey(f"{key}.file", f"{must}, time rising", received, "correct the file"))
-        return np.column_stack([np.interp(time, rows[:, 0], 1e-3 * column) for column in rows[:, 1:].T])
+            table = read_columns(Path(self.file))
+            found, problems = columns_of_roles(
+                table, _COLUMNS, tuple(_COLUMNS), {}, {"names": "a heading"}, True
+            )
+            units = {role: "s" if role == "time" else "m" for role in _COLUMNS}
+            values, wrong = si_values(table, found, units, units | dict.fromkeys(AXES, "mm"))
+            raise_all(problems + wrong)
+        except InputError as error:
+            raise ScenarioError(*error.problems) from None
+        falls = np.flatnonzero(np.diff(values["time"]) <= 0)
+        if falls.size:
+            where, received = (
+                f"{self.file}:{table.rows[falls[0] + 1][0]}",
+                f"{values['time'][falls[0] + 1]:g} s",
+            )
+            raise ScenarioError.of(where, "time must rise", received, "correct the file")
+        return np.column_stack([np.interp(time, values["time"], values[axis]) for axis in AXES])
 
 
 @dataclass(frozen=True, repr=False)
