@@ -1,15 +1,13 @@
 """Files of runs that somebody damaged or made: refused, and no other file is read for them."""
 
 import os
-from types import SimpleNamespace
 
 import h5py
 import numpy as np
 import pytest
 
 import fieldmap as fm
-from fieldmap.device import recorded_device
-from fieldmap.device.schema import MATERIAL
+from fieldmap.device import reader, recorded_device
 from fieldmap.errors import InputError
 from fieldmap.plot.gather import shown_run
 from fieldmap.store import RunRecord, read_runs, seal_map, write_runs
@@ -117,8 +115,8 @@ def test_a_recorded_device_reads_no_file_but_shipped_ones(tmp_path, monkeypatch)
     (tmp_path / "secret.toml").write_text(curve)
     assert fm.read_device(ELSEWHERE).materials["steel"].b.tolist() == [1.0, 1.1]
     opened = []
-    seen = SimpleNamespace(load=lambda path: (opened.append(path), MATERIAL.load(path))[1])
-    monkeypatch.setattr("fieldmap.device.reader.MATERIAL", seen)
+    read = reader._material_file
+    monkeypatch.setattr(reader, "_material_file", lambda path: (opened.append(path), read(path))[1])
     recorded_device(ELSEWHERE)
     assert not opened
     recorded_device(SOUND)
