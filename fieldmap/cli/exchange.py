@@ -197,7 +197,7 @@ def import_map(
     source: Annotated[Path, typer.Argument(metavar="READINGS")],
     target: Annotated[Path, options.output("Map file to write (.h5).")],
     spacing: Annotated[float, option("--spacing-mm", "MM")] = 5.0,
-    currents: Annotated[list[str] | None, option("--current", "NAME=A")] = None,
+    currents: Annotated[list[str] | None, option("--currents", "NAME=A[,NAME=A...]")] = None,
     units: options.Units = None,
     degree: Annotated[int | None, option("--degree", "N", min=2)] = None,
     json: options.Json = False,
@@ -214,18 +214,19 @@ def import_map(
     spacing
         Largest distance between nodes of the map.
     currents
-        Constant current of a coil that has no column.
+        Constant currents of coils that have no columns.
     degree
         Degree of the polynomials: lower is smoother. Default: the one that predicts held-out readings best.
     """
     from fieldmap.interop import fit_map, read_measurements
     from fieldmap.store import write_map
 
-    fixed, problems = parse_pairs(currents, "--current", "NAME=A", "coil=1.5")
+    given = [word for text in currents or [] for word in text.split(",")]
+    fixed, problems = parse_pairs(given, "--currents", "NAME=A", "coil=1.5")
     unit_of, more = parse_pairs(units, "--unit", "NAME=UNIT", "x=mm")
     problems += more + output_problems("--output", target, (".h5", ".hdf5"))
     problems += [
-        Problem("--current", "must be a number of A", f"{name}={value}", "write for example coil=1.5")
+        Problem("--currents", "must be a number of A", f"{name}={value}", "write for example coil=1.5")
         for name, value in fixed.items()
         if not _is_number(value)
     ]

@@ -163,14 +163,14 @@ def test_a_constant_current_and_a_unit_are_given_beside_the_table(answer, comman
     rows[:, 3] = np.arange(300)
     bare = tmp_path / "bare.csv"
     np.savetxt(bare, rows, delimiter=";", header="x;y_mm;z_mm;No.;Bx_uT;By_uT;Bz_uT", comments="")
-    found = answer(f"import {bare} --degree 2 --current loop=2 --unit x=mm -o", tmp_path / "bare.h5")
+    found = answer(f"import {bare} --degree 2 --currents loop=2 --unit x=mm -o", tmp_path / "bare.h5")
     assert whole["unread"] == []
     assert found["unread"] == ["No."]
     assert found["report"]["residual"] == pytest.approx(whole["report"]["residual"], rel=1e-9)
-    code, _, errors = command("import --current loop=two --unit x -o", tmp_path / "no.h5", bare)
+    code, _, errors = command("import --currents loop=two --unit x -o", tmp_path / "no.h5", bare)
     assert code == 2
     assert [line.split()[-1] for line in errors.splitlines() if line.startswith("error")] == [
         "--unit",
-        "--current",
+        "--currents",
     ]
     assert not (tmp_path / "no.h5").exists()

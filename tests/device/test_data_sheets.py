@@ -144,3 +144,28 @@ def test_all_mistakes_of_a_sheet(text, wheres, tmp_path):
         f"{path}:{where}" if where.isdigit() else f"{path}: {where}" if where else str(path)
         for where in wheres
     ]
+
+
+EXTREME = {
+    "nickel-iron, permeability 4e5": (
+        [0.1, 0.2, 0.4, 0.8, 1.6, 8, 80],
+        [0.02, 0.12, 0.4, 0.6, 0.7, 0.78, 0.8],
+    ),
+    "oriented silicon iron": (
+        [2, 5, 10, 15, 30, 100, 800, 1e4],
+        [0.1, 0.6, 1.4, 1.62, 1.75, 1.85, 1.94, 2.04],
+    ),
+    "iron-cobalt": ([4, 8, 16, 24, 40, 160, 800, 4000], [0.02, 0.3, 1.9, 2.1, 2.2, 2.28, 2.33, 2.38]),
+    "ferrite": ([5, 10, 20, 50, 100, 250, 1000], [0.02, 0.06, 0.15, 0.28, 0.35, 0.4, 0.45]),
+    "iron powder": ([100, 1000, 5000, 2e4, 1e5], [0.005, 0.06, 0.28, 0.8, 1.4]),
+}
+
+
+@pytest.mark.parametrize("name", EXTREME)
+def test_the_softest_and_the_strongest_materials_are_taken(name):
+    """Rounded values of the usual size for each; in mT or gauss, or with H and B exchanged, none is."""
+    h, b = map(np.array, EXTREME[name])
+    fm.BHTable("iron", h, b).require_physical()
+    for wrong in ((h, 1e3 * b), (h, 1e4 * b), (b, h)):
+        with pytest.raises(InputError):
+            fm.BHTable("iron", *wrong).require_physical()

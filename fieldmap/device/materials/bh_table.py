@@ -363,4 +363,6 @@ _EXTENSION: Any = table_of(BHTable, "kind", "ExtensionKeys", without=("h", "b"))
 class BHTableFromFileKeys(_EXTENSION):
     """B-H table in a file of its own."""
 
-    file: Text = Field(description="material file, relative to the device file or among the shipped ones")
+    file: Text = Field(
+        description="material file, or data sheet (CSV), relative to the device file or among the shipped ones"
+    )
