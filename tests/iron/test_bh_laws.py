@@ -161,6 +161,8 @@ def test_the_description_names_the_range(material, numbers):
         (table((np.array([100.0, 200.0, 300.0]), np.array([1.0, 1.2, 1.1]))), "-0.001 T m/A"),
         (table((np.array([100.0, 300.0, 200.0]), np.array([1.0, 1.2, 1.3]))), "200 A/m"),
         (table((np.array([1e5, 2e5]), np.array([1.0, 1.05]))), "5e-07 T m/A"),
+        # B that does not rise is not looked at as H, by which it would be divided.
+        (table((np.array([0.1, 0.2, 0.3]), np.array([1.0, 1.2, 1.2]))), "H = 0.1 A/m"),
         (table((np.array([100.0]), np.array([1.0]))), "(1,)"),
         (table((np.array([100.0, 200.0]), np.array([1.0]))), "(2,) and (1,)"),
         (table((np.array([100.0, 200.0]), np.array([1.0, np.nan]))), "(2,)"),

@@ -159,7 +159,8 @@ def curve_fault(h: ArrayLike, b: ArrayLike, smallest_slope: float = SMALLEST_SLO
 def _likely(field: Array, flux: Array) -> bool:
     low, high = _LIKELY_POLARISATION_T
     reached = flux[-1] - MU0 * field[-1]
-    return low <= reached <= high and _unphysical(field, flux, SMALLEST_SLOPE, 0) is None
+    rises = field[0] > 0 and bool((np.diff(field) > 0).all())
+    return rises and low <= reached <= high and _unphysical(field, flux, SMALLEST_SLOPE, 0) is None
 
 
 def _unphysical(field: Array, flux: Array, smallest_slope: float, before: int) -> Fault | None:
