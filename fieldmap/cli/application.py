@@ -12,7 +12,7 @@ from typer.core import TyperCommand, TyperGroup
 
 from fieldmap.cli import answers, check, exchange, identify, maps, pictures, scenario, solve, studies, thesis
 from fieldmap.cli.messages import log_to_file, log_to_stderr, map_warnings_as_lines
-from fieldmap.cli.options import PARAMETERS, SHARED_HELP, helps
+from fieldmap.cli.options import PARAMETERS, SHARED_HELP, check_outputs, helps
 from fieldmap.progress import Progress
 
 if TYPE_CHECKING:
@@ -39,7 +39,14 @@ def _without_metavar(parameters: "list[CoreParameter]") -> "list[CoreParameter]"
 
 
 class Command(TyperCommand):
-    """A command whose help names no value for a flag, and puts no braces around an argument."""
+    """A command whose outputs are checked before it begins; its help names no value for a flag, and puts no braces
+    around an argument."""
+
+    def invoke(self, ctx: "CoreContext") -> Any:
+        """Run the command. Raises InputError for an output that must not be written."""
+        options = {str(one.name): one.opts[0] for one in self.params}
+        check_outputs(COMMANDS[str(self.name)].call, ctx.params, options)
+        return super().invoke(ctx)
 
     def get_params(self, ctx: "CoreContext") -> "list[CoreParameter]":
         """The parameters, --help among them."""

@@ -12,7 +12,7 @@ import typer
 
 from fieldmap.arguments import check, raise_all
 from fieldmap.cli import options, page
-from fieldmap.cli.arguments import output_problems, parse_currents, parse_moment
+from fieldmap.cli.arguments import parse_currents, parse_moment
 from fieldmap.cli.options import option
 from fieldmap.errors import InputError
 from fieldmap.progress import Progress
@@ -31,13 +31,22 @@ FORMATS = {
     "mag-manip": ("--currents", "--spacing-mm"),
     "vti": ("--currents", "--spacing-mm"),
 }
+# What each is called among the formats of outputs.
+WRITTEN = {
+    "c": "map for C",
+    "c32": "C header",
+    "csv": "table of a field",
+    "fmu": "unit of FMI",
+    "mag-manip": "field for mag_manip",
+    "vti": "VTK image data",
+}
 _OF_ANY_FIELD = ("csv", "vti")
 
 
 def export(
     source: Annotated[str, options.file_argument("DEVICE_OR_MAP", "geometry")],
     to: Annotated[str, option("--to", "NAME")],
-    target: Annotated[Path, options.output("File to write.")],
+    target: Annotated[Path, options.output("File to write."), options.writes(*WRITTEN.values())],
     kind: Annotated[str, option("--kind", "NAME")] = "harmonic",
     currents: options.Currents = None,
     spacing_mm: Annotated[float | None, option("--spacing-mm", "MM")] = None,
@@ -85,6 +94,7 @@ def export(
     from fieldmap import interop
     from fieldmap.io import existing_map, is_map_file
     from fieldmap.lookup import open_map
+    from fieldmap.store.output_formats import output_problems
 
     given = {
         "--kind": kind != "harmonic",
@@ -97,6 +107,7 @@ def export(
         "--sources": sources,
     }
     check(to in FORMATS, "--to", f"must be one of {', '.join(FORMATS)}", to, "choose one of these")
+    raise_all(output_problems("--output", target, [WRITTEN[to]]))
     wrong = ", ".join(name for name, there in given.items() if there and name not in FORMATS[to])
     must_hold = "must be a format that has these options"
     check(not wrong, "--to", must_hold, f"{wrong} with {to}", "leave them out")
@@ -194,7 +205,7 @@ def _unit(
 
 def import_map(
     source: Annotated[Path, typer.Argument(metavar="CSV")],
-    target: Annotated[Path, options.output("Map file to write (.h5).")],
+    target: Annotated[Path, options.output("Map file to write (.h5)."), options.writes("map")],
     spacing: Annotated[float, option("--spacing-mm", "MM")] = 5.0,
     degree: Annotated[int | None, option("--degree", "N", min=2)] = None,
     json: options.Json = False,
@@ -215,7 +226,6 @@ def import_map(
     from fieldmap.interop import fit_map, read_measurements
     from fieldmap.store import write_map
 
-    raise_all(output_problems("--output", target, (".h5", ".hdf5")))
     measured = fit_map(read_measurements(source), 1e-3 * spacing, degree=degree)
     write_map(target, measured.data)
     page.print_result(measured, partial(_import_page, source, target), json, map=target)

@@ -13,6 +13,7 @@ from json import dumps
 from pathlib import Path
 from typing import TextIO
 
+from fieldmap.arguments import raise_all
 from fieldmap.errors import FieldmapError, InputError, MapAccuracyWarning
 from fieldmap.progress import Progress
 from fieldmap.records import count_of
@@ -33,14 +34,12 @@ def begin_log(words: list[str]) -> None:
 
 
 def log_to_file(path: Path) -> None:
-    """Write what follows to the end of a file; InputError if it cannot be written, or is a table."""
-    if path.suffix.lower() == ".csv":
-        must, remedy = (
-            "must be a text file for lines about what is done",
-            "a log of a rig goes behind --measured",
-        )
-        raise InputError.of("--log", must, str(path), remedy)
+    """Write what follows to the end of a file; InputError if it cannot be written, or is no log."""
+    from fieldmap.store.output_formats import output_problems
+
+    raise_all(output_problems("--log", path, ["log"]))
     try:
+        path.parent.mkdir(parents=True, exist_ok=True)
         _log_to(logging.FileHandler(path, encoding="utf-8"))
     except OSError as error:
         must, received = "must be a file that can be written", f"{path}: {error.strerror}"

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from fieldmap.arguments import check
+from fieldmap.arguments import raise_all
 from fieldmap.cli import options, page
 from fieldmap.cli.messages import print_problems, resumable
 from fieldmap.errors import FieldmapError, Problem
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 StudyOutput = Annotated[
     Path | None,
     options.output("NetCDF file to write, with CSV and pictures beside it. Default: maps/out/STUDY.nc."),
+    options.writes("study"),
 ]
 
 
@@ -235,7 +236,9 @@ def _state(limit: LimitAtOptimum) -> str:
 
 def fit(
     file: Annotated[str, options.file_argument("FIT", "maps", "fits")],
-    target: Annotated[Path | None, options.output("Device file to write, with the values found.")] = None,
+    target: Annotated[
+        Path | None, options.output("Device file to write, with the values found."), options.writes("device")
+    ] = None,
     json: options.Json = False,
 ) -> None:
     """Find unknown numbers of a device from measurements on it: values with their errors, what the readings cannot tell
@@ -254,22 +257,19 @@ def fit(
 
     asked = read_fit(file)
     if target is not None:
-        _refuse(target, asked)
+        from fieldmap.store.output_formats import output_problems
+
+        read = (asked.path, asked.device_path)
+        raise_all(output_problems("--output", target, ["device"], read))
     with Progress("fit") as progress:
         found = asked.run(_after_each_solve(progress, asked))
     if target is not None:
-        target.parent.mkdir(parents=True, exist_ok=True)
-        target.write_text(found.device.to_toml(), encoding="utf-8")
+        from fieldmap.store import write_whole
+
+        write_whole(
+            target, f"# Written by fieldmap fit {asked.path.name}\n{found.device.to_toml()}", "device"
+        )
     page.print_result(found, partial(_fit_page, asked, target), json, file=asked.path, written=target)
-
-
-def _refuse(target: Path, asked: Fit) -> None:
-    """Raise InputError for a file that is not to be written."""
-    device = target.suffix == ".toml" and not target.is_dir()
-    where, read = "--output", (asked.path, asked.device_path)
-    check(device, where, "must be a device file to write", str(target), "end it with .toml")
-    own = target.exists() and any(target.samefile(path) for path in read)
-    check(not own, where, "must not be the file that is read", str(target), "give another name")
 
 
 def _after_each_solve(

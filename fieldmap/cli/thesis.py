@@ -38,7 +38,7 @@ def completed_rows(incomplete: str) -> list[str]:
 def thesis(
     rows: Annotated[list[str] | None, typer.Argument(metavar="ROW", autocompletion=completed_rows)] = None,
     json: options.Json = False,
-    report: Annotated[Path | None, option("--report", "FOLDER")] = None,
+    report: Annotated[Path | None, option("--report", "FOLDER"), options.writes()] = None,
     maps: Annotated[Path, option("--maps", "FOLDER")] = Path("maps/out"),
     make_maps: Annotated[bool, typer.Option("--make-maps")] = False,
     quick: Annotated[bool, typer.Option("--quick")] = False,

@@ -133,7 +133,7 @@ class VectorFields(Record):
             for axis, low, high in zip(_AXES, self.lower.tolist(), self.upper.tolist(), strict=True):
                 sides = f"dim_{axis}: {self.count}", f"min_{axis}: {low:.9g}", f"max_{axis}: {high:.9g}"
                 lines += [f"    {side}" for side in sides]
-        return write_whole(path, "\n".join(lines) + "\n")
+        return write_whole(path, "\n".join(lines) + "\n", "field for mag_manip")
 
 
 def write_mag_manip(

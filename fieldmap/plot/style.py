@@ -28,6 +28,7 @@ from matplotlib.quiver import Quiver
 from matplotlib.text import Text
 
 from fieldmap.arguments import check_choice
+from fieldmap.store.whole_files import whole_file
 
 Thing = TypeVar("Thing")
 STYLE: Final = "fieldmap.plot.figure"
@@ -133,7 +134,7 @@ def save_figure(figure: Figure, path: str | Path, **options: Any) -> Path:
     Path
         The path.
     """
-    _save(path, lambda target: figure.savefig(target, **options), lambda: in_the_dark(figure))
+    _save(path, "figure", lambda target: figure.savefig(target, **options), lambda: in_the_dark(figure))
     return Path(path)
 
 
@@ -144,19 +145,23 @@ def save_screenshot(scene: pv.Plotter, path: str | Path) -> Path:
         scene.render()
         scene.screenshot(str(target))
 
-    _save(path, save, lambda: scene_in_the_dark(scene))
+    _save(path, "picture", save, lambda: scene_in_the_dark(scene))
     return Path(path)
 
 
 def _save(
-    path: str | Path, save: Callable[[Path], object], dark: Callable[[], AbstractContextManager[None]]
+    path: str | Path,
+    kind: str,
+    save: Callable[[Path], object],
+    dark: Callable[[], AbstractContextManager[None]],
 ) -> None:
     wanted = schemes()
     if "light" in wanted:
-        save(Path(path))
+        with whole_file(path, kind) as partial:
+            save(partial)
     if "dark" in wanted:
-        with dark():
-            save(dark_path(path) if "light" in wanted else Path(path))
+        with dark(), whole_file(dark_path(path) if "light" in wanted else path, kind) as partial:
+            save(partial)
 
 
 def dark_colour(colour: Any) -> tuple[float, float, float, float]:

@@ -67,8 +67,7 @@ def checked_suffix(path: str | PathLike[str], suffix: str) -> Path:
 def save_grid(grid: pv.DataSet, path: str | PathLike[str], suffix: str) -> Path:
     """Write a grid as VTK's XML of this suffix, whole or not at all."""
     target = checked_suffix(path, suffix)
-    with whole_file(target) as partial:
-        target.parent.stat()
+    with whole_file(target, "VTK image data", "VTK mesh") as partial:
         grid.save(partial)
     return target
 

@@ -107,8 +107,7 @@ def write_xdmf(state: SolvedState, path: PathLike, device: Device | None = None)
     grid = iron_grid(state, device)
     cells = [("tetra", grid.cell_connectivity.reshape(-1, 4))]
     data = {name: [np.asarray(values)] for name, values in grid.cell_data.items()}
-    with whole_file(target) as partial:
-        target.parent.stat()
+    with whole_file(target, "XDMF mesh") as partial:
         meshio.Mesh(grid.points, cells, cell_data=data).write(partial, "xdmf", data_format="XML")
     return target
 

@@ -34,6 +34,7 @@ from numpy.typing import NDArray
 
 from fieldmap.errors import InputError, Problem
 from fieldmap.records import tuple_line
+from fieldmap.store.output_formats import file_in_words
 from fieldmap.store.whole_files import disk_errors
 from fieldmap.typing import PathLike
 
@@ -45,8 +46,8 @@ _PREFIX = 64 + 1 + 16 + 1 + 16 + 1
 _PAUSE = 0.05
 # Byte that is locked on Windows: the largest offset of a 32-bit call.
 _LOCKED_BYTE = (1 << 31) - 2
-# Longest first line. A file with a longer one belongs to another program.
 _LONGEST_LINE = 1 << 22
+_BEGINNING = b'{"fieldmap_checkpoint": '
 
 
 class Piece(NamedTuple):
@@ -85,7 +86,7 @@ class Checkpoint:
     """Pieces of work by key. A context manager that closes the file.
 
     An existing file is used only if its fingerprint is the same. A file with another fingerprint is emptied, and so is
-    one whose first line is damaged or foreign. The attribute `note` says why a file was emptied, or is "".
+    one whose first line is damaged. The attribute `note` says why a file was emptied, or is "".
 
     Parameters
     ----------
@@ -101,7 +102,8 @@ class Checkpoint:
     Raises
     ------
     InputError
-        If the file cannot be written, or another run still has it open (on systems with file locks).
+        If the file cannot be written, is one of another origin, or another run still has it open (on systems with file
+        locks).
     """
 
     def __init__(
@@ -118,6 +120,7 @@ class Checkpoint:
             raise InputError(_cannot_write(self.path, error)) from error
         try:
             if os.fstat(self._file.fileno()).st_size:
+                self._refuse_foreign()
                 self.note = self._find(decides) if resume else "begun anew, as asked"
             if self.note or not self._file.tell():
                 self._begin(decides)
@@ -226,6 +229,14 @@ class Checkpoint:
             self._file.seek(0)
             first_line = {"fieldmap_checkpoint": FORMAT, "fingerprint": dict(decides)}
             self._append(json.dumps(first_line).encode() + b"\n")
+
+    def _refuse_foreign(self) -> None:
+        """Raise InputError for a file that does not begin as a checkpoint, nor as the torn beginning of one."""
+        begin = _read(self._file, len(_BEGINNING))
+        if not _BEGINNING.startswith(begin):
+            must_hold = "must not replace a file of another origin: it may replace a checkpoint"
+            remedy = "move that file away, or give the output another name"
+            raise InputError.of(str(self.path), must_hold, file_in_words(self.path), remedy)
 
     def _find(self, decides: Mapping[str, str]) -> str:
         """Find the pieces, and cut off the bytes after the last complete one.

@@ -156,8 +156,8 @@ def test_the_place_of_the_output(grid, tmp_path):
     (tmp_path / "folder.nc").mkdir()
     (tmp_path / "file").write_text("")
     for name, words in (
-        ("grid.csv", "ends in .nc"),
-        ("folder.nc", "a directory"),
+        ("grid.csv", "must end in .nc"),
+        ("folder.nc", "a folder"),
         ("file/grid.nc", f"{tmp_path}/file"),
     ):
         with pytest.raises(InputError, match=re.escape(words)):

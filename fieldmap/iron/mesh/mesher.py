@@ -292,6 +292,6 @@ def _from_folder(folder: Path, key: str, make: Callable[[], MesherMesh]) -> Mesh
         received = f"{folder}: {error.strerror}"
         raise InputError.of(f"the variable {FOLDER}", must_hold, received, remedy) from None
     mesh = make()
-    with whole_file(file) as partial:
+    with whole_file(file, "kept mesh") as partial:
         np.savez(partial, **mesh.arrays)
     return mesh
