@@ -15,6 +15,7 @@ from typing import TextIO
 
 from fieldmap.arguments import raise_all
 from fieldmap.errors import FieldmapError, InputError, MapAccuracyWarning
+from fieldmap.file_contents import read_text
 from fieldmap.progress import Progress
 from fieldmap.records import count_of
 
@@ -141,8 +142,8 @@ def _line_of_file(where: str) -> list[str]:
     if found is None:
         return []
     try:
-        lines = Path(found["file"]).read_text(encoding="utf-8").splitlines()
-    except (OSError, UnicodeDecodeError):
+        lines = read_text(found["file"]).splitlines()
+    except InputError:
         return []
     number = int(found["line"])
     return [f"{number} | {lines[number - 1].strip()}"] if 0 < number <= len(lines) else []

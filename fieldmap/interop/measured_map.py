@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import contextlib
 import csv
+import io
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -20,6 +21,7 @@ from numpy.typing import ArrayLike
 
 from fieldmap.arguments import LARGEST_NUMBER
 from fieldmap.errors import InputError, Problem
+from fieldmap.file_contents import read_text
 from fieldmap.interpolants.harmonic_matrix import field_matrix, gradient_matrix
 from fieldmap.plain import Plain, plain_items
 from fieldmap.records import Record
@@ -88,14 +90,14 @@ def read_measurements(path: PathLike) -> Measurements:
         With every mistake of the file at once, and its line; numbers beyond 1e30 are mistakes.
     """
     source = Path(path)
+    text = read_text(source, otherwise="latin-1")
     try:
-        with source.open(newline="", encoding="utf-8-sig") as stream:
-            rows = [
-                (k, row)
-                for k, row in enumerate(csv.reader(stream), 1)
-                if any(cell.strip() for cell in row) and not row[0].lstrip().startswith("#")
-            ]
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        rows = [
+            (k, row)
+            for k, row in enumerate(csv.reader(io.StringIO(text, newline="")), 1)
+            if any(cell.strip() for cell in row) and not row[0].lstrip().startswith("#")
+        ]
+    except csv.Error as error:
         raise InputError.of(str(source), "must be a CSV file", str(error), "check the name") from None
     must_hold, remedy = "must have a header and readings", "see the manual"
     if not rows:

@@ -33,8 +33,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fieldmap.errors import InputError, Problem
+from fieldmap.file_contents import file_in_words
 from fieldmap.records import tuple_line
-from fieldmap.store.output_formats import file_in_words
 from fieldmap.store.whole_files import disk_errors
 from fieldmap.typing import PathLike
 

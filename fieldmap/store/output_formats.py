@@ -12,10 +12,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from fieldmap.errors import Problem
+from fieldmap.file_contents import file_in_words, head_of
 from fieldmap.records import Record
 from fieldmap.typing import PathLike
-
-_HEAD = 1 << 20
 
 
 @dataclass(frozen=True, repr=False)
@@ -115,45 +114,8 @@ def _same(one: Path, other: Path) -> bool:
 
 def _replaceable(path: Path, formats: list[Format]) -> bool:
     """Whether a file is empty, or begins as one that was written in one of these formats."""
-    head = _head(path)
-    return not head or any(one.ours.search(head) for one in formats)
-
-
-def _head(path: Path) -> bytes:
     try:
-        with path.open("rb") as stream:
-            return stream.read(_HEAD)
-    except OSError as error:
-        return f"unreadable: {error.strerror}".encode()
-
-
-_KINDS = (
-    (rb"\A\x89HDF", "an HDF5 file"),
-    (rb"\A\x89PNG|\A\xff\xd8\xff|\AGIF8", "a picture"),
-    (rb"\APK", "a zip archive"),
-    (rb"\A%PDF", "a PDF document"),
-    (rb"\A(CDF|\x7fELF|\x1f\x8b)|\x00", "a binary file"),
-)
-
-
-def file_in_words(path: PathLike) -> str:
-    """What a file seems to be, in words: by its first bytes, and of a text its first line.
-
-    Parameters
-    ----------
-    path
-        The file.
-
-    Returns
-    -------
-    str
-        Such as "a picture", or "a text that begins with 'time,x'".
-    """
-    head = _head(Path(path))
-    if not head:
-        return "an empty file"
-    for pattern, words in _KINDS:
-        if re.search(pattern, head):
-            return words
-    first = head.decode("utf-8", "replace").lstrip("\ufeff").split("\n")[0].strip()
-    return f"a text that begins with {first[:40]!r}"
+        head = head_of(path)
+    except OSError:
+        return False
+    return not head or any(one.ours.search(head) for one in formats)

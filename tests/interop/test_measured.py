@@ -141,5 +141,5 @@ def test_every_mistake_of_a_file_is_named(tmp_path, text, words):
     for word in words:
         with pytest.raises(InputError, match=word):
             raise caught.value
-    with pytest.raises(InputError, match="CSV file"):
+    with pytest.raises(InputError, match="can be read"):
         read_measurements(tmp_path / "none.csv")

@@ -5,7 +5,7 @@ import os
 import pytest
 
 from fieldmap.errors import InputError
-from fieldmap.store.output_formats import file_in_words, output_problems
+from fieldmap.store.output_formats import output_problems
 from fieldmap.store.whole_files import whole_file, write_whole
 
 TABLE = "# A field\n# device: unit\n# frame: m\n"
@@ -50,19 +50,3 @@ def test_names_folders_and_other_files(tmp_path):
     assert "is read" in fault(tmp_path / "b.h5", "map", others=["x" * 5000, tmp_path / "linked.h5"])
     assert "is read" in fault(tmp_path / "c.h5", "map", others=[tmp_path / "new" / ".." / "c.h5"])
     assert "folder" in fault(tmp_path / "b.h5" / "c.h5", "map")
-
-
-@pytest.mark.parametrize(
-    ("data", "words"),
-    [
-        (b"", "an empty file"),
-        (b"\x89HDF\r\n\x1a\n", "an HDF5 file"),
-        (b"\x89PNG", "a picture"),
-        (b"PK\x03\x04", "a zip archive"),
-        (b"\x7fELF\x02", "a binary file"),
-        (b"\xef\xbb\xbftime,x\r\n", "a text that begins with 'time,x'"),
-    ],
-)
-def test_what_a_file_is(tmp_path, data, words):
-    (tmp_path / "file").write_bytes(data)
-    assert file_in_words(tmp_path / "file") == words

@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from fieldmap.arguments import LARGEST_NUMBER, check, check_positive, check_signal
 from fieldmap.errors import InputError, Problem
+from fieldmap.file_contents import read_text
 from fieldmap.records import FrozenDict, Record
 from fieldmap.typing import Array
 
@@ -293,13 +294,7 @@ def read_log(
 
 def _lines(source: Path) -> list[tuple[int, str]]:
     """Lines that are neither empty nor comments, with their numbers."""
-    try:
-        text = source.read_text(encoding="utf-8-sig")
-    except UnicodeDecodeError:
-        text = source.read_text(encoding="latin-1")
-    except OSError as error:
-        must, received = "must be a file that can be read", error.strerror or str(error)
-        raise InputError.of(str(source), must, received, "check the name") from None
+    text = read_text(source, otherwise="latin-1")
     lines = [
         (number, line)
         for number, line in enumerate(text.splitlines(), start=1)

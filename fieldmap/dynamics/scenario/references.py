@@ -11,7 +11,8 @@ from pydantic import Field, ValidationInfo
 
 from fieldmap.control import compensated_reference
 from fieldmap.control.identification import pseudo_random_binary
-from fieldmap.errors import ScenarioError
+from fieldmap.errors import InputError, ScenarioError
+from fieldmap.file_contents import read_text
 from fieldmap.inputs.declared import Key, choice_of, kinds_of, table_of
 from fieldmap.inputs.document import AtKey
 from fieldmap.inputs.tables import NotNegative, Positive, Text, Vector, broken
@@ -181,9 +182,11 @@ class TableOfReferences(Reference):
         """See `Reference`. The file replaces the changes before it."""
         must = "must be a CSV file of time in s and x, y, depth in mm, with a line of names"
         try:
-            rows = np.loadtxt(self.file, delimiter=",", skiprows=1, ndmin=2)
-        except (OSError, ValueError) as error:
-            problem = AtKey(f"{key}.file", must, str(error), "correct the path or the file")
+            lines = read_text(self.file, otherwise="latin-1").splitlines()
+            rows = np.loadtxt(lines, delimiter=",", skiprows=1, ndmin=2)
+        except ValueError as error:
+            received = error.problems[0].received if isinstance(error, InputError) else str(error)
+            problem = AtKey(f"{key}.file", must, f"{self.file}: {received}", "correct the path or the file")
             raise ScenarioError(problem) from None
         if rows.shape[1] != 4 or not np.isfinite(rows).all() or (np.diff(rows[:, 0]) <= 0).any():
             received = f"{rows.shape[0]} rows of {rows.shape[1]} numbers"
