@@ -54,7 +54,8 @@ FORMATS: dict[str, Format] = {
     "report": _format(".html .md", rb"fieldmap: the thesis|\A# The thesis, side by side"),
     "table of numbers": _format(".csv", rb"\Arow,"),
     "log": _format(".log .txt", rb"\A\d{4}-\d\d-\d\d \d\d:\d\d:\d\d,\d{3} "),
-    "kept mesh": _format(".npz", rb"\APK.*elements\.npy"),
+    # Named by a hash of what it holds.
+    "kept mesh": _format(".npz", rb""),
 }
 
 
