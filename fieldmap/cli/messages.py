@@ -75,7 +75,7 @@ def _log_to(handler: logging.Handler) -> None:
 def resumable(title: str) -> Iterator[Progress]:
     """Progress of work that the same command continues; a message says so when somebody stops it."""
     try:
-        with Progress(title, compiles=True) as progress:
+        with Progress(title, compiles=True, timed=True) as progress:
             yield progress
     except KeyboardInterrupt:
         print("the same command continues from here; --fresh begins anew", file=sys.stderr)

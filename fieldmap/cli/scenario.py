@@ -94,7 +94,7 @@ def simulate(
     own = None if controller is None else _function_in(controller)
     kept = target is not None or save is not None or log is not None
     field, device = options.field_of_option(map_file)
-    with Progress("simulate") as progress:
+    with Progress("simulate", timed=True) as progress:
         simulation = simulate_batches(
             scenario, field, fixed, varied, runs, seed, threads, kept, progress, device, own
         )

@@ -77,7 +77,7 @@ def thesis(
         plan = planned(parts, maps, make_maps, report, must_compile())
         if Progress.shown and (report is not None or plan.seconds > LONG):
             print(plan.text, file=sys.stderr)
-        with Progress("thesis", compiles=True) as progress:
+        with Progress("thesis", compiles=True, timed=True) as progress:
             if report is not None:
                 results = _reported(plan, report, computed(plan, cached_parts(report, maps), progress))
             else:

@@ -161,7 +161,7 @@ def generate(
         "reference_current": reference_current,
     }
     given = {name: value for name, value in said.items() if value is not None}
-    with shown_or_silent("map", progress) as say:
+    with shown_or_silent("map", progress, timed=True) as say:
         say("checking recipe, device and geometry", 0.0)
         order, device = _order(recipe, given, changes)
         target, plan = _target(order.file_name, output), order.currents
