@@ -39,7 +39,7 @@ from fieldmap.store.whole_files import disk_errors
 from fieldmap.typing import PathLike
 
 FORMAT = 1
-SUFFIX = ".partial"
+SUFFIX, KEPT = ".partial", ".kept"
 # Length of a piece's first line: 64 digits of the SHA-256 and two lengths of 16 digits, each followed by one character.
 _PREFIX = 64 + 1 + 16 + 1 + 16 + 1
 # Seconds between attempts to lock a file that another run has open.
@@ -66,20 +66,22 @@ class _Place(NamedTuple):
     payload: int
 
 
-def checkpoint_path(target: PathLike) -> Path:
+def checkpoint_path(target: PathLike, stays: bool = False) -> Path:
     """Where the work on a file is kept while it is being made.
 
     Parameters
     ----------
     target
         The file.
+    stays
+        Whether later runs use the pieces after the file is complete: variants of a study, designs of a search.
 
     Returns
     -------
     Path
         Path of the checkpoint.
     """
-    return Path(target).with_name(Path(target).name + SUFFIX)
+    return Path(target).with_name(Path(target).name + (KEPT if stays else SUFFIX))
 
 
 class Checkpoint:

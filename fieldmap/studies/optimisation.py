@@ -112,7 +112,7 @@ def optimise(
     seed
         Of Optuna's sampler.
     output
-        NetCDF file of the path, with CSV and the designs solved so far (.partial) beside it: a run that was killed goes
+        NetCDF file of the path, with CSV and the designs solved so far (.kept) beside it: a run that was killed goes
         on from them and solves none twice. Functions of Python are told apart by their name alone there.
     resume
         Whether the designs of an earlier run are taken.

@@ -137,7 +137,7 @@ def run_study(
     say = progress or (lambda message, fraction: None)
     with (
         Workers(workers, scheduler) as team,
-        Checkpoint(checkpoint_path(target), order.fingerprint, resume) as checkpoint,
+        Checkpoint(checkpoint_path(target, stays=True), order.fingerprint, resume) as checkpoint,
     ):
         done = finished_variants(checkpoint)
         if retry:
