@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
 import typer.main
+from rich.markup import escape
 from typer.core import TyperCommand, TyperGroup
 
 from fieldmap.cli import answers, check, exchange, identify, maps, pictures, scenario, solve, studies, thesis
@@ -114,7 +115,8 @@ def application() -> TyperGroup:
     )
     commands.callback()(_common)
     for name, entry in COMMANDS.items():
-        text, example = described(entry.call)
+        # Words in square brackets are no markup.
+        text, example = map(escape, described(entry.call))
         about: dict[str, Any] = {"help": text, "short_help": entry.line, "epilog": example}
         commands.command(name=name, cls=Command, rich_help_panel=entry.part, **about)(entry.call)
     program = typer.main.get_command(commands)
@@ -123,7 +125,9 @@ def application() -> TyperGroup:
         own = helps(inspect.getdoc(COMMANDS[name].call))
         parameters: Any = command.params
         for parameter in parameters:
-            parameter.help = own.get(parameter.name) or parameter.help or SHARED_HELP.get(parameter.name)
+            parameter.help = escape(
+                own.get(parameter.name) or parameter.help or SHARED_HELP.get(parameter.name) or ""
+            )
     return program
 
 
