@@ -37,7 +37,7 @@ def test_every_parameter_has_a_help_and_every_help_a_parameter():
     assert SHARED_HELP.keys() <= used
 
 
-@pytest.mark.parametrize("columns", ["60", "100"])
+@pytest.mark.parametrize("columns", ["80", "100"])
 def test_no_word_of_a_help_is_lost(capsys, monkeypatch, columns):
     """Of the docstrings, whose words in square brackets could be taken for markup."""
     monkeypatch.setenv("COLUMNS", columns)
