@@ -51,7 +51,7 @@ FORMATS: dict[str, Format] = {
     "ParaView scene": _format(".vtm", rb"<VTKFile type=.vtkMultiBlockDataSet"),
     "film": _format(".gif .mp4", rb"\A(GIF8|....ftyp)"),
     "saved states": _format(".json", rb'\A\{\s*"format": 1,\s*"states"'),
-    "report": _format(".html .md", rb"fieldmap: the thesis|\A# The thesis, side by side"),
+    "report": _format(".html .md", rb"<title>fieldmap: (the thesis|gallery)|\A# The thesis, side by side"),
     "table of numbers": _format(".csv", rb"\Arow,"),
     "log": _format(".log .txt", rb"\A\d{4}-\d\d-\d\d \d\d:\d\d:\d\d,\d{3} "),
     # Named by a hash of what it holds.

@@ -14,7 +14,7 @@ from fieldmap.typing import PathLike
 
 
 @contextmanager
-def whole_file(path: PathLike, *formats: str) -> Iterator[Path]:
+def whole_file(path: PathLike, kind: str, *others: str) -> Iterator[Path]:
     """A name to write to; what lies there at the end is renamed to the path.
 
     Leaving with an error deletes it.
@@ -23,7 +23,7 @@ def whole_file(path: PathLike, *formats: str) -> Iterator[Path]:
     ----------
     path
         Of the file that shall appear. Its folder is made.
-    *formats
+    kind, *others
         Names of the formats that it may have (`fieldmap.store.output_formats`).
 
     Yields
@@ -37,7 +37,7 @@ def whole_file(path: PathLike, *formats: str) -> Iterator[Path]:
         If the place cannot be written, has another ending, or holds a file of another origin.
     """
     target = Path(path)
-    raise_all(output_problems(str(target), target, formats))
+    raise_all(output_problems(str(target), target, (kind, *others)))
     partial = target.with_name(f"{target.stem}.{os.getpid()}.part{target.suffix}")
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
@@ -53,7 +53,7 @@ def whole_file(path: PathLike, *formats: str) -> Iterator[Path]:
             partial.unlink()
 
 
-def write_whole(path: PathLike, content: bytes | str, *formats: str) -> Path:
+def write_whole(path: PathLike, content: bytes | str, kind: str) -> Path:
     """Write a file from memory, complete or not at all, and return its path.
 
     Parameters
@@ -62,8 +62,8 @@ def write_whole(path: PathLike, content: bytes | str, *formats: str) -> Path:
         Of the file.
     content
         Bytes, or a text that is written as UTF-8.
-    *formats
-        As for `whole_file`.
+    kind
+        Name of its format, as for `whole_file`.
 
     Returns
     -------
@@ -75,7 +75,7 @@ def write_whole(path: PathLike, content: bytes | str, *formats: str) -> Path:
     InputError
         As `whole_file`.
     """
-    with whole_file(path, *formats) as partial:
+    with whole_file(path, kind) as partial:
         partial.write_bytes(content.encode() if isinstance(content, str) else content)
     return Path(path)
 
