@@ -50,7 +50,10 @@ def study(
         Solve failed variants again.
     """
     from fieldmap.studies import run_study
+    from fieldmap.studies.reading import STUDY
 
+    if plot:
+        _refuse_picture(STUDY.find(file), target)
     with resumable("study") as progress:
         run = run_study(file, target, resume, retry, workers, progress, scheduler)
     files = [run.path, run.table]
@@ -66,6 +69,15 @@ def study(
         problem = Problem(str(run.study.path), "some variant must succeed", received, "see the reasons")
         print_problems(FieldmapError(problem))
         raise typer.Exit(FieldmapError.exit_code)
+
+
+def _refuse_picture(study: Path, target: Path | None) -> None:
+    """Raise InputError, before anything is solved, for a picture of another program where the plot would lie."""
+    from fieldmap.store.output_formats import output_problems
+    from fieldmap.studies.run import output_file
+
+    picture = output_file(study, target).with_suffix(".png")
+    raise_all(output_problems(str(picture), picture, ["drawn figure"]))
 
 
 # Head of each column and its significant digits; quantities without a head are in the data set only.
@@ -151,6 +163,8 @@ def optimise(
 
     problem = read_design_problem(file)
     path = output_file(STUDY.find(file), target)
+    if plot:
+        _refuse_picture(STUDY.find(file), target)
     with resumable("optimise") as progress:
         found = solve_problem(problem, path, resume, workers, progress, scheduler)
     device = str(problem.document.data.get("name", "a device"))

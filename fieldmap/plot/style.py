@@ -117,7 +117,7 @@ def dark_path(path: str | Path) -> Path:
     return Path(path).with_stem(Path(path).stem + DARK)
 
 
-def save_figure(figure: Figure, path: str | Path, **options: Any) -> Path:
+def save_figure(figure: Figure, path: str | Path, kind: str = "figure", **options: Any) -> Path:
     """Save a figure in the schemes that are asked for.
 
     Parameters
@@ -126,6 +126,8 @@ def save_figure(figure: Figure, path: str | Path, **options: Any) -> Path:
         The figure.
     path
         Path of the file.
+    kind
+        Its format (`fieldmap.store.output_formats`): "drawn figure" replaces none of another program.
     **options
         Options of `Figure.savefig`.
 
@@ -134,7 +136,7 @@ def save_figure(figure: Figure, path: str | Path, **options: Any) -> Path:
     Path
         The path.
     """
-    _save(path, "figure", lambda target: figure.savefig(target, **options), lambda: in_the_dark(figure))
+    _save(path, kind, lambda target: figure.savefig(target, **options), lambda: in_the_dark(figure))
     return Path(path)
 
 

@@ -46,6 +46,8 @@ FORMATS: dict[str, Format] = {
     "field for mag_manip": _format(".yaml .yml", rb"\A# coils in current order: "),
     "linear models": _format(".json .npz", rb'\A(\{\s*"scenario": .*"states"|PK.*depth_mm\.npy)'),
     "figure": _format(".png .svg .pdf", rb"\A\x89PNG|\A%PDF|\A<\?xml[^>]*>.*<svg"),
+    # That nobody has named: beside a map or a study.
+    "drawn figure": _format(".png", rb"\A\x89PNG.{,400}Matplotlib version"),
     "picture": _format(".png", rb"\A\x89PNG"),
     "web page": _format(".html", rb"drag: turn; wheel: zoom"),
     "ParaView scene": _format(".vtm", rb"<VTKFile type=.vtkMultiBlockDataSet"),

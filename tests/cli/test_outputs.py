@@ -3,6 +3,7 @@
 The commands and their outputs are those of the command line's own declarations.
 """
 
+import json
 import shlex
 import typing
 from pathlib import Path
@@ -114,6 +115,21 @@ def test_two_outputs_are_two_files(command, tmp_path):
     assert log.read_text() == "time,x\n"
 
 
+def test_a_picture_of_another_program_is_not_drawn_over(command, machine, tmp_path):
+    """Where nobody has named it: beside a map and beside a study."""
+    photo = b"\x89PNG\r\n\x1a\n" + bytes(500)
+    (tmp_path / "loop.h5").write_bytes(Path(machine.map).read_bytes())
+    (tmp_path / "loop.png").write_bytes(photo)
+    code, printed, _ = command("map -o", tmp_path / "loop.h5", machine.recipe, "--json", "--pictures")
+    assert code == 0
+    assert "another origin" in json.loads(printed)["pictures"][0]["problem"]
+    for name in ("study pole_disk", "optimise pole_piece"):
+        code, _, told = command(name, "-o", tmp_path / "loop.nc")
+        assert code == 2
+        assert f"error     {tmp_path / 'loop.png'}" in told
+    assert (tmp_path / "loop.png").read_bytes() == photo
+
+
 WRITTEN = {
     "map {recipe} --fresh -o loop.h5": ("map",),
     "export {six} --to csv -o a.csv": ("table of a field",),
@@ -145,6 +161,7 @@ def test_what_a_command_has_written_it_may_write_again(
         others = [
             one
             for one in FORMATS
-            if one not in (kind, "picture", "kept mesh") and Path(name).suffix in FORMATS[one].endings
+            if one not in (kind, "picture", "drawn figure", "kept mesh")
+            and Path(name).suffix in FORMATS[one].endings
         ]
         assert all(output_problems(name, name, [one]) for one in others)
