@@ -8,12 +8,13 @@ from fieldmap.errors import InputError
 from fieldmap.typing import PathLike
 
 _HEAD = 1 << 20
+_BINARY = "a binary file"
 _KINDS = (
-    (rb"\A\x89HDF", "an HDF5 file, such as a map"),
+    (rb"\A\x89HDF", "an HDF5 file"),
     (rb"\A\x89PNG|\A\xff\xd8\xff|\AGIF8", "a picture"),
     (rb"\APK", "a zip archive"),
     (rb"\A%PDF", "a PDF document"),
-    (rb"\A(CDF|\x7fELF|\x1f\x8b)|(?s:\A(?!\xff\xfe|\xfe\xff).*\x00)", "a binary file"),
+    (rb"\A(CDF|\x7fELF|\x1f\x8b)|(?s:\A(?!\xff\xfe|\xfe\xff).*\x00)", _BINARY),
 )
 
 
@@ -85,7 +86,9 @@ def read_text(path: PathLike, error: type[InputError] = InputError, otherwise: s
         remedy = "check the path and its permissions"
         raise error.of(str(path), "must be a file that can be read", received, remedy) from None
     marked = content.startswith(_UTF_16)
-    received = f"{_in_words(content[:_HEAD])}, or UTF-16 without the mark at its beginning (BOM)"
+    received = _in_words(content[:_HEAD])
+    if received == _BINARY:
+        received += ", or UTF-16 without the mark at its beginning (BOM)"
     if marked or b"\0" not in content:
         try:
             return content.decode("utf-16" if marked else "utf-8-sig")
@@ -93,7 +96,5 @@ def read_text(path: PathLike, error: type[InputError] = InputError, otherwise: s
             if otherwise and not marked:
                 return content.decode(otherwise)
             line = content.count(b"\n", 0, wrong.start) + 1
-            received = (
-                f"{_in_words(content[:_HEAD])}, with a byte in line {line} that is not of this encoding"
-            )
+            received += f", with a byte in line {line} that is not of this encoding"
     raise error.of(str(path), "must be a text in UTF-8", received, "save it as text in UTF-8")

@@ -81,7 +81,7 @@ def test_line_ends_stay(tmp_path):
     ("data", "words"),
     [
         (b"", "an empty file"),
-        (b"\x89HDF\r\n\x1a\n", "an HDF5 file, such as a map"),
+        (b"\x89HDF\r\n\x1a\n", "an HDF5 file"),
         (b"\x89PNG", "a picture"),
         (b"PK\x03\x04", "a zip archive"),
         (b"\x7fELF\x02", "a binary file"),
