@@ -7,7 +7,7 @@ from pathlib import Path
 from fieldmap.errors import InputError
 from fieldmap.typing import PathLike
 
-_HEAD = 1 << 20
+_HEAD = 1 << 24
 _BINARY = "a binary file"
 _KINDS = (
     (rb"\A\x89HDF", "an HDF5 file"),
@@ -19,7 +19,7 @@ _KINDS = (
 
 
 def head_of(path: PathLike) -> bytes:
-    """The first bytes of a file, a million at most. Raises OSError."""
+    """The first bytes of a file, sixteen million at most. Raises OSError."""
     with Path(path).open("rb") as stream:
         return stream.read(_HEAD)
 

@@ -38,7 +38,7 @@ FORMATS: dict[str, Format] = {
     "device": _format(".toml", rb"\A# Written by fieldmap"),
     "table of a field": _format(".csv", rb"\A# [^\n]*\n# device: [^\n]*\n# frame: "),
     "VTK image data": _format(".vti", rb"<VTKFile type=.ImageData"),
-    "VTK mesh": _format(".vtu", rb"<VTKFile type=.UnstructuredGrid.*mu_r"),
+    "VTK mesh": _format(".vtu", rb"<VTKFile type=.UnstructuredGrid.*(mu_r|charge_T)"),
     "XDMF mesh": _format(".xdmf", rb"<Xdmf.*mu_r"),
     "map for C": _format(".fmap", rb"\A(fieldmap|fmapiron)"),
     "C header": _format(".h", rb"\A/\* (A map for fieldmap32\.h, written by fieldmap|fieldmap\w*\.h: )"),

@@ -65,7 +65,7 @@ def test_coil_by_coil(loops, tmp_path):
 
 
 def test_places_that_cannot_be_written(loops, tmp_path):
-    with pytest.raises(InputError, match=r"ends in \.vti"):
+    with pytest.raises(InputError, match=r"end in \.vti"):
         write_vti(loops, tmp_path / "loops.vtk")
     (tmp_path / "file").touch()
     with pytest.raises(InputError) as caught:
