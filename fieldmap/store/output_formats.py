@@ -90,17 +90,17 @@ def output_problems(
         *first, last = dict.fromkeys(ending for one in known for ending in one.endings)
         must_hold = f"must end in {', '.join(first)}{' or ' if first else ''}{last}"
         return [Problem(where, must_hold, str(path), "programs know a file's format by its ending")]
-    if target.is_dir():
+    if os.path.isdir(target):
         return [Problem(where, "must be a file", f"{path}, a folder", "name the file inside it")]
     if any(_same(target, Path(other)) for other in others):
         must_hold = "must not be a file that is read, or written by another option"
         return [Problem(where, must_hold, str(path), "give it a name of its own")]
-    if target.exists() and not _replaceable(target, chosen):
+    if os.path.exists(target) and not _replaceable(target, chosen):
         must_hold = f"must not replace a file of another origin: it may replace a {' or '.join(formats)}"
         received = f"{path}, {file_in_words(target)}"
         return [Problem(where, must_hold, received, "give another name, or move that file away")]
     folder = target.absolute().parent
-    while not folder.exists():
+    while not os.path.exists(folder):
         folder = folder.parent
     if not folder.is_dir() or not os.access(folder, os.W_OK):
         received = f"{path}: {folder} is {'not writable' if folder.is_dir() else 'a file'}"
