@@ -144,7 +144,7 @@ def write_page(folder: Path, sections: dict[str, list[Picture]], missing: Sequen
         "version": fieldmap.__version__,
     }
     text = environment.get_template("gallery.html.j2").render(known)
-    write_whole(folder / "index.html", text.encode())
+    write_whole(folder / "index.html", text, "report")
     return folder / "index.html"
 
 

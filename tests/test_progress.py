@@ -1,5 +1,6 @@
 """Progress on stderr without a terminal: a few plain lines, those of the innermost work, and a word on compilation."""
 
+import re
 from types import SimpleNamespace
 
 import pytest
@@ -64,3 +65,37 @@ def test_a_first_run_says_that_it_compiles(monkeypatch, capsys, tmp_path):
     compiled.mkdir(parents=True)
     (compiled / "loop.f-1.py311.nbi").touch()
     assert not must_compile()
+
+
+def left_told(monkeypatch, capsys, done, whole, every=0.5):
+    """(time, seconds that were told to be left) of a run of `whole` seconds that has done done(t) of its work at t."""
+    now = [100.0]
+    monkeypatch.setattr("fieldmap.progress.time", SimpleNamespace(monotonic=lambda: now[0]))
+    with Progress("map", timed=True) as progress:
+        for step in range(int(whole / every) + 1):
+            now[0] = 100.0 + step * every
+            progress("working", done(step * every))
+    lines = capsys.readouterr().err.splitlines()
+    found = [re.search(r"\((\d+) s, about (\d+) s left\)", line) for line in lines]
+    return [(int(one[1]), int(one[2])) for one in found if one]
+
+
+def test_the_time_left_of_even_work_is_right(monkeypatch, capsys):
+    told = left_told(monkeypatch, capsys, lambda t: t / 60, 60.0)
+    assert len(told) >= 4
+    assert all(abs(time + left - 60) <= 1 for time, left in told)
+
+
+def test_no_time_left_is_told_where_it_is_not_known(monkeypatch, capsys):
+    """Nine tenths at once and the rest in a minute; shares as the root of the time; a first run; steps of a solve."""
+    assert left_told(monkeypatch, capsys, lambda t: min(0.9, t / 2) + max(t - 10, 0) / 600, 70.0) == []
+    assert left_told(monkeypatch, capsys, lambda t: (t / 80) ** 0.5, 80.0) == []
+    monkeypatch.setattr("fieldmap.progress.must_compile", lambda: True)
+    for settings in ({"timed": True, "compiles": True}, {}):
+        now = [100.0]
+        monkeypatch.setattr("fieldmap.progress.time", SimpleNamespace(monotonic=lambda now=now: now[0]))
+        with Progress("solving", **settings) as progress:
+            for step in range(101):
+                now[0] = 100.0 + step
+                progress("step", step / 100)
+        assert "left" not in capsys.readouterr().err

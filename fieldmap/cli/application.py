@@ -8,11 +8,12 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
 import typer.main
+from rich.markup import escape
 from typer.core import TyperCommand, TyperGroup
 
 from fieldmap.cli import answers, check, exchange, identify, maps, pictures, scenario, solve, studies, thesis
 from fieldmap.cli.messages import log_to_file, log_to_stderr, map_warnings_as_lines
-from fieldmap.cli.options import PARAMETERS, SHARED_HELP, helps
+from fieldmap.cli.options import PARAMETERS, SHARED_HELP, check_outputs, helps
 from fieldmap.progress import Progress
 
 if TYPE_CHECKING:
@@ -39,7 +40,14 @@ def _without_metavar(parameters: "list[CoreParameter]") -> "list[CoreParameter]"
 
 
 class Command(TyperCommand):
-    """A command whose help names no value for a flag, and puts no braces around an argument."""
+    """A command whose outputs are checked before it begins; its help names no value for a flag, and puts no braces
+    around an argument."""
+
+    def invoke(self, ctx: "CoreContext") -> Any:
+        """Run the command. Raises InputError for an output that must not be written."""
+        options = {str(one.name): one.opts[0] for one in self.params}
+        check_outputs(COMMANDS[str(self.name)].call, ctx.params, options)
+        return super().invoke(ctx)
 
     def get_params(self, ctx: "CoreContext") -> "list[CoreParameter]":
         """The parameters, --help among them."""
@@ -107,7 +115,8 @@ def application() -> TyperGroup:
     )
     commands.callback()(_common)
     for name, entry in COMMANDS.items():
-        text, example = described(entry.call)
+        # Words in square brackets are no markup.
+        text, example = map(escape, described(entry.call))
         about: dict[str, Any] = {"help": text, "short_help": entry.line, "epilog": example}
         commands.command(name=name, cls=Command, rich_help_panel=entry.part, **about)(entry.call)
     program = typer.main.get_command(commands)
@@ -116,7 +125,9 @@ def application() -> TyperGroup:
         own = helps(inspect.getdoc(COMMANDS[name].call))
         parameters: Any = command.params
         for parameter in parameters:
-            parameter.help = own.get(parameter.name) or parameter.help or SHARED_HELP.get(parameter.name)
+            parameter.help = escape(
+                own.get(parameter.name) or parameter.help or SHARED_HELP.get(parameter.name) or ""
+            )
     return program
 
 

@@ -1,8 +1,7 @@
-"""Values on the command line: several numbers after one option, currents, points, KEY=VALUE, files to write."""
+"""Values on the command line: several numbers after one option, currents, points, KEY=VALUE."""
 
 import re
 import tomllib
-from pathlib import Path
 
 import numpy as np
 
@@ -200,14 +199,3 @@ def positive_problems(option: str, value: float | None, remedy: str) -> list[Pro
     if value is None or 0.0 < value < float("inf"):
         return []
     return [Problem(option, "must be a positive number", f"{value}", remedy)]
-
-
-def output_problems(option: str, path: Path | None, suffixes: tuple[str, ...]) -> list[Problem]:
-    """What is wrong with the name of a file to write: its suffix, its folder. Nothing if no file is asked for."""
-    problems = []
-    if path is not None and path.suffix not in suffixes:
-        allowed = f"{', '.join(suffixes[:-1])} or {suffixes[-1]}"
-        problems.append(Problem(option, f"must end in {allowed}", str(path), "choose a suffix"))
-    if path is not None and not path.absolute().parent.is_dir():
-        problems.append(Problem(option, "must lie in a folder that exists", str(path), "make the folder"))
-    return problems

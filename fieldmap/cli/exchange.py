@@ -13,7 +13,7 @@ import typer
 
 from fieldmap.arguments import check, raise_all
 from fieldmap.cli import options, page
-from fieldmap.cli.arguments import output_problems, parse_currents, parse_moment, parse_pairs
+from fieldmap.cli.arguments import parse_currents, parse_moment, parse_pairs
 from fieldmap.cli.options import option
 from fieldmap.errors import InputError, Problem
 from fieldmap.progress import Progress
@@ -32,13 +32,22 @@ FORMATS = {
     "mag-manip": ("--currents", "--spacing-mm"),
     "vti": ("--currents", "--spacing-mm"),
 }
+# What each is called among the formats of outputs.
+WRITTEN = {
+    "c": "map for C",
+    "c32": "C header",
+    "csv": "table of a field",
+    "fmu": "unit of FMI",
+    "mag-manip": "field for mag_manip",
+    "vti": "VTK image data",
+}
 _OF_ANY_FIELD = ("csv", "vti")
 
 
 def export(
     source: Annotated[str, options.file_argument("DEVICE_OR_MAP", "geometry")],
     to: Annotated[str, option("--to", "NAME")],
-    target: Annotated[Path, options.output("File to write.")],
+    target: Annotated[Path, options.output("File to write."), options.writes(*WRITTEN.values())],
     kind: Annotated[str, option("--kind", "NAME")] = "harmonic",
     currents: options.Currents = None,
     spacing_mm: Annotated[float | None, option("--spacing-mm", "MM")] = None,
@@ -86,6 +95,7 @@ def export(
     from fieldmap import interop
     from fieldmap.io import existing_map, is_map_file
     from fieldmap.lookup import open_map
+    from fieldmap.store.output_formats import output_problems
 
     given = {
         "--kind": kind != "harmonic",
@@ -98,6 +108,7 @@ def export(
         "--sources": sources,
     }
     check(to in FORMATS, "--to", f"must be one of {', '.join(FORMATS)}", to, "choose one of these")
+    raise_all(output_problems("--output", target, [WRITTEN[to]]))
     wrong = ", ".join(name for name, there in given.items() if there and name not in FORMATS[to])
     must_hold = "must be a format that has these options"
     check(not wrong, "--to", must_hold, f"{wrong} with {to}", "leave them out")
@@ -195,7 +206,7 @@ def _unit(
 
 def import_map(
     source: Annotated[Path, typer.Argument(metavar="READINGS")],
-    target: Annotated[Path, options.output("Map file to write (.h5).")],
+    target: Annotated[Path, options.output("Map file to write (.h5)."), options.writes("map")],
     spacing: Annotated[float, option("--spacing-mm", "MM")] = 5.0,
     currents: Annotated[list[str] | None, option("--currents", "NAME=A[,NAME=A...]")] = None,
     units: options.Units = None,
@@ -224,8 +235,7 @@ def import_map(
     given = [word for text in currents or [] for word in text.split(",")]
     fixed, problems = parse_pairs(given, "--currents", "NAME=A", "coil=1.5")
     unit_of, more = parse_pairs(units, "--unit", "NAME=UNIT", "x=mm")
-    problems += more + output_problems("--output", target, (".h5", ".hdf5"))
-    problems += [
+    problems += more + [
         Problem("--currents", "must be a number of A", f"{name}={value}", "write for example coil=1.5")
         for name, value in fixed.items()
         if not _is_number(value)

@@ -28,7 +28,9 @@ if TYPE_CHECKING:
 
 def make_map(
     recipe: Annotated[str, options.file_argument("RECIPE", "maps")],
-    target: Annotated[Path | None, options.output("Map file to write. Default: maps/out/RECIPE.h5.")] = None,
+    target: Annotated[
+        Path | None, options.output("Map file to write. Default: maps/out/RECIPE.h5."), options.writes("map")
+    ] = None,
     changes: options.Changes = None,
     resume: options.Resume = True,
     summary: Annotated[bool, typer.Option("--summary")] = False,

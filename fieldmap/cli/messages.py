@@ -13,7 +13,9 @@ from json import dumps
 from pathlib import Path
 from typing import TextIO
 
+from fieldmap.arguments import raise_all
 from fieldmap.errors import FieldmapError, InputError, MapAccuracyWarning
+from fieldmap.file_contents import read_text
 from fieldmap.progress import Progress
 from fieldmap.records import count_of
 
@@ -33,14 +35,12 @@ def begin_log(words: list[str]) -> None:
 
 
 def log_to_file(path: Path) -> None:
-    """Write what follows to the end of a file; InputError if it cannot be written, or is a table."""
-    if path.suffix.lower() == ".csv":
-        must, remedy = (
-            "must be a text file for lines about what is done",
-            "a log of a rig goes behind --measured",
-        )
-        raise InputError.of("--log", must, str(path), remedy)
+    """Write what follows to the end of a file; InputError if it cannot be written, or is no log."""
+    from fieldmap.store.output_formats import output_problems
+
+    raise_all(output_problems("--log", path, ["log"]))
     try:
+        path.parent.mkdir(parents=True, exist_ok=True)
         _log_to(logging.FileHandler(path, encoding="utf-8"))
     except OSError as error:
         must, received = "must be a file that can be written", f"{path}: {error.strerror}"
@@ -75,7 +75,7 @@ def _log_to(handler: logging.Handler) -> None:
 def resumable(title: str) -> Iterator[Progress]:
     """Progress of work that the same command continues; a message says so when somebody stops it."""
     try:
-        with Progress(title, compiles=True) as progress:
+        with Progress(title, compiles=True, timed=True) as progress:
             yield progress
     except KeyboardInterrupt:
         print("the same command continues from here; --fresh begins anew", file=sys.stderr)
@@ -142,8 +142,8 @@ def _line_of_file(where: str) -> list[str]:
     if found is None:
         return []
     try:
-        lines = Path(found["file"]).read_text(encoding="utf-8").splitlines()
-    except (OSError, UnicodeDecodeError):
+        lines = read_text(found["file"]).splitlines()
+    except InputError:
         return []
     number = int(found["line"])
     return [f"{number} | {lines[number - 1].strip()}"] if 0 < number <= len(lines) else []

@@ -58,7 +58,7 @@ import re
 from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, get_type_hints
 
 import typer
 
@@ -121,6 +121,65 @@ def output(text: str) -> Any:
     return typer.Option("--output", "-o", metavar="FILE", help=text)
 
 
+class Writes(NamedTuple):
+    """Marks the parameter of a command that names what it writes.
+
+    formats: names in `fieldmap.store.output_formats`, by which `check_outputs` checks it; none for a folder, which the
+    command checks.
+    """
+
+    formats: tuple[str, ...]
+
+
+def writes(*formats: str) -> Writes:
+    """The mark of a parameter that names a file to write in one of these formats, or a folder without one."""
+    return Writes(formats)
+
+
+def outputs_of(command: Callable[..., None]) -> dict[str, Writes]:
+    """The parameters of a command that name what it writes."""
+    marks = (
+        (name, mark)
+        for name, hint in get_type_hints(command, include_extras=True).items()
+        for mark in getattr(hint, "__metadata__", ())
+    )
+    return {name: mark for name, mark in marks if isinstance(mark, Writes)}
+
+
+def check_outputs(
+    command: Callable[..., None], values: Mapping[str, Any], option_of: Mapping[str, str]
+) -> None:
+    """Raise InputError for outputs that cannot be written, or that another argument names.
+
+    Parameters
+    ----------
+    command : function
+        The command.
+    values : mapping
+        What was given to its parameters.
+    option_of : mapping
+        The option of each parameter, for messages.
+    """
+    written = outputs_of(command)
+    given = {name: values[name] for name, mark in written.items() if mark.formats and values.get(name)}
+    if not given:
+        return
+    from fieldmap.store.output_formats import output_problems
+
+    others = [
+        word
+        for name, value in values.items()
+        if name not in written
+        for word in (value if isinstance(value, list | tuple) else [value])
+        if isinstance(word, str | Path)
+    ]
+    problems: list[Problem] = []
+    for name, path in given.items():
+        problems += output_problems(option_of[name], path, written[name].formats, others)
+        others.append(path)
+    raise_all(problems)
+
+
 def setting(what: str, example: str) -> Any:
     """The option `--set` for the keys of a kind of file."""
     text = f"Change a key of the {what} for this run, such as {example}; may be repeated."
@@ -144,7 +203,7 @@ HeightMm = Annotated[float | None, option("--height-mm", "MM")]
 Moment = Annotated[str | None, option("--moment", "X Y Z")]
 PayloadOf = Annotated[str | None, option("--payload-of", "DEVICE", autocompletion=shipped("geometry"))]
 Limit = Annotated[float | None, option("--limit", "A")]
-Save = Annotated[Path | None, option("--save", "FILE")]
+SAVE = option("--save", "FILE")
 Plot = Annotated[bool, typer.Option("--plot/--no-plot")]
 Resume = Annotated[bool, typer.Option("--resume/--fresh")]
 Workers = Annotated[int, option("--workers", "N", min=1)]

@@ -30,7 +30,9 @@ def show(
     height_mm: options.HeightMm = None,
     at_mm: options.AtMm = None,
     limit: options.Limit = None,
-    save: options.Save = None,
+    save: Annotated[
+        Path | None, options.SAVE, options.writes("picture", "web page", "ParaView scene", "film")
+    ] = None,
     changes: options.Changes = None,
     mu_r: options.MuR = None,
     nonlinear: options.Nonlinear = False,
@@ -139,8 +141,8 @@ def app(
     payload_of: options.PayloadOf = None,
     web: Annotated[bool, typer.Option("--web")] = False,
     port: Annotated[int, option("--port", "N", min=0, max=65535)] = 8080,
-    states: Annotated[Path | None, option("--states", "FILE")] = None,
-    save: options.Save = None,
+    states: Annotated[Path | None, option("--states", "FILE"), options.writes("saved states")] = None,
+    save: Annotated[Path | None, options.SAVE, options.writes("picture")] = None,
     json: options.Json = False,
 ) -> None:
     """Open a window, or a page, with sliders for the currents of a map: field, force and equilibrium are updated.
@@ -165,11 +167,8 @@ def app(
     from fieldmap.lookup import FieldMap
     from fieldmap.plot.gather import DEFAULT_LIMIT
     from fieldmap.plot.live_window import LiveWindow
-    from fieldmap.plot.scenes import check_format
     from fieldmap.plot.style import save_screenshot
 
-    if save is not None:
-        check_format(save, (".png",))
     found = find_source(existing_map(map_file))
     assert isinstance(found.field, FieldMap)
     driver = DEFAULT_LIMIT if found.driver is None else found.driver.current_limit
@@ -189,7 +188,6 @@ def app(
     if save is None:
         window.show()
     else:
-        save.parent.mkdir(parents=True, exist_ok=True)
         save_screenshot(window.scene, save)
         window.scene.close()
     if json:

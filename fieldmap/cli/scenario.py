@@ -15,7 +15,7 @@ from rich.table import Table
 
 from fieldmap.arguments import raise_all
 from fieldmap.cli import options, page
-from fieldmap.cli.arguments import output_problems, parse_pairs, parse_settings, parse_variation
+from fieldmap.cli.arguments import parse_pairs, parse_settings, parse_variation
 from fieldmap.cli.options import option
 from fieldmap.errors import InputError, Problem
 from fieldmap.progress import Progress
@@ -32,8 +32,12 @@ _EXAMPLE = "control.z.Kc=0.2"
 def simulate(
     scenario: options.ScenarioArgument,
     map_file: options.ScenarioMap = None,
-    target: Annotated[Path | None, options.output("Write the runs: .h5, or .csv of a single run.")] = None,
-    save: options.Save = None,
+    target: Annotated[
+        Path | None,
+        options.output("Write the runs: .h5, or .csv of a single run."),
+        options.writes("recorded runs", "recorded run"),
+    ] = None,
+    save: Annotated[Path | None, options.SAVE, options.writes("figure")] = None,
     runs: Annotated[int, option("--runs", "N")] = 1,
     seed: Annotated[int | None, option("--seed", "N")] = None,
     threads: Annotated[int, option("--threads", "N")] = 0,
@@ -79,10 +83,8 @@ def simulate(
     problems = []
     if runs < 1:
         problems.append(Problem("--runs", "must be 1 or more", str(runs), "give a whole number"))
-    problems += output_problems("--output", target, (".h5", ".csv"))
     if several and target is not None and target.suffix == ".csv":
         problems.append(Problem("--output", "a .csv file holds one run", "several runs", "take .h5"))
-    problems += output_problems("--save", save, (".png", ".svg", ".pdf"))
     if several and log is not None:
         remedy = "leave out --runs and --vary"
         problems.append(Problem("--measured", "is laid over one run", "several runs", remedy))
@@ -92,7 +94,7 @@ def simulate(
     own = None if controller is None else _function_in(controller)
     kept = target is not None or save is not None or log is not None
     field, device = options.field_of_option(map_file)
-    with Progress("simulate") as progress:
+    with Progress("simulate", timed=True) as progress:
         simulation = simulate_batches(
             scenario, field, fixed, varied, runs, seed, threads, kept, progress, device, own
         )
@@ -234,7 +236,9 @@ def linearise(
     map_file: options.ScenarioMap = None,
     depths: Annotated[str | None, option("--depths", "A,B,...")] = None,
     changes: options.ScenarioChanges = None,
-    target: Annotated[Path | None, options.output("Write the models: .json or .npz.")] = None,
+    target: Annotated[
+        Path | None, options.output("Write the models: .json or .npz."), options.writes("linear models")
+    ] = None,
     json: options.Json = False,
 ) -> None:
     """Linearise the machine of a scenario about its operating point: poles, coupling, margins.
@@ -250,7 +254,7 @@ def linearise(
     """
     from fieldmap.dynamics.scenario import Linearisation, linear_points, prepare, read_scenario
 
-    problems, readings = output_problems("--output", target, (".json", ".npz")), None
+    problems, readings = list[Problem](), None
     try:
         readings = None if depths is None else [float(part) for part in depths.split(",")]
     except ValueError:

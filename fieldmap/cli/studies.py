@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from fieldmap.arguments import check
+from fieldmap.arguments import raise_all
 from fieldmap.cli import options, page
 from fieldmap.cli.messages import print_problems, resumable
 from fieldmap.errors import FieldmapError, Problem
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 StudyOutput = Annotated[
     Path | None,
     options.output("NetCDF file to write, with CSV and pictures beside it. Default: maps/out/STUDY.nc."),
+    options.writes("study"),
 ]
 
 
@@ -49,7 +50,10 @@ def study(
         Solve failed variants again.
     """
     from fieldmap.studies import run_study
+    from fieldmap.studies.reading import STUDY
 
+    if plot:
+        _refuse_picture(STUDY.find(file), target)
     with resumable("study") as progress:
         run = run_study(file, target, resume, retry, workers, progress, scheduler)
     files = [run.path, run.table]
@@ -65,6 +69,15 @@ def study(
         problem = Problem(str(run.study.path), "some variant must succeed", received, "see the reasons")
         print_problems(FieldmapError(problem))
         raise typer.Exit(FieldmapError.exit_code)
+
+
+def _refuse_picture(study: Path, target: Path | None) -> None:
+    """Raise InputError, before anything is solved, for a picture of another program where the plot would lie."""
+    from fieldmap.store.output_formats import output_problems
+    from fieldmap.studies.run import output_file
+
+    picture = output_file(study, target).with_suffix(".png")
+    raise_all(output_problems(str(picture), picture, ["drawn figure"]))
 
 
 # Head of each column and its significant digits; quantities without a head are in the data set only.
@@ -150,6 +163,8 @@ def optimise(
 
     problem = read_design_problem(file)
     path = output_file(STUDY.find(file), target)
+    if plot:
+        _refuse_picture(STUDY.find(file), target)
     with resumable("optimise") as progress:
         found = solve_problem(problem, path, resume, workers, progress, scheduler)
     device = str(problem.document.data.get("name", "a device"))
@@ -235,7 +250,9 @@ def _state(limit: LimitAtOptimum) -> str:
 
 def fit(
     file: Annotated[str, options.file_argument("FIT", "maps", "fits")],
-    target: Annotated[Path | None, options.output("Device file to write, with the values found.")] = None,
+    target: Annotated[
+        Path | None, options.output("Device file to write, with the values found."), options.writes("device")
+    ] = None,
     json: options.Json = False,
 ) -> None:
     """Find unknown numbers of a device from measurements on it: values with their errors, what the readings cannot tell
@@ -254,22 +271,19 @@ def fit(
 
     asked = read_fit(file)
     if target is not None:
-        _refuse(target, asked)
+        from fieldmap.store.output_formats import output_problems
+
+        read = (asked.path, asked.device_path)
+        raise_all(output_problems("--output", target, ["device"], read))
     with Progress("fit") as progress:
         found = asked.run(_after_each_solve(progress, asked))
     if target is not None:
-        target.parent.mkdir(parents=True, exist_ok=True)
-        target.write_text(found.device.to_toml(), encoding="utf-8")
+        from fieldmap.store import write_whole
+
+        write_whole(
+            target, f"# Written by fieldmap fit {asked.path.name}\n{found.device.to_toml()}", "device"
+        )
     page.print_result(found, partial(_fit_page, asked, target), json, file=asked.path, written=target)
-
-
-def _refuse(target: Path, asked: Fit) -> None:
-    """Raise InputError for a file that is not to be written."""
-    device = target.suffix == ".toml" and not target.is_dir()
-    where, read = "--output", (asked.path, asked.device_path)
-    check(device, where, "must be a device file to write", str(target), "end it with .toml")
-    own = target.exists() and any(target.samefile(path) for path in read)
-    check(not own, where, "must not be the file that is read", str(target), "give another name")
 
 
 def _after_each_solve(

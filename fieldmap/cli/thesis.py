@@ -38,7 +38,7 @@ def completed_rows(incomplete: str) -> list[str]:
 def thesis(
     rows: Annotated[list[str] | None, typer.Argument(metavar="ROW", autocompletion=completed_rows)] = None,
     json: options.Json = False,
-    report: Annotated[Path | None, option("--report", "FOLDER")] = None,
+    report: Annotated[Path | None, option("--report", "FOLDER"), options.writes()] = None,
     maps: Annotated[Path, option("--maps", "FOLDER")] = Path("maps/out"),
     make_maps: Annotated[bool, typer.Option("--make-maps")] = False,
     quick: Annotated[bool, typer.Option("--quick")] = False,
@@ -77,7 +77,7 @@ def thesis(
         plan = planned(parts, maps, make_maps, report, must_compile())
         if Progress.shown and (report is not None or plan.seconds > LONG):
             print(plan.text, file=sys.stderr)
-        with Progress("thesis", compiles=True) as progress:
+        with Progress("thesis", compiles=True, timed=True) as progress:
             if report is not None:
                 results = _reported(plan, report, computed(plan, cached_parts(report, maps), progress))
             else:

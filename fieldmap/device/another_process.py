@@ -1,5 +1,5 @@
-"""Files of other programs are read by another process first: libraries in C++ may end the process that they run in, or
-never answer it.
+"""Files and geometry of other programs are read and meshed by another process first: libraries in C++ may end the
+process that they run in, or never answer it.
 
 That it goes well there does not say that it goes well here: on some damaged STEP files the CAD kernel loops for ever in
 one of some hundred runs, by what stood in memory before. So the other process may hand over what the file holds.
@@ -31,6 +31,28 @@ def limit():
 """
 
 
+def run_by_another(
+    program: str, *arguments: str, longest: float | None = None
+) -> subprocess.CompletedProcess[bytes] | None:
+    """The end of another process that runs a program of Python; None where no process can be started here.
+
+    longest: seconds after which it is ended, which raises subprocess.TimeoutExpired.
+    """
+    # -P: modules of the working folder are not taken for those of the program.
+    command = [sys.executable, "-P", "-c", program, *arguments]
+    try:
+        return subprocess.run(
+            command, capture_output=True, stdin=subprocess.DEVNULL, timeout=longest, check=False
+        )
+    except OSError:
+        return None
+
+
+def crashed(done: subprocess.CompletedProcess[bytes]) -> bool:
+    """Whether a process ended by a signal; on Windows by a number beyond those of exits."""
+    return not 0 <= done.returncode <= 255
+
+
 def read_by_another(path: Path, program: str) -> bytes | None:
     """What a program writes of the file at `path`, run once for each state of the file; None where it writes nothing.
 
@@ -50,20 +72,15 @@ def _read(path: Path, program: str, changed: int, size: int) -> tuple[str, bytes
     longest = LONGEST_S + size / SIZE_OF_A_SECOND
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder) / "out"
-        # -P: modules of the working folder are not taken for those of the reader.
-        command = [sys.executable, "-P", "-c", _BEFORE + program, str(path), str(out)]
         try:
-            done = subprocess.run(
-                command, capture_output=True, stdin=subprocess.DEVNULL, timeout=longest, check=False
-            )
+            done = run_by_another(_BEFORE + program, str(path), str(out), longest=longest)
         except subprocess.TimeoutExpired:
             return f"reading it does not end within {longest:.0f} s", None
-        except OSError:
-            return "", None  # no process can be started here
+        if done is None:
+            return "", None
         if b"MemoryError" in done.stderr or b"bad_alloc" in done.stderr:
             most = f"{MEMORY_BYTES >> 30} GB and {MEMORY_TIMES} times its size"
             return f"it asks for more memory than {most}", None
-        # A process that crashed ended by a signal; on Windows with a number beyond those of exits.
-        if not 0 <= done.returncode <= 255:
+        if crashed(done):
             return "damaged: its reader crashes on it", None
         return "", out.read_bytes() if done.returncode == 0 and out.is_file() else None

@@ -22,7 +22,7 @@ from fieldmap.device.schema import DEVICE, MATERIAL, DeviceFile
 from fieldmap.device.shapes import ShapeOfFile
 from fieldmap.device.toml_text import toml_text
 from fieldmap.errors import DeviceFileError, InputError, Problem
-from fieldmap.inputs.columns import text_of
+from fieldmap.file_contents import read_text
 from fieldmap.inputs.declared import fields_of, record_of
 from fieldmap.inputs.document import Document, parsed, schema_findings
 from fieldmap.inputs.explain import REQUIRED
@@ -66,7 +66,7 @@ def _material_file(path: Path) -> tuple[Any, str]:
         document = MATERIAL.load(path)
         return MATERIAL.contents(document), document.text
     try:
-        return data_sheet(path), text_of(path)
+        return data_sheet(path), read_text(path, otherwise="latin-1")
     except InputError as error:
         raise DeviceFileError(*error.problems) from None
 

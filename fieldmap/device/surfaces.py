@@ -14,13 +14,16 @@ _SIDES = ((0, 1), (1, 2), (2, 0))
 _FLAT = 1e-12
 # Of triangles whose boxes are compared at a time.
 _PAIRS = 200_000
+# Corners of a shell whose place is looked at.
+_LOOKED_AT = 9
 
 
 def surface_fault(points: Array, triangles: Index) -> tuple[str, str, str] | None:
     """What must hold, what was received and the remedy, of a surface that bounds no solid; None for one that does.
 
     points (n, 3) in any unit, triangles (m, 3): numbers of points. Looked at: numbers, repeated corners, open edges,
-    triangles that turn the wrong way, and an enclosed volume that is negative (the surface is inside out). Whether it
+    triangles that turn the wrong way, an enclosed volume that is negative (the surface is inside out), and shells that
+    face the wrong way for where they lie: outward in the open, inward (a cavity) in another shell. Whether the surface
     cuts itself is not looked at here, see `crossing_triangles`.
 
     >>> corners = np.vstack([np.zeros(3), np.eye(3)])
@@ -61,7 +64,76 @@ def surface_fault(points: Array, triangles: Index) -> tuple[str, str, str] | Non
         received = f"an enclosed volume of {volume:.4g}"
         must_hold = "triangles must turn counter-clockwise seen from outside"
         return must_hold, received, "the surface is inside out: reverse the corners of each triangle"
+    return _shell_fault(points, triangles)
+
+
+def shells_of(triangles: Index) -> list[Index]:
+    """Numbers of the triangles of each shell: those that hang together through their edges, in their order."""
+    ends = np.sort(np.concatenate([triangles[:, pair] for pair in _SIDES]), axis=1)
+    _, edge = np.unique(ends, axis=0, return_inverse=True)
+    order = np.argsort(edge.ravel(), kind="stable")
+    beside = order % len(triangles)
+    same = np.flatnonzero(np.diff(edge.ravel()[order]) == 0)
+    label = np.arange(len(triangles))
+    while True:
+        lowest = label.copy()
+        np.minimum.at(lowest, beside[same], label[beside[same + 1]])
+        np.minimum.at(lowest, beside[same + 1], label[beside[same]])
+        lowest = lowest[lowest]
+        if np.array_equal(lowest, label):
+            return [np.flatnonzero(label == first) for first in np.unique(label)]
+        label = lowest
+
+
+def shell_words(points: Array, triangles: Index, shells: list[Index], number: int) -> str:
+    """A shell by its number from 1, its first triangle, and its extent."""
+    corners = points[triangles[shells[number]]].reshape(-1, 3)
+    low, high = (", ".join(f"{x:.4g}" for x in end) for end in (corners.min(axis=0), corners.max(axis=0)))
+    count = len(shells[number])
+    return f"shell {number + 1} of {len(shells)} ({count} triangles from {shells[number][0]}, ({low}) to ({high}))"
+
+
+def _shell_fault(points: Array, triangles: Index) -> tuple[str, str, str] | None:
+    """What is wrong with how the shells of a surface lie in one another."""
+    shells = shells_of(triangles)
+    if len(shells) == 1:
+        return None
+    around = [
+        [other for other in range(len(shells)) if other != k and _holds(points, triangles, shells, other, k)]
+        for k in range(len(shells))
+    ]
+    for k, outer in enumerate(around):
+        outward = enclosed_volume(points, triangles[shells[k]]) > 0
+        if outward == (len(outer) % 2 == 0):
+            continue
+        words = shell_words(points, triangles, shells, k)
+        if outer:
+            words += f" in shell {outer[0] + 1}"
+        faces = "outward" if outward else "inward"
+        remedy = "turn the triangles of that shell" + (", or remove it if it is no cavity" if outward else "")
+        return (
+            "shells face outward, and inward where they are cavities of another",
+            f"{words} faces {faces}",
+            remedy,
+        )
     return None
+
+
+def _holds(points: Array, triangles: Index, shells: list[Index], outer: int, inner: int) -> bool:
+    """Whether a shell lies in another: corners of it do, by the solid angle of the other shell (van Oosterom and
+    Strackee 1983)."""
+    corners = points[np.unique(triangles[shells[inner]])]
+    hull = points[triangles[shells[outer]]]
+    low, high = hull.min(axis=(0, 1)), hull.max(axis=(0, 1))
+    if not ((corners > low) & (corners < high)).all():
+        return False
+    places = corners[:: max(1, len(corners) // _LOOKED_AT)]
+    a, b, c = np.moveaxis(hull[None] - places[:, None, None], 2, 0)
+    la, lb, lc = (np.linalg.norm(side, axis=2) for side in (a, b, c))
+    ab, bc, ca = (np.einsum("pkd,pkd->pk", *pair) for pair in ((a, b), (b, c), (c, a)))
+    volume = np.einsum("pkd,pkd->pk", a, np.cross(b, c))
+    angle = 2 * np.arctan2(volume, la * lb * lc + ab * lc + bc * la + ca * lb)
+    return bool(np.median(np.abs(angle.sum(axis=1))) > 2 * np.pi)
 
 
 def enclosed_volume(points: Array, triangles: Index) -> float:
@@ -98,6 +170,19 @@ def crossing_triangles(points: Array, triangles: Index) -> tuple[int, int] | Non
             first = np.argmax(cut)
             return int(one[first]), int(other[first])
     return None
+
+
+def crossing_fault(points: Array, triangles: Index) -> tuple[str, str, str] | None:
+    """What must hold, what was received and the remedy, of a surface that cuts itself; None for one that does not."""
+    found = crossing_triangles(points, triangles)
+    if found is None:
+        return None
+    received = f"triangles {found[0]} and {found[1]}, which cut each other"
+    shells = shells_of(triangles)
+    of = [next(k for k, shell in enumerate(shells) if triangle in shell) for triangle in found]
+    if of[0] != of[1]:
+        received += f", of {' and '.join(shell_words(points, triangles, shells, k) for k in sorted(of))}"
+    return "the surface must not cut itself", received, "join the shells in the program that made them"
 
 
 def _edges_cross(these: Array, those: Array, size: float) -> NDArray[np.bool_]:

@@ -17,6 +17,7 @@ import numpy as np
 
 from fieldmap.arguments import LARGEST_NUMBER, check
 from fieldmap.errors import InputError, Problem
+from fieldmap.file_contents import read_text
 from fieldmap.records import Record
 from fieldmap.typing import Array
 
@@ -120,7 +121,7 @@ def read_columns(
     in the file. said_by: what the caller calls the delimiter in messages. Raises InputError for a file that cannot be
     read or has no columns.
     """
-    lines, remarks = _lines(text_of(source))
+    lines, remarks = _lines(read_text(source, otherwise="latin-1"))
     must = f"must hold a line of names and {least} rows of numbers or more"
     check(len(lines) >= max(least, 1), str(source), must, f"{len(lines)} lines", "record more")
     listed = _list_of_opera(lines)
@@ -148,20 +149,6 @@ def read_columns(
     return TextColumns(
         source, columns, tuple(rows), kind, decimal or _decimal_of(rows, kind), head is not None
     )
-
-
-def text_of(source: Path) -> str:
-    """The text of a file in UTF-8, UTF-16 with its mark, or Latin-1; raises InputError if it cannot be read."""
-    try:
-        content = source.read_bytes()
-    except OSError as error:
-        must, received = "must be a file that can be read", error.strerror or str(error)
-        raise InputError.of(str(source), must, received, "check the name") from None
-    marked = content.startswith((b"\xff\xfe", b"\xfe\xff"))
-    try:
-        return content.decode("utf-16" if marked else "utf-8-sig")
-    except UnicodeDecodeError:
-        return content.decode("latin-1")
 
 
 def _lines(text: str) -> tuple[list[tuple[int, str]], list[str]]:

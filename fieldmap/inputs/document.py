@@ -13,12 +13,11 @@ from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
 from fieldmap.errors import FieldmapError, InputError, Problem
+from fieldmap.file_contents import read_text
 from fieldmap.inputs.explain import explain, without_tags
 from fieldmap.inputs.findings import Finding, shown
 from fieldmap.inputs.key_paths import Location, Step, dotted
 from fieldmap.records import Record
-
-_HDF5 = b"\x89HDF\r\n\x1a\n"
 
 
 @dataclass(frozen=True, repr=False)
@@ -102,18 +101,7 @@ class Document(Record):
 
 def parse(path: Path, error: type[InputError]) -> Document:
     """Parse a TOML file; `error` if it cannot be read. The first syntax error ends it, with line and column."""
-    try:
-        content = path.read_bytes()
-        if content.startswith(_HDF5):
-            remedy = "name the text file (.toml) here"
-            received = "an HDF5 file, such as a map"
-            raise error.of(str(path), "must be a text file (TOML)", received, remedy)
-        text = content.decode("utf-8-sig")
-    except (OSError, UnicodeDecodeError) as unreadable:
-        remedy = "check the path and its permissions, and save the file as UTF-8 text"
-        problem = Problem(str(path), "must be readable UTF-8 text", str(unreadable), remedy)
-        raise error(problem) from unreadable
-    return parsed(path, text, error)
+    return parsed(path, read_text(path, error), error)
 
 
 def parsed(path: Path, text: str, error: type[InputError]) -> Document:

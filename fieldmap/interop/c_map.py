@@ -40,6 +40,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from fieldmap.arguments import raise_all
 from fieldmap.core import block as map_block
 from fieldmap.core.headers import FOLDER, in_one
 from fieldmap.core.iron_numbers import core_numbers
@@ -47,6 +48,7 @@ from fieldmap.errors import InputError
 from fieldmap.field import require_affine
 from fieldmap.interpolants import INTERPOLANTS
 from fieldmap.lookup import FieldMap, MapAtCurrents, compiled_currents, unit_block
+from fieldmap.store.output_formats import output_problems
 from fieldmap.store.whole_files import write_whole
 from fieldmap.typing import PathLike
 
@@ -92,7 +94,7 @@ def write_c_map(field: FieldMap | MapAtCurrents, path: PathLike) -> Path:
     """
     block, names, constant = _contents(field)
     check_harmonic(block, "write_c_map, field")
-    return write_whole(path, map_bytes(block, names, constant))
+    return write_whole(path, map_bytes(block, names, constant), "map for C")
 
 
 def _contents(field: FieldMap | MapAtCurrents) -> tuple[NDArray[np.float64], tuple[str, ...], bool]:
@@ -132,7 +134,7 @@ def write_c_files(field: FieldMap | MapAtCurrents, path: PathLike) -> tuple[Path
 
 def header_beside(path: Path, name: str, without: frozenset[str] = frozenset()) -> Path:
     """Write a header of the C core in one piece beside a file. without: names of headers that it goes on including."""
-    return write_whole(path.with_name(name), in_one(name, without=without))
+    return write_whole(path.with_name(name), in_one(name, without=without), "C header")
 
 
 def c_iron_header() -> Path:
@@ -177,7 +179,7 @@ def write_c_iron_map(field: FieldMap, path: PathLike) -> Path:
     numbers = core_numbers(model)
     behind = map_bytes(block, names, constant=False)
     content = struct.pack("=IQ", 0, len(numbers)) + numbers.tobytes() + behind
-    return write_whole(path, sealed(b"fmapiron", 1, content))
+    return write_whole(path, sealed(b"fmapiron", 1, content), "map for C")
 
 
 def write_c_iron_files(field: FieldMap, path: PathLike) -> tuple[Path, Path, Path]:
@@ -242,7 +244,8 @@ def write_c32_files(field: FieldMap | MapAtCurrents, path: PathLike) -> tuple[Pa
         must_hold = f"must have at most {_MOST_CONSTANTS} coefficients"
         remedy = 'open it with kind="global", or write_c_map for a file'
         raise InputError.of(where, must_hold, f"{count}", remedy)
-    write_whole(target, _constants(block, names, target.stem, constant))
+    raise_all(output_problems(where, target, ["C header"], [target.with_name("fieldmap32.h")]))
+    write_whole(target, _constants(block, names, target.stem, constant), "C header")
     return target, header_beside(target, "fieldmap32.h")
 
 

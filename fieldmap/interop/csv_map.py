@@ -80,7 +80,7 @@ def write_csv(
         given = np.broadcast_to(amperes, (len(points), len(names)))
         table = np.hstack([points, given, flux, slope.reshape(-1, 9)])
         lines += [",".join(map(repr, row)) for row in table.tolist()]
-    return write_whole(path, "\n".join(lines) + "\n")
+    return write_whole(path, "\n".join(lines) + "\n", "table of a field")
 
 
 def _coil_by_coil(samples: Samples) -> Iterator[tuple[Array, Array, Array]]:

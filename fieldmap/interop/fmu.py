@@ -157,7 +157,7 @@ def write_fmu(
             files[f"sources/{name}"] = (work / name).read_bytes()
         if version == 3:
             files["sources/buildDescription.xml"] = _document(_build_description(identifier))
-        return write_whole(target, _zipped(files))
+        return write_whole(target, _zipped(files), "unit of FMI")
 
 
 def _dipoles(magnet: MagneticBody | ArrayLike) -> MagneticBody:

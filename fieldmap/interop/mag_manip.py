@@ -31,6 +31,7 @@ from numpy.typing import NDArray
 from fieldmap.errors import InputError, MapFileError
 from fieldmap.extras import require
 from fieldmap.field import coil_currents
+from fieldmap.file_contents import read_text
 from fieldmap.interop.measured_map import MeasuredMap, fit_map
 from fieldmap.interop.readings import Measurements
 from fieldmap.interop.sampling import sample_grid
@@ -134,7 +135,7 @@ class VectorFields(Record):
             for axis, low, high in zip(_AXES, self.lower.tolist(), self.upper.tolist(), strict=True):
                 sides = f"dim_{axis}: {self.count}", f"min_{axis}: {low:.9g}", f"max_{axis}: {high:.9g}"
                 lines += [f"    {side}" for side in sides]
-        return write_whole(path, "\n".join(lines) + "\n")
+        return write_whole(path, "\n".join(lines) + "\n", "field for mag_manip")
 
 
 def write_mag_manip(
@@ -322,9 +323,9 @@ def read_mag_manip(path: PathLike, spacing: float | None = None) -> MeasuredMap:
     """
     yaml = require("yaml", "mag-manip", "read_mag_manip")
     source = Path(path)
+    text = read_text(source, MapFileError)
     try:
-        with source.open(encoding="utf-8") as stream:
-            content = yaml.load(stream, getattr(yaml, "CSafeLoader", yaml.SafeLoader))
+        content = yaml.load(text, getattr(yaml, "CSafeLoader", yaml.SafeLoader))
         fields = content["vfields"]
         if not 0 < len(fields) <= MOST_COILS:
             raise ValueError(f"{len(fields)} vfields, where 1 to {MOST_COILS} are read")

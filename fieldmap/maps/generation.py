@@ -14,6 +14,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
+from fieldmap.arguments import raise_all
 from fieldmap.currents import CurrentDomain, LiftAndDirections
 from fieldmap.device.model import Device, WorkspaceBox
 from fieldmap.errors import FieldmapError, MapFileError, RecipeError
@@ -42,6 +43,7 @@ from fieldmap.progress import shown_or_silent
 from fieldmap.provenance import fingerprint, library_versions
 from fieldmap.store import Checkpoint, Grid, MapInfo, MapWriter, Provenance, checkpoint_path, read_info
 from fieldmap.store.map_writer import what_decides
+from fieldmap.store.output_formats import output_problems
 from fieldmap.store.stated_accuracy import MissedAccuracy
 from fieldmap.typing import Array, PathLike, Progress
 
@@ -159,7 +161,7 @@ def generate(
         "reference_current": reference_current,
     }
     given = {name: value for name, value in said.items() if value is not None}
-    with shown_or_silent("map", progress) as say:
+    with shown_or_silent("map", progress, timed=True) as say:
         say("checking recipe, device and geometry", 0.0)
         order, device = _order(recipe, given, changes)
         target, plan = _target(order.file_name, output), order.currents
@@ -401,15 +403,8 @@ def _reference_current(given: float | None, domain: CurrentDomain | None, count:
 
 def _target(file_name: str, output: PathLike | None) -> Path:
     target = OUTPUT_FOLDER / file_name if output is None else Path(output)
-    if target.is_dir():
-        received = "a folder"
-    elif not target.name or target.suffix not in (".h5", ".hdf5"):
-        received = f'"{target.name}"'
-    else:
-        return target
-    raise RecipeError.of(
-        str(target), "a file name that ends in .h5", received, "name the file, such as map.h5"
-    )
+    raise_all(output_problems(str(target), target, ["map"]), RecipeError)
+    return target
 
 
 def _finished(target: Path, info: MapInfo) -> Mapping[str, Any] | None:

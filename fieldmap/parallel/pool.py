@@ -3,8 +3,10 @@
 import itertools
 import logging
 import os
+import signal
 import threading
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any, TypeVar
 
@@ -34,16 +36,13 @@ class Pool:
         self._at_once = count if scheduler is None else None
         if scheduler is None:
             self._threads = max(1, (os.cpu_count() or 1) // count)
-            self._cluster = distributed.LocalCluster(
-                n_workers=count,
-                threads_per_worker=1,
-                # No web page; what dask opens in its place takes any port, where its own one could be taken.
-                scheduler_kwargs={"dashboard": False, "dashboard_address": "127.0.0.1:0"},
-                # States of the iron may take what memory there is.
-                memory_limit=0,
-                silence_logs=logging.CRITICAL,
-            )
-            self._client = distributed.Client(self._cluster, set_as_default=False)
+            with _without_interrupt():
+                self._cluster = _cluster_of(count)
+            try:
+                self._client = distributed.Client(self._cluster, set_as_default=False)
+            except BaseException:
+                self._cluster.close()
+                raise
         else:
             self._client = _client_of(scheduler)
 
@@ -94,6 +93,40 @@ class Pool:
                 yield outcome
         finally:
             self._client.cancel(list(under_way))
+
+
+@contextmanager
+def _without_interrupt() -> Iterator[None]:
+    """Ctrl-C has no effect in the block, nor in the processes that begin in it.
+
+    A terminal sends it to all of them: the first process ends the others, which say nothing about it. A cluster that
+    was interrupted while it starts would be left half started.
+    """
+    main = threading.current_thread() is threading.main_thread()
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN) if main else None
+    try:
+        yield
+    finally:
+        if main:
+            signal.signal(signal.SIGINT, before)
+
+
+def dask_setup(_: distributed.Worker) -> None:
+    """What dask calls in a process of ours: one that takes the place of a dead one begins outside the block."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+def _cluster_of(count: int) -> distributed.LocalCluster:
+    return distributed.LocalCluster(
+        n_workers=count,
+        threads_per_worker=1,
+        # No web page; what dask opens in its place takes any port, where its own one could be taken.
+        scheduler_kwargs={"dashboard": False, "dashboard_address": "127.0.0.1:0"},
+        # States of the iron may take what memory there is.
+        memory_limit=0,
+        silence_logs=logging.CRITICAL,
+        preload=[__name__],
+    )
 
 
 def _outcome(future: distributed.Future, index: int) -> Outcome[Any]:

@@ -114,8 +114,7 @@ def save_animation(
     seconds = float(np.clip(run.time[-1] - run.time[0], 1.0, MOST_SECONDS))
     count = max(2, round(FRAMES_PER_SECOND * seconds)) if frames is None else frames
     pictures = _pictures(run, count, seconds, window, progress)
-    target.parent.mkdir(parents=True, exist_ok=True)
-    with whole_file(target) as partly:
+    with whole_file(target, "film") as partly:
         write(partly, pictures, count / seconds, window)
     return target
 

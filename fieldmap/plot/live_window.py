@@ -185,7 +185,7 @@ class LiveMap:
         self.saved[chosen] = dict(zip(names, self.values.tolist(), strict=True))
         if self.states_file is not None:
             content = {"format": FORMAT, "states": self.saved}
-            write_whole(self.states_file, (json.dumps(content, indent=1) + "\n").encode())
+            write_whole(self.states_file, json.dumps(content, indent=1) + "\n", "saved states")
         return tuple(self.saved)
 
     def restore(self, name: str) -> LiveAnswer:

@@ -124,7 +124,7 @@ def _save_figure(drawn: _Drawn, path: Path) -> Path:
         else:
             draw_curves(right, _axis_curves(drawn))
         figure.suptitle(summary.info.provenance.title, fontweight="normal", color=QUIET)
-    return save_figure(figure, path)
+    return save_figure(figure, path, "drawn figure")
 
 
 def shift_curves(opened: FieldMap, payload: Payload, shift: ShiftBesideMeasured) -> Curves:

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pyvista as pv
 
-from fieldmap.arguments import check_choice
+from fieldmap.arguments import check_choice, raise_all
 from fieldmap.extras import require
 from fieldmap.plot import field_scenes, forces
 from fieldmap.plot.animation import add_path
@@ -25,6 +25,7 @@ from fieldmap.plot.shown import Shown
 from fieldmap.plot.solids import box_edges, extent
 from fieldmap.plot.style import INK, save_screenshot
 from fieldmap.records import Record
+from fieldmap.store.output_formats import output_problems
 from fieldmap.store.whole_files import write_whole
 from fieldmap.typing import PathLike
 
@@ -189,13 +190,15 @@ def save_scene(
     """
     target = Path(path)
     check_format(target)
-    target.parent.mkdir(parents=True, exist_ok=True)
     if target.suffix == ".png":
         save_screenshot(scene, target)
     elif target.suffix == ".html":
         save_web_page(scene, target, title, axes)
     else:
         datasets = [actor.mapper.dataset for actor in scene.actors.values() if isinstance(actor, pv.Actor)]
+        raise_all(output_problems(str(target), target, ["ParaView scene"]))
+        target.parent.mkdir(parents=True, exist_ok=True)
+        # Not under another name first: the pieces lie in a folder of the file's name.
         pv.MultiBlock(datasets).save(target)
     return target
 
@@ -236,8 +239,7 @@ def save_web_page(
     head = _HEAD.format(title=html.escape(title), words=f"{quoted}\\A {_HOW}")
     # Replaces the viewer's own title.
     content = re.sub("<title>.*?</title>\\s*<style>", lambda _: head, page.getvalue(), count=1)
-    write_whole(Path(path), content.encode())
-    return Path(path)
+    return write_whole(path, content, "web page")
 
 
 def _description(scene: pv.Plotter, tools: Any) -> dict[str, Any]:

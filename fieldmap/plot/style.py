@@ -28,6 +28,7 @@ from matplotlib.quiver import Quiver
 from matplotlib.text import Text
 
 from fieldmap.arguments import check_choice
+from fieldmap.store.whole_files import whole_file
 from fieldmap.typing import PathLike
 
 Thing = TypeVar("Thing")
@@ -117,7 +118,7 @@ def dark_path(path: PathLike) -> Path:
     return Path(path).with_stem(Path(path).stem + DARK)
 
 
-def save_figure(figure: Figure, path: PathLike, **options: Any) -> Path:
+def save_figure(figure: Figure, path: PathLike, kind: str = "figure", **options: Any) -> Path:
     """Save a figure in the schemes that are asked for.
 
     Parameters
@@ -126,6 +127,8 @@ def save_figure(figure: Figure, path: PathLike, **options: Any) -> Path:
         The figure.
     path
         Path of the file.
+    kind
+        Its format (`fieldmap.store.output_formats`): "drawn figure" replaces none of another program.
     **options
         Options of `Figure.savefig`.
 
@@ -134,7 +137,7 @@ def save_figure(figure: Figure, path: PathLike, **options: Any) -> Path:
     Path
         The path.
     """
-    _save(path, lambda target: figure.savefig(target, **options), lambda: in_the_dark(figure))
+    _save(path, kind, lambda target: figure.savefig(target, **options), lambda: in_the_dark(figure))
     return Path(path)
 
 
@@ -145,19 +148,23 @@ def save_screenshot(scene: pv.Plotter, path: PathLike) -> Path:
         scene.render()
         scene.screenshot(str(target))
 
-    _save(path, save, lambda: scene_in_the_dark(scene))
+    _save(path, "picture", save, lambda: scene_in_the_dark(scene))
     return Path(path)
 
 
 def _save(
-    path: PathLike, save: Callable[[Path], object], dark: Callable[[], AbstractContextManager[None]]
+    path: PathLike,
+    kind: str,
+    save: Callable[[Path], object],
+    dark: Callable[[], AbstractContextManager[None]],
 ) -> None:
     wanted = schemes()
     if "light" in wanted:
-        save(Path(path))
+        with whole_file(path, kind) as partial:
+            save(partial)
     if "dark" in wanted:
-        with dark():
-            save(dark_path(path) if "light" in wanted else Path(path))
+        with dark(), whole_file(dark_path(path) if "light" in wanted else path, kind) as partial:
+            save(partial)
 
 
 def dark_colour(colour: Any) -> tuple[float, float, float, float]:

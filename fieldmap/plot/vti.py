@@ -6,9 +6,10 @@ import numpy as np
 import pyvista as pv
 from numpy.typing import ArrayLike
 
-from fieldmap.errors import InputError
+from fieldmap.arguments import raise_all
 from fieldmap.field import AnyField
 from fieldmap.interop.sampling import FRAME, sample
+from fieldmap.store.output_formats import output_problems
 from fieldmap.store.whole_files import whole_file
 from fieldmap.typing import PathLike
 
@@ -51,26 +52,16 @@ def write_vti(
         For currents that do not fit, for saturating iron without any, and for a path that does not end in .vti or
         cannot be written.
     """
-    checked_suffix(path, ".vti")
-    return save_grid(map_image(field, currents, spacing, device), path, ".vti")
+    # Before the field is sampled.
+    raise_all(output_problems(str(path), path, ["VTK image data"]))
+    return save_grid(map_image(field, currents, spacing, device), path, "VTK image data")
 
 
-def checked_suffix(path: PathLike, suffix: str) -> Path:
-    """The path of a file that ends in `suffix`. Raises InputError for another one."""
-    target = Path(path)
-    if target.suffix != suffix:
-        must_hold = f"must be a file name that ends in {suffix}"
-        raise InputError.of(str(target), must_hold, target.name, "programs know the format by it")
-    return target
-
-
-def save_grid(grid: pv.DataSet, path: PathLike, suffix: str) -> Path:
-    """Write a grid as VTK's XML of this suffix, whole or not at all."""
-    target = checked_suffix(path, suffix)
-    with whole_file(target) as partial:
-        target.parent.stat()
+def save_grid(grid: pv.DataSet, path: PathLike, kind: str) -> Path:
+    """Write a grid as VTK's XML of this format, whole or not at all."""
+    with whole_file(path, kind) as partial:
         grid.save(partial)
-    return target
+    return Path(path)
 
 
 def map_image(

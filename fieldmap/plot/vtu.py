@@ -11,7 +11,7 @@ from fieldmap.errors import InputError
 from fieldmap.extras import require
 from fieldmap.iron import IronMesh, SolvedState
 from fieldmap.iron.elements.state import IronState
-from fieldmap.plot.vti import checked_suffix, save_grid
+from fieldmap.plot.vti import save_grid
 from fieldmap.store.whole_files import whole_file
 from fieldmap.typing import Array, PathLike
 
@@ -46,7 +46,7 @@ def write_vtu(state: SolvedState, path: PathLike, device: Device | None = None) 
         For a solution without iron or one that was read back from a file, for a device of other bodies, and
         for a path that does not end in .vtu or cannot be written.
     """
-    return save_grid(iron_grid(state, device), path, ".vtu")
+    return save_grid(iron_grid(state, device), path, "VTK mesh")
 
 
 def write_charges_vtu(state: SolvedState, path: PathLike) -> Path:
@@ -73,7 +73,7 @@ def write_charges_vtu(state: SolvedState, path: PathLike) -> Path:
     InputError
         As for `write_vtu`.
     """
-    return save_grid(charges_grid(state), path, ".vtu")
+    return save_grid(charges_grid(state), path, "VTK mesh")
 
 
 def write_xdmf(state: SolvedState, path: PathLike, device: Device | None = None) -> Path:
@@ -102,15 +102,13 @@ def write_xdmf(state: SolvedState, path: PathLike, device: Device | None = None)
     InputError
         As for `write_vtu`.
     """
-    target = checked_suffix(path, ".xdmf")
     meshio = require("meshio", "mesh", "write_xdmf")
     grid = iron_grid(state, device)
     cells = [("tetra", grid.cell_connectivity.reshape(-1, 4))]
     data = {name: [np.asarray(values)] for name, values in grid.cell_data.items()}
-    with whole_file(target) as partial:
-        target.parent.stat()
+    with whole_file(path, "XDMF mesh") as partial:
         meshio.Mesh(grid.points, cells, cell_data=data).write(partial, "xdmf", data_format="XML")
-    return target
+    return Path(path)
 
 
 def iron_grid(state: SolvedState, device: Device | None = None) -> pv.UnstructuredGrid:

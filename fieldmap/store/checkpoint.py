@@ -33,20 +33,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fieldmap.errors import InputError, Problem
+from fieldmap.file_contents import file_in_words
 from fieldmap.records import tuple_line
 from fieldmap.store.whole_files import disk_errors
 from fieldmap.typing import PathLike
 
 FORMAT = 1
-SUFFIX = ".partial"
+SUFFIX, KEPT = ".partial", ".kept"
 # Length of a piece's first line: 64 digits of the SHA-256 and two lengths of 16 digits, each followed by one character.
 _PREFIX = 64 + 1 + 16 + 1 + 16 + 1
 # Seconds between attempts to lock a file that another run has open.
 _PAUSE = 0.05
 # Byte that is locked on Windows: the largest offset of a 32-bit call.
 _LOCKED_BYTE = (1 << 31) - 2
-# Longest first line. A file with a longer one belongs to another program.
 _LONGEST_LINE = 1 << 22
+_BEGINNING = b'{"fieldmap_checkpoint": '
 
 
 class Piece(NamedTuple):
@@ -65,27 +66,29 @@ class _Place(NamedTuple):
     payload: int
 
 
-def checkpoint_path(target: PathLike) -> Path:
+def checkpoint_path(target: PathLike, stays: bool = False) -> Path:
     """Where the work on a file is kept while it is being made.
 
     Parameters
     ----------
     target
         The file.
+    stays
+        Whether later runs use the pieces after the file is complete: variants of a study, designs of a search.
 
     Returns
     -------
     Path
         Path of the checkpoint.
     """
-    return Path(target).with_name(Path(target).name + SUFFIX)
+    return Path(target).with_name(Path(target).name + (KEPT if stays else SUFFIX))
 
 
 class Checkpoint:
     """Pieces of work by key. A context manager that closes the file.
 
     An existing file is used only if its fingerprint is the same. A file with another fingerprint is emptied, and so is
-    one whose first line is damaged or foreign. The attribute `note` says why a file was emptied, or is "".
+    one whose first line is damaged. The attribute `note` says why a file was emptied, or is "".
 
     Parameters
     ----------
@@ -101,7 +104,8 @@ class Checkpoint:
     Raises
     ------
     InputError
-        If the file cannot be written, or another run still has it open (on systems with file locks).
+        If the file cannot be written, is one of another origin, or another run still has it open (on systems with file
+        locks).
     """
 
     def __init__(
@@ -118,6 +122,7 @@ class Checkpoint:
             raise InputError(_cannot_write(self.path, error)) from error
         try:
             if os.fstat(self._file.fileno()).st_size:
+                self._refuse_foreign()
                 self.note = self._find(decides) if resume else "begun anew, as asked"
             if self.note or not self._file.tell():
                 self._begin(decides)
@@ -226,6 +231,14 @@ class Checkpoint:
             self._file.seek(0)
             first_line = {"fieldmap_checkpoint": FORMAT, "fingerprint": dict(decides)}
             self._append(json.dumps(first_line).encode() + b"\n")
+
+    def _refuse_foreign(self) -> None:
+        """Raise InputError for a file that does not begin as a checkpoint, nor as the torn beginning of one."""
+        begin = _read(self._file, len(_BEGINNING))
+        if not _BEGINNING.startswith(begin):
+            must_hold = "must not replace a file of another origin: it may replace a checkpoint"
+            remedy = "move that file away, or give the output another name"
+            raise InputError.of(str(self.path), must_hold, file_in_words(self.path), remedy)
 
     def _find(self, decides: Mapping[str, str]) -> str:
         """Find the pieces, and cut off the bytes after the last complete one.

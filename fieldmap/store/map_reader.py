@@ -20,6 +20,7 @@ import numpy as np
 
 from fieldmap.currents import CurrentParametrisation, LiftAndDirections, parametrisation_from_json
 from fieldmap.errors import InputError, MapFileError, Problem
+from fieldmap.file_contents import file_in_words, head_of
 from fieldmap.shipped import is_file, shipped_file
 from fieldmap.store.checkpoint import SUFFIX
 from fieldmap.store.map_data import Grid, MapData, MapInfo
@@ -41,7 +42,7 @@ from fieldmap.store.map_format import (
 )
 from fieldmap.store.openpmd import of_source, on_grid
 from fieldmap.store.reduced_model import ARRAYS, OPTIONAL, ReducedModel, parametrisation_of
-from fieldmap.store.seal import REMAKE, check_seal
+from fieldmap.store.seal import REMAKE, check_seal, is_sealed
 from fieldmap.typing import Array
 
 _NAMES = {
@@ -206,6 +207,8 @@ def opened_map(path: str | os.PathLike[str]) -> Iterator[h5py.File]:
         if path.name.endswith(SUFFIX):
             remedy = "go on with it: fieldmap map RECIPE --resume"
             raise Refused("a complete map", "the file of a run that has not finished", remedy)
+        if not head_of(path).startswith(b"\x89HDF") and not is_sealed(path):
+            raise Refused("an HDF5 file that fieldmap has written", file_in_words(path), REMAKE)
         check_seal(path)
         with h5py.File(path, "r") as file:
             yield file

@@ -16,7 +16,7 @@ from typing import Any
 import h5py
 import numpy as np
 
-from fieldmap.errors import FieldmapError, InputError, Problem
+from fieldmap.errors import FieldmapError
 from fieldmap.store.checkpoint import Checkpoint, checkpoint_path
 from fieldmap.store.map_data import FieldError, MapData, MapInfo
 from fieldmap.store.map_format import (
@@ -77,8 +77,7 @@ def write_map(target: PathLike, data: MapData) -> Path:
     for chunk in chunks_of(data.grid):
         planes = slice(chunk.first, chunk.last)
         _check_finite(path, chunk, data.flux_density[:, planes], data.gradient[:, planes])
-    make_folder(path)
-    with whole_file(path) as partial:
+    with whole_file(path, "map") as partial:
         file = h5py.File(partial, "w")
         with disk_errors(path):
             with file:
@@ -271,18 +270,6 @@ def what_decides(info: MapInfo) -> dict[str, str]:
         for key, value in header_of(info).items()
         if key not in _FREE_KEYS
     }
-
-
-def make_folder(path: Path) -> None:
-    """Make the folder of a file. Raises InputError if that fails."""
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        remedy = "choose a folder that exists and that you may write to"
-        problem = Problem(
-            str(path), "must be a place that can be written", error.strerror or str(error), remedy
-        )
-        raise InputError(problem) from error
 
 
 def _key(chunk: Chunk) -> str:

@@ -58,7 +58,7 @@ def write_runs(path: str | os.PathLike[str], runs: Iterable[RunRecord], about: M
         If the file cannot be written.
     """
     target = Path(path)
-    with whole_file(target) as partial:
+    with whole_file(target, "recorded runs") as partial:
         with h5py.File(partial, "w") as file:
             file.attrs["format"] = FORMAT
             for name, text in about.items():

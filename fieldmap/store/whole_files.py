@@ -7,12 +7,14 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+from fieldmap.arguments import raise_all
 from fieldmap.errors import FieldmapError, InputError
+from fieldmap.store.output_formats import output_problems
 from fieldmap.typing import PathLike
 
 
 @contextmanager
-def whole_file(path: PathLike) -> Iterator[Path]:
+def whole_file(path: PathLike, kind: str, *others: str) -> Iterator[Path]:
     """A name to write to; what lies there at the end is renamed to the path.
 
     Leaving with an error deletes it.
@@ -20,7 +22,9 @@ def whole_file(path: PathLike) -> Iterator[Path]:
     Parameters
     ----------
     path
-        Of the file that shall appear.
+        Of the file that shall appear. Its folder is made.
+    kind, *others
+        Names of the formats that it may have (`fieldmap.store.output_formats`).
 
     Yields
     ------
@@ -30,11 +34,13 @@ def whole_file(path: PathLike) -> Iterator[Path]:
     Raises
     ------
     InputError
-        If the place cannot be written.
+        If the place cannot be written, has another ending, or holds a file of another origin.
     """
     target = Path(path)
+    raise_all(output_problems(str(target), target, (kind, *others)))
     partial = target.with_name(f"{target.stem}.{os.getpid()}.part{target.suffix}")
     try:
+        target.parent.mkdir(parents=True, exist_ok=True)
         yield partial
         os.replace(partial, target)
     except OSError as error:
@@ -47,7 +53,7 @@ def whole_file(path: PathLike) -> Iterator[Path]:
             partial.unlink()
 
 
-def write_whole(path: PathLike, content: bytes | str) -> Path:
+def write_whole(path: PathLike, content: bytes | str, kind: str) -> Path:
     """Write a file from memory, complete or not at all, and return its path.
 
     Parameters
@@ -56,6 +62,8 @@ def write_whole(path: PathLike, content: bytes | str) -> Path:
         Of the file.
     content
         Bytes, or a text that is written as UTF-8.
+    kind
+        Name of its format, as for `whole_file`.
 
     Returns
     -------
@@ -65,9 +73,9 @@ def write_whole(path: PathLike, content: bytes | str) -> Path:
     Raises
     ------
     InputError
-        If the place cannot be written.
+        As `whole_file`.
     """
-    with whole_file(path) as partial:
+    with whole_file(path, kind) as partial:
         partial.write_bytes(content.encode() if isinstance(content, str) else content)
     return Path(path)
 

@@ -35,7 +35,7 @@ from fieldmap.studies.design import (
 )
 from fieldmap.studies.design_checks import design_problem
 from fieldmap.studies.optimum import Check, LimitAtOptimum, NoFeasibleDesign, Optimum
-from fieldmap.studies.run import require_xarray, write_netcdf
+from fieldmap.studies.run import checked_output, require_xarray, write_netcdf
 from fieldmap.studies.search import Designs, Evaluation, SearchEnded, searching
 from fieldmap.typing import Array, PathLike, Progress
 
@@ -112,7 +112,7 @@ def optimise(
     seed
         Of Optuna's sampler.
     output
-        NetCDF file of the path, with CSV and the designs solved so far (.partial) beside it: a run that was killed goes
+        NetCDF file of the path, with CSV and the designs solved so far (.kept) beside it: a run that was killed goes
         on from them and solves none twice. Functions of Python are told apart by their name alone there.
     resume
         Whether the designs of an earlier run are taken.
@@ -201,7 +201,7 @@ def solve_problem(
     """
     if problem.method == "optuna":
         _require_optuna()
-    target = None if output is None else Path(output)
+    target = None if output is None else checked_output(Path(output))
     if target is not None:
         require_xarray()
     say = progress or (lambda message, fraction: None)
@@ -211,7 +211,7 @@ def solve_problem(
         table = target.with_suffix(".csv")
         found = replace(found, written=(target, table))
         write_netcdf(found.data, target)
-        write_whole(table, found.csv_text().encode())
+        write_whole(table, found.csv_text(), "study table")
     say("complete", 1.0)
     return found
 

@@ -12,6 +12,7 @@ import numpy as np
 from fieldmap.device.model import Device
 from fieldmap.errors import Infeasible, Problem
 from fieldmap.plain import Plain, plain_items
+from fieldmap.provenance import library_versions
 from fieldmap.records import Record
 from fieldmap.studies.design import Variable, settings_at
 from fieldmap.studies.run import csv_table, require_xarray
@@ -127,6 +128,8 @@ class Optimum(Record):
         xarray = require_xarray()
         columns = {name: ("design", np.array(values)) for name, values in self._columns().items()}
         attributes = {name: getattr(self, name) for name in ("title", "objective", "method", "ended")}
+        versions = library_versions("xarray", "h5netcdf")
+        attributes["source"] = ", ".join(f"{name} {version}" for name, version in versions.items())
         attributes["assumptions"] = "\n".join(self.assumptions)
         return xarray.Dataset(columns, coords={"design": np.arange(len(self.path))}, attrs=attributes)
 

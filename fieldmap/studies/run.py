@@ -13,14 +13,15 @@ from typing import Any
 
 import numpy as np
 
+from fieldmap.arguments import raise_all
 from fieldmap.device.reader import device_of
-from fieldmap.errors import InputError
 from fieldmap.extras import require
 from fieldmap.parallel import Workers
 from fieldmap.plain import Plain, plain_items
 from fieldmap.provenance import library_versions
 from fieldmap.records import Record
 from fieldmap.store import Checkpoint, checkpoint_path, write_whole
+from fieldmap.store.output_formats import output_problems
 from fieldmap.store.whole_files import whole_file
 from fieldmap.studies.quantities import NEED_PAYLOAD, number_names, recorded
 from fieldmap.studies.reading import read_study
@@ -136,7 +137,7 @@ def run_study(
     say = progress or (lambda message, fraction: None)
     with (
         Workers(workers, scheduler) as team,
-        Checkpoint(checkpoint_path(target), order.fingerprint, resume) as checkpoint,
+        Checkpoint(checkpoint_path(target, stays=True), order.fingerprint, resume) as checkpoint,
     ):
         done = finished_variants(checkpoint)
         if retry:
@@ -147,7 +148,7 @@ def run_study(
     data = _data_set(order, results, columns)
     table = target.with_suffix(".csv")
     write_netcdf(data, target)
-    write_whole(table, _csv_text(order, results, columns).encode())
+    write_whole(table, _csv_text(order, results, columns), "study table")
     say("complete", 1.0)
     return StudyRun(order, data, target, table, _failed(order, results))
 
@@ -203,13 +204,15 @@ def _failed(study: Study, results: list[VariantResult]) -> dict[str, tuple[str, 
 
 
 def output_file(study: Path, output: PathLike | None) -> Path:
-    """The NetCDF file of a study file: as asked, or of its name. Raises InputError for one that cannot be it."""
-    target = OUTPUT_FOLDER / f"{study.stem}.nc" if output is None else Path(output)
-    if target.suffix != ".nc":
-        remedy = "write for example --output maps/out/study.nc; the CSV is put beside it"
-        raise InputError.of(str(target), "must be a file name that ends in .nc", target.name, remedy)
-    if target.is_dir():
-        raise InputError.of(str(target), "must be a file", "a directory", "name the file inside it")
+    """The NetCDF file of a study file: as asked, or of its name. Raises InputError as `checked_output`."""
+    return checked_output(OUTPUT_FOLDER / f"{study.stem}.nc" if output is None else Path(output))
+
+
+def checked_output(target: Path) -> Path:
+    """The NetCDF file of a study or a search, which can be written with its table beside it; otherwise InputError."""
+    problems = output_problems(str(target), target, ["study"])
+    table = target.with_suffix(".csv")
+    raise_all(problems or output_problems(str(table), table, ["study table"]))
     return target
 
 
@@ -231,8 +234,7 @@ def require_xarray() -> ModuleType:
 
 def write_netcdf(data: Any, path: Path) -> None:
     """Write the data set; the file appears complete or not at all."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with whole_file(path) as partial:
+    with whole_file(path, "study") as partial:
         data.to_netcdf(partial, engine="h5netcdf")
 
 

@@ -11,7 +11,6 @@ import json
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, nullcontext
 from dataclasses import asdict, dataclass, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -146,11 +145,11 @@ def searching(
     progress: Progress | None,
     scheduler: str | None = None,
 ) -> Iterator[Designs]:
-    """A search by workers, whose designs are kept in OUTPUT.partial."""
+    """A search by workers, whose designs are kept in OUTPUT.kept."""
     keep = (
         nullcontext()
         if output is None
-        else Checkpoint(checkpoint_path(Path(output)), problem_fingerprint(problem), resume)
+        else Checkpoint(checkpoint_path(output, stays=True), problem_fingerprint(problem), resume)
     )
     with Workers(workers, scheduler) as team, keep as checkpoint:
         yield Designs(problem, team, checkpoint, progress or (lambda message, fraction: None))

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
 import numpy as np
-from pydantic import BeforeValidator, Field, StringConstraints, ValidationInfo
+from pydantic import BeforeValidator, Field, ValidationInfo
 
 from fieldmap import records
 from fieldmap.currents import divide_currents
@@ -17,7 +17,7 @@ from fieldmap.errors import FieldmapError, Problem
 from fieldmap.inputs.declared import Key, table_of
 from fieldmap.inputs.document import Document
 from fieldmap.inputs.findings import Finding, one_of, shown
-from fieldmap.inputs.tables import Name, Point, Positive, Text, broken, is_number, one_or_each
+from fieldmap.inputs.tables import Name, Point, Positive, Text, broken, is_number, one_or_each, text_like
 from fieldmap.maps.recipe import LARGEST_CURRENT_A, IronModel
 from fieldmap.maps.training.plan import Accuracy
 from fieldmap.provenance import fingerprint
@@ -75,7 +75,14 @@ class Axis(records.Record):
     name: Annotated[
         str,
         Key(
-            Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9][A-Za-z0-9_]*$")],
+            Annotated[
+                str,
+                text_like(
+                    r"^[A-Za-z0-9][A-Za-z0-9_]*$",
+                    "must begin with a letter or digit and have letters, digits and _ only",
+                    'rename it, for example "gap_mm"',
+                ),
+            ],
             "name of the axis in tables and in the data set",
         ),
     ]

@@ -132,7 +132,7 @@ def analyse_tolerances(
     seed
         Of the random devices.
     output
-        Devices are kept in OUTPUT.partial, and a run that was killed goes on from them.
+        Devices are kept in OUTPUT.kept, and a run that was killed goes on from them.
     resume
         Whether the devices of an earlier run are taken.
     workers

@@ -29,7 +29,7 @@ from fieldmap.typing import Array
 
 WAIT = 60.0
 """Seconds for which a run waits for a file that another one reads or writes at this moment."""
-_FINISHED = "finished.partial"
+_FINISHED = "finished.kept"
 _WITHOUT_INFLUENCE = ("plot", "cli", "shipped")
 
 

@@ -133,7 +133,6 @@ def computed(plan: Plan, attempt: Callable[[str], PartResult], progress: Progres
             # Rows without a map need no kernels.
             from fieldmap.maps import generate
 
-            stage.target.parent.mkdir(parents=True, exist_ok=True)
             generate(stage.recipe, stage.target, progress=share)
         else:
             with moving(share, stage.expected) as moved:

@@ -13,11 +13,13 @@ from itertools import groupby
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from fieldmap.arguments import raise_all
 from fieldmap.curves import Curves
 from fieldmap.errors import InputError
 from fieldmap.extras import needs
 from fieldmap.records import Record
 from fieldmap.store import write_whole
+from fieldmap.store.output_formats import output_problems
 from fieldmap.thesis import detail
 from fieldmap.thesis.computation import Comparison, PartResult, agreeing
 from fieldmap.thesis.printed import part_names, read_rows, row_of, thesis_figures
@@ -87,7 +89,10 @@ class Row(Record):
 
 
 def prepare_folder(folder: Path) -> None:
-    """Make the folder of a report. Raises InputError where that cannot be done."""
+    """Make the folder of a report. Raises InputError where that cannot be done, or where other files lie there."""
+    files = {"index.html": "report", "report.md": "report", "numbers.csv": "table of numbers"}
+    problems = ((folder / name, kind) for name, kind in files.items() if folder.is_dir())
+    raise_all(one for path, kind in problems for one in output_problems(str(path), path, [kind]))
     try:
         (folder / "plots").mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -146,8 +151,8 @@ def _write(folder: Path, drawn: Sequence[Drawn], waiting: Sequence[str]) -> None
         "coarse": detail.COARSE,
     }
     for template, name in (("report.md.j2", "report.md"), ("report.html.j2", "index.html")):
-        write_whole(folder / name, _environment().get_template(template).render(known).encode())
-    write_whole(folder / "numbers.csv", _csv(rows).encode())
+        write_whole(folder / name, _environment().get_template(template).render(known), "report")
+    write_whole(folder / "numbers.csv", _csv(rows), "table of numbers")
 
 
 def _rows(drawn: Sequence[Drawn], waiting: Sequence[str]) -> list[Row]:

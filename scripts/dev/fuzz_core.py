@@ -130,11 +130,11 @@ def seeds(folder: Path) -> Path:
     """One small file of each kind."""
     folder.mkdir()
     two, one = linear_fields(2), linear_fields(1)
-    write_c_map(interpolate(two), folder / "harmonic")
-    write_c_map(interpolate(two, "global"), folder / "global")
-    write_c_map(interpolate(one), folder / "one_coil")
-    write_c_map(interpolate(two, outside="clamp").at(np.array([2.0, -1.0])), folder / "clamped")
-    write_c_map(interpolate(linear_fields(2, background=True)), folder / "background")
+    write_c_map(interpolate(two), folder / "harmonic.fmap")
+    write_c_map(interpolate(two, "global"), folder / "global.fmap")
+    write_c_map(interpolate(one), folder / "one_coil.fmap")
+    write_c_map(interpolate(two, outside="clamp").at(np.array([2.0, -1.0])), folder / "clamped.fmap")
+    write_c_map(interpolate(linear_fields(2, background=True)), folder / "background.fmap")
     # Files do not hold Hermite forms; the kind is one that readers must refuse.
     hermite = interpolate(one, "hermite")
     (folder / "hermite").write_bytes(map_bytes(unit_block(hermite), hermite.coil_names, False))
@@ -145,7 +145,7 @@ def seeds(folder: Path) -> Path:
         "iron_groups": saturating(3, CoilGroups([[0, 2], [1]]), [-1.0, 0.0], [1.0, 2.0]),
         "iron_division": saturating(6, division, [0.5, -0.4, -0.4], [2.0, 0.4, 0.4]),
     }.items():
-        write_c_iron_map(field, folder / name)
+        write_c_iron_map(field, folder / f"{name}.fmap")
     return folder
 
 

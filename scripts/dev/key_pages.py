@@ -54,7 +54,7 @@ PARTS: dict[str, dict[str, tuple[str, ...]]] = {
     "scenario": {"control": ("control",)},
 }
 # Of keys that say nothing of their unit: their last part, the longest that is a unit. A_per_m ends in m as well.
-UNIT = re.compile(r"_(" + "|".join(sorted((*UNITS, "A_mm2"), key=len, reverse=True)) + r")$")
+UNIT = re.compile(r"(?:^|_)(" + "|".join(sorted((*UNITS, "A_mm2"), key=len, reverse=True)) + r")$")
 FACES = [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]
 CORNERS = [[0, 0, 0], [10, 0, 0], [0, 10, 0], [0, 0, 10]]
 # By meaning, for keys that no file, page or test has. A meaning that changes asks for its example anew.

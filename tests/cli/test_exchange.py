@@ -40,9 +40,9 @@ def exported(command, machine, tmp_path):
     ("line", "header"), [("c", "fieldmap.h"), ("c32 --kind global --outside clamp", "fieldmap32.h")]
 )
 def test_a_map_for_c_and_its_header(exported, machine, tmp_path, line, header):
-    target, again = tmp_path / "loop.h", tmp_path / "again" / "loop.h"
-    again.parent.mkdir()
-    assert exported("loop.h", line).split() == [str(target), str(tmp_path / header)]
+    name = "loop.fmap" if line == "c" else "loop.h"
+    target, again = tmp_path / name, tmp_path / "again" / name
+    assert exported(name, line).split() == [str(target), str(tmp_path / header)]
     assert (tmp_path / header).read_text() == in_one(header)
     if line == "c":
         write_c_map(open_map(machine.map, outside="nan"), again)

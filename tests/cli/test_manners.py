@@ -37,6 +37,35 @@ def test_every_parameter_has_a_help_and_every_help_a_parameter():
     assert SHARED_HELP.keys() <= used
 
 
+@pytest.mark.parametrize("columns", ["80", "100"])
+def test_no_word_of_a_help_is_lost(capsys, monkeypatch, columns):
+    """Of the docstrings, whose words in square brackets could be taken for markup."""
+    monkeypatch.setenv("COLUMNS", columns)
+    monkeypatch.setitem(COMMANDS, "check", COMMANDS["check"]._replace(call=with_brackets))
+    program = application.__wrapped__()
+    for name, command in program.commands.items():
+        with pytest.raises(SystemExit):
+            program.main([name, "--help"])
+        shown = "".join(re.sub(r"[│╭╮╰╯─\s]", "", capsys.readouterr().out))
+        docstring = inspect.getdoc(COMMANDS[name].call)
+        texts = [*described(COMMANDS[name].call), *helps(docstring).values()]
+        texts += [one.help.replace("\\[", "[") for one in command.params]
+        lost = [word for text in texts for word in text.split() if word not in shown]
+        assert not lost, name
+
+
+def with_brackets(toml: bool = False) -> None:
+    """Read the tables [optimise] and [[vary]].
+
+    Example: fieldmap check [bold]
+
+    Parameters
+    ----------
+    toml
+        Print [red] too.
+    """
+
+
 EXAMPLES = [described(entry.call)[1].removeprefix("Example: ") for entry in COMMANDS.values()]
 for page in ("commands.md", "pictures.md"):
     EXAMPLES += re.findall(r"^    (fieldmap .*)$", (REPOSITORY / "docs" / page).read_text(), re.MULTILINE)

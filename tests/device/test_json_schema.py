@@ -8,6 +8,7 @@ from pathlib import Path
 import jsonschema
 import pytest
 
+from fieldmap.inputs.tables import PATTERNS
 from fieldmap.io.json_schema import schema_files, schema_text
 from fieldmap.shipped import shipped_folder
 
@@ -48,3 +49,18 @@ def test_an_editor_sees_the_mistakes_that_a_schema_can_see(case, valid_text):
     data = tomllib.loads(valid_text.replace(case["old"], case["new"], 1))
     valid = validator(GEOMETRY / "device.schema.json").is_valid(data)
     assert valid == (case["id"] == "none" or "beyond_schema" in case)
+
+
+def patterns(schema):
+    """Every pattern in a schema."""
+    inner = schema.values() if isinstance(schema, dict) else schema if isinstance(schema, list) else ()
+    found = (
+        {schema["pattern"]} if isinstance(schema, dict) and isinstance(schema.get("pattern"), str) else set()
+    )
+    return found.union(*map(patterns, inner))
+
+
+@pytest.mark.parametrize("path", SCHEMAS, ids=lambda path: path.name)
+def test_no_pattern_is_told_as_it_is_written(path):
+    """Each has words of its own; "= 2*gap" and "{name}" are short forms, which are written out before."""
+    assert patterns(json.loads(path.read_text())) <= {*PATTERNS, "^=", "[{].*[}]"}

@@ -123,6 +123,78 @@ def test_a_surface_that_cuts_itself_is_told():
     assert "block" in caught.value.problems[0].where
 
 
+def cubes(*sizes_places_signs):
+    """Corners (m, 3, 3) of triangles of cubes: half an edge, centre on x, 1 for outward and -1 for inward."""
+    unit = (CORNERS - [0, 0, 4.0]) / [5.0, 6.0, 4.0]
+    return np.concatenate(
+        [(half * unit + [x, 0, 0])[FACES[:, ::sign]] for half, x, sign in sizes_places_signs]
+    )
+
+
+@pytest.mark.parametrize(
+    ("shells", "volume"),
+    [
+        ([(10, 0, 1), (5, 0, -1)], 8000 - 1000),
+        ([(10, 0, 1), (6, 0, -1), (3, 0, 1)], 8000 - 1728 + 216),
+        ([(5, 0, 1), (5, 20, 1)], 2000),
+        ([(10, 0, 1), (4, 14, 1)], 8512),
+    ],
+    ids=["hollow", "island", "two", "touching"],
+)
+def test_shells_that_bound_a_solid(tmp_path, shells, volume):
+    write_binary(tmp_path / "cubes.stl", cubes(*shells))
+    surface = fm.TriangleSurface.from_stl(tmp_path / "cubes.stl")
+    assert body_solid(fm.Body("cubes", "iron", surface, 0.005)).mass == pytest.approx(volume)
+
+
+@pytest.mark.parametrize(
+    ("shells", "words"),
+    [
+        (
+            [(10, 0, 1), (5, 0, 1)],
+            "2 of 2 (12 triangles from 12, (-5, -5, -5) to (5, 5, 5)) in shell 1 faces outward",
+        ),
+        (
+            [(10, 0, 1), (6, 0, -1), (3, 0, -1)],
+            "3 of 3 (12 triangles from 24, (-3, -3, -3) to (3, 3, 3)) in shell 1",
+        ),
+        (
+            [(10, 0, 1), (5, 30, -1)],
+            "shell 2 of 2 (12 triangles from 12, (25, -5, -5) to (35, 5, 5)) faces inward",
+        ),
+    ],
+    ids=["both outward", "island inward", "beside and inward"],
+)
+def test_shells_that_face_the_wrong_way_are_named(tmp_path, shells, words):
+    write_binary(tmp_path / "cubes.stl", cubes(*shells))
+    with pytest.raises(InputError) as caught:
+        fm.TriangleSurface.from_stl(tmp_path / "cubes.stl")
+    (problem,) = caught.value.problems
+    assert problem.where == str(tmp_path / "cubes.stl")
+    assert words in problem.received
+    # The same in a device that is made of the triangles.
+    points, triangles = read_stl(tmp_path / "cubes.stl")
+    with pytest.raises(InputError) as caught:
+        machine(fm.TriangleSurface(1e-3 * points, triangles))
+    assert 'body "block"' in caught.value.problems[0].where
+
+
+def test_shells_that_cut_each_other_are_named(tmp_path):
+    corners = cubes((10, 0, 1), (8, 7, 1))
+    corners[12:] += [0.0, 5.0, 6.0]
+    write_binary(tmp_path / "cubes.stl", corners)
+    with pytest.raises(InputError) as caught:
+        fm.TriangleSurface.from_stl(tmp_path / "cubes.stl")
+    assert "shell 1 of 2" in caught.value.problems[0].received
+    assert "shell 2 of 2" in caught.value.problems[0].received
+    # Their faces in common planes: no edge goes through a triangle, and the kernel finds what is there twice.
+    write_binary(tmp_path / "cubes.stl", cubes((10, 0, 1), (10, 7, 1)))
+    with pytest.raises(GeometryError) as caught:
+        check_geometry(machine(fm.TriangleSurface.from_stl(tmp_path / "cubes.stl")))
+    assert "10800 mm^3 in place of 16000 mm^3" in caught.value.problems[0].received
+    assert "2 shells overlap" in caught.value.problems[0].received
+
+
 @pytest.mark.parametrize("data", [b"", b"solid nothing\nendsolid", b"\0" * 90, b"solid x\nvertex 1 2 a\n"])
 def test_no_stl_file(data, tmp_path):
     (tmp_path / "no.stl").write_bytes(data)

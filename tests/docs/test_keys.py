@@ -83,8 +83,23 @@ def test_units_come_from_the_key(program):
     assert program.unit_of("gain_A_per_V") == "A/V"
     assert program.unit_of("remanence_T") == "T"
     assert program.unit_of("turns") == "—"
+    assert program.unit_of("mm_per_V") == "mm/V"
     every = {
         key for kind in KINDS.values() for model in tables(program, kind.schema) for key in model.model_fields
     }
     ends = {key for key in every if re.search(r"_(?:per_\w+|[a-zA-Z]{0,2}[A-Zm]\d?)$", key)}
     assert {key for key in ends if program.unit_of(key) == "—"} == set()
+    assert all("/" in program.unit_of(key) for key in every if "_per_" in key)
+
+
+def test_no_meaning_breaks_off(program):
+    """Brackets and quotes are closed, and the last word wants no other; verbs end in some prepositions."""
+    for page in sorted(program.FOLDER.glob("*.md")):
+        for line in page.read_text(encoding="utf-8").splitlines():
+            cells = re.split(r"(?<!\\)\|", line)[1:-1]
+            if len(cells) != 6:
+                continue
+            for text in (cells[1].strip(), cells[4].strip()):
+                assert not re.search(r"(\b(or|and|of|the|an?|with|than|by)|[,;:(])$", text), line
+                assert all(text.count(a) == text.count(b) for a, b in ("()", "[]")), line
+                assert text.count('"') % 2 == text.count("`") % 2 == 0, line

@@ -198,10 +198,11 @@ def test_a_hermite_form_is_refused_and_nothing_is_left(data, tmp_path):
     with pytest.raises(InputError) as caught:
         write_c_map(interpolate(data, "hermite"), tmp_path / "field.fmap")
     assert caught.value.problems[0].received == "hermite"
+    (tmp_path / "file").touch()
     with pytest.raises(InputError) as caught:
-        write_c_map(interpolate(data), tmp_path / "nowhere" / "field.fmap")
-    assert str(tmp_path / "nowhere") in caught.value.problems[0].where
-    assert not list(tmp_path.iterdir())
+        write_c_map(interpolate(data), tmp_path / "file" / "field.fmap")
+    assert str(tmp_path / "file") in caught.value.problems[0].where
+    assert list(tmp_path.iterdir()) == [tmp_path / "file"]
 
 
 def test_the_example_of_the_documentation(tmp_path):

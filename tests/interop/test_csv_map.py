@@ -84,7 +84,8 @@ def test_imported_again_it_is_the_same_field(ring, tmp_path, fixed):
 def test_currents_that_do_not_fit(ring, tmp_path):
     with pytest.raises(InputError):
         write_csv(ring.map, tmp_path / "ring.csv", [1.0, 2.0])
+    (tmp_path / "file").touch()
     with pytest.raises(InputError) as caught:
-        write_csv(ring.map, tmp_path / "nowhere" / "ring.csv")
-    assert caught.value.problems[0].where == str(tmp_path / "nowhere" / "ring.csv")
-    assert not list(tmp_path.iterdir())
+        write_csv(ring.map, tmp_path / "file" / "ring.csv")
+    assert caught.value.problems[0].where == str(tmp_path / "file" / "ring.csv")
+    assert list(tmp_path.iterdir()) == [tmp_path / "file"]

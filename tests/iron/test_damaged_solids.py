@@ -1,5 +1,6 @@
 """Files of other programs on which libraries in C++ crash, wait for ever or ask for all memory: refused, all alike."""
 
+import json
 import sys
 
 import numpy as np
@@ -11,9 +12,10 @@ import fieldmap as fm
 from fieldmap.device import another_process, mesh_files
 from fieldmap.device.mesh_files import read_mesh
 from fieldmap.device.surfaces import read_stl
-from fieldmap.errors import GeometryError, InputError
+from fieldmap.errors import GeometryError, InputError, Problem
 from fieldmap.iron.geometry import shapes
-from fieldmap.iron.geometry.solids import body_solid
+from fieldmap.iron.geometry.solids import body_solid, glue_bodies
+from fieldmap.iron.mesh import mesher
 
 
 @pytest.fixture
@@ -51,6 +53,56 @@ def test_the_trial_of_a_mesh_comes_to_its_end(tmp_path):
     pyvista.examples.cells.Hexahedron().save(file)
     with pytest.raises(ValueError, match="crashes"):
         another_process.read_by_another(file, mesh_files._TRIAL + "os.abort()")
+
+
+@pytest.fixture
+def cube(monkeypatch):
+    """A device with a body whose surface another program has made."""
+    monkeypatch.delenv(mesher.FOLDER, raising=False)
+    points = 0.01 * np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)])
+    faces = [[0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1]]
+    faces += [[2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4], [1, 5, 7], [1, 7, 3]]
+    body = fm.Body("cube", "iron", fm.TriangleSurface(points, np.array(faces)), 0.005)
+    return fm.Device("unit", "", (), (body,), {"iron": fm.LinearMaterial("iron", 100.0)})
+
+
+def test_a_mesher_that_crashes_is_bad_input(cube, monkeypatch):
+    monkeypatch.setattr(mesher, "_APART", "import os; os.abort()")
+    monkeypatch.setattr(mesher, "KEPT", mesher.KeptMeshes())
+    with pytest.raises(GeometryError) as caught:
+        mesher.mesh_solids(glue_bodies(cube), cube, 1.0)
+    (problem,) = caught.value.problems
+    assert problem.where == "the iron of unit"
+    assert "crashes" in problem.received
+
+
+def test_another_process_makes_the_mesh_or_says_why_not(cube, monkeypatch):
+    """Where it cannot, this one does; a body without a surface of another program is meshed here."""
+    solids, here = glue_bodies(cube), []
+    whole = mesher._generated
+
+    def counted(*asked):
+        here.append(asked[1])
+        return whole(*asked)
+
+    monkeypatch.setattr(mesher, "_generated", counted)
+    meshes = []
+    for program, made_here in ((mesher._APART, 0), ("raise RuntimeError", 1)):
+        monkeypatch.setattr(mesher, "_APART", program)
+        monkeypatch.setattr(mesher, "KEPT", mesher.KeptMeshes())
+        meshes.append(mesher.mesh_solids(solids, cube, 1.0))
+        assert len(here) == made_here
+    for mesh in meshes:
+        corners = mesh.points[mesh.elements]
+        volumes = np.linalg.det(corners[:, 1:] - corners[:, :1]) / 6
+        assert np.abs(volumes).sum() == pytest.approx(1e-6)
+    told = ["the iron of unit", "must have a mesh", "none", "smaller"]
+    program = f"import sys; open(sys.argv[1] + '/refused.json', 'w').write({json.dumps(told)!r})"
+    monkeypatch.setattr(mesher, "_APART", program)
+    monkeypatch.setattr(mesher, "KEPT", mesher.KeptMeshes())
+    with pytest.raises(GeometryError) as caught:
+        mesher.mesh_solids(solids, cube, 1.0)
+    assert caught.value.problems == (Problem(*told),)
 
 
 def test_what_a_reader_writes_is_handed_over_and_one_that_refuses_hands_over_nothing(path):

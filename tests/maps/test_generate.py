@@ -234,9 +234,9 @@ SPHERE = "[box]\nlower_mm = [-8, -8, -20]\nupper_mm = [8, 8, -5]\n"
         (WINDING, "pair.toml", "100", "map.h5", GeometryError, "'upper'"),
         (SPHERE, "loop_and_sphere", "100", "map.h5", GeometryError, "'sphere'"),
         ("", "pair.toml", '"many"', "map.h5", DeviceFileError, "coil.upper.turns"),
-        ("", "pair.toml", "100", "map.csv", RecipeError, 'ends in .h5; received "map.csv"'),
-        ("", "pair.toml", "100", ".", RecipeError, "ends in .h5; received a folder"),
-        ("", "pair.toml", "100", "pair.toml/map.h5", InputError, "a file that can be written"),
+        ("", "pair.toml", "100", "map.csv", RecipeError, "must end in .h5 or .hdf5"),
+        ("", "pair.toml", "100", ".", RecipeError, "must end in .h5 or .hdf5"),
+        ("", "pair.toml", "100", "pair.toml/map.h5", InputError, "pair.toml is a file"),
     ],
 )
 def test_what_is_wrong_leaves_no_file(rig, recipe_text, box, device, turns, output, error, words):

@@ -74,6 +74,19 @@ def test_other_processes_do_the_work_and_results_come_in_order(two):
     assert os.getpid() not in processes
 
 
+def test_other_processes_leave_ctrl_c_to_the_first(two):
+    """Each would print a traceback of its own otherwise."""
+    import signal
+
+    def ignored(_):
+        import signal
+
+        return signal.getsignal(signal.SIGINT) is signal.SIG_IGN
+
+    assert all(two.results(ignored, list(range(6))))
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
 def test_what_is_common_is_made_once_in_every_process_and_never_sent(two):
     def make(size):
         # A lock cannot be pickled, as a factorisation cannot.

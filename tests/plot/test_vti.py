@@ -65,11 +65,12 @@ def test_coil_by_coil(loops, tmp_path):
 
 
 def test_places_that_cannot_be_written(loops, tmp_path):
-    with pytest.raises(InputError, match=r"ends in \.vti"):
+    with pytest.raises(InputError, match=r"end in \.vti"):
         write_vti(loops, tmp_path / "loops.vtk")
+    (tmp_path / "file").touch()
     with pytest.raises(InputError) as caught:
-        write_vti(loops, tmp_path / "nowhere" / "loops.vti")
-    assert caught.value.problems[0].where == str(tmp_path / "nowhere" / "loops.vti")
+        write_vti(loops, tmp_path / "file" / "loops.vti")
+    assert caught.value.problems[0].where == str(tmp_path / "file" / "loops.vti")
     with pytest.raises(InputError):
         write_vti(loops, tmp_path / "loops.vti", [1.0, 2.0, 3.0])
-    assert not list(tmp_path.iterdir())
+    assert list(tmp_path.iterdir()) == [tmp_path / "file"]

@@ -45,7 +45,7 @@ def test_fields_of_the_elements(state, tmp_path):
 
 
 def test_what_cannot_be_written(state, tmp_path):
-    with refused(InputError, received="iron.vti"):
+    with refused(InputError, where=str(tmp_path / "iron.vti")):
         write_vtu(state, tmp_path / "iron.vti")
     with refused(InputError, where="write_vtu, state"):
         write_vtu(fm.solve_linear(fm.Device("d", "", (COIL,))).at(1.0), tmp_path / "iron.vtu")
@@ -122,6 +122,17 @@ def test_meshio_reads_all_of_them(ball, tmp_path):
         assert np.array_equal(read.cells_dict["tetra"], state.mesh.tets)
         assert read.cell_data["B_T"][0] == pytest.approx(state.element_flux_density, rel=1e-12)
         assert read.cell_data["permeability_loss"][0].shape == (len(state.mesh.tets),)
+    # What was written may be written again; the mesh of another program may not be written over.
+    for write, name in (
+        (write_vtu, "iron.vtu"),
+        (write_xdmf, "iron.xdmf"),
+        (write_charges_vtu, "charges.vtu"),
+    ):
+        write(state, tmp_path / name)
+    pv.examples.cells.Tetrahedron().save(tmp_path / "mesh.vtu")
+    with refused(InputError, where=str(tmp_path / "mesh.vtu")):
+        write_vtu(state, tmp_path / "mesh.vtu")
+    (tmp_path / "mesh.vtu").unlink()
     charges = meshio.read(write_charges_vtu(state, tmp_path / "charges.vtu"))
     assert charges.cell_data["charge_T"][0] == pytest.approx(state.weights @ state.iron.density, rel=1e-12)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["charges.vtu", "iron.vtu", "iron.xdmf"]

@@ -95,7 +95,8 @@ def test_a_file_cut_anywhere_holds_the_pieces_before_the_cut(filled):
 def test_a_wrong_byte_anywhere_costs_pieces_and_gives_no_wrong_one(filled):
     whole = filled.read_bytes()
     first = len(whole.split(b"\n")[0]) + 1
-    for place in range(0, len(whole), 5):
+    # A file whose first word is wrong may belong to another program, and is refused.
+    for place in range(25, len(whole), 5):
         filled.write_bytes(whole[:place] + bytes([whole[place] ^ 1]) + whole[place + 1 :])
         with Checkpoint(filled, "one") as checkpoint:
             check(checkpoint, tuple(checkpoint))
@@ -163,14 +164,24 @@ def test_another_fingerprint_begins_anew_and_is_named(path, before, now, named):
 @pytest.mark.parametrize(
     "contents", [b"rubbish" * 100, b"\x89HDF\r\n\x1a\n" + bytes(500), b"[]\n", b'{"a": 1}\n', b"1\n"]
 )
-def test_a_foreign_file_is_begun_anew(path, contents):
+@pytest.mark.parametrize("resume", [True, False])
+def test_a_foreign_file_is_refused_and_stays(path, contents, resume):
     path.parent.mkdir()
     path.write_bytes(contents)
-    with Checkpoint(path, "one") as checkpoint:
+    with pytest.raises(InputError) as caught:
+        Checkpoint(path, "one", resume=resume)
+    assert caught.value.problems[0].where == str(path)
+    assert path.read_bytes() == contents
+
+
+@pytest.mark.parametrize("length", [1, 10, 30])
+def test_a_torn_first_line_is_begun_anew(filled, length):
+    filled.write_bytes(filled.read_bytes()[:length])
+    with Checkpoint(filled, "one") as checkpoint:
         assert checkpoint.note
         assert len(checkpoint) == 0
         checkpoint.put("third", *PIECES["third"])
-    with Checkpoint(path, "one") as checkpoint:
+    with Checkpoint(filled, "one") as checkpoint:
         check(checkpoint, ["third"])
 
 

@@ -29,11 +29,18 @@ def test_missing_file(tmp_path):
     refused(tmp_path / "none.h5", "an existing map file; received no such file")
 
 
-@pytest.mark.parametrize("contents", [b"", b"not a map", b"\x89HDF\r\n\x1a\n" + bytes(100)])
-def test_not_hdf5(tmp_path, contents):
+@pytest.mark.parametrize(
+    ("contents", "words"),
+    [
+        (b"", "an empty file"),
+        (b"not a map", "a text that begins with 'not a map'"),
+        (b"\x89HDF\r\n\x1a\n" + bytes(100), "without seal"),
+    ],
+)
+def test_not_hdf5(tmp_path, contents, words):
     path = tmp_path / "map.h5"
     path.write_bytes(contents)
-    refused(path, "without seal")
+    refused(path, words)
 
 
 def test_someone_elses_hdf5(tmp_path):
@@ -93,7 +100,7 @@ def test_incomplete(data, tmp_path):
     partial = checkpoint_path(tmp_path / "map.h5")
     refused(partial, "a complete map; received the file of a run that has not finished; go on with it")
     renamed = partial.rename(tmp_path / "renamed.h5")
-    refused(renamed, "without seal")
+    refused(renamed, "a text that begins with")
     seal_map(renamed)
     refused(renamed, "a damaged or foreign file")
 

@@ -192,3 +192,14 @@ def test_units_come_from_keys():
     units = {"a.gain_A_per_V": "A/V", "b.1.moment_A_m2": "A m2", "c.position_mm.3": "mm", "d.turns": "1"}
     assert {key: Axis("n", key, (1.0,)).unit for key in units} == units
     assert Axis("n", "body.disk.material", ("steel",)).unit == ""
+
+
+def test_a_name_that_cannot_be_is_told_in_words(devices):
+    """The rule of the name is not told as the pattern that checks it."""
+    text = 'format = 1\ntitle = "Gaps"\ndevice = "drive_unit"\n'
+    text += '[[vary]]\nname = "gap of it"\nkey = "parameters.gap"\nvalues = [120.0, 283.0]\n'
+    _, (problem,) = problems(devices, text + "[[currents]]\nname = 'all'\namperes_A = 1.0\n")
+    assert ":5: " in problem.where
+    assert "letters, digits and _" in problem.must_hold
+    assert problem.received == '"gap of it"'
+    assert "^" not in str(problem)

@@ -54,8 +54,8 @@ def test_resumed_after_a_kill(grid, whole, tmp_path):
     assert killed.returncode == -signal.SIGKILL, killed.stderr
     assert not target.exists()
     # What a kill in the middle of a piece leaves.
-    with checkpoint_path(target).open("ab") as stream:
-        stream.write(checkpoint_path(whole).read_bytes()[-200:-30])
+    with checkpoint_path(target, stays=True).open("ab") as stream:
+        stream.write(checkpoint_path(whole, stays=True).read_bytes()[-200:-30])
     resumed = run(grid, target)
     assert resumed.returncode == 0, resumed.stderr
     said = resumed.stdout.splitlines()
@@ -78,8 +78,10 @@ def test_another_study_is_not_resumed(grid, whole, tmp_path):
             (tmp_path / name).write_text(text)
         number = read_study(tmp_path / "grid.toml").fingerprint
         assert (number == read_study(grid).fingerprint) == (there > 0)
-        checkpoint_path(tmp_path / "copy.nc").write_bytes(checkpoint_path(whole).read_bytes())
-        with Checkpoint(checkpoint_path(tmp_path / "copy.nc"), number) as checkpoint:
+        checkpoint_path(tmp_path / "copy.nc", stays=True).write_bytes(
+            checkpoint_path(whole, stays=True).read_bytes()
+        )
+        with Checkpoint(checkpoint_path(tmp_path / "copy.nc", stays=True), number) as checkpoint:
             assert len(finished_variants(checkpoint)) == there
 
 
@@ -156,8 +158,8 @@ def test_the_place_of_the_output(grid, tmp_path):
     (tmp_path / "folder.nc").mkdir()
     (tmp_path / "file").write_text("")
     for name, words in (
-        ("grid.csv", "ends in .nc"),
-        ("folder.nc", "a directory"),
+        ("grid.csv", "must end in .nc"),
+        ("folder.nc", "a folder"),
         ("file/grid.nc", f"{tmp_path}/file"),
     ):
         with pytest.raises(InputError, match=re.escape(words)):

@@ -87,6 +87,7 @@ def test_maps_are_made_where_they_are_asked_for(tmp_path, monkeypatch):
     def generate(recipe, target, progress):
         made.append((recipe, target))
         progress("solving", 0.5)
+        target.parent.mkdir(exist_ok=True)
         target.write_bytes(b"")
 
     import fieldmap.maps

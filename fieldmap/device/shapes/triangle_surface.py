@@ -9,7 +9,8 @@ from pydantic import Field, ValidationInfo
 
 from fieldmap.device.polygons import FourPoints
 from fieldmap.device.shapes.base import Shape
-from fieldmap.device.surfaces import read_stl, surface_fault
+from fieldmap.device.surfaces import crossing_fault, read_stl, surface_fault
+from fieldmap.errors import InputError
 from fieldmap.inputs.declared import Key
 from fieldmap.inputs.tables import broken
 from fieldmap.typing import Array, Index, PathLike
@@ -49,7 +50,7 @@ class TriangleSurface(Shape):
     def from_stl(cls, path: PathLike, unit: float = 1e-3) -> Self:
         """The surface of an STL file, binary or text.
 
-        Whether it bounds a solid is checked when a device is made of it.
+        A surface that bounds a solid alone is read: closed, its shells turned the right way, no cut through itself.
 
         Parameters
         ----------
@@ -66,9 +67,12 @@ class TriangleSurface(Shape):
         Raises
         ------
         InputError
-            For a file that is none.
+            For a file that is none, and for a surface that bounds no solid.
         """
         points, triangles = read_stl(Path(path))
+        fault = surface_fault(points, triangles) or crossing_fault(points, triangles)
+        if fault is not None:
+            raise InputError.of(str(path), *fault)
         return cls(unit * points, triangles)
 
     def hull(self) -> Array:

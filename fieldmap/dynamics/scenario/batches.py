@@ -22,7 +22,7 @@ from fieldmap.dynamics.scenario.schema import Scenario, read_scenario
 from fieldmap.field import Field
 from fieldmap.plain import Plain, plain_items
 from fieldmap.records import Record, count_of
-from fieldmap.store import write_runs
+from fieldmap.store import write_runs, write_whole
 from fieldmap.typing import PathLike, Progress
 
 MOST_KEPT = 50
@@ -181,8 +181,7 @@ def write_simulation(path: PathLike, simulation: Simulation) -> Path:
     ]
     path = Path(path)
     if path.suffix == ".csv":
-        path.write_text(as_csv(records[0]), encoding="utf-8")
-        return path
+        return write_whole(path, as_csv(records[0]), "recorded run")
     scenario = simulation.first.scenario
     about = {
         "device": simulation.first.device.text,

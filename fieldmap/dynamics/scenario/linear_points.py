@@ -18,6 +18,7 @@ from fieldmap.dynamics.scenario.start import floating_at
 from fieldmap.errors import ScenarioError
 from fieldmap.plain import Plain, plain_items
 from fieldmap.records import Record
+from fieldmap.store import whole_file
 from fieldmap.typing import PathLike
 
 _REST = ("sensed", "currents", "outputs")
@@ -144,11 +145,12 @@ class Linearisation(Record):
             The path.
         """
         path = Path(path)
-        if path.suffix == ".npz":
-            np.savez(path, **_arrays(self.points))  # type: ignore[arg-type]
-        else:
-            found = self.to_dict() | {"written": str(path)}
-            path.write_text(json.dumps(found, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+        found = self.to_dict() | {"written": str(path)}
+        with whole_file(path, "linear models") as partial:
+            if path.suffix == ".npz":
+                np.savez(partial, **_arrays(self.points))  # type: ignore[arg-type]
+            else:
+                partial.write_text(json.dumps(found, indent=2, allow_nan=False) + "\n", encoding="utf-8")
         return path
 
 

@@ -18,10 +18,10 @@ from fieldmap.device import model
 from fieldmap.device.another_process import read_by_another
 from fieldmap.device.coils import Coil, WindingPath
 from fieldmap.device.polygons import polygon_fault, signed_area
-from fieldmap.device.surfaces import crossing_triangles, enclosed_volume, surface_fault
+from fieldmap.device.surfaces import crossing_fault, enclosed_volume, shells_of, surface_fault
 from fieldmap.errors import InputError
 from fieldmap.extras import needs
-from fieldmap.typing import Array
+from fieldmap.typing import Array, Index
 
 if TYPE_CHECKING:
     from netgen import occ as occ
@@ -259,20 +259,35 @@ def _revolved(points: Array) -> occ.TopoDS_Shape:
 def _inside_surface(shape: model.TriangleSurface) -> occ.TopoDS_Shape:
     """Triangles sewn together; those that lie in one plane become one face."""
     points, triangles = np.asarray(shape.points, dtype=float), np.asarray(shape.triangles)
-    fault = surface_fault(points, triangles)
+    corners = points * MILLIMETRES
+    fault = surface_fault(points, triangles) or crossing_fault(points, triangles)
     if fault is not None:
         raise ValueError(f"{fault[0]}: {fault[1]}")
-    crossing = crossing_triangles(points, triangles)
-    if crossing is not None:
-        raise ValueError(f"the surface must not cut itself: triangles {crossing[0]} and {crossing[1]} do")
-    corners = points * MILLIMETRES
-    faces = [polygon_face(corners[triangle]) for triangle in triangles]
-    solid = occ.Solid(occ.Sew(faces)).UnifySameDomain()
-    volume = enclosed_volume(corners, triangles)
+    solid, volume = inside_shells(corners, triangles), enclosed_volume(corners, triangles)
     if abs(solid.mass - volume) > 1e-6 * volume:
+        count = len(shells_of(triangles))
         raise ValueError(
             f"the surface bounds no single solid: {solid.mass:.6g} mm^3 in place of {volume:.6g} mm^3"
+            + (f"; its {count} shells overlap, or a cavity is not within the solid" if count > 1 else "")
         )
+    return solid
+
+
+def inside_shells(points: Array, triangles: Index) -> occ.TopoDS_Shape:
+    """The solid within closed shells, points in mm: the largest first, what is in a cavity after the cavity."""
+    shells = [triangles[numbers] for numbers in shells_of(triangles)]
+    signed = sorted(
+        ((enclosed_volume(points, shell), shell) for shell in shells), key=lambda one: -abs(one[0])
+    )
+    pieces = [
+        occ.Solid(
+            occ.Sew([polygon_face(points[face]) for face in (shell if volume > 0 else shell[:, ::-1])])
+        ).UnifySameDomain()
+        for volume, shell in signed
+    ]
+    solid = pieces[0]
+    for (volume, _), piece in zip(signed[1:], pieces[1:], strict=True):
+        solid = solid + piece if volume > 0 else solid - piece
     return solid
 
 

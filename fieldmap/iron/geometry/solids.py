@@ -15,11 +15,11 @@ from scipy.spatial import cKDTree
 
 from fieldmap.device.mesh_files import read_mesh
 from fieldmap.device.model import Body, Device, MeshFile, Shape, StepFile, VolumeMesh
-from fieldmap.device.surfaces import crossing_triangles, enclosed_volume
+from fieldmap.device.surfaces import crossing_triangles
 from fieldmap.device.tetrahedra import boundary, oriented, tetrahedra_fault, volumes
 from fieldmap.errors import GeometryError, InputError, Problem
 from fieldmap.iron.geometry import shapes
-from fieldmap.iron.topology import area_vectors, common_sides, connected
+from fieldmap.iron.topology import area_vectors, connected
 from fieldmap.typing import Array, Index
 
 _SAME_VOLUME = 1e-6
@@ -101,7 +101,7 @@ def solid_of_mesh(body: Body) -> shapes.occ.TopoDS_Shape:
         raise GeometryError.of(where, must_hold, f"two faces that do, at ({at}) mm", remedy)
     volume = float(volumes(corners, tets).sum())
     try:
-        solid = _inside(corners, faces)
+        solid = shapes.inside_shells(corners, faces)
         filled = float(solid.mass)
     except shapes.kernel_errors() as error:
         received = str(error).strip() or type(error).__name__
@@ -112,31 +112,6 @@ def solid_of_mesh(body: Body) -> shapes.occ.TopoDS_Shape:
         remedy = "mesh the solid again: its cells overlap"
         raise GeometryError.of(where, "tetrahedra must not overlap", received, remedy)
     return solid
-
-
-def _inside(points: Array, faces: Index) -> shapes.occ.TopoDS_Shape:
-    """The solid within closed shells: the largest first, what is in a hole of another after the hole."""
-    shells = [(enclosed_volume(points, shell), shell) for shell in _shells(faces)]
-    shells.sort(key=lambda pair: -abs(pair[0]))
-    pieces = [
-        shapes.occ.Solid(
-            shapes.occ.Sew(
-                [shapes.polygon_face(points[face]) for face in (shell if volume > 0 else shell[:, ::-1])]
-            )
-        )
-        for volume, shell in shells
-    ]
-    solid = pieces[0].UnifySameDomain()
-    for (volume, _), piece in zip(shells[1:], pieces[1:], strict=True):
-        other = piece.UnifySameDomain()
-        solid = solid + other if volume > 0 else solid - other
-    return solid
-
-
-def _shells(faces: Index) -> list[Index]:
-    """Triangles that hang together through their edges."""
-    label = connected(np.column_stack(common_sides(faces)) // 3, len(faces))
-    return [faces[label == k] for k in range(label.max() + 1)]
 
 
 def device_label(device: Device) -> str:

@@ -11,6 +11,7 @@ Sizes of elements may vary from place to place.
 from __future__ import annotations
 
 import hashlib
+import json
 import os
 import tempfile
 from collections import OrderedDict
@@ -23,9 +24,11 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from fieldmap.device.model import Device
+from fieldmap.device.another_process import crashed, run_by_another
+from fieldmap.device.model import Device, MeshFile, StepFile, TriangleSurface, VolumeMesh
 from fieldmap.errors import GeometryError, InputError
 from fieldmap.extras import needs
+from fieldmap.iron.geometry import shapes
 from fieldmap.iron.topology import TET_EDGES, TRIANGLE_SIDES, distinct_rows
 from fieldmap.records import Record
 from fieldmap.store.whole_files import whole_file
@@ -99,6 +102,8 @@ _MOST_BYTES = 64_000_000
 _MILLIMETRE = 1e-3
 # A circle gets at least 2 pi CURVATURE_SAFETY segments, whatever the element size of its body.
 _CURVATURE_SAFETY = 2.4
+# Shapes that another program has made.
+_FOREIGN = (StepFile, TriangleSurface, MeshFile, VolumeMesh)
 # In the order of the mesher's own nodes.
 _EDGES = {4: TET_EDGES, 3: TRIANGLE_SIDES[::-1]}
 
@@ -182,8 +187,13 @@ def mesh_solids(
     """
     sizes = {body.name: (body.mesh_size or 0.0) / _MILLIMETRE / refinement for body in device.bodies}
 
+    where = f"the iron of {device.name}"
+    foreign = any(isinstance(part.shape.primitive, _FOREIGN) for body in device.bodies for part in body.parts)
+
     def make() -> MesherMesh:
-        return _arrays(_generated(shape, device, sizes, refinement, local, surface_only), shape, surface_only)
+        asked = (shape, where, sizes, refinement, local, surface_only)
+        made = _made_apart(*asked) if foreign else None
+        return _arrays(_generated(*asked), surface_only) if made is None else made
 
     return KEPT.get(_key(shape, sizes, refinement, local, surface_only), make)
 
@@ -208,16 +218,71 @@ def _key(
     return digest.hexdigest()
 
 
+_APART = "import sys; from fieldmap.iron.mesh.mesher import mesh_in_folder; mesh_in_folder(sys.argv[1])"
+
+
+def _made_apart(
+    shape: occ.TopoDS_Shape,
+    where: str,
+    sizes: dict[str, float],
+    refinement: float,
+    local: LocalSizes | None,
+    surface_only: bool,
+) -> MesherMesh | None:
+    """The mesh that another process makes, which a fault of the mesher may end: surfaces of other programs can be worse
+    than the checks see. None where that process cannot do it. Raises GeometryError."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        shape.WriteBrep(str(folder / "solids.brep"), withTriangles=False)
+        near: dict[str, Any] = {} if local is None else {"points": local.points, "sizes": local.sizes}
+        solids = [(solid.name, sizes[solid.name]) for solid in shape.solids]
+        asked = {"where": where, "solids": solids, "refinement": refinement, "surface_only": surface_only}
+        (folder / "asked.json").write_text(json.dumps(asked), encoding="utf-8")
+        np.savez(folder / "near.npz", **near)
+        done = run_by_another(_APART, name)
+        if done is not None and crashed(done):
+            must_hold = "must be solids that can be meshed"
+            remedy = "repair the surface in the program that made it: thin slivers, faces that overlap or cut"
+            raise GeometryError.of(where, must_hold, "solids on which the mesher crashes", remedy)
+        if (folder / "refused.json").is_file():
+            raise GeometryError.of(*json.loads((folder / "refused.json").read_text(encoding="utf-8")))
+        if not (folder / "mesh.npz").is_file():
+            return None
+        with np.load(folder / "mesh.npz") as stored:
+            return MesherMesh(**stored)
+
+
+def mesh_in_folder(name: str) -> None:
+    """What the other process does for `_made_apart`."""
+    folder = Path(name)
+    asked = json.loads((folder / "asked.json").read_text(encoding="utf-8"))
+    shape = shapes.occ.OCCGeometry(str(folder / "solids.brep")).shape
+    for solid, (body, _) in zip(shape.solids, asked["solids"], strict=True):
+        solid.name = body
+    none = np.zeros((0, 3))
+    with np.load(folder / "near.npz") as near:
+        local = LocalSizes(near["points"], near["sizes"], none, none[:, 0]) if near.files else None
+    settings = (asked["where"], dict(asked["solids"]), asked["refinement"], local, asked["surface_only"])
+    try:
+        mesh = _arrays(_generated(shape, *settings), asked["surface_only"])
+    except GeometryError as error:
+        (problem,) = error.problems
+        told = [problem.where, problem.must_hold, problem.received, problem.remedy]
+        (folder / "refused.json").write_text(json.dumps(told), encoding="utf-8")
+        return
+    np.savez(folder / "mesh.npz", **mesh.arrays)
+
+
 def _generated(
     shape: occ.TopoDS_Shape,
-    device: Device,
+    where: str,
     sizes: dict[str, float],
     refinement: float,
     local: LocalSizes | None,
     surface_only: bool,
 ) -> Any:
     """The mesher's own mesh, mm."""
-    with needs("make", f"the mesh of {device.name}"):
+    with needs("make", where):
         from netgen.meshing import MeshingParameters, MeshingStep
         from netgen.occ import OCCGeometry
 
@@ -241,10 +306,10 @@ def _generated(
         must_hold = "must have a mesh at these sizes"
         received = f"the mesher stopped with {str(error).strip() or type(error).__name__!r}, refinement {refinement:g}"
         remedy = "take smaller elements: a larger refinement, or mesh_size_mm of the bodies that touch"
-        raise GeometryError.of(f"the iron of {device.name}", must_hold, received, remedy) from error
+        raise GeometryError.of(where, must_hold, received, remedy) from error
 
 
-def _arrays(mesh: Any, shape: occ.TopoDS_Shape, surface_only: bool) -> MesherMesh:
+def _arrays(mesh: Any, surface_only: bool) -> MesherMesh:
     """The mesher's domains are the glued solids in their order, from 1; 0 is the air."""
     corners = 3 if surface_only else 4
     elements = (mesh.Elements2D() if surface_only else mesh.Elements3D()).NumPy()
@@ -292,6 +357,6 @@ def _from_folder(folder: Path, key: str, make: Callable[[], MesherMesh]) -> Mesh
         received = f"{folder}: {error.strerror}"
         raise InputError.of(f"the variable {FOLDER}", must_hold, received, remedy) from None
     mesh = make()
-    with whole_file(file) as partial:
+    with whole_file(file, "kept mesh") as partial:
         np.savez(partial, **mesh.arrays)
     return mesh
