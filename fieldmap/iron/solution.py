@@ -117,13 +117,8 @@ class SolvedState(_Reported, FieldAtCurrents):
             For points that do not fit.
         """
         x, single = checked_points(points)
-        b = np.zeros(x.shape)
-        if self.background is not None:
-            b += self.background.field(x)
-        for coil, current in zip(self.coils, self.currents, strict=True):
-            b += current * unit_flux_density(coil, x)
+        b = self._in_air(x)
         if self.iron is not None:
-            b += self.iron.faces.field(x, self._density)[0]
             within, inside = self._within(x)
             b[inside] = self._inside(x[inside], within[inside])
         return b[0] if single else b
@@ -204,9 +199,9 @@ class SolvedState(_Reported, FieldAtCurrents):
         return self._mean_over(check_choice("flux_density, body", body, names))
 
     def section_flux(self, section: str | Section) -> SectionFlux:
-        """Flux, area and mean normal flux density of a section.
+        """Flux, area and mean normal flux density of a section, and the estimated error of the flux.
 
-        The field inside each element is integrated over the area that the plane cuts out of the element.
+        The flux is the one that the solution conserves, at inner corners too (docs/theory/forces.md).
 
         Parameters
         ----------
@@ -216,14 +211,15 @@ class SolvedState(_Reported, FieldAtCurrents):
         Returns
         -------
         SectionFlux
-            Flux, area and flux density.
+            Flux, area, flux density and error.
 
         Raises
         ------
         InputError
             For an unknown name, and for a plane that cuts no iron.
         """
-        return section_flux(self.mesh, self.iron, named_section(self.sections, section), self.weights)
+        cut = named_section(self.sections, section)
+        return section_flux(self.mesh, self.iron, cut, self.weights, self._in_air)
 
     def section_flux_density(self, section: str | Section) -> float:
         """Mean flux density along the normal of a section.
@@ -431,6 +427,15 @@ class SolvedState(_Reported, FieldAtCurrents):
             return None, None
         apart = self.iron.separated
         return (self._bodies, self.iron.faces) if apart is None else (apart.surface.mesh, apart.surface.faces)
+
+    def _in_air(self, x: Array) -> Array:
+        """B (n, 3) at points (n, 3) in the air."""
+        b = np.zeros(x.shape)
+        if self.background is not None:
+            b += self.background.field(x)
+        for coil, current in zip(self.coils, self.currents, strict=True):
+            b += current * unit_flux_density(coil, x)
+        return b if self.iron is None else b + self.iron.faces.field(x, self._density)[0]
 
     def _within(self, x: Array) -> tuple[Index, NDArray[np.bool_]]:
         """The element or solid (n,) that contains each point (n, 3), and whether one does."""
@@ -698,7 +703,7 @@ class LinearSolution(_Reported, FieldOfStates):
         Returns
         -------
         SectionFlux
-            Flux, area and flux density.
+            Flux, area, flux density and error.
         """
         return self.at(currents).section_flux(section)
 
