@@ -111,12 +111,17 @@ class SolvedState(_Reported, FieldAtCurrents):
     def field(self, points: ArrayLike) -> Array:
         """Flux density at points, inside the iron too; within an element it is the element's mean.
 
+        On faces and edges of the iron it is that of the air beside them. At an edge it grows without limit as the mesh
+        gets finer.
+
         Raises
         ------
         InputError
             For points that do not fit.
         """
         x, single = checked_points(points)
+        if self.iron is not None:
+            x = self.iron.faces.off_surface(x)
         b = self._in_air(x)
         if self.iron is not None:
             within, inside = self._within(x)
@@ -152,6 +157,8 @@ class SolvedState(_Reported, FieldAtCurrents):
             For points inside the iron.
         """
         x, single = checked_points(points)
+        if self.iron is not None:
+            x = self.iron.faces.off_surface(x)
         refuse_inside(self._bodies, x)
         b, g = np.zeros(x.shape), np.zeros((*x.shape, 3))
         for coil, current in zip(self.coils, self.currents, strict=True):
@@ -608,6 +615,8 @@ class LinearSolution(_Reported, FieldOfStates):
             As for `unit_fields`.
         """
         x, _ = checked_points(points)
+        if self.state is not None:
+            x = self.state.faces.off_surface(x)
         refuse_inside(self._bodies, x)
         columns = len(self.coils) + self.has_constant
         b, g = np.zeros((columns, len(x), 3)), np.zeros((columns, len(x), 3, 3))
