@@ -194,7 +194,7 @@ def _section_table(summary: SolutionSummary) -> Table:
         (
             section.section,
             f"{section.flux_density:.5f}",
-            f"{section.error / section.area:.1g}",
+            "" if section.error is None else f"{section.error / section.area:.1g}",
             # Noise is judged beside a flux density of 1 T across the section.
             *page.cells((page.without_noise(section.flux, beside=section.area), section.area), ".5g", 1e6),
         )

@@ -47,13 +47,13 @@ AirField = Callable[[Array], Array]
 class SectionFlux(Record):
     """Flux in Wb through a section, its area in m^2, and the mean flux density along its normal, T.
 
-    error: estimated error of the flux, Wb (docs/theory/forces.md).
+    error: estimated error of the flux, Wb (docs/theory/forces.md); None in the surface form, which has no estimate.
     """
 
     name: str
     area: float
     flux: float
-    error: float
+    error: float | None
 
     @property
     def flux_density(self) -> float:

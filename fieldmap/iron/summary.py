@@ -48,13 +48,14 @@ class GroupForce(Record):
 
 @dataclass(frozen=True, repr=False)
 class SectionMean(Record):
-    """Mean flux density, T, along the normal of a section, flux, Wb, area, m^2, and estimated error of the flux, Wb."""
+    """Mean flux density, T, along the normal of a section, flux, Wb, area, m^2, and estimated error of the flux, Wb,
+    None in the surface form."""
 
     section: str
     flux_density: float
     flux: float
     area: float
-    error: float
+    error: float | None
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -85,12 +85,13 @@ def test_lookups_at_the_least_distance_are_as_good_as_wanted(pole, spacing, want
 LOOP = {"diameter": 0.02, "current": 1.0}
 
 
-@pytest.mark.parametrize("half", [10.0, 11.3])
-def test_a_wire_in_the_box_is_refused(tmp_path, half):
-    """A loop without thickness, through nodes and between them."""
+@pytest.mark.parametrize(("half", "where"), [(10.0, "x-planes 0 to 5"), (11.3, ": box")])
+def test_a_wire_in_the_box_is_refused(tmp_path, half, where):
+    """A loop without thickness, through nodes and between them: the nodes tell, or the error of the lookups."""
     device = fm.Device.from_magpylib(magpylib.current.Circle(**LOOP))
     corner = 1e-3 * np.array([half, half, 10.0])
-    refused(tmp_path, device, (-corner, corner))
+    (problem,) = refused(tmp_path, device, (-corner, corner))
+    assert problem.where.endswith(where)
 
 
 def test_a_corner_of_a_magnet_in_the_box_is_refused(tmp_path):
