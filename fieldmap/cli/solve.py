@@ -194,12 +194,13 @@ def _section_table(summary: SolutionSummary) -> Table:
         (
             section.section,
             f"{section.flux_density:.5f}",
+            "" if section.error is None else f"{section.error / section.area:.1g}",
             # Noise is judged beside a flux density of 1 T across the section.
             *page.cells((page.without_noise(section.flux, beside=section.area), section.area), ".5g", 1e6),
         )
         for section in summary.sections
     )
-    return page.table(("section", "mean B along its normal, T", "flux uWb", "area mm2"), rows)
+    return page.table(("section", "mean B along its normal, T", "error T", "flux uWb", "area mm2"), rows)
 
 
 def _force_table(summary: SolutionSummary) -> Table:

@@ -111,19 +111,19 @@ class SolvedState(_Reported, FieldAtCurrents):
     def field(self, points: ArrayLike) -> Array:
         """Flux density at points, inside the iron too; within an element it is the element's mean.
 
+        On faces and edges of the iron it is that of the air beside them. At an edge it grows without limit as the mesh
+        gets finer.
+
         Raises
         ------
         InputError
             For points that do not fit.
         """
         x, single = checked_points(points)
-        b = np.zeros(x.shape)
-        if self.background is not None:
-            b += self.background.field(x)
-        for coil, current in zip(self.coils, self.currents, strict=True):
-            b += current * unit_flux_density(coil, x)
         if self.iron is not None:
-            b += self.iron.faces.field(x, self._density)[0]
+            x = self.iron.faces.off_surface(x)
+        b = self._in_air(x)
+        if self.iron is not None:
             within, inside = self._within(x)
             b[inside] = self._inside(x[inside], within[inside])
         return b[0] if single else b
@@ -157,6 +157,8 @@ class SolvedState(_Reported, FieldAtCurrents):
             For points inside the iron.
         """
         x, single = checked_points(points)
+        if self.iron is not None:
+            x = self.iron.faces.off_surface(x)
         refuse_inside(self._bodies, x)
         b, g = np.zeros(x.shape), np.zeros((*x.shape, 3))
         for coil, current in zip(self.coils, self.currents, strict=True):
@@ -204,9 +206,9 @@ class SolvedState(_Reported, FieldAtCurrents):
         return self._mean_over(check_choice("flux_density, body", body, names))
 
     def section_flux(self, section: str | Section) -> SectionFlux:
-        """Flux, area and mean normal flux density of a section.
+        """Flux, area and mean normal flux density of a section, and the estimated error of the flux.
 
-        The field inside each element is integrated over the area that the plane cuts out of the element.
+        The flux is the one that the solution conserves, at inner corners too (docs/theory/forces.md).
 
         Parameters
         ----------
@@ -216,14 +218,15 @@ class SolvedState(_Reported, FieldAtCurrents):
         Returns
         -------
         SectionFlux
-            Flux, area and flux density.
+            Flux, area, flux density and error.
 
         Raises
         ------
         InputError
             For an unknown name, and for a plane that cuts no iron.
         """
-        return section_flux(self.mesh, self.iron, named_section(self.sections, section), self.weights)
+        cut = named_section(self.sections, section)
+        return section_flux(self.mesh, self.iron, cut, self.weights, self._in_air)
 
     def section_flux_density(self, section: str | Section) -> float:
         """Mean flux density along the normal of a section.
@@ -432,6 +435,15 @@ class SolvedState(_Reported, FieldAtCurrents):
         apart = self.iron.separated
         return (self._bodies, self.iron.faces) if apart is None else (apart.surface.mesh, apart.surface.faces)
 
+    def _in_air(self, x: Array) -> Array:
+        """B (n, 3) at points (n, 3) in the air."""
+        b = np.zeros(x.shape)
+        if self.background is not None:
+            b += self.background.field(x)
+        for coil, current in zip(self.coils, self.currents, strict=True):
+            b += current * unit_flux_density(coil, x)
+        return b if self.iron is None else b + self.iron.faces.field(x, self._density)[0]
+
     def _within(self, x: Array) -> tuple[Index, NDArray[np.bool_]]:
         """The element or solid (n,) that contains each point (n, 3), and whether one does."""
         within = np.full(len(x), -1) if self._bodies is None else self._bodies.containing(x)
@@ -603,6 +615,8 @@ class LinearSolution(_Reported, FieldOfStates):
             As for `unit_fields`.
         """
         x, _ = checked_points(points)
+        if self.state is not None:
+            x = self.state.faces.off_surface(x)
         refuse_inside(self._bodies, x)
         columns = len(self.coils) + self.has_constant
         b, g = np.zeros((columns, len(x), 3)), np.zeros((columns, len(x), 3, 3))
@@ -698,7 +712,7 @@ class LinearSolution(_Reported, FieldOfStates):
         Returns
         -------
         SectionFlux
-            Flux, area and flux density.
+            Flux, area, flux density and error.
         """
         return self.at(currents).section_flux(section)
 

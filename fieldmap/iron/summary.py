@@ -48,12 +48,14 @@ class GroupForce(Record):
 
 @dataclass(frozen=True, repr=False)
 class SectionMean(Record):
-    """Mean flux density, T, along the normal of a section, flux, Wb, and area, m^2."""
+    """Mean flux density, T, along the normal of a section, flux, Wb, area, m^2, and estimated error of the flux, Wb,
+    None in the surface form."""
 
     section: str
     flux_density: float
     flux: float
     area: float
+    error: float | None
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -141,7 +143,7 @@ def summarise_solution(
         bodies=body_fluxes(state) if nonlinear else (),
         forces=tuple(_force(state, tuple(group)) for group in groups),
         sections=tuple(
-            SectionMean(one.name, found.flux_density, found.flux, found.area)
+            SectionMean(one.name, found.flux_density, found.flux, found.area, found.error)
             for one in (device.sections if sections is None else sections)
             for found in [state.section_flux(one)]
         ),

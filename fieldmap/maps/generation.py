@@ -35,6 +35,7 @@ from fieldmap.maps.fields import (
     trained_map,
 )
 from fieldmap.maps.forecast import STAGES, Forecast, expect_training
+from fieldmap.maps.near_sources import require_distance, require_use
 from fieldmap.maps.recipe import Recipe, choose_grid, read_recipe, read_recipe_device, recipe_for
 from fieldmap.maps.training.currents import corner_signals
 from fieldmap.maps.training.plan import Plan
@@ -134,7 +135,8 @@ def generate(
     Raises
     ------
     RecipeError, DeviceFileError, GeometryError
-        For a wrong recipe or device, and for a box that cuts iron or a winding.
+        For a wrong recipe or device, and for a box that cuts iron or a winding, or comes too near to iron or magnets
+        for the wanted accuracy.
     InputError
         For an output that cannot be written, and workers that cannot be had.
     NotConverged
@@ -178,6 +180,10 @@ def generate(
             box = WorkspaceBox(grid.lower, grid.upper)
             placed = Device.unchecked(**vars(device) | {"workspace": box})
             check_geometry(placed)
+            if plan is None:
+                require_distance(placed, grid, order.tolerance, "iron.tolerance")
+            else:
+                require_distance(placed, grid, plan.accuracy, "currents.accuracy")
             if resume and (report := _finished(target, info)) is not None:
                 require_accuracy(report, plan, target, accept_error)
                 say("complete already", 1.0)
@@ -195,8 +201,9 @@ def generate(
                         _linear(placed, order.mu_r, order.tolerance, order.refinement, writer, team, say)
                     else:
                         _saturating(placed, domain, plan, order.refinement, writer, team, say, accept_error)
-                except FieldmapError:
-                    if not len(checkpoint):
+                except FieldmapError as error:
+                    # No run goes on to another end where the field in the box is at fault.
+                    if not len(checkpoint) or isinstance(error, RecipeError | MapFileError):
                         checkpoint.remove()
                     raise
         say("complete", 1.0)
@@ -309,6 +316,7 @@ def _fill(
     read = data.as_read()
     error = interpolation_error(read, unit_fields)
     bounds = certified_bounds(read, unit_fields, largest_weights)
+    require_use(read, error, bounds)
     report: dict[str, Any] = asdict(fields.report) | dict(about)
     assumptions = report.pop("assumptions")
     if spent is not None:

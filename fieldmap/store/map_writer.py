@@ -16,7 +16,7 @@ from typing import Any
 import h5py
 import numpy as np
 
-from fieldmap.errors import FieldmapError
+from fieldmap.errors import MapFileError
 from fieldmap.store.checkpoint import Checkpoint, checkpoint_path
 from fieldmap.store.map_data import FieldError, MapData, MapInfo
 from fieldmap.store.map_format import (
@@ -38,6 +38,8 @@ from fieldmap.store.seal import seal_map
 from fieldmap.store.whole_files import disk_errors, sync_folder, whole_file
 from fieldmap.typing import Array, PathLike
 
+# T and T/m. Larger values are those of nodes on edges and wires, kept from infinity by rounding.
+_SINGULAR = 1e15
 # Keys of the header that are not part of the fingerprint of a checkpoint: they have no influence on the numbers of the
 # map, or are known only during the run.
 _FREE_KEYS = ("created", "title", "record_names")
@@ -68,10 +70,12 @@ def write_map(target: PathLike, data: MapData) -> Path:
 
     Raises
     ------
-    FieldmapError
-        If a number is not finite or the disk is full.
+    MapFileError
+        If a number is not finite.
     InputError
         If the file cannot be written.
+    FieldmapError
+        If the disk is full.
     """
     path = Path(target)
     for chunk in chunks_of(data.grid):
@@ -168,8 +172,10 @@ class MapWriter:
 
         Raises
         ------
+        MapFileError
+            If a number is not finite.
         FieldmapError
-            If a number is not finite or the disk is full.
+            If the disk is full.
         """
         _check_finite(self.target, chunk, flux_density, gradient)
         self.checkpoint.put(_key(chunk), {"flux_density": flux_density, "gradient": gradient})
@@ -277,11 +283,12 @@ def _key(chunk: Chunk) -> str:
 
 
 def _check_finite(target: Path, chunk: Chunk, flux_density: Array, gradient: Array) -> None:
-    if np.isfinite(flux_density).all() and np.isfinite(gradient).all():
+    # Not so for NaN either.
+    if all(np.abs(values).max() < _SINGULAR for values in (flux_density, gradient)):
         return
-    raise FieldmapError.of(
+    raise MapFileError.of(
         f"{target.name}, x-planes {chunk.first} to {chunk.last - 1}",
-        "flux density and gradient are finite at every node",
-        "NaN or infinity from the solver",
-        "move the box away from edges of iron and windings, where a field can be singular",
+        "flux density and gradient must be finite at every node",
+        f"NaN, infinity or more than {_SINGULAR:g} from the solver",
+        "move the box away from wires and from edges of magnets and iron, where the field is singular",
     )

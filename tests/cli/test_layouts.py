@@ -246,7 +246,7 @@ def solution_of(device, nonlinear):
         points=(PointField(at, np.array([0.001, -0.002, 0.0031]), gradient),),
         bodies=(BodyFlux("disk", 1.234, 1.987, np.array([0.1, -0.2, 1.2])),) if nonlinear else (),
         forces=(GroupForce(("disk", "collar"), np.array([0.1, 0.2, -3.4]), np.array([0.005, 0.006, 0.007])),),
-        sections=(SectionMean("across", 1.234567, 8.9e-5, 7.2e-5),),
+        sections=(SectionMean("across", 1.234567, 8.9e-5, 7.2e-5, 8.1e-7),),
         references=references,
         warnings=() if nonlinear else ("warning: iron up to 3.9 T",),
     )

@@ -41,6 +41,7 @@ def test_forces_and_sections(answer, iron):
     assert equator["area"] == pytest.approx(np.pi * 9e-6, rel=0.02)
     assert equator["flux"] == pytest.approx(equator["flux_density"] * equator["area"])
     assert joint["area"] == pytest.approx(8e-5)
+    assert all(0 < one["error"] < 0.3 * abs(one["flux"]) for one in (equator, joint))
     assert (equator["flux_density"] > 0) != (joint["flux_density"] > 0)
     for text, shown in (("--section joint", ["joint"]), ("", ["equator", "joint"])):
         rows = answer(f"{line} {text}", TABLE)["sections"]

@@ -77,6 +77,34 @@ def geometry_notes(device: Device) -> tuple[str, ...]:
     return (_found_last.get(device) or _examine(device)).notes
 
 
+def distances_to_workspace(device: Device, least: float) -> dict[str, float]:
+    """Bodies that are nearer to the workspace than a distance.
+
+    Parameters
+    ----------
+    device
+        A device that passed `check_geometry`, with a workspace.
+    least
+        The distance, m.
+
+    Returns
+    -------
+    dict[str, float]
+        Distances, m, by the names of the bodies; 0 where they touch.
+    """
+    assert device.workspace is not None
+    workspace, limit = shapes.workspace_solid(device.workspace), shapes.MILLIMETRES * least
+    near = {}
+    for body in device.bodies:
+        solid = solids.body_solid(body)
+        if (
+            contacts.bounds_nearer_than(solid, workspace, limit)
+            and (found := solid.Distance(workspace)) < limit
+        ):
+            near[body.name] = found / shapes.MILLIMETRES if found > contacts.CONTACT_DISTANCE else 0.0
+    return near
+
+
 @dataclass(frozen=True)
 class _Findings:
     problems: tuple[Problem, ...]

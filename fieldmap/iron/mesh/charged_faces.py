@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from fieldmap.iron.topology import area_vectors
 from fieldmap.kernels.iron.charged_surface import surface_field, surface_gradient, surface_weights
+from fieldmap.kernels.iron.containment import off_surface
 from fieldmap.kernels.iron.mutual_potential import copy_lower, mutual_potential
 from fieldmap.kernels.simplex_rules import triangle_rule
 from fieldmap.records import Record
@@ -16,6 +17,9 @@ from fieldmap.typing import Array, Index
 
 # Farther than this many radii from its centre a triangle is three point charges (measured: 1e-6 of the field).
 _FAR_RADII = 8.0
+# In radii of a triangle: points this near lie on it, and are moved into the air by this much. On edges between
+# triangles the field of constant charges grows with the logarithm of the distance.
+_ON_FACE, _OFF_FACE = 1e-6, 1e-4
 # Pairs of triangles closer than this many summed radii are integrated in closed form on one side.
 NEAR_RADII = 3.0
 NEAR_DEGREE = 4
@@ -97,6 +101,15 @@ class ChargedFaces(Record):
         """Centres and radii as rows (4, n)."""
         # In C order: numba compiles anew for another.
         return np.ascontiguousarray(np.vstack([self.centres.T, self.radii]))
+
+    def off_surface(self, points: Array) -> Array:
+        """The points (n, 3); those on a triangle, an edge or a corner a little along the normals, for the limit of the
+        field from that side."""
+        at = _for_kernels(points)
+        out = np.empty_like(at)
+        geometry = (self.corners, self.normals, self.centres, self.radii)
+        over_rows(off_surface, len(at), at, *geometry, _ON_FACE, _OFF_FACE, out, work=len(self.areas))
+        return out
 
     def field(self, points: Array, density: Array) -> Array:
         """Field (c, n, 3) at points (n, 3) for densities (c, m); in the unit of the density."""

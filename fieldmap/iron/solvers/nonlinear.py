@@ -322,6 +322,7 @@ class NonlinearSolver(FieldOfStates):
         """
         values = coil_currents(currents, self.coil_names)
         where, single = checked_points(points)
+        where = self.surface.off_surface(where)
         refuse_inside(self._iron.mesh, where)
         if self._last is None or not np.array_equal(self._last.currents, values):
             known = self._states.get(values.tobytes())

@@ -28,7 +28,7 @@ from fieldmap.iron.mesh.charged_faces import ChargedFaces
 from fieldmap.iron.mesh.surface_mesh import IronSurface, generate_surface
 from fieldmap.iron.operators.assembled import require_memory
 from fieldmap.iron.report import SolverReport, Stages
-from fieldmap.iron.sections import SNAP, SectionFlux, check_section, named_section, no_iron_at
+from fieldmap.iron.sections import SNAP, SectionFlux, areas_above, check_section, named_section, no_iron_at
 from fieldmap.iron.solution import FluxDensitySamples, LinearSolution, LinearState
 from fieldmap.iron.topology import area_vectors
 from fieldmap.records import Record
@@ -176,8 +176,8 @@ class SurfaceState(LinearState):
             height[np.abs(height) < SNAP * extent] = 0.0
             area = _enclosed_area(corners, height, sign * normal)
             if area > 0:
-                flux = self._normal_flux_density(solids) @ _areas_above(corners, height)
-                return SectionFlux(cut.name, area, sign * float(flux))
+                flux = self._normal_flux_density(solids) @ areas_above(corners, height)
+                return SectionFlux(cut.name, area, sign * float(flux), None)
         raise no_iron_at(cut)
 
 
@@ -188,16 +188,6 @@ def _applied(coils: Sequence[Coil], background: Background | None, columns: int,
     if background is not None:
         out[-1] = background.field(x)
     return out
-
-
-def _areas_above(corners: Array, height: Array) -> Array:
-    """Area (n,) of the part of triangles (n, 3, 3) where a linear function with corner values (n, 3) is positive."""
-    low, middle, high = np.sort(height, axis=1).T
-    with np.errstate(divide="ignore", invalid="ignore"):
-        tip = high**2 / ((high - low) * (high - middle))
-        base = 1 - low**2 / ((low - middle) * (low - high))
-    share = np.select([low >= 0, high <= 0, middle <= 0], [1.0, 0.0, tip], base)
-    return 0.5 * np.linalg.norm(area_vectors(corners), axis=1) * share
 
 
 def _enclosed_area(corners: Array, height: Array, normal: Array) -> float:

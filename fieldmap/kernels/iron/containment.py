@@ -1,4 +1,4 @@
-"""Find the tetrahedron, or the closed surface, that contains a point."""
+"""Find the tetrahedron, or the closed surface, that contains a point; move points off a surface."""
 
 import math
 
@@ -66,3 +66,39 @@ def solid_angle_sums(begin, end, points, corners, normals, areas, centres, radii
             else:
                 total += solid_angle(x, y, z, corners[j])
         out[i] = total / (4.0 * math.pi)
+
+
+@njit
+def _on_triangle(p, n, radius, slack, x, y, z):
+    """Whether (x, y, z), in the plane of the triangle p (3, 3) with normal n (3,), lies in it or on its border."""
+    for k in range(3):
+        a, b = p[k], p[k + 1 if k < 2 else 0]
+        ux, uy, uz = b[0] - a[0], b[1] - a[1], b[2] - a[2]
+        vx, vy, vz = x - a[0], y - a[1], z - a[2]
+        turn = (uy * vz - uz * vy) * n[0] + (uz * vx - ux * vz) * n[1] + (ux * vy - uy * vx) * n[2]
+        if turn < -slack * radius * math.sqrt(ux * ux + uy * uy + uz * uz):
+            return False
+    return True
+
+
+@njit(nogil=True)
+def off_surface(begin, end, points, corners, normals, centres, radii, slack, step, out):
+    """Fill out (n, 3) with the points (n, 3); those on triangles corners (m, 3, 3) move along the sum of their normals.
+
+    slack: how far from a triangle a point still lies on it; step: how far it moves; both in the triangle's radii.
+    """
+    for i in range(begin, end):
+        x, y, z = points[i, 0], points[i, 1], points[i, 2]
+        sx = sy = sz = size = 0.0
+        for j in range(corners.shape[0]):
+            dx, dy, dz = x - centres[j, 0], y - centres[j, 1], z - centres[j, 2]
+            reach = slack * radii[j]
+            if abs(dx * normals[j, 0] + dy * normals[j, 1] + dz * normals[j, 2]) > reach:
+                continue
+            near = dx * dx + dy * dy + dz * dz <= (radii[j] + reach) ** 2
+            if near and _on_triangle(corners[j], normals[j], radii[j], slack, x, y, z):
+                sx, sy, sz = sx + normals[j, 0], sy + normals[j, 1], sz + normals[j, 2]
+                size = max(size, radii[j])
+        length = math.sqrt(sx * sx + sy * sy + sz * sz)
+        far = step * size / length if length > 0.0 else 0.0
+        out[i, 0], out[i, 1], out[i, 2] = x + far * sx, y + far * sy, z + far * sz

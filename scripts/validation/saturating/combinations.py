@@ -9,6 +9,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 import fieldmap as fm
 from fieldmap.device.model import Device
 from validation.saturating.steels import STEELS, Steel
@@ -17,6 +19,14 @@ FOLDER = Path(__file__).parent / "devices"
 CELLS = 4
 """Of a map along each axis, the fewest that there may be: fields are compared at nodes, where the interpolant adds
 nothing."""
+# The largest spacing, m, of boxes near iron, where `fieldmap.generate` refuses a larger one.
+SPACING = {
+    "c_yoke": 1.75e-3,
+    "c_yoke_two_coils": 1.75e-3,
+    "e_core": 1.75e-3,
+    "pot_core": 2.3e-3,
+    "two_steels": 3.5e-3,
+}
 
 # Of meshes whose curved parts would be finer than is needed here; 1 elsewhere.
 REFINEMENT = {
@@ -91,7 +101,7 @@ class Combination:
             device,
             output,
             progress=False,
-            spacing=(upper - lower) / CELLS,
+            spacing=np.minimum((upper - lower) / CELLS, SPACING.get(self.device_name, np.inf)),
             currents=self.currents,
             iron={"refinement": self.refinement},
         )

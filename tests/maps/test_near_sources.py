@@ -1,0 +1,102 @@
+"""Boxes of maps that come near to iron, and boxes in which the field is singular: refused, and nothing is written."""
+
+import magpylib
+import numpy as np
+import pytest
+
+import fieldmap as fm
+from fieldmap.errors import MapFileError, RecipeError
+from fieldmap.maps.error_bound import interpolation_error
+from fieldmap.maps.near_sources import least_distance
+from fieldmap.maps.recipe import choose_grid
+from fieldmap.store.map_data import MapData
+from tests.iron.shared import at
+
+
+@pytest.fixture(scope="module")
+def pole():
+    """A square pole of 20 mm whose face is the plane z = 0, in a coil, and a ball far to the side of it."""
+    bodies = (
+        fm.Body("pole", "iron", fm.Box((0.02, 0.02, 0.03)), 0.006),
+        fm.Body("ball", "iron", (fm.Part(fm.Sphere(0.004), at(0.03, 0, -0.01)),), 0.004),
+    )
+    coil = fm.CircularCoil("coil", 0.018, 0.025, 0.02, 100.0, placement=at(0, 0, 0.015))
+    return fm.Device("pole", "", (coil,), bodies, {"iron": fm.LinearMaterial("iron", 1000.0)})
+
+
+def refused(tmp_path, device, box, spacing=2e-3, **more):
+    with pytest.raises((RecipeError, MapFileError)) as caught:
+        fm.generate(device, tmp_path / "map.h5", spacing=spacing, box=box, progress=False, **more)
+    assert caught.value.exit_code == 2
+    assert list(tmp_path.iterdir()) == []
+    assert all(problem.where.endswith((": box", "x-planes 0 to 5")) for problem in caught.value.problems)
+    return caught.value.problems
+
+
+@pytest.mark.parametrize(
+    ("top", "received", "finer"), [(0.0, "0 mm", ""), (-1e-4, "0.1 mm", "0.058"), (-2e-3, "2 mm", "1.2")]
+)
+def test_a_box_at_a_pole_is_refused_before_any_work(tmp_path, monkeypatch, pole, top, received, finer):
+    monkeypatch.setattr("fieldmap.maps.generation.solve_linear", None)
+    (problem,) = refused(tmp_path, pole, ([-0.01, -0.01, top - 0.01], [0.01, 0.01, top]))
+    assert problem.received == f"{received} from body 'pole'"
+    # 2 mm (1e-2 / 2e-3)^(1/3)
+    assert "3.42 mm" in problem.must_hold
+    assert problem.remedy.endswith(f"spacing_mm = {finer}" if finer else "away")
+
+
+def test_every_body_that_is_too_near_is_told(tmp_path, pole):
+    problems = refused(tmp_path, pole, ([-0.01, -0.01, -0.02], [0.025, 0.01, -0.002]))
+    assert [problem.received for problem in problems] == ["2 mm from body 'pole'", "1 mm from body 'ball'"]
+
+
+def test_the_accuracy_of_saturating_iron_counts(tmp_path, pole):
+    """4 mm (1e-2 / 1.6e-2)^(1/3): the pole is at 3 mm, the ball at 5 mm."""
+    box = [-0.01, -0.01, -0.02], [0.021, 0.01, -0.003]
+    (problem,) = refused(
+        tmp_path, pole, box, 4e-3, currents={"lower_A": 0.0, "upper_A": 1.0, "accuracy": 8e-3}
+    )
+    assert "3.42 mm" in problem.must_hold
+    assert "currents.accuracy" in problem.must_hold
+
+
+@pytest.mark.parametrize(("spacing", "wanted"), [(4e-3, 1e-3), (4e-3, 1e-2), (2e-3, 1e-3), (1e-3, 1e-3)])
+def test_lookups_at_the_least_distance_are_as_good_as_wanted(pole, spacing, wanted):
+    """Against the solver at random points and at the outer cells' centres, below a pole with sharp edges; at a third of
+    the distance they are worse than wanted."""
+    solution = fm.solve_linear(pole)
+
+    def error_at(distance):
+        lower, upper = np.array([-0.016, -0.016, -0.016 - distance]), np.array([0.016, 0.016, -distance])
+        grid = choose_grid((lower, upper), np.full(3, spacing))
+        flux, gradient = solution.source_fields(grid.points(0, grid.shape[0]))
+        values = {
+            "flux_density": flux.reshape(1, *grid.shape, 3),
+            "gradient": gradient.reshape(1, *grid.shape, 3, 3),
+        }
+        data = MapData(grid=grid, coil_names=("coil",), reference_current=np.ones(1), **values)
+        found = interpolation_error(data, solution.source_fields).flux_density
+        return found / np.linalg.norm(flux, axis=-1).max()
+
+    distance = least_distance(spacing, wanted)
+    assert error_at(distance) < wanted < error_at(distance / 3)
+
+
+LOOP = {"diameter": 0.02, "current": 1.0}
+
+
+@pytest.mark.parametrize(("half", "where"), [(10.0, "x-planes 0 to 5"), (11.3, ": box")])
+def test_a_wire_in_the_box_is_refused(tmp_path, half, where):
+    """A loop without thickness, through nodes and between them: the nodes tell, or the error of the lookups."""
+    device = fm.Device.from_magpylib(magpylib.current.Circle(**LOOP))
+    corner = 1e-3 * np.array([half, half, 10.0])
+    (problem,) = refused(tmp_path, device, (-corner, corner))
+    assert problem.where.endswith(where)
+
+
+def test_a_corner_of_a_magnet_in_the_box_is_refused(tmp_path):
+    block = magpylib.magnet.Cuboid(dimension=(0.01, 0.01, 0.01), polarization=(0, 0, 1.0))
+    device = fm.Device.from_magpylib(
+        magpylib.Collection(magpylib.current.Circle(**LOOP).move((0, 0, 0.1)), block)
+    )
+    refused(tmp_path, device, ([0.0, 0.0, 0.0], [0.01, 0.01, 0.01]))
