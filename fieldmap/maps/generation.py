@@ -125,7 +125,7 @@ def generate(
     accept_error
         Write a map of saturating iron even if the largest error found, at any state at which its current model was
         tried, is more than twice the accuracy that its recipe asks for. The error is then among its assumptions, and
-        opening it warns (MapAccuracyWarning).
+        opening it warns (MapAccuracyWarning). The box may come as near to iron and magnets as it likes, but for touching.
 
     Returns
     -------
@@ -181,9 +181,9 @@ def generate(
             placed = Device.unchecked(**vars(device) | {"workspace": box})
             check_geometry(placed)
             if plan is None:
-                require_distance(placed, grid, order.tolerance, "iron.tolerance")
+                require_distance(placed, grid, order.tolerance, "iron.tolerance", accept_error)
             else:
-                require_distance(placed, grid, plan.accuracy, "currents.accuracy")
+                require_distance(placed, grid, plan.accuracy, "currents.accuracy", accept_error)
             if resume and (report := _finished(target, info)) is not None:
                 require_accuracy(report, plan, target, accept_error)
                 say("complete already", 1.0)

@@ -35,7 +35,9 @@ def least_distance(spacing: float, error: float) -> float:
     return spacing * float(np.cbrt(_ERROR_AT_ONE_SPACING / max(error, _MEASURED)))
 
 
-def require_distance(device: Device, grid: Grid, accuracy: float, key: str) -> None:
+def require_distance(
+    device: Device, grid: Grid, accuracy: float, key: str, accept_error: bool = False
+) -> None:
     """Refuse a box that comes too near to iron or magnets for its accuracy.
 
     Parameters
@@ -48,6 +50,8 @@ def require_distance(device: Device, grid: Grid, accuracy: float, key: str) -> N
         That the recipe asks for, a share of B. Lookups may be off by `HELD_OUT` times as much, as its states.
     key
         Of the recipe, that states it.
+    accept_error
+        Whether any distance will do. A box that touches a body is refused all the same.
 
     Raises
     ------
@@ -59,12 +63,16 @@ def require_distance(device: Device, grid: Grid, accuracy: float, key: str) -> N
     least = least_distance(spacing, allowed)
     problems = []
     for body, distance in distances_to_workspace(device, least).items():
+        if accept_error and distance > 0.0:
+            continue
         must_hold = (
             f"must keep {_MILLIMETRES * least:.3g} mm from iron and magnets, for lookups within {percent(allowed)} of "
             f"B (twice {key}) between nodes {_MILLIMETRES * spacing:.3g} mm apart"
         )
         finer = _MILLIMETRES * spacing * distance / least
-        remedy = "move the box away" + (f", or take spacing_mm = {finer:.2g}" if finer > 0.0 else "")
+        remedy = "move the box away"
+        if distance > 0.0:
+            remedy += f", take spacing_mm = {finer:.2g}, or accept the error (--accept-error)"
         problems.append(
             AtKey("box", must_hold, f"{_MILLIMETRES * distance:.3g} mm from body '{body}'", remedy)
         )

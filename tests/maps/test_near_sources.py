@@ -42,7 +42,15 @@ def test_a_box_at_a_pole_is_refused_before_any_work(tmp_path, monkeypatch, pole,
     assert problem.received == f"{received} from body 'pole'"
     # 2 mm (1e-2 / 2e-3)^(1/3)
     assert "3.42 mm" in problem.must_hold
-    assert problem.remedy.endswith(f"spacing_mm = {finer}" if finer else "away")
+    assert (f"spacing_mm = {finer}," in problem.remedy) == bool(finer)
+
+
+def test_an_error_may_be_accepted_at_any_distance_but_none(tmp_path, pole):
+    near = [-0.01, -0.01, -0.012], [0.01, 0.01, -2e-3]
+    fm.generate(pole, tmp_path / "near.h5", spacing=2.5e-3, box=near, progress=False, accept_error=True)
+    assert fm.open_map(tmp_path / "near.h5").interpolation_error.flux_density > 0.0
+    (tmp_path / "near.h5").unlink()
+    refused(tmp_path, pole, ([-0.01, -0.01, -0.01], [0.01, 0.01, 0.0]), accept_error=True)
 
 
 def test_every_body_that_is_too_near_is_told(tmp_path, pole):
