@@ -618,6 +618,8 @@ def _operation(
         return None
     offset = centre - matrix @ centre
     offset[np.abs(offset) < 1e-3 * tolerance] = 0.0
+    # The sign of a zero depends on rounding, and the mesher makes another mesh of a wall with another sign.
+    matrix, offset = matrix + 0.0, offset + 0.0
     handedness = np.sign(np.linalg.det(matrix))
     windings: tuple[int, ...] | None = tuple(range(len(device.coils)))
     signs = [1.0] * len(device.coils)
