@@ -194,9 +194,9 @@ def test_two_forms_and_two_meshes_of_several_sources():
     assert error.change == (pytest.approx(0.02), 0.0)
     assert error.worst("B").source == "source 1"
     # Of the source whose forms lie apart most, its largest component in the middle.
-    bracket = error.bracket
-    assert (bracket.what, bracket.source, bracket.at) == ("By", "source 1", (0.0, 0.0, 0.0))
-    assert (bracket.low, bracket.high) == (-1.2, -0.94)
+    forms = error.both_forms
+    assert (forms.what, forms.source, forms.at) == ("By", "source 1", (0.0, 0.0, 0.0))
+    assert (forms.solution, forms.complement) == (-1.2, -0.94)
     assert error.shares is None
     alone = estimate_error(points, ours, None, other)
     assert alone.change is None

@@ -240,8 +240,8 @@ def test_what_is_nearly_a_group_is_made_one():
 
 
 def test_equal_symmetries_are_equal_to_the_byte():
-    """A zero of either sign is the same number, but netgen makes another mesh of a wall with the other sign. The rest of
-    the group changes how an operation is computed."""
+    """A zero of either sign is the same number, but netgen makes another mesh of a wall with the other sign. The rest
+    of the group changes how an operation is computed."""
     devices = [device(body((shape,))) for shape in (fm.Box((0.01, 0.02, 0.03)), fm.Cylinder(0.01, 0.02))]
     groups = [
         find_symmetry(one).operations
