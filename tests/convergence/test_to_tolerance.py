@@ -331,6 +331,7 @@ def run_of(monkeypatch, excess, most_meshes=10, fits=99, own_excess=1.0):
             next_sizes=lambda reduction: told["reductions"].append(reduction) or "sizes",
             shares_of_bodies=lambda _: (),
             growth=lambda _: (3.0, 5.0),
+            operations=1,
         )
 
     def estimate(points, ours, coarser, complement, shares, growth):
