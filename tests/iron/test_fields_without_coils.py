@@ -40,6 +40,8 @@ def test_a_magnet_and_a_soft_cube_to_a_tolerance(points):
     assert largest(solution.field(points, []) - exact, exact) < 3 * error.flux_density
     assert error.both_forms.source == "the permanent magnets"
     assert solution.sources == ("the permanent magnets",)
+    # C4v: the mirrors of square blocks that map the square workspace above them onto itself.
+    assert solution.mesh.symmetry.group.order == 8
 
 
 @pytest.mark.parametrize("tolerance", [0.02, 0.005])

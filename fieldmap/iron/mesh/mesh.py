@@ -241,8 +241,6 @@ def _copied_chamber(
     closed: ClosedGaps | None,
 ) -> IronMesh | None:
     """None where bodies have a joint in a wall of the chamber: it would be cut along its middle."""
-    if local is not None:
-        local = local.only(chamber.holds(local.points), chamber.holds(local.edge_points))
     points, tets, body, edges, midpoints = _made_by_mesher(shape, device, refinement, local)
     names, images = [one.name for one in device.bodies], [one.bodies for one in chamber.group.operations]
     in_walls = chamber_contacts(chamber, points, tets, body)

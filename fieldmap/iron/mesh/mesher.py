@@ -23,7 +23,6 @@ from threading import Lock
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fieldmap.device.another_process import crashed, run_by_another
 from fieldmap.device.model import Device, MeshFile, StepFile, TriangleSurface, VolumeMesh
@@ -64,12 +63,6 @@ class LocalSizes(Record):
             places, list(range(1, min(_NEIGHBOURS, len(self.points)) + 1))
         )
         return np.asarray((self.sizes[nearest] + GRADING * distance).min(axis=1), np.float64)
-
-    def only(self, points: NDArray[np.bool_], edge_points: NDArray[np.bool_]) -> LocalSizes:
-        """Those at some of the points (k,) and edge points (l,)."""
-        return LocalSizes(
-            self.points[points], self.sizes[points], self.edge_points[edge_points], self.layers[edge_points]
-        )
 
     def first_layer(self, places: Array) -> Array:
         """Thickness (n,) at places (n, 3): that of the nearest edge point."""
