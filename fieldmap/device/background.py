@@ -80,7 +80,8 @@ class Background(Made):
     B(x) = flux_density + gradient (x - centre) + the fields of `sources`: flux_density (3,) in T; gradient dB_i/dx_j in
     T/m, (3, 3), symmetric and without trace as outside of all currents, or its five entries dBx/dx, dBx/dy, dBx/dz,
     dBy/dy, dBy/dz; None for a uniform field; centre (3,) in m; sources: magnets of fixed magnetisation and other
-    sources in air (`fieldmap.device.air_sources`), which must not overlap with bodies, and on which no force is known.
+    sources in air (`fieldmap.device.air_sources`), which must lie outside of all bodies (a solver checks this), and on
+    which no force is known.
     It magnetises the iron of the device, and it acts on everything in it.
 
     >>> earth = Background([0.0, 20e-6, -44e-6])

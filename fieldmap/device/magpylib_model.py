@@ -158,7 +158,7 @@ class _Found:
                 must_hold = f"a susceptibility belongs to one of {', '.join(SOLIDS)}"
                 raise InputError.of(where, must_hold, f"a {type(thing).__name__}", "remove it")
             name = self.named(thing, r"[^A-Za-z0-9_ +-]", " ")
-            law, parts = _law(where, name, source, material), _parts(where, source)
+            law, parts = _law(where, name, source, material), parts_of(where, source)
         except InputError as error:
             self.problems += error.problems
             return
@@ -221,7 +221,7 @@ def _made(where: str, name: str, kind: str, **keys: Any) -> Material:
     return material_of(of_kind.model_validate(table), name, {})
 
 
-def _parts(where: str, source: AirSource) -> tuple[Part, ...]:
+def parts_of(where: str, source: AirSource) -> tuple[Part, ...]:
     """The shapes of a body: magpylib's are centred, ours stand on z = 0."""
     at, size = source.placement, source.dimension
 

@@ -3,11 +3,11 @@
 The potential form errs to one side in the energy, the flux form to the other. On one mesh the gap between the two shows
 what the elements inside the iron do not resolve, even where similar meshes agree with each other. In the energy norm
 the mean of the two forms is off by half the gap (Prager and Synge, Quart. Appl. Math. 5 (1947) 241); half the gap is
-the estimate for fields as well. Both forms have two errors in common: flat faces on round surfaces, and charges
-constant on each face. These show as a change between two meshes, which estimates the error of the coarser one. Where
-the shares of all faces in the error of B are known (`fieldmap.iron.solvers.refinement`), twice their sum is an estimate
-for the finer one. The smaller of these two counts, for the gradient the change alone. The estimate for each source is
-the larger of that and half the gap.
+the estimate for fields as well. It is no bound: the true field at a point may lie outside of the fields of both forms.
+Both forms have two errors in common: flat faces on round surfaces, and charges constant on each face. These show as a
+change between two meshes, which estimates the error of the coarser one. Where the shares of all faces in the error of B
+are known (`fieldmap.iron.solvers.refinement`), twice their sum is an estimate for the finer one. The smaller of these
+two counts, for the gradient the change alone. The estimate for each source is the larger of that and half the gap.
 
 Relative errors of B are those of its largest value in the workspace. A gradient may vanish, in a shield or in the
 middle of a symmetric machine; its errors are relative to the larger of its own largest value and |B| / L. L is half the
@@ -47,21 +47,26 @@ QUANTITIES = ("B", "gradient")
 
 
 @dataclass(frozen=True, repr=False)
-class Bracket(Record):
-    """The largest component of B at one point by both forms: at (3,) in m, low and high in T, source in words."""
+class BothForms(Record):
+    """The largest component of B at one point, T, by the form of the solution and by its complement: at (3,) in m,
+    source in words.
+
+    The two values are no bounds. The forms have errors in common, and the true value may lie outside of both.
+    """
 
     what: str
     at: tuple[float, float, float]
     source: str
-    low: float
-    high: float
+    solution: float
+    complement: float
 
     def __str__(self) -> str:
         place = ", ".join(f"{1e3 * x:.4g}" for x in self.at)
-        gap = 100 * (self.high - self.low) / max(abs(self.high), abs(self.low), 1e-300)
+        one, other = self.solution, self.complement
+        gap = 100 * abs(one - other) / max(abs(one), abs(other), 1e-300)
         return (
-            f"{self.what} of {self.source} at ({place}) mm between {1e3 * self.low:.6g} and {1e3 * self.high:.6g} mT "
-            f"({gap:.2g} %)"
+            f"{self.what} of {self.source} at ({place}) mm by the two forms: {1e3 * one:.6g} and {1e3 * other:.6g} mT "
+            f"({gap:.2g} % apart; no bounds: the true value may lie outside)"
         )
 
 
@@ -99,8 +104,9 @@ class ErrorEstimate(Record):
     in the workspace and to the scale of the gradient (module docstring).
 
     flux_density, gradient: the estimates; change: (B, gradient) between two meshes, or None if there is only one; gap:
-    (B, gradient) between the potential form and the flux form on the same mesh, bracket: of B in the middle of the
-    workspace, or None if only one form can be used; shares: sum of the shares of all faces in the error of B, or None.
+    (B, gradient) between the potential form and the flux form on the same mesh, both_forms: B of the two in the middle
+    of the workspace (values, no bounds), or None if only one form can be used; shares: sum of the shares of all faces
+    in the error of B, or None.
     by_source: the largest errors of B, one for each source, then those of the gradient, in T and T/m and with their
     places; length: the L of the gradient's scale, m.
     """
@@ -109,7 +115,7 @@ class ErrorEstimate(Record):
     gradient: float
     change: tuple[float, float] | None
     gap: tuple[float, float] | None
-    bracket: Bracket | None = None
+    both_forms: BothForms | None = None
     shares: float | None = None
     by_source: tuple[LargestError, ...] = ()
     length: float | None = None
@@ -138,10 +144,10 @@ class ErrorEstimate(Record):
             words.append(f"constant charges leave out {100 * self.shares:.2g} %")
         if self.gap is not None:
             words.append(f"{100 * self.gap[0]:.2g} % between the two forms on one mesh")
-        bracket = "" if self.bracket is None else f"; {self.bracket}"
+        forms = "" if self.both_forms is None else f"; {self.both_forms}"
         return (
             f"estimated error in the workspace {100 * self.flux_density:.2g} % of B, {100 * self.gradient:.2g} % of "
-            f"its gradient ({', '.join(words)}){bracket}"
+            f"its gradient ({', '.join(words)}){forms}"
         )
 
 
@@ -205,7 +211,7 @@ def estimate_error(
     shares (c,): sums of the shares of all faces in the error of B of every source, where known. growth: the number of
     faces over that of the coarser mesh, minus 1. Meshes that hardly differ agree whatever their error: where the growth
     is below `ENOUGH_GROWTH`, the change is multiplied by `ENOUGH_GROWTH` over the growth.
-    The bracket is for the point in the middle of all points.
+    `both_forms` is for the point in the middle of all points.
     """
     middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
     places = np.vstack([points, middle])
@@ -214,7 +220,7 @@ def estimate_error(
     sizes = _norms(*fields).max(axis=2)
     sizes[1] = np.maximum(sizes[1], sizes[0] / length)
     errors = np.zeros((2, len(fields[0]), len(places)))
-    change = gap = bracket = None
+    change = gap = both_forms = None
     if coarser is not None:
         others = coarser.source_fields(places)
         changed = _norms(fields[0] - others[0], fields[1] - others[1])
@@ -228,10 +234,10 @@ def estimate_error(
         apart = _norms(fields[0] - others[0], fields[1] - others[1])
         gap = _relative(apart, sizes)
         errors = np.maximum(errors, _GAP_SHARE * apart)
-        bracket = _bracket(middle, solution.sources, fields[0][:, -1], others[0][:, -1])
+        both_forms = _by_both_forms(middle, solution.sources, fields[0][:, -1], others[0][:, -1])
     by_source = _largest_errors(errors, sizes, places, solution.sources)
     total = None if shares is None else float(shares.max(initial=0.0))
-    return ErrorEstimate(*_relative(errors, sizes), change, gap, bracket, total, by_source, length)
+    return ErrorEstimate(*_relative(errors, sizes), change, gap, both_forms, total, by_source, length)
 
 
 def _norms(field: Array, gradient: Array) -> Array:
@@ -258,15 +264,15 @@ def _largest_errors(
     return tuple(out)
 
 
-def _bracket(place: Array, sources: tuple[str, ...], one: Array, other: Array) -> Bracket:
-    """Bracket by two fields (c, 3), for the source whose two fields differ most, relative to their size."""
+def _by_both_forms(place: Array, sources: tuple[str, ...], one: Array, other: Array) -> BothForms:
+    """Of two fields (c, 3) those of the source whose fields differ most, relative to their size."""
     size = np.linalg.norm(one, axis=1)
     relative = np.linalg.norm(one - other, axis=1) / np.where(size > 0, size, np.inf)
     worst = int(relative.argmax())
     component = int(np.abs(one[worst]).argmax())
-    low, high = sorted((float(one[worst, component]), float(other[worst, component])))
     x, y, z = (float(value) for value in place)
-    return Bracket("B" + "xyz"[component], (x, y, z), sources[worst], low, high)
+    values = float(one[worst, component]), float(other[worst, component])
+    return BothForms("B" + "xyz"[component], (x, y, z), sources[worst], *values)
 
 
 ENDS = {

@@ -96,6 +96,29 @@ class SymmetryGroup(Record):
     def __str__(self) -> str:
         return _group_name(self.operations)
 
+    def keeping_box(self, lower: Array, upper: Array) -> "SymmetryGroup":
+        """The operations that map an axis-parallel box onto itself.
+
+        Parameters
+        ----------
+        lower, upper
+            Its corners (3,), m.
+
+        Returns
+        -------
+        'SymmetryGroup'
+            The group.
+        """
+        middle, half = 0.5 * (lower + upper), 0.5 * (upper - lower)
+        return self.subgroup(
+            [
+                number
+                for number, one in enumerate(self.operations)
+                if np.abs(one(middle[None])[0] - middle).max() <= self.tolerance
+                and np.abs(np.abs(one.matrix) @ half - half).max() <= self.tolerance
+            ]
+        )
+
     def subgroup(self, members: list[int]) -> "SymmetryGroup":
         """Some of the operations.
 
@@ -618,6 +641,8 @@ def _operation(
         return None
     offset = centre - matrix @ centre
     offset[np.abs(offset) < 1e-3 * tolerance] = 0.0
+    # The sign of a zero depends on rounding, and the mesher makes another mesh of a wall with another sign.
+    matrix, offset = matrix + 0.0, offset + 0.0
     handedness = np.sign(np.linalg.det(matrix))
     windings: tuple[int, ...] | None = tuple(range(len(device.coils)))
     signs = [1.0] * len(device.coils)

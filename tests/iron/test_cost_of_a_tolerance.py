@@ -12,7 +12,7 @@ import pytest
 from fieldmap.device.model import Background, Body, Box, Device, LinearMaterial, Part, WorkspaceBox, placed
 from fieldmap.iron import Tolerance, generate_mesh
 from fieldmap.iron.error import (
-    Bracket,
+    BothForms,
     ErrorEstimate,
     ErrorShare,
     ExpectedCost,
@@ -196,9 +196,10 @@ def test_numbers_in_words():
     reached = replace(report, ended="reached", steps=(step,))
     assert (reached.reached, report.reached) == (True, False)
     assert [words in str(reached) for words in said] == [True, False, True, False, False, False]
-    bracket = Bracket("Bz", (0.0, 0.001, 0.02), "coil 'a'", -0.0125, -0.012)
-    assert str(bracket) == "Bz of coil 'a' at (0, 1, 20) mm between -12.5 and -12 mT (4 %)"
-    error = ErrorEstimate(0.013, 0.025, (0.011, 0.02), (0.006, 0.01), bracket, 0.0042)
+    forms = BothForms("Bz", (0.0, 0.001, 0.02), "coil 'a'", -0.012, -0.0125)
+    assert re.findall(r"-?[\d.]+", str(forms)) == ["0", "1", "20", "-12", "-12.5", "4"]
+    assert "between" not in str(forms)
+    error = ErrorEstimate(0.013, 0.025, (0.011, 0.02), (0.006, 0.01), forms, 0.0042)
     assert re.findall(r"([\d.]+) %", str(error)) == ["1.3", "2.5", "1.1", "0.42", "0.6", "4"]
 
 

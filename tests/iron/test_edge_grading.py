@@ -95,8 +95,9 @@ def test_layers_fall_with_the_square_of_the_refinement():
         Body("b", "iron", (Part(Sphere(0.01)),), 0.005),
     )
     both = Device.unchecked(name="d", bodies=bodies, materials={"iron": LinearMaterial("iron", 100.0)})
-    assert _first_layers(both, 1.0).tolist() == [9e-4, np.inf]
-    assert _first_layers(both, 3.0) == pytest.approx([1e-4, np.inf])
+    of_each = np.zeros((2, 3)), np.array([0, 1]), None
+    assert _first_layers(both, 1.0, *of_each).tolist() == [9e-4, np.inf]
+    assert _first_layers(both, 3.0, *of_each) == pytest.approx([1e-4, np.inf])
 
 
 def test_outlines_of_bodies_enclose_their_volumes():

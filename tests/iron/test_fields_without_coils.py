@@ -38,8 +38,10 @@ def test_a_magnet_and_a_soft_cube_to_a_tolerance(points):
     exact = finer.field(points, [])
     assert 0.0 < error.flux_density <= 0.01
     assert largest(solution.field(points, []) - exact, exact) < 3 * error.flux_density
-    assert error.bracket.source == "the permanent magnets"
+    assert error.both_forms.source == "the permanent magnets"
     assert solution.sources == ("the permanent magnets",)
+    # C4v: the mirrors of square blocks that map the square workspace above them onto itself.
+    assert solution.mesh.symmetry.group.order == 8
 
 
 @pytest.mark.parametrize("tolerance", [0.02, 0.005])

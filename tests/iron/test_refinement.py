@@ -2,13 +2,14 @@
 
 import tracemalloc
 from dataclasses import replace
+from itertools import product
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from fieldmap.device.model import Body, Box, Device, LinearMaterial
+from fieldmap.device.model import Body, Box, Device, LinearMaterial, Part
 from fieldmap.iron.materials import body_properties
 from fieldmap.iron.mesh.charged_faces import ChargedFaces
 from fieldmap.iron.mesh.mesh import LAYER_RATIO, generate_mesh
@@ -151,6 +152,31 @@ def test_sizes_fall_where_the_shares_are_and_the_mesh_follows():
     assert (here[1] < 0.0).sum() < (here[0] < 0.0).sum()
 
 
+@pytest.mark.parametrize("kind", ["faces", "elements", "layers"])
+def test_sizes_of_copies_of_a_chamber_are_those_of_the_largest_share(kind):
+    """The error on one of eight copies makes elements small on all of them."""
+    box = Body("b", "iron", (Part(Box((0.03, 0.02, 0.01))),), 0.008)
+    mesh = generate_mesh(Device.unchecked(name="d", bodies=(box,), materials={"iron": IRON}), symmetry="auto")
+    iron = iron_of(mesh)
+    centres = mesh.points[mesh.tets].mean(axis=1)
+    faces, tets = ((x > [0, 0, 0.005]).all(axis=1) for x in (iron.surface.centres, centres))
+    none = np.zeros(len(faces))
+    share = faces / faces.sum() if kind != "elements" else none
+    at_edge = np.full(len(faces), kind == "layers")
+    shares = FaceShares(share, none, at_edge, np.ones(1))
+    elements = tets / tets.sum() if kind == "elements" else np.zeros(len(tets))
+    sizes = next_sizes(iron, shares, elements, 4.0)
+    copies = sizes.sizes.reshape(8, -1)
+    thinnest = [sizes.layers[(np.sign(sizes.edge_points - [0, 0, 0.005]) == side).all(axis=1)].min(initial=1.0)
+                for side in product((-1.0, 1.0), repeat=3)]  # fmt: skip
+    assert copies.min(axis=1) == pytest.approx(np.full(8, copies.min()), rel=0.05)
+    assert thinnest == pytest.approx([min(thinnest)] * 8, rel=0.05)
+    if kind == "layers":
+        assert min(thinnest) < 0.7 * heights(iron.surface.corners).min()
+    else:
+        assert copies.min() < 0.9 * mesh.cells.sizes.min()
+
+
 def clusters(at_edge=False):
     """Three clusters of six cells far from each other, of sizes 1, 2 and 3 mm, each with one face of height 1 mm."""
     centres = np.repeat(np.array([[0.0, 0, 0], [1.0, 0, 0], [0, 1.0, 0]]), 6, axis=0)
@@ -159,7 +185,7 @@ def clusters(at_edge=False):
     surface = ChargedFaces.from_nodes(corners.reshape(-1, 3), np.arange(54).reshape(18, 3))
     number = np.arange(18)[::-1].copy()
     cells = MesherCells(number, centres[::-1].copy(), 1e-3 * np.repeat([3.0, 2.0, 1.0], 6))
-    mesh = SimpleNamespace(cells=cells, tets=np.zeros((18, 4), int))
+    mesh = SimpleNamespace(cells=cells, tets=np.zeros((18, 4), int), symmetry=None)
     topology = SimpleNamespace(owner=np.column_stack([np.arange(18), np.full(18, -1)]), surface=np.arange(18))
     iron = SimpleNamespace(mesh=mesh, topology=topology, surface=surface)
     return iron, np.full(18, at_edge)

@@ -39,9 +39,8 @@ def saturating():
 def test_dense_where_it_is_quicker_and_fits(monkeypatch, faces, operations, memory, storage):
     monkeypatch.setattr(assembled, "memory_bytes", lambda: memory)
     assert assembled.chosen_storage(faces, operations) == storage
-    if operations == 1:
-        expected = 16.0 * faces**2 if storage == "dense" else 12e3 * faces
-        assert assembled.expected_bytes(faces + 0.2) == pytest.approx(expected, rel=1e-4)
+    expected = 16.0 * faces**2 / operations if storage == "dense" else 12e3 * faces
+    assert assembled.expected_bytes(faces + 0.2, operations) == pytest.approx(expected, rel=1e-4)
 
 
 def test_what_does_not_fit_is_told_before_it_is_made(monkeypatch):

@@ -1,11 +1,24 @@
 """Meshes copied from one chamber: the group maps them onto themselves, and they fill the bodies without a crack."""
 
+from itertools import product
+
 import numpy as np
 import pytest
 
-from fieldmap.device.model import Body, Box, Cylinder, Device, LinearMaterial, Part, Placement, Sphere
+from fieldmap.device.model import (
+    Body,
+    Box,
+    Cylinder,
+    Device,
+    LinearMaterial,
+    Part,
+    Placement,
+    Sphere,
+    WorkspaceBox,
+)
 from fieldmap.errors import InputError
 from fieldmap.iron.mesh.mesh import generate_mesh, volumes
+from fieldmap.iron.mesh.mesher import LocalSizes
 from fieldmap.iron.topology import build_faces
 
 IRON = {"iron": LinearMaterial("iron", 100.0)}
@@ -128,6 +141,47 @@ def test_mirror_planes_through_round_bodies_make_no_sharp_edges(refinement):
     ]
     assert sphere[0].symmetry is not None
     assert len(sphere[0].tets) == len(sphere[1].tets)
+
+
+@pytest.mark.parametrize(
+    ("lower", "upper", "order"),
+    [
+        ((-0.01, -0.01, 0.03), (0.01, 0.01, 0.04), 8),  # C4v: nothing maps the box above to one below
+        ((-0.01, -0.02, 0.03), (0.01, 0.02, 0.04), 4),  # C2v: a rectangle has no diagonal mirrors
+        ((0.0, -0.02, 0.03), (0.01, 0.02, 0.04), 2),
+        ((-0.01, -0.01, -0.005), (0.01, 0.01, 0.015), 16),  # D4h: round the middle of the iron
+        ((0.0, 0.01, 0.03), (0.01, 0.02, 0.05), 1),
+    ],
+)
+def test_operations_that_keep_the_workspace(lower, upper, order):
+    """Of a square block. Elements that are small where the workspace is need no copies elsewhere."""
+    block = device(body(Box((0.04, 0.04, 0.01)), size=0.02))
+    space = WorkspaceBox(np.array(lower), np.array(upper))
+    mesh = generate_mesh(Device.unchecked(**vars(block) | {"workspace": space}), symmetry="workspace")
+    assert (1 if mesh.symmetry is None else mesh.symmetry.group.order) == order
+
+
+def test_sizes_at_a_place_hold_in_all_copies():
+    """Small elements and thin layers at one corner of a box come back at the images of this corner. Each tetrahedron
+    lies in the mesher's cell of its number, in its own copy of the chamber."""
+    box = device(body(Box((0.03, 0.02, 0.01)), edge=1e-3))
+    corner = np.array([[0.015, 0.01, 0.01], [0.0, 0.0, 0.005]])
+    sizes = np.array([0.001, 0.01])
+    mesh = generate_mesh(
+        box, symmetry="auto", local=LocalSizes(corner, sizes, corner, np.array([2e-4, 1e-3]))
+    )
+    assert mesh.symmetry.group.order == 8
+    cells, volume = mesh.cells, volumes(mesh.points, mesh.tets)
+    within = np.bincount(cells.number, volume, len(cells.sizes))
+    assert within.min() > 0
+    centroids = np.zeros_like(cells.centres)
+    np.add.at(centroids, cells.number, volume[:, None] * mesh.points[mesh.tets].mean(axis=1))
+    # A cell is what its tetrahedra fill, so that its centre is theirs, until nodes move onto round faces.
+    assert np.abs(centroids / within[:, None] - cells.centres).max() < 1e-12
+    small = cells.centres[cells.sizes < 0.0015]
+    sides = np.sign(small - [0, 0, 0.005])
+    assert sorted(map(tuple, np.unique(sides, axis=0).tolist())) == sorted(product((-1.0, 1.0), repeat=3))
+    assert len(small) == 8 * (sides == 1).all(axis=1).sum()
 
 
 def test_another_word_is_refused():

@@ -239,6 +239,22 @@ def test_what_is_nearly_a_group_is_made_one():
     assert exact_matrices(np.array([square[0], square[2], square[2]])) is None
 
 
+def test_equal_symmetries_are_equal_to_the_byte():
+    """A zero of either sign is the same number, but netgen makes another mesh of a wall with the other sign. The rest
+    of the group changes how an operation is computed."""
+    devices = [device(body((shape,))) for shape in (fm.Box((0.01, 0.02, 0.03)), fm.Cylinder(0.01, 0.02))]
+    groups = [
+        find_symmetry(one).operations
+        for one in (*devices, device(*ring_of(6, 0.03)), device(*ring_of(4, 0.03)))
+    ]
+    mirrors = [next(one for one in group if str(one) == "mirror y = 0") for group in groups]
+    assert {(one.matrix.tobytes(), one.offset.tobytes()) for one in mirrors} == {
+        (np.diag([1.0, -1.0, 1.0]).tobytes(), np.zeros(3).tobytes())
+    }
+    numbers = np.concatenate([np.append(one.matrix, one.offset) for group in groups for one in group])
+    assert np.signbit(numbers).tolist() == (numbers < 0).tolist()
+
+
 def test_the_matrices_form_a_group_to_rounding():
     group = find_symmetry(fm.read_device("disk_six_cores"))
     table = multiplication_table(group.matrices)

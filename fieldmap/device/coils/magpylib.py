@@ -24,8 +24,7 @@ class MagpylibCoil(Coil):
 
     sources: with their own currents, those for 1 A in the coil. nominal_current: what the coil carries in the model
     that it comes from, A, if known. wire_diameter: of loops and polylines, m; without it they have no self-inductance.
-    Filaments and sheets have no winding of rectangular section: no solid that is checked against the iron, no
-    resistance; the force on them is known.
+    Filaments and sheets have no winding of rectangular section and no resistance. The force on them is known.
     """
 
     kind: ClassVar[str] = "magpylib"

@@ -2,10 +2,10 @@
 
 Refused: what cannot be built or has no volume, bodies that overlap, bodies whose common surface is no
 manifold, bodies less than a micrometre apart, bodies with a mesh of their own that touch others elsewhere than in
-common faces, windings that cut iron or each other, a workspace that cuts
-iron or a winding. Contact by faces is sound. Allowed, and told by `geometry_notes`: a body in several pieces,
-windings that fill the very same space (two circuits wound together), a STEP file that declares another unit
-than the device file.
+common faces, windings that cut iron or each other, currents and magnets in air that lie in a body, a workspace
+that cuts iron, a winding or a source in air. Contact by faces is sound. Allowed, and told by `geometry_notes`: a body
+in several pieces, windings that fill the very same space (two circuits wound together), a STEP file that declares
+another unit than the device file, a source in air whose place is not known.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from fieldmap.device.model import Body, Device, StepFile
 from fieldmap.errors import GeometryError, Problem
-from fieldmap.iron.geometry import contacts, shapes, solids
+from fieldmap.iron.geometry import contacts, shapes, solids, sources
 
 _SAME_AREA = 1e-5
 SAME_VOLUME = 1e-6
@@ -119,21 +119,21 @@ def _examine(device: Device) -> _Findings:
     label, problems = solids.device_label(device), list[Problem]()
 
     def built(
-        kind: str, name: str, solid_of: Callable[[Any], shapes.occ.TopoDS_Shape], of: Any
+        kind: str, name: str, solid_of: Callable[..., shapes.occ.TopoDS_Shape], *of: Any
     ) -> contacts.NamedSolid | None:
-        """The solid of a body, a winding or the workspace; None, and a problem, where it cannot be built."""
+        """The shape of a body, winding, source or workspace; None, and a problem, where it cannot be built."""
         try:
-            return contacts.NamedSolid(kind, name, solid_of(of))
+            return contacts.NamedSolid(kind, name, solid_of(*of))
         except GeometryError as error:
             problems.extend(replace(one, where=f"{label}: {one.where}") for one in error.problems)
         except shapes.kernel_errors() as error:
             where = f"{label}: {kind} '{name}'" if name else f"{label}: {kind}"
-            must_hold = f"the {kind} must be a solid that the CAD kernel can build"
+            must_hold = f"the {kind} must be a shape that the CAD kernel can build"
             received = str(error).strip() or type(error).__name__
             problems.append(Problem(where, must_hold, received, "correct its dimensions"))
         return None
 
-    def refuse(overlaps: Iterable[contacts.Overlap], must_hold: str, remedy: str) -> None:
+    def refuse(overlaps: Iterable[contacts.Overlap | contacts.Contact], must_hold: str, remedy: str) -> None:
         for one in overlaps:
             problems.append(Problem(f"{label}: {one.first} and {one.second}", must_hold, str(one), remedy))
 
@@ -152,6 +152,12 @@ def _examine(device: Device) -> _Findings:
         problems += _contact_problems(label, device, bodies, overlapping)
     remedy = "correct the winding's widths or place, or cut the body"
     refuse(contacts.overlaps(product(windings, bodies)), "a winding must not cut a body", remedy)
+    placed = [one for one in sources.sources_in_air(device) if sources.has_known_place(one[2])]
+    shaped = [built(kind, name, sources.source_shape, *where) for kind, name, *where in placed]
+    in_air = [shape for shape in shaped if shape is not None]
+    must_hold = f"a source in air must lie outside of each body, a wire, sheet or dipole {contacts.LEAST_GAP:g} mm away"
+    remedy = "move it, or cut the body: a magnet inside iron is a body itself, a wire passes through a hole"
+    refuse(contacts.clashes(product(in_air, bodies)), must_hold, remedy)
     shared = contacts.overlaps(combinations(windings, 2))
     must_hold = "windings must not overlap, unless both fill the very same space"
     apart, together = ([one for one in shared if _same_space(one) == alike] for alike in (False, True))
@@ -159,9 +165,9 @@ def _examine(device: Device) -> _Findings:
     if device.workspace is not None:
         workspace = built("workspace", "", shapes.workspace_solid, device.workspace)
         if workspace is not None:
-            found = contacts.overlaps((workspace, solid) for solid in (*bodies, *windings))
-            remedy = "make the workspace smaller or move it"
-            refuse(found, "the workspace must be free of bodies and windings", remedy)
+            found = contacts.clashes((workspace, shape) for shape in (*bodies, *windings, *in_air))
+            must_hold = "the workspace must be free of bodies, windings and sources in air"
+            refuse(found, must_hold, "make the workspace smaller or move it")
     return _Findings(tuple(problems), tuple(_notes(device, bodies, together)))
 
 
@@ -270,6 +276,10 @@ def _notes(
             yield f"{solid} is in {pieces} separate pieces"
     for overlap in wound_together:
         yield f"{overlap.first} and {overlap.second} fill the same space, as two circuits wound together"
+    for kind, name, source, _ in sources.sources_in_air(device):
+        if not sources.has_known_place(source):
+            owner = f"{kind} '{name}'" if name else kind
+            yield f"{owner}: its place is not known, so that nobody has checked that it lies outside of all bodies"
     sound = {solid.name for solid in bodies}
     for body in device.bodies:
         for part in body.parts:

@@ -35,6 +35,11 @@ class NamedSolid(Record):
     def __str__(self) -> str:
         return f"{self.kind} '{self.name}'" if self.name else self.kind
 
+    @property
+    def has_volume(self) -> bool:
+        """False of wires, sheets and points."""
+        return bool(self.solid.solids)
+
     @cached_property
     def volume(self) -> float:
         """Volume, mm^3. The kernel integrates it anew whenever it is asked."""
@@ -82,16 +87,50 @@ def overlap_of(first: NamedSolid, second: NamedSolid) -> Overlap | None:
     return Overlap(first, second, float(volume), *bounds(common))
 
 
+LEAST_GAP = 1e-3
+"""mm. Narrower gaps are refused: no machined gap is known to a micrometre, a rounded number in the file
+is likelier, and faces so near to each other are beyond what the solution's surface integrals resolve."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Contact(Record):
+    """Two shapes, one without volume, nearer than `LEAST_GAP`, mm; distance 0: one lies in the other or on it."""
+
+    first: NamedSolid
+    second: NamedSolid
+    distance: float
+
+    def __str__(self) -> str:
+        return (
+            f"a gap of {self.distance:.3g} mm" if self.distance else "no gap: one lies in the other or on it"
+        )
+
+
+def contact_of(first: NamedSolid, second: NamedSolid) -> Contact | None:
+    """How near two shapes are to each other, if too near."""
+    if not bounds_nearer_than(first.solid, second.solid, LEAST_GAP):
+        return None
+    distance = first.solid.Distance(second.solid)
+    if distance >= LEAST_GAP:
+        return None
+    return Contact(first, second, 0.0 if distance <= CONTACT_DISTANCE else distance)
+
+
 def overlaps(pairs: Iterable[tuple[NamedSolid, NamedSolid]]) -> tuple[Overlap, ...]:
     """What the two solids of each pair have in common, where they overlap."""
     return tuple(overlap for pair in pairs if (overlap := overlap_of(*pair)) is not None)
 
 
-Point = tuple[float, float, float]
+def clashes(pairs: Iterable[tuple[NamedSolid, NamedSolid]]) -> tuple[Overlap | Contact, ...]:
+    """Pairs that overlap; where one has no volume, pairs nearer than `LEAST_GAP`."""
+    found = (
+        overlap_of(one, other) if one.has_volume and other.has_volume else contact_of(one, other)
+        for one, other in pairs
+    )
+    return tuple(clash for clash in found if clash is not None)
 
-LEAST_GAP = 1e-3
-"""mm. Narrower gaps are refused: no machined gap is known to a micrometre, a rounded number in the file
-is likelier, and faces so near to each other are beyond what the solution's surface integrals resolve."""
+
+Point = tuple[float, float, float]
 
 
 @dataclass(frozen=True, repr=False)

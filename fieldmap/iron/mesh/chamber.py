@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from fieldmap.device.model import Device
 from fieldmap.iron.geometry.shapes import MILLIMETRES, kernel_errors, occ, point, xyz
 from fieldmap.iron.geometry.solids import glue_bodies
+from fieldmap.iron.mesh.mesher import MesherCells
 from fieldmap.iron.symmetry import SymmetryGroup, multiplication_table, rotation_axis
 from fieldmap.records import Record
 from fieldmap.typing import Array, Index
@@ -235,6 +236,12 @@ class ChamberCopies:
         body, where there are more than those of the device."""
         known = images or [one.bodies for one in self._chamber.group.operations]
         return np.concatenate([np.array(of_bodies)[body] for of_bodies in known])
+
+    def cells(self, own: MesherCells) -> MesherCells:
+        """The mesher's cells of all copies, from those of the chamber."""
+        order, count = self._chamber.group.order, len(own.sizes)
+        number = np.concatenate([own.number + k * count for k in range(order)])
+        return MesherCells(number, self.vectors(own.centres), np.tile(own.sizes, order))
 
     def symmetry(self) -> MeshSymmetry:
         """What each operation does to the nodes."""

@@ -55,7 +55,7 @@ _STRAIGHT = 1e-6
 LAYER_RATIO = 0.4
 # Moves of bodies that differ by less, m, are the same: far below the thinnest gap.
 _SAME_MOVE = 1e-10
-SYMMETRIES = ("auto", "none")
+SYMMETRIES = ("auto", "workspace", "none")
 
 
 class BodyMesh(Record):
@@ -175,7 +175,8 @@ def generate_mesh(
         once, twice, ....
     symmetry
         "auto": where the iron has mirror planes, one chamber between them is meshed and copied, so that the
-        mesh has the symmetry exactly; "none": meshed as a whole.
+        mesh has the symmetry exactly; "workspace": with those mirrors alone that map the box of the workspace onto
+        itself; "none": meshed as a whole.
     local
         Element sizes at points, where they are smaller than those of the device file, and layers at sharp
         edges in their place.
@@ -197,13 +198,13 @@ def generate_mesh(
     own = tuple(body for body in device.bodies if body.has_own_mesh)
     if own:
         return _with_own_meshes(device, own, refinement)
-    chamber = _chamber(device) if symmetry == "auto" and local is None else None
+    chamber = None if symmetry == "none" else _chamber(device, symmetry == "workspace")
     closed = closed_gaps(device)
     if closed is not None:
         device = closed.device
         chamber = chamber if chamber is not None and _is_kept(chamber, closed) else None
     if chamber is not None and (shape := glue_chamber(device, chamber)) is not None:
-        copied = _copied_chamber(device, chamber, shape, refinement, closed)
+        copied = _copied_chamber(device, chamber, shape, refinement, local, closed)
         if copied is not None:
             return copied
     return _meshed_whole(device, refinement, local, closed)
@@ -224,34 +225,37 @@ def _meshed_whole(
     points, tets, body, edges, midpoints = _made_by_mesher(glue_bodies(device), device, refinement, local)
     sharp = sharp_edges(points, tets, edges, midpoints)
     points = equal_volume_vertices(points, tets, body, *midpoints)
-    first = _first_layers(device, refinement)[body]
-    if local is not None:
-        first = local.first_layer(points[tets].mean(axis=1))
+    first = _first_layers(device, refinement, points[tets].mean(axis=1), body, local)
     pairs = joints.contact_faces(tets, body).pairs
     sheets, opened, parent = _layered(device, points, tets, body, sharp, first, pairs, closed)
-    largest = np.array([one.mesh_size or np.inf for one in device.bodies])[body] / refinement
-    cells = MesherCells.of(points, tets, parent[opened.parent], largest, local)
+    cells = MesherCells.of(points, tets, parent[opened.parent], _largest(device, refinement)[body], local)
     return _iron_mesh(device, opened, sheets, cells)
 
 
 def _copied_chamber(
-    device: Device, chamber: Chamber, shape, refinement: float, closed: ClosedGaps | None
+    device: Device,
+    chamber: Chamber,
+    shape,
+    refinement: float,
+    local: LocalSizes | None,
+    closed: ClosedGaps | None,
 ) -> IronMesh | None:
     """None where bodies have a joint in a wall of the chamber: it would be cut along its middle."""
-    points, tets, body, edges, midpoints = _made_by_mesher(shape, device, refinement)
+    points, tets, body, edges, midpoints = _made_by_mesher(shape, device, refinement, local)
     names, images = [one.name for one in device.bodies], [one.bodies for one in chamber.group.operations]
     in_walls = chamber_contacts(chamber, points, tets, body)
     if any(joint_of(device.joints, names[one], names[other]) is not None for one, other in in_walls):
         return None
     points, sharp = _rounded_chamber(chamber, points, tets, body, edges, midpoints)
     pairs = joints.images_of_pairs(joints.contact_faces(tets, body).pairs, images)
-    first = _first_layers(device, refinement)[body]
-    sheets, opened, _ = _layered(device, points, tets, body, sharp, first, pairs, closed, chamber)
+    first = _first_layers(device, refinement, points[tets].mean(axis=1), body, local)
+    sheets, opened, parent = _layered(device, points, tets, body, sharp, first, pairs, closed, chamber)
+    cells = MesherCells.of(points, tets, parent[opened.parent], _largest(device, refinement)[body], local)
     copies = ChamberCopies(chamber, opened.points)
     tets = copies.tets(oriented(copies.points, opened.tets))
     numbers = copies.bodies(opened.body, [joints.sheet_images(sheets, of_bodies) for of_bodies in images])
     every = (*names, *(sheet.name for sheet in sheets))
-    return IronMesh(copies.all_points(), tets, numbers, every, copies.symmetry(), sheets=sheets)
+    return IronMesh(copies.all_points(), tets, numbers, every, copies.symmetry(), copies.cells(cells), sheets)
 
 
 def _layered(
@@ -279,9 +283,18 @@ def _layered(
     return sheets, opened, parent
 
 
-def _first_layers(device: Device, refinement: float) -> Array:
-    """Thickness (b,) of the first layer at the sharp edges of every body."""
-    return np.array([body.edge_size or np.inf for body in device.bodies]) / refinement**2
+def _first_layers(
+    device: Device, refinement: float, places: Array, body: Index, local: LocalSizes | None
+) -> Array:
+    """Thickness (m,) of the first layer at the sharp edges of tets at places (m, 3) in bodies (m,)."""
+    if local is not None:
+        return local.first_layer(places)
+    return np.array([one.edge_size or np.inf for one in device.bodies])[body] / refinement**2
+
+
+def _largest(device: Device, refinement: float) -> Array:
+    """Largest element (b,) of every body."""
+    return np.array([one.mesh_size or np.inf for one in device.bodies]) / refinement
 
 
 def _iron_mesh(
@@ -323,13 +336,16 @@ def _with_own_meshes(device: Device, own: tuple[Body, ...], refinement: float) -
     return _iron_mesh(device, joints.open_sheets(points, tets, number, sheets, len(names)), sheets, None)
 
 
-def _chamber(device: Device) -> Chamber | None:
+def _chamber(device: Device, keeps_workspace: bool) -> Chamber | None:
     """Where mirrors meet on a sphere, four faces meet at a pole, and the field near it suffers (measured: errors
     three to eight times those of other meshes): such devices use one mirror only."""
     round_ends = any(
         isinstance(part.shape.primitive, Sphere) for body in device.bodies for part in body.parts
     )
-    return mirror_chamber(find_symmetry(device), most_walls=1 if round_ends else 3)
+    group = find_symmetry(device)
+    if keeps_workspace and device.bounds is not None:
+        group = group.keeping_box(*device.bounds)
+    return mirror_chamber(group, most_walls=1 if round_ends else 3)
 
 
 def _rounded_chamber(chamber: Chamber, points, tets, body, edges, midpoints):

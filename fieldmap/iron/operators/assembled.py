@@ -120,10 +120,10 @@ def _needed_bytes(mesh: IronMesh, surface: ChargedFaces, storage: str) -> int:
     return _BYTES_PER_PAIR * len(surface.areas) ** 2 // _operations(mesh)
 
 
-def expected_bytes(faces: float) -> float:
-    """Memory that the mutual potentials of so many faces without symmetry will take."""
-    if chosen_storage(round(faces), 1) == "dense":
-        return _BYTES_PER_PAIR * faces**2
+def expected_bytes(faces: float, operations: int = 1) -> float:
+    """Memory that the mutual potentials of so many faces will take, with so many operations of the mesh's symmetry."""
+    if chosen_storage(round(faces), operations) == "dense":
+        return _BYTES_PER_PAIR * faces**2 / operations
     return _COMPRESSED_PER_FACE * faces
 
 

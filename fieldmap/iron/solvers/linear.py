@@ -59,10 +59,11 @@ def solve_linear(
         Divides the mesh sizes.
     form
         "potential" (second order; every mu_r >= 1), "flux" (second order; any mu_r, flux barriers too), or
-        "auto": potential where it may be used. The two err to opposite sides in closed magnetic circuits.
+        "auto": potential where it may be used. Inductances of closed magnetic circuits err to opposite sides.
         "surface" needs no mesh of the volume and takes any mu_r; its dense matrices allow a few thousand faces.
     symmetry
-        "auto" uses the mirror planes of the iron, "none" does not look for them.
+        "auto" uses the mirror planes of the iron, "workspace" those that map the workspace onto itself, "none"
+        does not look for them.
 
     Returns
     -------

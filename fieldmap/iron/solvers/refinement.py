@@ -23,6 +23,7 @@ from fieldmap.iron.mesh.charged_faces import ChargedFaces
 from fieldmap.iron.mesh.mesh import LAYER_RATIO
 from fieldmap.iron.mesh.mesher import LocalSizes, MesherCells
 from fieldmap.iron.operators.assembled import AssembledIron
+from fieldmap.iron.operators.mutual import face_images
 from fieldmap.iron.topology import TRIANGLE_TURN, common_sides
 from fieldmap.kernels.simplex_rules import tetrahedron_rule
 from fieldmap.records import Record
@@ -274,7 +275,9 @@ def next_sizes(
     surface, cells, below = iron.surface, *_cells(iron)
     count = len(cells.sizes)
     tips = np.flatnonzero(faces.at_edge)
-    own = np.where(faces.at_edge, 0.0, faces.across) + faces.rest
+    # Copies of one chamber get the same sizes: the largest of their shares counts.
+    across, rest, elements = _largest_of_images(iron, faces.across, faces.rest, elements)
+    own = np.where(faces.at_edge, 0.0, across) + rest
     near, near_tips = _nearest(cells.centres), _nearest(surface.centres[tips])
     on_surface = np.bincount(below, own, count)[near].mean(axis=1)
     inside = np.bincount(cells.number, elements, count)[near].mean(axis=1)
@@ -282,9 +285,7 @@ def next_sizes(
     parts = (
         _Shares(on_surface, _FACE_ORDER, _FACE_ORDER + 2),
         _Shares(inside, _ELEMENT_ORDER, _ELEMENT_ORDER + 3),
-        _Shares(
-            faces.across[tips][near_tips].mean(axis=1), _LAYER_ORDER, _LAYER_ORDER, _LAYER_COST, tip_limits
-        ),
+        _Shares(across[tips][near_tips].mean(axis=1), _LAYER_ORDER, _LAYER_ORDER, _LAYER_COST, tip_limits),
     )
     now = sum(float(part.shares.sum()) for part in parts)
     common = _common_share(parts, now / min(reduction, _STEP))
@@ -303,6 +304,19 @@ def next_sizes(
         common -= _TRY
         found = sizes_at(common)
     return found
+
+
+def _largest_of_images(
+    iron: AssembledIron, across: Array, rest: Array, elements: Array
+) -> tuple[Array, Array, Array]:
+    """For every face (s,) and element (e,) the largest share among its images under the mesh's symmetry."""
+    symmetry, topology = iron.mesh.symmetry, iron.topology
+    if symmetry is None:
+        return across, rest, elements
+    images = face_images(symmetry, topology.nodes[topology.surface])
+    # Elements are stored chamber by chamber, in the order of the operations.
+    of_chamber = elements.reshape(symmetry.group.order, -1).max(axis=0)
+    return across[images].max(axis=0), rest[images].max(axis=0), np.tile(of_chamber, symmetry.group.order)
 
 
 def expected_growth(
@@ -333,7 +347,7 @@ def _cells(iron: AssembledIron) -> tuple[MesherCells, Index]:
     """The mesher's cells, and the one (s,) below each surface face."""
     cells, topology = iron.mesh.cells, iron.topology
     if cells is None:
-        raise ValueError("a mesh copied from a chamber has no cells")
+        raise ValueError("a mesh that is a body's own has no cells")
     return cells, cells.number[topology.owner[topology.surface, 0]]
 
 

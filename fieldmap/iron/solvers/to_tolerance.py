@@ -177,10 +177,12 @@ class _Run:
         for number in range(self.most_meshes):
             self.stages.next(f"mesh {number + 1}", number / self.most_meshes)
             begin = time.perf_counter()
-            mesh = generate_mesh(self.device, START, local=sizes)
+            mesh = generate_mesh(self.device, START, "workspace", local=sizes)
             if not fits_into_memory(mesh):
                 raise self._not_reached("memory", level, sizes)
             coarser = None if level is None else level.solution
+            # Matrices of the mesh before are large, and nothing needs them any more.
+            level = None
             solving = (self.asked.solving, self.stages, self.asked)
             level = Level.solved(self.device, assemble(mesh), self.properties, self.points, *solving)
             report = level.solution.report
@@ -218,15 +220,15 @@ class _Run:
         largest, following, whole = None if worst is None else worst[0], None, None
         if sizes is not None:
             last, growth = self.steps[-1], level.growth(sizes)
-            following = self._cost(growth[0] * last.faces, growth[1] * last.tetrahedra)
+            following = self._cost(level, growth[0] * last.faces, growth[1] * last.tetrahedra)
             enough = faces_within(self.steps)
             if enough is not None:
-                whole = self._cost(enough, last.tetrahedra * (enough / last.faces) ** 1.5)
+                whole = self._cost(level, enough, last.tetrahedra * (enough / last.faces) ** 1.5)
         shares = level.shares_of_bodies(sizes)
         return ToleranceReport(self.asked, ended, tuple(self.steps), largest, shares, following, whole)
 
-    def _cost(self, faces: float, tetrahedra: float) -> ExpectedCost:
-        return expected_cost(self.steps, faces, tetrahedra, expected_bytes(faces))
+    def _cost(self, level: Level, faces: float, tetrahedra: float) -> ExpectedCost:
+        return expected_cost(self.steps, faces, tetrahedra, expected_bytes(faces, level.operations))
 
     def _answer(self, report: ToleranceReport) -> LinearSolution:
         """The best solution with its estimate and the report of the run."""
@@ -292,6 +294,12 @@ class Level(Record):
     def complement(self) -> LinearSolution | None:
         """The solution in the other form."""
         return self.solutions[1] if len(self.solutions) == 2 else None
+
+    @property
+    def operations(self) -> int:
+        """How many operations the symmetry of the mesh has."""
+        symmetry = self._iron.mesh.symmetry
+        return 1 if symmetry is None else symmetry.group.order
 
     @property
     def _iron(self) -> AssembledIron:
