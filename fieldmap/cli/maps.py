@@ -55,8 +55,8 @@ def make_map(
     pictures
         Draw the map in two pictures beside it, NAME.png and NAME_3d.png. Default: with --summary.
     accept_error
-        Write the map even if the error of its current model is more than twice the recipe's, or its box nearer to iron or
-        magnets than the recipe's accuracy allows.
+        Write the map even if the error of its current model is more than twice the recipe's, or its box nearer to iron
+        or magnets than the recipe's accuracy allows.
     """
     from fieldmap import maps
 

@@ -125,7 +125,7 @@ def generate(
     accept_error
         Write a map of saturating iron even if the largest error found, at any state at which its current model was
         tried, is more than twice the accuracy that its recipe asks for. The error is then among its assumptions, and
-        opening it warns (MapAccuracyWarning). The box may come as near to iron and magnets as it likes, but for touching.
+        opening it warns (MapAccuracyWarning). The box may then come near to iron and magnets, but not touch them.
 
     Returns
     -------
