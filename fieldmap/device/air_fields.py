@@ -10,7 +10,9 @@
 | Cylinder magnetised along its axis | current sheet kernel | the same |
 | Cylinder across, CylinderSegment, any other object | magpylib | differences, `differenced` |
 
-On filaments and on sheets flux density and gradient are 0, as in magpylib.
+On a line of current, on a sheet and at a dipole there is no value: flux density and gradient are NaN (magpylib gives 0 on
+lines and sheets). On the edges of a magnet, where the gradient is infinite, it is NaN or a number without meaning. What
+magpylib computes has to be finite.
 """
 
 from collections.abc import Callable
@@ -33,20 +35,30 @@ STEP = 2e-3
 """Step of the differences, as a share of the source's size."""
 
 _IMAGINARY = 1e-30
+# A distance of 0 that a kernel keeps from dividing by 0 gives 1e200 and more.
+_INFINITE = 1e100
 _ROWS = 20_000
 
 
 def flux_density(source: AirSource, points: Array) -> Array:
     """B (n, 3), T, of a source at points (n, 3), m, in the frame in which it is placed; its own current counts."""
-    local, rotation = _local(source, points)
-    return _FIELDS.get(source.kind, _by_magpylib)(source, local, False)[0] @ rotation.T
+    return _placed(source, points, False)[0]
 
 
 def flux_density_and_gradient(source: AirSource, points: Array) -> tuple[Array, Array]:
     """B (n, 3), T, and dB_i/dx_j (n, 3, 3), T/m; see the table of this module for how."""
+    return _placed(source, points, True)
+
+
+def _placed(source: AirSource, points: Array, both: bool) -> tuple[Array, Array]:
     local, rotation = _local(source, points)
-    field, gradient = _FIELDS.get(source.kind, _by_magpylib)(source, local, True)
-    return field @ rotation.T, rotation @ gradient @ rotation.T
+    # The formulas divide by the distance. What that makes infinite becomes NaN in all components.
+    with np.errstate(all="ignore"):
+        field, gradient = _FIELDS.get(source.kind, _by_magpylib)(source, local, both)
+        field, gradient = field @ rotation.T, rotation @ gradient @ rotation.T
+    field[~(np.abs(field) < _INFINITE).all(axis=1)] = np.nan
+    gradient[~(np.abs(gradient) < _INFINITE).all(axis=(1, 2))] = np.nan
+    return field, gradient
 
 
 def _local(source: AirSource, points: Array) -> tuple[Array, Array]:
@@ -109,9 +121,10 @@ def _segments(points: Array, start: Array, end: Array) -> Array:
     # far^2 - length^2 = 2 (product + one . other): no difference of large numbers.
     apart = 2 * (product + (one * other).sum(axis=2))
     cross = np.cross((end - start) / length[:, None], one)
-    on_wire = np.abs(cross.real).max(axis=2) < 1e-15 * length
-    apart = np.where(on_wire, 1.0, apart)
-    size = np.where(on_wire, 0.0, 2 * length * far / (np.where(on_wire, 1.0, product) * apart))
+    on_line = np.abs(cross.real).max(axis=2) < 1e-15 * length
+    # On the line itself the field is infinite; on its continuation it is none.
+    within = (one.real * other.real).sum(axis=2) <= 0
+    size = np.where(on_line, np.where(within, np.nan, 0.0), 2 * length * far / (product * apart))
     return (size[:, :, None] * cross).sum(axis=1)
 
 
@@ -152,9 +165,9 @@ def _sheet(source: AirSource, points: Array, both: bool) -> tuple[Array, Array]:
         e, slope = _by(_TRIANGLES, both, points, corners, normals, charge)
         field += np.cross(np.eye(3)[axis], e)
         gradient += np.cross(np.eye(3)[axis], slope, axisb=1, axisc=1)
-    field[on_sheet] = 0.0
+    field[on_sheet] = np.nan
     if both:
-        gradient[on_sheet] = 0.0
+        gradient[on_sheet] = np.nan
     return field, gradient
 
 
@@ -231,17 +244,16 @@ def _inside(points: Array, corners: Array) -> NDArray[np.bool_]:
 
 def _dipole_of(moment: Array, points: Array, both: bool) -> tuple[Array, Array]:
     """B and gradient of mu0 times a moment (3,), T m^3 (Jackson 5.56); infinite at the dipole."""
-    with np.errstate(divide="ignore", invalid="ignore"):
-        r2 = (points**2).sum(axis=1)[:, None]
-        along = (points @ moment)[:, None]
-        size = 1 / (4 * np.pi * r2**1.5)
-        field = size * (3 * along * points / r2 - moment)
-        if not both:
-            return field, _None
-        r2, along = r2[:, :, None], along[:, :, None]
-        outer = moment[:, None] * points[:, None, :] + points[:, :, None] * moment
-        bracket = outer + along * np.eye(3) - 5 * along * points[:, :, None] * points[:, None, :] / r2
-        return field, 3 * size[:, :, None] / r2 * bracket
+    r2 = (points**2).sum(axis=1)[:, None]
+    along = (points @ moment)[:, None]
+    size = 1 / (4 * np.pi * r2**1.5)
+    field = size * (3 * along * points / r2 - moment)
+    if not both:
+        return field, _None
+    r2, along = r2[:, :, None], along[:, :, None]
+    outer = moment[:, None] * points[:, None, :] + points[:, :, None] * moment
+    bracket = outer + along * np.eye(3) - 5 * along * points[:, :, None] * points[:, None, :] / r2
+    return field, 3 * size[:, :, None] / r2 * bracket
 
 
 def _sphere(source: AirSource, points: Array, both: bool) -> tuple[Array, Array]:
@@ -286,7 +298,7 @@ def _by_magpylib(source: AirSource, points: Array, both: bool) -> tuple[Array, A
     thing = magpylib_object(source)
 
     def field(local: Array) -> Array:
-        values = np.reshape(thing.getB(local), local.shape)
+        values = np.reshape(thing.getB(local), local.shape) if len(local) else local
         if not np.isfinite(values).all():
             received = f"{int((~np.isfinite(values)).any(axis=1).sum())} of {len(values)} that are not"
             remedy = "keep to where it is known"
