@@ -41,7 +41,7 @@ tests: $(STAMP)
 bench: $(VENV)/.installed-bench
 	$(BIN)/python scripts/benchmark.py
 
-validate: $(VENV)/.installed-programs slow
+validate: slow
 	$(BIN)/mypy
 	FIELDMAP_OTHER_PROGRAMS=1 $(BIN)/pytest -q tests/interop
 	$(BIN)/python scripts/validate.py
@@ -68,10 +68,6 @@ $(STAMP): pyproject.toml constraints.txt $(wildcard fieldmap/core/*.h fieldmap/c
 
 $(VENV)/.installed-docs: $(STAMP)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e ".[docs]"
-	touch $@
-
-$(VENV)/.installed-programs: $(STAMP)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e ".[programs]"
 	touch $@
 
 $(VENV)/.installed-bench: $(STAMP)

@@ -59,7 +59,7 @@ def test_pinned_versions_take_the_oldest_python_that_the_package_takes():
 def test_all_is_every_extra_that_is_small():
     extras = PROJECT["optional-dependencies"]
     (inside,) = (re.findall(r"[\w-]+", one)[1:] for one in extras["all"])
-    others = {"mujoco", "jax", "video", "xarray", "programs", "optuna"}
+    others = {"mujoco", "jax", "video", "xarray", "optuna"}
     ours = {"bench", "docs", "test", "mutants", "all"}
     assert set(inside) == set(extras) - others - ours
     assert extras["xarray"][0] in extras["studies"]

@@ -204,7 +204,9 @@ def _core_map(field: FieldMap) -> CoreMap | None:
 
 
 def _library(mujoco: ModuleType) -> ctypes.CDLL | None:
-    """MuJoCo's own library, which its package has loaded."""
+    """MuJoCo's own library, which its package has loaded; None for one of single precision, which C does not read."""
+    if getattr(mujoco, "MJTNUM_DTYPE", np.float64) is not np.float64:
+        return None
     folder = Path(str(mujoco.__file__)).parent
     found = [path for pattern in _LIBRARIES for path in sorted(folder.glob(pattern))]
     return ctypes.CDLL(str(found[0])) if found else None

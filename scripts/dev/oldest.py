@@ -1,6 +1,6 @@
 """Runs tests with the oldest versions that pyproject.toml allows, in a fresh environment.
 
-    python scripts/dev/oldest.py [--folder FOLDER] [--extras make plot cli] [-- TEST ...]
+    python scripts/dev/oldest.py [--folder FOLDER] [--extras make plot cli mujoco jax] [-- TEST ...]
 
 Every lower bound of the core and of these extras becomes the version itself. What these libraries need in their turn is
 the newest that goes with them, but for the entries of BESIDE: a bound of ours is no promise for a library that did not
@@ -19,7 +19,7 @@ import venv
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
-EXTRAS = ("make", "plot", "cli")
+EXTRAS = ("make", "plot", "cli", "mujoco", "jax")
 # What the tests themselves need, of any age, and what old libraries need older than they say.
 TOOLS = ("pytest>=8.2", "pytest-xdist>=3.6", "jsonschema>=4.22")
 BESIDE: tuple[str, ...] = ()
@@ -36,6 +36,8 @@ TESTS = (
     "tests/plot/test_figures.py",
     "tests/plot/test_device_drawing.py",
     "tests/cli/test_manners.py",
+    "tests/interop/test_mujoco.py",
+    "tests/interop/test_jax.py",
 )
 
 

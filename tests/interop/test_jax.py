@@ -34,6 +34,22 @@ def off(ours, exact):
     return np.abs(np.asarray(ours) - exact).max() / np.abs(exact).max()
 
 
+def test_field_derivatives_and_wrench_are_those_of_the_closed_form(ring):
+    """One point, of loops that have no symmetry at these currents: every sign, and the order of the axes."""
+    point, moment = np.array([0.002, -0.003, -0.1]), np.array([0.1, 0.2, 0.8])
+    each, slopes = (part[:, 0] for part in ring.fields(point[None]))
+    flux, slope = CURRENTS @ each, np.tensordot(CURRENTS, slopes, 1)
+    field = jax_field(ring.map)
+
+    def everything(p, i):
+        return field(p, i), jax.jacfwd(field)(p, i), jax.jacfwd(field, 1)(p, i), field.wrench(p, moment, i)
+
+    *found, wrench = jax.jit(everything)(point, CURRENTS)
+    exact = flux, slope, each.T, moment @ slope, np.cross(moment, flux)
+    for ours, one in zip((*found, wrench[:3], wrench[3:]), exact, strict=True):
+        assert off(ours, one) < 1e-4
+
+
 def test_jacfwd_of_the_field_is_the_gradient(opened):
     field, points = jax_field(opened), inside(opened, 100)
     slope = opened.gradient(points, CURRENTS)

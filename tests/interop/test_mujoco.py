@@ -59,6 +59,11 @@ def test_passive_forces_are_the_wrench_of_the_map(ring, finite, compiled):
     # A free joint's generalised force: force in the world, torque in the body.
     np.testing.assert_allclose(data.qfrc_passive[:3], expected[:3], rtol=1e-9)
     np.testing.assert_allclose(turn @ data.qfrc_passive[3:], expected[3:], rtol=1e-9, atol=1e-15)
+    if not finite:
+        flux, slope = (np.tensordot(currents, part[:, 0], 1) for part in ring.fields(where[None]))
+        moment = turn @ magnet
+        np.testing.assert_allclose(data.qfrc_passive[:3], moment @ slope, rtol=1e-3)
+        np.testing.assert_allclose(turn @ data.qfrc_passive[3:], np.cross(moment, flux), rtol=1e-3)
     assert mujoco.get_mjcb_passive() is None
 
 
@@ -110,6 +115,11 @@ def test_without_a_controller_it_falls_out_of_the_map(ring):
         mujoco.mj_step(model, data, 3000)
     assert data.qpos[2] < ring.map.lower[2]
     assert mujoco.get_mjcb_passive() is None
+
+
+def test_numbers_of_single_precision_are_left_to_python(ring, monkeypatch):
+    monkeypatch.setattr(mujoco, "MJTNUM_DTYPE", np.float32, raising=False)
+    assert not MagnetForces(scene()[0], ring.map, {"float": [0, 0, 1]}, np.ones(6)).compiled
 
 
 def test_a_body_that_does_not_exist(ring):
