@@ -1,6 +1,7 @@
 """Where a field is sampled for a table or an image, and what is written beside the numbers."""
 
 from dataclasses import dataclass
+from math import prod
 
 import numpy as np
 
@@ -11,6 +12,8 @@ from fieldmap.records import Record
 from fieldmap.store import Grid
 from fieldmap.typing import Array
 
+MOST_NODES = 4_000_000
+"""Of a table or an image; with six coils the numbers of so many take 2.3 GB."""
 FRAME = "right-handed, z up, lengths in m"
 
 
@@ -88,7 +91,8 @@ def sample(
 def sample_grid(field: Field, spacing: float | None = None) -> Grid:
     """Nodes at most `spacing` (m) apart that divide the box of a field; those of a map unless given.
 
-    Raises InputError for a spacing that is not positive, or for none where the field is no map.
+    Raises InputError for a spacing that is not positive or makes more than `MOST_NODES`, or for none where the field is
+    no map.
     """
     lower, upper = require_bounds(field)
     if spacing is None:
@@ -99,6 +103,10 @@ def sample_grid(field: Field, spacing: float | None = None) -> Grid:
     elif spacing > 0:
         nx, ny, nz = (int(np.ceil(x / spacing - 1e-9)) + 1 for x in upper - lower)
         shape = (nx, ny, nz)
+        if prod(shape) > MOST_NODES:
+            wider = 1.1 * spacing * (prod(shape) / MOST_NODES) ** (1 / 3)
+            must_hold, received = f"must give at most {MOST_NODES} nodes", f"{spacing:.3g} m: {prod(shape)} nodes"
+            raise InputError.of("spacing", must_hold, received, f"take {1e3 * wider:.2g} mm or more")
     else:
         raise InputError.of("spacing", "must be greater than 0 m", repr(spacing), "correct it")
     return Grid(lower, (upper - lower) / (np.array(shape) - 1), shape)

@@ -25,7 +25,9 @@ SI = {
     "_mT": 0.001,
     "_mT_per_m": 0.001,
     "_g_mm2": 0.000000001,
-    **dict.fromkeys(("_T", "_T_per_m", "_A", "_A_per_m", "_A_per_V", "_A_m2", "_V", "_ohm", "_s", "_Hz"), 1.0),
+    **dict.fromkeys(
+        ("_T", "_T_per_m", "_A", "_A_per_m", "_A_per_V", "_A_m2", "_V", "_ohm", "_s", "_Hz"), 1.0
+    ),
     **dict.fromkeys(("_rad_per_s", "_m_per_s2", "_N_s_per_m", "_N_s2_per_m2", "_N_m_s", "_N_m_s2"), 1.0),
     "_S_per_m": 1.0,
     # Of a cylinder's segment, which has the angles of magpylib. Other angles are in `MADE`.
@@ -102,7 +104,7 @@ def test_every_key_is_read_in_its_unit():
             continue
         ((part, attribute),) = owners
         number += 2.0
-        written, expected = MADE[key] if key in MADE else (number, None)
+        written, expected = MADE.get(key, (number, None))
         if expected is None:
             expected = SI["angles_deg" if key == "angles_deg" else end] * number
         read = read_alone(part, key, attribute, written)

@@ -8,6 +8,7 @@ import pytest
 
 from fieldmap.errors import InputError
 from fieldmap.interop import fit_map, read_measurements, write_csv
+from fieldmap.interop.sampling import MOST_NODES, sample_grid
 from fieldmap.lookup import interpolate
 
 CURRENTS = np.array([1.5, 0.5, -1.0, 2.0, 0.0, 1.0])
@@ -79,6 +80,19 @@ def test_imported_again_it_is_the_same_field(ring, tmp_path, fixed):
         assert np.abs(slope - steep).max() < 1e-3 * np.abs(steep).max()
     # What the fit leaves is stated, and as small as it is.
     assert measured.report.residual < 1e-5 * np.abs(wanted).max()
+
+
+def test_a_spacing_of_too_many_nodes_is_refused_before_any_is_computed(ring, tmp_path):
+    """Here 40 x 40 x 60 mm; the remedy states a spacing that is taken."""
+    with pytest.raises(InputError) as caught:
+        write_csv(ring.map, tmp_path / "ring.csv", CURRENTS, spacing=1e-5)
+    (problem,) = caught.value.problems
+    assert problem.where == "spacing"
+    assert str(MOST_NODES) in problem.must_hold
+    assert str(4001 * 4001 * 6001) in problem.received
+    wider = 1e-3 * float(re.search(r"[\d.]+", problem.remedy)[0])
+    assert 0.5 * MOST_NODES < np.prod(sample_grid(ring.map, wider).shape) <= MOST_NODES
+    assert not list(tmp_path.iterdir())
 
 
 def test_currents_that_do_not_fit(ring, tmp_path):

@@ -1,0 +1,154 @@
+"""Every arrow of every picture points where it should: vectors of three different components, against literals."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import pyvista as pv
+from matplotlib.figure import Figure
+
+import fieldmap as fm
+from fieldmap.constants import GRAVITY
+from fieldmap.field import as_field
+from fieldmap.plot import force_slice
+from fieldmap.plot.device_drawing import add_directions, add_payload, arrows_at
+from fieldmap.plot.forces import _add_coils, add_equilibrium, add_forces
+from fieldmap.plot.live_window import _along
+from fieldmap.plot.picture import _add_net_force
+from fieldmap.plot.shown import Shown
+
+# Of B = SLOPE x + (0.1, 0.2, -0.3) T per ampere; harmonic, so that forces are the same by rows and columns.
+SLOPE = np.array([[1.0, 0.5, 0.4], [0.5, -3.0, -0.2], [0.4, -0.2, 2.0]])
+FLUX = np.array([0.1, 0.2, -0.3])
+LOWER, UPPER = np.array([-0.01, -0.02, -0.05]), np.array([0.01, 0.02, -0.02])
+PAYLOAD = fm.Payload(mass=0.01, moment=0.3, magnet=fm.MagnetCylinder(0.004, 0.01, 1.2))
+# m dBz/dx_j, m = 0.3 A m^2 upward.
+FORCE = 0.3 * np.array([0.4, -0.2, 2.0])
+NET = FORCE - [0.0, 0.0, 0.01 * GRAVITY]
+ARROW = pv.Arrow(start=(-0.5, 0.0, 0.0), tip_length=0.4, tip_radius=0.15, shaft_radius=0.05)
+TIP = int(np.argmax(ARROW.points[:, 0]))
+
+
+class Slanted:
+    coil_names, lower, upper, proportional = ("one",), LOWER, UPPER, True
+
+    def __init__(self, slope=SLOPE):
+        self.slope = slope
+
+    def field(self, points, currents):
+        return currents[0] * (np.atleast_2d(points) @ self.slope.T + FLUX)
+
+    def gradient(self, points, currents):
+        return currents[0] * np.broadcast_to(self.slope, (len(np.atleast_2d(points)), 3, 3))
+
+
+def along(vectors):
+    return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
+
+
+def drawn_vectors(mesh):
+    """From the middle of each of the arrows in a mesh to its tip, mm: (n, 3)."""
+    arrows = np.asarray(mesh.points, float).reshape(-1, ARROW.n_points, 3)
+    tails = arrows[:, np.asarray(ARROW.points[:, 0]) <= -0.5 + 1e-6].mean(axis=1)
+    return arrows[:, TIP] - tails
+
+
+@pytest.fixture
+def scene():
+    made = pv.Plotter(off_screen=True)
+    yield made
+    made.close()
+
+
+def meshes(scene):
+    """What is drawn, in the order in which it was added."""
+    mappers = [actor.mapper for actor in scene.actors.values() if isinstance(actor, pv.Actor)]
+    for mapper in mappers:
+        mapper.Update()
+    return [pv.wrap(mapper.GetInput()) for mapper in mappers]
+
+
+def arrows_in(scene):
+    """The vectors of the mesh of many arrows in a scene, which is the largest."""
+    return drawn_vectors(max(meshes(scene), key=lambda mesh: mesh.n_points))
+
+
+def shown(**more):
+    return Shown(
+        "slanted",
+        field=as_field(Slanted()),
+        currents=np.ones(1),
+        lower=LOWER,
+        upper=UPPER,
+        payload=PAYLOAD,
+        **more,
+    )
+
+
+def test_arrows_of_given_vectors():
+    vectors = np.array([[1.0, 2.0, 3.0], [-2.0, 0.5, -1.0]])
+    found = drawn_vectors(arrows_at(np.zeros((2, 3)), vectors, 7.0))
+    np.testing.assert_allclose(found, 7.0 * vectors / np.sqrt(14.0), atol=1e-5)
+
+
+def test_directions_of_the_flux_density(scene):
+    add_directions(scene, as_field(Slanted(0 * SLOPE)).at([2.0]), (LOWER, UPPER))
+    found = along(arrows_in(scene))
+    np.testing.assert_allclose(found, np.tile(along(FLUX), (len(found), 1)), atol=1e-5)
+
+
+def test_magnetic_force(scene):
+    add_forces(scene, shown(), "")
+    found = along(arrows_in(scene))
+    np.testing.assert_allclose(found, np.tile(along(FORCE), (len(found), 1)), atol=1e-5)
+
+
+def test_net_force_about_the_equilibrium(scene):
+    add_equilibrium(scene, shown(equilibrium=np.array([0.0, 0.0, -0.03])), "")
+    found = along(arrows_in(scene))
+    np.testing.assert_allclose(found, np.tile(along(NET), (len(found), 1)), atol=1e-5)
+
+
+def test_net_force_in_a_picture(scene):
+    _add_net_force(scene, SimpleNamespace(payload=PAYLOAD), Slanted(), 1.0)
+    found = along(arrows_in(scene))
+    np.testing.assert_allclose(found, np.tile(along(NET), (len(found), 1)), atol=1e-5)
+
+
+@pytest.mark.parametrize(("normal", "across"), [("x", (1, 2)), ("y", (0, 2)), ("z", (0, 1))])
+def test_net_force_in_a_slice(normal, across):
+    ax = Figure().add_subplot()
+    force_slice(Slanted(), [1.0], normal=normal, payload=PAYLOAD, ax=ax)
+    (quiver,) = [one for one in ax.collections if type(one).__name__ == "Quiver"]
+    np.testing.assert_allclose(quiver.U, NET[across[0]], rtol=1e-9)
+    np.testing.assert_allclose(quiver.V, NET[across[1]], rtol=1e-9)
+
+
+def test_moment_of_the_payload(scene):
+    """Upward, from the top of the magnet, 10 mm high."""
+    add_payload(scene, PAYLOAD, np.array([1.0, 2.0, -30.0]))
+    arrow = meshes(scene)[-1]
+    np.testing.assert_allclose(arrow.bounds[4:], [-25.0, -15.0], atol=1e-4)
+    # The cone is the widest part, and lies above the shaft.
+    away = np.hypot(arrow.points[:, 0] - 1.0, arrow.points[:, 1] - 2.0)
+    assert arrow.points[np.argmax(away), 2] > -19.0
+
+
+def test_what_each_coil_makes(scene):
+    """From what there is without currents, at its upper limit, along what it makes."""
+    start, makes = np.array([1.0, 2.0, 3.0]), np.array([[0.5, -1.0, 2.0]])
+    found = SimpleNamespace(
+        constant=start, coil_names=("one",), per_ampere=makes, upper=np.array([2.0]), lower=np.array([-1.0])
+    )
+    _add_coils(scene, found, np.ones(3), 10.0)
+    points = meshes(scene)[0].points
+    ahead = (points - start) @ makes[0]
+    np.testing.assert_allclose(points[np.argmax(ahead)], start + 2.0 * makes[0], atol=1e-5)
+    assert ahead.min() > -1e-3
+
+
+def test_force_in_the_live_window():
+    pose = _along(along(FORCE), 5.0, np.array([1.0, 2.0, 3.0]))
+    np.testing.assert_allclose(pose @ [0.0, 0.0, 0.0, 1.0], [1.0, 2.0, 3.0, 1.0])
+    np.testing.assert_allclose(pose @ [1.0, 0.0, 0.0, 1.0], [*(5.0 * along(FORCE) + [1.0, 2.0, 3.0]), 1.0])
+    assert np.linalg.det(pose[:3, :3]) == pytest.approx(125.0)
