@@ -61,6 +61,12 @@ name = "pair"
 title = "A pair"
 include = ["part.toml"]
 
+[material.steel]
+kind = "bh_table"
+file = "steel.toml"
+below = "straight line to the origin"
+above = "slope mu0"
+
 [[coil]]
 name = "upper"
 kind = "circular"
@@ -96,7 +102,12 @@ maximise = { number = "gradient 1 z z" }
 variable = [{ key = "coil.upper.turns", lower = 10.0, upper = 90.0, start = 40.0 }]
 """
 )
-DEVICE_CHANGES = [("pair.toml", "turns = 50", "turns = 51"), ("part.toml", "turns = 100", "turns = 101")]
+STEEL = read_device("drive_unit").included["materials/steel_a3.toml"]
+DEVICE_CHANGES = [
+    ("pair.toml", "turns = 50", "turns = 51"),
+    ("part.toml", "turns = 100", "turns = 101"),
+    ("steel.toml", STEEL, STEEL + "# another text\n"),
+]
 STUDY_CHANGES = [
     *DEVICE_CHANGES,
     ("study.toml", "amperes_A = 1.0", "amperes_A = 2.0"),
@@ -118,10 +129,10 @@ def marks_of(folder, texts, changes, mark):
 
 
 def test_a_study_is_another_when_it_or_its_device_changes(tmp_path):
-    texts = {"pair.toml": OUTER, "part.toml": INCLUDED, "study.toml": STUDY}
+    texts = {"pair.toml": OUTER, "part.toml": INCLUDED, "steel.toml": STEEL, "study.toml": STUDY}
     changes = [*STUDY_CHANGES, ("study.toml", "[10.0, 20.0]", "[10.0, 30.0]")]
     marks = marks_of(tmp_path, texts, changes, lambda folder: read_study(folder / "study.toml").fingerprint)
-    assert len(set(marks)) == len(marks) == 7
+    assert len(set(marks)) == len(marks) == 8
     assert marks[:1] == marks_of(
         tmp_path, texts, [], lambda folder: read_study(folder / "study.toml").fingerprint
     )
@@ -133,11 +144,11 @@ def test_designs_are_kept_for_another_search_of_the_same_device_alone(tmp_path):
     def mark(folder):
         return problem_fingerprint(read_design_problem(folder / "study.toml"))
 
-    texts = {"pair.toml": OUTER, "part.toml": INCLUDED, "study.toml": DESIGN}
+    texts = {"pair.toml": OUTER, "part.toml": INCLUDED, "steel.toml": STEEL, "study.toml": DESIGN}
     key = ("study.toml", 'key = "coil.upper.turns"', 'key = "coil.lower.turns"')
     number = ("study.toml", "gradient 1 z z", "gradient 1 x z")
     marks = marks_of(tmp_path, texts, [*STUDY_CHANGES[:-1], key, number], mark)
-    assert len(set(marks)) == len(marks) == 7
+    assert len(set(marks)) == len(marks) == 8
     same = [("study.toml", "upper = 90.0", "upper = 95.0"), ("study.toml", "start = 40.0", "start = 45.0")]
     assert set(marks_of(tmp_path, texts, same, mark)) == {marks[0]}
 
@@ -151,8 +162,8 @@ def test_a_map_is_another_when_recipe_or_device_changes(tmp_path):
         info = _describe(device, grid, np.ones(2), "", recipe[0], False)
         return info.provenance.fingerprint
 
-    texts = {"pair.toml": OUTER, "part.toml": INCLUDED, "study.toml": ""}
+    texts = {"pair.toml": OUTER, "part.toml": INCLUDED, "steel.toml": STEEL, "study.toml": ""}
     marks = marks_of(tmp_path, texts, DEVICE_CHANGES, mark)
     recipe[0] = "spacing_mm = 5.0"
     marks += marks_of(tmp_path, texts, [], mark)
-    assert len(set(marks)) == len(marks) == 4
+    assert len(set(marks)) == len(marks) == 5
