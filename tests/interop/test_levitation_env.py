@@ -54,6 +54,18 @@ def test_the_checker_passes(action):
     check_env(env.unwrapped, skip_render_check=True)
 
 
+@pytest.mark.parametrize(("share", "ends"), [(0.98, False), (1.02, True)])
+@pytest.mark.parametrize("direction", [[1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.6, 0.0, 0.8]])
+def test_an_episode_ends_at_its_limit(share, ends, direction):
+    """3 mm from the target; in one period the magnet falls some 0.02 mm."""
+    env = LevitationEnv(limit=3e-3)
+    place = env.target + share * 3e-3 * np.array(direction)
+    env.reset(seed=0, options={"state": dynamics.state_of(place)})
+    _, reward, ended, cut, _ = env.step(np.zeros(env.action_space.shape))
+    assert (ended, cut) == (ends, False)
+    assert reward == (0.0 if ends else pytest.approx(1.0 - share**2, abs=0.02))
+
+
 @pytest.mark.parametrize("action", ["currents", "signals"])
 def test_a_pid_holds_ten_seconds(action):
     env = gymnasium.make(ENVIRONMENT, action=action, noise=[2e-6, 2e-6, 2e-6])

@@ -175,3 +175,59 @@ def test_what_cuts_every_line_alike_is_the_delimiter(tmp_path):
     log = read_log(path, {"input": ("u,in",), "output": ("y",)}, sampling_time=0.1)
     assert (log.delimiter, log.decimal) == ("blanks", ",")
     assert log["output"] == pytest.approx(1e-3 * np.array([*np.arange(9) + 0.5, 10.0]))
+
+
+@pytest.mark.parametrize("text", ["1,5", "-1,5", "+1,5", ",5", "-,5", "1,5e-3", "-1,5E+3", "12,"])
+def test_a_decimal_comma_in_any_form_of_number(tmp_path, text):
+    """One such number among whole ones; a trailing comma alone says nothing, and stands in a file of them."""
+    beside = "2,25" if text == "12," else "7"
+    rows = ["time (ms);position (mm)", f"0;{text}", f"2;{beside}", "4;8"]
+    (tmp_path / "log.csv").write_text("\n".join(rows))
+    log = read_log(tmp_path / "log.csv")
+    assert log.decimal == ","
+    assert log["position"][0] == pytest.approx(1e-3 * float(text.replace(",", ".")))
+
+
+@pytest.mark.parametrize("column", [0, 1, 2])
+def test_a_decimal_comma_in_one_column_alone(tmp_path, column):
+    rows = [["0", "3", "-4"], ["2", "5", "-6"], ["4", "7", "-8"]]
+    for row in rows:
+        row[column] += ",5"
+    head = "time (ms);x (mm);y (mm)"
+    (tmp_path / "log.csv").write_text("\n".join([head, *map(";".join, rows)]))
+    log = read_log(tmp_path / "log.csv")
+    exact = np.array([[3.0, -4.0], [5.0, -6.0], [7.0, -8.0]])
+    if column:
+        exact[:, column - 1] += 0.5 * np.sign(exact[:, column - 1])
+    np.testing.assert_allclose(np.column_stack([log["x"], log["y"]]), 1e-3 * exact)
+
+
+@pytest.mark.parametrize(
+    ("late", "even"), [(0.0195, True), (0.0205, False), (-0.0195, True), (-0.0205, False)]
+)
+def test_a_step_may_be_two_percent_off_the_mean(tmp_path, late, even):
+    """One sample in the middle comes late or early: the step before it is off by `late`, the one after it by -late."""
+    times = np.arange(11.0)
+    times[5] += late
+    rows = "\n".join(f"{time!r},{k}" for k, time in enumerate(times.tolist()))
+    (tmp_path / "log.csv").write_text(f"time (ms),x (mm)\n{rows}\n")
+    if even:
+        assert read_log(tmp_path / "log.csv").Ts == pytest.approx(1e-3)
+        return
+    with refused(InputError, must_hold="evenly sampled", where="log.csv:7"):
+        read_log(tmp_path / "log.csv")
+
+
+@pytest.mark.parametrize(("drift", "even"), [(0.45, True), (0.55, False)])
+def test_times_may_drift_by_half_a_step(tmp_path, drift, even):
+    """Steps all within 2 %, but slower in the first half than in the second: the middle is off by `drift` steps."""
+    half = 40
+    first, second = 1.0 + drift / half, 1.0 - drift / half
+    times = np.concatenate([[0.0], np.cumsum([first] * half + [second] * half)])
+    rows = "\n".join(f"{time!r},{k}" for k, time in enumerate(times.tolist()))
+    (tmp_path / "log.csv").write_text(f"time (ms),x (mm)\n{rows}\n")
+    if even:
+        read_log(tmp_path / "log.csv")
+        return
+    with refused(InputError, must_hold="evenly sampled"):
+        read_log(tmp_path / "log.csv")
