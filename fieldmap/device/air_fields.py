@@ -10,9 +10,9 @@
 | Cylinder magnetised along its axis | current sheet kernel | the same |
 | Cylinder across, CylinderSegment, any other object | magpylib | differences, `differenced` |
 
-On a line of current, on a sheet and at a dipole there is no value: flux density and gradient are NaN (magpylib gives 0 on
-lines and sheets). On the edges of a magnet, where the gradient is infinite, it is NaN or a number without meaning. What
-magpylib computes has to be finite.
+On a line of current, on a sheet and at a dipole there is no value: flux density and gradient are NaN (magpylib gives 0
+on lines and sheets). On the edges of a magnet, where the gradient is infinite, it is NaN or a number without meaning.
+What magpylib computes has to be finite.
 """
 
 from collections.abc import Callable

@@ -105,7 +105,10 @@ def sample_grid(field: Field, spacing: float | None = None) -> Grid:
         shape = (nx, ny, nz)
         if prod(shape) > MOST_NODES:
             wider = 1.1 * spacing * (prod(shape) / MOST_NODES) ** (1 / 3)
-            must_hold, received = f"must give at most {MOST_NODES} nodes", f"{spacing:.3g} m: {prod(shape)} nodes"
+            must_hold, received = (
+                f"must give at most {MOST_NODES} nodes",
+                f"{spacing:.3g} m: {prod(shape)} nodes",
+            )
             raise InputError.of("spacing", must_hold, received, f"take {1e3 * wider:.2g} mm or more")
     else:
         raise InputError.of("spacing", "must be greater than 0 m", repr(spacing), "correct it")
