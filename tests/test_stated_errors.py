@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from fieldmap.control.identification import Orders, least_squares
-from fieldmap.interop import fit_map, measured_map
-from fieldmap.interop.measured_map import Measurements
+from fieldmap.interop import Measurements, fit_map, measured_map
 from fieldmap.levitation.unknowns import _covariance
 from fieldmap.maps import error_bound
 from fieldmap.maps.training.model_error import Trial, larger
@@ -57,7 +56,8 @@ def test_errors_of_a_measured_map(monkeypatch):
     points = rng.uniform(-0.01, 0.01, (20, 3))
     rows = harmonic_rows(points)
     values = rows @ rng.normal(size=8) + 0.01 * rng.normal(size=60)
-    held_out = np.array([[1e-3, -3e-3, 2e-3]])
+    held_out = np.full((20, 3), 1e-3)
+    held_out[7, 1] = -2e-3
     monkeypatch.setattr(measured_map, "_held_out", lambda *_: held_out)
     readings = Measurements(("one",), points, np.full((20, 1), 2.0), values.reshape(20, 3))
     corner = np.full(3, 0.02)
@@ -70,8 +70,8 @@ def test_errors_of_a_measured_map(monkeypatch):
     assert spread.max() > 1.3 * spread.mean()
     assert report.standard_error.flux_density == pytest.approx(spread.max(), rel=1e-6)
     assert report.residual == pytest.approx(np.sqrt(left @ left / 60), rel=1e-6)
-    assert report.held_out == pytest.approx(np.sqrt(14 / 3) * 1e-3)
-    assert report.held_out_worst == pytest.approx(3e-3)
+    assert report.held_out == pytest.approx(np.sqrt(63 / 60) * 1e-3)
+    assert report.held_out_worst == pytest.approx(2e-3)
 
 
 def test_errors_of_a_model_are_the_largest_of_all_states():

@@ -214,7 +214,7 @@ def test_a_step_may_be_two_percent_off_the_mean(tmp_path, late, even):
     if even:
         assert read_log(tmp_path / "log.csv").Ts == pytest.approx(1e-3)
         return
-    with refused(InputError, must_hold="evenly sampled", where="log.csv:7"):
+    with refused(InputError, must_hold="evenly sampled", where=f"{tmp_path / 'log.csv'}:7"):
         read_log(tmp_path / "log.csv")
 
 
