@@ -326,7 +326,12 @@ def _loop(point: LinearPoint) -> Iterator[tuple[str, ...]]:
 
 
 def _margins(point: LinearPoint) -> Iterator[tuple[str, ...]]:
-    for found in point.margins:
+    by_output = {found.output: found for found in point.margins}
+    for name in point.linear.inputs:
+        if name not in by_output:
+            yield name, "UNSTABLE", *(4 * ("",))
+            continue
+        found = by_output[name]
         # Of a factor that no gain reaches, "inf" is the value.
         gains = (f"{found.gain_up:.3g}", f"{found.gain_down:.3g}")
-        yield found.output, f"{found.phase:.1f}", f"{found.crossover:.3f}", *gains, f"{found.modulus:.3f}"
+        yield name, f"{found.phase:.1f}", f"{found.crossover:.3f}", *gains, f"{found.modulus:.3f}"
