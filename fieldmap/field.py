@@ -1087,7 +1087,7 @@ def coil_currents(
         try:
             # Writeable too: compiled code would have to be compiled again for a read-only array.
             values = np.require(currents, np.float64, ["C", "W"])
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, MemoryError):
             raise InputError(_wrong(coil_names, points, repr(currents)[:80])) from None
     if values.ndim == 0:
         values = np.full(count, float(values))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fieldmap.arguments import check
+from fieldmap.arguments import check_vector
 from fieldmap.device.model import Payload
 from fieldmap.errors import InputError, OutsideMapError
 from fieldmap.field import Bounds
@@ -28,10 +28,7 @@ def check_position(bounds: Bounds, position: ArrayLike, where: str) -> Array:
 
 def check_point(position: ArrayLike, where: str) -> Array:
     """A finite point (3,), m. Raises InputError."""
-    point = np.asarray(position, dtype=float)
-    fits = point.shape == (3,) and bool(np.isfinite(point).all())
-    check(fits, where, "must be three finite coordinates in m", point.tolist(), "give x, y and z")
-    return point
+    return check_vector(where, position, "give x, y and z in m")
 
 
 def check_centre(bounds: Bounds, payload: Payload, position: ArrayLike, where: str) -> Array:
