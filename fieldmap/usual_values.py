@@ -49,6 +49,8 @@ def warn_if_unusual(where: str, value: Any, unit: str, stacklevel: int = 2) -> N
         numbers = np.asarray(value)
     except ValueError:
         return  # no numbers: told when a device is made of it
+    if unit == "T" and numbers.size > 3:
+        return  # a B-H curve, which has rules of its own
     largest = float(np.abs(numbers).max(initial=0.0)) if numbers.dtype.kind in "iuf" else 0.0
     if usual < largest < np.inf:
         warnings.warn(

@@ -146,7 +146,7 @@ def parse_settings(texts: list[str] | None, example: str = "parameters.gap=120")
     >>> parse_settings(["control.z.Kc=0.2", "name=unit"])
     {'control.z.Kc': 0.2, 'name': 'unit'}
     """
-    pairs = {}
+    pairs: dict[str, object] = {}
     for text in texts or []:
         key, sign, value = (part.strip() for part in text.partition("="))
         if not (sign and key and value):

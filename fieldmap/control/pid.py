@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,7 +17,7 @@ from fieldmap.typing import Array
 
 # Shares of this error and of the one before in what an integral adds.
 INTEGRATION = {"rectangular": (1.0, 0.0), "trapezoidal": (0.5, 0.5)}
-USUAL_INTEGRATION = "trapezoidal"
+USUAL_INTEGRATION: Final = "trapezoidal"
 """Rule of the integral in Python and in scenario files unless another one is given."""
 ANTI_WINDUP = ("none", "hold", "track")
 DERIVATIVE = ("error", "measurement")

@@ -240,7 +240,8 @@ def _starts(goal: Goal, model: ReducedModel | None, first: Array | None, scale: 
 def best_of(searches: list[Search]) -> Array:
     """The end (n,) of least power, of the searches that begin before the evaluations of a call are used up. Raises the
     error of the search that left least of the demand, where all failed."""
-    found, refused = [], []
+    found: list[Array] = []
+    refused: list[Infeasible | NotConverged] = []
     for search in searches:
         if (found or refused) and search.goal.evaluations >= MOST_EVALUATIONS:
             break
