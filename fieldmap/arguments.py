@@ -157,6 +157,19 @@ def checked_vectors(name: str, values: ArrayLike) -> tuple[Array, bool]:
     return array, False
 
 
+def check_vector(where: str, value: ArrayLike, remedy: str) -> Array:
+    """Three finite numbers as an array (3,) of their own. Raises InputError."""
+    must_hold = "must be three finite numbers"
+    try:
+        given = np.asarray(value)
+        fits = given.shape == (3,) and given.dtype.kind in "iuf" and bool(np.isfinite(given).all())
+        received = repr(given.tolist()) if given.size <= 6 else f"shape {given.shape}"
+    except (TypeError, ValueError):
+        fits, received = False, repr(value)[:80]
+    check(fits, where, must_hold, received, remedy_of_moment(value, remedy))
+    return np.array(given, dtype=np.float64)
+
+
 def remedy_of_moment(value: object, remedy: str) -> str:
     """`remedy`, or what to do where a data object, such as a payload, stands in the place of a moment."""
     if not isinstance(value, Record):

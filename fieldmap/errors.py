@@ -151,6 +151,13 @@ class MapAccuracyWarning(UserWarning):
     """A map that is opened is off by more than twice what its recipe asks for."""
 
 
+class UnusualValueWarning(UserWarning):
+    """A size, mass, flux density or current beyond those of machines on a bench: more often a slip of the unit.
+
+    `warnings.simplefilter("ignore", fieldmap.errors.UnusualValueWarning)` says that it is meant.
+    """
+
+
 class NoEquilibrium(FieldmapError):  # noqa: N818 - reads as the outcome it is
     """No point with balanced forces was found; `problems` says where it was looked for."""
 

@@ -38,6 +38,7 @@ from fieldmap.arguments import checked_vectors
 from fieldmap.errors import InputError, Problem
 from fieldmap.records import count_of, short, shortened
 from fieldmap.typing import Array
+from fieldmap.usual_values import warn_if_unusual
 
 Bounds: TypeAlias = tuple[Array, Array]
 """Lower and upper corner (3,) of an axis-parallel box, m."""
@@ -988,7 +989,9 @@ def resolve_currents(source: AnyField, currents: Any) -> tuple[Field, Array]:
             must_hold = f"must be given for a field of coils ({names})"
             raise InputError.of("currents", must_hold, "none", "give one current per coil, A")
         return field, field.currents
-    return field, coil_currents(currents, field.coil_names)
+    amperes = coil_currents(currents, field.coil_names)
+    warn_if_unusual("currents", amperes, "A", stacklevel=3)
+    return field, amperes
 
 
 def _box(lower: ArrayLike, upper: ArrayLike) -> Bounds:
@@ -1084,7 +1087,7 @@ def coil_currents(
         try:
             # Writeable too: compiled code would have to be compiled again for a read-only array.
             values = np.require(currents, np.float64, ["C", "W"])
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, MemoryError):
             raise InputError(_wrong(coil_names, points, repr(currents)[:80])) from None
     if values.ndim == 0:
         values = np.full(count, float(values))

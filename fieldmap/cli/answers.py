@@ -270,7 +270,7 @@ def equilibrium(
         amperes = arguments.parse_currents(currents, found.coil_names) if currents else None
         payload = check_payload(options.payload_of_option(found, payload_of), "equilibrium", pieces=True)
         if amperes is not None:
-            _check_search(found, begin, orientation)
+            _check_search(found, payload, begin, orientation)
             answer = floating(found, payload, amperes, begin, orientation)
         else:
             height = _height(found, height_mm, sensor_mm, payload)
@@ -278,13 +278,13 @@ def equilibrium(
     page.print_result(answer, _equilibrium_page, json)
 
 
-def _check_search(found: FieldSource, start: Array | None, orientation: str) -> None:
+def _check_search(found: FieldSource, payload: Payload, start: Array | None, orientation: str) -> None:
     """Raise InputError, before anything is solved, for a start or an orientation that does not fit."""
     from fieldmap.io.answers import MOMENTS, require_box
-    from fieldmap.levitation.balance import check_position
+    from fieldmap.levitation.places import check_centre
 
     if start is not None:
-        check_position(require_box(found), start, "--start")
+        check_centre(require_box(found), payload, start, "--start")
     check(orientation in MOMENTS, "--orientation", "must be fixed or aligned", orientation, "choose one")
 
 

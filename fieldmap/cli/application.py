@@ -11,9 +11,11 @@ import typer.main
 from rich.markup import escape
 from typer.core import TyperCommand, TyperGroup
 
+from fieldmap.arguments import raise_all
 from fieldmap.cli import answers, check, exchange, identify, maps, pictures, scenario, solve, studies, thesis
 from fieldmap.cli.messages import log_to_file, log_to_stderr, map_warnings_as_lines
 from fieldmap.cli.options import PARAMETERS, SHARED_HELP, check_outputs, helps
+from fieldmap.errors import Problem
 from fieldmap.progress import Progress
 
 if TYPE_CHECKING:
@@ -52,6 +54,19 @@ class Command(TyperCommand):
     def get_params(self, ctx: "CoreContext") -> "list[CoreParameter]":
         """The parameters, --help among them."""
         return _without_metavar(super().get_params(ctx))
+
+    def parse_args(self, ctx: "CoreContext", args: list[str]) -> list[str]:
+        """Raises InputError for an option of one value that is given several times: only the last would count."""
+        *_, given = self.make_parser(ctx).parse_args(list(args))
+        once = [
+            one for one in given if not (getattr(one, "multiple", False) or getattr(one, "is_flag", False))
+        ]
+        repeated = {one.opts[0]: once.count(one) for one in once if once.count(one) > 1}
+        raise_all(
+            Problem(name, "may be given once", f"{count} times", "keep one of them")
+            for name, count in repeated.items()
+        )
+        return super().parse_args(ctx, args)
 
     def collect_usage_pieces(self, ctx: "CoreContext") -> list[str]:
         """The words of the usage line."""

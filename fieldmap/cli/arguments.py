@@ -2,6 +2,7 @@
 
 import re
 import tomllib
+from collections.abc import Container
 
 import numpy as np
 
@@ -140,32 +141,47 @@ def _floats(texts: list[str], option: str) -> list[float]:
 def parse_settings(texts: list[str] | None, example: str = "parameters.gap=120") -> dict[str, object]:
     """Values by key from the values of `--set`. Raises InputError for a text that is not KEY=VALUE.
 
-    A value is read as TOML does; text needs no quotes.
+    A value is read as TOML does; text needs no quotes. A key may come once.
 
     >>> parse_settings(["control.z.Kc=0.2", "name=unit"])
     {'control.z.Kc': 0.2, 'name': 'unit'}
     """
-    pairs = {}
+    pairs: dict[str, object] = {}
     for text in texts or []:
         key, sign, value = (part.strip() for part in text.partition("="))
         if not (sign and key and value):
             raise InputError.of("--set", "must be KEY=VALUE", text, f"write for example {example}")
+        _check_new("--set", key, pairs)
         pairs[key] = _toml_value(value)
     return pairs
 
 
-def parse_variation(text: str) -> tuple[str, list[object]]:
-    """Key and values of KEY=A,B,... from the value of `--vary`, otherwise as `parse_settings`.
+def parse_variations(texts: list[str] | None, fixed: Container[str] = ()) -> dict[str, list[object]]:
+    """Values by key from the values KEY=A,B,... of `--vary`, otherwise as `parse_settings`; of a key that `--set` has
+    not fixed.
 
-    >>> parse_variation("control.z.Kc=0.2,0.5")
-    ('control.z.Kc', [0.2, 0.5])
+    >>> parse_variations(["control.z.Kc=0.2,0.5", "control.z.Td_s=0.03,0.05"])
+    {'control.z.Kc': [0.2, 0.5], 'control.z.Td_s': [0.03, 0.05]}
     """
-    key, sign, values = text.partition("=")
-    parts = [part for part in values.split(",") if part.strip()]
-    if not (sign and key.strip() and parts):
-        remedy = "write for example control.z.Kc=0.2,0.334,0.5"
-        raise InputError.of("--vary", "must be KEY=A,B,...", text, remedy)
-    return key.strip(), [_toml_value(part.strip()) for part in parts]
+    found: dict[str, list[object]] = {}
+    for text in texts or []:
+        key, sign, values = (part.strip() for part in text.partition("="))
+        parts = [part.strip() for part in values.split(",") if part.strip()]
+        if not (sign and key and parts):
+            remedy = "write for example control.z.Kc=0.2,0.334,0.5"
+            raise InputError.of("--vary", "must be KEY=A,B,...", text, remedy)
+        _check_new("--vary", key, found)
+        if key in fixed:
+            raise InputError.of(
+                "--vary", "must be a key that --set does not fix", key, "leave out one of them"
+            )
+        found[key] = [_toml_value(part) for part in parts]
+    return found
+
+
+def _check_new(option: str, key: str, before: Container[str]) -> None:
+    if key in before:
+        raise InputError.of(option, "must name a key once", f"{key} twice", "keep one of them")
 
 
 def _toml_value(text: str) -> object:

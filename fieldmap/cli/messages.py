@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TextIO
 
 from fieldmap.arguments import raise_all
-from fieldmap.errors import FieldmapError, InputError, MapAccuracyWarning
+from fieldmap.errors import FieldmapError, InputError, MapAccuracyWarning, UnusualValueWarning
 from fieldmap.file_contents import read_text
 from fieldmap.progress import Progress
 from fieldmap.records import count_of
@@ -84,9 +84,12 @@ def resumable(title: str) -> Iterator[Progress]:
 
 @contextmanager
 def map_warnings_as_lines() -> Iterator[None]:
-    """Inside, a MapAccuracyWarning is printed as one line, once for each map, and logged; others are as before."""
+    """Inside, the warnings of the package are printed as one line, once for each text, and logged; others are as
+    before."""
+    ours = (MapAccuracyWarning, UnusualValueWarning)
     with warnings.catch_warnings():
-        warnings.simplefilter("always", MapAccuracyWarning)
+        for category in ours:
+            warnings.simplefilter("always", category)
         others, printed = warnings.showwarning, set[str]()
 
         def show(
@@ -97,7 +100,7 @@ def map_warnings_as_lines() -> Iterator[None]:
             file: TextIO | None = None,
             line: str | None = None,
         ) -> None:
-            if not issubclass(category, MapAccuracyWarning):
+            if not issubclass(category, ours):
                 others(message, category, filename, lineno, file, line)
             elif (text := str(message)) not in printed:
                 printed.add(text)

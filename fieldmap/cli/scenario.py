@@ -15,7 +15,7 @@ from rich.table import Table
 
 from fieldmap.arguments import raise_all
 from fieldmap.cli import options, page
-from fieldmap.cli.arguments import parse_pairs, parse_settings, parse_variation
+from fieldmap.cli.arguments import parse_pairs, parse_settings, parse_variations
 from fieldmap.cli.options import option
 from fieldmap.errors import InputError, Problem
 from fieldmap.progress import Progress
@@ -42,7 +42,7 @@ def simulate(
     seed: Annotated[int | None, option("--seed", "N")] = None,
     threads: Annotated[int, option("--threads", "N")] = 0,
     changes: options.ScenarioChanges = None,
-    vary: Annotated[str | None, option("--vary", "KEY=A,B,...")] = None,
+    vary: Annotated[list[str] | None, option("--vary", "KEY=A,B,...")] = None,
     controller: Annotated[str | None, option("--controller", "FILE.py:NAME")] = None,
     log: Annotated[Path | None, option("--measured", "LOG.csv")] = None,
     log_columns: Annotated[list[str] | None, option("--column", "ROLE=NAME")] = None,
@@ -66,7 +66,7 @@ def simulate(
     threads
         Number of threads; 0: one per processor.
     vary
-        Repeat the runs for each value of a key.
+        Repeat the runs for each value of a key; given several times, for all combinations of their values.
     controller
         A function of your own in the place of the controllers: outputs = NAME(time, measured, reference, state), or a
         FunctionController.
@@ -79,7 +79,7 @@ def simulate(
     """
     from fieldmap.dynamics.scenario import simulate_batches, write_simulation
 
-    several = runs > 1 or vary is not None
+    several = runs > 1 or bool(vary)
     problems = []
     if runs < 1:
         problems.append(Problem("--runs", "must be 1 or more", str(runs), "give a whole number"))
@@ -90,7 +90,7 @@ def simulate(
         problems.append(Problem("--measured", "is laid over one run", "several runs", remedy))
     raise_all(problems)
     fixed = parse_settings(changes, _EXAMPLE)
-    varied = None if vary is None else parse_variation(vary)
+    varied = parse_variations(vary, fixed)
     own = None if controller is None else _function_in(controller)
     kept = target is not None or save is not None or log is not None
     field, device = options.field_of_option(map_file)
@@ -165,7 +165,7 @@ def _drawn(simulation: Simulation, laid: LaidLog | None) -> list[DrawnRun]:
     from fieldmap.plot.runs import drawn_run
 
     drawn = [
-        drawn_run(batch.experiment, one.run, one.metrics.event)
+        drawn_run(batch.experiment, one.run, one.metrics.event, batch.varied)
         for batch in simulation.batches
         for one in batch.runs
         if one.run is not None
@@ -326,7 +326,12 @@ def _loop(point: LinearPoint) -> Iterator[tuple[str, ...]]:
 
 
 def _margins(point: LinearPoint) -> Iterator[tuple[str, ...]]:
-    for found in point.margins:
+    by_output = {found.output: found for found in point.margins}
+    for name in point.linear.inputs:
+        if name not in by_output:
+            yield name, "UNSTABLE", *(4 * ("",))
+            continue
+        found = by_output[name]
         # Of a factor that no gain reaches, "inf" is the value.
         gains = (f"{found.gain_up:.3g}", f"{found.gain_down:.3g}")
-        yield found.output, f"{found.phase:.1f}", f"{found.crossover:.3f}", *gains, f"{found.modulus:.3f}"
+        yield name, f"{found.phase:.1f}", f"{found.crossover:.3f}", *gains, f"{found.modulus:.3f}"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,6 +17,8 @@ from fieldmap.typing import Array
 
 # Shares of this error and of the one before in what an integral adds.
 INTEGRATION = {"rectangular": (1.0, 0.0), "trapezoidal": (0.5, 0.5)}
+USUAL_INTEGRATION: Final = "trapezoidal"
+"""Rule of the integral in Python and in scenario files unless another one is given."""
 ANTI_WINDUP = ("none", "hold", "track")
 DERIVATIVE = ("error", "measurement")
 
@@ -24,10 +27,11 @@ DERIVATIVE = ("error", "measurement")
 class PID(Record):
     """A PID controller that runs every Ts seconds: docs/theory/control.md (1), (2).
 
-    u[n] = Kc e[n] + (Kc Ts / Ti) sum e + (Kc Td / Ts) (e[n] - e[n-1]), with e = 0 before the first sample.
+    u[n] = Kc e[n] + (Kc Ts / Ti) s[n] + (Kc Td / Ts) (e[n] - e[n-1]), s the sum of the errors by the rule of the
+    integral, with e = 0 before the first sample.
 
     Kc: gain, output per unit of error. Ti: integral time, s (infinity: no integral part). Td: derivative time, s.
-    integration: "rectangular" adds e[n]; "trapezoidal" adds (e[n] + e[n-1]) / 2, as LabVIEW's manual documents it.
+    integration: "trapezoidal" adds (e[n] + e[n-1]) / 2, as LabVIEW's manual documents it; "rectangular" adds e[n].
     lower, upper: limits of the output. anti_windup: "none"; "hold" stops the integral while it would drive the output
     further past a limit; "track" pulls it back with the time constant tracking_time, s (sqrt(Ti Td) unless given; Ti if
     Td = 0). derivative: of the "error", or of minus the "measurement", without a kick at a step of the reference.
@@ -40,7 +44,7 @@ class PID(Record):
     Ts: float
     lower: float = -np.inf
     upper: float = np.inf
-    integration: str = "rectangular"
+    integration: str = USUAL_INTEGRATION
     anti_windup: str = "none"
     tracking_time: float | None = None
     derivative: str = "error"
@@ -64,7 +68,7 @@ def _check_gains(where: str, Kc: float, Ti: float, Td: float, Ts: float) -> None
 
 
 def pid_transfer_function(
-    Kc: float, Ti: float, Td: float, Ts: float, *, integration: str = "trapezoidal"
+    Kc: float, Ti: float, Td: float, Ts: float, *, integration: str = USUAL_INTEGRATION
 ) -> TransferFunction:
     """The sampled PID controller as a transfer function in q: docs/theory/control.md (3).
 
@@ -135,7 +139,7 @@ def pid_block(
     --------
     >>> block = pid_block(PID(2.0, 0.1, 0.0, 0.01), AxisReading("x", 1e3))
     >>> block.D[0, [0, 3]].tolist()
-    [2200.0, -2200.0]
+    [2100.0, -2100.0]
     """
     kp, Ti, Td, Ts = float(controller.Kc), controller.Ti, controller.Td, controller.Ts
     ki, kd = float(kp * Ts / Ti), float(kp * Td / Ts)
@@ -166,7 +170,7 @@ class RunningPID(RunningBlock):
 
     >>> running = RunningPID(PID(Kc=2.0, Ti=0.1, Td=0.0, Ts=0.01))
     >>> [round(running.step(reference=1.0, measured=y), 3) for y in (0.0, 0.5)]
-    [2.2, 1.3]
+    [2.1, 1.25]
     """
 
     def __init__(self, controller: PID) -> None:
@@ -210,6 +214,6 @@ def run_pid(controller: PID, reference: ArrayLike, measured: ArrayLike) -> Array
     Examples
     --------
     >>> run_pid(PID(0.5, 0.007, 0.001, 2e-3), 1.0, [0.0, 0.0]).round(5).tolist()
-    [0.89286, 0.78571]
+    [0.82143, 0.71429]
     """
     return run_block(pid_block(controller, ALONE), "run_pid", reference, measured)[0]

@@ -13,9 +13,10 @@ from fieldmap.constants import GRAVITY
 from fieldmap.control.linear_models import StateSpace
 from fieldmap.device.model import Payload
 from fieldmap.field import AnyField, require_bounds, resolve_currents
-from fieldmap.levitation.balance import CURRENT_STEP, Balance, check_position
+from fieldmap.levitation.balance import CURRENT_STEP, Balance
 from fieldmap.levitation.equilibrium import assumptions
 from fieldmap.levitation.lift import direction_of_lift
+from fieldmap.levitation.places import check_position
 from fieldmap.lookup.payload import check_payload
 from fieldmap.records import Record
 from fieldmap.typing import Array

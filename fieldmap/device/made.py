@@ -12,10 +12,12 @@ from typing import Annotated, Any, Self, get_args, get_origin, get_type_hints
 import numpy as np
 
 from fieldmap.errors import InputError, Problem
+from fieldmap.inputs.declared import keys_of
 from fieldmap.inputs.explain import REQUIRED
 from fieldmap.inputs.findings import meant
 from fieldmap.records import Record
 from fieldmap.typing import Array
+from fieldmap.usual_values import warn_if_unusual
 
 _signature = cache(inspect.signature)
 
@@ -57,11 +59,15 @@ class Made(Record, ABC):
     def __new__(cls, *arguments: Any, **named: Any) -> Self:
         """Raises InputError for arguments that the data class does not have, and without those that it needs."""
         try:
-            _signature(cls.__init__).bind(None, *arguments, **named)
+            given = _signature(cls.__init__).bind(None, *arguments, **named).arguments
         except TypeError as error:
             problems = _problems(cls, arguments, named) if dataclasses.is_dataclass(cls) else []
             if problems:
                 raise InputError(*problems) from error
+        else:
+            for declared in keys_of(cls).values() if dataclasses.is_dataclass(cls) else ():
+                where = f"{cls.__name__}.{declared.attribute}"
+                warn_if_unusual(where, given.get(declared.attribute), declared.about.unit)
         return super().__new__(cls)
 
     def __reduce_ex__(self, protocol: Any) -> Any:

@@ -15,6 +15,7 @@ from pydantic import Field, ValidationInfo
 from fieldmap.constants import MU0
 from fieldmap.device.made import Made
 from fieldmap.device.materials import Material
+from fieldmap.device.materials.base import Polarisation as Remanence
 from fieldmap.device.placement import PLACEMENT, Placement
 from fieldmap.inputs.declared import Key, choice_of, choice_with, first_line, table_of
 from fieldmap.inputs.tables import Coordinate, Length, Name, NotNegative, Positive, Size, broken
@@ -81,7 +82,7 @@ class MagnetCylinder(_Uniform):
 
     diameter: Annotated[float, Key(Length, "diameter", "mm")]
     height: Annotated[float, Key(Length, "height", "mm")]
-    remanence: Annotated[float, Key(Positive, "remanence", "T")]
+    remanence: Annotated[float, Key(Remanence, "remanence", "T")]
 
     @property
     def axes(self) -> tuple[float, float, float]:
@@ -104,7 +105,7 @@ class MagnetSphere(_Ball):
     kind: ClassVar[str] = "sphere"
 
     diameter: Annotated[float, Key(Length, "diameter", "mm")]
-    remanence: Annotated[float, Key(Positive, "remanence", "T")]
+    remanence: Annotated[float, Key(Remanence, "remanence", "T")]
 
     @property
     def axes(self) -> tuple[float, float, float]:
@@ -129,7 +130,7 @@ class MagnetBlock(_Uniform):
     spread = (1 / 12, 1 / 12, 1 / 12)
 
     size: Annotated[tuple[float, float, float], Key(Size, "[x, y, z] edge lengths", "mm")]
-    remanence: Annotated[float, Key(Positive, "remanence", "T")]
+    remanence: Annotated[float, Key(Remanence, "remanence", "T")]
 
     @property
     def axes(self) -> tuple[float, float, float]:

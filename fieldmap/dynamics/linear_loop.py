@@ -21,6 +21,8 @@ if TYPE_CHECKING:
     import control as python_control
 
 Complex = NDArray[Any]
+_APART = 0.01
+"""Share of unstable modes in the sensitivity at an output, up to which its margins are those of the other modes."""
 
 
 class SampledMachine(NamedTuple):
@@ -201,9 +203,11 @@ class Margins(Record):
 def margins(
     loop: ClosedLoop, names: tuple[str, ...], sensors: Sensors | None = None, points: int = 4000
 ) -> list[Margins]:
-    """Margins at each output of a controller.
+    """Margins at each output of a controller in whose loop no unstable mode takes part.
 
-    The scans' clock runs free of the controller's, so their answer is the mean over how the two may lie.
+    An unstable mode takes part in the loop of an output if it makes up more than 1 % of the sensitivity there at some
+    frequency; the loop then has no margins. The margins of the other outputs are those of the other modes. The scans'
+    clock runs free of the controller's, so their answer is the mean over how the two may lie.
 
     Parameters
     ----------
@@ -219,11 +223,17 @@ def margins(
     Returns
     -------
     list[Margins]
-        Margins of each output.
+        Margins of these outputs, in their order.
     """
     frequencies = np.geomspace(1e-3, 0.5 / loop.period, points)
-    curves = _opened(loop, 2.0 * np.pi * frequencies, sensors)
-    return [_margins_of(name, frequencies, curve) for name, curve in zip(names, curves.T, strict=True)]
+    rates = 2.0 * np.pi * frequencies
+    curves = _opened(loop, rates, sensors)
+    shares = np.abs((1.0 + curves) * _unstable_sensitivity(loop, rates)).max(axis=0)
+    return [
+        _margins_of(name, frequencies, curve)
+        for name, curve, share in zip(names, curves.T, shares, strict=True)
+        if share < _APART
+    ]
 
 
 def sensor_answer(sensors: Sensors, rate: float) -> Complex:
@@ -255,6 +265,24 @@ def _opened(loop: ClosedLoop, rates: Array, sensors: Sensors | None) -> Complex:
     shown = np.eye(3) if sensors is None else np.array([sensor_answer(sensors, rate) for rate in rates])
     sensitivity = np.linalg.inv(np.eye(k.outputs) - control @ shown @ plant)
     return 1.0 / np.diagonal(sensitivity, axis1=1, axis2=2) - 1.0
+
+
+def _unstable_sensitivity(loop: ClosedLoop, rates: Array) -> Complex:
+    """(n, m): the part of the unstable modes in S_jj(q) = 1 + c_j (q - A)^-1 b_j, the answer of what reaches the
+    machine at one output of the controller to a change of it there."""
+    order, outputs = loop.machine.B.shape
+    T, Z, count = scipy.linalg.schur(loop.A, output="complex", sort=lambda pole: abs(pole) >= 1.0)
+    if not count:
+        return np.zeros((len(rates), outputs), dtype=complex)
+    first, rest = slice(count), slice(count, None)
+    # Rows of the inverse of a basis in which the unstable modes stand apart.
+    apart = scipy.linalg.solve_sylvester(T[first, first], -T[rest, rest], -T[first, rest])
+    rows = Z[:, first].conj().T - apart @ Z[:, rest].conj().T
+    said = loop.A[order : order + outputs] @ Z[:, first]
+    reached = rows[:, :order] @ loop.machine.B + rows[:, order : order + outputs]
+    q = np.exp(1j * rates * loop.period)[:, None, None]
+    modes = np.linalg.inv(q * np.eye(count) - T[first, first])
+    return np.einsum("jk,nkl,lj->nj", said, modes, reached)
 
 
 def _margins_of(name: str, frequencies: Array, curve: Complex) -> Margins:

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from fieldmap.arguments import check, check_vector
 from fieldmap.core import CoreMap
 from fieldmap.core.mujoco import Layout, Magnet, Task, callback
 from fieldmap.errors import InputError
@@ -39,7 +40,8 @@ class MagnetForces:
     about it: a magnet of finite size, soft iron, several of them (`fieldmap.lookup.magnetic_body`). currents
     (n_coils,), A: assign `currents` between steps, as a controller does. offset (3,), m: where the map's origin lies in
     the world. Axes of map and world are parallel, units SI. mutual: magnets act on each other, dipole by dipole; soft
-    iron feels the map's field alone. Raises InputError for a body that does not exist, FieldmapError without MuJoCo.
+    iron feels the map's field alone. Raises InputError for a body that does not exist, and for moments, currents or an
+    offset that are not finite numbers of these shapes; FieldmapError without MuJoCo.
 
     `compiled` says whether MuJoCo calls machine code; that is so unless the map is of saturating iron, or one that an
     evaluator other than the C core answers. compiled=False asks for Python. A callback serves any number of data and
@@ -67,25 +69,32 @@ class MagnetForces:
         compiled: bool = True,
     ) -> None:
         mujoco = require("mujoco", "mujoco", "MagnetForces")
-        self._mujoco, self._field = mujoco, field
+        for name, value, kind in (("model", model, mujoco.MjModel), ("field", field, FieldMap)):
+            must_hold, received = f"must be a {kind.__name__}", type(value).__name__
+            check(isinstance(value, kind), f"MagnetForces({name})", must_hold, received, "give one")
+        self._mujoco, self._field, self._model = mujoco, field, model
         self._currents = np.array(coil_currents(currents, field.coil_names), dtype=np.float64)
-        self._offset = np.array(offset, dtype=np.float64)
-        self._bodies: list[tuple[int, MagneticBody | Array]] = []
-        for name, magnet in magnets.items():
-            body = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, name)
-            if body < 0:
-                raise InputError.of("MagnetForces, magnets", "bodies of the model", name, "check its name")
-            known = magnet if isinstance(magnet, MagneticBody) else np.array(magnet, dtype=np.float64)
-            self._bodies.append((body, known))
+        self._offset = check_vector("MagnetForces(offset)", offset, "give x, y and z in m")
+        must_hold, remedy = "must be moments by the name of a body", 'give for example {"float": [0, 0, 0.8]}'
+        given = isinstance(magnets, Mapping) and bool(magnets)
+        check(given, "MagnetForces(magnets)", must_hold, repr(magnets)[:80], remedy)
+        self._bodies = [(self._body(name), _known(name, magnet)) for name, magnet in magnets.items()]
         self._before: Any = None
         self._error: Exception | None = None
-        self._model, self._task = model, None
+        self._task = None
         core, library = _core_map(field) if compiled else None, _library(mujoco)
         if core is not None and library is not None:
             self._task = self._compiled_task(library, core, mutual)
         elif mutual:
             must_hold = "needs the compiled callback"
             raise InputError.of("MagnetForces(mutual)", must_hold, "one in Python", "leave it out")
+
+    def _body(self, name: object) -> int:
+        """Number of the body of this name. Raises InputError."""
+        known = self._mujoco.mjtObj.mjOBJ_BODY
+        body = self._mujoco.mj_name2id(self._model, known, name) if isinstance(name, str) else -1
+        check(body >= 0, "MagnetForces(magnets)", "bodies of the model", name, "check its name")
+        return int(body)
 
     def _compiled_task(self, library: ctypes.CDLL, core: CoreMap, mutual: bool) -> Task:
         """What the callback of the C core works on."""
@@ -107,7 +116,7 @@ class MagnetForces:
 
     @currents.setter
     def currents(self, amperes: ArrayLike) -> None:
-        self._currents[:] = amperes
+        self._currents[:] = coil_currents(amperes, self._field.coil_names)
 
     @property
     def compiled(self) -> bool:
@@ -130,7 +139,22 @@ class MagnetForces:
         -------
         Array
             Force, N, and torque, N m (6,).
+
+        Raises
+        ------
+        InputError
+            For a moment of another shape, and a number of no body.
         """
+        check(
+            0 <= body < len(data.xpos),
+            "wrench(body)",
+            f"must be 0 to {len(data.xpos) - 1}",
+            body,
+            "see the model",
+        )
+        return self._wrench(data, body, _known(body, magnet))
+
+    def _wrench(self, data: Any, body: int, magnet: MagneticBody | Array) -> Array:
         position = data.xpos[body] - self._offset
         turn = data.xmat[body].reshape(3, 3)
         if isinstance(magnet, MagneticBody):
@@ -143,7 +167,7 @@ class MagnetForces:
             return
         try:
             for body, magnet in self._bodies:
-                found = self.wrench(data, body, magnet)
+                found = self._wrench(data, body, magnet)
                 where = data.xpos[body]
                 self._mujoco.mj_applyFT(model, data, found[:3], found[3:], where, body, data.qfrc_passive)
         except Exception as error:
@@ -177,6 +201,12 @@ class MagnetForces:
             self._task.leave()
         if error is None:
             self.check()
+
+
+def _known(name: object, magnet: MagneticBody | ArrayLike) -> MagneticBody | Array:
+    if isinstance(magnet, MagneticBody):
+        return magnet
+    return check_vector(f"MagnetForces(magnets[{name!r}])", magnet, "give a moment (3,) in A m^2")
 
 
 def _free_joint(mujoco: ModuleType, model: Any, body: int) -> int:

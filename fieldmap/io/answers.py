@@ -301,11 +301,11 @@ def floating(
         Where there is none.
     """
     from fieldmap.levitation import find_equilibrium
-    from fieldmap.levitation.balance import check_position
+    from fieldmap.levitation.places import check_centre
 
     bounds, amperes = require_box(source), source.currents(currents)
     if start is not None:
-        check_position(bounds, start, "start")
+        check_centre(bounds, payload, start, "start")
     if moment not in MOMENTS:
         raise InputError.of("moment", "must be fixed or aligned", moment, "choose one")
     found = find_equilibrium(source.field, amperes, payload, start, cast(Moment, moment))
@@ -346,9 +346,9 @@ def lifted(
         For a place or a current beyond the map.
     """
     from fieldmap.levitation import lift_current
-    from fieldmap.levitation.balance import check_position
+    from fieldmap.levitation.places import check_centre
 
-    point = check_position(require_box(source), [0.0, 0.0, height], "the magnet's centre")
+    point = check_centre(require_box(source), payload, [0.0, 0.0, height], "the magnet's centre")
     first = 1.0
     if source.is_map and not source.field.affine:
         from fieldmap.lookup import FieldMap

@@ -11,13 +11,13 @@ from dataclasses import KW_ONLY, dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from fieldmap.arguments import check, check_choice
 from fieldmap.constants import GRAVITY
 from fieldmap.device.model import Payload
-from fieldmap.errors import InputError, NotConverged, OutsideMapError
-from fieldmap.field import AnyField, Bounds, Field, as_field
+from fieldmap.errors import InputError, NotConverged
+from fieldmap.field import AnyField, Bounds, Field, as_field, require_bounds
+from fieldmap.levitation.places import box_of_centres, search_grid
 from fieldmap.lookup.finite_magnet import FiniteMagnet, volume_rule
 from fieldmap.lookup.magnetic_body import MagneticBody
 from fieldmap.lookup.payload import magnetic_body
@@ -40,24 +40,6 @@ _HELD = {
     "rigid": "the magnet is rigid and of finite size, and turns about its centre until no torque is left",
     "rigid upright": "the magnet is rigid, of finite size, and stays upright",
 }
-
-
-def check_position(bounds: Bounds, position: ArrayLike, where: str) -> Array:
-    """A finite point (3,) inside a box, m. Raises InputError and OutsideMapError."""
-    point = np.asarray(position, dtype=float)
-    fits = point.shape == (3,) and bool(np.isfinite(point).all())
-    check(fits, where, "must be three finite coordinates in m", point.tolist(), "give x, y and z")
-    lower, upper = bounds
-    slack = 1e-12 * np.abs(upper - lower).max()
-    if (point < lower - slack).any() or (point > upper + slack).any():
-        must_hold = f"must lie in the box {_millimetres(lower)} to {_millimetres(upper)} mm"
-        remedy = "choose a point inside, or a map that reaches there"
-        raise OutsideMapError.of(where, must_hold, f"{_millimetres(point)} mm", remedy)
-    return np.clip(point, lower, upper)
-
-
-def _millimetres(point: Array) -> str:
-    return "(" + ", ".join(f"{1e3 * x:.6g}" for x in point) + ")"
 
 
 def dipole_force(moment: Array, gradient: Array) -> Array:
@@ -149,6 +131,22 @@ class MagnetBalance(ABC):
         """Weight, N."""
         return self.mass * GRAVITY
 
+    @property
+    def arms(self) -> Array:
+        """Points (n, 3) at which the field acts on the magnet, from its centre, m; of one that turns, corners of a box
+        that holds them."""
+        return np.zeros((1, 3))
+
+    @property
+    def box(self) -> Bounds:
+        """The box of the centres at which the whole magnet lies in the field's box, m. Raises InputError."""
+        return box_of_centres(require_bounds(self.source), self.arms)
+
+    def flux_density(self, position: Array) -> Array:
+        """B (3,), T, in the middle of the arms of a magnet centred at a position (3,), m: the centre itself may lie
+        beyond the field."""
+        return self.source.field((position + self.arms.mean(axis=0))[None, :], self.currents)[0]
+
     @abstractmethod
     def moments(self, points: Array) -> Array:
         """Moment (n, 3) of the whole magnet with its centre at points (n, 3), A m^2."""
@@ -239,6 +237,12 @@ class RigidBalance(MagnetBalance):
     sign: float = 1.0
     step: float = 2e-4
 
+    @property
+    def arms(self) -> Array:
+        """Corners (2, 3) of the box that holds the magnet however it turns, and the steps beyond it, m."""
+        reach = float(np.linalg.norm(self.magnet.points, axis=1).max()) + self.step
+        return np.array([[-reach] * 3, [reach] * 3])
+
     def moments(self, points: Array) -> Array:
         """Moment (n, 3) at which no torque is left, A m^2."""
         return self.magnitude * self.axes(points)
@@ -286,6 +290,11 @@ class BodyBalance(MagnetBalance):
     body: MagneticBody
     orientation: Array
 
+    @property
+    def arms(self) -> Array:
+        """Middles (n, 3) of the magnets and of the soft pieces, from the centre, m."""
+        return self.body.all_points @ self.orientation.T
+
     def moments(self, points: Array) -> Array:
         """Moment (n, 3) of the whole body with its centre at points (n, 3), A m^2."""
         fixed = self.body.moments.sum(axis=0) @ self.orientation.T
@@ -306,17 +315,28 @@ class BodyBalance(MagnetBalance):
         return self.body.stiffness(self.source, position, self.currents, self.orientation)
 
 
-def body_balance(field: Field, currents: Array, payload: Payload, near: Array) -> BodyBalance:
-    """The balance of a payload of pieces, upright, or turned over about x if it is lifted more that way at the points
-    near (n, 3)."""
+def body_balance(field: Field, currents: Array, payload: Payload, near: Array | None) -> BodyBalance:
+    """The balance of a payload of pieces, upright, or turned over about x if it is lifted more that way at those points
+    near (n, 3) at which it lies in the field's box; where there are none, all over the box."""
     body = magnetic_body(payload)
     fixed = float(np.linalg.norm(body.moments, axis=1).sum())
     upright = BodyBalance(field, currents, payload.mass, fixed, body, np.eye(3))
     turned = replace(upright, orientation=np.diag([1.0, -1.0, -1.0]))
     either = (upright, turned) if len(body.points) else (upright,)
-    chosen = max(either, key=lambda one: one.magnetic_force(near)[:, 2].max())
-    chosen.moments(near)
-    return chosen
+    places = [_inside(one.box, near) for one in either]
+    lifts = [one.magnetic_force(at)[:, 2].max() for one, at in zip(either, places, strict=True)]
+    best = int(np.argmax(lifts))
+    either[best].moments(places[best])
+    return either[best]
+
+
+def _inside(box: Bounds, near: Array | None) -> Array:
+    """The points (n, 3) inside a box, or a grid of it where there are none."""
+    if near is not None:
+        found = near[((near >= box[0]) & (near <= box[1])).all(axis=1)]
+        if len(found):
+            return found
+    return search_grid(box)
 
 
 def _frames(axis: Array) -> Array:
@@ -337,7 +357,7 @@ def magnet_balance(
     field: Field,
     currents: Array,
     payload: Payload,
-    near: Array,
+    near: Array | None,
     moment: MagnetModel = "fixed",
     lever: float = 0.0,
 ) -> MagnetBalance:
@@ -355,7 +375,7 @@ def magnet_balance(
         What is levitated.
     near
         Point (3,), m, near which the direction of the moment is chosen, or several (n, 3), of which the best
-        counts.
+        counts; None for the whole box.
     moment
         "fixed", a dipole that stays vertical; "aligned", one that follows B; "rigid", the payload's magnet
         itself, integrated over its volume and turned until torque vanishes; "rigid upright", the same without
@@ -371,15 +391,16 @@ def magnet_balance(
     Raises
     ------
     InputError
-        For another name or a payload without a magnet.
+        For another name, a payload without a magnet, or pieces that extend over more than the box.
     """
     check_choice("moment", moment, MODELS)
-    points = np.asarray(near, dtype=float).reshape(-1, 3)
+    points = None if near is None else np.asarray(near, dtype=float).reshape(-1, 3)
     if payload.pieces:
         refuse_models_of_pieces("magnet_balance(moment)", moment)
         return body_balance(field, currents, payload, points)
     if moment == "aligned":
         return Balance(field, currents, payload.mass, payload.moment, None)
+    points = search_grid(require_bounds(field)) if points is None else points
     rise = field.gradient(points, currents)[:, 2, 2]
     sign = -1.0 if abs(rise.min()) > rise.max() else 1.0
     if moment == "fixed":

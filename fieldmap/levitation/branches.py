@@ -18,11 +18,11 @@ from fieldmap.levitation.balance import (
     CURRENT_STEP,
     MagnetBalance,
     MagnetModel,
-    check_position,
     magnet_balance,
     model_assumptions,
 )
 from fieldmap.levitation.continuation import Fold, follow_branch
+from fieldmap.levitation.places import check_position
 from fieldmap.levitation.stationary import StationaryPoint, describe
 from fieldmap.lookup.payload import check_payload
 from fieldmap.records import Record

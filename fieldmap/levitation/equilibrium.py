@@ -16,16 +16,15 @@ from fieldmap.field import AnyField, Bounds, require_bounds, resolve_currents
 from fieldmap.levitation.balance import (
     BodyBalance,
     MagnetBalance,
-    check_position,
     magnet_balance,
     refuse_models_of_pieces,
 )
+from fieldmap.levitation.places import check_centre, check_position, search_grid
 from fieldmap.lookup.payload import check_payload, magnetic_body
 from fieldmap.plain import Plain, plain_fields, plain_items
 from fieldmap.records import Record
 from fieldmap.typing import Array
 
-SEARCH_SHAPE = (7, 7, 15)
 MAX_STARTS = 8
 TOLERANCE = 1e-8
 """Largest |F + m g| / weight that counts as balance."""
@@ -35,7 +34,7 @@ TOLERANCE = 1e-8
 class SearchReport(Record):
     """How an equilibrium was found: starts tried and how many of them converged, calls of the field, relative
     residual |F + m g| / weight, antisymmetric part of the stiffness relative to its norm (0 for an exactly
-    curl-free field; an interpolated field has some), and the box searched (m)."""
+    curl-free field; an interpolated field has some), and the box of the payload's centre that was searched (m)."""
 
     method: str
     starts: int
@@ -51,12 +50,12 @@ class SearchReport(Record):
 class Equilibrium(Record):
     """Balance of magnetic force and weight.
 
-    position (3,): the magnet's centre, m. force_residual (3,): magnetic force plus weight, N.
+    position (3,): the payload's centre, m. force_residual (3,): magnetic force plus weight, N.
     stiffness (3, 3): -dF_i/dx_j, N/m. eigenvalues (3,) ascending, N/m, of its symmetric part, and
     directions (3, 3) with the unit eigenvectors as columns; stable (3,): whether the magnet is pushed back
-    along each of them. moment (3,) in A m^2, field (3,) in T and currents (n_coils,) in A, at the
-    equilibrium. others (n, 3): further equilibria of the same currents found on the way, m. assumptions:
-    what the numbers rest on.
+    along each of them. moment (3,) in A m^2 and currents (n_coils,) in A, at the equilibrium; field (3,): B in T in
+    the middle of the payload's magnets and soft iron. others (n, 3): further equilibria of the same currents found on
+    the way, m. assumptions: what the numbers rest on.
     """
 
     position: Array
@@ -121,8 +120,10 @@ def find_equilibrium(
     payload
         A point dipole of its mass and moment, or its pieces, which stay upright while soft iron follows B.
     start
-        Where to begin (3,), m. Without it the whole box is searched. Of several equilibria the one with most
-        stable directions nearest to the box's vertical axis is returned, and the rest are in `.others`.
+        The payload's centre (3,), m, from which to begin. Without it the search covers all places at which the
+        payload's dipole, or the middles of its magnets and soft iron, lie in the box. Of several equilibria the
+        one with most stable directions nearest to the box's vertical axis is returned, and the rest are in
+        `.others`.
     moment
         "fixed" keeps the moment vertical, turned so that it is pulled up at the start; "aligned" lets it
         follow B.
@@ -135,7 +136,9 @@ def find_equilibrium(
     Raises
     ------
     InputError
-        For currents or a start that do not fit the field.
+        For currents that do not fit the field, and pieces that extend over more than its box.
+    OutsideMapError
+        For a start at which the payload leaves the box.
     NoEquilibrium
         When nothing balances, with the lift that is available.
 
@@ -151,10 +154,12 @@ def find_equilibrium(
     check_choice("find_equilibrium(moment)", moment, ("fixed", "aligned"))
     if carried.pieces:
         refuse_models_of_pieces("find_equilibrium(moment)", moment)
-    box = require_bounds(source)
-    begin = None if start is None else check_position(box, start, "find_equilibrium(start)")
+    bounds, where = require_bounds(source), "find_equilibrium(start)"
+    asked = None if start is None else check_centre(bounds, carried, start, where)
+    balance = magnet_balance(source, amperes, carried, asked, moment)
+    box = balance.box
+    begin = None if asked is None else check_position(box, asked, where)
     grid = search_grid(box)
-    balance = magnet_balance(source, amperes, carried, grid if begin is None else begin, moment)
     residuals = balance.residual(grid)
     best = best_starts(grid, np.linalg.norm(residuals, axis=1), box)
     found: list[Array] = []
@@ -219,7 +224,7 @@ def _result(
         directions=directions,
         stable=stable,
         moment=np.array(balance.moments(position[None, :])[0]),
-        field=balance.source.field(position[None, :], balance.currents)[0],
+        field=balance.flux_density(position),
         currents=balance.currents,
         others=np.array(ranked[1:]).reshape(-1, 3),
         assumptions=held,
@@ -249,20 +254,6 @@ def assumptions_of_pieces(payload: Payload) -> tuple[str, ...]:
         "the currents are constant and the payload does not change the field of the coils and the iron",
         "position means the payload's centre; the sensor reads a point magnet_offset above it",
     )
-
-
-def search_grid(box: Bounds) -> Array:
-    """Points (n, 3) that span the box."""
-    lower, upper = box
-    # A hair inside the box, so that rounding never puts a point outside it.
-    margin = 1e-9 * (upper - lower)
-    return grid_points(lower + margin, upper - margin, SEARCH_SHAPE)
-
-
-def grid_points(lower: Array, upper: Array, counts: tuple[int, ...]) -> Array:
-    """Points (n, d) of a grid of so many along each axis from one corner (d,) to the other, the last axis fastest."""
-    axes = map(np.linspace, lower, upper, counts)
-    return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(counts))
 
 
 def best_starts(grid: Array, unbalance: Array, box: Bounds) -> Array:

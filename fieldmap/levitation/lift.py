@@ -20,10 +20,10 @@ from fieldmap.levitation.balance import (
     Balance,
     BodyBalance,
     MagnetBalance,
-    check_position,
     dipole_force,
     magnet_balance,
 )
+from fieldmap.levitation.places import check_centre, check_position
 from fieldmap.lookup.actuation import wrench_actuation
 from fieldmap.lookup.payload import check_payload
 from fieldmap.plain import Plain, plain_fields, plain_items
@@ -31,6 +31,7 @@ from fieldmap.records import Record
 from fieldmap.typing import Array
 
 MAX_STATES = 15
+_POSITION = "lift_current(position)"
 # No step multiplies the current by more than this; beyond the knee of the B-H curve a secant can be far off.
 _LARGEST_GROWTH = 3.0
 # The slope dF/di is taken over at least this relative difference of currents, if the tried currents differ so much.
@@ -41,11 +42,12 @@ _SLOPE_WIDTH = 0.01
 class LiftCurrent(Record):
     """Currents whose lift equals the weight at a point.
 
-    current: the common factor, A; currents (n_coils,) = current * shares. position (3,), m. force (3,):
-    magnetic force there, N; its z component is the weight, the other two are not balanced. force_per_ampere
-    (3,), N/A of common current: dF/di at these currents. stiffness (3, 3) = -dF_i/dx_j, N/m. field (3,), T.
-    assumptions: what the numbers rest on. history: (common current in A, lift in N) of every state that was
-    solved on the way, empty for a field that superposes, with or without a constant part.
+    current: the common factor, A; currents (n_coils,) = current * shares. position (3,): the payload's centre, m.
+    force (3,): magnetic force there, N; its z component is the weight, the other two are not balanced.
+    force_per_ampere (3,), N/A of common current: dF/di at these currents. stiffness (3, 3) = -dF_i/dx_j, N/m.
+    field (3,): B in T in the middle of the payload's magnets and soft iron. assumptions: what the numbers rest on.
+    history: (common current in A, lift in N) of every state that was solved on the way, empty for a field that
+    superposes, with or without a constant part.
     """
 
     current: float
@@ -90,7 +92,7 @@ def lift_current(
     payload
         What is lifted.
     position
-        The magnet's centre (3,), m, inside the box.
+        The payload's centre (3,), m. Its dipole, or the middles of its pieces, must lie in the box.
     shares
         Current of each coil per ampere of common current (n_coils,); 1 in every coil unless given.
     first
@@ -111,7 +113,7 @@ def lift_current(
     InputError
         For a payload, position, shares, first or tolerance that do not fit.
     OutsideMapError
-        For a position or current beyond the field.
+        For a position at which the payload leaves the field's box, and a current beyond the field.
     Infeasible
         Where the field does not lift.
     NotConverged
@@ -127,7 +129,7 @@ def lift_current(
     carried = check_payload(payload, "lift_current", pieces=True)
     source = as_field(field)
     weights = _checked(source, shares, first, tolerance)
-    point = check_position(require_bounds(source), position, "lift_current(position)")
+    point = check_centre(require_bounds(source), carried, position, _POSITION)
     if source.affine and not carried.pieces:
         return _superposed(source, carried, point, weights, first)
     return _by_secant(source, carried, point, weights, first, tolerance, on_state)
@@ -182,7 +184,7 @@ def _lift(
         force=balance.magnetic_force(point[None, :])[0],
         force_per_ampere=force_per_ampere,
         stiffness=balance.stiffness(point),
-        field=balance.source.field(point[None, :], balance.currents)[0],
+        field=balance.flux_density(point),
         assumptions=assumptions,
         history=history,
     )
@@ -203,6 +205,7 @@ def _by_secant(
         # `magnet_balance` does not refuse a field that lifts nothing.
         direction_of_lift(point, payload.moment, field.gradient(at, first * shares)[0])
     balance = magnet_balance(field, first * shares, payload, point)
+    check_position(balance.box, point, _POSITION)
     limit, most = (1e-9, 4 * MAX_STATES) if field.affine else (tolerance, MAX_STATES)
     tried: list[tuple[float, float]] = []
     forces: list[Array] = []

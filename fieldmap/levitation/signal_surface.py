@@ -16,9 +16,9 @@ from fieldmap.currents import LiftAndDirections
 from fieldmap.device.model import Payload
 from fieldmap.errors import NoEquilibrium, OutsideMapError
 from fieldmap.field import AnyField, Field, as_field, coil_currents, require_bounds
-from fieldmap.levitation.balance import check_position
 from fieldmap.levitation.branches import equilibrium_at
 from fieldmap.levitation.lift import direction_of_lift, force_per_ampere, idle_note, signal_pushes
+from fieldmap.levitation.places import check_position
 from fieldmap.levitation.stationary import StationaryPoint
 from fieldmap.lookup.payload import check_payload
 from fieldmap.records import Record

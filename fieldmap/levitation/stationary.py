@@ -14,10 +14,9 @@ from fieldmap.field import AnyField, Bounds, require_bounds, resolve_currents
 from fieldmap.levitation.balance import (
     MagnetBalance,
     MagnetModel,
-    RigidBalance,
-    check_position,
     magnet_balance,
 )
+from fieldmap.levitation.places import check_point, check_position
 from fieldmap.lookup.payload import check_payload
 from fieldmap.records import Record
 from fieldmap.typing import Array
@@ -123,8 +122,8 @@ def stationary_points(
     height
         z of the magnet's centre, m.
     window
-        Lower and upper corner (2,), m; the whole box of the map, minus a rim for a magnet of finite size,
-        unless given.
+        Lower and upper corner (2,), m, for the payload's centre; unless given, all places at which the payload
+        lies in the box of the field.
     moment, lever
         As in `magnet_balance`.
     samples
@@ -141,15 +140,16 @@ def stationary_points(
     InputError
         For arguments that do not fit.
     OutsideMapError
-        For a window that extends beyond the map.
+        For a window in which the payload leaves the map.
     """
     carried = check_payload(payload, "stationary_points", pieces=True)
     source, amperes = resolve_currents(field, currents)
-    box = require_bounds(source)
     check_count("stationary_points", samples=samples)
-    low, high = _window(box, window, carried if moment.startswith("rigid") else None, height)
+    given = [corner[:2] for corner in require_bounds(source)] if window is None else window
+    corners = [check_point(np.append(corner, height), "stationary_points(window)") for corner in given]
+    balance = magnet_balance(source, amperes, carried, np.mean(corners, axis=0), moment, lever)
+    low, high = _window(balance.box, None if window is None else corners, height)
     middle = np.append(0.5 * (low + high), height)
-    balance = magnet_balance(source, amperes, carried, middle, moment, lever)
     turns = _boundary_index(balance, low, high, height)
     for attempt in range(_ROUNDS):
         count = samples * 2**attempt
@@ -195,18 +195,11 @@ def to_equilibrium(balance: MagnetBalance, start: Array, low: Array, high: Array
     return point if np.linalg.norm(step) < _WELL_ENOUGH else None
 
 
-def _window(
-    box: Bounds, window: tuple[ArrayLike, ArrayLike] | None, payload: Payload | None, height: float
-) -> tuple[Array, Array]:
-    if window is None:
-        # Forces are differenced a step beyond the magnet.
-        magnet = None if payload is None else payload.magnet
-        rim = 0.0 if magnet is None else 1.1 * (magnet.bounding_radius + RigidBalance.step)
-        lower, upper = (np.asarray(corner, dtype=float)[:2] for corner in box)
-        inset = rim + 1e-9 * float((upper - lower).max())
-        low, high = lower + inset, upper - inset
-    else:
-        low, high = (np.asarray(corner, dtype=float) for corner in window)
+def _window(box: Bounds, corners: list[Array] | None, height: float) -> tuple[Array, Array]:
+    """The corners (2,) that are asked for, or those of the whole box. Raises InputError and OutsideMapError."""
+    lower, upper = box if corners is None else corners
+    inset = 1e-9 * float((upper - lower)[:2].max()) if corners is None else 0.0
+    low, high = lower[:2] + inset, upper[:2] - inset
     for a, b in zip(low, high, strict=True):
         check_ordered("stationary_points(window)", float(a), float(b))
     for corner in (low, high):

@@ -24,7 +24,7 @@ from fieldmap.field import AnyField, Field, as_field, coil_currents, require_aff
 from fieldmap.lookup.actuation import Limits, checked_limits
 from fieldmap.lookup.demand import Demand, demand_of
 from fieldmap.lookup.inverse_problem import Goal, SolvedField, SumOfFields, Variables
-from fieldmap.lookup.inverse_search import Search, linear_currents
+from fieldmap.lookup.inverse_search import MOST_EVALUATIONS, Search, linear_currents
 from fieldmap.lookup.magnetic_body import MagneticBody, checked_turns
 from fieldmap.store import ReducedModel
 from fieldmap.typing import Array
@@ -238,9 +238,13 @@ def _starts(goal: Goal, model: ReducedModel | None, first: Array | None, scale: 
 
 
 def best_of(searches: list[Search]) -> Array:
-    """The end (n,) of least power. Raises the error of the search that left least of the demand, where all failed."""
-    found, refused = [], []
+    """The end (n,) of least power, of the searches that begin before the evaluations of a call are used up. Raises the
+    error of the search that left least of the demand, where all failed."""
+    found: list[Array] = []
+    refused: list[Infeasible | NotConverged] = []
     for search in searches:
+        if (found or refused) and search.goal.evaluations >= MOST_EVALUATIONS:
+            break
         try:
             found.append(search.run())
         except (Infeasible, NotConverged) as error:

@@ -142,7 +142,8 @@ class Variables:
 
 @dataclass(eq=False)
 class Goal:
-    """A demand at a place. turn (3, 3): columns are the axes of the demand's body, if it has one."""
+    """A demand at a place. turn (3, 3): columns are the axes of the demand's body, if it has one. evaluations: how
+    often the field was asked at new values."""
 
     demand: Demand
     field: FieldAtPoints
@@ -152,11 +153,13 @@ class Goal:
     def __post_init__(self) -> None:
         self._last: tuple[bytes, tuple[Array, Array]] | None = None
         self._fields: Array | None = None
+        self.evaluations = 0
 
     def about(self, values: Array) -> tuple[Array, Array]:
         """What values (n,) of the variables give, (r,), and its derivatives (r, n); the last are cached."""
         key = values.tobytes()
         if self._last is None or self._last[0] != key:
+            self.evaluations += 1
             fields, weights, slopes = self.field(self.variables.currents(values))
             if fields is not self._fields:
                 self._fields, self._rows = fields, self._rows_of(fields)

@@ -21,6 +21,8 @@ _ROUNDING_OF_MODELS = 1e-12
 _HALVINGS = 50
 _NO_SHARE = 1e-9
 _MOST_STEPS, _MOST_CHANGES = 100, 10
+MOST_EVALUATIONS = 1000
+"""Of the field at new values, in all searches of one call: the last one begun ends there."""
 _NO_PROGRESS = 1e-4  # a share of the step below which the search gives up
 
 
@@ -141,11 +143,13 @@ class Search:
         Infeasible
             Where no step brings the demand nearer.
         NotConverged
-            Where there is no end within a hundred steps.
+            Where there is no end within a hundred steps, or within the evaluations of the field that the call may take.
         """
         values, power = self.first, self.variables.power
         off = self._off(values)
         for _ in range(_MOST_STEPS):
+            if self.goal.evaluations >= MOST_EVALUATIONS:
+                break
             aim, left = self._aim(values, off)
             dearer = power(aim) - power(values)
             if off > self.met and self.price * (off - left) < 2.0 * dearer:
@@ -163,7 +167,7 @@ class Search:
         met = self._met(values)
         if met is not None:
             return met
-        must_hold = f"an end within {_MOST_STEPS} steps"
+        must_hold = f"an end within {_MOST_STEPS} steps and {MOST_EVALUATIONS} evaluations of the field"
         received = f"{self._off(values):.1e} of the demand left"
         raise NotConverged.of("currents_for", must_hold, received, self.remedy)
 

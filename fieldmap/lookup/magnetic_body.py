@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fieldmap.arguments import checked_vectors
+from fieldmap.arguments import check, check_signal, checked_vectors
 from fieldmap.core.body import CoreBody
 from fieldmap.errors import InputError
 from fieldmap.field import AnyField, as_field, coil_currents
@@ -42,6 +42,15 @@ class MagneticBody(Record):
     moments: Array
     error: float | None = None
     soft: tuple[SoftPiece, ...] = ()
+
+    def __post_init__(self) -> None:
+        """Raises InputError for points and moments that are not as many finite vectors."""
+        shapes = tuple(np.shape(given) for given in (self.points, self.moments))
+        fits = shapes[0] == shapes[1] and len(shapes[0]) == 2 and shapes[0][1] == 3
+        received, remedy = f"shapes {shapes[0]} and {shapes[1]}", "give a row for each dipole"
+        check(fits, "MagneticBody(points, moments)", "must both have the shape (q, 3)", received, remedy)
+        check_signal("MagneticBody(points)", self.points)
+        check_signal("MagneticBody(moments)", self.moments)
 
     @property
     def moment(self) -> float:

@@ -1,12 +1,13 @@
 """Pictures of simulated runs."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NotRequired, TypedDict
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
 from fieldmap.curves import percent
 from fieldmap.dynamics.loop_run import LevitationRun
@@ -21,6 +22,7 @@ _SMALL = 0.5
 _SETTLED = 0.05
 """Of a step: nearer than this share of it a reading has arrived."""
 DOTS_PER_INCH = 150
+_LINES = ("-", "--", ":", "-.")
 # Currents that differ by less than this share of the largest are one curve.
 _SAME = 1e-3
 _ABOVE: dict[str, Any] = {
@@ -35,7 +37,7 @@ _ABOVE: dict[str, Any] = {
 
 class DrawnRun(TypedDict):
     """One run: `time` (r,), s; `wanted`, `true` and `seen` (r, 3), readings in mm; `currents` (r, n), A; `coil_names`;
-    `measured`: a log over it; `event`: what ended it, or ""."""
+    `measured`: a log over it; `event`: what ended it, or ""; `varied`: the values of the varied keys, by key."""
 
     time: Array
     wanted: Array
@@ -45,11 +47,14 @@ class DrawnRun(TypedDict):
     coil_names: NotRequired[Sequence[str]]
     measured: NotRequired[LaidLog]
     event: str
+    varied: NotRequired[Mapping[str, object]]
 
 
-def drawn_run(experiment: Experiment, run: LevitationRun, event: str) -> DrawnRun:
+def drawn_run(
+    experiment: Experiment, run: LevitationRun, event: str, varied: Mapping[str, object] | None = None
+) -> DrawnRun:
     """What is drawn of a run of an experiment."""
-    about: Any = {"coil_names": experiment.device.coil_names, "event": event}
+    about: Any = {"coil_names": experiment.device.coil_names, "event": event, "varied": varied or {}}
     if not len(run.time):
         # A run that ended at once is drawn as one sample.
         names, nothing = ("wanted", "true", "seen"), np.zeros((1, 3))
@@ -73,7 +78,8 @@ def run_figure(title: str, runs: Sequence[DrawnRun]) -> Figure:
     title
         Of the figure.
     runs
-        One, or several, of which true positions are drawn only, one line each.
+        One, or several, of which true positions are drawn only, one line each; those with the same values of
+        varied keys in one colour, which a legend names.
 
     Returns
     -------
@@ -93,8 +99,38 @@ def run_figure(title: str, runs: Sequence[DrawnRun]) -> Figure:
         _draw_currents(lowest, runs)
         lowest.set(xlabel="time, s", ylabel="currents, A")
         lowest.legend(**_ABOVE)
+        _add_values(figure, runs)
         add_heading(places[0], run_message(runs), title)
     return figure
+
+
+def _values(run: DrawnRun) -> tuple[str, ...]:
+    """The values of the varied keys, in the order of the keys."""
+    return tuple(str(value) for value in run.get("varied", {}).values())
+
+
+def _look_of_values(number: int) -> dict[str, Any]:
+    """Colour, and where the colours are used up also the kind of line, of the runs of one combination of values."""
+    return {
+        "color": COLOURS[number % len(COLOURS)],
+        "linestyle": _LINES[number // len(COLOURS) % len(_LINES)],
+    }
+
+
+def _add_values(figure: Figure, runs: Sequence[DrawnRun]) -> None:
+    """A legend of the values of the varied keys below the figure, if there are several."""
+    varied = list(dict.fromkeys(_values(run) for run in runs))
+    if len(varied) > 1:
+        figure.legend(
+            [Line2D([], [], **_look_of_values(number)) for number in range(len(varied))],
+            [", ".join(values) for values in varied],
+            title=", ".join(runs[0].get("varied", {})),
+            loc="outside lower center",
+            fontsize=8,
+            title_fontsize=8,
+            ncols=6,
+            frameon=False,
+        )
 
 
 def run_message(runs: Sequence[DrawnRun]) -> str:
@@ -152,10 +188,13 @@ def _scale(runs: Sequence[DrawnRun], axis: int) -> tuple[float, str]:
 def _draw_readings(axis: Axes, runs: Sequence[DrawnRun], k: int, factor: float) -> None:
     """One coordinate: of one run what the sensor says, the truth and a log; of several the truth of each."""
     many = len(runs) > 1
-    look: dict[str, Any] = (
-        {"linewidth": 0.8, "alpha": 0.6} if many else {"linewidth": 1.2, "color": COLOURS[0]}
-    )
+    varied = list(dict.fromkeys(_values(run) for run in runs))
     for run in runs:
+        look: dict[str, Any] = (
+            {"linewidth": 0.8, "alpha": 0.6} if many else {"linewidth": 1.2, "color": COLOURS[0]}
+        )
+        if len(varied) > 1:
+            look |= _look_of_values(varied.index(_values(run)))
         if not many:
             axis.plot(run["time"], factor * run["seen"][:, k], color="0.75", linewidth=0.6, label="sensor")
         axis.plot(run["time"], factor * run["true"][:, k], label="true", **look)
@@ -167,8 +206,10 @@ def _draw_readings(axis: Axes, runs: Sequence[DrawnRun], k: int, factor: float) 
             axis.annotate(
                 run["event"], (run["time"][-1], factor * run["true"][-1, k]), fontsize=8, ha="right"
             )
-    wanted = factor * runs[0]["wanted"][:, k]
-    axis.plot(runs[0]["time"], wanted, color=INK, linewidth=0.9, linestyle="--", label="reference")
+    # Values that vary may be those of the start or of the reference.
+    for run in {run["wanted"].tobytes(): run for run in runs}.values():
+        wanted = factor * run["wanted"][:, k]
+        axis.plot(run["time"], wanted, color=INK, linewidth=0.9, linestyle="--", label="reference")
 
 
 def _draw_currents(axis: Axes, runs: Sequence[DrawnRun]) -> None:

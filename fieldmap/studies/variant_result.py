@@ -22,7 +22,7 @@ from fieldmap.iron.error import ErrorEstimate, estimate_error, workspace_surface
 from fieldmap.iron.summary import FILL, body_fluxes, copper_resistance
 from fieldmap.levitation import GRAVITY, Equilibrium, find_equilibrium, lift_current
 from fieldmap.levitation.balance import upright_force
-from fieldmap.levitation.equilibrium import grid_points
+from fieldmap.levitation.places import grid_points
 from fieldmap.lookup.payload import check_payload
 from fieldmap.studies.equilibrium_area import equilibrium_area
 from fieldmap.studies.study import CurrentSet, Record, StudyIron

@@ -14,6 +14,7 @@ from tests.device.made_in_code import attribute, made_in_code
 CASES = tomllib.loads((Path(__file__).parent / "mistakes.toml").read_text())["case"]
 KEY = re.compile(r"\b([a-z_]+?)_mm\b")
 PARTS = ("must_hold", "received", "remedy")
+pytestmark = pytest.mark.filterwarnings("ignore::fieldmap.errors.UnusualValueWarning")
 
 
 def twin(case, valid_text):

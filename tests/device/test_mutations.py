@@ -21,6 +21,7 @@ SEEDS = {"few": range(2, 120, 3), "many": range(int(os.environ.get("FIELDMAP_MUT
 """Every third, from one on that finds whole numbers which are too large for a float (65), and all, for `make slow`."""
 seeded = pytest.mark.parametrize("seeds", SEEDS.values(), ids=SEEDS)
 LONGEST_S = 5.0
+pytestmark = pytest.mark.filterwarnings("ignore::fieldmap.errors.UnusualValueWarning")
 VALUES = ["-1.5", '"text"', "true", "nan", "[[1, 2], [3]]", "{a = 1}", '[{name = "x"}, 1]', "1979-05-27"]
 NUMBERS = [float("nan"), float("inf"), 1e308, -1e308, 5e-324, 0, -1, -0.0, 10**400, 2**70]
 OTHERS = [

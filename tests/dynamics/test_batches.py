@@ -13,6 +13,7 @@ from fieldmap.dynamics.scenario.batches import MOST_KEPT, Simulation
 from fieldmap.errors import InputError
 from fieldmap.lookup import open_map
 from fieldmap.store import read_runs
+from tests.refusals import refused
 
 TEXT = (Path(__file__).parents[1] / "scenarios" / "step.toml").read_text()
 SCENARIO = (
@@ -36,7 +37,7 @@ def slope_of_six(z):
 
 
 def test_one_batch_for_each_value_as_if_run_alone(scenario):
-    found = simulate_batches(scenario, vary=("start.depth_mm", [10.0, 12.0]), changes={"control.z.Kc": 0.4})
+    found = simulate_batches(scenario, vary={"start.depth_mm": [10.0, 12.0]}, changes={"control.z.Kc": 0.4})
     assert [batch.label for batch in found.batches] == ["start.depth_mm = 10.0", "start.depth_mm = 12.0"]
     for batch, depth in zip(found.batches, (10.0, 12.0), strict=True):
         (one,) = batch.runs
@@ -49,6 +50,23 @@ def test_one_batch_for_each_value_as_if_run_alone(scenario):
         np.testing.assert_allclose(batch.experiment.operating_point.currents, needed, rtol=1e-3)
         assert batch.seconds >= 0
     assert not found.all_ended_early
+
+
+def test_a_grid_of_two_varied_keys_as_if_each_were_run_alone(scenario):
+    vary = {"control.z.Kc": [0.4, 0.6], "start.depth_mm": [10.0, 12.0]}
+    found = simulate_batches(scenario, vary=vary, changes={"duration_s": 0.02})
+    assert [tuple(batch.varied.values()) for batch in found.batches] == [
+        (0.4, 10.0),
+        (0.4, 12.0),
+        (0.6, 10.0),
+        (0.6, 12.0),
+    ]
+    assert found.batches[1].label == "control.z.Kc = 0.4, start.depth_mm = 12.0"
+    for batch in found.batches:
+        alone = simulate(scenario, {"duration_s": 0.02, **batch.varied}, seed=3)
+        assert batch.runs[0].metrics == alone.metrics
+    with refused(InputError, where="vary"):
+        simulate_batches(scenario, vary={"control.z.Kc": []})
 
 
 def test_runs_have_noise_of_their_own_that_the_seed_decides(scenario):
@@ -77,14 +95,14 @@ def test_a_field_is_opened_once_for_all_batches(scenario, six_coils):
         opened.append(open_map(six_coils))
         return opened[-1]
 
-    found = simulate_batches(scenario, field=field, vary=("control.z.Kc", [0.4, 0.5, 0.6]))
+    found = simulate_batches(scenario, field=field, vary={"control.z.Kc": [0.4, 0.5, 0.6]})
     assert (len(opened), len(found.batches)) == (1, 3)
     assert found.batches[1].runs[0].metrics == simulate(scenario, seed=3).metrics
 
 
 def test_progress_goes_from_batch_to_batch(scenario):
     told = []
-    vary = ("control.z.Kc", [0.4, 0.6])
+    vary = {"control.z.Kc": [0.4, 0.6]}
     simulate_batches(scenario, vary=vary, runs=2, threads=1, progress=lambda *given: told.append(given))
     fractions = [fraction for _, fraction in told]
     assert fractions == sorted(fractions)
@@ -109,7 +127,7 @@ def test_all_ended_early_only_if_none_came_to_its_end(events, early):
 
 
 def test_files_hold_the_signals_of_every_run(scenario, tmp_path):
-    vary = ("control.z.Kc", [0.4, 0.6])
+    vary = {"control.z.Kc": [0.4, 0.6]}
     found = simulate_batches(scenario, vary=vary, runs=2, keep_signals=True)
     records, about = read_runs(write_simulation(tmp_path / "runs.h5", found))
     kept = [one.run for batch in found.batches for one in batch.runs]
@@ -127,12 +145,13 @@ def test_files_hold_the_signals_of_every_run(scenario, tmp_path):
 
 
 def test_as_plain_python(scenario):
-    found = simulate_batches(scenario, vary=("control.z.Kc", [0.4]), runs=2)
+    found = simulate_batches(scenario, vary={"control.z.Kc": [0.4]}, runs=2)
     plain = found.to_dict()
     assert plain["scenario"] == "six.toml"
     assert f'title = "{plain["title"]}"' in TEXT
     (batch,) = plain["batches"]
     assert batch["value"] == "control.z.Kc = 0.4"
+    assert batch["varied"] == {"control.z.Kc": 0.4}
     assert [run["end_s"] for run in batch["runs"]] == [one.metrics.end_s for one in found.batches[0].runs]
     assert batch["rest"]["currents"] == found.first.operating_point.currents.tolist()
     assert plain["assumptions"] == list(found.first.machine.assumptions)

@@ -1,11 +1,14 @@
 """Every controller as a linear block, sample by sample against the controllers that the control room runs."""
 
+import inspect
+
 import numpy as np
 import pytest
 
 from fieldmap.control import PID, Regulator, RunningPID, RunningRegulator, kalmd
 from fieldmap.core.controller import CoreController
 from fieldmap.dynamics import AxisReading, constant_block, pid_block, regulator_block, stacked, state_block
+from fieldmap.dynamics.scenario.controllers import AxisRegulator, Pid
 from fieldmap.errors import InputError
 
 DEPTH = AxisReading("z", -1e3, -77.0)
@@ -35,6 +38,23 @@ def test_a_pid_block_is_the_pid(integration, anti_windup, derivative, minus):
     found = outputs_of(pid_block(pid, DEPTH), signals)[:, 0]
     np.testing.assert_allclose(found, wanted, atol=1e-9)
     assert np.sum(np.isin(found, [-1.0, 1.5])) > 10
+
+
+def test_a_scenario_and_python_integrate_by_the_same_rule():
+    """Errors of 1 and 0.5, by hand: 2 (1) + 0.2 (0.5) = 2.1, then 2 (0.5) + 0.2 (0.5 + 0.75) = 1.25."""
+    signals = np.zeros((2, 7))
+    signals[:, 0], signals[:, 6] = (1.0, 0.5), 1.0
+    x, at = AxisReading("x"), np.zeros(7)
+    of_scenario = Pid(Kc=2.0, Ti=0.1).block(x, 0.01, 0.0, at)
+    of_python = pid_block(PID(Kc=2.0, Ti=0.1, Td=0.0, Ts=0.01), x, at=at)
+    for block in (of_scenario, of_python):
+        np.testing.assert_allclose(outputs_of(block, signals)[:, 0], [2.1, 1.25])
+    rest = {"equilibrium_at", "estimate", "divisor", "anti_windup", "derivative"}
+    for file, python in ((Pid, PID), (AxisRegulator, Regulator)):
+        of_file, ours = (inspect.signature(kind).parameters for kind in (file, python))
+        shared = rest & set(of_file)
+        assert len(shared) > 1
+        assert [of_file[name].default for name in shared] == [ours[name].default for name in shared]
 
 
 def test_a_pid_block_at_rest_stays_at_its_output():

@@ -15,6 +15,7 @@ from fieldmap.interop import MagnetForces
 from fieldmap.lookup import FiniteMagnet, magnetic_body, volume_rule
 from fieldmap.store import write_map
 from tests.docs.pages import blocks
+from tests.refusals import refused
 
 mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed (pip install fieldmap[mujoco])")
 
@@ -126,6 +127,39 @@ def test_a_body_that_does_not_exist(ring):
     with pytest.raises(InputError) as caught:
         MagnetForces(scene()[0], ring.map, {"flote": [0, 0, 1]}, np.ones(6))
     assert caught.value.problems[0].received == "flote"
+
+
+BROAD = np.broadcast_to(1.0, (10**12, 3))
+"""An array without memory of its own, for a copy of which no machine has enough."""
+
+
+@pytest.mark.parametrize("compiled", [True, False])
+@pytest.mark.parametrize(
+    ("wrong", "where"),
+    [
+        *(
+            ({"magnets": {"float": moment}}, "MagnetForces(magnets['float'])")
+            for moment in ([], [0, 0.8], [[0, 0, 0.8]], [0, 0, np.nan], "up", None, [[1], [1, 2]], BROAD)
+        ),
+        *(({"magnets": magnets}, "MagnetForces(magnets)") for magnets in ({}, None, {0: [0, 0, 1]})),
+        *(({"currents": amperes}, "currents") for amperes in ([], [1, 2], [np.nan] * 6, BROAD[:, 0], "x")),
+        *(({"offset": offset}, "MagnetForces(offset)") for offset in (0.0, [0, 0], [0, 0, np.inf], BROAD)),
+        ({"model": None}, "MagnetForces(model)"),
+        ({"field": None}, "MagnetForces(field)"),
+    ],
+)
+def test_what_is_no_model_moment_current_or_offset_is_refused(ring, wrong, where, compiled):
+    given = {"model": scene()[0], "field": ring.map, "magnets": {"float": [0, 0, 1]}, "currents": 1.0}
+    with refused(InputError, where=where):
+        MagnetForces(**(given | wrong), compiled=compiled)
+
+
+def test_currents_that_are_assigned_are_checked_like_the_first(ring):
+    magnets = MagnetForces(scene()[0], ring.map, {"float": [0, 0, 1]}, np.ones(6))
+    for wrong in ([], [1, 2], [np.nan] * 6, np.ones((3, 6)), "x"):
+        with refused(InputError, where="currents"):
+            magnets.currents = wrong
+    np.testing.assert_array_equal(magnets.currents, np.ones(6))
 
 
 SEVERAL = """

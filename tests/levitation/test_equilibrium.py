@@ -10,8 +10,8 @@ from fieldmap.device.model import Payload
 from fieldmap.errors import InputError, NoEquilibrium, OutsideMapError
 from fieldmap.field import as_field
 from fieldmap.levitation import find_equilibrium
-from fieldmap.levitation.balance import check_position
 from fieldmap.levitation.equilibrium import _ranked
+from fieldmap.levitation.places import check_position
 from tests.levitation.conftest import slope_on_axis
 from tests.refusals import refused
 

@@ -4,9 +4,10 @@ import re
 
 import numpy as np
 import pytest
+from scipy.constants import mu_0
 
 import fieldmap as fm
-from fieldmap.errors import Infeasible, InputError, NoEquilibrium
+from fieldmap.errors import Infeasible, InputError, NoEquilibrium, OutsideMapError
 from fieldmap.field import as_field
 from fieldmap.levitation import (
     GRAVITY,
@@ -15,7 +16,7 @@ from fieldmap.levitation import (
     lift_current,
     stationary_points,
 )
-from fieldmap.levitation.equilibrium import search_grid
+from fieldmap.levitation.places import search_grid
 from fieldmap.lookup import magnetic_body
 from fieldmap.sources import CoilSet
 from tests.refusals import refused
@@ -84,6 +85,61 @@ def test_refusals(field):
     with pytest.raises(Infeasible) as caught:
         lift_current(above, BEAD, [0.0, 0.0, 0.04])
     assert caught.value.problems[0].remedy
+
+
+SPHERE = fm.MagnetSphere(8e-3, 1.3)
+SPHERE_MOMENT = 1.3 / mu_0 * np.pi / 6 * 8e-3**3
+
+
+def off_centre(offset, mass=5e-3):
+    return fm.Payload(mass, pieces=[fm.PayloadPiece(SPHERE, fm.Placement(tuple(offset)))])
+
+
+# Of the last two the centre itself lies outside the map, whose box is 32 mm wide and 40 mm high.
+@pytest.mark.parametrize(
+    "offset", [(0.004, -0.002, 0.003), (0.012, 0, 0), (0, 0, 0.03), (0, 0, -0.03), (0.05, 0, 0)]
+)
+def test_a_magnet_off_centre_floats_where_a_dipole_floats(offset):
+    """On a map, beyond whose box the magnet must not be asked for."""
+    m, alone = fm.open_map("sample"), fm.Payload(5e-3, magnet=SPHERE)
+    at = find_equilibrium(m, 12.0, alone)
+    found = find_equilibrium(m, 12.0, off_centre(offset))
+    np.testing.assert_allclose(found.position, at.position - offset, atol=1e-8)
+    np.testing.assert_allclose(found.stiffness, at.stiffness, rtol=1e-6, atol=1e-6)
+    np.testing.assert_allclose(found.field, at.field, rtol=1e-6, atol=1e-9)
+    again = find_equilibrium(m, 12.0, off_centre(offset), start=at.position - offset)
+    np.testing.assert_allclose(again.position, found.position, atol=1e-8)
+    place = np.array([0.0, 0.0, -0.1])
+    lifted = lift_current(m, off_centre(offset), place - offset)
+    assert lifted.current == pytest.approx(lift_current(m, alone, place).current, rel=1e-6)
+    points = stationary_points(m, 12.0, off_centre(offset), -0.1 - offset[2], samples=4).points
+    (dipole,) = stationary_points(m, 12.0, alone, -0.1, samples=4).points
+    np.testing.assert_allclose([p.position for p in points], [dipole.position - offset], atol=1e-8)
+
+
+@pytest.mark.parametrize("current", [1.0, -1.0])
+def test_pieces_off_centre_where_a_polynomial_balances(axisymmetric, current):
+    """B_z = 2 c2 z + 3 c3 z^2 on the axis carries the weight at z = (m g / (D |i|) - 2 c2) / (6 c3). Without lift the
+    whole is turned over about x, and its arms with it."""
+    c2, c3, weight, offset = 0.1, 1.0, off_centre([0, 0, 0]).mass * GRAVITY, np.array([0.013, 0.005, 0.13])
+    z = (weight / SPHERE_MOMENT - 2 * c2) / (6 * c3)
+    found = find_equilibrium(axisymmetric((0.0, c2, c3)), current, off_centre(offset))
+    turned = offset * ([1, 1, 1] if current > 0 else [1, -1, -1])
+    np.testing.assert_allclose(found.position, [0, 0, z] - turned, atol=1e-9)
+
+
+def test_pieces_that_do_not_fit_into_the_map():
+    m = fm.open_map("sample")
+    pair = [fm.PayloadPiece(SPHERE, fm.Placement((x, 0, 0))) for x in (-0.017, 0.017)]
+    with refused(InputError, where="payload.pieces"):
+        find_equilibrium(m, 12.0, fm.Payload(1e-2, pieces=pair))
+    start = [0.0, 0.0, -0.1]
+    with refused(OutsideMapError, where="find_equilibrium(start)"):
+        find_equilibrium(m, 12.0, off_centre([0.02, 0, 0]), start=start)
+    with refused(OutsideMapError, where="lift_current(position)"):
+        lift_current(m, off_centre([0.02, 0, 0]), start)
+    with refused(OutsideMapError, where="stationary_points(window)"):
+        stationary_points(m, 12.0, off_centre([0.02, 0, 0]), -0.1, window=([-0.01, -0.01], [0.01, 0.01]))
 
 
 def test_the_currents_that_are_missing_for_a_bead(field):

@@ -145,7 +145,7 @@ def goal(wanted, limit, about):
     coils = len(limit)
     demand = SimpleNamespace(names=("B",), values=np.array([wanted]), text=str)
     variables = Variables(tuple("ab")[:coils], -np.array(limit), np.array(limit), np.ones(coils))
-    return SimpleNamespace(demand=demand, variables=variables, about=about)
+    return SimpleNamespace(demand=demand, variables=variables, about=about, evaluations=0)
 
 
 def test_power_that_a_demand_costs_does_not_stand_in_its_way():
@@ -194,15 +194,17 @@ def test_what_a_search_can_have_at_most_counts_what_no_current_drives():
 
 
 def test_of_several_searches_the_one_of_least_power_counts():
+    fresh = SimpleNamespace(evaluations=0)
+
     def ended(*currents):
         variables = Variables(tuple("ab"), -np.ones(2), np.ones(2), np.array([1.0, 2.0]))
-        return SimpleNamespace(run=lambda: np.array(currents), variables=variables)
+        return SimpleNamespace(run=lambda: np.array(currents), variables=variables, goal=fresh)
 
     def failed(reachable):
         def run():
             raise Infeasible(Problem("currents_for", "", "", ""), reachable=np.array([reachable]))
 
-        return SimpleNamespace(run=run, left_by=lambda error: 1.0 - error.reachable[0])
+        return SimpleNamespace(run=run, left_by=lambda error: 1.0 - error.reachable[0], goal=fresh)
 
     found = best_of([ended(1.0, 1.0), ended(1.0, -0.5), failed(0.9), ended(-1.0, 1.0)])
     np.testing.assert_array_equal(found, [1.0, -0.5])

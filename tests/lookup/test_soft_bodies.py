@@ -15,7 +15,7 @@ from fieldmap.device.payload import (
     SoftEllipsoid,
     SoftSphere,
 )
-from fieldmap.errors import Infeasible, InputError
+from fieldmap.errors import Infeasible, InputError, NotConverged
 from fieldmap.field import CompletedField, Field
 from fieldmap.kernels.coils.loop import loop_flux_density_and_gradient
 from fieldmap.lookup import (
@@ -27,6 +27,7 @@ from fieldmap.lookup import (
     volume_rule,
     wrench_actuation,
 )
+from fieldmap.lookup.inverse_problem import Goal
 from fieldmap.store import Grid, MapData
 from tests.lookup.conftest import Loops
 
@@ -320,6 +321,35 @@ def test_least_power_of_one_axis_is_the_strongest_eigenvector(opened):
     largest = np.linalg.eigvalsh(0.5 * (matrix + matrix.T))[-1]
     currents = opened.currents_for(at, force=[np.nan, np.nan, WEIGHT], moment=bead)
     assert currents @ currents == pytest.approx(WEIGHT / largest, rel=1e-5)
+
+
+# One that is met and one that is not; each took 4000 evaluations of the field and more without a bound.
+@pytest.mark.parametrize(
+    ("at", "force", "limits", "met"),
+    [
+        ([-11.29e-3, 4.82e-3, -9.41e-3], [0.01623, 0.01419, 0.01818], (0, 2.0), True),
+        ([4.47e-3, -7.95e-3, 8.01e-3], [0.03143, -0.05984, -0.03585], (0, 2.0), False),
+    ],
+)
+def test_the_work_of_a_search_has_a_bound(opened, monkeypatch, at, force, limits, met):
+    seen, about, asked = set(), Goal.about, 0
+
+    def counting(goal, values):
+        nonlocal asked
+        asked += values.tobytes() not in seen
+        seen.clear()
+        seen.add(values.tobytes())
+        return about(goal, values)
+
+    monkeypatch.setattr(Goal, "about", counting)
+    bead, wanted = magnetic_body(BEAD), WEIGHT * np.array(force)
+    if met:
+        found = opened.currents_for(at, wanted, bead, limits)
+        np.testing.assert_allclose(opened.wrench(at, bead, found)[:3], wanted, atol=1e-6 * WEIGHT)
+    else:
+        with pytest.raises((Infeasible, NotConverged)):
+            opened.currents_for(at, wanted, bead, limits)
+    assert 900 < asked < 1100
 
 
 def test_currents_for_more_than_limits_allow(opened):

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from fieldmap.errors import InputError
-from fieldmap.lookup import interpolate
+from fieldmap.lookup import MagneticBody, interpolate
+from tests.refusals import refused
 
 MU0 = 4e-7 * np.pi
 MOMENT = np.array([0.3, 0.5, 1.0])
@@ -70,3 +71,18 @@ def test_one_moment_for_all_or_one_each(coarse, dipoles):
     with pytest.raises(InputError, match=r"3 .* 4 ") as caught:
         coarse.wrench(points, np.ones((3, 3)), [1, 1, 1])
     assert caught.value.problems[0].where == "moments"
+
+
+@pytest.mark.parametrize(
+    ("points", "moments", "where"),
+    [
+        (np.zeros((2, 3)), np.ones((1, 3)), "MagneticBody(points, moments)"),
+        (np.zeros(3), np.ones(3), "MagneticBody(points, moments)"),
+        (np.zeros((1, 2)), np.ones((1, 2)), "MagneticBody(points, moments)"),
+        (np.full((1, 3), np.inf), np.ones((1, 3)), "MagneticBody(points)"),
+        (np.zeros((1, 3)), np.full((1, 3), np.nan), "MagneticBody(moments)"),
+    ],
+)
+def test_dipoles_of_other_shapes_are_no_body(points, moments, where):
+    with refused(InputError, where=where):
+        MagneticBody(points, moments)

@@ -35,6 +35,25 @@ def test_coils_that_part_in_one_of_several_runs_have_their_own_curves():
     assert len(drawn(run_figure("Runs", [run_with(wave), run_with(wave)]))) == 2
 
 
+def test_runs_of_one_combination_of_values_share_a_colour_that_a_legend_names():
+    grid = [{"Kc": kc, "Td": td} for kc in (0.2, 0.3, 0.4) for td in (1, 2, 3)]
+    still = np.zeros((11, 4))
+    figure = run_figure("A grid", [run_with(still, varied=varied) for varied in [*grid, grid[1]]])
+    (legend,) = figure.legends
+    assert legend.get_title().get_text() == "Kc, Td"
+    names = [text.get_text() for text in legend.get_texts()]
+    assert names == [f"{kc}, {td}" for kc in (0.2, 0.3, 0.4) for td in (1, 2, 3)]
+    of_legend = [(line.get_color(), line.get_linestyle()) for line in legend.get_lines()]
+    assert len(set(of_legend)) == 9
+    *curves, _reference = figure.axes[2].get_lines()
+    assert [(line.get_color(), line.get_linestyle()) for line in curves] == [*of_legend, of_legend[1]]
+    other = run_with(still, varied=grid[1], wanted=np.ones((11, 3)))
+    lines = run_figure("Two", [run_with(still, varied=grid[0]), other]).axes[2].get_lines()
+    assert [line.get_ydata()[0] for line in lines if line.get_label() == "reference"] == [0.0, 1.0]
+    alike = [run_with(still, varied=grid[0]), run_with(still, varied=grid[0])]
+    assert not run_figure("One value", alike).legends
+
+
 def test_the_unit_of_an_axis_follows_the_larger_of_what_is_wanted_and_what_comes():
     """Millimetres but where both are small: an axis that should stay and leaves by 2 mm, one that does not."""
     true = np.zeros((11, 3))

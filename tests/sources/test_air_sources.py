@@ -17,7 +17,7 @@ from fieldmap.device.background import Background
 from fieldmap.device.coils.magpylib import MagpylibCoil
 from fieldmap.device.placement import Placement
 from fieldmap.errors import InputError
-from fieldmap.sources import unit_flux_density, unit_flux_density_and_gradient
+from fieldmap.sources import CoilSet, unit_flux_density, unit_flux_density_and_gradient
 from fieldmap.sources.winding_rules import current_elements, current_elements_of, flux_elements
 
 J = np.array([0.2, -0.3, 1.0])
@@ -198,8 +198,8 @@ def test_a_coil_scales_its_currents_and_the_force_on_it_is_magpylibs(thing):
     """Against getFT of magpylib with a dipole as the source, and turns, polarity and the coil's own place."""
     place = Placement(np.array([0.01, 0.02, -0.01]), Rotation.from_rotvec([0.0, 0.5, 0.1]).as_matrix())
     coil = MagpylibCoil.from_magpylib("c", placed(thing), turns=3.0, polarity=-1, placement=place)
-    assert coil.nominal_current == getattr(thing, "current", None)
-    nominal = coil.nominal_current or 1.0
+    nominal = getattr(thing, "current", None) or 1.0
+    assert coil.nominal_current in (None, -nominal / 3)
     moved = placed(thing).rotate(Rotation.from_matrix(place.rotation), anchor=0).move(place.position)
     points = np.array([[0.05, 0.01, -0.02], [0.0, -0.05, 0.01]])
     assert -3 * moved.getB(points) / nominal == pytest.approx(unit_flux_density(coil, points), rel=1e-10)
@@ -252,3 +252,16 @@ def test_a_field_that_is_not_known_everywhere_is_told():
     with pytest.raises(InputError) as caught:
         unit_flux_density(MagpylibCoil.from_magpylib("own", nowhere), np.zeros((2, 3)))
     assert caught.value.problems[0].where == "magpylib CustomSource"
+
+
+@pytest.mark.parametrize("options", [{}, {"turns": 100.0}, {"turns": 50.0, "polarity": -1}])
+def test_strands_at_the_nominal_current_have_the_field_of_the_model(options):
+    """Two strands of 2 A and 3 A: ampere-turns, where the coil is given turns."""
+    strands = [current.Circle(current=2.0, diameter=0.04), current.Circle(current=3.0, diameter=0.05)]
+    coil = MagpylibCoil.from_magpylib("strands", strands, **options)
+    at = np.array([[0.003, 0.002, 0.02]])
+    found = CoilSet((coil,)).field(at, [coil.nominal_current])
+    np.testing.assert_allclose(found[0], sum(strand.getB(at[0]) for strand in strands), rtol=1e-12)
+    assert (
+        MagpylibCoil.from_magpylib("strands", strands, nominal_current=7.0, turns=9.0).nominal_current == 7.0
+    )

@@ -191,6 +191,7 @@ def test_solved_within_the_stated_error(device):
         assert error < 3 * solved.report.error.flux_density < 0.15
 
 
+@pytest.mark.filterwarnings("ignore::fieldmap.errors.UnusualValueWarning")
 def test_a_soft_sphere_in_the_field_of_a_loop_far_away():
     """Closed form: a dipole of (mu_r - 1)/(mu_r + 2) of the field, with one line for the user of magpylib."""
     loop = current.Circle(current=1000.0, diameter=2.0)

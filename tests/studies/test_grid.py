@@ -79,6 +79,7 @@ def test_csv_and_netcdf_agree(run):
             assert (float(row["current loop (A)"]), row["problem"]) == (1.0, "")
 
 
+@pytest.mark.filterwarnings("ignore::fieldmap.errors.UnusualValueWarning")
 def test_saturating_iron_is_that_of_a_direct_solve(devices, tmp_path, sphere_below_loop):
     text = """
     format = 1

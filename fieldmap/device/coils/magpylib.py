@@ -1,6 +1,6 @@
 """Coils of the currents that magpylib has: loops, polylines, sheets and strips, and any other magpylib source."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
@@ -63,8 +63,11 @@ class MagpylibCoil(Coil):
     def from_magpylib(cls, name: str, model: Any, **options: Any) -> Self:
         """A coil of magpylib sources that are driven together.
 
-        Currents count with their share of the first current that is not zero, which becomes the nominal
-        current. Of a magnet or any other source the field that it has is that of 1 A.
+        Currents count with their share of the first current that is not zero, whatever connects them: strands in
+        series have shares of 1, the second of two strands that carry 2 A and 3 A has 1.5. The nominal current is
+        the one at which the coil has the field of the model: that first current over turns and polarity, so that
+        ampere-turns of the model become the current of a winding. Of a magnet or any other source the field that it
+        has is that of 1 A.
 
         Parameters
         ----------
@@ -88,8 +91,10 @@ class MagpylibCoil(Coil):
         sources = sources_of(model)
         first = next((source.current for source in sources if source.current), None)
         shares = tuple(per_ampere(source, first) for source in sources)
-        options.setdefault("nominal_current", first)
-        return cls(name, shares, **options)
+        coil = cls(name, shares, **options)
+        if first is None or "nominal_current" in options:
+            return coil
+        return replace(coil, nominal_current=first / (coil.turns * coil.polarity))
 
     @property
     def filaments(self) -> tuple[AirSource, ...]:

@@ -3,10 +3,15 @@
 from dataclasses import dataclass
 from typing import Annotated, ClassVar
 
-from fieldmap.device.materials.base import Material, Role
+from pydantic import Field
+
+from fieldmap.device.materials.base import LARGEST_POLARISATION_T, Material, Role
 from fieldmap.inputs.declared import Key
-from fieldmap.inputs.tables import Positive, Vector
+from fieldmap.inputs.tables import Positive
 from fieldmap.typing import Array
+
+_Component = Annotated[float, Field(ge=-LARGEST_POLARISATION_T, le=LARGEST_POLARISATION_T)]
+_Remanence = Annotated[list[_Component], Field(min_length=3, max_length=3)]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -20,7 +25,7 @@ class PermanentMagnet(Material):
     role: ClassVar[Role] = "magnet"
 
     name: str
-    remanence: Annotated[Array, Key(Vector, "[x, y, z] remanence in the device's frame", "T")]
+    remanence: Annotated[Array, Key(_Remanence, "[x, y, z] remanence in the device's frame", "T")]
     mu_r: Annotated[float, Key(Positive, "recoil permeability, 1.05 is usual for NdFeB")]
 
     @property

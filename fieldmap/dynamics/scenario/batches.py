@@ -1,10 +1,11 @@
-"""Runs of a scenario in batches, one batch for each value of a varied key: the runs, the files that hold them, and a
-batch in words."""
+"""Runs of a scenario in batches, one for each combination of values of the varied keys: the runs, the files that hold
+them, and a batch in words."""
 
 import os
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -39,27 +40,34 @@ class BatchRun(Record):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Batch(Record):
-    """Runs with one value of the varied key.
+    """Runs with one value of each varied key.
 
     Attributes
     ----------
-    label : "KEY = VALUE", or "" if no key varies.
+    varied : these values by key; empty if no key varies.
     experiment : what was run.
     runs : metrics of each run, and its signals if they are kept.
     seconds : processor time of the runs alone.
     """
 
-    label: str
+    varied: Mapping[str, object]
     experiment: Experiment
     runs: tuple[BatchRun, ...]
     seconds: float
+
+    @property
+    def label(self) -> str:
+        """The values in words: "KEY = VALUE, KEY = VALUE"."""
+        return _label(self.varied)
 
     def to_dict(self) -> dict[str, Plain]:
         """The batch as plain Python, in SI units except for names that end in _mm and _deg."""
         names = ("sensed", "currents", "outputs", "residual")
         rest = {name: getattr(self.experiment.operating_point, name) for name in names}
         runs = [one.metrics for one in self.runs]
-        return plain_items(value=self.label, rest=rest, seconds=self.seconds, runs=runs)
+        return plain_items(
+            value=self.label, varied=dict(self.varied), rest=rest, seconds=self.seconds, runs=runs
+        )
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -92,7 +100,7 @@ def simulate_batches(
     scenario: PathLike,
     field: Callable[[], Field] | None = None,
     changes: Mapping[str, object] | None = None,
-    vary: tuple[str, Sequence[object]] | None = None,
+    vary: Mapping[str, Sequence[object]] | None = None,
     runs: int = 1,
     seed: int | None = None,
     threads: int = 0,
@@ -101,7 +109,7 @@ def simulate_batches(
     device: Device | None = None,
     controller: Controller | FunctionController | None = None,
 ) -> Simulation:
-    """Run a scenario `runs` times, each with its own noise, for each value of a varied key.
+    """Run a scenario `runs` times, each with its own noise, for each combination of values of the varied keys.
 
     Parameters
     ----------
@@ -113,9 +121,9 @@ def simulate_batches(
     changes
         Values by dotted key that replace those of the file.
     vary
-        A key and its values.
+        Values by dotted key; the last key changes fastest.
     runs
-        Number of runs for each value.
+        Number of runs for each combination.
     seed
         Replaces the seed of the scenario.
     threads
@@ -137,20 +145,19 @@ def simulate_batches(
     Raises
     ------
     InputError
-        As in `read_scenario` and `prepare`.
+        As in `read_scenario` and `prepare`; all scenarios are read before the first one runs.
     """
     check(runs >= 1, "runs", "must be 1 or more", runs, "give a whole number")
-    fixed, opened = dict(changes or {}), None
-    key, values = ("", [None]) if vary is None else (vary[0], list(vary[1]))
-    batches = []
-    for number, value in enumerate(values):
-        read = read_scenario(scenario, fixed if value is None else {**fixed, key: value})
-        if field is not None and opened is None:
-            opened = field()
-        label = "" if value is None else f"{key} = {value}"
+    fixed, keys = dict(changes or {}), dict(vary or {})
+    combinations = [dict(zip(keys, values, strict=True)) for values in product(*keys.values())]
+    check(bool(combinations), "vary", "must have a value for every key", list(keys), "leave out empty keys")
+    scenarios = [read_scenario(scenario, fixed | varied) for varied in combinations]
+    opened = None if field is None else field()
+    batches: list[Batch] = []
+    for varied, read in zip(combinations, scenarios, strict=True):
 
-        def part(message: str, fraction: float, number: int = number, label: str = label) -> None:
-            progress(f"{label} {message}".strip(), (number + fraction) / len(values))
+        def part(message: str, fraction: float, label: str = _label(varied)) -> None:
+            progress(f"{label} {message}".strip(), (len(batches) + fraction) / len(scenarios))
 
         def judged(run: LevitationRun, read: Scenario = read) -> BatchRun:
             return BatchRun(run_metrics(read, run), run if keep_signals and runs <= MOST_KEPT else None)
@@ -167,8 +174,12 @@ def simulate_batches(
             found = simulate_many(
                 runs, experiment.run, seed=chosen, threads=workers, keep=judged, progress=part
             )
-        batches.append(Batch(label, experiment, tuple(found), time.process_time() - begin))
+        batches.append(Batch(varied, experiment, tuple(found), time.process_time() - begin))
     return Simulation(tuple(batches))
+
+
+def _label(varied: Mapping[str, object]) -> str:
+    return ", ".join(f"{key} = {value}" for key, value in varied.items())
 
 
 def write_simulation(path: PathLike, simulation: Simulation) -> Path:
@@ -198,7 +209,7 @@ def batch_words(batch: Batch) -> Iterator[tuple[str, str]]:
     Parameters
     ----------
     batch : Batch
-        Runs with one value of the varied key.
+        Runs with one value of each varied key.
 
     Yields
     ------

@@ -15,6 +15,7 @@ import numpy as np
 from pydantic import Field, ValidationInfo
 
 from fieldmap import control
+from fieldmap.control.pid import USUAL_INTEGRATION
 from fieldmap.dynamics import coupled
 from fieldmap.dynamics.allocation import ParametrisedAllocation
 from fieldmap.dynamics.closed_loop import Schedule
@@ -91,7 +92,7 @@ class Pid(AxisController):
     lower: Lower = None
     upper: Upper = None
     integration: Annotated[Literal["rectangular", "trapezoidal"], Key(..., "rule of the integral")] = (
-        "trapezoidal"
+        USUAL_INTEGRATION
     )
     anti_windup: Annotated[
         Literal["none", "hold", "track"], Key(..., "behaviour of the integral at a limit")

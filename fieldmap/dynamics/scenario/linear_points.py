@@ -36,7 +36,7 @@ class LinearPoint(Record):
     controllability : of the modes, and their observability.
     coupling : of the axes.
     loop : the closed loop.
-    margins : of the loop; none if it is unstable.
+    margins : at the outputs in whose loop no unstable mode takes part.
     """
 
     depth_mm: float
@@ -101,7 +101,7 @@ def _point(
         linearisation.controllability(linear, above=-np.inf if experiment.machine.body.upright else 1e-3),
         linearisation.coupling(linear),
         loop,
-        tuple(margins(loop, linear.inputs, sensors)) if loop.stable else (),
+        tuple(margins(loop, linear.inputs, sensors)),
     )
 
 

@@ -48,6 +48,7 @@ from fieldmap.records import Record
 from fieldmap.sources import unit_flux_density_and_gradient
 from fieldmap.sources.inductance import bare_inductance
 from fieldmap.typing import Array, Index, PathLike
+from fieldmap.usual_values import warn_if_unusual
 
 _FIRST_STEP, _SMALLEST_STEP = 0.5, 1 / 64
 # States on the way need no more digits: they only start the next one.
@@ -289,6 +290,7 @@ class NonlinearSolver(FieldOfStates):
             As for `solve`.
         """
         values = coil_currents(currents, self.coil_names)
+        warn_if_unusual("currents", values, "A")
         key = values.tobytes()
         if key not in self._states:
             self._states[key] = self.solve(values, self.tolerance, start=self._last)
@@ -321,6 +323,7 @@ class NonlinearSolver(FieldOfStates):
         InputError, NotConverged
         """
         values = coil_currents(currents, self.coil_names)
+        warn_if_unusual("currents", values, "A")
         where, single = checked_points(points)
         where = self.surface.off_surface(where)
         refuse_inside(self._iron.mesh, where)
