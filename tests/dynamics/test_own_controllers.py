@@ -229,10 +229,13 @@ def test_a_loop_by_hand_goes_on_beyond_its_schedule_and_at_steps_of_its_own(plai
 
 def test_steps_that_do_not_fit_are_refused(plain):
     machine = RunningMachine(plain, schedule(), state_of([0, 0, 0]), [2.0], 3)
-    steps = [(1.0, dt) for dt in (1.5e-4, 3e-4, 0.0, np.nan)]
-    for outputs, dt in (([1.0, 2.0], None), (np.nan, None), *steps):
-        with refused(InputError, where=f"RunningMachine.step({'outputs' if dt is None else 'dt'})"):
-            machine.step(outputs, dt)
+    given = {"an array (2,)": [1.0, 2.0], "nan": np.nan, "[inf]": [np.inf]}
+    for received, outputs in given.items():
+        with refused(InputError, where="RunningMachine.step(outputs)", received=received):
+            machine.step(outputs)
+    for dt in (1.5e-4, 3e-4, 0.0, np.nan):
+        with refused(InputError, where="RunningMachine.step(dt)", received=f"{dt:g} s"):
+            machine.step(1.0, dt)
     while machine.event is None:
         machine.step(0.0)
     assert machine.event.name == "fell out"

@@ -72,6 +72,7 @@ def test_modes_do_not_depend_on_the_numbers_of_modes_tried_before(free):
     first = states.combined(16, free.off)[1]
     states.combined(24, free.off)
     np.testing.assert_array_equal(states.combined(16, free.off)[1], first)
+    np.testing.assert_allclose(first.T @ first, np.eye(16), atol=1e-9)
 
 
 def test_a_choice_that_leaves_nothing_at_once_is_taken(free, monkeypatch):

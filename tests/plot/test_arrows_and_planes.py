@@ -65,7 +65,7 @@ def test_arrows_of_coils_end_at_their_forces():
         assert 1.05 < beyond < 1.2
         assert beside < 1e-9
     assert widths == pytest.approx([widths[0]] * 3, rel=1e-3)
-    assert 0.005 * size < widths[0] < 0.03 * size
+    assert 0.01 * size < widths[0] < 0.03 * size
 
 
 def test_arrows_of_vectors_are_centred_and_as_long_as_these():
