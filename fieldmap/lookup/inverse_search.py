@@ -120,9 +120,9 @@ class Search:
         goal: Goal,
         first: Array,
         scale: Array,
-        met: float = 1e-9,
-        saving: float = 1e-12,
-        remedy: str = "",
+        met: float,
+        saving: float,
+        remedy: str,
     ) -> None:
         self.goal, self.demand, self.variables = goal, goal.demand, goal.variables
         self.first, self.met, self.saving, self.remedy = first, met, saving, remedy

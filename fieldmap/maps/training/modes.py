@@ -48,7 +48,7 @@ def enough(coordinates: Array, tolerance: float) -> int:
     return max(1, int((left > tolerance**2).sum()))
 
 
-def output_fields(amplitudes: Array, fields: Array, most: int, tolerance: float = 0.0) -> tuple[Array, Array]:
+def output_fields(amplitudes: Array, fields: Array, most: int, tolerance: float) -> tuple[Array, Array]:
     """Few fields whose sums represent the fields of all states.
 
     Field j is combination[j] @ fields. A state of amplitudes a has the field sum_j (weights @ a)_j field_j, with an
@@ -112,7 +112,7 @@ class SolvedModes:
     """
 
     def __init__(
-        self, solver: NonlinearSolver, snapshots: Snapshots, most: int, tolerance: float = 0.0
+        self, solver: NonlinearSolver, snapshots: Snapshots, most: int, tolerance: float
     ) -> None:
         self.currents = snapshots.currents
         self._solver, self._first = solver, snapshots.state(0).potential
