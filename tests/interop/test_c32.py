@@ -3,6 +3,7 @@
 import re
 import shutil
 import subprocess
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -151,6 +152,16 @@ def test_too_many_numbers_and_a_hermite_form_are_refused(ring, tmp_path, monkeyp
         with pytest.raises(InputError):
             write_c32_files(field, tmp_path / "lift.h")
     assert not list(tmp_path.iterdir())
+
+
+def test_names_of_coils_stand_in_a_comment_whatever_they_hold(ring, tmp_path):
+    """A name can end neither the comment nor its line."""
+    names = ("left", "Spule ø", "*/ int bad; /*", "two\nlines", "a\x07bell", "tab\there")
+    part = replace(cut(ring.data), coil_names=names)
+    path, _ = write_c32_files(interpolate(part, "global"), tmp_path / "lift.h")
+    lines = path.read_text(encoding="utf-8").splitlines()
+    shown = ("left", "Spule ø", "* / int bad; /*", "two?lines", "a?bell", "tab?here")
+    assert lines[1:8] == [*(f" *   {k}: {name}" for k, name in enumerate(shown)), " */"]
 
 
 def test_the_loop_at_a_kilohertz(whole, tmp_path):

@@ -97,9 +97,9 @@ def few_states(tmp_path):
 
 @pytest.fixture(scope="session")
 def few_states_map(tmp_path_factory):
-    """The map of that recipe, its error accepted, to be read only: path, and the fields that its certificate asked for
-    at points."""
-    asked, folder = [], tmp_path_factory.mktemp("few_states")
+    """The map of that recipe, its error accepted, to be read only: path, the fields that its certificate asked for at
+    points, and the texts of its progress."""
+    asked, told, folder = [], [], tmp_path_factory.mktemp("few_states")
 
     def keep(data, fields, weights):
         asked.append(fields)
@@ -109,6 +109,11 @@ def few_states_map(tmp_path_factory):
         patch.setattr(generation, "certified_bounds", keep)
         # How well the workspace is seen by fewer modes is another test's claim.
         patch.setattr(condensation, "_STATES", 60)
-        path = generate(write_few_states(folder), folder / "map.h5", accept_error=True)
+        path = generate(
+            write_few_states(folder),
+            folder / "map.h5",
+            accept_error=True,
+            progress=lambda text, share: told.append(text),
+        )
     (fields,) = asked
-    return SimpleNamespace(path=path, fields=fields)
+    return SimpleNamespace(path=path, fields=fields, told=told)

@@ -3,6 +3,7 @@
 import re
 
 import numpy as np
+import numpy as np
 import pytest
 
 from fieldmap.cli.application import application
@@ -61,6 +62,21 @@ def test_some_are_left_out_and_named(few_states, few_states_map, failing, tmp_pa
     assert [number for number, _ in named] == ["2", first_at_random]
     assert str(NOT_CONVERGED) in printed.err
     assert OURS in printed.err
+
+
+def test_states_are_numbered_from_the_first_to_the_last(few_states_map):
+    """In what the progress tells of each stage, without a gap."""
+    stages = {}
+    for text in few_states_map.told:
+        if found := re.match(r"state (\d+) of (?:at most )?(\d+)([^:;,(]*)", text):
+            numbers = stages.setdefault((found[3].strip(), int(found[2])), [])
+            numbers.append(int(found[1]))
+    assert len(stages) > 2
+    for (_, most), numbers in stages.items():
+        assert numbers[0] == 1
+        assert set(np.diff(numbers).tolist()) <= {0, 1}
+        assert numbers[-1] <= most
+    assert stages["", 10][-1] == 10
 
 
 @pytest.mark.parametrize(

@@ -1,5 +1,7 @@
 """Pictures of an optimisation: every design at its numbers, what beats what, the device before and after."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -55,6 +57,27 @@ def test_every_design_stands_at_its_numbers_in_millitesla(best):
     spacing, *_ = variables.lines
     share = np.array(spacing.get_ydata(), float)
     assert share == pytest.approx([(step.values["parameters.spacing"] - 10) / 0.8 for step in best.path])
+
+
+def test_designs_that_failed_stand_on_the_lower_edge_and_are_drawn_whole(best):
+    """Half of a cross on the edge would be cut off."""
+    some = [replace(step, failure="no mesh", numbers={}, feasible=False) if k in (1, 3) else step
+            for k, step in enumerate(best.path)]  # fmt: skip
+    figure = optimum_figure(replace(best, path=tuple(some)))
+    objective = figure.axes[0]
+    number, value = drawn(objective, "could not be solved")
+    assert number.tolist() == [2.0, 4.0]
+    assert value == pytest.approx(value[0])
+    assert value[0] < drawn(objective, "meets all limits")[1].min()
+    # Every marker within half its size of a side of its axes must not be clipped there.
+    for axes in figure.axes:
+        for line in axes.lines:
+            if line.get_marker() in ("None", "", None):
+                continue
+            places = axes.transAxes.inverted().transform(axes.transData.transform(line.get_xydata()))
+            half = 0.5 * line.get_markersize() / 72.0 / (figure.get_size_inches() * axes.get_position().size)
+            at_a_side = (places < half) | (places > 1.0 - half)
+            assert not (line.get_clip_on() and at_a_side.any()), line.get_label()
 
 
 def test_the_front_is_what_nothing_beats():

@@ -280,6 +280,40 @@ def test_all_mistakes_at_once():
 
 
 @pytest.mark.parametrize(
+    ("name", "inside", "outside"),
+    [
+        ("solves", [1], [0, -1]),
+        ("tolerance", [1e-12, 0.999], [0.0, 1.0, -0.1]),
+        ("check_refinement", [None, 1.001], [1.0, 0.0]),
+        ("refinement", [1e-3], [0.0, -1.0]),
+        ("step", [None, 1e-6], [0.0, -1e-6]),
+        ("upper", [1.001], [1.0, 0.5, np.inf, np.nan]),
+    ],
+)
+def test_settings_are_taken_within_their_limits(name, inside, outside):
+    """A number that does not exist ends each call before anything is solved."""
+    for value in [*inside, *outside]:
+        of_variable = {"upper": 60.0, name: value} if name in ("step", "upper") else {"upper": 60.0}
+        if name == "upper":
+            of_variable["lower"] = 1.0
+        variable = Variable(RADIUS.key, **{"lower": 30.0, **of_variable})
+        how = {} if name in ("step", "upper") else {name: value}
+        with pytest.raises(InputError) as caught:
+            fm.optimise(LOOP, [variable], "no such number", **how)
+        told = [f"{problem.where} {problem.must_hold}" for problem in caught.value.problems]
+        assert sum(name in text for text in told) == (value in outside), value
+        assert len(told) == 1 + (value in outside)
+
+
+def test_a_loose_tolerance_is_no_more_than_the_first_step():
+    """COBYQA refuses a last radius above the first."""
+    how = {"method": "COBYQA", "tolerance": 0.9}
+    best = fm.optimise(LOOP, [RADIUS], "common_current", currents=CARRIES, **how)
+    assert best.value <= best.start_value
+    assert len(best.path) > 2
+
+
+@pytest.mark.parametrize(
     ("lower", "upper", "must_hold"), [(-1.0, 2.0, "greater than 0"), (2.0, 3.0, "start")]
 )
 def test_bounds_that_the_device_refuses(lower, upper, must_hold):
