@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 from fieldmap.cli.studies import _UNITS as IN_TABLES
-from fieldmap.control.identification.log import UNITS as OF_LOGS
+from fieldmap.inputs.columns import UNITS as OF_COLUMNS
 from fieldmap.inputs.tables import UNITS as OF_KEYS
 from fieldmap.interop.fmu import _UNITS as OF_FMI
-from fieldmap.interop.measured_map import _UNITS as OF_READINGS
 from fieldmap.plot.words import _UNITS as IN_WORDS
 from fieldmap.plot.words import fitting_prefix
 from fieldmap.store.map_format import FLUX_DENSITY, GRADIENT
@@ -39,6 +38,7 @@ OTHERS = {
     "%": (1e-2, "1"),
     "1": (1.0, ""),
 }
+OTHERS |= {"in": (0.0254, "m"), "G": (1e-4, "T"), "Oe": (1e3 / (4.0 * np.pi), "A m-1")}
 PREFIXES = {"n": 1e-9, "u": 1e-6, "µ": 1e-6, "m": 1e-3, "c": 1e-2, "k": 1e3}
 
 
@@ -89,20 +89,15 @@ def test_units_of_keys_have_their_size(unit):
     assert OF_KEYS[unit] == pytest.approx(si(unit)[0], rel=1e-12)
 
 
-@pytest.mark.parametrize("unit", OF_READINGS)
-def test_units_of_readings_have_their_size(unit):
-    assert OF_READINGS[unit] == pytest.approx(si(unit)[0], rel=1e-12)
-
-
 @pytest.mark.parametrize("kind", OF_FITS)
 def test_units_of_fits_have_their_size(kind):
     unit, factor = OF_FITS[kind].unit
     assert factor == pytest.approx(si(unit)[0], rel=1e-12)
 
 
-@pytest.mark.parametrize("unit", OF_LOGS)
-def test_units_of_logs_are_multiples_of_what_they_are_read_as(unit):
-    read_as, factor = OF_LOGS[unit]
+@pytest.mark.parametrize("unit", OF_COLUMNS)
+def test_units_of_columns_are_multiples_of_what_they_are_read_as(unit):
+    read_as, factor = OF_COLUMNS[unit]
     (size, exponents), (one, same) = si(unit), si(read_as)
     assert (one, same.tolist()) == (1.0, exponents.tolist())
     assert factor == pytest.approx(size, rel=1e-12)

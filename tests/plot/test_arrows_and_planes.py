@@ -5,7 +5,7 @@ import pytest
 import pyvista as pv
 
 import fieldmap
-from fieldmap.plot import forces, live_window
+from fieldmap.plot import forces, live_window, scales
 from fieldmap.plot.device_drawing import add_payload, arrows_at
 from fieldmap.plot.places import plane_grids, plane_of
 from fieldmap.plot.solids import current_arrow
@@ -44,6 +44,9 @@ class Recorder:
 
     def add_mesh(self, mesh, **_):
         self.meshes.append(mesh)
+
+    def add_lines(self, lines, **_):
+        self.lines = lines
 
     def add_point_labels(self, places, words, **_):
         self.labels += zip(words, places, strict=True)
@@ -130,6 +133,35 @@ def test_points_of_a_plane_are_middles_of_its_cells(normal, axes, middle):
             np.testing.assert_allclose(shares, (np.arange(n) + 0.5) / n, atol=1e-9)
         # The first axis is the slowest.
         assert (np.diff(points[:, axes[0]]) >= 0.0).all()
+
+
+def test_numbers_of_rulers_stand_at_their_places_and_titles_beside_the_middle(monkeypatch):
+    """A number belongs to its coordinate; titles of x and y at the middle of a side, that of z above its end."""
+    sides, scene = 1e3 * np.column_stack([LOWER, UPPER]), Recorder()
+    monkeypatch.setattr(scales, "extent", lambda _: sides)
+    scales.add_rulers(scene)
+    titles = {words: place for words, place in scene.labels if words in scales.MILLIMETRES}
+    x, y, z = (titles[words] for words in scales.MILLIMETRES)
+    middle, size = sides.mean(axis=1), np.ptp(sides, axis=1).max()
+    assert (x[0], y[1]) == pytest.approx((middle[0], middle[1]), abs=0.2 * size)
+    assert sides[2, 1] < z[2] < sides[2, 1] + 0.2 * size
+    # Below the lower front edge, below and right of the lower right one, left of the left front one.
+    assert x[2] < sides[2, 0]
+    assert y[2] < sides[2, 0]
+    assert y[0] > sides[0, 1]
+    assert z[0] < sides[0, 0]
+    axis, numbers = 0, {0: [], 1: [], 2: []}
+    for words, place in scene.labels:
+        if words in titles:
+            axis += 1
+        else:
+            numbers[axis].append((float(words), place[axis]))
+    for axis, (value, place) in ((axis, np.array(pairs).T) for axis, pairs in numbers.items()):
+        off = place - value
+        assert np.ptp(off) == pytest.approx(0.0, abs=1e-9)
+        assert abs(off[0]) < 0.05 * size
+        assert len(value) > 2
+        assert sides[axis, 0] - 0.05 * size < value[0] < value[-1] < sides[axis, 1] + 0.05 * size
 
 
 @needs_opengl

@@ -111,9 +111,7 @@ class SolvedModes:
         Allowed projection error; fewer modes are taken if they reach it.
     """
 
-    def __init__(
-        self, solver: NonlinearSolver, snapshots: Snapshots, most: int, tolerance: float
-    ) -> None:
+    def __init__(self, solver: NonlinearSolver, snapshots: Snapshots, most: int, tolerance: float) -> None:
         self.currents = snapshots.currents
         self._solver, self._first = solver, snapshots.state(0).potential
         columns = _Columns(solver, snapshots)
