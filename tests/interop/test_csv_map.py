@@ -10,6 +10,7 @@ from fieldmap.errors import InputError
 from fieldmap.interop import fit_map, read_measurements, write_csv
 from fieldmap.interop.sampling import MOST_NODES, sample_grid
 from fieldmap.lookup import interpolate
+from fieldmap.store import Grid, MapData
 
 CURRENTS = np.array([1.5, 0.5, -1.0, 2.0, 0.0, 1.0])
 
@@ -35,6 +36,20 @@ def test_coil_by_coil(ring, tmp_path):
         ours = [[float(row[f"dB{i}_d{j}_T_per_m"]) for j in "xyz"] for i in "xyz"]
         np.testing.assert_allclose(ours, slope[coil, node], atol=1e-4 * np.abs(slope).max())
     assert path.read_text().splitlines()[2].startswith("# frame: ")
+
+
+def test_every_coil_has_its_own_reference_current(ring, tmp_path):
+    """Coil k at k A, on a grid of unequal counts."""
+    grid, amperes = Grid(ring.grid.lower, ring.grid.spacing, (9, 8, 13)), np.arange(1.0, 7.0)
+    part = {name: getattr(ring.data, name)[:, :, :8] for name in ("flux_density", "gradient")}
+    path = write_csv(interpolate(MapData(grid, tuple("123456"), amperes, **part)), tmp_path / "ring.csv")
+    rows, nodes = table(path), grid.points()
+    exact = ring.fields(nodes[:1])[0][:, 0]
+    for k, row in enumerate(rows[:: len(nodes)]):
+        assert [float(row[f"I_{name}_A"]) for name in "123456"] == (amperes * np.eye(6)[k]).tolist()
+        ours = [float(row[f"B{axis}_T"]) for axis in "xyz"]
+        np.testing.assert_allclose(ours, amperes[k] * exact[k], atol=1e-5 * np.abs(exact).max())
+    assert "# nodes: 9 x 8 x 13, z fastest" in path.read_text().splitlines()
 
 
 def test_pandas_reads_it(ring, tmp_path):
