@@ -74,6 +74,11 @@ def test_what_no_coil_moves_is_out_of_reach(linear):
     upward = linear.only(("z", "velocity_z"))
     assert controllability(upward).controllability > 1.0
     assert {mode.input_gains.max() > 1 for mode in modes(upward)} == {True}
+    # Of the modes above a bound alone: the one that rises, and none above that.
+    (rising,) = (pole.real for pole in np.linalg.eigvals(linear.A) if pole.real > 1.0)
+    assert controllability(linear, rising - 0.5).worst_input == pytest.approx(rising)
+    assert controllability(linear, rising - 0.5).controllability > 1e-3
+    assert controllability(linear, rising + 1e-6).controllability == np.inf
     with pytest.raises(InputError, match="turn_x"):
         linear.only(("turn_x",))
 

@@ -38,7 +38,7 @@ from fieldmap.dynamics import (
     state_of,
     tabled,
 )
-from fieldmap.dynamics.loop_run import recorded
+from fieldmap.dynamics.loop_run import as_csv, recorded
 from fieldmap.dynamics.scenario import simulate_batches
 from fieldmap.errors import ControllerError, InputError, ScenarioError
 from fieldmap.instruments import Amplifier, Converter
@@ -578,6 +578,16 @@ def test_currents_of_six_coils_at_a_period_of_its_own(written):
     assert np.abs(run.sensed - run.sensed[0]).max() < 1e-6
     record = recorded(run, tuple("123456"))
     assert record.arrays["outputs"][1] == "A"
+    columns = as_csv(record).splitlines()[0].split(",")
+    parts = dict.fromkeys(("position", "velocity", "sensed", "seen", "reference"), "xyz") | {
+        "quaternion": "wxyz"
+    }
+    for name, letters in parts.items():
+        found = [text.split(" (")[0] for text in columns if text.startswith(f"{name} ")]
+        assert found == [f"{name} {letter}" for letter in letters]
+    assert [text for text in columns if text.startswith("currents")] == [
+        f"currents {k} (A)" for k in range(1, 7)
+    ]
     with pytest.raises(ScenarioError):
         simulate(path, {"control.feedforward": {}}, controller=steady)
     two = simulate_batches(path, None, quiet, controller=FunctionController(steady, gives="currents"), runs=2)
