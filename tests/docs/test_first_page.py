@@ -60,7 +60,7 @@ def test_accuracy_is_that_of_the_validation_page():
     found = [100 * largest(disks, "error of B"), 100 * largest(disks, "error of gradient")]
     assert percent == pytest.approx(found, rel=1e-9)
     unit = figure(
-        r"B is within ([\d.]+) % and its gradient within ([\d.]+) % of values that two finite-element"
+        r"B is within ([\d.]+) % and its gradient within ([\d.]+) % of reference values from two finite-element"
     )
     case = "unit, coil 5, refinement 1$"
     found = [100 * largest(case, f"error of {what}, signed") for what in ("B", "gradient")]
