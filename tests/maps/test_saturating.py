@@ -269,7 +269,7 @@ def snapshots(solver, images, *currents):
 
 def test_modes_hold_the_states_and_their_tangents(solver):
     known = snapshots(solver, False, [1.0, 0.5], [1.6, 1.4])
-    modes = SolvedModes(solver, known, 20)
+    modes = SolvedModes(solver, known, 20, 0.0)
     assert modes.basis.shape[1] == 6
     energy = solver.energy_operator(known.currents[0], known.state(0).potential)
     np.testing.assert_allclose(modes.basis.T @ energy(modes.basis), np.eye(6), atol=1e-5)
@@ -301,7 +301,7 @@ def test_modes_of_many_columns_leave_no_more_than_the_best_there_are(solver, mon
     assert columns.shape[1] > 2 * len(known.currents) > 20
     products = columns.T @ energy(columns)
     best = np.linalg.eigvalsh(0.5 * (products + products.T))[:-6].sum()
-    modes = SolvedModes(solver, known, 6)
+    modes = SolvedModes(solver, known, 6, 0.0)
     left = columns - modes.basis @ (modes.basis.T @ energy(columns))
     of_each = np.einsum("ns,ns->s", left, energy(left))
     assert best * (1 - 1e-6) < of_each.sum() < 1.01 * best
@@ -312,7 +312,7 @@ def test_modes_of_many_columns_leave_no_more_than_the_best_there_are(solver, mon
 def test_a_part_of_the_points_tells_the_energy(solver, monkeypatch):
     """Lengths in the coordinates of `error_coordinates` are those that all the points give."""
     currents = np.array([1.6, 1.4])
-    modes = SolvedModes(solver, snapshots(solver, False, currents), 20)
+    modes = SolvedModes(solver, snapshots(solver, False, currents), 20, 0.0)
     amplitude = modes.amplitude(currents)
     fields = np.zeros((modes.model.modes, 1))
 
