@@ -15,6 +15,7 @@
 
 #include "block.h"
 #include "division.h"
+#include "iron_law.h"
 
 enum { FIELDMAP_IRON_BEYOND = 32, FIELDMAP_IRON_NOT_CONVERGED = 33, FIELDMAP_IRON_MEMORY = 34 };
 
@@ -27,26 +28,28 @@ enum {
 /* A map of saturating iron; treat it as read-only. fields: the fields of the coils, the iron and a background; their weighted
  * sum is the field of the map. The model has p points, r modes, c coils and k fields of the iron. Rows over the modes are
  * padded with zeros to `wide` numbers. A model without coils, signals and terms is used while maps are made: it is solved for
- * applied fields at its points (fieldmap_iron_solve_in). */
+ * applied fields at its points (fieldmap_iron_solve_in). Iron with hysteresis has n_cells play cells at each point, with the
+ * pinning fields of its law, in ascending order, and their shares; other iron has none. */
 typedef struct fieldmap_iron {
     fieldmap fields;
-    int n_coils, n_fields, p, r, wide, k, has_fixed, n_laws, n_knots, n_terms, n_signals, division, checked;
+    int n_coils, n_fields, p, r, wide, k, has_fixed, n_laws, n_knots, n_terms, n_signals, division, checked, n_cells;
     double exponent, limit, off, tolerance;
     const double *source, *fixed, *weights, *law, *offset, *knots, *coefficients, *air, *constant, *output;
-    const double *terms, *matrix, *inverse, *lower, *upper;
+    const double *terms, *matrix, *inverse, *lower, *upper, *pinning, *shares;
     const float *gradients, *expansion;
     void *owned;
 } fieldmap_iron;
 
 /* State and work space of the solver; one for each thread. steps, left_over: number of steps and estimated relative error, in
  * the energy norm, of the last solve. tolerance: allowed relative error; checked: whether currents outside the domain are
- * refused. The caller may set these two. */
+ * refused. The caller may set these two. cells: reversible fields that the cells remember, zero at first:
+ * demagnetised iron. */
 typedef struct fieldmap_iron_state {
     const fieldmap_iron *map;
     int count, steps, checked;
     double left_over, tolerance;
     double *currents, *amplitudes, *factor, *h, *solution, *applied, *vector, *moved, *step_h, *residual, *response;
-    double *change, *rest, *left, *changes, *responses, *isotropic, *along, *products, *material;
+    double *change, *rest, *left, *changes, *responses, *susceptible, *cells, *products, *material;
     float *single, *single_change, *total, *sides, *rows;
     int *piece;
 } fieldmap_iron_state;
@@ -76,11 +79,11 @@ static inline int fieldmap_iron_arrays(fieldmap_iron *map, const double *at, uin
     const uint64_t p = (uint64_t)map->p, r = (uint64_t)map->r, c = (uint64_t)map->n_coils, d = (uint64_t)map->n_signals;
     const uint64_t t = (uint64_t)map->n_terms, n = (uint64_t)map->n_knots, matrix = map->division ? 0 : c * d;
     const uint64_t w = (uint64_t)map->wide, k = (uint64_t)map->k, laws = (uint64_t)map->n_laws;
-    const uint64_t singles = (3 * p + t) * w / 2;
+    const uint64_t singles = (3 * p + t) * w / 2, cells = (uint64_t)map->n_cells;
     const double *numbers;
     int i;
     if (3 * p * c + (map->has_fixed ? 3 * p : 0) + 2 * p + laws + 1 + 5 * n + r * r + r + k * r + 3 * t + 2 * matrix
-            + 2 * d + singles != left)
+            + 2 * d + cells * (laws + 1) + singles != left)
         return FIELDMAP_DAMAGED;
     map->source = fieldmap_iron_take(&at, &left, 3 * p * c);
     map->fixed = fieldmap_iron_take(&at, &left, map->has_fixed ? 3 * p : 0);
@@ -97,6 +100,8 @@ static inline int fieldmap_iron_arrays(fieldmap_iron *map, const double *at, uin
     map->inverse = fieldmap_iron_take(&at, &left, matrix);
     map->lower = fieldmap_iron_take(&at, &left, d);
     map->upper = fieldmap_iron_take(&at, &left, d);
+    map->pinning = fieldmap_iron_take(&at, &left, cells * laws);
+    map->shares = fieldmap_iron_take(&at, &left, cells);
     numbers = fieldmap_iron_take(&at, &left, 3 * p * (uint64_t)map->wide / 2);
     map->gradients = (const float *)(const void *)numbers;
     numbers = fieldmap_iron_take(&at, &left, t * (uint64_t)map->wide / 2);
@@ -130,9 +135,10 @@ static inline int fieldmap_iron_of_numbers(fieldmap_iron *map, const double *num
     map->k = (int)sizes[4], map->has_fixed = (int)sizes[5], map->n_laws = (int)sizes[6], map->n_knots = (int)sizes[7];
     map->n_terms = (int)sizes[8], map->n_signals = (int)sizes[9], map->division = (int)sizes[10];
     map->checked = (int)sizes[11], map->n_fields = (int)sizes[12];
+    map->n_cells = (int)fieldmap_whole(numbers[17], 0, 256);
     map->exponent = numbers[13], map->limit = numbers[14], map->off = numbers[15], map->tolerance = numbers[16];
     coils = map->n_coils > 0;
-    if (map->p < 1 || map->r < 1 || map->n_laws < 1 || map->n_knots < 1 || (map->n_terms > 0) != coils
+    if (map->n_cells < 0 || map->p < 1 || map->r < 1 || map->n_laws < 1 || map->n_knots < 1 || (map->n_terms > 0) != coils
         || (map->n_signals > 0) != coils || map->wide < map->r || map->wide % FIELDMAP_IRON_LANES != 0
         || map->n_fields != map->n_coils + map->k + map->has_fixed
         || (map->division && (map->n_coils != 6 || map->n_signals != 3)) || !(map->tolerance > 0.0))
@@ -176,8 +182,8 @@ static inline size_t fieldmap_iron_lay_out(const fieldmap_iron *map, fieldmap_ir
     s->left = (double *)fieldmap_iron_place(memory, &used, w, d);
     s->changes = (double *)fieldmap_iron_place(memory, &used, pairs * r, d);
     s->responses = (double *)fieldmap_iron_place(memory, &used, pairs * r, d);
-    s->isotropic = (double *)fieldmap_iron_place(memory, &used, p, d);
-    s->along = (double *)fieldmap_iron_place(memory, &used, p, d);
+    s->susceptible = (double *)fieldmap_iron_place(memory, &used, 6 * p, d);
+    s->cells = (double *)fieldmap_iron_place(memory, &used, n * (size_t)map->n_cells, d);
     s->products = (double *)fieldmap_iron_place(memory, &used, (size_t)map->n_terms, d);
     s->material = (double *)fieldmap_iron_place(memory, &used, w, d);
     s->single = (float *)fieldmap_iron_place(memory, &used, w, f);
@@ -303,38 +309,51 @@ static inline void fieldmap_iron_expand(const fieldmap_iron *map, fieldmap_iron_
     for (m = 0; m < map->r; m++) a[m] = (double)s->single[m];
 }
 
-/* b at field strength h of point p; slope: db/dh. piece[p] keeps the interval of the knots for the next call. */
-static inline double fieldmap_iron_law(const fieldmap_iron *map, int *piece, int p, double h, double *slope)
+/* The law at point p. */
+static inline fieldmap_iron_curve fieldmap_iron_curve_of(const fieldmap_iron *map, int p)
 {
-    const int law = (int)map->law[p], high = (int)map->offset[law + 1] - 1;
-    const double *knots = map->knots, *c;
-    double t, c0, c1;
-    int j = piece[p];
-    if (!(knots[j] <= h && (j == high || h < knots[j + 1]))) {
-        int above = high;
-        j = (int)map->offset[law];
-        while (above - j > 1) {
-            int middle = (j + above) / 2;
-            if (knots[middle] <= h)
-                j = middle;
-            else
-                above = middle;
-        }
-        if (h >= knots[high]) j = high;
-        piece[p] = j;
-    }
-    t = h - knots[j];
-    c = map->coefficients + 4 * (size_t)j;
-    c0 = j == high ? 0.0 : c[0], c1 = j == high ? 0.0 : c[1];
-    *slope = (3.0 * c0 * t + 2.0 * c1) * t + c[2];
-    return ((c0 * t + c1) * t + c[2]) * t + c[3];
+    const int law = (int)map->law[p];
+    fieldmap_iron_curve of;
+    of.knots = map->knots, of.coefficients = map->coefficients;
+    of.low = (int)map->offset[law], of.high = (int)map->offset[law + 1] - 1;
+    return of;
 }
 
-/* w m(|h|) at point p, where w is its weight and m(|h|) h is the magnetisation. */
-static inline double fieldmap_iron_magnetised(const fieldmap_iron *map, int *piece, int p, const double *h)
+/* Pinning fields of the cells at point p; NULL without hysteresis. The last is the largest. */
+static inline const double *fieldmap_iron_pinning(const fieldmap_iron *map, int p)
 {
-    double size = sqrt(h[0] * h[0] + h[1] * h[1] + h[2] * h[2]) + 1e-14, slope;
-    return map->weights[p] * (fieldmap_iron_law(map, piece, p, size, &slope) / size - 1.0);
+    const double *pinning = map->pinning + (size_t)map->law[p] * (size_t)map->n_cells;
+    return map->n_cells > 0 && pinning[map->n_cells - 1] > 0.0 ? pinning : NULL;
+}
+
+/* As fieldmap_iron_polarise, with these pinning fields of the cells. */
+static inline void fieldmap_iron_polarise_cells(const fieldmap_iron *map, const fieldmap_iron_state *s, int p,
+    const double *pinning, const double *h, double *j, double *susceptible)
+{
+    const fieldmap_iron_curve of = fieldmap_iron_curve_of(map, p);
+    int i;
+    fieldmap_cells_respond(&of, s->piece + p, map->n_cells, pinning, map->shares, h,
+        s->cells + 3 * (size_t)p * (size_t)map->n_cells, j, NULL, susceptible);
+    for (i = 0; i < 3; i++) j[i] *= map->weights[p];
+    for (i = 0; i < 6 && susceptible != NULL; i++) susceptible[i] *= map->weights[p];
+}
+
+/* j[3] = w J at h, where w is the weight of point p; susceptible: w dJ/dh (6 entries), or NULL. */
+FIELDMAP_INLINE void fieldmap_iron_polarise(
+    const fieldmap_iron *map, const fieldmap_iron_state *s, int p, const double *h, double *j, double *susceptible)
+{
+    const double *pinning = fieldmap_iron_pinning(map, p);
+    if (pinning == NULL) {
+        const fieldmap_iron_curve of = fieldmap_iron_curve_of(map, p);
+        const double size = fieldmap_norm(h) + 1e-14;
+        double slope, chord = fieldmap_iron_law(&of, s->piece + p, size, &slope) / size, share = map->weights[p] * (chord - 1.0);
+        int i;
+        for (i = 0; i < 3; i++) j[i] = share * h[i];
+        if (susceptible != NULL)
+            fieldmap_symmetric(share, map->weights[p] * (slope - chord) / (size * size), h, susceptible);
+    } else {
+        fieldmap_iron_polarise_cells(map, s, p, pinning, h, j, susceptible);
+    }
 }
 
 /* Fill h at amplitudes a (padded with zeros to `wide` numbers), with sums in double precision. */
@@ -345,7 +364,7 @@ static inline void fieldmap_iron_field_at(const fieldmap_iron *map, fieldmap_iro
         s->h[i] = s->applied[i] - fieldmap_iron_mixed_dot(map->gradients + (size_t)i * (size_t)map->wide, a, map->wide);
 }
 
-/* Fill h, vector = w m h and the residual at amplitudes a (padded to `wide` numbers), with sums in double precision. */
+/* Fill h, vector = w J and the residual at amplitudes a (padded to `wide` numbers), with sums in double precision. */
 static inline void fieldmap_iron_evaluate(const fieldmap_iron *map, fieldmap_iron_state *s, const double *a)
 {
     const int w = map->wide, r = map->r;
@@ -354,11 +373,10 @@ static inline void fieldmap_iron_evaluate(const fieldmap_iron *map, fieldmap_iro
     for (j = 0; j < w; j++) residual[j] = 0.0;
     for (p = 0; p < map->p; p++) {
         const float *g = map->gradients + 3 * (size_t)p * (size_t)w;
-        double *h = s->h + 3 * (size_t)p, *v = s->vector + 3 * (size_t)p, m, x, y, z;
+        double *h = s->h + 3 * (size_t)p, *v = s->vector + 3 * (size_t)p;
         for (i = 0; i < 3; i++) h[i] = s->applied[3 * p + i] - fieldmap_iron_mixed_dot(g + i * w, a, w);
-        m = fieldmap_iron_magnetised(map, s->piece, p, h);
-        x = v[0] = m * h[0], y = v[1] = m * h[1], z = v[2] = m * h[2];
-        for (j = 0; j < w; j++) residual[j] += x * (double)g[j] + y * (double)g[w + j] + z * (double)g[2 * w + j];
+        fieldmap_iron_polarise(map, s, p, h, v, NULL);
+        for (j = 0; j < w; j++) residual[j] += v[0] * (double)g[j] + v[1] * (double)g[w + j] + v[2] * (double)g[2 * w + j];
     }
     for (i = 0; i < r; i++)
         s->residual[i] += map->constant[i] - fieldmap_iron_product(map->air + (size_t)i * (size_t)r, a, r);
@@ -384,7 +402,7 @@ static inline void fieldmap_iron_collect(fieldmap_iron_state *s)
     }
 }
 
-/* One pass over the points after a change of the amplitudes: step_h = G change, moved = w m h at h - step_h,
+/* One pass over the points after a change of the amplitudes: step_h = G change, moved = w J at h - step_h,
  * material = G^T (moved - vector). before, behind: derivative along the step of the law's part of the functional, at the
  * beginning and the end of the step. */
 static inline void fieldmap_iron_pass(const fieldmap_iron *map, fieldmap_iron_state *s, double *before, double *behind)
@@ -396,17 +414,16 @@ static inline void fieldmap_iron_pass(const fieldmap_iron *map, fieldmap_iron_st
     for (p = 0; p < map->p; p++) {
         const float *g = map->gradients + 3 * (size_t)p * (size_t)w;
         const size_t at = 3 * (size_t)p;
-        double h[3], m;
+        double h[3];
         float d[3], step[3];
         fieldmap_iron_dots(g, s->single_change, w, step);
         for (i = 0; i < 3; i++) {
             s->step_h[at + (size_t)i] = (double)step[i];
             h[i] = s->h[at + (size_t)i] - s->step_h[at + (size_t)i];
         }
-        m = fieldmap_iron_magnetised(map, s->piece, p, h);
+        fieldmap_iron_polarise(map, s, p, h, s->moved + at, NULL);
         for (i = 0; i < 3; i++) {
             const size_t k = at + (size_t)i;
-            s->moved[k] = m * h[i];
             *before += s->vector[k] * s->step_h[k];
             *behind += s->moved[k] * s->step_h[k];
             d[i] = (float)(s->moved[k] - s->vector[k]);
@@ -430,13 +447,10 @@ static inline double fieldmap_iron_shorter(
         t = low + (high - low) * fmin(fmax(share, 0.1), 0.9);
         for (p = 0; p < map->p; p++) {
             const size_t at = 3 * (size_t)p;
-            double h[3], m;
+            double h[3];
             for (i = 0; i < 3; i++) h[i] = s->h[at + (size_t)i] - t * s->step_h[at + (size_t)i];
-            m = fieldmap_iron_magnetised(map, s->piece, p, h);
-            for (i = 0; i < 3; i++) {
-                s->moved[at + (size_t)i] = m * h[i];
-                value += m * h[i] * s->step_h[at + (size_t)i];
-            }
+            fieldmap_iron_polarise(map, s, p, h, s->moved + at, NULL);
+            for (i = 0; i < 3; i++) value += s->moved[at + (size_t)i] * s->step_h[at + (size_t)i];
         }
         value -= rest + t * curved;
         if (fabs(value) < 0.1 * fabs(start)) break;
@@ -458,17 +472,18 @@ static inline double fieldmap_iron_shorter(
     return t;
 }
 
-/* Fill out with three rows (`wide` numbers each) of w (db/dh - 1) G at a point, one for each component. */
+/* Fill out with three rows (`wide` numbers each) of w dJ/dh G at a point, one for each component. */
 FIELDMAP_INLINE void fieldmap_iron_rows(
-    const float *FIELDMAP_RESTRICT g, int w, const double *h, double isotropic, double along, float *FIELDMAP_RESTRICT out)
+    const float *FIELDMAP_RESTRICT g, int w, const double *susceptible, float *FIELDMAP_RESTRICT out)
 {
-    const float x = (float)h[0], y = (float)h[1], z = (float)h[2], m = (float)isotropic, e = (float)along;
+    float d[6];
     int j;
+    for (j = 0; j < 6; j++) d[j] = (float)susceptible[j];
     for (j = 0; j < w; j++) {
-        const float radial = e * (x * g[j] + y * g[w + j] + z * g[2 * w + j]);
-        out[j] = m * g[j] + x * radial;
-        out[w + j] = m * g[w + j] + y * radial;
-        out[2 * w + j] = m * g[2 * w + j] + z * radial;
+        const float x = g[j], y = g[w + j], z = g[2 * w + j];
+        out[j] = d[0] * x + d[1] * y + d[2] * z;
+        out[w + j] = d[1] * x + d[3] * y + d[4] * z;
+        out[2 * w + j] = d[2] * x + d[4] * y + d[5] * z;
     }
 }
 
@@ -540,23 +555,17 @@ static inline void fieldmap_iron_factorise(const fieldmap_iron *map, fieldmap_ir
 static inline void fieldmap_iron_tangent(const fieldmap_iron *map, fieldmap_iron_state *s, int coils)
 {
     const int w = map->wide, r = map->r;
+    double polarisation[3];
     int i, j, k, p, first;
-    for (p = 0; p < map->p; p++) {
-        const double *h = s->h + 3 * (size_t)p;
-        double size = sqrt(h[0] * h[0] + h[1] * h[1] + h[2] * h[2]) + 1e-14, slope, b;
-        b = fieldmap_iron_law(map, s->piece, p, size, &slope);
-        s->isotropic[p] = map->weights[p] * (b / size - 1.0);
-        s->along[p] = map->weights[p] * (slope - b / size) / (size * size);
-    }
+    for (p = 0; p < map->p; p++)
+        fieldmap_iron_polarise(map, s, p, s->h + 3 * (size_t)p, polarisation, s->susceptible + 6 * (size_t)p);
     for (j = 0; j < fieldmap_iron_tiles(r) * w; j++) s->total[j] = 0.0f;
     for (j = 0; j < fieldmap_iron_tiles(coils) * w; j++) s->sides[j] = 0.0f;
     for (first = 0; first < map->p; first += FIELDMAP_IRON_POINTS) {
         const int points = map->p - first < FIELDMAP_IRON_POINTS ? map->p - first : FIELDMAP_IRON_POINTS;
         const float *g = map->gradients + 3 * (size_t)first * (size_t)w;
-        for (p = 0; p < points; p++) {
-            const double *h = s->h + 3 * (size_t)(first + p);
-            fieldmap_iron_rows(g + 3 * p * w, w, h, s->isotropic[first + p], s->along[first + p], s->rows + 3 * p * w);
-        }
+        for (p = 0; p < points; p++)
+            fieldmap_iron_rows(g + 3 * p * w, w, s->susceptible + 6 * (size_t)(first + p), s->rows + 3 * p * w);
         for (i = 0; i < r; i += FIELDMAP_IRON_TILE)
             /* Only the upper triangle is needed. */
             for (j = i / FIELDMAP_IRON_LANES * FIELDMAP_IRON_LANES; j < w; j += FIELDMAP_IRON_LANES)
@@ -821,7 +830,8 @@ static inline int fieldmap_iron_solve_at(fieldmap_iron_state *s, const double *c
     if (same) return FIELDMAP_OK;
     near = s->count > 0;
     if (near) fieldmap_iron_signals(map, last, behind);
-    for (k = 0; k < map->n_signals; k++) near = near && fabs(values[k] - behind[k]) <= 0.1 * (map->upper[k] - map->lower[k]);
+    /* With hysteresis there is no expansion: solves begin at the last states, or at zero. */
+    for (k = 0; k < map->n_signals && map->n_cells == 0; k++) near = near && fabs(values[k] - behind[k]) <= 0.1 * (map->upper[k] - map->lower[k]);
     for (i = 0; i < map->wide; i++) a[i] = 0.0;
     if (near)
         fieldmap_iron_continue(map, s, currents, a);
@@ -873,6 +883,55 @@ static inline int fieldmap_iron_follow(fieldmap_iron_state *state, const double 
     return again;
 }
 
+/* The cells remember the state of the last solve. */
+static inline void fieldmap_iron_advance(fieldmap_iron_state *s)
+{
+    const fieldmap_iron *map = s->map;
+    double polarisation[3];
+    int i, p;
+    for (i = 0; i < map->wide; i++) s->rest[i] = i < map->r ? s->amplitudes[(FIELDMAP_IRON_PASSED - 1) * map->r + i] : 0.0;
+    fieldmap_iron_field_at(map, s, s->rest);
+    for (p = 0; p < map->p; p++) {
+        const fieldmap_iron_curve of = fieldmap_iron_curve_of(map, p);
+        const double *pinning = fieldmap_iron_pinning(map, p);
+        double *cells = s->cells + 3 * (size_t)p * (size_t)map->n_cells;
+        if (pinning != NULL)
+            fieldmap_cells_respond(&of, s->piece + p, map->n_cells, pinning, map->shares, s->h + 3 * (size_t)p, cells, polarisation,
+                cells, NULL);
+    }
+}
+
+/* Go straight from the currents of the last step to currents[n_coils]; then the cells remember the state. */
+static inline int fieldmap_iron_step(fieldmap_iron_state *s, const double *currents)
+{
+    const int status = fieldmap_iron_follow(s, currents);
+    if (status == FIELDMAP_OK && s->map->n_cells > 0) fieldmap_iron_advance(s);
+    return status;
+}
+
+/* Copy what later solves and steps depend on to `out` or from `in`, one of which is NULL; or count it, if both are. Returns the
+ * number of doubles: that of the last states and what their solve left, the states, the factor of the tangent, the weights,
+ * and the cells. */
+static inline size_t fieldmap_iron_copy(fieldmap_iron_state *s, double *out, const double *in)
+{
+    const fieldmap_iron *map = s->map;
+    const size_t r = (size_t)map->r, passed = FIELDMAP_IRON_PASSED;
+    double *const parts[5] = {s->currents, s->amplitudes, s->factor, s->solution, s->cells};
+    const size_t sizes[5] = {passed * (size_t)map->n_coils, passed * r, r * r, (size_t)map->n_fields,
+                             3 * (size_t)map->p * (size_t)map->n_cells};
+    size_t used = 2;
+    int i;
+    if (out != NULL) out[0] = (double)s->count, out[1] = s->left_over;
+    if (in != NULL) s->count = (int)fieldmap_whole(in[0], 0, FIELDMAP_IRON_PASSED), s->left_over = in[1];
+    for (i = 0; i < 5; i++) {
+        if (out != NULL) memcpy(out + used, parts[i], sizes[i] * sizeof(double));
+        if (in != NULL) memcpy(parts[i], in + used, sizes[i] * sizeof(double));
+        used += sizes[i];
+    }
+    if (s->count < 0) s->count = 0;
+    return used;
+}
+
 /* Fill weights[n_fields] of the map's fields at currents[n_coils]: the currents, the weights of the fields of the iron, and 1
  * for a background if there is one. */
 static inline int fieldmap_iron_weights(fieldmap_iron_state *state, const double *currents, double *weights)
@@ -884,7 +943,7 @@ static inline int fieldmap_iron_weights(fieldmap_iron_state *state, const double
     return status;
 }
 
-/* residual = G^T w (db/dh - 1) (s - G change) - A change, for the field per ampere s of a coil: the residual of the equation
+/* residual = G^T w dJ/dh (s - G change) - A change, for the field per ampere s of a coil: the residual of the equation
  * for `change`, the derivative of the amplitudes by the coil's current. Sums are in double precision. */
 static inline void fieldmap_iron_left_of_slope(const fieldmap_iron *map, fieldmap_iron_state *s, int coil)
 {
@@ -894,13 +953,13 @@ static inline void fieldmap_iron_left_of_slope(const fieldmap_iron *map, fieldma
     for (j = 0; j < w; j++) residual[j] = 0.0;
     for (p = 0; p < map->p; p++) {
         const float *g = map->gradients + 3 * (size_t)p * (size_t)w;
-        const double *h = s->h + 3 * (size_t)p, *unit = map->source + 3 * (size_t)p * (size_t)map->n_coils + coil;
-        double u[3], radial;
+        const double *d = s->susceptible + 6 * (size_t)p, *unit = map->source + 3 * (size_t)p * (size_t)map->n_coils + coil;
+        double u[3], x, y, z;
         for (i = 0; i < 3; i++) u[i] = unit[i * map->n_coils] - fieldmap_iron_mixed_dot(g + i * w, s->change, w);
-        radial = s->along[p] * (h[0] * u[0] + h[1] * u[1] + h[2] * u[2]);
-        for (i = 0; i < 3; i++) u[i] = s->isotropic[p] * u[i] + radial * h[i];
-        for (j = 0; j < w; j++)
-            residual[j] += u[0] * (double)g[j] + u[1] * (double)g[w + j] + u[2] * (double)g[2 * w + j];
+        x = d[0] * u[0] + d[1] * u[1] + d[2] * u[2];
+        y = d[1] * u[0] + d[3] * u[1] + d[4] * u[2];
+        z = d[2] * u[0] + d[4] * u[1] + d[5] * u[2];
+        for (j = 0; j < w; j++) residual[j] += x * (double)g[j] + y * (double)g[w + j] + z * (double)g[2 * w + j];
     }
     for (i = 0; i < r; i++) residual[i] -= fieldmap_iron_product(map->air + (size_t)i * (size_t)r, s->change, r);
 }

@@ -55,6 +55,20 @@ class IronState:
         """
         return int(LIBRARY.iron_solve(self.state, currents, tolerance, checked, fresh, weights, slopes))
 
+    def step(self, currents: Array, weights: Array, *, tolerance: float) -> int:
+        """Go straight to currents (c,), after which the cells of iron with hysteresis remember the state; fill weights
+        (n_fields,) there; the status. NaN unless it is FOUND: then the cells remember where the way ended."""
+        return int(LIBRARY.iron_step(self.state, currents, tolerance, weights))
+
+    @property
+    def remembered(self) -> Array:
+        """Numbers (n,) on which later solves and steps depend."""
+        return LIBRARY.iron_remembered(self.state)
+
+    def recall(self, remembered: Array) -> None:
+        """Go on as the state of this model did that remembered these numbers (n,), to the last bit."""
+        LIBRARY.iron_recall(self.state, remembered)
+
     def solve_in(self, applied: Array, amplitudes: Array, *, tolerance: float) -> int:
         """Solve in the field `applied` (3 p,) of coils and background at the points, T, from amplitudes (r,), which
         those found replace; the status. Unless it is FOUND they are those after the last step, or NaN."""

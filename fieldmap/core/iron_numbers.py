@@ -42,6 +42,8 @@ class CompiledModel(NamedTuple):
     scaled to -1..1; a term is another term before it (column 0) times the polynomial of signal (1) and degree (2); the
     first is 1.
     tolerance: share of the state that a solve may leave, in the norm of the energy.
+    pinning (l, k): pinning fields of the k play cells in each law, T, in ascending order; shares (k,), their sum 1.
+    Both are empty for iron without hysteresis.
     """
 
     source: NDArray[np.float64]
@@ -59,6 +61,8 @@ class CompiledModel(NamedTuple):
     expansion: NDArray[np.floating[Any]]
     domain: SignalDomain
     tolerance: float
+    pinning: NDArray[np.float64] = np.zeros((0, 0))
+    shares: NDArray[np.float64] = np.zeros(0)
 
     def __repr__(self) -> str:
         return tuple_line(self)
@@ -69,7 +73,7 @@ def core_numbers(model: CompiledModel) -> Array:
     domain, modes = model.domain, len(model.constant)
     wide = _LANES * -(-modes // _LANES)
     sizes = np.zeros(_SIZES)
-    sizes[:17] = (
+    sizes[:18] = (
         len(model.weights),
         modes,
         wide,
@@ -87,6 +91,7 @@ def core_numbers(model: CompiledModel) -> Array:
         domain.limit,
         domain.tolerance,
         model.tolerance,
+        len(model.shares),
     )
     doubles = (
         sizes,
@@ -105,6 +110,8 @@ def core_numbers(model: CompiledModel) -> Array:
         domain.inverse,
         domain.lower,
         domain.upper,
+        model.pinning,
+        model.shares,
     )
     singles = model.gradients, model.expansion
     # Filled in place: of a model that maps are made with, the gradients may take a gigabyte.

@@ -66,6 +66,53 @@ static PyObject *iron_solve(PyObject *self, PyObject *const *args, Py_ssize_t gi
     return PyLong_FromLong(status);
 }
 
+/* iron_step(state, currents, tolerance, weights): the status; the cells remember the state at its end. */
+static PyObject *iron_step(PyObject *self, PyObject *const *args, Py_ssize_t given)
+{
+    reader from = arguments(args, given, 4);
+    fieldmap_iron_state *state = (fieldmap_iron_state *)held_of(&from, "state", STATE);
+    const int fields = state == NULL ? 0 : state->map->n_fields;
+    const double *currents = numbers_of(&from, "currents", 1, state == NULL ? 0 : state->map->n_coils).at;
+    const double tolerance = real_of(&from, "tolerance");
+    double *weights = filled_of(&from, "weights", fields);
+    int f, status;
+    (void)self;
+    if (PyErr_Occurred()) return NULL;
+    state->tolerance = tolerance, state->checked = 0;
+    Py_BEGIN_ALLOW_THREADS
+    status = fieldmap_iron_step(state, currents);
+    for (f = 0; f < fields; f++) weights[f] = status == FIELDMAP_OK ? state->solution[f] : (double)NAN;
+    Py_END_ALLOW_THREADS
+    return PyLong_FromLong(status);
+}
+
+/* iron_remembered(state): the numbers on which later solves and steps depend. */
+static PyObject *iron_remembered(PyObject *self, PyObject *const *args, Py_ssize_t given)
+{
+    reader from = arguments(args, given, 1);
+    fieldmap_iron_state *state = (fieldmap_iron_state *)held_of(&from, "state", STATE);
+    PyObject *numbers;
+    double *out;
+    (void)self;
+    if (state == NULL) return NULL;
+    numbers = new_array(1, (npy_intp)fieldmap_iron_copy(state, NULL, NULL), 0, &out);
+    if (numbers != NULL) fieldmap_iron_copy(state, out, NULL);
+    return numbers;
+}
+
+/* iron_recall(state, numbers): the state goes on from these numbers of `iron_remembered`. */
+static PyObject *iron_recall(PyObject *self, PyObject *const *args, Py_ssize_t given)
+{
+    reader from = arguments(args, given, 2);
+    fieldmap_iron_state *state = (fieldmap_iron_state *)held_of(&from, "state", STATE);
+    const npy_intp size = state == NULL ? 0 : (npy_intp)fieldmap_iron_copy(state, NULL, NULL);
+    const double *numbers = numbers_of(&from, "numbers", 1, size).at;
+    (void)self;
+    if (PyErr_Occurred()) return NULL;
+    fieldmap_iron_copy(state, NULL, numbers);
+    Py_RETURN_NONE;
+}
+
 /* iron_solve_in(state, applied, amplitudes, tolerance): the status; amplitudes (r,) are those to begin with, and then those
  * found. */
 static PyObject *iron_solve_in(PyObject *self, PyObject *const *args, Py_ssize_t given)
@@ -126,7 +173,8 @@ static PyObject *iron_continued(PyObject *self, PyObject *const *args, Py_ssize_
 }
 
 #define IRON_FUNCTIONS \
-    FUNCTION(iron_of_numbers), FUNCTION(iron_state), FUNCTION(iron_solve), FUNCTION(iron_solve_in), \
+    FUNCTION(iron_of_numbers), FUNCTION(iron_state), FUNCTION(iron_solve), FUNCTION(iron_solve_in), FUNCTION(iron_step), \
+    FUNCTION(iron_remembered), FUNCTION(iron_recall), \
     FUNCTION(iron_amplitudes), FUNCTION(iron_continued)
 #define IRON_CONSTANTS \
     CONSTANT(OK), CONSTANT(NOT_FINITE), CONSTANT(IRON_BEYOND), CONSTANT(IRON_NOT_CONVERGED), CONSTANT(IRON_STEPS), \
