@@ -180,9 +180,14 @@ def riccati(
     "that the weights do not leave out a mode on the border of stability",
 ) -> tuple[Array, Array]:
     """The solution of the discrete Riccati equation, and the gain of the feedback that follows from it."""
+    failures = (np.linalg.LinAlgError, ValueError)
     try:
-        P = scipy.linalg.solve_discrete_are(A, B, Q, R, s=S)
-    except (np.linalg.LinAlgError, ValueError) as error:
+        try:
+            P = scipy.linalg.solve_discrete_are(A, B, Q, R, s=S)
+        except failures:
+            # Balancing makes most problems easier to order, and a few harder.
+            P = scipy.linalg.solve_discrete_are(A, B, Q, R, s=S, balanced=False)
+    except failures as error:
         raise InputError.of(where, must, f"none ({error})", remedy) from None
     # If the input cannot reach a mode, the solver may return a solution that does not stabilise.
     cross = 0.0 if S is None else S.T

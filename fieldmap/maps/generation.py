@@ -180,10 +180,7 @@ def generate(
             box = WorkspaceBox(grid.lower, grid.upper)
             placed = Device.unchecked(**vars(device) | {"workspace": box})
             check_geometry(placed)
-            if plan is None:
-                require_distance(placed, grid, order.tolerance, "iron.tolerance", accept_error)
-            else:
-                require_distance(placed, grid, plan.accuracy, "currents.accuracy", accept_error)
+            require_distance(placed, grid, None if plan is None else plan.accuracy, accept_error)
             if resume and (report := _finished(target, info)) is not None:
                 require_accuracy(report, plan, target, accept_error)
                 say("complete already", 1.0)

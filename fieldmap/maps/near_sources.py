@@ -22,6 +22,8 @@ from fieldmap.store.stated_accuracy import HELD_OUT
 _MEASURED = 3e-4
 # A map that is off by more than this share of its largest B is of no use.
 _USELESS = 0.1
+# Of lookups, a share of B, where a recipe asks for no accuracy: that of a box one spacing away.
+_ALLOWED = 1e-2
 _ERROR_AT_ONE_SPACING = 1e-2
 _MILLIMETRES = 1e3
 
@@ -35,10 +37,8 @@ def least_distance(spacing: float, error: float) -> float:
     return spacing * float(np.cbrt(_ERROR_AT_ONE_SPACING / max(error, _MEASURED)))
 
 
-def require_distance(
-    device: Device, grid: Grid, accuracy: float, key: str, accept_error: bool = False
-) -> None:
-    """Refuse a box that comes too near to iron or magnets for its accuracy.
+def require_distance(device: Device, grid: Grid, accuracy: float | None, accept_error: bool = False) -> None:
+    """Refuse a box that comes too near to iron or magnets for the accuracy of lookups.
 
     Parameters
     ----------
@@ -47,9 +47,8 @@ def require_distance(
     grid
         Nodes in the box.
     accuracy
-        That the recipe asks for, a share of B. Lookups may be off by `HELD_OUT` times as much, as its states.
-    key
-        Of the recipe, that states it.
+        `currents.accuracy` of a recipe of saturating iron, a share of B: lookups may be off by `HELD_OUT` times as
+        much, as its states. None for linear iron: lookups may be off by 1 %.
     accept_error
         Whether any distance will do. A box that touches a body is refused all the same.
 
@@ -59,7 +58,8 @@ def require_distance(
         One Problem for every body that is too near.
     """
     spacing = float(np.max(grid.spacing))
-    allowed = HELD_OUT * accuracy
+    allowed = _ALLOWED if accuracy is None else HELD_OUT * accuracy
+    reason = "" if accuracy is None else " (twice currents.accuracy)"
     least = least_distance(spacing, allowed)
     problems = []
     for body, distance in distances_to_workspace(device, least).items():
@@ -67,7 +67,7 @@ def require_distance(
             continue
         must_hold = (
             f"must keep {_MILLIMETRES * least:.3g} mm from iron and magnets, for lookups within {percent(allowed)} of "
-            f"B (twice {key}) between nodes {_MILLIMETRES * spacing:.3g} mm apart"
+            f"B{reason} between nodes {_MILLIMETRES * spacing:.3g} mm apart"
         )
         finer = _MILLIMETRES * spacing * distance / least
         remedy = "move the box away"

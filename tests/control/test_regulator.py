@@ -4,9 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import scipy.linalg
 
 from fieldmap import control
 from fieldmap.control import Regulator, RunningRegulator, run_regulator
+from fieldmap.control.regulator import riccati
 from fieldmap.errors import InputError
 
 TS = 2e-3
@@ -90,3 +92,19 @@ def test_poles_of_regulator_and_estimator_separate():
 def test_bad_input(broken, says):
     with pytest.raises(InputError, match=says):
         broken()
+
+
+def test_a_problem_that_balancing_makes_too_hard_is_solved_without(monkeypatch):
+    """A scalar Riccati equation, whose positive root is known; the solver fails as LAPACK's reordering does."""
+    solve = scipy.linalg.solve_discrete_are
+
+    def fails_if_balanced(A, B, Q, R, s=None, balanced=True):
+        if balanced:
+            raise ValueError("Reordering failed")
+        return solve(A, B, Q, R, s=s, balanced=False)
+
+    monkeypatch.setattr(scipy.linalg, "solve_discrete_are", fails_if_balanced)
+    P, gain = riccati("scalar", *(np.array([[value]]) for value in (1.2, 1.0, 1.0, 1.0)))
+    # P^2 - a^2 P - 1 = 0 with a = 1.2
+    assert P[0, 0] == pytest.approx(0.72 + np.hypot(0.72, 1.0), rel=1e-12)
+    assert abs(1.2 - gain[0, 0]) < 1.0

@@ -80,4 +80,4 @@ def test_derivative_of_the_field(currents):
         rtol=1e-6,
     )
     with pytest.raises(InputError):
-        solver.by_currents([0.0, 0.0, 0.0], currents)
+        solver.by_currents([0.0, 0.0, np.nan], currents)

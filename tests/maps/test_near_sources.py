@@ -34,19 +34,19 @@ def refused(tmp_path, device, box, spacing=2e-3, **more):
 
 
 @pytest.mark.parametrize(
-    ("top", "received", "finer"), [(0.0, "0 mm", ""), (-1e-4, "0.1 mm", "0.058"), (-2e-3, "2 mm", "1.2")]
+    ("top", "received", "finer"), [(0.0, "0 mm", ""), (-1e-4, "0.1 mm", "0.1"), (-1.8e-3, "1.8 mm", "1.8")]
 )
 def test_a_box_at_a_pole_is_refused_before_any_work(tmp_path, monkeypatch, pole, top, received, finer):
     monkeypatch.setattr("fieldmap.maps.generation.solve_linear", None)
     (problem,) = refused(tmp_path, pole, ([-0.01, -0.01, top - 0.01], [0.01, 0.01, top]))
     assert problem.received == f"{received} from body 'pole'"
-    # 2 mm (1e-2 / 2e-3)^(1/3)
-    assert "3.42 mm" in problem.must_hold
+    # 2 mm (1e-2 / 1e-2)^(1/3)
+    assert "must keep 2 mm" in problem.must_hold
     assert (f"spacing_mm = {finer}," in problem.remedy) == bool(finer)
 
 
 def test_an_error_may_be_accepted_at_any_distance_but_none(tmp_path, pole):
-    near = [-0.01, -0.01, -0.012], [0.01, 0.01, -2e-3]
+    near = [-0.01, -0.01, -0.012], [0.01, 0.01, -1.5e-3]
     fm.generate(pole, tmp_path / "near.h5", spacing=2.5e-3, box=near, progress=False, accept_error=True)
     assert fm.open_map(tmp_path / "near.h5").interpolation_error.flux_density > 0.0
     (tmp_path / "near.h5").unlink()
@@ -54,8 +54,8 @@ def test_an_error_may_be_accepted_at_any_distance_but_none(tmp_path, pole):
 
 
 def test_every_body_that_is_too_near_is_told(tmp_path, pole):
-    problems = refused(tmp_path, pole, ([-0.01, -0.01, -0.02], [0.025, 0.01, -0.002]))
-    assert [problem.received for problem in problems] == ["2 mm from body 'pole'", "1 mm from body 'ball'"]
+    problems = refused(tmp_path, pole, ([-0.01, -0.01, -0.02], [0.025, 0.01, -0.0015]))
+    assert [problem.received for problem in problems] == ["1.5 mm from body 'pole'", "1 mm from body 'ball'"]
 
 
 def test_the_accuracy_of_saturating_iron_counts(tmp_path, pole):
