@@ -32,10 +32,17 @@ def seal_map(path: str | os.PathLike[str]) -> None:
 
     Raises
     ------
+    MapFileError
+        If there is no such file, or it may not be written.
     OSError
-        If the file cannot be written.
+        If the disk is full.
     """
-    with Path(path).open("r+b") as stream:
+    try:
+        opened = Path(path).open("r+b")
+    except OSError as error:
+        must_hold, remedy = "must be a file that can be read and written", "check the path and its permissions"
+        raise MapFileError.of(os.fspath(path), must_hold, error.strerror or str(error), remedy) from None
+    with opened as stream:
         length = _length(stream)
         if _read_seal(stream, length) is not None:
             length -= SEAL_LENGTH
