@@ -3,6 +3,7 @@ amplifiers, from the controller's voltages to currents; its position sensors."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Annotated, Any
@@ -268,8 +269,8 @@ class Machine(Record):
     magnetic: the field of the currents. allocation: from the controller's outputs to the voltages of the coils. ending:
     what ends a run: the contacts "floor", "ceiling", "tube", and "currents" beyond the table of saturating iron or the
     domain of its model.
-    longest_saturation: s, after which a limit of outputs, amplifiers or supply that holds without a break ends it; 0
-    for never.
+    longest_saturation: s, after which a limit of outputs, amplifiers or supply that holds without a break ends it, in
+    whole control periods, rounded up; 0 for never.
     """
 
     magnetic: FieldOfCurrents
@@ -284,6 +285,7 @@ class Machine(Record):
     longest_saturation: float = 0.0
 
     def __post_init__(self) -> None:
+        check_not_negative("Machine", longest_saturation=self.longest_saturation)
         must = f"must be among {', '.join(CONTACTS)}"
         for name in self.ending:
             check(name in CONTACTS, "Machine(ending)", must, name, "choose among them")
@@ -301,10 +303,9 @@ class Machine(Record):
         Ending
             The rules.
         """
-        longest = round(self.longest_saturation / period)
-        return Ending(
-            sum(CONTACTS[name] for name in self.ending), max(longest, int(self.longest_saturation > 0))
-        )
+        # Whole periods that are no shorter; the rest is rounding of the quotient.
+        longest = math.ceil(self.longest_saturation / period * (1.0 - 1e-9))
+        return Ending(sum(CONTACTS[name] for name in self.ending), longest)
 
     def core(self, step: float, tolerance: float | None = None) -> CoreMachine:
         """Everything that moves, as the C core takes it; a new one at every call.
