@@ -6,7 +6,15 @@ import numpy as np
 import pytest
 
 from fieldmap.control import PID
-from fieldmap.dynamics import AxisReading, CoilDrive, Schedule, Walls, pid_block, simulate_closed_loop, state_of
+from fieldmap.dynamics import (
+    AxisReading,
+    CoilDrive,
+    Schedule,
+    Walls,
+    pid_block,
+    simulate_closed_loop,
+    state_of,
+)
 from fieldmap.errors import InputError
 from fieldmap.instruments import Amplifier, Converter
 from tests.dynamics.machines import GAIN, PERIOD, one_coil
@@ -29,14 +37,19 @@ def run(machine, samples, feedforward=(), start=None, step=1e-4, **limits):
     ahead[: len(feedforward), 0] = feedforward
     schedule = Schedule(np.tile([0.0, 0.0, 5e-3], (samples, 1)), PERIOD, step=step, feedforward=ahead)
     block = pid_block(pid, AxisReading("z", 1e3), 2.0 / GAIN, REST)
-    return simulate_closed_loop(machine, block, schedule, state_of([0, 0, 0]) if start is None else start, [2.0])
+    return simulate_closed_loop(
+        machine, block, schedule, state_of([0, 0, 0]) if start is None else start, [2.0]
+    )
 
 
 LIMITS = {
     "output": ({}, {"upper": 5.5}),
     "input of the amplifier": ({"amplifier": Amplifier(GAIN, -10.0, 5.5)}, {}),
     "converter": ({"amplifier": Amplifier(GAIN), "converter": Converter(5.5, 24)}, {}),
-    "supply": ({"amplifier": Amplifier(GAIN), "resistance": 4.0, "inductance": 1e-6, "supply": (-90.0, 8.8)}, {}),
+    "supply": (
+        {"amplifier": Amplifier(GAIN), "resistance": 4.0, "inductance": 1e-6, "supply": (-90.0, 8.8)},
+        {},
+    ),
 }
 
 
