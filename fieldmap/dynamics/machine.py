@@ -72,15 +72,18 @@ class CoilDrive(Record):
         """(n, 7), in the order of fieldmap_drive (fieldmap/core/instruments.h)."""
         a, c = self.amplifier, self.converter
         step, widest = (0.0, np.inf) if c is None else (c.resolution, c.range)
-        lower, upper = max(a.lower, -widest), min(a.upper, widest)
+        # Also the voltages of the current's limits: a loop tells by the voltage that a limit holds.
+        lower = max(a.lower, -widest, (a.current_lower - a.offset) / a.gain)
+        upper = min(a.upper, widest, (a.current_upper - a.offset) / a.gain)
         row = [step, lower, upper, a.gain, a.offset, a.current_lower, a.current_upper]
         return np.tile(np.array(row), (self.coils, 1))
 
     @property
     def steady(self) -> tuple[Array, Array]:
-        """Lowest and highest currents (n,), A, that last: of the amplifier, and of supply over resistance."""
-        a = self.amplifier
-        low, high = np.full(self.coils, a.current_lower), np.full(self.coils, a.current_upper)
+        """Lowest and highest currents (n,), A, that last: of converter and amplifier, and of supply over
+        resistance."""
+        _, lower, upper, gain, offset, *_ = self.drives.T
+        low, high = gain * lower + offset, gain * upper + offset
         if self.resistance is None:
             return low, high
         least, most = (end / self.resistance for end in self.supply)

@@ -40,7 +40,10 @@ def seal_map(path: str | os.PathLike[str]) -> None:
     try:
         opened = Path(path).open("r+b")
     except OSError as error:
-        must_hold, remedy = "must be a file that can be read and written", "check the path and its permissions"
+        must_hold, remedy = (
+            "must be a file that can be read and written",
+            "check the path and its permissions",
+        )
         raise MapFileError.of(os.fspath(path), must_hold, error.strerror or str(error), remedy) from None
     with opened as stream:
         length = _length(stream)

@@ -45,6 +45,7 @@ def run(machine, samples, feedforward=(), start=None, step=1e-4, **limits):
 LIMITS = {
     "output": ({}, {"upper": 5.5}),
     "input of the amplifier": ({"amplifier": Amplifier(GAIN, -10.0, 5.5)}, {}),
+    "current of the amplifier": ({"amplifier": Amplifier(GAIN, current_upper=2.2)}, {}),
     "converter": ({"amplifier": Amplifier(GAIN), "converter": Converter(5.5, 24)}, {}),
     "supply": (
         {"amplifier": Amplifier(GAIN), "resistance": 4.0, "inductance": 1e-6, "supply": (-90.0, 8.8)},
