@@ -5,6 +5,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from fieldmap.cli.scenario import _axes, _steps
+from fieldmap.control import StepMetrics
 from fieldmap.control.identification import (
     Orders,
     armax,
@@ -15,7 +17,9 @@ from fieldmap.control.identification import (
     modified_least_squares,
 )
 from fieldmap.control.linear_models import filter_response
+from fieldmap.dynamics.scenario import batches
 from fieldmap.dynamics.scenario.measured_log import LaidSignal
+from fieldmap.dynamics.scenario.metrics import over_runs, run_metrics
 from fieldmap.errors import MapErrorTooLarge
 from fieldmap.interop import Measurements, fit_map, measured_map
 from fieldmap.iron.sensitivity.quantities import Derivatives
@@ -204,6 +208,64 @@ def test_differences_of_a_log_and_a_run():
     """Measured less simulated: 1, -4, 1, 0."""
     told = LaidSignal("mm", np.array([2.0, 0.0, 4.0, 5.0]), np.array([1.0, 4.0, 3.0, 5.0])).to_dict()
     assert told == {"unit": "mm", "rms": pytest.approx(np.sqrt(18 / 4)), "mean": -0.5, "largest": 4.0}
+
+
+def test_metrics_of_a_run_of_four_samples():
+    """Depth is read downward from 50 mm; what is seen is 1 mm further off than what is true."""
+    true = np.array([[2.0, 0, -52.0], [-1.0, 0, -55.0], [-4.0, 3, -49.0], [1.0, 0, -48.0]])
+    currents = np.array([[0.5, -3.0], [1.0, 0.0], [2.0, -1.0], [0.0, 1.0]])
+    run = SimpleNamespace(
+        time=0.1 * np.arange(4),
+        sensed=1e-3 * true,
+        seen=1e-3 * (true + [1.0, 0.0, -1.0]),
+        references=1e-3 * np.tile([0.0, 0.0, -50.0], (4, 1)),
+        rows=np.tile(np.r_[0.001, 0.0, -0.048, 0.2, 0.3, -0.4, 1.0, np.zeros(6)], (4, 1)),
+        seen_at=np.zeros(3),
+        currents=currents,
+        tilt=np.deg2rad([1.0, 5.0, 2.0, 0.0]),
+        event=None,
+        touched=("floor",),
+        iron=None,
+    )
+    scenario = SimpleNamespace(zero_depth_mm=50.0, settings=SimpleNamespace(reference=()))
+    found = run_metrics(scenario, run)
+    x, _, depth = found.axes
+    assert (x.rms_error_mm, x.rms_seen_mm) == pytest.approx((np.sqrt(22 / 4), np.sqrt(22 / 4 - 1 + 1)))
+    assert (depth.rms_error_mm, depth.rms_seen_mm) == pytest.approx((np.sqrt(34 / 4), np.sqrt(46 / 4)))
+    assert [(one.largest_error_mm, one.travel_mm) for one in found.axes] == [
+        pytest.approx(pair) for pair in ((4.0, 6.0), (3.0, 3.0), (5.0, 7.0))
+    ]
+    assert found.largest_lean_deg == pytest.approx(5.0)
+    assert found.largest_current_A == 3.0
+    assert (found.end_s, found.event, found.touched) == (pytest.approx(0.3), "", ("floor",))
+    assert found.end_mm == pytest.approx((1.0, 0.0, -2.0))
+    assert found.end_mm_per_s == pytest.approx((200.0, 300.0, 400.0))
+    assert found.end_A == (0.0, 1.0)
+
+
+def test_a_root_mean_square_over_runs_is_that_of_all_samples():
+    """3 and 4 of equal runs: the root of 25 / 2, not 3.5."""
+    assert over_runs([3.0, 4.0]) == pytest.approx(np.sqrt(12.5))
+    unsettled = [SimpleNamespace(steady_rms=left, settling_time=np.inf) for left in (3.0, 4.0)]
+    runs = [SimpleNamespace(event="", axes=[SimpleNamespace(step=step)] * 3) for step in unsettled]
+    assert all("3.54 mm RMS" in line for line in batches._not_settled(runs))
+    parts = [
+        SimpleNamespace(
+            axis="x",
+            rms_error_mm=of,
+            rms_seen_mm=2 * of,
+            largest_error_mm=of,
+            travel_mm=of,
+            step=StepMetrics(0.0, 0.0, np.inf, 0.0, of),
+        )
+        for of in (3.0, 4.0)
+    ]
+    batch = SimpleNamespace(
+        label="", runs=[SimpleNamespace(metrics=SimpleNamespace(axes=[part])) for part in parts]
+    )
+    cells = [[str(next(iter(column.cells))) for column in table(batch).columns] for table in (_axes, _steps)]
+    assert cells[0][1:] == ["3.53553", "7.07107", "4.0000", "4.0000"]
+    assert cells[1][-1] == "3.53553"
 
 
 @pytest.mark.parametrize(("flux", "gradient", "asked"), [(0.0262, 0.01, 0.014), (0.0262, 0.0724, 0.019)])

@@ -38,23 +38,14 @@ def seal_map(path: str | os.PathLike[str]) -> None:
         If the disk is full.
     """
     try:
-        opened = Path(path).open("r+b")
-    except OSError as error:
+        with Path(path).open("r+b") as stream:
+            _write_seal(stream)
+    except (FileNotFoundError, IsADirectoryError, PermissionError) as error:
         must_hold, remedy = (
             "must be a file that can be read and written",
             "check the path and its permissions",
         )
         raise MapFileError.of(os.fspath(path), must_hold, error.strerror or str(error), remedy) from None
-    with opened as stream:
-        length = _length(stream)
-        if _read_seal(stream, length) is not None:
-            length -= SEAL_LENGTH
-        digest = _digest(stream, length)
-        stream.truncate(length)
-        stream.seek(length)
-        stream.write(_MARK + f"{length:0{_DIGITS}x} {digest}\n".encode())
-        stream.flush()
-        os.fsync(stream.fileno())
 
 
 def is_sealed(path: str | os.PathLike[str]) -> bool:
@@ -96,6 +87,18 @@ def check_seal(path: str | os.PathLike[str], remedy: str = REMAKE) -> None:
             raise _refused(
                 path, "an undamaged file", "a damaged file: its SHA-256 is not that of its seal", remedy
             )
+
+
+def _write_seal(stream: BinaryIO) -> None:
+    length = _length(stream)
+    if _read_seal(stream, length) is not None:
+        length -= SEAL_LENGTH
+    digest = _digest(stream, length)
+    stream.truncate(length)
+    stream.seek(length)
+    stream.write(_MARK + f"{length:0{_DIGITS}x} {digest}\n".encode())
+    stream.flush()
+    os.fsync(stream.fileno())
 
 
 def _length(stream: BinaryIO) -> int:
