@@ -5,6 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from fieldmap.device import parts
 from fieldmap.dynamics.scenario import schema as scenarios
 from fieldmap.errors import FieldmapError
 from fieldmap.interop import measured_map
@@ -37,6 +38,10 @@ def lifted(amperes):
     study._of_some_size(SimpleNamespace(u_A=amperes, x=0.0, y=0.0, n=1.0))
 
 
+def joint(gap_mm):
+    parts._no_gap_or_a_micrometre(gap_mm)
+
+
 def ranged(low, high):
     recipe._range([low, high])
 
@@ -49,6 +54,7 @@ LIMITS = {
     "steps of a period": (stepped, [(1e6,)], [(1.001e6,)]),
     "periods of a run": (run, [(5e6,)], [(5.001e6,)]),
     "current by signals": (lifted, [(1e9,), (-1e9,)], [(1.001e9,), (-1.001e9,)]),
+    "least gap of a joint, mm": (joint, [(0.0,), (1e-3,)], [(0.999e-3,), (1e-12,)]),
     "range of a signal": (
         ranged,
         [(-1e6, 1e6), (0.5, 0.6)],

@@ -204,27 +204,31 @@ def _differences(laid: LaidLog) -> Table:
 
 
 def _axes(batch: Batch) -> Table:
+    from fieldmap.dynamics.scenario.metrics import over_runs
+
     rows = []
     for k, first in enumerate(batch.runs[0].metrics.axes):
         parts = [one.metrics.axes[k] for one in batch.runs]
-        means = (
-            np.mean([part.rms_error_mm for part in parts]),
-            np.mean([part.rms_seen_mm for part in parts]),
-        )
+        errors = [
+            over_runs([getattr(part, name) for part in parts]) for name in ("rms_error_mm", "rms_seen_mm")
+        ]
         largest = (max(part.largest_error_mm for part in parts), max(part.travel_mm for part in parts))
-        rows.append((first.axis, *page.cells(means, ".5f"), *page.cells(largest, ".4f")))
+        rows.append((first.axis, *page.cells(errors, ".5f"), *page.cells(largest, ".4f")))
     return page.table(("axis", "RMS error mm", "of the reading mm", "largest mm", "travel mm"), rows)
 
 
 def _steps(batch: Batch) -> Table | None:
-    """Mean over the runs of the metrics of every axis with a step."""
+    """Means over the runs of the metrics of every axis with a step, and the RMS over all of them."""
+    from fieldmap.dynamics.scenario.metrics import over_runs
+
     rows = []
     for k, first in enumerate(batch.runs[0].metrics.axes):
         steps = [step for one in batch.runs if (step := one.metrics.axes[k].step) is not None]
         if not steps:
             continue
-        names = ("rise_time", "peak_time", "settling_time", "overshoot", "steady_rms")
-        *times, overshoot, steady = (np.mean([getattr(step, name) for step in steps]) for name in names)
+        names = ("rise_time", "peak_time", "settling_time", "overshoot")
+        *times, overshoot = (np.mean([getattr(step, name) for step in steps]) for name in names)
+        steady = over_runs([step.steady_rms for step in steps])
         numbers = (*(f"{time:.4f}" for time in times), f"{100 * overshoot:.1f}", f"{steady:.5f}")
         rows.append((f"{first.axis} {batch.label}".strip(), *numbers))
     columns = ("step of", "rise s", "peak s", "settling s", "overshoot %", "steady RMS mm")

@@ -3,6 +3,7 @@ amplifiers, from the controller's voltages to currents; its position sensors."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Annotated, Any
@@ -71,15 +72,18 @@ class CoilDrive(Record):
         """(n, 7), in the order of fieldmap_drive (fieldmap/core/instruments.h)."""
         a, c = self.amplifier, self.converter
         step, widest = (0.0, np.inf) if c is None else (c.resolution, c.range)
-        lower, upper = max(a.lower, -widest), min(a.upper, widest)
+        # Also the voltages of the current's limits: a loop tells by the voltage that a limit holds.
+        lower = max(a.lower, -widest, (a.current_lower - a.offset) / a.gain)
+        upper = min(a.upper, widest, (a.current_upper - a.offset) / a.gain)
         row = [step, lower, upper, a.gain, a.offset, a.current_lower, a.current_upper]
         return np.tile(np.array(row), (self.coils, 1))
 
     @property
     def steady(self) -> tuple[Array, Array]:
-        """Lowest and highest currents (n,), A, that last: of the amplifier, and of supply over resistance."""
-        a = self.amplifier
-        low, high = np.full(self.coils, a.current_lower), np.full(self.coils, a.current_upper)
+        """Lowest and highest currents (n,), A, that last: of converter and amplifier, and of supply over
+        resistance."""
+        _, lower, upper, gain, offset, *_ = self.drives.T
+        low, high = gain * lower + offset, gain * upper + offset
         if self.resistance is None:
             return low, high
         least, most = (end / self.resistance for end in self.supply)
@@ -268,8 +272,8 @@ class Machine(Record):
     magnetic: the field of the currents. allocation: from the controller's outputs to the voltages of the coils. ending:
     what ends a run: the contacts "floor", "ceiling", "tube", and "currents" beyond the table of saturating iron or the
     domain of its model.
-    longest_saturation: s, after which a limit of outputs, amplifiers or supply that holds without a break ends it; 0
-    for never.
+    longest_saturation: s, after which a limit of outputs, amplifiers or supply that holds without a break ends it, in
+    whole control periods, rounded up; 0 for never.
     """
 
     magnetic: FieldOfCurrents
@@ -284,6 +288,7 @@ class Machine(Record):
     longest_saturation: float = 0.0
 
     def __post_init__(self) -> None:
+        check_not_negative("Machine", longest_saturation=self.longest_saturation)
         must = f"must be among {', '.join(CONTACTS)}"
         for name in self.ending:
             check(name in CONTACTS, "Machine(ending)", must, name, "choose among them")
@@ -301,10 +306,9 @@ class Machine(Record):
         Ending
             The rules.
         """
-        longest = round(self.longest_saturation / period)
-        return Ending(
-            sum(CONTACTS[name] for name in self.ending), max(longest, int(self.longest_saturation > 0))
-        )
+        # Whole periods that are no shorter; the rest is rounding of the quotient.
+        longest = math.ceil(self.longest_saturation / period * (1.0 - 1e-9))
+        return Ending(sum(CONTACTS[name] for name in self.ending), longest)
 
     def core(self, step: float, tolerance: float | None = None) -> CoreMachine:
         """Everything that moves, as the C core takes it; a new one at every call.

@@ -50,7 +50,7 @@ IRON: Mapping[str, Callable[..., dynamics.FieldOfCurrents]] = {
 EFFORT = 0.01
 """Weight of the mean square of the actions in the reward."""
 SECONDS = 10.0
-"""Length of an episode of `gymnasium.make`, unless max_episode_steps is given."""
+"""Length of an episode of `gymnasium.make` with the usual period, unless max_episode_steps is given."""
 
 _PERIOD = 2e-3
 # The made-up rig: radius of the ring and its height, of each loop, m; turns. The body: 16 x 20 mm, of 0.8 A m^2.

@@ -286,7 +286,9 @@ def _tables(rig: _Rig, lift: LiftReadings | None, positions: PositionReadings | 
         tables.append(_Table("lift", np.ones(len(rows)), lift.deviation, rows, partial(rig.lifts, lift)))
     if positions is not None:
         places = np.asarray(positions.places, dtype=float).reshape(-1, 2)
-        places = places - places[0] if positions.from_first else places
+        if positions.from_first:
+            # The first of them is 0 by itself, and no reading.
+            places = np.vstack([np.full(2, np.nan), places[1:] - places[0]])
         rows = tuple(f"{'xy'[axis]} of reading {k}" for k, axis in np.argwhere(np.isfinite(places)))
         compute = partial(rig.places, positions)
         tables.append(_Table("positions", places.ravel(), positions.deviation, rows, compute))

@@ -55,6 +55,7 @@ FORMATS: dict[str, Format] = {
     "saved states": _format(".json", rb'\A\{\s*"format": 1,\s*"states"'),
     "report": _format(".html .md", rb"<title>fieldmap: (the thesis|gallery)|\A# The thesis, side by side"),
     "table of numbers": _format(".csv", rb"\Arow,"),
+    "written log": _format(".csv", rb"\A# Log written by fieldmap"),
     "log": _format(".log .txt", rb"\A\d{4}-\d\d-\d\d \d\d:\d\d:\d\d,\d{3} "),
     # Named by a hash of what it holds.
     "kept mesh": _format(".npz", rb""),

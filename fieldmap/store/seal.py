@@ -32,19 +32,20 @@ def seal_map(path: str | os.PathLike[str]) -> None:
 
     Raises
     ------
+    MapFileError
+        If there is no such file, or it may not be written.
     OSError
-        If the file cannot be written.
+        If the disk is full.
     """
-    with Path(path).open("r+b") as stream:
-        length = _length(stream)
-        if _read_seal(stream, length) is not None:
-            length -= SEAL_LENGTH
-        digest = _digest(stream, length)
-        stream.truncate(length)
-        stream.seek(length)
-        stream.write(_MARK + f"{length:0{_DIGITS}x} {digest}\n".encode())
-        stream.flush()
-        os.fsync(stream.fileno())
+    try:
+        with Path(path).open("r+b") as stream:
+            _write_seal(stream)
+    except (FileNotFoundError, IsADirectoryError, PermissionError) as error:
+        must_hold, remedy = (
+            "must be a file that can be read and written",
+            "check the path and its permissions",
+        )
+        raise MapFileError.of(os.fspath(path), must_hold, error.strerror or str(error), remedy) from None
 
 
 def is_sealed(path: str | os.PathLike[str]) -> bool:
@@ -86,6 +87,18 @@ def check_seal(path: str | os.PathLike[str], remedy: str = REMAKE) -> None:
             raise _refused(
                 path, "an undamaged file", "a damaged file: its SHA-256 is not that of its seal", remedy
             )
+
+
+def _write_seal(stream: BinaryIO) -> None:
+    length = _length(stream)
+    if _read_seal(stream, length) is not None:
+        length -= SEAL_LENGTH
+    digest = _digest(stream, length)
+    stream.truncate(length)
+    stream.seek(length)
+    stream.write(_MARK + f"{length:0{_DIGITS}x} {digest}\n".encode())
+    stream.flush()
+    os.fsync(stream.fileno())
 
 
 def _length(stream: BinaryIO) -> int:

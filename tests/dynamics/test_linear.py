@@ -83,6 +83,23 @@ def test_what_no_coil_moves_is_out_of_reach(linear):
         linear.only(("turn_x",))
 
 
+def test_modes_are_measured_in_units_of_a_size(axial):
+    """Millimetres, a tenth of a radian, what they are in a tenth of a second, and a tenth of an ampere."""
+    drive = CoilDrive(Amplifier(GAIN), 1, time_constant=4e-3)
+    machine = one_coil(axial, drive)
+    found = linearise(machine, find_operating_point(machine, [np.nan, np.nan, 5e-3], [np.nan], [5.0]))
+    sizes = {"turn": 0.1, "angular": 1.0, "velocity": 1e-2, "i1": 0.1, "x": 1e-3, "y": 1e-3, "z": 1e-3}
+    units = np.array([sizes[name.split("_")[0]] for name in found.states])
+    assert len(units) == 13
+    A, B, C = found.A / units[:, None] * units, found.B / units[:, None], found.C * units / 1e-3
+    (rising,) = (pole for pole in np.linalg.eigvals(A) if pole.real > 1.0)
+    beside = np.column_stack([A - rising * np.eye(13), B])
+    below = np.vstack([A - rising * np.eye(13), C])
+    least = [np.linalg.svd(each, compute_uv=False)[-1] for each in (beside, below)]
+    asked = controllability(found, 1.0)
+    assert [asked.controllability, asked.observability] == pytest.approx(least, rel=1e-6)
+
+
 def test_time_constants_of_amplifiers_are_states(machine):
     slow = replace(machine, drive=CoilDrive(Amplifier(GAIN), 1, time_constant=4e-3))
     found = linearise(slow, find_operating_point(slow, [np.nan, np.nan, 5e-3], [np.nan], [5.0]))

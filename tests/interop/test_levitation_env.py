@@ -9,7 +9,7 @@ from fieldmap import dynamics
 from fieldmap.core.iron import IronState
 from fieldmap.dynamics import CoilDrive, Drag, RigidBody, Schedule, move
 from fieldmap.errors import Infeasible, InputError, OutsideMapError
-from fieldmap.instruments import Amplifier
+from fieldmap.instruments import Amplifier, Converter
 from fieldmap.kernels.coils.loop import loop_flux_density_and_gradient
 from fieldmap.lookup import FiniteMagnet, interpolate
 from fieldmap.store import Grid, MapData
@@ -255,6 +255,44 @@ def test_rest_signals_and_reward(ring):
         np.testing.assert_allclose(pushed, 0.1 * weight * np.eye(3)[axis], atol=1e-6 * weight)
         off = env.state[:3] - env.target
         assert reward == pytest.approx(1 - off @ off / 5e-3**2 - 0.01 * 0.04 / 3, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("drive", "limit"),
+    [
+        ({"amplifier": Amplifier(0.5, -5.0, 4.0, offset=0.1)}, 2.1),
+        ({"amplifier": Amplifier(0.5, -5.0, 9.0, current_upper=2.2)}, 2.2),
+        ({"amplifier": Amplifier(0.5), "converter": Converter(4.6, 16)}, 2.3),
+        (
+            {"amplifier": Amplifier(0.5), "resistance": 4.0, "inductance": 1e-6, "supply": (-20.0, 9.6)},
+            2.4,
+        ),
+    ],
+)
+@pytest.mark.parametrize(("beyond", "held"), [(-1e-3, False), (1e-3, True)])
+def test_currents_stay_within_the_drive(drive, limit, beyond, held):
+    """Some 1.8 A at rest; what is asked for is just inside a limit or just beyond."""
+    env = LevitationEnv(drive=CoilDrive(coils=6, **drive), span=1.0)
+    env.reset(seed=0)
+    env.step(limit + beyond - env.rest)
+    np.testing.assert_allclose(env.currents, limit if held else limit + beyond, atol=1e-9)
+
+
+def test_actions_count_to_one():
+    """What is beyond counts as 1; just inside it is what it is."""
+    env = LevitationEnv(span=0.2)
+    for given, taken in ((0.999, 0.999), (1.0, 1.0), (1.001, 1.0), (-1.001, -1.0)):
+        env.reset(seed=0)
+        env.step(np.full(6, given))
+        np.testing.assert_allclose(env.currents - env.rest, 0.2 * taken, rtol=1e-9)
+
+
+def test_an_episode_is_cut_after_its_length():
+    """Ten seconds of periods of 2 ms, or what `make` is given: the last step is cut, none before."""
+    assert gymnasium.spec(ENVIRONMENT).max_episode_steps == 5000
+    env = gymnasium.make(ENVIRONMENT, max_episode_steps=3, disable_env_checker=True)
+    env.reset(seed=0)
+    assert [env.step(np.zeros(6))[2:4] for _ in range(3)] == [(False, False)] * 2 + [(False, True)]
 
 
 def test_seeds_alone_or_side_by_side():

@@ -74,6 +74,23 @@ def test_field_scale_and_offset_come_back(rig):
     assert all(abs(row.before - 1.0) > 0.05 for row in found.table)
 
 
+def test_what_a_scale_alone_leaves_of_six_readings(rig):
+    """s L_k measured as 1 within 3 %: s = sum L / sum L^2 with deviation 0.03 / |L|, and the misfit over all six."""
+    read = lift_readings(rig, TRUTH, noise=0.03)
+    how = {"fit": ["field_scale"], "given": {"magnet_offset": 0.012, "field_scale": 1.2}}
+    found = calibrate(rig, PAYLOAD, lift=read, **how)
+    points = np.column_stack([np.zeros((6, 2)), SENSED - 0.012])
+    slopes = [rig.gradient(point[None], i)[0, 2, 2] for point, i in zip(points, read.currents, strict=True)]
+    lifts = PAYLOAD.moment * np.array(slopes) / WEIGHT
+    scale = lifts.sum() / (lifts @ lifts)
+    assert found.values["field_scale"] == pytest.approx(scale, rel=1e-7)
+    assert found.deviations == {"field_scale": pytest.approx(0.03 / np.linalg.norm(lifts), rel=1e-6)}
+    for misfit, s in ((found.misfit, scale), (found.misfit_before, 1.2)):
+        assert misfit == pytest.approx(np.sqrt(np.mean((s * lifts - 1.0) ** 2)) / 0.03, rel=1e-6)
+    assert [row.before for row in found.table] == pytest.approx(1.2 * lifts)
+    assert [row.after for row in found.table] == pytest.approx(scale * lifts)
+
+
 def test_gains_of_the_coils_need_places(rig):
     """Equal currents tell nothing of which coil is which."""
     gains = (1.1, 0.95)
@@ -96,7 +113,8 @@ def test_places_may_count_from_the_first(rig):
     found = calibrate(rig, PAYLOAD, lift_readings(rig, TRUTH), positions, **how)
     assert found.misfit < 1e-3
     rows = [row for row in found.table if " of reading " in row.quantity]
-    expected = (places - places[0]).ravel()
+    # What counts from itself is no reading.
+    expected = places[1] - places[0]
     assert [row.measured for row in rows] == pytest.approx(expected, abs=1e-12)
     assert [row.after for row in rows] == pytest.approx(expected, abs=1e-7)
 

@@ -9,6 +9,7 @@ import pytest
 from fieldmap.errors import MapFileError
 from fieldmap.store import checkpoint_path, open_writer, read_info, read_map, seal_map, write_map
 from fieldmap.store.seal import SEAL_LENGTH
+from tests.refusals import refused as refused_as
 
 
 @pytest.fixture
@@ -85,6 +86,14 @@ def test_sealing_again_changes_nothing(path):
     raw = path.read_bytes()
     seal_map(path)
     assert path.read_bytes() == raw
+
+
+@pytest.mark.parametrize("name", ["none.h5", "folder.h5"])
+def test_what_is_no_file_is_not_sealed(tmp_path, name):
+    (tmp_path / "folder.h5").mkdir()
+    with refused_as(MapFileError, where=str(tmp_path / name)):
+        seal_map(tmp_path / name)
+    assert [one.name for one in tmp_path.iterdir()] == ["folder.h5"]
 
 
 def test_another_program_cuts_the_seal_off(path, data):

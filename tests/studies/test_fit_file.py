@@ -89,6 +89,16 @@ def test_the_height_of_a_loop_from_a_probe_on_its_axis(fit_file):
     assert found.deviations["coil.loop.position_mm.3"] == pytest.approx(deviation, rel=0.01)
 
 
+def test_each_point_has_its_deviation(fit_file):
+    """In all components of it; what was not read is no number."""
+    text = HEAD + probe("fit", [-70, -80]).replace("[0.01, 0.01]", "[0.01, 0.04]")
+    (table,) = read_fit(fit_file(text)).readings
+    np.testing.assert_allclose(table.deviation, [1e-5, 1e-5, 1e-5, 4e-5, 4e-5, 4e-5], rtol=1e-12)
+    read = np.ravel(table.measured)
+    np.testing.assert_allclose(read[[2, 5]], [on_axis(-0.07), on_axis(-0.08)], rtol=1e-9)
+    assert np.isnan(read).tolist() == [False, True, False] * 2
+
+
 def test_a_height_from_lift_currents(fit_file):
     found = read_fit(fit_file(HEAD + lift("fit", [-85, -95]))).run()
     assert found.values["coil.loop.position_mm.3"] == pytest.approx(HEIGHT_MM, abs=0.02)

@@ -3,10 +3,11 @@
 import numpy as np
 import pytest
 
-from fieldmap.errors import InputError
+from fieldmap.errors import Infeasible, InputError
 from fieldmap.studies import Carrying, Linked, Number, Uncertain, analyse_tolerances
 from tests.conftest import DEVICES
 from tests.levitation.conftest import slope_on_axis
+from tests.refusals import refused
 from tests.studies.conftest import SPHERE
 
 LOOP = DEVICES / "thin_loop_with_driver.toml"
@@ -42,6 +43,13 @@ def first_order():
     return found
 
 
+# By how many of one more random windings of height 1 +- 1 mm can be made.
+SEEDS = {
+    good: next(
+        k for k in range(99) if (np.random.default_rng(k).standard_normal(good + 1) > -1).sum() == good
+    )
+    for good in (1, 2)
+}
 CARRIES = Carrying([0, 0, -DEPTH])
 
 
@@ -125,6 +133,19 @@ def test_random_devices_that_fail_are_recorded():
     assert 0 < len(found.failed) == np.sum(heights <= 0)
     assert all("height_mm" in why for why in found.failed.values())
     assert found["common_current"].sampled.count == np.sum(heights > 0)
+
+
+@pytest.mark.parametrize(("seed", "solved"), [(SEEDS[1], 1), (SEEDS[2], 2)])
+def test_two_random_devices_must_be_solved(seed, solved):
+    """Windings of negative height cannot be made: of two or three devices one is left, or two."""
+    height, samples = Uncertain("coil.loop.height_mm", 1.0, step=0.1), 1 + solved
+    how = {"currents": CARRIES, "samples": samples, "seed": seed}
+    if solved == 1:
+        with refused(Infeasible, where="analyse_tolerances", must_hold="two"):
+            analyse_tolerances(LOOP, [height], ["common_current"], **how)
+        return
+    found = analyse_tolerances(LOOP, [height], ["common_current"], **how)
+    assert (found["common_current"].sampled.count, len(found.failed)) == (2, 1)
 
 
 def test_a_device_that_cannot_be_solved():

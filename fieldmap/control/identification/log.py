@@ -23,11 +23,14 @@ from fieldmap.inputs.columns import (
     unit_problems,
 )
 from fieldmap.records import FrozenDict, Record
+from fieldmap.store.whole_files import whole_file
 from fieldmap.typing import Array, PathLike
 
 TIME = ("time", "t", "zeit", "timestamp", "elapsed time", "elapsed")
 # Times may be off the even grid by this share of the sampling time: rounding of a log's printed times.
 UNEVEN = 0.02
+# By its first line a written log is told from a measured one.
+WRITTEN = "# Log written by fieldmap"
 _OPTIONS = {"delimiter": "read_log(delimiter)", "units": "read_log(units)", "names": "read_log(names)"}
 
 
@@ -142,12 +145,12 @@ def make_log(Ts: float, signals: Mapping[str, ArrayLike], units: Mapping[str, st
 
 
 def write_log(path: PathLike, log: Log, units: Mapping[str, str] | None = None) -> None:
-    """Write the record as CSV, 9 digits.
+    """Write the record as CSV, 9 digits, below a line that says who wrote it.
 
     Parameters
     ----------
     path
-        Path of the file.
+        Path of the file, in .csv. It replaces nothing but a log that was written here.
     log
         The record.
     units
@@ -156,7 +159,8 @@ def write_log(path: PathLike, log: Log, units: Mapping[str, str] | None = None) 
     Raises
     ------
     InputError
-        For a unit that does not measure the same quantity.
+        For a unit that does not measure the same quantity, and for a path that cannot be written, has another
+        ending, or holds a file of another origin.
     """
     chosen = {"time": "s", **log.units, **(units or {})}
     columns, headings = [], []
@@ -168,8 +172,9 @@ def write_log(path: PathLike, log: Log, units: Mapping[str, str] | None = None) 
         )
         columns.append(values / factor)
         headings.append(f"{name} ({chosen[name]})")
-    header = ",".join(headings)
-    np.savetxt(path, np.stack(columns, 1), "%.9g", ",", header=header, comments="", encoding="utf-8")
+    header = f"{WRITTEN}\n{','.join(headings)}"
+    with whole_file(path, "written log") as partial:
+        np.savetxt(partial, np.stack(columns, 1), "%.9g", ",", header=header, comments="", encoding="utf-8")
 
 
 def _in_si(where: str, unit: str) -> tuple[str, float]:

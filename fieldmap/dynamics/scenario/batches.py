@@ -17,7 +17,7 @@ from fieldmap.device import Device
 from fieldmap.dynamics.closed_loop import simulate_many
 from fieldmap.dynamics.loop_run import LevitationRun, as_csv, recorded
 from fieldmap.dynamics.scenario.experiment import Experiment, prepare
-from fieldmap.dynamics.scenario.metrics import RunMetrics, reading_mm, run_metrics
+from fieldmap.dynamics.scenario.metrics import RunMetrics, over_runs, reading_mm, run_metrics
 from fieldmap.dynamics.scenario.references import AXES
 from fieldmap.dynamics.scenario.schema import Scenario, read_scenario
 from fieldmap.field import Field
@@ -272,7 +272,7 @@ def _not_settled(runs: list[RunMetrics]) -> Iterator[str]:
         left = [step.steady_rms for step in steps if not np.isfinite(step.settling_time)]
         if left:
             of = "" if len(whole) == 1 else f" in {len(left)} of {len(whole)} runs"
-            off = f"{float(np.mean(left)):.3g} mm RMS off over the last quarter"
+            off = f"{over_runs(left):.3g} mm RMS off over the last quarter"
             yield f"{axis} does not settle within 2 % of its step{of}: {off}"
 
 

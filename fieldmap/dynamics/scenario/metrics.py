@@ -1,6 +1,6 @@
 """Metrics of a run of a scenario."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -89,6 +89,11 @@ def _of_step(step: StepMetrics) -> str:
     settles = bool(np.isfinite(step.settling_time))
     settled = f"settles in {step.settling_time:.3g} s" if settles else "does not settle"
     return f"overshoots by {100.0 * step.overshoot:.1f} %, {settled}"
+
+
+def over_runs(each: Sequence[float]) -> float:
+    """The root mean square over several runs, from that of each."""
+    return float(np.sqrt(np.mean(np.square(each))))
 
 
 def reading_mm(scenario: Scenario, points: Array) -> Array:

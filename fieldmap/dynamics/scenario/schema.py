@@ -140,7 +140,12 @@ class CoilSettings(Record):
         bool, Key(..., "currents beyond the table of the iron, or its model's domain, end the run")
     ] = False
     longest_saturation: Annotated[
-        NotNegative, Key(..., "a limit that is active for longer ends the run; 0 for never", "s")
+        NotNegative,
+        Key(
+            ...,
+            "a limit that is active for so long, in whole periods rounded up, ends the run; 0 for never",
+            "s",
+        ),
     ] = 0.0
 
     def drive(self, device: Device) -> CoilDrive:

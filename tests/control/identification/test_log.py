@@ -48,11 +48,29 @@ def test_what_is_written_is_read(tmp_path):
         2e-3, {"position": rng.normal(size=50), "u": rng.normal(size=50)}, {"position": "mm", "u": "1"}
     )
     write_log(tmp_path / "a.csv", log, {"position": "um"})
-    assert (tmp_path / "a.csv").read_text().startswith("time (s),position (um),u (1)\n")
+    assert (tmp_path / "a.csv").read_text().splitlines()[1] == "time (s),position (um),u (1)"
     back = read_log(tmp_path / "a.csv")
     for name in log.signals:
         np.testing.assert_allclose(back[name], log[name], rtol=1e-8)
     assert back.Ts == pytest.approx(log.Ts)
+
+
+@pytest.mark.parametrize("name", ["a.csv", "a.log", "folder.csv"])
+def test_a_written_log_replaces_a_written_log_alone(tmp_path, name):
+    """Not one that a rig has measured, however alike their headings are."""
+    log, path = make_log(1e-3, {"x": [1.0, 2.0]}, {"x": "mm"}), tmp_path / name
+    if name == "folder.csv":
+        path.mkdir()
+    elif name == "a.csv":
+        for values in ([3.0, 4.0], [1.0, 2.0]):
+            write_log(path, make_log(1e-3, {"x": values}, {"x": "mm"}))
+        assert read_log(path)["x"] == pytest.approx([1e-3, 2e-3])
+        path.write_text("time (s),x (m)\n0,5\n1,6\n")
+    before = path.read_text() if path.is_file() else ""
+    with refused(InputError, where=str(path)):
+        write_log(path, log)
+    assert (path.read_text() if path.is_file() else "") == before
+    assert len(list(tmp_path.iterdir())) == (name != "a.log")
 
 
 def test_spreadsheet_marks_and_spaces(tmp_path):

@@ -1,0 +1,87 @@
+"""A training that stopped and goes on: it solves what is missing, and trains on what the first run would have."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from fieldmap.currents import CurrentDomain, IndependentCurrents
+from fieldmap.device.model import CircularCoil
+from fieldmap.maps.forecast import Forecast
+from fieldmap.maps.training.plan import Plan
+from fieldmap.maps.training.sequence import Training
+from fieldmap.maps.training.states import SolvedStates
+from fieldmap.parallel import Common, Workers
+from fieldmap.store import Checkpoint
+
+POTENTIALS = np.array([[1.0, 2.0], [-3.0, 0.5], [0.0, 4.0], [2.5, -1.0]])
+TRIED = np.array([[1.5, -0.5], [0.7, 0.9]])
+PLAN = Plan(states=4, held_out=2)
+COILS = [CircularCoil(name, 6e-3, 8e-3, 10e-3, 100) for name in "ab"]
+
+
+class LinearIron:
+    """Nodal potentials that follow the currents by `POTENTIALS`. The solve of number `stops` is interrupted."""
+
+    device = SimpleNamespace(coils=COILS, background=None, fixed_sources=())
+    images, unknowns = (), 4
+
+    def __init__(self, stops=None):
+        self.solved, self.stops = [], stops
+
+    def solve(self, currents, tolerance, start=None):
+        if len(self.solved) == self.stops:
+            raise KeyboardInterrupt
+        self.solved.append(currents.tolist())
+        return SimpleNamespace(state=SimpleNamespace(potential=(POTENTIALS @ currents)[:, None]))
+
+    def sensitivities(self, currents, potential, directions):
+        return POTENTIALS @ directions
+
+    def air(self, potentials):
+        return 2.0 * potentials
+
+
+def train(path, solver, tried=TRIED, fingerprint="one"):
+    """The training after its first three states, and the states that it was tried on; what was counted."""
+    domain = CurrentDomain(IndependentCurrents(2), np.array([-1.0, 0.0]), np.array([2.0, 1.0]))
+    forecast = Forecast(lambda text, share: None, dict.fromkeys(("training", "random", "points"), 1.0))
+    with Checkpoint(path, fingerprint) as checkpoint:
+        states = SolvedStates(checkpoint, Common.of(solver), Workers())
+        training = Training(solver, domain, PLAN, np.zeros((1, 3)), states, forecast)
+        found = training.solve_tried(lambda i: POTENTIALS @ i, tried, PLAN.states, "at random", "random")
+    return training, found
+
+
+@pytest.fixture
+def stopped(tmp_path):
+    """Of a run that was stopped at its last trial state."""
+    path = tmp_path / "map.kept"
+    with pytest.raises(KeyboardInterrupt):
+        train(path, LinearIron(stops=4))
+    return path
+
+
+def test_it_trains_on_no_state_that_it_is_tried_on(stopped, tmp_path):
+    whole, tried = train(tmp_path / "other.kept", first := LinearIron())
+    assert len(first.solved) == 5
+    again, tried_again = train(stopped, rest := LinearIron())
+    assert rest.solved == [TRIED[1].tolist()]
+    for one, known in ((whole, tried), (again, tried_again)):
+        np.testing.assert_array_equal(one.known.currents, one.currents[:3])
+        np.testing.assert_allclose(one.known.potentials, POTENTIALS @ one.currents[:3].T, rtol=1e-14)
+        np.testing.assert_array_equal(known.currents, TRIED)
+        np.testing.assert_allclose(known.potentials, POTENTIALS @ TRIED.T, rtol=1e-14)
+        # What is counted is counted once, whoever solved it.
+        assert (one.states.count, one.states.failed) == (5, {})
+        assert all(state.tangents.shape == (4, 2) for state in one.known.states)
+    assert (whole.states.computed, again.states.computed) == (5, 1)
+
+
+def test_it_takes_no_state_of_other_currents_or_of_another_map(stopped):
+    other = TRIED[::-1] + 0.01
+    _, tried = train(stopped, solver := LinearIron(), other)
+    assert solver.solved == other.tolist()
+    np.testing.assert_allclose(tried.potentials, POTENTIALS @ other.T, rtol=1e-14)
+    train(stopped, solver := LinearIron(), fingerprint="two")
+    assert len(solver.solved) == 5
