@@ -13,7 +13,7 @@ from fieldmap import control
 from fieldmap.currents import divide_currents
 from fieldmap.device.model import Payload
 from fieldmap.field import Field, coil_currents
-from fieldmap.thesis import equilibrium_shift, statics, vertical
+from fieldmap.thesis import equilibrium_shift, horizontal, statics, vertical
 from fieldmap.thesis.coupled_runs import Readings
 from fieldmap.thesis.equilibrium_shift import Shift
 from fieldmap.thesis.force_formulas import added_error, fit_quadratic_force
@@ -273,3 +273,16 @@ def test_departure_is_the_largest_and_rms_the_root_mean_square():
     assert run.rms(0, 1.0) == pytest.approx(np.sqrt(0.14 / 3))
     assert run.rms(0, 1.0, 3.0) == pytest.approx(np.sqrt(0.05))
     assert run.mean(0, 1.0, 3.0) == pytest.approx(9.9)
+
+
+def test_integral_time_of_a_model_is_found_in_its_own_step():
+    """The step of a first-order loop with an integral time of 0.2 s, 3 mm away from where x begins."""
+    plant, wanted = control.transfer_function([0.02], [1.0, -0.99]), np.full(3000, 3.0)
+    time = 2e-3 * np.arange(3000)
+    wanted[time >= 2.0] += 0.1
+    under = horizontal.Control(0.5, 9.0, 0.001)
+    seen = 3.0 + control.simulate_loop(plant, under.pid(2e-3, 0.2), wanted[time >= 2.0] - 3.0).y[0]
+    seen = np.append(np.full(np.sum(time < 2.0), 3.0), seen)
+    # The reference counts from where the run begins.
+    run = Readings(None, time, seen[:, None], seen[:, None] - 3.0, wanted[:, None])
+    assert horizontal._fitted_time({"Ts_s": 2e-3}, plant, under, run) == pytest.approx(0.2, rel=1e-3)
