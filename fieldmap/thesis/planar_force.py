@@ -45,10 +45,13 @@ def grid(depths: tuple[float, ...] = DEPTHS) -> tuple[Array, Array]:
 
 
 @cache
-def horizontal_fit(depths: tuple[float, ...], a: float | None) -> Fit[HorizontalForce]:
-    """(4-7) fitted to the left electromagnet's computed force."""
+def horizontal_fit(
+    depths: tuple[float, ...], a: float | None, current: float = _CURRENT
+) -> Fit[HorizontalForce]:
+    """(4-7) fitted to the left electromagnet's computed force at a current, A, which is its nominal one."""
     x, z = grid(depths)
-    return force_formulas.fit_horizontal_force(x, z, force((1.0, 0.0), x, z)[:, 0], _CURRENT, _X0, a=a)
+    computed = force((current / _CURRENT, 0.0), x, z)[:, 0]
+    return force_formulas.fit_horizontal_force(x, z, computed, current, _X0, a=a)
 
 
 @cache
@@ -77,11 +80,11 @@ def superposition_error(
 def constants(inputs: dict[str, Any]) -> Answers:
     """Table 4-2: constants of (4-5) along the line of Fig. 4-5."""
     depth = (1e-3 * inputs["depth_mm"],)
-    fit = horizontal_fit(depth, inputs["a_m"])
-    L0, a, b, c = (inputs[name] for name in ("L0_H", "a_m", "b_m", "c_N"))
-    printed = HorizontalForce(L0, a, b, c, _X0, inputs["nominal_current_A"])
+    L0, a, b, c, current = (inputs[name] for name in ("L0_H", "a_m", "b_m", "c_N", "nominal_current_A"))
+    fit = horizontal_fit(depth, a, current)
+    printed = HorizontalForce(L0, a, b, c, _X0, current)
     x, z = grid(depth)
-    error = printed(x, z, _CURRENT) - force((1.0, 0.0), x, z)[:, 0]
+    error = printed(x, z, current) - force((current / _CURRENT, 0.0), x, z)[:, 0]
     formula = fit.formula
     ours = {"L0": formula.inductance, "b": formula.b, "c": formula.c}
     rms = {"rms_N": fit.rms, "printed_rms_N": float(np.sqrt(np.mean(error**2)))}

@@ -83,7 +83,7 @@ def current_ratio(inputs: dict[str, Any]) -> Answers:
     numbers = _in_both(positions) | {"equilibrium_with_curve": Ours(moved, states[0].report.assumptions)}
     named = zip(("1:1", "1:1.22", "1:1.5", "1:3"), divided, inputs["table_2_3_mm"], strict=True)
     lines = [_Line(label, amperes, -z, float(mm)) for label, amperes, mm in named]
-    title, table = "100 mm below the pole piece", "Table 2-3"
+    title, table = f"{inputs['depth_mm']:g} mm below the pole piece", "Table 2-3"
     near = _flux_density_along_x(f"Fig. 2-10: close up, {title}", lines, table, (0.02, 0.09))
     return Answers(numbers, (*_flux_density_along_x(f"Fig. 2-9: {title}", lines, table), near[0]))
 

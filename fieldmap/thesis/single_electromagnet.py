@@ -73,7 +73,8 @@ def levitation(inputs: dict[str, Any]) -> Answers:
         "difference_of_the_windings": 100 * float(difference),
     }
     numbers = {name: Ours(value, reported) for name, value in answers.items()}
-    depth, near, label = np.linspace(0.5e-3, 0.1, 200), np.linspace(0.03, 0.06, 120), "500 turns, 1 A"
+    depth, near = np.linspace(depth[0], depth[-1], 200), np.linspace(0.03, 0.06, 120)
+    label = "500 turns, 1 A"
     (exact, slope), (simplified, _) = (axis_curves(name, depth) for name in (EXACT, SIMPLIFIED))
     lines = {label: exact, "5 turns, 100 A": simplified}
     flux = tuple(Series(name, 1e3 * depth, 1e3 * one) for name, one in lines.items())

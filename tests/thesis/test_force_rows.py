@@ -6,12 +6,14 @@ import pytest
 from fieldmap.planar import read_planar_device, solve_planar
 from fieldmap.thesis.planar_force import (
     DEPTHS,
+    constants,
     force,
     grid,
     horizontal_fit,
     superposition_error,
     vertical_fit,
 )
+from fieldmap.thesis.printed import read_part
 from fieldmap.thesis.spatial_force import added_errors, fitted, places, unit_forces
 from tests.computed_parts import numbers
 
@@ -25,6 +27,23 @@ def row(name):
 @pytest.mark.parametrize(("name", "band"), [("L0", 0.2), ("b", 0.2), ("c", 0.1)])
 def test_constants_of_table_4_2(name, band):
     assert abs(row("S9")[name].deviation) < band
+
+
+@pytest.mark.parametrize("factor", [2.0, 0.1])
+def test_constants_follow_the_nominal_current(factor):
+    """The iron is linear: -L0 I^2 / (2 b ...) + c is proportional to I, as are the errors; b is a length."""
+    inputs = read_part("S9_constants").inputs
+    once, other = (
+        constants(inputs | {"nominal_current_A": factor * inputs["nominal_current_A"]} | more)
+        for factor, more in (
+            (1.0, {}),
+            (factor, {"L0_H": inputs["L0_H"] / factor, "c_N": inputs["c_N"] * factor}),
+        )
+    )
+    for name, power in (("L0", -1), ("b", 0), ("c", 1)):
+        assert other.numbers[name].value == pytest.approx(once.numbers[name].value * factor**power, rel=1e-6)
+    for name in ("rms_N", "printed_rms_N"):
+        assert other.facts[name] == pytest.approx(factor * once.facts[name], rel=1e-6)
 
 
 def test_the_formulas_equilibrium_at_three_to_one_is_not_the_force_s():

@@ -9,12 +9,14 @@ import pytest
 import scipy.signal
 from scipy.optimize import brentq
 
+from fieldmap import control
 from fieldmap.currents import divide_currents
 from fieldmap.device.model import Payload
 from fieldmap.field import Field, coil_currents
-from fieldmap.thesis import equilibrium_shift, statics, vertical
+from fieldmap.thesis import equilibrium_shift, horizontal, statics, vertical
 from fieldmap.thesis.coupled_runs import Readings
 from fieldmap.thesis.equilibrium_shift import Shift
+from fieldmap.thesis.force_formulas import added_error, fit_quadratic_force
 from fieldmap.thesis.printed import read_part
 from fieldmap.thesis.vertical_sensor import magnet_height
 
@@ -210,3 +212,77 @@ def test_time_to_reference_of_a_ramp():
         true = way * (10.0 + np.clip((time - 1.0) / 0.37, 0.0, 1.2))
         run = Readings(None, time, true[:, None], true[:, None], way * wanted[:, None])
         assert run.time_to_reference(0, 1.0) == pytest.approx(0.37, abs=1.01e-3)
+
+
+def test_rest_voltage_of_the_regulator_is_that_of_its_model():
+    """b / (s^2 + c s - k) rests at a voltage of -k / b per unit of position."""
+    model = control.controller_form([-250.0], [1.0, 45.0, -500.0])
+    _, regulator = vertical.design_of(model, np.diag([1.0, 1.0, 1.0]), 1e-3, (1e-4, 1e-4), 2e-3)
+    assert regulator.equilibrium == pytest.approx((0.0, 2.0), rel=1e-9)
+
+
+def test_gains_of_the_regulator_follow_the_ratios_of_its_weights():
+    """Twice the cost is the same optimum; dearer control and a worse sensor have smaller gains."""
+    model = control.controller_form([-250.0], [1.0, 45.0, -500.0])
+
+    def gains(cost, R, noise):
+        _, regulator = vertical.design_of(model, cost * np.diag([1.0, 2.0, 3e4]), R, noise, 2e-3)
+        return regulator.k, regulator.estimator.D_est
+
+    once, sensed = gains(1.0, 1e-3, (10.0, 1e-4))
+    twice, scaled = gains(2.0, 2e-3, (30.0, 3e-4))
+    dear, worse = gains(1.0, 1e-1, (10.0, 1.0))
+    np.testing.assert_allclose(twice, once, rtol=1e-6)
+    np.testing.assert_allclose(scaled, sensed, rtol=1e-6, atol=1e-15)
+    assert np.abs(dear).sum() < 0.9 * np.abs(once).sum()
+    assert np.abs(worse).sum() < 0.5 * np.abs(sensed).sum()
+
+
+def test_mean_and_standard_deviation_over_records():
+    """n - 1: the mean was found from the same records. Squares 9 + 1 + 1 + 9 over 3."""
+    answers = vertical.over_records({"poles": np.array([[1.0, 10.0], [3.0, 10.0], [5.0, 10.0], [7.0, 10.0]])})
+    assert answers.numbers["poles"] == pytest.approx([4.0, 10.0])
+    assert answers.facts["poles_spread"] == pytest.approx([np.sqrt(20.0 / 3.0), 0.0])
+
+
+def test_errors_of_added_formulas():
+    """Errors 3, 4, 0 of forces 5, 12, 0; the first two lie in the middle."""
+    found = added_error(
+        (1.0, 0.0), np.array([8.0, 8.0, 0.0]), np.array([5.0, 12.0, 0.0]), np.array([True, True, False])
+    )
+    assert found.currents == (1.0,)
+    assert (found.rms, found.rms_mN) == pytest.approx((np.sqrt(25 / 3), 1e3 * np.sqrt(25 / 3)))
+    assert (found.whole, found.middle) == pytest.approx((5 / 13, 5 / 13))
+    found = added_error(
+        (1.0,), np.array([8.0, 8.0, 1.0]), np.array([5.0, 12.0, 2.0]), np.array([True, False, False])
+    )
+    assert (found.whole, found.middle) == pytest.approx((np.sqrt(26 / 173), 3 / 5))
+
+
+def test_largest_and_root_mean_square_error_of_a_fit():
+    """Of values at four places in a row a parabola leaves their part along (-1, 3, -3, 1), whose square is 20."""
+    found = fit_quadratic_force([0.0, 1.0, 2.0, 3.0], [0.0, 0.0, 0.0, 20.0])
+    assert found.largest == pytest.approx(3.0)
+    assert found.rms == pytest.approx(np.sqrt(5.0))
+
+
+def test_departure_is_the_largest_and_rms_the_root_mean_square():
+    seen = np.array([[10.0, 10.1, 9.7, 10.2]]).T
+    run = Readings(None, np.arange(4.0), seen, seen, np.full((4, 1), 10.0))
+    assert run.departure(0, 1.0) == pytest.approx(0.3)
+    assert run.rms(0, 1.0) == pytest.approx(np.sqrt(0.14 / 3))
+    assert run.rms(0, 1.0, 3.0) == pytest.approx(np.sqrt(0.05))
+    assert run.mean(0, 1.0, 3.0) == pytest.approx(9.9)
+
+
+def test_integral_time_of_a_model_is_found_in_its_own_step():
+    """The step of a first-order loop with an integral time of 0.2 s, 3 mm away from where x begins."""
+    plant, wanted = control.transfer_function([0.02], [1.0, -0.99]), np.full(3000, 3.0)
+    time = 2e-3 * np.arange(3000)
+    wanted[time >= 2.0] += 0.1
+    under = horizontal.Control(0.5, 9.0, 0.001)
+    seen = 3.0 + control.simulate_loop(plant, under.pid(2e-3, 0.2), wanted[time >= 2.0] - 3.0).y[0]
+    seen = np.append(np.full(np.sum(time < 2.0), 3.0), seen)
+    # The reference counts from where the run begins.
+    run = Readings(None, time, seen[:, None], seen[:, None] - 3.0, wanted[:, None])
+    assert horizontal._fitted_time({"Ts_s": 2e-3}, plant, under, run) == pytest.approx(0.2, rel=1e-3)

@@ -1,0 +1,588 @@
+"""Every part of the thesis's rows follows every number that it states: each input is changed alone, and each number
+must be what a closed form, written out here, makes of the changed inputs; or the part says which test does that."""
+
+import re
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import scipy.linalg
+import scipy.signal
+from scipy.optimize import brentq
+
+from fieldmap.thesis import coupled_loop, planar_unit, single_electromagnet, statics, vertical
+from fieldmap.thesis.computation import Answers, Ours, function_of
+from fieldmap.thesis.printed import part_names, read_part
+
+G, MU0 = 9.80665, 4e-7 * np.pi
+CODE = SimpleNamespace(assumptions=())
+
+
+def magnets(i):
+    sphere = np.pi * (1e-3 * i["sphere_diameter_mm"]) ** 3 / 6
+    cylinder = np.pi * (1e-3 * i["magnet_diameter_mm"]) ** 2 * 1e-3 * i["magnet_height_mm"] / 4
+    return {
+        "sphere_volume": sphere,
+        "sphere_mass": i["sphere_density"] * sphere,
+        "sphere_moment": i["sphere_remanence_T"] * sphere / MU0,
+        "magnet_moment": i["magnet_remanence_T"] * cylinder / MU0,
+    }
+
+
+def windings(i):
+    """Current over the square of the wire, and ampere-turns, stay."""
+    area = (i["simplified_wire_mm"] / i["exact_wire_mm"]) ** 2
+    return {"simplified_current": i["exact_current_A"] * area, "simplified_turns": i["exact_turns"] / area}
+
+
+def two_windings(i):
+    """The stand-ins differ by the depth in m."""
+    return {"difference_of_the_windings": 0.1 * i["far_mm"], "depth_exact": 40.0, "depth_simplified": 50.0}
+
+
+def divided(ratio, nominal, mm):
+    """What the planar stand-in answers: currents of left and right with a sum of 2 nominal, and the depth."""
+    left, right = 2 * nominal / (1 + ratio), 2 * nominal * ratio / (1 + ratio)
+    return left + 3 * right - 1e3 * mm
+
+
+def planar_ratios(i):
+    places = [1e3 * divided(r, i["nominal_current_A"], i["depth_mm"]) for r in i["exact_ratios"]]
+    curve = [1e3 * (r + 3 * i["nominal_current_A"] - 1e3 * i["depth_mm"]) for r in i["exact_ratios"]]
+    return {"equilibrium": places, "equilibrium_in_open_space": places, "equilibrium_with_curve": curve}
+
+
+def planar_depths(i):
+    places = [1e3 * divided(i["ratio"], i["nominal_current_A"], mm) for mm in i["depths_mm"]]
+    return {"equilibrium": places, "equilibrium_in_open_space": places}
+
+
+def planar_gradients(i):
+    ratios = {"vertical": 1.0}
+    ratios |= dict(zip(("horizontal_large_ratio", "horizontal_small_ratio"), i["exact_ratios"], strict=True))
+    found = {name: divided(r, i["nominal_current_A"], i["depth_mm"]) for name, r in ratios.items()}
+    return found | {f"{name}_in_open_space": value for name, value in found.items()}
+
+
+def planar_zeros(i):
+    near, far = (divided(i["ratio"], i["nominal_current_A"], i[f"{one}_depth_mm"]) for one in ("near", "far"))
+    return {"near": 3, "near_unstable": 1, "far": 1, "depth_of_the_change": 1e3 * (near + 7 * far)}
+
+
+def lumped(i):
+    """Downwards m z'' = m g - m g (i / (i0 + s z))^2: the poles of z are +-sqrt(2 g s / (i0 + s z))."""
+    current = i["current_at_zero_A"] + i["slope_A_per_mm"] * i["depth_mm"]
+    product = -2 * G * 1e3 * i["slope_A_per_mm"] / current
+    sign = np.sign(i["identified_denominator"][1])
+    return {"product_of_poles": product, "stiffness_term": 1, "current_term": 1, "sign_of_damping": sign}
+
+
+def frames(i):
+    c, s = np.cos(np.radians(i["angle_deg"])), np.sin(np.radians(i["angle_deg"]))
+    x, y, out = (
+        i["local_x_deviation_mm"],
+        i["local_y_deviation_mm"],
+        i["half_range_mm"] + i["centre_offset_mm"],
+    )
+    return {
+        "rotation": [c, -s, s, c],
+        "translation": [-np.sqrt(2) * out * (c - s), -np.sqrt(2) * out * (c + s)],
+        "global_deviation": [np.hypot(c * x, s * y), np.hypot(s * x, c * y)],
+    }
+
+
+def accuracy(i, volts, gain, inside=1.0):
+    """Appendix B, V."""
+    offset = i["offset_error"] + i["offset_drift"] * inside + i["nonlinearity"]
+    return np.asarray(volts) * gain + i["range_V"] * offset + 3e-6 * i["random_noise_uV"]
+
+
+def converter(i):
+    inside, outside, net = i["internal_change_K"], i["external_change_K"], i["printed_gain_error"]
+    zero, full = 1e6 * accuracy(i, [0.0, i["range_V"]], net, inside)
+    return {
+        "resolution": 2e3 * i["range_V"] / 2 ** i["bits"],
+        "gain_error": net - i["gain_drift"] * inside - i["reference_drift"] * outside,
+        "net_gain_error": net,
+        "net_offset_error": i["offset_error"] + i["offset_drift"] * inside + i["nonlinearity"],
+        "noise_uncertainty": 3 * i["random_noise_uV"],
+        "accuracy_at_zero": zero,
+        "accuracy_at_full_scale": full,
+    }
+
+
+def budget(i):
+    """Appendix C."""
+    actual = i["nominal_mm"] + i["accuracy_mm"] * np.array([1, -1])
+    unit = 1e-3 * i["voltage_step_mV"] * i["scale_mm_per_V"]
+    shown = unit * np.floor(actual / unit + 0.5 + 1e-9)
+    volts = (shown - i["zero_mm"]) / i["scale_mm_per_V"]
+    codes = volts / i["converter_step_V"]
+    steps = np.ceil(codes - 1e-9)
+    taken = steps * i["converter_step_V"]
+    off = accuracy(i, taken, i["gain_error"] + i["gain_drift"] + 10 * i["reference_drift"])
+    read = np.array([taken[0] + off[0], taken[0] - off[0], taken[1] - off[1], taken[1] + off[1]])
+    place = i["zero_mm"] + i["scale_mm_per_V"] * read
+    return {
+        "actual": actual, "shown": shown, "voltage": volts, "bits_needed": codes, "effective_bits": steps,
+        "nearest_bits": np.round(codes), "input_voltage": taken, "accuracy": off, "measured_voltage": read,
+        "measurement": place, "error": i["nominal_mm"] - place,
+    }  # fmt: skip
+
+
+def chain(i):
+    scan = round(1e3 / i["scan_rate_Hz"], 3)
+    noise, step = 1e-6 * i["converter_noise_uV"], 2 * i["range_V"] / 2 ** i["bits"]
+    return {
+        "resolution": 1e-3 * i["voltage_step_mV"] * i["scale_mm_per_V"],
+        "scan_time": 1e3 / i["scan_rate_Hz"],
+        "cycle_time": i["cycles"] * scan,
+        "averaging_time": 1e-3 * i["averages"] * scan,
+        "largest_current": 10 * i["gain_A_per_V"],
+        "current_at_input": i["gain_A_per_V"] * i["input_V"],
+        "gain": np.mean(i["multimeter_A"]) / i["input_V"],
+        "deviation_range": [np.min(i["current_deviation_A"]), np.max(i["current_deviation_A"])],
+        # Sheppard: a step q adds q^2 / 12 to the variance, the mean over all places in it.
+        "held_deviation": (1e3 * i["scale_mm_per_V"] * np.hypot(noise, step / np.sqrt(12)), 0.01),
+    }
+
+
+def of_levitation(i):
+    """Stand-ins: lift current 1 + z/100 + h/1000 A at force 1, lift share 0.3 + z/100 + h/1000 + current/10."""
+    zs, hs, h, z = i["depths_mm"], i["offsets_mm"], i["offset_mm"], i["middle_mm"]
+    law = 1.215 + 0.0343 * np.asarray(zs)
+    return {
+        "current": 1 + zs / 100 + h / 1000,
+        "total": 6 * (1 + z / 100 + h / 1000),
+        "current_over_h": 1 + z / 100 + hs / 1000,
+        "current_linear": 1 / (0.4 + zs / 100 + h / 1000),
+        "relative_slope": 1 / (1 + z / 100 + hs[:-1] / 1000),
+        "lift_over_weight": np.array([0.3 + zs / 100 + one / 1000 + law / 10 for one in hs]).ravel(),
+        "lift_with_joints": 2 * zs,
+        "slope_with_joints": 5.0,
+    }
+
+
+def clear_directions(i):
+    """Stand-in: coil k moves the magnet by k - 3.28 along x and by 3.28 - k along y, by 2.72 at most."""
+    moved = np.arange(1.0, 7.0) - 3.28
+    signs = np.where(np.abs(moved) > 2.72 * i["least_share"], np.sign(moved), 0)
+    return {"directions": np.array([signs, -signs, -signs, signs]).ravel()}
+
+
+def pid(i, gain):
+    half, rate = i["Ts_s"] / (2 * i["Ti_s"]), i["Td_s"] / i["Ts_s"]
+    return gain * np.array([1 + half + rate, half - 1 - 2 * rate, rate])
+
+
+def plant(i):
+    return i["plant_gain"] * np.poly(np.atleast_1d(i["plant_zeros"])), np.poly(
+        np.atleast_1d(i["plant_poles"])
+    )
+
+
+def controller(i):
+    numerator, (top, bottom) = pid(i, i["Kc"]), plant(i)
+    return {
+        "numerator": numerator, "denominator": [1, -1, 0], "zeros": np.sort(np.roots(numerator))[::-1],
+        "plant_numerator": top, "plant_denominator": bottom, "nominal_gain": i["plant_gain"],
+    }  # fmt: skip
+
+
+def loop(i, gain):
+    """Forward path and characteristic polynomial; the controller acts on minus the error."""
+    top, bottom = plant(i)
+    forward = np.convolve(np.append(0.0, top), -pid(i, gain))
+    return forward, np.convolve(bottom, [1, -1, 0])
+
+
+def closed_loop(i):
+    forward, bottom = loop(i, i["Kc"])
+    y = scipy.signal.lfilter(forward, bottom + forward, np.ones(2000))
+    sensitivity = scipy.signal.lfilter(bottom, bottom + forward, np.eye(1, 20000)[0])
+    return {
+        "overshoot": 100 * (y.max() - 1),
+        "peak_time": i["Ts_s"] * y.argmax(),
+        "time_to_reference": i["Ts_s"] * np.argmax(y >= 1),
+        # Of some 100 000 samples.
+        "rms_at_rest": (i["sensor_deviation_mm"] * np.sqrt(np.sum(sensitivity**2)), 0.02),
+    }
+
+
+def recovered(i):
+    """What the records were made of."""
+    poles = np.sort(np.real(i["plant_poles"]))[::-1]
+    return {"poles": (poles, 5e-3), "zero": (i["plant_zeros"], 5e-3), "gain": (i["plant_gain"], 5e-3)}
+
+
+def recovered_sideways(i):
+    orders = [f"{axis}_{order}_order" for axis in "xy" for order in ("second", "first")]
+    return {name: (np.delete(i[name], 1), 5e-3) for name in orders}
+
+
+def loci(i):
+    poles = [np.roots(np.add(*loop(i, gain))) for gain in i["gains"]]
+    pair = np.array([p[p.imag.argmax()] for p in poles])
+    third = [max(q.real for q in p if abs(q.imag) < 1e-9) for p in poles]
+    known = [third[int(np.argmin(np.abs(i["gains"] - gain)))] for gain in i["third_gains"]]
+    return {"pair_real": pair.real, "pair_imaginary": pair.imag, "third": known}
+
+
+def in_minutes(i):
+    """Of the stand-in g = 1600 mm/s^2 per V, c = 150 1/s^2, d = 2 1/s."""
+    half = i["Ts_s"] / (120 * i["Ti_s"])
+    weight = 1e3 * i["gravity"] * i["amplifier_A_per_V"] / i["lift_current_A"]
+    return {
+        "zero": [(1 - half) / (1 + half)] * 3,
+        "stiffness_over_gain": 150 / 1600,
+        "gain_over_weight": 1600 / weight,
+    }
+
+
+def sideways(i):
+    first, second = i["system_Ti_s"] / i["model_Ti_s"], i["second_system_Ti_s"] / i["second_model_Ti_s"]
+    found = {
+        "integral_ratio": first, "model_integral_time": i["model_Ti_s"] / first,
+        "second_integral_ratio": second, "second_integral_time": i["third_system_Ti_s"] / second,
+    }  # fmt: skip
+    for axis in "xy":
+        signal = brentq(lambda s, a=axis: np.polyval(i[f"{a}_polynomial"], s) - i["step_mm"], 0, 0.2)
+        gains = [
+            i[f"{axis}_{order}_order"][0] / sum(i[f"{axis}_{order}_order"][1:])
+            for order in ("second", "first")
+        ]
+        found |= {f"{axis}_signal": signal, f"{axis}_position": signal * np.array(gains)}
+    return found
+
+
+def regulated(i):
+    """The model in continuous time, its rest voltage; the rounded one with its output's integral, for a held input."""
+    poles = np.log(i["plant_poles"]) / i["Ts_s"]
+    top, bottom = plant(i)
+    a1, a0 = np.asarray(i["rounded_denominator"])[1:] / i["rounded_denominator"][0]
+    b1, b0 = np.asarray(i["rounded_numerator"]) / i["rounded_denominator"][0]
+    wide = np.array([[-a1, -a0, 0, 1], [1, 0, 0, 0], [b1, b0, 0, 0], [0, 0, 0, 0]])
+    held = scipy.linalg.expm(wide * i["Ts_s"])
+    return {
+        "denominator": np.poly(poles),
+        "model_equilibrium": bottom.sum() / top.sum(),
+        "A": wide[:3, :3].ravel(), "A_d": held[:3, :3].ravel(), "B_d": held[:3, 3],
+    }  # fmt: skip
+
+
+VARIED = {
+    "S3": magnets, "S4_windings": windings, "S4_levitation": two_windings, "S5_current_ratio": planar_ratios,
+    "S5_depth": planar_depths, "S5_gradients": planar_gradients, "S5_zeros": planar_zeros, "S6": lumped, "S7": frames,
+    "S8_converter": converter, "S8_error_budget": budget, "S8_sensor_and_amplifier": chain, "S12": of_levitation,
+    "S13": lambda i: {"sum": 6}, "S13_field": clear_directions, "S16_controller": controller,
+    "S16_closed_loop": closed_loop, "S16_recovery": recovered, "S16_root_locus": loci,
+    "S16_times_in_minutes": in_minutes, "S17_arithmetic": sideways, "S17_recovery": recovered_sideways,
+    "S20_models": regulated,
+}  # fmt: skip
+FOLLOW, JUDGED = "thesis/test_rows_follow_their_inputs.py::test_", "thesis/test_rows_judged.py::test_"
+LOOP, FORCES = "dynamics/test_thesis_scenarios.py::test_", "thesis/test_force_rows.py::test_"
+HERE = "thesis/test_inputs_of_rows.py::test_"
+BRANCH, MAP = (
+    "thesis/test_hysteresis.py::test_rows_set_ours_beside_the_same_branch",
+    "thesis/test_map_plants.py::test_",
+)
+ELSEWHERE = {
+    "S9_constants": FORCES + "constants_follow_the_nominal_current",
+    "S9_superposition": FORCES + "the_formulas_equilibrium_at_three_to_one_is_not_the_force_s",
+    "S10": FORCES + "constants_of_table_4_3_in_their_bands",
+    "S14_table_6_2": FOLLOW + "table_6_2",
+    "S14_table_6_3": FOLLOW + "table_6_3",
+    "S14_x_branches": FOLLOW + "branches_of_one_axis_at_their_height",
+    "S14_y_branches": FOLLOW + "branches_of_one_axis_at_their_height",
+    "S14_x_joints": BRANCH, "S14_y_joints": BRANCH, "S14_x_remanence": BRANCH, "S14_y_remanence": BRANCH,
+    "S14_fits": FOLLOW + "fits_of_a_straight_curve",
+    "S14_limits": FOLLOW + "signal_at_the_limit_of_the_amplifier",
+    "S14_convergence": FOLLOW + "shift_rows_at_their_height",
+    "S14_magnet_models": FOLLOW + "shift_rows_at_their_height",
+    "S14_own_current": JUDGED + "own_current_is_the_level_that_is_asked_for",
+    "S14_noise": FOLLOW + "noise_of_the_mean_deviation",
+    "S15": JUDGED + "ranges_are_of_both_sides_and_end_at_the_limits",
+    "S16_map_plant": MAP + "volts_per_millimetre_of_depth_are_those_of_the_lift_currents",
+    "S17_map_plant": MAP + "signals_move_the_magnet_the_right_way",
+    "S16_records": "dynamics/test_thesis_records.py::test_identified_poles_are_those_of_the_linear_machine",
+    "S17_records": "dynamics/test_thesis_records.py::test_integral_times_scale_as_the_gains_at_rest",
+    "S18_vertical": HERE + "drag_of_table_7_1",
+    "S18_spikes": HERE + "push_and_gains_against_spikes",
+    "S18_proportional": LOOP + "pd_control_rests_where_its_gain_and_the_statics_say",
+    "S18_range": HERE + "range_begins_at_each_depth",
+    "S18_regulator": LOOP + "table_7_3_the_regulator_swings_by_its_whole_step_near_the_block",
+    "S18_heights": HERE + "heights_above_the_block",
+    "S19": HERE + "circles_of_each_radius_and_rate",
+    "S20_closed_loop": JUDGED + "what_is_said_of_the_regulator_is_what_its_curves_show",
+    "S14_calibration": "levitation/test_calibration.py::test_",
+}  # fmt: skip
+"""Where inputs of a part are changed or its numbers judged otherwise."""
+
+
+def test_every_part_with_inputs_is_varied_here_or_elsewhere():
+    parts = {part for part in part_names() if read_part(part).inputs}
+    assert VARIED.keys() | ELSEWHERE.keys() == parts
+    assert not VARIED.keys() & ELSEWHERE.keys()
+    for place in ELSEWHERE.values():
+        path, _, name = place.partition("::")
+        assert f"def {name}" in (Path(__file__).parents[1] / path).read_text(encoding="utf-8"), place
+
+
+# Beside what a part computes, it is compared with, drawn, or begins with.
+WITHOUT_EFFECT = {
+    "S4_levitation": {"near_mm", "printed_depth_mm"},
+    "S5_current_ratio": {"table_2_3_mm"},
+    "S5_depth": {"table_2_4_mm"},
+    # The law of the lift is per mass; the sensor's zero and its steps are left out of a held output.
+    "S6": {"mass_g"},
+    "S8_error_budget": {"bits"},
+    "S8_sensor_and_amplifier": {"zero_mm"},
+    "S13": {"u", "x_signal", "y_signal", "n"},
+    "S13_field": set(),
+    "S16_closed_loop": {"step_mm"},
+    "S16_recovery": {"Kc", "Ti_s", "Td_s", "Ts_s", "sensor_deviation_mm", "prbs_order", "prbs_amplitude_mm"},
+    "S16_root_locus": {"preliminary_zeros", "preliminary_poles", "measured_real", "measured_imaginary", "third_gains"},
+    "S17_arithmetic": {"Ts_s"},
+    "S17_recovery": {"x_signal", "y_signal", "deviation_mm"},
+    # Tests of lqrd and kalmd.
+    "S20_models": {"Q", "R", "noise_mm2"},
+    # Through the plant that is fitted, for which another stands here.
+    "S16_times_in_minutes": {
+        "Td_s", "gains", "third_gains", "pair_real", "pair_imaginary", "third", "held_back", "step_gain"
+    },
+}  # fmt: skip
+
+
+def changed(name, value):
+    """Another value of an input that is as good."""
+    if re.search("_(bits|order)$|^bits$", name) and np.ndim(value) == 0:
+        return value + 1
+    if name == "identified_denominator":
+        return value * np.array([1.0, -1.0, 1.0])
+    if name.endswith("_poles") or name.endswith("_zeros") or name == "angle_deg":
+        return value * 0.998
+    if re.search("_(second|first)_order$", name):
+        return value * np.r_[1.05, np.ones(len(value) - 1)]
+    return (
+        int(value + 1)
+        if isinstance(value, int) and value > 2 and name in ("cycles", "averages")
+        else value * 1.07
+    )
+
+
+CASES = [
+    (part, name)
+    for part in VARIED
+    for name, value in read_part(part).inputs.items()
+    if not isinstance(value, str)
+]
+
+
+@pytest.mark.parametrize(("part", "name"), CASES)
+def test_numbers_follow_one_input(part, name, stand_ins):
+    given = {"map": None, **read_part(part).inputs}
+    given[name] = changed(name, given[name])
+    before, exact = (VARIED[part](inputs) for inputs in (read_part(part).inputs, given))
+    found = numbers_of(part, given)
+    for number, value in exact.items():
+        value, close = value if isinstance(value, tuple) else (value, 1e-8)
+        assert np.ravel(found[number]) == pytest.approx(np.ravel(value), rel=close, abs=1e-9), number
+    moved = any(
+        not np.array_equal(before[key], exact[key]) for key in exact if not isinstance(exact[key], tuple)
+    )
+    moved |= any(
+        not np.allclose(before[key][0], exact[key][0], rtol=1e-6)
+        for key in exact
+        if isinstance(exact[key], tuple)
+    )
+    assert moved == (name not in WITHOUT_EFFECT.get(part, ()))
+
+
+DRAWN = [("S4_levitation", one) for one in ("near_mm", "far_mm", "printed_depth_mm")]
+DRAWN += [("S16_root_locus", one) for one in sorted(WITHOUT_EFFECT["S16_root_locus"] - {"third_gains"})]
+
+
+@pytest.mark.parametrize(("part", "name"), DRAWN)
+def test_figures_follow_what_is_drawn(part, name, stand_ins):
+    given = dict(read_part(part).inputs)
+    once = points_of(part, given)
+    given[name] = changed(name, given[name])
+    assert points_of(part, given) != once
+
+
+def points_of(part, inputs):
+    return [
+        (one.x.tobytes(), one.y.tobytes())
+        for curves in function_of(part)(inputs).curves
+        for one in curves.series
+    ]
+
+
+def numbers_of(part, inputs):
+    found = function_of(part)(inputs)
+    numbers = found.numbers if isinstance(found, Answers) else found
+    return {key: value.value if isinstance(value, Ours) else value for key, value in numbers.items()}
+
+
+@pytest.fixture
+def stand_ins(monkeypatch):
+    """What rows of solved units ask, answered so that the answer tells the question."""
+
+    def told(solved, amperes, z):
+        return amperes[0] + 3 * amperes[1] + 1e6 * z
+
+    def gradient(points, amperes):
+        value = told(None, amperes, points[0][1])
+        return np.array([[[0.0, 0.0], [value, -value]]])
+
+    def points(solved, amperes, z, *window):
+        stable = [True, False, True] if told(None, amperes, z) > told(None, amperes, -0.078) else [True]
+        return [SimpleNamespace(stable=one) for one in stable]
+
+    fake = SimpleNamespace(
+        report=CODE, gradient=gradient, field=lambda at, amperes: np.zeros((len(at), 2)), coil_names=()
+    )
+    monkeypatch.setattr(planar_unit, "unit", lambda walls=True: fake)
+    monkeypatch.setattr(planar_unit, "reached_from_the_middle", told)
+    monkeypatch.setattr(planar_unit, "_flux_density_along_x", lambda *_: (None,))
+    monkeypatch.setattr(planar_unit, "planar", SimpleNamespace(stationary_points=points))
+    monkeypatch.setattr(planar_unit, "fold_depth", lambda of, i, a, b: told(of, i, -a) + 7 * told(of, i, -b))
+    saturated = lambda ratio, nominal: SimpleNamespace(currents=(ratio, nominal), report=CODE)  # noqa: E731
+    monkeypatch.setattr(planar_unit, "saturating", saturated)
+    one = single_electromagnet
+    monkeypatch.setattr(one, "solved", lambda *_: SimpleNamespace(report=CODE))
+    monkeypatch.setattr(
+        one, "axis_curves", lambda name, d: (1 + d if name == one.SIMPLIFIED else 1 + 0 * d, d)
+    )
+    monkeypatch.setattr(one, "levitation_depth", lambda name: 0.04 if name == one.EXACT else 0.05)
+    monkeypatch.setattr(statics, "lift_current", lambda z, h, scale=1.0: 1 + z / 100 + h / 1000)
+    share = lambda field, z, h, current: 0.3 + z / 100 + h / 1000 + current / 10  # noqa: E731
+    monkeypatch.setattr(statics, "lift_share", share)
+    for name in ("unit_rays", "shipped_unit", "about_the_joints"):
+        monkeypatch.setattr(statics, name, dict)
+    monkeypatch.setattr(statics, "linear_unit", lambda name: None)
+    law = lambda unit, zs: SimpleNamespace(shares=2 * zs, relative_slope=5.0)  # noqa: E731
+    monkeypatch.setattr(statics, "lift_law", law)
+    moved = np.arange(1.0, 7.0) - 3.28
+    monkeypatch.setattr(
+        statics, "sensitivity_at_origin", lambda: SimpleNamespace(at_held_height=np.array([moved, -moved]))
+    )
+    for name in ("_ALL_GAINS", "_DRAWN_GAINS"):
+        monkeypatch.setattr(vertical, name, np.geomspace(0.01, 1.0, 3))
+    monkeypatch.setattr(vertical, "_fitted_plant", lambda inputs: np.array([1600.0, 150.0, 2.0]))
+
+
+class Told:
+    """A run that knows which changes were asked of its scenario; a depth that rises by 3 mm."""
+
+    def __init__(self, scenario, changes):
+        self.changes, self.time = changes, np.linspace(0.0, 8.0, 9)
+        self.true = np.linspace([0.0, 0.0, 10.0], [0.0, 0.0, 13.0], 9)
+        metrics = SimpleNamespace(event="", largest_current_A=1.0)
+        self.run = SimpleNamespace(
+            scenario=SimpleNamespace(path=Path(scenario)), assumptions=(), metrics=metrics
+        )
+
+    def departure(self, axis, begin, end=np.inf):
+        """A digit for each key of the compensator and for the gain."""
+        push, gain = (self.changes.get(f"control.{key}", 0.0) for key in ("compensator.push_mm", "x.Kc"))
+        return 1.0 + push + 1e-3 * self.changes.get("control.compensator.duration_ms", 0.0) + 10.0 * gain
+
+    def rms(self, axis, begin, end=np.inf):
+        radius, rate = (
+            self.changes.get(f"reference.0.{key}", 0.0) for key in ("radius_mm", "rate_rad_per_s")
+        )
+        return self.changes.get("start.depth_mm", 0.0) + radius + 10 * rate + 1e3 * begin
+
+    def column(self, axis):
+        return [0.1, 0.2, 0.3, 40.0]
+
+    def time_to_reference(self, axis, at):
+        return 0.25
+
+
+@pytest.fixture
+def asked(monkeypatch):
+    """asked(part, **inputs): numbers and facts of a part of S18 or S19, and the changes of its runs in their order."""
+    runs = []
+
+    def run_of(inputs, scenario, changes=None):
+        runs.append(Told(scenario, dict(changes or {})))
+        return runs[-1]
+
+    def runs_of(inputs, scenario, changes):
+        return {name: run_of(inputs, scenario, one) for name, one in changes.items()}
+
+    drawing = SimpleNamespace(
+        VERTICAL_PID={"Kc": 0.5}, in_the_plane=dict, with_measured=lambda one, *_, **__: one
+    )
+    replaced = {"run_of": run_of, "runs_of": runs_of, "coupled": drawing, "over_time": lambda *_, **__: None}
+    replaced |= {"_step_in_words": lambda run: run.changes, "follows": lambda run, rate, begin: (rate, begin)}
+    replaced["_farthest"] = lambda way, run: (
+        run.changes["reference.0.by_mm"] + 100 * run.changes["start.depth_mm"]
+    )
+    drawing.in_the_plane = lambda *_, **__: None
+    for name, one in replaced.items():
+        monkeypatch.setattr(coupled_loop, name, one)
+
+    def compute(part, **inputs):
+        answers = function_of(part)({"map": None, **read_part(part).inputs, **inputs})
+        numbers = {key: getattr(value, "value", value) for key, value in answers.numbers.items()}
+        return numbers, answers.facts, [run.changes for run in runs]
+
+    return compute
+
+
+def test_drag_of_table_7_1(asked):
+    numbers, facts, _ = asked("S18_vertical", identified_drag_N_s_per_m=0.7, between_drag_N_s_per_m=0.3)
+    drag = "drag.linear_N_s_per_m"
+    assert {name: fact.get(drag) for name, fact in facts.items()} == {
+        "air": None, "with_damping": [0.7] * 3, "with_less_gain": None, "with_both": [0.005, 0.005, 0.3],
+        "with_a_lag": None,
+    }  # fmt: skip
+    assert [facts[name]["control.z.Kc"] for name in ("with_less_gain", "with_both")] == [0.4, 0.4]
+    names = ("peak_time", "rise_time", "settling_time", "overshoot", "time_to_reference")
+    assert [numbers[name] for name in names] == [0.1, 0.2, 0.3, 40.0, 0.25]
+    # Of the last quarter of 8 s.
+    assert numbers["rms_at_rest"] == numbers["setup_of_30"][4] == 6e3
+
+
+def test_push_and_gains_against_spikes(asked):
+    numbers, facts, _ = asked("S18_spikes", push_mm=0.2, duration_ms=30, small_gains=np.array([0.1, 0.05]))
+    assert (numbers["spike"], numbers["with_compensator"]) == pytest.approx((1.0, 1.23))
+    assert facts["small_spikes_mm"] == pytest.approx([2.0, 1.5])
+    assert facts["spikes_then"] == ["still there", "still there"]
+
+
+def test_range_begins_at_each_depth(asked):
+    numbers, _, runs = asked("S18_range", depths_mm=np.array([9.0, 14.0]))
+    ways = np.array([15.0, -15.0, 15.0, -15.0])
+    assert numbers["range_upper"] == pytest.approx(900 + ways)
+    assert numbers["range_lower"] == pytest.approx(1400 + ways)
+    assert [run["plate.face_mm"] for run in runs[:8:4]] == [[0.0, 0.0, -108.0], [0.0, 0.0, -113.0]]
+    assert [run["reference.0.axis"] for run in runs[:4]] == list("xxyy")
+    assert numbers["vertical_range"] == pytest.approx(3.0)
+
+
+def test_heights_above_the_block(asked):
+    """Table 7-4: the depth is the block's less the gap."""
+    numbers, _, runs = asked(
+        "S18_heights", block_below_mm=14.5, gaps_mm=np.array([0.5, 2.0]), further_gaps_mm=np.array([5.0]),
+        identified_drag_N_s_per_m=0.7,
+    )  # fmt: skip
+    assert numbers["rms"] == pytest.approx([1014.0, 1012.5])
+    assert [run["start.depth_mm"] for run in runs] == [14.0, 12.5, 9.5, 9.5]
+    assert [run.get("drag.linear_N_s_per_m") for run in runs] == [None, None, None, [0.7] * 3]
+
+
+def test_circles_of_each_radius_and_rate(asked):
+    radii, rates = np.array([0.5, 2.0, 3.0]), np.array([0.25, 0.5, 1.0])
+    about = {"radii_mm": radii, "rates_rad_per_s": rates, "turns": np.array([2, 1, 4]), "settled_s": 9.0}
+    numbers, facts, runs = asked("S19", **about)
+    assert numbers["vertical_rms"] == pytest.approx(radii + 10 * rates + 9e3)
+    assert numbers["growth"] == pytest.approx(9007.0 / 9003.0)
+    assert numbers["speed"] == pytest.approx([0.125, 1.0])
+    # 8 s and so many turns of 2 pi / rate.
+    assert [run["duration_s"] for run in runs[1:]] == [59.0, 21.0, 34.0]
+    assert facts["followed"] == [(0.25, 9.0), (0.5, 9.0), (1.0, 9.0)]
