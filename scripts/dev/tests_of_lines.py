@@ -65,15 +65,15 @@ class TestsOfLines:
         """Names of tests that run the statement at a line, the quickest first, then others of their files, which may
         read what those made and kept; at most `LIMIT` s of them. Empty if none runs it."""
         lines, defining = self._lines_of(file), self._defines(file, line)
+        module = _module(file)
         if self._package.get(file) != self._hash(file):
             found = set().union(*lines.values()) if lines else set()
         else:
             found = set().union(*(lines.get(k, set()) for k in self._statement(file, line)))
             if "" in found or defining:
-                # Run while the module is imported: it shows wherever the module is used, and to tests of definitions.
-                found = set().union(*lines.values()) | self._of_all_modules
+                # Run while the module is imported: it shows wherever the module is used.
+                found = set().union(*lines.values()) | self._of_all_modules | self._beside(module)
         running = {name for name in found if name in self.seconds}
-        module = file.removesuffix(".py").replace("/", ".")
         near = {
             test
             for test in {name.split("::")[0] for name in running}
@@ -93,6 +93,17 @@ class TestsOfLines:
                 chosen.append(name)
                 total += self.seconds[name]
         return chosen
+
+    def _beside(self, module: str) -> set[str]:
+        """Tests that see what a module defines without running its lines: those of files that name the module, and
+        those that run modules that import it."""
+        files = {name.split("::")[0] for name in self.seconds}
+        naming = {test for test in files if module in (self._checkout / test).read_text(encoding="utf-8")}
+        found = {name for name in self.seconds if name.split("::")[0] in naming}
+        for path in (self._checkout / "fieldmap").rglob("*.py"):
+            if module in imported(path.read_text(encoding="utf-8")):
+                found.update(*self._lines_of(path.relative_to(self._checkout).as_posix()).values())
+        return found
 
     def _files(self, test: str) -> Iterator[str]:
         path = self._checkout / test
@@ -158,6 +169,21 @@ class TestsOfLines:
             if node.lineno <= line <= max(last, node.lineno):
                 best = range(node.lineno, max(last, node.lineno) + 1)
         return best
+
+
+def imported(text: str) -> set[str]:
+    """Modules that a text imports: of `from a.b import c` both a.b and a.b.c."""
+    found: set[str] = set()
+    for node in ast.walk(ast.parse(text)):
+        if isinstance(node, ast.ImportFrom):
+            found |= {f"{node.module}", *(f"{node.module}.{one.name}" for one in node.names)}
+        elif isinstance(node, ast.Import):
+            found |= {one.name for one in node.names}
+    return found
+
+
+def _module(file: str) -> str:
+    return file.removesuffix(".py").removesuffix("/__init__").replace("/", ".")
 
 
 def reads_definitions(file: Path) -> bool:

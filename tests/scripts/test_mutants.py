@@ -65,6 +65,25 @@ def test_definitions_are_told_from_what_functions_do(tmp_path):
     assert [k for k in range(1, 8) if known._defines("a.py", k)] == [1, 2, 3, 4, 5, 6]
 
 
+def test_tests_of_a_table_are_those_that_name_its_module_or_run_what_imports_it(tmp_path):
+    for folder in ("fieldmap", "tests"):
+        (tmp_path / folder).mkdir()
+    (tmp_path / "fieldmap" / "table.py").write_text("LIMIT = 3")
+    (tmp_path / "fieldmap" / "user.py").write_text("from fieldmap.table import LIMIT")
+    (tmp_path / "fieldmap" / "other.py").write_text("from fieldmap.tables import LIMIT")
+    (tmp_path / "tests" / "test_a.py").write_text("import fieldmap.table")
+    (tmp_path / "tests" / "test_b.py").write_text("")
+    known = Known.__new__(Known)
+    known._checkout, known._data = tmp_path, []
+    known._lines = {
+        f"fieldmap/{k}.py": {1: {f"tests/test_b.py::test_{k}"}} for k in ("table", "user", "other")
+    }
+    known.seconds = dict.fromkeys(
+        ("tests/test_a.py::test_it", "tests/test_b.py::test_user", "tests/test_b.py::test_other"), 0.1
+    )
+    assert known._beside("fieldmap.table") == {"tests/test_a.py::test_it", "tests/test_b.py::test_user"}
+
+
 def test_tests_of_definitions_are_known_by_what_they_read():
     names = {path.name for path in (ROOT / "tests").rglob("test_*.py") if reads_definitions(path)}
     assert {"test_keys.py", "test_api_signatures.py", "test_json_schema.py", "test_data_classes.py"} <= names
