@@ -148,7 +148,7 @@ def nan_node(file):
 
 
 def newer(file):
-    file["/fieldmap"].attrs["format_version"] = 3
+    file["/fieldmap"].attrs["format_version"] = 4
 
 
 def of_another_format(file):
@@ -181,7 +181,7 @@ def no_coils(file):
     ("change", "words"),
     [
         (nan_node, "B_1/x: finite numbers; received NaN"),
-        (newer, "file format 1 or 2; received format 3"),
+        (newer, "file format 1, 2, 3; received format 4"),
         (of_another_format, "received format 2, and 1 in its header"),
         (wrong_spacing, "B_1, gridSpacing: .* received array"),
         (other_recipe, "the recipe it was made from; received a recipe text with another hash"),
