@@ -64,10 +64,36 @@ def test_how_a_branch_ends():
     inside = follow_branch(lambda q, p: q - p, *line, inside=lambda q: q[0] < 0.7)
     assert inside.ended == "edge"
     assert inside.at_stops[:, 0] == pytest.approx([0.0, 0.5], abs=1e-9)
-    assert 0.69 < inside.parameters[-1] < 0.7
+    # Steps are halved down to a ten-thousandth of the largest.
+    assert 0.7 - 1e-5 < inside.parameters[-1] < 0.7
     # Steps of 0.02 along a slope of 1.
     few = follow_branch(lambda q, p: q - p, *line, step=0.02, most_steps=10)
     assert few.ended == "steps"
     assert few.parameters == pytest.approx(0.02 / np.sqrt(2.0) * np.arange(11), abs=1e-9)
     with pytest.raises(NotConverged):
         follow_branch(lambda q, p: q**2 + 1.0 + p, [0.0], [0.0, 1.0], [1.0, 1.0])
+
+
+@pytest.mark.parametrize(("jump", "small"), [(4e-6, True), (1e-7, True), (6e-6, False)])
+def test_a_residual_that_steps_by_an_error_is_followed(jump, small):
+    """Of a line whose value steps at zero as an interpolated force does between cells: Newton's steps go to and fro by
+    twice the jump, and are taken for small below 1e-5 of the scale."""
+
+    def line():
+        slope, stops = (lambda q, p: np.eye(1)), [0.0, 0.5, 1.0]
+        return follow_branch(
+            lambda q, p: q - p + jump * np.where(q - p > 0.0, 1.0, -1.0),
+            [0.1],
+            stops,
+            [1.0, 1.0],
+            slope=slope,
+        )
+
+    if small:
+        found = line()
+        assert found.ended == "last stop"
+        np.testing.assert_allclose(found.unknowns[:, 0], found.parameters, atol=1.5 * jump)
+        assert found.at_stops[:, 0] == pytest.approx([0.0, 0.5, 1.0], abs=1.5 * jump)
+    else:
+        with pytest.raises(NotConverged):
+            line()

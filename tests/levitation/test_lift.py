@@ -10,7 +10,7 @@ from fieldmap.device.model import MagnetCylinder, Payload
 from fieldmap.errors import Infeasible, InputError, NotConverged, OutsideMapError, Problem
 from fieldmap.field import Field, as_field
 from fieldmap.levitation import find_equilibrium, lift_current
-from fieldmap.levitation.lift import _next_current
+from fieldmap.levitation.lift import _next_current, force_per_ampere, lift_shares, push_shares, signal_pushes
 from tests.refusals import refused
 
 PAYLOAD = Payload(mass=0.01119, moment=0.813)
@@ -161,6 +161,11 @@ def test_lift_that_never_reaches_the_weight_ends(axisymmetric):
     with pytest.raises(NotConverged) as caught:
         lift_current(field, PAYLOAD, POINT)
     assert min(caught.value.residuals) == pytest.approx(0.1, abs=1e-6)
+    (told,) = caught.value.problems
+    assert f"within {len(field.states)} states" in told.must_hold
+    # The last four, and the currents that they were solved at.
+    last = [f"{PER_AMPERE * field.law(i) / WEIGHT:.4g} at {i:.4g} A" for i in field.states[-4:]]
+    assert told.received.endswith(": " + ", ".join(last))
 
 
 @pytest.mark.parametrize(
@@ -216,3 +221,49 @@ def test_a_current_beyond_the_field_says_how_far_it_came(axisymmetric):
     assert problem.where.startswith("lift_current at [0.0, 0.0, 20.0] mm")
     # 0.6 + 0.5 (1 - 0.6) of the weight at what a straight law would need.
     assert f"0.8 at {NEEDED:.4g} A" in problem.received
+
+
+@pytest.mark.parametrize(("weak", "lifts"), [(0.9e-3, False), (1.1e-3, True)], ids=["left out", "taken"])
+def test_a_combination_a_thousand_times_weaker_than_the_largest_is_left_out(weak, lifts):
+    """A coil that pushes along x alone, and one that hardly lifts."""
+    force = np.diag([1.0, 0.5, weak])
+    np.testing.assert_allclose(push_shares(force, 0), [1, 0, 0], atol=1e-12)
+    np.testing.assert_allclose(push_shares(force, 1), [0, 1, 0], atol=1e-12)
+    if lifts:
+        np.testing.assert_allclose(lift_shares(force), [0, 0, 1], atol=1e-12)
+    else:
+        with refused(
+            Infeasible, must_hold="along z", received=f"{[0.0, 0.0, weak]} N/A along it, of at most 1 N/A"
+        ):
+            lift_shares(force)
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_lift_may_push_sideways_and_a_signal_by_a_tenth_at_most(axis, sign):
+    """One coil with a force of 1 along an axis and a along another. By least squares it takes 1 / (1 + a^2), which
+    leaves a / (1 + a^2) there and a^2 / (1 + a^2) of what is wanted."""
+    limit = 1.0 if axis == 2 else (1.0 - np.sqrt(0.96)) / 0.2
+    for factor, holds in ((0.99, True), (1.01, False)):
+        force = np.zeros((3, 1))
+        force[axis], force[axis - 1] = 1.0, sign * factor * limit
+        pushes, idle = signal_pushes(force)
+        if axis == 2:
+            if holds:
+                assert lift_shares(force).tolist() == [1.0]
+            else:
+                with pytest.raises(Infeasible):
+                    lift_shares(force)
+        else:
+            assert ("xy"[axis] in idle) is not holds
+            assert pushes[0, axis] == (1.0 if holds else 0.0)
+
+
+@pytest.mark.parametrize("currents", [[0.0], [-2.0]])
+def test_force_per_ampere_about_currents_of_either_sign_and_none(axisymmetric, currents):
+    """m (i + i^3 / 3)' = m (1 + i^2), by differences over 1 % of the largest current, or of 1 A."""
+    field = Law(axisymmetric(COEFFICIENTS), lambda i: i + i**3 / 3.0)
+    found = force_per_ampere(field, np.array([0.0, 0.0, 0.813]), np.array(POINT), np.array(currents))
+    h = 0.01 * (abs(currents[0]) or 1.0)
+    exact = PER_AMPERE * (1.0 + currents[0] ** 2 + h**2 / 3.0)
+    np.testing.assert_allclose(found, [[0.0], [0.0], [exact]], rtol=1e-9, atol=1e-12)
