@@ -189,6 +189,10 @@ def test_scales_are_from_a_twentieth_to_twenty(rig, weight, end):
     other = Payload(weight * PAYLOAD.mass, PAYLOAD.moment, magnet_offset=0.012)
     found = calibrate(rig, other, lift=lift_readings(rig, TRUTH), fit="field_scale")
     assert found.values["field_scale"] == pytest.approx(end, rel=1e-6)
+    # A start beyond them begins a millionth of their range inside.
+    how = {"lift": lift_readings(rig, TRUTH), "fit": "field_scale", "given": {"field_scale": 2.0 * weight}}
+    begun = calibrate(rig, other, **how).before["field_scale"]
+    assert begun == pytest.approx(end - np.sign(end - 1.0) * 1e-6 * 19.95 if weight > 1 else 0.06, rel=1e-12)
 
 
 def test_the_covariance_is_the_scatter_of_repeated_readings(rig):

@@ -10,7 +10,14 @@ from fieldmap.device.model import MagnetCylinder, Payload
 from fieldmap.errors import Infeasible, InputError, NotConverged, OutsideMapError, Problem
 from fieldmap.field import Field, as_field
 from fieldmap.levitation import find_equilibrium, lift_current
-from fieldmap.levitation.lift import _next_current, force_per_ampere, lift_shares, push_shares, signal_pushes
+from fieldmap.levitation.lift import (
+    MAX_STATES,
+    _next_current,
+    force_per_ampere,
+    lift_shares,
+    push_shares,
+    signal_pushes,
+)
 from tests.refusals import refused
 
 PAYLOAD = Payload(mass=0.01119, moment=0.813)
@@ -108,6 +115,14 @@ def test_the_inverse_of_the_law(axisymmetric, law, expected, first):
     lift = lift_current(field, PAYLOAD, POINT, None, first, 1e-6, lambda *state: told.append(state))
     assert lift.force[2] == pytest.approx(WEIGHT, rel=1e-6)
     assert lift.current == pytest.approx(expected, rel=1e-5)
+    # The slope is that to the nearest of the states that are a hundredth or more away.
+    history = np.array(lift.history)
+    i, newtons = history[-1]
+    far = [k for k in range(len(history) - 1) if abs(history[k, 0] / i - 1.0) >= 0.01]
+    k = min(far, key=lambda k: abs(history[k, 0] - i))
+    assert lift.force_per_ampere[2] == pytest.approx(
+        (newtons - history[k, 1]) / (i - history[k, 0]), rel=1e-9
+    )
     way = np.sign(law(first))
     np.testing.assert_allclose(lift.history, [(i, way * PER_AMPERE * law(i)) for i in field.states])
     np.testing.assert_allclose(told, [(i, newtons / WEIGHT) for i, newtons in lift.history])
@@ -162,7 +177,8 @@ def test_lift_that_never_reaches_the_weight_ends(axisymmetric):
         lift_current(field, PAYLOAD, POINT)
     assert min(caught.value.residuals) == pytest.approx(0.1, abs=1e-6)
     (told,) = caught.value.problems
-    assert f"within {len(field.states)} states" in told.must_hold
+    assert len(field.states) == MAX_STATES
+    assert f"within {MAX_STATES} states" in told.must_hold
     # The last four, and the currents that they were solved at.
     last = [f"{PER_AMPERE * field.law(i) / WEIGHT:.4g} at {i:.4g} A" for i in field.states[-4:]]
     assert told.received.endswith(": " + ", ".join(last))

@@ -13,8 +13,9 @@ from numpy.polynomial import Polynomial
 
 from fieldmap.device.model import MagnetCylinder, Payload
 from fieldmap.errors import InputError, NoEquilibrium, NotConverged
+from fieldmap.field import as_field
 from fieldmap.levitation import equilibrium_at, follow_equilibrium, magnet_balance, stationary_points
-from fieldmap.levitation.balance import MODELS, model_assumptions
+from fieldmap.levitation.balance import MODELS, RigidBalance, model_assumptions
 from fieldmap.levitation.stationary import to_equilibrium
 from tests.levitation.conftest import solid_harmonics
 from tests.refusals import refused
@@ -59,6 +60,7 @@ def test_all_nine_points_with_their_kinds(nine_points):
         assert point.kind == ("stable", "saddle", "unstable")[known[nearest]]
         assert abs(point.trace) < 1e-9
         assert point.lift == pytest.approx(WEIGHT, rel=1e-9)
+        np.testing.assert_allclose(point.horizontal, np.sort(np.diag(point.stiffness)[:2]), rtol=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -300,6 +302,25 @@ def test_a_low_centre_of_mass_uprights_the_magnet(polynomial_field):
     balance = magnet_balance(source, np.ones(1), WITH_MAGNET, place[0], "rigid", lever)
     expected = WITH_MAGNET.moment * source.field(place, np.ones(1))[0] + [0.0, 0.0, WEIGHT * lever]
     np.testing.assert_allclose(balance.axes(place)[0], expected / np.linalg.norm(expected), atol=1e-7)
+
+
+def test_a_rigid_magnet_is_turned_by_rotations_and_reaches_as_far_as_its_farthest_point(polynomial_field):
+    """Whatever way its axis points, up and down; 0.2 mm beyond it forces are differenced."""
+    given, points = [], np.array([[0.001, 0.0, 0.0], [0.0, 0.003, 0.004], [0.0, 0.002, 0.0]])
+
+    def wrench(source, places, currents, frames):
+        given.append(frames)
+        return np.zeros((len(places), 6))
+
+    axes = np.array([[0.6, 0.0, 0.8], [0.0, -0.8, -0.6], [0.36, 0.48, 0.8], [-0.48, 0.36, -0.8], [0, 0, -1]])
+    magnet = SimpleNamespace(points=points, wrench=wrench, moment=1.0)
+    balance = RigidBalance(as_field(tilted(polynomial_field)), np.ones(1), 0.01, 1.0, magnet)
+    balance._wrench(np.zeros((5, 3)), axes)
+    np.testing.assert_allclose(given[0][:, :, 2], axes, atol=1e-12)
+    np.testing.assert_allclose(given[0] @ given[0].swapaxes(1, 2), [np.eye(3)] * 5, atol=1e-12)
+    np.testing.assert_allclose(np.linalg.det(given[0]), 1.0)
+    np.testing.assert_allclose(balance.arms, [[-0.0052] * 3, [0.0052] * 3])
+    assert balance.evaluations == 5
 
 
 @pytest.mark.parametrize(("model", "words"), [("loose", "loose"), ("rigid", "a magnet")])
