@@ -259,10 +259,27 @@ def test_steps_that_do_not_fit_are_refused(plain):
     for dt in (1.5e-4, 3e-4, 0.0, np.nan):
         with refused(InputError, where="RunningMachine.step(dt)", received=f"{dt:g} s"):
             machine.step(1.0, dt)
+    for delay, dt, late, near in (
+        (5e-4, 2e-4, "of 0.0001 s, and at least the delay of 0.0005 s", "dt=0.0005,"),
+        (0.0, 4e-5, "of 0.0001 s", "dt=0.0001,"),
+        (0.0, np.inf, "of 0.0001 s", "dt=0.0001,"),
+        (0.0, 3.4e-4, "of 0.0001 s", "dt=0.0003,"),
+        (5e-4, 4.1e-3, None, None),
+        (5e-4, 5e-4, None, None),
+    ):
+        one = RunningMachine(plain, schedule(delay=delay), state_of([0, 0, 0]), [2.0], 3)
+        if late is None:
+            one.step(OUTPUT, dt)
+            assert one.time == pytest.approx(dt)
+        else:
+            with refused(InputError, remedy=near) as told:
+                one.step(OUTPUT, dt)
+            assert told.value.problems[0].must_hold.endswith(late)
+            assert f"period of {PERIOD:g} s" in told.value.problems[0].remedy
     while machine.event is None:
         machine.step(0.0)
     assert machine.event.name == "fell out"
-    with refused(InputError, where="RunningMachine.step"):
+    with refused(InputError, where="RunningMachine.step", received=f"fell out at {machine.event.time:g} s"):
         machine.step(0.0)
     machine.reset()
     machine.step(0.0)
