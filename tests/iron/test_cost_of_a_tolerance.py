@@ -181,6 +181,14 @@ def test_shares_of_bodies_are_those_of_their_faces_and_elements():
 
 
 @pytest.mark.parametrize(
+    ("symmetry", "count"), [(None, 1), (SimpleNamespace(group=SimpleNamespace(order=12)), 12)]
+)
+def test_operations_are_those_of_the_symmetry(symmetry, count):
+    level = SimpleNamespace(_iron=SimpleNamespace(mesh=SimpleNamespace(symmetry=symmetry)))
+    assert Level.operations.fget(level) == count
+
+
+@pytest.mark.parametrize(
     ("shares", "excess"), [([0.3, 0.2], 3.0), ([0.05, 0.02], 0.5), ([0.5, 0.1], 5.0), ([], 0.25)]
 )
 def test_one_mesh_alone_exceeds_by_its_shares_or_its_gap(monkeypatch, shares, excess):

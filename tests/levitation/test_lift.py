@@ -128,6 +128,13 @@ def test_the_inverse_of_the_law(axisymmetric, law, expected, first):
     np.testing.assert_allclose(told, [(i, newtons / WEIGHT) for i, newtons in lift.history])
 
 
+def test_a_first_current_that_is_right_has_its_slope_from_one_two_hundredths_away(axisymmetric):
+    field = Law(axisymmetric(COEFFICIENTS), lambda i: i)
+    lift = lift_current(field, PAYLOAD, POINT, first=NEEDED)
+    assert field.states[:2] == pytest.approx([NEEDED, 1.02 * NEEDED])
+    assert lift.force_per_ampere[2] == pytest.approx(PER_AMPERE, rel=1e-9)
+
+
 def test_a_linear_field_needs_three_states_at_most_and_agrees_with_the_linear_function(axisymmetric):
     shape = axisymmetric(COEFFICIENTS)
     field = Law(shape, lambda i: i)
