@@ -370,7 +370,8 @@ def equilibrium_sensitivity(
     Raises
     ------
     InputError
-        For arguments that do not fit, or a position where the horizontal stiffness is singular.
+        For arguments that do not fit, a position where the horizontal stiffness is singular, or currents that do
+        not lift.
     """
     carried = check_payload(payload, "equilibrium_sensitivity")
     source, amperes = resolve_currents(field, currents)
@@ -389,6 +390,9 @@ def equilibrium_sensitivity(
     by_level = by_current @ amperes
     matrix = np.zeros((3, 3))
     matrix[:, :2], matrix[:, 2] = stiffness[:, :2], -by_level
+    must, received = "the force must follow the currents upward too", f"{by_level.tolist()} N"
+    lifts = bool(np.linalg.matrix_rank(matrix) == 3)
+    check(lifts, "equilibrium_sensitivity(currents)", must, received, "choose currents that lift")
     held: Array = np.asarray(np.linalg.solve(matrix, by_current), dtype=float)
     horizontal = np.asarray(np.linalg.solve(stiffness[:2, :2], by_current[:2]), dtype=float)
     return Sensitivity(point, amperes, stiffness, by_current, horizontal, held[:2], held[2])

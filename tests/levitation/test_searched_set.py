@@ -228,7 +228,7 @@ class Squares(Field):
         return self.field(points, currents), np.zeros((1, 3, 3)), slopes, np.zeros((1, len(currents), 3, 3))
 
 
-@pytest.mark.parametrize(("count", "seed"), [(5, 2), (5, 3), (6, 1)])
+@pytest.mark.parametrize(("count", "seed"), [(5, 2), (6, 1)])
 def test_no_currents_on_a_grid_reach_further(count, seed):
     """Of squares of the currents, which have many local optima; of other numbers a search may end at one."""
     field, limits = Squares(count, seed), np.array([[-1.0] * count, [1.0] * count])

@@ -97,3 +97,11 @@ def test_at_a_fold_there_is_no_derivative(polynomial_field):
     equilibrium_sensitivity(field, [1.0], PAYLOAD, np.array([1e-5, 0.0, 0.0]))
     with refused(InputError, where="equilibrium_sensitivity(step)"):
         equilibrium_sensitivity(field, [1.0], PAYLOAD, np.array([1e-5, 0.0, 0.0]), step=0.0)
+
+
+def test_without_lift_no_level_holds_it(polynomial_field, vertical_part):
+    """B_z = 500 x^3 - 50 y^2 at z = 0: a push, and nothing upward."""
+    g = np.zeros((4, 3))
+    g[3, 0], g[0, 2] = 500.0, -50.0
+    with refused(InputError, where="equilibrium_sensitivity(currents)", received="0.0] N"):
+        equilibrium_sensitivity(polynomial_field([vertical_part(g)]), [1.0], PAYLOAD, [1e-3, 0.0, 0.0])
