@@ -9,10 +9,12 @@ import numpy as np
 import pytest
 
 import fieldmap as fm
+from fieldmap.currents import LiftAndDirections
 from fieldmap.device.model import Driver
 from fieldmap.dynamics import Sensors, linear_points, prepare, read_scenario
-from fieldmap.dynamics.scenario import schema
+from fieldmap.dynamics.scenario import experiment, schema
 from fieldmap.dynamics.scenario.controllers import Constant, FeedbackLinearisation, Pid
+from fieldmap.dynamics.scenario.experiment import _lift_and_directions
 from fieldmap.dynamics.scenario.linear_points import Linearisation, coupling_signals, loop_poles
 from fieldmap.dynamics.scenario.references import MOST_PERIODS, Circle, Step
 from fieldmap.dynamics.scenario.schema import (
@@ -148,11 +150,77 @@ def test_limits_of_keys(changes, where):
     ]
 
 
+SIX, THREE = (SimpleNamespace(coil_names=tuple("123456"[:n]), parametrisation=None) for n in (6, 3))
+OWN = SimpleNamespace(coil_names=SIX.coil_names, parametrisation=LiftAndDirections(1.4))
+
+
+@pytest.mark.parametrize(
+    ("opened", "allocation", "n", "found"),
+    [
+        (SIX, None, None, None),
+        (SIX, None, 1.25, None),
+        (OWN, "least_power", 1.25, None),
+        (OWN, None, None, 1.4),
+        (OWN, None, 1.25, 1.25),
+        (OWN, "lift_and_directions", None, 1.4),
+        (SIX, "lift_and_directions", 1.25, 1.25),
+        (SIX, "lift_and_directions", None, ("control.allocation_n", "none")),
+        (THREE, "lift_and_directions", 1.25, ("control.allocation", "a map of 3 coils")),
+    ],
+)
+def test_the_allocation_that_is_named_or_that_the_map_was_made_for(opened, allocation, n, found):
+    if isinstance(found, tuple):
+        with refused(ScenarioError, where=found[0], received=found[1]):
+            _lift_and_directions(opened, allocation, n)
+    else:
+        got = _lift_and_directions(opened, allocation, n)
+        assert (None if got is None else got.parametrisation.n) == found
+
+
+def test_a_map_is_looked_for_beside_the_scenario_and_among_the_maps(monkeypatch, tmp_path):
+    """In this order: beside the scenario, in the working directory, in maps/out by its name with its ending or without."""
+    monkeypatch.setattr(experiment, "open_map", lambda path, outside_currents: (path, outside_currents))
+    monkeypatch.chdir(tmp_path)
+    folder, out = tmp_path / "scenarios", tmp_path / "maps" / "out"
+    folder.mkdir()
+    out.mkdir(parents=True)
+    with refused(ScenarioError, where="map", received='"some"', remedy="fieldmap map some"):
+        experiment._open_map(folder, "some")
+    for place, name in (
+        (out / "some.h5", "maps/out/some.h5"),
+        (out / "some", "maps/out/some"),
+        (tmp_path / "some", "some"),
+    ):
+        place.write_text("")
+        found, beyond = experiment._open_map(folder, "some")
+        assert (found.as_posix(), beyond) == (name, "evaluate")
+    (folder / "some").write_text("")
+    assert experiment._open_map(folder, "some")[0] == folder / "some"
+
+
+@pytest.mark.parametrize(
+    ("feedforward", "signals", "gives", "where"),
+    [
+        (True, False, "signals", "control.feedforward"),
+        (False, True, "currents", "signal"),
+        (False, True, "signals", None),
+        (False, False, "voltages", None),
+    ],
+)
+def test_keys_beside_a_function(feedforward, signals, gives, where):
+    about = SimpleNamespace(gives=gives), feedforward, signals
+    if where is None:
+        experiment._refuse_beside(*about)
+    else:
+        with refused(ScenarioError, where=where):
+            experiment._refuse_beside(*about)
+
+
 @pytest.fixture(scope="module")
 def linear(six):
     given = {"drag.linear_N_s_per_m": [0.5] * 3, "reference.0.by_mm": 0.0, "start.depth_mm": 12.0}
-    experiment = prepare(read_scenario("vertical_step", given), six)
-    return Linearisation(experiment, tuple(linear_points(experiment, [10.0, 12.0])))
+    ready = prepare(read_scenario("vertical_step", given), six)
+    return Linearisation(ready, tuple(linear_points(ready, [10.0, 12.0])))
 
 
 def test_linear_models_at_depths(linear):
