@@ -178,7 +178,7 @@ def test_the_allocation_that_is_named_or_that_the_map_was_made_for(opened, alloc
 
 
 def test_a_map_is_looked_for_beside_the_scenario_and_among_the_maps(monkeypatch, tmp_path):
-    """In this order: beside the scenario, in the working directory, in maps/out by its name with its ending or without."""
+    """Beside the scenario first, then in the working directory, then in maps/out, with its ending or without."""
     monkeypatch.setattr(experiment, "open_map", lambda path, outside_currents: (path, outside_currents))
     monkeypatch.chdir(tmp_path)
     folder, out = tmp_path / "scenarios", tmp_path / "maps" / "out"
