@@ -198,6 +198,27 @@ def test_a_map_is_looked_for_beside_the_scenario_and_among_the_maps(monkeypatch,
     assert experiment._open_map(folder, "some")[0] == folder / "some"
 
 
+@pytest.mark.parametrize("table", ["payload", "driver"])
+@pytest.mark.parametrize("named", [True, False])
+def test_a_device_without_magnet_or_amplifiers(monkeypatch, tmp_path, table, named):
+    """That the map recorded one is said where the scenario names none; a map of other coils is refused too."""
+    device = fm.read_device("drive_unit")
+    monkeypatch.setattr(experiment, "sampled_field", lambda field: field)
+    monkeypatch.setattr(experiment, "read_device", lambda path: bare)
+    (tmp_path / "some.toml").write_text("")
+    bare = replace(device, **{table: None})
+    about = tmp_path, "map", "some.toml" if named else None, SIX, None if named else bare
+    with refused(ScenarioError, where="device", must_hold=f"[{table}]") as caught:
+        experiment._device_and_map(*about)
+    assert ("--set device=FILE.toml" in caught.value.problems[0].remedy) is not named
+    bare = device
+    assert experiment._device_and_map(tmp_path, "map", None, SIX, device) == (device, SIX)
+    with refused(ScenarioError, where="map", received="3 coils", must_hold="device's 6 coils"):
+        experiment._device_and_map(tmp_path, "map", None, THREE, device)
+    with refused(ScenarioError, where="device", received='"none.toml"'):
+        experiment._device_and_map(tmp_path, "map", "none.toml", SIX, None)
+
+
 @pytest.mark.parametrize(
     ("feedforward", "signals", "gives", "where"),
     [

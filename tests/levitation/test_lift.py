@@ -25,6 +25,7 @@ WEIGHT = 0.01119 * 9.80665
 COEFFICIENTS = (0.02, 0.03, 0.6, 0.0)
 POINT = [0.0, 0.0, 0.02]
 PER_AMPERE = 0.813 * (2 * 0.03 + 6 * 0.6 * 0.02)  # N/A: D (2 c2 + 6 c3 z)
+SHAPE = MagnetCylinder(0.01, 0.012, 0.813 * mu_0 / (0.25 * np.pi * 0.01**2 * 0.012))
 NEEDED = WEIGHT / PER_AMPERE  # what an unsaturated field needs, A
 
 
@@ -128,6 +129,18 @@ def test_the_inverse_of_the_law(axisymmetric, law, expected, first):
     np.testing.assert_allclose(told, [(i, newtons / WEIGHT) for i, newtons in lift.history])
 
 
+@pytest.mark.parametrize("share", [-2.0, 0.5])
+@pytest.mark.parametrize(
+    "payload", [PAYLOAD, Payload(mass=0.01119, pieces=[SHAPE])], ids=["moment", "pieces"]
+)
+def test_the_magnet_is_turned_as_the_shares_ask(axisymmetric, payload, share):
+    """Of a coil that is wound the other way the field is turned, and the magnet with it."""
+    field = Law(axisymmetric(COEFFICIENTS), lambda i: 2 * NEEDED * np.tanh(i))
+    lift = lift_current(field, payload, POINT, [share], 0.5, 1e-6)
+    assert lift.currents == pytest.approx([np.sign(share) * np.arctanh(0.5)], rel=1e-4)
+    assert lift.force[2] == pytest.approx(WEIGHT, rel=1e-5)
+
+
 def test_a_first_current_that_is_right_has_its_slope_from_one_two_hundredths_away(axisymmetric):
     field = Law(axisymmetric(COEFFICIENTS), lambda i: i)
     lift = lift_current(field, PAYLOAD, POINT, first=NEEDED)
@@ -147,9 +160,6 @@ def test_a_linear_field_needs_three_states_at_most_and_agrees_with_the_linear_fu
         ("stiffness", 1e-5, 1e-7),
     ):
         np.testing.assert_allclose(getattr(lift, name), getattr(linear, name), rtol, atol)
-
-
-SHAPE = MagnetCylinder(0.01, 0.012, 0.813 * mu_0 / (0.25 * np.pi * 0.01**2 * 0.012))
 
 
 @pytest.mark.parametrize(
