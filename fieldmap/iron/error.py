@@ -549,7 +549,7 @@ def faces_within(steps: Sequence[MeshStep]) -> float | None:
     """How many faces a mesh within the tolerance would have, by the power of their number with which the excess has
     fallen so far. None where the exponent is less than a quarter, or without estimates on two meshes that differ."""
     known = [(np.log(step.faces), np.log(step.excess)) for step in steps if step.excess]
-    if len(known) < 2:
+    if not known:
         return None
     x, y = np.array(known).T
     if np.ptp(x) < np.log(1.2):

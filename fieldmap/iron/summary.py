@@ -128,7 +128,7 @@ def summarise_solution(
     amperes = np.zeros(0) if currents is None else np.asarray(currents, dtype=float)
     state = field.at(amperes)
     nonlinear = not isinstance(state, LinearState)
-    wanted = np.zeros((0, 3)) if points is None else np.asarray(points, dtype=float).reshape(-1, 3)
+    wanted = np.reshape(np.asarray(() if points is None else points, dtype=float), (-1, 3))
     warnings: tuple[str, ...] = ()
     if isinstance(state, LinearState) and currents is not None:
         warnings = saturation_warnings(state.solution, device, amperes)

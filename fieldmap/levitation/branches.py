@@ -196,9 +196,13 @@ def equilibrium_at(
     """
     about = (field, payload, lambda _, u: path(u), 0.0, start, level, hold_height, field_scale, moment, lever)
     along, q, (low, high) = _begin("equilibrium_at", *about)
-    begin = q[:2].copy()
+    begin, last = q[:2].copy(), np.inf
     for count in range(_STEPS):
-        step = np.linalg.solve(_square(along, q), along.residual(q, 0.0))
+        try:
+            step = np.linalg.solve(_square(along, q), along.residual(q, 0.0))
+        except np.linalg.LinAlgError:
+            # Nothing draws the magnet anywhere.
+            break
         # A step is limited to a fifth of the map, and of the level.
         q -= step / max(1.0, float(np.abs(step[:2]).max() / (0.2 * (high - low).min())))
         q[:2] = np.clip(q[:2], low, high)
@@ -211,7 +215,7 @@ def equilibrium_at(
             return describe(*along.at(q, 0.0)), along.level_of(q)
     what = "the horizontal force and the lift less weight" if hold_height else "the horizontal force"
     where = f"equilibrium_at, from {1e3 * begin} mm at {level:.4g} A"
-    received = f"a last step of {1e3 * last:.2g} mm at {1e3 * q[:2]} mm after {_STEPS} steps"
+    received = f"a last step of {1e3 * last:.2g} mm at {1e3 * q[:2]} mm after {count + 1} steps"
     remedy = "look for all points with stationary_points, and start near one of them"
     raise NoEquilibrium.of(where, f"{what} must vanish near", received, remedy)
 
@@ -366,7 +370,8 @@ def equilibrium_sensitivity(
     Raises
     ------
     InputError
-        For arguments that do not fit, or a position where the horizontal stiffness is singular.
+        For arguments that do not fit, a position where the horizontal stiffness is singular, or currents that do
+        not lift.
     """
     carried = check_payload(payload, "equilibrium_sensitivity")
     source, amperes = resolve_currents(field, currents)
@@ -385,6 +390,9 @@ def equilibrium_sensitivity(
     by_level = by_current @ amperes
     matrix = np.zeros((3, 3))
     matrix[:, :2], matrix[:, 2] = stiffness[:, :2], -by_level
+    must, received = "the force must follow the currents upward too", f"{by_level.tolist()} N"
+    lifts = bool(np.linalg.matrix_rank(matrix) == 3)
+    check(lifts, "equilibrium_sensitivity(currents)", must, received, "choose currents that lift")
     held: Array = np.asarray(np.linalg.solve(matrix, by_current), dtype=float)
     horizontal = np.asarray(np.linalg.solve(stiffness[:2, :2], by_current[:2]), dtype=float)
     return Sensitivity(point, amperes, stiffness, by_current, horizontal, held[:2], held[2])

@@ -27,7 +27,7 @@ _HEIGHTS = 6
 """Of a box, ends included, at whose inner ones the lift current is stated where there is no sensor."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class LiftAtHeight(Record):
     """The current in each coil, A, that lifts the payload with its magnet at z = height, m, on the axis.
 

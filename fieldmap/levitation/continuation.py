@@ -116,7 +116,7 @@ def follow_branch(
     return walk.go(v, most_steps)
 
 
-@dataclass
+@dataclass(eq=False)
 class _Walk:
     """The continuation in scaled variables v = (q / q_scale, p / p_scale)."""
 

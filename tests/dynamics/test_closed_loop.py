@@ -212,6 +212,51 @@ def test_schedules_that_do_not_fit_are_named(machine, change, where):
         run(machine, **change)
 
 
+@pytest.mark.parametrize(
+    ("given", "fits"),
+    [
+        ({"delay": PERIOD}, True),
+        ({"delay": PERIOD + 1e-4}, False),
+        ({"delay": -1e-4}, False),
+        ({"delay": 0.0}, True),
+        ({"step": PERIOD}, True),
+        ({"step": 2 * PERIOD}, False),
+        ({"step": 1e-4 * (1 + 4e-8)}, True),
+        ({"step": 1e-4 * (1 + 1e-6)}, False),
+        ({"delay": 1.5e-4}, False),
+        ({"step": 0.0}, False),
+        ({"period": -PERIOD}, False),
+        ({"every": 0}, False),
+        ({"references": np.zeros((3, 2))}, False),
+    ],
+)
+def test_rates_that_go_into_each_other(given, fits):
+    about = {"references": np.zeros((7, 3)), "period": PERIOD, "step": 1e-4} | given
+    if not fits:
+        with pytest.raises(InputError):
+            Schedule(**about)
+        return
+    clock = Schedule(**about, every=3).clock
+    steps = round(PERIOD / about["step"]), round(given.get("delay", 0.0) / about["step"])
+    assert (clock.per_period, clock.delay, clock.every) == (*steps, 3)
+    assert Schedule(**about).duration == pytest.approx(7 * PERIOD)
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+def test_many_runs_are_told_of_one_after_the_other(threads):
+    told, seeds = [], []
+    found = simulate_many(
+        [lambda seed, k=k: seeds.append(seed) or k for k in range(4)],
+        threads=threads, keep=lambda k: 10 * k, progress=lambda *given: told.append(given),
+    )  # fmt: skip
+    assert found == [0, 10, 20, 30]
+    assert told == [(f"run {k} of 4", k / 4) for k in (1, 2, 3, 4)]
+    own = np.random.SeedSequence(0).spawn(4)
+    assert sorted(seed.spawn_key for seed in seeds) == [seed.spawn_key for seed in own]
+    with refused(InputError, where="simulate_many(one)"):
+        simulate_many(2)
+
+
 @pytest.mark.parametrize("currents", [[], [2.0, 0.0], [[2.0]]])
 def test_there_is_one_current_at_the_start_for_each_coil(machine, currents):
     schedule = Schedule(references(1e-5, 10), PERIOD, step=1e-4)

@@ -21,11 +21,13 @@ from fieldmap.dynamics import (
 from fieldmap.dynamics.coupled import (
     LqgWeights,
     ScheduledController,
+    _motion,
     feedforward,
     lqg_block,
     outputs_for,
     trajectory,
 )
+from fieldmap.dynamics.linear_loop import sampled_machine
 from fieldmap.errors import Infeasible, InputError, ScenarioError
 from tests.refusals import refused
 
@@ -124,6 +126,55 @@ def said_by(controller, signals, outputs):
     return out[-1], memory
 
 
+@pytest.mark.parametrize("matters", ["place", "speed", "output"])
+def test_each_weight_of_a_regulator_counts(still, matters):
+    """Where the others count a hundredth: the optimum of the sampled cost, by scipy, on states and last outputs."""
+    linear = linearise(still.machine, still.operating_point)
+    given = {"place": (0.1e-3, 0.2e-3, 0.4e-3), "speed": (3e-3, 5e-3, 9e-3), "output": (2.0, 0.1, 0.3)}
+    given = {name: tuple(np.multiply(v, 1.0 if name == matters else 5.0)) for name, v in given.items()}
+    period, late = 2e-3, 0.5e-3
+    block = lqg_block(linear, LqgWeights(**given, sensor=(7e-6,) * 3), period, late)
+    sampled = sampled_machine(linear, period, late)
+    A = np.block([[sampled.A, sampled.before], [np.zeros((3, 9))]])
+    B = np.vstack([sampled.B, np.eye(3)])
+    cost = [*np.square(given["place"]), *np.square(given["speed"])]
+    Q, R = np.diag([*(period / np.array(cost)), 0, 0, 0]), np.diag(period / np.square(given["output"]))
+    P = scipy.linalg.solve_discrete_are(A, B, Q, R)
+    K = np.linalg.solve(R + B.T @ P @ B, B.T @ P @ A)
+    # As if the estimate were the memory less what is seen; the last outputs come after the unknown force.
+    found = -(block.C + block.D[:, 3:6] @ np.hstack([linear.C, np.zeros((3, 6))]))
+    np.testing.assert_allclose(
+        found[:, [0, 1, 2, 3, 4, 5, 9, 10, 11]], K, rtol=1e-6, atol=1e-9 * np.abs(K).max()
+    )
+
+
+def test_each_noise_of_an_estimator_counts(still):
+    """The steady gain of Kalman's filter on states and unknown force, by scipy, of noises that are all unlike."""
+    linear = linearise(still.machine, still.operating_point)
+    force, drift, sensor = (1e-5, 3e-5, 9e-5), (4e-4, 9e-4, 3e-3), (5e-6, 8e-6, 2e-5)
+    period = 2e-3
+    block = lqg_block(linear, LqgWeights(force=force, drift=drift, sensor=sensor), period)
+    mass, n = still.machine.body.mass, 6
+    pushed = np.zeros((n, 3))
+    pushed[3:] = np.eye(3) / mass
+    # Van Loan: how a held force moves the states in a period.
+    held = scipy.linalg.expm(period * np.block([[linear.A, pushed], [np.zeros((3, 9))]]))
+    noise = np.zeros((9, 9))
+    noise[:n, :n] = pushed @ np.diag(np.square(force)) @ pushed.T
+    noise[n:, n:] = np.diag(np.square(drift))
+    C, R = np.hstack([linear.C, np.zeros((3, 3))]), np.diag(np.square(sensor))
+    P = scipy.linalg.solve_discrete_are(held.T, C.T, period * noise, R)
+    K = P @ C.T @ np.linalg.inv(C @ P @ C.T + R)
+    # What the memory takes of what is seen: the prediction from the corrected estimate.
+    np.testing.assert_allclose(block.B[:9, 3:6], held @ K, rtol=1e-5, atol=1e-6 * np.abs(held @ K).max())
+    # Of sensors without a noise a micrometre is taken.
+    plain = (
+        lqg_block(linear, LqgWeights(force=force, drift=drift, sensor=of), period)
+        for of in (None, (1e-6,) * 3)
+    )
+    np.testing.assert_array_equal(*(one.B for one in plain))
+
+
 def test_one_design_is_the_same_as_many_alike(still):
     block = lqg_block(linearise(still.machine, still.operating_point), WEIGHTS, 2e-3)
     many = ScheduledController((block, block, block), -0.09, 1e-3)
@@ -143,6 +194,50 @@ def test_between_designs_outputs_are_between(still):
         ScheduledController(
             (low, lqg_block(linearise(still.machine, still.operating_point), WEIGHTS, 2e-3)), 0.0, 1.0
         )
+
+
+def test_the_block_at_a_height_is_between_its_neighbours(still):
+    """As `at` gives it: every matrix and the feed-forward, the nearest beyond the ends."""
+    blocks = [
+        pid_block(PID(kc, ti, td, 2e-3), AxisReading("z", 1e3), output)
+        for kc, ti, td, output in ((1.0, 0.4, 0.01, 1.0), (3.0, 0.2, 0.02, 2.0), (4.0, 0.1, 0.05, 4.0))
+    ]
+    many = ScheduledController(tuple(blocks), -0.1, 0.01)
+    for height, a, b, share in (
+        (-0.2, 0, 1, 0.0),
+        (-0.0975, 0, 1, 0.25),
+        (-0.083, 1, 2, 0.7),
+        (0.0, 1, 2, 1.0),
+    ):
+        found = many.at(np.array([0.0, 0.0, height]), None, None)
+        for name in (*"ABCDE", "feedforward"):
+            one, other = (getattr(blocks[k], name) for k in (a, b))
+            np.testing.assert_allclose(
+                getattr(found, name), one + share * (other - one), rtol=1e-9, atol=1e-15
+            )
+    alone = ScheduledController((blocks[1],), -0.1, 0.01).at(np.zeros(3), None, None)
+    np.testing.assert_array_equal(alone.D, blocks[1].D)
+    with refused(InputError, where="ScheduledController(step)"):
+        ScheduledController(tuple(blocks), -0.1, 0.0)
+
+
+@pytest.mark.parametrize(("speed", "step"), [(0.049, False), (0.051, True)])
+def test_a_reference_faster_than_told_is_a_step_and_is_not_fed_forward(speed, step):
+    """x moves at a speed for 20 samples, between places at rest."""
+    path = np.zeros((60, 3))
+    path[:, 0] = speed * 2e-3 * np.clip(np.arange(60) - 20.0, 0.0, 20.0)
+    velocity, acceleration = _motion(path, 2e-3, 0.05, 3.0)
+    inside = slice(22, 39)
+    np.testing.assert_allclose(velocity[inside, 0], 0.0 if step else speed, rtol=1e-9)
+    if step:
+        assert not np.abs(acceleration).max()
+    else:
+        # Half of the speed in one sample is more than what is fed forward.
+        assert acceleration[[20, 40], 0].tolist() == [3.0, -3.0]
+    slow, slowly = _motion(0.1 * path, 2e-3, 0.05, 3.0)
+    assert slowly[[20, 40], 0] == pytest.approx([0.1 * speed / 2e-3, -0.1 * speed / 2e-3])
+    np.testing.assert_allclose(slow[inside, 0], 0.1 * speed)
+    assert not np.any(_motion(path[:2] + [[0.0], [1e-5]], 2e-3, 0.05, 3.0))
 
 
 CIRCLE = {

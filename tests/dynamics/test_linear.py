@@ -246,6 +246,91 @@ def test_an_unstable_sway_leaves_the_margins_of_the_lift(linear):
     assert found(linear.A, weak) == (False, [])
 
 
+def scaled(linear, pid, factor, delay=1e-3):
+    """The loop with the outputs of its controller times a factor."""
+    return close_loop(
+        linear, replace(pid, C=factor * pid.C, D=factor * pid.D, E=pid.E / factor),
+        Schedule(np.zeros((2, 3)), PERIOD, delay=delay),
+    )  # fmt: skip
+
+
+def test_margins_are_where_the_loop_becomes_unstable(linear):
+    """Times its margins of gain the controller has a pole on the unit circle; the sensitivity 1 / (1 + l), which is one
+    less the answer T to the reference, gives the smallest distance from -1 and, where |l| = |T / (1 - T)| is 1, the
+    phase."""
+    upward = linear.only(("z", "velocity_z"))
+    pid = pid_block(PID(1.0, 0.2, 0.04, PERIOD), AxisReading("z", 1e3))
+    loop = scaled(upward, pid, 1.0)
+    (found,) = margins(loop, ("lift",))
+    assert loop.stable
+    assert 0.0 < found.gain_down < 1.0 < found.gain_up < np.inf
+    for factor in (found.gain_up, found.gain_down):
+        assert np.abs(scaled(upward, pid, factor).poles).max() == pytest.approx(1.0, abs=1e-5)
+        inner = factor + 0.02 * (1.0 - factor)
+        assert scaled(upward, pid, inner).stable
+    rates = np.geomspace(1e-2, np.pi / PERIOD, 4000)
+
+    def answer(rate):
+        q = np.exp(1j * rate * PERIOD)
+        return (loop.C @ np.linalg.solve(q * np.eye(len(loop.A)) - loop.A, loop.B))[2, 2]
+
+    T = np.array([answer(rate) for rate in rates])
+    assert found.modulus == pytest.approx(1.0 / np.abs(1.0 - T).max(), rel=1e-4)
+    at = answer(2.0 * np.pi * found.crossover)
+    assert abs(at / (1.0 - at)) == pytest.approx(1.0, rel=1e-4)
+    assert found.phase == pytest.approx(np.degrees(abs(np.angle(-at / (1.0 - at)))), rel=1e-3)
+    # Sensors that show a mean of four scans late turn the phase back.
+    (scanning,) = margins(loop, ("lift",), Sensors(scan_rate=1200.0, averages=4))
+    lag = 360.0 * (3 / 2 + 4 / 2) / 1200.0 * found.crossover
+    assert found.phase - scanning.phase == pytest.approx(lag, rel=0.2)
+
+
+@pytest.mark.parametrize("frequency", [0.0, 3.0])
+def test_coupling_is_that_of_the_answers(linear, frequency):
+    """Of a machine with three inputs whose order is lift, x, y: gains in the order x, y, z, and relative gains."""
+    rng = np.random.default_rng(5)
+    B, names = np.vstack([np.zeros((3, 3)), rng.normal(size=(3, 3))]), ("lift_V", "x_signal", "y_signal")
+    found = coupling(replace(linear, B=B, D=0.1 * np.eye(3), inputs=names), frequency)
+    s = 2j * np.pi * frequency
+    answer = (linear.C @ np.linalg.inv(s * np.eye(6) - linear.A) @ B + 0.1 * np.eye(3))[:, [1, 2, 0]]
+    assert found.frequency == frequency
+    np.testing.assert_allclose(found.gain, np.abs(answer) if frequency else answer.real, rtol=1e-9)
+    relative = answer * np.linalg.inv(answer).T
+    np.testing.assert_allclose(found.relative, relative.real, rtol=1e-9)
+    # By the meaning of it: each answer alone, over that with the other outputs held.
+    if not frequency:
+        held = 1.0 / np.linalg.inv(answer).T
+        np.testing.assert_allclose(found.relative, (answer / held).real, rtol=1e-9)
+    other = coupling(replace(linear, B=B, D=0.1 * np.eye(3), inputs=("a", "b", "c")), frequency)
+    np.testing.assert_allclose(other.gain[:, [1, 2, 0]], found.gain, rtol=1e-12)
+
+
+def test_shares_of_modes_and_the_worst_poles_are_told_apart(linear):
+    """Two modes made up: one that no input moves, one that no output shows."""
+    A, names = np.diag([-1.0, -3.0, 2.0]), ("x", "velocity_x", "turn_y")
+    B, C = np.array([[0.0], [1.0], [1.0]]), np.array([[1.0, 1.0, 0.0]])
+    made = replace(linear, A=A, B=B, C=C, states=names)
+    found = controllability(made)
+    assert (found.worst_input, found.worst_output) == (-1.0, 2.0)
+    assert (found.controllability, found.observability) == pytest.approx((0.0, 0.0), abs=1e-12)
+    above = controllability(made, 0.0)
+    assert (above.worst_input, above.worst_output) == (2.0, 2.0)
+    first, second, third = modes(made)
+    assert [mode.pole for mode in (first, second, third)] == [2.0, -1.0, -3.0]
+    assert [mode.named_shares(made) for mode in (first, second, third)] == [{"turn_y": 1}, {"x": 1}, {"x": 1}]
+    # An input in its own unit; outputs in mm, of states in mm, 10 mm/s and 0.1 rad.
+    np.testing.assert_allclose([mode.input_gains[0] for mode in (first, second, third)], [10.0, 0.0, 100.0])
+    np.testing.assert_allclose([mode.output_gains[0] for mode in (first, second, third)], [0.0, 1.0, 10.0])
+    swinging = replace(linear, A=np.array([[0.0, 5.0], [-5.0, -6.0]]), B=B[:2], C=C[:, :2], states=names[:2])
+    (mode, other) = modes(swinging)
+    assert (mode.pole, other.pole) == (pytest.approx(-3 + 4j), pytest.approx(-3 - 4j))
+    assert mode.frequency == pytest.approx(2.0 / np.pi)
+    assert mode.damping == pytest.approx(0.6)
+    half = replace(mode, shares=np.array([0.951, 0.049]))
+    assert half.named_shares(replace(swinging, states=("x", "turn_y"))) == {"x": 0.951}
+    assert half.named_shares(replace(swinging, states=("x", "turn_y")), 0.049).keys() == {"x", "turn_y"}
+
+
 @pytest.mark.parametrize(("pole", "stable"), [(0.999, True), (-1.0, False), (1.0, False)])
 def test_a_pole_on_the_unit_circle_is_not_stable(pole, stable):
     loop = ClosedLoop(np.diag([0.5, pole]), np.zeros((2, 3)), np.zeros((3, 2)), 1e-3, None, None)

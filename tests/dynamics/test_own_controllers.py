@@ -227,6 +227,29 @@ def test_a_loop_by_hand_goes_on_beyond_its_schedule_and_at_steps_of_its_own(plai
     np.testing.assert_array_equal(fine.state, coarse.state)
 
 
+@pytest.mark.parametrize("even", [True, False])
+@pytest.mark.parametrize("rows", [1, 6])
+def test_what_acts_beyond_the_schedule_is_its_last_row(plain, even, rows):
+    """References, feed-forward and forces of 6 periods of 2 ms, or a force throughout: 12 periods by hand, and the same
+    by two steps of half a period each."""
+    quiet = replace(plain, sensors=Sensors(zero_depth=0.0))
+    references = np.column_stack([np.zeros((6, 2)), 5e-3 + 1e-5 * np.arange(6)])
+    forward, loads = 0.01 * np.arange(6.0)[:, None], np.zeros((rows, 6))
+    loads[:, 0] = 1e-3 * np.arange(1, 1 + rows)
+    about = {"period": 2e-3, "step": 1e-4, "feedforward": forward, "loads": loads}
+    machine = RunningMachine(quiet, Schedule(references, **about), state_of([0, 0, 0]), [2.0], None)
+    kept = np.minimum(np.arange(12), 5)
+    long = Schedule(references[kept], **about | {"feedforward": forward[kept], "loads": loads[kept % rows]})
+    wanted = RunningMachine(quiet, long, state_of([0, 0, 0]), [2.0], None)
+    for k in range(11):
+        np.testing.assert_allclose(machine.reference, references[kept[k]], rtol=1e-12)
+        for dt in (None,) if even else (1e-3, 1e-3):
+            machine.step(OUTPUT, dt)
+        wanted.step(OUTPUT)
+        np.testing.assert_allclose(machine.state, wanted.state, rtol=1e-9, atol=1e-12)
+        np.testing.assert_allclose(machine.outputs, np.add(OUTPUT, forward[kept[k]]), rtol=1e-12)
+
+
 def test_steps_that_do_not_fit_are_refused(plain):
     machine = RunningMachine(plain, schedule(), state_of([0, 0, 0]), [2.0], 3)
     given = {"an array (2,)": [1.0, 2.0], "nan": np.nan, "[inf]": [np.inf]}
@@ -236,10 +259,27 @@ def test_steps_that_do_not_fit_are_refused(plain):
     for dt in (1.5e-4, 3e-4, 0.0, np.nan):
         with refused(InputError, where="RunningMachine.step(dt)", received=f"{dt:g} s"):
             machine.step(1.0, dt)
+    for delay, dt, late, near in (
+        (5e-4, 2e-4, "of 0.0001 s, and at least the delay of 0.0005 s", "dt=0.0005,"),
+        (0.0, 4e-5, "of 0.0001 s", "dt=0.0001,"),
+        (0.0, np.inf, "of 0.0001 s", "dt=0.0001,"),
+        (0.0, 3.4e-4, "of 0.0001 s", "dt=0.0003,"),
+        (5e-4, 4.1e-3, None, None),
+        (5e-4, 5e-4, None, None),
+    ):
+        one = RunningMachine(plain, schedule(delay=delay), state_of([0, 0, 0]), [2.0], 3)
+        if late is None:
+            one.step(OUTPUT, dt)
+            assert one.time == pytest.approx(dt)
+        else:
+            with refused(InputError, remedy=near) as told:
+                one.step(OUTPUT, dt)
+            assert told.value.problems[0].must_hold.endswith(late)
+            assert f"period of {PERIOD:g} s" in told.value.problems[0].remedy
     while machine.event is None:
         machine.step(0.0)
     assert machine.event.name == "fell out"
-    with refused(InputError, where="RunningMachine.step"):
+    with refused(InputError, where="RunningMachine.step", received=f"fell out at {machine.event.time:g} s"):
         machine.step(0.0)
     machine.reset()
     machine.step(0.0)

@@ -5,9 +5,10 @@ import pytest
 from scipy.constants import mu_0
 from scipy.optimize import brentq
 
+from fieldmap.device.materials.base import LawPoints
 from fieldmap.device.model import Arctangent, BHTable, Froehlich, LinearMaterial, Marrocco
 from fieldmap.errors import InputError
-from fieldmap.iron.elements.bh_law import law_tables, straight_laws
+from fieldmap.iron.elements.bh_law import _cubics, law_tables, straight_laws
 
 FROEHLICH = Froehlich("f", 4000.0, 2.1)
 ARCTANGENT = Arctangent("a", 1500.0, 1.95)
@@ -132,6 +133,24 @@ def test_points_of_a_hyperbola_are_continued_on_it():
     beyond = np.geomspace(field[-1], 1e3 * field[-1], 50)
     exact = formula(FROEHLICH, beyond) - beyond
     assert values(sampled, beyond) - beyond == pytest.approx(exact, rel=1e-6)
+
+
+def test_points_whose_slopes_are_too_steep_still_rise():
+    """Of slopes of 9 between points with secants of 1 and of 0.1: a cubic falls where they exceed three secants."""
+    points = LawPoints(
+        np.array([0.0, 1.0, 2.0, 3.0]), np.array([0.0, 1.0, 1.1, 1.1]), np.array([9.0, 9.0, 9.0, -1.0])
+    )
+    knots, coefficients = _cubics(points)
+    np.testing.assert_array_equal(knots, points.field)
+    t = np.linspace(0.0, 1.0, 1001)
+    j = np.array([np.polyval(row, t) for row in coefficients[:-1]]) - (knots[:-1, None] + t)
+    assert np.diff(j, axis=1).min() > -1e-12
+    np.testing.assert_allclose(
+        j[:, [0, -1]], np.column_stack([points.polarisation[:-1], points.polarisation[1:]])
+    )
+    # Three secants of the flatter side at each point; the first as steep as is allowed.
+    np.testing.assert_allclose(coefficients[:, 2], 1.0 + np.array([3.0, 0.3, 0.0, 0.0]), atol=1e-12)
+    np.testing.assert_array_equal(coefficients[-1], [0.0, 0.0, 1.0, 1.1 + 3.0])
 
 
 def test_the_law_knows_its_range():

@@ -79,6 +79,37 @@ def test_an_inch_is_found_beside_the_unit_that_defines_it(tmp_path):
     assert declared_step_unit(path) == 0.0254
 
 
+@pytest.mark.parametrize(
+    ("units", "metres"),
+    [
+        (["SI_UNIT($,.METRE.)"], 1.0),
+        (["SI_UNIT ( .KILO. , .METRE. )"], 1e3),
+        (["SI_UNIT(.DECI.,.METRE.)"], 0.1),
+        (["SI_UNIT(.CENTI.,.METRE.)"], 0.01),
+        (["SI_UNIT(.MILLI.,.METRE.)"], 1e-3),
+        (["SI_UNIT(.MICRO.,.METRE.)"], 1e-6),
+        (["CONVERSION_BASED_UNIT('FOOT',#3)"], 0.3048),
+        (["CONVERSION_BASED_UNIT( 'inch',#3)"], 0.0254),
+        (["SI_UNIT(.MILLI.,.METRE.)", "SI_UNIT(.MILLI.,.METRE.)"], 1e-3),
+        ([], None),
+    ],
+)
+def test_every_unit_that_a_file_may_declare(tmp_path, units, metres):
+    path = tmp_path / "some.step"
+    path.write_text("".join(f"#1=(LENGTH_UNIT()NAMED_UNIT(*){unit});\n" for unit in units))
+    assert declared_step_unit(path) == metres
+
+
+@pytest.mark.parametrize(
+    "units", [["SI_UNIT(.NANO.,.METRE.)"], ["SI_UNIT($,.METRE.)", "SI_UNIT(.MILLI.,.METRE.)"]]
+)
+def test_units_that_are_unknown_or_several_are_refused(tmp_path, units):
+    path = tmp_path / "some.step"
+    path.write_text("".join(f"#1=(LENGTH_UNIT()NAMED_UNIT(*){unit});\n" for unit in units))
+    with pytest.raises(ValueError, match="one known length unit"):
+        declared_step_unit(path)
+
+
 def test_touching_and_overlapping_solids_of_one_file_are_joined(step):
     path = step(occ.Compound([block(), block(10.0), block(25.0)]))
     solid = body_solid(device(path).bodies[0])

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from fieldmap.device.model import Background, Body, Box, Device, LinearMaterial, Part, WorkspaceBox, placed
+from fieldmap.errors import InputError
 from fieldmap.iron import Tolerance, generate_mesh
 from fieldmap.iron.error import (
     BothForms,
@@ -19,6 +20,7 @@ from fieldmap.iron.error import (
     LargestError,
     MeshStep,
     ToleranceReport,
+    estimate_error,
     expected_cost,
     faces_within,
     workspace_surface,
@@ -29,6 +31,7 @@ from fieldmap.iron.operators.assembled import assemble
 from fieldmap.iron.report import Stages
 from fieldmap.iron.solvers import to_tolerance
 from fieldmap.iron.solvers.to_tolerance import Level
+from tests.refusals import refused
 
 
 def steps(power, *faces):
@@ -50,6 +53,15 @@ def test_nothing_is_said_of_what_hardly_falls():
     assert faces_within(steps(1.0, 1000.0)) is None
     assert faces_within(steps(1.0, 1000.0, 1100.0)) is None
     assert faces_within(steps(0.2, 1000.0, 4000.0)) is None
+    # From a fifth more faces, and an exponent of a quarter on; a mesh without an estimate does not count.
+    assert faces_within(steps(1.0, 1000.0, 1199.0)) is None
+    assert faces_within(steps(1.0, 1000.0, 1201.0)) == pytest.approx(4000.0)
+    assert faces_within(steps(0.249, 1000.0, 4000.0)) is None
+    assert faces_within(steps(0.251, 1000.0, 4000.0)) == pytest.approx(1000.0 * 4.0 ** (1.0 / 0.251))
+    first, second = steps(1.0, 1000.0, 2000.0)
+    first.excess = None
+    assert faces_within([first, second]) is None
+    assert faces_within([first]) is None
 
 
 def test_time_goes_with_the_power_that_was_measured():
@@ -60,6 +72,15 @@ def test_time_goes_with_the_power_that_was_measured():
     first.seconds, second.seconds = 0.0, 2.0
     assert expected_cost([first, second], 9000.0, 1.0, 1.0).seconds == pytest.approx(18.0, rel=1e-9)
     assert expected_cost(steps(1.0, 1000.0), 3000.0, 1.0, 1.0).seconds == pytest.approx(18.0, rel=1e-9)
+    # The exponent is kept from 1 to 3, and is 2 of meshes that hardly differ.
+    for last, power in ((2.5, 1.0), (100.0, 3.0)):
+        known = [SimpleNamespace(faces=1000, seconds=2.0), SimpleNamespace(faces=2000, seconds=last)]
+        assert expected_cost(known, 6000.0, 1.0, 1.0).seconds == pytest.approx(last * 3.0**power)
+    for faces, power in ((1200, 2.0), (1201, 3.0)):
+        known = [SimpleNamespace(faces=1000, seconds=2.0), SimpleNamespace(faces=faces, seconds=9.0)]
+        assert expected_cost(known, 2.0 * faces, 1.0, 1.0).seconds == pytest.approx(9.0 * 2.0**power)
+    cost = expected_cost(steps(1.0, 1000.0), 3000.4, 7000.6, 5.5)
+    assert (cost.faces, cost.tetrahedra, cost.matrix_bytes) == (3000, 7001, 5.5)
 
 
 def test_bodies_that_are_alike_share_the_error_alike():
@@ -160,6 +181,14 @@ def test_shares_of_bodies_are_those_of_their_faces_and_elements():
 
 
 @pytest.mark.parametrize(
+    ("symmetry", "count"), [(None, 1), (SimpleNamespace(group=SimpleNamespace(order=12)), 12)]
+)
+def test_operations_are_those_of_the_symmetry(symmetry, count):
+    level = SimpleNamespace(_iron=SimpleNamespace(mesh=SimpleNamespace(symmetry=symmetry)))
+    assert Level.operations.fget(level) == count
+
+
+@pytest.mark.parametrize(
     ("shares", "excess"), [([0.3, 0.2], 3.0), ([0.05, 0.02], 0.5), ([0.5, 0.1], 5.0), ([], 0.25)]
 )
 def test_one_mesh_alone_exceeds_by_its_shares_or_its_gap(monkeypatch, shares, excess):
@@ -172,6 +201,159 @@ def test_one_mesh_alone_exceeds_by_its_shares_or_its_gap(monkeypatch, shares, ex
         face_shares=SimpleNamespace(totals=np.array(shares)), _size=np.full(count, 2.0), _allowed=np.full(count, 0.2),
     )  # fmt: skip
     assert Level.own_excess.fget(level) == pytest.approx(excess)
+
+
+PLACES = np.array([[0.0, 0, 0], [0.02, 0, 0], [0, 0.04, 0.04]])
+MIDDLE = np.array([0.01, 0.02, 0.02])
+SOURCES = ("1 A in a", "the magnets")
+
+
+def fields_of(flux, slope):
+    """A solution with B (c, 4, 3) and gradient (c, 4, 3, 3) at three places and in the middle of these."""
+
+    def at(points):
+        np.testing.assert_allclose(points, [*PLACES, MIDDLE])
+        return np.array(flux), np.array(slope)
+
+    iron = MIDDLE + [[0.0, 0.0, -0.05], [0.2, 0.0, 0.0]]
+    return SimpleNamespace(source_fields=at, sources=SOURCES, iron_points=iron)
+
+
+FLUX, SLOPE = np.zeros((2, 4, 3)), np.zeros((2, 4, 3, 3))
+FLUX[0, :, 2], FLUX[1, :, 0] = [3.0, 4.0, 1.0, 2.0], [-0.5, 0.25, 0.0, -0.4]
+SLOPE[0, :, 2, 2], SLOPE[1, 1, 0, 1] = [10.0, 0.0, 5.0, 1.0], 40.0
+
+
+def moved(source, place, by, gradient=0.0):
+    """Those fields with an error of one source at one place."""
+    flux, slope = FLUX.copy(), SLOPE.copy()
+    flux[source, place, 1] += by
+    slope[source, place, 0, 2] += gradient
+    return fields_of(flux, slope)
+
+
+def test_an_estimate_is_the_largest_error_over_the_size_of_each_source():
+    """Sizes of B are 4 T and 0.5 T; those of the gradient 80 T/m, which is 4 T over 50 mm to the iron, and 40."""
+    here = fields_of(FLUX, SLOPE)
+    alone = estimate_error(PLACES, here, None, None)
+    assert (alone.flux_density, alone.gradient, alone.change, alone.gap) == (0.0, 0.0, None, None)
+    assert alone.length == pytest.approx(0.05)
+    changed = estimate_error(PLACES, here, moved(1, 2, 0.06, 7.0), None)
+    assert (changed.flux_density, changed.gradient) == pytest.approx((0.12, 7.0 / 40.0))
+    assert changed.change == pytest.approx((0.12, 0.175))
+    assert (changed.gap, changed.both_forms, changed.shares) == (None, None, None)
+    told = [(one.quantity, one.source, one.error, one.size) for one in changed.by_source]
+    assert told == [
+        ("B", SOURCES[0], 0.0, 4.0),
+        ("B", SOURCES[1], pytest.approx(0.06), 0.5),
+        ("gradient", SOURCES[0], 0.0, pytest.approx(80.0)),
+        ("gradient", SOURCES[1], 7.0, pytest.approx(40.0)),
+    ]
+    assert changed.by_source[1].at == tuple(PLACES[2])
+    assert changed.worst("B") is changed.by_source[1]
+    assert changed.worst("gradient").relative == pytest.approx(0.175)
+    # Half of what lies between two forms; of their B in the middle the largest component is told.
+    other = moved(0, 3, 0.5, 8.0)
+    between = estimate_error(PLACES, here, None, other)
+    assert between.gap == pytest.approx((0.125, 0.1))
+    assert (between.flux_density, between.gradient) == pytest.approx((0.0625, 0.05))
+    forms = between.both_forms
+    assert (forms.what, forms.source, forms.at) == ("Bz", SOURCES[0], tuple(MIDDLE))
+    assert (forms.solution, forms.complement) == (2.0, 2.0)
+    both = estimate_error(PLACES, here, moved(1, 2, 0.06), other)
+    assert (both.flux_density, both.gradient) == pytest.approx((0.12, 0.05))
+    apart = estimate_error(PLACES, here, None, moved(1, 3, 0.3)).both_forms
+    assert (apart.what, apart.source, apart.solution) == ("Bx", SOURCES[1], -0.4)
+
+
+@pytest.mark.parametrize(
+    ("growth", "shares", "factor"),
+    # Where the number of faces doubles or more, the change counts as it is.
+    [(1.0, None, 1.0), (2.0, None, 1.0), (0.25, None, 4.0), (1e-9, None, 1000.0)]
+    # Twice the sum of the shares is the other estimate; the smaller of the two counts, for B alone.
+    + [(1.0, [0.5, 0.07], 1.0), (1.0, [0.5, 0.05], 0.1 / 0.12), (0.25, [0.0, 0.1], 0.2 / 0.12)],
+)
+def test_a_change_counts_more_where_the_mesh_hardly_grew_and_no_more_than_twice_the_shares(
+    growth, shares, factor
+):
+    given = None if shares is None else np.array(shares)
+    found = estimate_error(PLACES, fields_of(FLUX, SLOPE), moved(1, 2, 0.06, 4.0), None, given, growth)
+    assert found.flux_density == pytest.approx(0.12 * factor)
+    assert found.gradient == pytest.approx(0.1 * max(1.0, 1.0 / max(growth, 1e-3)))
+    assert found.change == pytest.approx((0.12, 0.1))
+    assert found.shares == (None if shares is None else max(shares))
+
+
+def test_a_source_without_a_field_has_no_relative_error():
+    none = fields_of(0 * FLUX, 0 * SLOPE)
+    found = estimate_error(PLACES, none, moved(0, 1, 0.1), moved(0, 1, 0.1))
+    assert (found.flux_density, found.gradient, found.gap) == (0.0, 0.0, (0.0, 0.0))
+    assert [one.relative for one in found.by_source] == [0.0] * 4
+    assert ErrorEstimate(0.0, 0.0, None, None).worst("B") is None
+
+
+def test_the_surface_of_a_workspace_has_five_points_to_an_edge():
+    space = WorkspaceBox([-0.01, 0.0, 0.02], [0.03, 0.01, 0.04])
+    around = {"background": Background(np.array([0.0, 0.0, 0.01]))}
+    points = workspace_surface(Device("d", "", (), (), {}, workspace=space, **around))
+    assert len(points) == 5**3 - 3**3
+    share = (points - space.lower) / (space.upper - space.lower)
+    assert set(share.round(9).ravel()) == {0.0, 0.25, 0.5, 0.75, 1.0}
+    assert ((share < 1e-9) | (share > 1 - 1e-9)).any(axis=1).all()
+    with refused(InputError, where="device 'd'"):
+        workspace_surface(Device("d", "", (), (), {}, **around))
+
+
+@pytest.mark.parametrize(
+    ("given", "wrong"),
+    [
+        ({"flux_density": 0.999}, []),
+        ({"flux_density": 1.0}, ["Tolerance, flux_density"]),
+        ({"flux_density": 0.0}, ["Tolerance, flux_density"]),
+        ({"gradient": 5.0}, []),
+        ({"gradient": np.inf}, ["Tolerance, gradient"]),
+        (
+            {"gradient": 0.0, "absolute_gradient": 0.0},
+            ["Tolerance, gradient", "Tolerance, absolute_gradient"],
+        ),
+        ({"absolute_flux_density": 1e-9}, []),
+        ({"absolute_flux_density": np.inf}, ["Tolerance, absolute_flux_density"]),
+        ({"absolute_gradient": np.nan}, ["Tolerance, absolute_gradient"]),
+        ({}, ["Tolerance, flux_density"]),
+        ({"flux_density": 0.1, "currents": (1, 0)}, []),
+        ({"flux_density": 0.1, "currents": (1.0, np.nan)}, ["Tolerance, currents"]),
+    ],
+)
+def test_tolerances_that_cannot_be(given, wrong):
+    if not wrong:
+        assert Tolerance(**given).currents == given.get("currents")
+        return
+    with pytest.raises(InputError) as caught:
+        Tolerance(**given)
+    assert [problem.where for problem in caught.value.problems] == wrong
+
+
+def test_the_worst_error_is_the_largest_multiple_of_what_is_allowed():
+    errors = [
+        LargestError(quantity, source, (0, 0, 0), error, size)
+        for quantity, source, error, size in (
+            ("B", "a", 0.02, 2.0),
+            ("B", "magnets", 0.3, 3.0),
+            ("gradient", "a", 5.0, 10.0),
+            ("gradient", "magnets", 1.0, 10.0),
+        )
+    ]
+    estimate = ErrorEstimate(0.1, 0.5, None, None, by_source=tuple(errors))
+    # Of 1 % the magnets' B is 10 times too large; of 1.25 T/m at 2 A the coil's gradient 8 times.
+    assert Tolerance(0.01).worst(estimate, 1) == (errors[1], pytest.approx(10.0))
+    asked = Tolerance(absolute_gradient=1.25, currents=(2.0,))
+    assert asked.worst(estimate, 1) == (errors[2], pytest.approx(8.0))
+    assert asked.excess(estimate, 1) == pytest.approx(8.0)
+    assert Tolerance(0.01).excess(ErrorEstimate(0.0, 0.0, None, None), 1) == 0.0
+    # The larger of the relative and the absolute part is allowed.
+    either = Tolerance(0.01, absolute_flux_density=0.5)
+    assert [either.allowed(one, 0, 1) for one in errors[:2]] == [0.5, 0.5]
+    assert Tolerance(0.3, absolute_flux_density=0.5).allowed(errors[1], 1, 1) == pytest.approx(0.9)
 
 
 def test_numbers_in_words():

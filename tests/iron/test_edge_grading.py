@@ -1,10 +1,12 @@
 """Edge grading keeps the body, conforms, and reaches the layer that was asked for."""
 
+from itertools import permutations
+
 import numpy as np
 import pytest
 
 from fieldmap.device.model import Body, Box, Cylinder, Device, LinearMaterial, Part, Sphere, placed
-from fieldmap.iron.mesh.edge_grading import grade_edges, sharp_edges
+from fieldmap.iron.mesh.edge_grading import _split_prism, _split_quadrilateral, grade_edges, sharp_edges
 from fieldmap.iron.mesh.mesh import _first_layers, generate_mesh, volumes
 from fieldmap.iron.topology import build_faces
 
@@ -115,3 +117,30 @@ def test_outlines_of_bodies_enclose_their_volumes():
         sides = outline.triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
         assert set(map(tuple, sides.tolist())) == set(map(tuple, sides[:, ::-1].tolist()))
         assert len(np.unique(outline.triangles)) == len(outline.points)
+
+
+def test_a_prism_of_any_numbering_is_three_tetrahedra_that_cut_each_side_at_its_first_vertex():
+    """All 720 of them: neighbours agree on the diagonal of a common side without being asked."""
+    prisms = np.array(list(permutations(range(6))))
+    corners = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [0, 1, 1]])
+    tets = _split_prism(prisms).reshape(len(prisms), 3, 4)
+    for prism, parts in zip(prisms, tets, strict=True):
+        place = np.argsort(prism)
+        x = corners[place[parts]]
+        sizes = np.abs(np.linalg.det(x[:, 1:] - x[:, :1])) / 6
+        np.testing.assert_allclose(sizes, 1 / 6, rtol=1e-12)
+        for side in ([0, 1, 4, 3], [1, 2, 5, 4], [2, 0, 3, 5]):
+            numbers = prism[side]
+            k = int(numbers.argmin())
+            cut, uncut = ({int(numbers[i]), int(numbers[i - 2])} for i in (k, k - 1))
+            joined = [[pair <= set(map(int, part)) for part in parts] for pair in (cut, uncut)]
+            assert [any(each) for each in joined] == [True, False]
+
+
+def test_a_quadrilateral_is_cut_along_its_shorter_diagonal():
+    points = np.array([[0.0, 0, 0], [3, 0, 0], [2, 1, 0], [0, 1, 0]])
+    for corners, first, second in (
+        ([0, 1, 2, 3], [0, 1, 2], [0, 2, 3]),
+        ([1, 2, 3, 0], [1, 2, 0], [2, 3, 0]),
+    ):
+        assert _split_quadrilateral(points, np.array([corners])).tolist() == [first, second]

@@ -63,6 +63,17 @@ def test_field_of_a_dipole():
     assert b[0] == pytest.approx(np.array([[-strength, 0, 0], [2 * strength, 0, 0]]), abs=1e-12)
 
 
+def test_dipoles_stand_at_three_places_near_the_iron_and_far_from_each_other():
+    """Of the nearest third of twelve places on a line, of which the iron lies below the fifth."""
+    places = np.column_stack([np.arange(12.0), np.zeros((12, 2))])
+    iron = SimpleNamespace(centres=np.array([[4.1, 0.0, -1.0], [4.1, 0.0, -3.0]]))
+    found = WorkspaceDipoles.near_iron(places, iron)
+    # 4, 5, 3 and 6 are nearest: first 4, then 6, which is farthest from it, and of 3 and 5 that farther from both.
+    np.testing.assert_array_equal(found.points[:, 0], [4.0, 6.0, 5.0])
+    few = WorkspaceDipoles.near_iron(places[:4], iron)
+    np.testing.assert_array_equal(few.points[:, 0], [3.0, 1.0, 2.0])
+
+
 def test_dipoles_and_iron_are_reciprocal(solved):
     """What one dipole's iron does at another is what the other's does at the first."""
     *_, dual = solved

@@ -1,6 +1,7 @@
 """Flux through sections: areas and uniform fields exactly; conservation, a sphere, a bar, rings and inner corners."""
 
 from functools import partial
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,7 +15,7 @@ from fieldmap.iron.elements.potential_form import PotentialForm
 from fieldmap.iron.elements.state import IronState, LinearField
 from fieldmap.iron.mesh.charged_faces import ChargedFaces
 from fieldmap.iron.mesh.mesh import generate_mesh, volumes
-from fieldmap.iron.sections import section_flux
+from fieldmap.iron.sections import areas_above, clip_triangles, relative_energy_error, section_flux
 from fieldmap.kernels.simplex_rules import tetrahedron_rule
 from tests.iron.shared import FOOT, RING, at, in_uniform_field, iron_of, toroid
 
@@ -92,6 +93,58 @@ def test_area_and_uniform_field(blocks, section, area):
 def test_discs_of_a_ball(blocks, height):
     found = blocks(plane([0.05, 0, height], [0, 0, 1], ("ball",)))
     assert found.area == pytest.approx(np.pi * (1e-4 - height**2), rel=0.01)
+
+
+def test_areas_of_triangles_above_a_plane():
+    """Of corner heights of every sign: what is cut off goes with the product of the shares of two sides."""
+    triangle = np.array([[0.0, 0, 0], [4, 0, 0], [0, 3, 0]])
+    cases = {
+        (1.0, 2.0, 3.0): 6.0,
+        (0.0, 0.0, 1.0): 6.0,
+        (-1.0, -2.0, -3.0): 0.0,
+        (0.0, -1.0, -1.0): 0.0,
+        # The tip of 1 over 1 + 3 and over 1 + 1 of its sides, and the rest where it lies below.
+        (1.0, -3.0, -1.0): 6.0 / 4 / 2,
+        (-1.0, 3.0, 1.0): 6.0 * (1 - 1 / 4 / 2),
+        (-3.0, 1.0, -1.0): 6.0 / 4 / 2,
+        (0.0, 2.0, -6.0): 6.0 * 2 / 8,
+        (-2.0, 0.0, 6.0): 6.0 * 6 / 8,
+    }
+    found = areas_above(np.array([triangle] * len(cases)), np.array(list(cases)))
+    np.testing.assert_allclose(found, list(cases.values()), rtol=1e-12)
+
+
+def test_parts_of_triangles_within_a_plane_have_these_areas():
+    """In barycentric coordinates of one element: areas, and nothing outside."""
+    rng = np.random.default_rng(3)
+    corners, margin = np.eye(4)[None, :3] * np.ones((200, 1, 1)), rng.normal(size=(200, 3))
+    places = np.array([[0.0, 0, 0], [4, 0, 0], [0, 3, 0], [0, 0, 1]])
+    element, parts = clip_triangles(np.arange(200), corners, margin)
+    x = parts @ places
+    own = 0.5 * np.linalg.norm(np.cross(x[:, 1] - x[:, 0], x[:, 2] - x[:, 0]), axis=1)
+    areas = np.bincount(element, own, 200)
+    np.testing.assert_allclose(areas, areas_above(np.array([places[:3]] * 200), margin), atol=1e-12)
+    heights = np.einsum("pkb,pb->pk", parts[:, :, :3], margin[element])
+    assert heights.min() > -1e-12
+
+
+def test_the_error_of_elements_is_their_distance_from_the_means_about_nodes():
+    """Two tetrahedra share a face, with B 1 and 3 along x: its nodes' mean is (V 1 + W 3) / (V + W). A third body
+    apart has none."""
+    points = np.array(
+        [[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [0, 0, -2], [5, 5, 5], [6, 5, 5], [5, 6, 5], [5, 5, 6]]
+    )
+    tets = np.array([[0, 1, 2, 3], [0, 2, 1, 4], [5, 6, 7, 8]])
+    mesh = SimpleNamespace(points=points, tets=tets, body=np.array([0, 0, 1]), body_names=("a", "b"))
+    flux = np.array([[1.0, 0.5, 0.0], [3.0, 0.5, 0.0], [0.0, 0.0, 7.0]])
+    volume = np.array([1.0, 2.0, 1.0]) / 6
+    mean = (1.0 * 1 + 2.0 * 3) / 3
+    error = volume[0] * (0.75 * (mean - 1)) ** 2 + volume[1] * (0.75 * (mean - 3)) ** 2
+    whole = volume @ (flux**2).sum(axis=1)
+    assert relative_energy_error(mesh, flux) == pytest.approx(error / whole)
+    mesh.body = np.array([0, 1, 1])
+    assert relative_energy_error(mesh, flux) == pytest.approx(0.0, abs=1e-15)
+    assert relative_energy_error(mesh, 0 * flux) == 0.0
 
 
 def test_nothing_cut_and_bad_planes(blocks):

@@ -1,6 +1,7 @@
 """Meshes copied from one chamber: the group maps them onto themselves, and they fill the bodies without a crack."""
 
 from itertools import product
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -17,6 +18,7 @@ from fieldmap.device.model import (
     WorkspaceBox,
 )
 from fieldmap.errors import InputError
+from fieldmap.iron.mesh.chamber import ChamberCopies, on_walls
 from fieldmap.iron.mesh.mesh import generate_mesh, volumes
 from fieldmap.iron.mesh.mesher import LocalSizes
 from fieldmap.iron.topology import build_faces
@@ -187,3 +189,22 @@ def test_sizes_at_a_place_hold_in_all_copies():
 def test_another_word_is_refused():
     with pytest.raises(InputError, match="symmetry"):
         generate_mesh(CASES["box"][0], symmetry="mirror")
+
+
+def test_points_in_walls_are_moved_onto_them_and_no_others():
+    """Walls at 60 degrees about (1, 2, 3): points within the tolerance of one, of both, of none."""
+    walls = np.array([[0.0, 1.0, 0.0], [np.sqrt(0.75), -0.5, 0.0]])
+    centre = np.array([1.0, 2.0, 3.0])
+    chamber = SimpleNamespace(walls=walls, group=SimpleNamespace(centre=centre, tolerance=1e-3))
+    along = np.array([0.5, np.sqrt(0.75), 0.0])
+    exact = np.array([[0.7, 0.0, 0.2], [0.0, 0.0, -0.4], [0.3, 0.2, 0.0]])
+    off = np.array([[0.0, 9e-4, 0.0], [4e-4, -3e-4, 0.0], [0.0, 0.0, 0.0]])
+    points = centre + exact + off
+    points = np.vstack([points, centre + along * 0.5 + 5e-4 * walls[1], centre + [0.7, 1.1e-3, 0.0]])
+    on_wall = on_walls(chamber, points)
+    assert on_wall.tolist() == [[True, False], [True, True], [False, False], [False, True], [False, False]]
+    moved = ChamberCopies.onto_walls(SimpleNamespace(_chamber=chamber, _on_wall=on_wall), points)
+    expected = np.vstack([centre + exact, centre + along * 0.5, points[4]])
+    expected[2] = points[2]
+    np.testing.assert_allclose(moved, expected, atol=1e-15)
+    np.testing.assert_allclose(points[0], centre + exact[0] + off[0], atol=1e-15)

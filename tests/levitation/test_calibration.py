@@ -72,6 +72,8 @@ def test_field_scale_and_offset_come_back(rig):
     assert found.misfit < 1e-4 < 1.0 < found.misfit_before
     assert [row.after for row in found.table] == pytest.approx([1.0] * 6, rel=1e-6)
     assert all(abs(row.before - 1.0) > 0.05 for row in found.table)
+    expected = [f"lift over weight at {1e3 * z:g} mm" for z in SENSED]
+    assert [row.quantity for row in found.table] == expected
 
 
 def test_what_a_scale_alone_leaves_of_six_readings(rig):
@@ -115,6 +117,7 @@ def test_places_may_count_from_the_first(rig):
     rows = [row for row in found.table if " of reading " in row.quantity]
     # What counts from itself is no reading.
     expected = places[1] - places[0]
+    assert [row.quantity for row in rows] == ["x of reading 1", "y of reading 1"]
     assert [row.measured for row in rows] == pytest.approx(expected, abs=1e-12)
     assert [row.after for row in rows] == pytest.approx(expected, abs=1e-7)
 
@@ -149,6 +152,49 @@ def test_places_at_a_held_height(rig):
     assert found.misfit < 1e-3
 
 
+def test_a_level_that_is_not_read_is_that_of_the_lift(rig):
+    """Currents in a proportion of 9 to 11, of which the controller made the level that carries the magnet."""
+    currents, height = np.array([0.9, 1.1]), 0.016 - TRUTH["magnet_offset"]
+    (point,) = stationary_points(rig, currents, PAYLOAD, height).points
+    carried = Payload(mass=1.3 * point.lift / 9.80665, moment=PAYLOAD.moment, magnet_offset=0.012)
+    read = [0.016], [3.0 * currents], [point.position[:2]]
+    found = calibrate(
+        rig, carried, positions=PositionReadings(*read, 1e-6, height_held=True), fit=["field_scale"]
+    )
+    assert found.values["field_scale"] == pytest.approx(1.3, rel=1e-3)
+    assert found.misfit < 1.0 < found.misfit_before
+
+
+@pytest.mark.parametrize(
+    ("name", "given", "limits", "end"),
+    [
+        ("field_scale", {}, {"field_scale": (0.5, 1.1)}, 1.1),
+        ("field_scale", {}, {"field_scale": (1.5, 2.0)}, 1.5),
+        # Of the box of 40 mm a thousandth is left beside the magnet that is highest, or lowest.
+        ("magnet_offset", {"field_scale": 0.1}, None, 0.022 - 0.02 + 4e-5),
+        ("magnet_offset", {"field_scale": 9.0}, None, 0.012 + 0.02 - 4e-5),
+    ],
+)
+def test_what_is_fitted_stays_within_its_limits(rig, name, given, limits, end):
+    lift = lift_readings(rig, TRUTH)
+    found = calibrate(rig, PAYLOAD, lift=lift, fit=name, given=given, limits=limits)
+    assert found.fitted == (name,)
+    assert found.values[name] == pytest.approx(end, rel=1e-6)
+    assert f"at the bound of {name}" in found.assumptions[-1]
+
+
+@pytest.mark.parametrize(("weight", "end"), [(30.0, 20.0), (0.03, 0.05)])
+def test_scales_are_from_a_twentieth_to_twenty(rig, weight, end):
+    """Of a magnet whose weight is another one than was carried."""
+    other = Payload(weight * PAYLOAD.mass, PAYLOAD.moment, magnet_offset=0.012)
+    found = calibrate(rig, other, lift=lift_readings(rig, TRUTH), fit="field_scale")
+    assert found.values["field_scale"] == pytest.approx(end, rel=1e-6)
+    # A start beyond them begins a millionth of their range inside.
+    how = {"lift": lift_readings(rig, TRUTH), "fit": "field_scale", "given": {"field_scale": 2.0 * weight}}
+    begun = calibrate(rig, other, **how).before["field_scale"]
+    assert begun == pytest.approx(end - np.sign(end - 1.0) * 1e-6 * 19.95 if weight > 1 else 0.06, rel=1e-12)
+
+
 def test_the_covariance_is_the_scatter_of_repeated_readings(rig):
     fits = [calibrate(rig, PAYLOAD, lift=lift_readings(rig, TRUTH, noise=0.02, seed=k)) for k in range(20)]
     scatter = np.std([[f.values[name] for name in f.fitted] for f in fits], axis=0)
@@ -158,6 +204,7 @@ def test_the_covariance_is_the_scatter_of_repeated_readings(rig):
 
 
 FEW = LiftReadings(SENSED[:1], [[1.0, 1.0]])
+TWO = LiftReadings(SENSED[:2], [[1.0, 1.0]] * 2)
 
 
 @pytest.mark.parametrize(
@@ -167,6 +214,14 @@ FEW = LiftReadings(SENSED[:1], [[1.0, 1.0]])
         ({"lift": FEW, "fit": ["scale"]}, "calibrate(fit)", "['scale']"),
         ({"lift": FEW}, "calibrate(readings)", "1 readings"),
         ({"lift": FEW, "given": {"offset": 0.01}}, "calibrate(given)", "offset = 0.01"),
+        ({"lift": TWO, "given": {"field_scale": np.nan}}, "calibrate(given)", "field_scale = nan"),
+        ({"lift": TWO, "fit": []}, "calibrate(fit)", "[]"),
+        ({"lift": TWO, "fit": ["gains"] * 2}, "calibrate(fit)", "['gains', 'gains']"),
+        (
+            {"lift": TWO, "fit": ["gains", "current_scale"]},
+            "calibrate(fit)",
+            "['gains', 'current_scale']",
+        ),
     ],
 )
 def test_what_cannot_be_fitted_is_said(rig, wrong, where, received):

@@ -110,6 +110,12 @@ def test_lift_currents_beside_the_measured():
             assert row.beyond is None
 
 
+def test_readings_at_the_ends_of_the_box_are_inside():
+    """Heights of -60 and -120 mm; 1 mm beyond there is nothing to state."""
+    read = machine(readings_mm=(-6.0, -5.0, 55.0, 56.0))
+    assert [row.sensor_mm for row in lift_by_height(Field(), PAYLOAD, read)] == [-5.0, 55.0]
+
+
 def test_a_current_below_the_least_of_the_field_is_not_beyond_the_largest():
     class FromTwoAmperes(Field):
         def moments(self, currents):

@@ -1,4 +1,6 @@
+import re
 from functools import partial
+from itertools import product
 from types import SimpleNamespace
 
 import magpylib
@@ -9,8 +11,8 @@ from scipy.optimize import brentq
 from fieldmap.device.model import Payload
 from fieldmap.errors import InputError, NoEquilibrium, OutsideMapError
 from fieldmap.field import as_field
-from fieldmap.levitation import find_equilibrium
-from fieldmap.levitation.equilibrium import _ranked
+from fieldmap.levitation import find_equilibrium, magnet_balance
+from fieldmap.levitation.equilibrium import _ranked, best_starts, largest_step
 from fieldmap.levitation.places import check_position
 from tests.levitation.conftest import slope_on_axis
 from tests.refusals import refused
@@ -118,8 +120,20 @@ def test_too_little_current_says_how_much_is_missing(axisymmetric):
     with pytest.raises(NoEquilibrium) as caught:
         find_equilibrium(source, [0.5], PAYLOAD)
     problem = caught.value.problems[0]
-    assert f"{1e3 * most:.4g} mN" in problem.received
-    assert "(0.0, 0.0, 100.0)" in problem.received
+    # Least on an edge, where c4 (12 z^2 - 6 r^2) has r^2 = 2 (20 mm)^2, at one of 15 heights.
+    r2 = 2 * 0.02**2
+    slopes = {z: 0.06 + 0.6 * z + 1.2 * z**2 for z in np.linspace(-0.1, 0.1, 15)}
+    low = min(slopes, key=slopes.get)
+    least = 0.5 * PAYLOAD.moment * (slopes[low] - 0.6 * r2)
+    told = [float(number) for number in re.findall(r"-?[\d.]+(?:e-?\d+)?", problem.received)]
+    off = 1e3 * (WEIGHT - most)
+    corner, place = [-20.0, -20.0, 1e3 * low], [0.0, 0.0, 100.0]
+    expected = [1e3 * least, *corner, 1e3 * most, *place, off, *place]
+    np.testing.assert_allclose(told, expected, rtol=5e-3, atol=0.05)
+    np.testing.assert_allclose(np.array(told)[[0, 4]], np.array(expected)[[0, 4]], rtol=5e-4)
+    assert problem.where == (
+        "find_equilibrium, 8 starts in the box (-20.0, -20.0, -100.0) mm to (20.0, 20.0, 100.0) mm"
+    )
     assert f"{1e3 * WEIGHT:.4g} mN" in problem.must_hold
     assert f"{WEIGHT / most:.3g} times" in problem.remedy
     assert caught.value.exit_code == 1
@@ -166,6 +180,77 @@ def test_a_position_may_leave_the_box_by_rounding_only(middle):
     assert (told.where, told.received) == ("here", f"({z:g}, {z:g}, {z + 62.5:g}) mm")
     box = f"({z - 20:g}, {z - 30:g}, {z - 50:g}) to ({z + 20:g}, {z + 30:g}, {z + 50:g}) mm"
     assert box in told.must_hold
+
+
+class Counted:
+    """A field with a box that counts the places at which it is asked for its gradient, and whose second gradient has a
+    part along x and y, of `skew` T/m^2, that no field has."""
+
+    def __init__(self, source, skew=0.0):
+        self.source, self.skew, self.asked = source, skew, 0
+        self.coil_names, self.lower, self.upper = source.coil_names, source.lower, source.upper
+
+    def field(self, points, currents):
+        return self.source.field(points, currents)
+
+    def gradient(self, points, currents):
+        self.asked += len(points)
+        return self.source.gradient(points, currents)
+
+    def second_gradient(self, points, currents):
+        whole = self.source.second_gradient(points, currents).copy()
+        whole[:, 2, 0, 1] += self.skew
+        whole[:, 2, 1, 0] -= self.skew
+        return whole
+
+
+def test_a_search_reports_what_it_did(axisymmetric):
+    c2, c3, current, skew = 0.03, 0.6, 1.5, 0.4
+    field = Counted(axisymmetric((0.02, c2, c3, 0.0)), skew)
+    found = find_equilibrium(field, [current], PAYLOAD, start=[0.001, 0.002, 0.01])
+    report, k = found.report, current * PAYLOAD.moment * c3
+    assert (report.starts, report.converged) == (1, 1)
+    # Its stiffness is not asked for the gradient.
+    assert report.evaluations == field.asked
+    assert report.relative_residual == pytest.approx(np.linalg.norm(found.force_residual) / WEIGHT, rel=1e-9)
+    stiffness = k * np.diag([3.0, 3.0, -6.0])
+    stiffness[[0, 1], [1, 0]] = PAYLOAD.moment * skew * np.array([-1.0, 1.0])
+    np.testing.assert_allclose(found.stiffness, stiffness, rtol=1e-9, atol=1e-12)
+    part = PAYLOAD.moment * skew * np.sqrt(2.0)
+    assert report.stiffness_asymmetry == pytest.approx(part / np.hypot(k * np.sqrt(54.0), part), rel=1e-9)
+    np.testing.assert_allclose(found.eigenvalues, k * np.array([-6.0, 3.0, 3.0]), rtol=1e-9)
+    np.testing.assert_array_equal([report.lower, report.upper], [field.lower, field.upper])
+
+
+def test_starts_are_the_places_of_least_force_a_fifth_of_the_box_apart():
+    box = np.array([-1.0, 0.0, 2.0]), np.array([1.0, 4.0, 3.0])
+    line = 0.5 + 0.0105 * np.arange(-47, 48)
+    grid = box[0] + line[:, None] * (box[1] - box[0])
+    unbalance = np.abs(line - 0.499)
+    # From the middle outward, each farther than 0.2 from all before.
+    wanted = [0.5, 0.29, 0.71, 0.08, 0.92]
+    found = best_starts(grid, unbalance, box)
+    np.testing.assert_allclose(found, box[0] + np.array(wanted)[:, None] * (box[1] - box[0]))
+    # Along one side alone they are apart as well; there are at most eight.
+    corners = np.array(list(product((-1.0, 0.0, 1.0), (0.0, 4.0), (2.0, 3.0))))
+    np.testing.assert_array_equal(best_starts(corners, np.arange(12.0), box), corners[:8])
+
+
+def test_the_largest_step_of_a_force_is_that_of_the_gradient_times_the_moment_over_the_weight():
+    source = SimpleNamespace(gradient_jump=lambda currents: 3e-3 * currents[0])
+    balance = SimpleNamespace(magnitude=0.8, source=source, currents=[0.5], weight=0.1)
+    assert largest_step(balance) == pytest.approx(0.012)
+
+
+def test_an_aligned_moment_has_no_direction_where_there_is_no_field(axisymmetric):
+    """B = 2 c2 (-x / 2, -y / 2, z) vanishes at the origin, and the force with it."""
+    source = as_field(axisymmetric((0.0, 0.3, 0.0)))
+    points = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, -0.01], [0.01, 0.0, 0.0]])
+    balance = magnet_balance(source, np.array([2.0]), PAYLOAD, None, "aligned")
+    moments = PAYLOAD.moment * np.array([[0.0, 0, 0], [0, 0, -1], [-1, 0, 0]])
+    np.testing.assert_allclose(balance.moments(points), moments, atol=1e-15)
+    force = 2.0 * PAYLOAD.moment * 0.6 * np.array([[0, 0, 0], [0, 0, -1], [0.5, 0, 0]])
+    np.testing.assert_allclose(balance.magnetic_force(points), force, atol=1e-15)
 
 
 def test_places_are_ranked_by_their_distance_from_the_middle_of_the_box():

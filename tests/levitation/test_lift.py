@@ -10,7 +10,14 @@ from fieldmap.device.model import MagnetCylinder, Payload
 from fieldmap.errors import Infeasible, InputError, NotConverged, OutsideMapError, Problem
 from fieldmap.field import Field, as_field
 from fieldmap.levitation import find_equilibrium, lift_current
-from fieldmap.levitation.lift import _next_current
+from fieldmap.levitation.lift import (
+    MAX_STATES,
+    _next_current,
+    force_per_ampere,
+    lift_shares,
+    push_shares,
+    signal_pushes,
+)
 from tests.refusals import refused
 
 PAYLOAD = Payload(mass=0.01119, moment=0.813)
@@ -18,6 +25,7 @@ WEIGHT = 0.01119 * 9.80665
 COEFFICIENTS = (0.02, 0.03, 0.6, 0.0)
 POINT = [0.0, 0.0, 0.02]
 PER_AMPERE = 0.813 * (2 * 0.03 + 6 * 0.6 * 0.02)  # N/A: D (2 c2 + 6 c3 z)
+SHAPE = MagnetCylinder(0.01, 0.012, 0.813 * mu_0 / (0.25 * np.pi * 0.01**2 * 0.012))
 NEEDED = WEIGHT / PER_AMPERE  # what an unsaturated field needs, A
 
 
@@ -108,9 +116,36 @@ def test_the_inverse_of_the_law(axisymmetric, law, expected, first):
     lift = lift_current(field, PAYLOAD, POINT, None, first, 1e-6, lambda *state: told.append(state))
     assert lift.force[2] == pytest.approx(WEIGHT, rel=1e-6)
     assert lift.current == pytest.approx(expected, rel=1e-5)
+    # The slope is that to the nearest of the states that are a hundredth or more away.
+    history = np.array(lift.history)
+    i, newtons = history[-1]
+    far = [k for k in range(len(history) - 1) if abs(history[k, 0] / i - 1.0) >= 0.01]
+    k = min(far, key=lambda k: abs(history[k, 0] - i))
+    assert lift.force_per_ampere[2] == pytest.approx(
+        (newtons - history[k, 1]) / (i - history[k, 0]), rel=1e-9
+    )
     way = np.sign(law(first))
     np.testing.assert_allclose(lift.history, [(i, way * PER_AMPERE * law(i)) for i in field.states])
     np.testing.assert_allclose(told, [(i, newtons / WEIGHT) for i, newtons in lift.history])
+
+
+@pytest.mark.parametrize("share", [-2.0, 0.5])
+@pytest.mark.parametrize(
+    "payload", [PAYLOAD, Payload(mass=0.01119, pieces=[SHAPE])], ids=["moment", "pieces"]
+)
+def test_the_magnet_is_turned_as_the_shares_ask(axisymmetric, payload, share):
+    """Of a coil that is wound the other way the field is turned, and the magnet with it."""
+    field = Law(axisymmetric(COEFFICIENTS), lambda i: 2 * NEEDED * np.tanh(i))
+    lift = lift_current(field, payload, POINT, [share], 0.5, 1e-6)
+    assert lift.currents == pytest.approx([np.sign(share) * np.arctanh(0.5)], rel=1e-4)
+    assert lift.force[2] == pytest.approx(WEIGHT, rel=1e-5)
+
+
+def test_a_first_current_that_is_right_has_its_slope_from_one_two_hundredths_away(axisymmetric):
+    field = Law(axisymmetric(COEFFICIENTS), lambda i: i)
+    lift = lift_current(field, PAYLOAD, POINT, first=NEEDED)
+    assert field.states[:2] == pytest.approx([NEEDED, 1.02 * NEEDED])
+    assert lift.force_per_ampere[2] == pytest.approx(PER_AMPERE, rel=1e-9)
 
 
 def test_a_linear_field_needs_three_states_at_most_and_agrees_with_the_linear_function(axisymmetric):
@@ -125,9 +160,6 @@ def test_a_linear_field_needs_three_states_at_most_and_agrees_with_the_linear_fu
         ("stiffness", 1e-5, 1e-7),
     ):
         np.testing.assert_allclose(getattr(lift, name), getattr(linear, name), rtol, atol)
-
-
-SHAPE = MagnetCylinder(0.01, 0.012, 0.813 * mu_0 / (0.25 * np.pi * 0.01**2 * 0.012))
 
 
 @pytest.mark.parametrize(
@@ -161,6 +193,12 @@ def test_lift_that_never_reaches_the_weight_ends(axisymmetric):
     with pytest.raises(NotConverged) as caught:
         lift_current(field, PAYLOAD, POINT)
     assert min(caught.value.residuals) == pytest.approx(0.1, abs=1e-6)
+    (told,) = caught.value.problems
+    assert len(field.states) == MAX_STATES
+    assert f"within {MAX_STATES} states" in told.must_hold
+    # The last four, and the currents that they were solved at.
+    last = [f"{PER_AMPERE * field.law(i) / WEIGHT:.4g} at {i:.4g} A" for i in field.states[-4:]]
+    assert told.received.endswith(": " + ", ".join(last))
 
 
 @pytest.mark.parametrize(
@@ -216,3 +254,49 @@ def test_a_current_beyond_the_field_says_how_far_it_came(axisymmetric):
     assert problem.where.startswith("lift_current at [0.0, 0.0, 20.0] mm")
     # 0.6 + 0.5 (1 - 0.6) of the weight at what a straight law would need.
     assert f"0.8 at {NEEDED:.4g} A" in problem.received
+
+
+@pytest.mark.parametrize(("weak", "lifts"), [(0.9e-3, False), (1.1e-3, True)], ids=["left out", "taken"])
+def test_a_combination_a_thousand_times_weaker_than_the_largest_is_left_out(weak, lifts):
+    """A coil that pushes along x alone, and one that hardly lifts."""
+    force = np.diag([1.0, 0.5, weak])
+    np.testing.assert_allclose(push_shares(force, 0), [1, 0, 0], atol=1e-12)
+    np.testing.assert_allclose(push_shares(force, 1), [0, 1, 0], atol=1e-12)
+    if lifts:
+        np.testing.assert_allclose(lift_shares(force), [0, 0, 1], atol=1e-12)
+    else:
+        with refused(
+            Infeasible, must_hold="along z", received=f"{[0.0, 0.0, weak]} N/A along it, of at most 1 N/A"
+        ):
+            lift_shares(force)
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_lift_may_push_sideways_and_a_signal_by_a_tenth_at_most(axis, sign):
+    """One coil with a force of 1 along an axis and a along another. By least squares it takes 1 / (1 + a^2), which
+    leaves a / (1 + a^2) there and a^2 / (1 + a^2) of what is wanted."""
+    limit = 1.0 if axis == 2 else (1.0 - np.sqrt(0.96)) / 0.2
+    for factor, holds in ((0.99, True), (1.01, False)):
+        force = np.zeros((3, 1))
+        force[axis], force[axis - 1] = 1.0, sign * factor * limit
+        pushes, idle = signal_pushes(force)
+        if axis == 2:
+            if holds:
+                assert lift_shares(force).tolist() == [1.0]
+            else:
+                with pytest.raises(Infeasible):
+                    lift_shares(force)
+        else:
+            assert ("xy"[axis] in idle) is not holds
+            assert pushes[0, axis] == (1.0 if holds else 0.0)
+
+
+@pytest.mark.parametrize("currents", [[0.0], [-2.0]])
+def test_force_per_ampere_about_currents_of_either_sign_and_none(axisymmetric, currents):
+    """m (i + i^3 / 3)' = m (1 + i^2), by differences over 1 % of the largest current, or of 1 A."""
+    field = Law(axisymmetric(COEFFICIENTS), lambda i: i + i**3 / 3.0)
+    found = force_per_ampere(field, np.array([0.0, 0.0, 0.813]), np.array(POINT), np.array(currents))
+    h = 0.01 * (abs(currents[0]) or 1.0)
+    exact = PER_AMPERE * (1.0 + currents[0] ** 2 + h**2 / 3.0)
+    np.testing.assert_allclose(found, [[0.0], [0.0], [exact]], rtol=1e-9, atol=1e-12)

@@ -7,6 +7,7 @@ import pytest
 from scipy.constants import mu_0
 
 import fieldmap as fm
+from fieldmap.device.placement import rotation_matrix
 from fieldmap.errors import Infeasible, InputError, NoEquilibrium, OutsideMapError
 from fieldmap.field import as_field
 from fieldmap.levitation import (
@@ -14,6 +15,7 @@ from fieldmap.levitation import (
     equilibrium_sensitivity,
     find_equilibrium,
     lift_current,
+    magnet_balance,
     stationary_points,
 )
 from fieldmap.levitation.places import search_grid
@@ -133,6 +135,9 @@ def test_pieces_that_do_not_fit_into_the_map():
     pair = [fm.PayloadPiece(SPHERE, fm.Placement((x, 0, 0))) for x in (-0.017, 0.017)]
     with refused(InputError, where="payload.pieces"):
         find_equilibrium(m, 12.0, fm.Payload(1e-2, pieces=pair))
+    box, wide = "(32, 32, 40)", "(34, 0, 0)"
+    with refused(InputError, received=f"they extend over {wide} mm, the box over {box} mm"):
+        lift_current(m, fm.Payload(1e-2, pieces=pair), [0.0, 0.0, -0.1])
     start = [0.0, 0.0, -0.1]
     with refused(OutsideMapError, where="find_equilibrium(start)"):
         find_equilibrium(m, 12.0, off_centre([0.02, 0, 0]), start=start)
@@ -149,3 +154,49 @@ def test_the_currents_that_are_missing_for_a_bead(field):
     missing = float(re.search(r"\(([\d.]+) times", caught.value.problems[0].remedy)[1])
     lift = magnetic_body(BEAD).wrench(field, search_grid(BOX), 0.1 * missing)[:, 2].max()
     assert lift == pytest.approx(BEAD.mass * GRAVITY, rel=1e-2)
+
+
+def test_soft_iron_off_centre_is_not_turned_over(field):
+    """A bead 3 mm above the middle of its body, which no magnet turns: it floats where the bead alone does."""
+    offset = np.array([0.002, -0.001, 0.003])
+    body = fm.Payload(2.6e-4, pieces=[fm.PayloadPiece(BEAD.pieces[0].shape, fm.Placement(tuple(offset)))])
+    places = np.array([[0.0, 0.0, -0.02], [0.001, 0.0, -0.025]])
+    alone, off = (
+        magnet_balance(field, np.array([10.0]), one, places - at) for one, at in ((BEAD, 0.0), (body, offset))
+    )
+    np.testing.assert_allclose(off.magnetic_force(places - offset), alone.magnetic_force(places), rtol=1e-9)
+    np.testing.assert_allclose(off.arms, [offset])
+    # What the steps of a map are measured by is the largest moment that was met.
+    moments = np.linalg.norm(alone.moments(places), axis=1)
+    assert alone.magnitude == pytest.approx(moments.max(), rel=1e-9)
+    assert off.evaluations == 2 + 2
+
+
+@pytest.mark.parametrize("model", ["fixed", "rigid upright"])
+def test_magnets_that_lean_are_as_large_as_the_sum_of_their_moments(field, model):
+    """Two spheres whose moments stand across each other."""
+    pieces = [
+        fm.PayloadPiece(SPHERE, fm.Placement((x, 0.0, 0.0), rotation_matrix(angles)))
+        for x, angles in ((-0.006, (0.0, 0.0, 0.0)), (0.006, (0.0, 90.0, 0.0)))
+    ]
+    balance = magnet_balance(field, np.array([10.0]), fm.Payload(5e-3, pieces=pieces), None, model)
+    assert balance.magnitude == pytest.approx(2 * SPHERE_MOMENT, rel=1e-9)
+    moment = balance.moments(np.array([[0.0, 0.0, -0.02]]))[0]
+    assert np.linalg.norm(moment) == pytest.approx(np.sqrt(2) * SPHERE_MOMENT, rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("current", "remedy"), [(10.0, "put more current into"), (0.0, "turn the currents on")]
+)
+def test_above_a_coil_no_polarity_lifts_soft_iron(current, remedy):
+    above = as_field(CoilSet((COIL,), (np.array([-0.008, -0.008, 0.03]), np.array([0.008, 0.008, 0.05]))))
+    with refused(NoEquilibrium, remedy=remedy):
+        find_equilibrium(above, current, BEAD)
+
+
+@pytest.mark.parametrize("soft", [(), BEAD.pieces])
+def test_beside_magnets_the_currents_that_are_missing_are_known_without_soft_iron_alone(field, soft):
+    """The lift of the magnets goes with the current, that of soft iron with its square."""
+    with pytest.raises(NoEquilibrium) as caught:
+        find_equilibrium(field, 0.01, fm.Payload(0.5, pieces=[SPHERE, *soft]))
+    assert ("times" in caught.value.problems[0].remedy) is not bool(soft)

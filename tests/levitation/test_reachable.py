@@ -1,5 +1,6 @@
 """Reachable sets: against random currents, all corners of the box, closed forms of volumes, a magnet's own force."""
 
+from dataclasses import replace
 from itertools import combinations, product
 
 import numpy as np
@@ -8,7 +9,7 @@ from scipy.spatial import ConvexHull
 
 from fieldmap.device.model import Payload
 from fieldmap.errors import InputError
-from fieldmap.levitation import reachable, zonotope
+from fieldmap.levitation import ReachableSet, reachable, zonotope
 from fieldmap.lookup import magnetic_body, open_map
 from tests.refusals import refused
 
@@ -74,6 +75,57 @@ def test_flat_sets_have_no_volume():
     assert flat[2] == 0.0
     assert flat[0].max() == 2.0
     assert not len(flat[1])
+    # Corners of a hexagon, and what the coils cannot move at all.
+    assert len(flat[0]) == 6
+    point = zonotope([[1.0, 2.0, 3.0], [0.5, 0.0, 1.0]], [1.0, 2.0], [1.0, 2.0])
+    assert (point[0].tolist(), point[2]) == ([[2.0, 2.0, 5.0]], 0.0)
+
+
+@pytest.mark.parametrize(("thickness", "flat"), [(3e-10, True), (3e-9, False)])
+def test_a_set_thinner_than_a_billionth_of_its_length_is_flat(thickness, flat):
+    """A box of 2 by 2 by some 1e-9: to its length of 2 the thickness is the same share as of the singular values."""
+    volume = zonotope(np.diag([1.0, 1.0, thickness]), -np.ones(3), np.ones(3))[2]
+    assert volume == pytest.approx(0.0 if flat else 8.0 * thickness, rel=1e-6)
+
+
+PER_AMPERE = np.array([[1.0, 0.0, 0.5], [0.0, 1.0, 0.0], [0.0, 0.0, 2.0]])
+
+
+@pytest.fixture
+def three_of_one_volt():
+    """Three coils that make PER_AMPERE, beside what none of them drives."""
+    lower, upper, constant = (
+        np.array([-1.0, 1.0, -3.0]),
+        np.array([2.0, 2.0, -1.0]),
+        np.array([5.0, 6.0, 7.0]),
+    )
+    corners, triangles, volume = zonotope(PER_AMPERE, lower, upper)
+    place = {"position": np.zeros(3), "moment": None, "coil_names": ("a", "b", "c")}
+    limits = {"lower": lower, "upper": upper, "constant": constant, "per_ampere": PER_AMPERE}
+    shape = {"vertices": corners + constant, "triangles": triangles, "volume": volume}
+    return ReachableSet(quantity="field", **place, **limits, **shape)
+
+
+@pytest.mark.parametrize(
+    ("direction", "currents"),
+    [((0, 0, 1), [2, 1, -1]), ((0, 0, -4), [-1, 1, -3]), ((0, 3, 0), [0, 2, -1]), ((0, -1, 0), [0, 1, -1])],
+)
+def test_coils_that_do_not_matter_carry_as_little_as_they_may(three_of_one_volt, direction, currents):
+    found = three_of_one_volt.currents_along(direction)
+    np.testing.assert_array_equal(found, currents)
+    value = np.array(currents) @ PER_AMPERE + [5.0, 6.0, 7.0]
+    np.testing.assert_array_equal(three_of_one_volt.at(found), value)
+    unit = np.array(direction) / np.linalg.norm(direction)
+    assert three_of_one_volt.largest_along(direction) == pytest.approx(value @ unit)
+
+
+@pytest.mark.parametrize(("off", "inside"), [(0.9e-9, True), (1.1e-9, False)])
+def test_what_is_outside_by_rounding_is_inside(three_of_one_volt, off, inside):
+    """A billionth of the longest side, which is 0.5 (3) + 2 (2) along z."""
+    top = three_of_one_volt.at([0.0, 2.0, -2.0])
+    assert three_of_one_volt.holds([top, top + [0.0, 5.5 * off, 0.0]]).tolist() == [True, inside]
+    with refused(InputError, where="ReachableSet.holds"):
+        replace(three_of_one_volt, triangles=np.empty((0, 3), int)).holds(top)
 
 
 @pytest.fixture(scope="module")
@@ -115,7 +167,19 @@ def test_limits_of_one_sign(coils):
     assert both.volume == pytest.approx(8 * found.volume, rel=1e-9)
 
 
-@pytest.mark.parametrize("limits", [-1.0, 0.0, [1.0, 2.0], np.nan])
+def test_one_coil_may_be_held(coils):
+    count = len(coils.coil_names)
+    ends = np.ones((2, count)) * [[-1.0], [2.0]]
+    ends[0, 1] = 2.0
+    found = reachable(coils, (0.0, 0.0, -0.09), ends)
+    assert found.currents_along((0, 0, -1))[1] == found.currents_along((0, 0, 1))[1] == 2.0
+    np.testing.assert_array_equal([found.lower, found.upper], ends)
+
+
+@pytest.mark.parametrize(
+    "limits",
+    [-1.0, 0.0, [1.0, 2.0], np.nan, [[-1.0] * 5 + [3.0], [2.0] * 6], np.ones((3, 6)), np.ones((2, 5))],
+)
 def test_wrong_limits(coils, limits):
     with pytest.raises(InputError, match="limits"):
         reachable(coils, (0.0, 0.0, -0.09), limits)

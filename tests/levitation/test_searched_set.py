@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import scipy.constants
 from scipy.optimize import minimize
+from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
 import fieldmap as fm
@@ -199,6 +200,51 @@ def test_a_solved_device_of_saturating_iron(solved, moment):
     assert found.largest_along([0, 0, 1]) < 0.95 * (start + np.abs(slopes) @ [60.0, 40.0])
     best = solver.solve(found.currents_along([0, 0, 1]))
     assert found.largest_along([0, 0, 1]) == pytest.approx(made_by(best)[2], abs=1e-4 * size)
+
+
+class Squares(Field):
+    """B = (i Q1 i, i Q2 i, i Q3 i) everywhere, with its derivatives by the currents."""
+
+    coil_names = ()
+
+    def __init__(self, count, seed):
+        squares = np.random.default_rng(seed).normal(size=(3, count, count))
+        self.squares = squares + squares.swapaxes(1, 2)
+        # Convex along each current by itself.
+        self.squares[:, range(count), range(count)] = np.abs(self.squares[:, range(count), range(count)])
+        self.coil_names = tuple("abcdefgh"[:count])
+
+    def values(self, currents):
+        return np.einsum("jab,da,db->dj", self.squares, currents, currents)
+
+    def field(self, points, currents):
+        return np.tile(self.values(currents[None]), (len(points), 1))
+
+    def gradient(self, points, currents):
+        return np.zeros((len(points), 3, 3))
+
+    def by_currents(self, points, currents):
+        slopes = 2.0 * np.einsum("jab,b->aj", self.squares, currents)[None]
+        return self.field(points, currents), np.zeros((1, 3, 3)), slopes, np.zeros((1, len(currents), 3, 3))
+
+
+@pytest.mark.parametrize(("count", "seed"), [(5, 2), (6, 1)])
+def test_no_currents_on_a_grid_reach_further(count, seed):
+    """Of squares of the currents, which have many local optima; of other numbers a search may end at one."""
+    field, limits = Squares(count, seed), np.array([[-1.0] * count, [1.0] * count])
+    found = reachable(field, np.zeros(3), limits)
+    grid = np.array(list(product(np.linspace(-1.0, 1.0, 5), repeat=count)))
+    best = (field.values(grid) @ found.directions.T).max(axis=0)
+    assert (reached(found) > best - 1e-9 * best.max()).all()
+    assert np.abs(found.currents).max() == 1.0
+    np.testing.assert_allclose(found.values, field.values(found.currents), rtol=1e-9, atol=1e-12)
+    hull = ConvexHull(found.values)
+    assert found.volume == pytest.approx(hull.volume, rel=1e-6)
+    outward = np.cross(
+        *(found.vertices[found.triangles[:, k]] - found.vertices[found.triangles[:, 0]] for k in (1, 2))
+    )
+    middle = found.vertices[found.triangles].mean(axis=1) - found.values.mean(axis=0)
+    assert (np.einsum("ti,ti->t", outward, middle) > 0.0).all()
 
 
 def test_what_neither_superposes_nor_has_derivatives_is_refused():

@@ -7,6 +7,7 @@ from fieldmap.device.model import Payload
 from fieldmap.errors import InputError
 from fieldmap.levitation import equilibrium_sensitivity, stationary_points
 from tests.levitation.conftest import lifting_above
+from tests.refusals import refused
 
 PAYLOAD = Payload(mass=0.01119, moment=0.813)
 
@@ -56,6 +57,23 @@ def test_with_the_lift_held_all_currents_answer(three_coils):
     assert left[1] < 0.3 * left[0]
 
 
+@pytest.mark.parametrize("step", [None, 0.3])
+def test_with_the_lift_held_neither_push_nor_lift_changes_to_first_order(three_coils, step):
+    """At the moved place and the scaled currents; the field is linear in these, so no step of theirs matters."""
+    at = place(three_coils, CURRENTS)
+    found = equilibrium_sensitivity(three_coils, CURRENTS, PAYLOAD, at, step=step)
+    force = three_coils.gradient(at[None], CURRENTS)[0, 2]
+    for k, way in enumerate(np.eye(3)):
+        left = []
+        for t in (2e-3, 1e-3):
+            moved = at + np.append(t * found.with_lift_held[:, k], 0.0)
+            amperes = (CURRENTS + t * way) * (1.0 + t * found.level_per_current[k])
+            left.append(np.linalg.norm(three_coils.gradient(moved[None], amperes)[0, 2] - force))
+        changed = np.linalg.norm(three_coils.gradient(at[None], CURRENTS + 1e-3 * way)[0, 2] - force)
+        assert left[1] < 0.02 * changed
+        assert left[1] == pytest.approx(left[0] / 4.0, rel=0.1)
+
+
 def test_noise_of_one_coil_is_its_column_squared(three_coils):
     found = equilibrium_sensitivity(three_coils, CURRENTS, PAYLOAD, place(three_coils, CURRENTS))
     covariance = found.noise([0.0, 0.035, 0.0])
@@ -63,10 +81,27 @@ def test_noise_of_one_coil_is_its_column_squared(three_coils):
     rng = np.random.default_rng(5)
     drawn = 0.035 * rng.normal(size=(20000, 3)) @ found.at_held_height.T
     np.testing.assert_allclose(np.sqrt(np.diag(found.noise(0.035))), drawn.std(axis=0), rtol=0.03)
+    held = found.noise([0.0, 0.0, 0.02], lift_held=True)
+    np.testing.assert_allclose(held, 0.02**2 * np.outer(*[found.with_lift_held[:, 2]] * 2), rtol=1e-12)
+    with pytest.raises(InputError):
+        found.noise([0.01, -1e-9, 0.01])
 
 
-def test_at_a_fold_there_is_no_derivative(polynomial_field, vertical_part):
+def test_at_a_fold_there_is_no_derivative(polynomial_field):
     flat = np.zeros((4, 3))
     flat[3, 0], flat[0, 2] = 1e3, -100.0
+    field = polynomial_field([lifting_above(flat, 0.14)])
     with pytest.raises(InputError, match="fold"):
-        equilibrium_sensitivity(polynomial_field([vertical_part(flat)]), [1.0], PAYLOAD, np.zeros(3))
+        equilibrium_sensitivity(field, [1.0], PAYLOAD, np.zeros(3))
+    # Beside it there is one.
+    equilibrium_sensitivity(field, [1.0], PAYLOAD, np.array([1e-5, 0.0, 0.0]))
+    with refused(InputError, where="equilibrium_sensitivity(step)"):
+        equilibrium_sensitivity(field, [1.0], PAYLOAD, np.array([1e-5, 0.0, 0.0]), step=0.0)
+
+
+def test_without_lift_no_level_holds_it(polynomial_field, vertical_part):
+    """B_z = 500 x^3 - 50 y^2 at z = 0: a push, and nothing upward."""
+    g = np.zeros((4, 3))
+    g[3, 0], g[0, 2] = 500.0, -50.0
+    with refused(InputError, where="equilibrium_sensitivity(currents)", received="0.0] N"):
+        equilibrium_sensitivity(polynomial_field([vertical_part(g)]), [1.0], PAYLOAD, [1e-3, 0.0, 0.0])

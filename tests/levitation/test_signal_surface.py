@@ -6,6 +6,7 @@ import pytest
 from fieldmap.currents import LiftAndDirections
 from fieldmap.device.model import Payload
 from fieldmap.errors import InputError, NoEquilibrium
+from fieldmap.field import as_field
 from fieldmap.levitation import equilibrium_surface
 from tests.levitation.conftest import PolynomialField, lifting_above
 from tests.refusals import refused
@@ -15,14 +16,14 @@ PAYLOAD = Payload(mass=0.011, moment=0.8)
 SIGNALS = np.array([-0.2, -0.1, 0.0, 0.1, 0.2])
 
 
-def wells(places=PLACES):
+def wells(places=PLACES, sign=1.0):
     """Coil k at r_k of places (n, 2), m: Bz = 0.1 z + 2 (z^2 - (r - r_k)^2 / 2) per ampere, so that it draws a moment
     m there with 2 m per A."""
     potentials = []
     for x, y in places:
         g = np.zeros((3, 3))
         g[0, 0], g[1, 0], g[0, 1], g[2, 0], g[0, 2] = -(x**2) - y**2, 2 * x, 2 * y, -1.0, -1.0
-        potentials.append(lifting_above(g, 0.1))
+        potentials.append(sign * lifting_above(g, 0.1))
     edge = np.array([0.03, 0.03, 0.04])
     return PolynomialField(potentials, -edge, edge)
 
@@ -47,6 +48,19 @@ def test_the_magnet_rests_at_the_centroid_of_the_currents(held):
     assert found.stable.all()
     lift = 0.8 * 6 * 1.5 * (0.1 - 0.04)
     assert found.field_scale == pytest.approx(0.011 * 9.80665 / lift if held else 1.0)
+    assert found.assumptions[0].endswith("n = 1.25")
+    assert ("follows" in found.assumptions[1]) is held
+
+
+def test_a_map_for_a_division_is_asked_for_its_own_signals():
+    """The parametrisation of the field itself, unless shares ask for others."""
+    field = as_field(wells())
+    field.parametrisation = LiftAndDirections(1.4)
+    found = equilibrium_surface(field, PAYLOAD, [0.1, 0.0], [0.0, -0.2], 1.5, -0.01)
+    expected = [[centroid(x, y, 1.4) for y in (0.0, -0.2)] for x in (0.1, 0.0)]
+    np.testing.assert_allclose(found.positions[..., :2], expected, atol=1e-8)
+    other = equilibrium_surface(field, PAYLOAD, [0.1], [0.0], 1.5, -0.01, shares=np.ones(6))
+    assert "least power" in other.assumptions[0]
 
 
 def test_beyond_the_map_there_is_no_place():
@@ -70,6 +84,10 @@ def test_any_number_of_coils_pushes_with_least_power(places):
     np.testing.assert_allclose(found.levels, 1.5, rtol=1e-6)
     lift = 0.8 * len(places) * 1.5 * (0.1 - 0.04)
     assert found.field_scale == pytest.approx(0.011 * 9.80665 / lift)
+    # Coils that pull down a magnet that points up hold one that points down, and push it the same way.
+    turned = equilibrium_surface(wells(places, -1.0), PAYLOAD, SIGNALS, SIGNALS, 1.5, -0.01)
+    np.testing.assert_allclose(turned.positions, found.positions, atol=1e-8)
+    assert not any("n = " in words or "does nothing" in words for words in found.assumptions)
 
 
 def test_shares_are_the_currents_at_signals_0():
@@ -83,6 +101,7 @@ def test_coils_in_a_row_do_not_push_across_it():
     found = equilibrium_surface(wells(SQUARE * [1, 0]), PAYLOAD, SIGNALS, SIGNALS, 1.5, -0.01)
     np.testing.assert_allclose(found.positions[:, :, 0], 0.02 * SIGNALS[:, None] * np.ones(5), atol=1e-8)
     np.testing.assert_allclose(found.positions[:, :, 1], 0.0, atol=1e-12)
+    assert "do not push along y" in found.assumptions[0]
 
 
 def test_what_does_not_fit():

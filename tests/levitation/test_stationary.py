@@ -4,6 +4,7 @@ With g(x, y) = B_z at z = 0 and a vertical moment D, F = D grad g: the roots of 
 """
 
 from dataclasses import replace
+from itertools import pairwise
 from types import SimpleNamespace
 
 import numpy as np
@@ -11,9 +12,10 @@ import pytest
 from numpy.polynomial import Polynomial
 
 from fieldmap.device.model import MagnetCylinder, Payload
-from fieldmap.errors import InputError, NotConverged
-from fieldmap.levitation import follow_equilibrium, magnet_balance, stationary_points
-from fieldmap.levitation.balance import MODELS, model_assumptions
+from fieldmap.errors import InputError, NoEquilibrium, NotConverged
+from fieldmap.field import as_field
+from fieldmap.levitation import equilibrium_at, follow_equilibrium, magnet_balance, stationary_points
+from fieldmap.levitation.balance import MODELS, RigidBalance, model_assumptions
 from fieldmap.levitation.stationary import to_equilibrium
 from tests.levitation.conftest import solid_harmonics
 from tests.refusals import refused
@@ -58,6 +60,7 @@ def test_all_nine_points_with_their_kinds(nine_points):
         assert point.kind == ("stable", "saddle", "unstable")[known[nearest]]
         assert abs(point.trace) < 1e-9
         assert point.lift == pytest.approx(WEIGHT, rel=1e-9)
+        np.testing.assert_allclose(point.horizontal, np.sort(np.diag(point.stiffness)[:2]), rtol=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -86,6 +89,38 @@ def test_newton_ends_at_the_zero_in_the_window_and_nowhere_beside_it(inside, axi
         np.testing.assert_allclose(found, zero, atol=1e-12)
     else:
         assert found is None
+
+
+def stepping(jump):
+    """A balance whose force steps over zero at x = 0, so that Newton's steps go to and fro by a jump, m."""
+    stiffness = np.diag([2.0, 2.0, -4.0])
+
+    def force(at):
+        return -(at + np.sign(at) * [0.5 * jump, 0.0, 0.0]) @ stiffness
+
+    return SimpleNamespace(magnetic_force=force, stiffness=lambda point: stiffness)
+
+
+@pytest.mark.parametrize(("jump", "found"), [(0.9e-6, True), (1.1e-6, False)])
+def test_a_force_that_steps_over_zero_is_taken_for_zero_where_the_step_is_below_a_micrometre(jump, found):
+    end = to_equilibrium(stepping(jump), np.array([1e-3, 2e-3, 0.0]), np.full(2, -0.01), np.full(2, 0.01))
+    if found:
+        np.testing.assert_allclose(end, 0.0, atol=1e-6)
+    else:
+        assert end is None
+
+
+@pytest.mark.parametrize(("samples", "complete"), [(8, True), (2, False)])
+def test_a_grid_is_halved_twice_until_the_points_account_for_the_turns(
+    polynomial_field, vertical_part, samples, complete
+):
+    """Nine points within 2 mm of a window of 40 mm; of 8 squares to a side, 32 find them all, and of 2 no 8."""
+    g = np.zeros((5, 5))
+    g[:, 0] += potential_of((-0.003, -0.002, -0.001))
+    g[0, :] += potential_of((0.01, 0.011, 0.012))
+    source = polynomial_field([vertical_part(g), lifting()])
+    found = stationary_points(source, [1.0, 1.0], PAYLOAD, 0.0, samples=samples)
+    assert (len(found.points) == 9, found.complete) == (complete, complete)
 
 
 @pytest.fixture
@@ -159,6 +194,60 @@ def test_the_level_follows_where_the_height_is_held(pushed, scale):
     np.testing.assert_allclose(found.levels_at_stops, 1.0 / scale, rtol=1e-9)
     roots = [np.roots([-STRENGTH, 0.0, STRENGTH * 1e-4, 1e-3 * p]).real.max() for p in stops]
     np.testing.assert_allclose(found.positions_at_stops[:, 0], roots, atol=1e-8)
+    np.testing.assert_allclose(found.levels, 1.0 / scale, rtol=1e-6)
+    of_push = [np.roots([-STRENGTH, 0.0, STRENGTH * 1e-4, 1e-3 * p]).real.max() for p in found.parameters]
+    expected = np.column_stack([of_push, np.zeros(len(of_push)), np.zeros(len(of_push))])
+    np.testing.assert_allclose(found.positions, expected, atol=1e-8)
+
+
+def test_a_branch_has_the_heights_and_levels_of_its_path(polynomial_field, vertical_part):
+    """A spring in the plane; the path rises with the parameter, and with the level."""
+    spring = np.zeros((3, 3))
+    spring[2, 0] = spring[0, 2] = -20.0
+    field = polynomial_field([vertical_part(spring)])
+    found = follow_equilibrium(
+        field, PAYLOAD, lambda p, u: (np.ones(1), 1e-3 * p + 2e-3 * u), [1e-3, 0.0], [1.0, 2.0, 3.0], 1.5
+    )
+    np.testing.assert_allclose(found.positions[:, 2], 1e-3 * found.parameters + 3e-3, rtol=1e-12)
+    np.testing.assert_allclose(found.positions_at_stops[:, 2], [4e-3, 5e-3, 6e-3], rtol=1e-9)
+    assert set(found.levels) | set(found.levels_at_stops) == {1.5}
+    assert found.ended == "last stop"
+    # A step is at most 0.05 of the range of the stops.
+    assert np.diff(found.parameters).max() <= 0.1 * (1 + 1e-9)
+    assert np.diff(found.parameters).max() > 0.09
+
+
+def test_where_no_place_is_near_the_search_tells_where_it_ended(polynomial_field, vertical_part):
+    """B_z = 2 x - 20 x^2 - 20 y^2: no push at x = 50 mm, and the box ends at 20. Of B_z = x no place is any better."""
+    springy, uniform = np.zeros((3, 3)), np.zeros((2, 1))
+    springy[1, 0], springy[2, 0], springy[0, 2], uniform[1, 0] = 2.0, -20.0, -20.0, 1.0
+    about = PAYLOAD, lambda u: (np.ones(1), 0.0), [0.003, 0.0], 1.25
+    for g, received in (
+        (springy, "a last step of 30 mm at [20.  0.] mm after 40 steps"),
+        (uniform, "a last step of inf mm at [3. 0.] mm after 1 steps"),
+    ):
+        with pytest.raises(NoEquilibrium) as caught:
+            equilibrium_at(polynomial_field([vertical_part(g)]), *about)
+        (told,) = caught.value.problems
+        assert (told.where, told.received) == ("equilibrium_at, from [3. 0.] mm at 1.25 A", received)
+
+
+@pytest.mark.parametrize(("begin", "least", "most"), [(1.0, 0.8, 1.0), (0.2, 1.0, 1.25)])
+def test_a_level_that_is_sought_moves_by_a_quarter_at_most_in_a_step(pushed, begin, least, most):
+    """From 1 A down to 0.4, and from 0.2 up to it: the weight is carried at 1 / 2.5."""
+    asked = []
+
+    def path(level):
+        asked.append(level)
+        return level * np.array([1.0, 0.0, 1.0]), 0.0
+
+    point, level = equilibrium_at(pushed, PAYLOAD, path, [0.0101, 0.0], begin, True, 2.5)
+    assert level == pytest.approx(0.4, rel=1e-8)
+    assert point.position[:2] == pytest.approx([0.01, 0.0], abs=1e-9)
+    # Of each round but for the differences of a thousandth.
+    ratios = [b / a for a, b in pairwise(asked) if abs(b / a - 1.0) > 3e-3]
+    assert least - 2e-3 < min(ratios)
+    assert max(ratios) < most + 2e-3
 
 
 @pytest.mark.parametrize(
@@ -215,6 +304,25 @@ def test_a_low_centre_of_mass_uprights_the_magnet(polynomial_field):
     np.testing.assert_allclose(balance.axes(place)[0], expected / np.linalg.norm(expected), atol=1e-7)
 
 
+def test_a_rigid_magnet_is_turned_by_rotations_and_reaches_as_far_as_its_farthest_point(polynomial_field):
+    """Whatever way its axis points, up and down; 0.2 mm beyond it forces are differenced."""
+    given, points = [], np.array([[0.001, 0.0, 0.0], [0.0, 0.003, 0.004], [0.0, 0.002, 0.0]])
+
+    def wrench(source, places, currents, frames):
+        given.append(frames)
+        return np.zeros((len(places), 6))
+
+    axes = np.array([[0.6, 0.0, 0.8], [0.0, -0.8, -0.6], [0.36, 0.48, 0.8], [-0.48, 0.36, -0.8], [0, 0, -1]])
+    magnet = SimpleNamespace(points=points, wrench=wrench, moment=1.0)
+    balance = RigidBalance(as_field(tilted(polynomial_field)), np.ones(1), 0.01, 1.0, magnet)
+    balance._wrench(np.zeros((5, 3)), axes)
+    np.testing.assert_allclose(given[0][:, :, 2], axes, atol=1e-12)
+    np.testing.assert_allclose(given[0] @ given[0].swapaxes(1, 2), [np.eye(3)] * 5, atol=1e-12)
+    np.testing.assert_allclose(np.linalg.det(given[0]), 1.0)
+    np.testing.assert_allclose(balance.arms, [[-0.0052] * 3, [0.0052] * 3])
+    assert balance.evaluations == 5
+
+
 @pytest.mark.parametrize(("model", "words"), [("loose", "loose"), ("rigid", "a magnet")])
 def test_models_by_name(polynomial_field, model, words):
     with pytest.raises(InputError, match=words):
@@ -224,3 +332,4 @@ def test_models_by_name(polynomial_field, model, words):
 def test_a_lever_is_an_assumption_only_of_what_turns():
     told = {model: len(model_assumptions(model, 2e-3)) for model in MODELS}
     assert told == {"fixed": 1, "aligned": 1, "rigid": 2, "rigid upright": 1}
+    assert " 2 mm below" in model_assumptions("rigid", 2e-3)[1]
