@@ -11,7 +11,7 @@ import scipy.linalg
 import scipy.signal
 from scipy.optimize import brentq
 
-from fieldmap.thesis import coupled_loop, planar_unit, single_electromagnet, statics, vertical
+from fieldmap.thesis import planar_unit, single_electromagnet, statics, vertical
 from fieldmap.thesis.computation import Answers, Ours, function_of
 from fieldmap.thesis.printed import part_names, read_part
 
@@ -281,8 +281,8 @@ VARIED = {
     "S20_models": regulated,
 }  # fmt: skip
 FOLLOW, JUDGED = "thesis/test_rows_follow_their_inputs.py::test_", "thesis/test_rows_judged.py::test_"
-LOOP, FORCES = "dynamics/test_thesis_scenarios.py::test_", "thesis/test_force_rows.py::test_"
-HERE = "thesis/test_inputs_of_rows.py::test_"
+FORCES = "thesis/test_force_rows.py::test_"
+RUNS = "thesis/test_runs_of_rows.py::test_runs_numbers_and_figures_of_a_row"
 BRANCH, MAP = (
     "thesis/test_hysteresis.py::test_rows_set_ours_beside_the_same_branch",
     "thesis/test_map_plants.py::test_",
@@ -305,15 +305,15 @@ ELSEWHERE = {
     "S15": JUDGED + "ranges_are_of_both_sides_and_end_at_the_limits",
     "S16_map_plant": MAP + "volts_per_millimetre_of_depth_are_those_of_the_lift_currents",
     "S17_map_plant": MAP + "signals_move_the_magnet_the_right_way",
-    "S16_records": "dynamics/test_thesis_records.py::test_identified_poles_are_those_of_the_linear_machine",
-    "S17_records": "dynamics/test_thesis_records.py::test_integral_times_scale_as_the_gains_at_rest",
-    "S18_vertical": HERE + "drag_of_table_7_1",
-    "S18_spikes": HERE + "push_and_gains_against_spikes",
-    "S18_proportional": LOOP + "pd_control_rests_where_its_gain_and_the_statics_say",
-    "S18_range": HERE + "range_begins_at_each_depth",
-    "S18_regulator": LOOP + "table_7_3_the_regulator_swings_by_its_whole_step_near_the_block",
-    "S18_heights": HERE + "heights_above_the_block",
-    "S19": HERE + "circles_of_each_radius_and_rate",
+    "S16_records": RUNS,
+    "S17_records": RUNS,
+    "S18_vertical": RUNS,
+    "S18_spikes": RUNS,
+    "S18_proportional": RUNS,
+    "S18_range": RUNS,
+    "S18_regulator": RUNS,
+    "S18_heights": RUNS,
+    "S19": RUNS,
     "S20_closed_loop": JUDGED + "what_is_said_of_the_regulator_is_what_its_curves_show",
     "S14_calibration": "levitation/test_calibration.py::test_",
 }  # fmt: skip
@@ -471,118 +471,3 @@ def stand_ins(monkeypatch):
     for name in ("_ALL_GAINS", "_DRAWN_GAINS"):
         monkeypatch.setattr(vertical, name, np.geomspace(0.01, 1.0, 3))
     monkeypatch.setattr(vertical, "_fitted_plant", lambda inputs: np.array([1600.0, 150.0, 2.0]))
-
-
-class Told:
-    """A run that knows which changes were asked of its scenario; a depth that rises by 3 mm."""
-
-    def __init__(self, scenario, changes):
-        self.changes, self.time = changes, np.linspace(0.0, 8.0, 9)
-        self.true = np.linspace([0.0, 0.0, 10.0], [0.0, 0.0, 13.0], 9)
-        metrics = SimpleNamespace(event="", largest_current_A=1.0)
-        self.run = SimpleNamespace(
-            scenario=SimpleNamespace(path=Path(scenario)), assumptions=(), metrics=metrics
-        )
-
-    def departure(self, axis, begin, end=np.inf):
-        """A digit for each key of the compensator and for the gain."""
-        push, gain = (self.changes.get(f"control.{key}", 0.0) for key in ("compensator.push_mm", "x.Kc"))
-        return 1.0 + push + 1e-3 * self.changes.get("control.compensator.duration_ms", 0.0) + 10.0 * gain
-
-    def rms(self, axis, begin, end=np.inf):
-        radius, rate = (
-            self.changes.get(f"reference.0.{key}", 0.0) for key in ("radius_mm", "rate_rad_per_s")
-        )
-        return self.changes.get("start.depth_mm", 0.0) + radius + 10 * rate + 1e3 * begin
-
-    def column(self, axis):
-        return [0.1, 0.2, 0.3, 40.0]
-
-    def time_to_reference(self, axis, at):
-        return 0.25
-
-
-@pytest.fixture
-def asked(monkeypatch):
-    """asked(part, **inputs): numbers and facts of a part of S18 or S19, and the changes of its runs in their order."""
-    runs = []
-
-    def run_of(inputs, scenario, changes=None):
-        runs.append(Told(scenario, dict(changes or {})))
-        return runs[-1]
-
-    def runs_of(inputs, scenario, changes):
-        return {name: run_of(inputs, scenario, one) for name, one in changes.items()}
-
-    drawing = SimpleNamespace(
-        VERTICAL_PID={"Kc": 0.5}, in_the_plane=dict, with_measured=lambda one, *_, **__: one
-    )
-    replaced = {"run_of": run_of, "runs_of": runs_of, "coupled": drawing, "over_time": lambda *_, **__: None}
-    replaced |= {"_step_in_words": lambda run: run.changes, "follows": lambda run, rate, begin: (rate, begin)}
-    replaced["_farthest"] = lambda way, run: (
-        run.changes["reference.0.by_mm"] + 100 * run.changes["start.depth_mm"]
-    )
-    drawing.in_the_plane = lambda *_, **__: None
-    for name, one in replaced.items():
-        monkeypatch.setattr(coupled_loop, name, one)
-
-    def compute(part, **inputs):
-        answers = function_of(part)({"map": None, **read_part(part).inputs, **inputs})
-        numbers = {key: getattr(value, "value", value) for key, value in answers.numbers.items()}
-        return numbers, answers.facts, [run.changes for run in runs]
-
-    return compute
-
-
-def test_drag_of_table_7_1(asked):
-    numbers, facts, _ = asked("S18_vertical", identified_drag_N_s_per_m=0.7, between_drag_N_s_per_m=0.3)
-    drag = "drag.linear_N_s_per_m"
-    assert {name: fact.get(drag) for name, fact in facts.items()} == {
-        "air": None, "with_damping": [0.7] * 3, "with_less_gain": None, "with_both": [0.005, 0.005, 0.3],
-        "with_a_lag": None,
-    }  # fmt: skip
-    assert [facts[name]["control.z.Kc"] for name in ("with_less_gain", "with_both")] == [0.4, 0.4]
-    names = ("peak_time", "rise_time", "settling_time", "overshoot", "time_to_reference")
-    assert [numbers[name] for name in names] == [0.1, 0.2, 0.3, 40.0, 0.25]
-    # Of the last quarter of 8 s.
-    assert numbers["rms_at_rest"] == numbers["setup_of_30"][4] == 6e3
-
-
-def test_push_and_gains_against_spikes(asked):
-    numbers, facts, _ = asked("S18_spikes", push_mm=0.2, duration_ms=30, small_gains=np.array([0.1, 0.05]))
-    assert (numbers["spike"], numbers["with_compensator"]) == pytest.approx((1.0, 1.23))
-    assert facts["small_spikes_mm"] == pytest.approx([2.0, 1.5])
-    assert facts["spikes_then"] == ["still there", "still there"]
-
-
-def test_range_begins_at_each_depth(asked):
-    numbers, _, runs = asked("S18_range", depths_mm=np.array([9.0, 14.0]))
-    ways = np.array([15.0, -15.0, 15.0, -15.0])
-    assert numbers["range_upper"] == pytest.approx(900 + ways)
-    assert numbers["range_lower"] == pytest.approx(1400 + ways)
-    assert [run["plate.face_mm"] for run in runs[:8:4]] == [[0.0, 0.0, -108.0], [0.0, 0.0, -113.0]]
-    assert [run["reference.0.axis"] for run in runs[:4]] == list("xxyy")
-    assert numbers["vertical_range"] == pytest.approx(3.0)
-
-
-def test_heights_above_the_block(asked):
-    """Table 7-4: the depth is the block's less the gap."""
-    numbers, _, runs = asked(
-        "S18_heights", block_below_mm=14.5, gaps_mm=np.array([0.5, 2.0]), further_gaps_mm=np.array([5.0]),
-        identified_drag_N_s_per_m=0.7,
-    )  # fmt: skip
-    assert numbers["rms"] == pytest.approx([1014.0, 1012.5])
-    assert [run["start.depth_mm"] for run in runs] == [14.0, 12.5, 9.5, 9.5]
-    assert [run.get("drag.linear_N_s_per_m") for run in runs] == [None, None, None, [0.7] * 3]
-
-
-def test_circles_of_each_radius_and_rate(asked):
-    radii, rates = np.array([0.5, 2.0, 3.0]), np.array([0.25, 0.5, 1.0])
-    about = {"radii_mm": radii, "rates_rad_per_s": rates, "turns": np.array([2, 1, 4]), "settled_s": 9.0}
-    numbers, facts, runs = asked("S19", **about)
-    assert numbers["vertical_rms"] == pytest.approx(radii + 10 * rates + 9e3)
-    assert numbers["growth"] == pytest.approx(9007.0 / 9003.0)
-    assert numbers["speed"] == pytest.approx([0.125, 1.0])
-    # 8 s and so many turns of 2 pi / rate.
-    assert [run["duration_s"] for run in runs[1:]] == [59.0, 21.0, 34.0]
-    assert facts["followed"] == [(0.25, 9.0), (0.5, 9.0), (1.0, 9.0)]
