@@ -11,12 +11,12 @@ import scipy.signal
 
 from fieldmap import control
 from fieldmap.control import StateSpace
-from fieldmap.curves import Curves
 from fieldmap.dynamics import read_scenario
 from fieldmap.errors import NotConverged
 from fieldmap.thesis import coupled_runs, horizontal, vertical_records
 from fieldmap.thesis.computation import function_of
 from fieldmap.thesis.printed import figure_numbers, read_part
+from tests.computed_parts import assert_drawn
 
 X, Y, DEPTH = 0, 1, 2
 LABELS = ("x (mm)", "y (mm)", "depth (mm)")
@@ -744,11 +744,3 @@ def test_runs_numbers_and_figures_of_a_row(part, made, identified):
 def same(found, value):
     exact = isinstance(np.ravel(value)[0], str | SimpleNamespace)
     return found == value if exact else np.allclose(found, value, rtol=1e-9)
-
-
-def assert_drawn(curves: Curves, labels, lines):
-    assert (curves.x_label, curves.y_label) == tuple(labels), curves.title
-    assert [(one.name, one.kind) for one in curves.series] == [line[:2] for line in lines], curves.title
-    for one, (*_, x, y) in zip(curves.series, lines, strict=True):
-        np.testing.assert_allclose(one.x, x, rtol=1e-9, atol=1e-9, err_msg=f"{curves.title}: {one.name}")
-        np.testing.assert_allclose(one.y, y, rtol=1e-7, atol=1e-7, err_msg=f"{curves.title}: {one.name}")
