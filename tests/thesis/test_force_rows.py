@@ -165,11 +165,10 @@ def test_what_is_said_of_two_magnets(ratio, depth_mm, monkeypatch):
     """Places without force; errors of one, of two at 1:1 and of two at the ratio; the share of the lift in saturating
     iron of A-3's steel, here of a stand-in that lifts 2 T/m."""
     asked = []
+    steel = read_device("drive_unit_a3").materials["steel"].to_dict()
 
     def saturating(device, amperes):
-        asked.append(
-            (device.materials["iron"] == read_device("drive_unit_a3").materials["steel"], tuple(amperes))
-        )
+        asked.append((device.materials["iron"].to_dict() == steel, tuple(amperes)))
         lift = {-1e-3 * depth_mm: 2.0}
         return SimpleNamespace(gradient=lambda at: np.array([[[9.0, 9.0], [9.0, lift[at[0][1]]]]]))
 
