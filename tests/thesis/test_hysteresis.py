@@ -436,3 +436,27 @@ def test_figures_of_branches(monkeypatch):
         lines.append((f"ours, {coercive} A/m, on the way back", "ours", signals, 0.5 + 20 * signals - less))
     lines.append(("ours, no hysteresis, shipped mesh", "ours", signals, 0.5 + 30 * signals))
     assert_drawn(answers.curves[0], ("x control signal", "x (mm)"), lines)
+
+
+def test_what_is_kept_of_a_run(monkeypatch):
+    """Places from the first one, in mm, levels, lifts, and the most that a coil carries, (6-3) with n = 1.5; before it
+    signals go to 0.4."""
+    places = np.array([[1e-3, 0.0], [3e-3, 0.0]])
+    made = hysteresis.Walk(np.array([0.0, -0.2]), places, np.array([2.0, 3.0]), np.array([0.1, 0.11]))
+    ends = []
+    monkeypatch.setattr(hysteresis, "walk", lambda solver, memory, *_: made if memory == "memory" else None)
+    monkeypatch.setattr(hysteresis, "prepared", lambda *given: ends.append(given[1:]) or "memory")
+    unit = JointedUnit(read_device(DEVICE), COARSE, None)
+    unit.solver = "solver"
+    run = unit.run("x", made.signals, 1.5, 11.5)
+    unit.run("x", made.signals)
+    unit.run("x", made.signals)
+    assert [(history, end) for history, _, end in ends] == [("demagnetised", 0.4)] * 2
+    assert [(one.axis, one.n, one.z_s, one.h) for _, one, _ in ends] == [
+        ("x", 1.5, 11.5, unit.h), ("x", 1.25, 10.0, unit.h),
+    ]  # fmt: skip
+    np.testing.assert_allclose(run.shift, [0.0, 2.0])
+    np.testing.assert_allclose(run.levels, [2.0, 3.0])
+    np.testing.assert_allclose(run.lifts, [0.1, 0.11])
+    np.testing.assert_allclose(run.largest, [2.0, divide_currents(3.0, -0.2, 0.0, 1.5).max()])
+    assert Led() == Led("shaken", 6, 1, 0.5)

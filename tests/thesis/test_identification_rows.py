@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import scipy.signal
 
-from fieldmap.thesis import horizontal
+from fieldmap.thesis import horizontal, vertical
 from fieldmap.thesis.printed import read_part
 from tests.computed_parts import computed
 
@@ -157,3 +157,39 @@ def test_records_are_of_the_signals_and_noise_of_the_row(monkeypatch):
         exact = scipy.signal.lfilter(np.append(np.zeros(poles), model[0]), model[1:], u)
         assert np.std(y - exact) == pytest.approx(0.03, rel=0.01)
         assert np.abs(np.diff(y[:, 0])).min() > 0
+
+
+@pytest.mark.parametrize(
+    ("factors", "signal"),
+    [
+        (np.poly([-0.1, 0.2, 0.3]), 0.2),
+        (np.poly([0.0, 0.5, 0.2]), 0.2),
+        (np.convolve([1.0, -0.4, 0.05], [1.0, -0.6]), 0.6),
+    ],
+)
+def test_the_smallest_positive_signal_of_a_polynomial(factors, signal):
+    """That reaches 5 mm; neither a negative one, nor 0, nor a complex pair at 0.2."""
+    assert horizontal.signal_of(np.append(factors[:-1], factors[-1] + 5.0), 5.0) == pytest.approx(signal)
+
+
+def test_a_signal_is_sought_four_times(monkeypatch):
+    """Where the machine goes twice as far as asked, whatever the signal, that is halved; within 1 % it is kept."""
+    tried, moved = [], 2.0
+
+    def run_of(inputs, scenario, changes):
+        tried.append(changes["signal.0.by"])
+        return SimpleNamespace(
+            mean=lambda axis, begin, end: {(6.0, 8.0): moved + 1, (0.0, 1.0): 1}[begin, end]
+        )
+
+    monkeypatch.setattr(horizontal, "run_of", run_of)
+    assert horizontal._signal_for({}, "y", 1.0, 0.8)[0] == tried[-1]
+    assert tried == [0.8, 0.4, 0.2, 0.1]
+    for moved, count in ((1.0098, 1), (1.0102, 4), (0.9902, 1), (0.9898, 4)):
+        tried.clear()
+        horizontal._signal_for({}, "x", 1.0, 0.8)
+        assert len(tried) == count
+
+
+def test_as_many_records_as_are_said():
+    assert vertical.RUNS == vertical.over_records({"a": np.ones((3, 1))}).facts["records"] == 100

@@ -1,6 +1,7 @@
 """The report of a few quick rows: its links, its numbers, and what becomes of rows that fail or are interrupted."""
 
 import csv
+import hashlib
 from dataclasses import replace
 from datetime import date
 from html.parser import HTMLParser
@@ -11,7 +12,7 @@ from fieldmap.cli import main
 from fieldmap.errors import InputError
 from fieldmap.shipped import shipped_folder
 from fieldmap.store import Checkpoint
-from fieldmap.thesis import Answers, Comparison, Curves, Series, attempt_rows, kept, read_rows
+from fieldmap.thesis import Answers, Comparison, Curves, Series, attempt_rows, detail, kept, read_rows
 from fieldmap.thesis import report as writing
 from fieldmap.thesis.computation import PartResult, agreeing, attempt_part, compared, percent
 from fieldmap.thesis.printed import PrintedNumber, PrintedPart
@@ -432,3 +433,43 @@ def test_sharp_numbers_agree_to_half_a_unit(ours, agrees):
     assert (other.agrees, other.deviation, other.ours) == (None, None, 3.0)
     with pytest.raises(LookupError):
         list(compared("S7", row, Answers({"a": ours})))
+
+
+def test_what_decides_a_part(tmp_path, monkeypatch):
+    """Code of all packages but those that draw and print; the detail; its map, and "" without it."""
+    asked = []
+    monkeypatch.setattr(
+        kept.provenance,
+        "fingerprint",
+        lambda settings, code: asked.append((settings, code)) or str(len(asked)),
+    )
+    assert kept.fingerprint("S15", tmp_path) == ""
+    (tmp_path / "division.h5").write_bytes(b"a map")
+    assert kept.fingerprint("S15", tmp_path) == "1"
+    kept.fingerprint("S3", tmp_path)
+    with detail.at(detail.QUICK):
+        kept.fingerprint("S3", tmp_path)
+    (with_map, code), (without, _), (quick, _) = asked
+    assert {"iron", "lookup", "thesis", "errors", "curves", "planar"} <= set(code)
+    assert not {"plot", "cli", "shipped"} & set(code)
+    digest = hashlib.sha256(b"a map").hexdigest()
+    assert with_map[-1] == digest
+    assert (without[-1], quick[-1]) == ("full", "quick")
+    assert without[:-1] == quick[:-1]
+
+
+def test_a_file_that_another_run_writes_is_waited_for(tmp_path, monkeypatch):
+    """60 s, to read as well as to write."""
+    waits = []
+
+    class Waiting(Checkpoint):
+        def __init__(self, path, fingerprint, wait):
+            waits.append(wait)
+            super().__init__(path, fingerprint)
+
+    monkeypatch.setattr(kept, "Checkpoint", Waiting)
+    of = kept.Kept(tmp_path / "runs", "mark")
+    of.put("key", about={"a": 1})
+    assert of.get("key").about == {"a": 1}
+    assert waits == [60.0, 60.0]
+    assert not kept.is_finished(tmp_path, "S3")

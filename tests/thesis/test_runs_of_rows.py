@@ -728,6 +728,10 @@ def test_runs_numbers_and_figures_of_a_row(part, made, identified):
     for name, (value, of) in numbers.items():
         found = answers.numbers[name]
         assert getattr(found, "value", found) == pytest.approx(value, rel=1e-9), name
+        if of:
+            names = dict.fromkeys(f"`{made[k].name}`" for k in of)
+            word = "scenario" if len(names) == 1 else "scenarios"
+            assert found.assumptions[0].startswith(f"{word} {', '.join(names)}, whose files")
         assert {f"run {k}" for k in of} == {
             a for a in getattr(found, "assumptions", ()) if a.startswith("run")
         }
@@ -744,3 +748,29 @@ def test_runs_numbers_and_figures_of_a_row(part, made, identified):
 def same(found, value):
     exact = isinstance(np.ravel(value)[0], str | SimpleNamespace)
     return found == value if exact else np.allclose(found, value, rtol=1e-9)
+
+
+@pytest.mark.parametrize(("rows", "every"), [(700, 1), (701, 2), (1400, 2), (1401, 3)])
+def test_lines_have_700_points_at_most(rows, every):
+    """From the first one on, those of the run, the models and the reference."""
+    time = 0.01 * np.arange(rows + 5)
+    seen, wanted = np.tile(time, (3, 1)).T, 2 * np.tile(time, (3, 1)).T
+    run = coupled_runs.Readings(None, time, seen, seen, wanted)
+    curves = coupled_runs.over_time("t", DEPTH, {"a": run}, begin=0.05, models={"m": 3 * time})
+    x = time[5::every]
+    assert_drawn(
+        curves, ("time (s)", "depth (mm)"),
+        [("a", "ours", x, x), ("m", "published", x, 3 * x), ("asked for", "asked", x, 2 * x)],
+    )  # fmt: skip
+
+
+def test_what_never_comes_and_what_is_there_from_the_step_on():
+    """Up and down; before the step nothing counts, and the end of a window is outside it."""
+    time = np.arange(5.0)
+    for way in (1.0, -1.0):
+        true = way * np.array([9.0, 0.0, 0.5, 1.0, 1.5])[:, None]
+        wanted = way * np.array([0.0, 1.0, 1.0, 1.0, 1.0])[:, None]
+        run = coupled_runs.Readings(None, time, true, true, wanted)
+        assert run.time_to_reference(0, 1.0) == 2.0
+        assert coupled_runs.Readings(None, time, 0.6 * true, true, wanted).time_to_reference(0, 1.0) == np.inf
+        assert run.during(1.0, 3.0).tolist() == [False, True, True, False, False]
