@@ -148,6 +148,7 @@ def test_what_is_said_of_the_constants():
         answers.curves, ((1.0, 0.0), (1.5, 0.5)), ("4-5: left", "4-7: currents 3:1"), strict=True
     ):
         assert figure.title.startswith(f"Fig. {title}")
+        assert figure.remark == "125 mm below the pole piece."
         lines = [("computed", "ours", 1e3 * x, of_left(x, z, pair)[0])]
         for name, kind, one in (("our constants", "ours", ours), ("Table 4-2", "published", printed)):
             y = one(x, z, 1e6 * pair[0]) + one.mirrored()(x, z, 1e6 * pair[1])

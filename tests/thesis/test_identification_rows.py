@@ -174,19 +174,20 @@ def test_the_smallest_positive_signal_of_a_polynomial(factors, signal):
 
 def test_a_signal_is_sought_four_times(monkeypatch):
     """Where the machine goes twice as far as asked, whatever the signal, that is halved; within 1 % it is kept."""
-    tried, moved = [], 2.0
+    tried, moved = [], [2.0]
 
     def run_of(inputs, scenario, changes):
         tried.append(changes["signal.0.by"])
         return SimpleNamespace(
-            mean=lambda axis, begin, end: {(6.0, 8.0): moved + 1, (0.0, 1.0): 1}[begin, end]
+            mean=lambda axis, begin, end: {(6.0, 8.0): moved[-1] + 1, (0.0, 1.0): 1}[begin, end]
         )
 
     monkeypatch.setattr(horizontal, "run_of", run_of)
     assert horizontal._signal_for({}, "y", 1.0, 0.8)[0] == tried[-1]
     assert tried == [0.8, 0.4, 0.2, 0.1]
-    for moved, count in ((1.0098, 1), (1.0102, 4), (0.9902, 1), (0.9898, 4)):
+    for way, count in ((1.0098, 1), (1.0102, 4), (0.9902, 1), (0.9898, 4)):
         tried.clear()
+        moved.append(way)
         horizontal._signal_for({}, "x", 1.0, 0.8)
         assert len(tried) == count
 

@@ -240,7 +240,7 @@ def test_fields_in_their_order_of_preference(monkeypatch):
         asked.append((field, signal, held, scale, moment, lever, height, tuple(place)))
         if field == "map" and 0.25 > signal > 0.1:
             raise OutsideMapError
-        kind = "stable" if signal < 0.4 else "saddle"
+        kind = "stable" if signal < 0.4 else "saddle" if signal < 0.6 else "unstable"
         position = np.array([0.2 + signal, 3 * signal, -0.1])
         return SimpleNamespace(lift=2.0, position=position, kind=kind), level + 0.1
 
@@ -269,6 +269,14 @@ def test_fields_in_their_order_of_preference(monkeypatch):
     np.testing.assert_allclose(found.largest, levels * (1 + np.array([0.1, 0.2, 0.3, 0.34, 0.36])))
     assert found.all_stable
     assert not equilibrium_shift.shift(("states",), [0.1, 0.5]).all_stable
+    assert not equilibrium_shift.shift(("states",), [0.7]).all_stable
+    asked.clear()
+    equilibrium_shift.shift(("map", "states"), [-0.3, -0.36], rule="held")
+    equilibrium_shift.shift(("map", "states"), [-0.3], rule="constant", level=2.0, moment="rigid", lever=0.5)
+    assert [(one[0], one[2]) for one in asked] == [
+        ("map", False), ("map", True), ("states", True), ("map", False), ("map", False),
+    ]  # fmt: skip
+    assert asked[-1][3:6] == (pytest.approx(weight), "rigid", 0.5)
     with pytest.raises(OutsideMapError):
         equilibrium_shift.shift(("map",), [0.2])
 
