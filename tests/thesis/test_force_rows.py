@@ -297,3 +297,8 @@ def test_figures_and_facts_in_three_dimensions():
             assert found == pytest.approx(
                 (len(rows), rms(off), rms(off) / rms(total), rms(off[near]) / rms(total[near]))
             )
+
+
+@pytest.mark.parametrize(("half_width", "count"), [(0.03, 31), (0.0301, 33), (0.002, 3)])
+def test_places_are_2_mm_apart_or_a_little_less(half_width, count):
+    np.testing.assert_allclose(places(half_width), np.linspace(-half_width, half_width, count))

@@ -194,3 +194,21 @@ def test_a_signal_is_sought_four_times(monkeypatch):
 
 def test_as_many_records_as_are_said():
     assert vertical.RUNS == vertical.over_records({"a": np.ones((3, 1))}).facts["records"] == 100
+
+
+def test_the_plant_behind_poles_comes_back():
+    """g = 1700 mm/s^2 per V, c = 160 1/s^2, d = 3 1/s; poles of the gain that is held back are wrong, to no effect."""
+    Ts, Ti, Td = 2e-3, 60 * 0.008, 60 * 0.0012
+    top, bottom, _ = scipy.signal.cont2discrete(([1700.0], [1.0, 3.0, -160.0]), Ts)
+    half, rate = Ts / (2 * Ti), Td / Ts
+    pid = np.array([1 + half + rate, half - 1 - 2 * rate, rate])
+    gains = np.array([0.5, 0.334, 0.2, 0.15])
+    poles = [np.roots(np.convolve(bottom, [1, -1, 0]) + g * np.convolve(np.ravel(top), pid)) for g in gains]
+    pair = np.array([p[p.imag.argmax()] for p in poles])
+    third = [max(q.real for q in p if abs(q.imag) < 1e-9) for p in poles]
+    pair[0] = 0.5
+    inputs = {
+        "gains": gains, "pair_real": pair.real, "pair_imaginary": pair.imag, "third_gains": gains[[0, 2, 3]],
+        "third": [0.1, third[2], third[3]], "held_back": np.array([0.5]), "Ti_s": 0.008, "Td_s": 0.0012, "Ts_s": Ts,
+    }  # fmt: skip
+    assert vertical._fitted_plant(inputs) == pytest.approx([1700.0, 160.0, 3.0], rel=1e-4)

@@ -689,7 +689,7 @@ def identified(monkeypatch):
         assert (orders.poles, orders.zeros, len(seen), seen.shape) == (3, 1, 4, wanted.shape)
         pairs = np.array([[0.2, 0.9 + 0.01 * k + 0.1j, 0.9 + 0.01 * k - 0.1j] for k in range(3)])
         zeros = np.array([[0.5], [0.6], [0.7], [0.8]])
-        return SimpleNamespace(poles=np.vstack([pairs, [[0.99, 0.3, 0.9]]]), zeros=zeros)
+        return SimpleNamespace(poles=np.vstack([pairs, [[0.99, 1.3, 0.9]]]), zeros=zeros)
 
     def of_one(seen, wanted, orders, Ts, tolerance):
         assert (orders.poles, orders.zeros, Ts, tolerance) == (4, 3, 0.02, 1e-2)
