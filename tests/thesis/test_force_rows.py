@@ -243,46 +243,49 @@ def of_coils(x, depth, y=0.0):
     return read_device("drive_unit_a3").payload.moment * slopes[:, :, 2, 0]
 
 
-def test_figures_and_facts_in_three_dimensions():
+@pytest.mark.parametrize(
+    ("depth_mm", "half_mm", "a_m", "y_mm"),
+    [(90, 30, (5e-3, 2.2e-2), (-10.0, 0.0, 10.0, 20.0, 30.0)), (95, 24, (6e-3, 2e-2), (0.0, 15.0))],
+)
+def test_figures_and_facts_in_three_dimensions(depth_mm, half_mm, a_m, y_mm):
     """Table 4-3 with constants of our fit, electromagnets 1 and 4 of Fig. 4-8, which are coils 2 and 5."""
-    answers = spatial_force.constants(read_part("S10").inputs)
-    x, numbers = np.linspace(-0.03, 0.03, 31), answers.numbers
-    exact = of_coils(x, 0.09)
+    inputs = {"depth_mm": float(depth_mm), "half_width_mm": float(half_mm)}
+    answers = spatial_force.constants(inputs | {"a_m": np.array(a_m), "y_mm": np.array(y_mm)})
+    depth, half, ys = 1e-3 * depth_mm, 1e-3 * half_mm, 1e-3 * np.array(y_mm)
+    x, numbers = np.linspace(-half, half, half_mm + 1), answers.numbers
+    exact = of_coils(x, depth)
     fits = [
         HorizontalForce(numbers["L0"][k], a, numbers["b"][k], numbers["c"][k], side=side)
-        for k, (a, side) in enumerate(((5e-3, 1), (2.2e-2, -1)))
+        for k, (a, side) in enumerate(zip(a_m, (1, -1), strict=True))
     ]
-    assert [exact[k].argmax() for k in (1, 4)] == [exact[1].argmax(), exact[4].argmax()]
-    off = [fit(x, 0.09, 1.0) - exact[k] for fit, k in zip(fits, (1, 4), strict=True)]
+    off = [fit(x, depth, 1.0) - exact[k] for fit, k in zip(fits, (1, 4), strict=True)]
     facts = answers.facts
     assert facts["rms_mN"] == pytest.approx([1e3 * rms(one) for one in off], rel=1e-6)
     assert (facts["device"], facts["mu_r"], facts["refinement"]) == ("drive_unit_a3", 4000.0, 0.4)
-    # With d so long that y plays no part, on five lines.
-    a, plane = 5e-3, fitted("2", 0.09, 0.03, 5e-3, 1, 1e-3 * np.array([-10.0, 0.0, 10.0, 20.0, 30.0]))
-    lines = np.concatenate([of_coils(x, 0.09, y)[1] for y in 1e-3 * np.array([-10.0, 0.0, 10.0, 20.0, 30.0])])
-    shape = plane.formula(
-        np.tile(x, 5), 0.09, 1.0, np.repeat(1e-3 * np.array([-10.0, 0.0, 10.0, 20.0, 30.0]), 31)
-    )
+    # With its term in |y|, on all lines at once.
+    plane = fitted("2", depth, half, a_m[0], 1, ys)
+    lines = np.concatenate([of_coils(x, depth, y)[1] for y in ys])
+    shape = plane.formula(np.tile(x, len(ys)), depth, 1.0, np.repeat(ys, len(x)))
     assert facts["plane_rms_mN"] == pytest.approx(1e3 * rms(shape - lines), rel=1e-6)
     assert numbers["d"] == pytest.approx(plane.formula.d)
-    assert plane.formula.a == a
+    assert plane.formula.a == a_m[0]
     labels = ("x (mm)", "$F_x$ (mN)")
     axis, beside, two, six = answers.curves
     drawn = []
     for name, k, fit in (("1", 1, fits[0]), ("4", 4, fits[1])):
         drawn += [(f"electromagnet {name}", "ours", 1e3 * x, 1e3 * exact[k])]
-        drawn += [(f"(4-9) fitted to {name}", "ours", 1e3 * x, 1e3 * fit(x, 0.09, 1.0))]
+        drawn += [(f"(4-9) fitted to {name}", "ours", 1e3 * x, 1e3 * fit(x, depth, 1.0))]
     assert_drawn(axis, labels, drawn)
     drawn = [
-        (f"y = {mm} mm", "ours", 1e3 * x, 1e3 * of_coils(x, 0.09, 1e-3 * mm)[1]) for mm in (10, 20, 30, -10)
+        (f"y = {mm} mm", "ours", 1e3 * x, 1e3 * of_coils(x, depth, 1e-3 * mm)[1]) for mm in (10, 20, 30, -10)
     ]
-    drawn.append(("(4-9) fitted", "ours", 1e3 * x, 1e3 * plane.formula(x, 0.09, 1.0, 0.01)))
+    drawn.append(("(4-9) fitted", "ours", 1e3 * x, 1e3 * plane.formula(x, depth, 1.0, 0.01)))
     assert_drawn(beside, labels, drawn)
-    assert [one.title.rpartition(", ")[2] for one in (axis, beside)] == ["90 mm deep"] * 2
+    assert [one.title.rpartition(", ")[2] for one in (axis, beside)] == [f"{depth_mm} mm deep"] * 2
     # Of each coil a parabola by least squares, and (4-9) with its pole on the side where it fits better.
     parabolas = np.array([np.polynomial.Polynomial.fit(x, line, 2)(x) for line in exact])
-    better = np.array([min((fitted(name, 0.09, 0.03, 2.2e-2, side) for side in (1, -1)), key=lambda one: one.rms)
-                       .formula(x, 0.09, 1.0) for name in spatial_force.unit().coil_names])  # fmt: skip
+    better = np.array([min((fitted(name, depth, half, 2.2e-2, side) for side in (1, -1)), key=lambda one: one.rms)
+                       .formula(x, depth, 1.0) for name in spatial_force.unit().coil_names])  # fmt: skip
     near = np.abs(x) < 0.0101
     for figure, rows in ((two, [1, 4]), (six, [*range(6)])):
         drawn = [("computed", "ours", 1e3 * x, 1e3 * exact[rows].sum(axis=0))]

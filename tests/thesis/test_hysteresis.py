@@ -115,12 +115,6 @@ def test_a_cached_run_belongs_to_its_device_and_settings(unit, monkeypatch):
     assert len(computed) == len(set(computed)) == 8
 
 
-def test_swings_end_at_the_level_and_die_away():
-    assert hysteresis.SWINGS[-1] == 0.0
-    assert np.all(np.abs(hysteresis.SWINGS[2::2]) < np.abs(hysteresis.SWINGS[:-2:2]))
-    assert np.all(hysteresis.SWINGS[:-2] * hysteresis.SWINGS[1:-1] < 0.0)
-
-
 def test_lift_law_at_other_depths_and_currents(unit):
     """Against states solved by hand: lift over weight at (7-18), and where the same lift is a millimetre deeper."""
     law = hysteresis.lift_law(unit, np.array([10.0]))

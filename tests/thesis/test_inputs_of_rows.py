@@ -362,8 +362,8 @@ BRANCH, MAP = (
 )
 ELSEWHERE = {
     "S9_constants": FORCES + "constants_follow_the_nominal_current",
-    "S9_superposition": FORCES + "the_formulas_equilibrium_at_three_to_one_is_not_the_force_s",
-    "S10": FORCES + "constants_of_table_4_3_in_their_bands",
+    "S9_superposition": FORCES + "what_is_said_of_two_magnets",
+    "S10": FORCES + "figures_and_facts_in_three_dimensions",
     "S14_table_6_2": FOLLOW + "table_6_2",
     "S14_table_6_3": FOLLOW + "table_6_3",
     "S14_x_branches": FOLLOW + "branches_of_one_axis_at_their_height",
@@ -376,8 +376,8 @@ ELSEWHERE = {
     "S14_own_current": JUDGED + "own_current_is_the_level_that_is_asked_for",
     "S14_noise": FOLLOW + "noise_of_the_mean_deviation",
     "S15": JUDGED + "ranges_are_of_both_sides_and_end_at_the_limits",
-    "S16_map_plant": MAP + "volts_per_millimetre_of_depth_are_those_of_the_lift_currents",
-    "S17_map_plant": MAP + "signals_move_the_magnet_the_right_way",
+    "S16_map_plant": MAP + "numbers_of_the_vertical_plant",
+    "S17_map_plant": MAP + "numbers_of_the_horizontal_plants",
     "S16_records": RUNS,
     "S17_records": RUNS,
     "S18_vertical": RUNS,
@@ -387,7 +387,7 @@ ELSEWHERE = {
     "S18_regulator": RUNS,
     "S18_heights": RUNS,
     "S19": RUNS,
-    "S14_calibration": "levitation/test_calibration.py::test_",
+    "S14_calibration": FOLLOW + "calibrations_name_what_is_fitted_to_what",
 }  # fmt: skip
 """Where inputs of a part are changed or its numbers judged otherwise."""
 

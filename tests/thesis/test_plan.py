@@ -248,7 +248,7 @@ def test_shares_of_the_work(monkeypatch):
 def test_a_part_that_takes_long_tells_how_long(monkeypatch):
     """After 20 s of 30, by a clock of its own: its share is 1 - exp(-2/3) of what it has of the whole."""
     clock, told = [100.0], []
-    monkeypatch.setattr("fieldmap.thesis.plan.time.monotonic", lambda: clock[0])
+    monkeypatch.setattr("fieldmap.thesis.plan.time", SimpleNamespace(monotonic=lambda: clock[0]))
     waits = iter([(9.0, False), (10.5, False), (25.0, False), (25.0, True)])
 
     class Stopped:

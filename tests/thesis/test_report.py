@@ -5,6 +5,7 @@ import hashlib
 from dataclasses import replace
 from datetime import date
 from html.parser import HTMLParser
+from types import SimpleNamespace
 
 import pytest
 
@@ -400,7 +401,7 @@ def test_texts_are_written_anew_at_most_every_two_seconds(tmp_path, monkeypatch)
     monkeypatch.setattr(
         writing, "_write", lambda folder, drawn, waiting: written.append((len(drawn), tuple(waiting)))
     )
-    monkeypatch.setattr(writing.time, "monotonic", lambda: next(now))
+    monkeypatch.setattr(writing, "time", SimpleNamespace(monotonic=lambda: next(now)))
     names = ("S3", "S6", "S7", "S8_converter", "S8_error_budget")
     results = [part(name) for name in names]
     assert write_report(tmp_path, iter(results), lambda curves, path: None, names) == results

@@ -8,7 +8,6 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-import scipy.signal
 from scipy.optimize import brentq
 
 from fieldmap import control
@@ -20,7 +19,6 @@ from fieldmap.thesis import detail, equilibrium_shift, horizontal, statics, vert
 from fieldmap.thesis.coupled_runs import Readings
 from fieldmap.thesis.equilibrium_shift import Shift
 from fieldmap.thesis.force_formulas import added_error, fit_quadratic_force
-from fieldmap.thesis.printed import read_part
 from fieldmap.thesis.vertical_sensor import magnet_height
 from tests.computed_parts import assert_drawn
 
@@ -427,40 +425,6 @@ def test_how_far_the_map_is_off_at_half_the_signal(shares, monkeypatch):
     monkeypatch.setattr(statics, "stationary_points", stationary_points)
     monkeypatch.setattr(statics, "unit_states", lambda: "states")
     assert statics._checked_at_half() == pytest.approx(5.0)
-
-
-def test_the_step_of_the_identified_plant():
-    """Peak, overshoot and arrival of the loop of (5-11), (5-17), from its transfer function by scipy."""
-    inputs = read_part("S16_closed_loop").inputs
-    kc, ti, td, ts = (inputs[name] for name in ("Kc", "Ti_s", "Td_s", "Ts_s"))
-    # (5-10) with the trapezoidal integral: kc (1 + ts/(2 ti) (1 + q)/(1 - q) + td/ts (1 - q)), over (1 - q).
-    half = ts / (2.0 * ti)
-    pid = kc * np.array([1.0 + half + td / ts, half - 1.0 - 2.0 * td / ts, td / ts])
-    num = inputs["plant_gain"] * np.poly(np.atleast_1d(inputs["plant_zeros"]))
-    den = np.poly(np.atleast_1d(inputs["plant_poles"]))
-    num = np.concatenate([np.zeros(len(den) - len(num)), num])
-    # The plant's gain is negative and the controller acts on minus the error.
-    top = np.convolve(num, -pid)
-    bottom = np.convolve(den, [1.0, -1.0, 0.0]) + top
-    y = inputs["step_mm"] * scipy.signal.lfilter(top, bottom, np.ones(2000))
-    numbers = vertical.step_response(inputs).numbers
-    assert numbers["overshoot"] == pytest.approx(100.0 * (y.max() / inputs["step_mm"] - 1.0), abs=1e-6)
-    assert numbers["peak_time"] == pytest.approx(ts * y.argmax(), abs=1e-9)
-    assert numbers["time_to_reference"] == pytest.approx(ts * np.argmax(y >= inputs["step_mm"]), abs=1e-9)
-
-
-def test_what_is_said_of_the_regulator_is_what_its_curves_show():
-    answers = vertical.regulator_loop(read_part("S20_closed_loop").inputs)
-    curves = {series.name: series for series in answers.curves[0].series}
-    for number, name in (
-        ("overshoot", "with (7-21), as on the rig"),
-        ("design_overshoot", "design"),
-        ("overshoot_of_7_20", "with (7-20)"),
-    ):
-        assert answers.numbers[number] == pytest.approx(100.0 * (curves[name].y.max() - 1.0), abs=1e-9)
-    assert answers.numbers["overshoot"] > 10.0
-    rig = curves["with (7-21), as on the rig"]
-    assert answers.numbers["peak_time"] == pytest.approx(rig.x[rig.y.argmax()], abs=1e-9)
 
 
 def test_time_to_reference_of_a_ramp():
