@@ -325,4 +325,12 @@ def test_refinement_and_counts_of_a_quick_look():
     assert [detail.refinement(1.3), detail.fewer(10)] == [1.3, 10]
     with detail.at(detail.QUICK):
         assert [detail.refinement(one) for one in (2.0, 1.0, 0.625, 0.5, 0.2)] == [0.8, 0.4, 0.25, 0.25, 0.2]
+        assert detail.refinement(1.2345678) == 0.493827
         assert [detail.fewer(count) for count in (20, 10, 7, 3, 2)] == [8, 4, 3, 3, 2]
+
+
+def test_processor_time_of_a_part(monkeypatch):
+    """From 100 s to 103.5 s by a clock of its own."""
+    clock = iter([100.0, 103.5])
+    monkeypatch.setattr("fieldmap.thesis.computation.time", SimpleNamespace(process_time=lambda: next(clock)))
+    assert compute_part("S6").seconds == 3.5

@@ -176,7 +176,9 @@ class Quadratic:
         return [(1.0, state)]
 
 
-@pytest.mark.parametrize("mean", [1.0, 1.2, 1.558, 2.6, 3.0, 3.2, 4.0, 4.3, 4.4, 5.2])
+@pytest.mark.parametrize(
+    "mean", [1.0 - 1e-10, 1.0, 1.2, 1.558, 2.6, 3.0, 3.2, 4.0, 4.3, 4.4, 5.2, 5.2 + 1e-10]
+)
 def test_a_parabola_goes_through_the_levels(mean):
     """And takes a proportion of the currents with it."""
     proportion = np.array([1.5, 0.5, 1.0, 1.0, 1.0, 1.0])
