@@ -178,7 +178,7 @@ def test_deepest_place_that_the_limit_carries(shares, limit, scaled, deepest):
 
 
 def test_row_s12_and_its_figures(shares, monkeypatch):
-    zs, hs = np.array([5.0, 10.0, 20.0, 40.0]), np.array([10.0, 15.0, 20.0])
+    zs, hs = np.array([5.0, 10.0, 20.0, 28.0, 40.0]), np.array([10.0, 15.0, 20.0])
     inputs = {"map": None, "depths_mm": zs, "offsets_mm": hs, "offset_mm": 15.0, "middle_mm": 10.0}
     law = 1.215 + 0.0343 * zs
     jointed = SimpleNamespace(shares=0.1 * zs, relative_slope=2.5)

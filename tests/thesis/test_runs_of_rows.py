@@ -13,7 +13,7 @@ from fieldmap import control
 from fieldmap.control import StateSpace
 from fieldmap.dynamics import read_scenario
 from fieldmap.errors import NotConverged
-from fieldmap.thesis import coupled_runs, horizontal, vertical_records
+from fieldmap.thesis import coupled_loop, coupled_runs, horizontal, vertical_records
 from fieldmap.thesis.computation import function_of
 from fieldmap.thesis.printed import figure_numbers, read_part
 from tests.computed_parts import assert_drawn
@@ -38,6 +38,8 @@ class Made:
         if "signal.0.by" in changes:
             axis = "xy".index(changes["signal.0.output"])
             readings[1, :, axis] = (10 + 10 * axis) * changes["signal.0.by"] * (TIME > 0.99)
+        if scenario == "horizontal_open_loop_plate":
+            readings[0, :, X] = 3.0 + 2.0 * np.exp(-TIME / 7.0)
         # The height is held for 10 s at least.
         readings[0, :50, DEPTH] = readings[2, :50, DEPTH]
         self.mm = dict(zip(("true", "seen", "wanted"), readings, strict=True))
@@ -769,8 +771,14 @@ def test_what_never_comes_and_what_is_there_from_the_step_on():
     time = np.arange(5.0)
     for way in (1.0, -1.0):
         true = way * np.array([9.0, 0.0, 0.5, 1.0, 1.5])[:, None]
-        wanted = way * np.array([0.0, 1.0, 1.0, 1.0, 1.0])[:, None]
+        wanted = way * np.array([-3.0, 1.0, 1.0, 1.0, 1.0])[:, None]
         run = coupled_runs.Readings(None, time, true, true, wanted)
         assert run.time_to_reference(0, 1.0) == 2.0
         assert coupled_runs.Readings(None, time, 0.6 * true, true, wanted).time_to_reference(0, 1.0) == np.inf
         assert run.during(1.0, 3.0).tolist() == [False, True, True, False, False]
+
+
+def test_what_stays_where_it_begins_has_settled():
+    run = Made(0, "horizontal_open_loop_plate", {})
+    still = coupled_runs.Readings(run, TIME, np.ones((500, 3)), np.ones((500, 3)), np.ones((500, 3)))
+    assert coupled_loop._reaches(still, 1.0) == 0.0
