@@ -1,6 +1,7 @@
 """Bands that the planar model holds against the thesis, 3 mm in the equilibria, 12 % in the gradients; its figures."""
 
 import re
+from functools import cache
 
 import numpy as np
 import pytest
@@ -82,9 +83,10 @@ def divided(ratio):
     return np.array([2000 / (1 + ratio), 2000 * ratio / (1 + ratio)])
 
 
+@cache
 def rest(solved, ratio, depth):
     """m: the nearest maximum of |B_z| on the side where it grows; of equal currents the middle, stable or not."""
-    points = planar.stationary_points(solved, divided(ratio), -depth, -WINDOW, WINDOW)
+    points = planar.stationary_points(solved, divided(ratio), -depth, -WINDOW, WINDOW, samples=80)
     if ratio == 1:
         return min((p.x for p in points), key=abs)
     right, left = np.abs(solved.field([[1e-4, -depth], [-1e-4, -depth]], divided(ratio))[:, 1])
