@@ -190,7 +190,7 @@ def test_shift_rows_at_their_height(monkeypatch):
     sizes = [0.6 + 0.12 + 15e-4 + lever + len(moment) for moment, lever, _ in asked]
     places = -0.4 + 1e3 * np.outer(sizes, SIGNALS)
     assert answers.numbers["x"].value == pytest.approx(places, rel=1e-12)
-    assert "5 mm" in " ".join(answers.numbers["x"].assumptions)
+    assert " 5 mm" in " ".join(answers.numbers["x"].assumptions)
     assert [lever for _, lever, _ in asked] == [0.0, 0.0, 0.0, 0.0, 5e-3]
     names = ("fixed", "aligned", "rigid upright", "rigid", "rigid, lever 5 mm")
     lines = [(name, "ours", SIGNALS, x) for name, x in zip(names, places, strict=True)]
