@@ -314,7 +314,7 @@ def circles(inputs: dict[str, Any]) -> Answers:
     }
     followed = [follows(run, float(rate), settled) for run, rate in zip(every, rates, strict=True)]
     paths = [
-        coupled.in_the_plane(f"Fig. {figure}: circle of {name}", {"path": run}, settled)
+        coupled.in_the_plane(f"Fig. {figure}: circle of {name}", run, settled)
         for figure, (name, run) in zip(("7-24", "7-27", "7-29"), runs.items(), strict=False)
     ]
     name, first = next(iter(runs.items()))

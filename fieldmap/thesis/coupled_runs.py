@@ -130,7 +130,7 @@ def _asked(axis: int, readings: Mapping[str, Readings], begin: float, end: float
     for one in readings.values():
         rows = _thinned(one.during(begin, end))
         line = Series("asked for", one.time[rows], one.wanted[rows, axis], "asked")
-        series.setdefault(line.y[:: max(1, len(line.y) // 20)].tobytes(), line)
+        series.setdefault(line.y.tobytes(), line)
     return list(series.values())
 
 
@@ -150,14 +150,14 @@ def beside_models(
     return over_time(title, axis, {"coupled machine": run}, models=answers, **shown)
 
 
-def in_the_plane(title: str, readings: Mapping[str, Readings], begin: float, remark: str = "") -> Curves:
+def in_the_plane(title: str, run: Readings, begin: float) -> Curves:
     """x against y as the sensors show them, and what was asked for."""
-    series = []
-    for name, one in readings.items():
-        rows = _thinned(one.during(begin))
-        series.append(Series(name, one.seen[rows, X], one.seen[rows, Y]))
-        series.append(Series("asked for", one.wanted[rows, X], one.wanted[rows, Y], "asked"))
-    return Curves(title, LABELS[X], LABELS[Y], tuple(series), remark, equal=True)
+    rows = _thinned(run.during(begin))
+    series = (
+        Series("path", run.seen[rows, X], run.seen[rows, Y]),
+        Series("asked for", run.wanted[rows, X], run.wanted[rows, Y], "asked"),
+    )
+    return Curves(title, LABELS[X], LABELS[Y], series, equal=True)
 
 
 def _thinned(rows: NDArray[np.bool_]) -> NDArray[np.intp]:

@@ -27,6 +27,8 @@ Axis = Literal["x", "y"]
 Rule = Literal["constant", "held"]
 FAR = 0.34
 """Direction signals beyond this are solved as states: the map is off by 0.1 to 0.2 mm there."""
+DRAWN_H = 15.0
+"""The h of curves that show one, mm: the device file's assumption."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -53,7 +55,7 @@ def shift(
     axis: Axis = "x",
     n: float = 1.25,
     z_s: float = 10.0,
-    h: float = 15.0,
+    h: float = DRAWN_H,
     rule: Rule = "held",
     level: float | None = None,
     moment: MagnetModel = "fixed",
@@ -100,8 +102,6 @@ def divided(level: float, signal: float, axis: str, n: float) -> Array:
 AXES: tuple[Axis, ...] = ("x", "y")
 BOTH: tuple[Rule, ...] = ("held", "constant")
 _HELD: dict[Rule, str] = {"held": "ours, lift held", "constant": "ours, mean current held"}
-DRAWN_H = 15.0
-"""The h of curves that show one, mm: the device file's assumption."""
 
 
 def fields_for(n: float, field_map: Any) -> tuple[FieldLike, ...]:
@@ -376,9 +376,10 @@ def calibrations(inputs: dict[str, Any]) -> Answers:
     tables: dict[str, tuple[Array, Array]] = {
         axis: (inputs[f"{axis}_signals"], inputs[f"{axis}_mm"]) for axis in AXES
     }
-    lift, mm = inputs["lift_deviation"], inputs["position_deviation_mm"]
+    deviation, mm = inputs["lift_deviation"], inputs["position_deviation_mm"]
     law = np.array([thesis_lift_current(z) for z in depths])
     heights, amperes = [magnet_height(z) for z in depths], np.outer(law, np.ones(6))
+    lift = LiftReadings(heights, amperes, deviation)
     lines = {"lift": [Series("measured, (7-18)", depths, np.ones(len(depths)), "measured")]}
     lines |= {of: [Series("measured, rising", *one, "measured", points=True)] for of, one in tables.items()}
     numbers: dict[str, Any] = {}
@@ -387,7 +388,7 @@ def calibrations(inputs: dict[str, Any]) -> Answers:
         fit = levitation.calibrate(
             field,
             payload(),
-            lift=LiftReadings(heights, amperes, lift),
+            lift=lift,
             positions=_position_readings({axis: tables[axis] for axis in axes}, 1e-3 * mm) if axes else None,
             fit=free,
             limits={"magnet_offset": OFFSET_LIMITS},
@@ -396,8 +397,8 @@ def calibrations(inputs: dict[str, Any]) -> Answers:
         every = levitation.calibrate(
             field,
             payload(),
-            lift=LiftReadings(heights, amperes, 0.01),
-            positions=_position_readings(tables, 1e-3),
+            lift=lift,
+            positions=_position_readings(tables, 1e-3 * mm),
             fit=("field_scale",),
             given=fit.values,
         )
@@ -412,7 +413,7 @@ def calibrations(inputs: dict[str, Any]) -> Answers:
             *fit.assumptions,
             f"fit `{name}`: {fitted} (magnet_offset in m)",
             f"misfit {fit.misfit:.2f} deviations, {fit.misfit_before:.1f} with nothing fitted; deviations assumed: "
-            f"{percent(lift)} of a current, {mm:g} mm",
+            f"{percent(deviation)} of a current, {mm:g} mm",
         )
         answers = {"current": law / lifts, "x": found["x"], "y": found["y"]}
         numbers |= {f"{of}_{name}": Ours(values, rests_on) for of, values in answers.items()}

@@ -326,7 +326,7 @@ def _exponential(x: Array, values: Array, x0: float) -> Exponential:
     def residual(decay: Array) -> Array:
         return amplitude(float(decay[0])) * np.exp(-decay[0] * (x - x0)) - values
 
-    decay = float(least_squares(residual, [1.0 / max(float(np.ptp(x)), 1e-12)]).x[0])
+    decay = float(least_squares(residual, [0.0]).x[0])
     return Exponential(amplitude(decay), decay, x0)
 
 

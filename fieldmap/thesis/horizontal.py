@@ -85,7 +85,7 @@ def records(inputs: dict[str, Any]) -> Answers:
     controls = [Control(*map(float, row)) for row in inputs["controls"]]
     # Several figures show the same step.
     step = cache(partial(_step, inputs))
-    runs = [step(control, "x") for control in controls]
+    runs = [step(control, "x", 10.0, 12.0) for control in controls]
     first = _models(inputs, "x")["first order"]
     times = [_fitted_time(inputs, first, *pair) for pair in zip(controls, runs, strict=True)]
     curves = (*_open_loop(inputs), *_closed_loop(inputs, controls, times, step))
@@ -99,7 +99,7 @@ def _models(inputs: Mapping[str, Any], axis: str) -> dict[str, TransferFunction]
 
 
 def _step(
-    inputs: dict[str, Any], control: Control, axis: str, depth_mm: float = 10.0, duration_s: float = 12.0
+    inputs: dict[str, Any], control: Control, axis: str, depth_mm: float, duration_s: float
 ) -> Readings:
     """A step of 0.1 mm at 2 s above the block, one axis controlled."""
     changes = {
@@ -145,14 +145,14 @@ def _open_loop(inputs: dict[str, Any]) -> list[Curves]:
 
 def _signal_for(inputs: dict[str, Any], axis: str, way: float, signal: float) -> tuple[float, Readings]:
     """The signal that moves the machine so far in open loop, and its run."""
-    which = "xy".index(axis)
+    which, found = "xy".index(axis), way
     for _ in range(_TRIES):
+        signal *= way / found
         changes = {"signal.0.output": axis, "signal.0.by": signal}
         run = run_of(inputs, "horizontal_open_loop_plate", changes)
         found = run.mean(which, 6.0, 8.0) - run.mean(which, 0.0, 1.0)
         if abs(found / way - 1.0) < 0.01:
             break
-        signal *= way / found
     return signal, run
 
 

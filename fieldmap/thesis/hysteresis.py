@@ -69,7 +69,7 @@ class Walk(Record):
         return np.asarray(along - along[0])
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@dataclass(frozen=True, repr=False)
 class Protocol(Record):
     """How the signals become currents and how deep the magnet hangs: n of (6-3), z_s and h in mm, and the level rule of
     `fieldmap.thesis.equilibrium_shift`. scale: of all currents, for other turns or another current sensing."""

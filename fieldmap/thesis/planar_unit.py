@@ -22,10 +22,10 @@ _NO_FORCE = 1e-3
 
 
 @cache
-def unit(walls: bool = True, size: float | None = None) -> PlanarSolution:
-    """The solved drive unit of section 2.4; its box, or open space; longest panel in m."""
+def unit(walls: bool) -> PlanarSolution:
+    """The solved drive unit of section 2.4; in its box, or in open space."""
     device = read_planar_device("planar_drive_unit")
-    return planar.solve_planar(device if walls else replace(device, walls=None), size)
+    return planar.solve_planar(device if walls else replace(device, walls=None))
 
 
 def currents(ratio: float, nominal: float) -> Array:
@@ -203,11 +203,11 @@ def _flux_density_along_x(
             x = np.linspace(*window, 300)
             series.append(Series(line.label, 1e3 * x, upwards(x)))
             at = np.array([reached_from_the_middle(solved, line.amperes, -line.depth)])
-            if window[0] <= at[0] <= window[1]:
+            if at[0] >= window[0]:
                 series.append(Series(line.label, 1e3 * at, upwards(at), points=True))
                 ours[line.label] = 1e3 * at[0], line.theirs
             theirs = np.array([1e-3 * line.theirs])
-            if window[0] <= theirs[0] <= window[1]:
+            if theirs[0] >= window[0]:
                 printed.append((1e3 * theirs[0], upwards(theirs)[0]))
         x, y = np.reshape(printed, (-1, 2)).T
         series.append(Series(table, x, y, "published", points=True))

@@ -50,7 +50,7 @@ def coils(inputs: dict[str, Any]) -> Answers:
     }
     # Lift of the saturating unit over that of linear iron, at 1 A in all coils and in coil 5 alone.
     saturating, linear = (
-        np.array([lift_share(field, 10.0, 15.0, amperes) for amperes in (1.0, np.eye(6)[4])])
+        np.array([lift_share(field, 10.0, DRAWN_H, amperes) for amperes in (1.0, np.eye(6)[4])])
         for field in (unit_states(), unit)
     )
     shares = dict(zip(("share_of_all", "share_of_one"), saturating / linear, strict=True))

@@ -103,3 +103,57 @@ def test_arrays_that_do_not_fit():
     with pytest.raises(InputError, match="nominal_current"):
         fit_horizontal_force(X, Z, X, 0.0)
     assert replace(TABLE_4_2, d=1.0).bracket(0.0, 0.0, 1.0) == pytest.approx(1 + 3.4 + 1.0)
+
+
+@pytest.mark.parametrize("side", [1, -1])
+@pytest.mark.parametrize("held", [None, 0.3])
+def test_fit_of_4_7_and_4_8_with_their_origin_and_current(side, held):
+    """At a nominal current of 2 A, from an end of the pole piece; a held as well as found."""
+    true = HorizontalForce(-3e-3, 0.3, 0.05, -7e-3, x0=-0.17 * side, nominal_current=2.0, side=side)
+    x, z = (one.ravel() for one in np.meshgrid(np.linspace(-0.1, 0.1, 13), [0.08, 0.1, 0.13]))
+    found = fit_horizontal_force(x, z, true(x, z, 2.0), 2.0, -0.17 * side, side=side, a=held)
+    for name in ("inductance", "a", "b", "c", "x0", "nominal_current", "side", "d"):
+        assert getattr(found.formula, name) == pytest.approx(getattr(true, name), rel=1e-5)
+    # I I0 of the attraction, I / I0 of the offset.
+    bracket = 1 + 0.1 / 0.3 + side * (0.01 + 0.17 * side) / 0.05
+    written = side * (3 * 2 * 3e-3 / (2 * 0.05 * bracket**2) - 7e-3 * 1.5)
+    assert true(0.01, 0.1, 3.0) == pytest.approx(written, rel=1e-12)
+
+
+def test_4_4_and_4_6_written_out():
+    slope, intercept = Exponential(-8.0, 14.0, -0.17), Exponential(1.1, 10.0, -0.17)
+    force = VerticalForce(slope, intercept, 1e6)
+    m, b = -8 * np.exp(-14 * 0.2), 1.1 * np.exp(-10 * 0.2)
+    assert (float(slope(0.03)), float(intercept(0.03))) == pytest.approx((m, b))
+    assert force(0.03, 0.12, 2e6) == pytest.approx(2 * (0.12 * m + b))
+    assert force.mirrored()(-0.03, 0.12, 2e6) == pytest.approx(2 * (0.12 * m + b))
+    assert Exponential(-8.0, 14.0, 0.17, side=-1)(-0.03) == pytest.approx(m)
+
+
+@pytest.mark.parametrize(
+    ("fit", "least"),
+    [
+        (lambda n: fit_horizontal_force(X[:n], Z[-n:] + X[:n], Z[:n], 1.0, -1.0), 4),
+        (lambda n: fit_horizontal_force(X[:n], Z[-n:] + X[:n], Z[:n], 1.0, -1.0, y=X[:n]), 5),
+        (
+            lambda n: force_formulas.fit_vertical_force(
+                X[[0, 0, 1, 1, 2][:n]], Z[[0, 21, 0, 21, 0][:n]], X[:n], 1.0, 0.0
+            ),
+            4,
+        ),
+        (lambda n: force_formulas.fit_quadratic_force(X[:n], X[:n]), 3),
+    ],
+)
+def test_as_many_data_as_constants(fit, least):
+    fit(least)
+    with pytest.raises(InputError) as error:
+        fit(least - 1)
+    assert error.value.problems[0].must_hold == f"arrays of one length, {least} or more"
+
+
+def test_no_force_and_no_dependence():
+    """Of no force nothing comes out; where y plays no part its length ends at 100 m."""
+    assert fit_horizontal_force(X, Z, 0 * X, 1.0, -0.17).formula.inductance == 0.0
+    y = np.resize([0.0, 0.01, 0.02, 0.03], len(X))
+    free = fit_horizontal_force(X, Z, TABLE_4_2(X, Z, 1e6), 1e6, -0.17, y=y)
+    assert free.formula.d == pytest.approx(100.0, rel=1e-3)

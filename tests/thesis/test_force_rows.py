@@ -1,9 +1,15 @@
 """S9, S10: bands of the fitted constants, and what adding formulas does to their error."""
 
+import re
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
+from fieldmap.device import read_device
 from fieldmap.planar import read_planar_device, solve_planar
+from fieldmap.thesis import planar_force, spatial_force
+from fieldmap.thesis.force_formulas import HorizontalForce
 from fieldmap.thesis.planar_force import (
     DEPTHS,
     constants,
@@ -15,7 +21,7 @@ from fieldmap.thesis.planar_force import (
 )
 from fieldmap.thesis.printed import read_part
 from fieldmap.thesis.spatial_force import added_errors, fitted, places, unit_forces
-from tests.computed_parts import numbers
+from tests.computed_parts import assert_drawn, computed, numbers
 
 LINE = (0.125,)
 
@@ -107,3 +113,195 @@ def test_the_term_in_y_has_the_wrong_sign():
     assert np.all(off > on)
     with_y = fitted("2", 0.09, 0.03, 5e-3, 1, np.array([0.0, 0.01, 0.02, 0.03]))
     assert with_y.rms > 1.5 * added_errors(0.09, 0.03)[0].rms
+
+
+def rms(values):
+    return np.sqrt(np.mean(np.square(values)))
+
+
+def of_left(x, z, currents=(1.0, 0.0)):
+    """Horizontal and vertical force, N: the moment of Table 4-1's magnet times the field's gradient at 1e6 A."""
+    solved = planar_force.unit()
+    gradient = solved.gradient(np.column_stack([x, -z]), 1e6 * np.array(currents))
+    return 0.015625 * gradient[:, 1, 0], 0.015625 * gradient[:, 1, 1]
+
+
+def test_what_is_said_of_the_constants():
+    """Errors of (4-7) along the line 125 mm deep, 61 places within 150 mm, with our constants and with Table 4-2's."""
+    inputs = read_part("S9_constants").inputs
+    answers = constants(inputs)
+    x = np.linspace(-0.15, 0.15, 61)
+    z, (exact, _) = np.full(61, 0.125), of_left(x, np.full(61, 0.125))
+    printed = HorizontalForce(-2e-13, 0.22, 0.05, -0.08, x0=-0.17, nominal_current=1e6)
+    ours = HorizontalForce(
+        *(answers.numbers["L0"].value, 0.22), *(answers.numbers[name].value for name in "bc"), -0.17, 1e6
+    )
+    facts = {
+        "half_width_mm": 150.0,
+        "rms_N": rms(ours(x, z, 1e6) - exact),
+        "printed_rms_N": rms(printed(x, z, 1e6) - exact),
+    }
+    assert answers.facts == pytest.approx(facts, rel=1e-6)
+    x = np.linspace(-0.15, 0.15, 200)
+    z = np.full(200, 0.125)
+    for figure, pair, title in zip(
+        answers.curves, ((1.0, 0.0), (1.5, 0.5)), ("4-5: left", "4-7: currents 3:1"), strict=True
+    ):
+        assert figure.title.startswith(f"Fig. {title}")
+        assert figure.remark == "125 mm below the pole piece."
+        lines = [("computed", "ours", 1e3 * x, of_left(x, z, pair)[0])]
+        for name, kind, one in (("our constants", "ours", ours), ("Table 4-2", "published", printed)):
+            y = one(x, z, 1e6 * pair[0]) + one.mirrored()(x, z, 1e6 * pair[1])
+            lines.append((f"(4-7), {name}", kind, 1e3 * x, y))
+        assert_drawn(figure, ("x (mm)", "$F_x$ (N)"), lines)
+        size = np.ptp(lines[0][3])
+        off = [100 * np.abs(line[3] - lines[0][3]).max() / size for line in lines[1:]]
+        assert [float(one) for one in re.findall(r"([\d.]+) %", figure.message)] == pytest.approx(
+            off, rel=0.05
+        )
+
+
+@pytest.mark.parametrize(("ratio", "depth_mm"), [(3.0, 125.0), (2.0, 110.0)])
+def test_what_is_said_of_two_magnets(ratio, depth_mm, monkeypatch):
+    """Places without force; errors of one, of two at 1:1 and of two at the ratio; the share of the lift in saturating
+    iron of A-3's steel, here of a stand-in that lifts 2 T/m."""
+    asked = []
+    steel = read_device("drive_unit_a3").materials["steel"].to_dict()
+
+    def saturating(device, amperes):
+        asked.append((device.materials["iron"].to_dict() == steel, tuple(amperes)))
+        lift = {-1e-3 * depth_mm: 2.0}
+        return SimpleNamespace(gradient=lambda at: np.array([[[9.0, 9.0], [9.0, lift[at[0][1]]]]]))
+
+    monkeypatch.setattr(planar_force.planar, "solve_planar_state", saturating)
+    answers = planar_force.superposition({"ratio": ratio, "depth_mm": depth_mm, "a_m": 0.3})
+    pair, depth = (0.5 * ratio, 0.5), 1e-3 * depth_mm
+    at = 1e-3 * answers.numbers["equilibrium"].value + np.array([-1e-4, 0.0, 1e-4])
+    beside, middle, other = of_left(at, np.full(3, depth), pair)[0]
+    assert abs(middle) < 1e-5 * abs(other - beside)
+    assert asked == [(True, pytest.approx(1e6 * np.array(pair)))]
+    fit = horizontal_fit((depth,), 0.3).formula
+    place = 1e-3 * answers.numbers["equilibrium_of_refitted"].value
+    left, right = fit(place, depth, 1e6 * pair[0]), fit.mirrored()(place, depth, 1e6 * pair[1])
+    assert left + right == pytest.approx(0.0, abs=1e-9 * abs(left))
+    lift = of_left(np.zeros(1), np.full(1, depth), pair)[1][0] / 0.015625
+    assert answers.facts["saturating_share"] == pytest.approx(2.0 / lift)
+    upright = vertical_fit().formula
+    for name, formula, depths, axis in (("horizontal", fit, (depth,), 0), ("vertical", upright, DEPTHS, 1)):
+        x, z = (one.ravel() for one in np.meshgrid(np.linspace(-0.15, 0.15, 61), depths))
+        for error, currents in zip(answers.facts[name], ((1.0, 0.0), (1.0, 1.0), pair), strict=True):
+            exact = of_left(x, z, currents)[axis]
+            sides = [
+                one(x, z, 1e6 * i) for one, i in zip((formula, formula.mirrored()), currents, strict=True)
+            ]
+            off, near = sum(sides) - exact, np.abs(x) <= 0.05
+            found = (error.rms, error.whole, error.middle)
+            assert found == pytest.approx(
+                (rms(off), rms(off) / rms(exact), rms(off[near]) / rms(exact[near])), rel=1e-9
+            )
+
+
+def test_figures_of_the_vertical_force():
+    """Over depth below the middle, and slope and intercept of lines through it over x; (4-4), (4-6) are our fit's."""
+    formula = vertical_fit().formula
+    few, depths, x = (
+        np.linspace(0.1, 0.15, 40),
+        np.array([0.1, 0.11, 0.12, 0.13, 0.14, 0.15]),
+        np.linspace(-0.15, 0.15, 31),
+    )
+    alone = of_left(np.zeros(40), few)[1]
+    line = np.polynomial.Polynomial.fit(few, alone, 1)(few)
+    ours = ("computed", "a line through it", "(4-3) with (4-4), our constants")
+    one, slope, intercept, two = computed("S9_superposition").curves
+    down = ("depth below the pole piece (mm)", "$F_z$ (N)")
+    values = (alone, line, formula(np.zeros(40), few, 1e6))
+    assert_drawn(one, down, [(name, "ours", 1e3 * few, y) for name, y in zip(ours, values, strict=True)])
+    fits = np.array([np.polyfit(depths, of_left(np.full(6, at), depths)[1], 1) for at in x]).T
+    for figure, label, y, part in (
+        (slope, "slope m (N/m)", fits[0], formula.slope), (intercept, "intercept b (N)", fits[1], formula.intercept),
+    ):  # fmt: skip
+        lines = [
+            ("lines through the computed force", "ours", 1e3 * x, y),
+            ("(4-4), our constants", "ours", 1e3 * x, part(x)),
+        ]
+        assert_drawn(figure, ("x (mm)", label), lines)
+    assert [figure.title.split(":")[0] for figure in (one, slope, intercept, two)] == [
+        f"Fig. 4-{k}" for k in (2, 3, 4, 6)
+    ]
+    z = np.linspace(0.1, 0.15, 100)
+    both = sum(side(np.zeros(100), z, 1e6) for side in (formula, formula.mirrored()))
+    exact = of_left(np.zeros(100), z, (1.0, 1.0))[1]
+    assert_drawn(
+        two, down, [("computed", "ours", 1e3 * z, exact), ("(4-6), our constants", "ours", 1e3 * z, both)]
+    )
+
+
+def of_coils(x, depth, y=0.0):
+    """F_x (coils, n), N, at 1 A in each coil alone of A-3's unit."""
+    solved = spatial_force.unit()
+    slopes = solved.unit_fields(np.column_stack([x, np.full_like(x, y), np.full_like(x, -depth)]))[1]
+    return read_device("drive_unit_a3").payload.moment * slopes[:, :, 2, 0]
+
+
+@pytest.mark.parametrize(
+    ("depth_mm", "half_mm", "a_m", "y_mm"),
+    [(90, 30, (5e-3, 2.2e-2), (-10.0, 0.0, 10.0, 20.0, 30.0)), (95, 24, (6e-3, 2e-2), (0.0, 15.0))],
+)
+def test_figures_and_facts_in_three_dimensions(depth_mm, half_mm, a_m, y_mm):
+    """Table 4-3 with constants of our fit, electromagnets 1 and 4 of Fig. 4-8, which are coils 2 and 5."""
+    inputs = {"depth_mm": float(depth_mm), "half_width_mm": float(half_mm)}
+    answers = spatial_force.constants(inputs | {"a_m": np.array(a_m), "y_mm": np.array(y_mm)})
+    depth, half, ys = 1e-3 * depth_mm, 1e-3 * half_mm, 1e-3 * np.array(y_mm)
+    x, numbers = np.linspace(-half, half, half_mm + 1), answers.numbers
+    exact = of_coils(x, depth)
+    fits = [
+        HorizontalForce(numbers["L0"][k], a, numbers["b"][k], numbers["c"][k], side=side)
+        for k, (a, side) in enumerate(zip(a_m, (1, -1), strict=True))
+    ]
+    off = [fit(x, depth, 1.0) - exact[k] for fit, k in zip(fits, (1, 4), strict=True)]
+    facts = answers.facts
+    assert facts["rms_mN"] == pytest.approx([1e3 * rms(one) for one in off], rel=1e-6)
+    assert (facts["device"], facts["mu_r"], facts["refinement"]) == ("drive_unit_a3", 4000.0, 0.4)
+    # With its term in |y|, on all lines at once.
+    plane = fitted("2", depth, half, a_m[0], 1, ys)
+    lines = np.concatenate([of_coils(x, depth, y)[1] for y in ys])
+    shape = plane.formula(np.tile(x, len(ys)), depth, 1.0, np.repeat(ys, len(x)))
+    assert facts["plane_rms_mN"] == pytest.approx(1e3 * rms(shape - lines), rel=1e-6)
+    assert numbers["d"] == pytest.approx(plane.formula.d)
+    assert plane.formula.a == a_m[0]
+    labels = ("x (mm)", "$F_x$ (mN)")
+    axis, beside, two, six = answers.curves
+    drawn = []
+    for name, k, fit in (("1", 1, fits[0]), ("4", 4, fits[1])):
+        drawn += [(f"electromagnet {name}", "ours", 1e3 * x, 1e3 * exact[k])]
+        drawn += [(f"(4-9) fitted to {name}", "ours", 1e3 * x, 1e3 * fit(x, depth, 1.0))]
+    assert_drawn(axis, labels, drawn)
+    drawn = [
+        (f"y = {mm} mm", "ours", 1e3 * x, 1e3 * of_coils(x, depth, 1e-3 * mm)[1]) for mm in (10, 20, 30, -10)
+    ]
+    drawn.append(("(4-9) fitted", "ours", 1e3 * x, 1e3 * plane.formula(x, depth, 1.0, 0.01)))
+    assert_drawn(beside, labels, drawn)
+    assert [one.title.rpartition(", ")[2] for one in (axis, beside)] == [f"{depth_mm} mm deep"] * 2
+    # Of each coil a parabola by least squares, and (4-9) with its pole on the side where it fits better.
+    parabolas = np.array([np.polynomial.Polynomial.fit(x, line, 2)(x) for line in exact])
+    better = np.array([min((fitted(name, depth, half, 2.2e-2, side) for side in (1, -1)), key=lambda one: one.rms)
+                       .formula(x, depth, 1.0) for name in spatial_force.unit().coil_names])  # fmt: skip
+    near = np.abs(x) < 0.0101
+    for figure, rows in ((two, [1, 4]), (six, [*range(6)])):
+        drawn = [("computed", "ours", 1e3 * x, 1e3 * exact[rows].sum(axis=0))]
+        for name, one in (("(4-9)", better), ("quadratic (4-10)", parabolas)):
+            drawn.append((f"{name} fitted and added", "ours", 1e3 * x, 1e3 * one[rows].sum(axis=0)))
+        assert_drawn(figure, labels, drawn)
+    for name, one in (("formula", better), ("quadratic", parabolas)):
+        for error, rows in zip(facts[name], ([1], [1, 4], [*range(6)]), strict=True):
+            total = exact[rows].sum(axis=0)
+            off = one[rows].sum(axis=0) - total
+            found = (len(error.currents), error.rms, error.whole, error.middle)
+            assert found == pytest.approx(
+                (len(rows), rms(off), rms(off) / rms(total), rms(off[near]) / rms(total[near]))
+            )
+
+
+@pytest.mark.parametrize(("half_width", "count"), [(0.03, 31), (0.0301, 33), (0.002, 3)])
+def test_places_are_2_mm_apart_or_a_little_less(half_width, count):
+    np.testing.assert_allclose(places(half_width), np.linspace(-half_width, half_width, count))

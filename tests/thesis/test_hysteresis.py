@@ -6,17 +6,18 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from fieldmap.currents import divide_currents
 from fieldmap.device import read_device
 from fieldmap.errors import InputError
-from fieldmap.histories import SWINGS
 from fieldmap.iron import HysteresisSolver, Pinning
 from fieldmap.store import Checkpoint
-from fieldmap.thesis import hysteresis
+from fieldmap.thesis import detail, hysteresis
 from fieldmap.thesis.computation import function_of
 from fieldmap.thesis.hysteresis import DEVICE, JointedUnit, Led, Protocol, Run, prepared, walk
 from fieldmap.thesis.kept import Kept
 from fieldmap.thesis.printed import read_part, shared_value
 from fieldmap.thesis.vertical_sensor import thesis_lift_current
+from tests.computed_parts import assert_drawn
 
 SIGNALS = np.array([0.0, 0.1, 0.2, 0.1])
 COARSE = Led("demagnetised", cells=3, refinement=0.4)
@@ -114,12 +115,6 @@ def test_a_cached_run_belongs_to_its_device_and_settings(unit, monkeypatch):
     assert len(computed) == len(set(computed)) == 8
 
 
-def test_swings_end_at_the_level_and_die_away():
-    assert SWINGS[-1] == 0.0
-    assert np.all(np.abs(SWINGS[2::2]) < np.abs(SWINGS[:-2:2]))
-    assert np.all(SWINGS[:-2] * SWINGS[1:-1] < 0.0)
-
-
 def test_lift_law_at_other_depths_and_currents(unit):
     """Against states solved by hand: lift over weight at (7-18), and where the same lift is a millimetre deeper."""
     law = hysteresis.lift_law(unit, np.array([10.0]))
@@ -181,3 +176,281 @@ def test_rows_set_ours_beside_the_same_branch(monkeypatch, part):
             other = np.array([float(one.text) for one in printed[name.replace("negative", "positive")]])
             expected = inputs["negative_outward_mm"][0] - (other - inputs["positive_outward_mm"][0])
         assert np.ravel(values) == pytest.approx(expected, abs=1e-9)
+
+
+class Followed:
+    """Iron whose memory is the list of currents that it saw."""
+
+    demagnetised = ()
+    device = SimpleNamespace(payload="payload")
+
+    def __init__(self):
+        self.tries = []
+
+    def step(self, currents, memory, near=None):
+        self.tries.append((currents, near))
+        return SimpleNamespace(currents=currents, memory=(*memory, currents))
+
+
+L = 1.558
+UP, DOWN = [0.0, L / 3, 2 * L / 3, L], [L, L + 0.664, L + 1.328, 3.55]
+"""A, even steps to the level at 10 mm, and from there to the amplifier's limit."""
+CYCLE = [0.05, 0.2, 0.05, 0.0, -0.05, -0.2, -0.05, 0.0]
+
+
+@pytest.mark.parametrize(
+    ("history", "levels"),
+    [
+        ("demagnetised", UP[1:]),
+        ("cycled", [*UP[1:], *CYCLE]),
+        ("restarted", [*UP[1:], *CYCLE, *UP[2::-1], *UP[1:]]),
+        ("wiped", [*UP[1:], *CYCLE, *DOWN[1:], *DOWN[2::-1]]),
+        ("saturated", [*UP[1:], *DOWN[1:], *DOWN[2::-1]]),
+        ("shaken", L * np.array([0, 2, 0.3, 1.7, 0.6, 1.4, 0.8, 1.2, 0.93, 1])),
+    ],
+)
+def test_histories_step_by_step(history, levels):
+    """Amperes in all coils, and signals of y to 0.2 and -0.2, (6-3) with n = 1.5."""
+    seen = prepared(Followed(), history, Protocol("y", n=1.5), 0.2)
+    first = 3 if history in ("cycled", "restarted", "wiped") else len(levels)
+    expected = [
+        divide_currents(L, 0.0, one, 1.5) if first <= k < first + 8 else np.full(6, one)
+        for k, one in enumerate(levels)
+    ]
+    np.testing.assert_allclose(seen, expected, atol=1e-9)
+
+
+@pytest.fixture
+def followed(monkeypatch):
+    """Iron whose magnet lifts i^p exp(-a s - b s^2) of its mean current i, and lies at s along x, s^2 along y."""
+
+    def equilibrium_at(field, payload, path, near, level):
+        currents, height = path("any level")
+        assert (payload, height, level) == ("payload", pytest.approx(-0.107), pytest.approx(2 * 1.558))
+        assert currents is field.currents
+        mean, s = currents.mean(), signal_of(field.currents)
+        nears.append(near)
+        lift = mean**power * np.exp(-1.5 * s - 4 * s * s)
+        return SimpleNamespace(position=np.array([s, s * s, height]), lift=lift), None
+
+    def signal_of(currents):
+        """Of (6-3) along x with n = 1.25: linear in the signal."""
+        unit = divide_currents(1.0, 0.01, 0.0, 1.25)
+        return 0.01 * (currents / currents.mean() - 1)[0] / (unit[0] - 1)
+
+    def as_field(state, box):
+        np.testing.assert_allclose(box, [[-16e-3, -16e-3, -132e-3], [16e-3, 16e-3, -84e-3]])
+        return state
+
+    monkeypatch.setattr(hysteresis, "equilibrium_at", equilibrium_at)
+    monkeypatch.setattr(hysteresis, "as_field", as_field)
+    nears, power, solver = [], 0.9, Followed()
+
+    def go(signals, rule="held", of=0.9, parts=1):
+        nonlocal power
+        power = of
+        solver.tries.clear()
+        nears.clear()
+        found = walk(solver, ("before",), signals, Protocol("x", h=20.0, rule=rule, scale=2.0), parts)
+        return found, [round(signal_of(currents), 6) for currents, _ in solver.tries], nears, solver.tries
+
+    return go
+
+
+@pytest.mark.parametrize(("power", "trials"), [(0.9, [1, 2, 2, 1, 2, 2, 1]), (0.6, [1, 3, 3, 1, 3, 3, 1])])
+def test_the_level_is_sought_on_the_curve_of_those_before(followed, power, trials):
+    """Its logarithm is a parabola of the signal, known after three signals one way: then the first trial is right. A
+    power of 0.9 is what the first step expects, another takes one more."""
+    signals = np.array([0.0, 0.05, 0.1, 0.2, 0.15, 0.1, 0.05])
+    found, tried, nears, _ = followed(signals, of=power)
+    assert tried == [s for s, count in zip(signals, trials, strict=True) for _ in range(count)]
+    levels = 2 * 1.558 * np.exp((1.5 * signals + 4 * signals**2) / power)
+    np.testing.assert_allclose(found.levels, levels, rtol=2e-3 / power)
+    np.testing.assert_allclose(found.lifts, found.lifts[0], rtol=2e-3)
+    np.testing.assert_allclose(found.places, np.column_stack([signals, signals**2]), atol=1e-9)
+    np.testing.assert_allclose(nears[0], [0.0, 0.0])
+    # Each begins where the one before came to rest.
+    np.testing.assert_allclose(nears[-1], [0.1, 0.01], atol=1e-9)
+
+
+def test_a_level_that_is_constant_and_steps_between_signals(followed):
+    found, tried, _, tries = followed([0.0, 0.1, -0.05], "constant", parts=3)
+    np.testing.assert_allclose(found.levels, np.full(3, 2 * 1.558))
+    assert tried == pytest.approx([0.0, 0.0, 0.0, 0.1 / 3, 0.2 / 3, 0.1, 0.05, 0.0, -0.05], abs=1e-6)
+    assert found.lifts[1] == pytest.approx((2 * 1.558) ** 0.9 * np.exp(-0.15 - 0.04))
+    assert all(near is None for _, near in tries)
+
+
+@pytest.mark.parametrize(("power", "trials"), [(0.2, 6), (6.0, 6)])
+def test_trials_end_after_six_and_steps_are_bounded(followed, power, trials):
+    """Of powers outside 0.3 to 2 each secant goes too far or not far enough."""
+    found, tried, *_ = followed(np.array([0.0, 0.2]), of=power)
+    assert len(tried) == 1 + trials
+    misses, level = [], np.log(2 * 1.558)
+    for k in range(6):
+        misses.append(power * (level - np.log(2 * 1.558)) - 0.3 - 0.16)
+        level -= misses[-1] / (0.9 if k == 0 else np.clip(power, 0.3, 2.0))
+    assert found.lifts[1] / found.lifts[0] == pytest.approx(np.exp(misses[-1]))
+    assert found.levels[1] == pytest.approx(np.exp(level))
+
+
+def test_lift_law_of_a_power(monkeypatch):
+    """dBz/dz of 2 i^0.8 exp(-30 depth) T/m, depth below the disk in m: at 10 mm 3 %/mm over 0.8."""
+    carried = SimpleNamespace(mass=0.02, moment=0.6, magnet_offset=0.02)
+
+    class Law(Followed):
+        def step(self, currents, memory):
+            state = super().step(currents, memory)
+            state.gradient = lambda point: 2 * currents.mean() ** 0.8 * np.exp(30 * point[2]) * np.eye(3)
+            return state
+
+    unit = SimpleNamespace(payload=carried, solver=Law())
+    law = hysteresis.lift_law(unit, np.array([5.0, 10.0, 20.0]), scale=1.5)
+    levels = 1.5 * np.array([1.3865, 1.558, 1.901])
+    depths = 0.077 + 0.02 + np.array([0.005, 0.01, 0.02])
+    np.testing.assert_allclose(law.shares, 0.6 * 2 * levels**0.8 * np.exp(-30 * depths) / (0.02 * 9.80665))
+    assert law.relative_slope == pytest.approx(3.0 / 0.8)
+    # What is tried at 10 mm leaves no trace.
+    np.testing.assert_allclose(
+        [one.mean() for one, _ in unit.solver.tries], [*levels[:2], 1.02 * levels[1], levels[2]]
+    )
+    assert np.isnan(hysteresis.lift_law(unit, np.array([5.0])).relative_slope)
+
+
+def test_units_of_the_rows():
+    """Coercive field, joints and offset of the devices; mesh sizes over 0.5, six cells after a shaken history; coarser,
+    and with fewer cells, of iron that was never magnetised, in a quick look."""
+    bare = hysteresis._bare_unit.__wrapped__(123.0, 21.0, 7)
+    assert (hysteresis.coercive_field(bare.device), bare.h) == (123.0, pytest.approx(21.0))
+    assert bare.led == Led("demagnetised", cells=7, parts=1, refinement=0.5)
+    shipped = hysteresis.shipped_unit.__wrapped__()
+    assert shipped.led == Led("shaken", cells=6, parts=1, refinement=0.5)
+    with detail.at(detail.QUICK):
+        assert hysteresis._bare_unit.__wrapped__(123.0, 21.0, 10).led == Led("demagnetised", 4, 1, 0.25)
+        assert hysteresis.shipped_unit.__wrapped__().led == Led("demagnetised", 3, 1, 0.4)
+    told = hysteresis.about_the_joints()
+    assert told == {
+        "joint_mm": pytest.approx(1e3 * shipped.device.joints[0].gap), "fitted_h_mm": pytest.approx(shipped.h),
+        "coercive_A_per_m": shipped.device.materials["steel"].coercive_field, "joint_refinement": 0.5,
+        "history": hysteresis.HISTORIES["shaken"],
+    }  # fmt: skip
+
+
+class Curved:
+    """A unit that is led, whose magnet goes 20 s + 10 s^2 mm along x, three times as far along y, less a tenth of z_s;
+    its currents grow by 4 A per signal of 1."""
+
+    def __init__(self):
+        self.ways = []
+
+    def run(self, axis, signals, n=1.25, z_s=10.0):
+        self.ways.append(np.round(signals, 9).tolist())
+        shift = (20.0 * signals + 10.0 * signals**2) * (3 if axis == "y" else 1) - z_s / 10 * (signals != 0)
+        return Run(shift, np.ones_like(signals), 2.0 + 4.0 * np.abs(signals), np.ones_like(signals))
+
+
+def test_branches_and_ranges_by_axis_and_detail(monkeypatch):
+    """Along y, and in a quick look, the negative side is the mirror image of the positive one."""
+    unit = Curved()
+    monkeypatch.setattr(hysteresis, "shipped_unit", lambda: unit)
+    way = np.array([0.0, 0.1, 0.2, 0.3, 0.4, 0.3, 0.2, 0.1, 0.0])
+
+    def along(s, times=1):
+        return times * (20 * s + 10 * s * s) - 1.2 * (s != 0)
+
+    np.testing.assert_allclose(hysteresis._branches("x", -way, 12.0), along(-way))
+    np.testing.assert_allclose(hysteresis._branches("y", -way, 12.0), -along(way, 3))
+    # Along x to a signal of 0.25, where a coil carries 3 A: 5.625 mm less 1.2, and 4.375 mm and 1.2.
+    assert hysteresis.joint_range("x", 12.0, 3.0, 0.45) == pytest.approx(4.425 + 5.575)
+    assert hysteresis.joint_range("y", 12.0, 3.0, 0.45) == pytest.approx(2 * (3 * 5.625 - 1.2))
+    assert unit.ways[-1] == pytest.approx(np.arange(0.0, 0.46, 0.05))
+    with detail.at(detail.QUICK):
+        found = hysteresis._branches("x", -way, 12.0)
+        assert unit.ways[-1] == pytest.approx([0.0, 0.2, 0.4, 0.2, 0.0])
+        np.testing.assert_allclose(found[::2], -along(way[::2]))
+        np.testing.assert_allclose(found[1], 0.5 * (found[0] + found[2]))
+        # Of signals 0, 0.225, 0.45: the currents are even.
+        reached = np.interp(0.25, [0.225, 0.45], along(np.array([0.225, 0.45])))
+        assert hysteresis.joint_range("x", 12.0, 3.0, 0.45) == pytest.approx(2 * reached)
+
+
+def test_figures_of_branches(monkeypatch):
+    """Both ways of each side, ours from where the measured one begins; and the width for each coercive field."""
+    unit, asked = Curved(), []
+    monkeypatch.setattr(hysteresis, "shipped_unit", lambda: unit)
+    monkeypatch.setattr(hysteresis, "about_the_joints", dict)
+    signals, out, back = np.array([0.0, 0.1, 0.2]), np.array([0.5, 2.0, 4.0]), np.array([-1.0, 1.0, 4.0])
+    inputs = {"axis": "x", "z_mm": 12.0, "figure": "Figure", "map": "map"}
+    for side, sign in (("positive", 1), ("negative", -1)):
+        inputs |= {
+            f"{side}_signals": sign * signals,
+            f"{side}_outward_mm": sign * out,
+            f"{side}_back_mm": sign * back,
+        }
+    (figure,) = hysteresis.joints(inputs).curves
+    lines = []
+    for s in (signals, -signals):
+        side = np.sign(s[1])
+        ours = 0.5 * side + 20 * s + 10 * s * s - 1.2 * (s != 0)
+        for way, measured in (("outward", out), ("on the way back", back)):
+            lines += [(f"ours, {way}", "ours", s, ours), (f"measured, {way}", "measured", s, side * measured)]
+    assert figure.title == "Figure"
+    assert_drawn(figure, ("x control signal", "x (mm)"), lines)
+    assert [one.points for one in figure.series] == [False, True] * 4
+
+    class Bare:
+        def __init__(self, *of):
+            asked.append(of)
+            self.coercive = of[0]
+
+        def run(self, axis, way, z_s):
+            """On the way back 1 mm less per 100 A/m."""
+            assert (axis, z_s) == ("x", 12.0)
+            shift = 20 * way - 0.01 * self.coercive * (np.arange(len(way)) > 2)
+            return Run(shift, way, way, way)
+
+    def curve(field_map, given, axis, z_s, h):
+        assert (field_map, axis, z_s, h) == ("map", "x", 12.0, 18.0)
+        return SimpleNamespace(along=0.03 * given)
+
+    monkeypatch.setattr(hysteresis, "_bare_unit", Bare)
+    monkeypatch.setattr(hysteresis, "curve", curve)
+    inputs |= {"signals": signals, "outward_mm": out, "back_mm": back, "h_mm": 18.0, "cells": 5}
+    answers = hysteresis.remanence(inputs | {"coercive_A_per_m": np.array([100.0, 300.0])})
+    assert asked == [(100.0, 18.0, 5), (300.0, 18.0, 5)]
+    np.testing.assert_allclose(answers.numbers["width"], [[-1, -1, 0], [-3, -3, 0]], atol=1e-12)
+    assert answers.facts == {"refinement": 0.5}
+    lines = [
+        ("measured, outward", "measured", signals, out),
+        ("measured, on the way back", "measured", signals, back),
+    ]
+    for coercive in (100, 300):
+        lines.append((f"ours, {coercive} A/m, outward", "ours", signals, 0.5 + 20 * signals))
+        less = 0.01 * coercive * np.array([1, 1, 0])
+        lines.append((f"ours, {coercive} A/m, on the way back", "ours", signals, 0.5 + 20 * signals - less))
+    lines.append(("ours, no hysteresis, shipped mesh", "ours", signals, 0.5 + 30 * signals))
+    assert_drawn(answers.curves[0], ("x control signal", "x (mm)"), lines)
+
+
+def test_what_is_kept_of_a_run(monkeypatch):
+    """Places from the first one, in mm, levels, lifts, and the most that a coil carries, (6-3) with n = 1.5; before it
+    signals go to 0.4."""
+    places = np.array([[1e-3, 0.0], [3e-3, 0.0]])
+    made = hysteresis.Walk(np.array([0.0, -0.2]), places, np.array([2.0, 3.0]), np.array([0.1, 0.11]))
+    ends = []
+    monkeypatch.setattr(hysteresis, "walk", lambda solver, memory, *_: made if memory == "memory" else None)
+    monkeypatch.setattr(hysteresis, "prepared", lambda *given: ends.append(given[1:]) or "memory")
+    unit = JointedUnit(read_device(DEVICE), COARSE, None)
+    unit.solver = "solver"
+    run = unit.run("x", made.signals, 1.5, 11.5)
+    unit.run("x", made.signals)
+    unit.run("x", made.signals)
+    assert [(history, end) for history, _, end in ends] == [("demagnetised", 0.4)] * 2
+    assert [(one.axis, one.n, one.z_s, one.h) for _, one, _ in ends] == [
+        ("x", 1.5, 11.5, unit.h), ("x", 1.25, 10.0, unit.h),
+    ]  # fmt: skip
+    np.testing.assert_allclose(run.shift, [0.0, 2.0])
+    np.testing.assert_allclose(run.levels, [2.0, 3.0])
+    np.testing.assert_allclose(run.lifts, [0.1, 0.11])
+    np.testing.assert_allclose(run.largest, [2.0, divide_currents(3.0, -0.2, 0.0, 1.5).max()])
+    assert Led() == Led("shaken", 6, 1, 0.5)

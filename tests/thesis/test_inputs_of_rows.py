@@ -2,6 +2,7 @@
 must be what a closed form, written out here, makes of the changed inputs; or the part says which test does that."""
 
 import re
+from functools import cache
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -11,7 +12,8 @@ import scipy.linalg
 import scipy.signal
 from scipy.optimize import brentq
 
-from fieldmap.thesis import coupled_loop, planar_unit, single_electromagnet, statics, vertical
+from fieldmap import control
+from fieldmap.thesis import planar_unit, single_electromagnet, statics, vertical
 from fieldmap.thesis.computation import Answers, Ours, function_of
 from fieldmap.thesis.printed import part_names, read_part
 
@@ -197,13 +199,27 @@ def loop(i, gain):
     return forward, np.convolve(bottom, [1, -1, 0])
 
 
+def of_step(y, Ts):
+    """Of a step of 1 mm: from 10 % to 90 %, and after which 2 % are kept, between samples."""
+
+    def crossing(values, k, level):
+        return Ts * (k - 1 + (level - values[k - 1]) / (values[k] - values[k - 1]))
+
+    first, last = (crossing(y, np.argmax(y >= level), level) for level in (0.1, 0.9))
+    off = np.abs(y - 1)
+    return {
+        "overshoot": 100 * (y.max() - 1),
+        "peak_time": Ts * y.argmax(),
+        "rise_time": last - first,
+        "settling_time": crossing(off, np.flatnonzero(off > 0.02)[-1] + 1, 0.02),
+    }
+
+
 def closed_loop(i):
     forward, bottom = loop(i, i["Kc"])
     y = scipy.signal.lfilter(forward, bottom + forward, np.ones(2000))
     sensitivity = scipy.signal.lfilter(bottom, bottom + forward, np.eye(1, 20000)[0])
-    return {
-        "overshoot": 100 * (y.max() - 1),
-        "peak_time": i["Ts_s"] * y.argmax(),
+    return of_step(y, i["Ts_s"]) | {
         "time_to_reference": i["Ts_s"] * np.argmax(y >= 1),
         # Of some 100 000 samples.
         "rms_at_rest": (i["sensor_deviation_mm"] * np.sqrt(np.sum(sensitivity**2)), 0.02),
@@ -222,7 +238,11 @@ def recovered_sideways(i):
 
 
 def loci(i):
-    poles = [np.roots(np.add(*loop(i, gain))) for gain in i["gains"]]
+    return loci_of([np.roots(np.add(*loop(i, gain))) for gain in i["gains"]], i)
+
+
+def loci_of(poles, i):
+    """The complex pair at each gain, and the real pole nearest to 1 at the gains where one is printed."""
     pair = np.array([p[p.imag.argmax()] for p in poles])
     third = [max(q.real for q in p if abs(q.imag) < 1e-9) for p in poles]
     known = [third[int(np.argmin(np.abs(i["gains"] - gain)))] for gain in i["third_gains"]]
@@ -230,14 +250,36 @@ def loci(i):
 
 
 def in_minutes(i):
-    """Of the stand-in g = 1600 mm/s^2 per V, c = 150 1/s^2, d = 2 1/s."""
-    half = i["Ts_s"] / (120 * i["Ti_s"])
+    """Of the stand-in g = 1600 mm/s^2 per V, c = 150 1/s^2, d = 2 1/s, for a held input."""
+    Ts, Ti, Td = i["Ts_s"], 60 * i["Ti_s"], 60 * i["Td_s"]
+    A, B = np.array([[-2.0, 150.0], [1.0, 0.0]]), np.array([[1600.0], [0.0]])
+    top, bottom, _ = scipy.signal.cont2discrete(([1600.0], [1.0, 2.0, -150.0]), Ts)
+    half, rate = Ts / (2 * Ti), Td / Ts
+    pid = np.array([1 + half + rate, half - 1 - 2 * rate, rate])
+    bottom, forward = np.convolve(bottom, [1, -1, 0]), np.convolve(np.ravel(top), pid)
+    found = loci_of([np.roots(bottom + gain * forward) for gain in i["gains"]], i)
+    # One step of 3000 samples, the derivative being that of the position.
+    phi = scipy.linalg.expm(np.block([[A, B], [np.zeros((1, 3))]]) * Ts)
+    x, integral, before, y = np.zeros(2), 0.0, (0.0, 0.0), []
+    for _ in range(3000):
+        error = 1 - x[1]
+        integral += 0.5 * Ts / Ti * (error + before[0])
+        u = i["step_gain"] * (error + integral - Td / Ts * (x[1] - before[1]))
+        before = error, x[1]
+        y.append(x[1])
+        x = phi[:2, :2] @ x + phi[:2, 2] * u
     weight = 1e3 * i["gravity"] * i["amplifier_A_per_V"] / i["lift_current_A"]
-    return {
-        "zero": [(1 - half) / (1 + half)] * 3,
-        "stiffness_over_gain": 150 / 1600,
-        "gain_over_weight": 1600 / weight,
-    }
+    of = of_step(np.array(y), Ts)
+    del of["rise_time"]
+    return (
+        found
+        | of
+        | {
+            "zero": [(1 - half) / (1 + half)] * 3,
+            "stiffness_over_gain": 150 / 1600,
+            "gain_over_weight": 1600 / weight,
+        }
+    )
 
 
 def sideways(i):
@@ -271,6 +313,37 @@ def regulated(i):
     }  # fmt: skip
 
 
+def regulated_loop(i):
+    """The regulator of lqrd and kalmd on its own model, with the three rests and estimates."""
+    Ts, top = i["Ts_s"], plant(i)
+    bottom = np.poly(np.log(i["plant_poles"]) / Ts)
+    # b1 s + b0 of a held input: two samples of its step response say both.
+    first = scipy.signal.lfilter(np.append(0.0, top[0]), top[1], np.ones(3))[1:]
+    A, B = np.array([[-bottom[1], -bottom[2]], [1.0, 0.0]]), np.array([[1.0], [0.0]])
+    phi = scipy.linalg.expm(np.block([[A, B], [np.zeros((1, 3))]]) * Ts)
+    steps = [phi[:2, 2], phi[:2, :2] @ phi[:2, 2] + phi[:2, 2]]
+    C = np.linalg.solve(np.array(steps), first)[None]
+    wide = control.with_output_integral(A, B, C)
+    k = control.lqrd(wide.A, wide.B, i["Q"], i["R"], Ts)
+    estimator, rest = (
+        control.kalmd(A, B, C, i["noise_mm2"], i["noise_mm2"], Ts),
+        1 / (top[0].sum() / top[1].sum()),
+    )
+    model = control.StateSpace(phi[:2, :2], phi[:2, 2:], C, np.zeros((1, 1)))
+
+    def of(at, estimate="filtered", divisor=1.0):
+        regulator = control.Regulator(
+            k, estimator, Ts, (0.0, rest), equilibrium_at=at, estimate=estimate, divisor=divisor
+        )
+        return of_step(control.simulate_loop(model, regulator, np.ones(2000)).y[0], Ts)
+
+    design, reference, rig = of("measured"), of("reference"), of("measured", "predicted", i["divisor"])
+    return rig | {
+        "design_overshoot": design["overshoot"], "overshoot_of_7_20": reference["overshoot"],
+        "design_rise_time": design["rise_time"], "rms_at_rest": 7 * i["sensor_deviation_mm"] + i["divisor"],
+    }  # fmt: skip
+
+
 VARIED = {
     "S3": magnets, "S4_windings": windings, "S4_levitation": two_windings, "S5_current_ratio": planar_ratios,
     "S5_depth": planar_depths, "S5_gradients": planar_gradients, "S5_zeros": planar_zeros, "S6": lumped, "S7": frames,
@@ -278,19 +351,19 @@ VARIED = {
     "S13": lambda i: {"sum": 6}, "S13_field": clear_directions, "S16_controller": controller,
     "S16_closed_loop": closed_loop, "S16_recovery": recovered, "S16_root_locus": loci,
     "S16_times_in_minutes": in_minutes, "S17_arithmetic": sideways, "S17_recovery": recovered_sideways,
-    "S20_models": regulated,
+    "S20_models": regulated, "S20_closed_loop": regulated_loop,
 }  # fmt: skip
 FOLLOW, JUDGED = "thesis/test_rows_follow_their_inputs.py::test_", "thesis/test_rows_judged.py::test_"
-LOOP, FORCES = "dynamics/test_thesis_scenarios.py::test_", "thesis/test_force_rows.py::test_"
-HERE = "thesis/test_inputs_of_rows.py::test_"
+FORCES = "thesis/test_force_rows.py::test_"
+RUNS = "thesis/test_runs_of_rows.py::test_runs_numbers_and_figures_of_a_row"
 BRANCH, MAP = (
     "thesis/test_hysteresis.py::test_rows_set_ours_beside_the_same_branch",
     "thesis/test_map_plants.py::test_",
 )
 ELSEWHERE = {
     "S9_constants": FORCES + "constants_follow_the_nominal_current",
-    "S9_superposition": FORCES + "the_formulas_equilibrium_at_three_to_one_is_not_the_force_s",
-    "S10": FORCES + "constants_of_table_4_3_in_their_bands",
+    "S9_superposition": FORCES + "what_is_said_of_two_magnets",
+    "S10": FORCES + "figures_and_facts_in_three_dimensions",
     "S14_table_6_2": FOLLOW + "table_6_2",
     "S14_table_6_3": FOLLOW + "table_6_3",
     "S14_x_branches": FOLLOW + "branches_of_one_axis_at_their_height",
@@ -303,19 +376,18 @@ ELSEWHERE = {
     "S14_own_current": JUDGED + "own_current_is_the_level_that_is_asked_for",
     "S14_noise": FOLLOW + "noise_of_the_mean_deviation",
     "S15": JUDGED + "ranges_are_of_both_sides_and_end_at_the_limits",
-    "S16_map_plant": MAP + "volts_per_millimetre_of_depth_are_those_of_the_lift_currents",
-    "S17_map_plant": MAP + "signals_move_the_magnet_the_right_way",
-    "S16_records": "dynamics/test_thesis_records.py::test_identified_poles_are_those_of_the_linear_machine",
-    "S17_records": "dynamics/test_thesis_records.py::test_integral_times_scale_as_the_gains_at_rest",
-    "S18_vertical": HERE + "drag_of_table_7_1",
-    "S18_spikes": HERE + "push_and_gains_against_spikes",
-    "S18_proportional": LOOP + "pd_control_rests_where_its_gain_and_the_statics_say",
-    "S18_range": HERE + "range_begins_at_each_depth",
-    "S18_regulator": LOOP + "table_7_3_the_regulator_swings_by_its_whole_step_near_the_block",
-    "S18_heights": HERE + "heights_above_the_block",
-    "S19": HERE + "circles_of_each_radius_and_rate",
-    "S20_closed_loop": JUDGED + "what_is_said_of_the_regulator_is_what_its_curves_show",
-    "S14_calibration": "levitation/test_calibration.py::test_",
+    "S16_map_plant": MAP + "numbers_of_the_vertical_plant",
+    "S17_map_plant": MAP + "numbers_of_the_horizontal_plants",
+    "S16_records": RUNS,
+    "S17_records": RUNS,
+    "S18_vertical": RUNS,
+    "S18_spikes": RUNS,
+    "S18_proportional": RUNS,
+    "S18_range": RUNS,
+    "S18_regulator": RUNS,
+    "S18_heights": RUNS,
+    "S19": RUNS,
+    "S14_calibration": FOLLOW + "calibrations_name_what_is_fitted_to_what",
 }  # fmt: skip
 """Where inputs of a part are changed or its numbers judged otherwise."""
 
@@ -348,9 +420,7 @@ WITHOUT_EFFECT = {
     # Tests of lqrd and kalmd.
     "S20_models": {"Q", "R", "noise_mm2"},
     # Through the plant that is fitted, for which another stands here.
-    "S16_times_in_minutes": {
-        "Td_s", "gains", "third_gains", "pair_real", "pair_imaginary", "third", "held_back", "step_gain"
-    },
+    "S16_times_in_minutes": {"third_gains", "pair_real", "pair_imaginary", "third", "held_back"},
 }  # fmt: skip
 
 
@@ -379,11 +449,16 @@ CASES = [
 ]
 
 
+@cache
+def unchanged(part):
+    return VARIED[part](read_part(part).inputs)
+
+
 @pytest.mark.parametrize(("part", "name"), CASES)
 def test_numbers_follow_one_input(part, name, stand_ins):
     given = {"map": None, **read_part(part).inputs}
     given[name] = changed(name, given[name])
-    before, exact = (VARIED[part](inputs) for inputs in (read_part(part).inputs, given))
+    before, exact = unchanged(part), VARIED[part](given)
     found = numbers_of(part, given)
     for number, value in exact.items():
         value, close = value if isinstance(value, tuple) else (value, 1e-8)
@@ -470,119 +545,12 @@ def stand_ins(monkeypatch):
     )
     for name in ("_ALL_GAINS", "_DRAWN_GAINS"):
         monkeypatch.setattr(vertical, name, np.geomspace(0.01, 1.0, 3))
+    exact = vertical.rms_at_rest
+
+    def at_rest(plant, under, deviation):
+        """Of the regulator: seven times the deviation, and the number that divides its feedback."""
+        told = isinstance(under, control.Regulator) and under.estimate == "predicted"
+        return 7 * deviation + under.divisor if told else exact(plant, under, deviation)
+
+    monkeypatch.setattr(vertical, "rms_at_rest", at_rest)
     monkeypatch.setattr(vertical, "_fitted_plant", lambda inputs: np.array([1600.0, 150.0, 2.0]))
-
-
-class Told:
-    """A run that knows which changes were asked of its scenario; a depth that rises by 3 mm."""
-
-    def __init__(self, scenario, changes):
-        self.changes, self.time = changes, np.linspace(0.0, 8.0, 9)
-        self.true = np.linspace([0.0, 0.0, 10.0], [0.0, 0.0, 13.0], 9)
-        metrics = SimpleNamespace(event="", largest_current_A=1.0)
-        self.run = SimpleNamespace(
-            scenario=SimpleNamespace(path=Path(scenario)), assumptions=(), metrics=metrics
-        )
-
-    def departure(self, axis, begin, end=np.inf):
-        """A digit for each key of the compensator and for the gain."""
-        push, gain = (self.changes.get(f"control.{key}", 0.0) for key in ("compensator.push_mm", "x.Kc"))
-        return 1.0 + push + 1e-3 * self.changes.get("control.compensator.duration_ms", 0.0) + 10.0 * gain
-
-    def rms(self, axis, begin, end=np.inf):
-        radius, rate = (
-            self.changes.get(f"reference.0.{key}", 0.0) for key in ("radius_mm", "rate_rad_per_s")
-        )
-        return self.changes.get("start.depth_mm", 0.0) + radius + 10 * rate + 1e3 * begin
-
-    def column(self, axis):
-        return [0.1, 0.2, 0.3, 40.0]
-
-    def time_to_reference(self, axis, at):
-        return 0.25
-
-
-@pytest.fixture
-def asked(monkeypatch):
-    """asked(part, **inputs): numbers and facts of a part of S18 or S19, and the changes of its runs in their order."""
-    runs = []
-
-    def run_of(inputs, scenario, changes=None):
-        runs.append(Told(scenario, dict(changes or {})))
-        return runs[-1]
-
-    def runs_of(inputs, scenario, changes):
-        return {name: run_of(inputs, scenario, one) for name, one in changes.items()}
-
-    drawing = SimpleNamespace(
-        VERTICAL_PID={"Kc": 0.5}, in_the_plane=dict, with_measured=lambda one, *_, **__: one
-    )
-    replaced = {"run_of": run_of, "runs_of": runs_of, "coupled": drawing, "over_time": lambda *_, **__: None}
-    replaced |= {"_step_in_words": lambda run: run.changes, "follows": lambda run, rate, begin: (rate, begin)}
-    replaced["_farthest"] = lambda way, run: (
-        run.changes["reference.0.by_mm"] + 100 * run.changes["start.depth_mm"]
-    )
-    drawing.in_the_plane = lambda *_, **__: None
-    for name, one in replaced.items():
-        monkeypatch.setattr(coupled_loop, name, one)
-
-    def compute(part, **inputs):
-        answers = function_of(part)({"map": None, **read_part(part).inputs, **inputs})
-        numbers = {key: getattr(value, "value", value) for key, value in answers.numbers.items()}
-        return numbers, answers.facts, [run.changes for run in runs]
-
-    return compute
-
-
-def test_drag_of_table_7_1(asked):
-    numbers, facts, _ = asked("S18_vertical", identified_drag_N_s_per_m=0.7, between_drag_N_s_per_m=0.3)
-    drag = "drag.linear_N_s_per_m"
-    assert {name: fact.get(drag) for name, fact in facts.items()} == {
-        "air": None, "with_damping": [0.7] * 3, "with_less_gain": None, "with_both": [0.005, 0.005, 0.3],
-        "with_a_lag": None,
-    }  # fmt: skip
-    assert [facts[name]["control.z.Kc"] for name in ("with_less_gain", "with_both")] == [0.4, 0.4]
-    names = ("peak_time", "rise_time", "settling_time", "overshoot", "time_to_reference")
-    assert [numbers[name] for name in names] == [0.1, 0.2, 0.3, 40.0, 0.25]
-    # Of the last quarter of 8 s.
-    assert numbers["rms_at_rest"] == numbers["setup_of_30"][4] == 6e3
-
-
-def test_push_and_gains_against_spikes(asked):
-    numbers, facts, _ = asked("S18_spikes", push_mm=0.2, duration_ms=30, small_gains=np.array([0.1, 0.05]))
-    assert (numbers["spike"], numbers["with_compensator"]) == pytest.approx((1.0, 1.23))
-    assert facts["small_spikes_mm"] == pytest.approx([2.0, 1.5])
-    assert facts["spikes_then"] == ["still there", "still there"]
-
-
-def test_range_begins_at_each_depth(asked):
-    numbers, _, runs = asked("S18_range", depths_mm=np.array([9.0, 14.0]))
-    ways = np.array([15.0, -15.0, 15.0, -15.0])
-    assert numbers["range_upper"] == pytest.approx(900 + ways)
-    assert numbers["range_lower"] == pytest.approx(1400 + ways)
-    assert [run["plate.face_mm"] for run in runs[:8:4]] == [[0.0, 0.0, -108.0], [0.0, 0.0, -113.0]]
-    assert [run["reference.0.axis"] for run in runs[:4]] == list("xxyy")
-    assert numbers["vertical_range"] == pytest.approx(3.0)
-
-
-def test_heights_above_the_block(asked):
-    """Table 7-4: the depth is the block's less the gap."""
-    numbers, _, runs = asked(
-        "S18_heights", block_below_mm=14.5, gaps_mm=np.array([0.5, 2.0]), further_gaps_mm=np.array([5.0]),
-        identified_drag_N_s_per_m=0.7,
-    )  # fmt: skip
-    assert numbers["rms"] == pytest.approx([1014.0, 1012.5])
-    assert [run["start.depth_mm"] for run in runs] == [14.0, 12.5, 9.5, 9.5]
-    assert [run.get("drag.linear_N_s_per_m") for run in runs] == [None, None, None, [0.7] * 3]
-
-
-def test_circles_of_each_radius_and_rate(asked):
-    radii, rates = np.array([0.5, 2.0, 3.0]), np.array([0.25, 0.5, 1.0])
-    about = {"radii_mm": radii, "rates_rad_per_s": rates, "turns": np.array([2, 1, 4]), "settled_s": 9.0}
-    numbers, facts, runs = asked("S19", **about)
-    assert numbers["vertical_rms"] == pytest.approx(radii + 10 * rates + 9e3)
-    assert numbers["growth"] == pytest.approx(9007.0 / 9003.0)
-    assert numbers["speed"] == pytest.approx([0.125, 1.0])
-    # 8 s and so many turns of 2 pi / rate.
-    assert [run["duration_s"] for run in runs[1:]] == [59.0, 21.0, 34.0]
-    assert facts["followed"] == [(0.25, 9.0), (0.5, 9.0), (1.0, 9.0)]

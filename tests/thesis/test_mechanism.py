@@ -5,6 +5,7 @@ import tomllib
 from collections import Counter
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from fieldmap import thesis
@@ -250,3 +251,22 @@ def test_a_part_that_fails_says_why_and_takes_nothing_with_it(replaced, capsys):
 def test_a_series_that_cannot_be_drawn(series, message):
     with pytest.raises(ValueError, match=message):
         Series("line", *series)
+
+
+@pytest.mark.parametrize(
+    ("template", "text"),
+    [
+        ("{a:.1f} and {b:g}", "0.5 and 1, 2"),
+        ("{a:.0%}, {c:.1%}", "50 %, 50.0 %, 25.0 %"),
+        ("{d} {e:.2g}", "words 3"),
+        ("{c[1]:.2f}", "0.25"),
+    ],
+)
+def test_how_values_stand_in_a_text(template, text):
+    values = {"a": np.array(0.5), "b": (1.0, 2.0), "c": np.array([0.5, 0.25]), "d": "words", "e": 3.0}
+    assert table.filled(template, values) == text
+
+
+def test_files_that_decide_a_part():
+    names = [path.name for path in table.data_files("S14_table_6_2")]
+    assert names == ["S14.toml", "numbers.toml", "texts.toml"]

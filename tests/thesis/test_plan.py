@@ -1,8 +1,13 @@
 """What a run says before it begins, in what order it works, and that the page grows with it."""
 
+import threading
 import time
+import tomllib
+from decimal import Decimal
 from pathlib import Path
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from fieldmap.cli import main
@@ -12,8 +17,8 @@ from fieldmap.thesis import PartResult, detail, kept, part_names, row_names
 from fieldmap.thesis import report as writing
 from fieldmap.thesis.computation import attempt_part, compute_part, expected_seconds
 from fieldmap.thesis.detail import file_of, maps_in
-from fieldmap.thesis.plan import COMPILATION, MAP_SECONDS, moving, planned
-from fieldmap.thesis.printed import parts_of, read_part
+from fieldmap.thesis.plan import COMPILATION, MAP_SECONDS, Plan, Stage, about, computed, moving, planned
+from fieldmap.thesis.printed import PRINTED_NUMBERS, parts_of, read_part, shared_value
 from fieldmap.thesis.report import prepare_folder, write_report
 
 ROOT = Path(__file__).parents[2]
@@ -186,3 +191,146 @@ def test_quick_takes_less_than_five_minutes():
         total = sum(map(expected_seconds, part_names())) + MAP_SECONDS["division_quick"]
     assert total < 300.0
     assert all(compute_part("S6").comparisons)
+
+
+@pytest.mark.parametrize(
+    ("seconds", "text"),
+    [
+        (3.0, "10 s"),
+        (14.0, "10 s"),
+        (16.0, "20 s"),
+        (54.0, "50 s"),
+        (55.0, "1 min"),
+        (100.0, "2 min"),
+        (1851.0, "31 min"),
+    ],
+)
+def test_times_to_one_or_two_digits(seconds, text):
+    assert about(seconds) == text
+
+
+def test_the_line_of_a_plan():
+    """Parts and rows, maps to be made and left out, and the time of all: 200 s of a map, 60 s of one that is not known,
+    240 s of compilation."""
+    stages = (Stage({"S4_windings": 30.0, "S4_levitation": 40.0}), Stage(recipe="division", target=Path("a.h5")),
+              Stage({"S12": 50.0}))  # fmt: skip
+    plan = Plan(stages, 2, {Path("b.h5"): 3}, True)
+    assert (plan.whole, plan.seconds) == (320.0, 560.0)
+    assert plan.text == (
+        "3 parts of 2 rows; 2 finished before; makes a.h5 first; 3 left out: they need b.h5 (--make-maps makes it); "
+        "about 9 min on two processors, with the kernels to compile"
+    )
+    with detail.at(detail.QUICK):
+        assert Plan((), 0, {}, False).text.startswith("0 parts of 0 rows, quick: coarse meshes; about 10 s")
+    assert (Plan((), 0, {}, False).whole, Stage(recipe="other").seconds) == (1.0, 60.0)
+    assert [MAP_SECONDS[name] for name in ("division", "division_quick")] == [200.0, 30.0]
+
+
+def test_shares_of_the_work(monkeypatch):
+    """Of 300 s: 30 and 70 of two parts, 200 of the map at its half, 0 of the last part's own 0."""
+    import fieldmap.maps
+
+    told = []
+    monkeypatch.setattr(fieldmap.maps, "generate", lambda recipe, target, progress: progress("half", 0.5))
+    monkeypatch.setattr(
+        "fieldmap.thesis.computation.expected_seconds", {"S3": 30.0, "S6": 70.0, "S12": 25.0}.get
+    )
+    stages = (
+        Stage({"S3": 30.0, "S6": 70.0}),
+        Stage(recipe="division", target=Path("a.h5")),
+        Stage({"S12": 100.0}),
+    )
+    parts = list(computed(Plan(stages, 0, {}, False), lambda part: part, lambda *words: told.append(words)))
+    assert parts == ["S3", "S6", "S12"]
+    assert told == [("S3", 0.0), ("S6", 30 / 400), ("map division: half", 0.5), ("S12", 0.75)]
+
+
+def test_a_part_that_takes_long_tells_how_long(monkeypatch):
+    """After 20 s of 30, by a clock of its own: its share is 1 - exp(-2/3) of what it has of the whole."""
+    clock, told = [100.0], []
+    monkeypatch.setattr("fieldmap.thesis.plan.time", SimpleNamespace(monotonic=lambda: clock[0]))
+    waits = iter([(9.0, False), (10.5, False), (25.0, False), (25.0, True)])
+
+    class Stopped:
+        def wait(self, seconds):
+            assert seconds == 1.0
+            begun.wait(5.0)
+            clock[0], over = next(waits)
+            clock[0] += 100.0
+            return over
+
+        def set(self):
+            pass
+
+    begun = threading.Event()
+    made = SimpleNamespace(Event=Stopped, Thread=threading.Thread)
+    monkeypatch.setattr("fieldmap.thesis.plan.threading", made)
+    with moving(lambda *words: told.append(words), {"A": 30.0, "B": 10.0}) as begins:
+        begins("A", 0.0)
+        begun.set()
+    inside = [0.75 * (1 - np.exp(-took / 30)) for took in (10.5, 25.0)]
+    assert [text for text, _ in told] == ["A", "A, 10.0 s of about 30.0 s", "A, 20.0 s of about 30.0 s"]
+    assert [share for _, share in told] == pytest.approx([0.0, *inside])
+
+
+@pytest.mark.parametrize("part", part_names())
+def test_a_part_is_what_its_file_says(part):
+    """Times of 1 s, and of 0.1 s in a quick look, where none is said."""
+    row, _, name = part.partition("_")
+    content = tomllib.loads((PRINTED_NUMBERS / f"{row}.toml").read_text(encoding="utf-8"))
+    (said,) = (one for one in content["part"] if one.get("name", "") == name)
+    found = read_part(part)
+    assert (found.title, found.ours, found.map) == (said["title"], said["ours"], said.get("map", ""))
+    assert found.seconds == said.get("seconds", 1.0)
+    assert found.quick_seconds == said.get("quick_seconds", said.get("seconds", 0.1))
+    assert list(found.figures) == said.get("figures", [])
+    for entry in said["printed"]:
+        numbers = found.numbers[entry["name"]]
+        shape = np.shape(entry["value"]) if "value" in entry else None
+        if shape is not None:
+            assert [n.text for n in numbers] == [
+                str(v) for v in np.ravel(np.array(entry["value"], dtype=object))
+            ]
+            index = ["" if not shape else f"[{','.join(map(str, k))}]" for k in np.ndindex(shape)]
+            assert [n.name for n in numbers] == [entry["name"] + k for k in index]
+        for key in ("quantity", "unit", "kind"):
+            assert {getattr(n, key) for n in numbers} == {entry[key]}
+        wrong = {tuple(one.get("index", ())): one["why"] for one in entry.get("misprints", ())}
+        told = [n.misprint for n in numbers if n.misprint]
+        assert told == list(wrong.values())
+        assert {n.half_unit for n in numbers} == {entry["half_unit"]} if "half_unit" in entry else True
+
+
+@pytest.mark.parametrize(
+    ("part", "name", "texts"),
+    [
+        ("S18_vertical", "overshoot", ["50"]),
+        ("S16_map_plant", "product", ["-248.3"] * 5),
+        ("S17_recovery", "x_second_order", ["8.764e-4", "-1.9878", "0.98782"]),
+        ("S14_x_remanence", "width", None),
+    ],
+)
+def test_what_is_taken_from_the_shared_numbers(part, name, texts):
+    """An entry, rows of one, some entries; the last one for each coercive field, back less outward of Table 6-4."""
+    found = [n.text for n in read_part(part).numbers[name]]
+    back = ["-0.776", "-0.400", "0.01", "0.71", "1.619", "2.804", "4.250", "6.574", "9.329"]
+    out = [str(x) for x in shared_value("table_6_4.outward_mm")]
+    texts = texts or [str(Decimal(a) - Decimal(b)) for a, b in zip(back, out, strict=True)] * 2
+    assert [Decimal(one) for one in found] == [Decimal(one) for one in texts]
+
+
+def test_refinement_and_counts_of_a_quick_look():
+    """Mesh sizes over 0.4 of what is usual, 0.25 at least, never finer than usual; 0.4 of a count, three at least."""
+    assert (detail.COARSE, detail.COARSEST) == (0.4, 0.25)
+    assert [detail.refinement(1.3), detail.fewer(10)] == [1.3, 10]
+    with detail.at(detail.QUICK):
+        assert [detail.refinement(one) for one in (2.0, 1.0, 0.625, 0.5, 0.2)] == [0.8, 0.4, 0.25, 0.25, 0.2]
+        assert detail.refinement(1.2345678) == 0.493827
+        assert [detail.fewer(count) for count in (20, 10, 7, 3, 2)] == [8, 4, 3, 3, 2]
+
+
+def test_processor_time_of_a_part(monkeypatch):
+    """From 100 s to 103.5 s by a clock of its own."""
+    clock = iter([100.0, 103.5])
+    monkeypatch.setattr("fieldmap.thesis.computation.time", SimpleNamespace(process_time=lambda: next(clock)))
+    assert compute_part("S6").seconds == 3.5

@@ -1,7 +1,11 @@
 """The report of a few quick rows: its links, its numbers, and what becomes of rows that fail or are interrupted."""
 
 import csv
+import hashlib
+from dataclasses import replace
+from datetime import date
 from html.parser import HTMLParser
+from types import SimpleNamespace
 
 import pytest
 
@@ -9,9 +13,11 @@ from fieldmap.cli import main
 from fieldmap.errors import InputError
 from fieldmap.shipped import shipped_folder
 from fieldmap.store import Checkpoint
-from fieldmap.thesis import Curves, Series, attempt_rows, kept, read_rows
-from fieldmap.thesis.computation import PartResult, attempt_part
-from fieldmap.thesis.report import COLUMNS, prepare_folder, write_report
+from fieldmap.thesis import Answers, Comparison, Curves, Series, attempt_rows, detail, kept, read_rows
+from fieldmap.thesis import report as writing
+from fieldmap.thesis.computation import PartResult, agreeing, attempt_part, compared, percent
+from fieldmap.thesis.printed import PrintedNumber, PrintedPart
+from fieldmap.thesis.report import COLUMNS, Row, minutes, prepare_folder, resting_on, write_report
 from tests.computed_parts import computed
 
 QUICK = ["S3", "S6", "S9_constants"]
@@ -287,3 +293,184 @@ def test_what_is_far_from_the_thesis_is_explained_in_words():
             far = number.deviation is not None and abs(number.deviation) > 0.1 and not number.misprint
             name = number.name.partition("[")[0]
             assert not far or {"", name} & set(result.explanations), f"{part}: {number.name}"
+
+
+def number(name="a", thesis=1.0, ours=1.0, kind="measured", misprint="", assumptions=(), row="S7"):
+    sharp = kind == "sharp"
+    return Comparison(
+        id=row, name=name, quantity=f"quantity of {name}", unit="A m2", thesis=thesis, ours=ours,
+        deviation=ours / thesis - 1 if thesis else None, kind=kind, agrees=abs(ours - thesis) < 0.01 if sharp else None,
+        misprint=misprint, place="here", title="title", assumptions=assumptions,
+    )  # fmt: skip
+
+
+def part(name="S7", numbers=(), **more):
+    return PartResult(name, "a part", tuple(numbers), **more)
+
+
+def test_what_a_row_says_of_its_parts():
+    """Three sharp numbers that count, of which two agree; the farthest is neither a misprint nor one that agrees."""
+    numbers = [
+        number("a", 1.0, 1.005, "sharp"), number("b", 2.0, 2.0, "sharp"), number("c", 1.0, 1.3, "sharp"),
+        number("d", 1.0, 9.0, "sharp", "a slip"), number("e", 1.0, 0.2), number("f", 0.0, 5.0),
+    ]  # fmt: skip
+    row = Row(
+        "S7",
+        "system",
+        ((part(numbers=numbers[:4], seconds=2.0), ()), (part(numbers=numbers[4:], seconds=0.5), ())),
+    )
+    assert [one.name for one in row.numbers] == list("abcdef")
+    assert (row.sharp, row.largest.name, row.seconds) == ("2 of 3", "e", 2.5)
+    assert (Row("S7", "", ()).sharp, Row("S7", "", ()).largest) == ("", None)
+    assert agreeing(numbers) == (2, 3)
+
+
+@pytest.mark.parametrize(
+    ("parts", "waiting", "state"),
+    [
+        (["done", "done"], (), "done"),
+        (["done", "no map"], (), "partly"),
+        (["failed", "no map"], (), "failed"),
+        (["no map", "no map"], (), "no map"),
+        (["done"], ("a title",), "waiting"),
+    ],
+)
+def test_state_of_a_row(parts, waiting, state):
+    made = {
+        "done": part(), "failed": part(problem="broken"), "no map": part(problem="no map", remedy="make it"),
+    }  # fmt: skip
+    assert [made[one].state for one in parts] == parts
+    assert Row("S7", "", tuple((made[one], ()) for one in parts), waiting).state == state
+
+
+def test_command_of_a_row():
+    """After those of its maps, each once; the option is that of its parts."""
+    parts = [
+        part(map="division", option=" --quick"),
+        part(map="a_map", option=" --quick"),
+        part(map="division"),
+    ]
+    row = Row("S7", "", tuple((one, ()) for one in parts))
+    assert row.command == "fieldmap map a_map && fieldmap map division && fieldmap thesis S7 --quick"
+    assert Row("S7", "", ()).command == "fieldmap thesis S7"
+
+
+@pytest.mark.parametrize(
+    ("seconds", "text"),
+    [
+        (0.099, "under 0.1 s"), (0.1, "0.1 s"), (59.94, "59.9 s"), (60.0, "1 min 0 s"), (119.6, "2 min 0 s"),
+        (3725.0, "62 min 5 s"),
+    ],
+)  # fmt: skip
+def test_times_for_people(seconds, text):
+    assert minutes(seconds) == text
+
+
+def test_assumptions_and_what_rests_on_them():
+    numbers = [number("a[0]", assumptions=("all", "some")), number("a[1]", assumptions=("all",)),
+               number("b", assumptions=("all", "some")), number("c", assumptions=("all", "one"))]  # fmt: skip
+    assert resting_on(numbers) == [("all", ""), ("some", "a, b"), ("one", "c")]
+
+
+def test_counts_of_the_page_and_the_table(tmp_path):
+    """Of all parts, in the order of the rows; the table has every field of a number."""
+    first = number("a", 2.0, 3.0, "sharp", "", ("one", "two"), "S3")
+    second = number("b", 1.0, 1.0, "sharp", row="S6")
+    results = [
+        part("S6", [second, number("c", 0.0, 5.0, row="S6")], seconds=70.0),
+        part("S3", [first], seconds=5.0),
+    ]
+    prepare_folder(tmp_path)
+    write_report(tmp_path, iter(results), lambda curves, path: None)
+    text = (tmp_path / "report.md").read_text()
+    assert f", {date.today().isoformat()}. 3 numbers in 2 rows; 1 of 2 sharp numbers agree" in text
+    assert "; 1 min 15 s of processor time" in text
+    rows = list(csv.DictReader((tmp_path / "numbers.csv").read_text().splitlines()))
+    assert [one["row"] for one in rows] == ["S3", "S6", "S6"]
+    assert rows[0] == {
+        "row": "S3", "name": "a", "quantity": "quantity of a", "unit": "A m2", "thesis": "2.0", "ours": "3.0",
+        "deviation": "0.5", "kind": "sharp", "agrees": "false", "misprint": "", "place": "here",
+        "assumptions": "one; two", "command": "fieldmap thesis S3",
+    }  # fmt: skip
+    assert (rows[1]["agrees"], rows[2]["agrees"], rows[2]["deviation"]) == ("true", "", "")
+
+
+def test_texts_are_written_anew_at_most_every_two_seconds(tmp_path, monkeypatch):
+    """Before the first part, whenever more than 2 s went by since, and at the end."""
+    written, now = [], iter([100.0, 101.9, 102.1, 102.1, 104.0, 104.3, 104.3])
+    monkeypatch.setattr(
+        writing, "_write", lambda folder, drawn, waiting: written.append((len(drawn), tuple(waiting)))
+    )
+    monkeypatch.setattr(writing, "time", SimpleNamespace(monotonic=lambda: next(now)))
+    names = ("S3", "S6", "S7", "S8_converter", "S8_error_budget")
+    results = [part(name) for name in names]
+    assert write_report(tmp_path, iter(results), lambda curves, path: None, names) == results
+    assert written == [(0, names), (2, names[2:]), (4, names[4:]), (5, ())]
+
+
+@pytest.mark.parametrize(
+    ("deviation", "text"),
+    [
+        (0.0, "+0 %"), (9e-4, "+0.09 %"), (1e-3, "+0.1 %"), (-0.256, "-25.6 %"), (9.99, "+999.0 %"), (10.0, "11 times"),
+        (-11.0, "-10 times"), (None, ""),
+    ],
+)  # fmt: skip
+def test_deviations_in_words(deviation, text):
+    assert percent(deviation) == text
+    about = {"thesis": 1.0, "ours": 2.0, "kind": "measured"}
+    assert replace(number(**about), deviation=deviation).verdict == text
+    assert number(kind="sharp").verdict == "agrees"
+
+
+@pytest.mark.parametrize(
+    ("ours", "agrees"), [(2.5, True), (2.5000004, True), (2.5000006, False), (1.5, True), (1.4999, False)]
+)
+def test_sharp_numbers_agree_to_half_a_unit(ours, agrees):
+    printed = PrintedNumber("a", "q", "m", "2", "here", "sharp", 0.5)
+    zero = PrintedNumber("b", "q", "m", "0.0", "here", "measured", 0.05)
+    row = PrintedPart("title", {}, {"a": (printed,), "b": (zero,)})
+    one, other = compared("S7", row, Answers({"a": ours, "b": [3.0]}))
+    assert (one.agrees, one.thesis, one.deviation) == (agrees, 2.0, pytest.approx(ours / 2 - 1))
+    assert (other.agrees, other.deviation, other.ours) == (None, None, 3.0)
+    with pytest.raises(LookupError):
+        list(compared("S7", row, Answers({"a": ours})))
+
+
+def test_what_decides_a_part(tmp_path, monkeypatch):
+    """Code of all packages but those that draw and print; the detail; its map, and "" without it."""
+    asked = []
+    monkeypatch.setattr(
+        kept.provenance,
+        "fingerprint",
+        lambda settings, code: asked.append((settings, code)) or str(len(asked)),
+    )
+    assert kept.fingerprint("S15", tmp_path) == ""
+    (tmp_path / "division.h5").write_bytes(b"a map")
+    assert kept.fingerprint("S15", tmp_path) == "1"
+    kept.fingerprint("S3", tmp_path)
+    with detail.at(detail.QUICK):
+        kept.fingerprint("S3", tmp_path)
+    (with_map, code), (without, _), (quick, _) = asked
+    assert {"iron", "lookup", "thesis", "errors", "curves", "planar"} <= set(code)
+    assert not {"plot", "cli", "shipped"} & set(code)
+    digest = hashlib.sha256(b"a map").hexdigest()
+    assert with_map[-1] == digest
+    assert (without[-1], quick[-1]) == ("full", "quick")
+    assert without[:-1] == quick[:-1]
+
+
+def test_a_file_that_another_run_writes_is_waited_for(tmp_path, monkeypatch):
+    """60 s, to read as well as to write."""
+    waits = []
+
+    class Waiting(Checkpoint):
+        def __init__(self, path, fingerprint, wait):
+            waits.append(wait)
+            super().__init__(path, fingerprint)
+
+    monkeypatch.setattr(kept, "Checkpoint", Waiting)
+    of = kept.Kept(tmp_path / "runs", "mark")
+    of.put("key", about={"a": 1})
+    assert of.get("key").about == {"a": 1}
+    assert waits == [60.0, 60.0]
+    assert not kept.is_finished(tmp_path, "S3")

@@ -4,21 +4,23 @@ A machine stands for the unit whose statics are known in closed form: six vertic
 saturate with their currents, mu(i) = MU i / (1 + i / KNEE).
 """
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
-import scipy.signal
 from scipy.optimize import brentq
 
 from fieldmap import control
 from fieldmap.currents import divide_currents
 from fieldmap.device.model import Payload
+from fieldmap.errors import OutsideMapError, Problem
 from fieldmap.field import Field, coil_currents
-from fieldmap.thesis import equilibrium_shift, horizontal, statics, vertical
+from fieldmap.thesis import detail, equilibrium_shift, horizontal, statics, vertical
 from fieldmap.thesis.coupled_runs import Readings
 from fieldmap.thesis.equilibrium_shift import Shift
 from fieldmap.thesis.force_formulas import added_error, fit_quadratic_force
-from fieldmap.thesis.printed import read_part
 from fieldmap.thesis.vertical_sensor import magnet_height
+from tests.computed_parts import assert_drawn
 
 MU, KNEE = 12.0, 4.0
 MASS, MOMENT = 0.011186, 0.8126
@@ -139,69 +141,290 @@ def test_lift_current_of_the_ring(ring):
     assert found == pytest.approx(share / (1.0 - share / KNEE), rel=1e-5)
 
 
+@pytest.fixture
+def shares(monkeypatch):
+    """A lift over weight of current exp(-z_s / 20 mm) (1 + h / 100 mm), and a third of it where iron is linear; NaN of
+    no field beyond 5.2 A. The map's box ends 130 mm below the disk."""
+    carried = SimpleNamespace(mass=0.01, moment=0.5)
+
+    def lift_share(field, z_s, h, current):
+        if np.mean(current) > 5.2 + 1e-9 and field == "rays":
+            raise OutsideMapError(Problem("current", "must be less", "more", "less"))
+        return np.mean(current) * np.exp(-z_s / 20) * (1 + h / 100) * (1 / 3 if field == "linear" else 1.0)
+
+    field = SimpleNamespace(lower=np.array([-0.02, -0.02, -0.13]))
+    maps = {("division", "evaluate"): field}
+    monkeypatch.setattr(detail, "available_map", lambda name, outside_currents: maps[name, outside_currents])
+    for name, one in (("lift_share", lift_share), ("payload", lambda: carried), ("unit_rays", lambda: "rays"),
+                      ("linear_unit", lambda name: "linear")):  # fmt: skip
+        monkeypatch.setattr(statics, name, one)
+    statics.lift_current.cache_clear()
+    yield field
+    statics.lift_current.cache_clear()
+
+
+@pytest.mark.parametrize(
+    ("limit", "scaled", "deepest"),
+    [
+        (3.55, True, 10 + 20 * np.log(3.55 / 1.558)),
+        (3.55, False, 20 * np.log(3.55 * 1.15)),
+        (30.0, False, 130 - 77 - 15 - 0.01),
+        (0.8, False, 0.0),
+    ],
+)
+def test_deepest_place_that_the_limit_carries(shares, limit, scaled, deepest):
+    """Scaled: so that 1.558 A carry at 10 mm. To the end of the map's box at most."""
+    assert statics._deepest(15.0, limit, scaled) == pytest.approx(deepest, abs=1e-3)
+
+
+def test_row_s12_and_its_figures(shares, monkeypatch):
+    zs, hs = np.array([5.0, 10.0, 20.0, 28.0, 40.0]), np.array([10.0, 15.0, 20.0])
+    inputs = {"map": None, "depths_mm": zs, "offsets_mm": hs, "offset_mm": 15.0, "middle_mm": 10.0}
+    law = 1.215 + 0.0343 * zs
+    jointed = SimpleNamespace(shares=0.1 * zs, relative_slope=2.5)
+    monkeypatch.setattr(statics, "lift_law", lambda unit, at: jointed if at is zs else None)
+    monkeypatch.setattr(statics, "shipped_unit", lambda: None)
+    monkeypatch.setattr(statics, "about_the_joints", lambda: {"joints": 1})
+    answers = statics.levitation_current(inputs)
+    # At 40 mm more than 5.2 A were needed.
+    needed = np.where(zs < 40, np.exp(zs / 20) / 1.15, np.nan)
+    lifts = np.array([law * np.exp(-zs / 20) * (1 + h / 100) for h in hs])
+    expected = {
+        "current": needed, "total": 6 * np.exp(0.5) / 1.15, "current_over_h": np.exp(0.5) / (1 + hs / 100),
+        "current_linear": 3 * np.exp(zs / 20) / 1.15,
+        "relative_slope": np.full(2, 100 * np.sinh(0.05)), "lift_over_weight": lifts, "lift_with_joints": 0.1 * zs,
+        "slope_with_joints": 2.5,
+    }  # fmt: skip
+    assert answers.numbers.keys() == expected.keys()
+    for name, value in expected.items():
+        np.testing.assert_allclose(answers.numbers[name], value, rtol=1e-5, err_msg=name)
+    facts = {
+        "refinement": 0.5, "least_share": lifts.min(), "largest_share": lifts.max(), "deepest_mm": 40.0, "joints": 1,
+        "spread": np.ptp(lifts[0]) / lifts[0].mean(),
+    }  # fmt: skip
+    # The same of each h, to rounding.
+    best = {"best_h_mm": answers.facts["best_h_mm"]}
+    facts |= best | {"factor": 1 / (law * np.exp(-zs / 20)).mean() / (1 + best["best_h_mm"] / 100)}
+    assert answers.facts == pytest.approx(facts)
+    lines = [("measured, (7-18)", "measured", zs, law), ("ours, saturating, h = 15 mm", "ours", zs, needed)]
+    for h in hs:
+        scale = np.exp(0.5) / (1.558 * (1 + h / 100))
+        scaled = np.where(zs < 40, np.exp(zs / 20) / (1 + h / 100) / scale, np.nan)
+        lines.append((f"ours, force scaled by {scale:.2f}, h = {h:g} mm", "ours", zs, scaled))
+    current, lift = answers.curves
+    assert_drawn(current, ("sensor depth z_s (mm)", "current in each coil (A)"), lines, rtol=1e-5)
+    shown = [(f"h = {h:g} mm", "ours", zs, row) for h, row in zip(hs, lifts, strict=True)]
+    assert_drawn(lift, ("sensor depth z_s (mm)", "lift over weight"), shown)
+
+
+def test_best_offset_is_that_of_the_least_spread(shares, monkeypatch):
+    """Lifts that change less with the depth the larger h is."""
+    monkeypatch.setattr(statics, "lift_share", lambda field, z, h, current: 0.5 + z / h**2)
+    monkeypatch.setattr(statics, "lift_law", lambda *_: SimpleNamespace(shares=0, relative_slope=0))
+    for name in ("shipped_unit", "about_the_joints"):
+        monkeypatch.setattr(statics, name, dict)
+    inputs = {
+        "depths_mm": np.array([10.0, 20.0]),
+        "offsets_mm": [10.0, 30.0, 20.0],
+        "offset_mm": 15.0,
+        "middle_mm": 10.0,
+    }
+    facts = statics.levitation_current(inputs).facts
+    lifts = 0.5 + np.array([10.0, 20.0]) / 900
+    assert (facts["best_h_mm"], facts["factor"]) == (30.0, pytest.approx(1 / lifts.mean()))
+    assert facts["spread"] == pytest.approx(np.diff(lifts)[0] / lifts.mean())
+
+
+def test_row_s11_and_its_figures(shares, monkeypatch):
+    """Inductances (c, c) of 1 + k mH beside 20 mH between coils; dBz/dz of k + x T/m per ampere of coil k; B_z of
+    0.5 + z T, and of iron that saturates 1 / current of it."""
+
+    class Unit:
+        coil_names, coils = tuple("123456"), ("coils",)
+
+        def __init__(self, name, lift=1.0):
+            self.name, self.lift = name, lift
+
+        def inductance(self):
+            return 1e-3 * (np.diag(np.arange(1.0, 7.0)) + 20 * (1 - np.eye(6)))
+
+        def unit_fields(self, points):
+            assert_line(points, 33, 16, [0.0, 0.0, -77e-3 - 10e-3 - 15e-3])
+            slopes = np.zeros((6, len(points), 3, 3))
+            slopes[..., 2, 2] = np.arange(1.0, 7.0)[:, None] + points[:, 0]
+            return None, slopes
+
+        def field(self, points, currents):
+            return (0.5 + points[:, 2:] * [1, 2, 3]) * np.mean(currents)
+
+        def gradient(self, points, currents):
+            return (points[:, 2] * currents.mean() * self.lift)[:, None, None] * np.arange(1.0, 10.0).reshape(
+                3, 3
+            )
+
+    class Rays(Unit):
+        def field(self, points, currents):
+            return 0.5 + points[:, 2:] * [4, 5, 6]
+
+    def assert_line(points, count, half, middle):
+        x = np.linspace(-half, half, count) * 1e-3
+        np.testing.assert_allclose(points, middle + np.outer(x, [1, 0, 0]), atol=1e-12)
+
+    units = {name: Unit(name, k) for k, name in enumerate(statics.VARIANTS, 1)}
+    monkeypatch.setattr(statics, "linear_unit", units.get)
+    monkeypatch.setattr(statics, "unit_states", lambda: "states")
+    monkeypatch.setattr(statics, "unit_rays", lambda: Rays("rays"))
+    monkeypatch.setattr(
+        statics, "bare_inductance", lambda coils: np.diag(np.arange(11.0, 17.0)) if coils else None
+    )
+    monkeypatch.setattr(statics, "_on_its_core", lambda: np.arange(21.0, 27.0))
+    # Of 1 A in all coils 0.8 and 0.5; of coil 5 alone 0.4 and 0.1.
+    known = {("states", 6): 0.8, ("drive_unit", 6): 0.5, ("states", 1): 0.4, ("drive_unit", 1): 0.1}
+
+    def lift_share(field, z_s, h, amperes):
+        full = np.full(6, amperes)
+        assert (z_s, h, full.max(), full[4]) == (10.0, 15.0, 1.0, 1.0)
+        return known[getattr(field, "name", field), np.count_nonzero(full)]
+
+    monkeypatch.setattr(statics, "lift_share", lift_share)
+    answers = statics.coils({})
+    expected = {
+        "on_its_core": 1e3 * np.arange(21, 27),
+        "in_the_unit": np.arange(1, 7),
+        "without_iron": 1e3 * np.arange(11, 17),
+    }
+    for name, value in expected.items():
+        np.testing.assert_allclose(answers.numbers[name], value)
+    assert answers.facts == pytest.approx({"refinement": 0.5, "share_of_all": 1.6, "share_of_one": 4.0})
+    x, z = np.linspace(-16, 16, 33), np.linspace(-0.130, -0.085, 46)
+    each, flux, lift = answers.curves
+    assert_drawn(
+        each, ("x (mm)", "dBz/dz (T/m/A)"), [(f"coil {k}", "ours", x, k + 1e-3 * x) for k in range(1, 7)]
+    )
+    lines = [("linear iron", "ours", -1e3 * z, 1e3 * (0.5 + 3 * z))]
+    lines += [
+        (f"saturating, {i} A", "ours", -1e3 * z, 1e3 * (0.5 + 6 * z) / float(i))
+        for i in ("1", "1.558", "2.2", "3.6")
+    ]
+    assert_drawn(flux, ("depth below the disk (mm)", "Bz (mT/A)"), lines)
+    words = ("as it levitated", "without centre core", "Appendix A-3: 120 mm gap, 1350 turns", "disk and six cores",
+             "disk, six cores and upper plate")  # fmt: skip
+    lines = []
+    for k, name in enumerate(words, 1):
+        # The gap of A-3 ends 2 mm above 120 mm.
+        inside = z[z > -0.118] if k == 3 else z
+        lines.append((name, "ours", -1e3 * inside, 0.5 / (0.01 * 9.80665) * 9 * k * inside))
+    assert_drawn(lift, ("depth below the disk (mm)", "lift over weight (1/A)"), lines)
+
+
+def test_each_core_is_taken_with_its_own_winding(monkeypatch):
+    """Inductance of the stand-in: 1 H for the only core and the only coil, whose number it adds."""
+
+    def solve(device, mu_r=None, refinement=1.0):
+        (core,), (coil,) = device.bodies, device.coils
+        assert (core.name, device.sections) == (f"core {coil.name}", ())
+        return SimpleNamespace(inductance=lambda: np.array([[int(coil.name) + 0.5]]))
+
+    monkeypatch.setattr(statics, "solve_linear", solve)
+    assert statics._on_its_core.__wrapped__() == pytest.approx([1.5, 2.5, 3.5, 4.5, 5.5, 6.5])
+
+
 def test_ranges_are_of_both_sides_and_end_at_the_limits(monkeypatch):
-    """A unit that moves 20 mm per unit signal along x, 30 towards negative x, 10 along y, and whose largest current is
-    1.5 A + 5 A per unit signal."""
+    """A unit that moves 20 mm per unit signal along x, 30 towards negative x, 10 along y, less by its depth and h, and
+    whose largest current is 1.5 A + 5 A per unit signal."""
+    sides = {("x", 1.0): 0.02, ("x", -1.0): 0.03, ("y", 1.0): 0.01}
+    unstable = set()
+
+    def along(axis, way, z_s, h):
+        return sides[axis, way] * (1 - 0.01 * z_s) * (1 - 0.001 * h)
 
     def followed(axis, way, z_s, h):
         signals = way * np.array([0.1, 0.2, 0.3, 0.4, 0.5])
-        per_signal = {("x", 1.0): 0.02, ("x", -1.0): 0.03, ("y", 1.0): 0.01}[axis, way]
         places = np.zeros((5, 2))
-        places[:, "xy".index(axis)] = per_signal * signals
-        return Shift(signals, places, np.zeros(2), np.full(5, 1.5), 1.5 + 5.0 * np.abs(signals), True)
+        places[:, "xy".index(axis)] = along(axis, way, z_s, h) * signals
+        stable = (axis, way, z_s, h) not in unstable
+        return Shift(signals, places, np.zeros(2), np.full(5, 1.5), 1.5 + 5.0 * np.abs(signals), stable)
 
     monkeypatch.setattr(statics, "_followed", followed)
-    monkeypatch.setattr(statics, "_deepest", lambda h, limit, scaled: 0.0)
-    monkeypatch.setattr(statics, "_checked_at_half", lambda: 0.0)
-    # As far, with joints: 4 mm by ampere of the limit, less a tenth of the depth.
-    monkeypatch.setattr(statics, "joint_range", lambda axis, z_s, limit, largest: 4.0 * limit - 0.1 * z_s)
+    monkeypatch.setattr(statics, "_deepest", lambda h, limit, scaled: h + 100 * limit + 1000 * scaled)
+    monkeypatch.setattr(statics, "_checked_at_half", lambda: 0.25)
+    monkeypatch.setattr(statics, "about_the_joints", lambda: {"joints": 1})
+    ends = {"x": 0.45, "y": 0.3}
+
+    def joint_range(axis, z_s, limit, largest):
+        """As far, with joints: 4 mm by ampere of the limit, less a tenth of the depth."""
+        assert largest == ends[axis]
+        return 4.0 * limit - 0.1 * z_s
+
+    monkeypatch.setattr(statics, "joint_range", joint_range)
     inputs = {
         "current_limit_A": 3.25,  # a signal of 0.35
-        "offsets_mm": [15.0],
+        "offsets_mm": [15.0, 20.0],
         "depths_mm": [11.5, 18.0],
         "largest_y_signal": 0.3,
     }
-    numbers = statics.ranges(inputs).numbers
-    assert numbers["x_range_upper"] == pytest.approx([0.35 * (20.0 + 30.0)])
-    assert numbers["y_range_lower"] == pytest.approx([2 * 0.3 * 10.0])
-    assert numbers["x_range_upper_joints"] == pytest.approx(13.0 - 1.15)
-    assert numbers["y_range_lower_joints"] == pytest.approx(13.0 - 1.8)
+
+    def size(z_s, *hs):
+        return np.array([(1 - 0.01 * z_s) * (1 - 0.001 * h) for h in hs])
+
+    answers = statics.ranges(inputs)
+    numbers = answers.numbers
+    for name, z_s in (("upper", 11.5), ("lower", 18.0)):
+        assert numbers[f"x_range_{name}"] == pytest.approx(0.35 * (20.0 + 30.0) * size(z_s, 15.0, 20.0))
+        assert numbers[f"y_range_{name}"] == pytest.approx(2 * 0.3 * 10.0 * size(z_s, 15.0, 20.0))
+        assert (
+            numbers[f"x_range_{name}_joints"]
+            == numbers[f"y_range_{name}_joints"]
+            == pytest.approx(13.0 - 0.1 * z_s)
+        )
+    assert numbers["vertical_range"] == [1340.0, 1345.0]
+    assert numbers["vertical_range_unscaled"] == [340.0, 345.0]
+    facts = {"stability": "stable sideways", "off_mm": 0.25, "joints": 1}
+    assert answers.facts == facts
+    largest = 1.5 + 5.0 * np.array([0.1, 0.2, 0.3, 0.4, 0.5])
+    for figure, z_s in zip(answers.curves, (11.5, 18.0), strict=True):
+        assert figure.title == f"Reach against the largest coil current, z_s = {z_s:g} mm, h = 15 mm"
+        lines = [
+            (name, "ours", largest, per * (largest - 1.5) / 5.0 * size(z_s, 15.0)[0])
+            for name, per in (("x", 20.0), ("-x", 30.0), ("y", 10.0))
+        ]
+        assert_drawn(figure, ("largest coil current (A)", "distance from the origin (mm)"), lines)
     numbers = statics.ranges(inputs | {"current_limit_A": 2.5}).numbers
-    assert numbers["y_range_upper"] == pytest.approx([2 * 0.2 * 10.0])
+    assert numbers["y_range_upper"] == pytest.approx(2 * 0.2 * 10.0 * size(11.5, 15.0, 20.0))
+    unstable.add(("y", 1.0, 18.0, 15.0))
+    assert statics.ranges(inputs).facts["stability"] == "not stable sideways"
 
 
-def test_the_step_of_the_identified_plant():
-    """Peak, overshoot and arrival of the loop of (5-11), (5-17), from its transfer function by scipy."""
-    inputs = read_part("S16_closed_loop").inputs
-    kc, ti, td, ts = (inputs[name] for name in ("Kc", "Ti_s", "Td_s", "Ts_s"))
-    # (5-10) with the trapezoidal integral: kc (1 + ts/(2 ti) (1 + q)/(1 - q) + td/ts (1 - q)), over (1 - q).
-    half = ts / (2.0 * ti)
-    pid = kc * np.array([1.0 + half + td / ts, half - 1.0 - 2.0 * td / ts, td / ts])
-    num = inputs["plant_gain"] * np.poly(np.atleast_1d(inputs["plant_zeros"]))
-    den = np.poly(np.atleast_1d(inputs["plant_poles"]))
-    num = np.concatenate([np.zeros(len(den) - len(num)), num])
-    # The plant's gain is negative and the controller acts on minus the error.
-    top = np.convolve(num, -pid)
-    bottom = np.convolve(den, [1.0, -1.0, 0.0]) + top
-    y = inputs["step_mm"] * scipy.signal.lfilter(top, bottom, np.ones(2000))
-    numbers = vertical.step_response(inputs).numbers
-    assert numbers["overshoot"] == pytest.approx(100.0 * (y.max() / inputs["step_mm"] - 1.0), abs=1e-6)
-    assert numbers["peak_time"] == pytest.approx(ts * y.argmax(), abs=1e-9)
-    assert numbers["time_to_reference"] == pytest.approx(ts * np.argmax(y >= inputs["step_mm"]), abs=1e-9)
+def test_a_side_is_followed_as_far_as_the_box_goes(shares, monkeypatch):
+    """Signals from 0.05 to 0.55, the last ones left out one by one; all on the map."""
+    tried = []
+
+    def shift(fields, signals, axis, z_s, h, far):
+        tried.append(len(signals))
+        assert (fields, axis, z_s, h, far) == ((shares,), "y", 18.0, 20.0, np.inf)
+        if np.abs(signals).max() > 0.47:
+            raise OutsideMapError(Problem("current", "must be less", "more", "less"))
+        return signals
+
+    monkeypatch.setattr(statics, "shift", shift)
+    found = statics._followed.__wrapped__("y", -1.0, 18.0, 20.0)
+    np.testing.assert_allclose(found, -np.array([0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.35, 0.4, 0.45]))
+    assert tried == [11, 10, 9]
 
 
-def test_what_is_said_of_the_regulator_is_what_its_curves_show():
-    answers = vertical.regulator_loop(read_part("S20_closed_loop").inputs)
-    curves = {series.name: series for series in answers.curves[0].series}
-    for number, name in (
-        ("overshoot", "with (7-21), as on the rig"),
-        ("design_overshoot", "design"),
-        ("overshoot_of_7_20", "with (7-20)"),
-    ):
-        assert answers.numbers[number] == pytest.approx(100.0 * (curves[name].y.max() - 1.0), abs=1e-9)
-    assert answers.numbers["overshoot"] > 10.0
-    rig = curves["with (7-21), as on the rig"]
-    assert answers.numbers["peak_time"] == pytest.approx(rig.x[rig.y.argmax()], abs=1e-9)
+def test_how_far_the_map_is_off_at_half_the_signal(shares, monkeypatch):
+    """u = 2.2 A, y = 0.5, n = 1.25, z_s = 11.5 mm, h = 15 mm: between 5 mm to either side and the map's end along y."""
+    places = {True: np.array([1e-3, 9e-3]), False: np.array([4e-3, 5e-3])}
+
+    def stationary_points(field, currents, payload, height, window, samples):
+        np.testing.assert_allclose(currents, divide_currents(2.2, 0.0, 0.5, 1.25))
+        assert (height, samples) == (pytest.approx(-0.1035), 8)
+        np.testing.assert_allclose(window, [[-5e-3, 0.0], [5e-3, 15.9e-3]])
+        return SimpleNamespace(points=[SimpleNamespace(position=places[field == "states"])])
+
+    monkeypatch.setattr(statics, "stationary_points", stationary_points)
+    monkeypatch.setattr(statics, "unit_states", lambda: "states")
+    assert statics._checked_at_half() == pytest.approx(5.0)
 
 
 def test_time_to_reference_of_a_ramp():

@@ -8,8 +8,16 @@ import pytest
 from fieldmap.device import read_device
 from fieldmap.kernels.coils.loop import loop_flux_density_and_gradient
 from fieldmap.sources import unit_flux_densities
-from fieldmap.thesis.single_electromagnet import CURRENTS, EXACT, SIMPLIFIED, axis_curves, levitation_depth
-from tests.computed_parts import computed, numbers
+from fieldmap.thesis.printed import read_part
+from fieldmap.thesis.single_electromagnet import (
+    CURRENTS,
+    EXACT,
+    SIMPLIFIED,
+    axis_curves,
+    levitation_depth,
+    solved,
+)
+from tests.computed_parts import assert_drawn, computed, numbers
 
 
 @cache
@@ -67,3 +75,43 @@ def test_square_wires_stand_for_round_ones():
     error = np.linalg.norm(squares - rounds, axis=1) / scale
     assert error[:2].max() < 2e-4
     assert error.max() < 0.1
+
+
+def test_figures_2_4_to_2_6():
+    """B_z and dB_z/dz below the core, 1 A in 500 turns and 100 A in 5; the force on a sphere of 1 mm, Table 2-2, beside
+    its weight: remanence 1.3 T, 7400 kg/m^3."""
+    part = computed("S4_levitation")
+    given = read_part("S4_levitation").inputs
+    far, near = 1e-3 * np.linspace(given["near_mm"], given["far_mm"], 200), 1e-3 * np.linspace(30, 60, 120)
+
+    def at(name, depth, what):
+        points = np.column_stack([np.zeros((len(depth), 2)), -depth])
+        return getattr(solved(name, 1.5), what)(points, {EXACT: [1.0], SIMPLIFIED: [100.0] * 5}[name])
+
+    exact, other = (at(name, far, "field")[:, 2] for name in (EXACT, SIMPLIFIED))
+    slope = at(EXACT, far, "gradient")[:, 2, 2]
+    sphere, device = np.pi / 6 * 1e-9, read_device(EXACT).payload
+    moment = device.moment
+    force, weight = 1e3 * moment * at(EXACT, near, "gradient")[:, 2, 2], 1e3 * device.mass * 9.80665
+    assert weight == pytest.approx(1e3 * 7400 * sphere * 9.80665, rel=2e-3)
+    labels = "depth below the core (mm)"
+    flux, rise, lift = part.curves
+    names = ("500 turns, 1 A", "5 turns, 100 A")
+    lines = [(name, "ours", 1e3 * far, 1e3 * one) for name, one in zip(names, (exact, other), strict=True)]
+    assert_drawn(flux, (labels, "$B_z$ (mT)"), lines)
+    assert_drawn(rise, (labels, r"$\partial B_z/\partial z$ (T/m)"), [(names[0], "ours", 1e3 * far, slope)])
+    assert (flux.log_y, rise.log_y, lift.log_y) == (False, True, False)
+    place = {n.name: n.ours for n in part.comparisons}
+    marks = ((f"balance at {place['depth_exact']:.1f} mm", "ours", [place["depth_exact"]], [weight]),
+             ("the thesis's 44 mm", "published", [44.0], [weight]))  # fmt: skip
+    lines = [
+        ("magnetic force", "ours", 1e3 * near, force),
+        ("weight", "ours", [30.0, 60.0], [weight] * 2),
+        *marks,
+    ]
+    assert_drawn(lift, (labels, "force (mN)"), lines)
+    # Largest over 80 places.
+    few = 1e-3 * np.linspace(given["near_mm"], given["far_mm"], 80)
+    ratio = at(SIMPLIFIED, few, "field")[:, 2] / at(EXACT, few, "field")[:, 2]
+    assert place["difference_of_the_windings"] == pytest.approx(100 * np.abs(ratio - 1).max())
+    assert part.comparisons[0].assumptions[0] in solved(EXACT, 1.5).report.assumptions

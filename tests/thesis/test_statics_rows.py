@@ -4,6 +4,8 @@ Mesh sizes over 0.5 move equilibria by up to 8 % (the shipped mesh: 0.03 mm, `fi
 shipped mesh are in `make validate`.
 """
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -160,3 +162,75 @@ def test_the_printed_polynomials_are_fits_of_the_printed_tables(on_rough_mesh):
 def test_signal_at_a_current_limit(limit, signal):
     signals = np.array([0.1, 0.2, 0.25])
     assert equilibrium_shift._crossing(signals, 1.0 + 10.0 * (signals - 0.05), limit) == pytest.approx(signal)
+
+
+class Quadratic:
+    """States whose "map" at currents (6,) is the matrix of a parabola over their mean, in a proportion of its own."""
+
+    coil_names = tuple("123456")
+
+    def shares(self, currents):
+        mean = currents.mean()
+        value = (1 + 2 * mean + 3 * mean**2) * currents[0] / mean
+        state = SimpleNamespace(gradient=lambda points, at: np.full((len(points), 3, 3), value) * at[0])
+        return [(1.0, state)]
+
+
+@pytest.mark.parametrize(
+    "mean", [1.0 - 1e-10, 1.0, 1.2, 1.558, 2.6, 3.0, 3.2, 4.0, 4.3, 4.4, 5.2, 5.2 + 1e-10]
+)
+def test_a_parabola_goes_through_the_levels(mean):
+    """And takes a proportion of the currents with it."""
+    proportion = np.array([1.5, 0.5, 1.0, 1.0, 1.0, 1.0])
+    found = UnitRays(Quadratic()).gradient(np.zeros((2, 3)), mean * proportion)
+    np.testing.assert_allclose(found, np.full((2, 3, 3), 1.5 * (1 + 2 * mean + 3 * mean**2)), rtol=1e-9)
+
+
+@pytest.mark.parametrize("mean", [1.0 - 1e-6, 5.2 + 1e-6])
+def test_levels_end_at_1_and_5_2_amperes(mean):
+    with pytest.raises(OutsideMapError) as error:
+        UnitRays(Quadratic()).shares(np.full(6, mean))
+    assert error.value.problems[0].must_hold == "must lie within 1 to 5.2 A"
+    assert len(UnitRays(Quadratic()).shares(np.full(6, 2.2))) == 1
+
+
+FLUX, SLOPE = np.array([0.1, 0.2, 0.3]), np.array([[1.0, 2.0, 3.0], [2.0, -5.0, 4.0], [3.0, 4.0, 4.0]])
+
+
+class Even:
+    """A solver for fields of an even gradient (trace-free, symmetric) per ampere of coil 1."""
+
+    def __init__(self):
+        self.begun = []
+
+    def solve(self, currents, tolerance, start):
+        self.begun.append((tolerance, start))
+        return SimpleNamespace(
+            field=lambda p: currents[0] * (FLUX + p @ SLOPE),
+            gradient=lambda p: currents[0] * np.broadcast_to(SLOPE, (len(p), 3, 3)),
+        )
+
+
+def test_states_are_kept_by_their_currents_and_begin_at_the_last(tmp_path):
+    states, solver = UnitStates(refinement=0.4, folder=tmp_path), Even()
+    vars(states)["_solver"] = solver
+    np.testing.assert_allclose(states.bounds, [[-16e-3, -16e-3, -132e-3], [16e-3, 16e-3, -84e-3]])
+    points = np.array([[1e-3, 2e-3, -0.1], [-15e-3, 16e-3, -0.131], [5e-3, -16e-3, -0.0841]])
+    currents = np.array([2.0, 1.0, 0.0, 1.0, 1.0, 1.0])
+    np.testing.assert_allclose(states.field(points, currents), 2.0 * (FLUX + points @ SLOPE), rtol=1e-9)
+    np.testing.assert_allclose(states.gradient(points, currents), 2.0 * np.tile(SLOPE, (3, 1, 1)), rtol=1e-9)
+    np.testing.assert_allclose(states.second_gradient(points, currents), 0.0, atol=1e-6)
+    # The same currents to a rounding, and without a sign of nothing.
+    assert states.gradient(points, currents + 1e-11 * np.array([1, 1, -1, 1, 1, 1])).max() == pytest.approx(
+        8.0
+    )
+    assert (states.solved, solver.begun) == (1, [(1e-3, None)])
+    states.field(points, 2 * currents)
+    assert states.solved == 2
+    assert solver.begun[1][1] is not None
+    assert (tmp_path / "thesis_states_0.4.cache").is_file()
+    again = UnitStates(refinement=0.4, folder=tmp_path)
+    np.testing.assert_allclose(
+        again.gradient(points, 2 * currents), 4.0 * np.tile(SLOPE, (3, 1, 1)), rtol=1e-9
+    )
+    assert again.solved == 0
