@@ -1,4 +1,4 @@
-"""The map that remembers, against the full solver with hysteresis along ways and in small loops that no training saw."""
+"""The map that remembers, against the full solver with hysteresis on ways and small loops that no training saw."""
 
 import time
 from collections.abc import Iterator
