@@ -100,8 +100,7 @@ def _panel(axes: Axes, data: Any, quantity: Quantity, abscissa: str) -> None:
     x = along if numbers else np.arange(len(along))
     for line, colour, style, marker, label in _lines(data, quantity.name, abscissa):
         axes.plot(x, factor * line, style, marker=marker, markersize=4, color=colour, label=label)
-    unit = unit_in_words(quantity.printed_unit)
-    axes.set_ylabel(with_unit(_LABELS[quantity.name], unit), fontsize=8)
+    axes.set_ylabel(with_unit(_LABELS[quantity.name], quantity.printed_unit), fontsize=8)
     axes.set_xlabel(with_unit(abscissa, data[abscissa].attrs.get("units", "")), fontsize=8)
     if not numbers:
         axes.set_xticks(x, [str(text) for text in along], rotation=30, ha="right")

@@ -193,11 +193,27 @@ def test_field_lines_follow_the_field(simple):
 
 
 def test_colour_bars_have_round_limits():
-    bar = colour_bar("B, mT", [3.1, 11.7])
-    assert bar["clim"] == pytest.approx((2.0, 12.0))
-    assert bar["scalar_bar_args"]["n_labels"] == 6
-    assert colour_bar("B, mT", [2.0, 2.0])["clim"][0] < colour_bar("B, mT", [2.0, 2.0])["clim"][1]
-    assert colour_bar_by_decades("B, mT", [0.3, 800.0])["clim"] == pytest.approx((0.1, 1000.0))
+    """About the smallest and the largest, whatever is not known; a label at each step between them, with the decimals
+    that it needs."""
+    for bar, values, limits, labels, form in [
+        (colour_bar, [3.1, np.nan, 11.7], (2.0, 12.0), 6, "%.0f"),
+        (colour_bar, [-0.31, 0.29], (-0.4, 0.3), 8, "%.1f"),
+        (colour_bar, [20.0, 26.0], (20.0, 26.0), 7, "%.0f"),
+        # Of one value: a thousandth of it, or of the unit, above it.
+        (colour_bar, [500.0, 500.0], (500.0, 500.5), 6, "%.1f"),
+        (colour_bar, [-500.0, -500.0 + 1e-11], (-500.0, -499.5), 6, "%.1f"),
+        (colour_bar, [0.0, 0.0], (0.0, 1e-3), 6, "%.4f"),
+        # Numbers of their own, however small.
+        (colour_bar, [0.0, 5.9e-9], (0.0, 6e-9), 7, "%.9f"),
+        (colour_bar_by_decades, [0.3, 800.0], (0.1, 1000.0), 5, "%g"),
+        (colour_bar_by_decades, [0.02, 0.03], (0.01, 0.1), 2, "%g"),
+        (colour_bar_by_decades, [10.0, 10.0], (10.0, 100.0), 2, "%g"),
+    ]:
+        made = bar("B, mT", values)
+        told = made["scalar_bar_args"]
+        assert made["clim"] == pytest.approx(limits, abs=1e-12)
+        assert (told["n_labels"], told["fmt"], told["title"].strip()) == (labels, form, "B, mT")
+        assert made.get("log_scale", False) is (bar is colour_bar_by_decades)
 
 
 def test_the_surface_of_rest_holds_signals_places_and_currents():
