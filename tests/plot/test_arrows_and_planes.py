@@ -137,7 +137,11 @@ def test_points_of_a_plane_are_middles_of_its_cells(normal, axes, middle):
 
 def test_a_grid_fills_its_box_and_its_points_lie_a_hair_inside():
     """One point along an axis lies at the lower end; a map refuses what rounding puts outside."""
-    assert [plane.dimensions for plane in plane_grids((LOWER, UPPER))] == [(1, 61, 61), (61, 1, 61), (61, 61, 1)]
+    assert [plane.dimensions for plane in plane_grids((LOWER, UPPER))] == [
+        (1, 61, 61),
+        (61, 1, 61),
+        (61, 61, 1),
+    ]
     for counts in ((2, 3, 4), (4, 1, 2)):
         grid = box_grid((LOWER, UPPER), counts)
         points, asked = np.asarray(grid.points, float), grid_points(grid, (LOWER, UPPER))
