@@ -343,6 +343,18 @@ def test_arrows_of_forces_stand_in_layers(drawn, what, expected):
 
 
 @needs_opengl
+@pytest.mark.parametrize("what", ["slices", "forces", "surfaces"])
+def test_without_currents_a_scene_shows_nothing_rather_than_failing(drawn, what):
+    scene = drawn(what, field=Crooked().at([0.0, 0.0]), currents=np.zeros(2))
+    for title, ends in drawn_ranges(scene).items():
+        assert ends == [0.0, 0.0], title
+    arrows = solids_of(scene, "white")
+    assert len(arrows) == (what == "slices")
+    for one in arrows:
+        assert np.ptp(np.asarray(data_of(one).points).reshape(35, -1, 3), axis=1).max() < 1e-6
+
+
+@needs_opengl
 def test_the_surface_of_rest_is_coloured_where_its_current_varies(drawn):
     varied, plane = drawn("shift", "y"), tilted_plane()
     (surface,) = [one for one in solids_of(varied) if one.mapper.array_name == LEVEL]
