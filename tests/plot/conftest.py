@@ -53,14 +53,18 @@ def pixels_of(path):
 
 @pytest.fixture(scope="session")
 def harmonic_map():
-    """harmonic_map(NAME=(a, b, c, at)): an opened map of `harmonic` fields per ampere round axes at (x, y)."""
+    """harmonic_map(NAME=(a, b, c, at)): an opened map of `harmonic` fields per ampere round axes at (x, y); with lower
+    (3,), m, of its box of 40 mm, reference (n,), A, and a constant field of the same form."""
 
-    def make(**coils):
-        grid = Grid([-0.02] * 3, [0.01] * 3, (5, 5, 5))
-        pairs = [harmonic(grid.points() - [*at, 0.0], *abc) for *abc, at in coils.values()]
+    def make(lower=(-0.02, -0.02, -0.02), reference=None, constant=None, **coils):
+        grid = Grid(list(lower), [0.01] * 3, (5, 5, 5))
+        every = [*coils.values(), *([] if constant is None else [constant])]
+        pairs = [harmonic(grid.points() - [*at, 0.0], *abc) for *abc, at in every]
         flux, slope = (np.array(part) for part in zip(*pairs, strict=True))
         arrays = {"flux_density": flux.reshape(-1, 5, 5, 5, 3), "gradient": slope.reshape(-1, 5, 5, 5, 3, 3)}
-        return interpolate(MapData(grid, tuple(coils), np.ones(len(coils)), **arrays), kind="global")
+        fixed = {} if constant is None else {"fixed_sources": ("magnet",), "constant_field": True}
+        amperes = np.ones(len(coils)) if reference is None else reference
+        return interpolate(MapData(grid, tuple(coils), amperes, **arrays, **fixed), kind="global")
 
     return make
 
