@@ -21,7 +21,7 @@ from fieldmap.studies.quantities import QUANTITIES
 from fieldmap.typing import Array, Index, PathLike
 
 _PANEL = (4.4, 3.3)
-_BLUE, _ORANGE = COLOURS[0], COLOURS[1]
+_BLUE, _ORANGE, *_ = COLOURS
 # Where the largest of the numbers of an axis is so many times the smallest, it is logarithmic.
 _WIDE = 20.0
 # Units that take a prefix, so that their numbers are short. Areas do not: their prefix would be squared.
@@ -58,7 +58,7 @@ def optimum_figure(found: Optimum) -> Figure:
     count = 2 + len(found.limits)
     columns = 2 if count == 4 else min(count, 3)
     rows = -(-count // columns)
-    with new_figure(_PANEL[0] * columns, _PANEL[1] * rows + 0.6) as figure:
+    with new_figure((_PANEL[0] * columns, _PANEL[1] * rows + 0.6)) as figure:
         panels = [figure.add_subplot(rows, columns, k + 1) for k in range(count)]
         designs = _Designs(found)
         _objective(panels[0], designs)

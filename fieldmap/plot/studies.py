@@ -69,7 +69,7 @@ def study_figure(data: Any, shown: list[Quantity]) -> Figure:
     columns = min(_COLUMNS, len(shown))
     rows = -(-len(shown) // columns)
     first = "common_current" if "common_current" in data else shown[0].name
-    with new_figure(_PANEL[0] * columns + 0.4, _PANEL[1] * rows + 0.9) as figure:
+    with new_figure((_PANEL[0] * columns + 0.4, _PANEL[1] * rows + 0.9)) as figure:
         for k, quantity in enumerate(shown):
             axes = figure.add_subplot(rows, columns, k + 1)
             _panel(axes, data, quantity, data[first].dims[0])

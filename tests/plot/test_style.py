@@ -83,13 +83,13 @@ def test_colours_are_seen_on_their_paper():
 
 
 def test_the_style_is_that_of_the_constants():
-    with style.new_figure(1.0, 1.0):
+    with style.new_figure((1.0, 1.0)):
         assert tuple(f"#{entry['color'].lstrip('#')}" for entry in rcParams["axes.prop_cycle"]) == COLOURS
         assert to_hex(rcParams["text.color"]) == INK
 
 
 def drawn():
-    with style.new_figure(3.0, 2.4) as figure:
+    with style.new_figure((3.0, 2.4)) as figure:
         axes = figure.add_subplot(title="title", xlabel="x", ylabel="y")
         axes.plot([0, 1], [0, 1], "o-", label="line")
         axes.contourf([0, 1], [0, 1], [[0, 1], [1, 2]], alpha=0.5)
