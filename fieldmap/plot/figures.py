@@ -210,14 +210,14 @@ def _add_legend(axes: Axes, entries: dict[str, Any], least: int = 2) -> None:
     if len(entries) < least:
         return
     if len(entries) <= _MANY:
-        legend = axes.legend(entries.values(), entries.keys(), fontsize=8)
+        legend = axes.legend(entries.values(), entries.keys())
         if not _hides_a_line(axes, legend):
             return
     beside: dict[str, Any] = {"loc": "upper left", "bbox_to_anchor": (1.0, 1.0)}
     if any(text.get_text() and text.get_position()[0] == 4.0 for text in axes.texts):
         # The names of lines stand there.
         beside = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.14), "ncols": 3}
-    axes.legend(entries.values(), entries.keys(), fontsize=8, frameon=False, **beside)
+    axes.legend(entries.values(), entries.keys(), **beside)
 
 
 def _hides_a_line(axes: Axes, legend: Legend) -> bool:

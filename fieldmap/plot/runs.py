@@ -28,9 +28,7 @@ _SAME = 1e-3
 _ABOVE: dict[str, Any] = {
     "loc": "lower right",
     "bbox_to_anchor": (1.0, 1.0),
-    "fontsize": 8,
     "ncols": 6,
-    "frameon": False,
     "borderaxespad": 0.1,
 }
 
@@ -126,10 +124,8 @@ def _add_values(figure: Figure, runs: Sequence[DrawnRun]) -> None:
             [", ".join(values) for values in varied],
             title=", ".join(runs[0].get("varied", {})),
             loc="outside lower center",
-            fontsize=8,
             title_fontsize=8,
             ncols=6,
-            frameon=False,
         )
 
 

@@ -75,8 +75,7 @@ def study_figure(data: Any, shown: list[Quantity]) -> Figure:
             _panel(axes, data, quantity, data[first].dims[0])
         handles, labels = axes.get_legend_handles_labels()
         if len(labels) > 1:
-            about: dict[str, Any] = {"ncols": min(3, len(labels)), "fontsize": 8, "frameon": False}
-            figure.legend(handles, labels, loc="outside lower center", **about)
+            figure.legend(handles, labels, loc="outside lower center", ncols=min(3, len(labels)))
         words = [study_message(data, shown[0]), data.attrs.get("title", "")]
         figure.suptitle("\n".join(text for text in words if text))
     return figure

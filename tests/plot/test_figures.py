@@ -236,7 +236,7 @@ def test_a_legend_stands_where_there_is_room():
     full = [
         Series(f"noise {k}", np.linspace(0.0, 1.0, 999), np.sin(1e3 * np.arange(999) + k)) for k in range(2)
     ]
-    full.append(Series("dots", x, x - 0.5, "measured", points=True))
+    full += [Series(f"dots {k}", x, x - 0.1 * k, "measured", points=True) for k in range(4)]
     axes = curves_figure(Curves("t", "x (mm)", "B (mT)", tuple(full))).axes[0]
     axes.figure.draw_without_rendering()
     box = axes.get_legend().get_window_extent()
