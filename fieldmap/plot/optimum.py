@@ -127,8 +127,10 @@ def _objective(axes: Axes, designs: _Designs) -> None:
     axes.plot(designs.number, best, ":", color=_BLUE, drawstyle="steps-post", label="best so far")
     if designs.failed.any():
         at = designs.number[designs.failed]
-        low = np.full(len(at), axes.get_ylim()[0])
-        axes.plot(at, low, "x", color=QUIET, clip_on=False, label="could not be solved")
+        low = axes.get_ylim()[0]
+        axes.plot(at, np.full(len(at), low), "x", color=QUIET, clip_on=False, label="could not be solved")
+        # Crosses would move the edge that they stand on.
+        axes.set_ylim(bottom=low)
     axes.set_xlabel("design")
 
 
