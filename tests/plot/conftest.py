@@ -89,7 +89,7 @@ class Crooked(Field):
     Nothing is symmetric: no two components, sides or middles are the same.
     """
 
-    coil_names = ("ring", "frame")
+    coil_names, proportional = ("ring", "frame"), True
     SLOPES = np.array(
         [
             [[1.0, 0.5, 0.4], [0.5, -3.0, -0.2], [0.4, -0.2, 2.0]],

@@ -390,7 +390,7 @@ def test_what_coils_reach_is_a_solid_with_arrows_of_each(drawn, crooked):
     weight = np.array([0.0, 0.0, 98.0665])
     np.testing.assert_allclose(bounds_of(ball), weight[:, None] + 0.014 * size * np.array([-1, 1]), atol=2e-3)
     np.testing.assert_allclose(labels["carries it"].place, weight + [0, 0, 0.05 * size], atol=1e-3)
-    for other in ({"payload": None}, {"reachable": replace(made, quantity="B")}):
+    for other in ({"payload": None}, {"reachable": replace(made, quantity="field")}):
         bare = drawn("reachable", **other)
         assert (solids_of(bare, MAGNET), [one for one in labels_of(bare) if one.words == "carries it"]) == (
             [],
@@ -429,7 +429,7 @@ def test_what_coils_reach_is_a_solid_with_arrows_of_each(drawn, crooked):
 def test_thin_sets_are_drawn_wider_by_round_numbers(share, words):
     """The extent along y is a share of that along x, 0.04 N; along z it is as long."""
     found = SimpleNamespace(
-        vertices=np.array([[0.0, 0.0, 0.0], [0.04, 0.04 * share, 0.04]]), quantity="B", unit="T"
+        vertices=np.array([[0.0, 0.0, 0.0], [0.04, 0.04 * share, 0.04]]), quantity="field", unit="T"
     )
     assert reachable_titles(found) == ("Bx, mT", f"{words}By, mT", "Bz, mT")
 
