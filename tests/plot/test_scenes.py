@@ -1,7 +1,13 @@
 """Scenes: what is drawn has the numbers of the field, and the pictures have content, colours and a colour bar."""
 
+import base64
+import html
+import io
+import json
+import re
 import shutil
 import subprocess
+import zipfile
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -642,6 +648,46 @@ def test_a_file_for_paraview(shown, tmp_path):
     surface = next(block for block in blocks if IRON_FLUX in block.array_names)
     largest = np.linalg.norm(shown.flux_density, axis=1).max()
     assert surface[IRON_FLUX].max() == pytest.approx(largest, rel=1e-6)
+
+
+def points_of(described):
+    """Hashes of the arrays of points in a description of a scene."""
+    found = []
+    for key, value in described.items() if isinstance(described, dict) else enumerate(described):
+        if key == "points" and isinstance(value, dict):
+            found.append(value["hash"])
+        elif isinstance(value, dict | list):
+            found += points_of(value)
+    return found
+
+
+@needs_opengl
+def test_a_page_holds_the_scene_its_words_and_the_titles_of_its_axes(drawn, tmp_path, monkeypatch):
+    """With the numbers that the scene shows, seen in perspective, turned about its middle."""
+    pytest.importorskip("trame_vtk")
+    from trame_vtk.tools import vtksz2html
+
+    packed, write = [], vtksz2html.write_html
+    monkeypatch.setattr(vtksz2html, "write_html", lambda data, page: packed.append(data) or write(data, page))
+    scene = drawn("shift")
+    title, titles = 'where "it" <rests>\\', ("one, %", "two, %", "three, mm")
+    text = save_scene(scene, tmp_path / "new" / "shift.html", title, titles).read_text()
+    words = "where 'it'  rests>\\A drag: turn; wheel: zoom; shift and drag: move"
+    assert f'content: "{words}"' in text
+    assert re.findall("<title>(.*?)</title>", text) == [html.escape(title)]
+    assert scene.camera.parallel_projection is False
+    with zipfile.ZipFile(io.BytesIO(packed[0])) as archive:
+        told = json.loads(archive.read("index.json"))
+    camera = next(iter(told["scene"]["extra"]["centerOfRotation"])), scene.camera.focal_point[0]
+    assert camera[0] == pytest.approx(camera[1])
+    assert all(title in json.dumps(told["scene"]) for title in titles)
+    surface = next(one.mapper.dataset for one in solids_of(scene) if one.mapper.array_name == LEVEL)
+    held = [
+        base64.b64decode(told["hashes"][name]["content"])
+        for name in points_of(told["scene"])
+        if name in told["hashes"]
+    ]
+    assert np.asarray(surface.points, np.float32).tobytes() in held
 
 
 @needs_opengl
