@@ -125,7 +125,7 @@ def device_scene(
         add_planes(scene, planes, FLUX)
         if directions:
             add_directions(scene, source.at(flowing), box)
-    if names and device.coils:
+    if names:
         _add_names(scene, device)
     if magnet_at is not None and device.payload is not None:
         add_payload(scene, device.payload, MM * np.asarray(magnet_at, dtype=float))

@@ -101,6 +101,7 @@ def falling(count, end=1.0, names="line {}"):
         (falling(2, end=1.1 * 0.875 - 0.05), False),
         (replace(falling(2), equal=True), False),
         (replace(falling(2), series=(*falling(2).series, Series("nothing", X, X * np.nan))), False),
+        (Curves("t", "x (mm)", "B (mT)", tuple(Series(name, X, X, points=True) for name in "ab")), False),
     ],
 )
 def test_where_lines_are_named(curves, named):

@@ -1,5 +1,6 @@
 """Recorded runs as pictures: the body stands where it was, the stamp and the colours say when and with what current."""
 
+import sys
 from contextlib import nullcontext
 from dataclasses import replace
 from types import SimpleNamespace
@@ -85,6 +86,8 @@ def test_a_gif_moves_and_changes_colour(run, tmp_path):
         assert picture.size == WINDOW
         # Ten seconds for thirty.
         assert picture.info["duration"] == pytest.approx(1e4 / 3, rel=0.02)
+        # Again and again.
+        assert picture.info["loop"] == 0
         frames = []
         for k in range(3):
             picture.seek(k)
@@ -269,6 +272,31 @@ def test_a_path_is_drawn_with_two_thousand_points_at_most(count, drawn):
     samples = path_samples(SimpleNamespace(time=np.arange(count)))
     assert (len(samples), samples[0], samples[-1]) == (drawn, 0, count - 1)
     assert set(np.diff(samples)) <= {count // drawn, -(-count // drawn)}
+
+
+@needs_opengl
+def test_an_mp4_is_given_whole_frames_of_its_size_at_its_speed(run, tmp_path, monkeypatch):
+    """To a stand-in for the library, which begins when it is sent nothing."""
+    told, frames = {}, []
+
+    def write_frames(path, size, **options):
+        told.update(options, path=path, size=size)
+        return SimpleNamespace(send=frames.append, close=lambda: told.update(closed=len(frames)))
+
+    monkeypatch.setitem(sys.modules, "imageio_ffmpeg", SimpleNamespace(write_frames=write_frames))
+    monkeypatch.setattr(animation, "whole_file", lambda path, kind: nullcontext(path))
+    save_animation(run, tmp_path / "run.mp4", frames=3, window=(160, 96))
+    nothing, *pictures = frames
+    assert nothing is None
+    assert [(one.shape, one.flags["C_CONTIGUOUS"]) for one in pictures] == [((96, 160, 3), True)] * 3
+    assert (told["path"], told["size"], told["fps"]) == (
+        str(tmp_path / "run.mp4"),
+        (160, 96),
+        pytest.approx(0.3),
+    )
+    assert (told["codec"], told["pix_fmt_out"], told["closed"]) == ("libx264", "yuv420p", 4)
+    # From 0 to 10, of which 5 is usual.
+    assert 5 <= told["quality"] <= 9
 
 
 @needs_opengl

@@ -251,10 +251,29 @@ def test_surfaces_lie_at_round_values(drawn):
     assert 0.3 < surface.prop.opacity < 0.8
 
 
+def probed(shown, lower, upper):
+    """x, y and z of the places at which lines ask for the field."""
+    places = []
+
+    class Probe(Crooked):
+        def field(self, points, currents):
+            places.append(np.round(points, 9))
+            return super().field(points, currents)
+
+    field_lines(replace(shown, field=Probe(), lower=lower, upper=upper))
+    return places[0].T
+
+
 @needs_opengl
 def test_lines_begin_in_the_middle_of_the_box_and_stay_in_it(drawn, crooked):
     scene = drawn("lines")
+    assert solids_of(scene, IRON) == []
     lines = field_lines(crooked)
+    # Of a grid as fine along all sides: 48 points along the longest one, and 8 at least.
+    asked = [len(np.unique(one)) for one in probed(crooked, Crooked.lower, Crooked.upper)]
+    assert asked == [22, 20, 48]
+    thin = np.array([0.005, -0.0055, -0.01])
+    assert [len(np.unique(one)) for one in probed(crooked, Crooked.lower, thin)] == [22, 8, 48]
     np.testing.assert_allclose(
         np.reshape(lines.bounds, (3, 2)), 1e3 * np.column_stack((Crooked.lower, Crooked.upper)), atol=0.3
     )
