@@ -477,12 +477,12 @@ def test_the_path_of_a_run_and_its_end(drawn):
 
 
 @needs_opengl
-def test_a_thin_set_is_drawn_wider_and_says_so(shown):
-    scene = make_scene(shown, "reachable", window=(300, 240))
+def test_a_thin_set_is_drawn_wider_and_says_so(crooked):
+    scene = make_scene(crooked, "reachable", window=(300, 240))
     solid = scene.actors[next(iter(scene.actors))].mapper.dataset
     scene.close()
-    found = shown.reachable
-    assert axes_of("reachable", "force", shown) == ("20 Fx, mN", "20 Fy, mN", "Fz, mN")
+    found = crooked.reachable
+    assert axes_of("reachable", "force", crooked) == ("20 Fx, mN", "20 Fy, mN", "Fz, mN")
     drawn = np.array(solid.bounds).reshape(3, 2)
     corners = 1e3 * np.array([20.0, 20.0, 1.0]) * found.vertices
     np.testing.assert_allclose(drawn.T, [corners.min(axis=0), corners.max(axis=0)], rtol=1e-5)
@@ -491,10 +491,10 @@ def test_a_thin_set_is_drawn_wider_and_says_so(shown):
     assert np.ptp(drawn, axis=1).max() == np.ptp(drawn[2])
 
 
-def test_a_flat_set_is_refused(shown):
-    flat = replace(shown.reachable, triangles=np.empty((0, 3), dtype=np.int64))
+def test_a_flat_set_is_refused(crooked):
+    flat = replace(crooked.reachable, triangles=np.empty((0, 3), dtype=np.int64))
     with pytest.raises(InputError):
-        make_scene(replace(shown, reachable=flat), "reachable", window=(300, 240))
+        make_scene(replace(crooked, reachable=flat), "reachable", window=(300, 240))
 
 
 def tilted_plane():
@@ -660,12 +660,12 @@ def test_what_is_not_there_is_named(simple):
 
 
 @needs_opengl
-def test_a_file_for_paraview(shown, tmp_path):
-    scene = make_scene(shown, "iron")
+def test_a_file_for_paraview(crooked, tmp_path):
+    scene = make_scene(crooked, "iron")
     blocks = pv.read(save_scene(scene, tmp_path / "iron.vtm"))
     scene.close()
     surface = next(block for block in blocks if IRON_FLUX in block.array_names)
-    largest = np.linalg.norm(shown.flux_density, axis=1).max()
+    largest = np.linalg.norm(crooked.flux_density, axis=1).max()
     assert surface[IRON_FLUX].max() == pytest.approx(largest, rel=1e-6)
 
 
@@ -710,9 +710,9 @@ def test_a_page_holds_the_scene_its_words_and_the_titles_of_its_axes(drawn, tmp_
 
 
 @needs_opengl
-def test_a_page_for_a_browser(shown, tmp_path):
+def test_a_page_for_a_browser(crooked, tmp_path):
     pytest.importorskip("trame_vtk")
-    scene = make_scene(shown, "iron")
+    scene = make_scene(crooked, "iron")
     path = save_scene(scene, tmp_path / "iron.html", 'loop "and" <sphere>')
     scene.close()
     text = path.read_text()
