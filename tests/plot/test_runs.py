@@ -154,6 +154,7 @@ def watched(crooked, monkeypatch):
             written.update(pictures=list(pictures), per_second=per_second, window=window)
 
         monkeypatch.setattr(pv.Plotter, "screenshot", read)
+        monkeypatch.setattr(pv.Plotter, "render", lambda *_, **__: None)
         monkeypatch.setattr(animation, "_write_gif", write)
         monkeypatch.setattr(animation, "whole_file", lambda path, kind: nullcontext(path))
         save_animation(run, "run.gif", progress=lambda *words: told.append(words), **options)
