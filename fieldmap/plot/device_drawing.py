@@ -125,7 +125,7 @@ def device_scene(
         add_planes(scene, planes, FLUX)
         if directions:
             add_directions(scene, source.at(flowing), box)
-    if names and device.coils:
+    if names:
         _add_names(scene, device)
     if magnet_at is not None and device.payload is not None:
         add_payload(scene, device.payload, MM * np.asarray(magnet_at, dtype=float))
@@ -207,7 +207,8 @@ def add_directions(scene: pv.Plotter, field: FieldAtCurrents, box: Bounds) -> No
     points = np.unique(np.vstack([places for places, _ in slices]).round(12), axis=0)
     before = points + 1e-3 * _BEFORE * np.sign(VIEW) * [1.0, 1.0, 0.0]
     flux = field.field(points)
-    even = flux / np.linalg.norm(flux, axis=1, keepdims=True)
+    # Where there is no field, without currents, there is no arrow to be seen.
+    even = flux / np.maximum(np.linalg.norm(flux, axis=1, keepdims=True), np.finfo(float).tiny)
     scene.add_mesh(arrows_at(before, even, _ARROW_LENGTH * MM * step), color="white", lighting=False)
 
 
@@ -216,9 +217,8 @@ def arrows_at(places: Array, vectors: Array, longest: float) -> pv.PolyData:
     cloud = pv.PolyData(MM * places)
     cloud["direction"], cloud["size"] = vectors, np.linalg.norm(vectors, axis=1)
     slender = pv.Arrow(start=(-0.5, 0.0, 0.0), tip_length=0.4, tip_radius=0.15, shaft_radius=0.05)
-    return cloud.glyph(
-        orient="direction", scale="size", factor=longest / float(cloud["size"].max()), geom=slender
-    )
+    factor = longest / (float(cloud["size"].max()) or 1.0)
+    return cloud.glyph(orient="direction", scale="size", factor=factor, geom=slender)
 
 
 def add_payload(scene: pv.Plotter, payload: Payload, at: Array) -> None:

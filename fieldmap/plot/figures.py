@@ -15,7 +15,6 @@ from fieldmap.curves import Curves, Series, message_of
 from fieldmap.plot.style import COLOURS, QUIET, add_heading, grouped, new_figure, save_figure
 from fieldmap.typing import Array, PathLike
 
-WIDTH, HEIGHT, DOTS_PER_INCH = 6.4, 4.4, 130
 # What is not ours lies on top, and through its gaps ours is seen.
 _LINES: dict[str, dict[str, Any]] = {
     "ours": {"linestyle": "-", "linewidth": 1.6, "zorder": 2.0},
@@ -37,9 +36,9 @@ _APART, _MOSTLY = 0.01, 0.9
 """Lines that are closer than this share of the figure's height, over this share of their points, hide each other."""
 _SAME = 1e-3
 """Lines that are nowhere further apart than this share of the figure's height are said to be the same."""
-# Of direct labels: size, height over it, how far one may be moved off the end of its line (in heights), how far from
-# the right edge a line may end (share of the width), and characters that leave room for the lines.
-_LABEL_SIZE, _SPACING, _MOVED, _SHORT, _LONGEST = 8, 1.35, 2.2, 0.12, 26
+# Of direct labels: size, height over it, how far from the right edge a line may end (share of the width), and
+# characters that leave room for the lines. Of so few none is moved off the end of its line by more than two heights.
+_LABEL_SIZE, _SPACING, _SHORT, _LONGEST = 8, 1.35, 0.12, 26
 
 
 def save_curves(curves: Curves, path: PathLike) -> Path:
@@ -62,7 +61,7 @@ def save_curves(curves: Curves, path: PathLike) -> Path:
 
 def curves_figure(curves: Curves) -> Figure:
     """One figure, in the style of all."""
-    with new_figure(WIDTH, HEIGHT, DOTS_PER_INCH) as figure:
+    with new_figure() as figure:
         draw_curves(figure.add_subplot(), curves)
     return figure
 
@@ -133,11 +132,9 @@ def _name_at_ends(axes: Axes, curves: Curves) -> bool:
     _lay_out(figure)
     high = max(text.count("\n") + 1 for text in words)
     height = high * _LABEL_SIZE * _SPACING * figure.dpi / 72.0 / axes.get_window_extent().height
-    places = spread(shares[:, 1], height)
-    moved = np.abs(places - shares[:, 1]).max()
-    if (shares[:, 0] < 1.0 - _SHORT).any() or moved > _MOVED * height:
+    if (shares[:, 0] < 1.0 - _SHORT).any():
         return False
-    for group, text, place in zip(groups, words, places, strict=True):
+    for group, text, place in zip(groups, words, spread(shares[:, 1], height), strict=True):
         drawn = axes.lines[curves.series.index(group[0])]
         axes.annotate(
             text,
@@ -213,14 +210,14 @@ def _add_legend(axes: Axes, entries: dict[str, Any], least: int = 2) -> None:
     if len(entries) < least:
         return
     if len(entries) <= _MANY:
-        legend = axes.legend(entries.values(), entries.keys(), fontsize=8)
+        legend = axes.legend(entries.values(), entries.keys())
         if not _hides_a_line(axes, legend):
             return
     beside: dict[str, Any] = {"loc": "upper left", "bbox_to_anchor": (1.0, 1.0)}
     if any(text.get_text() and text.get_position()[0] == 4.0 for text in axes.texts):
         # The names of lines stand there.
         beside = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.14), "ncols": 3}
-    axes.legend(entries.values(), entries.keys(), fontsize=8, frameon=False, **beside)
+    axes.legend(entries.values(), entries.keys(), **beside)
 
 
 def _hides_a_line(axes: Axes, legend: Legend) -> bool:

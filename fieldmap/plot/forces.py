@@ -104,9 +104,10 @@ def shift_surface(surface: EquilibriumSurface, quantity: str) -> pv.PolyData:
 
 
 KINDS = ("force", "B")
+_SET = "#56B4E9"
 # Arrows of coils; black would not be seen on a dark page, where the ink becomes light.
 _ARROWS = tuple(INK if colour == "#000000" else colour for colour in COLOURS)
-_STRETCHES = (1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0, 1000.0)
+_STRETCHES = (1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0)
 
 
 def reachable_titles(found: ReachableSet | SearchedSet) -> tuple[str, str, str]:
@@ -127,7 +128,7 @@ def add_reachable(scene: pv.Plotter, shown: Shown, _: str) -> None:
         raise InputError.of(shown.title, "the set must have a volume", "a flat one", remedy)
     _, factor = _unit(found)
     solid = pv.PolyData.from_regular_faces(factor * found.vertices, found.triangles)  # type: ignore[arg-type]
-    scene.add_mesh(solid, color=COLOURS[4], opacity=0.35, lighting=False)
+    scene.add_mesh(solid, color=_SET, opacity=0.35, lighting=False)
     edges = sharp_edges(solid, 0.5 if found.exact else 8.0)
     scene.add_mesh(edges, color=INK, line_width=1.5, lighting=False)
     size = float(np.ptp(solid.points, axis=0).max())

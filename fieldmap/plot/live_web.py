@@ -1,6 +1,5 @@
 """The map with sliders in a browser: trame serves a page, this machine draws the scene, no graphics card is needed."""
 
-import asyncio
 import sys
 from typing import Any
 
@@ -26,7 +25,6 @@ class LivePage:
         app = require("trame.app", "web", WHERE)
         self.window, self.title, self.model = window, title, window.live
         self.server = app.get_server(name, client_type="vue3")
-        self._view: Any = None
         self._put()
         self.server.state.update({"name": "", "chosen": None, "problem": ""})
         self.server.state.change("values")(self._moved)
@@ -76,8 +74,7 @@ class LivePage:
         self._put()
         self.server.state.problem = problem
         self.window.show_answer()
-        if self._view is not None:
-            self._view.update()
+        self._view.update()
 
     def _put(self) -> None:
         """What the page shows of the model."""
@@ -94,7 +91,7 @@ class LivePage:
                     html.Div(self.title, classes="text-subtitle-1", id="title")
                     # Only the picture has a height of its own: words take the lines that they need.
                     with html.Div(style="height: 65vh; min-height: 300px"):
-                        self._view = vtk.VtkRemoteView(
+                        self._view: Any = vtk.VtkRemoteView(
                             self.window.scene.render_window, interactive_ratio=1, style="height: 100%"
                         )
                     for name in ("force", "lift", "equilibrium", "currents"):
@@ -128,10 +125,3 @@ class LivePage:
             v3.VSelect(v_model=("chosen",), items=("saved",), label="saved states", id="states", **_SMALL)
             v3.VBtn("Restore", click=self.restore, id="restore", size="small", classes="ma-2")
         html.Div("{{ problem }}", id="problem", classes="text-error")
-
-
-def close(page: LivePage) -> None:
-    """Stop its server, if it runs, and its scene."""
-    if page.server.running:
-        asyncio.run(page.server.stop())
-    page.window.scene.close()

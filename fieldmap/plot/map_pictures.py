@@ -18,7 +18,7 @@ from fieldmap.io.map_summary import MapSummary
 from fieldmap.levitation import ShiftBesideMeasured, equilibrium_surface
 from fieldmap.lookup import FieldMap, open_map
 from fieldmap.plot.device_drawing import MAGNET
-from fieldmap.plot.figures import DOTS_PER_INCH, draw_curves
+from fieldmap.plot.figures import draw_curves
 from fieldmap.plot.picture import save_picture
 from fieldmap.plot.places import MM
 from fieldmap.plot.slices import field_slice, force_slice
@@ -112,7 +112,7 @@ def _save_figure(drawn: _Drawn, path: Path) -> Path:
     """Two panels: forces, or the field of a map without a payload, in the plane y = middle; and beside it where the
     magnet comes to rest beside what was measured, or else the field on the axis."""
     summary = drawn.summary
-    with new_figure(*_SIZE, DOTS_PER_INCH) as figure:
+    with new_figure(_SIZE) as figure:
         left, right = figure.subplots(1, 2, width_ratios=(0.62, 1.0), gridspec_kw={"wspace": 0.08})
         if summary.payload is None:
             field_slice(drawn.opened, drawn.currents, ax=left)

@@ -21,7 +21,7 @@ from fieldmap.studies.quantities import QUANTITIES
 from fieldmap.typing import Array, Index, PathLike
 
 _PANEL = (4.4, 3.3)
-_BLUE, _ORANGE = COLOURS[0], COLOURS[1]
+_BLUE, _ORANGE, *_ = COLOURS
 # Where the largest of the numbers of an axis is so many times the smallest, it is logarithmic.
 _WIDE = 20.0
 # Units that take a prefix, so that their numbers are short. Areas do not: their prefix would be squared.
@@ -58,7 +58,7 @@ def optimum_figure(found: Optimum) -> Figure:
     count = 2 + len(found.limits)
     columns = 2 if count == 4 else min(count, 3)
     rows = -(-count // columns)
-    with new_figure(_PANEL[0] * columns, _PANEL[1] * rows + 0.6) as figure:
+    with new_figure((_PANEL[0] * columns, _PANEL[1] * rows + 0.6)) as figure:
         panels = [figure.add_subplot(rows, columns, k + 1) for k in range(count)]
         designs = _Designs(found)
         _objective(panels[0], designs)
@@ -127,8 +127,10 @@ def _objective(axes: Axes, designs: _Designs) -> None:
     axes.plot(designs.number, best, ":", color=_BLUE, drawstyle="steps-post", label="best so far")
     if designs.failed.any():
         at = designs.number[designs.failed]
-        low = np.full(len(at), axes.get_ylim()[0])
-        axes.plot(at, low, "x", color=QUIET, clip_on=False, label="could not be solved")
+        low = axes.get_ylim()[0]
+        axes.plot(at, np.full(len(at), low), "x", color=QUIET, clip_on=False, label="could not be solved")
+        # Crosses would move the edge that they stand on.
+        axes.set_ylim(bottom=low)
     axes.set_xlabel("design")
 
 

@@ -21,16 +21,14 @@ _SMALL = 0.5
 """Readings below this, in mm, are drawn in micrometres."""
 _SETTLED = 0.05
 """Of a step: nearer than this share of it a reading has arrived."""
-DOTS_PER_INCH = 150
+_TRUE, _MEASURED, *_ = COLOURS
 _LINES = ("-", "--", ":", "-.")
 # Currents that differ by less than this share of the largest are one curve.
 _SAME = 1e-3
 _ABOVE: dict[str, Any] = {
     "loc": "lower right",
     "bbox_to_anchor": (1.0, 1.0),
-    "fontsize": 8,
     "ncols": 6,
-    "frameon": False,
     "borderaxespad": 0.1,
 }
 
@@ -86,7 +84,7 @@ def run_figure(title: str, runs: Sequence[DrawnRun]) -> Figure:
     Figure
         The figure.
     """
-    with new_figure(8.0, 7.6, DOTS_PER_INCH) as figure:
+    with new_figure((8.0, 7.6)) as figure:
         *places, lowest = figure.subplots(4, 1, sharex=True)
         for k, axis in enumerate(places):
             factor, unit = _scale(runs, k)
@@ -126,10 +124,8 @@ def _add_values(figure: Figure, runs: Sequence[DrawnRun]) -> None:
             [", ".join(values) for values in varied],
             title=", ".join(runs[0].get("varied", {})),
             loc="outside lower center",
-            fontsize=8,
             title_fontsize=8,
             ncols=6,
-            frameon=False,
         )
 
 
@@ -191,7 +187,7 @@ def _draw_readings(axis: Axes, runs: Sequence[DrawnRun], k: int, factor: float) 
     varied = list(dict.fromkeys(_values(run) for run in runs))
     for run in runs:
         look: dict[str, Any] = (
-            {"linewidth": 0.8, "alpha": 0.6} if many else {"linewidth": 1.2, "color": COLOURS[0]}
+            {"linewidth": 0.8, "alpha": 0.6} if many else {"linewidth": 1.2, "color": _TRUE}
         )
         if len(varied) > 1:
             look |= _look_of_values(varied.index(_values(run)))
@@ -201,7 +197,7 @@ def _draw_readings(axis: Axes, runs: Sequence[DrawnRun], k: int, factor: float) 
         log = run.get("measured")
         if log is not None and MEASURED_AXES[k] in log.signals:
             values = factor * log.signals[MEASURED_AXES[k]].measured
-            axis.plot(log.time, values, color=COLOURS[1], linewidth=0.8, label="measured")
+            axis.plot(log.time, values, color=_MEASURED, linewidth=0.8, label="measured")
         if run["event"] and k == 2:
             axis.annotate(
                 run["event"], (run["time"][-1], factor * run["true"][-1, k]), fontsize=8, ha="right"

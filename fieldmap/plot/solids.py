@@ -65,7 +65,7 @@ def _local_surface(shape: model.Shape) -> pv.PolyData | None:
             x, y, z = (MM * edge for edge in size)
             return pv.Box((-x / 2, x / 2, -y / 2, y / 2, 0, z))
         case model.Sphere(radius):
-            return pv.Sphere(radius=MM * radius, theta_resolution=SEGMENTS, phi_resolution=SEGMENTS // 2)
+            return pv.Sphere(radius=MM * radius, theta_resolution=SEGMENTS, phi_resolution=SEGMENTS)
         case model.RevolvedProfile(points):
             return _revolved(points)
         case model.ExtrudedPolygon(points, height):
@@ -136,7 +136,7 @@ def magnet_surface(magnet: Any) -> pv.PolyData | None:
 
 def upright_cylinder(radius: float, height: float) -> pv.PolyData:
     """A cylinder about the origin, mm; radius and height in m."""
-    return pv.Cylinder(direction=(0, 0, 1), radius=MM * radius, height=MM * height, resolution=64)
+    return pv.Cylinder(direction=(0, 0, 1), radius=MM * radius, height=MM * height, resolution=SEGMENTS)
 
 
 def middle_line(coil: Coil) -> tuple[Array, Array]:
@@ -146,7 +146,7 @@ def middle_line(coil: Coil) -> tuple[Array, Array]:
     """
     path = coil.winding()
     if path.is_circle:
-        (points, normals), *_ = path.outline(0.0, 4 * ARC_SEGMENTS + 1)
+        (points, normals), *_ = path.outline(0.0, SEGMENTS + 1)
         return MM * points[:-1], normals[:-1]
     arcs = [piece for piece in path.outline(0.0, ARC_SEGMENTS + 1) if len(piece[0]) > 2]
     points, normals = (np.concatenate([piece[k] for piece in arcs]) for k in range(2))
@@ -174,10 +174,9 @@ def current_arrow(coil: Coil, sense: float = 1.0) -> pv.PolyData:
     if coil.polarity * sense < 0:
         loop = loop[::-1]
     size = 0.09 * MM * coil.height
-    shaft = pv.Spline(loop, 200).tube(radius=0.25 * size, n_sides=16)
-    tip = pv.Cone(
-        center=loop[-1], direction=loop[-1] - loop[-3], height=2.4 * size, radius=0.8 * size, resolution=32
-    )
+    shaft = pv.Spline(loop).tube(radius=0.25 * size)
+    ahead, facets = loop[-1] - loop[-3], ARC_SEGMENTS
+    tip = pv.Cone(center=loop[-1], direction=ahead, height=2.4 * size, radius=0.8 * size, resolution=facets)
     return placed(pv.merge([shaft, tip.extract_surface(algorithm=None)], merge_points=False), coil.placement)
 
 

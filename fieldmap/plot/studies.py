@@ -69,14 +69,13 @@ def study_figure(data: Any, shown: list[Quantity]) -> Figure:
     columns = min(_COLUMNS, len(shown))
     rows = -(-len(shown) // columns)
     first = "common_current" if "common_current" in data else shown[0].name
-    with new_figure(_PANEL[0] * columns + 0.4, _PANEL[1] * rows + 0.9) as figure:
+    with new_figure((_PANEL[0] * columns + 0.4, _PANEL[1] * rows + 0.9)) as figure:
         for k, quantity in enumerate(shown):
             axes = figure.add_subplot(rows, columns, k + 1)
             _panel(axes, data, quantity, data[first].dims[0])
         handles, labels = axes.get_legend_handles_labels()
         if len(labels) > 1:
-            about: dict[str, Any] = {"ncols": min(3, len(labels)), "fontsize": 8, "frameon": False}
-            figure.legend(handles, labels, loc="outside lower center", **about)
+            figure.legend(handles, labels, loc="outside lower center", ncols=min(3, len(labels)))
         words = [study_message(data, shown[0]), data.attrs.get("title", "")]
         figure.suptitle("\n".join(text for text in words if text))
     return figure
@@ -100,8 +99,7 @@ def _panel(axes: Axes, data: Any, quantity: Quantity, abscissa: str) -> None:
     x = along if numbers else np.arange(len(along))
     for line, colour, style, marker, label in _lines(data, quantity.name, abscissa):
         axes.plot(x, factor * line, style, marker=marker, markersize=4, color=colour, label=label)
-    unit = unit_in_words(quantity.printed_unit)
-    axes.set_ylabel(with_unit(_LABELS[quantity.name], unit), fontsize=8)
+    axes.set_ylabel(with_unit(_LABELS[quantity.name], quantity.printed_unit), fontsize=8)
     axes.set_xlabel(with_unit(abscissa, data[abscissa].attrs.get("units", "")), fontsize=8)
     if not numbers:
         axes.set_xticks(x, [str(text) for text in along], rotation=30, ha="right")

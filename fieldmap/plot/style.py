@@ -58,10 +58,11 @@ _LIGHTEST, _DARKEST = 0.92, 0.55
 
 
 @contextmanager
-def new_figure(width: float, height: float, dpi: float | None = None) -> Iterator[Figure]:
-    """An empty figure, inches, to be filled within, in the style of all; no window, no global state."""
+def new_figure(size: tuple[float, float] | None = None) -> Iterator[Figure]:
+    """An empty figure, width and height in inches, to be filled within, in the style of all; without a size, in that of
+    the style. No window, no global state."""
     with style.context(STYLE):
-        yield Figure(figsize=(width, height), dpi=dpi)
+        yield Figure(figsize=size)
 
 
 def add_heading(axes: Axes, message: str, title: str) -> None:

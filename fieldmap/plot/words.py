@@ -73,7 +73,8 @@ def with_unit(name: str, unit: str) -> str:
     >>> with_unit("radius", "mm"), with_unit("share", "1")
     ('radius (mm)', 'share')
     """
-    return f"{name} ({unit})" if unit_in_words(unit) else name
+    words = unit_in_words(unit)
+    return f"{name} ({words})" if words else name
 
 
 def label_step(span: float) -> float:

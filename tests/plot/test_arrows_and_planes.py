@@ -7,7 +7,7 @@ import pyvista as pv
 import fieldmap
 from fieldmap.plot import forces, live_window, scales
 from fieldmap.plot.device_drawing import add_payload, arrows_at
-from fieldmap.plot.places import plane_grids, plane_of
+from fieldmap.plot.places import box_grid, grid_points, plane_grids, plane_of
 from fieldmap.plot.solids import current_arrow
 from tests.plot.conftest import needs_opengl
 from tests.plot.test_scenes import three_ways
@@ -133,6 +133,25 @@ def test_points_of_a_plane_are_middles_of_its_cells(normal, axes, middle):
             np.testing.assert_allclose(shares, (np.arange(n) + 0.5) / n, atol=1e-9)
         # The first axis is the slowest.
         assert (np.diff(points[:, axes[0]]) >= 0.0).all()
+
+
+def test_a_grid_fills_its_box_and_its_points_lie_a_hair_inside():
+    """One point along an axis lies at the lower end; a map refuses what rounding puts outside."""
+    assert [plane.dimensions for plane in plane_grids((LOWER, UPPER))] == [
+        (1, 61, 61),
+        (61, 1, 61),
+        (61, 61, 1),
+    ]
+    for counts in ((2, 3, 4), (4, 1, 2)):
+        grid = box_grid((LOWER, UPPER), counts)
+        points, asked = np.asarray(grid.points, float), grid_points(grid, (LOWER, UPPER))
+        assert grid.dimensions == counts
+        for axis, count in enumerate(counts):
+            expected = 1e3 * np.linspace(LOWER[axis], UPPER[axis], count)
+            np.testing.assert_allclose(np.unique(points[:, axis].round(9)), expected, atol=1e-9)
+        np.testing.assert_allclose(asked, 1e-3 * points, atol=1e-9)
+        assert (asked > LOWER).all()
+        assert (asked < UPPER).all()
 
 
 def test_numbers_of_rulers_stand_at_their_places_and_titles_beside_the_middle(monkeypatch):

@@ -7,7 +7,7 @@ import pytest
 from matplotlib.figure import Figure
 
 from fieldmap.curves import agreements, message_of
-from fieldmap.plot.figures import draw_curves, save_curves, spread
+from fieldmap.plot.figures import curves_figure, draw_curves, save_curves, spread
 from fieldmap.thesis import Curves, Series, part_names
 from fieldmap.thesis.printed import read_part
 from tests.computed_parts import computed
@@ -72,6 +72,178 @@ def test_names_of_lines_that_end_together_are_legible(legible, together):
     ends = [Series(name, X, X + up) for name, up in names.items()]
     message = "a message that is so long that it takes two lines above the figure, or nearly so"
     legible([Curves(f"together {together}", "x (mm)", "B (mT)", tuple(ends), message=message)])
+
+
+def named_at_ends(axes):
+    """The texts beside the right side of the axes."""
+    return [text for text in axes.texts if text.xycoords == "axes fraction" and text.xy[0] == 1]
+
+
+def falling(count, end=1.0, names="line {}"):
+    """Lines from one point to heights 0, 1, 2 ... at x = end, of which the first ends at 1."""
+    x = np.linspace(0.0, 1.0, 9)
+    lines = [Series(names.format(k), x * (end if k else 1.0), k * x) for k in range(count)]
+    return Curves("title", "x (mm)", "B (mT)", tuple(lines))
+
+
+@pytest.mark.parametrize(
+    ("curves", "named"),
+    [
+        (falling(2), True),
+        (falling(5), True),
+        # More colours than the eye keeps apart; one line; a longer name than the room beside the axes.
+        (falling(6), False),
+        (falling(1), False),
+        (falling(2, names="{}" + 25 * "n"), True),
+        (falling(2, names="{}" + 26 * "n"), False),
+        # 12 % of the width, which is 5 % wider than the lines on either side.
+        (falling(2, end=1.1 * 0.885 - 0.05), True),
+        (falling(2, end=1.1 * 0.875 - 0.05), False),
+        (replace(falling(2), equal=True), False),
+        (replace(falling(2), series=(*falling(2).series, Series("nothing", X, X * np.nan))), False),
+        (Curves("t", "x (mm)", "B (mT)", tuple(Series(name, X, X, points=True) for name in "ab")), False),
+    ],
+)
+def test_where_lines_are_named(curves, named):
+    axes = curves_figure(curves).axes[0]
+    assert len(named_at_ends(axes)) == (len(curves.series) if named else 0)
+    assert (axes.get_legend() is None) == (named or len(curves.series) == 1)
+    assert axes.get_aspect() == (1.0 if curves.equal else "auto")
+    if curves.equal:
+        assert axes.get_adjustable() == "datalim"
+
+
+def test_names_stand_at_the_ends_of_their_lines_a_line_apart():
+    """The end is the known point farthest to the right, in whatever order and with whatever gaps."""
+    backwards = Series("backwards", np.array([1.0, 0.5, 0.0]), np.array([3.0, 1.0, 1.0]))
+    open_end = Series("open", np.array([0.0, 0.95, 1.0]), np.array([0.0, 1.0, np.nan]))
+    close = Series("close", np.array([0.0, 1.0]), np.array([0.0, 1.0]))
+    axes = curves_figure(Curves("t", "x (mm)", "B (mT)", (backwards, open_end, close))).axes[0]
+    one, two, three = named_at_ends(axes)
+    low, high = axes.get_ylim()
+    assert one.xy[1] == pytest.approx((3.0 - low) / (high - low))
+    assert 0.5 * (two.xy[1] + three.xy[1]) == pytest.approx((1.0 - low) / (high - low))
+    axes.figure.draw_without_rendering()
+    boxes = [text.get_window_extent() for text in (two, three)]
+    apart = abs(boxes[1].y0 - boxes[0].y0)
+    assert 1.0 < apart / boxes[0].height < 1.6
+    for text in (one, two, three):
+        assert (text.get_va(), text.get_size()) == ("center", 8)
+        assert 0.0 < text.get_window_extent().x0 - axes.bbox.x1 < 15.0
+    # Names of two lines stand twice as far from others.
+    same = replace(close, name="again")
+    axes = curves_figure(Curves("t", "x (mm)", "B (mT)", (open_end, close, same))).axes[0]
+    heights = [text.xy[1] for text in named_at_ends(axes)]
+    axes.figure.draw_without_rendering()
+    boxes = [text.get_window_extent() for text in named_at_ends(axes)]
+    assert 1.0 < abs(np.diff(heights)[0]) * axes.bbox.height / max(box.height for box in boxes) < 1.6
+
+
+def test_what_is_not_ours_lies_on_top_and_marks_above_all():
+    kinds = ("ours", "published", "measured", "asked")
+    lines = [Series(f"line {kind}", X, X + k, kind) for k, kind in enumerate(kinds)]
+    marks = [Series(f"marks {kind}", X, X + 4 + k, kind, points=True) for k, kind in enumerate(kinds)]
+    axes = drawn(Curves("t", "x (mm)", "B (mT)", (*lines, *marks)))
+    ours, published, measured, asked, *dots = axes.lines
+    assert [line.get_linestyle() for line in axes.lines] == ["-", "--", "-.", "-"] + 4 * ["None"]
+    assert 1.0 < asked.get_zorder() < ours.get_zorder() < published.get_zorder() == measured.get_zorder()
+    assert {measured.get_zorder() < dot.get_zorder() for dot in dots} == {True}
+    widths = [line.get_linewidth() for line in (asked, ours, published, measured)]
+    assert 0.5 < widths[0] < widths[1] < widths[2] == widths[3] < 3.0
+    assert [dot.get_marker() for dot in dots] == ["o", "s", "x", "."]
+    # What is published is hollow and larger, so that ours shows through.
+    sizes = [dot.get_markersize() for dot in dots]
+    assert 5.0 < sizes[0] == sizes[3] < sizes[2] < sizes[1] < 10.0
+    assert dots[1].get_markerfacecolor() == "none"
+    assert 1.0 < dots[2].get_markeredgewidth() < 2.5
+    assert (axes.get_axisbelow(), axes.xaxis.get_gridlines()[0].get_visible()) == (True, True)
+
+
+@pytest.mark.parametrize(
+    ("near", "apart", "covered"),
+    [(20, 0.0099, True), (19, 0.0099, True), (18, 0.0099, False), (20, 0.0101, False)],
+)
+def test_a_line_is_covered_by_one_that_is_mostly_nearer_than_a_hundredth(near, apart, covered):
+    """Of the height of all that is drawn, 2 mT here, over more than nine tenths of the points."""
+    x = np.linspace(0.0, 1.0, 20)
+    away = np.where(np.arange(20) < near, 2.0 * apart, 0.5)
+    frame = Series("frame", np.array([0.0, 1.0]), np.array([-1.0, 1.0]))
+    lines = (Series("below", x, 0 * x), Series("above", x, away), frame)
+    for curves, dashed in (
+        (Curves("t", "x", "y", lines), covered),
+        # One of the same name, marks, and one over other places cover nothing.
+        (Curves("t", "x", "y", (replace(lines[0], name="above"), *lines[1:])), False),
+        (Curves("t", "x", "y", (replace(lines[0], points=True), *lines[1:])), False),
+        (Curves("t", "x", "y", (replace(lines[0], x=x + 2.0), *lines[1:])), False),
+    ):
+        below, above, _ = drawn(curves).lines
+        assert above.is_dashed() == dashed
+        assert above.get_zorder() - below.get_zorder() == (0.5 if dashed else 2.0 - below.get_zorder())
+        if dashed:
+            _, (dash, gap) = above._unscaled_dash_pattern
+            assert 2.0 < dash == gap < 6.0
+
+
+@pytest.mark.parametrize(("apart", "same"), [(0.0, True), (0.0009, True), (0.0011, False)])
+def test_lines_within_a_thousandth_are_said_to_be_the_same(apart, same):
+    """Of the height of 3 mT, at their farthest; what is not known does not count."""
+    away = np.array([0.0, 3.0 * apart, np.nan])
+    frame = Series("frame", np.array([0.0, 2.0]), np.array([0.0, 3.0]))
+    curves = Curves("t", "x", "y", (Series("one", X, X), Series("other", X, X + away), frame))
+    named = [text.get_text() for text in named_at_ends(drawn(curves))]
+    # The other one ends in the middle, where no name fits.
+    assert named == (["one, other:\nthe same", "frame"] if same else [])
+    legend = drawn(
+        replace(curves, series=(*curves.series, Series("a name that is far too long for the end", X, 0 * X)))
+    )
+    assert ("other, the same as one" in words_of(legend)) == same
+
+
+def test_a_legend_says_whose_a_line_is_where_there_are_several_kinds():
+    asked, ours = Series("asked for", X, X + 3, "asked"), Series("a", X, X)
+    theirs = Series("a", X, X + 1, "published")
+    own_words = Series("measured on a rig", X, X + 2, "measured", points=True)
+    for series, words in (
+        # What is asked for is no kind; one kind needs no word, and a name that has it needs no second.
+        ((ours, asked, replace(ours, name="b", y=2 * X)), ["a", "asked for", "b"]),
+        (
+            (ours, theirs, own_words, asked),
+            ["a (ours)", "a (published)", "measured on a rig", "asked for"],
+        ),
+        # Each name and kind once.
+        ((ours, replace(ours, y=3 * X), theirs), ["a (ours)", "a (published)"]),
+    ):
+        axes = drawn(Curves("t", "x", "y", (*series, Series("z" * 30, X[:2], X[:2]))))
+        assert words_of(axes)[:-1] == words
+    # Beside names at the ends stand styles and marks; marks of ours at a line of their name need no word.
+    marks, other = replace(ours, y=X, points=True), replace(ours, name="b", y=2 * X)
+    assert words_of(drawn(Curves("t", "x", "y", (ours, other, marks, theirs)))) == ["ours", "published"]
+    assert words_of(drawn(Curves("t", "x", "y", (ours, other, marks)))) == []
+    lone = replace(marks, name="c")
+    assert words_of(drawn(Curves("t", "x", "y", (ours, other, lone)))) == ["c"]
+
+
+def test_a_legend_stands_where_there_is_room():
+    """Inside with few entries that hide nothing, beside the axes with many, below where names stand beside them."""
+    x = np.linspace(0.0, 1.0, 5)
+    short = [Series(f"line {k}", (0.5 if k else 1.0) * x, (k + 1) * x) for k in range(6)]
+    for count, inside in ((5, True), (6, False)):
+        axes = curves_figure(Curves("t", "x (mm)", "B (mT)", tuple(short[:count]))).axes[0]
+        axes.figure.draw_without_rendering()
+        box = axes.get_legend().get_window_extent()
+        assert (box.x1 <= axes.bbox.x1) == inside
+        assert (box.x0 >= axes.bbox.x1 - 5.0) != inside
+        assert box.y1 <= axes.bbox.y1 + 5.0
+    full = [
+        Series(f"noise {k}", np.linspace(0.0, 1.0, 999), np.sin(1e3 * np.arange(999) + k)) for k in range(2)
+    ]
+    full += [Series(f"dots {k}", x, x - 0.1 * k, "measured", points=True) for k in range(4)]
+    axes = curves_figure(Curves("t", "x (mm)", "B (mT)", tuple(full))).axes[0]
+    axes.figure.draw_without_rendering()
+    box = axes.get_legend().get_window_extent()
+    assert 0.0 < box.y0 < box.y1 < axes.xaxis.get_tightbbox().y0 + 3.0
+    assert 0.5 * (box.x0 + box.x1) == pytest.approx(0.5 * (axes.bbox.x0 + axes.bbox.x1), abs=1.0)
+    assert axes.get_legend()._ncols == 3
 
 
 def test_names_keep_apart_as_near_as_they_can():

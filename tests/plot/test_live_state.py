@@ -130,6 +130,65 @@ def test_the_page_follows_its_state(six_coils, payload, tmp_path):
     window.scene.close()
 
 
+@needs_opengl
+def test_the_page_has_all_elements_and_is_served_where_it_was_asked_for(
+    six_coils, payload, monkeypatch, capsys
+):
+    """Sliders of 200 steps between their ends, with three decimals of amperes and one of millimetres; beside the
+    picture on a wide screen, below it on a narrow one."""
+    for library, name in WEB[:2]:
+        pytest.importorskip(library, reason=f"{name} is not installed")
+    from fieldmap.plot.live_web import LivePage
+
+    window = LiveWindow(open_map(six_coils), payload, 5.0, off_screen=True, window=(300, 240), sliders=False)
+    page = LivePage(window, "six coils", name="test of its elements")
+    template = page.server.state["trame__template_main"]
+    attributes = [
+        dict(re.findall(r'([:@\w-]+)="([^"]*)"', one)) for one in re.findall("<VSlider [^\n]*>", template)
+    ]
+    for k, (slider, control) in enumerate(zip(attributes, window.live.controls, strict=True)):
+        ends = [float(slider[key]) for key in ("min", "max", "step")]
+        assert ends == pytest.approx([control.lower, control.upper, (control.upper - control.lower) / 200])
+        assert (slider["id"], slider[":modelValue"]) == (f"slider{k}", f"values[{k}]")
+        assert slider["@update:modelValue"] == f"values = values.map((v, k) => k == {k} ? $event : v)"
+        decimals, unit = (1, "mm") if control.name == "magnet z" else (3, "A")
+        assert f"{control.name}: {{{{ values[{k}].toFixed({decimals}) }}}} {unit}\n" in template
+    assert template.count("hideDetails") == len(attributes) + 2
+    columns = [dict(re.findall(r'(\w+)="([^"]*)"', one)) for one in re.findall("<VCol [^\n]*>", template)]
+    assert [int(one["cols"]) for one in columns] == [12, 12]
+    wide = [int(one["md"]) for one in columns]
+    assert sum(wide) == 12
+    assert wide[0] > wide[1]
+    # A picture of as many pixels as there are, also while it moves.
+    assert 'interactiveRatio="1"' in template
+    assert all(flag in template for flag in ("fluid>", "noGutters>", "<VRow dense>"))
+    assert re.search(r"six coils\s*</div>", template)
+    assert (page.server.state.name, page.server.state.chosen, page.server.state.problem) == ("", None, "")
+    given, argv = {}, sys.argv
+    monkeypatch.setattr(sys, "argv", ["fieldmap", "app", "--web"])
+
+    def start(**options):
+        given.update(options, argv=sys.argv)
+        page.server.controller.on_server_ready()
+
+    monkeypatch.setattr(page.server, "start", start)
+    monkeypatch.setattr(type(page.server), "port", 1234)
+    page.serve()
+    usual = {
+        "port": 8080,
+        "host": "localhost",
+        "open_browser": True,
+        "show_connection_info": False,
+        "timeout": 0,
+    }
+    assert given == usual | {"argv": ["fieldmap"]}
+    assert capsys.readouterr().out == "http://localhost:1234/\n"
+    assert sys.argv == ["fieldmap", "app", "--web"] != argv
+    page.serve(5, "elsewhere", False)
+    assert given == usual | {"argv": ["fieldmap"], "port": 5, "host": "elsewhere", "open_browser": False}
+    window.scene.close()
+
+
 def test_what_is_missing_is_named(monkeypatch):
     from fieldmap.plot.live_web import LivePage
 

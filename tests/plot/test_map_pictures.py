@@ -1,15 +1,20 @@
 """The pictures that lie beside a map: files, what they show, and what a map cannot show."""
 
 from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+import fieldmap as fm
 from fieldmap.currents import divide_currents
+from fieldmap.curves import Series
 from fieldmap.io.map_summary import summarise_map
 from fieldmap.levitation import ShiftBesideMeasured
 from fieldmap.lookup import open_map
-from fieldmap.plot.map_pictures import save_map_pictures, shift_curves
+from fieldmap.plot import map_pictures
+from fieldmap.plot.map_pictures import save_map_pictures, shift_curves, shift_message
 from fieldmap.plot.rendering import can_render
 from tests.plot.conftest import pixels_of
 
@@ -84,3 +89,164 @@ def test_the_figure_beside_measurements(six_map, legible):
     without = before.read_bytes()
     save_map_pictures(replace(summary, shifts=(SHIFT,)))
     assert before.read_bytes() != without
+
+
+CYLINDER = fm.Payload(0.010, magnet=fm.MagnetCylinder(0.004, 0.010, 1.2))
+ABOUT = SimpleNamespace(title="A map", device_text="text")
+
+
+@pytest.fixture
+def drawn(harmonic_map, monkeypatch):
+    """drawn(**summary): the pictures, the figure that was saved, and what the other picture was asked for; of two coils
+    round the middle of a box, (10, -10) mm, at 3 A and 2 A."""
+    coils = {"left": (0.02, 0.09, 1.0, (0.01, -0.01)), "right": (0.01, 0.07, 0.5, (0.01, -0.01))}
+    opened = harmonic_map(lower=(-0.01, -0.03, -0.05), reference=[3.0, 2.0], **coils)
+    saved = {}
+
+    def keep(name):
+        return lambda *given, **options: saved.update({name: (given, options)}) or Path(f"{name}.png")
+
+    monkeypatch.setattr(map_pictures, "open_map", lambda path: opened)
+    monkeypatch.setattr(map_pictures, "save_figure", keep("figure"))
+    monkeypatch.setattr(map_pictures, "save_picture", keep("picture"))
+    monkeypatch.setattr(map_pictures, "recorded_device", lambda text, solids: (text, solids))
+
+    def draw(payload=CYLINDER, lift=(), shifts=(), about=ABOUT):
+        info = SimpleNamespace(reference_current=np.array([3.0, 2.0]), provenance=about)
+        summary = SimpleNamespace(
+            path=Path("folder/map.h5"), info=info, lift=lift, payload=payload, shifts=shifts
+        )
+        told = save_map_pictures(summary)
+        return told, saved["figure"], saved.get("picture")
+
+    return draw
+
+
+def row(current, height):
+    return SimpleNamespace(current=current, height=height)
+
+
+def test_pictures_at_the_current_that_carries_the_magnet_in_the_middle(drawn):
+    """The middle one of the heights at which there is one, to a milliampere."""
+    rows = [row(None, -0.02), row(1.0, -0.022), row(1.23456, -0.0254), row(1.5, -0.028), row(None, -0.03)]
+    told, ((figure, path, kind), _), ((at, device, field, currents, magnet, caption), options) = drawn(
+        lift=rows
+    )
+    assert [(one.shows, one.path, one.problem) for one in told] == [
+        ("figure", Path("figure.png"), ""),
+        ("3-D picture", Path("picture.png"), ""),
+    ]
+    assert (path, at, kind) == (Path("folder/map.png"), Path("folder/map_3d.png"), "drawn figure")
+    assert (device, currents.tolist(), magnet) == (("text", True), [1.235, 1.235], (0.0, 0.0, -0.0254))
+    assert caption == "they carry the magnet at z = -25 mm; arrows: net force on it"
+    assert (options, field.coil_names) == ({"forces": True}, ("left", "right"))
+    left, right, *_ = figure.axes
+    lines = left.get_title("left").split("\n")
+    assert lines[:2] == ["1.235 A in each of 2 coils", "red: where lift equals weight, and the magnet there"]
+    assert lines[2].startswith("arrows: net force, up to ")
+    (magnet,) = left.patches
+    assert (magnet.get_x(), magnet.get_y()) == pytest.approx((-2.0, -30.4))
+    assert (magnet.get_width(), magnet.get_height()) == pytest.approx((4.0, 10.0))
+    assert magnet.get_facecolor()[3] == 0.0
+    assert 1.0 < magnet.get_linewidth() < 2.5
+    # On the axis Bz = (0.03 + 0.16 z + 0.75 z^2) I.
+    (line,) = right.lines
+    z = 1e-3 * line.get_xdata()
+    assert (len(z), z[0], z[-1]) == (201, pytest.approx(-0.05), pytest.approx(-0.01))
+    np.testing.assert_allclose(line.get_ydata(), 1e3 * 1.235 * (0.03 + 0.16 * z + 0.75 * z**2), rtol=1e-9)
+    assert (right.get_xlabel(), right.get_ylabel()) == ("z (mm)", "Bz (mT)")
+    assert right.get_title("left") == "On the axis, 1.235 A in each of 2 coils"
+    assert figure.get_suptitle() == "A map"
+    assert figure.get_size_inches() == pytest.approx((11.4, 5.2))
+    figure.draw_without_rendering()
+    narrow, wide = left.get_subplotspec().get_gridspec().get_width_ratios()
+    assert 0.5 < narrow / wide < 0.9
+    assert left.bbox.x1 < figure.axes[2].bbox.x0 < right.bbox.x0 < left.bbox.x1 + 0.25 * figure.bbox.width
+
+
+def test_pictures_of_a_map_that_carries_nothing(drawn):
+    """At its reference currents, without a magnet; of two rows the second is the middle one."""
+    _, ((figure, *_), _), ((*_, currents, magnet, caption), _) = drawn(lift=[row(None, -0.02)])
+    assert (currents.tolist(), magnet, caption) == ([3.0, 2.0], None, "")
+    left = figure.axes[0]
+    assert left.get_title("left").split("\n")[0] == "left: 3 A, right: 2 A"
+    assert "red" not in left.get_title("left")
+    assert not left.patches
+    _, _, ((*_, currents, magnet, _), _) = drawn(lift=[row(1.0, -0.02), row(2.0, -0.03)])
+    assert (currents.tolist(), magnet) == ([2.0, 2.0], (0.0, 0.0, -0.03))
+    # What is no cylinder has no outline.
+    sphere = fm.Payload(0.010, magnet=fm.MagnetSphere(0.004, 1.2))
+    _, ((figure, *_), _), _ = drawn(payload=sphere, lift=[row(1.0, -0.02)])
+    assert (len(figure.axes[0].patches), "red" in figure.axes[0].get_title("left")) == (0, False)
+    _, ((figure, *_), _), _ = drawn(payload=None, shifts=(SHIFT,))
+    assert figure.axes[0].get_title("left") == "plane y = -10 mm\nleft: 3 A, right: 2 A"
+    assert figure.axes[1].get_ylabel() == "Bz (mT)"
+
+
+def test_a_map_that_records_no_device_says_why_there_is_no_picture(drawn):
+    (figure, scene), _, picture = drawn(about=SimpleNamespace(title="A map", device_text=""))
+    assert (figure.problem, scene.path, picture) == ("", None, None)
+    assert (
+        scene.problem
+        == f"{Path('folder/map_3d.png')} not drawn: the map must record its device; none recorded"
+    )
+
+
+def test_shifts_stand_beside_what_was_measured(drawn, monkeypatch):
+    """From the reading at signal 0 on; a line that the map ends says so."""
+    asked = []
+
+    def surface(opened, payload, x, y, level, height, division, hold_height):
+        asked.append((len(x), x[0], x[-1], y, level, height, division.n, hold_height))
+        positions = np.zeros((len(x), 1, 3))
+        positions[:, 0, 0] = 0.002 + (0.02 if hold_height else 0.03) * x
+        if not hold_height:
+            positions[x > 0.15] = np.nan
+        return SimpleNamespace(positions=positions)
+
+    monkeypatch.setattr(map_pictures, "equilibrium_surface", surface)
+    _, ((figure, *_), _), _ = drawn(shifts=(SHIFT,))
+    about = (81, 0.0, 0.2, [0.0], 2.0, -0.1, 1.25)
+    assert asked == [(*about, True), (*about, False)]
+    axes = figure.axes[1]
+    assert (axes.get_xlabel(), axes.get_ylabel()) == ("x signal", "x of the magnet (mm)")
+    title = "Where the magnet comes to rest at z = -100 mm as one direction signal rises\nNothing is fitted"
+    assert axes.get_title("left") == title
+    dots, held, level = axes.lines
+    np.testing.assert_allclose(dots.get_data(), [[0.0, 0.1, 0.2], [-0.1, 1.0, 2.0]], atol=1e-12)
+    x = np.linspace(0.0, 0.2, 81)
+    np.testing.assert_allclose(held.get_data(), [x, -0.1 + 20.0 * x], atol=1e-9)
+    np.testing.assert_allclose(level.get_data(), [x, np.where(x > 0.15, np.nan, -0.1 + 30.0 * x)], atol=1e-9)
+    words = {text.get_text() for text in axes.get_legend().get_texts()}
+    assert {"measured on the rig, Table 2"} <= words
+    curves = shift_curves(None, None, SHIFT)
+    names = [series.name for series in curves.series]
+    assert names == ["measured on the rig, Table 2", "lift constant", "mean current 2.000 A (map ends)"]
+    assert [(one.kind, one.points) for one in curves.series] == [
+        ("measured", True),
+        ("ours", False),
+        ("ours", False),
+    ]
+    # Off by 2.1 mm - (2 - ...) at the ends: 3.9 mm is 1.9 mm from 2 mm, of 2.1 mm.
+    assert (
+        curves.message
+        == "Equilibrium moves 2 mm at signal 0.2; at constant lift the model follows within 90 %"
+    )
+
+
+@pytest.mark.parametrize(
+    ("model", "words"),
+    [
+        ([0.0, 4.5, 8.1], "10 %"),
+        ([0.0, 4.0, 9.9], "10 %"),
+        ([0.0, 4.9, np.nan], "10 % up to 0.2"),
+        ([1.8, 4.0, 9.0], "20 %"),
+    ],
+)
+def test_the_message_of_a_shift(model, words):
+    """As a share of how far the magnet was seen to move, 9 mm, as far as the model goes."""
+    signals = [0.0, 0.2, 0.4]
+    measured = Series("measured", signals, [0.5, 4.5, 9.5], "measured", points=True)
+    ours = Series("ours", signals, 0.5 + np.array(model))
+    expected = f"Equilibrium moves 9 mm at signal 0.4; at constant lift the model follows within {words}"
+    assert shift_message(measured, ours) == expected

@@ -1,8 +1,13 @@
 """Curves of runs over time: every curve is seen, and those that lie on each other are drawn once."""
 
-import numpy as np
+from types import SimpleNamespace
 
-from fieldmap.plot.runs import run_figure
+import numpy as np
+import pytest
+from matplotlib.colors import to_hex
+
+from fieldmap.plot.runs import drawn_run, run_figure, run_message
+from fieldmap.plot.style import COLOURS, INK
 
 TIMES = np.linspace(0.0, 1.0, 11)
 
@@ -61,3 +66,191 @@ def test_the_unit_of_an_axis_follows_the_larger_of_what_is_wanted_and_what_comes
     run = run_with(np.zeros((11, 4)), true=true)
     labels = [axes.get_ylabel() for axes in run_figure("Units", [run]).axes[:3]]
     assert [label.rsplit(" ", 1)[-1].strip("()[]") for label in labels] == ["mm", "µm", "mm"]
+
+
+def readings(x=0.0, y=0.0, depth=0.0):
+    """Readings (11, 3), mm, of numbers or of columns."""
+    return np.column_stack([np.broadcast_to(one, 11) for one in (x, y, depth)]).astype(float)
+
+
+def shown_of(figure, panel):
+    """Label, x, y and colour of each line of a panel."""
+    lines = figure.axes[panel].get_lines()
+    return [(one.get_label(), *map(np.asarray, one.get_data()), to_hex(one.get_color())) for one in lines]
+
+
+LATER = np.array([0.15, 0.45, 0.85])
+
+
+def measured(**signals):
+    made = {name: SimpleNamespace(measured=np.asarray(values)) for name, values in signals.items()}
+    return SimpleNamespace(time=LATER, signals=made)
+
+
+def test_every_line_of_one_run_has_the_numbers_of_its_signal():
+    """x in millimetres, y and depth in micrometres, a log upon both, and the event at the end of the depth."""
+    wanted, true, seen = (
+        readings(3.0, 0.1, 0.2),
+        readings(2.0 + TIMES, 0.1 * TIMES, 0.3 * TIMES),
+        readings(5.0, 0.4, 0.05),
+    )
+    currents = np.column_stack([TIMES, 2 - TIMES, 3 * TIMES, 4 * TIMES])
+    log = measured(x=[1.0, 2.0, 3.0], depth=[0.1, 0.2, 0.3], b=[7.0, 8.0, 9.0])
+    run = run_with(currents, wanted=wanted, true=true, seen=seen, measured=log) | {"event": "fell"}
+    figure = run_figure("A title", [run])
+    for panel, (name, factor, unit) in enumerate((("x", 1.0, "mm"), ("y", 1e3, "µm"), ("depth", 1e3, "µm"))):
+        lines = shown_of(figure, panel)
+        expected = [("sensor", TIMES, seen, "#bfbfbf"), ("true", TIMES, true, COLOURS[0].lower())]
+        expected += [] if name == "y" else [("measured", LATER, None, COLOURS[1].lower())]
+        expected += [("reference", TIMES, wanted, INK)]
+        assert [label for label, *_ in lines] == [label for label, *_ in expected]
+        for (label, x, y, colour), (_, times, values, shade) in zip(lines, expected, strict=True):
+            shown = log.signals[name].measured if values is None else values[:, panel]
+            np.testing.assert_allclose(x, times)
+            np.testing.assert_allclose(y, factor * shown)
+            assert colour == shade, label
+        assert figure.axes[panel].get_ylabel() == f"{name}, {unit}"
+    *places, lowest = figure.axes
+    assert [axes.yaxis_inverted() for axes in places] == [False, False, True]
+    assert [len(axes.texts) for axes in places] == [1, 0, 1]
+    (event,) = places[2].texts
+    assert (event.get_text(), event.xy, event.get_ha()) == ("fell", (1.0, pytest.approx(300.0)), "right")
+    assert (lowest.get_xlabel(), lowest.get_ylabel()) == ("time, s", "currents, A")
+    coils = shown_of(figure, 3)
+    assert [label for label, *_ in coils[:4]] == [f"coil {name}" for name in "abcd"]
+    for k, (_, x, y, colour) in enumerate(coils[:4]):
+        np.testing.assert_allclose((x, y), (TIMES, currents[:, k]))
+        assert colour == COLOURS[k].lower()
+    # The log of the coil b as dots of its colour.
+    _, x, y, colour = coils[4]
+    assert (x.tolist(), y.tolist(), colour) == (LATER.tolist(), [7.0, 8.0, 9.0], COLOURS[1].lower())
+    assert lowest.get_lines()[4].get_marker() == "."
+    # Above the axes, on the right, stand the legends of the first and of the last.
+    assert [axes.get_legend() is None for axes in figure.axes] == [False, True, True, False]
+    figure.draw_without_rendering()
+    for axes in (places[0], lowest):
+        box = axes.get_legend().get_window_extent()
+        assert box.y0 >= axes.bbox.y1 - 1.0
+        assert box.x1 == pytest.approx(axes.bbox.x1, abs=3.0)
+        assert len({text.get_window_extent().y0 for text in axes.get_legend().get_texts()}) == 1
+    title, message = places[0].get_title("left"), places[0].texts[0].get_text()
+    assert (title, message) == ("A title", "Ended after 1 s: fell")
+    widths = {line.get_label(): line.get_linewidth() for line in places[0].get_lines()}
+    assert 0.4 < widths["sensor"] < widths["measured"] < widths["reference"] < widths["true"] < 2.0
+    assert [line.get_linestyle() for line in places[0].get_lines()] == ["-", "-", "-", "--"]
+
+
+def test_lines_of_several_runs_are_thin_and_of_the_truth_alone():
+    runs = [
+        run_with(np.full((11, 4), k), true=readings(k, 2 * k, 3 * k), seen=readings(9.0)) for k in (1.0, 2.0)
+    ]
+    del runs[0]["coil_names"]
+    figure = run_figure("Two", runs)
+    for panel in range(3):
+        lines = shown_of(figure, panel)
+        assert [label for label, *_ in lines] == ["true", "true", "reference"]
+        assert [y[0] for _, _, y, _ in lines] == [panel + 1.0, 2.0 * (panel + 1.0), 0.0]
+        assert 0.3 < figure.axes[panel].get_lines()[0].get_alpha() < 1.0
+    assert figure.axes[0].get_legend() is None
+    # Without names coils have numbers; they are named once.
+    labels = [label for label, *_ in shown_of(figure, 3)]
+    assert labels[0] == "coils 1, 2, 3, 4: the same"
+    assert labels[1].startswith("_")
+    one, two = (line.get_alpha() for line in figure.axes[3].get_lines())
+    (alone,) = run_figure("One", runs[:1]).axes[3].get_lines()
+    assert 0.1 < one == two < alone.get_alpha() == 1.0
+    assert 0.4 < alone.get_linewidth() < 1.5
+
+
+@pytest.mark.parametrize(("apart", "curves"), [(0.0009, 1), (0.0011, 2)])
+def test_currents_are_one_curve_within_a_thousandth_of_the_largest(apart, curves):
+    currents = np.column_stack([np.zeros(11), np.full(11, -4.0), np.full(11, -4.0), 4.0 * apart * TIMES])
+    lines = drawn(run_figure("Near", [run_with(currents)]))
+    assert len(lines) == 1 + curves
+    assert lines[0][0] == ("coils a, d: the same" if curves == 1 else "coil a")
+
+
+def test_more_combinations_than_colours_have_other_kinds_of_lines():
+    still = np.zeros((11, 4))
+    figure = run_figure("Many", [run_with(still, varied={"k": k}) for k in range(25)])
+    *curves, _ = figure.axes[0].get_lines()
+    looks = [(to_hex(line.get_color()), line.get_linestyle()) for line in curves]
+    assert looks == [(COLOURS[k % 8].lower(), ("-", "--", ":", "-.")[k // 8]) for k in range(25)]
+    (legend,) = figure.legends
+    figure.draw_without_rendering()
+    box = legend.get_window_extent()
+    assert box.y1 < figure.axes[3].bbox.y0
+    assert 0.5 * (box.x0 + box.x1) == pytest.approx(0.5 * figure.bbox.width, rel=0.02)
+    assert legend.get_texts()[0].get_fontsize() == legend.get_title().get_fontsize() == 8.0
+    assert legend._ncols == 6
+
+
+UP = np.where(TIMES < 0.25, 0.0, 2.0)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        # A step of 2 mm after 0.2 s: 10 % beyond it at most, and last 5.5 % off at 0.6 s.
+        (
+            {
+                "wanted": readings(y=UP),
+                "true": readings(y=UP + [0, 0, 0, -1, 0.2, -0.2, 0.11, 0.09, -0.09, 0, 0]),
+            },
+            "A step of 2 mm in y: overshoot 10 %, within 5 % after 0.5 s",
+        ),
+        # The same downwards in micrometres, not there at the end, and never beyond.
+        (
+            {
+                "wanted": readings(depth=-0.1 * UP),
+                "true": readings(depth=-0.1 * np.where(TIMES < 0.35, 0.0, 1.8)),
+            },
+            "A step of 200 µm in depth: overshoot 0 %, not there at the end",
+        ),
+        # Two moves are no step; nor is a step there and back.
+        (
+            {"wanted": readings(x=UP + (TIMES > 0.75)), "true": readings(x=UP, depth=0.7)},
+            "At most 1.2 mm from what was asked",
+        ),
+        ({"wanted": readings(x=UP * (TIMES < 0.75)), "true": readings()}, "At most 2 mm from what was asked"),
+        ({"true": readings(0.003, 0.004)}, "At most 5 µm from what was asked"),
+        ({"true": readings(0.3, 0.4)}, "At most 0.5 mm from what was asked"),
+        ({"true": readings(0.3, 0.39)}, "At most 490 µm from what was asked"),
+        ({"event": "hit the wall"}, "Ended after 1 s: hit the wall"),
+    ],
+)
+def test_what_one_run_shows_in_words(changes, message):
+    assert run_message([run_with(np.zeros((11, 4))) | changes]) == message
+
+
+def test_what_several_runs_show_in_words():
+    still = run_with(np.zeros((11, 4)))
+    off, fell = still | {"true": readings(0.0, -1.2, 0.5)}, still | {"event": "fell"}
+    assert run_message([still, off]) == "2 runs, none ended early; at most 1.3 mm from what was asked"
+    assert run_message([fell, off, fell]) == "3 runs, 2 ended early; at most 1.3 mm from what was asked"
+
+
+def test_what_is_drawn_of_a_run():
+    """Sensed points in m as readings; what ended at once is one sample of zero."""
+    places = [1e-3 * np.array([[k, 2.0 * k, -80.0 - k]]) for k in (1.0, 2.0, 3.0)]
+    experiment = SimpleNamespace(
+        scenario=SimpleNamespace(zero_depth_mm=77.0), device=SimpleNamespace(coil_names=("a", "b"))
+    )
+    about = {"time": np.array([0.5]), "currents": np.array([[1.0, 2.0]]), "coils": 2}
+    run = SimpleNamespace(references=places[0], sensed=places[1], seen=places[2], **about)
+    found = drawn_run(experiment, run, "fell", {"k": 3})
+    for name, k in (("wanted", 1.0), ("true", 2.0), ("seen", 3.0)):
+        np.testing.assert_allclose(found[name], [[k, 2.0 * k, 3.0 + k]])
+    assert (found["time"].tolist(), found["currents"].tolist()) == ([0.5], [[1.0, 2.0]])
+    assert (found["coil_names"], found["event"], found["varied"]) == (("a", "b"), "fell", {"k": 3})
+    ended = drawn_run(experiment, SimpleNamespace(time=np.empty(0), coils=2), "at once")
+    assert (ended["time"].tolist(), ended["currents"].tolist(), ended["varied"]) == ([0.0], [[0.0, 0.0]], {})
+    assert {ended[name].tolist() == [[0.0, 0.0, 0.0]] for name in ("wanted", "true", "seen")} == {True}
+    assert run_message([ended]) == "Ended after 0 s: at once"
+
+
+def test_the_unit_of_an_axis_changes_at_half_a_millimetre():
+    for largest, unit in ((0.5, "mm"), (0.499, "µm"), (0.0, "mm")):
+        true = readings(np.where(TIMES > 0.5, np.nan, -largest))
+        label = run_figure("Unit", [run_with(np.zeros((11, 4)), true=true)]).axes[0].get_ylabel()
+        assert label == f"x, {unit}"

@@ -94,6 +94,67 @@ def test_a_slanted_line_is_over_its_length(ax):
     np.testing.assert_allclose(ax.lines[0].get_xdata(), np.arange(6.0))
 
 
+def test_colours_have_round_levels_and_the_bar_numbers_at_every_fifth(ax):
+    """Bz = -2 z from -118.77 to 78.77 mT, the middles of 81 cells: steps of 50 mT, in fifths."""
+    field_slice(LINEAR, [1.0], component="Bz", ax=ax)
+    contours, (_, bar) = ax.collections[0], ax.figure.axes
+    np.testing.assert_allclose(contours.levels, np.arange(-150.0, 101.0, 10.0), atol=1e-9)
+    np.testing.assert_allclose(bar.get_yticks(), np.arange(-150.0, 101.0, 50.0), atol=1e-9)
+    assert ax.get_aspect() == 1.0
+    assert not any(line.get_visible() for line in ax.xaxis.get_gridlines())
+    across, up = (np.concatenate([path.vertices[:, k] for path in contours.get_paths()]) for k in range(2))
+    assert (across.min(), across.max()) == pytest.approx((-20 + 20 / 61, 20 - 20 / 61))
+    assert (up.min(), up.max()) == pytest.approx((-40 + 50 / 81, 60 - 50 / 81))
+
+
+@pytest.mark.parametrize(("flux", "levels"), [(0.5, (500.0, 600.0)), (0.0, (0.0, 0.2)), (-0.006, (6.0, 7.0))])
+def test_one_colour_has_a_bar_of_one_step(ax, flux, levels):
+    field_slice(Harmonic(flux, 0, 0, BOX), [1.0], ax=ax)
+    assert ax.collections[0].levels == pytest.approx(np.linspace(*levels, 6))
+
+
+def test_what_a_slice_of_forces_says(ax):
+    """White arrows of 9 by 13 places, the longest in the title; red where lift is weight, here and on the bar."""
+    mass, moment, carried = 0.01, 0.3, 0.03
+    current = mass * GRAVITY / (2.0 * carried * moment)
+    force_slice(RISING, [current], payload=fm.Payload(mass=mass, moment=moment), at=0.01, normal="x", ax=ax)
+    shaded, line, arrows = ax.collections
+    assert (ax.get_xlabel(), ax.get_ylabel()) == ("y (mm)", "z (mm)")
+    bar = ax.figure.axes[1]
+    assert bar.get_ylabel() == "lift / weight"
+    # From -40 to 60 mm lift is -1.31 to 1.98 times the weight.
+    assert shaded.levels[[0, -1]] == pytest.approx([-2.0, 2.0])
+    (mark,) = bar.lines
+    assert list(mark.get_ydata()) == [1.0, 1.0]
+    assert 1.0 < line.get_linewidths()[0] == mark.get_linewidth() < 2.5
+    assert (len(arrows.X), arrows.pivot) == (9 * 13, "middle")
+    assert np.unique(arrows.X) == pytest.approx(-30 + (np.arange(9) + 0.5) / 9 * 60)
+    assert np.unique(arrows.Y) == pytest.approx(-40 + (np.arange(13) + 0.5) / 13 * 100)
+    np.testing.assert_allclose(arrows.get_facecolor(), [[1.0, 1.0, 1.0, 1.0]])
+    assert 0.003 < arrows.width < 0.02
+    # At the lowest row, z = -36.2 mm, the weight and as much again; |F| with its part along x and y.
+    x, y, z = 0.01, 1e-3 * np.abs(arrows.X).max(), -0.04 + 0.1 * 0.5 / 13
+    by_hand = mass * GRAVITY / carried * np.linalg.norm([0.5 * x, 0.5 * y, z - carried])
+    assert ax.get_title() == f"arrows: net force, up to {1e3 * by_hand:.2g} mN"
+
+
+def test_forces_that_nowhere_carry_have_no_red_line_and_small_ones_micronewtons(ax):
+    payload = fm.Payload(mass=1e-6, moment=1e-6)
+    force_slice(RISING, [1.0], payload=payload, ax=ax)
+    # Of a hundredth of the weight at most.
+    assert [type(one).__name__ for one in ax.collections] == ["QuadContourSet", "Quiver"]
+    assert ax.figure.axes[1].lines[:] == []
+    assert ax.get_title() == "arrows: net force, up to 9.9 µN"
+
+
+def test_a_line_has_its_words_and_as_many_points_as_asked_for(ax):
+    field_along(LINEAR, [1.0], start=[0.0, 0.01, -0.04], end=[0.0, 0.01, 0.06], ax=ax)
+    assert [len(line.get_xdata()) for line in ax.lines] == [201] * 3
+    assert [text.get_text() for text in ax.get_legend().get_texts()] == ["Bx", "By", "Bz"]
+    assert ax.get_ylabel() == "flux density (mT)"
+    np.testing.assert_allclose(ax.lines[0].get_xdata()[[0, -1]], [-40.0, 60.0])
+
+
 def test_without_axes_the_current_ones_of_matplotlib_are_taken():
     import matplotlib
 

@@ -17,7 +17,15 @@ from fieldmap.device.model import (
 )
 from fieldmap.plot.device_drawing import add_payload
 from fieldmap.plot.forces import magnetic_force
-from fieldmap.plot.solids import body_surface, current_arrow, middle_line, payload_surface, winding_surface
+from fieldmap.plot.solids import (
+    body_surface,
+    current_arrow,
+    middle_line,
+    payload_surface,
+    sharp_edges,
+    winding_surface,
+    workspace_outline,
+)
 from tests.plot.conftest import Harmonic
 
 TRIANGLE = np.array([[0.0, 0.0], [0.02, 0.0], [0.0, 0.02]])
@@ -32,23 +40,25 @@ def one_body(*parts):
 
 
 @pytest.mark.parametrize(
-    ("shape", "volume"),
+    ("shape", "volume", "ends"),
     [
-        (Cylinder(0.01, 0.02), np.pi * 10**2 * 20),
-        (Ring(0.005, 0.01, 0.02), np.pi * 75 * 20),
-        (Box((0.01, 0.02, 0.03)), 6000.0),
-        (Sphere(0.01), 4 / 3 * np.pi * 10**3),
-        (ExtrudedPolygon(TRIANGLE, 0.01), 2000.0),
-        (ExtrudedPolygon(L_SHAPE, 0.01), 5000.0),
-        (RevolvedProfile(CONE), np.pi * 10**2 * 30 / 3),
+        (Cylinder(0.01, 0.02), np.pi * 10**2 * 20, [-10, 10, -10, 10, 0, 20]),
+        (Ring(0.005, 0.01, 0.02), np.pi * 75 * 20, [-10, 10, -10, 10, 0, 20]),
+        (Box((0.01, 0.02, 0.03)), 6000.0, [-5, 5, -10, 10, 0, 30]),
+        (Sphere(0.01), 4 / 3 * np.pi * 10**3, [-10, 10, -10, 10, -10, 10]),
+        (ExtrudedPolygon(TRIANGLE, 0.01), 2000.0, [0, 20, 0, 20, 0, 10]),
+        (ExtrudedPolygon(L_SHAPE, 0.01), 5000.0, [0, 30, 0, 30, 0, 10]),
+        (RevolvedProfile(CONE), np.pi * 10**2 * 30 / 3, [-10, 10, -10, 10, 0, 30]),
     ],
 )
-def test_volume_and_place_of_shapes(shape, volume):
+def test_volume_and_place_of_shapes(shape, volume, ends):
     device, body = one_body(Part(shape, TURN))
     surface = body_surface(device, body)
     # Circles are polygons of 96 sides: 0.07 % less area, the sphere's coarser meridian 0.4 %.
     assert abs(surface.volume) == pytest.approx(volume, rel=5e-3)
     upright = body_surface(*one_body(Part(shape)))
+    np.testing.assert_allclose(upright.bounds, ends, atol=0.02)
+    assert surface.clean().n_open_edges == 0
     moved = upright.points @ TURN.rotation.T + 1e3 * TURN.position
     np.testing.assert_allclose(surface.bounds, pv.PolyData(moved).bounds, atol=1e-3)
 
@@ -79,6 +89,14 @@ def test_volume_of_windings(coil, area, height):
     assert abs(winding_surface(coil).volume) == pytest.approx(area * height, rel=2e-3)
 
 
+def test_windings_stand_about_their_place():
+    ring = fm.CircularCoil("c", 0.006, 0.010, 0.008, 100).moved([0.03, 0.01, 0.02])
+    np.testing.assert_allclose(winding_surface(ring).bounds, [20, 40, 0, 20, 16, 24], atol=0.01)
+    frame = fm.RoundedRectangleCoil("c", 0.009, 0.006, 0.004, 0.002, 0.012, 50, placement=TURN)
+    # Along x lies its axis, along z its x.
+    np.testing.assert_allclose(winding_surface(frame).bounds, [4, 16, 13, 27, -40, -20], atol=0.01)
+
+
 def test_a_path_with_an_inward_corner():
     """Pappus: the volume is the section times the length of the middle line."""
     coil = fm.PathCoil("c", 2 * L_SHAPE, 0.004, 0.004, 0.01, 10)
@@ -99,6 +117,67 @@ def test_the_arrow_follows_the_current():
         heights = arrow.points[np.abs(arrow.points[:, 2]) > 2.5]
         assert len(heights)
         assert np.sign(heights[:, 1].mean() - 0.5 * (y_min + y_max)) == polarity
+
+
+@pytest.mark.parametrize("sense", [1, -1])
+def test_the_arrow_of_a_current_covers_three_tenths_of_the_turn_about_its_outermost_place(sense):
+    """0.6 mm off a ring of 10 mm at (30, 40) mm, in the middle of its height of 20 mm; the cone of 0.216 of the height
+    stands half of that beyond the end of the path."""
+    ring = fm.CircularCoil("c", 0.006, 0.010, 0.020, 100).moved([0.03, 0.04, 0.05])
+    points = np.asarray(current_arrow(ring, sense).points, float) - [30.0, 40.0, 50.0]
+    angle = np.rad2deg(np.arctan2(points[:, 1], points[:, 0])) - np.rad2deg(np.arctan2(40.0, 30.0))
+    tail, tip = sense * np.min(sense * angle), sense * np.max(sense * angle)
+    assert tail == pytest.approx(-sense * 54.0, abs=2.5)
+    assert tip == pytest.approx(sense * (54.0 + np.rad2deg(0.5 * 0.216 * 20 / 10.6)), abs=2.5)
+    away = np.hypot(points[:, 0], points[:, 1])[np.abs(angle) < 30.0]
+    shaft = 0.25 * 0.09 * 20
+    assert (away.min(), away.max()) == pytest.approx((10.6 - shaft, 10.6 + shaft), abs=0.05)
+    assert np.abs(points[:, 2]).max() == pytest.approx(0.8 * 0.09 * 20, abs=0.05)
+
+
+def test_an_arrow_along_straight_sides_covers_as_much_of_their_length():
+    """A frame of 9 mm by 3 mm with corners of 1 mm: the turn 0.6 mm off its winding is 50.1 mm long."""
+    frame = fm.RoundedRectangleCoil("c", 0.009, 0.003, 0.001, 0.001, 0.004, 50).moved([0.0, 0.05, 0.0])
+    turn = 4 * (8 + 2) + 2 * np.pi * (1 + 0.5 + 0.6)
+    points = np.asarray(current_arrow(frame).points, float) - [0.0, 50.0, 0.0]
+    # From the middle of the corner at (9, 3) that is as far away as the other one, first to the right or to the left.
+    assert np.ptp(points[:, 0]) + np.ptp(points[:, 1]) == pytest.approx(0.3 * turn, rel=0.2)
+    assert points[:, 1].max() == pytest.approx(3 + 0.5 + 0.6, abs=0.4)
+
+
+@pytest.mark.parametrize(
+    ("payload", "ends"),
+    [
+        (fm.MagnetCylinder(0.004, 0.01, 1.2), [-2, 2, -2, 2, -5, 5]),
+        (fm.MagnetSphere(0.006, 1.2), [-3, 3, -3, 3, -3, 3]),
+        (fm.MagnetBlock((0.002, 0.004, 0.01), 1.2), [-1, 1, -2, 2, -5, 5]),
+    ],
+)
+def test_magnets_stand_about_their_centre(payload, ends):
+    np.testing.assert_allclose(payload_surface(fm.Payload(1e-3, magnet=payload)).bounds, ends, atol=0.03)
+
+
+def test_outlines_of_workspaces():
+    box = workspace_outline(fm.WorkspaceBox(np.array([-0.01, 0.02, -0.07]), np.array([0.03, 0.08, -0.03])))
+    assert box.n_lines == 12
+    np.testing.assert_allclose(box.bounds, [-10, 30, 20, 80, -70, -30])
+    drum = workspace_outline(fm.WorkspaceCylinder(np.array([0.01, -0.02, -0.05]), 0.008, 0.03))
+    np.testing.assert_allclose(drum.bounds, [2, 18, -28, -12, -50, -20], atol=0.02)
+    # Two rims, whose points lie on them.
+    assert set(np.asarray(drum.points)[:, 2].round(6)) == {-50.0, -20.0}
+    np.testing.assert_allclose(np.hypot(drum.points[:, 0] - 10, drum.points[:, 1] + 20), 8.0, rtol=1e-5)
+    assert drum.compute_cell_sizes()["Length"].sum() == pytest.approx(4 * np.pi * 8, rel=5e-3)
+
+
+@pytest.mark.parametrize(
+    ("options", "bend", "edges"), [((), 34, 0), ((), 36, 1), ((50.0,), 49, 0), ((50.0,), 51, 1)]
+)
+def test_edges_are_sharp_beyond_an_angle(options, bend, edges):
+    turned = np.deg2rad(bend)
+    points = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [1 + np.cos(turned), 0, np.sin(turned)]]
+    points += [[1 + np.cos(turned), 1, np.sin(turned)]]
+    folded = pv.PolyData(np.array(points, float), faces=[4, 0, 1, 2, 3, 4, 1, 4, 5, 2])
+    assert sharp_edges(folded, *options).n_cells == edges
 
 
 def test_the_middle_line_turns_counter_clockwise():

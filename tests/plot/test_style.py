@@ -8,6 +8,7 @@ import pyvista as pv
 from matplotlib import rcParams
 from matplotlib.colors import to_hex, to_rgb
 from matplotlib.image import imread
+from matplotlib.patches import Rectangle
 
 from fieldmap.errors import InputError
 from fieldmap.plot import style
@@ -83,13 +84,13 @@ def test_colours_are_seen_on_their_paper():
 
 
 def test_the_style_is_that_of_the_constants():
-    with style.new_figure(1.0, 1.0):
+    with style.new_figure((1.0, 1.0)):
         assert tuple(f"#{entry['color'].lstrip('#')}" for entry in rcParams["axes.prop_cycle"]) == COLOURS
         assert to_hex(rcParams["text.color"]) == INK
 
 
 def drawn():
-    with style.new_figure(3.0, 2.4) as figure:
+    with style.new_figure((3.0, 2.4)) as figure:
         axes = figure.add_subplot(title="title", xlabel="x", ylabel="y")
         axes.plot([0, 1], [0, 1], "o-", label="line")
         axes.contourf([0, 1], [0, 1], [[0, 1], [1, 2]], alpha=0.5)
@@ -119,6 +120,117 @@ def test_a_figure_goes_into_the_dark_and_comes_back():
     assert colours_of(figure) == before
 
 
+def test_a_heading_has_its_message_above_its_title():
+    """In bold above as many lines as the title has; a long one is broken in two lines of about one length."""
+    short, long = "i" * 68, " ".join(14 * ["iiii"])
+    for message, title, lines in (
+        ("", "t", 0),
+        (short, "t", 1),
+        (short, "t\nu", 1),
+        (long, "t", 2),
+        (2 * long, "t", 3),
+    ):
+        with style.new_figure() as figure:
+            axes = figure.add_subplot()
+            style.add_heading(axes, message, title)
+        assert axes.get_title("left") == title
+        assert to_hex(axes._left_title.get_color()) == (style.QUIET if message else INK)
+        assert len(axes.texts) == bool(message)
+        if not message:
+            continue
+        (words,) = axes.texts
+        assert words.get_text().replace("\n", " ") == message
+        broken = words.get_text().split("\n")
+        assert len(broken) == lines
+        assert max(map(len, broken)) <= 68
+        if lines == 2:
+            # Evenly: neither line is half as long as the other.
+            assert min(map(len, broken)) > 0.6 * max(map(len, broken))
+        assert (words.get_fontweight(), words.get_fontsize(), to_hex(words.get_color())) == ("bold", 10, INK)
+        figure.draw_without_rendering()
+        below, above = axes._left_title.get_window_extent(), words.get_window_extent()
+        assert above.x0 == pytest.approx(axes.bbox.x0, abs=2.0)
+        assert below.y1 < above.y0 < below.y1 + 0.8 * 130 / 72 * 10
+        assert above.y1 < figure.bbox.y1
+
+
+@pytest.mark.parametrize(
+    ("colour", "dark"),
+    [
+        ("#0072B2", "#4fa3e3"),
+        ("#D55E00", "#ef7d3b"),
+        ("#000000", "#ffffff"),
+        # Greys by their distance from the paper: ink and darker, paper, and in the middle between both.
+        (INK, DARK_INK),
+        ("#0a0a0a", DARK_INK),
+        ("white", DARK_PAPER),
+        # Of (0x22 + 0x28 + 0x2e) / 3 = 40 of 255 up to 255: half-way at 147.5.
+        ("#949494", "#7e828a"),
+        # Lighter lines of the same hue, deeper fills.
+        ("#800000", "#ff1919"),
+        ("#cc0000", "#ff1919"),
+        ("#ff3333", "#ff3333"),
+        ("#ffe0e0", "#970000"),
+    ],
+)
+def test_what_stands_for_a_colour_in_the_dark(colour, dark):
+    found = dark_colour(colour)
+    np.testing.assert_allclose(found[:3], to_rgb(dark), atol=0.012)
+    assert found[3] == 1.0
+    assert dark_colour((*to_rgb(colour), 0.4))[3] == 0.4
+
+
+def test_colours_and_greys_part_at_an_eighth():
+    """Of the range between the components: below, the hue is lost."""
+    grey, coloured = dark_colour((0.5, 0.5, 0.61)), dark_colour((0.5, 0.5, 0.63))
+    to_paper = np.array(to_rgb(DARK_PAPER)) - to_rgb(DARK_INK)
+    share = (np.array(grey[:3]) - to_rgb(DARK_INK)) / to_paper
+    assert share == pytest.approx([share[0]] * 3)
+    assert share[0] == pytest.approx((0.555 - np.mean(to_rgb(INK))) / (1.0 - np.mean(to_rgb(INK))))
+    # Light enough as it is.
+    assert coloured[:3] == pytest.approx((0.5, 0.5, 0.63))
+    # Fills above 92 % of lightness become deep, others stay.
+    assert dark_colour((0.84, 0.99, 0.99))[:3] == pytest.approx((0.84, 0.99, 0.99), abs=1e-9)
+    assert max(dark_colour((0.86, 0.99, 0.99))[:3]) < 0.6
+
+
+def test_each_part_of_a_figure_has_its_colour_in_the_dark_and_its_own_again():
+    """Lines with their marks, patches, collections of one and of many colours; what values colour stays."""
+    with style.new_figure((3.0, 2.4)) as figure:
+        axes = figure.add_subplot()
+        (line,) = axes.plot(
+            [0, 1], [0, 1], "o-", color=COLOURS[0], markerfacecolor="none", markeredgecolor=INK
+        )
+        patch = axes.add_patch(Rectangle((0, 0), 1, 1, facecolor="none", edgecolor=INK))
+        dots = axes.scatter([0, 1], [0, 1], color=[INK, COLOURS[1]])
+        valued = axes.scatter([0, 1], [0, 1], c=[0.0, 1.0])
+        arrows = axes.quiver([0], [0], [1], [1], color="white")
+
+    def look():
+        return [
+            *(to_hex(one) for one in (line.get_color(), line.get_markeredgecolor())),
+            line.get_markerfacecolor(),
+            to_hex(patch.get_edgecolor()),
+            patch.get_facecolor()[3],
+            *(to_hex(one) for one in dots.get_facecolor()),
+            *(to_hex(one) for one in (*valued.get_facecolor(), *arrows.get_facecolor())),
+        ]
+
+    figure.draw_without_rendering()
+    before = look()
+    with style.in_the_dark(figure):
+        after = look()
+    assert look() == before
+    dark = DARK_COLOURS[0], DARK_INK, "none", DARK_INK, 0.0, DARK_INK, DARK_COLOURS[1]
+    assert after == [*dark, *before[len(dark) :]]
+    assert before[-1] == "#ffffff"
+
+
+def test_things_that_are_the_same_as_the_first_of_their_group():
+    near = style.grouped([1.0, 1.4, 2.0, 1.6, 9.0], lambda one, other: abs(one - other) < 0.7)
+    assert near == [[1.0, 1.4, 1.6], [2.0], [9.0]]
+
+
 @pytest.mark.parametrize(
     ("chosen", "names"), [("", {"p"}), ("light", {"p"}), ("dark", {"p"}), ("both", {"p", "p_dark"})]
 )
@@ -140,29 +252,51 @@ def test_an_unknown_scheme_is_refused(tmp_path, monkeypatch):
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.fixture
+def scene():
+    """A box in copper, its edges, words, a label, a colour bar and a slider in ink; a panel beside it."""
+    made = pv.Plotter(off_screen=True, window_size=[300, 200], shape=(1, 2), border=False)
+    made.background_color = pv.Color("white")
+    made.subplot(0, 0)
+    box = made.add_mesh(pv.Box(), color="#e08a4e", lighting=False)
+    edges = made.add_mesh(pv.Box().extract_all_edges(), color=INK)
+    text = made.add_text("words", color=INK)
+    labels = made.add_point_labels(np.array([[2.0, 0.0, 0.0]]), ["label"], text_color=INK, shape=None)
+    yield made, (box, edges, text, labels)
+    made.close()
+
+
 @needs_opengl
-def test_a_scene_goes_into_the_dark_and_comes_back(tmp_path, monkeypatch):
-    monkeypatch.setenv("FIELDMAP_PICTURES", "both")
-    scene = pv.Plotter(off_screen=True, window_size=[300, 200])
-    scene.background_color = pv.Color("white")
-    scene.add_mesh(pv.Box(), color="#e08a4e", lighting=False)
-    edges = scene.add_mesh(pv.Box().extract_all_edges(), color=INK)
-    text = scene.add_text("words", color=INK)
-    labels = scene.add_point_labels(np.array([[2.0, 0.0, 0.0]]), ["label"], text_color=INK, shape=None)
+def test_a_scene_goes_into_the_dark_and_comes_back(scene):
+    """Words, labels, bars, sliders and edges in ink on every paper; what is solid keeps its colour."""
+    scene, (box, edges, text, labels) = scene
+    grid = pv.Plane()
+    scene.add_mesh(grid, scalars=grid.points[:, 0], scalar_bar_args={"title": "x", "color": INK})
+    slider = scene.add_slider_widget(
+        lambda _: None, (0.0, 1.0), color=INK, style="modern"
+    ).GetRepresentation()
+    (bar,) = scene.scalar_bars.values()
+    worded = labels.GetMapper().GetInputAlgorithm()
+    ink = [edges.GetProperty(), text.prop, worded.GetTextProperty()]
+    ink += [bar.GetTitleTextProperty(), bar.GetLabelTextProperty()]
+    ink += [slider.GetTitleProperty(), slider.GetLabelProperty()]
 
     def look():
-        colours = (to_hex(one.prop.color.float_rgb) for one in (edges, text))
-        return [*colours, scene.background_color.hex_rgb]
+        papers = [to_hex(renderer.GetBackground()) for renderer in scene.renderers]
+        return [to_hex(one.GetColor()) for one in ink], papers, to_hex(box.GetProperty().GetColor())
 
-    before = look()
     with style.scene_in_the_dark(scene):
-        assert look() == [DARK_INK, DARK_INK, DARK_PAPER]
-        words = labels.GetMapper().GetInputAlgorithm().GetTextProperty()
-        assert to_hex(words.GetColor()) == DARK_INK
-    assert look() == before == [INK, INK, "#ffffff"]
-    path = style.save_screenshot(scene, tmp_path / "scene.png")
-    scene.close()
+        assert look() == ([DARK_INK] * 7, [DARK_PAPER] * 2, "#e08a4e")
+    assert look() == ([INK] * 7, ["#ffffff"] * 2, "#e08a4e")
+
+
+@needs_opengl
+def test_a_scene_is_saved_on_both_papers(scene, tmp_path, monkeypatch):
+    monkeypatch.setenv("FIELDMAP_PICTURES", "both")
+    path = style.save_screenshot(scene[0], tmp_path / "scene.png")
     light, dark = imread(path)[..., :3], imread(dark_path(path))[..., :3]
     assert (to_hex(light[0, -1]), to_hex(dark[0, -1])) == ("#ffffff", DARK_PAPER)
     # What is solid keeps its colour.
-    np.testing.assert_allclose(light[110, 150], dark[110, 150], atol=0.02)
+    copper = [(np.abs(image - to_rgb("#e08a4e")) < 0.02).all(axis=-1) for image in (light, dark)]
+    assert copper[0].sum() > 1000
+    assert np.mean(copper[0] != copper[1]) < 1e-3

@@ -1,6 +1,8 @@
 """Solved iron as .vtu and .xdmf, read by pyvista and meshio: numbers of elements and faces are those of the state, of
 the materials and of closed forms."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 import pyvista as pv
@@ -8,7 +10,7 @@ from scipy.constants import mu_0
 
 import fieldmap as fm
 from fieldmap.errors import InputError
-from fieldmap.plot.vtu import write_charges_vtu, write_vtu, write_xdmf
+from fieldmap.plot.vtu import iron_grid, write_charges_vtu, write_vtu, write_xdmf
 from tests.refusals import refused
 
 MATERIALS = {
@@ -136,3 +138,44 @@ def test_meshio_reads_all_of_them(ball, tmp_path):
     charges = meshio.read(write_charges_vtu(state, tmp_path / "charges.vtu"))
     assert charges.cell_data["charge_T"][0] == pytest.approx(state.weights @ state.iron.density, rel=1e-12)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["charges.vtu", "iron.vtu", "iron.xdmf"]
+
+
+def test_numbers_of_made_up_elements():
+    """Iron, a magnet, and a flux barrier, whose bodies are numbered in this order: B and J are given, the rest is by
+    hand."""
+    corners = np.vstack([np.zeros(3), np.eye(3), [[1.0, 1.0, 1.0]], [[2.0, 0.0, 0.0]]])
+    mesh = SimpleNamespace(
+        points=corners,
+        tets=np.array([[0, 1, 2, 3], [1, 2, 3, 4], [1, 2, 4, 5]]),
+        body=np.array([0, 1, 2]),
+        body_names=("core", "magnet", "gap"),
+        iron_names=("core", "magnet"),
+        sheets=("gap",),
+    )
+    flux = np.array([[0.3, 0.0, 0.4], [0.0, 0.0, 1.0], [0.0, 0.2, 0.0]])
+    polarisation = np.array([[0.297, 0.0, 0.396], [0.0, 0.0, 1.1], [0.0, 0.0, 0.0]])
+    asked = []
+
+    def mean_polarisation(elements, weights):
+        asked.append((elements.tolist(), weights))
+        return polarisation
+
+    state = SimpleNamespace(
+        mesh=mesh,
+        iron=SimpleNamespace(mean_polarisation=mean_polarisation),
+        weights="weights",
+        currents=np.array([1.5, -2.0]),
+        element_flux_density=flux,
+    )
+    bodies = (fm.Body("magnet", "ndfeb", fm.Sphere(1), 1), fm.Body("core", "iron", fm.Sphere(1), 1))
+    grid = iron_grid(state, fm.Device("d", "", (), bodies, MATERIALS))
+    assert asked == [([0, 1, 2], "weights")]
+    cells = grid.cell_data
+    np.testing.assert_array_equal(cells["B_T"], flux)
+    np.testing.assert_array_equal(cells["J_T"], polarisation)
+    np.testing.assert_allclose(cells["H_A_per_m"], (flux - polarisation) / mu_0)
+    # |B| over |B - J|: 0.5 / 0.005, 1 / 0.1, 0.2 / 0.2; of iron of 200 half is lost.
+    np.testing.assert_allclose(cells["mu_r"], [100.0, 10.0, 1.0])
+    np.testing.assert_allclose(cells["permeability_loss"], [0.5, np.nan, np.nan])
+    assert (cells["body"].tolist(), grid.field_data["currents_A"].tolist()) == ([0, 1, 2], [1.5, -2.0])
+    assert [grid.field_data[f"body {name}"][0] for name in ("core", "magnet", "gap")] == [0, 1, 2]
