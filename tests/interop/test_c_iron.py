@@ -51,7 +51,10 @@ def saturating(ring, coils, of, lower, upper, fixed=False, outside_currents="rai
         law=np.arange(POINTS) % 2,
         law_offset=[0, 3, 6],
         law_knots=[0, 1e-3, 3e-3] * 2,
-        law_coefficients=[[0, 0, 2e3, 0], [0, -1999 / 4e-3, 2e3, 2], [0, 0, 1, 4.001]] * 2,
+        law_coefficients=[
+            *([0, 0, 2e3, 0], [0, -1999 / 4e-3, 2e3, 2], [0, 0, 1, 4.001]),
+            *([0, 0, 1e3, 0], [0, -999 / 4e-3, 1e3, 1], [0, 0, 1, 2.001]),
+        ],
         air=1e-4 * np.eye(MODES),
         output=rng.standard_normal((2, MODES)),
         known_currents=of.currents(0.5 * (np.array(lower) + upper))[None],
