@@ -261,7 +261,10 @@ def test_what_a_fit_may_take(monkeypatch):
             fit_map(given, 0.01, degree=2)
             continue
         with refused(
-            InputError, where="fit_map", must_hold="at most 79 nodes", received="to [ 0.02  0.01 -0.08] m"
+            InputError,
+            where="fit_map",
+            must_hold="at most 79 nodes",
+            received="80, by a spacing of 0.01 m in a box from [-0.01 -0.02 -0.12] to [ 0.02  0.01 -0.08] m",
         ):
             fit_map(given, 0.01, degree=2)
     monkeypatch.undo()
