@@ -178,7 +178,9 @@ def test_of_two_coils_without_iron():
 def test_of_a_payload_of_pieces():
     """What follows its forces is left to differences; currents that are given, and fields, are not."""
     pieces = '[payload]\nmass_g = 12.0\n[[payload.piece]]\nshape = "sphere"\ndiameter_mm = 5.0\nremanence_T = 1.2\n'
-    pieces += '[[payload.piece]]\nshape = "soft_sphere"\ndiameter_mm = 4.0\nmu_r = 100.0\nposition_mm = [0.0, 0.0, 6.0]\n'
+    pieces += (
+        '[[payload.piece]]\nshape = "soft_sphere"\ndiameter_mm = 4.0\nmu_r = 99\nposition_mm = [0, 0, 6]\n'
+    )
     made = paired(PAIR.split("[payload]")[0] + pieces, ("power", "flux_density 1 z", "force_per_ampere 1 z"))
     found = evaluate(Asked(made, values_at(made), MESH, made.keys))
     assert found.solved, found.failure
