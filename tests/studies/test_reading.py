@@ -115,6 +115,8 @@ DIVIDED, BY_SIGNALS = "lift_and_directions = {{ u_A = 1.0{} }}", "currents.one.l
         (KEY, '"coil.loop.position_mm"', 6, "vary.turns.key", "an array or a table"),
         (VALUES, "[500, -1]", 7, "vary.turns.values", "coil.loop.turns of the device must be greater than 0"),
         (VALUES, "[500, 500]", 4, "vary.turns", "every value must be listed once"),
+        (VALUES, '[500, ""]', 7, "vary.turns.values.2", "finite number or a text"),
+        (VALUES, "[true]", 7, "vary.turns.values.1", "finite number or a text"),
         (VALUES, "[500, nan]", 7, "vary.turns.values.2", "finite number or a text"),
         ('name = "turns"', 'name = "coil"', None, "", "own axes and variables are taken"),
         ('name = "turns"', 'name = "reach_height"', None, "", "own axes and variables are taken"),
