@@ -1,6 +1,7 @@
 """Study files with [optimise]: what they become, and all their mistakes at once."""
 
 import functools
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,8 +10,10 @@ from fieldmap.errors import StudyError
 from fieldmap.iron.sensitivity.quantities import FluxDensityAt
 from fieldmap.studies import Limit, Linked, Number, Variable, read_design_problem, read_study, solve_problem
 from fieldmap.studies.design import number_of
+from fieldmap.studies.search import problem_fingerprint
 from tests.conftest import DEVICES
 from tests.refusals import refused
+from tests.studies.conftest import LOOP
 
 GOOD = """
 format = 1
@@ -225,3 +228,66 @@ def test_mistakes_of_two_sets(devices, before, after, places):
     except StudyError as error:
         found = [problem.where.removeprefix(str(path)) for problem in error.problems]
     assert found == places
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "same"),
+    [
+        ("lower = 0.5", "lower = 0.6", True),
+        ("start = 40.0", "start = 41.0", True),
+        ("tolerance = 1e-7", "tolerance = 1e-6\nsolves = 9\nseed = 3\ncheck_refinement = 2.0", True),
+        ('method = "trust-constr"', 'method = "COBYQA"', True),
+        ("upper = 2.0", "upper = 2.5", True),
+        ("maximise = {", "minimise = {", True),
+        ("[optimise]", "iron = { refinement = 0.7 }\n[optimise]", True),
+        ("[optimise]", "iron = { mu_r = 100.0 }\n[optimise]", False),
+        ("offset = 1.0", "offset = 1.5", False),
+        ("amperes_A = 1.0", "amperes_A = 1.5", False),
+        ("-60.0", "-61.0", False),
+        ('"gradient 1 z z"', '"gradient 1 z x"', False),
+        ("-60.0]] }", "-60.0]], force_share = 0.02 }", False),
+        ("-60.0]] }", "-60.0]], current_limit_A = 2.0 }", False),
+        ("-60.0]] }", "-60.0]], box_mm = [[0, 0, -60], [1, 1, -59]] }", False),
+    ],
+)
+def test_designs_of_an_earlier_search_are_taken_where_their_numbers_are_the_same(
+    devices, before, after, same
+):
+    """Not of bounds, starts, methods and limits; the mesh is told of each design."""
+    assert GOOD.count(before) == 1
+    one, other = (
+        read_design_problem(devices.study("good.toml", text)) for text in (GOOD, GOOD.replace(before, after))
+    )
+    assert (problem_fingerprint(one) == problem_fingerprint(other)) == same
+
+
+def test_every_key_that_follows_counts(devices):
+    """However many there are."""
+    keys = [f'"coil.loop.position_mm.{1 + k % 3}"' for k in range(9)]
+    found = set()
+    for last in keys[:3]:
+        listed = ", ".join(['"coil.loop.outer_radius_mm"', *keys, last])
+        text = GOOD.replace('keys = ["coil.loop.outer_radius_mm"]', f"keys = [{listed}]")
+        found.add(problem_fingerprint(read_design_problem(devices.study("many.toml", text))))
+    assert len(found) == 3
+
+
+def test_designs_of_another_device_or_function_are_not_taken(devices):
+    problem = read_design_problem(devices.study("good.toml", GOOD))
+    devices.loop.write_text(LOOP.replace("height_mm = 1.0", "height_mm = 1.5"))
+    try:
+        other = read_design_problem(devices.study("good.toml", GOOD))
+    finally:
+        devices.loop.write_text(LOOP)
+    assert problem_fingerprint(problem) != problem_fingerprint(other)
+
+    def mine(device, state):
+        return 0.0
+
+    def other(device, state):
+        return 0.0
+
+    numbers = [
+        problem_fingerprint(replace(problem, besides=(Number("own", of=one),))) for one in (mine, mine, other)
+    ]
+    assert (numbers[0] == numbers[1], numbers[0] == numbers[2]) == (True, False)

@@ -2,13 +2,14 @@
 
 import itertools
 import json
+from dataclasses import replace
 
 import pytest
 
 from fieldmap.errors import StudyError
 from fieldmap.studies import Linked, read_study, reading
 from fieldmap.studies.quantities import GROUPS
-from fieldmap.studies.study import Axis, settings_with
+from fieldmap.studies.study import Axis, StudyIron, settings_with
 from tests.studies.conftest import LOOP
 
 MISTAKES = """format = 1
@@ -502,3 +503,21 @@ def test_keys_that_follow_a_value():
     linked = (Linked(("a", "b")), Linked(("c",), 2.0, 0.5), Linked(("d",), offset=-1.0))
     found = settings_with("x", 3.0, linked)
     assert found == (("x", 3.0), ("a", 3.0), ("b", 3.0), ("c", 6.5), ("d", 2.0))
+
+
+@pytest.mark.parametrize(
+    ("file", "before", "after"),
+    [("study", "-90", "-91"), ("study", "Good", "Better"), ("device", "height_mm = 1.0", "height_mm = 1.5")],
+)
+def test_a_run_goes_on_where_its_files_are_the_same(devices, file, before, after):
+    first = read(devices, GOOD).fingerprint
+    assert read(devices, GOOD).fingerprint == first
+    text = GOOD.replace(before, after) if file == "study" else GOOD
+    if file == "device":
+        (devices.folder / "other.toml").write_text(LOOP.replace(before, after))
+        other = read(devices, GOOD.replace("thin_loop", "other")).device_document
+        assert replace(read(devices, GOOD), device_document=other).fingerprint != first
+        return
+    assert read(devices, text).fingerprint != first
+    saturating = replace(read(devices, GOOD), iron=StudyIron("saturating"))
+    assert saturating.fingerprint != first
