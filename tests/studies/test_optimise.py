@@ -325,12 +325,15 @@ def test_bounds_that_the_device_refuses(lower, upper, must_hold):
         fm.optimise(LOOP, [Variable("coil.loop.height_mm", lower, upper)], "power")
 
 
+APART = PAIR.replace("spacing = 60.0", "spacing = 60.0\nmiddle = 0.0").replace(
+    '"= spacing / 2"', '"= middle + spacing / 2"'
+)
+APART_BY, MIDDLE = (Variable(f"parameters.{name}", -9.0, 90.0) for name in ("spacing", "middle"))
+
+
 def test_a_key_that_follows_two_variables():
-    """By a key of its own, and by an expression that another variable would replace; two that meet in one expression
-    are well."""
-    text = PAIR.replace("spacing = 60.0", "spacing = 60.0\nmiddle = 0.0")
-    text = text.replace('"= spacing / 2"', '"= middle + spacing / 2"')
-    spacing, middle = (Variable(f"parameters.{name}", -9.0, 90.0) for name in ("spacing", "middle"))
+    """By a key of its own, and by an expression that another variable would replace."""
+    text, spacing, middle = APART, APART_BY, MIDDLE
     others = [Variable("coil.upper.position_mm.3", 10.0, 60.0)]
     others += [Variable(f"coil.{name}.turns", 50.0, 150.0) for name in ("*", "lower")]
     with pytest.raises(InputError) as caught:
@@ -345,7 +348,10 @@ def test_a_key_that_follows_two_variables():
     with pytest.raises(InputError) as caught:
         fm.optimise(text, currents, "flux_density 1 z", currents={"one": 1.0}, points=np.zeros((1, 3)))
     assert ["current.upper" in problem.received for problem in caught.value.problems] == [True]
-    best = fm.optimise(text, [spacing, middle], "inhomogeneity", box=BOX)
+
+
+def test_two_variables_that_meet_in_one_expression():
+    best = fm.optimise(APART, [APART_BY, MIDDLE], "inhomogeneity", box=BOX)
     assert best.values["parameters.spacing"] == pytest.approx(50.0, abs=1.0)
 
 
@@ -671,10 +677,11 @@ def test_a_design_is_checked_on_a_finer_mesh(finer, checks, holds):
         return finer(float(state.currents[0]))
 
     current, limit = Variable("current.loop", 0.4, 5.0, 1.0), Limit(Number("own", of=own), upper=2.0)
-    how = {"maximise": True, "refinement": 0.5, "check_refinement": 2.0, "tolerance": 1e-5, **BELOW}
+    how = {"maximise": True, "refinement": 0.4, "check_refinement": 1.5, "tolerance": 1e-5, **BELOW}
     best = fm.optimise(SPHERE, [current], "flux_density 1 z", [limit], **how)
-    assert [step.refinement for step in best.path if step.role == "check"] == [1.0] * checks
-    assert (best.verified.refinement, best.verified.times_finer, best.verified.holds) == (1.0, 2.0, holds)
+    finest = pytest.approx(0.6)
+    assert [step.refinement for step in best.path if step.role == "check"] == [finest] * checks
+    assert (best.verified.refinement, best.verified.times_finer, best.verified.holds) == (finest, 1.5, holds)
     assert best.values["current.loop"] == pytest.approx(2.0 if checks == 1 else 1.5, rel=1e-4)
     (limit,) = best.limits
     assert (limit.active, limit.holds) == (True, True)
@@ -685,9 +692,9 @@ def test_a_design_is_checked_on_a_finer_mesh(finer, checks, holds):
         assert limit.finer is None
         return
     assert best.verified.failure == ""
-    state = fm.solve_linear(fm.read_device(SPHERE)).at([best.values["current.loop"]])
+    state = fm.solve_linear(fm.read_device(SPHERE), refinement=0.6).at([best.values["current.loop"]])
     assert best.verified.objective == pytest.approx(state.field([0, 0, -0.014])[2], rel=1e-6)
     assert limit.finer == pytest.approx(2.0, rel=1e-4)
     assert len(best.assumptions) == 2 + (checks == 2)
     assert "of constant permeability" in best.assumptions[1]
-    assert best.assumptions[1].endswith("divided by 0.5")
+    assert best.assumptions[1].endswith("divided by 0.4")
