@@ -698,3 +698,13 @@ def test_a_design_is_checked_on_a_finer_mesh(finer, checks, holds):
     assert len(best.assumptions) == 2 + (checks == 2)
     assert "of constant permeability" in best.assumptions[1]
     assert best.assumptions[1].endswith("divided by 0.4")
+
+
+def test_designs_of_an_earlier_search_are_marked(tmp_path):
+    found = []
+    for designs in (1, 2):
+        with searching(looped(), tmp_path / "best.nc", True, 1, None) as search:
+            for k in range(designs):
+                search.at(search.values(SCALED + 0.1 * k))
+            found.append(([step.kept for step in search.steps], search.solves, search.kept))
+    assert found == [([False], 1, 0), ([True, False], 1, 1)]

@@ -1,8 +1,12 @@
 """Deviations of a result against closed forms, and random devices against them."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
+import fieldmap.interop
+import fieldmap.studies
 from fieldmap.errors import Infeasible, InputError
 from fieldmap.studies import Carrying, Linked, Number, Uncertain, analyse_tolerances
 from tests.conftest import DEVICES
@@ -249,3 +253,11 @@ def test_a_current_that_is_uncertain_and_a_number_that_moves_to_one_side():
     with refused(InputError, where="analyse_tolerances, payload.mass_g", must_hold="to one side at least"):
         own = Number("own", of=lambda device, state: 1.0 if device.payload.mass == 0.01 else float("nan"))
         analyse_tolerances(LOOP, [Uncertain("payload.mass_g", 0.5)], [own])
+
+
+@pytest.mark.parametrize("module", [fieldmap.studies, fieldmap.interop])
+def test_records_do_not_change(module):
+    """Every data class that users get."""
+    found = [one for one in map(vars(module).get, module.__all__) if dataclasses.is_dataclass(one)]
+    assert len(found) > 2
+    assert [one.__name__ for one in found if not one.__dataclass_params__.frozen] == []
