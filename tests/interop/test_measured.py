@@ -369,6 +369,7 @@ def test_twenty_wild_readings_are_named_and_no_more():
 def test_readings_that_are_half_noise_are_no_field(noise, fits):
     """The root mean square of what is not predicted, over that of the readings."""
     given, flux, _ = signed(200, noise)
+    flux *= 1e-3
     given = Measurements(given.coil_names, given.points, given.currents, flux)
     if fits:
         report = fit_map(given, 0.01, degree=2).report
